@@ -1,0 +1,206 @@
+"""From a decoded export to the record inside the deployment: clock, window, depth, exclusions, unusable bins.
+
+Nothing is thrown away but what lies outside the deployment; what cannot be used is flagged and counted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib import angles
+from compasslib.records import BAD, GOOD, MISSING, PROBABLY_BAD, Record
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+FASTEST_CURRENT = 5.0  # m/s, beyond any ocean current
+STEEPEST_TILT = 45.0  # degrees, beyond what an instrument levels
+MOVING_M = 0.2  # a depth that varies less than this (5th to 95th percentile) is a setting, not a measurement
+
+
+def settle(
+    record: Record,
+    *,
+    start_s: float,
+    end_s: float,
+    water_depth: float,
+    latitude: float,
+    nominal_depth: float | None,
+    pressure_offset: float = 0.0,
+    clock_offset_seconds: float = 0.0,
+    clock_drift_seconds: float = 0.0,
+    declination_applied: float = 0.0,
+    exclude: Sequence[tuple[float, float]] = (),
+) -> Record:
+    """Return the record inside the deployment, on UTC, its depth known, its unusable values flagged.
+
+    Args:
+        record: what a reader gave, by the instrument's clock.
+        start_s: deployed, UTC seconds since 1970.
+        end_s: recovered.
+        water_depth: metres.
+        latitude: degrees north, for the depth of a pressure.
+        nominal_depth: depth of the transducer by the metadata, metres.
+        pressure_offset: dbar, subtracted.
+        clock_offset_seconds: instrument clock minus UTC at start.
+        clock_drift_seconds: the same at end, minus the offset at start.
+        declination_applied: degrees that the export's directions already hold, taken out.
+        exclude: windows (from, to) known to be bad, UTC seconds.
+    """
+    utc = _utc(record.time_s, start_s, end_s, clock_offset_seconds, clock_drift_seconds)
+    record = _inside(replace(record, time_s=utc), start_s, end_s)
+    if declination_applied:
+        record = _without_declination(record, declination_applied)
+    depth, source = _depth(record, nominal_depth, pressure_offset, latitude)
+    record = _noted(replace(record, depth_m=depth), _depth_warnings(depth, source, nominal_depth, water_depth))
+    for flagging in (_flag_impossible, _flag_boundaries):
+        record = flagging(record, water_depth)
+    return _flag_windows(record, exclude)
+
+
+def take(record: Record, index: NDArray[np.intp] | Bools) -> Record:
+    """Return the record at some of its samples.
+
+    Args:
+        record: n samples.
+        index: positions or a mask, shape (n,).
+    """
+    n = len(record.time_s)
+    arrays = {f.name: getattr(record, f.name) for f in fields(record)}
+    return replace(record, **{k: v[index] for k, v in arrays.items() if isinstance(v, np.ndarray) and len(v) == n})
+
+
+def _utc(time_s: Floats, start_s: float, end_s: float, offset: float, drift: float) -> Floats:
+    return time_s - offset - drift * np.clip((time_s - start_s) / (end_s - start_s), 0.0, 1.0)
+
+
+def _inside(record: Record, start_s: float, end_s: float) -> Record:
+    """Keep the deployment, in order of time, one sample an instant."""
+    inside = (record.time_s >= start_s) & (record.time_s <= end_s)
+    backwards = int(np.sum(np.diff(record.time_s[inside]) < 0))
+    order = np.argsort(record.time_s[inside], kind="stable")
+    kept = take(take(record, inside), order)
+    first = np.append(True, np.diff(kept.time_s) > 0)[: len(kept.time_s)]
+    repeated = int(np.sum(~first))
+    counts = {
+        **record.counts,
+        "outside_deployment": int(np.sum(~inside)),
+        "time_backwards": backwards,
+        "time_repeated": repeated,
+    }
+    notes = []
+    if backwards:
+        notes.append(f"the clock goes backwards {backwards} times; samples were put in order of time")
+    if repeated:
+        notes.append(f"{repeated} samples repeat a time and were left out")
+    return _noted(replace(take(kept, first), counts=counts), notes)
+
+
+def _without_declination(record: Record, declination: float) -> Record:
+    east, north = angles.turn(record.east, record.north, -declination)
+    heading = np.where(np.isfinite(record.heading_deg), angles.wrap360(record.heading_deg - declination), np.nan)
+    return replace(record, east=east, north=north, heading_deg=heading)
+
+
+def _depth(record: Record, nominal: float | None, offset: float, latitude: float) -> tuple[Floats, str]:
+    """Take the pressure where it varies, else the depth field where it varies, else the metadata."""
+    pressure = record.pressure_dbar - offset
+    if _varies(pressure):
+        return _filled(_depth_of(pressure, latitude)), "pressure"
+    if _varies(record.depth_m):
+        return _filled(record.depth_m), "depth field"
+    if nominal is not None:
+        return np.full(record.time_s.shape, float(nominal)), "metadata"
+    return record.depth_m.copy(), "depth field"
+
+
+def _depth_of(pressure_dbar: Floats, latitude: float) -> Floats:
+    import gsw  # 0.1 s: only records with a pressure sensor pay for it
+
+    return -gsw.z_from_p(pressure_dbar, latitude)
+
+
+def _varies(x: Floats) -> bool:
+    finite = x[np.isfinite(x)]
+    return finite.size > 1 and float(np.ptp(np.percentile(finite, [5, 95]))) > MOVING_M
+
+
+def _filled(depth: Floats) -> Floats:
+    """Bridge single missing depths: a sphere moves slowly."""
+    known = np.isfinite(depth)
+    position = np.arange(depth.size)
+    return np.interp(position, position[known], depth[known])
+
+
+def _depth_warnings(depth: Floats, source: str, nominal: float | None, water_depth: float) -> list[str]:
+    if not depth.size or not np.isfinite(depth).any():
+        return []
+    notes = []
+    shallow = float(np.nanpercentile(depth, 5))
+    if nominal is not None and source != "metadata" and abs(shallow - nominal) > max(10.0, 0.2 * nominal):
+        notes.append(f"depth by the {source} starts at {shallow:.0f} m, the metadata say {nominal:.0f} m")
+    if np.nanmax(depth) > 1.05 * water_depth:
+        notes.append(f"depth by the {source} reaches {np.nanmax(depth):.0f} m, below the bottom at {water_depth:.0f} m")
+    return notes
+
+
+def _flag_impossible(record: Record, water_depth: float) -> Record:
+    """Flag what no ocean and no levelled instrument can show."""
+    too_fast = np.hypot(record.east, record.north) > FASTEST_CURRENT
+    with np.errstate(invalid="ignore"):
+        fallen = (np.abs(record.pitch_deg) > STEEPEST_TILT) | (np.abs(record.roll_deg) > STEEPEST_TILT)
+    record = _flagged(record, too_fast, BAD, "impossible_speed", f"faster than {FASTEST_CURRENT:g} m/s")
+    record = _flagged(record, np.broadcast_to(fallen[:, None], record.east.shape), BAD, "steep_tilt", "tilted too far")
+    missing = ~(np.isfinite(record.east) & np.isfinite(record.north))
+    heading = np.where(fallen & (record.heading_quality < BAD), PROBABLY_BAD, record.heading_quality)
+    return replace(
+        record,
+        quality=np.where(missing, MISSING, record.quality).astype(np.int8),
+        heading_quality=heading.astype(np.int8),
+    )
+
+
+def _flag_boundaries(record: Record, water_depth: float) -> Record:
+    """Flag bins beyond the surface or the bottom, and those that the side lobes' echo from there reaches first."""
+    if not record.east.size or record.east.shape[1] == 1:
+        return record
+    room = record.depth_m if record.looks_up else water_depth - record.depth_m
+    reach = room[:, None] * angles.sin_cos(record.beam_angle_deg)[1] - cell_length(record) / 2.0
+    beyond = record.bin_range_m > room[:, None]
+    record = _flagged(record, beyond, BAD, "beyond_boundary", None)
+    return _flagged(record, (record.bin_range_m > reach) & ~beyond, BAD, "side_lobe", None)
+
+
+def cell_length(record: Record) -> float:
+    """Return the distance between neighbouring bins, metres; 0 for a point meter.
+
+    Args:
+        record: an instrument's record.
+    """
+    steps = np.diff(record.bin_range_m, axis=1)
+    return float(np.nanmedian(np.abs(steps))) if steps.size and np.isfinite(steps).any() else 0.0
+
+
+def _flag_windows(record: Record, windows: Sequence[tuple[float, float]]) -> Record:
+    bad = np.zeros(record.time_s.shape, dtype=bool)
+    for begin, end in windows:
+        bad |= (record.time_s >= begin) & (record.time_s <= end)
+    record = _flagged(record, np.broadcast_to(bad[:, None], record.east.shape), BAD, "excluded", None)
+    heading = np.where(bad, BAD, record.heading_quality).astype(np.int8)
+    return replace(record, heading_quality=heading)
+
+
+def _flagged(record: Record, where: Bools, flag: int, count: str, sentence: str | None) -> Record:
+    hit = where & (record.quality <= GOOD)
+    number = int(np.sum(hit))
+    notes = [f"{number} velocities flagged: {sentence}"] if sentence and number else []
+    quality = np.where(hit, flag, record.quality).astype(np.int8)
+    return _noted(replace(record, quality=quality, counts={**record.counts, count: number}), notes)
+
+
+def _noted(record: Record, notes: Sequence[str]) -> Record:
+    return replace(record, warnings=record.warnings + tuple(notes))

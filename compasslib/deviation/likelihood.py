@@ -1,0 +1,213 @@
+"""The likelihood of the overlap's directions given the recorded headings, smooth across the folds of the compass.
+
+For each pair the observed heading d scatters about the unknown correct heading beta, and beta must make the compass
+record gamma. Both are written on grids:
+
+    p(d | gamma) = [ sum_b G(gamma, b) pi(b) K(d, b) + e0 sum_b pi(b) K(d, b) ] / [ sum_b G(gamma, b) pi(b) + e0 ]
+
+G is the compass's own noise about arg q(beta), pi the distribution of correct headings (the wake locks them), K the
+scatter of directions: heavy-tailed, circular, wider for slower water. All roots are in the sum by themselves and meet
+smoothly at a fold; e0 lets a heading that the model cannot record count as uninformative instead of impossible. gamma
+is conditioned on and d stands on one side only, so that the noise of the lower direction cannot bias the slope.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib import angles, compass
+from compasslib.deviation.model import Noise
+
+Floats = NDArray[np.float64]
+
+CELLS = 120  # of the heading's distribution and of the scatter, 3 degrees each
+CELL_DEG = 360.0 / CELLS
+FREEDOM = 5.0  # degrees of freedom of the scatter's tails
+UNPREDICTED = 1e-5  # e0, density per degree of recorded headings that the model does not explain
+
+CELL_CENTRES = CELL_DEG * np.arange(CELLS)
+
+
+@dataclass(frozen=True)
+class Sample:
+    """The pairs as the likelihood needs them, in order of the recorded heading's bin."""
+
+    bin: NDArray[np.intp]  # (n,) recorded heading's bin
+    begins: NDArray[np.intp]  # first sample of each occupied bin
+    occupied: NDArray[np.intp]  # the occupied bins
+    scatter: Floats  # (n, CELLS) K
+    order: NDArray[np.intp]  # position of each row in the pairs
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Fine headings on which the compass is evaluated, and how they share out on the cells."""
+
+    fine: int  # points over the circle, a multiple of CELLS
+
+    @property
+    def heading_deg(self) -> Floats:
+        """Fine headings, also the centres of the recorded headings' bins."""
+        return 360.0 / self.fine * np.arange(self.fine)
+
+    def bin_of(self, recorded_deg: Floats) -> NDArray[np.intp]:
+        """Return the bin of recorded headings."""
+        return np.rint(recorded_deg * self.fine / 360.0).astype(np.intp) % self.fine
+
+    def hats(self) -> Floats:
+        """Return linear interpolation weights from the fine headings to the cells, (fine, CELLS)."""
+        position = self.heading_deg / CELL_DEG
+        low, part = np.floor(position).astype(int), position - np.floor(position)
+        weight = np.zeros((self.fine, CELLS))
+        row = np.arange(self.fine)
+        weight[row, low % CELLS] += 1.0 - part
+        weight[row, (low + 1) % CELLS] += part
+        return weight
+
+
+COARSE, FINE = Grid(360), Grid(720)
+
+
+def scatter(observed_deg: Floats, width_deg: Floats, outliers: float) -> Floats:
+    """Return K, the density of the observed heading about each cell's centre, per degree, (n, CELLS).
+
+    Args:
+        observed_deg: observed headings, (n,), degrees.
+        width_deg: width for each of them, (n,), degrees.
+        outliers: share that says nothing.
+    """
+    chord = 2.0 * angles.sin_cos((observed_deg[:, None] - CELL_CENTRES) / 2.0)[0]
+    width = np.deg2rad(width_deg)[:, None]
+    density = (1.0 + chord**2 / (FREEDOM * width**2)) ** (-(FREEDOM + 1.0) / 2.0)
+    density /= density.sum(axis=1, keepdims=True) * CELL_DEG
+    return (1.0 - outliers) * density + outliers / 360.0
+
+
+def sample(recorded_deg: Floats, scatter_density: Floats, grid: Grid) -> Sample:
+    """Return the pairs sorted by the recorded heading's bin.
+
+    Args:
+        recorded_deg: recorded headings, (n,), degrees.
+        scatter_density: K, (n, CELLS).
+        grid: the grid of recorded headings.
+    """
+    bins = grid.bin_of(recorded_deg)
+    order = np.argsort(bins, kind="stable")
+    occupied, begins = np.unique(bins[order], return_index=True)
+    return Sample(bins[order], begins, occupied, scatter_density[order], order)
+
+
+def compass_noise(coefficients: Floats, compass_deg: float, bins: Floats, grid: Grid) -> tuple[Floats, Floats]:
+    """Return G (k, fine), density of recorded headings about arg q, and the offsets it was taken at.
+
+    Args:
+        coefficients: of the exact compass, (5,).
+        compass_deg: noise of the recorded heading, degrees.
+        bins: recorded headings, (k,), degrees.
+        grid: the grid of correct headings.
+    """
+    gamma = compass.recorded_heading(coefficients, grid.heading_deg)
+    offset = angles.difference(bins[:, None], gamma[None, :])
+    density = np.exp(-0.5 * (offset / compass_deg) ** 2) / (compass_deg * np.sqrt(2.0 * np.pi))
+    return density, offset
+
+
+def value_and_gradient(
+    parameters: Floats, data: Sample, prior: Floats, grid: Grid, *, gradient: bool = True
+) -> tuple[float, Floats]:
+    """Return the log-likelihood and its gradient by A..E and log(compass noise).
+
+    Args:
+        parameters: A, B, C, D, E and the logarithm of the compass noise in degrees, (6,).
+        data: the pairs.
+        prior: pi on the cells, (CELLS,), sums to 1.
+        grid: the grid that the sample was sorted on.
+        gradient: whether the gradient is wanted; zeros otherwise.
+    """
+    parts = _parts(parameters, data, prior, grid)
+    total = float(np.sum(np.log(parts.joint) - np.log(parts.marginal[parts.row])))
+    if not gradient:
+        return total, np.zeros(6)
+    weighted = data.scatter / parts.joint[:, None]
+    towards = np.add.reduceat(weighted, data.begins, axis=0) @ parts.hats.T  # (occupied, fine)
+    count = np.diff(np.append(data.begins, len(data.bin)))
+    towards -= (count / parts.marginal)[:, None]
+    towards *= parts.prior_fine * parts.density
+    by_gamma = (towards * parts.offset).sum(axis=0) / np.exp(2.0 * parameters[5])
+    by_width = float(np.sum(towards * ((parts.offset / np.exp(parameters[5])) ** 2 - 1.0)))
+    return total, np.append(compass.gradient(parameters[:5], grid.heading_deg) @ by_gamma, by_width)
+
+
+def scores(parameters: Floats, data: Sample, prior: Floats, grid: Grid) -> Floats:
+    """Return each pair's gradient by A..E, in the order of the pairs, (n, 5).
+
+    Args:
+        parameters: A, B, C, D, E and the logarithm of the compass noise in degrees, (6,).
+        data: the pairs.
+        prior: pi on the cells, (CELLS,), sums to 1.
+        grid: the grid that the sample was sorted on.
+    """
+    parts = _parts(parameters, data, prior, grid)
+    slopes = compass.gradient(parameters[:5], grid.heading_deg)
+    weight = parts.prior_fine * parts.density * parts.offset / np.exp(2.0 * parameters[5])
+    result = np.empty((len(data.bin), 5))
+    for j in range(5):
+        moved = weight * slopes[j]
+        joint = np.einsum("nc,nc->n", (moved @ parts.hats)[parts.row], data.scatter)
+        result[data.order, j] = joint / parts.joint - (moved.sum(axis=1) / parts.marginal)[parts.row]
+    return result
+
+
+def responsibilities(parameters: Floats, data: Sample, prior: Floats, grid: Grid) -> Floats:
+    """Return the posterior of each pair's correct heading on the cells, sorted as the sample, (n, CELLS).
+
+    Args:
+        parameters: A, B, C, D, E and the logarithm of the compass noise in degrees, (6,).
+        data: the pairs.
+        prior: pi on the cells, (CELLS,), sums to 1.
+        grid: the grid that the sample was sorted on.
+    """
+    parts = _parts(parameters, data, prior, grid)
+    posterior = parts.given[parts.row] * data.scatter
+    return posterior / posterior.sum(axis=1, keepdims=True)
+
+
+@dataclass(frozen=True)
+class _Parts:
+    density: Floats  # G (occupied, fine)
+    offset: Floats  # (occupied, fine) degrees
+    prior_fine: Floats  # pi on the fine grid
+    hats: Floats
+    given: Floats  # (occupied, CELLS) joint density of recorded heading and cell
+    row: NDArray[np.intp]  # (n,) row of each sample
+    joint: Floats  # (n,)
+    marginal: Floats  # (occupied,)
+
+
+def _parts(parameters: Floats, data: Sample, prior: Floats, grid: Grid) -> _Parts:
+    hats = _HATS[grid.fine]
+    prior_fine = hats @ prior
+    prior_fine = prior_fine / prior_fine.sum()
+    bins = grid.heading_deg[data.occupied]
+    density, offset = compass_noise(parameters[:5], float(np.exp(parameters[5])), bins, grid)
+    given = (density * prior_fine) @ hats + UNPREDICTED * prior
+    row = np.repeat(np.arange(len(data.begins)), np.diff(np.append(data.begins, len(data.bin))))
+    joint = np.einsum("nc,nc->n", given[row], data.scatter)
+    return _Parts(density, offset, prior_fine, hats, given, row, joint, given.sum(axis=1))
+
+
+_HATS = {grid.fine: grid.hats() for grid in (COARSE, FINE)}
+
+
+def widths(noise: Noise, upper_speed: Floats, lower_speed: Floats) -> Floats:
+    """Return the scatter's width of each pair, never over a full turn, degrees.
+
+    Args:
+        noise: the scatter.
+        upper_speed: m/s, (n,).
+        lower_speed: m/s, (n,).
+    """
+    return np.minimum(noise.width_deg(np.maximum(upper_speed, 1e-3), np.maximum(lower_speed, 1e-3)), 360.0)

@@ -1,0 +1,174 @@
+"""The fitted deviation as it travels: coefficients with covariance, noise, what can be inverted."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib import angles
+from compasslib.records import Pairs
+
+Floats = NDArray[np.float64]
+
+FEWEST_PAIRS = 30
+LETTERS = "ABCDE"
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Scatter of the observed heading about the compass: a floor, a part that grows as 1/speed, outliers."""
+
+    floor_deg: float = 8.0
+    slow_deg_m_s: float = 2.5  # degrees times m/s
+    outliers: float = 0.02  # share of pairs whose direction says nothing
+    compass_deg: float = 1.5  # noise of the recorded heading itself
+
+    def width_deg(self, upper_speed: Floats, lower_speed: Floats) -> Floats:
+        """Return the width for each pair, (n,) degrees: slow water has no direction.
+
+        Args:
+            upper_speed: m/s, (n,).
+            lower_speed: m/s, (n,).
+        """
+        slow = self.slow_deg_m_s**2 * (1.0 / upper_speed**2 + 1.0 / lower_speed**2)
+        return np.sqrt(self.floor_deg**2 + slow)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A deviation model fitted to one mooring; coefficients None where there was too little to fit."""
+
+    method: str  # von_appen | exact
+    coefficients: Floats | None  # (5,) A..E: degrees for von_appen, dimensionless for exact
+    covariance: Floats | None  # (5, 5)
+    n_pairs: int
+    n_effective: float = 0.0
+    residual_rms_deg: float = float("nan")
+    recorded_range_deg: tuple[float, float] | None = None
+    folded: bool = False
+    noise: Noise | None = None
+    heading_density: Floats = field(default_factory=lambda: np.zeros(0))  # prior of the correct heading, sums to 1
+    why: str = ""  # the reason, where nothing was fitted
+
+    def to_json(self) -> dict[str, Any]:
+        """Return deviation.json's content but for the share that is correctable."""
+        return {
+            "method": self.method,
+            "coefficients": dict(zip(LETTERS, self.coefficients.tolist(), strict=True)) if self.fitted else None,
+            "unit": "degrees" if self.method == "von_appen" else "1",
+            "covariance": None if self.covariance is None else self.covariance.tolist(),
+            "n_pairs": self.n_pairs,
+            "n_effective": self.n_effective,
+            "residual_rms_deg": self.residual_rms_deg,
+            "recorded_range_deg": self.recorded_range_deg,
+            "folded": self.folded,
+            "noise": None if self.noise is None else vars(self.noise),
+            "heading_density": self.heading_density.tolist(),
+            "why": self.why,
+        }
+
+    @property
+    def fitted(self) -> bool:
+        """Whether there is anything to correct with."""
+        return self.coefficients is not None
+
+
+def from_json(content: Mapping[str, Any]) -> Fit:
+    """Return the fit that a deviation.json describes.
+
+    Args:
+        content: the file's content.
+    """
+    letters, noise, span = content["coefficients"], content.get("noise"), content["recorded_range_deg"]
+    rms = content["residual_rms_deg"]
+    return Fit(
+        method=content["method"],
+        coefficients=None if letters is None else np.array([letters[k] for k in LETTERS], dtype=float),
+        covariance=None if content["covariance"] is None else np.array(content["covariance"], dtype=float),
+        n_pairs=content["n_pairs"],
+        n_effective=content["n_effective"],
+        residual_rms_deg=float("nan") if rms is None else rms,
+        recorded_range_deg=None if span is None else (span[0], span[1]),
+        folded=content["folded"],
+        noise=None if noise is None else Noise(**noise),
+        heading_density=np.array(content.get("heading_density", []), dtype=float),
+        why=content.get("why", ""),
+    )
+
+
+def too_few(method: str, n_pairs: int) -> Fit:
+    """Return the fit that says there was not enough to fit.
+
+    Args:
+        method: the configured method.
+        n_pairs: pairs found.
+    """
+    why = "no overlapping pairs" if n_pairs == 0 else f"{n_pairs} overlapping pairs, at least {FEWEST_PAIRS} are needed"
+    return Fit(method=method, coefficients=None, covariance=None, n_pairs=n_pairs, why=why)
+
+
+def observed_heading(pairs: Pairs) -> Floats:
+    """Return the correct heading as the overlap shows it, beta = D_bot - D_top + gamma (von Appen 2015, eq. 2).
+
+    Args:
+        pairs: n overlapping measurements.
+    """
+    return angles.wrap360(observed_deviation(pairs) + pairs.heading_deg)
+
+
+def observed_deviation(pairs: Pairs) -> Floats:
+    """Return the deviation as the overlap shows it, D_bot - D_top in [-180, 180) (von Appen 2015, eq. 3).
+
+    Args:
+        pairs: n overlapping measurements.
+    """
+    lower = angles.direction(pairs.lower_east, pairs.lower_north)
+    return angles.difference(lower, angles.direction(pairs.upper_east, pairs.upper_north))
+
+
+def speeds(pairs: Pairs) -> tuple[Floats, Floats]:
+    """Return the speeds of the upper and the lower water, m/s.
+
+    Args:
+        pairs: n overlapping measurements.
+    """
+    return np.hypot(pairs.upper_east, pairs.upper_north), np.hypot(pairs.lower_east, pairs.lower_north)
+
+
+def effective_number(residual: Floats, time_s: Floats, *, longest_s: float = 5 * 86400.0) -> float:
+    """Return n over the integral of the residual's autocorrelation, which real currents make much less than n.
+
+    Args:
+        residual: standardised residuals, (n,).
+        time_s: increasing times, (n,).
+        longest_s: longest lag that is looked at, seconds.
+    """
+    n = len(residual)
+    if n < 3:
+        return float(n)
+    step = float(np.median(np.diff(time_s)))
+    slot = np.rint((time_s - time_s[0]) / step).astype(int)
+    series, present = np.zeros(slot[-1] + 1), np.zeros(slot[-1] + 1)
+    series[slot], present[slot] = residual - residual.mean(), 1.0
+    lags = min(int(longest_s / step), len(series) // 3)
+    together = _lagged(present, lags)
+    rho = _lagged(series, lags) / np.maximum(together, 1.0)
+    rho = np.where(together > 0.02 * n, rho, 0.0) / rho[0]
+    return float(np.clip(n / (1.0 + 2.0 * _positive_sum(rho[1:])), 1.0, n))
+
+
+def _lagged(x: Floats, lags: int) -> Floats:
+    size = 1 << (2 * len(x) - 1).bit_length()
+    spectrum = np.fft.rfft(x, size)
+    return np.fft.irfft(np.abs(spectrum) ** 2, size)[: lags + 1]
+
+
+def _positive_sum(rho: Floats) -> float:
+    """Sum neighbouring pairs of the autocorrelation while they stay positive (Geyer's initial positive sequence)."""
+    pairs = rho[: len(rho) // 2 * 2].reshape(-1, 2).sum(axis=1)
+    stop = np.flatnonzero(pairs <= 0)
+    return float(pairs[: stop[0]].sum() if stop.size else pairs.sum())

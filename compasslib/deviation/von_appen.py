@@ -1,0 +1,165 @@
+"""The published method: Smith's series in the correct heading, inverted where the compass is most sluggish.
+
+Von Appen 2015, eqs. (1) to (4) and section 4. Faithful, flaws included: the noisy lower direction stands in both axes of
+the scatter, and headings outside the inverted region are given up.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from compasslib import angles
+from compasslib.deviation import model
+from compasslib.deviation.model import Fit
+from compasslib.records import Pairs
+
+Floats = NDArray[np.float64]
+
+STEP_DEG = 0.25  # of the lookup table
+STARTS_DEG = (0.0, 30.0, 60.0, 90.0, 120.0)  # amplitudes of the semicircular part that are tried
+
+
+def design(heading_deg: ArrayLike) -> Floats:
+    """Return the columns 1, sin, cos, sin 2, cos 2 of eq. (1), shape (n, 5).
+
+    Args:
+        heading_deg: headings, (n,), degrees.
+    """
+    heading = np.asarray(heading_deg, dtype=float)
+    sine, cosine = angles.sin_cos(heading)
+    sine2, cosine2 = angles.sin_cos(2.0 * heading)
+    return np.stack([np.ones_like(sine), sine, cosine, sine2, cosine2], axis=-1)
+
+
+def predict(coefficients: ArrayLike, heading_deg: ArrayLike) -> Floats:
+    """Return the deviation beta - gamma at correct headings, eq. (1), degrees.
+
+    Args:
+        coefficients: A, B, C, D, E, degrees, (5,).
+        heading_deg: correct magnetic headings, degrees.
+    """
+    return design(heading_deg) @ np.asarray(coefficients, dtype=float)
+
+
+def fit(pairs: Pairs) -> Fit:
+    """Return the least-squares series through the scatter of deviation against correct heading.
+
+    Args:
+        pairs: overlapping measurements.
+    """
+    if len(pairs) < model.FEWEST_PAIRS:
+        return model.too_few("von_appen", len(pairs))
+    heading, deviation = model.observed_heading(pairs), model.observed_deviation(pairs)
+    columns = design(heading)
+    coefficients = _best_of_starts(columns, deviation)
+    residual = angles.wrap180(deviation - columns @ coefficients)
+    effective = model.effective_number(residual, pairs.time_s)
+    variance = float(np.mean(residual**2)) * len(pairs) / max(effective - 5.0, 1.0)
+    lookup = lookup_table(coefficients)
+    return Fit(
+        method="von_appen",
+        coefficients=coefficients,
+        covariance=variance * np.linalg.pinv(columns.T @ columns),
+        n_pairs=len(pairs),
+        n_effective=effective,
+        residual_rms_deg=angles.rms(residual),
+        recorded_range_deg=(0.0, 360.0) if not folds(coefficients) else (float(lookup[0][0]), float(lookup[0][-1])),
+        folded=folds(coefficients),
+    )
+
+
+def folds(coefficients: ArrayLike) -> bool:
+    """Tell whether d gamma / d beta turns negative somewhere, so that beta(gamma) is many-valued.
+
+    Args:
+        coefficients: A, B, C, D, E, degrees, (5,).
+    """
+    return bool(np.min(slope(coefficients, np.arange(0.0, 360.0, STEP_DEG))) < 0.0)
+
+
+def slope(coefficients: ArrayLike, heading_deg: ArrayLike) -> Floats:
+    """Return d gamma / d beta of the series.
+
+    Args:
+        coefficients: A, B, C, D, E, degrees, (5,).
+        heading_deg: correct magnetic headings, degrees.
+    """
+    _, b, c, d, e = np.asarray(coefficients, dtype=float)
+    sine, cosine = angles.sin_cos(heading_deg)
+    sine2, cosine2 = angles.sin_cos(2.0 * np.asarray(heading_deg, dtype=float))
+    return 1.0 - np.deg2rad(b * cosine - c * sine + 2.0 * d * cosine2 - 2.0 * e * sine2)
+
+
+def lookup_table(coefficients: ArrayLike) -> tuple[Floats, Floats]:
+    """Return (gamma, beta) of the inverted region, gamma increasing and unwrapped, degrees.
+
+    Without a fold the region is the whole circle. With one it is the stretch around the least d gamma / d beta where
+    the compass runs backwards (the green curves of the paper's Fig. 7).
+
+    Args:
+        coefficients: A, B, C, D, E, degrees, (5,).
+    """
+    grid = np.arange(0.0, 360.0, STEP_DEG)
+    steepness = slope(coefficients, grid)
+    if steepness.min() >= 0.0:
+        beta = np.append(grid, 360.0)
+        return beta - predict(coefficients, beta), beta
+    around = np.roll(np.arange(grid.size), -int(np.argmin(steepness)))
+    ahead = int(np.argmax(steepness[around] >= 0.0))
+    behind = int(np.argmax(steepness[around[::-1]] >= 0.0))
+    start = grid[around[0]]
+    beta = start + STEP_DEG * np.arange(-behind + 1, ahead)
+    gamma = beta - predict(coefficients, beta)
+    return gamma[::-1], beta[::-1]
+
+
+def invert(coefficients: ArrayLike, recorded_deg: ArrayLike) -> Floats:
+    """Return the correct heading for each recorded one, NaN outside the inverted region.
+
+    Args:
+        coefficients: A, B, C, D, E, degrees, (5,).
+        recorded_deg: recorded headings, (n,), degrees.
+    """
+    gamma, beta = lookup_table(coefficients)
+    recorded = np.asarray(recorded_deg, dtype=float)
+    with np.errstate(invalid="ignore"):
+        unwrapped = gamma[0] + angles.wrap360(recorded - gamma[0])
+    found = np.interp(unwrapped, gamma, beta, left=np.nan, right=np.nan)
+    return np.where(np.isfinite(recorded), angles.wrap360(found), np.nan)
+
+
+def sigma(fit: Fit, heading_deg: ArrayLike) -> Floats:
+    """Return the standard error of the inverted heading that the coefficients' covariance makes, degrees.
+
+    Args:
+        fit: a fitted series.
+        heading_deg: corrected headings, (n,), degrees.
+    """
+    columns = design(heading_deg)
+    variance = np.einsum("ni,ij,nj->n", columns, fit.covariance, columns)
+    return np.sqrt(variance) / np.maximum(np.abs(slope(fit.coefficients, heading_deg)), 0.05)
+
+
+def _best_of_starts(columns: Floats, deviation: Floats) -> Floats:
+    starts = [np.array([0.0, r * s, r * c, 0.0, 0.0]) for r in STARTS_DEG for s, c in _eight_directions(r)]
+    solver = np.linalg.pinv(columns)
+    solved = [_descend(solver, columns, deviation, start) for start in starts]
+    return min(solved, key=lambda k: float(np.sum(angles.wrap180(deviation - columns @ k) ** 2)))
+
+
+def _eight_directions(amplitude: float) -> list[tuple[float, float]]:
+    if amplitude == 0.0:
+        return [(0.0, 1.0)]
+    return [tuple(float(x) for x in angles.sin_cos(direction)) for direction in range(0, 360, 45)]  # type: ignore[misc]
+
+
+def _descend(solver: Floats, columns: Floats, deviation: Floats, start: Floats) -> Floats:
+    """Least squares with wrapped residuals: a linear step on the residuals until it no longer moves."""
+    coefficients = start
+    for _ in range(50):
+        step = solver @ angles.wrap180(deviation - columns @ coefficients)
+        coefficients = coefficients + step
+        if np.max(np.abs(step)) < 1e-7:
+            break
+    return coefficients

@@ -1,0 +1,95 @@
+"""The earth's field by IGRF at one place along time, with a guard for dates that the model does not cover."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from compasslib.angles import difference
+from compasslib.errors import InputError
+from compasslib.records import EarthField
+
+Floats = NDArray[np.float64]
+
+FIRST_YEAR, LAST_YEAR = 1900, 2030  # IGRF-14
+NODE_SPACING_S = 30 * 86400.0  # the field is linear in time within an epoch of five years
+DISAGREEMENT_DEG = 1.0
+
+
+def igrf(latitude: float, longitude: float, time_s: ArrayLike) -> tuple[Floats, Floats, Floats]:
+    """Return declination (degrees east), horizontal and downward field (nT) at sea level.
+
+    Args:
+        latitude: degrees north.
+        longitude: degrees east.
+        time_s: UTC seconds since 1970, shape (k,).
+
+    Raises:
+        InputError: a date lies outside the model.
+    """
+    import ppigrf  # imports pandas: only the job that needs the model pays for it
+
+    dates = [datetime.fromtimestamp(t, UTC).replace(tzinfo=None) for t in np.atleast_1d(time_s)]
+    for date in (dates[0], dates[-1]):
+        if not FIRST_YEAR <= date.year < LAST_YEAR:
+            raise InputError(
+                "earth's field",
+                expected=f"dates from {FIRST_YEAR} to {LAST_YEAR - 1}, which IGRF covers",
+                found=f"{date:%Y-%m-%d}",
+                advice="check start and end, or give the declination as a number",
+            )
+    east, north, up = (np.ravel(x) for x in ppigrf.igrf(longitude, latitude, 0.0, dates))
+    return np.rad2deg(np.arctan2(east, north)), np.hypot(east, north), -up
+
+
+def along_time(
+    latitude: float, longitude: float, start_s: float, end_s: float, declination: float | None = None
+) -> EarthField:
+    """Return the field over a deployment; a given declination overrides the model's and is held against it.
+
+    Args:
+        latitude: degrees north.
+        longitude: degrees east.
+        start_s: first instant, UTC seconds since 1970.
+        end_s: last instant, UTC seconds since 1970.
+        declination: degrees east from the metadata, or None for the model's.
+
+    Raises:
+        InputError: a date lies outside the model.
+    """
+    nodes = np.linspace(start_s, end_s, 2 + int((end_s - start_s) // NODE_SPACING_S))
+    model, horizontal, vertical = igrf(latitude, longitude, nodes)
+    if declination is None:
+        return EarthField(nodes, model, horizontal, vertical, model)
+    return EarthField(
+        time_s=nodes,
+        declination_deg=np.full(nodes.shape, float(declination)),
+        horizontal_nT=horizontal,
+        vertical_nT=vertical,
+        model_declination_deg=model,
+        source="metadata",
+        warnings=_disagreement(declination, model),
+    )
+
+
+def declination_at(field: EarthField, time_s: ArrayLike) -> Floats:
+    """Return the declination to use at given times, degrees east.
+
+    Args:
+        field: the field along the deployment.
+        time_s: UTC seconds since 1970, shape (n,).
+    """
+    return np.interp(time_s, field.time_s, field.declination_deg)
+
+
+def _disagreement(declination: float, model: Floats) -> tuple[str, ...]:
+    off = difference(declination, model)
+    worst = float(off[np.argmax(np.abs(off))])
+    if abs(worst) <= DISAGREEMENT_DEG:
+        return ()
+    return (
+        f"declination {declination:+.2f} degrees in the metadata is {worst:+.2f} degrees off IGRF "
+        f"({model.mean():+.2f}); check its sign, or write auto",
+    )

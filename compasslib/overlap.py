@@ -1,0 +1,141 @@
+"""Pairs: where the compromised and the trusted instrument measured nearly the same water at nearly the same time.
+
+The rules are those of von Appen 2015, section 2 and appendix: the mean of the first bins at the compromised instrument,
+the bins of the trusted one nearest to it, less than 20 minutes and 20 m apart, on an hourly grid.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib import angles, earthfield
+from compasslib.deployment import take
+from compasslib.grid import interpolate, nearest, on_grid
+from compasslib.records import GOOD, NOT_CHECKED, PROBABLY_GOOD, EarthField, Pairs, Record
+
+Floats = NDArray[np.float64]
+
+DENSE_S = 300.0  # a series sampled faster than this is averaged first (a profiler passing its top)
+
+
+@dataclass(frozen=True)
+class Rules:
+    """What counts as overlapping (config.yaml, ``overlap``)."""
+
+    max_minutes: float = 20.0
+    max_metres: float = 20.0
+    bins: int = 2
+    grid_minutes: float = 60.0
+    grid_tolerance_minutes: float = 30.0
+
+
+@dataclass(frozen=True)
+class Point:
+    """One velocity a time: a cell of an instrument, (k,) each, finite."""
+
+    time_s: Floats
+    velocity: NDArray[np.complex128]  # east + i north, m/s
+    depth_m: Floats
+
+
+def find(upper: Record, lower: Record, field: EarthField, rules: Rules) -> Pairs:
+    """Return the overlapping measurements on the grid, both to true north.
+
+    Args:
+        upper: the compromised instrument inside the deployment.
+        lower: the trusted instrument inside the deployment.
+        field: declination along time.
+        rules: distances in time and depth, bins, grid.
+    """
+    tolerance_s = 60.0 * rules.grid_tolerance_minutes
+    chosen = on_grid(upper.time_s, step_s=60.0 * rules.grid_minutes, tolerance_s=tolerance_s)
+    upper = take(upper, chosen)
+    velocity, depth = _near_bins(upper, np.zeros(len(upper.time_s)), rules.bins)
+    sphere = interpolate(upper.time_s, upper.depth_m, lower.time_s, tolerance_s=np.inf)
+    trusted = _trusted_cell(upper.time_s, depth, lower, sphere, rules)
+    other = interpolate(trusted.time_s, trusted.velocity, upper.time_s, tolerance_s=tolerance_s)
+    other_depth = interpolate(trusted.time_s, trusted.depth_m, upper.time_s, tolerance_s=tolerance_s)
+    minutes = _minutes_to_nearest(trusted.time_s, upper.time_s)
+    with np.errstate(invalid="ignore"):
+        close = (np.abs(minutes) < rules.max_minutes) & (np.abs(other_depth - depth) < rules.max_metres)
+    usable = close & np.isfinite(velocity) & np.isfinite(other) & np.isfinite(upper.heading_deg)
+    keep = np.flatnonzero(usable & (upper.heading_quality <= PROBABLY_GOOD) & (np.abs(velocity) > 0) & (abs(other) > 0))
+    return _assemble(take(upper, keep), lower, field, (velocity, other, depth, other_depth, minutes), keep)
+
+
+def _assemble(upper: Record, lower: Record, field: EarthField, columns: tuple, keep: NDArray[np.intp]) -> Pairs:
+    velocity, other, depth, other_depth, minutes = (column[keep] for column in columns)
+    declination = earthfield.declination_at(field, upper.time_s)
+    top = _to_true(velocity, upper, declination)
+    bottom = _to_true(other, lower, declination)
+    return Pairs(
+        time_s=upper.time_s,
+        heading_deg=upper.heading_deg,
+        pitch_deg=upper.pitch_deg,
+        roll_deg=upper.roll_deg,
+        upper_east=top.real,
+        upper_north=top.imag,
+        lower_east=bottom.real,
+        lower_north=bottom.imag,
+        upper_depth_m=depth,
+        lower_depth_m=other_depth,
+        separation_minutes=minutes,
+        declination_deg=declination,
+    )
+
+
+def _to_true(velocity: NDArray[np.complex128], record: Record, declination: Floats) -> NDArray[np.complex128]:
+    if record.direction_reference == "true":
+        return velocity
+    east, north = angles.turn(velocity.real, velocity.imag, declination)
+    return east + 1j * north
+
+
+def _near_bins(record: Record, distance_from: Floats, bins: int) -> tuple[NDArray[np.complex128], Floats]:
+    """Average the good bins nearest to a range from the transducer: velocity (n,) and depth (n,), NaN without any."""
+    good = np.isin(record.quality, (NOT_CHECKED, GOOD, PROBABLY_GOOD)) & np.isfinite(record.east + record.north)
+    away = np.where(good, np.abs(record.bin_range_m - distance_from[:, None]), np.inf)
+    count = min(bins, away.shape[1])
+    index = np.argpartition(away, count - 1, axis=1)[:, :count]
+    row = np.arange(len(away))[:, None]
+    weight = np.isfinite(away[row, index]).astype(float)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        share = weight / weight.sum(axis=1, keepdims=True)
+    velocity = np.where(weight > 0, (record.east + 1j * record.north)[row, index], 0.0)
+    depth = np.where(weight > 0, record.bin_depth_m()[row, index], 0.0)
+    return (share * velocity).sum(axis=1), (share * depth).sum(axis=1)
+
+
+def _trusted_cell(time_s: Floats, depth: Floats, lower: Record, sphere: Floats, rules: Rules) -> Point:
+    """Return the trusted instrument's cell nearest to the sphere, dense series averaged."""
+    if not len(lower.time_s):
+        return Point(np.zeros(0), np.zeros(0, dtype=complex), np.zeros(0))
+    towards = (lower.depth_m - sphere) * (1.0 if lower.looks_up else -1.0)
+    velocity, at = _near_bins(lower, np.nan_to_num(towards), rules.bins)
+    known = np.isfinite(depth)
+    if not known.any():
+        return Point(np.zeros(0), np.zeros(0, dtype=complex), np.zeros(0))
+    wanted = np.interp(lower.time_s, time_s[known], depth[known])
+    with np.errstate(invalid="ignore"):
+        near = np.isfinite(velocity) & (np.abs(at - wanted) < rules.max_metres)
+    return _thinned(Point(lower.time_s[near], velocity[near], at[near]), 60.0 * rules.max_minutes / 2.0)
+
+
+def _thinned(point: Point, block_s: float) -> Point:
+    """Average a densely sampled series over blocks of time; leave others alone."""
+    if len(point.time_s) < 2 or np.median(np.diff(point.time_s)) >= DENSE_S:
+        return point
+    block = np.floor(point.time_s / block_s)
+    begins = np.flatnonzero(np.append(True, np.diff(block) > 0))
+    size = np.diff(np.append(begins, len(block)))
+    time, velocity, depth = (np.add.reduceat(x, begins) / size for x in (point.time_s, point.velocity, point.depth_m))
+    return Point(time, velocity, depth)
+
+
+def _minutes_to_nearest(series_s: Floats, at_s: Floats) -> Floats:
+    if not len(series_s):
+        return np.full(len(at_s), np.nan)
+    return (series_s[nearest(series_s, at_s)] - at_s) / 60.0
