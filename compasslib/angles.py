@@ -107,6 +107,15 @@ def turn(east: ArrayLike, north: ArrayLike, by_deg: ArrayLike) -> tuple[Floats, 
     return east * cosine + north * sine, north * cosine - east * sine
 
 
+def turned_share(angle_deg: ArrayLike) -> Floats:
+    """Return how much of a vector's length an error of its direction can move, at most all of it.
+
+    Args:
+        angle_deg: standard deviation of the direction, degrees.
+    """
+    return np.minimum(np.deg2rad(np.asarray(angle_deg, dtype=float)), 1.0)
+
+
 def mean(angle_deg: ArrayLike, weights: ArrayLike | None = None, axis: int | None = None) -> Floats:
     """Return the circular mean in [0, 360), NaN angles left out; NaN where nothing is left.
 

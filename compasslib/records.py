@@ -83,3 +83,25 @@ class EarthField:
     model_declination_deg: Floats  # (k,) IGRF, also where the metadata give a number
     source: str = "IGRF"
     warnings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Corrected:
+    """The product: what one compromised instrument recorded, and the same corrected.
+
+    Headings are to magnetic north, velocities to true east and north.
+    """
+
+    record: Record
+    heading_corrected_deg: Floats  # (n,) NaN where it cannot be corrected
+    heading_uncertainty_deg: Floats  # (n,) one standard deviation
+    heading_corrected_quality: Flags  # (n,)
+    deviation_deg: Floats  # (n,) corrected minus recorded heading
+    branch_probability: Floats  # (n,) of the corrected heading among those that give the same reading
+    declination_deg: Floats  # (n,) east positive
+    east: Floats  # (n, m) m/s, corrected
+    north: Floats
+    east_recorded: Floats  # (n, m) m/s, by the recorded heading plus declination
+    north_recorded: Floats
+    velocity_uncertainty: Floats  # (n, m) m/s, one standard deviation of either component
+    velocity_quality: Flags  # (n, m) of the corrected velocities

@@ -25,7 +25,10 @@ START_PAIRS, START_COUNT = 900, 5
 ROUNDS = 3
 # Weak beliefs that only matter where the record says nothing: centre and width of A..E and log(compass noise / degree).
 BELIEF_CENTRE = np.array([0.0, 0.0, 0.0, 0.0, 0.0, np.log(1.5)])
-BELIEF_WIDTH = np.array([0.5, 1.5, 1.5, 0.3, 0.3, 0.5])
+BELIEF_WIDTH = np.array([0.5, 1.5, 1.5, 0.3, 0.3, 0.3])
+# The grids resolve no less than this: log(compass noise), then log(floor), log(slow part), logit(outliers).
+COMPASS_NOISE_BOUNDS = (np.log(1.0), np.log(8.0))
+NOISE_BOUNDS = [(np.log(CELL_DEG), np.log(90.0)), (np.log(0.05), np.log(50.0)), (-9.0, 2.0)]
 PRIOR_SMOOTHING_DEG, PRIOR_FLOOR = 12.0, 0.1
 BLOCK_S = 5 * 86400.0  # longer than the memory of the currents' veer
 FEWEST_BLOCKS = 12
@@ -124,8 +127,10 @@ def _penalised(
 def _climb(parameters: Floats, data: Sample, prior: Floats, grid: Grid, *, steps: int) -> Floats:
     from scipy.optimize import minimize  # 0.4 s: only jobs that fit pay for it
 
+    bounds = [(None, None)] * 5 + [COMPASS_NOISE_BOUNDS]
+    options = {"maxiter": steps}
     found = minimize(
-        _penalised, parameters, args=(data, prior, grid), jac=True, method="L-BFGS-B", options={"maxiter": steps}
+        _penalised, parameters, args=(data, prior, grid), jac=True, method="L-BFGS-B", bounds=bounds, options=options
     )
     return np.asarray(found.x)
 
@@ -156,7 +161,7 @@ def _fit_noise(noise: Noise, pairs: Pairs, observed: Floats, parameters: Floats,
         return belief - float(np.sum(np.log(np.einsum("nc,nc->n", given, density))))
 
     start = [np.log(noise.floor_deg), np.log(noise.slow_deg_m_s), np.log(noise.outliers / (1.0 - noise.outliers))]
-    return _noise(minimize(loss, start, method="L-BFGS-B", options={"maxiter": 15}).x)
+    return _noise(minimize(loss, start, method="L-BFGS-B", bounds=NOISE_BOUNDS, options={"maxiter": 15}).x)
 
 
 def _noise(x: Floats) -> Noise:
@@ -164,25 +169,18 @@ def _noise(x: Floats) -> Noise:
 
 
 def _covariance(parameters: Floats, data: Sample, prior: Floats, time_s: Floats, effective: float) -> Floats:
-    """Return the covariance of A..E that holds for autocorrelated pairs: scores summed over blocks between Hessians."""
-    bread = np.linalg.inv(_hessian(parameters, data, prior))
+    """Return the covariance of A..E that holds for autocorrelated pairs: scores summed over blocks, sandwiched.
+
+    The information is the scores' own outer product, which stays positive where the record hardly determines a
+    coefficient; a second difference of the likelihood does not.
+    """
+    scores = likelihood.scores(parameters, data, prior, FINE)
+    bread = np.linalg.inv(scores.T @ scores + np.diag(BELIEF_WIDTH[:5] ** -2.0))
     block = np.floor((time_s - time_s[0]) / BLOCK_S).astype(int)
     sums = np.zeros((block[-1] + 1, 5))
-    np.add.at(sums, block, likelihood.scores(parameters, data, prior, FINE))
+    np.add.at(sums, block, scores)
     sums = sums[np.bincount(block) > 0]
     if len(sums) < FEWEST_BLOCKS:
         return bread * len(time_s) / max(effective, 6.0)
     meat = sums.T @ sums * len(sums) / (len(sums) - 5)
-    return bread @ meat @ bread
-
-
-def _hessian(parameters: Floats, data: Sample, prior: Floats) -> Floats:
-    step = 1e-3
-    rows = []
-    for j in range(5):
-        ahead, behind = (parameters + sign * step * np.eye(6)[j] for sign in (1.0, -1.0))
-        difference = _penalised(ahead, data, prior, FINE)[1] - _penalised(behind, data, prior, FINE)[1]
-        rows.append(difference[:5] / (2.0 * step))
-    hessian = (np.array(rows) + np.array(rows).T) / 2.0
-    values, vectors = np.linalg.eigh(hessian)
-    return (vectors * np.maximum(values, 1e-6 * values.max())) @ vectors.T
+    return bread @ (meat + np.diag(BELIEF_WIDTH[:5] ** -2.0)) @ bread

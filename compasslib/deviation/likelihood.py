@@ -58,14 +58,14 @@ class Grid:
         return np.rint(recorded_deg * self.fine / 360.0).astype(np.intp) % self.fine
 
     def hats(self) -> Floats:
-        """Return linear interpolation weights from the fine headings to the cells, (fine, CELLS)."""
-        position = self.heading_deg / CELL_DEG
-        low, part = np.floor(position).astype(int), position - np.floor(position)
-        weight = np.zeros((self.fine, CELLS))
-        row = np.arange(self.fine)
-        weight[row, low % CELLS] += 1.0 - part
-        weight[row, (low + 1) % CELLS] += part
-        return weight
+        """Return cubic B-spline weights from the fine headings to the cells, (fine, CELLS).
+
+        Splines instead of linear hats: kinks every cell would make the likelihood rough where it is flat.
+        """
+        away = np.abs(angles.difference(self.heading_deg[:, None], CELL_CENTRES)) / CELL_DEG
+        inner = 2.0 / 3.0 - away**2 + away**3 / 2.0
+        outer = np.maximum(2.0 - away, 0.0) ** 3 / 6.0
+        return np.where(away < 1.0, inner, outer)
 
 
 COARSE, FINE = Grid(360), Grid(720)

@@ -1,0 +1,121 @@
+"""Corrected headings and velocities with their uncertainty, for every sample of the compromised instrument."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib import angles, branches, compass, earthfield
+from compasslib.branches import Decision
+from compasslib.deviation import likelihood, model, von_appen
+from compasslib.deviation.model import Fit
+from compasslib.records import BAD, GOOD, MISSING, PROBABLY_BAD, Corrected, EarthField, Pairs, Record
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.int8]
+
+SURE = 0.95  # a branch less probable than this is flagged: the record cannot tell
+COMPASS_NOISE_DEG = 1.5  # of a moored compass, where the fit does not estimate it
+DECLINATION_SIGMA_DEG = 0.5  # of a main-field model at high latitude (IGRF-14, crust and storms left out)
+
+
+def correct(record: Record, fit: Fit, field: EarthField, pairs: Pairs) -> Corrected:
+    """Return the corrected record; headings that cannot be corrected are NaN with flag 4.
+
+    Args:
+        record: the compromised instrument inside the deployment.
+        fit: the deviation model, perhaps without coefficients.
+        field: declination along time.
+        pairs: where the trusted instrument overlaps.
+    """
+    usable = record.heading_quality < BAD
+    recorded = np.where(usable, record.heading_deg, np.nan)
+    decision = headings(record.time_s, recorded, fit, pairs)
+    deviation = angles.difference(decision.heading_deg, record.heading_deg)
+    declination = earthfield.declination_at(field, record.time_s)
+    east, north = _recorded_to_true(record, declination)
+    corrected_east, corrected_north = angles.turn(east, north, deviation[:, None])
+    direction_sigma = np.hypot(decision.sigma_deg, DECLINATION_SIGMA_DEG)
+    quality = _heading_quality(record, decision)
+    return Corrected(
+        record=record,
+        heading_corrected_deg=decision.heading_deg,
+        heading_uncertainty_deg=decision.sigma_deg,
+        heading_corrected_quality=quality,
+        deviation_deg=deviation,
+        branch_probability=decision.probability,
+        declination_deg=declination,
+        east=corrected_east,
+        north=corrected_north,
+        east_recorded=east,
+        north_recorded=north,
+        velocity_uncertainty=np.hypot(east, north) * angles.turned_share(direction_sigma)[:, None],
+        velocity_quality=_velocity_quality(record, quality),
+    )
+
+
+def headings(time_s: Floats, recorded_deg: Floats, fit: Fit, pairs: Pairs) -> Decision:
+    """Return the correct heading, its standard deviation and how sure its branch is.
+
+    Args:
+        time_s: increasing times, (n,).
+        recorded_deg: recorded headings, (n,), degrees, NaN where missing.
+        fit: the deviation model, perhaps without coefficients.
+        pairs: overlaps that may decide between branches; their times are among ``time_s``.
+    """
+    if not fit.fitted:
+        nothing = np.full(recorded_deg.shape, np.nan)
+        return Decision(nothing, nothing, nothing, nothing)
+    if fit.method == "von_appen":
+        return _published(recorded_deg, fit)
+    decision = branches.decide(time_s, recorded_deg, fit, *_overlaps(time_s, fit, pairs))
+    sigma = np.hypot(decision.sigma_deg, parameter_sigma(fit, decision.heading_deg))
+    return replace(decision, sigma_deg=sigma)
+
+
+def parameter_sigma(fit: Fit, heading_deg: Floats) -> Floats:
+    """Return the heading's standard error that the coefficients' covariance makes, degrees.
+
+    Args:
+        fit: a fitted exact compass.
+        heading_deg: corrected headings, (n,), degrees.
+    """
+    columns = compass.gradient(fit.coefficients, heading_deg)
+    variance = np.einsum("in,ij,jn->n", columns, fit.covariance, columns)
+    # At a fold the slope vanishes; there the spread over both branches is in the decision already.
+    return np.sqrt(variance) / np.maximum(np.abs(compass.slope(fit.coefficients, heading_deg)), 0.3)
+
+
+def _published(recorded_deg: Floats, fit: Fit) -> Decision:
+    heading = von_appen.invert(fit.coefficients, recorded_deg)
+    slope = np.maximum(np.abs(von_appen.slope(fit.coefficients, heading)), 0.05)
+    sigma = np.hypot(von_appen.sigma(fit, heading), COMPASS_NOISE_DEG / slope)
+    one = np.where(np.isfinite(heading), 1.0, np.nan)
+    return Decision(heading, np.where(np.isfinite(heading), sigma, np.nan), one, np.full(heading.shape, np.nan))
+
+
+def _overlaps(time_s: Floats, fit: Fit, pairs: Pairs) -> tuple[NDArray[np.intp], Floats]:
+    seen = np.searchsorted(time_s, pairs.time_s)
+    width = likelihood.widths(fit.noise, *model.speeds(pairs))
+    return seen, likelihood.scatter(model.observed_heading(pairs), width, fit.noise.outliers)
+
+
+def _recorded_to_true(record: Record, declination: Floats) -> tuple[Floats, Floats]:
+    if record.direction_reference == "true":
+        return record.east, record.north
+    return angles.turn(record.east, record.north, declination[:, None])
+
+
+def _heading_quality(record: Record, decision: Decision) -> Flags:
+    with np.errstate(invalid="ignore"):
+        unsure = decision.probability < SURE
+    quality = np.where(unsure, PROBABLY_BAD, np.maximum(record.heading_quality, GOOD))
+    return np.where(np.isfinite(decision.heading_deg), quality, BAD).astype(np.int8)
+
+
+def _velocity_quality(record: Record, heading_quality: Flags) -> Flags:
+    """Give each velocity the worse of its own flag and its heading's; missing stays missing."""
+    worse = np.maximum(np.maximum(record.quality, GOOD), heading_quality[:, None])
+    return np.where(record.quality == MISSING, MISSING, worse).astype(np.int8)
