@@ -30,6 +30,7 @@ def settle(
     water_depth: float,
     latitude: float,
     nominal_depth: float | None,
+    direction_reference: str = "magnetic",
     pressure_offset: float = 0.0,
     clock_offset_seconds: float = 0.0,
     clock_drift_seconds: float = 0.0,
@@ -45,6 +46,7 @@ def settle(
         water_depth: metres.
         latitude: degrees north, for the depth of a pressure.
         nominal_depth: depth of the transducer by the metadata, metres.
+        direction_reference: ``magnetic`` or ``true``, what the export's directions refer to.
         pressure_offset: dbar, subtracted.
         clock_offset_seconds: instrument clock minus UTC at start.
         clock_drift_seconds: the same at end, minus the offset at start.
@@ -52,7 +54,7 @@ def settle(
         exclude: windows (from, to) known to be bad, UTC seconds.
     """
     utc = _utc(record.time_s, start_s, end_s, clock_offset_seconds, clock_drift_seconds)
-    record = _inside(replace(record, time_s=utc), start_s, end_s)
+    record = _inside(replace(record, time_s=utc, direction_reference=direction_reference), start_s, end_s)
     if declination_applied:
         record = _without_declination(record, declination_applied)
     depth, source = _depth(record, nominal_depth, pressure_offset, latitude)

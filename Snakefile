@@ -1,0 +1,181 @@
+"""From raw exports to a corrected archive: one rule a stage, any cruise folder by --directory."""
+
+import sys
+from pathlib import Path
+
+from snakemake.logging import logger
+
+from compasslib import config, provenance, stages
+from compasslib.errors import InputError
+
+try:
+    CRUISE = config.load(Path.cwd())
+    PLAN = stages.plan(CRUISE, Path(workflow.basedir) / "workflow/scripts")
+except InputError as error:
+    logger.error(f"error: {error}")
+    sys.exit(1)
+
+ROOT = "results/{mooring}"
+WORK = ROOT + "/work"
+FIGURES = ["deviation", "histograms", "scatter", "timeline"]
+
+
+wildcard_constraints:
+    mooring="|".join(CRUISE.moorings) or "none",
+    role="[A-Za-z0-9_.-]+",
+
+
+rule all:
+    input:
+        expand("results/{mooring}/corrected.nc", mooring=CRUISE.moorings),
+        expand("results/{mooring}/assessment.json", mooring=CRUISE.moorings),
+        expand("results/{mooring}/figures/{figure}.png", mooring=CRUISE.moorings, figure=FIGURES),
+        ["results/summary.csv"] if CRUISE.moorings else [],
+
+
+rule read:
+    """Raw export -> the instrument's record inside the deployment."""
+    input:
+        raw=PLAN.raw_files,
+        modules=PLAN.reader_modules,
+    output:
+        WORK + "/{role}.nc",
+    params:
+        form=PLAN.form,
+        reader=PLAN.reader_settings,
+        deployment=PLAN.deployment,
+    log:
+        ROOT + "/logs/read_{role}.log",
+    benchmark:
+        ROOT + "/benchmarks/read_{role}.tsv"
+    script:
+        "workflow/scripts/read.py"
+
+
+rule earth_field:
+    """Position and dates -> declination, horizontal and vertical field along time."""
+    input:
+        modules=PLAN.modules("earth_field.py"),
+    output:
+        WORK + "/field.json",
+    params:
+        place=PLAN.place_and_declination,
+    log:
+        ROOT + "/logs/earth_field.log",
+    benchmark:
+        ROOT + "/benchmarks/earth_field.tsv"
+    script:
+        "workflow/scripts/earth_field.py"
+
+
+rule overlap:
+    """Two records -> pairs that measured nearly the same water."""
+    input:
+        upper=PLAN.compromised,
+        lower=PLAN.reference,
+        field=WORK + "/field.json",
+        modules=PLAN.modules("overlap.py"),
+    output:
+        ROOT + "/overlap.nc",
+    params:
+        rules=CRUISE.options.overlap.model_dump(),
+    log:
+        ROOT + "/logs/overlap.log",
+    benchmark:
+        ROOT + "/benchmarks/overlap.tsv"
+    script:
+        "workflow/scripts/overlap.py"
+
+
+rule fit:
+    """Pairs -> the deviation model."""
+    input:
+        record=PLAN.compromised,
+        pairs=ROOT + "/overlap.nc",
+        modules=PLAN.modules("fit.py"),
+    output:
+        ROOT + "/deviation.json",
+    params:
+        method=PLAN.method,
+    log:
+        ROOT + "/logs/fit.log",
+    benchmark:
+        ROOT + "/benchmarks/fit.tsv"
+    script:
+        "workflow/scripts/fit.py"
+
+
+rule correct:
+    """Record and deviation -> corrected headings and velocities in the archive's form."""
+    input:
+        record=PLAN.compromised,
+        pairs=ROOT + "/overlap.nc",
+        deviation=ROOT + "/deviation.json",
+        field=WORK + "/field.json",
+        modules=PLAN.modules("correct.py"),
+    output:
+        ROOT + "/corrected.nc",
+    params:
+        site=PLAN.site,
+        attributes=PLAN.attributes,
+        sources=PLAN.all_raw_files,
+    log:
+        ROOT + "/logs/correct.log",
+    benchmark:
+        ROOT + "/benchmarks/correct.tsv"
+    script:
+        "workflow/scripts/correct.py"
+
+
+rule assess:
+    """Pairs -> agreement of the two instruments before and after, on pairs held out from the fit."""
+    input:
+        pairs=ROOT + "/overlap.nc",
+        deviation=ROOT + "/deviation.json",
+        modules=PLAN.modules("assess.py"),
+    output:
+        ROOT + "/assessment.json",
+    log:
+        ROOT + "/logs/assess.log",
+    benchmark:
+        ROOT + "/benchmarks/assess.tsv"
+    script:
+        "workflow/scripts/assess.py"
+
+
+rule figures:
+    """The equivalents of von Appen's Figs 6 to 9, and the record along time."""
+    input:
+        pairs=ROOT + "/overlap.nc",
+        deviation=ROOT + "/deviation.json",
+        product=ROOT + "/corrected.nc",
+        modules=PLAN.modules("figures.py"),
+    output:
+        **{figure: ROOT + f"/figures/{figure}.png" for figure in FIGURES},
+    log:
+        ROOT + "/logs/figures.log",
+    benchmark:
+        ROOT + "/benchmarks/figures.tsv"
+    script:
+        "workflow/scripts/figures.py"
+
+
+rule summary:
+    """One row a mooring."""
+    input:
+        deviation=expand("results/{mooring}/deviation.json", mooring=CRUISE.moorings),
+        assessment=expand("results/{mooring}/assessment.json", mooring=CRUISE.moorings),
+        product=expand("results/{mooring}/corrected.nc", mooring=CRUISE.moorings),
+        field=expand("results/{mooring}/work/field.json", mooring=CRUISE.moorings),
+        records=PLAN.all_records,
+        modules=PLAN.modules("summary.py"),
+    output:
+        "results/summary.csv",
+    params:
+        names=list(CRUISE.moorings),
+    log:
+        "results/logs/summary.log",
+    benchmark:
+        "results/benchmarks/summary.tsv"
+    script:
+        "workflow/scripts/summary.py"

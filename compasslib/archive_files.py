@@ -1,0 +1,158 @@
+"""Files of the archive, JSON and netCDF: each appears whole or not at all, and the same data give the same bytes."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Literal
+
+import netCDF4
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from compasslib.archive_layout import FILL, Variable
+from compasslib.errors import InputError
+
+SIGNIFICANT_DIGITS = 10  # of floats in JSON
+CHUNK = 4096  # samples
+
+
+@contextmanager
+def replacing(path: str | Path) -> Iterator[Path]:
+    """Give a temporary name beside a file that takes the file's place once the block has ended well.
+
+    Args:
+        path: the file to write; its folder is made where absent. A block that fails leaves an older file as it was.
+    """
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        yield temporary
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def write_json(path: str | Path, data: object) -> None:
+    """Write JSON: keys in the order given, numbers to ten significant digits, what is not finite as null.
+
+    Args:
+        path: the file.
+        data: mappings, sequences, arrays, numbers, text, paths, None.
+
+    Raises:
+        TypeError: something else is among the data.
+    """
+    text = json.dumps(_jsonable(data), indent=1, ensure_ascii=False, allow_nan=False)
+    with replacing(path) as temporary:
+        temporary.write_text(text + "\n", encoding="utf-8")
+
+
+def read_json(path: str | Path) -> Any:
+    """Return what a JSON file holds.
+
+    Args:
+        path: the file.
+
+    Raises:
+        InputError: the file is absent or is not JSON.
+    """
+    try:
+        return json.loads(Path(path).read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise _unusable(path, "a JSON file", error) from error
+
+
+def _jsonable(value: Any) -> Any:
+    if isinstance(value, (np.ndarray, np.bool_, np.integer)):
+        value = value.tolist()
+    if isinstance(value, Mapping):
+        return {str(key): _jsonable(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_jsonable(item) for item in value]
+    if isinstance(value, (float, np.floating)):
+        rounded = float(f"{float(value):.{SIGNIFICANT_DIGITS}g}")
+        return rounded if math.isfinite(rounded) else None
+    return str(value) if isinstance(value, Path) else value
+
+
+def _unusable(path: str | Path, expected: str, error: Exception) -> InputError:
+    advice = "delete it where it stands, and the next run makes it again"
+    return InputError(str(path), expected=expected, found=f"{type(error).__name__}: {error}", advice=advice)
+
+
+@contextmanager
+def new(path: str | Path, form: Literal["NETCDF4", "NETCDF4_CLASSIC"] = "NETCDF4") -> Iterator[netCDF4.Dataset]:
+    """Give an empty netCDF file to fill, which takes its place once the block has ended well.
+
+    Args:
+        path: the file to write.
+        form: netCDF-4, or its classic model.
+    """
+    with replacing(path) as temporary, netCDF4.Dataset(temporary, "w", format=form) as nc:
+        yield nc
+
+
+@contextmanager
+def opened(path: str | Path) -> Iterator[netCDF4.Dataset]:
+    """Give a netCDF file to read.
+
+    Args:
+        path: the file.
+
+    Raises:
+        InputError: the file is absent or damaged, or the block asks for what it does not hold.
+    """
+    # The library answers damage with any of these, a missing variable with IndexError.
+    try:
+        with netCDF4.Dataset(path) as nc:
+            nc.set_auto_mask(False)
+            yield nc
+    except (OSError, RuntimeError, LookupError, AttributeError, ValueError, TypeError) as error:
+        raise _unusable(path, "a whole netCDF file that this program wrote", error) from error
+
+
+def put(nc: netCDF4.Dataset, variable: Variable, values: ArrayLike, *, level: Literal[1, 4] = 1) -> None:
+    """Write one variable, what is not finite as its fill value.
+
+    Args:
+        nc: the open file, which has the variable's dimensions.
+        variable: its entry in the table.
+        values: its values, in the shape of its dimensions.
+        level: of the compression.
+    """
+    values = np.asarray(values)
+    if variable.fill is not None:
+        values = np.where(np.isfinite(values), values, variable.fill)
+    chunks = tuple(min(max(size, 1), CHUNK) for size in values.shape)
+    made = nc.createVariable(
+        variable.name,
+        variable.dtype,
+        variable.dimensions,
+        zlib=bool(chunks),
+        complevel=level,
+        chunksizes=chunks or None,
+        fill_value=variable.fill,
+    )
+    made.setncatts(variable.attributes())
+    made[...] = values
+
+
+def get(nc: netCDF4.Dataset, name: str) -> NDArray[Any]:
+    """Return the values of a variable: numbers as float64 with NaN where they are missing, flags as they are.
+
+    Args:
+        nc: the open file.
+        name: of the variable.
+    """
+    values = np.asarray(nc[name][...])
+    if values.dtype.kind != "f":
+        return values
+    values = values.astype(float)
+    values[values == FILL] = np.nan
+    return values

@@ -1,0 +1,283 @@
+"""The variables of the netCDF files, one entry a variable.
+
+The names of corrected.nc and overlap.nc are a contract. Standard names are those of the CF table and are left out where
+it has none: it knows an orientation from north, but no heading from magnetic north, no deviation and no declination.
+Flags are those of OceanSITES reference table 2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+FILL = 99999.0
+FLAG_VALUES = np.array([0, 1, 2, 3, 4, 7, 8, 9], dtype=np.int8)
+FLAG_MEANINGS = (
+    "unknown good_data probably_good_data potentially_correctable_bad_data bad_data "
+    "nominal_value interpolated_value missing_value"
+)
+NOMINAL = 7  # "not observed but reported": the flag of what comes from metadata or a model
+
+SERIES, BINS = ("TIME",), ("TIME", "BIN")
+MAGNETIC, TRUE = "magnetic north", "true north"
+EASTWARD, NORTHWARD = "eastward_sea_water_velocity", "northward_sea_water_velocity"
+PITCH, ROLL = "platform_pitch_fore_up", "platform_roll_starboard_down"
+SEA_LEVEL: Mapping[str, object] = {"positive": "down", "reference": "sea_level"}
+
+
+@dataclass(frozen=True)
+class Variable:
+    """One variable of a file: name, meaning, shape, type and attributes."""
+
+    name: str
+    long_name: str
+    units: str = ""
+    standard_name: str = ""
+    dimensions: tuple[str, ...] = SERIES
+    dtype: str = "f8"
+    valid: tuple[float, float] | None = None
+    reference: str = ""
+    comment: str = ""
+    ancillary: tuple[str, ...] = ()  # the variables that say more about each value
+    fill: float | None = FILL  # None where no value can be missing
+    also: Mapping[str, object] = field(default_factory=dict)
+
+    def attributes(self) -> dict[str, object]:
+        """Return the attributes in the order in which they are written, without empty ones."""
+        said: dict[str, object] = {"standard_name": self.standard_name, "long_name": self.long_name}
+        said |= {"units": self.units, "reference": self.reference, "comment": self.comment}
+        said |= {"ancillary_variables": " ".join(self.ancillary)} | dict(self.also)
+        said = {key: value for key, value in said.items() if not (isinstance(value, str) and value == "")}
+        if self.valid is not None:
+            said["valid_min"], said["valid_max"] = np.array(self.valid, dtype=self.dtype)
+        return said
+
+
+def quality_of(variable: Variable) -> Variable:
+    """Return the flag variable that belongs to a variable.
+
+    Args:
+        variable: the variable whose values are flagged.
+    """
+    said = {"conventions": "OceanSITES QC Flags", "flag_values": FLAG_VALUES, "flag_meanings": FLAG_MEANINGS}
+    return replace(
+        Variable(f"{variable.name}_QC", f"quality flag for {variable.name}", "", "status_flag", fill=None, also=said),
+        dimensions=variable.dimensions,
+        dtype="i1",
+    )
+
+
+# ------------------------------------------------------------------------------------------------ record, by its fields
+_SECONDS = Variable("TIME", "time", "seconds since 1970-01-01T00:00:00Z", "time", fill=None, also={"axis": "T"})
+
+RECORD = {
+    "time_s": _SECONDS,
+    "east": Variable("EAST", "eastward velocity, from direction_reference", "m s-1", "", BINS, "f4"),
+    "north": Variable("NORTH", "northward velocity, from direction_reference", "m s-1", "", BINS, "f4"),
+    "bin_range_m": Variable("BIN_RANGE", "vertical distance from the transducer", "m", "", BINS, "f4"),
+    "heading_deg": Variable("HEADING", "recorded heading", "degree", reference=MAGNETIC),
+    "pitch_deg": Variable("PITCH", "pitch", "degree", PITCH),
+    "roll_deg": Variable("ROLL", "roll", "degree", ROLL),
+    "pressure_dbar": Variable("PRESSURE", "pressure", "dbar", "sea_water_pressure_due_to_sea_water"),
+    "depth_m": Variable("INSTRUMENT_DEPTH", "depth of the instrument", "m", "depth", also=SEA_LEVEL),
+    "temperature_c": Variable("TEMPERATURE", "temperature", "degree_Celsius", "sea_water_temperature"),
+    "supply_voltage": Variable("SUPPLY_VOLTAGE", "supply voltage, counts or volts", "1"),
+    "quality": replace(quality_of(Variable("VELOCITY", "")), dimensions=BINS),
+    "heading_quality": quality_of(Variable("HEADING", "")),
+}
+
+# ----------------------------------------------------------------------------------------------- pairs, by their fields
+_BY_RECORDED = "velocity of the compromised instrument, by its recorded heading plus declination"
+_OF_TRUSTED = "velocity of the trusted instrument"
+
+PAIRS = {
+    "time_s": _SECONDS,
+    "heading_deg": Variable("HEADING", "heading of the compromised compass", "degree", reference=MAGNETIC),
+    "pitch_deg": RECORD["pitch_deg"],
+    "roll_deg": RECORD["roll_deg"],
+    "upper_east": Variable("UPPER_UCUR", f"eastward {_BY_RECORDED}", "m s-1", EASTWARD, reference=TRUE),
+    "upper_north": Variable("UPPER_VCUR", f"northward {_BY_RECORDED}", "m s-1", NORTHWARD, reference=TRUE),
+    "lower_east": Variable("LOWER_UCUR", f"eastward {_OF_TRUSTED}", "m s-1", EASTWARD, reference=TRUE),
+    "lower_north": Variable("LOWER_VCUR", f"northward {_OF_TRUSTED}", "m s-1", NORTHWARD, reference=TRUE),
+    "upper_depth_m": Variable("UPPER_DEPTH", "depth of the compromised velocity", "m", "depth", also=SEA_LEVEL),
+    "lower_depth_m": Variable("LOWER_DEPTH", "depth of the trusted velocity", "m", "depth", also=SEA_LEVEL),
+    "separation_minutes": Variable("SEPARATION_MINUTES", "time, lower minus upper velocity", "minute"),
+    "declination_deg": Variable("DECLINATION", "magnetic declination, east positive", "degree"),
+}
+SEPARATION_METRES = Variable("SEPARATION_METRES", "depth, lower minus upper velocity", "m")
+
+# ------------------------------------------------------------------------------------------------ corrected.nc, by name
+_WGS84 = {"coordinate_reference_frame": "urn:ogc:def:crs:EPSG::4326", "QC_indicator": "nominal value"}
+_BELOW_SEA_LEVEL = {**SEA_LEVEL, "coordinate_reference_frame": "urn:ogc:def:crs:EPSG::5831"}
+_RANGE_ONLY = "Flagged by its valid range alone."
+_RECORDED = "Turned by the recorded heading plus DECLINATION, before the correction."
+_NOT_CORRECTED = "What cannot be corrected is missing and flagged 4, never guessed."
+_CORRECTED = f"The recorded velocity turned clockwise by DEVIATION; its speed is unchanged. {_NOT_CORRECTED}"
+_ONE_SIGMA = "One standard deviation."
+_BY_CORRECTED = ("HEADING_CORRECTED", "DECLINATION")
+
+TIME = Variable(
+    "TIME",
+    "time of measurement",
+    "days since 1950-01-01T00:00:00Z",
+    "time",
+    valid=(0.0, 90000.0),
+    comment="UTC",
+    fill=None,
+    also={"axis": "T", "QC_indicator": "probably good data"},
+)
+BIN = Variable(
+    "BIN", "number of the bin, counted from the transducer", "1", "", ("BIN",), "i4", fill=None, also={"axis": "Z"}
+)
+LATITUDE = Variable(
+    "LATITUDE",
+    "latitude of the mooring",
+    "degrees_north",
+    "latitude",
+    dimensions=(),
+    valid=(-90.0, 90.0),
+    reference="WGS84",
+    fill=None,
+    also={"axis": "Y", **_WGS84},
+)
+LONGITUDE = Variable(
+    "LONGITUDE",
+    "longitude of the mooring",
+    "degrees_east",
+    "longitude",
+    dimensions=(),
+    valid=(-180.0, 180.0),
+    reference="WGS84",
+    fill=None,
+    also={"axis": "X", **_WGS84},
+)
+STATION = Variable(
+    "STATION", "name of the mooring", "", "", ("NAME_LENGTH",), "S1", fill=None, also={"cf_role": "timeseries_id"}
+)
+
+
+def _current(name: str, how: str, comment: str, ancillary: tuple[str, ...] = ()) -> Variable:
+    towards = "eastward" if name.startswith("U") else "northward"
+    uncertain = name.endswith("_UNCERTAINTY")
+    return Variable(
+        name,
+        how if uncertain else f"{towards} velocity of the water, {how}",
+        "m s-1",
+        f"{towards}_sea_water_velocity" + (" standard_error" if uncertain else ""),
+        BINS,
+        "f4",
+        valid=(-10.0, 10.0),
+        reference=TRUE,
+        comment=comment,
+        ancillary=ancillary,
+    )
+
+
+_TABLE = (
+    Variable(
+        "INSTRUMENT_DEPTH",
+        "depth of the instrument",
+        "m",
+        "depth",
+        valid=(-10.0, 12000.0),
+        comment=_RANGE_ONLY,
+        also=_BELOW_SEA_LEVEL,
+    ),
+    Variable(
+        "DEPTH",
+        "depth of each bin, blow-down followed",
+        "m",
+        "depth",
+        BINS,
+        "f4",
+        valid=(-1000.0, 12000.0),
+        comment="Negative where a bin lies above the sea surface. " + _RANGE_ONLY,
+        also=_BELOW_SEA_LEVEL,
+    ),
+    Variable(
+        "HEADING",
+        "heading of the instrument as its compass recorded it",
+        "degree",
+        valid=(0.0, 360.0),
+        reference=MAGNETIC,
+        comment="Clockwise; without declination and without any correction.",
+    ),
+    Variable(
+        "HEADING_CORRECTED",
+        "heading of the instrument, corrected for magnetic deviation",
+        "degree",
+        valid=(0.0, 360.0),
+        reference=MAGNETIC,
+        comment="Clockwise. HEADING_CORRECTED + DECLINATION is the heading from true north. " + _NOT_CORRECTED,
+        ancillary=("HEADING_CORRECTED_UNCERTAINTY", "DEVIATION", "BRANCH_PROBABILITY"),
+    ),
+    Variable(
+        "HEADING_CORRECTED_UNCERTAINTY",
+        "uncertainty of HEADING_CORRECTED",
+        "degree",
+        valid=(0.0, 180.0),
+        comment=_ONE_SIGMA,
+    ),
+    Variable(
+        "DEVIATION",
+        "magnetic deviation of the compass, HEADING_CORRECTED minus HEADING",
+        "degree",
+        valid=(-180.0, 180.0),
+        comment="Positive where the compass reads too little.",
+    ),
+    Variable(
+        "BRANCH_PROBABILITY",
+        "probability of HEADING_CORRECTED among the headings that give the same reading",
+        "1",
+        valid=(0.0, 1.0),
+        comment="1 where one heading alone gives the recorded one.",
+    ),
+    Variable(
+        "DECLINATION",
+        "magnetic declination, angle from true to magnetic north",
+        "degree",
+        valid=(-180.0, 180.0),
+        reference=TRUE,
+        comment="East positive; from a model of the earth's field or from metadata, not measured.",
+    ),
+    _current("UCUR", "by the corrected heading", _CORRECTED, ("UCUR_UNCERTAINTY", *_BY_CORRECTED)),
+    _current("VCUR", "by the corrected heading", _CORRECTED, ("VCUR_UNCERTAINTY", *_BY_CORRECTED)),
+    _current("UCUR_RECORDED", "by the recorded heading", _RECORDED, ("HEADING", "DECLINATION")),
+    _current("VCUR_RECORDED", "by the recorded heading", _RECORDED, ("HEADING", "DECLINATION")),
+    replace(_current("UCUR_UNCERTAINTY", "uncertainty of UCUR", _ONE_SIGMA), valid=(0.0, 10.0)),
+    replace(_current("VCUR_UNCERTAINTY", "uncertainty of VCUR", _ONE_SIGMA), valid=(0.0, 10.0)),
+    Variable("PITCH", "pitch", "degree", PITCH, valid=(-180.0, 180.0), comment="Forward up. " + _RANGE_ONLY),
+    Variable("ROLL", "roll", "degree", ROLL, valid=(-180.0, 180.0), comment="Starboard down. " + _RANGE_ONLY),
+    Variable(
+        "TEMPERATURE",
+        "temperature at the transducer",
+        "degree_Celsius",
+        "sea_water_temperature",
+        valid=(-5.0, 45.0),
+        comment=_RANGE_ONLY,
+        also={"units_metadata": "temperature: on_scale"},
+    ),
+)
+# ACDD's word for what a variable is; all others are physicalMeasurement.
+_CONTENT = {
+    "INSTRUMENT_DEPTH": "coordinate",
+    "DEPTH": "coordinate",
+    "HEADING_CORRECTED_UNCERTAINTY": "qualityInformation",
+    "BRANCH_PROBABILITY": "qualityInformation",
+    "UCUR_UNCERTAINTY": "qualityInformation",
+    "VCUR_UNCERTAINTY": "qualityInformation",
+    "DEVIATION": "modelResult",
+    "DECLINATION": "modelResult",
+}
+CORRECTED = {
+    variable.name: replace(
+        variable,
+        also={**variable.also, "coverage_content_type": _CONTENT.get(variable.name, "physicalMeasurement")},
+    )
+    for variable in _TABLE
+}
+COORDINATES = {SERIES: "TIME LATITUDE LONGITUDE INSTRUMENT_DEPTH", BINS: "TIME LATITUDE LONGITUDE DEPTH"}
+# What the compromised instrument measures, and what therefore carries its make and number.
+SENSED = ("HEADING", "PITCH", "ROLL", "TEMPERATURE", "UCUR", "VCUR", "UCUR_RECORDED", "VCUR_RECORDED")

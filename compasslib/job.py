@@ -1,0 +1,33 @@
+"""What every job of the workflow does around its one call: say what happens, and fail in one line."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from compasslib.errors import InputError
+
+
+@contextmanager
+def job(log: str | Path) -> Iterator[Callable[[str], None]]:
+    """Give a function that says one line on stderr and in the job's log; input errors become such a line and exit 1.
+
+    Args:
+        log: the job's log file, written anew.
+
+    Raises:
+        SystemExit: the input could not be used.
+    """
+    with Path(log).open("w", encoding="utf-8") as stream:
+
+        def say(line: str) -> None:
+            print(line, file=sys.stderr, flush=True)
+            print(line, file=stream, flush=True)
+
+        try:
+            yield say
+        except InputError as error:
+            say(f"error: {error}")
+            sys.exit(1)

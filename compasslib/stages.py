@@ -1,0 +1,157 @@
+"""What each rule of the workflow needs from the cruise's configuration: files, modules and narrow settings.
+
+A rule is given only the keys that it uses, so that a change of one key re-runs the stages it affects and no other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from compasslib import provenance
+from compasslib.config import Cruise
+from compasslib.config_schema import Instrument, Mooring
+from compasslib.errors import InputError
+from compasslib.readers import FORMATS
+
+DEPLOYMENT_KEYS = ("pressure_offset", "clock_offset_seconds", "clock_drift_seconds", "direction_reference")
+METHODS = ("exact", "von_appen")
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Answers for the Snakefile; each method takes a job's wildcards."""
+
+    cruise: Cruise
+    scripts: Path
+
+    def modules(self, script: str) -> list[str]:
+        """Return the library files behind a script."""
+        return provenance.sources(self.scripts / script)
+
+    def reader_modules(self, wildcards: Any) -> list[str]:
+        """Return the library files behind the reading of one instrument, its own format's reader only."""
+        module = FORMATS[self._instrument(wildcards).format][0]
+        return provenance.sources(self.scripts / "read.py", f"compasslib/readers/{module}.py")
+
+    def raw_files(self, wildcards: Any) -> list[str]:
+        """Return the raw files of one instrument."""
+        instrument = self._instrument(wildcards)
+        return [*instrument.files, *instrument.pressure_files]
+
+    def all_raw_files(self, wildcards: Any) -> list[str]:
+        """Return the raw files of the instruments that one mooring uses."""
+        mooring = self._mooring(wildcards)
+        return [file for role in _roles(mooring) for file in mooring.instruments[role].files]
+
+    def form(self, wildcards: Any) -> str:
+        """Return the format of one instrument."""
+        return str(self._instrument(wildcards).format)
+
+    def reader_settings(self, wildcards: Any) -> dict[str, Any]:
+        """Return the keys of one instrument that its reader takes."""
+        instrument = self._instrument(wildcards)
+        return _plain(instrument, FORMATS[instrument.format][1])
+
+    def deployment(self, wildcards: Any) -> dict[str, Any]:
+        """Return what turns one instrument's series into its record inside the deployment."""
+        mooring, instrument = self._mooring(wildcards), self._instrument(wildcards)
+        # A PD0 reader takes the declination out itself: it may stand in the file as heading bias.
+        applied = 0.0 if instrument.format == "pd0" else instrument.declination_applied or 0.0
+        return _plain(instrument, DEPLOYMENT_KEYS) | {
+            "start_s": mooring.start_s,
+            "end_s": mooring.end_s,
+            "water_depth": mooring.water_depth,
+            "latitude": mooring.latitude,
+            "nominal_depth": instrument.depth,
+            "declination_applied": applied,
+            "exclude": [(window.from_s, window.to_s) for window in instrument.exclude],
+        }
+
+    def place_and_declination(self, wildcards: Any) -> dict[str, Any]:
+        """Return position, dates and declination of one mooring."""
+        mooring = self._mooring(wildcards)
+        return {
+            "latitude": mooring.latitude,
+            "longitude": mooring.longitude,
+            "start_s": mooring.start_s,
+            "end_s": mooring.end_s,
+            "declination": None if mooring.declination == "auto" else mooring.declination,
+        }
+
+    def compromised(self, wildcards: Any) -> str:
+        """Return the record of the instrument to correct."""
+        return _record(wildcards.mooring, self._mooring(wildcards).compromised)
+
+    def reference(self, wildcards: Any) -> list[str]:
+        """Return the record of the trusted instrument; none where the mooring has none."""
+        role = self._mooring(wildcards).reference
+        return [] if role is None else [_record(wildcards.mooring, role)]
+
+    def all_records(self, wildcards: Any) -> list[str]:
+        """Return the records of all moorings."""
+        return [_record(name, role) for name, mooring in self.cruise.moorings.items() for role in _roles(mooring)]
+
+    def method(self, wildcards: Any) -> str:
+        """Return the method that one mooring is fitted by."""
+        return str(self._mooring(wildcards).fit.method)
+
+    def site(self, wildcards: Any) -> dict[str, Any]:
+        """Return name and place of one mooring."""
+        mooring = self._mooring(wildcards)
+        return {
+            "name": mooring.name,
+            "latitude": mooring.latitude,
+            "longitude": mooring.longitude,
+            "water_depth_m": mooring.water_depth,
+        }
+
+    def attributes(self, wildcards: Any) -> dict[str, Any]:
+        """Return the archive's attributes: the cruise's, the mooring's over them, the instrument's over both."""
+        mooring = self._mooring(wildcards)
+        return self.cruise.options.attributes | mooring.attributes | mooring.instruments[mooring.compromised].attributes
+
+    def _mooring(self, wildcards: Any) -> Mooring:
+        return self.cruise.moorings[wildcards.mooring]
+
+    def _instrument(self, wildcards: Any) -> Instrument:
+        return self._mooring(wildcards).instruments[wildcards.role]
+
+
+def plan(cruise: Cruise, scripts: Path) -> Plan:
+    """Return the answers for the Snakefile, after refusing what no stage can do.
+
+    Args:
+        cruise: the configuration.
+        scripts: folder of the jobs' scripts.
+
+    Raises:
+        InputError: a format that no reader takes, or a method that no fit offers.
+    """
+    for name, mooring in cruise.moorings.items():
+        file = cruise.mooring_files[name]
+        for role in _roles(mooring):
+            _refuse(f"{file}: instruments.{role}.format", mooring.instruments[role].format, tuple(FORMATS))
+        _refuse(f"{file}: fit.method", mooring.fit.method, METHODS)
+    return Plan(cruise, scripts)
+
+
+def _refuse(where: str, found: str, offered: Sequence[str]) -> None:
+    if found not in offered:
+        advice = "this version does not offer it yet"
+        raise InputError(where, expected=" or ".join(offered), found=found, advice=advice)
+
+
+def _roles(mooring: Mooring) -> list[str]:
+    return [mooring.compromised] + ([] if mooring.reference is None else [mooring.reference])
+
+
+def _record(mooring: str, role: str) -> str:
+    return f"results/{mooring}/work/{role}.nc"
+
+
+def _plain(instrument: Instrument, keys: Sequence[str]) -> dict[str, Any]:
+    dumped = instrument.model_dump(mode="json")
+    return {key: dumped[key] for key in keys}

@@ -1,0 +1,540 @@
+"""The archive: round trips, whole files or none, the same bytes, and the conventions by an independent checker."""
+
+from __future__ import annotations
+
+import dataclasses
+import datetime
+import hashlib
+import json
+import socket
+import time
+
+import netCDF4
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from compasslib import angles, archive, archive_attributes, archive_layout
+from compasslib.errors import InputError
+from compasslib.records import BAD, GOOD, MISSING, PROBABLY_GOOD, Pairs, Record
+
+SITE = archive.Site("EG4", latitude=65.3333, longitude=-32.9550, water_depth_m=894.0)
+USUAL = {
+    "institution": "Institute of the Sea",
+    "project": "East Greenland",
+    "principal_investigator": "A. Fram",
+    "principal_investigator_email": "fram@sea.example",
+    "principal_investigator_url": "https://sea.example/fram",
+    "publisher_name": "B. Irminger",
+    "publisher_email": "irminger@sea.example",
+    "publisher_url": "https://sea.example",
+    "naming_authority": "example.sea",
+    "acknowledgement": "The crew.",
+    "license": "CC-BY-4.0",
+    "sea_area": "North Atlantic Ocean",
+    "manufacturer": "Teledyne RDI",
+    "serial_number": 1367,
+}
+PROCESSING = {
+    "method": "exact",
+    "coefficients": '{"A": 0.1}',
+    "software_version": "1.0",
+    "source_files": ["raw/EG4/top.000", "raw/EG4/deep.csv"],
+    "history": "2026-01-02T03:04:05Z headings corrected",
+    "date_created": "2026-01-02T03:04:05Z",
+}
+CONTRACT = [
+    "TIME",
+    "HEADING",
+    "HEADING_CORRECTED",
+    "HEADING_CORRECTED_UNCERTAINTY",
+    "DEVIATION",
+    "DECLINATION",
+    "UCUR",
+    "VCUR",
+    "UCUR_RECORDED",
+    "VCUR_RECORDED",
+    "DEPTH",
+    "PITCH",
+    "ROLL",
+]
+OVERLAP = [
+    "TIME",
+    "HEADING",
+    "PITCH",
+    "ROLL",
+    "UPPER_UCUR",
+    "UPPER_VCUR",
+    "LOWER_UCUR",
+    "LOWER_VCUR",
+    "UPPER_DEPTH",
+    "LOWER_DEPTH",
+    "SEPARATION_MINUTES",
+    "SEPARATION_METRES",
+    "DECLINATION",
+]
+
+
+def make_record(n: int = 200, m: int = 6, **other: object) -> Record:
+    rng = np.random.default_rng(1)
+    east, north = rng.normal(0, 0.2, (2, n, m))
+    quality = np.ones((n, m), np.int8)
+    quality[1::7, :1], east[1::7, :1], north[1::7, :1] = MISSING, np.nan, np.nan
+    depth = 100 + rng.normal(0, 3, n)
+    said: dict = {
+        "time_s": 1189000000.25 + 1200.0 * np.arange(n),
+        "east": east,
+        "north": north,
+        "bin_range_m": np.tile(8.0 + 8.0 * np.arange(m), (n, 1)),
+        "heading_deg": angles.wrap360(rng.uniform(0, 360, n)),
+        "pitch_deg": rng.normal(0, 3, n),
+        "roll_deg": rng.normal(0, 3, n),
+        "pressure_dbar": np.full(n, np.nan),
+        "depth_m": depth,
+        "temperature_c": rng.normal(2, 1, n),
+        "supply_voltage": rng.normal(40, 1, n),
+        "quality": quality,
+        "heading_quality": np.ones(n, np.int8),
+        "beam_angle_deg": 20.0,
+        "counts": {"ensembles": n, "bad checksum": 3},
+        "warnings": ("one ensemble in three looks down", "Grönland ☂"),
+    }
+    return Record(**said | other)
+
+
+def make_product(n: int = 200, m: int = 6, *, uncorrectable: int = 20, **other: object) -> records.Corrected:
+    record = make_record(n, m, **other)
+    deviation = 25 * angles.sin_cos(record.heading_deg)[0]
+    deviation[:uncorrectable] = np.nan
+    corrected = angles.wrap360(record.heading_deg + deviation)
+    declination = np.full(n, -17.5)
+    east_recorded, north_recorded = angles.turn(record.east, record.north, declination[:, None])
+    east, north = angles.turn(east_recorded, north_recorded, deviation[:, None])
+    return records.Corrected(
+        record=record,
+        heading_corrected_deg=corrected,
+        heading_uncertainty_deg=np.where(np.isfinite(corrected), 2.0, np.nan),
+        heading_corrected_quality=np.where(np.isfinite(corrected), GOOD, BAD).astype(np.int8),
+        deviation_deg=deviation,
+        branch_probability=np.where(np.isfinite(corrected), 0.9, np.nan),
+        declination_deg=declination,
+        east=east,
+        north=north,
+        east_recorded=east_recorded,
+        north_recorded=north_recorded,
+        velocity_uncertainty=np.hypot(east, north) * np.deg2rad(2.0),
+        velocity_quality=np.where(np.isfinite(east), GOOD, BAD).astype(np.int8),
+    )
+
+
+def make_pairs(n: int = 50) -> Pairs:
+    rng = np.random.default_rng(2)
+    arrays = [field.name for field in dataclasses.fields(Pairs) if field.name not in ("time_s", "warnings")]
+    values: dict = {name: rng.normal(10, 1, n) for name in arrays}
+    if n:
+        values["pitch_deg"][0] = np.nan
+    values["time_s"] = 1189000000.0 + 3600.0 * np.arange(n)
+    return Pairs(**values, warnings=("few pairs to the north",))
+
+
+def same(one: object, other: object, *, rtol: float = 0.0, atol: float = 0.0) -> None:
+    for field in dataclasses.fields(one):  # type: ignore[arg-type]
+        a, b = getattr(one, field.name), getattr(other, field.name)
+        if not isinstance(a, np.ndarray):
+            assert a == b, field.name
+            continue
+        assert a.dtype == b.dtype and a.shape == b.shape, field.name
+        # Two-dimensional numbers are kept in float32, which holds seven digits.
+        loose = rtol if a.ndim == 2 and a.dtype.kind == "f" else 0.0
+        np.testing.assert_allclose(b, a, rtol=loose, atol=atol if loose else 0.0, equal_nan=True, err_msg=field.name)
+
+
+def write(path, product=None, *, attributes=USUAL, site=SITE):
+    archive.write_corrected(path, product or make_product(), site=site, attributes=attributes, processing=PROCESSING)
+    return path
+
+
+@pytest.fixture(scope="module")
+def corrected_nc(tmp_path_factory):
+    return write(tmp_path_factory.mktemp("archive") / "corrected.nc")
+
+
+# ----------------------------------------------------------------------------------------------------------------- JSON
+def test_json_keeps_order_rounds_numbers_and_turns_what_is_not_finite_into_null(tmp_path):
+    data = {
+        "z": np.float64(1 / 3),
+        "a": [np.nan, np.inf, -np.inf, 1e-300],
+        "array": np.array([[1.0, np.nan], [2.0, 3.0]]),
+        "numpy": (np.int8(4), np.bool_(True), np.float32(0.5)),
+        "none": None,
+        5: tmp_path.relative_to(tmp_path),
+    }
+    archive.write_json(tmp_path / "new" / "a.json", data)
+    text = (tmp_path / "new" / "a.json").read_text()
+    assert text.endswith("}\n") and text.startswith('{\n "z": 0.3333333333,\n "a": [')
+    back = archive.read_json(tmp_path / "new" / "a.json")
+    assert list(back) == ["z", "a", "array", "numpy", "none", "5"]
+    assert back["a"] == [None, None, None, 1e-300] and back["array"] == [[1.0, None], [2.0, 3.0]]
+    assert back["numpy"] == [4, True, 0.5] and back["none"] is None and back["5"] == "."
+
+
+json_values = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(st.characters(codec="utf-8")),
+    lambda inner: (
+        st.lists(inner, max_size=4) | st.dictionaries(st.text(st.characters(codec="utf-8")), inner, max_size=4)
+    ),
+    max_leaves=12,
+)
+
+
+@settings(derandomize=True, database=None, deadline=None)
+@given(json_values)
+@example(1.7976931348623157e308)
+def test_writing_what_was_read_writes_the_same_json(tmp_path_factory, data):
+    path = tmp_path_factory.getbasetemp() / "law.json"
+    archive.write_json(path, data)
+    once = path.read_bytes()
+    archive.write_json(path, archive.read_json(path))
+    assert path.read_bytes() == once
+
+
+@pytest.mark.parametrize("content", [b'{"a": 1', b"", b"\xff\xfe\x00", None])
+def test_broken_json_is_told_in_one_line(tmp_path, content):
+    path = tmp_path / "deviation.json"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(
+        InputError,
+        match=r"deviation\.json: expected a JSON file, found .*; delete it where it stands, and the next run",
+    ):
+        archive.read_json(path)
+
+
+# ------------------------------------------------------------------------------------------------------- whole or not
+def test_a_write_that_fails_leaves_the_old_file_and_nothing_else(tmp_path):
+    archive.write_json(tmp_path / "a.json", {"old": 1})
+    with pytest.raises(TypeError):
+        archive.write_json(tmp_path / "a.json", {"new": object()})
+    assert archive.read_json(tmp_path / "a.json") == {"old": 1}
+
+    write(tmp_path / "a.nc")
+    before = (tmp_path / "a.nc").read_bytes()
+    short = dataclasses.replace(make_product(), deviation_deg=np.zeros(7))
+    with pytest.raises((IndexError, ValueError)):
+        write(tmp_path / "a.nc", short)
+    with pytest.raises((IndexError, ValueError)):
+        archive.write_pairs(tmp_path / "b.nc", dataclasses.replace(make_pairs(), roll_deg=np.zeros(7)))
+    assert (tmp_path / "a.nc").read_bytes() == before
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.json", "a.nc"]
+
+
+def test_the_same_data_give_the_same_bytes(tmp_path):
+    def all_files(folder):
+        folder.mkdir()
+        write(folder / "corrected.nc")
+        archive.write_record(folder / "record.nc", make_record())
+        archive.write_pairs(folder / "overlap.nc", make_pairs())
+        return {p.name: hashlib.sha256(p.read_bytes()).hexdigest() for p in sorted(folder.iterdir())}
+
+    first = all_files(tmp_path / "first")
+    time.sleep(1.1)  # HDF5 would keep modification times in whole seconds
+    assert all_files(tmp_path / "second") == first
+
+
+@pytest.mark.parametrize("read", [archive.read_record, archive.read_pairs, archive.read_corrected])
+@pytest.mark.parametrize("damage", ["absent", "text", "truncated", "another"])
+def test_a_damaged_file_is_told_in_one_line(tmp_path, corrected_nc, read, damage):
+    path = tmp_path / "damaged.nc"
+    if damage == "text":
+        path.write_text("TIME,HEADING\n")
+    if damage == "truncated":
+        path.write_bytes(corrected_nc.read_bytes()[:20000])
+    if damage == "another":
+        with netCDF4.Dataset(path, "w") as nc:
+            nc.createDimension("TIME", 3)
+    with pytest.raises(InputError, match=r"damaged\.nc: expected a whole netCDF file that this program wrote, found "):
+        read(path)
+
+
+# -------------------------------------------------------------------------------------------------------- round trips
+@pytest.mark.parametrize(("n", "m"), [(200, 6), (1, 1), (0, 6), (0, 0), (5, 0)])
+def test_a_record_comes_back(tmp_path, n, m):
+    record = make_record(n, m, looks_up=np.bool_(False), direction_reference="true")
+    archive.write_record(tmp_path / "r.nc", record)
+    same(record, archive.read_record(tmp_path / "r.nc"), rtol=2.0**-24)
+    # What came back once comes back bit by bit ever after.
+    archive.write_record(tmp_path / "r2.nc", archive.read_record(tmp_path / "r.nc"))
+    same(archive.read_record(tmp_path / "r.nc"), archive.read_record(tmp_path / "r2.nc"))
+
+
+def test_every_field_of_the_records_has_its_entry_in_the_table():
+    record, pairs = make_record(), make_pairs()
+    for one, table in ((record, archive_layout.RECORD), (pairs, archive_layout.PAIRS)):
+        arrays = [f.name for f in dataclasses.fields(one) if isinstance(getattr(one, f.name), np.ndarray)]
+        assert arrays == list(table)
+        for name, variable in table.items():
+            assert len(variable.dimensions) == getattr(one, name).ndim, name
+
+
+def test_many_warnings_come_back(tmp_path):
+    record = make_record(warnings=tuple(f"ensemble {i}: checksum" for i in range(5000)))
+    archive.write_record(tmp_path / "r.nc", record)
+    assert archive.read_record(tmp_path / "r.nc").warnings == record.warnings
+
+
+@pytest.mark.parametrize("n", [50, 1, 0])
+def test_pairs_come_back(tmp_path, n):
+    pairs = make_pairs(n)
+    archive.write_pairs(tmp_path / "overlap.nc", pairs, attributes={"history": "made"})
+    same(pairs, archive.read_pairs(tmp_path / "overlap.nc"))
+    with netCDF4.Dataset(tmp_path / "overlap.nc") as nc:
+        assert sorted(nc.variables) == sorted(OVERLAP) and nc.history == "made"
+        np.testing.assert_array_equal(nc["SEPARATION_METRES"][:], pairs.lower_depth_m - pairs.upper_depth_m)
+
+
+@pytest.mark.parametrize("looks_up", [True, False])
+@pytest.mark.parametrize(("n", "m"), [(200, 6), (1, 1), (0, 6)])
+def test_the_product_comes_back(tmp_path, n, m, looks_up):
+    product = make_product(n, m, looks_up=looks_up)
+    back = archive.read_corrected(write(tmp_path / "c.nc", product))
+    same(dataclasses.replace(product, record=back.record), back, rtol=1e-7)
+    expected = dataclasses.replace(
+        product.record,
+        east=product.east_recorded,
+        north=product.north_recorded,
+        supply_voltage=np.full(n, np.nan),
+        direction_reference="true",
+        beam_angle_deg=0.0,
+        counts={},
+        warnings=(),
+    )
+    # Ranges come back as differences of depths of 150 m in float32.
+    same(expected, back.record, rtol=1e-7, atol=1e-5)
+
+
+def test_a_product_without_samples_bins_or_corrections_is_written(tmp_path):
+    back = archive.read_corrected(write(tmp_path / "none.nc", make_product(0, 0, uncorrectable=0)))
+    assert back.east.shape == (0, 1) and len(back.record.time_s) == 0
+    with netCDF4.Dataset(write(tmp_path / "all.nc", make_product(uncorrectable=200))) as nc:
+        assert nc["HEADING_CORRECTED"][:].mask.all() and nc["UCUR"][:].mask.all()
+        assert (nc["HEADING_CORRECTED_QC"][:] == BAD).all()
+        assert (nc.headings_recorded, nc.headings_corrected) == (200, 0)
+        assert nc.processing_level == "Known bad data has been replaced with null values"
+
+
+# ------------------------------------------------------------------------------------------------------------ contract
+def test_the_names_and_shapes_of_the_contract(corrected_nc):
+    with netCDF4.Dataset(corrected_nc) as nc:
+        assert set(CONTRACT) <= set(nc.variables)
+        assert {f"{name}_QC" for name in CONTRACT if name != "TIME"} <= set(nc.variables)
+        assert nc["UCUR"].dimensions == nc["DEPTH"].dimensions == ("TIME", "BIN")
+        assert nc["HEADING"].dimensions == ("TIME",)
+        for name, variable in nc.variables.items():
+            for other in getattr(variable, "ancillary_variables", "").split():
+                assert other in nc.variables, f"{name} names {other}"
+
+
+def test_headings_stay_below_360_and_differ_by_the_deviation(tmp_path):
+    nearly = np.array([359.9999999, 360.0, np.nextafter(360.0, 0.0), 0.0, 359.99999999999])
+    product = make_product(5, 1, uncorrectable=0, heading_deg=nearly)
+    with netCDF4.Dataset(write(tmp_path / "c.nc", product)) as nc:
+        for name in ("HEADING", "HEADING_CORRECTED"):
+            assert nc[name][:].min() >= 0.0 and nc[name][:].max() < 360.0
+        left = angles.difference(nc["HEADING_CORRECTED"][:] - nc["HEADING"][:], nc["DEVIATION"][:])
+    assert np.abs(left).max() < 0.001  # degrees; of the contract
+
+
+def test_flags_tell_what_is_absent_out_of_range_and_not_observed(tmp_path):
+    product = make_product(6, 1, uncorrectable=1, depth_m=np.full(6, 100.0))
+    product.record.pitch_deg[1], product.record.roll_deg[2], product.record.heading_deg[3] = np.nan, 400.0, np.nan
+    product.heading_corrected_deg[4], product.heading_corrected_quality[4] = np.nan, GOOD
+    with netCDF4.Dataset(write(tmp_path / "c.nc", product)) as nc:
+        assert nc["PITCH_QC"][:3].tolist() == [PROBABLY_GOOD, MISSING, PROBABLY_GOOD]
+        assert nc["ROLL_QC"][:3].tolist() == [PROBABLY_GOOD, PROBABLY_GOOD, BAD]
+        assert nc["HEADING_QC"][2:4].tolist() == [GOOD, MISSING]
+        assert nc["HEADING_CORRECTED_QC"][:].tolist() == [BAD, GOOD, GOOD, GOOD, BAD, GOOD]
+        for name in ("DECLINATION", "INSTRUMENT_DEPTH", "DEPTH"):
+            assert (nc[f"{name}_QC"][:] == archive_layout.NOMINAL).all()
+
+
+def test_time_is_precise_to_ten_microseconds(tmp_path):
+    record = make_record(4, 1, time_s=np.array([0.0, 1189000000.01, 1189000000.02, 4102444800.123]))
+    product = dataclasses.replace(make_product(4, 1), record=record)
+    back = archive.read_corrected(write(tmp_path / "c.nc", product))
+    np.testing.assert_array_equal(back.record.time_s, record.time_s)
+
+
+# ---------------------------------------------------------------------------------------------------------- attributes
+# Required by the manual of OceanSITES 1.4 (GDAC), and what must stand there.
+OCEANSITES = {
+    "site_code": "EG4",
+    "platform_code": "EG4",
+    "data_mode": "D",
+    "data_type": "OceanSITES time-series data",
+    "format_version": "1.4",
+    "Conventions": "CF-1.8, ACDD-1.3, OceanSITES-1.4",
+    "update_interval": "void",
+    "geospatial_lat_min": 65.3333,
+    "geospatial_lat_max": 65.3333,
+    "geospatial_lon_min": -32.955,
+    "geospatial_lon_max": -32.955,
+    "time_coverage_start": "2007-09-05T13:46:40Z",
+    "time_coverage_end": "2007-09-08T08:06:40Z",
+    "time_coverage_duration": "P2DT18H20M",
+    "time_coverage_resolution": "PT20M",
+    "date_created": "2026-01-02T03:04:05Z",
+    "principal_investigator": "A. Fram",
+    "source": "subsurface mooring",
+    "cdm_data_type": "Station",
+}
+
+
+@pytest.mark.parametrize("name", OCEANSITES)
+def test_the_attributes_that_oceansites_requires(corrected_nc, name):
+    with netCDF4.Dataset(corrected_nc) as nc:
+        assert nc.getncattr(name) == OCEANSITES[name]
+
+
+def test_the_variables_as_oceansites_asks(corrected_nc):
+    with netCDF4.Dataset(corrected_nc) as nc:
+        assert nc["TIME"].units == "days since 1950-01-01T00:00:00Z" and nc["TIME"].dtype == np.float64
+        for name, variable in nc.variables.items():
+            assert variable.long_name, name
+            if name.endswith("_QC"):
+                assert variable.flag_values.tolist() == [0, 1, 2, 3, 4, 7, 8, 9] and variable.dtype == np.int8
+                assert len(variable.flag_meanings.split()) == 8
+            elif name in archive_layout.CORRECTED:
+                assert variable.units and variable._FillValue == 99999.0, name
+                assert "coordinates" in variable.ncattrs() or name in ("DEPTH", "INSTRUMENT_DEPTH")
+        assert nc["UCUR"].sensor_serial_number == 1367 and nc["UCUR"].sensor_orientation == "upward"
+
+
+def test_the_user_wins_save_what_the_file_itself_decides(tmp_path):
+    wishes = {
+        "title": "Mine",
+        "Conventions": "COARDS",
+        "time_coverage_start": "never",
+        "history": "none",
+        "data_mode": "P",
+    }
+    with netCDF4.Dataset(write(tmp_path / "c.nc", attributes=wishes)) as nc:
+        assert (nc.title, nc.data_mode, nc.Conventions) == ("Mine", "P", archive_attributes.CONVENTIONS)
+        assert nc.time_coverage_start == "2007-09-05T13:46:40Z" and nc.history == PROCESSING["history"]
+        assert nc.creator_name == nc.license == nc.institution == "not given"
+        assert json.loads(nc.correction_coefficients) == {"A": 0.1}
+        assert nc.source_files == "raw/EG4/top.000, raw/EG4/deep.csv"
+
+
+def test_attributes_of_yaml_become_legal():
+    date = datetime.datetime(2007, 9, 4, 2, tzinfo=datetime.timezone(datetime.timedelta(hours=2)))
+    given_ = {
+        "serial number": 7,
+        "2nd": True,
+        "_x": None,
+        "when": date,
+        "list": [1, "b"],
+        "map": {"a": 1},
+        "big": 2**40,
+    }
+    assert archive_attributes.plain(given_) == {
+        "serial_number": 7,
+        "attribute_2nd": "true",
+        "when": "2007-09-04T00:00:00Z",
+        "list": "1, b",
+        "map": '{"a": 1}',
+        "big": "1099511627776",
+    }
+
+
+@pytest.mark.parametrize(("given_east", "kept"), [(-32.955, -32.955), (327.0, -33.0), (180.0, 180.0)])
+def test_longitudes_are_signed(tmp_path, given_east, kept):
+    site = archive.Site("E G_4", 65.0, given_east)
+    with netCDF4.Dataset(write(tmp_path / "c.nc", site=site)) as nc:
+        assert nc["LONGITUDE"][...] == nc.geospatial_lon_min == kept
+        assert nc.id == "OS_E-G-4_200709_D_compass-corrected"
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [(0, "P0D"), (1200, "PT20M"), (0.5, "PT0.5S"), (59.9999, "PT1M"), (86400, "P1D"), (34214400.25, "P396DT0.25S")],
+)
+def test_durations_are_iso_8601(seconds, text):
+    assert archive_attributes.iso_duration(seconds) == text
+
+
+# --------------------------------------------------------------------------------------------------------- conventions
+# No name of the CF table fits these: its orientation is from north, and it knows no deviation and no declination.
+WITHOUT_STANDARD_NAME = {
+    "HEADING",
+    "HEADING_CORRECTED",
+    "HEADING_CORRECTED_UNCERTAINTY",
+    "DEVIATION",
+    "BRANCH_PROBABILITY",
+    "DECLINATION",
+}
+
+
+@pytest.fixture
+def offline(monkeypatch):
+    def refuse(*_):
+        raise OSError("no network in tests")
+
+    monkeypatch.setattr(socket.socket, "connect", refuse)
+
+
+def remarks(path, checker: str) -> list[str]:
+    suite_of = pytest.importorskip("compliance_checker.suite", reason="the compliance checker is not installed")
+    suite_of.CheckSuite.load_all_available_checkers()
+    suite = suite_of.CheckSuite()
+    dataset = suite.load_dataset(str(path))
+    groups, errors = suite.run_all(dataset, [checker])[checker]
+    dataset.close()
+    assert not errors
+    failed = [group for group in groups if group.value[0] < group.value[1] and group.weight >= 2]
+    return sorted(f"{group.name} {message}" for group in failed for message in group.msgs)
+
+
+@pytest.mark.filterwarnings("ignore")  # the checker's own
+@pytest.mark.parametrize("m", [6, 1])
+def test_the_checker_has_no_remark_on_cf(tmp_path, offline, m):
+    assert remarks(write(tmp_path / "c.nc", make_product(200, m)), "cf:1.8") == []
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_the_newest_cf_would_be_kept_as_well(corrected_nc, offline):
+    version_alone = ['§2.6 Attributes §2.6.1 Conventions global attribute does not contain "CF-1.11"']
+    assert remarks(corrected_nc, "cf:1.11") == version_alone
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_the_checker_has_no_remark_on_the_pairs(tmp_path, offline):
+    archive.write_pairs(tmp_path / "overlap.nc", make_pairs(), attributes={"history": PROCESSING["history"]})
+    assert remarks(tmp_path / "overlap.nc", "cf:1.8") == []
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("attributes", [USUAL, {}])
+def test_acdd_misses_only_standard_names_that_do_not_exist(tmp_path, offline, attributes):
+    missing = {f'variable "{name}" missing the following attributes: standard_name' for name in WITHOUT_STANDARD_NAME}
+    assert set(remarks(write(tmp_path / "c.nc", attributes=attributes), "acdd:1.3")) == missing
+
+
+def test_xarray_decodes_it(corrected_nc):
+    xarray = pytest.importorskip("xarray")
+    with xarray.open_dataset(corrected_nc) as data:
+        first = np.datetime64("2007-09-05T13:46:40.250")
+        assert abs(data.TIME.values[0] - first) < np.timedelta64(1, "ms")
+        assert {"TIME", "LATITUDE", "LONGITUDE", "DEPTH", "INSTRUMENT_DEPTH"} <= set(data.coords)
+        assert np.isfinite(data.HEADING_CORRECTED.values).tolist() == [False] * 20 + [True] * 180
+        assert data.STATION.values.item() == b"EG4"
+
+
+def test_every_unit_is_one_of_udunits(tmp_path, corrected_nc):
+    units = pytest.importorskip("cf_units")
+    archive.write_record(tmp_path / "r.nc", make_record())
+    archive.write_pairs(tmp_path / "p.nc", make_pairs())
+    for path in (corrected_nc, tmp_path / "r.nc", tmp_path / "p.nc"):
+        with netCDF4.Dataset(path) as nc:
+            for variable in nc.variables.values():
+                units.Unit(getattr(variable, "units", "1"))  # raises ValueError for one that is not

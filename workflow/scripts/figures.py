@@ -1,0 +1,14 @@
+"""Draw one mooring: pairs, deviation, product -> results/MOORING/figures/*.png."""
+
+from compasslib import archive, deviation, plots
+from compasslib.job import job
+
+with job(snakemake.log[0]) as say:
+    name, out = snakemake.wildcards.mooring, snakemake.output
+    pairs, product = archive.read_pairs(snakemake.input.pairs), archive.read_corrected(snakemake.input.product)
+    fit = deviation.from_json(archive.read_json(snakemake.input.deviation))
+    plots.deviation(out.deviation, pairs, fit, name)
+    plots.histograms(out.histograms, pairs, product, name)
+    plots.scatter(out.scatter, pairs, product, name)
+    plots.timeline(out.timeline, product, pairs, name)
+    say(f"{name}: {len(out)} figures")

@@ -1,0 +1,13 @@
+"""Read one instrument: raw files -> results/MOORING/work/ROLE.nc, its record inside the deployment."""
+
+from pathlib import Path
+
+from compasslib import archive, deployment, readers
+from compasslib.job import job
+
+with job(snakemake.log[0]) as say:
+    paths = [Path(file) for file in snakemake.input.raw]
+    raw = readers.read(snakemake.params.form, paths, snakemake.params.reader)
+    record = deployment.settle(raw, **snakemake.params.deployment)
+    archive.write_record(snakemake.output[0], record)
+    say(deployment.told(snakemake.wildcards.mooring, snakemake.wildcards.role, record))
