@@ -5,18 +5,18 @@ from pathlib import Path
 
 from snakemake.logging import logger
 
-from compasslib import config, provenance, stages
+from compasslib import stages
+from compasslib.config import load
 from compasslib.errors import InputError
 
 try:
-    CRUISE = config.load(Path.cwd())
+    CRUISE = load(Path.cwd())
     PLAN = stages.plan(CRUISE, Path(workflow.basedir) / "workflow/scripts")
 except InputError as error:
     logger.error(f"error: {error}")
     sys.exit(1)
 
-ROOT = "results/{mooring}"
-WORK = ROOT + "/work"
+ENVIRONMENT = "workflow/envs/compasslib.yaml"
 FIGURES = ["deviation", "histograms", "scatter", "timeline"]
 
 
@@ -39,15 +39,17 @@ rule read:
         raw=PLAN.raw_files,
         modules=PLAN.reader_modules,
     output:
-        WORK + "/{role}.nc",
+        "results/{mooring}/work/{role}.nc",
     params:
         form=PLAN.form,
         reader=PLAN.reader_settings,
         deployment=PLAN.deployment,
+    conda:
+        ENVIRONMENT
     log:
-        ROOT + "/logs/read_{role}.log",
+        "results/{mooring}/logs/read_{role}.log",
     benchmark:
-        ROOT + "/benchmarks/read_{role}.tsv"
+        "results/{mooring}/benchmarks/read_{role}.tsv"
     script:
         "workflow/scripts/read.py"
 
@@ -57,13 +59,15 @@ rule earth_field:
     input:
         modules=PLAN.modules("earth_field.py"),
     output:
-        WORK + "/field.json",
+        "results/{mooring}/work/field.json",
     params:
         place=PLAN.place_and_declination,
+    conda:
+        ENVIRONMENT
     log:
-        ROOT + "/logs/earth_field.log",
+        "results/{mooring}/logs/earth_field.log",
     benchmark:
-        ROOT + "/benchmarks/earth_field.tsv"
+        "results/{mooring}/benchmarks/earth_field.tsv"
     script:
         "workflow/scripts/earth_field.py"
 
@@ -73,16 +77,18 @@ rule overlap:
     input:
         upper=PLAN.compromised,
         lower=PLAN.reference,
-        field=WORK + "/field.json",
+        field="results/{mooring}/work/field.json",
         modules=PLAN.modules("overlap.py"),
     output:
-        ROOT + "/overlap.nc",
+        "results/{mooring}/overlap.nc",
     params:
         rules=CRUISE.options.overlap.model_dump(),
+    conda:
+        ENVIRONMENT
     log:
-        ROOT + "/logs/overlap.log",
+        "results/{mooring}/logs/overlap.log",
     benchmark:
-        ROOT + "/benchmarks/overlap.tsv"
+        "results/{mooring}/benchmarks/overlap.tsv"
     script:
         "workflow/scripts/overlap.py"
 
@@ -91,16 +97,18 @@ rule fit:
     """Pairs -> the deviation model."""
     input:
         record=PLAN.compromised,
-        pairs=ROOT + "/overlap.nc",
+        pairs="results/{mooring}/overlap.nc",
         modules=PLAN.modules("fit.py"),
     output:
-        ROOT + "/deviation.json",
+        "results/{mooring}/deviation.json",
     params:
         method=PLAN.method,
+    conda:
+        ENVIRONMENT
     log:
-        ROOT + "/logs/fit.log",
+        "results/{mooring}/logs/fit.log",
     benchmark:
-        ROOT + "/benchmarks/fit.tsv"
+        "results/{mooring}/benchmarks/fit.tsv"
     script:
         "workflow/scripts/fit.py"
 
@@ -109,20 +117,22 @@ rule correct:
     """Record and deviation -> corrected headings and velocities in the archive's form."""
     input:
         record=PLAN.compromised,
-        pairs=ROOT + "/overlap.nc",
-        deviation=ROOT + "/deviation.json",
-        field=WORK + "/field.json",
+        pairs="results/{mooring}/overlap.nc",
+        deviation="results/{mooring}/deviation.json",
+        field="results/{mooring}/work/field.json",
         modules=PLAN.modules("correct.py"),
     output:
-        ROOT + "/corrected.nc",
+        "results/{mooring}/corrected.nc",
     params:
         site=PLAN.site,
         attributes=PLAN.attributes,
         sources=PLAN.all_raw_files,
+    conda:
+        ENVIRONMENT
     log:
-        ROOT + "/logs/correct.log",
+        "results/{mooring}/logs/correct.log",
     benchmark:
-        ROOT + "/benchmarks/correct.tsv"
+        "results/{mooring}/benchmarks/correct.tsv"
     script:
         "workflow/scripts/correct.py"
 
@@ -130,15 +140,17 @@ rule correct:
 rule assess:
     """Pairs -> agreement of the two instruments before and after, on pairs held out from the fit."""
     input:
-        pairs=ROOT + "/overlap.nc",
-        deviation=ROOT + "/deviation.json",
+        pairs="results/{mooring}/overlap.nc",
+        deviation="results/{mooring}/deviation.json",
         modules=PLAN.modules("assess.py"),
     output:
-        ROOT + "/assessment.json",
+        "results/{mooring}/assessment.json",
+    conda:
+        ENVIRONMENT
     log:
-        ROOT + "/logs/assess.log",
+        "results/{mooring}/logs/assess.log",
     benchmark:
-        ROOT + "/benchmarks/assess.tsv"
+        "results/{mooring}/benchmarks/assess.tsv"
     script:
         "workflow/scripts/assess.py"
 
@@ -146,16 +158,18 @@ rule assess:
 rule figures:
     """The equivalents of von Appen's Figs 6 to 9, and the record along time."""
     input:
-        pairs=ROOT + "/overlap.nc",
-        deviation=ROOT + "/deviation.json",
-        product=ROOT + "/corrected.nc",
+        pairs="results/{mooring}/overlap.nc",
+        deviation="results/{mooring}/deviation.json",
+        product="results/{mooring}/corrected.nc",
         modules=PLAN.modules("figures.py"),
     output:
-        **{figure: ROOT + f"/figures/{figure}.png" for figure in FIGURES},
+        **{figure: f"results/{{mooring}}/figures/{figure}.png" for figure in FIGURES},
+    conda:
+        ENVIRONMENT
     log:
-        ROOT + "/logs/figures.log",
+        "results/{mooring}/logs/figures.log",
     benchmark:
-        ROOT + "/benchmarks/figures.tsv"
+        "results/{mooring}/benchmarks/figures.tsv"
     script:
         "workflow/scripts/figures.py"
 
@@ -173,6 +187,8 @@ rule summary:
         "results/summary.csv",
     params:
         names=list(CRUISE.moorings),
+    conda:
+        ENVIRONMENT
     log:
         "results/logs/summary.log",
     benchmark:

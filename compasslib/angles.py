@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-Floats = NDArray[np.float64]
+Floats = NDArray[np.floating]
 
 
 def wrap360(angle_deg: ArrayLike) -> Floats:
@@ -57,7 +57,7 @@ def argument(z: ArrayLike) -> Floats:
     Args:
         z: complex numbers of any shape.
     """
-    return wrap360(np.rad2deg(np.angle(z)))
+    return wrap360(np.rad2deg(np.angle(np.asarray(z, dtype=complex))))
 
 
 def sin_cos(angle_deg: ArrayLike) -> tuple[Floats, Floats]:

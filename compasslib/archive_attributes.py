@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from compasslib import angles
 
-Floats = NDArray[np.float64]
+Floats = NDArray[np.floating]
 Attributes = dict[str, str | int | float]
 
 CONVENTIONS = "CF-1.8, ACDD-1.3, OceanSITES-1.4"

@@ -18,7 +18,7 @@ from compasslib.deviation import model
 from compasslib.deviation.model import Fit
 from compasslib.records import Pairs
 
-Floats = NDArray[np.float64]
+Floats = NDArray[np.floating]
 
 BLOCK_S = 10 * 86400.0
 FOLDS = 2
@@ -67,6 +67,22 @@ def assess(pairs: Pairs, fit: Fit) -> dict[str, Any]:
         "after": _agreement(turned[0][known], turned[1][known], choose(pairs, known)),
         "held_out": {"block_days": BLOCK_S / 86400.0, "folds": FOLDS, "n": int(known.sum())},
     }
+
+
+def told(name: str, verdict: dict[str, Any]) -> str:
+    """Return what the job says of its result.
+
+    Args:
+        name: the mooring.
+        verdict: assessment.json.
+    """
+    before, after = verdict["before"], verdict["after"]
+    if not after["n"]:
+        return f"{name}: nothing to assess ({before['n']} pairs, none corrected)"
+    return (
+        f"{name}: upper minus lower direction {before['rms_deg']:.1f} degrees rms before, {after['rms_deg']:.1f} "
+        f"after, on {after['n']} of {before['n']} pairs, each held out from its fit"
+    )
 
 
 def _agreement(east: Floats, north: Floats, pairs: Pairs) -> dict[str, Any]:

@@ -18,7 +18,7 @@ from compasslib.deviation import likelihood
 from compasslib.deviation.likelihood import CELL_CENTRES, CELLS, FINE, UNPREDICTED
 from compasslib.deviation.model import Fit
 
-Floats = NDArray[np.float64]
+Floats = NDArray[np.floating]
 
 STEP_WIDTHS_DEG = (3.0, 6.0, 10.0, 16.0, 25.0, 40.0)  # persistence that is tried
 LEAP_SHARES = (0.003, 0.03)  # share of samples at which the heading starts anew

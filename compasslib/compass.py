@@ -1,7 +1,7 @@
 """The exact compass near iron: forward, with tilt, and its inverse in closed form.
 
-In the body frame (forward, starboard, down) the level horizontal field is q = X - iY. Poisson's equations make it, up to
-a positive factor, q = u w + p + v / w with w = e^{i beta}, and the compass records gamma = arg q. The five real
+In the body frame (forward, starboard, down) the level horizontal field is q = X - iY. Poisson's equations make it, up
+to a positive factor, q = u w + p + v / w with w = e^{i beta}, and the compass records gamma = arg q. The five real
 coefficients A, B, C, D, E enter as u = 1 - iA, p = B - iC, v = D - iE. This is Le Menn et al. 2023, eq. (4), with the
 cosine in its denominator and the correct heading as its argument; its first order is von Appen 2015, eq. (1).
 """
@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from compasslib import angles
 
-Floats = NDArray[np.float64]
+Floats = NDArray[np.floating]
 Complexes = NDArray[np.complex128]
 
 IRON_FREE = np.zeros(5)
@@ -50,7 +50,8 @@ def slope(coefficients: ArrayLike, heading_deg: ArrayLike) -> Floats:
     """
     u, p, v = _complex(coefficients)
     w = angles.phasor(heading_deg)
-    return np.real((u * w - v * np.conj(w)) / (u * w + p + v * np.conj(w)))
+    with np.errstate(invalid="ignore"):  # no heading, no slope
+        return np.real((u * w - v * np.conj(w)) / (u * w + p + v * np.conj(w)))
 
 
 def gradient(coefficients: ArrayLike, heading_deg: ArrayLike) -> Floats:

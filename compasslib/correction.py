@@ -13,7 +13,7 @@ from compasslib.deviation import likelihood, model, von_appen
 from compasslib.deviation.model import Fit
 from compasslib.records import BAD, GOOD, MISSING, PROBABLY_BAD, Corrected, EarthField, Pairs, Record
 
-Floats = NDArray[np.float64]
+Floats = NDArray[np.floating]
 Flags = NDArray[np.int8]
 
 SURE = 0.95  # a branch less probable than this is flagged: the record cannot tell
@@ -53,6 +53,25 @@ def correct(record: Record, fit: Fit, field: EarthField, pairs: Pairs) -> Correc
         north_recorded=north,
         velocity_uncertainty=np.hypot(east, north) * angles.turned_share(direction_sigma)[:, None],
         velocity_quality=_velocity_quality(record, quality),
+    )
+
+
+def told(name: str, product: Corrected) -> str:
+    """Return what the job says of its result.
+
+    Args:
+        name: the mooring.
+        product: the corrected record.
+    """
+    recorded = np.isfinite(product.record.heading_deg)
+    corrected = np.isfinite(product.heading_corrected_deg)
+    if not corrected.any():
+        return f"{name}: none of {int(recorded.sum())} headings corrected"
+    unsure = int(np.sum(product.heading_corrected_quality == PROBABLY_BAD))
+    turned = float(np.nanmax(np.abs(product.deviation_deg)))
+    return (
+        f"{name}: {int(corrected.sum())} of {int(recorded.sum())} headings corrected, by up to {turned:.0f} degrees; "
+        f"{unsure} flagged as doubtful"
     )
 
 

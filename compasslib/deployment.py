@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import fields, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from compasslib import angles
 from compasslib.records import BAD, GOOD, MISSING, PROBABLY_BAD, Record
 
-Floats = NDArray[np.float64]
+Floats = NDArray[np.floating]
 Bools = NDArray[np.bool_]
 
 FASTEST_CURRENT = 5.0  # m/s, beyond any ocean current
@@ -64,6 +65,19 @@ def settle(
     return _flag_windows(record, exclude)
 
 
+def told(name: str, role: str, record: Record) -> str:
+    """Return what the job says of its result.
+
+    Args:
+        name: the mooring.
+        role: the instrument.
+        record: its record.
+    """
+    counted = ", ".join(f"{key} {number}" for key, number in record.counts.items() if number)
+    line = f"{name} {role}: {record.east.shape[0]} samples of {record.east.shape[1]} bins ({counted})"
+    return "\n".join([line, *(f"{name} {role}: warning: {warning}" for warning in record.warnings)])
+
+
 def take(record: Record, index: NDArray[np.intp] | Bools) -> Record:
     """Return the record at some of its samples.
 
@@ -71,9 +85,9 @@ def take(record: Record, index: NDArray[np.intp] | Bools) -> Record:
         record: n samples.
         index: positions or a mask, shape (n,).
     """
-    n = len(record.time_s)
-    arrays = {f.name: getattr(record, f.name) for f in fields(record)}
-    return replace(record, **{k: v[index] for k, v in arrays.items() if isinstance(v, np.ndarray) and len(v) == n})
+    values = {f.name: getattr(record, f.name) for f in fields(record)}
+    series: dict[str, Any] = {k: v[index] for k, v in values.items() if isinstance(v, np.ndarray)}
+    return replace(record, **series)
 
 
 def _utc(time_s: Floats, start_s: float, end_s: float, offset: float, drift: float) -> Floats:

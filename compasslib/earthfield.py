@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from datetime import UTC, datetime
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,7 +13,7 @@ from compasslib.angles import difference
 from compasslib.errors import InputError
 from compasslib.records import EarthField
 
-Floats = NDArray[np.float64]
+Floats = NDArray[np.floating]
 
 FIRST_YEAR, LAST_YEAR = 1900, 2030  # IGRF-14
 NODE_SPACING_S = 30 * 86400.0  # the field is linear in time within an epoch of five years
@@ -81,7 +83,31 @@ def declination_at(field: EarthField, time_s: ArrayLike) -> Floats:
         field: the field along the deployment.
         time_s: UTC seconds since 1970, shape (n,).
     """
-    return np.interp(time_s, field.time_s, field.declination_deg)
+    return np.interp(np.asarray(time_s, dtype=float), field.time_s, field.declination_deg)
+
+
+def from_json(content: Mapping[str, Any]) -> EarthField:
+    """Return the field that field.json holds.
+
+    Args:
+        content: the file's content.
+    """
+    texts: dict[str, Any] = {"source": content["source"], "warnings": tuple(content["warnings"])}
+    series: dict[str, Any] = {key: np.array(value) for key, value in content.items() if key not in texts}
+    return EarthField(**series, **texts)
+
+
+def told(name: str, field: EarthField) -> str:
+    """Return what the job says of its result.
+
+    Args:
+        name: the mooring.
+        field: the field along its deployment.
+    """
+    first, last = field.declination_deg[[0, -1]]
+    horizontal = field.horizontal_nT.mean()
+    line = f"{name}: declination {first:+.2f} to {last:+.2f} degrees ({field.source}), H {horizontal:.0f} nT"
+    return "\n".join([line, *(f"{name}: warning: {warning}" for warning in field.warnings)])
 
 
 def _disagreement(declination: float, model: Floats) -> tuple[str, ...]:

@@ -6,6 +6,7 @@ the bins of the trusted one nearest to it, less than 20 minutes and 20 m apart, 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +17,7 @@ from compasslib.deployment import take
 from compasslib.grid import interpolate, nearest, on_grid
 from compasslib.records import GOOD, NOT_CHECKED, PROBABLY_GOOD, EarthField, Pairs, Record
 
-Floats = NDArray[np.float64]
+Floats = NDArray[np.floating]
 
 DENSE_S = 300.0  # a series sampled faster than this is averaged first (a profiler passing its top)
 
@@ -41,29 +42,43 @@ class Point:
     depth_m: Floats
 
 
-def find(upper: Record, lower: Record, field: EarthField, rules: Rules) -> Pairs:
-    """Return the overlapping measurements on the grid, both to true north.
+def find(upper: Record, trusted: Sequence[Record], field: EarthField, rules: Rules) -> Pairs:
+    """Return the overlapping measurements on the grid, both to true north; none where there is no trusted instrument.
 
     Args:
         upper: the compromised instrument inside the deployment.
-        lower: the trusted instrument inside the deployment.
+        trusted: the trusted instrument inside the deployment, or nothing.
         field: declination along time.
         rules: distances in time and depth, bins, grid.
     """
+    lower = trusted[0] if trusted else take(upper, np.zeros(0, dtype=np.intp))
     tolerance_s = 60.0 * rules.grid_tolerance_minutes
     chosen = on_grid(upper.time_s, step_s=60.0 * rules.grid_minutes, tolerance_s=tolerance_s)
     upper = take(upper, chosen)
     velocity, depth = _near_bins(upper, np.zeros(len(upper.time_s)), rules.bins)
     sphere = interpolate(upper.time_s, upper.depth_m, lower.time_s, tolerance_s=np.inf)
-    trusted = _trusted_cell(upper.time_s, depth, lower, sphere, rules)
-    other = interpolate(trusted.time_s, trusted.velocity, upper.time_s, tolerance_s=tolerance_s)
-    other_depth = interpolate(trusted.time_s, trusted.depth_m, upper.time_s, tolerance_s=tolerance_s)
-    minutes = _minutes_to_nearest(trusted.time_s, upper.time_s)
+    cell = _trusted_cell(upper.time_s, depth, lower, sphere, rules)
+    other = interpolate(cell.time_s, cell.velocity, upper.time_s, tolerance_s=tolerance_s)
+    other_depth = interpolate(cell.time_s, cell.depth_m, upper.time_s, tolerance_s=tolerance_s)
+    minutes = _minutes_to_nearest(cell.time_s, upper.time_s)
     with np.errstate(invalid="ignore"):
         close = (np.abs(minutes) < rules.max_minutes) & (np.abs(other_depth - depth) < rules.max_metres)
     usable = close & np.isfinite(velocity) & np.isfinite(other) & np.isfinite(upper.heading_deg)
     keep = np.flatnonzero(usable & (upper.heading_quality <= PROBABLY_GOOD) & (np.abs(velocity) > 0) & (abs(other) > 0))
     return _assemble(take(upper, keep), lower, field, (velocity, other, depth, other_depth, minutes), keep)
+
+
+def told(name: str, pairs: Pairs) -> str:
+    """Return what the job says of its result.
+
+    Args:
+        name: the mooring.
+        pairs: what was found.
+    """
+    if not len(pairs):
+        return f"{name}: no overlapping pairs"
+    metres = float(np.median(np.abs(pairs.lower_depth_m - pairs.upper_depth_m)))
+    return f"{name}: {len(pairs)} overlapping pairs, {metres:.1f} m apart in the median"
 
 
 def _assemble(upper: Record, lower: Record, field: EarthField, columns: tuple, keep: NDArray[np.intp]) -> Pairs:

@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 import ast
+import json
 import os
 import subprocess
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from compasslib import __version__
+
+if TYPE_CHECKING:  # the Snakefile imports this room and needs no numbers
+    from compasslib.deviation.model import Fit
+    from compasslib.records import EarthField
 
 PROJECT = Path(__file__).resolve().parent.parent
 
@@ -66,6 +73,26 @@ def date_created() -> str:
     """
     epoch = os.environ.get("SOURCE_DATE_EPOCH") or _git("log", "-1", "--format=%ct") or "0"
     return datetime.fromtimestamp(int(epoch), UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+
+
+def processing(fit: Fit, field: EarthField, raw_files: Sequence[str]) -> dict[str, Any]:
+    """Return how and when a product was made, for the archive's attributes.
+
+    Args:
+        fit: the deviation model.
+        field: the declination that was used.
+        raw_files: what was read, relative to the cruise folder.
+    """
+    made, by = date_created(), software()
+    return {
+        "method": fit.method,
+        "coefficients": json.dumps(fit.to_json()["coefficients"]),
+        "declination_source": field.source,
+        "software_version": by,
+        "source_files": ", ".join(raw_files),
+        "history": f"{made}: headings corrected by {by}, method {fit.method}, from {', '.join(raw_files)}",
+        "date_created": made,
+    }
 
 
 def _git(*arguments: str) -> str:

@@ -15,7 +15,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from compasslib import angles, archive, archive_attributes, archive_layout
+from compasslib import angles, archive, archive_attributes, archive_layout, records
 from compasslib.errors import InputError
 from compasslib.records import BAD, GOOD, MISSING, PROBABLY_GOOD, Pairs, Record
 

@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
+import numpy as np
+
+from compasslib import compass
 from compasslib.deviation import exact, von_appen
-from compasslib.deviation.model import Fit
-from compasslib.records import Pairs
+from compasslib.deviation.model import Fit, from_json
+from compasslib.records import BAD, Pairs, Record
+
+__all__ = ["METHODS", "Fit", "described", "fit", "from_json", "told"]
 
 METHODS: dict[str, Callable[[Pairs], Fit]] = {"exact": exact.fit, "von_appen": von_appen.fit}
 
@@ -19,3 +25,43 @@ def fit(method: str, pairs: Pairs) -> Fit:
         pairs: overlapping measurements.
     """
     return METHODS[method](pairs)
+
+
+def correctable_fraction(fit: Fit, record: Record) -> float:
+    """Return the share of the recorded headings that the model can have recorded, 0 to 1.
+
+    Args:
+        fit: the model, perhaps without coefficients.
+        record: the compromised instrument.
+    """
+    recorded = record.heading_deg[np.isfinite(record.heading_deg) & (record.heading_quality < BAD)]
+    if not (fit.fitted and recorded.size):
+        return 0.0
+    if fit.method == "von_appen":
+        return float(np.isfinite(von_appen.invert(fit.coefficients, recorded)).mean())
+    return float(np.isfinite(compass.inverse(fit.coefficients, recorded)).any(axis=1).mean())
+
+
+def described(fit: Fit, record: Record) -> dict[str, Any]:
+    """Return deviation.json.
+
+    Args:
+        fit: the model, perhaps without coefficients.
+        record: the compromised instrument.
+    """
+    return fit.to_json() | {"correctable_fraction": correctable_fraction(fit, record)}
+
+
+def told(name: str, fit: Fit) -> str:
+    """Return what the job says of its result.
+
+    Args:
+        name: the mooring.
+        fit: the model.
+    """
+    if not fit.fitted:
+        return f"{name}: no deviation fitted: {fit.why}"
+    unit = " degrees" if fit.method == "von_appen" else ""
+    letters = ", ".join(f"{k} {x:+.3f}" for k, x in zip("ABCDE", fit.coefficients, strict=True))
+    kind = "folded" if fit.folded else "full circle"
+    return f"{name}: {fit.method} {letters}{unit}; {kind}, residual {fit.residual_rms_deg:.1f} degrees rms"

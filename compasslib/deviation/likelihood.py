@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from compasslib import angles, compass
 from compasslib.deviation.model import Noise
 
-Floats = NDArray[np.float64]
+Floats = NDArray[np.floating]
 
 CELLS = 120  # of the heading's distribution and of the scatter, 3 degrees each
 CELL_DEG = 360.0 / CELLS

@@ -12,10 +12,14 @@ from numpy.typing import NDArray
 from compasslib import angles
 from compasslib.records import Pairs
 
-Floats = NDArray[np.float64]
+Floats = NDArray[np.floating]
 
 FEWEST_PAIRS = 30
 LETTERS = "ABCDE"
+
+
+def _nothing() -> Floats:
+    return np.zeros(0)
 
 
 @dataclass(frozen=True)
@@ -40,18 +44,18 @@ class Noise:
 
 @dataclass(frozen=True)
 class Fit:
-    """A deviation model fitted to one mooring; coefficients None where there was too little to fit."""
+    """A deviation model fitted to one mooring; without coefficients where there was too little to fit."""
 
     method: str  # von_appen | exact
-    coefficients: Floats | None  # (5,) A..E: degrees for von_appen, dimensionless for exact
-    covariance: Floats | None  # (5, 5)
     n_pairs: int
+    coefficients: Floats = field(default_factory=_nothing)  # (5,) A..E: degrees for von_appen, dimensionless for exact
+    covariance: Floats = field(default_factory=_nothing)  # (5, 5)
     n_effective: float = 0.0
     residual_rms_deg: float = float("nan")
     recorded_range_deg: tuple[float, float] | None = None
     folded: bool = False
-    noise: Noise | None = None
-    heading_density: Floats = field(default_factory=lambda: np.zeros(0))  # prior of the correct heading, sums to 1
+    noise: Noise = Noise()  # only the exact fit estimates it
+    heading_density: Floats = field(default_factory=_nothing)  # prior of the correct heading on its cells, sums to 1
     why: str = ""  # the reason, where nothing was fitted
 
     def to_json(self) -> dict[str, Any]:
@@ -60,13 +64,13 @@ class Fit:
             "method": self.method,
             "coefficients": dict(zip(LETTERS, self.coefficients.tolist(), strict=True)) if self.fitted else None,
             "unit": "degrees" if self.method == "von_appen" else "1",
-            "covariance": None if self.covariance is None else self.covariance.tolist(),
+            "covariance": self.covariance.tolist() if self.fitted else None,
             "n_pairs": self.n_pairs,
             "n_effective": self.n_effective,
             "residual_rms_deg": self.residual_rms_deg,
             "recorded_range_deg": self.recorded_range_deg,
             "folded": self.folded,
-            "noise": None if self.noise is None else vars(self.noise),
+            "noise": vars(self.noise),
             "heading_density": self.heading_density.tolist(),
             "why": self.why,
         }
@@ -74,7 +78,7 @@ class Fit:
     @property
     def fitted(self) -> bool:
         """Whether there is anything to correct with."""
-        return self.coefficients is not None
+        return self.coefficients.size > 0
 
 
 def from_json(content: Mapping[str, Any]) -> Fit:
@@ -83,20 +87,19 @@ def from_json(content: Mapping[str, Any]) -> Fit:
     Args:
         content: the file's content.
     """
-    letters, noise, span = content["coefficients"], content.get("noise"), content["recorded_range_deg"]
-    rms = content["residual_rms_deg"]
+    letters, span, rms = content["coefficients"], content["recorded_range_deg"], content["residual_rms_deg"]
     return Fit(
         method=content["method"],
-        coefficients=None if letters is None else np.array([letters[k] for k in LETTERS], dtype=float),
-        covariance=None if content["covariance"] is None else np.array(content["covariance"], dtype=float),
         n_pairs=content["n_pairs"],
+        coefficients=np.array([letters[k] for k in LETTERS] if letters else [], dtype=float),
+        covariance=np.array(content["covariance"] or [], dtype=float),
         n_effective=content["n_effective"],
         residual_rms_deg=float("nan") if rms is None else rms,
         recorded_range_deg=None if span is None else (span[0], span[1]),
         folded=content["folded"],
-        noise=None if noise is None else Noise(**noise),
-        heading_density=np.array(content.get("heading_density", []), dtype=float),
-        why=content.get("why", ""),
+        noise=Noise(**content["noise"]),
+        heading_density=np.array(content["heading_density"], dtype=float),
+        why=content["why"],
     )
 
 
@@ -108,7 +111,7 @@ def too_few(method: str, n_pairs: int) -> Fit:
         n_pairs: pairs found.
     """
     why = "no overlapping pairs" if n_pairs == 0 else f"{n_pairs} overlapping pairs, at least {FEWEST_PAIRS} are needed"
-    return Fit(method=method, coefficients=None, covariance=None, n_pairs=n_pairs, why=why)
+    return Fit(method=method, n_pairs=n_pairs, why=why)
 
 
 def observed_heading(pairs: Pairs) -> Floats:

@@ -14,7 +14,7 @@ from compasslib.deviation import model
 from compasslib.deviation.model import Fit
 from compasslib.records import Pairs
 
-Floats = NDArray[np.float64]
+Floats = NDArray[np.floating]
 
 STEP_DEG = 0.25  # of the lookup table
 STARTS_DEG = (0.0, 30.0, 60.0, 90.0, 120.0)  # amplitudes of the semicircular part that are tried

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from compasslib.records import Record
+if TYPE_CHECKING:  # the Snakefile needs the table only
+    from compasslib.records import Record
 
 # format in the mooring file -> (module, the keys of the instrument that its read() takes)
 FORMATS: dict[str, tuple[str, tuple[str, ...]]] = {

@@ -16,7 +16,7 @@ from compasslib import angles
 from compasslib.errors import InputError
 from compasslib.records import GOOD, MISSING, Record
 
-Floats = NDArray[np.float64]
+Floats = NDArray[np.floating]
 
 MISSING_TEXT = frozenset({"", "nan", "na", "n/a", "null", "none", "-"})
 TIME_FORM = "an ISO time like 2007-09-04T00:00:00Z"

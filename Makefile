@@ -1,0 +1,42 @@
+# Needs python3.11 with pip, and make; everything else goes into .venv.
+PYTHON ?= python3.11
+CRUISE ?= .
+CORES ?= all
+BIN := .venv/bin
+PIP := $(PYTHON) -m pip --python $(BIN)/python --disable-pip-version-check install
+
+.PHONY: install run test check bench clean lock
+
+install: .venv/run  ## the pinned environment
+.venv/run: requirements/run.txt pyproject.toml
+.venv/test: requirements/test.txt pyproject.toml
+.venv/run .venv/test: .venv/%:
+	test -x $(BIN)/python || $(PYTHON) -m venv --without-pip .venv
+	$(PIP) --requirement requirements/$*.txt
+	$(PIP) --no-deps --no-build-isolation --quiet --editable .
+	touch $@
+
+run: install  ## process a cruise: make run, or make run CRUISE=/data/my_cruise
+	$(BIN)/snakemake --workflow-profile workflow/profiles/default --snakefile Snakefile --directory $(CRUISE) --cores $(CORES)
+
+test: .venv/test  ## the tests
+	$(BIN)/python -m pytest -n auto
+
+check: .venv/test  ## style, types, workflow
+	$(BIN)/ruff check . && $(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/python tests/lint.py
+
+bench: .venv/test  ## measurements, each with its ratio in the same run
+	for file in benchmarks/*.py; do echo "== $$file"; $(BIN)/python $$file || exit 1; done
+
+lock:  ## newest versions into requirements/, with hashes; needs pip-tools
+	for kind in run test; do \
+	  extras="--extra workflow"; test $$kind = run || extras="$$extras --extra test"; \
+	  pip-compile --upgrade $$extras --all-build-deps --allow-unsafe --generate-hashes --no-annotate --strip-extras \
+	    --no-emit-index-url --no-emit-trusted-host --no-emit-find-links -o requirements/$$kind.txt pyproject.toml; \
+	done
+
+clean:  ## what make run and make test have made, the environment included
+	rm -rf .venv .snakemake results build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -type d -exec rm -rf {} +

@@ -1,0 +1,188 @@
+"""A cruise's YAML files in, frozen models out; a mistake in them ends the run in one line before any work."""
+
+from __future__ import annotations
+
+import difflib
+import os
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar, get_args, get_origin
+
+from pydantic import BaseModel, ValidationError
+
+from compasslib import config_yaml
+from compasslib.config_paths import Place
+from compasslib.config_schema import Mooring, Options, allowed_keys
+from compasslib.config_values import shown
+from compasslib.errors import InputError
+
+CONFIG = "config/config.yaml"
+Model = TypeVar("Model", bound=BaseModel)
+_LONGEST = 60  # characters of a user's own name that a message repeats
+_QUOTED = re.compile(r"'([^']*)'")  # the choices in pydantic's words
+
+
+@dataclass(frozen=True)
+class Cruise:
+    """A cruise folder and what its YAML files say, defaults filled in."""
+
+    root: Path
+    options: Options
+    moorings: dict[str, Mooring]  # by name, in the order of the file names
+    mooring_files: dict[str, str]  # the YAML file of each, relative to the root
+
+
+def load(cruise: Path) -> Cruise:
+    """Return the configuration of a cruise, every raw file found and every glob written out.
+
+    Args:
+        cruise: folder that holds config/config.yaml.
+
+    Raises:
+        InputError: at the first mistake, naming file, key, what is allowed and what was found.
+    """
+    options = validate(Options, config_yaml.read(cruise, CONFIG, "moorings: config/moorings"), CONFIG)
+    place = Place(cruise, made_later=options.demonstration)
+    moorings: dict[str, Mooring] = {}
+    files: dict[str, str] = {}
+    for file in _mooring_files(cruise, options.moorings):
+        mooring = _mooring(file, options, place)
+        _refuse_taken(mooring.name, file, files)
+        moorings[mooring.name], files[mooring.name] = mooring, file
+    return Cruise(cruise, options, moorings, files)
+
+
+def validate(model: type[Model], raw: dict[str, Any], file: str, place: Place | None = None) -> Model:
+    """Return the model of a mapping.
+
+    Args:
+        model: the model.
+        raw: what the YAML file holds.
+        file: its path, with which a message begins.
+        place: where raw files are looked for; not looked for where absent.
+
+    Raises:
+        InputError: for an unknown key, else for the first value that cannot be used.
+    """
+    try:
+        return model.model_validate(raw, context=place)
+    except ValidationError as error:
+        raise _explained(model, error, file) from None
+
+
+def _mooring_files(cruise: Path, moorings: str | Sequence[str]) -> list[str]:
+    where = f"{CONFIG}: moorings"
+    if not isinstance(moorings, str):
+        for file in moorings:
+            if not os.path.isfile(cruise / file):
+                advice = "put it there or correct the path, relative to the cruise folder"
+                raise InputError(where, expected="existing mooring files", found=f"no file {file}", advice=advice)
+        return sorted(set(moorings))
+    advice = "put the mooring files there, or write moorings: [] where the cruise has none"
+    expected = "a folder with files NAME.yaml"
+    if not os.path.isdir(cruise / moorings):
+        raise InputError(where, expected=expected, found=f"no folder {moorings}", advice=advice)
+    names = [name for name in os.listdir(cruise / moorings) if name.endswith((".yaml", ".yml")) and name[0] != "."]
+    if not names:
+        raise InputError(where, expected=expected, found=f"none in {moorings}", advice=advice)
+    return [f"{moorings}/{name}" for name in sorted(names)]
+
+
+def _mooring(file: str, options: Options, place: Place) -> Mooring:
+    raw = config_yaml.read(place.root, file, "name: EG4")
+    mooring = validate(Mooring, _with_options(raw, options), file, place)
+    calibration = f"config/calibrations/{mooring.fit.name}.yaml"
+    if mooring.fit.name is not None and not os.path.isfile(place.root / calibration):
+        advice = "write that file or correct the name"
+        raise InputError(f"{file}: fit.name", expected=f"the file {calibration}", found="none", advice=advice)
+    return mooring
+
+
+def _with_options(raw: dict[str, Any], options: Options) -> dict[str, Any]:
+    fit, diagnose = raw.get("fit"), raw.get("diagnose")
+    # Method and name of a fit belong together; the switches of the diagnosis are each their own.
+    filled = raw if fit is not None else raw | {"fit": options.fit.model_dump()}
+    if isinstance(diagnose, dict | None):
+        own = {key: value for key, value in (diagnose or {}).items() if value is not None}
+        filled = filled | {"diagnose": options.diagnose.model_dump() | own}
+    return filled
+
+
+def _refuse_taken(name: str, file: str, files: dict[str, str]) -> None:
+    if name in files:
+        found = f"{shown(name)}, which {files[name]} has already"
+        raise InputError(f"{file}: name", expected="a name of its own", found=found, advice="rename one of the two")
+
+
+def _explained(model: type[BaseModel], error: ValidationError, file: str) -> InputError:
+    # A misspelt key is also a missing one: the spelling is what helps.
+    first = min(error.errors(include_url=False), key=lambda e: e["type"] != "extra_forbidden")
+    place = [part for part in first["loc"] if part != "[key]"]
+    if first["type"] == "extra_forbidden":
+        return _unknown_key(model, place, file)
+    field, inner = _walk(model, place)
+    sentence = _words(first, field, inner, _dotted(place).rpartition(".")[2])
+    given = first.get("ctx", {}) if first["type"] == "cruise" else {}
+    sentence |= {part: given[part] for part in sentence if given.get(part)}
+    place += [given["key"]] if given.get("key") else []
+    return InputError(f"{file}: {_dotted(place)}", **sentence)
+
+
+def _unknown_key(model: type[BaseModel], place: list[Any], file: str) -> InputError:
+    _, inner = _walk(model, place[:-1])
+    allowed, unknown = list(allowed_keys(inner or model)), str(place[-1])
+    advice = _nearest(unknown, allowed) or "delete it, or indent it below the key that it belongs to"
+    expected = f"a key out of {', '.join(allowed)}"
+    return InputError(
+        f"{file}: {_dotted(place)}", expected=expected, found=f"the unknown {shown(unknown)}", advice=advice
+    )
+
+
+def _words(error: Any, field: Any, inner: type[BaseModel] | None, last: str) -> dict[str, str]:
+    """Return what to say of an error: the words of its field, and for some types of error their own."""
+    kind, value = error["type"], error["input"]
+    example = f"for example {last.partition('[')[0]}: {field.examples[0]}" if field else ""
+    advice = field.json_schema_extra["advice"] if field else None
+    sentence = {
+        "expected": field.description if field else "",
+        "found": shown(value),
+        "advice": advice or f"write {example}",
+    }
+    if kind == "missing":
+        sentence |= {"found": "nothing", "advice": f"add {example}"}
+    elif kind == "model_type" and inner:
+        sentence |= {"expected": "a mapping", "advice": f"write below it keys out of {', '.join(allowed_keys(inner))}"}
+    elif kind == "literal_error":
+        sentence["advice"] = _nearest(str(value), _QUOTED.findall(error["ctx"]["expected"])) or sentence["advice"]
+    return sentence
+
+
+def _nearest(word: str, allowed: Sequence[str]) -> str | None:
+    near = difflib.get_close_matches(word, allowed, 1)
+    return f"write {near[0]}" if near else None
+
+
+def _walk(model: type[BaseModel], place: Sequence[Any]) -> tuple[Any, type[BaseModel] | None]:
+    """Return the field at a place and the model below it, if any; the names that a user gives are stepped over."""
+    field: Any = None
+    inner: type[BaseModel] | None = model
+    named = False
+    for part in place:
+        if isinstance(part, str) and not named and inner:
+            field = allowed_keys(inner)[part]
+            inner, named = _model_in(field.annotation), get_origin(field.annotation) is dict
+        elif isinstance(part, str):
+            named = False
+    return field, inner
+
+
+def _model_in(annotation: Any) -> type[BaseModel] | None:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    return next((inner for part in get_args(annotation) if (inner := _model_in(part))), None)
+
+
+def _dotted(place: Sequence[Any]) -> str:
+    return "".join(f"[{part}]" if isinstance(part, int) else f".{part[:_LONGEST]}" for part in place).lstrip(".")

@@ -1,0 +1,83 @@
+"""Paths in a cruise's YAML files: inside the cruise folder, there, and globs written out."""
+
+from __future__ import annotations
+
+import glob
+import os
+import posixpath
+import re
+from dataclasses import dataclass
+from pathlib import Path, PureWindowsPath
+from typing import Any
+
+from pydantic import ValidationInfo
+
+from compasslib.config_values import problem, shown, text
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where raw files are looked for, given to the models as their validation context."""
+
+    root: Path
+    made_later: bool  # a demonstration: rules make the raw files, so that their absence is no error
+
+
+def paths(value: Any) -> tuple[str, ...]:
+    """Return one path or a list of them, inside the cruise folder and relative to it.
+
+    Args:
+        value: what the YAML reader gave.
+    """
+    listed = value if isinstance(value, list | tuple) else [value]
+    return tuple(_relative(text(path)) for path in listed)
+
+
+def _relative(path: str) -> str:
+    if path.startswith(("/", "\\", "~")) or PureWindowsPath(path).drive or ".." in re.split(r"[/\\]", path):
+        inside = "copy or link the file into the cruise folder and write its path from there"
+        raise problem(None, "a path inside the cruise folder, relative to it", shown(path), inside)
+    if not path.isprintable():
+        raise problem(None, "a path without control characters", shown(path))
+    return posixpath.normpath(path)
+
+
+def mooring_paths(value: Any) -> str | tuple[str, ...]:
+    """Return a folder as a text or mooring files as a tuple.
+
+    Args:
+        value: what the YAML reader gave.
+    """
+    return paths(value) if isinstance(value, list | tuple) else paths(value)[0]
+
+
+def raw_files(value: Any, info: ValidationInfo) -> tuple[str, ...]:
+    """Return existing raw files, globs expanded and sorted; only checked for form where no place is given.
+
+    Args:
+        value: what the YAML reader gave.
+        info: its context is a ``Place`` or None.
+    """
+    listed, place = paths(value), info.context
+    if not listed:
+        raise problem(None, "at least one file", "an empty list")
+    found = [file for path in listed for file in ([path] if place is None else _expand(path, place))]
+    return tuple(dict.fromkeys(found))
+
+
+def _expand(path: str, place: Place) -> list[str]:
+    is_glob = any(mark in path for mark in "*?[")
+    if os.path.isfile(place.root / path) or (place.made_later and not is_glob):
+        return [path]
+    if place.made_later:
+        raise problem(
+            None, "plain paths, as the files of a demonstration are made later", shown(path), "list the files"
+        )
+    if os.path.isdir(place.root / path):
+        raise problem(None, "a file", f"the folder {path}", f"write {path}/* for all files in it")
+    matches = sorted(glob.glob(path, root_dir=place.root, recursive=True)) if is_glob else []
+    files = [match for match in matches if os.path.isfile(place.root / match)]
+    if not files:
+        said = f"no file that matches {path}" if is_glob else f"no file {path}"
+        raise problem(None, "an existing file", said, "put it there or correct the path, relative to the cruise folder")
+    return files

@@ -1,0 +1,173 @@
+"""The record along time: what was recorded, what was corrected and how surely, and how deep the instrument was."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from numpy.typing import NDArray
+
+from compasslib import plots_curves
+from compasslib.plots_curves import emptiest, placed
+from compasslib.plots_page import (
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    MAGNETIC,
+    PURPLE,
+    SKY,
+    degrees,
+    legend,
+    page,
+    product_notes,
+    say,
+    title_of,
+)
+from compasslib.records import PROBABLY_BAD, Corrected, Pairs
+
+Floats = NDArray[np.floating]
+
+DAY_S = 86400.0  # matplotlib counts time in days since 1970
+DRAWN = 12_000  # samples; of a longer record every second, third, ... is drawn
+SLICES = 60  # of the strip, where the record is too short for days
+GUESS = 0.75  # a branch less probable is drawn as a guess
+SURE, DOUBTFUL, GUESSED, LOST = 0, 1, 2, 3
+KINDS = {
+    SURE: ("corrected (flags 1, 2)", BLUE),
+    DOUBTFUL: (f"doubtful (flag 3), probability ≥ {GUESS:g}", SKY),
+    GUESSED: (f"doubtful (flag 3), probability < {GUESS:g}", PURPLE),
+    LOST: ("not corrected (flag 4)", BLACK),
+}
+
+
+def timeline(path: str | Path, product: Corrected, pairs: Pairs, name: str, *, method: str = "") -> None:
+    """Draw recorded and corrected headings, how sure they are, and the instrument's depth, along time.
+
+    Args:
+        path: the PNG to write.
+        product: the corrected record, perhaps without corrected headings.
+        pairs: overlapping measurements, perhaps none.
+        name: of the mooring.
+        method: of the correction, for the title.
+    """
+    with page(path, title_of(name, "the record along time", method), 6.2, product_notes(product)) as figure:
+        panels = figure.subplots(4, 1, sharex=True, height_ratios=(3.0, 3.0, 0.8, 1.6))
+        titles = ("recorded heading", "corrected heading and its standard deviation", "share of each day's samples", "depth of the instrument")
+        for axes, letter, title in zip(panels, "abcd", titles, strict=True):
+            axes.set_title(f"({letter}) {title}")
+        if not len(product.record.time_s):
+            for axes in panels:
+                say(axes, "The instrument recorded nothing inside the deployment.", characters=80)
+            return
+        kind = kinds(product)
+        _headings(panels[0], panels[1], product, kind)
+        _strip(panels[2], product, pairs, kind)
+        _depth(panels[3], product)
+        _dates(panels[3], product.record.time_s)
+        legend(figure, _handles(kind, pairs), columns=3)
+        figure.align_ylabels(panels)
+
+
+def kinds(product: Corrected) -> NDArray[np.int_]:
+    """Return what became of each sample's heading, (n,): SURE, DOUBTFUL, GUESSED or LOST; -1 where none was recorded.
+
+    Args:
+        product: the corrected record.
+    """
+    with np.errstate(invalid="ignore"):
+        guessed = product.branch_probability < GUESS
+    flagged = product.heading_corrected_quality >= PROBABLY_BAD
+    kind = np.where(flagged, np.where(guessed, GUESSED, DOUBTFUL), SURE)
+    kind = np.where(np.isfinite(product.heading_corrected_deg), kind, LOST)
+    return np.where(np.isfinite(product.record.heading_deg), kind, -1)
+
+
+def _headings(above: Axes, below: Axes, product: Corrected, kind: NDArray[np.int_]) -> None:
+    """Draw the recorded and the corrected heading on the same turn."""
+    record, corrected = product.record, product.heading_corrected_deg
+    begin = emptiest(np.concatenate([record.heading_deg, corrected]))
+    some = np.arange(len(kind)) % (1 + len(kind) // DRAWN) == 0
+    day = record.time_s / DAY_S
+    look = {"linestyle": "", "marker": "o", "markersize": 1.2, "markeredgewidth": 0}
+    for here, colour in ((kind != LOST, GREY), (kind == LOST, BLACK)):
+        above.plot(day[here & some], placed(record.heading_deg[here & some], begin), color=colour, **look)
+    _band(below, day[some], placed(corrected[some], begin), product.heading_uncertainty_deg[some])
+    for k in (SURE, DOUBTFUL, GUESSED):
+        here = (kind == k) & some
+        below.plot(day[here], placed(corrected[here], begin), color=KINDS[k][1], **look)
+    for axes in (above, below):
+        degrees(axes.yaxis, (begin, begin + 360.0))
+        axes.set_ylabel(f"Heading\n{MAGNETIC}")
+    if not np.isfinite(corrected).any():
+        say(below, "No heading could be corrected.", characters=80, hide_x=False)
+
+
+def _band(axes: Axes, day: Floats, heading: Floats, sigma: Floats) -> None:
+    """Draw one standard deviation to either side, what leaves the turn on the other side too."""
+    known = np.isfinite(heading) & np.isfinite(sigma)
+    for turn in (-360.0, 0.0, 360.0):
+        low, high = (heading + sign * sigma + turn for sign in (-1.0, 1.0))
+        axes.vlines(day[known], low[known], high[known], color=BLUE, alpha=0.12, linewidth=0.7)
+
+
+def _strip(axes: Axes, product: Corrected, pairs: Pairs, kind: NDArray[np.int_]) -> None:
+    """Draw the share of each kind day by day, and above it the days on which the trusted instrument overlaps."""
+    edges = _slices(product.record.time_s)
+    counts = [np.histogram(product.record.time_s[kind == k], edges)[0] for k in KINDS]
+    tops = 100.0 * np.cumsum(counts, axis=0) / np.maximum(np.sum(counts, axis=0), 1)
+    bottom = np.zeros(len(edges) - 1)
+    for top, (_, colour) in zip(tops, KINDS.values(), strict=True):
+        axes.stairs(top, edges / DAY_S, baseline=bottom, fill=True, color=colour, linewidth=0)
+        bottom = top
+    overlaps = np.histogram(pairs.time_s, edges)[0] > 0
+    axes.stairs(np.where(overlaps, 135.0, 112.0), edges / DAY_S, baseline=112.0, fill=True, color=GREEN, linewidth=0)
+    axes.set(ylim=(0.0, 140.0), yticks=[0.0, 100.0], ylabel="(%)")
+
+
+def _slices(time_s: Floats) -> Floats:
+    """Return the edges of days, or of shorter slices where the record is short."""
+    first, last = float(time_s[0]), float(time_s[-1])
+    width = min(DAY_S, max((last - first) / SLICES, 1.0))
+    return first + width * np.arange(int((last - first) / width) + 2)
+
+
+def _depth(axes: Axes, product: Corrected) -> None:
+    """Draw the instrument's depth, downwards, broken where samples are missing."""
+    time_s, depth = product.record.time_s, product.record.depth_m
+    axes.set_ylabel("Depth\n(m)")
+    if not np.isfinite(depth).any():
+        say(axes, "The instrument's depth is not known.", characters=80, hide_x=False)
+        return
+    step = np.diff(time_s, prepend=time_s[0])
+    gaps = np.flatnonzero(step > 5.0 * np.median(step))
+    day = np.insert(time_s / DAY_S, gaps, np.nan)
+    axes.plot(day, np.insert(depth, gaps, np.nan), color="#444444", linewidth=0.7)
+    shallow, deep = float(np.nanmin(depth)), float(np.nanmax(depth))
+    half = max(0.55 * (deep - shallow), 5.0)
+    axes.set_ylim((shallow + deep) / 2.0 + half, (shallow + deep) / 2.0 - half)
+
+
+def _dates(axes: Axes, time_s: Floats) -> None:
+    locator = AutoDateLocator(minticks=4, maxticks=14)
+    axes.xaxis.set_major_locator(locator)
+    axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))
+    pad = max(0.005 * float(time_s[-1] - time_s[0]), 1.0)
+    axes.set_xlim((time_s[0] - pad) / DAY_S, (time_s[-1] + pad) / DAY_S)
+    axes.set_xlabel("UTC")
+
+
+def _handles(kind: NDArray[np.int_], pairs: Pairs) -> list[Artist]:
+    """Explain the kinds that occur, and the overlaps where there are any."""
+    handles: list[Artist] = [Patch(color=KINDS[k][1], label=KINDS[k][0]) for k in KINDS if (kind == k).any()]
+    if (kind >= 0).any() and (kind != LOST).any():
+        handles.insert(0, Line2D([], [], linestyle="", marker="o", markersize=3, color=GREY, markeredgewidth=0))
+        handles[0].set_label("recorded")
+        handles.append(Patch(color=BLUE, alpha=0.25, linewidth=0, label="one standard deviation"))
+    text = "trusted instrument overlaps" if len(pairs) else "trusted instrument overlaps: never"
+    return [*handles, Patch(color=GREEN, label=text)]

@@ -1,0 +1,88 @@
+"""One row a mooring: what was corrected, how well, and what a person should know."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from compasslib import archive
+
+COLUMNS = (
+    "name",
+    "method",
+    "n_pairs",
+    "share_corrected",
+    "rms_before_deg",
+    "rms_after_deg",
+    "max_deviation_deg",
+    "folded",
+    "verdict",
+    "effects",
+    "warnings",
+)
+
+
+def row(name: str, folder: str | Path) -> dict[str, Any]:
+    """Return a mooring's row; shares from 0 to 1, angles in degrees, rms on pairs held out from the fit.
+
+    Args:
+        name: the mooring.
+        folder: its results.
+    """
+    folder = Path(folder)
+    fit, verdict = (archive.read_json(folder / file) for file in ("deviation.json", "assessment.json"))
+    product = archive.read_corrected(folder / "corrected.nc")
+    corrected = np.isfinite(product.heading_corrected_deg)
+    return {
+        "name": name,
+        "method": fit["method"],
+        "n_pairs": fit["n_pairs"],
+        "share_corrected": _rounded(corrected.mean() if corrected.size else 0.0, 4),
+        "rms_before_deg": _rounded(verdict["before"]["rms_deg"], 2),
+        "rms_after_deg": _rounded(verdict["after"]["rms_deg"], 2),
+        "max_deviation_deg": _rounded(np.nanmax(np.abs(product.deviation_deg)) if corrected.any() else None, 1),
+        "folded": fit["folded"],
+        "verdict": "insufficient",
+        "effects": "",
+        "warnings": " | ".join(_warnings(folder, fit)),
+    }
+
+
+def write(path: str | Path, rows: Sequence[Mapping[str, Any]]) -> None:
+    """Write summary.csv.
+
+    Args:
+        path: the file.
+        rows: one a mooring.
+    """
+    with archive.replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.DictWriter(stream, COLUMNS, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def table(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Return the rows as a person reads them on a terminal.
+
+    Args:
+        rows: one a mooring.
+    """
+    shown = COLUMNS[:8]
+    lines = [shown, *(["" if r[c] is None else str(r[c]) for c in shown] for r in rows)]
+    widths = [max(len(line[k]) for line in lines) for k in range(len(shown))]
+    return "\n".join("  ".join(cell.rjust(w) for cell, w in zip(line, widths, strict=True)) for line in lines)
+
+
+def _warnings(folder: Path, fit: Mapping[str, Any]) -> list[str]:
+    records = sorted((folder / "work").glob("*.nc"))
+    said = [f"{path.stem}: {w}" for path in records for w in archive.read_record(path).warnings]
+    field = archive.read_json(folder / "work/field.json")["warnings"]
+    return [*([fit["why"]] if fit["why"] else []), *field, *said]
+
+
+def _rounded(value: float | None, digits: int) -> float | None:
+    return None if value is None else round(float(value), digits)

@@ -1,0 +1,539 @@
+"""The YAML files of a cruise: what is read, what is filled in, and the one line that every mistake earns."""
+
+# ruff: noqa: E501, RUF100 - a message is pinned as it is printed, in one line
+
+from __future__ import annotations
+
+import json
+import random
+import re
+from datetime import UTC, date, datetime, timedelta, timezone
+from pathlib import Path
+
+import pytest
+
+from compasslib import config, config_schema, config_values
+from compasslib.errors import InputError
+
+ROOT = Path(__file__).resolve().parents[1]
+MOORING_FILE = "config/moorings/EG4.yaml"
+
+CONFIG = """\
+moorings: config/moorings       # folder, or a list of files; may be an empty list
+demonstration: false
+attributes: {institution: ..., project: ..., principal_investigator: ..., license: ...}   # optional
+overlap: {max_minutes: 20, max_metres: 20, bins: 2, grid_minutes: 60, grid_tolerance_minutes: 30}
+fit: {method: exact}            # exact | von_appen   (a mooring file may override)
+diagnose: {enabled: true, apply: true, min_effect_deg: 0.5}
+"""
+
+MOORING = """\
+name: EG4
+latitude: 65.3333               # degrees north
+longitude: -32.9550             # degrees east
+water_depth: 894                # m
+start: 2007-09-04T00:00:00Z     # deployed; samples outside are not used
+end: 2008-10-04T00:00:00Z
+declination: auto               # auto = IGRF at this place, along the time axis; or degrees east
+compromised: top                # the instrument to correct
+reference: deep                 # the trusted one
+instruments:
+  top:
+    format: pd0                 # pd0 | acm_table | mmp_acm | table
+    files: raw/EG4/top.000      # path, list or glob, relative to the cruise folder
+    depth: 100                  # nominal transducer depth, m; the pressure sensor's where the file has one
+    orientation: up             # up | down; checked against the file
+    declination_applied: 0      # degrees already inside the file's directions
+    clock_offset_seconds: 0     # instrument clock minus UTC at start
+    clock_drift_seconds: 0      # the same at end, minus the offset at start
+    pressure_offset: 0          # dbar, subtracted
+    exclude: []                 # [{from: ..., to: ..., why: ...}]: known-bad windows, flagged 4, not used
+    attributes: {serial_number: ...}
+  deep:
+    format: table
+    files: raw/EG4/deep.csv
+    depth: 120
+    columns: {time: time_utc, depth: depth_m, east: u_cm_s, north: v_cm_s, scale: 0.01}
+    # columns of table and acm_table: time; depth or pressure; east+north, or speed+direction
+    direction_reference: magnetic   # magnetic | true; default magnetic for every format
+    # mmp_acm: files, pressure_files, start_offset_seconds
+fit: {method: exact}            # optional; exact | von_appen | calibration (with name)
+diagnose: {apply: true}         # optional
+covariates:                     # optional, other series that the search for left-out physics may use
+  declination_observatory: {format: iaga2002, files: raw/obs/*.min}
+"""
+
+SHORTEST = """\
+name: M1
+latitude: 10
+longitude: 20
+water_depth: 100
+start: 2007-09-04
+end: 2008-10-04
+compromised: top
+instruments: {top: {format: pd0, files: raw/EG4/top.000}}
+"""
+
+COLUMNS = "{time: time_utc, depth: depth_m, east: u_cm_s, north: v_cm_s, scale: 0.01}"
+
+
+@pytest.fixture
+def cruise(tmp_path: Path) -> Path:
+    """Return a cruise folder as the contract shows it."""
+    for name in ("EG4/top.000", "EG4/deep.csv", "EG4/b.000", "EG4/a.000", "obs/lrv2.min", "obs/lrv1.min"):
+        write(tmp_path, f"raw/{name}", "")
+    write(tmp_path, "config/config.yaml", CONFIG)
+    write(tmp_path, MOORING_FILE, MOORING)
+    return tmp_path
+
+
+def write(root: Path, name: str, text: str | bytes) -> None:
+    path = root / name
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+
+
+def edited(text: str, old: str, new: str) -> str:
+    assert text.count(old) == 1, f"{old!r} stands {text.count(old)} times in the example"
+    return text.replace(old, new)
+
+
+def message(root: Path) -> str:
+    with pytest.raises(InputError) as caught:
+        config.load(root)
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+def with_line(line: str) -> str:
+    """Return the example with the line replaced that has this key and indentation; a new key goes first."""
+    new, old = line.partition(":")[0] + ":", MOORING
+    place = old.find("\n" + new) + 1
+    if new == "name:":
+        return line + old[old.index("\n") :]
+    if not place:
+        return edited(old, "  top:\n", f"  top:\n{line}\n") if line.startswith(" ") else f"{line}\n{old}"
+    if new == "covariates:":
+        return old[:place] + line + "\n"
+    return old[:place] + line + old[old.index("\n", place) :]
+
+
+# --- what is read ---------------------------------------------------------------------------------------------------
+
+
+def test_the_example_of_the_contract_is_read(cruise: Path) -> None:
+    loaded = config.load(cruise)
+    mooring = loaded.moorings["EG4"]
+    top, deep = mooring.instruments["top"], mooring.instruments["deep"]
+    assert loaded.root == cruise
+    assert loaded.mooring_files == {"EG4": MOORING_FILE}
+    assert loaded.options.attributes["institution"] == "..."
+    assert (mooring.latitude, mooring.longitude, mooring.water_depth) == (65.3333, -32.9550, 894.0)
+    assert (mooring.start, mooring.end) == (datetime(2007, 9, 4, tzinfo=UTC), datetime(2008, 10, 4, tzinfo=UTC))
+    assert (mooring.start_s, mooring.declination) == (1188864000.0, "auto")
+    assert (top.files, top.depth, top.orientation, top.declination_applied) == (("raw/EG4/top.000",), 100.0, "up", 0.0)
+    assert deep.columns is not None
+    assert deep.columns.headers() == {"time": "time_utc", "depth": "depth_m", "east": "u_cm_s", "north": "v_cm_s"}
+    assert deep.columns.scale == 0.01
+    assert mooring.covariates["declination_observatory"].files == ("raw/obs/lrv1.min", "raw/obs/lrv2.min")
+
+
+def test_every_key_but_eight_has_a_default(cruise: Path) -> None:
+    write(cruise, "config/config.yaml", "{}")
+    write(cruise, MOORING_FILE, SHORTEST)
+    loaded = config.load(cruise)
+    assert loaded.options.model_dump() == {
+        "moorings": "config/moorings",
+        "demonstration": False,
+        "seed": 2007,
+        "attributes": {},
+        "overlap": {
+            "max_minutes": 20.0, "max_metres": 20.0, "bins": 2, "grid_minutes": 60.0, "grid_tolerance_minutes": 30.0
+        },
+        "fit": {"method": "exact", "name": None},
+        "diagnose": {"enabled": True, "apply": True, "min_effect_deg": 0.5},
+    }  # fmt: skip
+    assert loaded.moorings["M1"].model_dump() == {
+        "name": "M1", "latitude": 10.0, "longitude": 20.0, "water_depth": 100.0, "start_s": 1188864000.0,
+        "end_s": 1223078400.0, "declination": "auto", "compromised": "top", "reference": None,
+        "instruments": {"top": {
+            "format": "pd0", "files": ("raw/EG4/top.000",), "depth": None, "orientation": None,
+            "declination_applied": None, "heading_alignment": None, "clock_offset_seconds": 0.0,
+            "clock_drift_seconds": 0.0, "pressure_offset": 0.0, "direction_reference": "magnetic", "exclude": (),
+            "attributes": {}, "columns": None, "pressure_files": (), "start_offset_seconds": 0.0,
+        }},
+        "attributes": {}, "fit": {"method": "exact", "name": None},
+        "diagnose": {"enabled": True, "apply": True, "min_effect_deg": 0.5}, "covariates": {},
+    }  # fmt: skip
+
+
+def test_models_become_plain_json(cruise: Path) -> None:
+    loaded = config.load(cruise)
+    dumped = loaded.moorings["EG4"].model_dump(mode="json")
+    assert json.loads(json.dumps(dumped, allow_nan=False)) == dumped
+    assert json.loads(json.dumps(loaded.options.model_dump(mode="json"))) == loaded.options.model_dump(mode="json")
+
+
+def test_an_empty_value_counts_as_absent(cruise: Path) -> None:
+    write(cruise, MOORING_FILE, SHORTEST + "reference:\ncovariates:\ndiagnose: {apply: }\nattributes: {ship: }\n")
+    mooring = config.load(cruise).moorings["M1"]
+    assert (mooring.reference, mooring.covariates, mooring.diagnose.apply, mooring.attributes) == (None, {}, True, {})
+
+
+def test_a_mooring_overrides_the_options(cruise: Path) -> None:
+    write(cruise, "config/config.yaml", "fit: {method: von_appen}\ndiagnose: {apply: false, min_effect_deg: 2}\n")
+    write(cruise, MOORING_FILE, edited(MOORING, "diagnose: {apply: true} ", "diagnose: {enabled: off} "))
+    write(cruise, "config/moorings/M1.yaml", SHORTEST)
+    own, general = config.load(cruise).moorings.values()
+    assert (own.fit.method, general.fit.method) == ("exact", "von_appen")
+    assert own.diagnose.model_dump() == {"enabled": False, "apply": False, "min_effect_deg": 2.0}
+    assert general.diagnose.model_dump() == {"enabled": True, "apply": False, "min_effect_deg": 2.0}
+
+
+def test_every_key_of_the_other_formats_is_read(cruise: Path) -> None:
+    instruments = """\
+instruments:
+  top:
+    format: mmp_acm
+    files: [raw/EG4/b.000, raw/EG4/*.000]
+    pressure_files: raw/EG4/deep.csv
+    columns: {time: t, pressure: p}
+    start_offset_seconds: 1e3
+    exclude: [{from: 2007-10-01, to: 2007-10-02T12:00Z, why: fouled}, {from: 2008-01-01, to: 2008-01-02}]
+  acm: {format: acm_table, files: raw/EG4/a.000, columns: {time: t, pressure: p, x: vx, y: vy, heading: h, tilt_x: tx, tilt_y: ty, temperature: T}}
+  pd0: {format: pd0, files: raw/EG4/a.000, heading_alignment: 45, direction_reference: true}
+  speeds: {format: table, files: raw/EG4/a.000, depth: 5, columns: {time: t, speed: s, direction: d, heading: h}}
+"""
+    write(cruise, MOORING_FILE, SHORTEST.rpartition("instruments")[0] + instruments)
+    found = config.load(cruise).moorings["M1"].instruments
+    assert found["top"].files == ("raw/EG4/b.000", "raw/EG4/a.000", "raw/EG4/top.000")
+    assert found["top"].pressure_files == ("raw/EG4/deep.csv",)
+    assert found["top"].start_offset_seconds == 1000.0
+    assert [(w.to_s - w.from_s, w.why) for w in found["top"].exclude] == [(129600.0, "fouled"), (86400.0, "")]
+    assert (found["pd0"].heading_alignment, found["pd0"].direction_reference) == (45.0, "true")
+    assert found["acm"].columns is not None
+    assert found["acm"].columns.scale == 1.0
+
+
+@pytest.mark.parametrize(
+    ("written", "hours"),
+    [
+        ("2007-09-04", 0),
+        ("'2007-09-04'", 0),
+        ("2007-09-04T06:00:00Z", 6),
+        ("2007-09-04 06:00:00", 6),
+        ("2007-09-04T06:00", 6),
+        ("2007-09-04T06:00:00.000 UTC", 6),
+        ("2007-09-04T06:00:00+02:00", 4),
+        ("2007-09-04T06:00:00-0330", 9.5),
+        ('"2007-09-04T06:00Z"', 6),
+    ],
+)
+def test_dates_in_every_form(cruise: Path, written: str, hours: float) -> None:
+    write(cruise, MOORING_FILE, with_line(f"start: {written}"))
+    assert config.load(cruise).moorings["EG4"].start_s == 1188864000.0 + 3600 * hours
+
+
+def test_dates_as_python_objects() -> None:
+    zone = timezone(timedelta(hours=2))
+    assert config_values.time_s(date(2007, 9, 4)) == 1188864000.0
+    assert config_values.time_s(datetime.fromisoformat("2007-09-04")) == 1188864000.0
+    assert config_values.time_s(datetime(2007, 9, 4, 2, tzinfo=zone)) == 1188864000.0
+
+
+def test_texts_that_look_like_something_else_stay_texts(cruise: Path) -> None:
+    texts = "{a: 2007-09-04, b: 0123, c: 12:30, d: no, e: 1e5, f: 123456789012345678901, g: 0x1F, h: .inf, i: 1_0}"
+    write(cruise, MOORING_FILE, SHORTEST + f"attributes: {texts}\n")
+    given = config.load(cruise).moorings["M1"].attributes
+    assert list(given.values()) == re.findall(r": ([^,}]+)", texts)
+
+
+def test_numbers_in_every_form(cruise: Path) -> None:
+    for written, value in (("1e-2", 0.01), (".01", 0.01), ("+1.", 1.0), ("2.5E-1", 0.25), ("3", 3.0)):
+        write(cruise, MOORING_FILE, edited(MOORING, "scale: 0.01", f"scale: {written}"))
+        columns = config.load(cruise).moorings["EG4"].instruments["deep"].columns
+        assert columns is not None
+        assert columns.scale == value
+
+
+def test_moorings_as_a_list_and_none_at_all(cruise: Path) -> None:
+    write(cruise, "other/Z.yaml", edited(MOORING, "name: EG4", "name: Z"))
+    write(cruise, "config/config.yaml", f"moorings: [other/Z.yaml, {MOORING_FILE}]\n")
+    assert list(config.load(cruise).moorings) == ["EG4", "Z"]
+    write(cruise, "config/config.yaml", "moorings: []\n")
+    assert config.load(cruise).moorings == {}
+
+
+def test_the_order_is_that_of_the_file_names(cruise: Path) -> None:
+    write(cruise, "config/moorings/A.yml", edited(MOORING, "name: EG4", "name: Z"))
+    write(cruise, "config/moorings/.hidden.yaml", "not read")
+    write(cruise, "config/moorings/notes.txt", "not read")
+    assert list(config.load(cruise).moorings) == ["Z", "EG4"]
+
+
+def test_a_file_whose_name_looks_like_a_glob(cruise: Path) -> None:
+    write(cruise, "raw/EG4/top[1].000", "")
+    write(cruise, MOORING_FILE, with_line('    files: "raw/EG4/top[1].000"'))
+    assert config.load(cruise).moorings["EG4"].instruments["top"].files == ("raw/EG4/top[1].000",)
+
+
+def test_a_demonstration_may_name_files_that_are_made_later(cruise: Path) -> None:
+    write(cruise, "config/config.yaml", "demonstration: true\nseed: 7\n")
+    write(cruise, MOORING_FILE, SHORTEST.replace("top.000", "later.000"))
+    loaded = config.load(cruise)
+    assert loaded.options.seed == 7
+    assert loaded.moorings["M1"].instruments["top"].files == ("raw/EG4/later.000",)
+    write(cruise, MOORING_FILE, SHORTEST.replace("top.000", "*.000"))
+    assert message(cruise) == (
+        "config/moorings/EG4.yaml: instruments.top.files: expected plain paths, as the files of a demonstration are "
+        "made later, found 'raw/EG4/*.000'; list the files"
+    )
+
+
+def test_a_calibration_is_named_by_its_file(cruise: Path) -> None:
+    write(cruise, MOORING_FILE, with_line("fit: {method: calibration, name: aqd}"))
+    assert message(cruise) == (
+        "config/moorings/EG4.yaml: fit.name: expected the file config/calibrations/aqd.yaml, found none; "
+        "write that file or correct the name"
+    )
+    write(cruise, "config/calibrations/aqd.yaml", "kind: platform\n")
+    assert config.load(cruise).moorings["EG4"].fit.name == "aqd"
+
+
+def test_the_cruise_with_real_records_is_read() -> None:
+    folder = ROOT.parent / "shared/data/cruise_eh2"
+    if not folder.is_dir():
+        pytest.skip(f"no {folder}: the real records are not part of this repository")
+    loaded = config.load(folder)
+    assert list(loaded.moorings) == ["E0", "E1", "E2"]
+    assert loaded.moorings["E2"].fit.method == "von_appen"
+    assert loaded.moorings["E0"].instruments["deep"].direction_reference == "true"
+
+
+def test_the_readme_names_every_key() -> None:
+    text = (ROOT / "config/README.md").read_text()
+    models = [m for m in vars(config_schema).values() if isinstance(m, type) and issubclass(m, config_schema.Section)]
+    keys = {key for model in models for key in config_schema.allowed_keys(model)}
+    assert [key for key in sorted(keys) if f"`{key}`" not in text] == []
+
+
+# --- what is refused, in one line -----------------------------------------------------------------------------------
+
+BAD_LINES = [
+    ("latitude: 95.3", "latitude: expected a number from -90 to 90, found 95.3; check the sign and the order of latitude and longitude"),
+    ("latitude: '65.3'", "latitude: expected a number from -90 to 90, found '65.3'; write 65.3 without quotes"),
+    ("latitude: 65,3", "latitude: expected a number from -90 to 90, found '65,3'; write 65.3 with a point"),
+    ("latitude: 065", "latitude: expected a number from -90 to 90, found '065'; write 65 without leading zeros"),
+    ("latitude: 65°20'N", 'latitude: expected a number from -90 to 90, found "65°20\'N"; write decimal degrees, south and west negative'),
+    ("latitude: true", "latitude: expected a number from -90 to 90, found true; check the sign and the order of latitude and longitude"),
+    ("latitude: .nan", "latitude: expected a number from -90 to 90, found '.nan'; check the sign and the order of latitude and longitude"),
+    ("latitude: 1e999", "latitude: expected a number from -90 to 90, found '1e999'; check the sign and the order of latitude and longitude"),
+    ("latitude: [65]", "latitude: expected a number from -90 to 90, found a list; check the sign and the order of latitude and longitude"),
+    ("latitude:", "latitude: expected a number from -90 to 90, found nothing; add for example latitude: 65.3333"),
+    ("longitude: -181", "longitude: expected a number from -180 to 360, found -181; check the sign and the order of latitude and longitude"),
+    ("water_depth: 0", "water_depth: expected metres above 0, at most 12000, found 0; write it positive, in metres"),
+    ("water_depth: 894 m", "water_depth: expected metres above 0, at most 12000, found '894 m'; write 894 without the unit"),
+    ("start: 04.09.2007", "start: expected a date or UTC time from 1980 to 2100, found '04.09.2007'; write for example start: 2007-09-04T00:00:00Z"),
+    ("start: 2007-13-04", "start: expected a date or UTC time from 1980 to 2100, found '2007-13-04'; month must be in 1..12; write a day and an hour that exist"),
+    ("start: 1907-09-04", "start: expected a date or UTC time from 1980 to 2100, found '1907-09-04'; write for example start: 2007-09-04T00:00:00Z"),
+    ("start: 20070904", "start: expected a date or UTC time from 1980 to 2100, found 20070904; write for example start: 2007-09-04T00:00:00Z"),
+    ("end: 2006-10-04", "end: expected a time after start, 2007-09-04T00:00:00Z, found 2006-10-04T00:00:00Z; correct one of the two"),
+    ("declination: IGRF", "declination: expected auto, or degrees east from -180 to 180, found 'IGRF'; write for example declination: auto"),
+    ("declination: 181", "declination: expected auto, or degrees east from -180 to 180, found 181; write for example declination: auto"),
+    ("name: ../EG4", "name: expected 1 to 64 letters, digits, '_', '.' and '-', the first a letter or digit, found '../EG4'; write for example EG4"),
+    ("name: 2007", "name: expected 1 to 64 letters, digits, '_', '.' and '-', the first a letter or digit, found 2007; write it in quotes: '2007'"),
+    ("name: proof", "name: expected a name other than calibrations, proof, summary.csv, report.html, which results/ holds for other things, found 'proof'; rename the mooring"),
+    ("compromised: tpo", "compromised: expected an instrument of this mooring (top, deep), found 'tpo'; write one of these names"),
+    ("reference: bottom", "reference: expected an instrument of this mooring (top, deep), found 'bottom'; write one of these names"),
+    ("reference: top", "reference: expected another instrument than compromised, found 'top'; name the trusted instrument, or delete reference where there is none"),
+    ("latitud: 65", "latitud: expected a key out of name, latitude, longitude, water_depth, start, end, declination, compromised, reference, instruments, attributes, fit, diagnose, covariates, found the unknown 'latitud'; write latitude"),
+    ("fit: {method: exakt}", "fit.method: expected exact, von_appen or calibration, found 'exakt'; write exact"),
+    ("fit: exact", "fit: expected a mapping, found 'exact'; write below it keys out of method, name"),
+    ("fit: {method: calibration}", "fit.name: expected the NAME of config/calibrations/NAME.yaml, found nothing; write fit: {method: calibration, name: NAME}"),
+    ("fit: {method: exact, name: aqd}", "fit.name: expected no name beside method: exact, found 'aqd'; delete it or write method: calibration"),
+    ("diagnose: {apply: maybe}", "diagnose.apply: expected true or false, found 'maybe'; write for example apply: true"),
+    ("diagnose: {apply: 'true'}", "diagnose.apply: expected true or false, found 'true'; write true without quotes"),
+    ("diagnose: yes", "diagnose: expected a mapping, found 'yes'; write below it keys out of enabled, apply, min_effect_deg"),
+    ("attributes: {ship: [a, b]}", "attributes.ship: expected a text or a number, found a list; write it in quotes: ship: '...'"),
+    ("attributes: {a b: c}", "attributes: expected attribute names of letters, digits and '_', found 'a b'; write for example ship"),
+    ("covariates: {obs: {format: iaga2002, files: raw/obs/*.hor}}", "covariates.obs.files: expected an existing file, found no file that matches raw/obs/*.hor; put it there or correct the path, relative to the cruise folder"),
+    ("covariates: {a b: {format: iaga2002, files: raw/obs/*.min}}", "covariates.a b: expected 1 to 64 letters, digits, '_', '.' and '-', the first a letter or digit, found 'a b'; write for example EG4"),
+    ("    format: PD0", "instruments.top.format: expected pd0, acm_table, mmp_acm or table, found 'PD0'; write for example format: pd0"),
+    ("    format: tabel", "instruments.top.format: expected pd0, acm_table, mmp_acm or table, found 'tabel'; write table"),
+    ("    files: raw/EG4/no.000", "instruments.top.files: expected an existing file, found no file raw/EG4/no.000; put it there or correct the path, relative to the cruise folder"),
+    ("    files: raw/EG4/*.001", "instruments.top.files: expected an existing file, found no file that matches raw/EG4/*.001; put it there or correct the path, relative to the cruise folder"),
+    ("    files: raw/EG4", "instruments.top.files: expected a file, found the folder raw/EG4; write raw/EG4/* for all files in it"),
+    ("    files: []", "instruments.top.files: expected at least one file, found an empty list; write for example files: raw/EG4/top.000"),
+    ("    files: /etc/passwd", "instruments.top.files: expected a path inside the cruise folder, relative to it, found '/etc/passwd'; copy or link the file into the cruise folder and write its path from there"),
+    ("    files: raw/../../top.000", "instruments.top.files: expected a path inside the cruise folder, relative to it, found 'raw/../../top.000'; copy or link the file into the cruise folder and write its path from there"),
+    ("    files: C:\\top.000", "instruments.top.files: expected a path inside the cruise folder, relative to it, found 'C:\\\\top.000'; copy or link the file into the cruise folder and write its path from there"),
+    ("    files: 7", "instruments.top.files: expected a path, a list of paths or a glob, relative to the cruise folder, found 7; write it in quotes: '7'"),
+    ("    depth: -100", "instruments.top.depth: expected metres from 0 to 12000, found -100; write it positive, in metres"),
+    ("    depth: 1000", "instruments.top.depth: expected metres from 0 to the water depth, 894, found 1000; correct one of the two"),
+    ("    orientation: upward", "instruments.top.orientation: expected up or down, found 'upward'; write for example orientation: up"),
+    ("    heading: 3", "instruments.top.heading: expected a key out of format, files, depth, orientation, declination_applied, heading_alignment, clock_offset_seconds, clock_drift_seconds, pressure_offset, direction_reference, exclude, attributes, columns, pressure_files, start_offset_seconds, found the unknown 'heading'; delete it, or indent it below the key that it belongs to"),
+    ("    pressure_offset: 2 dbar", "instruments.top.pressure_offset: expected dbar from -12000 to 12000, found '2 dbar'; write 2 without the unit"),
+    ("    exclude: {from: 2007-10-01, to: 2007-10-02}", "instruments.top.exclude: expected a list of windows, found a mapping; write for example exclude: [{from: 2007-10-01, to: 2007-10-02, why: fouled}]"),
+    ("    exclude: [2007-10-01]", "instruments.top.exclude[0]: expected a mapping, found '2007-10-01'; write below it keys out of from, to, why"),
+    ("    exclude: [{from: 2007-10-01}]", "instruments.top.exclude[0].to: expected a date or UTC time from 1980 to 2100, found nothing; add for example to: 2007-10-02T00:00:00Z"),
+    ("    exclude: [{from: 2007-10-02, to: 2007-10-01}]", "instruments.top.exclude[0].to: expected a time after from, 2007-10-02T00:00:00Z, found 2007-10-01T00:00:00Z; correct one of the two"),
+    ("    direction_reference: grid", "instruments.deep.direction_reference: expected magnetic or true, found 'grid'; write for example direction_reference: magnetic"),
+]  # fmt: skip
+
+BAD_COLUMNS = [
+    ("{depth: d, east: u, north: v}", "columns.time: expected the header of the time column, found nothing; add for example time: time_utc"),
+    ("{time: t, east: u}", "columns.north: expected east+north together, found east without it; add for example north: name_in_the_header"),
+    ("{time: t, x: u, y: v}", "columns.heading: expected x+y+heading together, found x and y without it; add for example heading: name_in_the_header"),
+    ("{time: t}", "columns: expected exactly one of east+north, speed+direction and x+y+heading, found none of them; add for example east: u_cm_s and north: v_cm_s"),
+    ("{time: t, east: u, north: v, speed: s, direction: d}", "columns: expected exactly one of east+north, speed+direction and x+y+heading, found east+north and speed+direction; keep one of them"),
+    ("{time: t, east: u, north: u}", "columns.north: expected a column of its own, found 'u', which east has already; correct one of the two"),
+    ("{time: t, east: 1, north: v}", "columns.east: expected the header of a column (speed), found 1; write it in quotes: '1'"),
+    ("{time: t, east: u, north: v, scale: 0}", "columns.scale: expected a factor to m/s above 0, at most 1000, found 0; write for example scale: 0.01"),
+    ("{time: t, east: u, north: v, tilt: w}", "columns.tilt: expected a key out of time, depth, pressure, east, north, speed, direction, x, y, heading, tilt_x, tilt_y, temperature, scale, found the unknown 'tilt'; write tilt_y"),
+    ("[time_utc, u, v]", "columns: expected a mapping, found a list; write below it keys out of time, depth, pressure, east, north, speed, direction, x, y, heading, tilt_x, tilt_y, temperature, scale"),
+]  # fmt: skip
+
+BAD_FILES = [
+    ("", "expected keys with values, found an empty file; write for example name: EG4"),
+    ("# nothing yet\n", "expected keys with values, found an empty file; write for example name: EG4"),
+    ("- name: EG4\n", "expected keys with values, found a list; write for example name: EG4"),
+    ("EG4", "expected keys with values, found a single value; write for example name: EG4"),
+    ("name: EG4\nname: EG5\n", "line 2, column 1: expected every key once, found 'name' again, first in line 1; delete one of the two"),
+    ("fit: {method: exact, method: exact}\n", "line 1, column 22: expected every key once, found 'method' again, first in line 1; delete one of the two"),
+    ("a: &x 1\n", "line 1, column 4: expected plain values without anchors, found &x; write the value out in full"),
+    ("a: *x\n", "line 1, column 4: expected plain values without aliases, found *x; write the value out in full"),
+    ("a: !!python/object:os.system x\n", "line 1, column 4: expected plain values without tags, found the tag tag:yaml.org,2002:python/object:os.system; delete the tag"),
+    ("? [a, b]\n: 1\n", "line 1, column 3: expected a word as key, found a list or mapping; check braces and colons"),
+    ("fit:\n\tmethod: exact\n", "line 2, column 1: expected spaces, found a tab; replace the tab by spaces"),
+    ("name: 'EG4\n", "line 2, column 1: expected YAML, found the end of the file within quotes; close the quotes"),
+    ("name:EG4\nlatitude: 1\n", "line 2, column 9: expected YAML, found a colon where none can stand; write a space after each colon"),
+    ("name: EG4\n---\nname: EG5\n", "line 2, column 1: expected YAML, found a second document; delete the line ---"),
+    ("name: EG4\n  latitude: 1\n", "line 2, column 11: expected YAML, found a colon where none can stand; write a space after each colon"),
+    ("a:\n    b: 1\n  c: 2\n", "line 3, column 3: expected YAML, found a line that does not stand below its neighbours; indent the keys of one mapping equally"),
+    ("fit: {method: exact\nname: a\n", "line 2, column 5: expected YAML, found a bracket or brace that is not closed before this; close it or add the comma"),
+    ("name: EG4\nlatitude\nlongitude: 1\n", "line 3, column 1: expected YAML, found a line without a colon; write it as key: value"),
+    ("name: @EG4\n", "line 1, column 7: expected YAML, found a character that cannot begin a value; put the value in quotes"),
+    ("a: " + "[" * 100_000, "line 1, column 23: expected mappings and lists a few levels deep, found deeper nesting than 20 levels; check the brackets and indentation"),
+    ("name: EG4\nship: \x07\n", "line 2: expected printable text, found the control character 0x07; delete it"),
+    ('name: "\\ud800"\n', "line 1, column 7: expected printable text, found the control character 0xd800; delete it"),
+    ('"a\\0": 1\n', "line 1, column 1: expected printable text, found the control character 0x00; delete it"),
+    (b"name: Gr\xf6nland\n", "expected UTF-8 text, found other bytes at 8; save the file as UTF-8"),
+    ("name: EG4\n".encode("utf-16"), "expected UTF-8 text, found other bytes at 0; save the file as UTF-8"),
+    ("#" * 1_000_001, "expected at most 1000000 bytes, found 1000001; check that it is the YAML file and not data"),
+    ("<<: {name: EG4}\n", "<<: expected a key out of name, latitude, longitude, water_depth, start, end, declination, compromised, reference, instruments, attributes, fit, diagnose, covariates, found the unknown '<<'; delete it, or indent it below the key that it belongs to"),
+]  # fmt: skip
+
+BAD_OPTIONS = [
+    ("demonstration: 1", "demonstration: expected true or false, found 1; write for example demonstration: false"),
+    ("seed: 1.5", "seed: expected a whole number from 0 to 4294967295, found 1.5; write for example seed: 2007"),
+    ("overlap: {bins: 0}", "overlap.bins: expected a whole number from 1 to 255, found 0; write for example bins: 2"),
+    ("overlap: {max_minuts: 20}", "overlap.max_minuts: expected a key out of max_minutes, max_metres, bins, grid_minutes, grid_tolerance_minutes, found the unknown 'max_minuts'; write max_minutes"),
+    ("overlap: {grid_minutes: 0}", "overlap.grid_minutes: expected minutes above 0, at most 1440, found 0; write for example grid_minutes: 60"),
+    ("fit: {method: calibration, name: aqd}", "fit.method: expected exact or von_appen for a whole cruise, found 'calibration'; name a calibration in the mooring's own file"),
+    ("diagnose: {min_effect_deg: -1}", "diagnose.min_effect_deg: expected degrees from 0 to 180, found -1; write for example min_effect_deg: 0.5"),
+    ("moorings: config/mooring", "moorings: expected a folder with files NAME.yaml, found no folder config/mooring; put the mooring files there, or write moorings: [] where the cruise has none"),
+    ("moorings: raw", "moorings: expected a folder with files NAME.yaml, found none in raw; put the mooring files there, or write moorings: [] where the cruise has none"),
+    ("moorings: [config/moorings/X.yaml]", "moorings: expected existing mooring files, found no file config/moorings/X.yaml; put it there or correct the path, relative to the cruise folder"),
+    ("moorings: {a: b}", "moorings: expected a folder of mooring files or a list of them, found a mapping; write for example moorings: config/moorings"),
+    ("moorings: ../other", "moorings: expected a path inside the cruise folder, relative to it, found '../other'; copy or link the file into the cruise folder and write its path from there"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("line", "expected"), BAD_LINES, ids=[line.strip() for line, _ in BAD_LINES])
+def test_a_bad_line_of_a_mooring_file(cruise: Path, line: str, expected: str) -> None:
+    write(cruise, MOORING_FILE, with_line(line))
+    assert message(cruise) == f"{MOORING_FILE}: {expected}"
+
+
+@pytest.mark.parametrize(("columns", "expected"), BAD_COLUMNS, ids=[columns for columns, _ in BAD_COLUMNS])
+def test_bad_columns(cruise: Path, columns: str, expected: str) -> None:
+    write(cruise, MOORING_FILE, edited(MOORING, COLUMNS, columns))
+    assert message(cruise) == f"{MOORING_FILE}: instruments.deep.{expected}"
+
+
+@pytest.mark.parametrize(("content", "expected"), BAD_FILES, ids=[repr(content[:30]) for content, _ in BAD_FILES])
+def test_a_file_that_is_no_cruise_file(cruise: Path, content: str | bytes, expected: str) -> None:
+    write(cruise, MOORING_FILE, content)
+    assert message(cruise) == f"{MOORING_FILE}: {expected}"
+
+
+@pytest.mark.parametrize(("line", "expected"), BAD_OPTIONS, ids=[line for line, _ in BAD_OPTIONS])
+def test_a_bad_line_of_the_options(cruise: Path, line: str, expected: str) -> None:
+    write(cruise, "config/config.yaml", line + "\n")
+    assert message(cruise) == f"config/config.yaml: {expected}"
+
+
+@pytest.mark.parametrize(
+    ("line", "key", "allowed", "form"),
+    [
+        ("columns: {time: t}", "columns", "table or acm_table or mmp_acm", "pd0"),
+        ("pressure_files: raw/EG4/deep.csv", "pressure_files", "mmp_acm", "pd0"),
+        ("start_offset_seconds: 4", "start_offset_seconds", "mmp_acm", "pd0"),
+        ("heading_alignment: 4", "heading_alignment", "pd0", "mmp_acm"),
+    ],
+)
+def test_a_key_of_another_format(cruise: Path, line: str, key: str, allowed: str, form: str) -> None:
+    write(cruise, MOORING_FILE, SHORTEST.replace("format: pd0,", f"format: {form}, {line},"))
+    assert message(cruise) == (
+        f"{MOORING_FILE}: instruments.top.{key}: expected this key only with format {allowed}, "
+        f"found it with format {form}; delete it or correct the format"
+    )
+
+
+def test_a_table_without_any_depth(cruise: Path) -> None:
+    table = "format: table, columns: {time: t, east: u, north: v},"
+    write(cruise, MOORING_FILE, SHORTEST.replace("format: pd0,", table))
+    assert message(cruise) == (
+        f"{MOORING_FILE}: instruments.top.columns: expected a depth or pressure column where the instrument has no "
+        "depth, found neither; add depth: 120 to the instrument, or depth: depth_m to its columns"
+    )
+
+
+def test_no_config_file(tmp_path: Path) -> None:
+    assert message(tmp_path) == (
+        f"config/config.yaml: expected this file in {tmp_path}, found none; "
+        "write one, for example with the line moorings: config/moorings"
+    )
+
+
+def test_a_name_in_two_files(cruise: Path) -> None:
+    write(cruise, "config/moorings/copy.yaml", MOORING)
+    assert message(cruise) == (
+        "config/moorings/copy.yaml: name: expected a name of its own, found 'EG4', "
+        "which config/moorings/EG4.yaml has already; rename one of the two"
+    )
+
+
+def test_damaged_files_end_in_one_line_or_are_read(cruise: Path) -> None:
+    rng = random.Random(2007)
+    read, refused = 0, []
+    for _ in range(300):
+        damaged = bytearray(MOORING.encode())
+        for _ in range(rng.randint(1, 4)):
+            place = rng.randrange(len(damaged))
+            damaged[place : place + rng.randint(0, 3)] = rng.choice(
+                [b"", b":", b"[", b"\t", b"\n", b"'", b"\xff", b"9"]
+            )
+        write(cruise, MOORING_FILE, bytes(damaged))
+        try:
+            read += len(config.load(cruise).moorings)
+        except InputError as error:
+            refused.append(str(error))
+    assert [line for line in refused if "\n" in line or len(line) > 500] == []
+    assert read + len(refused) == 300
+    assert min(read, len(refused)) > 30  # many cuts only spoil a comment
+
+
+def test_a_long_value_is_cut(cruise: Path) -> None:
+    write(cruise, MOORING_FILE, with_line("latitude: " + "x" * 5000))
+    assert len(message(cruise)) < 250
+    write(cruise, MOORING_FILE, with_line("x" * 1000 + ": 1"))
+    assert len(message(cruise)) < 500
+
+
+def test_an_instrument_may_be_called_like_a_key(cruise: Path) -> None:
+    write(cruise, MOORING_FILE, SHORTEST.replace("top: {", "depth: {orientation: left, "))
+    assert message(cruise) == (
+        f"{MOORING_FILE}: instruments.depth.orientation: expected up or down, found 'left'; "
+        "write for example orientation: up"
+    )
