@@ -1,0 +1,238 @@
+"""RDI PD0: the raw files of WorkHorse, Ocean Surveyor, Sentinel V and their relatives.
+
+What is damaged is left out and told, never guessed: a flipped byte costs one ensemble. Bottom track, navigation and
+fifth beams are passed over. Beams are combined bin by bin; under tilt their bins lie at slightly different depths,
+which is not mapped.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from compasslib.errors import InputError
+from compasslib.readers.pd0_fields import Ensembles, decode_runs, joined, stacked
+from compasslib.readers.pd0_frames import CHUNK_BYTES, Skipped, frames
+from compasslib.readers.pd0_geometry import true_pitch
+from compasslib.readers.pd0_report import FileReport, counts_of, faces_up, lost_ensembles, sentences
+from compasslib.readers.pd0_water import Choices, currents, magnetic_heading, quality
+from compasslib.records import BAD, GOOD, MISSING, Flags, Floats, Record
+
+
+@dataclass(frozen=True, eq=False)
+class _Piece:
+    """A decoded chunk of a file."""
+
+    ensembles: Ensembles
+    without_velocity: int
+    bad_dates: int
+    size: int  # bytes in ensembles, good ones
+    skipped: tuple[Skipped, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class _Water:
+    """The part of a piece that the record keeps."""
+
+    leaders: Ensembles  # without their profiles
+    east: Floats
+    north: Floats
+    quality: Flags
+    three_beam: int
+    has_percent_good: bool
+
+
+def decode(path: str | Path, chunk_bytes: int = CHUNK_BYTES) -> Ensembles:
+    """Return all good ensembles of a file as the instrument recorded them.
+
+    Args:
+        path: the file.
+        chunk_bytes: bytes read at a time; the result does not depend on it.
+
+    Raises:
+        InputError: the file cannot be read or holds no ensemble with velocities.
+    """
+    pieces = list(_pieces(path, chunk_bytes))
+    _refuse_nothing(path, pieces)
+    return joined([piece.ensembles for piece in pieces])
+
+
+def read(
+    paths: Sequence[Path],
+    *,
+    orientation: str | None,
+    declination_applied: float | None,
+    heading_alignment: float | None,
+) -> Record:
+    """Return one record from files in the order given, currents turned by the recorded magnetic heading.
+
+    Args:
+        paths: files of one instrument, by its own clock.
+        orientation: up or down; counts where ensembles disagree. Each ensemble's own bit where None.
+        declination_applied: degrees inside the recorded headings (and earth velocities), instead of the file's EB.
+        heading_alignment: degrees added to the recorded heading to get that of beam 3; needed where EA is not 0.
+
+    Raises:
+        InputError: a file that cannot be read or holds no ensemble, or EA without ``heading_alignment``.
+    """
+    return read_reporting(
+        paths,
+        orientation=orientation,
+        declination_applied=declination_applied,
+        heading_alignment=heading_alignment,
+    )[0]
+
+
+def read_reporting(
+    paths: Sequence[Path],
+    *,
+    orientation: str | None,
+    declination_applied: float | None,
+    heading_alignment: float | None,
+) -> tuple[Record, tuple[FileReport, ...]]:
+    """Return what ``read`` returns, and of every file what was skipped, range by range.
+
+    Args:
+        paths: as for ``read``.
+        orientation: as for ``read``.
+        declination_applied: as for ``read``.
+        heading_alignment: as for ``read``.
+
+    Raises:
+        InputError: as for ``read``.
+    """
+    choices = Choices(orientation, declination_applied, heading_alignment)
+    _check(paths, choices)
+    water: list[_Water] = []
+    reports: list[FileReport] = []
+    for path in paths:
+        of_file, report = _file(path, choices)
+        water += of_file
+        reports.append(report)
+    return _record(water, reports, choices), tuple(reports)
+
+
+def _check(paths: Sequence[Path], choices: Choices) -> None:
+    if not paths:
+        raise InputError("files", expected="at least one PD0 file", found="none", advice="name the instrument's files")
+    if choices.orientation not in (None, "up", "down"):
+        raise InputError(
+            "orientation", expected="up or down", found=repr(choices.orientation), advice="write orientation: up"
+        )
+
+
+def _pieces(path: str | Path, chunk_bytes: int = CHUNK_BYTES) -> Iterator[_Piece]:
+    for chunk in frames(path, chunk_bytes):
+        ensembles, without_velocity, bad_dates = decode_runs(chunk.runs)
+        size = sum(run.rows.size for run in chunk.runs)
+        yield _Piece(ensembles, without_velocity, bad_dates, size, chunk.skipped)
+
+
+def _refuse_nothing(path: str | Path, pieces: Sequence[_Piece]) -> None:
+    if any(len(piece.ensembles) for piece in pieces):
+        return
+    left_out = sum(piece.without_velocity + piece.bad_dates for piece in pieces)
+    with Path(path).open("rb") as file:
+        beginning = file.read(16)
+    found = f"a file that begins with {beginning!r}" if beginning else "an empty file"
+    if left_out:
+        found = f"{left_out} ensembles without velocities or with impossible dates"
+    advice = "check that format: pd0 and the file belong together"
+    raise InputError(str(path), expected="PD0 ensembles (7F 7F) with velocities", found=found, advice=advice)
+
+
+def _file(path: str | Path, choices: Choices) -> tuple[list[_Water], FileReport]:
+    """Read one file piece by piece, so that the profiles of a piece are gone before the next is there."""
+    bare: list[_Piece] = []
+    water: list[_Water] = []
+    for piece in _pieces(path):
+        bare.append(replace(piece, ensembles=_leaders(piece.ensembles)))
+        if len(piece.ensembles):
+            _refuse_alignment(path, piece.ensembles, choices)
+            water.append(_turned(piece.ensembles, choices))
+    _refuse_nothing(path, bare)
+    if not any(part.has_percent_good for part in water):
+        # Nobody has filled the block: it says nothing about the velocities.
+        water = [replace(part, quality=np.where(part.quality == BAD, GOOD, part.quality)) for part in water]
+    return water, _report(path, bare, sum(part.three_beam for part in water))
+
+
+def _leaders(ensembles: Ensembles) -> Ensembles:
+    none, no_bytes = np.empty((len(ensembles), 0, 4)), np.empty((len(ensembles), 0, 4), np.uint8)
+    return replace(ensembles, velocity=none, correlation=no_bytes, percent_good=no_bytes)
+
+
+def _turned(ensembles: Ensembles, choices: Choices) -> _Water:
+    east, north, three_beam = currents(ensembles, choices)
+    flags = quality(ensembles, east, north)
+    filled = bool(ensembles.percent_good.any())
+    return _Water(_leaders(ensembles), east, north, flags, three_beam, filled)
+
+
+def _refuse_alignment(path: str | Path, ensembles: Ensembles, choices: Choices) -> None:
+    aligned = ensembles.heading_alignment_deg
+    if choices.heading_alignment is None and aligned.any():
+        raise InputError(
+            f"{path}: heading alignment EA",
+            expected="0 degrees",
+            found=f"{aligned[np.flatnonzero(aligned)[0]]:g} degrees",
+            advice="give heading_alignment: degrees to add to the recorded heading to get beam 3's, or 0 to ignore EA",
+        )
+
+
+def _report(path: str | Path, pieces: Sequence[_Piece], three_beam: int) -> FileReport:
+    skipped = tuple(each for piece in pieces for each in piece.skipped)
+    offset = np.concatenate([piece.ensembles.offset for piece in pieces])
+    number = np.concatenate([piece.ensembles.number for piece in pieces])
+    return FileReport(
+        path=str(path),
+        bytes_total=sum(piece.size for piece in pieces) + sum(each.length for each in skipped),
+        ensembles=len(offset),
+        without_velocity=sum(piece.without_velocity for piece in pieces),
+        bad_dates=sum(piece.bad_dates for piece in pieces),
+        three_beam=three_beam,
+        lost=lost_ensembles(offset, number, skipped),
+        skipped=skipped,
+    )
+
+
+def _record(water: Sequence[_Water], reports: Sequence[FileReport], choices: Choices) -> Record:
+    leaders = joined([part.leaders for part in water])
+    heading = magnetic_heading(leaders, choices)
+    cells = int(leaders.cells.max())
+    counts = counts_of(reports, leaders, heading, choices)
+    return Record(
+        time_s=leaders.time_s,
+        east=stacked([part.east for part in water], cells),
+        north=stacked([part.north for part in water], cells),
+        bin_range_m=_bin_range(leaders, cells),
+        heading_deg=heading,
+        pitch_deg=true_pitch(leaders.tilt1_deg, leaders.tilt2_deg),
+        roll_deg=leaders.tilt2_deg,
+        pressure_dbar=leaders.pressure_dbar,
+        depth_m=leaders.depth_m,
+        temperature_c=leaders.temperature_c,
+        supply_voltage=leaders.supply_voltage,
+        quality=stacked([part.quality for part in water], cells, fill=MISSING),
+        heading_quality=np.where(np.isnan(heading), MISSING, GOOD).astype(np.int8),
+        looks_up=faces_up(leaders, choices),
+        beam_angle_deg=_most_frequent(leaders.beam_angle_deg),
+        direction_reference="magnetic",
+        counts=counts,
+        warnings=sentences(reports, leaders, counts, choices),
+    )
+
+
+def _bin_range(leaders: Ensembles, cells: int) -> Floats:
+    cell = np.arange(cells)
+    ranges = leaders.bin1_m[:, None] + leaders.cell_m[:, None] * cell
+    ranges[cell >= leaders.cells[:, None]] = np.nan
+    return ranges
+
+
+def _most_frequent(values: Floats) -> float:
+    distinct, times = np.unique(values, return_counts=True)
+    return float(distinct[np.argmax(times)])

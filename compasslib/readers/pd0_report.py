@@ -1,0 +1,193 @@
+"""What reading PD0 files left out or found odd: numbers for the record, sentences for its reader."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from compasslib.readers.pd0_fields import EARTH, SHIP, Ensembles
+from compasslib.readers.pd0_frames import Places, Skipped
+from compasslib.readers.pd0_water import Choices, looks_up
+from compasslib.records import Floats
+
+RANGES_SHOWN = 20
+_BIAS_TOLERANCE_DEG = 0.01
+
+
+@dataclass(frozen=True)
+class FileReport:
+    """What one file held; ``skipped`` and the ensembles are all of its bytes."""
+
+    path: str
+    bytes_total: int
+    ensembles: int  # good, dated and with velocities
+    without_velocity: int
+    bad_dates: int
+    three_beam: int  # currents solved from three beams, by this reader or by the instrument
+    lost: int  # ensembles missing by their numbers where bytes were skipped
+    skipped: tuple[Skipped, ...]
+
+    @property
+    def bytes_skipped(self) -> int:
+        """Bytes that belong to no good ensemble."""
+        return sum(each.length for each in self.skipped)
+
+    @property
+    def damaged(self) -> int:
+        """Places that begin like an ensemble and whose checksum fails; chance pairs of 7F are among them."""
+        return sum(each.damaged for each in self.skipped)
+
+
+def lost_ensembles(offset: Places, number: Places, skipped: Sequence[Skipped]) -> int:
+    """Return how many ensembles are missing by number where bytes were skipped between two good ones.
+
+    Args:
+        offset: (n,) where the good ones begin, bytes, ascending.
+        number: (n,) their numbers.
+        skipped: the ranges between them.
+    """
+    after = np.searchsorted(offset, [each.offset for each in skipped])
+    inside = after[(after > 0) & (after < len(offset))]
+    gaps = number[inside] - number[inside - 1] - 1
+    # Numbers fall back where a recording begins anew: then nothing is known.
+    return int(gaps[gaps > 0].sum())
+
+
+def counts_of(
+    reports: Sequence[FileReport], leaders: Ensembles, heading_deg: Floats, choices: Choices
+) -> dict[str, int]:
+    """Return the numbers that go into the record.
+
+    Args:
+        reports: one a file.
+        leaders: the ensembles of all files.
+        heading_deg: (n,) NaN where missing.
+        choices: the metadata's word.
+    """
+    names = "ensembles without_velocity bad_dates damaged lost bytes_skipped bytes_total three_beam"
+    summed = {name: sum(getattr(report, name) for report in reports) for name in names.split()}
+    return summed | {
+        "orientation_disagrees": int(np.sum(leaders.looks_up != faces_up(leaders, choices))),
+        "heading_missing": int(np.isnan(heading_deg).sum()),
+        "configurations": _configurations(leaders),
+    }
+
+
+def faces_up(leaders: Ensembles, choices: Choices) -> bool:
+    """Return whether the instrument looks up: by the metadata, else by most of its ensembles.
+
+    Args:
+        leaders: n ensembles.
+        choices: the metadata's word.
+    """
+    return bool(np.mean(looks_up(leaders, choices)) > 0.5)
+
+
+def sentences(
+    reports: Sequence[FileReport], leaders: Ensembles, counts: dict[str, int], choices: Choices
+) -> tuple[str, ...]:
+    """Return what a reader of the record should know.
+
+    Args:
+        reports: one a file.
+        leaders: the ensembles of all files.
+        counts: from ``counts_of``.
+        choices: the metadata's word.
+    """
+    of_files = [line for report in reports for line in _of_file(report)]
+    return (*of_files, *_of_headings(leaders, counts, choices), *_of_configuration(leaders, counts, choices))
+
+
+def _of_file(report: FileReport) -> list[str]:
+    name = Path(report.path).name
+    lines = []
+    if report.skipped:
+        belong = f"{name}: {report.bytes_skipped} of {report.bytes_total} bytes belong to no good ensemble"
+        lines.append(f"{belong} and were skipped{_damage(report)}.")
+        lines.append(f"{name}: skipped {_ranges(report.skipped)}.")
+    if report.without_velocity:
+        lines.append(f"{name}: {report.without_velocity} good ensembles hold no velocities and were left out.")
+    if report.bad_dates:
+        lines.append(f"{name}: {report.bad_dates} good ensembles have an impossible date and were left out.")
+    return lines
+
+
+def _damage(report: FileReport) -> str:
+    if not report.damaged:
+        return ""
+    return (
+        f"; {report.damaged} places in them begin like an ensemble and fail its checksum, chance pairs of 7F included, "
+        f"and by the ensemble numbers {report.lost} ensembles are lost"
+    )
+
+
+def _ranges(skipped: Sequence[Skipped]) -> str:
+    shown = [f"bytes {s.offset} to {s.offset + s.length - 1} ({s.reason})" for s in skipped[:RANGES_SHOWN]]
+    rest = skipped[RANGES_SHOWN:]
+    if rest:
+        shown.append(f"and {len(rest)} more ranges of {sum(s.length for s in rest)} bytes in all")
+    return ", ".join(shown)
+
+
+def _of_headings(leaders: Ensembles, counts: dict[str, int], choices: Choices) -> list[str]:
+    lines = []
+    biases, applied = np.unique(leaders.heading_bias_deg), choices.declination_applied
+    written = _list(biases)
+    if applied is None and biases.any():
+        lines.append(f"The file's heading bias EB of {written} degrees was taken out of the headings.")
+    if applied is not None and (abs(biases - applied) > _BIAS_TOLERANCE_DEG).any():
+        lines.append(
+            f"declination_applied of {applied:g} degrees was taken out of the headings, "
+            f"although the file's heading bias EB is {written} degrees."
+        )
+    if leaders.heading_alignment_deg.any() and choices.heading_alignment is not None:
+        found = _list(np.unique(leaders.heading_alignment_deg))
+        added = f"heading_alignment of {choices.heading_alignment:g} degrees was added to the headings"
+        lines.append(f"{added}; the file's heading alignment EA is {found} degrees.")
+    if counts["heading_missing"]:
+        lines.append(f"{counts['heading_missing']} of {len(leaders)} ensembles have no valid heading.")
+    return lines
+
+
+def _of_configuration(leaders: Ensembles, counts: dict[str, int], choices: Choices) -> list[str]:
+    lines = []
+    if counts["orientation_disagrees"]:
+        word, other = ("up", "down") if faces_up(leaders, choices) else ("down", "up")
+        says = "the others do, and each was turned by its own" if choices.orientation is None else "the metadata do"
+        count = counts["orientation_disagrees"]
+        lines.append(f"{count} of {len(leaders)} ensembles say that they looked {other}; {word} counts, as {says}.")
+    if counts["configurations"] > 1:
+        count = counts["configurations"]
+        lines.append(
+            f"The recording holds {count} configurations; bins that one lacks are padded, each has its ranges."
+        )
+    level = ~leaders.tilts_used
+    if (level & (leaders.coordinates == EARTH)).any():
+        lines.append("Velocities in earth coordinates were turned by the instrument without its tilts.")
+    if (level & (leaders.coordinates == SHIP)).any():
+        lines.append(
+            "Velocities in ship coordinates were recorded without tilts; they were turned as the instrument's own."
+        )
+    if np.isnan(leaders.beam_angle_deg).any():
+        lines.append("Some ensembles do not say their beam angle; beam velocities of theirs cannot be used.")
+    return lines
+
+
+def _configurations(leaders: Ensembles) -> int:
+    """Count them; the distance of bin 1 follows the speed of sound by a centimetre and makes none."""
+    columns = (
+        *(leaders.cells, leaders.cell_m, leaders.blank_m, leaders.coordinates),
+        *(leaders.beam_angle_deg, leaders.frequency_khz),
+    )
+    table: Floats = np.stack([np.asarray(column, dtype=float) for column in columns], axis=1)
+    table = np.where(np.isnan(table), -1.0, table)
+    # Most ensembles equal the one before; only the others are worth sorting.
+    changes = np.any(table[1:] != table[:-1], axis=1)
+    return len(np.unique(table[np.r_[True, changes]], axis=0))
+
+
+def _list(values: Floats) -> str:
+    return " and ".join(f"{value:g}" for value in values[:5]) + (" and others" if len(values) > 5 else "")

@@ -1,0 +1,92 @@
+"""A small PD0 writer for tests, made from the maker's table of bytes and from nothing of the reader."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from datetime import datetime
+from typing import Any
+
+START = datetime(2007, 9, 4, 12)
+MISSING = -32768
+
+
+def fixed_leader(
+    *,
+    cells: int,
+    cell_cm: int = 200,
+    blank_cm: int = 176,
+    bin1_cm: int = 420,
+    ex: int = 0b11111,
+    ea: int = 0,
+    eb: int = 0,
+    up: bool = False,
+    convex: bool = True,
+    sensors: int = 0b0011_1101,
+    beam_angle: int | None = 20,
+    length: int = 59,
+    identifier: int = 0x0000,
+) -> bytes:
+    """Return a fixed leader; system 300 kHz, 20 degrees; cut to ``length``."""
+    system = 0x4102 | (0x80 if up else 0) | (0x08 if convex else 0)
+    block = bytearray(59)
+    struct.pack_into("<HBBH", block, 0, identifier, 50, 36, system)
+    struct.pack_into("<BBHHH", block, 8, 4, cells, 10, cell_cm, blank_cm)
+    struct.pack_into("<BhhBBH", block, 25, ex, ea, eb, 0x7D, sensors, bin1_cm)
+    block[58] = beam_angle or 0
+    return bytes(block[:length])
+
+
+def variable_leader(
+    *,
+    number: int = 1,
+    when: datetime | Sequence[int] = START,
+    century: int = 20,
+    heading: int = 0,
+    tilt1: int = 0,
+    tilt2: int = 0,
+    depth_dm: int = 1000,
+    temperature: int = 450,
+    voltage: int = 150,
+    pressure: int = 101_000,
+    length: int = 65,
+    identifier: int = 0x0080,
+) -> bytes:
+    """Return a variable leader; angles and temperature in hundredths, ``when`` perhaps as seven bytes; cut."""
+    clock = when if not isinstance(when, datetime) else (when.year - 2000, *when.timetuple()[1:6], 0)
+    block = bytearray(65)
+    struct.pack_into("<HH7BB", block, 0, identifier, number & 0xFFFF, *clock, number >> 16)
+    struct.pack_into("<HHHhhHh", block, 14, 1500, depth_dm, heading, tilt1, tilt2, 35, temperature)
+    block[35] = voltage
+    struct.pack_into("<i", block, 48, pressure)
+    struct.pack_into("<B7B", block, 57, century, *(clock if century else [0] * 7))
+    return bytes(block[:length])
+
+
+def assemble(blocks: Sequence[bytes]) -> bytes:
+    """Return an ensemble of blocks, with header and checksum."""
+    start = 6 + 2 * len(blocks)
+    offsets = [start + sum(len(block) for block in blocks[:i]) for i in range(len(blocks))]
+    body = b"".join(blocks) + b"\0\0"
+    header = struct.pack(f"<HHBB{len(blocks)}H", 0x7F7F, start + len(body), 0, len(blocks), *offsets)
+    return header + body + struct.pack("<H", sum(header + body) % 65536)
+
+
+def ensemble(
+    velocity: Sequence[Sequence[int]],
+    *,
+    fixed: dict[str, Any] | None = None,
+    percent_good: Sequence[Sequence[int]] | None = None,
+    extra: Sequence[bytes] = (),
+    **variable: Any,
+) -> bytes:
+    """Return an ensemble with velocities (m, 4) in mm/s and, where given, percent good (m, 4)."""
+    blocks = [
+        fixed_leader(cells=len(velocity), **(fixed or {})),
+        variable_leader(**variable),
+        b"\x00\x01" + b"".join(struct.pack("<4h", *row) for row in velocity),
+        b"\x00\x02" + bytes([70, 71, 72, 73]) * len(velocity),
+    ]
+    if percent_good is not None:
+        blocks.append(b"\x00\x04" + b"".join(bytes(row) for row in percent_good))
+    return assemble([*blocks, *extra])

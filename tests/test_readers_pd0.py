@@ -1,0 +1,622 @@
+"""The PD0 reader: known answers, real files against another reader, and files damaged in every way."""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import io
+import json
+import logging
+import random
+import time
+import warnings
+from dataclasses import fields
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from pd0_encoder import MISSING, START, assemble, ensemble, fixed_leader, variable_leader
+
+from compasslib import angles
+from compasslib.errors import InputError
+from compasslib.readers import pd0, pd0_frames, pd0_geometry
+from compasslib.readers.pd0_fields import BEAM, EARTH, INSTRUMENT, SHIP, Ensembles
+from compasslib.records import Record
+
+SHARED = Path(__file__).resolve().parents[1] / ".." / "shared" / "data"
+EH2 = "eh2_20060530_20060717_0007m.000"
+GOOD_ENSEMBLES = {
+    EH2: 3265,
+    "03160000.000": 3660,
+    "RDI_withBT.000": 1721,
+    "winriver02_transect.PD0": 831,
+    "adp_12.000": 313,
+    "adp_sentinel_v.pd0": 444,
+}
+PROFILE = [[100, 200, 30, 4], [110, -210, 31, 5], [MISSING] * 4]
+EX = {BEAM: 0b00111, INSTRUMENT: 0b01111, SHIP: 0b10111, EARTH: 0b11111}
+
+
+def real(name: str) -> Path:
+    path = SHARED / name
+    if not path.exists():
+        pytest.skip(f"{name} is not in ../shared/data")
+    return path
+
+
+def series(count: int, **choices: Any) -> list[bytes]:
+    """Ensembles one after the other, an hour apart, headings 10 degrees apart."""
+    return [
+        ensemble(
+            PROFILE,
+            number=i + 1,
+            when=START.replace(day=4 + i // 24, hour=i % 24),
+            heading=1000 * (i % 36),
+            **choices,
+        )
+        for i in range(count)
+    ]
+
+
+def written(folder: Path, *parts: bytes, name: str = "a.000") -> Path:
+    path = folder / name
+    path.write_bytes(b"".join(parts))
+    return path
+
+
+def read(*paths: Path, **choices: Any) -> Record:
+    silent: dict[str, Any] = {"orientation": None, "declination_applied": None, "heading_alignment": None}
+    return pd0.read(paths, **(silent | choices))
+
+
+def framed(path: Path, chunk_bytes: int = pd0_frames.CHUNK_BYTES) -> tuple[list[int], list[pd0_frames.Skipped]]:
+    """Where the good ensembles begin, and what was skipped; together they must be the file, in order."""
+    starts: list[int] = []
+    skipped: list[pd0_frames.Skipped] = []
+    spans: list[tuple[int, int]] = []
+    for chunk in pd0_frames.frames(path, chunk_bytes):
+        for run in chunk.runs:
+            size = run.rows.shape[1]
+            starts += [run.offset + size * i for i in range(len(run.rows))]
+            spans.append((run.offset, run.rows.size))
+        skipped += chunk.skipped
+    spans += [(each.offset, each.length) for each in skipped]
+    at = 0
+    for offset, length in sorted(spans):
+        assert offset == at and length > 0
+        at += length
+    assert at == path.stat().st_size
+    return starts, skipped
+
+
+def same(a: Ensembles, b: Ensembles) -> bool:
+    return all(np.array_equal(getattr(a, f.name), getattr(b, f.name), equal_nan=True) for f in fields(Ensembles))
+
+
+# ---------------------------------------------------------------------------------------------- known answers
+
+
+def test_beams_to_earth_reproduces_the_known_answers() -> None:
+    cases = json.loads(real("vectors.json").read_text())["pd0_beam_to_earth"]
+    assert len(cases) == 16
+    for case in cases:
+        x, y, z, error = pd0_geometry.beams_to_instrument(np.array([case["beams"]]), case["beam_angle"])
+        tilts = np.array([case["heading"]]), np.array([case["tilt1"]]), np.array([case["tilt2"]])
+        earth = pd0_geometry.instrument_to_earth((x, y, z), *tilts, case["facing"] == "up")
+        # The answers are given to six decimals.
+        np.testing.assert_allclose(np.ravel(earth), case["east_north_up"], atol=1e-6)
+        np.testing.assert_allclose(error, case["error"], atol=1e-6)
+
+
+def test_a_file_of_beams_gives_the_known_answers(tmp_path: Path) -> None:
+    for i, case in enumerate(json.loads(real("vectors.json").read_text())["pd0_beam_to_earth"]):
+        beams = [round(1000 * b) for b in case["beams"]]
+        angles_ = {name: round(100 * case[name]) for name in ("heading", "tilt1", "tilt2")}
+        fixed = {"ex": EX[BEAM], "up": case["facing"] == "up"}
+        record = read(written(tmp_path, ensemble([beams], fixed=fixed, **angles_), name=f"{i}.000"))
+        east, north, _ = case["east_north_up"]
+        np.testing.assert_allclose([record.east[0, 0], record.north[0, 0]], [east, north], atol=1e-6)
+        assert record.looks_up == (case["facing"] == "up") and record.beam_angle_deg == 20.0
+
+
+@given(
+    beams=st.lists(st.floats(-3, 3), min_size=4, max_size=4),
+    lost=st.integers(0, 3),
+    angle=st.sampled_from([15.0, 20.0, 25.0, 30.0]),
+)
+@settings(derandomize=True, max_examples=50)
+def test_three_beams_give_the_same_where_the_error_velocity_is_zero(
+    beams: list[float], lost: int, angle: float
+) -> None:
+    beams[3] = beams[0] + beams[1] - beams[2]
+    whole = np.array([beams])
+    holed = whole.copy()
+    holed[0, lost] = np.nan
+    filled, where = pd0_geometry.three_beam(holed)
+    assert where.tolist() == [True]
+    for a, b in zip(
+        pd0_geometry.beams_to_instrument(filled, angle), pd0_geometry.beams_to_instrument(whole, angle), strict=True
+    ):
+        np.testing.assert_allclose(a, b, atol=1e-12)
+
+
+def test_two_missing_beams_stay_missing() -> None:
+    beams, where = pd0_geometry.three_beam(np.array([[np.nan, np.nan, 1.0, 2.0], [1.0, 2.0, 3.0, 4.0]]))
+    assert not where.any() and np.isnan(beams[0, :2]).all()
+
+
+def test_a_concave_head_turns_its_horizontal_axes() -> None:
+    beams = np.array([0.3, -0.1, 0.2, 0.5])
+    convex, concave = (pd0_geometry.beams_to_instrument(beams, 20.0, head) for head in (True, False))
+    np.testing.assert_allclose(concave, np.multiply(convex, [-1, -1, 1, 1]))
+
+
+def test_the_hanging_pitch_sensor() -> None:
+    np.testing.assert_allclose(
+        pd0_geometry.true_pitch([10.0, -20.0, 5.0], [0.0, 60.0, 180.0]), [10.0, -10.3141, -5.0], atol=1e-4
+    )
+
+
+# ------------------------------------------------------------------------------------------------- real files
+
+
+@pytest.mark.parametrize(("name", "count"), GOOD_ENSEMBLES.items())
+def test_real_files_are_read_whole(name: str, count: int) -> None:
+    path = real(f"pd0/{name}")
+    starts, skipped = framed(path)
+    assert len(starts) == count
+    assert framed(path, 10_007) == (starts, skipped)
+    record = read(path)
+    assert record.counts["ensembles"] == count == len(record.time_s)
+    assert record.counts["bytes_skipped"] == sum(each.length for each in skipped)
+    assert record.counts["bytes_total"] == path.stat().st_size
+
+
+def test_eh2_says_what_is_damaged_and_which_way_it_looked() -> None:
+    record = read(real(f"pd0/{EH2}"), orientation="down")
+    expected = {"damaged": 32, "lost": 20, "bytes_skipped": 30287, "orientation_disagrees": 7, "configurations": 1}
+    assert {name: record.counts[name] for name in expected} == expected
+    assert not record.looks_up and record.beam_angle_deg == 20.0
+    assert record.east.shape == (3265, 27)
+    text = " ".join(record.warnings)
+    assert "32 places in them begin like an ensemble and fail its checksum" in text
+    assert "by the ensemble numbers 20 ensembles are lost" in text
+    assert "bytes 769872 to 771583 (checksum)" in text
+    assert "bytes 2276464 to 2276606 (length runs past the end of the file)" in text
+    assert "7 of 3265 ensembles say that they looked up; down counts, as the metadata do" in text
+    assert str(np.datetime64(int(record.time_s[0]), "s")) == "2006-05-30T06:00:00"
+
+
+def test_sentinel_v_reads_with_its_four_slanted_beams() -> None:
+    ensembles = pd0.decode(real("pd0/adp_sentinel_v.pd0"))
+    assert ensembles.velocity.shape == (444, 95, 4) and set(ensembles.beam_angle_deg) == {25.0}
+    assert np.isfinite(read(real("pd0/adp_sentinel_v.pd0")).east).all()
+
+
+def test_heading_bias_of_a_real_file_is_taken_out() -> None:
+    path = real("pd0/adp_12.000")
+    record, ensembles = read(path), pd0.decode(path)
+    np.testing.assert_allclose(angles.difference(record.heading_deg, ensembles.heading_deg), 18.1)
+
+
+def by_mhkit(path: Path) -> Any:
+    """What mhkit makes of a file; None where it fails."""
+    reader = pytest.importorskip("mhkit.dolfyn").read
+    logging.disable(logging.CRITICAL)
+    try:
+        with contextlib.redirect_stdout(io.StringIO()), warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return reader(str(path))
+    except (KeyError, ValueError, TypeError, IndexError, RecursionError, OverflowError):
+        return None
+    finally:
+        logging.disable(logging.NOTSET)
+        gc.collect()  # it leaves the file open when it fails
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning", "ignore::ResourceWarning")
+@pytest.mark.parametrize("name", GOOD_ENSEMBLES)
+def test_mhkit_reads_the_same(name: str, tmp_path: Path) -> None:
+    path = real(f"pd0/{name}")
+    theirs = by_mhkit(path)
+    if theirs is None:
+        # A flipped byte, as in eh2, and mhkit gives the file up: then it gets the good ensembles alone.
+        theirs = by_mhkit(written(tmp_path, *(run.rows.tobytes() for c in pd0_frames.frames(path) for run in c.runs)))
+    if theirs is None:
+        pytest.skip(f"mhkit cannot read {name}, not even its good ensembles alone")
+    ours, count = pd0.decode(path), theirs.sizes["time"]
+    # It drops the last ensemble of a file that ends with one.
+    assert count in (len(ours), len(ours) - 1)
+    np.testing.assert_allclose(theirs.time.values.astype("M8[ns]").astype(float) / 1e9, ours.time_s[:count], atol=1e-3)
+    # mhkit keeps single precision.
+    pairs = {"heading": ours.heading_deg, "pitch": ours.tilt1_deg, "roll": ours.tilt2_deg, "temp": ours.temperature_c}
+    for key, value in pairs.items():
+        np.testing.assert_allclose(theirs[key].values, value[:count], rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(theirs.vel.values.transpose(2, 1, 0), ours.velocity[:count], rtol=1e-6, atol=1e-7)
+
+
+# --------------------------------------------------------------------------------------------- damaged files
+
+
+@pytest.mark.parametrize("cut", range(1, len(ensemble(PROFILE))))
+def test_truncation_at_every_byte_costs_one_ensemble(cut: int, tmp_path: Path) -> None:
+    parts = series(3)
+    starts, skipped = framed(written(tmp_path, *parts[:2], parts[2][:cut]))
+    assert starts == [0, len(parts[0])]
+    reason = pd0_frames.PAST_THE_END if cut > 1 else pd0_frames.NO_ENSEMBLE
+    assert skipped == [pd0_frames.Skipped(2 * len(parts[0]), cut, reason, 0)]
+
+
+@given(place=st.integers(0, 6 * len(ensemble(PROFILE)) - 1), flip=st.integers(1, 255))
+@settings(derandomize=True, max_examples=300, deadline=None)
+def test_a_flipped_byte_costs_one_ensemble(place: int, flip: int, tmp_path_factory: pytest.TempPathFactory) -> None:
+    parts = series(6)
+    data = bytearray(b"".join(parts))
+    data[place] ^= flip
+    path = written(tmp_path_factory.mktemp("flip"), bytes(data))
+    starts, skipped = framed(path)
+    hit, size = place // len(parts[0]), len(parts[0])
+    assert starts == [size * i for i in range(6) if i != hit]
+    assert [(each.offset, each.length) for each in skipped] == [(hit * size, size)]
+    left = pd0.decode(path)
+    np.testing.assert_array_equal(left.velocity, velocity_of(5))
+    record = read(path)
+    assert record.counts["lost"] == (1 if 0 < hit < 5 else 0)
+
+
+def velocity_of(count: int) -> NDArray[np.float64]:
+    """The profile in m/s, so many times."""
+    rows = np.where(np.array(PROFILE) == MISSING, np.nan, np.array(PROFILE) / 1000.0)
+    return np.broadcast_to(rows, (count, 3, 4))
+
+
+def test_junk_in_front_inside_and_behind(tmp_path: Path) -> None:
+    parts = series(3)
+    path = written(tmp_path, b"ADCP\r\n", parts[0], b"\x7f\x7f\x00lost", parts[1], b"\0", parts[2], b"\xff" * 500)
+    starts, skipped = framed(path)
+    assert len(starts) == 3
+    assert [(each.length, each.reason) for each in skipped] == [
+        (6, pd0_frames.BEFORE_THE_FIRST),
+        (7, pd0_frames.PAST_THE_END),
+        (1, pd0_frames.NO_ENSEMBLE),
+        (500, pd0_frames.NO_ENSEMBLE),
+    ]
+    assert "skipped bytes 0 to 5 (junk before the first ensemble)" in " ".join(read(path).warnings)
+
+
+def test_random_damage_never_stops_the_reader_and_every_byte_is_accounted_for(tmp_path: Path) -> None:
+    rng = random.Random(20070904)
+    clean = b"".join(series(12, percent_good=[[10, 0, 0, 80]] * 3))
+    for i in range(60):
+        data = bytearray(clean)
+        for _ in range(rng.randint(1, 12)):
+            at = rng.randrange(len(data))
+            action = rng.randrange(4)
+            if action == 0:
+                data[at] = rng.choice([0, 0x7F, 0xFF, rng.randrange(256)])
+            elif action == 1:
+                del data[at : at + rng.randint(1, 200)]
+            elif action == 2:
+                data[at:at] = bytes(rng.randrange(256) for _ in range(rng.randint(1, 100)))
+            else:
+                data[at : at + 4] = b"\x7f\x7f\x7f\x7f"
+        path = written(tmp_path, bytes(data), name=f"{i}.000")
+        assert framed(path) == framed(path, rng.randint(1, 400))
+        with contextlib.suppress(InputError):
+            record = read(path)
+            assert record.counts["bytes_total"] == len(data)
+
+
+@pytest.mark.parametrize("filler", [b"\x7f", b"\xff", b"\x00", b"\x7f\x7f\x46\x00\x00\x01\x08\x00"])
+def test_hostile_fillers_take_no_longer_than_their_length(filler: bytes, tmp_path: Path) -> None:
+    path = written(tmp_path, filler * (6_000_000 // len(filler)))
+    begun = time.perf_counter()
+    starts, skipped = framed(path)
+    # Linear: about half a second for 6 MB where every byte is a candidate; quadratic would take hours.
+    assert time.perf_counter() - begun < 8.0
+    assert starts == [] and len(skipped) == 1
+    with pytest.raises(InputError, match="expected PD0 ensembles"):
+        read(path)
+
+
+def test_alternating_layouts_and_damage_stay_linear(tmp_path: Path) -> None:
+    short, long, broken = ensemble(PROFILE[:1]), ensemble(PROFILE), ensemble(PROFILE)[:-1] + b"\0"
+    path = written(tmp_path, (short + long + broken) * 3000)
+    begun = time.perf_counter()
+    record = read(path)
+    assert time.perf_counter() - begun < 8.0
+    assert np.isfinite(record.east[0::2, 1:2]).sum() == 0 and np.isfinite(record.east[1::2, :2]).all()
+    assert record.counts["ensembles"] == 6000 and record.counts["damaged"] == 3000
+    assert record.counts["configurations"] == 2
+    assert "and 2980 more ranges" in " ".join(record.warnings)
+
+
+@pytest.mark.parametrize("chunk_bytes", [1, 7, 64, 333, 5000])
+def test_chunks_change_nothing(chunk_bytes: int, tmp_path: Path) -> None:
+    parts = series(5, percent_good=[[10, 0, 0, 80]] * 3)
+    wrong = bytearray(parts[1])
+    wrong[40] ^= 1
+    path = written(
+        tmp_path, b"junk", parts[0], bytes(wrong), b"\x7f", *parts[2:4], ensemble(PROFILE[:1]), parts[4][:99]
+    )
+    assert framed(path, chunk_bytes) == framed(path)
+    assert same(pd0.decode(path, chunk_bytes), pd0.decode(path))
+
+
+def test_chunks_may_end_anywhere(tmp_path: Path) -> None:
+    """Also a few bytes behind an ensemble, where the mark of the next is not yet whole."""
+    parts = series(8)
+    path = written(tmp_path, parts[0], b"\0\0\0", *parts[1:4], b"\x7f", *parts[4:])
+    whole = framed(path)
+    for chunk_bytes in range(2 * len(parts[0]), 3 * len(parts[0]) + 8):
+        assert framed(path, chunk_bytes) == whole
+
+
+def test_lost_ensembles_are_counted_by_number_where_bytes_were_skipped(tmp_path: Path) -> None:
+    numbered = [ensemble(PROFILE, number=number) for number in (5, 6, 9, 20, 1, 2)]
+    junk = b"\0" * 9
+    # 7 and 8 are lost; 10 to 19 were never written here, and after 20 the numbers begin anew.
+    path = written(tmp_path, *numbered[:2], junk, *numbered[2:4], junk, *numbered[4:], junk)
+    assert read(path).counts["lost"] == 2
+
+
+def test_an_ensemble_without_leaders_is_none(tmp_path: Path) -> None:
+    no_fixed = assemble([variable_leader(), b"\x00\x01" + bytes(60)])
+    short = assemble([fixed_leader(cells=1, length=30), variable_leader(), b"\x00\x01" + bytes(8)])
+    no_variable = assemble([fixed_leader(cells=1), b"\x00\x01" + bytes(80)])
+    starts, skipped = framed(written(tmp_path, no_fixed, short, no_variable, *series(1)))
+    assert starts == [len(no_fixed + short + no_variable)]
+    assert [each.damaged for each in skipped] == [0]
+
+
+def test_ensembles_without_velocity_are_counted_and_left_out(tmp_path: Path) -> None:
+    bare = assemble([fixed_leader(cells=3), variable_leader()])
+    lying = assemble([fixed_leader(cells=200), variable_leader(), b"\x00\x01" + bytes(24)])
+    record = read(written(tmp_path, *series(2), bare, lying, bare))
+    assert record.counts["ensembles"] == 2 and record.counts["without_velocity"] == 3
+    assert "a.000: 3 good ensembles hold no velocities and were left out." in record.warnings
+    with pytest.raises(InputError, match="found 2 ensembles without velocities"):
+        read(written(tmp_path, bare, bare))
+
+
+# ------------------------------------------------------------------------------------------ files that are none
+
+
+@pytest.mark.parametrize(
+    ("content", "found"),
+    [(b"", "an empty file"), (b"date,heading\n2007-09-04,12\n", "a file that begins with b'date,heading\\n200'")],
+)
+def test_a_file_without_ensembles_is_refused_in_one_line(content: bytes, found: str, tmp_path: Path) -> None:
+    path = written(tmp_path, content)
+    for reader in (read, pd0.decode):
+        with pytest.raises(InputError) as caught:
+            reader(path)
+        advice = "check that format: pd0 and the file belong together"
+        assert str(caught.value) == f"{path}: expected PD0 ensembles (7F 7F) with velocities, found {found}; {advice}"
+
+
+def test_a_folder_a_missing_file_and_no_file_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"expected a PD0 file that can be read, found Is a directory; check"):
+        read(tmp_path)
+    with pytest.raises(InputError, match=r"none\.000: expected .* found No such file or directory; check the path"):
+        read(tmp_path / "none.000")
+    with pytest.raises(InputError, match="expected at least one PD0 file"):
+        read()
+    with pytest.raises(InputError, match=r"orientation: expected up or down, found 'sideways'"):
+        read(written(tmp_path, *series(1)), orientation="sideways")
+
+
+# --------------------------------------------------------------------------------------------------- fields
+
+
+def test_every_field_comes_out_as_it_went_in(tmp_path: Path) -> None:
+    good = [[10, 0, 5, 80], [5, 3, 2, 10], [0, 0, 0, 0]]
+    fixed = {"bin1_cm": 423, "cell_cm": 250, "up": True}
+    path = written(tmp_path, ensemble(PROFILE, fixed=fixed, percent_good=good, heading=35999, tilt1=1000, tilt2=6000))
+    record, ensembles = read(path), pd0.decode(path)
+    np.testing.assert_array_equal(ensembles.velocity, velocity_of(1))
+    np.testing.assert_array_equal(ensembles.percent_good, [good])
+    np.testing.assert_array_equal(ensembles.correlation, [[[70, 71, 72, 73]] * 3])
+    np.testing.assert_array_equal(record.east, [[0.1, 0.11, np.nan]])
+    np.testing.assert_array_equal(record.north, [[0.2, -0.21, np.nan]])
+    np.testing.assert_array_equal(record.quality, [[1, 4, 9]])
+    np.testing.assert_allclose(record.bin_range_m, [[4.23, 6.73, 9.23]])
+    np.testing.assert_allclose(record.pitch_deg, pd0_geometry.true_pitch(10.0, 60.0))
+    assert (record.heading_deg[0], record.roll_deg[0]) == (359.99, 60.0)
+    assert (record.pressure_dbar[0], record.depth_m[0], record.temperature_c[0]) == (101.0, 100.0, 4.5)
+    assert (record.supply_voltage[0], record.heading_quality[0], record.looks_up) == (150.0, 1, True)
+    assert record.direction_reference == "magnetic" and record.warnings == ()
+    assert record.time_s[0] == datetime.fromisoformat("2007-09-04T12:00+00:00").timestamp()
+    assert ensembles.frequency_khz[0] == 300.0
+
+
+def test_without_a_depth_sensor_pressure_is_missing(tmp_path: Path) -> None:
+    record = read(written(tmp_path, ensemble(PROFILE, fixed={"sensors": 0b0001_1101})))
+    assert np.isnan(record.pressure_dbar[0])
+
+
+def test_short_leaders_of_old_firmware(tmp_path: Path) -> None:
+    path = written(
+        tmp_path, ensemble(PROFILE, fixed={"length": 42}, length=42, century=19, when=(99, 1, 2, 3, 4, 5, 6))
+    )
+    record = read(path)
+    assert np.isnan(record.pressure_dbar[0]) and record.supply_voltage[0] == 150.0
+    assert record.beam_angle_deg == 20.0
+    assert record.time_s[0] == datetime.fromisoformat("1999-01-02T03:04:05.060+00:00").timestamp()
+    shortest = read(written(tmp_path, ensemble(PROFILE, fixed={"length": 34}, length=28)))
+    assert np.isnan(shortest.supply_voltage[0]) and shortest.temperature_c[0] == 4.5
+
+
+@pytest.mark.parametrize(
+    ("century", "year", "expected"), [(20, 7, 2007), (19, 99, 1999), (0, 7, 2007), (0, 79, 2079), (0, 80, 1980)]
+)
+def test_century_clock_and_the_pivot_of_two_digits(century: int, year: int, expected: int, tmp_path: Path) -> None:
+    record = read(written(tmp_path, ensemble(PROFILE, century=century, when=(year, 2, 28, 23, 59, 59, 99))))
+    assert record.time_s[0] == datetime.fromisoformat(f"{expected}-02-28T23:59:59.990+00:00").timestamp()
+
+
+@pytest.mark.parametrize(
+    "clock",
+    [
+        *((7, 0, 4, 0, 0, 0, 0), (7, 13, 4, 0, 0, 0, 0), (7, 2, 29, 0, 0, 0, 0), (7, 9, 0, 0, 0, 0, 0)),
+        *((7, 9, 4, 24, 0, 0, 0), (7, 9, 4, 0, 60, 0, 0), (7, 9, 4, 0, 0, 60, 0), (7, 9, 4, 0, 0, 0, 100)),
+        (255, 255, 255, 255, 255, 255, 255),
+    ],
+)
+@pytest.mark.parametrize("century", [0, 20])
+def test_impossible_dates_are_counted_and_left_out(clock: tuple[int, ...], century: int, tmp_path: Path) -> None:
+    wrong = ensemble(PROFILE, when=clock, century=century)
+    record = read(written(tmp_path, *series(2), wrong, *series(1)))
+    assert record.counts["bad_dates"] == 1 and record.counts["ensembles"] == 3
+    assert "a.000: 1 good ensembles have an impossible date and were left out." in record.warnings
+
+
+def test_numbers_go_on_past_65535(tmp_path: Path) -> None:
+    path = written(tmp_path, *(ensemble(PROFILE, number=number) for number in (65535, 65536, 65537, 200_000)))
+    assert pd0.decode(path).number.tolist() == [65535, 65536, 65537, 200_000]
+
+
+def test_an_impossible_heading_is_missing_and_flagged(tmp_path: Path) -> None:
+    parts = [ensemble(PROFILE, heading=heading, fixed={"ex": EX[INSTRUMENT]}) for heading in (35999, 36000, 65535)]
+    record = read(written(tmp_path, *parts))
+    assert np.isnan(record.heading_deg).tolist() == [False, True, True]
+    assert record.heading_quality.tolist() == [1, 9, 9]
+    assert np.isnan(record.east[1:]).all() and (record.quality[1:] == 9).all()
+    assert "2 of 3 ensembles have no valid heading." in record.warnings
+
+
+def test_percent_good_that_nobody_filled_says_nothing(tmp_path: Path) -> None:
+    zeros = [[0, 0, 0, 0]] * 3
+    empty = written(tmp_path, *series(2, percent_good=zeros), name="empty.000")
+    assert read(empty).quality.tolist() == [[1, 1, 9]] * 2
+    filled = written(tmp_path, *series(1, percent_good=zeros), *series(1, percent_good=[[0, 0, 0, 90]] * 3))
+    assert read(filled).quality.tolist() == [[4, 4, 9], [1, 1, 9]]
+    # Each file for itself.
+    assert read(empty, filled).quality.tolist() == [[1, 1, 9]] * 2 + [[4, 4, 9], [1, 1, 9]]
+
+
+def test_percent_good_of_beams_is_the_smallest_of_those_used(tmp_path: Path) -> None:
+    beams, good = (
+        [[1, 2, 3, 4], [1, 2, 3, 4], [1, 2, 3, MISSING]],
+        [[90, 90, 90, 25], [90, 24, 90, 90], [90, 90, 90, 0]],
+    )
+    record = read(written(tmp_path, ensemble(beams, fixed={"ex": EX[BEAM]}, percent_good=good)))
+    assert record.quality.tolist() == [[1, 4, 1]] and record.counts["three_beam"] == 1
+
+
+# ------------------------------------------------------------------------------- configurations and coordinates
+
+
+def test_two_configurations_in_one_file(tmp_path: Path) -> None:
+    first = series(2)
+    second = series(2, fixed={"cell_cm": 400, "bin1_cm": 600, "ex": EX[BEAM]})
+    third = ensemble([[1, 2, 3, 4]] * 5, fixed={"cell_cm": 100, "bin1_cm": 300})
+    record = read(written(tmp_path, *first, *second, third))
+    assert record.east.shape == (5, 5) and record.counts["configurations"] == 3
+    ranges = np.array([[4.2, 6.2, 8.2], [6, 10, 14], [3, 4, 5]])
+    np.testing.assert_allclose(record.bin_range_m[[0, 2, 4], :3], ranges)
+    assert np.isnan(record.bin_range_m[:4, 3:]).all() and np.isnan(record.east[:4, 3:]).all()
+    assert (record.quality[:4, 3:] == 9).all() and (record.quality[4] == 1).all()
+    assert any("3 configurations" in line for line in record.warnings)
+
+
+def test_all_coordinates_agree_ensemble_by_ensemble(tmp_path: Path) -> None:
+    heading, tilt1, tilt2 = 123.0, 5.0, -8.0
+    beams = np.array([[327, 494, -465, -241]])
+    x, y, z, error = pd0_geometry.beams_to_instrument(beams / 1000.0, 20.0)
+    tilts = np.array([heading]), np.array([tilt1]), np.array([tilt2])
+    east, north, up = pd0_geometry.instrument_to_earth((x, y, z), *tilts, False)
+    starboard, forward = angles.turn(east, north, -heading)
+    rows: dict[int, NDArray[Any]] = {
+        BEAM: beams,
+        INSTRUMENT: 1000 * np.stack([x, y, z, error], axis=1),
+        SHIP: 1000 * np.stack([starboard, forward, up, error], axis=1),
+        EARTH: 1000 * np.stack([east, north, up, error], axis=1),
+    }
+    where: dict[str, Any] = {"heading": 12300, "tilt1": 500, "tilt2": -800}
+    parts = [ensemble(np.rint(rows[c]).astype(int).tolist(), fixed={"ex": EX[c]}, **where) for c in rows]
+    level = ensemble(np.rint(rows[INSTRUMENT]).astype(int).tolist(), fixed={"ex": 0b10011}, **where)
+    record = read(written(tmp_path, *parts, level))
+    # Recorded to a millimetre a second.
+    np.testing.assert_allclose(record.east[:, 0], east[0], atol=1.5e-3)
+    np.testing.assert_allclose(record.north[:, 0], north[0], atol=1.5e-3)
+    assert record.counts["configurations"] == 4
+    assert any("ship coordinates were recorded without tilts" in line for line in record.warnings)
+
+
+@pytest.mark.parametrize("coordinates", [BEAM, INSTRUMENT, SHIP, EARTH])
+def test_heading_bias_is_taken_out_of_headings_and_earth_velocities(coordinates: int, tmp_path: Path) -> None:
+    """A bias adds to the heading; in earth coordinates the instrument has turned its velocities by it as well."""
+    rows = np.array([[300, 400, 10, 0], [-200, 100, 0, 20]])
+    plain = read(written(tmp_path, ensemble(rows.tolist(), fixed={"ex": EX[coordinates]}, heading=35000)))
+    if coordinates == EARTH:
+        turned = angles.turn(rows[:, 0], rows[:, 1], 20.0)
+        rows[:, :2] = np.rint(np.stack(turned, axis=1)).astype(int)
+    part = ensemble(rows.tolist(), fixed={"ex": EX[coordinates], "eb": 2000}, heading=1000)
+    biased = read(written(tmp_path, part))
+    np.testing.assert_allclose(biased.heading_deg, plain.heading_deg)
+    np.testing.assert_allclose(biased.east, plain.east, atol=1e-3)
+    np.testing.assert_allclose(biased.north, plain.north, atol=1e-3)
+    assert biased.warnings == ("The file's heading bias EB of 20 degrees was taken out of the headings.",)
+
+
+def test_declination_applied_is_used_in_place_of_the_bias(tmp_path: Path) -> None:
+    path = written(tmp_path, ensemble(PROFILE, fixed={"eb": 2000}, heading=1000))
+    record = read(path, declination_applied=-15.0)
+    assert record.heading_deg.tolist() == [25.0]
+    np.testing.assert_allclose([record.east[0, 0], record.north[0, 0]], np.ravel(angles.turn(0.1, 0.2, 15.0)))
+    assert record.warnings == (
+        "declination_applied of -15 degrees was taken out of the headings, "
+        "although the file's heading bias EB is 20 degrees.",
+    )
+    assert read(path, declination_applied=20.005).warnings == ()
+
+
+def test_heading_alignment_is_refused_unless_it_is_told_how_to_take_it(tmp_path: Path) -> None:
+    path = written(tmp_path, ensemble(PROFILE, fixed={"ea": 4500, "ex": EX[INSTRUMENT]}, heading=35000))
+    with pytest.raises(InputError) as caught:
+        read(path)
+    assert str(caught.value) == (
+        f"{path}: heading alignment EA: expected 0 degrees, found 45 degrees; "
+        "give heading_alignment: degrees to add to the recorded heading to get beam 3's, or 0 to ignore EA"
+    )
+    ignored, added = read(path, heading_alignment=0.0), read(path, heading_alignment=45.0)
+    assert (ignored.heading_deg[0], added.heading_deg[0]) == (350.0, 35.0)
+    turned = angles.turn(ignored.east, ignored.north, 45.0)
+    np.testing.assert_allclose((added.east, added.north), turned)
+    assert "heading alignment EA is 45 degrees" in added.warnings[0]
+
+
+def test_the_metadata_decide_which_way_is_up(tmp_path: Path) -> None:
+    beams = [[327, 494, -465, -241]]
+    parts = [ensemble(beams, fixed={"ex": EX[BEAM], "up": i == 1}, heading=3000, tilt1=300) for i in range(3)]
+    path = written(tmp_path, *parts)
+    down, silent = read(path, orientation="down"), read(path)
+    assert not down.looks_up and not silent.looks_up
+    assert down.counts["orientation_disagrees"] == silent.counts["orientation_disagrees"] == 1
+    assert down.east[0] == down.east[1] and silent.east[0] != silent.east[1]
+    up = read(path, orientation="up")
+    assert up.looks_up and up.counts["orientation_disagrees"] == 2 and up.east[0] == silent.east[1]
+    assert up.warnings == ("2 of 3 ensembles say that they looked down; up counts, as the metadata do.",)
+
+
+def test_files_follow_each_other_in_the_order_given(tmp_path: Path) -> None:
+    a, b = written(tmp_path, *series(2), name="a.000"), written(tmp_path, *series(3), b"tail", name="b.000")
+    record, reports = pd0.read_reporting([b, a], orientation=None, declination_applied=None, heading_alignment=None)
+    assert np.diff(record.time_s).tolist() == [3600.0, 3600.0, -7200.0, 3600.0]
+    assert [report.ensembles for report in reports] == [3, 2]
+    assert [(Path(reports[0].path).name, each.length, each.reason) for each in reports[0].skipped] == [
+        ("b.000", 4, "not an ensemble")
+    ]
+
+
+def test_nothing_is_written_beside_the_raw_file(tmp_path: Path) -> None:
+    path = written(tmp_path, *series(2))
+    before = path.read_bytes()
+    read(path)
+    assert [each.name for each in tmp_path.iterdir()] == ["a.000"] and path.read_bytes() == before
