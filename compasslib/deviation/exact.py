@@ -6,7 +6,7 @@ change of method at the fold. Starts cover the direction and the strength of the
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,15 +19,18 @@ from compasslib.records import Pairs
 
 Floats = NDArray[np.floating]
 
-STRENGTHS = (0.0, 0.3, 0.6, 0.9, 1.2, 1.6, 2.2)  # hard iron over the earth's horizontal field
+STRENGTHS = (0.0, 0.3, 0.6, 0.85, 1.1, 1.35, 1.7, 2.2)  # hard iron over the earth's horizontal field
 DIRECTIONS_DEG = np.arange(0.0, 360.0, 22.5)
-START_PAIRS, START_COUNT = 900, 5
-ROUNDS = 3
+START_PAIRS, START_COUNT, START_ROUNDS = 900, 4, 2
+START_NOISE, START_COMPASS_DEG = Noise(floor_deg=10.0, slow_deg_m_s=2.0, outliers=0.02), 6.0
+ROUNDS, CLIMB_STEPS, NOISE_PAIRS = 2, 40, 1000
 # Weak beliefs that only matter where the record says nothing: centre and width of A..E and log(compass noise / degree).
 BELIEF_CENTRE = np.array([0.0, 0.0, 0.0, 0.0, 0.0, np.log(1.5)])
 BELIEF_WIDTH = np.array([0.5, 1.5, 1.5, 0.3, 0.3, 0.3])
-# The grids resolve no less than this: log(compass noise), then log(floor), log(slow part), logit(outliers).
-COMPASS_NOISE_BOUNDS = (np.log(1.0), np.log(8.0))
+HARD_IRON_FIRST = np.array([0.02, 1.5, 1.5, 0.02, 0.02, 0.3])  # the same while a start finds its fold
+# |D|, |E| under |u| keeps the induced part from turning the field round, which no iron near an instrument does. The
+# grids resolve no less than these: log(compass noise), then log(floor), log(slow part), logit(outliers).
+PARAMETER_BOUNDS = [(None, None)] * 3 + [(-0.6, 0.6)] * 2 + [(np.log(1.0), np.log(8.0))]
 NOISE_BOUNDS = [(np.log(CELL_DEG), np.log(90.0)), (np.log(0.05), np.log(50.0)), (-9.0, 2.0)]
 PRIOR_SMOOTHING_DEG, PRIOR_FLOOR = 12.0, 0.1
 BLOCK_S = 5 * 86400.0  # longer than the memory of the currents' veer
@@ -42,19 +45,11 @@ def fit(pairs: Pairs) -> Fit:
     """
     if len(pairs) < model.FEWEST_PAIRS:
         return model.too_few("exact", len(pairs))
-    observed = model.observed_heading(pairs)
-    noise = Noise()
-    prior = _smoothed(np.histogram(observed, bins=likelihood.CELLS, range=(0.0, 360.0))[0].astype(float))
-    parameters = _start(pairs, observed, noise, prior)
+    overlap = _Overlap(pairs.heading_deg, model.observed_heading(pairs), *model.speeds(pairs))
+    state = _start(overlap)
     for _ in range(ROUNDS):
-        data = _sample(pairs, observed, noise, FINE)
-        parameters = _climb(parameters, data, prior, FINE, steps=40)
-        prior = _smoothed(likelihood.responsibilities(parameters, data, prior, FINE).sum(axis=0))
-        noise = _fit_noise(noise, pairs, observed, parameters, prior)
-    data = _sample(pairs, observed, noise, FINE)
-    parameters = _climb(parameters, data, prior, FINE, steps=60)
-    noise = replace(noise, compass_deg=float(np.exp(parameters[5])))
-    return _described(parameters, pairs, observed, noise, prior, data)
+        state = _improve(state, overlap, FINE)
+    return _described(state, pairs, overlap)
 
 
 def residual(fit: Fit, pairs: Pairs) -> Floats:
@@ -70,69 +65,109 @@ def residual(fit: Fit, pairs: Pairs) -> Floats:
     return off[np.arange(len(off)), nearer]
 
 
-def _described(
-    parameters: Floats, pairs: Pairs, observed: Floats, noise: Noise, prior: Floats, data: Sample
-) -> Fit:
-    coefficients = parameters[:5]
-    bare = Fit("exact", len(pairs), coefficients)
+@dataclass(frozen=True)
+class _Overlap:
+    """The pairs as the fit needs them, (n,) each."""
+
+    recorded_deg: Floats
+    observed_deg: Floats
+    upper_speed: Floats
+    lower_speed: Floats
+
+    def width_deg(self, noise: Noise) -> Floats:
+        return likelihood.widths(noise, self.upper_speed, self.lower_speed)
+
+    def take(self, index: Floats) -> _Overlap:
+        return _Overlap(*(column[index] for column in vars(self).values()))
+
+    def sample(self, noise: Noise, grid: Grid) -> Sample:
+        density = likelihood.scatter(self.observed_deg, self.width_deg(noise), noise.outliers)
+        return likelihood.sample(self.recorded_deg, density, grid)
+
+
+@dataclass(frozen=True)
+class _State:
+    """Where a climb stands."""
+
+    parameters: Floats  # A..E and log(compass noise / degree)
+    noise: Noise
+    prior: Floats
+    loss: float = float("inf")
+
+
+def _start(overlap: _Overlap) -> _State:
+    """Climb from the best of many strengths and directions of the iron, on the pairs whose directions say most.
+
+    The scatter is fitted anew for each climb before they are compared: under a scatter that is too wide a fold blurs and
+    a wrong compass looks as good as the right one.
+    """
+    width = overlap.width_deg(START_NOISE)
+    clear = np.sort(np.argsort(width, kind="stable")[: max(len(width) // 2, min(START_PAIRS, len(width)))])
+    few = overlap.take(clear[:: max(1, len(clear) // START_PAIRS)])
+    prior = _smoothed(np.histogram(few.observed_deg, bins=likelihood.CELLS, range=(0.0, 360.0))[0].astype(float))
+    data = few.sample(START_NOISE, COARSE)
+    starts = [_iron(strength, towards) for strength in STRENGTHS for towards in DIRECTIONS_DEG]
+    values = [-likelihood.value(start, data, prior, COARSE) for start in starts]
+    states = [_State(starts[i], START_NOISE, prior) for i in np.argsort(values)[:START_COUNT]]
+    states = [_improve(state, few, COARSE, HARD_IRON_FIRST) for state in states]
+    for _ in range(START_ROUNDS):
+        states = [_improve(state, few, COARSE) for state in states]
+    return min(states, key=lambda state: state.loss)
+
+
+def _improve(state: _State, overlap: _Overlap, grid: Grid, belief: Floats = BELIEF_WIDTH) -> _State:
+    """Climb with the scatter held, then fit the scatter and the headings' distribution with the compass held."""
+    data = overlap.sample(state.noise, grid)
+    parameters, loss = _climb(state.parameters, data, state.prior, grid, belief)
+    prior = _smoothed(likelihood.responsibilities(parameters, data, state.prior, grid).sum(axis=0))
+    return _State(parameters, _fit_noise(state.noise, overlap, parameters, prior), prior, loss)
+
+
+def _described(state: _State, pairs: Pairs, overlap: _Overlap) -> Fit:
+    data = overlap.sample(state.noise, FINE)
+    parameters, _ = _climb(state.parameters, data, state.prior, FINE)
+    noise = replace(state.noise, compass_deg=float(np.exp(parameters[5])))
+    bare = Fit("exact", len(pairs), parameters[:5])
     left = residual(bare, pairs)
-    standard = np.clip(left / likelihood.widths(noise, *model.speeds(pairs)), -3.0, 3.0)
+    standard = np.clip(left / overlap.width_deg(noise), -3.0, 3.0)
     known = np.isfinite(standard)
     effective = model.effective_number(standard[known], pairs.time_s[known])
     return replace(
         bare,
-        covariance=_covariance(parameters, data, prior, pairs.time_s, effective),
+        covariance=_covariance(parameters, data, state.prior, pairs.time_s, effective),
         n_effective=effective,
         residual_rms_deg=angles.rms(left),
-        recorded_range_deg=compass.recorded_range(coefficients),
-        folded=not compass.turns_full_circle(coefficients),
+        recorded_range_deg=compass.recorded_range(parameters[:5]),
+        folded=not compass.turns_full_circle(parameters[:5]),
         noise=noise,
-        heading_density=prior,
+        heading_density=state.prior,
     )
-
-
-def _sample(pairs: Pairs, observed: Floats, noise: Noise, grid: Grid) -> Sample:
-    width = likelihood.widths(noise, *model.speeds(pairs))
-    return likelihood.sample(pairs.heading_deg, likelihood.scatter(observed, width, noise.outliers), grid)
-
-
-def _start(pairs: Pairs, observed: Floats, noise: Noise, prior: Floats) -> Floats:
-    """Climb from the best of many strengths and directions of the iron, on the pairs whose directions say most."""
-    width = likelihood.widths(noise, *model.speeds(pairs))
-    clear = np.argsort(width, kind="stable")[: max(len(width) // 2, min(START_PAIRS, len(width)))]
-    clear = np.sort(clear)[:: max(1, len(clear) // START_PAIRS)]
-    density = likelihood.scatter(observed[clear], width[clear], noise.outliers)
-    data = likelihood.sample(pairs.heading_deg[clear], density, COARSE)
-    starts = [_iron(strength, towards) for strength in STRENGTHS for towards in DIRECTIONS_DEG]
-    values = [_penalised(start, data, prior, COARSE, gradient=False)[0] for start in starts]
-    best = [starts[i] for i in np.argsort(values)[:START_COUNT]]
-    climbed = [_climb(start, data, prior, COARSE, steps=25) for start in best]
-    return min(climbed, key=lambda p: _penalised(p, data, prior, COARSE, gradient=False)[0])
 
 
 def _iron(strength: float, towards_deg: float) -> Floats:
     starboard, forward = angles.components(strength, towards_deg)
-    return np.array([0.0, float(forward), float(starboard), 0.0, 0.0, np.log(2.5)])
+    return np.array([0.0, float(forward), float(starboard), 0.0, 0.0, np.log(START_COMPASS_DEG)])
 
 
 def _penalised(
-    parameters: Floats, data: Sample, prior: Floats, grid: Grid, *, gradient: bool = True
+    parameters: Floats, data: Sample, prior: Floats, grid: Grid, belief: Floats = BELIEF_WIDTH
 ) -> tuple[float, Floats]:
     """Return minus the log-likelihood and the weak beliefs' part, with gradient."""
-    value, slopes = likelihood.value_and_gradient(parameters, data, prior, grid, gradient=gradient)
-    pull = (parameters - BELIEF_CENTRE) / BELIEF_WIDTH
-    return -value + 0.5 * float(pull @ pull), -slopes + pull / BELIEF_WIDTH
+    value, slopes = likelihood.value_and_gradient(parameters, data, prior, grid)
+    pull = (parameters - BELIEF_CENTRE) / belief
+    return -value + 0.5 * float(pull @ pull), -slopes + pull / belief
 
 
-def _climb(parameters: Floats, data: Sample, prior: Floats, grid: Grid, *, steps: int) -> Floats:
+def _climb(
+    parameters: Floats, data: Sample, prior: Floats, grid: Grid, belief: Floats = BELIEF_WIDTH
+) -> tuple[Floats, float]:
     from scipy.optimize import minimize  # 0.4 s: only jobs that fit pay for it
 
-    bounds = [(None, None)] * 5 + [COMPASS_NOISE_BOUNDS]
-    options = {"maxiter": steps}
+    arguments, options = (data, prior, grid, belief), {"maxiter": CLIMB_STEPS}
     found = minimize(
-        _penalised, parameters, args=(data, prior, grid), jac=True, method="L-BFGS-B", bounds=bounds, options=options
+        _penalised, parameters, args=arguments, jac=True, method="L-BFGS-B", bounds=PARAMETER_BOUNDS, options=options
     )
-    return np.asarray(found.x)
+    return np.asarray(found.x), float(found.fun)
 
 
 def _smoothed(mass: Floats) -> Floats:
@@ -144,19 +179,18 @@ def _smoothed(mass: Floats) -> Floats:
     return (1.0 - PRIOR_FLOOR) * smooth + PRIOR_FLOOR / len(mass)
 
 
-def _fit_noise(noise: Noise, pairs: Pairs, observed: Floats, parameters: Floats, prior: Floats) -> Noise:
+def _fit_noise(noise: Noise, overlap: _Overlap, parameters: Floats, prior: Floats) -> Noise:
     """Fit floor, slow part and outliers of the scatter with the compass held."""
     from scipy.optimize import minimize
 
-    some = np.arange(0, len(observed), max(1, len(observed) // 1200))
-    upper, lower = (speed[some] for speed in model.speeds(pairs))
-    flat = likelihood.sample(pairs.heading_deg[some], np.ones((len(some), likelihood.CELLS)), FINE)
-    given = np.empty((len(some), likelihood.CELLS))
+    few = overlap.take(np.arange(0, len(overlap.observed_deg), max(1, len(overlap.observed_deg) // NOISE_PAIRS)))
+    flat = likelihood.sample(few.recorded_deg, np.ones((len(few.recorded_deg), likelihood.CELLS)), FINE)
+    given = np.empty((len(few.recorded_deg), likelihood.CELLS))
     given[flat.order] = likelihood.responsibilities(parameters, flat, prior, FINE)
 
     def loss(x: Floats) -> float:
-        width = likelihood.widths(_noise(x), upper, lower)
-        density = likelihood.scatter(observed[some], width, _noise(x).outliers)
+        tried = _noise(x)
+        density = likelihood.scatter(few.observed_deg, few.width_deg(tried), tried.outliers)
         belief = 0.5 * ((x[0] - np.log(8.0)) ** 2 + (x[1] - np.log(2.5)) ** 2 + (x[2] + 4.0) ** 2)
         return belief - float(np.sum(np.log(np.einsum("nc,nc->n", given, density))))
 

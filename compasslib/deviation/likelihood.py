@@ -115,9 +115,20 @@ def compass_noise(coefficients: Floats, compass_deg: float, bins: Floats, grid: 
     return density, offset
 
 
-def value_and_gradient(
-    parameters: Floats, data: Sample, prior: Floats, grid: Grid, *, gradient: bool = True
-) -> tuple[float, Floats]:
+def value(parameters: Floats, data: Sample, prior: Floats, grid: Grid) -> float:
+    """Return the log-likelihood.
+
+    Args:
+        parameters: A, B, C, D, E and the logarithm of the compass noise in degrees, (6,).
+        data: the pairs.
+        prior: pi on the cells, (CELLS,), sums to 1.
+        grid: the grid that the sample was sorted on.
+    """
+    parts = _parts(parameters, data, prior, grid)
+    return float(np.sum(np.log(parts.joint) - np.log(parts.marginal[parts.row])))
+
+
+def value_and_gradient(parameters: Floats, data: Sample, prior: Floats, grid: Grid) -> tuple[float, Floats]:
     """Return the log-likelihood and its gradient by A..E and log(compass noise).
 
     Args:
@@ -125,12 +136,9 @@ def value_and_gradient(
         data: the pairs.
         prior: pi on the cells, (CELLS,), sums to 1.
         grid: the grid that the sample was sorted on.
-        gradient: whether the gradient is wanted; zeros otherwise.
     """
     parts = _parts(parameters, data, prior, grid)
     total = float(np.sum(np.log(parts.joint) - np.log(parts.marginal[parts.row])))
-    if not gradient:
-        return total, np.zeros(6)
     weighted = data.scatter / parts.joint[:, None]
     towards = np.add.reduceat(weighted, data.begins, axis=0) @ parts.hats.T  # (occupied, fine)
     count = np.diff(np.append(data.begins, len(data.bin)))
