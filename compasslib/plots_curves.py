@@ -43,13 +43,13 @@ def emptiest(angle_deg: ArrayLike) -> float:
     Args:
         angle_deg: angles of any shape, degrees, NaN left out.
     """
-    occupied = np.concatenate([sectors(angle_deg, 0.0)] * 2)
+    occupied = sectors(angle_deg, 0.0)
     if not occupied.any():
         return -180.0
-    centre = SECTOR_DEG * np.arange(0.0, len(occupied) / 2)  # a cut stands at an edge of a sector
-    away = angles.difference(centre[:, None], SECTOR_DEG * (np.arange(len(centre)) + 0.5))
-    smooth = np.exp(-0.5 * (away / GAP_WIDTH_DEG) ** 2) @ occupied[: len(centre)]
-    return float(angles.wrap180(centre[np.argmin(smooth)]))
+    cuts = SECTOR_DEG * np.arange(len(occupied))
+    away = angles.difference(cuts[:, None], cuts + SECTOR_DEG / 2.0)
+    around = np.exp(-0.5 * (away / GAP_WIDTH_DEG) ** 2) @ occupied
+    return float(angles.wrap180(cuts[np.argmin(around)]))
 
 
 def placed(angle_deg: ArrayLike, begin_deg: float) -> Floats:
@@ -98,7 +98,8 @@ def curve(fit: Fit, begin_deg: float, headings_deg: ArrayLike) -> Curve:
     deviation = _deviation(fit, beta)
     deviation = deviation[0] + np.concatenate([[0.0], np.cumsum(angles.difference(deviation[1:], deviation[:-1]))])
     where = placed(headings_deg, begin_deg)
-    level = np.median(np.interp(where, beta, deviation)) if where.size else np.median(deviation)
+    there = np.interp(where[np.isfinite(where)], beta, deviation)
+    level = np.median(there if there.size else deviation)
     deviation = deviation - (level - angles.wrap180(level))
     return Curve(beta, deviation, _sigma(fit, beta), _stretch(fit, beta))
 

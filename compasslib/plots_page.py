@@ -6,12 +6,13 @@ import textwrap
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
+from matplotlib.axis import Axis, XAxis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MultipleLocator
@@ -29,7 +30,7 @@ WIDTH_IN, DPI = 7.0, 200
 BLACK, GREY = "#000000", "#8C8C8C"
 ORANGE, SKY, GREEN, BLUE, VERMILION, PURPLE = "#E69F00", "#56B4E9", "#009E73", "#0072B2", "#D55E00", "#CC79A7"
 RECORDED, CORRECTED, TRUSTED = ORANGE, BLUE, GREY
-STYLE = {
+STYLE: dict[Any, Any] = {
     "font.size": 8.0,
     "axes.titlesize": 8.0,
     "axes.titlelocation": "left",
@@ -47,6 +48,8 @@ STYLE = {
     "xtick.major.width": 0.6,
     "ytick.major.width": 0.6,
 }
+METHODS = {"exact": "exact compass", "von_appen": "series of von Appen 2015"}
+NO_PAIRS = "No pairs: there is no trusted measurement near enough to compare."
 SENTENCE_CHARACTERS = 105  # of 8 points in the page's width
 MAGNETIC, TRUE = "(° magnetic)", "(° true)"
 
@@ -83,9 +86,6 @@ def title_of(name: str, what: str, method: str) -> str:
     return f"{name}: {what}" + (f" ({METHODS.get(method, method)})" if method else "")
 
 
-METHODS = {"exact": "exact compass", "von_appen": "series of von Appen 2015"}
-
-
 def product_notes(product: Corrected) -> list[str]:
     """Return the sentence on headings that could not be corrected, if there are any.
 
@@ -98,7 +98,7 @@ def product_notes(product: Corrected) -> list[str]:
         return []
     if lost.sum() == recorded.sum():
         return ["No heading could be corrected: no usable deviation model covers them."]
-    return [f"{lost.sum()} of {recorded.sum()} headings could not be corrected and are missing from what is corrected."]
+    return [f"{lost.sum()} of {recorded.sum()} headings could not be corrected."]
 
 
 def degrees(axis: Axis, limits: Limits, *, signed: bool = False) -> None:
@@ -110,8 +110,11 @@ def degrees(axis: Axis, limits: Limits, *, signed: bool = False) -> None:
         signed: label deviations as they are.
     """
     span = limits[1] - limits[0]
-    step = 90.0 if span > 190.0 else 45.0 if span > 100.0 else 15.0
-    axis.axes.set(**{f"{axis.axis_name}lim": limits})
+    step = 90.0 if span > 260.0 else 45.0 if span > 120.0 else 30.0 if span > 75.0 else 15.0
+    if isinstance(axis, XAxis):
+        axis.axes.set_xlim(limits)
+    else:
+        axis.axes.set_ylim(limits)
     axis.set_major_locator(MultipleLocator(step))
     axis.set_major_formatter(FuncFormatter(_signed if signed else _heading))
 
@@ -141,17 +144,6 @@ def span_of(points: Floats, line: Floats, *, least: float = 60.0) -> Limits:
     return (low + high) / 2.0 - half, (low + high) / 2.0 + half
 
 
-def label(axes: Axes, x: str, y: str) -> None:
-    """Name both axes of a panel.
-
-    Args:
-        axes: the panel.
-        x: name with unit.
-        y: name with unit.
-    """
-    axes.set(xlabel=x, ylabel=y)
-
-
 def say(axes: Axes, sentence: str, *, characters: int = 30, hide_x: bool = True) -> None:
     """Put a sentence where a panel has nothing to show, and take its ticks away.
 
@@ -176,4 +168,5 @@ def legend(figure: Figure, handles: Sequence[Artist], *, columns: int = 3) -> No
         handles: what it explains.
         columns: at most.
     """
-    figure.legend(handles=handles, loc="outside lower center", ncols=min(columns, len(handles)))
+    if handles:
+        figure.legend(handles=handles, loc="outside lower center", ncols=min(columns, len(handles)))

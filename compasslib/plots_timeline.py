@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -12,7 +13,6 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from compasslib import plots_curves
 from compasslib.plots_curves import emptiest, placed
 from compasslib.plots_page import (
     BLACK,
@@ -35,8 +35,15 @@ Floats = NDArray[np.floating]
 
 DAY_S = 86400.0  # matplotlib counts time in days since 1970
 DRAWN = 12_000  # samples; of a longer record every second, third, ... is drawn
+POINT: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 1.2, "markeredgewidth": 0}
 SLICES = 60  # of the strip, where the record is too short for days
 GUESS = 0.75  # a branch less probable is drawn as a guess
+TITLES = (
+    "(a) recorded heading",
+    "(b) corrected heading and its standard deviation",
+    "(c) share of the samples, day by day",
+    "(d) depth of the instrument",
+)
 SURE, DOUBTFUL, GUESSED, LOST = 0, 1, 2, 3
 KINDS = {
     SURE: ("corrected (flags 1, 2)", BLUE),
@@ -58,9 +65,8 @@ def timeline(path: str | Path, product: Corrected, pairs: Pairs, name: str, *, m
     """
     with page(path, title_of(name, "the record along time", method), 6.2, product_notes(product)) as figure:
         panels = figure.subplots(4, 1, sharex=True, height_ratios=(3.0, 3.0, 0.8, 1.6))
-        titles = ("recorded heading", "corrected heading and its standard deviation", "share of each day's samples", "depth of the instrument")
-        for axes, letter, title in zip(panels, "abcd", titles, strict=True):
-            axes.set_title(f"({letter}) {title}")
+        for axes, title in zip(panels, TITLES, strict=True):
+            axes.set_title(title)
         if not len(product.record.time_s):
             for axes in panels:
                 say(axes, "The instrument recorded nothing inside the deployment.", characters=80)
@@ -94,16 +100,17 @@ def _headings(above: Axes, below: Axes, product: Corrected, kind: NDArray[np.int
     begin = emptiest(np.concatenate([record.heading_deg, corrected]))
     some = np.arange(len(kind)) % (1 + len(kind) // DRAWN) == 0
     day = record.time_s / DAY_S
-    look = {"linestyle": "", "marker": "o", "markersize": 1.2, "markeredgewidth": 0}
     for here, colour in ((kind != LOST, GREY), (kind == LOST, BLACK)):
-        above.plot(day[here & some], placed(record.heading_deg[here & some], begin), color=colour, **look)
+        above.plot(day[here & some], placed(record.heading_deg[here & some], begin), color=colour, **POINT)
     _band(below, day[some], placed(corrected[some], begin), product.heading_uncertainty_deg[some])
     for k in (SURE, DOUBTFUL, GUESSED):
         here = (kind == k) & some
-        below.plot(day[here], placed(corrected[here], begin), color=KINDS[k][1], **look)
+        below.plot(day[here], placed(corrected[here], begin), color=KINDS[k][1], **POINT)
     for axes in (above, below):
         degrees(axes.yaxis, (begin, begin + 360.0))
         axes.set_ylabel(f"Heading\n{MAGNETIC}")
+    if not np.isfinite(record.heading_deg).any():
+        say(above, "No heading was recorded.", characters=80, hide_x=False)
     if not np.isfinite(corrected).any():
         say(below, "No heading could be corrected.", characters=80, hide_x=False)
 
@@ -169,5 +176,6 @@ def _handles(kind: NDArray[np.int_], pairs: Pairs) -> list[Artist]:
         handles.insert(0, Line2D([], [], linestyle="", marker="o", markersize=3, color=GREY, markeredgewidth=0))
         handles[0].set_label("recorded")
         handles.append(Patch(color=BLUE, alpha=0.25, linewidth=0, label="one standard deviation"))
-    text = "trusted instrument overlaps" if len(pairs) else "trusted instrument overlaps: never"
-    return [*handles, Patch(color=GREEN, label=text)]
+    if len(pairs):
+        return [*handles, Patch(color=GREEN, label="trusted instrument overlaps")]
+    return [*handles, Patch(color="none", label="no trusted instrument overlaps")]

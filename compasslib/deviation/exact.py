@@ -26,7 +26,7 @@ START_NOISE, START_COMPASS_DEG = Noise(floor_deg=10.0, slow_deg_m_s=2.0, outlier
 ROUNDS, CLIMB_STEPS, NOISE_PAIRS = 2, 40, 1000
 # Weak beliefs that only matter where the record says nothing: centre and width of A..E and log(compass noise / degree).
 BELIEF_CENTRE = np.array([0.0, 0.0, 0.0, 0.0, 0.0, np.log(1.5)])
-BELIEF_WIDTH = np.array([0.5, 1.5, 1.5, 0.3, 0.3, 0.3])
+BELIEF_WIDTH = np.array([0.5, 1.5, 1.5, 0.3, 0.3, 0.15])
 HARD_IRON_FIRST = np.array([0.02, 1.5, 1.5, 0.02, 0.02, 0.3])  # the same while a start finds its fold
 # |D|, |E| under |u| keeps the induced part from turning the field round, which no iron near an instrument does. The
 # grids resolve no less than these: log(compass noise), then log(floor), log(slow part), logit(outliers).
