@@ -9,6 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+DEGREE = np.pi / 180.0  # in radians: the derivative of a sine by degrees
+
 Floats = NDArray[np.floating]
 
 
@@ -80,6 +82,15 @@ def direction(east: ArrayLike, north: ArrayLike) -> Floats:
     east, north = np.asarray(east, dtype=float), np.asarray(north, dtype=float)
     towards = wrap360(np.rad2deg(np.arctan2(east, north)))
     return np.where((east == 0) & (north == 0), np.nan, towards)
+
+
+def chord(angle_deg: ArrayLike) -> Floats:
+    """Return the chord under an angle, scaled so that a small angle's chord is the angle itself, degrees.
+
+    Args:
+        angle_deg: angles of any shape, degrees.
+    """
+    return 2.0 * sin_cos(np.asarray(angle_deg, dtype=float) / 2.0)[0] / DEGREE
 
 
 def components(speed: ArrayLike, towards_deg: ArrayLike) -> tuple[Floats, Floats]:

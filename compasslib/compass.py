@@ -64,7 +64,8 @@ def gradient(coefficients: ArrayLike, heading_deg: ArrayLike) -> Floats:
     w = angles.phasor(heading_deg)
     unit = np.ones_like(w)
     columns = np.stack([-1j * w, unit, -1j * unit, np.conj(w), -1j * np.conj(w)])
-    return np.rad2deg(np.imag(columns / level_field(coefficients, heading_deg)))
+    with np.errstate(invalid="ignore"):  # no heading, no slope
+        return np.imag(columns / level_field(coefficients, heading_deg)) / angles.DEGREE
 
 
 def inverse(coefficients: ArrayLike, recorded_deg: ArrayLike) -> Floats:

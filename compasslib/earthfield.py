@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from compasslib.angles import difference
+from compasslib.angles import difference, direction, wrap180
 from compasslib.errors import InputError
 from compasslib.records import EarthField
 
@@ -43,7 +43,7 @@ def igrf(latitude: float, longitude: float, time_s: ArrayLike) -> tuple[Floats, 
                 advice="check start and end, or give the declination as a number",
             )
     east, north, up = (np.ravel(x) for x in ppigrf.igrf(longitude, latitude, 0.0, dates))
-    return np.rad2deg(np.arctan2(east, north)), np.hypot(east, north), -up
+    return wrap180(direction(east, north)), np.hypot(east, north), -up
 
 
 def along_time(

@@ -45,11 +45,13 @@ STYLE: dict[Any, Any] = {
     "legend.handlelength": 1.8,
     "legend.columnspacing": 1.5,
     "lines.linewidth": 1.3,
+    "text.parse_math": False,  # a dollar in a mooring's name is a dollar
     "xtick.major.width": 0.6,
     "ytick.major.width": 0.6,
 }
 METHODS = {"exact": "exact compass", "von_appen": "series of von Appen 2015"}
 NO_PAIRS = "No pairs: there is no trusted measurement near enough to compare."
+LINE_IN = 0.16  # of the title and the notes
 SENTENCE_CHARACTERS = 105  # of 8 points in the page's width
 MAGNETIC, TRUE = "(° magnetic)", "(° true)"
 
@@ -61,15 +63,16 @@ def page(path: str | Path, title: str, height_in: float, notes: Sequence[str] = 
     Args:
         path: the PNG to write.
         title: its first line.
-        height_in: inches; every figure is as wide as two columns of print.
+        height_in: without the title and notes, inches; every figure is as wide as two columns of print.
         notes: sentences below the title, for what the reader would look for in vain.
     """
     with matplotlib.rc_context():
         matplotlib.rcdefaults()  # a user's own matplotlibrc does not count
         matplotlib.rcParams.update(STYLE)
-        figure = Figure(figsize=(WIDTH_IN, height_in), layout="constrained")
+        lines = [title, *(line for note in notes for line in textwrap.wrap(note, SENTENCE_CHARACTERS))]
+        figure = Figure(figsize=(WIDTH_IN, height_in + LINE_IN * len(lines)), layout="constrained")
         FigureCanvasAgg(figure)
-        figure.suptitle("\n".join([title, *(textwrap.fill(note, SENTENCE_CHARACTERS) for note in notes)]))
+        figure.suptitle("\n".join(lines))
         yield figure
         with replacing(path) as temporary:
             figure.savefig(temporary, format="png", dpi=DPI, metadata={"Software": None})

@@ -41,7 +41,7 @@ GUESS = 0.75  # a branch less probable is drawn as a guess
 TITLES = (
     "(a) recorded heading",
     "(b) corrected heading and its standard deviation",
-    "(c) share of the samples, day by day",
+    "(c) share of the samples",
     "(d) depth of the instrument",
 )
 SURE, DOUBTFUL, GUESSED, LOST = 0, 1, 2, 3
@@ -63,7 +63,7 @@ def timeline(path: str | Path, product: Corrected, pairs: Pairs, name: str, *, m
         name: of the mooring.
         method: of the correction, for the title.
     """
-    with page(path, title_of(name, "the record along time", method), 6.2, product_notes(product)) as figure:
+    with page(path, title_of(name, "the record along time", method), 6.05, product_notes(product)) as figure:
         panels = figure.subplots(4, 1, sharex=True, height_ratios=(3.0, 3.0, 0.8, 1.6))
         for axes, title in zip(panels, TITLES, strict=True):
             axes.set_title(title)
@@ -125,7 +125,7 @@ def _band(axes: Axes, day: Floats, heading: Floats, sigma: Floats) -> None:
 
 def _strip(axes: Axes, product: Corrected, pairs: Pairs, kind: NDArray[np.int_]) -> None:
     """Draw the share of each kind day by day, and above it the days on which the trusted instrument overlaps."""
-    edges = _slices(product.record.time_s)
+    edges = slices(product.record.time_s)
     counts = [np.histogram(product.record.time_s[kind == k], edges)[0] for k in KINDS]
     tops = 100.0 * np.cumsum(counts, axis=0) / np.maximum(np.sum(counts, axis=0), 1)
     bottom = np.zeros(len(edges) - 1)
@@ -137,10 +137,15 @@ def _strip(axes: Axes, product: Corrected, pairs: Pairs, kind: NDArray[np.int_])
     axes.set(ylim=(0.0, 140.0), yticks=[0.0, 100.0], ylabel="(%)")
 
 
-def _slices(time_s: Floats) -> Floats:
-    """Return the edges of days, or of shorter slices where the record is short."""
+def slices(time_s: Floats) -> Floats:
+    """Return the edges of days, or of shorter slices where the record is short, seconds.
+
+    Args:
+        time_s: increasing times, (n,), n > 0.
+    """
     first, last = float(time_s[0]), float(time_s[-1])
-    width = min(DAY_S, max((last - first) / SLICES, 1.0))
+    step = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 1.0
+    width = min(DAY_S, max((last - first) / SLICES, 2.0 * step))
     return first + width * np.arange(int((last - first) / width) + 2)
 
 

@@ -79,9 +79,8 @@ def scatter(observed_deg: Floats, width_deg: Floats, outliers: float) -> Floats:
         width_deg: width for each of them, (n,), degrees.
         outliers: share that says nothing.
     """
-    chord = 2.0 * angles.sin_cos((observed_deg[:, None] - CELL_CENTRES) / 2.0)[0]
-    width = np.deg2rad(width_deg)[:, None]
-    density = (1.0 + chord**2 / (FREEDOM * width**2)) ** (-(FREEDOM + 1.0) / 2.0)
+    away = angles.chord(observed_deg[:, None] - CELL_CENTRES) / width_deg[:, None]
+    density = (1.0 + away**2 / FREEDOM) ** (-(FREEDOM + 1.0) / 2.0)
     density /= density.sum(axis=1, keepdims=True) * CELL_DEG
     return (1.0 - outliers) * density + outliers / 360.0
 

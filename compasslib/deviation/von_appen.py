@@ -88,7 +88,7 @@ def slope(coefficients: ArrayLike, heading_deg: ArrayLike) -> Floats:
     _, b, c, d, e = np.asarray(coefficients, dtype=float)
     sine, cosine = angles.sin_cos(heading_deg)
     sine2, cosine2 = angles.sin_cos(2.0 * np.asarray(heading_deg, dtype=float))
-    return 1.0 - np.deg2rad(b * cosine - c * sine + 2.0 * d * cosine2 - 2.0 * e * sine2)
+    return 1.0 - angles.DEGREE * (b * cosine - c * sine + 2.0 * d * cosine2 - 2.0 * e * sine2)
 
 
 def lookup_table(coefficients: ArrayLike) -> tuple[Floats, Floats]:

@@ -1,0 +1,155 @@
+"""The logger's own binary files of the Falmouth 3D-ACM: A*.DAT, one or several one after another.
+
+A profile is four bytes of length (big-endian), a header of 279 bytes that ends in DATA, records of 47 bytes, and the
+times of switching on and off. Lengths lead from profile to profile; where one is damaged the next header is sought.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from compasslib.readers.mmp_blocks import Block
+from compasslib.readers.mmp_clock import Bools, Ints, civil
+from compasslib.records import Floats
+
+HEADER_BYTES = 279
+MARK = b"DATA"  # the end of the header
+RATE_AT = 63  # of the sample rate in the header, a float
+RECORD = np.dtype(
+    [("clock", "u1", (3,)), ("month", "u1"), ("day", "u1"), ("year", "<u2"), ("values", "<f4", (10,))],
+)
+LENGTH_BYTES, TAIL_BYTES = 4, 8
+FRONT_BYTES = LENGTH_BYTES + HEADER_BYTES
+LIKENESS = 0.8  # share of the bytes that a header has in common with the file's first; the settings do not change
+
+
+@dataclass(frozen=True, eq=False)
+class Binary:
+    """What a binary file holds."""
+
+    blocks: list[Block]
+    place: Ints  # (r,) of each scan in its profile, damaged ones counted
+    time_s: Floats  # (r,) whole seconds
+    values: Floats  # (r, 10)
+    damaged: int  # records that are no scans
+
+
+@dataclass(frozen=True)
+class _Span:
+    """Where the records of one profile lie, or what lies before, between and behind profiles."""
+
+    begin: int
+    end: int  # behind the records and the times of switching on and off
+    records: int
+    tail: int = -1  # where those times stand; -1 where they are lost
+    torn: int = 0  # records in what cannot be told apart
+
+
+def is_binary(data: bytes) -> bool:
+    """Return whether a file is one of the logger's own.
+
+    Args:
+        data: the file.
+    """
+    return _followed(data, FRONT_BYTES) or bool(_marks(data))
+
+
+def parse(data: bytes) -> Binary:
+    """Return the scans of a binary file, damaged records left out.
+
+    Args:
+        data: the file.
+    """
+    blocks, places, times, values = [], [np.zeros(0, dtype=np.int64)], [np.zeros(0)], [np.zeros((0, 10))]
+    damaged, begin = 0, 0
+    for span in _spans(data):
+        damaged += span.torn + span.records
+        if span.records:
+            records = np.frombuffer(data, dtype=RECORD, count=span.records, offset=span.begin)
+            time_s, good = _times(records)
+            kept = int(good.sum())
+            blocks.append(_block(data, span, begin, begin + kept))
+            places.append(np.flatnonzero(good))
+            times.append(time_s[good])
+            values.append(records["values"][good].astype(float))
+            damaged, begin = damaged - kept, begin + kept
+    return Binary(blocks, np.concatenate(places), np.concatenate(times), np.concatenate(values), damaged)
+
+
+def _spans(data: bytes) -> Iterator[_Span]:
+    """Go from profile to profile; where a length leads to no header go on to the next one that is recognised."""
+    marks = _marks(data) or [FRONT_BYTES]
+    at = 0
+    while at < len(data):
+        mark = at + FRONT_BYTES
+        following = marks[bisect_right(marks, mark) :]
+        limit = following[0] - FRONT_BYTES if following else len(data)
+        if mark in marks or (mark < len(data) and _alike(data, marks[0], mark)):
+            span = _span(data, mark, limit, last=not following)
+        else:
+            limit = marks[0] - FRONT_BYTES if mark < marks[0] else limit
+            span = _Span(at, limit, 0, torn=-(-(limit - at) // RECORD.itemsize))
+        yield span
+        at = span.end
+
+
+def _span(data: bytes, mark: int, limit: int, *, last: bool) -> _Span:
+    """Return the records behind a header: as many as its length says, unless the next header says otherwise."""
+    length = int.from_bytes(data[mark - FRONT_BYTES : mark - HEADER_BYTES], "big")
+    told = (length - HEADER_BYTES) // RECORD.itemsize if _whole(length) else -1
+    fit, odd = divmod(limit - mark - TAIL_BYTES, RECORD.itemsize)
+    if odd == 0 and fit >= 0 and (told <= fit or not last):
+        return _Span(mark, limit, fit, limit - TAIL_BYTES)
+    end = mark + told * RECORD.itemsize
+    if told >= 0 and end + TAIL_BYTES <= limit:
+        return _Span(mark, end + TAIL_BYTES, told, end)
+    if told >= 0 and last and end <= limit:
+        return _Span(mark, limit, told)
+    fit, odd = divmod(limit - mark, RECORD.itemsize)
+    return _Span(mark, limit, fit, torn=int(odd > 0))
+
+
+def _marks(data: bytes) -> list[int]:
+    """Return where headers end: behind DATA, what is before like the first header or with a profile behind it."""
+    found: list[int] = []
+    at = data.find(MARK)
+    while at >= 0:
+        end = at + len(MARK)
+        if end >= FRONT_BYTES and (_followed(data, end) or (found and _alike(data, found[0], end))):
+            found.append(end)
+        at = data.find(MARK, at + 1)
+    return found
+
+
+def _followed(data: bytes, end: int) -> bool:
+    """Return whether in front of this place stands the length of a profile and behind it a record."""
+    length = int.from_bytes(data[end - FRONT_BYTES : end - HEADER_BYTES], "big")
+    first = np.frombuffer(data[end : end + RECORD.itemsize].ljust(RECORD.itemsize, b"\0"), dtype=RECORD)
+    good = bool(_times(first)[1][0])
+    return good and (_whole(length) or data[end - len(MARK) : end] == MARK)
+
+
+def _whole(length: int) -> bool:
+    return length >= HEADER_BYTES and (length - HEADER_BYTES) % RECORD.itemsize == 0
+
+
+def _alike(data: bytes, one: int, other: int) -> bool:
+    a, b = (np.frombuffer(data, dtype=np.uint8, count=HEADER_BYTES, offset=end - HEADER_BYTES) for end in (one, other))
+    return bool(np.mean(a == b) >= LIKENESS)
+
+
+def _times(records: np.ndarray) -> tuple[Floats, Bools]:
+    number = {name: records[name].astype(np.int64) for name in ("year", "month", "day", "clock")}
+    hour, minute, second = number["clock"].T
+    time_s = civil((number["year"], number["month"], number["day"]), (hour, minute, second))
+    return time_s, np.isfinite(time_s) & np.isfinite(records["values"]).all(axis=1)
+
+
+def _block(data: bytes, span: _Span, begin: int, end: int) -> Block:
+    rate = float(np.frombuffer(data, "<f4", 1, span.begin - HEADER_BYTES + RATE_AT)[0])
+    on, off = np.frombuffer(data, ">u4", 2, span.tail).astype(float) if span.tail >= 0 else (np.nan, np.nan)
+    return Block(begin, end, rate_hz=rate if 0 < rate < 100 else np.nan, on_s=float(on), off_s=float(off))

@@ -1,0 +1,130 @@
+"""Branches, corrected headings and velocities, and the assessment on pairs that the fit has not seen."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sea import FOLDED, MILD, pairs
+
+from compasslib import angles, assessment, branches, correction, deviation
+from compasslib.deviation import exact, likelihood, model, von_appen
+from compasslib.records import BAD, GOOD, MISSING, PROBABLY_BAD, EarthField, Pairs, Record
+
+
+def record_of(seen: Pairs) -> Record:
+    flat, shape = np.full(len(seen), np.nan), (len(seen), 1)
+    return Record(
+        seen.time_s, seen.upper_east[:, None], seen.upper_north[:, None], np.zeros(shape), seen.heading_deg, flat, flat,
+        flat, flat + 100.0, flat, flat, np.full(shape, GOOD, dtype=np.int8), np.full(len(seen), GOOD, dtype=np.int8),
+    )
+
+
+def field_of(seen: Pairs, declination: float = 0.0) -> EarthField:
+    ends = seen.time_s[[0, -1]]
+    return EarthField(ends, np.full(2, declination), *(np.full((3, 2), 12000.0)))
+
+
+@pytest.fixture(scope="module")
+def folded():
+    seen, heading = pairs(FOLDED, n=4000, seed=4)
+    return seen, heading, exact.fit(seen)
+
+
+def test_mild_record_is_corrected_to_its_stated_uncertainty():
+    seen, heading = pairs(MILD, n=4000, seed=3)
+    product = correction.correct(record_of(seen), exact.fit(seen), field_of(seen), seen)
+    off = angles.difference(product.heading_corrected_deg, heading)
+    assert angles.rms(off) < 2.5 < angles.rms(angles.difference(seen.heading_deg, heading))
+    assert np.mean(np.abs(off) < 1.96 * product.heading_uncertainty_deg) > 0.9
+    assert (product.heading_corrected_quality == GOOD).all()
+
+
+def test_corrected_velocity_is_the_recorded_one_turned_by_deviation_and_declination():
+    seen, _ = pairs(MILD, n=400)
+    product = correction.correct(record_of(seen), exact.fit(seen), field_of(seen, 18.0), seen)
+    assert np.hypot(product.east, product.north) == pytest.approx(np.hypot(product.east_recorded, product.north_recorded))
+    before = angles.direction(seen.upper_east, seen.upper_north)
+    after = angles.direction(product.east[:, 0], product.north[:, 0])
+    assert np.abs(angles.difference(after - before, product.deviation_deg + 18.0)).max() < 1e-6
+    assert (product.velocity_uncertainty > 0).all()
+
+
+def test_branches_of_a_folded_compass(folded):
+    seen, heading, fit = folded
+    product = correction.correct(record_of(seen), fit, field_of(seen), seen)
+    off = np.abs(angles.difference(product.heading_corrected_deg, heading))
+    assert np.isfinite(off).all() and np.median(off) < 3.0
+    sure = product.branch_probability >= correction.SURE
+    assert 0.7 < sure.mean() < 1.0 and np.mean(off[sure] < 40.0) > 0.94
+    assert (product.heading_corrected_quality[~sure] == PROBABLY_BAD).all()
+
+
+def test_branches_with_two_overlaps_a_day_and_a_gap_of_a_week(folded):
+    seen, heading, fit = folded
+    kept = np.ones(len(seen), dtype=bool)
+    kept[1000:1168] = False
+    few = assessment.choose(seen, np.flatnonzero(np.arange(len(seen)) % 12 == 0))
+    few = assessment.choose(few, np.isin(few.time_s, seen.time_s[kept]))
+    decision = correction.headings(seen.time_s[kept], seen.heading_deg[kept], fit, few)
+    off = np.abs(angles.difference(decision.heading_deg, heading[kept]))
+    two = np.isfinite(decision.other_deg)
+    assert np.median(off) < 4.0
+    right = off <= np.abs(angles.difference(decision.other_deg, heading[kept]))
+    assert abs(decision.probability[two].mean() - right[two].mean()) < 0.05  # as sure as it is right
+
+
+def test_posterior_is_a_distribution_and_memory_ends_in_a_long_gap():
+    evidence = np.ones((3, likelihood.CELLS))
+    evidence[0, 10] = 1e9
+    flat = np.full(likelihood.CELLS, 1.0 / likelihood.CELLS)
+    transition = branches._transition(6.0, 0.01, flat)
+    near = branches.smooth(evidence, np.array([1, 1]), transition, flat)
+    far = branches.smooth(evidence, np.array([1, 5000]), transition, flat)
+    assert near.sum(axis=1) == pytest.approx(np.ones(3))
+    assert near[2, 10] > 5 * flat[0] and far[2] == pytest.approx(flat)
+
+
+def test_published_method_gives_up_outside_its_stretch():
+    seen, _ = pairs((0.0, 1.1, 0.7, 0.0, 0.0), n=3000, spread=35.0, seed=3)
+    fit = von_appen.fit(seen)
+    product = correction.correct(record_of(seen), fit, field_of(seen), seen)
+    lost = ~np.isfinite(product.heading_corrected_deg)
+    assert fit.folded and lost.any()
+    assert (product.heading_corrected_quality[lost] == BAD).all()
+    assert np.isnan(product.east[lost]).all() and np.isfinite(product.east_recorded[lost]).all()
+
+
+@pytest.mark.parametrize("method", ["exact", "von_appen"])
+def test_nothing_fitted_gives_nan_flag_4_and_an_assessment_that_says_so(method):
+    seen, _ = pairs(n=5)
+    fit = model.too_few(method, 5)
+    product = correction.correct(record_of(seen), fit, field_of(seen), seen)
+    assert np.isnan(product.heading_corrected_deg).all() and (product.heading_corrected_quality == BAD).all()
+    verdict = assessment.assess(seen, fit)
+    assert verdict["before"]["n"] == 5 and verdict["after"]["n"] == 0
+    assert deviation.described(fit, record_of(seen))["correctable_fraction"] == 0.0
+
+
+def test_missing_velocities_stay_missing_and_bad_headings_are_not_corrected():
+    seen, _ = pairs(MILD, n=400)
+    record = record_of(seen)
+    quality, heading = record.quality.copy(), record.heading_quality.copy()
+    quality[3], heading[5] = MISSING, BAD
+    changed = replace(record, quality=quality, heading_quality=heading)
+    product = correction.correct(changed, exact.fit(seen), field_of(seen), seen)
+    assert product.velocity_quality[3, 0] == MISSING
+    assert np.isnan(product.heading_corrected_deg[5]) and product.velocity_quality[5, 0] == BAD
+
+
+def test_assessment_is_on_held_out_pairs_and_sees_the_gain():
+    seen, _ = pairs((0.0, 0.5, -0.3, 0.0, 0.0), n=3000, seed=8)
+    verdict = assessment.assess(seen, exact.fit(seen))
+    assert verdict["after"]["rms_deg"] < verdict["before"]["rms_deg"]
+    assert verdict["after"]["vector_correlation"]["magnitude"] > verdict["before"]["vector_correlation"]["magnitude"]
+    assert verdict["held_out"]["n"] == len(seen)
+
+
+def test_vector_correlation_angle_is_the_turn_of_the_upper_water():
+    lower = np.array([0.1 + 0.2j, -0.3 + 0.1j, 0.2 - 0.2j])
+    found = assessment._vector_correlation(lower * angles.phasor(-30.0), lower)  # clockwise by 30 degrees
+    assert found == {"magnitude": pytest.approx(1.0), "angle_deg": pytest.approx(30.0)}

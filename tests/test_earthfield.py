@@ -1,0 +1,38 @@
+"""IGRF against the design page, its guard, and the metadata that override it."""
+
+import numpy as np
+import pytest
+
+from compasslib import earthfield
+from compasslib.errors import InputError
+
+DECEMBER_2007, EG4 = 1196467200.0, (65.3, -33.0)
+
+
+def test_field_of_the_demonstration_cruise():
+    declination, horizontal, vertical = earthfield.igrf(*EG4, [DECEMBER_2007])
+    assert declination[0] == pytest.approx(-23.50, abs=0.005)
+    assert horizontal[0] == pytest.approx(11980, abs=1.0)
+    assert vertical[0] == pytest.approx(52078, abs=1.0)
+
+
+def test_along_the_deployment_and_between_nodes():
+    field = earthfield.along_time(*EG4, 1188864000.0, 1223078400.0)
+    assert field.declination_deg[[0, -1]] == pytest.approx([-23.59, -23.22], abs=0.01)
+    middle = (field.time_s[3] + field.time_s[4]) / 2
+    exact = earthfield.igrf(*EG4, [middle])[0][0]
+    assert earthfield.declination_at(field, np.array([middle]))[0] == pytest.approx(exact, abs=1e-4)
+
+
+@pytest.mark.parametrize(("given", "warned"), [(-23.0, False), (23.4, True), (-24.8, True)])
+def test_a_given_number_overrides_and_a_disagreement_is_said(given, warned):
+    field = earthfield.along_time(*EG4, 1188864000.0, 1223078400.0, given)
+    assert (field.declination_deg == given).all() and field.source == "metadata"
+    assert bool(field.warnings) == warned
+    again = earthfield.from_json({k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in vars(field).items()})
+    assert again.warnings == field.warnings
+
+
+def test_dates_outside_the_model_are_refused():
+    with pytest.raises(InputError, match="dates from 1900 to 2029, which IGRF covers, found 2031-01-01"):
+        earthfield.igrf(*EG4, [1924992000.0])

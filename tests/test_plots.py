@@ -1,0 +1,383 @@
+"""The figures: whole PNGs for every kind of mooring, the same bytes twice, no line across a cut, words for the rest."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import dataclass, replace
+from itertools import product
+
+import matplotlib
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from matplotlib.figure import Figure
+from matplotlib.image import imread
+from matplotlib.text import Text
+from scipy.signal import lfilter
+
+from compasslib import angles, compass, correction, plots, plots_curves, plots_timeline
+from compasslib.assessment import choose
+from compasslib.deviation import model, von_appen
+from compasslib.deviation.likelihood import CELLS
+from compasslib.deviation.model import Fit
+from compasslib.plots_curves import BACKWARDS, GIVEN_UP, INVERTED
+from compasslib.plots_page import DPI, WIDTH_IN
+from compasslib.records import BAD, GOOD, Corrected, EarthField, Pairs, Record
+
+START_S, SAMPLES = 1188864000.0, 700
+UNFOLDED, FOLDED = [0.02, 0.3, 0.1, 0.03, -0.02], [0.0, -1.1, 0.7, 0.03, -0.02]
+DRAWN = ("deviation", "histograms", "scatter", "timeline")
+
+
+@dataclass(frozen=True)
+class Mooring:
+    """What the four figures of one mooring are drawn from."""
+
+    pairs: Pairs
+    fit: Fit
+    product: Corrected
+
+    def draw(self, figure: str, path) -> None:
+        if figure == "deviation":
+            plots.deviation(path, self.pairs, self.fit, "EG4")
+        elif figure == "timeline":
+            plots.timeline(path, self.product, self.pairs, "EG4")
+        else:
+            getattr(plots, figure)(path, self.pairs, self.product, "EG4", method=self.fit.method)
+
+
+def overlaps(coefficients) -> Pairs:
+    """Return pairs in a current that turns, seen through a compass near iron and through none."""
+    rng = np.random.default_rng(5)
+    white = rng.normal(size=(5, SAMPLES))
+    red = lfilter([0.22], [1.0, -0.975], white[:2])
+    east, north = 0.1 + 0.12 * red[0], 0.05 + 0.12 * red[1]
+    beta = angles.wrap360(angles.direction(east, north) + 15.0 * white[2])
+    recorded = angles.wrap360(compass.recorded_heading(coefficients, beta) + 0.7 * white[3])
+    upper = angles.turn(east, north, angles.difference(recorded, beta))
+    nothing, time_s = np.zeros(SAMPLES), START_S + 3600.0 * np.arange(SAMPLES)
+    return Pairs(
+        time_s=time_s,
+        heading_deg=recorded,
+        pitch_deg=nothing,
+        roll_deg=nothing,
+        upper_east=upper[0],
+        upper_north=upper[1],
+        lower_east=east + 0.02 * white[4],
+        lower_north=north + 0.02 * white[3],
+        upper_depth_m=nothing + 90.0,
+        lower_depth_m=nothing + 100.0,
+        separation_minutes=nothing,
+        declination_deg=nothing,
+    )
+
+
+def record(pairs: Pairs, samples: int = SAMPLES) -> Record:
+    """Return the compromised instrument's record of the same series."""
+    time_s, unknown = pairs.time_s[:samples], np.full(samples, np.nan)
+    return Record(
+        time_s=time_s,
+        east=pairs.upper_east[:samples, None],
+        north=pairs.upper_north[:samples, None],
+        bin_range_m=np.full((samples, 1), 4.0),
+        heading_deg=pairs.heading_deg[:samples],
+        pitch_deg=unknown,
+        roll_deg=unknown,
+        pressure_dbar=unknown,
+        depth_m=100.0 + 80.0 * np.sin(time_s / 3e5) ** 8,
+        temperature_c=unknown,
+        supply_voltage=unknown,
+        quality=np.full((samples, 1), GOOD, dtype=np.int8),
+        heading_quality=np.full(samples, GOOD, dtype=np.int8),
+        direction_reference="true",
+    )
+
+
+def exact_fit(coefficients, pairs: Pairs) -> Fit:
+    """Return what the exact fit would find, without the seconds that it takes."""
+    habit = 1.0 + np.histogram(model.observed_heading(pairs), CELLS, (0.0, 360.0))[0]
+    return Fit(
+        method="exact",
+        n_pairs=len(pairs),
+        coefficients=np.array(coefficients),
+        covariance=np.diag([0.02, 0.04, 0.04, 0.01, 0.01]) ** 2,
+        recorded_range_deg=compass.recorded_range(coefficients),
+        folded=not compass.turns_full_circle(coefficients),
+        heading_density=habit / habit.sum(),
+    )
+
+
+def corrected(recorded: Record, fit: Fit, pairs: Pairs) -> Corrected:
+    field = EarthField(np.array([START_S, START_S + 1e8]), *(np.zeros(2) for _ in range(4)))
+    return correction.correct(recorded, fit, field, pairs)
+
+
+SMALL, LARGE = overlaps(UNFOLDED), overlaps(FOLDED)
+NONE, FEW = choose(SMALL, np.zeros(0, dtype=int)), choose(SMALL, np.arange(7))
+SMALL_FIT, LARGE_FIT = exact_fit(UNFOLDED, SMALL), exact_fit(FOLDED, LARGE)
+UNREFERENCED = model.too_few("exact", 0)
+DEAF = replace(record(SMALL), heading_deg=np.full(SAMPLES, np.nan), depth_m=np.full(SAMPLES, np.nan))
+KINDS = {
+    "unfolded": (SMALL, SMALL_FIT, record(SMALL)),
+    "folded": (LARGE, LARGE_FIT, record(LARGE)),
+    "published": (SMALL, von_appen.fit(SMALL), record(SMALL)),
+    "published and folded": (LARGE, von_appen.fit(LARGE), record(LARGE)),
+    "no fit and no pairs": (NONE, UNREFERENCED, record(SMALL)),
+    "too few pairs": (FEW, model.too_few("exact", 7), record(SMALL)),
+    "fit from elsewhere": (NONE, replace(LARGE_FIT, n_pairs=0), record(LARGE)),
+    "nothing recorded": (NONE, UNREFERENCED, DEAF),
+    "two days": (NONE, UNREFERENCED, record(SMALL, 48)),
+    "one sample": (NONE, UNREFERENCED, record(SMALL, 1)),
+    "no sample": (NONE, UNREFERENCED, record(SMALL, 0)),
+}
+
+
+USUAL = ("unfolded", "folded", "published and folded", "no fit and no pairs")
+SPECIAL = [
+    ("published", "deviation"),
+    ("too few pairs", "deviation"),
+    ("too few pairs", "scatter"),
+    ("fit from elsewhere", "deviation"),
+    ("nothing recorded", "histograms"),
+    ("nothing recorded", "timeline"),
+    ("one sample", "timeline"),
+    ("no sample", "timeline"),
+]
+
+
+@pytest.fixture(scope="module")
+def moorings() -> dict[str, Mooring]:
+    return {kind: Mooring(pairs, fit, corrected(own, fit, pairs)) for kind, (pairs, fit, own) in KINDS.items()}
+
+
+class Gallery:
+    """Draws each figure of each mooring once and keeps the page beside the file."""
+
+    def __init__(self, folder, moorings):
+        self.folder, self.moorings, self.pages = folder, moorings, {}
+
+    def show(self, kind: str, figure: str):
+        """Return the file and the page behind it."""
+        path = self.folder / kind / f"{figure}.png"
+        if path not in self.pages:
+            self.pages[path] = saved(lambda: self.moorings[kind].draw(figure, path))
+        return path, self.pages[path]
+
+
+def saved(draw) -> Figure:
+    """Return the figure that is saved while something is drawn."""
+    pages, save = [], Figure.savefig
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Figure, "savefig", lambda self, *a, **k: (pages.append(self), save(self, *a, **k)))
+        draw()
+    (page,) = pages
+    return page
+
+
+@pytest.fixture(scope="module")
+def gallery(tmp_path_factory, moorings) -> Gallery:
+    return Gallery(tmp_path_factory.mktemp("figures"), moorings)
+
+
+def words(figure: Figure) -> str:
+    return " ".join(text.get_text().replace("\n", " ") for text in figure.findobj(Text) if text.get_visible())
+
+
+def boxes(figure: Figure):
+    """Return where the title, the legends and each panel with its labels stand, pixels."""
+    artists = [figure._suptitle, *figure.legends, *figure.axes]
+    return [artist.get_tightbbox(figure.canvas.get_renderer()) for artist in artists]
+
+
+@pytest.mark.parametrize(("kind", "figure"), [*product(USUAL, DRAWN), *SPECIAL])
+def test_figure_is_whole_and_legible(kind, figure, gallery):
+    check_page(*gallery.show(kind, figure))
+
+
+def test_theory_is_whole_and_legible(tmp_path):
+    path = tmp_path / "theory.png"
+    check_page(path, saved(lambda: plots.theory(path)))
+
+
+def check_page(path, page):
+    """Hold a file and its page to what a two-column paper asks: size, letters, nothing clipped, nothing overlapping."""
+    pixels = imread(path)
+    assert pixels.shape[1] == round(WIDTH_IN * DPI)
+    assert pixels[..., :3].min() < 0.5 < pixels[..., :3].mean()
+    assert not [file for file in path.parent.iterdir() if file.suffix != ".png"]
+    assert all(text.get_fontsize() >= 8.0 for text in page.findobj(Text) if text.get_text())
+    standing = boxes(page)
+    for i, box in enumerate(standing):
+        assert box.x0 >= -1 and box.y0 >= -1 and box.x1 <= page.bbox.x1 + 1 and box.y1 <= page.bbox.y1 + 1
+        for other in standing[i + 1 :]:
+            assert not box.padded(-1).overlaps(other.padded(-1))
+
+
+@pytest.mark.parametrize("kind", ["unfolded", "folded", "published and folded"])
+def test_no_line_jumps_across_a_cut(kind, gallery):
+    _, page = gallery.show(kind, "deviation")
+    lines = [line for axes in page.axes for line in axes.lines if line.get_linestyle() == "-"]
+    curves = [line.get_xydata() for line in lines if len(line.get_xdata()) > 1000]
+    assert len(curves) >= 3
+    assert max(np.nanmax(np.abs(np.diff(curve, axis=0))) for curve in curves) < 20.0
+
+
+@pytest.mark.parametrize("figure", DRAWN)
+def test_same_data_give_the_same_bytes_under_any_settings(figure, moorings, gallery, tmp_path):
+    first, _ = gallery.show("folded", figure)
+    with matplotlib.rc_context({"font.size": 20.0, "axes.grid": True, "savefig.bbox": "tight"}):
+        before = dict(matplotlib.rcParams)
+        moorings["folded"].draw(figure, tmp_path / "b.png")
+        assert dict(matplotlib.rcParams) == before
+    content = first.read_bytes()
+    assert content == (tmp_path / "b.png").read_bytes()
+    assert b"tEXt" not in content and b"tIME" not in content
+
+
+def test_failure_leaves_the_older_figure(moorings, monkeypatch, tmp_path):
+    path = tmp_path / "deviation.png"
+    path.write_bytes(b"older")
+
+    def fail(self, target, **_):
+        target.write_bytes(b"half")
+        raise OSError("disk full")
+
+    monkeypatch.setattr(Figure, "savefig", fail)
+    with pytest.raises(OSError, match="disk full"):
+        moorings["folded"].draw("deviation", path)
+    assert path.read_bytes() == b"older"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize(
+    ("kind", "figure", "sentence"),
+    [
+        ("no fit and no pairs", "deviation", "No curve was fitted: no overlapping pairs."),
+        ("no fit and no pairs", "deviation", "There is neither a pair nor a curve to show."),
+        ("no fit and no pairs", "histograms", "No pairs: there is no trusted measurement near enough to compare."),
+        ("no fit and no pairs", "scatter", "No pairs: there is no trusted measurement near enough to compare."),
+        ("no fit and no pairs", "timeline", "No heading could be corrected: no usable deviation model covers them."),
+        ("no fit and no pairs", "timeline", "no trusted instrument overlaps"),
+        ("too few pairs", "deviation", "No curve was fitted: 7 overlapping pairs, at least 30 are needed."),
+        ("too few pairs", "scatter", "No pair could be corrected."),
+        ("fit from elsewhere", "deviation", "No pairs: the curve comes from elsewhere"),
+        ("nothing recorded", "histograms", "No heading was recorded."),
+        ("nothing recorded", "timeline", "The instrument's depth is not known."),
+        ("no sample", "timeline", "The instrument recorded nothing inside the deployment."),
+        ("folded", "deviation", "each for two correct ones."),
+        ("folded", "deviation", "EG4: compass deviation, headings to magnetic north (exact compass)"),
+        ("published and folded", "deviation", "Only recorded headings from"),
+        ("published and folded", "timeline", "headings could not be corrected."),
+        ("published and folded", "scatter", "(series of von Appen 2015)"),
+    ],
+)
+def test_figure_says_what_there_is_not(kind, figure, sentence, gallery):
+    _, page = gallery.show(kind, figure)
+    assert sentence in words(page)
+
+
+def test_pyplot_is_not_imported():
+    code = "import sys, compasslib.plots; sys.exit('matplotlib.pyplot' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+ANGLES = st.floats(-1000.0, 1000.0)
+IRON = st.tuples(*(st.floats(-low, low) for low in (0.3, 2.0, 2.0, 0.3, 0.3)))
+
+
+@given(IRON, ANGLES)
+@settings(max_examples=40, deadline=None)
+def test_curve_is_the_compass_over_one_turn(iron, begin):
+    for method, coefficients in (("exact", iron), ("von_appen", 60.0 * np.array(iron))):
+        fit = Fit(method, 0, coefficients=np.array(coefficients))
+        curve = plots_curves.curve(fit, begin, [])
+        assert curve.heading_deg[0] == begin and curve.heading_deg[-1] == pytest.approx(begin + 360.0)
+        if method == "exact":
+            expected = compass.recorded_heading(coefficients, curve.heading_deg)
+        else:
+            expected = curve.heading_deg - von_appen.predict(coefficients, curve.heading_deg)
+        np.testing.assert_allclose(angles.difference(curve.recorded_deg, expected), 0.0, atol=1e-6)
+        assert np.abs(np.diff(curve.deviation_deg)).max() <= 180.0
+        assert -180.0 <= np.median(curve.deviation_deg) < 180.0 + 1e-6
+
+
+def test_stretches_are_what_each_method_inverts():
+    small = plots_curves.curve(SMALL_FIT, 0.0, [])
+    large = plots_curves.curve(LARGE_FIT, 0.0, [])
+    assert set(small.stretch) == {INVERTED}
+    assert set(large.stretch) == {INVERTED, BACKWARDS}
+    published = von_appen.fit(LARGE)
+    curve = plots_curves.curve(published, 0.0, [])
+    inverted = von_appen.invert(published.coefficients, curve.recorded_deg)
+    kept = curve.stretch == INVERTED
+    assert set(curve.stretch) == {INVERTED, GIVEN_UP}
+    off = angles.difference(inverted, curve.heading_deg)[kept]
+    assert np.isnan(off).sum() <= 2  # the ends of the table may round to outside it
+    assert np.nanmax(np.abs(off)) < 0.5  # it is linear between nodes a quarter of a degree apart
+
+
+@given(ANGLES, st.floats(5.0, 300.0), st.integers(0, 2**32 - 1))
+@settings(max_examples=60, deadline=None)
+def test_circle_is_cut_where_it_is_empty(begin, width, seed):
+    angle = begin + width * np.random.default_rng(seed).random(300)
+    cut = plots_curves.emptiest(np.append(angle, np.nan))
+    assert -180.0 <= cut < 180.0 and cut % 10.0 == 0.0
+    assert float(angles.wrap360(cut - begin)) >= width - 10.0 or float(angles.wrap360(cut - begin)) < 10.0
+
+
+@given(ANGLES, ANGLES)
+@settings(max_examples=60, deadline=None)
+def test_angles_are_placed_without_being_changed(angle, reference):
+    placed, beside = plots_curves.placed(angle, reference), plots_curves.beside(angle, reference)
+    assert reference <= placed <= reference + 360.0
+    assert abs(beside - reference) <= 180.0
+    for found in (placed, beside):
+        assert float(angles.difference(found, angle)) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_sectors_hold_all_angles_that_there_are():
+    shares = plots_curves.sectors([5.0, 365.0, np.nan, 355.0, 725.0], -10.0)
+    assert shares.shape == (36,) and shares[0] == 25.0 and shares[1] == 75.0
+    assert plots_curves.sectors([np.nan], 0.0).sum() == 0.0
+    assert plots_curves.emptiest([]) == -180.0
+
+
+def test_directions_are_compared_at_the_pair_s_own_sample(moorings):
+    unfolded = moorings["unfolded"].product
+    late = replace(SMALL, time_s=SMALL.time_s + np.where(np.arange(SAMPLES) < 3, 1800.0, 1e-4))
+    lower, upper, after = plots_curves.directions(late, unfolded)
+    assert np.isnan(after[:3]).all() and np.isfinite(after[3:]).all()
+    assert angles.rms(after - lower) < 0.9 * angles.rms(upper - lower)
+
+
+def test_strip_of_a_short_record_has_no_empty_slices():
+    time_s = KINDS["two days"][2].time_s
+    assert np.histogram(time_s, plots_timeline.slices(time_s))[0][:-1].all()
+    assert np.diff(plots_timeline.slices(SMALL.time_s))[0] <= 86400.0
+
+
+def test_kinds_of_headings():
+    six = corrected(record(SMALL, 6), SMALL_FIT, NONE)
+    heading = six.heading_corrected_deg.copy()
+    heading[3] = np.nan
+    silent = six.record.heading_deg.copy()
+    silent[4] = np.nan
+    kinds = plots_timeline.kinds(
+        replace(
+            six,
+            record=replace(six.record, heading_deg=silent),
+            heading_corrected_deg=heading,
+            heading_corrected_quality=np.array([1, 3, 3, 4, 4, 2], dtype=np.int8),
+            branch_probability=np.array([1.0, 0.9, 0.6, np.nan, np.nan, 1.0]),
+        )
+    )
+    assert kinds.tolist() == [0, 1, 2, 3, -1, 0]
+
+
+def test_headings_flagged_bad_are_not_counted():
+    five = corrected(record(SMALL, 5), SMALL_FIT, NONE)
+    flagged = replace(five.record, heading_quality=np.array([1, BAD, 1, 2, 3], dtype=np.int8))
+    usable = plots_curves.usable_headings(replace(five, record=flagged))
+    assert np.isfinite(usable).tolist() == [True, False, True, True, True]

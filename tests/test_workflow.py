@@ -1,0 +1,152 @@
+"""The whole pipeline through Snakemake on small cruises: results, re-runs, errors, moorings that cannot be corrected."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import netCDF4
+import numpy as np
+import pytest
+import yaml
+from sea import SHARED, cruise
+
+PROJECT = Path(__file__).resolve().parents[1]
+CONTRACT = SHARED.parent / "tools/check_contract.py"
+
+
+def snakemake(folder: Path, *options: str) -> subprocess.CompletedProcess:
+    command = [sys.executable, "-m", "snakemake", "--snakefile", str(PROJECT / "Snakefile"), "--directory", str(folder)]
+    return subprocess.run([*command, "--cores", "2", *options], capture_output=True, text=True, check=False)
+
+
+def planned(folder: Path) -> set[tuple[str, str]]:
+    """Return (rule, mooring) of the jobs that would run now."""
+    said = snakemake(folder, "--dry-run", "--quiet", "progress").stdout
+    jobs = re.findall(r"rule (\w+):(.*?)(?=\n\n|\Z)", said, flags=re.S)
+    return {(rule, (re.search(r"mooring=(\w+)", text) or ["", ""])[1]) for rule, text in jobs if rule != "all"}
+
+
+def change(path: Path, **keys: object) -> None:
+    path.write_text(yaml.safe_dump(yaml.safe_load(path.read_text()) | keys, sort_keys=False))
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory):
+    """A processed cruise of two moorings and one without a trusted instrument."""
+    folder = cruise(tmp_path_factory.mktemp("cruise"), ("M1", "M2"))
+    alone = yaml.safe_load((folder / "config/moorings/M2.yaml").read_text()) | {"name": "ALONE"}
+    del alone["reference"]
+    (folder / "config/moorings/ALONE.yaml").write_text(yaml.safe_dump(alone))
+    ran = snakemake(folder)
+    assert ran.returncode == 0, ran.stderr
+    return folder
+
+
+def test_it_keeps_the_contract(done):
+    if not CONTRACT.exists():
+        pytest.skip("no ../shared/tools")
+    without = "diagnosis,report,calibrations"
+    checked = subprocess.run([sys.executable, CONTRACT, done, "--without", without], capture_output=True, text=True)
+    assert checked.returncode == 0, checked.stdout
+
+
+def test_headings_are_corrected_and_the_summary_says_how_well(done):
+    with netCDF4.Dataset(done / "results/M1/corrected.nc") as nc:
+        assert nc["UCUR"].shape == (1200, 4)
+        assert np.isfinite(nc["HEADING_CORRECTED"][:].filled(np.nan)).all()
+    rows = (done / "results/summary.csv").read_text().splitlines()
+    assert [row.split(",")[0] for row in rows] == ["name", "ALONE", "M1", "M2"]
+    assessment = json.loads((done / "results/M1/assessment.json").read_text())
+    assert assessment["after"]["rms_deg"] < assessment["before"]["rms_deg"]
+
+
+def test_a_mooring_without_reference_ends_with_flags_not_with_an_error(done):
+    deviation = json.loads((done / "results/ALONE/deviation.json").read_text())
+    assert deviation["n_pairs"] == 0 and deviation["coefficients"] is None
+    with netCDF4.Dataset(done / "results/ALONE/corrected.nc") as nc:
+        assert np.isnan(nc["HEADING_CORRECTED"][:].filled(np.nan)).all()
+        assert (nc["HEADING_CORRECTED_QC"][:] == 4).all()
+        assert np.isfinite(nc["UCUR_RECORDED"][:].filled(np.nan)).any()
+
+
+def test_nothing_to_do_the_second_time(done):
+    assert planned(done) == set()
+    assert "Nothing to be done" in snakemake(done).stderr
+
+
+def test_raw_data_are_never_written_to(done):
+    assert sorted(p.name for p in (done / "raw/M1").iterdir()) == ["deep.csv", "top.000"]
+
+
+def test_a_declination_re_runs_one_mooring_from_the_stage_that_uses_it(done):
+    change(done / "config/moorings/M1.yaml", declination=-22.0)
+    assert planned(done) == {
+        ("earth_field", "M1"),
+        ("overlap", "M1"),
+        ("fit", "M1"),
+        ("correct", "M1"),
+        ("assess", "M1"),
+        ("figures", "M1"),
+        ("summary", ""),
+    }
+    change(done / "config/moorings/M1.yaml", declination="auto")
+    assert planned(done) == set()
+
+
+def test_an_edited_module_re_runs_what_uses_it(done):
+    module = PROJECT / "compasslib/overlap.py"
+    before = module.stat()
+    try:
+        os.utime(module)
+        rules = {rule for rule, _ in planned(done)}
+    finally:
+        os.utime(module, ns=(before.st_atime_ns, before.st_mtime_ns))
+    assert "overlap" in rules and "read" not in rules and "earth_field" not in rules
+
+
+def test_results_do_not_depend_on_the_run(done, tmp_path):
+    again = cruise(tmp_path / "again", ("M1",))
+    assert snakemake(again, "--cores", "1", "--until", "correct", "assess").returncode == 0
+    for file in ("corrected.nc", "overlap.nc", "deviation.json", "assessment.json"):
+        assert (again / "results/M1" / file).read_bytes() == (done / "results/M1" / file).read_bytes(), file
+
+
+def test_a_missing_raw_file_stops_before_any_work_and_is_never_simulated(tmp_path):
+    folder = cruise(tmp_path / "c", ("EG1",), n=50)
+    (folder / "raw/EG1/top.000").unlink()
+    ran = snakemake(folder)
+    assert ran.returncode != 0 and not (folder / "results").exists() and not (folder / "raw/EG1/top.000").exists()
+    said = [line for line in ran.stderr.splitlines() if "error:" in line]
+    assert len(said) == 1 and "config/moorings/EG1.yaml: instruments.top.files" in said[0]
+
+
+def test_a_bad_key_is_one_line_on_stderr_and_in_the_log(tmp_path):
+    folder = cruise(tmp_path / "c", n=50)
+    change(folder / "config/moorings/M1.yaml", latitude=95.3)
+    ran = snakemake(folder)
+    line = "config/moorings/M1.yaml: latitude: expected a number from -90 to 90, found 95.3"
+    assert ran.returncode != 0 and line in ran.stderr and "Traceback" not in ran.stderr
+    logs = [log.read_text() for log in (folder / ".snakemake/log").glob("*.log")]
+    assert any(line in log for log in logs)
+
+
+def test_a_damaged_raw_file_is_one_line_and_the_other_mooring_goes_on(tmp_path):
+    folder = cruise(tmp_path / "c", ("M1", "M2"), n=400)
+    (folder / "raw/M1/top.000").write_text("not a recording\n" * 100)
+    ran = snakemake(folder, "--keep-going")
+    assert ran.returncode != 0 and "Traceback" not in ran.stderr
+    said = [line for line in ran.stderr.splitlines() if line.startswith("error:")]
+    assert len(said) == 1 and "raw/M1/top.000" in said[0]
+    assert (folder / "results/M2/corrected.nc").exists() and not (folder / "results/M1/work/top.nc").exists()
+    assert said[0] in (folder / "results/M1/logs/read_top.log").read_text()
+
+
+def test_a_cruise_without_moorings_is_nothing_to_do(tmp_path):
+    (tmp_path / "config").mkdir()
+    (tmp_path / "config/config.yaml").write_text("moorings: []\n")
+    assert snakemake(tmp_path).returncode == 0
