@@ -37,6 +37,7 @@ rule read:
     """Raw export -> the instrument's record inside the deployment."""
     input:
         raw=PLAN.raw_files,
+        companions=PLAN.companion_files,
         modules=PLAN.reader_modules,
     output:
         "results/{mooring}/work/{role}.nc",
@@ -195,3 +196,8 @@ rule summary:
         "results/benchmarks/summary.tsv"
     script:
         "workflow/scripts/summary.py"
+
+
+if CRUISE.options.demonstration:
+
+    include: "workflow/rules/demonstration.smk"

@@ -22,6 +22,7 @@ Floats = NDArray[np.floating]
 
 STEP_WIDTHS_DEG = (3.0, 6.0, 10.0, 16.0, 25.0, 40.0)  # persistence that is tried
 LEAP_SHARES = (0.003, 0.03)  # share of samples at which the heading starts anew
+MERGED_DEG = 25.0  # roots nearer than this meet at a fold: one heading between them, not a choice
 LEARNING_SAMPLES = 3000
 LONGEST_GAP = 64  # sampling intervals after which nothing is remembered
 SHARED_NOISE = 0.5  # neighbouring overlaps share the water's veer: each counts for this much of an independent one
@@ -33,7 +34,7 @@ class Decision:
 
     heading_deg: Floats  # (n,) NaN where nothing was recorded
     sigma_deg: Floats  # (n,) from the compass's noise and the chance of the other branch
-    probability: Floats  # (n,) of the chosen branch; 1 where there is only one
+    probability: Floats  # (n,) of the chosen branch; 1 where there is only one, or where two meet at a fold
     other_deg: Floats  # (n,) the other root, NaN where there is none
 
 
@@ -125,20 +126,24 @@ def _evidence(recorded_deg: Floats, fit: Fit) -> Floats:
 
 
 def _chosen(posterior: Floats, roots: Floats, recorded_deg: Floats) -> Decision:
-    """Give each cell to the nearer root; take the root with more mass and the mean heading of its cells."""
+    """Give each cell to the nearer root; take the root with more mass and the mean heading of its cells.
+
+    Near a fold the roots meet and every cell counts.
+    """
     away = np.abs(angles.difference(roots[:, :, None], CELL_CENTRES))
     away = np.where(np.isfinite(away), away, np.inf)
     first = away[:, 0, :] <= away[:, 1, :]
     mass = np.sum(posterior * first, axis=1)
     takes_first = mass >= 0.5
-    own = posterior * (first == takes_first[:, None])
+    close = np.abs(angles.difference(roots[:, 0], roots[:, 1])) < MERGED_DEG
+    own = posterior * ((first == takes_first[:, None]) | close[:, None])
     centre = own @ angles.phasor(CELL_CENTRES)
     share = own.sum(axis=1)
     heading = angles.argument(centre)
     spread = angles.difference(CELL_CENTRES, heading[:, None])
     variance = np.sum(posterior * spread**2, axis=1)  # about the chosen heading, the other branch included
     known = np.isfinite(recorded_deg)
-    two = np.isfinite(roots).all(axis=1)
+    two = np.isfinite(roots).all(axis=1) & ~close
     other = np.where(takes_first, roots[:, 1], roots[:, 0])
     return Decision(
         heading_deg=np.where(known, heading, np.nan),

@@ -71,8 +71,8 @@ def gradient(coefficients: ArrayLike, heading_deg: ArrayLike) -> Floats:
 def inverse(coefficients: ArrayLike, recorded_deg: ArrayLike) -> Floats:
     """Return the correct headings that make the compass record what it recorded.
 
-    The quadratic [g u - (g v)*] w^2 + [g p - (g p)*] w + [g v - (g u)*] = 0 with g = e^{-i gamma} is self-inversive: its
-    roots lie on the unit circle exactly where the middle coefficient is at most twice the leading one.
+    With g = e^{-i gamma} the quadratic [g u - (g v)*] w^2 + [g p - (g p)*] w + [g v - (g u)*] = 0 is self-inversive:
+    its roots lie on the unit circle exactly where the middle coefficient is at most twice the leading one.
 
     Args:
         coefficients: A, B, C, D, E of the exact compass, dimensionless; shape (5,) or (5, n).

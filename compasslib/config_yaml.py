@@ -54,7 +54,7 @@ class _Loader(yaml.SafeLoader):
 
     def compose_node(self, parent: Any, index: Any) -> Any:
         """Compose one node, after a look at what it would be."""
-        event = self.peek_event()  # type: ignore[no-untyped-call]
+        event = self.peek_event()
         _refuse_extras(event)
         self.depth += 1
         if self.depth > DEEPEST:

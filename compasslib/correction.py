@@ -17,7 +17,10 @@ Floats = NDArray[np.floating]
 Flags = NDArray[np.int8]
 
 SURE = 0.95  # a branch less probable than this is flagged: the record cannot tell
-COMPASS_NOISE_DEG = 1.5  # of a moored compass, where the fit does not estimate it
+COMPASS_NOISE_DEG = 1.0  # of a moored compass, where the fit does not estimate it
+# Mean veer between the two depths: no overlap can tell it from A. One degree is what the only real record with a known
+# compass shows over 8 m; the method itself assumes none (von Appen 2015, section 2).
+VEER_SIGMA_DEG = 1.0
 DECLINATION_SIGMA_DEG = 0.5  # of a main-field model at high latitude (IGRF-14, crust and storms left out)
 
 
@@ -88,9 +91,11 @@ def headings(time_s: Floats, recorded_deg: Floats, fit: Fit, pairs: Pairs) -> De
         nothing = np.full(recorded_deg.shape, np.nan)
         return Decision(nothing, nothing, nothing, nothing)
     if fit.method == "von_appen":
-        return _published(recorded_deg, fit)
-    decision = branches.decide(time_s, recorded_deg, fit, *_overlaps(time_s, fit, pairs))
-    sigma = np.hypot(decision.sigma_deg, parameter_sigma(fit, decision.heading_deg))
+        decision = _published(recorded_deg, fit)
+    else:
+        decision = branches.decide(time_s, recorded_deg, fit, *_overlaps(time_s, fit, pairs))
+    parameters = parameter_sigma(fit, decision.heading_deg)
+    sigma = np.sqrt(decision.sigma_deg**2 + parameters**2 + VEER_SIGMA_DEG**2)
     return replace(decision, sigma_deg=sigma)
 
 
@@ -98,9 +103,11 @@ def parameter_sigma(fit: Fit, heading_deg: Floats) -> Floats:
     """Return the heading's standard error that the coefficients' covariance makes, degrees.
 
     Args:
-        fit: a fitted exact compass.
+        fit: a fitted model.
         heading_deg: corrected headings, (n,), degrees.
     """
+    if fit.method == "von_appen":
+        return von_appen.sigma(fit, heading_deg)
     columns = compass.gradient(fit.coefficients, heading_deg)
     variance = np.einsum("in,ij,jn->n", columns, fit.covariance, columns)
     # At a fold the slope vanishes; there the spread over both branches is in the decision already.
@@ -110,9 +117,8 @@ def parameter_sigma(fit: Fit, heading_deg: Floats) -> Floats:
 def _published(recorded_deg: Floats, fit: Fit) -> Decision:
     heading = von_appen.invert(fit.coefficients, recorded_deg)
     slope = np.maximum(np.abs(von_appen.slope(fit.coefficients, heading)), 0.05)
-    sigma = np.hypot(von_appen.sigma(fit, heading), COMPASS_NOISE_DEG / slope)
     one = np.where(np.isfinite(heading), 1.0, np.nan)
-    return Decision(heading, np.where(np.isfinite(heading), sigma, np.nan), one, np.full(heading.shape, np.nan))
+    return Decision(heading, one * COMPASS_NOISE_DEG / slope, one, np.full(heading.shape, np.nan))
 
 
 def _overlaps(time_s: Floats, fit: Fit, pairs: Pairs) -> tuple[NDArray[np.intp], Floats]:

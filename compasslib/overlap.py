@@ -146,8 +146,8 @@ def _thinned(point: Point, block_s: float) -> Point:
     block = np.floor(point.time_s / block_s)
     begins = np.flatnonzero(np.append(True, np.diff(block) > 0))
     size = np.diff(np.append(begins, len(block)))
-    time, velocity, depth = (np.add.reduceat(x, begins) / size for x in (point.time_s, point.velocity, point.depth_m))
-    return Point(time, velocity, depth)
+    velocity = np.add.reduceat(point.velocity, begins) / size
+    return Point(np.add.reduceat(point.time_s, begins) / size, velocity, np.add.reduceat(point.depth_m, begins) / size)
 
 
 def _minutes_to_nearest(series_s: Floats, at_s: Floats) -> Floats:

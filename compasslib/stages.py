@@ -38,13 +38,22 @@ class Plan:
 
     def raw_files(self, wildcards: Any) -> list[str]:
         """Return the raw files of one instrument."""
-        instrument = self._instrument(wildcards)
-        return [*instrument.files, *instrument.pressure_files]
+        return list(self._instrument(wildcards).files)
+
+    def companion_files(self, wildcards: Any) -> list[str]:
+        """Return the files that one instrument's reader needs besides; it is given them by its settings."""
+        return list(self._instrument(wildcards).pressure_files)
 
     def all_raw_files(self, wildcards: Any) -> list[str]:
         """Return the raw files of the instruments that one mooring uses."""
         mooring = self._mooring(wildcards)
-        return [file for role in _roles(mooring) for file in mooring.instruments[role].files]
+        used = [mooring.instruments[role] for role in _roles(mooring)]
+        return [file for instrument in used for file in (*instrument.files, *instrument.pressure_files)]
+
+    def simulated_files(self, name: str) -> list[str]:
+        """Return the raw files of all instruments of one demonstration mooring."""
+        instruments = self.cruise.moorings[name].instruments.values()
+        return [file for instrument in instruments for file in (*instrument.files, *instrument.pressure_files)]
 
     def form(self, wildcards: Any) -> str:
         """Return the format of one instrument."""

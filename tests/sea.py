@@ -1,4 +1,4 @@
-"""A small simulated sea for tests: overlapping currents seen through a known compass, as pairs or as a cruise folder."""
+"""A small simulated sea for tests: currents seen through a known compass, as pairs or as a cruise folder."""
 
 from __future__ import annotations
 

@@ -90,4 +90,6 @@ def test_le_menn_4_with_atan2_is_the_same_compass():
     s2, k2 = angles.sin_cos(2 * heading)
     top, bottom = a + b * s + c * k + d * s2 + e * k2, 1 + b * k - c * s + d * k2 - e * s2
     deviation = np.rad2deg(np.arctan2(top, bottom))
-    assert np.abs(angles.difference(heading - deviation, compass.recorded_heading((a, b, c, d, e), heading))).max() < 1e-9
+    assert (
+        np.abs(angles.difference(heading - deviation, compass.recorded_heading((a, b, c, d, e), heading))).max() < 1e-9
+    )

@@ -14,8 +14,19 @@ from compasslib.records import BAD, GOOD, MISSING, PROBABLY_BAD, EarthField, Pai
 def record_of(seen: Pairs) -> Record:
     flat, shape = np.full(len(seen), np.nan), (len(seen), 1)
     return Record(
-        seen.time_s, seen.upper_east[:, None], seen.upper_north[:, None], np.zeros(shape), seen.heading_deg, flat, flat,
-        flat, flat + 100.0, flat, flat, np.full(shape, GOOD, dtype=np.int8), np.full(len(seen), GOOD, dtype=np.int8),
+        seen.time_s,
+        seen.upper_east[:, None],
+        seen.upper_north[:, None],
+        np.zeros(shape),
+        seen.heading_deg,
+        flat,
+        flat,
+        flat,
+        flat + 100.0,
+        flat,
+        flat,
+        np.full(shape, GOOD, dtype=np.int8),
+        np.full(len(seen), GOOD, dtype=np.int8),
     )
 
 
@@ -42,7 +53,9 @@ def test_mild_record_is_corrected_to_its_stated_uncertainty():
 def test_corrected_velocity_is_the_recorded_one_turned_by_deviation_and_declination():
     seen, _ = pairs(MILD, n=400)
     product = correction.correct(record_of(seen), exact.fit(seen), field_of(seen, 18.0), seen)
-    assert np.hypot(product.east, product.north) == pytest.approx(np.hypot(product.east_recorded, product.north_recorded))
+    assert np.hypot(product.east, product.north) == pytest.approx(
+        np.hypot(product.east_recorded, product.north_recorded)
+    )
     before = angles.direction(seen.upper_east, seen.upper_north)
     after = angles.direction(product.east[:, 0], product.north[:, 0])
     assert np.abs(angles.difference(after - before, product.deviation_deg + 18.0)).max() < 1e-6

@@ -44,8 +44,14 @@ def test_fit_recovers_a_curve_without_noise():
     truth = np.array([3.0, 20.0, -10.0, 2.0, 1.0])
     deviation = von_appen.predict(truth, heading)
     lower = angles.turn(seen.upper_east, seen.upper_north, deviation)
-    clean = type(seen)(**{**vars(seen), "heading_deg": angles.wrap360(heading - deviation),
-                          "lower_east": lower[0], "lower_north": lower[1]})
+    clean = type(seen)(
+        **{
+            **vars(seen),
+            "heading_deg": angles.wrap360(heading - deviation),
+            "lower_east": lower[0],
+            "lower_north": lower[1],
+        }
+    )
     fit = von_appen.fit(clean)
     assert fit.coefficients == pytest.approx(truth, abs=1e-6)
     assert fit.recorded_range_deg == (0.0, 360.0) and not fit.folded

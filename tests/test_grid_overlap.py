@@ -17,9 +17,20 @@ def record(times, *, depth=100.0, ranges=(10.0, 14.0, 18.0), east=0.2, north=0.1
     times = np.asarray(times, dtype=float)
     shape, flat = (len(times), len(ranges)), np.full(len(times), np.nan)
     return Record(
-        times, np.full(shape, east), np.full(shape, north), np.tile(np.array(ranges), (len(times), 1)),
-        np.full(len(times), heading), flat, flat, flat, np.broadcast_to(depth, times.shape).astype(float), flat, flat,
-        np.full(shape, GOOD, dtype=np.int8), np.full(len(times), GOOD, dtype=np.int8), looks_up=up,
+        times,
+        np.full(shape, east),
+        np.full(shape, north),
+        np.tile(np.array(ranges), (len(times), 1)),
+        np.full(len(times), heading),
+        flat,
+        flat,
+        flat,
+        np.broadcast_to(depth, times.shape).astype(float),
+        flat,
+        flat,
+        np.full(shape, GOOD, dtype=np.int8),
+        np.full(len(times), GOOD, dtype=np.int8),
+        looks_up=up,
     )
 
 

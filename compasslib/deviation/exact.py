@@ -25,12 +25,12 @@ START_PAIRS, START_COUNT, START_ROUNDS = 900, 4, 2
 START_NOISE, START_COMPASS_DEG = Noise(floor_deg=10.0, slow_deg_m_s=2.0, outliers=0.02), 6.0
 ROUNDS, CLIMB_STEPS, NOISE_PAIRS = 2, 40, 1000
 # Weak beliefs that only matter where the record says nothing: centre and width of A..E and log(compass noise / degree).
-BELIEF_CENTRE = np.array([0.0, 0.0, 0.0, 0.0, 0.0, np.log(1.5)])
+BELIEF_CENTRE = np.zeros(6)
 BELIEF_WIDTH = np.array([0.5, 1.5, 1.5, 0.3, 0.3, 0.15])
 HARD_IRON_FIRST = np.array([0.02, 1.5, 1.5, 0.02, 0.02, 0.3])  # the same while a start finds its fold
 # |D|, |E| under |u| keeps the induced part from turning the field round, which no iron near an instrument does. The
 # grids resolve no less than these: log(compass noise), then log(floor), log(slow part), logit(outliers).
-PARAMETER_BOUNDS = [(None, None)] * 3 + [(-0.6, 0.6)] * 2 + [(np.log(1.0), np.log(8.0))]
+PARAMETER_BOUNDS = [(None, None)] * 3 + [(-0.6, 0.6)] * 2 + [(np.log(0.8), np.log(8.0))]
 NOISE_BOUNDS = [(np.log(CELL_DEG), np.log(90.0)), (np.log(0.05), np.log(50.0)), (-9.0, 2.0)]
 PRIOR_SMOOTHING_DEG, PRIOR_FLOOR = 12.0, 0.1
 BLOCK_S = 5 * 86400.0  # longer than the memory of the currents' veer
@@ -77,7 +77,7 @@ class _Overlap:
     def width_deg(self, noise: Noise) -> Floats:
         return likelihood.widths(noise, self.upper_speed, self.lower_speed)
 
-    def take(self, index: Floats) -> _Overlap:
+    def take(self, index: NDArray[np.signedinteger]) -> _Overlap:
         return _Overlap(*(column[index] for column in vars(self).values()))
 
     def sample(self, noise: Noise, grid: Grid) -> Sample:
@@ -98,8 +98,8 @@ class _State:
 def _start(overlap: _Overlap) -> _State:
     """Climb from the best of many strengths and directions of the iron, on the pairs whose directions say most.
 
-    The scatter is fitted anew for each climb before they are compared: under a scatter that is too wide a fold blurs and
-    a wrong compass looks as good as the right one.
+    The scatter is fitted anew for each climb before they are compared: under too wide a scatter a fold blurs and a
+    wrong compass looks as good as the right one.
     """
     width = overlap.width_deg(START_NOISE)
     clear = np.sort(np.argsort(width, kind="stable")[: max(len(width) // 2, min(START_PAIRS, len(width)))])

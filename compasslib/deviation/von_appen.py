@@ -1,6 +1,6 @@
 """The published method: Smith's series in the correct heading, inverted where the compass is most sluggish.
 
-Von Appen 2015, eqs. (1) to (4) and section 4. Faithful, flaws included: the noisy lower direction stands in both axes of
+Von Appen 2015, eqs. (1) to (4), section 4. Faithful, flaws included: the noisy lower direction stands in both axes of
 the scatter, and headings outside the inverted region are given up.
 """
 

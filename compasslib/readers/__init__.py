@@ -14,6 +14,8 @@ if TYPE_CHECKING:  # the Snakefile needs the table only
 FORMATS: dict[str, tuple[str, tuple[str, ...]]] = {
     "pd0": ("pd0", ("orientation", "declination_applied", "heading_alignment")),
     "table": ("table", ("columns",)),
+    "acm_table": ("table", ("columns",)),
+    "mmp_acm": ("mmp_acm", ("pressure_files", "start_offset_seconds")),
 }
 
 

@@ -6,7 +6,7 @@ times of switching on and off. Lengths lead from profile to profile; where one i
 
 from __future__ import annotations
 
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -64,7 +64,10 @@ def parse(data: bytes) -> Binary:
     Args:
         data: the file.
     """
-    blocks, places, times, values = [], [np.zeros(0, dtype=np.int64)], [np.zeros(0)], [np.zeros((0, 10))]
+    blocks: list[Block] = []
+    places: list[Ints] = [np.zeros(0, dtype=np.int64)]
+    times: list[Floats] = [np.zeros(0)]
+    values: list[Floats] = [np.zeros((0, RECORD["values"].shape[0]))]
     damaged, begin = 0, 0
     for span in _spans(data):
         damaged += span.torn + span.records
@@ -86,13 +89,14 @@ def _spans(data: bytes) -> Iterator[_Span]:
     at = 0
     while at < len(data):
         mark = at + FRONT_BYTES
-        following = marks[bisect_right(marks, mark) :]
-        limit = following[0] - FRONT_BYTES if following else len(data)
         if mark in marks or (mark < len(data) and _alike(data, marks[0], mark)):
-            span = _span(data, mark, limit, last=not following)
+            following = marks[bisect_left(marks, mark + FRONT_BYTES) :]
+            span = _span(data, mark, following[0] - FRONT_BYTES if following else len(data), last=not following)
         else:
-            limit = marks[0] - FRONT_BYTES if mark < marks[0] else limit
-            span = _Span(at, limit, 0, torn=-(-(limit - at) // RECORD.itemsize))
+            following = marks[bisect_right(marks, mark) :]
+            limit = following[0] - FRONT_BYTES if following else len(data)
+            # As many records as one profile of this size would hold.
+            span = _Span(at, limit, 0, torn=max(1, (limit - mark - TAIL_BYTES) // RECORD.itemsize))
         yield span
         at = span.end
 

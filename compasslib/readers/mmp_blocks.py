@@ -10,6 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -69,9 +70,9 @@ def blocks(text: Text, path: Path) -> tuple[list[Block], Ints, int]:
     place = np.arange(len(text.offset)) + np.searchsorted(damaged, text.offset)
     for k, group in enumerate(groups):
         for piece in _pieces(_block(group, *_around(between, k)), text.time_s):
-            start = between[k][-1].offset if between[k] and piece.begin == group[0] else text.offset[piece.begin]
-            first = np.searchsorted(text.offset, start) + np.searchsorted(damaged, start)
-            place[piece.begin : piece.end] -= 0 if piece.begin == 0 and not between[0] else first
+            led = between[k] and piece.begin == group[0]
+            start = between[k][-1].offset if led else int(text.offset[piece.begin]) if piece.begin else 0
+            place[piece.begin : piece.end] -= np.searchsorted(text.offset, start) + np.searchsorted(damaged, start)
             found.append(piece)
     if len(found) == 1 and found[0].number == UNKNOWN:
         found = [replace(found[0], number=number_in_name(path))]
@@ -147,9 +148,9 @@ def _groups(text: Text, items: Sequence[_Item]) -> tuple[list[tuple[int, int]], 
     before = np.searchsorted([item.offset for item in ends], text.offset)
     begins = np.flatnonzero(np.append(True, np.diff(before) > 0)) if len(before) else np.zeros(0, dtype=int)
     marks = [0, *before[begins].tolist(), len(ends)]
-    between = [ends[a:b] for a, b in zip(marks[:-1], marks[1:], strict=True)]
+    between = [ends[a:b] for a, b in pairwise(marks)]
     limits = [*begins.tolist(), len(before)]
-    return list(zip(limits[:-1], limits[1:], strict=True)), between
+    return list(pairwise(limits)), between
 
 
 def _pieces(block: Block, time_s: Floats) -> list[Block]:
@@ -160,21 +161,23 @@ def _pieces(block: Block, time_s: Floats) -> list[Block]:
         step = np.diff(time_s[block.begin : block.end])
         cuts = np.flatnonzero((step > PAUSE_S) | (step < -PAUSE_S)) + 1 + block.begin
     limits = [block.begin, *cuts.tolist(), block.end]
-    return [replace(block, begin=a, end=b) for a, b in zip(limits[:-1], limits[1:], strict=True)]
+    return [replace(block, begin=a, end=b) for a, b in pairwise(limits)]
 
 
 def _around(between: Sequence[list[_Item]], k: int) -> tuple[list[_Item], list[_Item]]:
     """Return the lines in front of and behind the k-th group that speak of it."""
-    head = between[k][0 if k == 0 else _cut(between[k]) :]
-    tail = between[k + 1][: None if k + 2 == len(between) else _cut(between[k + 1])]
+    leads = any(item.kind == "off" for item in between[0])
+    head = between[k][0 if k == 0 else _cut(between[k], leads) :]
+    tail = between[k + 1][: None if k + 2 == len(between) else _cut(between[k + 1], leads)]
     return head, tail
 
 
-def _cut(items: Sequence[_Item]) -> int:
-    """Return where the tail of a profile ends and the head of the next begins."""
+def _cut(items: Sequence[_Item], leads: bool) -> int:
+    """Return where the tail of a profile ends and the head of the next begins; the times may lead the head."""
     kinds = [item.kind for item in items]
-    if "rate" in kinds:
-        return kinds.index("rate")
+    for first in ("rate", *(["on"] if leads else [])):
+        if first in kinds:
+            return kinds.index(first)
     last = max((k for k, kind in enumerate(kinds) if kind == "profile"), default=-1)
     closed = max((k for k, kind in enumerate(kinds) if kind in ("off", "contents")), default=-1)
     return closed + 1 if closed > last or last < 0 else last

@@ -1,4 +1,4 @@
-"""The clocks of a moored profiler's instruments: whole seconds as logged, sub-seconds and gaps from the order of rows."""
+"""The clock of a moored profiler's meter: whole seconds as logged, sub-seconds and gaps from the order of scans."""
 
 from __future__ import annotations
 
@@ -25,7 +25,9 @@ def civil(date: tuple[Ints, Ints, Ints], clock: tuple[Ints, Ints, Ints]) -> Floa
     """
     (year, month, day), (hour, minute, second) = date, clock
     months = 12 * (np.clip(year, FIRST_YEAR, LAST_YEAR) - 1970) + np.clip(month, 1, 12) - 1
-    first, following = (m.astype("datetime64[M]").astype("datetime64[D]").astype(np.int64) for m in (months, months + 1))
+    first, following = (
+        m.astype("datetime64[M]").astype("datetime64[D]").astype(np.int64) for m in (months, months + 1)
+    )
     real = (year >= FIRST_YEAR) & (year <= LAST_YEAR) & (month >= 1) & (month <= 12)
     real &= (day >= 1) & (day <= following - first) & (hour < 24) & (minute < 60) & (second < 60)
     real &= (hour >= 0) & (minute >= 0) & (second >= 0)
@@ -49,22 +51,22 @@ def misplaced(clock_s: Floats, profile: Ints) -> Bools:
     return apart
 
 
-def rates(clock_s: Floats, profile: Ints, nominal_hz: Floats) -> Floats:
+def rates(clock_s: Floats, profile: Ints, place: Ints, nominal_hz: Floats) -> Floats:
     """Return each profile's sample rate: the nominal one, unless the clock shows another.
 
     Args:
         clock_s: (r,) whole seconds, NaN where there is no clock.
-        profile: (r,) non-decreasing.
+        profile: (r,) to which profile each scan belongs, non-decreasing.
+        place: (r,) its place there, damaged scans counted.
         nominal_hz: (p,) NaN where the file names none.
     """
     count = len(nominal_hz)
     first, last = (np.searchsorted(profile, np.arange(count), side=side) for side in ("left", "right"))
-    size = last - first
-    ends = np.full((2, count), np.nan)
-    known = np.flatnonzero(size)
-    ends[:, known] = clock_s[first[known]], clock_s[last[known] - 1]
+    known = np.flatnonzero(last - first > FEW)
+    begin, end = first[known], last[known] - 1
+    shown = np.full(count, np.nan)
     with np.errstate(invalid="ignore", divide="ignore"):
-        shown = np.where(size > FEW, (size - 1) / (ends[1] - ends[0]), np.nan)
+        shown[known] = (place[end] - place[begin]) / (clock_s[end] - clock_s[begin])
         contradicts = np.isfinite(shown) & ~(np.abs(shown / nominal_hz - 1.0) < TRUSTED_RATE)
     return np.where(contradicts, shown, nominal_hz)
 
@@ -75,7 +77,7 @@ def spread(clock_s: Floats, profile: Ints, rate_hz: Floats) -> Floats:
     Args:
         clock_s: (r,) whole seconds.
         profile: (r,) to which profile each scan belongs.
-        rate_hz: (r,) sample rate, NaN where unknown.
+        rate_hz: (r,) sample rate as the file names it, NaN where it does not.
     """
     if not len(clock_s):
         return clock_s
@@ -86,17 +88,17 @@ def spread(clock_s: Floats, profile: Ints, rate_hz: Floats) -> Floats:
     return clock_s + (np.arange(len(new)) - begins[group]) / np.fmax(size, rate_hz)
 
 
-def joined(clock_s: Floats, profile: Ints, position: Ints, rate_hz: Floats) -> Bools:
+def joined(clock_s: Floats, profile: Ints, place: Ints, rate_hz: Floats) -> Bools:
     """Return whether each scan follows the one before without a gap, (r - 1,).
 
     Args:
         clock_s: (r,) whole seconds, NaN where there is no clock.
         profile: (r,) to which profile each scan belongs.
-        position: (r,) its place there, damaged scans counted.
+        place: (r,) its place there, damaged scans counted.
         rate_hz: (r,) sample rate.
     """
     step = np.diff(clock_s)
     with np.errstate(invalid="ignore", divide="ignore"):
         # Whole seconds hide up to one of them.
         waited = (step < 0) | (step > 1.0 + 1.0 / rate_hz[1:])
-    return (np.diff(profile) == 0) & (np.diff(position) == 1) & ~waited
+    return (np.diff(profile) == 0) & (np.diff(place) == 1) & ~waited

@@ -20,7 +20,8 @@ Octets = NDArray[np.uint8]
 Form = tuple[bool, int]  # with a stamp; how many numbers
 
 CHUNK_BYTES = 1 << 21  # larger ones leave the cache and are slower
-UNIFORM = 0.95  # share of the rows (all but one of a few) that must agree on a column's decimals before the others count as damaged
+# Share of the rows, of a few all but one, that agree on a column's decimals before the others count as damaged.
+UNIFORM = 0.95
 
 _SPACE, _DIGIT, _DOT, _SIGN, _COLON, _SLASH, _COMMA, _OTHER = (1 << bit for bit in range(8))
 _KIND = np.full(256, _OTHER, dtype=np.uint8)

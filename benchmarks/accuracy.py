@@ -1,0 +1,97 @@
+"""Corrected headings against known ones, for both methods: the table of the README.
+
+    python benchmarks/accuracy.py            the demonstration cruise, after make run
+    python benchmarks/accuracy.py CRUISE     any cruise folder with truth/NAME.csv or truth_NAME.csv
+
+The cruise is run once with every mooring by ``exact`` and once by ``von_appen``, beside the original, which stays as it
+is. Where a mooring has no truth its own recorded headings are taken for it (a compass that was right).
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import netCDF4
+import numpy as np
+
+PROJECT = Path(__file__).resolve().parent.parent
+HEAD = (
+    "| mooring | method | share corrected | rms before | rms after | median after | stated 1σ | within 95 % | "
+    "share sure | rms where sure |"
+)
+
+
+def run(source: Path, folder: Path, method: str) -> None:
+    """Run a copy of the cruise by one method; raw files are linked, never written to."""
+    shutil.copytree(source / "config", folder / "config", copy_function=shutil.copyfile)
+    (folder / "raw").symlink_to((source / "raw").resolve())
+    for path in [folder / "config/config.yaml", *(folder / "config/moorings").glob("*.yaml")]:
+        text = re.sub(r"method: \w+", f"method: {method}", path.read_text())
+        path.write_text(text.replace("demonstration: true", "demonstration: false"))
+    command = [sys.executable, "-m", "snakemake", "--snakefile", PROJECT / "Snakefile", "--directory", folder]
+    subprocess.run([*map(str, command), "--cores", "2", "--quiet", "all", "--until", "correct"], check=True)
+
+
+def truth(source: Path, name: str, time_s: np.ndarray, recorded: np.ndarray) -> np.ndarray:
+    """Return the correct magnetic heading of each sample."""
+    paths = [path for path in (source / f"truth/{name}.csv", source / f"truth_{name}.csv") if path.exists()]
+    if not paths:
+        return recorded
+    with paths[0].open() as stream:
+        rows = list(csv.DictReader(stream))
+    times = np.array([row["time_utc"].removesuffix("Z") for row in rows], dtype="datetime64[s]").astype(np.int64)
+    known = dict(zip(times.tolist(), (float(row["heading_true_magnetic_deg"]) for row in rows), strict=True))
+    return np.array([known.get(int(t), np.nan) for t in time_s])
+
+
+def off(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return (a - b + 180.0) % 360.0 - 180.0
+
+
+def rms(x: np.ndarray) -> float:
+    finite = x[np.isfinite(x)]
+    return float(np.sqrt(np.mean(finite**2))) if finite.size else float("nan")
+
+
+def line(source: Path, folder: Path, name: str, method: str) -> str:
+    """Return one row of the table."""
+    with netCDF4.Dataset(folder / "results" / name / "corrected.nc") as nc:
+        names = ("TIME", "HEADING", "HEADING_CORRECTED", "HEADING_CORRECTED_UNCERTAINTY", "BRANCH_PROBABILITY")
+        days, recorded, corrected, sigma, probability = (np.ma.filled(nc[v][:].astype(float), np.nan) for v in names)
+    real = truth(source, name, np.rint((days - 7305.0) * 86400.0), recorded)
+    before, after = off(recorded, real), off(corrected, real)
+    known = np.isfinite(after)
+    sure = known & (probability >= 0.95)
+    numbers = [
+        f"{100 * np.isfinite(corrected).mean():.1f} %",
+        f"{rms(before):.1f}°",
+        f"{rms(after):.2f}°",
+        f"{np.median(np.abs(after[known])) if known.any() else np.nan:.2f}°",
+        f"{rms(sigma):.2f}°",
+        f"{100 * np.mean(np.abs(after[known]) < 1.96 * sigma[known]) if known.any() else np.nan:.0f} %",
+        f"{100 * sure.mean():.1f} %",
+        f"{rms(after[sure]):.2f}°",
+    ]
+    return f"| {name} | {method} | " + " | ".join(numbers) + " |"
+
+
+def main(source: Path) -> None:
+    if not (source / "raw").is_dir():
+        sys.exit(f"{source}: no raw files; run make run first, or name a cruise folder")
+    print(HEAD + "\n" + "|---" * HEAD.count(" |") + "|")
+    with tempfile.TemporaryDirectory() as scratch:
+        for method in ("exact", "von_appen"):
+            run(source, Path(scratch) / method, method)
+        for path in sorted((source / "config/moorings").glob("*.yaml")):
+            for method in ("exact", "von_appen"):
+                print(line(source, Path(scratch) / method, path.stem, method))
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else PROJECT)

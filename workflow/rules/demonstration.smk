@@ -1,0 +1,23 @@
+"""Raw files of the demonstration cruise: this rule exists only where config.yaml says demonstration: true."""
+
+for NAME in CRUISE.moorings:
+
+    rule:
+        name:
+            f"simulate_{NAME}"
+        input:
+            modules=PLAN.modules("simulate.py"),
+        output:
+            raw=PLAN.simulated_files(NAME),
+            truth=f"truth/{NAME}.csv",
+        params:
+            name=NAME,
+            seed=CRUISE.options.seed,
+        conda:
+            "../envs/compasslib.yaml"
+        log:
+            f"results/{NAME}/logs/simulate.log",
+        benchmark:
+            f"results/{NAME}/benchmarks/simulate.tsv"
+        script:
+            "../scripts/simulate.py"
