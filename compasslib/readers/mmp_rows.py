@@ -195,7 +195,7 @@ class _Rows:
 def _regular(form: Form | None, pieces: list[_Piece], damaged: list[Ints], lines: list[tuple[int, bytes]]) -> Text:
     """Put the pieces together and leave out rows that differ from the others in their texture."""
     lost = np.concatenate([np.zeros(0, dtype=np.int64), *damaged])
-    if form is None or not pieces:
+    if form is None or not any(len(piece.offset) for piece in pieces):
         nothing = np.zeros(0)
         return Text(None, nothing.astype(np.int64), nothing, nothing.reshape(0, 0), np.sort(lost), tuple(lines))
     texture = np.concatenate([piece.texture for piece in pieces])

@@ -1,0 +1,847 @@
+"""The 3D-ACM reader: real files, known answers, every variant, damaged files, a simulated mooring's truth."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from compasslib import angles, readers, stages
+from compasslib.config import load
+from compasslib.errors import InputError
+from compasslib.nature import demonstration, mmp, profiler, water
+from compasslib.nature.fleet import DEPLOYED_S
+from compasslib.readers import mmp_acm, mmp_files, mmp_geometry, mmp_pressure, mmp_rows
+from compasslib.records import GOOD, MISSING, PROBABLY_BAD, Record
+
+SHARED = Path(__file__).resolve().parents[1] / ".." / "shared" / "data"
+TEXT, BINARY = "acm/mmp_global_A0000001.TXT", "acm/mmp_global_A0000001.DAT"
+METER = mmp.Acm(1405, "ML1405-01D", 65.27, -32.88, rate_hz=2.0)
+ON_S, PROFILE_S = 1189000000, 43200
+HEAD, ROW = 279, 47
+FEW = settings(max_examples=150, deadline=None, derandomize=True)
+
+
+def real(name: str) -> Path:
+    path = SHARED / name
+    if not path.exists():
+        pytest.skip(f"{name} is not in ../shared/data")
+    return path
+
+
+def read(*paths: Path, pressure: tuple[Path, ...] = (), offset: float = 0.0) -> Record:
+    return mmp_acm.read(paths, pressure_files=pressure, start_offset_seconds=offset)
+
+
+def logged(sizes: tuple[int, ...] = (40, 40, 40), *, first_number: int = 1, rate: int = 2) -> mmp.Scans:
+    """Profiles twelve hours apart, every scan with values of its own that obey the logger's rule."""
+    rng = np.random.default_rng(len(sizes))
+    profile = np.repeat(np.arange(len(sizes)), sizes)
+    place = np.concatenate([np.arange(size) for size in sizes])
+    heading, tilts = rng.uniform(0, 360, place.size), rng.uniform(-3, 3, (2, place.size))
+    level = 0.25 * np.exp(1j * np.deg2rad(heading))
+    cos, sin = np.cos(np.deg2rad(tilts)), np.sin(np.deg2rad(tilts))
+    hz = np.full(place.size, -0.97)
+    field = ((level.real + hz * sin[0]) / cos[0], (level.imag + hz * sin[1]) / cos[1], hz)
+    values = np.column_stack([heading, *tilts, *field, *rng.uniform(-40, 40, (4, place.size))])
+    on = ON_S + PROFILE_S * np.arange(len(sizes))
+    time = on[profile] + 15 + place // rate
+    return mmp.Scans(first_number + np.arange(len(sizes)), np.array(sizes), on, on + 60, time, np.round(values, 4))
+
+
+def text_file(folder: Path, scans: mmp.Scans, name: str = "acm.txt") -> Path:
+    mmp.write_text(folder / name, METER, scans)
+    return folder / name
+
+
+def binary_file(folder: Path, scans: mmp.Scans, name: str = "acm.dat") -> Path:
+    mmp.write_binary(folder / name, METER, scans)
+    return folder / name
+
+
+def is_row(line: str) -> bool:
+    return line.strip()[:2].isdigit()
+
+
+def variant(text: str, *, comma: bool, header: bool) -> str:
+    """The same file as the unpacker writes it with other settings."""
+    lines = text.replace("\r\n", "\n").split("\n")
+    if comma:
+        cells = [line.split() for line in lines]
+        lines = [
+            ",".join([" ".join(c[:2]), *c[2:]]) if is_row(line) else line for c, line in zip(cells, lines, strict=True)
+        ]
+    return "\r\n".join(lines if header else [lines[0], "", "", *(line for line in lines if is_row(line))]) + "\r\n"
+
+
+def without_clock(text: str) -> str:
+    """The nine numbers of an early instrument."""
+    return "\n".join(" ".join(line.split()[3:]) if is_row(line) else line for line in text.splitlines()) + "\n"
+
+
+def stamp(time_s: float) -> str:
+    return np.datetime64(int(time_s), "s").item().strftime("%m/%d/%Y %H:%M:%S")
+
+
+def engineering(number: int, on_s: float, dbar: list[float], *, comma: bool = False, header: bool = True) -> str:
+    """An E file: ten seconds a row from two minutes after switching on."""
+    times = [on_s + 120 + 10 * k for k in range(len(dbar))]
+    form = "{},{},{:.1f},{:.3f},0.00,142" if comma else "{}{:7d}{:7.1f}{:10.3f}{:16.2f}{:10d}"
+    rows = [form.format(stamp(t), 150, 11.3, p, 351.27, 53) for t, p in zip(times, dbar, strict=True)]
+    names = (
+        "Date,[mA],[V],[dbar],Par[mV],scatSig"
+        if comma
+        else "               Date   [mA]    [V]    [dbar]      Oxygen[uM]"
+    )
+    began = [f" Vehicle began profiling at {stamp(times[0])}", "", names]
+    head = ["", f" Profile {number}", "", f" Sensors were turned on at  {stamp(on_s)}", *began]
+    ended = ["", " Ramp exit:    SMOOTH RUNNING", " Profile exit: TOP PRESSURE", ""]
+    tail = [f" Vehicle motion stopped at {stamp(times[-1])}", f" Sensor logging stopped at {stamp(times[-1] + 120)}"]
+    return "\r\n".join([*head, *rows, *ended, *tail] if header else rows) + "\r\n"
+
+
+def ctd(number: int, on_s: float, off_s: float, dbar: list[float], *, times: bool = True) -> str:
+    rows = [f"  32.9041    4.5847{p:10.3f}      0" for p in dbar]
+    tail = [f"  CTD turned on at {stamp(on_s)}", f"  CTD turned off at {stamp(off_s)}"] if times else []
+    lines = [
+        "",
+        "",
+        f" Profile {number}",
+        "",
+        "  mmho/cm   Celsius     dbars    hz",
+        "",
+        *rows,
+        "",
+        f" Profile {number}",
+    ]
+    return "\r\n".join([*lines, *tail]) + "\r\n"
+
+
+def written(folder: Path, name: str, content: str | bytes) -> Path:
+    path = folder / name
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return path
+
+
+def rows_of(record: Record) -> set[tuple[float, ...]]:
+    """What tells a scan of ``logged`` from any other; where one is lost another of its second may move within it."""
+    columns = (np.floor(record.time_s), record.heading_deg, record.pitch_deg, record.roll_deg)
+    return set(zip(*(np.round(column, 3).tolist() for column in columns), strict=True))
+
+
+def accounted(record: Record) -> int:
+    return sum(record.counts[key] for key in ("scans", "aliased_dropped", "damaged_rows", "without_time"))
+
+
+# Real files ----------------------------------------------------------------------------------------------------------
+
+
+def test_the_real_ascii_and_binary_file_agree():
+    text, binary = read(real(TEXT)), read(real(BINARY))
+    for record in (text, binary):
+        assert record.counts["aliased_dropped"] == 1
+        assert record.counts["scans"] == len(record.time_s) == 17916
+        assert accounted(record) == 17917
+        assert set(record.quality.ravel()) == set(record.heading_quality) == {GOOD}
+    assert (text.time_s == binary.time_s).all()
+    # Two decimals of a degree.
+    assert np.abs(angles.difference(text.heading_deg, binary.heading_deg)).max() < 0.006
+    # Two decimals of cm/s on two paths, and the swing's rate from rounded headings.
+    assert np.hypot(text.east - binary.east, text.north - binary.north).max() < 3e-4
+    assert np.abs(text.pitch_deg - binary.pitch_deg).max() < 0.006
+    assert np.abs(text.roll_deg - binary.roll_deg).max() < 0.006
+
+
+def test_real_scans_are_half_a_second_apart():
+    record = read(real(BINARY))
+    assert np.unique(np.diff(record.time_s)).tolist() == [0.5]
+    # The first second holds one scan only.
+    assert record.time_s[0] == np.datetime64("2018-06-10T04:00:18").astype("datetime64[s]").astype(int)
+
+
+@pytest.mark.parametrize("name", [TEXT, BINARY])
+def test_the_loggers_rule_gives_the_recorded_heading(name):
+    values = mmp_files.load([real(name)]).values[1:]
+    heading = mmp_geometry.logged_heading(values[:, 3:6], values[:, 1], values[:, 2])
+    assert angles.rms(angles.difference(heading, values[:, 0])) < 0.05
+
+
+@pytest.mark.parametrize("comma", [False, True])
+@pytest.mark.parametrize("header", [False, True])
+def test_the_four_variants_of_the_real_file_are_the_same(tmp_path, comma, header):
+    text = real(TEXT).read_text(encoding="latin-1")
+    other = read(written(tmp_path, "A0000001.TXT", variant(text, comma=comma, header=header)))
+    same_record(other, read(real(TEXT)))
+
+
+def same_record(one: Record, other: Record) -> None:
+    for name in ("time_s", "east", "north", "heading_deg", "pitch_deg", "roll_deg"):
+        assert np.array_equal(getattr(one, name), getattr(other, name)), name
+    assert one.counts == other.counts
+
+
+def test_the_swing_is_smaller_in_the_real_record_when_it_is_taken_out():
+    scans = mmp_files.load([real(BINARY)])
+    heading, (_, y) = scans.values[1:, 0], mmp_geometry.instrument_axes(scans.values[1:, 6:] / 100.0)
+    rate = mmp_geometry.swing_rate(heading, np.full(len(y), 2.0), np.ones(len(y) - 1, dtype=bool))
+    quieter = mmp_geometry.without_swing(y, rate)
+    # Two minutes: longer than a swing, shorter than the change of the current with depth.
+    before, after = (np.std(v - np.convolve(v, np.ones(241) / 241, "same")) for v in (y, quieter))
+    assert after < 0.93 * before
+
+
+# Geometry ------------------------------------------------------------------------------------------------------------
+
+
+def test_paths_to_earth_gives_the_known_answers():
+    cases = json.loads(real("vectors.json").read_text())["acm_paths_to_earth"]
+    assert len(cases) == 12
+    for case in cases:
+        paths = np.array(case["paths_cm_s"]) / 100.0
+        heading = case["heading_magnetic"] + case["declination"]
+        east, north = mmp_geometry.to_earth(*mmp_geometry.instrument_axes(paths), heading)
+        up = mmp_geometry.upward(paths, case["profile"] == "ascending")
+        assert [float(east), float(north), float(up)] == pytest.approx(case["east_north_up"], abs=1e-5)
+
+
+@given(
+    heading=st.floats(0, 359.999),
+    tilts=st.tuples(st.floats(-20, 20), st.floats(-20, 20)),
+    strength=st.floats(0.05, 1.0),
+)
+@settings(deadline=None, derandomize=True)
+def test_the_loggers_rule_undoes_tilt(heading, tilts, strength):
+    (sx, cx), (sy, cy) = (angles.sin_cos(tilt) for tilt in tilts)
+    sine, cosine = angles.sin_cos(heading)
+    field = np.array([[(strength * cosine - 0.9 * sx) / cx, (strength * sine - 0.9 * sy) / cy, -0.9]])
+    found = mmp_geometry.logged_heading(field, tilts[0], tilts[1])
+    assert abs(angles.difference(found, heading)[0]) < 1e-9
+
+
+def test_a_field_without_level_part_has_no_heading():
+    field = np.array([[0.0, 0.0, -1.0], [np.nan, 0.0, -1.0]])
+    assert np.isnan(mmp_geometry.logged_heading(field, np.zeros(2), np.zeros(2))).all()
+
+
+@given(amplitude=st.floats(1, 30), period=st.floats(30, 120), rate=st.sampled_from([0.5, 1.0, 2.0, 4.0]))
+@settings(deadline=None, derandomize=True)
+def test_a_meter_that_swings_in_still_water_measures_nothing(amplitude, period, rate):
+    time = np.arange(0, 300, 1 / rate)
+    phase = 2 * np.pi * time / period
+    turning = amplitude * 2 * np.pi / period * np.cos(phase)
+    y = 0.43 * np.deg2rad(turning)
+    joined = np.ones(len(time) - 1, dtype=bool)
+    found = mmp_geometry.swing_rate(amplitude * np.sin(phase) + 355.0, np.full(len(time), rate), joined)
+    inner = np.s_[int(2 * rate) : -int(2 * rate)]
+    # Over four seconds the mean of the swing's rate is less than its middle by sinc: 3 % at 30 s, more at the ends.
+    assert np.abs(mmp_geometry.without_swing(y, found))[inner].max() < 0.031 * np.abs(y).max()
+
+
+def test_no_swing_is_taken_out_across_a_gap_or_between_rare_scans():
+    heading = np.array([0.0, 10.0, 20.0, 200.0, 210.0, 220.0])
+    joined = np.array([True, True, False, True, True])
+    assert mmp_geometry.swing_rate(heading, np.ones(6), joined) == pytest.approx(np.full(6, 10.0))
+    assert not mmp_geometry.swing_rate(heading, np.full(6, 0.4), joined).any()
+    assert not mmp_geometry.swing_rate(heading, np.ones(6), np.zeros(5, dtype=bool)).any()
+    assert mmp_geometry.swing_rate(heading[:1], np.ones(1), np.zeros(0, dtype=bool)).tolist() == [0.0]
+
+
+# Files of our own ----------------------------------------------------------------------------------------------------
+
+
+def test_profiles_in_one_file_or_in_many_text_or_binary_are_the_same(tmp_path):
+    scans = logged((40, 25, 61))
+    text = text_file(tmp_path, scans)
+    single = []
+    for k in range(3):
+        own = np.repeat(np.arange(3), scans.size) == k
+        parts = (scans.number[k : k + 1], scans.size[k : k + 1], scans.on_s[k : k + 1], scans.off_s[k : k + 1])
+        one = mmp.Scans(*parts, scans.time_s[own], scans.values[own])
+        single.append(text_file(tmp_path, one, f"A000000{k + 1}.TXT"))
+    record = read(text)
+    same_record(record, read(*single))
+    assert (record.counts["profiles"], record.counts["aliased_dropped"], record.counts["scans"]) == (3, 3, 123)
+    binary = read(binary_file(tmp_path, scans))
+    assert (binary.time_s == record.time_s).all()
+    assert np.hypot(binary.east - record.east, binary.north - record.north).max() < 3e-4
+    assert record.east.shape == record.quality.shape == record.bin_range_m.shape == (123, 1)
+    assert not record.looks_up
+    assert not record.bin_range_m.any()
+    assert (record.pitch_deg[0], record.roll_deg[0]) == pytest.approx(tuple(np.round(scans.values[1, 1:3], 2)))
+
+
+@pytest.mark.parametrize("comma", [False, True])
+def test_rows_without_header_lines_are_parted_where_the_clock_pauses(tmp_path, comma):
+    path = text_file(tmp_path, logged())
+    bare = variant(path.read_text(), comma=comma, header=False)
+    assert read(written(tmp_path, "bare.txt", bare)).counts["aliased_dropped"] == 3
+    no_rate = bare[bare.index("\r\n") :]
+    assert rows_of(read(written(tmp_path, "none.txt", no_rate))) == rows_of(read(path))
+
+
+def test_exceptions_and_profiles_without_scans_are_tolerated(tmp_path):
+    text = text_file(tmp_path, logged()).read_text()
+    second = text.index(" Profile 2\n")
+    tail = text.rindex(" Profile 1\n", 0, second)
+    cut = text[:tail] + " Exception Encountered\n End of file reached\n" + text[text.rindex("Sample rate", 0, second) :]
+    empty = written(
+        tmp_path, "A0000009.TXT", "Sample rate: 0.0000 Hz\r\n\r\n\r\n Profile 9\r\n\r\n End of file reached\r\n"
+    )
+    nothing = written(tmp_path, "A0000010.TXT", "")
+    record = read(written(tmp_path, "cut.txt", cut), empty, nothing)
+    assert rows_of(record) == rows_of(read(tmp_path / "acm.txt"))
+    assert record.counts["damaged_rows"] == 0
+    assert any(w.startswith("2 files hold no scan") for w in record.warnings)
+
+
+def test_a_decimated_file_is_read_by_its_clock_and_left_with_its_swing(tmp_path):
+    scans = logged((40,))
+    rare = mmp.Scans(scans.number, scans.size, scans.on_s, scans.off_s, ON_S + 25 * np.arange(40), scans.values)
+    record = read(text_file(tmp_path, rare))
+    assert any("shows 0.04 scans a second where the file says 2" in w for w in record.warnings)
+    paths = np.round(scans.values[1:, 6:], 2) / 100.0
+    east, north = mmp_geometry.to_earth(*mmp_geometry.instrument_axes(paths), record.heading_deg)
+    # Two decimals of cm/s; a swing would be centimetres a second.
+    assert np.hypot(record.east[:, 0] - east, record.north[:, 0] - north).max() < 2e-4
+
+
+def test_a_heading_of_the_full_circle_is_north(tmp_path):
+    path = text_file(tmp_path, logged((5,)))
+    lines = path.read_text().split("\n")
+    rows = [k for k, line in enumerate(lines) if is_row(line)]
+    lines[rows[2]] = lines[rows[2]][:22] + "   360.00" + lines[rows[2]][31:]
+    assert read(written(tmp_path, "north.txt", "\n".join(lines))).heading_deg[1] == 0.0
+
+
+# Scans without a clock -----------------------------------------------------------------------------------------------
+
+
+def test_scans_without_a_clock_of_the_real_file_get_its_times(tmp_path):
+    text = real(TEXT).read_text(encoding="latin-1")
+    bare = written(tmp_path, "A0000001.TXT", without_clock(variant(text, comma=False, header=False)))
+    on_s = np.datetime64("2018-06-10T04:00:02").astype(int)
+    e_file = written(tmp_path, "E0000001.TXT", engineering(1, on_s, np.linspace(2558, 171, 880).tolist()))
+    record, clocked = read(bare, pressure=(e_file,), offset=15.5), read(real(TEXT))
+    assert np.abs(record.time_s - clocked.time_s).max() < 0.01
+    # The rule's own error, and where it is largest beside a swing.
+    assert angles.rms(angles.difference(record.heading_deg, clocked.heading_deg)) < 0.05
+    assert np.hypot(record.east - clocked.east, record.north - clocked.north).max() < 2e-3
+    assert record.counts["headings_by_rule"] == record.counts["scans"] == 17916
+    assert any("scans carry no clock" in w for w in record.warnings)
+    assert record.counts["profiles_ascending"] == 1
+
+
+def bare_profiles(folder: Path, scans: mmp.Scans, *, said: bool) -> list[Path]:
+    """One file a profile without a clock; the lines of switching on and off are left out where not said."""
+    paths = []
+    for k, number in enumerate(scans.number):
+        own = np.repeat(np.arange(len(scans.number)), scans.size) == k
+        parts = (scans.number[k : k + 1], scans.size[k : k + 1], scans.on_s[k : k + 1], scans.off_s[k : k + 1])
+        text = text_file(folder, mmp.Scans(*parts, scans.time_s[own], scans.values[own])).read_text()
+        text = text if said else "".join(line for line in text.splitlines(keepends=True) if "turned" not in line)
+        paths.append(written(folder, f"A{number:07d}.TXT", without_clock(text)))
+    return paths
+
+
+def test_profile_starts_come_from_the_meters_own_lines_then_from_the_file_of_the_same_number(tmp_path):
+    scans = logged()
+    times = set(np.round(read(text_file(tmp_path, scans)).time_s, 3))
+    own = read(*bare_profiles(tmp_path, scans, said=True), offset=15.0)
+    assert set(np.round(own.time_s, 3)) == times
+    files = bare_profiles(tmp_path, scans, said=False)
+    e_files = [
+        written(tmp_path, f"E{n:07d}.TXT", engineering(n, on, [100.0 + k for k in range(5)]))
+        for n, on in [(0, ON_S - PROFILE_S), *zip(scans.number, scans.on_s, strict=True)]
+    ]
+    numbered = read(*files, pressure=tuple(reversed(e_files)), offset=15.0)
+    assert set(np.round(numbered.time_s, 3)) == times
+    fewer = read(*files, pressure=tuple(e_files[:3]), offset=15.0)
+    assert fewer.counts["without_time"] == 40
+    assert accounted(fewer) == 120
+    assert any(w.startswith("40 scans were left out") for w in fewer.warnings)
+
+
+def test_a_table_numbers_profiles_or_gives_them_in_order(tmp_path):
+    scans = logged()
+    expected = rows_of(read(*bare_profiles(tmp_path, scans, said=True), offset=15.0))
+    files = bare_profiles(tmp_path, scans, said=False)
+    rows = [(n, on + 15 + 10 * k, 200 - k) for n, on in zip(scans.number, scans.on_s, strict=True) for k in range(5)]
+    iso = [(n, f"{np.datetime64(int(t), 's')}Z", p) for n, t, p in rows]
+    numbered = "Profile,Time,Pressure\n" + "".join(f"{n},{t},{p}\n" for n, t, p in iso)
+    plain = "time_utc,pressure_dbar\n" + "".join(f"{t},{p}\n" for _, t, p in iso)
+    for table in (numbered, plain):
+        record = read(*files, pressure=(written(tmp_path, "eng.csv", table),))
+        assert rows_of(record) == expected
+        assert any("were matched in order" in w for w in record.warnings) == (table == plain)
+
+
+def test_without_a_sample_rate_the_switching_times_tell_it_or_it_is_assumed(tmp_path):
+    scans = logged((121, 121))
+    said = [
+        path.read_text().replace("Sample rate: 2.0000 Hz", "") for path in bare_profiles(tmp_path, scans, said=True)
+    ]
+    silent = [
+        path.read_text().replace("Sample rate: 2.0000 Hz", "") for path in bare_profiles(tmp_path, scans, said=False)
+    ]
+    told = read(*(written(tmp_path, f"A{k}.TXT", t.split("ACM+")[0]) for k, t in enumerate(said, 101)))
+    assert np.diff(told.time_s)[:9] == pytest.approx(60.0 / 121)
+    table = "time,pressure\n" + "".join(
+        f"{np.datetime64(int(on) + k, 's')},{k}\n" for on in scans.on_s for k in range(9)
+    )
+    files = [written(tmp_path, f"A{k}.TXT", t.split("ACM+")[0]) for k, t in enumerate(silent, 101)]
+    assumed = read(*files, pressure=(written(tmp_path, "eng.csv", table),))
+    assert np.diff(assumed.time_s)[:9] == pytest.approx(0.5)
+    assert any("no file tells the sample rate of 2 profiles: 2 Hz was assumed" in w for w in assumed.warnings)
+
+
+def test_scans_whose_time_nothing_tells_are_refused(tmp_path):
+    files = bare_profiles(tmp_path, logged(), said=False)
+    expected = (
+        "pressure_files: expected the profiler's engineering (E) files with the starts of the profiles, as scans carry "
+        "no clock, found 0 profile starts for 3 profiles without a common number; give the E files of the same profiles"
+    )
+    with pytest.raises(InputError) as error:
+        read(*files)
+    assert str(error.value) == expected
+
+
+def test_an_offset_that_has_no_effect_is_told(tmp_path):
+    record = read(text_file(tmp_path, logged()), offset=7.0)
+    assert any(w.startswith("start_offset_seconds has no effect") for w in record.warnings)
+
+
+# Pressure ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("comma", [False, True])
+@pytest.mark.parametrize("header", [False, True])
+def test_engineering_files_in_four_variants(tmp_path, comma, header):
+    dbar = [0.0, 0.0, 500.0, 497.5, 495.0]
+    path = written(tmp_path, "E0000007.TXT", engineering(7, ON_S, dbar, comma=comma, header=header))
+    found = mmp_pressure.load([path])
+    # Zeros stand for readings that were not there yet.
+    assert found.time_s.tolist() == [ON_S + 140.0, ON_S + 150.0, ON_S + 160.0]
+    assert found.pressure_dbar.tolist() == [500.0, 497.5, 495.0]
+    start, first_row = found.starts[0], ON_S + 120.0
+    assert (start.number, start.on_s) == (7, float(ON_S) if header else first_row)
+
+
+def test_the_oldest_engineering_rows_have_a_stamp_of_six_numbers(tmp_path):
+    rows = ["09 05 2007 13 46 40 150 11.3 500.00 -24.1", "09 05 2007 13 46 50 152 11.3 497.50 -24.3"]
+    found = mmp_pressure.load([written(tmp_path, "E0000007.TXT", "\n".join(rows) + "\n")])
+    assert found.pressure_dbar.tolist() == [500.0, 497.5]
+    assert found.time_s.tolist() == [ON_S + 0.0, ON_S + 10.0]
+    assert found.starts[0].number == 7
+
+
+def test_a_ctd_file_is_laid_between_its_switching_times_and_gives_way_to_an_engineering_file(tmp_path):
+    dbar = np.linspace(500, 400, 400).tolist()
+    c_file = written(tmp_path, "C0000007.TXT", ctd(7, ON_S, ON_S + 400, dbar))
+    alone = mmp_pressure.load([c_file])
+    assert alone.time_s[[0, -1]].tolist() == [ON_S + 0.5, ON_S + 399.5]
+    assert alone.starts == (mmp_pressure.Start(7, ON_S, ON_S + 400),)
+    e_file = written(tmp_path, "E0000007.TXT", engineering(7, ON_S, [470.0 - k for k in range(17)]))
+    both = mmp_pressure.load([c_file, e_file])
+    inside = (both.time_s > ON_S + 60) & (both.time_s < ON_S + 340)
+    assert both.pressure_dbar[inside].tolist() == [470.0 - k for k in range(17)]
+    assert both.at(np.array([ON_S + 30.0]))[0] == pytest.approx(np.interp(29.5, np.arange(400), dbar))
+    assert [start.number for start in both.starts] == [7]
+
+
+def test_a_table_is_known_by_its_header(tmp_path):
+    rows = ["2007-09-05 13:46:40,500,x", "", "2007-09-05T13:46:50Z,,x", "2007-09-05T13:47:00.5,495.5,"]
+    table = "\n".join(['\ufeff"Date_Time", Pressure ,other', *rows]) + "\n"
+    found = mmp_pressure.load([written(tmp_path, "p.csv", table)])
+    assert found.time_s.tolist() == [ON_S + 0.0, ON_S + 20.5]
+    assert found.pressure_dbar.tolist() == [500.0, 495.5]
+
+
+def test_pressure_is_interpolated_only_where_samples_are_near(tmp_path):
+    table = "time,pressure\n" + "".join(f"{np.datetime64(ON_S + t, 's')},{100 + t}\n" for t in (0, 10, 20, 400, 410))
+    found = mmp_pressure.load([written(tmp_path, "p.csv", table)])
+    at = found.at(ON_S + np.array([-1.0, 0.0, 5.0, 20.0, 21.0, 399.0, 405.0, 410.0, 411.0, np.nan]))
+    assert np.isnan(at).tolist() == [True, False, False, False, True, True, False, False, True, True]
+    assert at[[1, 2, 3, 6, 7]].tolist() == [100.0, 105.0, 120.0, 505.0, 510.0]
+
+
+def test_scans_without_pressure_are_counted_and_those_far_from_any_are_not_to_be_used(tmp_path):
+    scans = logged((40, 40, 40))
+    on = scans.on_s
+    table = "time,pressure\n" + "".join(
+        f"{np.datetime64(int(t), 's')},{p}\n" for t, p in [(on[0] + 10, 90), (on[0] + 60, 80), (on[1] + 100, 70)]
+    )
+    record = read(text_file(tmp_path, scans), pressure=(written(tmp_path, "p.csv", table),))
+    profile = np.repeat([0, 1, 2], 39)
+    assert np.isfinite(record.pressure_dbar).tolist() == (profile == 0).tolist()
+    assert record.quality[:, 0].tolist() == np.where(profile == 2, PROBABLY_BAD, GOOD).tolist()
+    assert record.counts["without_pressure"] == 78
+    assert "no pressure within 180 s of 39 scans: flagged, as their depth is unknown" in record.warnings
+
+
+def test_without_pressure_files_the_depth_is_unknown(tmp_path):
+    record = read(text_file(tmp_path, logged()))
+    assert np.isnan(record.pressure_dbar).all()
+    assert np.isnan(record.depth_m).all()
+    assert set(record.quality.ravel()) == {GOOD}
+    assert any(w.startswith("no pressure_files") for w in record.warnings)
+    nothing = mmp_acm.read([tmp_path / "acm.txt"], pressure_files=None, start_offset_seconds=None)
+    same_record(nothing, record)
+
+
+def test_direction_comes_from_the_pressure_then_from_the_number(tmp_path):
+    scans = logged((40, 40, 40))
+    path = text_file(tmp_path, scans)
+    by_number = read(path).counts
+    assert (by_number["profiles_ascending"], by_number["profiles_descending"]) == (2, 1)
+    rows = [(on + t, 500 + t) for on in scans.on_s for t in (0, 60)]
+    table = "time,pressure\n" + "".join(f"{np.datetime64(int(t), 's')},{p}\n" for t, p in rows)
+    by_pressure = read(path, pressure=(written(tmp_path, "p.csv", table),)).counts
+    assert (by_pressure["profiles_ascending"], by_pressure["profiles_descending"]) == (0, 3)
+
+
+@pytest.mark.parametrize(
+    ("content", "found"),
+    [
+        ("", "an empty file"),
+        ("when,depth\n2007-09-05,3\n", "a first line 'when,depth'"),
+        (b"\0\1\2\3" * 100, "a binary file"),
+    ],
+)
+def test_a_pressure_file_of_another_kind_is_refused(tmp_path, content, found):
+    path = written(tmp_path, "p.csv", content)
+    with pytest.raises(InputError) as error:
+        mmp_pressure.load([path])
+    assert str(error.value).startswith(
+        f"{path}: expected an unpacked engineering (E) or CTD (C) file of the profiler, or a CSV table with a header "
+        "line and the columns time and pressure (time_utc or time, ISO; pressure_dbar or pressure, dbar), "
+        f"found {found};"
+    )
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("content", "expected"),
+    [
+        (
+            "5.9.2007,3",
+            "row 1 below the header, time: expected an ISO time like 2007-09-04T00:00:00Z, found '5.9.2007'",
+        ),
+        ("2007-09-05,1\n2007-09-06", "row 2 below the header, pressure: expected a number, found a row of 1 cells"),
+        ("2007-09-05,deep", "row 1 below the header, pressure: expected a number, found 'deep'"),
+    ],
+)
+def test_a_table_that_cannot_be_read_is_refused_with_its_row(tmp_path, content, expected):
+    path = written(tmp_path, "p.csv", f"time,pressure\n{content}\n")
+    with pytest.raises(InputError) as error:
+        mmp_pressure.load([path])
+    assert str(error.value) == f"{path}: {expected}; mend or remove the row"
+
+
+def test_a_ctd_file_without_times_is_refused(tmp_path):
+    path = written(tmp_path, "C0000007.TXT", ctd(7, 0, 0, [1.0, 2.0, 3.0], times=False))
+    with pytest.raises(InputError, match=r"unpack with header lines, or give the engineering \(E\) files"):
+        mmp_pressure.load([path])
+
+
+# Damaged files -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("form", ["text", "binary"])
+def test_a_file_cut_anywhere_loses_its_end_and_nothing_else(tmp_path, form):
+    whole = (text_file if form == "text" else binary_file)(tmp_path, logged((12, 12)))
+    data, truth = whole.read_bytes(), rows_of(read(whole))
+    rng = np.random.default_rng(5)
+    previous = -1
+    for length in sorted(rng.integers(700, len(data), 120).tolist()):
+        record = read(written(tmp_path, "cut", data[:length]))
+        assert rows_of(record) <= truth
+        assert record.counts["damaged_rows"] <= 1
+        assert accounted(record) <= 24
+        assert len(record.time_s) >= previous
+        previous = len(record.time_s)
+    assert previous >= 21
+
+
+@pytest.mark.parametrize("keep", ["2.", "2.1", "-", ""])
+def test_a_last_number_cut_short_is_never_taken_for_a_number(tmp_path, keep):
+    text = text_file(tmp_path, logged((30,))).read_text()
+    rows = [k for k, line in enumerate(text.split("\n")) if is_row(line)]
+    lines = text.split("\n")[: rows[-1] + 1]
+    lines[-1] = lines[-1].rsplit(maxsplit=1)[0] + "      " + keep
+    record = read(written(tmp_path, "cut.txt", "\n".join(lines)))
+    assert (record.counts["scans"], record.counts["damaged_rows"]) == (28, 1)
+
+
+@pytest.fixture(scope="module")
+def sound(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("sound")
+    scans = logged((30, 30, 30))
+    files = {"text": text_file(folder, scans), "binary": binary_file(folder, scans)}
+    return folder, {form: (path.read_bytes(), read(path)) for form, path in files.items()}
+
+
+def foreign(record: Record, truth: Record) -> int:
+    """How many scans are in no way those of the sound file."""
+    return len(rows_of(record) - rows_of(truth))
+
+
+@FEW
+@given(at=st.floats(0, 1, exclude_max=True), octet=st.integers(0, 255), form=st.sampled_from(["text", "binary"]))
+def test_a_flipped_byte_costs_a_scan_or_changes_one(sound, at, octet, form):
+    folder, files = sound
+    data, truth = files[form]
+    flipped = bytearray(data)
+    flipped[int(at * len(data))] = octet
+    record = read(written(folder, "flipped", bytes(flipped)))
+    assert foreign(record, truth) <= 1
+    assert len(record.time_s) >= 84
+    # Two rows without a line end between them are one damaged row.
+    assert 89 <= accounted(record) <= 91
+
+
+@FEW
+@given(data=st.data())
+def test_many_flipped_bytes_leave_the_other_scans_alone(sound, data):
+    folder, files = sound
+    form = data.draw(st.sampled_from(["text", "binary"]))
+    content, truth = files[form]
+    places = data.draw(st.lists(st.integers(0, len(content) - 1), min_size=2, max_size=12))
+    flipped = bytearray(content)
+    for place in places:
+        flipped[place] ^= data.draw(st.integers(1, 255))
+    record = read(written(folder, "flipped", bytes(flipped)))
+    assert foreign(record, truth) <= len(places)
+
+
+@FEW
+@given(garbage=st.binary(max_size=400))
+def test_garbage_is_refused_in_one_line(sound, garbage):
+    path = written(sound[0], "garbage", garbage)
+    with pytest.raises(InputError) as error:
+        read(path)
+    assert "\n" not in str(error.value)
+    with pytest.raises(InputError) as error:
+        mmp_pressure.load([path])
+    assert "\n" not in str(error.value)
+
+
+def test_a_damaged_header_does_not_cost_its_profile(sound):
+    folder, files = sound
+    data, truth = files["binary"]
+    block = 4 + HEAD + 30 * ROW + 8
+    for front in (0, block, 2 * block):
+        for at, octets in ((0, b"\xff\xff\xff\xff"), (2, b"\x01"), (4 + HEAD - 4, b"data"), (4 + 20, b"?" * 30)):
+            damaged = bytearray(data)
+            damaged[front + at : front + at + len(octets)] = octets
+            record = read(written(folder, "header", bytes(damaged)))
+            assert rows_of(record) == rows_of(truth), (front, at)
+            assert record.counts["profiles"] == 3
+
+
+def test_a_profile_whose_header_is_gone_is_counted_as_damaged(sound):
+    folder, files = sound
+    data, truth = files["binary"]
+    block = 4 + HEAD + 30 * ROW + 8
+    damaged = data[:block] + bytes(block) + data[2 * block :]
+    record = read(written(folder, "gone", damaged))
+    assert rows_of(record) < rows_of(truth)
+    assert record.counts["profiles"] == 2
+    assert record.counts["damaged_rows"] == 30
+    assert any("damaged rows were left out" in w for w in record.warnings)
+
+
+def test_a_clock_that_jumps_for_one_scan_is_damaged(tmp_path):
+    path = text_file(tmp_path, logged((30,)))
+    text = path.read_text()
+    moved = text.replace("13:47:00", "18:47:00", 1)
+    assert moved != text
+    record = read(written(tmp_path, "moved.txt", moved))
+    assert (record.counts["scans"], record.counts["damaged_rows"]) == (28, 1)
+    assert rows_of(record) < rows_of(read(path))
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("09-05-2007", "02-30-2007"),
+        ("13:46:57", "13:61:57"),
+        ("2007 ", "2007_"),
+        (".", ";"),
+        (".", "0"),
+        ("-0.9700", "-0.97-0"),
+        ("-0.9700", "--.9700"),
+        ("-0.9700", "-.97.00"),
+        ("-0.9700", "-0.9700,"),
+        ("-0.9700", "    nan"),
+    ],
+)
+def test_a_row_that_is_not_one_is_left_out(tmp_path, old, new):
+    lines = text_file(tmp_path, logged((30,))).read_text().split("\n")
+    row = [k for k, line in enumerate(lines) if is_row(line)][4]
+    assert old in lines[row]
+    lines[row] = lines[row].replace(old, new, 1)
+    record = read(written(tmp_path, "bad.txt", "\n".join(lines)))
+    assert (record.counts["scans"], record.counts["damaged_rows"]) == (28, 1)
+    assert foreign(record, read(tmp_path / "acm.txt")) == 0
+
+
+def test_numbers_of_uneven_decimals_are_no_damage(tmp_path):
+    rng = np.random.default_rng(3)
+    rows = [" ".join(f"{x:g}" for x in rng.uniform(-1, 1, 9).round(4)) for _ in range(300)]
+    parsed = mmp_rows.parse("\n".join(rows).encode(), lambda form: form == (False, 9))
+    assert parsed.values.shape == (300, 9)
+    assert parsed.values.tolist() == [[float(x) for x in row.split()] for row in rows]
+
+
+def test_the_result_does_not_depend_on_how_much_is_read_at_a_time(tmp_path, monkeypatch):
+    data = text_file(tmp_path, logged()).read_bytes()
+    wanted = mmp_files.STAMPED.__eq__
+    whole = mmp_rows.parse(data, wanted)
+    monkeypatch.setattr(mmp_rows, "CHUNK_BYTES", 300)
+    parts = mmp_rows.parse(data, wanted)
+    for name in ("offset", "time_s", "values", "damaged"):
+        assert np.array_equal(getattr(whole, name), getattr(parts, name)), name
+    assert whole.lines == parts.lines
+
+
+EXPECTED = "expected unpacked ASCII or binary scans of a Falmouth 3D-ACM"
+
+
+@pytest.mark.parametrize(
+    ("content", "found"),
+    [
+        ("", "found none;"),
+        ("Dear colleague,\nplease find attached\n", "found a file that begins with b'Dear colleague,\\nplease f'"),
+        (bytes(range(256)) * 4, "found a file that begins with b'\\x00\\x01"),
+        ("time_utc,east\n2007-09-04T00:00:00Z,0.1\n", "found a file that begins with b'time_utc,east\\n2007-09-04'"),
+        (engineering(1, ON_S, [1.0, 2.0]), "found none (2 damaged rows);"),
+    ],
+)
+def test_a_file_of_another_kind_is_refused(tmp_path, content, found):
+    path = written(tmp_path, "a.txt", content)
+    with pytest.raises(InputError) as error:
+        read(path)
+    message = str(error.value)
+    assert message.startswith(f"{path}: {EXPECTED}, {found}")
+    assert "\n" not in message
+
+
+def test_a_folder_a_missing_file_and_no_file_are_refused(tmp_path):
+    for path, found in ((tmp_path, "Is a directory"), (tmp_path / "none", "No such file or directory")):
+        with pytest.raises(InputError) as error:
+            read(path)
+        assert str(error.value) == f"{path}: expected a readable file, found {found}; check the path"
+    with pytest.raises(InputError, match="files: expected unpacked ASCII or binary scans"):
+        read()
+
+
+def test_a_meter_whose_compass_is_dead_has_no_heading_and_no_current(tmp_path):
+    text = without_clock(text_file(tmp_path, logged((9,))).read_text())
+    rows = [line.split() for line in text.splitlines()]
+    dead = [" ".join([*r[:2], *["0.0000"] * 3, *r[5:]] if len(r) == 9 and "." in r[0] else r) for r in rows]
+    record = read(written(tmp_path, "A0000001.TXT", "\n".join(dead)), offset=15.0)
+    assert set(record.heading_quality) == {MISSING}
+    assert set(record.quality.ravel()) == {MISSING}
+    assert np.isnan(record.heading_deg).all()
+
+
+# The simulated mooring -----------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def mooring(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("mooring")
+    world = demonstration.make_world(demonstration.spec_of("EG5"), 2007)
+    span = (DEPLOYED_S, DEPLOYED_S + 50 * 86400.0)
+    schedule = profiler.plan(world.random("profiler"), world.spec.deep, world.motion, span)
+    scans = profiler.log(world.random("acm"), schedule, world.currents, world.motion, field=world.field)
+    meter = mmp.Acm(1405, "ML1405-01D", world.spec.latitude_deg, world.spec.longitude_deg)
+    mmp.write_text(folder / "acm.txt", meter, scans)
+    mmp.write_binary(folder / "acm.dat", meter, scans)
+    profiler.write_engineering(folder / "engineering.csv", schedule, world.motion, world.spec.latitude_deg)
+    return folder, world, schedule, scans
+
+
+@pytest.mark.parametrize("name", ["acm.txt", "acm.dat"])
+def test_a_simulated_moorings_currents_and_depths_come_back(mooring, name):
+    folder, world, schedule, scans = mooring
+    record = read(folder / name, pressure=(folder / "engineering.csv",))
+    assert record.counts["profiles"] == record.counts["aliased_dropped"] == len(schedule.number)
+    # The text's 97th profile ends in the middle of a row.
+    partial = int(name == "acm.txt" and len(schedule.number) >= mmp.PARTIAL_EVERY)
+    assert record.counts["damaged_rows"] == partial
+    assert accounted(record) == len(scans.time_s)
+    assert record.counts["without_pressure"] == 0
+    sphere = np.interp(record.time_s, world.motion.time_s, world.motion.sphere_depth_m)
+    depth = np.interp(record.time_s, *depths(folder))
+    assert np.abs(record.pressure_dbar - depth).max() < 0.02
+    truth = water.velocity(world.currents, record.time_s, record.pressure_dbar / 1.009, sphere)
+    east, north = angles.turn(record.east[:, 0], record.north[:, 0], world.field.at(record.time_s)[0])
+    missed = east + 1j * north - truth
+    # Turbulence of each profile, 0.35 degrees of compass, half a centimetre a second of each path, a metre of depth.
+    assert np.sqrt(np.mean(np.abs(missed) ** 2)) < 0.03
+    assert abs(missed.mean()) < 0.005
+
+
+def depths(folder: Path) -> tuple[np.ndarray, np.ndarray]:
+    table = np.genfromtxt(folder / "engineering.csv", delimiter=",", skip_header=1, dtype=None, encoding=None)
+    time = np.array([row[0].rstrip("Z") for row in table], dtype="datetime64[s]").astype(float)
+    return time, np.array([row[1] for row in table])
+
+
+def test_the_profilers_own_climb_is_all_that_the_upright_path_shows(mooring):
+    folder, _, schedule, _ = mooring
+    companion = mmp_pressure.load([folder / "engineering.csv"])
+    series = mmp_acm.place(mmp_files.load([folder / "acm.dat"]), companion, 0.0)
+    profile = series.scans.profile
+    running = np.isnan(schedule.stuck_m)
+    assert ((series.ascending == 1) == schedule.ascending)[running].all()
+    z = mmp_geometry.upward(series.scans.values[:, 6:] / 100.0, series.ascending[profile] == 1)
+    step = 5.0
+    sinking = (companion.at(series.time_s + step) - companion.at(series.time_s - step)) / (2 * step)
+    up = mmp_geometry.without_own_climb(z, sinking)
+    known = running[profile] & (series.scans.place > 0) & np.isfinite(up)
+    assert known.sum() > 10_000
+    assert np.abs(z[known & (sinking > 0.2)].mean() - 0.25) < 0.01
+    assert abs(np.mean(up[known])) < 0.002
+    assert np.std(up[known]) < 0.03
+
+
+# Where the reader is called ------------------------------------------------------------------------------------------
+
+
+def test_the_table_of_formats_leads_here(tmp_path):
+    path = text_file(tmp_path, logged())
+    table = written(
+        tmp_path, "p.csv", f"time,pressure\n{np.datetime64(ON_S, 's')},5\n{np.datetime64(ON_S + 50, 's')},6\n"
+    )
+    chosen = {"pressure_files": [str(table)], "start_offset_seconds": 0.0, "depth": 3, "columns": None}
+    same_record(readers.read("mmp_acm", [path], chosen), read(path, pressure=(table,)))
+    plain = written(tmp_path, "u.csv", "t,u,v\n2007-09-04T00:00:00Z,10,20\n")
+    columns = {"columns": {"time": "t", "east": "u", "north": "v", "scale": 0.01}}
+    assert readers.read("acm_table", [plain], columns).east.tolist() == [[0.1]]
+
+
+def test_the_workflow_gives_companion_files_apart_from_the_raw_ones(tmp_path):
+    (tmp_path / "config" / "moorings").mkdir(parents=True)
+    (tmp_path / "config" / "config.yaml").write_text("moorings: config/moorings\n")
+    for name in ("top.000", "A1.TXT", "A2.TXT", "E1.TXT"):
+        written(tmp_path, name, "x")
+    (tmp_path / "config" / "moorings" / "M.yaml").write_text(
+        "{name: M, latitude: 65, longitude: -33, water_depth: 900, start: 2007-09-04, end: 2007-10-04, "
+        "compromised: top, reference: deep, instruments: {top: {format: pd0, files: top.000, depth: 100}, "
+        "deep: {format: mmp_acm, files: A*.TXT, depth: 102, pressure_files: E*.TXT, start_offset_seconds: 7}}}\n"
+    )
+    plan = stages.plan(load(tmp_path), Path(readers.__file__).parents[2] / "workflow" / "scripts")
+    deep, top = (SimpleNamespace(mooring="M", role=role) for role in ("deep", "top"))
+    assert plan.raw_files(deep) == ["A1.TXT", "A2.TXT"]
+    assert plan.companion_files(deep) == ["E1.TXT"]
+    assert plan.reader_settings(deep) == {"pressure_files": ["E1.TXT"], "start_offset_seconds": 7.0}
+    assert plan.companion_files(top) == []
+    assert any(file.endswith("mmp_binary.py") for file in plan.reader_modules(deep))
+    assert not any("mmp_" in file for file in plan.reader_modules(top))
