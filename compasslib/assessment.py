@@ -46,7 +46,7 @@ def held_out_headings(pairs: Pairs, fit: Fit) -> Floats:
     block = np.floor((pairs.time_s - pairs.time_s[0]) / BLOCK_S).astype(int) % FOLDS
     for fold in range(FOLDS):
         left_out, kept = block == fold, choose(pairs, block != fold)
-        again = deviation.fit(fit.method, kept)
+        again = deviation.fit(fit.method, kept, near=fit)
         heading[left_out] = correction.headings(pairs.time_s, pairs.heading_deg, again, kept).heading_deg[left_out]
     return heading
 

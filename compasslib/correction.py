@@ -124,7 +124,8 @@ def _published(recorded_deg: Floats, fit: Fit) -> Decision:
 def _overlaps(time_s: Floats, fit: Fit, pairs: Pairs) -> tuple[NDArray[np.intp], Floats]:
     seen = np.searchsorted(time_s, pairs.time_s)
     width = likelihood.widths(fit.noise, *model.speeds(pairs))
-    return seen, likelihood.scatter(model.observed_heading(pairs), width, fit.noise.outliers)
+    chords = likelihood.squared_chords(model.observed_heading(pairs))
+    return seen, likelihood.scatter(chords, width, fit.noise.outliers)
 
 
 def _recorded_to_true(record: Record, declination: Floats) -> tuple[Floats, Floats]:

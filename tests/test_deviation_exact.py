@@ -14,7 +14,7 @@ def test_gradient_equals_numeric(coefficients):
     seen, _ = pairs(coefficients, n=400)
     noise = Noise()
     width = likelihood.widths(noise, *model.speeds(seen))
-    density = likelihood.scatter(model.observed_heading(seen), width, noise.outliers)
+    density = likelihood.scatter(likelihood.squared_chords(model.observed_heading(seen)), width, noise.outliers)
     data = likelihood.sample(seen.heading_deg, density, likelihood.FINE)
     prior = np.full(likelihood.CELLS, 1.0 / likelihood.CELLS)
     at = np.append(np.array(coefficients) + 0.03, np.log(2.0))
@@ -29,7 +29,7 @@ def test_gradient_equals_numeric(coefficients):
 
 
 def test_scatter_is_a_density_and_slow_water_is_nearly_uniform():
-    density = likelihood.scatter(np.array([10.0, 10.0]), np.array([8.0, 300.0]), 0.02)
+    density = likelihood.scatter(likelihood.squared_chords(np.array([10.0, 10.0])), np.array([8.0, 300.0]), 0.02)
     assert density.sum(axis=1) * likelihood.CELL_DEG == pytest.approx([1.0, 1.0])
     assert np.ptp(density[1]) < 0.2 * density[1].mean()
 

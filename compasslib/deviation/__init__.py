@@ -14,17 +14,18 @@ from compasslib.records import BAD, Pairs, Record
 
 __all__ = ["METHODS", "Fit", "described", "fit", "from_json", "told"]
 
-METHODS: dict[str, Callable[[Pairs], Fit]] = {"exact": exact.fit, "von_appen": von_appen.fit}
+METHODS: dict[str, Callable[[Pairs, Fit | None], Fit]] = {"exact": exact.fit, "von_appen": von_appen.fit}
 
 
-def fit(method: str, pairs: Pairs) -> Fit:
+def fit(method: str, pairs: Pairs, near: Fit | None = None) -> Fit:
     """Return a deviation model fitted to overlapping measurements.
 
     Args:
         method: ``exact`` or ``von_appen``.
         pairs: overlapping measurements.
+        near: a fit of the same method to much the same pairs, to start from.
     """
-    return METHODS[method](pairs)
+    return METHODS[method](pairs, near)
 
 
 def correctable_fraction(fit: Fit, record: Record) -> float:

@@ -21,7 +21,7 @@ Floats = NDArray[np.floating]
 
 STRENGTHS = (0.0, 0.3, 0.6, 0.85, 1.1, 1.35, 1.7, 2.2)  # hard iron over the earth's horizontal field
 DIRECTIONS_DEG = np.arange(0.0, 360.0, 22.5)
-START_PAIRS, START_COUNT, START_ROUNDS = 900, 4, 2
+START_PAIRS, START_COUNT, START_KEPT, START_ROUNDS = 900, 5, 2, 2
 START_NOISE, START_COMPASS_DEG = Noise(floor_deg=10.0, slow_deg_m_s=2.0, outliers=0.02), 6.0
 ROUNDS, CLIMB_STEPS, NOISE_PAIRS = 2, 40, 1000
 # Weak beliefs that only matter where the record says nothing: centre and width of A..E and log(compass noise / degree).
@@ -37,16 +37,19 @@ BLOCK_S = 5 * 86400.0  # longer than the memory of the currents' veer
 FEWEST_BLOCKS = 12
 
 
-def fit(pairs: Pairs) -> Fit:
+def fit(pairs: Pairs, near: Fit | None = None) -> Fit:
     """Return the exact compass that best explains the overlap's directions given the recorded headings.
 
     Args:
         pairs: overlapping measurements.
+        near: a fit to climb from, where the right fold is known already.
     """
     if len(pairs) < model.FEWEST_PAIRS:
         return model.too_few("exact", len(pairs))
-    overlap = _Overlap(pairs.heading_deg, model.observed_heading(pairs), *model.speeds(pairs))
-    state = _start(overlap)
+    observed = model.observed_heading(pairs)
+    chords = likelihood.squared_chords(observed)
+    overlap = _Overlap(pairs.heading_deg, observed, chords, *model.speeds(pairs))
+    state = _start(overlap) if near is None else _at(near)
     for _ in range(ROUNDS):
         state = _improve(state, overlap, FINE)
     return _described(state, pairs, overlap)
@@ -71,6 +74,7 @@ class _Overlap:
 
     recorded_deg: Floats
     observed_deg: Floats
+    squared_chord: Floats  # (n, CELLS)
     upper_speed: Floats
     lower_speed: Floats
 
@@ -81,7 +85,7 @@ class _Overlap:
         return _Overlap(*(column[index] for column in vars(self).values()))
 
     def sample(self, noise: Noise, grid: Grid) -> Sample:
-        density = likelihood.scatter(self.observed_deg, self.width_deg(noise), noise.outliers)
+        density = likelihood.scatter(self.squared_chord, self.width_deg(noise), noise.outliers)
         return likelihood.sample(self.recorded_deg, density, grid)
 
 
@@ -110,9 +114,14 @@ def _start(overlap: _Overlap) -> _State:
     values = [-likelihood.value(start, data, prior, COARSE) for start in starts]
     states = [_State(starts[i], START_NOISE, prior) for i in np.argsort(values)[:START_COUNT]]
     states = [_improve(state, few, COARSE, HARD_IRON_FIRST) for state in states]
+    states = sorted(states, key=lambda state: state.loss)[:START_KEPT]
     for _ in range(START_ROUNDS):
         states = [_improve(state, few, COARSE) for state in states]
     return min(states, key=lambda state: state.loss)
+
+
+def _at(fit: Fit) -> _State:
+    return _State(np.append(fit.coefficients, np.log(fit.noise.compass_deg)), fit.noise, fit.heading_density)
 
 
 def _improve(state: _State, overlap: _Overlap, grid: Grid, belief: Floats = BELIEF_WIDTH) -> _State:
@@ -190,7 +199,7 @@ def _fit_noise(noise: Noise, overlap: _Overlap, parameters: Floats, prior: Float
 
     def loss(x: Floats) -> float:
         tried = _noise(x)
-        density = likelihood.scatter(few.observed_deg, few.width_deg(tried), tried.outliers)
+        density = likelihood.scatter(few.squared_chord, few.width_deg(tried), tried.outliers)
         belief = 0.5 * ((x[0] - np.log(8.0)) ** 2 + (x[1] - np.log(2.5)) ** 2 + (x[2] + 4.0) ** 2)
         return belief - float(np.sum(np.log(np.einsum("nc,nc->n", given, density))))
 

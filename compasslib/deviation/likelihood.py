@@ -71,18 +71,28 @@ class Grid:
 COARSE, FINE = Grid(360), Grid(720)
 
 
-def scatter(observed_deg: Floats, width_deg: Floats, outliers: float) -> Floats:
-    """Return K, the density of the observed heading about each cell's centre, per degree, (n, CELLS).
+def squared_chords(observed_deg: Floats) -> Floats:
+    """Return the squared chord between each observed heading and each cell's centre, (n, CELLS), square degrees.
 
     Args:
         observed_deg: observed headings, (n,), degrees.
+    """
+    return angles.chord(observed_deg[:, None] - CELL_CENTRES) ** 2
+
+
+def scatter(squared_chord: Floats, width_deg: Floats, outliers: float) -> Floats:
+    """Return K, the density of the observed heading about each cell's centre, per degree, (n, CELLS).
+
+    Args:
+        squared_chord: of the observed headings, (n, CELLS), square degrees.
         width_deg: width for each of them, (n,), degrees.
         outliers: share that says nothing.
     """
-    away = angles.chord(observed_deg[:, None] - CELL_CENTRES) / width_deg[:, None]
-    density = (1.0 + away**2 / FREEDOM) ** (-(FREEDOM + 1.0) / 2.0)
-    density /= density.sum(axis=1, keepdims=True) * CELL_DEG
-    return (1.0 - outliers) * density + outliers / 360.0
+    base = 1.0 + squared_chord / (FREEDOM * width_deg[:, None] ** 2)
+    density = 1.0 / (base * base * base)  # Student's t with FREEDOM 5: the power is (5 + 1) / 2
+    density *= (1.0 - outliers) / (density.sum(axis=1, keepdims=True) * CELL_DEG)
+    density += outliers / 360.0
+    return density
 
 
 def sample(recorded_deg: Floats, scatter_density: Floats, grid: Grid) -> Sample:

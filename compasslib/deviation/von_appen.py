@@ -42,11 +42,12 @@ def predict(coefficients: ArrayLike, heading_deg: ArrayLike) -> Floats:
     return design(heading_deg) @ np.asarray(coefficients, dtype=float)
 
 
-def fit(pairs: Pairs) -> Fit:
+def fit(pairs: Pairs, near: Fit | None = None) -> Fit:
     """Return the least-squares series through the scatter of deviation against correct heading.
 
     Args:
         pairs: overlapping measurements.
+        near: not used; all starts are tried each time.
     """
     if len(pairs) < model.FEWEST_PAIRS:
         return model.too_few("von_appen", len(pairs))
