@@ -38,7 +38,7 @@ class Point:
     """One velocity a time: a cell of an instrument, (k,) each, finite."""
 
     time_s: Floats
-    velocity: NDArray[np.complex128]  # east + i north, m/s
+    velocity: NDArray[np.complexfloating]  # east + i north, m/s
     depth_m: Floats
 
 
@@ -102,14 +102,14 @@ def _assemble(upper: Record, lower: Record, field: EarthField, columns: tuple, k
     )
 
 
-def _to_true(velocity: NDArray[np.complex128], record: Record, declination: Floats) -> NDArray[np.complex128]:
+def _to_true(velocity: NDArray[np.complexfloating], record: Record, declination: Floats) -> NDArray[np.complexfloating]:
     if record.direction_reference == "true":
         return velocity
     east, north = angles.turn(velocity.real, velocity.imag, declination)
     return east + 1j * north
 
 
-def _near_bins(record: Record, distance_from: Floats, bins: int) -> tuple[NDArray[np.complex128], Floats]:
+def _near_bins(record: Record, distance_from: Floats, bins: int) -> tuple[NDArray[np.complexfloating], Floats]:
     """Average the good bins nearest to a range from the transducer: velocity (n,) and depth (n,), NaN without any."""
     good = np.isin(record.quality, (NOT_CHECKED, GOOD, PROBABLY_GOOD)) & np.isfinite(record.east + record.north)
     away = np.where(good, np.abs(record.bin_range_m - distance_from[:, None]), np.inf)
@@ -146,7 +146,7 @@ def _thinned(point: Point, block_s: float) -> Point:
     block = np.floor(point.time_s / block_s)
     begins = np.flatnonzero(np.append(True, np.diff(block) > 0))
     size = np.diff(np.append(begins, len(block)))
-    velocity = np.add.reduceat(point.velocity, begins) / size
+    velocity = np.asarray(np.add.reduceat(point.velocity, begins) / size, dtype=complex)
     return Point(np.add.reduceat(point.time_s, begins) / size, velocity, np.add.reduceat(point.depth_m, begins) / size)
 
 
