@@ -21,6 +21,7 @@ COMPASS_NOISE_DEG = 1.0  # of a moored compass, where the fit does not estimate 
 # Mean veer between the two depths: no overlap can tell it from A. One degree is what the only real record with a known
 # compass shows over 8 m; the method itself assumes none (von Appen 2015, section 2).
 VEER_SIGMA_DEG = 1.0
+KNOWS_NOTHING_DEG = 360.0 / np.sqrt(12.0)  # standard deviation of a heading that may be anything
 DECLINATION_SIGMA_DEG = 0.5  # of a main-field model at high latitude (IGRF-14, crust and storms left out)
 
 
@@ -96,7 +97,7 @@ def headings(time_s: Floats, recorded_deg: Floats, fit: Fit, pairs: Pairs) -> De
         decision = branches.decide(time_s, recorded_deg, fit, *_overlaps(time_s, fit, pairs))
     parameters = parameter_sigma(fit, decision.heading_deg)
     sigma = np.sqrt(decision.sigma_deg**2 + parameters**2 + VEER_SIGMA_DEG**2)
-    return replace(decision, sigma_deg=sigma)
+    return replace(decision, sigma_deg=np.minimum(sigma, KNOWS_NOTHING_DEG))
 
 
 def parameter_sigma(fit: Fit, heading_deg: Floats) -> Floats:

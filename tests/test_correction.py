@@ -141,3 +141,10 @@ def test_vector_correlation_angle_is_the_turn_of_the_upper_water():
     lower = np.array([0.1 + 0.2j, -0.3 + 0.1j, 0.2 - 0.2j])
     found = assessment._vector_correlation(lower * angles.phasor(-30.0), lower)  # clockwise by 30 degrees
     assert found == {"magnitude": pytest.approx(1.0), "angle_deg": pytest.approx(30.0)}
+
+
+def test_a_heading_that_may_be_anything_has_the_uncertainty_of_the_whole_circle():
+    seen, _ = pairs(n=120, seed=10)
+    product = correction.correct(record_of(seen), von_appen.fit(seen), field_of(seen), seen)
+    assert 0.0 < np.nanmin(product.heading_uncertainty_deg)
+    assert np.nanmax(product.heading_uncertainty_deg) <= correction.KNOWS_NOTHING_DEG
