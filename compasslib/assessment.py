@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles, correction, deviation
-from compasslib.deviation import model
+from compasslib.deviation import exact, model
+from compasslib.deviation.forms import EXACT, FORMS
 from compasslib.deviation.model import Fit
 from compasslib.records import Pairs
 
@@ -22,6 +23,8 @@ Floats = NDArray[np.floating]
 
 BLOCK_S = 10 * 86400.0
 FOLDS = 2
+FEWEST_FOR_FORMS = 4 * model.FEWEST_PAIRS
+FORM_PAIRS = 1500  # as many pairs, evenly taken, tell the forms apart; more only take longer
 
 
 def choose(pairs: Pairs, which: NDArray[Any]) -> Pairs:
@@ -51,6 +54,31 @@ def held_out_headings(pairs: Pairs, fit: Fit) -> Floats:
     return heading
 
 
+def compare_forms(pairs: Pairs, fit: Fit) -> dict[str, Any]:
+    """Return how well each form of the curve predicts pairs that it has not seen, against the exact compass.
+
+    The score is the mean log-likelihood a pair, in contiguous blocks held out in turn; its difference from the exact
+    compass has the standard error of the blocks' sums, because neighbouring hours repeat each other.
+
+    Args:
+        pairs: overlapping measurements.
+        fit: the exact compass fitted to all of them.
+    """
+    pairs = choose(pairs, np.arange(0, len(pairs), max(1, len(pairs) // FORM_PAIRS)))
+    block = np.floor((pairs.time_s - pairs.time_s[0]) / BLOCK_S).astype(int)
+    near = {EXACT.name: fit}
+    scores = {f.name: exact.held_out_scores(f, pairs, block % FOLDS, near.get(f.name)) for f in FORMS}
+    return {name: _against(score, scores[EXACT.name], block) for name, score in scores.items()}
+
+
+def _against(score: Floats, exact_score: Floats, block: NDArray[np.int_]) -> dict[str, Any]:
+    gain = score - exact_score
+    sums, counts = np.bincount(block, gain), np.bincount(block)
+    blocks = int(np.sum(counts > 0))
+    spread = float(np.sqrt(np.sum((sums - counts * gain.mean()) ** 2) * blocks / max(blocks - 1, 1)) / len(gain))
+    return {"mean_log_score": float(score.mean()), "minus_exact": float(gain.mean()), "minus_exact_sigma": spread}
+
+
 def assess(pairs: Pairs, fit: Fit) -> dict[str, Any]:
     """Return assessment.json: direction difference upper minus lower, before and after.
 
@@ -65,6 +93,7 @@ def assess(pairs: Pairs, fit: Fit) -> dict[str, Any]:
         "before": _agreement(pairs.upper_east, pairs.upper_north, pairs),
         "before_where_corrected": _agreement(pairs.upper_east[known], pairs.upper_north[known], choose(pairs, known)),
         "after": _agreement(turned[0][known], turned[1][known], choose(pairs, known)),
+        "forms": compare_forms(pairs, fit) if fit.method == EXACT.name and len(pairs) >= FEWEST_FOR_FORMS else None,
         "held_out": {"block_days": BLOCK_S / 86400.0, "folds": FOLDS, "n": int(known.sum())},
     }
 

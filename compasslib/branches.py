@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from compasslib import angles, compass
 from compasslib.deviation import likelihood
+from compasslib.deviation.forms import EXACT
 from compasslib.deviation.likelihood import CELL_CENTRES, CELLS, FINE, UNPREDICTED
 from compasslib.deviation.model import Fit
 
@@ -117,7 +118,8 @@ def _learn(evidence: Floats, steps: NDArray[np.int_], density: Floats) -> Floats
 
 def _evidence(recorded_deg: Floats, fit: Fit) -> Floats:
     """Return how likely each cell makes the recorded heading, (n, CELLS); flat where nothing was recorded."""
-    density, _ = likelihood.compass_noise(fit.coefficients, fit.noise.compass_deg, FINE.heading_deg, FINE)
+    offset = EXACT.offset(fit.coefficients, FINE.heading_deg, FINE.heading_deg)
+    density = likelihood.compass_noise(offset, fit.noise.compass_deg)
     hats = FINE.hats()
     table = density @ (hats / hats.sum(axis=0)) + UNPREDICTED
     known = np.isfinite(recorded_deg)

@@ -148,3 +148,13 @@ def test_a_heading_that_may_be_anything_has_the_uncertainty_of_the_whole_circle(
     product = correction.correct(record_of(seen), von_appen.fit(seen), field_of(seen), seen)
     assert 0.0 < np.nanmin(product.heading_uncertainty_deg)
     assert np.nanmax(product.heading_uncertainty_deg) <= correction.KNOWS_NOTHING_DEG
+
+
+def test_forms_are_compared_on_held_out_blocks_and_a_folded_compass_shows():
+    """Over folded headings the series cannot turn zero times; over mild ones the three are nearly the same."""
+    seen = [pairs(coefficients, n=6000, seed=4)[0] for coefficients in (FOLDED, (0.0, 0.1, 0.05, 0.0, 0.0))]
+    folded, mild = (assessment.compare_forms(p, exact.fit(p)) for p in seen)
+    assert folded["exact"]["minus_exact"] == 0.0
+    for name in ("series_in_correct", "series_in_recorded"):
+        assert folded[name]["minus_exact"] < -2.5 * folded[name]["minus_exact_sigma"] < 0.0
+        assert abs(mild[name]["minus_exact"]) < max(0.01, 3.0 * mild[name]["minus_exact_sigma"])

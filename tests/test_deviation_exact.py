@@ -6,20 +6,22 @@ from sea import FOLDED, MILD, pairs
 
 from compasslib import angles, compass
 from compasslib.deviation import exact, likelihood, model
+from compasslib.deviation.forms import FORMS
 from compasslib.deviation.model import Noise
 
 
+@pytest.mark.parametrize("form", FORMS, ids=lambda form: form.name)
 @pytest.mark.parametrize("coefficients", [MILD, FOLDED])
-def test_gradient_equals_numeric(coefficients):
+def test_gradient_equals_numeric(coefficients, form):
     seen, _ = pairs(coefficients, n=400)
     noise = Noise()
     width = likelihood.widths(noise, *model.speeds(seen))
     density = likelihood.scatter(likelihood.squared_chords(model.observed_heading(seen)), width, noise.outliers)
-    data = likelihood.sample(seen.heading_deg, density, likelihood.FINE)
+    data = likelihood.sample(seen.heading_deg, density, likelihood.FINE, form)
     prior = np.full(likelihood.CELLS, 1.0 / likelihood.CELLS)
     at = np.append(np.array(coefficients) + 0.03, np.log(2.0))
     value, slopes = likelihood.value_and_gradient(at, data, prior, likelihood.FINE)
-    assert value == likelihood.value(at, data, prior, likelihood.FINE)
+    assert value == pytest.approx(likelihood.value(at, data, prior, likelihood.FINE))
     for j, unit in enumerate(np.eye(6)):
         step = 1e-6
         ahead, behind = (likelihood.value(at + s * step * unit, data, prior, likelihood.FINE) for s in (1, -1))

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from compasslib import angles, compass
 from compasslib.deviation import likelihood, model
+from compasslib.deviation.forms import EXACT, Form
 from compasslib.deviation.likelihood import CELL_DEG, COARSE, FINE, Grid, Sample
 from compasslib.deviation.model import Fit, Noise
 from compasslib.records import Pairs
@@ -46,13 +47,41 @@ def fit(pairs: Pairs, near: Fit | None = None) -> Fit:
     """
     if len(pairs) < model.FEWEST_PAIRS:
         return model.too_few("exact", len(pairs))
-    observed = model.observed_heading(pairs)
-    chords = likelihood.squared_chords(observed)
-    overlap = _Overlap(pairs.heading_deg, observed, chords, *model.speeds(pairs))
-    state = _start(overlap) if near is None else _at(near)
+    overlap = _overlap(pairs)
+    return _described(_climbed(overlap, EXACT, near), pairs, overlap)
+
+
+def held_out_scores(form: Form, pairs: Pairs, fold: NDArray[np.signedinteger], near: Fit | None = None) -> Floats:
+    """Return the log-likelihood of each pair under a form fitted to the other folds, (n,).
+
+    Args:
+        form: the curve.
+        pairs: overlapping measurements.
+        fold: number of the fold that each pair belongs to, (n,).
+        near: a fit of the same form to all pairs, to climb from.
+    """
+    overlap, scores = _overlap(pairs), np.empty(len(pairs))
+    whole = _start(overlap, form) if near is None else _at(near)
+    for k in np.unique(fold):
+        left_out, seen = np.flatnonzero(fold == k), np.flatnonzero(fold != k)
+        state = whole
+        for _ in range(ROUNDS):
+            state = _improve(state, overlap.take(seen), FINE, form)
+        data = overlap.take(left_out).sample(state.noise, FINE, form)
+        scores[left_out] = likelihood.values(state.parameters, data, state.prior, FINE)
+    return scores
+
+
+def _climbed(overlap: _Overlap, form: Form, near: Fit | None) -> _State:
+    state = _start(overlap, form) if near is None else _at(near)
     for _ in range(ROUNDS):
-        state = _improve(state, overlap, FINE)
-    return _described(state, pairs, overlap)
+        state = _improve(state, overlap, FINE, form)
+    return state
+
+
+def _overlap(pairs: Pairs) -> _Overlap:
+    observed = model.observed_heading(pairs)
+    return _Overlap(pairs.heading_deg, observed, likelihood.squared_chords(observed), *model.speeds(pairs))
 
 
 def residual(fit: Fit, pairs: Pairs) -> Floats:
@@ -84,9 +113,9 @@ class _Overlap:
     def take(self, index: NDArray[np.signedinteger]) -> _Overlap:
         return _Overlap(*(column[index] for column in vars(self).values()))
 
-    def sample(self, noise: Noise, grid: Grid) -> Sample:
+    def sample(self, noise: Noise, grid: Grid, form: Form) -> Sample:
         density = likelihood.scatter(self.squared_chord, self.width_deg(noise), noise.outliers)
-        return likelihood.sample(self.recorded_deg, density, grid)
+        return likelihood.sample(self.recorded_deg, density, grid, form)
 
 
 @dataclass(frozen=True)
@@ -99,7 +128,7 @@ class _State:
     loss: float = float("inf")
 
 
-def _start(overlap: _Overlap) -> _State:
+def _start(overlap: _Overlap, form: Form) -> _State:
     """Climb from the best of many strengths and directions of the iron, on the pairs whose directions say most.
 
     The scatter is fitted anew for each climb before they are compared: under too wide a scatter a fold blurs and a
@@ -109,14 +138,14 @@ def _start(overlap: _Overlap) -> _State:
     clear = np.sort(np.argsort(width, kind="stable")[: max(len(width) // 2, min(START_PAIRS, len(width)))])
     few = overlap.take(clear[:: max(1, len(clear) // START_PAIRS)])
     prior = _smoothed(np.histogram(few.observed_deg, bins=likelihood.CELLS, range=(0.0, 360.0))[0].astype(float))
-    data = few.sample(START_NOISE, COARSE)
+    data = few.sample(START_NOISE, COARSE, form)
     starts = [_iron(strength, towards) for strength in STRENGTHS for towards in DIRECTIONS_DEG]
     values = [-likelihood.value(start, data, prior, COARSE) for start in starts]
     states = [_State(starts[i], START_NOISE, prior) for i in np.argsort(values)[:START_COUNT]]
-    states = [_improve(state, few, COARSE, HARD_IRON_FIRST) for state in states]
+    states = [_improve(state, few, COARSE, form, HARD_IRON_FIRST) for state in states]
     states = sorted(states, key=lambda state: state.loss)[:START_KEPT]
     for _ in range(START_ROUNDS):
-        states = [_improve(state, few, COARSE) for state in states]
+        states = [_improve(state, few, COARSE, form) for state in states]
     return min(states, key=lambda state: state.loss)
 
 
@@ -124,16 +153,16 @@ def _at(fit: Fit) -> _State:
     return _State(np.append(fit.coefficients, np.log(fit.noise.compass_deg)), fit.noise, fit.heading_density)
 
 
-def _improve(state: _State, overlap: _Overlap, grid: Grid, belief: Floats = BELIEF_WIDTH) -> _State:
+def _improve(state: _State, overlap: _Overlap, grid: Grid, form: Form, belief: Floats = BELIEF_WIDTH) -> _State:
     """Climb with the scatter held, then fit the scatter and the headings' distribution with the compass held."""
-    data = overlap.sample(state.noise, grid)
+    data = overlap.sample(state.noise, grid, form)
     parameters, loss = _climb(state.parameters, data, state.prior, grid, belief)
     prior = _smoothed(likelihood.responsibilities(parameters, data, state.prior, grid).sum(axis=0))
-    return _State(parameters, _fit_noise(state.noise, overlap, parameters, prior), prior, loss)
+    return _State(parameters, _fit_noise(state.noise, overlap, parameters, prior, form), prior, loss)
 
 
 def _described(state: _State, pairs: Pairs, overlap: _Overlap) -> Fit:
-    data = overlap.sample(state.noise, FINE)
+    data = overlap.sample(state.noise, FINE, EXACT)
     parameters, _ = _climb(state.parameters, data, state.prior, FINE)
     noise = replace(state.noise, compass_deg=float(np.exp(parameters[5])))
     bare = Fit("exact", len(pairs), parameters[:5])
@@ -188,12 +217,12 @@ def _smoothed(mass: Floats) -> Floats:
     return (1.0 - PRIOR_FLOOR) * smooth + PRIOR_FLOOR / len(mass)
 
 
-def _fit_noise(noise: Noise, overlap: _Overlap, parameters: Floats, prior: Floats) -> Noise:
+def _fit_noise(noise: Noise, overlap: _Overlap, parameters: Floats, prior: Floats, form: Form) -> Noise:
     """Fit floor, slow part and outliers of the scatter with the compass held."""
     from scipy.optimize import minimize
 
     few = overlap.take(np.arange(0, len(overlap.observed_deg), max(1, len(overlap.observed_deg) // NOISE_PAIRS)))
-    flat = likelihood.sample(few.recorded_deg, np.ones((len(few.recorded_deg), likelihood.CELLS)), FINE)
+    flat = likelihood.sample(few.recorded_deg, np.ones((len(few.recorded_deg), likelihood.CELLS)), FINE, form)
     given = np.empty((len(few.recorded_deg), likelihood.CELLS))
     given[flat.order] = likelihood.responsibilities(parameters, flat, prior, FINE)
 

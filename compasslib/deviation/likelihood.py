@@ -18,7 +18,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib import angles, compass
+from compasslib import angles
+from compasslib.deviation.forms import EXACT, Form
 from compasslib.deviation.model import Noise
 
 Floats = NDArray[np.floating]
@@ -40,6 +41,7 @@ class Sample:
     occupied: NDArray[np.intp]  # the occupied bins
     scatter: Floats  # (n, CELLS) K
     order: NDArray[np.intp]  # position of each row in the pairs
+    form: Form = EXACT  # the curve that is held against them
 
 
 @dataclass(frozen=True)
@@ -95,33 +97,29 @@ def scatter(squared_chord: Floats, width_deg: Floats, outliers: float) -> Floats
     return density
 
 
-def sample(recorded_deg: Floats, scatter_density: Floats, grid: Grid) -> Sample:
+def sample(recorded_deg: Floats, scatter_density: Floats, grid: Grid, form: Form = EXACT) -> Sample:
     """Return the pairs sorted by the recorded heading's bin.
 
     Args:
         recorded_deg: recorded headings, (n,), degrees.
         scatter_density: K, (n, CELLS).
         grid: the grid of recorded headings.
+        form: the curve that is held against them.
     """
     bins = grid.bin_of(recorded_deg)
     order = np.argsort(bins, kind="stable")
     occupied, begins = np.unique(bins[order], return_index=True)
-    return Sample(bins[order], begins, occupied, scatter_density[order], order)
+    return Sample(bins[order], begins, occupied, scatter_density[order], order, form)
 
 
-def compass_noise(coefficients: Floats, compass_deg: float, bins: Floats, grid: Grid) -> tuple[Floats, Floats]:
-    """Return G (k, fine), density of recorded headings about arg q, and the offsets it was taken at.
+def compass_noise(offset_deg: Floats, compass_deg: float) -> Floats:
+    """Return G, the density of recorded headings about what the curve predicts, per degree, of the offsets' shape.
 
     Args:
-        coefficients: of the exact compass, (5,).
+        offset_deg: recorded minus predicted heading, degrees.
         compass_deg: noise of the recorded heading, degrees.
-        bins: recorded headings, (k,), degrees.
-        grid: the grid of correct headings.
     """
-    gamma = compass.recorded_heading(coefficients, grid.heading_deg)
-    offset = angles.difference(bins[:, None], gamma[None, :])
-    density = np.exp(-0.5 * (offset / compass_deg) ** 2) / (compass_deg * np.sqrt(2.0 * np.pi))
-    return density, offset
+    return np.exp(-0.5 * (offset_deg / compass_deg) ** 2) / (compass_deg * np.sqrt(2.0 * np.pi))
 
 
 def value(parameters: Floats, data: Sample, prior: Floats, grid: Grid) -> float:
@@ -133,8 +131,22 @@ def value(parameters: Floats, data: Sample, prior: Floats, grid: Grid) -> float:
         prior: pi on the cells, (CELLS,), sums to 1.
         grid: the grid that the sample was sorted on.
     """
+    return float(np.sum(values(parameters, data, prior, grid)))
+
+
+def values(parameters: Floats, data: Sample, prior: Floats, grid: Grid) -> Floats:
+    """Return each pair's log-likelihood, in the order of the pairs, (n,).
+
+    Args:
+        parameters: A, B, C, D, E and the logarithm of the compass noise in degrees, (6,).
+        data: the pairs.
+        prior: pi on the cells, (CELLS,), sums to 1.
+        grid: the grid that the sample was sorted on.
+    """
     parts = _parts(parameters, data, prior, grid)
-    return float(np.sum(np.log(parts.joint) - np.log(parts.marginal[parts.row])))
+    result = np.empty(len(data.bin))
+    result[data.order] = np.log(parts.joint) - np.log(parts.marginal[parts.row])
+    return result
 
 
 def value_and_gradient(parameters: Floats, data: Sample, prior: Floats, grid: Grid) -> tuple[float, Floats]:
@@ -153,9 +165,9 @@ def value_and_gradient(parameters: Floats, data: Sample, prior: Floats, grid: Gr
     count = np.diff(np.append(data.begins, len(data.bin)))
     towards -= (count / parts.marginal)[:, None]
     towards *= parts.prior_fine * parts.density
-    by_gamma = (towards * parts.offset).sum(axis=0) / np.exp(2.0 * parameters[5])
-    by_width = float(np.sum(towards * ((parts.offset / np.exp(parameters[5])) ** 2 - 1.0)))
-    return total, np.append(compass.gradient(parameters[:5], grid.heading_deg) @ by_gamma, by_width)
+    pull = towards * parts.offset / np.exp(2.0 * parameters[5])
+    by_width = float(np.sum(pull * parts.offset) - np.sum(towards))
+    return total, np.append(_contracted(data.form.slopes(parameters[:5], parts.bins, grid.heading_deg), pull), by_width)
 
 
 def scores(parameters: Floats, data: Sample, prior: Floats, grid: Grid) -> Floats:
@@ -168,7 +180,7 @@ def scores(parameters: Floats, data: Sample, prior: Floats, grid: Grid) -> Float
         grid: the grid that the sample was sorted on.
     """
     parts = _parts(parameters, data, prior, grid)
-    slopes = compass.gradient(parameters[:5], grid.heading_deg)
+    slopes = data.form.slopes(parameters[:5], parts.bins, grid.heading_deg)
     weight = parts.prior_fine * parts.density * parts.offset / np.exp(2.0 * parameters[5])
     result = np.empty((len(data.bin), 5))
     for j in range(5):
@@ -194,6 +206,7 @@ def responsibilities(parameters: Floats, data: Sample, prior: Floats, grid: Grid
 
 @dataclass(frozen=True)
 class _Parts:
+    bins: Floats  # (occupied,) recorded headings, degrees
     density: Floats  # G (occupied, fine)
     offset: Floats  # (occupied, fine) degrees
     prior_fine: Floats  # pi on the fine grid
@@ -209,11 +222,19 @@ def _parts(parameters: Floats, data: Sample, prior: Floats, grid: Grid) -> _Part
     prior_fine = hats @ prior
     prior_fine = prior_fine / prior_fine.sum()
     bins = grid.heading_deg[data.occupied]
-    density, offset = compass_noise(parameters[:5], float(np.exp(parameters[5])), bins, grid)
+    offset = data.form.offset(parameters[:5], bins, grid.heading_deg)
+    density = compass_noise(offset, float(np.exp(parameters[5])))
     given = (density * prior_fine) @ hats + UNPREDICTED * prior
     row = np.repeat(np.arange(len(data.begins)), np.diff(np.append(data.begins, len(data.bin))))
     joint = np.einsum("nc,nc->n", given[row], data.scatter)
-    return _Parts(density, offset, prior_fine, hats, given, row, joint, given.sum(axis=1))
+    return _Parts(bins, density, offset, prior_fine, hats, given, row, joint, given.sum(axis=1))
+
+
+def _contracted(slopes: Floats, pull: Floats) -> Floats:
+    """Return sum over both axes of slopes times pull, (5,), the axis that the slopes do not have summed first."""
+    if slopes.shape[1] == 1:
+        return np.asarray(slopes[:, 0, :] @ pull.sum(axis=0))
+    return np.asarray(slopes[:, :, 0] @ pull.sum(axis=1))
 
 
 _HATS = {grid.fine: grid.hats() for grid in (COARSE, FINE)}

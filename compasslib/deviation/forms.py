@@ -1,0 +1,81 @@
+"""Three forms of a deviation curve behind one face, so that one likelihood fits them all and they compare on equal terms.
+
+The coefficients are dimensionless in every form (radians in the series), so that the same starts and beliefs serve.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib import angles, compass
+from compasslib.deviation import von_appen
+
+Floats = NDArray[np.floating]
+
+
+class Form(Protocol):
+    """A curve between correct heading beta and recorded heading gamma with five coefficients."""
+
+    name: str
+
+    def offset(self, coefficients: Floats, recorded_deg: Floats, heading_deg: Floats) -> Floats:
+        """Return how far each recorded heading is from what each correct one predicts, (k, f) degrees."""
+
+    def slopes(self, coefficients: Floats, recorded_deg: Floats, heading_deg: Floats) -> Floats:
+        """Return minus the offset's derivative by the coefficients, (5, 1 or k, 1 or f) degrees."""
+
+
+@dataclass(frozen=True)
+class Exact:
+    """The exact compass, gamma = arg q(beta): any strength of iron (compass.py)."""
+
+    name: str = "exact"
+
+    def offset(self, coefficients: Floats, recorded_deg: Floats, heading_deg: Floats) -> Floats:
+        """Return recorded minus arg q."""
+        gamma = compass.recorded_heading(coefficients, heading_deg)
+        return angles.difference(recorded_deg[:, None], gamma[None, :])
+
+    def slopes(self, coefficients: Floats, recorded_deg: Floats, heading_deg: Floats) -> Floats:
+        """Return the derivative of arg q."""
+        return compass.gradient(coefficients, heading_deg)[:, None, :]
+
+
+@dataclass(frozen=True)
+class SeriesInCorrect:
+    """Smith's series in the correct heading, gamma = beta - Delta(beta) (von Appen 2015, eq. 1)."""
+
+    name: str = "series_in_correct"
+
+    def offset(self, coefficients: Floats, recorded_deg: Floats, heading_deg: Floats) -> Floats:
+        """Return recorded minus correct heading plus the deviation there."""
+        gamma = heading_deg - von_appen.predict(coefficients, heading_deg) / angles.DEGREE
+        return angles.difference(recorded_deg[:, None], gamma[None, :])
+
+    def slopes(self, coefficients: Floats, recorded_deg: Floats, heading_deg: Floats) -> Floats:
+        """Return minus the series' columns."""
+        return -von_appen.design(heading_deg).T[:, None, :] / angles.DEGREE
+
+
+@dataclass(frozen=True)
+class SeriesInRecorded:
+    """The same series in the recorded heading, beta = gamma + Delta(gamma) (Moncunill 2023, eq. 1; Le Menn 2023, 5)."""
+
+    name: str = "series_in_recorded"
+
+    def offset(self, coefficients: Floats, recorded_deg: Floats, heading_deg: Floats) -> Floats:
+        """Return recorded heading plus the deviation there minus the correct heading."""
+        beta = recorded_deg + von_appen.predict(coefficients, recorded_deg) / angles.DEGREE
+        return angles.difference(beta[:, None], heading_deg[None, :])
+
+    def slopes(self, coefficients: Floats, recorded_deg: Floats, heading_deg: Floats) -> Floats:
+        """Return minus the series' columns."""
+        return -von_appen.design(recorded_deg).T[:, :, None] / angles.DEGREE
+
+
+EXACT = Exact()
+FORMS: tuple[Form, ...] = (EXACT, SeriesInCorrect(), SeriesInRecorded())

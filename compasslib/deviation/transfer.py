@@ -1,0 +1,100 @@
+"""Coefficients carried from one place to another: a calibration at home, a deployment at sea.
+
+B and C are (P + cZ)/(lambda H) and (Q + fZ)/(lambda H): the hard iron's part P, Q falls as 1/H, the part cZ, fZ that the
+vertical field induces as tan I = Z/H. A, D and E come from horizontal induction and do not change. One calibration shows
+the sum only; two at different tan I tell the parts apart (physics page, section 3; von Appen 2015, introduction).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Floats = NDArray[np.floating]
+
+SEMICIRCULAR = (1, 2)  # B and C
+WEAKEST_NT = 5000.0  # below this horizontal field no correction is to be trusted (Le Menn et al. 2023)
+
+
+@dataclass(frozen=True)
+class Place:
+    """The earth's field where a compass is."""
+
+    horizontal_nT: float
+    vertical_nT: float  # down positive
+
+
+@dataclass(frozen=True)
+class Carried:
+    """Coefficients at another place, with what is not known about them."""
+
+    coefficients: Floats  # (5,) A..E of the exact compass, dimensionless
+    covariance: Floats  # (5, 5) the ambiguity between hard and induced iron included
+    if_all_hard: Floats  # (5,) the one extreme
+    if_all_induced: Floats  # (5,) the other
+    warning: str  # a sentence where the two differ or the field is too weak, else empty
+
+
+def carry(
+    coefficients: ArrayLike, covariance: ArrayLike, home: Place, away: Place, hard: float | None = None
+) -> Carried:
+    """Return coefficients calibrated at one place as they are at another.
+
+    Args:
+        coefficients: A..E of the exact compass at home, dimensionless, (5,).
+        covariance: their covariance, (5, 5).
+        home: field at the calibration.
+        away: field at the deployment.
+        hard: share of B and C that hard iron makes, 0 to 1, where it is known (see ``hard_share``); else the middle
+            between the two extremes is taken and half their distance is added as a uniform uncertainty.
+    """
+    given = np.asarray(coefficients, dtype=float)
+    as_hard, as_induced = _ratios(home, away)
+    extremes = [np.where(np.isin(np.arange(5), SEMICIRCULAR), given * ratio, given) for ratio in (as_hard, as_induced)]
+    share = 0.5 if hard is None else hard
+    scale = np.ones(5)
+    scale[list(SEMICIRCULAR)] = share * as_hard + (1.0 - share) * as_induced
+    spread = np.zeros(5) if hard is not None else np.abs(extremes[0] - extremes[1]) / np.sqrt(12.0)
+    carried_covariance = np.asarray(covariance, dtype=float) * np.outer(scale, scale) + np.outer(spread, spread)
+    return Carried(given * scale, carried_covariance, *extremes, _warning(extremes, away, hard))
+
+
+def hard_share(first: ArrayLike, at_first: Place, second: ArrayLike, at_second: Place) -> Floats:
+    """Return the share of B and C that hard iron makes at the first place, from calibrations at two, (2,).
+
+    Args:
+        first: A..E at the first place, (5,).
+        at_first: its field.
+        second: A..E at the second place, (5,).
+        at_second: its field.
+
+    Raises:
+        ValueError: the dip is the same at both places, which tells nothing.
+    """
+    as_hard, as_induced = _ratios(at_first, at_second)
+    if abs(as_hard - as_induced) < 0.05:
+        raise ValueError("both places have nearly the same dip: hard and induced iron cannot be told apart")
+    b = np.asarray(first, dtype=float)[list(SEMICIRCULAR)]
+    grown = np.asarray(second, dtype=float)[list(SEMICIRCULAR)]
+    return (grown - as_induced * b) / ((as_hard - as_induced) * b)
+
+
+def _ratios(home: Place, away: Place) -> tuple[float, float]:
+    """Return how hard and induced parts of B and C grow from one place to the other."""
+    by_strength = home.horizontal_nT / away.horizontal_nT
+    return by_strength, by_strength * away.vertical_nT / home.vertical_nT
+
+
+def _warning(extremes: list[Floats], away: Place, hard: float | None) -> str:
+    if away.horizontal_nT < WEAKEST_NT:
+        return f"the horizontal field is {away.horizontal_nT:.0f} nT; below {WEAKEST_NT:.0f} nT no correction holds"
+    apart = float(np.hypot(*(extremes[0] - extremes[1])[list(SEMICIRCULAR)]))
+    if hard is not None or apart < 0.01:
+        return ""
+    return (
+        f"B and C may be {np.round(extremes[0][[1, 2]], 3).tolist()} (all hard iron) or "
+        f"{np.round(extremes[1][[1, 2]], 3).tolist()} (all induced by the vertical field); a second calibration at "
+        "another dip would tell"
+    )
