@@ -1,4 +1,4 @@
-"""Three forms of a deviation curve behind one face, so that one likelihood fits them all and they compare on equal terms.
+"""Three forms of a deviation curve behind one face: one likelihood fits them all, so they compare on equal terms.
 
 The coefficients are dimensionless in every form (radians in the series), so that the same starts and beliefs serve.
 """
@@ -20,7 +20,9 @@ Floats = NDArray[np.floating]
 class Form(Protocol):
     """A curve between correct heading beta and recorded heading gamma with five coefficients."""
 
-    name: str
+    @property
+    def name(self) -> str:
+        """Its name in the results."""
 
     def offset(self, coefficients: Floats, recorded_deg: Floats, heading_deg: Floats) -> Floats:
         """Return how far each recorded heading is from what each correct one predicts, (k, f) degrees."""

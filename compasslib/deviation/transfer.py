@@ -1,8 +1,8 @@
 """Coefficients carried from one place to another: a calibration at home, a deployment at sea.
 
-B and C are (P + cZ)/(lambda H) and (Q + fZ)/(lambda H): the hard iron's part P, Q falls as 1/H, the part cZ, fZ that the
-vertical field induces as tan I = Z/H. A, D and E come from horizontal induction and do not change. One calibration shows
-the sum only; two at different tan I tell the parts apart (physics page, section 3; von Appen 2015, introduction).
+B and C are (P + cZ)/(lambda H) and (Q + fZ)/(lambda H): the hard iron's part P, Q falls as 1/H, the part cZ, fZ that
+the vertical field induces as tan I = Z/H. A, D and E come from horizontal induction and do not change. One calibration
+shows the sum only; two at different tan I tell the parts apart (physics page, section 3; von Appen 2015, introduction).
 """
 
 from __future__ import annotations
@@ -52,13 +52,15 @@ def carry(
     """
     given = np.asarray(coefficients, dtype=float)
     as_hard, as_induced = _ratios(home, away)
-    extremes = [np.where(np.isin(np.arange(5), SEMICIRCULAR), given * ratio, given) for ratio in (as_hard, as_induced)]
+    grows = np.isin(np.arange(5), SEMICIRCULAR)
+    all_hard, all_induced = (np.where(grows, given * ratio, given) for ratio in (as_hard, as_induced))
     share = 0.5 if hard is None else hard
     scale = np.ones(5)
     scale[list(SEMICIRCULAR)] = share * as_hard + (1.0 - share) * as_induced
-    spread = np.zeros(5) if hard is not None else np.abs(extremes[0] - extremes[1]) / np.sqrt(12.0)
+    spread = np.zeros(5) if hard is not None else np.abs(all_hard - all_induced) / np.sqrt(12.0)
     carried_covariance = np.asarray(covariance, dtype=float) * np.outer(scale, scale) + np.outer(spread, spread)
-    return Carried(given * scale, carried_covariance, *extremes, _warning(extremes, away, hard))
+    warning = _warning(all_hard, all_induced, away, hard)
+    return Carried(given * scale, carried_covariance, all_hard, all_induced, warning)
 
 
 def hard_share(first: ArrayLike, at_first: Place, second: ArrayLike, at_second: Place) -> Floats:
@@ -87,14 +89,14 @@ def _ratios(home: Place, away: Place) -> tuple[float, float]:
     return by_strength, by_strength * away.vertical_nT / home.vertical_nT
 
 
-def _warning(extremes: list[Floats], away: Place, hard: float | None) -> str:
+def _warning(all_hard: Floats, all_induced: Floats, away: Place, hard: float | None) -> str:
     if away.horizontal_nT < WEAKEST_NT:
         return f"the horizontal field is {away.horizontal_nT:.0f} nT; below {WEAKEST_NT:.0f} nT no correction holds"
-    apart = float(np.hypot(*(extremes[0] - extremes[1])[list(SEMICIRCULAR)]))
+    apart = float(np.hypot(*(all_hard - all_induced)[list(SEMICIRCULAR)]))
     if hard is not None or apart < 0.01:
         return ""
     return (
-        f"B and C may be {np.round(extremes[0][[1, 2]], 3).tolist()} (all hard iron) or "
-        f"{np.round(extremes[1][[1, 2]], 3).tolist()} (all induced by the vertical field); a second calibration at "
+        f"B and C may be {np.round(all_hard[[1, 2]], 3).tolist()} (all hard iron) or "
+        f"{np.round(all_induced[[1, 2]], 3).tolist()} (all induced by the vertical field); a second calibration at "
         "another dip would tell"
     )
