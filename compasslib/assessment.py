@@ -47,10 +47,13 @@ def held_out_headings(pairs: Pairs, fit: Fit) -> Floats:
     """
     heading = np.full(len(pairs), np.nan)
     block = np.floor((pairs.time_s - pairs.time_s[0]) / BLOCK_S).astype(int) % FOLDS
+    water = correction.in_body_frame(pairs.upper_east, pairs.upper_north, pairs.heading_deg)
     for fold in range(FOLDS):
         left_out, kept = block == fold, choose(pairs, block != fold)
         again = deviation.fit(fit.method, kept, near=fit)
-        heading[left_out] = correction.headings(pairs.time_s, pairs.heading_deg, again, kept).heading_deg[left_out]
+        heading[left_out] = correction.headings(pairs.time_s, pairs.heading_deg, water, again, kept).heading_deg[
+            left_out
+        ]
     return heading
 
 

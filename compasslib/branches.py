@@ -1,14 +1,15 @@
-"""Which of two headings: decided over the whole record from persistence, the wake's habit and every overlap.
+"""Which of two headings: decided over the whole record from persistence, the water, the wake's habit and every overlap.
 
 Where iron is stronger than the earth's horizontal field each recorded heading has two correct ones. The correct heading
-is a hidden state on a circle of cells; it moves little from sample to sample, prefers the headings in which the wake
-holds the instrument, must make the compass record what it recorded, and agrees with the trusted instrument where that
-overlaps. Forward and backward passes give its distribution at every sample.
+is a hidden state on a circle of cells. It moves little from sample to sample; when the instrument turns, the water that
+it sees turns against it, because currents change slowly: the right branch keeps the water steady, the wrong one turns
+it twice. The wake prefers some headings, the compass must record what it recorded, and the trusted instrument agrees
+where it overlaps. Forward and backward passes give the distribution of the heading at every sample.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,12 +21,16 @@ from compasslib.deviation.likelihood import CELL_CENTRES, CELLS, FINE, UNPREDICT
 from compasslib.deviation.model import Fit
 
 Floats = NDArray[np.floating]
+Complexes = NDArray[np.complexfloating]
 
-STEP_WIDTHS_DEG = (3.0, 6.0, 10.0, 16.0, 25.0, 40.0)  # persistence that is tried
+STEP_WIDTHS_DEG = (3.0, 6.0, 10.0, 16.0, 25.0, 40.0, 80.0)  # persistence of the heading that is tried
+WATER_CHANGES = (0.02, 0.035, 0.06, 0.1, 0.2, 10.0)  # change of the current over an interval that is tried, m/s
+TIGHTEST = 300.0  # the water's grip on a step, as narrow as the cells resolve
 LEAP_SHARES = (0.003, 0.03)  # share of samples at which the heading starts anew
+PRECISION_DEG = 0.5  # of a moored compass by its maker; an unfolded record cannot tell it from the water's scatter
 MERGED_DEG = 25.0  # roots nearer than this meet at a fold: one heading between them, not a choice
-LEARNING_SAMPLES = 3000
-LONGEST_GAP = 64  # sampling intervals after which nothing is remembered
+LEARNING_SAMPLES = 2000
+LONGEST_GAP = 64.0  # sampling intervals after which nothing is remembered
 SHARED_NOISE = 0.5  # neighbouring overlaps share the water's veer: each counts for this much of an independent one
 
 
@@ -39,12 +44,15 @@ class Decision:
     other_deg: Floats  # (n,) the other root, NaN where there is none
 
 
-def decide(time_s: Floats, recorded_deg: Floats, fit: Fit, seen: NDArray[np.intp], scatter: Floats) -> Decision:
+def decide(
+    time_s: Floats, recorded_deg: Floats, water: Complexes, fit: Fit, seen: NDArray[np.intp], scatter: Floats
+) -> Decision:
     """Return the heading at each sample of a compass that can fold.
 
     Args:
         time_s: increasing times, (n,).
         recorded_deg: recorded headings, (n,), degrees, NaN where missing.
+        water: current in the instrument's frame, speed times e^{i alpha}, alpha clockwise from forward, m/s, (n,).
         fit: a fitted exact compass.
         seen: samples at which the trusted instrument overlaps, (k,).
         scatter: density of its observed heading on the cells, (k, CELLS).
@@ -54,66 +62,124 @@ def decide(time_s: Floats, recorded_deg: Floats, fit: Fit, seen: NDArray[np.intp
         return _single(roots[:, 0], recorded_deg, fit)
     evidence = _evidence(recorded_deg, fit)
     evidence[seen] *= scatter**SHARED_NOISE
-    steps = np.rint(np.diff(time_s) / np.median(np.diff(time_s))).astype(int) if len(time_s) > 1 else np.zeros(0, int)
-    posterior = smooth(evidence, steps, _learn(evidence, steps, fit.heading_density), fit.heading_density)
+    moves = _moves(time_s, water)
+    posterior = smooth(evidence, moves, _learn(evidence, moves, fit.heading_density), fit.heading_density)
     return _chosen(posterior, roots, recorded_deg)
 
 
-def smooth(evidence: Floats, steps: NDArray[np.int_], transition: Floats, stationary: Floats) -> Floats:
+@dataclass(frozen=True)
+class Moves:
+    """What is seen between neighbouring samples, (n - 1,) each."""
+
+    steps: Floats  # sampling intervals
+    turn_deg: Floats  # clockwise turn of the water in the instrument's frame; 0 where unknown
+    strength: Floats  # product of the two speeds, m2/s2; 0 where unknown
+
+
+@dataclass(frozen=True)
+class Habit:
+    """How the heading and the water move over one sampling interval."""
+
+    width_deg: float  # step of the heading
+    water_m_s: float  # change of the current
+    leaps: float  # share of samples at which the heading starts anew
+
+
+def smooth(evidence: Floats, moves: Moves, habit: Habit, stationary: Floats) -> Floats:
     """Return the posterior of the hidden heading by the forward-backward recursion, (n, CELLS).
 
     Args:
         evidence: likelihood of what was seen at each sample, (n, CELLS).
-        steps: sampling intervals between neighbours, (n - 1,).
-        transition: row-stochastic over one interval, (CELLS, CELLS).
+        moves: what was seen between the samples.
+        habit: how heading and water move.
         stationary: distribution when nothing is known, (CELLS,).
     """
-    powers = _powers(transition, stationary, steps)
-    forward, _ = _forward(evidence, steps, powers, stationary)
-    backward = np.ones(CELLS)
+    kernels = _kernels(moves, habit, stationary)
+    forward, _ = _forward(evidence, kernels, stationary)
+    backward: Floats = np.ones(CELLS)
     for t in range(len(evidence) - 2, -1, -1):
-        backward = powers[min(steps[t], LONGEST_GAP)] @ (backward * evidence[t + 1])
+        backward = kernels.back(t, backward * evidence[t + 1])
         backward /= backward.sum()
         forward[t] *= backward
     return forward / forward.sum(axis=1, keepdims=True)
 
 
-def _forward(
-    evidence: Floats, steps: NDArray[np.int_], powers: dict[int, Floats], stationary: Floats
-) -> tuple[Floats, float]:
+@dataclass(frozen=True)
+class _Kernels:
+    """Transitions over each interval: a step on the circle, drawn to where the wake holds, or a leap."""
+
+    spectrum: NDArray[np.complex64]  # (n - 1, CELLS / 2 + 1) of the step's density
+    norm: NDArray[np.float32]  # (n - 1, CELLS) sum over where a step may end
+    draw: Floats  # (CELLS,) pull of the wake
+    stationary: Floats  # (CELLS,)
+    leaps: Floats  # (n - 1,)
+
+    def ahead(self, t: int, state: Floats) -> Floats:
+        stepped = np.fft.irfft(np.fft.rfft(state / self.norm[t]) * self.spectrum[t], CELLS)
+        return (1.0 - self.leaps[t]) * np.maximum(stepped, 0.0) * self.draw + self.leaps[t] * self.stationary
+
+    def back(self, t: int, message: Floats) -> Floats:
+        stepped = np.fft.irfft(np.fft.rfft(message * self.draw) * np.conj(self.spectrum[t]), CELLS)
+        return (1.0 - self.leaps[t]) * np.maximum(stepped, 0.0) / self.norm[t] + self.leaps[t] * (
+            message @ self.stationary
+        )
+
+
+def _kernels(moves: Moves, habit: Habit, stationary: Floats) -> _Kernels:
+    steps = np.minimum(moves.steps, LONGEST_GAP)[:, None]
+    away = angles.wrap180(CELL_CENTRES)
+    grip = np.minimum(moves.strength[:, None] / (habit.water_m_s**2 * steps), TIGHTEST)
+    # |v' e^{i beta'} - v e^{i beta}|^2 depends on the step beta' - beta only: the water's part is von Mises about -turn
+    cosine = angles.sin_cos(away + moves.turn_deg[:, None])[1]
+    exponent = grip * (cosine - 1.0) - 0.5 * away**2 / (habit.width_deg**2 * steps)
+    density = np.exp(exponent - exponent.max(axis=1, keepdims=True))
+    spectrum = np.fft.rfft(density / density.sum(axis=1, keepdims=True), axis=1)
+    draw = np.sqrt(stationary)
+    norm = np.fft.irfft(np.fft.rfft(draw) * np.conj(spectrum), CELLS, axis=1)
+    leaps = 1.0 - (1.0 - habit.leaps) ** np.minimum(moves.steps, LONGEST_GAP)
+    leaps = np.where(moves.steps >= LONGEST_GAP, 1.0, leaps)
+    floor = np.maximum(norm, 1e-12).astype(np.float32)
+    return _Kernels(spectrum.astype(np.complex64), floor, draw, stationary, leaps)
+
+
+def _forward(evidence: Floats, kernels: _Kernels, stationary: Floats) -> tuple[Floats, float]:
     forward, total = np.empty_like(evidence), 0.0
     state = stationary
     for t in range(len(evidence)):
-        state = (state @ powers[min(steps[t - 1], LONGEST_GAP)] if t else state) * evidence[t]
+        state = (kernels.ahead(t - 1, state) if t else state) * evidence[t]
         mass = state.sum()
         total += np.log(mass)
         state = forward[t] = state / mass
     return forward, float(total)
 
 
-def _powers(transition: Floats, stationary: Floats, steps: NDArray[np.int_]) -> dict[int, Floats]:
-    known = {0: np.eye(CELLS), LONGEST_GAP: np.tile(stationary, (CELLS, 1))}
-    for gap in np.unique(steps):
-        if 0 < gap < LONGEST_GAP:
-            known[int(gap)] = np.linalg.matrix_power(transition, int(gap))
-    return known
+def _moves(time_s: Floats, water: Complexes) -> Moves:
+    if len(time_s) < 2:
+        return Moves(*np.zeros((3, 0)))
+    product = water[1:] * np.conj(water[:-1])
+    known = np.isfinite(product)
+    return Moves(
+        steps=np.maximum(np.rint(np.diff(time_s) / np.median(np.diff(time_s))), 1.0),
+        turn_deg=np.where(known, angles.argument(np.where(known, product, 1.0)), 0.0),
+        strength=np.where(known, np.abs(product), 0.0),
+    )
 
 
-def _transition(width_deg: float, leaps: float, density: Floats) -> Floats:
-    """Return one interval's transition: a step on the circle, drawn to where the wake holds, or a leap."""
-    away = angles.difference(CELL_CENTRES[:, None], CELL_CENTRES[None, :])
-    drawn = np.exp(-0.5 * (away / width_deg) ** 2) * np.sqrt(density)
-    return (1.0 - leaps) * drawn / drawn.sum(axis=1, keepdims=True) + leaps * density
-
-
-def _learn(evidence: Floats, steps: NDArray[np.int_], density: Floats) -> Floats:
-    """Return the transition under which the record itself is likeliest."""
+def _learn(evidence: Floats, moves: Moves, density: Floats) -> Habit:
+    """Return the habit under which the record itself is likeliest, one trait after the other."""
     begin = max(0, (len(evidence) - LEARNING_SAMPLES) // 2)
-    part = slice(begin, begin + LEARNING_SAMPLES)
-    some, gaps = evidence[part], steps[part][: len(evidence[part]) - 1]
-    tried = [_transition(width, leaps, density) for width in STEP_WIDTHS_DEG for leaps in LEAP_SHARES]
-    fits = [_forward(some, gaps, _powers(t, density, gaps), density)[1] for t in tried]
-    return tried[int(np.argmax(fits))]
+    some = evidence[begin : begin + LEARNING_SAMPLES]
+    between = slice(begin, begin + len(some) - 1)
+    part = Moves(moves.steps[between], moves.turn_deg[between], moves.strength[between])
+
+    def likelier(habits: list[Habit]) -> Habit:
+        return max(habits, key=lambda habit: _forward(some, _kernels(part, habit, density), density)[1])
+
+    habit = Habit(STEP_WIDTHS_DEG[3], WATER_CHANGES[-1], LEAP_SHARES[0])
+    habit = likelier([replace(habit, water_m_s=change) for change in WATER_CHANGES])
+    habit = likelier([replace(habit, width_deg=width) for width in STEP_WIDTHS_DEG])
+    habit = likelier([replace(habit, water_m_s=change) for change in WATER_CHANGES])
+    return likelier([replace(habit, leaps=leaps) for leaps in LEAP_SHARES])
 
 
 def _evidence(recorded_deg: Floats, fit: Fit) -> Floats:
@@ -159,7 +225,7 @@ def _single(root: Floats, recorded_deg: Floats, fit: Fit) -> Decision:
     slope = np.maximum(np.abs(compass.slope(fit.coefficients, root)), 0.05)
     return Decision(
         heading_deg=root,
-        sigma_deg=fit.noise.compass_deg / slope,
+        sigma_deg=PRECISION_DEG / slope,
         probability=np.where(np.isfinite(root), 1.0, np.nan),
         other_deg=np.full(root.shape, np.nan),
     )

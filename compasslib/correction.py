@@ -11,16 +11,17 @@ from compasslib import angles, branches, compass, earthfield
 from compasslib.branches import Decision
 from compasslib.deviation import likelihood, model, von_appen
 from compasslib.deviation.model import Fit
-from compasslib.records import BAD, GOOD, MISSING, PROBABLY_BAD, Corrected, EarthField, Pairs, Record
+from compasslib.records import BAD, GOOD, MISSING, PROBABLY_BAD, PROBABLY_GOOD, Corrected, EarthField, Pairs, Record
 
 Floats = NDArray[np.floating]
+Complexes = NDArray[np.complexfloating]
 Flags = NDArray[np.int8]
 
 SURE = 0.95  # a branch less probable than this is flagged: the record cannot tell
-COMPASS_NOISE_DEG = 1.0  # of a moored compass, where the fit does not estimate it
-# Mean veer between the two depths: no overlap can tell it from A. One degree is what the only real record with a known
-# compass shows over 8 m; the method itself assumes none (von Appen 2015, section 2).
-VEER_SIGMA_DEG = 1.0
+# Mean veer between the two depths: no overlap can tell it from A, and the method assumes none (von Appen 2015, section
+# 2). The only real record with a known compass shows 0.97 degrees over 8 m with a standard error of 0.77; what is left
+# in quadrature is this.
+VEER_SIGMA_DEG = 0.6
 KNOWS_NOTHING_DEG = 360.0 / np.sqrt(12.0)  # standard deviation of a heading that may be anything
 DECLINATION_SIGMA_DEG = 0.5  # of a main-field model at high latitude (IGRF-14, crust and storms left out)
 
@@ -36,7 +37,7 @@ def correct(record: Record, fit: Fit, field: EarthField, pairs: Pairs) -> Correc
     """
     usable = record.heading_quality < BAD
     recorded = np.where(usable, record.heading_deg, np.nan)
-    decision = headings(record.time_s, recorded, fit, pairs)
+    decision = headings(record.time_s, recorded, _water(record), fit, pairs)
     deviation = angles.difference(decision.heading_deg, record.heading_deg)
     declination = earthfield.declination_at(field, record.time_s)
     east, north = _recorded_to_true(record, declination)
@@ -79,12 +80,13 @@ def told(name: str, product: Corrected) -> str:
     )
 
 
-def headings(time_s: Floats, recorded_deg: Floats, fit: Fit, pairs: Pairs) -> Decision:
+def headings(time_s: Floats, recorded_deg: Floats, water: Complexes, fit: Fit, pairs: Pairs) -> Decision:
     """Return the correct heading, its standard deviation and how sure its branch is.
 
     Args:
         time_s: increasing times, (n,).
         recorded_deg: recorded headings, (n,), degrees, NaN where missing.
+        water: current in the instrument's frame, see ``in_body_frame``, (n,) m/s, NaN where unknown.
         fit: the deviation model, perhaps without coefficients.
         pairs: overlaps that may decide between branches; their times are among ``time_s``.
     """
@@ -94,10 +96,30 @@ def headings(time_s: Floats, recorded_deg: Floats, fit: Fit, pairs: Pairs) -> De
     if fit.method == "von_appen":
         decision = _published(recorded_deg, fit)
     else:
-        decision = branches.decide(time_s, recorded_deg, fit, *_overlaps(time_s, fit, pairs))
+        decision = branches.decide(time_s, recorded_deg, water, fit, *_overlaps(time_s, fit, pairs))
     parameters = parameter_sigma(fit, decision.heading_deg)
     sigma = np.sqrt(decision.sigma_deg**2 + parameters**2 + VEER_SIGMA_DEG**2)
     return replace(decision, sigma_deg=np.minimum(sigma, KNOWS_NOTHING_DEG))
+
+
+def in_body_frame(east: Floats, north: Floats, recorded_deg: Floats) -> Complexes:
+    """Return a current in the instrument's frame, speed times e^{i alpha}, alpha clockwise from forward.
+
+    Args:
+        east: by the recorded heading, m/s, (n,).
+        north: by the recorded heading, m/s, (n,).
+        recorded_deg: recorded headings, (n,), degrees.
+    """
+    return (north + 1j * east) * np.conj(angles.phasor(recorded_deg))
+
+
+def _water(record: Record) -> Complexes:
+    """Average the good bins of each sample: the whole layer turns less from hour to hour than one bin."""
+    good = (record.quality <= PROBABLY_GOOD) & np.isfinite(record.east + record.north)
+    count = good.sum(axis=1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        east, north = (np.where(good, x, 0.0).sum(axis=1) / count for x in (record.east, record.north))
+    return in_body_frame(east, north, record.heading_deg)
 
 
 def parameter_sigma(fit: Fit, heading_deg: Floats) -> Floats:
@@ -119,7 +141,7 @@ def _published(recorded_deg: Floats, fit: Fit) -> Decision:
     heading = von_appen.invert(fit.coefficients, recorded_deg)
     slope = np.maximum(np.abs(von_appen.slope(fit.coefficients, heading)), 0.05)
     one = np.where(np.isfinite(heading), 1.0, np.nan)
-    return Decision(heading, one * COMPASS_NOISE_DEG / slope, one, np.full(heading.shape, np.nan))
+    return Decision(heading, one * branches.PRECISION_DEG / slope, one, np.full(heading.shape, np.nan))
 
 
 def _overlaps(time_s: Floats, fit: Fit, pairs: Pairs) -> tuple[NDArray[np.intp], Floats]:

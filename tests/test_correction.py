@@ -78,7 +78,8 @@ def test_branches_with_two_overlaps_a_day_and_a_gap_of_a_week(folded):
     kept[1000:1168] = False
     few = assessment.choose(seen, np.flatnonzero(np.arange(len(seen)) % 12 == 0))
     few = assessment.choose(few, np.isin(few.time_s, seen.time_s[kept]))
-    decision = correction.headings(seen.time_s[kept], seen.heading_deg[kept], fit, few)
+    water = correction.in_body_frame(seen.upper_east, seen.upper_north, seen.heading_deg)
+    decision = correction.headings(seen.time_s[kept], seen.heading_deg[kept], water[kept], fit, few)
     off = np.abs(angles.difference(decision.heading_deg, heading[kept]))
     two = np.isfinite(decision.other_deg)
     assert np.median(off) < 4.0
@@ -90,11 +91,25 @@ def test_posterior_is_a_distribution_and_memory_ends_in_a_long_gap():
     evidence = np.ones((3, likelihood.CELLS))
     evidence[0, 10] = 1e9
     flat = np.full(likelihood.CELLS, 1.0 / likelihood.CELLS)
-    transition = branches._transition(6.0, 0.01, flat)
-    near = branches.smooth(evidence, np.array([1, 1]), transition, flat)
-    far = branches.smooth(evidence, np.array([1, 5000]), transition, flat)
+    habit = branches.Habit(width_deg=6.0, water_m_s=10.0, leaps=0.01)
+    near, far = (
+        branches.smooth(evidence, branches.Moves(np.array([1.0, gap]), np.zeros(2), np.zeros(2)), habit, flat)
+        for gap in (1.0, 5000.0)
+    )
     assert near.sum(axis=1) == pytest.approx(np.ones(3))
     assert near[2, 10] > 5 * flat[0] and far[2] == pytest.approx(flat)
+
+
+def test_an_instrument_that_turns_in_steady_water_turns_the_water_against_it():
+    """Clockwise by 30 degrees: the water turns by -30 in its frame, and the heading's step is +30."""
+    heading = np.array([40.0, 70.0])
+    water = 0.4 * angles.phasor(200.0 - heading)
+    evidence = np.ones((2, likelihood.CELLS))
+    evidence[0] = np.exp(-0.5 * (angles.difference(likelihood.CELL_CENTRES, 40.0) / 4.0) ** 2)
+    flat = np.full(likelihood.CELLS, 1.0 / likelihood.CELLS)
+    moves = branches._moves(np.array([0.0, 3600.0]), water)
+    posterior = branches.smooth(evidence, moves, branches.Habit(80.0, 0.03, 0.003), flat)
+    assert angles.mean(likelihood.CELL_CENTRES, weights=posterior[1]) == pytest.approx(70.0, abs=3.0)
 
 
 def test_published_method_gives_up_outside_its_stretch():

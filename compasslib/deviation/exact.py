@@ -36,6 +36,7 @@ NOISE_BOUNDS = [(np.log(CELL_DEG), np.log(90.0)), (np.log(0.05), np.log(50.0)), 
 PRIOR_SMOOTHING_DEG, PRIOR_FLOOR = 12.0, 0.1
 BLOCK_S = 5 * 86400.0  # longer than the memory of the currents' veer
 FEWEST_BLOCKS = 12
+OCTANTS = 8
 
 
 def fit(pairs: Pairs, near: Fit | None = None) -> Fit:
@@ -172,7 +173,7 @@ def _described(state: _State, pairs: Pairs, overlap: _Overlap) -> Fit:
     effective = model.effective_number(standard[known], pairs.time_s[known])
     return replace(
         bare,
-        covariance=_covariance(parameters, data, state.prior, pairs.time_s, effective),
+        covariance=_covariance(parameters, data, state.prior, pairs, effective),
         n_effective=effective,
         residual_rms_deg=angles.rms(left),
         recorded_range_deg=compass.recorded_range(parameters[:5]),
@@ -240,19 +241,52 @@ def _noise(x: Floats) -> Noise:
     return Noise(float(np.exp(x[0])), float(np.exp(x[1])), float(1.0 / (1.0 + np.exp(-x[2]))))
 
 
-def _covariance(parameters: Floats, data: Sample, prior: Floats, time_s: Floats, effective: float) -> Floats:
-    """Return the covariance of A..E that holds for autocorrelated pairs: the jackknife over blocks of days.
+def _covariance(parameters: Floats, data: Sample, prior: Floats, pairs: Pairs, effective: float) -> Floats:
+    """Return the covariance of A..E that holds for autocorrelated pairs and for water that veers by direction.
 
-    Each block is left out by one Newton step from the whole fit (the estimator CR3 of Bell and McCaffrey, Survey
-    Methodology 28, 169, 2002), which does not flatter itself when there are few blocks. The information is the scores'
-    outer product: it stays positive where the record hardly determines a coefficient.
+    Along time it is the jackknife over blocks of days. Across flow directions the scores of each octant are summed: real
+    water veers between two depths differently for each direction of flow, for months on end, which no block of days
+    shows. What the octants vary beyond the blocks is added.
     """
     scores = likelihood.scores(parameters, data, prior, FINE)
     information = scores.T @ scores + np.diag(BELIEF_WIDTH[:5] ** -2.0)
+    along_time = _jackknife(scores, information, pairs.time_s, effective)
+    octant = _flow_octant(parameters[:5], pairs)
+    sums = np.stack([np.bincount(octant, column, OCTANTS) for column in scores.T], axis=1)
+    inverse = np.linalg.inv(information)
+    across = inverse @ (sums.T @ sums) @ inverse * OCTANTS / (OCTANTS - 1)
+    return along_time + _positive_part(across - along_time)
+
+
+def _jackknife(scores: Floats, information: Floats, time_s: Floats, effective: float) -> Floats:
+    """Return the covariance by leaving out each block of days, by one Newton step from the whole fit.
+
+    It is the estimator CR3 of Bell and McCaffrey (Survey Methodology 28, 169, 2002), which does not flatter itself when
+    there are few blocks. The information is the scores' outer product: it stays positive where the record hardly
+    determines a coefficient.
+    """
     block = np.floor((time_s - time_s[0]) / BLOCK_S).astype(int)
     blocks = np.unique(block)
     if len(blocks) < FEWEST_BLOCKS:
-        return np.linalg.inv(information) * len(time_s) / max(effective, 6.0)
+        return np.asarray(np.linalg.inv(information) * len(time_s) / max(effective, 6.0))
     parts = [scores[block == b] for b in blocks]
     steps = np.array([np.linalg.solve(information - part.T @ part, part.sum(axis=0)) for part in parts])
-    return steps.T @ steps * (len(blocks) - 1) / len(blocks)
+    return np.asarray(steps.T @ steps * (len(blocks) - 1) / len(blocks))
+
+
+def _flow_octant(coefficients: Floats, pairs: Pairs) -> NDArray[np.intp]:
+    """Return the octant of the flow's direction, from both instruments alike so that neither's noise decides it."""
+    roots = compass.inverse(coefficients, pairs.heading_deg)
+    observed = model.observed_heading(pairs)
+    off = np.abs(angles.difference(observed[:, None], roots))
+    nearer = np.argmin(np.where(np.isfinite(off), off, np.inf), axis=1)
+    heading = roots[np.arange(len(roots)), nearer]
+    turn = np.where(np.isfinite(heading), heading - pairs.heading_deg, 0.0)
+    east, north = angles.turn(pairs.upper_east, pairs.upper_north, turn)
+    towards = angles.direction(east + pairs.lower_east, north + pairs.lower_north)
+    return np.floor(np.nan_to_num(towards) / (360.0 / OCTANTS)).astype(np.intp) % OCTANTS
+
+
+def _positive_part(matrix: Floats) -> Floats:
+    values, vectors = np.linalg.eigh((matrix + matrix.T) / 2.0)
+    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
