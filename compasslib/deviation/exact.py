@@ -244,8 +244,8 @@ def _noise(x: Floats) -> Noise:
 def _covariance(parameters: Floats, data: Sample, prior: Floats, pairs: Pairs, effective: float) -> Floats:
     """Return the covariance of A..E that holds for autocorrelated pairs and for water that veers by direction.
 
-    Along time it is the jackknife over blocks of days. Across flow directions the scores of each octant are summed: real
-    water veers between two depths differently for each direction of flow, for months on end, which no block of days
+    Along time it is the jackknife over blocks of days. Across flow directions the scores of each octant are summed:
+    real water veers between two depths differently for each direction of flow, for months, which no block of days
     shows. What the octants vary beyond the blocks is added.
     """
     scores = likelihood.scores(parameters, data, prior, FINE)
@@ -261,8 +261,8 @@ def _covariance(parameters: Floats, data: Sample, prior: Floats, pairs: Pairs, e
 def _jackknife(scores: Floats, information: Floats, time_s: Floats, effective: float) -> Floats:
     """Return the covariance by leaving out each block of days, by one Newton step from the whole fit.
 
-    It is the estimator CR3 of Bell and McCaffrey (Survey Methodology 28, 169, 2002), which does not flatter itself when
-    there are few blocks. The information is the scores' outer product: it stays positive where the record hardly
+    It is the estimator CR3 of Bell and McCaffrey (Survey Methodology 28, 169, 2002), which does not flatter itself
+    when there are few blocks. The information is the scores' outer product: it stays positive where the record hardly
     determines a coefficient.
     """
     block = np.floor((time_s - time_s[0]) / BLOCK_S).astype(int)
