@@ -18,10 +18,7 @@ Complexes = NDArray[np.complexfloating]
 Flags = NDArray[np.int8]
 
 SURE = 0.95  # a branch less probable than this is flagged: the record cannot tell
-# Mean veer between the two depths: no overlap can tell it from A, and the method assumes none (von Appen 2015, section
-# 2). The only real record with a known compass shows 0.97 degrees over 8 m with a standard error of 0.77; what is left
-# in quadrature is this.
-VEER_SIGMA_DEG = 0.6
+TILT_SIGMA_DEG = 0.4  # what tilt does to a compass whose model is level (Le Menn et al. 2023, section 2)
 KNOWS_NOTHING_DEG = 360.0 / np.sqrt(12.0)  # standard deviation of a heading that may be anything
 DECLINATION_SIGMA_DEG = 0.5  # of a main-field model at high latitude (IGRF-14, crust and storms left out)
 
@@ -98,7 +95,7 @@ def headings(time_s: Floats, recorded_deg: Floats, water: Complexes, fit: Fit, p
     else:
         decision = branches.decide(time_s, recorded_deg, water, fit, *_overlaps(time_s, fit, pairs))
     parameters = parameter_sigma(fit, decision.heading_deg)
-    sigma = np.sqrt(decision.sigma_deg**2 + parameters**2 + VEER_SIGMA_DEG**2)
+    sigma = np.sqrt(decision.sigma_deg**2 + parameters**2 + TILT_SIGMA_DEG**2)
     return replace(decision, sigma_deg=np.minimum(sigma, KNOWS_NOTHING_DEG))
 
 
