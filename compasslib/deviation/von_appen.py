@@ -53,7 +53,7 @@ def fit(pairs: Pairs, near: Fit | None = None) -> Fit:
         return model.too_few("von_appen", len(pairs))
     heading, deviation = model.observed_heading(pairs), model.observed_deviation(pairs)
     columns = design(heading)
-    coefficients = _best_of_starts(columns, deviation)
+    coefficients = best_of_starts(columns, deviation)
     residual = angles.wrap180(deviation - columns @ coefficients)
     effective = model.effective_number(residual, pairs.time_s)
     variance = float(np.mean(residual**2)) * len(pairs) / max(effective - 5.0, 1.0)
@@ -142,7 +142,7 @@ def sigma(fit: Fit, heading_deg: ArrayLike) -> Floats:
     return np.sqrt(variance) / np.maximum(np.abs(slope(fit.coefficients, heading_deg)), 0.05)
 
 
-def _best_of_starts(columns: Floats, deviation: Floats) -> Floats:
+def best_of_starts(columns: Floats, deviation: Floats) -> Floats:
     starts = [np.array([0.0, r * s, r * c, 0.0, 0.0]) for r in STARTS_DEG for s, c in _eight_directions(r)]
     solver = np.linalg.pinv(columns)
     solved = [_descend(solver, columns, deviation, start) for start in starts]
