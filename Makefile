@@ -27,7 +27,7 @@ check: .venv/test  ## style, types, workflow
 	$(BIN)/mypy
 	$(BIN)/python tests/lint.py
 
-bench: .venv/test  ## measurements, each with its ratio in the same run
+bench: run .venv/test  ## measurements, each with its ratio in the same run
 	for file in benchmarks/*.py; do echo "== $$file"; $(BIN)/python $$file || exit 1; done
 
 lock:  ## newest versions into requirements/, with hashes; needs pip-tools
