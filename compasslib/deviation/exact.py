@@ -93,9 +93,22 @@ def residual(fit: Fit, pairs: Pairs) -> Floats:
         pairs: overlapping measurements.
     """
     roots = compass.inverse(fit.coefficients, pairs.heading_deg)
-    off = angles.difference(model.observed_heading(pairs)[:, None], roots)
-    nearer = np.argmin(np.where(np.isfinite(off), np.abs(off), np.inf), axis=1)
-    return off[np.arange(len(off)), nearer]
+    observed = model.observed_heading(pairs)
+    return angles.difference(observed, model.nearest_root(roots, observed))
+
+
+def scores_at(coefficients: Floats, pairs: Pairs, fit: Fit) -> tuple[float, Floats]:
+    """Return the log-likelihood of other coefficients under a fit's scatter, and each pair's gradient by A..E, (n, 5).
+
+    Args:
+        coefficients: A..E of the exact compass, (5,).
+        pairs: overlapping measurements.
+        fit: a fitted exact compass.
+    """
+    data = _overlap(pairs).sample(fit.noise, FINE, EXACT)
+    parameters = np.append(coefficients, np.log(fit.noise.compass_deg))
+    value = likelihood.value(parameters, data, fit.heading_density, FINE)
+    return value, likelihood.scores(parameters, data, fit.heading_density, FINE)
 
 
 @dataclass(frozen=True)
@@ -173,7 +186,13 @@ def _described(state: _State, pairs: Pairs, overlap: _Overlap) -> Fit:
     effective = model.effective_number(standard[known], pairs.time_s[known])
     return replace(
         bare,
-        covariance=_covariance(parameters, data, state.prior, pairs, effective),
+        covariance=covariance(
+            likelihood.scores(parameters, data, state.prior, FINE),
+            BELIEF_WIDTH[:5] ** -2.0,
+            parameters[:5],
+            pairs,
+            effective,
+        ),
         n_effective=effective,
         residual_rms_deg=angles.rms(left),
         recorded_range_deg=compass.recorded_range(parameters[:5]),
@@ -241,17 +260,23 @@ def _noise(x: Floats) -> Noise:
     return Noise(float(np.exp(x[0])), float(np.exp(x[1])), float(1.0 / (1.0 + np.exp(-x[2]))))
 
 
-def _covariance(parameters: Floats, data: Sample, prior: Floats, pairs: Pairs, effective: float) -> Floats:
-    """Return the covariance of A..E that holds for autocorrelated pairs and for water that veers by direction.
+def covariance(scores: Floats, precision: Floats, coefficients: Floats, pairs: Pairs, effective: float) -> Floats:
+    """Return the covariance that holds for autocorrelated pairs and for water that veers by direction.
 
     Along time it is the jackknife over blocks of days. Across flow directions the scores of each octant are summed:
     real water veers between two depths differently for each direction of flow, for months, which no block of days
     shows. What the octants vary beyond the blocks is added.
+
+    Args:
+        scores: each pair's gradient of the log-likelihood, (n, p).
+        precision: of the weak beliefs, (p,).
+        coefficients: A..E, for the direction of the flow, (5,).
+        pairs: overlapping measurements, n of them.
+        effective: effective number of pairs.
     """
-    scores = likelihood.scores(parameters, data, prior, FINE)
-    information = scores.T @ scores + np.diag(BELIEF_WIDTH[:5] ** -2.0)
+    information = scores.T @ scores + np.diag(precision)
     along_time = _jackknife(scores, information, pairs.time_s, effective)
-    octant = _flow_octant(parameters[:5], pairs)
+    octant = _flow_octant(coefficients, pairs)
     sums = np.stack([np.bincount(octant, column, OCTANTS) for column in scores.T], axis=1)
     inverse = np.linalg.inv(information)
     across = inverse @ (sums.T @ sums) @ inverse * OCTANTS / (OCTANTS - 1)
@@ -276,11 +301,7 @@ def _jackknife(scores: Floats, information: Floats, time_s: Floats, effective: f
 
 def _flow_octant(coefficients: Floats, pairs: Pairs) -> NDArray[np.intp]:
     """Return the octant of the flow's direction, from both instruments alike so that neither's noise decides it."""
-    roots = compass.inverse(coefficients, pairs.heading_deg)
-    observed = model.observed_heading(pairs)
-    off = np.abs(angles.difference(observed[:, None], roots))
-    nearer = np.argmin(np.where(np.isfinite(off), off, np.inf), axis=1)
-    heading = roots[np.arange(len(roots)), nearer]
+    heading = model.nearest_root(compass.inverse(coefficients, pairs.heading_deg), model.observed_heading(pairs))
     turn = np.where(np.isfinite(heading), heading - pairs.heading_deg, 0.0)
     east, north = angles.turn(pairs.upper_east, pairs.upper_north, turn)
     towards = angles.direction(east + pairs.lower_east, north + pairs.lower_north)

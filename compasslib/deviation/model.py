@@ -55,6 +55,8 @@ class Fit:
     recorded_range_deg: tuple[float, float] | None = None
     folded: bool = False
     noise: Noise = Noise()  # only the exact fit estimates it
+    heeling: float = 0.0  # K, vertical hard iron over the horizontal field; its row of the covariance is the sixth
+    dip_ratio: float = 0.0  # Z/H that the tilt was fitted with; 0 for a level model
     heading_density: Floats = field(default_factory=_nothing)  # prior of the correct heading on its cells, sums to 1
     why: str = ""  # the reason, where nothing was fitted
 
@@ -71,6 +73,8 @@ class Fit:
             "recorded_range_deg": self.recorded_range_deg,
             "folded": self.folded,
             "noise": vars(self.noise),
+            "heeling": self.heeling if self.tilted else None,
+            "dip_ratio": self.dip_ratio if self.tilted else None,
             "heading_density": self.heading_density.tolist(),
             "why": self.why,
         }
@@ -79,6 +83,11 @@ class Fit:
     def fitted(self) -> bool:
         """Whether there is anything to correct with."""
         return self.coefficients.size > 0
+
+    @property
+    def tilted(self) -> bool:
+        """Whether pitch and roll enter."""
+        return self.dip_ratio != 0.0
 
 
 def from_json(content: Mapping[str, Any]) -> Fit:
@@ -98,6 +107,8 @@ def from_json(content: Mapping[str, Any]) -> Fit:
         recorded_range_deg=None if span is None else (span[0], span[1]),
         folded=content["folded"],
         noise=Noise(**content["noise"]),
+        heeling=content.get("heeling") or 0.0,
+        dip_ratio=content.get("dip_ratio") or 0.0,
         heading_density=np.array(content["heading_density"], dtype=float),
         why=content["why"],
     )
@@ -131,6 +142,18 @@ def observed_deviation(pairs: Pairs) -> Floats:
     """
     lower = angles.direction(pairs.lower_east, pairs.lower_north)
     return angles.difference(lower, angles.direction(pairs.upper_east, pairs.upper_north))
+
+
+def nearest_root(roots_deg: Floats, observed_deg: Floats) -> Floats:
+    """Return of each pair of roots the one nearer to an observed heading, (n,) degrees, NaN without a root.
+
+    Args:
+        roots_deg: roots of a recorded heading, (n, 2), NaN where there is none.
+        observed_deg: observed headings, (n,).
+    """
+    off = np.abs(angles.difference(observed_deg[:, None], roots_deg))
+    nearer = np.argmin(np.where(np.isfinite(off), off, np.inf), axis=1)
+    return roots_deg[np.arange(len(roots_deg)), nearer]
 
 
 def speeds(pairs: Pairs) -> tuple[Floats, Floats]:

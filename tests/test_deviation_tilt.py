@@ -1,0 +1,53 @@
+"""The compass with tilt in the fit: level without tilt, heeling recovered, nothing invented."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sea import MILD, pairs, red_noise
+
+from compasslib import angles, compass
+from compasslib.deviation import exact, tilt
+
+DIP = 4.35
+
+
+def tilted_pairs(heeling: float, n: int = 5000):
+    """Return pairs recorded by a tilted compass, and the correct headings."""
+    rng = np.random.default_rng(7)
+    seen, heading = pairs(MILD, n=n, seed=2)
+    pitch, roll = 2.0 + red_noise(rng, n, 8, 5.0), -3.0 + red_noise(rng, n, 8, 5.0)
+    at = tilt.coefficients_at(np.array(MILD), heeling, DIP, pitch, roll)
+    recorded = angles.wrap360(compass.recorded_heading(at, heading) + rng.normal(0.0, 0.5, n))
+    upper = angles.turn(seen.upper_east, seen.upper_north, angles.difference(recorded, seen.heading_deg))
+    return replace(
+        seen, heading_deg=recorded, pitch_deg=pitch, roll_deg=roll, upper_east=upper[0], upper_north=upper[1]
+    ), heading
+
+
+def test_without_tilt_it_is_the_level_compass():
+    at = tilt.coefficients_at(np.array(MILD), 0.3, DIP, np.zeros(3), np.array([0.0, np.nan, 0.0]))
+    assert at == pytest.approx(np.tile(np.array(MILD)[:, None], 3))
+
+
+def test_heeling_is_recovered_and_the_headings_gain():
+    seen, heading = tilted_pairs(0.6)
+    level = exact.fit(seen)
+    fitted = tilt.fit(seen, level, DIP)
+    sigma = np.sqrt(np.diag(fitted.covariance))
+    assert sigma[5] < 0.1 and abs(fitted.heeling - 0.6) < 4.0 * sigma[5]
+    at = tilt.coefficients_at(fitted.coefficients, fitted.heeling, DIP, seen.pitch_deg, seen.roll_deg)
+    before, after = (angles.rms(compass.inverse(k, seen.heading_deg)[:, 0] - heading) for k in (level.coefficients, at))
+    assert after < 0.7 * before
+
+
+def test_no_heeling_is_found_where_there_is_none():
+    fitted = tilt.fit(*(seen := tilted_pairs(0.0)[0], exact.fit(seen)), DIP)
+    assert abs(fitted.heeling) < 3.5 * np.sqrt(fitted.covariance[5, 5])
+
+
+def test_a_constant_tilt_tells_nothing_and_the_uncertainty_says_so():
+    seen, _ = tilted_pairs(0.3, n=2000)
+    steady = replace(seen, pitch_deg=np.zeros(2000), roll_deg=np.zeros(2000))
+    fitted = tilt.fit(steady, exact.fit(steady), DIP)
+    assert abs(fitted.heeling) < 1e-6 and fitted.covariance[5, 5] < 1.0
