@@ -18,6 +18,7 @@ from compasslib.readers import FORMATS
 
 DEPLOYMENT_KEYS = ("pressure_offset", "clock_offset_seconds", "clock_drift_seconds", "direction_reference")
 METHODS = ("exact", "von_appen")
+SIMULATED = tuple(f"EG{k}" for k in range(1, 8))  # the moorings of the demonstration cruise
 
 
 @dataclass(frozen=True)
@@ -137,10 +138,13 @@ def plan(cruise: Cruise, scripts: Path) -> Plan:
         scripts: folder of the jobs' scripts.
 
     Raises:
-        InputError: a format that no reader takes, or a method that no fit offers.
+        InputError: a format that no reader takes, a method that no fit offers, or a mooring that no rule can simulate.
     """
     for name, mooring in cruise.moorings.items():
         file = cruise.mooring_files[name]
+        if cruise.options.demonstration and name not in SIMULATED:
+            advice = "delete demonstration: true from config.yaml; measured moorings are never simulated"
+            raise InputError(f"{file}: name", expected=" or ".join(SIMULATED), found=name, advice=advice)
         for role in _roles(mooring):
             _refuse(f"{file}: instruments.{role}.format", mooring.instruments[role].format, tuple(FORMATS))
         _refuse(f"{file}: fit.method", mooring.fit.method, METHODS)

@@ -163,3 +163,11 @@ def test_a_cruise_without_moorings_is_nothing_to_do(tmp_path):
     (tmp_path / "config").mkdir()
     (tmp_path / "config/config.yaml").write_text("moorings: []\n")
     assert snakemake(tmp_path).returncode == 0
+
+
+def test_a_demonstration_of_another_mooring_is_refused(tmp_path):
+    folder = cruise(tmp_path / "c", n=50)
+    (folder / "config/config.yaml").write_text("demonstration: true\n")
+    ran = snakemake(folder)
+    assert ran.returncode != 0 and "config/moorings/M1.yaml: name: expected EG1 or EG2" in ran.stderr
+    assert "Traceback" not in ran.stderr and not (folder / "results").exists()

@@ -293,7 +293,7 @@ def _jackknife(scores: Floats, information: Floats, time_s: Floats, effective: f
     block = np.floor((time_s - time_s[0]) / BLOCK_S).astype(int)
     blocks = np.unique(block)
     if len(blocks) < FEWEST_BLOCKS:
-        return np.asarray(np.linalg.inv(information) * len(time_s) / max(effective, 6.0))
+        return np.asarray(np.linalg.inv(information) * len(time_s) / max(effective - 5.0, 3.0))
     parts = [scores[block == b] for b in blocks]
     steps = np.array([np.linalg.solve(information - part.T @ part, part.sum(axis=0)) for part in parts])
     return np.asarray(steps.T @ steps * (len(blocks) - 1) / len(blocks))
