@@ -16,8 +16,6 @@ from compasslib import angles
 Floats = NDArray[np.floating]
 Complexes = NDArray[np.complex128]
 
-IRON_FREE = np.zeros(5)
-
 
 def level_field(coefficients: ArrayLike, heading_deg: ArrayLike) -> Complexes:
     """Return q, the horizontal field in the body frame over the scaled earth's field.

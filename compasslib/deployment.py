@@ -60,9 +60,7 @@ def settle(
         record = _without_declination(record, declination_applied)
     depth, source = _depth(record, nominal_depth, pressure_offset, latitude)
     record = _noted(replace(record, depth_m=depth), _depth_warnings(depth, source, nominal_depth, water_depth))
-    for flagging in (_flag_impossible, _flag_boundaries):
-        record = flagging(record, water_depth)
-    return _flag_windows(record, exclude)
+    return _flag_windows(_flag_boundaries(_flag_impossible(record), water_depth), exclude)
 
 
 def told(name: str, role: str, record: Record) -> str:
@@ -164,7 +162,7 @@ def _depth_warnings(depth: Floats, source: str, nominal: float | None, water_dep
     return notes
 
 
-def _flag_impossible(record: Record, water_depth: float) -> Record:
+def _flag_impossible(record: Record) -> Record:
     """Flag what no ocean and no levelled instrument can show."""
     too_fast = np.hypot(record.east, record.north) > FASTEST_CURRENT
     with np.errstate(invalid="ignore"):

@@ -143,6 +143,12 @@ def sigma(fit: Fit, heading_deg: ArrayLike) -> Floats:
 
 
 def best_of_starts(columns: Floats, deviation: Floats) -> Floats:
+    """Return the coefficients with the least sum of squared, wrapped residuals over all starts, (5,) degrees.
+
+    Args:
+        columns: of eq. (1) at the correct headings, (n, 5).
+        deviation: beta - gamma, (n,), degrees.
+    """
     starts = [np.array([0.0, r * s, r * c, 0.0, 0.0]) for r in STARTS_DEG for s, c in _eight_directions(r)]
     solver = np.linalg.pinv(columns)
     solved = [_descend(solver, columns, deviation, start) for start in starts]

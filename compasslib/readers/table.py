@@ -37,7 +37,7 @@ def read(paths: Sequence[Path], *, columns: Mapping[str, str | float]) -> Record
     headers = {role: str(header) for role, header in columns.items() if role != "scale" and header is not None}
     tables = [_columns(path, headers) for path in paths]
     table = {role: np.concatenate([t[role] for t in tables]) for role in headers}
-    samples = _samples(table.pop("time"))
+    samples = _Samples(table.pop("time"))
     n, m = len(samples.first), int(samples.bin.max(initial=0)) + 1
     east, north = (_spread(scale * x, samples, (n, m)) for x in _east_north(table))
     series = {role: values[samples.first] for role, values in table.items()}
@@ -71,10 +71,6 @@ class _Samples:
         self.row = np.cumsum(new) - 1
         self.bin = np.arange(len(time_s)) - self.first[self.row] if len(time_s) else np.zeros(0, dtype=int)
         self.time_s = time_s[self.first]
-
-
-def _samples(time_s: Floats) -> _Samples:
-    return _Samples(time_s)
 
 
 def _spread(values: Floats, samples: _Samples, shape: tuple[int, int]) -> Floats:
