@@ -41,6 +41,8 @@ def choose(pairs: Pairs, which: NDArray[Any]) -> Pairs:
 def held_out_headings(pairs: Pairs, fit: Fit) -> Floats:
     """Return the corrected heading of each pair by a fit that has not seen its block, (n,) degrees, NaN where none.
 
+    The exact fit climbs anew from the whole one: which fold is the right one is taken as known.
+
     Args:
         pairs: overlapping measurements.
         fit: the fit to all of them; its method is repeated.
@@ -51,9 +53,8 @@ def held_out_headings(pairs: Pairs, fit: Fit) -> Floats:
     for fold in range(FOLDS):
         left_out, kept = block == fold, choose(pairs, block != fold)
         again = deviation.fit(fit.method, kept, near=fit)
-        heading[left_out] = correction.headings(pairs.time_s, pairs.heading_deg, water, again, kept).heading_deg[
-            left_out
-        ]
+        decision = correction.headings(pairs.time_s, pairs.heading_deg, water, again, kept)
+        heading[left_out] = decision.heading_deg[left_out]
     return heading
 
 

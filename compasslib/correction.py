@@ -19,10 +19,10 @@ Flags = NDArray[np.int8]
 
 SURE = 0.95  # a branch less probable than this is flagged: the record cannot tell
 # An allowance for what a level model leaves out: at 5 degrees of tilt a vertical field of the iron of 4 % of H, or one
-# of 1 % induced where Z is four times H, each turn the compass by a quarter of a degree along either axis.
+# of 1 % induced where Z is four times H, each turn the compass by some 0.2 degrees along either axis.
 TILT_SIGMA_DEG = 0.4
 KNOWS_NOTHING_DEG = 360.0 / np.sqrt(12.0)  # standard deviation of a heading that may be anything
-DECLINATION_SIGMA_DEG = 0.5  # of a main-field model at high latitude (IGRF-14, crust and storms left out)
+DECLINATION_SIGMA_DEG = 0.5  # assumed of a main-field model at high latitude; crust and storms are left out
 
 
 def correct(record: Record, fit: Fit, field: EarthField, pairs: Pairs) -> Corrected:

@@ -24,6 +24,7 @@ COLUMNS = (
     "effects",
     "warnings",
 )
+NOT_DIAGNOSED = "left-out physics was not searched for"  # so the verdict says so little
 
 
 def row(name: str, folder: str | Path) -> dict[str, Any]:
@@ -48,7 +49,7 @@ def row(name: str, folder: str | Path) -> dict[str, Any]:
         "folded": fit["folded"],
         "verdict": "insufficient",
         "effects": "",
-        "warnings": " | ".join(_warnings(folder, fit)),
+        "warnings": " | ".join([NOT_DIAGNOSED, *_warnings(folder, fit)]),
     }
 
 
