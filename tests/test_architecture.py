@@ -20,6 +20,7 @@ FLOORS = [
     ["branches"],
     ["correction"],
     ["assessment"],
+    ["calibration"],
     ["config_values", "config_paths", "config_schema", "config_yaml", "config"],
     ["archive_files", "archive_layout", "archive_attributes", "archive"],
     ["provenance", "job", "stages", "summary"],

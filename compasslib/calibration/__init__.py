@@ -1,0 +1,1 @@
+"""Calibrations that need no mooring: platform, magnetometer, swing by GNSS, two heads on one frame."""
