@@ -99,11 +99,13 @@ rule fit:
     input:
         record=PLAN.compromised,
         pairs="results/{mooring}/overlap.nc",
+        field="results/{mooring}/work/field.json",
         modules=PLAN.modules("fit.py"),
     output:
         "results/{mooring}/deviation.json",
     params:
         method=PLAN.method,
+        tilt=PLAN.tilt,
     conda:
         ENVIRONMENT
     log:

@@ -3,6 +3,7 @@
     python benchmarks/headings.py                     120 moorings: the tables, each with its target
     python benchmarks/headings.py 400 7               400 moorings by seed 7
     python benchmarks/headings.py --heeling           with tilt and vertical iron
+    python benchmarks/headings.py --heeling --tilt    the same, tilt in the fit as well
     python benchmarks/headings.py --figure PATH       also the figure (docs/headings.png)
 
 Currents, shear across the sphere and headings locked to the wake are those of compasslib.nature; iron of random
@@ -25,12 +26,12 @@ from types import SimpleNamespace as Mooring
 import numpy as np
 from scipy.optimize import least_squares
 
-from compasslib import angles, compass, correction, deviation
+from compasslib import angles, assessment, compass, correction, deviation
 from compasslib.deviation import model, von_appen
 from compasslib.nature import compass as needle
 from compasslib.nature import fleet, mooring, water
 from compasslib.nature.series import HOUR_S, clockwise, stream, white_vector
-from compasslib.records import Pairs
+from compasslib.records import Pairs, Readings
 
 STRENGTHS = (0.0, 0.1, 0.2, 0.35, 0.6, 0.85, 1.1, 1.3, 1.6, 2.0)  # hard iron over the earth's horizontal field
 SPREADS, OVERLAPS = ("narrow", "wide"), ("hourly", "twice a day")
@@ -74,7 +75,7 @@ def draw(index: int, seed: int, heeling: bool) -> Mooring:
         time_s=time_s,
         heading_deg=angles.wrap360(heading),
         recorded_deg=recorded,
-        water=correction.in_body_frame(upper.real, upper.imag, recorded),
+        readings=Readings(time_s, recorded, *tilt, correction.in_body_frame(upper.real, upper.imag, recorded)),
         pairs=Pairs(*(x[step] for x in columns)),
     )
 
@@ -95,16 +96,16 @@ def draw_iron(rng: np.random.Generator, strength: float, heeling: bool) -> needl
     return needle.Iron((hard.real, hard.imag, vertical), tuple(map(tuple, soft.tolist())))
 
 
-def measure(task: tuple[int, int, bool]) -> Mooring:
+def measure(task: tuple[int, int, bool, bool]) -> Mooring:
     """Draw one mooring, correct it by both methods and by both models fitted to the truth."""
+    *task, tilted = task
     drawn = draw(*task)
     recorded, heading, pairs = drawn.recorded_deg, drawn.heading_deg, drawn.pairs
-    fit = deviation.fit("exact", pairs)
-    seen = (drawn.time_s, recorded, drawn.water)
-    decision = correction.headings(*seen, fit, pairs)
+    fit = deviation.fit("exact", pairs, dip_ratio=tilted * FIELD_NT[1] / FIELD_NT[0])
+    decision = correction.headings(drawn.readings, fit, pairs)
     error = angles.difference(decision.heading_deg, heading)
     rival = np.abs(angles.difference(decision.other_deg, heading))
-    published = correction.headings(*seen, deviation.fit("von_appen", pairs), pairs).heading_deg
+    published = correction.headings(drawn.readings, deviation.fit("von_appen", pairs), pairs).heading_deg
 
     missed = lambda known: angles.difference(recorded, compass.recorded_heading(known, heading))  # noqa: E731
     exact = least_squares(missed, drawn.coefficients).x
@@ -121,7 +122,7 @@ def measure(task: tuple[int, int, bool]) -> Mooring:
         right=np.where(np.isfinite(rival), np.abs(error) < rival, np.nan),  # where there is another root
         published_deg=angles.difference(published, heading),
         floors_deg=(rms(np.fmin(left[:, 0], left[:, 1])), rms(series_left)),  # of both models fitted to the truth
-        z=(fit.coefficients - exact) / np.sqrt(np.diag(fit.covariance)),
+        z=(fit.coefficients - exact) / np.sqrt(np.diag(fit.covariance))[:5],
         spread_deg=float(np.sqrt(-2 * np.log(angles.resultant_length(heading)))) / angles.DEGREE,
         scatter_deg=1.4826 * float(np.median(np.abs(scatter))),
     )
@@ -237,10 +238,10 @@ def clock(seed: int, heeling: bool) -> None:
     seconds = []
     for index in (4, 6, 16, 18, 24, 26, 36, 38):  # hourly overlaps, iron 0.1, 0.6, 1.1 and 2 H
         drawn = draw(index, seed, heeling)
-        pairs = Pairs(*(x[:8000] for x in vars(drawn.pairs).values() if isinstance(x, np.ndarray)))
+        pairs, readings = (assessment.choose(x, np.arange(8000)) for x in (drawn.pairs, drawn.readings))
         begin = time.perf_counter()
         fit = deviation.fit("exact", pairs)
-        correction.headings(*(x[:8000] for x in (drawn.time_s, drawn.recorded_deg, drawn.water)), fit, pairs)
+        correction.headings(readings, fit, pairs)
         seconds.append(time.perf_counter() - begin)
     title = "8. Fit and headings of 8000 pairs, one core; target: median <= 3 s"
     table(title, "n, seconds, most", [(len(seconds), median(seconds), max(seconds))])
@@ -278,11 +279,12 @@ def main() -> None:
     parser.add_argument("count", nargs="?", type=int, default=120, help="moorings (default 120)")
     parser.add_argument("seed", nargs="?", type=int, default=2007)
     parser.add_argument("--heeling", action="store_true", help="tilt and vertical iron")
+    parser.add_argument("--tilt", action="store_true", help="tilt in the fit")
     parser.add_argument("--figure", type=Path, help="PNG to write")
     asked = parser.parse_args()
     told, begin = [], time.perf_counter()
     with multiprocessing.Pool(2) as pool:
-        for one in pool.imap(measure, [(index, asked.seed, asked.heeling) for index in range(asked.count)]):
+        for one in pool.imap(measure, [(index, asked.seed, asked.heeling, asked.tilt) for index in range(asked.count)]):
             told.append(one)
             print(f"\r{len(told)} of {asked.count}, {time.perf_counter() - begin:.0f} s", end="", file=sys.stderr)
     print(file=sys.stderr)

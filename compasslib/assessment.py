@@ -7,8 +7,8 @@ tried on those.
 
 from __future__ import annotations
 
-from dataclasses import fields
-from typing import Any
+from dataclasses import replace
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +17,10 @@ from compasslib import angles, correction, deviation
 from compasslib.deviation import exact, model
 from compasslib.deviation.forms import EXACT, FORMS
 from compasslib.deviation.model import Fit
-from compasslib.records import Pairs
+from compasslib.records import Pairs, Readings
 
 Floats = NDArray[np.floating]
+Series = TypeVar("Series", Pairs, Readings)
 
 BLOCK_S = 10 * 86400.0
 FOLDS = 2
@@ -27,15 +28,15 @@ FEWEST_FOR_FORMS = 4 * model.FEWEST_PAIRS
 FORM_PAIRS = 1500  # as many pairs, evenly taken, tell the forms apart; more only take longer
 
 
-def choose(pairs: Pairs, which: NDArray[Any]) -> Pairs:
-    """Return some of the pairs.
+def choose(series: Series, which: NDArray[Any]) -> Series:
+    """Return some of the samples.
 
     Args:
-        pairs: n pairs.
+        series: n samples.
         which: positions or a mask.
     """
-    arrays = {f.name: getattr(pairs, f.name) for f in fields(pairs) if f.name != "warnings"}
-    return Pairs(**{name: column[which] for name, column in arrays.items()}, warnings=pairs.warnings)
+    columns = {name: column[which] for name, column in vars(series).items() if isinstance(column, np.ndarray)}
+    return replace(series, **columns)
 
 
 def held_out_headings(pairs: Pairs, fit: Fit) -> Floats:
@@ -49,11 +50,10 @@ def held_out_headings(pairs: Pairs, fit: Fit) -> Floats:
     """
     heading = np.full(len(pairs), np.nan)
     block = np.floor((pairs.time_s - pairs.time_s[0]) / BLOCK_S).astype(int) % FOLDS
-    water = correction.in_body_frame(pairs.upper_east, pairs.upper_north, pairs.heading_deg)
     for fold in range(FOLDS):
         left_out, kept = block == fold, choose(pairs, block != fold)
-        again = deviation.fit(fit.method, kept, near=fit)
-        decision = correction.headings(pairs.time_s, pairs.heading_deg, water, again, kept)
+        again = deviation.fit(fit.method, kept, near=fit, dip_ratio=fit.dip_ratio)
+        decision = correction.headings(correction.readings_of(pairs), again, kept)
         heading[left_out] = decision.heading_deg[left_out]
     return heading
 

@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles, compass
-from compasslib.deviation import likelihood
-from compasslib.deviation.forms import EXACT
+from compasslib.deviation import likelihood, tilt
 from compasslib.deviation.likelihood import CELL_CENTRES, CELLS, FINE, UNPREDICTED
 from compasslib.deviation.model import Fit
+from compasslib.records import Readings
 
 Floats = NDArray[np.floating]
 Complexes = NDArray[np.complexfloating]
@@ -30,6 +30,7 @@ LEAP_SHARES = (0.003, 0.03)  # share of samples at which the heading starts anew
 PRECISION_DEG = 0.5  # assumed of a moored compass; an unfolded record cannot tell it from the water's scatter
 MERGED_DEG = 25.0  # roots nearer than this meet at a fold: one heading between them, not a choice
 LEARNING_SAMPLES = 2000
+CHUNK = 500  # samples whose evidence is laid out on the fine headings at a time
 LONGEST_GAP = 64.0  # sampling intervals after which nothing is remembered
 SHARED_NOISE = 0.5  # neighbouring overlaps share the water's veer: each counts for this much of an independent one
 
@@ -44,27 +45,24 @@ class Decision:
     other_deg: Floats  # (n,) the other root, NaN where there is none
 
 
-def decide(
-    time_s: Floats, recorded_deg: Floats, water: Complexes, fit: Fit, seen: NDArray[np.intp], scatter: Floats
-) -> Decision:
+def decide(readings: Readings, fit: Fit, seen: NDArray[np.intp], scatter: Floats) -> Decision:
     """Return the heading at each sample of a compass that can fold.
 
     Args:
-        time_s: increasing times, (n,).
-        recorded_deg: recorded headings, (n,), degrees, NaN where missing.
-        water: current in the instrument's frame, speed times e^{i alpha}, alpha clockwise from forward, m/s, (n,).
-        fit: a fitted exact compass.
+        readings: what the compass recorded, n samples.
+        fit: a fitted exact compass, level or with tilt.
         seen: samples at which the trusted instrument overlaps, (k,).
         scatter: density of its observed heading on the cells, (k, CELLS).
     """
-    roots = compass.inverse(fit.coefficients, recorded_deg)
-    if not fit.folded:
-        return _single(roots[:, 0], recorded_deg, fit)
-    evidence = _evidence(recorded_deg, fit)
+    coefficients = tilt.along(fit, readings.pitch_deg, readings.roll_deg)
+    roots = compass.inverse(coefficients, readings.heading_deg)
+    if not np.isfinite(roots[:, 1]).any():
+        return _single(roots[:, 0], coefficients)
+    evidence = _evidence(readings.heading_deg, coefficients, fit.noise.compass_deg)
     evidence[seen] *= scatter**SHARED_NOISE
-    moves = _moves(time_s, water)
+    moves = _moves(readings.time_s, readings.water)
     posterior = smooth(evidence, moves, _learn(evidence, moves, fit.heading_density), fit.heading_density)
-    return _chosen(posterior, roots, recorded_deg)
+    return _chosen(posterior, roots, readings.heading_deg)
 
 
 @dataclass(frozen=True)
@@ -182,15 +180,23 @@ def _learn(evidence: Floats, moves: Moves, density: Floats) -> Habit:
     return likelier([replace(habit, leaps=leaps) for leaps in LEAP_SHARES])
 
 
-def _evidence(recorded_deg: Floats, fit: Fit) -> Floats:
+def _evidence(recorded_deg: Floats, coefficients: Floats, compass_deg: float) -> Floats:
     """Return how likely each cell makes the recorded heading, (n, CELLS); flat where nothing was recorded."""
-    offset = EXACT.offset(fit.coefficients, FINE.heading_deg, FINE.heading_deg)
-    density = likelihood.compass_noise(offset, fit.noise.compass_deg)
-    hats = FINE.hats()
-    table = density @ (hats / hats.sum(axis=0)) + UNPREDICTED
     known = np.isfinite(recorded_deg)
-    rows = table[FINE.bin_of(np.where(known, recorded_deg, 0.0))]
+    recorded = np.where(known, recorded_deg, 0.0)
+    if coefficients.ndim == 1:
+        rows = _rows(FINE.heading_deg, coefficients, compass_deg)[FINE.bin_of(recorded)]
+    else:
+        parts = np.array_split(np.arange(len(recorded)), max(1, len(recorded) // CHUNK))
+        rows = np.concatenate([_rows(recorded[i], coefficients[:, i, None], compass_deg) for i in parts])
     return np.where(known[:, None], rows, 1.0 / 360.0)
+
+
+def _rows(recorded_deg: Floats, coefficients: Floats, compass_deg: float) -> Floats:
+    """Return the density of each recorded heading given each cell, (k, CELLS)."""
+    offset = angles.difference(recorded_deg[:, None], compass.recorded_heading(coefficients, FINE.heading_deg))
+    hats = FINE.hats()
+    return np.asarray(likelihood.compass_noise(offset, compass_deg) @ (hats / hats.sum(axis=0)) + UNPREDICTED)
 
 
 def _chosen(posterior: Floats, roots: Floats, recorded_deg: Floats) -> Decision:
@@ -221,8 +227,8 @@ def _chosen(posterior: Floats, roots: Floats, recorded_deg: Floats) -> Decision:
     )
 
 
-def _single(root: Floats, recorded_deg: Floats, fit: Fit) -> Decision:
-    slope = np.maximum(np.abs(compass.slope(fit.coefficients, root)), 0.05)
+def _single(root: Floats, coefficients: Floats) -> Decision:
+    slope = np.maximum(np.abs(compass.slope(coefficients, root)), 0.05)
     return Decision(
         heading_deg=root,
         sigma_deg=PRECISION_DEG / slope,

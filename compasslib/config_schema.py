@@ -104,6 +104,13 @@ class Fit(Section):
 
     method: Literal["exact", "von_appen", "calibration"] = key("exact, von_appen or calibration", "exact", "exact")
     name: Name | None = key("the NAME of config/calibrations/NAME.yaml", "aqd2022", None)
+    tilt: Switch = key("true or false", "true", False)
+
+    @model_validator(mode="after")
+    def _tilt_goes_with_exact(self) -> Self:
+        if self.tilt and self.method != "exact":
+            raise problem("tilt", "it only with method: exact", f"it with {self.method}", "delete it")
+        return self
 
     @model_validator(mode="after")
     def _name_goes_with_calibration(self) -> Self:

@@ -9,9 +9,20 @@ from numpy.typing import NDArray
 
 from compasslib import angles, branches, compass, earthfield
 from compasslib.branches import Decision
-from compasslib.deviation import likelihood, model, von_appen
+from compasslib.deviation import likelihood, model, tilt, von_appen
 from compasslib.deviation.model import Fit
-from compasslib.records import BAD, GOOD, MISSING, PROBABLY_BAD, PROBABLY_GOOD, Corrected, EarthField, Pairs, Record
+from compasslib.records import (
+    BAD,
+    GOOD,
+    MISSING,
+    PROBABLY_BAD,
+    PROBABLY_GOOD,
+    Corrected,
+    EarthField,
+    Pairs,
+    Readings,
+    Record,
+)
 
 Floats = NDArray[np.floating]
 Complexes = NDArray[np.complexfloating]
@@ -36,7 +47,9 @@ def correct(record: Record, fit: Fit, field: EarthField, pairs: Pairs) -> Correc
     """
     usable = record.heading_quality < BAD
     recorded = np.where(usable, record.heading_deg, np.nan)
-    decision = headings(record.time_s, recorded, _water(record), fit, pairs)
+    decision = headings(
+        Readings(record.time_s, recorded, record.pitch_deg, record.roll_deg, _water(record)), fit, pairs
+    )
     deviation = angles.difference(decision.heading_deg, record.heading_deg)
     declination = earthfield.declination_at(field, record.time_s)
     east, north = _recorded_to_true(record, declination)
@@ -79,26 +92,34 @@ def told(name: str, product: Corrected) -> str:
     )
 
 
-def headings(time_s: Floats, recorded_deg: Floats, water: Complexes, fit: Fit, pairs: Pairs) -> Decision:
+def headings(readings: Readings, fit: Fit, pairs: Pairs) -> Decision:
     """Return the correct heading, its standard deviation and how sure its branch is.
 
     Args:
-        time_s: increasing times, (n,).
-        recorded_deg: recorded headings, (n,), degrees, NaN where missing.
-        water: current in the instrument's frame, see ``in_body_frame``, (n,) m/s, NaN where unknown.
+        readings: what the compass recorded, n samples.
         fit: the deviation model, perhaps without coefficients.
-        pairs: overlaps that may decide between branches; their times are among ``time_s``.
+        pairs: overlaps that may decide between branches; their times are among those of the readings.
     """
     if not fit.fitted:
-        nothing = np.full(recorded_deg.shape, np.nan)
+        nothing = np.full(readings.heading_deg.shape, np.nan)
         return Decision(nothing, nothing, nothing, nothing)
     if fit.method == "von_appen":
-        decision = _published(recorded_deg, fit)
+        decision = _published(readings.heading_deg, fit)
     else:
-        decision = branches.decide(time_s, recorded_deg, water, fit, *_overlaps(time_s, fit, pairs))
-    parameters = parameter_sigma(fit, decision.heading_deg)
+        decision = branches.decide(readings, fit, *_overlaps(readings.time_s, fit, pairs))
+    parameters = parameter_sigma(fit, decision.heading_deg, readings)
     sigma = np.sqrt(decision.sigma_deg**2 + parameters**2 + TILT_SIGMA_DEG**2)
     return replace(decision, sigma_deg=np.minimum(sigma, KNOWS_NOTHING_DEG))
+
+
+def readings_of(pairs: Pairs) -> Readings:
+    """Return what the compromised compass recorded at the overlaps.
+
+    Args:
+        pairs: overlapping measurements.
+    """
+    water = in_body_frame(pairs.upper_east, pairs.upper_north, pairs.heading_deg)
+    return Readings(pairs.time_s, pairs.heading_deg, pairs.pitch_deg, pairs.roll_deg, water)
 
 
 def in_body_frame(east: Floats, north: Floats, recorded_deg: Floats) -> Complexes:
@@ -121,19 +142,23 @@ def _water(record: Record) -> Complexes:
     return in_body_frame(east, north, record.heading_deg)
 
 
-def parameter_sigma(fit: Fit, heading_deg: Floats) -> Floats:
+def parameter_sigma(fit: Fit, heading_deg: Floats, readings: Readings) -> Floats:
     """Return the heading's standard error that the coefficients' covariance makes, degrees.
 
     Args:
         fit: a fitted model.
         heading_deg: corrected headings, (n,), degrees.
+        readings: what the compass recorded, n samples.
     """
     if fit.method == "von_appen":
         return von_appen.sigma(fit, heading_deg)
-    columns = compass.gradient(fit.coefficients, heading_deg)
+    at = tilt.along(fit, readings.pitch_deg, readings.roll_deg)
+    columns = compass.gradient(at, heading_deg)
+    if fit.tilted:
+        columns = np.einsum("in,ikn->kn", columns, tilt.jacobian(fit, readings.pitch_deg, readings.roll_deg))
     variance = np.einsum("in,ij,jn->n", columns, fit.covariance, columns)
     # At a fold the slope vanishes; there the spread over both branches is in the decision already.
-    return np.sqrt(variance) / np.maximum(np.abs(compass.slope(fit.coefficients, heading_deg)), 0.3)
+    return np.sqrt(variance) / np.maximum(np.abs(compass.slope(at, heading_deg)), 0.3)
 
 
 def _published(recorded_deg: Floats, fit: Fit) -> Decision:

@@ -86,6 +86,15 @@ def declination_at(field: EarthField, time_s: ArrayLike) -> Floats:
     return np.interp(np.asarray(time_s, dtype=float), field.time_s, field.declination_deg)
 
 
+def dip_ratio(field: EarthField) -> float:
+    """Return Z/H, the mean over the deployment.
+
+    Args:
+        field: the field along the deployment.
+    """
+    return float(np.mean(field.vertical_nT / field.horizontal_nT))
+
+
 def from_json(content: Mapping[str, Any]) -> EarthField:
     """Return the field that field.json holds.
 

@@ -168,7 +168,7 @@ def _sigma(fit: Fit, beta: Floats) -> Floats:
     if not fit.covariance.size:
         return np.full(beta.shape, np.nan)
     by = von_appen.design(beta).T if fit.method == "von_appen" else compass.gradient(fit.coefficients, beta)
-    return np.sqrt(np.einsum("in,ij,jn->n", by, fit.covariance, by))
+    return np.sqrt(np.einsum("in,ij,jn->n", by, fit.covariance[:5, :5], by))
 
 
 def _stretch(fit: Fit, beta: Floats) -> NDArray[np.int_]:

@@ -51,6 +51,17 @@ class Record:
 
 
 @dataclass(frozen=True)
+class Readings:
+    """What one compass recorded along time, and the water that its instrument saw: all that a heading is decided on."""
+
+    time_s: Floats  # (n,) increasing
+    heading_deg: Floats  # (n,) recorded, magnetic, NaN where missing
+    pitch_deg: Floats  # (n,) forward up
+    roll_deg: Floats  # (n,) starboard down
+    water: NDArray[np.complexfloating]  # (n,) speed times e^{i alpha}, alpha clockwise from forward, m/s; NaN: unknown
+
+
+@dataclass(frozen=True)
 class Pairs:
     """Overlapping measurements of the compromised (upper) and the trusted (lower) instrument, true east and north."""
 

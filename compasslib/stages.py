@@ -108,6 +108,10 @@ class Plan:
         """Return the method that one mooring is fitted by."""
         return str(self._mooring(wildcards).fit.method)
 
+    def tilt(self, wildcards: Any) -> bool:
+        """Return whether pitch and roll enter the fit of one mooring."""
+        return bool(self._mooring(wildcards).fit.tilt)
+
     def site(self, wildcards: Any) -> dict[str, Any]:
         """Return name and place of one mooring."""
         mooring = self._mooring(wildcards)

@@ -150,7 +150,7 @@ def test_every_key_but_eight_has_a_default(cruise: Path) -> None:
         "overlap": {
             "max_minutes": 20.0, "max_metres": 20.0, "bins": 2, "grid_minutes": 60.0, "grid_tolerance_minutes": 30.0
         },
-        "fit": {"method": "exact", "name": None},
+        "fit": {"method": "exact", "name": None, "tilt": False},
         "diagnose": {"enabled": True, "apply": True, "min_effect_deg": 0.5},
     }  # fmt: skip
     assert loaded.moorings["M1"].model_dump() == {
@@ -162,7 +162,7 @@ def test_every_key_but_eight_has_a_default(cruise: Path) -> None:
             "clock_drift_seconds": 0.0, "pressure_offset": 0.0, "direction_reference": "magnetic", "exclude": (),
             "attributes": {}, "columns": None, "pressure_files": (), "start_offset_seconds": 0.0,
         }},
-        "attributes": {}, "fit": {"method": "exact", "name": None},
+        "attributes": {}, "fit": {"method": "exact", "name": None, "tilt": False},
         "diagnose": {"enabled": True, "apply": True, "min_effect_deg": 0.5}, "covariates": {},
     }  # fmt: skip
 
@@ -347,8 +347,9 @@ BAD_LINES = [
     ("reference: bottom", "reference: expected an instrument of this mooring (top, deep), found 'bottom'; write one of these names"),
     ("reference: top", "reference: expected another instrument than compromised, found 'top'; name the trusted instrument, or delete reference where there is none"),
     ("latitud: 65", "latitud: expected a key out of name, latitude, longitude, water_depth, start, end, declination, compromised, reference, instruments, attributes, fit, diagnose, covariates, found the unknown 'latitud'; write latitude"),
+    ("fit: {method: von_appen, tilt: true}", "fit.tilt: expected it only with method: exact, found it with von_appen; delete it"),
     ("fit: {method: exakt}", "fit.method: expected exact, von_appen or calibration, found 'exakt'; write exact"),
-    ("fit: exact", "fit: expected a mapping, found 'exact'; write below it keys out of method, name"),
+    ("fit: exact", "fit: expected a mapping, found 'exact'; write below it keys out of method, name, tilt"),
     ("fit: {method: calibration}", "fit.name: expected the NAME of config/calibrations/NAME.yaml, found nothing; write fit: {method: calibration, name: NAME}"),
     ("fit: {method: exact, name: aqd}", "fit.name: expected no name beside method: exact, found 'aqd'; delete it or write method: calibration"),
     ("diagnose: {apply: maybe}", "diagnose.apply: expected true or false, found 'maybe'; write for example apply: true"),

@@ -78,8 +78,7 @@ def test_branches_with_two_overlaps_a_day_and_a_gap_of_a_week(folded):
     kept[1000:1168] = False
     few = assessment.choose(seen, np.flatnonzero(np.arange(len(seen)) % 12 == 0))
     few = assessment.choose(few, np.isin(few.time_s, seen.time_s[kept]))
-    water = correction.in_body_frame(seen.upper_east, seen.upper_north, seen.heading_deg)
-    decision = correction.headings(seen.time_s[kept], seen.heading_deg[kept], water[kept], fit, few)
+    decision = correction.headings(assessment.choose(correction.readings_of(seen), kept), fit, few)
     off = np.abs(angles.difference(decision.heading_deg, heading[kept]))
     two = np.isfinite(decision.other_deg)
     assert np.median(off) < 4.0

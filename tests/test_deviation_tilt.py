@@ -1,23 +1,24 @@
 """The compass with tilt in the fit: level without tilt, heeling recovered, nothing invented."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from sea import MILD, pairs, red_noise
+from sea import FOLDED, MILD, pairs, red_noise
 
-from compasslib import angles, compass
+from compasslib import angles, compass, correction, deviation
 from compasslib.deviation import exact, tilt
 
 DIP = 4.35
 
 
-def tilted_pairs(heeling: float, n: int = 5000):
+def tilted_pairs(heeling: float, n: int = 5000, iron=MILD):
     """Return pairs recorded by a tilted compass, and the correct headings."""
     rng = np.random.default_rng(7)
-    seen, heading = pairs(MILD, n=n, seed=2)
+    seen, heading = pairs(iron, n=n, seed=2)
     pitch, roll = 2.0 + red_noise(rng, n, 8, 5.0), -3.0 + red_noise(rng, n, 8, 5.0)
-    at = tilt.coefficients_at(np.array(MILD), heeling, DIP, pitch, roll)
+    at = tilt.coefficients_at(np.array(iron), heeling, DIP, pitch, roll)
     recorded = angles.wrap360(compass.recorded_heading(at, heading) + rng.normal(0.0, 0.5, n))
     upper = angles.turn(seen.upper_east, seen.upper_north, angles.difference(recorded, seen.heading_deg))
     return replace(
@@ -39,6 +40,23 @@ def test_heeling_is_recovered_and_the_headings_gain():
     at = tilt.coefficients_at(fitted.coefficients, fitted.heeling, DIP, seen.pitch_deg, seen.roll_deg)
     before, after = (angles.rms(compass.inverse(k, seen.heading_deg)[:, 0] - heading) for k in (level.coefficients, at))
     assert after < 0.7 * before
+
+
+@pytest.mark.parametrize("iron", [MILD, FOLDED])
+def test_headings_of_a_tilted_compass_folded_or_not(iron):
+    seen, heading = tilted_pairs(0.6, n=4000, iron=iron)
+    fits = (deviation.fit("exact", seen), deviation.fit("exact", seen, dip_ratio=DIP))
+    level, tilted = (correction.headings(correction.readings_of(seen), fit, seen) for fit in fits)
+    before, after = (np.abs(angles.difference(found.heading_deg, heading)) for found in (level, tilted))
+    assert np.median(after) < 0.7 * np.median(before)
+    assert np.mean(after < 1.96 * tilted.sigma_deg) > 0.93
+
+
+def test_a_tilted_fit_comes_back_from_its_file():
+    seen, _ = tilted_pairs(0.6, n=600)
+    fitted = deviation.fit("exact", seen, dip_ratio=DIP)
+    again = deviation.from_json(json.loads(json.dumps(fitted.to_json())))
+    assert again.tilted and again.heeling == fitted.heeling and again.covariance.shape == (6, 6)
 
 
 def test_no_heeling_is_found_where_there_is_none():

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from compasslib import compass
-from compasslib.deviation import exact, von_appen
+from compasslib.deviation import exact, tilt, von_appen
 from compasslib.deviation.model import Fit, from_json
 from compasslib.records import BAD, Pairs, Record
 
@@ -17,15 +17,17 @@ __all__ = ["METHODS", "Fit", "described", "fit", "from_json", "told"]
 METHODS: dict[str, Callable[[Pairs, Fit | None], Fit]] = {"exact": exact.fit, "von_appen": von_appen.fit}
 
 
-def fit(method: str, pairs: Pairs, near: Fit | None = None) -> Fit:
+def fit(method: str, pairs: Pairs, near: Fit | None = None, *, dip_ratio: float = 0.0) -> Fit:
     """Return a deviation model fitted to overlapping measurements.
 
     Args:
         method: ``exact`` or ``von_appen``.
         pairs: overlapping measurements.
         near: a fit of the same method to much the same pairs, to start from.
+        dip_ratio: Z/H of the earth's field where tilt is to be in the model (``exact`` only); 0 for a level one.
     """
-    return METHODS[method](pairs, near)
+    found = METHODS[method](pairs, near)
+    return tilt.fit(pairs, found, dip_ratio) if dip_ratio and found.fitted else found
 
 
 def correctable_fraction(fit: Fit, record: Record) -> float:
@@ -35,12 +37,14 @@ def correctable_fraction(fit: Fit, record: Record) -> float:
         fit: the model, perhaps without coefficients.
         record: the compromised instrument.
     """
-    recorded = record.heading_deg[np.isfinite(record.heading_deg) & (record.heading_quality < BAD)]
+    usable = np.isfinite(record.heading_deg) & (record.heading_quality < BAD)
+    recorded = record.heading_deg[usable]
     if not (fit.fitted and recorded.size):
         return 0.0
     if fit.method == "von_appen":
         return float(np.isfinite(von_appen.invert(fit.coefficients, recorded)).mean())
-    return float(np.isfinite(compass.inverse(fit.coefficients, recorded)).any(axis=1).mean())
+    coefficients = tilt.along(fit, record.pitch_deg[usable], record.roll_deg[usable])
+    return float(np.isfinite(compass.inverse(coefficients, recorded)).any(axis=1).mean())
 
 
 def described(fit: Fit, record: Record) -> dict[str, Any]:
@@ -65,4 +69,5 @@ def told(name: str, fit: Fit) -> str:
     unit = " degrees" if fit.method == "von_appen" else ""
     letters = ", ".join(f"{k} {x:+.3f}" for k, x in zip("ABCDE", fit.coefficients, strict=True))
     kind = "folded" if fit.folded else "full circle"
-    return f"{name}: {fit.method} {letters}{unit}; {kind}, residual {fit.residual_rms_deg:.1f} degrees rms"
+    heeling = f", heeling K {fit.heeling:+.3f}" if fit.tilted else ""
+    return f"{name}: {fit.method} {letters}{unit}{heeling}; {kind}, residual {fit.residual_rms_deg:.1f} degrees rms"

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles, compass
-from compasslib.deviation import likelihood, model
+from compasslib.deviation import likelihood, model, spread
 from compasslib.deviation.forms import EXACT, Form
 from compasslib.deviation.likelihood import CELL_DEG, COARSE, FINE, Grid, Sample
 from compasslib.deviation.model import Fit, Noise
@@ -34,9 +34,6 @@ HARD_IRON_FIRST = np.array([0.02, 1.5, 1.5, 0.02, 0.02, 0.3])  # the same while 
 PARAMETER_BOUNDS = [(None, None)] * 3 + [(-0.6, 0.6)] * 2 + [(np.log(0.8), np.log(8.0))]
 NOISE_BOUNDS = [(np.log(CELL_DEG), np.log(90.0)), (np.log(0.05), np.log(50.0)), (-9.0, 2.0)]
 PRIOR_SMOOTHING_DEG, PRIOR_FLOOR = 12.0, 0.1
-BLOCK_S = 5 * 86400.0  # longer than the memory of the currents' veer
-FEWEST_BLOCKS = 12
-OCTANTS = 8
 
 
 def fit(pairs: Pairs, near: Fit | None = None) -> Fit:
@@ -83,18 +80,6 @@ def _climbed(overlap: _Overlap, form: Form, near: Fit | None) -> _State:
 def _overlap(pairs: Pairs) -> _Overlap:
     observed = model.observed_heading(pairs)
     return _Overlap(pairs.heading_deg, observed, likelihood.squared_chords(observed), *model.speeds(pairs))
-
-
-def residual(fit: Fit, pairs: Pairs) -> Floats:
-    """Return the observed heading minus the model's, the nearer root where there are two, degrees; NaN without a root.
-
-    Args:
-        fit: a fitted exact compass.
-        pairs: overlapping measurements.
-    """
-    roots = compass.inverse(fit.coefficients, pairs.heading_deg)
-    observed = model.observed_heading(pairs)
-    return angles.difference(observed, model.nearest_root(roots, observed))
 
 
 def scores_at(coefficients: Floats, pairs: Pairs, fit: Fit) -> tuple[float, Floats]:
@@ -179,20 +164,15 @@ def _described(state: _State, pairs: Pairs, overlap: _Overlap) -> Fit:
     data = overlap.sample(state.noise, FINE, EXACT)
     parameters, _ = _climb(state.parameters, data, state.prior, FINE)
     noise = replace(state.noise, compass_deg=float(np.exp(parameters[5])))
-    bare = Fit("exact", len(pairs), parameters[:5])
-    left = residual(bare, pairs)
+    scores = likelihood.scores(parameters, data, state.prior, FINE)
+    bare = Fit("exact", len(pairs), parameters[:5], noise=noise)
+    left = model.residual(bare, pairs)
     standard = np.clip(left / overlap.width_deg(noise), -3.0, 3.0)
     known = np.isfinite(standard)
     effective = model.effective_number(standard[known], pairs.time_s[known])
     return replace(
         bare,
-        covariance=covariance(
-            likelihood.scores(parameters, data, state.prior, FINE),
-            BELIEF_WIDTH[:5] ** -2.0,
-            parameters[:5],
-            pairs,
-            effective,
-        ),
+        covariance=spread.covariance(scores, BELIEF_WIDTH[:5] ** -2.0, bare, pairs, effective),
         n_effective=effective,
         residual_rms_deg=angles.rms(left),
         recorded_range_deg=compass.recorded_range(parameters[:5]),
@@ -258,56 +238,3 @@ def _fit_noise(noise: Noise, overlap: _Overlap, parameters: Floats, prior: Float
 
 def _noise(x: Floats) -> Noise:
     return Noise(float(np.exp(x[0])), float(np.exp(x[1])), float(1.0 / (1.0 + np.exp(-x[2]))))
-
-
-def covariance(scores: Floats, precision: Floats, coefficients: Floats, pairs: Pairs, effective: float) -> Floats:
-    """Return the covariance that holds for autocorrelated pairs and for water that veers by direction.
-
-    Along time it is the jackknife over blocks of days. Across flow directions the scores of each octant are summed:
-    real water veers between two depths differently for each direction of flow, for months, which no block of days
-    shows. What the octants vary beyond the blocks is added.
-
-    Args:
-        scores: each pair's gradient of the log-likelihood, (n, p).
-        precision: of the weak beliefs, (p,).
-        coefficients: A..E, for the direction of the flow, (5,).
-        pairs: overlapping measurements, n of them.
-        effective: effective number of pairs.
-    """
-    information = scores.T @ scores + np.diag(precision)
-    along_time = _jackknife(scores, information, pairs.time_s, effective)
-    octant = _flow_octant(coefficients, pairs)
-    sums = np.stack([np.bincount(octant, column, OCTANTS) for column in scores.T], axis=1)
-    inverse = np.linalg.inv(information)
-    across = inverse @ (sums.T @ sums) @ inverse * OCTANTS / (OCTANTS - 1)
-    return along_time + _positive_part(across - along_time)
-
-
-def _jackknife(scores: Floats, information: Floats, time_s: Floats, effective: float) -> Floats:
-    """Return the covariance by leaving out each block of days, by one Newton step from the whole fit.
-
-    It is the estimator CR3 of Bell and McCaffrey (Survey Methodology 28, 169, 2002), which does not flatter itself
-    when there are few blocks. The information is the scores' outer product: it stays positive where the record hardly
-    determines a coefficient.
-    """
-    block = np.floor((time_s - time_s[0]) / BLOCK_S).astype(int)
-    blocks = np.unique(block)
-    if len(blocks) < FEWEST_BLOCKS:
-        return np.asarray(np.linalg.inv(information) * len(time_s) / max(effective - 5.0, 3.0))
-    parts = [scores[block == b] for b in blocks]
-    steps = np.array([np.linalg.solve(information - part.T @ part, part.sum(axis=0)) for part in parts])
-    return np.asarray(steps.T @ steps * (len(blocks) - 1) / len(blocks))
-
-
-def _flow_octant(coefficients: Floats, pairs: Pairs) -> NDArray[np.intp]:
-    """Return the octant of the flow's direction, from both instruments alike so that neither's noise decides it."""
-    heading = model.nearest_root(compass.inverse(coefficients, pairs.heading_deg), model.observed_heading(pairs))
-    turn = np.where(np.isfinite(heading), heading - pairs.heading_deg, 0.0)
-    east, north = angles.turn(pairs.upper_east, pairs.upper_north, turn)
-    towards = angles.direction(east + pairs.lower_east, north + pairs.lower_north)
-    return np.floor(np.nan_to_num(towards) / (360.0 / OCTANTS)).astype(np.intp) % OCTANTS
-
-
-def _positive_part(matrix: Floats) -> Floats:
-    values, vectors = np.linalg.eigh((matrix + matrix.T) / 2.0)
-    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)

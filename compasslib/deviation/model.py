@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib import angles
+from compasslib import angles, compass
 from compasslib.records import Pairs
 
 Floats = NDArray[np.floating]
@@ -154,6 +154,18 @@ def nearest_root(roots_deg: Floats, observed_deg: Floats) -> Floats:
     off = np.abs(angles.difference(observed_deg[:, None], roots_deg))
     nearer = np.argmin(np.where(np.isfinite(off), off, np.inf), axis=1)
     return roots_deg[np.arange(len(roots_deg)), nearer]
+
+
+def residual(fit: Fit, pairs: Pairs) -> Floats:
+    """Return the observed heading minus the model's, the nearer root where there are two, degrees; NaN without a root.
+
+    Args:
+        fit: a fitted exact compass.
+        pairs: overlapping measurements.
+    """
+    roots = compass.inverse(fit.coefficients, pairs.heading_deg)
+    observed = observed_heading(pairs)
+    return angles.difference(observed, nearest_root(roots, observed))
 
 
 def speeds(pairs: Pairs) -> tuple[Floats, Floats]:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles, compass
-from compasslib.deviation import exact, model
+from compasslib.deviation import exact, model, spread
 from compasslib.deviation.model import Fit
 from compasslib.records import Pairs
 
@@ -47,6 +47,38 @@ def coefficients_at(level: Floats, heeling: float, dip_ratio: float, pitch_deg: 
     )
 
 
+def along(fit: Fit, pitch_deg: Floats, roll_deg: Floats) -> Floats:
+    """Return the coefficients of a fit at each sample, (5, n), or (5,) where it is level.
+
+    Args:
+        fit: a fitted exact compass.
+        pitch_deg: forward up, (n,), degrees.
+        roll_deg: starboard down, (n,), degrees.
+    """
+    if not fit.tilted:
+        return fit.coefficients
+    return coefficients_at(fit.coefficients, fit.heeling, fit.dip_ratio, pitch_deg, roll_deg)
+
+
+def jacobian(fit: Fit, pitch_deg: Floats, roll_deg: Floats) -> Floats:
+    """Return the derivative of the coefficients at each tilt by A..E and K, (5, 6, n).
+
+    Args:
+        fit: a compass with tilt.
+        pitch_deg: forward up, (n,), degrees.
+        roll_deg: starboard down, (n,), degrees.
+    """
+    at = np.append(fit.coefficients, fit.heeling)
+    columns = []
+    for unit in 1e-5 * np.eye(6):
+        ahead, behind = (
+            coefficients_at((at + s * unit)[:5], (at + s * unit)[5], fit.dip_ratio, pitch_deg, roll_deg)
+            for s in (1.0, -1.0)
+        )
+        columns.append((ahead - behind) / 2e-5)
+    return np.stack(columns, axis=1)
+
+
 def fit(pairs: Pairs, level: Fit, dip_ratio: float) -> Fit:
     """Return the compass with heeling that best explains the pairs, climbing from the level one.
 
@@ -67,14 +99,16 @@ def fit(pairs: Pairs, level: Fit, dip_ratio: float) -> Fit:
         if better < value:
             break
         at, value, scores = tried, better, new
-    covariance = exact.covariance(scores, precision, at[:5], pairs, level.n_effective)
-    return replace(level, coefficients=at[:5], heeling=float(at[5]), dip_ratio=dip_ratio, covariance=covariance)
+    found = replace(level, coefficients=at[:5], heeling=float(at[5]), dip_ratio=dip_ratio)
+    covariance = spread.covariance(scores, precision, found, _levelled(at, pairs, dip_ratio), level.n_effective)
+    return replace(found, covariance=covariance)
 
 
 def _scores(at: Floats, pairs: Pairs, level: Fit, dip_ratio: float) -> tuple[float, Floats]:
     """Return the log-likelihood and each pair's gradient by A..E and K, (n, 6)."""
     value, scores = exact.scores_at(at[:5], _levelled(at, pairs, dip_ratio), level)
-    return value, np.einsum("nj,jkn->nk", scores, _jacobian(at, pairs, dip_ratio))
+    tried = replace(level, coefficients=at[:5], heeling=float(at[5]), dip_ratio=dip_ratio)
+    return value, np.einsum("nj,jkn->nk", scores, jacobian(tried, pairs.pitch_deg, pairs.roll_deg))
 
 
 def _levelled(at: Floats, pairs: Pairs, dip_ratio: float) -> Pairs:
@@ -85,15 +119,3 @@ def _levelled(at: Floats, pairs: Pairs, dip_ratio: float) -> Pairs:
     shift = np.where(np.isfinite(moved), angles.wrap180(moved), 0.0)
     east, north = angles.turn(pairs.upper_east, pairs.upper_north, -shift)
     return replace(pairs, heading_deg=angles.wrap360(pairs.heading_deg - shift), upper_east=east, upper_north=north)
-
-
-def _jacobian(at: Floats, pairs: Pairs, dip_ratio: float) -> Floats:
-    """Return the derivative of the coefficients at each tilt by A..E and K, (5, 6, n)."""
-    columns = []
-    for unit in 1e-5 * np.eye(6):
-        ahead, behind = (
-            coefficients_at((at + s * unit)[:5], (at + s * unit)[5], dip_ratio, pairs.pitch_deg, pairs.roll_deg)
-            for s in (1.0, -1.0)
-        )
-        columns.append((ahead - behind) / 2e-5)
-    return np.stack(columns, axis=1)
