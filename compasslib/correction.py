@@ -29,9 +29,10 @@ Complexes = NDArray[np.complexfloating]
 Flags = NDArray[np.int8]
 
 SURE = 0.95  # a branch less probable than this is flagged: the record cannot tell
-# An allowance for what a level model leaves out: at 5 degrees of tilt a vertical field of the iron of 4 % of H, or one
-# of 1 % induced where Z is four times H, each turn the compass by some 0.2 degrees along either axis.
-TILT_SIGMA_DEG = 0.4
+# An allowance, a degree of tilt, for what a level model leaves out: at 5 degrees a vertical field of the iron of 4 % of
+# H, or one of 1 % induced where Z is four times H, each turn the compass by some 0.2 degrees along either axis.
+LEFT_OUT_BY_TILT = 0.08
+UNKNOWN_TILT_DEG = 5.0  # assumed where no tilt was recorded (von Appen 2015: typically 5)
 KNOWS_NOTHING_DEG = 360.0 / np.sqrt(12.0)  # standard deviation of a heading that may be anything
 DECLINATION_SIGMA_DEG = 0.5  # assumed of a main-field model at high latitude; crust and storms are left out
 
@@ -108,8 +109,15 @@ def headings(readings: Readings, fit: Fit, pairs: Pairs) -> Decision:
     else:
         decision = branches.decide(readings, fit, *_overlaps(readings.time_s, fit, pairs))
     parameters = parameter_sigma(fit, decision.heading_deg, readings)
-    sigma = np.sqrt(decision.sigma_deg**2 + parameters**2 + TILT_SIGMA_DEG**2)
+    sigma = np.sqrt(decision.sigma_deg**2 + parameters**2 + _left_out_by_tilt(readings, fit) ** 2)
     return replace(decision, sigma_deg=np.minimum(sigma, KNOWS_NOTHING_DEG))
+
+
+def _left_out_by_tilt(readings: Readings, fit: Fit) -> Floats:
+    if fit.tilted:
+        return np.zeros(readings.heading_deg.shape)
+    tilt_deg = np.hypot(readings.pitch_deg, readings.roll_deg)
+    return LEFT_OUT_BY_TILT * np.where(np.isfinite(tilt_deg), tilt_deg, UNKNOWN_TILT_DEG)
 
 
 def readings_of(pairs: Pairs) -> Readings:
