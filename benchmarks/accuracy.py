@@ -4,7 +4,7 @@
     python benchmarks/accuracy.py CRUISE     any cruise folder with truth/NAME.csv or truth_NAME.csv
 
 The cruise is run with every mooring by ``exact``, by ``exact`` with tilt and by ``von_appen``, beside the original,
-which stays as it is. Where a mooring has no truth its own recorded headings are taken for it (a compass that was right).
+which stays as it is. Where a mooring has no truth its own recorded headings are taken for it (it was right).
 """
 
 from __future__ import annotations
