@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles, compass
-from compasslib.deviation import likelihood, tilt
+from compasslib.deviation import likelihood
+from compasslib.deviation.along import Along
 from compasslib.deviation.likelihood import CELL_CENTRES, CELLS, FINE, UNPREDICTED
 from compasslib.deviation.model import Fit
 from compasslib.records import Readings
@@ -45,20 +46,20 @@ class Decision:
     other_deg: Floats  # (n,) the other root, NaN where there is none
 
 
-def decide(readings: Readings, fit: Fit, seen: NDArray[np.intp], scatter: Floats) -> Decision:
+def decide(readings: Readings, along: Along, fit: Fit, seen: NDArray[np.intp], scatter: Floats) -> Decision:
     """Return the heading at each sample of a compass that can fold.
 
     Args:
         readings: what the compass recorded, n samples.
-        fit: a fitted exact compass, level or with tilt.
+        along: the compass at each of them.
+        fit: the fitted exact compass, for its noise and the headings' distribution.
         seen: samples at which the trusted instrument overlaps, (k,).
         scatter: density of its observed heading on the cells, (k, CELLS).
     """
-    coefficients = tilt.along(fit, readings.pitch_deg, readings.roll_deg)
-    roots = compass.inverse(coefficients, readings.heading_deg)
+    roots = along.roots()
     if not np.isfinite(roots[:, 1]).any():
-        return _single(roots[:, 0], coefficients)
-    evidence = _evidence(readings.heading_deg, coefficients, fit.noise.compass_deg)
+        return _single(roots[:, 0], along)
+    evidence = _evidence(along, fit.noise.compass_deg)
     evidence[seen] *= scatter**SHARED_NOISE
     moves = _moves(readings.time_s, readings.water)
     posterior = smooth(evidence, moves, _learn(evidence, moves, fit.heading_density), fit.heading_density)
@@ -180,21 +181,23 @@ def _learn(evidence: Floats, moves: Moves, density: Floats) -> Habit:
     return likelier([replace(habit, leaps=leaps) for leaps in LEAP_SHARES])
 
 
-def _evidence(recorded_deg: Floats, coefficients: Floats, compass_deg: float) -> Floats:
+def _evidence(along: Along, compass_deg: float) -> Floats:
     """Return how likely each cell makes the recorded heading, (n, CELLS); flat where nothing was recorded."""
-    known = np.isfinite(recorded_deg)
-    recorded = np.where(known, recorded_deg, 0.0)
-    if coefficients.ndim == 1:
-        rows = _rows(FINE.heading_deg, coefficients, compass_deg)[FINE.bin_of(recorded)]
+    known = np.isfinite(along.reading_deg)
+    recorded = angles.wrap360(np.where(known, along.reading_deg, 0.0))
+    if along.coefficients.ndim == 1:
+        rows = _rows(FINE.heading_deg, along.coefficients, FINE.heading_deg, compass_deg)[FINE.bin_of(recorded)]
     else:
+        towards = FINE.heading_deg - np.broadcast_to(along.north_deg, recorded.shape)[:, None]
         parts = np.array_split(np.arange(len(recorded)), max(1, len(recorded) // CHUNK))
-        rows = np.concatenate([_rows(recorded[i], coefficients[:, i, None], compass_deg) for i in parts])
+        at = along.coefficients[:, :, None]
+        rows = np.concatenate([_rows(recorded[i], at[:, i], towards[i], compass_deg) for i in parts])
     return np.where(known[:, None], rows, 1.0 / 360.0)
 
 
-def _rows(recorded_deg: Floats, coefficients: Floats, compass_deg: float) -> Floats:
+def _rows(recorded_deg: Floats, coefficients: Floats, heading_deg: Floats, compass_deg: float) -> Floats:
     """Return the density of each recorded heading given each cell, (k, CELLS)."""
-    offset = angles.difference(recorded_deg[:, None], compass.recorded_heading(coefficients, FINE.heading_deg))
+    offset = angles.difference(recorded_deg[:, None], compass.recorded_heading(coefficients, heading_deg))
     hats = FINE.hats()
     return np.asarray(likelihood.compass_noise(offset, compass_deg) @ (hats / hats.sum(axis=0)) + UNPREDICTED)
 
@@ -227,10 +230,10 @@ def _chosen(posterior: Floats, roots: Floats, recorded_deg: Floats) -> Decision:
     )
 
 
-def _single(root: Floats, coefficients: Floats) -> Decision:
-    slope = np.maximum(np.abs(compass.slope(coefficients, root)), 0.05)
+def _single(root: Floats, along: Along) -> Decision:
+    slope = np.maximum(np.abs(compass.slope(along.coefficients, root - along.north_deg)), 0.05)
     return Decision(
-        heading_deg=root,
+        heading_deg=angles.wrap360(root),
         sigma_deg=PRECISION_DEG / slope,
         probability=np.where(np.isfinite(root), 1.0, np.nan),
         other_deg=np.full(root.shape, np.nan),

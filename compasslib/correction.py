@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib import angles, branches, compass, earthfield
+from compasslib import angles, branches, earthfield
 from compasslib.branches import Decision
-from compasslib.deviation import likelihood, model, tilt, von_appen
+from compasslib.deviation import along, likelihood, model, von_appen
+from compasslib.deviation.along import Along
 from compasslib.deviation.model import Fit
 from compasslib.records import (
     BAD,
@@ -93,22 +94,24 @@ def told(name: str, product: Corrected) -> str:
     )
 
 
-def headings(readings: Readings, fit: Fit, pairs: Pairs) -> Decision:
+def headings(readings: Readings, fit: Fit, pairs: Pairs, at: Along | None = None) -> Decision:
     """Return the correct heading, its standard deviation and how sure its branch is.
 
     Args:
         readings: what the compass recorded, n samples.
         fit: the deviation model, perhaps without coefficients.
         pairs: overlaps that may decide between branches; their times are among those of the readings.
+        at: the compass at each sample, where more acted on it than the fit holds.
     """
     if not fit.fitted:
         nothing = np.full(readings.heading_deg.shape, np.nan)
         return Decision(nothing, nothing, nothing, nothing)
-    if fit.method == "von_appen":
+    if fit.method == "von_appen" and at is None:
         decision = _published(readings.heading_deg, fit)
     else:
-        decision = branches.decide(readings, fit, *_overlaps(readings.time_s, fit, pairs))
-    parameters = parameter_sigma(fit, decision.heading_deg, readings)
+        at = along.of_fit(fit, readings) if at is None else at
+        decision = branches.decide(readings, at, fit, *_overlaps(readings.time_s, fit, pairs))
+    parameters = von_appen.sigma(fit, decision.heading_deg) if at is None else at.sigma(decision.heading_deg)
     sigma = np.sqrt(decision.sigma_deg**2 + parameters**2 + _left_out_by_tilt(readings, fit) ** 2)
     return replace(decision, sigma_deg=np.minimum(sigma, KNOWS_NOTHING_DEG))
 
@@ -148,25 +151,6 @@ def _water(record: Record) -> Complexes:
     with np.errstate(invalid="ignore", divide="ignore"):
         east, north = (np.where(good, x, 0.0).sum(axis=1) / count for x in (record.east, record.north))
     return in_body_frame(east, north, record.heading_deg)
-
-
-def parameter_sigma(fit: Fit, heading_deg: Floats, readings: Readings) -> Floats:
-    """Return the heading's standard error that the coefficients' covariance makes, degrees.
-
-    Args:
-        fit: a fitted model.
-        heading_deg: corrected headings, (n,), degrees.
-        readings: what the compass recorded, n samples.
-    """
-    if fit.method == "von_appen":
-        return von_appen.sigma(fit, heading_deg)
-    at = tilt.along(fit, readings.pitch_deg, readings.roll_deg)
-    columns = compass.gradient(at, heading_deg)
-    if fit.tilted:
-        columns = np.einsum("in,ikn->kn", columns, tilt.jacobian(fit, readings.pitch_deg, readings.roll_deg))
-    variance = np.einsum("in,ij,jn->n", columns, fit.covariance, columns)
-    # At a fold the slope vanishes; there the spread over both branches is in the decision already.
-    return np.sqrt(variance) / np.maximum(np.abs(compass.slope(at, heading_deg)), 0.3)
 
 
 def _published(recorded_deg: Floats, fit: Fit) -> Decision:

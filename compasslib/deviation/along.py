@@ -1,0 +1,61 @@
+"""A compass as it was at every sample of a record: level or tilted, and with whatever else acted on it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib import compass
+from compasslib.deviation import tilt
+from compasslib.deviation.model import Fit
+from compasslib.records import Readings
+
+Floats = NDArray[np.floating]
+
+FLATTEST = 0.3  # least slope that is divided by; at a fold the spread over both branches holds the rest
+
+
+@dataclass(frozen=True)
+class Along:
+    """What turns recorded headings into correct ones, sample by sample; n samples, p parameters."""
+
+    reading_deg: Floats  # (n,) recorded headings, what acts on the readout undone
+    coefficients: Floats  # (5,) or (5, n) A..E of the exact compass
+    covariance: Floats  # (p, p) of the parameters
+    sensitivity: Callable[[Floats], Floats]  # correct headings (n,) -> how far each moves by each parameter, (n, p)
+    north_deg: Floats | float = 0.0  # how far magnetic north stood east of where the declination puts it, (n,)
+
+    def roots(self) -> Floats:
+        """Return the correct headings that the compass recorded as it did, (n, 2), NaN where there is none."""
+        roots = compass.inverse(self.coefficients, self.reading_deg)
+        return roots + np.broadcast_to(self.north_deg, self.reading_deg.shape)[:, None]
+
+    def sigma(self, heading_deg: Floats) -> Floats:
+        """Return the standard error that the parameters' covariance makes, (n,) degrees.
+
+        Args:
+            heading_deg: correct headings, (n,), degrees.
+        """
+        columns = self.sensitivity(heading_deg)
+        return np.sqrt(np.einsum("ni,ij,nj->n", columns, self.covariance, columns))
+
+
+def of_fit(fit: Fit, readings: Readings) -> Along:
+    """Return a fitted exact compass along its own record.
+
+    Args:
+        fit: coefficients with covariance, level or with tilt.
+        readings: what the compass recorded.
+    """
+    at = tilt.along(fit, readings.pitch_deg, readings.roll_deg)
+
+    def sensitivity(heading_deg: Floats) -> Floats:
+        columns = compass.gradient(at, heading_deg)
+        if fit.tilted:
+            columns = np.einsum("in,ikn->kn", columns, tilt.jacobian(fit, readings.pitch_deg, readings.roll_deg))
+        return (columns / np.maximum(np.abs(compass.slope(at, heading_deg)), FLATTEST)).T
+
+    return Along(readings.heading_deg, at, fit.covariance, sensitivity)
