@@ -1,12 +1,13 @@
 """Hard and soft iron from the readings of a magnetometer alone: the field has one modulus, whichever way it is turned.
 
 Le Menn et al. 2023, eqs. (1), (2), after Fang et al. 2011: m = S f + b + n and |G (m - b)| = 1 with G the inverse of S
-over the field's strength. Two families share the algebra: in ``space`` the whole modulus is constant, on a platform that
-is ``level`` but for small tilts the horizontal one, |h|^2 - (t h)^2 with t the downward direction.
+over the field's strength. Two families share the algebra. In ``space`` the whole modulus is constant; where a platform
+is ``level`` but for small tilts it is the horizontal one, |h|^2 - (t h)^2 with t the downward direction.
 
-The squared modulus of a noisy reading is too large on average (the term -2 ... + n^T G^T G n of eq. 2), which biases the
-algebraic fit. The loss here is the adjusted one (Kukush, Markovsky and Van Huffel 2004): with isotropic Gaussian noise
-of variance s its mean is the loss of readings without noise, to every order, and s follows from its being zero.
+The noise term of eq. (2) is -2 (m - b)^T G^T G n + n^T G^T G n (the print has lost the first sign). Its mean is not
+zero, which biases the plain algebraic fit. The loss here is the adjusted one (Kukush, Markovsky and Van Huffel 2004):
+with isotropic Gaussian noise of variance s its mean is the loss of readings without noise, to every order, and s
+follows from its being zero.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.floating]
 
 STEPS, LONGEST_STEP, CONVERGED = 60, 0.3, 1e-11
-BLOCKS = 25  # of the jackknife: more than the memory of the noise in each, enough for a variance
+BLOCKS = 20  # of the jackknife: each longer than the memory of the noise, enough of them for a variance
 NORMAL_95 = 1.96
 CENTRE, SOFT = ("x offset", "y offset", "z offset"), ("S11", "S22", "S33", "S12", "S13", "S23")
 EVERY = CENTRE + SOFT

@@ -1,4 +1,4 @@
-"""Which ellipsoid a log of a magnetometer can carry: what its orientations determine, and what held-out blocks prefer."""
+"""Which ellipsoid a magnetometer's log can carry: what the orientations determine, what held-out blocks prefer."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from compasslib import angles
 from compasslib.calibration import ellipsoid
 from compasslib.calibration.ellipsoid import (
     AXES,
+    CENTRE,
     CIRCLE,
     ELLIPSE,
     ELLIPSOID,
@@ -31,6 +32,8 @@ LASTING = 0.003  # of the field: linearity, cross-axis, gradients; an error that
 FOLDS = 5
 LEAST_ARC_DEG, FEWEST_SECTORS, MOST_SCATTER = 120.0, 6, 0.25
 MOST_TILT_DEG, FLAT = 30.0, 0.3  # of a platform that counts as level: by its tilts, or by z's scatter over the radius
+OUTLYING, MOST_OUTLYING, MAD_TO_SIGMA = 6.0, 0.05, 1.4826
+DIAGONAL, OTHERS, LEVEL_SOFT = ("S11", "S22", "S33"), ("S12", "S13", "S23"), ("S11", "S22", "S12")
 UNSEEN_LEVEL = ("z offset", "S33", "S13", "S23")
 
 
@@ -62,6 +65,20 @@ def choose(log: Log, body: Floats) -> Choice:
     return _level(log, body)
 
 
+def far_off(choice: Choice) -> NDArray[np.bool_]:
+    """Return which readings lie so far off the fitted modulus that they are not its noise, (n,); none where many do.
+
+    Args:
+        choice: with a fit.
+    """
+    if choice.full is None or choice.readings is None:
+        return np.zeros(0, dtype=bool)
+    off = ellipsoid.modulus(_field(choice.full.iron()[0], choice.readings), choice.readings.down) - 1.0
+    off = np.abs(off - np.median(off))
+    far = off > OUTLYING * max(MAD_TO_SIGMA * float(np.median(off)), LASTING)
+    return far if far.mean() < MOST_OUTLYING else np.zeros_like(far)
+
+
 def _space(body: Floats) -> Choice:
     readings, scale, centre = _scaled(body, np.zeros_like(body))
     try:
@@ -71,11 +88,11 @@ def _space(body: Floats) -> Choice:
     if sphere.noise > MOST_SCATTER:
         return Choice(why=_scattered(sphere.noise, "sphere"))
     unsure = _unsure(ELLIPSOID, sphere, readings, _noise(ELLIPSOID, sphere, readings))
-    lost = {k: v for k, v in unsure.items() if v > MOST_UNSURE}
-    if any(name in ("x offset", "y offset", "z offset") for name in lost):
+    lost = _with_their_like(unsure, DIAGONAL, OTHERS)
+    if any(unsure[name] > MOST_UNSURE for name in CENTRE):
         return Choice(why="The orientations do not cover the sphere.")
-    models = [model for model in (SPHERE, AXES, ELLIPSOID) if not lost.keys() & set(model.free)]
-    reasons = {name: _reason(v, "the orientations leave it") for name, v in lost.items()}
+    models = [model for model in (SPHERE, AXES, ELLIPSOID) if not set(lost) & set(model.free)]
+    reasons = {name: _reason(unsure[name], "the orientations leave it") for name in lost}
     return _best(models, readings, centre, Choice(scale=scale, undetermined=reasons, weakest=unsure))
 
 
@@ -94,7 +111,7 @@ def _level(log: Log, body: Floats) -> Choice:
     noise = _noise(ELLIPSE, circle, readings)
     unsure = _unsure(LEVEL_AND_THIRD, circle, readings, noise) if log.tilted else {}
     both = _unsure(ELLIPSE, circle, readings, noise)
-    lost = [name for name in ("S11", "S22", "S12") if both[name] > MOST_UNSURE]
+    lost = _with_their_like(both, LEVEL_SOFT)
     rest = _unsure(CIRCLE, circle, readings, noise) if lost else both
     if max(rest["x offset"], rest["y offset"]) > MOST_UNSURE:
         return Choice(why="The readings cover too little of a turn: not even the centre of the circle is determined.")
@@ -115,7 +132,14 @@ def _unseen(log: Log, unsure: dict[str, float], down: Floats) -> dict[str, str]:
     return {**{name: _reason(unsure[name], spans) for name in ("z offset", "S33")}, "S13": mixed, "S23": mixed}
 
 
+def _with_their_like(unsure: dict[str, float], *groups: tuple[str, ...]) -> list[str]:
+    """Return the names in those groups of which one is too unsure: a model has all of a group or none."""
+    return [name for group in groups if any(unsure[k] > MOST_UNSURE for k in group) for name in group]
+
+
 def _reason(unsure: float, spans: str) -> str:
+    if unsure <= MOST_UNSURE:
+        return f"{spans} beside others of its kind that are not determined"
     size = f"unsure by {100.0 * unsure:.0f} % of the field" if unsure < 1.0 else "open by more than the whole field"
     return f"{spans} {size}; at most {100.0 * MOST_UNSURE:.0f} % is accepted"
 

@@ -1,12 +1,10 @@
-"""What iron does to the heading: the exact compass of a calibrated magnetometer, its series, its table, its tilt angles.
+"""What iron does to the heading: the exact compass of a calibrated magnetometer, its series, table and tilt angles.
 
 Iron travels here as one vector (12,): the centre b and the nine numbers of G, over the readings' scale. Whatever is
 computed from it is computed from each replicate of the jackknife too, which gives its uncertainty.
 """
 
 from __future__ import annotations
-
-from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,11 +67,6 @@ def table(coefficients: Floats, replicates: Floats) -> Table:
     return Table(TABLE_DEG, value, ellipsoid.sigma(off))
 
 
-def of_each(function: Callable[[Floats], Floats], replicates: Floats) -> Floats:
-    """Return a function of each replicate, (blocks, ...)."""
-    return np.array([function(one) for one in replicates])
-
-
 def headings(iron: Floats, readings: Readings, levelling: Floats) -> tuple[Floats, Floats]:
     """Return recorded and corrected heading of each reading, (n,) degrees each.
 
@@ -109,8 +102,8 @@ def tilt_angles(iron: Floats, readings: Readings, down: Floats) -> tuple[Floats,
         down: t of the tilt sensor, (n, 3).
 
     Returns:
-        The turn (3,) in degrees, NaN about an axis that the tilts do not determine; c, the sine of the dip; and the iron
-        with the turn in its G.
+        The turn (3,) in degrees, NaN about an axis that the tilts do not determine; c, the sine of the dip; and the
+        iron with the turn in its G.
     """
     field = ellipsoid.corrected(iron[:3], iron[3:].reshape(3, 3), readings)
     turn, wide = np.eye(3), np.zeros(3, dtype=bool)

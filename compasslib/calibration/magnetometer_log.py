@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +19,9 @@ Floats = NDArray[np.floating]
 ROLES = {"x": "x", "y": "y", "z": "z", "pitch": "pitch_deg", "roll": "roll_deg", "heading": "heading_deg"}
 TIME = "time_utc"
 FEWEST, FEWEST_DISTINCT = 50, 20
-# Modulus of an accelerometer's columns: g, m/s^2 and the counts of a 16-bit sensor of 2 g. Direction cosines have 1 too.
+# Modulus of an accelerometer's columns: g, m/s^2, counts of a 16-bit sensor of 2 g. Direction cosines have 1 too.
 GRAVITIES = {1.0: "1", 9.80665: "9.81", 16384.0: "16384"}
+SPIKE = 3.0  # half ranges
 GRAVITY_SHARE, LIKE_TILT = 0.02, 0.95
 MOST_SCATTER_DEG, ALIKE_DEG, BETTER = 40.0, 2.0, 0.9
 LEAST_TURN = 0.9  # mean resultant length above which logged headings say nothing on the axes
@@ -45,6 +46,21 @@ class Log:
     def tilted(self) -> bool:
         """Whether tilts were logged."""
         return self.pitch_deg is not None
+
+    def take(self, index: NDArray[np.bool_], *warnings: str) -> Log:
+        """Return some of the readings, by a mask (n,), with sentences on why.
+
+        Args:
+            index: what stays.
+            warnings: added to those of the log.
+        """
+        columns: dict[str, Any] = {
+            name: None if column is None else column[index]
+            for name in ("pitch_deg", "roll_deg", "heading_deg", "time_s")
+            for column in [getattr(self, name)]
+        }
+        left_out = self.left_out + int((~index).sum())
+        return replace(self, raw=self.raw[index], left_out=left_out, warnings=(*self.warnings, *warnings), **columns)
 
     def levelling(self) -> Floats:
         """Return the matrices that turn the body frame level, (n, 3, 3); the identity without tilts."""
@@ -97,16 +113,19 @@ def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Log:
     if z is None or pitch is None or roll is None:
         pitch = roll = None
     raw = np.column_stack([columns["x"], columns["y"], np.zeros(len(columns["x"])) if z is None else z])
-    return Log(
-        raw,
-        z is not None,
-        pitch,
-        roll,
-        columns.get("heading"),
-        columns.get("time"),
-        int((~good).sum()),
-        tuple(warnings),
-    )
+    rest = columns.get("heading"), columns.get("time"), int((~good).sum()), tuple(warnings)
+    log = Log(raw, z is not None, pitch, roll, *rest)
+    spike = _spikes(raw)
+    return log.take(~spike, f"{spike.sum()} of {spike.size} readings are spikes and left out.") if spike.any() else log
+
+
+def _spikes(raw: Floats) -> NDArray[np.bool_]:
+    """Return which readings lie far outside the range of an axis that holds 98 % of them, (n,)."""
+    if not len(raw):
+        return np.zeros(0, dtype=bool)
+    low, high = np.percentile(raw, (1.0, 99.0), axis=0)
+    middle, reach = (low + high) / 2.0, SPIKE * (high - low) / 2.0
+    return np.any((np.abs(raw - middle) > reach) & (reach > 0.0), axis=1)
 
 
 def _wanted(paths: Sequence[Path], names: Mapping[str, str], withhold: set[str]) -> dict[str, str]:
@@ -153,12 +172,10 @@ def _gravity(log: Log) -> str:
     constant = float(length.std()) < GRAVITY_SHARE * mean
     for value, text in GRAVITIES.items():
         if constant and abs(mean - value) < GRAVITY_SHARE * value:
-            also = "the direction cosines of a field whose strength is gone" if value == 1.0 else "not a magnetic field"
-            return (
-                f"The modulus of x, y, z is {text} throughout: this is gravity, an accelerometer's columns, or {also}."
-            )
+            also = " (or direction cosines, whose strength is gone)" if value == 1.0 else ""
+            return f"The modulus of x, y, z is {text} throughout: this is gravity, from an accelerometer{also}."
     if log.tilted and _follows(log.raw, log.levelling()[:, 2, :]):
-        return "x and y follow pitch and roll, not the heading: this is gravity, an accelerometer's columns."
+        return "x and y follow pitch and roll, not the heading: this is gravity, from an accelerometer."
     return ""
 
 
@@ -201,11 +218,9 @@ def axes(log: Log) -> tuple[Axes, list[str]]:
         return assumed, [f"The logged heading does not follow the axes (scatter {scatter:.0f}°). {_text(np.eye(3))}."]
     text = _text(best) + " (from the logged heading)"
     if scatter > ALIKE_DEG:
-        told = (
-            f"The logged heading is not that of the raw axes (scatter {scatter:.1f}°): it is compensated or corrected."
-        )
-        return Axes(best, text), [told + " Coefficients here are for the heading of the raw axes."]
-    sigma = max(scatter, 1e-3) / np.sqrt(min(len(log.raw), FEWEST))  # neighbours in time share their error
+        told = f"The logged heading is not that of the raw axes (scatter {scatter:.1f}°): it is levelled or corrected."
+        return Axes(best, text), [f"{told} Coefficients here are for the heading of the raw axes."]
+    sigma = scatter / np.sqrt(min(len(log.raw), FEWEST))  # neighbours in time share their error
     return Axes(about_down(off) @ best, text, off, sigma), []
 
 
