@@ -76,9 +76,8 @@ def errors(true, found):
 
 def coverage(draws: int) -> None:
     print(f"\nShare of truths inside the 95 % interval, {draws} draws; target 93 to 97 %")
-    print(
-        "| scenario | hard iron | soft iron | heading every 10° | B to E | model | refused |\n|---|---|---|---|---|---|---|"
-    )
+    print("| scenario | hard iron | soft iron | heading every 10° | B to E | model | refused |")
+    print("|---|---|---|---|---|---|---|")
     with tempfile.TemporaryDirectory() as folder:
         for name, settings in SCENARIOS.items():
             rng, z, models, refused = np.random.default_rng(20), defaultdict(list), defaultdict(int), 0

@@ -91,7 +91,9 @@ def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Log:
     """
     paths = [Path(file) for file in files]
     wanted = _wanted(paths, settings.get("columns") or {}, set(settings.get("withhold") or ()))
-    tables = [table.series(path, wanted, advice="name it under columns in the calibration's file") for path in paths]
+    tables = [
+        table.read_columns(path, wanted, advice="name it under columns in the calibration's file") for path in paths
+    ]
     columns = {role: np.concatenate([t[role] for t in tables]) for role in wanted}
     empty = [role for role, v in columns.items() if role not in ("x", "y", "time") and not np.isfinite(v).any()]
     columns = {role: values for role, values in columns.items() if role not in empty}
@@ -130,7 +132,7 @@ def _spikes(raw: Floats) -> NDArray[np.bool_]:
 
 def _wanted(paths: Sequence[Path], names: Mapping[str, str], withhold: set[str]) -> dict[str, str]:
     """Return role -> header of the columns that are there, x and y in any case."""
-    there = set.intersection(*(set(table.header(path)) for path in paths))
+    there = set.intersection(*(set(table.header_line(path)) for path in paths))
     found = {}
     for role, usual in {**ROLES, "time": TIME}.items():
         named = names.get(role, names.get(usual))

@@ -35,7 +35,7 @@ def read(paths: Sequence[Path], *, columns: Mapping[str, str | float]) -> Record
     """
     scale = float(columns.get("scale", 1.0))
     headers = {role: str(header) for role, header in columns.items() if role != "scale" and header is not None}
-    tables = [series(path, headers) for path in paths]
+    tables = [read_columns(path, headers) for path in paths]
     table = {role: np.concatenate([t[role] for t in tables]) for role in headers}
     samples = _Samples(table.pop("time"))
     n, m = len(samples.first), int(samples.bin.max(initial=0)) + 1
@@ -95,7 +95,7 @@ def _east_north(table: Mapping[str, Floats]) -> tuple[Floats, Floats]:
     return angles.turn(-table["y"], table["x"], table["heading"])
 
 
-def header(path: Path) -> list[str]:
+def header_line(path: Path) -> list[str]:
     """Return the names in the header line of a table, none where the file is empty.
 
     Args:
@@ -108,7 +108,7 @@ def header(path: Path) -> list[str]:
     return rows[0][1] if rows else []
 
 
-def series(
+def read_columns(
     path: Path, headers: Mapping[str, str], *, advice: str = "correct columns in the mooring file"
 ) -> dict[str, Floats]:
     """Return the wanted columns of a table by role, (n,) each, NaN for an empty cell.
