@@ -112,6 +112,18 @@ def test_iron_of_a_level_platform_is_found_and_its_third_axis_is_refused(tmp_pat
     assert np.max(sigma) < 0.02 * iron.FIELD
 
 
+def test_a_mean_tilt_hides_vertical_iron_and_the_uncertainty_says_so(tmp_path, rng):
+    true = iron.Iron(np.eye(3), np.array([40.0, -25.0, 45.0]), 60.0)
+    motion = iron.level_motion(rng, 1500, tilt_deg=2.0) + np.array([0.0, 6.0, 0.0])
+    found = magnetometer.calibrate([log(tmp_path, iron.readings(rng, true, motion), motion)], {})
+    wrong = np.array(found.details["hard_iron"][:2]) - true.hard[:2]
+    sigma = np.array(found.details["hard_iron_sigma"][:2])
+    assert wrong[0] == pytest.approx(45.0 * np.sin(np.deg2rad(6.0)), abs=1.0)
+    assert sigma[0] > 0.8 * abs(wrong[0]) and sigma[1] < 1.0
+    off_deg = off(found.table.deviation_deg, true.deviation(found.table.heading_deg))
+    assert np.all(np.abs(off_deg) < 2.5 * found.table.sigma_deg + 0.1)
+
+
 def test_part_of_a_turn_gives_a_centre_but_no_soft_iron(tmp_path, rng):
     true = iron.Iron(np.eye(3), np.array([40.0, -25.0, 0.0]), 60.0)
     motion = np.column_stack([np.linspace(0.0, 150.0, 600), np.zeros((600, 2))])

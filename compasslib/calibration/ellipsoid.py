@@ -194,28 +194,32 @@ def blocks(n: int) -> NDArray[np.signedinteger]:
     return np.arange(n) * BLOCKS // max(n, 1)
 
 
-def covariance(replicates: Floats) -> Floats:
+def covariance(replicates: Floats, shift: Floats | float = 0.0) -> Floats:
     """Return the jackknife covariance of whatever was computed from each replicate, (q, q).
 
     It is widened so that 1.96 standard deviations hold what Student's distribution of the few blocks asks for.
 
     Args:
         replicates: (blocks, q).
+        shift: what one standard deviation of something that no reading shows does to it, (q,).
     """
     k = len(replicates)
     off = replicates - replicates.mean(axis=0)
     wider = 1.0 + (NORMAL_95**2 + 1.0) / (4.0 * (k - 1))  # Student's quantile over the normal one, first order
-    return wider**2 * (k - 1) / k * off.T @ off
+    unseen = np.broadcast_to(shift, off.shape[1:])
+    return wider**2 * (k - 1) / k * off.T @ off + np.outer(unseen, unseen)
 
 
-def sigma(replicates: Floats) -> Floats:
+def sigma(replicates: Floats, shift: Floats | float = 0.0) -> Floats:
     """Return the standard deviation of whatever was computed from each replicate, in its own shape.
 
     Args:
         replicates: (blocks, ...).
+        shift: as for the covariance, (...).
     """
+    shape = replicates.shape[1:]
     flat = replicates.reshape(len(replicates), -1)
-    return np.sqrt(np.diag(covariance(flat))).reshape(replicates.shape[1:])
+    return np.sqrt(np.diag(covariance(flat, np.broadcast_to(shift, shape).ravel()))).reshape(shape)
 
 
 def dilution(judged: Model, iron: Floats, readings: Readings) -> dict[str, float]:

@@ -90,14 +90,15 @@ def _correction(solved: Solved, exact: Floats, *, folded: bool) -> dict[str, Any
     """Return what the iron does to the heading; the exact coefficients alone where it folds."""
     each = zip(solved.replicates, solved.dip_replicates, strict=True)
     replicates = np.array([magnetometer_heading.exact(iron, float(dip)) for iron, dip in each])
-    found: dict[str, Any] = {"exact": exact, "exact_covariance": ellipsoid.covariance(replicates)}
+    moved = magnetometer_heading.exact(solved.moved, solved.dip_ratio)
+    found: dict[str, Any] = {"exact": exact, "exact_covariance": ellipsoid.covariance(replicates, moved - exact)}
     if folded:
         return found
-    series, table = magnetometer_heading.series(exact), magnetometer_heading.table(exact, replicates)
+    series, table = magnetometer_heading.series(exact), magnetometer_heading.table(exact, replicates, moved)
     each_series = np.array([magnetometer_heading.series(one) for one in replicates])
     return found | {
         "coefficients": series,
-        "covariance": ellipsoid.covariance(each_series),
+        "covariance": ellipsoid.covariance(each_series, magnetometer_heading.series(moved) - series),
         "residual_rms_deg": _residual(solved, series, exact),
         "sources": magnetometer_report.sources(solved, table, series),
         "table": table,

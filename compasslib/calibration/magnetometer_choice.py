@@ -81,13 +81,13 @@ def far_off(choice: Choice) -> NDArray[np.bool_]:
 
 def _space(body: Floats) -> Choice:
     readings, scale, centre = _scaled(body, np.zeros_like(body))
-    try:
-        sphere = ellipsoid.fit(SPHERE, readings, centre)
-    except np.linalg.LinAlgError:
+    sphere = _try(SPHERE, readings, centre)
+    if sphere is None:
         return Choice(why="The readings determine no sphere.")
-    if sphere.noise > MOST_SCATTER:
-        return Choice(why=_scattered(sphere.noise, "sphere"))
-    unsure = _unsure(ELLIPSOID, sphere, readings, _noise(ELLIPSOID, sphere, readings))
+    noise = _noise(ELLIPSOID, sphere, readings)
+    if noise[0] > MOST_SCATTER:
+        return Choice(why=_scattered(noise[0], "ellipsoid"))
+    unsure = _unsure(ELLIPSOID, sphere, readings, noise)
     lost = _with_their_like(unsure, DIAGONAL, OTHERS)
     if any(unsure[name] > MOST_UNSURE for name in CENTRE):
         return Choice(why="The orientations do not cover the sphere.")
@@ -101,14 +101,13 @@ def _level(log: Log, body: Floats) -> Choice:
     if log.tilted and np.percentile(_tilt(down), 99.0) > MOST_TILT_DEG:
         return Choice(why="The orientations neither cover the sphere nor stay level.")
     readings, scale, centre = _scaled(body, down)
-    try:
-        circle = ellipsoid.fit(CIRCLE, readings, centre)
-    except np.linalg.LinAlgError:
+    circle = _try(CIRCLE, readings, centre)
+    if circle is None:
         return Choice(why="The readings lie on no circle: the instrument did not turn, or the record is constant.")
-    why = _poor(circle, readings)
+    noise = _noise(ELLIPSE, circle, readings)
+    why = _poor(circle, readings, noise[0])
     if why or (log.has_z and not log.tilted and readings.field[:, 2].std() > FLAT):
         return Choice(why=why or "The orientations neither cover the sphere nor stay level, and no tilts are logged.")
-    noise = _noise(ELLIPSE, circle, readings)
     unsure = _unsure(LEVEL_AND_THIRD, circle, readings, noise) if log.tilted else {}
     both = _unsure(ELLIPSE, circle, readings, noise)
     lost = _with_their_like(both, LEVEL_SOFT)
@@ -156,10 +155,10 @@ def _scaled(body: Floats, down: Floats) -> tuple[Readings, float, Floats]:
     return Readings(body / scale, down), scale, centre / scale
 
 
-def _poor(circle: Fitted, readings: Readings) -> str:
+def _poor(circle: Fitted, readings: Readings, noise: float) -> str:
     """Return why a circle through the readings means nothing; empty where it does."""
-    if circle.noise > MOST_SCATTER:
-        return _scattered(circle.noise, "circle")
+    if noise > MOST_SCATTER:
+        return _scattered(noise, "circle or ellipse")
     towards = np.sort(angles.argument((readings.field - circle.iron()[0][:3])[:, :2] @ np.array([1.0, -1.0j])))
     arc = 360.0 - float(np.max(np.diff(towards, append=towards[0] + 360.0)))
     if arc < LEAST_ARC_DEG:
@@ -202,18 +201,26 @@ def _noise(largest: Model, fitted: Fitted, readings: Readings) -> tuple[float, f
 def _best(models: Sequence[Model], readings: Readings, centre: Floats, found: Choice) -> Choice:
     """Return the model that predicts contiguous blocks best which it was not fitted to."""
     scores = {model.name: _score(model, readings, centre) for model in models}
-    fits = {model.name: ellipsoid.fit(model, readings, centre) for model in models}
-    name = min(scores, key=lambda k: scores[k])
+    fits = {model.name: fitted for model in models if (fitted := _try(model, readings, centre))}
+    if not fits:
+        return Choice(why="No ellipsoid can be fitted to the readings.")
     return Choice(
-        fits[name],
+        fits[min(fits, key=lambda name: scores[name])],
         readings,
         found.scale,
         found.level,
         scores,
         found.undetermined,
         found.weakest,
-        fits[models[-1].name],
+        fits[list(fits)[-1]],
     )
+
+
+def _try(model: Model, readings: Readings, centre: Floats) -> Fitted | None:
+    try:
+        return ellipsoid.fit(model, readings, centre)
+    except np.linalg.LinAlgError:
+        return None
 
 
 def _score(model: Model, readings: Readings, centre: Floats) -> float:

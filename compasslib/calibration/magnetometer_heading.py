@@ -55,16 +55,17 @@ def series(coefficients: Floats) -> Floats:
     return np.linalg.lstsq(von_appen.design(GRID_DEG), deviation(coefficients, GRID_DEG), rcond=None)[0]
 
 
-def table(coefficients: Floats, replicates: Floats) -> Table:
+def table(coefficients: Floats, replicates: Floats, moved: Floats) -> Table:
     """Return the exact deviation every 10 degrees of the recorded heading.
 
     Args:
         coefficients: A..E of the exact compass, (5,).
         replicates: the same without each block, (blocks, 5).
+        moved: the same with one standard deviation of what no reading shows, (5,).
     """
     value = deviation(coefficients, TABLE_DEG)
-    off = np.array([angles.difference(deviation(one, TABLE_DEG), value) for one in replicates])
-    return Table(TABLE_DEG, value, ellipsoid.sigma(off))
+    off = np.array([angles.difference(deviation(one, TABLE_DEG), value) for one in (moved, *replicates)])
+    return Table(TABLE_DEG, value, ellipsoid.sigma(off[1:], off[0]))
 
 
 def headings(iron: Floats, readings: Readings, levelling: Floats) -> tuple[Floats, Floats]:

@@ -18,6 +18,7 @@ Floats = NDArray[np.floating]
 
 ROLES = {"x": "x", "y": "y", "z": "z", "pitch": "pitch_deg", "roll": "roll_deg", "heading": "heading_deg"}
 TIME = "time_utc"
+ABSENT = "name it under columns in the calibration's file"
 FEWEST, FEWEST_DISTINCT = 50, 20
 # Modulus of an accelerometer's columns: g, m/s^2, counts of a 16-bit sensor of 2 g. Direction cosines have 1 too.
 GRAVITIES = {1.0: "1", 9.80665: "9.81", 16384.0: "16384"}

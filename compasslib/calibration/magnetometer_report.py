@@ -82,10 +82,11 @@ def _iron(solved: Solved) -> dict[str, Any]:
     """
     choice, to_body = solved.choice, solved.axes.matrix
     largest = choice.full.iron()[1] if choice.full and choice.full is not choice.fitted else solved.replicates
+    shift = choice.scale * to_body.T @ (solved.moved - solved.iron)[:3]
     soft = np.array([to_body.T @ solved.soft(one) @ to_body for one in largest])
     arrays = {
         "hard_iron": choice.scale * to_body.T @ solved.iron[:3],
-        "hard_iron_sigma": ellipsoid.sigma(choice.scale * solved.replicates[:, :3] @ to_body),
+        "hard_iron_sigma": ellipsoid.sigma(choice.scale * solved.replicates[:, :3] @ to_body, shift),
         "soft_iron": to_body.T @ solved.soft(solved.iron) @ to_body,
         "soft_iron_sigma": ellipsoid.sigma(soft),
     }
@@ -175,9 +176,10 @@ def sources(solved: Solved, table: Table, series: Floats) -> tuple[Source, ...]:
     """
     horizontal = 1.0 / float(np.hypot(1.0, solved.dip_ratio))
     off = table.deviation_deg - von_appen.predict(series, table.heading_deg)
+    how = "block jackknife, with what a mean tilt hides of vertical iron, rms over the table"
     one = solved.fitted.noise / horizontal / angles.DEGREE
     return (
-        Source("fit", float(np.sqrt(np.mean(table.sigma_deg**2))), "block jackknife, rms over the table"),
+        Source("fit", float(np.sqrt(np.mean(table.sigma_deg**2))), how),
         Source("series", angles.rms(off), "rms of the five terms about the exact deviation"),
         Source("one reading", one, "scatter of the modulus, one axis"),
         *(_tilt_sources(solved) if solved.log.tilted else ()),
@@ -190,6 +192,6 @@ def _tilt_sources(solved: Solved) -> tuple[Source, ...]:
         return (Source("tilt sensor", TILT_SENSOR_DEG * abs(solved.dip_ratio), how),)
     along = np.sum(solved.corrected() * solved.down, axis=1)
     sensor = Source("tilt sensor", TILT_SENSOR_DEG * float(np.mean(np.abs(along))), how)
-    tilt, hard = float(np.sqrt(np.mean(solved.down[:, :2] ** 2))), float(np.hypot(*solved.iron[:2]))
-    how = "rms tilt times a vertical iron as strong as the horizontal one; the tilts do not determine it"
+    tilt, hard = float(np.sqrt(np.mean(np.var(solved.down[:, :2], axis=0)))), float(np.hypot(*solved.iron[:2]))
+    how = "tilt about its mean times a vertical iron as strong as the horizontal one; the tilts do not determine it"
     return sensor, Source("vertical iron", hard * tilt / angles.DEGREE, how)

@@ -47,6 +47,17 @@ class Solved:
         """Return the downward direction in the body frame, (n, 3)."""
         return self.levelling[:, 2, :]
 
+    @property
+    def moved(self) -> Floats:
+        """Return the iron, moved by what a vertical iron that the tilts do not show would do to it, (12,).
+
+        On a level platform with a mean tilt a vertical iron looks like a horizontal one. It may be as strong as that.
+        """
+        if not (self.choice.level and self.log.tilted):
+            return self.iron
+        hard = float(np.hypot(*self.iron[:2]))
+        return self.iron + np.append(hard * self.down[:, :2].mean(axis=0), np.zeros(10))
+
     def corrected(self) -> Floats:
         """Return the field without iron over its modulus, (n, 3)."""
         return ellipsoid.corrected(self.iron[:3], self.iron[3:].reshape(3, 3), self.readings)
