@@ -1,6 +1,6 @@
 """Magnetometers with known iron, and two real ones: what the calibration finds, whether its intervals hold the truth.
 
-    python benchmarks/magnetometer.py [DRAWS]     400 draws a scenario where absent; about four minutes
+    python benchmarks/magnetometer.py [DRAWS]     400 draws a scenario where absent; about six minutes
 
 Real logs are read from ../shared/data/magnetometer, where they are there.
 """
@@ -92,6 +92,25 @@ def coverage(draws: int) -> None:
             print(f"| {name} | {' | '.join(shares)} | {chosen} {models[chosen]} of {draws} | {refused} |", flush=True)
 
 
+def mounting(draws: int) -> None:
+    """Print coverage of the three angles from magnetometer to instrument, with tilts and a correct heading logged."""
+    rng, z = np.random.default_rng(8), []
+    with tempfile.TemporaryDirectory() as folder:
+        for _ in range(draws):
+            true, motion = iron.some(rng), iron.tumble(rng, 1500)
+            askew = iron.turned(3.0 * rng.normal(size=(1, 3)))[0]
+            turned = iron.Iron(true.soft @ askew, true.hard, true.dip_deg)
+            x, y, sensor_z = iron.readings(rng, turned, motion, noise=0.005, memory=0.8).T
+            heading, pitch, roll = (motion + 0.2 * rng.normal(size=motion.shape)).T
+            columns = {"x": x, "y": y, "z": sensor_z, "pitch_deg": pitch, "roll_deg": roll}
+            path = iron.write(Path(folder) / "log.csv", **columns, heading_deg=heading % 360.0)
+            found = magnetometer.calibrate([path], {}).details["misalignment_deg"]
+            back = np.rad2deg([askew[1, 2] - askew[2, 1], askew[2, 0] - askew[0, 2], askew[0, 1] - askew[1, 0]]) / 2.0
+            z.append([(angle["value"] - b) / angle["sigma"] for angle, b in zip(found.values(), back, strict=True)])
+    shares = 100.0 * np.mean(np.abs(np.array(z)) < 1.96, axis=0)
+    print(f"\nMounting of 3° rms, angles about forward, starboard, vertical inside 95 %: {np.round(shares, 1)} %")
+
+
 def bias(draws: int) -> None:
     """Print the mean error over its standard error with and without the adjustment for the noise."""
     print(
@@ -156,4 +175,5 @@ if __name__ == "__main__":
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 400
     real()
     bias(count)
+    mounting(count)
     coverage(count)

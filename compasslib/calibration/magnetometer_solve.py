@@ -35,6 +35,7 @@ class Solved:
     dip_replicates: Floats  # (blocks,)
     turn_deg: Floats  # (3,) from magnetometer to instrument about forward, starboard, down; NaN where open
     turn_sigma_deg: Floats  # (3,)
+    turn_replicates_deg: Floats  # (blocks, 3) what tilts add to the turn, 0 where nothing
     logged_is_correct: bool = False  # the logged heading follows the corrected axes
 
     @property
@@ -92,7 +93,7 @@ def solve(log: Log, axes: Axes, choice: Choice, field: Mapping[str, float] | Non
     turn, sigma = np.array([np.nan, np.nan, axes.vertical_deg]), np.array([np.nan, np.nan, axes.vertical_sigma_deg])
     levelling, dips = log.levelling(), np.full(len(replicates), dip)
     parts = (log, axes, choice, choice.fitted, choice.readings, iron, replicates, levelling, dip, dips, turn, sigma)
-    solved = Solved(*parts)
+    solved = Solved(*parts, np.zeros((len(replicates), 3)))
     if log.tilted and not choice.level:
         solved = _on_tilts(solved)
     return _on_heading(solved)
@@ -106,7 +107,8 @@ def _on_tilts(solved: Solved) -> Solved:
         magnetometer_heading.tilt_angles(one, readings.take(block != k), down[block != k])
         for k, one in enumerate(solved.replicates)
     ]
-    sigma = ellipsoid.sigma(np.array([one[0] for one in each]))
+    turns = np.array([one[0] for one in each])
+    sigma = ellipsoid.sigma(turns)
     by_heading = np.isfinite(solved.turn_deg)
     return replace(
         solved,
@@ -116,6 +118,7 @@ def _on_tilts(solved: Solved) -> Solved:
         dip_replicates=np.array([_ratio(one[1]) for one in each]),
         turn_deg=np.where(by_heading, solved.turn_deg + np.nan_to_num(turn), turn),
         turn_sigma_deg=np.where(by_heading, np.hypot(solved.turn_sigma_deg, np.nan_to_num(sigma)), sigma),
+        turn_replicates_deg=np.nan_to_num(turns),
     )
 
 
@@ -136,7 +139,7 @@ def _on_heading(solved: Solved) -> Solved:
     if scatter > FOLLOWS * _about_mean(angles.difference(logged, recorded))[1]:
         return solved
     own = np.array([_turn_without(solved, k, logged) for k in range(len(solved.replicates))])
-    sigma = float(ellipsoid.sigma(angles.difference(own, centre)))
+    sigma = float(ellipsoid.sigma(angles.difference(own, centre) + solved.turn_replicates_deg[:, 2]))
     turns = zip(solved.replicates, own, strict=True)
     return replace(
         solved,
