@@ -25,6 +25,7 @@ FLOORS = [
     ["archive_files", "archive_layout", "archive_attributes", "archive"],
     ["provenance", "job", "stages", "summary"],
     ["plots", "plots_page", "plots_curves", "plots_deviation", "plots_agreement", "plots_timeline"],
+    ["plots_calibration_magnetometer"],
 ]
 FLOOR = {room: k for k, rooms in enumerate(FLOORS) for room in rooms}
 

@@ -35,7 +35,7 @@ def read(paths: Sequence[Path], *, columns: Mapping[str, str | float]) -> Record
     """
     scale = float(columns.get("scale", 1.0))
     headers = {role: str(header) for role, header in columns.items() if role != "scale" and header is not None}
-    tables = [_columns(path, headers) for path in paths]
+    tables = [read_columns(path, headers) for path in paths]
     table = {role: np.concatenate([t[role] for t in tables]) for role in headers}
     samples = _Samples(table.pop("time"))
     n, m = len(samples.first), int(samples.bin.max(initial=0)) + 1
@@ -95,7 +95,32 @@ def _east_north(table: Mapping[str, Floats]) -> tuple[Floats, Floats]:
     return angles.turn(-table["y"], table["x"], table["heading"])
 
 
-def _columns(path: Path, headers: Mapping[str, str]) -> dict[str, Floats]:
+def header_line(path: Path) -> list[str]:
+    """Return the names in the header line of a table, none where the file is empty.
+
+    Args:
+        path: a CSV file.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
+    rows = _rows(path)
+    return rows[0][1] if rows else []
+
+
+def read_columns(
+    path: Path, headers: Mapping[str, str], *, advice: str = "correct columns in the mooring file"
+) -> dict[str, Floats]:
+    """Return the wanted columns of a table by role, (n,) each, NaN for an empty cell.
+
+    Args:
+        path: a CSV file.
+        headers: role -> header; the role ``time`` is read as UTC seconds since 1970.
+        advice: what to do where a column is absent.
+
+    Raises:
+        InputError: the file or a column is absent, or a time or number cannot be read.
+    """
     rows = _rows(path)
     names = rows[0][1] if rows else []
     for role, header in headers.items():
@@ -104,7 +129,7 @@ def _columns(path: Path, headers: Mapping[str, str]) -> dict[str, Floats]:
                 f"{path}: column {header!r} ({role})",
                 expected="one of the file's columns",
                 found=", ".join(names) or "an empty file",
-                advice="correct columns in the mooring file",
+                advice=advice,
             )
     return {role: _parsed(path, rows, names.index(header), role, header) for role, header in headers.items()}
 

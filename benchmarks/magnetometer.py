@@ -1,0 +1,179 @@
+"""Magnetometers with known iron, and two real ones: what the calibration finds, whether its intervals hold the truth.
+
+    python benchmarks/magnetometer.py [DRAWS]     400 draws a scenario where absent; about six minutes
+
+Real logs are read from ../shared/data/magnetometer, where they are there.
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from collections import defaultdict
+from pathlib import Path
+
+import numpy as np
+
+PROJECT = Path(__file__).resolve().parent.parent
+sys.path[:0] = [str(PROJECT), str(PROJECT / "tests")]
+
+import iron  # noqa: E402
+
+from compasslib.calibration import ellipsoid, magnetometer  # noqa: E402
+from compasslib.deviation import von_appen  # noqa: E402
+
+REAL = PROJECT.parent / "shared/data/magnetometer"
+SCENARIOS = {
+    "over the sphere, white noise 1 %": {"n": 1500},
+    "over the sphere, red noise 1 %, memory 0.9": {"n": 1500, "memory": 0.9},
+    "over the sphere, white noise 5 %": {"n": 1500, "noise": 0.05},
+    "over the sphere, tilts logged, red noise 1 %": {"n": 1500, "memory": 0.8, "tilts": True},
+    "level, tilts logged, red noise 1 %, memory 0.9": {"n": 2000, "memory": 0.9, "level": True, "tilts": True},
+    "level, x and y alone, white noise 1 %": {"n": 1000, "level": True, "tilt_deg": 0.0},
+    "level, x and y alone, red noise 1 %, memory 0.9": {"n": 2000, "level": True, "tilt_deg": 0.0, "memory": 0.9},
+}
+
+
+def calibrated(rng, folder: Path, *, n, noise=0.01, memory=0.0, level=False, tilts=False, tilt_deg=4.0):
+    """Return truth and calibration of one simulated log."""
+    true = iron.some(rng)
+    if level:  # a vertical iron that tilts cannot show is left out: the budget has a line for it
+        true = iron.Iron(true.soft, true.hard * [1.0, 1.0, 0.0], true.dip_deg)
+        true.soft[2, :] = true.soft[:, 2] = [0.0, 0.0, np.mean(np.diag(true.soft)[:2])]
+    motion = iron.level_motion(rng, n, tilt_deg=tilt_deg) if level else iron.tumble(rng, n)
+    x, y, z = iron.readings(rng, true, motion, noise=noise, memory=memory).T
+    columns = {"x": x, "y": y} | ({} if level and not tilts else {"z": z})
+    columns |= {"pitch_deg": motion[:, 1], "roll_deg": motion[:, 2]} if tilts else {}
+    horizontal, vertical = true.level
+    field = {"horizontal_nT": 100.0 * horizontal, "vertical_nT": 100.0 * vertical, "declination_deg": 0.0}
+    path = iron.write(folder / "log.csv", **columns)
+    return true, magnetometer.calibrate([path], {"field": field})
+
+
+def wrapped(angle_deg):
+    return angle_deg - 360.0 * np.round(angle_deg / 360.0)
+
+
+def errors(true, found):
+    """Return error over stated sigma of each kind of number."""
+    k = 2 if found.details["field_is"] == "horizontal" else 3
+    upper = np.triu_indices(k)
+    soft = true.soft / np.mean(np.diag(true.soft)[:k])
+    values = {
+        "hard iron": (found.details["hard_iron"], found.details["hard_iron_sigma"], true.hard, slice(0, k)),
+        "soft iron": (found.details["soft_iron"], found.details["soft_iron_sigma"], soft, upper),
+    }
+    z = {
+        name: (np.array(v, dtype=float)[i] - t[i]) / np.array(s, dtype=float)[i]
+        for name, (v, s, t, i) in values.items()
+    }
+    off = found.table.deviation_deg - true.deviation(found.table.heading_deg)
+    grid = np.arange(0.0, 360.0, 5.0)
+    known = np.linalg.lstsq(von_appen.design(grid), true.deviation(grid), rcond=None)[0]
+    series = (found.coefficients - known)[1:] / np.sqrt(np.diag(found.covariance))[1:]  # A is zero by convention
+    return z | {"heading": wrapped(off) / found.table.sigma_deg, "series": series}
+
+
+def coverage(draws: int) -> None:
+    print(f"\nShare of truths inside the 95 % interval, {draws} draws; target 93 to 97 %")
+    print("| scenario | hard iron | soft iron | heading every 10° | B to E | model | refused |")
+    print("|---|---|---|---|---|---|---|")
+    with tempfile.TemporaryDirectory() as folder:
+        for name, settings in SCENARIOS.items():
+            rng, z, models, refused = np.random.default_rng(20), defaultdict(list), defaultdict(int), 0
+            for _ in range(draws):
+                true, found = calibrated(rng, Path(folder), **settings)
+                models[found.model] += 1
+                refused += found.table is None
+                for kind, value in {} if found.table is None else errors(true, found).items():
+                    z[kind].append(value)
+            shares = [f"{100 * np.mean(np.abs(np.concatenate(v)) < 1.96):.1f} %" for v in z.values()]
+            chosen = max(models, key=lambda k: models[k])
+            print(f"| {name} | {' | '.join(shares)} | {chosen} {models[chosen]} of {draws} | {refused} |", flush=True)
+
+
+def mounting(draws: int) -> None:
+    """Print coverage of the three angles from magnetometer to instrument, with tilts and a correct heading logged."""
+    rng, z = np.random.default_rng(8), []
+    with tempfile.TemporaryDirectory() as folder:
+        for _ in range(draws):
+            true, motion = iron.some(rng), iron.tumble(rng, 1500)
+            askew = iron.turned(3.0 * rng.normal(size=(1, 3)))[0]
+            turned = iron.Iron(true.soft @ askew, true.hard, true.dip_deg)
+            x, y, sensor_z = iron.readings(rng, turned, motion, noise=0.005, memory=0.8).T
+            heading, pitch, roll = (motion + 0.2 * rng.normal(size=motion.shape)).T
+            columns = {"x": x, "y": y, "z": sensor_z, "pitch_deg": pitch, "roll_deg": roll}
+            path = iron.write(Path(folder) / "log.csv", **columns, heading_deg=heading % 360.0)
+            found = magnetometer.calibrate([path], {}).details["misalignment_deg"]
+            back = np.rad2deg([askew[1, 2] - askew[2, 1], askew[2, 0] - askew[0, 2], askew[0, 1] - askew[1, 0]]) / 2.0
+            z.append([(angle["value"] - b) / angle["sigma"] for angle, b in zip(found.values(), back, strict=True)])
+    shares = 100.0 * np.mean(np.abs(np.array(z)) < 1.96, axis=0)
+    print(f"\nMounting of 3° rms, angles about forward, starboard, vertical inside 95 %: {np.round(shares, 1)} %")
+
+
+def bias(draws: int) -> None:
+    """Print the mean error over its standard error with and without the adjustment for the noise."""
+    print(
+        "\nMean error over its standard error, 9 parameters of the ellipsoid: rms and largest; 1 and about 2.5 expected"
+    )
+    print("| noise | plain algebraic fit | adjusted |\n|---|---|---|")
+    for noise in (0.01, 0.03, 0.1):
+        rng, plain, adjusted = np.random.default_rng(7), [], []
+        true = iron.some(rng)
+        root = np.linalg.inv(true.soft)
+        polar = _symmetric(root)
+        truth = np.concatenate([true.hard / iron.FIELD, [polar[p] for p in ellipsoid.PLACES.values()]])
+        for _ in range(draws):
+            field = iron.readings(rng, true, iron.tumble(rng, 1000), noise=noise) / iron.FIELD
+            data = ellipsoid.Readings(field, np.zeros_like(field))
+            for kept, how in ((plain, False), (adjusted, True)):
+                kept.append(ellipsoid.solve(ellipsoid.ELLIPSOID, data, truth[:3], adjusted=how)[0] - truth)
+        cells = []
+        for kept in (plain, adjusted):
+            off = np.array(kept)
+            z = np.abs(off.mean(axis=0)) / (off.std(axis=0) / np.sqrt(draws))
+            share = np.max(np.abs(off.mean(axis=0)) / off.std(axis=0))
+            cells.append(f"{np.sqrt(np.mean(z**2)):.1f}, {z.max():.1f} (bias at most {share:.2f} σ of one fit)")
+        print(f"| {100 * noise:.0f} % | {' | '.join(cells)} |", flush=True)
+
+
+def _symmetric(root: np.ndarray) -> np.ndarray:
+    """Return the symmetric root of G^T G, which is all that an ellipsoid shows."""
+    values, vectors = np.linalg.eigh(root.T @ root)
+    return (vectors * np.sqrt(values)) @ vectors.T
+
+
+def real() -> None:
+    path = REAL / "signature500.csv"
+    if not path.exists():
+        print("no ../shared/data/magnetometer")
+        return
+    found = magnetometer.calibrate([path], {})
+    before = found.details["harmonics_percent"]["before"]
+    print("Signature500:", found.details["axes"], "| model", found.model)
+    deviation = np.rad2deg(before["first"] / 100.0)
+    print(f"  horizontal modulus, one cycle {before['first']:.2f} % ({deviation:.2f}°; published 22.6 %, 12.9°)")
+    print(f"  two cycles {before['second']:.2f} % (published 1.1 %, under 1.3 %)")
+    print("  modulus residual, %:", found.details["modulus_residual_percent"])
+    print("  harmonics after, %:", found.details["harmonics_percent"]["after"])
+    print(f"  A..E {np.round(found.coefficients, 2)}°, undetermined: {', '.join(found.details['undetermined'])}")
+    print(f"  z offset: {found.details['undetermined_why']['z offset']}")
+    found = magnetometer.calibrate([REAL / "hmc5883l_sphere.csv"], {})
+    print(
+        "HMC5883L: model",
+        found.model,
+        "| held-out rms, %:",
+        {k: round(v, 3) for k, v in found.details["scores"].items()},
+    )
+    print(f"  modulus residual {found.details['modulus_residual_percent']['after']:.4f} % (published 0.46 %)")
+    print(f"  undetermined: {', '.join(found.details['undetermined'])}; why: {found.why}")
+    only = magnetometer.calibrate([REAL / "signature500.csv"], {"columns": {"x": "ax", "y": "ay", "z": "az"}})
+    print("Accelerometer's columns:", only.why)
+
+
+if __name__ == "__main__":
+    count = int(sys.argv[1]) if len(sys.argv) > 1 else 400
+    real()
+    bias(count)
+    mounting(count)
+    coverage(count)

@@ -1,0 +1,116 @@
+"""A compass calibrated from the raw axes of its magnetometer: hard and soft iron, and what they do to the heading.
+
+Le Menn et al. 2023, eqs. (1), (2) and section 6. The axes are forward, starboard, down unless a logged heading tells
+otherwise. An ellipsoid gives G^T G only: the turn between magnetometer and instrument stays open, but for what tilts
+and heading show. What the orientations do not determine is named and not fitted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib import angles, compass
+from compasslib.calibration import ellipsoid, magnetometer_heading, magnetometer_log, magnetometer_report
+from compasslib.calibration.magnetometer_choice import choose, far_off
+from compasslib.calibration.magnetometer_log import Log
+from compasslib.calibration.magnetometer_solve import Solved, solve
+from compasslib.calibration.result import Calibration
+from compasslib.deviation import von_appen
+
+Floats = NDArray[np.floating]
+
+KIND, NO_MODEL = "magnetometer", "none"
+SECTOR_DEG = 10.0
+NO_DIP = (
+    "Hard and soft iron are found, but what they do to the heading depends on the dip: log the tilts, or give "
+    "latitude, longitude and date."
+)
+FOLDED = (
+    "The iron is stronger than the earth's horizontal field: a recorded heading has two correct ones and no table can "
+    "correct it; take hard_iron off the raw axes instead."
+)
+
+
+def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calibration:
+    """Return the calibration of a magnetometer from its log.
+
+    Args:
+        files: CSV files with x, y and perhaps z, pitch_deg, roll_deg, heading_deg, time_utc.
+        settings: ``columns``, ``withhold`` and ``field`` {horizontal_nT, vertical_nT, ...} or None.
+
+    Raises:
+        InputError: a column is absent or a cell is not a number.
+    """
+    log = magnetometer_log.read(files, settings)
+    why = magnetometer_log.refusal(log)
+    if why:
+        return _refused(log, why)
+    field = settings.get("field")
+    axes, said = magnetometer_log.axes(log)
+    choice = choose(log, log.raw @ axes.matrix.T)
+    far = far_off(choice)
+    if far.any():
+        log = log.take(~far, f"{far.sum()} of {far.size} readings lie far off the fitted modulus and are left out.")
+        choice = choose(log, log.raw @ axes.matrix.T)
+    solved = solve(log, axes, choice, field)
+    if solved is None:
+        return _refused(log, choice.why)
+    return _described(solved, field, [*log.warnings, *said])
+
+
+def _refused(log: Log, why: str) -> Calibration:
+    details = {"hard_iron": None, "soft_iron": None, "undetermined": [*ellipsoid.EVERY], "left_out": log.left_out}
+    return Calibration(KIND, NO_MODEL, len(log.raw), 0, details=details, why=why, warnings=log.warnings)
+
+
+def _described(solved: Solved, field: Mapping[str, float] | None, warnings: Sequence[str]) -> Calibration:
+    exact = magnetometer_heading.exact(solved.iron, solved.dip_ratio)
+    known = bool(np.isfinite(exact).all())
+    folded = known and not compass.turns_full_circle(exact)
+    recorded, _ = solved.headings()
+    return Calibration(
+        kind=KIND,
+        model=solved.fitted.model.name,
+        n=len(solved.log.raw),
+        coverage=len(np.unique(recorded // SECTOR_DEG)),
+        points=magnetometer_report.points(solved),
+        details=magnetometer_report.details(solved, field),
+        why=FOLDED if folded else "" if known else NO_DIP,
+        warnings=(*warnings, *magnetometer_report.warnings(solved, field)),
+        **(_correction(solved, exact, folded=folded) if known else {}),
+    )
+
+
+def _correction(solved: Solved, exact: Floats, *, folded: bool) -> dict[str, Any]:
+    """Return what the iron does to the heading; the exact coefficients alone where it folds."""
+    each = zip(solved.replicates, solved.dip_replicates, strict=True)
+    replicates = np.array([magnetometer_heading.exact(iron, float(dip)) for iron, dip in each])
+    moved = magnetometer_heading.exact(solved.moved, solved.dip_ratio)
+    found: dict[str, Any] = {"exact": exact, "exact_covariance": ellipsoid.covariance(replicates, moved - exact)}
+    if folded:
+        return found
+    series, table = magnetometer_heading.series(exact), magnetometer_heading.table(exact, replicates, moved)
+    each_series = np.array([magnetometer_heading.series(one) for one in replicates])
+    return found | {
+        "coefficients": series,
+        "covariance": ellipsoid.covariance(each_series, magnetometer_heading.series(moved) - series),
+        "residual_rms_deg": _residual(solved, series, exact),
+        "sources": magnetometer_report.sources(solved, table, series),
+        "table": table,
+    }
+
+
+def _residual(solved: Solved, series: Floats, exact: Floats) -> float:
+    """Return the rms of the deviation about the series: of the readings, or along the circle without headings."""
+    if solved.headed:
+        recorded, corrected = solved.headings()
+        deviation = angles.difference(corrected, recorded)
+    else:
+        recorded = magnetometer_heading.GRID_DEG
+        deviation = magnetometer_heading.deviation(exact, recorded)
+    return angles.rms(deviation - von_appen.predict(series, recorded))
