@@ -1,0 +1,228 @@
+"""The clock of one head against that of the other: where the rates of tilt and heading agree best.
+
+Rates forget mounting angles and slow errors of either compass. The tilt's rate is a complex number that a turn about
+the vertical only turns, so the modulus of its correlation needs no mounting angle, and no compass has a part in it.
+The peak is found on a lattice and then as the zero of the correlation's derivative: the noises of two heads are
+independent and do not move it. Its uncertainty is that of sums over stretches of the record (a sandwich estimator).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib.calibration.heads_motion import Curve, Motion, blocks, small_sample, step
+
+Floats = NDArray[np.floating]
+Complexes = NDArray[np.complexfloating]
+
+LEAST_CORRELATION = 0.3  # of rates that move together; 5 / sqrt(n) for short records
+STRETCHES = 30
+RESOLUTION_S = 0.01 / np.sqrt(12.0)  # a PD0 clock counts hundredths
+ROUNDS = 20
+DISAGREE_SIGMAS, DISAGREE_S = 4.0, 0.02  # from there on tilts and headings tell of different lags
+DRIFT_SIGMAS = 3.0  # a drift less sure is not applied
+DAY_S = 86400.0
+
+
+@dataclass(frozen=True)
+class Clock:
+    """b's clock minus a's, at the middle of the record, and how it grows."""
+
+    offset_s: float = 0.0
+    sigma_s: float = float("nan")
+    drift_s_per_day: float = 0.0
+    drift_sigma_s_per_day: float = float("nan")
+    drift_applied: bool = False
+    middle_s: float = 0.0  # by b's clock
+    tilt_correlation: float = 0.0  # of the rates, at the offset
+    heading_correlation: float = 0.0
+    from_tilts_s: tuple[float, float] = (float("nan"), float("nan"))  # offset and standard deviation
+    from_headings_s: tuple[float, float] = (float("nan"), float("nan"))
+    found: bool = False
+    warnings: tuple[str, ...] = ()
+
+    def by_a(self, time_s: Floats) -> Floats:
+        """Return instants of b's clock by a's clock, (n,).
+
+        Args:
+            time_s: by b's clock, (n,).
+        """
+        drift = self.drift_s_per_day / DAY_S if self.drift_applied else 0.0
+        return time_s - self.offset_s - drift * (time_s - self.middle_s)
+
+
+@dataclass(frozen=True)
+class _Signal:
+    """The same quantity by both heads: b's samples and a's curve."""
+
+    time_s: Floats  # (n,) by b's clock
+    value: Complexes  # (n,) of b
+    other: Curve  # of a
+
+    def aligned(self, at_s: Floats) -> tuple[Complexes, float]:
+        """Return b turned into a's frame, and the scatter of their difference."""
+        here = self.other.at(at_s)
+        known = np.isfinite(here)
+        along = np.sum(np.conj(self.value[known]) * here[known])
+        turned = self.value * along / max(abs(along), 1e-300)
+        return turned, float(np.mean(np.abs(turned[known] - here[known]) ** 2))
+
+
+def find(a: Motion, b: Motion, farthest_s: float) -> Clock:
+    """Return the offset of b's clock from a's, with drift; not ``found`` where nothing moves together.
+
+    Args:
+        a: motion of one head by its clock.
+        b: motion of the other by its own.
+        farthest_s: greatest offset that is sought.
+    """
+    tilts, headings = _signals(a, b)
+    lag, tilt_correlation, heading_correlation = _lattice_peak(a, b, farthest_s)
+    least = max(LEAST_CORRELATION, 5.0 / np.sqrt(min(len(a.time_s), len(b.time_s))))
+    middle = float(b.time_s[0] + b.time_s[-1]) / 2.0
+    use = [s for s, r in ((tilts, tilt_correlation), (headings, heading_correlation)) if r >= least]
+    if not use:
+        return Clock(
+            middle_s=middle, tilt_correlation=tilt_correlation, heading_correlation=heading_correlation,
+            warnings=("tilts and headings of the two heads hardly change together: the clocks are taken as they stand",),
+        )  # fmt: skip
+    alone = [_solved([s], np.array([lag]), middle) for s in (tilts, headings)]
+    each = [_pair(value[0], covariance[0, 0]) for value, covariance in alone]
+    apart = len(use) == 2 and _apart(*each)
+    if apart:
+        use = [tilts]
+    value, covariance = _solved(use, np.array([lag]), middle)
+    slope, slope_covariance = _solved(use, np.array([value[0], 0.0]), middle)
+    drift, drift_sigma = slope[1], float(np.sqrt(slope_covariance[1, 1]))
+    applied = abs(drift) > DRIFT_SIGMAS * drift_sigma and abs(drift) * np.ptp(b.time_s) > RESOLUTION_S
+    offset, sigma = _pair(slope[0], slope_covariance[0, 0]) if applied else _pair(value[0], covariance[0, 0])
+    return Clock(
+        offset_s=offset,
+        sigma_s=sigma,
+        drift_s_per_day=float(drift) * DAY_S,
+        drift_sigma_s_per_day=drift_sigma * DAY_S,
+        drift_applied=bool(applied),
+        middle_s=middle,
+        tilt_correlation=tilt_correlation,
+        heading_correlation=heading_correlation,
+        from_tilts_s=each[0] if tilt_correlation >= least else (float("nan"), float("nan")),
+        from_headings_s=each[1] if heading_correlation >= least else (float("nan"), float("nan")),
+        found=True,
+        warnings=_warnings(each) if apart else (),
+    )
+
+
+def _warnings(each: Sequence[tuple[float, float]]) -> tuple[str, ...]:
+    (tilt, _), (heading, _) = each
+    return (
+        f"b's clock is {tilt:+.3f} s from a's by the tilts and {heading:+.3f} s by the headings: "
+        "one compass lags behind its tilt sensors; the tilts' is used",
+    )
+
+
+def _pair(value: float, variance: float) -> tuple[float, float]:
+    return float(value), float(np.sqrt(variance + RESOLUTION_S**2))
+
+
+def _apart(one: tuple[float, float], other: tuple[float, float]) -> bool:
+    away = abs(one[0] - other[0])
+    return away > DISAGREE_S and away > DISAGREE_SIGMAS * float(np.hypot(one[1], other[1]))
+
+
+def _signals(a: Motion, b: Motion) -> tuple[_Signal, _Signal]:
+    return (
+        _Signal(b.lean_rate.time_s, b.lean_rate.values, a.lean_rate),
+        _Signal(b.turn_rate.time_s, b.turn_rate.values.astype(complex), a.turn_rate),
+    )
+
+
+def _lattice_peak(a: Motion, b: Motion, farthest_s: float) -> tuple[float, float, float]:
+    """Return the lag at which the rates correlate best, and both correlations there."""
+    lattice = min(step(a.time_s), step(b.time_s))
+    begin = min(a.time_s[0], b.time_s[0])
+    end = max(a.time_s[-1], b.time_s[-1])
+    grid = np.arange(begin, end + lattice, lattice)
+    squares, peaks = 0.0, []
+    for one, other in ((a.lean_rate, b.lean_rate), (a.turn_rate, b.turn_rate)):
+        correlation = _correlations(_on(one, grid), _on(other, grid))
+        peaks.append(correlation)
+        squares = squares + correlation**2
+    lags = np.arange(len(grid))
+    lags = np.where(lags > len(grid) // 2, lags - len(grid), lags) * lattice
+    reachable = np.abs(lags) <= max(farthest_s, lattice / 2.0)
+    best = int(np.argmax(np.where(reachable, squares, -1.0)))
+    return float(lags[best]), float(peaks[0][best]), float(peaks[1][best])
+
+
+def _on(curve: Curve, grid: Floats) -> Complexes:
+    """Return a rate on a regular grid, its mean removed, zero where there is none."""
+    value = np.asarray(np.interp(grid, curve.time_s, curve.values), dtype=complex)
+    after = np.clip(np.searchsorted(curve.time_s, grid), 1, len(curve.time_s) - 1)
+    there = (grid >= curve.time_s[0]) & (grid <= curve.time_s[-1])
+    there &= curve.time_s[after] - curve.time_s[after - 1] <= 3.0 * step(curve.time_s)
+    return np.where(there, value - value[there].mean() if there.any() else 0.0, 0.0)
+
+
+def _correlations(one: Complexes, other: Complexes) -> Floats:
+    """Return the modulus of the correlation at every circular lag of a doubled grid, its first half kept."""
+    size = len(one)
+    product = np.conj(np.fft.fft(one, 2 * size)) * np.fft.fft(other, 2 * size)
+    whole = np.fft.ifft(product)
+    half = size // 2 + 1
+    kept = np.concatenate([whole[:half], whole[2 * size - (size - half) :]])
+    scale = float(np.sqrt(np.sum(np.abs(one) ** 2) * np.sum(np.abs(other) ** 2)))
+    return np.abs(kept) / max(scale, 1e-300)
+
+
+def _solved(signals: Sequence[_Signal], start: Floats, middle_s: float) -> tuple[Floats, Floats]:
+    """Return offset (and slope, where two parameters begin) at which the correlation's derivative vanishes."""
+    found = start
+    longest = max(step(s.time_s) for s in signals)
+    for _ in range(ROUNDS):
+        gradient, curvature, _ = _sums(signals, found, middle_s)
+        change = -np.linalg.solve(curvature, gradient)
+        reach = abs(change[0]) / longest
+        found = found + change / max(1.0, 2.0 * reach)
+        if abs(change[0]) < 1e-6:
+            break
+    _, curvature, parts = _sums(signals, found, middle_s)
+    inverse = np.linalg.inv(curvature)
+    count = len(parts)
+    widened = small_sample(count, len(start)) ** 2 * count / (count - len(start))
+    return found, inverse @ (parts.T @ parts) @ inverse * widened
+
+
+def _sums(signals: Sequence[_Signal], parameters: Floats, middle_s: float) -> tuple[Floats, Floats, Floats]:
+    """Return gradient, curvature and the gradient of each stretch of the weighted correlation."""
+    size = len(parameters)
+    gradient, curvature, parts = np.zeros(size), np.zeros((size, size)), np.zeros((STRETCHES, size))
+    for signal in signals:
+        columns = np.stack([np.ones_like(signal.time_s), signal.time_s - middle_s])[:size]
+        at = signal.time_s - parameters @ columns
+        turned, scatter = signal.aligned(at)
+        weight = 1.0 / (scatter + (0.01 / step(signal.time_s)) ** 2)
+        first = -weight * np.real(np.conj(turned) * signal.other.at(at, 1))
+        second = weight * np.real(np.conj(turned) * signal.other.at(at, 2))
+        known = np.isfinite(first) & np.isfinite(second)
+        columns, first, second = columns[:, known], first[known], second[known]
+        gradient += columns @ first
+        curvature += (columns * second) @ columns.T
+        stretch = blocks(signal.time_s, STRETCHES)[known]
+        parts += np.stack([np.bincount(stretch, first * column, STRETCHES) for column in columns], axis=1)
+    return gradient, curvature, parts
+
+
+def heading_error_deg(clock: Clock, rate_deg_s: Floats) -> Floats:
+    """Return what an error of the clock by its standard deviation does to each difference of headings, degrees.
+
+    Args:
+        clock: of the heads.
+        rate_deg_s: how fast the frame turns, (n,).
+    """
+    return rate_deg_s * (clock.sigma_s if np.isfinite(clock.sigma_s) else 0.0)
+
+
