@@ -35,16 +35,19 @@ def drawn(rng: np.random.Generator) -> tuple[Sea, Head, Head]:
         deepest_m=rng.uniform(500.0, 2500.0),
     )
     noise = rng.uniform(0.2, 1.0)
-    a = Head(ping_s=rng.uniform(0.8, 1.6), noise_deg=noise)
+    slow = {"slow_deg": rng.uniform(0.0, 1.5), "slow_s": rng.uniform(5.0, 100.0)}
+    # Pings are programmed in hundredths of a second, so that a clock's rounding is the same in all of them.
+    a = Head(ping_s=round(rng.uniform(0.8, 1.6), 2), noise_deg=noise, **slow)
     b = Head(
         mount_deg=(rng.uniform(-180.0, 180.0), *rng.normal(0.0, 2.0, 2)),
         looks_up=bool(rng.integers(2)),
-        ping_s=rng.uniform(0.8, 1.6),
+        ping_s=round(rng.uniform(0.8, 1.6), 2),
         first_s=rng.uniform(0.0, 1.0),
         clock_s=rng.uniform(-60.0, 60.0),
         drift_s=rng.choice([0.0, rng.normal(0.0, 0.3)]),
         deviation_deg=(0.0, *rng.normal(0.0, 5.0, 2), *rng.normal(0.0, 2.0, 2)),
         noise_deg=noise,
+        **slow,
     )
     return sea, a, b
 

@@ -22,6 +22,7 @@ Complexes = NDArray[np.complexfloating]
 LEAST_CORRELATION = 0.3  # of rates that move together; 5 / sqrt(n) for short records
 STRETCHES = 30
 RESOLUTION_S = 0.01 / np.sqrt(12.0)  # a PD0 clock counts hundredths
+FLOOR_S = 1e-4  # no clock is known better, whatever two equal files seem to say
 ROUNDS = 20
 DISAGREE_SIGMAS, DISAGREE_S = 4.0, 0.02  # from there on tilts and headings tell of different lags
 DRIFT_SIGMAS = 3.0  # a drift less sure is not applied
@@ -63,13 +64,16 @@ class _Signal:
     value: Complexes  # (n,) of b
     other: Curve  # of a
 
-    def aligned(self, at_s: Floats) -> tuple[Complexes, float]:
-        """Return b turned into a's frame, and the scatter of their difference."""
+    def turned(self, at_s: Floats) -> Complexes:
+        """Return b's samples, turned into a's frame.
+
+        Args:
+            at_s: their times by a's clock, (n,).
+        """
         here = self.other.at(at_s)
         known = np.isfinite(here)
         along = np.sum(np.conj(self.value[known]) * here[known])
-        turned = self.value * along / max(abs(along), 1e-300)
-        return turned, float(np.mean(np.abs(turned[known] - here[known]) ** 2))
+        return self.value * along / max(abs(along), 1e-300)
 
 
 def find(a: Motion, b: Motion, farthest_s: float) -> Clock:
@@ -86,17 +90,20 @@ def find(a: Motion, b: Motion, farthest_s: float) -> Clock:
     middle = float(b.time_s[0] + b.time_s[-1]) / 2.0
     use = [s for s, r in ((tilts, tilt_correlation), (headings, heading_correlation)) if r >= least]
     if not use:
+        said = "tilts and headings of the two heads hardly change together: the clocks are taken as they stand"
         return Clock(
-            middle_s=middle, tilt_correlation=tilt_correlation, heading_correlation=heading_correlation,
-            warnings=("tilts and headings of the two heads hardly change together: the clocks are taken as they stand",),
-        )  # fmt: skip
-    alone = [_solved([s], np.array([lag]), middle) for s in (tilts, headings)]
+            middle_s=middle,
+            tilt_correlation=tilt_correlation,
+            heading_correlation=heading_correlation,
+            warnings=(said,),
+        )
+    alone = [_solved(s, np.array([lag]), middle) for s in (tilts, headings)]
     each = [_pair(value[0], covariance[0, 0]) for value, covariance in alone]
     apart = len(use) == 2 and _apart(*each)
     if apart:
         use = [tilts]
-    value, covariance = _solved(use, np.array([lag]), middle)
-    slope, slope_covariance = _solved(use, np.array([value[0], 0.0]), middle)
+    value, covariance = _weighed([_solved(s, np.array([lag]), middle) for s in use])
+    slope, slope_covariance = _weighed([_solved(s, np.array([value[0], 0.0]), middle) for s in use])
     drift, drift_sigma = slope[1], float(np.sqrt(slope_covariance[1, 1]))
     applied = abs(drift) > DRIFT_SIGMAS * drift_sigma and abs(drift) * np.ptp(b.time_s) > RESOLUTION_S
     offset, sigma = _pair(slope[0], slope_covariance[0, 0]) if applied else _pair(value[0], covariance[0, 0])
@@ -146,13 +153,11 @@ def _lattice_peak(a: Motion, b: Motion, farthest_s: float) -> tuple[float, float
     begin = min(a.time_s[0], b.time_s[0])
     end = max(a.time_s[-1], b.time_s[-1])
     grid = np.arange(begin, end + lattice, lattice)
-    squares, peaks = 0.0, []
-    for one, other in ((a.lean_rate, b.lean_rate), (a.turn_rate, b.turn_rate)):
-        correlation = _correlations(_on(one, grid), _on(other, grid))
-        peaks.append(correlation)
-        squares = squares + correlation**2
-    lags = np.arange(len(grid))
-    lags = np.where(lags > len(grid) // 2, lags - len(grid), lags) * lattice
+    pairs = ((a.lean_rate, b.lean_rate), (a.turn_rate, b.turn_rate))
+    peaks = [_correlations(_on(one, grid), _on(other, grid)) for one, other in pairs]
+    squares = peaks[0] ** 2 + peaks[1] ** 2
+    place = np.arange(len(grid))
+    lags = lattice * np.where(place > len(grid) // 2, place - len(grid), place)
     reachable = np.abs(lags) <= max(farthest_s, lattice / 2.0)
     best = int(np.argmax(np.where(reachable, squares, -1.0)))
     return float(lags[best]), float(peaks[0][best]), float(peaks[1][best])
@@ -178,42 +183,42 @@ def _correlations(one: Complexes, other: Complexes) -> Floats:
     return np.abs(kept) / max(scale, 1e-300)
 
 
-def _solved(signals: Sequence[_Signal], start: Floats, middle_s: float) -> tuple[Floats, Floats]:
+def _weighed(solutions: Sequence[tuple[Floats, Floats]]) -> tuple[Floats, Floats]:
+    """Return the mean of independent solutions, weighted by the inverse of their covariances, and its covariance."""
+    inverses = [np.linalg.inv(covariance) for _, covariance in solutions]
+    whole = np.linalg.inv(np.sum(inverses, axis=0))
+    parts = [inverse @ value for inverse, (value, _) in zip(inverses, solutions, strict=True)]
+    return np.asarray(whole @ np.sum(parts, axis=0)), np.asarray(whole)
+
+
+def _solved(signal: _Signal, start: Floats, middle_s: float) -> tuple[Floats, Floats]:
     """Return offset (and slope, where two parameters begin) at which the correlation's derivative vanishes."""
     found = start
-    longest = max(step(s.time_s) for s in signals)
     for _ in range(ROUNDS):
-        gradient, curvature, _ = _sums(signals, found, middle_s)
-        change = -np.linalg.solve(curvature, gradient)
-        reach = abs(change[0]) / longest
-        found = found + change / max(1.0, 2.0 * reach)
+        curvature, parts = _sums(signal, found, middle_s)
+        change = -np.linalg.solve(curvature, parts.sum(axis=0))
+        found = found + change / max(1.0, 2.0 * abs(change[0]) / step(signal.time_s))
         if abs(change[0]) < 1e-6:
             break
-    _, curvature, parts = _sums(signals, found, middle_s)
+    curvature, parts = _sums(signal, found, middle_s)
     inverse = np.linalg.inv(curvature)
-    count = len(parts)
-    widened = small_sample(count, len(start)) ** 2 * count / (count - len(start))
-    return found, inverse @ (parts.T @ parts) @ inverse * widened
+    widened = small_sample(STRETCHES, len(start)) ** 2 * STRETCHES / (STRETCHES - len(start))
+    floor = np.diag([FLOOR_S, FLOOR_S / max(float(np.ptp(signal.time_s)), 1.0)][: len(start)]) ** 2
+    return found, inverse @ (parts.T @ parts) @ inverse * widened + floor
 
 
-def _sums(signals: Sequence[_Signal], parameters: Floats, middle_s: float) -> tuple[Floats, Floats, Floats]:
-    """Return gradient, curvature and the gradient of each stretch of the weighted correlation."""
-    size = len(parameters)
-    gradient, curvature, parts = np.zeros(size), np.zeros((size, size)), np.zeros((STRETCHES, size))
-    for signal in signals:
-        columns = np.stack([np.ones_like(signal.time_s), signal.time_s - middle_s])[:size]
-        at = signal.time_s - parameters @ columns
-        turned, scatter = signal.aligned(at)
-        weight = 1.0 / (scatter + (0.01 / step(signal.time_s)) ** 2)
-        first = -weight * np.real(np.conj(turned) * signal.other.at(at, 1))
-        second = weight * np.real(np.conj(turned) * signal.other.at(at, 2))
-        known = np.isfinite(first) & np.isfinite(second)
-        columns, first, second = columns[:, known], first[known], second[known]
-        gradient += columns @ first
-        curvature += (columns * second) @ columns.T
-        stretch = blocks(signal.time_s, STRETCHES)[known]
-        parts += np.stack([np.bincount(stretch, first * column, STRETCHES) for column in columns], axis=1)
-    return gradient, curvature, parts
+def _sums(signal: _Signal, parameters: Floats, middle_s: float) -> tuple[Floats, Floats]:
+    """Return the correlation's curvature and each stretch's part of its gradient."""
+    columns = np.stack([np.ones_like(signal.time_s), signal.time_s - middle_s])[: len(parameters)]
+    at = signal.time_s - parameters @ columns
+    turned = signal.turned(at)
+    first = -np.real(np.conj(turned) * signal.other.at(at, 1))
+    second = np.real(np.conj(turned) * signal.other.at(at, 2))
+    known = np.isfinite(first) & np.isfinite(second)
+    columns, first, second = columns[:, known], first[known], second[known]
+    stretch = blocks(signal.time_s, STRETCHES)[known]
+    parts = np.stack([np.bincount(stretch, first * column, STRETCHES) for column in columns], axis=1)
+    return np.asarray((columns * second) @ columns.T), np.asarray(parts, dtype=float)
 
 
 def heading_error_deg(clock: Clock, rate_deg_s: Floats) -> Floats:
@@ -224,5 +229,3 @@ def heading_error_deg(clock: Clock, rate_deg_s: Floats) -> Floats:
         rate_deg_s: how fast the frame turns, (n,).
     """
     return rate_deg_s * (clock.sigma_s if np.isfinite(clock.sigma_s) else 0.0)
-
-

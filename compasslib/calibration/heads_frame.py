@@ -15,12 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles, compass
-from compasslib.calibration.heads_motion import blocks, down, small_sample, tilts
+from compasslib.calibration.heads_motion import blocks, down, independent, tilts
+from compasslib.deviation import model
 
 Floats = NDArray[np.floating]
 Complexes = NDArray[np.complexfloating]
 
-STRETCHES = 30
+STRETCHES = 30  # in which the residual is looked at
 RIGID_DEG = 0.5  # rms of the difference of two inclinometers by their makers' word
 LOOSE_DEG = 1.5  # no two inclinometers of one frame differ so much
 STILL_DEG = 0.3  # tilts that vary less than this tell nothing of a rotation
@@ -52,18 +53,12 @@ def fit(time_s: Floats, lean_a: Complexes, lean_b: Complexes) -> Frame:
         lean_a: forward + i starboard of what points down in a's body, (n,).
         lean_b: the same in b's, (n,).
     """
-    stretch = blocks(time_s, STRETCHES)
-    moments = _moments(down(lean_a), down(lean_b), stretch)
-    rotation = _rotation(moments.sum(axis=0))
+    rotation = _rotation(down(lean_b).T @ down(lean_a))
     residual = _angle(down(lean_a) @ rotation.T, down(lean_b))
-    left_out = [_rotation(moments.sum(axis=0) - part) for part in moments]
-    offset = twist(rotation)
-    away = angles.difference([twist(r) for r in left_out], offset)
-    count = len(np.unique(stretch))
-    sigma = float(np.sqrt(np.sum((away - away.mean()) ** 2) * (count - 1) / count)) * small_sample(count)
+    offset, sigma = twist(rotation), _twist_sigma(time_s, lean_a, lean_b, rotation)
     proper, mirrored, variation = _correlations(lean_a, lean_b)
     rms = float(np.sqrt(np.mean(residual**2)))
-    verdict, text = _verdict(rms, variation, proper, mirrored, residual, stretch)
+    verdict, text = _verdict(rms, variation, proper, mirrored, residual, blocks(time_s, STRETCHES))
     told = variation >= STILL_DEG and verdict in ("rigid", "doubtful")
     return Frame(
         rotation=rotation,
@@ -126,8 +121,17 @@ def _leaned(turn_deg: float, down_a: Floats, down_b: Floats) -> Floats:
     return _swing(one, other) @ turned
 
 
-def _moments(a: Floats, b: Floats, stretch: NDArray[np.intp]) -> Floats:
-    return np.stack([b[stretch == k].T @ a[stretch == k] for k in range(STRETCHES)])
+def _twist_sigma(time_s: Floats, lean_a: Complexes, lean_b: Complexes, rotation: Floats) -> float:
+    """Return the standard deviation of the turn about the vertical, by leaving out stretches of the record."""
+    a, b = down(lean_a), down(lean_b)
+    back = (b @ rotation)[:, :2] @ np.array([1.0, 1.0j])
+    aside = np.imag(np.conj(lean_a - lean_a.mean()) * (back - lean_a))
+    count, widened = independent(model.effective_number(aside - aside.mean(), time_s))
+    stretch = blocks(time_s, count)
+    parts = [b[stretch == k].T @ a[stretch == k] for k in np.unique(stretch)]
+    whole = np.sum(parts, axis=0)
+    away = angles.difference([twist(_rotation(whole - part)) for part in parts], twist(rotation))
+    return float(np.sqrt(np.sum((away - away.mean()) ** 2) * (len(parts) - 1) / len(parts) * widened))
 
 
 def _rotation(moment: Floats) -> Floats:
@@ -159,7 +163,10 @@ def _verdict(
     rms: float, variation: float, proper: float, mirrored: float, residual: Floats, stretch: NDArray[np.intp]
 ) -> tuple[str, str]:
     if variation < STILL_DEG:
-        return "not testable", f"The tilts vary by {variation:.2f}° rms only: they cannot tell whether the frame is rigid."
+        return (
+            "not testable",
+            f"The tilts vary by {variation:.2f}° rms only: they cannot tell whether the frame is rigid.",
+        )
     if mirrored >= FOLLOWS and mirrored > proper + 0.2:
         return "mirrored", (
             "The tilts of b follow those of a mirrored: one head counts its roll the other way, or its orientation "
@@ -171,7 +178,9 @@ def _verdict(
             f"correlation {proper:.2f}): the heads do not stand on one rigid frame, or a tilt sensor is broken."
         )
     worst = max(float(np.sqrt(np.mean(residual[stretch == k] ** 2))) for k in np.unique(stretch))
-    told = f"One rotation takes a's tilts to b's; {rms:.2f}° rms is left of {variation:.2f}° (worst stretch {worst:.2f}°)"
+    told = (
+        f"One rotation takes a's tilts to b's; {rms:.2f}° rms is left of {variation:.2f}° (worst stretch {worst:.2f}°)"
+    )
     if rms <= RIGID_DEG and worst <= LOOSE_DEG:
         return "rigid", told + ": the frame is rigid as far as inclinometers tell."
     return "doubtful", told + ": more than two good inclinometers differ by."

@@ -17,6 +17,7 @@ Complexes = NDArray[np.complexfloating]
 Bools = NDArray[np.bool_]
 
 STEEPEST_TILT = 45.0  # degrees: on deck, or fallen
+MOST_STRETCHES, LEAST_STRETCHES, SAMPLES_IN_STRETCH = 24, 5, 20.0
 GAP_STEPS = 3.0  # sampling intervals without a sample over which nothing is interpolated
 
 
@@ -81,6 +82,21 @@ class Motion:
     def lean_rate(self) -> Curve:
         """Return how fast the tilt changes, degrees a second, between the samples."""
         return _rate(self.time_s, self.lean / angles.DEGREE)
+
+
+@dataclass(frozen=True)
+class Compared:
+    """Both heads at b's instants, (n,) each."""
+
+    time_s: Floats  # by b's clock
+    recorded_a: Floats  # degrees, interpolated
+    recorded_b: Floats
+    lean_a: Complexes
+    lean_b: Complexes
+    rate_deg_s: Floats  # how fast a turns
+
+    def __len__(self) -> int:
+        return len(self.time_s)
 
 
 def step(time_s: Floats) -> float:
@@ -155,6 +171,21 @@ def blocks(time_s: Floats, count: int) -> NDArray[np.intp]:
     return np.minimum((share * count).astype(np.intp), count - 1)
 
 
+def independent(effective: float, parameters: int = 1) -> tuple[int, float]:
+    """Return into how many stretches a record is cut, and by how much the variance between them is widened.
+
+    Neighbouring stretches share what is remembered across their border: a stretch of m independent samples shows
+    1 - 1/(2m) of the variance of long ones (first-order memory). And few stretches make Student's t of a normal.
+
+    Args:
+        effective: independent samples in the record.
+        parameters: fitted.
+    """
+    count = int(np.clip(effective / SAMPLES_IN_STRETCH, LEAST_STRETCHES, MOST_STRETCHES))
+    shared = 1.0 - 0.5 / max(effective / count, 1.0)
+    return count, small_sample(count, parameters) ** 2 / shared
+
+
 def small_sample(count: int, parameters: int = 1) -> float:
     """Return by how much a standard deviation from few stretches is widened so that 1.96 of it hold 95 %.
 
@@ -171,5 +202,3 @@ def _rate(time_s: Floats, values: NDArray) -> Curve:
     interval = np.diff(time_s)
     near = interval <= GAP_STEPS * step(time_s)
     return Curve(((time_s[1:] + time_s[:-1]) / 2.0)[near], (np.diff(values) / interval)[near])
-
-

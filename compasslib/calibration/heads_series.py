@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles
-from compasslib.calibration.heads_motion import blocks, small_sample
+from compasslib.calibration.heads_motion import blocks, independent
 from compasslib.calibration.result import Table
 from compasslib.deviation import model, von_appen
 
@@ -24,7 +24,6 @@ SETS = {5: "A, B, C, D, E", 3: "A, B, C", 1: "A"}  # terms of the series by thei
 MOST_INFLATION = 10.0
 SECTOR_DEG, SECTORS = 10.0, 36
 LEAST_IN_SECTOR = 5
-MOST_STRETCHES, LEAST_STRETCHES, SAMPLES_IN_STRETCH = 40, 8, 10.0
 CLIP_SIGMAS = 5.0  # beyond which a difference is a spike
 REACH_DEG = 10.0  # a table of fewer than five terms goes this far beyond the headings that were covered
 
@@ -62,8 +61,8 @@ def fit(time_s: Floats, recorded_deg: Floats, difference_deg: Floats, rate_sigma
     coefficients, kept = _robust(columns, difference_deg)
     residual = difference_deg - columns @ coefficients
     effective = model.effective_number(residual[kept], time_s[kept])
-    count = int(np.clip(effective / SAMPLES_IN_STRETCH, LEAST_STRETCHES, MOST_STRETCHES))
-    covariance = _jackknife(columns[kept], residual[kept], blocks(time_s, count)[kept])
+    count, widened = independent(effective)
+    covariance = _jackknife(columns[kept], residual[kept], blocks(time_s, count)[kept]) * widened
     by_clock = np.linalg.lstsq(columns[kept], rate_sigma_deg[kept], rcond=None)[0]
     return Series(
         terms=terms,
@@ -86,8 +85,8 @@ def covered_sectors(recorded_deg: Floats) -> NDArray[np.bool_]:
     Args:
         recorded_deg: recorded headings, (n,).
     """
-    count = np.bincount((angles.wrap360(recorded_deg) / SECTOR_DEG).astype(int) , minlength=SECTORS)[:SECTORS]
-    return count >= max(LEAST_IN_SECTOR, 0.001 * len(recorded_deg))
+    count = np.bincount((angles.wrap360(recorded_deg) / SECTOR_DEG).astype(int), minlength=SECTORS)[:SECTORS]
+    return np.asarray(count >= max(LEAST_IN_SECTOR, 0.001 * len(recorded_deg)))
 
 
 def inflations(covered: NDArray[np.bool_], terms: int) -> Floats:
@@ -131,7 +130,7 @@ def near_covered(series: Series, heading_deg: Floats) -> NDArray[np.bool_]:
         return np.full(heading_deg.shape, True)
     centres = SECTOR_DEG * (np.flatnonzero(series.covered) + 0.5)
     away = np.abs(angles.difference(heading_deg[:, None], centres))
-    return (away <= SECTOR_DEG / 2.0 + REACH_DEG).any(axis=1)
+    return np.asarray((away <= SECTOR_DEG / 2.0 + REACH_DEG).any(axis=1))
 
 
 def stretches_deg(covered: NDArray[np.bool_]) -> str:
@@ -169,8 +168,7 @@ def _jackknife(columns: Floats, residual: Floats, stretch: NDArray[np.intp]) -> 
         steps.append(np.linalg.lstsq(information - part.T @ part, part.T @ residual[stretch == k], rcond=None)[0])
     moved = np.array(steps)
     count = len(moved)
-    widened = small_sample(count) ** 2
-    return np.asarray(moved.T @ moved) * (count - 1) / count * widened
+    return np.asarray(moved.T @ moved) * (count - 1) / count
 
 
 def _structure(recorded: Floats, residual: Floats, effective: float) -> float:
@@ -179,7 +177,7 @@ def _structure(recorded: Floats, residual: Floats, effective: float) -> float:
     count = np.bincount(sector, minlength=SECTORS)
     there = count >= LEAST_IN_SECTOR
     mean = np.bincount(sector, residual, SECTORS)[there] / count[there]
-    noise = float(np.var(residual)) * len(residual) / max(effective, 1.0) * np.mean(1.0 / count[there])
+    noise = float(np.var(residual)) * len(residual) / max(effective, 1.0) * float(np.mean(1.0 / count[there]))
     return float(np.sqrt(max(float(np.mean(mean**2)) - noise, 0.0)))
 
 

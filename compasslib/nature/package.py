@@ -18,6 +18,7 @@ from compasslib.nature.series import Floats, circle, red_noise, red_vector
 
 STEP_S = 0.1
 FIELD_NT = (22000.0, 40000.0)  # horizontal and vertical, of the middle latitudes
+NO_IRON = Iron()
 SMOOTH_STEPS = 20  # a heavy frame does not jerk
 
 
@@ -56,10 +57,18 @@ class Head:
     first_s: float = 0.0  # of its first ping after the motion begins
     clock_s: float = 0.0  # its clock minus the true time, at the middle of the cast
     drift_s: float = 0.0  # gain of its clock over the cast
-    iron: Iron = Iron()
-    deviation_deg: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0, 0.0)  # A..E, series in the recorded heading, instead of iron
+    iron: Iron = NO_IRON
+    deviation_deg: tuple[float, ...] = (
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+    )  # A..E, series in the recorded heading, instead of iron
     noise_deg: float = 0.5  # of the compass
     tilt_noise_deg: float = 0.1
+    slow_deg: float = 0.0  # of the compass too, but remembered: its damping, iron that moves, accelerations
+    slow_s: float = 30.0  # memory of that; the tilts have a fifth of it
 
 
 @dataclass(frozen=True)
@@ -115,12 +124,19 @@ def stand(rng: np.random.Generator, motion: Motion, head: Head, field_nt: tuple[
         for series in (motion.depth_m, motion.heading_deg, motion.pitch_deg, motion.roll_deg)
     )
     heading, pitch, roll = _mounted(heading, (pitch, roll), head.mount_deg)
-    sensed = tuple(x + rng.normal(0.0, head.tilt_noise_deg, time.size) for x in adcp.inclinometers(pitch, roll))
-    if head.iron == Iron():
+    memory = head.slow_s / head.ping_s
+    sensed = tuple(
+        x
+        + rng.normal(0.0, head.tilt_noise_deg, time.size)
+        + red_noise(rng, time.size, memory=memory, deviation=head.slow_deg / 5.0)
+        for x in adcp.inclinometers(pitch, roll)
+    )
+    if head.iron == NO_IRON:
         recorded = _through_series(heading, head.deviation_deg)
     else:
         recorded = compass.recorded_heading(field_nt, heading, tilt_deg=(pitch, roll), iron=head.iron)
-    recorded = circle(recorded + rng.normal(0.0, head.noise_deg, time.size))
+    slow = red_noise(rng, time.size, memory=memory, deviation=head.slow_deg)
+    recorded = circle(recorded + slow + rng.normal(0.0, head.noise_deg, time.size))
     share = (time - motion.time_s[0]) / np.ptp(motion.time_s) - 0.5
     clock = time + head.clock_s + head.drift_s * share
     return Posture(time, clock, depth, heading, recorded, (pitch, roll), (sensed[0], sensed[1]))
