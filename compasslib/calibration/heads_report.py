@@ -45,6 +45,7 @@ def details(pairs: Compared, clock: Clock, frame: Frame, series: Series, offset:
     return {
         "offset_deg": offset,
         "offset_sigma_deg": sigma,
+        "offset_sampling_sigma_deg": float(np.sqrt(series.sampling[0, 0])),
         "offset_from_tilts_deg": frame.offset_deg if told else None,
         "offset_from_tilts_sigma_deg": frame.offset_sigma_deg if told else None,
         "constant_difference_deg": constant if told else None,
@@ -119,12 +120,15 @@ def sources(pairs: Compared, clock: Clock, frame: Frame, series: Series) -> tupl
         frame: by the tilts.
         series: the fitted difference.
     """
-    known = heads_series.table(series).sigma_deg
-    fitted = float(np.sqrt(max(float(np.nanmean(known**2)) - series.structure_deg**2, 0.0)))
+    there = heads_series.curve(series, pairs.recorded_b).sigma_deg
+    fitted = float(np.sqrt(max(float(np.nanmean(there**2)) - series.structure_deg**2, 0.0)))
     by_clock = float(abs(np.mean(heads_clock.heading_error_deg(clock, pairs.rate_deg_s))))
     lever = float(np.sqrt(np.mean(np.abs(np.tan(np.abs(pairs.lean_a))) ** 2)))
+    how = f"jackknife over {series.stretches} stretches, the clocks' part below included"
+    if series.refused:
+        how += f"; refused terms assumed {heads_series.ALLOWANCE_DEG.tolist()}° (B, C, D, E)"
     return (
-        Source("fit", fitted, f"jackknife over {series.stretches} stretches, the clocks' part below included"),
+        Source("fit", fitted, how),
         Source("structure", series.structure_deg, "rms by sectors of 10° of what the series leaves, beyond noise"),
         Source(
             "one reading", angles.rms(series.residual_deg[series.kept]), "scatter of single differences, both compasses"
@@ -148,6 +152,10 @@ def warnings(pairs: Compared, clock: Clock, frame: Frame, series: Series, offset
     said = list(CANNOT_TELL)
     if series.refused:
         said.append(series.refused)
+        said.append(
+            "a refused term is not zero: what it may leak into the fitted ones and into offset_deg is in their "
+            "uncertainty, with assumed standard deviations of 5° (B, C) and 2° (D, E)"
+        )
     if series.terms == 1:
         where = heads_series.stretches_deg(series.covered)
         said.append(f"offset_deg is the mean difference over {where}; elsewhere the difference may be another")

@@ -25,6 +25,9 @@ MOST_INFLATION = 10.0
 SECTOR_DEG, SECTORS = 10.0, 36
 LEAST_IN_SECTOR = 5
 CLIP_SIGMAS = 5.0  # beyond which a difference is a spike
+# Assumed standard deviations of B, C, D, E where they are refused: what a difference of two compasses without strong
+# iron may hold. A refused term is not zero: it leaks into those that are fitted.
+ALLOWANCE_DEG = np.array([5.0, 5.0, 2.0, 2.0])
 REACH_DEG = 10.0  # a table of fewer than five terms goes this far beyond the headings that were covered
 
 
@@ -34,7 +37,9 @@ class Series:
 
     terms: int  # 5, 3 or 1
     coefficients: Floats  # (terms,) degrees
-    covariance: Floats  # (terms, terms)
+    covariance: Floats  # (terms, terms), what refused terms may leak included
+    sampling: Floats  # (terms, terms), without that
+    leak: Floats  # (terms, 5 - terms) of each refused term into the fitted ones
     residual_deg: Floats  # (n,) of all differences
     kept: NDArray[np.bool_]  # (n,) not spikes
     structure_deg: float  # rms by sector of what the series leaves, beyond noise
@@ -57,17 +62,21 @@ def fit(time_s: Floats, recorded_deg: Floats, difference_deg: Floats, rate_sigma
     covered = covered_sectors(recorded_deg)
     inflation = {k: inflations(covered, k) for k in SETS}
     terms = next((k for k in SETS if inflation[k].max() <= MOST_INFLATION), 1)
-    columns = von_appen.design(recorded_deg)[:, :terms]
+    columns, others = np.split(von_appen.design(recorded_deg), [terms], axis=1)
     coefficients, kept = _robust(columns, difference_deg)
     residual = difference_deg - columns @ coefficients
     effective = model.effective_number(residual[kept], time_s[kept])
     count, widened = independent(effective)
     covariance = _jackknife(columns[kept], residual[kept], blocks(time_s, count)[kept]) * widened
-    by_clock = np.linalg.lstsq(columns[kept], rate_sigma_deg[kept], rcond=None)[0]
+    solver = np.linalg.pinv(columns[kept])
+    by_clock, leak = solver @ rate_sigma_deg[kept], solver @ others[kept]
+    sampling = covariance + np.outer(by_clock, by_clock)
     return Series(
         terms=terms,
         coefficients=coefficients,
-        covariance=covariance + np.outer(by_clock, by_clock),
+        covariance=sampling + leak @ np.diag(ALLOWANCE_DEG[terms - 1 :] ** 2) @ leak.T,
+        sampling=sampling,
+        leak=leak,
         residual_deg=residual,
         kept=kept,
         structure_deg=_structure(recorded_deg[kept], residual[kept], effective),
@@ -111,12 +120,24 @@ def table(series: Series) -> Table:
     Args:
         series: the fit.
     """
-    heading = np.arange(0.0, 360.0, 10.0)
-    columns = von_appen.design(heading)[:, : series.terms]
-    sigma = np.sqrt(np.einsum("ni,ij,nj->n", columns, series.covariance, columns) + series.structure_deg**2)
+    return curve(series, np.arange(0.0, 360.0, 10.0))
+
+
+def curve(series: Series, heading_deg: Floats) -> Table:
+    """Return the deviation at some headings, as ``table`` does.
+
+    Args:
+        series: the fit.
+        heading_deg: recorded, (m,).
+    """
+    columns, others = np.split(von_appen.design(heading_deg), [series.terms], axis=1)
+    # Where headings were covered the fitted terms have taken up the refused ones; beyond, these go their own way.
+    unseen = (others - columns @ series.leak) * ALLOWANCE_DEG[series.terms - 1 :]
+    variance = np.einsum("ni,ij,nj->n", columns, series.sampling, columns) + np.sum(unseen**2, axis=1)
+    sigma = np.sqrt(variance + series.structure_deg**2)
     deviation = columns[:, 1:] @ series.coefficients[1:]
-    known = near_covered(series, heading)
-    return Table(heading, np.where(known, deviation, np.nan), np.where(known, sigma, np.nan))
+    known = near_covered(series, heading_deg)
+    return Table(heading_deg, np.where(known, deviation, np.nan), np.where(known, sigma, np.nan))
 
 
 def near_covered(series: Series, heading_deg: Floats) -> NDArray[np.bool_]:

@@ -123,7 +123,7 @@ def stand(rng: np.random.Generator, motion: Motion, head: Head, field_nt: tuple[
         np.interp(time, motion.time_s, series)
         for series in (motion.depth_m, motion.heading_deg, motion.pitch_deg, motion.roll_deg)
     )
-    heading, pitch, roll = _mounted(heading, (pitch, roll), head.mount_deg)
+    heading, pitch, roll = mounted(heading, (pitch, roll), head.mount_deg)
     memory = head.slow_s / head.ping_s
     sensed = tuple(
         x
@@ -132,7 +132,7 @@ def stand(rng: np.random.Generator, motion: Motion, head: Head, field_nt: tuple[
         for x in adcp.inclinometers(pitch, roll)
     )
     if head.iron == NO_IRON:
-        recorded = _through_series(heading, head.deviation_deg)
+        recorded = read_through(heading, head.deviation_deg)
     else:
         recorded = compass.recorded_heading(field_nt, heading, tilt_deg=(pitch, roll), iron=head.iron)
     slow = red_noise(rng, time.size, memory=memory, deviation=head.slow_deg)
@@ -211,10 +211,16 @@ def _smooth(series: Floats) -> Floats:
     return np.convolve(held, kernel, mode="same")[SMOOTH_STEPS:-SMOOTH_STEPS]
 
 
-def _mounted(
+def mounted(
     heading_deg: Floats, tilt_deg: tuple[Floats, Floats], mount_deg: tuple[float, float, float]
 ) -> tuple[Floats, Floats, Floats]:
-    """Return heading (not wrapped), pitch and roll of a body that is turned in the frame by a fixed rotation."""
+    """Return heading (not wrapped), pitch and roll of a body that is turned in the frame by a fixed rotation.
+
+    Args:
+        heading_deg: of the frame, (n,).
+        tilt_deg: its pitch, forward up, and roll, starboard down, (n,) each.
+        mount_deg: heading, pitch and roll of the body in the frame.
+    """
     zero = np.zeros(1)
     inner = (_turning(zero + mount_deg[0]) @ compass.tilting(zero + mount_deg[1], zero + mount_deg[2]))[0]
     whole = _turning(heading_deg) @ compass.tilting(*tilt_deg) @ inner
@@ -229,8 +235,13 @@ def _turning(heading_deg: Floats) -> Floats:
     return np.stack([np.stack(row, axis=-1) for row in ((c, -s, zero), (s, c, zero), (zero, zero, one))], axis=-2)
 
 
-def _through_series(heading_deg: Floats, series_deg: tuple[float, ...]) -> Floats:
-    """Return the recorded heading whose series in the recorded heading gives the correct one, by iteration."""
+def read_through(heading_deg: Floats, series_deg: tuple[float, ...]) -> Floats:
+    """Return the recorded heading whose series in the recorded heading gives the correct one, by iteration.
+
+    Args:
+        heading_deg: correct headings, (n,).
+        series_deg: A..E, to be added to the recorded heading.
+    """
     a, b, c, d, e = series_deg
     recorded = np.array(heading_deg)
     for _ in range(60):
