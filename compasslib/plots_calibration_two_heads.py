@@ -114,7 +114,8 @@ def along_time(path: str | Path, found: Calibration, name: str) -> None:
             handles.append(_level(panels[0], near, found.details["offset_from_tilts_sigma_deg"], "tilts", ORANGE))
         panels[0].set_xlabel("")
         panels[0].set_ylabel("Offset of b from a (°)")
-        panels[0].set_title("(a) offset, the heading-dependent part taken out")
+        out = "the fitted heading-dependent part taken out" if found.coefficients.size else "nothing taken out"
+        panels[0].set_title(f"(a) offset, {out}")
         panels[1].set_title("(b) recorded headings, magnetic")
         thin, days = _thin(found), found.points["time_s"] / DAY_S
         for key, colour in (("a", BLUE), ("b", VERMILION)):

@@ -133,8 +133,9 @@ def curve(series: Series, heading_deg: Floats) -> Table:
     columns, others = np.split(von_appen.design(heading_deg), [series.terms], axis=1)
     # Where headings were covered the fitted terms have taken up the refused ones; beyond, these go their own way.
     unseen = (others - columns @ series.leak) * ALLOWANCE_DEG[series.terms - 1 :]
-    variance = np.einsum("ni,ij,nj->n", columns, series.sampling, columns) + np.sum(unseen**2, axis=1)
-    sigma = np.sqrt(variance + series.structure_deg**2)
+    # What the series leaves by sectors is the refused terms' own trace: the larger of the two, not both.
+    left = np.maximum(np.sum(unseen**2, axis=1), series.structure_deg**2)
+    sigma = np.sqrt(np.einsum("ni,ij,nj->n", columns, series.sampling, columns) + left)
     deviation = columns[:, 1:] @ series.coefficients[1:]
     known = near_covered(series, heading_deg)
     return Table(heading_deg, np.where(known, deviation, np.nan), np.where(known, sigma, np.nan))
