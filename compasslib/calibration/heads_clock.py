@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,7 @@ ROUNDS = 20
 DISAGREE_SIGMAS, DISAGREE_S = 4.0, 0.02  # from there on tilts and headings tell of different lags
 DRIFT_SIGMAS = 3.0  # a drift less sure is not applied
 DAY_S = 86400.0
+UNKNOWN = (float("nan"), float("nan"))
 
 
 @dataclass(frozen=True)
@@ -41,8 +43,8 @@ class Clock:
     middle_s: float = 0.0  # by b's clock
     tilt_correlation: float = 0.0  # of the rates, at the offset
     heading_correlation: float = 0.0
-    from_tilts_s: tuple[float, float] = (float("nan"), float("nan"))  # offset and standard deviation
-    from_headings_s: tuple[float, float] = (float("nan"), float("nan"))
+    from_tilts_s: tuple[float, float] = UNKNOWN  # offset and standard deviation
+    from_headings_s: tuple[float, float] = UNKNOWN
     found: bool = False
     warnings: tuple[str, ...] = ()
 
@@ -84,55 +86,53 @@ def find(a: Motion, b: Motion, farthest_s: float) -> Clock:
         b: motion of the other by its own.
         farthest_s: greatest offset that is sought.
     """
-    tilts, headings = _signals(a, b)
-    lag, tilt_correlation, heading_correlation = _lattice_peak(a, b, farthest_s)
+    lag, correlation = _lattice_peak(a, b, farthest_s)
     least = max(LEAST_CORRELATION, 5.0 / np.sqrt(min(len(a.time_s), len(b.time_s))))
     middle = float(b.time_s[0] + b.time_s[-1]) / 2.0
-    use = [s for s, r in ((tilts, tilt_correlation), (headings, heading_correlation)) if r >= least]
+    seen: dict[str, Any] = {"tilt_correlation": correlation["tilts"], "heading_correlation": correlation["headings"]}
+    use = {name: signal for name, signal in _signals(a, b).items() if correlation[name] >= least}
     if not use:
         said = "tilts and headings of the two heads hardly change together: the clocks are taken as they stand"
-        return Clock(
-            middle_s=middle,
-            tilt_correlation=tilt_correlation,
-            heading_correlation=heading_correlation,
-            warnings=(said,),
-        )
-    alone = [_solved(s, np.array([lag]), middle) for s in (tilts, headings)]
-    each = [_pair(value[0], covariance[0, 0]) for value, covariance in alone]
-    apart = len(use) == 2 and _apart(*each)
-    if apart:
-        use = [tilts]
-    value, covariance = _weighed([_solved(s, np.array([lag]), middle) for s in use])
-    slope, slope_covariance = _weighed([_solved(s, np.array([value[0], 0.0]), middle) for s in use])
-    drift, drift_sigma = slope[1], float(np.sqrt(slope_covariance[1, 1]))
-    applied = abs(drift) > DRIFT_SIGMAS * drift_sigma and abs(drift) * np.ptp(b.time_s) > RESOLUTION_S
-    offset, sigma = _pair(slope[0], slope_covariance[0, 0]) if applied else _pair(value[0], covariance[0, 0])
+        return Clock(middle_s=middle, warnings=(said,), **seen)
+    alone = {name: _offset(*_solved(signal, np.array([lag]), middle)) for name, signal in use.items()}
+    apart = len(use) == 2 and _apart(*alone.values())
+    signals = [use["tilts"]] if apart else list(use.values())
     return Clock(
-        offset_s=offset,
-        sigma_s=sigma,
-        drift_s_per_day=float(drift) * DAY_S,
-        drift_sigma_s_per_day=drift_sigma * DAY_S,
-        drift_applied=bool(applied),
+        **_offset_and_drift(signals, lag, middle, float(np.ptp(b.time_s))),
         middle_s=middle,
-        tilt_correlation=tilt_correlation,
-        heading_correlation=heading_correlation,
-        from_tilts_s=each[0] if tilt_correlation >= least else (float("nan"), float("nan")),
-        from_headings_s=each[1] if heading_correlation >= least else (float("nan"), float("nan")),
+        from_tilts_s=alone.get("tilts", UNKNOWN),
+        from_headings_s=alone.get("headings", UNKNOWN),
         found=True,
-        warnings=_warnings(each) if apart else (),
+        warnings=_warnings(*alone.values()) if apart else (),
+        **seen,
     )
 
 
-def _warnings(each: Sequence[tuple[float, float]]) -> tuple[str, ...]:
-    (tilt, _), (heading, _) = each
+def _offset_and_drift(signals: Sequence[_Signal], lag: float, middle_s: float, span_s: float) -> dict[str, Any]:
+    """Return offset and drift as fields of a clock; a drift that is not sure is told and not applied."""
+    value, covariance = _weighed([_solved(s, np.array([lag]), middle_s) for s in signals])
+    both, both_covariance = _weighed([_solved(s, np.array([value[0], 0.0]), middle_s) for s in signals])
+    drift, sigma = float(both[1]), float(np.sqrt(both_covariance[1, 1]))
+    applied = abs(drift) > DRIFT_SIGMAS * sigma and abs(drift) * span_s > RESOLUTION_S
+    offset = _offset(both, both_covariance) if applied else _offset(value, covariance)
+    return {
+        "offset_s": offset[0],
+        "sigma_s": offset[1],
+        "drift_s_per_day": drift * DAY_S,
+        "drift_sigma_s_per_day": sigma * DAY_S,
+        "drift_applied": applied,
+    }
+
+
+def _warnings(tilts: tuple[float, float], headings: tuple[float, float]) -> tuple[str, ...]:
     return (
-        f"b's clock is {tilt:+.3f} s from a's by the tilts and {heading:+.3f} s by the headings: "
+        f"b's clock is {tilts[0]:+.3f} s from a's by the tilts and {headings[0]:+.3f} s by the headings: "
         "one compass lags behind its tilt sensors; the tilts' is used",
     )
 
 
-def _pair(value: float, variance: float) -> tuple[float, float]:
-    return float(value), float(np.sqrt(variance + RESOLUTION_S**2))
+def _offset(value: Floats, covariance: Floats) -> tuple[float, float]:
+    return float(value[0]), float(np.sqrt(covariance[0, 0] + RESOLUTION_S**2))
 
 
 def _apart(one: tuple[float, float], other: tuple[float, float]) -> bool:
@@ -140,15 +140,15 @@ def _apart(one: tuple[float, float], other: tuple[float, float]) -> bool:
     return away > DISAGREE_S and away > DISAGREE_SIGMAS * float(np.hypot(one[1], other[1]))
 
 
-def _signals(a: Motion, b: Motion) -> tuple[_Signal, _Signal]:
-    return (
-        _Signal(b.lean_rate.time_s, b.lean_rate.values, a.lean_rate),
-        _Signal(b.turn_rate.time_s, b.turn_rate.values.astype(complex), a.turn_rate),
-    )
+def _signals(a: Motion, b: Motion) -> dict[str, _Signal]:
+    return {
+        "tilts": _Signal(b.lean_rate.time_s, b.lean_rate.values, a.lean_rate),
+        "headings": _Signal(b.turn_rate.time_s, b.turn_rate.values.astype(complex), a.turn_rate),
+    }
 
 
-def _lattice_peak(a: Motion, b: Motion, farthest_s: float) -> tuple[float, float, float]:
-    """Return the lag at which the rates correlate best, and both correlations there."""
+def _lattice_peak(a: Motion, b: Motion, farthest_s: float) -> tuple[float, dict[str, float]]:
+    """Return the lag at which the rates of tilts and headings correlate best, and both correlations there."""
     lattice = min(step(a.time_s), step(b.time_s))
     begin = min(a.time_s[0], b.time_s[0])
     end = max(a.time_s[-1], b.time_s[-1])
@@ -160,7 +160,7 @@ def _lattice_peak(a: Motion, b: Motion, farthest_s: float) -> tuple[float, float
     lags = lattice * np.where(place > len(grid) // 2, place - len(grid), place)
     reachable = np.abs(lags) <= max(farthest_s, lattice / 2.0)
     best = int(np.argmax(np.where(reachable, squares, -1.0)))
-    return float(lags[best]), float(peaks[0][best]), float(peaks[1][best])
+    return float(lags[best]), {"tilts": float(peaks[0][best]), "headings": float(peaks[1][best])}
 
 
 def _on(curve: Curve, grid: Floats) -> Complexes:

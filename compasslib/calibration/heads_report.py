@@ -18,9 +18,9 @@ from compasslib.calibration.result import Source
 
 Floats = NDArray[np.floating]
 
-SIGMAS = 2.0
+SIGMAS, LEAST_CONSTANT_DEG = 2.0, 1.0
 RARE_S = 600.0
-SLIP_STRETCHES, SLIP_SIGMAS, SLIP_DEG = 24, 6.0, 1.0
+SLIP_STRETCHES, SLIP_SIGMAS, SLIP_DEG = 24, 8.0, 1.0
 CANNOT_TELL = (
     "The difference of two compasses does not tell which of them is wrong: the coefficients are b's against a's and "
     "are b's own only as far as a's compass is right.",
@@ -39,29 +39,9 @@ def details(pairs: Compared, clock: Clock, frame: Frame, series: Series, offset:
         series: the fitted difference.
         offset: of b's forward axis from a's by the headings, degrees.
     """
-    constant = float(angles.difference(frame.offset_deg, offset))
-    sigma = float(np.sqrt(series.covariance[0, 0]))
-    told = bool(np.isfinite(frame.offset_sigma_deg))
     return {
-        "offset_deg": offset,
-        "offset_sigma_deg": sigma,
-        "offset_sampling_sigma_deg": float(np.sqrt(series.sampling[0, 0])),
-        "offset_from_tilts_deg": frame.offset_deg if told else None,
-        "offset_from_tilts_sigma_deg": frame.offset_sigma_deg if told else None,
-        "constant_difference_deg": constant if told else None,
-        "constant_difference_sigma_deg": float(np.hypot(sigma, frame.offset_sigma_deg)) if told else None,
-        "clock": {
-            "offset_s": clock.offset_s,
-            "sigma_s": clock.sigma_s,
-            "drift_s_per_day": clock.drift_s_per_day,
-            "drift_sigma_s_per_day": clock.drift_sigma_s_per_day,
-            "drift_applied": clock.drift_applied,
-            "found": clock.found,
-            "from_tilts_s": list(clock.from_tilts_s),
-            "from_headings_s": list(clock.from_headings_s),
-            "correlation_of_tilt_rates": clock.tilt_correlation,
-            "correlation_of_heading_rates": clock.heading_correlation,
-        },
+        **_offsets(frame, series, offset),
+        "clock": _clock(clock),
         "frame": {
             "verdict": frame.verdict,
             "text": frame.text,
@@ -78,6 +58,41 @@ def details(pairs: Compared, clock: Clock, frame: Frame, series: Series, offset:
         "stretches": series.stretches,
         "spikes": int(np.sum(~series.kept)),
         "cannot_tell": list(CANNOT_TELL),
+    }
+
+
+def _offsets(frame: Frame, series: Series, offset: float) -> dict[str, float | None]:
+    constant, sigma = _constant(frame, series, offset)
+    told = bool(np.isfinite(frame.offset_sigma_deg))
+    return {
+        "offset_deg": offset,
+        "offset_sigma_deg": float(np.sqrt(series.covariance[0, 0])),
+        "offset_sampling_sigma_deg": float(np.sqrt(series.sampling[0, 0])),
+        "offset_from_tilts_deg": frame.offset_deg if told else None,
+        "offset_from_tilts_sigma_deg": frame.offset_sigma_deg if told else None,
+        "constant_difference_deg": constant if told else None,
+        "constant_difference_sigma_deg": sigma if told else None,
+    }
+
+
+def _constant(frame: Frame, series: Series, offset: float) -> tuple[float, float]:
+    """Return the mounting angle by the tilts minus the offset by the headings, and its standard deviation."""
+    sigma = float(np.hypot(frame.offset_sigma_deg, np.sqrt(series.covariance[0, 0])))
+    return float(angles.difference(frame.offset_deg, offset)), sigma
+
+
+def _clock(clock: Clock) -> dict[str, Any]:
+    return {
+        "offset_s": clock.offset_s,
+        "sigma_s": clock.sigma_s,
+        "drift_s_per_day": clock.drift_s_per_day,
+        "drift_sigma_s_per_day": clock.drift_sigma_s_per_day,
+        "drift_applied": clock.drift_applied,
+        "found": clock.found,
+        "from_tilts_s": list(clock.from_tilts_s),
+        "from_headings_s": list(clock.from_headings_s),
+        "correlation_of_tilt_rates": clock.tilt_correlation,
+        "correlation_of_heading_rates": clock.heading_correlation,
     }
 
 
@@ -149,44 +164,51 @@ def warnings(pairs: Compared, clock: Clock, frame: Frame, series: Series, offset
         series: the fitted difference.
         offset: of b's forward axis from a's by the headings, degrees.
     """
-    said = list(CANNOT_TELL)
-    if series.refused:
-        said.append(series.refused)
-        said.append(
-            "a refused term is not zero: what it may leak into the fitted ones and into offset_deg is in their "
-            "uncertainty, with assumed standard deviations of 5° (B, C) and 2° (D, E)"
-        )
-    if series.terms == 1:
-        where = heads_series.stretches_deg(series.covered)
-        said.append(f"offset_deg is the mean difference over {where}; elsewhere the difference may be another")
-    if frame.verdict != "rigid":
-        said.append(frame.text)
-    if np.isfinite(frame.offset_sigma_deg):
-        apart = float(angles.difference(frame.offset_deg, offset))
-        sigma = float(np.hypot(frame.offset_sigma_deg, np.sqrt(series.covariance[0, 0])))
-        if abs(apart) > SIGMAS * sigma and abs(apart) > 1.0:
-            said.append(
-                f"the tilts turn b by {frame.offset_deg:.1f}° ± {frame.offset_sigma_deg:.1f}° against a, the headings "
-                f"by {offset:.1f}°: the constants of the compasses differ by {apart:+.1f}° ± {sigma:.1f}°, or the tilt "
-                "sensors are turned in their housings"
-            )
-    if clock.drift_applied:
-        said.append(
-            f"b's clock gains {clock.drift_s_per_day:+.2f} ± {clock.drift_sigma_s_per_day:.2f} s a day on a's; "
-            "that was taken out"
-        )
-    said += _slip(pairs.time_s, series)
-    if series.stretches == LEAST_STRETCHES:
-        said.append(
-            f"the differences follow each other: {series.n_effective:.0f} of {len(pairs)} count, and the "
-            f"uncertainty rests on {series.stretches} stretches"
-        )
+    tilts_say = [frame.text] if frame.verdict != "rigid" else []
+    return (
+        *CANNOT_TELL,
+        *_of_terms(series),
+        *tilts_say,
+        *_of_constant(frame, series, offset),
+        *_of_sampling(pairs, clock, series),
+        *_slip(pairs.time_s, series),
+    )
+
+
+def _of_terms(series: Series) -> list[str]:
+    if not series.refused:
+        return []
+    leak = (
+        "a refused term is not zero: what it may leak into the fitted ones and into offset_deg is in their "
+        "uncertainty, with assumed standard deviations of 5° (B, C) and 2° (D, E)"
+    )
+    where = heads_series.stretches_deg(series.covered)
+    only = f"offset_deg is the mean difference over {where}; elsewhere the difference may be another"
+    return [series.refused, leak, only] if series.terms == 1 else [series.refused, leak]
+
+
+def _of_constant(frame: Frame, series: Series, offset: float) -> list[str]:
+    apart, sigma = _constant(frame, series, offset)
+    if not np.isfinite(sigma) or abs(apart) < max(SIGMAS * sigma, LEAST_CONSTANT_DEG):
+        return []
+    return [
+        f"the tilts turn b by {frame.offset_deg:.1f}° ± {frame.offset_sigma_deg:.1f}° against a, the headings by "
+        f"{offset:.1f}°: the constants of the compasses differ by {apart:+.1f}° ± {sigma:.1f}°, or the tilt sensors "
+        "are turned in their housings"
+    ]
+
+
+def _of_sampling(pairs: Compared, clock: Clock, series: Series) -> list[str]:
+    gain = f"{clock.drift_s_per_day:+.2f} ± {clock.drift_sigma_s_per_day:.2f} s a day"
     spikes = int(np.sum(~series.kept))
-    if spikes:
-        said.append(f"{spikes} of {len(pairs)} differences are spikes and were left out")
-    if step(pairs.time_s) > RARE_S:
-        said.append("the heads sample too rarely for a clock error of seconds to be seen")
-    return tuple(said)
+    told = {
+        f"b's clock gains {gain} on a's; that was taken out": clock.drift_applied,
+        f"the differences follow each other: {series.n_effective:.0f} of {len(pairs)} count, and the uncertainty rests "
+        f"on {series.stretches} stretches": series.stretches == LEAST_STRETCHES,
+        f"{spikes} of {len(pairs)} differences are spikes and were left out": spikes > 0,
+        "the heads sample too rarely for a clock error of seconds to be seen": step(pairs.time_s) > RARE_S,
+    }
+    return [sentence for sentence, holds in told.items() if holds]
 
 
 def _slip(time_s: Floats, series: Series) -> list[str]:
