@@ -1,6 +1,6 @@
 """Do 95 % intervals of a two-heads calibration hold the truth 95 times in 100?
 
-    python benchmarks/two_heads.py [CASTS] [--first SEED]
+    PYTHONPATH=. python benchmarks/two_heads.py [CASTS] [--first SEED]
 
 Every cast is lowered in the simulated sea, which shares no code with the analysis, and goes through PD0 bytes: turns,
 wander, swell, mounting, clock offset and drift, noise, sampling and the deviation between the compasses are drawn anew.
