@@ -17,7 +17,7 @@ Complexes = NDArray[np.complexfloating]
 Bools = NDArray[np.bool_]
 
 STEEPEST_TILT = 45.0  # degrees: on deck, or fallen
-MOST_STRETCHES, LEAST_STRETCHES, SAMPLES_IN_STRETCH = 24, 5, 20.0
+MOST_STRETCHES, LEAST_STRETCHES, SAMPLES_IN_STRETCH = 16, 5, 40.0
 GAP_STEPS = 3.0  # sampling intervals without a sample over which nothing is interpolated
 
 
