@@ -1,8 +1,8 @@
 """How well the two instruments agree before and after, on pairs that the fit has not seen.
 
 Von Appen 2015, section 4, judges by histograms and a scatter of the very pairs that were fitted. Here the record is cut
-into contiguous blocks of ten days (hourly currents remember a day or two), the model is fitted without some of them and
-tried on those.
+into contiguous blocks of ten days (hourly currents remember a day or two; a record of less than forty days is cut into
+four), the model is fitted without some of them and tried on those.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ Series = TypeVar("Series", Pairs, Readings)
 
 BLOCK_S = 10 * 86400.0
 FOLDS = 2
+LEAST_BLOCKS = 2 * FOLDS
 FEWEST_FOR_FORMS = 4 * model.FEWEST_PAIRS
 FORM_PAIRS = 1500  # as many pairs, evenly taken, tell the forms apart; more only take longer
 
@@ -49,7 +50,7 @@ def held_out_headings(pairs: Pairs, fit: Fit) -> Floats:
         fit: the fit to all of them; its method is repeated.
     """
     heading = np.full(len(pairs), np.nan)
-    block = np.floor((pairs.time_s - pairs.time_s[0]) / BLOCK_S).astype(int) % FOLDS
+    block = _blocks(pairs.time_s) % FOLDS
     for fold in range(FOLDS):
         left_out, kept = block == fold, choose(pairs, block != fold)
         again = deviation.fit(fit.method, kept, near=fit, dip_ratio=fit.dip_ratio)
@@ -69,10 +70,20 @@ def compare_forms(pairs: Pairs, fit: Fit) -> dict[str, Any]:
         fit: the exact compass fitted to all of them.
     """
     pairs = choose(pairs, np.arange(0, len(pairs), max(1, len(pairs) // FORM_PAIRS)))
-    block = np.floor((pairs.time_s - pairs.time_s[0]) / BLOCK_S).astype(int)
+    block = _blocks(pairs.time_s)
     near = {EXACT.name: fit}
     scores = {f.name: exact.held_out_scores(f, pairs, block % FOLDS, near.get(f.name)) for f in FORMS}
     return {name: _against(score, scores[EXACT.name], block) for name, score in scores.items()}
+
+
+def _block_length(time_s: Floats) -> float:
+    return min(BLOCK_S, float(np.ptp(time_s)) / LEAST_BLOCKS) if len(time_s) > 1 else BLOCK_S
+
+
+def _blocks(time_s: Floats) -> NDArray[np.int_]:
+    """Return the number of the contiguous block that each pair lies in, (n,)."""
+    length = max(_block_length(time_s), 1.0)
+    return np.floor((time_s - time_s[0]) / length).astype(int)
 
 
 def _against(score: Floats, exact_score: Floats, block: NDArray[np.int_]) -> dict[str, Any]:
@@ -98,7 +109,7 @@ def assess(pairs: Pairs, fit: Fit) -> dict[str, Any]:
         "before_where_corrected": _agreement(pairs.upper_east[known], pairs.upper_north[known], choose(pairs, known)),
         "after": _agreement(turned[0][known], turned[1][known], choose(pairs, known)),
         "forms": compare_forms(pairs, fit) if fit.method == EXACT.name and len(pairs) >= FEWEST_FOR_FORMS else None,
-        "held_out": {"block_days": BLOCK_S / 86400.0, "folds": FOLDS, "n": int(known.sum())},
+        "held_out": {"block_days": _block_length(pairs.time_s) / 86400.0, "folds": FOLDS, "n": int(known.sum())},
     }
 
 

@@ -121,11 +121,17 @@ def _without_declination(record: Record, declination: float) -> Record:
 
 
 def _depth(record: Record, nominal: float | None, offset: float, latitude: float) -> tuple[Floats, str]:
-    """Take the pressure where it varies, else the depth field where it varies, else the metadata."""
+    """Take the pressure where it varies, else the depth field where it varies, else the metadata.
+
+    A table of profiles counts its bins from the depth of the first (no profiler measures at its own transducer): there
+    the metadata's depth would shift them all.
+    """
+    several = record.bin_range_m.shape[1] > 1 and bool((record.bin_range_m[:, 0] == 0.0).all())
+    told_by_bins = several and bool(np.isfinite(record.depth_m).all())
     pressure = record.pressure_dbar - offset
     if _varies(pressure):
         return _filled(_depth_of(pressure, latitude)), "pressure"
-    if _varies(record.depth_m):
+    if _varies(record.depth_m) or told_by_bins:
         return _filled(record.depth_m), "depth field"
     if nominal is not None:
         return np.full(record.time_s.shape, float(nominal)), "metadata"

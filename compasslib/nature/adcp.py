@@ -72,7 +72,7 @@ def measure(rng: np.random.Generator, adcp: Adcp, stance: Stance, water: Water, 
     moving = _spoil(rng, setup, stance, _velocity(rng, adcp, stance, water))
     good = _share_good(setup, stance)
     wet = stance.in_water[:, None, None]
-    pitch, roll = _inclinometers(*stance.sensed_tilt_deg)
+    pitch, roll = inclinometers(*stance.sensed_tilt_deg)
     deck_roll = np.where(stance.time_s < stance.time_s[n // 2], -52.0, 61.0) + rng.normal(0.0, 0.05, n)
     flipped = ~stance.in_water & (np.arange(n) < FLIPPED_ON_DECK)
     depth = np.where(stance.in_water, np.maximum(stance.depth_m + rng.normal(0.0, 0.05, n), 0.0), 0.0)
@@ -153,7 +153,7 @@ def _toward_head(setup: Setup, stance: Stance) -> Floats:
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2) @ beams
 
 
-def _inclinometers(pitch_deg: Floats, roll_deg: Floats) -> tuple[Floats, Floats]:
+def inclinometers(pitch_deg: Floats, roll_deg: Floats) -> tuple[Floats, Floats]:
     """Return the tilts as two inclinometers give them: the pitch's is seen through the roll."""
     return np.rad2deg(np.arctan(np.tan(np.deg2rad(pitch_deg)) / np.cos(np.deg2rad(roll_deg)))), roll_deg
 

@@ -82,13 +82,13 @@ def recorded_heading(
     horizontal, vertical = np.broadcast_arrays(*field_nt, np.asarray(heading_deg, dtype=float))[:2]
     turn = np.deg2rad(np.asarray(heading_deg, dtype=float))
     level = np.stack([horizontal * np.cos(turn), -horizontal * np.sin(turn), vertical], axis=-1)
-    body = np.einsum("nji,nj->ni", _tilting(*tilt_deg), level)
+    body = np.einsum("nji,nj->ni", tilting(*tilt_deg), level)
     felt = body @ np.asarray(iron.soft).T + np.asarray(iron.hard_nt)
-    levelled = np.einsum("nij,nj->ni", _tilting(*(sensed_tilt_deg or tilt_deg)), felt)
+    levelled = np.einsum("nij,nj->ni", tilting(*(sensed_tilt_deg or tilt_deg)), felt)
     return circle(np.rad2deg(np.arctan2(-levelled[:, 1], levelled[:, 0])))
 
 
-def _tilting(pitch_deg: ArrayLike, roll_deg: ArrayLike) -> Floats:
+def tilting(pitch_deg: ArrayLike, roll_deg: ArrayLike) -> Floats:
     """Return Ry(pitch) Rx(roll), (n, 3, 3)."""
     pitch, roll = np.broadcast_arrays(np.deg2rad(pitch_deg), np.deg2rad(roll_deg))
     sp, cp, sr, cr = np.sin(pitch), np.cos(pitch), np.sin(roll), np.cos(roll)

@@ -1,0 +1,108 @@
+"""The example cruise of a lowered ADCP: made, run through Snakemake, and held against the truth."""
+
+from __future__ import annotations
+
+import csv
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import netCDF4
+import numpy as np
+import pytest
+from test_workflow import CONTRACT, PROJECT, change, snakemake
+
+from compasslib import angles, deployment
+from compasslib.readers import table
+
+EXAMPLE = PROJECT / "examples/lowered_adcp"
+
+
+def made(folder: Path) -> Path:
+    shutil.copytree(EXAMPLE / "config", folder / "config")
+    command = [sys.executable, str(EXAMPLE / "make.py"), str(folder)]
+    subprocess.run(command, check=True, env={"PYTHONPATH": str(PROJECT)})
+    return folder
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory) -> Path:
+    folder = made(tmp_path_factory.mktemp("station"))
+    ran = snakemake(folder)
+    assert ran.returncode == 0, ran.stderr
+    return folder
+
+
+def errors(folder: Path) -> dict[str, np.ndarray]:
+    """Return the heading's error before and after, its stated sigma, and the depth of each sample."""
+    with (folder / "truth/LADCP1.csv").open() as stream:
+        rows = list(csv.DictReader(stream))
+    times = np.array([row["time_utc"].removesuffix("Z") for row in rows], dtype="datetime64[s]").astype(float)
+    truth, depth = (np.array([float(row[k]) for row in rows]) for k in ("heading_true_magnetic_deg", "depth_m"))
+    with netCDF4.Dataset(folder / "results/LADCP1/corrected.nc") as nc:
+        stamps = netCDF4.num2date(nc["TIME"][:], nc["TIME"].units, only_use_cftime_datetimes=False)
+        seconds = np.array(stamps, dtype="datetime64[s]").astype(float)
+        series = {name: nc[name][:].filled(np.nan) for name in nc.variables if name.startswith("HEADING")}
+    here = np.searchsorted(times, seconds)
+    assert (times[here] == seconds).all()
+    return {
+        "before": angles.difference(series["HEADING"], truth[here]),
+        "after": angles.difference(series["HEADING_CORRECTED"], truth[here]),
+        "sigma": series["HEADING_CORRECTED_UNCERTAINTY"],
+        "depth": depth[here],
+    }
+
+
+def test_headings_are_right_within_the_stated_uncertainty_also_below_the_overlap(done):
+    off = errors(done)
+    assert np.isfinite(off["after"]).all() and off["depth"].max() > 1990.0
+    assert angles.rms(off["before"]) > 8.0
+    below = off["depth"] > 750.0
+    for part in (below, ~below):
+        assert angles.rms(off["after"][part]) < 3.0
+        assert np.mean(np.abs(off["after"][part]) < 1.96 * off["sigma"][part]) > 0.9
+    # Not by stating anything: the uncertainty stays far under the error that was there.
+    assert np.median(off["sigma"]) < 0.5 * angles.rms(off["before"])
+
+
+def test_pairs_follow_the_frame_where_the_ship_sees_the_water(done):
+    with netCDF4.Dataset(done / "results/LADCP1/overlap.nc") as nc:
+        upper, lower = (nc[name][:].filled(np.nan) for name in ("UPPER_DEPTH", "LOWER_DEPTH"))
+    # The ship sees 696 m; between its profiles, a minute apart, the frame sinks 60 m.
+    assert len(upper) > 150 and upper.min() < 60.0 and 630.0 < lower.max() <= 696.0
+    assert np.abs(upper - lower).max() < 20.0
+
+
+def test_pairs_held_out_agree_better_after_the_correction(done):
+    assessment = json.loads((done / "results/LADCP1/assessment.json").read_text())
+    assert assessment["after"]["n"] > 150
+    assert assessment["after"]["rms_deg"] < 0.8 * assessment["before"]["rms_deg"]
+
+
+def test_it_keeps_the_contract(done):
+    if not CONTRACT.exists():
+        pytest.skip("no ../shared/tools")
+    without = "diagnosis,report,calibrations"
+    checked = subprocess.run([sys.executable, CONTRACT, done, "--without", without], capture_output=True, text=True)
+    assert checked.returncode == 0, checked.stdout
+
+
+def test_with_the_rules_of_a_mooring_there_is_nothing_to_fit(tmp_path):
+    folder = made(tmp_path)
+    change(folder / "config/config.yaml", overlap={})
+    ran = snakemake(folder, "--until", "correct")
+    assert ran.returncode == 0, ran.stderr
+    deviation = json.loads((folder / "results/LADCP1/deviation.json").read_text())
+    assert deviation["n_pairs"] < 5 and deviation["coefficients"] is None
+
+
+def test_a_nominal_depth_does_not_shift_the_bins_of_a_table(tmp_path):
+    path = tmp_path / "vessel.csv"
+    rows = [f"2010-05-07T12:0{minute}:00Z,{z},10,5\n" for minute in range(5) for z in (24, 40, 56)]
+    path.write_text("time,z,u,v\n" + "".join(rows))
+    read = table.read([path], columns={"time": "time", "depth": "z", "east": "u", "north": "v"})
+    span = {"start_s": read.time_s[0], "end_s": read.time_s[-1], "water_depth": 2300.0, "latitude": 36.5}
+    settled = deployment.settle(read, **span, nominal_depth=5.0)
+    assert settled.bin_depth_m()[0] == pytest.approx([24.0, 40.0, 56.0])
