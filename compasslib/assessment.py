@@ -41,7 +41,8 @@ def choose(pairs: Pairs, which: NDArray[Any]) -> Pairs:
 def held_out_headings(pairs: Pairs, fit: Fit) -> Floats:
     """Return the corrected heading of each pair by a fit that has not seen its block, (n,) degrees, NaN where none.
 
-    The exact fit climbs anew from the whole one: which fold is the right one is taken as known.
+    The exact fit climbs anew from the whole one: which fold is the right one is taken as known. A calibration made
+    elsewhere has seen no pair and stays as it is.
 
     Args:
         pairs: overlapping measurements.

@@ -21,10 +21,19 @@ FLOORS = [
     ["correction"],
     ["assessment"],
     ["calibration"],
-    ["config_values", "config_paths", "config_schema", "config_yaml", "config"],
-    ["archive_files", "archive_layout", "archive_attributes", "archive"],
-    ["provenance", "job", "stages", "summary"],
-    ["plots", "plots_page", "plots_curves", "plots_deviation", "plots_agreement", "plots_timeline"],
+    ["config_values", "config_paths", "config_schema", "config_calibrations", "config_yaml", "config"],
+    ["archive_files", "archive_layout", "archive_attributes", "archive", "archive_calibrations"],
+    ["provenance", "job", "stages", "stages_calibrations", "summary"],
+    [
+        "plots",
+        "plots_page",
+        "plots_curves",
+        "plots_deviation",
+        "plots_agreement",
+        "plots_timeline",
+        "plots_calibrations",
+        "plots_certificate",
+    ],
 ]
 FLOOR = {room: k for k, rooms in enumerate(FLOORS) for room in rooms}
 

@@ -33,9 +33,7 @@ def calibrate(kind: str, files: Sequence[str | Path], settings: Mapping[str, Any
     Args:
         kind: a key of ``KINDS``.
         files: raw files in the order of the YAML file.
-        settings: the keys of the YAML file with defaults filled in. The kind also gets ``field``, a mapping of
-            horizontal_nT, vertical_nT and declination_deg where latitude, longitude and date are given, else None, and
-            ``declination_deg``: the number given, else that of the field, else None.
+        settings: settled keys of the YAML file.
 
     Raises:
         InputError: a file that cannot be read.
@@ -47,10 +45,13 @@ def calibrate(kind: str, files: Sequence[str | Path], settings: Mapping[str, Any
 
 
 def settled(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Return settings with the earth's field and the declination to use.
+    """Return settings with ``field`` and ``declination_deg``, as every kind takes them.
+
+    The field is a mapping of horizontal_nT, vertical_nT and declination_deg where latitude, longitude and date are
+    given, else None. The declination is the number given, else that of the field, else None.
 
     Args:
-        settings: the keys of the YAML file.
+        settings: the keys of the YAML file with defaults filled in.
 
     Raises:
         InputError: the date lies outside the model of the earth's field.
@@ -62,10 +63,10 @@ def settled(settings: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _field(settings: Mapping[str, Any]) -> dict[str, float] | None:
-    place = [settings.get(key) for key in ("latitude", "longitude", "date_s")]
-    if None in place:
+    latitude, longitude, date_s = (settings.get(key) for key in ("latitude", "longitude", "date_s"))
+    if latitude is None or longitude is None or date_s is None:
         return None
     from compasslib import earthfield  # only where a place is given
 
-    declination, horizontal, vertical = (float(x[0]) for x in earthfield.igrf(*place))
+    declination, horizontal, vertical = (float(x[0]) for x in earthfield.igrf(latitude, longitude, date_s))
     return {"horizontal_nT": horizontal, "vertical_nT": vertical, "declination_deg": declination}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
@@ -37,7 +38,7 @@ def described(
         "coverage": made.coverage,
         "uncertainty": _uncertainty(made),
         "exact": {"coefficients": _named(made.exact), "covariance": made.exact_covariance} if made.exact.size else None,
-        "place": {key: settings.get(key) for key in ("latitude", "longitude", "date_s", "field")},
+        "place": _place(settings),
         "comparison": next((comparison.compare(made, told, other) for other, told in earlier.items()), None),
         "why": made.why,
         "warnings": [*made.warnings, *_weak(settings.get("field"))],
@@ -66,6 +67,14 @@ def told(content: Mapping[str, Any]) -> str:
 
 def _named(values: Floats) -> dict[str, float] | None:
     return dict(zip(LETTERS, values.tolist(), strict=True)) if values.size else None
+
+
+def _place(settings: Mapping[str, Any]) -> dict[str, Any]:
+    date = settings.get("date_s")
+    day = None if date is None else datetime.fromtimestamp(date, UTC).strftime("%Y-%m-%d")
+    return {"latitude": settings.get("latitude"), "longitude": settings.get("longitude"), "date": day} | {
+        key: settings.get(key) for key in ("declination_deg", "field")
+    }
 
 
 def _uncertainty(made: Calibration) -> dict[str, Any]:

@@ -1,0 +1,13 @@
+"""Calibrate a compass apart from any mooring: raw readings -> results/calibrations/NAME/calibration.json and tables."""
+
+from compasslib import archive_calibrations as archive
+from compasslib import calibration
+from compasslib.calibration import content
+from compasslib.job import job
+
+with job(snakemake.log[0]) as say:
+    name, settings = snakemake.wildcards.calibration, calibration.settled(snakemake.params.settings)
+    made = calibration.calibrate(snakemake.params.kind, snakemake.input.raw, settings)
+    page = content.described(name, made, settings, archive.named(snakemake.input.earlier))
+    archive.write(content=page, made=made, **snakemake.output)
+    say(content.told(page))
