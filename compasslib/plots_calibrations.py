@@ -56,10 +56,12 @@ def deviation(path: str | Path, shown: Page) -> None:
         shown: the calibration.
     """
     content = shown.content
-    with page(path, f"{content['name']}: deviation by {content['kind']}", 3.6, _notes(content)) as figure:
+    with page(
+        path, f"{content['name']}: deviation of a compass, kind {content['kind']}", 3.6, _notes(content)
+    ) as figure:
         axes = figure.subplots()
         handles = deviation_panel(axes, shown)
-        legend(figure, handles, columns=3)
+        legend(figure, handles, columns=2)
 
 
 def deviation_panel(axes: Axes, shown: Page) -> list[Artist]:
@@ -75,7 +77,8 @@ def deviation_panel(axes: Axes, shown: Page) -> list[Artist]:
         return []
     handles = [*_draw_points(axes, shown), *_draw_band(axes, shown), *_draw_curves(axes, curves, shown)]
     chosen = curves.get(shown.content["model"], (np.zeros(0),) * 2)[1]
-    line = np.concatenate([chosen, shown.table.deviation_deg])
+    half = 1.96 * shown.table.sigma_deg
+    line = np.concatenate([chosen, shown.table.deviation_deg - half, shown.table.deviation_deg + half])
     axes.axhline(0.0, color=BLACK, linewidth=0.6)
     degrees(axes.xaxis, (0.0, 360.0))
     axes.set_xticks(np.arange(0.0, 361.0, 45.0))
@@ -121,10 +124,13 @@ def certificate(path: str | Path, shown: Page) -> None:
         shown: the calibration.
     """
     title = f"{shown.content['name']}: calibration of a compass, kind {shown.content['kind']}"
-    with page(path, title, plots_certificate.HEIGHT_IN) as figure:
-        curve, writing = figure.subplots(2, 1, height_ratios=(1.0, 2.4))
-        deviation_panel(curve, shown)
-        plots_certificate.write(writing, shown)
+    text, high = plots_certificate.writing(shown), plots_certificate.CURVE_IN
+    with page(path, title, high + plots_certificate.LEGEND_IN + text.height_in) as figure:
+        curve, below = figure.subplots(2, 1, height_ratios=(high, text.height_in))
+        handles = deviation_panel(curve, shown)
+        if handles:
+            curve.legend(handles=handles, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, borderaxespad=0.2)
+        plots_certificate.write(below, text)
 
 
 def _notes(content: Mapping[str, Any]) -> list[str]:
@@ -157,8 +163,8 @@ def _curve(name: str, coefficients: Mapping[str, float], shown: Page) -> tuple[F
     recorded = compass.recorded_heading(numbers, turn)
     middle = float(angles.mean(shown.points["deviation_deg"])) if "deviation_deg" in shown.points else 0.0
     off = beside(angles.difference(turn, recorded), angles.wrap180(middle))
-    breaks = np.abs(np.diff(recorded, append=recorded[-1])) > 180.0
-    return recorded, np.where(breaks, np.nan, off)
+    breaks = [np.abs(np.diff(x, append=x[-1])) > 180.0 for x in (recorded, off)]
+    return recorded, np.where(breaks[0] | breaks[1], np.nan, off)
 
 
 def _draw_points(axes: Axes, shown: Page) -> list[Artist]:
@@ -196,7 +202,7 @@ def _draw_curves(axes: Axes, curves: Mapping[str, tuple[Floats, Floats]], shown:
     for name, (recorded, off) in curves.items():
         chosen = name == shown.content["model"]
         score = shown.content["models"][name]["left_out_rms_deg"]
-        label = f"{NAMES[name][0]}, {score:.2f}° on headings left out" + (" (used)" if chosen else "")
+        label = f"{NAMES[name][0]}, {score:.2f}° left out" + (" (used)" if chosen else "")
         look: dict[str, Any] = {"color": NAMES[name][1], "linewidth": 1.8 if chosen else 1.0}
         look |= {} if chosen else {"linestyle": (0, (4, 1.5))}
         axes.plot(recorded, off, **look)

@@ -14,7 +14,7 @@ import numpy as np
 
 from compasslib.calibration.result import COVERAGE_FACTOR, Source
 
-FIT_RESIDUAL = "fit_residual"
+FIT_RESIDUAL, MAKER_ACCURACY = "fit_residual", "maker_accuracy_deg"
 LE_MENN = "le_menn"
 
 
@@ -41,7 +41,7 @@ ROWS: dict[str, Row] = {
     "field_deg": Row("changes of the field during the calibration", *AT_MOST, 0.45),
     "declination_deg": Row("declination", *AT_MOST, 0.14),
     "homogeneity_deg": Row("homogeneity of the field on the bench", *AT_MOST, 0.38),
-    "maker_accuracy_deg": Row("accuracy of the instrument as its maker states it", *TRIANGULAR),
+    MAKER_ACCURACY: Row("accuracy of the instrument as its maker states it", *TRIANGULAR),
 }
 
 
@@ -88,9 +88,9 @@ def common(made: tuple[Source, ...]) -> float:
     """Return the combined standard uncertainty of the rows that may turn all headings alike, degrees.
 
     Args:
-        made: rows; that of the fit's own residual is left out.
+        made: rows; those of a single reading, the fit's residual and the maker's accuracy, are left out.
     """
-    return combined(tuple(source for source in made if source.name != FIT_RESIDUAL))
+    return combined(tuple(source for source in made if source.name not in (FIT_RESIDUAL, MAKER_ACCURACY)))
 
 
 def expanded(made: tuple[Source, ...]) -> float:

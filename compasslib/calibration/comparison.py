@@ -18,6 +18,7 @@ from compasslib.calibration.result import LETTERS, Calibration
 Floats = NDArray[np.floating]
 
 SURE = 0.05  # a difference as large as this would come about by chance once in twenty
+LEAST_CHANCE = 0.001  # smaller ones are not worth telling apart
 SEEN = 3.0  # standard deviations of an amplitude under which it has no phase
 
 
@@ -97,8 +98,9 @@ def _sentence(name: str, cycle: Mapping[str, Any], p_value: float) -> str:
         if phase
         else "it is too small on one side to have a phase"
     )
+    chance = f"p = {p_value:.2g}" if p_value >= LEAST_CHANCE else f"p < {LEAST_CHANCE}"
     told = "differ" if p_value < SURE else "are not told apart"
     return (
-        f"This calibration and {name} {told} (p = {p_value:.2g}). The one-cycle part goes from {size['before']:.2f} to "
+        f"This calibration and {name} {told} ({chance}). The one-cycle part goes from {size['before']:.2f} to "
         f"{size['after']:.2f} degrees, by {size['difference']:+.2f} ± {2 * size['sigma']:.2f} (k = 2); {moved}."
     )

@@ -73,7 +73,7 @@ class Curve:
     residual_deg: Floats  # (n,) of the correct heading
     left_out_deg: Floats  # (n,) the same by the curve through the other points
     dof: int
-    scatter_deg: float  # standard deviation of a reading about the curve, widened for few readings
+    scatter_deg: float  # standard deviation of a reading's correct heading about the curve, widened for few readings
 
     @property
     def score_deg(self) -> float:
@@ -187,18 +187,23 @@ def choose(curves: Sequence[Curve]) -> Curve:
 
 def _curve(form: Form, seen: Points, solution: Solution) -> Curve:
     dof = len(seen) - len(form.letters)
-    scale = widening(dof) * np.sqrt(float(np.sum(seen.weight * solution.residual_deg**2)) / dof)
+    variance = widening(dof) ** 2 * float(np.sum(seen.weight * solution.residual_deg**2)) / dof
     # A residual of the recorded heading is one of the correct heading over the steepness, with the other sign.
     slope = -1.0 / form.steepness(solution.coefficients, seen) if form.steepness else np.ones(len(seen))
+    residual = slope * solution.residual_deg
     return Curve(
         form=form,
         coefficients=solution.coefficients,
-        covariance=scale**2 * solution.cofactor,
-        residual_deg=slope * solution.residual_deg,
-        left_out_deg=slope * solution.residual_deg / (1.0 - solution.leverage),
+        covariance=variance * solution.cofactor,
+        residual_deg=residual,
+        left_out_deg=residual / (1.0 - solution.leverage),
         dof=dof,
-        scatter_deg=float(scale / np.sqrt(np.mean(seen.weight))),
+        scatter_deg=widening(dof) * float(np.sqrt(_mean_square(residual, seen.weight) * len(seen) / dof)),
     )
+
+
+def _mean_square(residual_deg: Floats, weight: Floats) -> float:
+    return float(np.sum(weight * residual_deg**2) / np.sum(weight))
 
 
 def _vagueness(form: Form, seen: Points, solution: Solution) -> float:
