@@ -91,7 +91,7 @@ def assess(pairs: Pairs, fit: Fit) -> dict[str, Any]:
         pairs: overlapping measurements.
         fit: the fit to all of them.
     """
-    held_out = held_out_headings(pairs, fit) if fit.fitted else np.full(len(pairs), np.nan)
+    held_out = held_out_headings(pairs, fit) if fit.fitted and len(pairs) else np.full(len(pairs), np.nan)
     known = np.isfinite(held_out)
     turned = angles.turn(pairs.upper_east, pairs.upper_north, held_out - pairs.heading_deg)
     return {

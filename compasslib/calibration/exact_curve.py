@@ -6,11 +6,13 @@ is linear in A to E; Gauss-Newton steps from there make the residual one of the 
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles, compass
-from compasslib.calibration.series import Form, Points, Solution, least_squares
+from compasslib.calibration.series import CIRCLE_DEG, Form, Points, Solution, least_squares
 
 Floats = NDArray[np.floating]
 
@@ -31,14 +33,14 @@ def solve(seen: Points) -> Solution | None:
         step = _step(coefficients, seen, correct)
         coefficients = coefficients + step.coefficients
         if np.max(np.abs(step.coefficients)) < SETTLED:
-            return Solution(coefficients, step.cofactor, step.leverage, step.residual_deg)
+            return replace(step, coefficients=coefficients)
         if not np.all(np.abs(coefficients) < 10.0):
             return None
     return None
 
 
 def deviation(coefficients: Floats, recorded_deg: Floats) -> Floats:
-    """Return the deviation at recorded headings, degrees; NaN where two correct headings read the same, or none.
+    """Return the deviation at recorded headings, degrees; NaN for a compass that cannot turn full circle.
 
     Args:
         coefficients: A to E, dimensionless, (5,).
@@ -70,9 +72,24 @@ def steepness(coefficients: Floats, seen: Points) -> Floats:
     return np.where(slope < 0, -1.0, 1.0) * np.maximum(np.abs(slope), STEEPEST_ERROR)
 
 
+def around(coefficients: Floats) -> Floats:
+    """Return the weighted derivative of the recorded heading by A to E all round, (m, 5) degrees per unit.
+
+    Args:
+        coefficients: A to E, dimensionless, (5,).
+    """
+    return compass.gradient(coefficients, CIRCLE_DEG).T * np.sqrt(_trust(coefficients, CIRCLE_DEG))[:, None]
+
+
+def _trust(coefficients: Floats, correct_deg: Floats) -> Floats:
+    """Return the weight of a recorded heading, (n,): bench and compass err alike, the bench's times the slope."""
+    return 2.0 / (1.0 + compass.slope(coefficients, correct_deg) ** 2)
+
+
 def _only_root(coefficients: Floats, recorded_deg: Floats) -> Floats:
-    roots = compass.inverse(coefficients, recorded_deg)
-    return np.where(np.isfinite(roots[:, 1]), np.nan, roots[:, 0])
+    if not compass.turns_full_circle(coefficients):
+        return np.full(recorded_deg.shape, np.nan)
+    return compass.inverse(coefficients, recorded_deg)[:, 0]
 
 
 def _linear(seen: Points, correct: Floats) -> Floats:
@@ -88,8 +105,7 @@ def _step(coefficients: Floats, seen: Points, correct: Floats) -> Solution:
     """Return the Gauss-Newton step, with the residual of the recorded heading before it."""
     off = angles.difference(seen.recorded_deg, compass.recorded_heading(coefficients, correct))
     columns = compass.gradient(coefficients, correct).T
-    step = least_squares(columns, off, seen.weight)
-    return Solution(step.coefficients, step.cofactor, step.leverage, off)
+    return replace(least_squares(columns, off, seen.weight * _trust(coefficients, correct)), residual_deg=off)
 
 
-EXACT = Form("exact", "ABCDE", "Le Menn et al. 2023, eq. (4)", solve, deviation, gradient, steepness)
+EXACT = Form("exact", "ABCDE", "Le Menn et al. 2023, eq. (4)", solve, deviation, gradient, around, steepness)

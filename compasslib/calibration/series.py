@@ -24,6 +24,8 @@ CIRCLE_DEG = np.arange(0.0, 360.0, 5.0)
 # A curve that is vaguer than this anywhere on the circle, in scatters of one reading, is not determined.
 LOOSEST = 3.0
 POLYNOMIAL_DEGREE = 6
+FARTHEST_DEG = 10.0  # rms residual beyond which a curve is not one of these readings
+FEWEST_TO_CHOOSE = 3  # degrees of freedom; fewer choose by chance
 EXPANDED_SHARE = 0.9545  # what two standard deviations of a normal distribution hold
 BETTER_BY = 2.0  # standard errors
 
@@ -45,6 +47,7 @@ class Solution:
     """Least squares through points."""
 
     coefficients: Floats  # (k,)
+    weight: Floats  # (n,) that were used
     cofactor: Floats  # (k, k) covariance over the variance of a reading with weight 1
     leverage: Floats  # (n,) diagonal of the hat matrix
     residual_deg: Floats  # (n,) observed minus the form's, in what the form is fitted to
@@ -60,6 +63,7 @@ class Form:
     solve: Callable[[Points], Solution | None]  # None where no curve of this form passes near the points
     deviation: Callable[[Floats, Floats], Floats]  # coefficients (k,), recorded heading (n,) -> degrees (n,)
     gradient: Callable[[Floats, Floats], Floats]  # the same -> derivative of the deviation by each coefficient (n, k)
+    around: Callable[[Floats], Floats]  # coefficients -> derivative of what is fitted, all round the circle (m, k)
     steepness: Callable[[Floats, Points], Floats] | None = None  # d recorded / d correct, where that is fitted
 
 
@@ -133,7 +137,7 @@ def least_squares(columns: Floats, observed: Floats, weight: Floats) -> Solution
     inverse = np.linalg.pinv(root * columns)
     coefficients = inverse @ (root[:, 0] * observed)
     leverage = np.einsum("ni,in->n", root * columns, inverse)
-    return Solution(coefficients, inverse @ inverse.T, leverage, observed - columns @ coefficients)
+    return Solution(coefficients, weight, inverse @ inverse.T, leverage, observed - columns @ coefficients)
 
 
 def widening(dof: int) -> float:
@@ -164,20 +168,23 @@ def fit(form: Form, seen: Points) -> Curve | str:
         return "no curve of this form passes near the points"
     if _vagueness(form, seen, solution) > LOOSEST or np.max(solution.leverage) > 1.0 - 1e-6:
         return "the headings do not determine it: they leave too wide a gap in the circle"
-    return _curve(form, seen, solution)
+    curve = _curve(form, seen, solution)
+    off = angles.rms(curve.residual_deg)
+    return curve if off <= FARTHEST_DEG else f"it misses the readings by {off:.0f} degrees rms"
 
 
 def choose(curves: Sequence[Curve]) -> Curve:
     """Return the curve to use: the first, unless another one predicts left-out points better.
 
-    A form with other than the first one's number of coefficients must be better by twice the standard error of the
-    difference; one with as many just better.
+    A form with more coefficients must be better by twice the standard error of the difference, one with as many just
+    better. One with fewer is not taken: it is contained in the first, and its uncertainty would forget what it leaves
+    out. Where hardly a degree of freedom is left nothing is chosen.
 
     Args:
         curves: fitted to the same points, the preferred one first.
     """
     best = curves[0]
-    for other in curves[1:]:
+    for other in (curve for curve in curves[1:] if curve.dof <= best.dof and best.dof >= FEWEST_TO_CHOOSE):
         gain = best.left_out_deg**2 - other.left_out_deg**2
         same = len(other.form.letters) == len(best.form.letters)
         needed = 0.0 if same else BETTER_BY * float(np.std(gain, ddof=1)) / np.sqrt(len(gain))
@@ -187,7 +194,7 @@ def choose(curves: Sequence[Curve]) -> Curve:
 
 def _curve(form: Form, seen: Points, solution: Solution) -> Curve:
     dof = len(seen) - len(form.letters)
-    variance = widening(dof) ** 2 * float(np.sum(seen.weight * solution.residual_deg**2)) / dof
+    variance = widening(dof) ** 2 * float(np.sum(solution.weight * solution.residual_deg**2)) / dof
     # A residual of the recorded heading is one of the correct heading over the steepness, with the other sign.
     slope = -1.0 / form.steepness(solution.coefficients, seen) if form.steepness else np.ones(len(seen))
     residual = slope * solution.residual_deg
@@ -208,9 +215,9 @@ def _mean_square(residual_deg: Floats, weight: Floats) -> float:
 
 def _vagueness(form: Form, seen: Points, solution: Solution) -> float:
     """Return the curve's largest standard error on the circle over the scatter of one reading."""
-    by = form.gradient(solution.coefficients, CIRCLE_DEG)
+    by = form.around(solution.coefficients)
     variance = np.einsum("ni,ij,nj->n", by, solution.cofactor, by) * np.mean(seen.weight)
-    return float(np.sqrt(np.nanmax(variance, initial=0.0)))
+    return float(np.sqrt(np.max(variance)))
 
 
 def _series(name: str, letters: str, source: str, design: Callable[[Floats], Floats]) -> Form:
@@ -221,6 +228,7 @@ def _series(name: str, letters: str, source: str, design: Callable[[Floats], Flo
         solve=lambda seen: least_squares(design(seen.recorded_deg), seen.deviation_deg, seen.weight),
         deviation=lambda coefficients, recorded: design(recorded) @ coefficients,
         gradient=lambda coefficients, recorded: design(recorded),
+        around=lambda coefficients: design(CIRCLE_DEG),
     )
 
 
