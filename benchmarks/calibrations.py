@@ -58,7 +58,7 @@ DESIGNS = (
     Design("6, series", ring(6), "smith", 5.0),
     Design("24 over 240 degrees, series", 10.0 * np.arange(24), "smith", 5.0),
     Design("4, one cycle", ring(4), "smith", 5.0, quadrantal=0.0),
-    Design("18 over 180 degrees, one cycle", 10.0 * np.arange(18), "smith", 5.0, quadrantal=0.0),
+    Design("5, one cycle", ring(5), "smith", 5.0, quadrantal=0.0),
 )
 
 

@@ -210,11 +210,17 @@ def test_four_headings_carry_one_cycle_and_say_what_stays_unknown():
     assert made.sources[-1].how.startswith("scatter about the curve, 1 degrees of freedom")
 
 
-def test_half_a_circle_is_reduced_and_its_table_ends_where_nothing_was_read():
+def test_half_a_circle_is_refused_because_one_cycle_would_hide_a_quadrantal_deviation():
+    """A one-cycle fit there puts B at 11.3 ± 0.6 degrees where it is 8.6."""
     made = calibrated(readings(np.arange(0.0, 180.0, 10.0)))
-    assert made.model == "one_cycle" and any("no reading between recorded" in text for text in made.warnings)
-    told = made.table.heading_deg[np.isfinite(made.table.deviation_deg)]
-    assert 225.0 not in told and 270.0 not in told and 90.0 in told
+    assert made.model == "none" and "would look like one cycle" in made.why
+
+
+def test_two_thirds_of_a_circle_carry_five_terms_and_the_gap_is_said():
+    made = calibrated(readings(np.arange(0.0, 240.0, 10.0)))
+    assert made.coefficients.size == 5 and any("no reading between recorded" in text for text in made.warnings)
+    gap, middle = made.table.sigma_deg[[30, 12]]
+    assert gap > 2.0 * middle
 
 
 def test_eight_headings_widen_and_sixteen_do_not_warn():

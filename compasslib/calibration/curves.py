@@ -25,7 +25,7 @@ FORMS = (SMITH, EXACT, POLYNOMIAL, ONE_CYCLE)
 SAME_HEADING_DEG = 1.0  # readings at a reference as near as this repeat one setting of the bench
 ENOUGH_HEADINGS = 16  # fewer leave the third and fourth harmonics too little room
 WIDE_GAP_DEG = 90.0
-NEAR_ENOUGH_DEG = 45.0  # a reduced curve says nothing farther from a reading
+MOST_HIDDEN = 0.5  # of a quadrantal deviation, in A, B or C where it is left out
 OUTLYING, OUTLYING_DEG = 6.0, 1.0  # medians of the left-out residuals, and at least so far
 SWING = "swing 16 to 24 headings all round the circle"
 
@@ -54,7 +54,7 @@ def calibration(
     """
     settings = _settings(readings)
     seen = series.points(settings.recorded_deg, settings.reference_deg)
-    fits = {form.name: series.fit(form, seen) for form in FORMS}
+    fits = _fits(seen)
     curves = [curve for curve in fits.values() if isinstance(curve, Curve)]
     found = Calibration(
         kind=kind,
@@ -76,11 +76,20 @@ def calibration(
         **_coefficients(fits, chosen),
         residual_rms_deg=angles.rms(points["residual_deg"]),
         sources=rows,
-        table=_table(chosen, seen, table_step_deg, budget.common(rows)),
+        table=_table(chosen, table_step_deg, budget.common(rows)),
         points=points,
         details={**found.details, **_details(fits, chosen, budget.common(rows))},
         warnings=_warnings(readings, settings, fits, chosen),
     )
+
+
+def _fits(seen: Points) -> dict[str, Curve | str]:
+    """Return every form through the points, or why there is none."""
+    fits = {form.name: series.fit(form, seen) for form in FORMS}
+    reduced = isinstance(fits[SMITH.name], str) and isinstance(fits[ONE_CYCLE.name], Curve)
+    if reduced and series.hidden(seen) > MOST_HIDDEN:
+        fits[ONE_CYCLE.name] = "a quadrantal deviation, which cannot be seen, would look like one cycle"
+    return fits
 
 
 def _settings(readings: Readings) -> Readings:
@@ -109,11 +118,9 @@ def _coefficients(fits: Mapping[str, Curve | str], chosen: Curve) -> dict[str, A
     return found
 
 
-def _table(chosen: Curve, seen: Points, step_deg: float, common_deg: float) -> Table:
+def _table(chosen: Curve, step_deg: float, common_deg: float) -> Table:
     heading = np.arange(0.0, 360.0, step_deg)
-    away = np.abs(angles.difference(heading[:, None], seen.recorded_deg)).min(axis=1)
-    told = (chosen.form is not ONE_CYCLE) | (away <= NEAR_ENOUGH_DEG)
-    deviation = np.where(told, chosen.deviation(heading), np.nan)
+    deviation = chosen.deviation(heading)
     sigma = np.hypot(chosen.sigma(heading), common_deg)
     return Table(heading, deviation, np.where(np.isfinite(deviation), sigma, np.nan))
 

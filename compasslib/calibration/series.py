@@ -140,6 +140,16 @@ def least_squares(columns: Floats, observed: Floats, weight: Floats) -> Solution
     return Solution(coefficients, weight, inverse @ inverse.T, leverage, observed - columns @ coefficients)
 
 
+def hidden(seen: Points) -> float:
+    """Return how much of a quadrantal deviation that is left out would appear in A, B or C, at most.
+
+    Args:
+        seen: the points.
+    """
+    columns = von_appen.design(seen.recorded_deg)
+    return float(np.max(np.abs(np.linalg.pinv(columns[:, :3]) @ columns[:, 3:])))
+
+
 def widening(dof: int) -> float:
     """Return by how much a standard deviation estimated from few readings is to be widened.
 
