@@ -238,6 +238,8 @@ def test_headings_of_a_mooring_lie_within_what_the_carried_calibration_states(tm
     assert fit.warnings[0].startswith("calibration aqd: B and C may be [")
     assert deviation.from_json(fit.to_json()).warnings == fit.warnings
     assert deviation.fit("calibration", seen, near=fit) is fit
+    origin = at_mooring.origin(page(made), SEA)["calibration"]
+    assert origin["name"] == "aqd" and abs(origin["if_all_hard"]["B"]) < abs(origin["if_all_induced"]["B"])
     if not fit.folded:
         found = compass.inverse(fit.coefficients, seen.heading_deg)[:, 0]
         assert angles.rms(found - heading) < 6.0

@@ -9,6 +9,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import netCDF4
 import numpy as np
@@ -18,7 +19,7 @@ from bench import MILD, readings, ring, write_calibration
 from sea import cruise, pairs
 from test_workflow import CONTRACT, PROJECT, change, snakemake
 
-from compasslib import angles, earthfield
+from compasslib import angles, config, earthfield, stages_calibrations
 from compasslib.deviation import transfer
 
 AT_SEA = (0.02, 0.3, 0.1, 0.03, -0.02)
@@ -71,6 +72,7 @@ def test_every_calibration_has_its_files(done):
         assert {path.name for path in (there / "figures").iterdir()} == FIGURES
     bench, later, few = (result(done, name) for name in ("bench", "later", "few"))
     assert (bench["kind"], bench["n"], bench["why"]) == ("platform", 36, "")
+    assert bench["source_files"] == ["raw/cal/bench.csv"] and bench["software"].startswith("compasslib")
     assert bench["place"]["field"]["horizontal_nT"] == pytest.approx(21299.0, abs=30.0)
     assert later["comparison"]["with"] == "bench" and later["comparison"]["differ"] is True
     assert few["coefficients"] is None and few["why"].startswith("3 headings in 3 of 36 sectors")
@@ -84,7 +86,7 @@ def test_a_mooring_is_corrected_by_a_calibration_made_elsewhere(done, mooring):
     """All the iron is hard here; half of it might be induced as far as one calibration tells, so a bias is stated."""
     deviation = json.loads((done / f"results/{mooring}/deviation.json").read_text())
     assert deviation["method"] == "calibration" and not deviation["folded"]
-    assert "may be" in deviation["warnings"][0]
+    assert "may be" in deviation["warnings"][0] and deviation["calibration"]["name"] == "bench"
     _, heading = pairs(AT_SEA, n=SAMPLES, seed=10)
     with netCDF4.Dataset(done / f"results/{mooring}/corrected.nc") as nc:
         recorded, found, sigma = (
@@ -127,6 +129,13 @@ def test_a_changed_calibration_runs_again_with_its_moorings_and_no_other(done):
     assert not {rule for rule, _ in jobs} & {"read", "overlap", "earth_field", "fit"}
     change(file, uncertainty=None)
     assert planned(done) == set()
+
+
+def test_a_calibration_depends_on_its_own_kind_and_on_the_curves(done):
+    plan = stages_calibrations.plan(config.load(done), PROJECT / "workflow/scripts")
+    modules = {Path(path).name for path in plan.modules(SimpleNamespace(calibration="bench"))}
+    assert {"platform.py", "curves.py", "exact_curve.py", "budget.py", "earthfield.py", "table.py"} <= modules
+    assert not modules & {"swing.py", "magnetometer.py", "two_heads.py", "at_mooring.py", "plots_calibrations.py"}
 
 
 def test_a_cruise_of_calibrations_only(tmp_path):

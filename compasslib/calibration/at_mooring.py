@@ -47,10 +47,26 @@ def carried(content: Mapping[str, Any], field: EarthField, record: Record, pairs
         residual_rms_deg=angles.rms(off),
         recorded_range_deg=compass.recorded_range(there.coefficients),
         folded=folded,
-        noise=Noise(compass_deg=float(np.clip(content["residual_rms_deg"], LEAST_NOISE_DEG, MOST_NOISE_DEG))),
+        noise=Noise(compass_deg=float(np.clip(content["residual_rms_deg"] or 0.0, LEAST_NOISE_DEG, MOST_NOISE_DEG))),
         heading_density=_density(there.coefficients, record),
         warnings=_warnings(content, there),
     )
+
+
+def origin(content: Mapping[str, Any], field: EarthField) -> dict[str, Any]:
+    """Return what deviation.json says of where the model comes from.
+
+    Args:
+        content: calibration.json.
+        field: the earth's field along the deployment.
+    """
+    said: dict[str, Any] = {"name": content["name"], "kind": content["kind"], "place": content["place"]}
+    if not _unusable(content):
+        there = _carry(content, field)
+        ends = {"if_all_hard": there.if_all_hard, "if_all_induced": there.if_all_induced}
+        said |= {"coefficients": content["exact"]["coefficients"]}
+        said |= {name: dict(zip(LETTERS, values.tolist(), strict=True)) for name, values in ends.items()}
+    return {"calibration": said}
 
 
 def _unusable(content: Mapping[str, Any]) -> str:
@@ -58,6 +74,8 @@ def _unusable(content: Mapping[str, Any]) -> str:
         return str(content["why"])
     if content["exact"] is None:
         return "it has no coefficients of the exact compass, its headings do not determine them"
+    if not np.isfinite(np.array(content["exact"]["covariance"], dtype=float)).all():
+        return "its coefficients of the exact compass are not all determined"
     if _home(content) is None:
         return "its place or date is unknown, so that its coefficients cannot be carried to the mooring's field"
     return ""
