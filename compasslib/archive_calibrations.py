@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib.archive_files import read_json, replacing, write_json
+from compasslib.calibration import content
 from compasslib.calibration.result import Calibration, Table
 from compasslib.errors import InputError
 
@@ -29,14 +30,23 @@ class Page:
     table: Table
     points: Mapping[str, Floats]
 
+    @property
+    def calibration(self) -> Calibration:
+        """Return the calibration itself."""
+        return replace(
+            content.calibration(self.content),
+            table=self.table if self.table.heading_deg.size else None,
+            points=self.points,
+        )
+
 
 def write(
-    *, content: Mapping[str, Any], made: Calibration, calibration: str | Path, table: str | Path, points: str | Path
+    *, page: Mapping[str, Any], made: Calibration, calibration: str | Path, table: str | Path, points: str | Path
 ) -> None:
     """Write a calibration's files, each whole or not at all.
 
     Args:
-        content: of calibration.json.
+        page: content of calibration.json.
         made: the calibration.
         calibration: path of calibration.json.
         table: path of table.csv; only its header where there is no table.
@@ -46,7 +56,7 @@ def write(
     rows = (deviations.heading_deg, deviations.deviation_deg, deviations.sigma_deg)
     _write_csv(table, TABLE_COLUMNS, rows, ("{:.4g}", "{:.3f}", "{:.3f}"))
     _write_csv(points, tuple(made.points), tuple(made.points.values()), (f"{{:.{DIGITS}g}}",) * len(made.points))
-    write_json(calibration, content)
+    write_json(calibration, page)
 
 
 def read(*, calibration: str | Path, table: str | Path, points: str | Path) -> Page:

@@ -5,6 +5,7 @@ A key of one kind is one line in that kind's class; a new kind is a class and a 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, model_validator
@@ -12,6 +13,8 @@ from pydantic import BeforeValidator, model_validator
 from compasslib import config_values as values
 from compasslib.config_schema import Declination, Files, Name, Number, Section, Text, Time, key
 from compasslib.config_values import problem, shown
+
+HEADS = 2  # on one frame
 
 
 def _csv(value: Any) -> Any:
@@ -25,6 +28,35 @@ def _header(unit: str) -> Any:
 
 def _row(what: str) -> Any:
     return key(f"{what}, degrees from 0 to 180", "0.26", None, ge=0, le=180)
+
+
+def _of_both(one: Callable[[Any], Any]) -> Callable[[Any], tuple[Any, ...]]:
+    """Return what reads one value for both heads, or a list of two."""
+
+    def read(value: Any) -> tuple[Any, ...]:
+        listed = value if isinstance(value, list | tuple) else [value] * HEADS
+        if len(listed) != HEADS:
+            raise problem()
+        return tuple(one(each) for each in listed)
+
+    return read
+
+
+def _angle(value: Any) -> float:
+    degrees = values.number(value)
+    if abs(degrees) > 360.0:
+        raise problem()
+    return degrees
+
+
+def _orientation(value: Any) -> str:
+    if value not in ("up", "down"):
+        raise problem()
+    return str(value)
+
+
+Pair = Annotated[tuple[float, ...], BeforeValidator(_of_both(_angle))]
+Orientations = Annotated[tuple[str, ...], BeforeValidator(_of_both(_orientation))]
 
 
 class Kind(Section):
@@ -101,11 +133,35 @@ class SwingColumns(Section):
     time_utc: Text | None = _header("UTC")
 
 
+class VisualMark(Section):
+    """A heading for a mark whose true bearing is known."""
+
+    compass_deg: Number = key("degrees from 0 to 360", "40", ge=0, le=360)
+    true_deg: Number = key("degrees from 0 to 360", "42", ge=0, le=360)
+
+
+class SunMark(Section):
+    """A heading for the sun."""
+
+    compass_deg: Number = key("degrees from 0 to 360", "40", ge=0, le=360)
+    time_utc: Time = key("a UTC time from 1980 to 2100", "2022-09-29T09:00:00Z")
+
+
 class Swing(CalibrationFile):
     """A vessel turned under way, its course by satellites."""
 
     format: Annotated[Literal["csv", "nmea0183"], BeforeValidator(_csv)] = key("csv or nmea0183", "csv", "csv")
     columns: SwingColumns = key("a mapping", "{compass_deg: hdg, cog_deg: cog}", SwingColumns())
+    min_speed_kn: Number | None = key("knots from 0 to 100", "2", None, ge=0, le=100)
+    max_turn_deg_s: Number | None = key("degrees a second above 0, at most 90", "1", None, gt=0, le=90)
+    max_lag_s: Number | None = key("seconds from 0 to 600", "10", None, ge=0, le=600)
+    max_drift_kn: Number | None = key("knots from 0 to 20", "1", None, ge=0, le=20)
+    drift_ratio: Number | None = key("a number from 0 to 1", "0.14", None, ge=0, le=1)
+    declination_sigma_deg: Number | None = key("degrees above 0, at most 180", "0.4", None, gt=0, le=180)
+    visual: tuple[VisualMark, ...] = key("a list of headings for a mark", "[{compass_deg: 40, true_deg: 42}]", ())
+    sun: tuple[SunMark, ...] = key("a list of headings", "[{compass_deg: 40, time_utc: 2022-09-29T09:00Z}]", ())
+    visual_sigma_deg: Number | None = key("degrees above 0, at most 180", "1", None, gt=0, le=180)
+    vessel_length_m: Number | None = key("metres above 0, at most 1000", "40", None, gt=0, le=1000)
 
     @property
     def placed(self) -> bool:
@@ -142,6 +198,20 @@ class TwoHeads(CalibrationFile):
     """Two profilers on one frame."""
 
     format: Literal["pd0"] = key("pd0", "pd0", "pd0")
+    start_s: Time | None = key("a date or UTC time from 1980 to 2100", "2022-09-29T06:00:00Z", None, alias="start")
+    end_s: Time | None = key("a date or UTC time from 1980 to 2100", "2022-09-29T18:00:00Z", None, alias="end")
+    orientation: Orientations | None = key("up or down, or a list of two of these", "[up, down]", None)
+    declination_applied: Pair | None = key("degrees, or a list of two", "[0, -18.1]", None)
+    heading_alignment: Pair | None = key("degrees, or a list of two", "[0, 45]", None)
+    max_clock_seconds: Number | None = key("seconds from 0 to 86400", "600", None, ge=0, le=86400)
+    clock_offset_seconds: Number | None = key("seconds, less than a century", "0", None, ge=-3.2e9, le=3.2e9)
+
+    @model_validator(mode="after")
+    def _one_file_a_head(self) -> Self:
+        if len(self.files) != HEADS:
+            advice = "write file: [a.000, b.000]"
+            raise problem("file", "two files, of head a and of head b", str(len(self.files)), advice)
+        return self
 
 
 MODELS: dict[str, type[CalibrationFile]] = {

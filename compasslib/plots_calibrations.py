@@ -44,8 +44,11 @@ def draw(figure: str, path: str | Path, shown: Page) -> None:
         shown: the calibration.
     """
     common = {"deviation": deviation, "residuals": residuals, "certificate": certificate}
-    own = import_module(f"compasslib.plots_{KINDS[shown.content['kind']].module}") if figure not in common else None
-    (getattr(own, figure) if own else common[figure])(path, shown)
+    if figure in common:
+        common[figure](path, shown)
+        return
+    own = import_module(f"compasslib.plots_calibration_{KINDS[shown.content['kind']].module}")
+    getattr(own, figure)(path, shown.calibration, shown.content["name"])
 
 
 def deviation(path: str | Path, shown: Page) -> None:

@@ -91,7 +91,7 @@ def _notes(content: Mapping[str, Any]) -> list[str]:
 
 
 def _about(content: Mapping[str, Any]) -> list[str]:
-    place, field = content["place"], content.get("field") or content["place"]["field"]
+    place, field = content["place"], content["place"]["field"]
     where = UNKNOWN if place["latitude"] is None else _position(place["latitude"], place["longitude"])
     strength = UNKNOWN if field is None else f"H {field['horizontal_nT']:.0f} nT, Z {field['vertical_nT']:.0f} nT"
     return [

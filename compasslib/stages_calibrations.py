@@ -48,10 +48,8 @@ class Calibrations:
 
     def modules(self, wildcards: Any) -> list[str]:
         """Return the library files behind one calibration, its own kind's only."""
-        kind = KINDS[self.kind(wildcards)]
-        own = [f"{HOUSE}/calibration/{kind.module}.py", *(f"{HOUSE}/{other}.py" for other in kind.others)]
-        # The place of a calibration is looked up by a room that is imported only then.
-        return provenance.sources(self.scripts / "calibrate.py", *own, f"{HOUSE}/earthfield.py")
+        own = f"{HOUSE}/calibration/{KINDS[self.kind(wildcards)].module}.py"
+        return provenance.sources(self.scripts / "calibrate.py", own)
 
     def figures(self, kind: str) -> list[str]:
         """Return the figures of one kind."""
@@ -59,7 +57,7 @@ class Calibrations:
 
     def figure_modules(self, kind: str) -> list[str]:
         """Return the library files behind the figures of one kind."""
-        own = [f"{HOUSE}/plots_{KINDS[kind].module}.py"] if KINDS[kind].figures else []
+        own = [f"{HOUSE}/plots_calibration_{KINDS[kind].module}.py"] if KINDS[kind].figures else []
         return provenance.sources(self.scripts / "calibration_figures.py", *own)
 
     def of_kind(self, kind: str) -> list[str]:

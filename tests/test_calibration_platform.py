@@ -118,7 +118,7 @@ def test_the_three_files_hold_what_was_found(tmp_path):
     made = calibrated(tmp_path, table_step_deg=15)
     paths = {name: tmp_path / "out" / file for name, file in
              (("calibration", "calibration.json"), ("table", "table.csv"), ("points", "points.csv"))}  # fmt: skip
-    archive_calibrations.write(content=page(made), made=made, **paths)
+    archive_calibrations.write(page=page(made), made=made, **paths)
     back = archive_calibrations.read(**paths)
     assert back.content["coefficients"]["A"] == pytest.approx(made.coefficients[0])
     assert {"kind", "model", "covariance", "residual_rms_deg", "n", "coverage", "why", "warnings"} <= set(back.content)
@@ -134,7 +134,7 @@ def test_the_three_files_hold_what_was_found(tmp_path):
 def test_a_refused_calibration_is_written_too(tmp_path):
     made = calibrated(tmp_path, readings([10.0]), budget="le_menn")
     paths = {name: tmp_path / f"{name}.x" for name in ("calibration", "table", "points")}
-    archive_calibrations.write(content=page(made), made=made, **paths)
+    archive_calibrations.write(page=page(made), made=made, **paths)
     back = archive_calibrations.read(**paths)
     assert back.content["coefficients"] is None and back.content["uncertainty"]["expanded_deg"] is None
     assert back.content["why"].startswith("one heading only") and not back.table.heading_deg.size

@@ -65,7 +65,7 @@ def test_no_folder_of_calibrations_is_none(tmp_path: Path) -> None:
 def test_every_kind_has_its_class_and_its_columns(cruise: Path) -> None:
     assert set(KINDS) <= set(config_calibrations.MODELS)
     for kind, model in config_calibrations.MODELS.items():
-        write(cruise, FILE, f"kind: {kind}\nfile: [raw/cal/b.csv, raw/cal/a.csv]\n")
+        write(cruise, FILE, f"kind: {kind}\nfile: [raw/cal/b.csv, raw/cal/a.csv]\n")  # the order of the heads
         read = config.load(cruise).calibrations["aqd"]
         assert type(read) is model and read.files == ("raw/cal/b.csv", "raw/cal/a.csv") and not read.placed
 
@@ -80,7 +80,27 @@ def test_columns_and_rows_reach_the_settings(cruise: Path) -> None:
     assert (settings["format"], settings["table_step_deg"], settings["declination"]) == ("csv", 15, -0.7)
 
 
+def test_keys_of_a_swing_and_of_two_heads_reach_the_settings(cruise: Path) -> None:
+    marks = "visual: [{compass_deg: 40, true_deg: 42}]\nsun: [{compass_deg: 10, time_utc: 2022-09-29T09:00Z}]\n"
+    write(cruise, FILE, f"kind: swing\nfile: raw/cal/a.csv\nmin_speed_kn: 3\n{marks}")
+    swing = config_calibrations.settings(config.load(cruise).calibrations["aqd"])
+    assert swing["visual"] == [{"compass_deg": 40.0, "true_deg": 42.0}] and swing["min_speed_kn"] == 3.0
+    assert swing["sun"] == [{"compass_deg": 10.0, "time_utc": 1664442000.0}] and swing["max_lag_s"] is None
+    heads = "start: 2022-09-29\norientation: [up, down]\nheading_alignment: 45\n"
+    write(cruise, FILE, f"kind: two_heads\nfile: [raw/cal/b.csv, raw/cal/a.csv]\n{heads}")
+    two = config_calibrations.settings(config.load(cruise).calibrations["aqd"])
+    assert (two["start_s"], two["orientation"], two["heading_alignment"]) == (
+        1664409600.0,
+        ["up", "down"],
+        [45.0, 45.0],
+    )
+
+
 BAD = [
+    ("kind: two_heads\nfile: raw/cal/aqd.csv\n", "file: expected two files, of head a and of head b, found 1; write file: [a.000, b.000]"),
+    ("kind: two_heads\nfile: [raw/cal/a.csv, raw/cal/b.csv]\norientation: [up, left]\n", "orientation: expected up or down, or a list of two of these, found a list; write for example orientation: [up, down]"),
+    ("kind: two_heads\nfile: [raw/cal/a.csv, raw/cal/b.csv]\nheading_alignment: [1, 2, 3]\n", "heading_alignment: expected degrees, or a list of two, found a list; write for example heading_alignment: [0, 45]"),
+    ("kind: swing\nfile: raw/cal/aqd.csv\nvisual: [{compass_deg: 40}]\n", "visual[0].true_deg: expected degrees from 0 to 360, found nothing; add for example true_deg: 42"),
     ("kind: platfrom\nfile: raw/cal/aqd.csv\n", "kind: expected platform, swing, magnetometer, declination or two_heads, found 'platfrom'; write platform"),
     ("file: raw/cal/aqd.csv\n", "kind: expected platform, swing, magnetometer, declination or two_heads, found nothing; add for example kind: platform"),
     ("kind: platform\n", "file: expected a path, a list of paths or a glob, relative to the cruise folder, found nothing; add for example file: raw/cal/aqd.csv"),

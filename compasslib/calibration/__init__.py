@@ -17,8 +17,7 @@ class Kind:
     """Where a kind of calibration is made and drawn."""
 
     module: str  # of this room; its calibrate(files, settings) returns the Calibration
-    others: tuple[str, ...] = ()  # modules of the house that it imports by name only when it runs, such as readers/pd0
-    figures: tuple[str, ...] = ()  # of its own, functions (path, page) of compasslib/plots_<module>.py
+    figures: tuple[str, ...] = ()  # its own: functions (path, calibration, name) of plots_calibration_<module>.py
 
 
 KINDS: dict[str, Kind] = {

@@ -70,26 +70,17 @@ def origin(content: Mapping[str, Any], field: EarthField) -> dict[str, Any]:
 
 
 def _unusable(content: Mapping[str, Any]) -> str:
-    if content["why"]:
-        return str(content["why"])
     if content["exact"] is None:
-        return "it has no coefficients of the exact compass, its headings do not determine them"
+        return content["why"] or "it has no coefficients of the exact compass, its headings do not determine them"
     if not np.isfinite(np.array(content["exact"]["covariance"], dtype=float)).all():
         return "its coefficients of the exact compass are not all determined"
-    if _home(content) is None:
+    if content["place"]["field"] is None:
         return "its place or date is unknown, so that its coefficients cannot be carried to the mooring's field"
     return ""
 
 
-def _home(content: Mapping[str, Any]) -> Mapping[str, float] | None:
-    """Return the field at the calibration; a kind whose files hold place and time gives it itself."""
-    field: Mapping[str, float] | None = content.get("field") or content["place"]["field"]
-    return field
-
-
 def _carry(content: Mapping[str, Any], field: EarthField) -> Carried:
-    given, home = content["exact"], _home(content)
-    assert home is not None
+    given, home = content["exact"], content["place"]["field"]
     covariance = np.array(given["covariance"], dtype=float)
     # What a calibration's budget holds cannot be told from a turn of the whole compass at any one heading.
     covariance[0, 0] += ((content["uncertainty"]["standard_deg"] or 0.0) * angles.DEGREE) ** 2

@@ -10,5 +10,5 @@ with job(snakemake.log[0]) as say:
     made = calibration.calibrate(snakemake.params.kind, snakemake.input.raw, settings)
     page = content.described(name, made, settings, archive.named(snakemake.input.earlier))
     page |= provenance.stamp(snakemake.input.raw)
-    archive.write(content=page, made=made, **snakemake.output)
+    archive.write(page=page, made=made, **snakemake.output)
     say(content.told(page))
