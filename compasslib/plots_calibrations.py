@@ -104,7 +104,7 @@ def residuals(path: str | Path, shown: Page) -> None:
         if off is None or recorded is None or not np.isfinite(off).any():
             say(axes, "There is no curve, and so nothing that it leaves.")
             return
-        axes.plot(recorded, off, **POINT)
+        axes.plot(recorded, off, **_point(len(off)))
         expanded = content["uncertainty"]["expanded_deg"] or 0.0
         for edge in (-expanded, expanded):
             axes.axhline(edge, color=GREY, linewidth=1.0, linestyle=(0, (4, 2)))
@@ -138,7 +138,7 @@ def certificate(path: str | Path, shown: Page) -> None:
 
 def _notes(content: Mapping[str, Any]) -> list[str]:
     if content["why"]:
-        return [f"No curve: {content['why']}."]
+        return [f"No curve: {plots_certificate.sentence(content['why'])}"]
     compared = content.get("comparison") or {}
     return [compared["text"]] if compared.get("text") else []
 
@@ -180,9 +180,14 @@ def _draw_points(axes: Axes, shown: Page) -> list[Artist]:
         axes.errorbar(
             points["recorded_deg"], points["deviation_deg"], 2.0 * scatter, fmt="none", ecolor=GREY, elinewidth=0.8
         )
-    axes.plot(points["recorded_deg"], points["deviation_deg"], **POINT)
+    axes.plot(points["recorded_deg"], points["deviation_deg"], **_point(len(points["recorded_deg"])))
     bar = f", ±{2.0 * scatter:.2f}° (k = 2)" if few else ""
     return [Line2D([], [], **POINT, label=f"{len(points['recorded_deg'])} readings{bar}")]
+
+
+def _point(count: int) -> dict[str, Any]:
+    """Return the look of so many points: many are small."""
+    return POINT if count <= MOST_BARS else POINT | {"markersize": 1.6}
 
 
 def _draw_band(axes: Axes, shown: Page) -> list[Artist]:
@@ -199,7 +204,9 @@ def _draw_band(axes: Axes, shown: Page) -> list[Artist]:
 
 def _draw_curves(axes: Axes, curves: Mapping[str, tuple[Floats, Floats]], shown: Page) -> list[Artist]:
     if not curves and shown.table.heading_deg.size:
-        axes.plot(shown.table.heading_deg, shown.table.deviation_deg, color=GREEN)
+        table = shown.table
+        heading, off = np.append(table.heading_deg, 360.0), np.append(table.deviation_deg, table.deviation_deg[0])
+        axes.plot(heading, off, color=GREEN)
         return [Line2D([], [], color=GREEN, label=_model_name(shown.content))]
     handles: list[Artist] = []
     for name, (recorded, off) in curves.items():

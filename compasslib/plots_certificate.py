@@ -17,6 +17,7 @@ from compasslib.calibration.result import LETTERS
 LINE_IN = 0.131  # of a line of this writing
 CURVE_IN, LEGEND_IN = 3.1, 0.7
 LINE_CHARACTERS = 118
+MODEL_CHARACTERS = 40
 TABLE_COLUMNS = 3
 UNKNOWN, SPACE = "–", " " * 8
 
@@ -84,10 +85,19 @@ def _put(axes: Axes, place: tuple[float, int], lines: list[str], *, mono: bool =
 
 def _notes(content: Mapping[str, Any]) -> list[str]:
     extras = [content.get("constant_shift"), content.get("comparison")]
-    said = [f"No curve: {content['why']}."] if content["why"] else []
-    said += [f"Note: {text}." for text in content["warnings"]]
+    said = [f"No curve: {sentence(content['why'])}"] if content["why"] else []
+    said += [f"Note: {sentence(text)}" for text in content["warnings"]]
     said += [extra["text"] for extra in extras if extra and extra.get("text")]
     return [line for text in said for line in textwrap.wrap(text, LINE_CHARACTERS)]
+
+
+def sentence(text: str) -> str:
+    """Return a text with its full stop, whether or not it brings one.
+
+    Args:
+        text: a warning or a reason.
+    """
+    return text.rstrip(".") + "."
 
 
 def _about(content: Mapping[str, Any]) -> list[str]:
@@ -99,7 +109,7 @@ def _about(content: Mapping[str, Any]) -> list[str]:
         f"place       {where}",
         f"field       {strength}",
         f"readings    {content['n']} in {content['coverage']} of 36 sectors",
-        f"model       {content['model']}",
+        f"model       {textwrap.shorten(content['model'], MODEL_CHARACTERS, placeholder=' …')}",
         f"residual    {_number(content['residual_rms_deg'], '.2f')}° rms",
     ]
 
