@@ -1,4 +1,7 @@
-"""Figures of a calibration: the deviation with the curves that were compared, its residuals, a certificate."""
+"""Figures of a calibration: the deviation with the curves that were compared, its residuals, a certificate.
+
+They draw what a kind has: the points recorded_deg with deviation_deg and residual_deg, a table, the detail ``models``.
+"""
 
 from __future__ import annotations
 
