@@ -5,13 +5,15 @@ from pathlib import Path
 
 from snakemake.logging import logger
 
-from compasslib import stages
+from compasslib import stages, stages_calibrations
+from compasslib.calibration import KINDS
 from compasslib.config import load
 from compasslib.errors import InputError
 
 try:
     CRUISE = load(Path.cwd())
     PLAN = stages.plan(CRUISE, Path(workflow.basedir) / "workflow/scripts")
+    CALIBRATIONS = stages_calibrations.plan(CRUISE, PLAN.scripts)
 except InputError as error:
     logger.error(f"error: {error}")
     sys.exit(1)
@@ -22,6 +24,7 @@ FIGURES = ["deviation", "histograms", "scatter", "timeline"]
 
 wildcard_constraints:
     mooring="|".join(CRUISE.moorings) or "none",
+    calibration="|".join(CRUISE.calibrations) or "none",
     role="[A-Za-z0-9_.-]+",
 
 
@@ -31,6 +34,7 @@ rule all:
         expand("results/{mooring}/assessment.json", mooring=CRUISE.moorings),
         expand("results/{mooring}/figures/{figure}.png", mooring=CRUISE.moorings, figure=FIGURES),
         ["results/summary.csv"] if CRUISE.moorings else [],
+        CALIBRATIONS.wanted(),
 
 
 rule read:
@@ -106,6 +110,8 @@ rule fit:
     params:
         method=PLAN.method,
         tilt=PLAN.tilt,
+    wildcard_constraints:
+        mooring="|".join(PLAN.by_pairs()) or "none",
     conda:
         ENVIRONMENT
     log:
@@ -198,6 +204,9 @@ rule summary:
         "results/benchmarks/summary.tsv"
     script:
         "workflow/scripts/summary.py"
+
+
+include: "workflow/rules/calibrations.smk"
 
 
 if CRUISE.options.demonstration:

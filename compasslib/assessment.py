@@ -43,7 +43,8 @@ def choose(series: Series, which: NDArray[Any]) -> Series:
 def held_out_headings(pairs: Pairs, fit: Fit) -> Floats:
     """Return the corrected heading of each pair by a fit that has not seen its block, (n,) degrees, NaN where none.
 
-    The exact fit climbs anew from the whole one: which fold is the right one is taken as known.
+    The exact fit climbs anew from the whole one: which fold is the right one is taken as known. A calibration made
+    elsewhere has seen no pair and stays as it is.
 
     Args:
         pairs: overlapping measurements.
@@ -101,7 +102,7 @@ def assess(pairs: Pairs, fit: Fit) -> dict[str, Any]:
         pairs: overlapping measurements.
         fit: the fit to all of them.
     """
-    held_out = held_out_headings(pairs, fit) if fit.fitted else np.full(len(pairs), np.nan)
+    held_out = held_out_headings(pairs, fit) if fit.fitted and len(pairs) else np.full(len(pairs), np.nan)
     known = np.isfinite(held_out)
     turned = angles.turn(pairs.upper_east, pairs.upper_north, held_out - pairs.heading_deg)
     return {

@@ -11,14 +11,18 @@ from pathlib import Path
 from typing import Any, TypeVar, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
+from pydantic_core import PydanticCustomError
 
 from compasslib import config_yaml
+from compasslib.config_calibrations import MODELS, CalibrationFile, Kind, check_comparisons
 from compasslib.config_paths import Place
 from compasslib.config_schema import Mooring, Options, allowed_keys
-from compasslib.config_values import shown
+from compasslib.config_values import NAME_WORDS, shown
+from compasslib.config_values import name as checked_name
 from compasslib.errors import InputError
 
 CONFIG = "config/config.yaml"
+CALIBRATIONS = "config/calibrations"
 Model = TypeVar("Model", bound=BaseModel)
 _LONGEST = 60  # characters of a user's own name that a message repeats
 _QUOTED = re.compile(r"'([^']*)'")  # the choices in pydantic's words
@@ -32,6 +36,7 @@ class Cruise:
     options: Options
     moorings: dict[str, Mooring]  # by name, in the order of the file names
     mooring_files: dict[str, str]  # the YAML file of each, relative to the root
+    calibrations: dict[str, CalibrationFile]  # by name, which is that of the file
 
 
 def load(cruise: Path) -> Cruise:
@@ -51,7 +56,10 @@ def load(cruise: Path) -> Cruise:
         mooring = _mooring(file, options, place)
         _refuse_taken(mooring.name, file, files)
         moorings[mooring.name], files[mooring.name] = mooring, file
-    return Cruise(cruise, options, moorings, files)
+    calibrations = _calibrations(cruise, place)
+    for name, mooring in moorings.items():
+        _refuse_nowhere(mooring.fit.name, calibrations, files[name])
+    return Cruise(cruise, options, moorings, files, calibrations)
 
 
 def validate(model: type[Model], raw: dict[str, Any], file: str, place: Place | None = None) -> Model:
@@ -93,11 +101,49 @@ def _mooring_files(cruise: Path, moorings: str | Sequence[str]) -> list[str]:
 def _mooring(file: str, options: Options, place: Place) -> Mooring:
     raw = config_yaml.read(place.root, file, "name: EG4")
     mooring = validate(Mooring, _with_options(raw, options), file, place)
-    calibration = f"config/calibrations/{mooring.fit.name}.yaml"
+    calibration = f"{CALIBRATIONS}/{mooring.fit.name}.yaml"
     if mooring.fit.name is not None and not os.path.isfile(place.root / calibration):
         advice = "write that file or correct the name"
         raise InputError(f"{file}: fit.name", expected=f"the file {calibration}", found="none", advice=advice)
     return mooring
+
+
+def _calibrations(cruise: Path, place: Place) -> dict[str, CalibrationFile]:
+    folder = cruise / CALIBRATIONS
+    listed = sorted(os.listdir(folder)) if folder.is_dir() else []
+    files = [f"{CALIBRATIONS}/{file}" for file in listed if file.endswith((".yaml", ".yml")) and file[0] != "."]
+    calibrations = {_calibration_name(file): _calibration(file, place) for file in files}
+    if wrong := check_comparisons(calibrations):
+        where, expected = f"{CALIBRATIONS}/{wrong[0]}.yaml: compare_with", "the NAME of another, earlier calibration"
+        advice = "correct the name; the earlier one stands alone"
+        raise InputError(where, expected=expected, found=wrong[1], advice=advice)
+    return calibrations
+
+
+def _calibration_name(file: str) -> str:
+    stem, ending = os.path.splitext(os.path.basename(file))
+    try:
+        usable = ending == ".yaml" and checked_name(stem)
+    except PydanticCustomError:
+        usable = False
+    if not usable:
+        expected = f"a file NAME.yaml, the name of {NAME_WORDS}"
+        raise InputError(file, expected=expected, found=os.path.basename(file), advice="rename the file")
+    return stem
+
+
+def _calibration(file: str, place: Place) -> CalibrationFile:
+    raw = config_yaml.read(place.root, file, "kind: platform")
+    kind = validate(Kind, {key: raw[key] for key in ("kind",) if key in raw}, file).kind
+    return validate(MODELS[kind], raw, file, place)
+
+
+def _refuse_nowhere(name: str | None, calibrations: dict[str, CalibrationFile], file: str) -> None:
+    """Refuse a mooring's calibration without a place: its coefficients cannot be carried to the mooring's field."""
+    if name is None or calibrations[name].placed:
+        return
+    expected = f"latitude, longitude and date in {CALIBRATIONS}/{name}.yaml, to carry its coefficients to the mooring"
+    raise InputError(f"{file}: fit.name", expected=expected, found="none", advice="add them there")
 
 
 def _with_options(raw: dict[str, Any], options: Options) -> dict[str, Any]:

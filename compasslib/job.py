@@ -23,7 +23,8 @@ def job(log: str | Path) -> Iterator[Callable[[str], None]]:
     with Path(log).open("w", encoding="utf-8") as stream:
 
         def say(line: str) -> None:
-            print(line, file=sys.stderr, flush=True)
+            # Text and newline in one write, so that jobs side by side do not tear each other's lines.
+            print(f"{line}\n", end="", file=sys.stderr, flush=True)
             print(line, file=stream, flush=True)
 
         try:

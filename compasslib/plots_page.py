@@ -49,7 +49,7 @@ STYLE: dict[Any, Any] = {
     "xtick.major.width": 0.6,
     "ytick.major.width": 0.6,
 }
-METHODS = {"exact": "exact compass", "von_appen": "series of von Appen 2015"}
+METHODS = {"exact": "exact compass", "von_appen": "series of von Appen 2015", "calibration": "calibration elsewhere"}
 NO_PAIRS = "No pairs: there is no trusted measurement near enough to compare."
 LINE_IN = 0.16  # of the title and the notes
 SENTENCE_CHARACTERS = 105  # of 8 points in the page's width

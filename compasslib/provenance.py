@@ -95,6 +95,15 @@ def processing(fit: Fit, field: EarthField, raw_files: Sequence[str]) -> dict[st
     }
 
 
+def stamp(raw_files: Sequence[str]) -> dict[str, Any]:
+    """Return what a calibration was made from, and by what.
+
+    Args:
+        raw_files: what was read, relative to the cruise folder.
+    """
+    return {"source_files": list(raw_files), "software": software(), "date_created": date_created()}
+
+
 def _git(*arguments: str) -> str:
     try:
         found = subprocess.run(["git", "-C", str(PROJECT), *arguments], capture_output=True, text=True, check=False)

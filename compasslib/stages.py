@@ -17,7 +17,7 @@ from compasslib.errors import InputError
 from compasslib.readers import FORMATS
 
 DEPLOYMENT_KEYS = ("pressure_offset", "clock_offset_seconds", "clock_drift_seconds", "direction_reference")
-METHODS = ("exact", "von_appen")
+METHODS = ("exact", "von_appen", "calibration")
 SIMULATED = tuple(f"EG{k}" for k in range(1, 8))  # the moorings of the demonstration cruise
 
 
@@ -112,6 +112,18 @@ class Plan:
         """Return whether pitch and roll enter the fit of one mooring."""
         return bool(self._mooring(wildcards).fit.tilt)
 
+    def by_calibration(self) -> list[str]:
+        """Return the moorings that a calibration elsewhere corrects."""
+        return [name for name, mooring in self.cruise.moorings.items() if mooring.fit.method == "calibration"]
+
+    def by_pairs(self) -> list[str]:
+        """Return the moorings that their own pairs correct."""
+        return [name for name in self.cruise.moorings if name not in self.by_calibration()]
+
+    def calibration(self, wildcards: Any) -> str:
+        """Return the calibration that corrects one mooring."""
+        return f"results/calibrations/{self._mooring(wildcards).fit.name}/calibration.json"
+
     def site(self, wildcards: Any) -> dict[str, Any]:
         """Return name and place of one mooring."""
         mooring = self._mooring(wildcards)
@@ -150,12 +162,22 @@ def plan(cruise: Cruise, scripts: Path) -> Plan:
             advice = "delete demonstration: true from config.yaml; measured moorings are never simulated"
             raise InputError(f"{file}: name", expected=" or ".join(SIMULATED), found=name, advice=advice)
         for role in _roles(mooring):
-            _refuse(f"{file}: instruments.{role}.format", mooring.instruments[role].format, tuple(FORMATS))
-        _refuse(f"{file}: fit.method", mooring.fit.method, METHODS)
+            refuse(f"{file}: instruments.{role}.format", mooring.instruments[role].format, tuple(FORMATS))
+        refuse(f"{file}: fit.method", mooring.fit.method, METHODS)
     return Plan(cruise, scripts)
 
 
-def _refuse(where: str, found: str, offered: Sequence[str]) -> None:
+def refuse(where: str, found: str, offered: Sequence[str]) -> None:
+    """Refuse what the schema knows and this version does not do.
+
+    Args:
+        where: file and key.
+        found: what stands there.
+        offered: what could.
+
+    Raises:
+        InputError: it is not offered.
+    """
     if found not in offered:
         advice = "this version does not offer it yet"
         raise InputError(where, expected=" or ".join(offered), found=found, advice=advice)

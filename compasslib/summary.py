@@ -82,7 +82,7 @@ def _warnings(folder: Path, fit: Mapping[str, Any]) -> list[str]:
     records = sorted((folder / "work").glob("*.nc"))
     said = [f"{path.stem}: {w}" for path in records for w in archive.read_record(path).warnings]
     field = archive.read_json(folder / "work/field.json")["warnings"]
-    return [*([fit["why"]] if fit["why"] else []), *field, *said]
+    return [*([fit["why"]] if fit["why"] else []), *fit["warnings"], *field, *said]
 
 
 def _rounded(value: float | None, digits: int) -> float | None:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from compasslib import config, config_schema, config_values
+from compasslib import config, config_calibrations, config_schema, config_values
 from compasslib.errors import InputError
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -296,7 +296,13 @@ def test_a_calibration_is_named_by_its_file(cruise: Path) -> None:
         "config/moorings/EG4.yaml: fit.name: expected the file config/calibrations/aqd.yaml, found none; "
         "write that file or correct the name"
     )
-    write(cruise, "config/calibrations/aqd.yaml", "kind: platform\n")
+    write(cruise, "config/calibrations/aqd.yaml", "kind: platform\nfile: raw/EG4/deep.csv\n")
+    assert message(cruise) == (
+        "config/moorings/EG4.yaml: fit.name: expected latitude, longitude and date in config/calibrations/aqd.yaml, "
+        "to carry its coefficients to the mooring, found none; add them there"
+    )
+    placed = "kind: platform\nfile: raw/EG4/deep.csv\nlatitude: 48.4\nlongitude: -4.5\ndate: 2022-09-29\n"
+    write(cruise, "config/calibrations/aqd.yaml", placed)
     assert config.load(cruise).moorings["EG4"].fit.name == "aqd"
 
 
@@ -312,7 +318,8 @@ def test_the_cruise_with_real_records_is_read() -> None:
 
 def test_the_readme_names_every_key() -> None:
     text = (ROOT / "config/README.md").read_text()
-    models = [m for m in vars(config_schema).values() if isinstance(m, type) and issubclass(m, config_schema.Section)]
+    named = [*vars(config_schema).values(), *vars(config_calibrations).values()]
+    models = [m for m in named if isinstance(m, type) and issubclass(m, config_schema.Section)]
     keys = {key for model in models for key in config_schema.allowed_keys(model)}
     assert [key for key in sorted(keys) if f"`{key}`" not in text] == []
 

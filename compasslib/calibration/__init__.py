@@ -1,1 +1,73 @@
-"""Calibrations that need no mooring: platform, magnetometer, swing by GNSS, two heads on one frame."""
+"""Calibrations that need no mooring; this table says which kinds there are. A kind is imported only by its own job."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:  # the Snakefile needs the table only
+    from compasslib.calibration.result import Calibration
+
+
+@dataclass(frozen=True)
+class Kind:
+    """Where a kind of calibration is made and drawn."""
+
+    module: str  # of this room; its calibrate(files, settings) returns the Calibration
+    figures: tuple[str, ...] = ()  # its own: functions (path, calibration, name) of plots_calibration_<module>.py
+
+
+KINDS: dict[str, Kind] = {
+    "platform": Kind("platform"),
+    "magnetometer": Kind("magnetometer", figures=("magnetometer",)),
+    "two_heads": Kind("two_heads", figures=("difference", "tilt_check", "along_time")),
+}
+FIGURES = ("deviation", "residuals", "certificate")  # every kind has these
+
+
+def calibrate(kind: str, files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calibration:
+    """Return the result of one calibration.
+
+    Args:
+        kind: a key of ``KINDS``.
+        files: raw files in the order of the YAML file.
+        settings: settled keys of the YAML file.
+
+    Raises:
+        InputError: a file that cannot be read.
+    """
+    made: Calibration = import_module(f"compasslib.calibration.{KINDS[kind].module}").calibrate(
+        files, settled(settings)
+    )
+    return made
+
+
+def settled(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Return settings with ``field`` and ``declination_deg``, as every kind takes them.
+
+    The field is a mapping of horizontal_nT, vertical_nT and declination_deg where latitude, longitude and date are
+    given, else None. The declination is the number given, else that of the field, else None.
+
+    Args:
+        settings: the keys of the YAML file with defaults filled in.
+
+    Raises:
+        InputError: the date lies outside the model of the earth's field.
+    """
+    field = _field(settings)
+    given = settings.get("declination", "auto")
+    by_model = None if field is None else field["declination_deg"]
+    return {**settings, "field": field, "declination_deg": by_model if given in (None, "auto") else given}
+
+
+def _field(settings: Mapping[str, Any]) -> dict[str, float] | None:
+    latitude, longitude, date_s = (settings.get(key) for key in ("latitude", "longitude", "date_s"))
+    if latitude is None or longitude is None or date_s is None:
+        return None
+    from compasslib import earthfield  # only where a place is given
+
+    declination, horizontal, vertical = (float(x[0]) for x in earthfield.igrf(latitude, longitude, date_s))
+    return {"horizontal_nT": horizontal, "vertical_nT": vertical, "declination_deg": declination}

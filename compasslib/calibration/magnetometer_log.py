@@ -93,7 +93,7 @@ def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Log:
     paths = [Path(file) for file in files]
     wanted = _wanted(paths, settings.get("columns") or {}, set(settings.get("withhold") or ()))
     tables = [
-        table.read_columns(path, wanted, advice="name it under columns in the calibration's file") for path in paths
+        table.columns_of(path, wanted, advice="name it under columns in the calibration's file") for path in paths
     ]
     columns = {role: np.concatenate([t[role] for t in tables]) for role in wanted}
     empty = [role for role, v in columns.items() if role not in ("x", "y", "time") and not np.isfinite(v).any()]
@@ -133,7 +133,7 @@ def _spikes(raw: Floats) -> NDArray[np.bool_]:
 
 def _wanted(paths: Sequence[Path], names: Mapping[str, str], withhold: set[str]) -> dict[str, str]:
     """Return role -> header of the columns that are there, x and y in any case."""
-    there = set.intersection(*(set(table.header_line(path)) for path in paths))
+    there = set.intersection(*(set(table.header_of(path)) for path in paths))
     found = {}
     for role, usual in {**ROLES, "time": TIME}.items():
         named = names.get(role, names.get(usual))

@@ -14,14 +14,26 @@ from compasslib.records import BAD, Pairs, Record
 
 __all__ = ["METHODS", "Fit", "described", "fit", "from_json", "told"]
 
-METHODS: dict[str, Callable[[Pairs, Fit | None], Fit]] = {"exact": exact.fit, "von_appen": von_appen.fit}
+
+def _as_it_is(pairs: Pairs, near: Fit | None) -> Fit:
+    """Return a calibration made elsewhere: pairs do not change it."""
+    if near is None:
+        raise ValueError("a calibration is carried to a mooring, not fitted there")
+    return near
+
+
+METHODS: dict[str, Callable[[Pairs, Fit | None], Fit]] = {
+    "exact": exact.fit,
+    "von_appen": von_appen.fit,
+    "calibration": _as_it_is,
+}
 
 
 def fit(method: str, pairs: Pairs, near: Fit | None = None, *, dip_ratio: float = 0.0) -> Fit:
     """Return a deviation model fitted to overlapping measurements.
 
     Args:
-        method: ``exact`` or ``von_appen``.
+        method: ``exact`` or ``von_appen``; ``calibration`` returns ``near``.
         pairs: overlapping measurements.
         near: a fit of the same method to much the same pairs, to start from.
         dip_ratio: Z/H of the earth's field where tilt is to be in the model (``exact`` only); 0 for a level one.
@@ -70,4 +82,6 @@ def told(name: str, fit: Fit) -> str:
     letters = ", ".join(f"{k} {x:+.3f}" for k, x in zip("ABCDE", fit.coefficients, strict=True))
     kind = "folded" if fit.folded else "full circle"
     heeling = f", heeling K {fit.heeling:+.3f}" if fit.tilted else ""
-    return f"{name}: {fit.method} {letters}{unit}{heeling}; {kind}, residual {fit.residual_rms_deg:.1f} degrees rms"
+    residual = f", residual {fit.residual_rms_deg:.1f} degrees rms" if np.isfinite(fit.residual_rms_deg) else ""
+    first = f"{name}: {fit.method} {letters}{unit}{heeling}; {kind}{residual}"
+    return "\n".join([first, *(f"{name}: warning: {warning}" for warning in fit.warnings)])

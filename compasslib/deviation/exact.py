@@ -136,7 +136,7 @@ def _start(overlap: _Overlap, form: Form) -> _State:
     width = overlap.width_deg(START_NOISE)
     clear = np.sort(np.argsort(width, kind="stable")[: max(len(width) // 2, min(START_PAIRS, len(width)))])
     few = overlap.take(clear[:: max(1, len(clear) // START_PAIRS)])
-    prior = _smoothed(np.histogram(few.observed_deg, bins=likelihood.CELLS, range=(0.0, 360.0))[0].astype(float))
+    prior = smoothed(np.histogram(few.observed_deg, bins=likelihood.CELLS, range=(0.0, 360.0))[0].astype(float))
     data = few.sample(START_NOISE, COARSE, form)
     starts = [_iron(strength, towards) for strength in STRENGTHS for towards in DIRECTIONS_DEG]
     values = [-likelihood.value(start, data, prior, COARSE) for start in starts]
@@ -156,7 +156,7 @@ def _improve(state: _State, overlap: _Overlap, grid: Grid, form: Form, belief: F
     """Climb with the scatter held, then fit the scatter and the headings' distribution with the compass held."""
     data = overlap.sample(state.noise, grid, form)
     parameters, loss = _climb(state.parameters, data, state.prior, grid, belief)
-    prior = _smoothed(likelihood.responsibilities(parameters, data, state.prior, grid).sum(axis=0))
+    prior = smoothed(likelihood.responsibilities(parameters, data, state.prior, grid).sum(axis=0))
     return _State(parameters, _fit_noise(state.noise, overlap, parameters, prior, form), prior, loss)
 
 
@@ -208,8 +208,12 @@ def _climb(
     return np.asarray(found.x), float(found.fun)
 
 
-def _smoothed(mass: Floats) -> Floats:
-    """Return a distribution of headings from counts on the cells, smoothed, with a uniform floor."""
+def smoothed(mass: Floats) -> Floats:
+    """Return a distribution of headings, smoothed and with a uniform floor, that sums to 1.
+
+    Args:
+        mass: counts on the cells, (CELLS,), not all zero.
+    """
     distance = angles.wrap180(likelihood.CELL_CENTRES)
     kernel = np.exp(-0.5 * (distance / PRIOR_SMOOTHING_DEG) ** 2)
     smooth = np.fft.irfft(np.fft.rfft(mass) * np.fft.rfft(kernel / kernel.sum()), len(mass))

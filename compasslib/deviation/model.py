@@ -46,7 +46,7 @@ class Noise:
 class Fit:
     """A deviation model fitted to one mooring; without coefficients where there was too little to fit."""
 
-    method: str  # von_appen | exact
+    method: str  # von_appen | exact | calibration: the exact compass, calibrated elsewhere
     n_pairs: int
     coefficients: Floats = field(default_factory=_nothing)  # (5,) A..E: degrees for von_appen, dimensionless for exact
     covariance: Floats = field(default_factory=_nothing)  # (5, 5)
@@ -59,6 +59,7 @@ class Fit:
     dip_ratio: float = 0.0  # Z/H that the tilt was fitted with; 0 for a level model
     heading_density: Floats = field(default_factory=_nothing)  # prior of the correct heading on its cells, sums to 1
     why: str = ""  # the reason, where nothing was fitted
+    warnings: tuple[str, ...] = ()  # sentences for the report
 
     def to_json(self) -> dict[str, Any]:
         """Return deviation.json's content but for the share that is correctable."""
@@ -77,6 +78,7 @@ class Fit:
             "dip_ratio": self.dip_ratio if self.tilted else None,
             "heading_density": self.heading_density.tolist(),
             "why": self.why,
+            "warnings": self.warnings,
         }
 
     @property
@@ -111,6 +113,7 @@ def from_json(content: Mapping[str, Any]) -> Fit:
         dip_ratio=content.get("dip_ratio") or 0.0,
         heading_density=np.array(content["heading_density"], dtype=float),
         why=content["why"],
+        warnings=tuple(content.get("warnings", ())),
     )
 
 

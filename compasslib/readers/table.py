@@ -19,6 +19,8 @@ from compasslib.records import GOOD, MISSING, Record
 Floats = NDArray[np.floating]
 
 MISSING_TEXT = frozenset({"", "nan", "na", "n/a", "null", "none", "-"})
+COLUMN_MAP = "correct columns in the mooring file"
+TIMES = ("time", "time_utc")  # roles that hold times
 TIME_FORM = "an ISO time like 2007-09-04T00:00:00Z"
 
 
@@ -35,7 +37,7 @@ def read(paths: Sequence[Path], *, columns: Mapping[str, str | float]) -> Record
     """
     scale = float(columns.get("scale", 1.0))
     headers = {role: str(header) for role, header in columns.items() if role != "scale" and header is not None}
-    tables = [read_columns(path, headers) for path in paths]
+    tables = [columns_of(path, headers) for path in paths]
     table = {role: np.concatenate([t[role] for t in tables]) for role in headers}
     samples = _Samples(table.pop("time"))
     n, m = len(samples.first), int(samples.bin.max(initial=0)) + 1
@@ -95,27 +97,12 @@ def _east_north(table: Mapping[str, Floats]) -> tuple[Floats, Floats]:
     return angles.turn(-table["y"], table["x"], table["heading"])
 
 
-def header_line(path: Path) -> list[str]:
-    """Return the names in the header line of a table, none where the file is empty.
+def columns_of(path: Path, headers: Mapping[str, str], advice: str = COLUMN_MAP) -> dict[str, Floats]:
+    """Return columns of one table, times as UTC seconds since 1970, nothing as NaN.
 
     Args:
-        path: a CSV file.
-
-    Raises:
-        InputError: the file cannot be read.
-    """
-    rows = _rows(path)
-    return rows[0][1] if rows else []
-
-
-def read_columns(
-    path: Path, headers: Mapping[str, str], *, advice: str = "correct columns in the mooring file"
-) -> dict[str, Floats]:
-    """Return the wanted columns of a table by role, (n,) each, NaN for an empty cell.
-
-    Args:
-        path: a CSV file.
-        headers: role -> header; the role ``time`` is read as UTC seconds since 1970.
+        path: a CSV file with a header line.
+        headers: role -> header; the roles ``time`` and ``time_utc`` hold times, all others numbers.
         advice: what to do where a column is absent.
 
     Raises:
@@ -134,6 +121,19 @@ def read_columns(
     return {role: _parsed(path, rows, names.index(header), role, header) for role, header in headers.items()}
 
 
+def header_of(path: Path) -> list[str]:
+    """Return the names of a table's columns, none for an empty file.
+
+    Args:
+        path: a CSV file with a header line.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
+    rows = _rows(path)
+    return rows[0][1] if rows else []
+
+
 def _rows(path: Path) -> list[tuple[int, list[str]]]:
     """Return (line number, cells) of every line that is not empty, cells stripped, comments left out."""
     try:
@@ -148,8 +148,8 @@ def _rows(path: Path) -> list[tuple[int, list[str]]]:
 
 
 def _parsed(path: Path, rows: list[tuple[int, list[str]]], column: int, role: str, header: str) -> Floats:
-    parse = _time if role == "time" else _number
-    expected = TIME_FORM if role == "time" else "a number or nothing"
+    parse = _time if role in TIMES else _number
+    expected = TIME_FORM if role in TIMES else "a number or nothing"
     values = np.empty(len(rows) - 1)
     for i, (line, row) in enumerate(rows[1:]):
         try:

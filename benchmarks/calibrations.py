@@ -1,0 +1,135 @@
+"""Stated uncertainties of a bench's calibration against what is true, over many simulated benches.
+
+    python benchmarks/calibrations.py             1000 benches of each design
+    python benchmarks/calibrations.py 200 7       200 of each by seed 7
+
+Of each design: the share of coefficients and of the table's deviations whose true value lies within 1.96 stated
+standard uncertainties. It is to be 93 to 97 %. Exit status 1 where it is not.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from compasslib import angles, compass
+from compasslib.calibration import curves
+from compasslib.calibration.curves import Readings
+from compasslib.calibration.result import Calibration
+from compasslib.deviation import von_appen
+
+GRADUATION_DEG, READING_DEG = 0.26, 0.4  # error of each setting of the bench; of each reading
+ALLOWED = (93.0, 97.0)
+
+
+@dataclass(frozen=True)
+class Design:
+    """Where the bench is set, and what makes the deviation."""
+
+    name: str
+    settings_deg: np.ndarray
+    truth: str  # smith | exact
+    strength: float  # of the semicircular part: degrees, or over the horizontal field
+    repeats: int = 1
+    quadrantal: float = 0.15  # of the strength
+
+
+def ring(n: int) -> np.ndarray:
+    """Return n settings all round."""
+    return 360.0 / n * np.arange(n)
+
+
+DESIGNS = (
+    Design("36, series", ring(36), "smith", 5.0),
+    Design("36, series, 15 degrees", ring(36), "smith", 15.0),
+    Design("36, iron of 0.1 H", ring(36), "exact", 0.1),
+    Design("36, iron of 0.3 H", ring(36), "exact", 0.3),
+    Design("36, iron of 0.6 H", ring(36), "exact", 0.6),
+    Design("24, iron of 0.2 H", ring(24), "exact", 0.2),
+    Design("24, iron of 1.4 H, folded", ring(24), "exact", 1.4, quadrantal=0.05),
+    Design("16, series", ring(16), "smith", 8.0),
+    Design("16, iron of 0.3 H", ring(16), "exact", 0.3),
+    Design("12 read 5 times, series", ring(12), "smith", 8.0, repeats=5),
+    Design("8, series", ring(8), "smith", 5.0),
+    Design("8, iron of 0.15 H", ring(8), "exact", 0.15),
+    Design("6, series", ring(6), "smith", 5.0),
+    Design("24 over 240 degrees, series", 10.0 * np.arange(24), "smith", 5.0),
+    Design("4, one cycle", ring(4), "smith", 5.0, quadrantal=0.0),
+    Design("5, one cycle", ring(5), "smith", 5.0, quadrantal=0.0),
+)
+
+
+def bench(design: Design, rng: np.random.Generator) -> tuple[np.ndarray, Readings]:
+    """Return true coefficients, and what was read."""
+    direction = rng.uniform(0.0, 360.0)
+    semicircular = design.strength * np.array(angles.sin_cos(direction))
+    rest = design.strength * design.quadrantal * rng.normal(size=3)
+    true = np.array([rest[0], *semicircular, *rest[1:]])
+    intended = np.repeat(design.settings_deg + rng.uniform(0.0, 10.0), design.repeats)
+    off = np.repeat(rng.normal(0.0, GRADUATION_DEG, len(design.settings_deg)), design.repeats)
+    recorded = _recorded(design.truth, true, intended + off) + rng.normal(0.0, READING_DEG, len(intended))
+    return true, Readings(intended, angles.wrap360(recorded))
+
+
+def _recorded(truth: str, true: np.ndarray, correct_deg: np.ndarray) -> np.ndarray:
+    if truth == "exact":
+        return compass.recorded_heading(true, correct_deg)
+    recorded = correct_deg
+    for _ in range(200):  # the series has the recorded heading as its argument
+        recorded = correct_deg - von_appen.predict(true, recorded)
+    return recorded
+
+
+def deviation(truth: str, true: np.ndarray, recorded_deg: np.ndarray) -> np.ndarray:
+    """Return the true deviation at recorded headings, NaN where it is not a single one."""
+    if truth == "smith":
+        return von_appen.predict(true, recorded_deg)
+    roots = compass.inverse(true, recorded_deg)
+    return np.where(np.isfinite(roots[:, 1]), np.nan, angles.difference(roots[:, 0], recorded_deg))
+
+
+def misses(design: Design, true: np.ndarray, made: Calibration) -> tuple[np.ndarray, np.ndarray]:
+    """Return errors of coefficients and of the table over their stated standard uncertainties."""
+    found = (made.coefficients, made.covariance) if design.truth == "smith" else (made.exact, made.exact_covariance)
+    coefficients = (found[0] - true) / np.sqrt(np.diag(found[1])) if found[0].size else np.full(5, np.nan)
+    if made.table is None:
+        return coefficients, np.full(36, np.nan)
+    off = angles.wrap180(made.table.deviation_deg - deviation(design.truth, true, made.table.heading_deg))
+    return coefficients, off / made.table.sigma_deg
+
+
+def covered(z: np.ndarray) -> float:
+    """Return the share within 95 % intervals, percent; NaN where nothing was stated."""
+    known = np.abs(z[np.isfinite(z)])
+    return float(100.0 * np.mean(known <= 1.96)) if known.size else float("nan")
+
+
+def run(design: Design, benches: int, seed: int, say: Callable[[str], None]) -> bool:
+    """Try one design and say how it went; True where the intervals hold what they promise."""
+    rng = np.random.default_rng([seed, DESIGNS.index(design)])
+    coefficients, table, models = [], [], []
+    for _ in range(benches):
+        true, readings = bench(design, rng)
+        made = curves.calibration("platform", readings)
+        for kept, z in zip((coefficients, table), misses(design, true, made), strict=True):
+            kept.append(z)
+        models.append(made.model)
+    shares = [covered(np.array(x)) for x in (coefficients, table)]
+    used = ", ".join(f"{name} {100 * models.count(name) / benches:.0f} %" for name in sorted(set(models)))
+    said = [f"{share:.1f} %" if np.isfinite(share) else "none stated" for share in shares]
+    say(f"| {design.name} | {said[0]} | {said[1]} | {used} |")
+    return all(np.isnan(share) or ALLOWED[0] <= share <= ALLOWED[1] for share in shares)
+
+
+def main(benches: int = 1000, seed: int = 2007) -> int:
+    """Print the table of all designs; 1 where one of them misses."""
+    print("| headings | coefficients within 95 % | table within 95 % | model used |\n|---|---|---|---|")
+    held = [run(design, benches, seed, print) for design in DESIGNS]
+    return 0 if all(held) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main(*(int(argument) for argument in sys.argv[1:3])))

@@ -1,0 +1,101 @@
+"""A calibration made elsewhere as the deviation model of a mooring, in the mooring's own field."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib import angles, compass
+from compasslib.calibration.result import LETTERS
+from compasslib.deviation import exact, likelihood, model, transfer
+from compasslib.deviation.model import Fit, Noise
+from compasslib.deviation.transfer import Carried, Place
+from compasslib.records import BAD, EarthField, Pairs, Record
+
+Floats = NDArray[np.floating]
+
+METHOD = "calibration"
+LEAST_NOISE_DEG, MOST_NOISE_DEG = 0.8, 8.0  # of a compass, as the decision between branches resolves it
+
+
+def carried(content: Mapping[str, Any], field: EarthField, record: Record, pairs: Pairs) -> Fit:
+    """Return the exact compass of a calibration as it is at a mooring; without coefficients where that is unknown.
+
+    Args:
+        content: calibration.json.
+        field: the earth's field along the deployment.
+        record: the compromised instrument.
+        pairs: where a trusted instrument overlaps; they are counted and held against it, nothing is fitted to them.
+    """
+    why = _unusable(content)
+    if why:
+        return Fit(METHOD, len(pairs), why=f"calibration {content['name']}: {why}")
+    there = _carry(content, field)
+    folded = not compass.turns_full_circle(there.coefficients)
+    seen = Fit(METHOD, len(pairs), there.coefficients, there.covariance)
+    off = model.residual(seen, pairs)
+    off, when = off[np.isfinite(off)], pairs.time_s[np.isfinite(off)]
+    return Fit(
+        method=METHOD,
+        n_pairs=len(pairs),
+        coefficients=there.coefficients,
+        covariance=there.covariance,
+        n_effective=model.effective_number(off, when) if len(off) else 0.0,
+        residual_rms_deg=angles.rms(off),
+        recorded_range_deg=compass.recorded_range(there.coefficients),
+        folded=folded,
+        noise=Noise(compass_deg=float(np.clip(content["residual_rms_deg"] or 0.0, LEAST_NOISE_DEG, MOST_NOISE_DEG))),
+        heading_density=_density(there.coefficients, record),
+        warnings=_warnings(content, there),
+    )
+
+
+def origin(content: Mapping[str, Any], field: EarthField) -> dict[str, Any]:
+    """Return what deviation.json says of where the model comes from.
+
+    Args:
+        content: calibration.json.
+        field: the earth's field along the deployment.
+    """
+    said: dict[str, Any] = {"name": content["name"], "kind": content["kind"], "place": content["place"]}
+    if not _unusable(content):
+        there = _carry(content, field)
+        ends = {"if_all_hard": there.if_all_hard, "if_all_induced": there.if_all_induced}
+        said |= {"coefficients": content["exact"]["coefficients"]}
+        said |= {name: dict(zip(LETTERS, values.tolist(), strict=True)) for name, values in ends.items()}
+    return {"calibration": said}
+
+
+def _unusable(content: Mapping[str, Any]) -> str:
+    if content["exact"] is None:
+        return content["why"] or "it has no coefficients of the exact compass, its headings do not determine them"
+    if not np.isfinite(np.array(content["exact"]["covariance"], dtype=float)).all():
+        return "its coefficients of the exact compass are not all determined"
+    if content["place"]["field"] is None:
+        return "its place or date is unknown, so that its coefficients cannot be carried to the mooring's field"
+    return ""
+
+
+def _carry(content: Mapping[str, Any], field: EarthField) -> Carried:
+    given, home = content["exact"], content["place"]["field"]
+    covariance = np.array(given["covariance"], dtype=float)
+    # What a calibration's budget holds cannot be told from a turn of the whole compass at any one heading.
+    covariance[0, 0] += ((content["uncertainty"]["standard_deg"] or 0.0) * angles.DEGREE) ** 2
+    away = Place(float(np.mean(field.horizontal_nT)), float(np.mean(field.vertical_nT)))
+    at_home = Place(home["horizontal_nT"], home["vertical_nT"])
+    return transfer.carry([given["coefficients"][k] for k in LETTERS], covariance, at_home, away)
+
+
+def _density(coefficients: Floats, record: Record) -> Floats:
+    """Return how often each correct heading occurs by the record alone, both roots counted where there are two."""
+    recorded = record.heading_deg[np.isfinite(record.heading_deg) & (record.heading_quality < BAD)]
+    roots = compass.inverse(coefficients, recorded)
+    count = np.histogram(roots[np.isfinite(roots)], likelihood.CELLS, (0.0, 360.0))[0]
+    return exact.smoothed(1e-6 + count)
+
+
+def _warnings(content: Mapping[str, Any], there: Carried) -> tuple[str, ...]:
+    return (f"calibration {content['name']}: {there.warning}",) if there.warning else ()

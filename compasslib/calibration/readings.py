@@ -1,0 +1,79 @@
+"""Columns of a calibration's CSV files, by role; what is to be withheld is not even looked at."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib.errors import InputError
+from compasslib.readers import table
+
+Floats = NDArray[np.floating]
+
+LARGEST_DEG = 720.0  # an angle beyond two turns is in another unit
+ADVICE = "correct columns in the calibration's file"
+
+
+def read(
+    files: Sequence[str | Path], settings: Mapping[str, Any], *, required: Sequence[str], optional: Sequence[str] = ()
+) -> dict[str, Floats]:
+    """Return columns by role, files one after the other; an optional one only where every file has it.
+
+    Args:
+        files: CSV files with a header line.
+        settings: ``columns`` gives headers that differ from the roles, ``withhold`` roles or headers to leave out.
+        required: roles that must be there.
+        optional: roles that may be.
+
+    Raises:
+        InputError: a file or column is absent, a required one is withheld, or a value cannot be read.
+    """
+    paths, withheld = [Path(file) for file in files], set(settings.get("withhold") or ())
+    header = {role: (settings.get("columns") or {}).get(role, role) for role in (*required, *optional)}
+    names = [set(table.header_of(path)) for path in paths]
+    _refuse_unknown(withheld, set(header), set.union(*names), paths)
+    _refuse_withheld(required, header, withheld)
+    wanted = {
+        role: name
+        for role, name in header.items()
+        if role in required or (not {role, name} & withheld and all(name in there for there in names))
+    }
+    parts = [table.columns_of(path, wanted, ADVICE) for path in paths]
+    return {role: np.concatenate([part[role] for part in parts]) for role in wanted}
+
+
+def check_degrees(columns: Mapping[str, Floats], files: Sequence[str | Path]) -> None:
+    """Refuse angles that cannot be degrees.
+
+    Args:
+        columns: by role; those whose role ends in ``_deg`` are looked at.
+        files: where they come from.
+
+    Raises:
+        InputError: an angle lies beyond two turns.
+    """
+    for role, values in columns.items():
+        worst = np.nanmax(np.abs(values), initial=0.0) if role.endswith("_deg") else 0.0
+        if worst > LARGEST_DEG:
+            where = f"{', '.join(str(file) for file in files)}: {role}"
+            found = f"{worst:g}"
+            raise InputError(where, expected="degrees", found=found, advice="turn the column to degrees")
+
+
+def _refuse_unknown(withheld: set[str], roles: set[str], names: set[str], paths: Sequence[Path]) -> None:
+    unknown = sorted(withheld - roles - names)
+    if unknown:
+        where = f"{', '.join(str(path) for path in paths)}: withhold"
+        there = ", ".join(sorted(names)) or "an empty file"
+        raise InputError(where, expected=f"columns of it ({there})", found=unknown[0], advice="correct withhold")
+
+
+def _refuse_withheld(required: Sequence[str], header: Mapping[str, str], withheld: set[str]) -> None:
+    for role in required:
+        if {role, header[role]} & withheld:
+            expected, found = "columns that the calibration can do without", f"{role}, which it needs"
+            raise InputError("withhold", expected=expected, found=found, advice="take it out of withhold")

@@ -1,0 +1,84 @@
+"""What the rules of calibrations need from the cruise's configuration: files, modules and narrow settings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from compasslib import config_calibrations, provenance
+from compasslib.calibration import FIGURES, KINDS
+from compasslib.config import CALIBRATIONS, Cruise
+from compasslib.stages import refuse
+
+HOUSE = "compasslib"
+
+
+@dataclass(frozen=True)
+class Calibrations:
+    """Answers for the rules; each method takes a job's wildcards."""
+
+    cruise: Cruise
+    scripts: Path
+
+    def wanted(self) -> list[str]:
+        """Return all files that the calibrations of the cruise are to have."""
+        return [file for name in self.cruise.calibrations for file in (self.content(name), *self._drawn(name))]
+
+    def content(self, name: str) -> str:
+        """Return a calibration's calibration.json."""
+        return f"results/calibrations/{name}/calibration.json"
+
+    def raw_files(self, wildcards: Any) -> list[str]:
+        """Return the raw files of one calibration, in the order of its YAML file."""
+        return list(self.cruise.calibrations[wildcards.calibration].files)
+
+    def earlier(self, wildcards: Any) -> list[str]:
+        """Return the calibration that one is compared with; none where it stands alone."""
+        other = self.cruise.calibrations[wildcards.calibration].compare_with
+        return [] if other is None else [self.content(other)]
+
+    def kind(self, wildcards: Any) -> str:
+        """Return the kind of one calibration."""
+        return str(self.cruise.calibrations[wildcards.calibration].kind)
+
+    def settings(self, wildcards: Any) -> dict[str, Any]:
+        """Return the keys of one calibration's file that its kind takes."""
+        return config_calibrations.settings(self.cruise.calibrations[wildcards.calibration])
+
+    def modules(self, wildcards: Any) -> list[str]:
+        """Return the library files behind one calibration, its own kind's only."""
+        own = f"{HOUSE}/calibration/{KINDS[self.kind(wildcards)].module}.py"
+        return provenance.sources(self.scripts / "calibrate.py", own)
+
+    def figures(self, kind: str) -> list[str]:
+        """Return the figures of one kind."""
+        return [*FIGURES, *KINDS[kind].figures]
+
+    def figure_modules(self, kind: str) -> list[str]:
+        """Return the library files behind the figures of one kind."""
+        own = [f"{HOUSE}/plots_calibration_{KINDS[kind].module}.py"] if KINDS[kind].figures else []
+        return provenance.sources(self.scripts / "calibration_figures.py", *own)
+
+    def of_kind(self, kind: str) -> list[str]:
+        """Return the calibrations of one kind."""
+        return [name for name, file in self.cruise.calibrations.items() if file.kind == kind]
+
+    def _drawn(self, name: str) -> list[str]:
+        figures = self.figures(self.cruise.calibrations[name].kind)
+        return [f"results/calibrations/{name}/figures/{figure}.png" for figure in figures]
+
+
+def plan(cruise: Cruise, scripts: Path) -> Calibrations:
+    """Return the answers for the rules, after refusing kinds that this version does not offer.
+
+    Args:
+        cruise: the configuration.
+        scripts: folder of the jobs' scripts.
+
+    Raises:
+        InputError: a calibration of such a kind.
+    """
+    for name, file in cruise.calibrations.items():
+        refuse(f"{CALIBRATIONS}/{name}.yaml: kind", file.kind, tuple(KINDS))
+    return Calibrations(cruise, scripts)

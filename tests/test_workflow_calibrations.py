@@ -1,0 +1,170 @@
+"""Calibrations through Snakemake: without any mooring, and a mooring corrected by one that was made elsewhere."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import netCDF4
+import numpy as np
+import pytest
+import yaml
+from bench import MILD, readings, ring, write_calibration
+from sea import cruise, pairs
+from test_workflow import CONTRACT, PROJECT, change, snakemake
+
+from compasslib import angles, config, earthfield, stages_calibrations
+from compasslib.deviation import transfer
+
+AT_SEA = (0.02, 0.3, 0.1, 0.03, -0.02)
+SAMPLES = 600
+FIGURES = {"deviation.png", "residuals.png", "certificate.png"}
+
+
+def planned(folder: Path, project: Path = PROJECT) -> set[tuple[str, str]]:
+    """Return (rule, mooring or calibration) of the jobs that would run now."""
+    said = snakemake(folder, "--dry-run", "--quiet", "progress", project=project).stdout
+    jobs = re.findall(r"rule (\w+):\n((?:    .*\n)+)", said)
+    names = {(rule, (re.search(r"(?:mooring|calibration)=(\w+)", text) or ["", ""])[1]) for rule, text in jobs}
+    return {job for job in names if job[0] != "all"}
+
+
+def at_brest(coefficients) -> np.ndarray:
+    """Return a mooring's iron, all of it hard, as a bench at Brest sees it."""
+    places = []
+    for latitude, longitude, time_s in ((65.3333, -32.955, 1191000000.0), (48.4, -4.5, 1664409600.0)):
+        _, horizontal, vertical = (float(x[0]) for x in earthfield.igrf(latitude, longitude, time_s))
+        places.append(transfer.Place(horizontal, vertical))
+    return transfer.carry(coefficients, np.eye(5), *places, hard=1.0).coefficients
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory):
+    """A cruise whose moorings, with and without a trusted instrument, are corrected by a calibration at Brest."""
+    folder = cruise(tmp_path_factory.mktemp("cruise"), ("M1", "M2"), coefficients=AT_SEA, n=SAMPLES)
+    change(folder / "config/moorings/M2.yaml", fit={"method": "von_appen"})
+    change(folder / "config/moorings/M1.yaml", fit={"method": "calibration", "name": "bench"})
+    alone = yaml.safe_load((folder / "config/moorings/M1.yaml").read_text()) | {"name": "ALONE"}
+    del alone["reference"]
+    (folder / "config/moorings/ALONE.yaml").write_text(yaml.safe_dump(alone))
+    write_calibration(folder, "bench", readings(coefficients=at_brest(AT_SEA)), budget="le_menn")
+    write_calibration(folder, "later", readings(seed=3), compare_with="bench", table_step_deg=15)
+    write_calibration(folder, "few", readings(ring(3)), latitude=None, longitude=None)
+    ran = snakemake(folder)
+    assert ran.returncode == 0, ran.stderr
+    return folder
+
+
+def result(folder: Path, name: str) -> dict:
+    return json.loads((folder / f"results/calibrations/{name}/calibration.json").read_text())
+
+
+def test_every_calibration_has_its_files(done):
+    for name in ("bench", "later", "few"):
+        there = done / "results/calibrations" / name
+        assert {"calibration.json", "table.csv", "points.csv", "figures"} <= {path.name for path in there.iterdir()}
+        assert {path.name for path in (there / "figures").iterdir()} == FIGURES
+    bench, later, few = (result(done, name) for name in ("bench", "later", "few"))
+    assert (bench["kind"], bench["n"], bench["why"]) == ("platform", 36, "")
+    assert bench["source_files"] == ["raw/cal/bench.csv"] and bench["software"].startswith("compasslib")
+    assert bench["place"]["field"]["horizontal_nT"] == pytest.approx(21299.0, abs=30.0)
+    assert later["comparison"]["with"] == "bench" and later["comparison"]["differ"] is True
+    assert few["coefficients"] is None and few["why"].startswith("3 headings in 3 of 36 sectors")
+    with (done / "results/calibrations/later/table.csv").open() as stream:
+        rows = list(csv.DictReader(stream))
+    assert [float(row["recorded_deg"]) for row in rows] == list(np.arange(0.0, 360.0, 15.0))
+
+
+@pytest.mark.parametrize("mooring", ["M1", "ALONE"])
+def test_a_mooring_is_corrected_by_a_calibration_made_elsewhere(done, mooring):
+    """All the iron is hard here; half of it might be induced as far as one calibration tells, so a bias is stated."""
+    deviation = json.loads((done / f"results/{mooring}/deviation.json").read_text())
+    assert deviation["method"] == "calibration" and not deviation["folded"]
+    assert "may be" in deviation["warnings"][0] and deviation["calibration"]["name"] == "bench"
+    _, heading = pairs(AT_SEA, n=SAMPLES, seed=10)
+    with netCDF4.Dataset(done / f"results/{mooring}/corrected.nc") as nc:
+        recorded, found, sigma = (
+            nc[name][:].filled(np.nan) for name in ("HEADING", "HEADING_CORRECTED", "HEADING_CORRECTED_UNCERTAINTY")
+        )
+    off = angles.difference(found, heading)
+    assert angles.rms(off) < 3.0 < 10.0 < angles.rms(recorded - heading)
+    assert np.mean(np.abs(off) <= 1.96 * sigma) >= 0.93 and np.median(sigma) < 3.0
+
+
+def test_pairs_are_counted_and_judge_the_calibration_but_do_not_change_it(done):
+    both, alone = (json.loads((done / f"results/{name}/deviation.json").read_text()) for name in ("M1", "ALONE"))
+    assert both["coefficients"] == alone["coefficients"] and both["n_pairs"] > 500 and alone["n_pairs"] == 0
+    assessment = json.loads((done / "results/M1/assessment.json").read_text())
+    assert assessment["after"]["rms_deg"] < assessment["before"]["rms_deg"] and assessment["forms"] is None
+    summary = list(csv.DictReader((done / "results/summary.csv").read_text().splitlines()))
+    row = next(row for row in summary if row["name"] == "M1")
+    assert row["method"] == "calibration" and "calibration bench: B and C may be" in row["warnings"]
+
+
+def test_it_keeps_the_contract(done):
+    if not CONTRACT.exists():
+        pytest.skip("no ../shared/tools")
+    command = [sys.executable, CONTRACT, done, "--without", "diagnosis,report,calibrations"]
+    checked = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert checked.returncode == 0, checked.stdout
+
+
+def test_nothing_to_do_the_second_time(done):
+    assert planned(done) == set()
+
+
+def test_a_changed_calibration_runs_again_with_its_moorings_and_no_other(done):
+    file = done / "config/calibrations/bench.yaml"
+    change(file, uncertainty={"graduation_deg": 0.5})
+    jobs = planned(done)
+    assert {("calibrate", "bench"), ("figures_of_platform", "bench"), ("carry", "M1"), ("carry", "ALONE")} <= jobs
+    assert ("calibrate", "later") in jobs  # it is compared with this one
+    assert {job for job in jobs if job[1] in ("M2", "few")} == set()
+    assert not {rule for rule, _ in jobs} & {"read", "overlap", "earth_field", "fit"}
+    change(file, uncertainty=None)
+    assert planned(done) == set()
+
+
+def test_a_calibration_depends_on_its_own_kind_and_on_the_curves(done):
+    plan = stages_calibrations.plan(config.load(done), PROJECT / "workflow/scripts")
+    modules = {Path(path).name for path in plan.modules(SimpleNamespace(calibration="bench"))}
+    assert {"platform.py", "curves.py", "exact_curve.py", "budget.py", "earthfield.py", "table.py"} <= modules
+    assert not modules & {"swing.py", "magnetometer.py", "two_heads.py", "at_mooring.py", "plots_calibrations.py"}
+
+
+def test_a_cruise_of_calibrations_only(tmp_path):
+    (tmp_path / "config").mkdir()
+    (tmp_path / "config/config.yaml").write_text("moorings: []\n")
+    write_calibration(tmp_path, "aqd", readings(ring(16)), latitude=None, longitude=None, date=None)
+    ran = snakemake(tmp_path)
+    assert ran.returncode == 0, ran.stderr
+    assert result(tmp_path, "aqd")["place"]["field"] is None and not (tmp_path / "results/summary.csv").exists()
+    first = {path.name: path.read_bytes() for path in tmp_path.glob("results/calibrations/aqd/*.*")}
+    shutil.rmtree(tmp_path / "results")
+    assert snakemake(tmp_path).returncode == 0
+    assert first == {path.name: path.read_bytes() for path in tmp_path.glob("results/calibrations/aqd/*.*")}
+
+
+def test_a_bad_reading_is_one_line_and_a_bad_key_stops_before_any_work(tmp_path):
+    (tmp_path / "config").mkdir()
+    (tmp_path / "config/config.yaml").write_text("moorings: []\n")
+    write_calibration(tmp_path, "aqd", readings(ring(16), MILD))
+    (tmp_path / "raw/cal/aqd.csv").write_text("reference_deg,recorded_deg\n1,two\n")
+    ran = snakemake(tmp_path)
+    said = [line for line in ran.stderr.splitlines() if line.startswith("error:")]
+    assert ran.returncode != 0 and len(said) == 1 and "raw/cal/aqd.csv: line 2, recorded_deg" in said[0]
+    assert (
+        "Traceback" not in ran.stderr
+        and said[0] in (tmp_path / "results/calibrations/aqd/logs/calibrate.log").read_text()
+    )
+    shutil.rmtree(tmp_path / "results")
+    change(tmp_path / "config/calibrations/aqd.yaml", kind="swong")
+    ran = snakemake(tmp_path)
+    assert ran.returncode != 0 and "aqd.yaml: kind: expected platform" in ran.stderr and "Traceback" not in ran.stderr
+    assert not (tmp_path / "results").exists()

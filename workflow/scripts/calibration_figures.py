@@ -1,0 +1,12 @@
+"""Draw one calibration: calibration.json, table.csv, points.csv -> results/calibrations/NAME/figures/*.png."""
+
+from compasslib import archive_calibrations as archive
+from compasslib import plots_calibrations as plots
+from compasslib.job import job
+
+with job(snakemake.log[0]) as say:
+    files = ("calibration", "table", "points")
+    page = archive.read(**{file: snakemake.input[file] for file in files})
+    for figure, path in snakemake.output.items():
+        plots.draw(figure, path, page)
+    say(f"{snakemake.wildcards.calibration}: {len(snakemake.output)} figures")
