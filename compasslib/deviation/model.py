@@ -181,13 +181,19 @@ def effective_number(residual: Floats, time_s: Floats, *, longest_s: float = 5 *
     series, present = np.zeros(slot[-1] + 1), np.zeros(slot[-1] + 1)
     series[slot], present[slot] = residual - residual.mean(), 1.0
     lags = min(int(longest_s / step), len(series) // 3)
-    together = _lagged(present, lags)
-    rho = _lagged(series, lags) / np.maximum(together, 1.0)
+    together = lagged(present, lags)
+    rho = lagged(series, lags) / np.maximum(together, 1.0)
     rho = np.where(together > 0.02 * n, rho, 0.0) / rho[0]
     return float(np.clip(n / (1.0 + 2.0 * _positive_sum(rho[1:])), 1.0, n))
 
 
-def _lagged(x: Floats, lags: int) -> Floats:
+def lagged(x: Floats, lags: int) -> Floats:
+    """Return the sums of a series times itself 0, 1, ... steps later, (lags + 1,).
+
+    Args:
+        x: the series, 0 where nothing was measured.
+        lags: the most steps.
+    """
     size = 1 << (2 * len(x) - 1).bit_length()
     spectrum = np.fft.rfft(x, size)
     return np.fft.irfft(np.abs(spectrum) ** 2, size)[: lags + 1]

@@ -1,0 +1,114 @@
+"""Score tests of many groups of columns at once, against what the record's own noise makes of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib.discrepancy.baseline import State
+from compasslib.discrepancy.columns import Group
+
+Floats = NDArray[np.floating]
+
+THINNEST = 1e-6  # share of a group's largest direction below which a direction is taken for absorbed by the base
+BLOCK_S = 10 * 86400.0
+REPEATS = 300
+
+
+@dataclass(frozen=True)
+class Tested:
+    """Groups of columns with their statistics under the data and under the record's own noise."""
+
+    groups: list[Group]
+    freedom: Floats  # (g,) directions of each group
+    inflation: Floats  # (g,) mean statistic of the noise over the freedom
+    score: Floats  # (g,) normal score of each group's statistic
+    highest: Floats  # (r,) highest normal score of each draw of the noise
+
+    def threshold(self, alarm: float) -> float:
+        """Return the score that noise exceeds anywhere with a given probability, by Gumbel's law of the highest.
+
+        Args:
+            alarm: the probability.
+        """
+        scale = float(np.std(self.highest)) * np.sqrt(6.0) / np.pi
+        return float(np.mean(self.highest)) - scale * (np.euler_gamma + np.log(-np.log1p(-alarm)))
+
+
+def test(state: State, groups: Sequence[Group], seed: int = 0) -> Tested:
+    """Return the score tests of all groups.
+
+    Args:
+        state: the simulation where it stands.
+        groups: columns to test.
+        seed: of the draws.
+    """
+    groups = [group for group in groups if group.columns.shape[1]]
+    ends = np.cumsum([group.columns.shape[1] for group in groups])
+    white = state.projected(np.concatenate([group.columns for group in groups], axis=1).astype(np.float32))
+    bases = [_directions(part) for part in np.split(white, ends[:-1], axis=1)]
+    kept = [k for k, basis in enumerate(bases) if basis.shape[1]]
+    groups, bases = [groups[k] for k in kept], [bases[k] for k in kept]
+    freedom = np.array([basis.shape[1] for basis in bases], dtype=float)
+    begins = np.concatenate([[0], np.cumsum(freedom)[:-1]]).astype(int)
+    every = np.concatenate(bases, axis=1)
+    seen = np.add.reduceat((every.T @ state.innovation) ** 2, begins) / state.sigma**2
+    noise = np.add.reduceat((resampled(state, seed) @ every) ** 2, begins, axis=1) / state.sigma**2
+    inflation = noise.mean(axis=0) / freedom
+    scores = normal_score(np.vstack([seen, noise]) / inflation, freedom)
+    return Tested(groups, freedom, inflation, scores[0], scores[1:].max(axis=1))
+
+
+def gain(state: State, columns_deg: Floats) -> float:
+    """Return the statistic of one group of columns, about its freedom where there is nothing.
+
+    Args:
+        state: the simulation where it stands.
+        columns_deg: (n, k), degrees a unit.
+    """
+    basis = _directions(state.projected(columns_deg))
+    return float(np.sum((basis.T @ state.innovation) ** 2)) / state.sigma**2
+
+
+def resampled(state: State, seed: int, repeats: int = REPEATS) -> Floats:
+    """Return draws of the record's own noise: blocks of days of its innovations at other dates, turned at random.
+
+    Args:
+        state: the simulation where it stands.
+        seed: of the draws.
+        repeats: number of draws.
+    """
+    rng, n = np.random.default_rng(seed), len(state.innovation)
+    step = float(np.median(np.diff(state.case.scene.time_s)))
+    length = int(np.clip(BLOCK_S / step, 5, max(n // 10, 5)))
+    blocks = -(-n // length)
+    begin = rng.integers(0, n, (repeats, blocks))
+    sign = rng.choice([-1.0, 1.0], (repeats, blocks)).astype(np.float32)
+    doubled = np.concatenate([state.innovation, state.innovation]).astype(np.float32)
+    windows = np.lib.stride_tricks.sliding_window_view(doubled, length)
+    return (windows[begin] * sign[:, :, None]).reshape(repeats, -1)[:, :n]
+
+
+def normal_score(statistic: Floats, freedom: Floats) -> Floats:
+    """Return the normal score of a chi-squared statistic (Wilson and Hilferty, PNAS 17, 684, 1931).
+
+    Args:
+        statistic: (..., g).
+        freedom: (g,).
+    """
+    spread = 2.0 / (9.0 * freedom)
+    return (np.cbrt(np.maximum(statistic, 0.0) / freedom) - 1.0 + spread) / np.sqrt(spread)
+
+
+def _directions(white: Floats) -> Floats:
+    """Return an orthonormal basis of whitened columns, float32."""
+    scale = np.linalg.norm(white, axis=0)
+    unit = white[:, scale > 0] / scale[scale > 0]
+    if not unit.shape[1]:
+        return unit
+    values, vectors = np.linalg.eigh((unit.T @ unit).astype(float))
+    kept = values > max(THINNEST * values[-1], 1e-5)
+    return (unit @ (vectors[:, kept] / np.sqrt(values[kept])).astype(np.float32)).astype(np.float32)
