@@ -16,6 +16,7 @@ from compasslib.records import Pairs
 
 HOUR_S, YEAR_H = 3600.0, 8766.0
 RAD = np.pi / 180.0
+STRONGEST_DOWN = 15.0  # thousand nT along the vertical: more iron than any instrument carries
 HEELING, DRIFT, STEP, TEMPERATURE, VOLTAGE = (
     "heeling",
     "hard_iron_drift",
@@ -127,11 +128,11 @@ def make(seed: int, *, wide: bool, noise_deg: float = 12.0, n: int = 8000) -> Wo
     down = np.sqrt(lower_share) * (white[1, 0] + 1j * white[1, 1])
     upper = flow - 0.5 * reds - up
 
-    lean = 4.5 * (speed / 0.4) ** 2 / (1 + (speed / 0.8) ** 2)
+    lean = 7.0 * (speed / 0.4) ** 2 / (1 + (speed / 0.8) ** 2)
     relative = towards(flow) - heading
     tilt = np.array([
-        rng.uniform(-4, 4) - lean * np.cos(relative * RAD) + red(rng, n, 2, 0.6),
-        rng.uniform(-4, 4) + lean * np.sin(relative * RAD) + red(rng, n, 2, 0.6),
+        rng.uniform(-4, 4) - lean * np.cos(relative * RAD) + red(rng, n, 2, 1.0),
+        rng.uniform(-4, 4) + lean * np.sin(relative * RAD) + red(rng, n, 2, 1.0),
     ])  # fmt: skip
     blow = lfilter([0.3], [1, -0.7], speed**2)
     depth = 100 + 300 * blow / 0.5 + 0.7 * np.cos(2 * np.pi * hours / 12.42) + rng.normal(0, 0.5, n)
@@ -175,8 +176,7 @@ def compass(world, *, extra=None, offset=None, uncompensated=False):
     if uncompensated:
         x, y = m[0], m[1]
     gamma = np.arctan2(-y, x) / RAD
-    gamma = gamma + (0 if offset is None else offset(gamma))
-    return gamma
+    return gamma + (0 if offset is None else offset(gamma))
 
 
 def five_term_residual(gamma, heading):
@@ -254,9 +254,11 @@ def effect(world: World, name: str) -> Effect:
             return Effect({"deg_m": 1.0}, veer=world.separation - world.separation.mean())
         return Effect({"sine_deg": np.cos(angle), "cosine_deg": np.sin(angle)}, veer=np.sin(direction * RAD + angle))
     if name == "clock_offset":
-        return Effect({"hours": 0.2}, clock=zero + 0.2)
+        hours = rng.choice([-1, 1]) * rng.uniform(0.45, 1.5)  # less is not to be named
+        return Effect({"hours": hours}, clock=zero + hours)
     if name == "clock_drift":
-        return Effect({"hours_year": 0.4}, clock=0.4 * years)
+        rate = rng.choice([-1, 1]) * rng.uniform(0.6, 1.5)
+        return Effect({"hours_year": rate}, clock=rate * years)
     return Effect({}, **_unknown(world, name, angle))
 
 
@@ -327,9 +329,11 @@ def planted(world: World, wanted: dict[str, float]) -> Drawn:
     parts, truth, seen = [], {}, {}
     for name, target in wanted.items():
         part = effect(world, name)
-        size = target / max(visible(world, part, 1.0), 0.02)
-        for _ in range(2):
+        size = 1.0 if part.clock is not None else target / max(visible(world, part, 1.0), 0.02)
+        for _ in range(2 * (part.clock is None)):
             size *= np.clip(target / max(visible(world, part, size), 1e-3), 0.3, 3.0)
+        if name == "heeling":
+            size = np.clip(size, -STRONGEST_DOWN, STRONGEST_DOWN)
         parts.append((part, size))
         truth[name] = {k: v * size if k != "date_s" else v for k, v in part.parameters.items()}
         seen[name] = visible(world, part, size)

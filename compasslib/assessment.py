@@ -7,7 +7,6 @@ tried on those.
 
 from __future__ import annotations
 
-from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -17,6 +16,7 @@ from compasslib import angles, correction, deviation
 from compasslib.deviation import exact, model
 from compasslib.deviation.forms import EXACT, FORMS
 from compasslib.deviation.model import Fit
+from compasslib.deviation.model import chosen as choose
 from compasslib.records import Pairs
 
 Floats = NDArray[np.floating]
@@ -25,17 +25,6 @@ BLOCK_S = 10 * 86400.0
 FOLDS = 2
 FEWEST_FOR_FORMS = 4 * model.FEWEST_PAIRS
 FORM_PAIRS = 1500  # as many pairs, evenly taken, tell the forms apart; more only take longer
-
-
-def choose(pairs: Pairs, which: NDArray[Any]) -> Pairs:
-    """Return some of the pairs.
-
-    Args:
-        pairs: n pairs.
-        which: positions or a mask.
-    """
-    arrays = {f.name: getattr(pairs, f.name) for f in fields(pairs) if f.name != "warnings"}
-    return Pairs(**{name: column[which] for name, column in arrays.items()}, warnings=pairs.warnings)
 
 
 def held_out_headings(pairs: Pairs, fit: Fit) -> Floats:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
@@ -142,6 +142,17 @@ def observed_deviation(pairs: Pairs) -> Floats:
     """
     lower = angles.direction(pairs.lower_east, pairs.lower_north)
     return angles.difference(lower, angles.direction(pairs.upper_east, pairs.upper_north))
+
+
+def chosen(pairs: Pairs, which: NDArray[Any]) -> Pairs:
+    """Return some of the pairs.
+
+    Args:
+        pairs: n pairs.
+        which: positions or a mask.
+    """
+    arrays = {f.name: getattr(pairs, f.name) for f in fields(pairs) if f.name != "warnings"}
+    return Pairs(**{name: column[which] for name, column in arrays.items()}, warnings=pairs.warnings)
 
 
 def nearest_root(roots_deg: Floats, observed_deg: Floats) -> Floats:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -32,7 +33,7 @@ class Estimate:
     def term_covariances(self) -> list[Floats]:
         """Covariance of each term's own parameters."""
         ends = 5 + np.cumsum([0, *(len(term.fitted()) for term in self.state.simulation.terms)])
-        return [self.covariance[a:b, a:b] for a, b in zip(ends[:-1], ends[1:], strict=True)]
+        return [self.covariance[a:b, a:b] for a, b in itertools.pairwise(ends)]
 
 
 def refit(state: State, terms: Sequence[Term]) -> State:
@@ -68,7 +69,7 @@ def dated(state: State) -> State:
             continue
         others = [t for j, t in enumerate(terms) if j != k]
         free = refit(state, others)
-        near = np.arange(term.date_s - NEARBY_S, term.date_s + NEARBY_S, FINE_S)  # type: ignore[attr-defined]
+        near = np.arange(term.date - NEARBY_S, term.date + NEARBY_S, FINE_S)
         tried = columns.of_dates(free, type(term), near)
         gains = [scan.gain(free, group.columns) for group in tried]
         best = tried[int(np.argmax(gains))].term
@@ -94,6 +95,33 @@ def estimate(state: State) -> Estimate:
     robust = inverse @ (sums.T @ sums) @ inverse * count / (count - 1)
     share = np.sqrt(np.maximum(np.diag(robust) / np.maximum(np.diag(model_based), 1e-300), 1.0))
     return Estimate(state, model_based * np.outer(share, share))
+
+
+def effect_deg(state: State, k: int, covariance: Floats) -> float:
+    """Return the visible size of a fitted term, rms degrees, freed of what its own uncertainty adds.
+
+    Args:
+        state: with terms.
+        k: position of the term.
+        covariance: of its parameters.
+    """
+    ends = 5 + np.cumsum([0, *(len(term.fitted()) for term in state.simulation.terms)])
+    others = np.column_stack([state.base[:, :5], state.base[:, ends[-1] :]])
+    own, values = state.base[:, ends[k] : ends[k + 1]], state.simulation.terms[k].values
+    weight = 1.0 / state.whitener.width_deg
+    taken, *_ = np.linalg.lstsq(others * weight[:, None], own * weight[:, None], rcond=1e-9)
+    seen = (own - others @ taken)[weight > 0]
+    product = seen.T @ seen / len(seen)
+    return float(np.sqrt(max(float(values @ product @ values) - float(np.sum(product * covariance)), 0.0)))
+
+
+def sizes_deg(state: State) -> list[float]:
+    """Return the visible size of each term, rms degrees.
+
+    Args:
+        state: with terms.
+    """
+    return [effect_deg(state, k, covariance) for k, covariance in enumerate(estimate(state).term_covariances)]
 
 
 def _step(state: State) -> Floats:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib import angles
+from compasslib import compass
 from compasslib.deviation import model
 from compasslib.deviation.model import Fit
 from compasslib.discrepancy import covariates
@@ -47,7 +47,9 @@ def case(
     """
     columns = covariates.of_pairs(pairs, logged)
     references = {name: float(np.mean(column)) for name, column in columns.items()}
-    scene = scene_of(pairs, columns, references, field)
+    observed = model.observed_heading(pairs)
+    heading = model.nearest_root(compass.inverse(fit.coefficients, pairs.heading_deg), observed)
+    scene = scene_of(pairs, columns, references, field=field, heading_deg=heading)
     simulation = Simulation(fit.coefficients, float(np.mean(scene.horizontal_nT)))
     terms, missing = testable(scene, reference_magnetic)
     upper, lower = model.speeds(pairs)
@@ -56,7 +58,7 @@ def case(
         simulation=simulation,
         scene=scene,
         recorded_deg=pairs.heading_deg,
-        observed_deg=model.observed_heading(pairs),
+        observed_deg=observed,
         slowness=np.hypot(1.0 / np.maximum(upper, 1e-3), 1.0 / np.maximum(lower, 1e-3)),
         precision_deg=fit.noise.compass_deg,
         covariates=columns,
@@ -66,7 +68,14 @@ def case(
     )
 
 
-def scene_of(pairs: Pairs, columns: Mapping[str, Floats], references: Mapping[str, float], field: EarthField) -> Scene:
+def scene_of(
+    pairs: Pairs,
+    columns: Mapping[str, Floats],
+    references: Mapping[str, float],
+    *,
+    field: EarthField,
+    heading_deg: Floats,
+) -> Scene:
     """Return in what the pairs were measured.
 
     Args:
@@ -74,6 +83,7 @@ def scene_of(pairs: Pairs, columns: Mapping[str, Floats], references: Mapping[st
         columns: covariates, (n,) each.
         references: what the terms' departures count from.
         field: the earth's field along time.
+        heading_deg: headings as the fit corrects them, (n,), degrees.
     """
     h, z = (np.interp(pairs.time_s, field.time_s, x) for x in (field.horizontal_nT, field.vertical_nT))
     return Scene(
@@ -83,7 +93,7 @@ def scene_of(pairs: Pairs, columns: Mapping[str, Floats], references: Mapping[st
         pitch_deg=np.nan_to_num(pairs.pitch_deg),
         roll_deg=np.nan_to_num(pairs.roll_deg),
         begin_s=references["time"],
-        departures=covariates.departures(pairs, columns, references),
+        departures=covariates.departures(pairs, columns, references, heading_deg),
     )
 
 
@@ -116,7 +126,8 @@ def _nuisance(pairs: Pairs, scene: Scene, simulation: Simulation) -> Floats:
     """Return columns that every overlap has: noise of the tilt sensor through Z, and a rate of turn of the flow.
 
     The noise of a recorded tilt stands in the heading and in the tilt alike; on the fast part of the tilt it looks
-    like heeling. A clock, or water that arrives at one depth later, shows as the rate of turn.
+    like heeling. A clock, or water that arrives at one depth later, shows as the rate of turn of the flow, and a clock
+    that drifts as the same growing.
     """
     span = max(int(WOBBLE_HOURS * 3600.0 / np.median(np.diff(pairs.time_s))), 1)
     fast = [x - _running_mean(x, span) for x in (scene.pitch_deg, scene.roll_deg)]
@@ -124,8 +135,8 @@ def _nuisance(pairs: Pairs, scene: Scene, simulation: Simulation) -> Floats:
     vertical = Simulation(simulation.coefficients, simulation.horizontal_nT, (Heeling(),))
     heading = composition.headings(simulation, scene, pairs.heading_deg)[:, 0]
     noise = composition.derivative(vertical, wobble, heading, first=5) * scene.vertical_nT[:, None]
-    turning = 3600.0 * covariates.rate(angles.direction(pairs.upper_east, pairs.upper_north), scene.time_s)
-    columns = np.column_stack([np.nan_to_num(noise), turning])
+    turning = scene.departures["flow_turn"]
+    columns = np.column_stack([np.nan_to_num(noise), turning, turning * scene.years])
     return columns[:, columns.std(axis=0) > 0.0]
 
 

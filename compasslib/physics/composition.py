@@ -64,8 +64,36 @@ def recorded_heading(simulation: Simulation, scene: Scene, heading_deg: Floats) 
         scene: in what the recording was made.
         heading_deg: correct magnetic headings, (n,), degrees.
     """
-    sensed = compass.recorded_heading(coefficients_at(simulation, scene), heading_deg - north(simulation, scene))
-    return angles.wrap360(readout(simulation, scene, sensed))
+    earth = earth_in_body(scene, heading_deg - north(simulation, scene))
+    return angles.wrap360(readout(simulation, scene, sensed_angle(simulation, scene, earth)))
+
+
+def earth_in_body(scene: Scene, heading_deg: Floats) -> Floats:
+    """Return the earth's field forward, starboard and down in the tilted body, (n, 3) nT.
+
+    Args:
+        scene: in what the recording was made.
+        heading_deg: headings to where magnetic north is, (n,), degrees.
+    """
+    sine, cosine = angles.sin_cos(heading_deg)
+    level = np.stack([scene.horizontal_nT * cosine, -scene.horizontal_nT * sine, scene.vertical_nT], axis=-1)
+    return np.einsum("nji,nj->ni", scene.levelling, level)
+
+
+def sensed_angle(simulation: Simulation, scene: Scene, earth_nT: Floats) -> Floats:
+    """Return the angle of the levelled field before the readout, (n,) degrees.
+
+    Args:
+        simulation: compass and terms.
+        scene: in what the recording was made.
+        earth_nT: earth's field in the body, (n, 3).
+    """
+    soft, hard = _iron(simulation)
+    field: Floats = earth_nT @ soft.T + hard
+    for term in _acting(simulation, "field"):
+        field = term.act(field, scene)
+    x, y = (np.einsum("nj,nj->n", scene.levelling[:, k], field) for k in (0, 1))
+    return angles.argument(x - 1j * y)
 
 
 def headings(simulation: Simulation, scene: Scene, recorded_deg: Floats) -> Floats:
@@ -88,12 +116,8 @@ def coefficients_at(simulation: Simulation, scene: Scene) -> Floats:
         simulation: compass and terms.
         scene: in what the recording was made.
     """
-    a, b, c, d, e = simulation.coefficients
-    u = 1.0 - 1j * a
-    p, v = (b - 1j * c) / u, (d - 1j * e) / u
-    soft: Floats = np.array([[1.0 + v.real, -v.imag, 0.0], [-v.imag, 1.0 - v.real, 0.0], [0.0, 0.0, 1.0]])
-    hard: Floats = simulation.horizontal_nT * np.array([p.real, -p.imag, 0.0])
-    acting = [term for term in simulation.terms if term.acts_on == "field"]
+    soft, hard = _iron(simulation)
+    acting = _acting(simulation, "field")
     if acting:
         soft, hard = _composed(soft, hard, acting, scene)
     return compass.level_coefficients(
@@ -115,9 +139,8 @@ def readout(simulation: Simulation, scene: Scene, sensed_deg: Floats) -> Floats:
         sensed_deg: angle of the levelled field, (n,), degrees.
     """
     reading = sensed_deg - float(np.arctan(simulation.coefficients[0])) / angles.DEGREE
-    for term in simulation.terms:
-        if term.acts_on == "reading":
-            reading = term.act(reading, scene)
+    for term in _acting(simulation, "reading"):
+        reading = term.act(reading, scene)
     return reading
 
 
@@ -173,11 +196,17 @@ def derivative(
     slope = steepness(simulation, scene, heading_deg)
     slope = np.where(np.abs(slope) < FLATTEST, np.copysign(FLATTEST, slope), slope)
     at, steps, columns = simulation.parameters, 0.05 * simulation.steps, []
+    earth = None if _moves_north(simulation) else earth_in_body(scene, heading_deg)
+
+    def read(tried: Simulation) -> Floats:
+        seen = earth_in_body(scene, heading_deg - north(tried, scene)) if earth is None else earth
+        return readout(tried, scene, sensed_angle(tried, scene, seen))
+
     for j in range(first, len(at) if last is None else last):
         step = steps[j]
         unit = step * (np.arange(len(at)) == j)
         more, less = simulation.at(at + unit), simulation.at(at - unit)
-        turned = angles.difference(*(recorded_heading(x, scene, heading_deg) for x in (more, less)))
+        turned = angles.difference(read(more), read(less))
         veered = veer(more, scene) - veer(less, scene)
         columns.append((veered - turned / slope) / (2.0 * step))
     return np.stack(columns, axis=1)
@@ -191,17 +220,31 @@ def steepness(simulation: Simulation, scene: Scene, heading_deg: Floats) -> Floa
         scene: in what the recording was made.
         heading_deg: correct magnetic headings, (n,), degrees.
     """
-    coefficients, turned = coefficients_at(simulation, scene), heading_deg - north(simulation, scene)
-    sensed = compass.recorded_heading(coefficients, turned)
-    ahead, behind = (readout(simulation, scene, sensed + s) for s in (PROBE_DEG, -PROBE_DEG))
-    return compass.slope(coefficients, turned) * (ahead - behind) / (2.0 * PROBE_DEG)
+    ahead, behind = (recorded_heading(simulation, scene, heading_deg + s) for s in (PROBE_DEG, -PROBE_DEG))
+    return angles.difference(ahead, behind) / (2.0 * PROBE_DEG)
+
+
+def _iron(simulation: Simulation) -> tuple[Floats, Floats]:
+    """Return the level compass as a soft-iron matrix and a hard iron in nT, A left to the readout."""
+    a, b, c, d, e = simulation.coefficients
+    u = 1.0 - 1j * a
+    p, v = (b - 1j * c) / u, (d - 1j * e) / u
+    soft: Floats = np.array([[1.0 + v.real, -v.imag, 0.0], [-v.imag, 1.0 - v.real, 0.0], [0.0, 0.0, 1.0]])
+    return soft, simulation.horizontal_nT * np.array([p.real, -p.imag, 0.0])
+
+
+def _moves_north(simulation: Simulation) -> bool:
+    return bool(_acting(simulation, "north"))
+
+
+def _acting(simulation: Simulation, on: str) -> list[Term]:
+    return [term for term in simulation.terms if term.acts_on == on]
 
 
 def _total(simulation: Simulation, scene: Scene, what: str) -> Floats | float:
     total: Floats | float = 0.0
-    for term in simulation.terms:
-        if term.acts_on == what:
-            total = term.act(np.broadcast_to(total, (len(scene),)).astype(float), scene)
+    for term in _acting(simulation, what):
+        total = term.act(np.broadcast_to(total, (len(scene),)).astype(float), scene)
     return total
 
 

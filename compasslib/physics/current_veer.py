@@ -7,6 +7,8 @@ from typing import ClassVar
 
 from compasslib.physics.term import Floats, Scene, Term, parameter
 
+STRONGEST_DEG = 30.0  # harmonic of a veer that is still believed
+
 
 @dataclass(frozen=True)
 class VeerWithSpeed(Term):
@@ -73,10 +75,16 @@ class VeerWithDirection(Term):
     needs: ClassVar[tuple[str, ...]] = ("flow_east", "flow_north")
     recordings: ClassVar[tuple[str, ...]] = ("mooring",)
 
-    sine_deg: float = parameter("degrees", "times the sine of the flow's direction", 1.0)
-    cosine_deg: float = parameter("degrees", "times its cosine", 1.0)
-    sine2_deg: float = parameter("degrees", "times the sine of its double", 1.0)
-    cosine2_deg: float = parameter("degrees", "times the cosine of its double", 1.0)
+    sine_deg: float = parameter(
+        "degrees", "times the sine of the flow's direction", 1.0, least=-STRONGEST_DEG, most=STRONGEST_DEG
+    )
+    cosine_deg: float = parameter("degrees", "times its cosine", 1.0, least=-STRONGEST_DEG, most=STRONGEST_DEG)
+    sine2_deg: float = parameter(
+        "degrees", "times the sine of its double", 1.0, least=-STRONGEST_DEG, most=STRONGEST_DEG
+    )
+    cosine2_deg: float = parameter(
+        "degrees", "times the cosine of its double", 1.0, least=-STRONGEST_DEG, most=STRONGEST_DEG
+    )
 
     def act(self, x: Floats, scene: Scene) -> Floats:
         """Return the veer."""

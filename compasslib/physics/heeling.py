@@ -17,7 +17,7 @@ class Heeling(Term):
     name: ClassVar[str] = "heeling"
     literature: ClassVar[str] = "physics page, section 4: n = T m, so tilt turns b_z into q; left out by von Appen 2015"
 
-    b_z_nT: float = parameter("nT", "field down, induced part (S33 - S11) Z included", 1000.0, least=-20e3, most=20e3)
+    b_z_nT: float = parameter("nT", "field down, induced part (S33 - S11) Z included", 1000.0, least=-25e3, most=25e3)
 
     def act(self, x: Floats, scene: Scene) -> Floats:
         """Return the field with the vertical iron's added."""

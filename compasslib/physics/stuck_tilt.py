@@ -29,6 +29,6 @@ class StuckTilt(Term):
     def act(self, x: Floats, scene: Scene) -> Floats:
         """Return the field that, levelled rightly, gives what the wrong levelling gives."""
         stuck = scene.since(self.date_s)
-        right = compass.levelling(scene.pitch_deg, scene.roll_deg)
+        right = scene.levelling
         wrong = compass.levelling(scene.pitch_deg + self.pitch_deg * stuck, scene.roll_deg + self.roll_deg * stuck)
         return np.einsum("nji,njk,nk->ni", right, wrong, x)

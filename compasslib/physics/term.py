@@ -10,10 +10,13 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
+
+from compasslib import compass
 
 Floats = NDArray[np.floating]
 Side = Literal["compass", "reference", "water", "clock"]
@@ -37,6 +40,11 @@ class Scene:
 
     def __len__(self) -> int:
         return len(self.time_s)
+
+    @cached_property
+    def levelling(self) -> Floats:
+        """What turns the body level at each sample, (n, 3, 3)."""
+        return compass.levelling(np.nan_to_num(self.pitch_deg), np.nan_to_num(self.roll_deg))
 
     @property
     def years(self) -> Floats:
@@ -103,9 +111,19 @@ class Term(ABC):
         return np.array([f.metadata["step"] for f in fields(cls) if f.metadata["step"]])
 
     @classmethod
+    def units(cls) -> tuple[str, ...]:
+        """Return the units of the parameters that are fitted."""
+        return tuple(f.metadata["unit"] for f in fields(cls) if f.metadata["step"])
+
+    @classmethod
     def dated(cls) -> bool:
         """Tell whether the effect has a date."""
         return any(f.metadata["unit"] == "s" and not f.metadata["step"] for f in fields(cls))
+
+    @property
+    def date(self) -> float:
+        """The date of a term that has one, UTC seconds since 1970; else 0."""
+        return float(getattr(self, "date_s", 0.0))
 
     @property
     def believable(self) -> bool:

@@ -7,7 +7,6 @@ from typing import ClassVar
 
 import numpy as np
 
-from compasslib import compass
 from compasslib.physics.term import Floats, Scene, Term, parameter
 
 
@@ -19,9 +18,9 @@ class TiltUncompensated(Term):
     stage: ClassVar = "sensor"
     literature: ClassVar[str] = "physics page, section 4: n = m instead of T m; 1 means no compensation at all"
 
-    share: float = parameter("1", "of the levelling that is left out", 0.05, least=0.5, most=1.5)
+    share: float = parameter("1", "of the levelling that is left out", 0.05, least=0.65, most=1.5)
 
     def act(self, x: Floats, scene: Scene) -> Floats:
         """Return the field that, levelled rightly, gives what is left without levelling."""
-        level = compass.levelling(scene.pitch_deg, scene.roll_deg)
+        level = scene.levelling
         return (1.0 - self.share) * x + self.share * np.einsum("nji,nj->ni", level, x)
