@@ -23,6 +23,7 @@ from compasslib.physics.composition import Simulation
 Floats = NDArray[np.floating]
 
 ROUNDS = 2
+BRANCHES_APART = 5.0  # widths of the scatter that two headings of one reading must be apart
 STIFFEST = 1e-4  # prior precision of a baseline column in whitened units, against columns that hardly vary
 
 
@@ -110,6 +111,10 @@ def _residual(case: Case, simulation: Simulation, nuisance: Floats) -> tuple[Flo
     roots = composition.headings(simulation, case.scene, case.recorded_deg)
     heading = model.nearest_root(roots, shown)
     slope = np.maximum(np.abs(composition.steepness(simulation, case.scene, heading)), composition.FLATTEST)
+    # Where a folded compass leaves two headings close together, the nearer one to a noisy direction is no residual.
+    with np.errstate(invalid="ignore"):
+        close = np.abs(angles.difference(roots[:, 0], roots[:, 1])) < BRANCHES_APART * case.expected_deg
+    heading = np.where(close, np.nan, heading)
     return heading, angles.difference(shown, heading), case.precision_deg / slope
 
 

@@ -24,6 +24,9 @@ class Case:
     recorded_deg: Floats  # (n,) heading that the compromised compass gave
     observed_deg: Floats  # (n,) heading that the trusted side shows
     slowness: Floats  # (n,) what widens the scatter, 1/speed; 0 where nothing does
+    expected_deg: (
+        Floats  # (n,) width of the scatter as the fit has it; two headings nearer than a few are not told apart
+    )
     precision_deg: float  # noise of the recorded heading itself
     covariates: Mapping[str, Floats]  # (n,) each; what the omnibus tests look along
     nuisance: Floats  # (n, k) columns that are fitted and never named

@@ -1,7 +1,7 @@
 """The clocks of the two instruments, from the speeds that both measured: no compass is in them.
 
-The time by which one series of speeds trails the other is estimated in some ten windows, so that the record itself says
-how sure it is. Water that arrives at one depth later looks the same; such delays were 0.2 h where no clock was wrong.
+The time by which one series of speeds trails the other is estimated in some sixteen windows, so that the record itself
+says how sure it is. Water that arrives at one depth later looks the same, by 0.2 h where no clock was wrong.
 """
 
 from __future__ import annotations
@@ -20,10 +20,11 @@ Floats = NDArray[np.floating]
 
 HOUR_S = 3600.0
 LEAST_HOURS = 0.3  # real water delays by less
-WINDOWS, FEWEST_IN_WINDOW = 10, 100
+WINDOWS, FEWEST_IN_WINDOW = 16, 100
 LONGEST_HOURS = 12.0
 SLOW_HOURS = 12.0  # half of the running mean that is taken off
 SIGMAS = 4.5
+CLOSE = 10.0
 CLEAREST = 0.2  # correlation of the speeds below which a window says nothing
 
 
@@ -37,6 +38,7 @@ class Clock:
     drift_sigma_h_year: float = np.inf
     offset_named: bool = False
     drift_named: bool = False
+    ambiguous: bool = False  # whether the other of offset and drift fits nearly as well
 
     @property
     def named(self) -> bool:
@@ -75,21 +77,33 @@ def compare(pairs: Pairs) -> Clock:
 
 
 def _judged(years: Floats, ahead_h: Floats, span_years: float) -> Clock:
-    """Name a drift where it is clear and large over the record, an offset where the rest of it is."""
-    design = np.column_stack([np.ones(len(years)), years])
-    middle, spread = float(np.mean(ahead_h)), float(np.std(ahead_h, ddof=1) / np.sqrt(len(years)))
-    line, *_ = np.linalg.lstsq(design, ahead_h, rcond=None)
-    scatter = np.sum((ahead_h - design @ line) ** 2) / (len(years) - 2)
-    sigma = np.sqrt(np.diag(np.linalg.inv(design.T @ design)) * scatter)
-    if _clear(line[1], sigma[1]) and abs(line[1]) * span_years >= LEAST_HOURS:
-        offset = _clear(line[0], sigma[0]) and abs(line[0]) >= LEAST_HOURS
-        if not offset:  # all of it drift: the line goes through zero
-            rate = float(years @ ahead_h / (years @ years))
-            left = np.sum((ahead_h - rate * years) ** 2) / (len(years) - 1)
-            return Clock(0.0, rate, float(sigma[0]), float(np.sqrt(left / (years @ years))), False, True)
-        return Clock(float(line[0]), float(line[1]), float(sigma[0]), float(sigma[1]), True, True)
-    named = _clear(middle, spread) and abs(middle) >= LEAST_HOURS
-    return Clock(middle, 0.0, spread, float(sigma[1]), named, False)
+    """Return the simplest clock that fits the windows: an offset, a drift from zero, or both."""
+    ones = np.ones(len(years))
+    (mean, mean_sigma, _), (rate, rate_sigma, _) = (_fit(x[:, None], ahead_h) for x in (ones, years))
+    square = [_fit(x, ahead_h)[2] for x in (ones[:, None], years[:, None], np.column_stack([ones, years]))]
+    line, line_sigma, _ = _fit(np.column_stack([ones, years]), ahead_h)
+    large = abs(line[0]) >= LEAST_HOURS and abs(line[1]) * span_years >= LEAST_HOURS
+    both = min(square[:2]) / square[2] - 1.0 > SIGMAS**2 / (len(years) - 2)
+    if both and large and _clear(line[0], line_sigma[0]) and _clear(line[1], line_sigma[1]):
+        return Clock(line[0], line[1], line_sigma[0], line_sigma[1], True, True)
+    if square[1] < square[0]:
+        named = _clear(rate[0], rate_sigma[0]) and abs(rate[0]) * span_years >= LEAST_HOURS
+        return Clock(0.0, rate[0], line_sigma[0], rate_sigma[0], False, named, _close(square[0], square[1], len(years)))
+    named = _clear(mean[0], mean_sigma[0]) and abs(mean[0]) >= LEAST_HOURS
+    return Clock(mean[0], 0.0, mean_sigma[0], line_sigma[1], named, False, _close(square[1], square[0], len(years)))
+
+
+def _fit(design: Floats, ahead_h: Floats) -> tuple[list[float], list[float], float]:
+    """Return values, standard errors and the sum of squares of a least-squares fit."""
+    values, *_ = np.linalg.lstsq(design, ahead_h, rcond=None)
+    square = float(np.sum((ahead_h - design @ values) ** 2))
+    variance = square / (len(ahead_h) - design.shape[1])
+    return values.tolist(), np.sqrt(np.diag(np.linalg.inv(design.T @ design)) * variance).tolist(), square
+
+
+def _close(other: float, best: float, windows: int) -> bool:
+    """Tell whether another clock fits nearly as well: twice the log-likelihood by less than ten."""
+    return windows * np.log(other / best) < CLOSE
 
 
 def _clear(value: float, sigma: float) -> bool:

@@ -19,7 +19,7 @@ Floats = NDArray[np.floating]
 DAY_S, HOUR_S = 86400.0, 3600.0
 FEWEST_VALUES = 5  # different values below which a covariate says nothing
 BATTERY_JUMP = 0.3  # of its whole range: a supply voltage that rises by more within a day was given a new battery
-FORETELLING = (1.0, 0.5, 0.0, -0.5)  # least squares line through the four samples before, carried on by one
+FORETELLING = (0.0, 1.3, 0.6, -0.1, -0.8)  # straight line through four samples before the last, carried on to now
 NEIGHBOUR_S = 1.5 * HOUR_S  # neighbours farther apart say nothing of a rate
 
 
@@ -164,7 +164,7 @@ def _turning(flow: NDArray[np.complex128], time_s: Floats) -> Floats:
 
 
 def _foretold(flow: NDArray[np.complex128], time_s: Floats) -> NDArray[np.complex128]:
-    """Return a straight line through the four samples before, carried on by one; 0 where they are not there."""
+    """Return a straight line through four earlier samples carried on to now; 0 where they are not there."""
     result = np.zeros(len(flow), dtype=complex)
     for weight, back in zip(FORETELLING, range(1, len(FORETELLING) + 1), strict=True):
         result[len(FORETELLING) :] += weight * flow[len(FORETELLING) - back : -back]

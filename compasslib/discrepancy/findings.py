@@ -99,16 +99,17 @@ def of_clock(before: Pairs, after: Pairs, fit: Fit, clock: Clock) -> list[Findin
     for effect, (is_named, name, value, sigma, unit) in numbers.items():
         if not is_named:
             continue
+        others = tuple(name for name in numbers if name != effect) if clock.ambiguous else ()
         told = telling.finding(
             effect,
-            (),
+            others,
             where=place.text[0].upper() + place.text[1:],
             parameters={name: (value, sigma, unit)},
             size_deg=size,
             proof=(proof.rms_before_deg, proof.rms_after_deg, proof.p_value),
         )
         parameters = {name: Parameter(value, sigma, unit)}
-        result.append(Finding(effect, "clock", (), place, span, parameters, size, proof, told))
+        result.append(Finding(effect, "clock", others, place, span, parameters, size, proof, told))
     return result
 
 

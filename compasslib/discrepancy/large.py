@@ -19,7 +19,7 @@ from compasslib.records import Pairs
 
 Floats = NDArray[np.floating]
 
-PAIRS = 1500  # as many, evenly taken, tell the curves apart
+PAIRS = 1000  # as many, evenly taken, tell the curves apart
 SURE = 0.01
 
 

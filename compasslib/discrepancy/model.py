@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib.discrepancy import baseline, columns, scan
+from compasslib.discrepancy import baseline, columns, scan, whitening
 from compasslib.discrepancy.baseline import State
 from compasslib.physics import Term
 
@@ -86,7 +86,7 @@ def estimate(state: State) -> Estimate:
     """
     white = state.whitener(state.base)
     information = white.T @ white * state.response
-    inverse = np.linalg.pinv(information, rcond=1e-12, hermitian=True)
+    inverse = whitening.inverse(information)
     scores = white * state.innovation[:, None]
     block = np.floor((state.case.scene.time_s - state.case.scene.time_s[0]) / BLOCK_S).astype(int)
     sums = np.stack([np.bincount(block, column) for column in scores.T], axis=1)

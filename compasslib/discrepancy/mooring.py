@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import compass
-from compasslib.deviation import model
+from compasslib.deviation import likelihood, model
 from compasslib.deviation.model import Fit
 from compasslib.discrepancy import covariates
 from compasslib.discrepancy.case import Case
@@ -60,6 +60,7 @@ def case(
         recorded_deg=pairs.heading_deg,
         observed_deg=observed,
         slowness=np.hypot(1.0 / np.maximum(upper, 1e-3), 1.0 / np.maximum(lower, 1e-3)),
+        expected_deg=likelihood.widths(fit.noise, upper, lower),
         precision_deg=fit.noise.compass_deg,
         covariates=columns,
         nuisance=_nuisance(pairs, scene, simulation),

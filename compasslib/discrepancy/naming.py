@@ -18,6 +18,7 @@ from compasslib.discrepancy import baseline, columns, model, scan
 from compasslib.discrepancy.baseline import State
 from compasslib.discrepancy.columns import Group
 from compasslib.discrepancy.scan import Tested
+from compasslib.discrepancy.whitening import inverse
 from compasslib.physics import Term
 
 Floats = NDArray[np.floating]
@@ -27,6 +28,7 @@ MOST_TERMS = 3
 PARAMETER_CHARGE, DATE_CHARGE = 5.0, 6.0
 CLOSE = 10.0  # hypotheses within this many units of the best are not told apart
 LOST = 0.7  # share of the least size below which a refitted term has lost its effect
+FAR_DEG = 2.5  # visible size above which the columns are taken anew where the simulation stands
 WATER_FREELY = "current_veer"  # the only effect that may come in several forms at once
 
 
@@ -74,7 +76,7 @@ class Field:
         """Return the visible size of each member, rms degrees, freed of what noise adds to it."""
         index = self._index(members)
         values, _ = self._solved(members)
-        covariance = _inverse(self.gram[np.ix_(index, index)]) * (self.state.sigma / self.state.response) ** 2
+        covariance = inverse(self.gram[np.ix_(index, index)]) * (self.state.sigma / self.state.response) ** 2
         sizes, at = [], 0
         for k in members:
             own = slice(at, at := at + self.parts[k].stop - self.parts[k].start)
@@ -86,8 +88,8 @@ class Field:
     def alike(self, a: int, b: int) -> float:
         """Return how much of one candidate's best column the other explains, 0 to 1."""
         first, second = self.parts[a], self.parts[b]
-        cross = _inverse(self.gram[first, first]) @ self.gram[first, second]
-        overlap = cross @ _inverse(self.gram[second, second]) @ self.gram[second, first]
+        cross = inverse(self.gram[first, first]) @ self.gram[first, second]
+        overlap = cross @ inverse(self.gram[second, second]) @ self.gram[second, first]
         return float(np.max(np.real(np.linalg.eigvals(overlap))))
 
     def _index(self, members: Hypothesis) -> NDArray[np.intp]:
@@ -95,7 +97,7 @@ class Field:
 
     def _solved(self, members: Hypothesis) -> tuple[Floats, float]:
         index = self._index(members)
-        values = _inverse(self.gram[np.ix_(index, index)]) @ self.pull[index]
+        values = inverse(self.gram[np.ix_(index, index)]) @ self.pull[index]
         return values / self.state.response, float(values @ self.pull[index]) / self.state.sigma**2
 
 
@@ -145,8 +147,11 @@ def _grow(empty: State, found: Named, worth: Sequence[int], count: int, min_effe
     state = model.dated(model.refit(found.state, rivals.terms(best)))
     if min(model.sizes_deg(state)) < LOST * min_effect_deg:  # what looked linear is not there
         return None
-    again = _candidates(empty, Named(state, (), found.tested), worth)
-    chosen = tuple(_place(again, term) for term in state.simulation.terms)
+    far = max(max(model.sizes_deg(state)), max(rivals.sizes(best))) > FAR_DEG or any(
+        t.dated() for t in state.simulation.terms
+    )
+    again = _candidates(empty, Named(state, (), found.tested), worth) if far else rivals
+    chosen = tuple(_place(again, term) for term in state.simulation.terms) if far else best
     return Named(
         state, _alternatives(again, chosen, min_effect_deg), found.tested, found.threshold, (), again.score(chosen)
     )
@@ -272,8 +277,8 @@ def solved(state: State, columns_deg: Floats) -> tuple[Floats, Floats]:
         columns_deg: (n, k), degrees a unit.
     """
     white = state.projected(columns_deg)
-    inverse = _inverse(white.T @ white)
-    return inverse @ (white.T @ state.innovation) / state.response, inverse * (state.sigma / state.response) ** 2
+    inverted = inverse(white.T @ white)
+    return inverted @ (white.T @ state.innovation) / state.response, inverted * (state.sigma / state.response) ** 2
 
 
 def _gains(state: State, groups: Sequence[Group]) -> Floats:
@@ -284,14 +289,7 @@ def _gains(state: State, groups: Sequence[Group]) -> Floats:
 
 def _gain(white: Floats, innovation: Floats) -> float:
     pull = white.T @ innovation
-    return float(pull @ _inverse(white.T @ white) @ pull)
-
-
-def _inverse(gram: Floats) -> Floats:
-    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    return np.asarray(
-        np.linalg.pinv(gram / np.outer(scale, scale), rcond=1e-8, hermitian=True) / np.outer(scale, scale)
-    )
+    return float(pull @ inverse(white.T @ white) @ pull)
 
 
 def _largest(small: Sequence[tuple[str, float]]) -> tuple[tuple[str, float], ...]:

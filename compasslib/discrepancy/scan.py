@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from compasslib import angles
 from compasslib.discrepancy.baseline import State
 from compasslib.discrepancy.columns import Group
 
@@ -16,6 +17,9 @@ Floats = NDArray[np.floating]
 THINNEST = 1e-6  # share of a group's largest direction below which a direction is taken for absorbed by the base
 BLOCK_S = 10 * 86400.0
 REPEATS = 300
+SLOW_FIRST, SLOW_MOST, SLOW_FEWEST = 3, 24, 8  # waves over the record that count as slow
+SHORTEST_SLOW_S = 12 * 86400.0
+MEDIAN_OF_CHI_SQUARED = 0.455  # of one degree of freedom
 
 
 @dataclass(frozen=True)
@@ -58,8 +62,9 @@ def test(state: State, groups: Sequence[Group], seed: int = 0) -> Tested:
     seen = np.add.reduceat((every.T @ state.innovation) ** 2, begins) / state.sigma**2
     noise = np.add.reduceat((resampled(state, seed) @ every) ** 2, begins, axis=1) / state.sigma**2
     inflation = noise.mean(axis=0) / freedom
-    scores = normal_score(np.vstack([seen, noise]) / inflation, freedom)
-    return Tested(groups, freedom, inflation, scores[0], scores[1:].max(axis=1))
+    highest = normal_score(noise / inflation, freedom).max(axis=1)
+    inflation = inflation * _slow_inflation(state, every, begins, freedom)
+    return Tested(groups, freedom, inflation, normal_score(seen / inflation, freedom), highest)
 
 
 def gain(state: State, columns_deg: Floats) -> float:
@@ -81,15 +86,36 @@ def resampled(state: State, seed: int, repeats: int = REPEATS) -> Floats:
         seed: of the draws.
         repeats: number of draws.
     """
-    rng, n = np.random.default_rng(seed), len(state.innovation)
+    counts = np.isfinite(state.whitener.width_deg)
+    innovation = state.innovation[counts].astype(np.float32)
+    rng, n = np.random.default_rng(seed), len(innovation)
     step = float(np.median(np.diff(state.case.scene.time_s)))
     length = int(np.clip(BLOCK_S / step, 5, max(n // 10, 5)))
     blocks = -(-n // length)
     begin = rng.integers(0, n, (repeats, blocks))
     sign = rng.choice([-1.0, 1.0], (repeats, blocks)).astype(np.float32)
-    doubled = np.concatenate([state.innovation, state.innovation]).astype(np.float32)
-    windows = np.lib.stride_tricks.sliding_window_view(doubled, length)
-    return (windows[begin] * sign[:, :, None]).reshape(repeats, -1)[:, :n]
+    windows = np.lib.stride_tricks.sliding_window_view(np.concatenate([innovation, innovation]), length)
+    result = np.zeros((repeats, len(counts)), dtype=np.float32)
+    result[:, counts] = (windows[begin] * sign[:, :, None]).reshape(repeats, -1)[:, :n]
+    return result
+
+
+def _slow_inflation(state: State, every: Floats, begins: NDArray[np.intp], freedom: Floats) -> Floats:
+    """Return by how much each group's statistic is inflated by slow changes that the filter and the blocks do not hold.
+
+    Water veers for weeks. What the record holds at periods of weeks to months, beyond white noise, is taken for the
+    noise of every group as far as the group is slow itself; the median leaves out the few periods of a real effect.
+    """
+    time_s = state.case.scene.time_s
+    span = float(np.ptp(time_s))
+    periods = np.arange(SLOW_FIRST, min(int(span / SHORTEST_SLOW_S), SLOW_MOST) + 1)
+    if len(periods) < SLOW_FEWEST:
+        return np.ones(len(freedom))
+    phase = 360.0 * (time_s - time_s[0])[:, None] / span * periods
+    slow = _directions(state.projected(np.column_stack(angles.sin_cos(phase)).astype(np.float32)))
+    excess = float(np.median((slow.T @ state.innovation) ** 2)) / state.sigma**2 / MEDIAN_OF_CHI_SQUARED
+    share = np.add.reduceat(np.sum((every.T @ slow) ** 2, axis=1), begins) / freedom
+    return 1.0 + max(excess - 1.0, 0.0) * share
 
 
 def normal_score(statistic: Floats, freedom: Floats) -> Floats:

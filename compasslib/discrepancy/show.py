@@ -120,13 +120,10 @@ def curve(before: State, after: State, covariate: str) -> Curve:
     held = np.flatnonzero(np.bincount(bins, minlength=len(edges) - 1) >= 10)
     indicators = (bins[:, None] == held).astype(float)
     (first, _), (second, covariance) = (naming.solved(state, indicators) for state in (before, after))
-    middle = (edges[held] + edges[held + 1]) / 2.0
-    sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    return Curve(covariate, middle, _about_mean(first, bins, held), _about_mean(second, bins, held), sigma)
-
-
-def _about_mean(values: Floats, bins: NDArray[np.intp], held: NDArray[np.intp]) -> Floats:
-    return values - np.average(values, weights=np.bincount(bins)[held])
+    share = np.bincount(bins)[held] / np.sum(np.bincount(bins)[held])
+    about = np.eye(len(held)) - share  # the mean is A's, not the covariate's
+    sigma = np.sqrt(np.maximum(np.diag(about @ covariance @ about.T), 0.0))
+    return Curve(covariate, (edges[held] + edges[held + 1]) / 2.0, about @ first, about @ second, sigma)
 
 
 def _values(state: State) -> Floats:

@@ -117,3 +117,14 @@ def widths(residual_deg: Floats, slowness: Floats) -> Floats:
     middle = np.maximum(np.maximum.accumulate(middle), NARROWEST * np.median(middle))
     width = np.interp(slowness, centre, middle)
     return np.where(known, np.maximum(width, 1e-6), np.inf)
+
+
+def inverse(gram: Floats) -> Floats:
+    """Return the inverse of a matrix of products of columns of any units; directions that vanish are left out.
+
+    Args:
+        gram: symmetric, (k, k).
+    """
+    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    outer = np.outer(scale, scale)
+    return np.asarray(np.linalg.pinv(gram / outer, rcond=1e-8, hermitian=True) / outer)

@@ -20,7 +20,7 @@ Floats = NDArray[np.floating]
 
 UNDO_ROUNDS = 8  # fixed-point rounds that undo the readout; each shrinks the error by the readout's slope
 FLATTEST = 0.2  # least |d gamma / d beta| that is divided by: nearer to a fold nothing is linear
-PROBE_DEG = 0.01  # half of the difference by heading
+PROBE_DEG = 0.01  # difference by heading
 
 
 @dataclass(frozen=True)
@@ -193,22 +193,21 @@ def derivative(
         first: parameter to begin with.
         last: parameter to end before; all where absent.
     """
-    slope = steepness(simulation, scene, heading_deg)
-    slope = np.where(np.abs(slope) < FLATTEST, np.copysign(FLATTEST, slope), slope)
     at, steps, columns = simulation.parameters, 0.05 * simulation.steps, []
-    earth = None if _moves_north(simulation) else earth_in_body(scene, heading_deg)
+    still = None if _acting(simulation, "north") else earth_in_body(scene, heading_deg)
 
     def read(tried: Simulation) -> Floats:
-        seen = earth_in_body(scene, heading_deg - north(tried, scene)) if earth is None else earth
-        return readout(tried, scene, sensed_angle(tried, scene, seen))
+        earth = earth_in_body(scene, heading_deg - north(tried, scene)) if still is None else still
+        return readout(tried, scene, sensed_angle(tried, scene, earth))
 
+    reading, veered = read(simulation), veer(simulation, scene)
+    ahead = recorded_heading(simulation, scene, heading_deg + PROBE_DEG)
+    slope = angles.difference(ahead, reading) / PROBE_DEG
+    slope = np.where(np.abs(slope) < FLATTEST, np.copysign(FLATTEST, slope), slope)
     for j in range(first, len(at) if last is None else last):
-        step = steps[j]
-        unit = step * (np.arange(len(at)) == j)
-        more, less = simulation.at(at + unit), simulation.at(at - unit)
-        turned = angles.difference(read(more), read(less))
-        veered = veer(more, scene) - veer(less, scene)
-        columns.append((veered - turned / slope) / (2.0 * step))
+        more = simulation.at(at + steps[j] * (np.arange(len(at)) == j))
+        turned = angles.difference(read(more), reading)
+        columns.append((veer(more, scene) - veered - turned / slope) / steps[j])
     return np.stack(columns, axis=1)
 
 
@@ -220,8 +219,8 @@ def steepness(simulation: Simulation, scene: Scene, heading_deg: Floats) -> Floa
         scene: in what the recording was made.
         heading_deg: correct magnetic headings, (n,), degrees.
     """
-    ahead, behind = (recorded_heading(simulation, scene, heading_deg + s) for s in (PROBE_DEG, -PROBE_DEG))
-    return angles.difference(ahead, behind) / (2.0 * PROBE_DEG)
+    ahead, here = (recorded_heading(simulation, scene, heading_deg + s) for s in (PROBE_DEG, 0.0))
+    return angles.difference(ahead, here) / PROBE_DEG
 
 
 def _iron(simulation: Simulation) -> tuple[Floats, Floats]:
@@ -231,10 +230,6 @@ def _iron(simulation: Simulation) -> tuple[Floats, Floats]:
     p, v = (b - 1j * c) / u, (d - 1j * e) / u
     soft: Floats = np.array([[1.0 + v.real, -v.imag, 0.0], [-v.imag, 1.0 - v.real, 0.0], [0.0, 0.0, 1.0]])
     return soft, simulation.horizontal_nT * np.array([p.real, -p.imag, 0.0])
-
-
-def _moves_north(simulation: Simulation) -> bool:
-    return bool(_acting(simulation, "north"))
 
 
 def _acting(simulation: Simulation, on: str) -> list[Term]:
