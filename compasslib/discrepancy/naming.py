@@ -19,7 +19,7 @@ from compasslib.discrepancy.baseline import State
 from compasslib.discrepancy.columns import Group
 from compasslib.discrepancy.scan import Tested
 from compasslib.discrepancy.whitening import inverse
-from compasslib.physics import Term
+from compasslib.physics import CATALOGUE, Term
 
 Floats = NDArray[np.floating]
 Hypothesis = tuple[int, ...]
@@ -202,7 +202,7 @@ def _best(rivals: Field, count: int, found: Named, min_effect_deg: float) -> Hyp
     for hypothesis in sorted(tries, key=rivals.score, reverse=True):
         believable = all(term.believable for term in rivals.terms(hypothesis))
         if believable and min(rivals.sizes(hypothesis)) >= min_effect_deg:
-            return hypothesis
+            return tuple(sorted(hypothesis, key=lambda k: CATALOGUE.index(type(rivals.groups[k].term))))  # type: ignore[arg-type]
     return None
 
 

@@ -17,6 +17,7 @@ Floats = NDArray[np.floating]
 THINNEST = 1e-6  # share of a group's largest direction below which a direction is taken for absorbed by the base
 BLOCK_S = 10 * 86400.0
 REPEATS = 300
+DATE_HANDICAP = 0.4  # score taken off each of many dates, so that they do not raise the bar for the other terms
 SLOW_FIRST, SLOW_MOST, SLOW_FEWEST = 3, 24, 8  # waves over the record that count as slow
 SHORTEST_SLOW_S = 12 * 86400.0
 MEDIAN_OF_CHI_SQUARED = 0.455  # of one degree of freedom
@@ -62,9 +63,10 @@ def test(state: State, groups: Sequence[Group], seed: int = 0) -> Tested:
     seen = np.add.reduceat((every.T @ state.innovation) ** 2, begins) / state.sigma**2
     noise = np.add.reduceat((resampled(state, seed) @ every) ** 2, begins, axis=1) / state.sigma**2
     inflation = noise.mean(axis=0) / freedom
-    highest = normal_score(noise / inflation, freedom).max(axis=1)
+    handicap = np.array([DATE_HANDICAP * (group.term is not None and group.term.dated()) for group in groups])
+    highest = (normal_score(noise / inflation, freedom) - handicap).max(axis=1)
     inflation = inflation * _slow_inflation(state, every, begins, freedom)
-    return Tested(groups, freedom, inflation, normal_score(seen / inflation, freedom), highest)
+    return Tested(groups, freedom, inflation, normal_score(seen / inflation, freedom) - handicap, highest)
 
 
 def gain(state: State, columns_deg: Floats) -> float:

@@ -18,7 +18,7 @@ from compasslib.physics.term import Scene, Term
 
 Floats = NDArray[np.floating]
 
-UNDO_ROUNDS = 8  # fixed-point rounds that undo the readout; each shrinks the error by the readout's slope
+UNDO_ROUNDS, UNDONE_DEG = 30, 1e-8  # fixed-point rounds that undo the readout, each by its slope, and when to stop
 FLATTEST = 0.2  # least |d gamma / d beta| that is divided by: nearer to a fold nothing is linear
 PROBE_DEG = 0.01  # difference by heading
 
@@ -154,7 +154,10 @@ def undone_readout(simulation: Simulation, scene: Scene, recorded_deg: Floats) -
     """
     sensed = recorded_deg
     for _ in range(UNDO_ROUNDS):
-        sensed = sensed + angles.difference(recorded_deg, readout(simulation, scene, sensed))
+        missing = angles.difference(recorded_deg, readout(simulation, scene, sensed))
+        sensed = sensed + missing
+        if np.nanmax(np.abs(missing), initial=0.0) < UNDONE_DEG:
+            break
     return sensed
 
 
