@@ -14,7 +14,33 @@ from compasslib.physics.sextantal import Sextantal
 from compasslib.physics.temperature import TemperatureOfField
 from compasslib.physics.tilt_uncompensated import TiltUncompensated
 
-NAMES = ["hard_iron", "soft_iron", "large_deviation", "heeling", "hard_iron_drift", "hard_iron_step", "temperature", "supply_voltage", "sextantal", "octantal", "field_disturbance", "secular_variation", "declination_error", "heading_slip", "compass_drift", "clock_offset", "clock_drift", "current_veer", "compass_lag", "stuck_tilt", "tilt_uncompensated", "water_drift", "mooring_motion", "rotation_rate", "battery_change"]
+NAMES = [
+    "hard_iron",
+    "soft_iron",
+    "large_deviation",
+    "heeling",
+    "hard_iron_drift",
+    "hard_iron_step",
+    "temperature",
+    "supply_voltage",
+    "sextantal",
+    "octantal",
+    "field_disturbance",
+    "secular_variation",
+    "declination_error",
+    "heading_slip",
+    "compass_drift",
+    "clock_offset",
+    "clock_drift",
+    "current_veer",
+    "compass_lag",
+    "stuck_tilt",
+    "tilt_uncompensated",
+    "water_drift",
+    "mooring_motion",
+    "rotation_rate",
+    "battery_change",
+]
 H_NT, Z_NT, N = 12000.0, 52000.0, 400
 LEVEL = np.array([0.03, 0.25, -0.2, 0.02, 0.01])
 RNG = np.random.default_rng(1)

@@ -24,6 +24,7 @@ Floats = NDArray[np.floating]
 
 ROUNDS = 2
 BRANCHES_APART = 5.0  # widths of the scatter that two headings of one reading must be apart
+TREND_S = 10 * 86400.0  # spacing of the knots of what is slow
 STIFFEST = 1e-4  # prior precision of a baseline column in whitened units, against columns that hardly vary
 
 
@@ -87,7 +88,7 @@ def examine(case: Case, simulation: Simulation, nuisance: Floats, *, freed: bool
         weighted = np.where(np.isfinite(width)[:, None], base, 0.0) / width[:, None]
         step = np.linalg.solve(_precise(weighted), weighted.T @ whitening.clipped(left, width))
         left, shift = left - base @ step, shift + step
-    white = whitening.whitener(left, width, case.scene.time_s)
+    white = whitening.whitener(_without_trend(left, width, case.scene.time_s), width, case.scene.time_s)
     basis = _orthonormal(white(base))
     standard = whitening.clipped(left, width)
     innovation = white.filtered(standard[:, None])[:, 0]
@@ -116,6 +117,23 @@ def _residual(case: Case, simulation: Simulation, nuisance: Floats) -> tuple[Flo
         close = np.abs(angles.difference(roots[:, 0], roots[:, 1])) < BRANCHES_APART * case.expected_deg
     heading = np.where(close, np.nan, heading)
     return heading, angles.difference(shown, heading), case.precision_deg / slope
+
+
+def trend(time_s: Floats) -> Floats:
+    """Return hat functions of time that follow what changes over weeks, (n, k).
+
+    Args:
+        time_s: increasing times, (n,).
+    """
+    knots = np.linspace(time_s[0], time_s[-1], max(int(np.ptp(time_s) / TREND_S), 1) + 1)
+    return np.column_stack([np.interp(time_s, knots, row) for row in np.eye(len(knots))])
+
+
+def _without_trend(residual_deg: Floats, width_deg: Floats, time_s: Floats) -> Floats:
+    """Return the residual without what changes over weeks: a real drift must not pass for the water's memory."""
+    hats = trend(time_s)
+    standard, weighted = whitening.clipped(residual_deg, width_deg), hats / width_deg[:, None]
+    return residual_deg - hats @ np.linalg.solve(_precise(weighted), weighted.T @ standard)
 
 
 def _precise(columns: Floats) -> Floats:

@@ -115,6 +115,18 @@ def effect_deg(state: State, k: int, covariance: Floats) -> float:
     return float(np.sqrt(max(float(values @ product @ values) - float(np.sum(product * covariance)), 0.0)))
 
 
+def misfit(state: State, width_deg: Floats) -> float:
+    """Return the mean square of the residual over given widths, clipped; a sample without a root counts in full.
+
+    Args:
+        state: a simulation where it stands.
+        width_deg: (n,), infinite where a sample does not count.
+    """
+    counts = np.isfinite(width_deg)
+    standard = np.abs(state.residual_deg[counts]) / width_deg[counts]
+    return float(np.mean(np.minimum(np.nan_to_num(standard, nan=whitening.CLIP), whitening.CLIP) ** 2))
+
+
 def sizes_deg(state: State) -> list[float]:
     """Return the visible size of each term, rms degrees.
 

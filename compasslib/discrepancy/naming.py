@@ -29,6 +29,7 @@ PARAMETER_CHARGE, DATE_CHARGE = 5.0, 6.0
 CLOSE = 10.0  # hypotheses within this many units of the best are not told apart
 LOST = 0.7  # share of the least size below which a refitted term has lost its effect
 FAR_DEG = 2.5  # visible size above which the columns are taken anew where the simulation stands
+TRIES = 4  # hypotheses that are refitted before none is believed
 WATER_FREELY = "current_veer"  # the only effect that may come in several forms at once
 
 
@@ -141,20 +142,24 @@ def _grow(empty: State, found: Named, worth: Sequence[int], count: int, min_effe
     """Return the best hypothesis of a number of terms, refitted, with its rivals; None where none is believable."""
     assert found.tested is not None
     rivals = _candidates(empty, found, worth)
-    best = _best(rivals, count, found, min_effect_deg)
-    if best is None:
+    for best in _best(rivals, count, found, min_effect_deg):
+        state = model.dated(model.refit(found.state, rivals.terms(best)))
+        if _holds(found.state, state, min_effect_deg):
+            break
+    else:
         return None
-    state = model.dated(model.refit(found.state, rivals.terms(best)))
-    if min(model.sizes_deg(state)) < LOST * min_effect_deg:  # what looked linear is not there
-        return None
-    far = max(max(model.sizes_deg(state)), max(rivals.sizes(best))) > FAR_DEG or any(
-        t.dated() for t in state.simulation.terms
-    )
+    far = max(*model.sizes_deg(state), *rivals.sizes(best)) > FAR_DEG or any(t.dated() for t in state.simulation.terms)
     again = _candidates(empty, Named(state, (), found.tested), worth) if far else rivals
     chosen = tuple(_place(again, term) for term in state.simulation.terms) if far else best
-    return Named(
-        state, _alternatives(again, chosen, min_effect_deg), found.tested, found.threshold, (), again.score(chosen)
-    )
+    others = _alternatives(again, chosen, min_effect_deg)
+    return Named(state, others, found.tested, found.threshold, (), again.score(chosen))
+
+
+def _holds(before: State, after: State, min_effect_deg: float) -> bool:
+    """Tell whether refitted terms are still there, believable, and leave a smaller residual than without the last."""
+    believable = all(term.believable for term in after.simulation.terms)
+    smaller = model.misfit(after, before.whitener.width_deg) < model.misfit(before, before.whitener.width_deg)
+    return believable and smaller and min(model.sizes_deg(after)) >= LOST * min_effect_deg
 
 
 def _candidates(empty: State, found: Named, worth: Sequence[int]) -> Field:
@@ -189,8 +194,8 @@ def _candidates(empty: State, found: Named, worth: Sequence[int]) -> Field:
     )
 
 
-def _best(rivals: Field, count: int, found: Named, min_effect_deg: float) -> Hypothesis | None:
-    """Return the best hypothesis of a number of terms; pairs are all tried, a third joins the best pair."""
+def _best(rivals: Field, count: int, found: Named, min_effect_deg: float) -> list[Hypothesis]:
+    """Return the few best hypotheses of a number of terms; pairs are all tried, a third joins the best pair."""
     everything = range(len(rivals.groups))
     tries: list[Hypothesis] = []
     if count <= 2:
@@ -198,12 +203,14 @@ def _best(rivals: Field, count: int, found: Named, min_effect_deg: float) -> Hyp
     else:
         chosen = tuple(_place(rivals, term) for term in found.state.simulation.terms)
         tries = [tuple(sorted((*chosen, k))) for k in everything if k not in chosen]
-    tries = [h for h in tries if _sound(rivals, h)]
-    for hypothesis in sorted(tries, key=rivals.score, reverse=True):
+    best: list[Hypothesis] = []
+    for hypothesis in sorted((h for h in tries if _sound(rivals, h)), key=rivals.score, reverse=True):
         believable = all(term.believable for term in rivals.terms(hypothesis))
         if believable and min(rivals.sizes(hypothesis)) >= min_effect_deg:
-            return tuple(sorted(hypothesis, key=lambda k: CATALOGUE.index(type(rivals.groups[k].term))))  # type: ignore[arg-type]
-    return None
+            best.append(tuple(sorted(hypothesis, key=lambda k: CATALOGUE.index(type(rivals.groups[k].term)))))
+        if len(best) == TRIES:
+            break
+    return best
 
 
 def _sound(rivals: Field, members: Hypothesis) -> bool:

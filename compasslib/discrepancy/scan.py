@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles
+from compasslib.discrepancy import baseline
 from compasslib.discrepancy.baseline import State
 from compasslib.discrepancy.columns import Group
 
@@ -18,8 +19,9 @@ THINNEST = 1e-6  # share of a group's largest direction below which a direction 
 BLOCK_S = 10 * 86400.0
 REPEATS = 300
 DATE_HANDICAP = 0.4  # score taken off each of many dates, so that they do not raise the bar for the other terms
-SLOW_FIRST, SLOW_MOST, SLOW_FEWEST = 3, 24, 8  # waves over the record that count as slow
-SHORTEST_SLOW_S = 12 * 86400.0
+FLOW_HANDICAP = 0.6  # the same off what is built from the flow's direction: some of its noise is the residual's
+SLOW, WEEKLY = (400.0, 14.0), (14.0, 5.0)  # longest and shortest periods, days
+FEWEST_WAVES = 8
 MEDIAN_OF_CHI_SQUARED = 0.455  # of one degree of freedom
 
 
@@ -63,9 +65,9 @@ def test(state: State, groups: Sequence[Group], seed: int = 0) -> Tested:
     seen = np.add.reduceat((every.T @ state.innovation) ** 2, begins) / state.sigma**2
     noise = np.add.reduceat((resampled(state, seed) @ every) ** 2, begins, axis=1) / state.sigma**2
     inflation = noise.mean(axis=0) / freedom
-    handicap = np.array([DATE_HANDICAP * (group.term is not None and group.term.dated()) for group in groups])
+    handicap = np.array([_handicap(group) for group in groups])
     highest = (normal_score(noise / inflation, freedom) - handicap).max(axis=1)
-    inflation = inflation * _slow_inflation(state, every, begins, freedom)
+    inflation = np.maximum(inflation, 1.0) * _slow_inflation(state, every, begins, freedom)
     return Tested(groups, freedom, inflation, normal_score(seen / inflation, freedom) - handicap, highest)
 
 
@@ -83,13 +85,16 @@ def gain(state: State, columns_deg: Floats) -> float:
 def resampled(state: State, seed: int, repeats: int = REPEATS) -> Floats:
     """Return draws of the record's own noise: blocks of days of its innovations at other dates, turned at random.
 
+    What changes over weeks is taken out first: a real drift must not raise the bar for itself.
+
     Args:
         state: the simulation where it stands.
         seed: of the draws.
         repeats: number of draws.
     """
     counts = np.isfinite(state.whitener.width_deg)
-    innovation = state.innovation[counts].astype(np.float32)
+    trend = _directions(state.projected(baseline.trend(state.case.scene.time_s).astype(np.float32)))
+    innovation = (state.innovation - trend @ (trend.T @ state.innovation))[counts].astype(np.float32)
     rng, n = np.random.default_rng(seed), len(innovation)
     step = float(np.median(np.diff(state.case.scene.time_s)))
     length = int(np.clip(BLOCK_S / step, 5, max(n // 10, 5)))
@@ -102,22 +107,34 @@ def resampled(state: State, seed: int, repeats: int = REPEATS) -> Floats:
     return result
 
 
+def _handicap(group: Group) -> float:
+    if group.term is None:
+        return 0.0
+    return DATE_HANDICAP * group.term.dated() + FLOW_HANDICAP * ("flow_east" in group.term.needs)
+
+
 def _slow_inflation(state: State, every: Floats, begins: NDArray[np.intp], freedom: Floats) -> Floats:
     """Return by how much each group's statistic is inflated by slow changes that the filter and the blocks do not hold.
 
-    Water veers for weeks. What the record holds at periods of weeks to months, beyond white noise, is taken for the
-    noise of every group as far as the group is slow itself; the median leaves out the few periods of a real effect.
+    Water veers for weeks. What the record holds at periods of about a week, beyond white noise, is taken for the noise
+    of every group as far as the group is slow itself; drifts, steps and seasons hardly reach to such short periods.
     """
-    time_s = state.case.scene.time_s
-    span = float(np.ptp(time_s))
-    periods = np.arange(SLOW_FIRST, min(int(span / SHORTEST_SLOW_S), SLOW_MOST) + 1)
-    if len(periods) < SLOW_FEWEST:
+    days = float(np.ptp(state.case.scene.time_s)) / 86400.0
+    slow, weekly = (np.arange(int(days / longest), int(days / shortest) + 1) for longest, shortest in (FLOW_HANDICAP = 0.6  # the same off what is built from the flow's direction: some of its noise is the residual's
+SLOW, WEEKLY))
+    if len(weekly) < FEWEST_WAVES:
         return np.ones(len(freedom))
-    phase = 360.0 * (time_s - time_s[0])[:, None] / span * periods
-    slow = _directions(state.projected(np.column_stack(angles.sin_cos(phase)).astype(np.float32)))
-    excess = float(np.median((slow.T @ state.innovation) ** 2)) / state.sigma**2 / MEDIAN_OF_CHI_SQUARED
-    share = np.add.reduceat(np.sum((every.T @ slow) ** 2, axis=1), begins) / freedom
+    heard = _waves(state, weekly)
+    excess = float(np.median((heard.T @ state.innovation) ** 2)) / state.sigma**2 / MEDIAN_OF_CHI_SQUARED
+    share = np.add.reduceat(np.sum((every.T @ _waves(state, slow)) ** 2, axis=1), begins) / freedom
     return 1.0 + max(excess - 1.0, 0.0) * share
+
+
+def _waves(state: State, number: NDArray[np.intp]) -> Floats:
+    """Return an orthonormal basis of waves over the record, projected."""
+    time_s = state.case.scene.time_s
+    phase = 360.0 * (time_s - time_s[0])[:, None] / np.ptp(time_s) * np.maximum(number, 1)
+    return _directions(state.projected(np.column_stack(angles.sin_cos(phase)).astype(np.float32)))
 
 
 def normal_score(statistic: Floats, freedom: Floats) -> Floats:

@@ -31,6 +31,7 @@ from compasslib.physics.water_drift import WaterDrift
 
 __all__ = ["CATALOGUE", "Scene", "Term"]
 
+# In the order in which they act: surroundings, sensor, readout, then water and clocks.
 CATALOGUE: tuple[type[Term], ...] = (
     HardIron,
     SoftIron,
@@ -43,14 +44,14 @@ CATALOGUE: tuple[type[Term], ...] = (
     SecularVariation,
     DeclinationError,
     TemperatureOfField,
-    TemperatureOfReading,
     SupplyVoltageOfField,
-    SupplyVoltageOfReading,
     RotationRate,
     TiltUncompensated,
     StuckTilt,
     Sextantal,
     Octantal,
+    TemperatureOfReading,
+    SupplyVoltageOfReading,
     HeadingSlip,
     CompassDrift,
     CompassLag,

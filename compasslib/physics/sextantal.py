@@ -8,6 +8,8 @@ from typing import ClassVar
 from compasslib import angles
 from compasslib.physics.term import Floats, Scene, Term, parameter
 
+STRONGEST_DEG = 15.0  # more would leave a reading that hardly turns with the instrument
+
 
 @dataclass(frozen=True)
 class Sextantal(Term):
@@ -18,8 +20,8 @@ class Sextantal(Term):
     acts_on: ClassVar = "reading"
     literature: ClassVar[str] = "Moncunill et al. 2023, section 5.3 (sextantal); clockwise positive"
 
-    sine_deg: float = parameter("degrees", "times sin 3 gamma", 1.0)
-    cosine_deg: float = parameter("degrees", "times cos 3 gamma", 1.0)
+    sine_deg: float = parameter("degrees", "times sin 3 gamma", 1.0, least=-STRONGEST_DEG, most=STRONGEST_DEG)
+    cosine_deg: float = parameter("degrees", "times cos 3 gamma", 1.0, least=-STRONGEST_DEG, most=STRONGEST_DEG)
 
     def act(self, x: Floats, scene: Scene) -> Floats:
         """Return the reading with the harmonic added."""
