@@ -120,8 +120,7 @@ def _slow_inflation(state: State, every: Floats, begins: NDArray[np.intp], freed
     of every group as far as the group is slow itself; drifts, steps and seasons hardly reach to such short periods.
     """
     days = float(np.ptp(state.case.scene.time_s)) / 86400.0
-    slow, weekly = (np.arange(int(days / longest), int(days / shortest) + 1) for longest, shortest in (FLOW_HANDICAP = 0.6  # the same off what is built from the flow's direction: some of its noise is the residual's
-SLOW, WEEKLY))
+    slow, weekly = (np.arange(int(days / longest), int(days / shortest) + 1) for longest, shortest in (SLOW, WEEKLY))
     if len(weekly) < FEWEST_WAVES:
         return np.ones(len(freedom))
     heard = _waves(state, weekly)
