@@ -7,8 +7,7 @@ four), the model is fitted without some of them and tried on those.
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,27 +16,16 @@ from compasslib import angles, correction, deviation
 from compasslib.deviation import exact, model
 from compasslib.deviation.forms import EXACT, FORMS
 from compasslib.deviation.model import Fit
-from compasslib.records import Pairs, Readings
+from compasslib.deviation.model import chosen as choose
+from compasslib.records import Pairs
 
 Floats = NDArray[np.floating]
-Series = TypeVar("Series", Pairs, Readings)
 
 BLOCK_S = 10 * 86400.0
 FOLDS = 2
 LEAST_BLOCKS = 2 * FOLDS
 FEWEST_FOR_FORMS = 4 * model.FEWEST_PAIRS
 FORM_PAIRS = 1500  # as many pairs, evenly taken, tell the forms apart; more only take longer
-
-
-def choose(series: Series, which: NDArray[Any]) -> Series:
-    """Return some of the samples.
-
-    Args:
-        series: n samples.
-        which: positions or a mask.
-    """
-    columns = {name: column[which] for name, column in vars(series).items() if isinstance(column, np.ndarray)}
-    return replace(series, **columns)
 
 
 def held_out_headings(pairs: Pairs, fit: Fit) -> Floats:

@@ -155,8 +155,8 @@ def level_coefficients(
     of the iron enter there (heeling error), at first order in proportion to pitch and roll.
 
     Args:
-        soft: soft-iron matrix S acting on the field, identity without iron, shape (3, 3).
-        hard_nT: field of the hard iron, forward, starboard, down, nT, shape (3,).
+        soft: soft-iron matrix S acting on the field, identity without iron, shape (3, 3) or (n, 3, 3).
+        hard_nT: field of the hard iron, forward, starboard, down, nT, shape (3,) or (n, 3).
         horizontal_nT: earth's horizontal field H.
         vertical_nT: earth's vertical field Z, down positive.
         pitch_deg: pitch, forward up, degrees.
@@ -164,7 +164,7 @@ def level_coefficients(
     """
     t = levelling(pitch_deg, roll_deg)
     s = t @ np.asarray(soft, dtype=float) @ np.swapaxes(t, -1, -2)
-    b = t @ np.asarray(hard_nT, dtype=float)
+    b = (t @ np.asarray(hard_nT, dtype=float)[..., None])[..., 0]
     h, z = np.asarray(horizontal_nT, dtype=float), np.asarray(vertical_nT, dtype=float)
     scale = (s[..., 0, 0] + s[..., 1, 1]) / 2.0
     return np.stack(

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles, compass
-from compasslib.records import Pairs
+from compasslib.records import Pairs, Readings
 
 Floats = NDArray[np.floating]
+Series = TypeVar("Series", Pairs, Readings)
 
 FEWEST_PAIRS = 30
 LETTERS = "ABCDE"
@@ -147,6 +148,17 @@ def observed_deviation(pairs: Pairs) -> Floats:
     return angles.difference(lower, angles.direction(pairs.upper_east, pairs.upper_north))
 
 
+def chosen(series: Series, which: NDArray[Any]) -> Series:
+    """Return some of the samples.
+
+    Args:
+        series: n samples.
+        which: positions or a mask.
+    """
+    columns = {name: column[which] for name, column in vars(series).items() if isinstance(column, np.ndarray)}
+    return replace(series, **columns)
+
+
 def nearest_root(roots_deg: Floats, observed_deg: Floats) -> Floats:
     """Return of each pair of roots the one nearer to an observed heading, (n,) degrees, NaN without a root.
 
@@ -196,13 +208,19 @@ def effective_number(residual: Floats, time_s: Floats, *, longest_s: float = 5 *
     series, present = np.zeros(slot[-1] + 1), np.zeros(slot[-1] + 1)
     series[slot], present[slot] = residual - residual.mean(), 1.0
     lags = min(int(longest_s / step), len(series) // 3)
-    together = _lagged(present, lags)
-    rho = _lagged(series, lags) / np.maximum(together, 1.0)
+    together = lagged(present, lags)
+    rho = lagged(series, lags) / np.maximum(together, 1.0)
     rho = np.where(together > 0.02 * n, rho, 0.0) / rho[0]
     return float(np.clip(n / (1.0 + 2.0 * _positive_sum(rho[1:])), 1.0, n))
 
 
-def _lagged(x: Floats, lags: int) -> Floats:
+def lagged(x: Floats, lags: int) -> Floats:
+    """Return the sums of a series times itself 0, 1, ... steps later, (lags + 1,).
+
+    Args:
+        x: the series, 0 where nothing was measured.
+        lags: the most steps.
+    """
     size = 1 << (2 * len(x) - 1).bit_length()
     spectrum = np.fft.rfft(x, size)
     return np.fft.irfft(np.abs(spectrum) ** 2, size)[: lags + 1]

@@ -1,0 +1,353 @@
+"""Simulated moorings with known physics left out of the model: the world of benchmarks/discrepancy.py.
+
+It has its own formulae for compass, tilt, water and effects and shares no code with the engine; only the record of the
+pairs and the five-term fit of the house are used, because they are what the engine is given.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.signal import lfilter
+
+from compasslib.records import Pairs
+
+HOUR_S, YEAR_H = 3600.0, 8766.0
+RAD = np.pi / 180.0
+STRONGEST_DOWN = 15.0  # thousand nT along the vertical: more iron than any instrument carries
+HEELING, DRIFT, STEP, TEMPERATURE, VOLTAGE = (
+    "heeling",
+    "hard_iron_drift",
+    "hard_iron_step",
+    "temperature",
+    "supply_voltage",
+)
+FAMILIES = {
+    "heeling": "tilt", "hard_iron_drift": "time", "compass_drift": "time", "hard_iron_step": "time",
+    "heading_slip": "time", "supply_voltage": "time", "temperature": "temperature", "sextantal": "heading",
+    "octantal": "heading", "compass_lag": "turning", "current_veer": "water", "clock_offset": "clock",
+    "clock_drift": "clock",
+}  # fmt: skip
+SINGLES = tuple(FAMILIES)
+TWO = tuple(x for x in SINGLES if FAMILIES[x] not in ("clock", "turning"))
+UNKNOWN = ("sector", "teeth", "hour", "episode", "wander", "depth_threshold", "warm_sextantal", "tilt_squared")
+
+
+@dataclass(frozen=True)
+class World:
+    """One mooring before a compass is put on it; n hours."""
+
+    rng: np.random.Generator
+    time_s: np.ndarray
+    heading: np.ndarray  # correct magnetic heading
+    flow: np.ndarray  # true current at the upper instrument, east + i north
+    difference: np.ndarray  # lower minus upper, without veer
+    tilt: np.ndarray  # (2, n) pitch, roll
+    sensed: np.ndarray  # (2, n) as the compass's tilt sensor gives them
+    depth: np.ndarray
+    separation: np.ndarray
+    temperature: np.ndarray
+    voltage: np.ndarray
+    earth: tuple[float, float]  # horizontal, vertical nT
+    soft: np.ndarray
+    hard: np.ndarray
+
+    @property
+    def hours(self) -> np.ndarray:
+        return (self.time_s - self.time_s[0]) / HOUR_S
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """What the engine sees, and what was true."""
+
+    pairs: Pairs
+    covariates: dict[str, np.ndarray]
+    heading: np.ndarray
+    horizontal: float
+    vertical: float
+    truth: dict[str, dict[str, float]] = field(default_factory=dict)  # effect -> parameters
+    visible_deg: dict[str, float] = field(default_factory=dict)
+
+
+def red(rng, n, memory, deviation):
+    keep = np.exp(-1.0 / memory)
+    kicks = rng.normal(0.0, deviation * np.sqrt(1 - keep**2), n)
+    kicks[0] = rng.normal(0.0, deviation)
+    return lfilter([1.0], [1.0, -keep], kicks)
+
+
+def towards(z):
+    return 90.0 - np.angle(z) / RAD
+
+
+def turned(z, by_deg):
+    return z * np.exp(-1j * RAD * by_deg)
+
+
+def wrap(x):
+    return (np.asarray(x) + 180.0) % 360.0 - 180.0
+
+
+def make(seed: int, *, wide: bool, noise_deg: float = 12.0, n: int = 8000) -> World:
+    """Return the water, the motion and the covariates of one mooring."""
+    rng = np.random.default_rng(seed)
+    hours = np.arange(n)
+    time_s = 1.1889e9 + HOUR_S * hours + HOUR_S * 24 * rng.integers(300)
+    axis = np.exp(1j * rng.uniform(0, 2 * np.pi))
+    mean, tide, slow = (0.10, 0.12, 0.10) if wide else (0.30, 0.06, 0.06)
+    flow = mean * (1 + 0.2 * np.cos(2 * np.pi * (hours / YEAR_H + rng.uniform()))) + 0j
+    flow += red(rng, n, 50, 1.3 * slow) + 1j * red(rng, n, 50, 0.7 * slow)
+    for period, share in ((12.4206, 0.7), (12.0, 0.25), (23.9345, 0.3)):
+        phase = 2 * np.pi * hours / period + rng.uniform(0, 2 * np.pi)
+        flow += tide * share * (np.cos(phase) + 1j * rng.uniform(-0.7, 0.7) * np.sin(phase))
+    for hour in np.cumsum(rng.exponential(150, 80) + 48):  # passing cyclones
+        phase = (hours - hour) / rng.uniform(9, 16)
+        flow += rng.lognormal(-1.3, 0.4) * np.exp(-(phase**2) / 2) * (1 + 1j * rng.normal(0.2, 0.2) * phase)
+    flow *= axis
+    speed = np.abs(flow)
+
+    # a body locked to its wake: memory of three hours at 25 cm/s
+    rest, heading = np.unwrap(np.angle(flow)) / -RAD + rng.uniform(0, 360), np.empty(n)
+    push = rng.normal(0, rng.uniform(24, 34) * np.sqrt(2 / 3.0), n)
+    state = rest[0]
+    for i in range(n):
+        pull = min(speed[i] / 0.25, 1.8) / 3.0
+        state += push[i] - pull * np.sin((state - rest[i]) * RAD) / RAD
+        heading[i] = state
+
+    kick = np.median(speed) * noise_deg * RAD
+    share = rng.uniform(0.15, 0.5)
+    memory = np.exp(rng.uniform(np.log(6), np.log(24)))
+    reds = red(rng, n, memory, kick * np.sqrt(share)) + 1j * red(rng, n, memory, kick * np.sqrt(share))
+    lower_share = rng.uniform(0.3, 0.7)  # of the white part, on the trusted instrument
+    white = kick * np.sqrt((1 - share) / 2) * (rng.standard_t(6, (2, 2, n)) / np.sqrt(1.5)) * np.sqrt(2)
+    up = np.sqrt(1 - lower_share) * (white[0, 0] + 1j * white[0, 1])
+    down = np.sqrt(lower_share) * (white[1, 0] + 1j * white[1, 1])
+    upper = flow - 0.5 * reds - up
+
+    lean = 7.0 * (speed / 0.4) ** 2 / (1 + (speed / 0.8) ** 2)
+    relative = towards(flow) - heading
+    tilt = np.array([
+        rng.uniform(-4, 4) - lean * np.cos(relative * RAD) + red(rng, n, 2, 1.0),
+        rng.uniform(-4, 4) + lean * np.sin(relative * RAD) + red(rng, n, 2, 1.0),
+    ])  # fmt: skip
+    blow = lfilter([0.3], [1, -0.7], speed**2)
+    depth = 100 + 300 * blow / 0.5 + 0.7 * np.cos(2 * np.pi * hours / 12.42) + rng.normal(0, 0.5, n)
+    season = np.cos(2 * np.pi * (hours / YEAR_H + rng.uniform()))
+    temperature = 4 + 1.5 * season + red(rng, n, 240, 0.6) - 0.4 * (depth - 100) / 100 + rng.normal(0, 0.02, n)
+    drain = rng.uniform(4, 8) * hours / YEAR_H
+    voltage = 43 - drain - 2.5 / (1 + np.exp((n * 1.02 - hours) / 250)) + 0.1 * (temperature - 4)
+    return World(
+        rng=rng, time_s=time_s, heading=heading, flow=upper, difference=reds + up + down, tilt=tilt,
+        sensed=tilt + rng.normal(0, rng.choice([0.02, 0.05, 0.1]), (2, n)), depth=depth,
+        separation=18 + 0.008 * (depth - 100) + red(rng, n, 30, 1.0), temperature=temperature,
+        voltage=np.round(voltage + rng.normal(0, 0.05, n), 1), earth=(float(rng.uniform(11500, 22000)), float(rng.uniform(40000, 52500))),
+        **_iron(rng),
+    )  # fmt: skip
+
+
+def _iron(rng):
+    soft = np.eye(3)
+    soft[:2, :2] += rng.normal(0, [[0.02, 0.008], [0.008, 0.02]])
+    strength = rng.choice([0.0, 0.1, 0.2, 0.35, 0.6])
+    angle = rng.uniform(0, 2 * np.pi)
+    return {"soft": soft, "hard": strength * np.array([np.cos(angle), np.sin(angle), 0.0])}
+
+
+def compass(world, *, extra=None, offset=None, uncompensated=False):
+    """Return the recorded heading: iron, tilt, levelling, readout.
+
+    ``extra`` is a field in the body frame, (3, n) nT; ``offset`` a function of the reading.
+    """
+    h, z = world.earth
+    cb, sb = np.cos(world.heading * RAD), np.sin(world.heading * RAD)
+    x, y, d = h * cb, -h * sb, np.full(len(cb), z)  # level: forward, starboard, down
+    (pc, ps), (rc, rs) = (((np.cos(a * RAD)), np.sin(a * RAD)) for a in world.tilt)
+    # into the tilted body: pitch first, then roll
+    x, d = pc * x - ps * d, ps * x + pc * d
+    y, d = rc * y + rs * d, -rs * y + rc * d
+    m = world.soft @ np.array([x, y, d]) + h * world.hard[:, None] + (0 if extra is None else extra)
+    (pc, ps), (rc, rs) = ((np.cos(a * RAD), np.sin(a * RAD)) for a in world.sensed)
+    y, d = rc * m[1] - rs * m[2], rs * m[1] + rc * m[2]
+    x = pc * m[0] + ps * d
+    if uncompensated:
+        x, y = m[0], m[1]
+    gamma = np.arctan2(-y, x) / RAD
+    return gamma + (0 if offset is None else offset(gamma))
+
+
+def five_term_residual(gamma, heading):
+    """Return what is left of the heading after five coefficients were refitted to the truth, degrees."""
+
+    def miss(c):
+        a, b, cc, d, e = c
+        w = np.exp(1j * RAD * heading)
+        return wrap(gamma - np.angle((1 - 1j * a) * w + b - 1j * cc + (d - 1j * e) / w) / RAD)
+
+    found = least_squares(miss, np.zeros(5), x_scale=0.1, max_nfev=40)
+    a, b, cc, d, e = found.x
+    w = np.exp(1j * RAD * heading)
+    q = (1 - 1j * a) * w + b - 1j * cc + (d - 1j * e) / w
+    slope = np.real(((1 - 1j * a) * w - (d - 1j * e) / w) / q)
+    return found.fun / np.maximum(slope, 0.2), found.x
+
+
+@dataclass(frozen=True)
+class Effect:
+    """What an effect of unit size adds: a body field, a function of the reading, a veer, or hours of clock error."""
+
+    parameters: dict[str, float]  # of unit size
+    extra: np.ndarray | None = None  # (3, n) nT
+    offset: object = None  # function of the reading, degrees
+    veer: np.ndarray | None = None  # (n,) degrees, lower minus upper
+    clock: np.ndarray | None = None  # (n,) hours by which the compromised clock is ahead
+
+
+def effect(world: World, name: str) -> Effect:
+    """Return an effect of random direction and date, of a size near one degree."""
+    rng, n, years = world.rng, len(world.hours), world.hours / YEAR_H
+    angle, zero = rng.uniform(0, 2 * np.pi), np.zeros(len(world.hours))
+    east, north = 200 * np.cos(angle), 200 * np.sin(angle)
+
+    def flat(series, unit):
+        names = (f"b_x_nT{unit}", f"b_y_nT{unit}")
+        return Effect(dict(zip(names, (east, north), strict=True)), np.array([east * series, north * series, zero]))
+
+    def shift(series, key):
+        return Effect({key: 1.0}, offset=lambda gamma: series)
+
+    step = (np.arange(n) >= n * rng.uniform(0.2, 0.8)).astype(float)
+    date = {"date_s": float(world.time_s[int(np.argmax(step))])}
+    warm, volt = world.temperature - world.temperature.mean(), world.voltage - world.voltage.mean()
+    coin = rng.uniform() < 0.5
+    if name == "heeling":
+        return Effect({"b_z_nT": 1000.0}, np.array([zero, zero, zero + 1000.0]))
+    if name == "hard_iron_drift":
+        return flat(years, "_year")
+    if name == "hard_iron_step":
+        made = flat(step, "")
+        return Effect(made.parameters | date, made.extra)
+    if name == "temperature":
+        return flat(warm, "_K") if coin else shift(warm, "deg_K")
+    if name == "supply_voltage":
+        return flat(volt, "_V") if coin else shift(volt, "deg_V")
+    if name in ("sextantal", "octantal"):
+        k, phase = (3 if name == "sextantal" else 4), rng.uniform(0, 2 * np.pi)
+        names = {"sine_deg": np.cos(phase), "cosine_deg": np.sin(phase)}
+        return Effect(names, offset=lambda gamma: np.sin(k * gamma * RAD + phase))
+    if name == "heading_slip":
+        return Effect({"offset_deg": 1.0} | date, offset=lambda gamma: step)
+    if name == "compass_drift":
+        return shift(years, "deg_year")
+    if name == "compass_lag":
+        rate = np.gradient(np.unwrap(world.heading * RAD) / RAD, 3600.0)
+        return Effect({"lag_s": 300.0}, offset=lambda gamma: -300.0 * rate)
+    if name == "current_veer":
+        speed, direction = np.abs(world.flow), towards(2 * world.flow + world.difference)
+        kind = rng.integers(3)
+        if kind == 0:
+            return Effect({"deg_s_m": 5.0}, veer=5.0 * (speed - speed.mean()))
+        if kind == 1:
+            return Effect({"deg_m": 1.0}, veer=world.separation - world.separation.mean())
+        return Effect({"sine_deg": np.cos(angle), "cosine_deg": np.sin(angle)}, veer=np.sin(direction * RAD + angle))
+    if name == "clock_offset":
+        hours = rng.choice([-1, 1]) * rng.uniform(0.45, 1.5)  # less is not to be named
+        return Effect({"hours": hours}, clock=zero + hours)
+    if name == "clock_drift":
+        rate = rng.choice([-1, 1]) * rng.uniform(0.6, 1.5)
+        return Effect({"hours_year": rate}, clock=rate * years)
+    return Effect({}, **_unknown(world, name, angle))
+
+
+def _unknown(world: World, name: str, angle: float) -> dict:
+    rng, hours = world.rng, world.hours
+    if name == "sector":
+        middle = np.quantile(world.heading, rng.uniform(0.3, 0.7))
+        return {"offset": lambda gamma: 3 * np.exp(-0.5 * (wrap(gamma - middle) / 9.0) ** 2)}
+    if name == "teeth":
+        teeth = rng.integers(8, 19)
+        return {"offset": lambda gamma: np.sin(teeth * gamma * RAD + angle)}
+    if name == "hour":
+        return {"offset": lambda gamma: np.cos(2 * np.pi * (world.time_s / 86400) + angle)}
+    if name == "episode":
+        begin = rng.uniform(0.1, 0.7) * hours[-1]
+        inside = (hours >= begin) & (hours < begin + 24 * rng.uniform(20, 60))
+        return {"offset": lambda gamma: 2.0 * inside}
+    if name == "wander":
+        period = 24 * rng.uniform(40, 90)
+        return {"offset": lambda gamma: np.cos(2 * np.pi * hours / period + angle)}
+    if name == "depth_threshold":
+        deep = world.depth > np.quantile(world.depth, rng.uniform(0.8, 0.93))
+        return {"offset": lambda gamma: 3.0 * deep}
+    if name == "warm_sextantal":
+        warm = (world.temperature - world.temperature.mean()) / world.temperature.std()
+        return {"offset": lambda gamma: warm * np.sin(3 * gamma * RAD + angle)}
+    pitch = world.tilt[0] - np.quantile(world.tilt[0], rng.uniform(0.3, 0.7))
+    return {"offset": lambda gamma: pitch**2 / np.std(pitch**2)}
+
+
+def combined(world: World, parts: list[tuple[Effect, float]]):
+    """Return (recorded heading, veer, clock hours) with effects times their sizes."""
+    extra, veer, clock, offsets = None, 0.0, np.zeros(len(world.hours)), []
+    for part, size in parts:
+        extra = extra if part.extra is None else size * part.extra + (0 if extra is None else extra)
+        veer = veer if part.veer is None else veer + size * part.veer
+        clock = clock if part.clock is None else clock + size * part.clock
+        offsets += [] if part.offset is None else [(part.offset, size)]
+    gamma = compass(world, extra=extra, offset=lambda g: sum((size * f(g) for f, size in offsets), np.zeros(len(g))))
+    return gamma, veer, clock
+
+
+def visible(world: World, part: Effect, size: float) -> float:
+    """Return what five refitted coefficients leave of an effect, rms degrees."""
+    bare, _ = five_term_residual(compass(world), world.heading)
+    if part.veer is not None:
+        gamma = compass(world)
+        left, _ = five_term_residual(gamma - size * part.veer, world.heading)
+        return float(np.std(left - bare))
+    if part.clock is not None:
+        lower = world.flow + world.difference
+        late = at_hours(lower, world.hours - size * part.clock)
+        move = wrap(towards(late) - towards(lower))
+        return 1.4826 * float(np.median(np.abs(move)))
+    gamma, *_ = combined(world, [(part, size)])
+    left, _ = five_term_residual(gamma, world.heading)
+    return float(np.std(left - bare))
+
+
+def at_hours(z, hours):
+    """Return a complex hourly series at other hours."""
+    own = np.arange(len(z))
+    return np.interp(hours, own, z.real) + 1j * np.interp(hours, own, z.imag)
+
+
+def planted(world: World, wanted: dict[str, float]) -> Drawn:
+    """Return the recording with effects of wanted visible size, rms degrees."""
+    parts, truth, seen = [], {}, {}
+    for name, target in wanted.items():
+        part = effect(world, name)
+        size = 1.0 if part.clock is not None else target / max(visible(world, part, 1.0), 0.02)
+        for _ in range(2 * (part.clock is None)):
+            size *= np.clip(target / max(visible(world, part, size), 1e-3), 0.3, 3.0)
+        if name == "heeling":
+            size = np.clip(size, -STRONGEST_DOWN, STRONGEST_DOWN)
+        parts.append((part, size))
+        truth[name] = {k: v * size if k != "date_s" else v for k, v in part.parameters.items()}
+        seen[name] = visible(world, part, size)
+    gamma, veer, clock = combined(world, parts)
+    gamma = gamma + world.rng.normal(0, 0.5, gamma.size)
+    lower = turned(world.flow + world.difference, veer)
+    # the compromised clock is ahead: what it stamps t happened at t - ahead, when the trusted one showed t - ahead
+    # but is paired as t; so the lower value paired with it is later than the upper one by that
+    lower = at_hours(lower, world.hours + clock)
+    upper = turned(world.flow, wrap(gamma - world.heading))
+    zero = np.zeros(gamma.size)
+    pairs = Pairs(
+        world.time_s, gamma % 360.0, *world.sensed, upper.real, upper.imag, lower.real, lower.imag, world.depth,
+        world.depth + world.separation, zero, zero,
+    )  # fmt: skip
+    covariates = {"temperature": world.temperature, "supply_voltage": world.voltage}
+    return Drawn(pairs, covariates, world.heading % 360.0, *world.earth, truth, seen)

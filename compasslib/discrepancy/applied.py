@@ -1,0 +1,118 @@
+"""The compass with the terms that were found on its side, as a correction needs it: for any sample of the instrument.
+
+It gives the correct headings of a recorded one with the terms' covariates at that sample, and what the fit does not
+know of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib import angles, compass
+from compasslib.deviation import model
+from compasslib.discrepancy import covariates
+from compasslib.physics import Scene, composition
+from compasslib.physics.composition import Simulation
+from compasslib.records import EarthField
+
+Floats = NDArray[np.floating]
+
+
+@dataclass(frozen=True)
+class Applied:
+    """A compass with terms, fitted to a record."""
+
+    simulation: Simulation
+    covariance: Floats  # (p, p) of A..E and the terms' parameters
+    references: Mapping[str, float]  # what the terms' departures count from, by covariate
+    logged: tuple[str, ...]  # series beside heading and tilt without which the terms cannot be applied
+
+    def scene(
+        self,
+        time_s: Floats,
+        recorded_deg: Floats,
+        tilt_deg: tuple[Floats, Floats],
+        series: Mapping[str, Floats],
+        *,
+        field: EarthField,
+    ) -> Scene:
+        """Return in what samples of the compromised instrument were made; what is missing counts as the reference.
+
+        Args:
+            time_s: (n,) increasing, UTC seconds.
+            recorded_deg: recorded headings, (n,), degrees.
+            tilt_deg: pitch and roll, (n,) each, degrees.
+            series: the logged covariates, (n,) each.
+            field: the earth's field along time.
+        """
+        found = {name: np.nan_to_num(series[name] - self.references[name]) for name in self.logged if name in series}
+        found |= {name: np.zeros(len(time_s)) for name in self.logged if name not in series}
+        if "supply_voltage" in series:
+            filled = covariates.filled(series["supply_voltage"])
+            found["battery_number"] = covariates.battery_number(filled)
+        found["turn_rate"] = np.nan_to_num(covariates.rate(recorded_deg, time_s))
+        h, z = (np.interp(time_s, field.time_s, x) for x in (field.horizontal_nT, field.vertical_nT))
+        pitch, roll = (np.nan_to_num(x) for x in tilt_deg)
+        return Scene(time_s, h, z, pitch, roll, self.references["time"], found)
+
+    def headings(self, scene: Scene, recorded_deg: Floats) -> Floats:
+        """Return the correct headings of recorded ones, (n, 2), NaN where there is none.
+
+        Args:
+            scene: in what they were made.
+            recorded_deg: (n,), degrees.
+        """
+        return composition.headings(self.simulation, scene, recorded_deg)
+
+    def sigma(self, scene: Scene, heading_deg: Floats) -> Floats:
+        """Return the standard error of headings that the parameters' covariance makes, (n,) degrees.
+
+        Args:
+            scene: in what they were made.
+            heading_deg: correct headings, (n,), degrees.
+        """
+        columns = composition.derivative(self.simulation, scene, heading_deg)
+        return np.sqrt(np.einsum("ni,ij,nj->n", columns, self.covariance, columns))
+
+    def levelled(self, scene: Scene, recorded_deg: Floats, near_deg: Floats) -> Floats:
+        """Return what the same compass, level and without the terms, would have recorded, (n,) degrees.
+
+        A method that knows five coefficients and no terms can go on from there.
+
+        Args:
+            scene: in what the headings were recorded.
+            recorded_deg: (n,), degrees.
+            near_deg: headings that choose between two roots, (n,), degrees.
+        """
+        heading = model.nearest_root(self.headings(scene, recorded_deg), near_deg)
+        return compass.recorded_heading(self.simulation.coefficients, heading)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return it for diagnosis.json."""
+        return {
+            "coefficients": dict(zip(model.LETTERS, self.simulation.coefficients.tolist(), strict=True)),
+            "horizontal_nT": self.simulation.horizontal_nT,
+            "terms": [
+                {"effect": term.name, "form": type(term).__name__} | vars(term) for term in self.simulation.terms
+            ],
+            "covariance": self.covariance.tolist(),
+            "references": dict(self.references),
+            "logged": list(self.logged),
+        }
+
+
+def deviation(applied: Applied, scene: Scene, recorded_deg: Floats, near_deg: Floats) -> Floats:
+    """Return correct minus recorded heading, (n,) degrees in [-180, 180), NaN where there is no root.
+
+    Args:
+        applied: compass with terms.
+        scene: in what the headings were recorded.
+        recorded_deg: (n,), degrees.
+        near_deg: headings that choose between two roots, (n,), degrees.
+    """
+    return angles.difference(model.nearest_root(applied.headings(scene, recorded_deg), near_deg), recorded_deg)

@@ -1,0 +1,148 @@
+"""What the simulation leaves of the recording, ready to be tested.
+
+The residual is observed minus simulated heading at the recorded one; it is never regressed on the observed heading,
+whose noise it shares. The compass's own coefficients and the nuisances are projected out of everything that is tested:
+what remains of an effect after their refit is its visible size.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib import angles
+from compasslib.deviation import model
+from compasslib.discrepancy import whitening
+from compasslib.discrepancy.case import Case
+from compasslib.discrepancy.whitening import Whitener
+from compasslib.physics import composition
+from compasslib.physics.composition import Simulation
+
+Floats = NDArray[np.floating]
+
+ROUNDS = 2
+BRANCHES_APART = 5.0  # widths of the scatter that two headings of one reading must be apart
+TREND_S = 10 * 86400.0  # spacing of the knots of what is slow
+STIFFEST = 1e-4  # prior precision of a baseline column in whitened units, against columns that hardly vary
+
+
+@dataclass(frozen=True)
+class State:
+    """A simulation held against a recording, everything else refitted; n samples."""
+
+    case: Case
+    simulation: Simulation
+    nuisance: Floats  # (k,) values of the nuisances
+    heading_deg: Floats  # (n,) simulated correct heading at the recorded one, NaN without a root
+    residual_deg: Floats  # (n,) observed minus simulated, degrees, NaN without a root
+    base: Floats  # (n, b) columns of A..E, of the terms unless freed, and of the nuisances, degrees a unit
+    whitener: Whitener
+    basis: Floats  # (n, b) orthonormal, of the whitened base
+    standard: Floats  # (n,) clipped residual over its width
+    shift: Floats  # (b,) of the base's values that the residual was freed of, by the widths alone
+    innovation: Floats  # (n,) whitened residual, the base projected out
+    sigma: float  # its standard deviation
+    response: float  # share of a small shift that survives the clip
+
+    def projected(self, columns_deg: Floats) -> Floats:
+        """Return columns whitened, the base projected out, (n, k).
+
+        Args:
+            columns_deg: (n, k), degrees a unit.
+        """
+        white = self.whitener(np.where(np.isfinite(columns_deg), columns_deg, 0.0))
+        return white - self.basis @ (self.basis.T @ white)
+
+    def visible(self, columns_deg: Floats) -> Floats:
+        """Return columns with what the base can take of them taken, (n, k) degrees: by the widths, not whitened.
+
+        Args:
+            columns_deg: (n, k), degrees a unit.
+        """
+        weight = 1.0 / self.whitener.width_deg
+        columns = np.where(np.isfinite(columns_deg), columns_deg, 0.0)
+        taken, *_ = np.linalg.lstsq(self.base * weight[:, None], columns * weight[:, None], rcond=1e-9)
+        left = columns - self.base @ taken
+        return left[np.isfinite(weight) & (weight > 0)]
+
+
+def examine(case: Case, simulation: Simulation, nuisance: Floats, *, freed: bool = False) -> State:
+    """Return the residual of a simulation, whitened, with its base projected out.
+
+    Args:
+        case: the recording.
+        simulation: compass and terms.
+        nuisance: values of the nuisances, (k,).
+        freed: whether the terms' effects are given back to the residual, linearised where the simulation stands, so
+            that other terms can be tried in their place; else they belong to the base.
+    """
+    heading, residual, width_floor = _residual(case, simulation, nuisance)
+    derivative = np.nan_to_num(composition.derivative(simulation, case.scene, heading))
+    base = np.column_stack([derivative[:, : 5 if freed else None], case.nuisance])
+    effect = derivative[:, 5:] @ simulation.parameters[5:] if freed else np.zeros(len(case))
+    left, width, shift = residual, np.full(len(case), np.inf), np.zeros(base.shape[1])
+    for _ in range(ROUNDS):
+        width = np.hypot(whitening.widths(left, case.slowness), width_floor)
+        weighted = np.where(np.isfinite(width)[:, None], base, 0.0) / width[:, None]
+        step = np.linalg.solve(_precise(weighted), weighted.T @ whitening.clipped(left, width))
+        left, shift = left - base @ step, shift + step
+    white = whitening.whitener(_without_trend(left, width, case.scene.time_s), width, case.scene.time_s)
+    basis = _orthonormal(white(base))
+    standard = whitening.clipped(left, width)
+    innovation = white.filtered(standard[:, None])[:, 0]
+    response = float(np.mean(np.abs(standard[np.isfinite(width)]) < whitening.CLIP))
+    bare = innovation - basis @ (basis.T @ innovation)
+    counts = np.isfinite(width)
+    sigma = float(np.sqrt(bare @ bare / max(counts.sum() - basis.shape[1], 1)))
+    if freed:  # the clip and the filter are those of what is left, not of the effect
+        innovation = innovation + response * white(effect[:, None])[:, 0]
+    innovation = innovation - basis @ (basis.T @ innovation)
+    return State(
+        case=case, simulation=simulation, nuisance=nuisance, heading_deg=heading, residual_deg=left, base=base,
+        whitener=white, basis=basis, standard=standard, shift=shift, innovation=innovation, sigma=sigma,
+        response=response,
+    )  # fmt: skip
+
+
+def _residual(case: Case, simulation: Simulation, nuisance: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return simulated heading, residual, and what the compass's own noise makes of it, (n,) each."""
+    shown = case.observed_deg - composition.veer(simulation, case.scene) - case.nuisance @ nuisance
+    roots = composition.headings(simulation, case.scene, case.recorded_deg)
+    heading = model.nearest_root(roots, shown)
+    slope = np.maximum(np.abs(composition.steepness(simulation, case.scene, heading)), composition.FLATTEST)
+    # Where a folded compass leaves two headings close together, the nearer one to a noisy direction is no residual.
+    with np.errstate(invalid="ignore"):
+        close = np.abs(angles.difference(roots[:, 0], roots[:, 1])) < BRANCHES_APART * case.expected_deg
+    heading = np.where(close, np.nan, heading)
+    return heading, angles.difference(shown, heading), case.precision_deg / slope
+
+
+def trend(time_s: Floats) -> Floats:
+    """Return hat functions of time that follow what changes over weeks, (n, k).
+
+    Args:
+        time_s: increasing times, (n,).
+    """
+    knots = np.linspace(time_s[0], time_s[-1], max(int(np.ptp(time_s) / TREND_S), 1) + 1)
+    return np.column_stack([np.interp(time_s, knots, row) for row in np.eye(len(knots))])
+
+
+def _without_trend(residual_deg: Floats, width_deg: Floats, time_s: Floats) -> Floats:
+    """Return the residual without what changes over weeks: a real drift must not pass for the water's memory."""
+    hats = trend(time_s)
+    standard, weighted = whitening.clipped(residual_deg, width_deg), hats / width_deg[:, None]
+    return residual_deg - hats @ np.linalg.solve(_precise(weighted), weighted.T @ standard)
+
+
+def _precise(columns: Floats) -> Floats:
+    gram = columns.T @ columns
+    return gram + STIFFEST * np.trace(gram) / len(gram) * np.eye(len(gram))
+
+
+def _orthonormal(columns: Floats) -> Floats:
+    """Return an orthonormal basis of columns, those that hardly add anything left out."""
+    scale = np.linalg.norm(columns, axis=0)
+    left, size, _ = np.linalg.svd(columns / np.where(scale > 0.0, scale, 1.0), full_matrices=False)
+    return left[:, size > 1e-6]

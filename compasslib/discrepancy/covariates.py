@@ -1,0 +1,177 @@
+"""What was logged beside the headings, as the search may use it; never anything derived from the lower direction alone.
+
+A regressor built from the lower direction shares its noise with the residual and alarms in every record.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib import angles
+from compasslib.deviation import model
+from compasslib.records import Pairs
+
+Floats = NDArray[np.floating]
+
+DAY_S, HOUR_S = 86400.0, 3600.0
+FEWEST_VALUES = 5  # different values below which a covariate says nothing
+BATTERY_JUMP = 0.3  # of its whole range: a supply voltage that rises by more within a day was given a new battery
+FORETELLING = (0.0, 1.3, 0.6, -0.1, -0.8)  # straight line through four samples before the last, carried on to now
+NEIGHBOUR_S = 1.5 * HOUR_S  # neighbours farther apart say nothing of a rate
+
+
+def of_pairs(pairs: Pairs, logged: Mapping[str, Floats]) -> dict[str, Floats]:
+    """Return the covariates along which the residual is looked at, (n,) each; constants are left out.
+
+    Args:
+        pairs: overlapping measurements.
+        logged: other series at their times, as ``temperature`` and ``supply_voltage``, (n,) each.
+    """
+    upper, _ = model.speeds(pairs)
+    every = {
+        "heading": pairs.heading_deg,
+        "time": pairs.time_s,
+        "pitch": pairs.pitch_deg,
+        "roll": pairs.roll_deg,
+        "depth": pairs.upper_depth_m,
+        "separation": pairs.lower_depth_m - pairs.upper_depth_m,
+        "speed": upper,
+        "hour_of_day": angles.wrap360(360.0 * (pairs.time_s / DAY_S)) / 15.0,
+    } | dict(logged)
+    return {name: filled(column) for name, column in every.items() if varies(column)}
+
+
+def varies(column: Floats) -> bool:
+    """Tell whether a covariate is there for most samples and takes more than a few values.
+
+    Args:
+        column: (n,), NaN where missing.
+    """
+    known = column[np.isfinite(column)]
+    return 2 * len(known) > len(column) and len(np.unique(known)) >= FEWEST_VALUES
+
+
+def filled(column: Floats) -> Floats:
+    """Return a covariate with what is missing set to its middle value, which says nothing.
+
+    Args:
+        column: (n,), NaN where missing.
+    """
+    return np.where(np.isfinite(column), column, np.nanmedian(column))
+
+
+def departures(
+    pairs: Pairs, covariates: Mapping[str, Floats], references: Mapping[str, float], heading_deg: Floats
+) -> dict[str, Floats]:
+    """Return what the terms need: covariates minus their references, and rates, (n,) each.
+
+    Args:
+        pairs: overlapping measurements.
+        covariates: as ``of_pairs`` gives them.
+        references: what is taken off, by name.
+        heading_deg: headings as the fit corrects them, (n,), degrees; NaN where it cannot.
+    """
+    result = {name: column - references.get(name, 0.0) for name, column in covariates.items()}
+    result["turn_rate"] = rate(pairs.heading_deg, pairs.time_s)
+    result |= _of_flow(pairs, np.nan_to_num(angles.difference(heading_deg, pairs.heading_deg)))
+    if "supply_voltage" in covariates:
+        number = battery_number(covariates["supply_voltage"])
+        if number[-1] > 0:
+            result["battery_number"] = number
+    return result
+
+
+def rate(angle_deg: Floats, time_s: Floats) -> Floats:
+    """Return the rate of turn between the neighbours of each sample, (n,) degrees/s, 0 where they are too far.
+
+    Args:
+        angle_deg: (n,), degrees.
+        time_s: increasing times, (n,).
+    """
+    turn, apart = angles.difference(angle_deg[2:], angle_deg[:-2]), time_s[2:] - time_s[:-2]
+    result = np.zeros(len(time_s))
+    result[1:-1] = np.where(apart <= 2.0 * NEIGHBOUR_S, turn / apart, 0.0)
+    return result
+
+
+def battery_number(voltage: Floats) -> Floats:
+    """Return how many batteries were put in since the first, (n,): each makes the voltage rise and stay.
+
+    Args:
+        voltage: (n,), any unit.
+    """
+    window = min(24, len(voltage) // 8)
+    smooth = np.median(np.lib.stride_tricks.sliding_window_view(voltage, window), axis=1)
+    rise = smooth[window:] - smooth[:-window]
+    least = BATTERY_JUMP * np.ptp(voltage)
+    number = np.zeros(len(voltage))
+    for at in np.flatnonzero((rise > least) & (rise >= _largest_near(rise, window))):
+        number[at + window :] += 1.0
+    return number
+
+
+def _largest_near(x: Floats, reach: int) -> Floats:
+    padded = np.pad(x, reach, constant_values=-np.inf)
+    return np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1).max(axis=1)
+
+
+def _of_flow(pairs: Pairs, deviation_deg: Floats) -> dict[str, Floats]:
+    """Return the flow's direction as the hours before foretell it, and the turn of the mooring's excursion.
+
+    The noise of either instrument's direction is in the residual too. In their mean, weighted by what each one's noise
+    is, it cancels; and that of the hours before is hardly in what the residual's filter leaves.
+    """
+    upper = _complex(*angles.turn(pairs.upper_east, pairs.upper_north, deviation_deg))
+    lower = _complex(pairs.lower_east, pairs.lower_north)
+    share = _share_of_upper(upper, lower)
+    both = share * upper + (1.0 - share) * lower
+    foretold = _foretold(both, pairs.time_s)
+    unit = np.where(np.abs(foretold) > 0.0, foretold, 1.0)
+    unit = np.where(np.abs(foretold) > 0.0, unit / np.abs(unit), 0.0)
+    lean = np.abs(upper) * upper
+    moved = np.zeros(len(pairs), dtype=complex)
+    apart = pairs.time_s[2:] - pairs.time_s[:-2]
+    moved[1:-1] = np.where(apart <= 2.0 * NEIGHBOUR_S, (lean[2:] - lean[:-2]) / apart, 0.0)
+    across = -np.imag(moved * np.conj(upper)) / np.maximum(np.abs(upper), 0.02) ** 2 / angles.DEGREE
+    result = {"excursion_turn": across, "flow_turn": _turning(both, pairs.time_s)}
+    return result | ({"flow_east": unit.real, "flow_north": unit.imag} if np.any(unit) else {})
+
+
+def _share_of_upper(upper: NDArray[np.complex128], lower: NDArray[np.complex128]) -> float:
+    """Return the upper's weight in the mean whose noise the difference does not know: the lower's share of the noise.
+
+    Second differences of either series hold its own noise and what both have in common.
+    """
+    a, b = np.diff(upper, 2), np.diff(lower, 2)
+    common = float(np.real(np.mean(a * np.conj(b))))
+    own = [max(float(np.mean(np.abs(x) ** 2)) - common, 0.0) for x in (a, b)]
+    return own[1] / max(sum(own), 1e-12)
+
+
+def _turning(flow: NDArray[np.complex128], time_s: Floats) -> Floats:
+    """Return the rate at which the flow turns, from a straight line through five samples, degrees/h, 0 at gaps."""
+    result = np.zeros(len(flow))
+    five = np.lib.stride_tricks.sliding_window_view(flow, 5)
+    hours = np.lib.stride_tricks.sliding_window_view(time_s, 5) / HOUR_S
+    away = hours - hours.mean(axis=1, keepdims=True)
+    slope, middle = np.sum(away * five, axis=1) / np.sum(away**2, axis=1), five.mean(axis=1)
+    turn = -np.imag(slope * np.conj(middle)) / np.maximum(np.abs(middle), 0.02) ** 2 / angles.DEGREE
+    result[2:-2] = np.where(np.ptp(hours, axis=1) <= 4.5, turn, 0.0)
+    return result
+
+
+def _foretold(flow: NDArray[np.complex128], time_s: Floats) -> NDArray[np.complex128]:
+    """Return a straight line through four earlier samples carried on to now; 0 where they are not there."""
+    result = np.zeros(len(flow), dtype=complex)
+    for weight, back in zip(FORETELLING, range(1, len(FORETELLING) + 1), strict=True):
+        result[len(FORETELLING) :] += weight * flow[len(FORETELLING) - back : -back]
+    together = time_s[len(FORETELLING) :] - time_s[: -len(FORETELLING)] <= (len(FORETELLING) + 0.5) * HOUR_S
+    result[len(FORETELLING) :] *= together
+    return result
+
+
+def _complex(east: Floats, north: Floats) -> NDArray[np.complex128]:
+    return np.asarray(east + 1j * north)

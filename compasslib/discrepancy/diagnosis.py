@@ -1,0 +1,170 @@
+"""The door: hold a recording against its simulation and say what was left out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib import deviation
+from compasslib.deviation.model import Fit
+from compasslib.discrepancy import (
+    baseline,
+    clocks,
+    columns,
+    findings,
+    large,
+    model,
+    mooring,
+    naming,
+    scan,
+    show,
+    telling,
+    verdict,
+)
+from compasslib.discrepancy.applied import Applied
+from compasslib.discrepancy.baseline import State
+from compasslib.discrepancy.case import Case
+from compasslib.discrepancy.columns import Group
+from compasslib.discrepancy.naming import Named
+from compasslib.discrepancy.scan import Tested
+from compasslib.discrepancy.show import Curve
+from compasslib.discrepancy.verdict import Diagnosis, Finding, Unexplained
+from compasslib.records import EarthField, Pairs
+
+Floats = NDArray[np.floating]
+
+FEWEST, SHORTEST_DAYS = 200, 20.0
+
+
+@dataclass(frozen=True)
+class Options:
+    """What may be chosen about a diagnosis."""
+
+    min_effect_deg: float = 0.5  # visible size, rms, below which a mismatch does not matter
+    apply: bool = True  # whether findings on the compass side are handed to the correction
+    alarm: float = 0.004  # probability that noise alone gives a name, and that it gives an unexplained mismatch
+    reference_magnetic: bool = True  # whether the trusted instrument has a compass too
+
+
+def diagnose(
+    pairs: Pairs, logged: Mapping[str, Floats], fit: Fit, field: EarthField, options: Options | None = None
+) -> Diagnosis:
+    """Return what a mooring's overlap shows that its fitted compass does not hold.
+
+    Args:
+        pairs: overlapping measurements.
+        logged: other series at their times, ``temperature`` and ``supply_voltage`` where there are, (n,) each.
+        fit: the configured fit, which is the simulation that is diagnosed.
+        field: the earth's field along time.
+        options: what may be chosen.
+    """
+    options = options or Options()
+    if why := _too_little(pairs, fit):
+        return verdict.insufficient(why)
+    exact = fit if fit.method == "exact" else deviation.fit("exact", pairs)
+    first = [] if fit.method == "exact" else large.findings(pairs, exact, fit, options.min_effect_deg)
+    clock = clocks.compare(pairs)
+    if clock.named:
+        again = clocks.repaired(pairs, clock)
+        kept = clocks.kept(pairs, again)
+        logged = {name: column[kept] for name, column in logged.items()}
+        first += findings.of_clock(pairs, again, exact, clock)
+        pairs, exact = again, deviation.fit("exact", again, exact)
+    case = mooring.case(pairs, logged, exact, field, reference_magnetic=options.reference_magnetic)
+    return _joined(first, judge(case, options))
+
+
+def judge(case: Case, options: Options) -> Diagnosis:
+    """Return the diagnosis of any recording that is held against its simulation.
+
+    Args:
+        case: the recording.
+        options: what may be chosen.
+    """
+    empty = baseline.examine(case, case.simulation, np.zeros(case.nuisance.shape[1]))
+    if (usable := int(np.isfinite(empty.residual_deg).sum())) < FEWEST:
+        why = f"{usable} of {len(case)} pairs show on which branch of the compass they are; {FEWEST} are needed"
+        return verdict.insufficient(why, case.not_testable)
+    named = naming.search(empty, alarm=options.alarm, min_effect_deg=options.min_effect_deg)
+    tested = scan.test(named.state, columns.omnibus(named.state), seed=99)
+    threshold = tested.threshold(options.alarm)
+    left, small = _left(named.state, tested, threshold, options.min_effect_deg)
+    every = findings.of_terms(named)
+    found = tuple(sorted(every, key=lambda one: -one.rms_effect_deg))
+    unexplained = None if left is None else findings.unexplained(named.state, *left, [one.effect for one in found])
+    return Diagnosis(
+        verdict=_verdict(found, unexplained),
+        findings=found,
+        unexplained=unexplained,
+        separated_by="; ".join(telling.separated_by(f.effect, f.alternatives) for f in found if f.alternatives) or None,
+        not_testable=case.not_testable,
+        negligible=(*named.negligible, *small),
+        curves=_curves(empty, named.state, found),
+        applied=_applied(named, every) if options.apply else None,
+        threshold={"names": named.threshold, "omnibus": threshold},
+    )
+
+
+def _too_little(pairs: Pairs, fit: Fit) -> str:
+    if not fit.fitted:
+        return f"there is no simulation to hold the recording against: {fit.why}"
+    days = float(np.ptp(pairs.time_s)) / 86400.0
+    if len(pairs) < FEWEST or days < SHORTEST_DAYS:
+        return (
+            f"{len(pairs)} overlapping pairs over {days:.0f} days; at least {FEWEST} over {SHORTEST_DAYS:.0f} days are "
+            "needed to tell left-out physics from the water"
+        )
+    return ""
+
+
+def _verdict(found: Sequence[Finding], unexplained: Unexplained | None) -> str:
+    if unexplained is not None:
+        return "unexplained"
+    if not found:
+        return "consistent"
+    return "ambiguous" if any(finding.alternatives for finding in found) else "explained"
+
+
+def _joined(first: Sequence[Finding], rest: Diagnosis) -> Diagnosis:
+    """Return the diagnosis with findings that were made before the search, strongest first."""
+    found = tuple(sorted((*first, *rest.findings), key=lambda one: -one.rms_effect_deg))
+    return replace(rest, findings=found, verdict=_verdict(found, rest.unexplained))
+
+
+def _left(
+    state: State, tested: Tested, threshold: float, min_effect_deg: float
+) -> tuple[tuple[Group, float] | None, tuple[tuple[str, float], ...]]:
+    """Return the strongest omnibus group that is left and matters, with its size, and those that do not matter."""
+    strong = [int(k) for k in np.argsort(-tested.score) if tested.score[k] > threshold]
+    sized = [(tested.groups[k], naming.size_of(state, tested.groups[k], float(tested.inflation[k]))) for k in strong]
+    worth = [one for one in sized if one[1] >= min_effect_deg]
+    small = {group.name: size for group, size in sized if size < min_effect_deg}
+    return (worth[0] if worth else None), tuple(small.items())
+
+
+def _curves(before: State, after: State, found: Sequence[Finding]) -> tuple[Curve, ...]:
+    names = dict.fromkeys(["heading", "time", *(one.where.covariate for one in found)])
+    return tuple(show.curve(before, after, name) for name in names if name in before.case.covariates)
+
+
+def _applied(named: Named, every: Sequence[Finding]) -> Applied | None:
+    """Return the compass with the findings that may touch the product, refitted where others stood on its side too."""
+    terms = named.state.simulation.terms
+    touching = [term for term, one in zip(terms, every, strict=True) if one.applied]
+    if not touching:
+        return None
+    beside = [t for t, one in zip(terms, every, strict=True) if one.applied or t.side != "compass"]
+    state = named.state if len(beside) == len(terms) else model.refit(named.state, beside)
+    estimate = model.estimate(state)
+    ends = 5 + np.cumsum([0, *(len(term.fitted()) for term in state.simulation.terms)])
+    own = [np.arange(5)]
+    for k, term in enumerate(state.simulation.terms):
+        own += [np.arange(ends[k], ends[k + 1])] if term.side == "compass" else []
+    index = np.concatenate(own)
+    simulation = replace(state.simulation, terms=tuple(t for t in state.simulation.terms if t.side == "compass"))
+    means = {name: float(np.mean(column)) for name, column in state.case.covariates.items()}
+    logged = dict.fromkeys(name for t in simulation.terms for name in t.needs if name in state.case.covariates)
+    return Applied(simulation, estimate.covariance[np.ix_(index, index)], means, tuple(logged))

@@ -1,0 +1,162 @@
+"""Findings made of fitted terms: where, when, how large, how sure, in numbers and in sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib import angles, compass
+from compasslib.deviation.model import Fit, nearest_root, observed_heading
+from compasslib.discrepancy import model, show, telling, verdict, whitening
+from compasslib.discrepancy.baseline import State
+from compasslib.discrepancy.case import Case
+from compasslib.discrepancy.clocks import Clock, kept
+from compasslib.discrepancy.columns import Group
+from compasslib.discrepancy.naming import Named
+from compasslib.discrepancy.show import Curve
+from compasslib.discrepancy.verdict import Finding, Parameter, Unexplained, Where
+from compasslib.physics import CATALOGUE, Term
+from compasslib.records import Pairs
+
+Floats = NDArray[np.floating]
+
+SIDES = {term.name: term.side for term in CATALOGUE}
+PROVEN = 0.05  # p-value on held-out days above which a finding does not touch the product
+RANGE = (0.05, 0.95)  # quantiles of a covariate that tell where an effect lives
+OUTSIDE = 2.5  # standard errors by which a bin leaves the band
+
+
+def of_terms(named: Named) -> list[Finding]:
+    """Return one finding for each chosen term, in the terms' order.
+
+    Args:
+        named: the chosen hypothesis.
+    """
+    covariances = model.estimate(named.state).term_covariances
+    return [_of_term(named.state, k, others, covariances[k]) for k, others in enumerate(named.alternatives)]
+
+
+def _of_term(state: State, k: int, alternatives: tuple[str, ...], covariance: Floats) -> Finding:
+    term = state.simulation.terms[k]
+    sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    parameters = {
+        name: Parameter(float(value), float(s), unit)
+        for name, value, s, unit in zip(term.fitted(), term.values, sigma, term.units(), strict=True)
+    }
+    size, proof, place = model.effect_deg(state, k, covariance), show.held_out(state, [k]), _where(state, term)
+    first, last = float(state.case.scene.time_s[0]), float(state.case.scene.time_s[-1])
+    begin = term.date if term.dated() else first
+    same_side = all(SIDES[name] == "compass" for name in alternatives)
+    return Finding(
+        effect=term.name,
+        side=term.side,
+        alternatives=alternatives,
+        where=place,
+        when_s=(begin, last),
+        parameters=parameters,
+        rms_effect_deg=size,
+        held_out=proof,
+        text=telling.finding(
+            term.name,
+            alternatives,
+            where=f"From {verdict.stamp(begin)[:10]} on" if term.dated() else place.text[0].upper() + place.text[1:],
+            parameters={name: (p.value, p.sigma, p.unit) for name, p in parameters.items()},
+            size_deg=size,
+            proof=(proof.rms_before_deg, proof.rms_after_deg, proof.p_value),
+        ),
+        applied=term.side == "compass" and same_side and proof.p_value < PROVEN,
+    )
+
+
+def of_clock(before: Pairs, after: Pairs, fit: Fit, clock: Clock) -> list[Finding]:
+    """Return the findings on the clocks, with what re-pairing does to the residual.
+
+    The clock comes from the speeds alone, so that every direction is held out from it.
+
+    Args:
+        before: pairs as they were.
+        after: pairs with the trusted instrument read at the true times.
+        fit: the exact compass.
+        clock: the named error.
+    """
+    same = kept(before, after)
+    first, second = observed_heading(before)[same], observed_heading(after)
+    moved = angles.difference(second, first)
+    roots = compass.inverse(fit.coefficients, after.heading_deg)
+    left = [angles.difference(shown, nearest_root(roots, shown)) for shown in (first, second)]
+    width = whitening.widths(left[1], np.zeros(len(after)))
+    proof = show.compared(left[0], left[1], width, after.time_s)
+    size = 1.4826 * float(np.median(np.abs(moved)))  # robust: slow water may point anywhere
+    numbers = {
+        "clock_offset": (clock.offset_named, "hours", clock.offset_h, clock.offset_sigma_h, "h"),
+        "clock_drift": (clock.drift_named, "hours_year", clock.drift_h_year, clock.drift_sigma_h_year, "h/year"),
+    }
+    span = (float(after.time_s[0]), float(after.time_s[-1]))
+    place = Where("time", *span, f"from {verdict.stamp(span[0])[:10]} to {verdict.stamp(span[1])[:10]}")
+    result = []
+    for effect, (is_named, name, value, sigma, unit) in numbers.items():
+        if not is_named:
+            continue
+        others = tuple(name for name in numbers if name != effect) if clock.ambiguous else ()
+        told = telling.finding(
+            effect,
+            others,
+            where=place.text[0].upper() + place.text[1:],
+            parameters={name: (value, sigma, unit)},
+            size_deg=size,
+            proof=(proof.rms_before_deg, proof.rms_after_deg, proof.p_value),
+        )
+        parameters = {name: Parameter(value, sigma, unit)}
+        result.append(Finding(effect, "clock", others, place, span, parameters, size, proof, told))
+    return result
+
+
+def unexplained(state: State, group: Group, size_deg: float, named: Sequence[str]) -> Unexplained:
+    """Return what is left after the named terms: where it lives, how large, its empirical curve.
+
+    Args:
+        state: with the named terms.
+        group: the omnibus group that is strongest.
+        size_deg: its visible size, rms.
+        named: effects that stand beside it.
+    """
+    curves = tuple(show.curve(state, state, name) for name in group.covariates)
+    places = [_outside(state.case, curve) for curve in curves]
+    said = " and ".join(place.text for place in places)
+    time_s = state.case.scene.time_s
+    when = next(((p.low, p.high) for p in places if p.covariate == "time"), (float(time_s[0]), float(time_s[-1])))
+    told = telling.unexplained(said, size_deg, named)
+    return Unexplained(group.covariates, places[0], when, size_deg, curves, told)
+
+
+def where(case: Case, name: str, span: tuple[float, float] | None = None) -> Where:
+    """Return a range of a covariate, by default the one that it covers.
+
+    Args:
+        case: the recording.
+        name: the covariate.
+        span: the range.
+    """
+    low, high = span or tuple(np.quantile(case.covariates[name], RANGE).tolist())
+    if name != "time":
+        return Where(name, low, high, telling.place(name, low, high))
+    return Where(name, low, high, f"from {verdict.stamp(low)[:10]} to {verdict.stamp(high)[:10]}")
+
+
+def _where(state: State, term: Term) -> Where:
+    """Return the covariate along which an effect lives."""
+    known = [name for name in telling.WHERE.get(term.name, ("time",)) if name in state.case.covariates]
+    needed = [name for name in known if name in term.needs] or known or ["time"]
+    return where(state.case, max(needed, key=lambda name: float(np.std(state.case.covariates[name]))))
+
+
+def _outside(case: Case, curve: Curve) -> Where:
+    """Return the range in which the binned residual leaves its band; all of the covariate where no bin does alone."""
+    far = np.abs(curve.before_deg) > OUTSIDE * curve.sigma_deg
+    if not far.any():
+        return where(case, curve.covariate)
+    half = float(np.median(np.diff(curve.centre))) / 2.0 if len(curve.centre) > 1 else 0.0
+    inside = curve.centre[far]
+    return where(case, curve.covariate, (float(inside.min()) - half, float(inside.max()) + half))

@@ -1,0 +1,147 @@
+"""Coefficients, terms and nuisances refitted together in the forward model, with their covariance."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib.discrepancy import baseline, columns, scan, whitening
+from compasslib.discrepancy.baseline import State
+from compasslib.physics import Term
+
+Floats = NDArray[np.floating]
+
+ROUNDS = 4
+LONGEST_STEP = 12.0  # in the parameters' own steps of about a degree
+CLOSE_ENOUGH = 0.02
+BLOCK_S = 10 * 86400.0
+NEARBY_S, FINE_S = 12 * 86400.0, 86400.0  # reach and spacing of the finer search of a date
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """The refit's solution."""
+
+    state: State
+    covariance: Floats  # (b, b) of A..E, the terms' parameters and the nuisances
+
+    @property
+    def term_covariances(self) -> list[Floats]:
+        """Covariance of each term's own parameters."""
+        ends = 5 + np.cumsum([0, *(len(term.fitted()) for term in self.state.simulation.terms)])
+        return [self.covariance[a:b, a:b] for a, b in itertools.pairwise(ends)]
+
+
+def refit(state: State, terms: Sequence[Term]) -> State:
+    """Return the state with terms beside the compass, all fitted together by Gauss and Newton's steps.
+
+    Args:
+        state: where to start.
+        terms: at any values, their dates set.
+    """
+    simulation, nuisance = replace(state.simulation, terms=tuple(terms)), state.nuisance
+    now = baseline.examine(state.case, simulation, nuisance)
+    for _ in range(ROUNDS):
+        step = _step(now)
+        count = len(simulation.parameters)
+        shortened = step[:count] * min(1.0, LONGEST_STEP / max(np.max(np.abs(step[:count]) / simulation.steps), 1e-12))
+        simulation = simulation.at(simulation.parameters + shortened)
+        nuisance = nuisance + step[count:]
+        now = baseline.examine(state.case, simulation, nuisance)
+        if np.max(np.abs(shortened) / simulation.steps) < CLOSE_ENOUGH:
+            break
+    return now
+
+
+def dated(state: State) -> State:
+    """Return the state with the dates of its terms looked for more finely, refitted.
+
+    Args:
+        state: with terms.
+    """
+    terms = list(state.simulation.terms)
+    for k, term in enumerate(terms):
+        if not term.dated():
+            continue
+        others = [t for j, t in enumerate(terms) if j != k]
+        free = refit(state, others)
+        near = np.arange(term.date - NEARBY_S, term.date + NEARBY_S, FINE_S)
+        tried = columns.of_dates(free, type(term), near)
+        gains = [scan.gain(free, group.columns) for group in tried]
+        best = tried[int(np.argmax(gains))].term
+        assert best is not None
+        terms[k] = best.at(term.values)
+    return refit(state, terms)
+
+
+def estimate(state: State) -> Estimate:
+    """Return the covariance of everything that was refitted, from the scores of blocks of days.
+
+    Args:
+        state: with terms.
+    """
+    white = state.whitener(state.base)
+    information = white.T @ white * state.response
+    inverse = whitening.inverse(information)
+    scores = white * state.innovation[:, None]
+    block = np.floor((state.case.scene.time_s - state.case.scene.time_s[0]) / BLOCK_S).astype(int)
+    sums = np.stack([np.bincount(block, column) for column in scores.T], axis=1)
+    model_based = inverse * state.sigma**2 / state.response
+    count = max(int(np.sum(np.bincount(block) > 0)), 2)
+    robust = inverse @ (sums.T @ sums) @ inverse * count / (count - 1)
+    share = np.sqrt(np.maximum(np.diag(robust) / np.maximum(np.diag(model_based), 1e-300), 1.0))
+    return Estimate(state, model_based * np.outer(share, share))
+
+
+def effect_deg(state: State, k: int, covariance: Floats) -> float:
+    """Return the visible size of a fitted term, rms degrees, freed of what its own uncertainty adds.
+
+    Args:
+        state: with terms.
+        k: position of the term.
+        covariance: of its parameters.
+    """
+    ends = 5 + np.cumsum([0, *(len(term.fitted()) for term in state.simulation.terms)])
+    others = np.column_stack([state.base[:, :5], state.base[:, ends[-1] :]])
+    own, values = state.base[:, ends[k] : ends[k + 1]], state.simulation.terms[k].values
+    weight = 1.0 / state.whitener.width_deg
+    taken, *_ = np.linalg.lstsq(others * weight[:, None], own * weight[:, None], rcond=1e-9)
+    seen = (own - others @ taken)[weight > 0]
+    product = seen.T @ seen / len(seen)
+    return float(np.sqrt(max(float(values @ product @ values) - float(np.sum(product * covariance)), 0.0)))
+
+
+def misfit(state: State, width_deg: Floats) -> float:
+    """Return the mean square of the residual over given widths, clipped; a sample without a root counts in full.
+
+    Args:
+        state: a simulation where it stands.
+        width_deg: (n,), infinite where a sample does not count.
+    """
+    counts = np.isfinite(width_deg)
+    standard = np.abs(state.residual_deg[counts]) / width_deg[counts]
+    return float(np.mean(np.minimum(np.nan_to_num(standard, nan=whitening.CLIP), whitening.CLIP) ** 2))
+
+
+def sizes_deg(state: State) -> list[float]:
+    """Return the visible size of each term, rms degrees.
+
+    Args:
+        state: with terms.
+    """
+    return [effect_deg(state, k, covariance) for k, covariance in enumerate(estimate(state).term_covariances)]
+
+
+def _step(state: State) -> Floats:
+    """Return the least-squares step of all parameters from the whitened, clipped residual."""
+    white = state.whitener(state.base)
+    scale = np.linalg.norm(white, axis=0)
+    scale = np.where(scale > 0.0, scale, 1.0)
+    # The residual of the state has the base taken out already: put the step back that did so.
+    total = state.whitener.filtered(state.standard[:, None])[:, 0]
+    step, *_ = np.linalg.lstsq(white / scale, total, rcond=1e-7)
+    return np.asarray(step / scale / state.response + state.shift)

@@ -1,0 +1,158 @@
+"""Score tests of many groups of columns at once, against what the record's own noise makes of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib import angles
+from compasslib.discrepancy import baseline
+from compasslib.discrepancy.baseline import State
+from compasslib.discrepancy.columns import Group
+
+Floats = NDArray[np.floating]
+
+THINNEST = 1e-6  # share of a group's largest direction below which a direction is taken for absorbed by the base
+BLOCK_S = 10 * 86400.0
+REPEATS = 300
+DATE_HANDICAP = 0.4  # score taken off each of many dates, so that they do not raise the bar for the other terms
+FLOW_HANDICAP = 0.6  # the same off what is built from the flow's direction: some of its noise is the residual's
+SLOW, WEEKLY = (400.0, 14.0), (14.0, 5.0)  # longest and shortest periods, days
+FEWEST_WAVES = 8
+MEDIAN_OF_CHI_SQUARED = 0.455  # of one degree of freedom
+
+
+@dataclass(frozen=True)
+class Tested:
+    """Groups of columns with their statistics under the data and under the record's own noise."""
+
+    groups: list[Group]
+    freedom: Floats  # (g,) directions of each group
+    inflation: Floats  # (g,) mean statistic of the noise over the freedom
+    score: Floats  # (g,) normal score of each group's statistic
+    highest: Floats  # (r,) highest normal score of each draw of the noise
+
+    def threshold(self, alarm: float) -> float:
+        """Return the score that noise exceeds anywhere with a given probability, by Gumbel's law of the highest.
+
+        Args:
+            alarm: the probability.
+        """
+        scale = float(np.std(self.highest)) * np.sqrt(6.0) / np.pi
+        return float(np.mean(self.highest)) - scale * (np.euler_gamma + np.log(-np.log1p(-alarm)))
+
+
+def test(state: State, groups: Sequence[Group], seed: int = 0) -> Tested:
+    """Return the score tests of all groups.
+
+    Args:
+        state: the simulation where it stands.
+        groups: columns to test.
+        seed: of the draws.
+    """
+    groups = [group for group in groups if group.columns.shape[1]]
+    ends = np.cumsum([group.columns.shape[1] for group in groups])
+    white = state.projected(np.concatenate([group.columns for group in groups], axis=1).astype(np.float32))
+    bases = [_directions(part) for part in np.split(white, ends[:-1], axis=1)]
+    kept = [k for k, basis in enumerate(bases) if basis.shape[1]]
+    groups, bases = [groups[k] for k in kept], [bases[k] for k in kept]
+    freedom = np.array([basis.shape[1] for basis in bases], dtype=float)
+    begins = np.concatenate([[0], np.cumsum(freedom)[:-1]]).astype(int)
+    every = np.concatenate(bases, axis=1)
+    seen = np.add.reduceat((every.T @ state.innovation) ** 2, begins) / state.sigma**2
+    noise = np.add.reduceat((resampled(state, seed) @ every) ** 2, begins, axis=1) / state.sigma**2
+    inflation = noise.mean(axis=0) / freedom
+    handicap = np.array([_handicap(group) for group in groups])
+    highest = (normal_score(noise / inflation, freedom) - handicap).max(axis=1)
+    inflation = np.maximum(inflation, 1.0) * _slow_inflation(state, every, begins, freedom)
+    return Tested(groups, freedom, inflation, normal_score(seen / inflation, freedom) - handicap, highest)
+
+
+def gain(state: State, columns_deg: Floats) -> float:
+    """Return the statistic of one group of columns, about its freedom where there is nothing.
+
+    Args:
+        state: the simulation where it stands.
+        columns_deg: (n, k), degrees a unit.
+    """
+    basis = _directions(state.projected(columns_deg))
+    return float(np.sum((basis.T @ state.innovation) ** 2)) / state.sigma**2
+
+
+def resampled(state: State, seed: int, repeats: int = REPEATS) -> Floats:
+    """Return draws of the record's own noise: blocks of days of its innovations at other dates, turned at random.
+
+    What changes over weeks is taken out first: a real drift must not raise the bar for itself.
+
+    Args:
+        state: the simulation where it stands.
+        seed: of the draws.
+        repeats: number of draws.
+    """
+    counts = np.isfinite(state.whitener.width_deg)
+    trend = _directions(state.projected(baseline.trend(state.case.scene.time_s).astype(np.float32)))
+    innovation = (state.innovation - trend @ (trend.T @ state.innovation))[counts].astype(np.float32)
+    rng, n = np.random.default_rng(seed), len(innovation)
+    step = float(np.median(np.diff(state.case.scene.time_s)))
+    length = int(np.clip(BLOCK_S / step, 5, max(n // 10, 5)))
+    blocks = -(-n // length)
+    begin = rng.integers(0, n, (repeats, blocks))
+    sign = rng.choice([-1.0, 1.0], (repeats, blocks)).astype(np.float32)
+    windows = np.lib.stride_tricks.sliding_window_view(np.concatenate([innovation, innovation]), length)
+    result = np.zeros((repeats, len(counts)), dtype=np.float32)
+    result[:, counts] = (windows[begin] * sign[:, :, None]).reshape(repeats, -1)[:, :n]
+    return result
+
+
+def _handicap(group: Group) -> float:
+    if group.term is None:
+        return 0.0
+    return DATE_HANDICAP * group.term.dated() + FLOW_HANDICAP * ("flow_east" in group.term.needs)
+
+
+def _slow_inflation(state: State, every: Floats, begins: NDArray[np.intp], freedom: Floats) -> Floats:
+    """Return by how much each group's statistic is inflated by slow changes that the filter and the blocks do not hold.
+
+    Water veers for weeks. What the record holds at periods of about a week, beyond white noise, is taken for the noise
+    of every group as far as the group is slow itself; drifts, steps and seasons hardly reach to such short periods.
+    """
+    days = float(np.ptp(state.case.scene.time_s)) / 86400.0
+    slow, weekly = (np.arange(int(days / longest), int(days / shortest) + 1) for longest, shortest in (SLOW, WEEKLY))
+    if len(weekly) < FEWEST_WAVES:
+        return np.ones(len(freedom))
+    heard = _waves(state, weekly)
+    excess = float(np.median((heard.T @ state.innovation) ** 2)) / state.sigma**2 / MEDIAN_OF_CHI_SQUARED
+    share = np.add.reduceat(np.sum((every.T @ _waves(state, slow)) ** 2, axis=1), begins) / freedom
+    return 1.0 + max(excess - 1.0, 0.0) * share
+
+
+def _waves(state: State, number: NDArray[np.intp]) -> Floats:
+    """Return an orthonormal basis of waves over the record, projected."""
+    time_s = state.case.scene.time_s
+    phase = 360.0 * (time_s - time_s[0])[:, None] / np.ptp(time_s) * np.maximum(number, 1)
+    return _directions(state.projected(np.column_stack(angles.sin_cos(phase)).astype(np.float32)))
+
+
+def normal_score(statistic: Floats, freedom: Floats) -> Floats:
+    """Return the normal score of a chi-squared statistic (Wilson and Hilferty, PNAS 17, 684, 1931).
+
+    Args:
+        statistic: (..., g).
+        freedom: (g,).
+    """
+    spread = 2.0 / (9.0 * freedom)
+    return (np.cbrt(np.maximum(statistic, 0.0) / freedom) - 1.0 + spread) / np.sqrt(spread)
+
+
+def _directions(white: Floats) -> Floats:
+    """Return an orthonormal basis of whitened columns, float32."""
+    scale = np.linalg.norm(white, axis=0)
+    unit = white[:, scale > 0] / scale[scale > 0]
+    if not unit.shape[1]:
+        return unit
+    values, vectors = np.linalg.eigh((unit.T @ unit).astype(float))
+    kept = values > max(THINNEST * values[-1], 1e-5)
+    return (unit @ (vectors[:, kept] / np.sqrt(values[kept])).astype(np.float32)).astype(np.float32)

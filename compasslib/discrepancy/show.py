@@ -1,0 +1,165 @@
+"""Whether the fit improves on days that it has not seen, and where.
+
+Blocks of ten days are held out in turn and everything linear is refitted on the others where the simulation stands.
+The score is that of the whitened residual; its interval comes from the blocks: neighbouring hours repeat each other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib import angles
+from compasslib.discrepancy import naming, whitening
+from compasslib.discrepancy.baseline import State
+
+Floats = NDArray[np.floating]
+
+BLOCK_S = 10 * 86400.0
+FOLDS, REPEATS = 5, 1000
+BINS = 18
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """What terms add on days that were not fitted."""
+
+    rms_before_deg: float
+    rms_after_deg: float
+    gain: float  # log score, all held-out samples together
+    gain_interval: tuple[float, float]  # 95 %, from the blocks
+    p_value: float  # share of drawn blocks whose gain is not positive
+
+    def to_json(self) -> dict[str, object]:
+        """Return it for diagnosis.json."""
+        return {
+            "rms_before_deg": self.rms_before_deg,
+            "rms_after_deg": self.rms_after_deg,
+            "log_score_gain": self.gain,
+            "log_score_gain_interval": list(self.gain_interval),
+            "p_value": self.p_value,
+        }
+
+
+@dataclass(frozen=True)
+class Curve:
+    """The residual along one covariate, before and after, what the base can take of it taken."""
+
+    covariate: str
+    centre: Floats  # (b,) middle of each bin
+    before_deg: Floats  # (b,)
+    after_deg: Floats
+    sigma_deg: Floats
+
+
+def held_out(state: State, which: Sequence[int]) -> HeldOut:
+    """Return what some of the fitted terms add on held-out days, the others kept in both.
+
+    Args:
+        state: with all terms fitted.
+        which: positions of the terms in question.
+    """
+    values, own = _values(state), _own(state, which)
+    white = state.whitener(state.base)
+    target = state.whitener.filtered(state.standard[:, None])[:, 0] / state.response + white @ values
+    block = np.floor((state.case.scene.time_s - state.case.scene.time_s[0]) / BLOCK_S).astype(int)
+    left = {kept: _left(white[:, columns], target, block) for kept, columns in (("b", ~own), ("a", own | True))}
+    total = state.residual_deg + state.base @ values
+    shown = {
+        k: _left_deg(state.base[:, c], white[:, c], target, total, block) for k, c in (("b", ~own), ("a", own | True))
+    }
+    each = (left["b"] ** 2 - left["a"] ** 2) * state.response**2 / (2.0 * state.sigma**2)
+    return judged(each, block, (angles.rms(shown["b"]), angles.rms(shown["a"])))
+
+
+def compared(before_deg: Floats, after_deg: Floats, width_deg: Floats, time_s: Floats) -> HeldOut:
+    """Return what a change that was not fitted to the directions does to their residual.
+
+    Args:
+        before_deg: residual before, (n,), degrees.
+        after_deg: the same after.
+        width_deg: width of the residual, (n,), degrees.
+        time_s: increasing times, (n,).
+    """
+    block = np.floor((time_s - time_s[0]) / BLOCK_S).astype(int)
+    squares = [whitening.clipped(np.nan_to_num(left), width_deg) ** 2 for left in (before_deg, after_deg)]
+    return judged((squares[0] - squares[1]) / 2.0, block, (angles.rms(before_deg), angles.rms(after_deg)))
+
+
+def judged(each: Floats, block: NDArray[np.intp], rms_deg: tuple[float, float]) -> HeldOut:
+    """Return a gain with its interval and p-value from blocks drawn again.
+
+    Args:
+        each: gain of each sample's log score, (n,).
+        block: number of the block of each, (n,).
+        rms_deg: of the residual, before and after.
+    """
+    sums = np.bincount(block, each)[np.bincount(block) > 0]
+    drawn = np.random.default_rng(0).choice(sums, (REPEATS, len(sums))).sum(axis=1)
+    low, high = np.quantile(drawn, [0.025, 0.975])
+    share = float((np.sum(drawn <= 0.0) + 1) / (REPEATS + 1))
+    return HeldOut(*rms_deg, float(sums.sum()), (float(low), float(high)), share)
+
+
+def curve(before: State, after: State, covariate: str) -> Curve:
+    """Return the residual in bins of a covariate, with and without the terms.
+
+    Args:
+        before: without terms.
+        after: with terms.
+        covariate: its name.
+    """
+    x = before.case.covariates[covariate]
+    edges = np.unique(np.quantile(x, np.linspace(0.0, 1.0, BINS + 1)))
+    if covariate == "heading":
+        edges = np.arange(0.0, 361.0, 360.0 / (2 * BINS))
+    bins = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, len(edges) - 2)
+    held = np.flatnonzero(np.bincount(bins, minlength=len(edges) - 1) >= 10)
+    indicators = (bins[:, None] == held).astype(float)
+    (first, _), (second, covariance) = (naming.solved(state, indicators) for state in (before, after))
+    share = np.bincount(bins)[held] / np.sum(np.bincount(bins)[held])
+    about = np.eye(len(held)) - share  # the mean is A's, not the covariate's
+    sigma = np.sqrt(np.maximum(np.diag(about @ covariance @ about.T), 0.0))
+    return Curve(covariate, (edges[held] + edges[held + 1]) / 2.0, about @ first, about @ second, sigma)
+
+
+def _values(state: State) -> Floats:
+    """Return the values of the base's columns relative to the simulation without terms: those of the terms."""
+    values = np.zeros(state.base.shape[1])
+    parameters = state.simulation.parameters
+    values[5 : len(parameters)] = parameters[5:]
+    return values
+
+
+def _own(state: State, which: Sequence[int]) -> NDArray[np.bool_]:
+    """Return which columns of the base belong to the terms in question."""
+    counts = [len(term.fitted()) for term in state.simulation.terms]
+    label = np.concatenate([np.full(5, -1), np.repeat(np.arange(len(counts)), counts)])
+    label = np.concatenate([label, np.full(state.base.shape[1] - len(label), -1)])
+    return np.isin(label, list(which))
+
+
+def _left(white: Floats, target: Floats, block: NDArray[np.intp]) -> Floats:
+    left = np.empty(len(target))
+    for fold in range(FOLDS):
+        out = block % FOLDS == fold
+        left[out] = target[out] - white[out] @ _fitted(white[~out], target[~out])
+    return left
+
+
+def _left_deg(base: Floats, white: Floats, target: Floats, total_deg: Floats, block: NDArray[np.intp]) -> Floats:
+    left = np.empty(len(target))
+    for fold in range(FOLDS):
+        out = block % FOLDS == fold
+        left[out] = total_deg[out] - base[out] @ _fitted(white[~out], target[~out])
+    return left
+
+
+def _fitted(white: Floats, target: Floats) -> Floats:
+    scale = np.linalg.norm(white, axis=0)
+    scale = np.where(scale > 0.0, scale, 1.0)
+    gram = (white / scale).T @ (white / scale)
+    return np.asarray(np.linalg.pinv(gram, rcond=1e-8, hermitian=True) @ ((white / scale).T @ target)) / scale

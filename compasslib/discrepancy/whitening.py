@@ -1,0 +1,130 @@
+"""Residuals and columns made comparable: divided by their width, clipped, freed of their memory.
+
+Hourly currents remember hours to days, and a test that forgets this names something in every record. One autoregressive
+filter, fitted to the residual, is laid over residual and columns alike; what is missing counts as 0 in both, so that
+gaps cost a little power and no truth.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib.deviation import model
+
+Floats = NDArray[np.floating]
+
+CLIP = 2.5  # Huber's clip, in widths
+ORDER, SAMPLES_PER_LAG = 24, 40  # a day of hourly memory; no more lags than the record can carry
+RIDGE = 1e-3  # keeps the filter steady where gaps leave the autocorrelation rough
+WIDTH_BINS = 12
+NARROWEST = 0.25  # least width as a share of the middle one
+CHUNK = 64
+
+
+@dataclass(frozen=True)
+class Whitener:
+    """The filter and the widths of one record."""
+
+    slot: NDArray[np.intp]  # (n,) place of each sample on the even grid
+    filter: Floats  # (p + 1,) 1 and minus the autoregressive coefficients
+    width_deg: Floats  # (n,) infinite where a sample does not count
+
+    def __call__(self, columns_deg: Floats) -> Floats:
+        """Return columns divided by the widths and filtered, (n, k).
+
+        Args:
+            columns_deg: (n, k), degrees.
+        """
+        return self.filtered(columns_deg / self.width_deg[:, None])
+
+    def filtered(self, standard: Floats) -> Floats:
+        """Return columns filtered, (n, k).
+
+        Args:
+            standard: already divided by the widths, (n, k).
+        """
+        lags = len(self.filter) - 1
+        chunks = -(-(int(self.slot[-1]) + 1) // CHUNK)
+        grid = np.zeros((lags + chunks * CHUNK, standard.shape[1]), dtype=standard.dtype)
+        grid[lags + self.slot] = standard
+        band = np.zeros((CHUNK, CHUNK + lags), dtype=standard.dtype)
+        for i in range(CHUNK):
+            band[i, i : i + lags + 1] = self.filter[::-1]
+        parts = [band @ grid[i * CHUNK : i * CHUNK + CHUNK + lags] for i in range(chunks)]
+        return np.concatenate(parts)[self.slot]
+
+
+def whitener(residual_deg: Floats, width_deg: Floats, time_s: Floats) -> Whitener:
+    """Return the filter that takes the memory out of a residual.
+
+    Args:
+        residual_deg: (n,), degrees.
+        width_deg: (n,), degrees, infinite where a sample does not count.
+        time_s: increasing times, (n,).
+    """
+    slot = slots(time_s)
+    order = int(min(ORDER, len(time_s) // SAMPLES_PER_LAG))
+    standard = clipped(residual_deg, width_deg)
+    series, present = np.zeros(slot[-1] + 1), np.zeros(slot[-1] + 1)
+    counts = np.isfinite(width_deg)
+    series[slot[counts]], present[slot[counts]] = standard[counts] - standard[counts].mean(), 1.0
+    together = np.maximum(model.lagged(present, order), 1.0)
+    correlation = model.lagged(series, order) / together
+    correlation = correlation / correlation[0] / (1.0 + RIDGE * (np.arange(order + 1) > 0))
+    toeplitz = correlation[np.abs(np.subtract.outer(np.arange(order), np.arange(order)))]
+    memory = np.linalg.solve(toeplitz, correlation[1:]) if order else np.zeros(0)
+    return Whitener(slot, np.append(1.0, -memory), width_deg)
+
+
+def slots(time_s: Floats) -> NDArray[np.intp]:
+    """Return the place of each sample on an even grid of the usual interval, (n,).
+
+    Args:
+        time_s: increasing times, (n,).
+    """
+    step = float(np.median(np.diff(time_s)))
+    apart = np.maximum(np.rint(np.diff(time_s) / step).astype(np.intp), 1)
+    return np.concatenate([[0], np.cumsum(np.minimum(apart, 10 * ORDER))]).astype(np.intp)
+
+
+def clipped(residual_deg: Floats, width_deg: Floats) -> Floats:
+    """Return residuals over their widths, clipped, 0 where a sample does not count, (n,).
+
+    Args:
+        residual_deg: (n,), degrees.
+        width_deg: (n,), degrees.
+    """
+    return np.clip(np.where(np.isfinite(width_deg), residual_deg, 0.0) / width_deg, -CLIP, CLIP)
+
+
+def widths(residual_deg: Floats, slowness: Floats) -> Floats:
+    """Return the robust width of the residual, which grows with slowness, (n,) degrees.
+
+    Args:
+        residual_deg: (n,), degrees; NaN does not count and gets an infinite width.
+        slowness: (n,), of any unit.
+    """
+    known = np.isfinite(residual_deg)
+    size = np.abs(residual_deg[known])
+    edges = np.quantile(slowness[known], np.linspace(0.0, 1.0, WIDTH_BINS + 1))
+    bins = np.clip(np.searchsorted(edges, slowness[known], side="right") - 1, 0, WIDTH_BINS - 1)
+    held = [b for b in range(WIDTH_BINS) if np.sum(bins == b) >= 5]
+    centre = np.array([np.median(slowness[known][bins == b]) for b in held])
+    middle = np.array([1.4826 * np.median(size[bins == b]) for b in held])
+    middle = np.maximum(np.maximum.accumulate(middle), NARROWEST * np.median(middle))
+    width = np.interp(slowness, centre, middle)
+    return np.where(known, np.maximum(width, 1e-6), np.inf)
+
+
+def inverse(gram: Floats) -> Floats:
+    """Return the inverse of a matrix of products of columns of any units; directions that vanish are left out.
+
+    Args:
+        gram: symmetric, (k, k).
+    """
+    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    outer = np.outer(scale, scale)
+    return np.asarray(np.linalg.pinv(gram / outer, rcond=1e-8, hermitian=True) / outer)
