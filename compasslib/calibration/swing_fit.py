@@ -8,7 +8,7 @@ observation and each belief leaves: the lines of an uncertainty budget.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +29,7 @@ class Block:
     name: str
     observe: Callable[[Floats], tuple[Floats, Floats]]  # parameters -> residuals (n,), their derivatives (n, k)
     speed_kn: Floats | None = None  # where slow ones scatter more
-    starts: NDArray[np.int_] | None = None  # of stretches in time; None: their order says nothing
+    blocks: NDArray[np.int_] | None = None  # (n,) number of the block in time; None: their order says nothing
     sigma: float | None = None  # scatter, where it is known
     groups: NDArray[np.int_] | None = None  # (n,) which were taken on one heading
 
@@ -90,8 +90,10 @@ def _noises(
         size = before[block.name].sigma if before else np.full(residual.shape, np.std(residual) + swing_noise.TINY)
         basis = _taken_up(columns / size[:, None], sigma) * size[:, None]
         basis = swing_noise.orthonormal(basis)
-        noise = swing_noise.estimate(residual, basis, speed_kn=block.speed_kn, starts=block.starts)
-        noises[block.name] = noise if block.groups is None else _grouped(noise, residual, block.groups, basis.shape[1])
+        noise = swing_noise.estimate(residual, basis, speed_kn=block.speed_kn, blocks=block.blocks)
+        noise = noise if block.groups is None else _grouped(noise, residual, block.groups, basis.shape[1])
+        # So few residuals that their scatter may be small by chance must not overrule what is believed.
+        noises[block.name] = replace(noise, weight=noise.weight / student(noise.dof) ** 2)
     return noises
 
 
@@ -128,14 +130,14 @@ def _rows(blocks: Sequence[Block], parameters: Floats, noises: Mapping[str, Nois
 
 def _solution(blocks: Sequence[Block], parameters: Floats, sigma: Floats, noises: Mapping[str, Noise]) -> Solution:
     rows = {name: each[:, :-1] for name, each in _rows(blocks, parameters, noises).items()}
-    starts = {block.name: block.starts for block in blocks}
+    in_time = {block.name: block.blocks for block in blocks}
     beliefs = {str(k): np.diag((np.arange(len(sigma)) == k) * sigma**-2.0) for k in np.flatnonzero(np.isfinite(sigma))}
     information = np.sum([*(each.T @ each for each in rows.values()), *beliefs.values()], axis=0)
     inverse = np.linalg.inv(information)
     spreads = {
         name: noises[name].weight
         * student(noises[name].dof) ** 2
-        * swing_noise.spread(each, noises[name], starts[name])
+        * swing_noise.spread(each, noises[name], in_time[name])
         for name, each in rows.items()
     }
     parts = {name: inverse @ middle @ inverse for name, middle in (spreads | beliefs).items()}

@@ -8,7 +8,7 @@ ship's log gives one, its length closes the triangle.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -28,12 +28,13 @@ DRIFT = [EAST, NORTH]
 NEVER = 1e-9  # width of the belief in a parameter that cannot be told
 LOG_SIGMA = 0.1  # of a ship's log's scale
 SPRING_S = 3 * 3600.0  # a tide goes from slack to full in three hours
-LONG_GAP_S = 120.0  # beyond it nothing is left of a wander at the helm
+BLOCK_S = 20.0  # over which residuals are averaged to find how alike they are
 LEAST_WATER_KN = 0.5
+SMOOTHED_S = 30.0
 HEADING_GAP_DEG = 2.0  # headings less apart are one heading, repeated
-COURSE, VISUAL, WATER = "course", "visual", "log"
+COURSE, VISUAL, WATER, SECOND = "course", "visual", "log", "second"
 
-Curve = Callable[[Floats, Floats, Floats], tuple[Floats, Floats, Floats]]
+Curve = Callable[[Floats, Floats, Floats], tuple[Floats, Floats, Floats, Floats]]
 
 
 @dataclass(frozen=True)
@@ -74,8 +75,21 @@ def fit(swing: Swing, *, exact: bool = False, start: Floats | None = None) -> So
     mean[LOG] = 1.0
     begin[LOG] = begin[LOG] or 1.0
     if exact:
-        begin[SERIES] = exact_start(swing.seen.recorded_deg, corrected_course(begin, swing)[0])
-    return solve(_blocks(swing, _exact if exact else _series), mean, beliefs(swing), begin)
+        begin[SERIES] = exact_start(swing.seen.recorded_deg, corrected_course(begin, swing))
+    found = solve(_blocks(swing, _exact if exact else _series), mean, beliefs(swing), begin)
+    return _with_second_order(found, swing, unit=angles.DEGREE if exact else 1.0)
+
+
+def _with_second_order(found: Solution, swing: Swing, unit: float) -> Solution:
+    """Add what an unknown drift does to D and E in second order, MM (37) and (43): 57.3 (d/S)^2 with d's uncertainty."""
+    if not swing.seen.over_ground:
+        return found
+    variance = float(np.mean(np.diag(found.covariance)[DRIFT]))
+    square = float(np.sum(found.parameters[DRIFT] ** 2)) + variance
+    part = np.zeros((SIZE, SIZE))
+    sigma = unit / angles.DEGREE * np.sqrt(variance * square) / float(np.median(swing.speed_kn)) ** 2
+    part[[3, 4], [3, 4]] = sigma**2
+    return replace(found, covariance=found.covariance + part, parts={**found.parts, SECOND: part})
 
 
 def beliefs(swing: Swing) -> Floats:
@@ -114,46 +128,85 @@ def exact_start(recorded_deg: Floats, heading_deg: Floats) -> Floats:
     return np.asarray(np.linalg.lstsq(columns, -np.imag(g * w))[0])
 
 
-def corrected_course(parameters: Floats, swing: Swing) -> tuple[Floats, Floats]:
-    """Return the magnetic headings that the courses stand for, (n,) degrees, and their derivatives, (n, k).
+def corrected_course(parameters: Floats, swing: Swing) -> Floats:
+    """Return the magnetic headings that the courses stand for, water and delay taken off, (n,) degrees.
 
     Args:
         parameters: of the swing.
         swing: observations.
     """
-    seen, slopes = swing.seen, np.zeros((len(swing.seen), SIZE))
-    through, east, north = seen.course_deg, *angles.components(swing.speed_kn, seen.course_deg)
-    if seen.over_ground:
-        since = _since_middle(seen)
-        east = east - parameters[EAST] - parameters[EAST_CHANGE] * since
-        north = north - parameters[NORTH] - parameters[NORTH_CHANGE] * since
-        through = angles.direction(east, north)
-        square = np.maximum(east**2 + north**2, 1e-6) * angles.DEGREE
-        slopes[:, EAST], slopes[:, NORTH] = -north / square, east / square
-        slopes[:, EAST_CHANGE], slopes[:, NORTH_CHANGE] = slopes[:, EAST] * since, slopes[:, NORTH] * since
+    through = angles.direction(*_through_water(parameters, swing)) if swing.seen.over_ground else swing.seen.course_deg
+    return angles.wrap360(through - _offset(parameters, swing))
+
+
+def _through_water(parameters: Floats, swing: Swing) -> tuple[Floats, Floats]:
+    """Return the ship's velocity through the water, true east and north, knots."""
+    since = _since_middle(swing.seen)
+    east, north = angles.components(swing.speed_kn, swing.seen.course_deg)
+    return (
+        east - parameters[EAST] - parameters[EAST_CHANGE] * since,
+        north - parameters[NORTH] - parameters[NORTH_CHANGE] * since,
+    )
+
+
+def _offset(parameters: Floats, swing: Swing) -> Floats:
+    return swing.declination_deg + parameters[DECLINATION] - parameters[LAG] * swing.seen.turn_deg_s
+
+
+def _slopes(parameters: Floats, swing: Swing, facing_deg: Floats) -> Floats:
+    """Return the derivatives of the corrected courses, (n, k).
+
+    They are taken where the ship faces by the fitted compass and at smoothed speeds: the course's own noise in them would
+    look like speeds and directions that vary, and tell the drift from B and C where nothing does. So would the first
+    harmonic that a wrong drift puts into the speed through the water round the circle: it is taken out.
+    """
+    seen, since, slopes = swing.seen, _since_middle(swing.seen), np.zeros((len(swing.seen), SIZE))
     slopes[:, DECLINATION], slopes[:, LAG] = -1.0, seen.turn_deg_s
-    offset = swing.declination_deg + parameters[DECLINATION] - parameters[LAG] * seen.turn_deg_s
-    return angles.wrap360(through - offset), slopes
+    if seen.over_ground:
+        sine, cosine = angles.sin_cos(facing_deg + _offset(parameters, swing))
+        speed = smoothed(np.hypot(*_through_water(parameters, swing)), seen)
+        round_circle = np.stack([np.ones_like(sine), sine, cosine], axis=-1)
+        harmonic = np.linalg.lstsq(round_circle, speed, rcond=1e-6)[0]
+        speed = np.maximum(speed - round_circle[:, 1:] @ harmonic[1:], 0.3 * speed) * angles.DEGREE
+        slopes[:, EAST], slopes[:, NORTH] = -cosine / speed, sine / speed
+        slopes[:, EAST_CHANGE], slopes[:, NORTH_CHANGE] = slopes[:, EAST] * since, slopes[:, NORTH] * since
+    return slopes
+
+
+def smoothed(values: Floats, seen: Observations) -> Floats:
+    """Return values averaged over half a minute of a log, (n,); as they are without times.
+
+    Args:
+        values: (n,).
+        seen: observations in order of time.
+    """
+    if not seen.timed:
+        return values
+    first = np.searchsorted(seen.time_s, seen.time_s - SMOOTHED_S / 2.0, side="left")
+    last = np.searchsorted(seen.time_s, seen.time_s + SMOOTHED_S / 2.0, side="right")
+    total = np.append(0.0, np.cumsum(values))
+    return (total[last] - total[first]) / (last - first)
 
 
 def _blocks(swing: Swing, curve: Curve) -> list[Block]:
     seen = swing.seen
-    starts = stretches(seen) if seen.timed else None
+    in_time = blocks_of(seen) if seen.timed else None
     slow = seen.speed_kn if swing.has_speed and seen.over_ground else None
     groups = None if seen.timed else headings_of(seen.recorded_deg)
-    blocks = [Block(COURSE, partial(_course, swing=swing, curve=curve), slow, starts, groups=groups)]
+    blocks = [Block(COURSE, partial(_course, swing=swing, curve=curve), slow, in_time, groups=groups)]
     if swing.marks:
         observe = partial(_mark, swing=swing, curve=curve)
         blocks.append(Block(VISUAL, observe, sigma=swing.options.visual_sigma_deg))
     if _by_log(swing).any():
-        blocks.append(Block(WATER, partial(_water, swing=swing), starts=starts))
+        blocks.append(Block(WATER, partial(_water, swing=swing), blocks=in_time))
     return blocks
 
 
 def _course(parameters: Floats, swing: Swing, curve: Curve) -> tuple[Floats, Floats]:
-    heading, slopes = corrected_course(parameters, swing)
-    residual, by_compass, by_heading = curve(parameters[SERIES], heading, swing.seen.recorded_deg)
-    slopes = slopes * by_heading[:, None]
+    residual, by_compass, by_heading, facing = curve(
+        parameters[SERIES], corrected_course(parameters, swing), swing.seen.recorded_deg
+    )
+    slopes = _slopes(parameters, swing, facing) * by_heading[:, None]
     slopes[:, SERIES] = by_compass
     return residual, slopes
 
@@ -161,7 +214,7 @@ def _course(parameters: Floats, swing: Swing, curve: Curve) -> tuple[Floats, Flo
 def _mark(parameters: Floats, swing: Swing, curve: Curve) -> tuple[Floats, Floats]:
     recorded, true = np.transpose(swing.marks)
     heading = true - swing.declination_deg - parameters[DECLINATION]
-    residual, by_compass, by_heading = curve(parameters[SERIES], heading, recorded)
+    residual, by_compass, by_heading, _ = curve(parameters[SERIES], heading, recorded)
     slopes = np.zeros((len(recorded), SIZE))
     slopes[:, SERIES], slopes[:, DECLINATION] = by_compass, -by_heading
     return residual, slopes
@@ -169,13 +222,10 @@ def _mark(parameters: Floats, swing: Swing, curve: Curve) -> tuple[Floats, Float
 
 def _water(parameters: Floats, swing: Swing) -> tuple[Floats, Floats]:
     """Return speed through the water from the triangle minus that of the ship's log times its scale, knots."""
-    seen, since = swing.seen, _since_middle(swing.seen)
-    east, north = angles.components(seen.speed_kn, seen.course_deg)
-    east = east - parameters[EAST] - parameters[EAST_CHANGE] * since
-    north = north - parameters[NORTH] - parameters[NORTH_CHANGE] * since
-    through, used = np.maximum(np.hypot(east, north), 1e-3), _by_log(swing)
-    logged = np.where(used, seen.water_speed_kn, 0.0)
-    slopes = np.zeros((len(seen), SIZE))
+    since, used = _since_middle(swing.seen), _by_log(swing)
+    east, north = _through_water(parameters, swing)
+    through, logged = np.maximum(np.hypot(east, north), 1e-3), np.where(used, swing.seen.water_speed_kn, 0.0)
+    slopes = np.zeros((len(swing.seen), SIZE))
     slopes[:, EAST], slopes[:, NORTH], slopes[:, LOG] = -east / through, -north / through, -logged
     slopes[:, EAST_CHANGE], slopes[:, NORTH_CHANGE] = slopes[:, EAST] * since, slopes[:, NORTH] * since
     return (through - parameters[LOG] * logged) * used, slopes * used[:, None]
@@ -196,14 +246,14 @@ def _since_middle(seen: Observations) -> Floats:
     return (seen.time_s - (first + last) / 2.0) / max(last - first, 1.0)
 
 
-def stretches(seen: Observations) -> NDArray[np.int_]:
-    """Return the first sample of each stretch of a log without a gap.
+def blocks_of(seen: Observations) -> NDArray[np.int_]:
+    """Return the number of each sample's block of 20 s, (n,), empty blocks not counted.
 
     Args:
         seen: observations in order of time.
     """
-    step = np.diff(seen.time_s)
-    return np.append(0, 1 + np.flatnonzero(step > LONG_GAP_S) if step.size else [])
+    block = np.floor((seen.time_s - seen.time_s[0]) / BLOCK_S)
+    return np.unique(block, return_inverse=True)[1]
 
 
 def headings_of(recorded_deg: Floats) -> NDArray[np.int_]:
@@ -221,15 +271,17 @@ def headings_of(recorded_deg: Floats) -> NDArray[np.int_]:
     return groups
 
 
-def _series(coefficients: Floats, heading: Floats, recorded: Floats) -> tuple[Floats, Floats, Floats]:
+def _series(coefficients: Floats, heading: Floats, recorded: Floats) -> tuple[Floats, Floats, Floats, Floats]:
     columns = von_appen.design(recorded)
-    residual = angles.wrap180(angles.difference(heading, recorded) - columns @ coefficients)
-    return residual, -columns, np.ones(len(recorded))
+    fitted = recorded + columns @ coefficients
+    return angles.difference(heading, fitted), -columns, np.ones(len(recorded)), fitted
 
 
-def _exact(coefficients: Floats, heading: Floats, recorded: Floats) -> tuple[Floats, Floats, Floats]:
+def _exact(coefficients: Floats, heading: Floats, recorded: Floats) -> tuple[Floats, Floats, Floats, Floats]:
     residual = angles.difference(compass.recorded_heading(coefficients, heading), recorded)
-    return residual, compass.gradient(coefficients, heading).T, compass.slope(coefficients, heading)
+    root = compass.inverse(coefficients, recorded)[:, 0]
+    fitted = np.where(np.isfinite(root), root, heading)  # a reading that the compass cannot show has no root
+    return residual, compass.gradient(coefficients, fitted).T, compass.slope(coefficients, fitted), fitted
 
 
 def parts_of_budget(solution: Solution, columns: Floats) -> dict[str, float]:

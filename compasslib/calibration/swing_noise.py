@@ -1,8 +1,9 @@
 """Noise of a swing: wider at low speed, alike from second to second, with outliers.
 
-A helmsman's wandering and a receiver's filter make neighbouring residuals alike. An autoregression with a moving average
-of first order stands for both. It widens the covariance; it does not steer the fit, because a filter to independence
-would weigh most what a boat does within seconds, where the course lags behind the compass.
+A helmsman's wandering, the swell and a receiver's filter make neighbouring residuals alike. Means over blocks of 20 s are
+free of most of the swing about the course; what is left alike between blocks is an autoregression with a moving average
+of first order. It widens the covariance; it does not steer the fit, because a filter to independence would weigh most
+what a boat does within seconds, where the course lags behind the compass.
 """
 
 from __future__ import annotations
@@ -13,12 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.floating]
+Ints = NDArray[np.int_]
 
 CLIP = 2.5  # residuals count no more than this many standard deviations (Huber)
-FEWEST_ROBUST, FEWEST_CORRELATED = 30, 60
+FEWEST_ROBUST = 30
 SLOW_KN = np.concatenate([[0.0], np.geomspace(0.3, 30.0, 14)])  # speeds at which both parts of the scatter are equal
-MEMORY = np.concatenate([[0.0], 1.0 - np.geomspace(0.6, 0.01, 16)])  # of the autoregression, a sample
-SHARE = np.array([0.0, -0.2, -0.4, -0.55, -0.7, -0.8, -0.9])  # of the moving average
+MEMORY = np.concatenate([[0.0], 1.0 - np.geomspace(0.85, 0.05, 14)])  # of the autoregression, from block to block
+SHARE = np.array([0.0, -0.2, -0.4, -0.6, -0.8])  # of the moving average
 RANK_TOLERANCE, TINY = 1e-6, 1e-6
 FEWEST_DOF = 3.0
 
@@ -28,60 +30,53 @@ class Noise:
     """Scatter of the residuals of one kind of observation."""
 
     sigma: Floats  # (n,) of each residual
-    memory: float = 0.0
+    memory: float = 0.0  # of the blocks' means
     share: float = 0.0
+    level: float = 1.0  # variance of a block's mean over that of a residual
     n_effective: float = 0.0  # independent residuals that would say as much
     dof: float = np.inf  # degrees of freedom of the scatter
     weight: float = 1.0  # information of a row over that of an independent one
 
 
-def spread(rows: Floats, noise: Noise, starts: NDArray[np.int_] | None) -> Floats:
+def spread(rows: Floats, noise: Noise, blocks: Ints | None) -> Floats:
     """Return the covariance of the sums of rows times residuals, (k, k), for rows over their scatter.
 
     Args:
         rows: (n, k) in order of time, over the scatter.
         noise: scatter and memory.
-        starts: first rows of the stretches without gap.
+        blocks: (n,) number of each row's block in time, without gaps; None where rows are independent.
     """
-    if starts is None or noise.memory == 0.0:
+    if blocks is None:
         return rows.T @ rows
-    from scipy.signal import lfilter  # only logs pay for it
-
-    total = np.zeros((rows.shape[1], rows.shape[1]))
-    for begin, end in zip(starts, np.append(starts[1:], len(rows)), strict=True):
-        # R = L L^T with L the filter from independent rows to alike ones, so that R's quadratic form runs backwards.
-        back = lfilter([1.0, noise.share], [1.0, -noise.memory], rows[begin:end][::-1], axis=0)
-        total += _innovation(noise.memory, noise.share) * back.T @ back
-        before = (noise.memory * back[-1] + noise.share * rows[begin]) / np.sqrt(1.0 - noise.memory**2)  # the past's
-        total += _innovation(noise.memory, noise.share) * np.outer(before, before)
-    return total
+    summed = _summed(rows, blocks)
+    apart = np.abs(np.subtract.outer(np.arange(len(summed)), np.arange(len(summed))))
+    return noise.level * summed.T @ _correlation(noise.memory, noise.share, apart) @ summed
 
 
-def estimate(
-    residual: Floats, basis: Floats, *, speed_kn: Floats | None, starts: NDArray[np.int_] | None
-) -> Noise:
-    """Return the scatter by restricted likelihood, which allows for what the fit has taken up.
+def estimate(residual: Floats, basis: Floats, *, speed_kn: Floats | None, blocks: Ints | None) -> Noise:
+    """Return the scatter, by restricted likelihood where residuals are alike.
 
     Args:
         residual: (n,) of the present fit.
         basis: (n, rank) orthonormal, what the fit can take up.
         speed_kn: (n,) where slow courses scatter more.
-        starts: first rows of the stretches without gap; None where the order of the rows says nothing.
+        blocks: (n,) number of each residual's block in time; None where they are independent.
     """
     n, rank = basis.shape
     if n < FEWEST_ROBUST:
         flat = np.full(n, np.sqrt(np.sum(residual**2) / max(n - rank, 1)))
         return Noise(np.maximum(flat, TINY), n_effective=float(n), dof=float(n - rank))
     shape, clipped = _shape(residual, speed_kn)
-    standard, columns = clipped / shape, orthonormal(basis / shape[:, None])
-    correlated = starts is not None and n >= FEWEST_CORRELATED
-    memory, share = _memory(standard, columns, starts) if correlated else (0.0, 0.0)
-    huber = float(np.mean(residual == clipped))
-    left = _left(_filtered(np.column_stack([columns, standard]), memory, share, starts))
-    scale = np.sqrt(left / (n - rank) / _innovation(memory, share)) / huber
-    noise = Noise(np.maximum(shape * scale, TINY), memory, share)
+    scale = np.sqrt(np.sum((clipped / shape) ** 2) / (n - rank))
+    noise = Noise(np.maximum(shape * scale, TINY))
+    kept = float(np.mean(residual == clipped))  # Huber's estimate varies as if the clipped ones were not there
+    if blocks is None:
+        return replace(noise, sigma=noise.sigma / kept, n_effective=float(n), dof=float(n - rank))
+    columns = orthonormal(basis / noise.sigma[:, None])
+    noise = _alike(noise, _means(clipped / noise.sigma, blocks), _means(columns, blocks))
+    noise = replace(noise, level=noise.level / kept**2)
     told = columns if rank else np.full((n, 1), n**-0.5)
-    weight = min(told.shape[1] / float(np.trace(spread(told, noise, starts))), 1.0)
+    weight = min(told.shape[1] / float(np.trace(spread(told, noise, blocks))), 1.0)
     return replace(noise, n_effective=weight * n, dof=max(weight * n - rank, FEWEST_DOF), weight=weight)
 
 
@@ -98,6 +93,17 @@ def clip(residual: Floats, noise: Noise) -> Floats:
     return np.clip(residual, -bound, bound)
 
 
+def orthonormal(columns: Floats, least: float = RANK_TOLERANCE) -> Floats:
+    """Return an orthonormal basis of what columns span.
+
+    Args:
+        columns: (n, k).
+        least: singular values that are not greater are left out, over the greatest if that is above 1.
+    """
+    left, size, _ = np.linalg.svd(columns, full_matrices=False)
+    return left[:, size > least * max(1.0, size.max(initial=0.0))]
+
+
 def _shape(residual: Floats, speed_kn: Floats | None) -> tuple[Floats, Floats]:
     """Return the scatter of each residual and the residuals clipped by it, the likeliest share of slowness taken."""
     slowness = np.zeros(residual.shape) if speed_kn is None else 1.0 / np.maximum(speed_kn, 0.1)
@@ -112,49 +118,36 @@ def _shape(residual: Floats, speed_kn: Floats | None) -> tuple[Floats, Floats]:
     return found
 
 
-def _memory(standard: Floats, basis: Floats, starts: NDArray[np.int_]) -> tuple[float, float]:
-    rows, dof = np.column_stack([basis, standard]), len(standard) - basis.shape[1]
-    best, found = np.inf, (0.0, 0.0)
+def _alike(noise: Noise, means: Floats, columns: Floats) -> Noise:
+    """Fit memory and level of the blocks' means by restricted likelihood; wholly alike blocks where they are too few."""
+    columns = orthonormal(columns)
+    dof = len(means) - columns.shape[1]
+    if dof < FEWEST_DOF:
+        return noise
+    rows, best = np.column_stack([columns, means]), np.inf
+    apart = np.abs(np.subtract.outer(np.arange(len(means)), np.arange(len(means))))
     for memory in MEMORY:
-        for share in SHARE if memory > 0.0 else SHARE[:1]:
-            if memory + share < 0.0:
-                continue
-            upper = np.linalg.qr(_filtered(rows, memory, share, starts), mode="r")
+        for share in SHARE[-memory <= SHARE]:
+            lower = np.linalg.cholesky(_correlation(memory, share, apart))
+            upper = np.linalg.qr(np.linalg.solve(lower, rows), mode="r")
             size = np.log(np.abs(np.diag(upper)) + 1e-12)
-            first = -0.5 * len(starts) * np.log(_innovation(memory, share))
-            loss = dof * size[-1] + float(np.sum(size[:-1])) + first
+            loss = dof * size[-1] + float(np.sum(size[:-1])) + float(np.sum(np.log(np.diag(lower))))
             if loss < best:
-                best, found = loss, (float(memory), float(share))
-    return found
+                level = float(upper[-1, -1] ** 2) / dof
+                best, noise = loss, replace(noise, memory=float(memory), share=float(share), level=level)
+    return noise
 
 
-def _filtered(rows: Floats, memory: float, share: float, starts: NDArray[np.int_] | None) -> Floats:
-    """Return the innovations of an ARMA(1, 1) series, stretch by stretch; a stretch's first row keeps its due weight."""
-    if memory == 0.0 or starts is None:
-        return rows
-    from scipy.signal import lfilter  # only logs pay for it
-
-    ends, out = np.append(starts[1:], len(rows)), np.empty_like(rows)
-    for begin, end in zip(starts, ends, strict=True):
-        out[begin:end] = lfilter([1.0, -memory], [1.0, share], rows[begin:end], axis=0)
-    out[starts] *= np.sqrt(_innovation(memory, share))
-    return out
+def _correlation(memory: float, share: float, apart: Ints) -> Floats:
+    """Return the correlation of an ARMA(1, 1) series at lags."""
+    first = (1.0 + memory * share) * (memory + share) / (1.0 + 2.0 * memory * share + share**2)
+    return np.where(apart == 0, 1.0, first * memory ** np.maximum(apart - 1, 0))
 
 
-def _innovation(memory: float, share: float) -> float:
-    return (1.0 - memory**2) / (1.0 + 2.0 * memory * share + share**2)
+def _summed(rows: Floats, blocks: Ints) -> Floats:
+    return np.add.reduceat(rows, np.flatnonzero(np.diff(blocks, prepend=-1)), axis=0)
 
 
-def _left(rows: Floats) -> float:
-    return float(np.linalg.qr(rows, mode="r")[-1, -1] ** 2)
-
-
-def orthonormal(columns: Floats, least: float = RANK_TOLERANCE) -> Floats:
-    """Return an orthonormal basis of what columns span.
-
-    Args:
-        columns: (n, k).
-        least: singular values that are not greater are left out, over the greatest if that is above 1.
-    """
-    left, size, _ = np.linalg.svd(columns, full_matrices=False)
-    return left[:, size > least * max(1.0, size.max(initial=0.0))]
+def _means(values: Floats, blocks: Ints) -> Floats:
+    count = np.bincount(blocks)
+    return _summed(values, blocks) / (count if values.ndim == 1 else count[:, None])

@@ -193,6 +193,7 @@ def _harmonics(swing: Swing, series: Solution, rms: float) -> str:
     size = {}
     for order, name in ((3, "third"), (4, "fourth")):
         columns = np.stack(angles.sin_cos(order * recorded), axis=-1)
+        columns = columns[:, 1:] if order == 4 and distinct_headings(recorded) == 8 else columns  # sin 4 is not seen
         both = np.column_stack([von_appen.design(recorded), columns])
         taken = residual - both @ np.linalg.lstsq(both, residual, rcond=1e-6)[0]
         size[name] = angles.rms(taken)
@@ -263,4 +264,4 @@ def observed_deviation(swing: Swing, parameters: Floats) -> Floats:
         swing: observations.
         parameters: of the fitted swing.
     """
-    return angles.difference(corrected_course(parameters, swing)[0], swing.seen.recorded_deg)
+    return angles.difference(corrected_course(parameters, swing), swing.seen.recorded_deg)
