@@ -1,9 +1,9 @@
 """Do the stated uncertainties of a swing hold? Simulated swings with known truth, and the one real log.
 
-Headings: one reading each on 8, 16 or 36 headings, the water drifting. Logs: 20 to 30 minutes at one sample a second, on
-legs or in slow circles, with a helmsman's wander, a receiver that smooths and lags, speeds that vary, outliers, and water
-whose drift changes; with and without the ship's own speed log. The declination is given with its error. The same seed
-draws the same swings.
+Headings: one reading each on 8, 16 or 36 headings, the water drifting. Logs: 14 to 40 minutes at one sample a second,
+on legs or in slow circles, with a helmsman's wander, a receiver that smooths and lags, speeds that vary, outliers, and
+water whose drift changes; with and without the ship's own speed log. The declination is given with its error. The same
+seed draws the same swings.
 """
 
 from __future__ import annotations
@@ -155,7 +155,9 @@ def within(z: np.ndarray) -> str:
 
 def table(results: list[dict[str, object]]) -> str:
     """Return coverage by kind."""
-    lines = ["| kind | swings | told | A | B | C | D | E | table | rms error A..E (°) | stated (°) | water told | n_eff |"]
+    lines = [
+        "| kind | swings | told | A | B | C | D | E | table | rms error A..E (°) | stated (°) | water told | n_eff |"
+    ]
     lines.append("|" + "---|" * 13)
     for kind in (*KINDS, "all"):
         mine = [r for r in results if kind in ("all", r["kind"])]

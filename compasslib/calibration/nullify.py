@@ -49,8 +49,8 @@ def table(coefficients: Floats, covariance: Floats, step_deg: float) -> Table:
 def magnets(letter: str, value_deg: float) -> Magnets:
     """Return how to nullify B or C (MM section 7.2, point 7).
 
-    A positive B is a field towards the bow. Above or beside its middle a magnet's field runs against its red end, so red
-    ends forward take it away; for C the same with starboard (Handbook of Magnetic Compass Adjustment).
+    A positive B is a field towards the bow. Above or beside its middle a magnet's field runs against its red end, so
+    red ends forward take it away; for C the same with starboard (Handbook of Magnetic Compass Adjustment).
 
     Args:
         letter: ``B`` or ``C``.
@@ -83,7 +83,12 @@ def plan(coefficients: Floats, step_deg: float) -> dict[str, Any]:
         remains[choice] = table(kept, np.zeros((5, 5)), step_deg).deviation_deg.tolist()
         largest[choice] = float(np.max(np.abs(remains[choice])))
     found = {letter: vars(magnets(letter, float(coefficients[LETTERS.index(letter)]))) for letter in "BC"}
-    return {"magnets": found, "residual_table_deg": remains, "largest_deg": largest, "text": _advice(coefficients, largest)}
+    return {
+        "magnets": found,
+        "residual_table_deg": remains,
+        "largest_deg": largest,
+        "text": _advice(coefficients, largest),
+    }
 
 
 def verdict(found: Table, length_m: float | None, speed_kn: float | None) -> dict[str, Any]:
@@ -132,12 +137,16 @@ def _advice(coefficients: Floats, largest: dict[str, float]) -> str:
 
 
 def _length(length_m: float | None) -> str:
-    return f"The length of the ship is not given; the limit of 4° is for ships under {SHORT_M} m." if length_m is None else ""
+    return (
+        f"The length of the ship is not given; the limit of 4° is for ships under {SHORT_M} m."
+        if length_m is None
+        else ""
+    )
 
 
 def _speed(speed_kn: float | None) -> str:
     if speed_kn is None:
-        return "The speed is not known; MM ask for at least 7 kn."
+        return "The speed is not known; the method asks for at least 7 kn."
     if speed_kn < LEAST_SPEED_KN:
-        return f"The swing was made at {speed_kn:.1f} kn; MM ask for at least 7 kn."
+        return f"The swing was made at {speed_kn:.1f} kn; the method asks for at least 7 kn."
     return ""

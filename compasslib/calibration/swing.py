@@ -1,7 +1,7 @@
 """A swing: deviation by courses over ground (GNSS), true headings, a visual mark or the sun.
 
-Least squares over all headings with the water's set and drift beside the compass; Moncunill Marimon et al. 2023 (MM) for
-the eight principal courses, the table, the certificate's verdict and the magnets.
+Least squares over all headings with the water's set and drift beside the compass; Moncunill Marimon et al. 2023 (MM)
+for the eight principal courses, the table, the certificate's verdict and the magnets.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from compasslib.calibration.result import LETTERS, Calibration, Source
 from compasslib.calibration.swing_data import Observations, Options
 from compasslib.calibration.swing_fit import Solution
 from compasslib.calibration.swing_model import COURSE, SERIES, Swing
+from compasslib.deviation import von_appen
 from compasslib.errors import InputError
 
 Floats = NDArray[np.floating]
@@ -36,12 +37,18 @@ BLOCKS = {
     model.SECOND: ("set and drift in second order", "57.3 (d/S)² in D and E, MM (37), (43)"),
     model.WATER: ("speed through the water", "scatter of the ship's log about the triangle of speeds"),
 }
-HOWS = {
-    "declination": "as given, or error of the world model at this field strength",
-    "set and drift of the water": "anything up to the largest that is believed, less what the swing tells",
-    "delay of the course behind the compass": "anything up to the longest that is believed, less what the swing tells",
-    "scale of the ship's log": "0.1, normal, less what the swing tells",
+WATER = ("set and drift of the water", "anything up to the largest that is believed, less what the swing tells")
+DELAY = (
+    "delay of the course behind the compass",
+    "anything up to the longest that is believed, less what the swing tells",
+)
+BELIEFS = {
+    model.DECLINATION: ("declination", "as given, or error of the world model at this field strength"),
+    **dict.fromkeys((model.EAST, model.NORTH, model.EAST_CHANGE, model.NORTH_CHANGE), WATER),
+    model.LAG: DELAY,
+    model.LOG: ("scale of the ship's log", "0.1, normal, less what the swing tells"),
 }
+NOTHING = 1e-12
 
 
 def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calibration:
@@ -115,9 +122,11 @@ def _marks(options: Options, place: tuple[float, float] | None) -> tuple[tuple[f
         raise InputError(
             "sun", expected="latitude and longitude", found="neither", advice="write the position of the swing"
         )
-    for mark in options.sun if place else ():
-        marks.append((float(mark["compass_deg"]), swing_sun.azimuth(*place, _seconds(mark["time_utc"]))))
-    return tuple(marks)
+    latitude, longitude = place or (0.0, 0.0)
+    suns = [
+        (float(x["compass_deg"]), swing_sun.azimuth(latitude, longitude, _seconds(x["time_utc"]))) for x in options.sun
+    ]
+    return tuple(marks + suns)
 
 
 def _seconds(time: float | str) -> float:
@@ -204,12 +213,12 @@ def _fitted(shell: Calibration, swing: Swing, series: Solution, exact: Solution)
 
 def _sources(series: Solution, heading_deg: Floats) -> tuple[Source, ...]:
     """Return the budget: what each source leaves in the table, rms over its headings; squares add up to the table's."""
-    columns = model.von_appen.design(heading_deg)
-    beliefs, rows = model.belief_names(), dict[str, tuple[float, str]]()
-    for key, standard in model.parts_of_budget(series, columns).items():
-        name, how = BLOCKS[key] if key in BLOCKS else (beliefs[int(key)], HOWS[beliefs[int(key)]])
-        rows[name] = (float(np.hypot(rows.get(name, (0.0, ""))[0], standard)), how)
-    return tuple(Source(name, standard, how) for name, (standard, how) in rows.items() if standard > 1e-6)
+    columns, squares = von_appen.design(heading_deg), dict[tuple[str, str], float]()
+    for key, part in series.parts.items():
+        name = BLOCKS[key] if key in BLOCKS else BELIEFS[int(key)]
+        left = np.einsum("ij,jk,ik->i", columns, part[SERIES, SERIES], columns)
+        squares[name] = squares.get(name, 0.0) + float(np.mean(left))
+    return tuple(Source(name, float(np.sqrt(x)), how) for (name, how), x in squares.items() if x > NOTHING)
 
 
 def _points(swing: Swing, series: Solution | None) -> dict[str, Floats]:
@@ -227,7 +236,8 @@ def _points(swing: Swing, series: Solution | None) -> dict[str, Floats]:
 def _plain(content: Mapping[str, Any]) -> dict[str, Any]:
     """Return numbers for JSON, None where there is none."""
     return {
-        key: _plain(x) if isinstance(x, Mapping) else (float(x) if np.isfinite(x) else None) for key, x in content.items()
+        key: _plain(x) if isinstance(x, Mapping) else (float(x) if np.isfinite(x) else None)
+        for key, x in content.items()
     }
 
 

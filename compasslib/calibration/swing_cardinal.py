@@ -1,7 +1,7 @@
 """Coefficients from the eight principal courses: Moncunill Marimon et al. 2023 (MM), J. Navigation.
 
-A pseudo-deviation is the course over ground minus the compass course. A, D and E from it are free of the water's set and
-drift but for second-order terms; B and C hold them in full, and a single visual reference takes them out again.
+A pseudo-deviation is the course over ground minus the compass course. A, D and E from it are free of the water's set
+and drift but for second-order terms; B and C hold them in full, and a single visual reference takes them out again.
 """
 
 from __future__ import annotations
@@ -93,7 +93,12 @@ def set_and_drift_terms(ratio: float, set_deg: float) -> dict[str, float]:
     sine, cosine = angles.sin_cos(set_deg)
     sine2, cosine2 = angles.sin_cos(2.0 * set_deg)
     first, second = ratio / angles.DEGREE, float(error_bound_deg(ratio))
-    return {"x": first * float(cosine), "y": first * float(sine), "E": second * float(sine2), "D": second * float(cosine2)}
+    return {
+        "x": first * float(cosine),
+        "y": first * float(sine),
+        "E": second * float(sine2),
+        "D": second * float(cosine2),
+    }
 
 
 def from_two_headings(

@@ -46,7 +46,8 @@ class Options:
             settings: the keys of the calibration file.
         """
         given = {f.name: settings[f.name] for f in fields(cls) if settings.get(f.name) is not None}
-        return cls(**{name: tuple(x) if name in ("visual", "sun") else x for name, x in given.items()})
+        marks: dict[str, Any] = {name: tuple(given.pop(name)) for name in ("visual", "sun") if name in given}
+        return cls(**given, **marks)
 
 
 @dataclass(frozen=True)

@@ -54,7 +54,7 @@ def solve(blocks: Sequence[Block], mean: Floats, sigma: Floats, start: Floats) -
         sigma: (k,) their width, infinite for a parameter without.
         start: (k,) parameters to begin from.
     """
-    parameters, noises = start.astype(float), {}
+    parameters, noises = start.astype(float), dict[str, Noise]()
     for _ in range(ROUNDS):
         noises = _noises(blocks, parameters, sigma, noises)
         for _ in range(STEPS):

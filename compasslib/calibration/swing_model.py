@@ -1,13 +1,13 @@
 """What a swing observes, as a function of compass, declination, water and delay.
 
-The ground's velocity is the water's plus the ship's through it, so the direction of what remains when the drift is taken
-from the velocity over ground is the true heading, whatever the speed. No speed through the water is needed; where the
-ship's log gives one, its length closes the triangle.
+The ground's velocity is the water's plus the ship's through it, so the direction of what remains when the drift is
+taken from the velocity over ground is the true heading, whatever the speed. No speed through the water is needed; where
+the ship's log gives one, its length closes the triangle.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -81,7 +81,7 @@ def fit(swing: Swing, *, exact: bool = False, start: Floats | None = None) -> So
 
 
 def _with_second_order(found: Solution, swing: Swing, unit: float) -> Solution:
-    """Add what an unknown drift does to D and E in second order, MM (37) and (43): 57.3 (d/S)^2 with d's uncertainty."""
+    """Add what an unknown drift does to D and E in second order, MM (37) and (43)."""
     if not swing.seen.over_ground:
         return found
     variance = float(np.mean(np.diag(found.covariance)[DRIFT]))
@@ -156,9 +156,9 @@ def _offset(parameters: Floats, swing: Swing) -> Floats:
 def _slopes(parameters: Floats, swing: Swing, facing_deg: Floats) -> Floats:
     """Return the derivatives of the corrected courses, (n, k).
 
-    They are taken where the ship faces by the fitted compass and at smoothed speeds: the course's own noise in them would
-    look like speeds and directions that vary, and tell the drift from B and C where nothing does. So would the first
-    harmonic that a wrong drift puts into the speed through the water round the circle: it is taken out.
+    They are taken where the ship faces by the fitted compass and at smoothed speeds: the course's own noise in them
+    would look like speeds and directions that vary, and tell the drift from B and C where nothing does. So would the
+    first harmonic that a wrong drift puts into the speed through the water round the circle: it is taken out.
     """
     seen, since, slopes = swing.seen, _since_middle(swing.seen), np.zeros((len(swing.seen), SIZE))
     slopes[:, DECLINATION], slopes[:, LAG] = -1.0, seen.turn_deg_s
@@ -284,20 +284,6 @@ def _exact(coefficients: Floats, heading: Floats, recorded: Floats) -> tuple[Flo
     return residual, compass.gradient(coefficients, fitted).T, compass.slope(coefficients, fitted), fitted
 
 
-def parts_of_budget(solution: Solution, columns: Floats) -> dict[str, float]:
-    """Return the standard uncertainty of the deviation that each source leaves, rms over headings, degrees.
-
-    Args:
-        solution: a fitted series.
-        columns: of the series at those headings, (m, 5).
-    """
-    return {name: _rms_over(part[SERIES, SERIES], columns) for name, part in solution.parts.items()}
-
-
-def _rms_over(covariance: Floats, columns: Floats) -> float:
-    return float(np.sqrt(np.mean(np.einsum("ij,jk,ik->i", columns, covariance, columns))))
-
-
 def drift_of(parameters: Floats) -> tuple[float, float]:
     """Return set (degrees, true) and drift of the water.
 
@@ -305,19 +291,3 @@ def drift_of(parameters: Floats) -> tuple[float, float]:
         parameters: of the swing.
     """
     return float(angles.direction(*parameters[DRIFT])), float(np.hypot(*parameters[DRIFT]))
-
-
-def belief_names() -> Mapping[int, str]:
-    """Return what the parameters with a belief stand for in a budget."""
-    water = "set and drift of the water"
-    return {
-        DECLINATION: "declination",
-        **dict.fromkeys((EAST, NORTH, EAST_CHANGE, NORTH_CHANGE), water),
-        LAG: "delay of the course behind the compass",
-        LOG: "scale of the ship's log",
-    }
-
-
-def names() -> Sequence[str]:
-    """Return the parameters in order."""
-    return ("A", "B", "C", "D", "E", "declination", "east", "north", "east_change", "north_change", "lag_s", "log")

@@ -1,9 +1,9 @@
 """Noise of a swing: wider at low speed, alike from second to second, with outliers.
 
-A helmsman's wandering, the swell and a receiver's filter make neighbouring residuals alike. Means over blocks of 20 s are
-free of most of the swing about the course; what is left alike between blocks is an autoregression with a moving average
-of first order. It widens the covariance; it does not steer the fit, because a filter to independence would weigh most
-what a boat does within seconds, where the course lags behind the compass.
+A helmsman's wandering, the swell and a receiver's filter make neighbouring residuals alike. Means over blocks of 20 s
+are free of most of the swing about the course; what is left alike between blocks is an autoregression with a moving
+average of first order. It widens the covariance; it does not steer the fit, because a filter to independence would
+weigh most what a boat does within seconds, where the course lags behind the compass.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ MEMORY = np.concatenate([[0.0], 1.0 - np.geomspace(0.85, 0.05, 14)])  # of the a
 SHARE = np.array([0.0, -0.2, -0.4, -0.6, -0.8])  # of the moving average
 RANK_TOLERANCE, TINY = 1e-6, 1e-6
 FEWEST_DOF = 3.0
+ONE_ERROR = 0.5  # of log likelihood
 
 
 @dataclass(frozen=True)
@@ -93,15 +94,15 @@ def clip(residual: Floats, noise: Noise) -> Floats:
     return np.clip(residual, -bound, bound)
 
 
-def orthonormal(columns: Floats, least: float = RANK_TOLERANCE) -> Floats:
-    """Return an orthonormal basis of what columns span.
+def orthonormal(columns: Floats, least: float = 0.0) -> Floats:
+    """Return an orthonormal basis of what columns span, directions without length left out.
 
     Args:
         columns: (n, k).
-        least: singular values that are not greater are left out, over the greatest if that is above 1.
+        least: length that a direction must have.
     """
     left, size, _ = np.linalg.svd(columns, full_matrices=False)
-    return left[:, size > least * max(1.0, size.max(initial=0.0))]
+    return left[:, size > max(least, RANK_TOLERANCE * size.max(initial=0.0))]
 
 
 def _shape(residual: Floats, speed_kn: Floats | None) -> tuple[Floats, Floats]:
@@ -119,23 +120,33 @@ def _shape(residual: Floats, speed_kn: Floats | None) -> tuple[Floats, Floats]:
 
 
 def _alike(noise: Noise, means: Floats, columns: Floats) -> Noise:
-    """Fit memory and level of the blocks' means by restricted likelihood; wholly alike blocks where they are too few."""
+    """Fit memory and level of the blocks' means by restricted likelihood; blocks wholly alike where there are few.
+
+    Of what is as likely as the likeliest but for one standard error the slowest noise is taken: too short a memory
+    understates the uncertainty, too long a one hardly overstates it.
+    """
     columns = orthonormal(columns)
     dof = len(means) - columns.shape[1]
     if dof < FEWEST_DOF:
         return noise
-    rows, best = np.column_stack([columns, means]), np.inf
+    rows, tried = np.column_stack([columns, means]), []
     apart = np.abs(np.subtract.outer(np.arange(len(means)), np.arange(len(means))))
     for memory in MEMORY:
-        for share in SHARE[-memory <= SHARE]:
+        for share in SHARE[np.greater_equal(SHARE, -memory)]:
             lower = np.linalg.cholesky(_correlation(memory, share, apart))
-            upper = np.linalg.qr(np.linalg.solve(lower, rows), mode="r")
+            upper = np.asarray(np.linalg.qr(np.linalg.solve(lower, rows), mode="r"))
             size = np.log(np.abs(np.diag(upper)) + 1e-12)
             loss = dof * size[-1] + float(np.sum(size[:-1])) + float(np.sum(np.log(np.diag(lower))))
-            if loss < best:
-                level = float(upper[-1, -1] ** 2) / dof
-                best, noise = loss, replace(noise, memory=float(memory), share=float(share), level=level)
-    return noise
+            tried.append((loss, float(memory), float(share), float(upper[-1, -1] ** 2) / dof))
+    likely = [each for each in tried if each[0] <= min(tried)[0] + ONE_ERROR]
+    _, memory, share, level = max(likely, key=lambda each: each[3] * _slow(each[1], each[2]))
+    return replace(noise, memory=memory, share=share, level=level)
+
+
+def _slow(memory: float, share: float) -> float:
+    """Return the spectrum of an ARMA(1, 1) series at its slow end over its variance."""
+    first = (1.0 + memory * share) * (memory + share) / (1.0 + 2.0 * memory * share + share**2)
+    return 1.0 + 2.0 * first / (1.0 - memory)
 
 
 def _correlation(memory: float, share: float, apart: Ints) -> Floats:

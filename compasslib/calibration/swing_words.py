@@ -56,8 +56,8 @@ def refusal(swing: Swing) -> str:
     if gap > REFUSED_GAP_DEG:
         sectors = coverage(seen.recorded_deg)
         return (
-            f"the headings cover {sectors} of 36 sectors and leave {gap:.0f}° without any: a circle's five coefficients "
-            f"cannot be told from so narrow an arc; {REMEDY}"
+            f"the headings cover {sectors} of 36 sectors and leave {gap:.0f}° without any: a circle's five "
+            f"coefficients cannot be told from so narrow an arc; {REMEDY}"
         )
     return ""
 
@@ -72,7 +72,13 @@ def warnings(swing: Swing, series: Solution, exact: Solution) -> tuple[str, ...]
     """
     seen = swing.seen
     left_out = [f"left out: {n} {why}" for why, n in seen.left_out.items()]
-    said = [*left_out, *seen.warnings, *_of_headings(swing, series), *_of_water(swing, series), *_of_time(swing, series)]
+    said = [
+        *left_out,
+        *seen.warnings,
+        *_of_headings(swing, series),
+        *_of_water(swing, series),
+        *_of_time(swing, series),
+    ]
     said += _of_declination(swing) + _of_size(series, exact)
     return tuple(said)
 
@@ -155,8 +161,8 @@ def _told(swing: Swing, water: tuple[float, float, str], left: float, sigma: Flo
         )
     return (
         f"With {ratio} set and drift are not told from B and C: to first order they are one function of the heading. "
-        f"B and C carry ± {sigma[1]:.1f}° and ± {sigma[2]:.1f}°; A, D and E do not suffer. A visual mark, the sun, a log of "
-        "the speed through the water, or each heading at two speeds would tell them apart."
+        f"B and C carry ± {sigma[1]:.1f}° and ± {sigma[2]:.1f}°; A, D and E do not suffer. A visual mark, the sun, a "
+        "log of the speed through the water, or each heading at two speeds would tell them apart."
     )
 
 
@@ -180,7 +186,9 @@ def _of_headings(swing: Swing, series: Solution) -> list[str]:
             f"third and fourth harmonics cannot be proven or ruled out. To know, {REMEDY}"
         )
     if distinct < len(recorded) < 100:
-        said.append(f"{len(recorded) - distinct} of {len(recorded)} observations repeat a heading: they tell no more of it")
+        said.append(
+            f"{len(recorded) - distinct} of {len(recorded)} observations repeat a heading: they tell no more of it"
+        )
     if rms > STRUCTURE_DEG and not swing.seen.timed:
         said.append(_harmonics(swing, series, rms))
     if gap > WIDE_GAP_DEG:
@@ -198,8 +206,8 @@ def _harmonics(swing: Swing, series: Solution, rms: float) -> str:
         taken = residual - both @ np.linalg.lstsq(both, residual, rcond=1e-6)[0]
         size[name] = angles.rms(taken)
     return (
-        f"the series leaves {rms:.2f}° rms; with the third harmonic of the heading {size['third']:.2f}° would be left, with "
-        f"the fourth {size['fourth']:.2f}°: there may be structure (sextantal, octantal deviation) that it does not hold"
+        f"the series leaves {rms:.2f}° rms; with the third harmonic of the heading {size['third']:.2f}° would be left, "
+        f"with the fourth {size['fourth']:.2f}°: there may be structure (sextantal, octantal deviation) beside it"
     )
 
 
@@ -209,14 +217,16 @@ def _of_water(swing: Swing, series: Solution) -> list[str]:
     said = []
     if not swing.has_speed:
         said.append(
-            f"no speeds were logged: a drift of up to {swing.widest_drift:.2f} of the ship's speed is assumed (drift_ratio)"
+            f"no speeds were logged: a drift of up to {swing.widest_drift:.2f} of the ship's speed is assumed "
+            "(drift_ratio)"
         )
     found = separation(swing, series)
     if not found["separable"]:
         said.append(str(found["text"]))
     if swing.has_speed and drift_of(series.parameters)[1] > swing.widest_drift:
         said.append(
-            f"the drift found is more than the {swing.widest_drift:g} kn that were believed: raise max_drift_kn if it may be"
+            f"the drift found is more than the {swing.widest_drift:g} kn that were believed: "
+            "raise max_drift_kn if it may be"
         )
     return said
 
