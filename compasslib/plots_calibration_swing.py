@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.transforms import Bbox
 from numpy.typing import NDArray
 
 from compasslib.calibration import nullify
@@ -92,11 +93,9 @@ def _table(axes: Axes, table: Any) -> None:
     """Write the table of deviations, two headings a line so that a step of 10 degrees fits."""
     axes.set_axis_off()
     half = (len(table.heading_deg) + 1) // 2
-    cells = [
-        [cell for k in (row, row + half) for cell in _cells(table, k)] for row in range(half)
-    ]
+    cells = [[cell for k in (row, row + half) for cell in _cells(table, k)] for row in range(half)]
     names = ["Compass", "Deviation", "± 95 %"] * 2
-    drawn = axes.table(cells, colLabels=names, loc="upper left", bbox=(0.0, 0.0, 1.0, 1.0), cellLoc="center", edges="B")
+    drawn = axes.table(cells, colLabels=names, loc="upper left", bbox=Bbox.unit(), cellLoc="center", edges="B")
     drawn.auto_set_font_size(False)
     drawn.set_fontsize(7.0)
     for cell in drawn.get_celld().values():

@@ -24,7 +24,15 @@ FLOORS = [
     ["config_values", "config_paths", "config_schema", "config_yaml", "config"],
     ["archive_files", "archive_layout", "archive_attributes", "archive"],
     ["provenance", "job", "stages", "summary"],
-    ["plots", "plots_page", "plots_curves", "plots_deviation", "plots_agreement", "plots_timeline", "plots_calibration_swing"],
+    [
+        "plots",
+        "plots_page",
+        "plots_curves",
+        "plots_deviation",
+        "plots_agreement",
+        "plots_timeline",
+        "plots_calibration_swing",
+    ],
 ]
 FLOOR = {room: k for k, rooms in enumerate(FLOORS) for room in rooms}
 

@@ -50,13 +50,13 @@ def test_error_bound():  # MM Table 1 and section 7.3
 
 @given(st.floats(0.0, 1 / 7), st.floats(0.0, 360.0))
 def test_set_and_drift_by_the_triangle_of_speeds(ratio, set_deg):
-    """The expansion holds to third order: x, y and the second-order terms against the exact triangle."""
+    """The exact triangle is the sum of (d/S)^k sin(k phi)/k: what MM leave out begins with k = 3."""
     heading = np.arange(0.0, 360.0, 15.0)
-    east, north = (np.add(a, b) for a, b in zip(angles.components(1.0, heading), angles.components(ratio, set_deg), strict=True))
-    beta = angles.difference(angles.direction(east, north), heading)
+    (east, north), (de, dn) = angles.components(1.0, heading), angles.components(ratio, set_deg)
+    beta = angles.difference(angles.direction(east + de, north + dn), heading)
     terms = swing_cardinal.set_and_drift_terms(ratio, set_deg)
     by_terms = von_appen.design(heading) @ [0.0, -terms["x"], terms["y"], terms["D"], -terms["E"]]
-    assert np.max(np.abs(beta - by_terms)) <= 57.3 * ratio**3 / 3.0 + 1e-9
+    assert np.max(np.abs(beta - by_terms)) <= 57.3 * ratio**3 / 3.0 * (1.0 + ratio) + 1e-9
     assert max(abs(terms["D"]), abs(terms["E"])) <= swing_cardinal.error_bound_deg(ratio) + 1e-12
 
 
@@ -128,9 +128,11 @@ def test_sun_by_formula_agrees_with_the_ephemeris(latitude, longitude):
 
 def test_nullifying():  # MM section 7.2, point 7
     b = nullify.magnets("B", 6.0)
-    assert (b.lie, b.courses_deg, b.settle_deg, b.red_towards) == ("longitudinal", (84.0, 276.0), (90.0, 270.0), "forward")
+    assert (b.lie, b.courses_deg, b.settle_deg) == ("longitudinal", (84.0, 276.0), (90.0, 270.0))
+    assert b.red_towards == "forward"
     c = nullify.magnets("C", -3.0)
-    assert (c.lie, c.courses_deg, c.settle_deg, c.red_towards) == ("transversal", (3.0, 177.0), (0.0, 180.0), "to port")
+    assert (c.lie, c.courses_deg, c.settle_deg) == ("transversal", (3.0, 177.0), (0.0, 180.0))
+    assert c.red_towards == "to port"
     found = nullify.plan(np.array([0.2, 6.0, -3.0, 0.5, 0.1]), 15.0)
     assert found["largest_deg"]["none"] > 4.0 > found["largest_deg"]["B"]
     assert found["text"].startswith("Nullify B:")
@@ -150,7 +152,12 @@ def test_red_ends_forward_take_a_positive_b_away():
 
 @pytest.mark.parametrize(
     ("b", "sigma", "length", "word"),
-    [(3.0, 0.2, 20.0, "within"), (3.8, 0.3, 20.0, "undecided"), (6.0, 0.3, None, "exceeds"), (6.0, 0.3, 90.0, "not judged")],
+    [
+        (3.0, 0.2, 20.0, "within"),
+        (3.8, 0.3, 20.0, "undecided"),
+        (6.0, 0.3, None, "exceeds"),
+        (6.0, 0.3, 90.0, "not judged"),
+    ],
 )
 def test_verdict(b, sigma, length, word):
     table = nullify.table(np.array([0.0, b, 0.0, 0.0, 0.0]), np.eye(5) * sigma**2 / 3.0, 10.0)

@@ -8,7 +8,7 @@ import pytest
 from compasslib.errors import InputError
 
 pytest.importorskip("pynmea2", reason="pynmea2 is not installed")
-from compasslib.readers import nmea  # noqa: E402
+from compasslib.readers import nmea
 
 REAL = Path(__file__).resolve().parents[2] / "shared/data/swing/2010-11-03.Taiohae.nmea"
 

@@ -111,12 +111,14 @@ def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Observatio
 
 
 def _turn(time_s: Floats, recorded_deg: Floats) -> Floats:
-    """Return the rate of turn over the seconds before each sample; 0 where the record does not reach back so far."""
+    """Return the rate of turn over the seconds before each sample; the earliest known one where there are too few."""
     unwrapped = np.cumsum(np.append(0.0, angles.difference(recorded_deg[1:], recorded_deg[:-1])))
     before = np.searchsorted(time_s, time_s - TURN_WINDOW_S, side="left")
     lasted = time_s - time_s[before]
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return np.where(lasted > 0.0, (unwrapped - unwrapped[before]) / np.maximum(lasted, TURN_WINDOW_S / 2.0), 0.0)
+    known = lasted >= TURN_WINDOW_S / 2.0
+    if not known.any():
+        return np.zeros(time_s.shape)
+    return np.interp(time_s, time_s[known], ((unwrapped - unwrapped[before])[known]) / lasted[known])
 
 
 def _logs(paths: list[Path], settings: Mapping[str, Any]) -> Observations:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles, compass
+from compasslib.calibration import swing_time
 from compasslib.calibration.swing_data import Observations, Options
 from compasslib.calibration.swing_fit import Block, Solution, solve
 from compasslib.deviation import von_appen
@@ -24,14 +25,11 @@ Floats = NDArray[np.floating]
 SERIES = slice(0, 5)
 DECLINATION, EAST, NORTH, EAST_CHANGE, NORTH_CHANGE, LAG, LOG = range(5, 12)
 SIZE = 12
-DRIFT = [EAST, NORTH]
+DRIFT, CHANGES = [EAST, NORTH], [EAST_CHANGE, NORTH_CHANGE]
 NEVER = 1e-9  # width of the belief in a parameter that cannot be told
 LOG_SIGMA = 0.1  # of a ship's log's scale
 SPRING_S = 3 * 3600.0  # a tide goes from slack to full in three hours
-BLOCK_S = 20.0  # over which residuals are averaged to find how alike they are
 LEAST_WATER_KN = 0.5
-SMOOTHED_S = 30.0
-HEADING_GAP_DEG = 2.0  # headings less apart are one heading, repeated
 COURSE, VISUAL, WATER, SECOND = "course", "visual", "log", "second"
 
 Curve = Callable[[Floats, Floats, Floats], tuple[Floats, Floats, Floats, Floats]]
@@ -81,14 +79,23 @@ def fit(swing: Swing, *, exact: bool = False, start: Floats | None = None) -> So
 
 
 def _with_second_order(found: Solution, swing: Swing, unit: float) -> Solution:
-    """Add what an unknown drift does to D and E in second order, MM (37) and (43)."""
+    """Add what an unknown drift does to A, D and E in second order: 57.3 (d/S)^2 in D and E, MM (37) and (43).
+
+    The drift acts by the heading, the series by the recorded one; their difference adds d/S times half of B and C.
+
+    Args:
+        found: a fitted swing.
+        swing: observations.
+        unit: of the coefficients, in degrees: 1, or that of the exact ones.
+    """
     if not swing.seen.over_ground:
         return found
-    variance = float(np.mean(np.diag(found.covariance)[DRIFT]))
-    square = float(np.sum(found.parameters[DRIFT] ** 2)) + variance
+    slowness = 1.0 / float(np.median(swing.speed_kn))
+    variance = float(np.mean(np.diag(found.covariance)[DRIFT])) * slowness**2
+    square = float(np.sum(found.parameters[DRIFT] ** 2)) * slowness**2 + variance
+    iron = float(np.sum((found.parameters[1:3] * angles.DEGREE / unit) ** 2))
     part = np.zeros((SIZE, SIZE))
-    sigma = unit / angles.DEGREE * np.sqrt(variance * square) / float(np.median(swing.speed_kn)) ** 2
-    part[[3, 4], [3, 4]] = sigma**2
+    part[[0, 3, 4], [0, 3, 4]] = variance * (np.array([0.0, square, square]) + iron / 4.0) * (unit / angles.DEGREE) ** 2
     return replace(found, covariance=found.covariance + part, parts={**found.parts, SECOND: part})
 
 
@@ -108,7 +115,7 @@ def beliefs(swing: Swing) -> Floats:
         sigma[DRIFT] = max(swing.widest_drift / 2.0, NEVER)
     if seen.timed:
         lasted = float(np.ptp(seen.time_s))
-        sigma[[EAST_CHANGE, NORTH_CHANGE]] = np.maximum(sigma[DRIFT] * min(1.0, lasted / SPRING_S), NEVER)
+        sigma[CHANGES] = np.maximum(sigma[DRIFT] * min(1.0, lasted / SPRING_S), NEVER)
         sigma[LAG] = max(swing.options.max_lag_s / 2.0, NEVER)
     if _by_log(swing).any():
         sigma[LOG] = LOG_SIGMA
@@ -139,60 +146,64 @@ def corrected_course(parameters: Floats, swing: Swing) -> Floats:
     return angles.wrap360(through - _offset(parameters, swing))
 
 
+def _drift(parameters: Floats, swing: Swing) -> tuple[Floats, Floats]:
+    """Return the water's velocity at each observation, true east and north, knots."""
+    since = swing_time.since_middle(swing.seen)
+    return (
+        parameters[EAST] + parameters[EAST_CHANGE] * since,
+        parameters[NORTH] + parameters[NORTH_CHANGE] * since,
+    )
+
+
 def _through_water(parameters: Floats, swing: Swing) -> tuple[Floats, Floats]:
     """Return the ship's velocity through the water, true east and north, knots."""
-    since = _since_middle(swing.seen)
-    east, north = angles.components(swing.speed_kn, swing.seen.course_deg)
-    return (
-        east - parameters[EAST] - parameters[EAST_CHANGE] * since,
-        north - parameters[NORTH] - parameters[NORTH_CHANGE] * since,
-    )
+    (east, north), drift = angles.components(swing.speed_kn, swing.seen.course_deg), _drift(parameters, swing)
+    return east - drift[0], north - drift[1]
 
 
 def _offset(parameters: Floats, swing: Swing) -> Floats:
     return swing.declination_deg + parameters[DECLINATION] - parameters[LAG] * swing.seen.turn_deg_s
 
 
-def _slopes(parameters: Floats, swing: Swing, facing_deg: Floats) -> Floats:
+def _slopes(parameters: Floats, swing: Swing, facing_deg: Floats, by_compass: Floats) -> Floats:
     """Return the derivatives of the corrected courses, (n, k).
 
-    They are taken where the ship faces by the fitted compass and at smoothed speeds: the course's own noise in them
-    would look like speeds and directions that vary, and tell the drift from B and C where nothing does. So would the
-    first harmonic that a wrong drift puts into the speed through the water round the circle: it is taken out.
+    Only speeds that vary may tell the drift from B and C. At the mean speed the drift's columns are therefore taken as
+    what the compass's own columns can be: what is left of them hangs on a compass without third harmonics.
     """
-    seen, since, slopes = swing.seen, _since_middle(swing.seen), np.zeros((len(swing.seen), SIZE))
+    seen, slopes = swing.seen, np.zeros((len(swing.seen), SIZE))
     slopes[:, DECLINATION], slopes[:, LAG] = -1.0, seen.turn_deg_s
     if seen.over_ground:
         sine, cosine = angles.sin_cos(facing_deg + _offset(parameters, swing))
-        speed = smoothed(np.hypot(*_through_water(parameters, swing)), seen)
-        round_circle = np.stack([np.ones_like(sine), sine, cosine], axis=-1)
-        harmonic = np.linalg.lstsq(round_circle, speed, rcond=1e-6)[0]
-        speed = np.maximum(speed - round_circle[:, 1:] @ harmonic[1:], 0.3 * speed) * angles.DEGREE
-        slopes[:, EAST], slopes[:, NORTH] = -cosine / speed, sine / speed
-        slopes[:, EAST_CHANGE], slopes[:, NORTH_CHANGE] = slopes[:, EAST] * since, slopes[:, NORTH] * since
+        slowness = _slowness(parameters, swing, (sine, cosine))
+        across = np.stack([-cosine, sine], axis=-1)
+        alike = by_compass @ np.linalg.lstsq(by_compass, across, rcond=1e-9)[0]
+        mean = float(np.mean(slowness))
+        drift = (mean * alike + (slowness - mean)[:, None] * across) / angles.DEGREE
+        slopes[:, DRIFT], slopes[:, CHANGES] = drift, drift * swing_time.since_middle(seen)[:, None]
     return slopes
 
 
-def smoothed(values: Floats, seen: Observations) -> Floats:
-    """Return values averaged over half a minute of a log, (n,); as they are without times.
+def _slowness(parameters: Floats, swing: Swing, facing: tuple[Floats, Floats]) -> Floats:
+    """Return one over the speed through the water, smoothed, without the first harmonic round the circle, (n,).
 
-    Args:
-        values: (n,).
-        seen: observations in order of time.
+    The speed follows from that over ground, the drift and where the ship faces. Noise in the speeds would look like
+    speeds that vary. So would the first harmonic that a wrong drift puts there.
     """
-    if not seen.timed:
-        return values
-    first = np.searchsorted(seen.time_s, seen.time_s - SMOOTHED_S / 2.0, side="left")
-    last = np.searchsorted(seen.time_s, seen.time_s + SMOOTHED_S / 2.0, side="right")
-    total = np.append(0.0, np.cumsum(values))
-    return (total[last] - total[first]) / (last - first)
+    (sine, cosine), (east, north) = facing, _drift(parameters, swing)
+    along, across = east * sine + north * cosine, east * cosine - north * sine
+    speed = swing_time.smoothed(np.sqrt(np.maximum(swing.speed_kn**2 - across**2, 0.0)) - along, swing.seen)
+    round_circle = np.stack([np.ones_like(speed), sine, cosine], axis=-1)
+    harmonic = np.linalg.lstsq(round_circle, speed, rcond=1e-6)[0]
+    least = np.maximum(0.3 * swing.speed_kn, 1e-3)  # where the drift is faster than the ship
+    return 1.0 / np.maximum(speed - round_circle[:, 1:] @ harmonic[1:], least)
 
 
 def _blocks(swing: Swing, curve: Curve) -> list[Block]:
     seen = swing.seen
-    in_time = blocks_of(seen) if seen.timed else None
+    in_time = swing_time.blocks_of(seen) if seen.timed else None
     slow = seen.speed_kn if swing.has_speed and seen.over_ground else None
-    groups = None if seen.timed else headings_of(seen.recorded_deg)
+    groups = None if seen.timed else swing_time.headings_of(seen.recorded_deg)
     blocks = [Block(COURSE, partial(_course, swing=swing, curve=curve), slow, in_time, groups=groups)]
     if swing.marks:
         observe = partial(_mark, swing=swing, curve=curve)
@@ -206,7 +217,7 @@ def _course(parameters: Floats, swing: Swing, curve: Curve) -> tuple[Floats, Flo
     residual, by_compass, by_heading, facing = curve(
         parameters[SERIES], corrected_course(parameters, swing), swing.seen.recorded_deg
     )
-    slopes = _slopes(parameters, swing, facing) * by_heading[:, None]
+    slopes = _slopes(parameters, swing, facing, by_compass / by_heading[:, None]) * by_heading[:, None]
     slopes[:, SERIES] = by_compass
     return residual, slopes
 
@@ -222,7 +233,7 @@ def _mark(parameters: Floats, swing: Swing, curve: Curve) -> tuple[Floats, Float
 
 def _water(parameters: Floats, swing: Swing) -> tuple[Floats, Floats]:
     """Return speed through the water from the triangle minus that of the ship's log times its scale, knots."""
-    since, used = _since_middle(swing.seen), _by_log(swing)
+    since, used = swing_time.since_middle(swing.seen), _by_log(swing)
     east, north = _through_water(parameters, swing)
     through, logged = np.maximum(np.hypot(east, north), 1e-3), np.where(used, swing.seen.water_speed_kn, 0.0)
     slopes = np.zeros((len(swing.seen), SIZE))
@@ -236,39 +247,6 @@ def _by_log(swing: Swing) -> NDArray[np.bool_]:
     seen = swing.seen
     logged = np.nan_to_num(seen.water_speed_kn) > LEAST_WATER_KN
     return logged & (seen.over_ground and swing.has_speed and len(seen) > 0 and logged.mean() > 0.5)
-
-
-def _since_middle(seen: Observations) -> Floats:
-    """Return time from -1/2 to 1/2 of the swing; 0 without times."""
-    if not seen.timed:
-        return np.zeros(len(seen))
-    first, last = seen.time_s.min(), seen.time_s.max()
-    return (seen.time_s - (first + last) / 2.0) / max(last - first, 1.0)
-
-
-def blocks_of(seen: Observations) -> NDArray[np.int_]:
-    """Return the number of each sample's block of 20 s, (n,), empty blocks not counted.
-
-    Args:
-        seen: observations in order of time.
-    """
-    block = np.floor((seen.time_s - seen.time_s[0]) / BLOCK_S)
-    return np.unique(block, return_inverse=True)[1]
-
-
-def headings_of(recorded_deg: Floats) -> NDArray[np.int_]:
-    """Return which heading each observation was taken on, (n,): repeated ones share a number.
-
-    Args:
-        recorded_deg: recorded headings, (n,).
-    """
-    order = np.argsort(recorded_deg, kind="stable")
-    first = np.append(0.0, np.diff(recorded_deg[order])) > HEADING_GAP_DEG
-    groups = np.empty(len(order), dtype=int)
-    groups[order] = np.cumsum(first)
-    if len(order) and recorded_deg[order[0]] + 360.0 - recorded_deg[order[-1]] <= HEADING_GAP_DEG:
-        groups[groups == groups.max()] = 0
-    return groups
 
 
 def _series(coefficients: Floats, heading: Floats, recorded: Floats) -> tuple[Floats, Floats, Floats, Floats]:

@@ -23,7 +23,7 @@ MEMORY = np.concatenate([[0.0], 1.0 - np.geomspace(0.85, 0.05, 14)])  # of the a
 SHARE = np.array([0.0, -0.2, -0.4, -0.6, -0.8])  # of the moving average
 RANK_TOLERANCE, TINY = 1e-6, 1e-6
 FEWEST_DOF = 3.0
-ONE_ERROR = 0.5  # of log likelihood
+HALF_AN_ERROR = 0.125  # of log likelihood
 
 
 @dataclass(frozen=True)
@@ -122,7 +122,7 @@ def _shape(residual: Floats, speed_kn: Floats | None) -> tuple[Floats, Floats]:
 def _alike(noise: Noise, means: Floats, columns: Floats) -> Noise:
     """Fit memory and level of the blocks' means by restricted likelihood; blocks wholly alike where there are few.
 
-    Of what is as likely as the likeliest but for one standard error the slowest noise is taken: too short a memory
+    Of what is as likely as the likeliest but for half a standard error the slowest noise is taken: too short a memory
     understates the uncertainty, too long a one hardly overstates it.
     """
     columns = orthonormal(columns)
@@ -138,7 +138,7 @@ def _alike(noise: Noise, means: Floats, columns: Floats) -> Noise:
             size = np.log(np.abs(np.diag(upper)) + 1e-12)
             loss = dof * size[-1] + float(np.sum(size[:-1])) + float(np.sum(np.log(np.diag(lower))))
             tried.append((loss, float(memory), float(share), float(upper[-1, -1] ** 2) / dof))
-    likely = [each for each in tried if each[0] <= min(tried)[0] + ONE_ERROR]
+    likely = [each for each in tried if each[0] <= min(tried)[0] + HALF_AN_ERROR]
     _, memory, share, level = max(likely, key=lambda each: each[3] * _slow(each[1], each[2]))
     return replace(noise, memory=memory, share=share, level=level)
 

@@ -19,8 +19,8 @@ from compasslib.calibration.swing_model import (
     beliefs,
     corrected_course,
     drift_of,
-    headings_of,
 )
+from compasslib.calibration.swing_time import headings_of
 from compasslib.deviation import von_appen
 
 Floats = NDArray[np.floating]
