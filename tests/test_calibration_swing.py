@@ -136,6 +136,17 @@ def test_varied_speeds_tell_the_water(tmp_path):
     assert sigmas(found)[1] < 1.0
 
 
+def test_the_eight_courses_lose_the_water_where_it_is_told(tmp_path):
+    """Half a knot at 6 kn by the ship's log; B and C come back within MM's own approximations."""
+    columns = at_sea(64, noise_deg=0.02)
+    logged = 6.0 + 0.02 * np.random.default_rng(3).normal(size=64)
+    found = swing.calibrate([written(tmp_path, **columns, water_speed_kn=logged)], SURE)
+    freed, bars = found.details["cardinal_without_water"], found.details["cardinal"]
+    assert abs(bars["B_bar"] - 5.0) > 2.0
+    assert freed["B"] == pytest.approx(5.0, abs=0.8)  # B bar is a mean over 45 degrees of heading
+    assert freed["C"] == pytest.approx(-3.0, abs=0.8)
+
+
 def test_a_speed_log_tells_the_water_at_one_speed(tmp_path):
     columns = at_sea(60, noise_deg=0.5)
     logged = 1.07 * 6.0 + 0.05 * np.random.default_rng(3).normal(size=60)

@@ -98,6 +98,12 @@ def test_void_positions_and_blank_courses_do_not_count(tmp_path):
     assert (read.counts["void"], read.counts["empty"], read.counts["damaged"]) == (1, 1, 1)
 
 
+@pytest.mark.parametrize("body", ["HCHDG", "HCHDG,", "HCHDG,x", "GPRMC,190400", "GPRMC,190400,A", "GPRMC,,A,,,,,,,,,"])
+def test_short_sentences_with_a_right_checksum_cost_themselves(tmp_path, body):
+    read = log(tmp_path, [*lines(), sentence(body), *lines()])
+    assert len(read.time_s) == 12
+
+
 def test_a_heading_far_in_time_is_not_paired(tmp_path):
     read = log(tmp_path, [*lines(), rmc(30, 100.0), rmc(31, 100.0)])
     assert len(read.time_s) == 6

@@ -186,8 +186,10 @@ def _fitted(shell: Calibration, swing: Swing, series: Solution, exact: Solution)
     coefficients, covariance = series.parameters[SERIES], series.covariance[SERIES, SERIES]
     found = nullify.table(coefficients, covariance, swing.options.table_step_deg)
     lag = model.LAG
+    drift = swing_words.separation(swing, series) if swing.seen.over_ground else None
     more = {
-        "drift": swing_words.separation(swing, series) if swing.seen.over_ground else None,
+        "drift": drift,
+        "cardinal_without_water": _without_water(shell.details["cardinal"], drift, swing.declination_deg),
         "lag_s": [float(series.parameters[lag]), float(np.sqrt(series.covariance[lag, lag]))]
         if swing.seen.timed
         else None,
@@ -209,6 +211,21 @@ def _fitted(shell: Calibration, swing: Swing, series: Solution, exact: Solution)
         details={**shell.details, **more},
         warnings=swing_words.warnings(swing, series, exact),
     )
+
+
+def _without_water(
+    cardinal: Mapping[str, Any], drift: Mapping[str, Any] | None, declination_deg: float
+) -> dict[str, float] | None:
+    """Return B, C, D and E with the water taken out, MM (36), (40) to (42), where the swing tells it."""
+    if not drift or not drift["separable"] or None in (cardinal[k] for k in ("B_bar", "C_bar", "D", "E")):
+        return None
+    water = swing_cardinal.set_and_drift_terms(drift["drift_ratio"], drift["set_deg"] - declination_deg)
+    return {
+        "B": cardinal["B_bar"] + water["x"],
+        "C": cardinal["C_bar"] - water["y"],
+        "D": cardinal["D"] - water["D"],
+        "E": cardinal["E"] + water["E"],
+    }
 
 
 def _sources(series: Solution, heading_deg: Floats) -> tuple[Source, ...]:

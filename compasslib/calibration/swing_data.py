@@ -19,7 +19,6 @@ Floats = NDArray[np.floating]
 ROLES = ("compass_deg", "cog_deg", "true_deg", "speed_kn", "water_speed_kn", "time_utc")
 SENTENCES = {"compass_deg": "HDG", "cog_deg": "RMC"}  # what stands for a header in an NMEA log
 TURN_WINDOW_S = 20.0  # a receiver's filter and a compass card settle in this time
-DAY_S = 86400.0
 
 
 @dataclass(frozen=True)

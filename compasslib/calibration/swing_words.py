@@ -121,7 +121,6 @@ def separation(swing: Swing, series: Solution) -> dict[str, object]:
     set_deg, drift = drift_of(series.parameters)
     covariance, believed = series.covariance, beliefs(swing)
     sigma = np.sqrt(np.diag(covariance))
-    correlation = covariance / np.outer(sigma, sigma)
     along = np.array(angles.components(1.0, set_deg))
     across = np.array(angles.components(1.0, set_deg + 90.0))
     water = covariance[np.ix_(DRIFT, DRIFT)]
@@ -137,11 +136,7 @@ def separation(swing: Swing, series: Solution) -> dict[str, object]:
         "east": float(series.parameters[EAST]),
         "north": float(series.parameters[NORTH]),
         "covariance": water.tolist(),
-        "correlation": {
-            f"{letter}_{name}": float(correlation[k, j])
-            for k, letter in ((1, "B"), (2, "C"))
-            for j, name in ((EAST, "east"), (NORTH, "north"))
-        },
+        "correlation": _with_b_and_c(covariance),
         "left_of_belief": left,
         "largest_alike": _alike(series),
         "log_scale": float(series.parameters[LOG]) if np.isfinite(believed[LOG]) and believed[LOG] > 1e-6 else None,
@@ -164,6 +159,13 @@ def _told(swing: Swing, water: tuple[float, float, str], left: float, sigma: Flo
         f"B and C carry ± {sigma[1]:.1f}° and ± {sigma[2]:.1f}°; A, D and E do not suffer. A visual mark, the sun, a "
         "log of the speed through the water, or each heading at two speeds would tell them apart."
     )
+
+
+def _with_b_and_c(covariance: Floats) -> dict[str, float]:
+    sigma = np.sqrt(np.diag(covariance))
+    pairs = [(k, j) for k in (1, 2) for j in DRIFT]
+    names = {1: "B", 2: "C", EAST: "east", NORTH: "north"}
+    return {f"{names[k]}_{names[j]}": float(covariance[k, j] / (sigma[k] * sigma[j])) for k, j in pairs}
 
 
 def _alike(series: Solution) -> dict[str, object]:

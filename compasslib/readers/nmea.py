@@ -88,26 +88,25 @@ def _sentences(paths: Sequence[Path], counts: Counter[str]) -> Iterator[tuple[in
     """Yield (running line number, sentence) of all that are whole."""
     import pynmea2  # type: ignore
 
-    line = 0
-    for path in paths:
+    texts = [text for path in paths for text in _content(path).decode("ascii", errors="replace").splitlines()]
+    for line, text in enumerate(texts):
+        start = text.rfind("$")
+        if start < 0:
+            continue
         try:
-            content = Path(path).read_bytes()
-        except OSError as error:
-            raise InputError(
-                str(path), expected="a readable NMEA 0183 log", found=error, advice="check the path"
-            ) from None
-        for text in content.decode("ascii", errors="replace").splitlines():
-            line += 1
-            start = text.rfind("$")
-            if start < 0:
-                continue
-            try:
-                yield line, pynmea2.parse(text[start:].strip(), check=True)
-                counts["read"] += 1
-            except pynmea2.SentenceTypeError:
-                counts["other"] += 1
-            except (pynmea2.ParseError, ValueError):
-                counts["damaged"] += 1
+            yield line, pynmea2.parse(text[start:].strip(), check=True)
+            counts["read"] += 1
+        except pynmea2.SentenceTypeError:
+            counts["other"] += 1
+        except (pynmea2.ParseError, ValueError):
+            counts["damaged"] += 1
+
+
+def _content(path: Path) -> bytes:
+    try:
+        return Path(path).read_bytes()
+    except OSError as error:
+        raise InputError(str(path), expected="a readable NMEA 0183 log", found=error, advice="check the path") from None
 
 
 def _collected(
