@@ -23,6 +23,7 @@ class Kind:
 KINDS: dict[str, Kind] = {
     "platform": Kind("platform"),
     "magnetometer": Kind("magnetometer", figures=("magnetometer",)),
+    "swing": Kind("swing", figures=("swing",)),
     "two_heads": Kind("two_heads", figures=("difference", "tilt_check", "along_time")),
 }
 FIGURES = ("deviation", "residuals", "certificate")  # every kind has these

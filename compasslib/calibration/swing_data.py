@@ -1,0 +1,186 @@
+"""What a swing observed: recorded headings and courses from a table or an NMEA log, and what was left out of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib import angles
+from compasslib.errors import InputError
+from compasslib.readers import nmea, table
+
+Floats = NDArray[np.floating]
+
+ROLES = ("compass_deg", "cog_deg", "true_deg", "speed_kn", "water_speed_kn", "time_utc")
+SENTENCES = {"compass_deg": "HDG", "cog_deg": "RMC"}  # what stands for a header in an NMEA log
+TURN_WINDOW_S = 20.0  # a receiver's filter and a compass card settle in this time
+
+
+@dataclass(frozen=True)
+class Options:
+    """The keys of a swing's YAML file that only this kind has."""
+
+    min_speed_kn: float = 2.0  # fixes that are not faster are left out: slow courses over ground are noise
+    max_turn_deg_s: float = 1.0  # quicker turns, averaged over 20 s, are left out
+    max_lag_s: float = 10.0  # largest delay of the course behind the compass that is believed
+    max_drift_kn: float = 1.0  # largest drift of the water that is believed (MM section 7.3)
+    drift_ratio: float = 1.0 / 7.0  # the same over the ship's speed, for files without a speed
+    declination_sigma_deg: float | None = None  # standard uncertainty; by the field's strength where absent
+    visual: tuple[Mapping[str, Any], ...] = ()  # {compass_deg, true_deg}: heading for a mark of known true bearing
+    sun: tuple[Mapping[str, Any], ...] = ()  # {compass_deg, time_utc}: heading for the sun
+    visual_sigma_deg: float = 1.0  # standard uncertainty of such a heading
+    vessel_length_m: float | None = None
+    table_step_deg: float = 10.0  # 10 or 15
+
+    @classmethod
+    def of(cls, settings: Mapping[str, Any]) -> Options:
+        """Return the options that a calibration file gives, defaults where it is silent.
+
+        Args:
+            settings: the keys of the calibration file.
+        """
+        given = {f.name: settings[f.name] for f in fields(cls) if settings.get(f.name) is not None}
+        marks: dict[str, Any] = {name: tuple(given.pop(name)) for name in ("visual", "sun") if name in given}
+        return cls(**given, **marks)
+
+
+@dataclass(frozen=True)
+class Observations:
+    """Recorded headings, each with the course that the ship made or the heading that it had."""
+
+    recorded_deg: Floats  # (n,) compass, magnetic
+    course_deg: Floats  # (n,) true north: over ground, or of the bow
+    over_ground: bool  # what course_deg is
+    speed_kn: Floats  # (n,) over ground, NaN where absent
+    water_speed_kn: Floats  # (n,) by the ship's log, NaN where absent
+    time_s: Floats  # (n,) UTC seconds since 1970, NaN where absent
+    turn_deg_s: Floats  # (n,) over the 20 s before, 0 without times
+    place: tuple[float, float] | None = None  # latitude, longitude, where the log has them
+    variation_deg: float = float("nan")  # declination that the log states
+    left_out: Mapping[str, int] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.recorded_deg)
+
+    @property
+    def timed(self) -> bool:
+        """Tell whether all observations carry their time."""
+        return bool(len(self) and np.isfinite(self.time_s).all())
+
+    def keep(self, good: NDArray[np.bool_], why: str) -> Observations:
+        """Return those that are good, the others counted.
+
+        Args:
+            good: (n,).
+            why: what the others are.
+        """
+        lost = int((~good).sum())
+        columns = {f.name: getattr(self, f.name)[good] for f in fields(self) if f.type == "Floats"}
+        return replace(self, **columns, left_out={**self.left_out, **({why: lost} if lost else {})})
+
+
+def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Observations:
+    """Return what the files hold, slow fixes and quick turns left out and counted.
+
+    Args:
+        files: CSV tables or NMEA 0183 logs.
+        settings: ``format``, ``columns``, ``withhold`` and the keys of ``Options``.
+
+    Raises:
+        InputError: a file, a column or a value cannot be read.
+    """
+    paths, options = [Path(file) for file in files], Options.of(settings)
+    raw = _logs(paths, settings) if settings.get("format") == "nmea0183" else _tables(paths, settings)
+    known = raw.keep(np.isfinite(raw.recorded_deg + raw.course_deg), "without heading or course")
+    if known.over_ground and np.isfinite(known.speed_kn).any():
+        known = known.keep(known.speed_kn > options.min_speed_kn, f"not above {options.min_speed_kn:g} kn")
+    if not known.timed:
+        return known
+    order = np.argsort(known.time_s, kind="stable")
+    known = replace(known, **{f.name: getattr(known, f.name)[order] for f in fields(known) if f.type == "Floats"})
+    turning = replace(known, turn_deg_s=_turn(known.time_s, known.recorded_deg))
+    slow = np.abs(turning.turn_deg_s) <= options.max_turn_deg_s
+    return turning.keep(slow, f"turning quicker than {options.max_turn_deg_s:g} degrees a second, or just after")
+
+
+def _turn(time_s: Floats, recorded_deg: Floats) -> Floats:
+    """Return the rate of turn over the seconds before each sample; the earliest known one where there are too few."""
+    unwrapped = np.cumsum(np.append(0.0, angles.difference(recorded_deg[1:], recorded_deg[:-1])))
+    before = np.searchsorted(time_s, time_s - TURN_WINDOW_S, side="left")
+    lasted = time_s - time_s[before]
+    known = lasted >= TURN_WINDOW_S / 2.0
+    if not known.any():
+        return np.zeros(time_s.shape)
+    return np.interp(time_s, time_s[known], ((unwrapped - unwrapped[before])[known]) / lasted[known])
+
+
+def _logs(paths: list[Path], settings: Mapping[str, Any]) -> Observations:
+    named = {**SENTENCES, **(settings.get("columns") or {})}
+    log = nmea.read(paths, heading=str(named["compass_deg"]), course=str(named["cog_deg"]))
+    withheld = set(settings.get("withhold") or ())
+    over_ground = "true_deg" not in named
+    empty, places = np.full(log.time_s.shape, np.nan), np.isfinite(log.latitude)
+    return Observations(
+        recorded_deg=log.heading_deg,
+        course_deg=log.course_deg if over_ground else log.true_heading_deg,
+        over_ground=over_ground,
+        speed_kn=empty if "speed_kn" in withheld else log.speed_kn,
+        water_speed_kn=empty if "water_speed_kn" in withheld else log.water_speed_kn,
+        time_s=empty if "time_utc" in withheld else log.time_s,
+        turn_deg_s=np.zeros(log.time_s.shape),
+        place=(float(np.median(log.latitude[places])), float(log.longitude[places][0])) if places.any() else None,
+        variation_deg=float(np.median(log.variation_deg[np.isfinite(log.variation_deg)]))
+        if np.isfinite(log.variation_deg).any()
+        else float("nan"),
+        warnings=log.warnings,
+    )
+
+
+def _tables(paths: list[Path], settings: Mapping[str, Any]) -> Observations:
+    tables = [_columns(path, settings) for path in paths]
+    roles = set(tables[0]).intersection(*tables)
+    columns = {role: np.concatenate([t[role] for t in tables]) for role in roles}
+    empty = np.full(columns["compass_deg"].shape, np.nan)
+    over_ground = "true_deg" not in columns
+    both = "true_deg" in columns and "cog_deg" in columns
+    return Observations(
+        recorded_deg=columns["compass_deg"],
+        course_deg=columns["cog_deg" if over_ground else "true_deg"],
+        over_ground=over_ground,
+        speed_kn=columns.get("speed_kn", empty),
+        water_speed_kn=columns.get("water_speed_kn", empty),
+        time_s=columns.get("time_utc", empty),
+        turn_deg_s=np.zeros(empty.shape),
+        warnings=("both true_deg and cog_deg are there: the true heading is used, the course is not",) if both else (),
+    )
+
+
+def _columns(path: Path, settings: Mapping[str, Any]) -> dict[str, Floats]:
+    """Return the columns of one table by role; what is withheld is not looked at."""
+    mapped, withheld = settings.get("columns") or {}, set(settings.get("withhold") or ())
+    names = table.header_of(path)
+    headers = {role: str(mapped.get(role) or role) for role in ROLES}
+    wanted = {role: header for role, header in headers.items() if not {role, header} & withheld}
+    for role, header in wanted.items():
+        if header not in names and (mapped.get(role) or role == "compass_deg"):
+            raise _absent(path, f"column {header!r} ({role})", names)
+    there = {role: header for role, header in wanted.items() if header in names}
+    if not {"cog_deg", "true_deg"} & set(there):
+        raise _absent(path, "column of the course over ground (cog_deg) or of the true heading (true_deg)", names)
+    parsed = table.columns_of(path, there)
+    return {role: angles.wrap360(values) if role.endswith("_deg") else values for role, values in parsed.items()}
+
+
+def _absent(path: Path, what: str, names: list[str]) -> InputError:
+    return InputError(
+        f"{path}: {what}",
+        expected="one of the file's columns",
+        found=", ".join(names) or "an empty file",
+        advice="correct columns in the calibration file",
+    )

@@ -1,0 +1,202 @@
+"""NMEA 0183 logs: compass headings paired in time with courses over ground.
+
+Each sentence is parsed by itself, so that a damaged one costs itself and nothing else. Sentences without a right
+checksum are not believed.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib import angles
+from compasslib.errors import InputError
+
+Floats = NDArray[np.floating]
+
+HEADINGS, COURSES = ("HDG", "HDM"), ("RMC", "VTG")
+PAIRED_S = 2.5  # a heading further in time from its course is not paired
+LOSSES = {
+    "damaged": "damaged sentences (checksum absent or wrong, or cut short)",
+    "void": "positions that the receiver itself called void",
+    "unpaired": "courses without a heading within 2.5 s",
+    "empty": "courses without a number",
+}
+NAN = float("nan")
+
+
+@dataclass(frozen=True)
+class Log:
+    """Headings and courses of one or several logs, a row each time that a course came."""
+
+    time_s: Floats  # (n,) UTC seconds since 1970; NaN without RMC
+    heading_deg: Floats  # (n,) the compass's reading, magnetic, deviation not applied
+    course_deg: Floats  # (n,) over ground, true north
+    speed_kn: Floats  # (n,) over ground
+    true_heading_deg: Floats  # (n,) HDT, NaN where absent
+    water_speed_kn: Floats  # (n,) VHW, NaN where absent
+    latitude: Floats  # (n,) degrees north, NaN without RMC
+    longitude: Floats  # (n,) degrees east
+    variation_deg: Floats  # (n,) the declination that the log itself states, degrees east, NaN where absent
+    counts: dict[str, int] = field(default_factory=dict)  # sentences read, damaged, void, not paired
+    warnings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class _Fix:
+    line: int
+    time_s: float
+    course_deg: float
+    speed_kn: float
+    latitude: float = NAN
+    longitude: float = NAN
+    variation_deg: float = NAN
+
+
+def read(paths: Sequence[Path], *, heading: str = "HDG", course: str = "RMC") -> Log:
+    """Return the headings of NMEA 0183 logs, each course with the heading nearest in the stream.
+
+    Args:
+        paths: logs in order; anything between sentences is passed over.
+        heading: sentence of the magnetic heading, ``HDG`` or ``HDM``.
+        course: sentence of the course over ground, ``RMC`` or ``VTG`` (which takes the time of RMC).
+
+    Raises:
+        InputError: a file cannot be read, or nothing in it can be paired.
+    """
+    counts: Counter[str] = Counter()
+    fixes, seen = _collected(_sentences(paths, counts), counts, (heading, course))
+    if not (fixes and seen[heading]):
+        raise InputError(
+            ", ".join(map(str, paths)),
+            expected=f"sentences {heading} and {course} with a right checksum",
+            found=f"{len(seen[heading])} {heading} and {len(fixes)} {course} with numbers, {counts['damaged']} damaged",
+            advice="check the file, or name other sentences in columns",
+        )
+    log = _paired(fixes, seen, heading, counts)
+    return Log(**log, counts=dict(counts), warnings=_told(counts))
+
+
+def _sentences(paths: Sequence[Path], counts: Counter[str]) -> Iterator[tuple[int, Any]]:
+    """Yield (running line number, sentence) of all that are whole."""
+    import pynmea2
+
+    texts = [text for path in paths for text in _content(path).decode("ascii", errors="replace").splitlines()]
+    for line, text in enumerate(texts):
+        start = text.rfind("$")
+        if start < 0:
+            continue
+        try:
+            yield line, pynmea2.parse(text[start:].strip(), check=True)
+            counts["read"] += 1
+        except pynmea2.SentenceTypeError:
+            counts["other"] += 1
+        except (pynmea2.ParseError, ValueError):
+            counts["damaged"] += 1
+
+
+def _content(path: Path) -> bytes:
+    try:
+        return Path(path).read_bytes()
+    except OSError as error:
+        raise InputError(str(path), expected="a readable NMEA 0183 log", found=error, advice="check the path") from None
+
+
+def _collected(
+    sentences: Iterator[tuple[int, Any]], counts: Counter[str], wanted: tuple[str, str]
+) -> tuple[list[_Fix], dict[str, list[tuple[int, float]]]]:
+    """Sort what was read into courses, and into (line, value) of everything else that has one number."""
+    fixes: list[_Fix] = []
+    clock: list[tuple[int, float]] = []
+    seen: dict[str, list[tuple[int, float]]] = {name: [] for name in (*HEADINGS, "HDT", "VHW")}
+    for line, said in sentences:
+        kind = getattr(said, "sentence_type", "")  # a maker's own sentence has none
+        if kind == "RMC" and (fix := _rmc(line, said, counts)):
+            clock.append((line, fix.time_s))
+            fixes += [fix] if wanted[1] == "RMC" else []
+        elif kind == "VTG" and wanted[1] == "VTG":
+            fixes.append(_Fix(line, NAN, _number(said.true_track), _number(said.spd_over_grnd_kts)))
+        elif kind in seen:
+            value = _number(said.water_speed_knots if kind == "VHW" else said.heading)
+            seen[kind] += [(line, value)] if np.isfinite(value) else []
+            counts["corrected"] += kind == wanted[0] == "HDG" and bool(_number(said.deviation) > 0.0)
+    counts["empty"] += sum(not np.isfinite(fix.course_deg + fix.speed_kn) for fix in fixes)
+    fixes = [fix for fix in fixes if np.isfinite(fix.course_deg + fix.speed_kn)]
+    return _timed(fixes, clock), seen
+
+
+def _rmc(line: int, said: Any, counts: Counter[str]) -> _Fix | None:
+    if said.status != "A":
+        counts["void"] += 1
+        return None
+    try:
+        time_s = datetime.combine(said.datestamp, said.timestamp).replace(tzinfo=UTC).timestamp()
+        place = float(said.latitude), float(said.longitude)
+    except (TypeError, ValueError, AttributeError):
+        counts["damaged"] += 1  # a right checksum over a field that is no time or place
+        return None
+    sign = -1.0 if said.mag_var_dir == "W" else 1.0
+    numbers = _number(said.true_course), _number(said.spd_over_grnd), *place, sign * _number(said.mag_variation)
+    return _Fix(line, time_s, *numbers)
+
+
+def _timed(fixes: list[_Fix], clock: list[tuple[int, float]]) -> list[_Fix]:
+    """Give courses that carry no time that of the clock's sentences around them."""
+    if not clock:
+        return fixes
+    lines, times = np.transpose(clock)
+    known = [fix.time_s if np.isfinite(fix.time_s) else float(np.interp(fix.line, lines, times)) for fix in fixes]
+    return [_Fix(fix.line, time_s, *list(vars(fix).values())[2:]) for fix, time_s in zip(fixes, known, strict=True)]
+
+
+def _paired(
+    fixes: list[_Fix], seen: dict[str, list[tuple[int, float]]], heading: str, counts: Counter[str]
+) -> dict[str, Floats]:
+    table = np.array([list(vars(fix).values()) for fix in fixes])
+    line, time_s = table[:, 0], table[:, 1]
+    value, apart_s = _nearest(seen[heading], line, time_s)
+    near = ~(apart_s > PAIRED_S)  # without a clock the nearest in the stream counts
+    counts["pairs"], counts["unpaired"] = int(near.sum()), int((~near).sum())
+    series = dict(
+        zip(("time_s", "course_deg", "speed_kn", "latitude", "longitude", "variation_deg"), table.T[1:], strict=True)
+    )
+    series["heading_deg"] = angles.wrap360(value)
+    series["true_heading_deg"] = _nearest(seen["HDT"], line, time_s)[0]
+    series["water_speed_kn"] = _nearest(seen["VHW"], line, time_s)[0]
+    return {name: column[near] for name, column in series.items()}
+
+
+def _nearest(values: list[tuple[int, float]], line: Floats, time_s: Floats) -> tuple[Floats, Floats]:
+    """Return the value nearest in the stream to each line, and how far away in time it stood, seconds."""
+    if not values:
+        return np.full(line.shape, np.nan), np.full(line.shape, np.inf)
+    at, value = np.transpose(values)
+    right = np.clip(np.searchsorted(at, line), 0, len(at) - 1)
+    left = np.maximum(right - 1, 0)
+    nearest = np.where(np.abs(at[left] - line) <= np.abs(at[right] - line), left, right)
+    return value[nearest], np.abs(np.interp(at[nearest], line, time_s) - time_s)
+
+
+def _number(text: object) -> float:
+    try:
+        return float(str(text))
+    except ValueError:
+        return NAN
+
+
+def _told(counts: Counter[str]) -> tuple[str, ...]:
+    lost = [f"{counts[key]} {what}" for key, what in LOSSES.items() if counts[key]]
+    said = [f"left out of the log: {', '.join(lost)}"] if lost else []
+    if counts["corrected"]:
+        said.append(
+            f"{counts['corrected']} HDG sentences state a deviation of their own; "
+            "it is not applied, the sensor's heading counts"
+        )
+    return tuple(said)
