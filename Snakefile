@@ -19,7 +19,7 @@ except InputError as error:
     sys.exit(1)
 
 ENVIRONMENT = "workflow/envs/compasslib.yaml"
-FIGURES = ["deviation", "histograms", "scatter", "timeline"]
+FIGURES = ["deviation", "diagnosis", "histograms", "scatter", "timeline"]
 
 
 wildcard_constraints:
@@ -106,7 +106,7 @@ rule fit:
         field="results/{mooring}/work/field.json",
         modules=PLAN.modules("fit.py"),
     output:
-        "results/{mooring}/deviation.json",
+        "results/{mooring}/work/fit.json",
     params:
         method=PLAN.method,
         tilt=PLAN.tilt,
@@ -120,6 +120,29 @@ rule fit:
         "results/{mooring}/benchmarks/fit.tsv"
     script:
         "workflow/scripts/fit.py"
+
+
+rule diagnose:
+    """Pairs and fit -> what physics the fit leaves out, and the compass that is to correct the record."""
+    input:
+        record=PLAN.compromised,
+        pairs="results/{mooring}/overlap.nc",
+        fit="results/{mooring}/work/fit.json",
+        field="results/{mooring}/work/field.json",
+        modules=PLAN.modules("diagnose.py"),
+    output:
+        diagnosis="results/{mooring}/diagnosis.json",
+        deviation="results/{mooring}/deviation.json",
+    params:
+        options=PLAN.diagnose,
+    conda:
+        ENVIRONMENT
+    log:
+        "results/{mooring}/logs/diagnose.log",
+    benchmark:
+        "results/{mooring}/benchmarks/diagnose.tsv"
+    script:
+        "workflow/scripts/diagnose.py"
 
 
 rule correct:
@@ -149,8 +172,10 @@ rule correct:
 rule assess:
     """Pairs -> agreement of the two instruments before and after, on pairs held out from the fit."""
     input:
+        record=PLAN.compromised,
         pairs="results/{mooring}/overlap.nc",
         deviation="results/{mooring}/deviation.json",
+        field="results/{mooring}/work/field.json",
         modules=PLAN.modules("assess.py"),
     output:
         "results/{mooring}/assessment.json",
@@ -169,6 +194,7 @@ rule figures:
     input:
         pairs="results/{mooring}/overlap.nc",
         deviation="results/{mooring}/deviation.json",
+        diagnosis="results/{mooring}/diagnosis.json",
         product="results/{mooring}/corrected.nc",
         modules=PLAN.modules("figures.py"),
     output:
@@ -187,6 +213,7 @@ rule summary:
     """One row a mooring."""
     input:
         deviation=expand("results/{mooring}/deviation.json", mooring=CRUISE.moorings),
+        diagnosis=expand("results/{mooring}/diagnosis.json", mooring=CRUISE.moorings),
         assessment=expand("results/{mooring}/assessment.json", mooring=CRUISE.moorings),
         product=expand("results/{mooring}/corrected.nc", mooring=CRUISE.moorings),
         field=expand("results/{mooring}/work/field.json", mooring=CRUISE.moorings),

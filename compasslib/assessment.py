@@ -83,14 +83,17 @@ def _against(score: Floats, exact_score: Floats, block: NDArray[np.int_]) -> dic
     return {"mean_log_score": float(score.mean()), "minus_exact": float(gain.mean()), "minus_exact_sigma": spread}
 
 
-def assess(pairs: Pairs, fit: Fit) -> dict[str, Any]:
+def assess(pairs: Pairs, fit: Fit, plain: Pairs | None = None) -> dict[str, Any]:
     """Return assessment.json: direction difference upper minus lower, before and after.
 
     Args:
         pairs: overlapping measurements.
         fit: the fit to all of them.
+        plain: the same as a compass that the fit holds would have recorded them, where more acted on it; what acted
+            is then taken from the whole record.
     """
-    held_out = held_out_headings(pairs, fit) if fit.fitted and len(pairs) else np.full(len(pairs), np.nan)
+    plain = pairs if plain is None else plain
+    held_out = held_out_headings(plain, fit) if fit.fitted and len(pairs) else np.full(len(pairs), np.nan)
     known = np.isfinite(held_out)
     turned = angles.turn(pairs.upper_east, pairs.upper_north, held_out - pairs.heading_deg)
     return {

@@ -38,7 +38,7 @@ KNOWS_NOTHING_DEG = 360.0 / np.sqrt(12.0)  # standard deviation of a heading tha
 DECLINATION_SIGMA_DEG = 0.5  # assumed of a main-field model at high latitude; crust and storms are left out
 
 
-def correct(record: Record, fit: Fit, field: EarthField, pairs: Pairs) -> Corrected:
+def correct(record: Record, fit: Fit, field: EarthField, pairs: Pairs, at: Along | None = None) -> Corrected:
     """Return the corrected record; headings that cannot be corrected are NaN with flag 4.
 
     Args:
@@ -46,12 +46,9 @@ def correct(record: Record, fit: Fit, field: EarthField, pairs: Pairs) -> Correc
         fit: the deviation model, perhaps without coefficients.
         field: declination along time.
         pairs: where the trusted instrument overlaps.
+        at: the compass at each sample, where more acted on it than the fit holds.
     """
-    usable = record.heading_quality < BAD
-    recorded = np.where(usable, record.heading_deg, np.nan)
-    decision = headings(
-        Readings(record.time_s, recorded, record.pitch_deg, record.roll_deg, _water(record)), fit, pairs
-    )
+    decision = headings(readings_of_record(record), fit, pairs, at)
     deviation = angles.difference(decision.heading_deg, record.heading_deg)
     declination = earthfield.declination_at(field, record.time_s)
     east, north = _recorded_to_true(record, declination)
@@ -112,13 +109,12 @@ def headings(readings: Readings, fit: Fit, pairs: Pairs, at: Along | None = None
         at = along.of_fit(fit, readings) if at is None else at
         decision = branches.decide(readings, at, fit, *_overlaps(readings.time_s, fit, pairs))
     parameters = von_appen.sigma(fit, decision.heading_deg) if at is None else at.sigma(decision.heading_deg)
-    sigma = np.sqrt(decision.sigma_deg**2 + parameters**2 + _left_out_by_tilt(readings, fit) ** 2)
+    left_out = np.zeros(parameters.shape) if at is not None and at.tilted else _left_out_by_tilt(readings)
+    sigma = np.sqrt(decision.sigma_deg**2 + parameters**2 + left_out**2)
     return replace(decision, sigma_deg=np.minimum(sigma, KNOWS_NOTHING_DEG))
 
 
-def _left_out_by_tilt(readings: Readings, fit: Fit) -> Floats:
-    if fit.tilted:
-        return np.zeros(readings.heading_deg.shape)
+def _left_out_by_tilt(readings: Readings) -> Floats:
     tilt_deg = np.hypot(readings.pitch_deg, readings.roll_deg)
     return LEFT_OUT_BY_TILT * np.where(np.isfinite(tilt_deg), tilt_deg, UNKNOWN_TILT_DEG)
 
@@ -142,6 +138,16 @@ def in_body_frame(east: Floats, north: Floats, recorded_deg: Floats) -> Complexe
         recorded_deg: recorded headings, (n,), degrees.
     """
     return (north + 1j * east) * np.conj(angles.phasor(recorded_deg))
+
+
+def readings_of_record(record: Record) -> Readings:
+    """Return what the compromised compass recorded, headings that are flagged bad left out.
+
+    Args:
+        record: the compromised instrument.
+    """
+    heading = np.where(record.heading_quality < BAD, record.heading_deg, np.nan)
+    return Readings(record.time_s, heading, record.pitch_deg, record.roll_deg, _water(record))
 
 
 def _water(record: Record) -> Complexes:

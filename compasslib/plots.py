@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from compasslib.plots_agreement import histograms, scatter
 from compasslib.plots_deviation import deviation, theory
+from compasslib.plots_diagnosis import diagnosis
 from compasslib.plots_timeline import timeline
 
-__all__ = ["deviation", "histograms", "scatter", "theory", "timeline"]
+__all__ = ["deviation", "diagnosis", "histograms", "scatter", "theory", "timeline"]

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from compasslib import __version__
 
 if TYPE_CHECKING:  # the Snakefile imports this room and needs no numbers
-    from compasslib.deviation.model import Fit
+    from compasslib.discrepancy.product import Product
     from compasslib.records import EarthField
 
 PROJECT = Path(__file__).resolve().parent.parent
@@ -75,22 +75,24 @@ def date_created() -> str:
     return datetime.fromtimestamp(int(epoch), UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
-def processing(fit: Fit, field: EarthField, raw_files: Sequence[str]) -> dict[str, Any]:
-    """Return how and when a product was made, for the archive's attributes.
+def processing(product: Product, field: EarthField, raw_files: Sequence[str]) -> dict[str, Any]:
+    """Return how and when a record was corrected, for the archive's attributes.
 
     Args:
-        fit: the deviation model.
+        product: the compass that corrected it.
         field: the declination that was used.
         raw_files: what was read, relative to the cruise folder.
     """
-    made, by = date_created(), software()
+    made, by, method = date_created(), software(), product.fit.method
+    beside = f" with {', '.join(product.effects)}" if product.effects else ""
     return {
-        "method": fit.method,
-        "coefficients": json.dumps(fit.to_json()["coefficients"]),
+        "method": method,
+        "effects": ", ".join(product.effects),
+        "coefficients": json.dumps(product.fit.to_json()["coefficients"]),
         "declination_source": field.source,
         "software_version": by,
         "source_files": ", ".join(raw_files),
-        "history": f"{made}: headings corrected by {by}, method {fit.method}, from {', '.join(raw_files)}",
+        "history": f"{made}: headings corrected by {by}, method {method}{beside}, from {', '.join(raw_files)}",
         "date_created": made,
     }
 

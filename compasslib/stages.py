@@ -112,6 +112,13 @@ class Plan:
         """Return whether pitch and roll enter the fit of one mooring."""
         return bool(self._mooring(wildcards).fit.tilt)
 
+    def diagnose(self, wildcards: Any) -> dict[str, Any]:
+        """Return what may be chosen about the search for left-out physics in one mooring."""
+        mooring = self._mooring(wildcards)
+        reference = mooring.instruments.get(mooring.reference or "")
+        magnetic = reference is None or reference.direction_reference == "magnetic"
+        return mooring.diagnose.model_dump() | {"reference_magnetic": magnetic}
+
     def by_calibration(self) -> list[str]:
         """Return the moorings that a calibration elsewhere corrects."""
         return [name for name, mooring in self.cruise.moorings.items() if mooring.fit.method == "calibration"]

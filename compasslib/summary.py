@@ -24,7 +24,6 @@ COLUMNS = (
     "effects",
     "warnings",
 )
-NOT_DIAGNOSED = "left-out physics was not searched for"  # so the verdict says so little
 
 
 def row(name: str, folder: str | Path) -> dict[str, Any]:
@@ -35,7 +34,8 @@ def row(name: str, folder: str | Path) -> dict[str, Any]:
         folder: its results.
     """
     folder = Path(folder)
-    fit, verdict = (archive.read_json(folder / file) for file in ("deviation.json", "assessment.json"))
+    files = ("deviation.json", "assessment.json", "diagnosis.json")
+    fit, verdict, found = (archive.read_json(folder / file) for file in files)
     product = archive.read_corrected(folder / "corrected.nc")
     corrected = np.isfinite(product.heading_corrected_deg)
     return {
@@ -47,9 +47,9 @@ def row(name: str, folder: str | Path) -> dict[str, Any]:
         "rms_after_deg": _rounded(verdict["after"]["rms_deg"], 2),
         "max_deviation_deg": _rounded(np.nanmax(np.abs(product.deviation_deg)) if corrected.any() else None, 1),
         "folded": fit["folded"],
-        "verdict": "insufficient",
-        "effects": "",
-        "warnings": " | ".join([NOT_DIAGNOSED, *_warnings(folder, fit)]),
+        "verdict": found["verdict"],
+        "effects": " ".join(finding["effect"] for finding in found["findings"]),
+        "warnings": " | ".join(_warnings(folder, fit, found)),
     }
 
 
@@ -78,11 +78,12 @@ def table(rows: Sequence[Mapping[str, Any]]) -> str:
     return "\n".join("  ".join(cell.rjust(w) for cell, w in zip(line, widths, strict=True)) for line in lines)
 
 
-def _warnings(folder: Path, fit: Mapping[str, Any]) -> list[str]:
+def _warnings(folder: Path, fit: Mapping[str, Any], found: Mapping[str, Any]) -> list[str]:
     records = sorted((folder / "work").glob("*.nc"))
     said = [f"{path.stem}: {w}" for path in records for w in archive.read_record(path).warnings]
     field = archive.read_json(folder / "work/field.json")["warnings"]
-    return [*([fit["why"]] if fit["why"] else []), *fit["warnings"], *field, *said]
+    reasons = dict.fromkeys(why for why in (fit["why"], found["why"]) if why)
+    return [*reasons, *fit["warnings"], *field, *said]
 
 
 def _rounded(value: float | None, digits: int) -> float | None:

@@ -27,6 +27,7 @@ class Along:
     covariance: Floats  # (p, p) of the parameters
     sensitivity: Callable[[Floats], Floats]  # correct headings (n,) -> how far each moves by each parameter, (n, p)
     north_deg: Floats | float = 0.0  # how far magnetic north stood east of where the declination puts it, (n,)
+    tilted: bool = False  # whether the iron that only tilt shows is in the model
 
     def roots(self) -> Floats:
         """Return the correct headings that the compass recorded as it did, (n, 2), NaN where there is none."""
@@ -58,4 +59,4 @@ def of_fit(fit: Fit, readings: Readings) -> Along:
             columns = np.einsum("in,ikn->kn", columns, tilt.jacobian(fit, readings.pitch_deg, readings.roll_deg))
         return (columns / np.maximum(np.abs(compass.slope(at, heading_deg)), FLATTEST)).T
 
-    return Along(readings.heading_deg, at, fit.covariance, sensitivity)
+    return Along(readings.heading_deg, at, fit.covariance, sensitivity, tilted=fit.tilted)

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles, compass
-from compasslib.records import Pairs, Readings
+from compasslib.records import Pairs, Readings, Record
 
 Floats = NDArray[np.floating]
-Series = TypeVar("Series", Pairs, Readings)
+Series = TypeVar("Series", Pairs, Readings, Record)
 
 FEWEST_PAIRS = 30
 LETTERS = "ABCDE"

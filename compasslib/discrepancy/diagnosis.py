@@ -74,7 +74,7 @@ def diagnose(
         first += findings.of_clock(pairs, again, exact, clock)
         pairs, exact = again, deviation.fit("exact", again, exact)
     case = mooring.case(pairs, logged, exact, field, reference_magnetic=options.reference_magnetic)
-    return _joined(first, judge(case, options))
+    return replace(_joined(first, judge(case, options)), fit=exact)
 
 
 def judge(case: Case, options: Options) -> Diagnosis:

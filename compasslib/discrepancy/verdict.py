@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from compasslib.deviation.model import Fit
 from compasslib.discrepancy.applied import Applied
 from compasslib.discrepancy.show import Curve, HeldOut
 
@@ -108,6 +109,7 @@ class Diagnosis:
     why: str = ""  # what the verdict rests on, or why there is none
     curves: tuple[Curve, ...] = ()  # residual before and after along the covariates of what was found
     applied: Applied | None = None  # the compass that corrects the record, where a finding on its side stands
+    fit: Fit | None = None  # the exact compass that the search stood on
     threshold: Mapping[str, float] = field(default_factory=dict)  # scores that noise alone hardly exceeds
 
     def to_json(self) -> dict[str, Any]:

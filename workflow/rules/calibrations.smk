@@ -60,7 +60,7 @@ rule carry:
         field="results/{mooring}/work/field.json",
         modules=PLAN.modules("carry.py"),
     output:
-        "results/{mooring}/deviation.json",
+        "results/{mooring}/work/fit.json",
     wildcard_constraints:
         mooring="|".join(PLAN.by_calibration()) or "none",
     conda:

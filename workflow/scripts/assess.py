@@ -1,10 +1,13 @@
 """Assess the correction on pairs held out from the fit: pairs, deviation -> results/MOORING/assessment.json."""
 
-from compasslib import archive, assessment, deviation
+from compasslib import archive, assessment, earthfield
+from compasslib.discrepancy import product
 from compasslib.job import job
 
 with job(snakemake.log[0]) as say:
-    fit = deviation.from_json(archive.read_json(snakemake.input.deviation))
-    verdict = assessment.assess(archive.read_pairs(snakemake.input.pairs), fit)
+    record, pairs = archive.read_record(snakemake.input.record), archive.read_pairs(snakemake.input.pairs)
+    field = earthfield.from_json(archive.read_json(snakemake.input.field))
+    made_by = product.from_json(archive.read_json(snakemake.input.deviation))
+    verdict = assessment.assess(pairs, made_by.fit, product.plain(made_by, pairs, record, field))
     archive.write_json(snakemake.output[0], verdict)
     say(assessment.told(snakemake.wildcards.mooring, verdict))

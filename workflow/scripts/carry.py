@@ -1,4 +1,4 @@
-"""Carry a calibration to a mooring: calibration.json and the mooring's field -> results/MOORING/deviation.json."""
+"""Carry a calibration to a mooring: calibration.json and the mooring's field -> results/MOORING/work/fit.json."""
 
 from compasslib import archive, deviation, earthfield
 from compasslib.calibration import at_mooring

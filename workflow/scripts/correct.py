@@ -1,15 +1,20 @@
 """Correct one instrument: record, pairs, deviation, field -> results/MOORING/corrected.nc."""
 
-from compasslib import archive, correction, deviation, earthfield, provenance
+from compasslib import archive, correction, earthfield, provenance
+from compasslib.discrepancy import product
 from compasslib.job import job
 
 with job(snakemake.log[0]) as say:
     record, pairs = archive.read_record(snakemake.input.record), archive.read_pairs(snakemake.input.pairs)
-    fit = deviation.from_json(archive.read_json(snakemake.input.deviation))
     field = earthfield.from_json(archive.read_json(snakemake.input.field))
-    product = correction.correct(record, fit, field, pairs)
-    site, made = archive.Site(**snakemake.params.site), provenance.processing(fit, field, snakemake.params.sources)
+    made_by = product.from_json(archive.read_json(snakemake.input.deviation))
+    corrected = correction.correct(record, made_by.fit, field, pairs, product.along(made_by, record, field))
+    made = provenance.processing(made_by, field, snakemake.params.sources)
     archive.write_corrected(
-        snakemake.output[0], product, site=site, attributes=snakemake.params.attributes, processing=made
+        snakemake.output[0],
+        corrected,
+        site=archive.Site(**snakemake.params.site),
+        attributes=snakemake.params.attributes,
+        processing=made,
     )
-    say(correction.told(snakemake.wildcards.mooring, product))
+    say(correction.told(snakemake.wildcards.mooring, corrected))

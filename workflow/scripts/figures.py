@@ -1,13 +1,15 @@
 """Draw one mooring: pairs, deviation, product -> results/MOORING/figures/*.png."""
 
-from compasslib import archive, deviation, plots
+from compasslib import archive, plots
+from compasslib.discrepancy import product as products
 from compasslib.job import job
 
 with job(snakemake.log[0]) as say:
     name, out = snakemake.wildcards.mooring, snakemake.output
     pairs, product = archive.read_pairs(snakemake.input.pairs), archive.read_corrected(snakemake.input.product)
-    fit = deviation.from_json(archive.read_json(snakemake.input.deviation))
+    fit = products.from_json(archive.read_json(snakemake.input.deviation)).fit
     plots.deviation(out.deviation, pairs, fit, name)
+    plots.diagnosis(out.diagnosis, archive.read_json(snakemake.input.diagnosis), name)
     plots.histograms(out.histograms, pairs, product, name, method=fit.method)
     plots.scatter(out.scatter, pairs, product, name, method=fit.method)
     plots.timeline(out.timeline, product, pairs, name, method=fit.method)

@@ -1,4 +1,4 @@
-"""Fit the deviation: pairs and the recorded headings -> results/MOORING/deviation.json."""
+"""Fit the deviation: pairs and the recorded headings -> results/MOORING/work/fit.json."""
 
 from compasslib import archive, deviation, earthfield
 from compasslib.job import job

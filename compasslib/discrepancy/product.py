@@ -1,0 +1,130 @@
+"""The compass that corrects a record: the configured fit, or the exact compass with what was found on its side.
+
+It stands in deviation.json, so that the correction needs nothing else and an archive tells what it was made by.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib import angles, compass, physics
+from compasslib.deviation import model
+from compasslib.deviation.along import Along
+from compasslib.deviation.model import Fit
+from compasslib.discrepancy.applied import Applied
+from compasslib.discrepancy.verdict import Diagnosis
+from compasslib.physics import composition
+from compasslib.physics.composition import Simulation
+from compasslib.records import BAD, EarthField, Pairs, Record
+
+Floats = NDArray[np.floating]
+
+FORMS = {term.__name__: term for term in physics.CATALOGUE}
+
+
+@dataclass(frozen=True)
+class Product:
+    """What corrects a record."""
+
+    fit: Fit  # the compass; the configured one where nothing was found on its side
+    effects: tuple[str, ...] = ()  # what the search found on the compass side and put into it
+    applied: Applied | None = None  # the compass with those effects; None where the fit by itself holds them
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the block ``applied`` of deviation.json."""
+        return {
+            "method": self.fit.method,
+            "effects": list(self.effects),
+            "fit": self.fit.to_json() if self.effects else None,
+            "compass": None if self.applied is None else self.applied.to_json(),
+        }
+
+
+def of(fit: Fit, diagnosis: Diagnosis) -> Product:
+    """Return what is to correct the record after the search for left-out physics.
+
+    Args:
+        fit: the configured fit.
+        diagnosis: what the search found.
+    """
+    effects = tuple(one.effect for one in diagnosis.findings if one.applied)
+    if not effects or diagnosis.fit is None:
+        return Product(fit)
+    return Product(diagnosis.fit, effects, diagnosis.applied)
+
+
+def from_json(content: Mapping[str, Any]) -> Product:
+    """Return what a deviation.json says the record is to be corrected by.
+
+    Args:
+        content: the file's content.
+    """
+    block = content["applied"]
+    if not block["effects"]:
+        return Product(model.from_json(content))
+    applied = None if block["compass"] is None else _applied(block["compass"])
+    return Product(model.from_json(block["fit"]), tuple(block["effects"]), applied)
+
+
+def plain(product: Product, pairs: Pairs, record: Record, field: EarthField) -> Pairs:
+    """Return the pairs as the compass by itself would have recorded them, without what was found beside it.
+
+    A method that knows five coefficients and no effects can go on from there.
+
+    Args:
+        product: what corrects the record.
+        pairs: overlapping measurements, at times of the record.
+        record: the compromised instrument.
+        field: the earth's field along time.
+    """
+    at = along(product, model.chosen(record, np.searchsorted(record.time_s, pairs.time_s)), field)
+    if at is None:
+        return pairs
+    heading = model.nearest_root(at.roots(), model.observed_heading(pairs))
+    recorded = compass.recorded_heading(product.fit.coefficients, heading)
+    shift = np.nan_to_num(angles.difference(recorded, pairs.heading_deg))
+    east, north = angles.turn(pairs.upper_east, pairs.upper_north, shift)
+    return replace(pairs, heading_deg=angles.wrap360(pairs.heading_deg + shift), upper_east=east, upper_north=north)
+
+
+def along(product: Product, record: Record, field: EarthField) -> Along | None:
+    """Return the compass at every sample of the record, None where the fit by itself says it.
+
+    Args:
+        product: what corrects the record.
+        record: the compromised instrument.
+        field: the earth's field along time.
+    """
+    if product.applied is None:
+        return None
+    applied, recorded = product.applied, np.where(record.heading_quality < BAD, record.heading_deg, np.nan)
+    series = {"temperature": record.temperature_c, "supply_voltage": record.supply_voltage}
+    scene = applied.scene(record.time_s, recorded, (record.pitch_deg, record.roll_deg), series, field=field)
+    simulation = applied.simulation
+    return Along(
+        reading_deg=composition.undone_readout(simulation, scene, recorded),
+        coefficients=composition.coefficients_at(simulation, scene),
+        covariance=applied.covariance,
+        sensitivity=lambda heading_deg: composition.derivative(simulation, scene, heading_deg),
+        north_deg=composition.north(simulation, scene),
+        tilted="heeling" in product.effects,
+    )
+
+
+def _applied(content: Mapping[str, Any]) -> Applied:
+    terms = []
+    for entry in content["terms"]:
+        values = {name: value for name, value in entry.items() if name not in ("effect", "form")}
+        terms.append(FORMS[entry["form"]](**values))
+    coefficients = np.array([content["coefficients"][letter] for letter in model.LETTERS])
+    return Applied(
+        simulation=Simulation(coefficients, content["horizontal_nT"], tuple(terms)),
+        covariance=np.array(content["covariance"]),
+        references=content["references"],
+        logged=tuple(content["logged"]),
+    )

@@ -1,0 +1,15 @@
+"""Search for left-out physics: pairs, fit, record, field -> results/MOORING/{diagnosis,deviation}.json."""
+
+from compasslib import archive, deviation, earthfield
+from compasslib.discrepancy import moored, product
+from compasslib.job import job
+
+with job(snakemake.log[0]) as say:
+    record, pairs = archive.read_record(snakemake.input.record), archive.read_pairs(snakemake.input.pairs)
+    field = earthfield.from_json(archive.read_json(snakemake.input.field))
+    configured = archive.read_json(snakemake.input.fit)
+    fit = deviation.from_json(configured)
+    found = moored.diagnose(record, pairs, fit, field, snakemake.params.options)
+    archive.write_json(snakemake.output.diagnosis, found.to_json())
+    archive.write_json(snakemake.output.deviation, configured | {"applied": product.of(fit, found).to_json()})
+    say(moored.told(snakemake.wildcards.mooring, found))
