@@ -74,6 +74,8 @@ def diagnose(
         first += findings.of_clock(pairs, again, exact, clock)
         pairs, exact = again, deviation.fit("exact", again, exact)
     case = mooring.case(pairs, logged, exact, field, reference_magnetic=options.reference_magnetic)
+    if fit.method != "exact":  # it was looked for already
+        case = replace(case, not_testable=tuple(one for one in case.not_testable if one[0] != "large_deviation"))
     return _joined(first, judge(case, options))
 
 
@@ -139,7 +141,7 @@ def _left(
 ) -> tuple[tuple[Group, float] | None, tuple[tuple[str, float], ...]]:
     """Return the strongest omnibus group that is left and matters, with its size, and those that do not matter."""
     strong = [int(k) for k in np.argsort(-tested.score) if tested.score[k] > threshold]
-    sized = [(tested.groups[k], naming.size_of(state, tested.groups[k], float(tested.inflation[k]))) for k in strong]
+    sized = [(tested.groups[k], scan.size_of(state, tested.groups[k], float(tested.inflation[k]))) for k in strong]
     worth = [one for one in sized if one[1] >= min_effect_deg]
     small = {group.name: size for group, size in sized if size < min_effect_deg}
     return (worth[0] if worth else None), tuple(small.items())

@@ -12,6 +12,7 @@ from compasslib import angles
 from compasslib.discrepancy import baseline
 from compasslib.discrepancy.baseline import State
 from compasslib.discrepancy.columns import Group
+from compasslib.discrepancy.whitening import inverse
 
 Floats = NDArray[np.floating]
 
@@ -71,15 +72,44 @@ def test(state: State, groups: Sequence[Group], seed: int = 0) -> Tested:
     return Tested(groups, freedom, inflation, normal_score(seen / inflation, freedom) - handicap, highest)
 
 
-def gain(state: State, columns_deg: Floats) -> float:
-    """Return the statistic of one group of columns, about its freedom where there is nothing.
+def size_of(state: State, group: Group, inflation: float) -> float:
+    """Return the visible size of a group's best fit, rms degrees, freed of what noise adds to it.
+
+    Args:
+        state: the simulation where it stands.
+        group: columns.
+        inflation: of the noise's statistic.
+    """
+    values, covariance = solved(state, group.columns)
+    seen = state.visible(group.columns)
+    product = seen.T @ seen / len(seen)
+    return float(np.sqrt(max(float(values @ product @ values) - inflation * float(np.sum(product * covariance)), 0.0)))
+
+
+def solved(state: State, columns_deg: Floats) -> tuple[Floats, Floats]:
+    """Return the values of columns fitted to the residual, and their covariance.
 
     Args:
         state: the simulation where it stands.
         columns_deg: (n, k), degrees a unit.
     """
-    basis = _directions(state.projected(columns_deg))
-    return float(np.sum((basis.T @ state.innovation) ** 2)) / state.sigma**2
+    white = state.projected(columns_deg)
+    inverted = inverse(white.T @ white)
+    return inverted @ (white.T @ state.innovation) / state.response, inverted * (state.sigma / state.response) ** 2
+
+
+def gains(state: State, groups: Sequence[Group]) -> Floats:
+    """Return the statistic of each group of columns, about its freedom where there is nothing, (g,).
+
+    Args:
+        state: the simulation where it stands.
+        groups: columns.
+    """
+    white = state.projected(np.concatenate([group.columns for group in groups], axis=1))
+    parts = np.split(white, np.cumsum([group.columns.shape[1] for group in groups])[:-1], axis=1)
+    pulls = [part.T @ state.innovation for part in parts]
+    each = [pull @ inverse(part.T @ part) @ pull for part, pull in zip(parts, pulls, strict=True)]
+    return np.array(each) / state.sigma**2
 
 
 def resampled(state: State, seed: int, repeats: int = REPEATS) -> Floats:
