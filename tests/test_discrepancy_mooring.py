@@ -7,18 +7,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from sea import FOLDED, pairs
 
-from compasslib import angles, compass, discrepancy
+from compasslib import angles, compass, deviation, discrepancy
 from compasslib.archive_files import read_json, write_json
 from compasslib.deviation import model as fits
-from compasslib.discrepancy import Options, diagnose
+from compasslib.discrepancy import Options, diagnose, large
 from compasslib.records import EarthField
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
 import discrepancy_world as world
 from discrepancy import field_of, fitted
 
-HOURS = 5000
+HOURS = 4000
 
 
 def seen(wanted, seed=1, **options):
@@ -54,18 +55,18 @@ def test_two_effects_at_once_are_both_named_and_modelled(two):
 
 def test_the_corrected_headings_lose_what_was_found(two):
     drawn, found = two
-    pairs, applied = drawn.pairs, found.applied
-    tilt = (pairs.pitch_deg, pairs.roll_deg)
-    scene = applied.scene(pairs.time_s, pairs.heading_deg, tilt, drawn.covariates, field=field_of(drawn))
-    after = fits.nearest_root(applied.headings(scene, pairs.heading_deg), drawn.heading)
-    level = compass.inverse(fitted(drawn).coefficients, pairs.heading_deg)
+    sample, applied = drawn.pairs, found.applied
+    tilt, recorded = (sample.pitch_deg, sample.roll_deg), sample.heading_deg
+    scene = applied.scene(sample.time_s, recorded, tilt, drawn.covariates, field=field_of(drawn))
+    after = fits.nearest_root(applied.headings(scene, recorded), drawn.heading)
+    level = compass.inverse(fitted(drawn).coefficients, recorded)
     before = fits.nearest_root(level, drawn.heading)
     error = [angles.rms(angles.difference(heading, drawn.heading)) for heading in (before, after)]
     assert error[0] > 3.5 and error[1] < 1.5
     sigma = applied.sigma(scene, after)
     assert 0.2 < np.median(sigma) < 2.0
     # what the level compass would have read leads it to the same headings
-    again = compass.inverse(applied.simulation.coefficients, applied.levelled(scene, pairs.heading_deg, drawn.heading))
+    again = compass.inverse(applied.simulation.coefficients, applied.levelled(scene, recorded, drawn.heading))
     assert np.abs(angles.difference(fits.nearest_root(again, drawn.heading), after)).max() < 1e-6
 
 
@@ -80,6 +81,28 @@ def test_the_json_is_the_contracts(two, tmp_path):
     assert set(first["heldout"]) >= {"rms_before_deg", "rms_after_deg", "p_value"}
     assert first["when"]["from"].endswith("Z") and json.dumps(told)
     assert all(set(one) >= {"value", "sigma"} for one in first["parameters"].values())
+
+
+def test_a_compass_that_does_not_level_is_told_from_iron_that_heels():
+    sea = world.make(2, wide=True, n=HOURS)
+    recorded = world.compass(sea, uncompensated=True)
+    drawn = world.planted(sea, {})
+    east, north = angles.turn(sea.flow.real, sea.flow.imag, recorded - sea.heading)
+    heading = angles.wrap360(recorded)
+    drawn = replace(drawn, pairs=replace(drawn.pairs, heading_deg=heading, upper_east=east, upper_north=north))
+    found = diagnose(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
+    (finding,) = found.findings
+    assert finding.effect == "tilt_uncompensated"
+    share = finding.parameters["share"]
+    assert abs(share.value - 1.0) < 4.0 * share.sigma < 0.6
+
+
+def test_a_series_fitted_to_iron_stronger_than_the_field_is_too_small_a_model():
+    sample, _ = pairs(FOLDED, n=1200, seed=3)
+    exact, series = deviation.fit("exact", sample), deviation.fit("von_appen", sample)
+    (finding,) = large.findings(sample, exact, series, 0.5)
+    assert (finding.effect, finding.side, finding.applied) == ("large_deviation", "compass", True)
+    assert finding.held_out.p_value < 0.01 and finding.rms_effect_deg > 5.0
 
 
 def test_what_is_not_in_the_catalogue_is_said_to_be_unexplained():

@@ -106,6 +106,8 @@ def judge(case: Case, options: Options) -> Diagnosis:
         negligible=(*named.negligible, *small),
         curves=_curves(empty, named.state, found),
         applied=_applied(named, every) if options.apply else None,
+        why=_why(named, options.min_effect_deg),
+        detectable_deg=_detectable(named),
         threshold={"names": named.threshold, "omnibus": threshold},
     )
 
@@ -145,6 +147,22 @@ def _left(
     worth = [one for one in sized if one[1] >= min_effect_deg]
     small = {group.name: size for group, size in sized if size < min_effect_deg}
     return (worth[0] if worth else None), tuple(small.items())
+
+
+def _detectable(named: Named) -> dict[str, float]:
+    return {} if named.tested is None else scan.detectable(named.state, named.tested, named.threshold)
+
+
+def _why(named: Named, min_effect_deg: float) -> str:
+    """Return in a sentence how small an effect this record would have shown."""
+    sizes = sorted((max(size, min_effect_deg), name) for name, size in _detectable(named).items())
+    if not sizes:
+        return ""
+    (best, first), (worst, last) = sizes[0], sizes[-1]
+    return (
+        f"Nine times in ten this record shows {first.replace('_', ' ')} of {best:.1f} degrees rms or more and "
+        f"{last.replace('_', ' ')} of {worst:.1f}; the other effects lie between."
+    )
 
 
 def _curves(before: State, after: State, found: Sequence[Finding]) -> tuple[Curve, ...]:

@@ -35,7 +35,8 @@ class Named:
 
     state: State  # with the chosen terms refitted
     alternatives: tuple[tuple[str, ...], ...] = ()  # for each chosen term
-    threshold: float = np.inf  # of the last test
+    tested: Tested | None = None  # what was tested last, beside the chosen terms
+    threshold: float = np.inf  # of that test
     negligible: tuple[tuple[str, float], ...] = ()  # significant effects too small to matter, with visible degrees
 
 
@@ -57,8 +58,8 @@ def search(state: State, *, alarm: float, min_effect_deg: float) -> Named:
         small = _largest([(tested.groups[k].name, size) for k, size in sizes.items() if size < min_effect_deg])
         grown = _grow(found.state, tested, worth, min_effect_deg) if worth else None
         if grown is None:
-            return replace(found, threshold=threshold, negligible=() if worth else small)
-        found = replace(grown, threshold=threshold)
+            return replace(found, tested=tested, threshold=threshold, negligible=() if worth else small)
+        found = replace(grown, tested=tested, threshold=threshold)
     return found
 
 

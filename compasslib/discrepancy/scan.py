@@ -23,6 +23,7 @@ DATE_HANDICAP = 0.4  # score taken off each of many dates, so that they do not r
 FLOW_HANDICAP = 0.6  # the same off what is built from the flow's direction: some of its noise is the residual's
 SLOW, WEEKLY = (400.0, 14.0), (14.0, 5.0)  # longest and shortest periods, days
 FEWEST_WAVES = 8
+NINE_IN_TEN = 1.28  # normal score of it
 MEDIAN_OF_CHI_SQUARED = 0.455  # of one degree of freedom
 
 
@@ -84,6 +85,27 @@ def size_of(state: State, group: Group, inflation: float) -> float:
     seen = state.visible(group.columns)
     product = seen.T @ seen / len(seen)
     return float(np.sqrt(max(float(values @ product @ values) - inflation * float(np.sum(product * covariance)), 0.0)))
+
+
+def detectable(state: State, tested: Tested, threshold: float) -> dict[str, float]:
+    """Return for each effect the visible size that would have been named nine times in ten, rms degrees.
+
+    Of an effect with several forms or dates it is the middle one.
+
+    Args:
+        state: the simulation where it stands.
+        tested: the catalogue's groups, tested there.
+        threshold: score that noise hardly exceeds.
+    """
+    sizes: dict[str, list[float]] = {}
+    for group, inflation in zip(tested.groups, tested.inflation, strict=True):
+        if group.term is not None and not isinstance(group.term, tuple(map(type, state.simulation.terms))):
+            white, seen = state.projected(group.columns), state.visible(group.columns)
+            # visible size of a unit of the whitened columns, as a mean over the group's directions
+            unit = np.trace(inverse(white.T @ white) @ (seen.T @ seen)) / len(seen) / group.columns.shape[1]
+            noise = state.sigma / state.response * np.sqrt(inflation)
+            sizes.setdefault(group.name, []).append((threshold + NINE_IN_TEN) * noise * float(np.sqrt(unit)))
+    return {name: float(np.median(size)) for name, size in sizes.items()}
 
 
 def solved(state: State, columns_deg: Floats) -> tuple[Floats, Floats]:
