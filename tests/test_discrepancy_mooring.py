@@ -35,7 +35,8 @@ def two():
 def test_nothing_is_found_where_nothing_was_left_out():
     _, found = seen({})
     assert found.verdict == "consistent" and not found.findings and found.unexplained is None
-    assert found.applied is None
+    assert found.applied is None and found.fit is None
+    assert 0.2 < found.detectable_deg["sextantal"] < 4.0 and found.why.startswith("Nine times in ten")
     told = dict(found.not_testable)
     assert "feel it alike" in told["field_disturbance"] and "same as A" in told["declination_error"]
 
@@ -103,6 +104,10 @@ def test_a_series_fitted_to_iron_stronger_than_the_field_is_too_small_a_model():
     (finding,) = large.findings(sample, exact, series, 0.5)
     assert (finding.effect, finding.side, finding.applied) == ("large_deviation", "compass", True)
     assert finding.held_out.p_value < 0.01 and finding.rms_effect_deg > 5.0
+    ones = np.ones(2)
+    earth = EarthField(sample.time_s[[0, -1]], 0 * ones, 12000.0 * ones, 52000.0 * ones, 0 * ones)
+    found = diagnose(sample, {}, series, earth)
+    assert found.verdict == "explained" and found.fit is not None and found.fit.method == "exact"
 
 
 def test_what_is_not_in_the_catalogue_is_said_to_be_unexplained():

@@ -76,7 +76,10 @@ def diagnose(
     case = mooring.case(pairs, logged, exact, field, reference_magnetic=options.reference_magnetic)
     if fit.method != "exact":  # it was looked for already
         case = replace(case, not_testable=tuple(one for one in case.not_testable if one[0] != "large_deviation"))
-    return _joined(first, judge(case, options))
+    rest = judge(case, options)
+    if any(one.applied for one in first) and options.apply:
+        rest = replace(rest, fit=exact)
+    return _joined(first, rest)
 
 
 def judge(case: Case, options: Options) -> Diagnosis:
@@ -134,6 +137,8 @@ def _verdict(found: Sequence[Finding], unexplained: Unexplained | None) -> str:
 
 def _joined(first: Sequence[Finding], rest: Diagnosis) -> Diagnosis:
     """Return the diagnosis with findings that were made before the search, strongest first."""
+    if not first:
+        return rest
     found = tuple(sorted((*first, *rest.findings), key=lambda one: -one.rms_effect_deg))
     return replace(rest, findings=found, verdict=_verdict(found, rest.unexplained))
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from compasslib.deviation.model import Fit
 from compasslib.discrepancy.applied import Applied
 from compasslib.discrepancy.show import Curve, HeldOut
 
@@ -108,6 +109,7 @@ class Diagnosis:
     why: str = ""  # what the verdict rests on, or why there is none
     curves: tuple[Curve, ...] = ()  # residual before and after along the covariates of what was found
     applied: Applied | None = None  # the compass that corrects the record, where a finding on its side stands
+    fit: Fit | None = None  # the exact compass, where the configured series was found to be too small a model
     detectable_deg: Mapping[str, float] = field(default_factory=dict)  # visible size that each effect needs to be named
     threshold: Mapping[str, float] = field(default_factory=dict)  # scores that noise alone hardly exceeds
 
@@ -123,6 +125,7 @@ class Diagnosis:
             "why": self.why,
             "curves": [curve_json(curve) for curve in self.curves],
             "applied": None if self.applied is None else self.applied.to_json(),
+            "fit": None if self.fit is None else self.fit.to_json(),
             "detectable_deg": dict(self.detectable_deg),
             "threshold": dict(self.threshold),
         }
