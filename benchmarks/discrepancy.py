@@ -119,8 +119,9 @@ def against_oracle(drawn, fit, field, found) -> dict:
     terms = [true_term(name, values) for name, values in drawn.truth.items()]
     oracle = model.refit(empty, terms)
     everything = list(range(len(terms)))
+    level = compass.inverse(fit.coefficients, drawn.pairs.heading_deg)
     result = {
-        "error_before": error(fits.nearest_root(compass.inverse(fit.coefficients, drawn.pairs.heading_deg), drawn.heading), drawn),
+        "error_before": error(fits.nearest_root(level, drawn.heading), drawn),
         "error_oracle": error(oracle.heading_deg, drawn),
         "oracle_gain": show.held_out(oracle, everything).gain,
     }  # fmt: skip

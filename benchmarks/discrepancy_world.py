@@ -140,11 +140,12 @@ def make(seed: int, *, wide: bool, noise_deg: float = 12.0, n: int = 8000) -> Wo
     temperature = 4 + 1.5 * season + red(rng, n, 240, 0.6) - 0.4 * (depth - 100) / 100 + rng.normal(0, 0.02, n)
     drain = rng.uniform(4, 8) * hours / YEAR_H
     voltage = 43 - drain - 2.5 / (1 + np.exp((n * 1.02 - hours) / 250)) + 0.1 * (temperature - 4)
+    earth = float(rng.uniform(11500, 22000)), float(rng.uniform(40000, 52500))
     return World(
         rng=rng, time_s=time_s, heading=heading, flow=upper, difference=reds + up + down, tilt=tilt,
         sensed=tilt + rng.normal(0, rng.choice([0.02, 0.05, 0.1]), (2, n)), depth=depth,
         separation=18 + 0.008 * (depth - 100) + red(rng, n, 30, 1.0), temperature=temperature,
-        voltage=np.round(voltage + rng.normal(0, 0.05, n), 1), earth=(float(rng.uniform(11500, 22000)), float(rng.uniform(40000, 52500))),
+        voltage=np.round(voltage + rng.normal(0, 0.05, n), 1), earth=earth,
         **_iron(rng),
     )  # fmt: skip
 
@@ -243,8 +244,8 @@ def effect(world: World, name: str) -> Effect:
     if name == "compass_drift":
         return shift(years, "deg_year")
     if name == "compass_lag":
-        rate = np.gradient(np.unwrap(world.heading * RAD) / RAD, 3600.0)
-        return Effect({"lag_s": 300.0}, offset=lambda gamma: -300.0 * rate)
+        late = lambda gamma: -300.0 * np.gradient(np.unwrap(gamma * RAD) / RAD, 3600.0)  # noqa: E731
+        return Effect({"lag_s": 300.0}, offset=late)
     if name == "current_veer":
         speed, direction = np.abs(world.flow), towards(2 * world.flow + world.difference)
         kind = rng.integers(3)

@@ -24,7 +24,7 @@ Floats = NDArray[np.floating]
 
 ROUNDS = 2
 BRANCHES_APART = 5.0  # widths of the scatter that two headings of one reading must be apart
-TREND_S = 10 * 86400.0  # spacing of the knots of what is slow
+TREND_S, TREND_MEMORIES = 10 * 86400.0, 10  # least spacing of the knots of what is slow, and in lengths of the filter
 STIFFEST = 1e-4  # prior precision of a baseline column in whitened units, against columns that hardly vary
 
 
@@ -125,7 +125,8 @@ def trend(time_s: Floats) -> Floats:
     Args:
         time_s: increasing times, (n,).
     """
-    knots = np.linspace(time_s[0], time_s[-1], max(int(np.ptp(time_s) / TREND_S), 1) + 1)
+    spacing_s = TREND_MEMORIES * whitening.order(len(time_s)) * float(np.median(np.diff(time_s)))
+    knots = np.linspace(time_s[0], time_s[-1], max(int(np.ptp(time_s) / max(spacing_s, TREND_S)), 1) + 1)
     return np.column_stack([np.interp(time_s, knots, row) for row in np.eye(len(knots))])
 
 

@@ -74,7 +74,12 @@ def diagnose(
         first += findings.of_clock(pairs, again, exact, clock)
         pairs, exact = again, deviation.fit("exact", again, exact)
     case = mooring.case(pairs, logged, exact, field, reference_magnetic=options.reference_magnetic)
-    return replace(_joined(first, judge(case, options)), fit=exact)
+    if fit.method != "exact":  # it was looked for already
+        case = replace(case, not_testable=tuple(one for one in case.not_testable if one[0] != "large_deviation"))
+    found = _joined(first, judge(case, options))
+    if not options.apply:
+        return replace(found, findings=tuple(replace(one, applied=False) for one in found.findings))
+    return replace(found, fit=exact)
 
 
 def judge(case: Case, options: Options) -> Diagnosis:
@@ -104,6 +109,8 @@ def judge(case: Case, options: Options) -> Diagnosis:
         negligible=(*named.negligible, *small),
         curves=_curves(empty, named.state, found),
         applied=_applied(named, every) if options.apply else None,
+        why=_why(named, options.min_effect_deg),
+        detectable_deg=_detectable(named),
         threshold={"names": named.threshold, "omnibus": threshold},
     )
 
@@ -130,6 +137,8 @@ def _verdict(found: Sequence[Finding], unexplained: Unexplained | None) -> str:
 
 def _joined(first: Sequence[Finding], rest: Diagnosis) -> Diagnosis:
     """Return the diagnosis with findings that were made before the search, strongest first."""
+    if not first:
+        return rest
     found = tuple(sorted((*first, *rest.findings), key=lambda one: -one.rms_effect_deg))
     return replace(rest, findings=found, verdict=_verdict(found, rest.unexplained))
 
@@ -139,10 +148,26 @@ def _left(
 ) -> tuple[tuple[Group, float] | None, tuple[tuple[str, float], ...]]:
     """Return the strongest omnibus group that is left and matters, with its size, and those that do not matter."""
     strong = [int(k) for k in np.argsort(-tested.score) if tested.score[k] > threshold]
-    sized = [(tested.groups[k], naming.size_of(state, tested.groups[k], float(tested.inflation[k]))) for k in strong]
+    sized = [(tested.groups[k], scan.size_of(state, tested.groups[k], float(tested.inflation[k]))) for k in strong]
     worth = [one for one in sized if one[1] >= min_effect_deg]
     small = {group.name: size for group, size in sized if size < min_effect_deg}
     return (worth[0] if worth else None), tuple(small.items())
+
+
+def _detectable(named: Named) -> dict[str, float]:
+    return {} if named.tested is None else scan.detectable(named.state, named.tested, named.threshold)
+
+
+def _why(named: Named, min_effect_deg: float) -> str:
+    """Return in a sentence how small an effect this record would have shown."""
+    sizes = sorted((max(size, min_effect_deg), name) for name, size in _detectable(named).items())
+    if not sizes:
+        return ""
+    (best, first), (worst, last) = sizes[0], sizes[-1]
+    return (
+        f"Nine times in ten this record shows {first.replace('_', ' ')} of {best:.1f} degrees rms or more and "
+        f"{last.replace('_', ' ')} of {worst:.1f}; the other effects lie between."
+    )
 
 
 def _curves(before: State, after: State, found: Sequence[Finding]) -> tuple[Curve, ...]:

@@ -64,6 +64,8 @@ def dated(state: State) -> State:
         state: with terms.
     """
     terms = list(state.simulation.terms)
+    if not any(term.dated() for term in terms):
+        return state
     for k, term in enumerate(terms):
         if not term.dated():
             continue
@@ -71,8 +73,7 @@ def dated(state: State) -> State:
         free = refit(state, others)
         near = np.arange(term.date - NEARBY_S, term.date + NEARBY_S, FINE_S)
         tried = columns.of_dates(free, type(term), near)
-        gains = [scan.gain(free, group.columns) for group in tried]
-        best = tried[int(np.argmax(gains))].term
+        best = tried[int(np.argmax(scan.gains(free, tried)))].term
         assert best is not None
         terms[k] = best.at(term.values)
     return refit(state, terms)

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib import compass
+from compasslib import angles, compass
 from compasslib.deviation import likelihood, model
 from compasslib.deviation.model import Fit
 from compasslib.discrepancy import covariates
@@ -20,8 +20,14 @@ from compasslib.records import EarthField, Pairs
 Floats = NDArray[np.floating]
 
 WOBBLE_HOURS = 6.0  # tilts faster than this are mostly the sensor's and the waves'
+TIDES_H = (12.4206, 12.0, 12.6583, 23.9345, 25.8193)  # periods of M2, S2, N2, K1, O1
+TIDES_FOLLOWED_S = 3 * 3600.0  # sampling that still follows them
 ALIKE = "both compasses feel it alike: it cancels in the difference of their directions"
 CONSTANT = "a constant error is the same as A, a mean veer of the water and a turned mount"
+UNSEEN = {
+    "stuck_tilt": "the true tilt is known from no other sensor",
+    "rotation_rate": "hourly samples do not resolve a turn",
+}
 ABSENT = {
     "temperature": "no temperature that varies was logged",
     "supply_voltage": "no supply voltage that varies was logged",
@@ -107,6 +113,8 @@ def testable(scene: Scene, reference_magnetic: bool) -> tuple[tuple[type[Term], 
     """
     terms, missing = [], []
     for term in CATALOGUE:
+        if term.name in UNSEEN:
+            missing.append((term.name, UNSEEN[term.name]))
         if "mooring" not in term.recordings or term.acts_on == "time":
             continue
         absent = [name for name in term.needs if name not in scene.departures]
@@ -137,8 +145,19 @@ def _nuisance(pairs: Pairs, scene: Scene, simulation: Simulation) -> Floats:
     heading = composition.headings(simulation, scene, pairs.heading_deg)[:, 0]
     noise = composition.derivative(vertical, wobble, heading, first=5) * scene.vertical_nT[:, None]
     turning = scene.departures["flow_turn"]
-    columns = np.column_stack([np.nan_to_num(noise), turning, turning * scene.years])
+    columns = np.column_stack([np.nan_to_num(noise), turning, turning * scene.years, _tides(scene.time_s)])
     return columns[:, columns.std(axis=0) > 0.0]
+
+
+def _tides(time_s: Floats) -> Floats:
+    """Return waves of the tides where they are sampled too rarely to be followed, else none, (n, k).
+
+    A profiler that passes twice a day sees the tides' veer as waves of weeks to a year.
+    """
+    if np.median(np.diff(time_s)) < TIDES_FOLLOWED_S:
+        return np.zeros((len(time_s), 0))
+    phase = 360.0 * (time_s - time_s[0])[:, None] / 3600.0 / np.array(TIDES_H)
+    return np.column_stack(angles.sin_cos(phase))
 
 
 def _running_mean(x: Floats, reach: int) -> Floats:

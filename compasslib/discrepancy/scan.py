@@ -12,6 +12,7 @@ from compasslib import angles
 from compasslib.discrepancy import baseline
 from compasslib.discrepancy.baseline import State
 from compasslib.discrepancy.columns import Group
+from compasslib.discrepancy.whitening import inverse
 
 Floats = NDArray[np.floating]
 
@@ -22,6 +23,7 @@ DATE_HANDICAP = 0.4  # score taken off each of many dates, so that they do not r
 FLOW_HANDICAP = 0.6  # the same off what is built from the flow's direction: some of its noise is the residual's
 SLOW, WEEKLY = (400.0, 14.0), (14.0, 5.0)  # longest and shortest periods, days
 FEWEST_WAVES = 8
+NINE_IN_TEN = 1.28  # normal score of it
 MEDIAN_OF_CHI_SQUARED = 0.455  # of one degree of freedom
 
 
@@ -71,15 +73,65 @@ def test(state: State, groups: Sequence[Group], seed: int = 0) -> Tested:
     return Tested(groups, freedom, inflation, normal_score(seen / inflation, freedom) - handicap, highest)
 
 
-def gain(state: State, columns_deg: Floats) -> float:
-    """Return the statistic of one group of columns, about its freedom where there is nothing.
+def size_of(state: State, group: Group, inflation: float) -> float:
+    """Return the visible size of a group's best fit, rms degrees, freed of what noise adds to it.
+
+    Args:
+        state: the simulation where it stands.
+        group: columns.
+        inflation: of the noise's statistic.
+    """
+    values, covariance = solved(state, group.columns)
+    seen = state.visible(group.columns)
+    product = seen.T @ seen / len(seen)
+    return float(np.sqrt(max(float(values @ product @ values) - inflation * float(np.sum(product * covariance)), 0.0)))
+
+
+def detectable(state: State, tested: Tested, threshold: float) -> dict[str, float]:
+    """Return for each effect the visible size that would have been named nine times in ten, rms degrees.
+
+    Of an effect with several forms or dates it is the middle one.
+
+    Args:
+        state: the simulation where it stands.
+        tested: the catalogue's groups, tested there.
+        threshold: score that noise hardly exceeds.
+    """
+    sizes: dict[str, list[float]] = {}
+    for group, inflation in zip(tested.groups, tested.inflation, strict=True):
+        if group.term is not None and not isinstance(group.term, tuple(map(type, state.simulation.terms))):
+            white, seen = state.projected(group.columns), state.visible(group.columns)
+            # visible size of a unit of the whitened columns, as a mean over the group's directions
+            unit = np.trace(inverse(white.T @ white) @ (seen.T @ seen)) / len(seen) / group.columns.shape[1]
+            noise = state.sigma / state.response * np.sqrt(inflation)
+            sizes.setdefault(group.name, []).append((threshold + NINE_IN_TEN) * noise * float(np.sqrt(unit)))
+    return {name: float(np.median(size)) for name, size in sizes.items()}
+
+
+def solved(state: State, columns_deg: Floats) -> tuple[Floats, Floats]:
+    """Return the values of columns fitted to the residual, and their covariance.
 
     Args:
         state: the simulation where it stands.
         columns_deg: (n, k), degrees a unit.
     """
-    basis = _directions(state.projected(columns_deg))
-    return float(np.sum((basis.T @ state.innovation) ** 2)) / state.sigma**2
+    white = state.projected(columns_deg)
+    inverted = inverse(white.T @ white)
+    return inverted @ (white.T @ state.innovation) / state.response, inverted * (state.sigma / state.response) ** 2
+
+
+def gains(state: State, groups: Sequence[Group]) -> Floats:
+    """Return the statistic of each group of columns, about its freedom where there is nothing, (g,).
+
+    Args:
+        state: the simulation where it stands.
+        groups: columns.
+    """
+    white = state.projected(np.concatenate([group.columns for group in groups], axis=1))
+    parts = np.split(white, np.cumsum([group.columns.shape[1] for group in groups])[:-1], axis=1)
+    pulls = [part.T @ state.innovation for part in parts]
+    each = [pull @ inverse(part.T @ part) @ pull for part, pull in zip(parts, pulls, strict=True)]
+    return np.array(each) / state.sigma**2
 
 
 def resampled(state: State, seed: int, repeats: int = REPEATS) -> Floats:

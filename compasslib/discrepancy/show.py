@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles
-from compasslib.discrepancy import naming, whitening
+from compasslib.discrepancy import scan, whitening
 from compasslib.discrepancy.baseline import State
 
 Floats = NDArray[np.floating]
@@ -119,7 +119,7 @@ def curve(before: State, after: State, covariate: str) -> Curve:
     bins = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, len(edges) - 2)
     held = np.flatnonzero(np.bincount(bins, minlength=len(edges) - 1) >= 10)
     indicators = (bins[:, None] == held).astype(float)
-    (first, _), (second, covariance) = (naming.solved(state, indicators) for state in (before, after))
+    (first, _), (second, covariance) = (scan.solved(state, indicators) for state in (before, after))
     share = np.bincount(bins)[held] / np.sum(np.bincount(bins)[held])
     about = np.eye(len(held)) - share  # the mean is A's, not the covariate's
     sigma = np.sqrt(np.maximum(np.diag(about @ covariance @ about.T), 0.0))

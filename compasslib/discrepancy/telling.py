@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Mapping, Sequence
 
 WHERE = {
@@ -149,12 +148,3 @@ def place(covariate: str, low: float, high: float) -> str:
 def _listed(names: Sequence[str]) -> str:
     words = [name.replace("_", " ") for name in names]
     return " or ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
-
-
-def every_pair(names: Sequence[str]) -> list[tuple[str, str]]:
-    """Return all pairs of names.
-
-    Args:
-        names: of effects.
-    """
-    return list(itertools.combinations(names, 2))

@@ -109,7 +109,8 @@ class Diagnosis:
     why: str = ""  # what the verdict rests on, or why there is none
     curves: tuple[Curve, ...] = ()  # residual before and after along the covariates of what was found
     applied: Applied | None = None  # the compass that corrects the record, where a finding on its side stands
-    fit: Fit | None = None  # the exact compass that the search stood on
+    fit: Fit | None = None  # the exact compass that the search stood on, where it may correct the record
+    detectable_deg: Mapping[str, float] = field(default_factory=dict)  # visible size that each effect needs to be named
     threshold: Mapping[str, float] = field(default_factory=dict)  # scores that noise alone hardly exceeds
 
     def to_json(self) -> dict[str, Any]:
@@ -124,6 +125,8 @@ class Diagnosis:
             "why": self.why,
             "curves": [curve_json(curve) for curve in self.curves],
             "applied": None if self.applied is None else self.applied.to_json(),
+            "fit": None if self.fit is None else self.fit.to_json(),
+            "detectable_deg": dict(self.detectable_deg),
             "threshold": dict(self.threshold),
         }
 

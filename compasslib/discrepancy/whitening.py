@@ -66,17 +66,25 @@ def whitener(residual_deg: Floats, width_deg: Floats, time_s: Floats) -> Whitene
         time_s: increasing times, (n,).
     """
     slot = slots(time_s)
-    order = int(min(ORDER, len(time_s) // SAMPLES_PER_LAG))
     standard = clipped(residual_deg, width_deg)
     series, present = np.zeros(slot[-1] + 1), np.zeros(slot[-1] + 1)
-    counts = np.isfinite(width_deg)
+    counts, lags = np.isfinite(width_deg), order(len(time_s))
     series[slot[counts]], present[slot[counts]] = standard[counts] - standard[counts].mean(), 1.0
-    together = np.maximum(model.lagged(present, order), 1.0)
-    correlation = model.lagged(series, order) / together
-    correlation = correlation / correlation[0] / (1.0 + RIDGE * (np.arange(order + 1) > 0))
-    toeplitz = correlation[np.abs(np.subtract.outer(np.arange(order), np.arange(order)))]
-    memory = np.linalg.solve(toeplitz, correlation[1:]) if order else np.zeros(0)
+    together = np.maximum(model.lagged(present, lags), 1.0)
+    correlation = model.lagged(series, lags) / together
+    correlation = correlation / correlation[0] / (1.0 + RIDGE * (np.arange(lags + 1) > 0))
+    toeplitz = correlation[np.abs(np.subtract.outer(np.arange(lags), np.arange(lags)))]
+    memory = np.linalg.solve(toeplitz, correlation[1:]) if lags else np.zeros(0)
     return Whitener(slot, np.append(1.0, -memory), width_deg)
+
+
+def order(samples: int) -> int:
+    """Return the number of lags of the filter of a record.
+
+    Args:
+        samples: their number.
+    """
+    return min(ORDER, samples // SAMPLES_PER_LAG)
 
 
 def slots(time_s: Floats) -> NDArray[np.intp]:

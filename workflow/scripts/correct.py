@@ -10,11 +10,6 @@ with job(snakemake.log[0]) as say:
     made_by = product.from_json(archive.read_json(snakemake.input.deviation))
     corrected = correction.correct(record, made_by.fit, field, pairs, product.along(made_by, record, field))
     made = provenance.processing(made_by, field, snakemake.params.sources)
-    archive.write_corrected(
-        snakemake.output[0],
-        corrected,
-        site=archive.Site(**snakemake.params.site),
-        attributes=snakemake.params.attributes,
-        processing=made,
-    )
+    site, attributes = archive.Site(**snakemake.params.site), snakemake.params.attributes
+    archive.write_corrected(snakemake.output[0], corrected, site=site, attributes=attributes, processing=made)
     say(correction.told(snakemake.wildcards.mooring, corrected))

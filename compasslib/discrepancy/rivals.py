@@ -1,0 +1,181 @@
+"""All candidates of the catalogue on one scale, alone and together: scores, sizes, and what comes close to a choice."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib.discrepancy import baseline, columns, scan
+from compasslib.discrepancy.baseline import State
+from compasslib.discrepancy.columns import Group
+from compasslib.discrepancy.scan import Tested
+from compasslib.discrepancy.whitening import inverse
+from compasslib.physics import Term
+
+Floats = NDArray[np.floating]
+Hypothesis = tuple[int, ...]
+
+PARAMETER_CHARGE, DATE_CHARGE = 5.0, 6.0
+CLOSE = 10.0  # hypotheses within this many units of the best are not told apart
+WATER_FREELY = "current_veer"  # the only effect that may come in several forms at once
+
+
+@dataclass(frozen=True)
+class Rivals:
+    """All candidates on one scale: their whitened columns' products with each other and with the residual."""
+
+    groups: list[Group]
+    parts: list[slice]
+    gram: Floats
+    pull: Floats
+    visible: Floats  # products of the visible columns, square degrees
+    state: State
+    inflation: float
+
+    def score(self, members: Hypothesis) -> float:
+        """Return the charged score of a hypothesis."""
+        _, gain = self._solved(members)
+        return gain / self.inflation - sum(charge(self.groups[k]) for k in members)
+
+    def terms(self, members: Hypothesis) -> list[Term]:
+        """Return the terms of a hypothesis at their linear estimates."""
+        values, _ = self._solved(members)
+        terms, at = [], 0
+        for k in members:
+            term = self.groups[k].term
+            assert term is not None
+            terms.append(term.at(values[at : at + len(term.fitted())]))
+            at += len(term.fitted())
+        return terms
+
+    def sizes(self, members: Hypothesis) -> list[float]:
+        """Return the visible size of each member, rms degrees, freed of what noise adds to it."""
+        index = self._index(members)
+        values, _ = self._solved(members)
+        covariance = inverse(self.gram[np.ix_(index, index)]) * (self.state.sigma / self.state.response) ** 2
+        sizes, at = [], 0
+        for k in members:
+            own = slice(at, at := at + self.parts[k].stop - self.parts[k].start)
+            product = self.visible[self.parts[k], self.parts[k]]
+            square = values[own] @ product @ values[own] - np.sum(product * covariance[own, own]) * self.inflation
+            sizes.append(float(np.sqrt(max(square, 0.0))))
+        return sizes
+
+    def alike(self, a: int, b: int) -> float:
+        """Return how much of one candidate's best column the other explains, 0 to 1."""
+        first, second = self.parts[a], self.parts[b]
+        cross = inverse(self.gram[first, first]) @ self.gram[first, second]
+        overlap = cross @ inverse(self.gram[second, second]) @ self.gram[second, first]
+        return float(np.max(np.real(np.linalg.eigvals(overlap))))
+
+    def place(self, term: Term) -> int:
+        """Return the candidate that a chosen term is."""
+        bare = term.at(0.0 * term.values)
+        return next(k for k, group in enumerate(self.groups) if group.term == bare)
+
+    def sound(self, members: Hypothesis) -> bool:
+        """Tell whether no effect stands twice in a hypothesis."""
+        names = [self.groups[k].name for k in members]
+        twice = {name for name in names if names.count(name) > 1}
+        kinds = [type(self.groups[k].term) for k in members]
+        return twice <= {WATER_FREELY} and len(set(kinds)) == len(kinds)
+
+    def acceptable(self, members: Hypothesis, least_deg: float) -> bool:
+        """Tell whether all terms of a hypothesis are believable and large enough to be seen."""
+        return all(term.believable for term in self.terms(members)) and min(self.sizes(members)) >= least_deg
+
+    def _index(self, members: Hypothesis) -> NDArray[np.intp]:
+        return np.concatenate([np.arange(self.parts[k].start, self.parts[k].stop) for k in members])
+
+    def _solved(self, members: Hypothesis) -> tuple[Floats, float]:
+        index = self._index(members)
+        values = inverse(self.gram[np.ix_(index, index)]) @ self.pull[index]
+        return values / self.state.response, float(values @ self.pull[index]) / self.state.sigma**2
+
+
+def charge(group: Group) -> float:
+    """Return what a candidate must gain to be worth its parameters and its date.
+
+    Args:
+        group: columns of a term.
+    """
+    assert group.term is not None
+    return PARAMETER_CHARGE * len(group.term.fitted()) + DATE_CHARGE * group.term.dated()
+
+
+def gathered(state: State, tested: Tested, worth: Sequence[int]) -> Rivals:
+    """Return all candidates, the chosen terms among them, where the chosen simulation stands.
+
+    Of a term with a date three stay: the date chosen, the best by itself, the best beside the chosen terms.
+
+    Args:
+        state: with the chosen terms.
+        tested: what was tested beside them last.
+        worth: of that the groups that are significant and large enough.
+    """
+    view = baseline.examine(state.case, state.simulation, state.nuisance, freed=True)
+    groups = [columns.of_term(view, kind()) for kind in state.case.terms if not kind.dated()]
+    for kind in (kind for kind in state.case.terms if kind.dated()):
+        groups += _of_date(view, kind, tested)
+    ends = np.cumsum([0, *(group.columns.shape[1] for group in groups)])
+    together = np.concatenate([group.columns for group in groups], axis=1)
+    white, seen = view.projected(together), view.visible(together)
+    return Rivals(
+        groups=groups,
+        parts=[slice(int(a), int(b)) for a, b in itertools.pairwise(ends)],
+        gram=white.T @ white,
+        pull=white.T @ view.innovation,
+        visible=seen.T @ seen / len(seen),
+        state=view,
+        inflation=max(1.0, float(np.median([tested.inflation[k] for k in worth]))),
+    )
+
+
+def _of_date(view: State, kind: type[Term], tested: Tested) -> list[Group]:
+    tried = columns.of_dates(view, kind, columns.dates(view.case.scene.time_s))
+    kept = [tried[int(np.argmax(scan.gains(view, tried)))]]
+    beside = [(score, g.term) for score, g in zip(tested.score, tested.groups, strict=True) if isinstance(g.term, kind)]
+    if beside:
+        date = max(beside, key=lambda one: one[0])[1].date
+        kept += [group for group in tried if group.term is not None and group.term.date == date]
+    chosen = [term.date for term in view.simulation.terms if isinstance(term, kind)]
+    return kept + columns.of_dates(view, kind, np.array(chosen))
+
+
+def alternatives(rivals: Rivals, chosen: Hypothesis, least_deg: float) -> tuple[tuple[str, ...], ...]:
+    """Return for each chosen term the other effects that could stand in its place, likeliest first.
+
+    Args:
+        rivals: all candidates.
+        chosen: the hypothesis that was chosen.
+        least_deg: visible size that each term of another hypothesis must have, rms.
+    """
+    least = rivals.score(chosen) - CLOSE
+    found: list[dict[str, float]] = [{} for _ in chosen]
+    for hypothesis in itertools.combinations(range(len(rivals.groups)), len(chosen)):
+        if len(chosen) - len(set(hypothesis) & set(chosen)) > 2 or not rivals.sound(hypothesis):
+            continue
+        if (score := rivals.score(hypothesis)) < least or not rivals.acceptable(hypothesis, least_deg):
+            continue
+        for i, k in _matched(rivals, chosen, hypothesis):
+            name = rivals.groups[k].name
+            found[i][name] = max(score, found[i].get(name, -np.inf))
+    for k, options in zip(chosen, found, strict=True):
+        options.pop(rivals.groups[k].name, None)
+    return tuple(tuple(name for name, _ in sorted(options.items(), key=_falling)) for options in found)
+
+
+def _falling(scored: tuple[str, float]) -> float:
+    return -scored[1]
+
+
+def _matched(rivals: Rivals, chosen: Hypothesis, other: Hypothesis) -> list[tuple[int, int]]:
+    """Return which newcomer stands for which chosen term, by its position: those that look most alike."""
+    gone = [i for i, k in enumerate(chosen) if k not in other]
+    come = [k for k in other if k not in chosen]
+    orders = [list(zip(gone, order, strict=True)) for order in itertools.permutations(come)]
+    return max(orders, key=lambda pairs: sum(rivals.alike(chosen[i], k) for i, k in pairs))

@@ -1,0 +1,116 @@
+"""The parts of the search: filter, scores, clocks, covariates, curves."""
+
+import numpy as np
+import pytest
+from sea import pairs, red_noise
+
+from compasslib import angles
+from compasslib.deviation import model as fits
+from compasslib.discrepancy import clocks, covariates, scan, show, telling, whitening
+from compasslib.physics.term import YEAR_S
+
+TIME_S = 1.19e9 + 3600.0 * np.arange(4000)
+
+
+def test_the_filter_takes_the_memory_out_and_treats_columns_alike():
+    residual = red_noise(np.random.default_rng(1), 4000, 10, 8.0)
+    width = whitening.widths(residual, np.zeros(4000))
+    white = whitening.whitener(residual, width, TIME_S)
+    innovation = white(residual[:, None])[:, 0]
+    assert abs(np.corrcoef(innovation[1:], innovation[:-1])[0, 1]) < 0.05  # 3 standard errors at n = 4000
+    columns = np.random.default_rng(2).normal(size=(4000, 3))
+    together = white(columns @ np.array([[1.0], [2.0], [3.0]]))
+    np.testing.assert_allclose(together, white(columns) @ np.array([[1.0], [2.0], [3.0]]), atol=1e-12)
+
+
+def test_gaps_and_missing_samples_count_as_nothing():
+    rng = np.random.default_rng(3)
+    residual = red_noise(rng, 4000, 10, 8.0)
+    residual[rng.random(4000) < 0.1] = np.nan
+    kept = np.ones(4000, dtype=bool)
+    kept[1000:1700] = False
+    width = whitening.widths(residual[kept], np.zeros(kept.sum()))
+    white = whitening.whitener(residual[kept], width, TIME_S[kept])
+    shown = white(np.nan_to_num(residual[kept])[:, None])
+    assert np.isfinite(shown).all() and np.isinf(width[np.isnan(residual[kept])]).all()
+
+
+def test_the_width_grows_with_slowness():
+    rng = np.random.default_rng(4)
+    slowness = rng.uniform(2.0, 20.0, 4000)
+    width = whitening.widths(rng.normal(0.0, 2.0 * slowness), slowness)
+    np.testing.assert_allclose(np.median(width / (2.0 * slowness)), 1.0, atol=0.1)
+
+
+@pytest.mark.parametrize(
+    ("freedom", "statistic", "expected"), [(1, 10.828, 3.09), (5, 20.515, 3.09), (30, 50.892, 2.326)]
+)
+def test_the_normal_score_is_that_of_the_table(freedom, statistic, expected):
+    # Quantiles of chi squared at 0.999, 0.999 and 0.99; the approximation is good to a tenth.
+    assert scan.normal_score(np.array([statistic]), np.array([freedom]))[0] == pytest.approx(expected, abs=0.1)
+
+
+def test_gumbels_threshold_is_that_of_many_normals():
+    highest = np.random.default_rng(5).normal(size=(300, 100)).max(axis=1)
+    none = np.zeros(0)
+    threshold = scan.Tested([], none, none, none, highest).threshold(0.01)
+    # The highest of 100 normals exceeds 3.72 once in a hundred; Gumbel's tail is a little longer.
+    assert threshold == pytest.approx(3.85, abs=0.25)
+
+
+@pytest.mark.parametrize("ahead_h", [-0.8, 0.5, 2.3])
+def test_a_clock_offset_is_found_with_its_sign_and_repaired(ahead_h):
+    seen, _ = pairs(n=4000, seed=5)
+    wrong = clocks.repaired(seen, clocks.Clock(-ahead_h, 0.0, 0.01, 0.01, True, False))
+    found = clocks.compare(wrong)
+    assert found.offset_named and not found.drift_named
+    assert found.offset_h == pytest.approx(ahead_h, abs=4 * found.offset_sigma_h + 0.05)
+    again = clocks.repaired(wrong, found)
+    own, off = (angles.rms(fits.observed_deviation(x) - 0.0) for x in (again, wrong))
+    assert own < off
+
+
+def test_a_clock_drift_is_told_from_an_offset():
+    seen, _ = pairs(n=6000, seed=6)
+    wrong = clocks.repaired(seen, clocks.Clock(0.0, -2.0, 0.01, 0.01, False, True))
+    found = clocks.compare(wrong)
+    assert found.drift_named and not found.offset_named
+    assert found.drift_h_year == pytest.approx(2.0, abs=4 * found.drift_sigma_h_year)
+    assert found.ahead_s(wrong.time_s)[-1] == pytest.approx(7200.0 * np.ptp(wrong.time_s) / YEAR_S, rel=0.2)
+
+
+def test_good_clocks_and_sparse_pairs_are_not_named():
+    seen, _ = pairs(n=4000, seed=7)
+    assert not clocks.compare(seen).named
+    assert not clocks.compare(fits.chosen(seen, np.arange(0, 4000, 12))).named
+
+
+def test_constant_covariates_are_left_out_and_gaps_filled():
+    seen, _ = pairs(n=500, seed=8)
+    warm = np.linspace(2.0, 5.0, 500)
+    warm[::7] = np.nan
+    found = covariates.of_pairs(seen, {"temperature": warm, "supply_voltage": np.full(500, 40.0)})
+    assert "supply_voltage" not in found and "pitch" not in found and "depth" not in found
+    assert np.isfinite(found["temperature"]).all() and np.ptp(found["hour_of_day"]) > 20.0
+
+
+def test_a_new_battery_is_counted_and_a_discharge_is_not():
+    falling = 43.0 - np.linspace(0.0, 6.0, 3000) + np.random.default_rng(9).normal(0.0, 0.05, 3000)
+    assert covariates.battery_number(falling).max() == 0.0
+    changed = falling + 5.0 * (np.arange(3000) > 1800)
+    number = covariates.battery_number(changed)
+    assert number[-1] == 1.0 and abs(int(np.argmax(number)) - 1800) < 30
+
+
+def test_the_p_value_of_a_clear_gain_is_small_and_of_none_is_not():
+    block = np.repeat(np.arange(40), 100)
+    rng = np.random.default_rng(10)
+    clear = show.judged(rng.normal(0.2, 1.0, 4000), block, (12.0, 11.9))
+    none = show.judged(rng.normal(0.0, 1.0, 4000), block, (12.0, 12.0))
+    assert clear.p_value < 0.01 < 0.05 < none.p_value and clear.gain_interval[0] > 0.0
+
+
+def test_what_would_tell_pairs_apart_is_said():
+    told = telling.separated_by("supply_voltage", ("compass_drift",))
+    assert "supply_voltage or compass_drift" in told and "battery change" in told
+    assert "lives in the water" in telling.separated_by("current_veer", ("sextantal",))

@@ -1,0 +1,157 @@
+"""Half-year moorings of the benchmark's own world, from nothing left out to what the catalogue does not hold."""
+
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from sea import FOLDED, pairs
+
+from compasslib import angles, compass, deviation, discrepancy
+from compasslib.archive_files import read_json, write_json
+from compasslib.deviation import model as fits
+from compasslib.discrepancy import Options, diagnose, large
+from compasslib.records import EarthField
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
+import discrepancy_world as world
+from discrepancy import field_of, fitted
+
+HOURS = 4000
+
+
+def seen(wanted, seed=1, **options):
+    drawn = world.planted(world.make(seed, wide=True, n=HOURS), wanted)
+    return drawn, diagnose(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn), Options(**options))
+
+
+@pytest.fixture(scope="module")
+def two():
+    return seen({"sextantal": 3.0, "temperature": 3.0}, seed=2)
+
+
+def test_nothing_is_found_where_nothing_was_left_out():
+    _, found = seen({})
+    assert found.verdict == "consistent" and not found.findings and found.unexplained is None
+    assert found.applied is None and found.fit is None
+    assert 0.2 < found.detectable_deg["sextantal"] < 4.0 and found.why.startswith("Nine times in ten")
+    told = dict(found.not_testable)
+    assert "feel it alike" in told["field_disturbance"] and "same as A" in told["declination_error"]
+
+
+def test_two_effects_at_once_are_both_named_and_modelled(two):
+    drawn, found = two
+    assert found.verdict in ("explained", "ambiguous")
+    assert {finding.effect for finding in found.findings} == {"sextantal", "temperature"}
+    for finding in found.findings:
+        assert finding.held_out.p_value < 0.01 and finding.held_out.gain_interval[0] > 0.0
+        for name, value in drawn.truth[finding.effect].items():
+            if name in finding.parameters:  # within four of its own standard errors
+                assert abs(finding.parameters[name].value - value) < 4.0 * finding.parameters[name].sigma
+    sizes = [finding.rms_effect_deg for finding in found.findings]
+    assert sizes == sorted(sizes, reverse=True) and min(sizes) > 2.0
+
+
+def test_the_corrected_headings_lose_what_was_found(two):
+    drawn, found = two
+    sample, applied = drawn.pairs, found.applied
+    tilt, recorded = (sample.pitch_deg, sample.roll_deg), sample.heading_deg
+    scene = applied.scene(sample.time_s, recorded, tilt, drawn.covariates, field=field_of(drawn))
+    after = fits.nearest_root(applied.headings(scene, recorded), drawn.heading)
+    level = compass.inverse(fitted(drawn).coefficients, recorded)
+    before = fits.nearest_root(level, drawn.heading)
+    error = [angles.rms(angles.difference(heading, drawn.heading)) for heading in (before, after)]
+    assert error[0] > 3.5 and error[1] < 1.5
+    sigma = applied.sigma(scene, after)
+    assert 0.2 < np.median(sigma) < 2.0
+    # what the level compass would have read leads it to the same headings
+    again = compass.inverse(applied.simulation.coefficients, applied.levelled(scene, recorded, drawn.heading))
+    assert np.abs(angles.difference(fits.nearest_root(again, drawn.heading), after)).max() < 1e-6
+
+
+def test_the_json_is_the_contracts(two, tmp_path):
+    _, found = two
+    write_json(tmp_path / "diagnosis.json", found.to_json())
+    told = read_json(tmp_path / "diagnosis.json")
+    assert set(told) >= {"verdict", "findings", "unexplained", "separated_by", "not_testable", "negligible"}
+    first = told["findings"][0]
+    keys = {"effect", "side", "alternatives", "where", "when", "parameters", "rms_effect_deg", "heldout", "text"}
+    assert set(first) >= keys and set(first["where"]) == {"covariate", "from", "to", "text"}
+    assert set(first["heldout"]) >= {"rms_before_deg", "rms_after_deg", "p_value"}
+    assert first["when"]["from"].endswith("Z") and json.dumps(told)
+    assert all(set(one) >= {"value", "sigma"} for one in first["parameters"].values())
+
+
+def test_a_compass_that_does_not_level_is_told_from_iron_that_heels():
+    sea = world.make(2, wide=True, n=HOURS)
+    recorded = world.compass(sea, uncompensated=True)
+    drawn = world.planted(sea, {})
+    east, north = angles.turn(sea.flow.real, sea.flow.imag, recorded - sea.heading)
+    heading = angles.wrap360(recorded)
+    drawn = replace(drawn, pairs=replace(drawn.pairs, heading_deg=heading, upper_east=east, upper_north=north))
+    found = diagnose(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
+    (finding,) = found.findings
+    assert finding.effect == "tilt_uncompensated"
+    share = finding.parameters["share"]
+    assert abs(share.value - 1.0) < 4.0 * share.sigma < 0.6
+
+
+def test_a_series_fitted_to_iron_stronger_than_the_field_is_too_small_a_model():
+    sample, _ = pairs(FOLDED, n=1200, seed=3)
+    exact, series = deviation.fit("exact", sample), deviation.fit("von_appen", sample)
+    (finding,) = large.findings(sample, exact, series, 0.5)
+    assert (finding.effect, finding.side, finding.applied) == ("large_deviation", "compass", True)
+    assert finding.held_out.p_value < 0.01 and finding.rms_effect_deg > 5.0
+    ones = np.ones(2)
+    earth = EarthField(sample.time_s[[0, -1]], 0 * ones, 12000.0 * ones, 52000.0 * ones, 0 * ones)
+    found = diagnose(sample, {}, series, earth)
+    assert found.verdict == "explained" and found.fit is not None and found.fit.method == "exact"
+
+
+def test_what_is_not_in_the_catalogue_is_said_to_be_unexplained():
+    _, found = seen({"sector": 4.0}, seed=3)
+    assert found.verdict == "unexplained" and found.unexplained.where.covariate == "heading"
+    assert found.unexplained.rms_effect_deg > 0.5 and found.unexplained.curves[0].before_deg.size > 10
+    assert "No effect of the catalogue explains it" in found.unexplained.text
+
+
+def test_water_that_veers_never_touches_the_product():
+    _, found = seen({"current_veer": 4.0}, seed=4)
+    assert [finding.side for finding in found.findings] == ["water"] and found.applied is None
+
+
+def test_a_clock_is_on_its_own_side():
+    drawn, found = seen({"clock_offset": 1.0}, seed=5)
+    (finding,) = found.findings
+    assert (finding.effect, finding.side) == ("clock_offset", "clock") and found.applied is None
+    hours = finding.parameters["hours"]
+    assert abs(hours.value - drawn.truth["clock_offset"]["hours"]) < 4.0 * hours.sigma
+
+
+def test_a_larger_least_effect_makes_it_negligible_and_apply_false_leaves_the_product():
+    drawn, found = seen({"sextantal": 1.5}, seed=6, min_effect_deg=4.0)
+    assert found.verdict == "consistent" and "sextantal" in dict(found.negligible)
+    _, found = seen({"sextantal": 3.0}, seed=6, apply=False)
+    assert found.findings and found.applied is None
+    assert drawn.truth
+
+
+def test_too_little_is_insufficient_and_says_how_much_is_needed():
+    drawn = world.planted(world.make(7, wide=True, n=1000), {})
+    fit = fitted(drawn)
+    few = fits.chosen(drawn.pairs, np.arange(150))
+    found = diagnose(few, {}, fit, field_of(drawn))
+    assert found.verdict == "insufficient" and "150 overlapping pairs over 6 days" in found.why
+    nothing = fits.too_few("exact", 3)
+    assert "3 overlapping pairs" in diagnose(few, {}, nothing, field_of(drawn)).why
+
+
+def test_without_tilt_and_logs_it_says_what_cannot_be_tested():
+    drawn = world.planted(world.make(8, wide=True, n=2000), {})
+    flat = replace(drawn.pairs, pitch_deg=np.full(2000, np.nan), roll_deg=np.full(2000, np.nan))
+    found = diagnose(flat, {}, fitted(drawn), field_of(drawn))
+    told = dict(found.not_testable)
+    assert {"heeling", "tilt_uncompensated", "temperature", "supply_voltage", "battery_change"} <= set(told)
+    assert isinstance(field_of(drawn), EarthField) and discrepancy.insufficient("x").to_json()["findings"] == []
