@@ -82,7 +82,7 @@ def _warnings(folder: Path, fit: Mapping[str, Any], found: Mapping[str, Any]) ->
     records = sorted((folder / "work").glob("*.nc"))
     said = [f"{path.stem}: {w}" for path in records for w in archive.read_record(path).warnings]
     field = archive.read_json(folder / "work/field.json")["warnings"]
-    reasons = dict.fromkeys(why for why in (fit["why"], found["why"]) if why)
+    reasons = dict.fromkeys(why for why in (fit["why"], found["why"] * (found["verdict"] == "insufficient")) if why)
     return [*reasons, *fit["warnings"], *field, *said]
 
 

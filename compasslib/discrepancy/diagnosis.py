@@ -79,7 +79,7 @@ def diagnose(
     found = _joined(first, judge(case, options))
     if not options.apply:
         return replace(found, findings=tuple(replace(one, applied=False) for one in found.findings))
-    return replace(found, fit=exact)
+    return replace(found, fit=exact) if any(one.applied for one in found.findings) else found
 
 
 def judge(case: Case, options: Options) -> Diagnosis:
