@@ -18,13 +18,6 @@ HOUR_S, YEAR_H = 3600.0, 8766.0
 RAD = np.pi / 180.0
 # Thousand nT along the vertical, degrees of a harmonic: more than that no instrument has.
 STRONGEST = {"heeling": 15.0, "sextantal": 9.0, "octantal": 9.0}
-HEELING, DRIFT, STEP, TEMPERATURE, VOLTAGE = (
-    "heeling",
-    "hard_iron_drift",
-    "hard_iron_step",
-    "temperature",
-    "supply_voltage",
-)
 FAMILIES = {
     "heeling": "tilt", "hard_iron_drift": "time", "compass_drift": "time", "hard_iron_step": "time",
     "heading_slip": "time", "supply_voltage": "time", "temperature": "temperature", "sextantal": "heading",
