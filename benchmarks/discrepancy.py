@@ -173,8 +173,8 @@ def line(what: str, value: str, target: str = "") -> None:
 
 
 def report(rows: list[dict]) -> None:
-    # heeling stops at the strongest iron that is believable: what stays too small to see is not held against the search
-    rows = [r for r in rows if all(r["visible"][x] > 0.8 * r["size"] for x in r["truth"] if x == "heeling")]
+    # Some effects stop at what is believable: what stays smaller than asked for is in no row for its size.
+    rows = [r for r in rows if all(r["visible"][x] > 0.8 * r["size"] for x in r["truth"] if x in sea.STRONGEST)]
     kind = {name: [row for row in rows if row["kind"] == name] for name in KINDS}
     print("\n| measure | value | target |\n|---|---|---|")
     nulls = kind["null"]

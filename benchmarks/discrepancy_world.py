@@ -16,14 +16,8 @@ from compasslib.records import Pairs
 
 HOUR_S, YEAR_H = 3600.0, 8766.0
 RAD = np.pi / 180.0
-STRONGEST_DOWN = 15.0  # thousand nT along the vertical: more iron than any instrument carries
-HEELING, DRIFT, STEP, TEMPERATURE, VOLTAGE = (
-    "heeling",
-    "hard_iron_drift",
-    "hard_iron_step",
-    "temperature",
-    "supply_voltage",
-)
+# Thousand nT along the vertical, degrees of a harmonic: more than that no instrument has.
+STRONGEST = {"heeling": 15.0, "sextantal": 9.0, "octantal": 9.0}
 FAMILIES = {
     "heeling": "tilt", "hard_iron_drift": "time", "compass_drift": "time", "hard_iron_step": "time",
     "heading_slip": "time", "supply_voltage": "time", "temperature": "temperature", "sextantal": "heading",
@@ -333,8 +327,7 @@ def planted(world: World, wanted: dict[str, float]) -> Drawn:
         size = 1.0 if part.clock is not None else target / max(visible(world, part, 1.0), 0.02)
         for _ in range(2 * (part.clock is None)):
             size *= np.clip(target / max(visible(world, part, size), 1e-3), 0.3, 3.0)
-        if name == "heeling":
-            size = np.clip(size, -STRONGEST_DOWN, STRONGEST_DOWN)
+        size = np.clip(size, -STRONGEST.get(name, np.inf), STRONGEST.get(name, np.inf))
         parts.append((part, size))
         truth[name] = {k: v * size if k != "date_s" else v for k, v in part.parameters.items()}
         seen[name] = visible(world, part, size)
