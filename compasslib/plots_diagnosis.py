@@ -33,8 +33,8 @@ AXES = {
 }
 VERDICTS = {
     "consistent": "simulation and recording agree",
-    "explained": "a mismatch is explained",
-    "ambiguous": "a mismatch is proven, its cause is not told apart",
+    "explained": "what was left out is found",
+    "ambiguous": "a mismatch is proven, its cause cannot be told apart",
     "unexplained": "a mismatch is proven and nothing in the catalogue fits",
     "insufficient": "too little to judge",
 }
@@ -50,7 +50,7 @@ def diagnosis(path: str | Path, found: Mapping[str, Any], name: str) -> None:
     """
     curves, words = _curves(found)[:MOST_PANELS], _words(found)
     rows = max(1, (len(curves) + 1) // 2)
-    title = f"{name}: {VERDICTS[found['verdict']]} ({found['verdict']})"
+    title = f"{name}: {found['verdict']} \N{EN DASH} {VERDICTS[found['verdict']]}"
     text_in = LINE_IN * (len(words) + 1)
     with page(path, title, PANEL_IN * rows + text_in + 0.3) as figure:
         grid = figure.add_gridspec(rows + 1, 2, height_ratios=[PANEL_IN] * rows + [text_in])
@@ -83,7 +83,8 @@ def _panel(axes: Axes, curve: Mapping[str, Any]) -> None:
     band = _simultaneous(len(x)) * sigma
     axes.fill_between(x, -band, band, color=GREY, alpha=0.25, linewidth=0)
     axes.axhline(0.0, color=GREY, linewidth=0.6)
-    axes.plot(x, before, color=VERMILION, marker="o", markersize=2.5)
+    if np.any(before != after):
+        axes.plot(x, before, color=VERMILION, marker="o", markersize=2.5)
     axes.plot(x, after, color=BLUE, marker="s", markersize=2.5)
     axes.set_ylabel("Residual (°)")
     axes.set_xlabel(AXES.get(covariate, covariate))
@@ -107,9 +108,8 @@ def _words(found: Mapping[str, Any]) -> list[str]:
     said += [f"What would separate them: {found['separated_by']}."] if found["separated_by"] else []
     said += [found["why"][0].upper() + found["why"][1:].rstrip(".") + "."] if found.get("why") else []
     said += [f"Too small to matter: {_small(found['negligible'])}."] if found.get("negligible") else []
-    said += [f"Not testable here: {', '.join(one['effect'] for one in found['not_testable'])}."] * bool(
-        found["not_testable"]
-    )
+    absent = dict.fromkeys(one["effect"] for one in found["not_testable"])
+    said += [f"Not testable here: {', '.join(absent)}."] if absent else []
     return [line for text in said for line in textwrap.wrap(text, CHARACTERS)]
 
 
@@ -123,8 +123,11 @@ def _small(negligible: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _handles(found: Mapping[str, Any]) -> list[Any]:
+    beside = any(finding["effect"] != "large_deviation" for finding in found["findings"])
+    alone = Line2D([], [], color=VERMILION, marker="o", markersize=3, label="fit alone")
+    label = "with what was found" if beside else "what the fit leaves"
     return [
-        Line2D([], [], color=VERMILION, marker="o", markersize=3, label="fit alone"),
-        Line2D([], [], color=BLUE, marker="s", markersize=3, label="with what was found"),
+        *([alone] if beside else []),
+        Line2D([], [], color=BLUE, marker="s", markersize=3, label=label),
         Patch(color=GREY, alpha=0.25, linewidth=0, label="95 % band of all bins together"),
     ]

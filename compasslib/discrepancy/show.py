@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles
-from compasslib.discrepancy import scan, whitening
+from compasslib.discrepancy import whitening
 from compasslib.discrepancy.baseline import State
 
 Floats = NDArray[np.floating]
@@ -21,6 +21,7 @@ Floats = NDArray[np.floating]
 BLOCK_S = 10 * 86400.0
 FOLDS, REPEATS = 5, 1000
 BINS = 18
+MEMORY_S = 2 * 86400.0  # the residual's own memory, for the error of a bin
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,7 @@ class HeldOut:
 
 @dataclass(frozen=True)
 class Curve:
-    """The residual along one covariate, before and after, what the base can take of it taken."""
+    """The residual along one covariate, before and after; what the fitted compass can take of it is taken."""
 
     covariate: str
     centre: Floats  # (b,) middle of each bin
@@ -118,12 +119,20 @@ def curve(before: State, after: State, covariate: str) -> Curve:
         edges = np.arange(0.0, 361.0, 360.0 / (2 * BINS))
     bins = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, len(edges) - 2)
     held = np.flatnonzero(np.bincount(bins, minlength=len(edges) - 1) >= 10)
-    indicators = (bins[:, None] == held).astype(float)
-    (first, _), (second, covariance) = (scan.solved(state, indicators) for state in (before, after))
-    share = np.bincount(bins)[held] / np.sum(np.bincount(bins)[held])
-    about = np.eye(len(held)) - share  # the mean is A's, not the covariate's
-    sigma = np.sqrt(np.maximum(np.diag(about @ covariance @ about.T), 0.0))
-    return Curve(covariate, (edges[held] + edges[held + 1]) / 2.0, about @ first, about @ second, sigma)
+    (first, _), (second, sigma) = (_binned(state, bins, len(edges) - 1) for state in (before, after))
+    return Curve(covariate, (edges[held] + edges[held + 1]) / 2.0, first[held], second[held], sigma[held])
+
+
+def _binned(state: State, bins: NDArray[np.intp], count: int) -> tuple[Floats, Floats]:
+    """Return mean residual and its standard error in each bin, by width; blocks of days count as one each."""
+    width = state.whitener.width_deg
+    weight, left = width**-2.0, state.standard * np.where(np.isfinite(width), width, 0.0)  # no root: no weight
+    total = np.maximum(np.bincount(bins, weight, count), 1e-12)
+    mean = np.bincount(bins, weight * left, count) / total
+    time_s = state.case.scene.time_s
+    block = np.floor((time_s - time_s[0]) / MEMORY_S).astype(int)
+    sums = np.bincount(block * count + bins, weight * (left - mean[bins]), (block[-1] + 1) * count)
+    return mean, np.sqrt(np.sum(sums.reshape(-1, count) ** 2, axis=0)) / total
 
 
 def _values(state: State) -> Floats:

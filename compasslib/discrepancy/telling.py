@@ -38,6 +38,7 @@ PHYSICS = {
     "clock_drift": "the two clocks drift apart",
     "large_deviation": "the deviation is too large for the small-angle series; the exact compass fits",
 }
+LEAST_P = 0.001  # the smallest that the drawn blocks can show
 TIME_TREND = "a battery change, or the end of its discharge"
 WIDER = "wider headings, or the field modulus of the magnetometer"
 SEPARATED_BY: dict[frozenset[str], str] = {
@@ -108,12 +109,12 @@ def finding(
         size_deg: visible size, rms degrees.
         proof: residual rms before and after on held-out days, degrees, and the p-value.
     """
-    numbers = ", ".join(f"{name} {v:.3g} ± {1.96 * s:.2g} {unit} (95 %)" for name, (v, s, unit) in parameters.items())
-    begin = f"{where}: {PHYSICS.get(effect, effect)}. It turns the heading by {size_deg:.1f} degrees rms; {numbers}."
+    fitted = {name: one for name, one in parameters.items() if one[1] > 0.0}
+    numbers = "".join(f"; {name} {v:.3g} ± {1.96 * s:.2g} {unit} (95 %)" for name, (v, s, unit) in fitted.items())
+    begin = f"{where}: {PHYSICS.get(effect, effect)}. It turns the heading by {size_deg:.1f} degrees rms{numbers}."
     before, after, p = proof
-    shown = (
-        f" On days that were not fitted the residual goes from {before:.2f} to {after:.2f} degrees rms (p = {p:.3g})."
-    )
+    chance = f"p = {p:.2g}" if p > LEAST_P else f"p < {LEAST_P:g}"
+    shown = f" On days that were not fitted the residual goes from {before:.2f} to {after:.2f} degrees rms ({chance})."
     others = f" This record cannot tell it from {_listed(alternatives)}." if alternatives else ""
     return begin + shown + others
 
