@@ -109,7 +109,8 @@ def finding(
         proof: residual rms before and after on held-out days, degrees, and the p-value.
     """
     numbers = ", ".join(f"{name} {v:.3g} ± {1.96 * s:.2g} {unit} (95 %)" for name, (v, s, unit) in parameters.items())
-    begin = f"{where}: {PHYSICS.get(effect, effect)}. It turns the heading by {size_deg:.1f} degrees rms; {numbers}."
+    size = f"It turns the heading by {size_deg:.1f} degrees rms" + (f"; {numbers}." if numbers else ".")
+    begin = f"{where}: {PHYSICS.get(effect, effect)}. {size}"
     before, after, p = proof
     shown = (
         f" On days that were not fitted the residual goes from {before:.2f} to {after:.2f} degrees rms (p = {p:.3g})."
