@@ -155,3 +155,20 @@ def test_without_tilt_and_logs_it_says_what_cannot_be_tested():
     told = dict(found.not_testable)
     assert {"heeling", "tilt_uncompensated", "temperature", "supply_voltage", "battery_change"} <= set(told)
     assert isinstance(field_of(drawn), EarthField) and discrepancy.insufficient("x").to_json()["findings"] == []
+
+
+def test_a_storm_is_named_where_an_observatory_saw_it_and_the_trusted_instrument_has_no_compass():
+    sea = world.make(9, wide=True, n=HOURS)
+    storm = world.red(sea.rng, HOURS, 8, 3.0)  # declination at the observatory, east positive
+    quiet = world.planted(sea, {})
+    recorded = quiet.pairs.heading_deg - storm
+    east, north = angles.turn(quiet.pairs.upper_east, quiet.pairs.upper_north, -storm)
+    stormy = replace(quiet.pairs, heading_deg=angles.wrap360(recorded), upper_east=east, upper_north=north)
+    drawn = replace(quiet, pairs=stormy)
+    logged = drawn.covariates | {"declination_observatory": storm}
+    fit, field = fitted(drawn), field_of(drawn)
+    (finding,) = diagnose(stormy, logged, fit, field, Options(reference_magnetic=False)).findings
+    share = finding.parameters["share"]
+    assert finding.effect == "field_disturbance" and abs(share.value - 1.0) < 4.0 * share.sigma < 1.0
+    told = dict(diagnose(stormy, drawn.covariates, fit, field, Options(reference_magnetic=False)).not_testable)
+    assert told["field_disturbance"] == "no observatory series given"

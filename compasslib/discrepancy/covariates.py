@@ -104,6 +104,8 @@ def battery_number(voltage: Floats) -> Floats:
         voltage: (n,), any unit.
     """
     window = min(24, len(voltage) // 8)
+    if window == 0:
+        return np.zeros(len(voltage))
     smooth = np.median(np.lib.stride_tricks.sliding_window_view(voltage, window), axis=1)
     rise = smooth[window:] - smooth[:-window]
     least = BATTERY_JUMP * np.ptp(voltage)

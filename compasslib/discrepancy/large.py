@@ -45,7 +45,7 @@ def findings(pairs: Pairs, fit: Fit, series: Fit, min_effect_deg: float) -> list
         "large_deviation",
         (),
         where="Along the recorded heading",
-        parameters={"share": (1.0, 0.0, "of the exact compass")},
+        parameters={},
         size_deg=size,
         proof=(proof.rms_before_deg, proof.rms_after_deg, proof.p_value),
     )

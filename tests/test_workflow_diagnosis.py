@@ -1,0 +1,138 @@
+"""Physics that the fit leaves out, found through the pipeline from raw tables to corrected.nc."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import netCDF4
+import numpy as np
+import pytest
+import yaml
+from test_workflow import CONTRACT, snakemake
+
+from compasslib import angles
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
+import discrepancy_world as world
+
+HOURS = 4000
+OPTIONS = {"FOUND": {}, "LEFT": {"apply": False}, "OFF": {"enabled": False}}
+
+
+def write(path: Path, **columns: np.ndarray) -> str:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    rows = zip(*(np.char.mod("%.4f", x) if x.dtype.kind == "f" else x for x in columns.values()), strict=True)
+    path.write_text("\n".join([",".join(columns), *(",".join(row) for row in rows)]) + "\n")
+    return f"raw/{path.name}"
+
+
+def describe(folder: Path, name: str, drawn: world.Drawn, diagnose: dict) -> None:
+    """Write one mooring: an instrument that recorded in its own frame, and the trusted one below it."""
+    pairs = drawn.pairs
+    time = np.datetime_as_string(pairs.time_s.astype("datetime64[s]"), unit="s")
+    water = (pairs.upper_east + 1j * pairs.upper_north) * np.conj(angles.phasor(90.0 - pairs.heading_deg))
+    top = write(
+        folder / "raw/top.csv",
+        time=time,
+        depth=pairs.upper_depth_m,
+        x=water.real,
+        y=water.imag,
+        heading=pairs.heading_deg,
+        tilt_x=pairs.pitch_deg,
+        tilt_y=pairs.roll_deg,
+        temperature=drawn.covariates["temperature"],
+    )
+    deep = write(
+        folder / "raw/deep.csv", time=time, depth=pairs.lower_depth_m, east=pairs.lower_east, north=pairs.lower_north
+    )
+    roles = ("time", "depth", "x", "y", "heading", "tilt_x", "tilt_y", "temperature")
+    mooring = {
+        "name": name,
+        "latitude": 65.0,
+        "longitude": -33.0,
+        "water_depth": 2000,
+        "start": "2000-01-01",
+        "end": "2020-01-01",
+        "declination": 0,
+        "compromised": "top",
+        "reference": "deep",
+        "instruments": {
+            "top": {"format": "table", "files": top, "depth": 100, "columns": {role: role for role in roles}},
+            "deep": {
+                "format": "table",
+                "files": deep,
+                "depth": 120,
+                "columns": {role: role for role in ("time", "depth", "east", "north")},
+            },
+        },
+        "diagnose": diagnose,
+    }
+    path = folder / f"config/moorings/{name}.yaml"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(yaml.safe_dump(mooring))
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory):
+    """One record with two effects left out, processed with the search on, on without consequence, and off."""
+    folder = tmp_path_factory.mktemp("diagnosis")
+    drawn = world.planted(world.make(2, wide=True, n=HOURS), {"sextantal": 3.0, "temperature": 3.0})
+    for name, diagnose in OPTIONS.items():
+        describe(folder, name, drawn, diagnose)
+    (folder / "config/config.yaml").write_text("moorings: config/moorings\noverlap: {max_metres: 200}\n")
+    ran = snakemake(folder)
+    assert ran.returncode == 0, ran.stderr
+    return folder, drawn
+
+
+def read(folder: Path, name: str, file: str) -> dict:
+    return json.loads((folder / "results" / name / file).read_text())
+
+
+def error(folder: Path, name: str, drawn: world.Drawn) -> tuple[float, float]:
+    """Return the rms of the corrected heading's error, and the share of it within the stated 95 %."""
+    with netCDF4.Dataset(folder / "results" / name / "corrected.nc") as file:
+        off = angles.difference(file["HEADING_CORRECTED"][:].filled(np.nan), drawn.heading)
+        sigma = file["HEADING_CORRECTED_UNCERTAINTY"][:].filled(np.nan)
+    return angles.rms(off), float(np.mean(np.abs(off) < 1.96 * sigma))
+
+
+def test_what_was_left_out_is_named_and_corrected(done):
+    folder, drawn = done
+    found = read(folder, "FOUND", "diagnosis.json")
+    assert {one["effect"] for one in found["findings"]} == {"sextantal", "temperature"}
+    applied = read(folder, "FOUND", "deviation.json")["applied"]
+    assert set(applied["effects"]) == {"sextantal", "temperature"} and applied["compass"] is not None
+    rms, covered = error(folder, "FOUND", drawn)
+    assert rms < 1.5 < 3.5 < error(folder, "LEFT", drawn)[0] and covered > 0.9
+    with netCDF4.Dataset(folder / "results/FOUND/corrected.nc") as file:
+        assert "sextantal" in file.effects and "with" in file.history
+
+
+def test_the_agreement_on_held_out_days_gains(done):
+    folder, _ = done
+    with_them, without = (read(folder, name, "assessment.json")["after"]["rms_deg"] for name in ("FOUND", "LEFT"))
+    assert with_them < without
+
+
+def test_findings_without_consequence_and_no_search(done):
+    folder, _ = done
+    left, off = read(folder, "LEFT", "diagnosis.json"), read(folder, "OFF", "diagnosis.json")
+    assert left["findings"] and not any(one["applied"] for one in left["findings"])
+    assert read(folder, "LEFT", "deviation.json")["applied"]["effects"] == []
+    assert off["verdict"] == "insufficient" and "switched off" in off["why"]
+    rows = (folder / "results/summary.csv").read_text()
+    assert "explained,temperature sextantal" in rows or "explained,sextantal temperature" in rows
+    assert "switched off" in rows
+
+
+def test_the_contract_holds_with_a_diagnosis(done):
+    if not CONTRACT.exists():
+        pytest.skip("no ../shared/tools")
+    checked = subprocess.run(
+        [sys.executable, CONTRACT, done[0], "--without", "report,calibrations"], capture_output=True, text=True
+    )
+    assert checked.returncode == 0, checked.stdout
