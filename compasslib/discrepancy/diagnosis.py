@@ -64,17 +64,18 @@ def diagnose(
     options = options or Options()
     if why := _too_little(pairs, fit):
         return verdict.insufficient(why)
-    exact = fit if fit.method == "exact" else deviation.fit("exact", pairs)
-    first = [] if fit.method == "exact" else large.findings(pairs, exact, fit, options.min_effect_deg)
+    is_series = fit.method == "von_appen"
+    exact = deviation.fit("exact", pairs) if is_series else fit
+    first = [] if not is_series else large.findings(pairs, exact, fit, options.min_effect_deg)
     clock = clocks.compare(pairs)
     if clock.named:
         again = clocks.repaired(pairs, clock)
         kept = clocks.kept(pairs, again)
         logged = {name: column[kept] for name, column in logged.items()}
         first += findings.of_clock(pairs, again, exact, clock)
-        pairs, exact = again, deviation.fit("exact", again, exact)
+        pairs, exact = again, deviation.fit(exact.method, again, exact, dip_ratio=exact.dip_ratio)
     case = mooring.case(pairs, logged, exact, field, reference_magnetic=options.reference_magnetic)
-    if fit.method != "exact":  # it was looked for already
+    if is_series:  # it was looked for already
         case = replace(case, not_testable=tuple(one for one in case.not_testable if one[0] != "large_deviation"))
     found = _joined(first, judge(case, options))
     if not options.apply:
@@ -118,7 +119,7 @@ def judge(case: Case, options: Options) -> Diagnosis:
 def _too_little(pairs: Pairs, fit: Fit) -> str:
     if not fit.fitted:
         return f"there is no simulation to hold the recording against: {fit.why}"
-    days = float(np.ptp(pairs.time_s)) / 86400.0
+    days = float(np.ptp(pairs.time_s)) / 86400.0 if len(pairs) else 0.0
     if len(pairs) < FEWEST or days < SHORTEST_DAYS:
         return (
             f"{len(pairs)} overlapping pairs over {days:.0f} days; at least {FEWEST} over {SHORTEST_DAYS:.0f} days are "
