@@ -66,12 +66,16 @@ def search(state: State, *, alarm: float, min_effect_deg: float) -> Named:
 def _grow(state: State, tested: Tested, worth: Sequence[int], min_effect_deg: float) -> Named | None:
     """Return the best hypothesis with one term more, refitted, with its rivals; None where none is believable."""
     field = rivals.gathered(state, tested, worth)
-    for best in _best(field, state, min_effect_deg):
-        grown = model.dated(model.refit(state, field.terms(best)))
-        if _holds(state, grown, min_effect_deg):
-            break
-    else:
+    tried = ((best, model.dated(model.refit(state, field.terms(best)))) for best in _best(field, state, min_effect_deg))
+    believed = ((best, grown) for best, grown in tried if _holds(state, grown, min_effect_deg))
+    first = next(believed, None)
+    if first is None:
         return None
+    # Columns are slopes: of large effects another may fit better once both are refitted where they stand.
+    far = max(field.sizes(first[0])) > FAR_DEG
+    best, grown = min(
+        [first, *(believed if far else ())], key=lambda one: model.misfit(one[1], state.whitener.width_deg)
+    )
     terms = grown.simulation.terms
     if max(*model.sizes_deg(grown), *field.sizes(best)) > FAR_DEG or any(term.dated() for term in terms):
         field = rivals.gathered(grown, tested, worth)
