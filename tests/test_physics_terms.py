@@ -1,13 +1,14 @@
 """The catalogue: every term through the same laws, and the composition against the exact compass and its tilt."""
 
 from dataclasses import fields, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from compasslib import angles, compass
 from compasslib.deviation import tilt
-from compasslib.physics import CATALOGUE, Scene, composition
+from compasslib.physics import CATALOGUE, Scene, composition, page
 from compasslib.physics.composition import Simulation
 from compasslib.physics.heeling import Heeling
 from compasslib.physics.sextantal import Sextantal
@@ -148,3 +149,8 @@ def test_six_degrees_of_the_third_harmonic_are_undone_exactly():
     recorded = composition.recorded_heading(simulation, FLAT, HEADING)
     left = angles.difference(composition.headings(simulation, FLAT, recorded)[:, 0], HEADING)
     assert np.abs(left).max() < 1e-6
+
+
+def test_the_page_of_the_catalogue_is_not_stale():
+    page_file = Path(__file__).resolve().parents[1] / "docs/physics.md"
+    assert page_file.read_text() == page.page(), "run python -m compasslib.physics.page > docs/physics.md"
