@@ -10,8 +10,8 @@ from compasslib.physics import CATALOGUE, Term
 
 HEAD = """# The catalogue of left-out physics
 
-Made from `compasslib/physics/` by `python -m compasslib.physics.page`; a test fails where it is stale. Effects act in this
-order. *Side* says what an effect may change: only those of the compass enter the corrected headings.
+Made from `compasslib/physics/` by `python -m compasslib.physics.page`; a test fails where it is stale. Effects act in
+this order. *Side* says what an effect may change: only those of the compass enter the corrected headings.
 """
 
 
