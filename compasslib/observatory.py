@@ -146,10 +146,10 @@ def hold(series: FieldSeries, model: earthfield.EarthField, *, limit_deg: float)
     off = angles.difference(observed, by_model)
     levels, days = _levels(time_s, off)
     level = _slow(levels, days)[np.searchsorted(days, np.floor(time_s / DAY_S))]
-    first = _hourly_median(time_s, off - level, np.ones(len(off), dtype=bool)) if len(days) >= FEWEST_DAYS else None
+    first = hourly_median(time_s, off - level, np.ones(len(off), dtype=bool)) if len(days) >= FEWEST_DAYS else None
     rough = off - level - (0.0 if first is None else daily(first, time_s))
     quiet = _quiet_days(time_s, rough, _storms(time_s, rough, limit_deg)[0])
-    curve = _hourly_median(time_s, off - level, quiet)
+    curve = hourly_median(time_s, off - level, quiet)
     disturbed = off - level - daily(curve, time_s)
     stormy, storms, ordinary, spikes = _storms(time_s, disturbed, limit_deg)
     constant = float(np.median(levels))
@@ -272,8 +272,14 @@ def _slow(levels: Floats, days: Floats) -> Floats:
     return result
 
 
-def _hourly_median(time_s: Floats, off: Floats, chosen: Flags) -> Floats:
-    """Return the median of the hourly means by hour of the day, (24,), about its mean; NaN where an hour is missing."""
+def hourly_median(time_s: Floats, off: Floats, chosen: Flags) -> Floats:
+    """Return the median of the hourly means by hour of the day, (24,), about its mean; NaN where an hour is missing.
+
+    Args:
+        time_s: increasing times, (n,).
+        off: (n,), degrees.
+        chosen: which count, (n,).
+    """
     hours, which = np.unique(np.floor(time_s[chosen] / HOUR_S), return_inverse=True)
     if not len(hours):
         return np.full(24, np.nan)
@@ -299,7 +305,9 @@ def _quiet_days(time_s: Floats, rough: Floats, stormy: Flags) -> Flags:
     return np.isin(which, quietest[np.isfinite(size[quietest])])
 
 
-def _storms(time_s: Floats, off: Floats, limit_deg: float) -> tuple[Flags, list[tuple[float, ...]], float, int]:
+def _storms(
+    time_s: Floats, off: Floats, limit_deg: float
+) -> tuple[Flags, list[tuple[float, float, float, float]], float, int]:
     """Return the disturbed means, each storm's (begin, end, rms, worst), the ordinary disturbance, and spikes."""
     size, besides = worst(time_s, off)
     ordinary = float(np.median(size)) if np.ptp(time_s) >= FEWEST_DAYS * DAY_S else 0.0
@@ -311,7 +319,12 @@ def _storms(time_s: Floats, off: Floats, limit_deg: float) -> tuple[Flags, list[
     groups = np.split(at, np.flatnonzero(np.diff(time_s[at]) > APART_S) + 1) if len(at) else []
     half = float(np.median(np.diff(time_s))) / 2.0
     storms = [
-        (time_s[g[0]] - half, time_s[g[-1]] + half, angles.rms(off[g[0] : g[-1] + 1][stormy[g[0] : g[-1] + 1]]), size[g].max())
+        (
+            time_s[g[0]] - half,
+            time_s[g[-1]] + half,
+            angles.rms(off[g[0] : g[-1] + 1][stormy[g[0] : g[-1] + 1]]),
+            float(size[g].max()),
+        )
         for g in groups
     ]
     return stormy, storms, ordinary, spikes

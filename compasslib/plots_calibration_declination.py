@@ -56,8 +56,10 @@ def series(path: str | Path, found: Calibration, name: str) -> None:
             Line2D([], [], label="observed", **LINE),
             Line2D([], [], color=GREY, linestyle=(0, (4, 2)), label=model),
             Line2D([], [], color=GREEN, label=f"{model} {constant:+.3f}° ± {sigma:.3f}° (95 %)"),
-            Line2D([], [], color=SKY, label="the same with the quiet day"),
         ]
+        handles += (
+            [Line2D([], [], color=SKY, label="the same with the quiet day")] if found.details["quiet_day"] else []
+        )
         legend(figure, handles + _storm_handle(found), columns=3)
 
 
@@ -118,10 +120,14 @@ def _quiet_day(axes: Axes, found: Calibration) -> None:
     if quiet is None:
         say(axes, "No quiet day is known.", characters=70)
         return
-    axes.set_title(f"(b) quiet day: median of {quiet['days']} days, amplitude {quiet['amplitude_deg']:.2f}°")
+    axes.set_title(f"(b) quiet day: {_days(quiet['days'])}, amplitude {quiet['amplitude_deg']:.2f}°")
     axes.plot(np.arange(24) + 0.5, np.array(quiet["by_hour_deg"]), color=SKY, marker="o", markersize=3)
     axes.axhline(0.0, color=BLACK, linewidth=0.6)
     axes.set(xlim=(0, 24), xticks=range(0, 25, 3), xlabel="Hour (UTC)", ylabel="Quiet day (°)")
+
+
+def _days(count: int) -> str:
+    return f"median of {count} days" if count > 1 else "one day alone"
 
 
 def _line(axes: Axes, points: Mapping[str, Floats], values: Floats, **look: Any) -> None:

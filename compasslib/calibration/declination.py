@@ -62,7 +62,7 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
         table=_table(held, float(settings.get("table_step_deg", 10.0))),
         points=_points(held),
         details=_header(series, settings) | _details(held, series, field),
-        warnings=tuple([*said, *field.warnings]),
+        warnings=(*said, *field.warnings),
     )
 
 
@@ -109,7 +109,7 @@ def _header(series: FieldSeries, settings: Mapping[str, Any]) -> dict[str, Any]:
         "latitude": _known(latitude),
         "longitude": _known(longitude),
         "elevation_m": _known(series.elevation_m),
-        "date": _stamp(np.mean(series.time_s[[0, -1]]))[:10],
+        "date": _stamp(float(np.mean(series.time_s[[0, -1]])))[:10],
         "definitive": series.definitive,
         "rows": dict(series.counts),
     }

@@ -107,7 +107,7 @@ def _file(path: Path) -> _File:
 def _instants(cells: Floats) -> tuple[Floats, NDArray[np.bool_]]:
     """Return the instants of rows, and which rows have a date that exists and agrees with their day of the year."""
     year, month, date, hour, minute, second, day_of_year = cells.T
-    ok = (1 <= month) & (month <= 12) & (date >= 1) & (date <= 31) & (hour <= 23) & (minute <= 59) & (second < 61)
+    ok = (month >= 1) & (month <= 12) & (date >= 1) & (date <= 31) & (hour <= 23) & (minute <= 59) & (second < 61)
     months = np.where(ok, 12 * (year - 1970) + month - 1, 0).astype(int)
     day = months.astype("datetime64[M]").astype("datetime64[D]").astype(int) + np.where(ok, date, 1).astype(int) - 1
     began = (months // 12).astype("datetime64[Y]").astype("datetime64[D]").astype(int)
