@@ -22,6 +22,7 @@ from compasslib.records import FieldSeries
 HOUR_S, DAY_S = 3600.0, 86400.0
 PLACES = ((55.3, -3.2), (48.0, 2.3), (65.4, 26.6), (40.1, -105.2), (-35.3, 149.4))
 REAL = Path(__file__).resolve().parents[1] / "../shared/data/observatory"
+QUIET_DEG = 0.3  # largest three-hourly disturbance of a null; what is larger is no null
 KINDS = ("null", "null_gaps", "storm", "trend", "jump", "swing", "constant")
 
 
@@ -43,6 +44,7 @@ def quiet(rng, days, step_s, latitude, longitude):
     variation = size * day * season * (-np.sin(local) + 0.6 * np.cos(2 * local - 2.6) + 0.3 * np.sin(3 * local + 0.3))
     activity = np.exp(red(rng, len(times), 2 * DAY_S / step_s, 0.8))
     noise = rng.uniform(0.01, 0.025) * activity * red(rng, len(times), 2 * HOUR_S / step_s, 1.0)
+    noise *= min(1.0, QUIET_DEG / three_hourly(noise, step_s).max())
     noise += red(rng, len(times), 12 * DAY_S / step_s, 0.012) + rng.normal(0, 0.003, len(times))
     d = earthfield.declination_at(field, times) + rng.normal(0, 0.25) + variation + noise
     blank = np.full(len(times), np.nan)
@@ -55,12 +57,13 @@ def storm(rng, times, worst_deg):
     hours = (times - begin) / HOUR_S
     shape = np.where(hours > 0, np.exp(-np.maximum(hours, 0) / rng.uniform(8, 20)), 0.0)
     step = float(np.median(np.diff(times)))
-    course = shape * (
-        red(rng, len(times), 1.5 * HOUR_S / step, 1.0) + 0.5 * red(rng, len(times), 0.3 * HOUR_S / step, 1.0)
-    )
-    own = int(round(3 * HOUR_S / step))
-    running = np.sqrt(np.convolve(course**2, np.ones(own) / own, "same"))
-    return course * worst_deg / running.max(), begin
+    course = red(rng, len(times), 1.5 * HOUR_S / step, 1.0) + 0.5 * red(rng, len(times), 0.3 * HOUR_S / step, 1.0)
+    return shape * course * worst_deg / three_hourly(shape * course, step).max(), begin
+
+
+def three_hourly(x, step_s):
+    own = round(3 * HOUR_S / step_s)
+    return np.sqrt(np.maximum(np.convolve(x**2, np.ones(own) / own, "same"), 0.0))
 
 
 def drawn(rng, kind, days, step_s, size):

@@ -19,6 +19,7 @@ from compasslib.records import FieldSeries
 
 Floats = NDArray[np.floating]
 Flags = NDArray[np.bool_]
+Measures = tuple[float, float, float, float]  # of a storm: begin, end, rms and rms of its worst three hours
 
 DAY_S, HOUR_S = 86400.0, 3600.0
 BIN_S = 600.0  # means of samples that are closer; noise of single minutes averages out
@@ -144,12 +145,12 @@ def hold(series: FieldSeries, model: earthfield.EarthField, *, limit_deg: float)
     time_s, observed = means(series, BIN_S)
     by_model = earthfield.declination_at(model, time_s)
     off = angles.difference(observed, by_model)
-    levels, days = _levels(time_s, off)
+    first = _rough_curve(time_s, off)
+    levels, days = _levels(time_s, off - daily(first, time_s))
     level = _slow(levels, days)[np.searchsorted(days, np.floor(time_s / DAY_S))]
-    first = hourly_median(time_s, off - level, np.ones(len(off), dtype=bool)) if len(days) >= FEWEST_DAYS else None
-    rough = off - level - (0.0 if first is None else daily(first, time_s))
+    rough = off - level - daily(first, time_s)
     quiet = _quiet_days(time_s, rough, _storms(time_s, rough, limit_deg)[0])
-    curve = hourly_median(time_s, off - level, quiet)
+    curve = hourly_median(time_s, off - level, quiet) if quiet.any() else first
     disturbed = off - level - daily(curve, time_s)
     stormy, storms, ordinary, spikes = _storms(time_s, disturbed, limit_deg)
     constant = float(np.median(levels))
@@ -248,6 +249,16 @@ def worst(time_s: Floats, off_deg: Floats) -> tuple[Floats, Floats]:
         np.where(full, np.sqrt(total / count), 0.0),
         np.where(full, np.sqrt(np.maximum(total - most, 0.0) / np.maximum(count - 1, 1)), 0.0),
     )
+
+
+def _rough_curve(time_s: Floats, off: Floats) -> Floats:
+    """Return the median day of all days about their medians, (24,); NaN where they are few."""
+    days, which = np.unique(np.floor(time_s / DAY_S), return_inverse=True)
+    if len(days) < FEWEST_DAYS:
+        return np.full(24, np.nan)
+    begins = np.searchsorted(which, np.arange(len(days)))
+    middle = np.array([np.median(part) for part in np.split(off, begins[1:])])
+    return hourly_median(time_s, off - middle[which], np.ones(len(off), dtype=bool))
 
 
 def _levels(time_s: Floats, off: Floats) -> tuple[Floats, Floats]:

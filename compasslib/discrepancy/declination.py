@@ -63,7 +63,9 @@ def judge(series: FieldSeries, field: EarthField, options: Options) -> Diagnosis
     slow = declination_slow.judge(first, series, field, options)
     held = observatory.hold(declination_slow.without(series, slow.jumps), field, limit_deg=limit)
     found, small = list(slow.findings), dict(slow.negligible)
-    for finding, name, size in (_constant(held, series, field), _daily(held, limit), *_storms(held, series)):
+    open_constant = "declination_error" not in dict(slow.not_testable)
+    constant = [_constant(held, series, field)] if open_constant else []
+    for finding, name, size in (*constant, _daily(held, limit), *_storms(held, series)):
         if finding is not None:
             found.append(finding)
         elif size > 0.0:

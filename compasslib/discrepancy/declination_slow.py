@@ -38,6 +38,9 @@ LEAST_AFTER_S = observatory.DAY_S  # of a level that no storm keeps
 LIKE_THE_MODEL = 0.25  # share by which a trend may miss the model's own and still be it
 FEWEST_PIECES = 6  # of 27 days
 LEAST_COVERED = 0.5  # share of the days below which the general search does not know the noise of what is slow
+LEVELS = 5  # days on either side that show a large jump
+FAR = 8.0  # times its usual size that a change of the levels must have
+DRIFTS = "the declination drifts beyond the simulation, and so its constant depends on the date"
 SURE = 5.0  # standard errors of a trend through pieces
 STEADY = 0.5  # of the limit: what a jump may leave
 
@@ -70,13 +73,20 @@ def judge(held: Held, series: FieldSeries, model: EarthField, options: Options) 
         return Slow((jump[0],) if jump else (), (jump[1],) if jump else (), not_testable=tuple(missing))
     if _covered(held) < LEAST_COVERED:
         return _of_pieces(held, series, model, options.min_effect_deg)
-    found = diagnosis.judge(case(held, model), options)
-    dates = {id(one): _dated(held, one) for one in found.findings if one.effect == "heading_slip"}
+    limit = options.min_effect_deg
+    large = _large_jumps(held, limit)
+    level = observatory.hold(without(series, tuple(one[1] for one in large)), model, limit_deg=limit)
+    found = diagnosis.judge(case(level, model), options)
+    dates = {id(one): _dated(level, one) for one in found.findings if one.effect == "heading_slip"}
+    drifts = any(one.effect == "secular_variation" for one in found.findings)
+    matter = [one[0] for one in large if one[0].rms_effect_deg >= limit]
+    small = [(one[0].effect, one[0].rms_effect_deg) for one in large if one[0].rms_effect_deg < limit]
     return Slow(
-        findings=tuple(_told(one, series, model, dates.get(id(one))) for one in found.findings),
-        jumps=tuple(dates.values()),
+        findings=(*matter, *(_told(one, series, model, dates.get(id(one))) for one in found.findings)),
+        jumps=(*(one[1] for one in large), *dates.values()),
         unexplained=found.unexplained,
-        negligible=found.negligible,
+        negligible=(*found.negligible, *small),
+        not_testable=(("declination_error", DRIFTS),) if drifts else (),
         curves=found.curves,
         threshold=found.threshold,
     )
@@ -102,20 +112,21 @@ def case(held: Held, model: EarthField) -> Case:
     """
     years = float(np.ptp(held.time_s)) / YEAR_S
     step = observatory.HOUR_S if years < HOURS_OF_YEARS else observatory.DAY_S
-    time_s, off = _averaged(held.time_s, held.residual_deg - held.constant_deg, step)
-    n, width = len(time_s), 1.4826 * float(np.median(np.abs(off - np.median(off))))
+    time_s, off = _averaged(held.time_s, held.residual_deg - held.constant_deg - held.quiet_deg, step)
+    n = len(time_s)
     still = np.zeros(n)
-    h, z = (np.interp(time_s, model.time_s, x) for x in (model.horizontal_nT, model.vertical_nT))
+    # The same field at all times: C is scaled by 1/H, and a column that drifts with H would take the trend.
+    h, z = (np.full(n, np.mean(x)) for x in (model.horizontal_nT, model.vertical_nT))
     hour = 15.0 * (time_s / observatory.HOUR_S % 24.0)
     waves = [x for k in DAILY_HARMONICS for x in angles.sin_cos(k * hour)] if step < observatory.DAY_S else []
     return Case(
         kind="declination",
-        simulation=Simulation(np.zeros(5), float(np.mean(h))),
+        simulation=Simulation(np.zeros(5), float(h[0])),
         scene=Scene(time_s, h, z, still, still, float(time_s[0])),
         recorded_deg=still,
         observed_deg=off,
         slowness=still,
-        expected_deg=np.full(n, width),
+        expected_deg=np.full(n, PRECISION_DEG),
         precision_deg=PRECISION_DEG,
         covariates={"time": time_s},
         nuisance=np.column_stack(waves) if waves else np.zeros((n, 0)),
@@ -163,7 +174,7 @@ def _of_pieces(held: Held, series: FieldSeries, model: EarthField, limit_deg: fl
     place = Where("time", *span, f"from {verdict.stamp(span[0])} to {verdict.stamp(span[1])}")
     parameters = {"deg_year": Parameter(slope, sigma, "degrees/year")}
     made = Finding("secular_variation", "compass", ("heading_slip",), place, span, parameters, size, proof, "")
-    return Slow((_told(made, series, model, None),), not_testable=missing)
+    return Slow((_told(made, series, model, None),), not_testable=(*missing, ("declination_error", DRIFTS)))
 
 
 def _averaged(time_s: Floats, off: Floats, step_s: float) -> tuple[Floats, Floats]:
@@ -216,19 +227,65 @@ def _short_jump(held: Held, limit_deg: float) -> tuple[Finding, tuple[float, flo
     if len(off) < 2 * least + 2:
         return None
     at, size, left = _best_split(off, least)
-    rest = float(observatory.worst(held.time_s, left)[0].max())
+    rest = float(observatory.worst(held.time_s, left)[1].max())  # without the mean that the jump itself falls into
     if abs(size) < limit_deg or rest >= STEADY * limit_deg:
         return None
     date, last = float(held.time_s[at]) - held.step_s / 2.0, float(held.time_s[-1])
     others = ("field_disturbance",) if min(last - date, date - held.time_s[0]) < LEAST_AFTER_S else ()
     sigma = angles.rms(left) / np.sqrt(min(at, len(off) - at) * held.step_s / observatory.WINDOW_S)
-    block = np.floor((held.time_s - held.time_s[0]) / observatory.WINDOW_S).astype(int)
-    bare = off - np.median(off)
-    proof = show.judged(
-        (bare**2 - left**2) / (2.0 * angles.rms(left) ** 2), block, (angles.rms(bare), angles.rms(left))
-    )
-    text = declination_told.jump((date, size), sigma, proof, others)
-    parameters = {"offset_deg": Parameter(-size, sigma, "degrees")}
+    return _jump(held, (date, size), sigma, others), (date, size)
+
+
+def _large_jumps(held: Held, limit_deg: float) -> list[tuple[Finding, tuple[float, float]]]:
+    """Return jumps far beyond what the levels of days do otherwise, which the search would clip as outliers.
+
+    The change from five days to the next five is held against its own median, so that a trend makes no jump.
+    """
+    begins = np.unique(np.floor(held.time_s / observatory.DAY_S), return_index=True)[1]
+    off = held.residual_deg - held.quiet_deg
+    levels = np.array([np.median(part) for part in np.split(off, begins[1:])])
+    if len(levels) < 4 * LEVELS:
+        return []
+    middle = np.median(np.lib.stride_tricks.sliding_window_view(levels, LEVELS), axis=1)
+    change = middle[LEVELS:] - middle[:-LEVELS]
+    change = change - np.median(change)
+    usual = 1.4826 * float(np.median(np.abs(change)))
+    found = []
+    while len(change) and np.max(np.abs(change)) > max(limit_deg, FAR * usual):
+        at = int(np.argmax(np.abs(change)))
+        around = slice(begins[at], begins[at + 2 * LEVELS] if at + 2 * LEVELS < len(begins) else len(off))
+        split, size, left = _best_split(off[around], 2)
+        date = float(held.time_s[around][split]) - held.step_s / 2.0
+        sigma = angles.rms(left) * np.sqrt(2.0 / LEVELS)
+        found.append((_jump(held, (date, size), sigma, ()), (date, size)))
+        change[max(at - 2 * LEVELS, 0) : at + 2 * LEVELS] = 0.0
+    return found
+
+
+def _jump(held: Held, jump: tuple[float, float], sigma_deg: float, others: tuple[str, ...]) -> Finding:
+    """Return the finding of one jump: two levels against one, on stretches that were not fitted."""
+    date, last, after = jump[0], float(held.time_s[-1]), held.time_s >= jump[0]
+    off = held.residual_deg - held.quiet_deg
+    unit = observatory.DAY_S if np.ptp(held.time_s) > 10 * observatory.DAY_S else observatory.HOUR_S
+    block = np.floor((held.time_s - held.time_s[0]) / unit).astype(int)
+    bare, left = off - np.median(off), np.array(off)
+    for fold in (0, 1):
+        for side in (after, ~after):
+            out, kept = side & (block % 2 == fold), side & (block % 2 != fold)
+            if out.any() and kept.any():
+                left[out] = off[out] - np.median(off[kept])
+    width = max(angles.rms(left), PRECISION_DEG)
+    proof = show.judged((bare**2 - left**2) / (2.0 * width**2), block, (angles.rms(bare), angles.rms(left)))
+    share = float(np.mean(after))
     place = Where("time", date, last, f"from {verdict.stamp(date)} on")
-    found = Finding("heading_slip", "compass", others, place, (date, last), parameters, angles.rms(bare), proof, text)
-    return found, (date, size)
+    return Finding(
+        effect="heading_slip",
+        side="compass",
+        alternatives=others,
+        where=place,
+        when_s=(date, last),
+        parameters={"offset_deg": Parameter(-jump[1], sigma_deg, "degrees")},
+        rms_effect_deg=float(abs(jump[1]) * np.sqrt(share * (1.0 - share))),
+        held_out=proof,
+        text=declination_told.jump(jump, sigma_deg, proof, others),
+    )
