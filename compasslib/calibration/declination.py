@@ -84,7 +84,7 @@ def _sources(held: Held) -> tuple[Source, ...]:
     calm = held.disturbed_deg[~held.stormy]
     return (
         Source("constant", held.constant_sigma_deg, CONSTANT_HOW),
-        Source("daily variation", float(np.sqrt(np.mean(quiet**2))), f"rms of the curve of {held.quiet_days} days"),
+        Source("daily variation", float(np.std(quiet)), f"rms of the curve of {held.quiet_days} days"),
         Source("disturbance", angles.rms(calm), "rms of what level and quiet day leave, storms left out"),
     )
 

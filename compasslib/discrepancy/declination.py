@@ -121,7 +121,7 @@ def _constant(held: Held, series: FieldSeries, field: EarthField) -> tuple[Findi
 
 
 def _daily(held: Held, limit_deg: float) -> tuple[Finding | None, str, float]:
-    size = float(np.sqrt(np.mean(np.nan_to_num(held.curve_deg) ** 2)))
+    size = float(np.std(np.nan_to_num(held.curve_deg)))
     if size < limit_deg or held.quiet_days < FEWEST_DAYS:
         return None, "field_disturbance", size
     amplitude = float(np.ptp(held.curve_deg)) / 2.0

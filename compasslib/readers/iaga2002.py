@@ -23,8 +23,8 @@ Floats = NDArray[np.floating]
 MISSING = 88888.0  # and 99999; nothing on earth is as large
 LABEL_ENDS = 24  # column before which a header's label stands
 MINUTES = 60.0  # of arc in a degree
-CELL = r"\s*([+-]?\d*\.?\d+)"
-ROW = re.compile(r"(\d{4})-(\d\d)-(\d\d)\s+(\d\d):(\d\d):(\d\d(?:\.\d*)?)\s+(\d{1,3})\s" + CELL * 4 + r"\s*\|?\s*")
+CELL = r"(?:\s+|(?=[+-]))([+-]?\d+\.?\d*)"  # a sign may stand against the number before
+ROW = re.compile(r"(\d{4})-(\d\d)-(\d\d)\s+(\d\d):(\d\d):(\d\d(?:\.\d*)?)\s+(\d{1,3})" + CELL * 4 + r"\s*\|?\s*")
 SETS = ("D", "XY")  # components of which either gives the declination
 KILOMETRE_DEG = 0.01  # by which the positions of one station may differ between files
 
