@@ -22,6 +22,7 @@ Floats = NDArray[np.floating]
 DAY_S = 86400.0  # matplotlib counts time in days since 1970
 WITHIN = 1.96
 GAP = 3.0  # times the usual step at which a line is broken
+MOST_DAYS = 10  # of a longer record the quiet day would be a smear
 ZOOM_DAYS = 3.0  # of a longer record the days around its largest storm are drawn too
 LINE: dict[str, Any] = {"color": BLACK, "linewidth": 0.8}
 STORM: dict[str, Any] = {"color": VERMILION, "alpha": 0.18, "linewidth": 0}
@@ -46,7 +47,9 @@ def series(path: str | Path, found: Calibration, name: str) -> None:
         top.set_title("(a) declination, east positive")
         _line(top, points, points["declination_deg"], **LINE)
         _line(top, points, points["model_deg"], color=GREY, linewidth=1.2, linestyle=(0, (4, 2)))
-        _line(top, points, points["model_deg"] + constant + points["quiet_day_deg"], color=SKY, linewidth=1.0)
+        shown = bool(found.details["quiet_day"]) and found.details["days"] <= MOST_DAYS
+        if shown:
+            _line(top, points, points["model_deg"] + constant + points["quiet_day_deg"], color=SKY, linewidth=1.0)
         _line(top, points, points["model_deg"] + constant, color=GREEN, linewidth=1.2)
         _finish(top, found, "Declination (°)")
         _quiet_day(day, found)
@@ -57,9 +60,7 @@ def series(path: str | Path, found: Calibration, name: str) -> None:
             Line2D([], [], color=GREY, linestyle=(0, (4, 2)), label=model),
             Line2D([], [], color=GREEN, label=f"{model} {constant:+.3f}° ± {sigma:.3f}° (95 %)"),
         ]
-        handles += (
-            [Line2D([], [], color=SKY, label="the same with the quiet day")] if found.details["quiet_day"] else []
-        )
+        handles += [Line2D([], [], color=SKY, label="the same with the quiet day")] if shown else []
         legend(figure, handles + _storm_handle(found), columns=3)
 
 
@@ -91,10 +92,10 @@ def disturbance(path: str | Path, found: Calibration, name: str) -> None:
             panels[1].set_xlim(window)
             panels[1].set_title("(b) without slow level and quiet day, around the largest storm")
         figure.align_ylabels(panels)
-        handles: list[Artist] = [Line2D([], [], label="mean of a step", **LINE)]
+        handles: list[Artist] = [Line2D([], [], label="means of ten minutes, or the samples", **LINE)]
         handles.append(Line2D([], [], color=ORANGE, label="slow level"))
         handles.append(Patch(label=f"95 % of the calm: ±{half:.2f}°", **BAND))
-        legend(figure, handles + _storm_handle(found), columns=4)
+        legend(figure, handles + _storm_handle(found), columns=2)
 
 
 def _title(name: str, found: Calibration, what: str) -> str:

@@ -95,7 +95,7 @@ def _points(held: Held) -> dict[str, Floats]:
         "declination_deg": held.observed_deg,
         "model_deg": held.model_deg,
         "level_deg": held.level_deg,
-        "quiet_day_deg": held.quiet_deg,
+        "quiet_day_deg": held.quiet_deg - np.mean(np.nan_to_num(held.curve_deg)),  # about zero, as A is a mean
         "residual_deg": held.residual_deg - held.constant_deg,
         "disturbance_deg": held.disturbed_deg,
         "storm": held.stormy.astype(float),
@@ -127,7 +127,11 @@ def _details(held: Held, series: FieldSeries, field: EarthField) -> dict[str, An
         "range_deg": float(np.ptp(angles.difference(series.declination_deg, held.observed_deg[0])[_seen(series)])),
         "quiet_day": None
         if curve is None
-        else {"days": held.quiet_days, "amplitude_deg": float(np.ptp(curve)) / 2.0, "by_hour_deg": curve},
+        else {
+            "days": held.quiet_days,
+            "amplitude_deg": float(np.ptp(curve)) / 2.0,
+            "by_hour_deg": curve - np.mean(curve),
+        },
         "storms": [_storm(storm) for storm in held.storms],
         "cannot_tell": [CANNOT_TELL],
     }
