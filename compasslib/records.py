@@ -116,3 +116,23 @@ class Corrected:
     north_recorded: Floats
     velocity_uncertainty: Floats  # (n, m) m/s, one standard deviation of either component
     velocity_quality: Flags  # (n, m) of the corrected velocities
+
+
+@dataclass(frozen=True)
+class FieldSeries:
+    """What a magnetic observatory recorded; NaN where a value or a word of the header is missing."""
+
+    time_s: Floats  # (n,) increasing
+    declination_deg: Floats  # (n,) east positive
+    horizontal_nT: Floats  # (n,)
+    vertical_nT: Floats  # (n,) down positive
+    station: str  # its name, else its code
+    latitude: float  # degrees north
+    longitude: float  # degrees east
+    elevation_m: float
+    definitive: bool = False  # whether its baseline is final by its own word
+    counts: dict[str, int] = field(default_factory=dict)  # rows read, damaged, missing, repeated
+    warnings: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.time_s)

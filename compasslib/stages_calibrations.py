@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from compasslib import config_calibrations, provenance
-from compasslib.calibration import FIGURES, KINDS
+from compasslib import calibration, config_calibrations, provenance
+from compasslib.calibration import KINDS
 from compasslib.config import CALIBRATIONS, Cruise
 from compasslib.stages import refuse
 
@@ -53,7 +53,7 @@ class Calibrations:
 
     def figures(self, kind: str) -> list[str]:
         """Return the figures of one kind."""
-        return [*FIGURES, *KINDS[kind].figures]
+        return calibration.figures(kind)
 
     def figure_modules(self, kind: str) -> list[str]:
         """Return the library files behind the figures of one kind."""

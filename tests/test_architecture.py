@@ -15,6 +15,7 @@ FLOORS = [
     ["angles", "records"],
     ["readers"],
     ["earthfield", "compass", "grid", "deployment"],
+    ["observatory"],
     ["physics"],
     ["overlap"],
     ["deviation"],

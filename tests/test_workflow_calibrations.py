@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 import yaml
 from bench import MILD, readings, ring, write_calibration
+from iaga_files import ROCKS_DEG, series, write
 from sea import cruise, pairs
 from test_workflow import CONTRACT, PROJECT, change, snakemake
 
@@ -168,3 +169,18 @@ def test_a_bad_reading_is_one_line_and_a_bad_key_stops_before_any_work(tmp_path)
     ran = snakemake(tmp_path)
     assert ran.returncode != 0 and "aqd.yaml: kind: expected platform" in ran.stderr and "Traceback" not in ran.stderr
     assert not (tmp_path / "results").exists()
+
+
+def test_an_observatorys_series_goes_through_without_any_mooring(tmp_path):
+    (tmp_path / "config/calibrations").mkdir(parents=True)
+    (tmp_path / "config/config.yaml").write_text("moorings: []\n")
+    (tmp_path / "config/calibrations/station.yaml").write_text("kind: declination\nfile: station.hor\n")
+    write(tmp_path / "station.hor", series(30), "DHZF")
+    ran = snakemake(tmp_path)
+    assert ran.returncode == 0, ran.stderr
+    said, there = result(tmp_path, "station"), tmp_path / "results/calibrations/station"
+    assert abs(said["coefficients"]["A"] - ROCKS_DEG) < 0.05 and said["coefficients"]["B"] is None
+    assert said["place"]["latitude"] == 55.3 and said["place"]["field"]["horizontal_nT"] > 15_000
+    assert {path.name for path in (there / "figures").iterdir()} == {"series.png", "disturbance.png"}
+    assert len((there / "table.csv").read_text().splitlines()) == 37
+    assert not planned(tmp_path)

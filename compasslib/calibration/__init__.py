@@ -18,15 +18,26 @@ class Kind:
 
     module: str  # of this room; its calibrate(files, settings) returns the Calibration
     figures: tuple[str, ...] = ()  # its own: functions (path, calibration, name) of plots_calibration_<module>.py
+    by_heading: bool = True  # whether it has a curve along the heading, and so the figures of one
 
 
 KINDS: dict[str, Kind] = {
     "platform": Kind("platform"),
     "magnetometer": Kind("magnetometer", figures=("magnetometer",)),
     "swing": Kind("swing", figures=("swing",)),
+    "declination": Kind("declination", figures=("series", "disturbance"), by_heading=False),
     "two_heads": Kind("two_heads", figures=("difference", "tilt_check", "along_time")),
 }
-FIGURES = ("deviation", "residuals", "certificate")  # every kind has these
+FIGURES = ("deviation", "residuals", "certificate")  # every kind with a curve along the heading has these
+
+
+def figures(kind: str) -> list[str]:
+    """Return the names of a kind's figures.
+
+    Args:
+        kind: a key of ``KINDS``.
+    """
+    return [*(FIGURES if KINDS[kind].by_heading else ()), *KINDS[kind].figures]
 
 
 def calibrate(kind: str, files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calibration:

@@ -89,7 +89,8 @@ def told(content: Mapping[str, Any]) -> str:
     name, warnings = content["name"], [f"{content['name']}: warning: {text}" for text in content["warnings"]]
     if content["why"]:
         return "\n".join([f"{name}: no calibration: {content['why']}", *warnings])
-    letters = ", ".join(f"{k} {x:+.2f}" for k, x in (content["coefficients"] or {}).items())
+    known = {k: x for k, x in (content["coefficients"] or {}).items() if x is not None and np.isfinite(x)}
+    letters = ", ".join(f"{k} {x:+.2f}" for k, x in known.items())
     expanded = content["uncertainty"]["expanded_deg"]
     sure = "" if expanded is None else f", expanded uncertainty {expanded:.2f} degrees (k = 2)"
     first = f"{name}: {content['kind']}, {content['n']} readings, model {content['model']}"

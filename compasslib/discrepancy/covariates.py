@@ -18,6 +18,7 @@ Floats = NDArray[np.floating]
 
 DAY_S, HOUR_S = 86400.0, 3600.0
 FEWEST_VALUES = 5  # different values below which a covariate says nothing
+QUIET = ("declination_observatory",)  # a departure: what is missing counts as none, so that a storm's own days do
 BATTERY_JUMP = 0.3  # of its whole range: a supply voltage that rises by more within a day was given a new battery
 FORETELLING = (0.0, 1.3, 0.6, -0.1, -0.8)  # straight line through four samples before the last, carried on to now
 NEIGHBOUR_S = 1.5 * HOUR_S  # neighbours farther apart say nothing of a rate
@@ -40,7 +41,7 @@ def of_pairs(pairs: Pairs, logged: Mapping[str, Floats]) -> dict[str, Floats]:
         "separation": pairs.lower_depth_m - pairs.upper_depth_m,
         "speed": upper,
         "hour_of_day": angles.wrap360(360.0 * (pairs.time_s / DAY_S)) / 15.0,
-    } | dict(logged)
+    } | {name: np.nan_to_num(column) if name in QUIET else column for name, column in logged.items()}
     return {name: filled(column) for name, column in every.items() if varies(column)}
 
 

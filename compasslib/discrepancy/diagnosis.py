@@ -102,7 +102,7 @@ def judge(case: Case, options: Options) -> Diagnosis:
     found = tuple(sorted(every, key=lambda one: -one.rms_effect_deg))
     unexplained = None if left is None else findings.unexplained(named.state, *left, [one.effect for one in found])
     return Diagnosis(
-        verdict=_verdict(found, unexplained),
+        verdict=verdict_of(found, unexplained),
         findings=found,
         unexplained=unexplained,
         separated_by="; ".join(telling.separated_by(f.effect, f.alternatives) for f in found if f.alternatives) or None,
@@ -128,7 +128,13 @@ def _too_little(pairs: Pairs, fit: Fit) -> str:
     return ""
 
 
-def _verdict(found: Sequence[Finding], unexplained: Unexplained | None) -> str:
+def verdict_of(found: Sequence[Finding], unexplained: Unexplained | None) -> str:
+    """Return the verdict that findings and an unexplained rest amount to.
+
+    Args:
+        found: the findings.
+        unexplained: what nothing explains, or None.
+    """
     if unexplained is not None:
         return "unexplained"
     if not found:
@@ -141,7 +147,7 @@ def _joined(first: Sequence[Finding], rest: Diagnosis) -> Diagnosis:
     if not first:
         return rest
     found = tuple(sorted((*first, *rest.findings), key=lambda one: -one.rms_effect_deg))
-    return replace(rest, findings=found, verdict=_verdict(found, rest.unexplained))
+    return replace(rest, findings=found, verdict=verdict_of(found, rest.unexplained))
 
 
 def _left(

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib import angles, compass
+from compasslib import angles, compass, observatory
 from compasslib.deviation.model import Fit, nearest_root, observed_heading
 from compasslib.discrepancy import model, show, telling, verdict, whitening
 from compasslib.discrepancy.baseline import State
@@ -23,6 +23,7 @@ from compasslib.records import Pairs
 Floats = NDArray[np.floating]
 
 SIDES = {term.name: term.side for term in CATALOGUE}
+OBSERVATORY = "declination_observatory"
 PROVEN = 0.05  # p-value on held-out days above which a finding does not touch the product
 RANGE = (0.05, 0.95)  # quantiles of a covariate that tell where an effect lives
 OUTSIDE = 2.5  # standard errors by which a bin leaves the band
@@ -45,8 +46,9 @@ def _of_term(state: State, k: int, alternatives: tuple[str, ...], covariance: Fl
         name: Parameter(float(value), float(s), unit)
         for name, value, s, unit in zip(term.fitted(), term.values, sigma, term.units(), strict=True)
     }
-    size, proof, place = model.effect_deg(state, k, covariance), show.held_out(state, [k]), _where(state, term)
-    first, last = float(state.case.scene.time_s[0]), float(state.case.scene.time_s[-1])
+    size, proof = model.effect_deg(state, k, covariance), show.held_out(state, [k])
+    first, last = _span(state, term)
+    place = where(state.case, "time", (first, last)) if OBSERVATORY in term.needs else _where(state, term)
     begin = term.date if term.dated() else first
     same_side = all(SIDES[name] == "compass" for name in alternatives)
     return Finding(
@@ -143,6 +145,14 @@ def where(case: Case, name: str, span: tuple[float, float] | None = None) -> Whe
     if name != "time":
         return Where(name, low, high, telling.place(name, low, high))
     return Where(name, low, high, f"from {verdict.stamp(low)[:10]} to {verdict.stamp(high)[:10]}")
+
+
+def _span(state: State, term: Term) -> tuple[float, float]:
+    """Return when an effect acts: a storm has dates, everything else lasts."""
+    time_s = state.case.scene.time_s
+    if OBSERVATORY in term.needs:
+        return observatory.strongest(time_s, state.case.scene.departures[OBSERVATORY])
+    return float(time_s[0]), float(time_s[-1])
 
 
 def _where(state: State, term: Term) -> Where:

@@ -18,6 +18,7 @@ WHERE = {
 UNITS = {
     "heading": "degrees", "pitch": "degrees", "roll": "degrees", "depth": "m", "separation": "m", "speed": "m/s",
     "temperature": "degrees C", "supply_voltage": "V or counts", "hour_of_day": "h", "time": "",
+    "declination_observatory": "degrees",
 }  # fmt: skip
 PHYSICS = {
     "heeling": "the compass tilts over iron along its own vertical (heeling error)",
@@ -34,6 +35,8 @@ PHYSICS = {
     "compass_lag": "the compass lags behind when the instrument turns",
     "current_veer": "the water itself veers between the two depths",
     "mooring_motion": "the mooring's own motion is in the measured current",
+    "field_disturbance": "magnetic north moves as the observatory has it, most of all on these dates",
+    "secular_variation": "magnetic north drifts beyond the declination that was applied",
     "clock_offset": "the two clocks differ",
     "clock_drift": "the two clocks drift apart",
     "large_deviation": "the deviation is too large for the small-angle series; the exact compass fits",
