@@ -49,7 +49,7 @@ class Finding:
     side: str
     alternatives: tuple[str, ...]
     where: Where
-    when_s: tuple[float, float]
+    when_s: tuple[float, float] | None  # None where the recording has no clock
     parameters: Mapping[str, Parameter]
     rms_effect_deg: float
     held_out: HeldOut
@@ -78,7 +78,7 @@ class Unexplained:
 
     covariates: tuple[str, ...]
     where: Where
-    when_s: tuple[float, float]
+    when_s: tuple[float, float] | None
     rms_effect_deg: float
     curves: tuple[Curve, ...]
     text: str
@@ -136,12 +136,14 @@ def insufficient(why: str, not_testable: tuple[tuple[str, str], ...] = ()) -> Di
     return Diagnosis("insufficient", why=why, not_testable=not_testable)
 
 
-def when(span_s: tuple[float, float]) -> dict[str, str]:
-    """Return a span of time as the JSON writes it.
+def when(span_s: tuple[float, float] | None) -> dict[str, str] | None:
+    """Return a span of time as the JSON writes it, null for a recording without a clock.
 
     Args:
         span_s: first and last instant, UTC seconds since 1970.
     """
+    if span_s is None:
+        return None
     return {"from": stamp(span_s[0]), "to": stamp(span_s[1])}
 
 
