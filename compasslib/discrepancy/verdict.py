@@ -96,6 +96,16 @@ class Unexplained:
 
 
 @dataclass(frozen=True)
+class Ranked:
+    """One effect of the catalogue, tried alone: how well it does, whatever was chosen in the end."""
+
+    effect: str
+    score: float  # twice the log likelihood gained, less the charge for parameters and date
+    rms_effect_deg: float
+    p_value: float
+
+
+@dataclass(frozen=True)
 class Diagnosis:
     """The result of holding one recording against its simulation."""
 
@@ -108,6 +118,7 @@ class Diagnosis:
     why: str = ""  # what the verdict rests on, or why there is none
     curves: tuple[Curve, ...] = ()  # residual before and after along the covariates of what was found
     applied: Applied | None = None  # the compass that corrects the record, where a finding on its side stands
+    hypotheses: tuple[Ranked, ...] = ()  # the best first
     threshold: Mapping[str, float] = field(default_factory=dict)  # scores that noise alone hardly exceeds
 
     def to_json(self) -> dict[str, Any]:
@@ -122,6 +133,7 @@ class Diagnosis:
             "why": self.why,
             "curves": [curve_json(curve) for curve in self.curves],
             "applied": None if self.applied is None else self.applied.to_json(),
+            "hypotheses": [vars(one) for one in self.hypotheses],
             "threshold": dict(self.threshold),
         }
 

@@ -15,7 +15,7 @@ from compasslib.discrepancy.recordings.channel import Channel
 from compasslib.discrepancy.recordings.fitting import Fitted
 from compasslib.discrepancy.recordings.search import Named
 from compasslib.discrepancy.show import Curve, HeldOut
-from compasslib.discrepancy.verdict import Diagnosis, Finding, Parameter, Unexplained, Where
+from compasslib.discrepancy.verdict import Diagnosis, Finding, Parameter, Ranked, Unexplained, Where
 from compasslib.physics.term import Term
 
 Floats = NDArray[np.floating]
@@ -232,7 +232,18 @@ def diagnosis(
         negligible=tuple(small.items()),
         why=telling.why(found, open_, [part.fitted.channel.what for part in parts]),
         curves=_curves(parts, found, open_),
+        hypotheses=_ranked(parts),
     )
+
+
+def _ranked(parts: Sequence[Named]) -> tuple[Ranked, ...]:
+    """Return every effect that was tried alone, the best first, each once."""
+    best: dict[str, Ranked] = {}
+    for entry in (entry for part in parts for entry in part.alone):
+        one = Ranked(entry.name, entry.score, entry.size_deg, entry.p_value)
+        if entry.name not in best or best[entry.name].score < one.score:
+            best[entry.name] = one
+    return tuple(sorted(best.values(), key=lambda one: -one.score))
 
 
 def _once(every: Sequence[Finding]) -> tuple[Finding, ...]:

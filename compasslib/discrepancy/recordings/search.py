@@ -49,6 +49,7 @@ class Named:
     entries: tuple[Entry, ...] = ()  # each chosen term beside the others
     alternatives: tuple[tuple[str, ...], ...] = ()
     negligible: tuple[tuple[str, float], ...] = ()
+    alone: tuple[Entry, ...] = ()  # every term beside the base alone
     left: tuple[tuple[Tested, float], ...] = ()  # omnibus groups that stay significant, with their visible sizes
 
 
@@ -62,8 +63,10 @@ def search(channel: Channel, *, alarm: float, min_effect_deg: float) -> Named:
     """
     before = now = fitting.fit(channel, ())
     small: dict[str, float] = {}
+    alone: list[Entry] = []
     while len(now.terms) < MOST_TERMS:
         entries = contest(now, None)
+        alone = alone or entries
         sure = [entry for entry in entries if entry.p_value < alarm / len(entries)]
         least = WORTH_SAYING * min_effect_deg
         small = {entry.name: entry.size_deg for entry in sure if least < entry.size_deg < min_effect_deg}
@@ -74,7 +77,9 @@ def search(channel: Channel, *, alarm: float, min_effect_deg: float) -> Named:
     now, own, others = _held(now, min_effect_deg)
     found = {term.name for term in now.terms}
     left = _left(now, alarm)
-    return Named(before, now, own, others, tuple((k, v) for k, v in small.items() if k not in found), left)
+    return Named(
+        before, now, own, others, tuple((k, v) for k, v in small.items() if k not in found), tuple(alone), left
+    )
 
 
 def contest(without: Fitted, noise: Fitted | None) -> list[Entry]:
