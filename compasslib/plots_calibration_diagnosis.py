@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.ticker import FuncFormatter
 from numpy.typing import NDArray
 
 from compasslib.plots_page import BLACK, CORRECTED, GREY, RECORDED, VERMILION, legend, page, say
@@ -78,6 +79,7 @@ def _residual(axes: Axes, curve: Mapping[str, Any]) -> None:
     axes.plot(centre, after, **AFTER)
     axes.set_xlabel(AXES.get(curve["covariate"], curve["covariate"].replace("_", " ").capitalize()))
     axes.set_ylabel(RESIDUAL)
+    axes.set_title(curve.get("compared", ""))
     if curve["covariate"] == "heading":
         axes.set_xlim(0.0, 360.0)
         axes.set_xticks(np.arange(0.0, 361.0, 90.0))
@@ -89,6 +91,7 @@ def _ranking(axes: Axes, ranked: Sequence[Mapping[str, Any]], named: Sequence[st
     colours = [VERMILION if one["effect"] in named else GREY for one in ranked]
     axes.barh(place, [max(one["score"], 0.0) for one in ranked], color=colours, height=0.7)
     axes.set_xscale("symlog", linthresh=10.0)
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
     axes.set_yticks(place, [one["effect"].replace("_", " ") for one in ranked])
     axes.set_xlabel("Score alone (named: red)")
-    axes.set_xlim(left=0.0)
+    axes.set_xlim(0.0, max(10.0, 1.1 * max(one["score"] for one in ranked)))

@@ -175,4 +175,5 @@ def curve_json(curve: Curve) -> dict[str, Any]:
         curve: the residual along one covariate.
     """
     columns = ("centre", "before_deg", "after_deg", "sigma_deg")
-    return {"covariate": curve.covariate} | {name: getattr(curve, name).tolist() for name in columns}
+    said = {"covariate": curve.covariate} | ({"compared": curve.compared} if curve.compared else {})
+    return said | {name: getattr(curve, name).tolist() for name in columns}

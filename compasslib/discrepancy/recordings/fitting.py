@@ -130,9 +130,20 @@ def stretches(fitted: Fitted) -> NDArray[np.intp]:
     if channel.independent:
         return np.arange(len(channel))
     order = np.arange(len(channel), dtype=float)
-    effective = effective_number(fitted.clipped, order, longest_s=len(channel) / 10.0)
-    count = int(np.clip(effective / SAMPLES_IN_BLOCK, FEWEST_BLOCKS, MOST_BLOCKS))
+    count = int(np.clip(effective(fitted) / SAMPLES_IN_BLOCK, FEWEST_BLOCKS, MOST_BLOCKS))
     return blocks(order, count)
+
+
+def effective(fitted: Fitted) -> float:
+    """Return how many independent samples the residual is worth.
+
+    Args:
+        fitted: a hypothesis that fits.
+    """
+    n = len(fitted.channel)
+    if fitted.channel.independent:
+        return float(n)
+    return effective_number(fitted.clipped, np.arange(n, dtype=float), longest_s=n / 10.0)
 
 
 def covariance(fitted: Fitted) -> Floats:

@@ -131,7 +131,7 @@ def _of_heading(log: Log, axes: Floats, field: Mapping[str, float] | None) -> Ch
         terms = (MountingOffset, LevelIron, HeadingSlip)
     terms += (Delay,) if clocked else ()
     terms += (TemperatureOfReading,) if forward.warmed(log) else ()
-    unseen = {} if log.tilted else {term.name: ("tilt_uncompensated",) for term in terms}
+    unseen = {} if log.tilted else {term.name: ("tilt_uncompensated",) for term in terms if term is not Delay}
     assert log.heading_deg is not None
     return Channel(
         what="the logged heading against that of the axes",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -31,6 +31,8 @@ def findings(named: Named) -> list[Finding]:
     Args:
         named: the chosen hypothesis.
     """
+    if not named.fitted.terms:
+        return []
     covariance = fitting.covariance(named.fitted)
     return [_finding(named, k, covariance) for k in range(len(named.fitted.terms))]
 
@@ -178,8 +180,9 @@ def curve(before: Fitted, after: Fitted, name: str) -> Curve:
     least = 1 if before.channel.independent else FEWEST_IN_BIN
     held = np.flatnonzero(there >= least)
     centre = np.bincount(bins, column, len(edges) - 1)[held] / there[held]
-    means = [np.bincount(bins, one.clipped, len(edges) - 1)[held] / there[held] for one in (before, after)]
-    return Curve(name, centre, means[0], means[1], _bin_sigma(after, bins, held, there))
+    left = (before.clipped if before is after else before.residual_deg, after.clipped)
+    means = [np.bincount(bins, one, len(edges) - 1)[held] / there[held] for one in left]
+    return Curve(name, centre, means[0], means[1], _bin_sigma(after, bins, held, there), after.channel.what)
 
 
 def _bin_sigma(after: Fitted, bins: NDArray[np.intp], held: NDArray[np.intp], there: NDArray[np.intp]) -> Floats:
@@ -268,11 +271,10 @@ def _verdict(found: Sequence[Finding], left: Unexplained | None) -> str:
 
 
 def _curves(parts: Sequence[Named], found: Sequence[Finding], left: Unexplained | None) -> tuple[Curve, ...]:
-    wanted = {"heading", *(one.where.covariate for one in found), *(left.covariates if left else ())}
-    made: Mapping[str, Curve] = {
-        name: curve(part.before, part.fitted, name)
-        for part in reversed(parts)
-        for name in part.fitted.channel.covariates
-        if name in wanted
-    }
-    return tuple(made.values())
+    made = []
+    for part in parts:
+        own = {term.name for term in part.fitted.terms}
+        wanted = {"heading", *(left.covariates if left else ())}
+        wanted |= {one.where.covariate for one in found if one.effect in own}
+        made += [curve(part.before, part.fitted, name) for name in part.fitted.channel.covariates if name in wanted]
+    return tuple(made)

@@ -136,7 +136,7 @@ def why(found: Sequence[Finding], left: Unexplained | None, compared: Sequence[s
     if not found:
         return f"Nothing beyond noise is left in {_listed(compared, ' and ')}."
     names = [finding.effect.replace("_", " ") for finding in found]
-    return f"{_listed(names, ' and ').capitalize()} accounts for what the simulation leaves."
+    return f"What the simulation leaves is put down to {_listed(names, ' and ')}."
 
 
 def _listed(names: Sequence[str], last: str = " or ") -> str:

@@ -21,7 +21,7 @@ Floats = NDArray[np.floating]
 REPEATS = 400
 DATES, MARGIN = 48, 0.06  # of steps that are tried, and how near to the ends
 HATS, HEADING_HATS, FEWEST_IN_HAT = 8, 24, 5
-SHARE_OF_FREEDOM = 3  # an omnibus group has no more columns than this part of the samples
+SHARE_OF_FREEDOM = 3  # an omnibus group has no more columns than this part of the independent samples
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ def omnibus(now: Fitted) -> list[Group]:
     Args:
         now: a hypothesis.
     """
-    found, most = now.channel.covariates, len(now.channel) // SHARE_OF_FREEDOM
+    found, most = now.channel.covariates, int(fitting.effective(now)) // SHARE_OF_FREEDOM
     heading, groups = found.get("heading"), []
     if heading is not None:
         groups = [Group("heading", _periodic(heading, range(3, 7)), None, ("heading",))]

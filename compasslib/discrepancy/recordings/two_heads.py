@@ -111,7 +111,10 @@ def judge(a: Motion, b: Motion, *, farthest_s: float, field: Mapping[str, float]
             "up to a day makes them: the heads do not stand on one frame, or did not measure together"
         )
         return verdict.insufficient(why, UNTESTED)
-    named = search.search(_channel(aligned, a, field), alarm=options.alarm, min_effect_deg=options.min_effect_deg)
+    channel = _channel(aligned, a, field)
+    named = search.search(channel, alarm=options.alarm, min_effect_deg=options.min_effect_deg)
+    rigid = replace(channel, steps=channel.steps * (np.arange(5) == 0))
+    named = replace(named, before=fitting.fit(rigid, ()))
     beside = [*_of_clock(aligned, options.min_effect_deg), *_of_iron(named, options.min_effect_deg)]
     clock = () if aligned.clock.found else (("clock_offset", "headings and tilts hardly change together"),)
     return report.diagnosis(
@@ -163,7 +166,7 @@ def _channel(aligned: Aligned, a: Motion, field: Mapping[str, float] | None) -> 
 
     scene = moving(scene, turned)
     return Channel(
-        what="b's heading against a's, rigidly turned",
+        what="the heading of b against that of a, rigidly turned",
         residual=curve.Compass(correct[some], recorded, scene),
         start=np.zeros(5),
         steps=curve.STEPS,
@@ -198,7 +201,7 @@ def _of_clock(aligned: Aligned, min_effect_deg: float) -> list[Finding]:
         place = Where("turn_rate", low, high, telling.place("turn_rate", low, high, True))
         text = telling.finding(
             effect, alone, where=place.text, parameters={name: (value, sigma, unit)}, size_deg=size, proof=proof,
-            what="b's clock against a's",
+            what="the clock of b against that of a",
         )  # fmt: skip
         span = (float(pairs.time_s[0]), float(pairs.time_s[-1]))
         parameters = {name: Parameter(value, sigma, unit)}
