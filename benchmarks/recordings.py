@@ -2,8 +2,8 @@
 
     PYTHONPATH=. python benchmarks/recordings.py [RECORDINGS] [--kind platform|magnetometer|two_heads] [--first SEED]
 
-Nulls and recordings with one known effect are drawn anew: headings, noise, iron, place in the record. A null that gets a
-name or is called unexplained is a false alarm; at most 1 % is the target. A set is right where it holds the truth.
+Nulls and recordings with one known effect are drawn anew: headings, noise, iron, place in the record. A null that gets
+a name or is called unexplained is a false alarm; at most 1 % is the target. A set is right where it holds the truth.
 """
 
 from __future__ import annotations

@@ -166,17 +166,18 @@ def covariance(fitted: Fitted) -> Floats:
     return plain * np.outer(share, share)
 
 
-def orthonormal(columns: Floats) -> Floats:
+def orthonormal(columns: Floats, least: float = 1e-5) -> Floats:
     """Return an orthonormal basis of columns, those that hardly add anything left out, (n, k).
 
     Args:
         columns: (n, k).
+        least: size of a direction, over the largest, below which it is left out.
     """
     scale = np.linalg.norm(columns, axis=0)
     if not np.any(scale > 0.0):
         return np.zeros((len(columns), 0))
     left, size, _ = np.linalg.svd(columns[:, scale > 0] / scale[scale > 0], full_matrices=False)
-    return left[:, size > 1e-5 * size[0]]
+    return left[:, size > least * size[0]]
 
 
 def effect_deg(fitted: Fitted, k: int, noise_square: float = 0.0) -> float:

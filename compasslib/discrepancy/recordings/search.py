@@ -184,7 +184,7 @@ def _left(now: Fitted, alarm: float) -> tuple[tuple[Tested, float], ...]:
 
 
 def _size(now: Fitted, one: Tested) -> float:
-    seen = fitting.orthonormal(now.projected(one.group.columns))
+    seen = testing.directions(one.group, fitting.orthonormal(now.columns))
     pull, n = seen.T @ now.clipped, len(now.channel)
     noise = one.inflation * seen.shape[1] * now.square / n
     return float(np.sqrt(max(float(pull @ pull) - noise, 0.0) / n))

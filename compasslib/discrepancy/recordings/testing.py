@@ -21,6 +21,7 @@ Floats = NDArray[np.floating]
 REPEATS = 400
 DATES, MARGIN = 48, 0.06  # of steps that are tried, and how near to the ends
 HATS, HEADING_HATS, FEWEST_IN_HAT = 8, 24, 5
+FAINT = 0.2  # of the largest direction of a group of splines
 SHARE_OF_FREEDOM = 3  # an omnibus group has no more columns than this part of the independent samples
 
 
@@ -116,7 +117,7 @@ def test(now: Fitted, noise: Fitted, groups: Sequence[Group], seed: int = 0) -> 
         seed: of the draws.
     """
     base = fitting.orthonormal(now.columns)
-    bases = [fitting.orthonormal(_without(group.columns, base)) for group in groups]
+    bases = [directions(group, base) for group in groups]
     kept = [k for k, basis in enumerate(bases) if basis.shape[1] and _lives(groups[k].columns, bases[k], base)]
     if not kept:
         return []
@@ -130,6 +131,18 @@ def test(now: Fitted, noise: Fitted, groups: Sequence[Group], seed: int = 0) -> 
     score, scores = normal_score(seen / inflation, freedom), normal_score(null / inflation, freedom)
     names = list(dict.fromkeys(group.name for group in groups))
     return [_tested(name, groups, score, scores, seen, inflation) for name in names]
+
+
+def directions(group: Group, base: Floats) -> Floats:
+    """Return an orthonormal basis of what the base leaves of a group, (n, k).
+
+    Of splines, what the base nearly is leaves faint directions that are no splines any more: they are left out.
+
+    Args:
+        group: columns.
+        base: orthonormal, (n, b).
+    """
+    return fitting.orthonormal(_without(group.columns, base), FAINT if group.term is None else 1e-5)
 
 
 def _tested(
