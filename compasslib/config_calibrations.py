@@ -179,6 +179,7 @@ class MagnetometerColumns(Section):
     roll_deg: Text | None = _header("degrees")
     heading_deg: Text | None = _header("degrees, magnetic")
     time_utc: Text | None = _header("UTC")
+    temperature_c: Text | None = _header("degrees Celsius")
 
 
 class Magnetometer(CalibrationFile):

@@ -9,6 +9,7 @@ from typing import Any
 from compasslib import calibration, config_calibrations, provenance
 from compasslib.calibration import KINDS
 from compasslib.config import CALIBRATIONS, Cruise
+from compasslib.discrepancy import recordings
 from compasslib.stages import refuse
 
 HOUSE = "compasslib"
@@ -23,7 +24,9 @@ class Calibrations:
 
     def wanted(self) -> list[str]:
         """Return all files that the calibrations of the cruise are to have."""
-        return [file for name in self.cruise.calibrations for file in (self.content(name), *self._drawn(name))]
+        names = self.cruise.calibrations
+        made = [file for name in names for file in (self.content(name), *self._drawn(name))]
+        return made + [file for name in names if self._diagnosed(name) for file in self._diagnosis(name)]
 
     def content(self, name: str) -> str:
         """Return a calibration's calibration.json."""
@@ -51,6 +54,19 @@ class Calibrations:
         own = f"{HOUSE}/calibration/{KINDS[self.kind(wildcards)].module}.py"
         return provenance.sources(self.scripts / "calibrate.py", own)
 
+    def diagnosis_modules(self, wildcards: Any) -> list[str]:
+        """Return the library files behind the diagnosis of one calibration, its own kind's only."""
+        own = f"{recordings.KINDS[self.kind(wildcards)].replace('.', '/')}.py"
+        return provenance.sources(self.scripts / "diagnose_calibration.py", own)
+
+    def diagnosis_figure_modules(self) -> list[str]:
+        """Return the library files behind the figure of a diagnosis."""
+        return provenance.sources(self.scripts / "diagnosis_figure.py")
+
+    def diagnose(self) -> dict[str, Any]:
+        """Return what was chosen about diagnoses."""
+        return dict(self.cruise.options.diagnose.model_dump())
+
     def figures(self, kind: str) -> list[str]:
         """Return the figures of one kind."""
         return calibration.figures(kind)
@@ -63,6 +79,13 @@ class Calibrations:
     def of_kind(self, kind: str) -> list[str]:
         """Return the calibrations of one kind."""
         return [name for name, file in self.cruise.calibrations.items() if file.kind == kind]
+
+    def _diagnosed(self, name: str) -> bool:
+        return self.cruise.calibrations[name].kind in recordings.KINDS
+
+    def _diagnosis(self, name: str) -> list[str]:
+        there = f"results/calibrations/{name}"
+        return [f"{there}/diagnosis.json", f"{there}/figures/diagnosis.png"]
 
     def _drawn(self, name: str) -> list[str]:
         figures = self.figures(self.cruise.calibrations[name].kind)

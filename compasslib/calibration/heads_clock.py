@@ -21,6 +21,9 @@ Floats = NDArray[np.floating]
 Complexes = NDArray[np.complexfloating]
 
 LEAST_CORRELATION = 0.3  # of rates that move together; 5 / sqrt(n) for short records
+# Fisher's z by which the tilts must agree better at a lag of their own, in its errors; samples that count once in it;
+# and a correlation above which more says nothing.
+CLEARER_SIGMAS, MEMORY, ALIKE = 5.0, 20.0, 0.999
 STRETCHES = 30
 RESOLUTION_S = 0.01 / np.sqrt(12.0)  # a PD0 clock counts hundredths
 FLOOR_S = 1e-4  # no clock is known better, whatever two equal files seem to say
@@ -86,8 +89,8 @@ def find(a: Motion, b: Motion, farthest_s: float) -> Clock:
         b: motion of the other by its own.
         farthest_s: greatest offset that is sought.
     """
-    lag, correlation = _lattice_peak(a, b, farthest_s)
     least = max(LEAST_CORRELATION, 5.0 / np.sqrt(min(len(a.time_s), len(b.time_s))))
+    lag, correlation = _lattice_peak(a, b, farthest_s)
     middle = float(b.time_s[0] + b.time_s[-1]) / 2.0
     seen: dict[str, Any] = {"tilt_correlation": correlation["tilts"], "heading_correlation": correlation["headings"]}
     use = {name: signal for name, signal in _signals(a, b).items() if correlation[name] >= least}
@@ -148,7 +151,10 @@ def _signals(a: Motion, b: Motion) -> dict[str, _Signal]:
 
 
 def _lattice_peak(a: Motion, b: Motion, farthest_s: float) -> tuple[float, dict[str, float]]:
-    """Return the lag at which the rates of tilts and headings correlate best, and both correlations there."""
+    """Return the lag at which the rates of tilts and headings correlate best, and both correlations there.
+
+    Where the tilts by themselves agree clearly better at another lag, theirs holds: a compass that lags has no say.
+    """
     lattice = min(step(a.time_s), step(b.time_s))
     begin = min(a.time_s[0], b.time_s[0])
     end = max(a.time_s[-1], b.time_s[-1])
@@ -160,6 +166,10 @@ def _lattice_peak(a: Motion, b: Motion, farthest_s: float) -> tuple[float, dict[
     lags = lattice * np.where(place > len(grid) // 2, place - len(grid), place)
     reachable = np.abs(lags) <= max(farthest_s, lattice / 2.0)
     best = int(np.argmax(np.where(reachable, squares, -1.0)))
+    own = int(np.argmax(np.where(reachable, peaks[0], -1.0)))
+    clearer = np.arctanh(min(peaks[0][own], ALIKE)) - np.arctanh(min(peaks[0][best], ALIKE))
+    if abs(lags[own] - lags[best]) > 1.5 * lattice and clearer > CLEARER_SIGMAS * np.sqrt(MEMORY / len(b.time_s)):
+        best = own
     return float(lags[best]), {"tilts": float(peaks[0][best]), "headings": float(peaks[1][best])}
 
 

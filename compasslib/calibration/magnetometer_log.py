@@ -18,14 +18,18 @@ Floats = NDArray[np.floating]
 
 ROLES = {"x": "x", "y": "y", "z": "z", "pitch": "pitch_deg", "roll": "roll_deg", "heading": "heading_deg"}
 TIME = "time_utc"
+TEMPERATURE = "temperature_c"
+COLUMNS = ("pitch_deg", "roll_deg", "heading_deg", "time_s", "temperature_c")
 ABSENT = "name it under columns in the calibration's file"
 FEWEST, FEWEST_DISTINCT = 50, 20
 # Modulus of an accelerometer's columns: g, m/s^2, counts of a 16-bit sensor of 2 g. Direction cosines have 1 too.
 GRAVITIES = {1.0: "1", 9.80665: "9.81", 16384.0: "16384"}
 SPIKE = 3.0  # half ranges
+UNIT = 2e-3  # rounding of a direction cosine
 GRAVITY_SHARE, LIKE_TILT = 0.02, 0.95
 MOST_SCATTER_DEG, ALIKE_DEG, BETTER = 40.0, 2.0, 0.9
 LEAST_TURN = 0.9  # mean resultant length above which logged headings say nothing on the axes
+COSINES = "The axes are direction cosines: the field's strength, which would show iron, is gone."
 NAMES = ("forward", "starboard", "down")
 OPPOSITES = ("aft", "port", "up")
 
@@ -42,6 +46,8 @@ class Log:
     time_s: Floats | None
     left_out: int
     warnings: tuple[str, ...] = ()
+    temperature_c: Floats | None = None
+    axis_by_axis: bool = False  # each tilt levels its own axis only, as the logger's own rule has it
 
     @property
     def tilted(self) -> bool:
@@ -56,9 +62,7 @@ class Log:
             warnings: added to those of the log.
         """
         columns: dict[str, Any] = {
-            name: None if column is None else column[index]
-            for name in ("pitch_deg", "roll_deg", "heading_deg", "time_s")
-            for column in [getattr(self, name)]
+            name: None if column is None else column[index] for name in COLUMNS for column in [getattr(self, name)]
         }
         left_out = self.left_out + int((~index).sum())
         return replace(self, raw=self.raw[index], left_out=left_out, warnings=(*self.warnings, *warnings), **columns)
@@ -67,7 +71,11 @@ class Log:
         """Return the matrices that turn the body frame level, (n, 3, 3); the identity without tilts."""
         if self.pitch_deg is None or self.roll_deg is None:
             return np.broadcast_to(np.eye(3), (len(self.raw), 3, 3))
-        return compass.levelling(self.pitch_deg, self.roll_deg)
+        level = compass.levelling(self.pitch_deg, self.roll_deg)
+        if self.axis_by_axis:
+            sine, cosine = angles.sin_cos(self.pitch_deg)
+            level[:, 0] = np.column_stack([cosine, np.zeros_like(sine), sine])
+        return level
 
 
 @dataclass(frozen=True)
@@ -81,24 +89,33 @@ class Axes:
 
 
 def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Log:
-    """Return the log in one or several CSV files.
+    """Return the log in one or several files.
 
     Args:
         files: in the order of time.
-        settings: ``columns`` (role -> header) and ``withhold`` (roles or headers that must not be seen).
+        settings: ``format`` (csv, mmp_acm), ``columns`` (role -> header) and ``withhold`` (roles or headers that must
+            not be seen).
 
     Raises:
         InputError: x or y is absent or withheld, or a cell is not a number.
     """
     paths = [Path(file) for file in files]
+    if settings.get("format") == "mmp_acm":
+        from compasslib.calibration import magnetometer_acm  # only where such a file is read
+
+        return magnetometer_acm.read(paths, set(settings.get("withhold") or ()))
     wanted = _wanted(paths, settings.get("columns") or {}, set(settings.get("withhold") or ()))
     tables = [
         table.columns_of(path, wanted, advice="name it under columns in the calibration's file") for path in paths
     ]
     columns = {role: np.concatenate([t[role] for t in tables]) for role in wanted}
-    empty = [role for role, v in columns.items() if role not in ("x", "y", "time") and not np.isfinite(v).any()]
+    empty = [
+        role
+        for role, v in columns.items()
+        if role not in ("x", "y", "time", "temperature") and not np.isfinite(v).any()
+    ]
     columns = {role: values for role, values in columns.items() if role not in empty}
-    good = np.all([np.isfinite(columns[role]) for role in columns if role != "time"], axis=0)
+    good = np.all([np.isfinite(columns[role]) for role in columns if role not in ("time", "temperature")], axis=0)
     columns = {role: values[good] for role, values in columns.items()}
     warnings = [f"{int((~good).sum())} of {good.size} rows lack a number and are left out."] if not good.all() else []
     z = columns.get("z")
@@ -117,7 +134,7 @@ def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Log:
         pitch = roll = None
     raw = np.column_stack([columns["x"], columns["y"], np.zeros(len(columns["x"])) if z is None else z])
     rest = columns.get("heading"), columns.get("time"), int((~good).sum()), tuple(warnings)
-    log = Log(raw, z is not None, pitch, roll, *rest)
+    log = Log(raw, z is not None, pitch, roll, *rest, temperature_c=columns.get("temperature"))
     spike = _spikes(raw)
     return log.take(~spike, f"{spike.sum()} of {spike.size} readings are spikes and left out.") if spike.any() else log
 
@@ -135,7 +152,7 @@ def _wanted(paths: Sequence[Path], names: Mapping[str, str], withhold: set[str])
     """Return role -> header of the columns that are there, x and y in any case."""
     there = set.intersection(*(set(table.header_of(path)) for path in paths))
     found = {}
-    for role, usual in {**ROLES, "time": TIME}.items():
+    for role, usual in {**ROLES, "time": TIME, "temperature": TEMPERATURE}.items():
         named = names.get(role, names.get(usual))
         header = usual if named is None else named
         if {role, usual, header} & withhold:
@@ -146,6 +163,16 @@ def _wanted(paths: Sequence[Path], names: Mapping[str, str], withhold: set[str])
         elif named not in (None, usual) or header in there or role in ("x", "y"):
             found[role] = header
     return found
+
+
+def cosines(log: Log) -> bool:
+    """Tell whether the readings are direction cosines: of one modulus, 1, whichever way they point.
+
+    Args:
+        log: as read.
+    """
+    length = np.linalg.norm(log.raw, axis=1)
+    return log.has_z and bool(np.all(np.abs(length - 1.0) < UNIT))
 
 
 def refusal(log: Log) -> str:
@@ -172,6 +199,8 @@ def _gravity(log: Log) -> str:
     mean = float(length.mean())
     if not log.has_z or mean == 0.0:
         return ""
+    if log.axis_by_axis and cosines(log):
+        return COSINES
     constant = float(length.std()) < GRAVITY_SHARE * mean
     for value, text in GRAVITIES.items():
         if constant and abs(mean - value) < GRAVITY_SHARE * value:
@@ -216,7 +245,7 @@ def axes(log: Log) -> tuple[Axes, list[str]]:
         return assumed, ["No heading is logged: x is taken as forward, y as starboard, z as down."]
     if float(angles.resultant_length(log.heading_deg)) > LEAST_TURN:
         return assumed, ["The logged heading hardly turns: x is taken as forward, y as starboard, z as down."]
-    best, scatter, off = _best_axes(log)
+    best, scatter, off = best_axes(log)
     if scatter > MOST_SCATTER_DEG:
         return assumed, [f"The logged heading does not follow the axes (scatter {scatter:.0f}°). {_text(np.eye(3))}."]
     text = _text(best) + " (from the logged heading)"
@@ -227,7 +256,7 @@ def axes(log: Log) -> tuple[Axes, list[str]]:
     return Axes(about_down(off) @ best, text, off, sigma), []
 
 
-def _best_axes(log: Log) -> tuple[Floats, float, float]:
+def best_axes(log: Log) -> tuple[Floats, float, float]:
     """Return the signed permutation, the scatter and the mean of logged minus its heading, degrees."""
     levelling, logged = log.levelling(), np.asarray(log.heading_deg)
     best: Floats = np.eye(3)

@@ -52,7 +52,7 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
             found=f"{len(files)}",
             advice="write file: [a.000, b.000]",
         )
-    a, b = (_record(path, settings, k) for k, path in enumerate(files))
+    a, b = (record(path, settings, k) for k, path in enumerate(files))
     return compare(a, b, settings)
 
 
@@ -64,24 +64,32 @@ def compare(a: Record, b: Record, settings: Mapping[str, Any]) -> Calibration:
         b: record of the other.
         settings: as for ``calibrate``.
     """
-    farthest = float(_given(settings, "max_clock_seconds", FARTHEST_CLOCK_S))
+    farthest = float(given(settings, "max_clock_seconds", FARTHEST_CLOCK_S))
     start, end = settings.get("start_s"), settings.get("end_s")
     first = motion(a, start, end)
     second = motion(b, None if start is None else start - farthest, None if end is None else end + farthest)
     said = a.warnings + b.warnings
-    if min(len(first.time_s), len(second.time_s)) < FEWEST or not _overlap(first, second, farthest):
+    if min(len(first.time_s), len(second.time_s)) < FEWEST or not overlap(first, second, farthest):
         n = min(len(first.time_s), len(second.time_s))
         return _nothing(0, f"the two heads share no time with {FEWEST} usable samples of each ({n} usable)", said)
     fixed = settings.get("clock_offset_seconds")
-    clock = heads_clock.find(first, second, farthest) if fixed is None else _told_clock(second, float(fixed))
-    compared = _together(first, second, clock)
+    clock = heads_clock.find(first, second, farthest) if fixed is None else told_clock(second, float(fixed))
+    compared = together(first, second, clock)
     if len(compared) < FEWEST:
         why = f"{len(compared)} samples of both heads at the same time, at least {FEWEST} are needed"
         return _nothing(len(compared), why, said + clock.warnings)
     return _assembled(compared, clock, said)
 
 
-def _record(path: str | Path, settings: Mapping[str, Any], which: int) -> Record:
+def record(path: str | Path, settings: Mapping[str, Any], which: int) -> Record:
+    """Return the record of one head.
+
+    Args:
+        path: its PD0 file.
+        settings: as for ``calibrate``.
+        which: 0 for a, 1 for b.
+    """
+
     def of(key: str) -> Any:
         value = settings.get(key)
         return value[which] if isinstance(value, list | tuple) else value
@@ -94,21 +102,25 @@ def _record(path: str | Path, settings: Mapping[str, Any], which: int) -> Record
     )
 
 
-def _given(settings: Mapping[str, Any], key: str, default: float) -> Any:
+def given(settings: Mapping[str, Any], key: str, default: float) -> Any:
+    """Return a key of the settings, the default where it is absent or null."""
     value = settings.get(key)
     return default if value is None else value
 
 
-def _overlap(a: Motion, b: Motion, farthest: float) -> bool:
+def overlap(a: Motion, b: Motion, farthest: float) -> bool:
+    """Tell whether two heads measured at the same time, their clocks at most so far apart, seconds."""
     return bool(max(a.time_s[0], b.time_s[0] - farthest) < min(a.time_s[-1], b.time_s[-1] + farthest))
 
 
-def _told_clock(b: Motion, offset_s: float) -> Clock:
+def told_clock(b: Motion, offset_s: float) -> Clock:
+    """Return a clock of b that is known to be off by so many seconds."""
     middle = float(b.time_s[0] + b.time_s[-1]) / 2.0
     return Clock(offset_s=offset_s, sigma_s=heads_clock.RESOLUTION_S, middle_s=middle)
 
 
-def _together(a: Motion, b: Motion, clock: Clock) -> Compared:
+def together(a: Motion, b: Motion, clock: Clock) -> Compared:
+    """Return both heads at b's instants, a's read at the same time by the clocks."""
     at = clock.by_a(b.time_s)
     heading, lean, rate = a.heading.at(at), a.leaning.at(at), a.heading.at(at, 1)
     known = np.isfinite(heading) & np.isfinite(lean)
@@ -156,7 +168,7 @@ def _fitted(pairs: Compared, clock: Clock, frame: Frame) -> tuple[float, Floats,
     offset = float(angles.mean(angles.difference(pairs.recorded_b, pairs.recorded_a)))
     sigma = heads_clock.heading_error_deg(clock, pairs.rate_deg_s)
     for _ in range(3):
-        difference = angles.difference(_turned(pairs, offset, frame), pairs.recorded_b)
+        difference = angles.difference(turned(pairs, offset, frame), pairs.recorded_b)
         series = heads_series.fit(pairs.time_s, pairs.recorded_b, difference, sigma)
         if abs(series.coefficients[0]) < 1e-4:
             break
@@ -164,7 +176,14 @@ def _fitted(pairs: Compared, clock: Clock, frame: Frame) -> tuple[float, Floats,
     return offset, difference, series
 
 
-def _turned(pairs: Compared, offset_deg: float, frame: Frame) -> Floats:
+def turned(pairs: Compared, offset_deg: float, frame: Frame) -> Floats:
+    """Return the heading that b must have by a's, rigidly turned, (n,) degrees.
+
+    Args:
+        pairs: both heads.
+        offset_deg: of b's forward axis clockwise from a's.
+        frame: by the tilts.
+    """
     if frame.verdict in ("mirrored", "not rigid"):
         return angles.wrap360(pairs.recorded_a + offset_deg)
     rotation = heads_frame.upright(offset_deg, pairs.lean_a, pairs.lean_b)

@@ -184,6 +184,7 @@ def _averaged(time_s: Floats, off: Floats, step_s: float) -> tuple[Floats, Float
 
 def _told(one: Finding, series: FieldSeries, model: EarthField, jump: tuple[float, float] | None) -> Finding:
     """Return a finding of the search in the words of an observatory, with what it could also be."""
+    assert one.when_s is not None  # an observatory has a clock
     if jump is not None:
         sigma = next(iter(one.parameters.values())).sigma
         size = {"offset_deg": Parameter(-jump[1], sigma, "degrees")}
@@ -202,6 +203,7 @@ def _told(one: Finding, series: FieldSeries, model: EarthField, jump: tuple[floa
 
 def _dated(held: Held, one: Finding) -> tuple[float, float]:
     """Return the date of a jump among the means around where the search has it, and by how much the series rises."""
+    assert one.when_s is not None  # an observatory has a clock
     near = np.abs(held.time_s - one.when_s[0]) <= NEAR_S
     time_s, off = held.time_s[near], (held.residual_deg - held.quiet_deg)[near]
     size = -next(iter(one.parameters.values())).value

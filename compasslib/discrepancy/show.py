@@ -54,6 +54,7 @@ class Curve:
     before_deg: Floats  # (b,)
     after_deg: Floats
     sigma_deg: Floats
+    compared: str = ""  # what was, where a recording holds more than one comparison
 
 
 def held_out(state: State, which: Sequence[int]) -> HeldOut:

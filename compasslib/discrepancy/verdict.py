@@ -50,7 +50,7 @@ class Finding:
     side: str
     alternatives: tuple[str, ...]
     where: Where
-    when_s: tuple[float, float]
+    when_s: tuple[float, float] | None  # None where the recording has no clock
     parameters: Mapping[str, Parameter]
     rms_effect_deg: float
     held_out: HeldOut
@@ -79,7 +79,7 @@ class Unexplained:
 
     covariates: tuple[str, ...]
     where: Where
-    when_s: tuple[float, float]
+    when_s: tuple[float, float] | None
     rms_effect_deg: float
     curves: tuple[Curve, ...]
     text: str
@@ -97,6 +97,16 @@ class Unexplained:
 
 
 @dataclass(frozen=True)
+class Ranked:
+    """One effect of the catalogue, tried alone: how well it does, whatever was chosen in the end."""
+
+    effect: str
+    score: float  # twice the log likelihood gained, less the charge for parameters and date
+    rms_effect_deg: float
+    p_value: float
+
+
+@dataclass(frozen=True)
 class Diagnosis:
     """The result of holding one recording against its simulation."""
 
@@ -111,6 +121,7 @@ class Diagnosis:
     applied: Applied | None = None  # the compass that corrects the record, where a finding on its side stands
     fit: Fit | None = None  # the exact compass that the search stood on, where it may correct the record
     detectable_deg: Mapping[str, float] = field(default_factory=dict)  # visible size that each effect needs to be named
+    hypotheses: tuple[Ranked, ...] = ()  # the best first
     threshold: Mapping[str, float] = field(default_factory=dict)  # scores that noise alone hardly exceeds
 
     def to_json(self) -> dict[str, Any]:
@@ -127,6 +138,7 @@ class Diagnosis:
             "applied": None if self.applied is None else self.applied.to_json(),
             "fit": None if self.fit is None else self.fit.to_json(),
             "detectable_deg": dict(self.detectable_deg),
+            "hypotheses": [vars(one) for one in self.hypotheses],
             "threshold": dict(self.threshold),
         }
 
@@ -141,12 +153,14 @@ def insufficient(why: str, not_testable: tuple[tuple[str, str], ...] = ()) -> Di
     return Diagnosis("insufficient", why=why, not_testable=not_testable)
 
 
-def when(span_s: tuple[float, float]) -> dict[str, str]:
-    """Return a span of time as the JSON writes it.
+def when(span_s: tuple[float, float] | None) -> dict[str, str] | None:
+    """Return a span of time as the JSON writes it, null for a recording without a clock.
 
     Args:
         span_s: first and last instant, UTC seconds since 1970.
     """
+    if span_s is None:
+        return None
     return {"from": stamp(span_s[0]), "to": stamp(span_s[1])}
 
 
@@ -166,4 +180,5 @@ def curve_json(curve: Curve) -> dict[str, Any]:
         curve: the residual along one covariate.
     """
     columns = ("centre", "before_deg", "after_deg", "sigma_deg")
-    return {"covariate": curve.covariate} | {name: getattr(curve, name).tolist() for name in columns}
+    said = {"covariate": curve.covariate} | ({"compared": curve.compared} if curve.compared else {})
+    return said | {name: getattr(curve, name).tolist() for name in columns}

@@ -24,7 +24,42 @@ rule calibrate:
         "../scripts/calibrate.py"
 
 
-# results/calibrations/NAME/diagnosis.json belongs here: a rule that holds the recording against the simulation.
+rule diagnose_calibration:
+    """Raw readings -> what they show that the simulation does not hold."""
+    input:
+        raw=CALIBRATIONS.raw_files,
+        modules=CALIBRATIONS.diagnosis_modules,
+    output:
+        "results/calibrations/{calibration}/diagnosis.json",
+    params:
+        kind=CALIBRATIONS.kind,
+        settings=CALIBRATIONS.settings,
+        options=CALIBRATIONS.diagnose(),
+    conda:
+        "../envs/compasslib.yaml"
+    log:
+        "results/calibrations/{calibration}/logs/diagnose.log",
+    benchmark:
+        "results/calibrations/{calibration}/benchmarks/diagnose.tsv"
+    script:
+        "../scripts/diagnose_calibration.py"
+
+
+rule diagnosis_figure:
+    """What was found -> where the mismatch lives, before and after, and the ranked hypotheses."""
+    input:
+        diagnosis="results/calibrations/{calibration}/diagnosis.json",
+        modules=CALIBRATIONS.diagnosis_figure_modules(),
+    output:
+        "results/calibrations/{calibration}/figures/diagnosis.png",
+    conda:
+        "../envs/compasslib.yaml"
+    log:
+        "results/calibrations/{calibration}/logs/diagnosis_figure.log",
+    benchmark:
+        "results/calibrations/{calibration}/benchmarks/diagnosis_figure.tsv"
+    script:
+        "../scripts/diagnosis_figure.py"
 
 
 for KIND in KINDS:

@@ -1,0 +1,90 @@
+"""Whether a bench's deviation is too large for the five-term series: against the exact compass, which has five too."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib import angles, compass
+from compasslib.calibration import exact_curve, series
+from compasslib.calibration.series import SMITH, Points
+from compasslib.deviation import von_appen
+from compasslib.discrepancy import show
+from compasslib.discrepancy.recordings import telling
+from compasslib.discrepancy.verdict import Finding, Parameter, Where
+
+Floats = NDArray[np.floating]
+
+REPEATS = 400
+CLEARLY = 6.0  # twice the log likelihood by which the series must be better to stand for the compass
+
+
+def findings(seen: Points, min_effect_deg: float, alarm: float) -> list[Finding]:
+    """Return the finding that the exact compass fits where the series does not, or none.
+
+    The likelihood ratio is held against benches drawn from the series itself.
+
+    Args:
+        seen: the readings.
+        min_effect_deg: size below which the difference does not matter, rms.
+        alarm: probability of a name where the series holds.
+    """
+    left = _residuals(seen)
+    if left is None:
+        return []
+    size = angles.rms(left[0] - left[1])
+    if size < min_effect_deg or _probability(seen, _ratio(seen, left)) > alarm:
+        return []
+    block = np.arange(len(seen))
+    scale = max(angles.rms(left[1]), 1e-3)
+    gains = np.minimum(left[0] ** 2, (10.0 * scale) ** 2) - np.minimum(left[1] ** 2, (10.0 * scale) ** 2)
+    proof = show.judged(gains / (2.0 * scale**2), block, (angles.rms(left[0]), angles.rms(left[1])))
+    place = Where("heading", 0.0, 360.0, "along the recorded heading, all round")
+    share = {"share": Parameter(1.0, 0.0, "of the exact compass")}
+    text = telling.finding(
+        "large_deviation", (), where=place.text, parameters={}, size_deg=size, proof=proof, what="the five-term series"
+    )
+    return [Finding("large_deviation", "compass", (), place, None, share, size, proof, text)]
+
+
+def series_fits_better(seen: Points) -> bool:
+    """Tell whether the series stands for the compass better than the exact one does.
+
+    Args:
+        seen: the readings.
+    """
+    left = _residuals(seen)
+    return left is None or _ratio(seen, left) < -CLEARLY
+
+
+def _residuals(seen: Points) -> tuple[Floats, Floats] | None:
+    """Return what the best series and the best exact compass leave of the correct heading, (n,) each."""
+    solved, five = exact_curve.solve(seen), SMITH.solve(seen)
+    if solved is None or five is None:
+        return None
+    by_series = angles.wrap180(seen.deviation_deg - von_appen.design(seen.recorded_deg) @ five.coefficients)
+    roots = compass.inverse(solved.coefficients, seen.recorded_deg)
+    off = angles.difference((seen.recorded_deg + seen.deviation_deg)[:, None], roots)
+    nearest = np.argmin(np.where(np.isfinite(off), np.abs(off), np.inf), axis=1)
+    by_exact = off[np.arange(len(off)), nearest]
+    slope = -1.0 / exact_curve.steepness(solved.coefficients, seen)
+    return by_series, np.where(np.isfinite(by_exact), by_exact, slope * solved.residual_deg)
+
+
+def _ratio(seen: Points, left: tuple[Floats, Floats]) -> float:
+    return len(seen) * float(np.log(np.sum(left[0] ** 2) / max(float(np.sum(left[1] ** 2)), 1e-12)))
+
+
+def _probability(seen: Points, ratio: float) -> float:
+    """Return how often a bench that the series holds gives as large a ratio."""
+    solution, rng = SMITH.solve(seen), np.random.default_rng(7)
+    if solution is None:
+        return 1.0
+    scatter = float(np.sqrt(np.sum(solution.residual_deg**2) / (len(seen) - 5)))
+    drawn = 0
+    for _ in range(REPEATS):
+        deviation = von_appen.design(seen.recorded_deg) @ solution.coefficients
+        again = series.Points(seen.recorded_deg, deviation + rng.normal(0.0, scatter, len(seen)), seen.weight)
+        left = _residuals(again)
+        drawn += left is not None and _ratio(again, left) >= ratio
+    return (drawn + 1) / (REPEATS + 1)

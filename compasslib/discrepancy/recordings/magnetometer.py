@@ -1,0 +1,210 @@
+"""A magnetometer's log against an iron-free, level compass.
+
+Two comparisons. The logged heading against that of the axes as they stand shows what lies between them: levelling, iron
+taken off, a lag, a turned mount. The modulus of the axes against a constant shows iron, whatever heading was logged;
+its relative change times a radian is what iron does to a heading.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib import angles
+from compasslib.calibration import magnetometer_choice, magnetometer_log
+from compasslib.calibration.magnetometer_choice import Choice
+from compasslib.calibration.magnetometer_log import Log
+from compasslib.discrepancy import verdict
+from compasslib.discrepancy.diagnosis import Options
+from compasslib.discrepancy.recordings import magnetometer_forward as forward
+from compasslib.discrepancy.recordings import report, search
+from compasslib.discrepancy.recordings.channel import Channel
+from compasslib.discrepancy.recordings.terms import (
+    Delay,
+    Drift,
+    IronDrift,
+    LevelIron,
+    Levelled,
+    LevelSoftIron,
+    MountingOffset,
+    SoftIronInSpace,
+)
+from compasslib.discrepancy.verdict import Diagnosis
+from compasslib.physics.hard_iron import HardIron
+from compasslib.physics.hard_iron_step import HardIronStep
+from compasslib.physics.heading_slip import HeadingSlip
+from compasslib.physics.heeling import Heeling
+from compasslib.physics.octantal import Octantal
+from compasslib.physics.sextantal import Sextantal
+from compasslib.physics.temperature import TemperatureOfField, TemperatureOfReading
+from compasslib.physics.term import Term
+
+Floats = NDArray[np.floating]
+
+WORKING_NT = 20000.0  # strength that the readings are scaled to where the earth's field is unknown
+LEVEL_TILT_DEG = 15.0  # of a log without tilts that still counts as level
+FEWEST_TURN_DEG = 5.0  # headings that vary less hold nothing against anything
+NO_HEADING = "no heading was logged to hold that of the axes against"
+
+
+def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: Options) -> Diagnosis:
+    """Return what a magnetometer's log shows that an iron-free, level compass does not hold.
+
+    Args:
+        files: CSV files, or A files of a 3D-ACM.
+        settings: settled keys of the calibration's file.
+        options: what may be chosen.
+    """
+    return judge(magnetometer_log.read(files, settings), field=settings.get("field"), options=options)
+
+
+def judge(log: Log, *, field: Mapping[str, float] | None, options: Options) -> Diagnosis:
+    """Return the diagnosis of a log.
+
+    Args:
+        log: as read.
+        field: the earth's field there, None where the place is unknown.
+        options: what may be chosen.
+    """
+    if len(log.raw) < magnetometer_log.FEWEST:
+        return verdict.insufficient(magnetometer_log.refusal(log))
+    choice, why_not = _choice(log)
+    axes, no_heading = _axes(log, choice)
+    missing = [("hard_iron", why_not)] if why_not else []
+    missing += [("tilt_uncompensated", "no tilts were logged")] if not log.tilted else []
+    missing += [("temperature", "no temperature that varies was logged")] if not forward.warmed(log) else []
+    missing += [("compass_lag", no_heading)] if no_heading else []
+    if why_not and no_heading:
+        return verdict.insufficient(f"{why_not.rstrip('.')}, and {no_heading}", tuple(missing))
+    parts = []
+    if not why_not:
+        parts.append(_of_modulus(log, axes, choice, field))
+    if not no_heading:
+        parts.append(_of_heading(log, axes, field))
+    named = [search.search(part, alarm=options.alarm, min_effect_deg=options.min_effect_deg) for part in parts]
+    return report.diagnosis(named, min_effect_deg=options.min_effect_deg, not_testable=missing)
+
+
+def _choice(log: Log) -> tuple[Choice, str]:
+    """Return the ellipsoid that the readings carry, or why their modulus says nothing of iron."""
+    if magnetometer_log.cosines(log):
+        return Choice(), magnetometer_log.COSINES
+    if why := magnetometer_log.refusal(log):
+        return Choice(why=why), why
+    choice = magnetometer_choice.choose(log, log.raw)
+    return choice, "" if choice.fitted is not None else choice.why
+
+
+def _axes(log: Log, choice: Choice) -> tuple[Floats, str]:
+    """Return how the axes stand, by the logged heading, and why it says nothing where it does not follow them.
+
+    A heading may have been freed of strong iron: the axes without it are tried too.
+    """
+    if log.heading_deg is None:
+        return np.eye(3), NO_HEADING
+    if angles.rms(angles.difference(log.heading_deg, float(angles.mean(log.heading_deg)))) < FEWEST_TURN_DEG:
+        return np.eye(3), f"the logged heading varies by less than {FEWEST_TURN_DEG:.0f} degrees rms"
+    tries = [magnetometer_log.best_axes(log)]
+    if choice.fitted is not None:
+        centre = choice.scale * choice.fitted.iron()[0][:3]
+        tries.append(magnetometer_log.best_axes(replace(log, raw=log.raw - centre)))
+    matrix, scatter, _ = min(tries, key=lambda one: one[1])
+    if scatter > magnetometer_log.MOST_SCATTER_DEG:
+        return matrix, f"the logged heading does not follow the axes (scatter {scatter:.0f} degrees)"
+    return matrix, ""
+
+
+def _of_heading(log: Log, axes: Floats, field: Mapping[str, float] | None) -> Channel:
+    body = log.raw @ axes.T
+    working, unit = _working(body, float(np.median(np.hypot(body[:, 0], body[:, 1]))), log, field)
+    simulated = angles.argument(body[:, 0] - 1j * body[:, 1])
+    scene, covariates, some, clocked = forward.scene_of(log, simulated, body)
+    terms: tuple[type[Term], ...] = (MountingOffset, LevelIron, LevelSoftIron, Sextantal, Octantal, HeadingSlip, Drift)
+    if log.tilted:
+        terms = (Levelled, HardIron, *(term for term in terms if term is not LevelIron))
+    else:  # a tilt that was not logged takes any form along the heading
+        terms = (MountingOffset, LevelIron, HeadingSlip)
+    terms += (Delay,) if clocked else ()
+    terms += (TemperatureOfReading,) if forward.warmed(log) else ()
+    unseen = {} if log.tilted else {term.name: ("tilt_uncompensated",) for term in terms if term is not Delay}
+    assert log.heading_deg is not None
+    return Channel(
+        what="the logged heading against that of the axes",
+        residual=forward.OfHeading(working[some], log.heading_deg[some], scene),
+        start=np.zeros(0),
+        steps=np.zeros(0),
+        time_s=scene.time_s,
+        clocked=clocked,
+        terms=terms,
+        covariates=covariates,
+        confused={**unseen, "mounting_offset": ("declination_error", *unseen.get("mounting_offset", ()))},
+        field_unit=unit,
+    )
+
+
+def _of_modulus(log: Log, axes: Floats, choice: Choice, field: Mapping[str, float] | None) -> Channel:
+    assert choice.readings is not None and choice.fitted is not None
+    body = log.raw @ axes.T
+    far = magnetometer_choice.far_off(choice)
+    if far.any():
+        log, body = log.take(~far), body[~far]
+    working, unit = _working(body, choice.scale, log, field, level=choice.level)
+    simulated = angles.argument(body[:, 0] - 1j * body[:, 1])
+    scene, covariates, some, clocked = forward.scene_of(log, simulated, body)
+    level = choice.level
+    iron: tuple[type[Term], ...] = (LevelIron, LevelSoftIron) if level else (HardIron, SoftIronInSpace)
+    terms: tuple[type[Term], ...] = (*iron, HardIronStep, IronDrift)
+    terms += (TemperatureOfField,) if forward.warmed(log) else ()
+    terms += (Heeling,) if level and log.tilted else ()
+    every = log.levelling()[:, 2, :] if level else np.zeros((len(working), 3))
+    down, strength = every[some], _strength(field, level)
+    wobble = forward.wobble(log, working, every, strength)[some] if level and log.tilted else np.zeros((len(some), 0))
+    return Channel(
+        what="the modulus of the horizontal axes against a constant"
+        if level
+        else "the modulus of the axes against a constant",
+        residual=forward.OfModulus(working[some], down, strength, scene, wobble),
+        start=np.zeros(1 + wobble.shape[1]),
+        steps=np.ones(1 + wobble.shape[1]),
+        time_s=scene.time_s,
+        clocked=clocked,
+        terms=terms,
+        covariates=covariates,
+        confused=dict.fromkeys(("hard_iron", "soft_iron"), _tilted_instead(log, choice, body, field)),
+        field_unit=unit,
+    )
+
+
+def _tilted_instead(log: Log, choice: Choice, body: Floats, field: Mapping[str, float] | None) -> tuple[str, ...]:
+    """Return tilt as what a small hard iron could also be: a mean tilt in the vertical field, where none was logged."""
+    assert choice.fitted is not None
+    if not choice.level or log.tilted:
+        return ()
+    vertical = abs(float(body[:, 2].mean())) if log.has_z else 0.0
+    if not log.has_z and field is not None:
+        vertical = choice.scale * abs(field["vertical_nT"]) / field["horizontal_nT"]
+    hard = choice.scale * float(np.hypot(*choice.fitted.iron()[0][:2]))
+    needed = float(np.arctan2(hard, max(vertical, 1e-12))) * forward.DEGREES_A_RADIAN
+    return ("tilt_uncompensated",) if vertical > 0.0 and needed < LEVEL_TILT_DEG else ()
+
+
+def _strength(field: Mapping[str, float] | None, level: bool) -> float:
+    if field is None:
+        return WORKING_NT
+    return field["horizontal_nT"] if level else float(np.hypot(field["horizontal_nT"], field["vertical_nT"]))
+
+
+def _working(
+    body: Floats, scale: float, log: Log, field: Mapping[str, float] | None, *, level: bool = True
+) -> tuple[Floats, tuple[float, str]]:
+    """Return the readings scaled to nT, or near it where the earth's field is unknown, and the unit of iron."""
+    strength = _strength(field, level)
+    if field is not None and not magnetometer_log.cosines(log):
+        return body * (strength / scale), (1.0, "nT")
+    unit = "of the whole field" if magnetometer_log.cosines(log) else "in the file's unit"
+    return body * (strength / scale), (scale / strength, unit)

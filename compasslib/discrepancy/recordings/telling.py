@@ -1,0 +1,144 @@
+"""Sentences for an oceanographer on calibrations: where, what physics, how large, how sure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib.discrepancy import telling, verdict
+from compasslib.discrepancy.show import HeldOut
+from compasslib.discrepancy.verdict import Finding, Unexplained
+
+Floats = NDArray[np.floating]
+
+WHERE = {
+    "hard_iron": ("heading",), "soft_iron": ("heading",), "compass_lag": ("turn_rate",), "clock_offset": ("turn_rate",),
+    "water_drift": ("heading",), "mounting_offset": ("heading",),
+} | telling.WHERE  # fmt: skip
+UNITS = {"turn_rate": "degrees/s", "vertical_field": "of its mean", "reading": ""} | telling.UNITS
+PHYSICS = {
+    "hard_iron": "a magnetised part that turns with the instrument adds a constant field (hard iron)",
+    "soft_iron": "a part that the earth's field magnetises distorts it (soft iron)",
+    "mounting_offset": "the heading is turned by a constant from the magnetometer's axes",
+    "water_drift": "the water carries the vessel sideways, so that its track over ground is not its heading",
+    "tilt_uncompensated": "the recorded heading is levelled for tilt, the simulated one is not",
+    "clock_offset": "the two clocks differ",
+}
+SEPARATED_BY = {
+    frozenset(pair): how
+    for pair, how in {
+        ("hard_iron", "tilt_uncompensated"): "logged tilts: a mean tilt in the vertical field looks like hard iron",
+        ("mounting_offset", "declination_error"): "the declination that the instrument was set to",
+        ("sextantal", "octantal"): "a swing of 16 to 24 headings all round",
+        ("compass_lag", "clock_offset"): "tilts of both heads that change with time: they have no compass in them",
+        ("heading_slip", "hard_iron_step"): "headings all round on both sides of the date",
+        ("heading_slip", "compass_drift"): "the same headings read again, more often and in another order",
+        ("water_drift", "hard_iron"): "a swing at two speeds, or where the water stands still",
+    }.items()
+}
+
+
+def along(effect: str, covariates: Mapping[str, Floats]) -> str:
+    """Return the covariate along which an effect lives: of those known to go with it the one that varies most.
+
+    Args:
+        effect: its name.
+        covariates: that there are, (n,) each.
+    """
+    known = [name for name in WHERE.get(effect, ("time", "reading")) if name in covariates]
+    known = known or [name for name in ("time", "reading") if name in covariates] or list(covariates)
+    return max(known, key=lambda name: float(np.std(covariates[name])))
+
+
+def finding(
+    effect: str,
+    alternatives: Sequence[str],
+    *,
+    where: str,
+    parameters: Mapping[str, tuple[float, float, str]],
+    size_deg: float,
+    proof: HeldOut,
+    what: str,
+) -> str:
+    """Return two or three sentences on one finding.
+
+    Args:
+        effect: its name.
+        alternatives: what it could also be.
+        where: where it lives.
+        parameters: value, standard error and unit by name.
+        size_deg: visible size, rms degrees.
+        proof: residual before and after on held-out stretches.
+        what: what was compared.
+    """
+    numbers = ", ".join(f"{name} {v:.3g} ± {1.96 * s:.2g} {unit} (95 %)" for name, (v, s, unit) in parameters.items())
+    physics = PHYSICS.get(effect) or telling.PHYSICS.get(effect, effect.replace("_", " "))
+    begin = f"{what[0].upper()}{what[1:]}, {where}: {physics}. It is worth {size_deg:.2g} degrees rms; {numbers}."
+    shown = (
+        f" On stretches that were not fitted the residual goes from {proof.rms_before_deg:.3g} to "
+        f"{proof.rms_after_deg:.3g} degrees rms (p = {proof.p_value:.2g})."
+    )
+    others = f" This recording cannot tell it from {_listed(alternatives)}." if alternatives else ""
+    return begin + shown + others
+
+
+def unexplained(where: str, size_deg: float, named: Sequence[str]) -> str:
+    """Return what is said of a mismatch that nothing in the catalogue fits.
+
+    Args:
+        where: where it lives.
+        size_deg: visible size, rms degrees.
+        named: effects that stand beside it.
+    """
+    return telling.unexplained(where, size_deg, named)
+
+
+def place(covariate: str, low: float, high: float, clocked: bool) -> str:
+    """Return the range of a covariate in words.
+
+    Args:
+        covariate: its name.
+        low: lower end.
+        high: upper end.
+        clocked: whether time is UTC.
+    """
+    if covariate == "time" and clocked:
+        return f"from {verdict.stamp(low)} to {verdict.stamp(high)}"
+    return f"along {covariate.replace('_', ' ')} from {low:.3g} to {high:.3g} {UNITS.get(covariate, '')}".rstrip()
+
+
+def separated_by(effect: str, alternatives: Sequence[str]) -> str:
+    """Return what observation would tell effects apart.
+
+    Args:
+        effect: the effect that fits best.
+        alternatives: the others.
+    """
+    told = {
+        other: SEPARATED_BY.get(frozenset((effect, other))) or telling.separated_by(effect, [other]).split(": ", 1)[-1]
+        for other in alternatives
+    }
+    return "; ".join(f"{effect} or {other}: {how}" for other, how in told.items())
+
+
+def why(found: Sequence[Finding], left: Unexplained | None, compared: Sequence[str]) -> str:
+    """Return what the verdict rests on, one sentence.
+
+    Args:
+        found: findings.
+        left: what has no name.
+        compared: what was compared.
+    """
+    if left is not None:
+        return left.text
+    if not found:
+        return f"Nothing beyond noise is left in {_listed(compared, ' and ')}."
+    names = [finding.effect.replace("_", " ") for finding in found]
+    return f"What the simulation leaves is put down to {_listed(names, ' and ')}."
+
+
+def _listed(names: Sequence[str], last: str = " or ") -> str:
+    words = [name.replace("_", " ") for name in names]
+    return last.join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
