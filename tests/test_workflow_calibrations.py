@@ -25,7 +25,7 @@ from compasslib.deviation import transfer
 
 AT_SEA = (0.02, 0.3, 0.1, 0.03, -0.02)
 SAMPLES = 600
-FIGURES = {"deviation.png", "residuals.png", "certificate.png"}
+FIGURES = {"deviation.png", "residuals.png", "certificate.png", "diagnosis.png"}
 
 
 def planned(folder: Path, project: Path = PROJECT) -> set[tuple[str, str]]:
@@ -69,7 +69,8 @@ def result(folder: Path, name: str) -> dict:
 def test_every_calibration_has_its_files(done):
     for name in ("bench", "later", "few"):
         there = done / "results/calibrations" / name
-        assert {"calibration.json", "table.csv", "points.csv", "figures"} <= {path.name for path in there.iterdir()}
+        files = {"calibration.json", "diagnosis.json", "table.csv", "points.csv", "figures"}
+        assert files <= {path.name for path in there.iterdir()}
         assert {path.name for path in (there / "figures").iterdir()} == FIGURES
     bench, later, few = (result(done, name) for name in ("bench", "later", "few"))
     assert (bench["kind"], bench["n"], bench["why"]) == ("platform", 36, "")
@@ -111,7 +112,7 @@ def test_pairs_are_counted_and_judge_the_calibration_but_do_not_change_it(done):
 def test_it_keeps_the_contract(done):
     if not CONTRACT.exists():
         pytest.skip("no ../shared/tools")
-    command = [sys.executable, CONTRACT, done, "--without", "diagnosis,report,calibrations"]
+    command = [sys.executable, CONTRACT, done, "--without", "diagnosis,report"]
     checked = subprocess.run(command, capture_output=True, text=True, check=False)
     assert checked.returncode == 0, checked.stdout
 
@@ -125,6 +126,7 @@ def test_a_changed_calibration_runs_again_with_its_moorings_and_no_other(done):
     change(file, uncertainty={"graduation_deg": 0.5})
     jobs = planned(done)
     assert {("calibrate", "bench"), ("figures_of_platform", "bench"), ("carry", "M1"), ("carry", "ALONE")} <= jobs
+    assert ("diagnose_calibration", "bench") in jobs
     assert ("calibrate", "later") in jobs  # it is compared with this one
     assert {job for job in jobs if job[1] in ("M2", "few")} == set()
     assert not {rule for rule, _ in jobs} & {"read", "overlap", "earth_field", "fit"}
@@ -137,6 +139,17 @@ def test_a_calibration_depends_on_its_own_kind_and_on_the_curves(done):
     modules = {Path(path).name for path in plan.modules(SimpleNamespace(calibration="bench"))}
     assert {"platform.py", "curves.py", "exact_curve.py", "budget.py", "earthfield.py", "table.py"} <= modules
     assert not modules & {"swing.py", "magnetometer.py", "two_heads.py", "at_mooring.py", "plots_calibrations.py"}
+    modules = {Path(path).name for path in plan.diagnosis_modules(SimpleNamespace(calibration="bench"))}
+    assert {"platform.py", "curves.py", "fitting.py", "search.py", "sextantal.py"} <= modules
+    assert not modules & {"two_heads.py", "magnetometer_choice.py", "plots_calibration_diagnosis.py"}
+
+
+def test_the_diagnosis_is_that_of_the_bench(done):
+    bench, few = (
+        json.loads((done / f"results/calibrations/{name}/diagnosis.json").read_text()) for name in ("bench", "few")
+    )
+    assert bench["verdict"] == "consistent" and bench["findings"] == []
+    assert few["verdict"] == "insufficient" and few["why"].startswith("3 headings in 3 of 36 sectors")
 
 
 def test_a_cruise_of_calibrations_only(tmp_path):

@@ -28,6 +28,8 @@ rule diagnose_calibration:
     """Raw readings -> what they show that the simulation does not hold."""
     input:
         raw=CALIBRATIONS.raw_files,
+        # For the order: what cannot be read is told once. As ancient() it would hide a changed setting.
+        after="results/calibrations/{calibration}/calibration.json",
         modules=CALIBRATIONS.diagnosis_modules,
     output:
         "results/calibrations/{calibration}/diagnosis.json",
