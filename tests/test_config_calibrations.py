@@ -118,7 +118,6 @@ BAD = [
     (EXAMPLE + "compare_with: before\n", "compare_with: expected the NAME of another, earlier calibration, found 'before'; correct the name; the earlier one stands alone"),
     (EXAMPLE + "compare_with: aqd\n", "compare_with: expected the NAME of another, earlier calibration, found a circle of comparisons, aqd - aqd; correct the name; the earlier one stands alone"),
     (EXAMPLE.replace("withhold: []", "withhold: z"), "withhold: expected a list of column names, found 'z'; write for example withhold: [heading_deg]"),
-    ("kind: swing\nfile: raw/cal/aqd.csv\n", "kind: expected " + " or ".join(KINDS) + ", found swing; this version does not offer it yet"),
 ]  # fmt: skip
 
 
