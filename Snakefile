@@ -200,7 +200,16 @@ rule figures:
         product="results/{mooring}/corrected.nc",
         modules=PLAN.modules("figures.py"),
     output:
-        **{figure: f"results/{{mooring}}/figures/{figure}.png" for figure in FIGURES},
+        **{
+            figure: report(
+                f"results/{{mooring}}/figures/{figure}.png",
+                caption=f"workflow/report/{figure}.rst",
+                category="Moorings",
+                subcategory="{mooring}",
+                labels={"figure": figure},
+            )
+            for figure in FIGURES
+        },
     conda:
         ENVIRONMENT
     log:
@@ -222,7 +231,7 @@ rule summary:
         records=PLAN.all_records,
         modules=PLAN.modules("summary.py"),
     output:
-        "results/summary.csv",
+        report("results/summary.csv", caption="workflow/report/summary.rst", category="Cruise"),
     params:
         names=list(CRUISE.moorings),
     conda:

@@ -31,18 +31,13 @@ class Report:
     date: str
     linked: int  # sections whose figures are not in the page
 
-    def counts(self) -> tuple[str, ...]:
+    def counts(self) -> str:
         """Return the first sentences: how many there are, and what was found."""
-        told = [f"{words.plural(len(o.sections), noun)}" for o, noun in self._parts() if o.sections]
+        parts = ((self.moorings, "mooring"), (self.calibrations, "calibration"))
+        told = [words.plural(len(part.sections), noun) for part, noun in parts if part.sections]
         verdicts = [section.verdict for section in self.moorings.sections]
-        found = [f"{verdicts.count(v)} {v}" for v in VERDICTS if v in verdicts]
-        return (
-            f"{words.listed(told)}." if told else "Nothing to report.",
-            *(f"Of the moorings: {f}." for f in found and [", ".join(found)]),
-        )
-
-    def _parts(self) -> tuple[tuple[Overview, str], ...]:
-        return ((self.moorings, "mooring"), (self.calibrations, "calibration"))
+        found = [f"{verdicts.count(verdict)} {verdict}" for verdict in VERDICTS if verdict in verdicts]
+        return f"{words.listed(told)}." + (f" Of the moorings: {', '.join(found)}." if found else "")
 
 
 def gather(
@@ -77,7 +72,9 @@ def gather(
         for one, embed in zip(calibrated, embedded[len(moored) :], strict=True)
     ]
     return Report(
-        title=str(attributes.get("project") or attributes.get("title") or "a cruise"),
+        title=": ".join(
+            ["Compass deviations corrected", *(str(attributes[k]) for k in ("project",) if k in attributes)]
+        ),
         attributes=tuple((words.plain(name), str(value)) for name, value in attributes.items()),
         moorings=Overview("All moorings", mooring.HEADER, sections),
         calibrations=Overview("All calibrations", calibration.HEADER, others),
@@ -113,7 +110,7 @@ def told(path: str | Path, report: Report) -> str:
         report: what it says.
     """
     size = Path(path).stat().st_size / 1e6
-    return f"{path}: {' '.join(report.counts())} {size:.1f} MB".replace(words.SPACE, " ")
+    return f"{path}: {report.counts()} {size:.1f} MB".replace(words.SPACE, " ")
 
 
 def _verdict(one: calibration.Results) -> str:

@@ -128,7 +128,8 @@ def _facts(content: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
     )
     if place["field"]:
         facts.append(("Horizontal field", f"{words.number(place['field']['horizontal_nT'], 0)} nT"))
-    facts.append(("Residual", f"{words.degrees(content['residual_rms_deg'], 2)} rms"))
+    if content["residual_rms_deg"] is not None:
+        facts.append(("Residual", f"{words.degrees(content['residual_rms_deg'], 2)} rms"))
     if content.get("offset_deg") is not None:
         facts.append(
             ("Offset of the second", words.with_sigma(content["offset_deg"], content.get("offset_sigma_deg"), "°"))
@@ -155,9 +156,9 @@ def _coefficients(content: Mapping[str, Any]) -> tuple[Table, ...]:
     if not known:
         return ()
     rows = tuple(
-        (letter, *(_coefficient(c[letter], v, k, unit) for _, c, v, unit in known)) for k, letter in enumerate(LETTERS)
+        (name, *(_coefficient(c[letter], v, k, unit) for k, letter in enumerate(LETTERS))) for name, c, v, unit in known
     )
-    return (Table("Coefficients of the deviation ± 1σ", ("", *(name for name, *_ in known)), rows),)
+    return (Table("Coefficients of the deviation ± 1σ", ("", *LETTERS), rows),)
 
 
 def _coefficient(value: float | None, covariance: Any, k: int, unit: str) -> str:
@@ -189,7 +190,14 @@ def _cardinal(content: Mapping[str, Any]) -> tuple[Table, ...]:
         (words.plain(name), words.degrees(value, 2)) for name, value in told.items() if not isinstance(value, Mapping)
     ]
     single += [(f"D from {name}", words.degrees(value, 2)) for name, value in told["D_from"].items()]
-    return (Table("By the eight points (Moncunill Marimón et al. 2023)", ("", "Value"), tuple(single), folded=True),)
+    return (
+        Table(
+            "By the eight points (Moncunill Marimón et al. 2023)",
+            ("", "Value"),
+            tuple(single),
+            folded="By the eight points",
+        ),
+    )
 
 
 def _budget(content: Mapping[str, Any]) -> tuple[Table, ...]:
@@ -211,7 +219,14 @@ def _deviations(results: Results) -> tuple[Table, ...]:
     if not results.table:
         return ()
     rows = tuple((f"{row[0]}°", *(words.degrees(float(x) if x else None) for x in row[1:])) for row in results.table)
-    return (Table("Table of deviations", ("Recorded", "Deviation", "1σ"), rows, folded=True),)
+    return (
+        Table(
+            "Deviation and its standard uncertainty by recorded heading",
+            ("Recorded", "Deviation", "1σ"),
+            rows,
+            folded="Table of deviations",
+        ),
+    )
 
 
 def _cells(results: Results) -> tuple[Cell, ...]:

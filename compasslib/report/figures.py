@@ -11,8 +11,8 @@ from urllib.parse import quote
 from compasslib.errors import InputError
 from compasslib.report.section import Figure
 
-MOST_SECTIONS = 50  # whose figures stand in the page: 21 MB; a thousand moorings would be 420 MB
-COLOURS = 64  # of the palette: a third of the bytes, and nothing that a reader would see
+MOST_SECTIONS = 50  # whose figures stand in the page: about 20 MB; those of a thousand moorings would be 400 MB
+COLOURS = 256  # of the palette: a third of the bytes, and nothing that a reader would see
 TITLES = {
     "deviation": "Deviation of the compass",
     "histograms": "Headings and directions before and after",
@@ -79,10 +79,10 @@ def _embedded(path: Path) -> tuple[str, tuple[int, int]]:
 
     try:
         with Image.open(path) as image:
-            small = image.convert("RGB").quantize(COLOURS, Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
+            small = image.convert("RGB").quantize(COLOURS, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
     except (OSError, SyntaxError, ValueError) as error:
         advice = "delete it, and the next run makes it again"
         raise InputError(str(path), expected="a whole PNG", found=error, advice=advice) from error
     held = io.BytesIO()
-    small.save(held, "PNG", optimize=True)
+    small.save(held, "PNG", compress_level=6)
     return f"data:image/png;base64,{base64.b64encode(held.getvalue()).decode()}", small.size

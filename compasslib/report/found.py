@@ -34,13 +34,13 @@ def cannot_tell(diagnosis: Mapping[str, Any]) -> tuple[str, ...]:
     Args:
         diagnosis: content of diagnosis.json.
     """
-    told = [words.sentence(part) for part in (diagnosis["separated_by"] or "").split("; ") if part]
-    told = [f"What would decide: {part}" for part in told]
-    told += [
-        f"Not testable: {words.plain(one['effect'])}. {words.sentence(one['why'])}" for one in diagnosis["not_testable"]
-    ]
+    decide = [part for part in (diagnosis["separated_by"] or "").split("; ") if part]
+    told = [f"What would decide: {words.sentence(part)}" for part in decide]
+    closed = [(words.plain(one["effect"]), words.sentence(one["why"])) for one in diagnosis["not_testable"]]
+    told += [f"Not testable: {effect}. {why}" for effect, why in dict.fromkeys(closed)]
     small = [_small(one) for one in diagnosis.get("negligible", [])]
-    return (*told, f"Too small to matter: {words.listed(small)}.") if small else tuple(told)
+    told += [f"Too small to matter: {words.listed(small)}."] if small else []
+    return tuple(told)
 
 
 def _small(one: Mapping[str, Any]) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -157,6 +157,8 @@ def _method(fit: Mapping[str, Any]) -> str:
 
 
 def _range(fit: Mapping[str, Any]) -> str:
+    applied = fit["applied"]
+    fit = applied["fit"] if applied["effects"] else fit
     if not fit["recorded_range_deg"]:
         return words.UNKNOWN
     low, high = fit["recorded_range_deg"]
@@ -196,36 +198,41 @@ def _compared(one: Mapping[str, Any]) -> tuple[str, ...]:
 def _coefficients(fit: Mapping[str, Any]) -> tuple[Table, ...]:
     if not fit["coefficients"]:
         return ()
-    columns = [("As configured", fit["coefficients"], fit["covariance"])]
+    method = words.METHODS.get(fit["method"], fit["method"])
+    columns = [(f"As configured ({method})", fit["coefficients"], fit["covariance"])]
     applied = fit["applied"]
     if applied["effects"]:
         block = applied["compass"] or applied["fit"]
-        columns.append(("Of the product", block["coefficients"], block["covariance"]))
-    unit = {"degrees": "°", "1": ""}.get(fit["unit"], fit["unit"])
+        columns.append(("Of the product (exact compass)", block["coefficients"], block["covariance"]))
+    unit = "°" if fit["unit"] == "degrees" else ""
     units = [unit, ""]  # the product's compass is the exact one, whose coefficients have no unit
-    told = [
-        tuple(words.with_sigma(c[k], math.sqrt(v[i][i]) if v else None, unit) for i, k in enumerate(LETTERS))
-        for (_, c, v), unit in zip(columns, units, strict=False)
-    ]
-    rows = tuple((letter, *(column[i] for column in told)) for i, letter in enumerate(LETTERS))
-    kind = "degrees" if unit == "°" else "exact compass, dimensionless"
+    rows = tuple((name, *_lettered(c, v, u)) for (name, c, v), u in zip(columns, units, strict=False))
+    kind = "" if unit else ", dimensionless"
     pairs = f"{words.plural(fit['n_pairs'], 'pair')}, worth {words.number(fit['n_effective'], 0)} independent ones"
     caption = (
-        f"Coefficients of the deviation ± 1σ ({kind}; {pairs}; residual {words.degrees(fit['residual_rms_deg'])} rms)"
+        f"Coefficients of the deviation ± 1σ{kind} ({pairs}; residual {words.degrees(fit['residual_rms_deg'])} rms)"
     )
-    return (Table(caption, ("", *(name for name, *_ in columns)), rows),)
+    return (Table(caption, ("", *LETTERS), rows),)
+
+
+def _lettered(coefficients: Mapping[str, float], covariance: Any, unit: str) -> tuple[str, ...]:
+    sigmas = [math.sqrt(covariance[k][k]) if covariance else None for k in range(len(LETTERS))]
+    return tuple(words.with_sigma(coefficients[k], sigma, unit) for k, sigma in zip(LETTERS, sigmas, strict=True))
 
 
 def _inputs(inputs: Mapping[str, Mapping[str, int]]) -> tuple[Table, ...]:
-    """Return one table of what was read, skipped and flagged, a column an instrument."""
-    names = list(dict.fromkeys(name for counts in inputs.values() for name in counts))
+    """Return one table of what was read, skipped and flagged, a column an instrument; zeros stand in its caption."""
+    names = dict.fromkeys(name for counts in inputs.values() for name in counts)
+    seen = [name for name in names if any(counts.get(name) for counts in inputs.values())]
     if not names:
         return ()
     rows = tuple(
         (words.plain(name), *(words.count(counts[name]) if name in counts else "" for counts in inputs.values()))
-        for name in names
+        for name in seen
     )
-    return (Table("Inputs: what was read, skipped and flagged", ("", *inputs), rows, folded=True),)
+    none = ", ".join(words.plain(name) for name in names if name not in seen)
+    caption = "Inputs: what was read, skipped and flagged" + (f"; none of: {none}" if none else "")
+    return (Table(caption, ("", *inputs), rows, folded="Inputs: what was read, skipped and flagged"),)
 
 
 def _cells(results: Results) -> tuple[Cell, ...]:
@@ -253,7 +260,6 @@ def _number(text: str) -> float | None:
     return float(text) if text else None
 
 
-def _order(verdict: str) -> int:
-    """Return the place of a verdict, what agrees first."""
-    order: Sequence[str] = list(VERDICTS)
-    return order.index(verdict)
+def _order(verdict: str) -> str:
+    """Return what a verdict is sorted by, what agrees first."""
+    return str(list(VERDICTS).index(verdict))

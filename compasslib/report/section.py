@@ -24,7 +24,7 @@ class Table:
     caption: str
     header: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
-    folded: bool = False  # opened by the reader
+    folded: str = ""  # the line that opens it; open from the start where there is none
 
 
 @dataclass(frozen=True)

@@ -65,7 +65,7 @@ def with_sigma(value: float | None, sigma: float | None, unit: str = "") -> str:
         told = significant(value)
         return told if told == UNKNOWN else told + behind
     digits = min(max(1 - math.floor(math.log10(sigma)), 0), 12)
-    return f"{number(value, digits)} ± {number(sigma, digits)}{behind}"
+    return f"{number(value, digits)}{SPACE}±{SPACE}{number(sigma, digits)}{behind}"
 
 
 def percent(share: float | None) -> str:
