@@ -18,10 +18,17 @@ import yaml
 from bench import readings, ring, write_calibration
 from sea import cruise
 from test_workflow import change, snakemake
+from two_heads_files import cast
 
-from compasslib import report
+from compasslib import archive_calibrations, plots_calibration_two_heads, report
+from compasslib.archive_files import write_json
+from compasslib.calibration import content, two_heads
+from compasslib.discrepancy.show import HeldOut
+from compasslib.discrepancy.verdict import Diagnosis, Parameter, Unexplained, Where
+from compasslib.discrepancy.verdict import Finding as Found
 from compasslib.errors import InputError
-from compasslib.report import figures, words
+from compasslib.nature.package import Sea
+from compasslib.report import figures, found, words
 from compasslib.report.section import Cell, Figure, Finding, Overview, Section, Table
 
 HOSTILE = """<script>document.title = 'broken'</script><img src=x onerror="document.title='broken'"> & "quoted" 'so'"""
@@ -188,6 +195,61 @@ def test_a_cruise_of_calibrations_only(done, tmp_path):
     assert only.counts() == f"2{words.SPACE}calibrations."
 
 
+def diagnosis(verdict: str, *findings: Found, **more) -> dict:
+    """Return a diagnosis.json as the search writes it."""
+    return Diagnosis(verdict, findings, not_testable=(("stuck_tilt", "no other sensor"),), **more).to_json()
+
+
+def heeling(*alternatives: str) -> Found:
+    where = Where("pitch", 4.0, 11.0, "along pitch from 4 to 11 degrees")
+    proof = HeldOut(11.9, 11.3, 40.0, (20.0, 60.0), 0.000999)
+    parameters = {"b_z_nT": Parameter(2100.4, 140.0, "nT")}
+    when_s = (1188864000.0, 1223078400.0)
+    return Found("heeling", "compass", alternatives, where, when_s, parameters, 3.14, proof, "It heels.", applied=True)
+
+
+def test_what_was_found_is_said_with_its_alternatives_parameters_and_proof():
+    (told,) = found.findings(diagnosis("ambiguous", heeling("tilt_uncompensated")))
+    facts = {name: value.replace(words.SPACE, " ") for name, value in told.facts}
+    assert (told.title, told.text, facts["Could also be"]) == ("Heeling", "It heels.", "tilt uncompensated")
+    assert facts["Side"] == "the compass that was corrected" and facts["Size"] == "3.1° rms"
+    assert facts["When"] == "4 Sep 2007 to 4 Oct 2008" and facts["Where"] == "Along pitch from 4 to 11 degrees."
+    assert facts["Residual on held-out days"] == "11.90° before, 11.30° after rms (p < 0.001)"
+    assert facts["In the product"] == "yes"
+    assert [cell.replace(words.SPACE, " ") for cell in told.parameters.rows[0]] == ["b z nT", "2100 ± 140 nT"]
+
+
+def test_what_stays_unexplained_is_said_and_what_would_decide():
+    where = Where("speed", 0.1, 0.4, "along speed from 0.1 to 0.4 m/s")
+    left = Unexplained(("speed",), where, (1188864000.0, 1223078400.0), 2.0, (), "Nothing fits.")
+    told = diagnosis("unexplained", heeling(), unexplained=left, separated_by="a swing; wider headings")
+    *_, last = found.findings(told)
+    assert (last.title, last.text) == ("Unexplained", "Nothing fits.") and ("Size", "2.0° rms") in last.facts
+    assert found.cannot_tell(told)[:3] == (
+        "What would decide: A swing.",
+        "What would decide: Wider headings.",
+        "Not testable: stuck tilt. No other sensor.",
+    )
+
+
+def test_two_heads_and_a_diagnosis_have_their_section(tmp_path):
+    """A kind with words and figures of its own, and a diagnosis beside it."""
+    made = two_heads.calibrate(cast(tmp_path, sea=Sea(turns=0.0, wander_deg=14.0)), {})
+    there = tmp_path / "calibrations/heads"
+    files = {"calibration": there / "calibration.json", "table": there / "table.csv", "points": there / "points.csv"}
+    archive_calibrations.write(page=content.described("heads", made, {}, {}), made=made, **files)
+    write_json(there / "diagnosis.json", diagnosis("explained", heeling()))
+    for figure in ("difference", "tilt_check", "along_time"):
+        getattr(plots_calibration_two_heads, figure)(there / f"figures/{figure}.png", made, "heads")
+    section = report.gather(tmp_path, attributes={}, moorings={}, calibrations=["heads"]).calibrations.sections[0]
+    assert section.verdict == "explained" and section.findings[0].title == "Heeling"
+    assert set(made.details["cannot_tell"]) < set(section.cannot_tell)
+    assert made.details["frame"]["text"].rstrip(".") in " ".join(section.summary)
+    assert section.figures[0].title == "Difference of the two compasses"
+    assert all("offset is" in figure.alternative for figure in section.figures[::2])
+    assert section.cells[-2].text == "explained"
+
+
 def test_a_large_fleet_embeds_some_figures_and_says_so(tmp_path):
     """The figures of what is not merely consistent come first; a thousand more moorings cost kilobytes each."""
     verdicts = ["consistent"] * figures.MOST_SECTIONS + ["unexplained", "insufficient"]
@@ -245,7 +307,6 @@ def test_words(said, expected):
 # In a real browser.
 
 needs_browser = pytest.mark.skipif(browser.program() is None, reason="no Chromium here (Debian's package chromium)")
-VISIBLE = "document.head.insertAdjacentHTML('beforeend', '<style>.one{content-visibility:visible !important}</style>')"
 # Sibling boxes that share more than a pixel, and what sticks out of the window outside a box that scrolls by itself.
 OVERLAPS = """(() => {
   const found = [], said = one => one.outerHTML.slice(0, 80), box = one => one.getBoundingClientRect();
@@ -293,7 +354,6 @@ def chromium(tmp_path_factory):
 def test_it_loads_alone_and_fits_its_window(done, chromium, width, scheme):
     path = done / "results/report.html"
     chromium.open(path, width, scheme=scheme)
-    chromium.ask(VISIBLE)
     asked = [event["request"]["url"] for event in chromium.happened("Network.requestWillBeSent")]
     assert [url for url in asked if not url.startswith("data:")] == [path.resolve().as_uri()]
     assert not chromium.happened("Runtime.exceptionThrown") and not chromium.happened("Log.entryAdded")

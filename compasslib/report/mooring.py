@@ -45,6 +45,13 @@ class Results:
     headings: Headings
     inputs: Mapping[str, Mapping[str, int]]  # counts of each instrument
 
+    @property
+    def product(self) -> Mapping[str, Any]:
+        """Return the fit that the product was made by, which is the one in the figures."""
+        applied = self.fit["applied"]
+        block: Mapping[str, Any] = applied["fit"] if applied["effects"] else self.fit
+        return block
+
 
 def rows(summary: str | Path) -> dict[str, dict[str, str]]:
     """Return the rows of summary.csv by mooring.
@@ -124,7 +131,7 @@ def _facts(results: Results, site: Mapping[str, Any]) -> tuple[tuple[str, str], 
         *_counted(head),
         ("Uncertainty of the heading (1σ)", _pair("median {}, 95th percentile {}", head.sigma_deg)),
         ("Largest deviation", words.degrees(head.largest_deviation_deg)),
-        ("The compass can show", _range(results.fit)),
+        ("The compass can show", _range(results.product)),
         ("Declination", _pair("{} to {}", head.declination_deg, digits=2)),
         ("Made by", f"{said.get('software_version', 'not given')}, {said.get('date_created', 'not dated')}"),
     ]
@@ -157,8 +164,6 @@ def _method(fit: Mapping[str, Any]) -> str:
 
 
 def _range(fit: Mapping[str, Any]) -> str:
-    applied = fit["applied"]
-    fit = applied["fit"] if applied["effects"] else fit
     if not fit["recorded_range_deg"]:
         return words.UNKNOWN
     low, high = fit["recorded_range_deg"]

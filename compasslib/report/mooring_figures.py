@@ -29,7 +29,7 @@ def alternatives(results: Results) -> dict[str, Callable[[], str]]:
 
 
 def _deviation(results: Results) -> str:
-    fit = results.fit
+    fit = results.product
     if not fit["coefficients"]:
         return "Deviation against heading: no curve, because nothing was fitted."
     method = words.METHODS.get(fit["method"], fit["method"])
