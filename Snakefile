@@ -20,6 +20,7 @@ except InputError as error:
 
 ENVIRONMENT = "workflow/envs/compasslib.yaml"
 FIGURES = ["deviation", "diagnosis", "histograms", "scatter", "timeline"]
+SUMMARY = ["results/summary.csv"] if CRUISE.moorings else []
 
 
 wildcard_constraints:
@@ -33,8 +34,9 @@ rule all:
         expand("results/{mooring}/corrected.nc", mooring=CRUISE.moorings),
         expand("results/{mooring}/assessment.json", mooring=CRUISE.moorings),
         expand("results/{mooring}/figures/{figure}.png", mooring=CRUISE.moorings, figure=FIGURES),
-        ["results/summary.csv"] if CRUISE.moorings else [],
+        SUMMARY,
         CALIBRATIONS.wanted(),
+        ["results/report.html"] if CRUISE.moorings or CRUISE.calibrations else [],
 
 
 rule read:
@@ -198,7 +200,16 @@ rule figures:
         product="results/{mooring}/corrected.nc",
         modules=PLAN.modules("figures.py"),
     output:
-        **{figure: f"results/{{mooring}}/figures/{figure}.png" for figure in FIGURES},
+        **{
+            figure: report(
+                f"results/{{mooring}}/figures/{figure}.png",
+                caption=f"workflow/report/{figure}.rst",
+                category="Moorings",
+                subcategory="{mooring}",
+                labels={"figure": figure},
+            )
+            for figure in FIGURES
+        },
     conda:
         ENVIRONMENT
     log:
@@ -220,7 +231,7 @@ rule summary:
         records=PLAN.all_records,
         modules=PLAN.modules("summary.py"),
     output:
-        "results/summary.csv",
+        report("results/summary.csv", caption="workflow/report/summary.rst", category="Cruise"),
     params:
         names=list(CRUISE.moorings),
     conda:
@@ -231,6 +242,30 @@ rule summary:
         "results/benchmarks/summary.tsv"
     script:
         "workflow/scripts/summary.py"
+
+
+rule report:
+    """All results on one page that needs no network."""
+    input:
+        summary=SUMMARY,
+        figures=expand("results/{mooring}/figures/{figure}.png", mooring=CRUISE.moorings, figure=FIGURES),
+        calibrations=CALIBRATIONS.wanted(),
+        modules=PLAN.modules("report.py"),
+        templates=PLAN.templates(),
+    output:
+        "results/report.html",
+    params:
+        attributes=CRUISE.options.attributes,
+        moorings=PLAN.described(),
+        calibrations=list(CRUISE.calibrations),
+    conda:
+        ENVIRONMENT
+    log:
+        "results/logs/report.log",
+    benchmark:
+        "results/benchmarks/report.tsv"
+    script:
+        "workflow/scripts/report.py"
 
 
 include: "workflow/rules/calibrations.smk"

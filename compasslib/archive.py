@@ -20,6 +20,7 @@ from compasslib.records import BAD, MISSING, PROBABLY_GOOD, Corrected, Flags, Fl
 __all__ = [
     "Site",
     "read_corrected",
+    "read_counts",
     "read_json",
     "read_pairs",
     "read_record",
@@ -68,6 +69,20 @@ def read_record(path: str | Path) -> Record:
         others = {field.name for field in fields(Record)} - set(layout.RECORD)
         rest = {name: json.loads(nc.getncattr(name)) for name in others}
     return Record(**arrays | rest | {"warnings": tuple(rest["warnings"])})
+
+
+def read_counts(path: str | Path) -> dict[str, int]:
+    """Return what was read, skipped and flagged in a record that ``write_record`` wrote; its series are not read.
+
+    Args:
+        path: the file.
+
+    Raises:
+        InputError: the file is absent, damaged or something else.
+    """
+    with opened(path) as nc:
+        counts: dict[str, int] = json.loads(nc.getncattr("counts"))
+        return counts
 
 
 def write_pairs(path: str | Path, pairs: Pairs, *, attributes: Mapping[str, object] | None = None) -> None:

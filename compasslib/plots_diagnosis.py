@@ -13,6 +13,7 @@ from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from compasslib.discrepancy.telling import VERDICTS
 from compasslib.plots_page import BLUE, GREY, LINE_IN, VERMILION, degrees, legend, page, say
 
 DAY_S = 86400.0  # matplotlib counts time in days since 1970
@@ -30,13 +31,6 @@ AXES = {
     "hour_of_day": "Hour of the day (UTC)",
     "temperature": "Temperature (°C)",
     "supply_voltage": "Supply voltage (as recorded)",
-}
-VERDICTS = {
-    "consistent": "simulation and recording agree",
-    "explained": "what was left out is found",
-    "ambiguous": "a mismatch is proven, its cause cannot be told apart",
-    "unexplained": "a mismatch is proven and nothing in the catalogue fits",
-    "insufficient": "too little to judge",
 }
 
 

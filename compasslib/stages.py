@@ -32,6 +32,10 @@ class Plan:
         """Return the library files behind a script."""
         return provenance.sources(self.scripts / script)
 
+    def templates(self) -> list[str]:
+        """Return the templates of the report."""
+        return sorted(str(path) for path in (provenance.PROJECT / "compasslib/report/templates").iterdir())
+
     def reader_modules(self, wildcards: Any) -> list[str]:
         """Return the library files behind the reading of one instrument, its own format's reader only."""
         module = FORMATS[self._instrument(wildcards).format][0]
@@ -146,6 +150,10 @@ class Plan:
         mooring = self._mooring(wildcards)
         return self.cruise.options.attributes | mooring.attributes | mooring.instruments[mooring.compromised].attributes
 
+    def described(self) -> dict[str, dict[str, Any]]:
+        """Return place, dates and instruments of each mooring, for the report."""
+        return {name: _described(mooring) for name, mooring in self.cruise.moorings.items()}
+
     def _mooring(self, wildcards: Any) -> Mooring:
         return self.cruise.moorings[wildcards.mooring]
 
@@ -188,6 +196,24 @@ def refuse(where: str, found: str, offered: Sequence[str]) -> None:
     if found not in offered:
         advice = "this version does not offer it yet"
         raise InputError(where, expected=" or ".join(offered), found=found, advice=advice)
+
+
+def _described(mooring: Mooring) -> dict[str, Any]:
+    roles = {"compromised": mooring.compromised, "trusted": mooring.reference}
+    told = {role: _told(name, mooring.instruments[name]) if name else "none" for role, name in roles.items()}
+    return {
+        "latitude": mooring.latitude,
+        "longitude": mooring.longitude,
+        "water_depth_m": mooring.water_depth,
+        "start": mooring.start.isoformat(),
+        "end": mooring.end.isoformat(),
+        "instruments": told,
+    }
+
+
+def _told(name: str, instrument: Instrument) -> str:
+    depth = "" if instrument.depth is None else f", {instrument.depth:g} m"
+    return f"{name} ({instrument.format}{depth})"
 
 
 def _roles(mooring: Mooring) -> list[str]:

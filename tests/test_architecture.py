@@ -27,6 +27,7 @@ FLOORS = [
     ["config_values", "config_paths", "config_schema", "config_calibrations", "config_yaml", "config"],
     ["archive_files", "archive_layout", "archive_attributes", "archive", "archive_calibrations"],
     ["provenance", "job", "stages", "stages_calibrations", "summary"],
+    ["report"],
 ]
 FLOOR = {room: k for k, rooms in enumerate(FLOORS) for room in rooms}
 FLOOR |= {path.stem: len(FLOORS) for path in LIBRARY if path.stem.startswith("plots")}

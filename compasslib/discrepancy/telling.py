@@ -4,6 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+VERDICTS = {
+    "consistent": "simulation and recording agree",
+    "explained": "what was left out is found",
+    "ambiguous": "a mismatch is proven, its cause cannot be told apart",
+    "unexplained": "a mismatch is proven and nothing in the catalogue fits",
+    "insufficient": "too little to judge",
+}
 WHERE = {
     "heeling": ("pitch", "roll"),
     "tilt_uncompensated": ("pitch", "roll"),

@@ -75,7 +75,16 @@ for KIND in KINDS:
             points="results/calibrations/{calibration}/points.csv",
             modules=CALIBRATIONS.figure_modules(KIND),
         output:
-            **{f: f"results/calibrations/{{calibration}}/figures/{f}.png" for f in CALIBRATIONS.figures(KIND)},
+            **{
+                figure: report(
+                    f"results/calibrations/{{calibration}}/figures/{figure}.png",
+                    caption="../report/calibration.rst",
+                    category="Calibrations",
+                    subcategory="{calibration}",
+                    labels={"figure": figure},
+                )
+                for figure in CALIBRATIONS.figures(KIND)
+            },
         wildcard_constraints:
             calibration="|".join(CALIBRATIONS.of_kind(KIND)) or "none",
         conda:

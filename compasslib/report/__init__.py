@@ -1,0 +1,117 @@
+"""results/report.html: the whole cruise on one page that needs no network, no server and no other file.
+
+What stands on it is gathered from the results (``mooring``, ``calibration``), turned into plain texts (``section``) and
+set by the templates beside this file, which escape every text.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from compasslib import archive, provenance
+from compasslib.discrepancy.telling import VERDICTS
+from compasslib.report import calibration, figures, mooring, words
+from compasslib.report.section import Overview
+
+TEMPLATES = Path(__file__).resolve().parent / "templates"
+
+
+@dataclass(frozen=True)
+class Report:
+    """All that the page says."""
+
+    title: str
+    attributes: tuple[tuple[str, str], ...]
+    moorings: Overview
+    calibrations: Overview
+    software: str
+    date: str
+    linked: int  # sections whose figures are not in the page
+
+    def counts(self) -> str:
+        """Return the first sentences: how many there are, and what was found."""
+        parts = ((self.moorings, "mooring"), (self.calibrations, "calibration"))
+        told = [words.plural(len(part.sections), noun) for part, noun in parts if part.sections]
+        verdicts = [section.verdict for section in self.moorings.sections]
+        found = [f"{verdicts.count(verdict)} {verdict}" for verdict in VERDICTS if verdict in verdicts]
+        return f"{words.listed(told)}." + (f" Of the moorings: {', '.join(found)}." if found else "")
+
+
+def gather(
+    root: str | Path,
+    *,
+    attributes: Mapping[str, Any],
+    moorings: Mapping[str, Mapping[str, Any]],
+    calibrations: Sequence[str],
+) -> Report:
+    """Return all that the page says.
+
+    Args:
+        root: folder of the results, in which the page will stand.
+        attributes: of the cruise.
+        moorings: latitude, longitude, water_depth_m, start, end and instruments of each, by name.
+        calibrations: their names.
+
+    Raises:
+        InputError: a file of the results is absent or damaged.
+    """
+    root = Path(root)
+    rows = mooring.rows(root / "summary.csv") if moorings else {}
+    moored = [mooring.read(name, root, rows[name]) for name in moorings]
+    calibrated = [calibration.read(name, root) for name in calibrations]
+    embedded = figures.chosen([*(one.diagnosis["verdict"] for one in moored), *(_verdict(one) for one in calibrated)])
+    sections = [
+        mooring.section(one, root, moorings[one.name], embed=embed)
+        for one, embed in zip(moored, embedded[: len(moored)], strict=True)
+    ]
+    others = [
+        calibration.section(one, root, embed=embed)
+        for one, embed in zip(calibrated, embedded[len(moored) :], strict=True)
+    ]
+    return Report(
+        title=": ".join(
+            ["Compass deviations corrected", *(str(attributes[k]) for k in ("project",) if k in attributes)]
+        ),
+        attributes=tuple((words.plain(name), str(value)) for name, value in attributes.items()),
+        moorings=Overview("All moorings", mooring.HEADER, sections),
+        calibrations=Overview("All calibrations", calibration.HEADER, others),
+        software=provenance.software(),
+        date=provenance.date_created(),
+        linked=embedded.count(False),
+    )
+
+
+def write(path: str | Path, report: Report) -> None:
+    """Write the page; the same results give the same bytes.
+
+    Args:
+        path: the HTML file.
+        report: what it says.
+    """
+    import jinja2  # only where a page is made
+
+    loader = jinja2.FileSystemLoader(TEMPLATES)
+    made = jinja2.Environment(
+        loader=loader, autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    text = made.get_template("report.html").render(report=report, most=figures.MOST_SECTIONS)
+    with archive.replacing(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def told(path: str | Path, report: Report) -> str:
+    """Return what the job says of the page.
+
+    Args:
+        path: the HTML file.
+        report: what it says.
+    """
+    size = Path(path).stat().st_size / 1e6
+    return f"{path}: {report.counts()} {size:.1f} MB".replace(words.SPACE, " ")
+
+
+def _verdict(one: calibration.Results) -> str:
+    return str(one.diagnosis["verdict"]) if one.diagnosis else ""

@@ -1,0 +1,245 @@
+"""One calibration's results -> its section of the report."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from compasslib import archive
+from compasslib.discrepancy.telling import VERDICTS
+from compasslib.report import calibration_figures, figures, found, words
+from compasslib.report.section import Cell, Section, Table
+
+HEADER = (
+    "Calibration",
+    "Kind",
+    "Readings",
+    "Sectors of 10°",
+    "Residual rms",
+    "Expanded uncertainty",
+    "Verdict",
+    "Warnings",
+)
+KINDS = {
+    "platform": "turned on a bench",
+    "swing": "ship's swing by GNSS",
+    "magnetometer": "magnetometer log",
+    "two_heads": "two instruments on one frame",
+    "declination": "observatory against the field model",
+}
+FILES = ("calibration.json", "table.csv", "points.csv", "diagnosis.json", "figures", "logs")
+LETTERS = ("A", "B", "C", "D", "E")
+AXES = ("x", "y", "z")
+
+
+@dataclass(frozen=True)
+class Results:
+    """What the files of one calibration hold, as far as the report needs it."""
+
+    name: str
+    folder: Path
+    content: Mapping[str, Any]  # calibration.json
+    table: tuple[tuple[str, ...], ...]  # rows of table.csv
+    diagnosis: Mapping[str, Any] | None
+
+
+def read(name: str, root: Path) -> Results:
+    """Return what the files of one calibration hold.
+
+    Args:
+        name: the calibration.
+        root: folder of the results.
+    """
+    folder = root / "calibrations" / name
+    with (folder / "table.csv").open(newline="", encoding="utf-8") as stream:
+        rows = tuple(tuple(row) for row in csv.reader(stream))[1:]
+    searched = folder / "diagnosis.json"
+    diagnosis = archive.read_json(searched) if searched.exists() else None
+    return Results(name, folder, archive.read_json(folder / "calibration.json"), rows, diagnosis)
+
+
+def section(results: Results, root: Path, *, embed: bool) -> Section:
+    """Return one calibration's section.
+
+    Args:
+        results: what its files hold.
+        root: folder of the page.
+        embed: whether its figures come into the page.
+    """
+    content, diagnosis = results.content, results.diagnosis
+    drawn = calibration_figures.alternatives(content, diagnosis)
+    links = tuple((f, figures.relative(results.folder / f, root)) for f in FILES if (results.folder / f).exists())
+    return Section(
+        name=results.name,
+        anchor=f"calibration-{results.name}",
+        verdict=diagnosis["verdict"] if diagnosis else "",
+        summary=_summary(content, diagnosis),
+        facts=_facts(content),
+        findings=found.findings(diagnosis) if diagnosis else (),
+        cannot_tell=(*_cannot_tell(content), *(found.cannot_tell(diagnosis) if diagnosis else ())),
+        warnings=tuple(content["warnings"]),
+        tables=(
+            *_coefficients(content),
+            *_iron(content),
+            *_cardinal(content),
+            *_budget(content),
+            *_deviations(results),
+        ),
+        figures=figures.of_folder(results.folder, root, drawn, embed=embed),
+        links=links,
+        cells=_cells(results),
+    )
+
+
+def _summary(content: Mapping[str, Any], diagnosis: Mapping[str, Any] | None) -> tuple[str, ...]:
+    told = []
+    if diagnosis:
+        told = [words.sentence(said) for said in (VERDICTS[diagnosis["verdict"]], diagnosis.get("why", "")) if said]
+    if content["why"]:
+        return (*told, words.sentence(content["why"]), *_texts(content))
+    expanded = content["uncertainty"]["expanded_deg"]
+    sure = f" The expanded uncertainty of a deviation is {words.degrees(expanded, 2)} (k = 2)." if expanded else ""
+    readings = words.plural(content["n"], "reading")
+    first = f"{readings} in {content['coverage']} of 36 sectors of 10°, model {words.plain(content['model'])}.{sure}"
+    return (*told, first, *_texts(content))
+
+
+def _texts(content: Mapping[str, Any]) -> Iterator[str]:
+    """Give the sentences that a kind says about itself, wherever they stand in the file."""
+    for key, value in content.items():
+        if key == "text" and isinstance(value, str) and value:
+            yield words.sentence(value)
+        elif isinstance(value, Mapping):
+            yield from _texts(value)
+
+
+def _facts(content: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
+    place = content["place"]
+    facts = [("Kind", KINDS.get(content["kind"], content["kind"])), ("Model", words.plain(content["model"]))]
+    if place["latitude"] is not None:
+        facts.append(("Position", words.position(place["latitude"], place["longitude"])))
+    facts += [("Date", place["date"])] if place["date"] else []
+    facts += (
+        [("Declination", words.degrees(place["declination_deg"], 2))] if place["declination_deg"] is not None else []
+    )
+    if place["field"]:
+        facts.append(("Horizontal field", f"{words.number(place['field']['horizontal_nT'], 0)} nT"))
+    if content["residual_rms_deg"] is not None:
+        facts.append(("Residual", f"{words.degrees(content['residual_rms_deg'], 2)} rms"))
+    if content.get("offset_deg") is not None:
+        facts.append(
+            ("Offset of the second", words.with_sigma(content["offset_deg"], content.get("offset_sigma_deg"), "°"))
+        )
+    made = f"{content.get('software', 'not given')}, {content.get('date_created', 'not dated')}"
+    return (*facts, ("Made from", ", ".join(content.get("source_files", [])) or "not given"), ("Made by", made))
+
+
+def _cannot_tell(content: Mapping[str, Any]) -> tuple[str, ...]:
+    open_ = [
+        f"Not determined: {name}. {words.sentence(why)}" for name, why in content.get("undetermined_why", {}).items()
+    ]
+    limit = (content.get("iso_25862") or {}).get("conditions", [])
+    return (*content.get("cannot_tell", []), *open_, *limit)
+
+
+def _coefficients(content: Mapping[str, Any]) -> tuple[Table, ...]:
+    exact = content["exact"] or {}
+    columns = [
+        ("Series in the recorded heading", content["coefficients"], content["covariance"], "°"),
+        ("Exact compass, dimensionless", exact.get("coefficients"), exact.get("covariance"), ""),
+    ]
+    known = [column for column in columns if column[1]]
+    if not known:
+        return ()
+    rows = tuple(
+        (name, *(_coefficient(c[letter], v, k, unit) for k, letter in enumerate(LETTERS))) for name, c, v, unit in known
+    )
+    return (Table("Coefficients of the deviation ± 1σ", ("", *LETTERS), rows),)
+
+
+def _coefficient(value: float | None, covariance: Any, k: int, unit: str) -> str:
+    variance = covariance[k][k] if covariance else None
+    if value is not None and variance is not None and abs(value) < 1e-9 and variance < 1e-18:
+        return "0 by convention"
+    return words.with_sigma(value, math.sqrt(variance) if variance else None, unit)
+
+
+def _iron(content: Mapping[str, Any]) -> tuple[Table, ...]:
+    if not content.get("hard_iron"):
+        return ()
+    rows = tuple(_axis(content, k) for k in range(3))
+    return (Table("Hard iron (unit of the log) and soft iron ± 1σ", ("", "Hard iron", *AXES), rows),)
+
+
+def _axis(content: Mapping[str, Any], k: int) -> tuple[str, ...]:
+    hard = words.with_sigma(content["hard_iron"][k], content["hard_iron_sigma"][k])
+    pairs = zip(content["soft_iron"][k], content["soft_iron_sigma"][k], strict=True)
+    return (AXES[k], hard, *(words.with_sigma(value, sigma) for value, sigma in pairs))
+
+
+def _cardinal(content: Mapping[str, Any]) -> tuple[Table, ...]:
+    """Return the coefficients by the formulae of the eight points; none where a kind has none."""
+    told = content.get("cardinal")
+    if not told:
+        return ()
+    single = [
+        (words.plain(name), words.degrees(value, 2)) for name, value in told.items() if not isinstance(value, Mapping)
+    ]
+    single += [(f"D from {name}", words.degrees(value, 2)) for name, value in told["D_from"].items()]
+    return (
+        Table(
+            "By the eight points (Moncunill Marimón et al. 2023)",
+            ("", "Value"),
+            tuple(single),
+            folded="By the eight points",
+        ),
+    )
+
+
+def _budget(content: Mapping[str, Any]) -> tuple[Table, ...]:
+    budget = content["uncertainty"]
+    rows = [(words.plain(n), words.degrees(row["standard_deg"], 2), row["how"]) for n, row in budget["rows"].items()]
+    if not rows:
+        return ()
+    rows.append(
+        (
+            "together",
+            words.degrees(budget["standard_deg"], 2),
+            f"expanded {words.degrees(budget['expanded_deg'], 2)} (k = 2)",
+        )
+    )
+    return (Table("Uncertainty budget of one deviation", ("", "Standard", "How"), tuple(rows)),)
+
+
+def _deviations(results: Results) -> tuple[Table, ...]:
+    if not results.table:
+        return ()
+    rows = tuple((f"{row[0]}°", *(words.degrees(float(x) if x else None) for x in row[1:])) for row in results.table)
+    return (
+        Table(
+            "Deviation and its standard uncertainty by recorded heading",
+            ("Recorded", "Deviation", "1σ"),
+            rows,
+            folded="Table of deviations",
+        ),
+    )
+
+
+def _cells(results: Results) -> tuple[Cell, ...]:
+    content, diagnosis = results.content, results.diagnosis
+    residual, expanded = content["residual_rms_deg"], content["uncertainty"]["expanded_deg"]
+    verdict = diagnosis["verdict"] if diagnosis else ("no calibration" if content["why"] else "not searched")
+    return (
+        Cell(results.name, results.name),
+        Cell(KINDS.get(content["kind"], content["kind"]), content["kind"]),
+        Cell(words.count(content["n"]), content["n"]),
+        Cell(words.count(content["coverage"]), content["coverage"]),
+        Cell(words.degrees(residual, 2), residual),
+        Cell(words.degrees(expanded, 2), expanded),
+        Cell(verdict, verdict),
+        Cell(words.count(len(content["warnings"])), len(content["warnings"])),
+    )

@@ -1,0 +1,90 @@
+"""A diagnosis.json in words, for moorings and calibrations alike."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from compasslib.report import words
+from compasslib.report.section import Finding, Table
+
+SIDES = {
+    "compass": "the compass that was corrected",
+    "reference": "the trusted instrument",
+    "water": "the water",
+    "clock": "the clocks",
+}
+LEAST_P = 0.001  # the smallest that the drawn blocks can show
+
+
+def findings(diagnosis: Mapping[str, Any]) -> tuple[Finding, ...]:
+    """Return what was found, strongest first, and what stays unexplained after it.
+
+    Args:
+        diagnosis: content of diagnosis.json.
+    """
+    told = [_finding(one) for one in diagnosis["findings"]]
+    left = diagnosis["unexplained"]
+    return (*told, _unexplained(left)) if left else tuple(told)
+
+
+def cannot_tell(diagnosis: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return sentences on what the recording does not tell.
+
+    Args:
+        diagnosis: content of diagnosis.json.
+    """
+    decide = [part for part in (diagnosis["separated_by"] or "").split("; ") if part]
+    told = [f"What would decide: {words.sentence(part)}" for part in decide]
+    closed = [(words.plain(one["effect"]), words.sentence(one["why"])) for one in diagnosis["not_testable"]]
+    told += [f"Not testable: {effect}. {why}" for effect, why in dict.fromkeys(closed)]
+    small = [_small(one) for one in diagnosis.get("negligible", [])]
+    told += [f"Too small to matter: {words.listed(small)}."] if small else []
+    return tuple(told)
+
+
+def _small(one: Mapping[str, Any]) -> str:
+    return f"{words.plain(one['effect'])} ({words.degrees(one['rms_effect_deg'])} rms)"
+
+
+def _finding(one: Mapping[str, Any]) -> Finding:
+    others = [words.plain(effect) for effect in one["alternatives"]]
+    applied = {"applied": ("In the product", "yes" if one["applied"] else "no")} if "applied" in one else {}
+    facts = [
+        ("Side", SIDES.get(one["side"], one["side"])),
+        ("Could also be", words.listed(others) if others else "nothing else of the catalogue"),
+        *_place(one),
+        ("Residual on held-out days", _held_out(one["heldout"])),
+        *applied.values(),
+    ]
+    return Finding(words.plain(one["effect"]).capitalize(), one["text"], tuple(facts), _parameters(one["parameters"]))
+
+
+def _unexplained(left: Mapping[str, Any]) -> Finding:
+    return Finding("Unexplained", left["text"], tuple(_place(left)))
+
+
+def _place(one: Mapping[str, Any]) -> list[tuple[str, str]]:
+    where, when = one.get("where") or {}, one.get("when")
+    told = [("Where", words.sentence(where["text"]))] if where.get("text") else []
+    told += [("When", words.days(when))] if when else []
+    return [*told, ("Size", f"{words.degrees(one['rms_effect_deg'])} rms")] if "rms_effect_deg" in one else told
+
+
+def _held_out(proof: Mapping[str, Any]) -> str:
+    told = f"{words.degrees(proof['rms_before_deg'], 2)} before, {words.degrees(proof['rms_after_deg'], 2)} after"
+    chance = proof.get("p_value")
+    if chance is None:
+        return f"{told} rms"
+    return f"{told} rms ({'p < 0.001' if chance <= LEAST_P else f'p = {words.significant(chance, 2)}'})"
+
+
+def _parameters(parameters: Mapping[str, Any]) -> Table | None:
+    fitted = {name: one for name, one in parameters.items() if one["sigma"]}
+    if not fitted:
+        return None
+    rows = tuple(
+        (words.plain(name), words.with_sigma(one["value"], one["sigma"], one.get("unit", "")))
+        for name, one in fitted.items()
+    )
+    return Table("Parameters", ("", "Value ± 1σ"), rows)

@@ -1,0 +1,270 @@
+"""One mooring's results -> its section of the report."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from compasslib import archive
+from compasslib.discrepancy.telling import VERDICTS
+from compasslib.report import figures, found, headings, mooring_figures, words
+from compasslib.report.headings import Headings
+from compasslib.report.section import Cell, Section, Table
+
+HEADER = (
+    "Mooring",
+    "Verdict",
+    "Effects found",
+    "Method",
+    "Pairs",
+    "Corrected",
+    "Rms before",
+    "Rms after",
+    "Largest deviation",
+    "Folded",
+    "Warnings",
+)
+FILES = ("corrected.nc", "overlap.nc", "deviation.json", "diagnosis.json", "assessment.json", "figures", "logs")
+LETTERS = ("A", "B", "C", "D", "E")
+
+
+@dataclass(frozen=True)
+class Results:
+    """What the files of one mooring hold, as far as the report needs it."""
+
+    name: str
+    folder: Path
+    row: Mapping[str, str]  # of summary.csv
+    fit: Mapping[str, Any]  # deviation.json
+    diagnosis: Mapping[str, Any]
+    assessment: Mapping[str, Any]
+    headings: Headings
+    inputs: Mapping[str, Mapping[str, int]]  # counts of each instrument
+
+    @property
+    def product(self) -> Mapping[str, Any]:
+        """Return the fit that the product was made by, which is the one in the figures."""
+        applied = self.fit["applied"]
+        block: Mapping[str, Any] = applied["fit"] if applied["effects"] else self.fit
+        return block
+
+
+def rows(summary: str | Path) -> dict[str, dict[str, str]]:
+    """Return the rows of summary.csv by mooring.
+
+    Args:
+        summary: the file.
+    """
+    with Path(summary).open(newline="", encoding="utf-8") as stream:
+        return {row["name"]: row for row in csv.DictReader(stream)}
+
+
+def read(name: str, root: Path, row: Mapping[str, str]) -> Results:
+    """Return what the files of one mooring hold.
+
+    Args:
+        name: the mooring.
+        root: folder of the results.
+        row: of summary.csv.
+    """
+    folder = root / name
+    fit, diagnosis, assessment = (
+        archive.read_json(folder / f"{file}.json") for file in ("deviation", "diagnosis", "assessment")
+    )
+    inputs = {path.stem: archive.read_counts(path) for path in sorted((folder / "work").glob("*.nc"))}
+    product = headings.read(folder / "corrected.nc")
+    return Results(name, folder, row, fit, diagnosis, assessment, product, inputs)
+
+
+def section(results: Results, root: Path, site: Mapping[str, Any], *, embed: bool) -> Section:
+    """Return one mooring's section.
+
+    Args:
+        results: what its files hold.
+        root: folder of the page.
+        site: latitude, longitude, water_depth_m, instruments (role and what it is).
+        embed: whether its figures come into the page.
+    """
+    verdict = results.diagnosis["verdict"]
+    drawn = mooring_figures.alternatives(results)
+    return Section(
+        name=results.name,
+        anchor=f"mooring-{results.name}",
+        verdict=verdict,
+        summary=_summary(results),
+        facts=_facts(results, site),
+        findings=found.findings(results.diagnosis),
+        cannot_tell=found.cannot_tell(results.diagnosis),
+        warnings=tuple(said for said in results.row["warnings"].split(" | ") if said),
+        tables=(*_agreement(results.assessment), *_coefficients(results.fit), *_inputs(results.inputs)),
+        figures=figures.of_folder(results.folder, root, drawn, embed=embed),
+        links=tuple((file, figures.relative(results.folder / file, root)) for file in FILES),
+        cells=_cells(results),
+    )
+
+
+def _summary(results: Results) -> tuple[str, ...]:
+    head, why = results.headings, results.diagnosis.get("why", "")
+    told = [words.sentence(VERDICTS[results.diagnosis["verdict"]])]
+    told += [words.sentence(why)] if why else []
+    share = words.percent(head.corrected / head.n if head.n else None)
+    told.append(f"{share} of the {words.count(head.n)} samples have a corrected heading.")
+    if results.fit["why"] and results.fit["why"] != why:
+        told.append(words.sentence(results.fit["why"]))
+    return tuple(told)
+
+
+def _facts(results: Results, site: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
+    head, said = results.headings, results.headings.attributes
+    instrument = ", ".join(str(said[key]) for key in ("instrument", "serial_number") if key in said)
+    facts = [
+        ("Position", words.position(site["latitude"], site["longitude"])),
+        ("Water depth", f"{words.significant(site['water_depth_m'], 5)} m"),
+        ("Deployment", words.days({"from": site["start"], "to": site["end"]})),
+        *((f"{role} instrument", told) for role, told in site["instruments"].items()),
+        ("Make and number", instrument or "not given"),
+        ("Method", _method(results.fit)),
+        *_counted(head),
+        ("Uncertainty of the heading (1σ)", _pair("median {}, 95th percentile {}", head.sigma_deg)),
+        ("Largest deviation", words.degrees(head.largest_deviation_deg)),
+        ("The compass can show", _range(results.product)),
+        ("Declination", _pair("{} to {}", head.declination_deg, digits=2)),
+        ("Made by", f"{said.get('software_version', 'not given')}, {said.get('date_created', 'not dated')}"),
+    ]
+    return tuple(facts)
+
+
+def _counted(head: Headings) -> list[tuple[str, str]]:
+    def share(n: int) -> str:
+        return f"{words.percent(n / head.n if head.n else None)} ({words.plural(n, 'sample')})"
+
+    return [
+        ("Corrected, flag 1 or 2", share(head.corrected - head.doubtful)),
+        ("Corrected, but doubtful, flag 3", share(head.doubtful)),
+        ("Not corrected, NaN", share(head.n - head.corrected)),
+    ]
+
+
+def _pair(form: str, pair: tuple[float, float], digits: int = 1) -> str:
+    return form.format(*(words.degrees(x, digits) for x in pair)) if math.isfinite(pair[0]) else words.UNKNOWN
+
+
+def _method(fit: Mapping[str, Any]) -> str:
+    told = words.METHODS.get(fit["method"], fit["method"])
+    applied = fit["applied"]
+    if not applied["effects"]:
+        return told
+    effects = words.listed([words.plain(effect) for effect in applied["effects"]])
+    product = words.METHODS.get(applied["method"], applied["method"])
+    return f"{told}; the product is made by the {product} with what was found on its side ({effects})"
+
+
+def _range(fit: Mapping[str, Any]) -> str:
+    if not fit["recorded_range_deg"]:
+        return words.UNKNOWN
+    low, high = fit["recorded_range_deg"]
+    if high - low >= 360.0:
+        return "every heading"
+    folded = ", each for two correct headings" if fit["folded"] else ""
+    return f"{words.degrees(_north(low), 0)} to {words.degrees(_north(high), 0)} only{folded}"
+
+
+def _north(heading_deg: float) -> float:
+    from compasslib import angles  # one angle
+
+    return float(angles.wrap360(heading_deg))
+
+
+def _agreement(assessment: Mapping[str, Any]) -> tuple[Table, ...]:
+    """Return the table of agreement on held-out pairs; none where there is no pair."""
+    told = [("Before", assessment["before"]), ("Before, where corrected", assessment["before_where_corrected"])]
+    told.append(("After", assessment["after"]))
+    if not assessment["before"]["n"]:
+        return ()
+    days = words.significant(assessment["held_out"]["block_days"], 2)
+    caption = f"Upper minus lower current direction, each pair held out from the fit (blocks of {days} days)"
+    header = ("", "Pairs", "Mean", "Rms", "Median absolute", "Vector correlation")
+    return (Table(caption, header, tuple((name, *_compared(one)) for name, one in told)),)
+
+
+def _compared(one: Mapping[str, Any]) -> tuple[str, ...]:
+    if not one["n"]:
+        return (words.count(0), *(words.UNKNOWN,) * 4)
+    rms = words.with_sigma(one["rms_deg"], one["rms_deg_sigma"], "°")
+    correlated = words.number(one["vector_correlation"]["magnitude"], 3)
+    mean, median = (words.degrees(one[key]) for key in ("mean_deg", "median_absolute_deg"))
+    return (words.count(one["n"]), mean, rms, median, correlated)
+
+
+def _coefficients(fit: Mapping[str, Any]) -> tuple[Table, ...]:
+    if not fit["coefficients"]:
+        return ()
+    method = words.METHODS.get(fit["method"], fit["method"])
+    columns = [(f"As configured ({method})", fit["coefficients"], fit["covariance"])]
+    applied = fit["applied"]
+    if applied["effects"]:
+        block = applied["compass"] or applied["fit"]
+        columns.append(("Of the product (exact compass)", block["coefficients"], block["covariance"]))
+    unit = "°" if fit["unit"] == "degrees" else ""
+    units = [unit, ""]  # the product's compass is the exact one, whose coefficients have no unit
+    rows = tuple((name, *_lettered(c, v, u)) for (name, c, v), u in zip(columns, units, strict=False))
+    kind = "" if unit else ", dimensionless"
+    pairs = f"{words.plural(fit['n_pairs'], 'pair')}, worth {words.number(fit['n_effective'], 0)} independent ones"
+    caption = (
+        f"Coefficients of the deviation ± 1σ{kind} ({pairs}; residual {words.degrees(fit['residual_rms_deg'])} rms)"
+    )
+    return (Table(caption, ("", *LETTERS), rows),)
+
+
+def _lettered(coefficients: Mapping[str, float], covariance: Any, unit: str) -> tuple[str, ...]:
+    sigmas = [math.sqrt(covariance[k][k]) if covariance else None for k in range(len(LETTERS))]
+    return tuple(words.with_sigma(coefficients[k], sigma, unit) for k, sigma in zip(LETTERS, sigmas, strict=True))
+
+
+def _inputs(inputs: Mapping[str, Mapping[str, int]]) -> tuple[Table, ...]:
+    """Return one table of what was read, skipped and flagged, a column an instrument; zeros stand in its caption."""
+    names = dict.fromkeys(name for counts in inputs.values() for name in counts)
+    seen = [name for name in names if any(counts.get(name) for counts in inputs.values())]
+    if not names:
+        return ()
+    rows = tuple(
+        (words.plain(name), *(words.count(counts[name]) if name in counts else "" for counts in inputs.values()))
+        for name in seen
+    )
+    none = ", ".join(words.plain(name) for name in names if name not in seen)
+    caption = "Inputs: what was read, skipped and flagged" + (f"; none of: {none}" if none else "")
+    return (Table(caption, ("", *inputs), rows, folded="Inputs: what was read, skipped and flagged"),)
+
+
+def _cells(results: Results) -> tuple[Cell, ...]:
+    row, head = results.row, results.headings
+    before, after, largest = (_number(row[f"{key}_deg"]) for key in ("rms_before", "rms_after", "max_deviation"))
+    effects = [words.plain(effect) for effect in row["effects"].split()]
+    warnings = len([said for said in row["warnings"].split(" | ") if said])
+    share = head.corrected / head.n if head.n else 0.0
+    return (
+        Cell(results.name, results.name),
+        Cell(row["verdict"], _order(row["verdict"])),
+        Cell(", ".join(effects) or "none", ", ".join(effects) or None),
+        Cell(words.METHODS.get(row["method"], row["method"]), row["method"]),
+        Cell(words.count(int(row["n_pairs"])), int(row["n_pairs"])),
+        Cell(words.percent(share), share),
+        Cell(words.degrees(before), before),
+        Cell(words.degrees(after), after),
+        Cell(words.degrees(largest), largest),
+        Cell("yes" if row["folded"] == "True" else "no", row["folded"]),
+        Cell(words.count(warnings), warnings),
+    )
+
+
+def _number(text: str) -> float | None:
+    return float(text) if text else None
+
+
+def _order(verdict: str) -> str:
+    """Return what a verdict is sorted by, what agrees first."""
+    return str(list(VERDICTS).index(verdict))

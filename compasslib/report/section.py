@@ -1,0 +1,76 @@
+"""What the report says, before it is HTML: the same parts for a mooring and for a calibration.
+
+Texts are plain; whatever stands in them is escaped when the page is made.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One cell of the overview: what is read, and what it is sorted by."""
+
+    text: str
+    key: float | str | None = None  # None sorts last, whichever way
+
+
+@dataclass(frozen=True)
+class Table:
+    """A small table; the first column names its rows."""
+
+    caption: str
+    header: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    folded: str = ""  # the line that opens it; open from the start where there is none
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A figure of the results."""
+
+    title: str
+    alternative: str  # what it shows, in words and numbers
+    href: str  # the file, relative to the page
+    data: str = ""  # the picture itself as a data URI; empty where it is only linked
+    width: int = 0  # pixels of the data
+    height: int = 0
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One effect that was found, or what stays unexplained."""
+
+    title: str
+    text: str
+    facts: tuple[tuple[str, str], ...]
+    parameters: Table | None = None
+
+
+@dataclass(frozen=True)
+class Section:
+    """One mooring or one calibration."""
+
+    name: str
+    anchor: str
+    verdict: str  # a word of discrepancy.telling.VERDICTS, or empty
+    summary: tuple[str, ...]  # sentences: the verdict and what else comes first
+    facts: tuple[tuple[str, str], ...]
+    findings: tuple[Finding, ...] = ()
+    cannot_tell: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+    tables: tuple[Table, ...] = ()
+    figures: tuple[Figure, ...] = ()
+    links: tuple[tuple[str, str], ...] = ()  # text, address relative to the page
+    cells: tuple[Cell, ...] = ()  # its row in the overview
+
+
+@dataclass(frozen=True)
+class Overview:
+    """The sortable table of all moorings or of all calibrations."""
+
+    caption: str
+    header: tuple[str, ...]
+    sections: Sequence[Section]

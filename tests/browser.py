@@ -1,0 +1,138 @@
+"""A real browser for tests: headless Chromium, driven through its debugging pipe by the standard library alone."""
+
+from __future__ import annotations
+
+import base64
+import json
+import os
+import shutil
+import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+PROGRAMS = ("chromium", "chromium-browser", "google-chrome")
+OPTIONS = ("--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--hide-scrollbars")
+KEYS = {"Tab": 9, "Enter": 13, "Space": 32}
+
+
+def program() -> str | None:
+    """Return the browser's path, None where there is none."""
+    return next((found for name in PROGRAMS if (found := shutil.which(name))), None)
+
+
+class Page:
+    """One open page: what it did, and what a reader can do to it."""
+
+    def __init__(self, to_browser: int, from_browser: int):
+        self._to, self._from = os.fdopen(to_browser, "wb", buffering=0), os.fdopen(from_browser, "rb")
+        self._number, self._session = 0, ""
+        self.events: list[dict[str, Any]] = []
+
+    def send(self, method: str, **parameters: Any) -> dict[str, Any]:
+        """Return the browser's answer to one command of the DevTools protocol; events meanwhile are kept."""
+        self._number += 1
+        message = {"id": self._number, "method": method, "params": parameters}
+        session = {"sessionId": self._session} if self._session else {}
+        self._to.write(json.dumps(message | session).encode() + b"\0")
+        while True:
+            answer = self._next()
+            if answer.get("id") == self._number:
+                assert "error" not in answer, answer["error"]
+                return answer["result"]
+            self.events.append(answer)
+
+    def _next(self) -> dict[str, Any]:
+        held = bytearray()
+        while (byte := self._from.read(1)) != b"\0":
+            assert byte, "the browser ended"
+            held += byte
+        return json.loads(held)
+
+    def attach(self) -> None:
+        """Take the browser's first tab and listen to its network, its errors and its console."""
+        target = self.send("Target.createTarget", url="about:blank")["targetId"]
+        self._session = self.send("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
+        for domain in ("Page", "Network", "Runtime", "Log"):
+            self.send(f"{domain}.enable")
+
+    def open(self, path: Path, width: int = 1400, height: int = 900, *, scheme: str = "light") -> None:
+        """Open a file in a window of a width, in light or dark, and wait until it is loaded."""
+        self.send("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
+        self.send("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}])
+        self.events.clear()
+        self.send("Page.navigate", url=path.resolve().as_uri())
+        while not self.happened("Page.loadEventFired"):
+            self.events.append(self._next())
+
+    def happened(self, method: str) -> list[dict[str, Any]]:
+        """Return the parameters of all events of one kind since the page was opened."""
+        return [event["params"] for event in self.events if event.get("method") == method]
+
+    def ask(self, expression: str) -> Any:
+        """Return the value of a JavaScript expression."""
+        answer = self.send("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True)
+        assert "exceptionDetails" not in answer, answer
+        return answer["result"].get("value")
+
+    def click(self, selector: str) -> None:
+        """Click in the middle of an element, as a hand does: whatever lies on top gets it."""
+        element = f"document.querySelector({json.dumps(selector)})"
+        self.ask(f"{element}.scrollIntoView({{block: 'center', behavior: 'instant'}})")
+        x, y = self.ask(f"(r => [r.x + r.width / 2, r.y + r.height / 2])({element}.getBoundingClientRect())")
+        for kind in ("mousePressed", "mouseReleased"):
+            self.send("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
+
+    def press(self, key: str) -> None:
+        """Press a key."""
+        text = {"Enter": "\r", "Space": " "}.get(key)
+        name = " " if key == "Space" else key
+        for kind in ("keyDown", "keyUp"):
+            extra = {"text": text} if text and kind == "keyDown" else {}
+            code = KEYS[key]
+            self.send("Input.dispatchKeyEvent", type=kind, key=name, code=key, windowsVirtualKeyCode=code, **extra)
+
+    def picture(self, path: Path, *, whole: bool = True) -> None:
+        """Write a PNG of the whole page or of the window."""
+        answer = self.send("Page.captureScreenshot", format="png", captureBeyondViewport=whole)
+        path.write_bytes(base64.b64decode(answer["data"]))
+
+    def paper(self) -> bytes:
+        """Return the page as a PDF."""
+        return base64.b64decode(self.send("Page.printToPDF", preferCSSPageSize=True)["data"])
+
+
+@contextmanager
+def chromium(profile: Path) -> Iterator[Page]:
+    """Give a page of a fresh browser, which ends with the block."""
+    command_in, command_out = os.pipe()
+    answer_in, answer_out = os.pipe()
+
+    def as_the_protocol_asks() -> None:  # Chromium reads commands from descriptor 3 and writes answers to 4
+        os.dup2(command_in, 103)
+        os.dup2(answer_out, 104)
+        os.dup2(103, 3)
+        os.dup2(104, 4)
+
+    found = program()
+    assert found
+    options = (*OPTIONS, "--remote-debugging-pipe", f"--user-data-dir={profile}")
+    running = subprocess.Popen(
+        [found, *options],
+        preexec_fn=as_the_protocol_asks,
+        close_fds=False,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    os.close(command_in)
+    os.close(answer_out)
+    page = Page(command_out, answer_in)
+    try:
+        page.attach()
+        yield page
+    finally:
+        running.terminate()
+        running.wait(20)
+        page._to.close()
+        page._from.close()

@@ -1,0 +1,433 @@
+"""The report: one page without a network, escaped, in order, with the numbers of the results; then in a browser."""
+
+from __future__ import annotations
+
+import base64
+import csv
+import json
+import re
+from dataclasses import fields, is_dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+from urllib.parse import unquote
+
+import browser
+import page
+import pytest
+import yaml
+from bench import readings, ring, write_calibration
+from sea import cruise
+from test_workflow import change, snakemake
+from two_heads_files import cast
+
+from compasslib import archive_calibrations, plots_calibration_two_heads, report
+from compasslib.archive_files import write_json
+from compasslib.calibration import content, two_heads
+from compasslib.discrepancy.show import HeldOut
+from compasslib.discrepancy.verdict import Diagnosis, Parameter, Unexplained, Where
+from compasslib.discrepancy.verdict import Finding as Found
+from compasslib.errors import InputError
+from compasslib.nature.package import Sea
+from compasslib.report import figures, found, words
+from compasslib.report.section import Cell, Figure, Finding, Overview, Section, Table
+
+HOSTILE = """<script>document.title = 'broken'</script><img src=x onerror="document.title='broken'"> & "quoted" 'so'"""
+WIDTHS = (360, 1400)
+OUTSIDE = r"(?:src|href|action|poster|srcset)\s*=\s*[\"']?\s*(?:https?:)?//|url\(|@import"
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory):
+    """A processed cruise: a mooring, one without a trusted instrument, two calibrations; markup in every attribute."""
+    folder = cruise(tmp_path_factory.mktemp("cruise"), ("M1",), n=600)
+    alone = yaml.safe_load((folder / "config/moorings/M1.yaml").read_text()) | {"name": "ALONE"}
+    del alone["reference"]
+    (folder / "config/moorings/ALONE.yaml").write_text(yaml.safe_dump(alone))
+    change(folder / "config/moorings/M1.yaml", attributes={"instrument": HOSTILE, "serial_number": "<b>1</b>"})
+    change(folder / "config/config.yaml", attributes={"project": HOSTILE, "institution": "Fjord & Søn <i>"})
+    write_calibration(folder, "bench", readings(), budget="le_menn")
+    write_calibration(folder, "few", readings(ring(3)), latitude=None, longitude=None)
+    ran = snakemake(folder)
+    assert ran.returncode == 0, ran.stderr
+    return folder
+
+
+@pytest.fixture(scope="module")
+def document(done):
+    return page.read(done / "results/report.html")
+
+
+def filled(kind, text: str):
+    """Return a part of the report whose every text is this one."""
+    by_type = {
+        "str": text,
+        "tuple[str, ...]": (text, text),
+        "tuple[tuple[str, str], ...]": ((text, text), (text, "x")),
+        "tuple[tuple[str, ...], ...]": ((text, text), ("", text)),
+    }
+    values = {one.name: by_type[one.type] for one in fields(kind) if one.type in by_type}
+    return kind(**values)
+
+
+def hostile(name: str = "M", k: int = 0) -> Section:
+    table = filled(Table, HOSTILE)
+    figure = replace(filled(Figure, HOSTILE), data="", href="M/figures/x.png")
+    return replace(
+        filled(Section, HOSTILE),
+        name=name,
+        anchor=f"mooring-{name}",
+        verdict="consistent",
+        findings=(replace(filled(Finding, HOSTILE), parameters=table),),
+        tables=(table, replace(table, folded="")),
+        figures=(figure, replace(figure, data="data:image/png;base64,", width=3, height=5)),
+        cells=(Cell(HOSTILE, HOSTILE), Cell(HOSTILE, float(k)), Cell(HOSTILE, None)),
+    )
+
+
+def written(path: Path, sections) -> page.Document:
+    overview = Overview(HOSTILE, ("Name", "Number", "Nothing"), sections)
+    empty = replace(overview, sections=())
+    report.write(path, report.Report(HOSTILE, ((HOSTILE, HOSTILE),), overview, empty, HOSTILE, HOSTILE, 3))
+    return page.read(path)
+
+
+def test_every_text_is_escaped(tmp_path):
+    """Every text of every part is hostile; the page still has its own script only, and says the text as it is."""
+    made = written(tmp_path / "r.html", [hostile()])
+    assert len(made.all("script")) == 1 and not [one for one in made.all("img") if "onerror" in one.attributes]
+    assert not [one for one in made.elements if any(name.startswith("on") for name in one.attributes)]
+    said = sum(one.text.count(HOSTILE) for one in made.all("p", "dt", "dd", "li", "td", "th", "summary", "h1", "h5"))
+    assert said > 30
+    assert HOSTILE not in (tmp_path / "r.html").read_text()
+    assert {one.attributes["alt"] for one in made.all("img")} == {HOSTILE}
+
+
+def test_every_part_of_the_report_is_covered_by_the_hostile_one():
+    """A new text field that ``filled`` does not know would go untested."""
+    known = {"str", "tuple[str, ...]", "tuple[tuple[str, str], ...]", "tuple[tuple[str, ...], ...]"}
+    other = {
+        "int",
+        "Table | None",
+        "tuple[Finding, ...]",
+        "tuple[Table, ...]",
+        "tuple[Figure, ...]",
+        "tuple[Cell, ...]",
+    }
+    for kind in (Table, Figure, Finding, Section):
+        assert is_dataclass(kind) and {one.type for one in fields(kind)} <= known | other
+
+
+def test_attributes_names_and_warnings_of_a_cruise_are_escaped(done, document):
+    text = (done / "results/report.html").read_text()
+    assert len(document.all("script")) == 1 and "<b>1" not in text and "Søn <i>" not in text
+    assert HOSTILE in document.all("h1")[0].text
+    assert any("<b>1</b>" in one.text for one in document.all("dd"))
+
+
+def test_it_is_whole_and_asks_for_nothing_from_outside(done, document):
+    text = (done / "results/report.html").read_text()
+    assert not re.search(OUTSIDE, re.sub(r"data:image/png;base64,[A-Za-z0-9+/=]*", "", text))
+    assert not document.all("iframe", "object", "embed", "audio", "video", "base")
+    assert all(one.attributes["src"].startswith("data:image/png;base64,") for one in document.all("img"))
+    assert [one.attributes["href"] for one in document.all("link")] == ["data:,"]
+    ids = [one.attributes["id"] for one in document.elements if "id" in one.attributes]
+    assert len(ids) == len(set(ids))
+
+
+def test_every_link_leads_somewhere(done, document):
+    ids = {one.attributes.get("id") for one in document.elements}
+    links = [one.attributes["href"] for one in document.all("a")]
+    assert len(links) > 40
+    for link in links:
+        there = link[1:] in ids if link.startswith("#") else (done / "results" / unquote(link)).exists()
+        assert there, link
+
+
+def test_headings_are_in_order_and_tables_are_named(document):
+    levels = [int(one.name[1]) for one in document.all("h1", "h2", "h3", "h4", "h5", "h6")]
+    assert levels[0] == 1 and levels.count(1) == 1
+    assert all(below - above <= 1 for above, below in pairwise(levels))
+    assert len(document.all("table")) == len(document.all("caption")) > 5
+    assert all(one.attributes.get("scope") in ("row", "col") for one in document.all("th"))
+    skip = document.all("a")[0]
+    assert skip.attributes["href"] == "#main" and document.all("html")[0].attributes["lang"] == "en"
+
+
+def test_every_figure_says_what_it_shows(done, document):
+    pictures = document.all("img")
+    assert len(pictures) == len(list((done / "results").rglob("figures/*.png"))) == 2 * 5 + 2 * 3
+    assert all(len(one.attributes["alt"]) > 50 for one in pictures)
+    said = [one.attributes["alt"] for one in pictures]
+    assert len(set(said)) > 12
+    fit = json.loads((done / "results/M1/deviation.json").read_text())
+    assert any(f"residual {words.degrees(fit['residual_rms_deg'])} rms" in alt for alt in said)
+
+
+def test_the_numbers_are_those_of_the_results(done, document):
+    rows = {row["name"]: row for row in csv.DictReader((done / "results/summary.csv").read_text().splitlines())}
+    shown = [one.text for one in document.all("td", "th") if one.attributes.get("role") in ("cell", "rowheader")]
+    at = shown.index("M1")
+    assert shown[at + 1] == rows["M1"]["verdict"] and shown[at + 6] == f"{float(rows['M1']['rms_before_deg']):.1f}°"
+    assert shown[at + 7] == f"{float(rows['M1']['rms_after_deg']):.1f}°" and "\N{NO-BREAK SPACE}%" in shown[at + 5]
+    alone = shown[shown.index("ALONE") :]
+    assert alone[1] == "insufficient" and alone[5] == f"0.0{words.SPACE}%" and alone[6] == words.UNKNOWN
+    text = " ".join(one.text for one in document.all("p", "li"))
+    assert "Too little to judge." in text and rows["ALONE"]["warnings"].split(" | ")[0][1:40] in text
+
+
+def test_the_same_results_give_the_same_bytes(done, monkeypatch):
+    """Anew through Snakemake; the date is the software's or SOURCE_DATE_EPOCH, never the clock's."""
+    path = done / "results/report.html"
+    first = path.read_bytes()
+    path.unlink()
+    assert snakemake(done, "--allowed-rules", "report").returncode == 0
+    assert path.read_bytes() == first
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "1200000000")
+    again = report.gather(done / "results", attributes={}, moorings={}, calibrations=["few"])
+    assert again.date == "2008-01-10T21:20:00Z"
+
+
+def test_a_cruise_of_calibrations_only(done, tmp_path):
+    only = report.gather(done / "results", attributes={}, moorings={}, calibrations=["bench", "few"])
+    report.write(tmp_path / "r.html", only)
+    made = page.read(tmp_path / "r.html")
+    assert [one.text for one in made.all("h2")] == ["How to read this page", "Calibrations"]
+    assert only.counts() == f"2{words.SPACE}calibrations."
+
+
+def diagnosis(verdict: str, *findings: Found, **more) -> dict:
+    """Return a diagnosis.json as the search writes it."""
+    return Diagnosis(verdict, findings, not_testable=(("stuck_tilt", "no other sensor"),), **more).to_json()
+
+
+def heeling(*alternatives: str) -> Found:
+    where = Where("pitch", 4.0, 11.0, "along pitch from 4 to 11 degrees")
+    proof = HeldOut(11.9, 11.3, 40.0, (20.0, 60.0), 0.000999)
+    parameters = {"b_z_nT": Parameter(2100.4, 140.0, "nT")}
+    when_s = (1188864000.0, 1223078400.0)
+    return Found("heeling", "compass", alternatives, where, when_s, parameters, 3.14, proof, "It heels.", applied=True)
+
+
+def test_what_was_found_is_said_with_its_alternatives_parameters_and_proof():
+    (told,) = found.findings(diagnosis("ambiguous", heeling("tilt_uncompensated")))
+    facts = {name: value.replace(words.SPACE, " ") for name, value in told.facts}
+    assert (told.title, told.text, facts["Could also be"]) == ("Heeling", "It heels.", "tilt uncompensated")
+    assert facts["Side"] == "the compass that was corrected" and facts["Size"] == "3.1° rms"
+    assert facts["When"] == "4 Sep 2007 to 4 Oct 2008" and facts["Where"] == "Along pitch from 4 to 11 degrees."
+    assert facts["Residual on held-out days"] == "11.90° before, 11.30° after rms (p < 0.001)"
+    assert facts["In the product"] == "yes"
+    assert [cell.replace(words.SPACE, " ") for cell in told.parameters.rows[0]] == ["b z nT", "2100 ± 140 nT"]
+
+
+def test_what_stays_unexplained_is_said_and_what_would_decide():
+    where = Where("speed", 0.1, 0.4, "along speed from 0.1 to 0.4 m/s")
+    left = Unexplained(("speed",), where, (1188864000.0, 1223078400.0), 2.0, (), "Nothing fits.")
+    told = diagnosis("unexplained", heeling(), unexplained=left, separated_by="a swing; wider headings")
+    *_, last = found.findings(told)
+    assert (last.title, last.text) == ("Unexplained", "Nothing fits.") and ("Size", "2.0° rms") in last.facts
+    assert found.cannot_tell(told)[:3] == (
+        "What would decide: A swing.",
+        "What would decide: Wider headings.",
+        "Not testable: stuck tilt. No other sensor.",
+    )
+
+
+def test_two_heads_and_a_diagnosis_have_their_section(tmp_path):
+    """A kind with words and figures of its own, and a diagnosis beside it."""
+    made = two_heads.calibrate(cast(tmp_path, sea=Sea(turns=0.0, wander_deg=14.0)), {})
+    there = tmp_path / "calibrations/heads"
+    files = {"calibration": there / "calibration.json", "table": there / "table.csv", "points": there / "points.csv"}
+    archive_calibrations.write(page=content.described("heads", made, {}, {}), made=made, **files)
+    write_json(there / "diagnosis.json", diagnosis("explained", heeling()))
+    for figure in ("difference", "tilt_check", "along_time"):
+        getattr(plots_calibration_two_heads, figure)(there / f"figures/{figure}.png", made, "heads")
+    section = report.gather(tmp_path, attributes={}, moorings={}, calibrations=["heads"]).calibrations.sections[0]
+    assert section.verdict == "explained" and section.findings[0].title == "Heeling"
+    assert set(made.details["cannot_tell"]) < set(section.cannot_tell)
+    assert made.details["frame"]["text"].rstrip(".") in " ".join(section.summary)
+    assert section.figures[0].title == "Difference of the two compasses"
+    assert all("offset is" in figure.alternative for figure in section.figures[::2])
+    assert section.cells[-2].text == "explained"
+
+
+def test_a_large_fleet_embeds_some_figures_and_says_so(tmp_path):
+    """The figures of what is not merely consistent come first; a thousand more moorings cost kilobytes each."""
+    verdicts = ["consistent"] * figures.MOST_SECTIONS + ["unexplained", "insufficient"]
+    kept = figures.chosen(verdicts)
+    assert sum(kept) == figures.MOST_SECTIONS and kept[-2:] == [True, True] and kept[-4:-2] == [False, False]
+    few, many = (written(tmp_path / f"{n}.html", [hostile(f"M{k}", k) for k in range(n)]) for n in (1, 21))
+    assert any("the figures of the other 3 are linked" in " ".join(one.text.split()) for one in few.all("p"))
+    assert len(many.all("h3")) == 21
+    assert (tmp_path / "21.html").stat().st_size - (tmp_path / "1.html").stat().st_size < 20 * 25_000
+
+
+def test_a_damaged_figure_is_one_line(done, tmp_path):
+    folder = tmp_path / "M1/figures"
+    folder.mkdir(parents=True)
+    whole = (done / "results/M1/figures/scatter.png").read_bytes()
+    (folder / "scatter.png").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(InputError, match=r"scatter.png: expected a whole PNG, found .*; delete it"):
+        figures.of_folder(folder.parent, tmp_path, {}, embed=True)
+
+
+def test_embedded_figures_are_pictures_of_their_own_size(done, document):
+    picture = document.all("img")[0]
+    data = base64.b64decode(picture.attributes["src"].split(",")[1])
+    assert data[:8] == b"\x89PNG\r\n\x1a\n"
+    assert [int.from_bytes(data[at : at + 4]) for at in (16, 20)] == [
+        int(picture.attributes[k]) for k in ("width", "height")
+    ]
+
+
+@pytest.mark.parametrize(
+    ("said", "expected"),
+    [
+        (words.percent(1.0), "100.0 %"),
+        (words.percent(0.99999), ">99.9 %"),
+        (words.percent(0.00001), "<0.1 %"),
+        (words.percent(None), "–"),
+        (words.degrees(-0.25, 2), "−0.25°"),
+        (words.degrees(float("nan")), "–"),
+        (words.number(-7.2e136), "−7.2e+136"),
+        (words.with_sigma(1.23456, 0.0123), "1.235 ± 0.012"),
+        (words.with_sigma(2100.4, 140.0, "nT"), "2100 ± 140 nT"),
+        (words.with_sigma(3.39, 3.93, "degrees"), "3.4 ± 3.9°"),
+        (words.with_sigma(1.0, 0.0), "1"),
+        (words.count(9504), "9 504"),
+        (words.plural(1, "pair"), "1 pair"),
+        (words.position(-8.9, 219.9), "8.9000° S, 140.1000° W"),
+        (words.days({"from": "2007-09-04T00:00:00Z", "to": "2008-10-04T00:00:00Z"}), "4 Sep 2007 to 4 Oct 2008"),
+        (words.sentence("too little"), "Too little."),
+    ],
+)
+def test_words(said, expected):
+    assert said.replace(words.SPACE, " ") == expected
+
+
+# In a real browser.
+
+needs_browser = pytest.mark.skipif(browser.program() is None, reason="no Chromium here (Debian's package chromium)")
+# Sibling boxes that share more than a pixel, and what sticks out of the window outside a box that scrolls by itself.
+OVERLAPS = """(() => {
+  const found = [], said = one => one.outerHTML.slice(0, 80), box = one => one.getBoundingClientRect();
+  const block = one => !["inline", "none", "contents"].includes(getComputedStyle(one).display) && box(one).height > 0;
+  for (const parent of document.querySelectorAll("body, body *")) {
+    const boxes = [...parent.children].filter(block);
+    for (let i = 0; i < boxes.length; i++) for (let j = i + 1; j < boxes.length; j++) {
+      const a = box(boxes[i]), b = box(boxes[j]);
+      const wide = Math.min(a.right, b.right) - Math.max(a.left, b.left);
+      const high = Math.min(a.bottom, b.bottom) - Math.max(a.top, b.top);
+      if (wide > 1 && high > 1) found.push(`${said(boxes[i])} over ${said(boxes[j])}`);
+    }
+  }
+  for (const one of document.querySelectorAll("body *"))
+    if (box(one).right > innerWidth + 1 && !one.closest(".scroll, .skip")) found.push(`out: ${said(one)}`);
+  return found;
+})()"""
+
+CONTRAST = """(() => {
+  const channel = v => (v /= 255) <= 0.03928 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4;
+  const light = c => 0.2126 * channel(c[0]) + 0.7152 * channel(c[1]) + 0.0722 * channel(c[2]);
+  const rgb = c => c.match(/[0-9.]+/g).map(Number);
+  const ground = one => {
+    const c = one ? rgb(getComputedStyle(one).backgroundColor) : [255, 255, 255];
+    return c.length < 4 || c[3] > 0 ? c : ground(one.parentElement);
+  };
+  const ratio = one => {
+    const [a, b] = [light(rgb(getComputedStyle(one).color)), light(ground(one))].sort((x, y) => y - x);
+    return (a + 0.05) / (b + 0.05);
+  };
+  const texts = document.querySelectorAll("p, a, li, dt, dd, th, td, figcaption, caption, summary, span, button");
+  return Math.min(...[...texts].filter(one => one.innerText).map(ratio));
+})()"""
+
+
+@pytest.fixture(scope="module")
+def chromium(tmp_path_factory):
+    with browser.chromium(tmp_path_factory.mktemp("profile")) as opened:
+        yield opened
+
+
+@needs_browser
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("width", WIDTHS)
+def test_it_loads_alone_and_fits_its_window(done, chromium, width, scheme):
+    path = done / "results/report.html"
+    chromium.open(path, width, scheme=scheme)
+    asked = [event["request"]["url"] for event in chromium.happened("Network.requestWillBeSent")]
+    assert [url for url in asked if not url.startswith("data:")] == [path.resolve().as_uri()]
+    assert not chromium.happened("Runtime.exceptionThrown") and not chromium.happened("Log.entryAdded")
+    assert chromium.ask("document.title").startswith("Compass deviations corrected: <script>")
+    assert chromium.ask("document.documentElement.scrollWidth") == width
+    assert chromium.ask(OVERLAPS) == []
+    assert chromium.ask("[...document.images].every(i => i.complete && i.naturalWidth > 300 && i.alt.length > 50)")
+    dark = chromium.ask("getComputedStyle(document.body).backgroundColor") != "rgb(255, 255, 255)"
+    assert dark is (scheme == "dark")
+    assert chromium.ask("getComputedStyle(document.images[0]).backgroundColor") == "rgb(255, 255, 255)"
+
+
+@needs_browser
+def test_text_stands_out_from_its_ground(done, chromium):
+    """WCAG 2 AA asks for a contrast of 4.5; in both schemes, links and soft text too."""
+    for scheme in ("light", "dark"):
+        chromium.open(done / "results/report.html", 1400, scheme=scheme)
+        assert chromium.ask(CONTRAST) >= 4.5, scheme
+
+
+@needs_browser
+def test_the_table_sorts_by_hand_and_by_keyboard(done, chromium):
+    names = (
+        "[...document.querySelectorAll('.overview tbody')[0].rows].map(r => r.cells[0].innerText.split('\\n').pop())"
+    )
+    head = "document.querySelectorAll('.overview')[0].tHead.rows[0].cells"
+    for width in WIDTHS:
+        chromium.open(done / "results/report.html", width)
+        assert chromium.ask(names) == ["ALONE", "M1"]
+        chromium.click(".overview th:nth-child(5) button")
+        assert chromium.ask(names) == ["ALONE", "M1"] and chromium.ask(f"{head}[4].ariaSort") == "ascending"
+        chromium.click(".overview th:nth-child(5) button")
+        assert chromium.ask(names) == ["M1", "ALONE"] and chromium.ask(f"{head}[4].ariaSort") == "descending"
+        assert chromium.ask("document.getElementById('sorted-moorings').innerText").startswith(
+            "Sorted by pairs, largest"
+        )
+        chromium.ask(f"{head}[0].querySelector('button').focus()")
+        chromium.press("Enter")
+        assert chromium.ask(names) == ["ALONE", "M1"] and chromium.ask(f"{head}[0].ariaSort") == "ascending"
+        assert chromium.ask(f"{head}[4].ariaSort") == "none"
+        chromium.click(".overview th:nth-child(7) button")  # rms before: ALONE has none
+        assert chromium.ask(names) == ["M1", "ALONE"]
+        chromium.click(".overview th:nth-child(7) button")
+        assert chromium.ask(names) == ["M1", "ALONE"], "what has no number stays last"
+
+
+@needs_browser
+def test_the_keyboard_reaches_the_results_and_shows_where_it_is(done, chromium):
+    chromium.open(done / "results/report.html", 1400)
+    chromium.press("Tab")
+    assert chromium.ask("document.activeElement.innerText") == "Skip to the results"
+    shown = "(r => r.left >= 0 && r.width > 50)(document.activeElement.getBoundingClientRect())"
+    assert chromium.ask(shown) and chromium.ask("getComputedStyle(document.activeElement).outlineStyle") == "solid"
+    chromium.press("Enter")
+    assert chromium.ask("document.activeElement.id") == "main"
+    chromium.press("Tab")
+    assert chromium.ask("document.activeElement.tagName") == "SUMMARY"
+    chromium.press("Enter")
+    assert chromium.ask("document.activeElement.parentElement.open")
+
+
+@needs_browser
+def test_on_paper_everything_is_open_and_nothing_is_a_control(done, chromium):
+    chromium.open(done / "results/report.html", 1400)
+    chromium.send("Emulation.setEmulatedMedia", media="print")
+    chromium.ask("dispatchEvent(new Event('beforeprint'))")
+    assert chromium.ask(
+        "[...document.querySelectorAll('details')].every(d => d.open && d.lastElementChild.offsetHeight > 0)"
+    )
+    hidden = (
+        "[...document.querySelectorAll('.skip, .back, .sorted')].every(e => getComputedStyle(e).display === 'none')"
+    )
+    assert chromium.ask(hidden)
+    chromium.ask("dispatchEvent(new Event('afterprint'))")
+    assert not chromium.ask("[...document.querySelectorAll('details')].some(d => d.open)")
+    chromium.send("Emulation.setEmulatedMedia", media="")
+    assert chromium.paper().startswith(b"%PDF") and chromium.ask("!document.querySelector('details[open]')")
