@@ -73,7 +73,11 @@ def finding(
         proof: residual before and after on held-out stretches.
         what: what was compared.
     """
-    numbers = ", ".join(f"{name} {v:.3g} ± {1.96 * s:.2g} {unit} (95 %)" for name, (v, s, unit) in parameters.items())
+    each = (
+        (name, f"{v:.3g} ± {1.96 * s:.2g}", "" if unit == "1" else f" {unit}")
+        for name, (v, s, unit) in parameters.items()
+    )
+    numbers = ", ".join(f"{name} {value}{unit} (95 %)" for name, value, unit in each)
     physics = PHYSICS.get(effect) or telling.PHYSICS.get(effect, effect.replace("_", " "))
     begin = f"{what[0].upper()}{what[1:]}, {where}: {physics}. It is worth {size_deg:.2g} degrees rms; {numbers}."
     shown = (
