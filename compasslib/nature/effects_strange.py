@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from compasslib.nature.effects import Circumstances, Effect
 from compasslib.nature.series import DAY_S, Floats
@@ -66,7 +67,7 @@ def warm_lobes(rng: np.random.Generator, here: Circumstances) -> Effect:
     return Effect("warm_lobes", reading=lambda gamma: grown * np.sin(np.deg2rad(3.0 * gamma) + phase))
 
 
-def _series(name: str, series: Floats) -> Effect:
+def _series(name: str, series: ArrayLike) -> Effect:
     return Effect(name, reading=lambda gamma: np.asarray(series, dtype=float)[:, None] * np.ones(gamma.shape))
 
 
