@@ -29,7 +29,8 @@ def main(given: Sequence[str] | None = None) -> int:
     parser.add_argument("--cores", type=int, default=2)
     parser.add_argument("--work", type=Path, default=Path("build/proof"), help="where cruise and truth stand")
     parser.add_argument("--out", type=Path, default=Path("results/proof"), help="where the scorecard is written")
-    parser.add_argument("--without-published", action="store_true", help="leave the case of the paper out")
+    parser.add_argument("--no-published", dest="published", action="store_false", help="leave the paper's case out")
+    parser.add_argument("--no-recordings", dest="recordings", action="store_false", help="leave real recordings out")
     asked = parser.parse_args(given)
     try:
         prove(asked)
@@ -48,9 +49,12 @@ def prove(asked: argparse.Namespace) -> None:
     """
     cruise, locked = asked.work / "cruise", asked.work / "locked"
     names, took = _made(asked, cruise, locked), {}
-    took["run"] = _timed(lambda: run.pipeline(cruise.resolve(), names, asked.cores))
+    took["run"] = _timed(lambda: run.pipeline(cruise.resolve(), run.targets(names), asked.cores))
     keep(asked.out, cruise, names)
-    took["score"] = _timed(lambda: write(asked.out, cruise, locked))
+    real = asked.work / "recordings"
+    if asked.recordings:
+        took["recordings"] = _timed(lambda: recordings.run(real, asked.cores))
+    took["score"] = _timed(lambda: write(asked.out, cruise, locked, recordings.rows(real) if asked.recordings else ()))
     (asked.out / "times.json").write_text(json.dumps(took | {"jobs": card.jobs(cruise)}, indent=1) + "\n")
 
 
@@ -64,7 +68,7 @@ def _made(asked: argparse.Namespace, cruise: Path, locked: Path) -> list[str]:
         draw.write(one, cruise, locked)
     (cruise / "config").mkdir(exist_ok=True)
     (cruise / "config/config.yaml").write_text(CONFIG)
-    if not asked.without_published:
+    if asked.published:
         draw.write_published(asked.seed, cruise, locked)
     said = {"seed": asked.seed, "count": asked.count, "hours": asked.hours}
     seal.publish(asked.out / "seal.json", locked, locked.iterdir(), **said)
@@ -83,13 +87,14 @@ def keep(out: Path, cruise: Path, names: Sequence[str]) -> None:
     seal.publish(out / "left.json", cruise, files)
 
 
-def write(out: Path, cruise: Path, locked: Path) -> dict[str, Any]:
+def write(out: Path, cruise: Path, locked: Path, concealed: Sequence[list[str]] = ()) -> dict[str, Any]:
     """Open the truth if all hashes hold, score, and write the card.
 
     Args:
         out: folder of the scorecard, with the published hashes.
         cruise: its folder.
         locked: folder of the truth.
+        concealed: lines on real recordings.
 
     Raises:
         seal.Broken: truth or results were changed.
@@ -103,11 +108,11 @@ def write(out: Path, cruise: Path, locked: Path) -> dict[str, Any]:
         left = measure.results(cruise, name)
         heads = measure.headings(cruise, locked, name, left["deviation"])
         rows.append(score.row(name, truth, left["diagnosis"], heads))
-    paper = None if published is None else measure.published(cruise, locked)
+    paper = None if published is None else measure.published(cruise, locked, draw.PUBLISHED)
     sealed = json.loads((out / "seal.json").read_text())
-    made = card.content(sealed, list(truths.values()), rows, paper, recordings.rows(Path.cwd()))
-    card.write(out, made)
+    made = card.content(sealed, list(truths.values()), rows, paper, concealed)
     figures.write(out / "figures", made)
+    card.write(out, made)
     return made
 
 

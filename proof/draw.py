@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from compasslib.nature import demonstration, planting, sealed, sealed_files, visible
+from compasslib.nature import demonstration, planting, readings, sealed, sealed_files, visible
 from compasslib.nature.effects_strange import STRANGE
 from compasslib.nature.sealed import Ground, Wish
 from compasslib.nature.sealed_files import DEEP_SAMPLE_S, Export, Written
@@ -44,8 +44,8 @@ class Sealed:
     kind: str  # a key of SHARES, or "published"
     wanted: dict[str, float] = field(default_factory=dict)  # visible rms degrees
     rivals: tuple[str, ...] = ()  # what nobody could tell from the planted effect
-    wish: Wish = Wish()
-    export: Export = Export()
+    wish: Wish = field(default_factory=Wish)
+    export: Export = field(default_factory=Export)
     seed: int = 0
 
 
@@ -90,6 +90,7 @@ def write(one: Sealed, cruise: Path, locked: Path) -> None:
         "rivals": list(one.rivals),
         "wide": one.wish.wide,
         "background_deg": visible.background_deg(ground),
+        **_bounds(ground, raw),
     }
     _lock(locked, one.name, facts, raw)
 
@@ -192,7 +193,18 @@ def _write_yaml(path: Path, content: dict[str, Any]) -> None:
 
 
 def _lock(locked: Path, name: str, facts: dict[str, Any], raw: Written) -> None:
-    known = np.isfinite(raw.heading_deg)
-    facts["floor_deg"] = float(np.std(visible.left_deg(raw.recorded_deg[known], raw.heading_deg[known])))
     (locked / f"{name}.json").write_text(json.dumps(facts, indent=1) + "\n")
     np.save(locked / f"{name}.npy", np.stack([raw.time_s, raw.heading_deg, raw.recorded_deg]))
+
+
+def _bounds(ground: Ground, raw: Written) -> dict[str, float]:
+    """Return the errors of a heading that nobody can beat, rms degrees: without the effects known, and with them.
+
+    Both have five coefficients fitted to the true headings; the oracle also knows what every effect did.
+    """
+    known = np.isfinite(raw.heading_deg)
+    bare = readings.read(ground, (), ground.stamp_s, ground.random("readings"))
+    return {
+        "five_deg": float(np.std(visible.left_deg(raw.recorded_deg[known], raw.heading_deg[known]))),
+        "oracle_deg": float(np.std(visible.left_deg(bare.recorded_deg, bare.heading_deg))),
+    }

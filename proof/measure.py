@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 from pathlib import Path
 from typing import Any
@@ -87,6 +88,33 @@ def corrected_by(coefficients: dict[str, float], recorded_deg: Floats, near_deg:
         most = np.deg2rad(LONGEST_STEP_DEG)
         heading = heading + np.clip(miss / np.where(np.abs(slope) < 0.05, 0.05, slope), -most, most)
     return np.rad2deg(heading)
+
+
+def published(cruise: Path, locked: Path, name: str) -> dict[str, Any]:
+    """Return what became of the case of the paper: how many headings are corrected, how well, by what.
+
+    Args:
+        cruise: its folder.
+        locked: folder of the truth.
+        name: of the mooring.
+    """
+    left, made = results(cruise, name), product(cruise, name)
+    with (locked / "published.csv").open() as stream:
+        rows = list(csv.DictReader(stream))
+    stamps = np.array([row["time_utc"].removesuffix("Z") for row in rows], dtype="datetime64[s]").astype(float)
+    heading = np.array([float(row["heading_true_magnetic_deg"]) for row in rows])
+    at = np.searchsorted(made["time_s"], stamps).clip(0, made["time_s"].size - 1)
+    off = turn(made["corrected"][at], heading)
+    effects = [one["effect"] for one in left["diagnosis"]["findings"]]
+    return {
+        "verdict": left["diagnosis"]["verdict"],
+        "effects": effects,
+        "share_by_series": left["deviation"]["correctable_fraction"],
+        "share_corrected": float(np.isfinite(off).mean()),
+        "after_deg": rms(off),
+        "median_deg": float(np.nanmedian(np.abs(off))) if np.isfinite(off).any() else None,
+        "recorded_range_deg": left["deviation"]["recorded_range_deg"],
+    }
 
 
 def turn(a_deg: Floats, b_deg: Floats) -> Floats:

@@ -82,8 +82,9 @@ def points(truth: dict[str, Any], diagnosis: dict[str, Any]) -> float:
     if truth["kind"] in QUIET or truth["kind"] in UNNAMED:
         return {"right": 1.0, "name beside": 0.5}.get(outcome, 0.0)
     if truth["kind"] == "undecidable":
-        fair = max(FEWEST_NAMES, 1 + len(truth["rivals"]))
-        return 0.0 if outcome != "right" else min(1.0, fair / max(sum(map(len, named)), 1))
+        if outcome != "right" or not named:
+            return 0.0 if outcome != "right" else 0.5 if truth["rivals"] else 1.0
+        return min(1.0, max(FEWEST_NAMES, 1 + len(truth["rivals"])) / sum(map(len, named)))
     wanted = [one["name"] for one in truth["effects"]]
     worth = [max((1.0 / len(each) for each in named if name in each), default=0.0) for name in wanted]
     false = sum(not set(each) & set(wanted) for each in named)
@@ -116,10 +117,35 @@ def row(name: str, truth: dict[str, Any], diagnosis: dict[str, Any], heads: dict
         "z": _z(truth, diagnosis),
         "dates_d": _dates(truth, diagnosis),
         "gain": _gain(truth, diagnosis),
-        "floor_deg": truth["floor_deg"],
-        "detectable_deg": {k: v for k, v in diagnosis.get("detectable_deg", {}).items() if k in _names(truth)},
+        "why": why(truth, diagnosis),
+        "five_deg": truth["five_deg"],
+        "oracle_deg": truth["oracle_deg"],
         **heads,
     }
+
+
+def why(truth: dict[str, Any], diagnosis: dict[str, Any]) -> str:
+    """Return what the diagnosis itself says of effects that it did not name.
+
+    Args:
+        truth: kind, effects, rivals.
+        diagnosis: diagnosis.json.
+    """
+    if diagnosis["verdict"] == "insufficient":
+        return str(diagnosis["why"])
+    named = {name for each in sets(diagnosis) for name in each}
+    untested = {one["effect"]: one["why"] for one in diagnosis.get("not_testable", [])}
+    small = {one["effect"]: one["rms_effect_deg"] for one in diagnosis.get("negligible", [])}
+    needed = diagnosis.get("detectable_deg", {})
+    said = []
+    for name in (name for name in _names(truth) if name not in named and truth["kind"] in (*KNOWN, "undecidable")):
+        if name in untested:
+            said.append(f"{name}: not testable, {untested[name]}")
+        elif name in small:
+            said.append(f"{name}: seen as {small[name]:.2f}°, too small to matter")
+        elif name in needed:
+            said.append(f"{name}: this record shows {needed[name]:.1f}° nine times in ten")
+    return "; ".join(said)
 
 
 def _names(truth: dict[str, Any]) -> list[str]:

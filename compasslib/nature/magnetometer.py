@@ -104,8 +104,8 @@ def dipole_nt(moment_a_m2: Floats, away_m: Floats) -> Floats:
 
 
 def _magnets_at(meter: Magnetometer, place: Floats) -> Floats:
-    fields = [dipole_nt(np.array(m.moment_a_m2), place - np.array(m.place_m)) for m in meter.magnets]
-    return np.sum(fields, axis=0)
+    fields = (dipole_nt(np.array(m.moment_a_m2), place - np.array(m.place_m)) for m in meter.magnets)
+    return sum(fields, np.zeros(3))
 
 
 def _ball_at(ball: Ball, place: Floats) -> Floats:

@@ -47,7 +47,10 @@ def read(ground: Ground, effects: Sequence[Effect], time_s: Floats, rng: np.rand
     true = (steady[0] + wobble[0], steady[1] + wobble[1])
     sensed = _sensed(ground, times, wobble, stepped=rng is not None)
     sensed = _stuck(effects, times, sensed)
-    gamma = _compass(ground, effects, times, tilts=(wobble, sensed), stepped=rng is not None)
+    # A compass that is late levels with the tilt of its own moment.
+    late = times - sum(one.lag_s for one in effects)
+    own = _stuck(effects, late, _sensed(ground, late, wobble, stepped=rng is not None))
+    gamma = _compass(ground, effects, late, tilts=(wobble, own), stepped=rng is not None)
     noise = 0.0 if rng is None else rng.normal(0.0, NOISE_DEG, time_s.size)
     return Reading(
         _middle(heading),
@@ -90,9 +93,8 @@ def _compass(
 ) -> Floats:
     """Return the reading at every ping, (n, k), not wrapped."""
     wobble, sensed = tilts
-    late = times - sum(one.lag_s for one in effects)
-    heading, pitch, roll = _attitude(ground, late)
-    _, horizontal, vertical = ground.field.at(late)
+    heading, pitch, roll = _attitude(ground, times)
+    _, horizontal, vertical = ground.field.at(times)
     turn = np.deg2rad(heading - total(effects, "north_deg", np.zeros(len(times)))[:, None])
     level = np.stack([horizontal * np.cos(turn), -horizontal * np.sin(turn), vertical], axis=-1)
     body = np.einsum("nkji,nkj->nki", tilting(pitch + wobble[0], roll + wobble[1]), level)
