@@ -116,14 +116,22 @@ def test_offsets_slip_drift_and_follow(ground, here):
 
 
 @pytest.mark.parametrize(("made", "waves"), [("sextantal", 3), ("octantal", 4)])
-def test_curved_sensors_and_lobed_tables_give_their_harmonic(ground, here, made, waves):
-    for module in (effects_iron, effects_reading):
-        off, bare = turned(ground, getattr(module, made)(rng(), here))
-        phase = np.deg2rad(bare.recorded_deg)
-        columns = [f(k * phase) for k in range(1, 6) for f in (np.cos, np.sin)] + [np.ones_like(phase)]
-        found = np.linalg.lstsq(np.stack(columns, axis=1), off, rcond=None)[0][:10].reshape(5, 2)
-        strength = np.hypot(*found.T)
-        assert np.argmax(strength[2:]) == waves - 3 and strength[waves - 1] > 0.1
+def test_lobed_tables_are_waves_of_the_reading(ground, here, made, waves):
+    effect = getattr(effects_reading, made)(rng(), here)
+    off, bare = turned(ground, effect)
+    phase = np.deg2rad(waves * bare.recorded_deg)
+    expected = effect.parameters["sine_deg"] * np.sin(phase) + effect.parameters["cosine_deg"] * np.cos(phase)
+    assert off == pytest.approx(expected, abs=1e-6)
+
+
+def test_sensors_that_answer_with_the_square_make_thirds_of_the_circle():
+    turn = np.deg2rad(np.arange(0.0, 360.0, 5.0))
+    level = np.stack([14000.0 * np.cos(turn), -14000.0 * np.sin(turn), np.zeros(turn.size)], axis=-1)
+    x, y, _ = magnetometer.felt(replace(PLAIN, even=(0.05, 0.0, 0.0)), level, stepped=False).T
+    off = np.rad2deg(np.angle((x - 1j * y) * np.exp(-1j * turn)))
+    # The square of the cosine, seen across: a quarter each of the first and the third harmonic.
+    expected = -np.rad2deg(0.05 * 14000.0 / 50000.0 / 4.0) * (np.sin(turn) + np.sin(3 * turn))
+    assert off == pytest.approx(expected, abs=0.01)
 
 
 def test_without_levelling_the_reading_is_that_of_the_bent_plane(ground, here):

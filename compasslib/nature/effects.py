@@ -51,8 +51,6 @@ class Effect:
     north_deg: Floats | None = None  # (n,) by which magnetic north lies east of where it should
     lag_s: float = 0.0
     unlevelled: float = 0.0  # share of the levelling that is left out
-    even: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    odd: tuple[float, float, float] = (0.0, 0.0, 0.0)
     stuck_from_s: float | None = None  # date from which the inclinometers stick
     size: float = 1.0
 
@@ -81,8 +79,6 @@ def scaled(effect: Effect, size: float) -> Effect:
         north_deg=_times(effect.north_deg, size),
         lag_s=size * effect.lag_s,
         unlevelled=size * effect.unlevelled,
-        even=_thrice(effect.even, size),
-        odd=_thrice(effect.odd, size),
         size=size,
     )
 
@@ -110,7 +106,3 @@ def steps(time_s: Floats, date_s: float) -> NDArray[np.bool_]:
 
 def _times(series: Floats | None, size: float) -> Floats | None:
     return None if series is None else size * series
-
-
-def _thrice(three: tuple[float, float, float], size: float) -> tuple[float, float, float]:
-    return size * three[0], size * three[1], size * three[2]

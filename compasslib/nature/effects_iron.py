@@ -1,4 +1,4 @@
-"""Effects of iron and magnetometer: what is added to the field in the body frame, or bends the sensors' response."""
+"""Effects of iron and magnetometer: what is added to the field in the body frame."""
 
 from __future__ import annotations
 
@@ -42,17 +42,6 @@ def battery_change(rng: np.random.Generator, here: Circumstances) -> Effect:
     date = float(here.time_s[1 + int(np.argmax(np.diff(here.supply_counts)))])
     made = _horizontal(rng, "battery_change", steps(here.time_s, date).astype(float), "")
     return Effect(made.name, made.parameters, body_nt=made.body_nt)
-
-
-def sextantal(rng: np.random.Generator, here: Circumstances) -> Effect:
-    """Return sensors that answer with the square of the field too: thirds of the circle arise."""
-    angle = rng.uniform(0.0, 2.0 * np.pi)
-    return Effect("sextantal", even=(0.05 * float(np.cos(angle)), 0.05 * float(np.sin(angle)), 0.0))
-
-
-def octantal(rng: np.random.Generator, here: Circumstances) -> Effect:
-    """Return sensors that answer with the cube of the field too: quarters of the circle arise."""
-    return Effect("octantal", odd=(0.5, 0.5, 0.0))
 
 
 def _horizontal(rng: np.random.Generator, name: str, series: Floats, unit: str) -> Effect:

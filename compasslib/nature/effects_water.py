@@ -24,6 +24,7 @@ def veer_with_direction(rng: np.random.Generator, here: Circumstances) -> Effect
     """Return water that is steered by the bottom: another veer for each direction."""
     phase = rng.uniform(0.0, 2.0 * np.pi)
     veer = np.sin(np.deg2rad(here.flow_deg) + phase)
+    veer = veer - veer.mean()  # a constant veer is no effect that any record could show
     return Effect("current_veer", {"sine_deg": float(np.cos(phase)), "cosine_deg": float(np.sin(phase))}, veer_deg=veer)
 
 

@@ -42,7 +42,6 @@ class Magnetometer:
     axes: Floats  # (3, 3) what each is sensitive to, nearly the unit vectors
     trim_nt: tuple[float, float, float] = (0.0, 0.0, 0.0)  # what the maker's calibration takes off
     even: tuple[float, float, float] = (0.0, 0.0, 0.0)  # share of full scale that the square adds at full scale
-    odd: tuple[float, float, float] = (0.0, 0.0, 0.0)  # the same of the cube
     step_nt: float = 40.0
 
 
@@ -57,7 +56,7 @@ def build(rng: np.random.Generator, earth_nt: tuple[float, float], strength: flo
     places = rng.normal(0.0, 0.015, (3, 3))
     axes = np.eye(3) * (1.0 + rng.normal(0.0, 0.004, 3))[:, None] + rng.normal(0.0, 0.004, (3, 3))
     magnets = tuple(_magnet(rng) for _ in range(rng.integers(3, 6)))
-    ball = Ball(_place(rng, 0.6, 1.0), float(rng.uniform(0.10, 0.26)))
+    ball = Ball(_place(rng, 0.6, 1.0), float(rng.uniform(0.08, 0.18)))
     bent = tuple(rng.normal(0.0, 0.0008, 3).tolist())
     made = Magnetometer(magnets, ball, places, axes, even=(bent[0], bent[1], bent[2]))
     return _trimmed(rng, _as_strong(made, earth_nt, strength), earth_nt)
@@ -87,7 +86,7 @@ def felt(meter: Magnetometer, body_nt: Floats, beside_nt: Floats | None = None, 
     matrix, added = response(meter)
     raw = body_nt @ matrix.T + added + (0.0 if beside_nt is None else beside_nt)
     scaled = raw / FULL_SCALE_NT
-    curved = raw + FULL_SCALE_NT * (np.array(meter.even) * scaled**2 + np.array(meter.odd) * scaled**3)
+    curved = raw + FULL_SCALE_NT * np.array(meter.even) * scaled**2
     return np.asarray(meter.step_nt * np.rint(curved / meter.step_nt) if stepped else curved)
 
 

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from compasslib.nature import magnetometer
 from compasslib.nature.compass import tilting
 from compasslib.nature.effects import Effect, total
-from compasslib.nature.magnetometer import Magnetometer
 from compasslib.nature.sealed import Ground
 from compasslib.nature.series import Floats, circle
 
@@ -99,21 +98,13 @@ def _compass(
     level = np.stack([horizontal * np.cos(turn), -horizontal * np.sin(turn), vertical], axis=-1)
     body = np.einsum("nkji,nkj->nki", tilting(pitch + wobble[0], roll + wobble[1]), level)
     beside = total(effects, "body_nt", np.zeros((len(times), 3)))[:, None, :]
-    given = magnetometer.felt(_bent(ground.meter, effects), body, beside, stepped=stepped)
+    given = magnetometer.felt(ground.meter, body, beside, stepped=stepped)
     levelled = np.einsum("nkij,nkj->nki", tilting(*sensed), given)
     left_out = sum(one.unlevelled for one in effects)
     flat = (1.0 - left_out) * levelled + left_out * given
     gamma = np.rad2deg(np.arctan2(-flat[..., 1], flat[..., 0]))
     added = [one.reading(gamma) for one in effects if one.reading is not None]
     return np.asarray(gamma + sum(added, np.zeros(gamma.shape)))
-
-
-def _bent(meter: Magnetometer, effects: Sequence[Effect]) -> Magnetometer:
-    """Return the magnetometer with the response of its sensors bent by the effects."""
-    for one in effects:
-        even, odd = (np.add(getattr(meter, part), getattr(one, part)).tolist() for part in ("even", "odd"))
-        meter = replace(meter, even=(even[0], even[1], even[2]), odd=(odd[0], odd[1], odd[2]))
-    return meter
 
 
 def _middle(angle_deg: Floats) -> Floats:

@@ -129,7 +129,7 @@ def _turbulence(ground: Ground, whose: str, count: int) -> NDArray[np.complex128
 
 def _top(ground: Ground, coordinates: str) -> Adcp:
     setup = Setup(
-        kilohertz=300, looks_up=True, cells=3, cell_m=4.0, blank_m=0.88, first_bin_m=5.1, pings=readings.PINGS,
+        kilohertz=300, looks_up=True, cells=3, cell_m=2.0, blank_m=0.88, first_bin_m=3.1, pings=readings.PINGS,
         coordinates=coordinates, serial=9001,
     )  # fmt: skip
     return Adcp(setup, noise_m_s=ground.wish.noise * TOP_NOISE_M_S)
@@ -137,7 +137,7 @@ def _top(ground: Ground, coordinates: str) -> Adcp:
 
 def _deep(ground: Ground) -> Adcp:
     setup = Setup(
-        kilohertz=75, looks_up=False, cells=3, cell_m=4.0, blank_m=1.6, first_bin_m=5.6, pings=40,
+        kilohertz=300, looks_up=False, cells=3, cell_m=2.0, blank_m=0.88, first_bin_m=3.1, pings=40,
         coordinates="earth", serial=7501,
     )  # fmt: skip
     return Adcp(setup, noise_m_s=ground.wish.noise * DEEP_NOISE_M_S, sample_s=DEEP_SAMPLE_S)
