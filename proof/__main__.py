@@ -102,13 +102,15 @@ def write(out: Path, cruise: Path, locked: Path, concealed: Sequence[list[str]] 
     seal.check(out / "seal.json", locked, seal.TRUTH_CHANGED)
     seal.check(out / "left.json", cruise, seal.RESULTS_CHANGED)
     truths = {path.stem: json.loads(path.read_text()) for path in sorted(locked.glob("*.json"))}
-    published = truths.pop(draw.PUBLISHED, None)
     rows = []
     for name, truth in truths.items():
         left = measure.results(cruise, name)
         heads = measure.headings(cruise, locked, name, left["deviation"])
         rows.append(score.row(name, truth, left["diagnosis"], heads))
-    paper = None if published is None else measure.published(cruise, locked, draw.PUBLISHED)
+    paper = None
+    if (locked / "published.csv").exists():
+        cases = {"found": draw.PUBLISHED, "series": draw.SERIES}
+        paper = {what: measure.published(cruise, locked, name) for what, name in cases.items()}
     sealed = json.loads((out / "seal.json").read_text())
     made = card.content(sealed, list(truths.values()), rows, paper, concealed)
     figures.write(out / "figures", made)

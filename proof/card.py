@@ -120,11 +120,12 @@ def _share(one: dict[str, Any]) -> list[str]:
 
 
 def _numbers(found: dict[str, Any]) -> list[list[str]]:
-    z, dates, gain = found["z"], found["dates"], found["gain"]
+    z, clocks, dates, gain = found["z"], found["z_clocks"], found["dates"], found["gain"]
     table = [
         ["names in a set, mean", _text(found["names_in_a_set"])],
-        [f"errors of parameters in their own σ, rms (n = {z['count']})", _text(z["rms"])],
+        [f"errors of parameters in their own σ, clocks apart, rms (n = {z['count']})", _text(z["rms"])],
         ["the same, share within 1.96", _text(z["within_196"])],
+        [f"the same of clocks, rms (n = {clocks['count']})", _text(clocks["rms"])],
         [f"dates of steps, median error, days (n = {dates['count']})", _text(dates["median_d"])],
         ["the same, largest", _text(dates["largest_d"])],
         [f"held-out gain over the planted variance, median (n = {gain['count']})", _text(gain["median"])],
@@ -144,14 +145,22 @@ def _headings(groups: dict[str, dict[str, Any]]) -> list[list[str]]:
 def _paper(paper: dict[str, Any] | None) -> list[list[str]]:
     if paper is None:
         return []
+    found, series = paper["found"], paper["series"]
+    lost, still = 1.0 - series["share_corrected"], 1.0 - found["share_corrected"]
+    recovered = "none was discarded" if lost <= 0.0 else _percent(max(0.0, 1.0 - still / lost))
     return [
-        ["verdict", paper["verdict"]],
-        ["effects", ", ".join(paper["effects"]) or "none"],
-        ["share that the fitted series can correct (published: 87 %)", _percent(paper["share_by_series"])],
-        ["share corrected with what was found applied", _percent(paper["share_corrected"])],
-        ["true error of the heading, rms", f"{_text(paper['after_deg'])}°"],
-        ["the same, median", f"{_text(paper['median_deg'])}°"],
+        ["verdict", found["verdict"]],
+        ["effects", ", ".join(found["effects"]) or "none"],
+        ["share corrected by the published series alone (published: 87 %)", _percent(series["share_corrected"])],
+        ["share corrected with what was found applied", _percent(found["share_corrected"])],
+        ["of the headings that the series discards, recovered", recovered],
+        ["true error of the heading by the series alone, rms, median", _errors(series)],
+        ["the same with what was found applied", _errors(found)],
     ]
+
+
+def _errors(one: dict[str, Any]) -> str:
+    return f"{_text(one['after_deg'])}°, {_text(one['median_deg'])}°"
 
 
 def _mooring(row: dict[str, Any]) -> list[str]:

@@ -33,7 +33,7 @@ PAIRS = (
 )  # fmt: skip
 SMALLEST_DEG, LARGEST_DEG = 0.7, 4.0
 LARGEST_STORM_DEG = 1.5  # more than that over a year no place on earth has
-PUBLISHED = "EG4"
+PUBLISHED, SERIES = "EG4", "EG4_SERIES"  # with what is found applied, and the published product alone
 
 
 @dataclass(frozen=True)
@@ -104,13 +104,14 @@ def write_published(seed: int, cruise: Path, locked: Path) -> None:
         locked: folder of the truth.
     """
     demonstration.write_mooring(PUBLISHED, cruise / "raw", locked / "published.csv", seed)
-    (locked / f"{PUBLISHED}.json").write_text(json.dumps({"kind": "published"}) + "\n")
     spec = demonstration.spec_of(PUBLISHED)
     first, last = demonstration.DEPLOYED_S, demonstration.RECOVERED_S
     text = _mooring(PUBLISHED, (spec.latitude_deg, spec.longitude_deg, spec.water_depth_m), (first, last))
     text["fit"] = {"method": "von_appen"}
     text["instruments"]["deep"] = _pd0(PUBLISHED, "deep", 104, "down")
     _write_yaml(cruise / f"config/moorings/{PUBLISHED}.yaml", text)
+    text |= {"name": SERIES, "diagnose": {"enabled": False}}
+    _write_yaml(cruise / f"config/moorings/{SERIES}.yaml", text)
 
 
 def _counts(count: int) -> dict[str, int]:

@@ -11,8 +11,6 @@ import numpy as np
 from compasslib.plots_page import BLUE, GREEN, GREY, ORANGE, page
 from proof import score, tally
 
-LINE_IN = 0.17
-
 
 def write(folder: Path, made: dict[str, Any]) -> None:
     """Draw naming.png, power.png and headings.png.
@@ -55,7 +53,7 @@ def power(path: Path, bins: Sequence[dict[str, Any]]) -> None:
         path: the PNG.
         bins: counts by size.
     """
-    note = "Bars are 95 % intervals (Clopper and Pearson); below the axis the number of moorings."
+    note = "Bars are 95 % intervals (Clopper and Pearson); n is the number of moorings."
     with page(path, "Single effects seen and named, by visible size", 2.6, [note]) as figure:
         axes = figure.subplots()
         for key, colour, shift in (("seen", GREY, -0.08), ("named", BLUE, 0.08)):
@@ -66,7 +64,7 @@ def power(path: Path, bins: Sequence[dict[str, Any]]) -> None:
         labels = [f"{_range(one)}\nn = {one['count']}" for one in bins]
         axes.set_xticks(range(len(bins)), labels)
         axes.set(xlabel="Visible size, rms (°)", ylabel="Share", ylim=(-0.03, 1.03))
-        axes.legend(loc="lower right")
+        axes.legend(loc="upper left", ncols=2, bbox_to_anchor=(0.0, 1.15))
 
 
 def headings(path: Path, rows: Sequence[dict[str, Any]]) -> None:
@@ -80,7 +78,8 @@ def headings(path: Path, rows: Sequence[dict[str, Any]]) -> None:
     some = sorted(some, key=lambda row: (row["kind"] not in score.KNOWN, row["before_deg"]))
     known = sum(row["kind"] in score.KNOWN for row in some)
     at = np.arange(len(some))
-    note = "Left of the line effects of the catalogue, right of it all others; each by the error before."
+    note = "Left of the line effects of the catalogue, right of it all others; each by the error before. "
+    note += "Where no orange dot is seen nothing was applied."
     with page(path, "True error of the heading", 2.8, [note]) as figure:
         axes = figure.subplots()
         before, after, oracle = (np.array([row[k] for row in some]) for k in ("before_deg", "after_deg", "oracle_deg"))

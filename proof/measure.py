@@ -109,11 +109,9 @@ def published(cruise: Path, locked: Path, name: str) -> dict[str, Any]:
     return {
         "verdict": left["diagnosis"]["verdict"],
         "effects": effects,
-        "share_by_series": left["deviation"]["correctable_fraction"],
         "share_corrected": float(np.isfinite(off).mean()),
         "after_deg": rms(off),
         "median_deg": float(np.nanmedian(np.abs(off))) if np.isfinite(off).any() else None,
-        "recorded_range_deg": left["deviation"]["recorded_range_deg"],
     }
 
 

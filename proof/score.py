@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from datetime import datetime
 from typing import Any
 
 import numpy as np
@@ -175,9 +176,9 @@ def _z(truth: dict[str, Any], diagnosis: dict[str, Any]) -> dict[str, float]:
 def _dates(truth: dict[str, Any], diagnosis: dict[str, Any]) -> list[float]:
     """Return by how many days the date of a step was missed."""
     return [
-        (float(finding["parameters"]["date_s"]["value"]) - one["parameters"]["date_s"]) / DAY_S
+        (datetime.fromisoformat(finding["when"]["from"]).timestamp() - one["parameters"]["date_s"]) / DAY_S
         for one, finding in _matched(truth, diagnosis)
-        if "date_s" in one["parameters"] and "date_s" in finding["parameters"]
+        if "date_s" in one["parameters"]
     ]
 
 

@@ -56,12 +56,13 @@ def numbers(rows: Sequence[Row]) -> dict[str, Any]:
         rows: of the scorecard.
     """
     named = [row for row in _of(rows, *score.KNOWN) if row["sets"]]
-    z = [value for row in rows for value in row["z"].values()]
+    z = {clocks: _errors(rows, clocks=clocks) for clocks in (False, True)}
     dates = [abs(value) for row in rows for value in row["dates_d"]]
     gains = [row["gain"] for row in rows if row["gain"] is not None]
     return {
         "names_in_a_set": _mean([len(one) for row in named for one in row["sets"]]),
-        "z": {"count": len(z), "rms": _rms(z), "within_196": _mean([abs(value) < 1.96 for value in z])},
+        "z": z[False],
+        "z_clocks": z[True],
         "dates": {"count": len(dates), "median_d": _median(dates), "largest_d": max(dates, default=None)},
         "gain": {"count": len(gains), "median": _median(gains)},
         "headings": {group: _headings(some) for group, some in _groups(rows).items()},
@@ -126,6 +127,13 @@ def has_false_name(row: Row) -> bool:
         row: of the scorecard.
     """
     return any(not set(one) & set(row["truth"]) for one in row["sets"])
+
+
+def _errors(rows: Sequence[Row], *, clocks: bool) -> dict[str, Any]:
+    """Return errors of parameters in their own standard errors, of clocks or of all others."""
+    every = [(name, value) for row in rows for name, value in row["z"].items()]
+    z = [value for name, value in every if name.startswith("clock") == clocks]
+    return {"count": len(z), "rms": _rms(z), "within_196": _mean([abs(value) < 1.96 for value in z])}
 
 
 def _groups(rows: Sequence[Row]) -> dict[str, list[Row]]:

@@ -142,7 +142,8 @@ def test_errors_of_parameters_dates_and_gain():
     true["effects"][0]["parameters"] = {"b_x_nT": 400.0, "date_s": 1.0e9}
     diagnosis = said(("hard_iron_step",))
     diagnosis["findings"][0] |= {
-        "parameters": {"b_x_nT": {"value": 460.0, "sigma": 30.0}, "date_s": {"value": 1.0e9 + 86400.0, "sigma": 0.0}},
+        "parameters": {"b_x_nT": {"value": 460.0, "sigma": 30.0}},
+        "when": {"from": "2001-09-10T01:46:40Z", "to": "2002-01-01T00:00:00Z"},  # a day after 1e9 s
         "heldout": {"rms_before_deg": 10.0, "rms_after_deg": 9.9},
     }
     row = score.row("P001", true, diagnosis, {"before_deg": 2.0, "after_deg": 0.7, "covered_95": 0.9})

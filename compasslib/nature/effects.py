@@ -56,8 +56,8 @@ class Effect:
 
     @property
     def grows(self) -> bool:
-        """Whether its size can be chosen; clocks and stuck sensors are as they are."""
-        return self.ahead_s is None and self.stuck_from_s is None
+        """Whether its size can be chosen; clocks, stuck sensors and a missing levelling are as they are."""
+        return self.ahead_s is None and self.stuck_from_s is None and self.unlevelled == 0.0
 
 
 def scaled(effect: Effect, size: float) -> Effect:
@@ -78,7 +78,6 @@ def scaled(effect: Effect, size: float) -> Effect:
         veer_deg=_times(effect.veer_deg, size),
         north_deg=_times(effect.north_deg, size),
         lag_s=size * effect.lag_s,
-        unlevelled=size * effect.unlevelled,
         size=size,
     )
 

@@ -45,7 +45,7 @@ def compass_lag(rng: np.random.Generator, here: Circumstances) -> Effect:
 
 
 def tilt_uncompensated(rng: np.random.Generator, here: Circumstances) -> Effect:
-    """Return a compass that levels only in part."""
+    """Return a compass that does not level at all."""
     return Effect("tilt_uncompensated", {"share": 1.0}, unlevelled=1.0)
 
 

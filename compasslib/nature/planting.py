@@ -36,7 +36,7 @@ KNOWN: dict[str, tuple[Maker, ...]] = {
     "field_disturbance": (water.field_disturbance,),
 }
 # Unit sizes beyond which nobody would believe the effect.
-STRONGEST = {"heeling": 15.0, "sextantal": 9.0, "octantal": 9.0, "compass_lag": 2.0, "tilt_uncompensated": 1.0}
+STRONGEST = {"heeling": 15.0, "sextantal": 9.0, "octantal": 9.0, "compass_lag": 2.0}
 ROUNDS = 3
 LEAST_BLOW_DOWN_M = 15.0  # standard deviation of the depth below which no veer with it is planted
 
