@@ -2,10 +2,12 @@
 PYTHON ?= python3.11
 CRUISE ?= .
 CORES ?= all
+SEED ?= 7
+N ?= 24
 BIN := .venv/bin
 PIP := $(PYTHON) -m pip --python $(BIN)/python --disable-pip-version-check install
 
-.PHONY: install run test check bench clean lock
+.PHONY: install run test check bench proof clean lock
 
 install: .venv/run  ## the pinned environment
 .venv/run: requirements/run.txt pyproject.toml
@@ -29,6 +31,9 @@ check: .venv/test  ## style, types, workflow
 
 bench: run .venv/test  ## measurements, each with its ratio in the same run
 	for file in benchmarks/*.py; do echo "== $$file"; $(BIN)/python $$file || exit 1; done
+
+proof: install  ## sealed moorings by SEED, N of them, scored: results/proof/scorecard.md
+	$(BIN)/python -m proof --seed $(SEED) --count $(N)
 
 lock:  ## newest versions into requirements/, with hashes; needs pip-tools
 	for kind in run test; do \

@@ -47,6 +47,7 @@ class Stance:
     declination_deg: Floats
     in_water: NDArray[np.bool_]
     turbulence: Complexes  # east + i north, m/s, the same in all bins
+    veer_deg: Floats | None = None  # by which the water here veers from that of the climate, clockwise
 
 
 def ranges(setup: Setup) -> Floats:
@@ -104,7 +105,14 @@ def near_bins(setup: Setup, stance: Stance, water: Water, bins: int = 2) -> Comp
         bins: how many bins.
     """
     depth = _bin_depths(setup, stance)[:, :bins]
-    return sea.velocity(water, stance.time_s, depth, stance.sphere_depth_m).mean(axis=1) + stance.turbulence
+    return _flow(stance, water, depth).mean(axis=1)
+
+
+def _flow(stance: Stance, water: Water, depth_m: Floats) -> Complexes:
+    """Return the current at depths of (n, ...), true east + i north, m/s."""
+    lift = (slice(None), *(None,) * (depth_m.ndim - 1))
+    flow = sea.velocity(water, stance.time_s, depth_m, stance.sphere_depth_m) + stance.turbulence[lift]
+    return flow if stance.veer_deg is None else clockwise(flow, stance.veer_deg[lift])
 
 
 def _bin_depths(setup: Setup, stance: Stance) -> Floats:
@@ -117,7 +125,7 @@ def _velocity(rng: np.random.Generator, adcp: Adcp, stance: Stance, water: Water
     if adcp.setup.coordinates == "beam":
         return _beams(adcp.setup, stance, water) + _normal(rng, stance, noise * np.sqrt(2) * np.sin(SPREAD))
     depth = _bin_depths(adcp.setup, stance)
-    flow = sea.velocity(water, stance.time_s, depth, stance.sphere_depth_m) + stance.turbulence[:, None]
+    flow = _flow(stance, water, depth)
     # From true to magnetic north, and on by as much as the compass is wrong.
     wrong = stance.recorded_deg - stance.heading_deg - stance.declination_deg
     flow = clockwise(flow, wrong[:, None])
@@ -133,8 +141,7 @@ def _beams(setup: Setup, stance: Stance, water: Water) -> Floats:
     slant = ranges(setup) / np.cos(SPREAD)
     # Away from the head is up where the unit vector towards it points down.
     depth = stance.depth_m[:, None, None] + slant[None, :, None] * head[:, None, 2, :]
-    flow = sea.velocity(water, stance.time_s, depth, stance.sphere_depth_m) + stance.turbulence[:, None, None]
-    flow = clockwise(flow, -stance.declination_deg[:, None, None])
+    flow = clockwise(_flow(stance, water, depth), -stance.declination_deg[:, None, None])
     return flow.real * head[:, None, 0, :] + flow.imag * head[:, None, 1, :]
 
 

@@ -1,0 +1,44 @@
+"""Runs the ordinary pipeline on a cruise folder: the same Snakefile and rules, only the targets are chosen."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+PROJECT = Path(__file__).resolve().parents[1]
+SCORED = ("corrected.nc", "diagnosis.json", "deviation.json")
+
+
+def targets(names: Sequence[str]) -> list[str]:
+    """Return the files of moorings that are scored; figures and the page are left out.
+
+    Args:
+        names: of the moorings.
+    """
+    return [f"results/{name}/{file}" for name in names for file in SCORED]
+
+
+def pipeline(cruise: Path, wanted: Sequence[str], cores: int, *, strict: bool = True) -> None:
+    """Make files of a cruise.
+
+    Args:
+        cruise: its folder.
+        wanted: the files, relative to it.
+        cores: how many jobs at once.
+        strict: whether a failure ends the proof; where not, what could not be made is absent.
+
+    Raises:
+        SystemExit: Snakemake failed; its last lines are told.
+    """
+    command = [sys.executable, "-m", "snakemake", "--snakefile", str(PROJECT / "Snakefile"), "--directory", str(cruise)]
+    options = ["--workflow-profile", "none", "--cores", str(cores), "--keep-going", "--quiet", "all"]
+    path = os.pathsep.join(filter(None, (str(PROJECT), os.environ.get("PYTHONPATH"))))
+    threads = {"PYTHONPATH": path, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    ran = subprocess.run(
+        [*command, *options, "--", *wanted], capture_output=True, text=True, check=False, env=os.environ | threads
+    )
+    if ran.returncode and strict:
+        sys.exit("the pipeline failed:\n" + ran.stderr[-3000:])
