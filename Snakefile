@@ -131,6 +131,7 @@ rule diagnose:
         pairs="results/{mooring}/overlap.nc",
         fit="results/{mooring}/work/fit.json",
         field="results/{mooring}/work/field.json",
+        observatory=PLAN.observatory,
         modules=PLAN.modules("diagnose.py"),
     output:
         diagnosis="results/{mooring}/diagnosis.json",
@@ -154,6 +155,7 @@ rule correct:
         pairs="results/{mooring}/overlap.nc",
         deviation="results/{mooring}/deviation.json",
         field="results/{mooring}/work/field.json",
+        observatory=PLAN.observatory,
         modules=PLAN.modules("correct.py"),
     output:
         "results/{mooring}/corrected.nc",
@@ -178,6 +180,7 @@ rule assess:
         pairs="results/{mooring}/overlap.nc",
         deviation="results/{mooring}/deviation.json",
         field="results/{mooring}/work/field.json",
+        observatory=PLAN.observatory,
         modules=PLAN.modules("assess.py"),
     output:
         "results/{mooring}/assessment.json",

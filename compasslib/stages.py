@@ -123,6 +123,10 @@ class Plan:
         magnetic = reference is None or reference.direction_reference == "magnetic"
         return mooring.diagnose.model_dump() | {"reference_magnetic": magnetic}
 
+    def observatory(self, wildcards: Any) -> list[str]:
+        """Return the files of the observatory that one mooring names, none where it names none."""
+        return [file for series in self._mooring(wildcards).covariates.values() for file in series.files]
+
     def by_calibration(self) -> list[str]:
         """Return the moorings that a calibration elsewhere corrects."""
         return [name for name, mooring in self.cruise.moorings.items() if mooring.fit.method == "calibration"]

@@ -3,36 +3,55 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from compasslib import observatory
 from compasslib.deviation.model import Fit
 from compasslib.discrepancy import diagnosis, verdict
 from compasslib.discrepancy.diagnosis import Options
 from compasslib.discrepancy.verdict import Diagnosis
 from compasslib.records import EarthField, Pairs, Record
 
+Floats = NDArray[np.floating]
+
 SWITCHED_OFF = "the search was switched off (diagnose: {enabled: false})"
 
 
-def diagnose(record: Record, pairs: Pairs, fit: Fit, field: EarthField, options: Mapping[str, Any]) -> Diagnosis:
+def logged(record: Record, observatory_files: Sequence[str], at: Pairs | None = None) -> dict[str, Floats]:
+    """Return the series beside heading and tilt, those that hold anything, (n,) each.
+
+    Args:
+        record: the compromised instrument.
+        observatory_files: IAGA-2002 files of one observatory, perhaps none.
+        at: overlaps at whose times they are wanted; at every sample of the record where absent.
+
+    Raises:
+        InputError: an observatory's file cannot be read.
+    """
+    series = {"temperature": record.temperature_c, "supply_voltage": record.supply_voltage}
+    if observatory_files:
+        series["declination_observatory"] = observatory.covariate(observatory_files, record.time_s)
+    where = slice(None) if at is None else np.searchsorted(record.time_s, at.time_s)
+    return {name: column[where] for name, column in series.items() if np.isfinite(column).any()}
+
+
+def diagnose(pairs: Pairs, series: Mapping[str, Floats], fit: Fit, field: EarthField, **options: Any) -> Diagnosis:
     """Return what a mooring's overlap shows that its fitted compass does not hold.
 
     Args:
-        record: the compromised instrument, for what it logged besides.
-        pairs: overlapping measurements, at times of the record.
+        pairs: overlapping measurements.
+        series: what was logged besides at their times, (n,) each.
         fit: the configured fit.
         field: the earth's field along time.
-        options: ``enabled``, and what may be chosen besides, see ``Options``.
+        **options: ``enabled``, and what may be chosen besides, see ``Options``.
     """
-    chosen = dict(options)
-    if not chosen.pop("enabled"):
+    if not options.pop("enabled"):
         return verdict.insufficient(SWITCHED_OFF)
-    at = np.searchsorted(record.time_s, pairs.time_s)
-    logged = {"temperature": record.temperature_c[at], "supply_voltage": record.supply_voltage[at]}
-    return diagnosis.diagnose(pairs, logged, fit, field, Options(**chosen))
+    return diagnosis.diagnose(pairs, series, fit, field, Options(**options))
 
 
 def told(name: str, found: Diagnosis) -> str:

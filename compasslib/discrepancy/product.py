@@ -24,6 +24,8 @@ from compasslib.records import BAD, EarthField, Pairs, Record
 
 Floats = NDArray[np.floating]
 
+Series = Mapping[str, Floats]
+
 FORMS = {term.__name__: term for term in physics.CATALOGUE}
 
 
@@ -71,7 +73,7 @@ def from_json(content: Mapping[str, Any]) -> Product:
     return Product(model.from_json(block["fit"]), tuple(block["effects"]), applied)
 
 
-def plain(product: Product, pairs: Pairs, record: Record, field: EarthField) -> Pairs:
+def plain(product: Product, pairs: Pairs, record: Record, field: EarthField, series: Series) -> Pairs:
     """Return the pairs as the compass by itself would have recorded them, without what was found beside it.
 
     A method that knows five coefficients and no effects can go on from there.
@@ -81,8 +83,10 @@ def plain(product: Product, pairs: Pairs, record: Record, field: EarthField) -> 
         pairs: overlapping measurements, at times of the record.
         record: the compromised instrument.
         field: the earth's field along time.
+        series: what was logged besides at the record's samples.
     """
-    at = along(product, model.chosen(record, np.searchsorted(record.time_s, pairs.time_s)), field)
+    when = np.searchsorted(record.time_s, pairs.time_s)
+    at = along(product, model.chosen(record, when), field, {name: column[when] for name, column in series.items()})
     if at is None:
         return pairs
     heading = model.nearest_root(at.roots(), model.observed_heading(pairs))
@@ -92,18 +96,18 @@ def plain(product: Product, pairs: Pairs, record: Record, field: EarthField) -> 
     return replace(pairs, heading_deg=angles.wrap360(pairs.heading_deg + shift), upper_east=east, upper_north=north)
 
 
-def along(product: Product, record: Record, field: EarthField) -> Along | None:
+def along(product: Product, record: Record, field: EarthField, series: Series) -> Along | None:
     """Return the compass at every sample of the record, None where the fit by itself says it.
 
     Args:
         product: what corrects the record.
         record: the compromised instrument.
         field: the earth's field along time.
+        series: what was logged besides, (n,) each, see ``moored.logged``.
     """
     if product.applied is None:
         return None
     applied, recorded = product.applied, np.where(record.heading_quality < BAD, record.heading_deg, np.nan)
-    series = {"temperature": record.temperature_c, "supply_voltage": record.supply_voltage}
     scene = applied.scene(record.time_s, recorded, (record.pitch_deg, record.roll_deg), series, field=field)
     simulation = applied.simulation
     return Along(

@@ -1,14 +1,15 @@
 """Correct one instrument: record, pairs, deviation, field -> results/MOORING/corrected.nc."""
 
 from compasslib import archive, correction, earthfield, provenance
-from compasslib.discrepancy import product
+from compasslib.discrepancy import moored, product
 from compasslib.job import job
 
 with job(snakemake.log[0]) as say:
     record, pairs = archive.read_record(snakemake.input.record), archive.read_pairs(snakemake.input.pairs)
     field = earthfield.from_json(archive.read_json(snakemake.input.field))
     made_by = product.from_json(archive.read_json(snakemake.input.deviation))
-    corrected = correction.correct(record, made_by.fit, field, pairs, product.along(made_by, record, field))
+    at = product.along(made_by, record, field, moored.logged(record, snakemake.input.observatory))
+    corrected = correction.correct(record, made_by.fit, field, pairs, at)
     made = provenance.processing(made_by, field, snakemake.params.sources)
     site, attributes = archive.Site(**snakemake.params.site), snakemake.params.attributes
     archive.write_corrected(snakemake.output[0], corrected, site=site, attributes=attributes, processing=made)
