@@ -19,7 +19,8 @@ from compasslib.nature.series import stream
 
 # Of the nulls, in some noise is doubled, in some the sphere turns with the lower water, so that it knows the noise.
 SHARES = {
-    "null": 0.17, "noisy": 0.04, "locked": 0.04, "strange": 0.16, "shifted": 0.04, "undecidable": 0.10, "single": 0.31, "pair": 0.14,
+    "null": 0.17, "noisy": 0.04, "locked": 0.04, "strange": 0.16, "shifted": 0.04, "undecidable": 0.10,
+    "single": 0.31, "pair": 0.14,
 }  # fmt: skip
 SINGLES = (
     "heeling", "hard_iron_step", "temperature", "current_veer", "sextantal", "supply_voltage", "heading_slip",
