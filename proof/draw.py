@@ -17,8 +17,10 @@ from compasslib.nature.sealed import Ground, Wish
 from compasslib.nature.sealed_files import DEEP_SAMPLE_S, Export, Written
 from compasslib.nature.series import stream
 
+# Of the nulls, in some noise is doubled, in some the sphere turns with the lower water, so that it knows the noise.
 SHARES = {
-    "null": 0.20, "noisy": 0.05, "strange": 0.16, "shifted": 0.04, "undecidable": 0.10, "single": 0.31, "pair": 0.14,
+    "null": 0.17, "noisy": 0.04, "locked": 0.04, "strange": 0.16, "shifted": 0.04, "undecidable": 0.10,
+    "single": 0.31, "pair": 0.14,
 }  # fmt: skip
 SINGLES = (
     "heeling", "hard_iron_step", "temperature", "current_veer", "sextantal", "supply_voltage", "heading_slip",
@@ -144,7 +146,9 @@ def _one(rng: np.random.Generator, name: str, kind: str, turn: int, seed: int, h
         wanted["field_disturbance"] = min(size, LARGEST_STORM_DEG)
         export = Export(deep="table", true_referenced=True, observatory=True)
     battery = "change" if "battery_change" in wanted or rng.random() < 0.15 else "knee"
-    wish = Wish(wide=wide, battery=battery, noise=2.0 if kind == "noisy" else 1.0, hours=hours)
+    wish = Wish(
+        wide=wide, battery=battery, noise=2.0 if kind == "noisy" else 1.0, hours=hours, turned_by_lower=kind == "locked"
+    )
     return Sealed(name, kind, wanted, wish=wish, export=export, seed=seed)
 
 

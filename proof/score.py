@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-QUIET = ("null", "noisy")  # nothing is planted
+QUIET = ("null", "noisy", "locked")  # nothing is planted
 UNNAMED = ("strange", "shifted")  # what is planted has no name that would be right
 KNOWN = ("single", "pair")
 CATALOGUE = (

@@ -27,11 +27,12 @@ def measures(rows: Sequence[Row]) -> list[dict[str, Any]]:
     named = [row for row in known if row["sets"]]
     alone = [row for row in named if all(len(one) == 1 for one in row["sets"])]
     strange, shifted, doubt = (_of(rows, kind) for kind in ("strange", "shifted", "undecidable"))
-    quiet, noisy = _of(rows, "null"), _of(rows, "noisy")
+    quiet, noisy, locked = (_of(rows, kind) for kind in score.QUIET)
     table = [
         _share("nothing planted: falsely named", quiet, lambda row: bool(row["sets"])),
         _share("nothing planted: falsely unexplained", quiet, lambda row: row["outcome"] == "false alarm"),
         _share("doubled noise: named or unexplained", noisy, lambda row: row["outcome"] != "right"),
+        _share("sphere turned by the lower water: named or unexplained", locked, lambda row: row["outcome"] != "right"),
         _share("effects of the catalogue: seen", known, seen),
         _share("all that was planted is among the names", known, covered),
         _share("the same, of those where anything is named", named, covered),

@@ -30,6 +30,7 @@ class Wish:
     battery: str = "knee"  # knee: an end of discharge; line: none; change: a new battery midway
     noise: float = 1.0  # of water and instruments, times the usual
     hours: int = 8800
+    turned_by_lower: bool = False  # whether the sphere turns with the water below it, or with the mean of both layers
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +78,8 @@ def make(seed: int, name: str, wish: Wish) -> Ground:
     currents = _currents(seed, name, wish, site=(latitude, depth), span_s=span, along_deg=float(rng.uniform(0, 360)))
     declination, horizontal, vertical = (float(x.mean()) for x in field.at(stamps))
     rig = _rig(rng, depth)
-    motion = mooring.make_motion(seed, name, rig, currents, declination_deg=declination)
+    around = currents if wish.turned_by_lower else replace(currents, shear=np.zeros_like(currents.shear))
+    motion = mooring.make_motion(seed, name, rig, around, declination_deg=declination)
     meter = magnetometer.build(rng, (horizontal, vertical), float(rng.choice(STRENGTHS)))
     temperature = _temperature(stream(seed, name, "temperature"), motion)
     supply = _supply(stream(seed, name, "supply"), wish.battery, currents.time_s, temperature)
