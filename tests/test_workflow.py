@@ -92,6 +92,7 @@ def test_a_declination_re_runs_one_mooring_from_the_stage_that_uses_it(done):
         ("earth_field", "M1"),
         ("overlap", "M1"),
         ("fit", "M1"),
+        ("diagnose", "M1"),
         ("correct", "M1"),
         ("assess", "M1"),
         ("figures", "M1"),
@@ -116,6 +117,7 @@ def test_an_edited_module_re_runs_what_uses_it_and_nothing_else(tmp_path):
     assert {rule for rule, _ in planned(folder, project=project)} == {
         "overlap",
         "fit",
+        "diagnose",
         "correct",
         "assess",
         "figures",
