@@ -211,3 +211,12 @@ def test_switched_off_says_so():
     assert recordings.chosen({"enabled": False, "apply": True, "min_effect_deg": 0.5}) is None
     found = recordings.diagnose("platform", [], {}, None)
     assert found.verdict == "insufficient" and "switched off" in found.why
+
+
+def test_a_swing_of_eight_headings_points_at_what_to_swing(tmp_path):
+    deviations = (-1.177, 2.023, -8.377, -4.279, 3.620, 14.721, 5.624, 15.123)  # Moncunill 2023, 5.3
+    rows = [f"{(45 * k - d) % 360:.3f},{45 * k}" for k, d in enumerate(deviations)]
+    (tmp_path / "swing.csv").write_text("\n".join(["compass_deg,true_deg", *rows]) + "\n")
+    found = recordings.diagnose("swing", [tmp_path / "swing.csv"], {"declination": 0.0}, Options())
+    assert found.verdict == "insufficient" and "third (3.1) and fourth" in found.why and "16 to 24" in found.why
+    assert "water_drift" in dict(found.not_testable)

@@ -15,6 +15,7 @@ if TYPE_CHECKING:  # the Snakefile needs the table only
 KINDS: dict[str, str] = {
     "platform": "compasslib.discrepancy.recordings.platform",
     "magnetometer": "compasslib.discrepancy.recordings.magnetometer",
+    "swing": "compasslib.discrepancy.recordings.swing",
     "two_heads": "compasslib.discrepancy.recordings.two_heads",
     "declination": "compasslib.discrepancy.declination",
 }
