@@ -15,6 +15,7 @@ from proof.run import PROJECT, pipeline
 
 DATA = PROJECT.parent / "shared" / "data"
 CRUISE = "cruise_eh2"
+MOORED = "moorings: config/moorings\n"
 RULE = "rule diagnose_calibration:"
 COLUMNS = ("recording", "concealed", "known", "right", "found")
 # Recorded headings of Moncunill et al. 2023, section 5.3, from N by eighths of the circle: correct minus deviation.
@@ -64,22 +65,25 @@ MOORINGS = (
 
 
 def run(work: Path, cores: int) -> None:
-    """Put the recordings that are there through the pipeline, as far as it knows their kinds.
+    """Put the recordings that are there through the pipeline, each as a cruise of its own: a kind may be refused.
 
     Args:
-        work: folder that a cruise is made in.
+        work: folder that the cruises are made in.
         cores: how many jobs at once.
     """
     shutil.rmtree(work, ignore_errors=True)
-    (work / "config/moorings").mkdir(parents=True)
-    (work / "config/calibrations").mkdir()
-    (work / "config/config.yaml").write_text("moorings: config/moorings\n")
-    names = [one.name for one in MOORINGS if _mooring(one, work)]
-    kinds = [one.name for one in CALIBRATIONS if not _unavailable() and _calibration(one, work)]
-    targets = [f"results/{name}/diagnosis.json" for name in names]
-    targets += [f"results/calibrations/{name}/diagnosis.json" for name in kinds]
-    if targets:
-        pipeline(work.resolve(), targets, cores, strict=False)
+    for one in (*MOORINGS, *CALIBRATIONS):
+        if _absent(one) or (one in CALIBRATIONS and _unavailable()):
+            continue
+        cruise = work / one.name
+        for folder in ("config/moorings", "config/calibrations", "raw"):
+            (cruise / folder).mkdir(parents=True)
+        (cruise / "config/config.yaml").write_text(
+            "moorings: config/moorings\n" if one in MOORINGS else "moorings: []\n"
+        )
+        (_mooring if one in MOORINGS else _calibration)(one, cruise)
+        wrong = pipeline(cruise.resolve(), [str(_diagnosis(one))], cores, strict=False)
+        (cruise / "wrong.txt").write_text(wrong)
 
 
 def rows(work: Path) -> list[list[str]]:
@@ -88,18 +92,21 @@ def rows(work: Path) -> list[list[str]]:
     Args:
         work: folder that the recordings were run in.
     """
-    table = [_row(one, work / "results" / one.name, _absent(one)) for one in MOORINGS]
-    calibrated = work / "results/calibrations"
-    return table + [_row(one, calibrated / one.name, _absent(one) or _unavailable()) for one in CALIBRATIONS]
+    return [_row(one, work / one.name) for one in (*MOORINGS, *CALIBRATIONS)]
 
 
-def _row(one: Recording, folder: Path, absent: str) -> list[str]:
-    path = folder / "diagnosis.json"
-    if absent or not path.exists():
-        found, right = absent or "the pipeline gave no diagnosis", "–"
-    else:
+def _diagnosis(one: Recording) -> Path:
+    return Path("results") / ("" if one in MOORINGS else "calibrations") / one.name / "diagnosis.json"
+
+
+def _row(one: Recording, cruise: Path) -> list[str]:
+    path, wrong = cruise / _diagnosis(one), cruise / "wrong.txt"
+    if path.exists():
         diagnosis = json.loads(path.read_text())
-        found, right = _said(diagnosis), "yes" if _right(one.right, diagnosis) else "no"
+        right, found = "yes" if _right(one.right, diagnosis) else "no", _said(diagnosis)
+    else:
+        missing = _absent(one) or (_unavailable() if one in CALIBRATIONS else "")
+        right, found = "–", missing or (wrong.read_text() if wrong.exists() else "it was not run")
     return [one.name, one.concealed, one.known, right, found]
 
 
@@ -128,27 +135,19 @@ def _unavailable() -> str:
     return "" if RULE in rules else "the pipeline does not diagnose calibrations yet"
 
 
-def _mooring(one: Recording, work: Path) -> bool:
+def _mooring(one: Recording, cruise: Path) -> None:
     source = DATA / CRUISE
-    if not source.is_dir():
-        return False
-    shutil.copyfile(source / f"config/moorings/{one.name}.yaml", work / f"config/moorings/{one.name}.yaml")
-    (work / "raw").mkdir(exist_ok=True)
-    (work / "raw" / one.name).symlink_to((source / "raw" / one.name).resolve())
-    return True
+    shutil.copyfile(source / f"config/moorings/{one.name}.yaml", cruise / f"config/moorings/{one.name}.yaml")
+    (cruise / "raw" / one.name).symlink_to((source / "raw" / one.name).resolve())
 
 
-def _calibration(one: Recording, work: Path) -> bool:
-    if _absent(one):
-        return False
-    (work / "raw").mkdir(exist_ok=True)
+def _calibration(one: Recording, cruise: Path) -> None:
     file = f"raw/{one.name}{Path(one.file).suffix or '.csv'}"
     if one.file:
-        (work / file).symlink_to((DATA / one.file).resolve())
+        (cruise / file).symlink_to((DATA / one.file).resolve())
     else:
         correct = [45.0 * k for k in range(8)]
         pairs = (f"{b:.3f},{b - d:.3f}\n" for b, d in zip(correct, EIGHT_DEVIATIONS_DEG, strict=True))
-        (work / file).write_text("reference_deg,recorded_deg\n" + "".join(pairs))
+        (cruise / file).write_text("reference_deg,recorded_deg\n" + "".join(pairs))
     text = yaml.safe_dump(one.settings | {"file": file})
-    (work / f"config/calibrations/{one.name}.yaml").write_text(text)
-    return True
+    (cruise / f"config/calibrations/{one.name}.yaml").write_text(text)

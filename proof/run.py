@@ -21,8 +21,8 @@ def targets(names: Sequence[str]) -> list[str]:
     return [f"results/{name}/{file}" for name in names for file in SCORED]
 
 
-def pipeline(cruise: Path, wanted: Sequence[str], cores: int, *, strict: bool = True) -> None:
-    """Make files of a cruise.
+def pipeline(cruise: Path, wanted: Sequence[str], cores: int, *, strict: bool = True) -> str:
+    """Make files of a cruise and return what went wrong in a line, nothing where all went well.
 
     Args:
         cruise: its folder.
@@ -34,7 +34,7 @@ def pipeline(cruise: Path, wanted: Sequence[str], cores: int, *, strict: bool = 
         SystemExit: Snakemake failed; its last lines are told.
     """
     command = [sys.executable, "-m", "snakemake", "--snakefile", str(PROJECT / "Snakefile"), "--directory", str(cruise)]
-    options = ["--workflow-profile", "none", "--cores", str(cores), "--keep-going", "--quiet", "all"]
+    options = ["--workflow-profile", "none", "--cores", str(cores), "--keep-going", "--quiet", "rules", "progress"]
     path = os.pathsep.join(filter(None, (str(PROJECT), os.environ.get("PYTHONPATH"))))
     threads = {"PYTHONPATH": path, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     ran = subprocess.run(
@@ -42,3 +42,6 @@ def pipeline(cruise: Path, wanted: Sequence[str], cores: int, *, strict: bool = 
     )
     if ran.returncode and strict:
         sys.exit("the pipeline failed:\n" + ran.stderr[-3000:])
+    said = [line.strip() for line in ran.stderr.splitlines() if line.strip()]
+    errors = [line for line in said if "error: " in line or "Exception" in line]
+    return (errors or said or ["no reason was given"])[0] if ran.returncode else ""
