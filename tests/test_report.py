@@ -210,27 +210,34 @@ def heeling(*alternatives: str) -> Found:
 
 
 def test_what_was_found_is_said_with_its_alternatives_parameters_and_proof():
-    (told,) = found.findings(diagnosis("ambiguous", heeling("tilt_uncompensated")))
+    (told,) = found.findings(diagnosis("ambiguous", heeling("tilt_uncompensated")), product=True)
     facts = {name: value.replace(words.SPACE, " ") for name, value in told.facts}
     assert (told.title, told.text, facts["Could also be"]) == ("Heeling", "It heels.", "tilt uncompensated")
-    assert facts["Side"] == "the compass that was corrected" and facts["Size"] == "3.1° rms"
+    assert facts["Side"] == "the compass" and facts["Size"] == "3.1° rms"
     assert facts["When"] == "4 Sep 2007 to 4 Oct 2008" and facts["Where"] == "Along pitch from 4 to 11 degrees."
-    assert facts["Residual on held-out days"] == "11.90° before, 11.30° after rms (p < 0.001)"
+    assert facts["Residual on held-out days"] == "11.90° before, 11.30° after rms (p ≤ 0.001)"
     assert facts["In the product"] == "yes"
-    assert [cell.replace(words.SPACE, " ") for cell in told.parameters.rows[0]] == ["b z nT", "2100 ± 140 nT"]
+    assert [cell.replace(words.SPACE, " ") for cell in told.parameters.rows[0]] == ["b z", "2100 ± 140 nT"]
 
 
 def test_what_stays_unexplained_is_said_and_what_would_decide():
     where = Where("speed", 0.1, 0.4, "along speed from 0.1 to 0.4 m/s")
     left = Unexplained(("speed",), where, (1188864000.0, 1223078400.0), 2.0, (), "Nothing fits.")
     told = diagnosis("unexplained", heeling(), unexplained=left, separated_by="a swing; wider headings")
-    *_, last = found.findings(told)
+    *_, last = found.findings(told, product=True)
     assert (last.title, last.text) == ("Unexplained", "Nothing fits.") and ("Size", "2.0° rms") in last.facts
     assert found.cannot_tell(told)[:3] == (
         "What would decide: A swing.",
         "What would decide: Wider headings.",
         "Not testable: stuck tilt. No other sensor.",
     )
+
+
+def test_every_effect_that_was_tried_has_its_row_where_the_search_lists_them():
+    tried = [{"effect": "current_veer", "score": 12.34, "rms_effect_deg": 0.5, "p_value": 0.012}]
+    (table,) = found.hypotheses({"hypotheses": tried})
+    assert table.rows == (("current veer", "12.3", "0.50° rms", "0.012"),) and table.folded
+    assert found.hypotheses(diagnosis("consistent")) == ()
 
 
 def test_two_heads_and_a_diagnosis_have_their_section(tmp_path):
@@ -248,7 +255,7 @@ def test_two_heads_and_a_diagnosis_have_their_section(tmp_path):
     assert made.details["frame"]["text"].rstrip(".") in " ".join(section.summary)
     assert section.figures[0].title == "Difference of the two compasses"
     assert all("offset is" in figure.alternative for figure in section.figures[::2])
-    assert section.cells[-2].text == "explained"
+    assert section.cells[-2].text == "explained" and "In the product" not in dict(section.findings[0].facts)
 
 
 def test_a_large_fleet_embeds_some_figures_and_says_so(tmp_path):
@@ -298,7 +305,10 @@ def test_embedded_figures_are_pictures_of_their_own_size(done, document):
         (words.plural(1, "pair"), "1 pair"),
         (words.position(-8.9, 219.9), "8.9000° S, 140.1000° W"),
         (words.days({"from": "2007-09-04T00:00:00Z", "to": "2008-10-04T00:00:00Z"}), "4 Sep 2007 to 4 Oct 2008"),
+        (words.days({"from": "2003-10-29T06:10:00Z", "to": "2003-10-29T23:00:00Z"}), "29 Oct 2003, 06:10 to 23:00 UTC"),
         (words.sentence("too little"), "Too little."),
+        (words.parameter("b_z_nT", "nT"), "b z"),
+        (words.parameter("range_deg", "degrees"), "range"),
     ],
 )
 def test_words(said, expected):

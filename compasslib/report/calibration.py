@@ -79,16 +79,10 @@ def section(results: Results, root: Path, *, embed: bool) -> Section:
         verdict=diagnosis["verdict"] if diagnosis else "",
         summary=_summary(content, diagnosis),
         facts=_facts(content),
-        findings=found.findings(diagnosis) if diagnosis else (),
+        findings=found.findings(diagnosis, product=False) if diagnosis else (),
         cannot_tell=(*_cannot_tell(content), *(found.cannot_tell(diagnosis) if diagnosis else ())),
         warnings=tuple(content["warnings"]),
-        tables=(
-            *_coefficients(content),
-            *_iron(content),
-            *_cardinal(content),
-            *_budget(content),
-            *_deviations(results),
-        ),
+        tables=(*_tables(content), *(found.hypotheses(diagnosis) if diagnosis else ()), *_deviations(results)),
         figures=figures.of_folder(results.folder, root, drawn, embed=embed),
         links=links,
         cells=_cells(results),
@@ -104,7 +98,8 @@ def _summary(content: Mapping[str, Any], diagnosis: Mapping[str, Any] | None) ->
     expanded = content["uncertainty"]["expanded_deg"]
     sure = f" The expanded uncertainty of a deviation is {words.degrees(expanded, 2)} (k = 2)." if expanded else ""
     readings = words.plural(content["n"], "reading")
-    first = f"{readings} in {content['coverage']} of 36 sectors of 10°, model {words.plain(content['model'])}.{sure}"
+    spread = f" in {content['coverage']} of 36 sectors of 10°" if content["coverage"] else ""
+    first = f"{readings}{spread}, model {words.plain(content['model'])}.{sure}"
     return (*told, first, *_texts(content))
 
 
@@ -130,6 +125,9 @@ def _facts(content: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
         facts.append(("Horizontal field", f"{words.number(place['field']['horizontal_nT'], 0)} nT"))
     if content["residual_rms_deg"] is not None:
         facts.append(("Residual", f"{words.degrees(content['residual_rms_deg'], 2)} rms"))
+    if content.get("constant_sigma_deg") is not None:
+        constant = words.with_sigma(content["constant_deg"], content["constant_sigma_deg"], "°")
+        facts.append(("Constant beside the field model", constant))
     if content.get("offset_deg") is not None:
         facts.append(
             ("Offset of the second", words.with_sigma(content["offset_deg"], content.get("offset_sigma_deg"), "°"))
@@ -144,6 +142,11 @@ def _cannot_tell(content: Mapping[str, Any]) -> tuple[str, ...]:
     ]
     limit = (content.get("iso_25862") or {}).get("conditions", [])
     return (*content.get("cannot_tell", []), *open_, *limit)
+
+
+def _tables(content: Mapping[str, Any]) -> tuple[Table, ...]:
+    parts = (_coefficients, _iron, _cardinal, _storms, _budget)
+    return tuple(table for part in parts for table in part(content))
 
 
 def _coefficients(content: Mapping[str, Any]) -> tuple[Table, ...]:
@@ -198,6 +201,15 @@ def _cardinal(content: Mapping[str, Any]) -> tuple[Table, ...]:
             folded="By the eight points",
         ),
     )
+
+
+def _storms(content: Mapping[str, Any]) -> tuple[Table, ...]:
+    """Return the storms of an observatory's series; none where a kind has none."""
+    rows = tuple(
+        (words.days(one), words.degrees(one["range_deg"], 2), f"{words.degrees(one['rms_deg'], 2)} rms")
+        for one in content.get("storms") or []
+    )
+    return (Table("Storms", ("When", "Range", "Size"), rows),) if rows else ()
 
 
 def _budget(content: Mapping[str, Any]) -> tuple[Table, ...]:

@@ -26,6 +26,8 @@ def alternatives(content: Mapping[str, Any], diagnosis: Mapping[str, Any] | None
         "tilt_check": lambda: (
             f"Tilts of the two instruments, turned onto each other. {(content.get('frame') or {}).get('text', '')}"
         ),
+        "series": lambda: f"Declination along time, observed and by the field model. {_constant(content)}",
+        "disturbance": lambda: _disturbance(content),
         "along_time": lambda: f"Headings of both instruments along time and their difference. {_offset(content)}",
     }
     return told | ({"diagnosis": lambda: of_diagnosis(diagnosis)} if diagnosis else {})
@@ -58,11 +60,11 @@ def _certificate(content: Mapping[str, Any]) -> str:
 
 def _magnetometer(content: Mapping[str, Any]) -> str:
     left = content.get("modulus_residual_percent") or {}
-    before, after = (words.number(left.get(key), 2) for key in ("before", "after"))
-    return (
-        f"Magnetometer readings before and after taking out hard and soft iron. The modulus of the field scatters by "
-        f"{before} % before and {after} % after."
-    )
+    told = "Magnetometer readings before and after taking out hard and soft iron."
+    if left.get("after") is None:
+        return f"{told} {words.sentence(content['why'])}"
+    before, after = (words.number(left[key], 2) for key in ("before", "after"))
+    return f"{told} The modulus of the field scatters by {before} % before and {after} % after."
 
 
 def _swing(content: Mapping[str, Any]) -> str:
@@ -76,3 +78,15 @@ def _offset(content: Mapping[str, Any]) -> str:
     if content.get("offset_deg") is None:
         return "No offset was found."
     return f"The offset is {words.with_sigma(content['offset_deg'], content.get('offset_sigma_deg'), '°')} (1σ)."
+
+
+def _constant(content: Mapping[str, Any]) -> str:
+    value, sigma = content.get("constant_deg"), content.get("constant_sigma_deg")
+    return f"The constant between them is {words.with_sigma(value, sigma, '°')} (1σ)."
+
+
+def _disturbance(content: Mapping[str, Any]) -> str:
+    storms = content.get("storms") or []
+    largest = max((one["range_deg"] for one in storms), default=None)
+    range_ = f", the largest of {words.degrees(largest, 2)} from end to end" if storms else ""
+    return f"What level and quiet day leave along time: {words.plural(len(storms), 'storm')}{range_}."

@@ -26,6 +26,8 @@ TITLES = {
     "difference": "Difference of the two compasses",
     "tilt_check": "Tilts of the two instruments",
     "along_time": "Both compasses along time",
+    "series": "Declination of the observatory",
+    "disturbance": "Disturbances of the field",
 }
 
 

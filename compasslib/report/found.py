@@ -9,7 +9,7 @@ from compasslib.report import words
 from compasslib.report.section import Finding, Table
 
 SIDES = {
-    "compass": "the compass that was corrected",
+    "compass": "the compass",
     "reference": "the trusted instrument",
     "water": "the water",
     "clock": "the clocks",
@@ -17,13 +17,14 @@ SIDES = {
 LEAST_P = 0.001  # the smallest that the drawn blocks can show
 
 
-def findings(diagnosis: Mapping[str, Any]) -> tuple[Finding, ...]:
+def findings(diagnosis: Mapping[str, Any], *, product: bool) -> tuple[Finding, ...]:
     """Return what was found, strongest first, and what stays unexplained after it.
 
     Args:
         diagnosis: content of diagnosis.json.
+        product: whether there is a corrected record that a finding may have entered.
     """
-    told = [_finding(one) for one in diagnosis["findings"]]
+    told = [_finding(one, product) for one in diagnosis["findings"]]
     left = diagnosis["unexplained"]
     return (*told, _unexplained(left)) if left else tuple(told)
 
@@ -43,19 +44,38 @@ def cannot_tell(diagnosis: Mapping[str, Any]) -> tuple[str, ...]:
     return tuple(told)
 
 
+def hypotheses(diagnosis: Mapping[str, Any]) -> tuple[Table, ...]:
+    """Return the table of all effects that were tried, each alone, the best first; none where none was tried.
+
+    Args:
+        diagnosis: content of diagnosis.json.
+    """
+    tried = diagnosis.get("hypotheses") or []
+    rows = tuple(
+        (
+            words.plain(one["effect"]),
+            words.number(one["score"]),
+            f"{words.degrees(one['rms_effect_deg'], 2)} rms",
+            words.significant(one["p_value"], 2),
+        )
+        for one in tried
+    )
+    caption = "Each effect of the catalogue tried alone: twice the log likelihood gained, less a charge for parameters"
+    return (Table(caption, ("", "Score", "Size", "p"), rows, folded="Effects that were tried"),) if rows else ()
+
+
 def _small(one: Mapping[str, Any]) -> str:
     return f"{words.plain(one['effect'])} ({words.degrees(one['rms_effect_deg'])} rms)"
 
 
-def _finding(one: Mapping[str, Any]) -> Finding:
+def _finding(one: Mapping[str, Any], product: bool) -> Finding:
     others = [words.plain(effect) for effect in one["alternatives"]]
-    applied = {"applied": ("In the product", "yes" if one["applied"] else "no")} if "applied" in one else {}
     facts = [
         ("Side", SIDES.get(one["side"], one["side"])),
         ("Could also be", words.listed(others) if others else "nothing else of the catalogue"),
         *_place(one),
         ("Residual on held-out days", _held_out(one["heldout"])),
-        *applied.values(),
+        *([("In the product", "yes" if one["applied"] else "no")] if product else []),
     ]
     return Finding(words.plain(one["effect"]).capitalize(), one["text"], tuple(facts), _parameters(one["parameters"]))
 
@@ -76,7 +96,7 @@ def _held_out(proof: Mapping[str, Any]) -> str:
     chance = proof.get("p_value")
     if chance is None:
         return f"{told} rms"
-    return f"{told} rms ({'p < 0.001' if chance <= LEAST_P else f'p = {words.significant(chance, 2)}'})"
+    return f"{told} rms ({'p ≤ 0.001' if chance <= LEAST_P else f'p = {words.significant(chance, 2)}'})"
 
 
 def _parameters(parameters: Mapping[str, Any]) -> Table | None:
@@ -84,7 +104,7 @@ def _parameters(parameters: Mapping[str, Any]) -> Table | None:
     if not fitted:
         return None
     rows = tuple(
-        (words.plain(name), words.with_sigma(one["value"], one["sigma"], one.get("unit", "")))
+        (words.parameter(name, one["unit"]), words.with_sigma(one["value"], one["sigma"], one["unit"]))
         for name, one in fitted.items()
     )
     return Table("Parameters", ("", "Value ± 1σ"), rows)

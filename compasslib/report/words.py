@@ -115,12 +115,13 @@ def day(stamp: str) -> str:
 
 
 def days(span: Mapping[str, str]) -> str:
-    """Return a span of time as two dates.
+    """Return a span of time as two dates, or as hours of one day.
 
     Args:
-        span: ``from`` and ``to``, ISO 8601.
+        span: ``from`` and ``to``, ISO 8601, UTC.
     """
-    return f"{day(span['from'])} to {day(span['to'])}"
+    begin, end = day(span["from"]), day(span["to"])
+    return f"{begin} to {end}" if begin != end else f"{begin}, {span['from'][11:16]} to {span['to'][11:16]} UTC"
 
 
 def position(latitude: float, longitude: float) -> str:
@@ -141,6 +142,16 @@ def plain(name: str) -> str:
         name: with underscores.
     """
     return name.replace("_", " ")
+
+
+def parameter(name: str, unit: str) -> str:
+    """Return the name of a parameter without the unit at its end, which stands behind its value.
+
+    Args:
+        name: with underscores.
+        unit: of its value.
+    """
+    return plain(name.removesuffix(f"_{'deg' if unit in ('degrees', '°') else unit}"))
 
 
 def listed(names: list[str]) -> str:
