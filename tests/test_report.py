@@ -156,7 +156,7 @@ def test_headings_are_in_order_and_tables_are_named(document):
 
 def test_every_figure_says_what_it_shows(done, document):
     pictures = document.all("img")
-    assert len(pictures) == len(list((done / "results").rglob("figures/*.png"))) == 2 * 5 + 2 * 3
+    assert len(pictures) == len(list((done / "results").rglob("figures/*.png"))) == 2 * 5 + 2 * 4
     assert all(len(one.attributes["alt"]) > 50 for one in pictures)
     said = [one.attributes["alt"] for one in pictures]
     assert len(set(said)) > 12
