@@ -174,8 +174,8 @@ def _range(fit: Mapping[str, Any]) -> str:
     low, high = fit["recorded_range_deg"]
     if high - low >= 360.0:
         return "every heading"
-    folded = ", each for two correct headings" if fit["folded"] else ""
-    return f"{words.degrees(float(angles.wrap360(low)), 0)} to {words.degrees(float(angles.wrap360(high)), 0)} only{folded}"
+    begin, end = (words.degrees(float(angles.wrap360(heading)), 0) for heading in (low, high))
+    return f"{begin} to {end} only{', each for two correct headings' if fit['folded'] else ''}"
 
 
 def _agreement(assessment: Mapping[str, Any]) -> tuple[Table, ...]:
