@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from compasslib import archive
+from compasslib import angles, archive
 from compasslib.discrepancy.telling import VERDICTS
 from compasslib.report import figures, found, headings, mooring_figures, words
 from compasslib.report.headings import Headings
@@ -174,14 +174,8 @@ def _range(fit: Mapping[str, Any]) -> str:
     low, high = fit["recorded_range_deg"]
     if high - low >= 360.0:
         return "every heading"
-    folded = ", each for two correct headings" if fit["folded"] else ""
-    return f"{words.degrees(_north(low), 0)} to {words.degrees(_north(high), 0)} only{folded}"
-
-
-def _north(heading_deg: float) -> float:
-    from compasslib import angles  # one angle
-
-    return float(angles.wrap360(heading_deg))
+    begin, end = (words.degrees(float(angles.wrap360(heading)), 0) for heading in (low, high))
+    return f"{begin} to {end} only{', each for two correct headings' if fit['folded'] else ''}"
 
 
 def _agreement(assessment: Mapping[str, Any]) -> tuple[Table, ...]:
