@@ -132,7 +132,7 @@ def against_oracle(drawn, fit, field, found) -> dict:
             pairs.time_s, pairs.heading_deg, (pairs.pitch_deg, pairs.roll_deg), drawn.covariates, field=field
         )
         result["error_after"] = error(
-            fits.nearest_root(applied.headings(scene, pairs.heading_deg), drawn.heading), drawn
+            fits.nearest_root(applied.along(scene, pairs.heading_deg).roots(), drawn.heading), drawn
         )
     result["z"] = [
         (one.parameters[name].value - value) / one.parameters[name].sigma

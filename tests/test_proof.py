@@ -72,21 +72,18 @@ def changed(path: Path, before: str, after: str) -> str:
     return text
 
 
-def test_a_changed_truth_is_refused(proofs):
-    path = proofs[0] / "work/locked/P001.json"
-    text = changed(path, '"kind"', '"kind" ')
-    with pytest.raises(seal.Broken, match=r"sealed before the run: P001\.json"):
+@pytest.mark.parametrize(
+    ("path", "key", "match"),
+    [
+        ("work/locked/P001.json", '"kind"', r"sealed before the run: P001\.json"),
+        ("work/cruise/results/P002/diagnosis.json", '"verdict"', r"the pipeline left: results/P002/diagnosis\.json"),
+    ],
+)
+def test_a_changed_truth_and_an_edited_verdict_are_refused(proofs, path, key, match):
+    text = changed(proofs[0] / path, key, key + " ")
+    with pytest.raises(seal.Broken, match=match):
         scored(proofs[0])
-    path.write_text(text)
-    scored(proofs[0])
-
-
-def test_an_edited_verdict_is_refused(proofs):
-    path = proofs[0] / "work/cruise/results/P002/diagnosis.json"
-    text = changed(path, '"verdict"', '"verdict" ')
-    with pytest.raises(seal.Broken, match=r"the pipeline left: results/P002/diagnosis\.json"):
-        scored(proofs[0])
-    path.write_text(text)
+    (proofs[0] / path).write_text(text)
     scored(proofs[0])
 
 

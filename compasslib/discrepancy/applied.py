@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib import angles, compass
 from compasslib.deviation import model
+from compasslib.deviation.along import Along
 from compasslib.discrepancy import covariates
 from compasslib.physics import Scene, composition
 from compasslib.physics.composition import Simulation
@@ -60,37 +60,21 @@ class Applied:
         pitch, roll = (np.nan_to_num(x) for x in tilt_deg)
         return Scene(time_s, h, z, pitch, roll, self.references["time"], found)
 
-    def headings(self, scene: Scene, recorded_deg: Floats) -> Floats:
-        """Return the correct headings of recorded ones, (n, 2), NaN where there is none.
+    def along(self, scene: Scene, recorded_deg: Floats) -> Along:
+        """Return the compass at every sample.
 
         Args:
-            scene: in what they were made.
-            recorded_deg: (n,), degrees.
+            scene: in what the samples were made.
+            recorded_deg: recorded headings, (n,), degrees, NaN where there is none.
         """
-        return composition.headings(self.simulation, scene, recorded_deg)
-
-    def sigma(self, scene: Scene, heading_deg: Floats) -> Floats:
-        """Return the standard error of headings that the parameters' covariance makes, (n,) degrees.
-
-        Args:
-            scene: in what they were made.
-            heading_deg: correct headings, (n,), degrees.
-        """
-        columns = composition.derivative(self.simulation, scene, heading_deg)
-        return np.sqrt(np.einsum("ni,ij,nj->n", columns, self.covariance, columns))
-
-    def levelled(self, scene: Scene, recorded_deg: Floats, near_deg: Floats) -> Floats:
-        """Return what the same compass, level and without the terms, would have recorded, (n,) degrees.
-
-        A method that knows five coefficients and no terms can go on from there.
-
-        Args:
-            scene: in what the headings were recorded.
-            recorded_deg: (n,), degrees.
-            near_deg: headings that choose between two roots, (n,), degrees.
-        """
-        heading = model.nearest_root(self.headings(scene, recorded_deg), near_deg)
-        return compass.recorded_heading(self.simulation.coefficients, heading)
+        return Along(
+            reading_deg=composition.undone_readout(self.simulation, scene, recorded_deg),
+            coefficients=composition.coefficients_at(self.simulation, scene),
+            covariance=self.covariance,
+            sensitivity=lambda heading_deg: composition.derivative(self.simulation, scene, heading_deg),
+            north_deg=composition.north(self.simulation, scene),
+            tilted=any(term.name == "heeling" for term in self.simulation.terms),
+        )
 
     def to_json(self) -> dict[str, Any]:
         """Return it for diagnosis.json."""
@@ -104,15 +88,3 @@ class Applied:
             "references": dict(self.references),
             "logged": list(self.logged),
         }
-
-
-def deviation(applied: Applied, scene: Scene, recorded_deg: Floats, near_deg: Floats) -> Floats:
-    """Return correct minus recorded heading, (n,) degrees in [-180, 180), NaN where there is no root.
-
-    Args:
-        applied: compass with terms.
-        scene: in what the headings were recorded.
-        recorded_deg: (n,), degrees.
-        near_deg: headings that choose between two roots, (n,), degrees.
-    """
-    return angles.difference(model.nearest_root(applied.headings(scene, recorded_deg), near_deg), recorded_deg)

@@ -18,7 +18,6 @@ from compasslib.deviation.along import Along
 from compasslib.deviation.model import Fit
 from compasslib.discrepancy.applied import Applied
 from compasslib.discrepancy.verdict import Diagnosis
-from compasslib.physics import composition
 from compasslib.physics.composition import Simulation
 from compasslib.records import BAD, EarthField, Pairs, Record
 
@@ -109,15 +108,7 @@ def along(product: Product, record: Record, field: EarthField, series: Series) -
         return None
     applied, recorded = product.applied, np.where(record.heading_quality < BAD, record.heading_deg, np.nan)
     scene = applied.scene(record.time_s, recorded, (record.pitch_deg, record.roll_deg), series, field=field)
-    simulation = applied.simulation
-    return Along(
-        reading_deg=composition.undone_readout(simulation, scene, recorded),
-        coefficients=composition.coefficients_at(simulation, scene),
-        covariance=applied.covariance,
-        sensitivity=lambda heading_deg: composition.derivative(simulation, scene, heading_deg),
-        north_deg=composition.north(simulation, scene),
-        tilted="heeling" in product.effects,
-    )
+    return applied.along(scene, recorded)
 
 
 def _applied(content: Mapping[str, Any]) -> Applied:

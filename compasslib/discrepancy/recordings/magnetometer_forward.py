@@ -79,6 +79,11 @@ def freed(field_nT: Floats, terms: Sequence[Term], scene: Scene) -> Floats:
 
 
 def warmed(log: Log) -> bool:
+    """Return whether a temperature that varies was logged.
+
+    Args:
+        log: of the magnetometer.
+    """
     return log.temperature_c is not None and bool(np.isfinite(log.temperature_c).any() and np.nanstd(log.temperature_c))
 
 

@@ -17,6 +17,7 @@ WHERE = {
     "hard_iron": ("heading",), "soft_iron": ("heading",), "compass_lag": ("turn_rate",), "clock_offset": ("turn_rate",),
     "water_drift": ("heading",), "mounting_offset": ("heading",),
 } | telling.WHERE  # fmt: skip
+unexplained = telling.unexplained
 UNITS = {"turn_rate": "degrees/s", "vertical_field": "of its mean", "reading": ""} | telling.UNITS
 PHYSICS = {
     "hard_iron": "a magnetised part that turns with the instrument adds a constant field (hard iron)",
@@ -86,17 +87,6 @@ def finding(
     )
     others = f" This recording cannot tell it from {_listed(alternatives)}." if alternatives else ""
     return begin + shown + others
-
-
-def unexplained(where: str, size_deg: float, named: Sequence[str]) -> str:
-    """Return what is said of a mismatch that nothing in the catalogue fits.
-
-    Args:
-        where: where it lives.
-        size_deg: visible size, rms degrees.
-        named: effects that stand beside it.
-    """
-    return telling.unexplained(where, size_deg, named)
 
 
 def place(covariate: str, low: float, high: float, clocked: bool) -> str:
