@@ -22,6 +22,7 @@ HEADER = (
     "Method",
     "Pairs",
     "Corrected",
+    "Uncertainty",
     "Rms before",
     "Rms after",
     "Largest deviation",
@@ -272,13 +273,15 @@ def _cells(results: Results) -> tuple[Cell, ...]:
     effects = [words.plain(effect) for effect in row["effects"].split()]
     warnings = len([said for said in row["warnings"].split(" | ") if said])
     share = head.corrected / head.n if head.n else 0.0
+    sigma = head.sigma_deg[0] if head.corrected else None
     return (
         Cell(results.name, results.name),
         Cell(row["verdict"], _order(row["verdict"])),
         Cell(", ".join(effects) or "none", ", ".join(effects) or None),
-        Cell(words.METHODS.get(row["method"], row["method"]), row["method"]),
+        Cell(row["method"], row["method"]),
         Cell(words.count(int(row["n_pairs"])), int(row["n_pairs"])),
         Cell(words.percent(share), share),
+        Cell(words.degrees(sigma), sigma),
         Cell(words.degrees(before), before),
         Cell(words.degrees(after), after),
         Cell(words.degrees(largest), largest),
