@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from compasslib import provenance
-from compasslib.config import Cruise
+from compasslib.config import CALIBRATIONS, CONFIG, Cruise
 from compasslib.config_schema import Instrument, Mooring
 from compasslib.errors import InputError
 from compasslib.readers import FORMATS
@@ -154,12 +154,22 @@ class Plan:
         mooring = self._mooring(wildcards)
         return self.cruise.options.attributes | mooring.attributes | mooring.instruments[mooring.compromised].attributes
 
+    def configuration(self) -> dict[str, list[str]]:
+        """Return the YAML files behind each mooring and calibration, and under "" those behind the whole cruise."""
+        moorings = {f"mooring {name}": [CONFIG, file] for name, file in self.cruise.mooring_files.items()}
+        calibrations = {f"calibration {name}": [CONFIG, self._calibration(name)] for name in self.cruise.calibrations}
+        return {"": [CONFIG]} | moorings | calibrations
+
     def described(self) -> dict[str, dict[str, Any]]:
         """Return place, dates and instruments of each mooring, for the report."""
         return {name: _described(mooring) for name, mooring in self.cruise.moorings.items()}
 
     def _mooring(self, wildcards: Any) -> Mooring:
         return self.cruise.moorings[wildcards.mooring]
+
+    def _calibration(self, name: str) -> str:
+        files = (f"{CALIBRATIONS}/{name}{ending}" for ending in (".yaml", ".yml"))
+        return next(file for file in files if (self.cruise.root / file).is_file())
 
     def _instrument(self, wildcards: Any) -> Instrument:
         return self._mooring(wildcards).instruments[wildcards.role]
