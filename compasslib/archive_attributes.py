@@ -35,6 +35,7 @@ DATES = ("date_created", "date_modified", "date_issued", "date_metadata_modified
 ASKED_FOR = (
     "institution",
     "project",
+    "principal_investigator",
     "creator_name",
     "creator_email",
     "creator_url",

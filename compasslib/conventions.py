@@ -7,6 +7,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from compasslib import archive_layout, oceansites
+from compasslib.archive_attributes import NOT_GIVEN
+from compasslib.archive_files import opened
 from compasslib.errors import InputError
 
 CHECKER = "compliance_checker"
@@ -40,6 +42,16 @@ def remarks(path: str | Path) -> list[str]:
     return found + [f"ACDD: {remark}" for remark in sorted(asked)]
 
 
+def not_given(path: str | Path) -> list[str]:
+    """Return the global attributes of corrected.nc that the conventions ask for and the YAML files do not give.
+
+    Args:
+        path: the file.
+    """
+    with opened(path) as nc:
+        return [name for name in nc.ncattrs() if nc.getncattr(name) == NOT_GIVEN]
+
+
 def checked(path: str | Path, checker: str) -> list[str]:
     """Return the errors and warnings of the compliance checker, its suggestions apart.
 
@@ -70,12 +82,12 @@ def tell(paths: Sequence[str], say: Callable[[str], None]) -> None:
         InputError: something does.
     """
     found = [f"{path}: {remark}" for path in paths for remark in remarks(path)]
-    for line in found:
+    asked = [f"{path}: attributes may still give {', '.join(names)}" for path in paths if (names := not_given(path))]
+    for line in found + asked:
         say(line)
     if not installed():
         say("CF and ACDD were not checked: compliance-checker is not installed; make check-archive installs it")
     if found:
-        advice = "attributes come from the YAML files; anything else is this program's fault"
-        files = f"{len(paths)} netCDF files"
-        raise InputError(files, expected="no remark by the conventions", found=f"{len(found)}", advice=advice)
+        advice = "attributes are those of the YAML files; anything else is this program's fault"
+        raise InputError(f"{len(paths)} netCDF files", expected="no remark", found=str(len(found)), advice=advice)
     say(f"{len(paths)} netCDF files: no remark by {'CF, ACDD and ' if installed() else ''}OceanSITES")

@@ -17,6 +17,7 @@ from typing import Any
 from urllib.parse import quote, unquote
 
 from compasslib import provenance
+from compasslib.archive_attributes import NOT_GIVEN
 from compasslib.archive_files import read_json
 from compasslib.errors import InputError
 
@@ -33,6 +34,12 @@ FORMATS = {
     ".csv": "text/csv",
     ".png": "image/png",
     ".html": "text/html",
+}
+# The cruise's attributes that the root refers to: their kind of entity, and the role they have.
+PEOPLE = {
+    "Person": ("principal_investigator", "author"),
+    "Organization": ("institution", "publisher"),
+    "CreativeWork": ("license", "license"),
 }
 Record = Mapping[str, Any]  # of a job; see provenance.of_job
 Entity = dict[str, Any]
@@ -81,17 +88,14 @@ def crate(
         configuration: the YAML files behind a job by what it is of, "mooring EG4" or "calibration C1"; "" for others.
         attributes: of the cruise; project and license enter.
     """
-    settings = {path: provenance.sha256(path) for paths in configuration.values() for path in paths}
-    files = settings | {p: h for record in jobs.values() for part in ("read", "wrote") for p, h in record[part].items()}
-    actions = [_job(name, record, configuration) for name, record in jobs.items()]
-    surroundings = list(_surroundings())
-    software = [_software(said, surroundings) for said in sorted({record["software"] for record in jobs.values()})]
-    parts = {"hasPart": [_ref(_id(path)) for path in sorted(files)], "mentions": [_ref(a["@id"]) for a in actions]}
+    files = _files(jobs, configuration)
     data = [_file(path, files[path]) for path in sorted(files)]
-    return {
-        "@context": CONTEXT,
-        "@graph": [*_descriptors(), _root(attributes) | parts, *software, *surroundings, *actions, *data],
-    }
+    actions = [_job(name, record, configuration) for name, record in jobs.items()]
+    parts = {"hasPart": _refs(files), "mentions": [_ref(action["@id"]) for action in actions]}
+    tools = list(_surroundings())
+    software = [_software(said, tools) for said in sorted({record["software"] for record in jobs.values()})]
+    about = [*_descriptors(), _root(attributes) | parts, *_people(attributes)]
+    return {"@context": CONTEXT, "@graph": [*about, *software, *tools, *actions, *data]}
 
 
 def listed(page: Mapping[str, Any]) -> dict[str, str]:
@@ -111,7 +115,8 @@ def written(page: Mapping[str, Any]) -> set[str]:
         page: the crate.
     """
     actions = [entity for entity in page["@graph"] if entity["@type"] == "CreateAction"]
-    return {_path(result["@id"]) for action in actions for result in action["result"]}
+    results = (action["result"] for action in actions)
+    return {_path(one["@id"]) for result in results for one in (result if isinstance(result, list) else [result])}
 
 
 def told(page: Mapping[str, Any]) -> str:
@@ -122,6 +127,12 @@ def told(page: Mapping[str, Any]) -> str:
     """
     jobs = sum(entity["@type"] == "CreateAction" for entity in page["@graph"])
     return f"{FILE}: {len(listed(page))} files, {jobs} jobs"
+
+
+def _files(jobs: Mapping[str, Record], configuration: Mapping[str, Sequence[str]]) -> dict[str, str]:
+    settings = provenance.hashes(path for paths in configuration.values() for path in paths)
+    held = [record[part] for record in jobs.values() for part in ("read", "wrote")]
+    return settings | {path: known for one in held for path, known in one.items()}
 
 
 def _action(path: Path) -> str:
@@ -143,6 +154,7 @@ def _descriptors() -> list[Entity]:
 
 def _root(attributes: Mapping[str, Any]) -> Entity:
     project = attributes.get("project")
+    roles = {PEOPLE[entity["@type"]][1]: _ref(entity["@id"]) for entity in _people(attributes)}
     return {
         "@id": "./",
         "@type": "Dataset",
@@ -153,8 +165,17 @@ def _root(attributes: Mapping[str, Any]) -> Entity:
             f"file read or written. The date is from {provenance.date_source()}, never from a clock."
         ),
         "datePublished": provenance.date_created(),
-        "license": str(attributes.get("license", "not given")),
-    }
+        "license": NOT_GIVEN,
+    } | roles
+
+
+def _people(attributes: Mapping[str, Any]) -> list[Entity]:
+    """Who made it, who answers for it and what may be done with it, as far as the cruise says so."""
+    return [
+        {"@id": f"#{key}", "@type": kind, "name": str(attributes[key])}
+        for kind, (key, _) in PEOPLE.items()
+        if key in attributes
+    ]
 
 
 def _software(said: str, surroundings: Sequence[Entity]) -> Entity:
@@ -170,15 +191,16 @@ def _software(said: str, surroundings: Sequence[Entity]) -> Entity:
 
 def _surroundings() -> Iterator[Entity]:
     """Python, the lock, and the installed version of each package that the lock names."""
-    yield _tool("python", platform.python_version())
+    yield _tool("#python", "python", platform.python_version())
     lock = provenance.PROJECT / LOCK
     if lock.is_file():
         yield {"@id": f"#{LOCK}", "@type": "SoftwareSourceCode", "name": LOCK, "sha256": provenance.sha256(lock)}
     for package in _packages(lock):
         try:
-            yield _tool(package, importlib.metadata.version(package))
+            version = importlib.metadata.version(package)
         except importlib.metadata.PackageNotFoundError:
             continue  # named for another platform, or a build tool
+        yield _tool(f"pkg:pypi/{package}@{version}", package, version)
 
 
 def _packages(lock: Path) -> list[str]:
@@ -192,23 +214,23 @@ def _packages(lock: Path) -> list[str]:
     return sorted(re.split(r"[^\w.-]", line, maxsplit=1)[0] for line in asked if "extra ==" not in line)
 
 
-def _tool(name: str, version: str) -> Entity:
-    return {"@id": f"#{name}", "@type": "SoftwareApplication", "name": name, "softwareVersion": version}
+def _tool(identifier: str, name: str, version: str) -> Entity:
+    return {"@id": identifier, "@type": "SoftwareApplication", "name": name, "softwareVersion": version}
 
 
 def _job(name: str, record: Record, configuration: Mapping[str, Sequence[str]]) -> Entity:
     parameters = json.dumps(record["parameters"], ensure_ascii=False)
     about = " ".join(record["of"].values())
     of = " ".join(next(iter(record["of"].items()), ""))
-    read = sorted({*record["read"], *configuration.get(of, configuration[""])})
+    read = {*record["read"], *configuration.get(of, configuration[""])}
     return {
         "@id": f"#{quote(name)}",
         "@type": "CreateAction",
         "name": f"{record['rule']} {about}".strip(),
         "description": f"rule {record['rule']}, modules sha256 {record['code']}, parameters {parameters}",
         "instrument": _ref(f"#{quote(record['software'])}"),
-        "object": [_ref(_id(path)) for path in read],
-        "result": [_ref(_id(path)) for path in sorted(record["wrote"])],
+        "object": _refs(read),
+        "result": _refs(record["wrote"]),
     }
 
 
@@ -226,6 +248,12 @@ def _id(path: str) -> str:
 def _path(identifier: str) -> str:
     path = unquote(identifier)
     return path.removeprefix("../") if path.startswith("../") else f"{FOLDER}/{path}"
+
+
+def _refs(paths: Iterable[str]) -> list[Entity] | Entity:
+    """Return references to files; RO-Crate writes a single one without a list."""
+    found = [_ref(_id(path)) for path in sorted(paths)]
+    return found[0] if len(found) == 1 else found
 
 
 def _ref(identifier: str) -> Entity:
