@@ -7,7 +7,7 @@ N ?= 24
 BIN := .venv/bin
 PIP := $(PYTHON) -m pip --python $(BIN)/python --disable-pip-version-check install
 
-.PHONY: install run test check bench proof clean lock
+.PHONY: install run verify check-archive test check bench proof clean lock
 
 install: .venv/run  ## the pinned environment
 .venv/run: requirements/run.txt pyproject.toml
@@ -20,6 +20,12 @@ install: .venv/run  ## the pinned environment
 
 run: install  ## process a cruise: make run, or make run CRUISE=/data/my_cruise
 	$(BIN)/snakemake --workflow-profile workflow/profiles/default --snakefile Snakefile --directory $(CRUISE) --cores $(CORES)
+
+verify: install  ## does an archive still hold what its manifest lists? make verify CRUISE=/data/my_cruise
+	$(BIN)/python -m compasslib.verification $(CRUISE)
+
+check-archive: .venv/test  ## CF, ACDD and OceanSITES against a cruise's netCDF files
+	$(BIN)/snakemake --workflow-profile workflow/profiles/default --snakefile Snakefile --directory $(CRUISE) --cores $(CORES) conventions
 
 test: .venv/test  ## the tests
 	$(BIN)/python -m pytest -n auto

@@ -44,13 +44,11 @@ def tell(cruise: str | Path, say: Callable[[str], None]) -> None:
     found = differences(cruise)
     for line in found:
         say(line)
-    count = len(crate.listed(_manifest(Path(cruise))))
+    files = f"{len(crate.listed(_manifest(Path(cruise))))} files as listed"
     if found:
         advice = "restore them, or make run again if the change was meant"
-        raise InputError(
-            crate.FILE, expected=f"{count} files as listed", found=f"{len(found)} differences", advice=advice
-        )
-    say(f"{crate.FILE}: {count} files, all as listed")
+        raise InputError(crate.FILE, expected=files, found=f"{len(found)} that differ", advice=advice)
+    say(f"{crate.FILE}: {files}")
 
 
 def _manifest(root: Path) -> dict[str, Any]:
