@@ -49,7 +49,13 @@ FIXED = {
         r"Data verified against model or other contextual information|Other QC process applied"
     ),
 }
-WITH_SAMPLES = ("time_coverage_start", "time_coverage_end", "time_coverage_duration", "time_coverage_resolution")
+# How many samples it takes to know them.
+FROM_SAMPLES = {
+    "time_coverage_start": 1,
+    "time_coverage_end": 1,
+    "time_coverage_duration": 1,
+    "time_coverage_resolution": 2,
+}
 GIVEN = ("title", "summary", "naming_authority", "principal_investigator", "institution", "project", "license")
 RANGES = {
     "geospatial_lat_min": 90.0,
@@ -105,10 +111,10 @@ def remarks(path: str | Path) -> list[str]:
 
 
 def _attributes(nc: netCDF4.Dataset) -> Remarks:
-    empty = not len(nc.dimensions.get("TIME", ()))
+    samples = len(nc.dimensions.get("TIME", ()))
     for name, form in FIXED.items():
         value = _said(nc, name)
-        if not (empty and name in WITH_SAMPLES) and not re.fullmatch(form, value):
+        if samples >= FROM_SAMPLES.get(name, 0) and not re.fullmatch(form, value):
             yield f"global attribute {name} is {value!r}, not one of {form}"
     yield from (f"global attribute {name} is missing" for name in GIVEN if not _said(nc, name))
     if f"OceanSITES-{_said(nc, 'format_version')}" not in _said(nc, "Conventions"):
