@@ -157,7 +157,7 @@ class Plan:
     def configuration(self) -> dict[str, list[str]]:
         """Return the YAML files behind each mooring and calibration, and under "" those behind the whole cruise."""
         moorings = {f"mooring {name}": [CONFIG, file] for name, file in self.cruise.mooring_files.items()}
-        calibrations = {f"calibration {name}": [CONFIG, self._calibration(name)] for name in self.cruise.calibrations}
+        calibrations = {f"calibration {n}": [CONFIG, f"{CALIBRATIONS}/{n}.yaml"] for n in self.cruise.calibrations}
         return {"": [CONFIG]} | moorings | calibrations
 
     def described(self) -> dict[str, dict[str, Any]]:
@@ -166,10 +166,6 @@ class Plan:
 
     def _mooring(self, wildcards: Any) -> Mooring:
         return self.cruise.moorings[wildcards.mooring]
-
-    def _calibration(self, name: str) -> str:
-        files = (f"{CALIBRATIONS}/{name}{ending}" for ending in (".yaml", ".yml"))
-        return next(file for file in files if (self.cruise.root / file).is_file())
 
     def _instrument(self, wildcards: Any) -> Instrument:
         return self._mooring(wildcards).instruments[wildcards.role]

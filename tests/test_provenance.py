@@ -13,10 +13,11 @@ from urllib.parse import unquote
 
 import netCDF4
 import pytest
+from bench import readings, write_calibration
 from sea import cruise
 from test_workflow import PROJECT, snakemake
 
-from compasslib import crate, provenance, verification
+from compasslib import config, crate, provenance, stages, verification
 from compasslib.errors import InputError
 from compasslib.job import job
 
@@ -134,6 +135,17 @@ def test_the_history_of_the_product_names_its_raw_files_by_hash_and_the_manifest
 def test_a_path_comes_back_from_its_identifier(path):
     identifier = crate._id(path)
     assert crate._path(identifier) == path and identifier.isascii() and " " not in identifier
+
+
+def test_the_settings_behind_each_job_are_files_that_are_there(tmp_path):
+    folder = cruise(tmp_path, ("M1",), n=10)
+    write_calibration(folder, "M1", readings())  # of the mooring's name, which is allowed
+    behind = stages.plan(config.load(folder), PROJECT / "workflow/scripts").configuration()
+    assert behind == {
+        "": ["config/config.yaml"],
+        "mooring M1": ["config/config.yaml", "config/moorings/M1.yaml"],
+        "calibration M1": ["config/config.yaml", "config/calibrations/M1.yaml"],
+    }
 
 
 def test_what_was_replaced_leads_nowhere_and_a_changed_product_is_refused(tmp_path, monkeypatch):
