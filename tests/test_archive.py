@@ -473,6 +473,17 @@ def test_xarray_decodes_it(corrected_nc):
         assert data.STATION.values.item() == b"EG4"
 
 
+def test_xarray_decodes_the_times_of_pairs_and_records(tmp_path):
+    xarray = pytest.importorskip("xarray")
+    record, pairs = make_record(), make_pairs()
+    archive.write_record(tmp_path / "r.nc", record)
+    archive.write_pairs(tmp_path / "p.nc", pairs)
+    for file, first_s in (("r.nc", record.time_s[0]), ("p.nc", pairs.time_s[0])):
+        with xarray.open_dataset(tmp_path / file) as data:
+            late = data.TIME.values[0] - np.datetime64(round(1000 * first_s), "ms")
+        assert abs(late) < np.timedelta64(1, "us")  # float64 seconds since 1970 resolve 0.2 microseconds
+
+
 def test_every_unit_is_one_of_udunits(tmp_path, corrected_nc):
     units = pytest.importorskip("cf_units")
     archive.write_record(tmp_path / "r.nc", make_record())

@@ -36,6 +36,7 @@ rule conventions:
     """CF, ACDD and OceanSITES against the netCDF files."""
     input:
         products=expand("results/{mooring}/{file}.nc", mooring=CRUISE.moorings, file=["corrected", "overlap"]),
+        records=PLAN.all_records,
     conda:
         "../envs/compasslib.yaml"
     log:

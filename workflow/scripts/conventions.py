@@ -4,4 +4,4 @@ from compasslib import conventions
 from compasslib.job import job
 
 with job(snakemake) as say:
-    conventions.tell(snakemake.input.products, say)
+    conventions.tell([*snakemake.input.products, *snakemake.input.records], say)
