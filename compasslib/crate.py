@@ -63,9 +63,9 @@ def lineage(known: Mapping[str, Record], products: Iterable[str]) -> dict[str, R
     """
     made_by = {made: name for name, record in known.items() for made in record["wrote"].items()}
     waiting = list(provenance.hashes(products).items())
-    for path, _ in (product for product in waiting if product not in made_by):
-        advice = "delete it, and the next run makes it again"
-        raise InputError(path, expected="the file that its job wrote", found="another", advice=advice)
+    for path in (product[0] for product in waiting if product not in made_by):
+        expected, advice = "the file that its job wrote", "delete it, and the next run makes it again"
+        raise InputError(path, expected=expected, found="another, or no record of it", advice=advice)
     kept: set[str] = set()
     while waiting:
         name = made_by.get(waiting.pop())
