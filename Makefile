@@ -9,7 +9,7 @@ PIP := $(PYTHON) -m pip --python $(BIN)/python --disable-pip-version-check insta
 
 SNAKEMAKE := $(BIN)/snakemake --workflow-profile workflow/profiles/default --snakefile Snakefile --directory "$(CRUISE)" --cores $(CORES)
 
-.PHONY: install run unlock test check bench proof clean lock
+.PHONY: install run unlock verify check-archive test check bench proof clean lock
 
 install: .venv/run  ## the pinned environment
 .venv/run: requirements/run.txt pyproject.toml
@@ -26,6 +26,12 @@ run: install  ## process a cruise: make run, or make run CRUISE=/data/my_cruise
 
 unlock: install  ## after a run that was killed: let the next one go on where it was
 	$(SNAKEMAKE) --unlock
+
+verify: install  ## does an archive still hold what its manifest lists? make verify CRUISE=/data/my_cruise
+	$(BIN)/python -m compasslib.verification "$(CRUISE)"
+
+check-archive: .venv/test  ## CF, ACDD and OceanSITES against a cruise's netCDF files
+	$(SNAKEMAKE) conventions
 
 test: .venv/test  ## the tests
 	$(BIN)/python -m pytest -n auto

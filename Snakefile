@@ -21,6 +21,14 @@ except InputError as error:
 ENVIRONMENT = "workflow/envs/compasslib.yaml"
 FIGURES = ["deviation", "diagnosis", "histograms", "scatter", "timeline"]
 SUMMARY = ["results/summary.csv"] if CRUISE.moorings else []
+PRODUCTS = [
+    *expand("results/{mooring}/corrected.nc", mooring=CRUISE.moorings),
+    *expand("results/{mooring}/assessment.json", mooring=CRUISE.moorings),
+    *expand("results/{mooring}/figures/{figure}.png", mooring=CRUISE.moorings, figure=FIGURES),
+    *SUMMARY,
+    *CALIBRATIONS.wanted(),
+    *(["results/report.html"] if CRUISE.moorings or CRUISE.calibrations else []),
+]
 
 
 wildcard_constraints:
@@ -31,12 +39,8 @@ wildcard_constraints:
 
 rule all:
     input:
-        expand("results/{mooring}/corrected.nc", mooring=CRUISE.moorings),
-        expand("results/{mooring}/assessment.json", mooring=CRUISE.moorings),
-        expand("results/{mooring}/figures/{figure}.png", mooring=CRUISE.moorings, figure=FIGURES),
-        SUMMARY,
-        CALIBRATIONS.wanted(),
-        ["results/report.html"] if CRUISE.moorings or CRUISE.calibrations else [],
+        PRODUCTS,
+        ["results/ro-crate-metadata.json"] if PRODUCTS else [],
 
 
 rule read:
@@ -272,6 +276,7 @@ rule report:
 
 
 include: "workflow/rules/calibrations.smk"
+include: "workflow/rules/provenance.smk"
 
 
 if CRUISE.options.demonstration:

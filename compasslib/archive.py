@@ -36,17 +36,19 @@ TIME_DECIMALS = 5  # of seconds; days since 1950 in float64 resolve 0.3 microsec
 Columns = dict[str, tuple[Floats, Flags | None]]  # values, and flags where there are any
 
 
-def write_record(path: str | Path, record: Record) -> None:
+def write_record(path: str | Path, record: Record, *, attributes: Mapping[str, object] | None = None) -> None:
     """Write a record between two stages; series in float64, velocities and ranges in float32.
 
     Args:
         path: the file.
         record: any record, also one without samples.
+        attributes: further global attributes.
     """
     with new(path) as nc:
-        nc.setncatts({"Conventions": "CF-1.8", "title": "record of one instrument"})
+        nc.setncatts({"Conventions": "CF-1.8", "title": "record of one instrument"} | plain(attributes or {}))
         for name, size in zip(("TIME", "BIN"), record.east.shape, strict=True):
             nc.createDimension(name, size)
+        _put_bins(nc, record.east.shape[1], record.looks_up)
         for field in fields(Record):
             value = getattr(record, field.name)
             if field.name in layout.RECORD:
@@ -257,11 +259,15 @@ def _put_coordinates(nc: netCDF4.Dataset, record: Record, site: Site) -> None:
     for dimension, size in (("TIME", n), ("BIN", bins), ("NAME_LENGTH", len(name))):
         nc.createDimension(dimension, size)
     put(nc, layout.TIME, record.time_s / 86400.0 + DAYS_1950_TO_1970)
-    away = {"positive": "up" if record.looks_up else "down"}
-    put(nc, replace(layout.BIN, also={**layout.BIN.also, **away}), np.arange(1, bins + 1))
+    _put_bins(nc, bins, record.looks_up)
     put(nc, layout.LATITUDE, site.latitude)
     put(nc, layout.LONGITUDE, site.signed_longitude())
     put(nc, layout.STATION, name)
+
+
+def _put_bins(nc: netCDF4.Dataset, bins: int, looks_up: bool) -> None:
+    away = {"positive": "up" if looks_up else "down"}
+    put(nc, replace(layout.BIN, also={**layout.BIN.also, **away}), np.arange(1, bins + 1))
 
 
 def _put_placed(

@@ -31,9 +31,11 @@ PROTECTED = (
     "time_coverage_duration",
     "time_coverage_resolution",
 )
+DATES = ("date_created", "date_modified", "date_issued", "date_metadata_modified")
 ASKED_FOR = (
     "institution",
     "project",
+    "principal_investigator",
     "creator_name",
     "creator_email",
     "creator_url",
@@ -60,6 +62,8 @@ CONSTANT: Attributes = {
     "data_mode": "D",
     "update_interval": "void",
     "source": "subsurface mooring",
+    "platform": "subsurface mooring",
+    "platform_vocabulary": "SeaVoX Platform Categories (L06)",
     "keywords": "EARTH SCIENCE > OCEANS > OCEAN CIRCULATION > OCEAN CURRENTS",
     "keywords_vocabulary": "GCMD Science Keywords",
     "standard_name_vocabulary": "CF Standard Name Table v93",
@@ -106,9 +110,12 @@ def global_attributes(
     """
     user, made = plain(attributes), plain(processing)
     named = {"method": "correction_method", "coefficients": "correction_coefficients"}
+    # A file is never changed after it was made: ACDD's four dates are one.
+    dated = dict.fromkeys(DATES, made["date_created"]) if "date_created" in made else {}
     computed = CONSTANT | _what(site, time_s, headings, str(made.get("method", NOT_GIVEN)))
     computed |= _who(user) | _where(site, depth_m) | _when(time_s)
-    computed |= {named.get(key, key): value for key, value in made.items()}
+    computed |= {named.get(key, key): value for key, value in made.items()} | dated
+    computed |= {"product_version": made["software_version"]} if "software_version" in made else {}
     if "acknowledgment" in user:
         computed.pop("acknowledgement")
     return computed | {key: value for key, value in user.items() if key not in PROTECTED}

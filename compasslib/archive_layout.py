@@ -70,6 +70,9 @@ def quality_of(variable: Variable) -> Variable:
 
 
 # ------------------------------------------------------------------------------------------------ record, by its fields
+BIN = Variable(
+    "BIN", "number of the bin, counted from the transducer", "1", "", ("BIN",), "i4", fill=None, also={"axis": "Z"}
+)
 _SECONDS = Variable("TIME", "time", "seconds since 1970-01-01T00:00:00Z", "time", fill=None, also={"axis": "T"})
 
 RECORD = {
@@ -127,9 +130,6 @@ TIME = Variable(
     comment="UTC",
     fill=None,
     also={"axis": "T", "QC_indicator": "probably good data"},
-)
-BIN = Variable(
-    "BIN", "number of the bin, counted from the transducer", "1", "", ("BIN",), "i4", fill=None, also={"axis": "Z"}
 )
 LATITUDE = Variable(
     "LATITUDE",

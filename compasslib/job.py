@@ -1,26 +1,33 @@
-"""What every job of the workflow does around its one call: say what happens, and fail in one line."""
+"""What every job of the workflow does around its one call: say what happens, fail in one line, leave its record."""
 
 from __future__ import annotations
 
+import json
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
+from compasslib import provenance
+from compasslib.archive_files import replacing
 from compasslib.errors import InputError
 
 
 @contextmanager
-def job(log: str | Path) -> Iterator[Callable[[str], None]]:
+def job(snakemake: Any) -> Iterator[Callable[[str], None]]:
     """Give a function that says one line on stderr and in the job's log; input errors become such a line and exit 1.
 
+    A job that ends well leaves what it read and wrote beside its log, NAME.json beside NAME.log.
+
     Args:
-        log: the job's log file, written anew.
+        snakemake: what Snakemake gives its scripts; its log is written anew.
 
     Raises:
         SystemExit: the input could not be used.
     """
-    with Path(log).open("w", encoding="utf-8") as stream:
+    log = Path(snakemake.log[0])
+    with log.open("w", encoding="utf-8") as stream:
 
         def say(line: str) -> None:
             # Text and newline in one write, so that jobs side by side do not tear each other's lines.
@@ -29,6 +36,8 @@ def job(log: str | Path) -> Iterator[Callable[[str], None]]:
 
         try:
             yield say
+            with replacing(log.with_suffix(".json")) as temporary:
+                temporary.write_text(json.dumps(provenance.of_job(snakemake), indent=1, default=str) + "\n")
         except InputError as error:
             say(f"error: {error}")
             sys.exit(1)

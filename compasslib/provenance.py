@@ -1,18 +1,20 @@
-"""What a result was made from: the modules behind a script, versions, the date that is not the wall clock."""
+"""What a result was made from: files and hashes, the modules behind a script, the date that is not the wall clock."""
 
 from __future__ import annotations
 
 import ast
+import hashlib
 import json
 import os
 import subprocess
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from compasslib import __version__
+from compasslib.errors import InputError
 
 if TYPE_CHECKING:  # the Snakefile imports this room and needs no numbers
     from compasslib.discrepancy.product import Product
@@ -42,14 +44,22 @@ def sources(script: str | Path, *others: str | Path) -> list[str]:
 
 @cache
 def _imported(path: Path) -> frozenset[Path]:
-    """Return the house's files that one file imports, packages' own files included."""
+    """Return the house's files that one file imports when it runs, packages' own files included."""
     names: set[str] = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in _running(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:
             names |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
     return frozenset(file for name in names if name.startswith("compasslib") for file in _files(name))
+
+
+def _running(node: ast.AST) -> Iterator[ast.AST]:
+    """Return the node and all below it, save what is there for the type checker alone."""
+    if not (isinstance(node, ast.If) and getattr(node.test, "id", "") == "TYPE_CHECKING"):
+        yield node
+        for child in ast.iter_child_nodes(node):
+            yield from _running(child)
 
 
 def _files(name: str) -> list[Path]:
@@ -61,18 +71,100 @@ def _files(name: str) -> list[Path]:
 
 
 def software() -> str:
-    """Return name and version of this software, with the commit where it runs from a checkout."""
+    """Return name and version of this software with its commit, or with the hash of its modules outside a checkout."""
     commit = _git("rev-parse", "--short=12", "HEAD")
-    return f"compasslib {__version__}" + (f" ({commit})" if commit else "")
+    edited = ", edited since" if _git("status", "--porcelain", "--", "compasslib", "workflow", "Snakefile") else ""
+    state = f"{commit}{edited}" if commit else f"no checkout, modules sha256 {digest(_modules())[:12]}"
+    return f"compasslib {__version__} ({state})"
 
 
 def date_created() -> str:
     """Return the date that products carry: SOURCE_DATE_EPOCH, else the commit's, else the first day of 1970.
 
     The wall clock is never asked, so that the same input gives the same bytes.
+
+    Raises:
+        InputError: SOURCE_DATE_EPOCH is no number of seconds.
     """
     epoch = os.environ.get("SOURCE_DATE_EPOCH") or _git("log", "-1", "--format=%ct") or "0"
-    return datetime.fromtimestamp(int(epoch), UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+    try:
+        return datetime.fromtimestamp(int(epoch), UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+    except (ValueError, OverflowError, OSError):
+        expected, advice = "whole seconds since 1970", "unset it, and the date is that of the commit"
+        raise InputError("SOURCE_DATE_EPOCH", expected=expected, found=repr(epoch), advice=advice) from None
+
+
+def date_source() -> str:
+    """Return where ``date_created`` has its date from."""
+    if os.environ.get("SOURCE_DATE_EPOCH"):
+        return "SOURCE_DATE_EPOCH"
+    checkout = "the commit of the software"
+    return checkout if _git("log", "-1", "--format=%ct") else "nothing: no checkout, and SOURCE_DATE_EPOCH is not set"
+
+
+def sha256(path: str | Path) -> str:
+    """Return the SHA-256 of a file's bytes.
+
+    Args:
+        path: the file.
+    """
+    with Path(path).open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def hashes(paths: Iterable[str]) -> dict[str, str]:
+    """Return the SHA-256 of each file.
+
+    Args:
+        paths: files.
+    """
+    return {str(path): sha256(path) for path in paths}
+
+
+def digest(modules: Iterable[str | Path]) -> str:
+    """Return one SHA-256 for several files of the project, by their paths in it and their bytes.
+
+    Args:
+        modules: files of the project.
+    """
+    lines = sorted(f"{sha256(path)}  {Path(path).relative_to(PROJECT).as_posix()}\n" for path in modules)
+    return hashlib.sha256("".join(lines).encode()).hexdigest()
+
+
+def of_job(job: Any) -> dict[str, Any]:
+    """Return what one job of the workflow read and wrote, by what code and with which parameters.
+
+    Args:
+        job: the object ``snakemake`` of its script; library files among its inputs stand under PROJECT.
+    """
+    house = str(PROJECT / "compasslib")
+    code = [path for path in job.input if path.startswith(house)]
+    return {
+        "rule": job.rule,
+        "of": dict(job.wildcards.items()),
+        "software": software(),
+        "code": digest(code),
+        "parameters": dict(job.params.items()),
+        "read": hashes(path for path in job.input if not path.startswith(house)),
+        "wrote": hashes(job.output),
+    }
+
+
+def origin(what: str, files: Sequence[str]) -> dict[str, str]:
+    """Return the attributes of a netCDF file that lead back to what it was made from.
+
+    Args:
+        what: was done, for the history.
+        files: that it was made from, relative to the cruise folder.
+    """
+    made, by = date_created(), software()
+    told = ", ".join(f"{path} (sha256 {known})" for path, known in hashes(files).items())
+    return {
+        "software_version": by,
+        "source_files": ", ".join(files),
+        "history": f"{made}: {what} by {by} from {told}",
+        "date_created": made,
+    }
 
 
 def processing(product: Product, field: EarthField, raw_files: Sequence[str]) -> dict[str, Any]:
@@ -83,17 +175,14 @@ def processing(product: Product, field: EarthField, raw_files: Sequence[str]) ->
         field: the declination that was used.
         raw_files: what was read, relative to the cruise folder.
     """
-    made, by, method = date_created(), software(), product.fit.method
     beside = f" with {', '.join(product.effects)}" if product.effects else ""
-    return {
-        "method": method,
+    made = origin(f"headings corrected, method {product.fit.method}{beside},", raw_files)
+    return made | {
+        "method": product.fit.method,
         "effects": ", ".join(product.effects),
         "coefficients": json.dumps(product.fit.to_json()["coefficients"]),
         "declination_source": field.source,
-        "software_version": by,
-        "source_files": ", ".join(raw_files),
-        "history": f"{made}: headings corrected by {by}, method {method}{beside}, from {', '.join(raw_files)}",
-        "date_created": made,
+        "metadata_link": "../ro-crate-metadata.json",
     }
 
 
@@ -106,9 +195,23 @@ def stamp(raw_files: Sequence[str]) -> dict[str, Any]:
     return {"source_files": list(raw_files), "software": software(), "date_created": date_created()}
 
 
+def _modules() -> list[Path]:
+    return sorted((PROJECT / "compasslib").rglob("*.py"))
+
+
 def _git(*arguments: str) -> str:
+    """Return what git says of this project; nothing outside a checkout, nor of a repository that merely holds it."""
+    if _asked("rev-parse", "--show-toplevel") != str(PROJECT):
+        return ""
+    return _asked(*arguments)
+
+
+@cache
+def _asked(*arguments: str) -> str:
+    # Without optional locks, so that jobs side by side do not wait for each other's index.
+    command = ["git", "--no-optional-locks", "-C", str(PROJECT), *arguments]
     try:
-        found = subprocess.run(["git", "-C", str(PROJECT), *arguments], capture_output=True, text=True, check=False)
+        found = subprocess.run(command, capture_output=True, text=True, check=False)
     except OSError:
         return ""
     return found.stdout.strip()

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from compasslib import provenance
-from compasslib.config import Cruise
+from compasslib.config import CALIBRATIONS, CONFIG, Cruise
 from compasslib.config_schema import Instrument, Mooring
 from compasslib.errors import InputError
 from compasslib.readers import FORMATS
@@ -154,6 +154,12 @@ class Plan:
         """Return the archive's attributes: the cruise's, the mooring's over them, the instrument's over both."""
         mooring = self._mooring(wildcards)
         return self.cruise.options.attributes | mooring.attributes | mooring.instruments[mooring.compromised].attributes
+
+    def configuration(self) -> dict[str, list[str]]:
+        """Return the YAML files behind each mooring and calibration, and under "" those behind the whole cruise."""
+        moorings = {f"mooring {name}": [CONFIG, file] for name, file in self.cruise.mooring_files.items()}
+        calibrations = {f"calibration {n}": [CONFIG, f"{CALIBRATIONS}/{n}.yaml"] for n in self.cruise.calibrations}
+        return {"": [CONFIG]} | moorings | calibrations
 
     def described(self) -> dict[str, dict[str, Any]]:
         """Return place, dates and instruments of each mooring, for the report."""

@@ -26,7 +26,8 @@ FLOORS = [
     ["assessment"],
     ["config_values", "config_paths", "config_schema", "config_calibrations", "config_yaml", "config"],
     ["archive_files", "archive_layout", "archive_attributes", "archive", "archive_calibrations"],
-    ["provenance", "job", "stages", "stages_calibrations", "summary"],
+    ["oceansites"],
+    ["provenance", "job", "stages", "stages_calibrations", "summary", "crate", "verification", "conventions"],
     ["report", "pipeline"],
     ["command"],
 ]

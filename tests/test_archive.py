@@ -6,7 +6,6 @@ import dataclasses
 import datetime
 import hashlib
 import json
-import socket
 import time
 
 import netCDF4
@@ -463,63 +462,7 @@ def test_durations_are_iso_8601(seconds, text):
     assert archive_attributes.iso_duration(seconds) == text
 
 
-# --------------------------------------------------------------------------------------------------------- conventions
-# No name of the CF table fits these: its orientation is from north, and it knows no deviation and no declination.
-WITHOUT_STANDARD_NAME = {
-    "HEADING",
-    "HEADING_CORRECTED",
-    "HEADING_CORRECTED_UNCERTAINTY",
-    "DEVIATION",
-    "BRANCH_PROBABILITY",
-    "DECLINATION",
-}
-
-
-@pytest.fixture
-def offline(monkeypatch):
-    def refuse(*_):
-        raise OSError("no network in tests")
-
-    monkeypatch.setattr(socket.socket, "connect", refuse)
-
-
-def remarks(path, checker: str) -> list[str]:
-    suite_of = pytest.importorskip("compliance_checker.suite", reason="the compliance checker is not installed")
-    suite_of.CheckSuite.load_all_available_checkers()
-    suite = suite_of.CheckSuite()
-    dataset = suite.load_dataset(str(path))
-    groups, errors = suite.run_all(dataset, [checker])[checker]
-    dataset.close()
-    assert not errors
-    failed = [group for group in groups if group.value[0] < group.value[1] and group.weight >= 2]
-    return sorted(f"{group.name} {message}" for group in failed for message in group.msgs)
-
-
-@pytest.mark.filterwarnings("ignore")  # the checker's own
-@pytest.mark.parametrize("m", [6, 1])
-def test_the_checker_has_no_remark_on_cf(tmp_path, offline, m):
-    assert remarks(write(tmp_path / "c.nc", make_product(200, m)), "cf:1.8") == []
-
-
-@pytest.mark.filterwarnings("ignore")
-def test_the_newest_cf_would_be_kept_as_well(corrected_nc, offline):
-    version_alone = ['§2.6 Attributes §2.6.1 Conventions global attribute does not contain "CF-1.11"']
-    assert remarks(corrected_nc, "cf:1.11") == version_alone
-
-
-@pytest.mark.filterwarnings("ignore")
-def test_the_checker_has_no_remark_on_the_pairs(tmp_path, offline):
-    archive.write_pairs(tmp_path / "overlap.nc", make_pairs(), attributes={"history": PROCESSING["history"]})
-    assert remarks(tmp_path / "overlap.nc", "cf:1.8") == []
-
-
-@pytest.mark.filterwarnings("ignore")
-@pytest.mark.parametrize("attributes", [USUAL, {}])
-def test_acdd_misses_only_standard_names_that_do_not_exist(tmp_path, offline, attributes):
-    missing = {f'variable "{name}" missing the following attributes: standard_name' for name in WITHOUT_STANDARD_NAME}
-    assert set(remarks(write(tmp_path / "c.nc", attributes=attributes), "acdd:1.3")) == missing
-
-
+# ----------------------------------------------------------------------------------------------------- other readers
 def test_xarray_decodes_it(corrected_nc):
     xarray = pytest.importorskip("xarray")
     with xarray.open_dataset(corrected_nc) as data:
@@ -528,6 +471,17 @@ def test_xarray_decodes_it(corrected_nc):
         assert {"TIME", "LATITUDE", "LONGITUDE", "DEPTH", "INSTRUMENT_DEPTH"} <= set(data.coords)
         assert np.isfinite(data.HEADING_CORRECTED.values).tolist() == [False] * 20 + [True] * 180
         assert data.STATION.values.item() == b"EG4"
+
+
+def test_xarray_decodes_the_times_of_pairs_and_records(tmp_path):
+    xarray = pytest.importorskip("xarray")
+    record, pairs = make_record(), make_pairs()
+    archive.write_record(tmp_path / "r.nc", record)
+    archive.write_pairs(tmp_path / "p.nc", pairs)
+    for file, first_s in (("r.nc", record.time_s[0]), ("p.nc", pairs.time_s[0])):
+        with xarray.open_dataset(tmp_path / file) as data:
+            late = data.TIME.values[0] - np.datetime64(round(1000 * first_s), "ms")
+        assert abs(late) < np.timedelta64(1, "us")  # float64 seconds since 1970 resolve 0.2 microseconds
 
 
 def test_every_unit_is_one_of_udunits(tmp_path, corrected_nc):

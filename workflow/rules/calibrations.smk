@@ -53,7 +53,13 @@ rule diagnosis_figure:
         diagnosis="results/calibrations/{calibration}/diagnosis.json",
         modules=CALIBRATIONS.diagnosis_figure_modules(),
     output:
-        "results/calibrations/{calibration}/figures/diagnosis.png",
+        report(
+            "results/calibrations/{calibration}/figures/diagnosis.png",
+            caption="../report/calibration_diagnosis.rst",
+            category="Calibrations",
+            subcategory="{calibration}",
+            labels={"figure": "diagnosis"},
+        ),
     conda:
         "../envs/compasslib.yaml"
     log:

@@ -4,7 +4,7 @@ from compasslib import archive, assessment, earthfield
 from compasslib.discrepancy import moored, product
 from compasslib.job import job
 
-with job(snakemake.log[0]) as say:
+with job(snakemake) as say:
     record, pairs = archive.read_record(snakemake.input.record), archive.read_pairs(snakemake.input.pairs)
     field = earthfield.from_json(archive.read_json(snakemake.input.field))
     made_by = product.from_json(archive.read_json(snakemake.input.deviation))

@@ -5,7 +5,7 @@ from compasslib import calibration, provenance
 from compasslib.calibration import content
 from compasslib.job import job
 
-with job(snakemake.log[0]) as say:
+with job(snakemake) as say:
     name, settings = snakemake.wildcards.calibration, calibration.settled(snakemake.params.settings)
     made = calibration.calibrate(snakemake.params.kind, snakemake.input.raw, settings)
     page = content.described(name, made, settings, archive.named(snakemake.input.earlier))

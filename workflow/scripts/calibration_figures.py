@@ -4,7 +4,7 @@ from compasslib import archive_calibrations as archive
 from compasslib import plots_calibrations as plots
 from compasslib.job import job
 
-with job(snakemake.log[0]) as say:
+with job(snakemake) as say:
     files = ("calibration", "table", "points")
     page = archive.read(**{file: snakemake.input[file] for file in files})
     for figure, path in snakemake.output.items():

@@ -4,7 +4,7 @@ from compasslib import archive, deviation, earthfield
 from compasslib.calibration import at_mooring
 from compasslib.job import job
 
-with job(snakemake.log[0]) as say:
+with job(snakemake) as say:
     record, pairs = archive.read_record(snakemake.input.record), archive.read_pairs(snakemake.input.pairs)
     field = earthfield.from_json(archive.read_json(snakemake.input.field))
     elsewhere = archive.read_json(snakemake.input.calibration)

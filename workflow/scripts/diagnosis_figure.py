@@ -4,6 +4,6 @@ from compasslib import plots_calibration_diagnosis as plots
 from compasslib.archive_files import read_json
 from compasslib.job import job
 
-with job(snakemake.log[0]) as say:
+with job(snakemake) as say:
     plots.diagnosis(snakemake.output[0], read_json(snakemake.input.diagnosis), snakemake.wildcards.calibration)
     say(f"{snakemake.wildcards.calibration}: figure of the diagnosis")

@@ -4,7 +4,7 @@ from compasslib import archive, plots
 from compasslib.discrepancy import product as products
 from compasslib.job import job
 
-with job(snakemake.log[0]) as say:
+with job(snakemake) as say:
     name, out = snakemake.wildcards.mooring, snakemake.output
     pairs, product = archive.read_pairs(snakemake.input.pairs), archive.read_corrected(snakemake.input.product)
     fit = products.from_json(archive.read_json(snakemake.input.deviation)).fit

@@ -3,7 +3,7 @@
 from compasslib import archive, deviation, earthfield
 from compasslib.job import job
 
-with job(snakemake.log[0]) as say:
+with job(snakemake) as say:
     field = earthfield.from_json(archive.read_json(snakemake.input.field))
     pairs = archive.read_pairs(snakemake.input.pairs)
     fit = deviation.fit(snakemake.params.method, pairs, dip_ratio=snakemake.params.tilt * earthfield.dip_ratio(field))

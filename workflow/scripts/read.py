@@ -2,12 +2,13 @@
 
 from pathlib import Path
 
-from compasslib import archive, deployment, readers
+from compasslib import archive, deployment, provenance, readers
 from compasslib.job import job
 
-with job(snakemake.log[0]) as say:
+with job(snakemake) as say:
     paths = [Path(file) for file in snakemake.input.raw]
     raw = readers.read(snakemake.params.form, paths, snakemake.params.reader)
     record = deployment.settle(raw, **snakemake.params.deployment)
-    archive.write_record(snakemake.output[0], record)
+    made = provenance.origin("record read", snakemake.input.raw)
+    archive.write_record(snakemake.output[0], record, attributes=made)
     say(deployment.told(snakemake.wildcards.mooring, snakemake.wildcards.role, record))

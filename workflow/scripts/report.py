@@ -3,7 +3,7 @@
 from compasslib import report
 from compasslib.job import job
 
-with job(snakemake.log[0]) as say:
+with job(snakemake) as say:
     settings = {key: snakemake.params[key] for key in ("attributes", "moorings", "calibrations")}
     page = report.gather("results", **settings)
     report.write(snakemake.output[0], page)

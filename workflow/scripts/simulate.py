@@ -3,7 +3,7 @@
 from compasslib.job import job
 from compasslib.nature import demonstration
 
-with job(snakemake.log[0]) as say:
+with job(snakemake) as say:
     name, truth = snakemake.params.name, snakemake.output.truth
     demonstration.write_mooring(name, "raw", truth, snakemake.params.seed)
     say(f"{name}: simulated raw files written; the truth stands apart in {truth}")

@@ -3,7 +3,7 @@
 from compasslib import summary
 from compasslib.job import job
 
-with job(snakemake.log[0]) as say:
+with job(snakemake) as say:
     rows = [summary.row(name, f"results/{name}") for name in snakemake.params.names]
     summary.write(snakemake.output[0], rows)
     say(summary.table(rows))

@@ -1,0 +1,29 @@
+"""The example that plots a corrected record with xarray: it runs without a warning and draws both currents."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from test_archive import make_product, write
+from test_workflow import PROJECT
+
+GREY, GREEN = (153, 153, 153), (44, 160, 44)  # its colours of recorded and corrected sticks
+
+
+def test_it_draws_recorded_and_corrected_currents(tmp_path):
+    pytest.importorskip("xarray")
+    image = pytest.importorskip("PIL.Image")
+    record = write(tmp_path / "corrected.nc", make_product(1500, 6))
+    command = [sys.executable, "-W", "error", PROJECT / "examples/plot_corrected.py", record, tmp_path / "figure.png"]
+    environment = os.environ | {"MPLBACKEND": "Agg"}
+    ran = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+    assert ran.returncode == 0, ran.stderr
+    assert "Currents of mooring EG4, corrected" in ran.stdout
+    with image.open(tmp_path / "figure.png") as drawn:
+        pixels = np.asarray(drawn.convert("RGB"))
+    for colour in (GREY, GREEN):
+        assert (pixels == colour).all(axis=2).sum() > 100, colour

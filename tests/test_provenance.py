@@ -1,0 +1,297 @@
+"""Provenance: what a job leaves, the manifest that comes of it, and the look whether the files are still those."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+from urllib.parse import unquote
+
+import netCDF4
+import pytest
+from bench import readings, write_calibration
+from sea import cruise
+from test_workflow import PROJECT, snakemake
+
+from compasslib import config, crate, provenance, stages, verification
+from compasslib.errors import InputError
+from compasslib.job import job
+
+SAMPLES = 120
+
+
+@pytest.fixture(scope="module")
+def processed(tmp_path_factory):
+    """A processed cruise of one mooring whose name and attributes need care in an identifier."""
+    folder = cruise(tmp_path_factory.mktemp("cruise"), ("M1",), n=SAMPLES)
+    (folder / "config/config.yaml").write_text(
+        "diagnose: {enabled: false}\nattributes: {project: Größe, institution: Sea, principal_investigator: A. Fram}\n"
+    )
+    ran = snakemake(folder)
+    assert ran.returncode == 0, ran.stderr
+    return folder
+
+
+@pytest.fixture
+def archive(processed, tmp_path):
+    return Path(shutil.copytree(processed, tmp_path / "archive"))
+
+
+def page_of(folder: Path) -> dict:
+    return json.loads((folder / crate.FILE).read_text())
+
+
+def of_type(page: dict, kind: str) -> list[dict]:
+    return [entity for entity in page["@graph"] if entity["@type"] == kind]
+
+
+def ids(reference: object) -> list[str]:
+    """Return the identifiers of one reference or a list of them."""
+    return [one["@id"] for one in (reference if isinstance(reference, list) else [reference])]
+
+
+# ----------------------------------------------------------------------------------------------------------- the crate
+def test_the_crate_has_what_the_profiles_demand(processed):
+    """RO-Crate 1.1 and Process Run Crate 0.5: every MUST, and that no reference leads nowhere."""
+    page = page_of(processed)
+    entities = {entity["@id"]: entity for entity in page["@graph"]}
+    assert len(entities) == len(page["@graph"]), "two entities of one identifier"
+    descriptor, root = entities["ro-crate-metadata.json"], entities["./"]
+    assert descriptor["@type"] == "CreativeWork" and ids(descriptor["about"]) == ["./"]
+    assert ids(descriptor["conformsTo"]) == ["https://w3id.org/ro/crate/1.1"]
+    assert root["@type"] == "Dataset" and entities[ids(root["conformsTo"])[0]]["@type"] == "CreativeWork"
+    assert ids(root["conformsTo"])[0].startswith("https://w3id.org/ro/wfrun/process/")
+    assert all(root[key] for key in ("name", "description", "datePublished", "license"))
+    assert set(ids(root["hasPart"])) == {entity["@id"] for entity in of_type(page, "File")}
+    assert ids(root["mentions"]) == [action["@id"] for action in of_type(page, "CreateAction")]
+    for action in of_type(page, "CreateAction"):
+        assert entities[ids(action["instrument"])[0]]["@type"] == "SoftwareApplication"
+        assert all(entities[one]["@type"] == "File" for key in ("object", "result") for one in ids(action[key]))
+    referred = [one for entity in page["@graph"] for value in entity.values() for one in _referred(value)]
+    assert set(referred) <= {*entities, "https://w3id.org/ro/crate/1.1"}
+
+
+def _referred(value: object) -> list[str]:
+    if isinstance(value, list):
+        return [one for item in value for one in _referred(item)]
+    return [value["@id"]] if isinstance(value, dict) else []
+
+
+def test_every_file_stands_where_its_identifier_says_with_its_hash(processed):
+    page = page_of(processed)
+    for entity in of_type(page, "File"):
+        path = processed / "results" / unquote(entity["@id"])
+        assert path.resolve() == (processed / entity["name"]).resolve()
+        assert provenance.sha256(path) == entity["sha256"], entity["name"]
+    listed = {entity["name"] for entity in of_type(page, "File")}
+    made = {p.relative_to(processed).as_posix() for p in (processed / "results").rglob("*") if p.is_file()}
+    apart = {name for name in made if "/logs/" in name or "/benchmarks/" in name}
+    assert listed == made - apart - {crate.FILE} | {
+        "config/config.yaml",
+        "config/moorings/M1.yaml",
+        "raw/M1/top.000",
+        "raw/M1/deep.csv",
+    }
+
+
+def test_the_product_leads_back_to_raw_files_settings_and_software(processed):
+    page = page_of(processed)
+    made_by = {one: action for action in of_type(page, "CreateAction") for one in ids(action["result"])}
+    waiting, reached = ["M1/corrected.nc"], set()
+    while waiting:
+        reached.add(one := waiting.pop())
+        waiting += [other for other in ids(made_by[one]["object"]) if one in made_by] if one in made_by else []
+    sources = {one for one in reached if one not in made_by}
+    assert sources == {
+        "../raw/M1/top.000",
+        "../raw/M1/deep.csv",
+        "../config/config.yaml",
+        "../config/moorings/M1.yaml",
+    }
+    names = {entity["name"]: entity for entity in page["@graph"] if "name" in entity}
+    assert names["compasslib"]["softwareVersion"] == provenance.software().removeprefix("compasslib ")
+    assert names["numpy"]["softwareVersion"] and names["python"]["softwareVersion"]
+    assert names["requirements/run.txt"]["sha256"] == provenance.sha256(PROJECT / "requirements/run.txt")
+    assert '"max_minutes": 20.0' in made_by["M1/overlap.nc"]["description"]
+    assert names["Compass deviations corrected: Größe"]["publisher"] == {"@id": "#institution"}
+
+
+def test_the_history_of_the_product_names_its_raw_files_by_hash_and_the_manifest(processed):
+    folder = processed / "results/M1"
+    with netCDF4.Dataset(folder / "corrected.nc") as nc:
+        for file in ("raw/M1/top.000", "raw/M1/deep.csv"):
+            assert f"{file} (sha256 {provenance.sha256(processed / file)})" in nc.history
+        assert (folder / nc.metadata_link).resolve() == (processed / crate.FILE).resolve()
+        assert nc.date_created == nc.date_modified == provenance.date_created()
+    with netCDF4.Dataset(folder / "overlap.nc") as nc:
+        assert provenance.sha256(folder / "work/top.nc") in nc.history
+
+
+@pytest.mark.parametrize("path", ["results/M1/a b.nc", "raw/M 1/Größe#2.000", "config/100%.yaml", "results/a/../b"])
+def test_a_path_comes_back_from_its_identifier(path):
+    identifier = crate._id(path)
+    assert crate._path(identifier) == path and identifier.isascii() and " " not in identifier
+
+
+def test_the_settings_behind_each_job_are_files_that_are_there(tmp_path):
+    folder = cruise(tmp_path, ("M1",), n=10)
+    write_calibration(folder, "M1", readings())  # of the mooring's name, which is allowed
+    behind = stages.plan(config.load(folder), PROJECT / "workflow/scripts").configuration()
+    assert behind == {
+        "": ["config/config.yaml"],
+        "mooring M1": ["config/config.yaml", "config/moorings/M1.yaml"],
+        "calibration M1": ["config/config.yaml", "config/calibrations/M1.yaml"],
+    }
+
+
+def test_what_was_replaced_leads_nowhere_and_a_changed_product_is_refused(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name, text in (("raw", "new"), ("middle", "b"), ("end", "c")):
+        Path(name).write_text(text)
+    now = provenance.hashes(["raw", "middle", "end"])
+    jobs = {
+        "simulate": {"read": {}, "wrote": {"raw": "of an older file"}},
+        "old": {"read": {}, "wrote": {"middle": "of an older file"}},
+        "first": {"read": {"raw": now["raw"]}, "wrote": {"middle": now["middle"]}},
+        "last": {"read": {"middle": now["middle"]}, "wrote": {"end": now["end"]}},
+    }
+    assert list(crate.lineage(jobs, ["end"])) == ["first", "last"]
+    Path("end").write_text("edited")
+    with pytest.raises(
+        InputError, match=r"end: expected the file that its job wrote, found another, or no record of it; delete it"
+    ):
+        crate.lineage(jobs, ["end"])
+
+
+# ------------------------------------------------------------------------------------------------------------- verify
+def verify(folder: Path) -> tuple[int, list[str]]:
+    command = [sys.executable, "-m", "compasslib.verification", str(folder)]
+    environment = os.environ | {"PYTHONPATH": str(PROJECT)}
+    ran = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+    assert "Traceback" not in ran.stderr
+    return ran.returncode, (ran.stdout + ran.stderr).splitlines()
+
+
+def test_an_untouched_archive_verifies_and_is_not_written_to(archive):
+    before = {path: path.stat().st_mtime_ns for path in archive.rglob("*")}
+    code, said = verify(archive)
+    assert code == 0 and said == [f"{crate.FILE}: {len(crate.listed(page_of(archive)))} files as listed"]
+    assert {path: path.stat().st_mtime_ns for path in archive.rglob("*")} == before
+
+
+def test_what_changed_is_told_a_line_a_file_and_ends_with_an_error(archive):
+    with (archive / "results/M1/corrected.nc").open("r+b") as stream:  # one bit of one byte
+        stream.seek(5000)
+        byte = stream.read(1)[0]
+        stream.seek(5000)
+        stream.write(bytes([byte ^ 1]))
+    (archive / "raw/M1/deep.csv").unlink()
+    (archive / "results/M1/notes.txt").write_text("mine")
+    code, said = verify(archive)
+    assert code == 1 and sorted(line.split(":")[0] for line in said) == ["changed", "error", "missing", "new"]
+    assert {"missing: raw/M1/deep.csv", "new: results/M1/notes.txt"} < set(said)
+    assert any(line.startswith("changed: results/M1/corrected.nc (sha256 ") for line in said)
+    assert "expected 20 files as listed, found 3 that differ" in said[-1]
+
+
+@pytest.mark.parametrize("content", [None, "{}", "[1, 2]", "not JSON", '{"@graph": [{"@type": "File"}]}'])
+def test_without_a_manifest_it_says_so(archive, content):
+    (archive / crate.FILE).unlink()
+    if content is not None:
+        (archive / crate.FILE).write_text(content)
+    code, said = verify(archive)
+    assert code == 1 and len(said) == 1 and said[0].startswith("error: ") and "ro-crate-metadata.json" in said[0]
+
+
+def test_the_rule_says_the_same_and_makes_nothing_anew(archive):
+    (archive / "results/M1/figures/scatter.png").unlink()
+    ran = snakemake(archive, "verify")
+    assert ran.returncode != 0 and "missing: results/M1/figures/scatter.png" in ran.stderr
+    assert not (archive / "results/M1/figures/scatter.png").exists()
+    with pytest.raises(InputError, match="found 1 that differ"):
+        verification.tell(archive, lambda line: None)
+
+
+# ---------------------------------------------------------------------------------------------------------------- jobs
+def test_a_job_that_fails_leaves_no_record(tmp_path):
+    empty = SimpleNamespace(items=list)
+    here = SimpleNamespace(rule="r", log=[str(tmp_path / "r.log")], input=[], output=[], wildcards=empty, params=empty)
+    with pytest.raises(SystemExit), job(here):
+        raise InputError("file", expected="a", found="b", advice="c")
+    assert [path.name for path in tmp_path.iterdir()] == ["r.log"]
+    with job(here) as say:
+        say("done")
+    record = json.loads((tmp_path / "r.json").read_text())
+    assert record["rule"] == "r" and record["software"] == provenance.software()
+
+
+def test_modules_for_the_type_checker_alone_are_no_input():
+    behind = {Path(path).name for path in provenance.sources(PROJECT / "workflow/scripts/verify.py")}
+    assert {"verification.py", "crate.py", "provenance.py", "job.py"} <= behind
+    assert not behind & {"product.py", "records.py", "verdict.py"}
+
+
+# --------------------------------------------------------------------------------------------------- commits and dates
+def told(project: Path, **environment: str) -> list[str]:
+    """Return software, date and where the date is from, as a copy of the project says them."""
+    asked = "from compasslib import provenance as p; print(p.software(), p.date_created(), p.date_source(), sep='\\n')"
+    given = {key: value for key, value in os.environ.items() if key != "SOURCE_DATE_EPOCH"}
+    whole = given | {"PYTHONPATH": str(project), "PYTHONDONTWRITEBYTECODE": "1"} | environment
+    ran = subprocess.run(
+        [sys.executable, "-c", asked], capture_output=True, text=True, check=True, env=whole, cwd=project
+    )
+    return ran.stdout.splitlines()
+
+
+def commit(folder: Path) -> str:
+    """Make a repository of a folder and return its first commit."""
+    who = {f"GIT_{role}_{key}": "a@b" for role in ("AUTHOR", "COMMITTER") for key in ("NAME", "EMAIL")}
+    when = {"GIT_AUTHOR_DATE": "2024-02-03T04:05:06Z", "GIT_COMMITTER_DATE": "2024-02-03T04:05:06Z"}
+    for arguments in (["init", "--quiet"], ["add", "."], ["commit", "--quiet", "--message", "first"]):
+        subprocess.run(["git", "-C", str(folder), *arguments], check=True, env=os.environ | who | when)
+    command = ["git", "-C", str(folder), "rev-parse", "--short=12", "HEAD"]
+    return subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()
+
+
+@pytest.fixture
+def copied(tmp_path):
+    """A copy of the library outside any checkout."""
+    shutil.copytree(PROJECT / "compasslib", tmp_path / "held/compasslib", ignore=shutil.ignore_patterns("__pycache__"))
+    return tmp_path / "held"
+
+
+def test_outside_a_checkout_the_modules_hash_and_the_first_day_of_1970_stand(copied):
+    software, date, source = told(copied)
+    assert software.startswith("compasslib 0.") and f"no checkout, modules sha256 {_modules(copied)[:12]}" in software
+    assert date == "1970-01-01T00:00:00Z" and source == "nothing: no checkout, and SOURCE_DATE_EPOCH is not set"
+    assert told(copied, SOURCE_DATE_EPOCH="1700000000")[1:] == ["2023-11-14T22:13:20Z", "SOURCE_DATE_EPOCH"]
+
+
+def _modules(project: Path) -> str:
+    """Return the hash of hashes, as sha256sum would make it."""
+    command = "find compasslib -name '*.py' | xargs -d '\\n' sha256sum | LC_ALL=C sort | sha256sum"
+    return subprocess.run(command, shell=True, cwd=project, check=True, capture_output=True, text=True).stdout
+
+
+def test_a_repository_that_merely_holds_the_library_is_not_its_own(copied):
+    commit(copied.parent)
+    assert "no checkout" in told(copied)[0]
+
+
+def test_in_a_checkout_commit_and_date_stand_and_an_edit_is_told(copied):
+    made = commit(copied)
+    assert told(copied)[0].endswith(f"({made})")
+    assert told(copied)[1:] == ["2024-02-03T04:05:06Z", "the commit of the software"]
+    with (copied / "compasslib/angles.py").open("a") as stream:
+        stream.write("# edited\n")
+    assert told(copied)[0].endswith(f"({made}, edited since)")
+
+
+def test_a_date_that_is_none_is_refused(monkeypatch):
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "yesterday")
+    with pytest.raises(InputError, match="SOURCE_DATE_EPOCH: expected whole seconds since 1970, found 'yesterday'"):
+        provenance.date_created()

@@ -1,0 +1,11 @@
+"""Write the manifest: the jobs' records -> results/ro-crate-metadata.json, what was made from what and by what."""
+
+from compasslib import crate
+from compasslib.archive_files import write_json
+from compasslib.job import job
+
+with job(snakemake) as say:
+    jobs = crate.lineage(crate.records(), snakemake.input.products)
+    page = crate.crate(jobs, configuration=snakemake.params.configuration, attributes=snakemake.params.attributes)
+    write_json(snakemake.output[0], page)
+    say(crate.told(page))

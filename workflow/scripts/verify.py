@@ -1,0 +1,7 @@
+"""Verify the archive: the files of the cruise -> what differs from its manifest, a line each."""
+
+from compasslib import verification
+from compasslib.job import job
+
+with job(snakemake) as say:
+    verification.tell(".", say)
