@@ -7,7 +7,7 @@ the bins of the trusted one nearest to it, less than 20 minutes and 20 m apart, 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from compasslib.records import GOOD, NOT_CHECKED, PROBABLY_GOOD, EarthField, Pai
 
 Floats = NDArray[np.floating]
 
+WIDER = 3.0
 DENSE_S = 300.0  # a series sampled faster than this is averaged first (a profiler passing its top)
 
 
@@ -31,6 +32,17 @@ class Rules:
     bins: int = 2
     grid_minutes: float = 60.0
     grid_tolerance_minutes: float = 30.0
+
+
+def widened(rules: Rules) -> Rules:
+    """Return rules for what needs many pairs more than near ones: the clocks are compared by speeds.
+
+    Where the sphere dives, a wrong clock sets a pair far apart in depth: just what shows it would be left out.
+
+    Args:
+        rules: what counts as overlapping.
+    """
+    return replace(rules, max_metres=WIDER * rules.max_metres)
 
 
 @dataclass(frozen=True)

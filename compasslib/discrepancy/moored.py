@@ -39,7 +39,9 @@ def logged(record: Record, observatory_files: Sequence[str], at: Pairs | None = 
     return {name: column[where] for name, column in series.items() if np.isfinite(column).any()}
 
 
-def diagnose(pairs: Pairs, series: Mapping[str, Floats], fit: Fit, field: EarthField, **options: Any) -> Diagnosis:
+def diagnose(
+    pairs: Pairs, series: Mapping[str, Floats], fit: Fit, field: EarthField, *, wide: Pairs | None = None, **chosen: Any
+) -> Diagnosis:
     """Return what a mooring's overlap shows that its fitted compass does not hold.
 
     Args:
@@ -47,11 +49,12 @@ def diagnose(pairs: Pairs, series: Mapping[str, Floats], fit: Fit, field: EarthF
         series: what was logged besides at their times, (n,) each.
         fit: the configured fit.
         field: the earth's field along time.
-        **options: ``enabled``, and what may be chosen besides, see ``Options``.
+        wide: pairs that may stand further apart, by which the clocks are compared.
+        **chosen: ``enabled``, and what may be chosen besides, see ``Options``.
     """
-    if not options.pop("enabled"):
+    if not chosen.pop("enabled"):
         return verdict.insufficient(SWITCHED_OFF)
-    return diagnosis.diagnose(pairs, series, fit, field, Options(**options))
+    return diagnosis.diagnose(pairs, series, fit, field, Options(**chosen), wide=wide)
 
 
 def told(name: str, found: Diagnosis) -> str:
