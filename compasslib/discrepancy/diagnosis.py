@@ -14,6 +14,7 @@ from compasslib.discrepancy import (
     baseline,
     clocks,
     columns,
+    covariates,
     findings,
     large,
     model,
@@ -204,6 +205,6 @@ def _applied(named: Named, every: Sequence[Finding]) -> Applied | None:
         own += [np.arange(ends[k], ends[k + 1])] if term.side == "compass" else []
     index = np.concatenate(own)
     simulation = replace(state.simulation, terms=tuple(t for t in state.simulation.terms if t.side == "compass"))
-    means = {name: float(np.mean(column)) for name, column in state.case.covariates.items()}
+    means = covariates.references(state.case.covariates)
     logged = dict.fromkeys(name for t in simulation.terms for name in t.needs if name in state.case.covariates)
     return Applied(simulation, estimate.covariance[np.ix_(index, index)], means, tuple(logged))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from compasslib import observatory
 from compasslib.deviation.model import Fit
-from compasslib.discrepancy import diagnosis, verdict
+from compasslib.discrepancy import diagnosis, stuck, verdict
 from compasslib.discrepancy.diagnosis import Options
 from compasslib.discrepancy.verdict import Diagnosis
 from compasslib.records import EarthField, Pairs, Record
@@ -32,7 +32,7 @@ def logged(record: Record, observatory_files: Sequence[str], at: Pairs | None = 
     Raises:
         InputError: an observatory's file cannot be read.
     """
-    series = {"temperature": record.temperature_c, "supply_voltage": record.supply_voltage}
+    series = {"temperature": record.temperature_c, "supply_voltage": record.supply_voltage} | stuck.leans(record)
     if observatory_files:
         series["declination_observatory"] = observatory.covariate(observatory_files, record.time_s)
     where = slice(None) if at is None else np.searchsorted(record.time_s, at.time_s)

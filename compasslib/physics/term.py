@@ -89,6 +89,7 @@ class Term(ABC):
     literature: ClassVar[str]
     needs: ClassVar[tuple[str, ...]] = ()  # covariates without which it cannot be tested
     recordings: ClassVar[tuple[str, ...]] = EVERY_RECORDING
+    evident: ClassVar[bool] = False  # whether what it needs is there only where it acts: only its size is asked for
 
     @abstractmethod
     def act(self, x: Floats, scene: Scene) -> Floats:
