@@ -7,7 +7,9 @@ N ?= 24
 BIN := .venv/bin
 PIP := $(PYTHON) -m pip --python $(BIN)/python --disable-pip-version-check install
 
-.PHONY: install run test check bench proof clean lock
+SNAKEMAKE := $(BIN)/snakemake --workflow-profile workflow/profiles/default --snakefile Snakefile --directory "$(CRUISE)" --cores $(CORES)
+
+.PHONY: install run unlock test check bench proof clean lock
 
 install: .venv/run  ## the pinned environment
 .venv/run: requirements/run.txt pyproject.toml
@@ -19,7 +21,11 @@ install: .venv/run  ## the pinned environment
 	touch $@
 
 run: install  ## process a cruise: make run, or make run CRUISE=/data/my_cruise
-	$(BIN)/snakemake --workflow-profile workflow/profiles/default --snakefile Snakefile --directory $(CRUISE) --cores $(CORES)
+	@$(SNAKEMAKE) || { status=$$?; ls "$(CRUISE)"/.snakemake/locks/* > /dev/null 2>&1 \
+	  && echo 'Where no other run is at work on this cruise: make unlock CRUISE="$(CRUISE)", then run again.' >&2; exit $$status; }
+
+unlock: install  ## after a run that was killed: let the next one go on where it was
+	$(SNAKEMAKE) --unlock
 
 test: .venv/test  ## the tests
 	$(BIN)/python -m pytest -n auto

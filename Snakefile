@@ -24,8 +24,8 @@ SUMMARY = ["results/summary.csv"] if CRUISE.moorings else []
 
 
 wildcard_constraints:
-    mooring="|".join(CRUISE.moorings) or "none",
-    calibration="|".join(CRUISE.calibrations) or "none",
+    mooring=stages.only(CRUISE.moorings),
+    calibration=stages.only(CRUISE.calibrations),
     role="[A-Za-z0-9_.-]+",
 
 
@@ -114,7 +114,7 @@ rule fit:
         method=PLAN.method,
         tilt=PLAN.tilt,
     wildcard_constraints:
-        mooring="|".join(PLAN.by_pairs()) or "none",
+        mooring=stages.only(PLAN.by_pairs()),
     conda:
         ENVIRONMENT
     log:

@@ -17,6 +17,8 @@ VELOCITY_SETS = (("east", "north"), ("speed", "direction"), ("x", "y", "heading"
 SWAPPED = "check the sign and the order of latitude and longitude"
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
+_REPEATS = 20  # of a piece at a name's end, from which on Snakemake takes it for an endless recursion and stops
+_REPEATED = re.compile(rf"(.+)\1{{{_REPEATS - 1},}}$")
 _ATTRIBUTE = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}")
 _NUMBER = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?")
 _EXPONENT = re.compile(r"[-+]?\d+[eE][-+]?\d+")
@@ -137,6 +139,9 @@ def name(value: Any) -> str:
     """
     if not _NAME.fullmatch(text(value)):
         raise problem(expected=NAME_WORDS, advice="write for example EG4")
+    if match := _REPEATED.search(value):
+        expected = f"a name that does not end in {_REPEATS} repeats of one piece ({match[1][:_SHOWN]})"
+        raise problem(expected=expected, advice="shorten it")
     return str(value)
 
 

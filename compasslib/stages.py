@@ -5,7 +5,8 @@ A rule is given only the keys that it uses, so that a change of one key re-runs 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -184,6 +185,15 @@ def plan(cruise: Cruise, scripts: Path) -> Plan:
             refuse(f"{file}: instruments.{role}.format", mooring.instruments[role].format, tuple(FORMATS))
         refuse(f"{file}: fit.method", mooring.fit.method, METHODS)
     return Plan(cruise, scripts)
+
+
+def only(names: Iterable[str]) -> str:
+    """Return the constraint of a wildcard that may be one of these names and nothing that merely looks like them.
+
+    Args:
+        names: of moorings or calibrations, perhaps none.
+    """
+    return "|".join(re.escape(name) for name in names) or "(?!)"
 
 
 def refuse(where: str, found: str, offered: Sequence[str]) -> None:

@@ -27,7 +27,8 @@ FLOORS = [
     ["config_values", "config_paths", "config_schema", "config_calibrations", "config_yaml", "config"],
     ["archive_files", "archive_layout", "archive_attributes", "archive", "archive_calibrations"],
     ["provenance", "job", "stages", "stages_calibrations", "summary"],
-    ["report"],
+    ["report", "pipeline"],
+    ["command"],
 ]
 FLOOR = {room: k for k, rooms in enumerate(FLOORS) for room in rooms}
 FLOOR |= {path.stem: len(FLOORS) for path in LIBRARY if path.stem.startswith("plots")}

@@ -349,6 +349,11 @@ BAD_LINES = [
     ("declination: 181", "declination: expected auto, or degrees east from -180 to 180, found 181; write for example declination: auto"),
     ("name: ../EG4", "name: expected 1 to 64 letters, digits, '_', '.' and '-', the first a letter or digit, found '../EG4'; write for example EG4"),
     ("name: 2007", "name: expected 1 to 64 letters, digits, '_', '.' and '-', the first a letter or digit, found 2007; write it in quotes: '2007'"),
+    ("name: -M1", "name: expected 1 to 64 letters, digits, '_', '.' and '-', the first a letter or digit, found '-M1'; write for example EG4"),
+    ("name: M 1", "name: expected 1 to 64 letters, digits, '_', '.' and '-', the first a letter or digit, found 'M 1'; write for example EG4"),
+    ("name: Ö1", "name: expected 1 to 64 letters, digits, '_', '.' and '-', the first a letter or digit, found 'Ö1'; write for example EG4"),
+    (f"name: {'EG' * 20}", f"name: expected a name that does not end in 20 repeats of one piece (EG), found '{'EG' * 20}'; shorten it"),
+    (f"name: M{'0' * 20}", f"name: expected a name that does not end in 20 repeats of one piece (0), found 'M{'0' * 20}'; shorten it"),
     ("name: proof", "name: expected a name other than calibrations, proof, summary.csv, report.html, which results/ holds for other things, found 'proof'; rename the mooring"),
     ("compromised: tpo", "compromised: expected an instrument of this mooring (top, deep), found 'tpo'; write one of these names"),
     ("reference: bottom", "reference: expected an instrument of this mooring (top, deep), found 'bottom'; write one of these names"),
@@ -451,6 +456,14 @@ BAD_OPTIONS = [
 def test_a_bad_line_of_a_mooring_file(cruise: Path, line: str, expected: str) -> None:
     write(cruise, MOORING_FILE, with_line(line))
     assert message(cruise) == f"{MOORING_FILE}: {expected}"
+
+
+def test_a_raw_file_with_braces(cruise: Path) -> None:
+    write(cruise, "raw/obs/{lrv3}.min", "")
+    found = (
+        "covariates.declination_observatory.files: expected paths without braces, which Snakemake takes for wildcards"
+    )
+    assert message(cruise) == f"{MOORING_FILE}: {found}, found 'raw/obs/{{lrv3}}.min'; rename it"
 
 
 @pytest.mark.parametrize(("columns", "expected"), BAD_COLUMNS, ids=[columns for columns, _ in BAD_COLUMNS])

@@ -12,6 +12,8 @@ from pathlib import Path
 from urllib.parse import unquote
 
 import browser
+import netCDF4
+import numpy as np
 import page
 import pytest
 import yaml
@@ -168,10 +170,13 @@ def test_the_numbers_are_those_of_the_results(done, document):
     rows = {row["name"]: row for row in csv.DictReader((done / "results/summary.csv").read_text().splitlines())}
     shown = [one.text for one in document.all("td", "th") if one.attributes.get("role") in ("cell", "rowheader")]
     at = shown.index("M1")
-    assert shown[at + 1] == rows["M1"]["verdict"] and shown[at + 6] == f"{float(rows['M1']['rms_before_deg']):.1f}°"
-    assert shown[at + 7] == f"{float(rows['M1']['rms_after_deg']):.1f}°" and "\N{NO-BREAK SPACE}%" in shown[at + 5]
+    assert shown[at + 1] == rows["M1"]["verdict"] and shown[at + 7] == f"{float(rows['M1']['rms_before_deg']):.1f}°"
+    with netCDF4.Dataset(done / "results/M1/corrected.nc") as nc:
+        sigma = float(np.nanmedian(nc["HEADING_CORRECTED_UNCERTAINTY"][:].filled(np.nan)))
+    assert shown[at + 6] == f"{sigma:.1f}°"
+    assert shown[at + 8] == f"{float(rows['M1']['rms_after_deg']):.1f}°" and "\N{NO-BREAK SPACE}%" in shown[at + 5]
     alone = shown[shown.index(ALONE) :]
-    assert alone[1] == "insufficient" and alone[5] == f"0.0{words.SPACE}%" and alone[6] == words.UNKNOWN
+    assert alone[1] == "insufficient" and alone[5] == f"0.0{words.SPACE}%" and alone[6] == alone[7] == words.UNKNOWN
     text = " ".join(one.text for one in document.all("p", "li"))
     assert "Too little to judge." in text and rows[ALONE]["warnings"].split(" | ")[0][1:40] in text
 

@@ -169,6 +169,23 @@ def test_a_cruise_without_moorings_is_nothing_to_do(tmp_path):
     assert snakemake(tmp_path).returncode == 0
 
 
+NAMES = ("M.1", "M11", "0-1", "EGEGEGEG", "a" * 19, "CON", "nul.txt", "results", "work.", "none")
+
+
+def test_odd_names_are_planned_each_for_itself(tmp_path):
+    """M.1 as a pattern would fit M11 too, whose fit another rule makes."""
+    folder = cruise(tmp_path / "c", NAMES, n=5)
+    calibration = {"latitude": 48.4, "longitude": -4.5, "date": "2007-01-01", "kind": "platform", "file": "raw/cal.csv"}
+    (folder / "config/calibrations").mkdir()
+    (folder / "config/calibrations/a.c.yaml").write_text(yaml.safe_dump(calibration))
+    (folder / "raw/cal.csv").write_text("reference_deg,recorded_deg\n")
+    change(folder / "config/moorings/M11.yaml", fit={"method": "calibration", "name": "a.c"})
+    ran = snakemake(folder, "--dry-run", "--quiet", "progress")
+    assert ran.returncode == 0, ran.stderr
+    made = re.findall(r"rule (fit|carry):\n(?:    .*\n)*?    output: results/(.+)/work/fit.json", ran.stdout)
+    assert sorted(made) == sorted(("carry" if name == "M11" else "fit", name) for name in NAMES)
+
+
 def test_a_demonstration_of_another_mooring_is_refused(tmp_path):
     folder = cruise(tmp_path / "c", n=50)
     (folder / "config/config.yaml").write_text("demonstration: true\n")

@@ -16,6 +16,7 @@ from compasslib.discrepancy.telling import VERDICTS
 from compasslib.report import calibration, figures, mooring, words
 from compasslib.report.section import Overview
 
+MOORINGS = "All moorings (rms: current direction above minus below, the water's own veer included)"
 TEMPLATES = Path(__file__).resolve().parent / "templates"
 
 
@@ -76,7 +77,7 @@ def gather(
             ["Compass deviations corrected", *(str(attributes[k]) for k in ("project",) if k in attributes)]
         ),
         attributes=tuple((words.plain(name), str(value)) for name, value in attributes.items()),
-        moorings=Overview("All moorings", mooring.HEADER, sections),
+        moorings=Overview(MOORINGS, mooring.HEADER, sections),
         calibrations=Overview("All calibrations", calibration.HEADER, others),
         software=provenance.software(),
         date=provenance.date_created(),

@@ -22,6 +22,7 @@ HEADER = (
     "Method",
     "Pairs",
     "Corrected",
+    "Uncertainty",
     "Rms before",
     "Rms after",
     "Largest deviation",
@@ -95,7 +96,7 @@ def section(results: Results, root: Path, site: Mapping[str, Any], *, embed: boo
         name=results.name,
         anchor=f"mooring-{results.name}",
         verdict=verdict,
-        summary=_summary(results),
+        summary=sentences(results),
         facts=_facts(results, site),
         findings=found.findings(results.diagnosis, product=True),
         cannot_tell=found.cannot_tell(results.diagnosis),
@@ -112,7 +113,12 @@ def section(results: Results, root: Path, site: Mapping[str, Any], *, embed: boo
     )
 
 
-def _summary(results: Results) -> tuple[str, ...]:
+def sentences(results: Results) -> tuple[str, ...]:
+    """Return what comes first of one mooring: its verdict, why, and the share that is corrected.
+
+    Args:
+        results: what its files hold.
+    """
     head, why = results.headings, results.diagnosis.get("why", "")
     told = [words.sentence(VERDICTS[results.diagnosis["verdict"]])]
     told += [words.sentence(why)] if why else []
@@ -132,10 +138,9 @@ def _facts(results: Results, site: Mapping[str, Any]) -> tuple[tuple[str, str], 
         ("Deployment", words.days({"from": site["start"], "to": site["end"]})),
         *((f"{role} instrument", told) for role, told in site["instruments"].items()),
         ("Make and number", instrument or "not given"),
-        ("Method", _method(results.fit)),
-        *_counted(head),
-        ("Uncertainty of the heading (1σ)", _pair("median {}, 95th percentile {}", head.sigma_deg)),
-        ("Largest deviation", words.degrees(head.largest_deviation_deg)),
+        ("Method", made_with(results.fit)),
+        *counted(head),
+        *sure(head),
         ("The compass can show", _range(results.product)),
         ("Declination", _pair("{} to {}", head.declination_deg, digits=2)),
         ("Made by", f"{said.get('software_version', 'not given')}, {said.get('date_created', 'not dated')}"),
@@ -143,7 +148,13 @@ def _facts(results: Results, site: Mapping[str, Any]) -> tuple[tuple[str, str], 
     return tuple(facts)
 
 
-def _counted(head: Headings) -> list[tuple[str, str]]:
+def counted(head: Headings) -> list[tuple[str, str]]:
+    """Return how many samples are corrected, doubtful and not corrected.
+
+    Args:
+        head: the headings of the product.
+    """
+
     def share(n: int) -> str:
         return f"{words.percent(n / head.n if head.n else None)} ({words.plural(n, 'sample')})"
 
@@ -154,11 +165,28 @@ def _counted(head: Headings) -> list[tuple[str, str]]:
     ]
 
 
+def sure(head: Headings) -> list[tuple[str, str]]:
+    """Return how uncertain the corrected headings are, and how far they were turned.
+
+    Args:
+        head: the headings of the product.
+    """
+    return [
+        ("Uncertainty of the heading (1σ)", _pair("median {}, 95th percentile {}", head.sigma_deg)),
+        ("Largest deviation", words.degrees(head.largest_deviation_deg)),
+    ]
+
+
 def _pair(form: str, pair: tuple[float, float], digits: int = 1) -> str:
     return form.format(*(words.degrees(x, digits) for x in pair)) if math.isfinite(pair[0]) else words.UNKNOWN
 
 
-def _method(fit: Mapping[str, Any]) -> str:
+def made_with(fit: Mapping[str, Any]) -> str:
+    """Return by which method a product was made, and with which effects.
+
+    Args:
+        fit: content of deviation.json.
+    """
     told = words.METHODS.get(fit["method"], fit["method"])
     applied = fit["applied"]
     if not applied["effects"]:
@@ -245,13 +273,15 @@ def _cells(results: Results) -> tuple[Cell, ...]:
     effects = [words.plain(effect) for effect in row["effects"].split()]
     warnings = len([said for said in row["warnings"].split(" | ") if said])
     share = head.corrected / head.n if head.n else 0.0
+    sigma = head.sigma_deg[0] if head.corrected else None
     return (
         Cell(results.name, results.name),
         Cell(row["verdict"], _order(row["verdict"])),
         Cell(", ".join(effects) or "none", ", ".join(effects) or None),
-        Cell(words.METHODS.get(row["method"], row["method"]), row["method"]),
+        Cell(row["method"], row["method"]),
         Cell(words.count(int(row["n_pairs"])), int(row["n_pairs"])),
         Cell(words.percent(share), share),
+        Cell(words.degrees(sigma), sigma),
         Cell(words.degrees(before), before),
         Cell(words.degrees(after), after),
         Cell(words.degrees(largest), largest),

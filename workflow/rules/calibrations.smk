@@ -86,7 +86,7 @@ for KIND in KINDS:
                 for figure in CALIBRATIONS.figures(KIND)
             },
         wildcard_constraints:
-            calibration="|".join(CALIBRATIONS.of_kind(KIND)) or "none",
+            calibration=stages.only(CALIBRATIONS.of_kind(KIND)),
         conda:
             "../envs/compasslib.yaml"
         log:
@@ -108,7 +108,7 @@ rule carry:
     output:
         "results/{mooring}/work/fit.json",
     wildcard_constraints:
-        mooring="|".join(PLAN.by_calibration()) or "none",
+        mooring=stages.only(PLAN.by_calibration()),
     conda:
         "../envs/compasslib.yaml"
     log:

@@ -1,0 +1,24 @@
+"""``compass correct``: one mooring in this process, without Snakemake."""
+
+from __future__ import annotations
+
+import sys
+from argparse import Namespace
+from pathlib import Path
+
+from compasslib import pipeline
+
+
+def run(asked: Namespace) -> int:
+    """Correct a mooring, saying on stderr what each stage found, and print where the results are.
+
+    Args:
+        asked: ``cruise``, ``mooring`` and ``into``, the folder of the results or None.
+
+    Raises:
+        InputError: a mistake in the cruise, a raw file that cannot be read, or a folder that is there already.
+    """
+    folder = Path(asked.into or Path(asked.cruise) / "corrected" / asked.mooring)
+    pipeline.process(asked.cruise, asked.mooring, folder, say=lambda line: print(line, file=sys.stderr, flush=True))
+    print(folder)
+    return 0

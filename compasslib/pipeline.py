@@ -1,0 +1,217 @@
+"""One mooring from its YAML file to its product without Snakemake: the workflow's stages, one after the other.
+
+The files between the stages are the workflow's, so that the product is too, to the last bit. Figures, the summary and
+the report are the workflow's own.
+"""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import chdir, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from compasslib import (
+    archive,
+    assessment,
+    calibration,
+    config,
+    config_calibrations,
+    correction,
+    deployment,
+    deviation,
+    earthfield,
+    overlap,
+    provenance,
+    readers,
+    stages,
+)
+from compasslib.calibration import at_mooring, content
+from compasslib.deviation.model import Fit
+from compasslib.discrepancy import moored
+from compasslib.discrepancy import product as products
+from compasslib.discrepancy.product import Product
+from compasslib.errors import InputError
+from compasslib.records import EarthField, Pairs, Record
+
+
+@dataclass(frozen=True)
+class Job:
+    """What a rule of the workflow knows of its job."""
+
+    mooring: str
+    role: str = ""
+
+
+@dataclass(frozen=True)
+class Task:
+    """One mooring of a cruise, and where its files come."""
+
+    plan: stages.Plan
+    job: Job
+    folder: Path  # of the results, absolute
+    say: Callable[[str], None]
+
+    @property
+    def name(self) -> str:
+        """Return the mooring's name."""
+        return self.job.mooring
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What the stages after the overlap start from."""
+
+    record: Record
+    pairs: Pairs
+    field: EarthField
+
+
+def process(
+    cruise: str | Path, mooring: str, folder: str | Path, say: Callable[[str], None] = lambda line: None
+) -> Path:
+    """Correct one mooring of a cruise and return the folder of its results, which appears whole or not at all.
+
+    The working folder is the cruise's meanwhile, as in the workflow; not for several threads at once.
+
+    Args:
+        cruise: folder that holds config/config.yaml.
+        mooring: its name.
+        folder: of the results, which must not be there yet; as ``results/NAME`` of the workflow, without figures.
+        say: takes what each stage says of its result.
+
+    Raises:
+        InputError: a mistake in the cruise, a raw file that cannot be read, or a folder that is there already.
+    """
+    loaded = config.load(Path(cruise))
+    plan, there = stages.plan(loaded, Path()), Path(folder).absolute()
+    if mooring not in loaded.moorings:
+        expected = f"a mooring of {cruise} ({', '.join(loaded.moorings) or 'it has none'})"
+        raise InputError(mooring, expected=expected, found="another name", advice="write one of these names")
+    _refuse_taken(there, loaded.root.absolute() / "results")
+    with _whole(there) as inside, chdir(loaded.root):
+        _run(Task(plan, Job(mooring), inside, say))
+    return there
+
+
+def _refuse_taken(folder: Path, results: Path) -> None:
+    if folder.resolve().is_relative_to(results.resolve()):
+        expected, advice = "a folder outside the workflow's results", "name another folder"
+        raise InputError(str(folder), expected=expected, found="one inside", advice=advice)
+    if folder.exists():
+        advice = "delete it or name another folder"
+        raise InputError(str(folder), expected="a folder that is not there yet", found="it there", advice=advice)
+
+
+@contextmanager
+def _whole(folder: Path) -> Iterator[Path]:
+    """Give a folder beside the wanted one that takes its place once the block has ended well."""
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    beside = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
+    try:
+        yield beside
+        beside.chmod(0o755)  # a temporary folder is its maker's alone
+        beside.rename(folder)
+    finally:
+        shutil.rmtree(beside, ignore_errors=True)
+
+
+def _run(task: Task) -> None:
+    measured = _measured(task)
+    _fit(task, measured)
+    _diagnose(task, measured)
+    made_by = products.from_json(archive.read_json(task.folder / "deviation.json"))
+    _correct(task, measured, made_by)
+    _assess(task, measured, made_by)
+
+
+def _measured(task: Task) -> Measured:
+    field = _field(task)
+    mooring = task.plan.cruise.moorings[task.name]
+    upper = _record(task, mooring.compromised)
+    lower = [_record(task, mooring.reference)] if mooring.reference else []
+    rules = overlap.Rules(**task.plan.cruise.options.overlap.model_dump())
+    archive.write_pairs(task.folder / "overlap.nc", overlap.find(upper, lower, field, rules))
+    pairs = archive.read_pairs(task.folder / "overlap.nc")
+    task.say(overlap.told(task.name, pairs))
+    return Measured(upper, pairs, field)
+
+
+def _record(task: Task, role: str) -> Record:
+    job, file = Job(task.name, role), task.folder / f"work/{role}.nc"
+    paths = [Path(path) for path in task.plan.raw_files(job)]
+    raw = readers.read(task.plan.form(job), paths, task.plan.reader_settings(job))
+    archive.write_record(file, deployment.settle(raw, **task.plan.deployment(job)))
+    record = archive.read_record(file)
+    task.say(deployment.told(task.name, role, record))
+    return record
+
+
+def _field(task: Task) -> EarthField:
+    file = task.folder / "work/field.json"
+    archive.write_json(file, vars(earthfield.along_time(**task.plan.place_and_declination(task.job))))
+    field = earthfield.from_json(archive.read_json(file))
+    task.say(earthfield.told(task.name, field))
+    return field
+
+
+def _fit(task: Task, measured: Measured) -> None:
+    method = task.plan.method(task.job)
+    fit, origin = _carried(task, measured) if method == at_mooring.METHOD else (_fitted(task, measured), {})
+    archive.write_json(task.folder / "work/fit.json", deviation.described(fit, measured.record) | origin)
+    task.say(deviation.told(task.name, fit))
+
+
+def _fitted(task: Task, measured: Measured) -> Fit:
+    dip_ratio = task.plan.tilt(task.job) * earthfield.dip_ratio(measured.field)
+    return deviation.fit(task.plan.method(task.job), measured.pairs, dip_ratio=dip_ratio)
+
+
+def _carried(task: Task, measured: Measured) -> tuple[Fit, dict[str, object]]:
+    """Return the fit of a calibration that is made here and now, and what deviation.json says of it."""
+    name = str(task.plan.cruise.moorings[task.name].fit.name)
+    given = task.plan.cruise.calibrations[name]
+    settings = calibration.settled(config_calibrations.settings(given))
+    made = calibration.calibrate(str(given.kind), given.files, settings)
+    file = task.folder / "work/calibration.json"
+    archive.write_json(file, content.described(name, made, settings, {}) | provenance.stamp(given.files))
+    elsewhere = archive.read_json(file)
+    fit = at_mooring.carried(elsewhere, measured.field, measured.record, measured.pairs)
+    return fit, at_mooring.origin(elsewhere, measured.field)
+
+
+def _diagnose(task: Task, measured: Measured) -> None:
+    configured = archive.read_json(task.folder / "work/fit.json")
+    fit, series = deviation.from_json(configured), _series(task, measured, at=measured.pairs)
+    found = moored.diagnose(measured.pairs, series, fit, measured.field, **task.plan.diagnose(task.job))
+    archive.write_json(task.folder / "diagnosis.json", found.to_json())
+    archive.write_json(task.folder / "deviation.json", configured | {"applied": products.of(fit, found).to_json()})
+    task.say(moored.told(task.name, found))
+
+
+def _series(task: Task, measured: Measured, at: Pairs | None = None) -> products.Series:
+    return moored.logged(measured.record, task.plan.observatory(task.job), at=at)
+
+
+def _correct(task: Task, measured: Measured, made_by: Product) -> None:
+    record, pairs, field = measured.record, measured.pairs, measured.field
+    at = products.along(made_by, record, field, _series(task, measured))
+    product = correction.correct(record, made_by.fit, field, pairs, at)
+    archive.write_corrected(
+        task.folder / "corrected.nc",
+        product,
+        site=archive.Site(**task.plan.site(task.job)),
+        attributes=task.plan.attributes(task.job),
+        processing=provenance.processing(made_by, field, task.plan.all_raw_files(task.job)),
+    )
+    task.say(correction.told(task.name, product))
+
+
+def _assess(task: Task, measured: Measured, made_by: Product) -> None:
+    series = _series(task, measured)
+    plain = products.plain(made_by, measured.pairs, measured.record, measured.field, series)
+    verdict = assessment.assess(measured.pairs, made_by.fit, plain)
+    archive.write_json(task.folder / "assessment.json", verdict)
+    task.say(assessment.told(task.name, verdict))

@@ -1,0 +1,286 @@
+"""The command compass: what it prints, in one line what it refuses, and its exit status."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+from sea import cruise
+from test_workflow import change, snakemake
+
+from compasslib import pipeline
+from compasslib.command import folders, main
+
+COMPASS = [sys.executable, "-c", "import sys; from compasslib.command import main; sys.exit(main())"]
+
+
+def refused(capsys, *words: str) -> str:
+    """Return the one line that a command says before it fails."""
+    assert main(words) == 1
+    out, err = capsys.readouterr()
+    assert out == "" and err.startswith("error: ") and err.count("\n") == 1
+    return err
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory) -> Path:
+    """A cruise, and two runs of its mooring: another declination in the later one."""
+    folder = cruise(tmp_path_factory.mktemp("cruise"), n=600)
+    pipeline.process(folder, "M1", folder / "old/M1")
+    change(folder / "config/moorings/M1.yaml", declination=-22.0)
+    pipeline.process(folder, "M1", folder / "new/M1")
+    return folder
+
+
+@pytest.fixture
+def copied(runs, tmp_path) -> Path:
+    """A copy of the earlier run, to be damaged."""
+    shutil.copytree(runs / "old", tmp_path / "results")
+    return tmp_path / "results/M1"
+
+
+# --- help ------------------------------------------------------------------------------------------------------------
+
+
+def test_help_names_the_commands_and_imports_nothing_heavy():
+    code = (
+        "import sys\nfrom compasslib.command import main\n"
+        "try:\n    main(['--help'])\nexcept SystemExit:\n"
+        "    print([m for m in ('numpy', 'pydantic', 'yaml', 'netCDF4', 'scipy') if m in sys.modules])\n"
+    )
+    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert all(name in ran.stdout for name in ("check", "correct", "explain", "diff")) and ran.stdout.endswith("[]\n")
+
+
+def test_help_costs_less_than_a_fifth_of_a_second():
+    def cost() -> float:
+        before = os.times()
+        subprocess.run([*COMPASS, "--help"], capture_output=True, check=True)
+        after = os.times()
+        return after.children_user - before.children_user
+
+    assert min(cost() for _ in range(3)) < 0.2  # processor time: the machine may be busy; 0.02 to 0.05 s are usual
+
+
+@pytest.mark.parametrize("words", [[], ["mend"], ["correct"], ["diff", "a"], ["check", "--loud"]])
+def test_a_wrong_command_line_is_status_2(capsys, words):
+    with pytest.raises(SystemExit) as ended:
+        main(words)
+    assert ended.value.code == 2 and "usage: compass" in capsys.readouterr().err
+
+
+# --- check -----------------------------------------------------------------------------------------------------------
+
+
+def test_check_says_what_each_mooring_has(tmp_path, capsys):
+    folder = cruise(tmp_path, ("M1", "M2"), n=5)
+    alone = yaml.safe_load((folder / "config/moorings/M2.yaml").read_text())
+    del alone["reference"]
+    (folder / "config/moorings/M2.yaml").write_text(yaml.safe_dump(alone))
+    assert main(["check", str(folder)]) == 0
+    assert capsys.readouterr().out.splitlines() == [
+        "2 moorings ready",
+        "  M1: 2007-09-04 to 2007-09-04; corrected is top (pd0, 1 file, 100 m); "
+        "trusted is deep (table, 1 file, 105 m); by exact",
+        "  M2: 2007-09-04 to 2007-09-04; corrected is top (pd0, 1 file, 100 m); "
+        "no trusted instrument, so nothing is corrected; by exact",
+    ]
+    assert not (folder / "results").exists()
+
+
+@pytest.mark.parametrize("change_it", ["latitude: 95.3", "latitud: 65", "raw"])
+def test_check_refuses_in_the_workflow_s_own_words(tmp_path, capsys, change_it):
+    folder = cruise(tmp_path, n=5)
+    if change_it == "raw":
+        (folder / "raw/M1/top.000").unlink()
+    else:
+        change(folder / "config/moorings/M1.yaml", **yaml.safe_load(change_it))
+    line = refused(capsys, "check", str(folder))
+    assert "config/moorings/M1.yaml" in line and line.strip() in snakemake(folder).stderr
+
+
+def test_check_of_no_cruise(tmp_path, capsys):
+    for place in (tmp_path, tmp_path / "nowhere"):
+        assert "config/config.yaml: expected this file" in refused(capsys, "check", str(place))
+
+
+# --- correct ---------------------------------------------------------------------------------------------------------
+
+
+def test_correct_writes_beside_the_workflow_s_results(tmp_path, capsys):
+    folder = cruise(tmp_path / "c", n=60)
+    assert main(["correct", "M1", "--cruise", str(folder)]) == 0
+    out, err = capsys.readouterr()
+    assert out.strip() == str(folder / "corrected/M1") and "60 of 60 headings corrected" in err
+    assert main(["explain", "M1", "--cruise", str(folder)]) == 0
+    assert "M1: insufficient" in capsys.readouterr().out
+    assert "expected a folder that is not there yet" in refused(capsys, "correct", "M1", "--cruise", str(folder))
+
+
+def test_correct_refuses_another_mooring(tmp_path, capsys):
+    folder = cruise(tmp_path / "c", n=5)
+    assert "M2: expected a mooring of" in refused(capsys, "correct", "M2", "--cruise", str(folder))
+    assert not (folder / "corrected").exists()
+
+
+# --- explain ---------------------------------------------------------------------------------------------------------
+
+
+def test_explain_tells_the_verdict_the_share_and_what_it_cannot_tell(runs, capsys):
+    assert main(["explain", str(runs / "old/M1")]) == 0
+    told = capsys.readouterr().out
+    diagnosis = json.loads((runs / "old/M1/diagnosis.json").read_text())
+    assert told.splitlines()[0] == f"M1: {diagnosis['verdict']}"
+    assert "100.0\N{NO-BREAK SPACE}% of the 600 samples have a corrected heading." in told
+    assert re.search(r"Uncertainty of the heading \(1σ\): median \d+\.\d°, 95th percentile \d+\.\d°", told)
+    assert "What it cannot tell" in told and "Not testable: stuck tilt." in told
+    assert max(map(len, told.splitlines())) <= 100
+
+
+def test_explain_tells_findings_and_warnings(copied, capsys):
+    finding = {
+        "effect": "heeling",
+        "side": "compass",
+        "alternatives": ["stuck_tilt"],
+        "where": {"covariate": "pitch", "from": 4.0, "to": 11.0, "text": "pitch 4 to 11 degrees"},
+        "when": {"from": "2007-11-02T00:00:00Z", "to": "2008-10-04T00:00:00Z"},
+        "parameters": {"b_z_nT": {"value": 2100.0, "sigma": 140.0, "unit": "nT"}},
+        "rms_effect_deg": 3.1,
+        "heldout": {"rms_before_deg": 11.9, "rms_after_deg": 11.3, "p_value": 0.001},
+        "applied": False,
+        "text": "The compass tilts over iron.",
+    }
+    rewrite(copied / "diagnosis.json", verdict="ambiguous", findings=[finding], separated_by="a swing at a tilt")
+    rewrite(copied / "deviation.json", warnings=["few pairs in spring"])
+    assert main(["explain", "M1", "--cruise", str(copied.parents[1])]) == 0
+    told = capsys.readouterr().out
+    for said in (
+        "M1: ambiguous",
+        "Found: Heeling",
+        "Could also be: stuck tilt",
+        "Size: 3.1° rms",
+        "few pairs in spring",
+    ):
+        assert said in told, said
+    assert "b z: 2100\N{NO-BREAK SPACE}±\N{NO-BREAK SPACE}140\N{NO-BREAK SPACE}nT" in told
+    assert "What would decide: A swing at a tilt." in told
+
+
+def rewrite(file: Path, **keys: object) -> None:
+    file.write_text(json.dumps(json.loads(file.read_text()) | keys))
+
+
+@pytest.mark.parametrize("file", folders.NEEDED)
+def test_half_results_are_refused(copied, capsys, file):
+    (copied / file).unlink()
+    line = refused(capsys, "explain", str(copied))
+    assert f"expected all results of a mooring, found no {file}; run the cruise to its end" in line
+
+
+@pytest.mark.parametrize("file", folders.NEEDED)
+@pytest.mark.parametrize("content", ["", "{}", "[1]", '{"verdict": '])
+def test_damaged_results_are_refused(copied, capsys, file, content):
+    (copied / file).write_text(content)
+    assert file in refused(capsys, "explain", str(copied))
+
+
+def test_results_that_lack_something_deep_are_refused(copied, capsys):
+    rewrite(copied / "diagnosis.json", findings=[{"effect": "heeling"}])
+    assert "expected results of this version, found KeyError: 'alternatives'" in refused(capsys, "explain", str(copied))
+
+
+def test_a_mooring_without_results_is_refused(copied, capsys):
+    root = str(copied.parents[1])
+    assert f"M7: expected a mooring with results in {root}, found M1;" in refused(
+        capsys, "explain", "M7", "--cruise", root
+    )
+    assert "found no folder results" in refused(capsys, "explain", "M7", "--cruise", str(copied))
+
+
+def test_explain_ends_quietly_where_the_pipe_is_closed(runs):
+    end = subprocess.Popen([*COMPASS, "explain", str(runs / "old/M1")], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    end.stdout.close()
+    assert end.stderr.read() == b"" and end.wait() == 1
+    end.stderr.close()
+
+
+# --- diff ------------------------------------------------------------------------------------------------------------
+
+
+def test_diff_of_a_run_with_itself_says_so(runs, capsys):
+    assert main(["diff", str(runs / "old"), str(runs / "old")]) == 0
+    assert capsys.readouterr().out == "nothing changed: 1\N{NO-BREAK SPACE}mooring compared\n"
+
+
+def test_diff_tells_what_another_declination_changed(runs, capsys):
+    """Both instruments are magnetic: a declination 1.56 degrees larger turns all true headings by that."""
+    assert main(["diff", str(runs / "old"), str(runs / "new/M1")]) == 0
+    head, row = capsys.readouterr().out.splitlines()
+    assert head.split("  ")[0] == "mooring" and row.startswith("M1")
+    rms, largest = (float(x) for x in re.findall(r"(\d+\.\d+)°", row))
+    assert rms == pytest.approx(1.56, abs=0.05) and rms <= largest < 1.7  # the fit moves by its solver's last digits
+    assert "below 0.01 of their 1σ" in row
+    also = row.rpartition("  ")[2].split(", ")
+    assert "DECLINATION" in also and "UCUR" not in also and "HEADING_CORRECTED" not in also
+
+
+@pytest.mark.parametrize(
+    ("file", "keys", "shown"),
+    [
+        ("diagnosis.json", {"verdict": "unexplained"}, r"\w+ → unexplained"),
+        ("diagnosis.json", {"findings": [{"effect": "heeling"}]}, "none → heeling"),
+        ("diagnosis.json", {"why": "other words"}, "diagnosis.json"),
+        ("deviation.json", {"coefficients": dict.fromkeys("ABCDE", 0.0)}, r"A [+−]0\.\d+, B"),
+        ("deviation.json", {"coefficients": None}, "fitted → none"),
+        ("deviation.json", {"method": "von_appen"}, "exact → von_appen"),
+        ("assessment.json", {"after": {}}, "assessment.json"),
+    ],
+)
+def test_diff_tells_each_kind_of_change(runs, copied, capsys, file, keys, shown):
+    rewrite(copied / file, **keys)
+    assert main(["diff", str(runs / "old"), str(copied.parents[1])]) == 0
+    assert re.search(shown, capsys.readouterr().out.splitlines()[1])
+
+
+def test_diff_tells_headings_that_are_gone_and_other_variables(runs, copied, capsys):
+    import netCDF4
+
+    with netCDF4.Dataset(copied / "corrected.nc", "a") as nc:
+        nc["HEADING_CORRECTED"][:300] = nc["HEADING_CORRECTED"]._FillValue
+        nc["PITCH"][:] = 7.0
+        nc.license = "another"
+    assert main(["diff", str(runs / "old"), str(copied)]) == 0
+    row = capsys.readouterr().out.splitlines()[1]
+    assert "100.0\N{NO-BREAK SPACE}% → 50.0\N{NO-BREAK SPACE}%" in row and "PITCH, attribute license" in row
+
+
+def test_diff_tells_what_it_cannot_compare(runs, copied, capsys):
+    shutil.copytree(copied, copied.parent / "M2")
+    shutil.copytree(copied, copied.parent / "M3")
+    (copied.parent / "M3/corrected.nc").unlink()
+    (copied.parent / "calibrations").mkdir()
+    shutil.copytree(runs / "old", copied.parents[1] / "earlier")
+    shutil.copytree(runs / "old/M1", copied.parents[1] / "earlier/M3")
+    assert main(["diff", str(copied.parents[1] / "earlier"), str(copied.parent)]) == 1
+    rows = [line.split(maxsplit=1) for line in capsys.readouterr().out.splitlines()[1:]]
+    assert rows == [["M1", "nothing changed"], ["M2", "not in OLD"], ["M3", "NEW is incomplete: no corrected.nc"]]
+
+
+def test_diff_of_what_holds_no_results(runs, tmp_path, capsys):
+    assert "found no results in it" in refused(capsys, "diff", str(runs / "old"), str(tmp_path))
+    assert "found no such folder" in refused(capsys, "diff", str(tmp_path / "gone"), str(runs / "old"))
+
+
+@pytest.mark.parametrize("content", ["", "{}", '{"verdict": '])
+def test_diff_of_damaged_results_is_refused(runs, copied, capsys, content):
+    (copied / "diagnosis.json").write_text(content)
+    assert "diagnosis.json" in refused(capsys, "diff", str(runs / "old"), str(copied))
+    (copied / "corrected.nc").write_text(content)
+    assert "corrected.nc" in refused(capsys, "diff", str(runs / "old"), str(copied))

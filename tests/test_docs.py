@@ -1,0 +1,123 @@
+"""The pages for users: their Python runs, their links lead somewhere, their commands exist."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from compasslib import angles
+from compasslib.command import _parser
+
+PROJECT = Path(__file__).resolve().parents[1]
+NAMES = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "docs/library.md", "config/README.md", "tests/README.md")
+PAGES = [PROJECT / name for name in NAMES]
+
+
+def blocks(page: Path, language: str) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```", page.read_text(), re.MULTILINE | re.DOTALL)
+
+
+def test_the_library_page_runs_and_the_ten_lines_correct_a_record(tmp_path):
+    """In a process of its own, as a reader would run it; errors of 24 degrees fall below their stated uncertainty."""
+    check = (
+        "np.savez('seen.npz', time=product.record.time_s, heading=product.heading_corrected_deg,"
+        " sigma=product.heading_uncertainty_deg, t=truth.time_s, true=truth.heading_deg, read=truth.recorded_deg,"
+        " again=corrected.heading_corrected_deg, weak=compass.inverse(weak, recorded))"
+    )
+    code = "\n".join([*blocks(PROJECT / "docs/library.md", "python"), check])
+    ran = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert ran.returncode == 0, ran.stderr
+    seen = np.load(tmp_path / "seen.npz")
+    np.testing.assert_allclose(seen["time"], seen["t"], atol=1.0)  # the file counts hundredths of seconds
+    before, after = (angles.difference(seen[name], seen["true"]) for name in ("read", "heading"))
+    rms = [float(np.sqrt(np.nanmean(error**2))) for error in (before, after)]
+    assert rms[0] == pytest.approx(24.4, abs=0.1)  # the number that the page gives rests on this mooring
+    assert rms[1] < 3.0 * np.nanmedian(seen["sigma"]) and rms[1] < 0.2 * rms[0]
+    assert np.nanmax(np.abs(before)) == pytest.approx(33.0, abs=0.5)
+    np.testing.assert_allclose(np.sort(seen["weak"])[:, 0], [10.0, 100.0, 190.0, 280.0], atol=1e-9)
+    assert "bench.csv" in ran.stdout.splitlines()[-1]
+
+
+def test_the_readme_shows_the_same_ten_lines():
+    ten = next(block for block in blocks(PROJECT / "docs/library.md", "python") if "correction.correct(" in block)
+    assert ten in blocks(PROJECT / "README.md", "python")
+    statements = [line for line in ten.splitlines() if line and not line.startswith((" ", ")", "from", "import"))]
+    assert len(statements) <= 10
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(PROJECT)))
+def test_links_lead_to_files_of_the_project(page):
+    for target in re.findall(r"\]\((?!https?://|#)([^)#]+)", page.read_text()):
+        assert (page.parent / target).exists(), target
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(PROJECT)))
+def test_commands_that_a_page_names_exist(page):
+    text = page.read_text()
+    targets = set(re.findall(r"^([a-z]+):", (PROJECT / "Makefile").read_text(), re.MULTILINE))
+    assert set(re.findall(r"(?:`|^    )make ([a-z]+)", text, re.MULTILINE)) <= targets
+    assert set(re.findall(r"`compass ([a-z]+)`", text)) <= {"check", "correct", "explain", "diff"}
+    for words in re.findall(r"^    (?:\.venv/bin/)?compass ([^\n#]*)", text, re.MULTILINE):
+        _parser().parse_args(shlex.split(words))
+    for script in re.findall(r"(?:benchmarks|tests|examples/\w+)/\w+\.py", text):
+        assert (PROJECT / script).exists(), script
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory) -> Path:
+    """The wheel that ``pip install .`` builds, unpacked; built from a copy, as setuptools leaves things behind."""
+    if importlib.util.find_spec("setuptools") is None:
+        pytest.skip("no setuptools: the wheel cannot be built")
+    source, target = tmp_path_factory.mktemp("source"), tmp_path_factory.mktemp("installed")
+    shutil.copytree(PROJECT / "compasslib", source / "compasslib", ignore=shutil.ignore_patterns("__pycache__"))
+    for file in ("pyproject.toml", "README.md", "LICENSE"):
+        shutil.copy(PROJECT / file, source)
+    build = "from setuptools.build_meta import build_wheel; print(build_wheel('.'))"
+    made = subprocess.run([sys.executable, "-c", build], cwd=source, capture_output=True, text=True, check=False)
+    assert made.returncode == 0, made.stderr
+    with zipfile.ZipFile(source / made.stdout.split()[-1]) as wheel:
+        wheel.extractall(target)
+    return target
+
+
+def run_installed(installed: Path, folder: Path, code: str) -> subprocess.CompletedProcess:
+    environment = os.environ | {"PYTHONPATH": str(installed), "SOURCE_DATE_EPOCH": "0"}
+    command = [sys.executable, "-c", code]
+    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+
+
+def test_the_wheel_holds_every_module_and_file_of_the_package(installed):
+    kept = {path.relative_to(PROJECT) for path in (PROJECT / "compasslib").rglob("*") if path.is_file()}
+    kept = {path for path in kept if "__pycache__" not in path.parts}
+    assert kept == {path.relative_to(installed) for path in (installed / "compasslib").rglob("*") if path.is_file()}
+
+
+def test_the_wheel_names_the_command_and_the_licence(installed):
+    (described,) = installed.glob("compasslib-*.dist-info")
+    assert "compass = compasslib.command:main" in (described / "entry_points.txt").read_text()
+    assert "License-Expression: MIT" in (described / "METADATA").read_text()
+    assert (described / "licenses/LICENSE").read_text() == (PROJECT / "LICENSE").read_text()
+
+
+def test_the_wheel_works_without_the_checkout(installed, tmp_path):
+    """Report templates and command come from the wheel, not from this folder."""
+    (tmp_path / "config").mkdir()
+    (tmp_path / "config/config.yaml").write_text("moorings: []\n")
+    code = (
+        "import compasslib, sys\n"
+        "from compasslib import report\nfrom compasslib.command import main\n"
+        "print(report.TEMPLATES.is_dir(), compasslib.__file__)\nsys.exit(main(['check']))\n"
+    )
+    ran = run_installed(installed, tmp_path, code)
+    assert ran.returncode == 0, ran.stderr
+    assert ran.stdout.splitlines() == [f"True {installed / 'compasslib/__init__.py'}", "0 moorings ready"]

@@ -1,0 +1,69 @@
+"""One mooring without Snakemake: the workflow's bytes, and whole or not at all."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import yaml
+from sea import cruise
+from test_workflow import change, snakemake
+
+from compasslib import pipeline
+from compasslib.errors import InputError
+
+PRODUCTS = ("corrected.nc", "deviation.json", "diagnosis.json", "assessment.json")
+BENCH = {"kind": "platform", "file": "raw/bench.csv", "latitude": 65.0, "longitude": -33.0, "date": "2007-08-01"}
+
+
+@pytest.fixture(scope="module")
+def processed(tmp_path_factory) -> Path:
+    """A cruise that the workflow has run: M1 by its pairs, M2 by a calibration."""
+    folder = cruise(tmp_path_factory.mktemp("cruise"), ("M1", "M2"), n=600)
+    (folder / "config/calibrations").mkdir()
+    (folder / "config/calibrations/bench.yaml").write_text(yaml.safe_dump(BENCH))
+    rows = [f"{heading},{heading + 4.0 * (heading % 90 - 45) / 45}" for heading in range(0, 360, 15)]
+    (folder / "raw/bench.csv").write_text("\n".join(["reference_deg,recorded_deg", *rows]))
+    change(folder / "config/moorings/M2.yaml", fit={"method": "calibration", "name": "bench"})
+    ran = snakemake(folder, "--until", "correct", "assess")
+    assert ran.returncode == 0, ran.stderr
+    return folder
+
+
+@pytest.mark.parametrize("mooring", ["M1", "M2"])
+def test_the_products_are_the_workflow_s_to_the_last_bit(processed, tmp_path, mooring):
+    said: list[str] = []
+    there = pipeline.process(processed, mooring, tmp_path / "new/here", say=said.append)
+    assert there == tmp_path / "new/here" and any("headings corrected" in line for line in said)
+    for file in PRODUCTS:
+        assert (there / file).read_bytes() == (processed / "results" / mooring / file).read_bytes(), file
+
+
+def test_the_working_folder_is_left_as_it_was(processed, tmp_path, monkeypatch):
+    monkeypatch.chdir(processed.parent)
+    change(processed / "config/config.yaml", diagnose={"enabled": False})
+    pipeline.process(processed.name, "M1", tmp_path / "here")
+    assert Path.cwd() == processed.parent and (tmp_path / "here/corrected.nc").is_file()
+
+
+def test_a_damaged_raw_file_leaves_nothing(tmp_path):
+    folder = cruise(tmp_path / "c", n=50)
+    (folder / "raw/M1/top.000").write_bytes(b"no recording" * 100)
+    with pytest.raises(InputError, match=r"raw/M1/top\.000"):
+        pipeline.process(folder, "M1", tmp_path / "out/M1")
+    assert list((tmp_path / "out").iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("mooring", "into", "line"),
+    [
+        ("M9", "new", r"M9: expected a mooring of \S+ \(M1\), found another name; write one of these names"),
+        ("M1", ".", "expected a folder that is not there yet, found it there; delete it or name another folder"),
+        ("M1", "c/results/M1", "expected a folder outside the workflow's results, found one inside; name another"),
+    ],
+)
+def test_what_is_refused(tmp_path, mooring, into, line):
+    folder = cruise(tmp_path / "c", n=5)
+    with pytest.raises(InputError, match=line):
+        pipeline.process(folder, mooring, tmp_path / into)
+    assert [path.name for path in tmp_path.iterdir()] == ["c"] and not (folder / "results").exists()
