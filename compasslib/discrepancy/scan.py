@@ -75,7 +75,7 @@ def test(state: State, groups: Sequence[Group], seed: int = 0) -> Tested:
     inflation = np.maximum(inflation, 1.0) * _slow_inflation(state, every, begins, freedom)
     score = normal_score(seen / inflation, freedom) - handicap
     looked = [k for k, group in enumerate(groups) if score[k] > WORTH_A_LOOK and group.term is not None]
-    inflation[looked] *= _water_inflation(state, [groups[k] for k in looked])
+    inflation[looked] *= water_inflation(state, [groups[k] for k in looked])
     return Tested(groups, freedom, inflation, normal_score(seen / inflation, freedom) - handicap, highest)
 
 
@@ -187,7 +187,7 @@ def _slow_inflation(state: State, every: Floats, begins: NDArray[np.intp], freed
     return 1.0 + max(excess - 1.0, 0.0) * share
 
 
-def _water_inflation(state: State, groups: Sequence[Group]) -> Floats:
+def water_inflation(state: State, groups: Sequence[Group]) -> Floats:
     """Return by how much the statistics of terms are inflated by water whose veer by direction changes as they do.
 
     A wake locks the heading to the flow, so that water which veers otherwise from some date on, or as it warms, feigns
