@@ -91,7 +91,8 @@ rule overlap:
         field="results/{mooring}/work/field.json",
         modules=PLAN.modules("overlap.py"),
     output:
-        "results/{mooring}/overlap.nc",
+        pairs="results/{mooring}/overlap.nc",
+        wide="results/{mooring}/work/overlap_wide.nc",
     params:
         rules=CRUISE.options.overlap.model_dump(),
     conda:
@@ -133,6 +134,7 @@ rule diagnose:
     input:
         record=PLAN.compromised,
         pairs="results/{mooring}/overlap.nc",
+        wide="results/{mooring}/work/overlap_wide.nc",
         fit="results/{mooring}/work/fit.json",
         field="results/{mooring}/work/field.json",
         observatory=PLAN.observatory,

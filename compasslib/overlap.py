@@ -7,7 +7,7 @@ the bins of the trusted one nearest to it, less than 20 minutes and 20 m apart, 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from compasslib.records import GOOD, NOT_CHECKED, PROBABLY_GOOD, EarthField, Pai
 
 Floats = NDArray[np.floating]
 
+WIDER = 3.0
 DENSE_S = 300.0  # a series sampled faster than this is averaged first (a profiler passing its top)
 
 
@@ -31,6 +32,17 @@ class Rules:
     bins: int = 2
     grid_minutes: float = 60.0
     grid_tolerance_minutes: float = 30.0
+
+
+def widened(rules: Rules) -> Rules:
+    """Return rules for what needs many pairs more than near ones: the clocks are compared by speeds.
+
+    Where the sphere dives, a wrong clock sets a pair far apart in depth: just what shows it would be left out.
+
+    Args:
+        rules: what counts as overlapping.
+    """
+    return replace(rules, max_metres=WIDER * rules.max_metres)
 
 
 @dataclass(frozen=True)
@@ -55,7 +67,7 @@ def find(upper: Record, trusted: Sequence[Record], field: EarthField, rules: Rul
     tolerance_s = 60.0 * rules.grid_tolerance_minutes
     chosen = on_grid(upper.time_s, step_s=60.0 * rules.grid_minutes, tolerance_s=tolerance_s)
     upper = take(upper, chosen)
-    velocity, depth = _near_bins(upper, np.zeros(len(upper.time_s)), rules.bins)
+    velocity, depth = near_bins(upper, np.zeros(len(upper.time_s)), rules.bins)
     sphere = interpolate(upper.time_s, upper.depth_m, lower.time_s, tolerance_s=np.inf)
     cell = _trusted_cell(upper.time_s, depth, lower, sphere, rules)
     other = interpolate(cell.time_s, cell.velocity, upper.time_s, tolerance_s=tolerance_s)
@@ -109,8 +121,14 @@ def _to_true(velocity: NDArray[np.complexfloating], record: Record, declination:
     return east + 1j * north
 
 
-def _near_bins(record: Record, distance_from: Floats, bins: int) -> tuple[NDArray[np.complexfloating], Floats]:
-    """Average the good bins nearest to a range from the transducer: velocity (n,) and depth (n,), NaN without any."""
+def near_bins(record: Record, distance_from: Floats, bins: int) -> tuple[NDArray[np.complexfloating], Floats]:
+    """Return the mean of the good bins nearest to a range from the transducer: velocity, depth, (n,), NaN without any.
+
+    Args:
+        record: of a profiler, or of one cell.
+        distance_from: range, (n,), m.
+        bins: how many are averaged.
+    """
     good = np.isin(record.quality, (NOT_CHECKED, GOOD, PROBABLY_GOOD)) & np.isfinite(record.east + record.north)
     away = np.where(good, np.abs(record.bin_range_m - distance_from[:, None]), np.inf)
     count = min(bins, away.shape[1])
@@ -129,7 +147,7 @@ def _trusted_cell(time_s: Floats, depth: Floats, lower: Record, sphere: Floats, 
     if not len(lower.time_s):
         return Point(np.zeros(0), np.zeros(0, dtype=complex), np.zeros(0))
     towards = (lower.depth_m - sphere) * (1.0 if lower.looks_up else -1.0)
-    velocity, at = _near_bins(lower, np.nan_to_num(towards), rules.bins)
+    velocity, at = near_bins(lower, np.nan_to_num(towards), rules.bins)
     known = np.isfinite(depth)
     if not known.any():
         return Point(np.zeros(0), np.zeros(0, dtype=complex), np.zeros(0))

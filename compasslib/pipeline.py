@@ -66,6 +66,7 @@ class Measured:
 
     record: Record
     pairs: Pairs
+    wide: Pairs  # they may stand further apart
     field: EarthField
 
 
@@ -133,10 +134,17 @@ def _measured(task: Task) -> Measured:
     upper = _record(task, mooring.compromised)
     lower = [_record(task, mooring.reference)] if mooring.reference else []
     rules = overlap.Rules(**task.plan.cruise.options.overlap.model_dump())
-    archive.write_pairs(task.folder / "overlap.nc", overlap.find(upper, lower, field, rules))
-    pairs = archive.read_pairs(task.folder / "overlap.nc")
+    pairs, wide = (
+        _pairs(task.folder / file, overlap.find(upper, lower, field, each))
+        for file, each in (("overlap.nc", rules), ("work/overlap_wide.nc", overlap.widened(rules)))
+    )
     task.say(overlap.told(task.name, pairs))
-    return Measured(upper, pairs, field)
+    return Measured(upper, pairs, wide, field)
+
+
+def _pairs(file: Path, found: Pairs) -> Pairs:
+    archive.write_pairs(file, found)
+    return archive.read_pairs(file)
 
 
 def _record(task: Task, role: str) -> Record:
@@ -185,7 +193,8 @@ def _carried(task: Task, measured: Measured) -> tuple[Fit, dict[str, object]]:
 def _diagnose(task: Task, measured: Measured) -> None:
     configured = archive.read_json(task.folder / "work/fit.json")
     fit, series = deviation.from_json(configured), _series(task, measured, at=measured.pairs)
-    found = moored.diagnose(measured.pairs, series, fit, measured.field, **task.plan.diagnose(task.job))
+    chosen = task.plan.diagnose(task.job)
+    found = moored.diagnose(measured.pairs, series, fit, measured.field, wide=measured.wide, **chosen)
     archive.write_json(task.folder / "diagnosis.json", found.to_json())
     archive.write_json(task.folder / "deviation.json", configured | {"applied": products.of(fit, found).to_json()})
     task.say(moored.told(task.name, found))

@@ -26,8 +26,9 @@ SINGLES = (
     "heeling", "hard_iron_step", "temperature", "current_veer", "sextantal", "supply_voltage", "heading_slip",
     "clock_offset", "compass_drift", "octantal", "hard_iron_drift", "field_disturbance", "battery_change",
     "clock_drift", "tilt_uncompensated", "compass_lag",
+    "stuck_tilt",
 )  # fmt: skip
-STRANGERS = (*STRANGE, "stuck_tilt")  # the last is in the catalogue, but no mooring's record can be tested for it
+STRANGERS = tuple(STRANGE)
 PAIRS = (
     ("heeling", "temperature"), ("sextantal", "hard_iron_step"), ("temperature", "current_veer"),
     ("octantal", "heading_slip"), ("heeling", "compass_drift"), ("clock_offset", "sextantal"),

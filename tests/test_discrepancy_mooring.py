@@ -12,8 +12,8 @@ from sea import FOLDED, pairs
 from compasslib import angles, compass, deviation, discrepancy
 from compasslib.archive_files import read_json, write_json
 from compasslib.deviation import model as fits
-from compasslib.discrepancy import Options, diagnose, large
-from compasslib.records import EarthField
+from compasslib.discrepancy import Options, baseline, clocks, columns, diagnose, large, mooring, scan, stuck
+from compasslib.records import GOOD, EarthField, Record
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
 import discrepancy_world as world
@@ -126,6 +126,59 @@ def test_a_clock_is_on_its_own_side():
     assert (finding.effect, finding.side) == ("clock_offset", "clock") and found.applied is None
     hours = finding.parameters["hours"]
     assert abs(hours.value - drawn.truth["clock_offset"]["hours"]) < 4.0 * hours.sigma
+
+
+def test_clocks_are_compared_by_pairs_further_apart_where_these_are_given():
+    drawn = world.planted(world.make(5, wide=True, n=HOURS), {"clock_offset": 1.0})
+    ahead = drawn.truth["clock_offset"]["hours"]
+    upper, lower = fits.speeds(drawn.pairs)
+    few = fits.chosen(drawn.pairs, np.flatnonzero(np.abs(upper - lower) < np.quantile(np.abs(upper - lower), 0.6)))
+    near, every = clocks.compare(few), clocks.compare(drawn.pairs)
+    assert abs(every.offset_h - ahead) < 0.15 < abs(near.offset_h - ahead)
+    found = diagnose(few, {}, fitted(drawn), field_of(drawn), wide=drawn.pairs)
+    assert found.findings[0].parameters["hours"].value == pytest.approx(every.offset_h)
+
+
+def test_water_that_veers_otherwise_from_a_date_on_is_no_change_of_iron():
+    drawn = world.planted(world.make(9, wide=True, n=HOURS), {})
+    sample, later = drawn.pairs, np.arange(HOURS) > 0.75 * HOURS
+    sine, cosine = angles.sin_cos(drawn.heading)
+    second, _ = angles.sin_cos(2.0 * drawn.heading)
+    turned = angles.turn(sample.lower_east, sample.lower_north, later * (7.0 * sine + 5.0 * cosine + 10.0 * second))
+    case = mooring.case(
+        replace(sample, lower_east=turned[0], lower_north=turned[1]), {}, fitted(drawn), field_of(drawn)
+    )
+    state = baseline.examine(case, case.simulation, np.zeros(case.nuisance.shape[1]))
+    steps = [group for group in columns.of_terms(state, case.terms) if group.name == "hard_iron_step"]
+    inflation = scan.water_inflation(state, steps)
+    assert inflation.max() > 3.0
+    case = mooring.case(sample, {}, fitted(drawn), field_of(drawn))
+    quiet = baseline.examine(case, case.simulation, np.zeros(case.nuisance.shape[1]))
+    assert scan.water_inflation(quiet, steps).max() < 2.0
+
+
+def leaning(stuck_from=None):
+    """Return a record whose tilts follow the flow, perhaps until they stick, and the true tilts."""
+    drawn = world.make(3, wide=True, n=HOURS)
+    east, north = drawn.flow.real, drawn.flow.imag
+    tilts = drawn.tilt.copy()
+    if stuck_from is not None:
+        tilts[:, stuck_from:] = tilts[:, stuck_from : stuck_from + 1]
+    none, shape = np.full(HOURS, np.nan), (HOURS, 1)
+    return Record(
+        drawn.time_s, east[:, None], north[:, None], np.ones(shape), drawn.heading % 360.0, *tilts, none, none + 100.0,
+        none, none, np.full(shape, GOOD, dtype=np.int8), np.full(HOURS, GOOD, dtype=np.int8),
+    ), drawn.tilt  # fmt: skip
+
+
+def test_tilts_that_stick_are_seen_and_the_flow_tells_the_lean():
+    record, true = leaning(stuck_from=HOURS // 2)
+    found = stuck.leans(record)
+    for name, recorded, tilt in zip(stuck.LEANS, (record.pitch_deg, record.roll_deg), true, strict=True):
+        assert not found[name][: HOURS // 2 - 1].any()
+        off = (recorded + found[name] - tilt)[HOURS // 2 :]
+        assert np.std(off) < 0.8 * np.std(tilt[HOURS // 2 :])  # one degree of it follows no flow
+    assert stuck.leans(leaning()[0]) == {}
 
 
 def test_a_larger_least_effect_makes_it_negligible_and_apply_false_leaves_the_product():

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles
+from compasslib.discrepancy import stuck
 from compasslib.discrepancy.baseline import State
 from compasslib.physics import Term, composition
 from compasslib.physics.composition import Simulation
@@ -97,7 +98,7 @@ def omnibus(state: State) -> list[Group]:
             groups.append(Group(name, _periodic(column * 15.0, range(1, 4)), covariates=(name,)))
         elif name == "time":
             groups += [Group(name, _hats(column, k), covariates=(name,)) for k in TIME_KNOTS]
-        elif name != "heading":
+        elif name != "heading" and name not in stuck.LEANS:
             groups.append(Group(name, _hats(column, KNOTS), covariates=(name,)))
     linear = {name: _standard(found[name]) for name in LINEAR if name in found}
     turning = np.column_stack([np.ones(len(heading)), _periodic(heading, range(1, 4))])

@@ -12,13 +12,15 @@ from numpy.typing import NDArray
 
 from compasslib import angles
 from compasslib.deviation import model
+from compasslib.discrepancy import stuck
 from compasslib.records import Pairs
 
 Floats = NDArray[np.floating]
 
 DAY_S, HOUR_S = 86400.0, 3600.0
 FEWEST_VALUES = 5  # different values below which a covariate says nothing
-QUIET = ("declination_observatory",)  # a departure: what is missing counts as none, so that a storm's own days do
+QUIET = ("declination_observatory", *stuck.LEANS)  # departures: what is missing counts as none
+FROM_ZERO = stuck.LEANS  # departures whose zero means something
 BATTERY_JUMP = 0.3  # of its whole range: a supply voltage that rises by more within a day was given a new battery
 FORETELLING = (0.0, 1.3, 0.6, -0.1, -0.8)  # straight line through four samples before the last, carried on to now
 NEIGHBOUR_S = 1.5 * HOUR_S  # neighbours farther apart say nothing of a rate
@@ -43,6 +45,15 @@ def of_pairs(pairs: Pairs, logged: Mapping[str, Floats]) -> dict[str, Floats]:
         "hour_of_day": angles.wrap360(360.0 * (pairs.time_s / DAY_S)) / 15.0,
     } | {name: np.nan_to_num(column) if name in QUIET else column for name, column in logged.items()}
     return {name: filled(column) for name, column in every.items() if varies(column)}
+
+
+def references(columns: Mapping[str, Floats]) -> dict[str, float]:
+    """Return what the departures of covariates count from, by name: their means, but for what is a departure itself.
+
+    Args:
+        columns: covariates, (n,) each.
+    """
+    return {name: 0.0 if name in FROM_ZERO else float(np.mean(column)) for name, column in columns.items()}
 
 
 def varies(column: Floats) -> bool:

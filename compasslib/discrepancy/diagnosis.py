@@ -14,6 +14,7 @@ from compasslib.discrepancy import (
     baseline,
     clocks,
     columns,
+    covariates,
     findings,
     large,
     model,
@@ -50,7 +51,13 @@ class Options:
 
 
 def diagnose(
-    pairs: Pairs, logged: Mapping[str, Floats], fit: Fit, field: EarthField, options: Options | None = None
+    pairs: Pairs,
+    logged: Mapping[str, Floats],
+    fit: Fit,
+    field: EarthField,
+    options: Options | None = None,
+    *,
+    wide: Pairs | None = None,
 ) -> Diagnosis:
     """Return what a mooring's overlap shows that its fitted compass does not hold.
 
@@ -60,6 +67,7 @@ def diagnose(
         fit: the configured fit, which is the simulation that is diagnosed.
         field: the earth's field along time.
         options: what may be chosen.
+        wide: pairs that may stand further apart, by which the clocks are compared; the pairs where absent.
     """
     options = options or Options()
     if why := _too_little(pairs, fit):
@@ -67,7 +75,7 @@ def diagnose(
     is_series = fit.method == "von_appen"
     exact = deviation.fit("exact", pairs) if is_series else fit
     first = [] if not is_series else large.findings(pairs, exact, fit, options.min_effect_deg)
-    clock = clocks.compare(pairs)
+    clock = clocks.compare(pairs if wide is None else wide)
     if clock.named:
         again = clocks.repaired(pairs, clock)
         kept = clocks.kept(pairs, again)
@@ -197,6 +205,6 @@ def _applied(named: Named, every: Sequence[Finding]) -> Applied | None:
         own += [np.arange(ends[k], ends[k + 1])] if term.side == "compass" else []
     index = np.concatenate(own)
     simulation = replace(state.simulation, terms=tuple(t for t in state.simulation.terms if t.side == "compass"))
-    means = {name: float(np.mean(column)) for name, column in state.case.covariates.items()}
+    means = covariates.references(state.case.covariates)
     logged = dict.fromkeys(name for t in simulation.terms for name in t.needs if name in state.case.covariates)
     return Applied(simulation, estimate.covariance[np.ix_(index, index)], means, tuple(logged))

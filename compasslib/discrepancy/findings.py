@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from compasslib import angles, compass, observatory
 from compasslib.deviation.model import Fit, nearest_root, observed_heading
-from compasslib.discrepancy import model, show, telling, verdict, whitening
+from compasslib.discrepancy import model, show, stuck, telling, verdict, whitening
 from compasslib.discrepancy.baseline import State
 from compasslib.discrepancy.case import Case
 from compasslib.discrepancy.clocks import Clock, kept
@@ -48,7 +48,8 @@ def _of_term(state: State, k: int, alternatives: tuple[str, ...], covariance: Fl
     }
     size, proof = model.effect_deg(state, k, covariance), show.held_out(state, [k])
     first, last = _span(state, term)
-    place = where(state.case, "time", (first, last)) if OBSERVATORY in term.needs else _where(state, term)
+    lasting = (first, last) == (float(state.case.scene.time_s[0]), float(state.case.scene.time_s[-1]))
+    place = _where(state, term) if lasting else where(state.case, "time", (first, last))
     begin = term.date if term.dated() else first
     same_side = all(SIDES[name] == "compass" for name in alternatives)
     return Finding(
@@ -152,6 +153,9 @@ def _span(state: State, term: Term) -> tuple[float, float]:
     time_s = state.case.scene.time_s
     if OBSERVATORY in term.needs:
         return observatory.strongest(time_s, state.case.scene.departures[OBSERVATORY])
+    if set(stuck.LEANS) <= set(term.needs):
+        leaning = np.flatnonzero(state.case.scene.departures[stuck.LEANS[0]])
+        return float(time_s[leaning[0]]), float(time_s[leaning[-1]])
     return float(time_s[0]), float(time_s[-1])
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from compasslib import observatory
 from compasslib.deviation.model import Fit
-from compasslib.discrepancy import diagnosis, verdict
+from compasslib.discrepancy import diagnosis, stuck, verdict
 from compasslib.discrepancy.diagnosis import Options
 from compasslib.discrepancy.verdict import Diagnosis
 from compasslib.records import EarthField, Pairs, Record
@@ -32,14 +32,16 @@ def logged(record: Record, observatory_files: Sequence[str], at: Pairs | None = 
     Raises:
         InputError: an observatory's file cannot be read.
     """
-    series = {"temperature": record.temperature_c, "supply_voltage": record.supply_voltage}
+    series = {"temperature": record.temperature_c, "supply_voltage": record.supply_voltage} | stuck.leans(record)
     if observatory_files:
         series["declination_observatory"] = observatory.covariate(observatory_files, record.time_s)
     where = slice(None) if at is None else np.searchsorted(record.time_s, at.time_s)
     return {name: column[where] for name, column in series.items() if np.isfinite(column).any()}
 
 
-def diagnose(pairs: Pairs, series: Mapping[str, Floats], fit: Fit, field: EarthField, **options: Any) -> Diagnosis:
+def diagnose(
+    pairs: Pairs, series: Mapping[str, Floats], fit: Fit, field: EarthField, *, wide: Pairs | None = None, **chosen: Any
+) -> Diagnosis:
     """Return what a mooring's overlap shows that its fitted compass does not hold.
 
     Args:
@@ -47,11 +49,12 @@ def diagnose(pairs: Pairs, series: Mapping[str, Floats], fit: Fit, field: EarthF
         series: what was logged besides at their times, (n,) each.
         fit: the configured fit.
         field: the earth's field along time.
-        **options: ``enabled``, and what may be chosen besides, see ``Options``.
+        wide: pairs that may stand further apart, by which the clocks are compared.
+        **chosen: ``enabled``, and what may be chosen besides, see ``Options``.
     """
-    if not options.pop("enabled"):
+    if not chosen.pop("enabled"):
         return verdict.insufficient(SWITCHED_OFF)
-    return diagnosis.diagnose(pairs, series, fit, field, Options(**options))
+    return diagnosis.diagnose(pairs, series, fit, field, Options(**chosen), wide=wide)
 
 
 def told(name: str, found: Diagnosis) -> str:

@@ -25,7 +25,6 @@ TIDES_FOLLOWED_S = 3 * 3600.0  # sampling that still follows them
 ALIKE = "both compasses feel it alike: it cancels in the difference of their directions"
 CONSTANT = "a constant error is the same as A, a mean veer of the water and a turned mount"
 UNSEEN = {
-    "stuck_tilt": "the true tilt is known from no other sensor",
     "rotation_rate": "hourly samples do not resolve a turn",
 }
 ABSENT = {
@@ -35,6 +34,7 @@ ABSENT = {
     "declination_observatory": "no observatory series given",
     "separation": "the distance between the two layers does not vary",
     "depth": "the depth does not vary",
+    "lean_pitch": "the tilts do not stick for ten days, or nothing shows how the instrument leaned then",
     "exact_minus_series": "the simulation is the exact compass already",
 }
 
@@ -52,7 +52,7 @@ def case(
         reference_magnetic: whether the trusted instrument has a compass too.
     """
     columns = covariates.of_pairs(pairs, logged)
-    references = {name: float(np.mean(column)) for name, column in columns.items()}
+    references = covariates.references(columns)
     observed = model.observed_heading(pairs)
     heading = model.nearest_root(compass.inverse(fit.coefficients, pairs.heading_deg), observed)
     scene = scene_of(pairs, columns, references, field=field, heading_deg=heading)

@@ -66,7 +66,10 @@ def search(state: State, *, alarm: float, min_effect_deg: float) -> Named:
 def _grow(state: State, tested: Tested, worth: Sequence[int], min_effect_deg: float) -> Named | None:
     """Return the best hypothesis with one term more, refitted, with its rivals; None where none is believable."""
     field = rivals.gathered(state, tested, worth)
-    tried = ((best, model.dated(model.refit(state, field.terms(best)))) for best in _best(field, state, min_effect_deg))
+    found = [term for term in (*(tested.groups[k].term for k in worth), *state.simulation.terms) if term is not None]
+    evident = {k for k, group in enumerate(field.groups) if type(group.term) in {type(x) for x in found if x.evident}}
+    hypotheses = _best(field, state, evident, min_effect_deg)
+    tried = ((best, model.dated(model.refit(state, field.terms(best)))) for best in hypotheses)
     believed = ((best, grown) for best, grown in tried if _holds(state, grown, min_effect_deg))
     first = next(believed, None)
     if first is None:
@@ -80,7 +83,8 @@ def _grow(state: State, tested: Tested, worth: Sequence[int], min_effect_deg: fl
     if max(*model.sizes_deg(grown), *field.sizes(best)) > FAR_DEG or any(term.dated() for term in terms):
         field = rivals.gathered(grown, tested, worth)
         best = tuple(field.place(term) for term in terms)
-    return Named(grown, rivals.alternatives(field, best, SEEN * min_effect_deg))
+    others = rivals.alternatives(field, best, SEEN * min_effect_deg)
+    return Named(grown, tuple(() if term.evident else names for term, names in zip(terms, others, strict=True)))
 
 
 def _holds(before: State, after: State, min_effect_deg: float) -> bool:
@@ -90,13 +94,17 @@ def _holds(before: State, after: State, min_effect_deg: float) -> bool:
     return believable and smaller and min(model.sizes_deg(after)) >= LOST * min_effect_deg
 
 
-def _best(field: Rivals, state: State, min_effect_deg: float) -> Iterator[Hypothesis]:
-    """Give the best hypotheses with one term more; pairs are all tried, a third joins the pair that was chosen."""
+def _best(field: Rivals, state: State, evident: set[int], min_effect_deg: float) -> Iterator[Hypothesis]:
+    """Give the best hypotheses with one term more, the evident ones in all.
+
+    Pairs are all tried, a third joins the pair that was chosen.
+    """
     chosen, everything = state.simulation.terms, range(len(field.groups))
     tries: list[Hypothesis] = list(itertools.combinations(everything, len(chosen) + 1))
     if len(chosen) > 1:
         kept = {field.place(term) for term in chosen}
         tries = [hypothesis for hypothesis in tries if kept <= set(hypothesis)]
+    tries = [hypothesis for hypothesis in tries if evident <= set(hypothesis)]
     ranked = sorted((one for one in tries if field.sound(one)), key=field.score, reverse=True)
     acceptable = (one for one in ranked if field.acceptable(one, min_effect_deg))
     for hypothesis in itertools.islice(acceptable, TRIES):

@@ -24,6 +24,9 @@ FLOW_HANDICAP = 0.6  # the same off what is built from the flow's direction: som
 SLOW, WEEKLY = (400.0, 14.0), (14.0, 5.0)  # longest and shortest periods, days
 FEWEST_WAVES = 8
 NINE_IN_TEN = 1.28  # normal score of it
+WATERS = (2, 3, 4)  # harmonics of the heading that water's veer reaches and iron's change hardly does
+TRUSTED = 6.0  # directions' worth of trust that there is no such water
+WORTH_A_LOOK = 2.5  # score from which on a term is held against such water
 MEDIAN_OF_CHI_SQUARED = 0.455  # of one degree of freedom
 
 
@@ -70,6 +73,9 @@ def test(state: State, groups: Sequence[Group], seed: int = 0) -> Tested:
     handicap = np.array([_handicap(group) for group in groups])
     highest = (normal_score(noise / inflation, freedom) - handicap).max(axis=1)
     inflation = np.maximum(inflation, 1.0) * _slow_inflation(state, every, begins, freedom)
+    score = normal_score(seen / inflation, freedom) - handicap
+    looked = [k for k, group in enumerate(groups) if score[k] > WORTH_A_LOOK and group.term is not None]
+    inflation[looked] *= water_inflation(state, [groups[k] for k in looked])
     return Tested(groups, freedom, inflation, normal_score(seen / inflation, freedom) - handicap, highest)
 
 
@@ -179,6 +185,31 @@ def _slow_inflation(state: State, every: Floats, begins: NDArray[np.intp], freed
     excess = float(np.median((heard.T @ state.innovation) ** 2)) / state.sigma**2 / MEDIAN_OF_CHI_SQUARED
     share = np.add.reduceat(np.sum((every.T @ _waves(state, slow)) ** 2, axis=1), begins) / freedom
     return 1.0 + max(excess - 1.0, 0.0) * share
+
+
+def water_inflation(state: State, groups: Sequence[Group]) -> Floats:
+    """Return by how much the statistics of terms are inflated by water whose veer by direction changes as they do.
+
+    A wake locks the heading to the flow, so that water which veers otherwise from some date on, or as it warms, feigns
+    an instrument that changes. Such water does not stop at iron's first harmonic. What higher harmonics of the heading
+    hold along the same change, beside the term itself, is therefore taken for noise of it.
+
+    Args:
+        state: the simulation where it stands.
+        groups: columns of terms.
+    """
+    turning = np.column_stack([x for k in WATERS for x in angles.sin_cos(k * np.nan_to_num(state.heading_deg))])
+    always, found = state.projected(turning.astype(np.float32)), np.ones(len(groups))
+    for k, group in enumerate(groups):
+        change = None if group.term is None else group.term.change(state.case.scene)
+        if change is None:
+            continue
+        kept = _directions(np.concatenate([state.projected(group.columns.astype(np.float32)), always], axis=1))
+        white = state.projected((turning * change[:, None]).astype(np.float32))
+        basis = _directions(white - kept @ (kept.T @ white))
+        heard = float(np.sum((basis.T @ state.innovation) ** 2)) / state.sigma**2
+        found[k] = max((heard + TRUSTED) / (basis.shape[1] + TRUSTED), 1.0)
+    return found
 
 
 def _waves(state: State, number: NDArray[np.intp]) -> Floats:

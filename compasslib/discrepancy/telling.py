@@ -30,6 +30,7 @@ UNITS = {
 PHYSICS = {
     "heeling": "the compass tilts over iron along its own vertical (heeling error)",
     "tilt_uncompensated": "the compass does not level its reading for tilt",
+    "stuck_tilt": "the tilt sensors stick, and the compass levels with what they showed last",
     "hard_iron_drift": "the hard iron beside the compass drifts with time",
     "hard_iron_step": "the hard iron beside the compass changed at once",
     "battery_change": "another battery came with other iron",

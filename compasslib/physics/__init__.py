@@ -22,7 +22,7 @@ from compasslib.physics.rotation_rate import RotationRate
 from compasslib.physics.secular_variation import SecularVariation
 from compasslib.physics.sextantal import Sextantal
 from compasslib.physics.soft_iron import SoftIron
-from compasslib.physics.stuck_tilt import StuckTilt
+from compasslib.physics.stuck_tilt import StuckTilt, StuckTiltOfLean
 from compasslib.physics.supply_voltage import SupplyVoltageOfField, SupplyVoltageOfReading
 from compasslib.physics.temperature import TemperatureOfField, TemperatureOfReading
 from compasslib.physics.term import Scene, Term
@@ -48,6 +48,7 @@ CATALOGUE: tuple[type[Term], ...] = (
     RotationRate,
     TiltUncompensated,
     StuckTilt,
+    StuckTiltOfLean,
     Sextantal,
     Octantal,
     TemperatureOfReading,

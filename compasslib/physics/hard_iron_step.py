@@ -7,6 +7,8 @@ from typing import ClassVar
 
 from compasslib.physics.term import Floats, Scene, Term, date, horizontal, parameter
 
+LARGEST_NT = 6000.0  # a sphere's own iron is of this size; more does not come or go under water
+
 
 @dataclass(frozen=True)
 class HardIronStep(Term):
@@ -15,8 +17,8 @@ class HardIronStep(Term):
     name: ClassVar[str] = "hard_iron_step"
     literature: ClassVar[str] = "Poisson's P and Q, a step in time; forward and starboard positive"
 
-    b_x_nT: float = parameter("nT", "step forward", 200.0)
-    b_y_nT: float = parameter("nT", "step to starboard", 200.0)
+    b_x_nT: float = parameter("nT", "step forward", 200.0, least=-LARGEST_NT, most=LARGEST_NT)
+    b_y_nT: float = parameter("nT", "step to starboard", 200.0, least=-LARGEST_NT, most=LARGEST_NT)
     date_s: float = date()
 
     def act(self, x: Floats, scene: Scene) -> Floats:

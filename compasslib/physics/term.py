@@ -89,6 +89,7 @@ class Term(ABC):
     literature: ClassVar[str]
     needs: ClassVar[tuple[str, ...]] = ()  # covariates without which it cannot be tested
     recordings: ClassVar[tuple[str, ...]] = EVERY_RECORDING
+    evident: ClassVar[bool] = False  # whether what it needs is there only where it acts: only its size is asked for
 
     @abstractmethod
     def act(self, x: Floats, scene: Scene) -> Floats:
@@ -143,6 +144,19 @@ class Term(ABC):
             values: in the order of ``fitted``.
         """
         return replace(self, **dict(zip(self.fitted(), np.asarray(values, dtype=float).tolist(), strict=True)))
+
+    def change(self, scene: Scene) -> Floats | None:
+        """Return what a compass's effect grows with along the record, (n,); None where nothing but the heading or tilt.
+
+        Args:
+            scene: in what the recording was made.
+        """
+        if self.side != "compass" or self.acts_on not in ("field", "north", "reading"):
+            return None
+        unit, shape = self.at(np.eye(len(self.fitted()))[0]), (len(scene), 3) if self.acts_on == "field" else len(scene)
+        none, some = (unit.act(np.full(shape, x), scene) - x for x in (0.0, 37.0))  # any other reading or field
+        grown = none[:, 0] if self.acts_on == "field" else none
+        return grown if np.allclose(none, some) and np.ptp(grown) > 0.0 else None
 
 
 def horizontal(forward: Floats, starboard: Floats) -> Floats:

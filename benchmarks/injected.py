@@ -1,0 +1,108 @@
+"""The search for left-out physics on a real record: currents, headings and tilts of eh2, physics injected.
+
+    python benchmarks/injected.py CRUISE 60 1              60 injections of each kind by seed 1
+    python benchmarks/injected.py CRUISE 60 1 --kind single
+
+CRUISE is a copy of ../shared/data/cruise_eh2 whose E0 has been processed. The recorded headings of eh2 count as the
+true ones, an iron compass of benchmarks/discrepancy_world.py reads them again with an effect, and the engine is told
+nothing. Kinds and measures are those of benchmarks/discrepancy.py, without clocks.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import discrepancy as bench
+import discrepancy_world as sea
+import numpy as np
+
+from compasslib import archive
+from compasslib.discrepancy import Options, diagnose, moored
+
+KINDS = ("null", "single", "two", "unknown")
+
+
+def world(cruise: Path, seed: int) -> tuple[sea.World, dict[str, np.ndarray]]:
+    """Return the real record as a world that a compass can be put into, and what was logged beside it."""
+    pairs = archive.read_pairs(cruise / "results/E0/overlap.nc")
+    logged = moored.logged(archive.read_record(cruise / "results/E0/work/top.nc"), (), pairs)
+    rng = np.random.default_rng(seed)
+    upper, lower = pairs.upper_east + 1j * pairs.upper_north, pairs.lower_east + 1j * pairs.lower_north
+    tilt = np.nan_to_num(np.stack([pairs.pitch_deg, pairs.roll_deg]))
+    zero = np.zeros(len(pairs))
+    return sea.World(
+        rng=rng, time_s=pairs.time_s, heading=pairs.heading_deg, flow=upper, difference=lower - upper, tilt=tilt,
+        sensed=tilt + rng.normal(0, 0.02, tilt.shape), depth=pairs.upper_depth_m,
+        separation=pairs.lower_depth_m - pairs.upper_depth_m, temperature=logged.get("temperature", zero),
+        voltage=logged.get("supply_voltage", zero), earth=(18900.0, 49800.0), **sea._iron(rng),
+    ), logged  # fmt: skip
+
+
+def draw(cruise: Path, kind: str, index: int, seed: int) -> tuple[sea.Drawn, dict[str, float]]:
+    """Return one injection and the effects that were asked for."""
+    own, logged = world(cruise, 100_000 * seed + 1000 * KINDS.index(kind) + index)
+    size = bench.SIZES[kind][index % len(bench.SIZES[kind])]
+    turn = index // len(bench.SIZES[kind])
+    singles = [x for x in bench.SINGLES if np.ptp(getattr(own, {"supply_voltage": "voltage"}.get(x, "heading")))]
+    singles = [x for x in singles if x != "temperature" or np.ptp(own.temperature)]
+    wanted: dict[str, float] = {}
+    if kind == "single":
+        wanted = {singles[turn % len(singles)]: size}
+    elif kind == "two":
+        wanted = dict.fromkeys(bench._two(own.rng), size)
+    elif kind == "unknown":
+        unknown = [x for x in sea.UNKNOWN if x != "depth_threshold" or np.ptp(own.depth)]
+        wanted = {unknown[turn % len(unknown)]: size}
+    drawn = sea.planted(own, wanted)
+    return replace(drawn, covariates=logged), wanted
+
+
+def measure(cruise: Path, kind: str, index: int, seed: int) -> dict:
+    """Return one row of the score."""
+    drawn, wanted = draw(cruise, kind, index, seed)
+    fit, field = bench.fitted(drawn), bench.field_of(drawn)
+    begin = time.perf_counter()
+    found = diagnose(drawn.pairs, drawn.covariates, fit, field, Options(reference_magnetic=False))
+    row = {
+        "kind": kind, "index": index, "truth": drawn.truth, "size": max(wanted.values(), default=0.0),
+        "visible": drawn.visible_deg, "verdict": found.verdict,
+        "sets": [[one.effect, *one.alternatives] for one in found.findings], "seconds": time.perf_counter() - begin,
+        "left": None if found.unexplained is None else [found.unexplained.covariates, found.unexplained.rms_effect_deg],
+        "negligible": found.negligible, "applied": found.applied is not None,
+        "gain": [one.held_out.gain for one in found.findings],
+        "p": [one.held_out.p_value for one in found.findings],
+        "detectable": found.detectable_deg,
+    }  # fmt: skip
+    known = set(drawn.truth) <= {*bench.PRODUCT, "current_veer"} and "deg_m" not in drawn.truth.get("current_veer", {})
+    if kind in ("single", "two") and known:  # its two layers keep their distance
+        row |= bench.against_oracle(drawn, fit, field, found)
+    return row
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("cruise", type=Path)
+    parser.add_argument("count", type=int)
+    parser.add_argument("seed", type=int)
+    parser.add_argument("--kind", choices=KINDS)
+    parser.add_argument("--rows", type=Path)
+    asked = parser.parse_args()
+    rows = []
+    for kind in KINDS if asked.kind is None else (asked.kind,):
+        for index in range(asked.count):
+            rows.append(measure(asked.cruise, kind, index, asked.seed))
+            print(f"\r{kind} {index + 1} of {asked.count}", end="", file=sys.stderr)
+            if asked.rows:
+                with asked.rows.open("a") as stream:
+                    stream.write(json.dumps(rows[-1], default=float) + "\n")
+    print(file=sys.stderr)
+    bench.report(rows)
+
+
+if __name__ == "__main__":
+    main()
