@@ -1,4 +1,4 @@
-"""Find overlapping measurements: two records and the declination -> results/MOORING/overlap.nc, work/overlap_wide.nc."""
+"""Find overlapping measurements: two records, declination -> results/MOORING/{overlap,work/overlap_wide}.nc."""
 
 from compasslib import archive, earthfield, overlap, provenance
 from compasslib.job import job
