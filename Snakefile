@@ -92,7 +92,7 @@ rule overlap:
         modules=PLAN.modules("overlap.py"),
     output:
         pairs="results/{mooring}/overlap.nc",
-        wide="results/{mooring}/work/overlap_wide.nc",
+        wide="results/{mooring}/wide/overlap.nc",
     params:
         rules=CRUISE.options.overlap.model_dump(),
     conda:
@@ -134,7 +134,7 @@ rule diagnose:
     input:
         record=PLAN.compromised,
         pairs="results/{mooring}/overlap.nc",
-        wide="results/{mooring}/work/overlap_wide.nc",
+        wide="results/{mooring}/wide/overlap.nc",
         fit="results/{mooring}/work/fit.json",
         field="results/{mooring}/work/field.json",
         observatory=PLAN.observatory,

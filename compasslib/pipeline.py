@@ -136,13 +136,14 @@ def _measured(task: Task) -> Measured:
     rules = overlap.Rules(**task.plan.cruise.options.overlap.model_dump())
     pairs, wide = (
         _pairs(task.folder / file, overlap.find(upper, lower, field, each))
-        for file, each in (("overlap.nc", rules), ("work/overlap_wide.nc", overlap.widened(rules)))
+        for file, each in (("overlap.nc", rules), ("wide/overlap.nc", overlap.widened(rules)))
     )
     task.say(overlap.told(task.name, pairs))
     return Measured(upper, pairs, wide, field)
 
 
 def _pairs(file: Path, found: Pairs) -> Pairs:
+    file.parent.mkdir(exist_ok=True)
     archive.write_pairs(file, found)
     return archive.read_pairs(file)
 

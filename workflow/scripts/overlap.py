@@ -1,4 +1,4 @@
-"""Find overlapping measurements: two records, declination -> results/MOORING/{overlap,work/overlap_wide}.nc."""
+"""Find overlapping measurements: two records, declination -> results/MOORING/{overlap,wide/overlap}.nc."""
 
 from compasslib import archive, earthfield, overlap, provenance
 from compasslib.job import job
