@@ -14,7 +14,7 @@ FLOORS = [
     ["errors"],
     ["angles", "records"],
     ["readers"],
-    ["earthfield", "compass", "grid", "deployment"],
+    ["earthfield", "compass", "grid", "plausibility", "deployment_clock", "deployment"],
     ["observatory"],
     ["physics"],
     ["overlap"],
