@@ -19,7 +19,7 @@ install: .venv/run  ## the pinned environment
 	touch $@
 
 run: install  ## process a cruise: make run, or make run CRUISE=/data/my_cruise
-	$(BIN)/snakemake --workflow-profile workflow/profiles/default --snakefile Snakefile --directory $(CRUISE) --cores $(CORES)
+	$(BIN)/snakemake --workflow-profile profiles/default --snakefile Snakefile --directory $(CRUISE) --cores $(CORES)
 
 test: .venv/test  ## the tests
 	$(BIN)/python -m pytest -n auto

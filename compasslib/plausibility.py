@@ -126,11 +126,14 @@ def _told(record: Record) -> Record:
     arc = _arc(heading) if heading.size >= ENOUGH else 360.0
     if arc == 0.0:
         counts["heading_frozen"] = heading.size
-        notes.append(f"the compass shows {heading[0]:.2f} degrees all the time: it is stuck, or nothing ever turned")
+        notes.append(f"the compass shows {heading[0]:.2f} degrees all the time: it is stuck, and no heading is used")
     elif arc < NARROW_DEG:
         counts["heading_narrow"] = heading.size
         notes.append(f"all headings lie within {arc:.1f} degrees: they cannot tell a deviation from a constant")
-    return replace(record, counts=record.counts | counts, warnings=record.warnings + tuple(notes))
+    stuck = (arc == 0.0) & (record.heading_quality < PROBABLY_BAD)
+    quality = np.where(stuck, PROBABLY_BAD, record.heading_quality).astype(np.int8)
+    said = record.warnings + tuple(notes)
+    return replace(record, heading_quality=quality, counts=record.counts | counts, warnings=said)
 
 
 def _arc(heading_deg: Floats) -> float:

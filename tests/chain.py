@@ -75,9 +75,11 @@ def _jobs(plan: stages.Plan, name: str, diagnose: bool) -> None:
     options = plan.diagnose(at) | ({} if diagnose else {"enabled": False})
     _job("diagnose", at, given, Files(diagnosis=found, deviation=deviation), options=options)
     given = Files(**vars(given) | {"deviation": deviation})
+    assessment = f"{out}/assessment.json"
+    _job("assess", at, given, Files(assessment))
+    given = Files(**vars(given) | {"assessment": assessment})
     settings = {"site": plan.site(at), "attributes": plan.attributes(at), "sources": plan.all_raw_files(at)}
     _job("correct", at, given, Files(f"{out}/corrected.nc"), **settings)
-    _job("assess", at, given, Files(f"{out}/assessment.json"))
 
 
 def _job(script: str, wildcards: Any, given: Files, output: Files, **params: Any) -> None:

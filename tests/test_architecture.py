@@ -17,7 +17,7 @@ FLOORS = [
     ["earthfield", "compass", "grid", "plausibility", "deployment_clock", "deployment"],
     ["observatory"],
     ["physics"],
-    ["overlap"],
+    ["overlap", "overlap_words"],
     ["deviation"],
     ["branches"],
     ["correction"],
@@ -26,7 +26,7 @@ FLOORS = [
     ["assessment"],
     ["config_values", "config_paths", "config_schema", "config_calibrations", "config_yaml", "config"],
     ["archive_files", "archive_layout", "archive_attributes", "archive", "archive_calibrations"],
-    ["provenance", "job", "stages", "stages_calibrations", "summary"],
+    ["provenance", "guard", "job", "stages", "stages_calibrations", "summary"],
     ["report"],
 ]
 FLOOR = {room: k for k, rooms in enumerate(FLOORS) for room in rooms}
