@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import glob
 import os
 import posixpath
 import re
@@ -75,9 +74,15 @@ def _expand(path: str, place: Place) -> list[str]:
         )
     if os.path.isdir(place.root / path):
         raise problem(None, "a file", f"the folder {path}", f"write {path}/* for all files in it")
-    matches = sorted(glob.glob(path, root_dir=place.root, recursive=True)) if is_glob else []
-    files = [match for match in matches if os.path.isfile(place.root / match)]
+    files = _matches(place.root, path) if is_glob else []
     if not files:
         said = f"no file that matches {path}" if is_glob else f"no file {path}"
         raise problem(None, "an existing file", said, "put it there or correct the path, relative to the cruise folder")
     return files
+
+
+def _matches(root: Path, pattern: str) -> list[str]:
+    """Return the files of a glob, none of them hidden; ``**`` does not go through links, which may lead in circles."""
+    pattern = f"{pattern}/*" if pattern.endswith("**") else re.sub(r"\*\*+(?=[^/*])|(?<=[^/*])\*\*+", "*", pattern)
+    found = [path.relative_to(root) for path in root.glob(pattern) if path.is_file()]
+    return sorted(str(path) for path in found if not any(part.startswith(".") for part in path.parts))
