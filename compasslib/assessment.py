@@ -26,6 +26,7 @@ FOLDS = 2
 LEAST_BLOCKS = 2 * FOLDS
 FEWEST_FOR_FORMS = 4 * model.FEWEST_PAIRS
 REFUTED_DEG = 75.0  # rms of corrected directions; unrelated ones scatter by 104, slow ones two depths apart by 42
+FEWEST_TO_REFUTE = 10
 FORM_PAIRS = 1500  # as many pairs, evenly taken, tell the forms apart; more only take longer
 
 
@@ -110,7 +111,7 @@ def assess(pairs: Pairs, fit: Fit, plain: Pairs | None = None) -> dict[str, Any]
 
 def _refuted(after: dict[str, Any]) -> str:
     """Return why held-out pairs deny the correction, nothing where they do not."""
-    if after["n"] < model.FEWEST_PAIRS or after["rms_deg"] <= REFUTED_DEG:
+    if after["n"] < FEWEST_TO_REFUTE or after["rms_deg"] <= REFUTED_DEG:
         return ""
     return (
         f"held-out pairs deny the correction: directions still differ by {after['rms_deg']:.0f} degrees rms (unrelated "

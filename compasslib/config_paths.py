@@ -38,7 +38,13 @@ def _relative(path: str) -> str:
         raise problem(None, "a path inside the cruise folder, relative to it", shown(path), inside)
     if not path.isprintable():
         raise problem(None, "a path without control characters", shown(path))
+    _refuse_braces(path)
     return posixpath.normpath(path)
+
+
+def _refuse_braces(path: str) -> None:
+    if "{" in path or "}" in path:  # Snakemake would put the mooring's name or the role there
+        raise problem(None, "a path without braces", shown(path), "rename the file")
 
 
 def mooring_paths(value: Any) -> str | tuple[str, ...]:
@@ -75,6 +81,8 @@ def _expand(path: str, place: Place) -> list[str]:
     if os.path.isdir(place.root / path):
         raise problem(None, "a file", f"the folder {path}", f"write {path}/* for all files in it")
     files = _matches(place.root, path) if is_glob else []
+    for file in files:
+        _refuse_braces(file)
     if not files:
         said = f"no file that matches {path}" if is_glob else f"no file {path}"
         raise problem(None, "an existing file", said, "put it there or correct the path, relative to the cruise folder")

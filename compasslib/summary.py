@@ -25,7 +25,7 @@ COLUMNS = (
     "warnings",
 )
 
-LARGE_CONSTANT_DEG, SURE_SIGMAS = 10.0, 5.0
+LARGE_CONSTANT_DEG, SURE_SIGMAS = 10.0, 2.0
 
 
 def row(name: str, folder: str | Path) -> dict[str, Any]:

@@ -25,7 +25,7 @@ from compasslib.config import load
 from compasslib.errors import InputError
 
 PROJECT = Path(__file__).resolve().parents[1]
-HOURS = 240
+HOURS = 400
 YAML, TOP, DEEP = Path("config/moorings/M1.yaml"), Path("raw/M1/top.000"), Path("raw/M1/deep.csv")
 SET = START.replace(tzinfo=None)
 Spoil = Callable[[Path], object]
@@ -33,7 +33,7 @@ Spoil = Callable[[Path], object]
 
 @pytest.fixture(scope="module")
 def sound(tmp_path_factory) -> Path:
-    """A cruise of ten days."""
+    """A cruise of 17 days."""
     folder = cruise(tmp_path_factory.mktemp("sound") / "c", n=HOURS)
     (folder / "config/config.yaml").write_text("{fit: {method: von_appen}}\n")  # the fast one: damage comes before it
     return folder
@@ -131,13 +131,16 @@ FAULTS: dict[str, tuple[Spoil, str]] = {
     "one recording given twice": (given_twice, "recorded the same velocities: one recording was given twice"),
     "cm/s called mm/s": (said(deep__columns__scale=0.0001), "check the unit and scale"),
     "cm/s called m/s": (said(deep__columns__scale=1.0), "velocities flagged: faster than 5 m/s"),
-    "east and north negative": (table(lambda i, row: [*row[:2], f"{-float(row[2])}", f"{-float(row[3])}"]), "constant"),
+    "east and north negative": (
+        table(lambda i, row: [*row[:2], f"{-float(row[2])}", f"{-float(row[3])}"]),
+        "deny the correction",
+    ),
     "unrelated water": (unrelated, "held-out pairs deny the correction"),
     "trusted clock off by three days": (said(deep__clock_offset_seconds=259200), "held-out pairs deny the correction"),
-    "clock set back in mid record": (clock(lambda i: i % 150), "the clock was set back 1 times"),
+    "clock set back in mid record": (clock(lambda i: i % 250), "the clock was set back 1 times"),
     "clock set to 2000 in mid record": (
         clock(lambda i: i if i < 150 else i - 67_000),
-        "the record covers 62% of the deployment",
+        "lie outside the deployment: check clock",
     ),
     "clock that jumps ahead": (clock(lambda i: i + 48 * (i >= 150)), "jumps ahead by days"),
     "wrong century": (clock(lambda i: i, datetime(2000, 1, 1)), "lie outside the deployment: check clock and dates"),
@@ -151,7 +154,10 @@ FAULTS: dict[str, tuple[Spoil, str]] = {
     "all velocities missing": (profiles(2, 2, struct.pack("<h", -32768) * 16), "has no usable velocity"),
     "30 m/s": (profiles(2, 2, struct.pack("<h", 30000) * 16), "velocities flagged: faster than 5 m/s"),
     "all under the noise": (table(lambda i, row: [*row[:2], f"0.{i % 9}1", "-0.2"]), "their directions are noise"),
-    "fillers": (table(lambda i, row: row if i % 4 else [*row[:2], "-99.9", "-99.9"]), "60 speeds of nothing but nines"),
+    "fillers": (
+        table(lambda i, row: row if i % 4 else [*row[:2], "-99.9", "-99.9"]),
+        "100 speeds of nothing but nines",
+    ),
     "a frozen current meter": (
         table(lambda i, row: row if i < 90 else [*row[:2], "12.34", "5.67"]),
         "the same to the last",
@@ -187,8 +193,8 @@ def test_what_is_denied_by_held_out_pairs_is_flagged_and_its_uncertainty_says_no
 def test_after_a_clock_was_set_back_the_product_is_that_of_the_samples_before(sound, tmp_path):
     whole = chain.run(spoilt(sound, tmp_path / "a", lambda folder: None))["product"].record
     half = chain.run(spoilt(sound, tmp_path / "b", FAULTS["clock set back in mid record"][0]))["product"].record
-    assert len(half.time_s) == 150
-    assert np.array_equal(half.heading_deg, whole.heading_deg[:150]) and np.array_equal(half.east, whole.east[:150])
+    assert len(half.time_s) == 250
+    assert np.array_equal(half.heading_deg, whole.heading_deg[:250]) and np.array_equal(half.east, whole.east[:250])
 
 
 def test_a_sound_cruise_is_not_warned_of(sound, tmp_path):
@@ -208,6 +214,7 @@ HOSTILE = {
     "climbing": ("raw/M1/top.000", "raw/../../../etc/passwd", "a path inside the cruise folder"),
     "absolute": ("raw/M1/top.000", "/etc/passwd", "a path inside the cruise folder"),
     "home": ("raw/M1/top.000", "~/x", "a path inside the cruise folder"),
+    "braces": ("raw/M1/top.000", "'raw/{mooring}/top.000'", "a path without braces"),
     "a shell in the name": ("name: M1", "name: M1;touch x", "name: expected 1 to 64 letters"),
     "a folder in the name": ("name: M1", "name: ../M1", "name: expected 1 to 64 letters"),
     "HTML in the name": ("name: M1", "name: <script>alert(1)</script>", "name: expected 1 to 64 letters"),
@@ -238,7 +245,7 @@ def test_a_link_out_of_the_cruise_is_the_users_own_and_a_loop_of_links_ends(soun
 
 
 def test_files_named_for_a_shell_are_only_names(sound, tmp_path):
-    name = "raw/M1/$(touch pwned); `touch pwned` {mooring} & 'x'.000"
+    name = "raw/M1/$(touch pwned); `touch pwned` & 'x' *.000"
     folder = spoilt(sound, tmp_path, lambda there: shutil.move(there / TOP, there / name))
     said(top__files=name)(folder)
     ran = snakemake(folder, "results/M1/work/top.nc")
@@ -284,7 +291,7 @@ def test_a_profile_in_a_cruise_folder_is_refused(sound, tmp_path, name):
     (folder / name / "config.yaml").write_text("default-resources: {mem_mb: 1}\n")
     ran = snakemake(folder, "--dry-run", start=folder)
     assert ran.returncode != 0 and not (folder / "results").exists()
-    assert f"{name}: expected no profile of Snakemake in a cruise folder" in ran.stderr
+    assert f"{name}: expected no profile of Snakemake in a cruise folder" in ran.stdout + ran.stderr
 
 
 def hashes(folder: Path, *left_out: str) -> dict[str, str]:
@@ -313,9 +320,10 @@ def test_a_killed_run_is_taken_up_and_ends_as_one_that_was_not(sound, tmp_path):
     running.wait()
     (killed / "results/M1/.overlap.nc.12345").write_bytes(b"half")
     assert list((killed / ".snakemake/locks").glob("*.lock")) and not (killed / wanted).exists()
-    assert snakemake(killed, wanted).returncode == 0 and snakemake(whole, wanted).returncode == 0
-    kept = [hashes(folder / "results", "logs", "benchmarks") for folder in (killed, whole)]
-    assert kept[0] == kept[1] and wanted.removeprefix("results/") in kept[0] and hashes(killed / "raw") == raw
+    assert snakemake(killed, wanted).returncode == 0 and chain.run(whole)["error"] is None
+    kept, undisturbed = (hashes(folder / "results", "logs", "benchmarks") for folder in (killed, whole))
+    assert {"M1/overlap.nc", "M1/work/top.nc", "M1/work/deep.nc"} < set(kept)
+    assert kept == {name: undisturbed[name] for name in kept} and hashes(killed / "raw") == raw
 
 
 def mounted(folder: Path, *options: str) -> bool:
@@ -337,7 +345,7 @@ def test_a_results_folder_without_room_or_rights_is_one_line_and_leaves_nothing_
         assert "work/top.nc: expected room and the right to write it" in found["error"]
         assert list((folder / "results/M1/work").iterdir()) == []
     finally:
-        subprocess.run(["umount", str(folder / "results/M1/work")], check=True)
+        subprocess.run(["umount", "--lazy", str(folder / "results/M1/work")], check=True)
     assert chain.run(folder)["error"] is None
 
 
