@@ -7,9 +7,9 @@ N ?= 24
 BIN := .venv/bin
 PIP := $(PYTHON) -m pip --python $(BIN)/python --disable-pip-version-check install
 
-SNAKEMAKE := $(BIN)/snakemake --workflow-profile workflow/profiles/default --snakefile Snakefile --directory "$(CRUISE)" --cores $(CORES)
+SNAKEMAKE := $(BIN)/snakemake --workflow-profile profiles/default --snakefile Snakefile --directory "$(CRUISE)" --cores $(CORES)
 
-.PHONY: install run unlock verify check-archive test check bench proof clean lock
+.PHONY: install run verify check-archive test check bench proof clean lock
 
 install: .venv/run  ## the pinned environment
 .venv/run: requirements/run.txt pyproject.toml
@@ -21,11 +21,7 @@ install: .venv/run  ## the pinned environment
 	touch $@
 
 run: install  ## process a cruise: make run, or make run CRUISE=/data/my_cruise
-	@$(SNAKEMAKE) || { status=$$?; ls "$(CRUISE)"/.snakemake/locks/* > /dev/null 2>&1 \
-	  && echo 'Where no other run is at work on this cruise: make unlock CRUISE="$(CRUISE)", then run again.' >&2; exit $$status; }
-
-unlock: install  ## after a run that was killed: let the next one go on where it was
-	$(SNAKEMAKE) --unlock
+	$(SNAKEMAKE)
 
 verify: install  ## does an archive still hold what its manifest lists? make verify CRUISE=/data/my_cruise
 	$(BIN)/python -m compasslib.verification "$(CRUISE)"

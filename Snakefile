@@ -5,12 +5,15 @@ from pathlib import Path
 
 from snakemake.logging import logger
 
-from compasslib import stages, stages_calibrations
+sys.path.insert(0, str(workflow.basedir))  # before a folder of the same name where this is started
+
+from compasslib import guard, stages, stages_calibrations
 from compasslib.calibration import KINDS
 from compasslib.config import load
 from compasslib.errors import InputError
 
 try:
+    guard.enter(Path.cwd(), Path(workflow.basedir))
     CRUISE = load(Path.cwd())
     PLAN = stages.plan(CRUISE, Path(workflow.basedir) / "workflow/scripts")
     CALIBRATIONS = stages_calibrations.plan(CRUISE, PLAN.scripts)
@@ -160,6 +163,7 @@ rule correct:
         record=PLAN.compromised,
         pairs="results/{mooring}/overlap.nc",
         deviation="results/{mooring}/deviation.json",
+        assessment="results/{mooring}/assessment.json",
         field="results/{mooring}/work/field.json",
         observatory=PLAN.observatory,
         modules=PLAN.modules("correct.py"),
@@ -237,6 +241,7 @@ rule summary:
         assessment=expand("results/{mooring}/assessment.json", mooring=CRUISE.moorings),
         product=expand("results/{mooring}/corrected.nc", mooring=CRUISE.moorings),
         field=expand("results/{mooring}/work/field.json", mooring=CRUISE.moorings),
+        pairs=expand("results/{mooring}/overlap.nc", mooring=CRUISE.moorings),
         records=PLAN.all_records,
         modules=PLAN.modules("summary.py"),
     output:

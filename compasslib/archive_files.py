@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 import os
@@ -27,15 +28,23 @@ def replacing(path: str | Path) -> Iterator[Path]:
 
     Args:
         path: the file to write; its folder is made where absent. A block that fails leaves an older file as it was.
+
+    Raises:
+        InputError: it cannot be written.
     """
     path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.name}.{os.getpid()}")
     try:
+        path.parent.mkdir(parents=True, exist_ok=True)
         yield temporary
         os.replace(temporary, path)
+    except (OSError, RuntimeError) as error:  # RuntimeError: netCDF's word for a full disk
+        found = getattr(error, "strerror", None) or str(error)
+        advice = "free some space or mend the permissions, and run again"
+        raise InputError(str(path), expected="room and the right to write it", found=found, advice=advice) from error
     finally:
-        temporary.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            temporary.unlink(missing_ok=True)
 
 
 def write_json(path: str | Path, data: object) -> None:

@@ -25,6 +25,8 @@ BLOCK_S = 10 * 86400.0
 FOLDS = 2
 LEAST_BLOCKS = 2 * FOLDS
 FEWEST_FOR_FORMS = 4 * model.FEWEST_PAIRS
+REFUTED_DEG = 75.0  # rms of corrected directions; unrelated ones scatter by 104, slow ones two depths apart by 42
+FEWEST_TO_REFUTE = 10
 FORM_PAIRS = 1500  # as many pairs, evenly taken, tell the forms apart; more only take longer
 
 
@@ -96,13 +98,25 @@ def assess(pairs: Pairs, fit: Fit, plain: Pairs | None = None) -> dict[str, Any]
     held_out = held_out_headings(plain, fit) if fit.fitted and len(pairs) else np.full(len(pairs), np.nan)
     known = np.isfinite(held_out)
     turned = angles.turn(pairs.upper_east, pairs.upper_north, held_out - pairs.heading_deg)
+    after = _agreement(turned[0][known], turned[1][known], choose(pairs, known))
     return {
         "before": _agreement(pairs.upper_east, pairs.upper_north, pairs),
         "before_where_corrected": _agreement(pairs.upper_east[known], pairs.upper_north[known], choose(pairs, known)),
-        "after": _agreement(turned[0][known], turned[1][known], choose(pairs, known)),
+        "after": after,
+        "refuted": _refuted(after),
         "forms": compare_forms(pairs, fit) if fit.method == EXACT.name and len(pairs) >= FEWEST_FOR_FORMS else None,
         "held_out": {"block_days": _block_length(pairs.time_s) / 86400.0, "folds": FOLDS, "n": int(known.sum())},
     }
+
+
+def _refuted(after: dict[str, Any]) -> str:
+    """Return why held-out pairs deny the correction, nothing where they do not."""
+    if after["n"] < FEWEST_TO_REFUTE or after["rms_deg"] <= REFUTED_DEG:
+        return ""
+    return (
+        f"held-out pairs deny the correction: directions still differ by {after['rms_deg']:.0f} degrees rms (unrelated "
+        "ones by 104), so that all headings are flagged doubtful; check instruments, clocks, columns, signs and units"
+    )
 
 
 def told(name: str, verdict: dict[str, Any]) -> str:
@@ -115,10 +129,11 @@ def told(name: str, verdict: dict[str, Any]) -> str:
     before, after = verdict["before"], verdict["after"]
     if not after["n"]:
         return f"{name}: nothing to assess ({before['n']} pairs, none corrected)"
-    return (
+    line = (
         f"{name}: upper minus lower direction {before['rms_deg']:.1f} degrees rms before, {after['rms_deg']:.1f} "
         f"after, on {after['n']} of {before['n']} pairs, each held out from its fit"
     )
+    return f"{line}\n{name}: warning: {verdict['refuted']}" if verdict["refuted"] else line
 
 
 def _agreement(east: Floats, north: Floats, pairs: Pairs) -> dict[str, Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import glob
 import os
 import posixpath
 import re
@@ -39,7 +38,13 @@ def _relative(path: str) -> str:
         raise problem(None, "a path inside the cruise folder, relative to it", shown(path), inside)
     if not path.isprintable():
         raise problem(None, "a path without control characters", shown(path))
+    _refuse_braces(path)
     return posixpath.normpath(path)
+
+
+def _refuse_braces(path: str) -> None:
+    if "{" in path or "}" in path:  # Snakemake would put the mooring's name or the role there
+        raise problem(None, "a path without braces", shown(path), "rename the file")
 
 
 def mooring_paths(value: Any) -> str | tuple[str, ...]:
@@ -77,9 +82,17 @@ def _expand(path: str, place: Place) -> list[str]:
         )
     if os.path.isdir(place.root / path):
         raise problem(None, "a file", f"the folder {path}", f"write {path}/* for all files in it")
-    matches = sorted(glob.glob(path, root_dir=place.root, recursive=True)) if is_glob else []
-    files = [match for match in matches if os.path.isfile(place.root / match)]
+    files = _matches(place.root, path) if is_glob else []
+    for file in files:
+        _refuse_braces(file)
     if not files:
         said = f"no file that matches {path}" if is_glob else f"no file {path}"
         raise problem(None, "an existing file", said, "put it there or correct the path, relative to the cruise folder")
     return files
+
+
+def _matches(root: Path, pattern: str) -> list[str]:
+    """Return the files of a glob, none of them hidden; ``**`` does not go through links, which may lead in circles."""
+    pattern = f"{pattern}/*" if pattern.endswith("**") else re.sub(r"\*\*+(?=[^/*])|(?<=[^/*])\*\*+", "*", pattern)
+    found = [path.relative_to(root) for path in root.glob(pattern) if path.is_file()]
+    return sorted(str(path) for path in found if not any(part.startswith(".") for part in path.parts))

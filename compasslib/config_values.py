@@ -81,6 +81,8 @@ def number(value: Any) -> float:
 
 
 def _advice_for_text(text: str) -> str | None:
+    if len(text) > _SHOWN:
+        return None
     if _NUMBER.fullmatch(text):
         plain = re.sub(r"^([-+]?)0+(?=\d)", r"\1", text)
         return f"write {plain} without quotes" if plain == text else f"write {plain} without leading zeros"

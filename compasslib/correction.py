@@ -38,7 +38,9 @@ KNOWS_NOTHING_DEG = 360.0 / np.sqrt(12.0)  # standard deviation of a heading tha
 DECLINATION_SIGMA_DEG = 0.5  # assumed of a main-field model at high latitude; crust and storms are left out
 
 
-def correct(record: Record, fit: Fit, field: EarthField, pairs: Pairs, at: Along | None = None) -> Corrected:
+def correct(
+    record: Record, fit: Fit, field: EarthField, pairs: Pairs, at: Along | None = None, *, refuted: bool = False
+) -> Corrected:
     """Return the corrected record; headings that cannot be corrected are NaN with flag 4.
 
     Args:
@@ -47,8 +49,12 @@ def correct(record: Record, fit: Fit, field: EarthField, pairs: Pairs, at: Along
         field: declination along time.
         pairs: where the trusted instrument overlaps.
         at: the compass at each sample, where more acted on it than the fit holds.
+        refuted: whether pairs held out from the fit deny it; then all headings are doubtful and may be anything.
     """
     decision = headings(readings_of_record(record), fit, pairs, at)
+    if refuted:
+        sigma = np.where(np.isfinite(decision.heading_deg), KNOWS_NOTHING_DEG, np.nan)
+        decision = replace(decision, sigma_deg=sigma, probability=np.minimum(decision.probability, 0.0))
     deviation = angles.difference(decision.heading_deg, record.heading_deg)
     declination = earthfield.declination_at(field, record.time_s)
     east, north = _recorded_to_true(record, declination)

@@ -12,14 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib import angles
-from compasslib.records import BAD, GOOD, MISSING, PROBABLY_BAD, Record
+from compasslib import angles, deployment_clock, plausibility
+from compasslib.records import BAD, MISSING, Record
 
 Floats = NDArray[np.floating]
 Bools = NDArray[np.bool_]
 
-FASTEST_CURRENT = 5.0  # m/s, beyond any ocean current
-STEEPEST_TILT = 45.0  # degrees, beyond what an instrument levels
 MOVING_M = 0.2  # a depth that varies less than this (5th to 95th percentile) is a setting, not a measurement
 
 
@@ -59,8 +57,11 @@ def settle(
     if declination_applied:
         record = _without_declination(record, declination_applied)
     depth, source = _depth(record, nominal_depth, pressure_offset, latitude)
+    given = record.depth_m
     record = _noted(replace(record, depth_m=depth), _depth_warnings(depth, source, nominal_depth, water_depth))
-    return _flag_windows(_flag_boundaries(_flag_impossible(record), water_depth), exclude)
+    record = _noted(record, _unused_depth(given, source, nominal_depth))
+    record = plausibility.flagged(_missing_flagged(record), water_depth)
+    return _flag_windows(_flag_boundaries(record, water_depth), exclude)
 
 
 def told(name: str, role: str, record: Record) -> str:
@@ -93,20 +94,17 @@ def _utc(time_s: Floats, start_s: float, end_s: float, offset: float, drift: flo
 
 
 def _inside(record: Record, start_s: float, end_s: float) -> Record:
-    """Keep the deployment, in order of time, one sample an instant."""
-    inside = (record.time_s >= start_s) & (record.time_s <= end_s)
+    """Keep the deployment, in order of time, one sample an instant, none whose clock cannot be believed."""
+    sure, unsure_counts, notes = deployment_clock.believed(record)
+    inside = sure & (record.time_s >= start_s) & (record.time_s <= end_s)
     backwards = int(np.sum(np.diff(record.time_s[inside]) < 0))
     order = np.argsort(record.time_s[inside], kind="stable")
     kept = take(take(record, inside), order)
     first = np.append(True, np.diff(kept.time_s) > 0)[: len(kept.time_s)]
     repeated = int(np.sum(~first))
-    counts = {
-        **record.counts,
-        "outside_deployment": int(np.sum(~inside)),
-        "time_backwards": backwards,
-        "time_repeated": repeated,
-    }
-    notes = []
+    outside = {"outside_deployment": int(np.sum(sure & ~inside))}
+    counts = record.counts | outside | unsure_counts | {"time_backwards": backwards, "time_repeated": repeated}
+    notes += deployment_clock.coverage(record.time_s[sure], inside[sure], start_s, end_s)
     if backwards:
         notes.append(f"the clock goes backwards {backwards} times; samples were put in order of time")
     if repeated:
@@ -152,6 +150,8 @@ def _varies(x: Floats) -> bool:
 def _filled(depth: Floats) -> Floats:
     """Bridge single missing depths: a sphere moves slowly."""
     known = np.isfinite(depth)
+    if not known.any():
+        return depth.copy()
     position = np.arange(depth.size)
     return np.interp(position, position[known], depth[known])
 
@@ -168,20 +168,21 @@ def _depth_warnings(depth: Floats, source: str, nominal: float | None, water_dep
     return notes
 
 
-def _flag_impossible(record: Record) -> Record:
-    """Flag what no ocean and no levelled instrument can show."""
-    too_fast = np.hypot(record.east, record.north) > FASTEST_CURRENT
-    with np.errstate(invalid="ignore"):
-        fallen = (np.abs(record.pitch_deg) > STEEPEST_TILT) | (np.abs(record.roll_deg) > STEEPEST_TILT)
-    record = _flagged(record, too_fast, BAD, "impossible_speed", f"faster than {FASTEST_CURRENT:g} m/s")
-    record = _flagged(record, np.broadcast_to(fallen[:, None], record.east.shape), BAD, "steep_tilt", "tilted too far")
+def _unused_depth(depth: Floats, source: str, nominal: float | None) -> list[str]:
+    """Say where a depth that does not vary, and therefore does not count, is not that of the metadata."""
+    known = depth[np.isfinite(depth)]
+    if source != "metadata" or nominal is None or not known.size or not (known > 0.0).all():
+        return ["the depth in the file is not positive and was not used"] if known.size and (known < 0.0).any() else []
+    off = abs(float(np.median(known)) - nominal)
+    if off <= max(10.0, 0.2 * nominal):
+        return []
+    said = f"the file's depth of {np.median(known):.0f} m never varies and was not used"
+    return [f"{said}; the metadata say {nominal:.0f} m: correct whichever is wrong"]
+
+
+def _missing_flagged(record: Record) -> Record:
     missing = ~(np.isfinite(record.east) & np.isfinite(record.north))
-    heading = np.where(fallen & (record.heading_quality < BAD), PROBABLY_BAD, record.heading_quality)
-    return replace(
-        record,
-        quality=np.where(missing, MISSING, record.quality).astype(np.int8),
-        heading_quality=heading.astype(np.int8),
-    )
+    return replace(record, quality=np.where(missing, MISSING, record.quality).astype(np.int8))
 
 
 def _flag_boundaries(record: Record, water_depth: float) -> Record:
@@ -191,8 +192,8 @@ def _flag_boundaries(record: Record, water_depth: float) -> Record:
     room = record.depth_m if record.looks_up else water_depth - record.depth_m
     reach = room[:, None] * angles.sin_cos(record.beam_angle_deg)[1] - cell_length(record) / 2.0
     beyond = record.bin_range_m > room[:, None]
-    record = _flagged(record, beyond, BAD, "beyond_boundary", None)
-    return _flagged(record, (record.bin_range_m > reach) & ~beyond, BAD, "side_lobe", None)
+    record = plausibility.mark(record, beyond, BAD, "beyond_boundary", None)
+    return plausibility.mark(record, (record.bin_range_m > reach) & ~beyond, BAD, "side_lobe", None)
 
 
 def cell_length(record: Record) -> float:
@@ -209,17 +210,9 @@ def _flag_windows(record: Record, windows: Sequence[tuple[float, float]]) -> Rec
     bad = np.zeros(record.time_s.shape, dtype=bool)
     for begin, end in windows:
         bad |= (record.time_s >= begin) & (record.time_s <= end)
-    record = _flagged(record, np.broadcast_to(bad[:, None], record.east.shape), BAD, "excluded", None)
+    record = plausibility.mark(record, bad[:, None], BAD, "excluded", None)
     heading = np.where(bad, BAD, record.heading_quality).astype(np.int8)
     return replace(record, heading_quality=heading)
-
-
-def _flagged(record: Record, where: Bools, flag: int, count: str, sentence: str | None) -> Record:
-    hit = where & (record.quality <= GOOD)
-    number = int(np.sum(hit))
-    notes = [f"{number} velocities flagged: {sentence}"] if sentence and number else []
-    quality = np.where(hit, flag, record.quality).astype(np.int8)
-    return _noted(replace(record, quality=quality, counts={**record.counts, count: number}), notes)
 
 
 def _noted(record: Record, notes: Sequence[str]) -> Record:

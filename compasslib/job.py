@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 from compasslib import provenance
 from compasslib.archive_files import replacing
@@ -27,12 +28,13 @@ def job(snakemake: Any) -> Iterator[Callable[[str], None]]:
         SystemExit: the input could not be used.
     """
     log = Path(snakemake.log[0])
-    with log.open("w", encoding="utf-8") as stream:
+    with _opened(log) as stream:
 
         def say(line: str) -> None:
             # Text and newline in one write, so that jobs side by side do not tear each other's lines.
             print(f"{line}\n", end="", file=sys.stderr, flush=True)
-            print(line, file=stream, flush=True)
+            with suppress(OSError):  # a full disk must not hide what was said
+                print(line, file=stream, flush=True)
 
         try:
             yield say
@@ -41,3 +43,10 @@ def job(snakemake: Any) -> Iterator[Callable[[str], None]]:
         except InputError as error:
             say(f"error: {error}")
             sys.exit(1)
+
+
+def _opened(log: Path) -> TextIO:
+    try:
+        return log.open("w", encoding="utf-8")
+    except OSError:
+        return Path(os.devnull).open("w", encoding="utf-8")

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib import angles, earthfield
+from compasslib import angles, earthfield, overlap_words
 from compasslib.deployment import take
 from compasslib.grid import interpolate, nearest, on_grid
 from compasslib.records import GOOD, NOT_CHECKED, PROBABLY_GOOD, EarthField, Pairs, Record
@@ -63,6 +63,7 @@ def find(upper: Record, trusted: Sequence[Record], field: EarthField, rules: Rul
         field: declination along time.
         rules: distances in time and depth, bins, grid.
     """
+    recorded = upper
     lower = trusted[0] if trusted else take(upper, np.zeros(0, dtype=np.intp))
     tolerance_s = 60.0 * rules.grid_tolerance_minutes
     chosen = on_grid(upper.time_s, step_s=60.0 * rules.grid_minutes, tolerance_s=tolerance_s)
@@ -77,7 +78,13 @@ def find(upper: Record, trusted: Sequence[Record], field: EarthField, rules: Rul
         close = (np.abs(minutes) < rules.max_minutes) & (np.abs(other_depth - depth) < rules.max_metres)
     usable = close & np.isfinite(velocity) & np.isfinite(other) & np.isfinite(upper.heading_deg)
     keep = np.flatnonzero(usable & (upper.heading_quality <= PROBABLY_GOOD) & (np.abs(velocity) > 0) & (abs(other) > 0))
-    return _assemble(take(upper, keep), lower, field, (velocity, other, depth, other_depth, minutes), keep)
+    found = _assemble(take(upper, keep), lower, field, (velocity, other, depth, other_depth, minutes), keep)
+    if overlap_words.identical(found):
+        said = "the two instruments recorded the same velocities: one recording was given twice, and no pair counts"
+        nothing = np.zeros(0, dtype=np.intp)
+        columns = tuple(column[nothing] for column in (velocity, other, depth, other_depth, minutes))
+        return replace(_assemble(take(upper, nothing), lower, field, columns, nothing), warnings=(said,))
+    return overlap_words.checked(found, recorded, list(trusted))
 
 
 def told(name: str, pairs: Pairs) -> str:
@@ -87,10 +94,11 @@ def told(name: str, pairs: Pairs) -> str:
         name: the mooring.
         pairs: what was found.
     """
-    if not len(pairs):
-        return f"{name}: no overlapping pairs"
-    metres = float(np.median(np.abs(pairs.lower_depth_m - pairs.upper_depth_m)))
-    return f"{name}: {len(pairs)} overlapping pairs, {metres:.1f} m apart in the median"
+    line = f"{name}: no overlapping pairs"
+    if len(pairs):
+        metres = float(np.median(np.abs(pairs.lower_depth_m - pairs.upper_depth_m)))
+        line = f"{name}: {len(pairs)} overlapping pairs, {metres:.1f} m apart in the median"
+    return "\n".join([line, *(f"{name}: warning: {warning}" for warning in pairs.warnings)])
 
 
 def _assemble(upper: Record, lower: Record, field: EarthField, columns: tuple, keep: NDArray[np.intp]) -> Pairs:

@@ -124,8 +124,8 @@ def _run(task: Task) -> None:
     _fit(task, measured)
     _diagnose(task, measured)
     made_by = products.from_json(archive.read_json(task.folder / "deviation.json"))
-    _correct(task, measured, made_by)
-    _assess(task, measured, made_by)
+    refuted = _assess(task, measured, made_by)
+    _correct(task, measured, made_by, refuted=refuted)
 
 
 def _measured(task: Task) -> Measured:
@@ -205,10 +205,10 @@ def _series(task: Task, measured: Measured, at: Pairs | None = None) -> products
     return moored.logged(measured.record, task.plan.observatory(task.job), at=at)
 
 
-def _correct(task: Task, measured: Measured, made_by: Product) -> None:
+def _correct(task: Task, measured: Measured, made_by: Product, *, refuted: bool) -> None:
     record, pairs, field = measured.record, measured.pairs, measured.field
     at = products.along(made_by, record, field, _series(task, measured))
-    product = correction.correct(record, made_by.fit, field, pairs, at)
+    product = correction.correct(record, made_by.fit, field, pairs, at, refuted=refuted)
     archive.write_corrected(
         task.folder / "corrected.nc",
         product,
@@ -219,9 +219,10 @@ def _correct(task: Task, measured: Measured, made_by: Product) -> None:
     task.say(correction.told(task.name, product))
 
 
-def _assess(task: Task, measured: Measured, made_by: Product) -> None:
+def _assess(task: Task, measured: Measured, made_by: Product) -> bool:
     series = _series(task, measured)
     plain = products.plain(made_by, measured.pairs, measured.record, measured.field, series)
     verdict = assessment.assess(measured.pairs, made_by.fit, plain)
     archive.write_json(task.folder / "assessment.json", verdict)
     task.say(assessment.told(task.name, verdict))
+    return bool(verdict["refuted"])

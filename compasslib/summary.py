@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from compasslib import archive
+from compasslib import angles, archive
 
 COLUMNS = (
     "name",
@@ -24,6 +24,8 @@ COLUMNS = (
     "effects",
     "warnings",
 )
+
+LARGE_CONSTANT_DEG, SURE_SIGMAS = 10.0, 2.0
 
 
 def row(name: str, folder: str | Path) -> dict[str, Any]:
@@ -49,7 +51,7 @@ def row(name: str, folder: str | Path) -> dict[str, Any]:
         "folded": fit["folded"],
         "verdict": found["verdict"],
         "effects": " ".join(finding["effect"] for finding in found["findings"]),
-        "warnings": " | ".join(_warnings(folder, fit, found)),
+        "warnings": " | ".join(_warnings(folder, fit, found, verdict)),
     }
 
 
@@ -78,12 +80,30 @@ def table(rows: Sequence[Mapping[str, Any]]) -> str:
     return "\n".join("  ".join(cell.rjust(w) for cell, w in zip(line, widths, strict=True)) for line in lines)
 
 
-def _warnings(folder: Path, fit: Mapping[str, Any], found: Mapping[str, Any]) -> list[str]:
+def _warnings(folder: Path, fit: Mapping[str, Any], found: Mapping[str, Any], verdict: Mapping[str, Any]) -> list[str]:
     records = sorted((folder / "work").glob("*.nc"))
     said = [f"{path.stem}: {w}" for path in records for w in archive.read_record(path).warnings]
-    field = archive.read_json(folder / "work/field.json")["warnings"]
+    field = archive.read_json(folder / "work/field.json")
     reasons = dict.fromkeys(why for why in (fit["why"], found["why"] * (found["verdict"] == "insufficient")) if why)
-    return [*reasons, *fit["warnings"], *field, *said]
+    pairs = archive.read_pairs(folder / "overlap.nc").warnings
+    refuted = [verdict["refuted"]] if verdict["refuted"] else []
+    return [*refuted, *reasons, *pairs, *fit["warnings"], *_constant(fit, field), *field["warnings"], *said]
+
+
+def _constant(fit: Mapping[str, Any], field: Mapping[str, Any]) -> list[str]:
+    """Point at a constant between the instruments that is larger than what mounts are set to."""
+    if not fit["coefficients"] or fit["folded"]:
+        return []
+    a, sigma = fit["coefficients"]["A"], fit["covariance"][0][0] ** 0.5
+    constant = a if fit["unit"] == "degrees" else float(angles.direction(a, 1.0))
+    turned = float(angles.wrap180(constant))
+    if abs(turned) < LARGE_CONSTANT_DEG or abs(a) < SURE_SIGMAS * sigma:
+        return []
+    declination = float(np.mean(field["declination_deg"]))
+    return [
+        f"the fit holds a constant of {turned:+.0f} degrees, a turned mount or a mistake: declination is "
+        f"{declination:+.0f} here; check its sign, that of the longitude, direction_reference and declination_applied"
+    ]
 
 
 def _rounded(value: float | None, digits: int) -> float | None:

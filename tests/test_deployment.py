@@ -73,7 +73,7 @@ def test_impossible_speeds_and_tilts_are_flagged_and_said():
     east[1] = 9.0
     settled = deployment.settle(replace(given, east=east, pitch_deg=np.array([3.0, 3.0, 80.0, 3.0])), **SETTINGS)
     assert settled.counts["impossible_speed"] == 3 and settled.counts["steep_tilt"] == 3
-    assert len(settled.warnings) == 2
+    assert len([said for said in settled.warnings if "velocities flagged" in said]) == 2
 
 
 def test_applied_declination_is_turned_back():
@@ -81,3 +81,102 @@ def test_applied_declination_is_turned_back():
     settled = deployment.settle(given, **SETTINGS, declination_applied=18.0)
     assert settled.heading_deg == pytest.approx(347.0)
     assert np.rad2deg(np.arctan2(settled.east, settled.north)) == pytest.approx(-18.0)
+
+
+def test_a_clock_that_was_set_back_leaves_out_what_follows_and_shuffles_nothing():
+    hours = np.concatenate([np.arange(12.0), np.arange(9.0)])
+    given = replace(record(HOUR * hours), heading_deg=np.arange(21.0))
+    settled = deployment.settle(given, **SETTINGS)
+    assert list(settled.heading_deg) == list(range(12)) and settled.counts["clock_unsure"] == 9
+    assert any("the clock was set back 1 times" in said for said in settled.warnings)
+
+
+def test_files_in_another_order_and_files_given_twice_are_no_set_clock():
+    parts = [np.arange(11.0, 16.0), np.arange(0.0, 8.0), np.arange(4.0, 8.0)]
+    hours = np.concatenate(parts)
+    settled = deployment.settle(replace(record(HOUR * hours), heading_deg=hours), **SETTINGS)
+    assert list(settled.heading_deg) == [*range(8), *range(11, 16)]
+    assert settled.counts["clock_unsure"] == 0 and settled.counts["time_repeated"] == 4
+
+
+def test_profiles_of_files_sorted_by_name_fill_each_others_gaps():
+    begins = [0.0, 100.0, 110.0, 20.0, 200.0]  # A1, A10, A11, A2, A20
+    hours = np.concatenate([begin + 0.1 * np.arange(20) for begin in begins])
+    settled = deployment.settle(record(HOUR * hours), **SETTINGS | {"end_s": 300 * HOUR})
+    assert len(settled.time_s) == 100 and settled.counts["clock_unsure"] == 0
+
+
+@pytest.mark.parametrize("wrong", [-5000.0, 5000.0, 9e9])
+@pytest.mark.parametrize("at", [1, 10, 18])
+def test_a_single_wild_time_costs_its_sample(wrong, at):
+    hours = np.arange(20.0)
+    hours[at] += wrong
+    settled = deployment.settle(record(HOUR * hours), **SETTINGS)
+    assert len(settled.time_s) == 19 and settled.counts["time_wild"] + settled.counts["outside_deployment"] == 1
+    assert settled.counts["clock_unsure"] == 0
+
+
+def test_a_record_outside_its_deployment_or_without_samples_is_said():
+    settled = deployment.settle(record(HOUR * np.arange(5000, 5020)), **SETTINGS)
+    assert len(settled.time_s) == 0 and "20 of 20 samples (1970-07-28 to 1970-07-29) lie outside" in settled.warnings[0]
+    assert deployment.settle(record([]), **SETTINGS).warnings == ("there is no sample with a time",)
+    short = deployment.settle(record(HOUR * np.arange(5)), **SETTINGS)
+    assert "the record covers 20% of the deployment (1970-01-01 to 1970-01-01)" in short.warnings
+
+
+def turning(n: int = 60, seed: int = 1):
+    rng = np.random.default_rng(seed)
+    given = record(HOUR * np.arange(n), heading=0.0)
+    east = given.east + rng.normal(0.0, 0.1, given.east.shape)
+    noise = [rng.normal(0.0, 3.0, n).round(2) for _ in range(2)]
+    return replace(given, east=east, heading_deg=rng.uniform(0, 360, n).round(2), pitch_deg=noise[0], roll_deg=noise[1])
+
+
+LONG = SETTINGS | {"end_s": 60 * HOUR}
+
+
+def test_a_good_record_is_not_doubted():
+    settled = deployment.settle(turning(), **LONG)
+    assert settled.warnings == () and (settled.heading_quality == GOOD).all()
+    assert not any(n for key, n in settled.counts.items() if key != "side_lobe")
+
+
+def test_a_compass_that_stands_still_for_hours_is_doubted_there_and_one_that_always_does_everywhere():
+    given = turning()
+    partly, always = given.heading_deg.copy(), np.full(60, 120.0)
+    partly[20:40] = partly[20]
+    settled = deployment.settle(replace(given, heading_deg=partly), **LONG)
+    assert list(np.flatnonzero(settled.heading_quality == 3)) == list(range(21, 40))
+    assert settled.counts["heading_stuck"] == 19
+    settled = deployment.settle(replace(given, heading_deg=always), **LONG)
+    assert (settled.heading_quality == 3).all() and settled.counts["heading_frozen"] == 60
+
+
+def test_a_coarse_compass_in_slack_water_is_not_stuck():
+    given = turning()
+    coarse = np.repeat(np.arange(0.0, 60.0, 10.0), 10) + 13.0  # repeats itself nine times in ten
+    settled = deployment.settle(replace(given, heading_deg=coarse), **LONG)
+    assert settled.counts["heading_stuck"] == 0
+
+
+def test_frozen_tilts_and_headings_within_five_degrees_are_counted_and_said():
+    given = turning()
+    stuck = replace(given, pitch_deg=np.full(60, 3.0), roll_deg=np.full(60, -2.0))
+    settled = deployment.settle(replace(stuck, heading_deg=90.0 + given.heading_deg / 100.0), **LONG)
+    assert settled.counts["tilt_frozen"] == 60 and settled.counts["heading_narrow"] == 60
+    assert any("tilt sensor is stuck" in said for said in settled.warnings)
+    assert any("all headings lie within 3." in said for said in settled.warnings)
+
+
+def test_velocities_that_freeze_and_depths_out_of_the_water_are_flagged():
+    given = turning()
+    east, depth = given.east.copy(), np.linspace(90.0, 110.0, 60)
+    east[30:50], depth[5] = east[30], -400.0
+    settled = deployment.settle(replace(given, east=east, depth_m=depth), **LONG)
+    assert settled.counts["frozen_velocity"] == 19 * 3 and (settled.quality[31:50] == BAD).all()
+    assert settled.counts["impossible_depth"] == 3 and (settled.quality[5] == BAD).all()
+
+
+def test_a_depth_that_is_not_used_and_not_that_of_the_metadata_is_said():
+    settled = deployment.settle(replace(turning(), depth_m=np.full(60, 505.0)), **LONG)
+    assert any("the file's depth of 505 m never varies and was not used" in said for said in settled.warnings)

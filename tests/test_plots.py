@@ -22,6 +22,7 @@ from compasslib.assessment import choose
 from compasslib.deviation import model, von_appen
 from compasslib.deviation.likelihood import CELLS
 from compasslib.deviation.model import Fit
+from compasslib.errors import InputError
 from compasslib.plots_curves import BACKWARDS, GIVEN_UP, INVERTED
 from compasslib.plots_page import DPI, WIDTH_IN
 from compasslib.records import BAD, GOOD, Corrected, EarthField, Pairs, Record
@@ -245,7 +246,7 @@ def test_failure_leaves_the_older_figure(moorings, monkeypatch, tmp_path):
         raise OSError("disk full")
 
     monkeypatch.setattr(Figure, "savefig", fail)
-    with pytest.raises(OSError, match="disk full"):
+    with pytest.raises(InputError, match="expected room and the right to write it, found disk full"):
         moorings["folded"].draw("deviation", path)
     assert path.read_bytes() == b"older"
     assert list(tmp_path.iterdir()) == [path]

@@ -11,7 +11,7 @@ import random
 import time
 import warnings
 from dataclasses import fields
-from datetime import datetime
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -523,6 +523,44 @@ def test_two_configurations_in_one_file(tmp_path: Path) -> None:
     assert np.isnan(record.bin_range_m[:4, 3:]).all() and np.isnan(record.east[:4, 3:]).all()
     assert (record.quality[:4, 3:] == 9).all() and (record.quality[4] == 1).all()
     assert any("3 configurations" in line for line in record.warnings)
+
+
+def hourly(count: int, *, first: int = 1, skip_h: float = 0.0, **keys: object) -> list[bytes]:
+    """Return ensembles an hour apart."""
+    times = [START + timedelta(hours=i + skip_h) for i in range(count)]
+    return [ensemble(PROFILE, number=first + i, when=when, **keys) for i, when in enumerate(times)]
+
+
+def test_two_instruments_in_one_file_are_refused(tmp_path: Path) -> None:
+    down = hourly(20, skip_h=100, fixed={"up": False, "cell_cm": 400})
+    with pytest.raises(InputError) as caught:
+        read(written(tmp_path, *hourly(30, fixed={"up": True}), *down))
+    assert "expected ensembles of one instrument, found 30 of 300 kHz with" in str(caught.value)
+    assert "cells of 2 m looking up and 20 of 300 kHz" in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_two_recordings_sample_by_sample_are_refused(tmp_path: Path) -> None:
+    pairs = zip(hourly(50), hourly(50, first=700, skip_h=0.5), strict=True)
+    with pytest.raises(
+        InputError, match="expected ensemble numbers that rise with time, found numbers that fall back 49"
+    ):
+        read(written(tmp_path, *(each for pair in pairs for each in pair)))
+
+
+def test_a_recording_that_begins_anew_is_no_mixture(tmp_path: Path) -> None:
+    record = read(written(tmp_path, *hourly(30), *hourly(30, skip_h=60)))
+    assert len(record.time_s) == 60 and not record.counts["after_clock_jump"]
+
+
+def test_a_clock_that_jumps_ahead_flags_what_follows(tmp_path: Path) -> None:
+    record = read(written(tmp_path, *hourly(30), *hourly(30, first=31, skip_h=230)))
+    assert record.counts["after_clock_jump"] == 30 and (record.heading_quality == [1] * 30 + [3] * 30).all()
+    assert (record.quality[30:] >= 3).all() and any("jumps ahead by days" in line for line in record.warnings)
+
+
+def test_bursts_with_long_pauses_are_no_jumps(tmp_path: Path) -> None:
+    bursts = [hourly(5, first=1 + 5 * k, skip_h=150.0 * k) for k in range(6)]
+    assert read(written(tmp_path, *(each for burst in bursts for each in burst))).counts["after_clock_jump"] == 0
 
 
 def test_all_coordinates_agree_ensemble_by_ensemble(tmp_path: Path) -> None:

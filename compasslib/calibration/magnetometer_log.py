@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from compasslib import angles, compass
 from compasslib.errors import InputError
-from compasslib.readers import table
+from compasslib.readers import table_cells
 
 Floats = NDArray[np.floating]
 
@@ -106,7 +106,7 @@ def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Log:
         return magnetometer_acm.read(paths, set(settings.get("withhold") or ()))
     wanted = _wanted(paths, settings.get("columns") or {}, set(settings.get("withhold") or ()))
     tables = [
-        table.columns_of(path, wanted, advice="name it under columns in the calibration's file") for path in paths
+        table_cells.columns_of(path, wanted, advice="name it under columns in the calibration's file") for path in paths
     ]
     columns = {role: np.concatenate([t[role] for t in tables]) for role in wanted}
     empty = [
@@ -150,7 +150,7 @@ def _spikes(raw: Floats) -> NDArray[np.bool_]:
 
 def _wanted(paths: Sequence[Path], names: Mapping[str, str], withhold: set[str]) -> dict[str, str]:
     """Return role -> header of the columns that are there, x and y in any case."""
-    there = set.intersection(*(set(table.header_of(path)) for path in paths))
+    there = set.intersection(*(set(table_cells.header_of(path)) for path in paths))
     found = {}
     for role, usual in {**ROLES, "time": TIME, "temperature": TEMPERATURE}.items():
         named = names.get(role, names.get(usual))

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib.errors import InputError
-from compasslib.readers import table
+from compasslib.readers import table_cells
 
 Floats = NDArray[np.floating]
 
@@ -34,7 +34,7 @@ def read(
     """
     paths, withheld = [Path(file) for file in files], set(settings.get("withhold") or ())
     header = {role: (settings.get("columns") or {}).get(role, role) for role in (*required, *optional)}
-    names = [set(table.header_of(path)) for path in paths]
+    names = [set(table_cells.header_of(path)) for path in paths]
     _refuse_unknown(withheld, set(header), set.union(*names), paths)
     _refuse_withheld(required, header, withheld)
     wanted = {
@@ -42,7 +42,7 @@ def read(
         for role, name in header.items()
         if role in required or (not {role, name} & withheld and all(name in there for there in names))
     }
-    parts = [table.columns_of(path, wanted, ADVICE) for path in paths]
+    parts = [table_cells.columns_of(path, wanted, ADVICE) for path in paths]
     return {role: np.concatenate([part[role] for part in parts]) for role in wanted}
 
 

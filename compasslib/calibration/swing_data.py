@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from compasslib import angles
 from compasslib.errors import InputError
-from compasslib.readers import nmea, table
+from compasslib.readers import nmea, table_cells
 
 Floats = NDArray[np.floating]
 
@@ -164,7 +164,7 @@ def _tables(paths: list[Path], settings: Mapping[str, Any]) -> Observations:
 def _columns(path: Path, settings: Mapping[str, Any]) -> dict[str, Floats]:
     """Return the columns of one table by role; what is withheld is not looked at."""
     mapped, withheld = settings.get("columns") or {}, set(settings.get("withhold") or ())
-    names = table.header_of(path)
+    names = table_cells.header_of(path)
     headers = {role: str(mapped.get(role) or role) for role in ROLES}
     wanted = {role: header for role, header in headers.items() if not {role, header} & withheld}
     for role, header in wanted.items():
@@ -173,7 +173,7 @@ def _columns(path: Path, settings: Mapping[str, Any]) -> dict[str, Floats]:
     there = {role: header for role, header in wanted.items() if header in names}
     if not {"cog_deg", "true_deg"} & set(there):
         raise _absent(path, "column of the course over ground (cog_deg) or of the true heading (true_deg)", names)
-    parsed = table.columns_of(path, there)
+    parsed = table_cells.columns_of(path, there)
     return {role: angles.wrap360(values) if role.endswith("_deg") else values for role, values in parsed.items()}
 
 

@@ -231,10 +231,13 @@ def _parts(parameters: Floats, data: Sample, prior: Floats, grid: Grid) -> _Part
 
 
 def _contracted(slopes: Floats, pull: Floats) -> Floats:
-    """Return sum over both axes of slopes times pull, (5,), the axis that the slopes do not have summed first."""
-    if slopes.shape[1] == 1:
-        return np.asarray(slopes[:, 0, :] @ pull.sum(axis=0))
-    return np.asarray(slopes[:, :, 0] @ pull.sum(axis=1))
+    """Return sum over both axes of slopes times pull, (5,), the axis that the slopes do not have summed first.
+
+    A compass that is stuck has one recorded heading, so that the other axis tells nothing of which one is missing.
+    """
+    if slopes.shape[2] == 1:
+        return np.asarray(slopes[:, :, 0] @ pull.sum(axis=1))
+    return np.asarray(slopes[:, 0, :] @ pull.sum(axis=0))
 
 
 _HATS = {grid.fine: grid.hats() for grid in (COARSE, FINE)}

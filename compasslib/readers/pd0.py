@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from compasslib.errors import InputError
+from compasslib.readers import pd0_mixture
 from compasslib.readers.pd0_fields import Ensembles, decode_runs, joined, stacked
 from compasslib.readers.pd0_frames import CHUNK_BYTES, Skipped, frames
 from compasslib.readers.pd0_geometry import true_pitch
@@ -201,9 +202,11 @@ def _report(path: str | Path, pieces: Sequence[_Piece], three_beam: int) -> File
 
 def _record(water: Sequence[_Water], reports: Sequence[FileReport], choices: Choices) -> Record:
     leaders = joined([part.leaders for part in water])
+    pd0_mixture.refuse(", ".join(report.path for report in reports), leaders)
+    flags, doubtful, notes = pd0_mixture.doubts(leaders)
     heading = magnetic_heading(leaders, choices)
     cells = int(leaders.cells.max())
-    counts = counts_of(reports, leaders, heading, choices)
+    counts = counts_of(reports, leaders, heading, choices) | doubtful
     return Record(
         time_s=leaders.time_s,
         east=stacked([part.east for part in water], cells),
@@ -216,13 +219,13 @@ def _record(water: Sequence[_Water], reports: Sequence[FileReport], choices: Cho
         depth_m=leaders.depth_m,
         temperature_c=leaders.temperature_c,
         supply_voltage=leaders.supply_voltage,
-        quality=stacked([part.quality for part in water], cells, fill=MISSING),
-        heading_quality=np.where(np.isnan(heading), MISSING, GOOD).astype(np.int8),
+        quality=np.maximum(stacked([part.quality for part in water], cells, fill=MISSING), flags[:, None]),
+        heading_quality=np.where(np.isnan(heading), MISSING, flags).astype(np.int8),
         looks_up=faces_up(leaders, choices),
         beam_angle_deg=_most_frequent(leaders.beam_angle_deg),
         direction_reference="magnetic",
         counts=counts,
-        warnings=sentences(reports, leaders, counts, choices),
+        warnings=(*sentences(reports, leaders, counts, choices), *notes),
     )
 
 

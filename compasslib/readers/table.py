@@ -5,7 +5,6 @@ The column map of the mooring file says which column is what. Rows that share a 
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -13,15 +12,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles
-from compasslib.errors import InputError
+from compasslib.readers.table_cells import columns_in, lines_of
 from compasslib.records import GOOD, MISSING, Record
 
 Floats = NDArray[np.floating]
+Bools = NDArray[np.bool_]
 
-MISSING_TEXT = frozenset({"", "nan", "na", "n/a", "null", "none", "-"})
-COLUMN_MAP = "correct columns in the mooring file"
-TIMES = ("time", "time_utc")  # roles that hold times
-TIME_FORM = "an ISO time like 2007-09-04T00:00:00Z"
+CURRENTS = ("east", "north", "x", "y", "speed")  # roles that hold speeds
+FILLER_TIMES = 2.0  # a filler stands this far beyond all measured speeds, unless both components hold it
+LOSSES = {
+    "rows_cut": "last lines were cut short and left out",
+    "rows_repeated": "rows repeat time and depth of another and were left out",
+    "rows_contradict": "rows repeat time and depth of another with other values; none of them was used",
+    "directions_impossible": "headings or directions are no angles and count as missing",
+    "fillers": "speeds of nothing but nines count as missing",
+}
 
 
 def read(paths: Sequence[Path], *, columns: Mapping[str, str | float]) -> Record:
@@ -37,8 +42,7 @@ def read(paths: Sequence[Path], *, columns: Mapping[str, str | float]) -> Record
     """
     scale = float(columns.get("scale", 1.0))
     headers = {role: str(header) for role, header in columns.items() if role != "scale" and header is not None}
-    tables = [columns_of(path, headers) for path in paths]
-    table = {role: np.concatenate([t[role] for t in tables]) for role in headers}
+    table, counts = _cleaned(*_joined(paths, headers))
     samples = _Samples(table.pop("time"))
     n, m = len(samples.first), int(samples.bin.max(initial=0)) + 1
     east, north = (_spread(scale * x, samples, (n, m)) for x in _east_north(table))
@@ -60,8 +64,70 @@ def read(paths: Sequence[Path], *, columns: Mapping[str, str | float]) -> Record
         quality=np.where(np.isfinite(east + north), GOOD, MISSING).astype(np.int8),
         heading_quality=np.where(np.isfinite(heading), GOOD, MISSING).astype(np.int8),
         looks_up=False,
-        counts={"rows": len(samples.row), "velocities_missing": int(np.sum(~np.isfinite(east + north)))},
+        counts=counts | {"velocities_missing": int(np.sum(~np.isfinite(east + north)))},
+        warnings=tuple(f"{counts[key]} {said}" for key, said in LOSSES.items() if counts[key]),
     )
+
+
+def _joined(paths: Sequence[Path], headers: Mapping[str, str]) -> tuple[dict[str, Floats], dict[str, int]]:
+    files = [(path, lines_of(path)) for path in paths]
+    tables = [columns_in(path, lines, headers) for path, lines in files]
+    rows, cut = sum(len(lines.rows) for _, lines in files), sum(lines.cut for _, lines in files)
+    return {role: np.concatenate([t[role] for t in tables]) for role in headers}, {"rows": rows + cut, "rows_cut": cut}
+
+
+def _cleaned(table: dict[str, Floats], counts: dict[str, int]) -> tuple[dict[str, Floats], dict[str, int]]:
+    """Return the table without fillers, angles that are none and rows that are there twice; what it lost counted."""
+    filled = _fillers(table)
+    wrong = {role: _no_angle(table[role]) for role in ("heading", "direction") if role in table}
+    blank = {role: filled for role in CURRENTS if role in table} | wrong
+    table = {role: np.where(blank[role], np.nan, x) if role in blank else x for role, x in table.items()}
+    keep, repeated, contradict = _single(table)
+    table = {role: column[keep] for role, column in table.items()}
+    return table, counts | {
+        "rows_repeated": repeated,
+        "rows_contradict": contradict,
+        "directions_impossible": int(sum(where.sum() for where in wrong.values())),
+        "fillers": int(filled.sum()),
+    }
+
+
+def _no_angle(degrees: Floats) -> Bools:
+    with np.errstate(invalid="ignore"):
+        return np.asarray((degrees < -180.0) | (degrees > 360.0))
+
+
+def _fillers(table: Mapping[str, Floats]) -> Bools:
+    """Tell rows whose speed is a repeated number of nothing but nines, such as -99.9 or 9999, and no speed."""
+    speeds = [table[role] for role in CURRENTS if role in table]
+    nines = [_nines(column) for column in speeds]
+    alike = np.logical_and.reduce(nines) & (speeds[0] == speeds[-1]) & (len(speeds) > 1)
+    found = alike if alike.sum() > 1 else np.zeros(alike.shape, dtype=bool)
+    for column, nine in zip(speeds, nines, strict=True):
+        rest = np.abs(column[~nine & np.isfinite(column)])
+        far = nine & (np.abs(column) > FILLER_TIMES * rest.max(initial=0.0))
+        found = found | (far if far.sum() > 1 else False)
+    return np.asarray(found)
+
+
+def _nines(column: Floats) -> Bools:
+    distinct, where = np.unique(column, return_inverse=True)
+    of_nines = [set(f"{abs(x):g}".replace(".", "")) == {"9"} and len(f"{abs(x):g}") > 2 for x in distinct]
+    return np.array(of_nines, dtype=bool)[where] if len(distinct) else np.zeros(0, dtype=bool)
+
+
+def _single(table: Mapping[str, Floats]) -> tuple[Bools, int, int]:
+    """Tell rows to keep: of rows with one time and depth the first where all are equal, none where they differ."""
+    key = np.column_stack([table["time"], np.nan_to_num(table.get("depth", table.get("pressure", 0 * table["time"])))])
+    _, first, which, size = np.unique(key, axis=0, return_index=True, return_inverse=True, return_counts=True)
+    if (size == 1).all():
+        return np.ones(len(key), dtype=bool), 0, 0
+    which = which.ravel()
+    values = np.column_stack([x for role, x in table.items() if role != "time"])
+    same = ((values == values[first[which]]) | (np.isnan(values) & np.isnan(values[first[which]]))).all(axis=1)
+    torn = np.bincount(which, ~same)[which] > 0
+    keep = ~torn & (np.arange(len(key)) == first[which])
+    return keep, int(np.sum(~keep & ~torn)), int(torn.sum())
 
 
 class _Samples:
@@ -95,76 +161,3 @@ def _east_north(table: Mapping[str, Floats]) -> tuple[Floats, Floats]:
     if "speed" in table:
         return angles.components(table["speed"], table["direction"])
     return angles.turn(-table["y"], table["x"], table["heading"])
-
-
-def columns_of(path: Path, headers: Mapping[str, str], advice: str = COLUMN_MAP) -> dict[str, Floats]:
-    """Return columns of one table, times as UTC seconds since 1970, nothing as NaN.
-
-    Args:
-        path: a CSV file with a header line.
-        headers: role -> header; the roles ``time`` and ``time_utc`` hold times, all others numbers.
-        advice: what to do where a column is absent.
-
-    Raises:
-        InputError: the file or a column is absent, or a time or number cannot be read.
-    """
-    rows = _rows(path)
-    names = rows[0][1] if rows else []
-    for role, header in headers.items():
-        if header not in names:
-            raise InputError(
-                f"{path}: column {header!r} ({role})",
-                expected="one of the file's columns",
-                found=", ".join(names) or "an empty file",
-                advice=advice,
-            )
-    return {role: _parsed(path, rows, names.index(header), role, header) for role, header in headers.items()}
-
-
-def header_of(path: Path) -> list[str]:
-    """Return the names of a table's columns, none for an empty file.
-
-    Args:
-        path: a CSV file with a header line.
-
-    Raises:
-        InputError: the file cannot be read.
-    """
-    rows = _rows(path)
-    return rows[0][1] if rows else []
-
-
-def _rows(path: Path) -> list[tuple[int, list[str]]]:
-    """Return (line number, cells) of every line that is not empty, cells stripped, comments left out."""
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as stream:
-            reader = csv.reader(stream)
-            rows = [(reader.line_num, [cell.strip() for cell in row]) for row in reader]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(
-            str(path), expected="a readable CSV file in UTF-8", found=error, advice="check path and format"
-        ) from None
-    return [(line, row) for line, row in rows if any(row) and not row[0].startswith("#")]
-
-
-def _parsed(path: Path, rows: list[tuple[int, list[str]]], column: int, role: str, header: str) -> Floats:
-    parse = _time if role in TIMES else _number
-    expected = TIME_FORM if role in TIMES else "a number or nothing"
-    values = np.empty(len(rows) - 1)
-    for i, (line, row) in enumerate(rows[1:]):
-        try:
-            values[i] = parse(row[column])
-        except (ValueError, IndexError):
-            found = repr(row[column]) if column < len(row) else f"a line of {len(row)} cells"
-            raise InputError(
-                f"{path}: line {line}, {header}", expected=expected, found=found, advice="mend or remove the line"
-            ) from None
-    return values
-
-
-def _number(text: str) -> float:
-    return float("nan") if text.lower() in MISSING_TEXT else float(text)
-
-
-def _time(text: str) -> float:
-    return float(np.datetime64(text.removesuffix("Z").replace("/", "-"), "us").astype(np.int64)) / 1e6

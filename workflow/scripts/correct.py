@@ -1,4 +1,4 @@
-"""Correct one instrument: record, pairs, deviation, field -> results/MOORING/corrected.nc."""
+"""Correct one instrument: record, pairs, deviation, assessment, field -> results/MOORING/corrected.nc."""
 
 from compasslib import archive, correction, earthfield, provenance
 from compasslib.discrepancy import moored, product
@@ -9,7 +9,8 @@ with job(snakemake) as say:
     field = earthfield.from_json(archive.read_json(snakemake.input.field))
     made_by = product.from_json(archive.read_json(snakemake.input.deviation))
     at = product.along(made_by, record, field, moored.logged(record, snakemake.input.observatory))
-    corrected = correction.correct(record, made_by.fit, field, pairs, at)
+    refuted = bool(archive.read_json(snakemake.input.assessment)["refuted"])
+    corrected = correction.correct(record, made_by.fit, field, pairs, at, refuted=refuted)
     made = provenance.processing(made_by, field, snakemake.params.sources)
     site, attributes = archive.Site(**snakemake.params.site), snakemake.params.attributes
     archive.write_corrected(snakemake.output[0], corrected, site=site, attributes=attributes, processing=made)

@@ -1,0 +1,90 @@
+"""What pairs give away of a mistake: one record twice, speeds of another unit, no pair at all and why."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib.records import PROBABLY_GOOD, Pairs, Record
+
+Floats = NDArray[np.floating]
+Bools = NDArray[np.bool_]
+
+MOST_IDENTICAL, ENOUGH = 0.5, 30  # share and number of pairs with equal speeds beyond which two instruments are one
+EQUAL_M_S = 1e-6  # single precision's last digit of a slow current
+SPEEDS_APART = 5.0  # ratio of median speeds beyond that of any two depths 20 m apart
+NOISE_M_S = 0.01  # below this a profiler's hourly velocity is noise
+
+
+def checked(pairs: Pairs, upper: Record, trusted: list[Record] | tuple[Record, ...]) -> Pairs:
+    """Return pairs with sentences on what is wrong with them; none of them where both records are the same.
+
+    Args:
+        pairs: overlapping measurements.
+        upper: the compromised instrument inside the deployment.
+        trusted: the trusted one, or nothing.
+    """
+    if not len(pairs):
+        return replace(pairs, warnings=tuple(_absent(upper, trusted)))
+    speeds = [np.median(np.hypot(e, n)) for e, n in _velocities(pairs)]
+    notes = []
+    if not 1.0 / SPEEDS_APART < speeds[0] / speeds[1] < SPEEDS_APART:
+        notes.append(
+            f"median speeds of the pairs are {speeds[0]:.3g} and {speeds[1]:.3g} m/s: check the unit and scale of both"
+        )
+    if min(speeds) < NOISE_M_S:
+        notes.append(f"half of the pairs are slower than {min(speeds):.2g} m/s: their directions are noise")
+    return replace(pairs, warnings=pairs.warnings + tuple(notes))
+
+
+def identical(pairs: Pairs) -> bool:
+    """Return whether the two instruments of pairs recorded the same velocities, and are therefore one.
+
+    Args:
+        pairs: overlapping measurements.
+    """
+    upper, lower = (np.hypot(east, north) for east, north in _velocities(pairs))
+    if len(pairs) < ENOUGH or np.ptp(upper) == 0.0:
+        return False
+    return float(np.mean(np.abs(upper - lower) < EQUAL_M_S)) > MOST_IDENTICAL
+
+
+def _velocities(pairs: Pairs) -> tuple[tuple[Floats, Floats], tuple[Floats, Floats]]:
+    return (pairs.upper_east, pairs.upper_north), (pairs.lower_east, pairs.lower_north)
+
+
+def _absent(upper: Record, trusted: list[Record] | tuple[Record, ...]) -> list[str]:
+    """Say why there is no pair."""
+    if not trusted:
+        return []
+    reasons = [
+        f"the {name} instrument {why}"
+        for name, why in zip(
+            ("compromised", "trusted"),
+            (_unusable(upper, heading=True), _unusable(trusted[0], heading=False)),
+            strict=True,
+        )
+        if why
+    ]
+    if reasons:
+        return reasons
+    if upper.time_s[0] > trusted[0].time_s[-1] or trusted[0].time_s[0] > upper.time_s[-1]:
+        return ["the two records do not overlap in time"]
+    depths = [float(np.nanmedian(record.depth_m)) for record in (upper, trusted[0])]
+    return [
+        f"no two velocities are near enough in time and depth (instruments at {depths[0]:.0f} and {depths[1]:.0f} m)"
+    ]
+
+
+def _unusable(record: Record, *, heading: bool) -> str:
+    if not len(record.time_s):
+        return "has no sample inside the deployment"
+    if not ((record.quality <= PROBABLY_GOOD) & np.isfinite(record.east + record.north)).any():
+        return "has no usable velocity"
+    if heading and not (np.isfinite(record.heading_deg) & (record.heading_quality <= PROBABLY_GOOD)).any():
+        return "has no usable heading: is it the one with the compass to correct?"
+    if not np.isfinite(record.depth_m).any():
+        return "has no depth"
+    return ""

@@ -1,0 +1,143 @@
+"""What parses and is still impossible: sensors that do not move, depths out of the water, sentinels taken for speeds.
+
+What cannot be true is flagged and counted; what may be true but tells nothing is said.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib import angles
+from compasslib.records import BAD, GOOD, PROBABLY_BAD, Record
+
+Floats = NDArray[np.floating]
+Bools = NDArray[np.bool_]
+
+FASTEST_CURRENT = 5.0  # m/s, beyond any ocean current
+STEEPEST_TILT = 45.0  # degrees, beyond what an instrument levels
+ABOVE_SURFACE_M = 10.0  # a pressure sensor that was not zeroed in air is off by less
+BELOW_BOTTOM = 1.2  # of the water depth; a charted one is rarely wrong by more
+FROZEN_SAMPLES, FROZEN_S = 12, 6 * 3600.0  # no water repeats itself to the last digit as often and as long
+BY_CHANCE = 1e-3  # such runs expected of a series that repeats itself as often as the rest does
+ENOUGH = 24  # samples before a series that never moves is called stuck
+NARROW_DEG = 5.0  # headings within this tell nothing of how a deviation goes round
+
+
+def flagged(record: Record, water_depth: float) -> Record:
+    """Return the record with impossible values flagged and counted, and sensors that tell nothing named.
+
+    Args:
+        record: n samples in order of time, depth known.
+        water_depth: metres.
+    """
+    record = _impossible(record)
+    record = _out_of_water(record, water_depth)
+    if len(record.time_s) > FROZEN_SAMPLES:
+        frozen = _frozen_velocity(record)[:, None]
+        record = _frozen_heading(mark(record, frozen, BAD, "frozen_velocity", "the same to the last digit for hours"))
+    return _told(record)
+
+
+def mark(record: Record, where: Bools, flag: int, count: str, sentence: str | None) -> Record:
+    """Return the record with velocities flagged that were good so far, counted, and said where there is a sentence.
+
+    Args:
+        record: n samples of m bins.
+        where: (n, m), or what can be broadcast to it.
+        flag: of OceanSITES.
+        count: name of the count.
+        sentence: what they are, or None.
+    """
+    hit = np.broadcast_to(where, record.quality.shape) & (record.quality <= GOOD)
+    number = int(np.sum(hit))
+    notes = (f"{number} velocities flagged: {sentence}",) if sentence and number else ()
+    quality = np.where(hit, flag, record.quality).astype(np.int8)
+    counts = {**record.counts, count: number}
+    return replace(record, quality=quality, counts=counts, warnings=record.warnings + notes)
+
+
+def _impossible(record: Record) -> Record:
+    """Flag what no ocean and no levelled instrument can show."""
+    too_fast = np.hypot(record.east, record.north) > FASTEST_CURRENT
+    with np.errstate(invalid="ignore"):
+        fallen = (np.abs(record.pitch_deg) > STEEPEST_TILT) | (np.abs(record.roll_deg) > STEEPEST_TILT)
+    record = mark(record, too_fast, BAD, "impossible_speed", f"faster than {FASTEST_CURRENT:g} m/s")
+    record = mark(record, fallen[:, None], BAD, "steep_tilt", "tilted too far")
+    heading = np.where(fallen & (record.heading_quality < BAD), PROBABLY_BAD, record.heading_quality)
+    return replace(record, heading_quality=heading.astype(np.int8))
+
+
+def _out_of_water(record: Record, water_depth: float) -> Record:
+    with np.errstate(invalid="ignore"):
+        out = (record.depth_m < -ABOVE_SURFACE_M) | (record.depth_m > BELOW_BOTTOM * water_depth)
+    sentence = "the instrument's depth lies above the surface or below the bottom"
+    return mark(record, out[:, None], BAD, "impossible_depth", sentence)
+
+
+def _frozen_velocity(record: Record) -> Bools:
+    """Tell samples whose velocities repeat those before them in all bins; still water, all zero, is not looked at."""
+    east, north = np.nan_to_num(record.east), np.nan_to_num(record.north)
+    same = ((east[1:] == east[:-1]) & (north[1:] == north[:-1])).all(axis=1)
+    return _stuck(same & ((east[1:] != 0.0) | (north[1:] != 0.0)).any(axis=1), record.time_s)
+
+
+def _stuck(same: Bools, time_s: Floats) -> Bools:
+    """Tell samples that repeat the one before so often and so long that the others of the series make it no chance.
+
+    Args:
+        same: whether each sample repeats the one before, (n - 1,).
+        time_s: (n,).
+    """
+    edge = np.diff(np.concatenate([[False], same, [False]]).astype(np.int8))
+    runs = np.column_stack([np.flatnonzero(edge == 1), np.flatnonzero(edge == -1)])  # first and last sample of each
+    lasts = time_s[runs[:, 1]] - time_s[runs[:, 0]] >= FROZEN_S
+    runs = runs[lasts & (runs[:, 1] - runs[:, 0] >= FROZEN_SAMPLES)]
+    stuck = np.zeros(len(time_s), dtype=bool)
+    for begin, end in runs:
+        stuck[begin + 1 : end + 1] = True
+    others = same[~stuck[1:]]
+    share = float(others.mean()) if others.size else 1.0
+    likely = [end - begin for begin, end in runs if len(time_s) * share ** (end - begin) > BY_CHANCE]
+    return stuck & (not likely)
+
+
+def _frozen_heading(record: Record) -> Record:
+    """Doubt headings that stand still for hours where they otherwise never do."""
+    frozen = _stuck(np.diff(record.heading_deg) == 0.0, record.time_s) & (record.heading_quality < PROBABLY_BAD)
+    number = int(frozen.sum())
+    notes = (f"{number} headings flagged: the compass stood still to the last digit for hours",) if number else ()
+    quality = np.where(frozen, PROBABLY_BAD, record.heading_quality).astype(np.int8)
+    counts = {**record.counts, "heading_stuck": number}
+    return replace(record, heading_quality=quality, counts=counts, warnings=record.warnings + notes)
+
+
+def _told(record: Record) -> Record:
+    """Count and say which sensors never move."""
+    counts: dict[str, int] = {"tilt_frozen": 0, "heading_frozen": 0, "heading_narrow": 0}
+    notes = []
+    tilts = [x for x in (record.pitch_deg, record.roll_deg) if np.isfinite(x).sum() >= ENOUGH]
+    if tilts and all(np.nanmax(x) == np.nanmin(x) for x in tilts):
+        counts["tilt_frozen"] = int(np.isfinite(tilts[0]).sum())
+        notes.append("pitch and roll never change: the tilt sensor is stuck or was not fitted, its tilts tell nothing")
+    heading = record.heading_deg[np.isfinite(record.heading_deg)]
+    arc = _arc(heading) if heading.size >= ENOUGH else 360.0
+    if arc == 0.0:
+        counts["heading_frozen"] = heading.size
+        notes.append(f"the compass shows {heading[0]:.2f} degrees all the time: it is stuck, and no heading is used")
+    elif arc < NARROW_DEG:
+        counts["heading_narrow"] = heading.size
+        notes.append(f"all headings lie within {arc:.1f} degrees: they cannot tell a deviation from a constant")
+    stuck = (arc == 0.0) & (record.heading_quality < PROBABLY_BAD)
+    quality = np.where(stuck, PROBABLY_BAD, record.heading_quality).astype(np.int8)
+    said = record.warnings + tuple(notes)
+    return replace(record, heading_quality=quality, counts=record.counts | counts, warnings=said)
+
+
+def _arc(heading_deg: Floats) -> float:
+    """Return the width of the smallest arc that holds all headings but the outermost percent, degrees."""
+    off = angles.difference(heading_deg, angles.mean(heading_deg))
+    low, high = np.percentile(off, [0.5, 99.5])
+    return float(high - low)

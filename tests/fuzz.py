@@ -1,0 +1,312 @@
+"""Files of every format and YAML, damaged at random by a seed: no crash, no hang, nothing accepted that was not there.
+
+    python tests/fuzz.py [SECONDS] [SEED]
+
+runs at will and prints how many files of each kind were damaged, read and refused. ``test_fuzz.py`` runs it briefly.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from datetime import timedelta
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from iaga_files import series
+from iaga_files import write as write_observatory
+from pd0_encoder import START, ensemble
+from sea import cruise
+
+from compasslib import config, deployment, overlap
+from compasslib.errors import InputError
+from compasslib.nature import mmp
+from compasslib.readers import iaga2002, mmp_acm, nmea, pd0, table
+from compasslib.records import PROBABLY_GOOD, EarthField, Record
+
+METER = mmp.Acm(1405, "ML1405-01D", 65.27, -32.88, rate_hz=2.0)
+SLOWEST_S = 5.0  # CPU of one damaged file; a whole one takes 10 ms
+COLUMNS = {"time": "t", "depth": "z", "east": "u", "north": "v", "scale": 0.01}
+BODY = {"time": "t", "x": "x", "y": "y", "heading": "h", "scale": 0.01}
+FIELD = EarthField(np.array([0.0, 4e9]), *np.full((4, 2), 100.0))
+SETTLED = {"start_s": START.timestamp() - 1e5, "end_s": START.timestamp() + 1e6, "water_depth": 500.0}
+NASTY = (
+    b"\xff" * 40,
+    b"\x00" * 40,
+    b"\x7f\x7f" * 9,
+    b"\r\n\r\n",
+    b",,,,",
+    b"nan",
+    b"1e999",
+    b"-999",
+    b"\x1a",
+    b"$GPRMC,",
+)
+
+
+class Wrong(AssertionError):
+    """What must never happen to a damaged file."""
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One kind of file: a whole one, how it is read, and what may come out of it."""
+
+    whole: bytes
+    read: Callable[[Path], Any]
+    rows: Callable[[Any], set[tuple[float, ...]]] | None = None  # what counts as good, where the format has checksums
+
+
+def damaged(whole: bytes, rng: np.random.Generator) -> bytes:
+    """Return a file with one to five damages: flips, cuts, missing pieces, pieces twice or swapped, junk."""
+    data = whole
+    for _ in range(rng.integers(1, 6)):
+        data = _DAMAGES[rng.integers(len(_DAMAGES))](data, rng) or b""
+    return data
+
+
+def _place(data: bytes, rng: np.random.Generator) -> int:
+    return int(rng.integers(0, len(data) + 1))
+
+
+def _flip(data: bytes, rng: np.random.Generator) -> bytes:
+    copy = bytearray(data)
+    for at in rng.integers(0, max(len(copy), 1), rng.integers(1, 9)) if copy else ():
+        copy[at] ^= int(rng.integers(1, 256))
+    return bytes(copy)
+
+
+def _cut(data: bytes, rng: np.random.Generator) -> bytes:
+    return data[: _place(data, rng)]
+
+
+def _behead(data: bytes, rng: np.random.Generator) -> bytes:
+    return data[_place(data, rng) :]
+
+
+def _piece(data: bytes, rng: np.random.Generator) -> tuple[int, int]:
+    begin = _place(data, rng)
+    return begin, min(len(data), begin + int(2 ** rng.uniform(0, 11)))
+
+
+def _lose(data: bytes, rng: np.random.Generator) -> bytes:
+    begin, end = _piece(data, rng)
+    return data[:begin] + data[end:]
+
+
+def _repeat(data: bytes, rng: np.random.Generator) -> bytes:
+    (begin, end), at = _piece(data, rng), _place(data, rng)
+    return data[:at] + data[begin:end] + data[at:]
+
+
+def _junk(data: bytes, rng: np.random.Generator) -> bytes:
+    at = _place(data, rng)
+    return data[:at] + rng.bytes(int(2 ** rng.uniform(0, 9))) + data[at:]
+
+
+def _nasty(data: bytes, rng: np.random.Generator) -> bytes:
+    at = _place(data, rng)
+    return data[:at] + NASTY[rng.integers(len(NASTY))] + data[at:]
+
+
+def _overwrite(data: bytes, rng: np.random.Generator) -> bytes:
+    begin, end = _piece(data, rng)
+    return data[:begin] + bytes([rng.choice([0, 0x7F, 0xFF, 0x30])]) * (end - begin) + data[end:]
+
+
+def _turn_over(data: bytes, rng: np.random.Generator) -> bytes:
+    lines = data.split(b"\n")
+    begin = int(rng.integers(0, len(lines)))
+    end = begin + int(rng.integers(2, 9))
+    return b"\n".join([*lines[:begin], *lines[begin:end][::-1], *lines[end:]])
+
+
+_DAMAGES = (_flip, _cut, _behead, _lose, _repeat, _junk, _nasty, _overwrite, _turn_over)
+
+
+def _pd0(path: Path) -> Record:
+    record = pd0.read([path], orientation=None, declination_applied=None, heading_alignment=None)
+    if record.counts["bytes_total"] != path.stat().st_size:
+        raise Wrong(f"{record.counts['bytes_total']} bytes accounted for of {path.stat().st_size}")
+    return _through(record)
+
+
+def _table(columns: dict[str, Any]) -> Callable[[Path], Record]:
+    def read(path: Path) -> Record:
+        record = table.read([path], columns=columns)
+        kept = int(np.sum(np.isfinite(record.bin_range_m) & np.isfinite(record.time_s)[:, None]))
+        lost = sum(record.counts[key] for key in ("rows_cut", "rows_repeated", "rows_contradict"))
+        if record.counts["rows"] < len(record.time_s) + lost or kept < len(record.time_s):
+            raise Wrong(f"{record.counts} do not account for {len(record.time_s)} samples")
+        return _through(record)
+
+    return read
+
+
+def _mmp(path: Path) -> Record:
+    return _through(mmp_acm.read([path], pressure_files=(), start_offset_seconds=0.0))
+
+
+def _through(record: Record) -> Record:
+    """Take a record on to the pairs: what parses must not stop the later stages."""
+    for values in (record.east, record.north, record.heading_deg, record.time_s):
+        if np.isinf(values).any():
+            raise Wrong("an infinite value")
+    settled = deployment.settle(record, **SETTLED, latitude=60.0, nominal_depth=100.0)
+    if (np.diff(settled.time_s) <= 0).any() or len(settled.quality) != len(settled.time_s):
+        raise Wrong("times that do not rise")
+    overlap.find(settled, [replace(settled, north=settled.north + 0.01)], FIELD, overlap.Rules())
+    return record
+
+
+def _good(record: Record) -> set[tuple[float, ...]]:
+    good = np.flatnonzero((record.heading_quality <= PROBABLY_GOOD) & np.isfinite(record.heading_deg))
+    columns = [record.time_s, record.heading_deg, *record.east.T[:2], *record.north.T[:2]]
+    return set(zip(*(np.round(np.nan_to_num(column[good], nan=-9.0), 4).tolist() for column in columns), strict=True))
+
+
+def kinds(folder: Path) -> dict[str, Kind]:
+    """Return a whole file of each kind.
+
+    Args:
+        folder: where files may be written.
+    """
+    rng = np.random.default_rng(0)
+    write_observatory(folder / "obs.min", series(4))
+    scans = _scans(rng)
+    mmp.write_text(folder / "acm.txt", METER, scans)
+    mmp.write_binary(folder / "acm.dat", METER, scans)
+    times = [f"{START + timedelta(hours=i):%Y-%m-%dT%H:%M:%SZ}" for i in range(40)]
+    speeds = rng.normal(0, 20, (40, 2))
+    rows = "".join(
+        f"{at},{100 + i / 8:.3f},{u:.2f},{v:.2f}\n" for i, (at, (u, v)) in enumerate(zip(times, speeds, strict=True))
+    )
+    body = rows.replace(",10", ",2", 5)
+    return {
+        "pd0": Kind(b"".join(_ensembles(rng)), _pd0, _good),
+        "table": Kind(b"t,z,u,v\n" + rows.encode(), _table(COLUMNS)),
+        "acm_table": Kind(b"t,h,x,y\n" + body.encode(), _table(BODY)),
+        "mmp text": Kind((folder / "acm.txt").read_bytes(), _mmp),
+        "mmp binary": Kind((folder / "acm.dat").read_bytes(), _mmp),
+        "nmea0183": Kind(_log(), lambda path: nmea.read([path])),
+        "iaga2002": Kind((folder / "obs.min").read_bytes(), lambda path: iaga2002.read([path])),
+        "yaml": _yaml(folder),
+    }
+
+
+def _ensembles(rng: np.random.Generator) -> list[bytes]:
+    return [
+        ensemble(
+            rng.integers(-400, 400, (4, 4)).tolist(),
+            fixed={"up": True},
+            number=i + 1,
+            when=START + timedelta(hours=i),
+            heading=int(rng.integers(0, 36000)),
+            tilt1=int(rng.integers(-500, 500)),
+            pressure=int(rng.integers(100_000, 110_000)),
+        )
+        for i in range(40)
+    ]
+
+
+def _scans(rng: np.random.Generator) -> Any:
+    sizes = np.array([30, 30])
+    on = int(START.timestamp()) + 600 * np.arange(2)
+    time_s = np.concatenate([on[k] + 15 + np.arange(n) // 2 for k, n in enumerate(sizes)])
+    values = np.column_stack([rng.uniform(0, 359, 60), rng.normal(0, 2, (60, 2)), rng.normal(0, 0.4, (60, 3))])
+    values = np.column_stack([values, rng.normal(0, 9, (60, 4))])
+    return mmp.Scans(1 + np.arange(2), sizes, on, on + 60, time_s, np.round(values, 4))
+
+
+def _log() -> bytes:
+    bodies = []
+    for k in range(40):
+        place = "0854.979,S,14006.028,W"
+        bodies += [f"HCHDG,{9 * k}.0,,,10,E", f"GPRMC,1904{k:02d},A,{place},5.0,{(9 * k + 12) % 360}.5,031110,10,E,A"]
+    checks = [f"{np.bitwise_xor.reduce(np.frombuffer(body.encode(), np.uint8)):02X}" for body in bodies]
+    return "".join(f"${body}*{check}\r\n" for body, check in zip(bodies, checks, strict=True)).encode()
+
+
+def _yaml(folder: Path) -> Kind:
+    made = cruise(folder / "cruise", n=3)
+    file = made / "config/moorings/M1.yaml"
+    whole = file.read_bytes()
+
+    def read(path: Path) -> Any:
+        file.write_bytes(path.read_bytes())
+        return yaml.safe_dump(config.load(made).moorings["M1"].model_dump(mode="json"))
+
+    return Kind(whole, _renamed(read))
+
+
+def _renamed(read: Callable[[Path], Any]) -> Callable[[Path], Any]:
+    def tried(path: Path) -> Any:
+        try:
+            return read(path)
+        except KeyError:
+            return None  # the damage renamed the mooring
+
+    return tried
+
+
+def run(seconds: float, seed: int) -> Counter[str]:
+    """Return how many files of each kind were read and refused; each kind in turn until the time is over.
+
+    Args:
+        seconds: of CPU.
+        seed: of the damages.
+
+    Raises:
+        Wrong: a crash, a hang or a false ensemble, with the kind, seed and number that repeat it.
+    """
+    counts: Counter[str] = Counter()
+    end = time.process_time() + seconds
+    with tempfile.TemporaryDirectory() as scratch:
+        whole = kinds(Path(scratch))
+        truth = {name: kind.rows(_try(kind, kind.whole, Path(scratch))) for name, kind in whole.items() if kind.rows}
+        number = 0
+        while time.process_time() < end:
+            for name, kind in whole.items():
+                _one(name, kind, truth.get(name), (seed, number), Path(scratch), counts)
+            number += 1
+    return counts
+
+
+def _one(
+    name: str, kind: Kind, truth: set[Any] | None, at: tuple[int, int], scratch: Path, counts: Counter[str]
+) -> None:
+    data = damaged(kind.whole, np.random.default_rng(at))
+    begun = time.process_time()
+    try:
+        found = _try(kind, data, scratch)
+        counts[f"{name}: read"] += 1
+        if truth is not None and not kind.rows(found) <= truth:
+            raise Wrong("an ensemble that was never recorded")
+    except InputError as error:
+        counts[f"{name}: refused"] += 1
+        if "\n" in str(error):
+            raise Wrong(f"{name}, damage {at}: more than one line: {error}") from error
+    except Exception as error:
+        raise Wrong(f"{name}, damage {at}: {type(error).__name__}: {error}") from error
+    if time.process_time() - begun > SLOWEST_S:
+        raise Wrong(f"{name}, damage {at}: {time.process_time() - begun:.1f} s")
+
+
+def _try(kind: Kind, data: bytes, scratch: Path) -> Any:
+    path = scratch / "damaged"
+    path.write_bytes(data)
+    return kind.read(path)
+
+
+if __name__ == "__main__":
+    spent, drawn = (float(sys.argv[1]) if len(sys.argv) > 1 else 60.0), int(sys.argv[2]) if len(sys.argv) > 2 else 7
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    for line, times in sorted(run(spent, drawn).items()):
+        print(f"{line:24} {times}")

@@ -1,0 +1,365 @@
+"""The whole chain under damage: mistakes that parse, killed runs, hostile cruise folders."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+import shutil
+import signal
+import struct
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from datetime import datetime, timedelta
+from pathlib import Path
+
+import chain
+import numpy as np
+import pytest
+import yaml
+from sea import START, cruise
+
+from compasslib.config import load
+from compasslib.errors import InputError
+
+PROJECT = Path(__file__).resolve().parents[1]
+HOURS = 400
+YAML, TOP, DEEP = Path("config/moorings/M1.yaml"), Path("raw/M1/top.000"), Path("raw/M1/deep.csv")
+SET = START.replace(tzinfo=None)
+Spoil = Callable[[Path], object]
+
+
+@pytest.fixture(scope="module")
+def sound(tmp_path_factory) -> Path:
+    """A cruise of 17 days."""
+    folder = cruise(tmp_path_factory.mktemp("sound") / "c", n=HOURS)
+    (folder / "config/config.yaml").write_text("{fit: {method: von_appen}}\n")  # the fast one: damage comes before it
+    return folder
+
+
+def spoilt(sound: Path, folder: Path, spoil: Spoil) -> Path:
+    shutil.copytree(sound, folder / "c")
+    spoil(folder / "c")
+    return folder / "c"
+
+
+def said(**keys: object) -> Spoil:
+    """Change keys of the mooring; ``deep__columns__scale`` is a key below keys."""
+
+    def spoil(folder: Path) -> None:
+        content = yaml.safe_load((folder / YAML).read_text())
+        for path, value in keys.items():
+            place = content["instruments"] if path.split("__")[0] in content["instruments"] else content
+            for part in path.split("__")[:-1]:
+                place = place[part]
+            place[path.split("__")[-1]] = value
+        (folder / YAML).write_text(yaml.safe_dump(content, sort_keys=False))
+
+    return spoil
+
+
+def table(change: Callable[[int, list[str]], list[str]]) -> Spoil:
+    """Change the cells of the trusted instrument's rows."""
+
+    def spoil(folder: Path) -> None:
+        head, *rows = (folder / DEEP).read_text().splitlines()
+        rows = [",".join(change(i, row.split(","))) for i, row in enumerate(rows)]
+        (folder / DEEP).write_text("\n".join([head, *rows]) + "\n")
+
+    return spoil
+
+
+def ensembles(folder: Path) -> list[bytes]:
+    data = (folder / TOP).read_bytes()
+    length = struct.unpack("<H", data[2:4])[0] + 2
+    return [data[k : k + length] for k in range(0, len(data), length)]
+
+
+def rewritten(ensemble: bytes, block: int, at: int, content: bytes) -> bytes:
+    """Return an ensemble with bytes of a block replaced and the checksum right again."""
+    changed = bytearray(ensemble)
+    begin = struct.unpack_from("<H", changed, 6 + 2 * block)[0] + at
+    changed[begin : begin + len(content)] = content
+    changed[-2:] = struct.pack("<H", sum(changed[:-2]) % 65536)
+    return bytes(changed)
+
+
+def at(ensemble: bytes, when: datetime) -> bytes:
+    clock = bytes((when.year - 2000, *when.timetuple()[1:6], 0))
+    return rewritten(rewritten(ensemble, 1, 4, clock), 1, 58, clock)
+
+
+def clock(hours: Callable[[int], float], begin: datetime = SET) -> Spoil:
+    def spoil(folder: Path) -> None:
+        moved = [at(each, begin + timedelta(hours=hours(i))) for i, each in enumerate(ensembles(folder))]
+        (folder / TOP).write_bytes(b"".join(moved))
+
+    return spoil
+
+
+def profiles(block: int, place: int, content: bytes) -> Spoil:
+    def spoil(folder: Path) -> None:
+        changed = [rewritten(each, block, place, content) for each in ensembles(folder)]
+        (folder / TOP).write_bytes(b"".join(changed))
+
+    return spoil
+
+
+def given_twice(folder: Path) -> None:
+    shutil.copy(folder / TOP, folder / "raw/M1/copy.000")
+    twice = {"format": "pd0", "files": "raw/M1/copy.000", "depth": 105, "orientation": "up"}
+    said(instruments__deep=twice)(folder)
+
+
+def unrelated(folder: Path) -> None:
+    rng = np.random.default_rng(4)
+    table(lambda i, row: [*row[:2], *(f"{x:.3f}" for x in rng.normal(0.0, 15.0, 2))])(folder)
+
+
+# What is done, what the summary or the one line must say.
+FAULTS: dict[str, tuple[Spoil, str]] = {
+    "instruments swapped": (said(compromised="deep", reference="top"), "compromised instrument has no usable heading"),
+    "files swapped": (said(top__files=str(DEEP)), "expected PD0 ensembles"),
+    "declination of the wrong sign": (said(declination=23.6), "off IGRF"),
+    "declination taken out of one that has none": (
+        said(deep__declination_applied=-23.6),
+        "the fit holds a constant of +2",
+    ),
+    "a true reference called magnetic": (said(deep__direction_reference="true"), "the fit holds a constant of +2"),
+    "one recording given twice": (given_twice, "recorded the same velocities: one recording was given twice"),
+    "cm/s called mm/s": (said(deep__columns__scale=0.0001), "check the unit and scale"),
+    "cm/s called m/s": (said(deep__columns__scale=1.0), "velocities flagged: faster than 5 m/s"),
+    "east and north negative": (
+        table(lambda i, row: [*row[:2], f"{-float(row[2])}", f"{-float(row[3])}"]),
+        "deny the correction",
+    ),
+    "unrelated water": (unrelated, "held-out pairs deny the correction"),
+    "trusted clock off by three days": (said(deep__clock_offset_seconds=259200), "held-out pairs deny the correction"),
+    "clock set back in mid record": (clock(lambda i: i % 250), "the clock was set back 1 times"),
+    "clock set to 2000 in mid record": (
+        clock(lambda i: i if i < 150 else i - 67_000),
+        "lie outside the deployment: check clock",
+    ),
+    "clock that jumps ahead": (clock(lambda i: i + 48 * (i >= 150)), "jumps ahead by days"),
+    "wrong century": (clock(lambda i: i, datetime(2000, 1, 1)), "lie outside the deployment: check clock and dates"),
+    "no overlap in time": (table(lambda i, row: [row[0].replace("2007", "2012"), *row[1:]]), "lie outside"),
+    "no overlap in depth": (said(deep__depth=505), "no two velocities are near enough in time and depth"),
+    "a depth in the file that is not the metadata's": (
+        table(lambda i, r: [r[0], "505.0", *r[2:]]),
+        "505 m never varies",
+    ),
+    "a year of NaN": (table(lambda i, row: [*row[:2], "NaN", "NaN"]), "the trusted instrument has no usable velocity"),
+    "all velocities missing": (profiles(2, 2, struct.pack("<h", -32768) * 16), "has no usable velocity"),
+    "30 m/s": (profiles(2, 2, struct.pack("<h", 30000) * 16), "velocities flagged: faster than 5 m/s"),
+    "all under the noise": (table(lambda i, row: [*row[:2], f"0.{i % 9}1", "-0.2"]), "their directions are noise"),
+    "fillers": (
+        table(lambda i, row: row if i % 4 else [*row[:2], "-99.9", "-99.9"]),
+        "100 speeds of nothing but nines",
+    ),
+    "a frozen current meter": (
+        table(lambda i, row: row if i < 90 else [*row[:2], "12.34", "5.67"]),
+        "the same to the last",
+    ),
+    "a frozen compass": (profiles(1, 18, struct.pack("<H", 12000)), "120.00 degrees all the time"),
+    "frozen tilts": (lambda folder: None, "the tilt sensor is stuck"),
+    "a table given again inside itself": (
+        lambda folder: (folder / DEEP).write_text((folder / DEEP).read_text() * 2),
+        "expected an ISO time",
+    ),
+    "reversed time": (
+        lambda folder: (folder / TOP).write_bytes(b"".join(ensembles(folder)[::-1])),
+        "the clock goes backwards",
+    ),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_mistake_that_parses_is_said(sound, tmp_path, fault):
+    spoil, expected = FAULTS[fault]
+    found = chain.run(spoilt(sound, tmp_path, spoil))
+    line = found["error"] or found["warnings"]
+    assert expected in line and "\n" not in line
+
+
+def test_what_is_denied_by_held_out_pairs_is_flagged_and_its_uncertainty_says_nothing_is_known(sound, tmp_path):
+    product = chain.run(spoilt(sound, tmp_path, unrelated))["product"]
+    corrected = np.isfinite(product.heading_corrected_deg)
+    assert (product.heading_corrected_quality[corrected] == 3).all()
+    assert (product.heading_uncertainty_deg[corrected] > 100.0).all() and (product.velocity_quality >= 3).all()
+
+
+def test_after_a_clock_was_set_back_the_product_is_that_of_the_samples_before(sound, tmp_path):
+    whole = chain.run(spoilt(sound, tmp_path / "a", lambda folder: None))["product"].record
+    half = chain.run(spoilt(sound, tmp_path / "b", FAULTS["clock set back in mid record"][0]))["product"].record
+    assert len(half.time_s) == 250
+    assert np.array_equal(half.heading_deg, whole.heading_deg[:250]) and np.array_equal(half.east, whole.east[:250])
+
+
+def test_a_sound_cruise_is_not_warned_of(sound, tmp_path):
+    found = chain.run(spoilt(sound, tmp_path, lambda folder: None))
+    left = [w for w in found["warnings"].split(" | ") if "search was switched off" not in w and "tilt sensor" not in w]
+    assert left == [] and found["share_corrected"] == 1.0
+
+
+HOSTILE = {
+    "aliases": ("latitude: 65.3333", "latitude: &a [x, x]\nbomb: [*a, *a]", "without anchors"),
+    "a tag": ("latitude: 65.3333", "latitude: !!python/object/apply:os.system [id]", "without tags"),
+    "nesting": ("latitude: 65.3333", f"latitude: {'[' * 5000}", "deeper nesting"),
+    "not a number": ("latitude: 65.3333", "latitude: .nan", "latitude: expected a number"),
+    "infinity": ("water_depth: 894", "water_depth: .inf", "water_depth: expected"),
+    "a huge number": ("water_depth: 894", f"water_depth: {'9' * 5000}", "water_depth: expected"),
+    "a huge exponent": ("water_depth: 894", "water_depth: 1.0e999", "water_depth: expected"),
+    "climbing": ("raw/M1/top.000", "raw/../../../etc/passwd", "a path inside the cruise folder"),
+    "absolute": ("raw/M1/top.000", "/etc/passwd", "a path inside the cruise folder"),
+    "home": ("raw/M1/top.000", "~/x", "a path inside the cruise folder"),
+    "braces": ("raw/M1/top.000", "'raw/{mooring}/top.000'", "a path without braces"),
+    "a shell in the name": ("name: M1", "name: M1;touch x", "name: expected 1 to 64 letters"),
+    "a folder in the name": ("name: M1", "name: ../M1", "name: expected 1 to 64 letters"),
+    "HTML in the name": ("name: M1", "name: <script>alert(1)</script>", "name: expected 1 to 64 letters"),
+}
+
+
+@pytest.mark.parametrize("what", HOSTILE)
+def test_hostile_yaml_is_refused_in_one_line(sound, tmp_path, what):
+    old, new, expected = HOSTILE[what]
+
+    def spoil(folder: Path) -> None:
+        (folder / YAML).write_text((folder / YAML).read_text().replace(old, new, 1))
+
+    with pytest.raises(InputError) as caught:
+        load(spoilt(sound, tmp_path, spoil))
+    assert expected in str(caught.value) and "\n" not in str(caught.value) and len(str(caught.value)) < 500
+
+
+def test_a_link_out_of_the_cruise_is_the_users_own_and_a_loop_of_links_ends(sound, tmp_path):
+    folder = spoilt(sound, tmp_path, said(top__files="raw/**/*.000"))
+    outside = shutil.move(folder / TOP, tmp_path / "elsewhere.000")
+    (folder / TOP).symlink_to(outside)
+    for name in ("a", "b"):
+        (folder / "raw" / name).symlink_to(folder / "raw")
+    begun = time.process_time()
+    assert load(folder).moorings["M1"].instruments["top"].files == (str(TOP),)
+    assert time.process_time() - begun < 5.0
+
+
+def test_files_named_for_a_shell_are_only_names(sound, tmp_path):
+    name = "raw/M1/$(touch pwned); `touch pwned` & 'x' *.000"
+    folder = spoilt(sound, tmp_path, lambda there: shutil.move(there / TOP, there / name))
+    said(top__files=name)(folder)
+    ran = snakemake(folder, "results/M1/work/top.nc")
+    assert ran.returncode == 0 and (folder / "results/M1/work/top.nc").exists(), ran.stderr
+    assert not list(tmp_path.rglob("pwned"))
+
+
+@pytest.mark.parametrize("count", [255, 1])
+def test_a_huge_count_in_a_header_costs_no_memory(sound, tmp_path, count):
+    """255 cells or blocks where there are four: such an ensemble has no velocities, and is none."""
+    folder = spoilt(sound, tmp_path, profiles(0, 9, bytes([count])))
+    found = chain.run(folder)
+    assert (found["error"] is None) == (count == 1)
+
+
+def snakemake(folder: Path, *options: str, start: Path = PROJECT) -> subprocess.CompletedProcess:
+    command = [sys.executable, "-m", "snakemake", "--snakefile", str(PROJECT / "Snakefile"), "--directory", str(folder)]
+    environment = os.environ | {"PYTHONPATH": str(PROJECT)}
+    whole = [*command, "--cores", "2", *options]
+    return subprocess.run(whole, capture_output=True, text=True, check=False, env=environment, cwd=start)
+
+
+def test_no_code_of_a_cruise_folder_is_run_wherever_the_run_is_started(sound, tmp_path):
+    folder = spoilt(sound, tmp_path, lambda there: None)
+    bomb = f"open({str(tmp_path / 'pwned')!r}, 'w')\n"
+    for name in (
+        "compasslib/__init__.py",
+        "netCDF4.py",
+        "gsw.py",
+        "scipy.py",
+        "pandas.py",
+        ".snakemake/scripts/gsw.py",
+    ):
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(bomb)
+    ran = snakemake(folder, "results/M1/work/top.nc", start=folder)
+    assert ran.returncode == 0 and not (tmp_path / "pwned").exists(), ran.stderr
+
+
+@pytest.mark.parametrize("name", ["default", "profiles/default"])
+def test_a_profile_in_a_cruise_folder_is_refused(sound, tmp_path, name):
+    folder = spoilt(sound, tmp_path, lambda there: (there / name).mkdir(parents=True))
+    (folder / name / "config.yaml").write_text("default-resources: {mem_mb: 1}\n")
+    ran = snakemake(folder, "--dry-run", start=folder)
+    assert ran.returncode != 0 and not (folder / "results").exists()
+    assert f"{name}: expected no profile of Snakemake in a cruise folder" in ran.stdout + ran.stderr
+
+
+def hashes(folder: Path, *left_out: str) -> dict[str, str]:
+    files = [path for path in sorted(folder.rglob("*")) if path.is_file() and not set(path.parts) & set(left_out)]
+    return {str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
+
+
+def test_a_killed_run_is_taken_up_and_ends_as_one_that_was_not(sound, tmp_path):
+    """Benchmarks and logs, which hold times, apart. ``benchmarks/interruptions.py`` kills at 100 random moments."""
+    killed, whole = (spoilt(sound, tmp_path / name, lambda there: None) for name in "ab")
+    raw = hashes(killed / "raw")
+    wanted = "results/M1/overlap.nc"
+    command = [sys.executable, "-m", "snakemake", "--snakefile", PROJECT / "Snakefile", "--directory", killed]
+    environment = os.environ | {"PYTHONPATH": str(PROJECT)}
+    running = subprocess.Popen(
+        [*map(str, command), "--cores", "1", wanted],
+        env=environment,
+        cwd=PROJECT,
+        start_new_session=True,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    while not list((killed / "results/M1/work").glob("*.nc")) and running.poll() is None:
+        time.sleep(0.02)
+    os.killpg(running.pid, signal.SIGKILL)
+    running.wait()
+    (killed / "results/M1/.overlap.nc.12345").write_bytes(b"half")
+    assert list((killed / ".snakemake/locks").glob("*.lock")) and not (killed / wanted).exists()
+    assert snakemake(killed, wanted).returncode == 0 and chain.run(whole)["error"] is None
+    kept, undisturbed = (hashes(folder / "results", "logs", "benchmarks") for folder in (killed, whole))
+    assert {"M1/overlap.nc", "M1/work/top.nc", "M1/work/deep.nc"} < set(kept)
+    assert kept == {name: undisturbed[name] for name in kept} and hashes(killed / "raw") == raw
+
+
+def mounted(folder: Path, *options: str) -> bool:
+    """Mount a small file system, where that is allowed."""
+    if not (hasattr(os, "geteuid") and os.geteuid() == 0 and shutil.which("mount")):
+        return False
+    folder.mkdir(parents=True, exist_ok=True)
+    return subprocess.run(["mount", *options, str(folder)], capture_output=True, check=False).returncode == 0
+
+
+@pytest.mark.parametrize("how", ["full", "read-only"])
+def test_a_results_folder_without_room_or_rights_is_one_line_and_leaves_nothing_half_written(sound, tmp_path, how):
+    folder = spoilt(sound, tmp_path, lambda there: None)
+    options = ["size=16k"] if how == "full" else ["ro"]
+    if not mounted(folder / "results/M1/work", "-t", "tmpfs", "-o", *options, "tmpfs"):
+        pytest.skip("no right to mount a tmpfs")
+    try:
+        found = chain.run(folder)
+        assert "work/top.nc: expected room and the right to write it" in found["error"]
+        assert list((folder / "results/M1/work").iterdir()) == []
+    finally:
+        subprocess.run(["umount", "--lazy", str(folder / "results/M1/work")], check=True)
+    assert chain.run(folder)["error"] is None
+
+
+@pytest.mark.parametrize(("path", "expected"), [(TOP, "PD0"), (DEEP, "CSV")])
+def test_a_raw_file_that_may_not_be_read_is_one_line(sound, tmp_path, path, expected):
+    folder = spoilt(sound, tmp_path, lambda there: (there / path).chmod(0))
+    if os.access(folder / path, os.R_OK):
+        pytest.skip("this user may read everything")
+    assert "Permission denied" in chain.run(folder)["error"]
+
+
+def test_the_table_of_faults_names_tests_that_exist():
+    text = (PROJECT / "tests/README.md").read_text()
+    named = set(re.findall(r"`(test_\w+\.py)::(test_\w+)`", text))
+    assert len(named) > 30
+    for file, test in named:
+        assert f"def {test}(" in (PROJECT / "tests" / file).read_text(), (file, test)
