@@ -156,7 +156,7 @@ def _improve(state: _State, overlap: _Overlap, grid: Grid, form: Form, belief: F
     """Climb with the scatter held, then fit the scatter and the headings' distribution with the compass held."""
     data = overlap.sample(state.noise, grid, form)
     parameters, loss = _climb(state.parameters, data, state.prior, grid, belief)
-    prior = smoothed(likelihood.responsibilities(parameters, data, state.prior, grid).sum(axis=0))
+    prior = smoothed(likelihood.occupancy(parameters, data, state.prior, grid))
     return _State(parameters, _fit_noise(state.noise, overlap, parameters, prior, form), prior, loss)
 
 
@@ -226,9 +226,7 @@ def _fit_noise(noise: Noise, overlap: _Overlap, parameters: Floats, prior: Float
     from scipy.optimize import minimize
 
     few = overlap.take(np.arange(0, len(overlap.observed_deg), max(1, len(overlap.observed_deg) // NOISE_PAIRS)))
-    flat = likelihood.sample(few.recorded_deg, np.ones((len(few.recorded_deg), likelihood.CELLS)), FINE, form)
-    given = np.empty((len(few.recorded_deg), likelihood.CELLS))
-    given[flat.order] = likelihood.responsibilities(parameters, flat, prior, FINE)
+    given = likelihood.given_recorded(parameters, few.recorded_deg, prior, FINE, form)
 
     def loss(x: Floats) -> float:
         tried = _noise(x)
