@@ -27,7 +27,7 @@ def test_gradient_equals_numeric(coefficients, form):
         ahead, behind = (likelihood.value(at + s * step * unit, data, prior, likelihood.FINE) for s in (1, -1))
         assert slopes[j] == pytest.approx((ahead - behind) / (2 * step), rel=1e-4, abs=1e-2)
     scores = likelihood.scores(at, data, prior, likelihood.FINE)
-    assert scores.sum(axis=0) == pytest.approx(slopes[:5], rel=1e-9)
+    assert scores.sum(axis=0) == pytest.approx(slopes, rel=1e-9)
 
 
 def test_scatter_is_a_density_and_slow_water_is_nearly_uniform():

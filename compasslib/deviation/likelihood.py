@@ -80,7 +80,10 @@ def squared_chords(observed_deg: Floats) -> Floats:
     Args:
         observed_deg: observed headings, (n,), degrees.
     """
-    return angles.chord(observed_deg[:, None] - CELL_CENTRES) ** 2
+    # The sine of a difference by products: n and CELLS sines instead of n times CELLS.
+    sine, cosine = angles.sin_cos(observed_deg[:, None] / 2.0)
+    towards = angles.sin_cos(CELL_CENTRES / 2.0)
+    return (2.0 / angles.DEGREE * (sine * towards[1] - cosine * towards[0])) ** 2
 
 
 def scatter(squared_chord: Floats, width_deg: Floats, outliers: float) -> Floats:
@@ -91,8 +94,11 @@ def scatter(squared_chord: Floats, width_deg: Floats, outliers: float) -> Floats
         width_deg: width for each of them, (n,), degrees.
         outliers: share that says nothing.
     """
-    base = 1.0 + squared_chord / (FREEDOM * width_deg[:, None] ** 2)
-    density = 1.0 / (base * base * base)  # Student's t with FREEDOM 5: the power is (5 + 1) / 2
+    ratio = squared_chord / (FREEDOM * width_deg[:, None] ** 2)
+    ratio += 1.0
+    np.reciprocal(ratio, out=ratio)
+    density = ratio * ratio
+    density *= ratio  # Student's t with FREEDOM 5: the power is (5 + 1) / 2
     density *= (1.0 - outliers) / (density.sum(axis=1, keepdims=True) * CELL_DEG)
     density += outliers / 360.0
     return density
@@ -169,7 +175,7 @@ def value_and_gradient(parameters: Floats, data: Sample, prior: Floats, grid: Gr
 
 
 def scores(parameters: Floats, data: Sample, prior: Floats, grid: Grid) -> Floats:
-    """Return each pair's gradient by A..E, in the order of the pairs, (n, 5).
+    """Return each pair's gradient by A..E and log(compass noise), in the order of the pairs, (n, 6).
 
     Args:
         parameters: A, B, C, D, E and the logarithm of the compass noise in degrees, (6,).
@@ -178,9 +184,10 @@ def scores(parameters: Floats, data: Sample, prior: Floats, grid: Grid) -> Float
         grid: the grid that the sample was sorted on.
     """
     parts = _parts(parameters, data, prior, grid)
-    result = np.empty((len(data.row), 5))
-    for j, slopes in enumerate(_slopes(parameters, data, grid, parts)):
-        moved = _on_cells(parts, slopes * parts.near.offset / np.exp(2.0 * parameters[5]), len(data.occupied))
+    pull = parts.near.offset / np.exp(2.0 * parameters[5])
+    result = np.empty((len(data.row), 6))
+    for j, by in enumerate([*_slopes(parameters, data, grid, parts) * pull, pull * parts.near.offset - 1.0]):
+        moved = _on_cells(parts, by, len(data.occupied))
         by_joint, by_marginal = data.scatter.times(moved) / parts.joint, moved.sum(axis=1) / parts.marginal
         result[data.order, j] = by_joint - by_marginal[data.row]
     return result
@@ -233,9 +240,7 @@ def _parts(parameters: Floats, data: Sample, prior: Floats, grid: Grid) -> _Part
     return _Parts(**vars(laid), joint=data.scatter.times(laid.given))
 
 
-def _laid_out(
-    parameters: Floats, occupied: NDArray[np.intp], prior: Floats, grid: Grid, form: Form
-) -> _Layout:
+def _laid_out(parameters: Floats, occupied: NDArray[np.intp], prior: Floats, grid: Grid, form: Form) -> _Layout:
     width = float(np.exp(parameters[5]))
     sides = form.sides(parameters[:5], grid.heading_deg[occupied], grid.heading_deg)
     near = nearby(*sides, min(REACH * width, 180.0))
