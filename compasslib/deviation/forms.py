@@ -29,7 +29,7 @@ class Form(Protocol):
         """Return what agrees where a recorded heading came from a correct one, (k,) and (f,) degrees."""
 
     def slopes(self, coefficients: Floats, recorded_deg: Floats, heading_deg: Floats) -> Floats:
-        """Return minus the derivative of the first side less the second by the coefficients, (5, 1 or k, 1 or f) degrees."""
+        """Return the derivative by the coefficients of the second side less the first, (5, 1 or k, 1 or f) degrees."""
 
 
 @dataclass(frozen=True)

@@ -254,7 +254,7 @@ def _laid_out(parameters: Floats, occupied: NDArray[np.intp], prior: Floats, gri
 
 
 def _summed(cell: NDArray[np.intp], share: Floats, rows: int) -> Floats:
-    return np.bincount(cell.ravel(), share.ravel(), rows * CELLS).reshape(rows, CELLS)
+    return np.bincount(cell.ravel(), share.ravel(), rows * CELLS).astype(float, copy=False).reshape(rows, CELLS)
 
 
 def _on_cells(parts: _Layout, weight: Floats, rows: int) -> Floats:
