@@ -6,6 +6,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import fields, replace
 from pathlib import Path
+from typing import Any
 
 import netCDF4
 import numpy as np
@@ -24,6 +25,8 @@ __all__ = [
     "read_json",
     "read_pairs",
     "read_record",
+    "read_series",
+    "read_warnings",
     "replacing",
     "write_corrected",
     "write_json",
@@ -80,9 +83,26 @@ def read_counts(path: str | Path) -> dict[str, int]:
     Raises:
         InputError: the file is absent, damaged or something else.
     """
+    counts: dict[str, int] = _said(path, "counts")
+    return counts
+
+
+def read_warnings(path: str | Path) -> list[str]:
+    """Return the warnings of a record that ``write_record`` wrote; its series are not read.
+
+    Args:
+        path: the file.
+
+    Raises:
+        InputError: the file is absent, damaged or something else.
+    """
+    warnings: list[str] = _said(path, "warnings")
+    return warnings
+
+
+def _said(path: str | Path, attribute: str) -> Any:
     with opened(path) as nc:
-        counts: dict[str, int] = json.loads(nc.getncattr("counts"))
-        return counts
+        return json.loads(nc.getncattr(attribute))
 
 
 def write_pairs(path: str | Path, pairs: Pairs, *, attributes: Mapping[str, object] | None = None) -> None:
@@ -148,6 +168,20 @@ def write_corrected(
         _put_coordinates(nc, product.record, site)
         for name, (values, flags) in columns.items():
             _put_placed(nc, layout.CORRECTED[name], values, flags, sensor if name in layout.SENSED else {})
+
+
+def read_series(path: str | Path, *names: str) -> list[Floats]:
+    """Return single variables of a file that this room wrote, NaN where a value is missing.
+
+    Args:
+        path: the file.
+        names: of the variables.
+
+    Raises:
+        InputError: the file is absent, damaged or something else.
+    """
+    with opened(path) as nc:
+        return [get(nc, name) for name in names]
 
 
 def read_corrected(path: str | Path) -> Corrected:

@@ -123,7 +123,7 @@ def _band(axes: Axes, day: Floats, heading: Floats, sigma: Floats, begin: float)
         seen = (high > begin) & (low < begin + 360.0)  # of the other turns few reach into this one
         ends = np.stack([np.stack([day, low], axis=1), np.stack([day, high], axis=1)], axis=1)[seen]
         # Axes.vlines masks every line by itself and takes ten times as long.
-        axes.add_collection(LineCollection(ends, colors=BLUE, alpha=0.12, linewidths=0.7), autolim=False)
+        axes.add_collection(LineCollection(list(ends), colors=BLUE, alpha=0.12, linewidths=0.7), autolim=False)
 
 
 def _strip(axes: Axes, product: Corrected, pairs: Pairs, kind: NDArray[np.int_]) -> None:

@@ -14,6 +14,7 @@ is conditioned on and d stands on one side only, so that the noise of the lower 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -244,8 +245,8 @@ def _laid_out(parameters: Floats, occupied: NDArray[np.intp], prior: Floats, gri
     width = float(np.exp(parameters[5]))
     sides = form.sides(parameters[:5], grid.heading_deg[occupied], grid.heading_deg)
     near = nearby(*sides, min(REACH * width, 180.0))
-    cells, weights = _SPLINES[grid.fine]
-    prior_fine = _HATS[grid.fine] @ prior
+    cells, weights = _splines(grid)
+    prior_fine = _hats(grid) @ prior
     density = compass_noise(near.offset, width) * (prior_fine / prior_fine.sum())[near.column]
     cell = near.row[:, None] * CELLS + cells[near.column]
     share = density[:, None] * weights[near.column]
@@ -268,16 +269,18 @@ def _slopes(parameters: Floats, data: Sample, grid: Grid, parts: _Layout) -> Flo
     return np.asarray(whole[:, parts.near.row, parts.near.column])
 
 
+@cache
+def _hats(grid: Grid) -> Floats:
+    return grid.hats()
+
+
+@cache
 def _splines(grid: Grid) -> tuple[NDArray[np.intp], Floats]:
     """Return the four cells that each fine heading shares out on, and its shares, (fine, 4) each."""
-    hats = grid.hats()
+    hats = _hats(grid)
     first = np.arange(grid.fine) * CELLS // grid.fine
     cells = (first[:, None] + np.arange(-1, 3)) % CELLS
     return cells, np.take_along_axis(hats, cells, axis=1)
-
-
-_HATS = {grid.fine: grid.hats() for grid in (COARSE, FINE)}
-_SPLINES = {grid.fine: _splines(grid) for grid in (COARSE, FINE)}
 
 
 def widths(noise: Noise, upper_speed: Floats, lower_speed: Floats) -> Floats:
