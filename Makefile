@@ -7,7 +7,7 @@ N ?= 24
 BIN := .venv/bin
 PIP := $(PYTHON) -m pip --python $(BIN)/python --disable-pip-version-check install
 
-.PHONY: install run test check bench proof clean lock
+.PHONY: install slurm run test check bench proof clean lock
 
 install: .venv/run  ## the pinned environment
 .venv/run: requirements/run.txt pyproject.toml
@@ -16,7 +16,11 @@ install: .venv/run  ## the pinned environment
 	test -x $(BIN)/python || $(PYTHON) -m venv --without-pip .venv
 	$(PIP) --requirement requirements/$*.txt
 	$(PIP) --no-deps --no-build-isolation --quiet --editable .
+	$(BIN)/python -m compileall -q compasslib
 	touch $@
+
+slurm: install  ## what a cluster under Slurm needs besides; then: snakemake --workflow-profile workflow/profiles/slurm
+	$(PIP) --no-deps --requirement requirements/slurm.txt
 
 run: install  ## process a cruise: make run, or make run CRUISE=/data/my_cruise
 	$(BIN)/snakemake --workflow-profile workflow/profiles/default --snakefile Snakefile --directory $(CRUISE) --cores $(CORES)

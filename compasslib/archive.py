@@ -6,7 +6,6 @@ import json
 from collections.abc import Mapping
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import Any
 
 import netCDF4
 import numpy as np
@@ -14,7 +13,16 @@ import numpy as np
 from compasslib import angles
 from compasslib import archive_layout as layout
 from compasslib.archive_attributes import Site, global_attributes, plain, sensor_attributes
-from compasslib.archive_files import get, new, opened, put, read_json, replacing, write_json
+from compasslib.archive_files import (
+    get,
+    new,
+    opened,
+    put,
+    read_attribute,
+    read_json,
+    replacing,
+    write_json,
+)
 from compasslib.archive_layout import Variable, quality_of
 from compasslib.records import BAD, MISSING, PROBABLY_GOOD, Corrected, Flags, Floats, Pairs, Record
 
@@ -25,7 +33,6 @@ __all__ = [
     "read_json",
     "read_pairs",
     "read_record",
-    "read_series",
     "read_warnings",
     "replacing",
     "write_corrected",
@@ -71,6 +78,9 @@ def read_record(path: str | Path) -> Record:
         arrays = {name: get(nc, variable.name) for name, variable in layout.RECORD.items()}
         others = {field.name for field in fields(Record)} - set(layout.RECORD)
         rest = {name: json.loads(nc.getncattr(name)) for name in others}
+    if len(arrays["bin_range_m"]) and (arrays["bin_range_m"] == arrays["bin_range_m"][0]).all():
+        # One setting throughout: one row that all samples share.
+        arrays["bin_range_m"] = np.broadcast_to(arrays["bin_range_m"][0].copy(), arrays["bin_range_m"].shape)
     return Record(**arrays | rest | {"warnings": tuple(rest["warnings"])})
 
 
@@ -83,26 +93,18 @@ def read_counts(path: str | Path) -> dict[str, int]:
     Raises:
         InputError: the file is absent, damaged or something else.
     """
-    counts: dict[str, int] = _said(path, "counts")
+    counts: dict[str, int] = json.loads(read_attribute(path, "counts"))
     return counts
 
 
 def read_warnings(path: str | Path) -> list[str]:
-    """Return the warnings of a record that ``write_record`` wrote; its series are not read.
+    """Return the warnings of a record that ``write_record`` wrote; see ``read_counts``.
 
     Args:
         path: the file.
-
-    Raises:
-        InputError: the file is absent, damaged or something else.
     """
-    warnings: list[str] = _said(path, "warnings")
+    warnings: list[str] = json.loads(read_attribute(path, "warnings"))
     return warnings
-
-
-def _said(path: str | Path, attribute: str) -> Any:
-    with opened(path) as nc:
-        return json.loads(nc.getncattr(attribute))
 
 
 def write_pairs(path: str | Path, pairs: Pairs, *, attributes: Mapping[str, object] | None = None) -> None:
@@ -168,20 +170,6 @@ def write_corrected(
         _put_coordinates(nc, product.record, site)
         for name, (values, flags) in columns.items():
             _put_placed(nc, layout.CORRECTED[name], values, flags, sensor if name in layout.SENSED else {})
-
-
-def read_series(path: str | Path, *names: str) -> list[Floats]:
-    """Return single variables of a file that this room wrote, NaN where a value is missing.
-
-    Args:
-        path: the file.
-        names: of the variables.
-
-    Raises:
-        InputError: the file is absent, damaged or something else.
-    """
-    with opened(path) as nc:
-        return [get(nc, name) for name in names]
 
 
 def read_corrected(path: str | Path) -> Corrected:

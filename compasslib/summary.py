@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from compasslib import archive
+from compasslib.archive_files import read_series
 
 COLUMNS = (
     "name",
@@ -36,7 +37,7 @@ def row(name: str, folder: str | Path) -> dict[str, Any]:
     folder = Path(folder)
     files = ("deviation.json", "assessment.json", "diagnosis.json")
     fit, verdict, found = (archive.read_json(folder / file) for file in files)
-    heading, deviation = archive.read_series(folder / "corrected.nc", "HEADING_CORRECTED", "DEVIATION")
+    heading, deviation = read_series(folder / "corrected.nc", "HEADING_CORRECTED", "DEVIATION")
     corrected = np.isfinite(heading)
     return {
         "name": name,

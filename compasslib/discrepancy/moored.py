@@ -10,13 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import observatory
-from compasslib.deviation.model import Fit
+from compasslib.deviation.model import Fit, chosen
 from compasslib.discrepancy import diagnosis, verdict
 from compasslib.discrepancy.diagnosis import Options
 from compasslib.discrepancy.verdict import Diagnosis
 from compasslib.records import EarthField, Pairs, Record
 
 Floats = NDArray[np.floating]
+
+MOST_PAIRS = 25_000  # hourly pairs of almost three years; of more, every second, third, ... is searched, to hold memory
 
 SWITCHED_OFF = "the search was switched off (diagnose: {enabled: false})"
 
@@ -51,7 +53,9 @@ def diagnose(pairs: Pairs, series: Mapping[str, Floats], fit: Fit, field: EarthF
     """
     if not options.pop("enabled"):
         return verdict.insufficient(SWITCHED_OFF)
-    return diagnosis.diagnose(pairs, series, fit, field, Options(**options))
+    some = slice(None, None, 1 + len(pairs) // MOST_PAIRS)
+    kept = {name: column[some] for name, column in series.items()}
+    return diagnosis.diagnose(chosen(pairs, some), kept, fit, field, Options(**options))
 
 
 def told(name: str, found: Diagnosis) -> str:
