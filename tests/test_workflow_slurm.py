@@ -26,7 +26,9 @@ def test_a_cluster_gives_what_this_machine_gives(tmp_path):
     run(here, "--cores", "2")
     with slurm.cluster(tmp_path / "slurm"):
         profile = str(PROJECT / "workflow/profiles/slurm")
-        run(there, "--workflow-profile", profile, "--slurm-init-seconds-before-status-checks", "5")
+        # The loopback keeps no accounts, so that the queue itself must be asked.
+        asked = ("--slurm-status-command", "squeue", "--slurm-init-seconds-before-status-checks", "5")
+        run(there, "--workflow-profile", profile, *asked)
         logs = sorted((there / ".snakemake/slurm_logs").iterdir())
     assert any(log.name.startswith("group_mooring") for log in logs)
     for file in [*(f"M1/{name}" for name in COMPARED), "summary.csv", "report.html"]:
