@@ -28,7 +28,8 @@ def test_a_cluster_gives_what_this_machine_gives(tmp_path):
         profile = str(PROJECT / "workflow/profiles/slurm")
         # The loopback keeps no accounts, so that the queue itself must be asked.
         asked = ("--slurm-status-command", "squeue", "--slurm-init-seconds-before-status-checks", "5")
-        run(there, "--workflow-profile", profile, *asked)
+        kept = "--slurm-keep-successful-logs"
+        run(there, "--workflow-profile", profile, *asked, kept)
         logs = sorted((there / ".snakemake/slurm_logs").iterdir())
     assert any(log.name.startswith("group_mooring") for log in logs)
     for file in [*(f"M1/{name}" for name in COMPARED), "summary.csv", "report.html"]:
