@@ -18,7 +18,7 @@ from compasslib.records import EarthField, Pairs, Record
 
 Floats = NDArray[np.floating]
 
-MOST_PAIRS = 20_000  # hourly pairs of more than two years; of more, every second, third, ... is searched, to hold memory
+MOST_PAIRS = 20_000  # hourly pairs of two years; of more, every second, third, ... is searched, to hold memory
 
 SWITCHED_OFF = "the search was switched off (diagnose: {enabled: false})"
 
