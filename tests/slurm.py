@@ -15,8 +15,10 @@ from pathlib import Path
 DAEMONS = ("munged", "slurmctld", "slurmd")
 # Where every client looks: the plugin takes SLURM_CONF out of its jobs' environment.
 CONFIGURATION = Path("/etc/slurm/slurm.conf")
-SETTINGS = """
-ClusterName=loopback
+NAME = "ClusterName=loopback"
+SETTINGS = (
+    f"{NAME}\n"
+    + """\
 SlurmctldHost={host}(127.0.0.1)
 SlurmUser=root
 SlurmdUser=root
@@ -38,6 +40,7 @@ MinJobAge=3600
 NodeName={host} NodeAddr=127.0.0.1 CPUs={cpus} RealMemory=4000 State=UNKNOWN
 PartitionName=all Nodes=ALL Default=YES State=UP
 """
+)
 
 
 def missing() -> str:
@@ -49,7 +52,9 @@ def missing() -> str:
         return "no snakemake-executor-plugin-slurm: make slurm"
     if os.geteuid() != 0:
         return "the daemons are started as root"
-    return f"{CONFIGURATION} exists: this machine has a Slurm of its own" if CONFIGURATION.exists() else ""
+    # One that an interrupted test left is written over.
+    foreign = CONFIGURATION.exists() and NAME not in CONFIGURATION.read_text()
+    return f"{CONFIGURATION} exists: this machine has a Slurm of its own" if foreign else ""
 
 
 @contextmanager
