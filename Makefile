@@ -7,9 +7,9 @@ N ?= 24
 BIN := .venv/bin
 PIP := $(PYTHON) -m pip --python $(BIN)/python --disable-pip-version-check install
 
-SNAKEMAKE := $(BIN)/snakemake --workflow-profile profiles/default --snakefile Snakefile --directory "$(CRUISE)" --cores $(CORES)
+SNAKEMAKE := $(BIN)/snakemake --workflow-profile workflow/profiles/default --snakefile Snakefile --directory "$(CRUISE)" --cores $(CORES)
 
-.PHONY: install run verify check-archive test check bench proof clean lock
+.PHONY: install slurm run verify check-archive test check bench accuracy proof clean lock
 
 install: .venv/run  ## the pinned environment
 .venv/run: requirements/run.txt pyproject.toml
@@ -18,7 +18,11 @@ install: .venv/run  ## the pinned environment
 	test -x $(BIN)/python || $(PYTHON) -m venv --without-pip .venv
 	$(PIP) --requirement requirements/$*.txt
 	$(PIP) --no-deps --no-build-isolation --quiet --editable .
+	$(BIN)/python -m compileall -q compasslib
 	touch $@
+
+slurm: install  ## what a cluster under Slurm needs besides; then: snakemake --workflow-profile workflow/profiles/slurm
+	$(PIP) --no-deps --requirement requirements/slurm.txt
 
 run: install  ## process a cruise: make run, or make run CRUISE=/data/my_cruise
 	$(SNAKEMAKE)
@@ -37,8 +41,13 @@ check: .venv/test  ## style, types, workflow
 	$(BIN)/mypy
 	$(BIN)/python tests/lint.py
 
-bench: run .venv/test  ## measurements, each with its ratio in the same run
-	for file in benchmarks/*.py; do echo "== $$file"; $(BIN)/python $$file || exit 1; done
+bench: .venv/test  ## speed and memory, each with its ratio in the same run, on one page: results/bench/README.md
+	$(BIN)/python benchmarks/page.py
+
+accuracy: run .venv/test  ## the long measurements of how right the results are
+	for name in accuracy headings calibrations swings magnetometer two_heads observatory recordings bad_input bootstrap discrepancy; do \
+	  echo "== $$name"; $(BIN)/python benchmarks/$$name.py || exit 1; \
+	done
 
 proof: install  ## sealed moorings by SEED, N of them, scored: results/proof/scorecard.md
 	$(BIN)/python -m proof --seed $(SEED) --count $(N)

@@ -15,7 +15,6 @@ from pathlib import Path
 
 PROJECT = Path(__file__).resolve().parent.parent
 SCRIPTS = PROJECT / "workflow/scripts"
-LAZY = {"earth_field.py": "import ppigrf", "fit.py": "import scipy.optimize", "assess.py": "import scipy.optimize"}
 
 
 def cpu_of(code: str) -> float:
@@ -27,9 +26,9 @@ def cpu_of(code: str) -> float:
 
 
 def imports_of(script: Path) -> str:
-    """Return the import lines of a script, with what its library call imports when it is first used."""
+    """Return the import lines of a script."""
     lines = [ast.unparse(n) for n in ast.parse(script.read_text()).body if isinstance(n, ast.Import | ast.ImportFrom)]
-    return "\n".join([*lines, LAZY.get(script.name, "")])
+    return "\n".join(lines)
 
 
 def main(cruise: Path) -> None:

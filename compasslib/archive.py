@@ -13,7 +13,16 @@ import numpy as np
 from compasslib import angles
 from compasslib import archive_layout as layout
 from compasslib.archive_attributes import Site, global_attributes, plain, sensor_attributes
-from compasslib.archive_files import get, new, opened, put, read_json, replacing, write_json
+from compasslib.archive_files import (
+    get,
+    new,
+    opened,
+    put,
+    read_attribute,
+    read_json,
+    replacing,
+    write_json,
+)
 from compasslib.archive_layout import Variable, quality_of
 from compasslib.records import BAD, MISSING, PROBABLY_GOOD, Corrected, Flags, Floats, Pairs, Record
 
@@ -24,6 +33,7 @@ __all__ = [
     "read_json",
     "read_pairs",
     "read_record",
+    "read_warnings",
     "replacing",
     "write_corrected",
     "write_json",
@@ -70,6 +80,9 @@ def read_record(path: str | Path) -> Record:
         arrays = {name: get(nc, variable.name) for name, variable in layout.RECORD.items()}
         others = {field.name for field in fields(Record)} - set(layout.RECORD)
         rest = {name: json.loads(nc.getncattr(name)) for name in others}
+    if len(arrays["bin_range_m"]) and (arrays["bin_range_m"] == arrays["bin_range_m"][0]).all():
+        # One setting throughout: one row that all samples share.
+        arrays["bin_range_m"] = np.broadcast_to(arrays["bin_range_m"][0].copy(), arrays["bin_range_m"].shape)
     return Record(**arrays | rest | {"warnings": tuple(rest["warnings"])})
 
 
@@ -82,9 +95,18 @@ def read_counts(path: str | Path) -> dict[str, int]:
     Raises:
         InputError: the file is absent, damaged or something else.
     """
-    with opened(path) as nc:
-        counts: dict[str, int] = json.loads(nc.getncattr("counts"))
-        return counts
+    counts: dict[str, int] = json.loads(read_attribute(path, "counts"))
+    return counts
+
+
+def read_warnings(path: str | Path) -> list[str]:
+    """Return the warnings of a record that ``write_record`` wrote; see ``read_counts``.
+
+    Args:
+        path: the file.
+    """
+    warnings: list[str] = json.loads(read_attribute(path, "warnings"))
+    return warnings
 
 
 def write_pairs(path: str | Path, pairs: Pairs, *, attributes: Mapping[str, object] | None = None) -> None:

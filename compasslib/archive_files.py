@@ -165,3 +165,31 @@ def get(nc: netCDF4.Dataset, name: str) -> NDArray[Any]:
     values = values.astype(float)
     values[values == FILL] = np.nan
     return values
+
+
+def read_series(path: str | Path, *names: str) -> list[NDArray[Any]]:
+    """Return single variables of a file, NaN where a value is missing.
+
+    Args:
+        path: the file.
+        names: of the variables.
+
+    Raises:
+        InputError: the file is absent, damaged or something else.
+    """
+    with opened(path) as nc:
+        return [get(nc, name) for name in names]
+
+
+def read_attribute(path: str | Path, name: str) -> str:
+    """Return one global attribute of a file.
+
+    Args:
+        path: the file.
+        name: of the attribute.
+
+    Raises:
+        InputError: the file is absent, damaged or something else.
+    """
+    with opened(path) as nc:
+        return str(nc.getncattr(name))

@@ -9,6 +9,7 @@ where it overlaps. Forward and backward passes give the distribution of the head
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -93,63 +94,63 @@ def smooth(evidence: Floats, moves: Moves, habit: Habit, stationary: Floats) -> 
         habit: how heading and water move.
         stationary: distribution when nothing is known, (CELLS,).
     """
-    kernels = _kernels(moves, habit, stationary)
-    forward, _ = _forward(evidence, kernels, stationary)
-    backward: Floats = np.ones(CELLS)
+    kernels = _kernels(moves, [habit], stationary)
+    forward = np.array([state[0] for state, _ in _forward(evidence, kernels)])
+    backward: Floats = np.ones((1, CELLS))
     for t in range(len(evidence) - 2, -1, -1):
         backward = kernels.back(t, backward * evidence[t + 1])
         backward /= backward.sum()
-        forward[t] *= backward
+        forward[t] *= backward[0]
     return forward / forward.sum(axis=1, keepdims=True)
 
 
 @dataclass(frozen=True)
 class _Kernels:
-    """Transitions over each interval: a step on the circle, drawn to where the wake holds, or a leap."""
+    """Transitions over each interval by h habits: a step on the circle, drawn to where the wake holds, or a leap.
 
-    spectrum: NDArray[np.complex64]  # (n - 1, CELLS / 2 + 1) of the step's density
-    norm: NDArray[np.float32]  # (n - 1, CELLS) sum over where a step may end
+    Habits are tried side by side, because the call of a short Fourier transform costs more than the transform.
+    """
+
+    spectrum: NDArray[np.complex64]  # (n - 1, h, CELLS / 2 + 1) of the step's density, times the chance not to leap
+    norm: NDArray[np.float32]  # (n - 1, h, CELLS) sum over where a step may end
     draw: Floats  # (CELLS,) pull of the wake
     stationary: Floats  # (CELLS,)
-    leaps: Floats  # (n - 1,)
+    leaps: Floats  # (n - 1, h, 1)
 
     def ahead(self, t: int, state: Floats) -> Floats:
         stepped = np.fft.irfft(np.fft.rfft(state / self.norm[t]) * self.spectrum[t], CELLS)
-        return (1.0 - self.leaps[t]) * np.maximum(stepped, 0.0) * self.draw + self.leaps[t] * self.stationary
+        return np.maximum(stepped, 0.0) * self.draw + self.leaps[t] * self.stationary
 
     def back(self, t: int, message: Floats) -> Floats:
         stepped = np.fft.irfft(np.fft.rfft(message * self.draw) * np.conj(self.spectrum[t]), CELLS)
-        return (1.0 - self.leaps[t]) * np.maximum(stepped, 0.0) / self.norm[t] + self.leaps[t] * (
-            message @ self.stationary
-        )
+        return np.maximum(stepped, 0.0) / self.norm[t] + self.leaps[t] * (message @ self.stationary)[:, None]
 
 
-def _kernels(moves: Moves, habit: Habit, stationary: Floats) -> _Kernels:
-    steps = np.minimum(moves.steps, LONGEST_GAP)[:, None]
+def _kernels(moves: Moves, habits: list[Habit], stationary: Floats) -> _Kernels:
+    steps = np.minimum(moves.steps, LONGEST_GAP)[:, None, None]
+    width, change, leap = np.array([(h.width_deg, h.water_m_s, h.leaps) for h in habits]).T[:, :, None]
     away = angles.wrap180(CELL_CENTRES)
-    grip = np.minimum(moves.strength[:, None] / (habit.water_m_s**2 * steps), TIGHTEST)
+    grip = np.minimum(moves.strength[:, None, None] / (change**2 * steps), TIGHTEST)
     # |v' e^{i beta'} - v e^{i beta}|^2 depends on the step beta' - beta only: the water's part is von Mises about -turn
-    cosine = angles.sin_cos(away + moves.turn_deg[:, None])[1]
-    exponent = grip * (cosine - 1.0) - 0.5 * away**2 / (habit.width_deg**2 * steps)
-    density = np.exp(exponent - exponent.max(axis=1, keepdims=True))
-    spectrum = np.fft.rfft(density / density.sum(axis=1, keepdims=True), axis=1)
+    cosine = angles.sin_cos(away + moves.turn_deg[:, None])[1][:, None, :]
+    exponent = grip * (cosine - 1.0) - 0.5 * away**2 / (width**2 * steps)
+    density = np.exp(exponent - exponent.max(axis=-1, keepdims=True))
+    spectrum = np.fft.rfft(density / density.sum(axis=-1, keepdims=True))
     draw = np.sqrt(stationary)
-    norm = np.fft.irfft(np.fft.rfft(draw) * np.conj(spectrum), CELLS, axis=1)
-    leaps = 1.0 - (1.0 - habit.leaps) ** np.minimum(moves.steps, LONGEST_GAP)
-    leaps = np.where(moves.steps >= LONGEST_GAP, 1.0, leaps)
+    norm = np.fft.irfft(np.fft.rfft(draw) * np.conj(spectrum), CELLS)
+    leaps = np.where(steps >= LONGEST_GAP, 1.0, 1.0 - (1.0 - leap) ** steps)
     floor = np.maximum(norm, 1e-12).astype(np.float32)
-    return _Kernels(spectrum.astype(np.complex64), floor, draw, stationary, leaps)
+    return _Kernels(((1.0 - leaps) * spectrum).astype(np.complex64), floor, draw, stationary, leaps)
 
 
-def _forward(evidence: Floats, kernels: _Kernels, stationary: Floats) -> tuple[Floats, float]:
-    forward, total = np.empty_like(evidence), 0.0
-    state = stationary
+def _forward(evidence: Floats, kernels: _Kernels) -> Iterator[tuple[Floats, Floats]]:
+    """Give at each sample the distribution of the hidden heading so far, (h, CELLS), and its likelihood, (h,)."""
+    state = np.broadcast_to(kernels.stationary, (kernels.leaps.shape[1], CELLS))
     for t in range(len(evidence)):
         state = (kernels.ahead(t - 1, state) if t else state) * evidence[t]
-        mass = state.sum()
-        total += np.log(mass)
-        state = forward[t] = state / mass
-    return forward, float(total)
+        mass = state.sum(axis=1)
+        state = state / mass[:, None]
+        yield state, mass
 
 
 def _moves(time_s: Floats, water: Complexes) -> Moves:
@@ -172,7 +173,8 @@ def _learn(evidence: Floats, moves: Moves, density: Floats) -> Habit:
     part = Moves(moves.steps[between], moves.turn_deg[between], moves.strength[between])
 
     def likelier(habits: list[Habit]) -> Habit:
-        return max(habits, key=lambda habit: _forward(some, _kernels(part, habit, density), density)[1])
+        masses = np.array([mass for _, mass in _forward(some, _kernels(part, habits, density))])
+        return habits[int(np.argmax(np.log(masses).sum(axis=0)))]
 
     habit = Habit(STEP_WIDTHS_DEG[3], WATER_CHANGES[-1], LEAP_SHARES[0])
     habit = likelier([replace(habit, water_m_s=change) for change in WATER_CHANGES])

@@ -77,12 +77,12 @@ def told(name: str, role: str, record: Record) -> str:
     return "\n".join([line, *(f"{name} {role}: warning: {warning}" for warning in record.warnings)])
 
 
-def take(record: Record, index: NDArray[np.intp] | Bools) -> Record:
+def take(record: Record, index: NDArray[np.intp] | Bools | slice) -> Record:
     """Return the record at some of its samples.
 
     Args:
         record: n samples.
-        index: positions or a mask, shape (n,).
+        index: positions, a mask, shape (n,), or a slice.
     """
     values = {f.name: getattr(record, f.name) for f in fields(record)}
     series: dict[str, Any] = {k: v[index] for k, v in values.items() if isinstance(v, np.ndarray)}
@@ -97,10 +97,10 @@ def _inside(record: Record, start_s: float, end_s: float) -> Record:
     """Keep the deployment, in order of time, one sample an instant, none whose clock cannot be believed."""
     sure, unsure_counts, notes = deployment_clock.believed(record)
     inside = sure & (record.time_s >= start_s) & (record.time_s <= end_s)
-    backwards = int(np.sum(np.diff(record.time_s[inside]) < 0))
-    order = np.argsort(record.time_s[inside], kind="stable")
-    kept = take(take(record, inside), order)
-    first = np.append(True, np.diff(kept.time_s) > 0)[: len(kept.time_s)]
+    place = np.flatnonzero(inside)
+    backwards = int(np.sum(np.diff(record.time_s[place]) < 0))
+    place = place[np.argsort(record.time_s[place], kind="stable")]
+    first = np.append(True, np.diff(record.time_s[place]) > 0)[: len(place)]
     repeated = int(np.sum(~first))
     outside = {"outside_deployment": int(np.sum(sure & ~inside))}
     counts = record.counts | outside | unsure_counts | {"time_backwards": backwards, "time_repeated": repeated}
@@ -109,7 +109,14 @@ def _inside(record: Record, start_s: float, end_s: float) -> Record:
         notes.append(f"the clock goes backwards {backwards} times; samples were put in order of time")
     if repeated:
         notes.append(f"{repeated} samples repeat a time and were left out")
-    return _noted(replace(take(kept, first), counts=counts), notes)
+    return _noted(replace(take(record, _as_slice(place[first])), counts=counts), notes)
+
+
+def _as_slice(place: NDArray[np.intp]) -> NDArray[np.intp] | slice:
+    """Return positions as a slice where they follow each other, so that years of samples are not copied."""
+    if not len(place) or place[-1] - place[0] != len(place) - 1 or (np.diff(place) != 1).any():
+        return place
+    return slice(int(place[0]), int(place[-1]) + 1)
 
 
 def _without_declination(record: Record, declination: float) -> Record:

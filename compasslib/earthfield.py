@@ -11,12 +11,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from compasslib.angles import difference, direction, wrap180
 from compasslib.errors import InputError
+from compasslib.igrf import field as field_at
 from compasslib.records import EarthField
 
 Floats = NDArray[np.floating]
 
 FIRST_YEAR, LAST_YEAR = 1900, 2030  # IGRF-14
-NODE_SPACING_S = 30 * 86400.0  # the field is linear in time within an epoch of five years
+DAY_S = 86400.0
+NODE_SPACING_S = 30 * DAY_S  # the field is linear in time within an epoch of five years
 DISAGREEMENT_DEG = 1.0
 
 
@@ -31,10 +33,9 @@ def igrf(latitude: float, longitude: float, time_s: ArrayLike) -> tuple[Floats, 
     Raises:
         InputError: a date lies outside the model.
     """
-    import ppigrf  # imports pandas: only the job that needs the model pays for it
-
-    dates = [datetime.fromtimestamp(t, UTC).replace(tzinfo=None) for t in np.atleast_1d(time_s)]
-    for date in (dates[0], dates[-1]):
+    seconds = np.atleast_1d(np.asarray(time_s, dtype=float))
+    dates = [datetime.fromtimestamp(t, UTC).replace(tzinfo=None) for t in seconds[[0, -1]]]
+    for date in dates:
         if not FIRST_YEAR <= date.year < LAST_YEAR:
             raise InputError(
                 "earth's field",
@@ -42,8 +43,8 @@ def igrf(latitude: float, longitude: float, time_s: ArrayLike) -> tuple[Floats, 
                 found=f"{date:%Y-%m-%d}",
                 advice="check start and end, or give the declination as a number",
             )
-    east, north, up = (np.ravel(x) for x in ppigrf.igrf(longitude, latitude, 0.0, dates))
-    return wrap180(direction(east, north)), np.hypot(east, north), -up
+    east, north, down = field_at(latitude, longitude, seconds / DAY_S)
+    return wrap180(direction(east, north)), np.hypot(east, north), down
 
 
 def along_time(

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from compasslib import angles, archive
+from compasslib.archive_files import read_series
 
 COLUMNS = (
     "name",
@@ -38,8 +39,8 @@ def row(name: str, folder: str | Path) -> dict[str, Any]:
     folder = Path(folder)
     files = ("deviation.json", "assessment.json", "diagnosis.json")
     fit, verdict, found = (archive.read_json(folder / file) for file in files)
-    product = archive.read_corrected(folder / "corrected.nc")
-    corrected = np.isfinite(product.heading_corrected_deg)
+    heading, deviation = read_series(folder / "corrected.nc", "HEADING_CORRECTED", "DEVIATION")
+    corrected = np.isfinite(heading)
     return {
         "name": name,
         "method": fit["method"],
@@ -47,7 +48,7 @@ def row(name: str, folder: str | Path) -> dict[str, Any]:
         "share_corrected": _rounded(corrected.mean() if corrected.size else 0.0, 4),
         "rms_before_deg": _rounded(verdict["before"]["rms_deg"], 2),
         "rms_after_deg": _rounded(verdict["after"]["rms_deg"], 2),
-        "max_deviation_deg": _rounded(np.nanmax(np.abs(product.deviation_deg)) if corrected.any() else None, 1),
+        "max_deviation_deg": _rounded(np.nanmax(np.abs(deviation)) if corrected.any() else None, 1),
         "folded": fit["folded"],
         "verdict": found["verdict"],
         "effects": " ".join(finding["effect"] for finding in found["findings"]),
@@ -82,7 +83,7 @@ def table(rows: Sequence[Mapping[str, Any]]) -> str:
 
 def _warnings(folder: Path, fit: Mapping[str, Any], found: Mapping[str, Any], verdict: Mapping[str, Any]) -> list[str]:
     records = sorted((folder / "work").glob("*.nc"))
-    said = [f"{path.stem}: {w}" for path in records for w in archive.read_record(path).warnings]
+    said = [f"{path.stem}: {w}" for path in records for w in archive.read_warnings(path)]
     field = archive.read_json(folder / "work/field.json")
     reasons = dict.fromkeys(why for why in (fit["why"], found["why"] * (found["verdict"] == "insufficient")) if why)
     pairs = archive.read_pairs(folder / "overlap.nc").warnings

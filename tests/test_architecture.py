@@ -13,7 +13,7 @@ SCRIPTS = sorted((PROJECT / "workflow/scripts").glob("*.py"))
 FLOORS = [
     ["errors"],
     ["angles", "records"],
-    ["readers"],
+    ["readers", "igrf"],
     ["earthfield", "compass", "grid", "plausibility", "deployment_clock", "deployment"],
     ["observatory"],
     ["physics"],

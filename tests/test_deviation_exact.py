@@ -5,7 +5,7 @@ import pytest
 from sea import FOLDED, MILD, pairs
 
 from compasslib import angles, compass
-from compasslib.deviation import exact, likelihood, model
+from compasslib.deviation import climb, exact, likelihood, model, scatter
 from compasslib.deviation.forms import FORMS
 from compasslib.deviation.model import Noise
 
@@ -27,7 +27,33 @@ def test_gradient_equals_numeric(coefficients, form):
         ahead, behind = (likelihood.value(at + s * step * unit, data, prior, likelihood.FINE) for s in (1, -1))
         assert slopes[j] == pytest.approx((ahead - behind) / (2 * step), rel=1e-4, abs=1e-2)
     scores = likelihood.scores(at, data, prior, likelihood.FINE)
-    assert scores.sum(axis=0) == pytest.approx(slopes[:5], rel=1e-9)
+    assert scores.sum(axis=0) == pytest.approx(slopes, rel=1e-9)
+
+
+def test_gradient_of_the_scatter_equals_numeric():
+    seen, _ = pairs(MILD, n=400)
+    chords = likelihood.squared_chords(model.observed_heading(seen))
+    given = exact.smoothed(np.ones(likelihood.CELLS)) * np.ones((len(seen), 1))
+    seen = scatter.Seen(given, chords, *model.speeds(seen))
+    at, step = np.array([1.5, 0.6, -4.0]), 1e-5
+    _, slopes = scatter.log_likelihood(at, seen)
+    for slope, unit in zip(slopes, step * np.eye(3), strict=True):
+        ahead, behind = (scatter.log_likelihood(at + sign * unit, seen)[0] for sign in (1.0, -1.0))
+        assert slope == pytest.approx((ahead - behind) / (2.0 * step), rel=1e-5, abs=1e-6)
+
+
+def test_the_solver_finds_a_valley_and_a_bound():
+    """Rosenbrock's valley, least at (1, 1); cut off at x = 0.5 it is least at (0.5, 0.25)."""
+
+    def valley(x):
+        value = (1.0 - x[0]) ** 2 + 100.0 * (x[1] - x[0] ** 2) ** 2
+        by_x = -2.0 * (1.0 - x[0]) - 400.0 * x[0] * (x[1] - x[0] ** 2)
+        return value, np.array([by_x, 200.0 * (x[1] - x[0] ** 2)])
+
+    free = np.array([(-np.inf, np.inf)] * 2)
+    cut = np.array([(-np.inf, 0.5), (-np.inf, np.inf)])
+    assert climb.minimise(valley, np.array([-1.2, 1.0]), free, 200)[0] == pytest.approx([1.0, 1.0], abs=1e-3)
+    assert climb.minimise(valley, np.array([-1.2, 1.0]), cut, 200)[0] == pytest.approx([0.5, 0.25], abs=1e-3)
 
 
 def test_scatter_is_a_density_and_slow_water_is_nearly_uniform():

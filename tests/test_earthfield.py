@@ -1,9 +1,12 @@
 """IGRF against the design page, its guard, and the metadata that override it."""
 
+from datetime import datetime
+
 import numpy as np
+import ppigrf
 import pytest
 
-from compasslib import earthfield
+from compasslib import earthfield, igrf
 from compasslib.errors import InputError
 
 DECEMBER_2007, EG4 = 1196467200.0, (65.3, -33.0)
@@ -14,6 +17,15 @@ def test_field_of_the_demonstration_cruise():
     assert declination[0] == pytest.approx(-23.50, abs=0.005)
     assert horizontal[0] == pytest.approx(11980, abs=1.0)
     assert vertical[0] == pytest.approx(52078, abs=1.0)
+
+
+@pytest.mark.parametrize("place", [(65.3, -33.0), (-40.0, 170.0), (0.0, 0.0), (89.9, 10.0), (-80.0, -120.0)])
+def test_the_model_is_the_one_that_others_evaluate(place):
+    """Within 0.001 nT: the other evaluation goes back to the ellipsoid by a series."""
+    dates = [datetime(1901, 3, 1), datetime(1987, 6, 1), datetime(2007, 12, 1), datetime(2029, 12, 1)]
+    east, north, up = (np.ravel(x).astype(float) for x in ppigrf.igrf(place[1], place[0], 0.0, dates))
+    days = np.array([(date - datetime(1970, 1, 1)).total_seconds() / 86400.0 for date in dates])
+    assert np.array(igrf.field(*place, days)) == pytest.approx(np.array([east, north, -up]), abs=1e-3)
 
 
 def test_along_the_deployment_and_between_nodes():

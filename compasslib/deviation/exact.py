@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles, compass
-from compasslib.deviation import likelihood, model, spread
+from compasslib.deviation import climb, likelihood, model, scatter, spread
 from compasslib.deviation.forms import EXACT, Form
-from compasslib.deviation.likelihood import CELL_DEG, COARSE, FINE, Grid, Sample
+from compasslib.deviation.likelihood import COARSE, FINE, Grid, Sample
 from compasslib.deviation.model import Fit, Noise
 from compasslib.records import Pairs
 
@@ -30,9 +30,8 @@ BELIEF_CENTRE = np.zeros(6)
 BELIEF_WIDTH = np.array([0.5, 1.5, 1.5, 0.3, 0.3, 0.15])
 HARD_IRON_FIRST = np.array([0.02, 1.5, 1.5, 0.02, 0.02, 0.3])  # the same while a start finds its fold
 # |D|, |E| under |u| keeps the induced part from turning the field round, which no iron near an instrument does. The
-# grids resolve no less than these: log(compass noise), then log(floor), log(slow part), logit(outliers).
-PARAMETER_BOUNDS = [(None, None)] * 3 + [(-0.6, 0.6)] * 2 + [(np.log(0.8), np.log(8.0))]
-NOISE_BOUNDS = [(np.log(CELL_DEG), np.log(90.0)), (np.log(0.05), np.log(50.0)), (-9.0, 2.0)]
+# grids resolve no less compass noise than the last.
+PARAMETER_BOUNDS = np.array([(-np.inf, np.inf)] * 3 + [(-0.6, 0.6)] * 2 + [(np.log(0.8), np.log(8.0))])
 PRIOR_SMOOTHING_DEG, PRIOR_FLOOR = 12.0, 0.1
 
 
@@ -93,7 +92,7 @@ def scores_at(coefficients: Floats, pairs: Pairs, fit: Fit) -> tuple[float, Floa
     data = _overlap(pairs).sample(fit.noise, FINE, EXACT)
     parameters = np.append(coefficients, np.log(fit.noise.compass_deg))
     value = likelihood.value(parameters, data, fit.heading_density, FINE)
-    return value, likelihood.scores(parameters, data, fit.heading_density, FINE)
+    return value, likelihood.scores(parameters, data, fit.heading_density, FINE)[:, :5]
 
 
 @dataclass(frozen=True)
@@ -156,7 +155,7 @@ def _improve(state: _State, overlap: _Overlap, grid: Grid, form: Form, belief: F
     """Climb with the scatter held, then fit the scatter and the headings' distribution with the compass held."""
     data = overlap.sample(state.noise, grid, form)
     parameters, loss = _climb(state.parameters, data, state.prior, grid, belief)
-    prior = smoothed(likelihood.responsibilities(parameters, data, state.prior, grid).sum(axis=0))
+    prior = smoothed(likelihood.occupancy(parameters, data, state.prior, grid))
     return _State(parameters, _fit_noise(state.noise, overlap, parameters, prior, form), prior, loss)
 
 
@@ -164,7 +163,7 @@ def _described(state: _State, pairs: Pairs, overlap: _Overlap) -> Fit:
     data = overlap.sample(state.noise, FINE, EXACT)
     parameters, _ = _climb(state.parameters, data, state.prior, FINE)
     noise = replace(state.noise, compass_deg=float(np.exp(parameters[5])))
-    scores = likelihood.scores(parameters, data, state.prior, FINE)
+    scores = likelihood.scores(parameters, data, state.prior, FINE)[:, :5]
     bare = Fit("exact", len(pairs), parameters[:5], noise=noise)
     left = model.residual(bare, pairs)
     standard = np.clip(left / overlap.width_deg(noise), -3.0, 3.0)
@@ -199,13 +198,12 @@ def _penalised(
 def _climb(
     parameters: Floats, data: Sample, prior: Floats, grid: Grid, belief: Floats = BELIEF_WIDTH
 ) -> tuple[Floats, float]:
-    from scipy.optimize import minimize  # 0.4 s: only jobs that fit pay for it
+    def loss(at: Floats) -> tuple[float, Floats]:
+        return _penalised(at, data, prior, grid, belief)
 
-    arguments, options = (data, prior, grid, belief), {"maxiter": CLIMB_STEPS}
-    found = minimize(
-        _penalised, parameters, args=arguments, jac=True, method="L-BFGS-B", bounds=PARAMETER_BOUNDS, options=options
-    )
-    return np.asarray(found.x), float(found.fun)
+    scores = likelihood.scores(parameters, data, prior, grid)
+    curvature = scores.T @ scores + np.diag(belief**-2.0)
+    return climb.minimise(loss, parameters, PARAMETER_BOUNDS, CLIMB_STEPS, curvature)
 
 
 def smoothed(mass: Floats) -> Floats:
@@ -221,24 +219,8 @@ def smoothed(mass: Floats) -> Floats:
     return (1.0 - PRIOR_FLOOR) * smooth + PRIOR_FLOOR / len(mass)
 
 
-def _fit_noise(noise: Noise, overlap: _Overlap, parameters: Floats, prior: Floats, form: Form) -> Noise:
+def _fit_noise(near: Noise, overlap: _Overlap, parameters: Floats, prior: Floats, form: Form) -> Noise:
     """Fit floor, slow part and outliers of the scatter with the compass held."""
-    from scipy.optimize import minimize
-
     few = overlap.take(np.arange(0, len(overlap.observed_deg), max(1, len(overlap.observed_deg) // NOISE_PAIRS)))
-    flat = likelihood.sample(few.recorded_deg, np.ones((len(few.recorded_deg), likelihood.CELLS)), FINE, form)
-    given = np.empty((len(few.recorded_deg), likelihood.CELLS))
-    given[flat.order] = likelihood.responsibilities(parameters, flat, prior, FINE)
-
-    def loss(x: Floats) -> float:
-        tried = _noise(x)
-        density = likelihood.scatter(few.squared_chord, few.width_deg(tried), tried.outliers)
-        belief = 0.5 * ((x[0] - np.log(8.0)) ** 2 + (x[1] - np.log(2.5)) ** 2 + (x[2] + 4.0) ** 2)
-        return belief - float(np.sum(np.log(np.einsum("nc,nc->n", given, density))))
-
-    start = [np.log(noise.floor_deg), np.log(noise.slow_deg_m_s), np.log(noise.outliers / (1.0 - noise.outliers))]
-    return _noise(minimize(loss, start, method="L-BFGS-B", bounds=NOISE_BOUNDS, options={"maxiter": 15}).x)
-
-
-def _noise(x: Floats) -> Noise:
-    return Noise(float(np.exp(x[0])), float(np.exp(x[1])), float(1.0 / (1.0 + np.exp(-x[2]))))
+    given = likelihood.given_recorded(parameters, few.recorded_deg, prior, FINE, form)
+    return scatter.fit(scatter.Seen(given, few.squared_chord, few.upper_speed, few.lower_speed), near)

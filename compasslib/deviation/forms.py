@@ -15,6 +15,7 @@ from compasslib import angles, compass
 from compasslib.deviation import von_appen
 
 Floats = NDArray[np.floating]
+Sides = tuple[Floats, Floats]
 
 
 class Form(Protocol):
@@ -24,11 +25,11 @@ class Form(Protocol):
     def name(self) -> str:
         """Its name in the results."""
 
-    def offset(self, coefficients: Floats, recorded_deg: Floats, heading_deg: Floats) -> Floats:
-        """Return how far each recorded heading is from what each correct one predicts, (k, f) degrees."""
+    def sides(self, coefficients: Floats, recorded_deg: Floats, heading_deg: Floats) -> Sides:
+        """Return what agrees where a recorded heading came from a correct one, (k,) and (f,) degrees."""
 
     def slopes(self, coefficients: Floats, recorded_deg: Floats, heading_deg: Floats) -> Floats:
-        """Return minus the offset's derivative by the coefficients, (5, 1 or k, 1 or f) degrees."""
+        """Return the derivative by the coefficients of the second side less the first, (5, 1 or k, 1 or f) degrees."""
 
 
 @dataclass(frozen=True)
@@ -37,10 +38,9 @@ class Exact:
 
     name: str = "exact"
 
-    def offset(self, coefficients: Floats, recorded_deg: Floats, heading_deg: Floats) -> Floats:
-        """Return recorded minus arg q."""
-        gamma = compass.recorded_heading(coefficients, heading_deg)
-        return angles.difference(recorded_deg[:, None], gamma[None, :])
+    def sides(self, coefficients: Floats, recorded_deg: Floats, heading_deg: Floats) -> Sides:
+        """Return the recorded heading and arg q."""
+        return recorded_deg, compass.recorded_heading(coefficients, heading_deg)
 
     def slopes(self, coefficients: Floats, recorded_deg: Floats, heading_deg: Floats) -> Floats:
         """Return the derivative of arg q."""
@@ -53,10 +53,9 @@ class SeriesInCorrect:
 
     name: str = "series_in_correct"
 
-    def offset(self, coefficients: Floats, recorded_deg: Floats, heading_deg: Floats) -> Floats:
-        """Return recorded minus correct heading plus the deviation there."""
-        gamma = heading_deg - von_appen.predict(coefficients, heading_deg) / angles.DEGREE
-        return angles.difference(recorded_deg[:, None], gamma[None, :])
+    def sides(self, coefficients: Floats, recorded_deg: Floats, heading_deg: Floats) -> Sides:
+        """Return the recorded heading, and the correct one minus the deviation there."""
+        return recorded_deg, heading_deg - von_appen.predict(coefficients, heading_deg) / angles.DEGREE
 
     def slopes(self, coefficients: Floats, recorded_deg: Floats, heading_deg: Floats) -> Floats:
         """Return minus the series' columns."""
@@ -69,10 +68,9 @@ class SeriesInRecorded:
 
     name: str = "series_in_recorded"
 
-    def offset(self, coefficients: Floats, recorded_deg: Floats, heading_deg: Floats) -> Floats:
-        """Return recorded heading plus the deviation there minus the correct heading."""
-        beta = recorded_deg + von_appen.predict(coefficients, recorded_deg) / angles.DEGREE
-        return angles.difference(beta[:, None], heading_deg[None, :])
+    def sides(self, coefficients: Floats, recorded_deg: Floats, heading_deg: Floats) -> Sides:
+        """Return the recorded heading plus the deviation there, and the correct one."""
+        return recorded_deg + von_appen.predict(coefficients, recorded_deg) / angles.DEGREE, heading_deg
 
     def slopes(self, coefficients: Floats, recorded_deg: Floats, heading_deg: Floats) -> Floats:
         """Return minus the series' columns."""

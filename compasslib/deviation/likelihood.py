@@ -14,6 +14,7 @@ is conditioned on and d stands on one side only, so that the noise of the lower 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,7 @@ from numpy.typing import NDArray
 from compasslib import angles
 from compasslib.deviation.forms import EXACT, Form
 from compasslib.deviation.model import Noise
+from compasslib.deviation.near import Blocks, Near, blocks, nearby
 
 Floats = NDArray[np.floating]
 
@@ -28,6 +30,7 @@ CELLS = 120  # of the heading's distribution and of the scatter, 3 degrees each
 CELL_DEG = 360.0 / CELLS
 FREEDOM = 5.0  # degrees of freedom of the scatter's tails
 UNPREDICTED = 1e-5  # e0, density per degree of recorded headings that the model does not explain
+REACH = 8.0  # of the compass's noise; beyond, its density is 1e-14 of its peak and far below e0
 
 CELL_CENTRES = CELL_DEG * np.arange(CELLS)
 
@@ -36,10 +39,9 @@ CELL_CENTRES = CELL_DEG * np.arange(CELLS)
 class Sample:
     """The pairs as the likelihood needs them, in order of the recorded heading's bin."""
 
-    bin: NDArray[np.intp]  # (n,) recorded heading's bin
-    begins: NDArray[np.intp]  # first sample of each occupied bin
+    row: NDArray[np.intp]  # (n,) which occupied bin each sample lies in
     occupied: NDArray[np.intp]  # the occupied bins
-    scatter: Floats  # (n, CELLS) K
+    scatter: Blocks  # (n, CELLS) K, by occupied bin
     order: NDArray[np.intp]  # position of each row in the pairs
     form: Form = EXACT  # the curve that is held against them
 
@@ -79,7 +81,10 @@ def squared_chords(observed_deg: Floats) -> Floats:
     Args:
         observed_deg: observed headings, (n,), degrees.
     """
-    return angles.chord(observed_deg[:, None] - CELL_CENTRES) ** 2
+    # The sine of a difference by products: n and CELLS sines instead of n times CELLS.
+    sine, cosine = angles.sin_cos(observed_deg[:, None] / 2.0)
+    towards = angles.sin_cos(CELL_CENTRES / 2.0)
+    return (2.0 / angles.DEGREE * (sine * towards[1] - cosine * towards[0])) ** 2
 
 
 def scatter(squared_chord: Floats, width_deg: Floats, outliers: float) -> Floats:
@@ -90,8 +95,11 @@ def scatter(squared_chord: Floats, width_deg: Floats, outliers: float) -> Floats
         width_deg: width for each of them, (n,), degrees.
         outliers: share that says nothing.
     """
-    base = 1.0 + squared_chord / (FREEDOM * width_deg[:, None] ** 2)
-    density = 1.0 / (base * base * base)  # Student's t with FREEDOM 5: the power is (5 + 1) / 2
+    ratio = squared_chord / (FREEDOM * width_deg[:, None] ** 2)
+    ratio += 1.0
+    np.reciprocal(ratio, out=ratio)
+    density = ratio * ratio
+    density *= ratio  # Student's t with FREEDOM 5: the power is (5 + 1) / 2
     density *= (1.0 - outliers) / (density.sum(axis=1, keepdims=True) * CELL_DEG)
     density += outliers / 360.0
     return density
@@ -108,8 +116,8 @@ def sample(recorded_deg: Floats, scatter_density: Floats, grid: Grid, form: Form
     """
     bins = grid.bin_of(recorded_deg)
     order = np.argsort(bins, kind="stable")
-    occupied, begins = np.unique(bins[order], return_index=True)
-    return Sample(bins[order], begins, occupied, scatter_density[order], order, form)
+    occupied, begins, row = np.unique(bins[order], return_index=True, return_inverse=True)
+    return Sample(row, occupied, blocks(scatter_density[order], begins), order, form)
 
 
 def compass_noise(offset_deg: Floats, compass_deg: float) -> Floats:
@@ -144,8 +152,8 @@ def values(parameters: Floats, data: Sample, prior: Floats, grid: Grid) -> Float
         grid: the grid that the sample was sorted on.
     """
     parts = _parts(parameters, data, prior, grid)
-    result = np.empty(len(data.bin))
-    result[data.order] = np.log(parts.joint) - np.log(parts.marginal[parts.row])
+    result = np.empty(len(data.row))
+    result[data.order] = np.log(parts.joint) - np.log(parts.marginal[data.row])
     return result
 
 
@@ -159,19 +167,16 @@ def value_and_gradient(parameters: Floats, data: Sample, prior: Floats, grid: Gr
         grid: the grid that the sample was sorted on.
     """
     parts = _parts(parameters, data, prior, grid)
-    total = float(np.sum(np.log(parts.joint) - np.log(parts.marginal[parts.row])))
-    weighted = data.scatter / parts.joint[:, None]
-    towards = np.add.reduceat(weighted, data.begins, axis=0) @ parts.hats.T  # (occupied, fine)
-    count = np.diff(np.append(data.begins, len(data.bin)))
-    towards -= (count / parts.marginal)[:, None]
-    towards *= parts.prior_fine * parts.density
-    pull = towards * parts.offset / np.exp(2.0 * parameters[5])
-    by_width = float(np.sum(pull * parts.offset) - np.sum(towards))
-    return total, np.append(_contracted(data.form.slopes(parameters[:5], parts.bins, grid.heading_deg), pull), by_width)
+    total = float(np.sum(np.log(parts.joint) - np.log(parts.marginal[data.row])))
+    pull = data.scatter.summed(1.0 / parts.joint) - (np.bincount(data.row) / parts.marginal)[:, None]
+    towards = np.sum(pull.ravel()[parts.cell] * parts.share, axis=1)
+    pull = towards * parts.near.offset / np.exp(2.0 * parameters[5])
+    by_width = float(np.sum(pull * parts.near.offset) - np.sum(towards))
+    return total, np.append(_slopes(parameters, data, grid, parts) @ pull, by_width)
 
 
 def scores(parameters: Floats, data: Sample, prior: Floats, grid: Grid) -> Floats:
-    """Return each pair's gradient by A..E, in the order of the pairs, (n, 5).
+    """Return each pair's gradient by A..E and log(compass noise), in the order of the pairs, (n, 6).
 
     Args:
         parameters: A, B, C, D, E and the logarithm of the compass noise in degrees, (6,).
@@ -180,18 +185,17 @@ def scores(parameters: Floats, data: Sample, prior: Floats, grid: Grid) -> Float
         grid: the grid that the sample was sorted on.
     """
     parts = _parts(parameters, data, prior, grid)
-    slopes = data.form.slopes(parameters[:5], parts.bins, grid.heading_deg)
-    weight = parts.prior_fine * parts.density * parts.offset / np.exp(2.0 * parameters[5])
-    result = np.empty((len(data.bin), 5))
-    for j in range(5):
-        moved = weight * slopes[j]
-        joint = np.einsum("nc,nc->n", (moved @ parts.hats)[parts.row], data.scatter)
-        result[data.order, j] = joint / parts.joint - (moved.sum(axis=1) / parts.marginal)[parts.row]
+    pull = parts.near.offset / np.exp(2.0 * parameters[5])
+    result = np.empty((len(data.row), 6))
+    for j, by in enumerate([*_slopes(parameters, data, grid, parts) * pull, pull * parts.near.offset - 1.0]):
+        moved = _on_cells(parts, by, len(data.occupied))
+        by_joint, by_marginal = data.scatter.times(moved) / parts.joint, moved.sum(axis=1) / parts.marginal
+        result[data.order, j] = by_joint - by_marginal[data.row]
     return result
 
 
-def responsibilities(parameters: Floats, data: Sample, prior: Floats, grid: Grid) -> Floats:
-    """Return the posterior of each pair's correct heading on the cells, sorted as the sample, (n, CELLS).
+def occupancy(parameters: Floats, data: Sample, prior: Floats, grid: Grid) -> Floats:
+    """Return how many pairs have their correct heading in each cell, by the posterior, (CELLS,).
 
     Args:
         parameters: A, B, C, D, E and the logarithm of the compass noise in degrees, (6,).
@@ -200,47 +204,83 @@ def responsibilities(parameters: Floats, data: Sample, prior: Floats, grid: Grid
         grid: the grid that the sample was sorted on.
     """
     parts = _parts(parameters, data, prior, grid)
-    posterior = parts.given[parts.row] * data.scatter
-    return posterior / posterior.sum(axis=1, keepdims=True)
+    return np.asarray(np.sum(parts.given * data.scatter.summed(1.0 / parts.joint), axis=0))
+
+
+def given_recorded(parameters: Floats, recorded_deg: Floats, prior: Floats, grid: Grid, form: Form) -> Floats:
+    """Return the distribution of the correct heading on the cells for each recorded one, (n, CELLS).
+
+    Args:
+        parameters: A, B, C, D, E and the logarithm of the compass noise in degrees, (6,).
+        recorded_deg: recorded headings, (n,), degrees.
+        prior: pi on the cells, (CELLS,), sums to 1.
+        grid: the grid that they are sorted on.
+        form: the curve that is held against them.
+    """
+    occupied, row = np.unique(grid.bin_of(recorded_deg), return_inverse=True)
+    given = _laid_out(parameters, occupied, prior, grid, form).given
+    return np.asarray((given / given.sum(axis=1, keepdims=True))[row])
 
 
 @dataclass(frozen=True)
-class _Parts:
-    bins: Floats  # (occupied,) recorded headings, degrees
-    density: Floats  # G (occupied, fine)
-    offset: Floats  # (occupied, fine) degrees
-    prior_fine: Floats  # pi on the fine grid
-    hats: Floats
+class _Layout:
+    near: Near  # correct headings, fine, near the recorded ones; k of them
+    cell: NDArray[np.intp]  # (k, 4) recorded heading and cell as one number
+    share: Floats  # (k, 4) prior times G times spline
     given: Floats  # (occupied, CELLS) joint density of recorded heading and cell
-    row: NDArray[np.intp]  # (n,) row of each sample
-    joint: Floats  # (n,)
     marginal: Floats  # (occupied,)
 
 
+@dataclass(frozen=True)
+class _Parts(_Layout):
+    joint: Floats  # (n,) as the sample is sorted
+
+
 def _parts(parameters: Floats, data: Sample, prior: Floats, grid: Grid) -> _Parts:
-    hats = _HATS[grid.fine]
-    prior_fine = hats @ prior
-    prior_fine = prior_fine / prior_fine.sum()
-    bins = grid.heading_deg[data.occupied]
-    offset = data.form.offset(parameters[:5], bins, grid.heading_deg)
-    density = compass_noise(offset, float(np.exp(parameters[5])))
-    given = (density * prior_fine) @ hats + UNPREDICTED * prior
-    row = np.repeat(np.arange(len(data.begins)), np.diff(np.append(data.begins, len(data.bin))))
-    joint = np.einsum("nc,nc->n", given[row], data.scatter)
-    return _Parts(bins, density, offset, prior_fine, hats, given, row, joint, given.sum(axis=1))
+    laid = _laid_out(parameters, data.occupied, prior, grid, data.form)
+    return _Parts(**vars(laid), joint=data.scatter.times(laid.given))
 
 
-def _contracted(slopes: Floats, pull: Floats) -> Floats:
-    """Return sum over both axes of slopes times pull, (5,), the axis that the slopes do not have summed first.
+def _laid_out(parameters: Floats, occupied: NDArray[np.intp], prior: Floats, grid: Grid, form: Form) -> _Layout:
+    width = float(np.exp(parameters[5]))
+    sides = form.sides(parameters[:5], grid.heading_deg[occupied], grid.heading_deg)
+    near = nearby(*sides, min(REACH * width, 180.0))
+    cells, weights = _splines(grid)
+    prior_fine = _hats(grid) @ prior
+    density = compass_noise(near.offset, width) * (prior_fine / prior_fine.sum())[near.column]
+    cell = near.row[:, None] * CELLS + cells[near.column]
+    share = density[:, None] * weights[near.column]
+    given = _summed(cell, share, len(occupied)) + UNPREDICTED * prior
+    return _Layout(near, cell, share, given, given.sum(axis=1))
 
-    A compass that is stuck has one recorded heading, so that the other axis tells nothing of which one is missing.
-    """
-    if slopes.shape[2] == 1:
-        return np.asarray(slopes[:, :, 0] @ pull.sum(axis=1))
-    return np.asarray(slopes[:, 0, :] @ pull.sum(axis=0))
+
+def _summed(cell: NDArray[np.intp], share: Floats, rows: int) -> Floats:
+    return np.bincount(cell.ravel(), share.ravel(), rows * CELLS).astype(float, copy=False).reshape(rows, CELLS)
 
 
-_HATS = {grid.fine: grid.hats() for grid in (COARSE, FINE)}
+def _on_cells(parts: _Layout, weight: Floats, rows: int) -> Floats:
+    return _summed(parts.cell, parts.share * weight[:, None], rows)
+
+
+def _slopes(parameters: Floats, data: Sample, grid: Grid, parts: _Layout) -> Floats:
+    """Return minus the offset's derivative by A..E at the places laid out, (5, k) degrees."""
+    slopes = data.form.slopes(parameters[:5], grid.heading_deg[data.occupied], grid.heading_deg)
+    whole = np.broadcast_to(slopes, (5, len(data.occupied), grid.fine))
+    return np.asarray(whole[:, parts.near.row, parts.near.column])
+
+
+@cache
+def _hats(grid: Grid) -> Floats:
+    return grid.hats()
+
+
+@cache
+def _splines(grid: Grid) -> tuple[NDArray[np.intp], Floats]:
+    """Return the four cells that each fine heading shares out on, and its shares, (fine, 4) each."""
+    hats = _hats(grid)
+    first = np.arange(grid.fine) * CELLS // grid.fine
+    cells = (first[:, None] + np.arange(-1, 3)) % CELLS
+    return cells, np.take_along_axis(hats, cells, axis=1)
 
 
 def widths(noise: Noise, upper_speed: Floats, lower_speed: Floats) -> Floats:

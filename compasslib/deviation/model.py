@@ -148,14 +148,14 @@ def observed_deviation(pairs: Pairs) -> Floats:
     return angles.difference(lower, angles.direction(pairs.upper_east, pairs.upper_north))
 
 
-def chosen(series: Series, which: NDArray[Any]) -> Series:
+def chosen(series: Series, which: NDArray[Any] | slice) -> Series:
     """Return some of the samples.
 
     Args:
         series: n samples.
-        which: positions or a mask.
+        which: positions, a mask or a slice.
     """
-    columns = {name: column[which] for name, column in vars(series).items() if isinstance(column, np.ndarray)}
+    columns: dict[str, Any] = {k: column[which] for k, column in vars(series).items() if isinstance(column, np.ndarray)}
     return replace(series, **columns)
 
 

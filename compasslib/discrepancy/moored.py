@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import observatory
+from compasslib.deviation import model
 from compasslib.deviation.model import Fit
 from compasslib.discrepancy import diagnosis, stuck, verdict
 from compasslib.discrepancy.diagnosis import Options
@@ -17,6 +18,8 @@ from compasslib.discrepancy.verdict import Diagnosis
 from compasslib.records import EarthField, Pairs, Record
 
 Floats = NDArray[np.floating]
+
+MOST_PAIRS = 20_000  # hourly pairs of two years; of more, every second, third, ... is searched, to hold memory
 
 SWITCHED_OFF = "the search was switched off (diagnose: {enabled: false})"
 
@@ -54,7 +57,9 @@ def diagnose(
     """
     if not chosen.pop("enabled"):
         return verdict.insufficient(SWITCHED_OFF)
-    return diagnosis.diagnose(pairs, series, fit, field, Options(**chosen), wide=wide)
+    some = slice(None, None, 1 + len(pairs) // MOST_PAIRS)
+    kept, few = {name: column[some] for name, column in series.items()}, model.chosen(pairs, some)
+    return diagnosis.diagnose(few, kept, fit, field, Options(**chosen), wide=wide)
 
 
 def told(name: str, found: Diagnosis) -> str:

@@ -231,6 +231,11 @@ def _record(water: Sequence[_Water], reports: Sequence[FileReport], choices: Cho
 
 def _bin_range(leaders: Ensembles, cells: int) -> Floats:
     cell = np.arange(cells)
+    if all(np.ptp(of) == 0.0 for of in (leaders.bin1_m, leaders.cell_m, leaders.cells)):
+        # One setting throughout: one row that all ensembles share.
+        one = leaders.bin1_m[:1, None] + leaders.cell_m[:1, None] * cell
+        one[:, cell >= leaders.cells[0]] = np.nan
+        return np.broadcast_to(one, (len(leaders), cells))
     ranges = leaders.bin1_m[:, None] + leaders.cell_m[:, None] * cell
     ranges[cell >= leaders.cells[:, None]] = np.nan
     return ranges

@@ -1,0 +1,198 @@
+"""The quick measurements on one page, each with its ratio in the same run: results/bench/README.md.
+
+    python benchmarks/page.py [OUTPUT]
+
+Times are CPU seconds (user and system, of all processes) where nothing else is said: other work on the machine moves
+them less than the clock. The cruise is the demonstration's, simulated anew in a temporary folder.
+"""
+
+from __future__ import annotations
+
+import csv
+import os
+import re
+import resource
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections import defaultdict
+from collections.abc import Callable
+from pathlib import Path
+
+import jobs
+import numpy as np
+import yaml
+
+from compasslib import angles
+from compasslib.deviation import von_appen
+
+PROJECT = Path(__file__).resolve().parent.parent
+FLEETS = (1, 10, 100)
+EDITED = "EG5"
+LIMITS = {"whole": 60.0, "without": 25.0, "edit": 12.0, "nothing": 3.0}
+
+
+def snakemake(folder: Path, *options: str, cores: int = 2) -> tuple[float, float, str]:
+    """Run the workflow; return seconds by the clock, CPU seconds, and what it said."""
+    command = [sys.executable, "-m", "snakemake", "--snakefile", str(PROJECT / "Snakefile"), "--directory", str(folder)]
+    before, begun = resource.getrusage(resource.RUSAGE_CHILDREN), time.monotonic()
+    environment = os.environ | {"PYTHONPATH": str(PROJECT)}
+    whole = [*command, "--cores", str(cores), *options]
+    done = subprocess.run(whole, capture_output=True, text=True, check=False, env=environment)
+    if done.returncode:
+        raise SystemExit(done.stderr[-3000:])
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return time.monotonic() - begun, cpu, done.stdout + done.stderr
+
+
+def fresh(folder: Path) -> Path:
+    """Return the demonstration cruise without results."""
+    shutil.copytree(PROJECT / "config", folder / "config")
+    return folder
+
+
+def change(path: Path, **keys: object) -> None:
+    """Set keys of a YAML file."""
+    path.write_text(yaml.safe_dump(yaml.safe_load(path.read_text()) | keys, sort_keys=False))
+
+
+def walls(cruise: Path) -> dict[str, list[float]]:
+    """Return the seconds of every job by rule."""
+    found: dict[str, list[float]] = defaultdict(list)
+    for path in sorted(cruise.glob("results/**/benchmarks/*.tsv")):
+        with path.open() as stream:
+            row = next(csv.DictReader(stream, delimiter="\t"))
+        found["read" if path.stem.startswith("read_") else path.stem].append(float(row["s"]))
+    return found
+
+
+def of_cruise(temporary: Path) -> str:
+    """Time the whole cruise, the same without diagnosis and figures, an edit, and nothing to do."""
+    whole, bare = fresh(temporary / "whole"), fresh(temporary / "bare")
+    change(bare / "config/config.yaml", diagnose={"enabled": False})
+    rows = [("whole cruise, diagnosis and figures", *snakemake(whole)[:2], LIMITS["whole"])]
+    parts = walls(whole)
+    rows.append(("without: to summary.csv", *snakemake(bare, "--", "results/summary.csv")[:2], LIMITS["without"]))
+    change(whole / f"config/moorings/{EDITED}.yaml", declination=-20.5)
+    rows.append((f"{EDITED}'s declination edited", *snakemake(whole)[:2], LIMITS["edit"]))
+    rows.append(("nothing to do", *snakemake(whole)[:2], LIMITS["nothing"]))
+    first = rows[0][1]
+    lines = ["| run, two cores | s by the clock | budget s | CPU s | of the whole |", "|---|---|---|---|---|"]
+    lines += [f"| {name} | {s:.1f} | {limit:.0f} | {cpu:.1f} | {s / first:.2f} |" for name, s, cpu, limit in rows]
+    total = sum(map(sum, parts.values()))
+    lines += [
+        "",
+        f"The sum of its {sum(map(len, parts.values()))} jobs is {total:.1f} s: {total / first:.2f} of the clock.",
+    ]
+    lines += ["", "| rule | jobs | mean s a job | share of the sum |", "|---|---|---|---|"]
+    for rule, seconds in sorted(parts.items(), key=lambda item: -sum(item[1])):
+        lines.append(f"| {rule} | {len(seconds)} | {np.mean(seconds):.2f} | {sum(seconds) / total:.0%} |")
+    return "\n".join(lines)
+
+
+def of_imports() -> str:
+    """Time what each job imports, in fresh interpreters."""
+    bare = min(jobs.cpu_of("pass") for _ in range(3))
+    lines = ["| job | imports, CPU s | of numpy's |", "|---|---|---|"]
+    numpy = min(jobs.cpu_of("import numpy") for _ in range(3)) - bare
+    for script in sorted(jobs.SCRIPTS.glob("*.py")):
+        seconds = min(jobs.cpu_of(jobs.imports_of(script)) for _ in range(3)) - bare
+        lines.append(f"| {script.stem} | {seconds:.2f} | {seconds / numpy:.1f} |")
+    return "\n".join(lines)
+
+
+def of_fits() -> str:
+    """Fit the published series by SciPy's curve_fit and by this library, on curves that are known."""
+    from scipy.optimize import curve_fit
+
+    rng, n = np.random.default_rng(1), 9000
+    heading = rng.uniform(0.0, 360.0, n)
+    columns = von_appen.design(heading)
+    lines = ["| largest deviation | scatter | curve_fit ms | ours ms | ratio | its worst error | ours |"]
+    lines.append("|---|---|---|---|---|---|---|")
+    for size in (10.0, 60.0, 130.0):
+        true = size * np.array([0.1, 0.7, -0.4, 0.1, 0.05])
+        deviation = angles.wrap180(columns @ true + rng.normal(0.0, 8.0, n))
+
+        def theirs(deviation: np.ndarray = deviation) -> np.ndarray:
+            return curve_fit(lambda x, *c: von_appen.predict(c, x), heading, deviation, p0=np.zeros(5))[0]
+
+        def ours(deviation: np.ndarray = deviation) -> np.ndarray:
+            return von_appen.best_of_starts(columns, deviation)
+
+        (slow, other), (fast, own) = timed(theirs), timed(ours)
+        errors = [float(np.abs(found - true).max()) for found in (other, own)]
+        largest = float(np.abs(columns @ true).max())
+        lines.append(
+            f"| {largest:.0f}° | 8° | {slow * 1e3:.1f} | {fast * 1e3:.1f} | {slow / fast:.1f} | "
+            f"{errors[0]:.2f}° | {errors[1]:.2f}° |"
+        )
+    return "\n".join(lines)
+
+
+def timed(action: Callable[[], np.ndarray]) -> tuple[float, np.ndarray]:
+    """Return the least CPU seconds of some repetitions, and what came out."""
+    fastest = float("inf")
+    for _ in range(5):
+        begun = time.process_time()
+        result = action()
+        fastest = min(fastest, time.process_time() - begun)
+    return fastest, result
+
+
+def of_fleets(temporary: Path) -> str:
+    """Time the planning of ever more moorings by a dry run."""
+    lines = ["| moorings | jobs | planning, CPU s | ms a job |", "|---|---|---|---|"]
+    for count in FLEETS:
+        folder = fleet(temporary / f"fleet{count}", count)
+        _, cpu, said = snakemake(folder, "--dry-run", "--quiet", "rules")
+        found = re.search(r"^total\s+(\d+)", said, re.MULTILINE)
+        planned = int(found[1]) if found else 0
+        lines.append(f"| {count} | {planned} | {cpu:.1f} | {1e3 * cpu / max(planned, 1):.0f} |")
+    return "\n".join(lines)
+
+
+def fleet(folder: Path, count: int) -> Path:
+    """Write a cruise of as many moorings as are asked, all with the same two empty raw files."""
+    (folder / "config/moorings").mkdir(parents=True)
+    (folder / "raw").mkdir()
+    (folder / "config/config.yaml").write_text("moorings: config/moorings\n")
+    mooring = yaml.safe_load((PROJECT / "config/moorings/EG4.yaml").read_text())
+    for role, instrument in mooring["instruments"].items():
+        instrument["files"] = f"raw/{role}.000"
+        (folder / f"raw/{role}.000").touch()
+    for k in range(count):
+        (folder / f"config/moorings/M{k}.yaml").write_text(yaml.safe_dump(mooring | {"name": f"M{k}"}))
+    return folder
+
+
+def said_by(*command: str) -> str:
+    """Return what another benchmark prints, as it stands."""
+    environment = os.environ | {"PYTHONPATH": str(PROJECT)}
+    run = [sys.executable, *command]
+    done = subprocess.run(run, capture_output=True, text=True, check=False, env=environment, cwd=PROJECT)
+    return done.stdout if done.returncode == 0 else f"Not measured: {(done.stderr.splitlines() or ['no reason'])[-1]}\n"
+
+
+def main(output: Path) -> None:
+    """Measure and write the page."""
+    with tempfile.TemporaryDirectory() as name:
+        sections = {
+            "The demonstration cruise": of_cruise(Path(name)),
+            "Imports of the jobs": of_imports(),
+            "PD0 against mhkit and plain reading": f"```\n{said_by('benchmarks/pd0_throughput.py')}```",
+            "The published series against curve_fit": of_fits(),
+            "Planning 1, 10 and 100 moorings": of_fleets(Path(name)),
+            "Memory of one year at 10 minutes, 40 bins": said_by("benchmarks/memory.py", "1"),
+        }
+    body = "\n\n".join(f"## {title}\n\n{text}" for title, text in sections.items())
+    output.parent.mkdir(parents=True, exist_ok=True)
+    output.write_text(f"# Measurements\n\nBy `make bench`; ratios are within this run.\n\n{body}\n")
+    print(output.read_text())
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else PROJECT / "results/bench/README.md")
