@@ -40,6 +40,7 @@ class Channel:
     field_unit: tuple[float, str] = (1.0, "nT")  # for one nT of the forward model, and its name
     starts: Mapping[str, tuple[float, ...]] = field(default_factory=dict)  # effect -> values of its first parameter
     independent: bool = False  # readings whose errors have no memory
+    remembered: bool = False  # means over stretches whose memory is known by its law, not by its own blocks
 
     def __len__(self) -> int:
         return len(self.time_s)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from compasslib.calibration.heads_motion import blocks, small_sample
 from compasslib.deviation.model import effective_number
 from compasslib.discrepancy import whitening
+from compasslib.discrepancy.recordings import memory
 from compasslib.discrepancy.recordings.channel import Channel
 from compasslib.physics.term import Term
 
@@ -143,6 +144,8 @@ def effective(fitted: Fitted) -> float:
     n = len(fitted.channel)
     if fitted.channel.independent:
         return float(n)
+    if fitted.channel.remembered:
+        return memory.effective(fitted.clipped, fitted.columns)
     return effective_number(fitted.clipped, np.arange(n, dtype=float), longest_s=n / 10.0)
 
 
@@ -152,6 +155,8 @@ def covariance(fitted: Fitted) -> Floats:
     Args:
         fitted: a hypothesis that fits.
     """
+    if fitted.channel.remembered:
+        return memory.covariance(fitted.clipped, fitted.columns)
     columns, residual, block = fitted.columns, fitted.clipped, stretches(fitted)
     inverse = whitening.inverse(columns.T @ columns)
     free = max(len(residual) - columns.shape[1], 1)

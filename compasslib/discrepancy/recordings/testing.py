@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles
-from compasslib.discrepancy.recordings import fitting
+from compasslib.discrepancy.recordings import fitting, memory
 from compasslib.discrepancy.recordings.channel import Channel, dated
 from compasslib.discrepancy.recordings.fitting import Fitted
 from compasslib.discrepancy.scan import normal_score
@@ -161,7 +161,8 @@ def _tested(
 def draws(noise: Fitted, seed: int, repeats: int = REPEATS) -> Floats:
     """Return draws of the record's own noise: blocks of it at other places with random signs, (repeats, n).
 
-    Readings without memory are drawn from a normal distribution: a dozen of them hold no distribution of their own.
+    Readings without memory are drawn from a normal distribution, and stretches of a short log by the law of their
+    memory: a dozen of them hold no distribution of their own.
 
     Args:
         noise: a hypothesis that fits.
@@ -171,6 +172,8 @@ def draws(noise: Fitted, seed: int, repeats: int = REPEATS) -> Floats:
     rng, n = np.random.default_rng(seed), len(noise.channel)
     if noise.channel.independent:
         return rng.normal(size=(repeats, n))
+    if noise.channel.remembered:
+        return memory.draws(noise.clipped, noise.columns, seed, repeats)
     length = int(np.max(np.bincount(fitting.stretches(noise))))
     count = -(-n // length)
     begin, sign = rng.integers(0, n, (repeats, count)), rng.choice([-1.0, 1.0], (repeats, count))
