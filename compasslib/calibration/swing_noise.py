@@ -74,7 +74,7 @@ def estimate(residual: Floats, basis: Floats, *, speed_kn: Floats | None, blocks
     if blocks is None:
         return replace(noise, sigma=noise.sigma / kept, n_effective=float(n), dof=float(n - rank))
     columns = orthonormal(basis / noise.sigma[:, None])
-    noise = remembered(noise, _means(clipped / noise.sigma, blocks), _means(columns, blocks))
+    noise = _alike(noise, _means(clipped / noise.sigma, blocks), _means(columns, blocks))
     noise = replace(noise, level=noise.level / kept**2)
     told = columns if rank else np.full((n, 1), n**-0.5)
     weight = min(told.shape[1] / float(np.trace(spread(told, noise, blocks))), 1.0)
@@ -119,16 +119,11 @@ def _shape(residual: Floats, speed_kn: Floats | None) -> tuple[Floats, Floats]:
     return found
 
 
-def remembered(noise: Noise, means: Floats, columns: Floats) -> Noise:
-    """Return noise with the memory and level of the blocks' means by restricted likelihood; as it is where few.
+def _alike(noise: Noise, means: Floats, columns: Floats) -> Noise:
+    """Fit memory and level of the blocks' means by restricted likelihood; blocks wholly alike where there are few.
 
     Of what is as likely as the likeliest but for half a standard error the slowest noise is taken: too short a memory
     understates the uncertainty, too long a one hardly overstates it.
-
-    Args:
-        noise: whose scatter is the unit of the means.
-        means: of the residuals, (m,).
-        columns: that the fit can take up, (m, k).
     """
     tried = likelihoods(means, columns)
     if not len(tried):

@@ -15,7 +15,6 @@ from compasslib.nature.series import Complexes, Floats, circle, direction, red_n
 
 FIELD_NT = (25000.0, 38000.0)
 LEGS, CIRCLES, ONE_CIRCLE = "legs", "circles both ways", "circles one way"
-LEVEL = (0.0, 0.0)
 PULLED = (25.0, 9.0)  # a card that hangs: width of the sector and of its edge, degrees
 
 
@@ -115,7 +114,8 @@ def _legs(rng: np.random.Generator, boat: Boat, n: int) -> tuple[Floats, Floats]
 def _read(rng: np.random.Generator, boat: Boat, heading: Floats) -> Floats:
     n, seconds = heading.size, np.arange(heading.size)
     late = np.interp(seconds - boat.lag_s - boat.clock_s, seconds, heading)
-    reading = recorded_heading(FIELD_NT, late, tilt_deg=LEVEL, iron=boat.iron)
+    level = np.zeros(n)
+    reading = recorded_heading(FIELD_NT, late, tilt_deg=(level, level), iron=boat.iron)
     cycles, size, phase = boat.lobes
     reading = reading + size * np.sin(np.deg2rad(cycles * reading + phase))
     reading = reading + boat.slip_deg * (seconds >= boat.slip_at * n)

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib.calibration import swing_noise
-from compasslib.calibration.swing_noise import Noise
 
 Floats = NDArray[np.floating]
 
@@ -31,8 +30,7 @@ def draws(residual: Floats, columns: Floats, seed: int, repeats: int) -> Floats:
     made = rng.normal(size=(repeats, n))
     if not len(laws):
         return made
-    weight = np.exp(-np.minimum(laws[:, 0] - laws[:, 0].min(), WIDEST))
-    which, apart = rng.choice(len(laws), repeats, p=weight / weight.sum()), _apart(n)
+    which, apart = rng.choice(len(laws), repeats, p=_weight(laws)), _apart(n)
     for law in np.unique(which):
         lower = np.linalg.cholesky(swing_noise.correlation(*laws[law, 1:3], apart))
         made[which == law] = made[which == law] @ lower.T
@@ -40,15 +38,16 @@ def draws(residual: Floats, columns: Floats, seed: int, repeats: int) -> Floats:
 
 
 def covariance(residual: Floats, columns: Floats) -> Floats:
-    """Return the covariance of least squares by the slowest of the likely laws, (k, k).
+    """Return the covariance of least squares, over the laws as likely as the record makes them, (k, k).
 
     Args:
         residual: of the fit, (n,).
         columns: its derivatives, (n, k).
     """
-    law = _law(residual, columns)
-    inverse = np.linalg.pinv(columns.T @ columns, rcond=1e-12, hermitian=True)
-    return np.asarray(inverse @ swing_noise.spread(columns, law, np.arange(len(residual))) @ inverse)
+    scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    inverse = np.linalg.pinv(columns.T @ columns / np.outer(scale, scale), rcond=1e-10, hermitian=True)
+    middle = (columns / scale).T @ _alike(residual, columns) @ (columns / scale)
+    return np.asarray(inverse @ middle @ inverse / np.outer(scale, scale))
 
 
 def effective(residual: Floats, columns: Floats) -> float:
@@ -58,13 +57,25 @@ def effective(residual: Floats, columns: Floats) -> float:
         residual: of the fit, (n,).
         columns: its derivatives, (n, k).
     """
-    law, n = _law(residual, columns), len(residual)
-    alike = swing_noise.correlation(law.memory, law.share, _apart(n))
-    return float(n**2 / alike.sum())
+    alike, n = _alike(residual, columns), len(residual)
+    return float(n * np.trace(alike) / alike.sum())
 
 
-def _law(residual: Floats, columns: Floats) -> Noise:
-    return swing_noise.remembered(Noise(np.ones(len(residual))), residual, columns)
+def _alike(residual: Floats, columns: Floats) -> Floats:
+    """Return the covariance of the stretches, the mean of the laws', (n, n)."""
+    n, laws = len(residual), swing_noise.likelihoods(residual, columns)
+    if not len(laws):
+        return np.eye(n) * float(residual @ residual) / max(n - columns.shape[1], 1)
+    weight, apart = _weight(laws), _apart(n)
+    return np.sum(
+        [w * law[3] * swing_noise.correlation(law[1], law[2], apart) for w, law in zip(weight, laws, strict=True)],
+        axis=0,
+    )
+
+
+def _weight(laws: Floats) -> Floats:
+    weight = np.exp(-np.minimum(laws[:, 0] - laws[:, 0].min(), WIDEST))
+    return np.asarray(weight / weight.sum())
 
 
 def _apart(n: int) -> NDArray[np.int_]:

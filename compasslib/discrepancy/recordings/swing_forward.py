@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from compasslib.physics.composition import Simulation
 from compasslib.physics.term import Scene, Term
 
 Floats = NDArray[np.floating]
+Filter = Callable[[Floats], Floats]
 
 DEGREES_A_RADIAN = 1.0 / angles.DEGREE
 STRETCH_S, MOST_STRETCHES = 20.0, 150  # a helmsman's swing about the course is over in that time
@@ -69,7 +71,8 @@ def stretches(time_s: Floats, good: NDArray[np.bool_]) -> Stretches:
         time_s: (n,) increasing.
         good: samples that count, (n,).
     """
-    length = max(STRETCH_S, float(np.ptp(time_s)) / MOST_STRETCHES)
+    held = len(np.unique(np.floor((time_s - time_s[0]) / STRETCH_S)))
+    length = STRETCH_S * max(1.0, held / MOST_STRETCHES)
     number = np.floor((time_s - time_s[0]) / length).astype(np.intp)
     there = np.bincount(number[good])
     full = there >= FULL * np.median(there[there > 0])
@@ -102,7 +105,7 @@ class ByCourse:
     ground_m_s: Floats | None  # (n, 2) velocity over ground, true east and north; None without speeds
     course_deg: Floats  # (n,) true north
     declination_deg: float
-    reading: Callable[[Floats], Floats]  # seconds later, (n,) -> reading there, (n,) degrees
+    reading: Callable[[Floats, Sequence[Filter]], Floats]  # seconds later, (n,), filters of the series -> (n,) degrees
     scene: Scene
     exact: bool  # the exact compass instead of the series in the recorded heading
     over: Stretches
@@ -112,8 +115,8 @@ class ByCourse:
         correct, later = self.by_course(terms), np.zeros(len(self.scene))
         for term in (term for term in terms if term.acts_on == "time"):
             later = term.act(later, self.scene)
-        recorded = self.reading(later)
-        rest = tuple(term for term in terms if term.acts_on in ("field", "reading"))
+        recorded = self.reading(later, [partial(term.act, scene=self.scene) for term in terms if _of_course(term)])
+        rest = tuple(term for term in terms if term.acts_on in ("field", "reading") and not _of_course(term))
         if self.exact:
             simulation = Simulation(base, float(np.mean(self.scene.horizontal_nT)), rest)
             shown = composition.recorded_heading(simulation, self.scene, correct)
@@ -148,6 +151,11 @@ class BySpeed:
         through = self.ground_m_s - water(terms, self.scene)
         off = np.hypot(through[:, 0], through[:, 1]) - base[0] * self.logged_m_s - base[1]
         return self.over.mean(DEGREES_A_RADIAN * off / float(np.mean(np.hypot(*self.ground_m_s.T))))
+
+
+def _of_course(term: Term) -> bool:
+    """Tell whether a term acts on the heading that the course follows."""
+    return term.acts_on == "reading" and term.side == "reference"
 
 
 def water(terms: tuple[Term, ...], scene: Scene) -> Floats:

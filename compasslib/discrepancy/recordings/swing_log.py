@@ -25,7 +25,14 @@ from compasslib.discrepancy.recordings.channel import Channel, Forward
 from compasslib.discrepancy.recordings.fitting import Fitted
 from compasslib.discrepancy.recordings.search import Named
 from compasslib.discrepancy.recordings.swing_forward import ByCourse, BySpeed, Stretches
-from compasslib.discrepancy.recordings.swing_terms import Carried, CarriedByTide, ClocksApart, LateCourse, LateReading
+from compasslib.discrepancy.recordings.swing_terms import (
+    Carried,
+    CarriedByTide,
+    ClocksApart,
+    FilteredCourse,
+    LateCourse,
+    LateReading,
+)
 from compasslib.discrepancy.recordings.swing_track import Track, read
 from compasslib.discrepancy.recordings.terms import Drift, IronDrift
 from compasslib.discrepancy.verdict import Diagnosis
@@ -40,7 +47,7 @@ Floats = NDArray[np.floating]
 READOUT: tuple[type[Term], ...] = (Sextantal, Octantal, HeadingSlip, Drift)
 FIELD: tuple[type[Term], ...] = (HardIronStep, IronDrift)
 WATER: tuple[type[Term], ...] = (Carried, CarriedByTide)
-DELAYS: tuple[type[Term], ...] = (LateCourse, LateReading, ClocksApart)
+DELAYS: tuple[type[Term], ...] = (FilteredCourse, LateCourse, LateReading)
 BEGIN_S = 5.0  # where the fit of a delay begins, beside none
 OFTEN_S = 10.0  # a log has a sample more often than that
 FEWEST_STRETCHES = 24
@@ -70,8 +77,7 @@ def diagnose(
         made: the calibration of the same files.
     """
     track = read(files, settings, float(made.details["declination_deg"]))
-    here = np.zeros(len(track.seen))
-    over = forward.without_outliers(track.seen.time_s, angles.difference(track.seen.course_deg, track.reading(here)))
+    over = forward.without_outliers(track.seen.time_s, angles.difference(track.seen.course_deg, track.reading()))
     one_clock = settings.get("format") == "nmea0183"
     if len(over) < FEWEST_STRETCHES:
         return verdict.insufficient(swing_told.too_short(len(over), FEWEST_STRETCHES))
@@ -79,7 +85,8 @@ def diagnose(
     known = replace(by_speed, left=()) if by_speed is not None and by_speed.fitted.terms else None
     fits = _bases(track, over, settings, made, known)
     before = _chosen(*fits)
-    terms = READOUT + (FIELD if before is fits[1] else ()) + (DELAYS[:2] if one_clock else DELAYS)
+    terms = READOUT + (FIELD if before is fits[1] else ()) + DELAYS
+    terms += () if one_clock else (ClocksApart,)
     terms += WATER if track.has_speed and known is None else ()
     channel = replace(before.channel, terms=terms)
     named = search.search(channel, alarm=options.alarm, min_effect_deg=options.min_effect_deg)
@@ -137,7 +144,7 @@ def _channel(track: Track, over: Stretches, residual: Forward, *, start: Floats,
         clocked=True,
         terms=(),
         covariates=covariates,
-        starts={term.name: (BEGIN_S,) for term in DELAYS},
+        starts={term.name: (BEGIN_S,) for term in (*DELAYS, ClocksApart)},
         remembered=True,
     )
 

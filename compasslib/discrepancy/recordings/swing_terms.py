@@ -1,7 +1,7 @@
 """Terms as a swing's log shows them: water that carries the ship, and courses and readings that belong apart in time.
 
 Those of the water act on its velocity, (n, 2) m/s true east and north. Those of time act on how much later than a
-course the reading stands that belongs to it, (n,) seconds.
+course the reading stands that belongs to it, (n,) seconds. A filter acts on the heading that the course follows.
 """
 
 from __future__ import annotations
@@ -11,10 +11,12 @@ from typing import ClassVar
 
 import numpy as np
 
+from compasslib import angles
 from compasslib.discrepancy.recordings.terms import elapsed
 from compasslib.physics.term import Floats, Scene, Term, parameter
 
 LATEST_S = 60.0
+REACH = 5.0  # time constants after which a filter has forgotten
 TRIANGLE = "Moncunill et al. 2023, eqs. (29)-(37), not linearised: velocity over ground less that of the water"
 
 
@@ -86,6 +88,27 @@ class LateCourse(Term):
     def act(self, x: Floats, scene: Scene) -> Floats:
         """Return how much later the reading stands."""
         return x - self.lag_s
+
+
+@dataclass(frozen=True)
+class FilteredCourse(Term):
+    """The course over ground follows the heading as a filter of first order does."""
+
+    name: ClassVar[str] = "course_lag"
+    side: ClassVar = "reference"
+    stage: ClassVar = "readout"
+    acts_on: ClassVar = "reading"
+    literature: ClassVar[str] = "a filter of first order of the velocity: a receiver's, or the inertia of a hull"
+
+    lag_s: float = parameter("s", "mean delay of the filter", 1.0, least=0.0, most=LATEST_S)
+
+    def act(self, x: Floats, scene: Scene) -> Floats:
+        """Return headings of a sample a second, not wrapped, as the filter leaves them."""
+        size = abs(self.lag_s)
+        kernel = (size / (1.0 + size)) ** np.arange(int(REACH * size) + 2) / (1.0 + size)
+        unit = angles.phasor(np.concatenate([np.full(len(kernel) - 1, x[0]), x]))
+        late = angles.difference(angles.argument(np.convolve(unit, kernel, "valid")), x)
+        return np.asarray(x + np.sign(self.lag_s) * late)
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,9 +15,11 @@ from compasslib.calibration import swing_data, swing_time
 from compasslib.calibration.swing_data import Observations
 
 Floats = NDArray[np.floating]
+Filter = Callable[[Floats], Floats]
 
 KNOT_M_S = 1852.0 / 3600.0
 LEAST_WATER_KN = 0.5  # of a ship's log that turns
+SECOND = 1.0
 MOSTLY = 0.5  # share of the samples that a ship's log must have
 
 
@@ -27,16 +29,20 @@ class Track:
 
     seen: Observations  # (n,)
     declination_deg: float
-    time_s: Floats  # (m,) increasing, of all readings
+    time_s: Floats  # (m,) every second of the log
     turned_deg: Floats  # (m,) readings, not wrapped
 
-    def reading(self, later_s: Floats) -> Floats:
+    def reading(self, later_s: Floats | float = 0.0, filters: Sequence[Filter] = ()) -> Floats:
         """Return the reading some time after each course, (n,) degrees.
 
         Args:
             later_s: (n,).
+            filters: of the series of readings, a sample a second.
         """
-        return np.interp(self.seen.time_s + later_s, self.time_s, self.turned_deg)
+        series = self.turned_deg
+        for filtered in filters:
+            series = filtered(series)
+        return np.interp(self.seen.time_s + later_s, self.time_s, series)
 
     @property
     def has_speed(self) -> bool:
@@ -71,4 +77,5 @@ def read(files: Sequence[str | Path], settings: Mapping[str, Any], declination_d
     time_s, first = np.unique(every.time_s, return_index=True)
     heading = every.recorded_deg[first]
     turned = np.cumsum(np.append(heading[:1], angles.difference(heading[1:], heading[:-1])))
-    return Track(swing_data.read(files, turning), declination_deg, time_s, turned)
+    seconds = np.arange(time_s[0], time_s[-1] + SECOND, SECOND)
+    return Track(swing_data.read(files, turning), declination_deg, seconds, np.interp(seconds, time_s, turned))
