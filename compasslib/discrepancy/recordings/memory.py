@@ -44,10 +44,17 @@ def covariance(residual: Floats, columns: Floats) -> Floats:
         residual: of the fit, (n,).
         columns: its derivatives, (n, k).
     """
-    scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-    inverse = np.linalg.pinv(columns.T @ columns / np.outer(scale, scale), rcond=1e-10, hermitian=True)
-    middle = (columns / scale).T @ _alike(residual, columns) @ (columns / scale)
-    return np.asarray(inverse @ middle @ inverse / np.outer(scale, scale))
+    size = np.linalg.norm(columns, axis=0)
+    scale = np.where(size > 0.0, size, 1.0)
+    unit = columns / scale
+    solved = unit @ np.linalg.pinv(unit.T @ unit, rcond=1e-10, hermitian=True)
+    weight, each = _laws(residual, columns)
+    spread = np.stack([solved.T @ alike @ solved for alike in each])
+    own = np.log(np.maximum(np.diagonal(spread, axis1=1, axis2=2), 1e-300))
+    middle = np.tensordot(weight, spread, 1)
+    # The mean of variances over laws is that of the slowest; their middle is that of their logarithms.
+    share = np.exp(weight @ own / 2.0) / np.sqrt(np.maximum(np.diagonal(middle), 1e-300)) / scale
+    return np.asarray(middle * np.outer(share, share))
 
 
 def effective(residual: Floats, columns: Floats) -> float:
@@ -57,20 +64,18 @@ def effective(residual: Floats, columns: Floats) -> float:
         residual: of the fit, (n,).
         columns: its derivatives, (n, k).
     """
-    alike, n = _alike(residual, columns), len(residual)
+    weight, each = _laws(residual, columns)
+    alike, n = np.tensordot(weight, np.stack(each), 1), len(residual)
     return float(n * np.trace(alike) / alike.sum())
 
 
-def _alike(residual: Floats, columns: Floats) -> Floats:
-    """Return the covariance of the stretches, the mean of the laws', (n, n)."""
+def _laws(residual: Floats, columns: Floats) -> tuple[Floats, list[Floats]]:
+    """Return how likely each law is, and the covariance of the stretches by it, (n, n) each."""
     n, laws = len(residual), swing_noise.likelihoods(residual, columns)
     if not len(laws):
-        return np.eye(n) * float(residual @ residual) / max(n - columns.shape[1], 1)
-    weight, apart = _weight(laws), _apart(n)
-    return np.sum(
-        [w * law[3] * swing_noise.correlation(law[1], law[2], apart) for w, law in zip(weight, laws, strict=True)],
-        axis=0,
-    )
+        return np.ones(1), [np.eye(n) * float(residual @ residual) / max(n - columns.shape[1], 1)]
+    apart = _apart(n)
+    return _weight(laws), [law[3] * swing_noise.correlation(law[1], law[2], apart) for law in laws]
 
 
 def _weight(laws: Floats) -> Floats:

@@ -147,7 +147,7 @@ class BySpeed:
     over: Stretches
 
     def __call__(self, base: Floats, terms: tuple[Term, ...]) -> Floats:
-        """Return observed minus simulated speed over the mean speed, (k,) degrees; the log has a scale and a zero."""
+        """Return observed minus simulated speed over the mean speed, (k,) degrees; base is the log's scale and zero."""
         through = self.ground_m_s - water(terms, self.scene)
         off = np.hypot(through[:, 0], through[:, 1]) - base[0] * self.logged_m_s - base[1]
         return self.over.mean(DEGREES_A_RADIAN * off / float(np.mean(np.hypot(*self.ground_m_s.T))))

@@ -51,6 +51,8 @@ DELAYS: tuple[type[Term], ...] = (FilteredCourse, LateCourse, LateReading)
 BEGIN_S = 5.0  # where the fit of a delay begins, beside none
 OFTEN_S = 10.0  # a log has a sample more often than that
 FEWEST_STRETCHES = 24
+VARIED = 0.1  # share of the mean speed by which speeds must vary to show the zero of a ship's log beside its scale
+LOG_STEP = 0.02  # of a log's scale, and of its zero in m/s
 CLEARLY = 6.0  # twice the log likelihood by which the series must be better to stand for the compass
 COURSE, TRUE = "the heading by course over ground", "the logged true heading"
 SPEED = "the speed over ground against that through the water"
@@ -90,7 +92,7 @@ def diagnose(
     terms += WATER if track.has_speed and known is None else ()
     channel = replace(before.channel, terms=terms)
     named = search.search(channel, alarm=options.alarm, min_effect_deg=options.min_effect_deg)
-    beside = swing_told.too_large(*fits, options) if before is fits[1] else []
+    beside = swing_told.too_large(fits[0], named.fitted, options) if before is fits[1] else []
     found = report.diagnosis(
         [named] if known is None else [named, known],
         min_effect_deg=options.min_effect_deg,
@@ -110,7 +112,9 @@ def _by_speed(track: Track, over: Stretches, settings: Mapping[str, Any], option
         return None
     scene, unit = curve.scene(track.seen.time_s, settings.get("field"))
     by_speed = BySpeed(ground, np.nan_to_num(logged), scene, own)
-    channel = _channel(track, own, by_speed, start=np.array([1.0, 0.0]), steps=np.array([0.02, 0.02]))
+    means = own.mean(np.nan_to_num(logged))
+    zero = LOG_STEP if np.std(means) > VARIED * np.mean(means) else 0.0  # a step of 0 holds a parameter
+    channel = _channel(track, own, by_speed, start=np.array([1.0, 0.0]), steps=np.array([LOG_STEP, zero]))
     channel = replace(channel, what=SPEED, terms=WATER, field_unit=unit)
     return search.search(channel, alarm=options.alarm, min_effect_deg=options.min_effect_deg)
 

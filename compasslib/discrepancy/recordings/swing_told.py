@@ -76,14 +76,17 @@ def _not_told(made: Calibration) -> str:
     return NO_SPEED if drift["drift_kn"] is None else str(drift["text"])
 
 
-def too_large(series: Fitted, exact: Fitted, options: Options) -> list[Finding]:
+def too_large(bare: Fitted, exact: Fitted, options: Options) -> list[Finding]:
     """Return the finding that the exact compass fits where the series does not, or none.
 
     Args:
-        series: the five-term series, fitted.
-        exact: the exact compass, fitted.
+        bare: the five-term series, fitted.
+        exact: the exact compass with what was found beside it; the series gets the same.
         options: what may be chosen.
     """
+    if any(term.acts_on == "field" for term in exact.terms):  # which need the exact compass
+        return []
+    series = fitting.fit(bare.channel, exact.terms, near=bare)
     apart = series.residual_deg - exact.residual_deg
     if angles.rms(apart) < options.min_effect_deg or exact.square >= series.square:
         return []
