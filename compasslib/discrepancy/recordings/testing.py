@@ -92,7 +92,9 @@ def omnibus(now: Fitted) -> list[Group]:
     Args:
         now: a hypothesis.
     """
-    found, most = now.channel.covariates, int(fitting.effective(now)) // SHARE_OF_FREEDOM
+    found = now.channel.covariates
+    worth = len(now.channel) if now.channel.remembered else fitting.effective(now)  # the law's draws know the memory
+    most = int(worth) // SHARE_OF_FREEDOM
     heading, groups = found.get("heading"), []
     if heading is not None:
         groups = [Group("heading", _periodic(heading, range(3, 7)), None, ("heading",))]
