@@ -152,6 +152,8 @@ def effective(fitted: Fitted) -> float:
 def covariance(fitted: Fitted) -> Floats:
     """Return the covariance of base and terms: by the scores of blocks, never below that of independent samples.
 
+    What the simulation itself does not know is added, as if it lay all along each parameter's own column.
+
     Args:
         fitted: a hypothesis that fits.
     """
@@ -168,7 +170,8 @@ def covariance(fitted: Fitted) -> Floats:
     count = len(sums)
     robust = inverse @ (sums.T @ sums) @ inverse * count / (count - 1) * small_sample(count) ** 2
     share = np.sqrt(np.maximum(np.diag(robust) / np.maximum(np.diag(plain), 1e-300), 1.0))
-    return plain * np.outer(share, share)
+    rule = fitted.channel.rule_deg**2 * len(residual) * np.diag(np.diag(inverse))
+    return plain * np.outer(share, share) + rule
 
 
 def orthonormal(columns: Floats, least: float = 1e-5) -> Floats:

@@ -31,6 +31,9 @@ SEPARATED_BY = {
     frozenset(pair): how
     for pair, how in {
         ("hard_iron", "tilt_uncompensated"): "logged tilts: a mean tilt in the vertical field looks like hard iron",
+        ("soft_iron", "tilt_uncompensated"): "logged tilts: a tilt that goes with the heading stretches the circle",
+        ("mounting_offset", "tilt_uncompensated"): "logged tilts",
+        ("heading_slip", "tilt_uncompensated"): "logged tilts",
         ("mounting_offset", "declination_error"): "the declination that the instrument was set to",
         ("sextantal", "octantal"): "a swing of 16 to 24 headings all round",
         ("compass_lag", "clock_offset"): "tilts of both heads that change with time: they have no compass in them",
