@@ -113,7 +113,8 @@ def test_a_short_log_is_refused_with_its_reason(tmp_path):
 
 def test_readings_far_apart_in_time_are_a_bench(tmp_path):
     heading = np.arange(0, 360, 15)
-    rows = [f"{h},{h + 5},2021-05-24T11:{k:02d}:00Z" for k, h in enumerate(heading)]
+    noise = np.random.default_rng(5).normal(5.0, 0.4, len(heading))
+    rows = [f"{h},{h + noise[k]:.2f},2021-05-24T11:{k:02d}:00Z" for k, h in enumerate(heading)]
     path = tmp_path / "readings.csv"
     path.write_text("\n".join(["compass_deg,true_deg,time_utc", *rows]) + "\n")
     assert recordings.diagnose("swing", [path], {"declination": 5.0}, Options()).verdict == "consistent"

@@ -14,6 +14,7 @@ from compasslib.nature.compass import Iron, recorded_heading
 from compasslib.nature.series import Complexes, Floats, circle, direction, red_noise, red_vector, towards
 
 FIELD_NT = (25000.0, 38000.0)
+NO_IRON = Iron()
 LEGS, CIRCLES, ONE_CIRCLE = "legs", "circles both ways", "circles one way"
 PULLED = (25.0, 9.0)  # a card that hangs: width of the sector and of its edge, degrees
 
@@ -34,7 +35,7 @@ class Boat:
     filter_s: float = 0.0  # of the receiver
     lag_s: float = 0.0  # of the compass
     clock_s: float = 0.0  # compass's clock minus the receiver's
-    iron: Iron = Iron()
+    iron: Iron = NO_IRON
     lobes: tuple[int, float, float] = (0, 0.0, 0.0)  # cycles, degrees, phase
     slip_deg: float = 0.0  # of the mount
     slip_at: float = 0.5  # share of the swing that is over
@@ -72,15 +73,15 @@ def sail(rng: np.random.Generator, boat: Boat, declination_deg: float, start_s: 
     through = speed * towards(heading + leeway + declination_deg)
     water = boat.water_kn + boat.tide_kn * (share - 0.5)
     ground = _filtered(through + water + red_vector(rng, n, memory=10.0, deviation=0.08), boat.filter_s)
-    logged = np.full(n, np.nan)
+    logged: Floats = np.full(n, np.nan)
     if boat.log_scale:
         logged = np.round(boat.log_scale * speed + red_noise(rng, n, memory=5.0, deviation=0.1), 1)
-    time = start_s + np.arange(n)
+    time: Floats = start_s + np.arange(n, dtype=float)
     return Passage(
         time,
-        np.rint(_read(rng, boat, heading)) % 360.0,
-        np.rint(direction(ground)) % 360.0,
-        np.round(np.abs(ground), 1),
+        circle(np.rint(_read(rng, boat, heading))),
+        circle(np.rint(direction(ground))),
+        np.asarray(np.round(np.abs(ground), 1), dtype=float),
         logged,
         circle(heading),
     )
@@ -105,7 +106,9 @@ def _legs(rng: np.random.Generator, boat: Boat, n: int) -> tuple[Floats, Floats]
     for leg in rng.permutation(count) * (360.0 / count) + at:
         off = (leg - at + 180.0) % 360.0 - 180.0
         seconds = max(int(abs(off) / rng.uniform(1.5, 4.0)), 1)
-        headings.append(np.append(np.linspace(at, at + off, seconds), np.full(stay - min(seconds, stay // 2), at + off)))
+        headings.append(
+            np.append(np.linspace(at, at + off, seconds), np.full(stay - min(seconds, stay // 2), at + off))
+        )
         speeds.append(np.full(headings[-1].size, boat.speed_kn * (1.0 + boat.speeds_vary * rng.uniform(-0.4, 0.4))))
         at += off
     return np.concatenate(headings), _filtered(np.concatenate(speeds), 20.0).real

@@ -14,13 +14,14 @@ class CourseLag(Term):
 
     name: ClassVar[str] = "course_lag"
     side: ClassVar = "reference"
-    acts_on: ClassVar = "water"
-    literature: ClassVar[str] = "first order: course minus lag times the rate of turn, clockwise positive"
+    stage: ClassVar = "readout"
+    acts_on: ClassVar = "reading"
+    literature: ClassVar[str] = "first order: heading minus lag times its rate of turn, clockwise positive"
     needs: ClassVar[tuple[str, ...]] = ("turn_rate",)
     recordings: ClassVar[tuple[str, ...]] = ("swing",)
 
     lag_s: float = parameter("s", "time by which the course is late", 1.0)
 
     def act(self, x: Floats, scene: Scene) -> Floats:
-        """Return course minus heading."""
+        """Return the heading that the course shows."""
         return x - self.lag_s * scene.departures["turn_rate"]

@@ -184,7 +184,7 @@ def _of_modulus(log: Log, axes: Floats, choice: Choice, field: Mapping[str, floa
 
 
 def _tilted_instead(log: Log, choice: Choice, body: Floats, field: Mapping[str, float] | None) -> tuple[str, ...]:
-    """Return tilt as what iron could also be where none was logged: a mean tilt in the vertical field, if not too large.
+    """Return tilt as what iron could also be where none was logged: a mean tilt in the vertical field, not too large.
 
     A vertical field that is not known may be of any strength.
     """

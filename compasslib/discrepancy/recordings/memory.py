@@ -32,7 +32,7 @@ def draws(residual: Floats, columns: Floats, seed: int, repeats: int) -> Floats:
         return made
     which, apart = rng.choice(len(laws), repeats, p=_weight(laws)), _apart(n)
     for law in np.unique(which):
-        lower = np.linalg.cholesky(swing_noise.correlation(*laws[law, 1:3], apart))
+        lower = np.linalg.cholesky(swing_noise.correlation(float(laws[law, 1]), float(laws[law, 2]), apart))
         made[which == law] = made[which == law] @ lower.T
     return made
 

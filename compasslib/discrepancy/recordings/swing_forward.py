@@ -112,7 +112,8 @@ class ByCourse:
 
     def __call__(self, base: Floats, terms: tuple[Term, ...]) -> Floats:
         """Return observed minus simulated heading, (k,) degrees; base is A to E, degrees or dimensionless."""
-        correct, later = self.by_course(terms), np.zeros(len(self.scene))
+        correct = self.by_course(terms)
+        later: Floats = np.zeros(len(self.scene))
         for term in (term for term in terms if term.acts_on == "time"):
             later = term.act(later, self.scene)
         recorded = self.reading(later, [partial(term.act, scene=self.scene) for term in terms if _of_course(term)])

@@ -148,7 +148,7 @@ def _channel(track: Track, over: Stretches, residual: Forward, *, start: Floats,
         clocked=True,
         terms=(),
         covariates=covariates,
-        starts={term.name: (BEGIN_S,) for term in (*DELAYS, ClocksApart)},
+        starts={"course_lag": (BEGIN_S,), "compass_lag": (BEGIN_S,), "clock_offset": (-BEGIN_S, BEGIN_S)},
         remembered=True,
     )
 

@@ -11,7 +11,7 @@ from compasslib import angles
 from compasslib.calibration.result import Calibration
 from compasslib.discrepancy import show
 from compasslib.discrepancy.diagnosis import Options
-from compasslib.discrepancy.recordings import fitting, report, telling, testing
+from compasslib.discrepancy.recordings import fitting, telling, testing
 from compasslib.discrepancy.recordings.fitting import Fitted
 from compasslib.discrepancy.recordings.swing_terms import Carried, LateCourse
 from compasslib.discrepancy.recordings.swing_track import KNOT_M_S
@@ -120,7 +120,7 @@ def settled(found: Diagnosis, made: Calibration, fitted: Fitted) -> Diagnosis:
 
 
 SEPARATED = (
-    "water_drift or B and C of the curve: each heading at two speeds, a log of the speed through the water, or a visual "
+    "water_drift or B and C of the curve: each heading at two speeds, a log of the speed through the water, a visual "
     "mark or the sun; the same circle the other way round tells only a delay"
 )
 

@@ -108,9 +108,7 @@ def large(size_deg: float, proof: HeldOut, what: str) -> Finding:
     """
     place = Where("heading", 0.0, 360.0, "along the recorded heading, all round")
     share = {"share": Parameter(1.0, 0.0, "of the exact compass")}
-    said = finding(
-        "large_deviation", (), where=place.text, parameters={}, size_deg=size_deg, proof=proof, what=what
-    )
+    said = finding("large_deviation", (), where=place.text, parameters={}, size_deg=size_deg, proof=proof, what=what)
     return Finding("large_deviation", "compass", (), place, None, share, size_deg, proof, said)
 
 
