@@ -57,6 +57,19 @@ def covariance(residual: Floats, columns: Floats) -> Floats:
     return np.asarray(middle * np.outer(share, share))
 
 
+def of_sums(residual: Floats, columns: Floats, weights: Floats) -> Floats:
+    """Return the standard errors of weighted sums of stretches, (k,).
+
+    Args:
+        residual: of the fit, (n,).
+        columns: its derivatives, (n, c).
+        weights: (n, k).
+    """
+    weight, each = _laws(residual, columns)
+    alike = np.tensordot(weight, np.stack(each), 1)
+    return np.sqrt(np.einsum("nk,nm,mk->k", weights, alike, weights))
+
+
 def effective(residual: Floats, columns: Floats) -> float:
     """Return how many independent stretches would say as much of a mean.
 

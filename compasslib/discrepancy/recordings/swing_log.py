@@ -54,7 +54,7 @@ FEWEST_STRETCHES = 24
 VARIED = 0.1  # share of the mean speed by which speeds must vary to show the zero of a ship's log beside its scale
 LOG_STEP = 0.02  # of a log's scale, and of its zero in m/s
 CLEARLY = 6.0  # twice the log likelihood by which the series must be better to stand for the compass
-COURSE, TRUE = "the heading by course over ground", "the logged true heading"
+COURSE, TRUE = "courses over ground", "true headings"
 SPEED = "the speed over ground against that through the water"
 
 
@@ -140,7 +140,7 @@ def _channel(track: Track, over: Stretches, residual: Forward, *, start: Floats,
     covariates |= {"speed": over.mean(seen.speed_kn)} if np.isfinite(seen.speed_kn).all() else {}
     covariates |= {"turn_rate": over.mean(seen.turn_deg_s)}
     return Channel(
-        what=f"{COURSE if seen.over_ground else TRUE} against that by the deviation curve",
+        what=f"{COURSE if seen.over_ground else TRUE} against the fitted curve",
         residual=residual,
         start=start,
         steps=steps,
