@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +42,11 @@ class Fitted:
         if self.channel.independent:
             return self.residual_deg
         return np.clip(self.residual_deg, -CLIP * self.scale_deg, CLIP * self.scale_deg)
+
+    @cached_property
+    def whitener(self) -> Floats:
+        """Return what makes stretches independent, were this residual noise, (n, n)."""
+        return memory.whitener(self.clipped, self.columns)
 
     @property
     def square(self) -> float:

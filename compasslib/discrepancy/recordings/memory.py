@@ -57,6 +57,18 @@ def covariance(residual: Floats, columns: Floats) -> Floats:
     return np.asarray(middle * np.outer(share, share))
 
 
+def whitener(residual: Floats, columns: Floats) -> Floats:
+    """Return what makes stretches independent by the mean of the likely laws, (n, n).
+
+    Args:
+        residual: of the fit, (n,).
+        columns: its derivatives, (n, c).
+    """
+    weight, each = _laws(residual, columns)
+    lower = np.linalg.cholesky(np.tensordot(weight, np.stack(each), 1))
+    return np.asarray(np.linalg.inv(lower))
+
+
 def of_sums(residual: Floats, columns: Floats, weights: Floats) -> Floats:
     """Return the standard errors of weighted sums of stretches, (k,).
 
