@@ -42,6 +42,7 @@ KINDS: dict[str, tuple[Callable[[np.random.Generator, str], Made], tuple[str, ..
             "octantal",
             "heading_slip",
             "(a card that hangs)",
+            "(a while astray)",
         ),
     ),
 }

@@ -162,7 +162,8 @@ def boat(rng: np.random.Generator, effect: str) -> tuple[Boat, Truth]:
             {"slip_deg": way * late, "slip_at": rng.uniform(0.3, 0.7)},
             {"offset_deg": way * late},
         ),
-        "(a card that hangs)": ({"hangs_deg": way * late, "hangs_at_deg": phase}, {}),
+        "(a card that hangs)": ({"hangs_deg": way * 2.0 * late, "hangs_at_deg": phase}, {}),
+        "(a while astray)": ({"astray": (way * 2.0 * late, 0.3, 0.5 + 0.2 * size)}, {}),
     }
     given, truth = drawn[effect]
     return replace(plain, **given), truth  # type: ignore[arg-type]

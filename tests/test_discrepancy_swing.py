@@ -150,3 +150,8 @@ def test_stretches_leave_outliers_and_gaps_out():
     off[100] = 80.0
     over = swing_forward.without_outliers(time_s, off)
     assert len(over) == 60 and over.number[100] == -1 and over.mean(off) == pytest.approx(np.full(60, 5.0), abs=1.2)
+
+
+def test_strong_iron_is_more_than_the_series_holds(tmp_path):
+    found = swung(tmp_path, replace(BOAT, iron=Iron((20000.0, 0.0, 0.0)), minutes=40.0))  # 0.8 of the field
+    assert [one.effect for one in found.findings] == ["large_deviation"]

@@ -41,6 +41,7 @@ class Boat:
     slip_at: float = 0.5  # share of the swing that is over
     hangs_deg: float = 0.0  # by how much the card is pulled in one sector
     hangs_at_deg: float = 0.0
+    astray: tuple[float, float, float] = (0.0, 0.0, 0.0)  # degrees, and between which shares of the swing
     log_scale: float = 0.0  # of the speed log; 0: none
 
 
@@ -122,6 +123,8 @@ def _read(rng: np.random.Generator, boat: Boat, heading: Floats) -> Floats:
     cycles, size, phase = boat.lobes
     reading = reading + size * np.sin(np.deg2rad(cycles * reading + phase))
     reading = reading + boat.slip_deg * (seconds >= boat.slip_at * n)
+    off, begin, end = boat.astray
+    reading = reading + off * ((seconds >= begin * n) & (seconds < end * n))
     away = np.rad2deg(np.angle(np.exp(1j * np.deg2rad(reading - boat.hangs_at_deg))))
     reading = reading + boat.hangs_deg / (1.0 + np.exp((np.abs(away) - PULLED[0]) / (PULLED[1] / 3.0)))
     return np.asarray(reading + rng.normal(0.0, 0.5, n))

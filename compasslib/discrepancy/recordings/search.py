@@ -133,8 +133,8 @@ def _entry(without: Fitted, fitted: Fitted, tested: Tested, noise: Fitted) -> En
     squares = [testing.square(one, noise) for one in (without, fitted)]
     gained = n * np.log(max(squares[0], 1e-300) / max(squares[1], 1e-300)) / tested.inflation
     charge = PARAMETER_CHARGE * len(term.fitted()) + DATE_CHARGE * term.dated()
-    noise = tested.inflation * len(term.fitted()) * fitted.square / n**2
-    size = fitting.effect_deg(fitted, len(fitted.terms) - 1, noise)
+    by_chance = tested.inflation * len(term.fitted()) * fitted.square / n**2
+    size = fitting.effect_deg(fitted, len(fitted.terms) - 1, by_chance)
     return Entry(fitted, tested.p_value, float(gained - charge), size)
 
 

@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib import angles
+from compasslib import angles, compass
 from compasslib.calibration.result import Calibration
+from compasslib.deviation import von_appen
 from compasslib.discrepancy import show
 from compasslib.discrepancy.diagnosis import Options
 from compasslib.discrepancy.recordings import fitting, telling, testing
@@ -84,7 +85,8 @@ def too_large(bare: Fitted, exact: Fitted, options: Options) -> list[Finding]:
         exact: the exact compass with what was found beside it; the series gets the same.
         options: what may be chosen.
     """
-    if any(term.acts_on == "field" for term in exact.terms):  # which need the exact compass
+    needs_it = any(term.acts_on == "field" for term in exact.terms)
+    if needs_it or _beyond_series(exact.base) < options.min_effect_deg:
         return []
     series = fitting.fit(bare.channel, exact.terms, near=bare)
     apart = series.residual_deg - exact.residual_deg
@@ -97,6 +99,14 @@ def too_large(bare: Fitted, exact: Fitted, options: Options) -> list[Finding]:
     gain = (squares[0] - squares[1]) / 2.0
     rms = (angles.rms(series.residual_deg), angles.rms(exact.residual_deg))
     return [telling.large(angles.rms(apart), show.judged(gain, fitting.stretches(exact), rms), series.channel.what)]
+
+
+def _beyond_series(coefficients: Floats) -> float:
+    """Return what the five-term series cannot take of an exact compass's curve, rms degrees round the circle."""
+    correct = np.arange(0.0, 360.0, 5.0)
+    recorded = compass.recorded_heading(coefficients, correct)
+    columns, deviation = von_appen.design(recorded), angles.difference(correct, recorded)
+    return angles.rms(deviation - columns @ np.linalg.lstsq(columns, deviation, rcond=None)[0])
 
 
 def settled(found: Diagnosis, made: Calibration, fitted: Fitted) -> Diagnosis:
