@@ -24,7 +24,7 @@ SIMULTANEOUS = 0.95
 AXES = {
     "heading": "Heading (°)", "time": "Time since the begin (h)", "reading": "Number of the reading",
     "pitch": "Pitch (°)", "roll": "Roll (°)", "turn_rate": "Rate of turn (°/s)", "temperature": "Temperature (°C)",
-    "vertical_field": "Vertical field over its mean", "speed": "Speed (m/s)",
+    "vertical_field": "Vertical field over its mean", "speed": "Speed (kn)",
 }  # fmt: skip
 RESIDUAL = "Observed − simulated (°)"
 BEFORE: dict[str, Any] = {"color": RECORDED, "marker": "o", "markersize": 3.0, "linewidth": 0.8}

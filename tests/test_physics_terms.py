@@ -38,6 +38,7 @@ NAMES = [
     "stuck_tilt",
     "tilt_uncompensated",
     "water_drift",
+    "course_lag",
     "mooring_motion",
     "rotation_rate",
     "battery_change",

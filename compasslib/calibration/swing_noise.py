@@ -51,7 +51,7 @@ def spread(rows: Floats, noise: Noise, blocks: Ints | None) -> Floats:
         return rows.T @ rows
     summed = _summed(rows, blocks)
     apart = np.abs(np.subtract.outer(np.arange(len(summed)), np.arange(len(summed))))
-    return noise.level * summed.T @ _correlation(noise.memory, noise.share, apart) @ summed
+    return noise.level * summed.T @ correlation(noise.memory, noise.share, apart) @ summed
 
 
 def estimate(residual: Floats, basis: Floats, *, speed_kn: Floats | None, blocks: Ints | None) -> Noise:
@@ -125,22 +125,35 @@ def _alike(noise: Noise, means: Floats, columns: Floats) -> Noise:
     Of what is as likely as the likeliest but for half a standard error the slowest noise is taken: too short a memory
     understates the uncertainty, too long a one hardly overstates it.
     """
+    tried = likelihoods(means, columns)
+    if not len(tried):
+        return noise
+    likely = tried[tried[:, 0] <= tried[:, 0].min() + HALF_AN_ERROR]
+    _, memory, share, level = max(likely.tolist(), key=lambda each: each[3] * _slow(each[1], each[2]))
+    return replace(noise, memory=memory, share=share, level=level)
+
+
+def likelihoods(means: Floats, columns: Floats) -> Floats:
+    """Return loss, memory, share and level of each law of the blocks' means, (laws, 4); none where there are too few.
+
+    Args:
+        means: of the residuals, (m,).
+        columns: that the fit can take up, (m, k).
+    """
     columns = orthonormal(columns)
     dof = len(means) - columns.shape[1]
     if dof < FEWEST_DOF:
-        return noise
+        return np.zeros((0, 4))
     rows, tried = np.column_stack([columns, means]), []
     apart = np.abs(np.subtract.outer(np.arange(len(means)), np.arange(len(means))))
     for memory in MEMORY:
         for share in SHARE[np.greater_equal(SHARE, -memory)]:
-            lower = np.linalg.cholesky(_correlation(memory, share, apart))
+            lower = np.linalg.cholesky(correlation(memory, share, apart))
             upper = np.asarray(np.linalg.qr(np.linalg.solve(lower, rows), mode="r"))
             size = np.log(np.abs(np.diag(upper)) + 1e-12)
             loss = dof * size[-1] + float(np.sum(size[:-1])) + float(np.sum(np.log(np.diag(lower))))
             tried.append((loss, float(memory), float(share), float(upper[-1, -1] ** 2) / dof))
-    likely = [each for each in tried if each[0] <= min(tried)[0] + HALF_AN_ERROR]
-    _, memory, share, level = max(likely, key=lambda each: each[3] * _slow(each[1], each[2]))
-    return replace(noise, memory=memory, share=share, level=level)
+    return np.array(tried)
 
 
 def _slow(memory: float, share: float) -> float:
@@ -149,8 +162,14 @@ def _slow(memory: float, share: float) -> float:
     return 1.0 + 2.0 * first / (1.0 - memory)
 
 
-def _correlation(memory: float, share: float, apart: Ints) -> Floats:
-    """Return the correlation of an ARMA(1, 1) series at lags."""
+def correlation(memory: float, share: float, apart: Ints) -> Floats:
+    """Return the correlation of an ARMA(1, 1) series at lags.
+
+    Args:
+        memory: of the autoregression, a step.
+        share: of the moving average.
+        apart: steps, any shape.
+    """
     first = (1.0 + memory * share) * (memory + share) / (1.0 + 2.0 * memory * share + share**2)
     return np.where(apart == 0, 1.0, first * memory ** np.maximum(apart - 1, 0))
 

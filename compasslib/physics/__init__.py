@@ -7,6 +7,7 @@ from compasslib.physics.clock_drift import ClockDrift
 from compasslib.physics.clock_offset import ClockOffset
 from compasslib.physics.compass_drift import CompassDrift
 from compasslib.physics.compass_lag import CompassLag
+from compasslib.physics.course_lag import CourseLag
 from compasslib.physics.current_veer import VeerWithDepth, VeerWithDirection, VeerWithSeparation, VeerWithSpeed
 from compasslib.physics.declination_error import DeclinationError
 from compasslib.physics.field_disturbance import FieldDisturbance
@@ -61,6 +62,7 @@ CATALOGUE: tuple[type[Term], ...] = (
     VeerWithDepth,
     VeerWithDirection,
     WaterDrift,
+    CourseLag,
     MooringMotion,
     ClockOffset,
     ClockDrift,

@@ -39,7 +39,9 @@ class Channel:
     confused: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # effect -> effects that look the same here
     field_unit: tuple[float, str] = (1.0, "nT")  # for one nT of the forward model, and its name
     starts: Mapping[str, tuple[float, ...]] = field(default_factory=dict)  # effect -> values of its first parameter
+    rule_deg: float = 0.0  # systematic error of the simulation that no number of samples averages out, rms
     independent: bool = False  # readings whose errors have no memory
+    remembered: bool = False  # means over stretches whose memory is known by its law, not by its own blocks
 
     def __len__(self) -> int:
         return len(self.time_s)

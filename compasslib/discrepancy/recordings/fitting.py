@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from compasslib.calibration.heads_motion import blocks, small_sample
 from compasslib.deviation.model import effective_number
 from compasslib.discrepancy import whitening
+from compasslib.discrepancy.recordings import memory
 from compasslib.discrepancy.recordings.channel import Channel
 from compasslib.physics.term import Term
 
@@ -40,6 +42,11 @@ class Fitted:
         if self.channel.independent:
             return self.residual_deg
         return np.clip(self.residual_deg, -CLIP * self.scale_deg, CLIP * self.scale_deg)
+
+    @cached_property
+    def whitener(self) -> Floats:
+        """Return what makes stretches independent, were this residual noise, (n, n)."""
+        return memory.whitener(self.clipped, self.columns)
 
     @property
     def square(self) -> float:
@@ -143,15 +150,21 @@ def effective(fitted: Fitted) -> float:
     n = len(fitted.channel)
     if fitted.channel.independent:
         return float(n)
+    if fitted.channel.remembered:
+        return memory.effective(fitted.clipped, fitted.columns)
     return effective_number(fitted.clipped, np.arange(n, dtype=float), longest_s=n / 10.0)
 
 
 def covariance(fitted: Fitted) -> Floats:
     """Return the covariance of base and terms: by the scores of blocks, never below that of independent samples.
 
+    What the simulation itself does not know is added, as if it lay all along each parameter's own column.
+
     Args:
         fitted: a hypothesis that fits.
     """
+    if fitted.channel.remembered:
+        return memory.covariance(fitted.clipped, fitted.columns)
     columns, residual, block = fitted.columns, fitted.clipped, stretches(fitted)
     inverse = whitening.inverse(columns.T @ columns)
     free = max(len(residual) - columns.shape[1], 1)
@@ -163,7 +176,8 @@ def covariance(fitted: Fitted) -> Floats:
     count = len(sums)
     robust = inverse @ (sums.T @ sums) @ inverse * count / (count - 1) * small_sample(count) ** 2
     share = np.sqrt(np.maximum(np.diag(robust) / np.maximum(np.diag(plain), 1e-300), 1.0))
-    return plain * np.outer(share, share)
+    rule = fitted.channel.rule_deg**2 * len(residual) * np.diag(np.diag(inverse))
+    return plain * np.outer(share, share) + rule
 
 
 def orthonormal(columns: Floats, least: float = 1e-5) -> Floats:

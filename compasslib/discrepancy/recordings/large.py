@@ -11,7 +11,7 @@ from compasslib.calibration.series import SMITH, Points
 from compasslib.deviation import von_appen
 from compasslib.discrepancy import show
 from compasslib.discrepancy.recordings import telling
-from compasslib.discrepancy.verdict import Finding, Parameter, Where
+from compasslib.discrepancy.verdict import Finding
 
 Floats = NDArray[np.floating]
 
@@ -39,12 +39,7 @@ def findings(seen: Points, min_effect_deg: float, alarm: float) -> list[Finding]
     scale = max(angles.rms(left[1]), 1e-3)
     gains = np.minimum(left[0] ** 2, (10.0 * scale) ** 2) - np.minimum(left[1] ** 2, (10.0 * scale) ** 2)
     proof = show.judged(gains / (2.0 * scale**2), block, (angles.rms(left[0]), angles.rms(left[1])))
-    place = Where("heading", 0.0, 360.0, "along the recorded heading, all round")
-    share = {"share": Parameter(1.0, 0.0, "of the exact compass")}
-    text = telling.finding(
-        "large_deviation", (), where=place.text, parameters={}, size_deg=size, proof=proof, what="the five-term series"
-    )
-    return [Finding("large_deviation", "compass", (), place, None, share, size, proof, text)]
+    return [telling.large(size, proof, "the five-term series")]
 
 
 def series_fits_better(seen: Points) -> bool:

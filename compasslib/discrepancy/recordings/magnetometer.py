@@ -49,6 +49,8 @@ Floats = NDArray[np.floating]
 WORKING_NT = 20000.0  # strength that the readings are scaled to where the earth's field is unknown
 LEVEL_TILT_DEG = 15.0  # of a log without tilts that still counts as level
 FEWEST_TURN_DEG = 5.0  # headings that vary less hold nothing against anything
+# How a logger levels and rounds is known to this: a 3D-ACM by its cosine rule, a Signature500 by the full rotation.
+RULE_DEG = 0.03
 NO_HEADING = "no heading was logged to hold that of the axes against"
 
 
@@ -142,6 +144,7 @@ def _of_heading(log: Log, axes: Floats, field: Mapping[str, float] | None) -> Ch
         clocked=clocked,
         terms=terms,
         covariates=covariates,
+        rule_deg=RULE_DEG,
         confused={**unseen, "mounting_offset": ("declination_error", *unseen.get("mounting_offset", ()))},
         field_unit=unit,
     )
@@ -181,7 +184,10 @@ def _of_modulus(log: Log, axes: Floats, choice: Choice, field: Mapping[str, floa
 
 
 def _tilted_instead(log: Log, choice: Choice, body: Floats, field: Mapping[str, float] | None) -> tuple[str, ...]:
-    """Return tilt as what a small hard iron could also be: a mean tilt in the vertical field, where none was logged."""
+    """Return tilt as what iron could also be where none was logged: a mean tilt in the vertical field, not too large.
+
+    A vertical field that is not known may be of any strength.
+    """
     assert choice.fitted is not None
     if not choice.level or log.tilted:
         return ()
@@ -190,7 +196,7 @@ def _tilted_instead(log: Log, choice: Choice, body: Floats, field: Mapping[str, 
         vertical = choice.scale * abs(field["vertical_nT"]) / field["horizontal_nT"]
     hard = choice.scale * float(np.hypot(*choice.fitted.iron()[0][:2]))
     needed = float(np.arctan2(hard, max(vertical, 1e-12))) * forward.DEGREES_A_RADIAN
-    return ("tilt_uncompensated",) if vertical > 0.0 and needed < LEVEL_TILT_DEG else ()
+    return ("tilt_uncompensated",) if not vertical or needed < LEVEL_TILT_DEG else ()
 
 
 def _strength(field: Mapping[str, float] | None, level: bool) -> float:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from compasslib import angles
 from compasslib.discrepancy import show, verdict
-from compasslib.discrepancy.recordings import fitting, search, telling
+from compasslib.discrepancy.recordings import fitting, memory, search, telling
 from compasslib.discrepancy.recordings.channel import Channel
 from compasslib.discrepancy.recordings.fitting import Fitted
 from compasslib.discrepancy.recordings.search import Named
@@ -177,7 +177,7 @@ def curve(before: Fitted, after: Fitted, name: str) -> Curve:
         edges = np.linspace(0.0, 360.0, min(2 * BINS, 2 * count) + 1)
     bins = np.clip(np.searchsorted(edges, column, side="right") - 1, 0, len(edges) - 2)
     there = np.bincount(bins, minlength=len(edges) - 1)
-    least = 1 if before.channel.independent else FEWEST_IN_BIN
+    least = 1 if before.channel.independent or before.channel.remembered else FEWEST_IN_BIN
     held = np.flatnonzero(there >= least)
     centre = np.bincount(bins, column, len(edges) - 1)[held] / there[held]
     left = (before.clipped if before is after else before.residual_deg, after.clipped)
@@ -190,6 +190,9 @@ def _bin_sigma(after: Fitted, bins: NDArray[np.intp], held: NDArray[np.intp], th
     scatter = float(np.std(after.clipped))
     if after.channel.independent:
         return scatter / np.sqrt(there[held])
+    if after.channel.remembered:
+        weights = (bins[:, None] == held) / there[held]
+        return memory.of_sums(after.clipped, after.columns, weights)
     block = fitting.stretches(after)
     apart = np.array([len(np.unique(block[bins == b])) for b in held])
     within = [_between(after.clipped[bins == b], block[bins == b]) for b in held]
@@ -242,7 +245,7 @@ def diagnosis(
 def _ranked(parts: Sequence[Named]) -> tuple[Ranked, ...]:
     """Return every effect that was tried alone, the best first, each once."""
     best: dict[str, Ranked] = {}
-    for entry in (entry for part in parts for entry in part.alone):
+    for entry in (entry for part in parts for entry in part.alone if entry.believable):
         one = Ranked(entry.name, entry.score, entry.size_deg, entry.p_value)
         if entry.name not in best or best[entry.name].score < one.score:
             best[entry.name] = one

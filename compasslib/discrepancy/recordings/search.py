@@ -96,9 +96,9 @@ def contest(without: Fitted, noise: Fitted | None) -> list[Entry]:
     first = testing.test(without, noise or without, groups)
     fits = {one.group.name: _refitted(without, one.group) for one in first}
     if noise is None and fits:
-        least = min(fits.values(), key=lambda fitted: fitted.square)
-        first = testing.test(without, least, groups)
-    return [_entry(without, fits[one.group.name], one) for one in first]
+        noise = min(fits.values(), key=lambda fitted: fitted.square)
+        first = testing.test(without, noise, groups)
+    return [_entry(without, fits[one.group.name], one, noise or without) for one in first]
 
 
 def _refitted(without: Fitted, group: Group) -> Fitted:
@@ -128,12 +128,13 @@ def _square_at(fitted: Fitted, date_s: float) -> float:
     return float(np.sum(np.minimum(np.abs(residual), fitting.CLIP * fitted.scale_deg) ** 2))
 
 
-def _entry(without: Fitted, fitted: Fitted, tested: Tested) -> Entry:
+def _entry(without: Fitted, fitted: Fitted, tested: Tested, noise: Fitted) -> Entry:
     term, n = fitted.terms[-1], len(fitted.channel)
-    gained = n * np.log(max(without.square, 1e-300) / max(fitted.square, 1e-300)) / tested.inflation
+    squares = [testing.square(one, noise) for one in (without, fitted)]
+    gained = n * np.log(max(squares[0], 1e-300) / max(squares[1], 1e-300)) / tested.inflation
     charge = PARAMETER_CHARGE * len(term.fitted()) + DATE_CHARGE * term.dated()
-    noise = tested.inflation * len(term.fitted()) * fitted.square / n**2
-    size = fitting.effect_deg(fitted, len(fitted.terms) - 1, noise)
+    by_chance = tested.inflation * len(term.fitted()) * fitted.square / n**2
+    size = fitting.effect_deg(fitted, len(fitted.terms) - 1, by_chance)
     return Entry(fitted, tested.p_value, float(gained - charge), size)
 
 

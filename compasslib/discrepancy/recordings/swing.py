@@ -1,4 +1,4 @@
-"""A swing against the fitted curve: readings at headings as a bench's; a log along time is refused with its reason."""
+"""A swing against the fitted curve: readings at headings as a bench's, a log along time by its own search."""
 
 from __future__ import annotations
 
@@ -7,20 +7,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from compasslib import angles
 from compasslib.calibration import swing
 from compasslib.discrepancy import verdict
 from compasslib.discrepancy.diagnosis import Options
-from compasslib.discrepancy.recordings import platform
+from compasslib.discrepancy.recordings import platform, swing_log
 from compasslib.discrepancy.verdict import Diagnosis
 
 CONFOUNDED = "set and drift of the water are one function of the heading with B and C where speeds do not vary"
-ALONG_TIME = (
-    "this version does not search logs along time for left-out physics; calibration.json holds set and drift of the "
-    "water, as far as the speeds tell them from B and C, beside the curve"
-)
 
 
 def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: Options) -> Diagnosis:
@@ -34,8 +28,8 @@ def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: 
     made = swing.calibrate(files, settings)
     if made.why or not len(made.points.get("recorded_deg", ())):
         return verdict.insufficient(made.why or "no reading is left")
-    if np.isfinite(made.points["time_s"]).all():
-        return verdict.insufficient(ALONG_TIME, (("water_drift", ALONG_TIME),))
+    if swing_log.along_time(made.points["time_s"]):
+        return swing_log.diagnose(files, settings, options, made)
     recorded = made.points["recorded_deg"]
     correct = angles.wrap360(recorded + made.points["deviation_deg"])
     found = platform.judge(correct, recorded, field=settings.get("field"), options=options)

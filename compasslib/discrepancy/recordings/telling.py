@@ -9,16 +9,16 @@ from numpy.typing import NDArray
 
 from compasslib.discrepancy import telling, verdict
 from compasslib.discrepancy.show import HeldOut
-from compasslib.discrepancy.verdict import Finding, Unexplained
+from compasslib.discrepancy.verdict import Finding, Parameter, Unexplained, Where
 
 Floats = NDArray[np.floating]
 
 WHERE = {
     "hard_iron": ("heading",), "soft_iron": ("heading",), "compass_lag": ("turn_rate",), "clock_offset": ("turn_rate",),
-    "water_drift": ("heading",), "mounting_offset": ("heading",),
+    "water_drift": ("heading",), "mounting_offset": ("heading",), "course_lag": ("turn_rate",),
 } | telling.WHERE  # fmt: skip
 unexplained = telling.unexplained
-UNITS = {"turn_rate": "degrees/s", "vertical_field": "of its mean", "reading": ""} | telling.UNITS
+UNITS = telling.UNITS | {"turn_rate": "degrees/s", "speed": "kn", "vertical_field": "of its mean", "reading": ""}
 PHYSICS = {
     "hard_iron": "a magnetised part that turns with the instrument adds a constant field (hard iron)",
     "soft_iron": "a part that the earth's field magnetises distorts it (soft iron)",
@@ -26,17 +26,27 @@ PHYSICS = {
     "water_drift": "the water carries the vessel sideways, so that its track over ground is not its heading",
     "tilt_uncompensated": "the recorded heading is levelled for tilt, the simulated one is not",
     "clock_offset": "the two clocks differ",
+    "course_lag": "the course over ground comes late: the receiver filters it, and a hull slides on in a turn",
 }
 SEPARATED_BY = {
     frozenset(pair): how
     for pair, how in {
         ("hard_iron", "tilt_uncompensated"): "logged tilts: a mean tilt in the vertical field looks like hard iron",
+        ("soft_iron", "tilt_uncompensated"): "logged tilts: a tilt that goes with the heading stretches the circle",
+        ("mounting_offset", "tilt_uncompensated"): "logged tilts",
+        ("heading_slip", "tilt_uncompensated"): "logged tilts",
         ("mounting_offset", "declination_error"): "the declination that the instrument was set to",
         ("sextantal", "octantal"): "a swing of 16 to 24 headings all round",
         ("compass_lag", "clock_offset"): "tilts of both heads that change with time: they have no compass in them",
         ("heading_slip", "hard_iron_step"): "headings all round on both sides of the date",
         ("heading_slip", "compass_drift"): "the same headings read again, more often and in another order",
-        ("water_drift", "hard_iron"): "a swing at two speeds, or where the water stands still",
+        ("water_drift", "sextantal"): "each heading at two speeds, or a log of the speed through the water",
+        ("water_drift", "octantal"): "each heading at two speeds, or a log of the speed through the water",
+        ("water_drift", "heading_slip"): "the first headings swung again at the end",
+        ("water_drift", "compass_drift"): "the first headings swung again at the end",
+        ("water_drift", "hard_iron_step"): "the first headings swung again, each at two speeds",
+        ("water_drift", "hard_iron_drift"): "the first headings swung again, each at two speeds",
+        ("course_lag", "clock_offset"): "headings and courses logged by one clock",
     }.items()
 }
 
@@ -87,6 +97,20 @@ def finding(
     )
     others = f" This recording cannot tell it from {_listed(alternatives)}." if alternatives else ""
     return begin + shown + others
+
+
+def large(size_deg: float, proof: HeldOut, what: str) -> Finding:
+    """Return the finding that the five-term series is too small a model.
+
+    Args:
+        size_deg: difference from the exact compass, rms degrees.
+        proof: what each leaves.
+        what: was compared.
+    """
+    place = Where("heading", 0.0, 360.0, "along the recorded heading, all round")
+    share = {"share": Parameter(1.0, 0.0, "of the exact compass")}
+    said = finding("large_deviation", (), where=place.text, parameters={}, size_deg=size_deg, proof=proof, what=what)
+    return Finding("large_deviation", "compass", (), place, None, share, size_deg, proof, said)
 
 
 def place(covariate: str, low: float, high: float, clocked: bool) -> str:

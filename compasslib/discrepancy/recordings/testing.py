@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import erfc, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles
-from compasslib.discrepancy.recordings import fitting
+from compasslib.discrepancy.recordings import fitting, memory
 from compasslib.discrepancy.recordings.channel import Channel, dated
 from compasslib.discrepancy.recordings.fitting import Fitted
 from compasslib.discrepancy.scan import normal_score
@@ -92,7 +92,9 @@ def omnibus(now: Fitted) -> list[Group]:
     Args:
         now: a hypothesis.
     """
-    found, most = now.channel.covariates, int(fitting.effective(now)) // SHARE_OF_FREEDOM
+    found = now.channel.covariates
+    worth = len(now.channel) if now.channel.remembered else fitting.effective(now)  # the law's draws know the memory
+    most = int(worth) // SHARE_OF_FREEDOM
     heading, groups = found.get("heading"), []
     if heading is not None:
         groups = [Group("heading", _periodic(heading, range(3, 7)), None, ("heading",))]
@@ -116,7 +118,10 @@ def test(now: Fitted, noise: Fitted, groups: Sequence[Group], seed: int = 0) -> 
         groups: columns.
         seed: of the draws.
     """
-    base = fitting.orthonormal(now.columns)
+    white = noise.whitener if now.channel.remembered else None
+    if white is not None:
+        groups = [replace(group, columns=white @ group.columns) for group in groups]
+    base = fitting.orthonormal(now.columns if white is None else white @ now.columns)
     bases = [directions(group, base) for group in groups]
     kept = [k for k, basis in enumerate(bases) if basis.shape[1] and _lives(groups[k].columns, bases[k], base)]
     if not kept:
@@ -125,12 +130,26 @@ def test(now: Fitted, noise: Fitted, groups: Sequence[Group], seed: int = 0) -> 
     freedom = np.array([basis.shape[1] for basis in bases], dtype=float)
     begins = np.concatenate([[0], np.cumsum(freedom)[:-1]]).astype(int)
     every = np.concatenate(bases, axis=1)
-    seen = _gains(now.clipped[None, :], every, begins, base)[0]
-    null = _gains(draws(noise, seed), every, begins, base)
+    rows = np.vstack([now.clipped[None, :], draws(noise, seed)])
+    gains = _gains(rows if white is None else rows @ white.T, every, begins, base)
+    seen, null = gains[0], gains[1:]
     inflation = null.mean(axis=0) / freedom
     score, scores = normal_score(seen / inflation, freedom), normal_score(null / inflation, freedom)
     names = list(dict.fromkeys(group.name for group in groups))
     return [_tested(name, groups, score, scores, seen, inflation) for name in names]
+
+
+def square(fitted: Fitted, noise: Fitted) -> float:
+    """Return the sum of the squares of a fit; where the noise remembers, of what is left of it without the memory.
+
+    Args:
+        fitted: a hypothesis.
+        noise: the hypothesis whose residual is taken for noise.
+    """
+    if not fitted.channel.remembered:
+        return fitted.square
+    left = _without(noise.whitener @ fitted.clipped, fitting.orthonormal(noise.whitener @ fitted.columns))
+    return float(left @ left)
 
 
 def directions(group: Group, base: Floats) -> Floats:
@@ -161,7 +180,8 @@ def _tested(
 def draws(noise: Fitted, seed: int, repeats: int = REPEATS) -> Floats:
     """Return draws of the record's own noise: blocks of it at other places with random signs, (repeats, n).
 
-    Readings without memory are drawn from a normal distribution: a dozen of them hold no distribution of their own.
+    Readings without memory are drawn from a normal distribution, and stretches of a short log by the law of their
+    memory: a dozen of them hold no distribution of their own.
 
     Args:
         noise: a hypothesis that fits.
@@ -171,6 +191,8 @@ def draws(noise: Fitted, seed: int, repeats: int = REPEATS) -> Floats:
     rng, n = np.random.default_rng(seed), len(noise.channel)
     if noise.channel.independent:
         return rng.normal(size=(repeats, n))
+    if noise.channel.remembered:
+        return memory.draws(noise.clipped, noise.columns, seed, repeats)
     length = int(np.max(np.bincount(fitting.stretches(noise))))
     count = -(-n // length)
     begin, sign = rng.integers(0, n, (repeats, count)), rng.choice([-1.0, 1.0], (repeats, count))

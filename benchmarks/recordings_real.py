@@ -1,0 +1,67 @@
+"""The real recordings of the sealed proof, each with an effect concealed: what is said of it, in a table."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from compasslib.discrepancy import recordings
+from compasslib.discrepancy.diagnosis import Options
+from compasslib.discrepancy.recordings import platform
+from compasslib.discrepancy.verdict import Diagnosis, Finding
+
+DATA = Path(__file__).resolve().parents[2] / "shared/data"
+ACM, SIGNATURE = "acm/mmp_global_A0000001.TXT", "magnetometer/signature500.csv"
+MMP, NMEA = {"format": "mmp_acm"}, {"format": "nmea0183"}
+# What is concealed, kind, file, settings.
+CASES: tuple[tuple[str, str, str, dict[str, object]], ...] = (
+    ("levelling", "magnetometer", ACM, MMP),
+    ("levelling, from the binary file", "magnetometer", ACM.replace("TXT", "DAT"), MMP),
+    ("tilts", "magnetometer", ACM, {**MMP, "withhold": ["TX", "TY"]}),
+    ("one tilt", "magnetometer", ACM, {**MMP, "withhold": ["TX"]}),
+    ("heading", "magnetometer", ACM, {**MMP, "withhold": ["HDNG"]}),
+    ("hard iron", "magnetometer", SIGNATURE, {}),
+    ("hard iron, heading", "magnetometer", SIGNATURE, {"withhold": ["heading_deg"]}),
+    ("hard iron, z", "magnetometer", SIGNATURE, {"withhold": ["z"]}),
+    ("hard iron, z, heading", "magnetometer", SIGNATURE, {"withhold": ["z", "heading_deg"]}),
+    ("hard iron, pitch", "magnetometer", SIGNATURE, {"withhold": ["pitch_deg"]}),
+    ("hard iron, tilts", "magnetometer", SIGNATURE, {"withhold": ["pitch_deg", "roll_deg"]}),
+    ("hard iron, tilts, heading", "magnetometer", SIGNATURE, {"withhold": ["pitch_deg", "roll_deg", "heading_deg"]}),
+    ("hard iron, all but x, y", "magnetometer", SIGNATURE, {"withhold": ["z", "pitch_deg", "roll_deg", "heading_deg"]}),
+    ("iron", "magnetometer", "magnetometer/hmc5883l_sphere.csv", {}),
+    ("the storm", "declination", "observatory/esk20031029dmin.min", {}),
+    ("nothing: a quiet day", "declination", "observatory/esk20030610dmin.min", {}),
+    ("water", "swing", "swing/2010-11-03.Taiohae.nmea", NMEA),
+    ("water, ship's log", "swing", "swing/2010-11-03.Taiohae.nmea", {**NMEA, "withhold": ["water_speed_kn"]}),
+)
+EIGHT = np.array([-1.177, 2.023, -8.377, -4.279, 3.620, 14.721, 5.624, 15.123])  # Moncunill et al. 2023, 5.3
+
+
+def real() -> str:
+    """Return the table."""
+    lines = ["| recording | concealed | verdict | findings | unexplained |", "|---|---|---|---|---|"]
+    for concealed, kind, name, settings in CASES:
+        if (DATA / name).exists():
+            found = recordings.diagnose(kind, [DATA / name], settings, Options())
+            lines.append(_line(Path(name).stem, concealed, found))
+        else:
+            lines.append(f"| {Path(name).stem} | {concealed} | no such file beside the repository | | |")
+    true = np.arange(0.0, 360.0, 45.0)
+    eight = platform.judge(true, true - EIGHT, field=None, options=Options())
+    return "\n".join([*lines, _line("MM's eight headings", "third and fourth harmonics", eight)])
+
+
+def _line(name: str, concealed: str, found: Diagnosis) -> str:
+    told = "; ".join(_told(one) for one in found.findings) or found.why
+    left = found.unexplained
+    rest = f"{left.rms_effect_deg:.2f}° along {' and '.join(left.covariates)}" if left else ""
+    return f"| {name} | {concealed} | {found.verdict} | {told} | {rest} |"
+
+
+def _told(one: Finding) -> str:
+    numbers = ", ".join(f"{k} {p.value:.4g} ± {p.sigma:.2g} {p.unit}" for k, p in one.parameters.items())
+    others = f", or {', '.join(one.alternatives)}" if one.alternatives else ""
+    shown = f"held out {one.held_out.rms_before_deg:.3g}° to {one.held_out.rms_after_deg:.3g}°"
+    when = f", {one.where.text}" if one.where.covariate == "time" else ""
+    return f"{one.effect}{others} ({one.side}; {one.rms_effect_deg:.3g}°; {numbers}; {shown}{when})"
