@@ -16,11 +16,19 @@ from compasslib.errors import InputError
 SCRIPTS = Path(__file__).resolve().parents[1] / "workflow/scripts"
 
 
+class Named(SimpleNamespace):
+    """Values by name, as Snakemake gives wildcards and params."""
+
+    def items(self):
+        return vars(self).items()
+
+
 class Files(list):
-    """Files as Snakemake gives them: by number and by name."""
+    """Files as Snakemake gives them: by number and by name; a list of files by its name stays one."""
 
     def __init__(self, *plain: str, **named: Any):
-        super().__init__([*plain, *named.values()])
+        lists = [value if isinstance(value, list) else [value] for value in named.values()]
+        super().__init__([*plain, *(file for some in lists for file in some)])
         vars(self).update(named)
 
 
@@ -52,25 +60,27 @@ class _Stopped(Exception):
 
 def _jobs(plan: stages.Plan, name: str, diagnose: bool) -> None:
     out = f"results/{name}"
-    Path(out, "work").mkdir(parents=True, exist_ok=True)
+    for folder in ("work", "wide"):
+        Path(out, folder).mkdir(parents=True, exist_ok=True)
     mooring = plan.cruise.moorings[name]
     for role in dict.fromkeys(r for r in (mooring.compromised, mooring.reference) if r):
-        at = SimpleNamespace(mooring=name, role=role)
+        at = Named(mooring=name, role=role)
         params = {
             "form": plan.form(at),
             "reader": plan.reader_settings(at),
             "deployment": plan.deployment(at),
         }
         _job("read", at, Files(raw=plan.raw_files(at)), Files(f"{out}/work/{role}.nc"), **params)
-    at = SimpleNamespace(mooring=name)
-    field, pairs = f"{out}/work/field.json", f"{out}/overlap.nc"
+    at = Named(mooring=name)
+    field, pairs, wide = f"{out}/work/field.json", f"{out}/overlap.nc", f"{out}/wide/overlap.nc"
     _job("earth_field", at, Files(), Files(field), place=plan.place_and_declination(at))
     upper = plan.compromised(at)
     given = Files(upper=upper, lower=plan.reference(at), field=field)
-    _job("overlap", at, given, Files(pairs), rules=plan.cruise.options.overlap.model_dump())
+    _job("overlap", at, given, Files(pairs=pairs, wide=wide), rules=plan.cruise.options.overlap.model_dump())
     fit = f"{out}/work/fit.json"
-    given = Files(record=upper, pairs=pairs, field=field, fit=fit, observatory=plan.observatory(at))
+    given = Files(record=upper, pairs=pairs, field=field)
     _job("fit", at, given, Files(fit), method=plan.method(at), tilt=plan.tilt(at))
+    given = Files(**vars(given) | {"wide": wide, "fit": fit, "observatory": plan.observatory(at)})
     found, deviation = f"{out}/diagnosis.json", f"{out}/deviation.json"
     options = plan.diagnose(at) | ({} if diagnose else {"enabled": False})
     _job("diagnose", at, given, Files(diagnosis=found, deviation=deviation), options=options)
@@ -85,7 +95,7 @@ def _jobs(plan: stages.Plan, name: str, diagnose: bool) -> None:
 def _job(script: str, wildcards: Any, given: Files, output: Files, **params: Any) -> None:
     log = Path("results/job.log")
     asked = SimpleNamespace(
-        input=given, output=output, params=SimpleNamespace(**params), log=[str(log)], wildcards=wildcards
+        rule=script, input=given, output=output, params=Named(**params), log=[str(log)], wildcards=wildcards
     )
     try:
         with contextlib.redirect_stderr(io.StringIO()):
