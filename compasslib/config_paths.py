@@ -67,8 +67,6 @@ def raw_files(value: Any, info: ValidationInfo) -> tuple[str, ...]:
     if not listed:
         raise problem(None, "at least one file", "an empty list")
     found = [file for path in listed for file in ([path] if place is None else _expand(path, place))]
-    if braced := [file for file in found if "{" in file or "}" in file]:
-        raise problem(None, "paths without braces, which Snakemake takes for wildcards", shown(braced[0]), "rename it")
     return tuple(dict.fromkeys(found))
 
 

@@ -460,10 +460,8 @@ def test_a_bad_line_of_a_mooring_file(cruise: Path, line: str, expected: str) ->
 
 def test_a_raw_file_with_braces(cruise: Path) -> None:
     write(cruise, "raw/obs/{lrv3}.min", "")
-    found = (
-        "covariates.declination_observatory.files: expected paths without braces, which Snakemake takes for wildcards"
-    )
-    assert message(cruise) == f"{MOORING_FILE}: {found}, found 'raw/obs/{{lrv3}}.min'; rename it"
+    found = "covariates.declination_observatory.files: expected a path without braces"
+    assert message(cruise) == f"{MOORING_FILE}: {found}, found 'raw/obs/{{lrv3}}.min'; rename the file"
 
 
 @pytest.mark.parametrize(("columns", "expected"), BAD_COLUMNS, ids=[columns for columns, _ in BAD_COLUMNS])

@@ -137,7 +137,7 @@ def test_a_changed_calibration_runs_again_with_its_moorings_and_no_other(done):
 def test_a_calibration_depends_on_its_own_kind_and_on_the_curves(done):
     plan = stages_calibrations.plan(config.load(done), PROJECT / "workflow/scripts")
     modules = {Path(path).name for path in plan.modules(SimpleNamespace(calibration="bench"))}
-    assert {"platform.py", "curves.py", "exact_curve.py", "budget.py", "earthfield.py", "table.py"} <= modules
+    assert {"platform.py", "curves.py", "exact_curve.py", "budget.py", "earthfield.py", "table_cells.py"} <= modules
     assert not modules & {"swing.py", "magnetometer.py", "two_heads.py", "at_mooring.py", "plots_calibrations.py"}
     modules = {Path(path).name for path in plan.diagnosis_modules(SimpleNamespace(calibration="bench"))}
     assert {"platform.py", "curves.py", "fitting.py", "search.py", "sextantal.py"} <= modules
