@@ -111,7 +111,7 @@ def write(out: Path, cruise: Path, locked: Path, concealed: Sequence[list[str]] 
     if (locked / "published.csv").exists():
         cases = {"found": draw.PUBLISHED, "series": draw.SERIES}
         paper = {what: measure.published(cruise, locked, name) for what, name in cases.items()}
-    sealed = json.loads((out / "seal.json").read_text())
+    sealed = json.loads((out / "seal.json").read_text()) | {"code": measure.software(cruise, next(iter(truths)))}
     made = card.content(sealed, list(truths.values()), rows, paper, concealed)
     figures.write(out / "figures", made)
     card.write(out, made)

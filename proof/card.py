@@ -46,7 +46,7 @@ def content(
     ours = sum(row["points"] for row in rows) / len(rows)
     points = {name: ours if tool is None else score.mean_points(truths, tool) for name, tool in TOOLS.items()}
     return {
-        "seal": {key: sealed[key] for key in ("seed", "count", "hours", "sha256")},
+        "seal": {key: sealed[key] for key in ("seed", "count", "hours", "code", "sha256")},
         "points": points,
         "measures": tally.measures(rows),
         "numbers": tally.numbers(rows),
@@ -88,7 +88,7 @@ def jobs(cruise: Path) -> dict[str, float]:
 def _heading(made: dict[str, Any]) -> str:
     seal = made["seal"]
     title = f"# Sealed proof, seed {seal['seed']}, {seal['count']} moorings of {seal['hours']} hours"
-    return f"{title}\n\nTruth sealed as {seal['sha256']}."
+    return f"{title}\n\nTruth sealed as {seal['sha256']}, before {seal['code']} ran."
 
 
 def _tables(made: dict[str, Any]) -> list[Table]:

@@ -133,3 +133,14 @@ def rms(x: Floats) -> float | None:
     """
     finite = x[np.isfinite(x)]
     return float(np.sqrt(np.mean(finite**2))) if finite.size else None
+
+
+def software(cruise: Path, name: str) -> str:
+    """Return what a product says of the software that made it.
+
+    Args:
+        cruise: its folder.
+        name: of a mooring.
+    """
+    with netCDF4.Dataset(cruise / f"results/{name}/corrected.nc") as nc:
+        return str(nc.software_version)

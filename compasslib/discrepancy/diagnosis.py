@@ -180,7 +180,7 @@ def _why(named: Named, min_effect_deg: float) -> str:
         return ""
     (best, first), (worst, last) = sizes[0], sizes[-1]
     return (
-        f"Nine times in ten this record shows {first.replace('_', ' ')} of {best:.1f} degrees rms or more and "
+        f"Nine times in ten this record would show {first.replace('_', ' ')} of {best:.1f} degrees rms or more and "
         f"{last.replace('_', ' ')} of {worst:.1f}; the other effects lie between."
     )
 
