@@ -19,6 +19,7 @@ from pathlib import Path
 
 import netCDF4
 import numpy as np
+import yaml
 
 PROJECT = Path(__file__).resolve().parent.parent
 METHODS = ("exact", "exact, tilt: true", "von_appen")
@@ -35,6 +36,8 @@ def run(source: Path, folder: Path, method: str) -> None:
     for path in [folder / "config/config.yaml", *(folder / "config/moorings").glob("*.yaml")]:
         text = re.sub(r"fit:\s*\{?\s*method: [^}\n]+\}?", f"fit: {{method: {method}}}", path.read_text())
         path.write_text(text.replace("demonstration: true", "demonstration: false"))
+    settings = yaml.safe_load((folder / "config/config.yaml").read_text()) | {"diagnose": {"enabled": False}}
+    (folder / "config/config.yaml").write_text(yaml.safe_dump(settings))  # the methods by themselves
     command = [sys.executable, "-m", "snakemake", "--snakefile", PROJECT / "Snakefile", "--directory", folder]
     subprocess.run([*map(str, command), "--cores", "2", "--quiet", "all", "--until", "correct"], check=True)
 

@@ -39,4 +39,5 @@ def main(cruise: Path, mooring: str, count: int) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), sys.argv[2], int(sys.argv[3]) if len(sys.argv) > 3 else 60)
+    given = sys.argv[1:] or [str(Path(__file__).resolve().parents[1]), "EG1"]
+    main(Path(given[0]), given[1], int(given[2]) if len(given) > 2 else 60)

@@ -269,8 +269,8 @@ def family(row: dict) -> bool:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("count", type=int, help="moorings of each kind")
-    parser.add_argument("seed", type=int)
+    parser.add_argument("count", type=int, nargs="?", default=60, help="moorings of each kind (default 60)")
+    parser.add_argument("seed", type=int, nargs="?", default=1)
     parser.add_argument("--kind", choices=KINDS)
     parser.add_argument("--rows", type=Path, help="file that a line of JSON a mooring is added to")
     asked = parser.parse_args()

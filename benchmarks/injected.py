@@ -1,11 +1,11 @@
 """The search for left-out physics on a real record: currents, headings and tilts of eh2, physics injected.
 
-    python benchmarks/injected.py CRUISE 60 1              60 injections of each kind by seed 1
-    python benchmarks/injected.py CRUISE 60 1 --kind single
+    python benchmarks/injected.py 60 1                     60 injections of each kind by seed 1
+    python benchmarks/injected.py 60 1 --kind single
 
-CRUISE is a copy of ../shared/data/cruise_eh2 whose E0 has been processed. The recorded headings of eh2 count as the
-true ones, an iron compass of benchmarks/discrepancy_world.py reads them again with an effect, and the engine is told
-nothing. Kinds and measures are those of benchmarks/discrepancy.py, without clocks.
+The recorded headings of E0 in ../shared/data/cruise_eh2 count as the true ones, an iron compass of
+benchmarks/discrepancy_world.py reads them again with an effect, and the engine is told nothing. Kinds and measures are
+those of benchmarks/discrepancy.py, without clocks.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+import tempfile
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -21,16 +22,17 @@ import discrepancy as bench
 import discrepancy_world as sea
 import numpy as np
 
-from compasslib import archive
+from compasslib import archive, pipeline
 from compasslib.discrepancy import Options, diagnose, moored
 
 KINDS = ("null", "single", "two", "unknown")
+DATA = Path(__file__).resolve().parents[1] / ".." / "shared" / "data" / "cruise_eh2"
 
 
-def world(cruise: Path, seed: int) -> tuple[sea.World, dict[str, np.ndarray]]:
+def world(made: Path, seed: int) -> tuple[sea.World, dict[str, np.ndarray]]:
     """Return the real record as a world that a compass can be put into, and what was logged beside it."""
-    pairs = archive.read_pairs(cruise / "results/E0/overlap.nc")
-    logged = moored.logged(archive.read_record(cruise / "results/E0/work/top.nc"), (), pairs)
+    pairs = archive.read_pairs(made / "overlap.nc")
+    logged = moored.logged(archive.read_record(made / "work/top.nc"), (), pairs)
     rng = np.random.default_rng(seed)
     upper, lower = pairs.upper_east + 1j * pairs.upper_north, pairs.lower_east + 1j * pairs.lower_north
     tilt = np.nan_to_num(np.stack([pairs.pitch_deg, pairs.roll_deg]))
@@ -43,9 +45,9 @@ def world(cruise: Path, seed: int) -> tuple[sea.World, dict[str, np.ndarray]]:
     ), logged  # fmt: skip
 
 
-def draw(cruise: Path, kind: str, index: int, seed: int) -> tuple[sea.Drawn, dict[str, float]]:
+def draw(made: Path, kind: str, index: int, seed: int) -> tuple[sea.Drawn, dict[str, float]]:
     """Return one injection and the effects that were asked for."""
-    own, logged = world(cruise, 100_000 * seed + 1000 * KINDS.index(kind) + index)
+    own, logged = world(made, 100_000 * seed + 1000 * KINDS.index(kind) + index)
     size = bench.SIZES[kind][index % len(bench.SIZES[kind])]
     turn = index // len(bench.SIZES[kind])
     singles = [x for x in bench.SINGLES if np.ptp(getattr(own, {"supply_voltage": "voltage"}.get(x, "heading")))]
@@ -62,9 +64,9 @@ def draw(cruise: Path, kind: str, index: int, seed: int) -> tuple[sea.Drawn, dic
     return replace(drawn, covariates=logged), wanted
 
 
-def measure(cruise: Path, kind: str, index: int, seed: int) -> dict:
+def measure(made: Path, kind: str, index: int, seed: int) -> dict:
     """Return one row of the score."""
-    drawn, wanted = draw(cruise, kind, index, seed)
+    drawn, wanted = draw(made, kind, index, seed)
     fit, field = bench.fitted(drawn), bench.field_of(drawn)
     begin = time.perf_counter()
     found = diagnose(drawn.pairs, drawn.covariates, fit, field, Options(reference_magnetic=False))
@@ -86,22 +88,30 @@ def measure(cruise: Path, kind: str, index: int, seed: int) -> dict:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("cruise", type=Path)
-    parser.add_argument("count", type=int)
-    parser.add_argument("seed", type=int)
+    parser.add_argument("count", type=int, nargs="?", default=40)
+    parser.add_argument("seed", type=int, nargs="?", default=1)
     parser.add_argument("--kind", choices=KINDS)
     parser.add_argument("--rows", type=Path)
     asked = parser.parse_args()
+    if not DATA.is_dir():
+        print(f"{DATA} is absent: there is no real record to inject into")
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        bench.report(rows_of(asked, pipeline.process(DATA, "E0", Path(folder) / "E0")))
+
+
+def rows_of(asked: argparse.Namespace, made: Path) -> list[dict]:
+    """Return the rows that were asked for."""
     rows = []
     for kind in KINDS if asked.kind is None else (asked.kind,):
         for index in range(asked.count):
-            rows.append(measure(asked.cruise, kind, index, asked.seed))
+            rows.append(measure(made, kind, index, asked.seed))
             print(f"\r{kind} {index + 1} of {asked.count}", end="", file=sys.stderr)
             if asked.rows:
                 with asked.rows.open("a") as stream:
                     stream.write(json.dumps(rows[-1], default=float) + "\n")
     print(file=sys.stderr)
-    bench.report(rows)
+    return rows
 
 
 if __name__ == "__main__":
