@@ -262,7 +262,9 @@ def test_a_huge_count_in_a_header_costs_no_memory(sound, tmp_path, count):
 
 
 def snakemake(folder: Path, *options: str, start: Path = PROJECT) -> subprocess.CompletedProcess:
-    command = [sys.executable, "-m", "snakemake", "--snakefile", str(PROJECT / "Snakefile"), "--directory", str(folder)]
+    # -P: as the command snakemake, which unlike python -m does not look for modules in the folder it is started in.
+    command = [sys.executable, "-P", "-m", "snakemake", "--snakefile", str(PROJECT / "Snakefile")]
+    command += ["--directory", str(folder)]
     environment = os.environ | {"PYTHONPATH": str(PROJECT)}
     whole = [*command, "--cores", "2", *options]
     return subprocess.run(whole, capture_output=True, text=True, check=False, env=environment, cwd=start)
