@@ -140,11 +140,12 @@ def make(seed: int, *, wide: bool, noise_deg: float = 12.0, n: int = 8000) -> Wo
         sensed=tilt + rng.normal(0, rng.choice([0.02, 0.05, 0.1]), (2, n)), depth=depth,
         separation=18 + 0.008 * (depth - 100) + red(rng, n, 30, 1.0), temperature=temperature,
         voltage=np.round(voltage + rng.normal(0, 0.05, n), 1), earth=earth,
-        **_iron(rng),
+        **iron(rng),
     )  # fmt: skip
 
 
-def _iron(rng):
+def iron(rng) -> dict[str, np.ndarray]:
+    """Return soft iron, and hard iron in shares of the earth's horizontal field, of random size and direction."""
     soft = np.eye(3)
     soft[:2, :2] += rng.normal(0, [[0.02, 0.008], [0.008, 0.02]])
     strength = rng.choice([0.0, 0.1, 0.2, 0.35, 0.6])

@@ -41,7 +41,7 @@ def world(made: Path, seed: int) -> tuple[sea.World, dict[str, np.ndarray]]:
         rng=rng, time_s=pairs.time_s, heading=pairs.heading_deg, flow=upper, difference=lower - upper, tilt=tilt,
         sensed=tilt + rng.normal(0, 0.02, tilt.shape), depth=pairs.upper_depth_m,
         separation=pairs.lower_depth_m - pairs.upper_depth_m, temperature=logged.get("temperature", zero),
-        voltage=logged.get("supply_voltage", zero), earth=(18900.0, 49800.0), **sea._iron(rng),
+        voltage=logged.get("supply_voltage", zero), earth=(18900.0, 49800.0), **sea.iron(rng),
     ), logged  # fmt: skip
 
 
