@@ -107,7 +107,7 @@ def measure(kind: str, index: int, seed: int) -> dict:
         "negligible": found.negligible, "applied": found.applied is not None,
         "gain": [one.held_out.gain for one in found.findings],
     }  # fmt: skip
-    if kind in ("single", "two") and set(drawn.truth) <= set(PRODUCT) | {"current_veer"}:
+    if kind in ("single", "two") and found.verdict != "insufficient" and set(drawn.truth) <= {*PRODUCT, "current_veer"}:
         row |= against_oracle(drawn, fit, field, found)
     return row
 

@@ -39,7 +39,7 @@ DECLINATION_SIGMA_DEG = 0.5  # assumed of a main-field model at high latitude; c
 
 
 def correct(
-    record: Record, fit: Fit, field: EarthField, pairs: Pairs, at: Along | None = None, *, refuted: bool = False
+    record: Record, fit: Fit, field: EarthField, pairs: Pairs, at: Along | None = None, *, doubt_deg: float = 0.0
 ) -> Corrected:
     """Return the corrected record; headings that cannot be corrected are NaN with flag 4.
 
@@ -49,12 +49,12 @@ def correct(
         field: declination along time.
         pairs: where the trusted instrument overlaps.
         at: the compass at each sample, where more acted on it than the fit holds.
-        refuted: whether pairs held out from the fit deny it; then all headings are doubtful and may be anything.
+        doubt_deg: standard deviation of what the fit is known to lack, see ``doubt``.
     """
     decision = headings(readings_of_record(record), fit, pairs, at)
-    if refuted:
-        sigma = np.where(np.isfinite(decision.heading_deg), KNOWS_NOTHING_DEG, np.nan)
-        decision = replace(decision, sigma_deg=sigma, probability=np.minimum(decision.probability, 0.0))
+    sigma = np.minimum(np.hypot(decision.sigma_deg, doubt_deg), KNOWS_NOTHING_DEG)
+    probability = np.minimum(decision.probability, 0.0) if doubt_deg >= KNOWS_NOTHING_DEG else decision.probability
+    decision = replace(decision, sigma_deg=sigma, probability=probability)
     deviation = angles.difference(decision.heading_deg, record.heading_deg)
     declination = earthfield.declination_at(field, record.time_s)
     east, north = _recorded_to_true(record, declination)
@@ -76,6 +76,16 @@ def correct(
         velocity_uncertainty=np.hypot(east, north) * angles.turned_share(direction_sigma)[:, None],
         velocity_quality=_velocity_quality(record, quality),
     )
+
+
+def doubt(refuted: bool, left_deg: float) -> float:
+    """Return the standard deviation of what a fit is known to lack, degrees.
+
+    Args:
+        refuted: whether pairs held out from the fit deny it; then headings may be anything, and are flagged.
+        left_deg: visible size of what the search saw and the product does not correct, rms degrees.
+    """
+    return KNOWS_NOTHING_DEG if refuted else left_deg
 
 
 def told(name: str, product: Corrected) -> str:

@@ -208,7 +208,8 @@ def _series(task: Task, measured: Measured, at: Pairs | None = None) -> products
 def _correct(task: Task, measured: Measured, made_by: Product, *, refuted: bool) -> None:
     record, pairs, field = measured.record, measured.pairs, measured.field
     at = products.along(made_by, record, field, _series(task, measured))
-    product = correction.correct(record, made_by.fit, field, pairs, at, refuted=refuted)
+    doubt_deg = correction.doubt(refuted, made_by.left_deg)
+    product = correction.correct(record, made_by.fit, field, pairs, at, doubt_deg=doubt_deg)
     archive.write_corrected(
         task.folder / "corrected.nc",
         product,

@@ -176,6 +176,7 @@ def processing(product: Product, field: EarthField, raw_files: Sequence[str]) ->
         raw_files: what was read, relative to the cruise folder.
     """
     beside = f" with {', '.join(product.effects)}" if product.effects else ""
+    beside += f" fitted beside {', '.join(product.accounted)}" if product.accounted else ""
     made = origin(f"headings corrected, method {product.fit.method}{beside},", raw_files)
     return made | {
         "method": product.fit.method,

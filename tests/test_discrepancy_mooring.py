@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 from sea import FOLDED, pairs
 
-from compasslib import angles, compass, deviation, discrepancy
+from compasslib import angles, compass, correction, deviation, discrepancy
 from compasslib.archive_files import read_json, write_json
 from compasslib.deviation import model as fits
 from compasslib.discrepancy import Options, baseline, clocks, columns, diagnose, large, mooring, scan, stuck
+from compasslib.discrepancy import product as products
+from compasslib.discrepancy.diagnosis import judge
 from compasslib.records import GOOD, EarthField, Record
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
@@ -115,9 +117,33 @@ def test_what_is_not_in_the_catalogue_is_said_to_be_unexplained():
     assert "No effect of the catalogue explains it" in found.unexplained.text
 
 
-def test_water_that_veers_never_touches_the_product():
-    _, found = seen({"current_veer": 4.0}, seed=4)
-    assert [finding.side for finding in found.findings] == ["water"] and found.applied is None
+def test_water_that_veers_frees_the_fit_and_turns_no_heading():
+    drawn, found = seen({"current_veer": 4.0}, seed=4)
+    assert [finding.side for finding in found.findings] == ["water"]
+    assert not found.findings[0].applied and not found.applied.simulation.terms
+    product = products.of(fitted(drawn), found)
+    assert product.effects == () and product.accounted == ("current_veer",) and product.left_deg == 0.0
+    again = products.from_json({"applied": json.loads(json.dumps(product.to_json()))})
+    assert again.accounted == product.accounted and again.left_deg == 0.0
+    freed = again.applied.simulation.coefficients
+    roots = [compass.inverse(c, drawn.pairs.heading_deg) for c in (product.fit.coefficients, freed)]
+    before, after = (angles.rms(angles.difference(fits.nearest_root(x, drawn.heading), drawn.heading)) for x in roots)
+    assert after < 0.9 * before
+
+
+def test_what_is_seen_and_not_corrected_widens_the_uncertainty():
+    drawn, found = seen({"wander": 3.0}, seed=6)
+    product = products.of(fitted(drawn), found)
+    assert product.left_deg >= found.unexplained.rms_effect_deg > 2.0
+    assert correction.doubt(False, product.left_deg) == product.left_deg
+
+
+def test_a_record_without_a_clear_branch_is_insufficient():
+    drawn = world.planted(world.make(1, wide=True, n=HOURS), {})
+    case = mooring.case(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
+    strong = replace(case.simulation, coefficients=np.array([0.0, -30.0, 0.0, 0.0, 0.0]))  # records two degrees
+    found = judge(replace(case, simulation=strong), Options())
+    assert found.verdict == "insufficient" and "on which branch" in found.why
 
 
 def test_a_clock_is_on_its_own_side():

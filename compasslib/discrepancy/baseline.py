@@ -23,9 +23,14 @@ from compasslib.physics.composition import Simulation
 Floats = NDArray[np.floating]
 
 ROUNDS = 2
+FEWEST = 50  # samples that show where they are, below which there is nothing to examine
 BRANCHES_APART = 5.0  # widths of the scatter that two headings of one reading must be apart
 TREND_S, TREND_MEMORIES = 10 * 86400.0, 10  # least spacing of the knots of what is slow, and in lengths of the filter
 STIFFEST = 1e-4  # prior precision of a baseline column in whitened units, against columns that hardly vary
+
+
+class Lost(ArithmeticError):
+    """Hardly any sample shows on which branch of the simulated compass it is."""
 
 
 @dataclass(frozen=True)
@@ -77,8 +82,13 @@ def examine(case: Case, simulation: Simulation, nuisance: Floats, *, freed: bool
         nuisance: values of the nuisances, (k,).
         freed: whether the terms' effects are given back to the residual, linearised where the simulation stands, so
             that other terms can be tried in their place; else they belong to the base.
+
+    Raises:
+        Lost: too few samples are left to be examined.
     """
     heading, residual, width_floor = _residual(case, simulation, nuisance)
+    if (usable := int(np.isfinite(residual).sum())) < FEWEST:
+        raise Lost(f"{usable} of {len(case)} samples show on which branch of the compass they are")
     derivative = np.nan_to_num(composition.derivative(simulation, case.scene, heading))
     base = np.column_stack([derivative[:, : 5 if freed else None], case.nuisance])
     effect = derivative[:, 5:] @ simulation.parameters[5:] if freed else np.zeros(len(case))

@@ -25,6 +25,9 @@ LONGEST_HOURS = 12.0
 SLOW_HOURS = 12.0  # half of the running mean that is taken off
 SIGMAS = 4.5
 CLOSE = 10.0
+# Delay between the instruments that is no clock: water that arrives at one depth later (0.21 h in a real record of one
+# instrument with one clock), stamps at the begin, middle or end of an average. Assumed.
+DELAY_SIGMA_H = 0.1
 CLEAREST = 0.2  # correlation of the speeds below which a window says nothing
 
 
@@ -68,11 +71,16 @@ def compare(pairs: Pairs) -> Clock:
     slot = whitening.slots(pairs.time_s)
     upper, lower = (_fast(slot, speed, step) for speed in model.speeds(pairs))
     width = max(len(upper) // WINDOWS, FEWEST_IN_WINDOW)
+    windows = [slice(begin, begin + width) for begin in range(0, len(upper) - width + 1, width)]
+    later = np.interp(np.arange(len(upper)), slot, pairs.separation_minutes / 60.0)
     found = [
-        (begin + width / 2.0, _ahead_h(upper[begin : begin + width], lower[begin : begin + width], step))
-        for begin in range(0, len(upper) - width + 1, width)
+        (
+            (window.start + width / 2.0) * step / YEAR_S,
+            _ahead_h(upper[window], lower[window], step) - later[window].mean(),
+        )
+        for window in windows
     ]
-    known = np.array([(middle * step / YEAR_S, ahead) for middle, ahead in found if np.isfinite(ahead)]).reshape(-1, 2)
+    known = np.array([one for one in found if np.isfinite(one[1])]).reshape(-1, 2)
     return _judged(known[:, 0], known[:, 1], len(upper) * step / YEAR_S) if len(known) >= 5 else Clock()
 
 
@@ -85,12 +93,15 @@ def _judged(years: Floats, ahead_h: Floats, span_years: float) -> Clock:
     large = abs(line[0]) >= LEAST_HOURS and abs(line[1]) * span_years >= LEAST_HOURS
     both = min(square[:2]) / square[2] - 1.0 > SIGMAS**2 / (len(years) - 2)
     if both and large and _clear(line[0], line_sigma[0]) and _clear(line[1], line_sigma[1]):
-        return Clock(line[0], line[1], line_sigma[0], line_sigma[1], True, True)
+        return Clock(line[0], line[1], np.hypot(line_sigma[0], DELAY_SIGMA_H), line_sigma[1], True, True)
     if square[1] < square[0]:
         named = _clear(rate[0], rate_sigma[0]) and abs(rate[0]) * span_years >= LEAST_HOURS
-        return Clock(0.0, rate[0], line_sigma[0], rate_sigma[0], False, named, _close(square[0], square[1], len(years)))
+        # A drift that begins at zero takes a constant delay for 1.5 of it over the whole span.
+        sigma = np.hypot(rate_sigma[0], 1.5 * DELAY_SIGMA_H / span_years)
+        return Clock(0.0, rate[0], line_sigma[0], sigma, False, named, _close(square[0], square[1], len(years)))
     named = _clear(mean[0], mean_sigma[0]) and abs(mean[0]) >= LEAST_HOURS
-    return Clock(mean[0], 0.0, mean_sigma[0], line_sigma[1], named, False, _close(square[1], square[0], len(years)))
+    sigma = np.hypot(mean_sigma[0], DELAY_SIGMA_H)
+    return Clock(mean[0], 0.0, sigma, line_sigma[1], named, False, _close(square[1], square[0], len(years)))
 
 
 def _fit(design: Floats, ahead_h: Floats) -> tuple[list[float], list[float], float]:
@@ -120,14 +131,15 @@ def repaired(pairs: Pairs, clock: Clock) -> Pairs:
         clock: the named error.
     """
     wanted = pairs.time_s - clock.ahead_s(pairs.time_s)
-    after = np.clip(np.searchsorted(pairs.time_s, wanted, side="right"), 1, len(pairs) - 1)
+    stamped, one = np.unique(pairs.time_s + 60.0 * pairs.separation_minutes, return_index=True)
+    after = np.clip(np.searchsorted(stamped, wanted, side="right"), 1, len(stamped) - 1)
     step = float(np.median(np.diff(pairs.time_s)))
-    inside = (wanted >= pairs.time_s[0]) & (wanted <= pairs.time_s[-1])
-    inside &= pairs.time_s[after] - pairs.time_s[after - 1] <= 1.5 * step
+    inside = (wanted >= stamped[0]) & (wanted <= stamped[-1]) & (stamped[after] - stamped[after - 1] <= 1.5 * step)
     moved = {
-        name: np.interp(wanted, pairs.time_s, getattr(pairs, name))
+        name: np.interp(wanted, stamped, getattr(pairs, name)[one])
         for name in ("lower_east", "lower_north", "lower_depth_m")
     }
+    moved["separation_minutes"] = np.zeros(len(pairs))
     arrays = {f.name: getattr(pairs, f.name) for f in fields(pairs) if f.name != "warnings"} | moved
     return Pairs(**{name: column[inside] for name, column in arrays.items()}, warnings=pairs.warnings)
 

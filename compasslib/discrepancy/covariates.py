@@ -23,6 +23,7 @@ QUIET = ("declination_observatory", *stuck.LEANS)  # departures: what is missing
 FROM_ZERO = stuck.LEANS  # departures whose zero means something
 BATTERY_JUMP = 0.3  # of its whole range: a supply voltage that rises by more within a day was given a new battery
 FORETELLING = (0.0, 1.3, 0.6, -0.1, -0.8)  # straight line through four samples before the last, carried on to now
+CLIPPED_RAD = 0.6  # of the angle between two directions, for its memory: slow water may point anywhere
 NEIGHBOUR_S = 1.5 * HOUR_S  # neighbours farther apart say nothing of a rate
 
 
@@ -136,22 +137,46 @@ def _of_flow(pairs: Pairs, deviation_deg: Floats) -> dict[str, Floats]:
     """Return the flow's direction as the hours before foretell it, and the turn of the mooring's excursion.
 
     The noise of either instrument's direction is in the residual too. In their mean, weighted by what each one's noise
-    is, it cancels; and that of the hours before is hardly in what the residual's filter leaves.
+    is, it cancels; and that of the hours before is hardly in what the residual's filter leaves. What the hours before
+    foretell is less than what the water does: it is scaled by how the direction follows it, as the first of two stages
+    of least squares, so that a veer by direction keeps its size.
     """
     upper = _complex(*angles.turn(pairs.upper_east, pairs.upper_north, deviation_deg))
     lower = _complex(pairs.lower_east, pairs.lower_north)
     share = _share_of_upper(upper, lower)
     both = share * upper + (1.0 - share) * lower
     foretold = _foretold(both, pairs.time_s)
-    unit = np.where(np.abs(foretold) > 0.0, foretold, 1.0)
-    unit = np.where(np.abs(foretold) > 0.0, unit / np.abs(unit), 0.0)
+    memory = _memory(upper * np.conj(lower))
+    once, twice = (_followed(_unit(both) ** k, _unit(foretold) ** k, memory) for k in (1, 2))
     lean = np.abs(upper) * upper
     moved = np.zeros(len(pairs), dtype=complex)
     apart = pairs.time_s[2:] - pairs.time_s[:-2]
     moved[1:-1] = np.where(apart <= 2.0 * NEIGHBOUR_S, (lean[2:] - lean[:-2]) / apart, 0.0)
     across = -np.imag(moved * np.conj(upper)) / np.maximum(np.abs(upper), 0.02) ** 2 / angles.DEGREE
     result = {"excursion_turn": across, "flow_turn": _turning(both, pairs.time_s)}
-    return result | ({"flow_east": unit.real, "flow_north": unit.imag} if np.any(unit) else {})
+    if np.any(once):
+        result |= {"flow_east": once.real, "flow_north": once.imag}
+        result |= {"flow_sine2": twice.imag, "flow_cosine2": -twice.real}
+    return result
+
+
+def _unit(flow: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    size = np.abs(flow)
+    return np.where(size > 0.0, flow / np.where(size > 0.0, size, 1.0), 0.0)
+
+
+def _followed(seen: NDArray[np.complex128], foretold: NDArray[np.complex128], memory: float) -> NDArray[np.complex128]:
+    """Return what was foretold, times how much of it is seen by a filter that takes the memory out of the residual."""
+    x, z = (series[1:] - memory * series[:-1] for series in (seen, foretold))
+    share = np.real(np.vdot(z, x)) / max(np.real(np.vdot(z, z)), 1e-12)
+    return np.clip(share, 0.0, 1.0) * foretold
+
+
+def _memory(product: NDArray[np.complex128]) -> float:
+    """Return the correlation of neighbours of the angle between the two directions."""
+    angle = np.clip(np.angle(product), -CLIPPED_RAD, CLIPPED_RAD)
+    angle = angle - angle.mean()
+    return float(np.clip(angle[1:] @ angle[:-1] / max(float(angle @ angle), 1e-12), 0.0, 1.0))
 
 
 def _share_of_upper(upper: NDArray[np.complex128], lower: NDArray[np.complex128]) -> float:

@@ -88,7 +88,8 @@ def diagnose(
     found = _joined(first, judge(case, options))
     if not options.apply:
         return replace(found, findings=tuple(replace(one, applied=False) for one in found.findings))
-    return replace(found, fit=exact) if any(one.applied for one in found.findings) else found
+    counts = any(one.applied or (one.beside_compass and not is_series) for one in found.findings)
+    return replace(found, fit=exact) if counts else replace(found, applied=None)
 
 
 def judge(case: Case, options: Options) -> Diagnosis:
@@ -98,9 +99,12 @@ def judge(case: Case, options: Options) -> Diagnosis:
         case: the recording.
         options: what may be chosen.
     """
-    empty = baseline.examine(case, case.simulation, np.zeros(case.nuisance.shape[1]))
+    try:
+        empty = baseline.examine(case, case.simulation, np.zeros(case.nuisance.shape[1]))
+    except baseline.Lost as lost:
+        return verdict.insufficient(f"{lost}; {FEWEST} are needed", case.not_testable)
     if (usable := int(np.isfinite(empty.residual_deg).sum())) < FEWEST:
-        why = f"{usable} of {len(case)} pairs show on which branch of the compass they are; {FEWEST} are needed"
+        why = f"{usable} of {len(case)} samples show on which branch of the compass they are; {FEWEST} are needed"
         return verdict.insufficient(why, case.not_testable)
     named = naming.search(empty, alarm=options.alarm, min_effect_deg=options.min_effect_deg)
     tested = scan.test(named.state, columns.omnibus(named.state), seed=99)
@@ -193,8 +197,7 @@ def _curves(before: State, after: State, found: Sequence[Finding]) -> tuple[Curv
 def _applied(named: Named, every: Sequence[Finding]) -> Applied | None:
     """Return the compass with the findings that may touch the product, refitted where others stood on its side too."""
     terms = named.state.simulation.terms
-    touching = [term for term, one in zip(terms, every, strict=True) if one.applied]
-    if not touching:
+    if not any(one.applied or one.beside_compass for one in every):
         return None
     beside = [t for t, one in zip(terms, every, strict=True) if one.applied or t.side != "compass"]
     state = named.state if len(beside) == len(terms) else model.refit(named.state, beside)

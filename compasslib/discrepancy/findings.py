@@ -17,14 +17,12 @@ from compasslib.discrepancy.columns import Group
 from compasslib.discrepancy.naming import Named
 from compasslib.discrepancy.show import Curve
 from compasslib.discrepancy.verdict import Finding, Parameter, Unexplained, Where
-from compasslib.physics import CATALOGUE, Term
+from compasslib.physics import SIDES, Term
 from compasslib.records import Pairs
 
 Floats = NDArray[np.floating]
 
-SIDES = {term.name: term.side for term in CATALOGUE}
 OBSERVATORY = "declination_observatory"
-PROVEN = 0.05  # p-value on held-out days above which a finding does not touch the product
 RANGE = (0.05, 0.95)  # quantiles of a covariate that tell where an effect lives
 OUTSIDE = 2.5  # standard errors by which a bin leaves the band
 
@@ -69,7 +67,7 @@ def _of_term(state: State, k: int, alternatives: tuple[str, ...], covariance: Fl
             size_deg=size,
             proof=(proof.rms_before_deg, proof.rms_after_deg, proof.p_value),
         ),
-        applied=term.side == "compass" and same_side and proof.p_value < PROVEN,
+        applied=term.side == "compass" and same_side and proof.p_value < verdict.PROVEN,
     )
 
 

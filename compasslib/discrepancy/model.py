@@ -51,7 +51,10 @@ def refit(state: State, terms: Sequence[Term]) -> State:
         shortened = step[:count] * min(1.0, LONGEST_STEP / max(np.max(np.abs(step[:count]) / simulation.steps), 1e-12))
         simulation = simulation.at(simulation.parameters + shortened)
         nuisance = nuisance + step[count:]
-        now = baseline.examine(state.case, simulation, nuisance)
+        try:
+            now = baseline.examine(state.case, simulation, nuisance)
+        except baseline.Lost:  # no such compass: what was reached before stands
+            break
         if np.max(np.abs(shortened) / simulation.steps) < CLOSE_ENOUGH:
             break
     return now

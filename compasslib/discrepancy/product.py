@@ -35,14 +35,23 @@ class Product:
     fit: Fit  # the compass; the configured one where nothing was found on its side
     effects: tuple[str, ...] = ()  # what the search found on the compass side and put into it
     applied: Applied | None = None  # the compass with those effects; None where the fit by itself holds them
+    accounted: tuple[str, ...] = ()  # of clocks and water: the fit is freed of them, headings are not touched
+    left_deg: float = 0.0  # visible size of what was seen and is not corrected, rms
+
+    @property
+    def searched(self) -> bool:
+        """Whether it is another than the configured fit."""
+        return bool(self.effects or self.accounted)
 
     def to_json(self) -> dict[str, Any]:
         """Return the block ``applied`` of deviation.json."""
         return {
             "method": self.fit.method,
             "effects": list(self.effects),
-            "fit": self.fit.to_json() if self.effects else None,
+            "accounted_for": list(self.accounted),
+            "fit": self.fit.to_json() if self.searched else None,
             "compass": None if self.applied is None else self.applied.to_json(),
+            "uncorrected_deg": self.left_deg,
         }
 
 
@@ -53,10 +62,19 @@ def of(fit: Fit, diagnosis: Diagnosis) -> Product:
         fit: the configured fit.
         diagnosis: what the search found.
     """
+    left_deg = _left(diagnosis)
+    if diagnosis.fit is None:
+        return Product(fit, left_deg=left_deg)
     effects = tuple(one.effect for one in diagnosis.findings if one.applied)
-    if not effects or diagnosis.fit is None:
-        return Product(fit)
-    return Product(diagnosis.fit, effects, diagnosis.applied)
+    accounted = tuple(one.effect for one in diagnosis.findings if one.beside_compass)
+    return Product(diagnosis.fit, effects, diagnosis.applied, accounted, left_deg)
+
+
+def _left(diagnosis: Diagnosis) -> float:
+    """Return the visible size of what bends the compass, or may, and does not enter the product, rms degrees."""
+    sizes = [one.rms_effect_deg for one in diagnosis.findings if not one.applied and one.of_compass]
+    sizes += [] if diagnosis.unexplained is None else [diagnosis.unexplained.rms_effect_deg]
+    return float(np.hypot.reduce(sizes)) if sizes else 0.0
 
 
 def from_json(content: Mapping[str, Any]) -> Product:
@@ -66,10 +84,11 @@ def from_json(content: Mapping[str, Any]) -> Product:
         content: the file's content.
     """
     block = content["applied"]
-    if not block["effects"]:
-        return Product(model.from_json(content))
+    if block["fit"] is None:
+        return Product(model.from_json(content), left_deg=block["uncorrected_deg"])
     applied = None if block["compass"] is None else _applied(block["compass"])
-    return Product(model.from_json(block["fit"]), tuple(block["effects"]), applied)
+    fit, effects, accounted = model.from_json(block["fit"]), tuple(block["effects"]), tuple(block["accounted_for"])
+    return Product(fit, effects, applied, accounted, block["uncorrected_deg"])
 
 
 def plain(product: Product, pairs: Pairs, record: Record, field: EarthField, series: Series) -> Pairs:

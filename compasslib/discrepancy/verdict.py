@@ -13,9 +13,11 @@ from numpy.typing import NDArray
 from compasslib.deviation.model import Fit
 from compasslib.discrepancy.applied import Applied
 from compasslib.discrepancy.show import Curve, HeldOut
+from compasslib.physics import SIDES
 
 Floats = NDArray[np.floating]
 
+PROVEN = 0.05  # p-value on held-out days above which a finding does not touch the product
 VERDICTS = ("consistent", "explained", "ambiguous", "unexplained", "insufficient")
 
 
@@ -56,6 +58,16 @@ class Finding:
     held_out: HeldOut
     text: str
     applied: bool = False  # whether it enters the corrected headings
+
+    @property
+    def of_compass(self) -> bool:
+        """Whether it acts on the compromised compass, or may."""
+        return "compass" in {self.side, *(SIDES[name] for name in self.alternatives)}
+
+    @property
+    def beside_compass(self) -> bool:
+        """Whether it surely does not act on the compromised compass, and held-out days confirm it."""
+        return not self.of_compass and self.held_out.p_value < PROVEN
 
     def to_json(self) -> dict[str, Any]:
         """Return it for diagnosis.json."""

@@ -30,7 +30,7 @@ from compasslib.physics.term import Scene, Term
 from compasslib.physics.tilt_uncompensated import TiltUncompensated
 from compasslib.physics.water_drift import WaterDrift
 
-__all__ = ["CATALOGUE", "Scene", "Term"]
+__all__ = ["CATALOGUE", "SIDES", "Scene", "Term"]
 
 # In the order in which they act: surroundings, sensor, readout, then water and clocks.
 CATALOGUE: tuple[type[Term], ...] = (
@@ -67,3 +67,5 @@ CATALOGUE: tuple[type[Term], ...] = (
     ClockOffset,
     ClockDrift,
 )
+
+SIDES = {term.name: term.side for term in CATALOGUE}  # what each effect acts on

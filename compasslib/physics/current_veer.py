@@ -72,7 +72,7 @@ class VeerWithDirection(Term):
     side: ClassVar = "water"
     acts_on: ClassVar = "water"
     literature: ClassVar[str] = "steering by topography, two harmonics; lower minus upper direction, clockwise"
-    needs: ClassVar[tuple[str, ...]] = ("flow_east", "flow_north")
+    needs: ClassVar[tuple[str, ...]] = ("flow_east", "flow_north", "flow_sine2", "flow_cosine2")
     recordings: ClassVar[tuple[str, ...]] = ("mooring",)
 
     sine_deg: float = parameter(
@@ -88,6 +88,5 @@ class VeerWithDirection(Term):
 
     def act(self, x: Floats, scene: Scene) -> Floats:
         """Return the veer."""
-        east, north = scene.departures["flow_east"], scene.departures["flow_north"]
-        once = self.sine_deg * east + self.cosine_deg * north
-        return x + once + 2.0 * self.sine2_deg * east * north + self.cosine2_deg * (north**2 - east**2)
+        flow = (scene.departures[name] for name in self.needs)
+        return x + sum(size * part for size, part in zip(self.values, flow, strict=True))

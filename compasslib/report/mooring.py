@@ -50,7 +50,7 @@ class Results:
     def product(self) -> Mapping[str, Any]:
         """Return the fit that the product was made by, which is the one in the figures."""
         applied = self.fit["applied"]
-        block: Mapping[str, Any] = applied["fit"] if applied["effects"] else self.fit
+        block: Mapping[str, Any] = applied["fit"] or self.fit
         return block
 
 
@@ -189,11 +189,14 @@ def made_with(fit: Mapping[str, Any]) -> str:
     """
     told = words.METHODS.get(fit["method"], fit["method"])
     applied = fit["applied"]
-    if not applied["effects"]:
+    if not applied["fit"]:
         return told
-    effects = words.listed([words.plain(effect) for effect in applied["effects"]])
     product = words.METHODS.get(applied["method"], applied["method"])
-    return f"{told}; the product is made by the {product} with what was found on its side ({effects})"
+    told += f"; the product is made by the {product}"
+    beside = words.listed([words.plain(effect) for effect in applied["accounted_for"]])
+    told += f", fitted with {beside} accounted for" if beside else ""
+    effects = words.listed([words.plain(effect) for effect in applied["effects"]])
+    return f"{told} with what was found on its side ({effects})" if effects else told
 
 
 def _range(fit: Mapping[str, Any]) -> str:
@@ -233,7 +236,7 @@ def _coefficients(fit: Mapping[str, Any]) -> tuple[Table, ...]:
     method = words.METHODS.get(fit["method"], fit["method"])
     columns = [(f"As configured ({method})", fit["coefficients"], fit["covariance"])]
     applied = fit["applied"]
-    if applied["effects"]:
+    if applied["fit"]:
         block = applied["compass"] or applied["fit"]
         columns.append(("Of the product (exact compass)", block["coefficients"], block["covariance"]))
     unit = "°" if fit["unit"] == "degrees" else ""
