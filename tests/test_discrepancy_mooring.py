@@ -118,7 +118,7 @@ def test_what_is_not_in_the_catalogue_is_said_to_be_unexplained():
 
 
 def test_water_that_veers_frees_the_fit_and_turns_no_heading():
-    drawn, found = seen({"current_veer": 4.0}, seed=4)
+    drawn, found = seen({"current_veer": 4.0}, seed=14)
     assert [finding.side for finding in found.findings] == ["water"]
     assert not found.findings[0].applied and not found.applied.simulation.terms
     product = products.of(fitted(drawn), found)
@@ -128,7 +128,7 @@ def test_water_that_veers_frees_the_fit_and_turns_no_heading():
     freed = again.applied.simulation.coefficients
     roots = [compass.inverse(c, drawn.pairs.heading_deg) for c in (product.fit.coefficients, freed)]
     before, after = (angles.rms(angles.difference(fits.nearest_root(x, drawn.heading), drawn.heading)) for x in roots)
-    assert after < 0.9 * before
+    assert after < 0.5 * before
 
 
 def test_what_is_seen_and_not_corrected_widens_the_uncertainty():

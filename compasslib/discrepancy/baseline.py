@@ -25,7 +25,6 @@ Floats = NDArray[np.floating]
 ROUNDS = 2
 FEWEST = 50  # samples that show where they are, below which there is nothing to examine
 BRANCHES_APART = 5.0  # widths of the scatter that two headings of one reading must be apart
-TREND_S, TREND_MEMORIES = 10 * 86400.0, 10  # least spacing of the knots of what is slow, and in lengths of the filter
 STIFFEST = 1e-4  # prior precision of a baseline column in whitened units, against columns that hardly vary
 
 
@@ -98,7 +97,7 @@ def examine(case: Case, simulation: Simulation, nuisance: Floats, *, freed: bool
         weighted = np.where(np.isfinite(width)[:, None], base, 0.0) / width[:, None]
         step = np.linalg.solve(_precise(weighted), weighted.T @ whitening.clipped(left, width))
         left, shift = left - base @ step, shift + step
-    white = whitening.whitener(_without_trend(left, width, case.scene.time_s), width, case.scene.time_s)
+    white = whitening.whitener(left, width, case.scene.time_s)
     basis = _orthonormal(white(base))
     standard = whitening.clipped(left, width)
     innovation = white.filtered(standard[:, None])[:, 0]
@@ -135,16 +134,8 @@ def trend(time_s: Floats) -> Floats:
     Args:
         time_s: increasing times, (n,).
     """
-    spacing_s = TREND_MEMORIES * whitening.order(len(time_s)) * float(np.median(np.diff(time_s)))
-    knots = np.linspace(time_s[0], time_s[-1], max(int(np.ptp(time_s) / max(spacing_s, TREND_S)), 1) + 1)
+    knots = np.linspace(time_s[0], time_s[-1], max(int(np.ptp(time_s) / whitening.spacing_s(time_s)), 1) + 1)
     return np.column_stack([np.interp(time_s, knots, row) for row in np.eye(len(knots))])
-
-
-def _without_trend(residual_deg: Floats, width_deg: Floats, time_s: Floats) -> Floats:
-    """Return the residual without what changes over weeks: a real drift must not pass for the water's memory."""
-    hats = trend(time_s)
-    standard, weighted = whitening.clipped(residual_deg, width_deg), hats / width_deg[:, None]
-    return residual_deg - hats @ np.linalg.solve(_precise(weighted), weighted.T @ standard)
 
 
 def _precise(columns: Floats) -> Floats:

@@ -22,6 +22,8 @@ RIDGE = 1e-3  # keeps the filter steady where gaps leave the autocorrelation rou
 WIDTH_BINS = 12
 NARROWEST = 0.25  # least width as a share of the middle one
 CHUNK = 64
+TREND_S, TREND_MEMORIES = 10 * 86400.0, 10  # least spacing of the knots of what is slow, and in lengths of the filter
+NEAR = 4.0  # frequencies up to this many times that of what is slow are its neighbours
 
 
 @dataclass(frozen=True)
@@ -60,6 +62,9 @@ class Whitener:
 def whitener(residual_deg: Floats, width_deg: Floats, time_s: Floats) -> Whitener:
     """Return the filter that takes the memory out of a residual.
 
+    A real drift must not pass for the water's memory. What changes over weeks counts with the power of its neighbours
+    in frequency: were it taken out instead, the filter would leave half as much again of slow noise.
+
     Args:
         residual_deg: (n,), degrees.
         width_deg: (n,), degrees, infinite where a sample does not count.
@@ -71,11 +76,45 @@ def whitener(residual_deg: Floats, width_deg: Floats, time_s: Floats) -> Whitene
     counts, lags = np.isfinite(width_deg), order(len(time_s))
     series[slot[counts]], present[slot[counts]] = standard[counts] - standard[counts].mean(), 1.0
     together = np.maximum(model.lagged(present, lags), 1.0)
-    correlation = model.lagged(series, lags) / together
+    correlation = _memory(series, lags, 2.0 * spacing_s(time_s) / step_s(time_s)) / together
     correlation = correlation / correlation[0] / (1.0 + RIDGE * (np.arange(lags + 1) > 0))
     toeplitz = correlation[np.abs(np.subtract.outer(np.arange(lags), np.arange(lags)))]
     memory = np.linalg.solve(toeplitz, correlation[1:]) if lags else np.zeros(0)
     return Whitener(slot, np.append(1.0, -memory), width_deg)
+
+
+def _memory(series: Floats, lags: int, slowest: float) -> Floats:
+    """Return the sums of a series times itself later, what is slow counted as its neighbours, (lags + 1,).
+
+    Args:
+        series: 0 where nothing was measured, (n,).
+        lags: the most steps.
+        slowest: the period, steps.
+    """
+    size = 1 << (2 * len(series) - 1).bit_length()
+    power = np.abs(np.fft.rfft(series, size)) ** 2
+    slow = np.arange(len(power)) * slowest / size
+    near = (slow >= 1.0) & (slow < NEAR)
+    power[slow < 1.0] = power[near].mean() if near.any() else 0.0
+    return np.fft.irfft(power, size)[: lags + 1]
+
+
+def spacing_s(time_s: Floats) -> float:
+    """Return the spacing of the knots that follow what changes over weeks, seconds.
+
+    Args:
+        time_s: increasing times, (n,).
+    """
+    return max(TREND_MEMORIES * order(len(time_s)) * step_s(time_s), TREND_S)
+
+
+def step_s(time_s: Floats) -> float:
+    """Return the usual interval of samples, seconds.
+
+    Args:
+        time_s: increasing times, (n,).
+    """
+    return float(np.median(np.diff(time_s)))
 
 
 def order(samples: int) -> int:
@@ -93,8 +132,7 @@ def slots(time_s: Floats) -> NDArray[np.intp]:
     Args:
         time_s: increasing times, (n,).
     """
-    step = float(np.median(np.diff(time_s)))
-    apart = np.maximum(np.rint(np.diff(time_s) / step).astype(np.intp), 1)
+    apart = np.maximum(np.rint(np.diff(time_s) / step_s(time_s)).astype(np.intp), 1)
     return np.concatenate([[0], np.cumsum(np.minimum(apart, 10 * ORDER))]).astype(np.intp)
 
 

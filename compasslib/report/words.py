@@ -158,9 +158,9 @@ def listed(names: list[str]) -> str:
     """Return names in a sentence.
 
     Args:
-        names: at least one.
+        names: perhaps none.
     """
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+    return "".join(names) if len(names) < 2 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 def sentence(text: str) -> str:
