@@ -138,6 +138,20 @@ def test_what_is_seen_and_not_corrected_widens_the_uncertainty():
     assert correction.doubt(False, product.left_deg) == product.left_deg
 
 
+def test_a_sector_in_which_the_compass_hangs_is_seen_in_the_histogram():
+    drawn = world.planted(world.make(3, wide=False, n=HOURS), {})
+    recorded = drawn.pairs.heading_deg
+    away = angles.difference(recorded, np.median(recorded))
+    shift = np.where(np.abs(away) < 8.0, -away, 0.0)
+    east, north = angles.turn(drawn.pairs.upper_east, drawn.pairs.upper_north, shift)
+    hung = replace(drawn.pairs, heading_deg=angles.wrap360(recorded + shift), upper_east=east, upper_north=north)
+    found = diagnose(hung, drawn.covariates, fitted(drawn), field_of(drawn))
+    assert found.verdict == "unexplained" and not found.findings and "hangs" in found.unexplained.text
+    where, size = found.unexplained.where, angles.rms(shift)
+    assert where.covariate == "heading" and where.low < np.median(recorded) < where.high
+    assert 0.7 * size < found.unexplained.rms_effect_deg < 1.4 * size
+
+
 def test_a_record_without_a_clear_branch_is_insufficient():
     drawn = world.planted(world.make(1, wide=True, n=HOURS), {})
     case = mooring.case(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))

@@ -23,7 +23,7 @@ LEAST_HOURS = 0.3  # real water delays by less
 WINDOWS, FEWEST_IN_WINDOW = 16, 100
 LONGEST_HOURS = 12.0
 SLOW_HOURS = 12.0  # half of the running mean that is taken off
-SIGMAS = 4.5
+SIGMAS = 4.0  # normal score of what is named
 CLOSE = 10.0
 # Delay between the instruments that is no clock: water that arrives at one depth later (0.21 h in a real record of one
 # instrument with one clock), stamps at the begin, middle or end of an average. Assumed.
@@ -92,14 +92,14 @@ def _judged(years: Floats, ahead_h: Floats, span_years: float) -> Clock:
     line, line_sigma, _ = _fit(np.column_stack([ones, years]), ahead_h)
     large = abs(line[0]) >= LEAST_HOURS and abs(line[1]) * span_years >= LEAST_HOURS
     both = min(square[:2]) / square[2] - 1.0 > SIGMAS**2 / (len(years) - 2)
-    if both and large and _clear(line[0], line_sigma[0]) and _clear(line[1], line_sigma[1]):
+    if both and large and all(_clear(*one, len(years) - 2) for one in zip(line, line_sigma, strict=True)):
         return Clock(line[0], line[1], np.hypot(line_sigma[0], DELAY_SIGMA_H), line_sigma[1], True, True)
     if square[1] < square[0]:
-        named = _clear(rate[0], rate_sigma[0]) and abs(rate[0]) * span_years >= LEAST_HOURS
+        named = _clear(rate[0], rate_sigma[0], len(years) - 1) and abs(rate[0]) * span_years >= LEAST_HOURS
         # A drift that begins at zero takes a constant delay for 1.5 of it over the whole span.
         sigma = np.hypot(rate_sigma[0], 1.5 * DELAY_SIGMA_H / span_years)
         return Clock(0.0, rate[0], line_sigma[0], sigma, False, named, _close(square[0], square[1], len(years)))
-    named = _clear(mean[0], mean_sigma[0]) and abs(mean[0]) >= LEAST_HOURS
+    named = _clear(mean[0], mean_sigma[0], len(years) - 1) and abs(mean[0]) >= LEAST_HOURS
     sigma = np.hypot(mean_sigma[0], DELAY_SIGMA_H)
     return Clock(mean[0], 0.0, sigma, line_sigma[1], named, False, _close(square[1], square[0], len(years)))
 
@@ -117,8 +117,11 @@ def _close(other: float, best: float, windows: int) -> bool:
     return windows * np.log(other / best) < CLOSE
 
 
-def _clear(value: float, sigma: float) -> bool:
-    return abs(value) > SIGMAS * max(sigma, 1e-6)
+def _clear(value: float, sigma: float, freedom: int) -> bool:
+    """Tell whether a value is proven: few windows give Student's law (its normal score by Wallace 1959)."""
+    t = value / max(sigma, 1e-6)
+    score = (8.0 * freedom + 1.0) / (8.0 * freedom + 3.0) * np.sqrt(freedom * np.log1p(t**2 / freedom))
+    return bool(score > SIGMAS)
 
 
 def repaired(pairs: Pairs, clock: Clock) -> Pairs:

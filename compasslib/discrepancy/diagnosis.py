@@ -21,6 +21,7 @@ from compasslib.discrepancy import (
     mooring,
     naming,
     scan,
+    sectors,
     show,
     telling,
     verdict,
@@ -112,7 +113,7 @@ def judge(case: Case, options: Options) -> Diagnosis:
     left, small = _left(named.state, tested, threshold, options.min_effect_deg)
     every = findings.of_terms(named)
     found = tuple(sorted(every, key=lambda one: -one.rms_effect_deg))
-    unexplained = None if left is None else findings.unexplained(named.state, *left, [one.effect for one in found])
+    unexplained = _unexplained(named.state, left, options.min_effect_deg, [one.effect for one in found])
     return Diagnosis(
         verdict=verdict_of(found, unexplained),
         findings=found,
@@ -171,6 +172,16 @@ def _left(
     worth = [one for one in sized if one[1] >= min_effect_deg]
     small = {group.name: size for group, size in sized if size < min_effect_deg}
     return (worth[0] if worth else None), tuple(small.items())
+
+
+def _unexplained(
+    state: State, left: tuple[Group, float] | None, min_effect_deg: float, named: Sequence[str]
+) -> Unexplained | None:
+    """Return what nothing explains: what the mean residual shows, or a sector in which the compass hangs."""
+    heap, size = sectors.heap(state), 0.0 if left is None else left[1]
+    if heap is not None and heap.rms_deg > max(size, min_effect_deg):
+        return findings.hanging(state, heap, named)
+    return None if left is None else findings.unexplained(state, *left, named)
 
 
 def _detectable(named: Named) -> dict[str, float]:

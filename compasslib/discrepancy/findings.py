@@ -15,6 +15,7 @@ from compasslib.discrepancy.case import Case
 from compasslib.discrepancy.clocks import Clock, kept
 from compasslib.discrepancy.columns import Group
 from compasslib.discrepancy.naming import Named
+from compasslib.discrepancy.sectors import Heap
 from compasslib.discrepancy.show import Curve
 from compasslib.discrepancy.verdict import Finding, Parameter, Unexplained, Where
 from compasslib.physics import SIDES, Term
@@ -130,6 +131,23 @@ def unexplained(state: State, group: Group, size_deg: float, named: Sequence[str
     when = next(((p.low, p.high) for p in places if p.covariate == "time"), (float(time_s[0]), float(time_s[-1])))
     told = telling.unexplained(said, size_deg, named)
     return Unexplained(group.covariates, places[0], when, size_deg, curves, told)
+
+
+def hanging(state: State, heap: Heap, named: Sequence[str]) -> Unexplained:
+    """Return a sector in which the compass hangs as what stays unexplained.
+
+    Args:
+        state: with the named terms.
+        heap: where readings heap up.
+        named: effects that stand beside it.
+    """
+    low, high = (heap.recorded_deg + side * heap.width_deg / 2.0 for side in (-1.0, 1.0))
+    place = where(state.case, "heading", (low, high))
+    time_s = state.case.scene.time_s
+    said = f"{place.text}, where the compass hangs: its readings heap up at {heap.recorded_deg:.0f} degrees"
+    told = telling.unexplained(said, heap.rms_deg, named)
+    curves = (show.curve(state, state, "heading"),)
+    return Unexplained(("heading",), place, (float(time_s[0]), float(time_s[-1])), heap.rms_deg, curves, told)
 
 
 def where(case: Case, name: str, span: tuple[float, float] | None = None) -> Where:

@@ -52,12 +52,13 @@ class Effect:
     lag_s: float = 0.0
     unlevelled: float = 0.0  # share of the levelling that is left out
     stuck_from_s: float | None = None  # date from which the inclinometers stick
+    hung: bool = False  # whether the card hangs fast
     size: float = 1.0
 
     @property
     def grows(self) -> bool:
         """Whether its size can be chosen; clocks, stuck sensors and a missing levelling are as they are."""
-        return self.ahead_s is None and self.stuck_from_s is None and self.unlevelled == 0.0
+        return self.ahead_s is None and self.stuck_from_s is None and self.unlevelled == 0.0 and not self.hung
 
 
 def scaled(effect: Effect, size: float) -> Effect:

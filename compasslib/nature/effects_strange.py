@@ -22,6 +22,17 @@ def sticky_sector(rng: np.random.Generator, here: Circumstances) -> Effect:
     return Effect("sticky_sector", reading=pulled)
 
 
+def hung_sector(rng: np.random.Generator, here: Circumstances) -> Effect:
+    """Return a card that hangs fast in one sector: readings from all of it are its middle."""
+    middle, half = float(np.quantile(here.heading_deg, rng.uniform(0.3, 0.7))), float(rng.uniform(6.0, 13.0))
+
+    def hung(gamma: Floats) -> Floats:
+        away = np.rad2deg(np.angle(np.exp(1j * np.deg2rad(gamma - middle))))
+        return np.where(np.abs(away) < half, -away, 0.0)
+
+    return Effect("hung_sector", reading=hung, hung=True)
+
+
 def teeth(rng: np.random.Generator, here: Circumstances) -> Effect:
     """Return an encoder with teeth: eight to eighteen waves round the circle."""
     count, phase = int(rng.integers(8, 19)), rng.uniform(0.0, 2.0 * np.pi)
@@ -74,5 +85,15 @@ def _series(name: str, series: ArrayLike) -> Effect:
 Maker = Callable[[np.random.Generator, Circumstances], Effect]
 STRANGE: dict[str, Maker] = {
     made.__name__: made
-    for made in (sticky_sector, teeth, hour_of_day, episode, wander, tilt_squared, depth_threshold, warm_lobes)
+    for made in (
+        sticky_sector,
+        teeth,
+        hour_of_day,
+        episode,
+        wander,
+        tilt_squared,
+        depth_threshold,
+        warm_lobes,
+        hung_sector,
+    )
 }
