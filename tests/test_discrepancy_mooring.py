@@ -152,6 +152,13 @@ def test_a_sector_in_which_the_compass_hangs_is_seen_in_the_histogram():
     assert 0.7 * size < found.unexplained.rms_effect_deg < 1.4 * size
 
 
+def test_weeks_in_which_the_reading_was_off_are_not_two_faults_that_cancel():
+    _, found = seen({"episode": 4.0}, seed=1)
+    assert found.verdict == "unexplained" and not found.findings and "and not after" in found.unexplained.text
+    first, last = found.unexplained.when_s
+    assert 15.0 < (last - first) / 86400.0 < 70.0 and 3.0 < found.unexplained.rms_effect_deg < 5.0
+
+
 def test_a_record_without_a_clear_branch_is_insufficient():
     drawn = world.planted(world.make(1, wide=True, n=HOURS), {})
     case = mooring.case(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))

@@ -21,7 +21,7 @@ DATE_STEP_S, DATE_MARGIN = 10 * 86400.0, 0.04  # dates of steps that are tried, 
 KNOTS = 8
 HEADING_HAT_DEG, FEWEST_IN_HAT = 6.0, 30
 TEETH = 24  # highest harmonic of the recorded heading
-TIME_KNOTS = (12, 36)
+TIME_KNOTS, SHORTEST_WAVE_S = (12, 36), 20 * 86400.0
 LINEAR = ("time", "temperature", "depth", "pitch", "roll", "speed", "supply_voltage")  # of the products
 
 
@@ -98,6 +98,7 @@ def omnibus(state: State) -> list[Group]:
             groups.append(Group(name, _periodic(column * 15.0, range(1, 4)), covariates=(name,)))
         elif name == "time":
             groups += [Group(name, _hats(column, k), covariates=(name,)) for k in TIME_KNOTS]
+            groups += [Group(name, wave, covariates=(name,)) for wave in _waves(column)]
         elif name != "heading" and name not in stuck.LEANS:
             groups.append(Group(name, _hats(column, KNOTS), covariates=(name,)))
     linear = {name: _standard(found[name]) for name in LINEAR if name in found}
@@ -130,6 +131,12 @@ def _heading_hats(heading_deg: Floats) -> list[Floats]:
 
 def _periodic(angle_deg: Floats, harmonics: range) -> Floats:
     return np.column_stack([x for k in harmonics for x in angles.sin_cos(k * angle_deg)])
+
+
+def _waves(time_s: Floats) -> list[Floats]:
+    """Return one wave a group: what swings with one period is faint among all knots."""
+    turns = 360.0 * (time_s - time_s[0]) / np.ptp(time_s)
+    return [_periodic(turns, range(k, k + 1)) for k in range(1, int(np.ptp(time_s) / SHORTEST_WAVE_S) + 1)]
 
 
 def _hats(x: Floats, count: int) -> Floats:

@@ -15,6 +15,7 @@ from compasslib.discrepancy import (
     clocks,
     columns,
     covariates,
+    episodes,
     findings,
     large,
     model,
@@ -47,7 +48,7 @@ class Options:
 
     min_effect_deg: float = 0.5  # visible size, rms, below which a mismatch does not matter
     apply: bool = True  # whether findings on the compass side are handed to the correction
-    alarm: float = 0.004  # probability that noise alone gives a name, and that it gives an unexplained mismatch
+    alarm: float = 0.006  # probability that noise alone gives a name, and that it gives an unexplained mismatch
     reference_magnetic: bool = True  # whether the trusted instrument has a compass too
 
 
@@ -108,12 +109,16 @@ def judge(case: Case, options: Options) -> Diagnosis:
         why = f"{usable} of {len(case)} samples show on which branch of the compass they are; {FEWEST} are needed"
         return verdict.insufficient(why, case.not_testable)
     named = naming.search(empty, alarm=options.alarm, min_effect_deg=options.min_effect_deg)
+    named, episode = episodes.taken_out(named)
     tested = scan.test(named.state, columns.omnibus(named.state), seed=99)
     threshold = tested.threshold(options.alarm)
     left, small = _left(named.state, tested, threshold, options.min_effect_deg)
     every = findings.of_terms(named)
     found = tuple(sorted(every, key=lambda one: -one.rms_effect_deg))
-    unexplained = _unexplained(named.state, left, options.min_effect_deg, [one.effect for one in found])
+    names = [one.effect for one in found]
+    unexplained = _unexplained(named.state, left, options.min_effect_deg, names)
+    if episode is not None and (unexplained is None or "time" in unexplained.covariates):
+        unexplained = findings.episode(named.state, episode, names)
     return Diagnosis(
         verdict=verdict_of(found, unexplained),
         findings=found,

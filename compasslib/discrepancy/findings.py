@@ -14,6 +14,7 @@ from compasslib.discrepancy.baseline import State
 from compasslib.discrepancy.case import Case
 from compasslib.discrepancy.clocks import Clock, kept
 from compasslib.discrepancy.columns import Group
+from compasslib.discrepancy.episodes import Episode
 from compasslib.discrepancy.naming import Named
 from compasslib.discrepancy.sectors import Heap
 from compasslib.discrepancy.show import Curve
@@ -148,6 +149,20 @@ def hanging(state: State, heap: Heap, named: Sequence[str]) -> Unexplained:
     told = telling.unexplained(said, heap.rms_deg, named)
     curves = (show.curve(state, state, "heading"),)
     return Unexplained(("heading",), place, (float(time_s[0]), float(time_s[-1])), heap.rms_deg, curves, told)
+
+
+def episode(state: State, found: Episode, named: Sequence[str]) -> Unexplained:
+    """Return weeks in which the reading was off, and then was not, as what stays unexplained.
+
+    Args:
+        state: with the named terms, without the steps.
+        found: what the steps amounted to.
+        named: effects that stand beside it.
+    """
+    span = (found.begin_s, found.end_s)
+    place = where(state.case, "time", span)
+    told = telling.unexplained(f"{place.text}, and not after", found.rms_deg, named)
+    return Unexplained(("time",), place, span, found.rms_deg, (show.curve(state, state, "time"),), told)
 
 
 def where(case: Case, name: str, span: tuple[float, float] | None = None) -> Where:
