@@ -34,7 +34,7 @@ def flagged(record: Record, water_depth: float) -> Record:
         water_depth: metres.
     """
     record = _impossible(record)
-    record = _out_of_water(record, water_depth)
+    record = _without_length(_out_of_water(record, water_depth))
     if len(record.time_s) > FROZEN_SAMPLES:
         frozen = _frozen_velocity(record)[:, None]
         record = _frozen_heading(mark(record, frozen, BAD, "frozen_velocity", "the same to the last digit for hours"))
@@ -77,11 +77,23 @@ def _out_of_water(record: Record, water_depth: float) -> Record:
     return mark(record, out[:, None], BAD, "impossible_depth", sentence)
 
 
+def _without_length(record: Record) -> Record:
+    """Flag bins that all lie at one range, as where the cells' length was lost: their depths are unknown."""
+    if record.bin_range_m.shape[1] < 2:
+        return record
+    with np.errstate(invalid="ignore"):
+        flat = (np.diff(record.bin_range_m, axis=1) == 0.0).any(axis=1)
+    return mark(record, flat[:, None], BAD, "bins_without_length", "bins of no length, whose depths nothing tells")
+
+
 def _frozen_velocity(record: Record) -> Bools:
     """Tell samples whose velocities repeat those before them in all bins; still water, all zero, is not looked at."""
     east, north = np.nan_to_num(record.east), np.nan_to_num(record.north)
     same = ((east[1:] == east[:-1]) & (north[1:] == north[:-1])).all(axis=1)
-    return _stuck(same & ((east[1:] != 0.0) | (north[1:] != 0.0)).any(axis=1), record.time_s)
+    same &= ((east[1:] != 0.0) | (north[1:] != 0.0)).any(axis=1)
+    if same.all() and len(record.time_s) > ENOUGH:
+        return np.ones(len(record.time_s), dtype=bool)
+    return _stuck(same, record.time_s)
 
 
 def _stuck(same: Bools, time_s: Floats) -> Bools:
