@@ -21,6 +21,7 @@ STEEPEST_TILT = 45.0  # degrees, beyond what an instrument levels
 ABOVE_SURFACE_M = 10.0  # a pressure sensor that was not zeroed in air is off by less
 BELOW_BOTTOM = 1.2  # of the water depth; a charted one is rarely wrong by more
 FROZEN_SAMPLES, FROZEN_S = 12, 6 * 3600.0  # no water repeats itself to the last digit as often and as long
+STILL_DEG = 0.1  # from one sample to the next: the noise of a compass that no longer turns
 BY_CHANCE = 1e-3  # such runs expected of a series that repeats itself as often as the rest does
 ENOUGH = 24  # samples before a series that never moves is called stuck
 NARROW_DEG = 5.0  # headings within this tell nothing of how a deviation goes round
@@ -118,9 +119,15 @@ def _stuck(same: Bools, time_s: Floats) -> Bools:
 
 def _frozen_heading(record: Record) -> Record:
     """Doubt headings that stand still for hours where they otherwise never do."""
-    frozen = _stuck(np.diff(record.heading_deg) == 0.0, record.time_s) & (record.heading_quality < PROBABLY_BAD)
+    with np.errstate(invalid="ignore"):
+        same = np.abs(angles.difference(record.heading_deg[1:], record.heading_deg[:-1])) <= STILL_DEG
+    frozen = _stuck(same, record.time_s) & (record.heading_quality < PROBABLY_BAD)
     number = int(frozen.sum())
-    notes = (f"{number} headings flagged: the compass stood still to the last digit for hours",) if number else ()
+    notes = (
+        (f"{number} headings flagged: the compass stood still within {STILL_DEG:g} degrees for hours",)
+        if number
+        else ()
+    )
     quality = np.where(frozen, PROBABLY_BAD, record.heading_quality).astype(np.int8)
     counts = {**record.counts, "heading_stuck": number}
     return replace(record, heading_quality=quality, counts=counts, warnings=record.warnings + notes)
