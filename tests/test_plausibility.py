@@ -1,4 +1,4 @@
-"""What parses and is impossible: every count and every sentence of it reaches the record, the summary and the report."""
+"""What parses and is impossible: every count and sentence of it reaches the record, the summary and the report."""
 
 from __future__ import annotations
 

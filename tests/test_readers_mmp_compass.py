@@ -1,4 +1,4 @@
-"""An ACM's logged headings against its own magnetometer: by the logger's rule, with faults planted, and in a real log."""
+"""An ACM's logged headings against its own magnetometer: the logger's rule, planted faults, a real log."""
 
 from __future__ import annotations
 

@@ -76,14 +76,14 @@ def contents(path: Path) -> bytes:
 
 
 def is_text(data: bytes) -> bool:
-    """Return whether a file is mostly made of printable characters.
+    """Return whether a file is mostly made of printable characters, the filling of an erased store at its end apart.
 
     Args:
         data: the file.
     """
-    sample = np.frombuffer(data[:65536], dtype=np.uint8)
+    sample = np.frombuffer(data[:65536].rstrip(b"\x00\xff"), dtype=np.uint8)
     printable = ((sample >= 32) & (sample < 127)) | ((sample >= 9) & (sample <= 13))
-    return not len(sample) or float(printable.mean()) > TEXT_SHARE
+    return not data or bool(len(sample)) and float(printable.mean()) > TEXT_SHARE
 
 
 def _one(path: Path) -> Scans:

@@ -28,6 +28,7 @@ LOSSES = {
     "void": "positions that the receiver itself called void",
     "unpaired": "courses without a heading within 2.5 s",
     "empty": "courses without a number",
+    "repeated": "courses that stand in the log already, after its clock went back",
 }
 NAN = float("nan")
 
@@ -163,7 +164,10 @@ def _paired(
     line, time_s = table[:, 0], table[:, 1]
     value, apart_s = _nearest(seen[heading], line, time_s)
     near = ~(apart_s > PAIRED_S)  # without a clock the nearest in the stream counts
-    counts["pairs"], counts["unpaired"] = int(near.sum()), int((~near).sum())
+    again = _again(np.column_stack([table[:, 1:], value])) & near
+    counts["repeated"], counts["unpaired"] = int(again.sum()), int((~near).sum())
+    near &= ~again
+    counts["pairs"] = int(near.sum())
     series = dict(
         zip(("time_s", "course_deg", "speed_kn", "latitude", "longitude", "variation_deg"), table.T[1:], strict=True)
     )
@@ -171,6 +175,18 @@ def _paired(
     series["true_heading_deg"] = _nearest(seen["HDT"], line, time_s)[0]
     series["water_speed_kn"] = _nearest(seen["VHW"], line, time_s)[0]
     return {name: column[near] for name, column in series.items()}
+
+
+def _again(rows: Floats) -> NDArray[np.bool_]:
+    """Return which rows repeat one before them after their clock, the first column, went back, (n,).
+
+    Receivers send some sentences twice in a row; a log that was joined to itself goes back in time.
+    """
+    back = np.append(False, np.cumsum(np.diff(rows[:, 0]) < -PAIRED_S) > 0)
+    _, first = np.unique(np.nan_to_num(rows, nan=-1.0), axis=0, return_index=True)
+    again = np.ones(len(rows), dtype=bool)
+    again[first] = False
+    return again & back
 
 
 def _nearest(values: list[tuple[int, float]], line: Floats, time_s: Floats) -> tuple[Floats, Floats]:
