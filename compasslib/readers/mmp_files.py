@@ -83,7 +83,7 @@ def is_text(data: bytes) -> bool:
     """
     sample = np.frombuffer(data[:65536].rstrip(b"\x00\xff"), dtype=np.uint8)
     printable = ((sample >= 32) & (sample < 127)) | ((sample >= 9) & (sample <= 13))
-    return not data or bool(len(sample)) and float(printable.mean()) > TEXT_SHARE
+    return not data or (bool(len(sample)) and float(printable.mean()) > TEXT_SHARE)
 
 
 def _one(path: Path) -> Scans:
