@@ -223,3 +223,12 @@ def test_a_storm_is_named_where_an_observatory_saw_it_and_the_trusted_instrument
     assert finding.effect == "field_disturbance" and abs(share.value - 1.0) < 4.0 * share.sigma < 1.0
     told = dict(diagnose(stormy, drawn.covariates, fit, field, Options(reference_magnetic=False)).not_testable)
     assert told["field_disturbance"] == "no observatory series given"
+
+
+def test_columns_that_were_exchanged_leave_too_few_pairs_and_no_traceback():
+    """The mirror image of a current is a folded compass on the edge: nearly no pair shows on which branch it is."""
+    mirrored, _ = pairs(n=500, seed=10)
+    mirrored = replace(mirrored, lower_east=mirrored.lower_north, lower_north=mirrored.lower_east)
+    earth = EarthField(mirrored.time_s[[0, -1]], *np.full((4, 2), 12000.0))
+    found = diagnose(mirrored, {}, deviation.fit("exact", mirrored), earth)
+    assert found.verdict == "insufficient" and "pairs show on which branch of the compass they are" in found.why
