@@ -458,6 +458,27 @@ def test_a_results_folder_without_room_or_rights_is_one_line_and_leaves_nothing_
     assert chain.run(folder)["error"] is None
 
 
+@pytest.mark.parametrize(("room", "file"), [("100k", "work/deep.nc"), ("200k", "overlap.nc"), ("400k", "corrected.nc")])
+def test_a_disk_that_fills_up_at_any_stage_is_one_line_and_with_room_the_results_are_the_same(
+    sound, tmp_path, room, file
+):
+    """The raw files stand on a file system that is read only."""
+    folder, undisturbed = (spoilt(sound, tmp_path / name, lambda there: None) for name in "ab")
+    results, raw = folder / "results/M1", folder / "raw"
+    if not mounted(results, "-t", "tmpfs", "-o", f"size={room}", "tmpfs"):
+        pytest.skip("no right to mount a tmpfs")
+    try:
+        subprocess.run(["mount", "--bind", "-o", "ro", str(raw), str(raw)], check=True)
+        assert f"{file}: expected room and the right to write it" in chain.run(folder)["error"]
+        assert not [path for path in results.rglob(".*")]
+        subprocess.run(["mount", "-o", "remount,size=8m", str(results)], check=True)
+        assert chain.run(folder)["error"] is None and chain.run(undisturbed)["error"] is None
+        assert hashes(results) == hashes(undisturbed / "results/M1")
+    finally:
+        subprocess.run(["umount", "--lazy", str(results)], check=True)
+        subprocess.run(["umount", "--lazy", str(raw)], check=False)
+
+
 @pytest.mark.parametrize(("path", "expected"), [(TOP, "PD0"), (DEEP, "CSV")])
 def test_a_raw_file_that_may_not_be_read_is_one_line(sound, tmp_path, path, expected):
     folder = spoilt(sound, tmp_path, lambda there: (there / path).chmod(0))
