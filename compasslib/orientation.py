@@ -21,6 +21,7 @@ BEYOND = 1.05  # of the distance: tilts, depths and the speed of sound are known
 CLEARLY = 1.2  # of the distance; water heard from beyond that would have followed the boundary's own echo
 MOST, FEW = 0.5, 0.05  # of the samples that show a boundary, or that would
 ENOUGH = 24  # samples before anything is said
+SOME = 100  # rows of bins that tell the length of a cell
 
 
 def checked(record: Record, water_depth: float) -> Record:
@@ -50,7 +51,8 @@ def checked(record: Record, water_depth: float) -> Record:
 
 def _at(boundary: Floats, room: Floats, record: Record) -> Bools:
     """Tell samples whose boundary stands where this one should."""
-    cell = float(np.nanmedian(np.diff(record.bin_range_m[0]))) if record.bin_range_m.shape[1] > 1 else 0.0
+    steps = np.diff(record.bin_range_m[:: 1 + len(room) // SOME])
+    cell = float(np.median(known)) if (known := steps[np.isfinite(steps)]).size else 0.0
     with np.errstate(invalid="ignore"):
         above = boundary >= room * angles.sin_cos(record.beam_angle_deg)[1] / BEYOND - cell
         return np.asarray(above & (boundary <= room * BEYOND + cell))
