@@ -154,6 +154,17 @@ def test_every_reader_under_every_fault(kinds, tmp_path, name):
     assert outcome == {fault: letters.split()[column] for fault, letters in MATRIX.items()}
 
 
+@pytest.mark.parametrize("name", ["pd0", "mmp text", "mmp binary", "nmea0183", "iaga2002"])
+@pytest.mark.parametrize("fault", ["junk in front", "junk inside", "junk at the end", "a tail of FF", "a tail of 00"])
+def test_what_was_passed_over_is_counted_and_said(kinds, tmp_path, name, fault):
+    if MATRIX[fault].split()[KINDS.index(name)] == "X":
+        return
+    (tmp_path / "damaged").write_bytes(FAULTS[fault](kinds[name].whole))
+    found = kinds[name].read(tmp_path / "damaged")
+    counted = [key for key in ("bytes_skipped", "damaged", "damaged_rows", "strange_bytes") if found.counts.get(key)]
+    assert any(f"{found.counts[key]} " in said for key in counted for said in found.warnings), found.counts
+
+
 @pytest.mark.parametrize("name", KINDS)
 def test_a_file_of_each_other_kind_is_refused(kinds, tmp_path, name):
     alike = {"mmp text": "mmp binary", "mmp binary": "mmp text"}  # one reader, which tells them apart

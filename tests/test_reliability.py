@@ -470,7 +470,7 @@ def test_a_disk_that_fills_up_at_any_stage_is_one_line_and_with_room_the_results
     try:
         subprocess.run(["mount", "--bind", "-o", "ro", str(raw), str(raw)], check=True)
         assert f"{file}: expected room and the right to write it" in chain.run(folder)["error"]
-        assert not [path for path in results.rglob(".*")]
+        assert not list(results.rglob(".*"))
         subprocess.run(["mount", "-o", "remount,size=8m", str(results)], check=True)
         assert chain.run(folder)["error"] is None and chain.run(undisturbed)["error"] is None
         assert hashes(results) == hashes(undisturbed / "results/M1")

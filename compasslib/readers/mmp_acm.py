@@ -226,6 +226,7 @@ def _counts(series: Series, companion: Companion, keep: Bools) -> dict[str, int]
         "profiles_ascending": np.sum(series.ascending == 1),
         "profiles_descending": np.sum(series.ascending == 0),
         "damaged_rows": scans.damaged,
+        "strange_bytes": scans.strange,
         "aliased_dropped": np.sum(timed & ~keep),
         "without_time": np.sum(~timed),
         "without_pressure": np.sum(np.isnan(series.pressure_dbar[keep])),
@@ -245,6 +246,8 @@ def _sentences(scans: Scans, counts: dict[str, int], known_depth: bool, remote: 
     notes = []
     if scans.damaged:
         notes.append(f"{scans.damaged} damaged rows were left out ({_listed(scans.damaged_files)})")
+    if scans.strange:
+        notes.append(f"{scans.strange} bytes are no text and were passed over")
     if scans.empty_files:
         notes.append(f"{len(scans.empty_files)} files hold no scan ({_listed(scans.empty_files)})")
     if counts["without_time"]:

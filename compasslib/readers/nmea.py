@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from compasslib import angles
 from compasslib.errors import InputError
+from compasslib.readers import octets
 
 Floats = NDArray[np.floating]
 
@@ -25,6 +26,7 @@ HEADINGS, COURSES = ("HDG", "HDM"), ("RMC", "VTG")
 PAIRED_S = 2.5  # a heading further in time from its course is not paired
 LOSSES = {
     "damaged": "damaged sentences (checksum absent or wrong, or cut short)",
+    "strange_bytes": "bytes that are no text",
     "void": "positions that the receiver itself called void",
     "unpaired": "courses without a heading within 2.5 s",
     "empty": "courses without a number",
@@ -89,7 +91,9 @@ def _sentences(paths: Sequence[Path], counts: Counter[str]) -> Iterator[tuple[in
     """Yield (running line number, sentence) of all that are whole."""
     import pynmea2
 
-    texts = [text for path in paths for text in _content(path).decode("ascii", errors="replace").splitlines()]
+    contents = [_content(path) for path in paths]
+    counts["strange_bytes"] = sum(octets.strange(content) for content in contents)
+    texts = [text for content in contents for text in content.decode("ascii", errors="replace").splitlines()]
     for line, text in enumerate(texts):
         start = text.rfind("$")
         if start < 0:
