@@ -3,8 +3,8 @@
     python benchmarks/interruptions.py [KILLS] [SEED]
 
 Every run is killed with its jobs at a moment drawn between nothing and the time that a whole run takes, again and again
-until it ends by itself or was killed eight times (on a busy machine a late job would else take most of the kills); it is
-started plainly then, and a new cruise begins. Logs and benchmarks, which hold times, are not compared.
+until it ends by itself or was killed eight times (a late job would else take most of the kills of a busy machine); it
+is started plainly then, and a new cruise begins. Logs and benchmarks, which hold times, are not compared.
 """
 
 from __future__ import annotations
