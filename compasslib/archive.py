@@ -63,7 +63,7 @@ def write_record(path: str | Path, record: Record, *, attributes: Mapping[str, o
             value = getattr(record, field.name)
             if field.name in layout.RECORD:
                 put(nc, layout.RECORD[field.name], value)
-            else:
+            elif field.name not in layout.NOT_STORED:
                 nc.setncattr(field.name, json.dumps(value, default=lambda number: number.item()))
 
 
@@ -78,7 +78,7 @@ def read_record(path: str | Path) -> Record:
     """
     with opened(path) as nc:
         arrays = {name: get(nc, variable.name) for name, variable in layout.RECORD.items()}
-        others = {field.name for field in fields(Record)} - set(layout.RECORD)
+        others = {field.name for field in fields(Record)} - set(layout.RECORD) - layout.NOT_STORED
         rest = {name: json.loads(nc.getncattr(name)) for name in others}
     if len(arrays["bin_range_m"]) and (arrays["bin_range_m"] == arrays["bin_range_m"][0]).all():
         # One setting throughout: one row that all samples share.

@@ -75,6 +75,7 @@ BIN = Variable(
 )
 _SECONDS = Variable("TIME", "time", "seconds since 1970-01-01T00:00:00Z", "time", fill=None, also={"axis": "T"})
 
+NOT_STORED = {"echo_range_m"}  # of a record: used up when its deployment is settled
 RECORD = {
     "time_s": _SECONDS,
     "east": Variable("EAST", "eastward velocity, from direction_reference", "m s-1", "", BINS, "f4"),

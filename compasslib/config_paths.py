@@ -84,7 +84,9 @@ def _expand(path: str, place: Place) -> list[str]:
     for file in files:
         _refuse_braces(file)
     if not files:
+        other = os.path.lexists(place.root / path)
         said = f"no file that matches {path}" if is_glob else f"no file {path}"
+        said = f"{path}, a pipe, a device or a link that leads nowhere" if other else said
         raise problem(None, "an existing file", said, "put it there or correct the path, relative to the cruise folder")
     return files
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib import angles, deployment_clock, plausibility
+from compasslib import angles, deployment_clock, orientation, plausibility
 from compasslib.records import BAD, MISSING, Record
 
 Floats = NDArray[np.floating]
@@ -61,6 +61,7 @@ def settle(
     record = _noted(replace(record, depth_m=depth), _depth_warnings(depth, source, nominal_depth, water_depth))
     record = _noted(record, _unused_depth(given, source, nominal_depth))
     record = plausibility.flagged(_missing_flagged(record), water_depth)
+    record = orientation.checked(record, water_depth)
     return _flag_windows(_flag_boundaries(record, water_depth), exclude)
 
 

@@ -83,6 +83,8 @@ def _unusable(record: Record, *, heading: bool) -> str:
         return "has no sample inside the deployment"
     if not ((record.quality <= PROBABLY_GOOD) & np.isfinite(record.east + record.north)).any():
         return "has no usable velocity"
+    if not (np.nan_to_num(record.east).any() or np.nan_to_num(record.north).any()):
+        return "has velocities of zero only"
     if heading and not (np.isfinite(record.heading_deg) & (record.heading_quality <= PROBABLY_GOOD)).any():
         return "has no usable heading: is it the one with the compass to correct?"
     if not np.isfinite(record.depth_m).any():

@@ -21,6 +21,7 @@ STEEPEST_TILT = 45.0  # degrees, beyond what an instrument levels
 ABOVE_SURFACE_M = 10.0  # a pressure sensor that was not zeroed in air is off by less
 BELOW_BOTTOM = 1.2  # of the water depth; a charted one is rarely wrong by more
 FROZEN_SAMPLES, FROZEN_S = 12, 6 * 3600.0  # no water repeats itself to the last digit as often and as long
+STILL_DEG = 0.1  # from one sample to the next: the noise of a compass that no longer turns
 BY_CHANCE = 1e-3  # such runs expected of a series that repeats itself as often as the rest does
 ENOUGH = 24  # samples before a series that never moves is called stuck
 NARROW_DEG = 5.0  # headings within this tell nothing of how a deviation goes round
@@ -34,7 +35,7 @@ def flagged(record: Record, water_depth: float) -> Record:
         water_depth: metres.
     """
     record = _impossible(record)
-    record = _out_of_water(record, water_depth)
+    record = _without_length(_out_of_water(record, water_depth))
     if len(record.time_s) > FROZEN_SAMPLES:
         frozen = _frozen_velocity(record)[:, None]
         record = _frozen_heading(mark(record, frozen, BAD, "frozen_velocity", "the same to the last digit for hours"))
@@ -77,11 +78,23 @@ def _out_of_water(record: Record, water_depth: float) -> Record:
     return mark(record, out[:, None], BAD, "impossible_depth", sentence)
 
 
+def _without_length(record: Record) -> Record:
+    """Flag bins that all lie at one range, as where the cells' length was lost: their depths are unknown."""
+    if record.bin_range_m.shape[1] < 2:
+        return record
+    with np.errstate(invalid="ignore"):
+        flat = (np.diff(record.bin_range_m, axis=1) == 0.0).any(axis=1)
+    return mark(record, flat[:, None], BAD, "bins_without_length", "bins of no length, whose depths nothing tells")
+
+
 def _frozen_velocity(record: Record) -> Bools:
     """Tell samples whose velocities repeat those before them in all bins; still water, all zero, is not looked at."""
     east, north = np.nan_to_num(record.east), np.nan_to_num(record.north)
     same = ((east[1:] == east[:-1]) & (north[1:] == north[:-1])).all(axis=1)
-    return _stuck(same & ((east[1:] != 0.0) | (north[1:] != 0.0)).any(axis=1), record.time_s)
+    same &= ((east[1:] != 0.0) | (north[1:] != 0.0)).any(axis=1)
+    if same.all() and len(record.time_s) > ENOUGH:
+        return np.ones(len(record.time_s), dtype=bool)
+    return _stuck(same, record.time_s)
 
 
 def _stuck(same: Bools, time_s: Floats) -> Bools:
@@ -106,9 +119,15 @@ def _stuck(same: Bools, time_s: Floats) -> Bools:
 
 def _frozen_heading(record: Record) -> Record:
     """Doubt headings that stand still for hours where they otherwise never do."""
-    frozen = _stuck(np.diff(record.heading_deg) == 0.0, record.time_s) & (record.heading_quality < PROBABLY_BAD)
+    with np.errstate(invalid="ignore"):
+        same = np.abs(angles.difference(record.heading_deg[1:], record.heading_deg[:-1])) <= STILL_DEG
+    frozen = _stuck(same, record.time_s) & (record.heading_quality < PROBABLY_BAD)
     number = int(frozen.sum())
-    notes = (f"{number} headings flagged: the compass stood still to the last digit for hours",) if number else ()
+    notes = (
+        (f"{number} headings flagged: the compass stood still within {STILL_DEG:g} degrees for hours",)
+        if number
+        else ()
+    )
     quality = np.where(frozen, PROBABLY_BAD, record.heading_quality).astype(np.int8)
     counts = {**record.counts, "heading_stuck": number}
     return replace(record, heading_quality=quality, counts=counts, warnings=record.warnings + notes)

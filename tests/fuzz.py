@@ -206,6 +206,7 @@ def _ensembles(rng: np.random.Generator) -> list[bytes]:
         ensemble(
             rng.integers(-400, 400, (4, 4)).tolist(),
             fixed={"up": True},
+            extra=[b"\x00\x03" + rng.integers(40, 220, 16, dtype=np.uint8).tobytes()],
             number=i + 1,
             when=START + timedelta(hours=i),
             heading=int(rng.integers(0, 36000)),

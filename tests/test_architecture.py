@@ -14,7 +14,7 @@ FLOORS = [
     ["errors"],
     ["angles", "records"],
     ["readers", "igrf"],
-    ["earthfield", "compass", "grid", "plausibility", "deployment_clock", "deployment"],
+    ["earthfield", "compass", "grid", "plausibility", "orientation", "deployment_clock", "deployment"],
     ["observatory"],
     ["physics"],
     ["overlap", "overlap_words"],

@@ -349,3 +349,30 @@ def test_the_page_is_drawn_and_the_same_twice(tmp_path, rng, kind):
     for name in ("one.png", "two.png"):
         draw(tmp_path / name, found, "M1")
     assert (tmp_path / "one.png").read_bytes() == (tmp_path / "two.png").read_bytes()
+
+
+# The earth's field of place and date
+
+
+@pytest.mark.parametrize(
+    ("factor", "header", "said"),
+    [
+        (1.0, "x", ""),  # 0.1 µT
+        (100.0, "x_nT", ""),
+        (0.1, "x_uT", ""),
+        (1.6, "x", "No unit of a magnetic field (nT, µT, mG, G) makes the two agree"),
+        (32.768, "x", "No unit of a magnetic field (nT, µT, mG, G) makes the two agree"),
+        (100.0, "x_uT", "The unit in the header does not make the two agree"),
+        (300.0, "x_nT", "The unit in the header does not make the two agree"),
+    ],
+)
+def test_the_modulus_is_held_against_igrf_in_some_unit_or_in_the_one_that_is_named(tmp_path, rng, factor, header, said):
+    true = iron.some(rng)
+    values = factor * iron.readings(rng, true, iron.tumble(rng, 400))
+    names = {axis: header.replace("x", axis, 1) for axis in "xyz"}
+    path = iron.write(tmp_path / "log.csv", **dict(zip(names.values(), values.T, strict=True)))
+    level, down = true.level
+    field = {"horizontal_nT": 100.0 * level, "vertical_nT": 100.0 * down, "declination_deg": 0.0}
+    found = magnetometer.calibrate([path], {"field": field, "columns": names})
+    about = [warning for warning in found.warnings if "IGRF" in warning]
+    assert len(about) == bool(said) and all(said in warning and "50000 nT" in warning for warning in about)

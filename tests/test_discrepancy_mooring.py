@@ -14,7 +14,6 @@ from compasslib.archive_files import read_json, write_json
 from compasslib.deviation import model as fits
 from compasslib.discrepancy import Options, baseline, clocks, columns, diagnose, large, mooring, scan, stuck
 from compasslib.discrepancy import product as products
-from compasslib.discrepancy.diagnosis import judge
 from compasslib.records import GOOD, EarthField, Record
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
@@ -159,14 +158,6 @@ def test_weeks_in_which_the_reading_was_off_are_not_two_faults_that_cancel():
     assert 15.0 < (last - first) / 86400.0 < 70.0 and 3.0 < found.unexplained.rms_effect_deg < 5.0
 
 
-def test_a_record_without_a_clear_branch_is_insufficient():
-    drawn = world.planted(world.make(1, wide=True, n=HOURS), {})
-    case = mooring.case(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
-    strong = replace(case.simulation, coefficients=np.array([0.0, -30.0, 0.0, 0.0, 0.0]))  # records two degrees
-    found = judge(replace(case, simulation=strong), Options())
-    assert found.verdict == "insufficient" and "on which branch" in found.why
-
-
 def test_a_clock_is_on_its_own_side():
     drawn, found = seen({"clock_offset": 1.0}, seed=5)
     (finding,) = found.findings
@@ -270,3 +261,12 @@ def test_a_storm_is_named_where_an_observatory_saw_it_and_the_trusted_instrument
     assert finding.effect == "field_disturbance" and abs(share.value - 1.0) < 4.0 * share.sigma < 1.0
     told = dict(diagnose(stormy, drawn.covariates, fit, field, Options(reference_magnetic=False)).not_testable)
     assert told["field_disturbance"] == "no observatory series given"
+
+
+def test_columns_that_were_exchanged_leave_too_few_pairs_and_no_traceback():
+    """The mirror image of a current is a folded compass on the edge: nearly no pair shows on which branch it is."""
+    mirrored, _ = pairs(n=500, seed=10)
+    mirrored = replace(mirrored, lower_east=mirrored.lower_north, lower_north=mirrored.lower_east)
+    earth = EarthField(mirrored.time_s[[0, -1]], *np.full((4, 2), 12000.0))
+    found = diagnose(mirrored, {}, deviation.fit("exact", mirrored), earth)
+    assert found.verdict == "insufficient" and "pairs show on which branch of the compass they are" in found.why

@@ -567,6 +567,18 @@ def test_a_file_cut_anywhere_loses_its_end_and_nothing_else(tmp_path, form):
     assert previous >= 21
 
 
+@pytest.mark.parametrize("filler", [b"\0", b"\xff"])
+def test_a_scan_cut_by_a_full_disk_and_filled_up_is_none(tmp_path, filler):
+    """Cut at every byte of a record; fillers for the rest of it, for a little more, for a block."""
+    path = binary_file(tmp_path, logged((40,)))
+    whole, known = path.read_bytes(), rows_of(read(path))
+    end = len(whole) - 8 - 20 * ROW
+    for cut in range(end - ROW + 1, end):
+        for more in (end - cut, end - cut + 5, 4096):
+            found = rows_of(read(written(tmp_path, "filled.dat", whole[:cut] + filler * more)))
+            assert found < known and len(found) == 18
+
+
 @pytest.mark.parametrize("keep", ["2.", "2.1", "-", ""])
 def test_a_last_number_cut_short_is_never_taken_for_a_number(tmp_path, keep):
     text = text_file(tmp_path, logged((30,))).read_text()

@@ -100,8 +100,14 @@ def test_void_positions_and_blank_courses_do_not_count(tmp_path):
 
 @pytest.mark.parametrize("body", ["HCHDG", "HCHDG,", "HCHDG,x", "GPRMC,190400", "GPRMC,190400,A", "GPRMC,,A,,,,,,,,,"])
 def test_short_sentences_with_a_right_checksum_cost_themselves(tmp_path, body):
-    read = log(tmp_path, [*lines(), sentence(body), *lines()])
-    assert len(read.time_s) == 12
+    read = log(tmp_path, [*lines()[:6], sentence(body), *lines()[6:]])
+    assert len(read.time_s) == 6
+
+
+def test_a_log_that_was_joined_to_itself_counts_once(tmp_path):
+    read = log(tmp_path, [*lines(), *lines()])
+    assert len(read.time_s) == 6 and read.counts["repeated"] == 6
+    assert "6 courses that stand in the log already, after its clock went back" in read.warnings[0]
 
 
 def test_a_heading_far_in_time_is_not_paired(tmp_path):

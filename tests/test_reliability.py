@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import hashlib
 import os
 import re
@@ -19,8 +20,10 @@ import chain
 import numpy as np
 import pytest
 import yaml
+from pd0_encoder import assemble
 from sea import START, cruise
 
+from compasslib import angles
 from compasslib.config import load
 from compasslib.errors import InputError
 
@@ -118,6 +121,64 @@ def unrelated(folder: Path) -> None:
     table(lambda i, row: [*row[:2], *(f"{x:.3f}" for x in rng.normal(0.0, 15.0, 2))])(folder)
 
 
+def longitude_without_sign(folder: Path) -> None:
+    """The trusted instrument's directions are true; IGRF has 23.6 degrees west there, 14 east at the wrong place."""
+
+    def true(i: int, row: list[str]) -> list[str]:
+        turned = angles.turn(float(row[2]), float(row[3]), -23.6)
+        return [*row[:2], *(f"{x:.4f}" for x in turned)]
+
+    table(true)(folder)
+    said(longitude=32.955, deep__direction_reference="true")(folder)
+
+
+def three_beams(folder: Path) -> None:
+    """No cell has an error velocity: the instrument solved each from three beams."""
+    for cell in range(4):
+        profiles(2, 2 + 8 * cell + 6, struct.pack("<h", -32768))(folder)
+
+
+def percent_good(folder: Path) -> None:
+    """Every ping was solved, and rejected."""
+    blocks = [_blocks(each) for each in ensembles(folder)]
+    (folder / TOP).write_bytes(b"".join(assemble([*each, b"\x00\x04" + bytes([0, 0, 100, 0]) * 4]) for each in blocks))
+
+
+def _blocks(whole: bytes) -> list[bytes]:
+    begins = struct.unpack_from(f"<{whole[5]}H", whole, 6)
+    return [whole[a:b] for a, b in zip(begins, [*begins[1:], len(whole) - 4], strict=True)]
+
+
+def another_deployment(folder: Path) -> None:
+    later = [
+        rewritten(at(each, SET + timedelta(hours=i)), 1, 18, b"\x10\x27") for i, each in enumerate(ensembles(folder))
+    ]
+    (folder / TOP).write_bytes((folder / TOP).read_bytes() + b"".join(later))
+
+
+def headings(centidegrees: Callable[[int, bytes], int]) -> Spoil:
+    def spoil(folder: Path) -> None:
+        made = [
+            rewritten(each, 1, 18, struct.pack("<H", centidegrees(i, each))) for i, each in enumerate(ensembles(folder))
+        ]
+        (folder / TOP).write_bytes(b"".join(made))
+
+    return spoil
+
+
+def logged(whole: bytes) -> int:
+    return struct.unpack_from("<H", whole, struct.unpack_from("<H", whole, 8)[0] + 18)[0]
+
+
+def bytes_of(path: Path, change: Callable[[bytes], bytes]) -> Spoil:
+    return lambda folder: (folder / path).write_bytes(change((folder / path).read_bytes()))
+
+
+def pipe(folder: Path) -> None:
+    (folder / TOP).unlink()
+    os.mkfifo(folder / TOP)
+
+
 # What is done, what the summary or the one line must say.
 FAULTS: dict[str, tuple[Spoil, str]] = {
     "instruments swapped": (said(compromised="deep", reference="top"), "compromised instrument has no usable heading"),
@@ -164,6 +225,32 @@ FAULTS: dict[str, tuple[Spoil, str]] = {
     ),
     "a frozen compass": (profiles(1, 18, struct.pack("<H", 12000)), "120.00 degrees all the time"),
     "frozen tilts": (lambda folder: None, "the tilt sensor is stuck"),
+    "a meter that shows one velocity": (table(lambda i, row: [*row[:2], "5.0", "5.0"]), "the same to the last digit"),
+    "velocities of zero": (profiles(2, 2, bytes(32)), "compromised instrument has velocities of zero only"),
+    "a longitude that lost its sign": (longitude_without_sign, "the fit holds a constant of -3"),
+    "headings around one for eight days, then alive": (
+        headings(lambda i, each: 12000 + i % 7 if i < 200 else logged(each)),
+        "199 headings flagged: the compass stood still",
+    ),
+    "a compass that hangs within three degrees": (
+        headings(lambda i, each: 12000 + 37 * i % 300 if i < 200 else logged(each)),
+        "it makes them worse",
+    ),
+    "tilted by 90 degrees": (profiles(1, 20, struct.pack("<hh", 9000, 0)), "1600 velocities flagged: tilted too far"),
+    "a beam that is dead": (three_beams, "1600 of 1600 currents come from three beams"),
+    "all pings rejected": (percent_good, "compromised instrument has no usable velocity"),
+    "bins of no length": (profiles(0, 12, bytes(2)), "1600 velocities flagged: bins of no length"),
+    "the other way up": (said(top__orientation="down"), "400 of 400 ensembles say that they looked up; down counts"),
+    "another recording of the same days behind": (another_deployment, "the clock was set back 1 times"),
+    "a packed file": (bytes_of(TOP, gzip.compress), "a file that begins with b'\\x1f\\x8b"),
+    "a pipe": (pipe, "found raw/M1/top.000, a pipe, a device or a link that leads nowhere"),
+    "semicolons": (bytes_of(DEEP, lambda data: data.replace(b",", b";")), "expected one of the file's columns"),
+    "decimal commas": (
+        bytes_of(DEEP, lambda data: re.sub(rb"(\d+)\.(\d+)", rb"\1,\2", data)),
+        "line 2: expected 4 cells as in the header",
+    ),
+    "Latin-1": (bytes_of(DEEP, lambda data: b"# Ger\xe4t\n" + data), "expected a readable CSV file in UTF-8"),
+    "numbers beyond all measure": (table(lambda i, row: [*row[:2], "1e308", "1e308"]), "expected a number or nothing"),
     "a table given again inside itself": (
         lambda folder: (folder / DEEP).write_text((folder / DEEP).read_text() * 2),
         "expected an ISO time",
@@ -181,6 +268,26 @@ def test_a_mistake_that_parses_is_said(sound, tmp_path, fault):
     found = chain.run(spoilt(sound, tmp_path, spoil))
     line = found["error"] or found["warnings"]
     assert expected in line and "\n" not in line
+
+
+HARMLESS = {
+    "a mark of UTF-8": bytes_of(DEEP, lambda data: b"\xef\xbb\xbf" + data),
+    "the other ends of lines": bytes_of(DEEP, lambda data: data.replace(b"\r\n", b"\n")),
+    "carriage returns alone": bytes_of(DEEP, lambda data: data.replace(b"\r\n", b"\r")),
+    "a table filled up with NUL": bytes_of(DEEP, lambda data: data + bytes(4096)),
+    "a recording filled up with NUL": bytes_of(TOP, lambda data: data + bytes(4096)),
+    "one that begins with half an ensemble": bytes_of(TOP, lambda data: data[100:194] + data),
+    "given twice": said(top__files=[str(TOP), str(TOP)]),
+    "depths as negative numbers": table(lambda i, row: [row[0], f"-{row[1]}", *row[2:]]),
+}
+
+
+@pytest.mark.parametrize("what", HARMLESS)
+def test_what_takes_nothing_away_leaves_the_product_as_it_was(sound, tmp_path, what):
+    whole = chain.run(spoilt(sound, tmp_path / "a", lambda folder: None))["product"]
+    other = chain.run(spoilt(sound, tmp_path / "b", HARMLESS[what]))["product"]
+    assert np.array_equal(whole.heading_corrected_deg, other.heading_corrected_deg)
+    assert np.array_equal(whole.east, other.east) and np.array_equal(whole.velocity_quality, other.velocity_quality)
 
 
 def test_what_is_denied_by_held_out_pairs_is_flagged_and_its_uncertainty_says_nothing_is_known(sound, tmp_path):
@@ -351,12 +458,43 @@ def test_a_results_folder_without_room_or_rights_is_one_line_and_leaves_nothing_
     assert chain.run(folder)["error"] is None
 
 
+@pytest.mark.parametrize(("room", "file"), [("100k", "work/deep.nc"), ("200k", "overlap.nc"), ("400k", "corrected.nc")])
+def test_a_disk_that_fills_up_at_any_stage_is_one_line_and_with_room_the_results_are_the_same(
+    sound, tmp_path, room, file
+):
+    """The raw files stand on a file system that is read only."""
+    folder, undisturbed = (spoilt(sound, tmp_path / name, lambda there: None) for name in "ab")
+    results, raw = folder / "results/M1", folder / "raw"
+    if not mounted(results, "-t", "tmpfs", "-o", f"size={room}", "tmpfs"):
+        pytest.skip("no right to mount a tmpfs")
+    try:
+        subprocess.run(["mount", "--bind", "-o", "ro", str(raw), str(raw)], check=True)
+        assert f"{file}: expected room and the right to write it" in chain.run(folder)["error"]
+        assert not list(results.rglob(".*"))
+        subprocess.run(["mount", "-o", "remount,size=8m", str(results)], check=True)
+        assert chain.run(folder)["error"] is None and chain.run(undisturbed)["error"] is None
+        assert hashes(results) == hashes(undisturbed / "results/M1")
+    finally:
+        subprocess.run(["umount", "--lazy", str(results)], check=True)
+        subprocess.run(["umount", "--lazy", str(raw)], check=False)
+
+
 @pytest.mark.parametrize(("path", "expected"), [(TOP, "PD0"), (DEEP, "CSV")])
 def test_a_raw_file_that_may_not_be_read_is_one_line(sound, tmp_path, path, expected):
     folder = spoilt(sound, tmp_path, lambda there: (there / path).chmod(0))
-    if os.access(folder / path, os.R_OK):
+    said = chain.run(folder)["error"] if not os.access(folder / path, os.R_OK) else without_rights(folder)
+    assert "Permission denied" in said and "\n" not in said.strip()
+
+
+def without_rights(folder: Path) -> str:
+    """Return what the chain says where the superuser has given up the right to read everything."""
+    give_up = ["setpriv", "--bounding-set=-dac_override,-dac_read_search"]
+    if not shutil.which("setpriv") or subprocess.run([*give_up, "true"], check=False).returncode:
         pytest.skip("this user may read everything")
-    assert "Permission denied" in chain.run(folder)["error"]
+    code = f"import chain, pathlib; print(chain.run(pathlib.Path({str(folder)!r}))['error'])"
+    command = [*give_up, sys.executable, "-c", code]
+    environment = os.environ | {"PYTHONPATH": f"{PROJECT}:{PROJECT / 'tests'}"}
+    return subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout
 
 
 def test_the_table_of_faults_names_tests_that_exist():

@@ -60,7 +60,7 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
     solved = solve(log, axes, choice, field)
     if solved is None:
         return _refused(log, choice.why)
-    return _described(solved, field, [*log.warnings, *said])
+    return _described(solved, field, settings.get("columns") or {}, [*log.warnings, *said])
 
 
 def _refused(log: Log, why: str) -> Calibration:
@@ -68,7 +68,9 @@ def _refused(log: Log, why: str) -> Calibration:
     return Calibration(KIND, NO_MODEL, len(log.raw), 0, details=details, why=why, warnings=log.warnings)
 
 
-def _described(solved: Solved, field: Mapping[str, float] | None, warnings: Sequence[str]) -> Calibration:
+def _described(
+    solved: Solved, field: Mapping[str, float] | None, columns: Mapping[str, str], warnings: Sequence[str]
+) -> Calibration:
     exact = magnetometer_heading.exact(solved.iron, solved.dip_ratio)
     known = bool(np.isfinite(exact).all())
     folded = known and not compass.turns_full_circle(exact)
@@ -81,7 +83,7 @@ def _described(solved: Solved, field: Mapping[str, float] | None, warnings: Sequ
         points=magnetometer_report.points(solved),
         details=magnetometer_report.details(solved, field),
         why=FOLDED if folded else "" if known else NO_DIP,
-        warnings=(*warnings, *magnetometer_report.warnings(solved, field)),
+        warnings=(*warnings, *magnetometer_report.warnings(solved, field, columns)),
         **(_correction(solved, exact, folded=folded) if known else {}),
     )
 

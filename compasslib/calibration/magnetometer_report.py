@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles
-from compasslib.calibration import ellipsoid, magnetometer_heading
+from compasslib.calibration import ellipsoid, magnetometer_heading, magnetometer_modulus
 from compasslib.calibration.magnetometer_solve import Solved
 from compasslib.calibration.result import Source, Table
 from compasslib.deviation import von_appen
@@ -70,9 +70,14 @@ def details(solved: Solved, field: Field) -> dict[str, Any]:
         "left_out": solved.log.left_out,
     }
     if field is not None:
-        strength = field["horizontal_nT"] if choice.level else np.hypot(field["horizontal_nT"], field["vertical_nT"])
-        found["counts_per_nT"] = size / float(strength)
+        found["counts_per_nT"] = size / _strength(solved, field)
     return found
+
+
+def _strength(solved: Solved, field: Mapping[str, float]) -> float:
+    """Return what the modulus should be, nT."""
+    level = field["horizontal_nT"]
+    return float(level if solved.choice.level else np.hypot(level, field["vertical_nT"]))
 
 
 def _iron(solved: Solved) -> dict[str, Any]:
@@ -138,12 +143,13 @@ def _undetermined(solved: Solved) -> dict[str, str]:
     return {**solved.choice.undetermined, **{f"turn about {name}": OPEN_TURN for name in turns}}
 
 
-def warnings(solved: Solved, field: Field) -> list[str]:
+def warnings(solved: Solved, field: Field, columns: Mapping[str, str]) -> list[str]:
     """Return what a reader of the correction must know, in sentences.
 
     Args:
         solved: the iron.
         field: the earth's field {horizontal_nT, vertical_nT}, or None.
+        columns: role -> header.
     """
     level, tilted = solved.choice.level, solved.log.tilted
     weak = field is not None and field["horizontal_nT"] < WEAK_FIELD_NT
@@ -163,7 +169,11 @@ def warnings(solved: Solved, field: Field) -> list[str]:
         "No tilts are logged: a magnetometer that stands askew in its instrument is not seen.": not (level or tilted),
         f"{too_weak} (Le Menn et al. 2023, section 7).": weak,
     }
-    return [sentence for sentence, holds in said.items() if holds]
+    held = [sentence for sentence, holds in said.items() if holds]
+    if field is None:
+        return held
+    size, what = solved.choice.scale * solved.gain(solved.iron), "horizontal" if level else "total"
+    return held + magnetometer_modulus.sentences(size, _strength(solved, field), what, columns)
 
 
 def sources(solved: Solved, table: Table, series: Floats) -> tuple[Source, ...]:

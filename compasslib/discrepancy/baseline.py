@@ -115,6 +115,17 @@ def examine(case: Case, simulation: Simulation, nuisance: Floats, *, freed: bool
     )  # fmt: skip
 
 
+def usable(case: Case, simulation: Simulation, nuisance: Floats) -> int:
+    """Return how many samples show on which branch of a simulation's compass they are.
+
+    Args:
+        case: the recording.
+        simulation: compass and terms.
+        nuisance: values of the nuisances, (k,).
+    """
+    return int(np.isfinite(_residual(case, simulation, nuisance)[1]).sum())
+
+
 def _residual(case: Case, simulation: Simulation, nuisance: Floats) -> tuple[Floats, Floats, Floats]:
     """Return simulated heading, residual, and what the compass's own noise makes of it, (n,) each."""
     shown = case.observed_deg - composition.veer(simulation, case.scene) - case.nuisance @ nuisance

@@ -101,13 +101,11 @@ def judge(case: Case, options: Options) -> Diagnosis:
         case: the recording.
         options: what may be chosen.
     """
-    try:
-        empty = baseline.examine(case, case.simulation, np.zeros(case.nuisance.shape[1]))
-    except baseline.Lost as lost:
-        return verdict.insufficient(f"{lost}; {FEWEST} are needed", case.not_testable)
-    if (usable := int(np.isfinite(empty.residual_deg).sum())) < FEWEST:
-        why = f"{usable} of {len(case)} samples show on which branch of the compass they are; {FEWEST} are needed"
+    none = np.zeros(case.nuisance.shape[1])
+    if (usable := baseline.usable(case, case.simulation, none)) < FEWEST:
+        why = f"{usable} of {len(case)} pairs show on which branch of the compass they are; {FEWEST} are needed"
         return verdict.insufficient(why, case.not_testable)
+    empty = baseline.examine(case, case.simulation, none)
     named = naming.search(empty, alarm=options.alarm, min_effect_deg=options.min_effect_deg)
     named, episode = episodes.taken_out(named)
     tested = scan.test(named.state, columns.omnibus(named.state), seed=99)

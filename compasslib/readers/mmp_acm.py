@@ -15,7 +15,7 @@ import numpy as np
 
 from compasslib import angles
 from compasslib.errors import InputError
-from compasslib.readers import mmp_clock, mmp_files, mmp_geometry, mmp_pressure
+from compasslib.readers import mmp_clock, mmp_compass, mmp_files, mmp_geometry, mmp_pressure
 from compasslib.readers.mmp_blocks import UNKNOWN
 from compasslib.readers.mmp_clock import Bools
 from compasslib.readers.mmp_files import Scans
@@ -189,7 +189,9 @@ def _record(series: Series, companion: Companion, *, known_depth: bool) -> Recor
     heading, pressure = series.heading_deg[keep], series.pressure_dbar[keep]
     east, north = mmp_geometry.to_earth(x[keep], y[keep], heading)
     remote = known_depth & (companion.distance_s(series.time_s[keep]) > PARKED_S)
-    counts = _counts(series, companion, keep)
+    compared = mmp_compass.compare(scans.values[keep, 0], scans.values[keep, 3:6], scans.values[keep, 1:3])
+    counts = _counts(series, companion, keep) | {"heading_off_magnetometer": int(compared.off.sum())}
+    doubtful = compared.off & compared.follows
     empty = np.full(len(heading), np.nan)
     return Record(
         time_s=series.time_s[keep],
@@ -203,11 +205,15 @@ def _record(series: Series, companion: Companion, *, known_depth: bool) -> Recor
         depth_m=empty,
         temperature_c=empty,
         supply_voltage=empty,
-        quality=_quality(east, north, remote),
-        heading_quality=np.where(np.isfinite(heading), GOOD, MISSING).astype(np.int8),
+        quality=_quality(east, north, remote | doubtful),
+        heading_quality=np.where(np.isnan(heading), MISSING, np.where(doubtful, PROBABLY_BAD, GOOD)).astype(np.int8),
         looks_up=False,
         counts=counts,
-        warnings=series.warnings + tuple(_sentences(scans, counts, known_depth, int(remote.sum()))),
+        warnings=(
+            *series.warnings,
+            *_sentences(scans, counts, known_depth, int(remote.sum())),
+            *mmp_compass.sentences(compared),
+        ),
     )
 
 
@@ -220,6 +226,7 @@ def _counts(series: Series, companion: Companion, keep: Bools) -> dict[str, int]
         "profiles_ascending": np.sum(series.ascending == 1),
         "profiles_descending": np.sum(series.ascending == 0),
         "damaged_rows": scans.damaged,
+        "strange_bytes": scans.strange,
         "aliased_dropped": np.sum(timed & ~keep),
         "without_time": np.sum(~timed),
         "without_pressure": np.sum(np.isnan(series.pressure_dbar[keep])),
@@ -229,9 +236,9 @@ def _counts(series: Series, companion: Companion, keep: Bools) -> dict[str, int]
     return {key: int(number) for key, number in counted.items()}
 
 
-def _quality(east: Floats, north: Floats, remote: Bools) -> Flags:
-    """Flag velocities; those of unknown depth, which would be interpolated over other profiles, are not to be used."""
-    flags = np.where(np.isfinite(east + north), np.where(remote, PROBABLY_BAD, GOOD), MISSING)
+def _quality(east: Floats, north: Floats, doubtful: Bools) -> Flags:
+    """Flag velocities; those of unknown depth, or turned by a doubtful heading, are not to be used."""
+    flags = np.where(np.isfinite(east + north), np.where(doubtful, PROBABLY_BAD, GOOD), MISSING)
     return flags.astype(np.int8)[:, None]
 
 
@@ -239,6 +246,8 @@ def _sentences(scans: Scans, counts: dict[str, int], known_depth: bool, remote: 
     notes = []
     if scans.damaged:
         notes.append(f"{scans.damaged} damaged rows were left out ({_listed(scans.damaged_files)})")
+    if scans.strange:
+        notes.append(f"{scans.strange} bytes are no text and were passed over")
     if scans.empty_files:
         notes.append(f"{len(scans.empty_files)} files hold no scan ({_listed(scans.empty_files)})")
     if counts["without_time"]:

@@ -24,6 +24,7 @@ RECORD = np.dtype(
 )
 LENGTH_BYTES, TAIL_BYTES = 4, 8
 FRONT_BYTES = LENGTH_BYTES + HEADER_BYTES
+NO_SPEED = 1e-30  # cm/s: a float of which zeros took all but its first bytes
 LIKENESS = 0.8  # share of the bytes that a header has in common with the file's first; the settings do not change
 
 
@@ -74,6 +75,7 @@ def parse(data: bytes) -> Binary:
         if span.records:
             records = np.frombuffer(data, dtype=RECORD, count=span.records, offset=span.begin)
             time_s, good = _times(records)
+            good &= ~_filled_up(data, span, records, good)
             kept = int(good.sum())
             blocks.append(_block(data, span, begin, begin + kept))
             places.append(np.flatnonzero(good))
@@ -151,6 +153,16 @@ def _times(records: np.ndarray) -> tuple[Floats, Bools]:
     hour, minute, second = number["clock"].T
     time_s = civil((number["year"], number["month"], number["day"]), (hour, minute, second))
     return time_s, np.isfinite(time_s) & np.isfinite(records["values"]).all(axis=1)
+
+
+def _filled_up(data: bytes, span: _Span, records: np.ndarray, good: Bools) -> Bools:
+    """Tell the last scan of a profile that was cut where zeros stand for its end and for all that follows."""
+    torn = np.zeros(len(records), dtype=bool)
+    if good.any():
+        last = int(np.flatnonzero(good)[-1])
+        ends_in_zeros = abs(float(records["values"][last, -1])) < NO_SPEED
+        torn[last] = ends_in_zeros and not any(data[span.begin + (last + 1) * RECORD.itemsize : span.end])
+    return torn
 
 
 def _block(data: bytes, span: _Span, begin: int, end: int) -> Block:

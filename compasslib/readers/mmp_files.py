@@ -7,13 +7,13 @@ scans of early instruments carry no clock and no heading: nine numbers from TX o
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from compasslib.errors import InputError
-from compasslib.readers import mmp_binary, mmp_blocks, mmp_rows
+from compasslib.readers import mmp_binary, mmp_blocks, mmp_rows, octets
 from compasslib.readers.mmp_blocks import UNKNOWN, Block
 from compasslib.readers.mmp_clock import Bools, Ints, misplaced
 from compasslib.records import Floats
@@ -37,6 +37,7 @@ class Scans:
     damaged: int  # rows or records left out
     damaged_files: tuple[str, ...]
     empty_files: tuple[str, ...]
+    strange: int = 0  # bytes of text files that are no text, and were passed over
 
 
 def load(paths: Sequence[Path]) -> Scans:
@@ -76,14 +77,13 @@ def contents(path: Path) -> bytes:
 
 
 def is_text(data: bytes) -> bool:
-    """Return whether a file is mostly made of printable characters.
+    """Return whether a file is mostly made of printable characters, the filling of an erased store at its end apart.
 
     Args:
         data: the file.
     """
-    sample = np.frombuffer(data[:65536], dtype=np.uint8)
-    printable = ((sample >= 32) & (sample < 127)) | ((sample >= 9) & (sample <= 13))
-    return not len(sample) or float(printable.mean()) > TEXT_SHARE
+    sample = data[:65536].rstrip(b"\x00\xff")
+    return not data or octets.strange(sample) < (1.0 - TEXT_SHARE) * len(sample)
 
 
 def _one(path: Path) -> Scans:
@@ -101,7 +101,7 @@ def _one(path: Path) -> Scans:
     values = text.values if text.form == STAMPED else np.full((len(text.offset), len(COLUMNS)), np.nan)
     if text.form == BARE:
         values[:, 1:] = text.values
-    return _scans(path, found_blocks, place, text.time_s, values, damaged)
+    return replace(_scans(path, found_blocks, place, text.time_s, values, damaged), strange=octets.strange(data))
 
 
 def _scans(path: Path, blocks: Sequence[Block], place: Ints, clock_s: Floats, values: Floats, damaged: int) -> Scans:
@@ -144,4 +144,5 @@ def _joined(parts: Sequence[Scans]) -> Scans:
         damaged=sum(part.damaged for part in parts),
         damaged_files=tuple(file for part in parts for file in part.damaged_files),
         empty_files=tuple(file for part in parts for file in part.empty_files),
+        strange=sum(part.strange for part in parts),
     )

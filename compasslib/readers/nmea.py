@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from compasslib import angles
 from compasslib.errors import InputError
+from compasslib.readers import octets
 
 Floats = NDArray[np.floating]
 
@@ -25,9 +26,11 @@ HEADINGS, COURSES = ("HDG", "HDM"), ("RMC", "VTG")
 PAIRED_S = 2.5  # a heading further in time from its course is not paired
 LOSSES = {
     "damaged": "damaged sentences (checksum absent or wrong, or cut short)",
+    "strange_bytes": "bytes that are no text",
     "void": "positions that the receiver itself called void",
     "unpaired": "courses without a heading within 2.5 s",
     "empty": "courses without a number",
+    "repeated": "courses that stand in the log already, after its clock went back",
 }
 NAN = float("nan")
 
@@ -88,7 +91,9 @@ def _sentences(paths: Sequence[Path], counts: Counter[str]) -> Iterator[tuple[in
     """Yield (running line number, sentence) of all that are whole."""
     import pynmea2
 
-    texts = [text for path in paths for text in _content(path).decode("ascii", errors="replace").splitlines()]
+    contents = [_content(path) for path in paths]
+    counts["strange_bytes"] = sum(octets.strange(content) for content in contents)
+    texts = [text for content in contents for text in content.decode("ascii", errors="replace").splitlines()]
     for line, text in enumerate(texts):
         start = text.rfind("$")
         if start < 0:
@@ -163,7 +168,10 @@ def _paired(
     line, time_s = table[:, 0], table[:, 1]
     value, apart_s = _nearest(seen[heading], line, time_s)
     near = ~(apart_s > PAIRED_S)  # without a clock the nearest in the stream counts
-    counts["pairs"], counts["unpaired"] = int(near.sum()), int((~near).sum())
+    again = _again(np.column_stack([table[:, 1:], value])) & near
+    counts["repeated"], counts["unpaired"] = int(again.sum()), int((~near).sum())
+    near &= ~again
+    counts["pairs"] = int(near.sum())
     series = dict(
         zip(("time_s", "course_deg", "speed_kn", "latitude", "longitude", "variation_deg"), table.T[1:], strict=True)
     )
@@ -171,6 +179,18 @@ def _paired(
     series["true_heading_deg"] = _nearest(seen["HDT"], line, time_s)[0]
     series["water_speed_kn"] = _nearest(seen["VHW"], line, time_s)[0]
     return {name: column[near] for name, column in series.items()}
+
+
+def _again(rows: Floats) -> NDArray[np.bool_]:
+    """Return which rows repeat one before them after their clock, the first column, went back, (n,).
+
+    Receivers send some sentences twice in a row; a log that was joined to itself goes back in time.
+    """
+    back = np.append(False, np.cumsum(np.diff(rows[:, 0]) < -PAIRED_S) > 0)
+    _, first = np.unique(np.nan_to_num(rows, nan=-1.0), axis=0, return_index=True)
+    again = np.ones(len(rows), dtype=bool)
+    again[first] = False
+    return again & back
 
 
 def _nearest(values: list[tuple[int, float]], line: Floats, time_s: Floats) -> tuple[Floats, Floats]:

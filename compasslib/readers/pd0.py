@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from compasslib.errors import InputError
-from compasslib.readers import pd0_mixture
+from compasslib.readers import pd0_echo, pd0_mixture
 from compasslib.readers.pd0_fields import Ensembles, decode_runs, joined, stacked
 from compasslib.readers.pd0_frames import CHUNK_BYTES, Skipped, frames
 from compasslib.readers.pd0_geometry import true_pitch
@@ -42,6 +42,7 @@ class _Water:
     east: Floats
     north: Floats
     quality: Flags
+    echo_range_m: Floats
     three_beam: int
     has_percent_good: bool
 
@@ -163,14 +164,14 @@ def _file(path: str | Path, choices: Choices) -> tuple[list[_Water], FileReport]
 
 def _leaders(ensembles: Ensembles) -> Ensembles:
     none, no_bytes = np.empty((len(ensembles), 0, 4)), np.empty((len(ensembles), 0, 4), np.uint8)
-    return replace(ensembles, velocity=none, correlation=no_bytes, percent_good=no_bytes)
+    return replace(ensembles, velocity=none, correlation=no_bytes, echo=no_bytes, percent_good=no_bytes)
 
 
 def _turned(ensembles: Ensembles, choices: Choices) -> _Water:
     east, north, three_beam = currents(ensembles, choices)
     flags = quality(ensembles, east, north)
     filled = bool(ensembles.percent_good.any())
-    return _Water(_leaders(ensembles), east, north, flags, three_beam, filled)
+    return _Water(_leaders(ensembles), east, north, flags, pd0_echo.echo_ranges(ensembles), three_beam, filled)
 
 
 def _refuse_alignment(path: str | Path, ensembles: Ensembles, choices: Choices) -> None:
@@ -206,7 +207,8 @@ def _record(water: Sequence[_Water], reports: Sequence[FileReport], choices: Cho
     flags, doubtful, notes = pd0_mixture.doubts(leaders)
     heading = magnetic_heading(leaders, choices)
     cells = int(leaders.cells.max())
-    counts = counts_of(reports, leaders, heading, choices) | doubtful
+    known = {"velocities": sum(int(np.isfinite(part.east).sum()) for part in water)}
+    counts = counts_of(reports, leaders, heading, choices) | doubtful | known
     return Record(
         time_s=leaders.time_s,
         east=stacked([part.east for part in water], cells),
@@ -224,6 +226,7 @@ def _record(water: Sequence[_Water], reports: Sequence[FileReport], choices: Cho
         looks_up=faces_up(leaders, choices),
         beam_angle_deg=_most_frequent(leaders.beam_angle_deg),
         direction_reference="magnetic",
+        echo_range_m=np.concatenate([part.echo_range_m for part in water]),
         counts=counts,
         warnings=(*sentences(reports, leaders, counts, choices), *notes),
     )

@@ -20,7 +20,7 @@ from compasslib.records import Floats
 T = TypeVar("T", bound=np.generic)
 
 BEAM, INSTRUMENT, SHIP, EARTH = 0, 1, 2, 3  # bits 4 and 3 of EX
-VELOCITY, CORRELATION, PERCENT_GOOD = 0x0100, 0x0200, 0x0400
+VELOCITY, CORRELATION, ECHO, PERCENT_GOOD = 0x0100, 0x0200, 0x0300, 0x0400
 FIRST_YEAR, LAST_YEAR = 1980, 2079  # what two digits can say; anything else is a damaged clock
 
 _MISSING = -32768
@@ -60,6 +60,7 @@ class Ensembles:
     tilt2_deg: Floats  # (n,) starboard down
     velocity: Floats  # (n, m, 4) m/s
     correlation: Bytes  # (n, m, 4) counts, 0 where the block is absent
+    echo: Bytes  # (n, m, 4) intensity, counts, 0 where the block is absent
     percent_good: Bytes  # (n, m, 4), 0 where the block is absent
     pressure_dbar: Floats  # (n,) NaN without a sensor
     depth_m: Floats  # (n,) of the transducer
@@ -156,6 +157,7 @@ def _decoded(layout: Layout, runs: Sequence[Run]) -> Ensembles:
         offset=offset,
         velocity=_velocity(rows, layout),
         correlation=_bytes_of_cells(rows, layout, CORRELATION),
+        echo=_bytes_of_cells(rows, layout, ECHO),
         percent_good=_bytes_of_cells(rows, layout, PERCENT_GOOD),
         **_from_fixed(rows, layout),
         **_from_variable(rows, layout),

@@ -72,11 +72,17 @@ def _kinds(leaders: Ensembles) -> NDArray[np.int64]:
     angle = np.nan_to_num(leaders.beam_angle_deg)
     heads = np.column_stack([np.nan_to_num(leaders.frequency_khz), angle, leaders.convex])
     cells = np.column_stack([heads, leaders.cells, leaders.cell_m, leaders.blank_m])
-    layouts, layout = np.unique(cells, axis=0, return_inverse=True)
-    up = np.bincount(layout.ravel(), leaders.looks_up) / np.bincount(layout.ravel()) > 0.5
-    faces = up[layout.ravel()] if len(layouts) > 1 else np.zeros(len(leaders), dtype=bool)
-    _, kind = np.unique(np.column_stack([heads, faces]), axis=0, return_inverse=True)
-    return np.asarray(kind.ravel(), dtype=np.int64)
+    layout = _numbered(cells)
+    up = np.bincount(layout, leaders.looks_up) / np.bincount(layout) > 0.5
+    faces = up[layout] if len(up) > 1 else np.zeros(len(leaders), dtype=bool)
+    return _numbered(np.column_stack([heads, faces]))
+
+
+def _numbered(rows: Floats) -> NDArray[np.int64]:
+    """Return the number of each row among the distinct ones, (n,); only rows unlike the one before are sorted."""
+    new = np.append(True, (rows[1:] != rows[:-1]).any(axis=1))[: len(rows)]
+    _, number = np.unique(rows[new], axis=0, return_inverse=True)
+    return np.asarray(number.ravel()[np.cumsum(new) - 1], dtype=np.int64)
 
 
 def _worded(leaders: Ensembles, kind: int) -> str:

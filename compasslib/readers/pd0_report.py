@@ -14,6 +14,8 @@ from compasslib.readers.pd0_water import Choices, looks_up
 from compasslib.records import Floats
 
 RANGES_SHOWN = 20
+FEW_DISAGREE = 0.01  # of the ensembles: on deck and in the hand an instrument looks any way; they are counted only
+MOST_OF_THREE = 0.5  # of the currents; more than that solved from three beams is a beam that fails
 _BIAS_TOLERANCE_DEG = 0.01
 
 
@@ -94,7 +96,7 @@ def sentences(
     Args:
         reports: one a file.
         leaders: the ensembles of all files.
-        counts: from ``counts_of``.
+        counts: from ``counts_of``, and ``velocities``, how many are known.
         choices: the metadata's word.
     """
     of_files = [line for report in reports for line in _of_file(report)]
@@ -154,11 +156,14 @@ def _of_headings(leaders: Ensembles, counts: dict[str, int], choices: Choices) -
 
 def _of_configuration(leaders: Ensembles, counts: dict[str, int], choices: Choices) -> list[str]:
     lines = []
-    if counts["orientation_disagrees"]:
+    if counts["orientation_disagrees"] > FEW_DISAGREE * len(leaders):
         word, other = ("up", "down") if faces_up(leaders, choices) else ("down", "up")
         says = "the others do, and each was turned by its own" if choices.orientation is None else "the metadata do"
         count = counts["orientation_disagrees"]
         lines.append(f"{count} of {len(leaders)} ensembles say that they looked {other}; {word} counts, as {says}.")
+    if counts["three_beam"] > MOST_OF_THREE * counts["velocities"]:
+        shown = f"{counts['three_beam']} of {counts['velocities']} currents"
+        lines.append(f"{shown} come from three beams: one beam is dead or weak, and nothing checks the other three.")
     if counts["configurations"] > 1:
         count = counts["configurations"]
         lines.append(

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import csv
 import io
-import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -24,6 +23,7 @@ Floats = NDArray[np.floating]
 MISSING_TEXT = frozenset({"", "nan", "na", "n/a", "null", "none", "-"})
 COLUMN_MAP = "correct columns in the mooring file"
 TIMES = ("time", "time_utc")  # roles that hold times
+LARGEST = 1e30  # no measurement in any unit; its square still is a number
 TIME_FORM = "an ISO time like 2007-09-04T00:00:00Z"
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 _TIME = re.compile(r"(\d{4}-\d\d-\d\d([T ]\d\d(:\d\d(:\d\d(\.\d{1,9})?)?)?)?)(Z| ?UTC|[+-]00:?00)?", re.ASCII)
@@ -138,7 +138,7 @@ def _refuse_line(path: Path, line: int | str, expected: str, found: str) -> None
 def _number(text: str) -> float:
     if text.lower() in MISSING_TEXT:
         return float("nan")
-    if not (_NUMBER.fullmatch(text) and math.isfinite(value := float(text))):
+    if not (_NUMBER.fullmatch(text) and abs(value := float(text)) < LARGEST):
         raise ValueError(text)
     return value
 

@@ -1,0 +1,85 @@
+"""An ACM's logged headings against its own magnetometer: the logger's rule, planted faults, a real log."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_readers_mmp_acm import BINARY, TEXT, logged, read, real, text_file
+
+from compasslib.readers import mmp_files
+from compasslib.readers.mmp_compass import compare, sentences
+from compasslib.records import GOOD, PROBABLY_BAD
+
+
+def changed(folder: Path, change) -> Path:
+    scans = logged((30, 30))
+    values = scans.values.copy()
+    change(values)
+    values[:, 0] %= 360.0
+    return text_file(folder, replace(scans, values=np.round(values, 4)))
+
+
+def about(record) -> list[str]:
+    return [said for said in record.warnings if "HX HY HZ" in said]
+
+
+def test_a_sound_log_is_not_doubted(tmp_path):
+    record = read(changed(tmp_path, lambda values: None))
+    assert record.counts["heading_off_magnetometer"] == 0 and about(record) == []
+
+
+def test_headings_that_stand_off_are_flagged_with_their_currents(tmp_path):
+    def change(values):
+        values[[5, 12, 40], 0] += (9.0, -60.0, 180.0)
+
+    record = read(changed(tmp_path, change))
+    assert record.counts["heading_off_magnetometer"] == 3
+    wrong = [4, 11, 38]  # the first scan of each profile is dropped
+    assert list(np.flatnonzero(record.heading_quality == PROBABLY_BAD)) == wrong
+    assert list(np.flatnonzero(record.quality[:, 0] == PROBABLY_BAD)) == wrong
+    said = "3 of 58 logged headings stand more than 2 degrees off those of HX HY HZ TX TY and were flagged"
+    assert about(record) == [said]
+
+
+def test_headings_that_were_not_levelled_are_explained_by_the_tilts(tmp_path):
+    def change(values):
+        values[:, 0] = np.rad2deg(np.arctan2(values[:, 4], values[:, 3]))
+
+    record = read(changed(tmp_path, change))
+    assert record.counts["heading_off_magnetometer"] == 0 and about(record) == []
+
+
+def test_a_constant_is_told_and_nothing_is_flagged(tmp_path):
+    def change(values):
+        values[:, 0] -= 23.6
+
+    record = read(changed(tmp_path, change))
+    assert (record.heading_quality == GOOD).all()
+    assert about(record) == [
+        "the logged headings stand -23.6 degrees off those of HX HY HZ TX TY throughout: give it as "
+        "declination_applied if the logger added it"
+    ]
+
+
+def test_two_that_have_nothing_in_common_are_said_and_neither_is_believed_more(tmp_path):
+    def change(values):
+        values[:, 3:6] = np.random.default_rng(3).normal(size=(60, 3))
+
+    record = read(changed(tmp_path, change))
+    assert (record.heading_quality == GOOD).all() and record.counts["heading_off_magnetometer"] > 50
+    assert about(record)[0].endswith("one of the two is wrong, and nothing tells which")
+
+
+@pytest.mark.parametrize("name", [TEXT, BINARY])
+def test_the_real_log_follows_its_magnetometer_and_a_planted_fault_is_found(name):
+    values = mmp_files.load([real(name)]).values
+    heading = values[:, 0].copy()
+    sound = compare(heading, values[:, 3:6], values[:, 1:3])
+    assert sound.known == 17917 and not sound.off.any() and sentences(sound) == []
+    assert abs(sound.constant_deg) < 0.05  # the last digit of field and heading
+    heading[3000:3100] = heading[2999]  # a compass that hangs for 50 s while the meter turns by up to 12.6 degrees
+    found = compare(heading, values[:, 3:6], values[:, 1:3])
+    assert 75 < found.off[3000:3100].sum() == found.off.sum()  # 77 scans stand more than 2.2 degrees from there
