@@ -55,13 +55,15 @@ def _imported(path: Path) -> frozenset[Path]:
 
 
 def _running(node: ast.AST) -> Iterator[ast.AST]:
-    """Return the node and all below it, save what is there for the type checker alone."""
-    if not (isinstance(node, ast.If) and getattr(node.test, "id", "") == "TYPE_CHECKING"):
-        yield node
-        for child in ast.iter_child_nodes(node):
-            yield from _running(child)
+    """Return all statements below a node, save those for the type checker alone; expressions import nothing."""
+    for block in ("body", "handlers", "cases", "orelse", "finalbody"):
+        for statement in getattr(node, block, ()):
+            yield statement
+            if not (isinstance(statement, ast.If) and getattr(statement.test, "id", "") == "TYPE_CHECKING"):
+                yield from _running(statement)
 
 
+@cache
 def _files(name: str) -> list[Path]:
     """Return the file of a module and those of the packages above it."""
     parts = name.split(".")
