@@ -23,11 +23,13 @@ if TYPE_CHECKING:  # the Snakefile imports this room and needs no numbers
 PROJECT = Path(__file__).resolve().parent.parent
 
 
-def sources(script: str | Path, *others: str | Path) -> list[str]:
+@cache  # asked for each job of a fleet
+def sources(script: str | Path, *others: str | Path) -> tuple[str, ...]:
     """Return the files of compasslib that a script uses, followed through all imports.
 
-    Snakemake re-runs a job whose script changed, not one whose library changed; these files are therefore among the
-    inputs of each rule, so that an edit re-runs what it touches and nothing else.
+    Snakemake re-runs a job whose script changed, not one whose library changed; one hash of these files is therefore a
+    parameter of each rule, so that an edit re-runs what it touches and nothing else. As inputs, some 45 a job, they
+    would take half of what it costs to plan a fleet.
 
     Args:
         script: a Python file.
@@ -39,7 +41,7 @@ def sources(script: str | Path, *others: str | Path) -> list[str]:
         new = _imported(waiting.pop()) - seen
         seen |= new
         waiting.extend(new)
-    return sorted(str(path) for path in seen)
+    return tuple(sorted(str(path) for path in seen))
 
 
 @cache
@@ -133,20 +135,30 @@ def digest(modules: Iterable[str | Path]) -> str:
     return hashlib.sha256("".join(lines).encode()).hexdigest()
 
 
+@cache
+def code(modules: tuple[str, ...]) -> str:
+    """Return one SHA-256 for the modules behind a script; of files that are edited meanwhile, that of the first look.
+
+    Args:
+        modules: as ``sources`` gives them.
+    """
+    return digest(modules)
+
+
 def of_job(job: Any) -> dict[str, Any]:
     """Return what one job of the workflow read and wrote, by what code and with which parameters.
 
     Args:
-        job: the object ``snakemake`` of its script; library files among its inputs stand under PROJECT.
+        job: the object ``snakemake`` of its script; its parameter ``code`` is the hash of the library files behind it.
     """
-    house = str(PROJECT / "compasslib")
-    code = [path for path in job.input if path.startswith(house)]
+    house = str(PROJECT / "compasslib")  # the report's templates are inputs, and belong to the software
+    parameters = dict(job.params.items())
     return {
         "rule": job.rule,
         "of": dict(job.wildcards.items()),
         "software": software(),
-        "code": digest(code),
-        "parameters": dict(job.params.items()),
+        "code": parameters.pop("code", ""),
+        "parameters": parameters,
         "read": hashes(path for path in job.input if not path.startswith(house)),
         "wrote": hashes(job.output),
     }

@@ -6,7 +6,7 @@ A rule is given only the keys that it uses, so that a change of one key re-runs 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -29,15 +29,15 @@ class Plan:
     cruise: Cruise
     scripts: Path
 
-    def modules(self, script: str) -> list[str]:
-        """Return the library files behind a script."""
-        return provenance.sources(self.scripts / script)
+    def code(self, script: str) -> Callable[[Any], str]:
+        """Return what gives one hash of the library files behind a script."""
+        return hashed(lambda wildcards: provenance.sources(self.scripts / script))
 
     def templates(self) -> list[str]:
         """Return the templates of the report."""
         return sorted(str(path) for path in (provenance.PROJECT / "compasslib/report/templates").iterdir())
 
-    def reader_modules(self, wildcards: Any) -> list[str]:
+    def reader_modules(self, wildcards: Any) -> tuple[str, ...]:
         """Return the library files behind the reading of one instrument, its own format's reader only."""
         module = FORMATS[self._instrument(wildcards).format][0]
         return provenance.sources(self.scripts / "read.py", f"compasslib/readers/{module}.py")
@@ -191,6 +191,15 @@ def plan(cruise: Cruise, scripts: Path) -> Plan:
             refuse(f"{file}: instruments.{role}.format", mooring.instruments[role].format, tuple(FORMATS))
         refuse(f"{file}: fit.method", mooring.fit.method, METHODS)
     return Plan(cruise, scripts)
+
+
+def hashed(modules: Callable[[Any], tuple[str, ...]]) -> Callable[[Any], str]:
+    """Return what gives one hash of the library files behind a job, as a parameter of its rule.
+
+    Args:
+        modules: gives these files for a job's wildcards.
+    """
+    return lambda wildcards: provenance.code(modules(wildcards))
 
 
 def only(names: Iterable[str]) -> str:

@@ -48,19 +48,15 @@ class Calibrations:
         """Return the keys of one calibration's file that its kind takes."""
         return config_calibrations.settings(self.cruise.calibrations[wildcards.calibration])
 
-    def modules(self, wildcards: Any) -> list[str]:
+    def modules(self, wildcards: Any) -> tuple[str, ...]:
         """Return the library files behind one calibration, its own kind's only."""
         own = f"{HOUSE}/calibration/{KINDS[self.kind(wildcards)].module}.py"
         return provenance.sources(self.scripts / "calibrate.py", own)
 
-    def diagnosis_modules(self, wildcards: Any) -> list[str]:
+    def diagnosis_modules(self, wildcards: Any) -> tuple[str, ...]:
         """Return the library files behind the diagnosis of one calibration, its own kind's only."""
         own = f"{_searched()[self.kind(wildcards)].replace('.', '/')}.py"
         return provenance.sources(self.scripts / "diagnose_calibration.py", own)
-
-    def diagnosis_figure_modules(self) -> list[str]:
-        """Return the library files behind the figure of a diagnosis."""
-        return provenance.sources(self.scripts / "diagnosis_figure.py")
 
     def diagnose(self) -> dict[str, Any]:
         """Return what was chosen about diagnoses."""
@@ -70,8 +66,9 @@ class Calibrations:
         """Return the figures of one kind."""
         return calibration.figures(kind)
 
-    def figure_modules(self, kind: str) -> list[str]:
-        """Return the library files behind the figures of one kind."""
+    def figure_modules(self, wildcards: Any) -> tuple[str, ...]:
+        """Return the library files behind the figures of one calibration, its own kind's only."""
+        kind = self.kind(wildcards)
         own = [f"{HOUSE}/plots_calibration_{KINDS[kind].module}.py"] if KINDS[kind].figures else []
         return provenance.sources(self.scripts / "calibration_figures.py", *own)
 

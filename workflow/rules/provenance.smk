@@ -6,12 +6,12 @@ rule provenance:
     input:
         products=PRODUCTS,
         settings=sorted({file for files in PLAN.configuration().values() for file in files}),
-        modules=PLAN.modules("provenance.py"),
     output:
         "results/ro-crate-metadata.json",
     params:
         configuration=PLAN.configuration(),
         attributes=CRUISE.options.attributes,
+        code=PLAN.code("provenance.py"),
     conda:
         "../envs/compasslib.yaml"
     log:
