@@ -247,7 +247,7 @@ rule summary:
     output:
         report("results/summary.csv", caption="workflow/report/summary.rst", category="Cruise"),
     params:
-        names=list(CRUISE.moorings),
+        roles=PLAN.roles(),
         code=PLAN.code("summary.py"),
     conda:
         ENVIRONMENT

@@ -109,6 +109,10 @@ class Plan:
         """Return the records of all moorings."""
         return [_record(name, role) for name, mooring in self.cruise.moorings.items() for role in _roles(mooring)]
 
+    def roles(self) -> dict[str, list[str]]:
+        """Return the instruments that each mooring uses; others of its results are of an earlier configuration."""
+        return {name: _roles(mooring) for name, mooring in self.cruise.moorings.items()}
+
     def method(self, wildcards: Any) -> str:
         """Return the method that one mooring is fitted by."""
         return str(self._mooring(wildcards).fit.method)
@@ -237,6 +241,7 @@ def _described(mooring: Mooring) -> dict[str, Any]:
         "start": mooring.start.isoformat(),
         "end": mooring.end.isoformat(),
         "instruments": told,
+        "roles": _roles(mooring),
     }
 
 
