@@ -7,7 +7,7 @@ from snakemake.logging import logger
 
 sys.path.insert(0, str(workflow.basedir))  # before a folder of the same name where this is started
 
-from compasslib import guard, stages, stages_calibrations
+from compasslib import guard, provenance, stages, stages_calibrations
 from compasslib.calibration import KINDS
 from compasslib.config import load
 from compasslib.errors import InputError
@@ -23,11 +23,13 @@ except InputError as error:
 
 ENVIRONMENT = "workflow/envs/compasslib.yaml"
 FIGURES = ["deviation", "diagnosis", "histograms", "scatter", "timeline"]
+CONVENTIONS = expand("results/{mooring}/conventions.json", mooring=CRUISE.moorings)
 SUMMARY = ["results/summary.csv"] if CRUISE.moorings else []
 PRODUCTS = [
     *expand("results/{mooring}/corrected.nc", mooring=CRUISE.moorings),
     *expand("results/{mooring}/assessment.json", mooring=CRUISE.moorings),
     *expand("results/{mooring}/figures/{figure}.png", mooring=CRUISE.moorings, figure=FIGURES),
+    *(CONVENTIONS if CRUISE.options.conventions.check else []),
     *SUMMARY,
     *CALIBRATIONS.wanted(),
     *(["results/report.html"] if CRUISE.moorings or CRUISE.calibrations else []),

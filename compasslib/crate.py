@@ -196,11 +196,8 @@ def _surroundings() -> Iterator[Entity]:
     if lock.is_file():
         yield {"@id": f"#{LOCK}", "@type": "SoftwareSourceCode", "name": LOCK, "sha256": provenance.sha256(lock)}
     for package in _packages(lock):
-        try:
-            version = importlib.metadata.version(package)
-        except importlib.metadata.PackageNotFoundError:
-            continue  # named for another platform, or a build tool
-        yield _tool(f"pkg:pypi/{package}@{version}", package, version)
+        if version := provenance.installed(package):  # some are named for another platform, or are build tools
+            yield _tool(f"pkg:pypi/{package}@{version}", package, version)
 
 
 def _packages(lock: Path) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import importlib.metadata
 import json
 import os
 import re
@@ -100,6 +101,18 @@ def date_source() -> str:
         return "SOURCE_DATE_EPOCH"
     checkout = "the commit of the software"
     return checkout if _git("log", "-1", "--format=%ct") else "nothing: no checkout, and SOURCE_DATE_EPOCH is not set"
+
+
+def installed(package: str) -> str:
+    """Return the version of a package, nothing where it is not installed.
+
+    Args:
+        package: its name.
+    """
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return ""
 
 
 def sha256(path: str | Path) -> str:

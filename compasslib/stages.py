@@ -105,6 +105,10 @@ class Plan:
         role = self._mooring(wildcards).reference
         return [] if role is None else [_record(wildcards.mooring, role)]
 
+    def records(self, wildcards: Any) -> list[str]:
+        """Return the records of the instruments that one mooring uses."""
+        return [_record(wildcards.mooring, role) for role in _roles(self._mooring(wildcards))]
+
     def all_records(self, wildcards: Any) -> list[str]:
         """Return the records of all moorings."""
         return [_record(name, role) for name, mooring in self.cruise.moorings.items() for role in _roles(mooring)]
