@@ -16,7 +16,7 @@ from bench import MILD, readings, ring, write_table
 from sea import cruise
 from test_workflow import change, snakemake
 
-from compasslib import archive_calibrations, calibration, pipeline
+from compasslib import archive_calibrations, calibration, pipeline, summary
 from compasslib.calibration import content
 from compasslib.calibration.curves import Readings
 from compasslib.command import folders, main
@@ -176,7 +176,7 @@ def test_explain_tells_findings_and_warnings(copied, capsys):
         "few pairs in spring",
     ):
         assert said in told, said
-    assert "included: 2100\N{NO-BREAK SPACE}±\N{NO-BREAK SPACE}140\N{NO-BREAK SPACE}nT" in told
+    assert "field down: 2100\N{NO-BREAK SPACE}±\N{NO-BREAK SPACE}140\N{NO-BREAK SPACE}nT" in told
     assert "What would decide: A swing at a tilt." in told
 
 
@@ -216,6 +216,13 @@ def test_explain_ends_quietly_where_the_pipe_is_closed(runs):
     end.stdout.close()
     assert end.stderr.read() == b"" and end.wait() == 1
     end.stderr.close()
+
+
+def test_records_of_instruments_that_the_configuration_no_longer_names_count_no_more(runs, copied):
+    shutil.copy(copied / "work/top.nc", copied / "work/upper.nc")  # as a renamed instrument left it
+    told = summary.row("M1", copied, ["top", "deep"])["warnings"]
+    assert "top: pitch and roll never change" in told and "upper: " not in told
+    assert told == summary.row("M1", runs / "old/M1")["warnings"] != summary.row("M1", copied)["warnings"]
 
 
 # --- diff ------------------------------------------------------------------------------------------------------------

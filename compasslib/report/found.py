@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any
@@ -131,6 +132,6 @@ def _parameters(finding: Mapping[str, Any]) -> Table | None:
 
 
 def _meanings(effect: str) -> dict[str, str]:
-    """Return what the catalogue says of an effect's parameters, by their names."""
+    """Return what the catalogue says of an effect's parameters, without the details that it adds behind a comma."""
     terms = [term for term in CATALOGUE if term.name == effect]
-    return {one.name: str(one.metadata["meaning"]) for term in terms for one in fields(term)}
+    return {one.name: re.split("[,;]", one.metadata["meaning"])[0] for term in terms for one in fields(term)}
