@@ -7,7 +7,7 @@ from snakemake.logging import logger
 
 sys.path.insert(0, str(workflow.basedir))  # before a folder of the same name where this is started
 
-from compasslib import guard, stages, stages_calibrations
+from compasslib import guard, provenance, stages, stages_calibrations
 from compasslib.calibration import KINDS
 from compasslib.config import load
 from compasslib.errors import InputError
@@ -23,11 +23,13 @@ except InputError as error:
 
 ENVIRONMENT = "workflow/envs/compasslib.yaml"
 FIGURES = ["deviation", "diagnosis", "histograms", "scatter", "timeline"]
+CONVENTIONS = expand("results/{mooring}/conventions.json", mooring=CRUISE.moorings)
 SUMMARY = ["results/summary.csv"] if CRUISE.moorings else []
 PRODUCTS = [
     *expand("results/{mooring}/corrected.nc", mooring=CRUISE.moorings),
     *expand("results/{mooring}/assessment.json", mooring=CRUISE.moorings),
     *expand("results/{mooring}/figures/{figure}.png", mooring=CRUISE.moorings, figure=FIGURES),
+    *(CONVENTIONS if CRUISE.options.conventions.check else []),
     *SUMMARY,
     *CALIBRATIONS.wanted(),
     *(["results/report.html"] if CRUISE.moorings or CRUISE.calibrations else []),
@@ -51,13 +53,13 @@ rule read:
     input:
         raw=PLAN.raw_files,
         companions=PLAN.companion_files,
-        modules=PLAN.reader_modules,
     output:
         "results/{mooring}/work/{role}.nc",
     params:
         form=PLAN.form,
         reader=PLAN.reader_settings,
         deployment=PLAN.deployment,
+        code=stages.hashed(PLAN.reader_modules),
     conda:
         ENVIRONMENT
     log:
@@ -70,12 +72,11 @@ rule read:
 
 rule earth_field:
     """Position and dates -> declination, horizontal and vertical field along time."""
-    input:
-        modules=PLAN.modules("earth_field.py"),
     output:
         "results/{mooring}/work/field.json",
     params:
         place=PLAN.place_and_declination,
+        code=PLAN.code("earth_field.py"),
     conda:
         ENVIRONMENT
     log:
@@ -92,12 +93,12 @@ rule overlap:
         upper=PLAN.compromised,
         lower=PLAN.reference,
         field="results/{mooring}/work/field.json",
-        modules=PLAN.modules("overlap.py"),
     output:
         pairs="results/{mooring}/overlap.nc",
         wide="results/{mooring}/wide/overlap.nc",
     params:
         rules=CRUISE.options.overlap.model_dump(),
+        code=PLAN.code("overlap.py"),
     conda:
         ENVIRONMENT
     log:
@@ -114,12 +115,12 @@ rule fit:
         record=PLAN.compromised,
         pairs="results/{mooring}/overlap.nc",
         field="results/{mooring}/work/field.json",
-        modules=PLAN.modules("fit.py"),
     output:
         "results/{mooring}/work/fit.json",
     params:
         method=PLAN.method,
         tilt=PLAN.tilt,
+        code=PLAN.code("fit.py"),
     wildcard_constraints:
         mooring=stages.only(PLAN.by_pairs()),
     conda:
@@ -141,12 +142,12 @@ rule diagnose:
         fit="results/{mooring}/work/fit.json",
         field="results/{mooring}/work/field.json",
         observatory=PLAN.observatory,
-        modules=PLAN.modules("diagnose.py"),
     output:
         diagnosis="results/{mooring}/diagnosis.json",
         deviation="results/{mooring}/deviation.json",
     params:
         options=PLAN.diagnose,
+        code=PLAN.code("diagnose.py"),
     conda:
         ENVIRONMENT
     log:
@@ -166,13 +167,13 @@ rule correct:
         assessment="results/{mooring}/assessment.json",
         field="results/{mooring}/work/field.json",
         observatory=PLAN.observatory,
-        modules=PLAN.modules("correct.py"),
     output:
         "results/{mooring}/corrected.nc",
     params:
         site=PLAN.site,
         attributes=PLAN.attributes,
         sources=PLAN.all_raw_files,
+        code=PLAN.code("correct.py"),
     conda:
         ENVIRONMENT
     log:
@@ -191,9 +192,10 @@ rule assess:
         deviation="results/{mooring}/deviation.json",
         field="results/{mooring}/work/field.json",
         observatory=PLAN.observatory,
-        modules=PLAN.modules("assess.py"),
     output:
         "results/{mooring}/assessment.json",
+    params:
+        code=PLAN.code("assess.py"),
     conda:
         ENVIRONMENT
     log:
@@ -211,7 +213,6 @@ rule figures:
         deviation="results/{mooring}/deviation.json",
         diagnosis="results/{mooring}/diagnosis.json",
         product="results/{mooring}/corrected.nc",
-        modules=PLAN.modules("figures.py"),
     output:
         **{
             figure: report(
@@ -223,6 +224,8 @@ rule figures:
             )
             for figure in FIGURES
         },
+    params:
+        code=PLAN.code("figures.py"),
     conda:
         ENVIRONMENT
     log:
@@ -243,11 +246,11 @@ rule summary:
         field=expand("results/{mooring}/work/field.json", mooring=CRUISE.moorings),
         pairs=expand("results/{mooring}/overlap.nc", mooring=CRUISE.moorings),
         records=PLAN.all_records,
-        modules=PLAN.modules("summary.py"),
     output:
         report("results/summary.csv", caption="workflow/report/summary.rst", category="Cruise"),
     params:
-        names=list(CRUISE.moorings),
+        roles=PLAN.roles(),
+        code=PLAN.code("summary.py"),
     conda:
         ENVIRONMENT
     log:
@@ -264,7 +267,6 @@ rule report:
         summary=SUMMARY,
         figures=expand("results/{mooring}/figures/{figure}.png", mooring=CRUISE.moorings, figure=FIGURES),
         calibrations=CALIBRATIONS.wanted(),
-        modules=PLAN.modules("report.py"),
         templates=PLAN.templates(),
     output:
         "results/report.html",
@@ -272,6 +274,7 @@ rule report:
         attributes=CRUISE.options.attributes,
         moorings=PLAN.described(),
         calibrations=list(CRUISE.calibrations),
+        code=PLAN.code("report.py"),
     conda:
         ENVIRONMENT
     log:

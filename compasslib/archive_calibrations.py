@@ -70,8 +70,20 @@ def read(*, calibration: str | Path, table: str | Path, points: str | Path) -> P
     Raises:
         InputError: a file is absent or damaged.
     """
-    columns = _read_csv(table)
-    return Page(read_json(calibration), Table(*(columns[name] for name in TABLE_COLUMNS)), _read_csv(points))
+    return Page(read_json(calibration), read_table(table), _read_csv(points))
+
+
+def read_table(path: str | Path) -> Table:
+    """Return a calibration's deviations.
+
+    Args:
+        path: table.csv.
+
+    Raises:
+        InputError: the file is absent or damaged.
+    """
+    columns = _read_csv(path)
+    return Table(*(columns[name] for name in TABLE_COLUMNS))
 
 
 def named(paths: Sequence[str | Path]) -> dict[str, Any]:

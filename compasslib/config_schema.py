@@ -131,6 +131,12 @@ class Diagnose(Section):
     min_effect_deg: Number = key("degrees from 0 to 180", "0.5", 0.5, ge=0, le=180)
 
 
+class Conventions(Section):
+    """Whether each run holds its products against CF, ACDD and OceanSITES."""
+
+    check: Switch = key("true or false", "true", False)
+
+
 class Options(Section):
     """config/config.yaml: the options of a run."""
 
@@ -141,6 +147,7 @@ class Options(Section):
     overlap: Overlap = key("a mapping", "{max_minutes: 20}", Overlap())
     fit: Fit = key("a mapping", "{method: exact}", Fit())
     diagnose: Diagnose = key("a mapping", "{enabled: true}", Diagnose())
+    conventions: Conventions = key("a mapping", "{check: true}", Conventions())
 
     @model_validator(mode="after")
     def _calibrations_belong_to_moorings(self) -> Self:

@@ -5,13 +5,15 @@ from __future__ import annotations
 import importlib.util
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
-from compasslib import archive_layout, oceansites
+from compasslib import archive_layout, oceansites, provenance
 from compasslib.archive_attributes import NOT_GIVEN
 from compasslib.archive_files import opened
 from compasslib.errors import InputError
 
 CHECKER = "compliance_checker"
+CF, ACDD = "cf:1.8", "acdd:1.3"
 PRODUCT = "corrected.nc"  # the file that claims ACDD and OceanSITES beside CF
 NOT_ASKED = 1  # the checker's weight of what is merely suggested
 # The CF table has no name for these: its orientation is from true north, and it knows no deviation and no declination.
@@ -22,6 +24,15 @@ UNAVOIDABLE = {f'variable "{name}" missing the following attributes: standard_na
 def installed() -> bool:
     """Return whether the checker of CF and ACDD is there; it comes with the test environment alone."""
     return importlib.util.find_spec(CHECKER) is not None
+
+
+def checkers() -> dict[str, str]:
+    """Return what files are held against here, and by which program."""
+    own = {"OceanSITES": f"manual {oceansites.MANUAL}"}
+    if not installed():
+        return own
+    program = f"compliance-checker {provenance.installed('compliance-checker')}"
+    return own | {"CF": f"{CF} by {program}", "ACDD": f"{ACDD} by {program}"}
 
 
 def remarks(path: str | Path) -> list[str]:
@@ -37,8 +48,8 @@ def remarks(path: str | Path) -> list[str]:
     found = [f"OceanSITES: {remark}" for remark in oceansites.remarks(path)] if product else []
     if not installed():
         return found
-    found += [f"CF: {remark}" for remark in checked(path, "cf:1.8")]
-    asked = set(checked(path, "acdd:1.3")) - UNAVOIDABLE if product else set()
+    found += [f"CF: {remark}" for remark in checked(path, CF)]
+    asked = set(checked(path, ACDD)) - UNAVOIDABLE if product else set()
     return found + [f"ACDD: {remark}" for remark in sorted(asked)]
 
 
@@ -71,8 +82,8 @@ def checked(path: str | Path, checker: str) -> list[str]:
     return sorted(f"{group.name} {message}" for group in failed for message in group.msgs) + broken
 
 
-def tell(paths: Sequence[str], say: Callable[[str], None]) -> None:
-    """Say what stands against files, a line each.
+def tell(paths: Sequence[str], say: Callable[[str], None]) -> dict[str, Any]:
+    """Say what stands against files, a line each; return what they were held against and what may still be given.
 
     Args:
         paths: netCDF files.
@@ -82,8 +93,8 @@ def tell(paths: Sequence[str], say: Callable[[str], None]) -> None:
         InputError: something does.
     """
     found = [f"{path}: {remark}" for path in paths for remark in remarks(path)]
-    asked = [f"{path}: attributes may still give {', '.join(names)}" for path in paths if (names := not_given(path))]
-    for line in found + asked:
+    absent = {path: names for path in paths if (names := not_given(path))}
+    for line in [*found, *(f"{path}: attributes may still give {', '.join(names)}" for path, names in absent.items())]:
         say(line)
     if not installed():
         say("CF and ACDD were not checked: compliance-checker is not installed; make check-archive installs it")
@@ -91,3 +102,4 @@ def tell(paths: Sequence[str], say: Callable[[str], None]) -> None:
         advice = "attributes are those of the YAML files; anything else is this program's fault"
         raise InputError(f"{len(paths)} netCDF files", expected="no remark", found=str(len(found)), advice=advice)
     say(f"{len(paths)} netCDF files: no remark by {'CF, ACDD and ' if installed() else ''}OceanSITES")
+    return {"no_remark_by": checkers(), "files": list(paths), "attributes_may_still_give": absent}

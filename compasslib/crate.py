@@ -191,16 +191,15 @@ def _software(said: str, surroundings: Sequence[Entity]) -> Entity:
 
 def _surroundings() -> Iterator[Entity]:
     """Python, the lock, and the installed version of each package that the lock names."""
-    yield _tool("#python", "python", platform.python_version())
+    python = platform.python_version()
+    yield _tool(f"pkg:generic/python@{python}", "python", python, "https://www.python.org/")
     lock = provenance.PROJECT / LOCK
     if lock.is_file():
-        yield {"@id": f"#{LOCK}", "@type": "SoftwareSourceCode", "name": LOCK, "sha256": provenance.sha256(lock)}
+        known = provenance.sha256(lock)
+        yield {"@id": f"#{LOCK}", "@type": "SoftwareSourceCode", "name": LOCK, "sha256": known, "version": known[:12]}
     for package in _packages(lock):
-        try:
-            version = importlib.metadata.version(package)
-        except importlib.metadata.PackageNotFoundError:
-            continue  # named for another platform, or a build tool
-        yield _tool(f"pkg:pypi/{package}@{version}", package, version)
+        if version := provenance.installed(package):  # some are named for another platform, or are build tools
+            yield _tool(f"pkg:pypi/{package}@{version}", package, version, f"https://pypi.org/project/{package}/")
 
 
 def _packages(lock: Path) -> list[str]:
@@ -214,8 +213,8 @@ def _packages(lock: Path) -> list[str]:
     return sorted(re.split(r"[^\w.-]", line, maxsplit=1)[0] for line in asked if "extra ==" not in line)
 
 
-def _tool(identifier: str, name: str, version: str) -> Entity:
-    return {"@id": identifier, "@type": "SoftwareApplication", "name": name, "softwareVersion": version}
+def _tool(identifier: str, name: str, version: str, url: str) -> Entity:
+    return {"@id": identifier, "@type": "SoftwareApplication", "name": name, "softwareVersion": version, "url": url}
 
 
 def _job(name: str, record: Record, configuration: Mapping[str, Sequence[str]]) -> Entity:
@@ -229,6 +228,7 @@ def _job(name: str, record: Record, configuration: Mapping[str, Sequence[str]]) 
         "name": f"{record['rule']} {about}".strip(),
         "description": f"rule {record['rule']}, modules sha256 {record['code']}, parameters {parameters}",
         "instrument": _ref(f"#{quote(record['software'])}"),
+        "actionStatus": "http://schema.org/CompletedActionStatus",  # only a job that ended well leaves a record
         "object": _refs(read),
         "result": _refs(record["wrote"]),
     }

@@ -18,6 +18,7 @@ from compasslib.archive_files import opened
 
 Remarks = Iterator[str]
 
+MANUAL = "1.4"
 MOMENT = r"\d{4}-\d\d-\d\dT\d\d:\d\d(:\d\d(\.\d+)?)?Z"
 INTERVAL = r"P(?=.)(\d+Y)?(\d+M)?(\d+D)?(T(\d+H)?(\d+M)?(\d+(\.\d+)?S)?)?"
 # Global attributes that the manual requires or whose words it fixes [2.2, 3.1 to 3.4, 4.1.1].

@@ -99,21 +99,26 @@ def _simultaneous(bins: int) -> float:
 def _words(found: Mapping[str, Any]) -> list[str]:
     said = [_finding(k, finding) for k, finding in enumerate(found["findings"], start=1)]
     said += [found["unexplained"]["text"]] if found["unexplained"] else []
-    said += [f"What would separate them: {found['separated_by']}."] if found["separated_by"] else []
+    said += [f"What would separate them: {_plain(found['separated_by'])}."] if found["separated_by"] else []
     said += [found["why"][0].upper() + found["why"][1:].rstrip(".") + "."] if found.get("why") else []
     said += [f"Too small to matter: {_small(found['negligible'])}."] if found.get("negligible") else []
-    absent = dict.fromkeys(one["effect"] for one in found["not_testable"])
+    absent = dict.fromkeys(_plain(one["effect"]) for one in found["not_testable"])
     said += [f"Not testable here: {', '.join(absent)}."] if absent else []
     return [line for text in said for line in textwrap.wrap(text, CHARACTERS)]
 
 
 def _finding(number: int, finding: Mapping[str, Any]) -> str:
-    rival = f"; also possible: {', '.join(finding['alternatives'])}" if finding["alternatives"] else ""
-    return f"{number}. {finding['effect']} ({finding['side']} side{rival}). {finding['text']}"
+    others = [_plain(effect) for effect in finding["alternatives"]]
+    rival = f"; also possible: {', '.join(others)}" if others else ""
+    return f"{number}. {_plain(finding['effect']).capitalize()} ({finding['side']} side{rival}). {finding['text']}"
 
 
 def _small(negligible: Sequence[Mapping[str, Any]]) -> str:
-    return ", ".join(f"{one['effect']} ({one['rms_effect_deg']:.2f}°)" for one in negligible)
+    return ", ".join(f"{_plain(one['effect'])} ({one['rms_effect_deg']:.2f}°)" for one in negligible)
+
+
+def _plain(name: str) -> str:
+    return name.replace("_", " ")
 
 
 def _handles(found: Mapping[str, Any]) -> list[Any]:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import ast
 import hashlib
+import importlib.metadata
 import json
 import os
+import re
 import subprocess
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
@@ -21,13 +22,18 @@ if TYPE_CHECKING:  # the Snakefile imports this room and needs no numbers
     from compasslib.records import EarthField
 
 PROJECT = Path(__file__).resolve().parent.parent
+_IMPORT = re.compile(r"^ *(?:from (compasslib\S*) import (\([^)]*\)|.*)|import (compasslib[\w.]*))", re.MULTILINE)
+_FOR_TYPES = re.compile(r"^if TYPE_CHECKING:.*(?:\n(?: .*)?)*", re.MULTILINE)
+_ALIAS_OR_COMMENT = re.compile(r" as \w+|#.*")
 
 
-def sources(script: str | Path, *others: str | Path) -> list[str]:
+@cache  # asked for each job of a fleet
+def sources(script: str | Path, *others: str | Path) -> tuple[str, ...]:
     """Return the files of compasslib that a script uses, followed through all imports.
 
-    Snakemake re-runs a job whose script changed, not one whose library changed; these files are therefore among the
-    inputs of each rule, so that an edit re-runs what it touches and nothing else.
+    Snakemake re-runs a job whose script changed, not one whose library changed; one hash of these files is therefore a
+    parameter of each rule, so that an edit re-runs what it touches and nothing else. As inputs, some 45 a job, they
+    would take half of what it costs to plan a fleet.
 
     Args:
         script: a Python file.
@@ -39,35 +45,30 @@ def sources(script: str | Path, *others: str | Path) -> list[str]:
         new = _imported(waiting.pop()) - seen
         seen |= new
         waiting.extend(new)
-    return sorted(str(path) for path in seen)
+    return tuple(sorted(str(path) for path in seen))
 
 
 @cache
 def _imported(path: Path) -> frozenset[Path]:
-    """Return the house's files that one file imports when it runs, packages' own files included."""
+    """Return the house's files that one file imports when it runs, packages' own files included.
+
+    Read by lines: a syntax tree of all modules takes a second each time that Snakemake starts. A line of a text that
+    looks like an import costs a needless re-run; none that is one is missed.
+    """
     names: set[str] = set()
-    for node in _running(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Import):
-            names |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom) and node.module:
-            names |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
-    return frozenset(file for name in names if name.startswith("compasslib") for file in _files(name))
+    for module, members, whole in _IMPORT.findall(_FOR_TYPES.sub("", path.read_text(encoding="utf-8"))):
+        own_names = re.findall(r"\w+", _ALIAS_OR_COMMENT.sub("", members))
+        names |= {module or whole, *(f"{module}.{name}" for name in own_names)}
+    return frozenset(file for name in names for file in _files(name))
 
 
-def _running(node: ast.AST) -> Iterator[ast.AST]:
-    """Return the node and all below it, save what is there for the type checker alone."""
-    if not (isinstance(node, ast.If) and getattr(node.test, "id", "") == "TYPE_CHECKING"):
-        yield node
-        for child in ast.iter_child_nodes(node):
-            yield from _running(child)
-
-
-def _files(name: str) -> list[Path]:
+@cache
+def _files(name: str) -> tuple[Path, ...]:
     """Return the file of a module and those of the packages above it."""
     parts = name.split(".")
     stems = [PROJECT.joinpath(*parts[:k]) for k in range(1, len(parts) + 1)]
     candidates = [stem / "__init__.py" for stem in stems] + [stems[-1].with_suffix(".py")]
-    return [path for path in candidates if path.is_file()]
+    return tuple(path for path in candidates if path.is_file())
 
 
 def software() -> str:
@@ -102,6 +103,18 @@ def date_source() -> str:
     return checkout if _git("log", "-1", "--format=%ct") else "nothing: no checkout, and SOURCE_DATE_EPOCH is not set"
 
 
+def installed(package: str) -> str:
+    """Return the version of a package, nothing where it is not installed.
+
+    Args:
+        package: its name.
+    """
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return ""
+
+
 def sha256(path: str | Path) -> str:
     """Return the SHA-256 of a file's bytes.
 
@@ -131,20 +144,30 @@ def digest(modules: Iterable[str | Path]) -> str:
     return hashlib.sha256("".join(lines).encode()).hexdigest()
 
 
+@cache
+def code(modules: tuple[str, ...]) -> str:
+    """Return one SHA-256 for the modules behind a script; of files that are edited meanwhile, that of the first look.
+
+    Args:
+        modules: as ``sources`` gives them.
+    """
+    return digest(modules)
+
+
 def of_job(job: Any) -> dict[str, Any]:
     """Return what one job of the workflow read and wrote, by what code and with which parameters.
 
     Args:
-        job: the object ``snakemake`` of its script; library files among its inputs stand under PROJECT.
+        job: the object ``snakemake`` of its script; its parameter ``code`` is the hash of the library files behind it.
     """
-    house = str(PROJECT / "compasslib")
-    code = [path for path in job.input if path.startswith(house)]
+    house = str(PROJECT / "compasslib")  # the report's templates are inputs, and belong to the software
+    parameters = dict(job.params.items())
     return {
         "rule": job.rule,
         "of": dict(job.wildcards.items()),
         "software": software(),
-        "code": digest(code),
-        "parameters": dict(job.params.items()),
+        "code": parameters.pop("code", ""),
+        "parameters": parameters,
         "read": hashes(path for path in job.input if not path.startswith(house)),
         "wrote": hashes(job.output),
     }

@@ -6,7 +6,7 @@ A rule is given only the keys that it uses, so that a change of one key re-runs 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -29,15 +29,15 @@ class Plan:
     cruise: Cruise
     scripts: Path
 
-    def modules(self, script: str) -> list[str]:
-        """Return the library files behind a script."""
-        return provenance.sources(self.scripts / script)
+    def code(self, script: str) -> Callable[[Any], str]:
+        """Return what gives one hash of the library files behind a script."""
+        return hashed(lambda wildcards: provenance.sources(self.scripts / script))
 
     def templates(self) -> list[str]:
         """Return the templates of the report."""
         return sorted(str(path) for path in (provenance.PROJECT / "compasslib/report/templates").iterdir())
 
-    def reader_modules(self, wildcards: Any) -> list[str]:
+    def reader_modules(self, wildcards: Any) -> tuple[str, ...]:
         """Return the library files behind the reading of one instrument, its own format's reader only."""
         module = FORMATS[self._instrument(wildcards).format][0]
         return provenance.sources(self.scripts / "read.py", f"compasslib/readers/{module}.py")
@@ -105,9 +105,17 @@ class Plan:
         role = self._mooring(wildcards).reference
         return [] if role is None else [_record(wildcards.mooring, role)]
 
+    def records(self, wildcards: Any) -> list[str]:
+        """Return the records of the instruments that one mooring uses."""
+        return [_record(wildcards.mooring, role) for role in _roles(self._mooring(wildcards))]
+
     def all_records(self, wildcards: Any) -> list[str]:
         """Return the records of all moorings."""
         return [_record(name, role) for name, mooring in self.cruise.moorings.items() for role in _roles(mooring)]
+
+    def roles(self) -> dict[str, list[str]]:
+        """Return the instruments that each mooring uses; others of its results are of an earlier configuration."""
+        return {name: _roles(mooring) for name, mooring in self.cruise.moorings.items()}
 
     def method(self, wildcards: Any) -> str:
         """Return the method that one mooring is fitted by."""
@@ -193,6 +201,15 @@ def plan(cruise: Cruise, scripts: Path) -> Plan:
     return Plan(cruise, scripts)
 
 
+def hashed(modules: Callable[[Any], tuple[str, ...]]) -> Callable[[Any], str]:
+    """Return what gives one hash of the library files behind a job, as a parameter of its rule.
+
+    Args:
+        modules: gives these files for a job's wildcards.
+    """
+    return lambda wildcards: provenance.code(modules(wildcards))
+
+
 def only(names: Iterable[str]) -> str:
     """Return the constraint of a wildcard that may be one of these names and nothing that merely looks like them.
 
@@ -228,6 +245,7 @@ def _described(mooring: Mooring) -> dict[str, Any]:
         "start": mooring.start.isoformat(),
         "end": mooring.end.isoformat(),
         "instruments": told,
+        "roles": _roles(mooring),
     }
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -29,12 +29,13 @@ COLUMNS = (
 LARGE_CONSTANT_DEG, SURE_SIGMAS = 10.0, 2.0
 
 
-def row(name: str, folder: str | Path) -> dict[str, Any]:
+def row(name: str, folder: str | Path, roles: Iterable[str] | None = None) -> dict[str, Any]:
     """Return a mooring's row; shares from 0 to 1, angles in degrees, rms on pairs held out from the fit.
 
     Args:
         name: the mooring.
         folder: its results.
+        roles: its instruments; None where no configuration says so, then every record that is there.
     """
     folder = Path(folder)
     files = ("deviation.json", "assessment.json", "diagnosis.json")
@@ -52,8 +53,20 @@ def row(name: str, folder: str | Path) -> dict[str, Any]:
         "folded": fit["folded"],
         "verdict": found["verdict"],
         "effects": " ".join(finding["effect"] for finding in found["findings"]),
-        "warnings": " | ".join(_warnings(folder, fit, found, verdict)),
+        "warnings": " | ".join([*_warnings(folder, fit, found, verdict), *_of_records(records(folder, roles))]),
     }
+
+
+def records(folder: Path, roles: Iterable[str] | None) -> list[Path]:
+    """Return the records of a mooring's instruments, in the order of their names.
+
+    Args:
+        folder: the mooring's results.
+        roles: its instruments; None where no configuration says so, then every record that is there.
+    """
+    if roles is None:
+        return sorted((folder / "work").glob("*.nc"))
+    return [folder / f"work/{role}.nc" for role in sorted(roles)]
 
 
 def write(path: str | Path, rows: Sequence[Mapping[str, Any]]) -> None:
@@ -82,13 +95,15 @@ def table(rows: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _warnings(folder: Path, fit: Mapping[str, Any], found: Mapping[str, Any], verdict: Mapping[str, Any]) -> list[str]:
-    records = sorted((folder / "work").glob("*.nc"))
-    said = [f"{path.stem}: {w}" for path in records for w in archive.read_warnings(path)]
     field = archive.read_json(folder / "work/field.json")
     reasons = dict.fromkeys(why for why in (fit["why"], found["why"] * (found["verdict"] == "insufficient")) if why)
     pairs = archive.read_pairs(folder / "overlap.nc").warnings
     refuted = [verdict["refuted"]] if verdict["refuted"] else _worse(verdict)
-    return [*refuted, *reasons, *pairs, *fit["warnings"], *_constant(fit, field), *field["warnings"], *said]
+    return [*refuted, *reasons, *pairs, *fit["warnings"], *_constant(fit, field), *field["warnings"]]
+
+
+def _of_records(paths: Iterable[Path]) -> list[str]:
+    return [f"{path.stem}: {said}" for path in paths for said in archive.read_warnings(path)]
 
 
 def _worse(verdict: Mapping[str, Any]) -> list[str]:

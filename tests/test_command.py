@@ -12,12 +12,19 @@ from pathlib import Path
 
 import pytest
 import yaml
+from bench import MILD, readings, ring, write_table
 from sea import cruise
 from test_workflow import change, snakemake
 
-from compasslib import pipeline
+from compasslib import archive_calibrations, calibration, pipeline, summary
+from compasslib.calibration import content
+from compasslib.calibration.curves import Readings
 from compasslib.command import folders, main
 
+DIAGNOSED = {
+    **{"verdict": "consistent", "findings": [], "unexplained": None},
+    **{"separated_by": None, "not_testable": [], "why": ""},
+}
 COMPASS = [sys.executable, "-c", "import sys; from compasslib.command import main; sys.exit(main())"]
 
 
@@ -169,7 +176,7 @@ def test_explain_tells_findings_and_warnings(copied, capsys):
         "few pairs in spring",
     ):
         assert said in told, said
-    assert "b z: 2100\N{NO-BREAK SPACE}±\N{NO-BREAK SPACE}140\N{NO-BREAK SPACE}nT" in told
+    assert "field down: 2100\N{NO-BREAK SPACE}±\N{NO-BREAK SPACE}140\N{NO-BREAK SPACE}nT" in told
     assert "What would decide: A swing at a tilt." in told
 
 
@@ -209,6 +216,13 @@ def test_explain_ends_quietly_where_the_pipe_is_closed(runs):
     end.stdout.close()
     assert end.stderr.read() == b"" and end.wait() == 1
     end.stderr.close()
+
+
+def test_records_of_instruments_that_the_configuration_no_longer_names_count_no_more(runs, copied):
+    shutil.copy(copied / "work/top.nc", copied / "work/upper.nc")  # as a renamed instrument left it
+    told = summary.row("M1", copied, ["top", "deep"])["warnings"]
+    assert "top: pitch and roll never change" in told and "upper: " not in told
+    assert told == summary.row("M1", runs / "old/M1")["warnings"] != summary.row("M1", copied)["warnings"]
 
 
 # --- diff ------------------------------------------------------------------------------------------------------------
@@ -270,6 +284,54 @@ def test_diff_tells_what_it_cannot_compare(runs, copied, capsys):
     assert main(["diff", str(copied.parents[1] / "earlier"), str(copied.parent)]) == 1
     rows = [line.split(maxsplit=1) for line in capsys.readouterr().out.splitlines()[1:]]
     assert rows == [["M1", "nothing changed"], ["M2", "not in OLD"], ["M3", "NEW is incomplete: no corrected.nc"]]
+
+
+@pytest.fixture(scope="module")
+def calibrated(tmp_path_factory) -> Path:
+    """Two runs of calibrations: one whose iron changed, one that stays, one without a result, one that is new."""
+    folder = tmp_path_factory.mktemp("calibrated")
+    for run, iron in (("old", MILD), ("new", (0.02, 0.2, 0.1, 0.03, -0.02))):
+        made = {"bench": readings(coefficients=iron), "same": readings(seed=2), "few": readings(ring(3))}
+        for name, seen in (made | ({"later": readings()} if run == "new" else {})).items():
+            _calibrate(folder, run, name, seen)
+    return folder
+
+
+def _calibrate(folder: Path, run: str, name: str, seen: Readings) -> None:
+    there = folder / run / "calibrations" / name
+    there.mkdir(parents=True)
+    settings = calibration.settled({"uncertainty": {}, "budget": None, "table_step_deg": 10.0})
+    made = calibration.calibrate("platform", [write_table(folder / "raw.csv", seen)], settings)
+    files = {"calibration": there / "calibration.json", "table": there / "table.csv", "points": there / "points.csv"}
+    archive_calibrations.write(page=content.described(name, made, settings, {}), made=made, **files)
+
+
+def test_diff_compares_calibrations(calibrated, capsys):
+    """The iron along the bow grew by 0.05 of the field: B by 2.9 degrees, the deviation by 2.0 rms."""
+    assert main(["diff", str(calibrated / "old"), str(calibrated / "new")]) == 1  # one is new
+    head, *rows = capsys.readouterr().out.splitlines()
+    assert head.startswith("calibration  deviation, rms  largest")
+    told = dict(row.split(maxsplit=1) for row in rows)
+    assert told["same"] == told["few"] == "nothing changed" and told["later"] == "not in OLD"
+    rms, largest = (float(x) for x in re.findall(r"(\d+\.\d+)°", told["bench"])[:2])
+    assert rms == pytest.approx(2.0, abs=0.2) and largest == pytest.approx(2.9, abs=0.3)
+    assert re.search(r"B [+−]2\.\d", told["bench"])
+
+
+def test_diff_of_one_calibration_tells_its_uncertainty_and_what_else_changed(calibrated, tmp_path, capsys):
+    shutil.copytree(calibrated / "old/calibrations/same", tmp_path / "again")
+    file = tmp_path / "again/calibration.json"
+    known = json.loads(file.read_text())
+    rewrite(file, uncertainty=known["uncertainty"] | {"expanded_deg": 9.0}, n=35)
+    (tmp_path / "again/diagnosis.json").write_text(json.dumps(DIAGNOSED))
+    assert main(["diff", str(calibrated / "old/calibrations/same"), str(tmp_path / "again")]) == 0
+    row = capsys.readouterr().out.splitlines()[1]
+    assert re.search(r"same +same +\d\.\d\d° → 9\.00° +none → consistent +same +same +n$", row)
+    assert main(["diff", str(tmp_path / "again"), str(tmp_path / "again")]) == 0
+    assert capsys.readouterr().out == "nothing changed: 1\N{NO-BREAK SPACE}calibration compared\n"
+    (tmp_path / "again/table.csv").unlink()
+    assert main(["diff", str(tmp_path / "again"), str(calibrated / "old/calibrations/same")]) == 1
+    assert "OLD is incomplete: no table.csv" in capsys.readouterr().out
 
 
 def test_diff_of_what_holds_no_results(runs, tmp_path, capsys):

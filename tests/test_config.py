@@ -152,6 +152,7 @@ def test_every_key_but_eight_has_a_default(cruise: Path) -> None:
         },
         "fit": {"method": "exact", "name": None, "tilt": False},
         "diagnose": {"enabled": True, "apply": True, "min_effect_deg": 0.5},
+        "conventions": {"check": False},
     }  # fmt: skip
     assert loaded.moorings["M1"].model_dump() == {
         "name": "M1", "latitude": 10.0, "longitude": 20.0, "water_depth": 100.0, "start_s": 1188864000.0,

@@ -222,7 +222,7 @@ def test_what_was_found_is_said_with_its_alternatives_parameters_and_proof():
     assert facts["When"] == "4 Sep 2007 to 4 Oct 2008" and facts["Where"] == "Along pitch from 4 to 11 degrees."
     assert facts["Residual on held-out days"] == "11.90° before, 11.30° after rms (p ≤ 0.001)"
     assert facts["In the product"] == "yes"
-    assert [cell.replace(words.SPACE, " ") for cell in told.parameters.rows[0]] == ["b z", "2100 ± 140 nT"]
+    assert [cell.replace(words.SPACE, " ") for cell in told.parameters.rows[0]] == ["field down", "2100 ± 140 nT"]
 
 
 def test_what_stays_unexplained_is_said_and_what_would_decide():
@@ -235,6 +235,24 @@ def test_what_stays_unexplained_is_said_and_what_would_decide():
         "What would decide: A swing.",
         "What would decide: Wider headings.",
         "Not testable: stuck tilt. No other sensor.",
+    )
+
+
+def test_what_cannot_be_tested_is_one_sentence_a_reason():
+    """Two effects for the same reason together; an effect of two forms once, and in part where a form was tried."""
+    closed = [
+        {"effect": "heading_slip", "why": "too short"},
+        {"effect": "current_veer", "why": "the depth does not vary"},
+        {"effect": "compass_drift", "why": "too short"},
+        {"effect": "current_veer", "why": "the pairs stand too far apart"},
+        {"effect": "stuck_tilt", "why": "too short"},
+    ]
+    tried = [{"effect": "stuck_tilt", "score": 1.0, "rms_effect_deg": 0.5, "p_value": 0.5}]
+    told = found.cannot_tell({"separated_by": None, "not_testable": closed, "hypotheses": tried})
+    assert told == (
+        "Not testable: heading slip and compass drift. Too short.",
+        "Not testable: current veer. The depth does not vary. The pairs stand too far apart.",
+        "Testable only in part: stuck tilt. Too short.",
     )
 
 

@@ -144,6 +144,17 @@ def test_every_file_is_the_same_in_another_folder_on_one_core(done, tmp_path):
     assert [name for name in first if first[name] != second[name]] == []
 
 
+def test_conventions_are_checked_by_name_or_in_every_run_where_the_options_say_so(done, tmp_path):
+    folder = shutil.copytree(done, tmp_path / "c")
+    assert "check_conventions" not in {rule for rule, _ in planned(folder)}
+    ran = snakemake(folder, "results/ALONE/conventions.json", "results/M1/conventions.json")
+    assert ran.returncode == 0 and "3 netCDF files: no remark by" in ran.stderr, ran.stderr  # ALONE has one record
+    held = json.loads((folder / "results/ALONE/conventions.json").read_text())
+    assert held["files"] == [f"results/ALONE/{file}.nc" for file in ("corrected", "overlap", "work/top")]
+    change(folder / "config/config.yaml", conventions={"check": True})
+    assert planned(folder) == {("check_conventions", "M2"), ("provenance", "")}  # the manifest lists what was checked
+
+
 def results(folder: Path) -> dict[str, bytes]:
     files = [path for path in (folder / "results").rglob("*") if path.is_file() and path.parent.name != "benchmarks"]
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}

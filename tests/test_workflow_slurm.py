@@ -13,24 +13,30 @@ PROJECT = Path(__file__).resolve().parents[1]
 COMPARED = ("corrected.nc", "overlap.nc", "deviation.json", "diagnosis.json", "assessment.json")
 
 
-def run(folder: Path, *options: str) -> None:
+def started(folder: Path, *options: str) -> subprocess.Popen:
     command = [sys.executable, "-m", "snakemake", "--snakefile", PROJECT / "Snakefile", "--directory", folder]
-    environment = os.environ | {"PYTHONPATH": str(PROJECT)}
-    done = subprocess.run([*command, *options], capture_output=True, text=True, env=environment, cwd=folder)
-    assert done.returncode == 0, done.stderr[-4000:]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(PROJECT), os.environ.get("PYTHONPATH", "")])}
+    quiet, said = subprocess.DEVNULL, subprocess.PIPE
+    return subprocess.Popen([*command, *options], stdout=quiet, stderr=said, text=True, env=environment, cwd=folder)
+
+
+def ended(run: subprocess.Popen) -> None:
+    _, said = run.communicate()
+    assert run.returncode == 0, said[-4000:]
 
 
 @pytest.mark.skipif(bool(slurm.missing()), reason=slurm.missing() or "Slurm can be started")
 def test_a_cluster_gives_what_this_machine_gives(tmp_path):
+    """One mooring; benchmarks/slurm_cruise.py does the same with the whole demonstration cruise."""
     here, there = cruise(tmp_path / "here"), cruise(tmp_path / "there")
-    run(here, "--cores", "2")
     with slurm.cluster(tmp_path / "slurm"):
-        profile = str(PROJECT / "workflow/profiles/slurm")
-        # The loopback keeps no accounts, so that the queue itself must be asked.
-        asked = ("--slurm-status-command", "squeue", "--slurm-init-seconds-before-status-checks", "5")
-        kept = "--slurm-keep-successful-logs"
-        run(there, "--workflow-profile", profile, *asked, kept)
-        logs = sorted((there / ".snakemake/slurm_logs").iterdir())
-    assert any(log.name.startswith("group_mooring") for log in logs)
-    for file in [*(f"M1/{name}" for name in COMPARED), "summary.csv", "report.html"]:
+        queued = started(there, *slurm.OPTIONS, "--slurm-keep-successful-logs")
+        try:
+            ended(started(here, "--cores", "1"))  # meanwhile, on the other core
+            ended(queued)
+        finally:
+            queued.kill()
+        logs = sorted(log.name for log in (there / ".snakemake/slurm_logs").iterdir())
+    assert [name.split("_")[1] for name in logs] == ["mooring", "provenance", "report", "summary"]
+    for file in [*(f"M1/{name}" for name in COMPARED), "summary.csv", "report.html", "ro-crate-metadata.json"]:
         assert (there / "results" / file).read_bytes() == (here / "results" / file).read_bytes(), file

@@ -1,9 +1,9 @@
-"""``compass diff``: what changed between two runs, mooring by mooring, as after a metadata fix."""
+"""``compass diff``: what changed between two runs, by mooring and calibration, as after a metadata fix."""
 
 from __future__ import annotations
 
 from argparse import Namespace
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,13 +12,14 @@ import numpy as np
 
 from compasslib import angles
 from compasslib.archive_files import get, opened
-from compasslib.command import folders
+from compasslib.command import diff_calibrations, folders
+from compasslib.command.changes import SAME, coefficients, degrees, effects, table, told
 from compasslib.records import Floats
 from compasslib.report import words
 
 HEADER = ("mooring", "true heading, rms", "largest", "corrected", "verdict", "effects", "coefficients", "also changed")
-SAME, INCOMPLETE = "same", 1
-LEAST = 0.01  # of a coefficient's standard deviation: below lies what a solver leaves
+INCOMPLETE = 1
+Row = Callable[[Path | None, Path | None], tuple[str, ...]]
 NEEDED = ("TIME", "HEADING_CORRECTED", "DECLINATION")
 # Follow from what stands in columns of its own.
 TURNED = ("HEADING_CORRECTED", "DEVIATION", "BRANCH_PROBABILITY", "UCUR", "VCUR")
@@ -43,29 +44,38 @@ class Held:
 
 
 def run(asked: Namespace) -> int:
-    """Print one table, or that nothing changed.
+    """Print a table of moorings and one of calibrations, those in which something changed, or that nothing did.
 
     Args:
-        asked: ``old`` and ``new``, each a cruise, a folder of results or one mooring's.
+        asked: ``old`` and ``new``, each a cruise, a folder of results, or that of one mooring or calibration.
 
     Raises:
         InputError: there are no results, or one of their files is damaged.
     """
-    old, new = folders.moorings(asked.old), folders.moorings(asked.new)
-    if len(old) == len(new) == 1:  # one mooring's folder against its copy of another name
+    old, new = (folders.results(place) for place in (asked.old, asked.new))
+    moorings = _rows(old.moorings, new.moorings, _row)
+    calibrations = _rows(old.calibrations, new.calibrations, diff_calibrations.row)
+    changed = [(HEADER, moorings), (diff_calibrations.HEADER, calibrations)]
+    print("\n\n".join(table(*one) for one in changed if any(one[1].values())) or _nothing(moorings, calibrations))
+    return INCOMPLETE if any(len(row) == 1 for rows in (moorings, calibrations) for row in rows.values()) else 0
+
+
+def _rows(old: Mapping[str, Path], new: Mapping[str, Path], row: Row) -> dict[str, tuple[str, ...]]:
+    if len(old) == len(new) == 1:  # one folder against its copy of another name
         old = dict(zip(new, old.values(), strict=True))
-    rows = {name: _row(old.get(name), new.get(name)) for name in sorted(old | new)}
-    print(_table(rows) if any(rows.values()) else f"nothing changed: {words.plural(len(rows), 'mooring')} compared")
-    return INCOMPLETE if any(len(row) == 1 for row in rows.values()) else 0
+    return {name: row(old.get(name), new.get(name)) for name in sorted({*old, *new})}
+
+
+def _nothing(moorings: Mapping[str, Any], calibrations: Mapping[str, Any]) -> str:
+    parts = ((moorings, "mooring"), (calibrations, "calibration"))
+    compared = [words.plural(len(rows), noun) for rows, noun in parts if rows]
+    return f"nothing changed: {words.listed(compared)} compared"
 
 
 def _row(old: Path | None, new: Path | None) -> tuple[str, ...]:
     """Return a mooring's cells; none where nothing changed, a single one where the two cannot be compared."""
-    for folder, which in ((old, "OLD"), (new, "NEW")):
-        if folder is None:
-            return (f"not in {which}",)
-        if files := folders.missing(folder):
-            return (f"{which} is incomplete: no {files[0]}",)
+    if lacking := folders.lacking(old, new):
+        return (lacking,)
     assert old is not None and new is not None  # for the checker of types
     before, after = _held(old), _held(new)
     with folders.of_this_version(old):
@@ -83,9 +93,12 @@ def _held(folder: Path) -> Held:
 
 def _compared(old: Held, new: Held) -> tuple[str, ...]:
     turned = _turned(old, new)
-    share = _told(words.percent(_share(old)), words.percent(_share(new)))
-    found = (_told(old.diagnosis["verdict"], new.diagnosis["verdict"]), _told(_effects(old), _effects(new)))
-    fitted = _coefficients(old.deviation, new.deviation)
+    share = told(words.percent(_share(old)), words.percent(_share(new)))
+    found = (
+        told(old.diagnosis["verdict"], new.diagnosis["verdict"]),
+        told(effects(old.diagnosis), effects(new.diagnosis)),
+    )
+    fitted = coefficients(old.deviation, new.deviation)
     shown = {"assessment": turned[0], "diagnosis": "".join(found).replace(2 * SAME, SAME), "deviation": fitted}
     others = _variables(old, new, turned[0]) + _attributes(old, new)
     others += [f"{file}.json" for file, said in shown.items() if said == SAME and _file(old, file) != _file(new, file)]
@@ -94,10 +107,6 @@ def _compared(old: Held, new: Held) -> tuple[str, ...]:
 
 def _file(held: Held, name: str) -> Any:
     return getattr(held, name)
-
-
-def _told(old: str, new: str) -> str:
-    return SAME if old == new else f"{old} → {new}"
 
 
 def _turned(old: Held, new: Held) -> tuple[str, str]:
@@ -110,39 +119,12 @@ def _turned(old: Held, new: Held) -> tuple[str, str]:
         return nowhere, nowhere
     if not turn.any():
         return SAME, SAME
-    return _degrees(float(np.sqrt(np.mean(turn**2)))), _degrees(float(np.max(np.abs(turn))))
-
-
-def _degrees(value: float) -> str:
-    return f"{words.significant(value, 3)}°" if value >= 0.01 else "below 0.01°"
+    return degrees(float(np.sqrt(np.mean(turn**2)))), degrees(float(np.max(np.abs(turn))))
 
 
 def _share(held: Held) -> float:
     corrected = np.isfinite(held.series["HEADING_CORRECTED"])
     return float(corrected.mean()) if corrected.size else 0.0
-
-
-def _effects(held: Held) -> str:
-    return ", ".join(one["effect"] for one in held.diagnosis["findings"]) or "none"
-
-
-def _coefficients(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
-    """Return how the configured fit's coefficients changed, as configured; by its methods where these differ."""
-    before, after = old["coefficients"], new["coefficients"]
-    if old["method"] != new["method"]:
-        return f"{old['method']} → {new['method']}"
-    if before == after:
-        return SAME
-    if not (before and after):
-        return "none → fitted" if after else "fitted → none"
-    sigma = np.sqrt(np.diag(new["covariance"])) if new["covariance"] else np.zeros(len(after))
-    change = {letter: value - before[letter] for letter, value in after.items()}
-    worth = [letter for letter, s in zip(change, sigma, strict=True) if abs(change[letter]) > LEAST * s]
-    return ", ".join(f"{letter} {_signed(change[letter])}" for letter in worth) or f"below {LEAST} of their 1σ"
-
-
-def _signed(change: float) -> str:
-    return f"{change:+.2g}".replace("-", words.MINUS)
 
 
 def _variables(old: Held, new: Held, turned: str) -> list[str]:
@@ -164,13 +146,3 @@ def _equal(one: Any, other: Any) -> bool:
         return False
     one, other = np.asarray(one), np.asarray(other)
     return one.shape == other.shape and bool(np.array_equal(one, other, equal_nan=one.dtype.kind == "f"))
-
-
-def _table(rows: Mapping[str, tuple[str, ...]]) -> str:
-    """Return the rows beneath the header; a row of one cell runs across the columns."""
-    lines = [HEADER, *((name, *(row or ("nothing changed",))) for name, row in rows.items())]
-    columns = zip(*(line for line in lines if len(line) == len(HEADER)), strict=True)
-    widths = [max(len(cell) for cell in column) for column in columns]
-    widths[0] = max(len(line[0]) for line in lines)
-    padded = ([cell.ljust(width) for cell, width in zip(line, widths, strict=False)] for line in lines)
-    return "\n".join("  ".join(cells).rstrip() for cells in padded)

@@ -34,7 +34,7 @@ def run(asked: Namespace) -> int:
 
 
 def _read(folder: Path) -> Results:
-    for file in folders.KEYS:
+    for file in (name for name in folders.NEEDED if name in folders.KEYS):
         folders.content(folder / file)
     row = summary.row(folder.name, folder)
     return mooring.read(row["name"], folder.parent, {name: str(value) for name, value in row.items()})

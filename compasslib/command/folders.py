@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +16,10 @@ KEYS = {
     "deviation.json": ("method", "coefficients", "covariance", "n_pairs", "folded", "why", "warnings", "applied"),
     "diagnosis.json": ("verdict", "findings", "unexplained", "separated_by", "not_testable", "why"),
     "assessment.json": ("before", "after"),
+    "calibration.json": ("kind", "model", "coefficients", "covariance", "uncertainty", "why"),
     "work/field.json": ("warnings",),
 }
+CALIBRATION = ("calibration.json", "table.csv")
 OTHERS = ("calibrations", "proof", "logs", "benchmarks")  # what stands in results/ beside moorings
 
 
@@ -39,24 +42,40 @@ def of_mooring(cruise: str, mooring: str) -> Path:
     raise InputError(mooring, expected=f"a mooring with results in {cruise}", found=there or "none", advice=advice)
 
 
-def moorings(place: str) -> dict[str, Path]:
-    """Return the folders of results by mooring.
+@dataclass(frozen=True)
+class Found:
+    """The folders of results by the names of moorings and calibrations."""
+
+    moorings: Mapping[str, Path]
+    calibrations: Mapping[str, Path]
+
+
+def results(place: str) -> Found:
+    """Return the folders of results.
 
     Args:
-        place: a cruise, a folder of results, or one mooring's folder.
+        place: a cruise, a folder of results, or the folder of one mooring or calibration.
 
     Raises:
         InputError: there is none.
     """
     root = Path(place)
+    alone = {root.resolve().name: root}
+    if (root / CALIBRATION[0]).is_file():
+        return Found({}, alone)
     if any((root / file).is_file() for file in NEEDED):
-        return {root.resolve().name: root}
-    found = _moorings(root / "results") or _moorings(root)
-    if not found:
-        missing = "no results in it" if root.is_dir() else "no such folder"
-        advice = "name a cruise that was run, its folder results, or a copy of that"
-        raise InputError(place, expected="a folder with results of moorings", found=missing, advice=advice)
-    return found
+        return Found(alone, {})
+    for folder in (root / "results", root):
+        found = Found(_moorings(folder), _calibrations(folder))
+        if found.moorings or found.calibrations:
+            return found
+    missing = "no results in it" if root.is_dir() else "no such folder"
+    advice = "name a cruise that was run, its folder results, or a copy of that"
+    raise InputError(place, expected="a folder with results", found=missing, advice=advice)
+
+
+def _calibrations(root: Path) -> dict[str, Path]:
+    return {path.name: path for path in sorted((root / "calibrations").glob("*")) if path.is_dir()}
 
 
 def _moorings(root: Path) -> dict[str, Path]:
@@ -65,13 +84,30 @@ def _moorings(root: Path) -> dict[str, Path]:
     return {path.name: path for path in folders if path.name not in OTHERS and any((path / m).exists() for m in marks)}
 
 
-def missing(folder: Path) -> list[str]:
+def missing(folder: Path, needed: Sequence[str] = NEEDED) -> list[str]:
     """Return which files a whole run would have left and this one has not.
 
     Args:
-        folder: one mooring's results.
+        folder: one mooring's results, or one calibration's.
+        needed: these files.
     """
-    return [file for file in NEEDED if not (folder / file).is_file()]
+    return [file for file in needed if not (folder / file).is_file()]
+
+
+def lacking(old: Path | None, new: Path | None, needed: Sequence[str] = NEEDED) -> str:
+    """Return why two results cannot be compared, nothing where they can.
+
+    Args:
+        old: one folder, None where there is none.
+        new: the other.
+        needed: files that both must have.
+    """
+    for folder, which in ((old, "OLD"), (new, "NEW")):
+        if folder is None:
+            return f"not in {which}"
+        if files := missing(folder, needed):
+            return f"{which} is incomplete: no {files[0]}"
+    return ""
 
 
 def refuse_half(folder: Path) -> None:

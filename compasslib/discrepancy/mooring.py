@@ -35,6 +35,7 @@ ABSENT = {
     "separation": "the distance between the two layers does not vary",
     "depth": "the depth does not vary",
     "lean_pitch": "the tilts do not stick for ten days, or nothing shows how the instrument leaned then",
+    "flow_east": "the pairs stand too far apart in time to foretell the flow's direction from the hours before",
     "exact_minus_series": "the simulation is the exact compass already",
 }
 
@@ -123,7 +124,7 @@ def testable(scene: Scene, reference_magnetic: bool) -> tuple[tuple[type[Term], 
         elif term.acts_on == "north" and reference_magnetic:
             missing.append((term.name, ALIKE))
         elif absent:
-            missing.append((term.name, ABSENT.get(absent[0], f"no {absent[0]} was logged")))
+            missing.append((term.name, ABSENT.get(absent[0], f"no {absent[0].replace('_', ' ')} was logged")))
         elif term.name in ("heeling", "tilt_uncompensated") and np.ptp(scene.pitch_deg) + np.ptp(scene.roll_deg) == 0.0:
             missing.append((term.name, "no tilt that varies was logged"))
         else:

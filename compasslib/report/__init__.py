@@ -53,7 +53,7 @@ def gather(
     Args:
         root: folder of the results, in which the page will stand.
         attributes: of the cruise.
-        moorings: latitude, longitude, water_depth_m, start, end and instruments of each, by name.
+        moorings: latitude, longitude, water_depth_m, start, end, instruments and their roles of each, by name.
         calibrations: their names.
 
     Raises:
@@ -61,7 +61,7 @@ def gather(
     """
     root = Path(root)
     rows = mooring.rows(root / "summary.csv") if moorings else {}
-    moored = [mooring.read(name, root, rows[name]) for name in moorings]
+    moored = [mooring.read(name, root, rows[name], site["roles"]) for name, site in moorings.items()]
     calibrated = [calibration.read(name, root) for name in calibrations]
     embedded = figures.chosen([*(one.diagnosis["verdict"] for one in moored), *(_verdict(one) for one in calibrated)])
     sections = [

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
+from dataclasses import fields
 from typing import Any
 
+from compasslib.physics import CATALOGUE
 from compasslib.report import words
 from compasslib.report.section import Finding, Table
 
@@ -36,12 +39,26 @@ def cannot_tell(diagnosis: Mapping[str, Any]) -> tuple[str, ...]:
         diagnosis: content of diagnosis.json.
     """
     decide = [part for part in (diagnosis["separated_by"] or "").split("; ") if part]
-    told = [f"What would decide: {words.sentence(part)}" for part in decide]
-    closed = [(words.plain(one["effect"]), words.sentence(one["why"])) for one in diagnosis["not_testable"]]
-    told += [f"Not testable: {effect}. {why}" for effect, why in dict.fromkeys(closed)]
+    told = [f"What would decide: {words.sentence(words.plain(part))}" for part in decide]
+    told += _not_testable(diagnosis)
     small = [_small(one) for one in diagnosis.get("negligible", [])]
     told += [f"Too small to matter: {words.listed(small)}."] if small else []
     return tuple(told)
+
+
+def _not_testable(diagnosis: Mapping[str, Any]) -> list[str]:
+    """Return a sentence for each reason; an effect of several forms may have been tried in one and not in another."""
+    reasons: dict[str, dict[str, None]] = {}
+    for one in diagnosis["not_testable"]:
+        reasons.setdefault(one["effect"], {})[words.sentence(one["why"])] = None
+    tried = {one["effect"] for one in diagnosis.get("hypotheses") or []}
+    closed: dict[tuple[bool, str], list[str]] = {}
+    for effect, whys in reasons.items():
+        closed.setdefault((effect in tried, " ".join(whys)), []).append(words.plain(effect))
+    return [
+        f"{'Testable only in part' if partly else 'Not testable'}: {words.listed(effects)}. {why}"
+        for (partly, why), effects in closed.items()
+    ]
 
 
 def hypotheses(diagnosis: Mapping[str, Any]) -> tuple[Table, ...]:
@@ -77,7 +94,7 @@ def _finding(one: Mapping[str, Any], product: bool) -> Finding:
         ("Residual on held-out days", _held_out(one["heldout"])),
         *([("In the product", "yes" if one["applied"] else "no")] if product else []),
     ]
-    return Finding(words.plain(one["effect"]).capitalize(), one["text"], tuple(facts), _parameters(one["parameters"]))
+    return Finding(words.plain(one["effect"]).capitalize(), one["text"], tuple(facts), _parameters(one))
 
 
 def _unexplained(left: Mapping[str, Any]) -> Finding:
@@ -99,12 +116,22 @@ def _held_out(proof: Mapping[str, Any]) -> str:
     return f"{told} rms ({'p ≤ 0.001' if chance <= LEAST_P else f'p = {words.significant(chance, 2)}'})"
 
 
-def _parameters(parameters: Mapping[str, Any]) -> Table | None:
-    fitted = {name: one for name, one in parameters.items() if one["sigma"]}
+def _parameters(finding: Mapping[str, Any]) -> Table | None:
+    fitted = {name: one for name, one in finding["parameters"].items() if one["sigma"]}
+    meanings = _meanings(finding["effect"])
     if not fitted:
         return None
     rows = tuple(
-        (words.parameter(name, one["unit"]), words.with_sigma(one["value"], one["sigma"], one["unit"]))
+        (
+            meanings.get(name) or words.parameter(name, one["unit"]),
+            words.with_sigma(one["value"], one["sigma"], one["unit"]),
+        )
         for name, one in fitted.items()
     )
     return Table("Parameters", ("", "Value ± 1σ"), rows)
+
+
+def _meanings(effect: str) -> dict[str, str]:
+    """Return what the catalogue says of an effect's parameters, without the details that it adds behind a comma."""
+    terms = [term for term in CATALOGUE if term.name == effect]
+    return {one.name: re.split("[,;]", one.metadata["meaning"])[0] for term in terms for one in fields(term)}

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from compasslib import angles, archive
+from compasslib import angles, archive, summary
 from compasslib.discrepancy.telling import VERDICTS
 from compasslib.report import figures, found, headings, mooring_figures, words
 from compasslib.report.headings import Headings
@@ -54,29 +54,30 @@ class Results:
         return block
 
 
-def rows(summary: str | Path) -> dict[str, dict[str, str]]:
+def rows(table: str | Path) -> dict[str, dict[str, str]]:
     """Return the rows of summary.csv by mooring.
 
     Args:
-        summary: the file.
+        table: summary.csv.
     """
-    with Path(summary).open(newline="", encoding="utf-8") as stream:
+    with Path(table).open(newline="", encoding="utf-8") as stream:
         return {row["name"]: row for row in csv.DictReader(stream)}
 
 
-def read(name: str, root: Path, row: Mapping[str, str]) -> Results:
+def read(name: str, root: Path, row: Mapping[str, str], roles: Iterable[str] | None = None) -> Results:
     """Return what the files of one mooring hold.
 
     Args:
         name: the mooring.
         root: folder of the results.
         row: of summary.csv.
+        roles: its instruments, see ``summary.records``.
     """
     folder = root / name
     fit, diagnosis, assessment = (
         archive.read_json(folder / f"{file}.json") for file in ("deviation", "diagnosis", "assessment")
     )
-    inputs = {path.stem: archive.read_counts(path) for path in sorted((folder / "work").glob("*.nc"))}
+    inputs = {path.stem: archive.read_counts(path) for path in summary.records(folder, roles)}
     product = headings.read(folder / "corrected.nc")
     return Results(name, folder, row, fit, diagnosis, assessment, product, inputs)
 

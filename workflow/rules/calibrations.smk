@@ -6,7 +6,6 @@ rule calibrate:
     input:
         raw=CALIBRATIONS.raw_files,
         earlier=CALIBRATIONS.earlier,
-        modules=CALIBRATIONS.modules,
     output:
         calibration="results/calibrations/{calibration}/calibration.json",
         table="results/calibrations/{calibration}/table.csv",
@@ -14,6 +13,7 @@ rule calibrate:
     params:
         kind=CALIBRATIONS.kind,
         settings=CALIBRATIONS.settings,
+        code=stages.hashed(CALIBRATIONS.modules),
     conda:
         "../envs/compasslib.yaml"
     log:
@@ -30,13 +30,13 @@ rule diagnose_calibration:
         raw=CALIBRATIONS.raw_files,
         # For the order: what cannot be read is told once. As ancient() it would hide a changed setting.
         after="results/calibrations/{calibration}/calibration.json",
-        modules=CALIBRATIONS.diagnosis_modules,
     output:
         "results/calibrations/{calibration}/diagnosis.json",
     params:
         kind=CALIBRATIONS.kind,
         settings=CALIBRATIONS.settings,
         options=CALIBRATIONS.diagnose(),
+        code=stages.hashed(CALIBRATIONS.diagnosis_modules),
     conda:
         "../envs/compasslib.yaml"
     log:
@@ -51,7 +51,6 @@ rule diagnosis_figure:
     """What was found -> where the mismatch lives, before and after, and the ranked hypotheses."""
     input:
         diagnosis="results/calibrations/{calibration}/diagnosis.json",
-        modules=CALIBRATIONS.diagnosis_figure_modules(),
     output:
         report(
             "results/calibrations/{calibration}/figures/diagnosis.png",
@@ -60,6 +59,8 @@ rule diagnosis_figure:
             subcategory="{calibration}",
             labels={"figure": "diagnosis"},
         ),
+    params:
+        code=PLAN.code("diagnosis_figure.py"),
     conda:
         "../envs/compasslib.yaml"
     log:
@@ -79,7 +80,6 @@ for KIND in KINDS:
             calibration="results/calibrations/{calibration}/calibration.json",
             table="results/calibrations/{calibration}/table.csv",
             points="results/calibrations/{calibration}/points.csv",
-            modules=CALIBRATIONS.figure_modules(KIND),
         output:
             **{
                 figure: report(
@@ -91,6 +91,8 @@ for KIND in KINDS:
                 )
                 for figure in CALIBRATIONS.figures(KIND)
             },
+        params:
+            code=stages.hashed(CALIBRATIONS.figure_modules),
         wildcard_constraints:
             calibration=stages.only(CALIBRATIONS.of_kind(KIND)),
         conda:
@@ -110,9 +112,10 @@ rule carry:
         record=PLAN.compromised,
         pairs="results/{mooring}/overlap.nc",
         field="results/{mooring}/work/field.json",
-        modules=PLAN.modules("carry.py"),
     output:
         "results/{mooring}/work/fit.json",
+    params:
+        code=PLAN.code("carry.py"),
     wildcard_constraints:
         mooring=stages.only(PLAN.by_calibration()),
     conda:

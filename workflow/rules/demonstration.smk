@@ -5,14 +5,13 @@ for NAME in CRUISE.moorings:
     rule:
         name:
             f"simulate_{NAME}"
-        input:
-            modules=PLAN.modules("simulate.py"),
         output:
             raw=PLAN.simulated_files(NAME),
             truth=f"truth/{NAME}.csv",
         params:
             name=NAME,
             seed=CRUISE.options.seed,
+            code=PLAN.code("simulate.py"),
         conda:
             "../envs/compasslib.yaml"
         log:

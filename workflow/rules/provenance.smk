@@ -1,4 +1,4 @@
-"""What was made from what; and two rules that only look, run by name: verify, conventions."""
+"""What was made from what, and whether it still is so; whether the products keep the conventions."""
 
 
 rule provenance:
@@ -6,12 +6,12 @@ rule provenance:
     input:
         products=PRODUCTS,
         settings=sorted({file for files in PLAN.configuration().values() for file in files}),
-        modules=PLAN.modules("provenance.py"),
     output:
         "results/ro-crate-metadata.json",
     params:
         configuration=PLAN.configuration(),
         attributes=CRUISE.options.attributes,
+        code=PLAN.code("provenance.py"),
     conda:
         "../envs/compasslib.yaml"
     log:
@@ -33,13 +33,26 @@ rule verify:
 
 
 rule conventions:
-    """CF, ACDD and OceanSITES against the netCDF files."""
+    """CF, ACDD and OceanSITES against the netCDF files of all moorings."""
     input:
-        products=expand("results/{mooring}/{file}.nc", mooring=CRUISE.moorings, file=["corrected", "overlap"]),
-        records=PLAN.all_records,
+        CONVENTIONS,
+
+
+rule check_conventions:
+    """CF, ACDD and OceanSITES against one mooring's netCDF files; among what each run makes where the options say so."""
+    input:
+        products=expand("results/{{mooring}}/{file}.nc", file=["corrected", "overlap"]),
+        records=PLAN.records,
+    output:
+        "results/{mooring}/conventions.json",
+    params:
+        checker=provenance.installed("compliance-checker"),
+        code=PLAN.code("conventions.py"),
     conda:
         "../envs/compasslib.yaml"
     log:
-        "results/logs/conventions.log",
+        "results/{mooring}/logs/conventions.log",
+    benchmark:
+        "results/{mooring}/benchmarks/conventions.tsv"
     script:
         "../scripts/conventions.py"

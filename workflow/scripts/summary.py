@@ -4,6 +4,6 @@ from compasslib import summary
 from compasslib.job import job
 
 with job(snakemake) as say:
-    rows = [summary.row(name, f"results/{name}") for name in snakemake.params.names]
+    rows = [summary.row(name, f"results/{name}", roles) for name, roles in snakemake.params.roles.items()]
     summary.write(snakemake.output[0], rows)
     say(summary.table(rows))

@@ -1,0 +1,80 @@
+"""How ``compass diff`` says what changed: cells that are alike, angles, coefficients, and the table."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from compasslib.report import words
+
+SAME = "same"
+LEAST = 0.01  # of a coefficient's standard deviation: below lies what a solver leaves
+
+
+def told(old: str, new: str) -> str:
+    """Return one cell.
+
+    Args:
+        old: what stood there.
+        new: what stands there now.
+    """
+    return SAME if old == new else f"{old} → {new}"
+
+
+def degrees(value: float) -> str:
+    """Return the size of a change.
+
+    Args:
+        value: degrees.
+    """
+    return f"{words.significant(value, 3)}°" if value >= 0.01 else "below 0.01°"
+
+
+def effects(diagnosis: Mapping[str, Any]) -> str:
+    """Return the effects that were found.
+
+    Args:
+        diagnosis: content of diagnosis.json.
+    """
+    return ", ".join(one["effect"] for one in diagnosis["findings"]) or "none"
+
+
+def coefficients(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
+    """Return how the configured fit's coefficients changed, as configured; by its methods where these differ.
+
+    Args:
+        old: method, coefficients and covariance of a fit.
+        new: the same of the later one.
+    """
+    before, after = old["coefficients"], new["coefficients"]
+    if old["method"] != new["method"]:
+        return f"{old['method']} → {new['method']}"
+    if before == after:
+        return SAME
+    if not (before and after):
+        return "none → fitted" if after else "fitted → none"
+    sigma = np.sqrt(np.diag(new["covariance"])) if new["covariance"] else np.zeros(len(after))
+    change = {letter: value - before[letter] for letter, value in after.items()}
+    worth = [letter for letter, s in zip(change, sigma, strict=True) if abs(change[letter]) > LEAST * s]
+    return ", ".join(f"{letter} {_signed(change[letter])}" for letter in worth) or f"below {LEAST} of their 1σ"
+
+
+def _signed(change: float) -> str:
+    return f"{change:+.2g}".replace("-", words.MINUS)
+
+
+def table(header: Sequence[str], rows: Mapping[str, tuple[str, ...]]) -> str:
+    """Return the rows beneath the header; a row of one cell runs across the columns.
+
+    Args:
+        header: of the columns.
+        rows: cells by name; none where nothing changed.
+    """
+    lines = [header, *((name, *(row or ("nothing changed",))) for name, row in rows.items())]
+    columns = zip(*(line for line in lines if len(line) == len(header)), strict=True)
+    widths = [max(len(cell) for cell in column) for column in columns]
+    widths[0] = max(len(line[0]) for line in lines)
+    padded = ([cell.ljust(width) for cell, width in zip(line, widths, strict=False)] for line in lines)
+    return "\n".join("  ".join(cells).rstrip() for cells in padded)

@@ -1,0 +1,105 @@
+"""What changed between two runs of a calibration."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from compasslib import angles
+from compasslib import archive_calibrations as archive
+from compasslib.calibration.result import Table
+from compasslib.command import folders
+from compasslib.command.changes import SAME, coefficients, degrees, effects, told
+from compasslib.report import words
+
+HEADER = (
+    "calibration",
+    "deviation, rms",
+    "largest",
+    "uncertainty",
+    "verdict",
+    "effects",
+    "coefficients",
+    "also changed",
+)
+# Follow from what stands in columns of its own, or name the software.
+SHOWN = ("model", "coefficients", "covariance", "uncertainty", "software", "date_created")
+
+
+@dataclass(frozen=True)
+class Held:
+    """What one run says of one calibration."""
+
+    content: Mapping[str, Any]  # calibration.json
+    table: Table
+    diagnosis: Mapping[str, Any]  # empty where a kind is not diagnosed
+
+
+def row(old: Path | None, new: Path | None) -> tuple[str, ...]:
+    """Return a calibration's cells; none where nothing changed, a single one where the two cannot be compared.
+
+    Args:
+        old: folder of its results, None where there is none.
+        new: the same of the later run.
+
+    Raises:
+        InputError: a file is damaged.
+    """
+    if lacking := folders.lacking(old, new, folders.CALIBRATION):
+        return (lacking,)
+    assert old is not None and new is not None  # for the checker of types
+    before, after = _held(old), _held(new)
+    with folders.of_this_version(old):
+        cells = _compared(before, after)
+    return cells if any(cell != SAME for cell in cells) else ()
+
+
+def _held(folder: Path) -> Held:
+    file = folder / "diagnosis.json"
+    found = folders.content(file) if file.is_file() else {}
+    return Held(folders.content(folder / "calibration.json"), archive.read_table(folder / "table.csv"), found)
+
+
+def _compared(old: Held, new: Held) -> tuple[str, ...]:
+    found = (told(_verdict(old), _verdict(new)), told(_effects(old), _effects(new)))
+    sure = told(*(words.degrees(one.content["uncertainty"]["expanded_deg"], 2) for one in (old, new)))
+    fitted = coefficients(_fit(old.content), _fit(new.content))
+    keys = dict.fromkeys([*old.content, *new.content])
+    others = [key for key in keys if key not in SHOWN and old.content.get(key) != new.content.get(key)]
+    alike = all(cell == SAME for cell in found)
+    others += ["diagnosis.json"] if alike and old.diagnosis != new.diagnosis else []
+    return (*_turned(old.table, new.table), sure, *found, fitted, ", ".join(others) or SAME)
+
+
+def _turned(old: Table, new: Table) -> tuple[str, str]:
+    """Return rms and largest change of the deviation at the headings that both tables have."""
+    _, here, there = np.intersect1d(old.heading_deg, new.heading_deg, return_indices=True)
+    change = angles.difference(new.deviation_deg[there], old.deviation_deg[here])
+    change = change[np.isfinite(change)]
+    if not change.size:
+        nowhere = "none in both" if old.heading_deg.size or new.heading_deg.size else SAME
+        return nowhere, nowhere
+    if not change.any():
+        return SAME, SAME
+    return degrees(float(np.sqrt(np.mean(change**2)))), degrees(float(np.max(np.abs(change))))
+
+
+def _verdict(held: Held) -> str:
+    return str(held.diagnosis["verdict"]) if held.diagnosis else "none"
+
+
+def _effects(held: Held) -> str:
+    return effects(held.diagnosis) if held.diagnosis else "none"
+
+
+def _fit(content: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the coefficients that there are as those of a mooring's fit; a kind may have the first of them alone."""
+    known = {letter: value for letter, value in (content["coefficients"] or {}).items() if value is not None}
+    sigma = np.array(content["covariance"] or np.zeros((len(known), len(known))), dtype=float)[
+        : len(known), : len(known)
+    ]
+    return {"method": content["model"], "coefficients": known, "covariance": np.nan_to_num(sigma).tolist()}
