@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import ast
 import hashlib
 import json
 import os
+import re
 import subprocess
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
@@ -21,6 +21,9 @@ if TYPE_CHECKING:  # the Snakefile imports this room and needs no numbers
     from compasslib.records import EarthField
 
 PROJECT = Path(__file__).resolve().parent.parent
+_IMPORT = re.compile(r"^ *(?:from (compasslib\S*) import (\([^)]*\)|.*)|import (compasslib[\w.]*))", re.MULTILINE)
+_FOR_TYPES = re.compile(r"^if TYPE_CHECKING:.*(?:\n(?: .*)?)*", re.MULTILINE)
+_ALIAS_OR_COMMENT = re.compile(r" as \w+|#.*")
 
 
 def sources(script: str | Path, *others: str | Path) -> list[str]:
@@ -44,30 +47,25 @@ def sources(script: str | Path, *others: str | Path) -> list[str]:
 
 @cache
 def _imported(path: Path) -> frozenset[Path]:
-    """Return the house's files that one file imports when it runs, packages' own files included."""
+    """Return the house's files that one file imports when it runs, packages' own files included.
+
+    Read by lines: a syntax tree of all modules takes a second each time that Snakemake starts. A line of a text that
+    looks like an import costs a needless re-run; none that is one is missed.
+    """
     names: set[str] = set()
-    for node in _running(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Import):
-            names |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom) and node.module:
-            names |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
-    return frozenset(file for name in names if name.startswith("compasslib") for file in _files(name))
+    for module, members, whole in _IMPORT.findall(_FOR_TYPES.sub("", path.read_text(encoding="utf-8"))):
+        own_names = re.findall(r"\w+", _ALIAS_OR_COMMENT.sub("", members))
+        names |= {module or whole, *(f"{module}.{name}" for name in own_names)}
+    return frozenset(file for name in names for file in _files(name))
 
 
-def _running(node: ast.AST) -> Iterator[ast.AST]:
-    """Return the node and all below it, save what is there for the type checker alone."""
-    if not (isinstance(node, ast.If) and getattr(node.test, "id", "") == "TYPE_CHECKING"):
-        yield node
-        for child in ast.iter_child_nodes(node):
-            yield from _running(child)
-
-
-def _files(name: str) -> list[Path]:
+@cache
+def _files(name: str) -> tuple[Path, ...]:
     """Return the file of a module and those of the packages above it."""
     parts = name.split(".")
     stems = [PROJECT.joinpath(*parts[:k]) for k in range(1, len(parts) + 1)]
     candidates = [stem / "__init__.py" for stem in stems] + [stems[-1].with_suffix(".py")]
-    return [path for path in candidates if path.is_file()]
+    return tuple(path for path in candidates if path.is_file())
 
 
 def software() -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import json
 import os
 import shutil
@@ -233,6 +234,25 @@ def test_modules_for_the_type_checker_alone_are_no_input():
     behind = {Path(path).name for path in provenance.sources(PROJECT / "workflow/scripts/verify.py")}
     assert {"verification.py", "crate.py", "provenance.py", "job.py"} <= behind
     assert not behind & {"product.py", "records.py", "verdict.py"}
+
+
+def imported_by_syntax(path):
+    """Return the modules that a file may import when it runs, by its syntax tree."""
+    waiting, names = [ast.parse(path.read_text())], set()
+    while waiting:
+        node = waiting.pop()
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            names |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+        elif not (isinstance(node, ast.If) and getattr(node.test, "id", "") == "TYPE_CHECKING"):
+            waiting += ast.iter_child_nodes(node)
+    return {file for name in names if name.startswith("compasslib") for file in provenance._files(name)}
+
+
+def test_imports_are_found_by_lines_as_by_the_syntax_of_every_file():
+    for path in [*PROJECT.glob("workflow/scripts/*.py"), *PROJECT.glob("compasslib/**/*.py")]:
+        assert provenance._imported(path) == imported_by_syntax(path), path
 
 
 # --------------------------------------------------------------------------------------------------- commits and dates
