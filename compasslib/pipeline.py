@@ -208,7 +208,7 @@ def _series(task: Task, measured: Measured, at: Pairs | None = None) -> products
 def _correct(task: Task, measured: Measured, made_by: Product, *, refuted: bool) -> None:
     record, pairs, field = measured.record, measured.pairs, measured.field
     at = products.along(made_by, record, field, _series(task, measured))
-    product = correction.correct(record, made_by.fit, field, pairs, at, refuted=refuted)
+    product = correction.in_pieces(record, made_by.fit, field, pairs, at, refuted=refuted)
     archive.write_corrected(
         task.folder / "corrected.nc",
         product,

@@ -25,7 +25,7 @@ FLOORS = [
     ["discrepancy"],
     ["assessment"],
     ["config_values", "config_paths", "config_schema", "config_calibrations", "config_yaml", "config"],
-    ["archive_files", "archive_layout", "archive_attributes", "archive", "archive_calibrations"],
+    ["archive_files", "archive_layout", "archive_attributes", "archive_product", "archive", "archive_calibrations"],
     ["oceansites"],
     ["provenance", "guard", "job", "stages", "stages_calibrations", "summary", "crate", "verification", "conventions"],
     ["report", "pipeline"],

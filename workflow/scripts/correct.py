@@ -10,7 +10,7 @@ with job(snakemake) as say:
     made_by = product.from_json(archive.read_json(snakemake.input.deviation))
     at = product.along(made_by, record, field, moored.logged(record, snakemake.input.observatory))
     refuted = bool(archive.read_json(snakemake.input.assessment)["refuted"])
-    corrected = correction.correct(record, made_by.fit, field, pairs, at, refuted=refuted)
+    corrected = correction.in_pieces(record, made_by.fit, field, pairs, at, refuted=refuted)
     made = provenance.processing(made_by, field, snakemake.params.sources)
     site, attributes = archive.Site(**snakemake.params.site), snakemake.params.attributes
     archive.write_corrected(snakemake.output[0], corrected, site=site, attributes=attributes, processing=made)

@@ -6,7 +6,8 @@ from compasslib.job import job
 
 with job(snakemake) as say:
     name, out = snakemake.wildcards.mooring, snakemake.output
-    pairs, product = archive.read_pairs(snakemake.input.pairs), archive.read_corrected(snakemake.input.product)
+    pairs = archive.read_pairs(snakemake.input.pairs)
+    product = archive.read_corrected(snakemake.input.product, velocities=False)
     fit = products.from_json(archive.read_json(snakemake.input.deviation)).fit
     plots.deviation(out.deviation, pairs, fit, name)
     plots.diagnosis(out.diagnosis, archive.read_json(snakemake.input.diagnosis), name)
