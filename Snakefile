@@ -27,6 +27,7 @@ SUMMARY = ["results/summary.csv"] if CRUISE.moorings else []
 PRODUCTS = [
     *expand("results/{mooring}/corrected.nc", mooring=CRUISE.moorings),
     *expand("results/{mooring}/assessment.json", mooring=CRUISE.moorings),
+    *expand("results/{mooring}/forms.json", mooring=CRUISE.moorings),
     *expand("results/{mooring}/figures/{figure}.png", mooring=CRUISE.moorings, figure=FIGURES),
     *SUMMARY,
     *CALIBRATIONS.wanted(),
@@ -202,6 +203,24 @@ rule assess:
         "results/{mooring}/benchmarks/assess.tsv"
     script:
         "workflow/scripts/assess.py"
+
+
+rule compare:
+    """Pairs -> which form of the curve predicts held-out ones best; no other stage waits for it."""
+    input:
+        pairs="results/{mooring}/overlap.nc",
+        deviation="results/{mooring}/deviation.json",
+        modules=PLAN.modules("compare.py"),
+    output:
+        "results/{mooring}/forms.json",
+    conda:
+        ENVIRONMENT
+    log:
+        "results/{mooring}/logs/compare.log",
+    benchmark:
+        "results/{mooring}/benchmarks/compare.tsv"
+    script:
+        "workflow/scripts/compare.py"
 
 
 rule figures:

@@ -224,5 +224,6 @@ def _assess(task: Task, measured: Measured, made_by: Product) -> bool:
     plain = products.plain(made_by, measured.pairs, measured.record, measured.field, series)
     verdict = assessment.assess(measured.pairs, made_by.fit, plain)
     archive.write_json(task.folder / "assessment.json", verdict)
+    archive.write_json(task.folder / "forms.json", {"forms": assessment.compare_forms(measured.pairs, made_by.fit)})
     task.say(assessment.told(task.name, verdict))
     return bool(verdict["refuted"])

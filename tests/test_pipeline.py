@@ -12,7 +12,7 @@ from test_workflow import change, snakemake
 from compasslib import pipeline
 from compasslib.errors import InputError
 
-PRODUCTS = ("corrected.nc", "deviation.json", "diagnosis.json", "assessment.json")
+PRODUCTS = ("corrected.nc", "deviation.json", "diagnosis.json", "assessment.json", "forms.json")
 BENCH = {"kind": "platform", "file": "raw/bench.csv", "latitude": 65.0, "longitude": -33.0, "date": "2007-08-01"}
 
 

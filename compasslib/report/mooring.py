@@ -29,7 +29,16 @@ HEADER = (
     "Folded",
     "Warnings",
 )
-FILES = ("corrected.nc", "overlap.nc", "deviation.json", "diagnosis.json", "assessment.json", "figures", "logs")
+FILES = (
+    "corrected.nc",
+    "overlap.nc",
+    "deviation.json",
+    "diagnosis.json",
+    "assessment.json",
+    "forms.json",
+    "figures",
+    "logs",
+)
 LETTERS = ("A", "B", "C", "D", "E")
 
 
