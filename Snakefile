@@ -224,7 +224,7 @@ rule compare:
 
 
 rule figures:
-    """The equivalents of von Appen's Figs 6 to 9, and the record along time."""
+    """The equivalents of von Appen's Figs 6 to 9, and the record along time; small ones for the page."""
     input:
         pairs="results/{mooring}/overlap.nc",
         deviation="results/{mooring}/deviation.json",
@@ -242,6 +242,7 @@ rule figures:
             )
             for figure in FIGURES
         },
+        pictures="results/{mooring}/work/pictures.json",
     conda:
         ENVIRONMENT
     log:
@@ -282,6 +283,7 @@ rule report:
     input:
         summary=SUMMARY,
         figures=expand("results/{mooring}/figures/{figure}.png", mooring=CRUISE.moorings, figure=FIGURES),
+        pictures=expand("results/{mooring}/work/pictures.json", mooring=CRUISE.moorings),
         calibrations=CALIBRATIONS.wanted(),
         modules=PLAN.modules("report.py"),
         templates=PLAN.templates(),

@@ -1,6 +1,6 @@
 """Draw one mooring: pairs, deviation, product -> results/MOORING/figures/*.png."""
 
-from compasslib import archive, plots
+from compasslib import archive, pictures, plots
 from compasslib.discrepancy import product as products
 from compasslib.job import job
 
@@ -14,4 +14,5 @@ with job(snakemake) as say:
     plots.histograms(out.histograms, pairs, product, name, method=fit.method)
     plots.scatter(out.scatter, pairs, product, name, method=fit.method)
     plots.timeline(out.timeline, product, pairs, name, method=fit.method)
-    say(f"{name}: {len(out)} figures")
+    pictures.write(out.pictures, out[:-1])
+    say(f"{name}: {len(out) - 1} figures")
