@@ -25,7 +25,7 @@ def processed(tmp_path_factory) -> Path:
     rows = [f"{heading},{heading + 4.0 * (heading % 90 - 45) / 45}" for heading in range(0, 360, 15)]
     (folder / "raw/bench.csv").write_text("\n".join(["reference_deg,recorded_deg", *rows]))
     change(folder / "config/moorings/M2.yaml", fit={"method": "calibration", "name": "bench"})
-    ran = snakemake(folder, "--until", "correct")
+    ran = snakemake(folder, "--until", "correct", "compare")
     assert ran.returncode == 0, ran.stderr
     return folder
 

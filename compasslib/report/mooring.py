@@ -29,16 +29,7 @@ HEADER = (
     "Folded",
     "Warnings",
 )
-FILES = (
-    "corrected.nc",
-    "overlap.nc",
-    "deviation.json",
-    "diagnosis.json",
-    "assessment.json",
-    "forms.json",
-    "figures",
-    "logs",
-)
+FILES = ("corrected.nc", "overlap.nc", "deviation.json", "diagnosis.json", "assessment.json", "figures", "logs")
 LETTERS = ("A", "B", "C", "D", "E")
 
 
