@@ -28,6 +28,7 @@ SUMMARY = ["results/summary.csv"] if CRUISE.moorings else []
 PRODUCTS = [
     *expand("results/{mooring}/corrected.nc", mooring=CRUISE.moorings),
     *expand("results/{mooring}/assessment.json", mooring=CRUISE.moorings),
+    *expand("results/{mooring}/forms.json", mooring=CRUISE.moorings),
     *expand("results/{mooring}/figures/{figure}.png", mooring=CRUISE.moorings, figure=FIGURES),
     *(CONVENTIONS if CRUISE.options.conventions.check else []),
     *SUMMARY,
@@ -206,8 +207,27 @@ rule assess:
         "workflow/scripts/assess.py"
 
 
+rule compare:
+    """Pairs -> which form of the curve predicts held-out ones best; no other stage waits for it."""
+    input:
+        pairs="results/{mooring}/overlap.nc",
+        deviation="results/{mooring}/deviation.json",
+    output:
+        "results/{mooring}/forms.json",
+    params:
+        code=PLAN.code("compare.py"),
+    conda:
+        ENVIRONMENT
+    log:
+        "results/{mooring}/logs/compare.log",
+    benchmark:
+        "results/{mooring}/benchmarks/compare.tsv"
+    script:
+        "workflow/scripts/compare.py"
+
+
 rule figures:
-    """The equivalents of von Appen's Figs 6 to 9, and the record along time."""
+    """The equivalents of von Appen's Figs 6 to 9, and the record along time; small ones for the page."""
     input:
         pairs="results/{mooring}/overlap.nc",
         deviation="results/{mooring}/deviation.json",
@@ -224,6 +244,7 @@ rule figures:
             )
             for figure in FIGURES
         },
+        pictures="results/{mooring}/work/pictures.json",
     params:
         code=PLAN.code("figures.py"),
     conda:
@@ -266,6 +287,7 @@ rule report:
     input:
         summary=SUMMARY,
         figures=expand("results/{mooring}/figures/{figure}.png", mooring=CRUISE.moorings, figure=FIGURES),
+        pictures=expand("results/{mooring}/work/pictures.json", mooring=CRUISE.moorings),
         calibrations=CALIBRATIONS.wanted(),
         templates=PLAN.templates(),
     output:

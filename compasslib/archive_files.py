@@ -8,6 +8,7 @@ import math
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -15,11 +16,12 @@ import netCDF4
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from compasslib.archive_layout import FILL, Variable
+from compasslib.archive_layout import BIN, FILL, Variable
 from compasslib.errors import InputError
 
 SIGNIFICANT_DIGITS = 10  # of floats in JSON
 CHUNK = 4096  # samples
+CACHE_BYTES = 4 * 2**20  # of chunks a variable that wait to be compressed; the library's own 64 MB add up
 
 
 @contextmanager
@@ -126,19 +128,32 @@ def opened(path: str | Path) -> Iterator[netCDF4.Dataset]:
         raise _unusable(path, "a whole netCDF file that this program wrote", error) from error
 
 
-def put(nc: netCDF4.Dataset, variable: Variable, values: ArrayLike, *, level: Literal[1, 4] = 1) -> None:
-    """Write one variable, what is not finite as its fill value.
+def put(
+    nc: netCDF4.Dataset,
+    variable: Variable,
+    values: ArrayLike,
+    *,
+    level: Literal[1, 4] = 1,
+    rows: slice | None = None,
+) -> None:
+    """Write one variable or a piece of it, what is not finite as its fill value.
 
     Args:
         nc: the open file, which has the variable's dimensions.
         variable: its entry in the table.
-        values: its values, in the shape of its dimensions.
+        values: its values, in the shape of its dimensions or of the piece.
         level: of the compression.
+        rows: the piece along the first dimension; all where absent.
     """
     values = np.asarray(values)
     if variable.fill is not None:
         values = np.where(np.isfinite(values), values, variable.fill)
-    chunks = tuple(min(max(size, 1), CHUNK) for size in values.shape)
+    made = nc[variable.name] if variable.name in nc.variables else _created(nc, variable, level)
+    made[... if rows is None else rows] = values
+
+
+def _created(nc: netCDF4.Dataset, variable: Variable, level: Literal[1, 4]) -> netCDF4.Variable:
+    chunks = tuple(min(max(len(nc.dimensions[name]), 1), CHUNK) for name in variable.dimensions)
     made = nc.createVariable(
         variable.name,
         variable.dtype,
@@ -147,19 +162,33 @@ def put(nc: netCDF4.Dataset, variable: Variable, values: ArrayLike, *, level: Li
         complevel=level,
         chunksizes=chunks or None,
         fill_value=variable.fill,
+        chunk_cache=CACHE_BYTES,
     )
     made.setncatts(variable.attributes())
-    made[...] = values
+    return made
 
 
-def get(nc: netCDF4.Dataset, name: str) -> NDArray[Any]:
+def put_bins(nc: netCDF4.Dataset, bins: int, looks_up: bool) -> None:
+    """Write the numbers of the bins.
+
+    Args:
+        nc: the open file, which has the dimension BIN.
+        bins: how many.
+        looks_up: whether they go upwards.
+    """
+    away = {"positive": "up" if looks_up else "down"}
+    put(nc, replace(BIN, also={**BIN.also, **away}), np.arange(1, bins + 1))
+
+
+def get(nc: netCDF4.Dataset, name: str, bins: int | None = None) -> NDArray[Any]:
     """Return the values of a variable: numbers as float64 with NaN where they are missing, flags as they are.
 
     Args:
         nc: the open file.
         name: of the variable.
+        bins: how many are wanted where it has bins; all where absent.
     """
-    values = np.asarray(nc[name][...])
+    values = np.asarray(nc[name][:, :bins] if bins is not None and nc[name].ndim == 2 else nc[name][...])
     if values.dtype.kind != "f":
         return values
     values = values.astype(float)

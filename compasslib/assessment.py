@@ -50,16 +50,20 @@ def held_out_headings(pairs: Pairs, fit: Fit) -> Floats:
     return heading
 
 
-def compare_forms(pairs: Pairs, fit: Fit) -> dict[str, Any]:
+def compare_forms(pairs: Pairs, fit: Fit) -> dict[str, Any] | None:
     """Return how well each form of the curve predicts pairs that it has not seen, against the exact compass.
+
+    None where another method was fitted or the pairs are too few.
 
     The score is the mean log-likelihood a pair, in contiguous blocks held out in turn; its difference from the exact
     compass has the standard error of the blocks' sums, because neighbouring hours repeat each other.
 
     Args:
         pairs: overlapping measurements.
-        fit: the exact compass fitted to all of them.
+        fit: the fit to all of them.
     """
+    if fit.method != EXACT.name or len(pairs) < FEWEST_FOR_FORMS:
+        return None
     pairs = choose(pairs, np.arange(0, len(pairs), max(1, len(pairs) // FORM_PAIRS)))
     block = _blocks(pairs.time_s)
     near = {EXACT.name: fit}
@@ -104,7 +108,6 @@ def assess(pairs: Pairs, fit: Fit, plain: Pairs | None = None) -> dict[str, Any]
         "before_where_corrected": _agreement(pairs.upper_east[known], pairs.upper_north[known], choose(pairs, known)),
         "after": after,
         "refuted": _refuted(after),
-        "forms": compare_forms(pairs, fit) if fit.method == EXACT.name and len(pairs) >= FEWEST_FOR_FORMS else None,
         "held_out": {"block_days": _block_length(pairs.time_s) / 86400.0, "folds": FOLDS, "n": int(known.sum())},
     }
 
@@ -134,6 +137,21 @@ def told(name: str, verdict: dict[str, Any]) -> str:
         f"after, on {after['n']} of {before['n']} pairs, each held out from its fit"
     )
     return f"{line}\n{name}: warning: {verdict['refuted']}" if verdict["refuted"] else line
+
+
+def told_forms(name: str, compared: dict[str, Any] | None) -> str:
+    """Return what the job says of its result.
+
+    Args:
+        name: the mooring.
+        compared: the forms, or None.
+    """
+    if compared is None:
+        return f"{name}: forms of the curve not compared (no exact fit, or too few pairs)"
+    scores = (
+        f"{form} {score['minus_exact']:+.3f} ± {score['minus_exact_sigma']:.3f}" for form, score in compared.items()
+    )
+    return f"{name}: mean log score a held-out pair, minus the exact compass's: {', '.join(scores)}"
 
 
 def _agreement(east: Floats, north: Floats, pairs: Pairs) -> dict[str, Any]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +30,7 @@ Floats = NDArray[np.floating]
 Complexes = NDArray[np.complexfloating]
 Flags = NDArray[np.int8]
 
+PIECE = 32_768  # samples whose velocities are turned at once: of forty bins, 10 MB an array
 SURE = 0.95  # a branch less probable than this is flagged: the record cannot tell
 # An allowance, a degree of tilt, for what a level model leaves out: at 5 degrees a vertical field of the iron of 4 % of
 # H, or one of 1 % induced where Z is four times H, each turn the compass by some 0.2 degrees along either axis.
@@ -36,6 +38,20 @@ LEFT_OUT_BY_TILT = 0.08
 UNKNOWN_TILT_DEG = 5.0  # assumed where no tilt was recorded (von Appen 2015: typically 5)
 KNOWS_NOTHING_DEG = 360.0 / np.sqrt(12.0)  # standard deviation of a heading that may be anything
 DECLINATION_SIGMA_DEG = 0.5  # assumed of a main-field model at high latitude; crust and storms are left out
+
+
+@dataclass(frozen=True)
+class Pieces:
+    """A corrected record in pieces along time, at least one; a piece's velocities are turned when it is asked for."""
+
+    record: Record
+    decision: Decision
+    field: EarthField
+
+    def __iter__(self) -> Iterator[Corrected]:
+        for begin in range(0, max(len(self.record.time_s), 1), PIECE):
+            some = slice(begin, begin + PIECE)
+            yield _turned(model.chosen(self.record, some), model.chosen(self.decision, some), self.field)
 
 
 def correct(
@@ -51,10 +67,33 @@ def correct(
         at: the compass at each sample, where more acted on it than the fit holds.
         doubt_deg: standard deviation of what the fit is known to lack, see ``doubt``.
     """
+    return _turned(record, _decided(record, fit, pairs, at, doubt_deg), field)
+
+
+def in_pieces(
+    record: Record, fit: Fit, field: EarthField, pairs: Pairs, at: Along | None = None, *, doubt_deg: float = 0.0
+) -> Pieces:
+    """Return the same as ``correct`` in pieces along time, so that the velocities of a decade fit in memory.
+
+    Args:
+        record: the compromised instrument inside the deployment.
+        fit: the deviation model, perhaps without coefficients.
+        field: declination along time.
+        pairs: where the trusted instrument overlaps.
+        at: the compass at each sample, where more acted on it than the fit holds.
+        doubt_deg: standard deviation of what the fit is known to lack, see ``doubt``.
+    """
+    return Pieces(record, _decided(record, fit, pairs, at, doubt_deg), field)
+
+
+def _decided(record: Record, fit: Fit, pairs: Pairs, at: Along | None, doubt_deg: float) -> Decision:
     decision = headings(readings_of_record(record), fit, pairs, at)
     sigma = np.minimum(np.hypot(decision.sigma_deg, doubt_deg), KNOWS_NOTHING_DEG)
     probability = np.minimum(decision.probability, 0.0) if doubt_deg >= KNOWS_NOTHING_DEG else decision.probability
-    decision = replace(decision, sigma_deg=sigma, probability=probability)
+    return replace(decision, sigma_deg=sigma, probability=probability)
+
+
+def _turned(record: Record, decision: Decision, field: EarthField) -> Corrected:
     deviation = angles.difference(decision.heading_deg, record.heading_deg)
     declination = earthfield.declination_at(field, record.time_s)
     east, north = _recorded_to_true(record, declination)
@@ -88,19 +127,19 @@ def doubt(refuted: bool, left_deg: float) -> float:
     return KNOWS_NOTHING_DEG if refuted else left_deg
 
 
-def told(name: str, product: Corrected) -> str:
+def told(name: str, product: Pieces) -> str:
     """Return what the job says of its result.
 
     Args:
         name: the mooring.
         product: the corrected record.
     """
-    recorded = np.isfinite(product.record.heading_deg)
-    corrected = np.isfinite(product.heading_corrected_deg)
+    record, decision = product.record, product.decision
+    recorded, corrected = np.isfinite(record.heading_deg), np.isfinite(decision.heading_deg)
     if not corrected.any():
         return f"{name}: none of {int(recorded.sum())} headings corrected"
-    unsure = int(np.sum(product.heading_corrected_quality == PROBABLY_BAD))
-    turned = float(np.nanmax(np.abs(product.deviation_deg)))
+    unsure = int(np.sum(_heading_quality(record, decision) == PROBABLY_BAD))
+    turned = float(np.nanmax(np.abs(angles.difference(decision.heading_deg, record.heading_deg))))
     return (
         f"{name}: {int(corrected.sum())} of {int(recorded.sum())} headings corrected, by up to {turned:.0f} degrees; "
         f"{unsure} flagged as doubtful"
@@ -168,7 +207,7 @@ def readings_of_record(record: Record) -> Readings:
 
 def _water(record: Record) -> Complexes:
     """Average the good bins of each sample: the whole layer turns less from hour to hour than one bin."""
-    good = (record.quality <= PROBABLY_GOOD) & np.isfinite(record.east + record.north)
+    good = (record.quality <= PROBABLY_GOOD) & np.isfinite(record.east) & np.isfinite(record.north)
     count = good.sum(axis=1)
     with np.errstate(invalid="ignore", divide="ignore"):
         east, north = (np.where(good, x, 0.0).sum(axis=1) / count for x in (record.east, record.north))

@@ -210,7 +210,8 @@ def cell_length(record: Record) -> float:
     Args:
         record: an instrument's record.
     """
-    steps = np.diff(record.bin_range_m, axis=1)
+    one_setting = not record.bin_range_m.strides[0]  # one row that all samples share
+    steps = np.diff(record.bin_range_m[:1] if one_setting else record.bin_range_m, axis=1)
     return float(np.nanmedian(np.abs(steps))) if steps.size and np.isfinite(steps).any() else 0.0
 
 

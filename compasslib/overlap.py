@@ -137,15 +137,21 @@ def near_bins(record: Record, distance_from: Floats, bins: int) -> tuple[NDArray
         distance_from: range, (n,), m.
         bins: how many are averaged.
     """
-    good = np.isin(record.quality, (NOT_CHECKED, GOOD, PROBABLY_GOOD)) & np.isfinite(record.east + record.north)
-    away = np.where(good, np.abs(record.bin_range_m - distance_from[:, None]), np.inf)
+    good = (
+        np.isin(record.quality, (NOT_CHECKED, GOOD, PROBABLY_GOOD))
+        & np.isfinite(record.east)
+        & np.isfinite(record.north)
+    )
+    away = record.bin_range_m - distance_from[:, None]
+    np.abs(away, out=away)
+    away[~good] = np.inf
     count = min(bins, away.shape[1])
     index = np.argpartition(away, count - 1, axis=1)[:, :count]
     row = np.arange(len(away))[:, None]
     weight = np.isfinite(away[row, index]).astype(float)
     with np.errstate(invalid="ignore", divide="ignore"):
         share = weight / weight.sum(axis=1, keepdims=True)
-    velocity = np.where(weight > 0, (record.east + 1j * record.north)[row, index], 0.0)
+    velocity = np.where(weight > 0, record.east[row, index] + 1j * record.north[row, index], 0.0)
     depth = np.where(weight > 0, record.bin_depth_m()[row, index], 0.0)
     return (share * velocity).sum(axis=1), (share * depth).sum(axis=1)
 

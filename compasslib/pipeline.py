@@ -209,7 +209,7 @@ def _correct(task: Task, measured: Measured, made_by: Product, *, refuted: bool)
     record, pairs, field = measured.record, measured.pairs, measured.field
     at = products.along(made_by, record, field, _series(task, measured))
     doubt_deg = correction.doubt(refuted, made_by.left_deg)
-    product = correction.correct(record, made_by.fit, field, pairs, at, doubt_deg=doubt_deg)
+    product = correction.in_pieces(record, made_by.fit, field, pairs, at, doubt_deg=doubt_deg)
     archive.write_corrected(
         task.folder / "corrected.nc",
         product,
@@ -225,5 +225,6 @@ def _assess(task: Task, measured: Measured, made_by: Product) -> bool:
     plain = products.plain(made_by, measured.pairs, measured.record, measured.field, series)
     verdict = assessment.assess(measured.pairs, made_by.fit, plain)
     archive.write_json(task.folder / "assessment.json", verdict)
+    archive.write_json(task.folder / "forms.json", {"forms": assessment.compare_forms(measured.pairs, made_by.fit)})
     task.say(assessment.told(task.name, verdict))
     return bool(verdict["refuted"])

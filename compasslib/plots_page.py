@@ -15,6 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.axis import Axis, XAxis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import FuncFormatter, MultipleLocator
 from numpy.typing import NDArray
 
@@ -70,12 +71,16 @@ def page(path: str | Path, title: str, height_in: float, notes: Sequence[str] = 
         matplotlib.rcdefaults()  # a user's own matplotlibrc does not count
         matplotlib.rcParams.update(STYLE)
         lines = [title, *(line for note in notes for line in textwrap.wrap(note, SENTENCE_CHARACTERS))]
-        figure = Figure(figsize=(WIDTH_IN, height_in + LINE_IN * len(lines)), layout="constrained")
-        FigureCanvasAgg(figure)
+        layout = ConstrainedLayoutEngine()
+        figure = Figure(figsize=(WIDTH_IN, height_in + LINE_IN * len(lines)), dpi=DPI, layout=layout)
+        canvas = FigureCanvasAgg(figure)
         figure.suptitle("\n".join(lines))
         yield figure
+        # What savefig does, without its first drawing of all artists, which serves the layout alone.
+        layout.execute(figure)
+        figure.set_layout_engine("none")
         with replacing(path) as temporary:
-            figure.savefig(temporary, format="png", dpi=DPI, metadata={"Software": None})
+            canvas.print_png(temporary, metadata={"Software": None})
 
 
 def title_of(name: str, what: str, method: str) -> str:

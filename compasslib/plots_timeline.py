@@ -11,7 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
+from matplotlib.patches import Patch, StepPatch
+from matplotlib.ticker import FixedLocator
 from numpy.typing import NDArray
 
 from compasslib.plots_curves import emptiest, placed
@@ -133,11 +134,16 @@ def _strip(axes: Axes, product: Corrected, pairs: Pairs, kind: NDArray[np.int_])
     tops = 100.0 * np.cumsum(counts, axis=0) / np.maximum(np.sum(counts, axis=0), 1)
     bottom = np.zeros(len(edges) - 1)
     for top, (_, colour) in zip(tops, KINDS.values(), strict=True):
-        axes.stairs(top, edges / DAY_S, baseline=bottom, fill=True, color=colour, linewidth=0)
+        _step(axes, edges, bottom, top, colour)
         bottom = top
     overlaps = np.histogram(pairs.time_s, edges)[0] > 0
-    axes.stairs(np.where(overlaps, 135.0, 112.0), edges / DAY_S, baseline=112.0, fill=True, color=GREEN, linewidth=0)
+    _step(axes, edges, 112.0, np.where(overlaps, 135.0, 112.0), GREEN)
     axes.set(ylim=(0.0, 140.0), yticks=[0.0, 100.0], ylabel="(%)")
+
+
+def _step(axes: Axes, edges: Floats, bottom: Any, top: Floats, colour: str) -> None:
+    # Axes.stairs looks for its limits step by step, which here are set anyway.
+    axes.add_artist(StepPatch(top, edges / DAY_S, baseline=bottom, fill=True, color=colour, linewidth=0))
 
 
 def slices(time_s: Floats) -> Floats:
@@ -170,10 +176,11 @@ def _depth(axes: Axes, product: Corrected) -> None:
 
 def _dates(axes: Axes, time_s: Floats) -> None:
     locator = AutoDateLocator(minticks=4, maxticks=14)
-    axes.xaxis.set_major_locator(locator)
-    axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))
     pad = max(0.005 * float(time_s[-1] - time_s[0]), 1.0)
     axes.set_xlim((time_s[0] - pad) / DAY_S, (time_s[-1] + pad) / DAY_S)
+    locator.set_axis(axes.xaxis)
+    axes.xaxis.set_major_locator(FixedLocator(locator()))  # sought once, not at each look of the layout
+    axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))
     axes.set_xlabel("UTC")
 
 

@@ -2,11 +2,12 @@
 
 from dataclasses import replace
 
+import netCDF4
 import numpy as np
 import pytest
 from sea import FOLDED, MILD, pairs
 
-from compasslib import angles, assessment, branches, correction, deviation
+from compasslib import angles, archive, assessment, branches, correction, deviation
 from compasslib.deviation import exact, likelihood, model, von_appen
 from compasslib.records import BAD, GOOD, MISSING, PROBABLY_BAD, EarthField, Pairs, Record
 
@@ -60,6 +61,20 @@ def test_corrected_velocity_is_the_recorded_one_turned_by_deviation_and_declinat
     after = angles.direction(product.east[:, 0], product.north[:, 0])
     assert np.abs(angles.difference(after - before, product.deviation_deg + 18.0)).max() < 1e-6
     assert (product.velocity_uncertainty > 0).all()
+
+
+def test_pieces_along_time_make_the_same_file_as_the_whole(tmp_path, monkeypatch):
+    seen, _ = pairs(MILD, n=400)
+    asked = (record_of(seen), exact.fit(seen), field_of(seen, 18.0), seen)
+    monkeypatch.setattr(correction, "PIECE", 150)
+    several = correction.in_pieces(*asked)
+    assert [len(piece.record.time_s) for piece in several] == [150, 150, 100]
+    for name, product in (("whole.nc", correction.correct(*asked)), ("pieces.nc", several)):
+        archive.write_corrected(tmp_path / name, product, site=archive.Site("M", 60.0, -30.0))
+    with netCDF4.Dataset(tmp_path / "whole.nc") as one, netCDF4.Dataset(tmp_path / "pieces.nc") as other:
+        assert list(one.variables) == list(other.variables) and str(one.__dict__) == str(other.__dict__)
+        for name in one.variables:
+            np.testing.assert_array_equal(one[name][...], other[name][...], err_msg=name)
 
 
 def test_branches_of_a_folded_compass(folded):

@@ -12,7 +12,7 @@ from test_workflow import change, snakemake
 from compasslib import pipeline
 from compasslib.errors import InputError
 
-PRODUCTS = ("corrected.nc", "deviation.json", "diagnosis.json", "assessment.json")
+PRODUCTS = ("corrected.nc", "deviation.json", "diagnosis.json", "assessment.json", "forms.json")
 BENCH = {"kind": "platform", "file": "raw/bench.csv", "latitude": 65.0, "longitude": -33.0, "date": "2007-08-01"}
 
 
@@ -25,7 +25,7 @@ def processed(tmp_path_factory) -> Path:
     rows = [f"{heading},{heading + 4.0 * (heading % 90 - 45) / 45}" for heading in range(0, 360, 15)]
     (folder / "raw/bench.csv").write_text("\n".join(["reference_deg,recorded_deg", *rows]))
     change(folder / "config/moorings/M2.yaml", fit={"method": "calibration", "name": "bench"})
-    ran = snakemake(folder, "--until", "correct")
+    ran = snakemake(folder, "--until", "correct", "compare")
     assert ran.returncode == 0, ran.stderr
     return folder
 

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 from matplotlib.text import Text
@@ -169,9 +170,14 @@ class Gallery:
 
 def saved(draw) -> Figure:
     """Return the figure that is saved while something is drawn."""
-    pages, save = [], Figure.savefig
+    pages, save = [], FigureCanvasAgg.print_png
+
+    def keep(canvas, *arguments, **named):
+        pages.append(canvas.figure)
+        save(canvas, *arguments, **named)
+
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Figure, "savefig", lambda self, *a, **k: (pages.append(self), save(self, *a, **k)))
+        patch.setattr(FigureCanvasAgg, "print_png", keep)
         draw()
     (page,) = pages
     return page
@@ -245,7 +251,7 @@ def test_failure_leaves_the_older_figure(moorings, monkeypatch, tmp_path):
         target.write_bytes(b"half")
         raise OSError("disk full")
 
-    monkeypatch.setattr(Figure, "savefig", fail)
+    monkeypatch.setattr(FigureCanvasAgg, "print_png", fail)
     with pytest.raises(InputError, match="expected room and the right to write it, found disk full"):
         moorings["folded"].draw("deviation", path)
     assert path.read_bytes() == b"older"

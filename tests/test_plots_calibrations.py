@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from bench import FOLDED, readings, ring
-from matplotlib.figure import Figure
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.image import imread
 from matplotlib.text import Annotation
 
@@ -56,8 +56,13 @@ def test_every_figure_of_every_outcome_is_a_whole_page_and_the_same_twice(tmp_pa
 
 @pytest.mark.parametrize("case", CASES)
 def test_the_writing_of_a_certificate_stays_on_the_page_and_its_parts_apart(tmp_path, case, monkeypatch):
-    drawn = []
-    monkeypatch.setattr(Figure, "savefig", lambda self, path, **_: (drawn.append(self), path.write_bytes(b"x")))
+    drawn, save = [], FigureCanvasAgg.print_png
+
+    def keep(canvas, *arguments, **named):
+        drawn.append(canvas.figure)
+        save(canvas, *arguments, **named)
+
+    monkeypatch.setattr(FigureCanvasAgg, "print_png", keep)
     plots_calibrations.certificate(tmp_path / "a.png", page(case))
     figure = drawn[0]
     figure.draw_without_rendering()

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles, compass
-from compasslib.records import Pairs, Readings, Record
+from compasslib.records import Pairs
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 Floats = NDArray[np.floating]
-Series = TypeVar("Series", Pairs, Readings, Record)
+Series = TypeVar("Series", bound="DataclassInstance")
 
 FEWEST_PAIRS = 30
 LETTERS = "ABCDE"

@@ -42,7 +42,7 @@ def nearby(recorded_deg: Floats, predicted_deg: Floats, reach_deg: float) -> Nea
     count = end - begin
     row = np.repeat(np.arange(len(recorded)), count)
     at = np.arange(len(row)) + np.repeat(begin - np.cumsum(count) + count, count)
-    return Near(row, order[at % len(order)], recorded[row] - ring[at])
+    return Near(row, np.tile(order, 3).take(at), recorded.take(row) - ring.take(at))
 
 
 @dataclass(frozen=True)

@@ -30,8 +30,10 @@ def leans(record: Record) -> dict[str, Floats]:
     stretch = longest_still(record)
     moving = np.isfinite(record.pitch_deg + record.roll_deg)
     moving[stretch] = False
+    if stretch.stop == stretch.start or moving.sum() < FEWEST:
+        return {}
     columns, known = _flow(record)
-    if stretch.stop == stretch.start or (moving & known).sum() < FEWEST:
+    if (moving & known).sum() < FEWEST:
         return {}
     tilts = np.column_stack([record.pitch_deg, record.roll_deg])
     learnt, *_ = np.linalg.lstsq(columns[moving & known], tilts[moving & known], rcond=None)

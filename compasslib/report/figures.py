@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import base64
-import io
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from urllib.parse import quote
 
-from compasslib.errors import InputError
+from compasslib import pictures
+from compasslib.pictures import Picture
 from compasslib.report.section import Figure
 
 MOST_SECTIONS = 50  # whose figures stand in the page: about 20 MB; those of a thousand moorings would be 400 MB
-COLOURS = 256  # of the palette: a third of the bytes, and nothing that a reader would see
+NOTHING: Picture = ("", (0, 0))
 TITLES = {
     "deviation": "Deviation of the compass",
     "histograms": "Headings and directions before and after",
@@ -44,7 +43,9 @@ def of_folder(
     """
     order = {name: k for k, name in enumerate(TITLES)}
     paths = sorted(folder.glob("figures/*.png"), key=lambda p: (order.get(p.stem, len(order)), p.stem))
-    return tuple(_figure(path, root, alternatives.get(path.stem), embed) for path in paths)
+    made = pictures.read(folder) if embed else {}
+    shown = {path: (made.get(path.stem) or pictures.embedded(path)) if embed else NOTHING for path in paths}
+    return tuple(_figure(path, root, alternatives.get(path.stem), shown[path]) for path in paths)
 
 
 def chosen(verdicts: Sequence[str]) -> list[bool]:
@@ -68,23 +69,8 @@ def relative(path: Path, root: Path) -> str:
     return quote(path.relative_to(root).as_posix())
 
 
-def _figure(path: Path, root: Path, alternative: Callable[[], str] | None, embed: bool) -> Figure:
+def _figure(path: Path, root: Path, alternative: Callable[[], str] | None, shown: Picture) -> Figure:
     title = TITLES.get(path.stem, path.stem.replace("_", " ").capitalize())
     said = alternative() if alternative else f"{title}; its numbers stand beside it in this section."
-    picture, size = _embedded(path) if embed else ("", (0, 0))
+    picture, size = shown
     return Figure(title, said, relative(path, root), picture, *size)
-
-
-def _embedded(path: Path) -> tuple[str, tuple[int, int]]:
-    """Return a PNG with a palette as a data URI, and its size; the same file gives the same text."""
-    from PIL import Image  # only where a picture is embedded
-
-    try:
-        with Image.open(path) as image:
-            small = image.convert("RGB").quantize(COLOURS, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
-    except (OSError, SyntaxError, ValueError) as error:
-        advice = "delete it, and the next run makes it again"
-        raise InputError(str(path), expected="a whole PNG", found=error, advice=advice) from error
-    held = io.BytesIO()
-    small.save(held, "PNG", compress_level=6)
-    return f"data:image/png;base64,{base64.b64encode(held.getvalue()).decode()}", small.size

@@ -11,7 +11,7 @@ with job(snakemake) as say:
     at = product.along(made_by, record, field, moored.logged(record, snakemake.input.observatory))
     refuted = bool(archive.read_json(snakemake.input.assessment)["refuted"])
     doubt_deg = correction.doubt(refuted, made_by.left_deg)
-    corrected = correction.correct(record, made_by.fit, field, pairs, at, doubt_deg=doubt_deg)
+    corrected = correction.in_pieces(record, made_by.fit, field, pairs, at, doubt_deg=doubt_deg)
     made = provenance.processing(made_by, field, snakemake.params.sources)
     site, attributes = archive.Site(**snakemake.params.site), snakemake.params.attributes
     archive.write_corrected(snakemake.output[0], corrected, site=site, attributes=attributes, processing=made)

@@ -5,11 +5,12 @@ from compasslib.discrepancy import moored, product
 from compasslib.job import job
 
 with job(snakemake) as say:
-    record, pairs = archive.read_record(snakemake.input.record), archive.read_pairs(snakemake.input.pairs)
+    pairs = archive.read_pairs(snakemake.input.pairs)
+    # The record by itself is not kept: its velocities are a third of the memory.
+    series = moored.logged(archive.read_record(snakemake.input.record), snakemake.input.observatory, at=pairs)
     field = earthfield.from_json(archive.read_json(snakemake.input.field))
     configured = archive.read_json(snakemake.input.fit)
     fit = deviation.from_json(configured)
-    series = moored.logged(record, snakemake.input.observatory, at=pairs)
     wide = archive.read_pairs(snakemake.input.wide)
     found = moored.diagnose(pairs, series, fit, field, wide=wide, **snakemake.params.options)
     archive.write_json(snakemake.output.diagnosis, found.to_json())
