@@ -88,6 +88,7 @@ def test_all_of_it_reaches_summary_and_report(tmp_path):
     row = summary.row("M1", results / "M1")
     summary.write(results / "summary.csv", [row])
     described = stages.plan(config.load(folder), chain.SCRIPTS).described()
+    described["M1"]["roles"] = [*described["M1"]["roles"], *FAULTS]
     made = report.gather(results, attributes={}, moorings=described, calibrations=[])
     report.write(results / "report.html", made)
     page = html.unescape((results / "report.html").read_text())
