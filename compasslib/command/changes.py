@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from compasslib.command import folders
 from compasslib.report import words
 
 SAME = "same"
@@ -59,6 +61,28 @@ def coefficients(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
     change = {letter: value - before[letter] for letter, value in after.items()}
     worth = [letter for letter, s in zip(change, sigma, strict=True) if abs(change[letter]) > LEAST * s]
     return ", ".join(f"{letter} {_signed(change[letter])}" for letter in worth) or f"below {LEAST} of their 1σ"
+
+
+def row(
+    folders_of: tuple[Path | None, Path | None], needed: Sequence[str], cells: Callable[[Path, Path], tuple[str, ...]]
+) -> tuple[str, ...]:
+    """Return one line's cells; none where nothing changed, a single one where the two cannot be compared.
+
+    Args:
+        folders_of: the results of the earlier and of the later run, None where there are none.
+        needed: files that either must hold.
+        cells: compares the two folders.
+
+    Raises:
+        InputError: a file is damaged.
+    """
+    old, new = folders_of
+    if lacking := folders.lacking(old, new, needed):
+        return (lacking,)
+    assert old is not None and new is not None  # for the checker of types
+    with folders.of_this_version(old):
+        found = cells(old, new)
+    return found if any(cell != SAME for cell in found) else ()
 
 
 def _signed(change: float) -> str:

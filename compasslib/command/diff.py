@@ -12,7 +12,7 @@ import numpy as np
 
 from compasslib import angles
 from compasslib.archive_files import get, opened
-from compasslib.command import diff_calibrations, folders
+from compasslib.command import changes, diff_calibrations, folders
 from compasslib.command.changes import SAME, coefficients, degrees, effects, table, told
 from compasslib.records import Floats
 from compasslib.report import words
@@ -74,13 +74,7 @@ def _nothing(moorings: Mapping[str, Any], calibrations: Mapping[str, Any]) -> st
 
 def _row(old: Path | None, new: Path | None) -> tuple[str, ...]:
     """Return a mooring's cells; none where nothing changed, a single one where the two cannot be compared."""
-    if lacking := folders.lacking(old, new):
-        return (lacking,)
-    assert old is not None and new is not None  # for the checker of types
-    before, after = _held(old), _held(new)
-    with folders.of_this_version(old):
-        cells = _compared(before, after)
-    return cells if any(cell != SAME for cell in cells) else ()
+    return changes.row((old, new), folders.NEEDED, lambda a, b: _compared(_held(a), _held(b)))
 
 
 def _held(folder: Path) -> Held:

@@ -12,7 +12,7 @@ import numpy as np
 from compasslib import angles
 from compasslib import archive_calibrations as archive
 from compasslib.calibration.result import Table
-from compasslib.command import folders
+from compasslib.command import changes, folders
 from compasslib.command.changes import SAME, coefficients, degrees, effects, told
 from compasslib.report import words
 
@@ -49,13 +49,7 @@ def row(old: Path | None, new: Path | None) -> tuple[str, ...]:
     Raises:
         InputError: a file is damaged.
     """
-    if lacking := folders.lacking(old, new, folders.CALIBRATION):
-        return (lacking,)
-    assert old is not None and new is not None  # for the checker of types
-    before, after = _held(old), _held(new)
-    with folders.of_this_version(old):
-        cells = _compared(before, after)
-    return cells if any(cell != SAME for cell in cells) else ()
+    return changes.row((old, new), folders.CALIBRATION, lambda a, b: _compared(_held(a), _held(b)))
 
 
 def _held(folder: Path) -> Held:
