@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from compasslib.physics import meanings
+
 VERDICTS = {
     "consistent": "simulation and recording agree",
     "explained": "what was left out is found",
@@ -121,13 +123,20 @@ def finding(
         proof: residual rms before and after on held-out days, degrees, and the p-value.
     """
     fitted = {name: one for name, one in parameters.items() if one[1] > 0.0}
-    numbers = "".join(f"; {name} {v:.3g} ± {1.96 * s:.2g} {unit} (95 %)" for name, (v, s, unit) in fitted.items())
+    known = meanings(effect)
+    numbers = "".join(f"; {known.get(name, name)} {_interval(*one)}" for name, one in fitted.items())
     begin = f"{where}: {PHYSICS.get(effect, effect)}. It turns the heading by {size_deg:.1f} degrees rms{numbers}."
     before, after, p = proof
     chance = f"p = {p:.2g}" if p > LEAST_P else f"p < {LEAST_P:g}"
     shown = f" On days that were not fitted the residual goes from {before:.2f} to {after:.2f} degrees rms ({chance})."
     others = f" This record cannot tell it from {_listed(alternatives)}." if alternatives else ""
     return begin + shown + others
+
+
+def _interval(value: float, sigma: float, unit: str) -> str:
+    """Return a number with its 95 % interval and its unit, without an exponent."""
+    said = f"{float(f'{value:.3g}'):g} ± {float(f'{1.96 * sigma:.2g}'):g}"
+    return f"{said} (95 %)" if unit == "1" else f"{said} {unit} (95 %)"
 
 
 def unexplained(where: str, size_deg: float, named: Sequence[str]) -> str:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import fields
+
 from compasslib.physics.battery_change import BatteryChange
 from compasslib.physics.clock_drift import ClockDrift
 from compasslib.physics.clock_offset import ClockOffset
@@ -30,7 +33,7 @@ from compasslib.physics.term import Scene, Term
 from compasslib.physics.tilt_uncompensated import TiltUncompensated
 from compasslib.physics.water_drift import WaterDrift
 
-__all__ = ["CATALOGUE", "SIDES", "Scene", "Term"]
+__all__ = ["CATALOGUE", "SIDES", "Scene", "Term", "meanings"]
 
 # In the order in which they act: surroundings, sensor, readout, then water and clocks.
 CATALOGUE: tuple[type[Term], ...] = (
@@ -69,3 +72,13 @@ CATALOGUE: tuple[type[Term], ...] = (
 )
 
 SIDES = {term.name: term.side for term in CATALOGUE}  # what each effect acts on
+
+
+def meanings(effect: str) -> dict[str, str]:
+    """Return what an effect's parameters are, by their names, without the details behind a comma.
+
+    Args:
+        effect: its name.
+    """
+    terms = [term for term in CATALOGUE if term.name == effect]
+    return {one.name: re.split("[,;]", one.metadata["meaning"])[0] for term in terms for one in fields(term)}

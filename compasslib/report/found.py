@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
-from dataclasses import fields
 from typing import Any
 
-from compasslib.physics import CATALOGUE
+from compasslib.physics import meanings
 from compasslib.report import words
 from compasslib.report.section import Finding, Table
 
@@ -118,20 +116,14 @@ def _held_out(proof: Mapping[str, Any]) -> str:
 
 def _parameters(finding: Mapping[str, Any]) -> Table | None:
     fitted = {name: one for name, one in finding["parameters"].items() if one["sigma"]}
-    meanings = _meanings(finding["effect"])
+    known = meanings(finding["effect"])
     if not fitted:
         return None
     rows = tuple(
         (
-            meanings.get(name) or words.parameter(name, one["unit"]),
+            known.get(name) or words.parameter(name, one["unit"]),
             words.with_sigma(one["value"], one["sigma"], one["unit"]),
         )
         for name, one in fitted.items()
     )
     return Table("Parameters", ("", "Value ± 1σ"), rows)
-
-
-def _meanings(effect: str) -> dict[str, str]:
-    """Return what the catalogue says of an effect's parameters, without the details that it adds behind a comma."""
-    terms = [term for term in CATALOGUE if term.name == effect]
-    return {one.name: re.split("[,;]", one.metadata["meaning"])[0] for term in terms for one in fields(term)}
