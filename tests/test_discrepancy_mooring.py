@@ -12,7 +12,7 @@ from sea import FOLDED, pairs
 from compasslib import angles, compass, correction, deviation, discrepancy
 from compasslib.archive_files import read_json, write_json
 from compasslib.deviation import model as fits
-from compasslib.discrepancy import Options, baseline, clocks, columns, diagnose, large, mooring, scan, stuck
+from compasslib.discrepancy import Options, baseline, clocks, columns, covariates, diagnose, large, mooring, scan, stuck
 from compasslib.discrepancy import product as products
 from compasslib.records import GOOD, EarthField, Record
 
@@ -270,3 +270,18 @@ def test_columns_that_were_exchanged_leave_too_few_pairs_and_no_traceback():
     earth = EarthField(mirrored.time_s[[0, -1]], *np.full((4, 2), 12000.0))
     found = diagnose(mirrored, {}, deviation.fit("exact", mirrored), earth)
     assert found.verdict == "insufficient" and "pairs show on which branch of the compass they are" in found.why
+
+
+def test_a_battery_whose_counts_rise_alike_is_one_battery():
+    counts = np.r_[np.linspace(150.0, 120.0, 400), np.linspace(170.0, 140.0, 400)].round()
+    number = covariates.battery_number(counts)
+    assert number.max() == 1.0 and number[360] == 0.0 and number[440] == 1.0
+
+
+def test_a_voltage_that_falls_evenly_is_a_drift_too_whatever_the_converter_counts():
+    drawn = world.planted(world.make(7, wide=True, n=HOURS), {"compass_drift": 3.0})
+    fall = 140.0 - 12.0 * np.arange(HOURS) / HOURS + np.random.default_rng(0).normal(0.0, 0.6, HOURS)
+    logged = drawn.covariates | {"supply_voltage": fall.round()}
+    found = diagnose(drawn.pairs, logged, fitted(drawn), field_of(drawn))
+    (finding,) = found.findings
+    assert {"compass_drift", "supply_voltage"} <= {finding.effect, *finding.alternatives}

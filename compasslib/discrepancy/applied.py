@@ -50,10 +50,11 @@ class Applied:
             series: the logged covariates, (n,) each.
             field: the earth's field along time.
         """
-        found = {name: np.nan_to_num(series[name] - self.references[name]) for name in self.logged if name in series}
+        used = {name: covariates.as_used(name, column, time_s) for name, column in series.items()}
+        found = {name: np.nan_to_num(used[name] - self.references[name]) for name in self.logged if name in used}
         found |= {name: np.zeros(len(time_s)) for name in self.logged if name not in series}
-        if "supply_voltage" in series:
-            filled = covariates.filled(series["supply_voltage"])
+        if "supply_voltage" in used:
+            filled = covariates.filled(used["supply_voltage"])
             found["battery_number"] = covariates.battery_number(filled)
         found["turn_rate"] = np.nan_to_num(covariates.rate(recorded_deg, time_s))
         h, z = (np.interp(time_s, field.time_s, x) for x in (field.horizontal_nT, field.vertical_nT))

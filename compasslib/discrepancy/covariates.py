@@ -44,7 +44,10 @@ def of_pairs(pairs: Pairs, logged: Mapping[str, Floats]) -> dict[str, Floats]:
         "separation": pairs.lower_depth_m - pairs.upper_depth_m,
         "speed": upper,
         "hour_of_day": angles.wrap360(360.0 * (pairs.time_s / DAY_S)) / 15.0,
-    } | {name: np.nan_to_num(column) if name in QUIET else column for name, column in logged.items()}
+    } | {
+        name: np.nan_to_num(column) if name in QUIET else as_used(name, column, pairs.time_s)
+        for name, column in logged.items()
+    }
     return {name: filled(column) for name, column in every.items() if varies(column)}
 
 
@@ -55,6 +58,27 @@ def references(columns: Mapping[str, Floats]) -> dict[str, float]:
         columns: covariates, (n,) each.
     """
     return {name: 0.0 if name in FROM_ZERO else float(np.mean(column)) for name, column in columns.items()}
+
+
+def as_used(name: str, column: Floats, time_s: Floats) -> Floats:
+    """Return a logged series as the search uses it: a supply voltage as its mean of a day, (n,).
+
+    Batteries change within days; what is faster is mostly the converter's count, and would hide that a voltage falls as
+    evenly as time goes.
+
+    Args:
+        name: of the series.
+        column: (n,), NaN where missing.
+        time_s: increasing times, (n,).
+    """
+    if name != "supply_voltage" or not len(column):
+        return column
+    first, last = (np.searchsorted(time_s, time_s + half, "left") for half in (-DAY_S / 2.0, DAY_S / 2.0))
+    total, count = (
+        np.concatenate([[0.0], np.cumsum(x)]) for x in (np.nan_to_num(column), np.isfinite(column).astype(float))
+    )
+    known = count[last] - count[first]
+    return np.asarray(np.where(known > 0.0, (total[last] - total[first]) / np.maximum(known, 1.0), np.nan))
 
 
 def varies(column: Floats) -> bool:
@@ -122,9 +146,11 @@ def battery_number(voltage: Floats) -> Floats:
     smooth = np.median(np.lib.stride_tricks.sliding_window_view(voltage, window), axis=1)
     rise = smooth[window:] - smooth[:-window]
     least = BATTERY_JUMP * np.ptp(voltage)
-    number = np.zeros(len(voltage))
+    number, last = np.zeros(len(voltage)), -len(voltage)
     for at in np.flatnonzero((rise > least) & (rise >= _largest_near(rise, window))):
-        number[at + window :] += 1.0
+        if at - last > window:  # whole counts rise alike from several neighbours: one battery all the same
+            number[at + window :] += 1.0
+        last = int(at)
     return number
 
 

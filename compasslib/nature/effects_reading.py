@@ -26,7 +26,7 @@ def temperature(rng: np.random.Generator, here: Circumstances) -> Effect:
 
 def supply_voltage(rng: np.random.Generator, here: Circumstances) -> Effect:
     """Return a reading that follows the battery's voltage in counts."""
-    return _offset("supply_voltage", {"deg_V": 0.1}, here.supply_counts - here.supply_counts.mean())
+    return _offset("supply_voltage", {"deg_V": 1.0}, here.supply_counts - here.supply_counts.mean())
 
 
 def sextantal(rng: np.random.Generator, here: Circumstances) -> Effect:
