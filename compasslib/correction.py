@@ -73,16 +73,7 @@ def correct(
 def in_pieces(
     record: Record, fit: Fit, field: EarthField, pairs: Pairs, at: Along | None = None, *, doubt_deg: float = 0.0
 ) -> Pieces:
-    """Return the same as ``correct`` in pieces along time, so that the velocities of a decade fit in memory.
-
-    Args:
-        record: the compromised instrument inside the deployment.
-        fit: the deviation model, perhaps without coefficients.
-        field: declination along time.
-        pairs: where the trusted instrument overlaps.
-        at: the compass at each sample, where more acted on it than the fit holds.
-        doubt_deg: standard deviation of what the fit is known to lack, see ``doubt``.
-    """
+    """Return what ``correct`` does of the same arguments, in pieces along time: a decade's velocities fit in memory."""
     return Pieces(record, _decided(record, fit, pairs, at, doubt_deg), field)
 
 
