@@ -71,33 +71,17 @@ rule read:
         "workflow/scripts/read.py"
 
 
-rule earth_field:
-    """Position and dates -> declination, horizontal and vertical field along time."""
-    output:
-        "results/{mooring}/work/field.json",
-    params:
-        place=PLAN.place_and_declination,
-        code=PLAN.code("earth_field.py"),
-    conda:
-        ENVIRONMENT
-    log:
-        "results/{mooring}/logs/earth_field.log",
-    benchmark:
-        "results/{mooring}/benchmarks/earth_field.tsv"
-    script:
-        "workflow/scripts/earth_field.py"
-
-
 rule overlap:
-    """Two records -> pairs that measured nearly the same water."""
+    """Two records, position and dates -> the earth's field, and pairs that measured nearly the same water."""
     input:
         upper=PLAN.compromised,
         lower=PLAN.reference,
-        field="results/{mooring}/work/field.json",
     output:
+        field="results/{mooring}/work/field.json",
         pairs="results/{mooring}/overlap.nc",
         wide="results/{mooring}/wide/overlap.nc",
     params:
+        place=PLAN.place_and_declination,
         rules=CRUISE.options.overlap.model_dump(),
         code=PLAN.code("overlap.py"),
     conda:

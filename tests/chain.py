@@ -73,10 +73,10 @@ def _jobs(plan: stages.Plan, name: str, diagnose: bool) -> None:
         _job("read", at, Files(raw=plan.raw_files(at)), Files(f"{out}/work/{role}.nc"), **params)
     at = Named(mooring=name)
     field, pairs, wide = f"{out}/work/field.json", f"{out}/overlap.nc", f"{out}/wide/overlap.nc"
-    _job("earth_field", at, Files(), Files(field), place=plan.place_and_declination(at))
     upper = plan.compromised(at)
-    given = Files(upper=upper, lower=plan.reference(at), field=field)
-    _job("overlap", at, given, Files(pairs=pairs, wide=wide), rules=plan.cruise.options.overlap.model_dump())
+    given, made = Files(upper=upper, lower=plan.reference(at)), Files(field=field, pairs=pairs, wide=wide)
+    settings = {"place": plan.place_and_declination(at), "rules": plan.cruise.options.overlap.model_dump()}
+    _job("overlap", at, given, made, **settings)
     fit = f"{out}/work/fit.json"
     given = Files(record=upper, pairs=pairs, field=field)
     _job("fit", at, given, Files(fit), method=plan.method(at), tilt=plan.tilt(at))

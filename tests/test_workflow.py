@@ -95,7 +95,6 @@ def test_raw_data_are_never_written_to(done):
 def test_a_declination_re_runs_one_mooring_from_the_stage_that_uses_it(done):
     change(done / "config/moorings/M1.yaml", declination=-22.0)
     assert planned(done) == {
-        ("earth_field", "M1"),
         ("overlap", "M1"),
         ("fit", "M1"),
         ("diagnose", "M1"),

@@ -130,7 +130,7 @@ def test_a_changed_calibration_runs_again_with_its_moorings_and_no_other(done):
     assert ("diagnose_calibration", "bench") in jobs
     assert ("calibrate", "later") in jobs  # it is compared with this one
     assert {job for job in jobs if job[1] in ("M2", "few")} == set()
-    assert not {rule for rule, _ in jobs} & {"read", "overlap", "earth_field", "fit"}
+    assert not {rule for rule, _ in jobs} & {"read", "overlap", "fit"}
     change(file, uncertainty=None)
     assert planned(done) == {("provenance", "")}  # the manifest holds the file's hash, and it has a line more
 

@@ -10,12 +10,14 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
-from compasslib.readers.mmp_clock import Ints, civil
+from compasslib.readers.mmp_clock import FIRST_YEAR, LAST_YEAR, Ints
 from compasslib.readers.mmp_rows import Text
 from compasslib.records import Floats
 
@@ -51,9 +53,9 @@ class Block:
 class _Item:
     """A line of words that means something."""
 
-    offset: int
     kind: str
     value: float = np.nan
+    offset: int = 0
 
 
 def blocks(text: Text, path: Path) -> tuple[list[Block], Ints, int]:
@@ -104,27 +106,28 @@ def _items(text: Text) -> tuple[list[_Item], list[int]]:
     garbled: list[int] = []
     inside = False
     for offset, line in text.lines:
-        item = _item(offset, line)
+        item = _item(line)
         if item:
-            items.append(item)
+            items.append(replace(item, offset=offset))
             inside = item.kind == "contents"
         elif not inside and sum(48 <= c < 58 for c in line) > len(line) // 4:
             garbled.append(offset)
     return items, garbled
 
 
-def _item(offset: int, line: bytes) -> _Item | None:
+@lru_cache(maxsize=1024)  # the instrument's header stands behind every profile, line for line the same
+def _item(line: bytes) -> _Item | None:
     found = _WORDS.match(line)
     if not found:
         return None
     kind = found.lastgroup or ""
     for name, given in (("rate", "hertz"), ("profile", "number")):
         if found[name]:
-            return _Item(offset, name, _float(found[given]))
+            return _Item(name, _float(found[given]))
     for name in ("on", "off"):
         if found[name]:
-            return _Item(offset, name, _stamp(found[f"{name}_at"]))
-    return _Item(offset, kind)
+            return _Item(name, _stamp(found[f"{name}_at"]))
+    return _Item(kind)
 
 
 def _float(digits: bytes) -> float:
@@ -138,8 +141,11 @@ def _stamp(words: bytes) -> float:
     found = re.match(rb"\s*(\d\d?)/(\d\d?)/(\d{4})\s+(\d\d?):(\d\d):(\d\d)", words)
     if not found:
         return float("nan")
-    month, day, year, *hms = (np.array([int(part)]) for part in found.groups())
-    return float(civil((year, month, day), (hms[0], hms[1], hms[2]))[0])
+    month, day, year, *hms = (int(part) for part in found.groups())
+    try:
+        return datetime(year, month, day, *hms, tzinfo=UTC).timestamp() if FIRST_YEAR <= year <= LAST_YEAR else float("nan")
+    except ValueError:
+        return float("nan")
 
 
 def _groups(text: Text, items: Sequence[_Item]) -> tuple[list[tuple[int, int]], list[list[_Item]]]:

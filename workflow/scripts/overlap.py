@@ -1,15 +1,14 @@
-"""Find overlapping measurements: two records, declination -> results/MOORING/{overlap,wide/overlap}.nc."""
+"""Find overlapping measurements: two records, position -> results/MOORING/{overlap,wide/overlap}.nc, work/field.json."""
 
 from compasslib import archive, earthfield, overlap, provenance
 from compasslib.job import job
 
 with job(snakemake) as say:
-    upper = archive.read_record(snakemake.input.upper)
-    lower = [archive.read_record(path) for path in snakemake.input.lower]
-    field = earthfield.from_json(archive.read_json(snakemake.input.field))
-    rules = overlap.Rules(**snakemake.params.rules)
-    pairs, wide = (overlap.find(upper, lower, field, each) for each in (rules, overlap.widened(rules)))
+    name, out, rules = snakemake.wildcards.mooring, snakemake.output, overlap.Rules(**snakemake.params.rules)
+    archive.write_json(out.field, vars(earthfield.along_time(**snakemake.params.place)))
+    say(earthfield.told(name, field := earthfield.from_json(archive.read_json(out.field))))
+    upper, lower = archive.read_record(snakemake.input.upper), [archive.read_record(x) for x in snakemake.input.lower]
     made = provenance.origin("pairs found", [snakemake.input.upper, *snakemake.input.lower])
-    archive.write_pairs(snakemake.output.pairs, pairs, attributes=made)
-    archive.write_pairs(snakemake.output.wide, wide, attributes=made)
-    say(overlap.told(snakemake.wildcards.mooring, pairs))
+    for file, each in ((out.wide, overlap.widened(rules)), (out.pairs, rules)):
+        archive.write_pairs(file, pairs := overlap.find(upper, lower, field, each), attributes=made)
+    say(overlap.told(name, pairs))
