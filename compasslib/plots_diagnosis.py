@@ -49,8 +49,9 @@ def diagnosis(path: str | Path, found: Mapping[str, Any], name: str) -> None:
     with page(path, title, PANEL_IN * rows + text_in + 0.3) as figure:
         grid = figure.add_gridspec(rows + 1, 2, height_ratios=[PANEL_IN] * rows + [text_in])
         panels = [figure.add_subplot(grid[k // 2, k % 2]) for k in range(len(curves))]
+        reach = _simultaneous(sum(len(curve["centre"]) for curve in curves))
         for axes, curve in zip(panels, curves, strict=True):
-            _panel(axes, curve)
+            _panel(axes, curve, reach)
         if not curves:
             say(figure.add_subplot(grid[0, :]), "There is no residual to show.", characters=80)
         below = figure.add_subplot(grid[rows, :])
@@ -68,13 +69,13 @@ def _curves(found: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     return [every[name] for name in dict.fromkeys([*first, *every]) if len(every[name]["centre"]) > 1]
 
 
-def _panel(axes: Axes, curve: Mapping[str, Any]) -> None:
+def _panel(axes: Axes, curve: Mapping[str, Any], reach: float) -> None:
     x, before, after, sigma = (
         np.array(curve[key], dtype=float) for key in ("centre", "before_deg", "after_deg", "sigma_deg")
     )
     covariate = curve["covariate"]
     x = x / DAY_S if covariate == "time" else x
-    band = _simultaneous(len(x)) * sigma
+    band = reach * sigma
     axes.fill_between(x, -band, band, color=GREY, alpha=0.25, linewidth=0)
     axes.axhline(0.0, color=GREY, linewidth=0.6)
     if np.any(before != after):
@@ -93,7 +94,7 @@ def _simultaneous(bins: int) -> float:
     """Return how many standard errors a band reaches that all bins of noise stay within, 95 times in 100 (Šidák)."""
     from statistics import NormalDist
 
-    return NormalDist().inv_cdf(0.5 + 0.5 * 0.95 ** (1.0 / bins))
+    return NormalDist().inv_cdf(0.5 + 0.5 * 0.95 ** (1.0 / max(bins, 1)))
 
 
 def _words(found: Mapping[str, Any]) -> list[str]:
@@ -128,5 +129,5 @@ def _handles(found: Mapping[str, Any]) -> list[Any]:
     return [
         *([alone] if beside else []),
         Line2D([], [], color=BLUE, marker="s", markersize=3, label=label),
-        Patch(color=GREY, alpha=0.25, linewidth=0, label="95 % band of all bins together"),
+        Patch(color=GREY, alpha=0.25, linewidth=0, label="95 % band of all panels together"),
     ]

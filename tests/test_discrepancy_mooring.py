@@ -12,7 +12,19 @@ from sea import FOLDED, pairs
 from compasslib import angles, compass, correction, deviation, discrepancy
 from compasslib.archive_files import read_json, write_json
 from compasslib.deviation import model as fits
-from compasslib.discrepancy import Options, baseline, clocks, columns, covariates, diagnose, large, mooring, scan, stuck
+from compasslib.discrepancy import (
+    Options,
+    baseline,
+    clocks,
+    columns,
+    covariates,
+    diagnose,
+    large,
+    mooring,
+    scan,
+    show,
+    stuck,
+)
 from compasslib.discrepancy import product as products
 from compasslib.records import GOOD, EarthField, Record
 
@@ -40,6 +52,19 @@ def test_nothing_is_found_where_nothing_was_left_out():
     assert 0.2 < found.detectable_deg["sextantal"] < 4.0 and found.why.startswith("Nine times in ten")
     told = dict(found.not_testable)
     assert "feel it alike" in told["field_disturbance"] and "same as A" in told["declination_error"]
+
+
+def test_bins_of_nothing_lie_as_far_off_as_their_errors_say():
+    far = []
+    for seed in range(4):
+        drawn = world.planted(world.make(seed, wide=True, n=HOURS), {})
+        case = mooring.case(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
+        state = baseline.examine(case, case.simulation, np.zeros(case.nuisance.shape[1]))
+        curves = [show.curve(state, state, name) for name in ("time", "heading", "speed", "supply_voltage")]
+        far += [curve.after_deg / curve.sigma_deg for curve in curves]
+    far = np.abs(np.concatenate(far))
+    # Some 250 bins, which share their days: 5 % are expected beyond 1.96, one in a thousand beyond 3.3.
+    assert 0.01 < np.mean(far > 1.96) < 0.1 and far.max() < 4.5
 
 
 def test_two_effects_at_once_are_both_named_and_modelled(two):

@@ -125,7 +125,11 @@ def curve(before: State, after: State, covariate: str) -> Curve:
 
 
 def _binned(state: State, bins: NDArray[np.intp], count: int) -> tuple[Floats, Floats]:
-    """Return mean residual and its standard error in each bin, by width; blocks of days count as one each."""
+    """Return mean residual and its standard error in each bin, by width; blocks of days count as one each.
+
+    The error is never under what the blocks of all bins together make likely: the few of one bin may agree by chance,
+    and on nulls some bins then lay seven of their own standard errors off.
+    """
     width = state.whitener.width_deg
     weight, left = width**-2.0, state.standard * np.where(np.isfinite(width), width, 0.0)  # no root: no weight
     total = np.maximum(np.bincount(bins, weight, count), 1e-12)
@@ -133,7 +137,8 @@ def _binned(state: State, bins: NDArray[np.intp], count: int) -> tuple[Floats, F
     time_s = state.case.scene.time_s
     block = np.floor((time_s - time_s[0]) / MEMORY_S).astype(int)
     sums = np.bincount(block * count + bins, weight * (left - mean[bins]), (block[-1] + 1) * count)
-    return mean, np.sqrt(np.sum(sums.reshape(-1, count) ** 2, axis=0)) / total
+    own = np.sum(sums.reshape(-1, count) ** 2, axis=0)
+    return mean, np.sqrt(np.maximum(own, total * own.sum() / total.sum())) / total
 
 
 def _values(state: State) -> Floats:

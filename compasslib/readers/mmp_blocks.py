@@ -143,9 +143,10 @@ def _stamp(words: bytes) -> float:
         return float("nan")
     month, day, year, *hms = (int(part) for part in found.groups())
     try:
-        return datetime(year, month, day, *hms, tzinfo=UTC).timestamp() if FIRST_YEAR <= year <= LAST_YEAR else float("nan")
+        known = datetime(year, month, day, *hms, tzinfo=UTC)
     except ValueError:
         return float("nan")
+    return known.timestamp() if FIRST_YEAR <= year <= LAST_YEAR else float("nan")
 
 
 def _groups(text: Text, items: Sequence[_Item]) -> tuple[list[tuple[int, int]], list[list[_Item]]]:

@@ -1,4 +1,4 @@
-"""Find overlapping measurements: two records, position -> results/MOORING/{overlap,wide/overlap}.nc, work/field.json."""
+"""Find overlapping measurements: records, position -> results/MOORING/{overlap,wide/overlap}.nc, work/field.json."""
 
 from compasslib import archive, earthfield, overlap, provenance
 from compasslib.job import job
