@@ -141,9 +141,9 @@ def _stamp(words: bytes) -> float:
     found = re.match(rb"\s*(\d\d?)/(\d\d?)/(\d{4})\s+(\d\d?):(\d\d):(\d\d)", words)
     if not found:
         return float("nan")
-    month, day, year, *hms = (int(part) for part in found.groups())
+    month, day, year, hour, minute, second = (int(part) for part in found.groups())
     try:
-        known = datetime(year, month, day, *hms, tzinfo=UTC)
+        known = datetime(year, month, day, hour, minute, second, tzinfo=UTC)
     except ValueError:
         return float("nan")
     return known.timestamp() if FIRST_YEAR <= year <= LAST_YEAR else float("nan")
