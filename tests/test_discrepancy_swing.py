@@ -106,6 +106,24 @@ def test_lobes_of_the_compass_are_on_its_own_side(tmp_path):
     near(found, sine_deg=3.0 * np.cos(np.radians(40.0)), cosine_deg=3.0 * np.sin(np.radians(40.0)))
 
 
+def test_a_card_pulled_in_one_sector_is_not_called_lobes(tmp_path):
+    found = swung(tmp_path, replace(BOAT, hangs_deg=14.0, hangs_at_deg=200.0))
+    assert found.verdict == "unexplained" and not found.findings
+    place = found.unexplained.where
+    middle = 200.0 + 14.0  # of the readings, which are pulled by as much
+    assert place.covariate == "heading" and place.low < middle < place.high and place.high - place.low < 90.0
+    assert found.unexplained.rms_effect_deg > 1.0
+
+
+def test_a_while_astray_is_no_mount_that_slipped(tmp_path):
+    boat = replace(BOAT, plan=LEGS, minutes=40.0, astray=(-12.0, 0.3, 0.6))
+    found = swung(tmp_path, boat)
+    assert found.verdict == "unexplained" and "heading_slip" not in [one.effect for one in found.findings]
+    time_s = swing.sail(np.random.default_rng(1), boat, 5.0).time_s
+    truth = time_s[0] + np.array([0.3, 0.6]) * np.ptp(time_s)
+    np.testing.assert_allclose(found.unexplained.when_s, truth, atol=60.0)  # three stretches
+
+
 def test_a_short_log_is_refused_with_its_reason(tmp_path):
     found = swung(tmp_path, replace(BOAT, minutes=6.0), max_turn_deg_s=9.0)
     assert found.verdict == "insufficient" and "at least 24 are needed" in found.why

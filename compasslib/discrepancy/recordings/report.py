@@ -122,8 +122,13 @@ def unexplained(named: Named, min_effect_deg: float) -> tuple[Unexplained | None
         return None, tuple(small.items())
     first, size = max(worth, key=lambda one: one[1])
     channel = named.fitted.channel
-    places = [where(channel, name, named.fitted) for name in first.group.covariates]
+    alone = first.group.columns.shape[1] == 1
+    places = [
+        _held_by(channel, name, first.group.columns[:, 0]) if alone else where(channel, name, named.fitted)
+        for name in first.group.covariates
+    ]
     span = (float(channel.time_s[0]), float(channel.time_s[-1])) if channel.clocked else None
+    span = (places[0].low, places[0].high) if alone and channel.clocked and places[0].covariate == "time" else span
     curves = tuple(curve(named.fitted, named.fitted, name) for name in first.group.covariates)
     said = telling.unexplained(" and ".join(p.text for p in places), size, [t.name for t in named.fitted.terms])
     return Unexplained(first.group.covariates, places[0], span, size, curves, said), tuple(small.items())
@@ -144,6 +149,17 @@ def where(channel: Channel, name: str, fitted: Fitted) -> Where:
         half = float(np.median(np.diff(shown.centre))) / 2.0
         low = max(float(shown.centre[far].min()) - half, float(column.min()))
         high = min(float(shown.centre[far].max()) + half, float(column.max()))
+    return Where(name, low, high, telling.place(name, low, high, channel.clocked))
+
+
+def _held_by(channel: Channel, name: str, column: Floats) -> Where:
+    """Return the range of a covariate that a local error covers; one of headings may go through north."""
+    inside = channel.covariates[name][column > np.max(column) / 2.0]
+    low, high = float(inside.min()), float(inside.max())
+    if name == "heading":
+        middle = angles.mean(inside)
+        away = angles.difference(inside, middle)
+        low, high = (float(angles.wrap360(middle + end)) for end in (away.min(), away.max()))
     return Where(name, low, high, telling.place(name, low, high, channel.clocked))
 
 

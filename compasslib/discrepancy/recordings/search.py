@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from compasslib.discrepancy.naming import MOST_TERMS
-from compasslib.discrepancy.recordings import fitting, testing
+from compasslib.discrepancy.recordings import fitting, strangers, testing
 from compasslib.discrepancy.recordings.channel import Channel, dated
 from compasslib.discrepancy.recordings.fitting import Fitted
+from compasslib.discrepancy.recordings.strangers import Family
 from compasslib.discrepancy.recordings.testing import Group, Tested
 from compasslib.discrepancy.rivals import CLOSE, DATE_CHARGE, PARAMETER_CHARGE
 
@@ -77,10 +78,24 @@ def search(channel: Channel, *, alarm: float, min_effect_deg: float) -> Named:
         now = _swapped(max(worth, key=lambda entry: entry.score).fitted)
     now, own, others = _held(now, min_effect_deg)
     found = {term.name for term in now.terms}
-    left = _left(now, alarm)
-    return Named(
-        before, now, own, others, tuple((k, v) for k, v in small.items() if k not in found), tuple(alone), left
-    )
+    little = tuple((k, v) for k, v in small.items() if k not in found)
+    named = Named(before, now, own, others, little, tuple(alone), _left(now, alarm))
+    for family in strangers.FAMILIES:
+        named = _unmasked(named, family)
+    return named
+
+
+def _unmasked(named: Named, family: Family) -> Named:
+    """Return the hypothesis without terms that imitate what is in no catalogue."""
+    better = strangers.instead(named.fitted, family)
+    if better is None:
+        return named
+    kept, stranger = better
+    terms = [named.fitted.terms[k] for k in kept]
+    free = fitting.fit(named.fitted.channel, terms, near=named.fitted)
+    own, others = tuple(named.entries[k] for k in kept), tuple(named.alternatives[k] for k in kept)
+    left = (*named.left, (stranger, _size(free, stranger)))
+    return replace(named, fitted=free, entries=own, alternatives=others, left=left)
 
 
 def contest(without: Fitted, noise: Fitted | None) -> list[Entry]:

@@ -19,7 +19,7 @@ from compasslib.physics.term import Term
 Floats = NDArray[np.floating]
 
 REPEATS = 400
-DATES, MARGIN = 48, 0.06  # of steps that are tried, and how near to the ends
+DATES, MARGIN = 150, 0.06  # of steps that are tried, and how near to the ends
 HATS, HEADING_HATS, FEWEST_IN_HAT = 8, 24, 5
 FAINT = 0.2  # of the largest direction of a group of splines
 SHARE_OF_FREEDOM = 3  # an omnibus group has no more columns than this part of the independent samples
@@ -119,11 +119,10 @@ def test(now: Fitted, noise: Fitted, groups: Sequence[Group], seed: int = 0) -> 
         seed: of the draws.
     """
     white = noise.whitener if now.channel.remembered else None
-    if white is not None:
-        groups = [replace(group, columns=white @ group.columns) for group in groups]
+    seen_as = groups if white is None else [replace(group, columns=white @ group.columns) for group in groups]
     base = fitting.orthonormal(now.columns if white is None else white @ now.columns)
-    bases = [directions(group, base) for group in groups]
-    kept = [k for k, basis in enumerate(bases) if basis.shape[1] and _lives(groups[k].columns, bases[k], base)]
+    bases = [directions(group, base) for group in seen_as]
+    kept = [k for k, basis in enumerate(bases) if basis.shape[1] and _lives(seen_as[k].columns, bases[k], base)]
     if not kept:
         return []
     groups, bases = [groups[k] for k in kept], [bases[k] for k in kept]
