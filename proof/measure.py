@@ -4,16 +4,12 @@ from __future__ import annotations
 
 import csv
 import json
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import netCDF4
 import numpy as np
 from numpy.typing import NDArray
-
-from compasslib import angles, archive
-from compasslib.deviation import exact, model
 
 Floats = NDArray[np.floating]
 
@@ -47,7 +43,7 @@ def product(cruise: Path, name: str) -> dict[str, Floats]:
 
 
 def headings(cruise: Path, locked: Path, name: str, deviation: dict[str, Any]) -> dict[str, float | None]:
-    """Return errors of the heading: recorded, by the configured fit, of the product, of a fit without effects.
+    """Return errors of the heading: recorded, by the configured fit, of the product.
 
     Before is the configured fit alone, on the branch that is nearest to the truth.
 
@@ -69,44 +65,9 @@ def headings(cruise: Path, locked: Path, name: str, deviation: dict[str, Any]) -
         "recorded_deg": rms(turn(recorded, heading)),
         "before_deg": before,
         "after_deg": rms(after),
-        "sampled_deg": sampled(cruise, locked, name, deviation),
         "share_corrected": float(good.mean()),
         "covered_95": float(np.mean(np.abs(after[good]) < 1.96 * made["sigma"][at][good])) if good.any() else None,
     }
-
-
-def sampled(cruise: Path, locked: Path, name: str, deviation: dict[str, Any]) -> float | None:
-    """Return the error of the configured fit where nothing was planted, rms degrees: what the water alone makes of it.
-
-    Every effect is taken out of the readings and of the water of the very pairs that the pipeline found, but for a
-    wrong clock; the same fit is made again and corrects the readings without effects.
-
-    Args:
-        cruise: its folder.
-        locked: folder of the truth.
-        name: of the mooring.
-        deviation: its deviation.json.
-    """
-    if not deviation.get("coefficients"):
-        return None
-    time_s, heading, recorded, plain, veer = np.load(locked / f"{name}.npy")
-    pairs = archive.read_pairs(cruise / "results" / name / "overlap.nc")
-    at = np.searchsorted(time_s, pairs.time_s).clip(0, time_s.size - 1)
-    pairs, at = model.chosen(pairs, time_s[at] == pairs.time_s), at[time_s[at] == pairs.time_s]
-    upper = angles.turn(pairs.upper_east, pairs.upper_north, turn(plain, recorded)[at])
-    lower = angles.turn(pairs.lower_east, pairs.lower_north, -veer[at])
-    freed = replace(
-        pairs,
-        heading_deg=plain[at],
-        upper_east=upper[0],
-        upper_north=upper[1],
-        lower_east=lower[0],
-        lower_north=lower[1],
-    )
-    fit = exact.fit(freed, model.from_json(deviation))
-    letters = dict(zip(model.LETTERS, fit.coefficients.tolist(), strict=True))
-    known = np.isfinite(heading)
-    return rms(turn(corrected_by(letters, plain[known], heading[known]), heading[known]))
 
 
 def corrected_by(coefficients: dict[str, float], recorded_deg: Floats, near_deg: Floats) -> Floats:
