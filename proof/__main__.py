@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from proof import card, draw, figures, measure, recordings, run, score, seal
+from proof import card, draw, figures, measure, recordings, run, sampled, score, seal
 
 CONFIG = "moorings: config/moorings\n"
 
@@ -105,7 +105,8 @@ def write(out: Path, cruise: Path, locked: Path, concealed: Sequence[list[str]] 
     rows = []
     for name, truth in truths.items():
         left = measure.results(cruise, name)
-        heads = measure.headings(cruise, locked, name, left["deviation"])
+        heads: dict[str, Any] = dict(measure.headings(cruise, locked, name, left["deviation"]))
+        heads["sampled_deg"] = sampled.error_deg(cruise, locked, name, left["deviation"])
         rows.append(score.row(name, truth, left["diagnosis"], heads))
     paper = None
     if (locked / "published.csv").exists():

@@ -21,7 +21,10 @@ DEFINITIONS = (
     "Visible size: rms of what five coefficients, fitted to the true headings, leave of an effect. "
     "Oracle: those five coefficients with every effect known; what is left is the compass's own noise. "
     "Five: the same without the effects known. Before: the configured fit alone, on the right branch. After: the "
-    "product. Gain: variance that held-out days gave back over the planted one. Points: 1 for what a perfect tool "
+    "product. Sampled: what the configured fit, made again, leaves where every effect but a wrong clock was taken out "
+    "of readings and water. Oracle and five know the true headings; who has only the other instrument's currents can "
+    "at best come near sampled, the error that the water's own scatter makes. "
+    "Gain: variance that held-out days gave back over the planted one. Points: 1 for what a perfect tool "
     "says, 1/n for a right name in a set of n, 0 for what is wrong."
 )
 Table = tuple[str, list[str], list[list[str]]]
@@ -92,9 +95,10 @@ def _heading(made: dict[str, Any]) -> str:
 
 
 def _tables(made: dict[str, Any]) -> list[Table]:
-    of_headings = ["moorings", "n", "before", "after", "five", "oracle", "after ≤ oracle + 0.3°", "within stated 95 %"]
+    of_headings = ["moorings", "n", *tally.HEADINGS, "after ≤ sampled + 0.3°", "after ≤ oracle + 0.3°"]
+    of_headings += ["within stated 95 %"]
     of_moorings = ["mooring", "kind", "planted (visible)", "named", "unexplained", "outcome", "points"]
-    of_moorings += ["heading before, after, oracle", "why not named"]
+    of_moorings += ["heading before, after, sampled, oracle", "why not named"]
     named = [[name, ", ".join(f"{x} {n}" for x, n in said.items())] for name, said in made["confusion"].items()]
     return [
         ("Points", ["tool", "points"], [[name, f"{value:.2f}"] for name, value in made["points"].items()]),
@@ -134,7 +138,7 @@ def _numbers(found: dict[str, Any]) -> list[list[str]]:
 
 
 def _headings(groups: dict[str, dict[str, Any]]) -> list[list[str]]:
-    keys, shares = ("before_deg", "after_deg", "five_deg", "oracle_deg"), ("near_oracle", "covered_95")
+    keys, shares = [f"{key}_deg" for key in tally.HEADINGS], ("near_sampled", "near_oracle", "covered_95")
     return [
         [name, str(one["count"]), *(f"{one[key]:.2f}°" for key in keys), *(_percent(one[key]) for key in shares)]
         for name, one in groups.items()
@@ -167,7 +171,7 @@ def _mooring(row: dict[str, Any]) -> list[str]:
     planted = ", ".join(f"{n} {v:.1f}°" for n, v in zip(row["truth"], row["visible_deg"], strict=True)) or "–"
     named = "; ".join(" or ".join(one) for one in row["sets"]) or "–"
     left = "–" if row["unexplained"] is None else f"{row['unexplained'][1]:.1f}° {row['unexplained'][0]}"
-    errors = ", ".join(_text(row[key]) for key in ("before_deg", "after_deg", "oracle_deg"))
+    errors = ", ".join(_text(row[key]) for key in ("before_deg", "after_deg", "sampled_deg", "oracle_deg"))
     kind = f"{row['kind']}, {'wide' if row['wide'] else 'narrow'}"
     return [row["name"], kind, planted, named, left, row["outcome"], _text(row["points"]), errors, row["why"] or "–"]
 

@@ -200,7 +200,8 @@ def _write_yaml(path: Path, content: dict[str, Any]) -> None:
 
 def _lock(locked: Path, name: str, facts: dict[str, Any], raw: Written) -> None:
     (locked / f"{name}.json").write_text(json.dumps(facts, indent=1) + "\n")
-    np.save(locked / f"{name}.npy", np.stack([raw.time_s, raw.heading_deg, raw.recorded_deg]))
+    series = (raw.time_s, raw.heading_deg, raw.recorded_deg, raw.plain_deg, raw.veer_deg)
+    np.save(locked / f"{name}.npy", np.stack(series))
 
 
 def _bounds(ground: Ground, raw: Written) -> dict[str, float]:

@@ -43,7 +43,7 @@ def product(cruise: Path, name: str) -> dict[str, Floats]:
 
 
 def headings(cruise: Path, locked: Path, name: str, deviation: dict[str, Any]) -> dict[str, float | None]:
-    """Return errors of the heading: recorded, by the configured fit, of the product, of the best five coefficients.
+    """Return errors of the heading: recorded, by the configured fit, of the product.
 
     Before is the configured fit alone, on the branch that is nearest to the truth.
 
@@ -53,7 +53,7 @@ def headings(cruise: Path, locked: Path, name: str, deviation: dict[str, Any]) -
         name: of the mooring.
         deviation: its deviation.json.
     """
-    made, (time_s, heading, recorded) = product(cruise, name), np.load(locked / f"{name}.npy")
+    made, (time_s, heading, recorded) = product(cruise, name), np.load(locked / f"{name}.npy")[:3]
     at = np.searchsorted(made["time_s"], time_s).clip(0, made["time_s"].size - 1)
     known = (made["time_s"][at] == time_s) & np.isfinite(heading)
     at, heading, recorded = at[known], heading[known], recorded[known]

@@ -14,7 +14,8 @@ from proof import score
 Row = dict[str, Any]
 
 BINS_DEG = (0.0, 0.7, 1.0, 1.5, 2.0, 3.0, 99.0)
-NEAR_ORACLE_DEG = 0.3
+NEAR_DEG = 0.3
+HEADINGS = ("before", "after", "sampled", "five", "oracle")
 
 
 def measures(rows: Sequence[Row]) -> list[dict[str, Any]]:
@@ -150,11 +151,11 @@ def _groups(rows: Sequence[Row]) -> dict[str, list[Row]]:
 def _headings(rows: Sequence[Row]) -> dict[str, Any]:
     """Return pooled errors of the heading: by the fit alone, of the product, and what nobody can beat."""
     some = [row for row in rows if row["before_deg"] is not None and row["after_deg"] is not None]
-    near = [row["after_deg"] <= row["oracle_deg"] + NEAR_ORACLE_DEG for row in some]
+    near = {k: [row["after_deg"] <= row[f"{k}_deg"] + NEAR_DEG for row in some] for k in ("sampled", "oracle")}
     return {
         "count": len(some),
-        **{key: _rms([row[key] for row in some]) for key in ("before_deg", "after_deg", "five_deg", "oracle_deg")},
-        "near_oracle": _mean(near),
+        **{f"{key}_deg": _rms([row[f"{key}_deg"] for row in some]) for key in HEADINGS},
+        **{f"near_{key}": _mean(holds) for key, holds in near.items()},
         "covered_95": _mean([row["covered_95"] for row in some]),
     }
 

@@ -19,13 +19,21 @@ from compasslib.discrepancy import (
     columns,
     covariates,
     diagnose,
+    doubts,
+    episodes,
     large,
+    model,
     mooring,
+    naming,
+    rivals,
     scan,
     show,
     stuck,
 )
 from compasslib.discrepancy import product as products
+from compasslib.physics.heading_slip import HeadingSlip
+from compasslib.physics.heeling import Heeling
+from compasslib.physics.sextantal import Sextantal
 from compasslib.records import GOOD, EarthField, Record
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
@@ -181,6 +189,51 @@ def test_weeks_in_which_the_reading_was_off_are_not_two_faults_that_cancel():
     assert found.verdict == "unexplained" and not found.findings and "and not after" in found.unexplained.text
     first, last = found.unexplained.when_s
     assert 15.0 < (last - first) / 86400.0 < 70.0 and 3.0 < found.unexplained.rms_effect_deg < 5.0
+
+
+@pytest.mark.parametrize(("strange", "seed", "covariate"), [("sector", 2, "heading"), ("depth_threshold", 1, "depth")])
+def test_a_name_that_only_stands_for_the_curve_of_what_is_left_is_not_given(strange, seed, covariate):
+    drawn = world.planted(world.make(seed, wide=seed == 1, n=HOURS), {strange: 3.5})
+    found = diagnose(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn), Options())
+    assert found.verdict == "unexplained" and not found.findings and found.applied is None
+    assert found.unexplained.covariates == (covariate,)
+    assert 2.8 < found.unexplained.rms_effect_deg < 4.2  # of 3.5 degrees; the clip and the noise take and give a fifth
+
+
+def test_a_step_that_a_wave_explains_better_has_no_name():
+    drawn = world.planted(world.make(4, wide=True, n=HOURS), {"wander": 3.5})
+    case = mooring.case(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
+    state = baseline.examine(case, case.simulation, np.zeros(case.nuisance.shape[1]))
+    step = HeadingSlip(date_s=float(np.median(case.scene.time_s)))
+    named = naming.Named(model.refit(state, [step]), alternatives=((),))
+    left, episode = episodes.taken_out(named)
+    assert episode is not None and episode.swings and not left.state.simulation.terms
+    true = world.planted(world.make(4, wide=True, n=HOURS), {"heading_slip": 3.5})
+    found = diagnose(true.pairs, true.covariates, fitted(true), field_of(true), Options())
+    assert "heading_slip" in {name for one in found.findings for name in (one.effect, *one.alternatives)}
+
+
+def test_a_name_that_held_out_days_do_not_confirm_is_not_given():
+    drawn = world.planted(world.make(5, wide=True, n=HOURS), {})
+    case = mooring.case(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
+    state = baseline.examine(case, case.simulation, np.zeros(case.nuisance.shape[1]))
+    named = naming.Named(model.refit(state, [Sextantal(), Heeling()]), alternatives=((), ()))
+    left, largest = doubts.unproven(named)
+    assert not left.state.simulation.terms and left.alternatives == ()
+    assert largest is not None and largest[0].name in ("sextantal", "heeling")
+
+
+def test_a_chosen_harmonic_is_weighed_by_its_own_slope_not_as_a_second_one():
+    drawn = world.planted(world.make(2, wide=False, n=HOURS), {"sextantal": 4.0})
+    case = mooring.case(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
+    state = baseline.examine(case, case.simulation, np.zeros(case.nuisance.shape[1]))
+    grown = model.refit(state, [Sextantal()])
+    tested = scan.test(grown, columns.of_terms(grown, case.terms))
+    field = rivals.gathered(grown, tested, [0], standing=True)
+    chosen = grown.simulation.terms[0]
+    again = field.terms((field.place(chosen),))[0]
+    # Where the refit has come to rest, fitting the same columns again moves nothing; its last step was below 0.02.
+    assert again.values == pytest.approx(chosen.values, abs=0.1)
 
 
 def test_a_clock_is_on_its_own_side():

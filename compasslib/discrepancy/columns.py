@@ -14,6 +14,7 @@ from compasslib.discrepancy import stuck
 from compasslib.discrepancy.baseline import State
 from compasslib.physics import Term, composition
 from compasslib.physics.composition import Simulation
+from compasslib.physics.heading_slip import HeadingSlip
 
 Floats = NDArray[np.floating]
 
@@ -22,6 +23,7 @@ KNOTS = 8
 HEADING_HAT_DEG, FEWEST_IN_HAT = 6.0, 30
 TEETH = 24  # highest harmonic of the recorded heading
 TIME_KNOTS, SHORTEST_WAVE_S = (12, 36), 20 * 86400.0
+SPELL, SPELL_STEP_S, SPELLS = "spell", 5 * 86400.0, (4, 6, 8, 12, 18)  # weeks in which the reading is off, in steps
 LINEAR = ("time", "temperature", "depth", "pitch", "roll", "speed", "supply_voltage")  # of the products
 
 
@@ -98,7 +100,7 @@ def omnibus(state: State) -> list[Group]:
             groups.append(Group(name, _periodic(column * 15.0, range(1, 4)), covariates=(name,)))
         elif name == "time":
             groups += [Group(name, _hats(column, k), covariates=(name,)) for k in TIME_KNOTS]
-            groups += [Group(name, wave, covariates=(name,)) for wave in _waves(column)]
+            groups += [*waves(column), *_spells(state)]
         elif name != "heading" and name not in stuck.LEANS:
             groups.append(Group(name, _hats(column, KNOTS), covariates=(name,)))
     linear = {name: _standard(found[name]) for name in LINEAR if name in found}
@@ -108,6 +110,26 @@ def omnibus(state: State) -> list[Group]:
     for (a, x), (b, y) in itertools.combinations(linear.items(), 2):
         groups.append(Group(f"{a} x {b}", (x * y)[:, None], covariates=(a, b)))
     return groups
+
+
+def waves(time_s: Floats) -> list[Group]:
+    """Return one wave a group: what swings with one period is faint among all knots.
+
+    Args:
+        time_s: increasing times, (n,).
+    """
+    turns = 360.0 * (time_s - time_s[0]) / np.ptp(time_s)
+    each = [_periodic(turns, range(k, k + 1)) for k in range(1, int(np.ptp(time_s) / SHORTEST_WAVE_S) + 1)]
+    return [Group("time", wave, covariates=("time",)) for wave in each]
+
+
+def _spells(state: State) -> list[Group]:
+    """Return offsets of the reading with a begin and an end, each a group: among all knots they are faint."""
+    time_s = state.case.scene.time_s
+    begins = np.arange(time_s[0], time_s[-1], max(SPELL_STEP_S, float(np.ptp(time_s)) / 120.0))[1:]
+    tried = [group.columns for group in of_dates(state, HeadingSlip, begins)]
+    both = [(first, last) for length in SPELLS for first, last in zip(tried, tried[length:], strict=False)]
+    return [Group(SPELL, first - last, covariates=("time",)) for first, last in both]
 
 
 def _derivative(state: State, term: Term) -> Floats:
@@ -131,12 +153,6 @@ def _heading_hats(heading_deg: Floats) -> list[Floats]:
 
 def _periodic(angle_deg: Floats, harmonics: range) -> Floats:
     return np.column_stack([x for k in harmonics for x in angles.sin_cos(k * angle_deg)])
-
-
-def _waves(time_s: Floats) -> list[Floats]:
-    """Return one wave a group: what swings with one period is faint among all knots."""
-    turns = 360.0 * (time_s - time_s[0]) / np.ptp(time_s)
-    return [_periodic(turns, range(k, k + 1)) for k in range(1, int(np.ptp(time_s) / SHORTEST_WAVE_S) + 1)]
 
 
 def _hats(x: Floats, count: int) -> Floats:

@@ -15,6 +15,7 @@ from compasslib.discrepancy import (
     clocks,
     columns,
     covariates,
+    doubts,
     episodes,
     findings,
     large,
@@ -32,7 +33,6 @@ from compasslib.discrepancy.baseline import State
 from compasslib.discrepancy.case import Case
 from compasslib.discrepancy.columns import Group
 from compasslib.discrepancy.naming import Named
-from compasslib.discrepancy.scan import Tested
 from compasslib.discrepancy.show import Curve
 from compasslib.discrepancy.verdict import Diagnosis, Finding, Unexplained
 from compasslib.records import EarthField, Pairs
@@ -50,6 +50,32 @@ class Options:
     apply: bool = True  # whether findings on the compass side are handed to the correction
     alarm: float = 0.006  # probability that noise alone gives a name, and that it gives an unexplained mismatch
     reference_magnetic: bool = True  # whether the trusted instrument has a compass too
+
+
+@dataclass(frozen=True)
+class Rest:
+    """What the omnibus tests find: groups that are significant with their visible sizes, the strongest first."""
+
+    threshold: float  # score that noise alone hardly exceeds
+    strong: tuple[tuple[Group, float], ...]
+    min_effect_deg: float
+
+    @property
+    def curve(self) -> Group:
+        """All that is significant along the covariates of the strongest."""
+        first = self.strong[0][0]
+        alike = [group.columns for group, _ in self.strong if group.covariates == first.covariates]
+        return replace(first, columns=np.concatenate(alike, axis=1))
+
+    @property
+    def worth(self) -> list[tuple[Group, float]]:
+        """Those that matter."""
+        return [one for one in self.strong if one[1] >= self.min_effect_deg]
+
+    @property
+    def small(self) -> list[tuple[Group, float]]:
+        """Those that do not, one of a name."""
+        return list({one[0].name: one for one in self.strong if one[1] < self.min_effect_deg}.values())
 
 
 def diagnose(
@@ -108,9 +134,9 @@ def judge(case: Case, options: Options) -> Diagnosis:
     empty = baseline.examine(case, case.simulation, none)
     named = naming.search(empty, alarm=options.alarm, min_effect_deg=options.min_effect_deg)
     named, episode = episodes.taken_out(named)
-    tested = scan.test(named.state, columns.omnibus(named.state), seed=99)
-    threshold = tested.threshold(options.alarm)
-    left, small = _left(named.state, tested, threshold, options.min_effect_deg)
+    named, unproven = doubts.unproven(named)
+    named, rest = _believed(named, options)
+    left = rest.worth[0] if rest.worth else unproven
     every = findings.of_terms(named)
     found = tuple(sorted(every, key=lambda one: -one.rms_effect_deg))
     names = [one.effect for one in found]
@@ -123,12 +149,12 @@ def judge(case: Case, options: Options) -> Diagnosis:
         unexplained=unexplained,
         separated_by="; ".join(telling.separated_by(f.effect, f.alternatives) for f in found if f.alternatives) or None,
         not_testable=case.not_testable,
-        negligible=(*named.negligible, *small),
+        negligible=(*named.negligible, *((group.name, size) for group, size in rest.small)),
         curves=_curves(empty, named.state, found),
         applied=_applied(named, every) if options.apply else None,
         why=_why(named, options.min_effect_deg),
         detectable_deg=_detectable(named),
-        threshold={"names": named.threshold, "omnibus": threshold},
+        threshold={"names": named.threshold, "omnibus": rest.threshold},
     )
 
 
@@ -166,15 +192,24 @@ def _joined(first: Sequence[Finding], rest: Diagnosis) -> Diagnosis:
     return replace(rest, findings=found, verdict=verdict_of(found, rest.unexplained))
 
 
-def _left(
-    state: State, tested: Tested, threshold: float, min_effect_deg: float
-) -> tuple[tuple[Group, float] | None, tuple[tuple[str, float], ...]]:
-    """Return the strongest omnibus group that is left and matters, with its size, and those that do not matter."""
+def _believed(named: Named, options: Options) -> tuple[Named, Rest]:
+    """Return the hypothesis without names whose work what is left does, and what is left beside it."""
+    rest = _left(named.state, options)
+    while rest.strong:
+        fewer = doubts.replaced(named, rest.curve, rest.strong[0][1], options.min_effect_deg)
+        if fewer is named:
+            break
+        named, rest = fewer, _left(fewer.state, options)
+    return named, rest
+
+
+def _left(state: State, options: Options) -> Rest:
+    """Return what the omnibus tests find beside the terms of a simulation."""
+    tested = scan.test(state, columns.omnibus(state), seed=99)
+    threshold = tested.threshold(options.alarm)
     strong = [int(k) for k in np.argsort(-tested.score) if tested.score[k] > threshold]
     sized = [(tested.groups[k], scan.size_of(state, tested.groups[k], float(tested.inflation[k]))) for k in strong]
-    worth = [one for one in sized if one[1] >= min_effect_deg]
-    small = {group.name: size for group, size in sized if size < min_effect_deg}
-    return (worth[0] if worth else None), tuple(small.items())
+    return Rest(threshold, tuple(sized), options.min_effect_deg)
 
 
 def _unexplained(

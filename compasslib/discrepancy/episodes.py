@@ -1,12 +1,14 @@
-"""Weeks in which the reading was off, and then was not: two steps that undo each other are no two faults.
+"""Weeks in which the reading was off, and then was not, or that come and go: steps and drifts are not their names.
 
-No iron comes and goes of itself, and no mount slips back by as much. Where one offset with a begin and an end scores
-higher than the steps and drifts that were chosen, they lose their names; what they stood for stays unexplained.
+No iron comes and goes of itself, and no mount slips back by as much. Where one offset with a begin and an end, or one
+wave, scores higher than the steps and drifts that were chosen, they lose their names; what they stood for stays
+unexplained.
 """
 
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,40 +21,48 @@ from compasslib.discrepancy.naming import Named
 from compasslib.physics.compass_drift import CompassDrift
 from compasslib.physics.hard_iron_drift import HardIronDrift
 from compasslib.physics.heading_slip import HeadingSlip
+from compasslib.physics.supply_voltage import SupplyVoltageOfField, SupplyVoltageOfReading
 
 Floats = NDArray[np.floating]
 
-DRIFTS = (CompassDrift, HardIronDrift)
-CHARGE = rivals.PARAMETER_CHARGE + 2.0 * rivals.DATE_CHARGE  # of one offset with two dates
+CHANGES = (CompassDrift, HardIronDrift, SupplyVoltageOfField, SupplyVoltageOfReading)  # beside what has a date
+SEARCHED = rivals.PARAMETER_CHARGE + 2.0 * rivals.DATE_CHARGE  # charge of one offset with two dates
+SWUNG = 2.0 * rivals.PARAMETER_CHARGE + rivals.DATE_CHARGE  # charge of one wave, its period searched for
 
 
 @dataclass(frozen=True)
 class Episode:
-    """An offset of the reading with a begin and an end."""
+    """An offset of the reading with a begin and an end, or one that swings to and fro all the time."""
 
     begin_s: float
     end_s: float
     rms_deg: float  # visible, of the whole record
+    swings: bool = False
 
 
 def taken_out(named: Named) -> tuple[Named, Episode | None]:
-    """Return the hypothesis without steps that one episode explains better, and the episode.
+    """Return the hypothesis without the steps and drifts that one episode explains better, and the episode.
+
+    A lone one must be far behind: the episode had the freer search.
 
     Args:
         named: the chosen hypothesis.
     """
     terms = named.state.simulation.terms
-    changes = [k for k, term in enumerate(terms) if term.dated() or isinstance(term, DRIFTS)]
-    if len(changes) < 2:
+    changes = [k for k, term in enumerate(terms) if term.dated() or isinstance(term, CHANGES)]
+    if not changes:
         return named, None
     kept = [k for k in range(len(terms)) if k not in changes]
     free = model.refit(named.state, [terms[k] for k in kept])
-    found, score = _best(free)
-    if found is None or score <= _score(
-        free, [columns.of_term(free, terms[k].at(0.0 * terms[k].values)) for k in changes]
-    ):
+    found, score = max(_strangers(free), key=lambda one: one[1], default=(None, -np.inf))
+    ahead = rivals.CLOSE if len(changes) == 1 else 0.0
+    if found is None or score <= ahead + _score(free, [_same(free, terms[k]) for k in changes]):
         return named, None
     return replace(named, state=free, alternatives=tuple(named.alternatives[k] for k in kept)), found
+
+
+def _same(free: State, term: columns.Term) -> Group:
+    return columns.of_term(free, term.at(0.0 * term.values))
 
 
 def _score(free: State, groups: list[Group]) -> float:
@@ -60,19 +70,40 @@ def _score(free: State, groups: list[Group]) -> float:
     return float(scan.gains(free, [together])[0]) - sum(rivals.charge(group) for group in groups)
 
 
-def _best(free: State) -> tuple[Episode | None, float]:
-    """Return the offset with a begin and an end that gains most, with its score."""
+def _strangers(free: State) -> Iterator[tuple[Episode, float]]:
+    """Give the offset with a begin and an end that gains most and the wave that does, with their scores."""
     time_s = free.case.scene.time_s
+    waves = columns.waves(time_s)
+    if waves:
+        gain = scan.gains(free, waves)
+        k = int(np.argmax(gain))
+        ends = (float(time_s[0]), float(time_s[-1]))
+        yield Episode(*ends, scan.size_of(free, waves[k], 1.0), swings=True), float(gain[k]) - SWUNG
     dates = columns.dates(time_s)
-    steps = np.concatenate([group.columns for group in columns.of_dates(free, HeadingSlip, dates)], axis=1)
-    white = free.projected(steps)
+    if len(dates) < 2:
+        return
+    begin, end = _best(free, dates, dates)
+    for _ in range(2):  # each date more finely, the other kept
+        near = np.arange(-model.NEARBY_S, model.NEARBY_S + 1.0, model.FINE_S)
+        begin, end = _best(free, begin + near, np.array([end]))
+        begin, end = _best(free, np.array([begin]), end + near)
+    offset = _offset(free, begin, end)
+    yield Episode(begin, end, scan.size_of(free, offset, 1.0)), float(scan.gains(free, [offset])[0]) - SEARCHED
+
+
+def _offset(free: State, begin_s: float, end_s: float) -> Group:
+    first, last = (group.columns for group in columns.of_dates(free, HeadingSlip, np.array([begin_s, end_s])))
+    return Group("episode", first - last, covariates=("time",))
+
+
+def _best(free: State, begins_s: Floats, ends_s: Floats) -> tuple[float, float]:
+    """Return the begin and the end, of some, of the offset that gains most."""
+    every = np.unique(np.concatenate([begins_s, ends_s]))
+    white = free.projected(np.concatenate([g.columns for g in columns.of_dates(free, HeadingSlip, every)], axis=1))
     pull, gram = white.T @ free.innovation, white.T @ white
-    pairs = np.array(list(itertools.combinations(range(len(dates)), 2)), dtype=np.intp)
-    if not len(pairs):
-        return None, -np.inf
-    a, b = pairs.T
+    at = {date: k for k, date in enumerate(every.tolist())}
+    pairs = [(at[a], at[b]) for a, b in itertools.product(begins_s.tolist(), ends_s.tolist()) if a < b]
+    a, b = np.array(pairs, dtype=np.intp).T
     power = np.maximum(gram[a, a] + gram[b, b] - 2.0 * gram[a, b], 1e-12)
-    gain = (pull[a] - pull[b]) ** 2 / power / free.sigma**2
-    k = int(np.argmax(gain))
-    offset = Group("episode", steps[:, [a[k]]] - steps[:, [b[k]]])
-    return Episode(dates[a[k]], dates[b[k]], scan.size_of(free, offset, 1.0)), float(gain[k]) - CHARGE
+    k = int(np.argmax((pull[a] - pull[b]) ** 2 / power))
+    return float(every[a[k]]), float(every[b[k]])

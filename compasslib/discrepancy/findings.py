@@ -49,7 +49,7 @@ def _of_term(state: State, k: int, alternatives: tuple[str, ...], covariance: Fl
     size, proof = model.effect_deg(state, k, covariance), show.held_out(state, [k])
     first, last = _span(state, term)
     lasting = (first, last) == (float(state.case.scene.time_s[0]), float(state.case.scene.time_s[-1]))
-    place = _where(state, term) if lasting else where(state.case, "time", (first, last))
+    place = lives(state, term) if lasting else where(state.case, "time", (first, last))
     begin = term.date if term.dated() else first
     same_side = all(SIDES[name] == "compass" for name in alternatives)
     return Finding(
@@ -152,7 +152,7 @@ def hanging(state: State, heap: Heap, named: Sequence[str]) -> Unexplained:
 
 
 def episode(state: State, found: Episode, named: Sequence[str]) -> Unexplained:
-    """Return weeks in which the reading was off, and then was not, as what stays unexplained.
+    """Return weeks in which the reading was off, and then was not, or what comes and goes, as what stays unexplained.
 
     Args:
         state: with the named terms, without the steps.
@@ -161,7 +161,8 @@ def episode(state: State, found: Episode, named: Sequence[str]) -> Unexplained:
     """
     span = (found.begin_s, found.end_s)
     place = where(state.case, "time", span)
-    told = telling.unexplained(f"{place.text}, and not after", found.rms_deg, named)
+    how = ", to and fro" if found.swings else ", and not after"
+    told = telling.unexplained(place.text + how, found.rms_deg, named)
     return Unexplained(("time",), place, span, found.rms_deg, (show.curve(state, state, "time"),), told)
 
 
@@ -179,6 +180,18 @@ def where(case: Case, name: str, span: tuple[float, float] | None = None) -> Whe
     return Where(name, low, high, f"from {verdict.stamp(low)[:10]} to {verdict.stamp(high)[:10]}")
 
 
+def lives(state: State, term: Term) -> Where:
+    """Return the covariate along which an effect lives.
+
+    Args:
+        state: with the term.
+        term: the effect.
+    """
+    known = [name for name in telling.WHERE.get(term.name, ("time",)) if name in state.case.covariates]
+    needed = [name for name in known if name in term.needs] or known or ["time"]
+    return where(state.case, max(needed, key=lambda name: float(np.std(state.case.covariates[name]))))
+
+
 def _span(state: State, term: Term) -> tuple[float, float]:
     """Return when an effect acts: a storm has dates, everything else lasts."""
     time_s = state.case.scene.time_s
@@ -188,13 +201,6 @@ def _span(state: State, term: Term) -> tuple[float, float]:
         leaning = np.flatnonzero(state.case.scene.departures[stuck.LEANS[0]])
         return float(time_s[leaning[0]]), float(time_s[leaning[-1]])
     return float(time_s[0]), float(time_s[-1])
-
-
-def _where(state: State, term: Term) -> Where:
-    """Return the covariate along which an effect lives."""
-    known = [name for name in telling.WHERE.get(term.name, ("time",)) if name in state.case.covariates]
-    needed = [name for name in known if name in term.needs] or known or ["time"]
-    return where(state.case, max(needed, key=lambda name: float(np.std(state.case.covariates[name]))))
 
 
 def _outside(case: Case, curve: Curve) -> Where:

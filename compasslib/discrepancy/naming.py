@@ -81,7 +81,7 @@ def _grow(state: State, tested: Tested, worth: Sequence[int], min_effect_deg: fl
     )
     terms = grown.simulation.terms
     if max(*model.sizes_deg(grown), *field.sizes(best)) > FAR_DEG or any(term.dated() for term in terms):
-        field = rivals.gathered(grown, tested, worth)
+        field = rivals.gathered(grown, tested, worth, standing=True)
         best = tuple(field.place(term) for term in terms)
     others = rivals.alternatives(field, best, SEEN * min_effect_deg)
     return Named(grown, tuple(() if term.evident else names for term, names in zip(terms, others, strict=True)))

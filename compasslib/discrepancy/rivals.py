@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from compasslib.discrepancy.baseline import State
 from compasslib.discrepancy.columns import Group
 from compasslib.discrepancy.scan import Tested
 from compasslib.discrepancy.whitening import inverse
-from compasslib.physics import Term
+from compasslib.physics import Term, composition
 
 Floats = NDArray[np.floating]
 Hypothesis = tuple[int, ...]
@@ -107,7 +107,7 @@ def charge(group: Group) -> float:
     return PARAMETER_CHARGE * len(group.term.fitted()) + DATE_CHARGE * group.term.dated()
 
 
-def gathered(state: State, tested: Tested, worth: Sequence[int]) -> Rivals:
+def gathered(state: State, tested: Tested, worth: Sequence[int], *, standing: bool = False) -> Rivals:
     """Return all candidates, the chosen terms among them, where the chosen simulation stands.
 
     Of a term with a date three stay: the date chosen, the best by itself, the best beside the chosen terms.
@@ -116,11 +116,13 @@ def gathered(state: State, tested: Tested, worth: Sequence[int]) -> Rivals:
         state: with the chosen terms.
         tested: what was tested beside them last.
         worth: of that the groups that are significant and large enough.
+        standing: whether the chosen terms have the slopes of what stands there, or those of newcomers as all others.
     """
     view = baseline.examine(state.case, state.simulation, state.nuisance, freed=True)
     groups = [columns.of_term(view, kind()) for kind in state.case.terms if not kind.dated()]
     for kind in (kind for kind in state.case.terms if kind.dated()):
         groups += _of_date(view, kind, tested)
+    groups = _where_they_stand(view, groups) if standing and view.simulation.terms else groups
     ends = np.cumsum([0, *(group.columns.shape[1] for group in groups)])
     together = np.concatenate([group.columns for group in groups], axis=1)
     white, seen = view.projected(together), view.visible(together)
@@ -133,6 +135,21 @@ def gathered(state: State, tested: Tested, worth: Sequence[int]) -> Rivals:
         state=view,
         inflation=max(1.0, float(np.median([tested.inflation[k] for k in worth]))),
     )
+
+
+def _where_they_stand(view: State, groups: list[Group]) -> list[Group]:
+    """Return the groups, those of the chosen terms with the slope of what stands there.
+
+    A second harmonic laid over a first of many degrees begins at a reading that is bent already: it is not the first
+    one growing, and would be given its effect wrongly.
+    """
+    derivative = composition.derivative(view.simulation, view.case.scene, view.heading_deg, first=5)
+    found, at = list(groups), 0
+    for term in view.simulation.terms:
+        end, bare = at + len(term.fitted()), term.at(0.0 * term.values)
+        found = [g if g.term != bare else replace(g, columns=np.nan_to_num(derivative[:, at:end])) for g in found]
+        at = end
+    return found
 
 
 def _of_date(view: State, kind: type[Term], tested: Tested) -> list[Group]:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles
-from compasslib.discrepancy import baseline
+from compasslib.discrepancy import baseline, columns
 from compasslib.discrepancy.baseline import State
 from compasslib.discrepancy.columns import Group
 from compasslib.discrepancy.whitening import inverse
@@ -62,7 +62,7 @@ def test(state: State, groups: Sequence[Group], seed: int = 0) -> Tested:
     groups = [group for group in groups if group.columns.shape[1]]
     ends = np.cumsum([group.columns.shape[1] for group in groups])
     white = state.projected(np.concatenate([group.columns for group in groups], axis=1).astype(np.float32))
-    bases = [_directions(part) for part in np.split(white, ends[:-1], axis=1)]
+    bases = [directions(part) for part in np.split(white, ends[:-1], axis=1)]
     kept = [k for k, basis in enumerate(bases) if basis.shape[1]]
     groups, bases = [groups[k] for k in kept], [bases[k] for k in kept]
     freedom = np.array([basis.shape[1] for basis in bases], dtype=float)
@@ -153,7 +153,7 @@ def resampled(state: State, seed: int, repeats: int = REPEATS) -> Floats:
         repeats: number of draws.
     """
     counts = np.isfinite(state.whitener.width_deg)
-    trend = _directions(state.projected(baseline.trend(state.case.scene.time_s).astype(np.float32)))
+    trend = directions(state.projected(baseline.trend(state.case.scene.time_s).astype(np.float32)))
     innovation = (state.innovation - trend @ (trend.T @ state.innovation))[counts].astype(np.float32)
     rng, n = np.random.default_rng(seed), len(innovation)
     step = float(np.median(np.diff(state.case.scene.time_s)))
@@ -169,7 +169,7 @@ def resampled(state: State, seed: int, repeats: int = REPEATS) -> Floats:
 
 def _handicap(group: Group) -> float:
     if group.term is None:
-        return 0.0
+        return DATE_HANDICAP * (group.name == columns.SPELL)
     return DATE_HANDICAP * group.term.dated() + FLOW_HANDICAP * ("flow_east" in group.term.needs)
 
 
@@ -219,9 +219,9 @@ def water_inflation(state: State, groups: Sequence[Group]) -> Floats:
         change = None if group.term is None else group.term.change(state.case.scene)
         if change is None:
             continue
-        kept = _directions(np.concatenate([state.projected(group.columns.astype(np.float32)), always], axis=1))
+        kept = directions(np.concatenate([state.projected(group.columns.astype(np.float32)), always], axis=1))
         white = state.projected((turning * change[:, None]).astype(np.float32))
-        basis = _directions(white - kept @ (kept.T @ white))
+        basis = directions(white - kept @ (kept.T @ white))
         heard = float(np.sum((basis.T @ state.innovation) ** 2)) / state.sigma**2
         found[k] = max((heard + TRUSTED) / (basis.shape[1] + TRUSTED), 1.0)
     return found
@@ -231,7 +231,7 @@ def _waves(state: State, number: NDArray[np.intp]) -> Floats:
     """Return an orthonormal basis of waves over the record, projected."""
     time_s = state.case.scene.time_s
     phase = 360.0 * (time_s - time_s[0])[:, None] / np.ptp(time_s) * np.maximum(number, 1)
-    return _directions(state.projected(np.column_stack(angles.sin_cos(phase)).astype(np.float32)))
+    return directions(state.projected(np.column_stack(angles.sin_cos(phase)).astype(np.float32)))
 
 
 def normal_score(statistic: Floats, freedom: Floats) -> Floats:
@@ -245,8 +245,12 @@ def normal_score(statistic: Floats, freedom: Floats) -> Floats:
     return (np.cbrt(np.maximum(statistic, 0.0) / freedom) - 1.0 + spread) / np.sqrt(spread)
 
 
-def _directions(white: Floats) -> Floats:
-    """Return an orthonormal basis of whitened columns, float32."""
+def directions(white: Floats) -> Floats:
+    """Return an orthonormal basis of whitened columns, float32, (n, at most k).
+
+    Args:
+        white: whitened columns, (n, k).
+    """
     scale = np.linalg.norm(white, axis=0)
     unit = white[:, scale > 0] / scale[scale > 0]
     if not unit.shape[1]:

@@ -41,6 +41,8 @@ class Written:
     time_s: Floats  # as it was stamped
     heading_deg: Floats  # correct, magnetic; NaN where the compass was stuck and no model can know it
     recorded_deg: Floats
+    plain_deg: Floats  # what it would have recorded then without any effect but that of clocks
+    veer_deg: Floats  # of the water that was planted, lower minus upper direction
 
 
 def write(ground: Ground, effects: Sequence[Effect], raw: Path, export: Export) -> Written:
@@ -65,7 +67,9 @@ def write(ground: Ground, effects: Sequence[Effect], raw: Path, export: Export) 
         _write_observatory(ground, effects, raw / "observatory.min")
     heading = top.heading_deg.copy()
     heading[_stuck(ground)] = np.nan
-    return Written(ground.stamp_s[kept], heading[kept], recorded.heading_deg[kept])
+    plain = _top_stance(ground, [one for one in effects if one.ahead_s is not None]).recorded_deg
+    veer = total(effects, "veer_deg", np.zeros(len(plain)))
+    return Written(ground.stamp_s[kept], heading[kept], recorded.heading_deg[kept], plain[kept], veer[kept])
 
 
 def _top_stance(ground: Ground, effects: Sequence[Effect]) -> Stance:

@@ -1,0 +1,106 @@
+"""Names that do not stand: held-out days do not confirm them, or what stays unexplained does their work.
+
+A catalogue lays its nearest column over whatever is there: a veer with depth over a threshold in depth, two lobes over
+a card that sticks. Once the empirical curve of what is left is fitted beside it, such a name has nothing to add.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib import angles
+from compasslib.discrepancy import baseline, findings, model, scan, show, verdict
+from compasslib.discrepancy.baseline import State
+from compasslib.discrepancy.columns import Group
+from compasslib.discrepancy.naming import Named
+from compasslib.physics import composition
+
+Floats = NDArray[np.floating]
+
+LITTLE, MUCH = 0.2, 1.0 / 3.0  # what is left over what the names explain: too little to doubt, enough at any size
+
+
+def unproven(named: Named) -> tuple[Named, tuple[Group, float] | None]:
+    """Return the hypothesis without terms that held-out days do not confirm, and the largest of them with its size.
+
+    What a sensor shows by itself keeps its name.
+
+    Args:
+        named: the chosen hypothesis.
+    """
+    gone: list[tuple[Group, float]] = []
+    while (k := _weakest(named.state)) is not None:
+        gone.append((_group(named.state, k), model.sizes_deg(named.state)[k]))
+        named = _without(named, [k])
+    return named, max(gone, key=lambda one: one[1], default=None)
+
+
+def replaced(named: Named, group: Group, size_deg: float, min_effect_deg: float) -> Named:
+    """Return the hypothesis without the terms that add nothing beside the curve of what stays unexplained.
+
+    Args:
+        named: the chosen hypothesis.
+        group: splines along which something is left.
+        size_deg: its visible size, rms.
+        min_effect_deg: size from which on it is told.
+    """
+    state = named.state
+    terms = state.simulation.terms
+    if not terms:
+        return named
+    view = baseline.examine(state.case, state.simulation, state.nuisance, freed=True)
+    explained = _explained(view)
+    if size_deg < max(LITTLE * explained, min(MUCH * explained, min_effect_deg)):
+        return named
+    idle = [k for k, term in enumerate(terms) if not term.evident and _score(view, k, group) <= named.threshold]
+    return _without(named, idle) if idle else named
+
+
+def _weakest(state: State) -> int | None:
+    """Return the term that held-out days confirm least, None where they confirm all."""
+    terms = state.simulation.terms
+    p_values = {k: show.held_out(state, [k]).p_value for k, term in enumerate(terms) if not term.evident}
+    unsure = {k: p for k, p in p_values.items() if p >= verdict.PROVEN}
+    return max(unsure, key=lambda k: unsure[k], default=None)
+
+
+def _without(named: Named, gone: Sequence[int]) -> Named:
+    terms = named.state.simulation.terms
+    kept = [k for k in range(len(terms)) if k not in gone]
+    state = model.refit(named.state, [terms[k] for k in kept])
+    return replace(named, state=state, alternatives=tuple(named.alternatives[k] for k in kept))
+
+
+def _columns(state: State) -> list[Floats]:
+    """Return the columns of each term where the simulation stands, (n, k) degrees a unit."""
+    derivative = np.nan_to_num(composition.derivative(state.simulation, state.case.scene, state.heading_deg, first=5))
+    ends = np.cumsum([len(term.fitted()) for term in state.simulation.terms])
+    return np.split(derivative, ends[:-1], axis=1)
+
+
+def _group(state: State, k: int) -> Group:
+    term = state.simulation.terms[k]
+    along = "time" if term.dated() else findings.lives(state, term).covariate
+    return Group(term.name, _columns(state)[k], covariates=(along,))
+
+
+def _explained(view: State) -> float:
+    """Return the visible size of what the terms that may fall do together, rms degrees."""
+    terms = view.simulation.terms
+    each = [own @ term.values for own, term in zip(_columns(view), terms, strict=True) if not term.evident]
+    return angles.rms(view.visible(np.sum(each, axis=0)[:, None])[:, 0]) if each else np.inf
+
+
+def _score(view: State, k: int, group: Group) -> float:
+    """Return the score of a term beside the other terms and the curve of what is left."""
+    own = _columns(view)
+    beside = np.concatenate([group.columns, *own[:k], *own[k + 1 :]], axis=1)
+    more = scan.directions(view.projected(beside.astype(np.float32)))
+    basis = np.concatenate([view.basis, more], axis=1)
+    fitted = replace(view, basis=basis, innovation=view.innovation - more @ (more.T @ view.innovation))
+    tested = scan.test(fitted, [Group(group.name, own[k], view.simulation.terms[k])])
+    return float(tested.score[0]) if len(tested.groups) else -np.inf
