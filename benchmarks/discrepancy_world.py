@@ -47,6 +47,7 @@ class World:
     earth: tuple[float, float]  # horizontal, vertical nT
     soft: np.ndarray
     hard: np.ndarray
+    noise: tuple[float, float, float] = (np.nan,) * 3  # of one component: red m/s, its memory in hours, white m/s
 
     @property
     def hours(self) -> np.ndarray:
@@ -64,6 +65,8 @@ class Drawn:
     vertical: float
     truth: dict[str, dict[str, float]] = field(default_factory=dict)  # effect -> parameters
     visible_deg: dict[str, float] = field(default_factory=dict)
+    world: World | None = None
+    parts: list[tuple[Effect, float]] = field(default_factory=list)  # what was put in, with its size
 
 
 def red(rng, n, memory, deviation):
@@ -140,7 +143,7 @@ def make(seed: int, *, wide: bool, noise_deg: float = 12.0, n: int = 8000) -> Wo
         sensed=tilt + rng.normal(0, rng.choice([0.02, 0.05, 0.1]), (2, n)), depth=depth,
         separation=18 + 0.008 * (depth - 100) + red(rng, n, 30, 1.0), temperature=temperature,
         voltage=np.round(voltage + rng.normal(0, 0.05, n), 1), earth=earth,
-        **iron(rng),
+        noise=(kick * np.sqrt(share), memory, kick * np.sqrt(1 - share)), **iron(rng),
     )  # fmt: skip
 
 
@@ -345,4 +348,4 @@ def planted(world: World, wanted: dict[str, float]) -> Drawn:
         world.depth + world.separation, zero, zero,
     )  # fmt: skip
     covariates = {"temperature": world.temperature, "supply_voltage": world.voltage}
-    return Drawn(pairs, covariates, world.heading % 360.0, *world.earth, truth, seen)
+    return Drawn(pairs, covariates, world.heading % 360.0, *world.earth, truth, seen, world, parts)
