@@ -47,11 +47,17 @@ class World:
     earth: tuple[float, float]  # horizontal, vertical nT
     soft: np.ndarray
     hard: np.ndarray
+    water: np.ndarray | None = None  # flow without the instruments' noise, where it is known
     noise: tuple[float, float, float] = (np.nan,) * 3  # of one component: red m/s, its memory in hours, white m/s
 
     @property
     def hours(self) -> np.ndarray:
         return (self.time_s - self.time_s[0]) / HOUR_S
+
+    @property
+    def between(self) -> np.ndarray:
+        """The flow midway between the instruments, by which the water veers: their noise does not turn the water."""
+        return self.flow + self.difference / 2 if self.water is None else self.water
 
 
 @dataclass(frozen=True)
@@ -143,7 +149,7 @@ def make(seed: int, *, wide: bool, noise_deg: float = 12.0, n: int = 8000) -> Wo
         sensed=tilt + rng.normal(0, rng.choice([0.02, 0.05, 0.1]), (2, n)), depth=depth,
         separation=18 + 0.008 * (depth - 100) + red(rng, n, 30, 1.0), temperature=temperature,
         voltage=np.round(voltage + rng.normal(0, 0.05, n), 1), earth=earth,
-        noise=(kick * np.sqrt(share), memory, kick * np.sqrt(1 - share)), **iron(rng),
+        water=flow, noise=(kick * np.sqrt(share), memory, kick * np.sqrt(1 - share)), **iron(rng),
     )  # fmt: skip
 
 
@@ -245,7 +251,7 @@ def effect(world: World, name: str) -> Effect:
         late = lambda gamma: -300.0 * np.gradient(np.unwrap(gamma * RAD) / RAD, 3600.0)  # noqa: E731
         return Effect({"lag_s": 300.0}, offset=late)
     if name == "current_veer":
-        speed, direction = np.abs(world.flow), towards(2 * world.flow + world.difference)
+        speed, direction = np.abs(world.flow), towards(world.between)
         kind = rng.integers(3)
         if kind == 0:
             return Effect({"deg_s_m": 5.0}, veer=5.0 * (speed - speed.mean()))
