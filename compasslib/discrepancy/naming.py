@@ -23,7 +23,7 @@ from compasslib.physics import CATALOGUE
 Floats = NDArray[np.floating]
 
 MOST_TERMS = 3
-COUPLES = 0.5  # of the alarm that is allowed, what two at once are allowed besides
+COUPLES = 1.0 / 3.0  # share of the alarm that is kept for two terms at once, where there is none yet
 LOST = 0.7  # share of the least size below which a refitted term has lost its effect
 SEEN = 0.5  # the same for a term of another hypothesis that could stand there
 FAR_DEG = 2.5  # visible size above which the columns are taken anew where the simulation stands
@@ -52,7 +52,7 @@ def search(state: State, *, alarm: float, min_effect_deg: float) -> Named:
     found = Named(state)
     while (count := len(found.state.simulation.terms)) < MOST_TERMS:
         tested = scan.test(found.state, columns.of_terms(found.state, state.case.terms), seed=count + 1)
-        threshold = tested.threshold(alarm)
+        threshold = tested.threshold(alarm if count else alarm * (1.0 - COUPLES))
         strong = np.flatnonzero(tested.score > threshold).tolist()
         sizes = {k: scan.size_of(found.state, tested.groups[k], float(tested.inflation[k])) for k in strong}
         worth = [k for k, size in sizes.items() if size >= min_effect_deg]
