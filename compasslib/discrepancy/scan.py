@@ -85,6 +85,7 @@ def test(state: State, groups: Sequence[Group], seed: int = 0) -> Tested:
     score = normal_score(seen / inflation, freedom) - handicap
     looked = [k for k, group in enumerate(groups) if score[k] > WORTH_A_LOOK and group.term is not None]
     inflation[looked] *= water_inflation(state, [groups[k] for k in looked])
+    inflation = np.maximum(inflation, _usual(groups, inflation))
     score = normal_score(seen / inflation, freedom) - handicap
     return Tested(groups, freedom, inflation, score, highest, handicap, every.T @ every, pull, drawn)
 
@@ -179,6 +180,19 @@ def _handicap(group: Group) -> float:
     if group.term is None:
         return 0.0
     return DATE_HANDICAP * group.term.dated() + FLOW_HANDICAP * ("flow_east" in group.term.needs)
+
+
+def _usual(groups: Sequence[Group], inflation: Floats) -> Floats:
+    """Return the middle inflation of each term over its dates: the best of many dates is often that of a low estimate.
+
+    Args:
+        groups: columns.
+        inflation: of each group, (g,).
+    """
+    kinds = [type(group.term) for group in groups]
+    dated = [group.term is not None and group.term.dated() for group in groups]
+    middle = {kind: np.median(inflation[[k is kind for k in kinds]]) for kind in set(kinds)}
+    return np.array([middle[kind] if has else 0.0 for kind, has in zip(kinds, dated, strict=True)])
 
 
 def _uneven(state: State, basis: Floats) -> float:
