@@ -16,8 +16,8 @@ from compasslib.records import Pairs
 
 HOUR_S, YEAR_H = 3600.0, 8766.0
 RAD = np.pi / 180.0
-# Thousand nT along the vertical, degrees of a harmonic: more than that no instrument has.
-STRONGEST = {"heeling": 15.0, "sextantal": 9.0, "octantal": 9.0}
+# Thousand nT along the vertical, degrees of a harmonic: more than that no instrument has, and no water veers by.
+STRONGEST = {"heeling": 15.0, "sextantal": 9.0, "octantal": 9.0, "current_veer": 30.0}
 FAMILIES = {
     "heeling": "tilt", "hard_iron_drift": "time", "compass_drift": "time", "hard_iron_step": "time",
     "heading_slip": "time", "supply_voltage": "time", "temperature": "temperature", "sextantal": "heading",
