@@ -16,8 +16,8 @@ from compasslib.records import Pairs
 
 HOUR_S, YEAR_H = 3600.0, 8766.0
 RAD = np.pi / 180.0
-# Thousand nT along the vertical, degrees of a harmonic: more than that no instrument has.
-STRONGEST = {"heeling": 15.0, "sextantal": 9.0, "octantal": 9.0}
+# Thousand nT along the vertical, degrees of a harmonic: more than that no instrument has, and no water veers by.
+STRONGEST = {"heeling": 15.0, "sextantal": 9.0, "octantal": 9.0, "current_veer": 30.0}
 FAMILIES = {
     "heeling": "tilt", "hard_iron_drift": "time", "compass_drift": "time", "hard_iron_step": "time",
     "heading_slip": "time", "supply_voltage": "time", "temperature": "temperature", "sextantal": "heading",
@@ -47,10 +47,17 @@ class World:
     earth: tuple[float, float]  # horizontal, vertical nT
     soft: np.ndarray
     hard: np.ndarray
+    water: np.ndarray | None = None  # flow without the instruments' noise, where it is known
+    noise: tuple[float, float, float] = (np.nan,) * 3  # of one component: red m/s, its memory in hours, white m/s
 
     @property
     def hours(self) -> np.ndarray:
         return (self.time_s - self.time_s[0]) / HOUR_S
+
+    @property
+    def between(self) -> np.ndarray:
+        """The flow midway between the instruments, by which the water veers: their noise does not turn the water."""
+        return self.flow + self.difference / 2 if self.water is None else self.water
 
 
 @dataclass(frozen=True)
@@ -64,6 +71,8 @@ class Drawn:
     vertical: float
     truth: dict[str, dict[str, float]] = field(default_factory=dict)  # effect -> parameters
     visible_deg: dict[str, float] = field(default_factory=dict)
+    world: World | None = None
+    parts: list[tuple[Effect, float]] = field(default_factory=list)  # what was put in, with its size
 
 
 def red(rng, n, memory, deviation):
@@ -140,7 +149,7 @@ def make(seed: int, *, wide: bool, noise_deg: float = 12.0, n: int = 8000) -> Wo
         sensed=tilt + rng.normal(0, rng.choice([0.02, 0.05, 0.1]), (2, n)), depth=depth,
         separation=18 + 0.008 * (depth - 100) + red(rng, n, 30, 1.0), temperature=temperature,
         voltage=np.round(voltage + rng.normal(0, 0.05, n), 1), earth=earth,
-        **iron(rng),
+        water=flow, noise=(kick * np.sqrt(share), memory, kick * np.sqrt(1 - share)), **iron(rng),
     )  # fmt: skip
 
 
@@ -242,7 +251,7 @@ def effect(world: World, name: str) -> Effect:
         late = lambda gamma: -300.0 * np.gradient(np.unwrap(gamma * RAD) / RAD, 3600.0)  # noqa: E731
         return Effect({"lag_s": 300.0}, offset=late)
     if name == "current_veer":
-        speed, direction = np.abs(world.flow), towards(2 * world.flow + world.difference)
+        speed, direction = np.abs(world.flow), towards(world.between)
         kind = rng.integers(3)
         if kind == 0:
             return Effect({"deg_s_m": 5.0}, veer=5.0 * (speed - speed.mean()))
@@ -345,4 +354,4 @@ def planted(world: World, wanted: dict[str, float]) -> Drawn:
         world.depth + world.separation, zero, zero,
     )  # fmt: skip
     covariates = {"temperature": world.temperature, "supply_voltage": world.voltage}
-    return Drawn(pairs, covariates, world.heading % 360.0, *world.earth, truth, seen)
+    return Drawn(pairs, covariates, world.heading % 360.0, *world.earth, truth, seen, world, parts)

@@ -6,7 +6,9 @@ from sea import pairs, red_noise
 
 from compasslib import angles
 from compasslib.deviation import model as fits
-from compasslib.discrepancy import clocks, covariates, scan, show, telling, whitening
+from compasslib.discrepancy import clocks, couples, covariates, scan, show, telling, whitening
+from compasslib.discrepancy.columns import Group
+from compasslib.physics import HardIronStep, HeadingSlip, Heeling, Octantal, Sextantal
 from compasslib.physics.term import YEAR_S
 
 TIME_S = 1.19e9 + 3600.0 * np.arange(4000)
@@ -42,6 +44,14 @@ def test_the_width_grows_with_slowness():
     np.testing.assert_allclose(np.median(width / (2.0 * slowness)), 1.0, atol=0.1)
 
 
+def test_the_width_goes_on_falling_where_the_water_is_fastest():
+    rng = np.random.default_rng(4)
+    slowness = rng.lognormal(1.0, 0.6, 8000)
+    width = whitening.widths(rng.normal(0.0, np.hypot(1.0, 2.0 * slowness)), slowness)
+    fastest = np.argsort(slowness)[:80]  # of a bin of 667; its width is known within 4 %, its fall within 10 %
+    np.testing.assert_allclose(np.mean(width[fastest] / np.hypot(1.0, 2.0 * slowness[fastest])), 1.0, atol=0.15)
+
+
 @pytest.mark.parametrize(
     ("freedom", "statistic", "expected"), [(1, 10.828, 3.09), (5, 20.515, 3.09), (30, 50.892, 2.326)]
 )
@@ -50,12 +60,37 @@ def test_the_normal_score_is_that_of_the_table(freedom, statistic, expected):
     assert scan.normal_score(np.array([statistic]), np.array([freedom]))[0] == pytest.approx(expected, abs=0.1)
 
 
-def test_gumbels_threshold_is_that_of_many_normals():
+def of_columns(white, innovation, draws, terms):
+    """Return the test of one column a term."""
+    pull, drawn, none = white.T @ innovation, draws @ white, np.zeros(len(terms))
+    groups = [Group(term.name, np.zeros((0, 1)), term) for term in terms]
+    score, highest = (scan.normal_score(x**2, none + 1.0) for x in (pull, drawn))
+    return scan.Tested(groups, none + 1.0, none + 1.0, score, highest.max(axis=1), none, white.T @ white, pull, drawn)
+
+
+def test_the_threshold_is_that_of_many_normals():
     highest = np.random.default_rng(5).normal(size=(300, 100)).max(axis=1)
     none = np.zeros(0)
-    threshold = scan.Tested([], none, none, none, highest).threshold(0.01)
-    # The highest of 100 normals exceeds 3.72 once in a hundred; Gumbel's tail is a little longer.
-    assert threshold == pytest.approx(3.85, abs=0.25)
+    threshold = scan.Tested([], none, none, none, highest, none, none, none, none).threshold(0.01)
+    # The highest of 100 normals exceeds 3.72 once in a hundred; 300 draws tell how many there are within 6 %.
+    assert threshold == pytest.approx(3.72, abs=0.05)
+
+
+def test_two_terms_that_hide_each_other_are_seen_together_and_noise_is_not():
+    rng, n = np.random.default_rng(6), 1000
+    first, own = rng.normal(size=(2, n)) / np.sqrt(n)
+    white = np.column_stack([first, first + 0.3 * own, rng.normal(size=n) / np.sqrt(n)])
+    white = white / np.linalg.norm(white, axis=0)
+    draws, terms = rng.normal(size=(300, n)), [Heeling(), Sextantal(), Octantal()]
+    alone = of_columns(white, 25.0 * (white[:, 0] - white[:, 1]) + rng.normal(size=n), draws, terms)
+    together = couples.test(alone)
+    assert alone.score.max() < alone.threshold(0.01)
+    assert set(np.argsort(-together.score)[:2]) == {0, 1}
+    assert together.score[1] > together.threshold(0.001) and together.score[1] > alone.score.max()
+    noise = couples.test(of_columns(white, rng.normal(size=n), draws, terms))
+    assert noise.score.max() < noise.threshold(0.01)
+    steps = couples.test(of_columns(white[:, :2], rng.normal(size=n), draws, [HeadingSlip(), HardIronStep()]))
+    assert np.isneginf(steps.score).all()
 
 
 @pytest.mark.parametrize("ahead_h", [-0.8, 0.5, 2.3])

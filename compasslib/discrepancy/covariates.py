@@ -22,7 +22,8 @@ FEWEST_VALUES = 5  # different values below which a covariate says nothing
 QUIET = ("declination_observatory", *stuck.LEANS)  # departures: what is missing counts as none
 FROM_ZERO = stuck.LEANS  # departures whose zero means something
 BATTERY_JUMP = 0.3  # of its whole range: a supply voltage that rises by more within a day was given a new battery
-FORETELLING = (0.0, 1.3, 0.6, -0.1, -0.8)  # straight line through four samples before the last, carried on to now
+FEWEST_FORETOLD = 100  # samples that tell the weights
+FORETOLD_BY = (2, 3, 4, 5, 6, 7)  # samples back; the last one may share the residual's noise
 CLIPPED_RAD = 0.6  # of the angle between two directions, for its memory: slow water may point anywhere
 NEIGHBOUR_S = 1.5 * HOUR_S  # neighbours farther apart say nothing of a rate
 
@@ -229,12 +230,13 @@ def _turning(flow: NDArray[np.complex128], time_s: Floats) -> Floats:
 
 
 def _foretold(flow: NDArray[np.complex128], time_s: Floats) -> NDArray[np.complex128]:
-    """Return a straight line through four earlier samples carried on to now; 0 where they are not there."""
-    result = np.zeros(len(flow), dtype=complex)
-    for weight, back in zip(FORETELLING, range(1, len(FORETELLING) + 1), strict=True):
-        result[len(FORETELLING) :] += weight * flow[len(FORETELLING) - back : -back]
-    together = time_s[len(FORETELLING) :] - time_s[: -len(FORETELLING)] <= (len(FORETELLING) + 0.5) * HOUR_S
-    result[len(FORETELLING) :] *= together
+    """Return what samples some hours back foretell of the flow now, by least squares; 0 where they are not there."""
+    result, most = np.zeros(len(flow), dtype=complex), FORETOLD_BY[-1]
+    together = np.flatnonzero(time_s[most:] - time_s[:-most] <= (most + 0.5) * HOUR_S) + most
+    if len(together) > FEWEST_FORETOLD:
+        before = np.column_stack([flow[together - back] for back in FORETOLD_BY] + [np.ones(len(together))])
+        weights, *_ = np.linalg.lstsq(before, flow[together], rcond=None)
+        result[together] = before @ weights
     return result
 
 

@@ -33,6 +33,7 @@ from compasslib.discrepancy.baseline import State
 from compasslib.discrepancy.case import Case
 from compasslib.discrepancy.columns import Group
 from compasslib.discrepancy.naming import Named
+from compasslib.discrepancy.sectors import Heap
 from compasslib.discrepancy.show import Curve
 from compasslib.discrepancy.verdict import Diagnosis, Finding, Unexplained
 from compasslib.records import EarthField, Pairs
@@ -40,6 +41,7 @@ from compasslib.records import EarthField, Pairs
 Floats = NDArray[np.floating]
 
 FEWEST, SHORTEST_DAYS = 200, 20.0
+OMNIBUS = 1.0 / 3.0  # of the alarm: splines and products feign more than the draws of the noise show
 
 
 @dataclass(frozen=True)
@@ -132,6 +134,10 @@ def judge(case: Case, options: Options) -> Diagnosis:
         why = f"{usable} of {len(case)} pairs show on which branch of the compass they are; {FEWEST} are needed"
         return verdict.insufficient(why, case.not_testable)
     empty = baseline.examine(case, case.simulation, none)
+    heap = sectors.heap(empty)
+    outside = case if heap is None else replace(case, observed_deg=sectors.outside(case, heap))
+    if heap is not None and baseline.usable(outside, case.simulation, none) >= FEWEST:
+        empty = baseline.examine(outside, case.simulation, none)  # what hangs tells nothing of terms, and feigns some
     named = naming.search(empty, alarm=options.alarm, min_effect_deg=options.min_effect_deg)
     named, episode = episodes.taken_out(named)
     named, unproven = doubts.unproven(named)
@@ -140,7 +146,7 @@ def judge(case: Case, options: Options) -> Diagnosis:
     every = findings.of_terms(named)
     found = tuple(sorted(every, key=lambda one: -one.rms_effect_deg))
     names = [one.effect for one in found]
-    unexplained = _unexplained(named.state, left, options.min_effect_deg, names)
+    unexplained = _unexplained(named.state, left, heap, options.min_effect_deg, names)
     if episode is not None and (unexplained is None or "time" in unexplained.covariates):
         unexplained = findings.episode(named.state, episode, names)
     return Diagnosis(
@@ -206,17 +212,17 @@ def _believed(named: Named, options: Options) -> tuple[Named, Rest]:
 def _left(state: State, options: Options) -> Rest:
     """Return what the omnibus tests find beside the terms of a simulation."""
     tested = scan.test(state, columns.omnibus(state), seed=99)
-    threshold = tested.threshold(options.alarm)
+    threshold = tested.threshold(options.alarm * OMNIBUS)
     strong = [int(k) for k in np.argsort(-tested.score) if tested.score[k] > threshold]
     sized = [(tested.groups[k], scan.size_of(state, tested.groups[k], float(tested.inflation[k]))) for k in strong]
     return Rest(threshold, tuple(sized), options.min_effect_deg)
 
 
 def _unexplained(
-    state: State, left: tuple[Group, float] | None, min_effect_deg: float, named: Sequence[str]
+    state: State, left: tuple[Group, float] | None, heap: Heap | None, min_effect_deg: float, named: Sequence[str]
 ) -> Unexplained | None:
     """Return what nothing explains: what the mean residual shows, or a sector in which the compass hangs."""
-    heap, size = sectors.heap(state), 0.0 if left is None else left[1]
+    size = 0.0 if left is None else left[1]
     if heap is not None and heap.rms_deg > max(size, min_effect_deg):
         return findings.hanging(state, heap, named)
     return None if left is None else findings.unexplained(state, *left, named)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import log_ndtr, ndtri_exp
 
 from compasslib import angles
 from compasslib.discrepancy import baseline, columns
@@ -40,15 +41,21 @@ class Tested:
     inflation: Floats  # (g,) mean statistic of the noise over the freedom
     score: Floats  # (g,) normal score of each group's statistic
     highest: Floats  # (r,) highest normal score of each draw of the noise
+    handicap: Floats  # (g,) that was taken off the score
+    gram: Floats  # (k, k) products of the groups' orthonormal columns, one group after the other
+    pull: Floats  # (k,) those columns' products with the innovation, over its standard deviation
+    drawn: Floats  # (r, k) the same of each draw of the noise
 
     def threshold(self, alarm: float) -> float:
-        """Return the score that noise exceeds anywhere with a given probability, by Gumbel's law of the highest.
+        """Return the score that noise exceeds anywhere with a given probability, as the highest of some normal scores.
+
+        To how many independent ones the draws of the noise amount is told by their likelihood. Gumbel's law, the limit
+        of very many, is reached too slowly: it lets 2 in 1000 pass where it says 6.
 
         Args:
             alarm: the probability.
         """
-        scale = float(np.std(self.highest)) * np.sqrt(6.0) / np.pi
-        return float(np.mean(self.highest)) - scale * (np.euler_gamma + np.log(-np.log1p(-alarm)))
+        return float(ndtri_exp(np.log1p(-alarm) * -np.mean(log_ndtr(self.highest))))
 
 
 def test(state: State, groups: Sequence[Group], seed: int = 0) -> Tested:
@@ -68,8 +75,8 @@ def test(state: State, groups: Sequence[Group], seed: int = 0) -> Tested:
     freedom = np.array([basis.shape[1] for basis in bases], dtype=float)
     begins = np.concatenate([[0], np.cumsum(freedom)[:-1]]).astype(int)
     every = np.concatenate(bases, axis=1)
-    seen = np.add.reduceat((every.T @ state.innovation) ** 2, begins) / state.sigma**2
-    noise = np.add.reduceat((resampled(state, seed) @ every) ** 2, begins, axis=1) / state.sigma**2
+    pull, drawn = every.T @ state.innovation / state.sigma, resampled(state, seed) @ every / state.sigma
+    seen, noise = np.add.reduceat(pull**2, begins), np.add.reduceat(drawn**2, begins, axis=1)
     inflation = noise.mean(axis=0) / freedom
     handicap = np.array([_handicap(group) for group in groups])
     highest = (normal_score(noise / inflation, freedom) - handicap).max(axis=1)
@@ -78,7 +85,9 @@ def test(state: State, groups: Sequence[Group], seed: int = 0) -> Tested:
     score = normal_score(seen / inflation, freedom) - handicap
     looked = [k for k, group in enumerate(groups) if score[k] > WORTH_A_LOOK and group.term is not None]
     inflation[looked] *= water_inflation(state, [groups[k] for k in looked])
-    return Tested(groups, freedom, inflation, normal_score(seen / inflation, freedom) - handicap, highest)
+    inflation = np.maximum(inflation, _usual(groups, inflation))
+    score = normal_score(seen / inflation, freedom) - handicap
+    return Tested(groups, freedom, inflation, score, highest, handicap, every.T @ every, pull, drawn)
 
 
 def size_of(state: State, group: Group, inflation: float) -> float:
@@ -171,6 +180,19 @@ def _handicap(group: Group) -> float:
     if group.term is None:
         return DATE_HANDICAP * (group.name == columns.SPELL)
     return DATE_HANDICAP * group.term.dated() + FLOW_HANDICAP * ("flow_east" in group.term.needs)
+
+
+def _usual(groups: Sequence[Group], inflation: Floats) -> Floats:
+    """Return the middle inflation of each term over its dates: the best of many dates is often that of a low estimate.
+
+    Args:
+        groups: columns.
+        inflation: of each group, (g,).
+    """
+    kinds = [type(group.term) for group in groups]
+    dated = [group.term is not None and group.term.dated() for group in groups]
+    middle = {kind: np.median(inflation[[k is kind for k in kinds]]) for kind in set(kinds)}
+    return np.array([middle[kind] if has else 0.0 for kind, has in zip(kinds, dated, strict=True)])
 
 
 def _uneven(state: State, basis: Floats) -> float:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from compasslib import angles
 from compasslib.discrepancy.baseline import State
+from compasslib.discrepancy.case import Case
 
 Floats = NDArray[np.floating]
 
@@ -61,6 +62,17 @@ def heap(state: State) -> Heap | None:
     width = BIN_DEG * (2 * reach + 1)
     share = inside / len(state.case)
     return Heap(float(angles.mean(recorded[cell == k])), width, width / float(np.sqrt(12.0 / share)))
+
+
+def outside(case: Case, heap: Heap) -> Floats:
+    """Return the headings that the trusted side shows, NaN where the reading hangs, (n,) degrees.
+
+    Args:
+        case: the recording.
+        heap: where its readings heap up.
+    """
+    away = np.abs(angles.difference(case.recorded_deg, heap.recorded_deg))
+    return np.where(away > heap.width_deg / 2.0, case.observed_deg, np.nan)
 
 
 def _sector(held: Floats) -> tuple[int, float]:

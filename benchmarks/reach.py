@@ -1,0 +1,113 @@
+"""How many planted effects the noise itself leaves within reach, whoever looks for them.
+
+    python benchmarks/reach.py 110 71                 110 moorings with one and 110 with two effects by seed 71
+
+Every effect is tested as if all but its size were known: its pattern, the other effect, its date, the water's noise and
+that noise's memory. The five coefficients and the other effect's size are refitted. No search that knows less can do
+better. The moorings are those of benchmarks/discrepancy.py, and nothing of the engine is used.
+"""
+
+from __future__ import annotations
+
+import argparse
+
+import discrepancy as bench
+import discrepancy_world as sea
+import numpy as np
+from scipy.stats import chi2, ncx2, norm
+
+INDEPENDENT = 17  # scores that the highest of a search of the catalogue amounts to, as its draws of the noise tell
+KNOWN, SEARCHED = norm.isf(0.01), norm.isf(1.0 - 0.99 ** (1.0 / INDEPENDENT))  # for 1 % of false alarms
+
+
+def whitened(world: sea.World, columns: np.ndarray) -> np.ndarray:
+    """Return columns in degrees freed of the noise's memory and divided by its width: the innovations of Kalman."""
+    red, memory, white = world.noise
+    keep, flow = np.exp(-1.0 / memory), world.between
+    across = np.stack([-flow.imag, flow.real], axis=1) / np.abs(flow)[:, None] ** 2 / sea.RAD  # degrees per m/s
+    width = white / np.abs(flow) / sea.RAD
+    mean, spread, result = np.zeros((2, columns.shape[1])), np.eye(2) * red**2, np.empty_like(columns)
+    for t, h in enumerate(across):
+        gain = spread @ h
+        total = h @ gain + width[t] ** 2
+        off = columns[t] - h @ mean
+        result[t] = off / np.sqrt(total)
+        mean = keep * (mean + np.outer(gain / total, off))
+        spread = keep**2 * (spread - np.outer(gain, gain) / total) + np.eye(2) * red**2 * (1.0 - keep**2)
+    return result
+
+
+def signals(drawn: sea.Drawn) -> tuple[np.ndarray, np.ndarray]:
+    """Return what each effect does beside the others, and the columns of the five coefficients, degrees."""
+    world, parts = drawn.world, drawn.parts
+
+    def left(some):
+        gamma, veer, _ = sea.combined(world, some)
+        return sea.five_term_residual(gamma - veer, world.heading)
+
+    total, (a, b, c, d, e) = left(parts)
+    w = np.exp(1j * sea.RAD * world.heading)
+    q = (1 - 1j * a) * w + b - 1j * c + (d - 1j * e) / w
+    slope = np.maximum(np.real(((1 - 1j * a) * w - (d - 1j * e) / w) / q), 0.2)
+    each = [total - left([p for p in parts if p is not own])[0] for own in parts]
+    five = [np.imag(change / q) / slope for change in (-1j * w, w**0, -1j * w**0, 1 / w, -1j / w)]
+    return np.column_stack(each), np.column_stack(five)
+
+
+def noncentrality(drawn: sea.Drawn) -> dict[str, float]:
+    """Return for each effect the square of its size in standard errors, the others and the coefficients refitted."""
+    each, five = signals(drawn)
+    white = whitened(drawn.world, np.column_stack([each, five]))
+    squares = {}
+    for k, name in enumerate(drawn.truth):
+        others = np.delete(white, k, axis=1)
+        fitted, *_ = np.linalg.lstsq(others, white[:, k], rcond=1e-10)
+        squares[name] = float(np.sum((white[:, k] - others @ fitted) ** 2))
+    return squares
+
+
+def power(square: float, freedom: int, score: float) -> float:
+    """Return the probability that an effect's statistic passes a normal score."""
+    return float(ncx2.sf(chi2.isf(norm.sf(score), freedom), freedom, max(square, 1e-9)))
+
+
+def row(kind: str, index: int, seed: int) -> tuple[float, dict[str, tuple[float, float]]]:
+    """Return the size asked for, and the power for each effect, of a known and of a searched hypothesis."""
+    drawn, wanted = bench.draw(kind, index, seed)
+    freedom = {name: len(set(values) - {"date_s"}) for name, values in drawn.truth.items()}
+    found = noncentrality(drawn)
+    return max(wanted.values()), {
+        name: tuple(power(square, freedom[name], score) for score in (KNOWN, SEARCHED))
+        for name, square in found.items()
+    }
+
+
+def report(kind: str, rows: list[tuple[float, dict[str, tuple[float, float]]]]) -> None:
+    for size in bench.SIZES[kind]:
+        some = [each for wanted, each in rows if wanted == size]
+        if not some:
+            continue
+        both = np.mean([np.prod(list(each.values()), axis=0) for each in some], axis=0)
+        print(f"| {kind}, {size} each, n = {len(some)}: all effects within reach | {text(both)} |")
+        for name in dict.fromkeys(name for each in some for name in each):
+            own = [each[name] for each in some if name in each]
+            print(f"| - {name}, n = {len(own)} | {text(np.mean(own, axis=0))} |")
+
+
+def text(share) -> str:
+    return " | ".join(f"{100 * x:.0f} %" for x in share)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("count", type=int, nargs="?", default=44, help="moorings of each kind (default 44)")
+    parser.add_argument("seed", type=int, nargs="?", default=1)
+    parser.add_argument("--kind", choices=("single", "two"), action="append")
+    asked = parser.parse_args()
+    print("\n| planted, 1 % of false alarms | known beforehand | found by a search |\n|---|---|---|")
+    for kind in asked.kind or ("single", "two"):
+        report(kind, [row(kind, index, asked.seed) for index in range(asked.count)])
+
+
+if __name__ == "__main__":
+    main()
