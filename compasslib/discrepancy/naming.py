@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib.discrepancy import columns, couples, model, rivals, scan
+from compasslib.discrepancy import columns, model, rivals, scan
 from compasslib.discrepancy.baseline import State
 from compasslib.discrepancy.rivals import Hypothesis, Rivals
 from compasslib.discrepancy.scan import Tested
@@ -23,7 +23,7 @@ from compasslib.physics import CATALOGUE
 Floats = NDArray[np.floating]
 
 MOST_TERMS = 3
-COUPLES = 1.0 / 3.0  # share of the alarm that is kept for two terms at once, where there is none yet
+NAMES = 0.5  # of the alarm: of records of nothing about twice as many pass a threshold as the draws of their noise say
 LOST = 0.7  # share of the least size below which a refitted term has lost its effect
 SEEN = 0.5  # the same for a term of another hypothesis that could stand there
 FAR_DEG = 2.5  # visible size above which the columns are taken anew where the simulation stands
@@ -50,37 +50,26 @@ def search(state: State, *, alarm: float, min_effect_deg: float) -> Named:
         min_effect_deg: visible size below which an effect does not matter.
     """
     found = Named(state)
-    while (count := len(found.state.simulation.terms)) < MOST_TERMS:
-        tested = scan.test(found.state, columns.of_terms(found.state, state.case.terms), seed=count + 1)
-        threshold = tested.threshold(alarm if count else alarm * (1.0 - COUPLES))
+    for count in range(1, MOST_TERMS + 1):
+        tested = scan.test(found.state, columns.of_terms(found.state, state.case.terms), seed=count)
+        threshold = tested.threshold(alarm * NAMES)
         strong = np.flatnonzero(tested.score > threshold).tolist()
         sizes = {k: scan.size_of(found.state, tested.groups[k], float(tested.inflation[k])) for k in strong}
         worth = [k for k, size in sizes.items() if size >= min_effect_deg]
         small = _largest([(tested.groups[k].name, size) for k, size in sizes.items() if size < min_effect_deg])
         grown = _grow(found.state, tested, worth, min_effect_deg) if worth else None
-        if grown is None and count == 0:
-            grown = _two_at_once(state, tested, alarm * COUPLES, min_effect_deg)
         if grown is None:
             return replace(found, tested=tested, threshold=threshold, negligible=() if worth else small)
         found = replace(grown, tested=tested, threshold=threshold)
     return found
 
 
-def _two_at_once(state: State, alone: Tested, alarm: float, min_effect_deg: float) -> Named | None:
-    """Return two terms of which neither was to be seen without the other; None where there are none."""
-    tested = couples.test(alone)
-    best = np.argsort(-tested.score)[:2].tolist()
-    if len(best) < 2 or tested.score[best[1]] <= tested.threshold(alarm):
-        return None
-    return _grow(state, tested, best, min_effect_deg, more=2)
-
-
-def _grow(state: State, tested: Tested, worth: Sequence[int], min_effect_deg: float, *, more: int = 1) -> Named | None:
-    """Return the best hypothesis with so many terms more, refitted, with its rivals; None where none is believable."""
+def _grow(state: State, tested: Tested, worth: Sequence[int], min_effect_deg: float) -> Named | None:
+    """Return the best hypothesis with one term more, refitted, with its rivals; None where none is believable."""
     field = rivals.gathered(state, tested, worth)
     found = [term for term in (*(tested.groups[k].term for k in worth), *state.simulation.terms) if term is not None]
     evident = {k for k, group in enumerate(field.groups) if type(group.term) in {type(x) for x in found if x.evident}}
-    hypotheses = _best(field, len(state.simulation.terms) + more, evident, min_effect_deg)
+    hypotheses = _best(field, state, evident, min_effect_deg)
     tried = ((best, model.dated(model.refit(state, field.terms(best)))) for best in hypotheses)
     believed = ((best, grown) for best, grown in tried if _holds(state, grown, min_effect_deg))
     first = next(believed, None)
@@ -106,13 +95,13 @@ def _holds(before: State, after: State, min_effect_deg: float) -> bool:
     return believable and smaller and min(model.sizes_deg(after)) >= LOST * min_effect_deg
 
 
-def _best(field: Rivals, count: int, evident: set[int], min_effect_deg: float) -> Iterator[Hypothesis]:
-    """Give the best hypotheses of so many terms, the evident ones in all.
+def _best(field: Rivals, state: State, evident: set[int], min_effect_deg: float) -> Iterator[Hypothesis]:
+    """Give the best hypotheses with one term more, the evident ones in all.
 
     Pairs are all tried, a third joins the pair that was chosen.
     """
-    chosen = field.state.simulation.terms
-    tries: list[Hypothesis] = list(itertools.combinations(range(len(field.groups)), count))
+    chosen, everything = state.simulation.terms, range(len(field.groups))
+    tries: list[Hypothesis] = list(itertools.combinations(everything, len(chosen) + 1))
     if len(chosen) > 1:
         kept = {field.place(term) for term in chosen}
         tries = [hypothesis for hypothesis in tries if kept <= set(hypothesis)]

@@ -41,10 +41,6 @@ class Tested:
     inflation: Floats  # (g,) mean statistic of the noise over the freedom
     score: Floats  # (g,) normal score of each group's statistic
     highest: Floats  # (r,) highest normal score of each draw of the noise
-    handicap: Floats  # (g,) that was taken off the score
-    gram: Floats  # (k, k) products of the groups' orthonormal columns, one group after the other
-    pull: Floats  # (k,) those columns' products with the innovation, over its standard deviation
-    drawn: Floats  # (r, k) the same of each draw of the noise
 
     def threshold(self, alarm: float) -> float:
         """Return the score that noise exceeds anywhere with a given probability, as the highest of some normal scores.
@@ -75,8 +71,8 @@ def test(state: State, groups: Sequence[Group], seed: int = 0) -> Tested:
     freedom = np.array([basis.shape[1] for basis in bases], dtype=float)
     begins = np.concatenate([[0], np.cumsum(freedom)[:-1]]).astype(int)
     every = np.concatenate(bases, axis=1)
-    pull, drawn = every.T @ state.innovation / state.sigma, resampled(state, seed) @ every / state.sigma
-    seen, noise = np.add.reduceat(pull**2, begins), np.add.reduceat(drawn**2, begins, axis=1)
+    seen = np.add.reduceat((every.T @ state.innovation) ** 2, begins) / state.sigma**2
+    noise = np.add.reduceat((resampled(state, seed) @ every) ** 2, begins, axis=1) / state.sigma**2
     inflation = noise.mean(axis=0) / freedom
     handicap = np.array([_handicap(group) for group in groups])
     highest = (normal_score(noise / inflation, freedom) - handicap).max(axis=1)
@@ -86,8 +82,7 @@ def test(state: State, groups: Sequence[Group], seed: int = 0) -> Tested:
     looked = [k for k, group in enumerate(groups) if score[k] > WORTH_A_LOOK and group.term is not None]
     inflation[looked] *= water_inflation(state, [groups[k] for k in looked])
     inflation = np.maximum(inflation, _usual(groups, inflation))
-    score = normal_score(seen / inflation, freedom) - handicap
-    return Tested(groups, freedom, inflation, score, highest, handicap, every.T @ every, pull, drawn)
+    return Tested(groups, freedom, inflation, normal_score(seen / inflation, freedom) - handicap, highest)
 
 
 def size_of(state: State, group: Group, inflation: float) -> float:
