@@ -172,7 +172,7 @@ def _held(now: Fitted, min_effect_deg: float) -> tuple[Fitted, tuple[Entry, ...]
         rest = [other for j, other in enumerate(now.terms) if j != k]
         entries = contest(fitting.fit(now.channel, rest, near=now), now)
         mine = next(entry for entry in entries if type(entry.fitted.terms[-1]) is type(term))
-        if mine.size_deg < min_effect_deg / 2.0 and len(now.terms) > 1:
+        if mine.size_deg < min_effect_deg / 2.0:
             return _held(fitting.fit(now.channel, rest, near=now), min_effect_deg)
         own.append(mine)
         others.append(_close(entries, mine, now, min_effect_deg))
