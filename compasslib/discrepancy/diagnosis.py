@@ -147,6 +147,7 @@ def judge(case: Case, options: Options) -> Diagnosis:
     found = tuple(sorted(every, key=lambda one: -one.rms_effect_deg))
     names = [one.effect for one in found]
     unexplained = _unexplained(named.state, left, heap, options.min_effect_deg, names)
+    detectable = _detectable(named)
     if episode is not None and (unexplained is None or "time" in unexplained.covariates):
         unexplained = findings.episode(named.state, episode, names)
     return Diagnosis(
@@ -158,8 +159,8 @@ def judge(case: Case, options: Options) -> Diagnosis:
         negligible=(*named.negligible, *((group.name, size) for group, size in rest.small)),
         curves=_curves(empty, named.state, found),
         applied=_applied(named, every) if options.apply else None,
-        why=_why(named, options.min_effect_deg),
-        detectable_deg=_detectable(named),
+        why=_why(detectable, options.min_effect_deg),
+        detectable_deg=detectable,
         threshold={"names": named.threshold, "omnibus": rest.threshold},
     )
 
@@ -232,9 +233,9 @@ def _detectable(named: Named) -> dict[str, float]:
     return {} if named.tested is None else scan.detectable(named.state, named.tested, named.threshold)
 
 
-def _why(named: Named, min_effect_deg: float) -> str:
+def _why(detectable: Mapping[str, float], min_effect_deg: float) -> str:
     """Return in a sentence how small an effect this record would have shown."""
-    sizes = sorted((max(size, min_effect_deg), name) for name, size in _detectable(named).items())
+    sizes = sorted((max(size, min_effect_deg), name) for name, size in detectable.items())
     if not sizes:
         return ""
     (best, first), (worst, last) = sizes[0], sizes[-1]
