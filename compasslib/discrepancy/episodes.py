@@ -18,6 +18,7 @@ from compasslib.discrepancy import columns, model, rivals, scan
 from compasslib.discrepancy.baseline import State
 from compasslib.discrepancy.columns import Group
 from compasslib.discrepancy.naming import Named
+from compasslib.physics import Term
 from compasslib.physics.compass_drift import CompassDrift
 from compasslib.physics.hard_iron_drift import HardIronDrift
 from compasslib.physics.heading_slip import HeadingSlip
@@ -61,7 +62,7 @@ def taken_out(named: Named) -> tuple[Named, Episode | None]:
     return replace(named, state=free, alternatives=tuple(named.alternatives[k] for k in kept)), found
 
 
-def _same(free: State, term: columns.Term) -> Group:
+def _same(free: State, term: Term) -> Group:
     return columns.of_term(free, term.at(0.0 * term.values))
 
 
