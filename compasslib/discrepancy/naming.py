@@ -23,7 +23,7 @@ from compasslib.physics import CATALOGUE
 Floats = NDArray[np.floating]
 
 MOST_TERMS = 3
-NAMES = 0.5  # of the alarm: at the whole of it 3 of 181 simulated records of nothing got a name or a rest, not 0.6 %
+NAMES = 0.5  # of the alarm: at the whole of it 2 of 181 simulated records of nothing were not consistent
 LOST = 0.7  # share of the least size below which a refitted term has lost its effect
 SEEN = 0.5  # the same for a term of another hypothesis that could stand there
 FAR_DEG = 2.5  # visible size above which the columns are taken anew where the simulation stands
