@@ -37,6 +37,7 @@ from compasslib.physics.sextantal import Sextantal
 from compasslib.records import GOOD, EarthField, Record
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
+import discrepancy as bench
 import discrepancy_world as world
 from discrepancy import field_of, fitted
 
@@ -234,6 +235,19 @@ def test_a_chosen_harmonic_is_weighed_by_its_own_slope_not_as_a_second_one():
     again = field.terms((field.place(chosen),))[0]
     # Where the refit has come to rest, fitting the same columns again moves nothing; its last step was below 0.02.
     assert again.values == pytest.approx(chosen.values, abs=0.1)
+
+
+def test_of_two_harmonics_the_one_that_leaves_less_where_it_stands_is_chosen():
+    drawn, _ = bench.draw("single", 60, 70)  # narrow headings: the sextantal's columns at rest score higher
+    found = diagnose(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
+    assert set(drawn.truth) == {"octantal"}
+    assert [one.effect for one in found.findings] == ["octantal"] and found.unexplained is None
+
+
+def test_beside_one_name_a_second_needs_less_evidence_than_a_first():
+    drawn, _ = bench.draw("two", 44, 66)  # a veer whose score is 3.56, the threshold of a first name 3.59
+    found = diagnose(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
+    assert {one.effect for one in found.findings} == set(drawn.truth) == {"sextantal", "current_veer"}
 
 
 def test_a_clock_is_on_its_own_side():

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles
-from compasslib.discrepancy import baseline, findings, model, scan, show, verdict
+from compasslib.discrepancy import baseline, findings, model, scan, show
 from compasslib.discrepancy.baseline import State
 from compasslib.discrepancy.columns import Group
 from compasslib.discrepancy.naming import Named
@@ -21,6 +21,7 @@ from compasslib.physics import composition
 
 Floats = NDArray[np.floating]
 
+REFUTED = 0.15  # p-value on held-out days from which on a name is dropped; those above PROVEN touch no product
 LITTLE, MUCH = 0.2, 1.0 / 3.0  # what is left over what the names explain: too little to doubt, enough at any size
 
 
@@ -64,7 +65,7 @@ def _weakest(state: State) -> int | None:
     """Return the term that held-out days confirm least, None where they confirm all."""
     terms = state.simulation.terms
     p_values = {k: show.held_out(state, [k]).p_value for k, term in enumerate(terms) if not term.evident}
-    unsure = {k: p for k, p in p_values.items() if p >= verdict.PROVEN}
+    unsure = {k: p for k, p in p_values.items() if p >= REFUTED}
     return max(unsure, key=lambda k: unsure[k], default=None)
 
 
@@ -98,9 +99,6 @@ def _explained(view: State) -> float:
 def _score(view: State, k: int, group: Group) -> float:
     """Return the score of a term beside the other terms and the curve of what is left."""
     own = _columns(view)
-    beside = np.concatenate([group.columns, *own[:k], *own[k + 1 :]], axis=1)
-    more = scan.directions(view.projected(beside.astype(np.float32)))
-    basis = np.concatenate([view.basis, more], axis=1)
-    fitted = replace(view, basis=basis, innovation=view.innovation - more @ (more.T @ view.innovation))
+    fitted = scan.beside(view, np.concatenate([group.columns, *own[:k], *own[k + 1 :]], axis=1))
     tested = scan.test(fitted, [Group(group.name, own[k], view.simulation.terms[k])])
     return float(tested.score[0]) if len(tested.groups) else -np.inf

@@ -86,8 +86,9 @@ def _strangers(free: State) -> Iterator[tuple[Episode, float]]:
     begin, end = _best(free, dates, dates)
     for _ in range(2):  # each date more finely, the other kept
         near = np.arange(-model.NEARBY_S, model.NEARBY_S + 1.0, model.FINE_S)
-        begin, end = _best(free, begin + near, np.array([end]))
-        begin, end = _best(free, np.array([begin]), end + near)
+        # Within the dates that are tried: what began before the record, or outlasts it, is a step.
+        begin, end = _best(free, np.clip(begin + near, dates[0], dates[-1]), np.array([end]))
+        begin, end = _best(free, np.array([begin]), np.clip(end + near, dates[0], dates[-1]))
     offset = _offset(free, begin, end)
     yield Episode(begin, end, scan.size_of(free, offset, 1.0)), float(scan.gains(free, [offset])[0]) - SEARCHED
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from compasslib.discrepancy import baseline, columns, scan, whitening
 from compasslib.discrepancy.baseline import State
+from compasslib.discrepancy.whitening import Whitener
 from compasslib.physics import Term
 
 Floats = NDArray[np.floating]
@@ -119,16 +120,16 @@ def effect_deg(state: State, k: int, covariance: Floats) -> float:
     return float(np.sqrt(max(float(values @ product @ values) - float(np.sum(product * covariance)), 0.0)))
 
 
-def misfit(state: State, width_deg: Floats) -> float:
-    """Return the mean square of the residual over given widths, clipped; a sample without a root counts in full.
+def square(state: State, whitener: Whitener) -> float:
+    """Return the sum of squares of the residual, clipped and whitened; a sample without a root counts in full.
 
     Args:
         state: a simulation where it stands.
-        width_deg: (n,), infinite where a sample does not count.
+        whitener: widths and filter that all that are compared have in common.
     """
-    counts = np.isfinite(width_deg)
-    standard = np.abs(state.residual_deg[counts]) / width_deg[counts]
-    return float(np.mean(np.minimum(np.nan_to_num(standard, nan=whitening.CLIP), whitening.CLIP) ** 2))
+    lost = whitening.CLIP * whitener.width_deg
+    left = np.where(np.isfinite(state.residual_deg) | ~np.isfinite(lost), state.residual_deg, lost)
+    return float(np.sum(whitener.filtered(whitening.clipped(left, whitener.width_deg)[:, None]) ** 2))
 
 
 def sizes_deg(state: State) -> list[float]:

@@ -8,7 +8,7 @@ and large enough to matter.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,9 +24,9 @@ Floats = NDArray[np.floating]
 
 MOST_TERMS = 3
 NAMES = 0.5  # of the alarm: at the whole of it 2 of 181 simulated records of nothing were not consistent
+FURTHER = 3.0  # of the alarm, for a name beside another: of 132 records of one effect none showed a second one there
 LOST = 0.7  # share of the least size below which a refitted term has lost its effect
 SEEN = 0.5  # the same for a term of another hypothesis that could stand there
-FAR_DEG = 2.5  # visible size above which the columns are taken anew where the simulation stands
 TRIES = 4  # hypotheses that are refitted before none is believed
 
 
@@ -52,12 +52,13 @@ def search(state: State, *, alarm: float, min_effect_deg: float) -> Named:
     found = Named(state)
     for count in range(1, MOST_TERMS + 1):
         tested = scan.test(found.state, columns.of_terms(found.state, state.case.terms), seed=count)
-        threshold = tested.threshold(alarm * NAMES)
+        threshold = tested.threshold(alarm * (NAMES if count == 1 else FURTHER))
         strong = np.flatnonzero(tested.score > threshold).tolist()
         sizes = {k: scan.size_of(found.state, tested.groups[k], float(tested.inflation[k])) for k in strong}
         worth = [k for k, size in sizes.items() if size >= min_effect_deg]
         small = _largest([(tested.groups[k].name, size) for k, size in sizes.items() if size < min_effect_deg])
-        grown = _grow(found.state, tested, worth, min_effect_deg) if worth else None
+        # One term may stand for two, as a step for a drift and a season: where none joins it, pairs are tried instead.
+        grown = _grow(found.state, tested, worth, min_effect_deg) if worth or count == 2 else None
         if grown is None:
             return replace(found, tested=tested, threshold=threshold, negligible=() if worth else small)
         found = replace(grown, tested=tested, threshold=threshold)
@@ -65,51 +66,99 @@ def search(state: State, *, alarm: float, min_effect_deg: float) -> Named:
 
 
 def _grow(state: State, tested: Tested, worth: Sequence[int], min_effect_deg: float) -> Named | None:
-    """Return the best hypothesis with one term more, refitted, with its rivals; None where none is believable."""
+    """Return the best hypothesis with one term more, refitted, with its rivals; None where none is believable.
+
+    One for which no single group speaks must be far ahead of what stands.
+    """
     field = rivals.gathered(state, tested, worth)
-    found = [term for term in (*(tested.groups[k].term for k in worth), *state.simulation.terms) if term is not None]
-    evident = {k for k, group in enumerate(field.groups) if type(group.term) in {type(x) for x in found if x.evident}}
-    hypotheses = _best(field, state, evident, min_effect_deg)
-    tried = ((best, model.dated(model.refit(state, field.terms(best)))) for best in hypotheses)
-    believed = ((best, grown) for best, grown in tried if _holds(state, grown, min_effect_deg))
+    shown = {type(tested.groups[k].term) for k in worth} | set(map(type, state.simulation.terms))
+    chosen = tuple(field.place(term) for term in state.simulation.terms)
+    kept = set(chosen) if len(chosen) > 1 else set()  # pairs are all tried, a third joins the pair that was chosen
+    hypotheses = list(_best(field, len(chosen) + 1, kept | _evident(field, shown), min_effect_deg))
+    if not worth:
+        hypotheses = [one for one in hypotheses if field.score(one) > field.score(chosen) + rivals.CLOSE]
+    found = _refitted(state, field, hypotheses, min_effect_deg)
+    if found is None:
+        return None
+    best, grown = found
+    if not worth and _charged(state, field, best, grown) > _charged(state, field, chosen, state) - rivals.CLOSE:
+        return None
+    if field.far(best) or any(term.dated() for term in grown.simulation.terms):
+        best, grown, field = _settled(state, grown, tested, worth, min_effect_deg)
+    others = rivals.alternatives(field, best, SEEN * min_effect_deg)
+    pairs = zip(grown.simulation.terms, others, strict=True)
+    return Named(grown, tuple(() if term.evident else names for term, names in pairs))
+
+
+def _refitted(
+    state: State, field: Rivals, hypotheses: Sequence[Hypothesis], min_effect_deg: float
+) -> tuple[Hypothesis, State] | None:
+    """Return the best of some hypotheses with the state it was refitted to, None where none is believable."""
+    tried = ((one, model.dated(model.refit(state, field.terms(one)))) for one in hypotheses)
+    believed = ((one, grown) for one, grown in tried if _holds(state, grown, min_effect_deg))
     first = next(believed, None)
     if first is None:
         return None
-    # Columns are slopes: of large effects another may fit better once both are refitted where they stand.
-    far = max(field.sizes(first[0])) > FAR_DEG
-    best, grown = min(
-        [first, *(believed if far else ())], key=lambda one: model.misfit(one[1], state.whitener.width_deg)
-    )
-    terms = grown.simulation.terms
-    if max(*model.sizes_deg(grown), *field.sizes(best)) > FAR_DEG or any(term.dated() for term in terms):
-        field = rivals.gathered(grown, tested, worth, standing=True)
-        best = tuple(field.place(term) for term in terms)
-    others = rivals.alternatives(field, best, SEEN * min_effect_deg)
-    return Named(grown, tuple(() if term.evident else names for term, names in zip(terms, others, strict=True)))
+    # Columns are slopes: of large effects another may fit better once all are refitted where they stand.
+    far = any(field.far(one) for one in hypotheses if field.score(one) > field.score(hypotheses[0]) - rivals.CLOSE)
+    return min([first, *(believed if far else ())], key=lambda one: _charged(state, field, *one))
+
+
+def _settled(
+    state: State, grown: State, tested: Tested, worth: Sequence[int], min_effect_deg: float
+) -> tuple[Hypothesis, State, Rivals]:
+    """Return the choice where it stands, or another one that is better there, and all candidates.
+
+    A step that was dated alone lies elsewhere beside a drift or a season.
+    """
+    field = rivals.gathered(grown, tested, worth, standing=True)
+    best = tuple(field.place(term) for term in grown.simulation.terms)
+    needed = _evident(field, set(map(type, grown.simulation.terms)))
+    first = next(_best(field, len(best), needed, min_effect_deg), best)
+    other = None if field.score(first) <= field.score(best) else _refitted(state, field, [first], min_effect_deg)
+    if other is None or _charged(state, field, *other) >= _charged(state, field, best, grown):
+        return best, grown, field
+    field = rivals.gathered(other[1], tested, worth, standing=True)
+    return tuple(field.place(term) for term in other[1].simulation.terms), other[1], field
+
+
+def _evident(field: Rivals, shown: set[type]) -> set[int]:
+    """Return the candidates that a sensor shows by itself, of what was shown."""
+    terms = enumerate(group.term for group in field.groups)
+    return {k for k, term in terms if term is not None and term.evident and type(term) in shown}
 
 
 def _holds(before: State, after: State, min_effect_deg: float) -> bool:
     """Tell whether refitted terms are still there, believable, and leave a smaller residual than without the last."""
     believable = all(term.believable for term in after.simulation.terms)
-    smaller = model.misfit(after, before.whitener.width_deg) < model.misfit(before, before.whitener.width_deg)
+    smaller = model.square(after, before.whitener) < model.square(before, before.whitener)
     return believable and smaller and min(model.sizes_deg(after)) >= LOST * min_effect_deg
 
 
-def _best(field: Rivals, state: State, evident: set[int], min_effect_deg: float) -> Iterator[Hypothesis]:
-    """Give the best hypotheses with one term more, the evident ones in all.
+def _charged(before: State, field: Rivals, hypothesis: Hypothesis, after: State) -> float:
+    """Return what a refitted hypothesis leaves, in units of the score, with its charges."""
+    charges = sum(rivals.charge(field.groups[k]) for k in hypothesis)
+    return model.square(after, before.whitener) / before.sigma**2 / field.inflation + charges
 
-    Pairs are all tried, a third joins the pair that was chosen.
-    """
-    chosen, everything = state.simulation.terms, range(len(field.groups))
-    tries: list[Hypothesis] = list(itertools.combinations(everything, len(chosen) + 1))
-    if len(chosen) > 1:
-        kept = {field.place(term) for term in chosen}
-        tries = [hypothesis for hypothesis in tries if kept <= set(hypothesis)]
-    tries = [hypothesis for hypothesis in tries if evident <= set(hypothesis)]
-    ranked = sorted((one for one in tries if field.sound(one)), key=field.score, reverse=True)
+
+def _best(field: Rivals, count: int, needed: set[int], min_effect_deg: float) -> Iterator[Hypothesis]:
+    """Give the best hypotheses of some terms, of each choice of effects one, those that are needed in all."""
+    tries = itertools.combinations(range(len(field.groups)), count)
+    sound = (one for one in tries if needed <= set(one) and field.sound(one))
+    ranked = sorted(sound, key=field.score, reverse=True)
     acceptable = (one for one in ranked if field.acceptable(one, min_effect_deg))
-    for hypothesis in itertools.islice(acceptable, TRIES):
+    for hypothesis in itertools.islice(_one_a_choice(field, acceptable), TRIES):
         yield tuple(sorted(hypothesis, key=lambda k: CATALOGUE.index(type(field.groups[k].term))))
+
+
+def _one_a_choice(field: Rivals, hypotheses: Iterable[Hypothesis]) -> Iterator[Hypothesis]:
+    """Give the first of those that differ by their dates only."""
+    seen = set()
+    for hypothesis in hypotheses:
+        kinds = frozenset(type(field.groups[k].term) for k in hypothesis)
+        if kinds not in seen:
+            seen.add(kinds)
+            yield hypothesis
 
 
 def _largest(small: Sequence[tuple[str, float]]) -> tuple[tuple[str, float], ...]:

@@ -21,6 +21,7 @@ Hypothesis = tuple[int, ...]
 
 PARAMETER_CHARGE, DATE_CHARGE = 5.0, 6.0
 CLOSE = 10.0  # hypotheses within this many units of the best are not told apart
+FAR_DEG = 2.5  # size above which columns are no longer those where the simulation stands
 WATER_FREELY = "current_veer"  # the only effect that may come in several forms at once
 
 
@@ -64,6 +65,11 @@ class Rivals:
             square = values[own] @ product @ values[own] - np.sum(product * covariance[own, own]) * self.inflation
             sizes.append(float(np.sqrt(max(square, 0.0))))
         return sizes
+
+    def far(self, members: Hypothesis) -> bool:
+        """Tell whether an effect turns headings by so much, seen or not, that its columns bend on the way."""
+        each = zip(members, self.terms(members), strict=True)
+        return max(float(np.std(self.groups[k].columns @ term.values)) for k, term in each) > FAR_DEG
 
     def alike(self, a: int, b: int) -> float:
         """Return how much of one candidate's best column the other explains, 0 to 1."""
@@ -110,7 +116,7 @@ def charge(group: Group) -> float:
 def gathered(state: State, tested: Tested, worth: Sequence[int], *, standing: bool = False) -> Rivals:
     """Return all candidates, the chosen terms among them, where the chosen simulation stands.
 
-    Of a term with a date three stay: the date chosen, the best by itself, the best beside the chosen terms.
+    Of a term with a date few stay: the date chosen, the best by itself, and the best beside others.
 
     Args:
         state: with the chosen terms.
@@ -120,8 +126,9 @@ def gathered(state: State, tested: Tested, worth: Sequence[int], *, standing: bo
     """
     view = baseline.examine(state.case, state.simulation, state.nuisance, freed=True)
     groups = [columns.of_term(view, kind()) for kind in state.case.terms if not kind.dated()]
+    beside = _companions(view, groups)
     for kind in (kind for kind in state.case.terms if kind.dated()):
-        groups += _of_date(view, kind, tested)
+        groups += _of_date(view, kind, tested, beside)
     groups = _where_they_stand(view, groups) if standing and view.simulation.terms else groups
     ends = np.cumsum([0, *(group.columns.shape[1] for group in groups)])
     together = np.concatenate([group.columns for group in groups], axis=1)
@@ -133,7 +140,7 @@ def gathered(state: State, tested: Tested, worth: Sequence[int], *, standing: bo
         pull=white.T @ view.innovation,
         visible=seen.T @ seen / len(seen),
         state=view,
-        inflation=max(1.0, float(np.median([tested.inflation[k] for k in worth]))),
+        inflation=max(1.0, float(np.median([tested.inflation[k] for k in worth or range(len(tested.groups))]))),
     )
 
 
@@ -152,15 +159,36 @@ def _where_they_stand(view: State, groups: list[Group]) -> list[Group]:
     return found
 
 
-def _of_date(view: State, kind: type[Term], tested: Tested) -> list[Group]:
+def _companions(view: State, undated: Sequence[Group]) -> list[Floats]:
+    """Return bases of what a date may stand beside: nothing, all chosen terms but one, or any candidate of a pair."""
+    terms = [columns.of_term(view, term).columns for term in view.simulation.terms]
+    others = [np.concatenate(terms[:k] + terms[k + 1 :], axis=1) for k in range(len(terms)) if len(terms) > 1]
+    others += [group.columns for group in undated] if len(terms) == 1 else []
+    return [np.zeros((len(view.case), 0)), *(scan.directions(view.projected(one)) for one in others)]
+
+
+def _of_date(view: State, kind: type[Term], tested: Tested, beside: Sequence[Floats]) -> list[Group]:
     tried = columns.of_dates(view, kind, columns.dates(view.case.scene.time_s))
-    kept = [tried[int(np.argmax(scan.gains(view, tried)))]]
-    beside = [(score, g.term) for score, g in zip(tested.score, tested.groups, strict=True) if isinstance(g.term, kind)]
-    if beside:
-        date = max(beside, key=lambda one: one[0])[1].date
-        kept += [group for group in tried if group.term is not None and group.term.date == date]
-    chosen = [term.date for term in view.simulation.terms if isinstance(term, kind)]
-    return kept + columns.of_dates(view, kind, np.array(chosen))
+    dates = {tried[k].term.date for k in _best_dates(view, tried, beside)}  # type: ignore[union-attr]
+    seen = [(score, g.term) for score, g in zip(tested.score, tested.groups, strict=True) if isinstance(g.term, kind)]
+    dates |= {max(seen, key=lambda one: one[0])[1].date} if seen else set()
+    dates |= {term.date for term in view.simulation.terms if isinstance(term, kind)}
+    return columns.of_dates(view, kind, np.array(sorted(dates)))
+
+
+def _best_dates(view: State, tried: Sequence[Group], beside: Sequence[Floats]) -> set[int]:
+    """Return the dates, by their numbers, that gain most beside each of some bases."""
+    count = tried[0].columns.shape[1]
+    white = view.projected(np.concatenate([group.columns for group in tried], axis=1))
+    parts = white.reshape(len(white), len(tried), count)
+    gram, pull = np.einsum("nga,ngb->gab", parts, parts), (white.T @ view.innovation).reshape(-1, count)
+    best = set()
+    for basis in beside:
+        taken = (basis.T @ white).reshape(-1, len(tried), count)
+        left = gram - np.einsum("qga,qgb->gab", taken, taken)
+        pulls = pull - np.einsum("qga,q->ga", taken, basis.T @ view.innovation)
+        best.add(max(range(len(tried)), key=lambda k: float(pulls[k] @ inverse(left[k]) @ pulls[k])))
+    return best
 
 
 def alternatives(rivals: Rivals, chosen: Hypothesis, least_deg: float) -> tuple[tuple[str, ...], ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -109,14 +109,19 @@ def detectable(state: State, tested: Tested, threshold: float) -> dict[str, floa
         tested: the catalogue's groups, tested there.
         threshold: score that noise hardly exceeds.
     """
+    taken = tuple(map(type, state.simulation.terms))
+    some = [(g, i) for g, i in zip(tested.groups, tested.inflation, strict=True) if not isinstance(g.term, taken)]
+    if not some:
+        return {}
+    columns_deg = np.concatenate([group.columns for group, _ in some], axis=1)
+    ends = np.cumsum([group.columns.shape[1] for group, _ in some])[:-1]
+    whites, seens = (np.split(x, ends, axis=1) for x in (state.projected(columns_deg), state.visible(columns_deg)))
     sizes: dict[str, list[float]] = {}
-    for group, inflation in zip(tested.groups, tested.inflation, strict=True):
-        if group.term is not None and not isinstance(group.term, tuple(map(type, state.simulation.terms))):
-            white, seen = state.projected(group.columns), state.visible(group.columns)
-            # visible size of a unit of the whitened columns, as a mean over the group's directions
-            unit = np.trace(inverse(white.T @ white) @ (seen.T @ seen)) / len(seen) / group.columns.shape[1]
-            noise = state.sigma / state.response * np.sqrt(inflation)
-            sizes.setdefault(group.name, []).append((threshold + NINE_IN_TEN) * noise * float(np.sqrt(unit)))
+    for (group, inflation), white, seen in zip(some, whites, seens, strict=True):
+        # visible size of a unit of the whitened columns, as a mean over the group's directions
+        unit = np.trace(inverse(white.T @ white) @ (seen.T @ seen)) / len(seen) / group.columns.shape[1]
+        noise = state.sigma / state.response * np.sqrt(inflation)
+        sizes.setdefault(group.name, []).append((threshold + NINE_IN_TEN) * noise * float(np.sqrt(unit)))
     return {name: float(np.median(size)) for name, size in sizes.items()}
 
 
@@ -130,6 +135,18 @@ def solved(state: State, columns_deg: Floats) -> tuple[Floats, Floats]:
     white = state.projected(columns_deg)
     inverted = inverse(white.T @ white)
     return inverted @ (white.T @ state.innovation) / state.response, inverted * (state.sigma / state.response) ** 2
+
+
+def beside(state: State, columns_deg: Floats) -> State:
+    """Return the state with further columns fitted beside its base.
+
+    Args:
+        state: the simulation where it stands.
+        columns_deg: (n, k), degrees a unit.
+    """
+    more = directions(state.projected(columns_deg.astype(np.float32)))
+    innovation = state.innovation - more @ (more.T @ state.innovation)
+    return replace(state, basis=np.concatenate([state.basis, more], axis=1), innovation=innovation)
 
 
 def gains(state: State, groups: Sequence[Group]) -> Floats:
@@ -270,7 +287,7 @@ def directions(white: Floats) -> Floats:
     """
     scale = np.linalg.norm(white, axis=0)
     unit = white[:, scale > 0] / scale[scale > 0]
-    if not unit.shape[1]:
+    if unit.shape[1] < 2:
         return unit
     values, vectors = np.linalg.eigh((unit.T @ unit).astype(float))
     kept = values > max(THINNEST * values[-1], 1e-5)
