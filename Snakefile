@@ -203,6 +203,7 @@ rule compare:
         deviation="results/{mooring}/deviation.json",
     output:
         "results/{mooring}/forms.json",
+    priority: -1  # it fills the cores that others leave
     params:
         code=PLAN.code("compare.py"),
     conda:
