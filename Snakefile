@@ -43,6 +43,11 @@ wildcard_constraints:
     role="[A-Za-z0-9_.-]+",
 
 
+onstart:
+    # The limit of 100 jobs a second sets a timer at every turn, so that Snakemake wakes ever oftener: a core's tenth.
+    workflow.scheduler.job_rate_limiter = None
+
+
 rule all:
     input:
         PRODUCTS,
@@ -198,6 +203,7 @@ rule compare:
         deviation="results/{mooring}/deviation.json",
     output:
         "results/{mooring}/forms.json",
+    priority: -1  # it fills the cores that others leave
     params:
         code=PLAN.code("compare.py"),
     conda:

@@ -9,8 +9,9 @@ where it overlaps. Forward and backward passes give the distribution of the head
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -126,7 +127,7 @@ class _Kernels:
         return np.maximum(stepped, 0.0) / self.norm[t] + self.leaps[t] * (message @ self.stationary)[:, None]
 
 
-def _kernels(moves: Moves, habits: list[Habit], stationary: Floats) -> _Kernels:
+def _kernels(moves: Moves, habits: Sequence[Habit], stationary: Floats) -> _Kernels:
     steps = np.minimum(moves.steps, LONGEST_GAP)[:, None, None]
     width, change, leap = np.array([(h.width_deg, h.water_m_s, h.leaps) for h in habits]).T[:, :, None]
     away = angles.wrap180(CELL_CENTRES)
@@ -172,15 +173,16 @@ def _learn(evidence: Floats, moves: Moves, density: Floats) -> Habit:
     between = slice(begin, begin + len(some) - 1)
     part = Moves(moves.steps[between], moves.turn_deg[between], moves.strength[between])
 
-    def likelier(habits: list[Habit]) -> Habit:
+    @cache  # often the width that came first stays, and the water's changes are asked twice
+    def likelier(*habits: Habit) -> Habit:
         masses = np.array([mass for _, mass in _forward(some, _kernels(part, habits, density))])
         return habits[int(np.argmax(np.log(masses).sum(axis=0)))]
 
     habit = Habit(STEP_WIDTHS_DEG[3], WATER_CHANGES[-1], LEAP_SHARES[0])
-    habit = likelier([replace(habit, water_m_s=change) for change in WATER_CHANGES])
-    habit = likelier([replace(habit, width_deg=width) for width in STEP_WIDTHS_DEG])
-    habit = likelier([replace(habit, water_m_s=change) for change in WATER_CHANGES])
-    return likelier([replace(habit, leaps=leaps) for leaps in LEAP_SHARES])
+    habit = likelier(*(replace(habit, water_m_s=change) for change in WATER_CHANGES))
+    habit = likelier(*(replace(habit, width_deg=width) for width in STEP_WIDTHS_DEG))
+    habit = likelier(*(replace(habit, water_m_s=change) for change in WATER_CHANGES))
+    return likelier(*(replace(habit, leaps=leaps) for leaps in LEAP_SHARES))
 
 
 def _evidence(along: Along, compass_deg: float) -> Floats:

@@ -18,6 +18,7 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import FuncFormatter, MultipleLocator
 from numpy.typing import NDArray
+from PIL import Image
 
 from compasslib import angles
 from compasslib.archive_files import replacing
@@ -27,6 +28,7 @@ Floats = NDArray[np.floating]
 Limits = tuple[float, float]
 
 WIDTH_IN, DPI = 7.0, 200
+DEFLATE = 3  # of the PNG: half the time of the usual 6, and without the alpha channel still fewer bytes
 # Colours that the colour-blind can tell apart (Okabe and Ito 2008).
 BLACK, GREY = "#000000", "#8C8C8C"
 ORANGE, SKY, GREEN, BLUE, VERMILION, PURPLE = "#E69F00", "#56B4E9", "#009E73", "#0072B2", "#D55E00", "#CC79A7"
@@ -79,8 +81,10 @@ def page(path: str | Path, title: str, height_in: float, notes: Sequence[str] = 
         # What savefig does, without its first drawing of all artists, which serves the layout alone.
         layout.execute(figure)
         figure.set_layout_engine("none")
+        canvas.draw()
+        pixels = np.asarray(canvas.buffer_rgba())[..., :3]  # the page is opaque
         with replacing(path) as temporary:
-            canvas.print_png(temporary, metadata={"Software": None})
+            Image.fromarray(np.ascontiguousarray(pixels)).save(temporary, "PNG", dpi=(DPI, DPI), compress_level=DEFLATE)
 
 
 def title_of(name: str, what: str, method: str) -> str:

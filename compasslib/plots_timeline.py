@@ -12,7 +12,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, StepPatch
-from matplotlib.ticker import FixedLocator
+from matplotlib.ticker import FixedFormatter, FixedLocator
 from numpy.typing import NDArray
 
 from compasslib.plots_curves import emptiest, placed
@@ -179,8 +179,11 @@ def _dates(axes: Axes, time_s: Floats) -> None:
     pad = max(0.005 * float(time_s[-1] - time_s[0]), 1.0)
     axes.set_xlim((time_s[0] - pad) / DAY_S, (time_s[-1] + pad) / DAY_S)
     locator.set_axis(axes.xaxis)
-    axes.xaxis.set_major_locator(FixedLocator(locator()))  # sought once, not at each look of the layout
-    axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))
+    ticks, words = locator(), ConciseDateFormatter(locator)
+    labels = FixedFormatter(words.format_ticks(ticks))
+    labels.set_offset_string(words.get_offset())
+    # Sought and worded once, not at each look of the layout.
+    axes.xaxis.set(major_locator=FixedLocator(ticks), major_formatter=labels)
     axes.set_xlabel("UTC")
 
 

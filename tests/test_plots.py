@@ -16,6 +16,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 from matplotlib.text import Text
+from PIL import Image
 from scipy.signal import lfilter
 
 from compasslib import angles, compass, correction, plots, plots_curves, plots_timeline
@@ -170,14 +171,14 @@ class Gallery:
 
 def saved(draw) -> Figure:
     """Return the figure that is saved while something is drawn."""
-    pages, save = [], FigureCanvasAgg.print_png
+    pages, save = [], FigureCanvasAgg.draw
 
     def keep(canvas, *arguments, **named):
         pages.append(canvas.figure)
         save(canvas, *arguments, **named)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(FigureCanvasAgg, "print_png", keep)
+        patch.setattr(FigureCanvasAgg, "draw", keep)
         draw()
     (page,) = pages
     return page
@@ -247,11 +248,11 @@ def test_failure_leaves_the_older_figure(moorings, monkeypatch, tmp_path):
     path = tmp_path / "deviation.png"
     path.write_bytes(b"older")
 
-    def fail(self, target, **_):
+    def fail(self, target, *_, **__):
         target.write_bytes(b"half")
         raise OSError("disk full")
 
-    monkeypatch.setattr(FigureCanvasAgg, "print_png", fail)
+    monkeypatch.setattr(Image.Image, "save", fail)
     with pytest.raises(InputError, match="expected room and the right to write it, found disk full"):
         moorings["folded"].draw("deviation", path)
     assert path.read_bytes() == b"older"

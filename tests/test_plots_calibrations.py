@@ -56,13 +56,13 @@ def test_every_figure_of_every_outcome_is_a_whole_page_and_the_same_twice(tmp_pa
 
 @pytest.mark.parametrize("case", CASES)
 def test_the_writing_of_a_certificate_stays_on_the_page_and_its_parts_apart(tmp_path, case, monkeypatch):
-    drawn, save = [], FigureCanvasAgg.print_png
+    drawn, save = [], FigureCanvasAgg.draw
 
     def keep(canvas, *arguments, **named):
         drawn.append(canvas.figure)
         save(canvas, *arguments, **named)
 
-    monkeypatch.setattr(FigureCanvasAgg, "print_png", keep)
+    monkeypatch.setattr(FigureCanvasAgg, "draw", keep)
     plots_calibrations.certificate(tmp_path / "a.png", page(case))
     figure = drawn[0]
     figure.draw_without_rendering()

@@ -164,10 +164,10 @@ class _Rows:
     def texture(self) -> Ints:
         """Return the decimals of every number and the count of commas, line by line."""
         at = np.flatnonzero(self.kind & _DOT)
-        decimals = np.full(self.begin.shape, -1, dtype=np.int64)
-        decimals.flat[self.word[at]] = self.end.flat[self.word[at]] - 1 - at
-        commas = np.add.reduceat((self.kind & _COMMA) != 0, self.lines, dtype=np.int64)
-        return np.column_stack([decimals[self.numbers], commas])
+        decimals = np.full(self.begin.size, -1, dtype=np.int64)
+        decimals[self.word[at]] = self.end.ravel()[self.word[at]] - 1 - at
+        commas = np.searchsorted(np.flatnonzero(self.kind & _COMMA), np.append(self.lines, len(self.kind)))
+        return np.column_stack([decimals.reshape(self.begin.shape)[self.numbers], np.diff(commas)])
 
     def stamps(self) -> tuple[Floats, Bools]:
         """Return UTC seconds since 1970, NaN without a stamp, and which lines are right in this respect."""

@@ -8,6 +8,7 @@ for NAME in CRUISE.moorings:
         output:
             raw=PLAN.simulated_files(NAME),
             truth=f"truth/{NAME}.csv",
+        priority: 1  # all moorings first: one that came last would end on one core
         params:
             name=NAME,
             seed=CRUISE.options.seed,
