@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import log_ndtr, ndtri_exp
 
 from compasslib import angles
 from compasslib.discrepancy import baseline, columns
@@ -51,6 +50,8 @@ class Tested:
         Args:
             alarm: the probability.
         """
+        from scipy.special import log_ndtr, ndtri_exp  # a quarter second that jobs which only correct do not pay
+
         return float(ndtri_exp(np.log1p(-alarm) * -np.mean(log_ndtr(self.highest))))
 
 
