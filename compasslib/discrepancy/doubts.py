@@ -22,11 +22,12 @@ from compasslib.physics import composition
 Floats = NDArray[np.floating]
 
 REFUTED = 0.15  # p-value on held-out days from which on a name is dropped; those above PROVEN touch no product
+NOTHING = 0.5  # from here on they rather show that nothing was there
 LITTLE, MUCH = 0.2, 1.0 / 3.0  # what is left over what the names explain: too little to doubt, enough at any size
 
 
 def unproven(named: Named) -> tuple[Named, tuple[Group, float] | None]:
-    """Return the hypothesis without terms that held-out days do not confirm, and the largest of them with its size.
+    """Return the hypothesis without terms that held-out days do not confirm, and the largest that stays unexplained.
 
     What a sensor shows by itself keeps its name.
 
@@ -34,8 +35,10 @@ def unproven(named: Named) -> tuple[Named, tuple[Group, float] | None]:
         named: the chosen hypothesis.
     """
     gone: list[tuple[Group, float]] = []
-    while (k := _weakest(named.state)) is not None:
-        gone.append((_group(named.state, k), model.sizes_deg(named.state)[k]))
+    while (weakest := _weakest(named.state)) is not None:
+        k, p_value = weakest
+        if p_value < NOTHING:
+            gone.append((_group(named.state, k), model.sizes_deg(named.state)[k]))
         named = _without(named, [k])
     return named, max(gone, key=lambda one: one[1], default=None)
 
@@ -61,12 +64,12 @@ def replaced(named: Named, group: Group, size_deg: float, min_effect_deg: float)
     return _without(named, idle) if idle else named
 
 
-def _weakest(state: State) -> int | None:
-    """Return the term that held-out days confirm least, None where they confirm all."""
+def _weakest(state: State) -> tuple[int, float] | None:
+    """Return the term that held-out days confirm least with its p-value, None where they confirm all."""
     terms = state.simulation.terms
     p_values = {k: show.held_out(state, [k]).p_value for k, term in enumerate(terms) if not term.evident}
-    unsure = {k: p for k, p in p_values.items() if p >= REFUTED}
-    return max(unsure, key=lambda k: unsure[k], default=None)
+    least = max(p_values.items(), key=lambda one: one[1], default=None)
+    return least if least is not None and least[1] >= REFUTED else None
 
 
 def _without(named: Named, gone: Sequence[int]) -> Named:
