@@ -27,6 +27,7 @@ NAMES = 0.5  # of the alarm: at the whole of it 2 of 181 simulated records of no
 FURTHER = 3.0  # of the alarm, for a name beside another: of 132 records of one effect none showed a second one there
 LOST = 0.7  # share of the least size below which a refitted term has lost its effect
 SEEN = 0.5  # the same for a term of another hypothesis that could stand there
+BENT = 0.75  # share of the best score, less what is not told apart, that another must have to be refitted too
 TRIES = 4  # hypotheses that are refitted before none is believed
 
 
@@ -94,14 +95,23 @@ def _refitted(
     state: State, field: Rivals, hypotheses: Sequence[Hypothesis], min_effect_deg: float
 ) -> tuple[Hypothesis, State] | None:
     """Return the best of some hypotheses with the state it was refitted to, None where none is believable."""
-    tried = ((one, model.dated(model.refit(state, field.terms(one)))) for one in hypotheses)
-    believed = ((one, grown) for one, grown in tried if _holds(state, grown, min_effect_deg))
-    first = next(believed, None)
+    first = next(_believed(state, field, hypotheses, min_effect_deg), None)
     if first is None:
         return None
     # Columns are slopes: of large effects another may fit better once all are refitted where they stand.
-    far = any(field.far(one) for one in hypotheses if field.score(one) > field.score(hypotheses[0]) - rivals.CLOSE)
-    return min([first, *(believed if far else ())], key=lambda one: _charged(state, field, *one))
+    least = BENT * field.score(first[0]) - rivals.CLOSE
+    others = [one for one in hypotheses if one != first[0] and field.score(one) > least]
+    far = any(field.far(one) for one in (first[0], *others))
+    more = _believed(state, field, others, min_effect_deg) if far else ()
+    return min([first, *more], key=lambda one: _charged(state, field, *one))
+
+
+def _believed(
+    state: State, field: Rivals, hypotheses: Sequence[Hypothesis], min_effect_deg: float
+) -> Iterator[tuple[Hypothesis, State]]:
+    """Give those of some hypotheses that hold when they are refitted, with their states."""
+    tried = ((one, model.dated(model.refit(state, field.terms(one)))) for one in hypotheses)
+    return ((one, grown) for one, grown in tried if _holds(state, grown, min_effect_deg))
 
 
 def _settled(

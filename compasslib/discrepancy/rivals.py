@@ -180,8 +180,9 @@ def _best_dates(view: State, tried: Sequence[Group], beside: Sequence[Floats]) -
     """Return the dates, by their numbers, that gain most beside each of some bases."""
     count = tried[0].columns.shape[1]
     white = view.projected(np.concatenate([group.columns for group in tried], axis=1))
-    parts = white.reshape(len(white), len(tried), count)
-    gram, pull = np.einsum("nga,ngb->gab", parts, parts), (white.T @ view.innovation).reshape(-1, count)
+    every = np.arange(len(tried))
+    gram = (white.T @ white).reshape(len(tried), count, len(tried), count)[every, :, every, :]
+    pull = (white.T @ view.innovation).reshape(-1, count)
     best = set()
     for basis in beside:
         taken = (basis.T @ white).reshape(-1, len(tried), count)
