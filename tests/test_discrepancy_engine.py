@@ -6,7 +6,7 @@ from sea import pairs, red_noise
 
 from compasslib import angles
 from compasslib.deviation import model as fits
-from compasslib.discrepancy import clocks, covariates, scan, show, telling, whitening
+from compasslib.discrepancy import clocks, columns, covariates, scan, show, telling, whitening
 from compasslib.physics.term import YEAR_S
 
 TIME_S = 1.19e9 + 3600.0 * np.arange(4000)
@@ -91,6 +91,14 @@ def test_good_clocks_and_sparse_pairs_are_not_named():
     seen, _ = pairs(n=4000, seed=7)
     assert not clocks.compare(seen).named
     assert not clocks.compare(fits.chosen(seen, np.arange(0, 4000, 12))).named
+
+
+def test_harmonics_of_a_narrow_sector_leave_no_combination_that_a_few_samples_tell():
+    heading = np.random.default_rng(0).normal(120.0, 34.0, 8000)
+    harmonics = columns._periodic(heading, range(7, columns.TEETH + 1))
+    kept = columns._well_seen(harmonics)
+    bare, seen = (np.sum(scan.directions(x) ** 2, axis=1).max() for x in (harmonics, kept))  # leverage of a sample
+    assert seen < 0.1 < 0.9 < bare and kept.shape[1] >= 10
 
 
 def test_constant_covariates_are_left_out_and_gaps_filled():

@@ -24,6 +24,7 @@ HEADING_HAT_DEG, FEWEST_IN_HAT = 6.0, 30
 TEETH = 24  # highest harmonic of the recorded heading
 TIME_KNOTS, SHORTEST_WAVE_S = (12, 36), 20 * 86400.0
 SPELL, SPELL_STEP_S, SPELLS = "spell", 5 * 86400.0, (4, 6, 8, 12, 18)  # weeks in which the reading is off, in steps
+FAINTEST = 1e-2  # of the power of the best seen combination of splines or harmonics
 LINEAR = ("time", "temperature", "depth", "pitch", "roll", "speed", "supply_voltage")  # of the products
 
 
@@ -109,7 +110,7 @@ def omnibus(state: State) -> list[Group]:
         groups.append(Group(f"heading x {name}", turning * column[:, None], covariates=("heading", name)))
     for (a, x), (b, y) in itertools.combinations(linear.items(), 2):
         groups.append(Group(f"{a} x {b}", (x * y)[:, None], covariates=(a, b)))
-    return groups
+    return [replace(group, columns=_well_seen(group.columns)) for group in groups]
 
 
 def waves(time_s: Floats) -> list[Group]:
@@ -149,6 +150,18 @@ def _heading_hats(heading_deg: Floats) -> list[Floats]:
         hats[:, hats.sum(axis=0) >= FEWEST_IN_HAT],
         _periodic(heading_deg, range(7, TEETH + 1)),
     ]
+
+
+def _well_seen(columns_deg: Floats) -> Floats:
+    """Return combinations of columns without those that only a few samples at the edge of what occurs would tell.
+
+    Of 36 harmonics over a hundred degrees of headings a dozen are left; the others feign a mismatch in a quiet record.
+    """
+    if columns_deg.shape[1] < 2:
+        return columns_deg
+    unit = columns_deg / np.maximum(np.linalg.norm(columns_deg, axis=0), 1e-300)
+    values, vectors = np.linalg.eigh(unit.T @ unit)
+    return np.asarray(unit @ vectors[:, values > FAINTEST * values[-1]] * np.sqrt(len(unit)))
 
 
 def _periodic(angle_deg: Floats, harmonics: range) -> Floats:

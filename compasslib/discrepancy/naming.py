@@ -24,7 +24,7 @@ Floats = NDArray[np.floating]
 
 MOST_TERMS = 3
 NAMES = 0.5  # of the alarm: at the whole of it 2 of 181 simulated records of nothing were not consistent
-FURTHER = 3.0  # of the alarm, for a name beside another: of 132 records of one effect none showed a second one there
+FURTHER = 3.0  # of the alarm, for a name beside another: one effect makes a second likelier than none does
 LOST = 0.7  # share of the least size below which a refitted term has lost its effect
 SEEN = 0.5  # the same for a term of another hypothesis that could stand there
 BENT = 0.75  # share of the best score, less what is not told apart, that another must have to be refitted too
@@ -124,7 +124,10 @@ def _settled(
     field = rivals.gathered(grown, tested, worth, standing=True)
     best = tuple(field.place(term) for term in grown.simulation.terms)
     needed = _evident(field, set(map(type, grown.simulation.terms)))
-    first = next(_best(field, len(best), needed, min_effect_deg), best)
+    pairs = (
+        _best(field, len(best), needed, min_effect_deg) if len(best) <= 2 else iter(())
+    )  # three are one beside a pair
+    first = next(pairs, best)
     other = None if field.score(first) <= field.score(best) else _refitted(state, field, [first], min_effect_deg)
     if other is None or _charged(state, field, *other) >= _charged(state, field, best, grown):
         return best, grown, field
