@@ -124,10 +124,8 @@ def _settled(
     field = rivals.gathered(grown, tested, worth, standing=True)
     best = tuple(field.place(term) for term in grown.simulation.terms)
     needed = _evident(field, set(map(type, grown.simulation.terms)))
-    pairs = (
-        _best(field, len(best), needed, min_effect_deg) if len(best) <= 2 else iter(())
-    )  # three are one beside a pair
-    first = next(pairs, best)
+    few = len(best) <= 2  # of three, two were settled before
+    first = next(_best(field, len(best), needed, min_effect_deg), best) if few else best
     other = None if field.score(first) <= field.score(best) else _refitted(state, field, [first], min_effect_deg)
     if other is None or _charged(state, field, *other) >= _charged(state, field, best, grown):
         return best, grown, field
