@@ -34,7 +34,7 @@ check-archive: .venv/test  ## CF, ACDD and OceanSITES against a cruise's netCDF 
 	$(SNAKEMAKE) conventions
 
 test: .venv/test  ## the tests
-	$(BIN)/python -m pytest -n auto --dist loadfile
+	$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
 
 check: .venv/test  ## style, types, workflow
 	$(BIN)/ruff check . && $(BIN)/ruff format --check .

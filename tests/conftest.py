@@ -4,3 +4,11 @@ import os
 
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(name, "1")
+
+# Files of few tests that run whole cruises, or minutes of fuzz: begun last, one would hold one core while others idle.
+LONGEST = ("cluster", "fuzz", "proof", "workflow", "report", "example", "reliability", "provenance")
+
+
+def pytest_collection_modifyitems(items):
+    """Begin with the files that take longest; the order within a file stays."""
+    items.sort(key=lambda item: not item.path.stem.removeprefix("test_").startswith(LONGEST))
