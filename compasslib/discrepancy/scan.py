@@ -50,7 +50,7 @@ class Tested:
         Args:
             alarm: the probability.
         """
-        from scipy.special import log_ndtr, ndtri_exp  # a quarter second that jobs which only correct do not pay
+        from scipy.special import log_ndtr, ndtri_exp  # 0.2 s that jobs which only correct do not pay
 
         return float(ndtri_exp(np.log1p(-alarm) * -np.mean(log_ndtr(self.highest))))
 
