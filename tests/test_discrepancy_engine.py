@@ -50,6 +50,30 @@ def test_the_width_goes_on_falling_where_the_water_is_fastest():
     np.testing.assert_allclose(np.mean(width[fastest] / np.hypot(1.0, 2.0 * slowness[fastest])), 1.0, atol=0.15)
 
 
+@pytest.mark.parametrize("spread", [12.0, 45.0, 70.0, 1000.0])
+def test_a_direction_that_points_anywhere_tells_nothing(spread):
+    directions = angles.wrap180(np.random.default_rng(5).normal(0.0, spread, 40_000))
+    width = whitening.widths(directions, np.zeros(40_000))[0]
+    # The mean of a wrapped normal law's sines knows rho**2 / variance.
+    rho, twice = (np.exp(-((k * np.radians(spread)) ** 2) / 2.0) for k in (1, 2))
+    known = np.degrees(np.sqrt((1.0 - twice) / 2.0)) / max(rho, 1e-9)
+    assert width == pytest.approx(known, rel=0.2) or min(width, known) > 3000.0
+
+
+def test_slow_water_that_points_the_other_way_is_on_neither_side():
+    width = np.full(7, 40.0)
+    shown = whitening.clipped(np.array([-181.0, -179.0, 0.0, 20.0, 100.0, 179.0, 181.0]), width)
+    np.testing.assert_allclose(shown, [1.0 / 40.0, -1.0 / 40.0, 0.0, 0.5, 2.0, 1.0 / 40.0, -1.0 / 40.0], atol=1e-12)
+
+
+def test_the_response_is_what_is_left_of_a_small_shift():
+    rng = np.random.default_rng(6)
+    residual = angles.wrap180(40.0 * rng.standard_t(4.0, 200_000))
+    width = np.full(len(residual), 40.0)
+    moved = np.mean(whitening.clipped(residual + 1.0, width) - whitening.clipped(residual, width)) * 40.0
+    assert whitening.response(residual, width) == pytest.approx(moved, abs=0.01)
+
+
 @pytest.mark.parametrize(
     ("freedom", "statistic", "expected"), [(1, 10.828, 3.09), (5, 20.515, 3.09), (30, 50.892, 2.326)]
 )

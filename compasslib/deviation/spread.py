@@ -42,7 +42,7 @@ def covariance(scores: Floats, precision: Floats, fit: Fit, pairs: Pairs, effect
     sums = np.stack([np.bincount(octant, column, OCTANTS) for column in scores.T], axis=1)
     across = inverse @ (sums.T @ sums) @ inverse * OCTANTS / (OCTANTS - 1)
     locked = inverse @ (scores.T @ _locked_veer(fit, pairs))
-    return along_time + _positive_part(across - along_time) + np.outer(locked, locked)
+    return along_time + positive_part(across - along_time) + np.outer(locked, locked)
 
 
 def _locked_veer(fit: Fit, pairs: Pairs) -> Floats:
@@ -82,6 +82,11 @@ def _flow_octant(fit: Fit, pairs: Pairs) -> NDArray[np.intp]:
     return np.floor(np.nan_to_num(towards) / (360.0 / OCTANTS)).astype(np.intp) % OCTANTS
 
 
-def _positive_part(matrix: Floats) -> Floats:
+def positive_part(matrix: Floats) -> Floats:
+    """Return the nearest matrix that can be a covariance.
+
+    Args:
+        matrix: symmetric but for rounding, (p, p).
+    """
     values, vectors = np.linalg.eigh((matrix + matrix.T) / 2.0)
     return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)

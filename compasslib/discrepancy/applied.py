@@ -7,14 +7,15 @@ know of them.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib.deviation import model
+from compasslib.deviation import model, spread
 from compasslib.deviation.along import Along
+from compasslib.deviation.model import Fit
 from compasslib.discrepancy import covariates
 from compasslib.physics import Scene, composition
 from compasslib.physics.composition import Simulation
@@ -89,3 +90,18 @@ class Applied:
             "references": dict(self.references),
             "logged": list(self.logged),
         }
+
+
+def no_surer(applied: Applied, fit: Fit) -> Applied:
+    """Return the compass with coefficients that are no surer than the fit by itself has them.
+
+    The search judges by blocks of days. These do not show water that veers for months by its direction, nor veer in
+    step with the heading, and the fit counts both (``deviation.spread``).
+
+    Args:
+        applied: a compass with terms.
+        fit: the exact compass without them.
+    """
+    covariance = applied.covariance.copy()
+    covariance[:5, :5] += spread.positive_part(fit.covariance[:5, :5] - covariance[:5, :5])
+    return replace(applied, covariance=covariance)

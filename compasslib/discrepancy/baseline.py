@@ -98,10 +98,10 @@ def examine(case: Case, simulation: Simulation, nuisance: Floats, *, freed: bool
         step = np.linalg.solve(_precise(weighted), weighted.T @ whitening.clipped(left, width))
         left, shift = left - base @ step, shift + step
     white = whitening.whitener(left, width, case.scene.time_s)
-    basis = _orthonormal(white(base))
+    basis = whitening.orthonormal(white(base))
     standard = whitening.clipped(left, width)
     innovation = white.filtered(standard[:, None])[:, 0]
-    response = float(np.mean(np.abs(standard[np.isfinite(width)]) < whitening.CLIP))
+    response = whitening.response(left, width)
     bare = innovation - basis @ (basis.T @ innovation)
     counts = np.isfinite(width)
     sigma = float(np.sqrt(bare @ bare / max(counts.sum() - basis.shape[1], 1)))
@@ -152,10 +152,3 @@ def trend(time_s: Floats) -> Floats:
 def _precise(columns: Floats) -> Floats:
     gram = columns.T @ columns
     return gram + STIFFEST * np.trace(gram) / len(gram) * np.eye(len(gram))
-
-
-def _orthonormal(columns: Floats) -> Floats:
-    """Return an orthonormal basis of columns, those that hardly add anything left out."""
-    scale = np.linalg.norm(columns, axis=0)
-    left, size, _ = np.linalg.svd(columns / np.where(scale > 0.0, scale, 1.0), full_matrices=False)
-    return left[:, size > 1e-6]

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from compasslib import deviation
 from compasslib.deviation.model import Fit
 from compasslib.discrepancy import (
+    applied,
     baseline,
     clocks,
     columns,
@@ -118,6 +119,8 @@ def diagnose(
     found = _joined(first, judge(case, options))
     if not options.apply:
         return replace(found, findings=tuple(replace(one, applied=False) for one in found.findings))
+    if found.applied is not None:
+        found = replace(found, applied=applied.no_surer(found.applied, exact))
     counts = any(one.applied or (one.beside_compass and not is_series) for one in found.findings)
     return replace(found, fit=exact) if counts else replace(found, applied=None)
 
@@ -138,6 +141,7 @@ def judge(case: Case, options: Options) -> Diagnosis:
     outside = case if heap is None else replace(case, observed_deg=sectors.outside(case, heap))
     if heap is not None and baseline.usable(outside, case.simulation, none) >= FEWEST:
         empty = baseline.examine(outside, case.simulation, none)  # what hangs tells nothing of terms, and feigns some
+    empty = model.refit(empty, [])  # where the record, its memory counted, has compass and nuisances
     named = naming.search(empty, alarm=options.alarm, min_effect_deg=options.min_effect_deg)
     named, episode = episodes.taken_out(named)
     named, unproven = doubts.unproven(named)

@@ -123,13 +123,19 @@ def effect_deg(state: State, k: int, covariance: Floats) -> float:
 def square(state: State, whitener: Whitener) -> float:
     """Return the sum of squares of the residual, clipped and whitened; a sample without a root counts in full.
 
+    What the base can still take of it is taken: the residual stands where the widths alone would have it, and in a
+    record of long memory that is many units off the least.
+
     Args:
         state: a simulation where it stands.
         whitener: widths and filter that all that are compared have in common.
     """
-    lost = whitening.CLIP * whitener.width_deg
-    left = np.where(np.isfinite(state.residual_deg) | ~np.isfinite(lost), state.residual_deg, lost)
-    return float(np.sum(whitener.filtered(whitening.clipped(left, whitener.width_deg)[:, None]) ** 2))
+    most = np.minimum(whitening.CLIP, 90.0 / whitener.width_deg)
+    left = whitening.clipped(state.residual_deg, whitener.width_deg)
+    standard = np.where(np.isfinite(state.residual_deg), left, most)
+    white = whitener.filtered(standard[:, None])[:, 0]
+    basis = whitening.orthonormal(whitener(state.base))
+    return float(white @ white - np.sum((basis.T @ white) ** 2))
 
 
 def sizes_deg(state: State) -> list[float]:

@@ -98,6 +98,8 @@ class Rivals:
         return np.concatenate([np.arange(self.parts[k].start, self.parts[k].stop) for k in members])
 
     def _solved(self, members: Hypothesis) -> tuple[Floats, float]:
+        if not members:
+            return np.zeros(0), 0.0
         index = self._index(members)
         values = inverse(self.gram[np.ix_(index, index)]) @ self.pull[index]
         return values / self.state.response, float(values @ self.pull[index]) / self.state.sigma**2

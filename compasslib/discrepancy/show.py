@@ -87,7 +87,8 @@ def compared(before_deg: Floats, after_deg: Floats, width_deg: Floats, time_s: F
         time_s: increasing times, (n,).
     """
     block = np.floor((time_s - time_s[0]) / BLOCK_S).astype(int)
-    squares = [whitening.clipped(np.nan_to_num(left), width_deg) ** 2 for left in (before_deg, after_deg)]
+    sizes = [np.abs(angles.wrap180(np.nan_to_num(left))) / width_deg for left in (before_deg, after_deg)]
+    squares = [np.minimum(size, whitening.CLIP) ** 2 for size in sizes]
     return judged((squares[0] - squares[1]) / 2.0, block, (angles.rms(before_deg), angles.rms(after_deg)))
 
 

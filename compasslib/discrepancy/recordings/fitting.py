@@ -59,7 +59,7 @@ class Fitted:
         Args:
             columns: (n, k).
         """
-        basis = orthonormal(self.columns)
+        basis = whitening.orthonormal(self.columns)
         return columns - basis @ (basis.T @ columns)
 
 
@@ -180,20 +180,6 @@ def covariance(fitted: Fitted) -> Floats:
     return plain * np.outer(share, share) + rule
 
 
-def orthonormal(columns: Floats, least: float = 1e-5) -> Floats:
-    """Return an orthonormal basis of columns, those that hardly add anything left out, (n, k).
-
-    Args:
-        columns: (n, k).
-        least: size of a direction, over the largest, below which it is left out.
-    """
-    scale = np.linalg.norm(columns, axis=0)
-    if not np.any(scale > 0.0):
-        return np.zeros((len(columns), 0))
-    left, size, _ = np.linalg.svd(columns[:, scale > 0] / scale[scale > 0], full_matrices=False)
-    return left[:, size > least * size[0]]
-
-
 def effect_deg(fitted: Fitted, k: int, noise_square: float = 0.0) -> float:
     """Return the visible size of a term: what no other parameter can take of it, rms degrees.
 
@@ -206,6 +192,6 @@ def effect_deg(fitted: Fitted, k: int, noise_square: float = 0.0) -> float:
     own = slice(int(ends[k]), int(ends[k + 1]))
     rest = [term for j, term in enumerate(fitted.terms) if j != k]
     without = fitted.channel.residual(fitted.base, tuple(rest)) - fitted.residual_deg
-    others = orthonormal(np.delete(fitted.columns, np.arange(own.start, own.stop), axis=1))
+    others = whitening.orthonormal(np.delete(fitted.columns, np.arange(own.start, own.stop), axis=1))
     left = without - others @ (others.T @ without)
     return float(np.sqrt(max(float(np.mean(left**2)) - noise_square, 0.0)))

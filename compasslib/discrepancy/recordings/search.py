@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from compasslib.discrepancy import whitening
 from compasslib.discrepancy.naming import MOST_TERMS
 from compasslib.discrepancy.recordings import fitting, strangers, testing
 from compasslib.discrepancy.recordings.channel import Channel, dated
@@ -201,7 +202,7 @@ def _left(now: Fitted, alarm: float) -> tuple[tuple[Tested, float], ...]:
 
 
 def _size(now: Fitted, one: Tested) -> float:
-    seen = testing.directions(one.group, fitting.orthonormal(now.columns))
+    seen = testing.directions(one.group, whitening.orthonormal(now.columns))
     pull, n = seen.T @ now.clipped, len(now.channel)
     noise = one.inflation * seen.shape[1] * now.square / n
     return float(np.sqrt(max(float(pull @ pull) - noise, 0.0) / n))

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles
+from compasslib.discrepancy import whitening
 from compasslib.discrepancy.recordings import fitting, testing
 from compasslib.discrepancy.recordings.fitting import Fitted
 from compasslib.discrepancy.recordings.terms import Drift, IronDrift
@@ -84,7 +85,7 @@ def _whiles(free: Fitted, noise: Fitted) -> list[Group]:
     begin, end = np.triu_indices(len(at), k=1)
     white = noise.whitener if free.channel.remembered else np.eye(n)
     steps = (np.arange(n)[:, None] >= at).astype(float)
-    base = fitting.orthonormal(white @ free.columns)
+    base = whitening.orthonormal(white @ free.columns)
     left = white @ steps - base @ (base.T @ (white @ steps))
     pull, gram = left.T @ (white @ free.clipped), left.T @ left
     power = gram[begin, begin] + gram[end, end] - 2.0 * gram[begin, end]

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles
+from compasslib.discrepancy import whitening
 from compasslib.discrepancy.recordings import fitting, memory
 from compasslib.discrepancy.recordings.channel import Channel, dated
 from compasslib.discrepancy.recordings.fitting import Fitted
@@ -120,7 +121,7 @@ def test(now: Fitted, noise: Fitted, groups: Sequence[Group], seed: int = 0) -> 
     """
     white = noise.whitener if now.channel.remembered else None
     seen_as = groups if white is None else [replace(group, columns=white @ group.columns) for group in groups]
-    base = fitting.orthonormal(now.columns if white is None else white @ now.columns)
+    base = whitening.orthonormal(now.columns if white is None else white @ now.columns)
     bases = [directions(group, base) for group in seen_as]
     kept = [k for k, basis in enumerate(bases) if basis.shape[1] and _lives(seen_as[k].columns, bases[k], base)]
     if not kept:
@@ -147,7 +148,7 @@ def square(fitted: Fitted, noise: Fitted) -> float:
     """
     if not fitted.channel.remembered:
         return fitted.square
-    left = _without(noise.whitener @ fitted.clipped, fitting.orthonormal(noise.whitener @ fitted.columns))
+    left = _without(noise.whitener @ fitted.clipped, whitening.orthonormal(noise.whitener @ fitted.columns))
     return float(left @ left)
 
 
@@ -160,7 +161,7 @@ def directions(group: Group, base: Floats) -> Floats:
         group: columns.
         base: orthonormal, (n, b).
     """
-    return fitting.orthonormal(_without(group.columns, base), FAINT if group.term is None else 1e-5)
+    return whitening.orthonormal(_without(group.columns, base), FAINT if group.term is None else 1e-5)
 
 
 def _tested(

@@ -19,7 +19,7 @@ from compasslib.calibration import heads_clock, heads_frame, heads_motion, two_h
 from compasslib.calibration.heads_clock import Clock
 from compasslib.calibration.heads_frame import Frame
 from compasslib.calibration.heads_motion import Compared, Motion
-from compasslib.discrepancy import show, verdict
+from compasslib.discrepancy import show, verdict, whitening
 from compasslib.discrepancy.diagnosis import Options
 from compasslib.discrepancy.recordings import curve, fitting, report, search, telling
 from compasslib.discrepancy.recordings.channel import Channel, thinned
@@ -233,7 +233,7 @@ def _of_iron(named: Named, min_effect_deg: float) -> list[Finding]:
     for effect, (part, letters) in IRON.items():
         values, own = fitted.base[part], covariance[part, part]
         seen = np.delete(fitted.columns, np.arange(part.start, part.stop), axis=1)
-        basis = fitting.orthonormal(seen)
+        basis = whitening.orthonormal(seen)
         columns = fitted.columns[:, part] - basis @ (basis.T @ fitted.columns[:, part])
         square = float(np.mean((columns @ values) ** 2)) - float(np.sum((columns.T @ columns / len(columns)) * own))
         sure = float(values @ np.linalg.pinv(own) @ values) > SURE_SIGMAS**2
