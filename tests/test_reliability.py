@@ -444,7 +444,9 @@ def mounted(folder: Path, *options: str) -> bool:
     return subprocess.run(["mount", *options, str(folder)], capture_output=True, check=False).returncode == 0
 
 
-@pytest.mark.parametrize(("option", "whole", "file"), [("size=16k", ["field.json"], "top.nc"), ("ro", [], "field.json")])
+@pytest.mark.parametrize(
+    ("option", "whole", "file"), [("size=16k", ["field.json"], "top.nc"), ("ro", [], "field.json")]
+)
 def test_a_results_folder_without_room_or_rights_is_one_line_and_leaves_nothing_half_written(
     sound, tmp_path, option, whole, file
 ):

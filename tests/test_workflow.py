@@ -149,7 +149,8 @@ def test_conventions_are_checked_by_name_or_in_every_run_where_the_options_say_s
     held = json.loads((folder / "results/M1/conventions.json").read_text())
     assert held["files"] == [f"results/M1/{file}.nc" for file in ("corrected", "overlap", "work/top", "work/deep")]
     change(folder / "config/config.yaml", conventions={"check": True})
-    assert planned(folder) == {("check_conventions", "ALONE"), ("provenance", "")}  # the manifest lists what was checked
+    # The manifest lists what was checked.
+    assert planned(folder) == {("check_conventions", "ALONE"), ("provenance", "")}
 
 
 def results(folder: Path) -> dict[str, bytes]:
