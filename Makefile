@@ -14,12 +14,13 @@ SNAKEMAKE := $(BIN)/snakemake --workflow-profile workflow/profiles/default --sna
 install: .venv/run  ## the pinned environment
 .venv/run: requirements/run.txt pyproject.toml
 .venv/test: requirements/test.txt pyproject.toml
+# Compiled on all cores, where pip would take one. What the tests need holds what a run needs.
 .venv/run .venv/test: .venv/%:
 	test -x $(BIN)/python || $(PYTHON) -m venv --without-pip .venv
-	$(PIP) --requirement requirements/$*.txt
+	$(PIP) --no-compile --requirement requirements/$*.txt
 	$(PIP) --no-deps --no-build-isolation --quiet --editable .
-	$(BIN)/python -m compileall -q compasslib
-	touch $@
+	-$(BIN)/python -m compileall -q -j 0 .venv/lib compasslib
+	touch $@ .venv/run
 
 slurm: install  ## what a cluster under Slurm needs besides; then: snakemake --workflow-profile workflow/profiles/slurm
 	$(PIP) --no-deps --requirement requirements/slurm.txt

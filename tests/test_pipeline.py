@@ -9,7 +9,7 @@ import yaml
 from sea import cruise
 from test_workflow import change, snakemake
 
-from compasslib import pipeline
+from compasslib import archive, pipeline
 from compasslib.errors import InputError
 
 PRODUCTS = ("corrected.nc", "deviation.json", "diagnosis.json", "assessment.json", "forms.json")
@@ -18,23 +18,28 @@ BENCH = {"kind": "platform", "file": "raw/bench.csv", "latitude": 65.0, "longitu
 
 @pytest.fixture(scope="module")
 def processed(tmp_path_factory) -> Path:
-    """A cruise that the workflow has run: M1 by its pairs, M2 by a calibration."""
+    """A cruise that the workflow has run: M1 by its pairs, M2 by a calibration, and its pairs deny it."""
     folder = cruise(tmp_path_factory.mktemp("cruise"), ("M1", "M2"), n=600)
     (folder / "config/calibrations").mkdir()
     (folder / "config/calibrations/bench.yaml").write_text(yaml.safe_dump(BENCH))
     rows = [f"{heading},{heading + 4.0 * (heading % 90 - 45) / 45}" for heading in range(0, 360, 15)]
     (folder / "raw/bench.csv").write_text("\n".join(["reference_deg,recorded_deg", *rows]))
     change(folder / "config/moorings/M2.yaml", fit={"method": "calibration", "name": "bench"})
+    head, *rows = (folder / "raw/M2/deep.csv").read_text().splitlines()  # of a trusted instrument with wrong signs
+    cells = (row.split(",") for row in rows)
+    rows = [f"{time},{depth},{-float(east)},{-float(north)}" for time, depth, east, north in cells]
+    (folder / "raw/M2/deep.csv").write_text("\n".join([head, *rows]))
     ran = snakemake(folder, "--until", "correct", "compare")
     assert ran.returncode == 0, ran.stderr
     return folder
 
 
-@pytest.mark.parametrize("mooring", ["M1", "M2"])
-def test_the_products_are_the_workflow_s_to_the_last_bit(processed, tmp_path, mooring):
+@pytest.mark.parametrize(("mooring", "refuted"), [("M1", False), ("M2", True)])
+def test_the_products_are_the_workflow_s_to_the_last_bit(processed, tmp_path, mooring, refuted):
     said: list[str] = []
     there = pipeline.process(processed, mooring, tmp_path / "new/here", say=said.append)
     assert there == tmp_path / "new/here" and any("headings corrected" in line for line in said)
+    assert bool(archive.read_json(there / "assessment.json")["refuted"]) is refuted
     for file in PRODUCTS:
         assert (there / file).read_bytes() == (processed / "results" / mooring / file).read_bytes(), file
 

@@ -38,10 +38,10 @@ def change(path: Path, **keys: object) -> None:
     path.write_text(yaml.safe_dump(yaml.safe_load(path.read_text()) | keys, sort_keys=False))
 
 
-def three(folder: Path) -> Path:
-    """Write a cruise of two moorings and one without a trusted instrument."""
-    cruise(folder, ("M1", "M2"))
-    alone = yaml.safe_load((folder / "config/moorings/M2.yaml").read_text()) | {"name": "ALONE"}
+def two(folder: Path) -> Path:
+    """Write a cruise of a mooring and one without a trusted instrument, each with a recording of its own."""
+    cruise(folder, ("M1", "ALONE"))
+    alone = yaml.safe_load((folder / "config/moorings/ALONE.yaml").read_text())
     del alone["reference"]
     (folder / "config/moorings/ALONE.yaml").write_text(yaml.safe_dump(alone))
     return folder
@@ -49,8 +49,8 @@ def three(folder: Path) -> Path:
 
 @pytest.fixture(scope="module")
 def done(tmp_path_factory):
-    """The cruise of three moorings, processed on two cores."""
-    folder = three(tmp_path_factory.mktemp("cruise"))
+    """The cruise of two moorings, processed on two cores."""
+    folder = two(tmp_path_factory.mktemp("cruise"))
     ran = snakemake(folder)
     assert ran.returncode == 0, ran.stderr
     return folder
@@ -69,7 +69,7 @@ def test_headings_are_corrected_and_the_summary_says_how_well(done):
         assert nc["UCUR"].shape == (1200, 4)
         assert np.isfinite(nc["HEADING_CORRECTED"][:].filled(np.nan)).all()
     rows = (done / "results/summary.csv").read_text().splitlines()
-    assert [row.split(",")[0] for row in rows] == ["name", "ALONE", "M1", "M2"]
+    assert [row.split(",")[0] for row in rows] == ["name", "ALONE", "M1"]
     assessment = json.loads((done / "results/M1/assessment.json").read_text())
     assert assessment["after"]["rms_deg"] < assessment["before"]["rms_deg"]
 
@@ -84,7 +84,6 @@ def test_a_mooring_without_reference_ends_with_flags_not_with_an_error(done):
 
 
 def test_nothing_to_do_the_second_time(done):
-    assert planned(done) == set()
     assert "Nothing to be done" in snakemake(done).stderr
 
 
@@ -110,18 +109,15 @@ def test_a_declination_re_runs_one_mooring_from_the_stage_that_uses_it(done):
     assert planned(done) == {("provenance", "")}  # the manifest holds the file's hash, and it has a line more
 
 
-def test_an_edited_module_re_runs_what_uses_it_and_nothing_else(tmp_path):
+def test_an_edited_module_re_runs_what_uses_it_and_nothing_else(done, tmp_path):
     """In a copy of the project, so that the tests beside this one see no half-edited library."""
     project = tmp_path / "project"
     for part in ("compasslib", "workflow"):
         shutil.copytree(PROJECT / part, project / part, ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copy(PROJECT / "Snakefile", project)
-    folder = cruise(tmp_path / "c", n=100)
-    (folder / "config/config.yaml").write_text("{fit: {method: von_appen}}\n")
-    assert snakemake(folder, project=project).returncode == 0
     with (project / "compasslib/overlap.py").open("a") as stream:
         stream.write("# a comment\n")
-    assert {rule for rule, _ in planned(folder, project=project)} == {
+    assert {rule for rule, _ in planned(done, project=project)} == {
         "overlap",
         "fit",
         "diagnose",
@@ -137,7 +133,7 @@ def test_an_edited_module_re_runs_what_uses_it_and_nothing_else(tmp_path):
 
 def test_every_file_is_the_same_in_another_folder_on_one_core(done, tmp_path):
     """netCDF, JSON, CSV, PNG, HTML, the manifest, and even the logs; only benchmarks hold times."""
-    again = three(tmp_path / "again")
+    again = two(tmp_path / "again")
     ran = snakemake(again, "--cores", "1")
     assert ran.returncode == 0, ran.stderr
     first, second = results(done), results(again)
@@ -147,13 +143,14 @@ def test_every_file_is_the_same_in_another_folder_on_one_core(done, tmp_path):
 
 def test_conventions_are_checked_by_name_or_in_every_run_where_the_options_say_so(done, tmp_path):
     folder = shutil.copytree(done, tmp_path / "c")
-    assert "check_conventions" not in {rule for rule, _ in planned(folder)}
-    ran = snakemake(folder, "results/ALONE/conventions.json", "results/M1/conventions.json")
-    assert ran.returncode == 0 and "3 netCDF files: no remark by" in ran.stderr, ran.stderr  # ALONE has one record
-    held = json.loads((folder / "results/ALONE/conventions.json").read_text())
-    assert held["files"] == [f"results/ALONE/{file}.nc" for file in ("corrected", "overlap", "work/top")]
+    assert not list((folder / "results").glob("*/conventions.json"))
+    ran = snakemake(folder, "results/M1/conventions.json")
+    assert ran.returncode == 0 and "4 netCDF files: no remark by" in ran.stderr, ran.stderr
+    held = json.loads((folder / "results/M1/conventions.json").read_text())
+    assert held["files"] == [f"results/M1/{file}.nc" for file in ("corrected", "overlap", "work/top", "work/deep")]
     change(folder / "config/config.yaml", conventions={"check": True})
-    assert planned(folder) == {("check_conventions", "M2"), ("provenance", "")}  # the manifest lists what was checked
+    # The manifest lists what was checked.
+    assert planned(folder) == {("check_conventions", "ALONE"), ("provenance", "")}
 
 
 def results(folder: Path) -> dict[str, bytes]:
@@ -183,7 +180,7 @@ def test_a_bad_key_is_one_line_on_stderr_and_in_the_log(tmp_path):
 def test_a_damaged_raw_file_is_one_line_and_the_other_mooring_goes_on(tmp_path):
     folder = cruise(tmp_path / "c", ("M1", "M2"), n=400)
     (folder / "raw/M1/top.000").write_text("not a recording\n" * 100)
-    ran = snakemake(folder, "--keep-going")
+    ran = snakemake(folder, "--keep-going", "--until", "correct")
     assert ran.returncode != 0 and "Traceback" not in ran.stderr
     said = [line for line in ran.stderr.splitlines() if line.startswith("error:")]
     assert len(said) == 1 and "raw/M1/top.000" in said[0]
