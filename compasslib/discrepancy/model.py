@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from compasslib import angles
 from compasslib.discrepancy import baseline, columns, scan, whitening
 from compasslib.discrepancy.baseline import State
 from compasslib.discrepancy.whitening import Whitener
@@ -120,22 +121,31 @@ def effect_deg(state: State, k: int, covariance: Floats) -> float:
     return float(np.sqrt(max(float(values @ product @ values) - float(np.sum(product * covariance)), 0.0)))
 
 
-def square(state: State, whitener: Whitener) -> float:
-    """Return the sum of squares of the residual, clipped and whitened; a sample without a root counts in full.
+def gained(before: State, after: State) -> float:
+    """Return the statistic that one hypothesis gains on another, each where it stands, in units of the score.
 
-    What the base can still take of it is taken: the residual stands where the widths alone would have it, and in a
-    record of long memory that is many units off the least.
+    Twice the log-likelihood is followed along the straight way from one to the other, by the mean of the clipped and
+    whitened residuals at its ends: squares of clipped residuals alone do not see by how much a direction far off moves.
+    What the base of either could still take is no gain. A sample without a root counts in full.
 
     Args:
-        state: a simulation where it stands.
-        whitener: widths and filter that all that are compared have in common.
+        before: the hypothesis that gives widths and filter.
+        after: another.
     """
-    most = np.minimum(whitening.CLIP, 90.0 / whitener.width_deg)
-    left = whitening.clipped(state.residual_deg, whitener.width_deg)
-    standard = np.where(np.isfinite(state.residual_deg), left, most)
-    white = whitener.filtered(standard[:, None])[:, 0]
-    basis = whitening.orthonormal(whitener(state.base))
-    return float(white @ white - np.sum((basis.T @ white) ** 2))
+    whitener = before.whitener
+    lost, width = ~np.isfinite(after.residual_deg), whitener.width_deg
+    first, second = (whitening.clipped(np.nan_to_num(x.residual_deg), width) for x in (before, after))
+    second = np.where(lost, np.minimum(whitening.CLIP, 90.0 / width), second)
+    moved = angles.difference(np.nan_to_num(before.residual_deg), np.nan_to_num(after.residual_deg)) / width
+    ends = [_left(x, whitener, standard) for x, standard in ((before, first), (after, second))]
+    way = whitener.filtered(np.where(lost, first - second, moved)[:, None])[:, 0]
+    return float(sum(ends) @ way) * before.response / before.sigma**2
+
+
+def _left(state: State, whitener: Whitener, standard: Floats) -> Floats:
+    """Return a residual filtered, without what the state's base can take of it."""
+    white, basis = whitener.filtered(standard[:, None])[:, 0], whitening.orthonormal(whitener(state.base))
+    return np.asarray(white - basis @ (basis.T @ white))
 
 
 def sizes_deg(state: State) -> list[float]:

@@ -18,7 +18,7 @@ from compasslib.discrepancy import columns, model, rivals, scan
 from compasslib.discrepancy.baseline import State
 from compasslib.discrepancy.rivals import Hypothesis, Rivals
 from compasslib.discrepancy.scan import Tested
-from compasslib.physics import CATALOGUE
+from compasslib.physics import CATALOGUE, Term
 
 Floats = NDArray[np.floating]
 
@@ -77,26 +77,34 @@ def _grow(state: State, tested: Tested, worth: Sequence[int], min_effect_deg: fl
     chosen = tuple(field.place(term) for term in state.simulation.terms)
     kept = set(chosen) if len(chosen) > 1 else set()  # pairs are all tried, a third joins the pair that was chosen
     count = len(chosen) + 1 if worth else 2
-    hypotheses = list(_best(field, count, kept | _evident(field, shown), min_effect_deg))
+    hypotheses = list(
+        _best(field, count, kept | _evident(field, shown), _speaking(field, tested, worth), min_effect_deg)
+    )
     if not worth:
         hypotheses = [one for one in hypotheses if field.score(one) > field.score(chosen) + AHEAD]
     found = _refitted(state, field, hypotheses, min_effect_deg)
     if found is None:
         return None
-    best, grown = found
-    if not worth and _charged(state, field, best, grown) > _charged(state, field, chosen, state) - AHEAD:
+    best, grown, near = found
+    if not worth and _scored(state, field, best, grown) < _scored(state, field, chosen, state) + AHEAD:
         return None
     if field.far(best) or any(term.dated() for term in grown.simulation.terms):
         best, grown, field = _settled(state, grown, tested, worth, min_effect_deg)
     others = rivals.alternatives(field, best, SEEN * min_effect_deg)
+    others = tuple(
+        _with_near(term, names, near, grown) for term, names in zip(grown.simulation.terms, others, strict=True)
+    )
     pairs = zip(grown.simulation.terms, others, strict=True)
     return Named(grown, tuple(() if term.evident else names for term, names in pairs))
 
 
 def _refitted(
     state: State, field: Rivals, hypotheses: Sequence[Hypothesis], min_effect_deg: float
-) -> tuple[Hypothesis, State] | None:
-    """Return the best of some hypotheses with the state it was refitted to, None where none is believable."""
+) -> tuple[Hypothesis, State, list[State]] | None:
+    """Return the best of some hypotheses, the state it was refitted to, and other states that are not told from it.
+
+    None where none is believable.
+    """
     first = next(_believed(state, field, hypotheses, min_effect_deg), None)
     if first is None:
         return None
@@ -105,7 +113,20 @@ def _refitted(
     others = [one for one in hypotheses if one != first[0] and field.score(one) > least]
     far = any(field.far(one) for one in (first[0], *others))
     more = _believed(state, field, others, min_effect_deg) if far else ()
-    return min([first, *more], key=lambda one: _charged(state, field, *one))
+    ranked = sorted(((_scored(state, field, *one), *one) for one in (first, *more)), key=lambda one: -one[0])
+    near = [after for value, _, after in ranked[1:] if value > ranked[0][0] - rivals.CLOSE]
+    return ranked[0][1], ranked[0][2], near
+
+
+def _with_near(term: Term, names: tuple[str, ...], near: Sequence[State], chosen: State) -> tuple[str, ...]:
+    """Return the alternatives of a chosen term with those that took its place in states that are not told apart."""
+    kinds, found = set(map(type, chosen.simulation.terms)), list(names)
+    for state in near:
+        others = {type(one): one.name for one in state.simulation.terms}
+        come = [name for kind, name in others.items() if kind not in kinds]
+        if kinds - set(others) == {type(term)} and len(come) == 1:
+            found += come
+    return tuple(name for name in dict.fromkeys(found) if name != term.name)
 
 
 def _believed(
@@ -127,9 +148,10 @@ def _settled(
     best = tuple(field.place(term) for term in grown.simulation.terms)
     needed = _evident(field, set(map(type, grown.simulation.terms)))
     few = len(best) <= 2  # of three, two were settled before
-    first = next(_best(field, len(best), needed, min_effect_deg), best) if few else best
+    tries = _best(field, len(best), needed, _speaking(field, tested, worth), min_effect_deg)
+    first = next(tries, best) if few else best
     other = None if field.score(first) <= field.score(best) else _refitted(state, field, [first], min_effect_deg)
-    if other is None or _charged(state, field, *other) >= _charged(state, field, best, grown):
+    if other is None or _scored(state, field, *other[:2]) <= _scored(state, field, best, grown):
         return best, grown, field
     field = rivals.gathered(other[1], tested, worth, standing=True)
     return tuple(field.place(term) for term in other[1].simulation.terms), other[1], field
@@ -141,23 +163,32 @@ def _evident(field: Rivals, shown: set[type]) -> set[int]:
     return {k for k, term in terms if term is not None and term.evident and type(term) in shown}
 
 
+def _speaking(field: Rivals, tested: Tested, worth: Sequence[int]) -> set[int]:
+    """Return the candidates of the kinds that were significant by themselves; all where none was."""
+    kinds = {type(tested.groups[k].term) for k in worth}
+    return {k for k, group in enumerate(field.groups) if not kinds or type(group.term) in kinds}
+
+
 def _holds(before: State, after: State, min_effect_deg: float) -> bool:
     """Tell whether refitted terms are still there, believable, and leave a smaller residual than without the last."""
     believable = all(term.believable for term in after.simulation.terms)
-    smaller = model.square(after, before.whitener) < model.square(before, before.whitener)
-    return believable and smaller and min(model.sizes_deg(after)) >= LOST * min_effect_deg
+    return believable and model.gained(before, after) > 0.0 and min(model.sizes_deg(after)) >= LOST * min_effect_deg
 
 
-def _charged(before: State, field: Rivals, hypothesis: Hypothesis, after: State) -> float:
-    """Return what a refitted hypothesis leaves, in units of the score, with its charges."""
-    charges = sum(rivals.charge(field.groups[k]) for k in hypothesis)
-    return model.square(after, before.whitener) / before.sigma**2 / field.inflation + charges
+def _scored(before: State, field: Rivals, hypothesis: Hypothesis, after: State) -> float:
+    """Return the score of a hypothesis refitted from a state."""
+    return field.score(hypothesis, model.gained(before, after))
 
 
-def _best(field: Rivals, count: int, needed: set[int], min_effect_deg: float) -> Iterator[Hypothesis]:
-    """Give the best hypotheses of some terms, of each choice of effects one, those that are needed in all."""
+def _best(
+    field: Rivals, count: int, needed: set[int], speaking: set[int], min_effect_deg: float
+) -> Iterator[Hypothesis]:
+    """Give the best hypotheses of some terms, of each choice of effects one.
+
+    Those that are needed are in all, and in each at least one that speaks by itself.
+    """
     tries = itertools.combinations(range(len(field.groups)), count)
-    sound = (one for one in tries if needed <= set(one) and field.sound(one))
+    sound = (one for one in tries if needed <= set(one) and not speaking.isdisjoint(one) and field.sound(one))
     ranked = sorted(sound, key=field.score, reverse=True)
     acceptable = (one for one in ranked if field.acceptable(one, min_effect_deg))
     for hypothesis in itertools.islice(_one_a_choice(field, acceptable), TRIES):

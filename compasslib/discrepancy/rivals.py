@@ -35,11 +35,20 @@ class Rivals:
     pull: Floats
     visible: Floats  # products of the visible columns, square degrees
     state: State
-    inflation: float
+    inflation: float  # of all statistics alike
+    own_inflation: Floats  # (g,) of each candidate's, at least the common one
 
-    def score(self, members: Hypothesis) -> float:
-        """Return the charged score of a hypothesis."""
-        _, gain = self._solved(members)
+    def score(self, members: Hypothesis, gain: float | None = None) -> float:
+        """Return the charged score of a hypothesis, by what it gains once it is refitted where that is given.
+
+        What a term adds to the others counts by its own inflation.
+        """
+        linear = self._gain(members)
+        gain = linear if gain is None else gain
+        for k in members:
+            if (unsure := 1.0 - self.inflation / float(self.own_inflation[k])) > 0.0:
+                own = linear - self._gain(tuple(j for j in members if j != k))
+                gain -= unsure * own * max(gain / linear, 1.0)
         return gain / self.inflation - sum(charge(self.groups[k]) for k in members)
 
     def terms(self, members: Hypothesis) -> list[Term]:
@@ -94,6 +103,9 @@ class Rivals:
         """Tell whether all terms of a hypothesis are believable and large enough to be seen."""
         return all(term.believable for term in self.terms(members)) and min(self.sizes(members)) >= least_deg
 
+    def _gain(self, members: Hypothesis) -> float:
+        return self._solved(members)[1]
+
     def _index(self, members: Hypothesis) -> NDArray[np.intp]:
         return np.concatenate([np.arange(self.parts[k].start, self.parts[k].stop) for k in members])
 
@@ -135,6 +147,7 @@ def gathered(state: State, tested: Tested, worth: Sequence[int], *, standing: bo
     ends = np.cumsum([0, *(group.columns.shape[1] for group in groups)])
     together = np.concatenate([group.columns for group in groups], axis=1)
     white, seen = view.projected(together), view.visible(together)
+    inflation = max(1.0, float(np.median([tested.inflation[k] for k in worth or range(len(tested.groups))])))
     return Rivals(
         groups=groups,
         parts=[slice(int(a), int(b)) for a, b in itertools.pairwise(ends)],
@@ -142,8 +155,23 @@ def gathered(state: State, tested: Tested, worth: Sequence[int], *, standing: bo
         pull=white.T @ view.innovation,
         visible=seen.T @ seen / len(seen),
         state=view,
-        inflation=max(1.0, float(np.median([tested.inflation[k] for k in worth or range(len(tested.groups))]))),
+        inflation=inflation,
+        own_inflation=_own_inflation(state, groups, tested, inflation),
     )
+
+
+def _own_inflation(state: State, groups: Sequence[Group], tested: Tested, common: float) -> Floats:
+    """Return the inflation of each candidate's statistic: as it was tested, or by water that changes as it does.
+
+    A chosen term, which was tested before it was chosen, has the common one.
+    """
+    seen: dict[type, list[float]] = {}
+    for group, inflation in zip(tested.groups, tested.inflation, strict=True):
+        seen.setdefault(type(group.term), []).append(float(inflation))
+    as_tested = np.array([float(np.median(seen.get(type(group.term), [common]))) for group in groups])
+    chosen = np.array([type(group.term) in map(type, state.simulation.terms) for group in groups])
+    water = np.where(chosen, 1.0, scan.water_inflation(state, groups))
+    return np.maximum(np.maximum(as_tested, common * water), common)
 
 
 def _where_they_stand(view: State, groups: list[Group]) -> list[Group]:
