@@ -52,7 +52,7 @@ def _schmidt(degree: int, order: int, cosine: float, sine: float) -> tuple[float
 
 
 def _coefficients() -> tuple[Floats, list[tuple[int, int, list[float]]]]:
-    """Return days since 1970 of the epochs, and degree, order (negative for sines) and nT at the epochs of each term."""
+    """Return the epochs in days since 1970, and of each term degree, order (negative for sines) and nT at them."""
     found = find_spec("ppigrf")
     text = Path(str(found and found.origin)).with_name("IGRF14.shc").read_text(encoding="ascii")
     _, years, *rows = [line.split() for line in text.splitlines() if not line.startswith("#")]
