@@ -13,8 +13,8 @@ from compasslib.errors import InputError
 
 PROFILES = ("default", "profiles/default")  # where Snakemake looks in the folder that it is started in
 LOCKS, OWN_LOCK = ".snakemake/locks", ".snakemake/compasslib.lock"
-# glibc gives large arrays back and takes the next one anew, page by page: a quarter of the time of a
-# simulated mooring, a twentieth of an assessment. What is under 32 MB stays with the process, which grows by some 10 MB.
+# glibc gives large arrays back and takes the next one anew, page by page: a quarter of a simulated mooring's time, a
+# twentieth of an assessment's. Those under 32 MB stay with the process, which grows by some 10 MB.
 MEMORY = {"MALLOC_MMAP_THRESHOLD_": str(2**25), "MALLOC_TRIM_THRESHOLD_": str(2**26)}
 TEMPORARY = re.compile(r"\..+\.\d+")  # as archive_files.replacing names them
 
