@@ -21,7 +21,8 @@ import numpy as np
 from compasslib import angles, compass, deviation
 from compasslib.deviation import model as fits
 from compasslib.deviation.model import Fit
-from compasslib.discrepancy import Options, baseline, diagnose, model, mooring, show
+from compasslib.discrepancy import baseline, model, mooring, show
+from compasslib.discrepancy.diagnosis import Options, diagnose
 from compasslib.physics import CATALOGUE
 from compasslib.records import EarthField
 

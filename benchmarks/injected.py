@@ -23,7 +23,8 @@ import discrepancy_world as sea
 import numpy as np
 
 from compasslib import archive, pipeline
-from compasslib.discrepancy import Options, diagnose, moored
+from compasslib.discrepancy import covariates
+from compasslib.discrepancy.diagnosis import Options, diagnose
 
 KINDS = ("null", "single", "two", "unknown")
 DATA = Path(__file__).resolve().parents[1] / ".." / "shared" / "data" / "cruise_eh2"
@@ -32,7 +33,7 @@ DATA = Path(__file__).resolve().parents[1] / ".." / "shared" / "data" / "cruise_
 def world(made: Path, seed: int) -> tuple[sea.World, dict[str, np.ndarray]]:
     """Return the real record as a world that a compass can be put into, and what was logged beside it."""
     pairs = archive.read_pairs(made / "overlap.nc")
-    logged = moored.logged(archive.read_record(made / "work/top.nc"), (), pairs)
+    logged = covariates.logged(archive.read_record(made / "work/top.nc"), (), pairs)
     rng = np.random.default_rng(seed)
     upper, lower = pairs.upper_east + 1j * pairs.upper_north, pairs.lower_east + 1j * pairs.lower_north
     tilt = np.nan_to_num(np.stack([pairs.pitch_deg, pairs.roll_deg]))

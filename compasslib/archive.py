@@ -44,6 +44,8 @@ __all__ = [
 def write_record(path: str | Path, record: Record, *, attributes: Mapping[str, object] | None = None) -> None:
     """Write a record between two stages; series in float64, velocities and ranges in float32.
 
+    Not compressed, as it is read five times; it stays smaller than most raw files.
+
     Args:
         path: the file.
         record: any record, also one without samples.
@@ -57,7 +59,7 @@ def write_record(path: str | Path, record: Record, *, attributes: Mapping[str, o
         for field in fields(Record):
             value = getattr(record, field.name)
             if field.name in layout.RECORD:
-                put(nc, layout.RECORD[field.name], value)
+                put(nc, layout.RECORD[field.name], value, level=0)
             elif field.name not in layout.NOT_STORED:
                 nc.setncattr(field.name, json.dumps(value, default=lambda number: number.item()))
 

@@ -133,7 +133,7 @@ def put(
     variable: Variable,
     values: ArrayLike,
     *,
-    level: Literal[1, 4] = 1,
+    level: Literal[0, 1, 4] = 1,
     rows: slice | None = None,
 ) -> None:
     """Write one variable or a piece of it, what is not finite as its fill value.
@@ -142,7 +142,7 @@ def put(
         nc: the open file, which has the variable's dimensions.
         variable: its entry in the table.
         values: its values, in the shape of its dimensions or of the piece.
-        level: of the compression.
+        level: of the compression; none at 0.
         rows: the piece along the first dimension; all where absent.
     """
     values = np.asarray(values)
@@ -152,13 +152,13 @@ def put(
     made[... if rows is None else rows] = values
 
 
-def _created(nc: netCDF4.Dataset, variable: Variable, level: Literal[1, 4]) -> netCDF4.Variable:
+def _created(nc: netCDF4.Dataset, variable: Variable, level: Literal[0, 1, 4]) -> netCDF4.Variable:
     chunks = tuple(min(max(len(nc.dimensions[name]), 1), CHUNK) for name in variable.dimensions)
     made = nc.createVariable(
         variable.name,
         variable.dtype,
         variable.dimensions,
-        zlib=bool(chunks),
+        zlib=bool(chunks) and level > 0,
         complevel=level,
         chunksizes=chunks or None,
         fill_value=variable.fill,

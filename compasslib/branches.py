@@ -95,13 +95,15 @@ def smooth(evidence: Floats, moves: Moves, habit: Habit, stationary: Floats) -> 
         habit: how heading and water move.
         stationary: distribution when nothing is known, (CELLS,).
     """
-    kernels = _kernels(moves, [habit], stationary)
-    forward = np.array([state[0] for state, _ in _forward(evidence, kernels)])
-    backward: Floats = np.ones((1, CELLS))
-    for t in range(len(evidence) - 2, -1, -1):
-        backward = kernels.back(t, backward * evidence[t + 1])
-        backward /= backward.sum()
-        forward[t] *= backward[0]
+    kernels, last = _kernels(moves, [habit], stationary), len(evidence) - 1
+    forward, backward = np.empty((2, last + 1, CELLS))
+    forward[0], backward[last] = stationary * evidence[0] / np.sum(stationary * evidence[0]), 1.0
+    for t in range(last):
+        s = last - t  # both ways at once, as the call of a transform costs more than the transform
+        state, message = kernels.both(t, forward[t], s - 1, backward[s] * evidence[s])
+        state *= evidence[t + 1]
+        forward[t + 1], backward[s - 1] = state / state.sum(), message / message.sum()
+    forward *= backward
     return forward / forward.sum(axis=1, keepdims=True)
 
 
@@ -122,9 +124,14 @@ class _Kernels:
         stepped = np.fft.irfft(np.fft.rfft(state / self.norm[t]) * self.spectrum[t], CELLS)
         return np.maximum(stepped, 0.0) * self.draw + self.leaps[t] * self.stationary
 
-    def back(self, t: int, message: Floats) -> Floats:
-        stepped = np.fft.irfft(np.fft.rfft(message * self.draw) * np.conj(self.spectrum[t]), CELLS)
-        return np.maximum(stepped, 0.0) / self.norm[t] + self.leaps[t] * (message @ self.stationary)[:, None]
+    def both(self, t: int, state: Floats, s: int, message: Floats) -> tuple[Floats, Floats]:
+        """Return a state over interval t and a message back over interval s by the first habit, (CELLS,) each."""
+        begun = np.fft.rfft([state / self.norm[t, 0], message * self.draw])
+        begun[0] *= self.spectrum[t, 0]
+        begun[1] *= np.conj(self.spectrum[s, 0])
+        ahead, back = np.maximum(np.fft.irfft(begun, CELLS), 0.0)
+        ahead = ahead * self.draw + self.leaps[t, 0] * self.stationary
+        return ahead, back / self.norm[s, 0] + self.leaps[s, 0] * (message @ self.stationary)
 
 
 def _kernels(moves: Moves, habits: Sequence[Habit], stationary: Floats) -> _Kernels:
@@ -134,14 +141,18 @@ def _kernels(moves: Moves, habits: Sequence[Habit], stationary: Floats) -> _Kern
     grip = np.minimum(moves.strength[:, None, None] / (change**2 * steps), TIGHTEST)
     # |v' e^{i beta'} - v e^{i beta}|^2 depends on the step beta' - beta only: the water's part is von Mises about -turn
     cosine = angles.sin_cos(away + moves.turn_deg[:, None])[1][:, None, :]
-    exponent = grip * (cosine - 1.0) - 0.5 * away**2 / (width**2 * steps)
-    density = np.exp(exponent - exponent.max(axis=-1, keepdims=True))
-    spectrum = np.fft.rfft(density / density.sum(axis=-1, keepdims=True))
+    density = grip * (cosine - 1.0)
+    density -= 0.5 * away**2 / (width**2 * steps)
+    density -= density.max(axis=-1, keepdims=True)
+    np.exp(density, out=density)
+    density /= density.sum(axis=-1, keepdims=True)
+    spectrum = np.fft.rfft(density)
     draw = np.sqrt(stationary)
     norm = np.fft.irfft(np.fft.rfft(draw) * np.conj(spectrum), CELLS)
     leaps = np.where(steps >= LONGEST_GAP, 1.0, 1.0 - (1.0 - leap) ** steps)
     floor = np.maximum(norm, 1e-12).astype(np.float32)
-    return _Kernels(((1.0 - leaps) * spectrum).astype(np.complex64), floor, draw, stationary, leaps)
+    spectrum *= 1.0 - leaps
+    return _Kernels(spectrum.astype(np.complex64), floor, draw, stationary, leaps)
 
 
 def _forward(evidence: Floats, kernels: _Kernels) -> Iterator[tuple[Floats, Floats]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import os
 import sys
@@ -43,6 +44,8 @@ def job(snakemake: Any) -> Iterator[Callable[[str], None]]:
         except InputError as error:
             say(f"error: {error}")
             sys.exit(1)
+        finally:
+            gc.freeze()  # the process ends: to look all modules through for cycles is a twentieth of a small job
 
 
 def _opened(log: Path) -> TextIO:

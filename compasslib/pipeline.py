@@ -30,7 +30,7 @@ from compasslib import (
 )
 from compasslib.calibration import at_mooring, content
 from compasslib.deviation.model import Fit
-from compasslib.discrepancy import moored
+from compasslib.discrepancy import covariates, moored
 from compasslib.discrepancy import product as products
 from compasslib.discrepancy.product import Product
 from compasslib.errors import InputError
@@ -202,7 +202,7 @@ def _diagnose(task: Task, measured: Measured) -> None:
 
 
 def _series(task: Task, measured: Measured, at: Pairs | None = None) -> products.Series:
-    return moored.logged(measured.record, task.plan.observatory(task.job), at=at)
+    return covariates.logged(measured.record, task.plan.observatory(task.job), at=at)
 
 
 def _correct(task: Task, measured: Measured, made_by: Product, *, refuted: bool) -> None:

@@ -73,8 +73,9 @@ def _files(name: str) -> tuple[Path, ...]:
 
 def software() -> str:
     """Return name and version of this software with its commit, or with the hash of its modules outside a checkout."""
-    commit = _git("rev-parse", "--short=12", "HEAD")
-    edited = ", edited since" if _git("status", "--porcelain", "--", "compasslib", "workflow", "Snakefile") else ""
+    said = _git("status", "--porcelain=v2", "--branch", "--", "compasslib", "workflow", "Snakefile").splitlines()
+    commit = "".join(line.split()[2][:12] for line in said if line.startswith("# branch.oid"))
+    edited = "" if all(line.startswith("#") for line in said) else ", edited since"
     state = f"{commit}{edited}" if commit else f"no checkout, modules sha256 {digest(_modules())[:12]}"
     return f"compasslib {__version__} ({state})"
 
@@ -223,15 +224,11 @@ def _modules() -> list[Path]:
     return sorted((PROJECT / "compasslib").rglob("*.py"))
 
 
+@cache
 def _git(*arguments: str) -> str:
     """Return what git says of this project; nothing outside a checkout, nor of a repository that merely holds it."""
-    if _asked("rev-parse", "--show-toplevel") != str(PROJECT):
+    if not (PROJECT / ".git").exists():
         return ""
-    return _asked(*arguments)
-
-
-@cache
-def _asked(*arguments: str) -> str:
     # Without optional locks, so that jobs side by side do not wait for each other's index.
     command = ["git", "--no-optional-locks", "-C", str(PROJECT), *arguments]
     try:

@@ -9,6 +9,7 @@ from typing import Any
 from compasslib import calibration, config_calibrations, provenance
 from compasslib.calibration import KINDS
 from compasslib.config import CALIBRATIONS, Cruise
+from compasslib.discrepancy import recordings
 from compasslib.stages import refuse
 
 HOUSE = "compasslib"
@@ -55,7 +56,7 @@ class Calibrations:
 
     def diagnosis_modules(self, wildcards: Any) -> tuple[str, ...]:
         """Return the library files behind the diagnosis of one calibration, its own kind's only."""
-        own = f"{_searched()[self.kind(wildcards)].replace('.', '/')}.py"
+        own = f"{recordings.KINDS[self.kind(wildcards)].replace('.', '/')}.py"
         return provenance.sources(self.scripts / "diagnose_calibration.py", own)
 
     def diagnose(self) -> dict[str, Any]:
@@ -77,7 +78,7 @@ class Calibrations:
         return [name for name, file in self.cruise.calibrations.items() if file.kind == kind]
 
     def _diagnosed(self, name: str) -> bool:
-        return self.cruise.calibrations[name].kind in _searched()
+        return self.cruise.calibrations[name].kind in recordings.KINDS
 
     def _diagnosis(self, name: str) -> list[str]:
         there = f"results/calibrations/{name}"
@@ -101,10 +102,3 @@ def plan(cruise: Cruise, scripts: Path) -> Calibrations:
     for name, file in cruise.calibrations.items():
         refuse(f"{CALIBRATIONS}/{name}.yaml: kind", file.kind, tuple(KINDS))
     return Calibrations(cruise, scripts)
-
-
-def _searched() -> dict[str, str]:
-    """Return the module that searches each kind's recordings for left-out physics."""
-    from compasslib.discrepancy import recordings  # only where there is a calibration: the room costs 0.2 s
-
-    return recordings.KINDS

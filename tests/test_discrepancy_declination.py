@@ -13,7 +13,8 @@ from iaga_files import DAY_S, HOUR_S, LATITUDE, LONGITUDE, START_S, series, writ
 from sea import SHARED
 
 from compasslib import deviation, earthfield, observatory
-from compasslib.discrepancy import Options, declination, diagnose
+from compasslib.discrepancy import declination
+from compasslib.discrepancy.diagnosis import Options, diagnose
 from compasslib.records import EarthField, Pairs
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))

@@ -13,12 +13,10 @@ from compasslib import angles, compass, correction, deviation, discrepancy
 from compasslib.archive_files import read_json, write_json
 from compasslib.deviation import model as fits
 from compasslib.discrepancy import (
-    Options,
     baseline,
     clocks,
     columns,
     covariates,
-    diagnose,
     doubts,
     episodes,
     large,
@@ -31,6 +29,7 @@ from compasslib.discrepancy import (
     stuck,
 )
 from compasslib.discrepancy import product as products
+from compasslib.discrepancy.diagnosis import Options, diagnose
 from compasslib.physics.heading_slip import HeadingSlip
 from compasslib.physics.heeling import Heeling
 from compasslib.physics.sextantal import Sextantal

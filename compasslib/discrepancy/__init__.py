@@ -1,12 +1,5 @@
 """Where a recording and its simulation differ, what physics was left out, and how sure that is.
 
-One door: ``diagnose`` for a mooring; ``case`` and ``search`` are the general core that other recordings use.
+``diagnosis.diagnose`` searches a mooring, ``moored.diagnose`` the same as the workflow asks for it, ``recordings`` all
+else. Nothing is imported here: the jobs that only correct need no search.
 """
-
-from __future__ import annotations
-
-from compasslib.discrepancy.applied import Applied
-from compasslib.discrepancy.diagnosis import Options, diagnose, judge
-from compasslib.discrepancy.verdict import Diagnosis, Finding, insufficient
-
-__all__ = ["Applied", "Diagnosis", "Finding", "Options", "diagnose", "insufficient", "judge"]

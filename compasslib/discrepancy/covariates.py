@@ -5,7 +5,7 @@ A regressor built from the lower direction shares its noise with the residual an
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from compasslib import angles
 from compasslib.deviation import model
 from compasslib.discrepancy import stuck
-from compasslib.records import Pairs
+from compasslib.records import Pairs, Record
 
 Floats = NDArray[np.floating]
 
@@ -26,6 +26,26 @@ FEWEST_FORETOLD = 100  # samples that tell the weights
 FORETOLD_BY = (2, 3, 4, 5, 6, 7)  # samples back; the last one may share the residual's noise
 CLIPPED_RAD = 0.6  # of the angle between two directions, for its memory: slow water may point anywhere
 NEIGHBOUR_S = 1.5 * HOUR_S  # neighbours farther apart say nothing of a rate
+
+
+def logged(record: Record, observatory_files: Sequence[str], at: Pairs | None = None) -> dict[str, Floats]:
+    """Return the series beside heading and tilt, those that hold anything, (n,) each.
+
+    Args:
+        record: the compromised instrument.
+        observatory_files: IAGA-2002 files of one observatory, perhaps none.
+        at: overlaps at whose times they are wanted; at every sample of the record where absent.
+
+    Raises:
+        InputError: an observatory's file cannot be read.
+    """
+    series = {"temperature": record.temperature_c, "supply_voltage": record.supply_voltage} | stuck.leans(record)
+    if observatory_files:
+        from compasslib import observatory  # only where one is named
+
+        series["declination_observatory"] = observatory.covariate(observatory_files, record.time_s)
+    where = slice(None) if at is None else np.searchsorted(record.time_s, at.time_s)
+    return {name: column[where] for name, column in series.items() if np.isfinite(column).any()}
 
 
 def of_pairs(pairs: Pairs, logged: Mapping[str, Floats]) -> dict[str, Floats]:

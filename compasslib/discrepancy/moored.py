@@ -3,43 +3,23 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib import observatory
 from compasslib.deviation import model
 from compasslib.deviation.model import Fit
-from compasslib.discrepancy import diagnosis, stuck, verdict
-from compasslib.discrepancy.diagnosis import Options
+from compasslib.discrepancy import verdict
 from compasslib.discrepancy.verdict import Diagnosis
-from compasslib.records import EarthField, Pairs, Record
+from compasslib.records import EarthField, Pairs
 
 Floats = NDArray[np.floating]
 
 MOST_PAIRS = 20_000  # hourly pairs of two years; of more, every second, third, ... is searched, to hold memory
 
 SWITCHED_OFF = "the search was switched off (diagnose: {enabled: false})"
-
-
-def logged(record: Record, observatory_files: Sequence[str], at: Pairs | None = None) -> dict[str, Floats]:
-    """Return the series beside heading and tilt, those that hold anything, (n,) each.
-
-    Args:
-        record: the compromised instrument.
-        observatory_files: IAGA-2002 files of one observatory, perhaps none.
-        at: overlaps at whose times they are wanted; at every sample of the record where absent.
-
-    Raises:
-        InputError: an observatory's file cannot be read.
-    """
-    series = {"temperature": record.temperature_c, "supply_voltage": record.supply_voltage} | stuck.leans(record)
-    if observatory_files:
-        series["declination_observatory"] = observatory.covariate(observatory_files, record.time_s)
-    where = slice(None) if at is None else np.searchsorted(record.time_s, at.time_s)
-    return {name: column[where] for name, column in series.items() if np.isfinite(column).any()}
 
 
 def diagnose(
@@ -53,13 +33,15 @@ def diagnose(
         fit: the configured fit.
         field: the earth's field along time.
         wide: pairs that may stand further apart, by which the clocks are compared.
-        **chosen: ``enabled``, and what may be chosen besides, see ``Options``.
+        **chosen: ``enabled``, and what may be chosen besides, see ``diagnosis.Options``.
     """
     if not chosen.pop("enabled"):
         return verdict.insufficient(SWITCHED_OFF)
+    from compasslib.discrepancy import diagnosis  # only where it searches: half of what its job imports
+
     some = slice(None, None, 1 + len(pairs) // MOST_PAIRS)
     kept, few = {name: column[some] for name, column in series.items()}, model.chosen(pairs, some)
-    return diagnosis.diagnose(few, kept, fit, field, Options(**chosen), wide=wide)
+    return diagnosis.diagnose(few, kept, fit, field, diagnosis.Options(**chosen), wide=wide)
 
 
 def told(name: str, found: Diagnosis) -> str:

@@ -7,25 +7,24 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib import angles, compass, physics
+from compasslib import angles, compass
 from compasslib.deviation import model
 from compasslib.deviation.along import Along
 from compasslib.deviation.model import Fit
-from compasslib.discrepancy.applied import Applied
-from compasslib.discrepancy.verdict import Diagnosis
-from compasslib.physics.composition import Simulation
 from compasslib.records import BAD, EarthField, Pairs, Record
+
+if TYPE_CHECKING:  # the jobs that correct need no search
+    from compasslib.discrepancy.applied import Applied
+    from compasslib.discrepancy.verdict import Diagnosis
 
 Floats = NDArray[np.floating]
 
 Series = Mapping[str, Floats]
-
-FORMS = {term.__name__: term for term in physics.CATALOGUE}
 
 
 @dataclass(frozen=True)
@@ -121,7 +120,7 @@ def along(product: Product, record: Record, field: EarthField, series: Series) -
         product: what corrects the record.
         record: the compromised instrument.
         field: the earth's field along time.
-        series: what was logged besides, (n,) each, see ``moored.logged``.
+        series: what was logged besides, (n,) each, see ``covariates.logged``.
     """
     if product.applied is None:
         return None
@@ -131,10 +130,15 @@ def along(product: Product, record: Record, field: EarthField, series: Series) -
 
 
 def _applied(content: Mapping[str, Any]) -> Applied:
-    terms = []
+    # Here, because most of a correcting job's imports are the catalogue, and not every product has effects.
+    from compasslib import physics
+    from compasslib.discrepancy.applied import Applied
+    from compasslib.physics.composition import Simulation
+
+    forms, terms = {term.__name__: term for term in physics.CATALOGUE}, []
     for entry in content["terms"]:
         values = {name: value for name, value in entry.items() if name not in ("effect", "form")}
-        terms.append(FORMS[entry["form"]](**values))
+        terms.append(forms[entry["form"]](**values))
     coefficients = np.array([content["coefficients"][letter] for letter in model.LETTERS])
     return Applied(
         simulation=Simulation(coefficients, content["horizontal_nT"], tuple(terms)),

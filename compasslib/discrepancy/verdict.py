@@ -5,15 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from compasslib.deviation.model import Fit
-from compasslib.discrepancy.applied import Applied
-from compasslib.discrepancy.show import Curve, HeldOut
-from compasslib.physics import SIDES
+
+if TYPE_CHECKING:  # a verdict without findings needs no search
+    from compasslib.discrepancy.applied import Applied
+    from compasslib.discrepancy.show import Curve, HeldOut
 
 Floats = NDArray[np.floating]
 
@@ -62,6 +63,8 @@ class Finding:
     @property
     def of_compass(self) -> bool:
         """Whether it acts on the compromised compass, or may."""
+        from compasslib.physics import SIDES  # only where something was found: the whole catalogue comes with it
+
         return "compass" in {self.side, *(SIDES[name] for name in self.alternatives)}
 
     @property

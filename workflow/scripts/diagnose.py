@@ -1,13 +1,13 @@
 """Search for left-out physics: pairs, fit, record, field -> results/MOORING/{diagnosis,deviation}.json."""
 
 from compasslib import archive, deviation, earthfield
-from compasslib.discrepancy import moored, product
+from compasslib.discrepancy import covariates, moored, product
 from compasslib.job import job
 
 with job(snakemake) as say:
     pairs = archive.read_pairs(snakemake.input.pairs)
     # The record by itself is not kept: its velocities are a third of the memory.
-    series = moored.logged(archive.read_record(snakemake.input.record), snakemake.input.observatory, at=pairs)
+    series = covariates.logged(archive.read_record(snakemake.input.record), snakemake.input.observatory, at=pairs)
     field = earthfield.from_json(archive.read_json(snakemake.input.field))
     configured = archive.read_json(snakemake.input.fit)
     fit = deviation.from_json(configured)
