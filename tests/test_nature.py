@@ -8,15 +8,13 @@ import re
 import struct
 import sys
 import warnings
-from datetime import datetime
 from pathlib import Path
 
 import numpy as np
-import ppigrf
 import pytest
 import yaml
 
-from compasslib.nature import adcp, compass, demonstration, main_field, pd0
+from compasslib.nature import adcp, compass, demonstration, pd0
 from compasslib.nature.fleet import DEPLOYED_S, MOORINGS, RECOVERED_S
 
 HERE = Path(__file__).parent
@@ -116,15 +114,6 @@ def test_the_configuration_of_the_cruise_says_the_same_as_the_simulation(name):
     assert [file for file in files if file] == [f"raw/{file}" for file in demonstration.raw_files(name)]
     assert mooring["start"].timestamp() == DEPLOYED_S
     assert mooring["end"].timestamp() == RECOVERED_S
-
-
-@pytest.mark.parametrize("place", [(65.5, -33.1), (-70.0, 100.0), (10.0, 200.0), (89.0, 5.0)])
-def test_its_earth_is_the_one_that_others_evaluate(place):
-    """Within 0.001 nT: the other evaluation goes back to the ellipsoid by a series."""
-    dates = [datetime(1987, 6, 1), datetime(2007, 12, 1), datetime(2029, 12, 1)]
-    days = np.array([(date - datetime(1970, 1, 1)).total_seconds() / 86400.0 for date in dates])
-    theirs = [np.ravel(part) for part in ppigrf.igrf(place[1], place[0], 0.0, dates)]
-    assert np.array(main_field.main_field(*place, days)) == pytest.approx(np.array(theirs), abs=1e-3)
 
 
 def test_the_compass_gives_the_known_answers():
