@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from datetime import UTC, datetime
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from compasslib.nature.main_field import main_field
 from compasslib.nature.series import DAY_S, Floats, circle
 
 NOISE_DEG = 0.5
@@ -51,8 +51,11 @@ def earth_field(latitude_deg: float, longitude_deg: float, span_s: tuple[float, 
         longitude_deg: degrees east.
         span_s: first and last instant, UTC seconds since 1970.
     """
+    import ppigrf  # half a second, most of it pandas: paid once, and only where a mooring is made
+
     nodes = np.linspace(*span_s, 2 + int((span_s[1] - span_s[0]) / (30 * DAY_S)))
-    east, north, up = main_field(latitude_deg, longitude_deg, nodes / DAY_S)
+    dates = [datetime.fromtimestamp(t, UTC).replace(tzinfo=None) for t in nodes]
+    east, north, up = (np.ravel(b).astype(float) for b in ppigrf.igrf(longitude_deg, latitude_deg, 0.0, dates))
     return Field(nodes, np.rad2deg(np.arctan2(east, north)), np.hypot(east, north), -up)
 
 
