@@ -103,6 +103,12 @@ def test_the_corrected_headings_lose_what_was_found(two):
     assert 0.2 < np.median(sigma) < 2.0
 
 
+def test_what_is_applied_is_no_surer_of_the_coefficients_than_the_fit(two):
+    _, found = two
+    more = found.applied.covariance[:5, :5] - found.fit.covariance[:5, :5]
+    assert np.linalg.eigvalsh(more).min() > -1e-9 * np.trace(found.fit.covariance)
+
+
 def test_the_json_is_the_contracts(two, tmp_path):
     _, found = two
     write_json(tmp_path / "diagnosis.json", found.to_json())
@@ -242,6 +248,43 @@ def test_of_two_harmonics_the_one_that_leaves_less_where_it_stands_is_chosen():
     found = diagnose(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
     assert set(drawn.truth) == {"octantal"}
     assert [one.effect for one in found.findings] == ["octantal"] and found.unexplained is None
+
+
+def test_two_effects_that_hide_each_other_are_found_as_a_pair():
+    drawn, _ = bench.draw("two", 8, 9701)  # the best single score is 2.8, the threshold 3.5
+    found = diagnose(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
+    assert {one.effect for one in found.findings} == set(drawn.truth) == {"heeling", "current_veer"}
+
+
+@pytest.fixture(scope="module")
+def slow_water():
+    """Three quarters of the pairs without a direction to speak of: they scatter by 50 degrees and more."""
+    drawn = world.planted(world.make(4, wide=True, n=HOURS, noise_deg=50.0), {})
+    case = mooring.case(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
+    state = model.refit(baseline.examine(case, case.simulation, np.zeros(case.nuisance.shape[1])), [])
+    return state, scan.test(state, columns.of_terms(state, case.terms))
+
+
+def test_what_a_refit_gains_is_what_its_columns_foretell_in_slow_water_too(slow_water):
+    state, tested = slow_water
+    field = rivals.gathered(state, tested, [])
+    known = [k for k, group in enumerate(field.groups) if not field.far((k,)) and not group.term.dated()]
+    linear = [float(scan.gains(state, [field.groups[k]])[0]) for k in known]
+    refitted = [model.gained(state, model.refit(state, field.terms((k,)))) for k in known]
+    assert len(known) > 8
+    # The response to a shift is that of all samples, not of those that a column weighs: some units in the worst case.
+    assert np.median(np.abs(np.subtract(refitted, linear))) < 0.5
+
+
+def test_what_a_term_adds_counts_by_its_own_inflation(slow_water):
+    state, tested = slow_water
+    field = rivals.gathered(state, tested, [])
+    pair = (field.place(Sextantal()), field.place(Heeling()))
+    own = np.full(len(field.groups), field.inflation)
+    plain = replace(field, own_inflation=own.copy())
+    own[pair[1]] = 4.0 * field.inflation
+    added = plain.score(pair) - plain.score(pair[:1]) + rivals.charge(field.groups[pair[1]])
+    assert replace(field, own_inflation=own).score(pair) == pytest.approx(plain.score(pair) - 0.75 * added)
 
 
 def test_beside_one_name_a_second_needs_less_evidence_than_a_first():

@@ -45,11 +45,11 @@ class Rivals:
         """
         linear = self._gain(members)
         gain = linear if gain is None else gain
+        bent, unsure = max(gain / max(linear, 1e-12), 1.0), 0.0
         for k in members:
-            if (unsure := 1.0 - self.inflation / float(self.own_inflation[k])) > 0.0:
-                own = linear - self._gain(tuple(j for j in members if j != k))
-                gain -= unsure * own * max(gain / linear, 1.0)
-        return gain / self.inflation - sum(charge(self.groups[k]) for k in members)
+            if (share := 1.0 - self.inflation / float(self.own_inflation[k])) > 0.0:
+                unsure += share * bent * (linear - self._gain(tuple(j for j in members if j != k)))
+        return (gain - unsure) / self.inflation - sum(charge(self.groups[k]) for k in members)
 
     def terms(self, members: Hypothesis) -> list[Term]:
         """Return the terms of a hypothesis at their linear estimates."""
