@@ -54,6 +54,7 @@ def search(state: State, *, alarm: float, min_effect_deg: float) -> Named:
     found = Named(state)
     while (count := len(found.state.simulation.terms)) < MOST_TERMS:
         tested = scan.test(found.state, columns.of_terms(found.state, state.case.terms), seed=count + 1)
+        tested = tested if found.tested is None else replace(tested, before=found.tested.usual)
         threshold = tested.threshold(alarm * (FURTHER if count else NAMES))
         strong = np.flatnonzero(tested.score > threshold).tolist()
         sizes = {k: scan.size_of(found.state, tested.groups[k], float(tested.inflation[k])) for k in strong}

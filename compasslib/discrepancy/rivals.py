@@ -51,6 +51,10 @@ class Rivals:
                 unsure += share * bent * (linear - self._gain(tuple(j for j in members if j != k)))
         return (gain - unsure) / self.inflation - sum(charge(self.groups[k]) for k in members)
 
+    def likeness(self, members: Hypothesis) -> float:
+        """Return the charged score by the common inflation: what each one's own is, is known to some tenths only."""
+        return self._gain(members) / self.inflation - sum(charge(self.groups[k]) for k in members)
+
     def terms(self, members: Hypothesis) -> list[Term]:
         """Return the terms of a hypothesis at their linear estimates."""
         values, _ = self._solved(members)
@@ -161,16 +165,12 @@ def gathered(state: State, tested: Tested, worth: Sequence[int], *, standing: bo
 
 
 def _own_inflation(state: State, groups: Sequence[Group], tested: Tested, common: float) -> Floats:
-    """Return the inflation of each candidate's statistic: as it was tested, or by water that changes as it does.
-
-    A chosen term, which was tested before it was chosen, has the common one.
-    """
-    seen: dict[type, list[float]] = {}
-    for group, inflation in zip(tested.groups, tested.inflation, strict=True):
-        seen.setdefault(type(group.term), []).append(float(inflation))
-    as_tested = np.array([float(np.median(seen.get(type(group.term), [common]))) for group in groups])
+    """Return the inflation of each candidate's statistic: as it was tested last, or by water that changes alike."""
+    as_tested = np.array([tested.usual.get(type(group.term), common) for group in groups])
     chosen = np.array([type(group.term) in map(type, state.simulation.terms) for group in groups])
-    water = np.where(chosen, 1.0, scan.water_inflation(state, groups))
+    water = np.where(
+        chosen, 1.0, scan.water_inflation(state, groups)
+    )  # of the chosen it is in what they were tested by
     return np.maximum(np.maximum(as_tested, common * water), common)
 
 
@@ -193,7 +193,7 @@ def _companions(view: State, undated: Sequence[Group]) -> list[Floats]:
     """Return bases of what a date may stand beside: nothing, all chosen terms but one, or any candidate of a pair."""
     terms = [columns.of_term(view, term).columns for term in view.simulation.terms]
     others = [np.concatenate(terms[:k] + terms[k + 1 :], axis=1) for k in range(len(terms)) if len(terms) > 1]
-    others += [group.columns for group in undated] if len(terms) == 1 else []
+    others += [group.columns for group in undated] if len(terms) <= 1 else []
     return [np.zeros((len(view.case), 0)), *(scan.directions(view.projected(one)) for one in others)]
 
 
@@ -230,12 +230,12 @@ def alternatives(rivals: Rivals, chosen: Hypothesis, least_deg: float) -> tuple[
         chosen: the hypothesis that was chosen.
         least_deg: visible size that each term of another hypothesis must have, rms.
     """
-    least = rivals.score(chosen) - CLOSE
+    least = rivals.likeness(chosen) - CLOSE
     found: list[dict[str, float]] = [{} for _ in chosen]
     for hypothesis in itertools.combinations(range(len(rivals.groups)), len(chosen)):
         if len(chosen) - len(set(hypothesis) & set(chosen)) > 2 or not rivals.sound(hypothesis):
             continue
-        if (score := rivals.score(hypothesis)) < least or not rivals.acceptable(hypothesis, least_deg):
+        if (score := rivals.likeness(hypothesis)) < least or not rivals.acceptable(hypothesis, least_deg):
             continue
         for i, k in _matched(rivals, chosen, hypothesis):
             name = rivals.groups[k].name

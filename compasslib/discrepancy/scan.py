@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +40,15 @@ class Tested:
     inflation: Floats  # (g,) mean statistic of the noise over the freedom
     score: Floats  # (g,) normal score of each group's statistic
     highest: Floats  # (r,) highest normal score of each draw of the noise
+    before: Mapping[type, float] = field(default_factory=dict)  # inflation of terms that were tested before these
+
+    @property
+    def usual(self) -> dict[type, float]:
+        """Middle inflation of each term, of now or of when it was tested last."""
+        now: dict[type, list[float]] = {}
+        for group, inflation in zip(self.groups, self.inflation, strict=True):
+            now.setdefault(type(group.term), []).append(float(inflation))
+        return {**self.before, **{kind: float(np.median(each)) for kind, each in now.items()}}
 
     def threshold(self, alarm: float) -> float:
         """Return the score that noise exceeds anywhere with a given probability, as the highest of some normal scores.
