@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from sea import FOLDED, pairs
 
-from compasslib import angles, compass, correction, deviation, discrepancy
+from compasslib import angles, compass, correction, deviation
 from compasslib.archive_files import read_json, write_json
 from compasslib.deviation import model as fits
 from compasslib.discrepancy import (
@@ -27,6 +27,7 @@ from compasslib.discrepancy import (
     scan,
     show,
     stuck,
+    verdict,
 )
 from compasslib.discrepancy import product as products
 from compasslib.discrepancy.diagnosis import Options, diagnose
@@ -378,7 +379,7 @@ def test_without_tilt_and_logs_it_says_what_cannot_be_tested():
     found = diagnose(flat, {}, fitted(drawn), field_of(drawn))
     told = dict(found.not_testable)
     assert {"heeling", "tilt_uncompensated", "temperature", "supply_voltage", "battery_change"} <= set(told)
-    assert isinstance(field_of(drawn), EarthField) and discrepancy.insufficient("x").to_json()["findings"] == []
+    assert verdict.insufficient("x").to_json()["findings"] == []
 
 
 def test_a_storm_is_named_where_an_observatory_saw_it_and_the_trusted_instrument_has_no_compass():
