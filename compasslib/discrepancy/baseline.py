@@ -29,7 +29,7 @@ STIFFEST = 1e-4  # prior precision of a baseline column in whitened units, again
 
 
 class Lost(ArithmeticError):
-    """Hardly any sample shows on which branch of the simulated compass it is."""
+    """Hardly any sample shows on which branch of the simulated compass it is, or any direction at all."""
 
 
 @dataclass(frozen=True)
@@ -94,6 +94,8 @@ def examine(case: Case, simulation: Simulation, nuisance: Floats, *, freed: bool
     left, width, shift = residual, np.full(len(case), np.inf), np.zeros(base.shape[1])
     for _ in range(ROUNDS):
         width = np.hypot(whitening.widths(left, case.slowness), width_floor)
+        if (usable := int(np.isfinite(width).sum())) < FEWEST:
+            raise Lost(f"{usable} of {len(case)} samples show a direction")
         weighted = np.where(np.isfinite(width)[:, None], base, 0.0) / width[:, None]
         step = np.linalg.solve(_precise(weighted), weighted.T @ whitening.clipped(left, width))
         left, shift = left - base @ step, shift + step

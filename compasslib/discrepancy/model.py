@@ -20,6 +20,8 @@ Floats = NDArray[np.floating]
 ROUNDS = 4
 LONGEST_STEP = 12.0  # in the parameters' own steps of about a degree
 CLOSE_ENOUGH = 0.02
+WORSE = 1.5  # growth of the residual at which a step is not taken
+DAMPING = 1e-4  # of whitened columns of length one: waves of the tides, sampled twice a day, stand for a constant too
 BLOCK_S = 10 * 86400.0
 NEARBY_S, FINE_S = 12 * 86400.0, 86400.0  # reach and spacing of the finer search of a date
 
@@ -48,18 +50,24 @@ def refit(state: State, terms: Sequence[Term]) -> State:
     simulation, nuisance = replace(state.simulation, terms=tuple(terms)), state.nuisance
     now = baseline.examine(state.case, simulation, nuisance)
     for _ in range(ROUNDS):
-        step = _step(now)
-        count = len(simulation.parameters)
-        shortened = step[:count] * min(1.0, LONGEST_STEP / max(np.max(np.abs(step[:count]) / simulation.steps), 1e-12))
-        simulation = simulation.at(simulation.parameters + shortened)
-        nuisance = nuisance + step[count:]
+        step, count = _step(now), len(simulation.parameters)
+        step *= min(1.0, LONGEST_STEP / max(np.max(np.abs(step[:count]) / simulation.steps), 1e-12))
+        simulation, nuisance = simulation.at(simulation.parameters + step[:count]), nuisance + step[count:]
         try:
-            now = baseline.examine(state.case, simulation, nuisance)
+            then = baseline.examine(state.case, simulation, nuisance)
         except baseline.Lost:  # no such compass: what was reached before stands
             break
-        if np.max(np.abs(shortened) / simulation.steps) < CLOSE_ENOUGH:
+        if _size(then, now) > WORSE * _size(now, now):
+            break
+        now = then
+        if np.max(np.abs(step[:count]) / simulation.steps) < CLOSE_ENOUGH:
             break
     return now
+
+
+def _size(state: State, common: State) -> float:
+    """Return the middle size of a state's residual over another's widths."""
+    return float(np.nanmedian(np.abs(angles.wrap180(state.residual_deg)) / common.whitener.width_deg))
 
 
 def dated(state: State) -> State:
@@ -164,5 +172,6 @@ def _step(state: State) -> Floats:
     scale = np.where(scale > 0.0, scale, 1.0)
     # The residual of the state has the base taken out already: put the step back that did so.
     total = state.whitener.filtered(state.standard[:, None])[:, 0]
-    step, *_ = np.linalg.lstsq(white / scale, total, rcond=1e-7)
+    unit = white / scale
+    step = np.linalg.solve(unit.T @ unit + DAMPING * np.eye(unit.shape[1]), unit.T @ total)
     return np.asarray(step / scale / state.response + state.shift)
