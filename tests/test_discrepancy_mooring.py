@@ -1,6 +1,7 @@
 """Half-year moorings of the benchmark's own world, from nothing left out to what the catalogue does not hold."""
 
 import json
+import shutil
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 from sea import FOLDED, pairs
 
-from compasslib import angles, compass, correction, deviation
+from compasslib import angles, compass, correction, deviation, pipeline
 from compasslib.archive_files import read_json, write_json
 from compasslib.deviation import model as fits
 from compasslib.discrepancy import (
@@ -31,6 +32,7 @@ from compasslib.discrepancy import (
 )
 from compasslib.discrepancy import product as products
 from compasslib.discrepancy.diagnosis import Options, diagnose
+from compasslib.nature import demonstration
 from compasslib.physics.heading_slip import HeadingSlip
 from compasslib.physics.heeling import Heeling
 from compasslib.physics.sextantal import Sextantal
@@ -41,6 +43,7 @@ import discrepancy as bench
 import discrepancy_world as world
 from discrepancy import field_of, fitted
 
+ROOT = Path(__file__).resolve().parents[1]
 HOURS = 4000
 
 
@@ -421,3 +424,11 @@ def test_a_voltage_that_falls_evenly_is_a_drift_too_whatever_the_converter_count
     found = diagnose(drawn.pairs, logged, fitted(drawn), field_of(drawn))
     (finding,) = found.findings
     assert {"compass_drift", "supply_voltage"} <= {finding.effect, *finding.alternatives}
+
+
+def test_tides_that_a_profiler_meets_twice_a_day_do_not_stand_for_a_constant(tmp_path):
+    # Two of the five waves are nearly constant there; the compass's own A was traded for them without bound.
+    shutil.copytree(ROOT / "config", tmp_path / "config")
+    demonstration.write_mooring("EG5", tmp_path / "raw", tmp_path / "truth.csv", 2007)
+    made = pipeline.process(tmp_path, "EG5", tmp_path / "EG5")
+    assert read_json(made / "diagnosis.json")["verdict"] == "consistent"

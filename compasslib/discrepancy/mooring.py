@@ -21,6 +21,7 @@ Floats = NDArray[np.floating]
 
 WOBBLE_HOURS = 6.0  # tilts faster than this are mostly the sensor's and the waves'
 TIDES_H = (12.4206, 12.0, 12.6583, 23.9345, 25.8193)  # periods of M2, S2, N2, K1, O1
+LEAST = 1e-9  # of a column, rounding aside: sampled exactly twice a day the tide of the sun is a constant
 TIDES_FOLLOWED_S = 3 * 3600.0  # sampling that still follows them
 ALIKE = "both compasses feel it alike: it cancels in the difference of their directions"
 CONSTANT = "a constant error is the same as A, a mean veer of the water and a turned mount"
@@ -147,7 +148,7 @@ def _nuisance(pairs: Pairs, scene: Scene, simulation: Simulation) -> Floats:
     noise = composition.derivative(vertical, wobble, heading, first=5) * scene.vertical_nT[:, None]
     turning = scene.departures["flow_turn"]
     columns = np.column_stack([np.nan_to_num(noise), turning, turning * scene.years, _tides(scene.time_s)])
-    return columns[:, columns.std(axis=0) > 0.0]
+    return columns[:, columns.std(axis=0) > LEAST]
 
 
 def _tides(time_s: Floats) -> Floats:
