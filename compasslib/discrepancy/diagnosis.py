@@ -136,7 +136,10 @@ def judge(case: Case, options: Options) -> Diagnosis:
     if (usable := baseline.usable(case, case.simulation, none)) < FEWEST:
         why = f"{usable} of {len(case)} pairs show on which branch of the compass they are; {FEWEST} are needed"
         return verdict.insufficient(why, case.not_testable)
-    empty = baseline.examine(case, case.simulation, none)
+    try:
+        empty = baseline.examine(case, case.simulation, none)
+    except baseline.Lost as lost:
+        return verdict.insufficient(f"{lost}; there is nothing to hold the compass against", case.not_testable)
     heap = sectors.heap(empty)
     outside = case if heap is None else replace(case, observed_deg=sectors.outside(case, heap))
     if heap is not None and baseline.usable(outside, case.simulation, none) >= FEWEST:

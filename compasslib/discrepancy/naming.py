@@ -113,10 +113,12 @@ def _refitted(
     least = BENT * field.score(first[0]) - rivals.CLOSE
     others = [one for one in hypotheses if one != first[0] and field.score(one) > least]
     far = any(field.far(one) for one in (first[0], *others))
-    more = _believed(state, field, others, min_effect_deg) if far else ()
-    ranked = sorted(((_scored(state, field, *one), *one) for one in (first, *more)), key=lambda one: -one[0])
-    near = [after for value, _, after in ranked[1:] if value > ranked[0][0] - rivals.CLOSE]
-    return ranked[0][1], ranked[0][2], near
+    every = [first, *(_believed(state, field, others, min_effect_deg) if far else ())]
+    best, grown = max(every, key=lambda one: _scored(state, field, *one))
+    # By the noise that the best leaves: that of the state before still holds the effect.
+    least = field.likeness(best, 0.0) - rivals.CLOSE
+    near = [x for one, x in every if x is not grown and field.likeness(one, model.gained(grown, x)) > least]
+    return best, grown, near
 
 
 def _with_near(term: Term, names: tuple[str, ...], near: Sequence[State], chosen: State) -> tuple[str, ...]:

@@ -51,9 +51,10 @@ class Rivals:
                 unsure += share * bent * (linear - self._gain(tuple(j for j in members if j != k)))
         return (gain - unsure) / self.inflation - sum(charge(self.groups[k]) for k in members)
 
-    def likeness(self, members: Hypothesis) -> float:
+    def likeness(self, members: Hypothesis, gain: float | None = None) -> float:
         """Return the charged score by the common inflation: what each one's own is, is known to some tenths only."""
-        return self._gain(members) / self.inflation - sum(charge(self.groups[k]) for k in members)
+        gain = self._gain(members) if gain is None else gain
+        return gain / self.inflation - sum(charge(self.groups[k]) for k in members)
 
     def terms(self, members: Hypothesis) -> list[Term]:
         """Return the terms of a hypothesis at their linear estimates."""
