@@ -56,8 +56,9 @@ class State:
         Args:
             columns_deg: (n, k), degrees a unit.
         """
-        white = self.whitener(np.where(np.isfinite(columns_deg), columns_deg, 0.0))
-        return white - self.basis @ (self.basis.T @ white)
+        white = self.whitener(np.nan_to_num(columns_deg, posinf=0.0, neginf=0.0))
+        basis = self.basis.astype(white.dtype)
+        return white - basis @ (basis.T @ white)
 
     def visible(self, columns_deg: Floats) -> Floats:
         """Return columns with what the base can take of them taken, (n, k) degrees: by the widths, not whitened.

@@ -74,7 +74,7 @@ def test(state: State, groups: Sequence[Group], seed: int = 0) -> Tested:
     """
     groups = [group for group in groups if group.columns.shape[1]]
     ends = np.cumsum([group.columns.shape[1] for group in groups])
-    white = state.projected(np.concatenate([group.columns for group in groups], axis=1).astype(np.float32))
+    white = state.projected(np.concatenate([group.columns for group in groups], axis=1, dtype=np.float32))
     bases = [directions(part) for part in np.split(white, ends[:-1], axis=1)]
     kept = [k for k, basis in enumerate(bases) if basis.shape[1]]
     groups, bases = [groups[k] for k in kept], [bases[k] for k in kept]

@@ -42,7 +42,8 @@ class Whitener:
         Args:
             columns_deg: (n, k), degrees.
         """
-        return self.filtered(columns_deg / self.width_deg[:, None])
+        width = self.width_deg.astype(np.promote_types(columns_deg.dtype, np.float32))  # of float32 no copy in float64
+        return self.filtered(columns_deg / width[:, None])
 
     def filtered(self, standard: Floats) -> Floats:
         """Return columns filtered, (n, k).
