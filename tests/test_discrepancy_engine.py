@@ -50,6 +50,14 @@ def test_the_width_goes_on_falling_where_the_water_is_fastest():
     np.testing.assert_allclose(np.mean(width[fastest] / np.hypot(1.0, 2.0 * slowness[fastest])), 1.0, atol=0.15)
 
 
+def test_the_width_goes_on_growing_where_the_water_is_slowest():
+    rng = np.random.default_rng(4)
+    slowness = rng.lognormal(1.0, 0.6, 8000)
+    width = whitening.widths(rng.normal(0.0, slowness), slowness)
+    slowest = np.argsort(slowness)[-80:]  # of a bin of 667; its width is known within 4 %
+    np.testing.assert_allclose(np.mean(width[slowest] / slowness[slowest]), 1.0, atol=0.1)
+
+
 @pytest.mark.parametrize("spread", [12.0, 45.0, 70.0, 1000.0])
 def test_a_direction_that_points_anywhere_tells_nothing(spread):
     directions = angles.wrap180(np.random.default_rng(5).normal(0.0, spread, 40_000))

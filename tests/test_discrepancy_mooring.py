@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from sea import FOLDED, pairs
+from sea import FOLDED, pairs, red_noise
 
 from compasslib import angles, compass, correction, deviation, pipeline
 from compasslib.archive_files import read_json, write_json
@@ -36,7 +36,7 @@ from compasslib.nature import demonstration
 from compasslib.physics.heading_slip import HeadingSlip
 from compasslib.physics.heeling import Heeling
 from compasslib.physics.sextantal import Sextantal
-from compasslib.records import GOOD, EarthField, Record
+from compasslib.records import GOOD, EarthField, Pairs, Record
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
 import discrepancy as bench
@@ -295,6 +295,33 @@ def test_beside_one_name_a_second_needs_less_evidence_than_a_first():
     drawn, _ = bench.draw("two", 44, 66)  # a veer whose score is 3.56, the threshold of a first name 3.59
     found = diagnose(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
     assert {one.effect for one in found.findings} == set(drawn.truth) == {"sextantal", "current_veer"}
+
+
+def test_a_veer_by_direction_is_named_where_headings_are_narrow():
+    # Four free harmonics ran to 60 degrees each there, and foretold no other day.
+    drawn, _ = bench.draw("two", 49, 9802)
+    found = diagnose(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
+    assert {one.effect for one in found.findings} == set(drawn.truth) == {"heeling", "current_veer"}
+    (veer,) = (one for one in found.findings if one.effect == "current_veer")
+    assert veer.held_out.p_value < 0.05
+    for name, value in drawn.truth["current_veer"].items():
+        assert abs(veer.parameters[name].value - value) < 3.0 * veer.parameters[name].sigma < 60.0
+
+
+@pytest.mark.parametrize("own_m_s", [(0.02, 0.05), (0.05, 0.02)])
+def test_the_direction_of_the_flow_shares_no_noise_with_the_residual(own_m_s):
+    rng, n = np.random.default_rng(3), 20000
+    time_s, zero, turns = 3600.0 * np.arange(n), np.zeros(n), red_noise(rng, n, 50, 0.05)
+    shear = red_noise(rng, n, 12, 0.03)
+    upper, lower = (
+        turns + side * shear + rng.normal(0.0, own, n) for side, own in zip((-0.5, 0.5), own_m_s, strict=True)
+    )
+    east = zero + 0.3
+    sample = Pairs(time_s, zero, zero, zero, east, upper, east, lower, zero + 90.0, zero + 105.0, zero, zero)
+    told = covariates.departures(sample, {}, {}, zero)["flow_north"]
+    apart = [np.corrcoef(x, upper - lower)[0, 1] for x in (told, upper, lower, (upper + lower) / 2.0)]
+    assert abs(apart[0]) < 0.03 < 0.2 < np.min(np.abs(apart[1:]))  # 0.012 by chance, half as many being independent
+    assert np.corrcoef(told, turns)[0, 1] > 0.95
 
 
 def test_a_clock_is_on_its_own_side():

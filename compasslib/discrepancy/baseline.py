@@ -7,6 +7,7 @@ what remains of an effect after their refit is its visible size.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +18,7 @@ from compasslib.deviation import model
 from compasslib.discrepancy import whitening
 from compasslib.discrepancy.case import Case
 from compasslib.discrepancy.whitening import Whitener
-from compasslib.physics import composition
+from compasslib.physics import Term, composition
 from compasslib.physics.composition import Simulation
 
 Floats = NDArray[np.floating]
@@ -49,6 +50,22 @@ class State:
     innovation: Floats  # (n,) whitened residual, the base projected out
     sigma: float  # its standard deviation
     response: float  # share of a small shift that survives the clip
+
+    def ridge(self, terms: Iterable[type[Term] | Term]) -> Floats:
+        """Return what is believed of terms' parameters beforehand, in units of products of whitened columns, (k,).
+
+        Args:
+            terms: in the order of the columns.
+        """
+        return np.concatenate([np.zeros(0), *(term.expected() for term in terms)]) * (self.sigma / self.response) ** 2
+
+    @property
+    def base_ridge(self) -> Floats:
+        """The same of the base's columns, (b,)."""
+        ridge = np.zeros(self.base.shape[1])
+        terms = self.ridge(self.simulation.terms)
+        ridge[5 : 5 + len(terms)] = terms
+        return ridge
 
     def projected(self, columns_deg: Floats) -> Floats:
         """Return columns whitened, the base projected out, (n, k).

@@ -22,8 +22,9 @@ FEWEST_VALUES = 5  # different values below which a covariate says nothing
 QUIET = ("declination_observatory", *stuck.LEANS)  # departures: what is missing counts as none
 FROM_ZERO = stuck.LEANS  # departures whose zero means something
 BATTERY_JUMP = 0.3  # of its whole range: a supply voltage that rises by more within a day was given a new battery
-FEWEST_FORETOLD = 100  # samples that tell the weights
-FORETOLD_BY = (2, 3, 4, 5, 6, 7)  # samples back; the last one may share the residual's noise
+FEWEST_AROUND = 100  # samples that tell the weights
+SHEARING = 6  # samples to either side over which water shears and instruments' own noise averages out
+AROUND = (2, 3, 4, 5, 6, 7)  # samples before and after; the nearest may share the residual's noise
 CLIPPED_RAD = 0.6  # of the angle between two directions, for its memory: slow water may point anywhere
 NEIGHBOUR_S = 1.5 * HOUR_S  # neighbours farther apart say nothing of a rate
 
@@ -181,42 +182,55 @@ def _largest_near(x: Floats, reach: int) -> Floats:
 
 
 def _of_flow(pairs: Pairs, deviation_deg: Floats) -> dict[str, Floats]:
-    """Return the flow's direction as the hours before foretell it, and the turn of the mooring's excursion.
+    """Return the flow's direction as the hours around tell it, and the turn of the mooring's excursion.
 
-    The noise of either instrument's direction is in the residual too. In their mean, weighted by what each one's noise
-    is, it cancels; and that of the hours before is hardly in what the residual's filter leaves. What the hours before
-    foretell is less than what the water does: it is scaled by how the direction follows it, as the first of two stages
-    of least squares, so that a veer by direction keeps its size.
+    The noise of either instrument's direction is in the residual too. In the middle between them what shears over hours
+    cancels, in their mean weighted by what each one's own noise is what changes from sample to sample; and the noise of
+    the hours around is hardly in what the residual's filter leaves. What the hours around tell is less than what the
+    water does: it is scaled by how the direction follows it, as the first of two stages of least squares, so that a
+    veer by direction keeps its size.
     """
     upper = _complex(*angles.turn(pairs.upper_east, pairs.upper_north, deviation_deg))
     lower = _complex(pairs.lower_east, pairs.lower_north)
     share = _share_of_upper(upper, lower)
-    both = share * upper + (1.0 - share) * lower
-    foretold = _foretold(both, pairs.time_s)
+    apart = upper - lower
+    both = (upper + lower) / 2.0 + (share - 0.5) * (apart - _smooth(apart))
+    around = _as_around(both, pairs.time_s)
     memory = _memory(upper * np.conj(lower))
-    once, twice = (_followed(_unit(both) ** k, _unit(foretold) ** k, memory) for k in (1, 2))
+    told = _followed(_harmonics(both), _harmonics(around), memory)
     lean = np.abs(upper) * upper
     moved = np.zeros(len(pairs), dtype=complex)
-    apart = pairs.time_s[2:] - pairs.time_s[:-2]
-    moved[1:-1] = np.where(apart <= 2.0 * NEIGHBOUR_S, (lean[2:] - lean[:-2]) / apart, 0.0)
+    span_s = pairs.time_s[2:] - pairs.time_s[:-2]
+    moved[1:-1] = np.where(span_s <= 2.0 * NEIGHBOUR_S, (lean[2:] - lean[:-2]) / span_s, 0.0)
     across = -np.imag(moved * np.conj(upper)) / np.maximum(np.abs(upper), 0.02) ** 2 / angles.DEGREE
     result = {"excursion_turn": across, "flow_turn": _turning(both, pairs.time_s)}
-    if np.any(once):
-        result |= {"flow_east": once.real, "flow_north": once.imag}
-        result |= {"flow_sine2": twice.imag, "flow_cosine2": -twice.real}
+    if np.any(told):
+        result |= dict(zip(("flow_east", "flow_north", "flow_sine2", "flow_cosine2"), told.T, strict=True))
     return result
 
 
-def _unit(flow: NDArray[np.complex128]) -> NDArray[np.complex128]:
+def _smooth(flow: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    """Return the mean of the samples around each, fewer at the ends."""
+    reach = min(len(flow), 2 * SHEARING + 1)
+    return np.convolve(flow, np.ones(reach), "same") / np.convolve(np.ones(len(flow)), np.ones(reach), "same")
+
+
+def _harmonics(flow: NDArray[np.complex128]) -> Floats:
+    """Return sine and cosine of the flow's direction and of its double, (n, 4); 0 where it does not flow."""
     size = np.abs(flow)
-    return np.where(size > 0.0, flow / np.where(size > 0.0, size, 1.0), 0.0)
+    unit = np.where(size > 0.0, flow / np.where(size > 0.0, size, 1.0), 0.0)
+    return np.column_stack([unit.real, unit.imag, (unit**2).imag, -(unit**2).real])
 
 
-def _followed(seen: NDArray[np.complex128], foretold: NDArray[np.complex128], memory: float) -> NDArray[np.complex128]:
-    """Return what was foretold, times how much of it is seen by a filter that takes the memory out of the residual."""
-    x, z = (series[1:] - memory * series[:-1] for series in (seen, foretold))
-    share = np.real(np.vdot(z, x)) / max(np.real(np.vdot(z, z)), 1e-12)
-    return np.clip(share, 0.0, 1.0) * foretold
+def _followed(seen: Floats, around: Floats, memory: float) -> Floats:
+    """Return what the hours around tell of each harmonic that is seen, the residual's memory filtered out, (n, k)."""
+    x, z = (series[1:] - memory * series[:-1] for series in (seen, around))
+    known = np.any(around[1:], axis=1) & np.any(around[:-1], axis=1)
+    if not known.any():
+        return around
+    x, z = (series[known] - series[known].mean(axis=0) for series in (x, z))
+    shares, *_ = np.linalg.lstsq(z, x, rcond=0.03)
+    return np.asarray(around @ shares)
 
 
 def _memory(product: NDArray[np.complex128]) -> float:
@@ -249,14 +263,16 @@ def _turning(flow: NDArray[np.complex128], time_s: Floats) -> Floats:
     return result
 
 
-def _foretold(flow: NDArray[np.complex128], time_s: Floats) -> NDArray[np.complex128]:
-    """Return what samples some hours back foretell of the flow now, by least squares; 0 where they are not there."""
-    result, most = np.zeros(len(flow), dtype=complex), FORETOLD_BY[-1]
-    together = np.flatnonzero(time_s[most:] - time_s[:-most] <= (most + 0.5) * HOUR_S) + most
-    if len(together) > FEWEST_FORETOLD:
-        before = np.column_stack([flow[together - back] for back in FORETOLD_BY] + [np.ones(len(together))])
-        weights, *_ = np.linalg.lstsq(before, flow[together], rcond=None)
-        result[together] = before @ weights
+def _as_around(flow: NDArray[np.complex128], time_s: Floats) -> NDArray[np.complex128]:
+    """Return what samples some hours before and after tell of the flow, by least squares; 0 where they are missing."""
+    result, most = np.zeros(len(flow), dtype=complex), AROUND[-1]
+    inside = np.arange(most, len(flow) - most)
+    inside = inside[time_s[inside + most] - time_s[inside - most] <= (2 * most + 0.5) * HOUR_S]
+    if len(inside) > FEWEST_AROUND:
+        others = [flow[inside + side * apart] for apart in AROUND for side in (-1, 1)]
+        columns = np.column_stack([*others, np.ones(len(inside))])
+        weights, *_ = np.linalg.lstsq(columns, flow[inside], rcond=None)
+        result[inside] = columns @ weights
     return result
 
 

@@ -99,8 +99,7 @@ def estimate(state: State) -> Estimate:
         state: with terms.
     """
     white = state.whitener(state.base)
-    information = white.T @ white * state.response
-    inverse = whitening.inverse(information)
+    inverse = whitening.inverse((white.T @ white + np.diag(state.base_ridge)) * state.response)
     scores = white * state.innovation[:, None]
     block = np.floor((state.case.scene.time_s - state.case.scene.time_s[0]) / BLOCK_S).astype(int)
     sums = np.stack([np.bincount(block, column) for column in scores.T], axis=1)
@@ -172,6 +171,9 @@ def _step(state: State) -> Floats:
     scale = np.where(scale > 0.0, scale, 1.0)
     # The residual of the state has the base taken out already: put the step back that did so.
     total = state.whitener.filtered(state.standard[:, None])[:, 0]
-    unit = white / scale
-    step = np.linalg.solve(unit.T @ unit + DAMPING * np.eye(unit.shape[1]), unit.T @ total)
-    return np.asarray(step / scale / state.response + state.shift)
+    unit, ridge = white / scale, state.base_ridge / scale**2
+    values = np.zeros(len(scale))
+    values[5 : len(state.simulation.parameters)] = state.simulation.parameters[5:]
+    pull = unit.T @ total / state.response - ridge * (values + state.shift) * scale
+    step = np.linalg.solve(unit.T @ unit + np.diag(DAMPING + ridge), pull)
+    return np.asarray(step / scale + state.shift)

@@ -32,11 +32,13 @@ class Rivals:
     groups: list[Group]
     parts: list[slice]
     gram: Floats
+    ridge: Floats  # (p,) what is believed of the values beforehand, to be added to the products' diagonal
     pull: Floats
     visible: Floats  # products of the visible columns, square degrees
     state: State
     inflation: float  # of all statistics alike
     own_inflation: Floats  # (g,) of each candidate's, at least the common one
+    charges: Floats  # (g,) what each must gain to be worth its parameters and its date
 
     def score(self, members: Hypothesis, gain: float | None = None) -> float:
         """Return the charged score of a hypothesis, by what it gains once it is refitted where that is given.
@@ -49,12 +51,12 @@ class Rivals:
         for k in members:
             if (share := 1.0 - self.inflation / float(self.own_inflation[k])) > 0.0:
                 unsure += share * bent * (linear - self._gain(tuple(j for j in members if j != k)))
-        return (gain - unsure) / self.inflation - sum(charge(self.groups[k]) for k in members)
+        return (gain - unsure) / self.inflation - float(sum(self.charges[k] for k in members))
 
     def likeness(self, members: Hypothesis, gain: float | None = None) -> float:
         """Return the charged score by the common inflation: what each one's own is, is known to some tenths only."""
         gain = self._gain(members) if gain is None else gain
-        return gain / self.inflation - sum(charge(self.groups[k]) for k in members)
+        return gain / self.inflation - float(sum(self.charges[k] for k in members))
 
     def terms(self, members: Hypothesis) -> list[Term]:
         """Return the terms of a hypothesis at their linear estimates."""
@@ -71,7 +73,7 @@ class Rivals:
         """Return the visible size of each member, rms degrees, freed of what noise adds to it."""
         index = self._index(members)
         values, _ = self._solved(members)
-        covariance = inverse(self.gram[np.ix_(index, index)]) * (self.state.sigma / self.state.response) ** 2
+        covariance = self._inverse(index) * (self.state.sigma / self.state.response) ** 2
         sizes, at = [], 0
         for k in members:
             own = slice(at, at := at + self.parts[k].stop - self.parts[k].start)
@@ -114,22 +116,27 @@ class Rivals:
     def _index(self, members: Hypothesis) -> NDArray[np.intp]:
         return np.concatenate([np.arange(self.parts[k].start, self.parts[k].stop) for k in members])
 
+    def _inverse(self, index: NDArray[np.intp]) -> Floats:
+        return inverse(self.gram[np.ix_(index, index)] + np.diag(self.ridge[index]))
+
     def _solved(self, members: Hypothesis) -> tuple[Floats, float]:
         if not members:
             return np.zeros(0), 0.0
         index = self._index(members)
-        values = inverse(self.gram[np.ix_(index, index)]) @ self.pull[index]
+        values = self._inverse(index) @ self.pull[index]
         return values / self.state.response, float(values @ self.pull[index]) / self.state.sigma**2
 
 
-def charge(group: Group) -> float:
+def charge(group: Group, told: float | None = None) -> float:
     """Return what a candidate must gain to be worth its parameters and its date.
 
     Args:
         group: columns of a term.
+        told: number of its parameters that the record tells rather than what is known before; all where absent.
     """
     assert group.term is not None
-    return PARAMETER_CHARGE * len(group.term.fitted()) + DATE_CHARGE * group.term.dated()
+    count = len(group.term.fitted()) if told is None else told
+    return PARAMETER_CHARGE * count + DATE_CHARGE * group.term.dated()
 
 
 def gathered(state: State, tested: Tested, worth: Sequence[int], *, standing: bool = False) -> Rivals:
@@ -152,16 +159,21 @@ def gathered(state: State, tested: Tested, worth: Sequence[int], *, standing: bo
     ends = np.cumsum([0, *(group.columns.shape[1] for group in groups)])
     together = np.concatenate([group.columns for group in groups], axis=1)
     white, seen = view.projected(together), view.visible(together)
+    gram, parts = white.T @ white, [slice(int(a), int(b)) for a, b in itertools.pairwise(ends)]
+    ridge = view.ridge([group.term for group in groups if group.term is not None])
+    told = [float(np.trace(inverse(gram[p, p] + np.diag(ridge[p])) @ gram[p, p])) for p in parts]
     inflation = max(1.0, float(np.median([tested.inflation[k] for k in worth or range(len(tested.groups))])))
     return Rivals(
         groups=groups,
-        parts=[slice(int(a), int(b)) for a, b in itertools.pairwise(ends)],
-        gram=white.T @ white,
+        parts=parts,
+        gram=gram,
+        ridge=ridge,
         pull=white.T @ view.innovation,
         visible=seen.T @ seen / len(seen),
         state=view,
         inflation=inflation,
         own_inflation=_own_inflation(state, groups, tested, inflation),
+        charges=np.array([charge(group, count) for group, count in zip(groups, told, strict=True)]),
     )
 
 
@@ -169,9 +181,8 @@ def _own_inflation(state: State, groups: Sequence[Group], tested: Tested, common
     """Return the inflation of each candidate's statistic: as it was tested last, or by water that changes alike."""
     as_tested = np.array([tested.usual.get(type(group.term), common) for group in groups])
     chosen = np.array([type(group.term) in map(type, state.simulation.terms) for group in groups])
-    water = np.where(
-        chosen, 1.0, scan.water_inflation(state, groups)
-    )  # of the chosen it is in what they were tested by
+    # Of the chosen, water is in what they were tested by.
+    water = np.where(chosen, 1.0, scan.water_inflation(state, groups))
     return np.maximum(np.maximum(as_tested, common * water), common)
 
 

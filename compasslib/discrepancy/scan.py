@@ -21,7 +21,6 @@ BLOCK_S = 10 * 86400.0
 CLUSTER_S = 2 * 86400.0  # longer than the memory that the filter leaves
 REPEATS = 300
 DATE_HANDICAP = 0.4  # score taken off each of many dates, so that they do not raise the bar for the other terms
-FLOW_HANDICAP = 0.6  # the same off what is built from the flow's direction: some of its noise is the residual's
 SLOW, WEEKLY = (400.0, 14.0), (14.0, 5.0)  # longest and shortest periods, days
 FEWEST_WAVES = 8
 NINE_IN_TEN = 1.28  # normal score of it
@@ -75,7 +74,8 @@ def test(state: State, groups: Sequence[Group], seed: int = 0) -> Tested:
     groups = [group for group in groups if group.columns.shape[1]]
     ends = np.cumsum([group.columns.shape[1] for group in groups])
     white = state.projected(np.concatenate([group.columns for group in groups], axis=1, dtype=np.float32))
-    bases = [directions(part) for part in np.split(white, ends[:-1], axis=1)]
+    parts = np.split(white, ends[:-1], axis=1)
+    bases = [directions(_told(state, group, part)) for group, part in zip(groups, parts, strict=True)]
     kept = [k for k, basis in enumerate(bases) if basis.shape[1]]
     groups, bases = [groups[k] for k in kept], [bases[k] for k in kept]
     freedom = np.array([basis.shape[1] for basis in bases], dtype=float)
@@ -103,7 +103,7 @@ def size_of(state: State, group: Group, inflation: float) -> float:
         group: columns.
         inflation: of the noise's statistic.
     """
-    values, covariance = solved(state, group.columns)
+    values, covariance = solved(state, group)
     seen = state.visible(group.columns)
     product = seen.T @ seen / len(seen)
     return float(np.sqrt(max(float(values @ product @ values) - inflation * float(np.sum(product * covariance)), 0.0)))
@@ -129,22 +129,42 @@ def detectable(state: State, tested: Tested, threshold: float) -> dict[str, floa
     sizes: dict[str, list[float]] = {}
     for (group, inflation), white, seen in zip(some, whites, seens, strict=True):
         # visible size of a unit of the whitened columns, as a mean over the group's directions
-        unit = np.trace(inverse(white.T @ white) @ (seen.T @ seen)) / len(seen) / group.columns.shape[1]
+        unit = np.trace(inverse(white.T @ white + ridge(state, group)) @ (seen.T @ seen)) / len(seen) / white.shape[1]
         noise = state.sigma / state.response * np.sqrt(inflation)
         sizes.setdefault(group.name, []).append((threshold + NINE_IN_TEN) * noise * float(np.sqrt(unit)))
     return {name: float(np.median(size)) for name, size in sizes.items()}
 
 
-def solved(state: State, columns_deg: Floats) -> tuple[Floats, Floats]:
+def solved(state: State, group: Group) -> tuple[Floats, Floats]:
     """Return the values of columns fitted to the residual, and their covariance.
 
     Args:
         state: the simulation where it stands.
-        columns_deg: (n, k), degrees a unit.
+        group: columns.
     """
-    white = state.projected(columns_deg)
-    inverted = inverse(white.T @ white)
+    white = state.projected(group.columns)
+    inverted = inverse(white.T @ white + ridge(state, group))
     return inverted @ (white.T @ state.innovation) / state.response, inverted * (state.sigma / state.response) ** 2
+
+
+def ridge(state: State, group: Group) -> Floats:
+    """Return what is believed of a group's values beforehand, to be added to products of whitened columns, (k, k).
+
+    Args:
+        state: the simulation where it stands.
+        group: columns.
+    """
+    return np.diag(np.zeros(group.columns.shape[1]) if group.term is None else state.ridge([group.term]))
+
+
+def _told(state: State, group: Group, white: Floats) -> Floats:
+    """Return a group's whitened columns without the directions of which the record tells less than is known before."""
+    known = np.diag(ridge(state, group))
+    if not known.any():
+        return white
+    unit = white / np.sqrt(known)
+    values, vectors = np.linalg.eigh(unit.T @ unit)
+    return unit @ vectors[:, values > 1.0].astype(white.dtype)
 
 
 def beside(state: State, columns_deg: Floats) -> State:
@@ -199,9 +219,8 @@ def resampled(state: State, seed: int, repeats: int = REPEATS) -> Floats:
 
 
 def _handicap(group: Group) -> float:
-    if group.term is None:
-        return DATE_HANDICAP * (group.name == columns.SPELL)
-    return DATE_HANDICAP * group.term.dated() + FLOW_HANDICAP * ("flow_east" in group.term.needs)
+    dated = group.name == columns.SPELL if group.term is None else group.term.dated()
+    return DATE_HANDICAP * dated
 
 
 def _usual(groups: Sequence[Group], inflation: Floats) -> Floats:

@@ -68,13 +68,14 @@ def held_out(state: State, which: Sequence[int]) -> HeldOut:
     white = state.whitener(state.base)
     target = state.whitener.filtered(state.standard[:, None])[:, 0] / state.response + white @ values
     block = np.floor((state.case.scene.time_s - state.case.scene.time_s[0]) / BLOCK_S).astype(int)
-    left = {kept: _left(white[:, columns], target, block) for kept, columns in (("b", ~own), ("a", own | True))}
     total = state.residual_deg + state.base @ values
-    shown = {
-        k: _left_deg(state.base[:, c], white[:, c], target, total, block) for k, c in (("b", ~own), ("a", own | True))
-    }
-    each = (left["b"] ** 2 - left["a"] ** 2) * state.response**2 / (2.0 * state.sigma**2)
-    return judged(each, block, (angles.rms(shown["b"]), angles.rms(shown["a"])))
+    left, rms_deg = [], []
+    for kept in (~own, own | True):
+        fitted = _fitted_on_others(white[:, kept], target, state.base_ridge[kept], block)
+        left.append(target - np.sum(white[:, kept] * fitted, axis=1))
+        rms_deg.append(angles.rms(total - np.sum(state.base[:, kept] * fitted, axis=1)))
+    each = (left[0] ** 2 - left[1] ** 2) * state.response**2 / (2.0 * state.sigma**2)
+    return judged(each, block, (rms_deg[0], rms_deg[1]))
 
 
 def compared(before_deg: Floats, after_deg: Floats, width_deg: Floats, time_s: Floats) -> HeldOut:
@@ -158,24 +159,11 @@ def _own(state: State, which: Sequence[int]) -> NDArray[np.bool_]:
     return np.isin(label, list(which))
 
 
-def _left(white: Floats, target: Floats, block: NDArray[np.intp]) -> Floats:
-    left = np.empty(len(target))
+def _fitted_on_others(white: Floats, target: Floats, ridge: Floats, block: NDArray[np.intp]) -> Floats:
+    """Return for each sample the values of the columns fitted without the days around it, (n, k)."""
+    values = np.empty(white.shape)
     for fold in range(FOLDS):
         out = block % FOLDS == fold
-        left[out] = target[out] - white[out] @ _fitted(white[~out], target[~out])
-    return left
-
-
-def _left_deg(base: Floats, white: Floats, target: Floats, total_deg: Floats, block: NDArray[np.intp]) -> Floats:
-    left = np.empty(len(target))
-    for fold in range(FOLDS):
-        out = block % FOLDS == fold
-        left[out] = total_deg[out] - base[out] @ _fitted(white[~out], target[~out])
-    return left
-
-
-def _fitted(white: Floats, target: Floats) -> Floats:
-    scale = np.linalg.norm(white, axis=0)
-    scale = np.where(scale > 0.0, scale, 1.0)
-    gram = (white / scale).T @ (white / scale)
-    return np.asarray(np.linalg.pinv(gram, rcond=1e-8, hermitian=True) @ ((white / scale).T @ target)) / scale
+        some = white[~out]
+        values[out] = whitening.inverse(some.T @ some + np.diag(ridge)) @ (some.T @ target[~out])
+    return values

@@ -182,7 +182,7 @@ def widths(residual_deg: Floats, slowness: Floats) -> Floats:
     centre = np.array([np.median(slowness[known][bins == b]) for b in held])
     middle = np.array([1.4826 * np.median(size[bins == b]) for b in held])
     middle = np.maximum(np.maximum.accumulate(middle), NARROWEST * np.median(middle))
-    width = np.interp(slowness, centre, middle) * _share_beyond(slowness, centre, middle)
+    width = np.interp(slowness, centre, middle) * _beyond(slowness, centre, middle)
     return np.where(known, _on_circle(np.maximum(width, 1e-6)), np.inf)
 
 
@@ -195,20 +195,22 @@ def _on_circle(width_deg: Floats) -> Floats:
         return np.asarray(width_deg / np.maximum(1.0 - (width_deg / ANYWHERE_DEG) ** 2, 0.0))
 
 
-def _share_beyond(slowness: Floats, centre: Floats, middle: Floats) -> Floats:
-    """Return what share of the fastest bin's width is left where the water is faster still, 1 elsewhere, (n,).
+def _beyond(slowness: Floats, centre: Floats, middle: Floats) -> Floats:
+    """Return the width over that of the fastest or slowest bin where the water is beyond their middles, else 1, (n,).
 
     Width squared is a floor and what grows with slowness squared, as the fit's noise has it; both by least squares over
-    the faster half of the bins. What veers or heels does so where the water is fastest, and there it is seen best.
+    the faster half of the bins. What veers or heels does so where the water is fastest, and there it is seen best. The
+    slowest water goes where it rarely goes: a width too narrow there makes a veer of noise.
     """
     some = slice(0, max(len(centre) // 2, 2))
     x, y = centre[some] ** 2, middle[some] ** 2
+    slower = np.maximum(slowness / max(centre[-1], 1e-12), 1.0)
     if np.ptp(x) == 0.0:
-        return np.ones(len(slowness))
+        return slower
     growth = max(float(np.sum((x - x.mean()) * (y - y.mean())) / np.sum((x - x.mean()) ** 2)), 0.0)
     floor = max(float(y.mean() - growth * x.mean()), NARROWEST**2 * float(y[0]))
     square = np.minimum(slowness, centre[0]) ** 2
-    return np.asarray(np.sqrt((floor + growth * square) / (floor + growth * centre[0] ** 2)))
+    return np.asarray(slower * np.sqrt((floor + growth * square) / (floor + growth * centre[0] ** 2)))
 
 
 def inverse(gram: Floats) -> Floats:

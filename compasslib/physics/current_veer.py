@@ -7,7 +7,8 @@ from typing import ClassVar
 
 from compasslib.physics.term import Floats, Scene, Term, parameter
 
-STRONGEST_DEG = 30.0  # harmonic of a veer that is still believed
+# In narrow headings the harmonics stand for each other, up to 60 degrees each. Real veer ran from +22 to -7 degrees.
+USUAL_DEG = 15.0
 
 
 @dataclass(frozen=True)
@@ -75,16 +76,10 @@ class VeerWithDirection(Term):
     needs: ClassVar[tuple[str, ...]] = ("flow_east", "flow_north", "flow_sine2", "flow_cosine2")
     recordings: ClassVar[tuple[str, ...]] = ("mooring",)
 
-    sine_deg: float = parameter(
-        "degrees", "times the sine of the flow's direction", 1.0, least=-STRONGEST_DEG, most=STRONGEST_DEG
-    )
-    cosine_deg: float = parameter("degrees", "times its cosine", 1.0, least=-STRONGEST_DEG, most=STRONGEST_DEG)
-    sine2_deg: float = parameter(
-        "degrees", "times the sine of its double", 1.0, least=-STRONGEST_DEG, most=STRONGEST_DEG
-    )
-    cosine2_deg: float = parameter(
-        "degrees", "times the cosine of its double", 1.0, least=-STRONGEST_DEG, most=STRONGEST_DEG
-    )
+    sine_deg: float = parameter("degrees", "times the sine of the flow's direction", 1.0, usual=USUAL_DEG)
+    cosine_deg: float = parameter("degrees", "times its cosine", 1.0, usual=USUAL_DEG)
+    sine2_deg: float = parameter("degrees", "times the sine of its double", 1.0, usual=USUAL_DEG)
+    cosine2_deg: float = parameter("degrees", "times the cosine of its double", 1.0, usual=USUAL_DEG)
 
     def act(self, x: Floats, scene: Scene) -> Floats:
         """Return the veer."""

@@ -60,7 +60,9 @@ class Scene:
         return np.asarray(self.time_s >= date_s, dtype=float)
 
 
-def parameter(unit: str, meaning: str, step: float, *, least: float = -np.inf, most: float = np.inf) -> Any:
+def parameter(
+    unit: str, meaning: str, step: float, *, least: float = -np.inf, most: float = np.inf, usual: float = np.inf
+) -> Any:
     """Return the field of a parameter that is 0 where the effect is absent.
 
     Args:
@@ -69,8 +71,10 @@ def parameter(unit: str, meaning: str, step: float, *, least: float = -np.inf, m
         step: a change that turns the heading by very roughly a degree, for differences.
         least: a value below it is not believed of this effect.
         most: a value above it is not believed.
+        usual: standard deviation that is expected beforehand, for what a record may hardly show.
     """
-    return field(default=0.0, metadata={"unit": unit, "meaning": meaning, "step": step, "range": (least, most)})
+    told = {"unit": unit, "meaning": meaning, "step": step, "range": (least, most), "usual": usual}
+    return field(default=0.0, metadata=told)
 
 
 def date() -> Any:
@@ -110,6 +114,11 @@ class Term(ABC):
     def steps(cls) -> Floats:
         """Return for each fitted parameter a change that turns the heading by very roughly a degree."""
         return np.array([f.metadata["step"] for f in fields(cls) if f.metadata["step"]])
+
+    @classmethod
+    def expected(cls) -> Floats:
+        """Return for each fitted parameter the precision with which 0 is expected of it beforehand, 0 for most."""
+        return np.array([f.metadata["usual"] for f in fields(cls) if f.metadata["step"]]) ** -2.0
 
     @classmethod
     def units(cls) -> tuple[str, ...]:
