@@ -18,6 +18,7 @@ from compasslib.discrepancy import (
     clocks,
     columns,
     covariates,
+    dispersion,
     doubts,
     episodes,
     large,
@@ -354,11 +355,11 @@ def test_water_that_veers_otherwise_from_a_date_on_is_no_change_of_iron():
     )
     state = baseline.examine(case, case.simulation, np.zeros(case.nuisance.shape[1]))
     steps = [group for group in columns.of_terms(state, case.terms) if group.name == "hard_iron_step"]
-    inflation = scan.water_inflation(state, steps)
+    inflation = dispersion.by_water(state, steps)
     assert inflation.max() > 3.0
     case = mooring.case(sample, {}, fitted(drawn), field_of(drawn))
     quiet = baseline.examine(case, case.simulation, np.zeros(case.nuisance.shape[1]))
-    assert scan.water_inflation(quiet, steps).max() < 2.0
+    assert dispersion.by_water(quiet, steps).max() < 2.0
 
 
 def leaning(stuck_from=None):

@@ -9,11 +9,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib.discrepancy import baseline, columns, scan
+from compasslib.discrepancy import baseline, columns, dispersion
 from compasslib.discrepancy.baseline import State
 from compasslib.discrepancy.columns import Group
 from compasslib.discrepancy.scan import Tested
-from compasslib.discrepancy.whitening import inverse
+from compasslib.discrepancy.whitening import directions, inverse
 from compasslib.physics import Term, composition
 
 Floats = NDArray[np.floating]
@@ -182,7 +182,7 @@ def _own_inflation(state: State, groups: Sequence[Group], tested: Tested, common
     as_tested = np.array([tested.usual.get(type(group.term), common) for group in groups])
     chosen = np.array([type(group.term) in map(type, state.simulation.terms) for group in groups])
     # Of the chosen, water is in what they were tested by.
-    water = np.where(chosen, 1.0, scan.water_inflation(state, groups))
+    water = np.where(chosen, 1.0, dispersion.by_water(state, groups))
     return np.maximum(np.maximum(as_tested, common * water), common)
 
 
@@ -206,7 +206,7 @@ def _companions(view: State, undated: Sequence[Group]) -> list[Floats]:
     terms = [columns.of_term(view, term).columns for term in view.simulation.terms]
     others = [np.concatenate(terms[:k] + terms[k + 1 :], axis=1) for k in range(len(terms)) if len(terms) > 1]
     others += [group.columns for group in undated] if len(terms) <= 1 else []
-    return [np.zeros((len(view.case), 0)), *(scan.directions(view.projected(one)) for one in others)]
+    return [np.zeros((len(view.case), 0)), *(directions(view.projected(one)) for one in others)]
 
 
 def _of_date(view: State, kind: type[Term], tested: Tested, beside: Sequence[Floats]) -> list[Group]:

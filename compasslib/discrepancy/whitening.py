@@ -24,6 +24,7 @@ WIDTH_BINS = 12
 NARROWEST = 0.25  # least width as a share of the middle one
 ANYWHERE_DEG = 1.4826 * 90.0  # robust width of directions that point anywhere
 CHUNK = 64
+THINNEST = 1e-6  # share of a group's largest direction below which a direction is taken for absorbed by the base
 TREND_S, TREND_MEMORIES = 10 * 86400.0, 10  # least spacing of the knots of what is slow, and in lengths of the filter
 NEAR = 4.0  # frequencies up to this many times that of what is slow are its neighbours
 
@@ -236,3 +237,18 @@ def orthonormal(columns: Floats, least: float = 1e-5) -> Floats:
         return np.zeros((len(columns), 0))
     left, size, _ = np.linalg.svd(columns[:, scale > 0] / scale[scale > 0], full_matrices=False)
     return left[:, size > least * size[0]]
+
+
+def directions(white: Floats) -> Floats:
+    """Return an orthonormal basis of whitened columns, float32, (n, at most k).
+
+    Args:
+        white: whitened columns, (n, k).
+    """
+    scale = np.linalg.norm(white, axis=0)
+    unit = white[:, scale > 0] / scale[scale > 0]
+    if unit.shape[1] < 2:
+        return unit
+    values, vectors = np.linalg.eigh((unit.T @ unit).astype(float))
+    kept = values > max(THINNEST * values[-1], 1e-5)
+    return (unit @ (vectors[:, kept] / np.sqrt(values[kept])).astype(np.float32)).astype(np.float32)
