@@ -293,9 +293,9 @@ def test_what_a_term_adds_counts_by_its_own_inflation(slow_water):
 
 
 def test_beside_one_name_a_second_needs_less_evidence_than_a_first():
-    drawn, _ = bench.draw("two", 44, 66)  # a veer whose score is 3.56, the threshold of a first name 3.59
+    drawn, _ = bench.draw("two", 68, 66)  # a slip whose score is 3.25, the threshold of a first name 3.4
     found = diagnose(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
-    assert {one.effect for one in found.findings} == set(drawn.truth) == {"sextantal", "current_veer"}
+    assert {one.effect for one in found.findings} == set(drawn.truth) == {"octantal", "heading_slip"}
 
 
 def test_a_veer_by_direction_is_named_where_headings_are_narrow():
@@ -342,6 +342,19 @@ def test_clocks_are_compared_by_pairs_further_apart_where_these_are_given():
     assert abs(every.offset_h - ahead) < 0.15 < abs(near.offset_h - ahead)
     found = diagnose(few, {}, fitted(drawn), field_of(drawn), wide=drawn.pairs)
     assert found.findings[0].parameters["hours"].value == pytest.approx(every.offset_h)
+
+
+@pytest.mark.parametrize("veer_deg", [0.0, 6.0])
+def test_iron_that_drifts_where_the_water_changes_too_may_be_water(veer_deg):
+    drawn = world.planted(world.make(9, wide=True, n=HOURS), {"hard_iron_drift": 4.0})
+    sample, along = drawn.pairs, np.linspace(-0.5, 0.5, HOURS)
+    second, _ = angles.sin_cos(2.0 * drawn.heading)
+    turned = angles.turn(sample.lower_east, sample.lower_north, veer_deg * along * second)
+    sample = replace(sample, lower_east=turned[0], lower_north=turned[1])
+    found = diagnose(sample, drawn.covariates, fitted(drawn), field_of(drawn))
+    finding = next(one for one in found.findings if "hard_iron_drift" in (one.effect, *one.alternatives))
+    assert ("current_veer" in finding.alternatives) == (veer_deg > 0.0) != finding.applied
+    assert ("lives in the water" in found.separated_by) == (veer_deg > 0.0)
 
 
 def test_water_that_veers_otherwise_from_a_date_on_is_no_change_of_iron():

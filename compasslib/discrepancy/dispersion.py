@@ -100,18 +100,28 @@ def by_water(state: State, groups: Sequence[Group]) -> Floats:
         state: the simulation where it stands.
         groups: columns of terms.
     """
-    turning = np.column_stack([x for k in WATERS for x in angles.sin_cos(k * np.nan_to_num(state.heading_deg))])
-    always, found = state.projected(turning.astype(np.float32)), np.ones(len(groups))
+    found = np.ones(len(groups))
     for k, group in enumerate(groups):
         change = None if group.term is None else group.term.change(state.case.scene)
-        if change is None:
-            continue
-        kept = directions(np.concatenate([state.projected(group.columns.astype(np.float32)), always], axis=1))
-        white = state.projected((turning * change[:, None]).astype(np.float32))
-        basis = directions(white - kept @ (kept.T @ white))
-        heard = float(np.sum((basis.T @ state.innovation) ** 2)) / state.sigma**2
-        found[k] = max((heard + TRUSTED) / (basis.shape[1] + TRUSTED), 1.0)
+        if change is not None:
+            statistic, freedom = of_water(state, change, group.columns)
+            found[k] = max((statistic + TRUSTED) / (freedom + TRUSTED), 1.0)
     return found
+
+
+def of_water(state: State, change: Floats, beside: Floats) -> tuple[float, int]:
+    """Return the statistic of water whose veer by direction changes, beside some columns, and its freedom.
+
+    Args:
+        state: the simulation where it stands.
+        change: along which it changes, (n,).
+        beside: columns that are taken out, (n, k).
+    """
+    turning = np.column_stack([x for k in WATERS for x in angles.sin_cos(k * np.nan_to_num(state.heading_deg))])
+    kept = directions(state.projected(np.concatenate([beside, turning], axis=1).astype(np.float32)))
+    white = state.projected((turning * change[:, None]).astype(np.float32))
+    basis = directions(white - kept @ (kept.T @ white))
+    return float(np.sum((basis.T @ state.innovation) ** 2)) / state.sigma**2, basis.shape[1]
 
 
 def usual(groups: Sequence[Group], inflation: Floats) -> Floats:

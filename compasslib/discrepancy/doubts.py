@@ -13,16 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles
-from compasslib.discrepancy import baseline, findings, model, scan, show
+from compasslib.discrepancy import baseline, dispersion, findings, model, scan, show
 from compasslib.discrepancy.baseline import State
 from compasslib.discrepancy.columns import Group
 from compasslib.discrepancy.naming import Named
 from compasslib.physics import composition
+from compasslib.physics.current_veer import VeerWithDirection
 
 Floats = NDArray[np.floating]
 
 REFUTED = 0.15  # p-value on held-out days from which on a name is dropped; those above PROVEN touch no product
 NOTHING = 0.5  # from here on they rather show that nothing was there
+CHANGES = 3.3  # normal score from which on water is seen to veer otherwise as time goes: 1 in 2000 by chance
 LITTLE, MUCH = 0.2, 1.0 / 3.0  # what is left over what the names explain: too little to doubt, enough at any size
 
 
@@ -62,6 +64,30 @@ def replaced(named: Named, group: Group, size_deg: float, min_effect_deg: float)
         return named
     idle = [k for k, term in enumerate(terms) if not term.evident and _score(view, k, group) <= named.threshold]
     return _without(named, idle) if idle else named
+
+
+def or_water(named: Named) -> Named:
+    """Return the hypothesis with the water among the alternatives of what changes, where the water changes too.
+
+    Where its veer by direction is seen to change over the record at harmonics that no iron reaches, it may change at
+    iron's first harmonic as well.
+
+    Args:
+        named: the chosen hypothesis.
+    """
+    scene, terms = named.state.case.scene, named.state.simulation.terms
+    changes = [term.change(scene) for term in terms]
+    if all(change is None for change in changes) or VeerWithDirection not in named.state.case.terms:
+        return named
+    statistic, freedom = dispersion.of_water(named.state, scene.years, np.zeros((len(scene), 0)))
+    if scan.normal_score(np.array(statistic), np.array(float(freedom))) < CHANGES:
+        return named
+    water = VeerWithDirection.name
+    others = [
+        names if change is None or water in names else (*names, water)
+        for names, change in zip(named.alternatives, changes, strict=True)
+    ]
+    return replace(named, alternatives=tuple(others))
 
 
 def _weakest(state: State) -> tuple[int, float] | None:
