@@ -21,6 +21,7 @@ from compasslib.discrepancy import (
     dispersion,
     doubts,
     episodes,
+    followed,
     large,
     model,
     mooring,
@@ -37,6 +38,7 @@ from compasslib.nature import demonstration
 from compasslib.physics.heading_slip import HeadingSlip
 from compasslib.physics.heeling import Heeling
 from compasslib.physics.sextantal import Sextantal
+from compasslib.physics.temperature import TemperatureOfField, TemperatureOfReading
 from compasslib.records import GOOD, EarthField, Pairs, Record
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
@@ -355,6 +357,25 @@ def test_iron_that_drifts_where_the_water_changes_too_may_be_water(veer_deg):
     finding = next(one for one in found.findings if "hard_iron_drift" in (one.effect, *one.alternatives))
     assert ("current_veer" in finding.alternatives) == (veer_deg > 0.0) != finding.applied
     assert ("lives in the water" in found.separated_by) == (veer_deg > 0.0)
+
+
+def test_a_season_alone_is_no_proof_of_temperature():
+    drawn, _ = bench.draw("control", 8, 9802)  # its temperature was logged some months early
+    found = diagnose(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
+    assert found.findings and not any("temperature" in (one.effect, *one.alternatives) for one in found.findings)
+
+
+@pytest.mark.parametrize(("months_early", "seen_in_weeks"), [(0, True), (3, False)])
+def test_an_effect_of_temperature_follows_the_changes_of_weeks(months_early, seen_in_weeks):
+    drawn = world.planted(world.make(12, wide=True), {"temperature": 3.0})
+    drawn.covariates["temperature"] = np.roll(drawn.covariates["temperature"], 730 * months_early)
+    case = mooring.case(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
+    empty = baseline.examine(case, case.simulation, np.zeros(case.nuisance.shape[1]))
+    (name,) = (x for x in drawn.truth["temperature"] if x != "b_y_nT_K")
+    kind = TemperatureOfReading if name == "deg_K" else TemperatureOfField
+    state = model.refit(empty, [kind(**drawn.truth["temperature"])])
+    state = replace(state, simulation=replace(state.simulation, terms=(kind(**drawn.truth["temperature"]),)))
+    assert (followed.refuted(state) == []) == seen_in_weeks
 
 
 def test_water_that_veers_otherwise_from_a_date_on_is_no_change_of_iron():

@@ -93,9 +93,18 @@ def as_used(name: str, column: Floats, time_s: Floats) -> Floats:
         column: (n,), NaN where missing.
         time_s: increasing times, (n,).
     """
-    if name != "supply_voltage" or not len(column):
-        return column
-    first, last = (np.searchsorted(time_s, time_s + half, "left") for half in (-DAY_S / 2.0, DAY_S / 2.0))
+    return running(column, time_s, DAY_S) if name == "supply_voltage" and len(column) else column
+
+
+def running(column: Floats, time_s: Floats, span_s: float) -> Floats:
+    """Return the mean of a series over a span around each sample, (n,).
+
+    Args:
+        column: (n,), NaN where missing.
+        time_s: increasing times, (n,).
+        span_s: length of the span, seconds.
+    """
+    first, last = (np.searchsorted(time_s, time_s + half, "left") for half in (-span_s / 2.0, span_s / 2.0))
     total, count = (
         np.concatenate([[0.0], np.cumsum(x)]) for x in (np.nan_to_num(column), np.isfinite(column).astype(float))
     )

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles
-from compasslib.discrepancy import baseline, dispersion, findings, model, scan, show
+from compasslib.discrepancy import baseline, dispersion, findings, followed, model, scan, show
 from compasslib.discrepancy.baseline import State
 from compasslib.discrepancy.columns import Group
 from compasslib.discrepancy.naming import Named
@@ -91,7 +91,12 @@ def or_water(named: Named) -> Named:
 
 
 def _weakest(state: State) -> tuple[int, float] | None:
-    """Return the term that held-out days confirm least with its p-value, None where they confirm all."""
+    """Return the term that held-out days confirm least with its p-value, None where they confirm all.
+
+    One that its own series refutes within weeks is as good as not confirmed.
+    """
+    if refuted := followed.refuted(state):
+        return refuted[0], REFUTED
     terms = state.simulation.terms
     p_values = {k: show.held_out(state, [k]).p_value for k, term in enumerate(terms) if not term.evident}
     least = max(p_values.items(), key=lambda one: one[1], default=None)

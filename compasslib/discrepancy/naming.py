@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib.discrepancy import columns, model, rivals, scan
+from compasslib.discrepancy import columns, followed, model, rivals, scan
 from compasslib.discrepancy.baseline import State
 from compasslib.discrepancy.rivals import Hypothesis, Rivals
 from compasslib.discrepancy.scan import Tested
@@ -173,8 +173,8 @@ def _speaking(field: Rivals, tested: Tested, worth: Sequence[int]) -> set[int]:
 
 def _holds(before: State, after: State, min_effect_deg: float) -> bool:
     """Tell whether refitted terms are still there, believable, and leave a smaller residual than without the last."""
-    believable = all(term.believable for term in after.simulation.terms)
-    return believable and model.gained(before, after) > 0.0 and min(model.sizes_deg(after)) >= LOST * min_effect_deg
+    believable = all(term.believable for term in after.simulation.terms) and model.gained(before, after) > 0.0
+    return believable and min(model.sizes_deg(after)) >= LOST * min_effect_deg and not followed.refuted(after)
 
 
 def _scored(before: State, field: Rivals, hypothesis: Hypothesis, after: State) -> float:
