@@ -25,6 +25,7 @@ BATTERY_JUMP = 0.3  # of its whole range: a supply voltage that rises by more wi
 FEWEST_AROUND = 100  # samples that tell the weights
 SHEARING = 6  # samples to either side over which water shears and instruments' own noise averages out
 AROUND = (2, 3, 4, 5, 6, 7)  # samples before and after; the nearest may share the residual's noise
+FAINTEST = 0.03  # of the harmonics' largest combination: what an arc of flow hardly tells apart is not scaled up
 CLIPPED_RAD = 0.6  # of the angle between two directions, for its memory: slow water may point anywhere
 NEIGHBOUR_S = 1.5 * HOUR_S  # neighbours farther apart say nothing of a rate
 
@@ -238,7 +239,7 @@ def _followed(seen: Floats, around: Floats, memory: float) -> Floats:
     if not known.any():
         return around
     x, z = (series[known] - series[known].mean(axis=0) for series in (x, z))
-    shares, *_ = np.linalg.lstsq(z, x, rcond=0.03)
+    shares, *_ = np.linalg.lstsq(z, x, rcond=FAINTEST)
     return np.asarray(around @ shares)
 
 

@@ -79,7 +79,7 @@ def or_water(named: Named) -> Named:
     changes = [term.change(scene) for term in terms]
     if all(change is None for change in changes) or VeerWithDirection not in named.state.case.terms:
         return named
-    statistic, freedom = dispersion.of_water(named.state, scene.years, np.zeros((len(scene), 0)))
+    statistic, freedom = dispersion.of_water(named.state)
     if scan.normal_score(np.array(statistic), np.array(float(freedom))) < CHANGES:
         return named
     water = VeerWithDirection.name

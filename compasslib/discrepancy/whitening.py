@@ -190,7 +190,7 @@ def widths(residual_deg: Floats, slowness: Floats) -> Floats:
 def _on_circle(width_deg: Floats) -> Floats:
     """Return the width that a direction is worth: one that points anywhere tells nothing, however narrow it looks.
 
-    Of a wrapped normal law it follows what the score of the mean direction knows, to a third from 30 degrees on.
+    Of a wrapped normal law it follows what the score of the mean direction knows within a fifth.
     """
     with np.errstate(divide="ignore"):
         return np.asarray(width_deg / np.maximum(1.0 - (width_deg / ANYWHERE_DEG) ** 2, 0.0))
