@@ -100,37 +100,19 @@ def by_water(state: State, groups: Sequence[Group]) -> Floats:
         state: the simulation where it stands.
         groups: columns of terms.
     """
-    turning, found = _turning(state), np.ones(len(groups))
+    heading, found = np.nan_to_num(state.heading_deg), np.ones(len(groups))
+    turning = np.column_stack([x for k in WATERS for x in angles.sin_cos(k * heading)]).astype(np.float32)
     always = state.projected(turning)
     for k, group in enumerate(groups):
         change = None if group.term is None else group.term.change(state.case.scene)
-        if change is not None:
-            kept = np.concatenate([state.projected(group.columns.astype(np.float32)), always], axis=1)
-            statistic, freedom = _changing(state, turning * change[:, None], kept)
-            found[k] = max((statistic + TRUSTED) / (freedom + TRUSTED), 1.0)
+        if change is None:
+            continue
+        kept = directions(np.concatenate([state.projected(group.columns.astype(np.float32)), always], axis=1))
+        white = state.projected((turning * change[:, None]).astype(np.float32))
+        basis = directions(white - kept @ (kept.T @ white))
+        heard = float(np.sum((basis.T @ state.innovation) ** 2)) / state.sigma**2
+        found[k] = max((heard + TRUSTED) / (basis.shape[1] + TRUSTED), 1.0)
     return found
-
-
-def of_water(state: State) -> tuple[float, int]:
-    """Return the statistic of water whose veer by direction changes with time, and its freedom.
-
-    Args:
-        state: the simulation where it stands.
-    """
-    turning = _turning(state)
-    return _changing(state, turning * state.case.scene.years[:, None], state.projected(turning))
-
-
-def _turning(state: State) -> Floats:
-    heading = np.nan_to_num(state.heading_deg)
-    return np.column_stack([x for k in WATERS for x in angles.sin_cos(k * heading)]).astype(np.float32)
-
-
-def _changing(state: State, columns_deg: Floats, beside: Floats) -> tuple[float, int]:
-    """Return the statistic of columns beside others that are whitened already, and its freedom."""
-    kept, white = directions(beside), state.projected(columns_deg.astype(np.float32))
-    basis = directions(white - kept @ (kept.T @ white))
-    return float(np.sum((basis.T @ state.innovation) ** 2)) / state.sigma**2, basis.shape[1]
 
 
 def usual(groups: Sequence[Group], inflation: Floats) -> Floats:

@@ -13,10 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles
-from compasslib.discrepancy import baseline, dispersion, findings, followed, model, scan, show
+from compasslib.discrepancy import baseline, findings, followed, model, scan, show
 from compasslib.discrepancy.baseline import State
 from compasslib.discrepancy.columns import Group
 from compasslib.discrepancy.naming import Named
+from compasslib.discrepancy.scan import Tested
 from compasslib.physics import composition
 from compasslib.physics.current_veer import VeerWithDirection
 
@@ -24,7 +25,7 @@ Floats = NDArray[np.floating]
 
 REFUTED = 0.15  # p-value on held-out days from which on a name is dropped; those above PROVEN touch no product
 NOTHING = 0.5  # from here on they rather show that nothing was there
-CHANGES = 3.3  # normal score from which on water is seen to veer otherwise as time goes: 1 in 2000 by chance
+LIKE_WATER = 3.0  # inflation from which on water may do what a change seems to do
 LITTLE, MUCH = 0.2, 1.0 / 3.0  # what is left over what the names explain: too little to doubt, enough at any size
 
 
@@ -67,25 +68,24 @@ def replaced(named: Named, group: Group, size_deg: float, min_effect_deg: float)
 
 
 def or_water(named: Named) -> Named:
-    """Return the hypothesis with the water among the alternatives of what changes, where the water changes too.
+    """Return the hypothesis with the water among the alternatives of what changes where the water changes alike.
 
-    Where its veer by direction is seen to change over the record at harmonics that no iron reaches, it may change at
-    iron's first harmonic as well.
+    Of a real record whose own noise of that kind was four times what chance makes, each change of the iron that was
+    applied had made the headings worse.
 
     Args:
         named: the chosen hypothesis.
     """
-    scene, terms = named.state.case.scene, named.state.simulation.terms
-    changes = [term.change(scene) for term in terms]
-    if all(change is None for change in changes) or VeerWithDirection not in named.state.case.terms:
+    scene, terms, water = named.state.case.scene, named.state.simulation.terms, VeerWithDirection
+    changing = [k for k, term in enumerate(terms) if term.change(scene) is not None]
+    if not changing or water not in named.state.case.terms:
         return named
-    statistic, freedom = dispersion.of_water(named.state)
-    if scan.normal_score(np.array(statistic), np.array(float(freedom))) < CHANGES:
-        return named
-    water = VeerWithDirection.name
+    view = baseline.examine(named.state.case, named.state.simulation, named.state.nuisance, freed=True)
+    tests = {k: _tested(view, k) for k in changing}
+    like = {k for k, tested in tests.items() if len(tested.groups) and tested.inflation[0] > LIKE_WATER}
     others = [
-        names if change is None or water in names else (*names, water)
-        for names, change in zip(named.alternatives, changes, strict=True)
+        (*names, water.name) if k in like and water.name not in names else names
+        for k, names in enumerate(named.alternatives)
     ]
     return replace(named, alternatives=tuple(others))
 
@@ -132,7 +132,14 @@ def _explained(view: State) -> float:
 
 def _score(view: State, k: int, group: Group) -> float:
     """Return the score of a term beside the other terms and the curve of what is left."""
-    own = _columns(view)
-    fitted = scan.beside(view, np.concatenate([group.columns, *own[:k], *own[k + 1 :]], axis=1))
-    tested = scan.test(fitted, [Group(group.name, own[k], view.simulation.terms[k])])
+    tested = _tested(view, k, group.columns)
     return float(tested.score[0]) if len(tested.groups) else -np.inf
+
+
+def _tested(view: State, k: int, *beside: Floats) -> Tested:
+    """Return the test of a term beside the other terms and further columns."""
+    own = _columns(view)
+    others = [*beside, *own[:k], *own[k + 1 :]]
+    fitted = scan.beside(view, np.concatenate(others, axis=1)) if others else view
+    term = view.simulation.terms[k]
+    return scan.test(fitted, [Group(term.name, own[k], term)])
