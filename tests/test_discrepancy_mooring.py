@@ -335,6 +335,13 @@ def test_a_clock_is_on_its_own_side():
     assert abs(hours.value - drawn.truth["clock_offset"]["hours"]) < 4.0 * hours.sigma
 
 
+def test_directions_read_between_samples_are_no_veer_of_the_water():
+    drawn, _ = bench.draw("clock", 4, 9903)
+    found = diagnose(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
+    assert [one.effect for one in found.findings] == ["clock_offset"]
+    assert any(effect == "current_veer" and "after the clocks" in why for effect, why in found.not_testable)
+
+
 def test_clocks_are_compared_by_pairs_further_apart_where_these_are_given():
     drawn = world.planted(world.make(5, wide=True, n=HOURS), {"clock_offset": 1.0})
     ahead = drawn.truth["clock_offset"]["hours"]

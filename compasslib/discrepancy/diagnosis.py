@@ -37,6 +37,7 @@ from compasslib.discrepancy.naming import Named
 from compasslib.discrepancy.sectors import Heap
 from compasslib.discrepancy.show import Curve
 from compasslib.discrepancy.verdict import Diagnosis, Finding, Unexplained
+from compasslib.physics.current_veer import VeerWithDirection
 from compasslib.records import EarthField, Pairs
 
 Floats = NDArray[np.floating]
@@ -114,6 +115,8 @@ def diagnose(
         first += findings.of_clock(pairs, again, exact, clock)
         pairs, exact = again, deviation.fit(exact.method, again, exact, dip_ratio=exact.dip_ratio)
     case = mooring.case(pairs, logged, exact, field, reference_magnetic=options.reference_magnetic)
+    if clock.named:
+        case = _without_direction(case)
     if is_series:  # it was looked for already
         case = replace(case, not_testable=tuple(one for one in case.not_testable if one[0] != "large_deviation"))
     found = _joined(first, judge(case, options))
@@ -123,6 +126,16 @@ def diagnose(
         found = replace(found, applied=applied.no_surer(found.applied, exact))
     counts = any(one.applied or (one.beside_compass and not is_series) for one in found.findings)
     return replace(found, fit=exact) if counts else replace(found, applied=None)
+
+
+def _without_direction(case: Case) -> Case:
+    """Return the case without the veer by direction, whose flow knows nothing of noise that was interpolated."""
+    why = "directions read between two samples, after the clocks, share their noise with the direction of the flow"
+    return replace(
+        case,
+        terms=tuple(kind for kind in case.terms if kind is not VeerWithDirection),
+        not_testable=(*case.not_testable, (VeerWithDirection.name, why)),
+    )
 
 
 def judge(case: Case, options: Options) -> Diagnosis:
