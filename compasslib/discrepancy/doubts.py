@@ -70,7 +70,7 @@ def replaced(named: Named, group: Group, size_deg: float, min_effect_deg: float)
 def or_water(named: Named) -> Named:
     """Return the hypothesis with the water among the alternatives of what changes where the water changes alike.
 
-    Of a real record whose own noise of that kind was four times what chance makes, each change of the iron that was
+    Of a real record whose own noise of that kind was two to seven times what chance makes, each change of the iron that was
     applied had made the headings worse.
 
     Args:
