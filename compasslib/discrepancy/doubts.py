@@ -70,8 +70,8 @@ def replaced(named: Named, group: Group, size_deg: float, min_effect_deg: float)
 def or_water(named: Named) -> Named:
     """Return the hypothesis with the water among the alternatives of what changes where the water changes alike.
 
-    Of a real record whose own noise of that kind was two to seven times what chance makes, each change of the iron that was
-    applied had made the headings worse.
+    Of a real record whose own noise of that kind was two to seven times what chance makes, each change of the iron that
+    was applied had made the headings worse.
 
     Args:
         named: the chosen hypothesis.
