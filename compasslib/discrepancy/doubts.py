@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles
-from compasslib.discrepancy import baseline, findings, followed, model, scan, show
+from compasslib.discrepancy import baseline, dispersion, findings, followed, model, scan, show
 from compasslib.discrepancy.baseline import State
 from compasslib.discrepancy.columns import Group
 from compasslib.discrepancy.naming import Named
-from compasslib.discrepancy.scan import Tested
+from compasslib.discrepancy.whitening import directions
 from compasslib.physics import composition
 from compasslib.physics.current_veer import VeerWithDirection
 
@@ -25,7 +25,7 @@ Floats = NDArray[np.floating]
 
 REFUTED = 0.15  # p-value on held-out days from which on a name is dropped; those above PROVEN touch no product
 NOTHING = 0.5  # from here on they rather show that nothing was there
-LIKE_WATER = 3.0  # inflation from which on water may do what a change seems to do
+LIKE_WATER = 2.5  # inflation by uneven noise and by water, from which on water may do what a change seems to do
 LITTLE, MUCH = 0.2, 1.0 / 3.0  # what is left over what the names explain: too little to doubt, enough at any size
 
 
@@ -70,8 +70,8 @@ def replaced(named: Named, group: Group, size_deg: float, min_effect_deg: float)
 def or_water(named: Named) -> Named:
     """Return the hypothesis with the water among the alternatives of what changes where the water changes alike.
 
-    Of a real record whose own noise of that kind was two to seven times what chance makes, each change of the iron that
-    was applied had made the headings worse.
+    Of a real record whose own noise of that kind was two to six times what chance makes, each change of the iron that
+    was applied had made the headings worse. Noise that is merely slow, as simulated moorings have too, does not count.
 
     Args:
         named: the chosen hypothesis.
@@ -81,8 +81,7 @@ def or_water(named: Named) -> Named:
     if not changing or water not in named.state.case.terms:
         return named
     view = baseline.examine(named.state.case, named.state.simulation, named.state.nuisance, freed=True)
-    tests = {k: _tested(view, k) for k in changing}
-    like = {k for k, tested in tests.items() if len(tested.groups) and tested.inflation[0] > LIKE_WATER}
+    like = {k for k in changing if _feigned(*_beside(view, k)) > LIKE_WATER}
     others = [
         (*names, water.name) if k in like and water.name not in names else names
         for k, names in enumerate(named.alternatives)
@@ -132,14 +131,21 @@ def _explained(view: State) -> float:
 
 def _score(view: State, k: int, group: Group) -> float:
     """Return the score of a term beside the other terms and the curve of what is left."""
-    tested = _tested(view, k, group.columns)
+    tested = scan.test(*_beside(view, k, group.columns))
     return float(tested.score[0]) if len(tested.groups) else -np.inf
 
 
-def _tested(view: State, k: int, *beside: Floats) -> Tested:
-    """Return the test of a term beside the other terms and further columns."""
+def _feigned(fitted: State, groups: Sequence[Group]) -> float:
+    """Return by how much noise that is uneven, and water that changes alike, inflate a group's statistic."""
+    basis = directions(fitted.projected(groups[0].columns.astype(np.float32)))
+    scattered = dispersion.uneven(fitted, basis) if basis.shape[1] else 1.0
+    return max(scattered, 1.0) * float(dispersion.by_water(fitted, groups)[0])
+
+
+def _beside(view: State, k: int, *beside: Floats) -> tuple[State, list[Group]]:
+    """Return the state with the other terms and further columns fitted, and the group of a term to be tested there."""
     own = _columns(view)
     others = [*beside, *own[:k], *own[k + 1 :]]
     fitted = scan.beside(view, np.concatenate(others, axis=1)) if others else view
     term = view.simulation.terms[k]
-    return scan.test(fitted, [Group(term.name, own[k], term)])
+    return fitted, [Group(term.name, own[k], term)]
