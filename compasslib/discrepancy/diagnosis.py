@@ -276,7 +276,7 @@ def _applied(named: Named, every: Sequence[Finding]) -> Applied | None:
     terms = named.state.simulation.terms
     if not any(one.applied or one.beside_compass for one in every):
         return None
-    beside = [t for t, one in zip(terms, every, strict=True) if one.applied or t.side != "compass"]
+    beside = [t for t, one in zip(terms, every, strict=True) if one.applied or one.beside_compass]
     state = named.state if len(beside) == len(terms) else model.refit(named.state, beside)
     estimate = model.estimate(state)
     ends = 5 + np.cumsum([0, *(len(term.fitted()) for term in state.simulation.terms)])

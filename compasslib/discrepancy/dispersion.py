@@ -22,7 +22,7 @@ SLOW, WEEKLY = (400.0, 14.0), (14.0, 5.0)  # longest and shortest periods, days
 FEWEST_WAVES = 8
 WATERS = (2, 3, 4)  # harmonics of the heading that water's veer reaches and iron's change hardly does
 TRUSTED = 6.0  # directions' worth of trust that there is no such water
-MEDIAN_OF_CHI_SQUARED = 0.455  # of one degree of freedom
+TRIMMED, MEAN_OF_TRIMMED = 0.95, 0.759  # share of the smallest of chi-squared values that are kept, and their mean
 
 
 def resampled(state: State, seed: int, repeats: int = REPEATS) -> Floats:
@@ -84,7 +84,8 @@ def slow(state: State, every: Floats, begins: NDArray[np.intp], freedom: Floats)
     if len(weekly) < FEWEST_WAVES:
         return np.ones(len(freedom))
     heard = _waves(state, weekly)
-    excess = float(np.median((heard.T @ state.innovation) ** 2)) / state.sigma**2 / MEDIAN_OF_CHI_SQUARED
+    power = np.sort((heard.T @ state.innovation) ** 2)[: round(TRIMMED * heard.shape[1])] / state.sigma**2
+    excess = float(power.mean()) / MEAN_OF_TRIMMED
     share = np.add.reduceat(np.sum((every.T @ _waves(state, monthly)) ** 2, axis=1), begins) / freedom
     return 1.0 + max(excess - 1.0, 0.0) * share
 

@@ -24,6 +24,7 @@ from compasslib.physics.current_veer import VeerWithDirection
 Floats = NDArray[np.floating]
 
 REFUTED = 0.15  # p-value on held-out days from which on a name is dropped; those above PROVEN touch no product
+BESIDE = 0.2  # the same beside other names: that something was left out is proven then
 NOTHING = 0.5  # from here on they rather show that nothing was there
 LIKE_WATER = 2.5  # inflation by uneven noise and by water, from which on water may do what a change seems to do
 LITTLE, MUCH = 0.2, 1.0 / 3.0  # what is left over what the names explain: too little to doubt, enough at any size
@@ -95,11 +96,11 @@ def _weakest(state: State) -> tuple[int, float] | None:
     One that its own series refutes within weeks is as good as not confirmed.
     """
     if refuted := followed.refuted(state):
-        return refuted[0], REFUTED
+        return refuted[0], BESIDE
     terms = state.simulation.terms
     p_values = {k: show.held_out(state, [k]).p_value for k, term in enumerate(terms) if not term.evident}
     least = max(p_values.items(), key=lambda one: one[1], default=None)
-    return least if least is not None and least[1] >= REFUTED else None
+    return least if least is not None and least[1] >= (BESIDE if len(p_values) > 1 else REFUTED) else None
 
 
 def _without(named: Named, gone: Sequence[int]) -> Named:
