@@ -213,6 +213,13 @@ def test_a_name_that_only_stands_for_the_curve_of_what_is_left_is_not_given(stra
     assert 2.8 < found.unexplained.rms_effect_deg < 4.2  # of 3.5 degrees; the clip and the noise take and give a fifth
 
 
+def test_an_effect_beyond_a_rare_depth_is_no_veer_in_proportion_to_depth():
+    drawn = world.planted(world.make(6, wide=False, n=HOURS), {"depth_threshold": 3.5})
+    found = diagnose(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn), Options())
+    assert found.verdict == "unexplained" and not found.findings and found.applied is None
+    assert found.unexplained.covariates == ("depth",)
+
+
 def test_a_step_that_a_wave_explains_better_has_no_name():
     drawn = world.planted(world.make(4, wide=True, n=HOURS), {"wander": 3.5})
     case = mooring.case(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))

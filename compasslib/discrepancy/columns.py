@@ -19,6 +19,7 @@ from compasslib.physics.heading_slip import HeadingSlip
 Floats = NDArray[np.floating]
 
 DATE_STEP_S, DATE_MARGIN = 10 * 86400.0, 0.04  # dates of steps that are tried, and how near to the ends
+THRESHOLDS = (0.07, 0.13, 0.2, 0.35, 0.5, 0.65, 0.8, 0.87, 0.93)  # quantiles beyond which an effect may set in
 KNOTS = 8
 HEADING_HAT_DEG, FEWEST_IN_HAT = 6.0, 30
 TEETH = 24  # highest harmonic of the recorded heading
@@ -88,7 +89,7 @@ def dates(time_s: Floats) -> Floats:
 
 
 def omnibus(state: State) -> list[Group]:
-    """Return splines of each covariate, harmonics and hats of the heading, and products.
+    """Return splines and thresholds of each covariate, harmonics and hats of the heading, and products.
 
     Args:
         state: the simulation where it stands.
@@ -104,6 +105,7 @@ def omnibus(state: State) -> list[Group]:
             groups += [*waves(column), *_spells(state)]
         elif name != "heading" and name not in stuck.LEANS:
             groups.append(Group(name, _hats(column, KNOTS), covariates=(name,)))
+            groups += [Group(name, step, covariates=(name,)) for step in _steps(column)]
     linear = {name: _standard(found[name]) for name in LINEAR if name in found}
     turning = np.column_stack([np.ones(len(heading)), _periodic(heading, range(1, 4))])
     for name, column in linear.items():
@@ -175,6 +177,11 @@ def _hats(x: Floats, count: int) -> Floats:
         return np.zeros((len(x), 0))
     eye = np.eye(len(knots))
     return np.column_stack([np.interp(x, knots, row) for row in eye])
+
+
+def _steps(x: Floats) -> list[Floats]:
+    """Return what sets in beyond a threshold, each alone: where a covariate has a long tail, hats do not turn there."""
+    return [(x > threshold)[:, None].astype(float) for threshold in np.unique(np.quantile(x, THRESHOLDS))]
 
 
 def _standard(x: Floats) -> Floats:
