@@ -23,6 +23,7 @@ from compasslib.physics import CATALOGUE, Term
 Floats = NDArray[np.floating]
 
 MOST_TERMS = 3
+FIRST = 1.6  # of the alarm, for a first name: of what noise names, held-out days drop half (3 of 900 records kept one)
 FURTHER = 3.0  # of the alarm, for a name beside another: of 132 records of one effect 1 got a second name
 LOST = 0.7  # share of the least size below which a refitted term has lost its effect
 SEEN = 0.5  # the same for a term of another hypothesis that could stand there
@@ -54,7 +55,7 @@ def search(state: State, *, alarm: float, min_effect_deg: float) -> Named:
     while (count := len(found.state.simulation.terms)) < MOST_TERMS:
         tested = scan.test(found.state, columns.of_terms(found.state, state.case.terms), seed=count + 1)
         tested = tested if found.tested is None else replace(tested, before=found.tested.usual)
-        threshold = tested.threshold(alarm * (FURTHER if count else 1.0))
+        threshold = tested.threshold(alarm * (FURTHER if count else FIRST))
         strong = np.flatnonzero(tested.score > threshold).tolist()
         sizes = {k: scan.size_of(found.state, tested.groups[k], float(tested.inflation[k])) for k in strong}
         worth = [k for k, size in sizes.items() if size >= min_effect_deg]
