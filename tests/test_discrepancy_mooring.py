@@ -392,6 +392,13 @@ def test_an_effect_of_temperature_follows_the_changes_of_weeks(months_early, see
     assert (followed.refuted(state) == []) == seen_in_weeks
 
 
+def test_a_temperature_that_weeks_do_not_show_leads_no_set():
+    drawn, _ = bench.draw("control", 2, 9908)  # its temperature was logged some months early
+    found = diagnose(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
+    assert any("temperature" in one.alternatives for one in found.findings)
+    assert all(one.effect != "temperature" for one in found.findings)
+
+
 def test_water_that_veers_otherwise_from_a_date_on_is_no_change_of_iron():
     drawn = world.planted(world.make(9, wide=True, n=HOURS), {})
     sample, later = drawn.pairs, np.arange(HOURS) > 0.75 * HOURS

@@ -162,7 +162,7 @@ def judge(case: Case, options: Options) -> Diagnosis:
     named, episode = episodes.taken_out(named)
     named, unproven = doubts.unproven(named)
     named, rest = _believed(named, options)
-    named = doubts.or_water(named)
+    named = doubts.or_water(naming.led(named, options.min_effect_deg))
     left = rest.worth[0] if rest.worth else unproven
     every = findings.of_terms(named)
     found = tuple(sorted(every, key=lambda one: -one.rms_effect_deg))

@@ -29,11 +29,25 @@ def refuted(state: State) -> list[int]:
     Args:
         state: with terms.
     """
+    return [k for k, share, sigma in _shares(state) if _missing(share, sigma)]
+
+
+def unseen(state: State) -> list[int]:
+    """Return the positions of the terms that the changes of their series within weeks do not show.
+
+    Args:
+        state: with terms.
+    """
+    return [k for k, share, sigma in _shares(state) if share < SEEN * sigma]
+
+
+def _shares(state: State) -> list[tuple[int, float, float]]:
+    """Return the positions of the terms that go with the series, with their shares and errors."""
     logged = [k for k, term in enumerate(state.simulation.terms) if SERIES in term.needs]
     if not logged:
         return []
     view = baseline.examine(state.case, state.simulation, state.nuisance, freed=True)
-    return [k for k in logged if _missing(*_share(view, k))]
+    return [(k, *_share(view, k)) for k in logged]
 
 
 def _missing(share: float, sigma: float) -> bool:

@@ -68,6 +68,39 @@ def search(state: State, *, alarm: float, min_effect_deg: float) -> Named:
     return found
 
 
+def led(named: Named, min_effect_deg: float) -> Named:
+    """Return the hypothesis in which what weeks do not show leads no set: another that is not told from it does.
+
+    A temperature of another season looks like the cause of whatever changes within a year.
+
+    Args:
+        named: the chosen hypothesis.
+        min_effect_deg: visible size below which an effect does not matter.
+    """
+    for k in followed.unseen(named.state):
+        named = _instead(named, k, min_effect_deg) or named
+    return named
+
+
+def _instead(named: Named, k: int, min_effect_deg: float) -> Named | None:
+    """Return the hypothesis with the likeliest alternative in the place of a term, None where none holds."""
+    state, others = named.state, named.alternatives[k]
+    if not others or named.tested is None:
+        return None
+    field = rivals.gathered(state, named.tested, (), standing=True)
+    chosen = [field.place(term) for term in state.simulation.terms]
+    tries = [(*chosen[:k], j, *chosen[k + 1 :]) for j, group in enumerate(field.groups) if group.name in others]
+    tries = [one for one in tries if field.sound(one) and field.acceptable(one, SEEN * min_effect_deg)]
+    without = model.refit(state, [*state.simulation.terms[:k], *state.simulation.terms[k + 1 :]])
+    ranked = sorted(tries, key=field.likeness, reverse=True)[:TRIES]
+    grown = next((found for _, found in _believed(without, field, ranked, min_effect_deg)), None)
+    if grown is None:
+        return None
+    name = grown.simulation.terms[k].name
+    swapped = (state.simulation.terms[k].name, *(other for other in others if other != name))
+    return replace(named, state=grown, alternatives=(*named.alternatives[:k], swapped, *named.alternatives[k + 1 :]))
+
+
 def _grow(state: State, tested: Tested, worth: Sequence[int], min_effect_deg: float) -> Named | None:
     """Return the best hypothesis with one term more, refitted, with its rivals; None where none is believable.
 
