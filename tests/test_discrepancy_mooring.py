@@ -82,6 +82,17 @@ def test_bins_of_nothing_lie_as_far_off_as_their_errors_say():
     assert 0.01 < np.mean(far > 1.96) < 0.1 and far.max() < 4.5
 
 
+def test_headings_without_a_true_one_have_no_bin():
+    drawn = world.planted(world.make(0, wide=True, n=HOURS), {})
+    case = mooring.case(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
+    state = baseline.examine(case, case.simulation, np.zeros(case.nuisance.shape[1]))
+    lost = (drawn.pairs.heading_deg >= 60.0) & (drawn.pairs.heading_deg < 80.0)
+    width = np.where(lost, np.inf, state.whitener.width_deg)
+    folded = replace(state, whitener=replace(state.whitener, width_deg=width))
+    all_round, without = (show.curve(state, x, "heading") for x in (state, folded))
+    assert set(all_round.centre) - set(without.centre) == {65.0, 75.0} and without.sigma_deg.max() < 30.0
+
+
 def test_two_effects_at_once_are_both_named_and_modelled(two):
     drawn, found = two
     assert found.verdict in ("explained", "ambiguous")

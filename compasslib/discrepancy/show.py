@@ -20,7 +20,7 @@ Floats = NDArray[np.floating]
 
 BLOCK_S = 10 * 86400.0
 FOLDS, REPEATS = 5, 1000
-BINS = 18
+BINS, FEWEST_IN_BIN = 18, 10
 MEMORY_S = 2 * 86400.0  # the residual's own memory, for the error of a bin
 
 
@@ -109,7 +109,7 @@ def judged(each: Floats, block: NDArray[np.intp], rms_deg: tuple[float, float]) 
 
 
 def curve(before: State, after: State, covariate: str) -> Curve:
-    """Return the residual in bins of a covariate, with and without the terms.
+    """Return the residual in bins of a covariate, with and without the terms; what tells nothing is in no bin.
 
     Args:
         before: without terms.
@@ -121,7 +121,8 @@ def curve(before: State, after: State, covariate: str) -> Curve:
     if covariate == "heading":
         edges = np.arange(0.0, 361.0, 360.0 / (2 * BINS))
     bins = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, len(edges) - 2)
-    held = np.flatnonzero(np.bincount(bins, minlength=len(edges) - 1) >= 10)
+    told = np.isfinite(before.whitener.width_deg) & np.isfinite(after.whitener.width_deg)
+    held = np.flatnonzero(np.bincount(bins[told], minlength=len(edges) - 1) >= FEWEST_IN_BIN)
     (first, _), (second, sigma) = (_binned(state, bins, len(edges) - 1) for state in (before, after))
     return Curve(covariate, (edges[held] + edges[held + 1]) / 2.0, first[held], second[held], sigma[held])
 
