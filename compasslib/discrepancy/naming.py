@@ -23,7 +23,7 @@ from compasslib.physics import CATALOGUE, Term
 Floats = NDArray[np.floating]
 
 MOST_TERMS = 3
-FIRST = 1.6  # of the alarm, for a first name: of what noise names, held-out days drop half (3 of 900 records kept one)
+FIRST = 1.6  # of the alarm, for a first name: at the alarm itself, of 0.6 %, one of 600 records of nothing got one
 FURTHER = 3.0  # of the alarm, for a name beside another: of 132 records of one effect 1 got a second name
 LOST = 0.7  # share of the least size below which a refitted term has lost its effect
 SEEN = 0.5  # the same for a term of another hypothesis that could stand there
