@@ -1,0 +1,357 @@
+"""Calibrations with known truth that can be spoilt: a bench, a swing, a magnetometer's log, an observatory's series."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import yaml
+from cruises import MARGIN_DEG, Outcome
+
+from compasslib import calibration, config, config_calibrations, earthfield
+from compasslib.calibration import content
+from compasslib.errors import InputError
+from compasslib.nature import observatory, swing
+from compasslib.nature.compass import Iron
+
+PLACE = (48.4, -4.5)
+DATE = "2022-09-29"
+START_S = datetime.fromisoformat(f"{DATE}T08:00:00+00:00").timestamp()
+Curve = Callable[[np.ndarray], np.ndarray]
+
+
+@dataclass
+class Recording:
+    """One calibration that an attack may spoil: its readings, its YAML file, what is true."""
+
+    kind: str
+    frame: pd.DataFrame
+    settings: dict[str, Any]
+    truth: Callable[[np.ndarray], np.ndarray] | float  # deviation by recorded heading; of a series, the constant
+    text: list[str] = field(default_factory=list)  # of a file that is no table
+
+    def write(self, folder: Path) -> None:
+        """Write a cruise that holds this calibration and nothing else."""
+        (folder / "config/calibrations").mkdir(parents=True)
+        (folder / "raw").mkdir()
+        (folder / "config/config.yaml").write_text("moorings: []\n")
+        (folder / "config/calibrations/K.yaml").write_text(yaml.safe_dump(self.settings, sort_keys=False))
+        path = folder / str(self.settings["file"])
+        if self.text:
+            path.write_text("".join(self.text))
+        else:
+            self.frame.to_csv(path, index=False)
+
+
+def run(made: Recording, folder: Path) -> Outcome:
+    """Calibrate, and hold the table, or the constant, against the truth."""
+    made.write(folder)
+    try:
+        given = config.load(folder).calibrations["K"]
+        settings = calibration.settled(config_calibrations.settings(given))
+        files = [folder / file for file in given.files]
+        got = calibration.calibrate(str(given.kind), files, settings)
+    except InputError as error:
+        return Outcome(refused=str(error))
+    page = content.described("K", got, settings, {})
+    warnings = (*page["warnings"], *([f"no calibration: {page['why']}"] if page["why"] else []))
+    if isinstance(made.truth, float):
+        if not got.coefficients.size:
+            return Outcome(refused=page["why"] or "no coefficients", warnings=warnings)
+        error = np.array([got.coefficients[0] - made.truth])
+        sigma = np.array([float(got.covariance[0, 0]) ** 0.5])
+    else:
+        if got.table is None or not got.coefficients.size:
+            return Outcome(refused=page["why"] or "no table", warnings=warnings)
+        known = np.isfinite(got.table.deviation_deg)
+        true = made.truth(got.table.heading_deg[known])
+        error = np.mod(got.table.deviation_deg[known] - true + 180.0, 360.0) - 180.0
+        sigma = got.table.sigma_deg[known]
+    return Outcome(
+        warnings=warnings,
+        rms_deg=float(np.sqrt(np.mean(error**2))),
+        covered=float(np.mean(np.abs(error) <= 1.96 * sigma)),
+        far=float(np.mean(np.abs(error) > 6.0 * sigma)),
+        good=1.0,
+    )
+
+
+def wrap(degrees: Any) -> Any:
+    return np.mod(np.asarray(degrees) + 180.0, 360.0) - 180.0
+
+
+def inverse(recorded: np.ndarray, correct: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    """Return the deviation by recorded heading of a compass that was read without noise all round."""
+    order = np.argsort(np.mod(recorded, 360.0))
+    x, y = np.mod(recorded, 360.0)[order], wrap(correct - recorded)[order]
+    return lambda heading: np.interp(np.mod(heading, 360.0), x, y, period=360.0)
+
+
+def curve(rng: np.random.Generator, largest_deg: float) -> tuple[Curve, Curve]:
+    """Return what a compass near iron records by correct heading, and its deviation by recorded heading."""
+    b, c = np.deg2rad(rng.uniform(0.3, 1.0) * largest_deg) * np.array([np.cos(t := rng.uniform(0, 6.3)), np.sin(t)])
+    quadrantal = 0.1 * np.deg2rad(largest_deg) * np.exp(1j * rng.uniform(0, 6.3))
+
+    def record(correct: np.ndarray) -> np.ndarray:
+        turn = np.exp(1j * np.deg2rad(correct))
+        return np.mod(np.rad2deg(np.angle(turn + (b - 1j * c) + quadrantal / turn)), 360.0)
+
+    fine = np.arange(0.0, 360.0, 0.25)
+    return record, inverse(record(fine), fine)
+
+
+def platform(rng: np.random.Generator) -> Recording:
+    record, truth = curve(rng, 12.0)
+    reference = np.repeat(10.0 * np.arange(36) + rng.uniform(0, 10), 2)
+    recorded = np.mod(record(reference) + rng.normal(0, 0.4, reference.size), 360.0)
+    frame = pd.DataFrame({"reference_deg": reference, "recorded_deg": recorded.round(2)})
+    return Recording("platform", frame, _settings("platform"), truth)
+
+
+def swung(rng: np.random.Generator) -> Recording:
+    iron = Iron((*rng.uniform(-2500, 2500, 2).tolist(), 0.0))
+    boat = swing.Boat(
+        plan=str(rng.choice([swing.LEGS, swing.CIRCLES])), speed_kn=float(rng.uniform(4, 8)), iron=iron,
+        water_kn=complex(*rng.uniform(-0.3, 0.3, 2)),
+    )  # fmt: skip
+    declination = float(earthfield.igrf(*PLACE, START_S)[0][0])
+    made = swing.sail(rng, boat, declination, START_S)
+    fine = np.arange(0.0, 360.0, 0.25)
+    zero = np.zeros(fine.size)
+    recorded = swing.recorded_heading(swing.FIELD_NT, fine, tilt_deg=(zero, zero), iron=iron)
+    frame = pd.DataFrame({
+        "time_utc": np.char.add(np.datetime_as_string(made.time_s.astype("datetime64[s]")), "Z"),
+        "compass_deg": made.compass_deg, "cog_deg": made.course_deg, "speed_kn": made.speed_kn,
+    })  # fmt: skip
+    return Recording("swing", frame, _settings("swing"), inverse(recorded, fine))
+
+
+def magnetometer(rng: np.random.Generator) -> Recording:
+    """A level compass that is turned: two axes with hard iron, their heading by atan2, and the correct one."""
+    hard = rng.uniform(-4000, 4000, 2)
+    turn = np.deg2rad(np.linspace(0, 1080, 720) + rng.uniform(0, 360))
+    x, y = (
+        21000 * np.cos(turn) + hard[0] + rng.normal(0, 40, 720),
+        -21000 * np.sin(turn) + hard[1] + rng.normal(0, 40, 720),
+    )
+    z = 43000 + rng.normal(0, 40, 720)
+    frame = pd.DataFrame({"x": x.round(), "y": y.round(), "z": z.round()})
+    fine = np.deg2rad(np.arange(0.0, 360.0, 0.25))
+    recorded = np.rad2deg(np.arctan2(21000 * np.sin(fine) - hard[1], 21000 * np.cos(fine) + hard[0]))
+    return Recording("magnetometer", frame, _settings("magnetometer"), inverse(recorded, np.rad2deg(fine)))
+
+
+def series(rng: np.random.Generator, folder: Path) -> Recording:
+    """A year of hours of an observatory whose rocks turn the needle by a constant."""
+    truth, count = float(rng.uniform(-0.3, 0.3)), 366 * 24
+    time_s = START_S + 3600.0 * np.arange(count)
+    declination, horizontal, vertical = (np.broadcast_to(x, count) for x in earthfield.igrf(*PLACE, time_s))
+    hour = 2 * np.pi * time_s / 86400.0
+    slow = np.convolve(rng.normal(0, 1, count + 200), np.ones(200) / 200, "valid")[:count]
+    path = folder / "made.hor"
+    daily = 0.08 * np.sin(hour) + 0.05 * rng.normal(size=count) + 0.2 * slow
+    observatory.write(path, time_s, (declination + truth + daily, horizontal + 30 * np.cos(hour), vertical), PLACE)
+    settings = _settings("declination") | {"file": "raw/k.hor", "format": "iaga2002"}
+    return Recording("declination", pd.DataFrame(), settings, truth, path.read_text().splitlines(keepends=True))
+
+
+def _settings(kind: str) -> dict[str, Any]:
+    return {"kind": kind, "file": "raw/k.csv", "latitude": PLACE[0], "longitude": PLACE[1], "date": DATE}
+
+
+def _columns(made: Recording, change: Callable[[np.ndarray], np.ndarray]) -> None:
+    """Change the four components of an IAGA-2002 file, (n, 4)."""
+    first = next(k for k, line in enumerate(made.text) if line.startswith("DATE")) + 1
+    rows = np.array([[float(x) for x in line.split()[3:7]] for line in made.text[first:]])
+    new = change(rows)
+    for k, line in enumerate(made.text[first:]):
+        made.text[first + k] = line[:30] + " ".join(f"{x:9.2f}" for x in new[k]) + "\n"
+
+
+def _as_dhzf(made: Recording, minutes: float) -> None:
+    """Write X and Y as D and H, D times a factor: 60 is right."""
+    made.text = [line.replace("XYZF", "DHZF").replace("NWHX", "NWHD").replace("NWHY", "NWHH") for line in made.text]
+    _columns(
+        made,
+        lambda v: np.stack(
+            [minutes * np.rad2deg(np.arctan2(v[:, 1], v[:, 0])), np.hypot(v[:, 0], v[:, 1]), *v.T[2:]], 1
+        ),
+    )
+
+
+def spoil_series(made: Recording, rng: np.random.Generator) -> str:
+    how = str(rng.choice([
+        "D in degrees", "D of the wrong sign", "X and Y exchanged", "longitude's sign", "a factor of ten in Y",
+        "a factor of ten in all", "fillers of -9999", "fillers of 0", "latitude's sign",
+        "Y of the wrong sign", "X in microtesla",
+    ]))  # fmt: skip
+    if how == "D in degrees":
+        _as_dhzf(made, 1.0)
+    elif how == "D of the wrong sign":
+        _as_dhzf(made, -60.0)
+    elif how == "longitude's sign":
+        made.text = [x.replace("355.500", "  4.500") for x in made.text]
+    elif how == "latitude's sign":
+        made.text = [x.replace(" 48.400", "-48.400").replace("48.400 ", "-48.400") for x in made.text]
+    elif how.startswith("fillers"):
+        hit = rng.random(366 * 24) < 0.03
+        value = float(how.split()[-1])
+        _columns(made, lambda v: np.where(hit[:, None], value, v))
+    else:
+        change = {
+            "X and Y exchanged": lambda v: v[:, [1, 0, 2, 3]], "a factor of ten in Y": lambda v: v * [1, 10, 1, 1],
+            "a factor of ten in all": lambda v: v / 10.0, "Y of the wrong sign": lambda v: v * [1, -1, 1, 1],
+            "X in microtesla": lambda v: v / [1000, 1, 1, 1],
+        }[how]  # fmt: skip
+        _columns(made, change)
+    return how
+
+
+def spoil_platform(made: Recording, rng: np.random.Generator) -> str:
+    frame = made.frame
+    how = str(
+        rng.choice(["backwards", "radians", "gon", "exchanged", "a half turn", "typos", "reference true", "shuffled"])
+    )
+    reference, recorded = frame["reference_deg"].copy(), frame["recorded_deg"].copy()
+    if how == "backwards":
+        frame["recorded_deg"] = np.mod(-recorded, 360.0)
+    elif how == "radians":
+        frame["recorded_deg"] = np.deg2rad(recorded)
+    elif how == "gon":
+        frame["recorded_deg"] = recorded / 0.9
+    elif how == "exchanged":
+        frame["reference_deg"], frame["recorded_deg"] = recorded, reference
+    elif how == "a half turn":
+        frame["recorded_deg"] = np.mod(recorded + 180.0, 360.0)
+    elif how == "typos":
+        frame.loc[rng.choice(len(frame), 6, replace=False), "recorded_deg"] = rng.uniform(0, 360, 6)
+    elif how == "reference true":
+        made.settings["latitude"], made.settings["longitude"] = 65.3, -33.0
+        frame["reference_deg"] = np.mod(reference - 23.5, 360.0)
+    else:
+        frame["recorded_deg"] = rng.permutation(recorded)
+    return how
+
+
+def spoil_swing(made: Recording, rng: np.random.Generator) -> str:
+    frame = made.frame
+    how = str(rng.choice([
+        "course magnetic", "compass true", "backwards", "frozen receiver", "speed in m/s", "course of 999",
+        "compass late by a minute",
+        "compass of 0 in a tenth", "columns exchanged", "half a circle", "declination's sign",
+    ]))  # fmt: skip
+    off = float(earthfield.igrf(65.3, -33.0, START_S)[0][0])
+    if how == "course magnetic":
+        made.settings |= {"latitude": 65.3, "longitude": -33.0}
+    elif how == "compass true":
+        frame["compass_deg"] = np.mod(frame["compass_deg"] + off, 360.0)
+    elif how == "backwards":
+        frame["compass_deg"] = np.mod(-frame["compass_deg"], 360.0)
+    elif how == "frozen receiver":
+        frame.loc[len(frame) // 3 :, "cog_deg"] = frame["cog_deg"].iloc[len(frame) // 3]
+    elif how == "speed in m/s":
+        frame["speed_kn"] *= 0.5144
+    elif how == "course of 999":
+        frame.loc[rng.random(len(frame)) < 0.05, "cog_deg"] = 999.0
+    elif how == "compass late by a minute":
+        frame["compass_deg"] = np.roll(frame["compass_deg"], 60)
+    elif how == "compass of 0 in a tenth":
+        frame.loc[rng.random(len(frame)) < 0.1, "compass_deg"] = 0.0
+    elif how == "columns exchanged":
+        frame["compass_deg"], frame["cog_deg"] = frame["cog_deg"].copy(), frame["compass_deg"].copy()
+    elif how == "half a circle":
+        made.frame = frame[np.mod(frame["compass_deg"], 360.0) < 180.0]
+    else:
+        made.settings["declination"] = 23.5
+    return how
+
+
+def spoil_magnetometer(made: Recording, rng: np.random.Generator) -> str:
+    frame = made.frame
+    how = str(
+        rng.choice(
+            [
+                "int16 wrap",
+                "clipped",
+                "x of other sign",
+                "axes exchanged",
+                "dead axis",
+                "other unit",
+                "jumps",
+                "12 bit wrap",
+            ]
+        )
+    )
+    if how == "int16 wrap":
+        scaled = np.rint(frame * 1.5)
+        made.frame = ((scaled + 32768) % 65536) - 32768
+    elif how == "12 bit wrap":
+        made.frame = ((np.rint(frame / 11.0) + 2048) % 4096) - 2048
+    elif how == "clipped":
+        made.frame = frame.clip(-19000, 19000)
+    elif how == "x of other sign":
+        frame["x"] *= -1.0
+    elif how == "axes exchanged":
+        made.frame = frame.rename(columns={"x": "y", "y": "x"})
+    elif how == "dead axis":
+        frame["y"] = 120.0
+    elif how == "other unit":
+        frame["x"] /= 10.0
+    else:
+        frame.loc[len(frame) // 2 :, "x"] += 6000.0
+    return how
+
+
+def harmless(made: Recording, rng: np.random.Generator) -> str:
+    """Change what does not matter; of a series that is not a table, nothing but blank lines at its end."""
+    if made.text:
+        made.text.append("\n" * int(rng.integers(1, 4)))
+        return "blank lines at the end"
+    how = str(
+        rng.choice(["columns in another order", "a column more", "rounded", "longitude from 0 to 360", "other headers"])
+    )
+    if how == "columns in another order":
+        made.frame = made.frame[list(rng.permutation(made.frame.columns))]
+    elif how == "a column more":
+        made.frame["remark"] = "ok"
+    elif how == "rounded":
+        made.frame = made.frame.round(0 if made.kind != "platform" else 1)
+    elif how == "longitude from 0 to 360":
+        made.settings["longitude"] = 360.0 + PLACE[1]
+    else:
+        made.settings["columns"] = {str(c): f"my {c}" for c in made.frame.columns}
+        made.frame = made.frame.rename(columns=made.settings["columns"])
+    return how
+
+
+SPOILERS = {
+    "platform": (platform, spoil_platform), "swing": (swung, spoil_swing),
+    "magnetometer": (magnetometer, spoil_magnetometer), "declination": (series, spoil_series),
+}  # fmt: skip
+
+
+def make(kind: str, seed: list[int], folder: Path) -> Recording:
+    """Return the untouched recording of a kind by its seed."""
+    maker = SPOILERS[kind][0]
+    rng = np.random.default_rng(seed)
+    return maker(rng, folder) if kind == "declination" else maker(rng)
+
+
+def silent_wrong(outcome: Outcome, untouched: Outcome) -> bool:
+    """Tell whether a table, or a constant, is wrong by more than it says, and nothing new was said.
+
+    A constant has one error: beyond 6 sigma, and above half a degree, as 2 degrees of a declination are a crime.
+    """
+    if outcome.refused or not outcome.good:
+        return False
+    least = MARGIN_DEG if outcome.covered not in (0.0, 1.0) else min(MARGIN_DEG, 0.5)
+    if outcome.rms_deg <= max(least, 2.0 * untouched.rms_deg):
+        return False
+    before = set(untouched.warnings)
+    said = [text for text in outcome.warnings if text not in before]
+    return (outcome.covered < 0.85 or outcome.far > 0.01) and not said
