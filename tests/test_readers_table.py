@@ -91,7 +91,7 @@ def test_a_table_cut_anywhere_loses_its_last_row_and_nothing_else(tmp_path):
         ("2007-09-04T09:00:00Z,100.5,1_0,2", "line 7, u: expected a number or nothing, found '1_0'"),
         ("2007-09,100.5,1,2", "line 7, t: expected an ISO time"),
         (",100.5,1,2", "line 7, t: expected an ISO time"),
-        ("2007-09-04T09:00:00+02:00,100.5,1,2", "line 7, t: expected an ISO time"),
+        ("2007-09-04T09:00:00+2,100.5,1,2", "line 7, t: expected an ISO time"),
         ("2007-02-30,100.5,1,2", "line 7, t: expected an ISO time"),
         ("\0\0\0", "line 7, t: expected an ISO time"),
     ],
@@ -134,3 +134,29 @@ def test_a_heading_that_is_no_angle_is_missing_and_so_is_its_current(tmp_path):
     record = read("table", body, {"columns": {"time": "t", "x": "x", "y": "y", "heading": "h"}})
     assert record.heading_deg[0] == 270.0 and np.isnan(record.heading_deg[1]) and np.isnan(record.east[1, 0])
     assert record.counts["directions_impossible"] == 1
+
+
+def test_a_time_with_its_offset_from_utc_is_taken_by_it(tmp_path):
+    rows = ["2007-09-04T02:00:00+02:00", "2007-09-03T20:30-0430", "2007-09-04T02:00:00Z"]
+    record = read("table", table(tmp_path, "t,z,u,v\n" + "".join(f"{t},1,1,1\n" for t in rows)), {"columns": ROLES})
+    assert list(record.time_s - 1188864000.0) == [0.0, 3600.0, 7200.0]
+
+
+@pytest.mark.parametrize("order", ["newest first", "no order"])
+def test_rows_in_another_order_are_the_same_record(tmp_path, order):
+    stamps = np.arange("2007-09-04T00", "2007-09-05T00", dtype="datetime64[h]")
+    rows = [f"{t}:00,{z},{k},{z}" for k, t in enumerate(stamps) for z in (10, 14)]
+    plain = read("table", table(tmp_path, "\n".join(["t,z,u,v", *rows, ""])), {"columns": ROLES})
+    mixed = rows[::-1] if order == "newest first" else list(np.random.default_rng(1).permutation(rows))
+    again = read("table", table(tmp_path, "\n".join(["t,z,u,v", *mixed, ""])), {"columns": ROLES})
+    assert (plain.time_s == again.time_s).all()
+    for record in (plain, again):
+        flow = record.east[np.arange(24)[:, None], np.argsort(record.bin_depth_m(), axis=1)]
+        assert (flow == 0.01 * np.arange(24)[:, None]).all()
+        assert sorted(record.bin_depth_m()[3]) == [10.0, 14.0]
+
+
+def test_a_few_steps_back_are_a_clock_and_stay_in_the_order_of_the_file(tmp_path):
+    stamps = [f"2007-09-{d:02d}T00:00" for d in (4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 2)]
+    record = read("table", table(tmp_path, "t,z,u,v\n" + "".join(f"{t},1,1,1\n" for t in stamps)), {"columns": ROLES})
+    assert np.diff(record.time_s)[-1] < 0.0

@@ -19,6 +19,7 @@ Floats = NDArray[np.floating]
 Bools = NDArray[np.bool_]
 
 CURRENTS = ("east", "north", "x", "y", "speed")  # roles that hold speeds
+UNORDERED = 0.1  # share of steps back in time that makes a table one in no order
 FILLER_TIMES = 2.0  # a filler stands this far beyond all measured speeds, unless both components hold it
 LOSSES = {
     "rows_cut": "last lines were cut short and left out",
@@ -43,6 +44,7 @@ def read(paths: Sequence[Path], *, columns: Mapping[str, str | float]) -> Record
     scale = float(columns.get("scale", 1.0))
     headers = {role: str(header) for role, header in columns.items() if role != "scale" and header is not None}
     table, counts = _cleaned(*_joined(paths, headers))
+    table = _in_order(table)
     samples = _Samples(table.pop("time"))
     n, m = len(samples.first), int(samples.bin.max(initial=0)) + 1
     east, north = (_spread(scale * x, samples, (n, m)) for x in _east_north(table))
@@ -90,6 +92,18 @@ def _cleaned(table: dict[str, Floats], counts: dict[str, int]) -> tuple[dict[str
         "directions_impossible": int(sum(where.sum() for where in wrong.values())),
         "fillers": int(filled.sum()),
     }
+
+
+def _in_order(table: dict[str, Floats]) -> dict[str, Floats]:
+    """Return rows that are listed newest first, or in no order at all, in order of time.
+
+    A few steps back are a clock that was set, and are left for the deployment to see.
+    """
+    steps = np.diff(table["time"])
+    if (steps < 0.0).sum() <= UNORDERED * (steps != 0.0).sum():
+        return table
+    order = np.argsort(table["time"], kind="stable")
+    return {role: column[order] for role, column in table.items()}
 
 
 def _no_angle(degrees: Floats) -> Bools:

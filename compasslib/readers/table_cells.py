@@ -26,7 +26,8 @@ TIMES = ("time", "time_utc")  # roles that hold times
 LARGEST = 1e30  # no measurement in any unit; its square still is a number
 TIME_FORM = "an ISO time like 2007-09-04T00:00:00Z"
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
-_TIME = re.compile(r"(\d{4}-\d\d-\d\d([T ]\d\d(:\d\d(:\d\d(\.\d{1,9})?)?)?)?)(Z| ?UTC|[+-]00:?00)?", re.ASCII)
+_CLOCK = r"[T ]\d\d(?::\d\d(?::\d\d(?:\.\d{1,9})?)?)?"
+_TIME = re.compile(rf"(\d{{4}}-\d\d-\d\d(?:{_CLOCK})?)(?:Z| ?UTC|([+-])([01]\d):?([0-5]\d))?", re.ASCII)
 
 
 @dataclass(frozen=True)
@@ -147,4 +148,6 @@ def _time(text: str) -> float:
     match = _TIME.fullmatch(text.replace("/", "-"))
     if not match:
         raise ValueError(text)
-    return float(np.datetime64(match[1].replace(" ", "T"), "us").astype(np.int64)) / 1e6
+    date, sign, hours, minutes = match.groups(default="0")
+    ahead_s = (60 * int(hours) + int(minutes)) * (-60.0 if sign == "-" else 60.0)  # +02:00: local time is ahead of UTC
+    return float(np.datetime64(date.replace(" ", "T"), "us").astype(np.int64)) / 1e6 - ahead_s
