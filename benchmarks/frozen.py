@@ -1,0 +1,268 @@
+"""Do two versions of this software give the same numbers? Every number of four cruises, this checkout against a commit.
+
+    python benchmarks/frozen.py e368bdf                  against that commit, in a checkout of its own
+    python benchmarks/frozen.py e368bdf --kept FOLDER    keeps cruises and results, and goes on from what is there
+
+The demonstration cruise, the real record of ../shared/data/cruise_eh2 where it is there, a sealed cruise of 24, and a
+calibration of each kind are processed by both through Snakemake, from raw files that the earlier one wrote. Headings
+and velocities may differ by 1e-9, all other numbers by what is printed; verdicts and names must be equal. Sentences are
+counted and the new ones listed, figures are not looked at. Exit status 1 where a number, a verdict or a name differs.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections import Counter, defaultdict
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import netCDF4
+import numpy as np
+
+PROJECT = Path(__file__).resolve().parent.parent
+DATA = PROJECT.parent / "shared/data"
+NEAR = 1e-9
+DIGITS = 6  # of numbers that are no heading and no velocity
+EXACT = re.compile(r"HEADING|DEVIATION|[UV]CUR|BRANCH|corrected_deg")
+NAMES = re.compile(r"(^|/)(verdict|effect|side|alternatives|method|kind|model|name|folded|effects)(/|$)")
+OF_THE_RUN = re.compile(r"(^|/)(software.*|history|date_.*|source_files|metadata_link|.*sha256.*|conventions)(/|$)")
+SKIPPED = ("ro-crate-metadata.json", "report.html", "pictures.json")
+
+
+def worktree(commit: str, folder: Path) -> Path:
+    """Return a checkout of the commit."""
+    if not folder.is_dir():
+        subprocess.run(["git", "-C", PROJECT, "worktree", "prune"], check=True)
+        subprocess.run(["git", "-C", PROJECT, "worktree", "add", "--detach", "--quiet", folder, commit], check=True)
+    return folder
+
+
+def write_raw(project: Path, into: Path) -> list[str]:
+    """Write the cruises that are processed by both, by the code of one project; return their names."""
+    names = ["demonstration", "sealed", "calibrations"] + (["eh2"] if (DATA / "cruise_eh2").is_dir() else [])
+    if (into / "written").exists():
+        return names
+    shutil.copytree(project / "config", into / "demonstration/config", dirs_exist_ok=True)
+    settings = into / "demonstration/config/config.yaml"
+    settings.write_text(re.sub(r"demonstration: true", "demonstration: false", settings.read_text()))
+    _run(project, "-c", MAKE, str(into))
+    if "eh2" in names:
+        for part in ("config", "raw"):
+            shutil.copytree(DATA / "cruise_eh2" / part, into / "eh2" / part, dirs_exist_ok=True)
+        subprocess.run(["chmod", "-R", "u+w", into / "eh2"], check=True)
+    (into / "written").touch()
+    return names
+
+
+MAKE = """
+import sys
+from pathlib import Path
+import numpy as np
+import yaml
+from compasslib.nature import demonstration, observatory, package, swing
+from compasslib.nature.compass import earth_field
+from proof import draw
+
+into = Path(sys.argv[1])
+for k in range(1, 8):
+    demonstration.write_mooring(f"EG{k}", into / "demonstration/raw", into / f"truth/EG{k}.csv")
+sealed = into / "sealed"
+(into / "locked").mkdir(exist_ok=True)
+(sealed / "config").mkdir(parents=True, exist_ok=True)
+(sealed / "config/config.yaml").write_text("moorings: config/moorings\\n")
+for one in draw.draw(5, 24):
+    draw.write(one, sealed, into / "locked")
+
+place, start = {"latitude": 48.4, "longitude": -4.5, "date": "2022-09-29"}, 1.664352e9
+cruise = into / "calibrations"
+(cruise / "config/calibrations").mkdir(parents=True, exist_ok=True)
+(cruise / "raw").mkdir(exist_ok=True)
+(cruise / "config/config.yaml").write_text("moorings: []\\n")
+
+def write(name, settings, header="", columns=()):
+    (cruise / f"config/calibrations/{name}.yaml").write_text(yaml.safe_dump(settings))
+    if header:
+        np.savetxt(cruise / settings["file"], np.column_stack(columns), "%.3f", ",", header=header, comments="")
+
+rng = np.random.default_rng(1)
+turn = np.arange(0, 360, 10.0)
+recorded = np.mod(turn - 7 * np.sin(np.deg2rad(turn)) - 3 * np.cos(np.deg2rad(turn)) + rng.normal(0, 0.4, 36), 360)
+write("bench", place | {"kind": "platform", "file": "raw/bench.csv"}, "reference_deg,recorded_deg", (turn, recorded))
+boat = swing.sail(rng, swing.Boat(plan=swing.CIRCLES, water_kn=0.2 + 0.1j), 0.5, start)
+write("boat", place | {"kind": "swing", "file": "raw/boat.csv"}, "compass_deg,cog_deg,speed_kn",
+      (boat.compass_deg, boat.course_deg, boat.speed_kn))
+round_deg = np.deg2rad(np.linspace(0, 1080, 720))
+axes = [21000 * np.cos(round_deg) + 2000, -21000 * np.sin(round_deg) - 900, 43000 + 0 * round_deg]
+axes = [axis + rng.normal(0, 40, 720) for axis in axes]
+write("axes", place | {"kind": "magnetometer", "file": "raw/axes.csv"}, "x,y,z", axes)
+hours = start + 3600.0 * np.arange(24 * 200)
+field = earth_field(48.4, -4.5, (hours[0], hours[-1])).at(hours)
+noise = rng.normal(0, 0.05, hours.size) + 0.1 * np.sin(2 * np.pi * hours / 86400)
+observatory.write(cruise / "raw/station.hor", hours, (field[0] + noise + 0.1, field[1], field[2]), (48.4, -4.5))
+write("station", {"kind": "declination", "file": "raw/station.hor", "format": "iaga2002"})
+motion = package.lower(rng, package.Sea(), 1.2e9)
+heads = {"a": package.Head(), "b": package.Head(mount_deg=(47.0, 2.0, -1.5), first_s=0.37, ping_s=1.3, clock_s=7.3)}
+for letter, head in heads.items():
+    stood = package.stand(rng, motion, head)
+    (cruise / f"raw/{letter}.000").write_bytes(package.encoded(stood, looks_up=head.looks_up))
+write("heads", {"kind": "two_heads", "file": ["raw/a.000", "raw/b.000"], "format": "pd0"})
+"""
+
+
+def _run(project: Path, *arguments: str) -> None:
+    path = os.pathsep.join(filter(None, (str(project), os.environ.get("PYTHONPATH"))))
+    environment = os.environ | {"PYTHONPATH": path, "OMP_NUM_THREADS": "1", "SOURCE_DATE_EPOCH": "0"}
+    ran = subprocess.run(
+        [sys.executable, *arguments], cwd=project, env=environment, capture_output=True, text=True, check=False
+    )
+    if ran.returncode:
+        raise SystemExit(ran.stderr[-4000:])
+
+
+def process(project: Path, raw: Path, into: Path) -> None:
+    """Run the pipeline of one project on a copy of a cruise that links to its raw files."""
+    if (into / "done").exists():
+        return
+    shutil.copytree(raw / "config", into / "config", dirs_exist_ok=True)
+    for file in (raw / "raw").rglob("*"):
+        if file.is_file():
+            there = into / file.relative_to(raw)
+            there.parent.mkdir(parents=True, exist_ok=True)
+            there.unlink(missing_ok=True)
+            os.link(file, there)
+    options = [
+        "--snakefile",
+        str(project / "Snakefile"),
+        "--directory",
+        str(into),
+        "--cores",
+        str(os.cpu_count()),
+        "--quiet",
+    ]
+    _run(project, "-m", "snakemake", *options)
+    (into / "done").touch()
+
+
+def leaves(content: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield the path and value of every leaf of a JSON document."""
+    if isinstance(content, dict):
+        for key, value in content.items():
+            yield from leaves(value, f"{path}/{key}")
+    elif isinstance(content, list):
+        for k, value in enumerate(content):
+            yield from leaves(value, f"{path}/{k}")
+    else:
+        yield path, content
+
+
+def content(path: Path) -> dict[str, Any]:
+    """Return what a file holds by name: numbers, arrays and texts."""
+    if path.suffix == ".json":
+        found = dict(leaves(json.loads(path.read_text())))
+    elif path.suffix == ".csv":
+        rows = list(csv.DictReader(path.open()))
+        found = {f"/{k}/{key}": _value(text) for k, row in enumerate(rows) for key, text in row.items()}
+    else:
+        with netCDF4.Dataset(path) as data:
+            found = {
+                f"/{name}": np.ma.filled(np.ma.asarray(v[:]).astype(float), np.nan)
+                for name, v in data.variables.items()
+            }
+            found |= {f"/{key}": _value(str(data.getncattr(key))) for key in data.ncattrs()}
+    return {key: value for key, value in found.items() if not OF_THE_RUN.search(key)}
+
+
+def _value(text: str) -> Any:
+    try:
+        return float(text)
+    except ValueError:
+        return text
+
+
+def differs(key: str, old: Any, new: Any) -> str:
+    """Return in what way two values differ: ``number``, ``name``, ``sentence``, or nothing."""
+    if isinstance(old, str) or isinstance(new, str):
+        kind = "name" if NAMES.search(key) else "sentence"
+        return "" if old == new else kind
+    if old is None or new is None or isinstance(old, bool):
+        return "" if old == new else "name" if NAMES.search(key) else "number"
+    a, b = np.asarray(old, dtype=float), np.asarray(new, dtype=float)
+    if a.shape != b.shape:
+        return "number"
+    exact = EXACT.search(key) and "UNCERTAINTY" not in key
+    limit = NEAR if exact else 0.5 * 10.0**-DIGITS * np.maximum(np.abs(a), 1e-300)
+    with np.errstate(invalid="ignore"):
+        return "" if ((np.abs(a - b) <= limit) | (a == b) | (np.isnan(a) & np.isnan(b))).all() else "number"
+
+
+def compare(old: Path, new: Path) -> tuple[Counter[str], dict[str, list[str]]]:
+    """Return how many values are the same or differ in which way, and where they differ."""
+    counted: Counter[str] = Counter()
+    where: dict[str, list[str]] = defaultdict(list)
+    files = {p.relative_to(old) for p in old.rglob("*")} | {p.relative_to(new) for p in new.rglob("*")}
+    for file in sorted(
+        f for f in files if f.suffix in (".json", ".csv", ".nc") and not {"logs", "benchmarks"} & set(f.parts)
+    ):
+        if file.name in SKIPPED:
+            continue
+        if not ((old / file).is_file() and (new / file).is_file()):
+            where["file"].append(f"{file}: only in the {'earlier' if (old / file).is_file() else 'later'}")
+            counted["file"] += 1
+            continue
+        before, after = content(old / file), content(new / file)
+        for key in before.keys() | after.keys():
+            one_sided = key not in before or key not in after
+            kind = "key" if one_sided else differs(key, before[key], after[key])
+            counted[kind or "same"] += 1 if one_sided or isinstance(before[key], str) else int(np.size(before[key]))
+            if kind:
+                where[kind].append(f"{file}{key}{'' if one_sided else _shown(before[key], after[key])}")
+    return counted, where
+
+
+def _shown(old: Any, new: Any) -> str:
+    if isinstance(old, np.ndarray):
+        if old.shape != new.shape:
+            return f": {old.shape} and {new.shape}"
+        apart = np.abs(old - new)
+        number = int((apart > NEAR).sum() + (np.isnan(old) != np.isnan(new)).sum())
+        return f": up to {np.nanmax(apart, initial=0.0):.3g}, {number} of {old.size}"
+    return f": {str(old)[:90]} -> {str(new)[:90]}"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("commit")
+    parser.add_argument("--kept", type=Path, help="folder that is kept")
+    parser.add_argument("--shown", type=int, default=12, help="differences that are listed of each way")
+    asked = parser.parse_args()
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = (asked.kept or Path(scratch)).absolute()
+        folder.mkdir(parents=True, exist_ok=True)
+        earlier = worktree(asked.commit, folder / "checkout")
+        names = write_raw(earlier, folder / "raw")
+        failed = 0
+        for name in names:
+            for project, side in ((earlier, "earlier"), (PROJECT, "later")):
+                print(f"{name}, {side}", file=sys.stderr, flush=True)
+                process(project, folder / "raw" / name, folder / side / name)
+            counted, where = compare(folder / "earlier" / name / "results", folder / "later" / name / "results")
+            print(f"{name}: " + ", ".join(f"{kind} {n}" for kind, n in sorted(counted.items())))
+            for kind, places in sorted(where.items()):
+                print("\n".join(f"  {kind}: {place}" for place in sorted(places)[: asked.shown]))
+            failed += counted["number"] + counted["name"] + counted["file"]
+        if not asked.kept:
+            subprocess.run(["git", "-C", PROJECT, "worktree", "remove", "--force", earlier], check=True)
+    sys.exit(bool(failed))
+
+
+if __name__ == "__main__":
+    main()
