@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from compasslib.errors import InputError
 from compasslib.records import PROBABLY_GOOD, Pairs, Record
 
 Floats = NDArray[np.floating]
@@ -18,14 +20,18 @@ SPEEDS_APART = 5.0  # ratio of median speeds beyond that of any two depths 20 m 
 NOISE_M_S = 0.01  # below this a profiler's hourly velocity is noise
 
 
-def checked(pairs: Pairs, upper: Record, trusted: list[Record] | tuple[Record, ...]) -> Pairs:
+def checked(pairs: Pairs, upper: Record, trusted: Sequence[Record]) -> Pairs:
     """Return pairs with sentences on what is wrong with them; none of them where both records are the same.
 
     Args:
         pairs: overlapping measurements.
         upper: the compromised instrument inside the deployment.
         trusted: the trusted one, or nothing.
+
+    Raises:
+        InputError: both carry one serial number.
     """
+    _refuse_one_instrument(upper, trusted)
     if not len(pairs):
         return replace(pairs, warnings=tuple(_absent(upper, trusted)))
     speeds = [np.median(np.hypot(e, n)) for e, n in _velocities(pairs)]
@@ -37,6 +43,12 @@ def checked(pairs: Pairs, upper: Record, trusted: list[Record] | tuple[Record, .
     if min(speeds) < NOISE_M_S:
         notes.append(f"half of the pairs are slower than {min(speeds):.2g} m/s: their directions are noise")
     return replace(pairs, warnings=pairs.warnings + tuple(notes))
+
+
+def _refuse_one_instrument(upper: Record, trusted: Sequence[Record]) -> None:
+    if any(upper.serial_number and upper.serial_number == each.serial_number for each in trusted):
+        expected, found = "two instruments", f"serial number {upper.serial_number} in the files of both"
+        raise InputError("compromised and reference", expected=expected, found=found, advice="correct files of one")
 
 
 def identical(pairs: Pairs) -> bool:
@@ -55,7 +67,7 @@ def _velocities(pairs: Pairs) -> tuple[tuple[Floats, Floats], tuple[Floats, Floa
     return (pairs.upper_east, pairs.upper_north), (pairs.lower_east, pairs.lower_north)
 
 
-def _absent(upper: Record, trusted: list[Record] | tuple[Record, ...]) -> list[str]:
+def _absent(upper: Record, trusted: Sequence[Record]) -> list[str]:
     """Say why there is no pair."""
     if not trusted:
         return []

@@ -25,6 +25,7 @@ class Choices:
     orientation: str | None = None  # up | down
     declination_applied: float | None = None  # degrees inside the recorded headings, instead of EB
     heading_alignment: float | None = None  # degrees from the recorded heading to that of beam 3
+    serial_number: str | None = None
 
 
 def heading_bias(ensembles: Ensembles, choices: Choices) -> Floats:
