@@ -509,6 +509,31 @@ def test_percent_good_of_beams_is_the_smallest_of_those_used(tmp_path: Path) -> 
     assert record.quality.tolist() == [[1, 4, 1]] and record.counts["three_beam"] == 1
 
 
+PARTS, EACH = [5, 0, 2, 93], [97, 96, 98, 95]  # percent good of all pings, and of each beam
+
+
+@pytest.mark.parametrize(
+    ("told", "percent", "found"),
+    [
+        (BEAM, PARTS, "as in beam coordinates, found columns that add up to 100 in 120 of 120 cells"),
+        (EARTH, EACH, "as in earth coordinates, found columns of one beam each in 120 of 120 cells"),
+        (SHIP, EACH, "as in ship coordinates, found columns of one beam each"),
+        (INSTRUMENT, EACH, "as in instrument coordinates, found columns of one beam each"),
+    ],
+)
+def test_coordinates_that_percent_good_contradicts_are_refused(
+    told: int, percent: list[int], found: str, tmp_path: Path
+) -> None:
+    beams = [[[327, -294, -265, 241]] * 3] * 40
+    parts = [ensemble(rows, fixed={"ex": EX[told]}, percent_good=[percent] * 3) for rows in beams]
+    with pytest.raises(InputError, match=found):
+        read(written(tmp_path, *parts))
+    right = EACH if told == BEAM else PARTS
+    assert not read(
+        written(tmp_path, *(ensemble(r, fixed={"ex": EX[told]}, percent_good=[right] * 3) for r in beams))
+    ).warnings
+
+
 # ------------------------------------------------------------------------------- configurations and coordinates
 
 

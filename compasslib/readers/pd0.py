@@ -19,7 +19,7 @@ from compasslib.readers.pd0_fields import Ensembles, LeftOut, decode_runs, joine
 from compasslib.readers.pd0_frames import CHUNK_BYTES, Skipped, frames
 from compasslib.readers.pd0_geometry import true_pitch
 from compasslib.readers.pd0_report import FileReport, counts_of, faces_up, lost_ensembles, sentences
-from compasslib.readers.pd0_water import Choices, currents, magnetic_heading, quality
+from compasslib.readers.pd0_water import Choices, currents, magnetic_heading, of_other_coordinates, quality
 from compasslib.records import BAD, GOOD, MISSING, Flags, Floats, Record
 
 
@@ -44,6 +44,7 @@ class _Water:
     echo_range_m: Floats
     three_beam: int
     has_percent_good: bool
+    of_other_coordinates: tuple[int, int]  # cells that contradict EX, and those that could
 
 
 def decode(path: str | Path, chunk_bytes: int = CHUNK_BYTES) -> Ensembles:
@@ -163,6 +164,8 @@ def _file(path: str | Path, choices: Choices) -> tuple[list[_Water], FileReport]
             pd0_mixture.refuse_alignment(str(path), piece.ensembles, choices.heading_alignment)
             water.append(_turned(piece.ensembles, choices))
     _refuse_nothing(path, bare)
+    cells = np.sum([part.of_other_coordinates for part in water], axis=0)
+    pd0_mixture.refuse_coordinates(str(path), joined([part.leaders for part in water]), *cells.tolist())
     if not any(part.has_percent_good for part in water):
         # Nobody has filled the block: it says nothing about the velocities.
         water = [replace(part, quality=np.where(part.quality == BAD, GOOD, part.quality)) for part in water]
@@ -177,8 +180,16 @@ def _leaders(ensembles: Ensembles) -> Ensembles:
 def _turned(ensembles: Ensembles, choices: Choices) -> _Water:
     east, north, three_beam = currents(ensembles, choices)
     flags = quality(ensembles, east, north)
-    filled = bool(ensembles.percent_good.any())
-    return _Water(_leaders(ensembles), east, north, flags, pd0_echo.echo_ranges(ensembles), three_beam, filled)
+    return _Water(
+        leaders=_leaders(ensembles),
+        east=east,
+        north=north,
+        quality=flags,
+        echo_range_m=pd0_echo.echo_ranges(ensembles),
+        three_beam=three_beam,
+        has_percent_good=bool(ensembles.percent_good.any()),
+        of_other_coordinates=of_other_coordinates(ensembles),
+    )
 
 
 def _report(path: str | Path, pieces: Sequence[_Piece], three_beam: int) -> FileReport:

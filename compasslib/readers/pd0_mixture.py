@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib.errors import InputError
-from compasslib.readers.pd0_fields import Ensembles
+from compasslib.readers.pd0_fields import BEAM, EARTH, INSTRUMENT, SHIP, Ensembles
 from compasslib.records import BAD, GOOD, PROBABLY_BAD, Flags, Floats
 
 STRAY = 0.01  # share of another instrument's ensembles that may be damage that met its checksum
@@ -20,6 +20,8 @@ FEWEST_BACK = 10  # numbers may fall back where a recording begins anew
 JUMP_S, JUMP_STEPS, MOST_JUMPS = 86400.0, 20.0, 3  # longer, and rarer, than the pauses between bursts
 ADVICE = "give each recording as a file of its own"
 BEAMS = 4
+FEWEST_CELLS, MOST = 100, 0.5
+COORDINATES = {BEAM: "beam", INSTRUMENT: "instrument", SHIP: "ship", EARTH: "earth"}
 FOUR = "export its four slanted beams, or give the velocities as a table"
 
 
@@ -67,6 +69,30 @@ def refuse_columns(where: str, misfits: int, kept: int) -> None:
         expected = "blocks of four columns, as many rows as the leader tells cells"
         found = f"others, perhaps of five beams, in {misfits} of {misfits + kept} ensembles"
         raise InputError(where, expected=expected, found=found, advice=FOUR)
+
+
+def refuse_coordinates(where: str, leaders: Ensembles, other: int, told: int) -> None:
+    """Refuse a file whose cells are not in the coordinates that EX tells.
+
+    Args:
+        where: the file.
+        leaders: its ensembles.
+        other: cells that contradict EX by their percent good.
+        told: cells that could.
+
+    Raises:
+        InputError: most of them do.
+    """
+    if told < FEWEST_CELLS or other <= MOST * told:
+        return
+    code = Counter(leaders.coordinates.tolist()).most_common(1)[0][0]
+    frame, columns = COORDINATES[code], "that add up to 100" if code == BEAM else "of one beam each"
+    raise InputError(
+        f"{where}: coordinates EX",
+        expected=f"percent good as in {frame} coordinates",
+        found=f"columns {columns} in {other} of {told} cells",
+        advice="EX does not tell what the velocities are: take the instrument's own file, or export them as a table",
+    )
 
 
 def refuse_alignment(where: str, leaders: Ensembles, told: float | None) -> None:

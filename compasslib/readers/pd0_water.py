@@ -14,6 +14,7 @@ from compasslib.readers.pd0_geometry import beams_to_instrument, instrument_to_e
 from compasslib.records import BAD, GOOD, MISSING, Flags, Floats
 
 LEAST_PERCENT_GOOD = 25
+ALL_PINGS, PINGS_ROUNDED, TWO_BEAMS = 100, 4, 50  # percent
 
 Mask = NDArray[np.bool_]
 
@@ -97,6 +98,25 @@ def quality(ensembles: Ensembles, east: Floats, north: Floats) -> Flags:
         share[by_beam] = np.where(np.isnan(ensembles.velocity[by_beam]), 255, percent[by_beam]).min(axis=-1)
     flags = np.where(share < LEAST_PERCENT_GOOD, BAD, GOOD)
     return np.where(np.isnan(east) | np.isnan(north), MISSING, flags).astype(np.int8)
+
+
+def of_other_coordinates(ensembles: Ensembles) -> tuple[int, int]:
+    """Return how many cells contradict the coordinates that EX tells, and how many could.
+
+    Percent good has a column a beam in beam coordinates; in others its columns part all pings, and add up to 100.
+    Beams, too, agree on their error velocity.
+
+    Args:
+        ensembles: n ensembles of m cells.
+    """
+    total = ensembles.percent_good.sum(axis=-1, dtype=np.int16)
+    told = (total > 0) & np.isfinite(ensembles.velocity).all(axis=-1)
+    parts = np.abs(total - ALL_PINGS) <= PINGS_ROUNDED
+    b1, b2, b3, b4 = np.moveaxis(ensembles.velocity, -1, 0)
+    agree = 2.0 * np.abs(b1 + b2 - b3 - b4) < np.abs(b1 - b2) + np.abs(b3 - b4)
+    beams = (total > ALL_PINGS + TWO_BEAMS) & agree
+    other = np.where((ensembles.coordinates == BEAM)[:, None], parts, beams)
+    return int(np.sum(other & told)), int(np.sum(told))
 
 
 def _from_beams(ensembles: Ensembles, choices: Choices) -> tuple[Floats, Floats, int]:
