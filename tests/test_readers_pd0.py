@@ -515,7 +515,7 @@ PARTS, EACH = [5, 0, 2, 93], [97, 96, 98, 95]  # percent good of all pings, and 
 @pytest.mark.parametrize(
     ("told", "percent", "found"),
     [
-        (BEAM, PARTS, "as in beam coordinates, found columns that add up to 100 in 120 of 120 cells"),
+        (BEAM, PARTS, "as in beam coordinates, found columns that add up to 100 in 120 of 120 cells looked at"),
         (EARTH, EACH, "as in earth coordinates, found columns of one beam each in 120 of 120 cells"),
         (SHIP, EACH, "as in ship coordinates, found columns of one beam each"),
         (INSTRUMENT, EACH, "as in instrument coordinates, found columns of one beam each"),
@@ -573,7 +573,8 @@ def test_files_of_two_numbers_are_refused_and_a_few_strange_ones_flagged(field: 
     first = written(tmp_path, *hourly(30, **one), name="a.000")
     second = written(tmp_path, *hourly(20, skip_h=30, **other), name="b.000")
     with pytest.raises(
-        InputError, match=r"expected ensembles of one instrument, found .* in 30 and .* in 20; give each"
+        InputError,
+        match=r"expected ensembles of one instrument, found .* in 30 and .* in 20; name one instrument's files only",
     ):
         pd0.read([first, second], orientation=None, declination_applied=None, heading_alignment=None)
     strange = written(tmp_path, *hourly(150, **one), *hourly(1, first=151, skip_h=150, **other))

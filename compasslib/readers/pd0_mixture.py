@@ -40,7 +40,8 @@ def refuse(where: str, leaders: Ensembles) -> None:
         several = _often(numbers)
         if len(several) > 1:
             found = " and ".join(f"{name} {number} in {count}" for number, count in several.items())
-            raise InputError(where, expected="ensembles of one instrument", found=found, advice=ADVICE)
+            advice = f"name one instrument's files only, or {ADVICE}"
+            raise InputError(where, expected="ensembles of one instrument", found=found, advice=advice)
     beams, count = Counter(leaders.beams.tolist()).most_common(1)[0]
     if beams != BEAMS:
         raise InputError(where, expected="4 beams", found=f"{beams} in {count} ensembles", advice=FOUR)
@@ -90,7 +91,7 @@ def refuse_coordinates(where: str, leaders: Ensembles, other: int, told: int) ->
     raise InputError(
         f"{where}: coordinates EX",
         expected=f"percent good as in {frame} coordinates",
-        found=f"columns {columns} in {other} of {told} cells",
+        found=f"columns {columns} in {other} of {told} cells looked at",
         advice="EX does not tell what the velocities are: take the instrument's own file, or export them as a table",
     )
 

@@ -15,6 +15,7 @@ from compasslib.records import BAD, GOOD, MISSING, Flags, Floats
 
 LEAST_PERCENT_GOOD = 25
 ALL_PINGS, PINGS_ROUNDED, TWO_BEAMS = 100, 4, 50  # percent
+SOME = 200  # ensembles of a piece tell which columns percent good has
 
 Mask = NDArray[np.bool_]
 
@@ -101,7 +102,7 @@ def quality(ensembles: Ensembles, east: Floats, north: Floats) -> Flags:
 
 
 def of_other_coordinates(ensembles: Ensembles) -> tuple[int, int]:
-    """Return how many cells contradict the coordinates that EX tells, and how many could.
+    """Return how many cells contradict the coordinates that EX tells, and how many could, of some ensembles.
 
     Percent good has a column a beam in beam coordinates; in others its columns part all pings, and add up to 100.
     Beams, too, agree on their error velocity.
@@ -109,13 +110,15 @@ def of_other_coordinates(ensembles: Ensembles) -> tuple[int, int]:
     Args:
         ensembles: n ensembles of m cells.
     """
-    total = ensembles.percent_good.sum(axis=-1, dtype=np.int16)
-    told = (total > 0) & np.isfinite(ensembles.velocity).all(axis=-1)
+    some = slice(None, None, 1 + len(ensembles) // SOME)
+    percent, velocity = ensembles.percent_good[some], ensembles.velocity[some]
+    total = percent.sum(axis=-1, dtype=np.int16)
+    told = (total > 0) & np.isfinite(velocity).all(axis=-1)
     parts = np.abs(total - ALL_PINGS) <= PINGS_ROUNDED
-    b1, b2, b3, b4 = np.moveaxis(ensembles.velocity, -1, 0)
+    b1, b2, b3, b4 = np.moveaxis(velocity, -1, 0)
     agree = 2.0 * np.abs(b1 + b2 - b3 - b4) < np.abs(b1 - b2) + np.abs(b3 - b4)
     beams = (total > ALL_PINGS + TWO_BEAMS) & agree
-    other = np.where((ensembles.coordinates == BEAM)[:, None], parts, beams)
+    other = np.where((ensembles.coordinates[some] == BEAM)[:, None], parts, beams)
     return int(np.sum(other & told)), int(np.sum(told))
 
 
