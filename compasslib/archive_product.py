@@ -47,7 +47,7 @@ def write_corrected(
         time_s=whole.time_s,
         depth_m=whole.depths_m,
         headings=whole.headings,
-        attributes=attributes or {},
+        attributes=whole.instrument | dict(attributes or {}),
         processing=processing or {},
     )
     sensor, end = sensor_attributes(said, whole.looks_up), 0
@@ -72,6 +72,7 @@ class _Whole:
     nominal_depth: bool
     headings: tuple[int, int]  # recorded, corrected
     temperatures: int
+    instrument: dict[str, str]  # what its files tell of it
 
 
 def _seen(pieces: Iterable[Corrected]) -> _Whole:
@@ -92,6 +93,7 @@ def _seen(pieces: Iterable[Corrected]) -> _Whole:
         nominal_depth=len(set(instrument)) == 1,
         headings=(recorded, corrected),
         temperatures=temperatures,
+        instrument={"serial_number": record.serial_number} if record.serial_number else {},
     )
 
 

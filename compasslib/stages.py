@@ -68,7 +68,9 @@ class Plan:
     def reader_settings(self, wildcards: Any) -> dict[str, Any]:
         """Return the keys of one instrument that its reader takes."""
         instrument = self._instrument(wildcards)
-        return _plain(instrument, FORMATS[instrument.format][1])
+        keys = FORMATS[instrument.format][1]
+        told = {"serial_number": self._serial_number(wildcards)} if "serial_number" in keys else {}
+        return _plain(instrument, [key for key in keys if key not in told]) | told
 
     def deployment(self, wildcards: Any) -> dict[str, Any]:
         """Return what turns one instrument's series into its record inside the deployment."""
@@ -172,6 +174,12 @@ class Plan:
     def described(self) -> dict[str, dict[str, Any]]:
         """Return place, dates and instruments of each mooring, for the report."""
         return {name: _described(mooring) for name, mooring in self.cruise.moorings.items()}
+
+    def _serial_number(self, wildcards: Any) -> str | None:
+        """Return what the metadata say, the mooring's attributes being the compromised instrument's."""
+        own = self._instrument(wildcards).attributes
+        said = self.attributes(wildcards) if wildcards.role == self._mooring(wildcards).compromised else own
+        return next((str(said[key]) for key in ("serial_number", "sensor_serial_number") if key in said), None)
 
     def _mooring(self, wildcards: Any) -> Mooring:
         return self.cruise.moorings[wildcards.mooring]

@@ -24,6 +24,9 @@ def fixed_leader(
     convex: bool = True,
     sensors: int = 0b0011_1101,
     beam_angle: int | None = 20,
+    beams: int = 4,
+    serial: int = 0,
+    board: bytes = bytes(8),
     length: int = 59,
     identifier: int = 0x0000,
 ) -> bytes:
@@ -31,8 +34,10 @@ def fixed_leader(
     system = 0x4102 | (0x80 if up else 0) | (0x08 if convex else 0)
     block = bytearray(59)
     struct.pack_into("<HBBH", block, 0, identifier, 50, 36, system)
-    struct.pack_into("<BBHHH", block, 8, 4, cells, 10, cell_cm, blank_cm)
+    struct.pack_into("<BBHHH", block, 8, beams, cells, 10, cell_cm, blank_cm)
     struct.pack_into("<BhhBBH", block, 25, ex, ea, eb, 0x7D, sensors, bin1_cm)
+    block[42:50] = board
+    struct.pack_into("<I", block, 54, serial)
     block[58] = beam_angle or 0
     return bytes(block[:length])
 

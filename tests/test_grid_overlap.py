@@ -4,8 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sea import FOLDED, MILD, pairs
 
-from compasslib import grid, overlap
+from compasslib import angles, grid, overlap, overlap_words
+from compasslib.errors import InputError
 from compasslib.overlap import Rules
 from compasslib.records import BAD, GOOD, EarthField, Record
 
@@ -102,3 +104,27 @@ def test_flagged_values_make_no_pairs_and_no_reference_makes_none():
     assert len(overlap.find(upper, [lower], NORTH_FIELD, Rules())) == 3
     assert len(overlap.find(upper, [bad], NORTH_FIELD, Rules())) == 0
     assert len(overlap.find(upper, [], NORTH_FIELD, Rules())) == 0
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("coefficients", [MILD, FOLDED])
+def test_pairs_of_a_compass_however_wrong_are_in_the_frame_that_is_told(coefficients, seed):
+    seen, _ = pairs(coefficients, seed=seed)
+    assert overlap_words.checked(seen, record([0.0]), [record([0.0])]).warnings == ()
+
+
+@pytest.mark.parametrize(("sign", "turns"), [(1, 1), (1, -1), (-1, 1), (-1, 2), (-1, 0)])
+def test_velocities_in_another_frame_than_told_are_refused(sign, turns):
+    """Ship's velocities told to be the earth's, or the reverse, or of an up-looker taken for a down-looker's."""
+    seen, _ = pairs(MILD)
+    upper = angles.turn(sign * seen.upper_east, seen.upper_north, turns * seen.heading_deg)
+    with pytest.raises(InputError, match=r"only where they are (turned|mirrored).*; check coordinates"):
+        overlap_words.checked(replace(seen, upper_east=upper[0], upper_north=upper[1]), record([0.0]), [record([0.0])])
+
+
+def test_one_serial_number_in_the_files_of_both_is_refused():
+    upper, lower = (replace(record([0.0]), serial_number=number) for number in ("8104", "7514"))
+    seen, _ = pairs(MILD)
+    assert len(overlap_words.checked(seen, upper, [lower])) == len(seen)
+    with pytest.raises(InputError, match="expected two instruments, found serial number 8104 in the files of both"):
+        overlap_words.checked(seen, upper, [upper])

@@ -9,12 +9,14 @@ from pathlib import Path
 import chain
 import numpy as np
 import pytest
-from sea import cruise
+from sea import SHARED, cruise
 from test_deployment import LONG, turning
 from test_grid_overlap import HOUR
+from test_grid_overlap import record as one_record
 
-from compasslib import archive, config, deployment, report, stages, summary
-from compasslib.records import BAD, PROBABLY_BAD
+from compasslib import angles, archive, config, deployment, plausibility, report, stages, summary
+from compasslib.readers import pd0
+from compasslib.records import BAD, GOOD, PROBABLY_BAD
 from compasslib.report import words
 
 N = 60
@@ -30,6 +32,24 @@ def echoes(*row: float):
     return replace(turning(), echo_range_m=np.tile(np.array(row), (N, 1)))
 
 
+def wake_locked(n: int = 60, seed: int = 4):
+    """A compass that follows the tide within some degrees, and the water past it."""
+    rng, hours = np.random.default_rng(seed), np.arange(n)
+    heading = 150.0 + 60.0 * np.sin(hours / 30.0) + rng.normal(0.0, 4.0, n)
+    given = one_record(HOUR * hours, heading=heading.round(2))
+    flow = (0.2 + 0.15 * np.sin(hours / 7.0))[:, None] + rng.normal(0.0, 0.02, given.east.shape)
+    return replace(given, east=flow, pitch_deg=rng.normal(0.0, 2.0, n), roll_deg=rng.normal(0.0, 2.0, n))
+
+
+def wild(where, value, n: int = 60):
+    """Return the record with some headings replaced, which ones, and what they were."""
+    given = wake_locked(n)
+    heading, at = given.heading_deg.copy(), np.zeros(n, dtype=bool)
+    at[where] = True
+    heading[at] = value
+    return replace(given, heading_deg=heading), at, given.heading_deg
+
+
 # What is done to a good record of 60 hours in 500 m of water, its instrument at 100 m: the count that tells of it.
 FAULTS = {
     "impossible_speed": (changed("east", (7, 1), 30.0), 1),
@@ -38,6 +58,9 @@ FAULTS = {
     "bins_without_length": (changed("bin_range_m", 3, 10.0), 3),
     "frozen_velocity": (changed("east", slice(None), 0.123), 180),
     "heading_stuck": (changed("heading_deg", slice(20, 40), 33.0 + 0.02 * np.arange(20)), 19),
+    "heading_fill": (wild(slice(2, None, 6), 327.68)[0], 10),
+    "heading_wild": (wild([5, 16, 30, 50], [330.0, 350.0, 10.0, 340.0])[0], 4),
+    "heading_unsure": (wild([5, 16, 30, 50], [330.0, 350.0, 10.0, 340.0])[0], 1),
     "heading_frozen": (changed("heading_deg", slice(None), 33.0), 60),
     "heading_narrow": (changed("heading_deg", slice(None), 33.0 + np.arange(N) % 4), 60),
     "tilt_frozen": (replace(turning(), pitch_deg=np.full(N, 3.0), roll_deg=np.full(N, 1.0)), 60),
@@ -76,6 +99,60 @@ def test_a_meter_that_shows_one_velocity_from_first_to_last_is_bad_and_still_wat
 
 def test_a_compass_that_only_trembles_is_stuck():
     assert list(np.flatnonzero(settled("heading_stuck").heading_quality == PROBABLY_BAD)) == list(range(21, 40))
+
+
+@pytest.mark.parametrize("share", [0.01, 0.05, 0.2])
+@pytest.mark.parametrize("value", [0.0, 327.68, 180.25])  # zero, 0x8000 read as unsigned, any other
+def test_a_fill_value_among_headings_is_flagged_whole_and_nothing_else(share, value):
+    n = 2000
+    given, at, _ = wild(np.random.default_rng(7).random(n) < share, value, n)
+    found = plausibility.flagged(given, 500.0)
+    assert (found.heading_quality[at] == BAD).all() and (found.heading_quality[~at] == GOOD).all()
+    assert any(
+        f"{at.sum()} headings flagged: they read {value:.2f} degrees, a fill value" in said for said in found.warnings
+    )
+    assert (found.quality[at] > GOOD).all()
+
+
+@pytest.mark.parametrize(("share", "kept_deg"), [(0.01, 1.0), (0.05, 3.0), (0.2, 6.0)])
+def test_random_headings_are_flagged_said_and_not_used(share, kept_deg):
+    """What is left differs by less than the limit; it was 10, 23 and 47 degrees rms."""
+    n, rng = 4000, np.random.default_rng(8)
+    at = rng.random(n) < share
+    given, at, true = wild(at, rng.uniform(0.0, 360.0, at.sum()), n)
+    found = plausibility.flagged(given, 500.0)
+    left = np.where(found.heading_quality == GOOD, angles.difference(given.heading_deg, true), np.nan)
+    assert np.sqrt(np.nanmean(left**2)) < kept_deg
+    assert np.mean(found.heading_quality[at] > GOOD) > 0.85 and np.mean(found.heading_quality[~at] > GOOD) < 0.12
+    assert any("stand off those before and after as nothing turns in running water" in said for said in found.warnings)
+
+
+def test_a_few_in_a_row_that_come_back_are_flagged():
+    given, at, _ = wild(
+        [40, 41, 42, 200, 201, 390, 391, 392, 393], [340.0, 341.0, 339.0, 10.0, 9.0, 5.0, 6.0, 7.0, 8.0], 600
+    )
+    found = plausibility.flagged(given, 500.0)
+    fast = given.east[:, 0] > np.median(given.east[:, 0])
+    assert (found.heading_quality[at & fast] == BAD).all() and (found.heading_quality[~at] == GOOD).mean() > 0.98
+
+
+@pytest.mark.parametrize("name", ["eh2", "03160000", "RDI_withBT", "adp_sentinel", "adp_12", "winriver02"])
+def test_genuine_compasses_hold_no_outlier(name):
+    files = [path for path in (SHARED / "pd0").glob("*") if path.name.startswith(name) and path.suffix != ".csv"]
+    if not files:
+        pytest.skip(f"no {SHARED}/pd0/{name}*")
+    read = pd0.read(files, orientation=None, declination_applied=None, heading_alignment=None)
+    found = plausibility.flagged(read, 1e5)
+    assert not any(found.counts[key] for key in ("heading_fill", "heading_wild", "heading_unsure"))
+
+
+def test_a_compass_that_turns_freely_or_is_coarse_is_left_alone():
+    rng = np.random.default_rng(9)
+    free = replace(wake_locked(2000), heading_deg=rng.uniform(0.0, 360.0, 2000).round(2))
+    coarse = replace(wake_locked(2000), heading_deg=(wake_locked(2000).heading_deg / 5.0).round() * 5.0)
+    for given in (free, coarse):
+        found = plausibility.flagged(given, 500.0)
+        assert (found.heading_quality == GOOD).all() and found.warnings == ()
 
 
 def test_all_of_it_reaches_summary_and_report(tmp_path):

@@ -509,6 +509,31 @@ def test_percent_good_of_beams_is_the_smallest_of_those_used(tmp_path: Path) -> 
     assert record.quality.tolist() == [[1, 4, 1]] and record.counts["three_beam"] == 1
 
 
+PARTS, EACH = [5, 0, 2, 93], [97, 96, 98, 95]  # percent good of all pings, and of each beam
+
+
+@pytest.mark.parametrize(
+    ("told", "percent", "found"),
+    [
+        (BEAM, PARTS, "as in beam coordinates, found columns that add up to 100 in 120 of 120 cells looked at"),
+        (EARTH, EACH, "as in earth coordinates, found columns of one beam each in 120 of 120 cells"),
+        (SHIP, EACH, "as in ship coordinates, found columns of one beam each"),
+        (INSTRUMENT, EACH, "as in instrument coordinates, found columns of one beam each"),
+    ],
+)
+def test_coordinates_that_percent_good_contradicts_are_refused(
+    told: int, percent: list[int], found: str, tmp_path: Path
+) -> None:
+    beams = [[[327, -294, -265, 241]] * 3] * 40
+    parts = [ensemble(rows, fixed={"ex": EX[told]}, percent_good=[percent] * 3) for rows in beams]
+    with pytest.raises(InputError, match=found):
+        read(written(tmp_path, *parts))
+    right = EACH if told == BEAM else PARTS
+    assert not read(
+        written(tmp_path, *(ensemble(r, fixed={"ex": EX[told]}, percent_good=[right] * 3) for r in beams))
+    ).warnings
+
+
 # ------------------------------------------------------------------------------- configurations and coordinates
 
 
@@ -537,6 +562,87 @@ def test_two_instruments_in_one_file_are_refused(tmp_path: Path) -> None:
         read(written(tmp_path, *hourly(30, fixed={"up": True}), *down))
     assert "expected ensembles of one instrument, found 30 of 300 kHz with" in str(caught.value)
     assert "cells of 2 m looking up and 20 of 300 kHz" in str(caught.value) and "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("field", ["serial", "board"])
+def test_files_of_two_numbers_are_refused_and_a_few_strange_ones_flagged(field: str, tmp_path: Path) -> None:
+    """The same instrument in all its settings, but for the number of itself or of its processor's board."""
+    one, other = (
+        {"fixed": {field: number}} for number in ((8104, 7514) if field == "serial" else (b"a" * 8, b"b" * 8))
+    )
+    first = written(tmp_path, *hourly(30, **one), name="a.000")
+    second = written(tmp_path, *hourly(20, skip_h=30, **other), name="b.000")
+    with pytest.raises(
+        InputError,
+        match=r"expected ensembles of one instrument, found .* in 30 and .* in 20; name one instrument's files only",
+    ):
+        pd0.read([first, second], orientation=None, declination_applied=None, heading_alignment=None)
+    strange = written(tmp_path, *hourly(150, **one), *hourly(1, first=151, skip_h=150, **other))
+    assert read(strange).heading_quality.tolist() == [1] * 150 + [4] and read(strange).counts["other_instrument"] == 1
+
+
+NUMBERS = [(8104, 8104), (8104, "08104"), (8104, "WH8104"), (8104, "SN 8104"), (8104, "WHS300-8104"), (8104, 8104.0)]
+
+
+@pytest.mark.parametrize(("file", "told"), [*NUMBERS, (8104, "unknown"), (8104, None), (0, 7514), (2**32 - 1, 7514)])
+def test_a_serial_number_that_agrees_or_is_not_told_is_taken(file: int, told: object, tmp_path: Path) -> None:
+    path = written(tmp_path, *hourly(5, fixed={"serial": file}))
+    record = read(path, serial_number=None if told is None else str(told))
+    assert record.serial_number == ("8104" if file == 8104 else "") and record.warnings == ()
+
+
+def test_another_serial_number_than_the_metadata_tell_is_refused(tmp_path: Path) -> None:
+    path = written(tmp_path, *hourly(5, fixed={"serial": 7514}))
+    with pytest.raises(InputError) as caught:
+        read(path, serial_number="SN 8104")
+    assert str(caught.value) == (
+        f"{path}: expected serial number SN 8104, found 7514; "
+        "the files may be another instrument's: correct files or serial_number"
+    )
+
+
+def test_a_leader_too_short_for_a_serial_number_and_bytes_that_always_change_tell_none(tmp_path: Path) -> None:
+    """Behind 53 bytes the variable leader follows, where the serial number of a longer leader would stand."""
+    short = [ensemble(PROFILE, number=i + 1, fixed={"serial": 5 + i, "length": 53}) for i in range(200)]
+    noise = [ensemble(PROFILE, number=i + 1, fixed={"serial": 5 + i, "board": bytes([i] * 8)}) for i in range(200)]
+    for parts in (short, noise):
+        record = read(written(tmp_path, *parts), serial_number="8104")
+        assert record.serial_number == "" and not record.counts["other_instrument"]
+
+
+@pytest.mark.parametrize(("name", "number"), [("03160000.000", "3160"), ("adp_sentinel_v.pd0", "125")])
+def test_real_files_tell_their_serial_number(name: str, number: str) -> None:
+    assert read(real(f"pd0/{name}")).serial_number == number
+
+
+def of_five(columns: int, beams: int) -> bytes:
+    """Return an ensemble of three cells in which each block has this many columns."""
+    blocks = [fixed_leader(cells=3, beams=beams), variable_leader()]
+    blocks += [b"\x00\x01" + bytes(6 * columns), b"\x00\x02" + bytes(3 * columns)]
+    return assemble(blocks)
+
+
+@pytest.mark.parametrize(
+    ("columns", "beams", "found"),
+    [
+        (5, 5, "found others, perhaps of five beams, in 9 of 9 ensembles"),
+        (5, 4, "found others, perhaps of five beams"),
+        (8, 4, "found others, perhaps of five beams"),  # twice as many cells as the leader tells
+        (4, 5, "expected 4 beams, found 5 in 9 ensembles"),
+        (4, 3, "expected 4 beams, found 3 in 9 ensembles"),
+    ],
+)
+def test_other_columns_than_those_of_four_beams_are_refused(
+    columns: int, beams: int, found: str, tmp_path: Path
+) -> None:
+    with pytest.raises(InputError, match=found):
+        read(written(tmp_path, *[of_five(columns, beams)] * 9))
+
+
+def test_few_ensembles_of_other_columns_are_left_out_and_counted(tmp_path: Path) -> None:
+    record = read(written(tmp_path, *series(200), of_five(5, 5)))
+    assert len(record.time_s) == 200 and record.counts["not_of_four_beams"] == 1
+    assert any("1 good ensembles hold other columns than those of four beams" in line for line in record.warnings)
 
 
 def test_two_recordings_sample_by_sample_are_refused(tmp_path: Path) -> None:
@@ -628,6 +734,18 @@ def test_heading_alignment_is_refused_unless_it_is_told_how_to_take_it(tmp_path:
     turned = angles.turn(ignored.east, ignored.north, 45.0)
     np.testing.assert_allclose((added.east, added.north), turned)
     assert "heading alignment EA is 45 degrees" in added.warnings[0]
+
+
+@pytest.mark.parametrize("written_ea", [(0, 0), (4500, 0), (4500, 3000)])
+def test_a_heading_alignment_that_the_file_does_not_bear_out_is_refused(
+    written_ea: tuple[int, int], tmp_path: Path
+) -> None:
+    path = written(tmp_path, *(ensemble(PROFILE, fixed={"ea": ea}) for ea in written_ea))
+    with pytest.raises(
+        InputError, match=r"expected one that is not 0, as heading_alignment is 45, found .*; delete head"
+    ):
+        read(path, heading_alignment=45.0)
+    assert read(path, heading_alignment=0.0).heading_deg.tolist() == [0.0, 0.0]
 
 
 def test_the_metadata_decide_which_way_is_up(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ if TYPE_CHECKING:  # the Snakefile needs the table only
 
 # format in the mooring file -> (module, the keys of the instrument that its read() takes)
 FORMATS: dict[str, tuple[str, tuple[str, ...]]] = {
-    "pd0": ("pd0", ("orientation", "declination_applied", "heading_alignment")),
+    "pd0": ("pd0", ("orientation", "declination_applied", "heading_alignment", "serial_number")),
     "table": ("table", ("columns",)),
     "acm_table": ("table", ("columns",)),
     "mmp_acm": ("mmp_acm", ("pressure_files", "start_offset_seconds")),

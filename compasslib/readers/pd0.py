@@ -1,8 +1,8 @@
 """RDI PD0: the raw files of WorkHorse, Ocean Surveyor, Sentinel V and their relatives.
 
-What is damaged is left out and told, never guessed: a flipped byte costs one ensemble. Bottom track, navigation and
-fifth beams are passed over. Beams are combined bin by bin; under tilt their bins lie at slightly different depths,
-which is not mapped.
+What is damaged is left out and told, never guessed: a flipped byte costs one ensemble. Bottom track, navigation and a
+fifth beam in blocks of its own are passed over; other columns than four are refused. Beams are combined bin by bin;
+under tilt their bins lie at slightly different depths, which is not mapped.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ import numpy as np
 
 from compasslib.errors import InputError
 from compasslib.readers import pd0_echo, pd0_mixture
-from compasslib.readers.pd0_fields import Ensembles, decode_runs, joined, stacked
+from compasslib.readers.pd0_fields import Ensembles, LeftOut, decode_runs, joined, stacked
 from compasslib.readers.pd0_frames import CHUNK_BYTES, Skipped, frames
 from compasslib.readers.pd0_geometry import true_pitch
 from compasslib.readers.pd0_report import FileReport, counts_of, faces_up, lost_ensembles, sentences
-from compasslib.readers.pd0_water import Choices, currents, magnetic_heading, quality
+from compasslib.readers.pd0_water import Choices, currents, magnetic_heading, of_other_coordinates, quality
 from compasslib.records import BAD, GOOD, MISSING, Flags, Floats, Record
 
 
@@ -28,8 +28,7 @@ class _Piece:
     """A decoded chunk of a file."""
 
     ensembles: Ensembles
-    without_velocity: int
-    bad_dates: int
+    left_out: LeftOut
     size: int  # bytes in ensembles, good ones
     skipped: tuple[Skipped, ...]
 
@@ -45,6 +44,7 @@ class _Water:
     echo_range_m: Floats
     three_beam: int
     has_percent_good: bool
+    of_other_coordinates: tuple[int, int]  # cells that contradict EX, and those that could
 
 
 def decode(path: str | Path, chunk_bytes: int = CHUNK_BYTES) -> Ensembles:
@@ -68,6 +68,7 @@ def read(
     orientation: str | None,
     declination_applied: float | None,
     heading_alignment: float | None,
+    serial_number: str | None = None,
 ) -> Record:
     """Return one record from files in the order given, currents turned by the recorded magnetic heading.
 
@@ -76,15 +77,18 @@ def read(
         orientation: up or down; counts where ensembles disagree. Each ensemble's own bit where None.
         declination_applied: degrees inside the recorded headings (and earth velocities), instead of the file's EB.
         heading_alignment: degrees added to the recorded heading to get that of beam 3; needed where EA is not 0.
+        serial_number: the instrument's by the metadata, perhaps with letters around its digits.
 
     Raises:
-        InputError: a file that cannot be read or holds no ensemble, or EA without ``heading_alignment``.
+        InputError: a file that cannot be read, holds no ensemble or other than four beams, a serial number of another
+            instrument, or EA and ``heading_alignment`` that do not go together.
     """
     return read_reporting(
         paths,
         orientation=orientation,
         declination_applied=declination_applied,
         heading_alignment=heading_alignment,
+        serial_number=serial_number,
     )[0]
 
 
@@ -94,6 +98,7 @@ def read_reporting(
     orientation: str | None,
     declination_applied: float | None,
     heading_alignment: float | None,
+    serial_number: str | None = None,
 ) -> tuple[Record, tuple[FileReport, ...]]:
     """Return what ``read`` returns, and of every file what was skipped, range by range.
 
@@ -102,11 +107,12 @@ def read_reporting(
         orientation: as for ``read``.
         declination_applied: as for ``read``.
         heading_alignment: as for ``read``.
+        serial_number: as for ``read``.
 
     Raises:
         InputError: as for ``read``.
     """
-    choices = Choices(orientation, declination_applied, heading_alignment)
+    choices = Choices(orientation, declination_applied, heading_alignment, serial_number)
     _check(paths, choices)
     water: list[_Water] = []
     reports: list[FileReport] = []
@@ -128,20 +134,22 @@ def _check(paths: Sequence[Path], choices: Choices) -> None:
 
 def _pieces(path: str | Path, chunk_bytes: int = CHUNK_BYTES) -> Iterator[_Piece]:
     for chunk in frames(path, chunk_bytes):
-        ensembles, without_velocity, bad_dates = decode_runs(chunk.runs)
+        ensembles, left_out = decode_runs(chunk.runs)
         size = sum(run.rows.size for run in chunk.runs)
-        yield _Piece(ensembles, without_velocity, bad_dates, size, chunk.skipped)
+        yield _Piece(ensembles, left_out, size, chunk.skipped)
 
 
 def _refuse_nothing(path: str | Path, pieces: Sequence[_Piece]) -> None:
-    if any(len(piece.ensembles) for piece in pieces):
+    left_out = sum((piece.left_out for piece in pieces), LeftOut())
+    kept = sum(len(piece.ensembles) for piece in pieces)
+    pd0_mixture.refuse_columns(str(path), left_out.not_of_four_beams, kept)
+    if kept:
         return
-    left_out = sum(piece.without_velocity + piece.bad_dates for piece in pieces)
     with Path(path).open("rb") as file:
         beginning = file.read(16)
     found = f"a file that begins with {beginning!r}" if beginning else "an empty file"
-    if left_out:
-        found = f"{left_out} ensembles without velocities or with impossible dates"
+    if int(left_out):
+        found = f"{int(left_out)} ensembles without velocities or with impossible dates"
     advice = "check that format: pd0 and the file belong together"
     raise InputError(str(path), expected="PD0 ensembles (7F 7F) with velocities", found=found, advice=advice)
 
@@ -153,9 +161,11 @@ def _file(path: str | Path, choices: Choices) -> tuple[list[_Water], FileReport]
     for piece in _pieces(path):
         bare.append(replace(piece, ensembles=_leaders(piece.ensembles)))
         if len(piece.ensembles):
-            _refuse_alignment(path, piece.ensembles, choices)
+            pd0_mixture.refuse_alignment(str(path), piece.ensembles, choices.heading_alignment)
             water.append(_turned(piece.ensembles, choices))
     _refuse_nothing(path, bare)
+    cells = np.sum([part.of_other_coordinates for part in water], axis=0)
+    pd0_mixture.refuse_coordinates(str(path), joined([part.leaders for part in water]), *cells.tolist())
     if not any(part.has_percent_good for part in water):
         # Nobody has filled the block: it says nothing about the velocities.
         water = [replace(part, quality=np.where(part.quality == BAD, GOOD, part.quality)) for part in water]
@@ -170,19 +180,16 @@ def _leaders(ensembles: Ensembles) -> Ensembles:
 def _turned(ensembles: Ensembles, choices: Choices) -> _Water:
     east, north, three_beam = currents(ensembles, choices)
     flags = quality(ensembles, east, north)
-    filled = bool(ensembles.percent_good.any())
-    return _Water(_leaders(ensembles), east, north, flags, pd0_echo.echo_ranges(ensembles), three_beam, filled)
-
-
-def _refuse_alignment(path: str | Path, ensembles: Ensembles, choices: Choices) -> None:
-    aligned = ensembles.heading_alignment_deg
-    if choices.heading_alignment is None and aligned.any():
-        raise InputError(
-            f"{path}: heading alignment EA",
-            expected="0 degrees",
-            found=f"{aligned[np.flatnonzero(aligned)[0]]:g} degrees",
-            advice="give heading_alignment: degrees to add to the recorded heading to get beam 3's, or 0 to ignore EA",
-        )
+    return _Water(
+        leaders=_leaders(ensembles),
+        east=east,
+        north=north,
+        quality=flags,
+        echo_range_m=pd0_echo.echo_ranges(ensembles),
+        three_beam=three_beam,
+        has_percent_good=bool(ensembles.percent_good.any()),
+        of_other_coordinates=of_other_coordinates(ensembles),
+    )
 
 
 def _report(path: str | Path, pieces: Sequence[_Piece], three_beam: int) -> FileReport:
@@ -193,8 +200,7 @@ def _report(path: str | Path, pieces: Sequence[_Piece], three_beam: int) -> File
         path=str(path),
         bytes_total=sum(piece.size for piece in pieces) + sum(each.length for each in skipped),
         ensembles=len(offset),
-        without_velocity=sum(piece.without_velocity for piece in pieces),
-        bad_dates=sum(piece.bad_dates for piece in pieces),
+        left_out=sum((piece.left_out for piece in pieces), LeftOut()),
         three_beam=three_beam,
         lost=lost_ensembles(offset, number, skipped),
         skipped=skipped,
@@ -203,7 +209,9 @@ def _report(path: str | Path, pieces: Sequence[_Piece], three_beam: int) -> File
 
 def _record(water: Sequence[_Water], reports: Sequence[FileReport], choices: Choices) -> Record:
     leaders = joined([part.leaders for part in water])
-    pd0_mixture.refuse(", ".join(report.path for report in reports), leaders)
+    where = ", ".join(report.path for report in reports)
+    pd0_mixture.refuse(where, leaders)
+    serial = pd0_mixture.serial_number(where, leaders, choices.serial_number)
     flags, doubtful, notes = pd0_mixture.doubts(leaders)
     heading = magnetic_heading(leaders, choices)
     cells = int(leaders.cells.max())
@@ -226,6 +234,7 @@ def _record(water: Sequence[_Water], reports: Sequence[FileReport], choices: Cho
         looks_up=faces_up(leaders, choices),
         beam_angle_deg=_most_frequent(leaders.beam_angle_deg),
         direction_reference="magnetic",
+        serial_number=serial,
         echo_range_m=np.concatenate([part.echo_range_m for part in water]),
         counts=counts,
         warnings=(*sentences(reports, leaders, counts, choices), *notes),

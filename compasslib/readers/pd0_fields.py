@@ -26,9 +26,12 @@ FIRST_YEAR, LAST_YEAR = 1980, 2079  # what two digits can say; anything else is 
 _MISSING = -32768
 _FIXED = np.dtype(
     {
-        "names": ["system", "cells", "cell_cm", "blank_cm", "ex", "ea", "eb", "sensors", "bin1_cm", "beam_angle"],
-        "formats": ["<u2", "u1", "<u2", "<u2", "u1", "<i2", "<i2", "u1", "<u2", "u1"],
-        "offsets": [4, 9, 12, 14, 25, 26, 28, 31, 32, 58],
+        "names": [
+            *("system", "beams", "cells", "cell_cm", "blank_cm", "ex", "ea", "eb", "sensors", "bin1_cm"),
+            *("board", "serial", "beam_angle"),
+        ],
+        "formats": ["<u2", "u1", "u1", "<u2", "<u2", "u1", "<i2", "<i2", "u1", "<u2", "<i8", "<u4", "u1"],
+        "offsets": [4, 8, 9, 12, 14, 25, 26, 28, 31, 32, 42, 54, 58],
         "itemsize": 59,
     }
 )
@@ -43,7 +46,10 @@ _VARIABLE = np.dtype(
         "itemsize": 65,
     }
 )
-_PRESSURE_STOP, _VOLTAGE_STOP = 52, 36
+_PRESSURE_STOP, _VOLTAGE_STOP, _BOARD_STOP, _SERIAL_STOP = 52, 36, 50, 58
+_ALL_ONES = 2**32 - 1
+_PER_CELL = {VELOCITY: 8, CORRELATION: 4, ECHO: 4, PERCENT_GOOD: 4}  # bytes: four beams or components
+_RESERVED = 2  # bytes between the last block and the checksum
 _FREQUENCIES_KHZ = np.array([75.0, 150.0, 300.0, 600.0, 1200.0, 2400.0, 38.0, np.nan])
 _BEAM_ANGLES_DEG = np.array([15.0, 20.0, 30.0, np.nan])  # the fourth is "other"
 
@@ -66,6 +72,9 @@ class Ensembles:
     depth_m: Floats  # (n,) of the transducer
     temperature_c: Floats  # (n,)
     supply_voltage: Floats  # (n,) counts of the transmit voltage
+    serial: Places  # (n,) of the instrument, 0 where it is not told
+    board: Places  # (n,) of its processor's board, 0 where it is not told
+    beams: Bytes  # (n,)
     cells: Places  # (n,)
     cell_m: Floats  # (n,)
     bin1_m: Floats  # (n,)
@@ -83,25 +92,43 @@ class Ensembles:
         return len(self.number)
 
 
-def decode_runs(runs: Sequence[Run]) -> tuple[Ensembles, int, int]:
-    """Return the ensembles of some runs in their order, how many had no velocity, and how many an impossible date.
+@dataclass(frozen=True)
+class LeftOut:
+    """How many good ensembles were left out, and why."""
+
+    without_velocity: int = 0
+    bad_dates: int = 0
+    not_of_four_beams: int = 0
+
+    def __add__(self, other: LeftOut) -> LeftOut:
+        return LeftOut(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(LeftOut)))
+
+    def __int__(self) -> int:
+        return self.without_velocity + self.bad_dates + self.not_of_four_beams
+
+
+def decode_runs(runs: Sequence[Run]) -> tuple[Ensembles, LeftOut]:
+    """Return the ensembles of some runs in their order, and how many of them are left out.
 
     Args:
-        runs: runs of ensembles; those without velocity and those with an impossible date are left out.
+        runs: runs of ensembles; what has no velocities, other columns than four or an impossible date is left out.
     """
     groups: dict[bytes, list[Run]] = {}
-    without_velocity = 0
+    without_velocity = not_of_four = 0
     for run in runs:
-        if _has_profile(run.layout, VELOCITY, 8):
-            groups.setdefault(run.layout.signature, []).append(run)
-        else:
+        if not _has_profile(run.layout, VELOCITY):
             without_velocity += len(run.rows)
+        elif not _of_four_beams(run.layout):
+            not_of_four += len(run.rows)
+        else:
+            groups.setdefault(run.layout.signature, []).append(run)
     ensembles = joined([_decoded(group[0].layout, group) for group in groups.values()])
     if len(groups) > 1:
         ensembles = chosen(ensembles, np.argsort(ensembles.offset))
     dated = np.isfinite(ensembles.time_s)
     bad_dates = int(np.sum(~dated))
-    return (chosen(ensembles, dated) if bad_dates else ensembles), without_velocity, bad_dates
+    left_out = LeftOut(without_velocity, bad_dates, not_of_four)
+    return (chosen(ensembles, dated) if bad_dates else ensembles), left_out
 
 
 def joined(parts: Sequence[Ensembles]) -> Ensembles:
@@ -164,18 +191,33 @@ def _decoded(layout: Layout, runs: Sequence[Run]) -> Ensembles:
     )
 
 
-def _has_profile(layout: Layout, identifier: int, bytes_per_cell: int) -> bool:
+def _spare(layout: Layout, identifier: int) -> int:
+    """Return how many bytes a block has beyond four columns of the leader's cells, negative where they do not fit."""
     start, stop = layout.blocks.get(identifier, (0, 0))
-    return layout.cells > 0 and stop - start >= 2 + bytes_per_cell * layout.cells
+    return stop - start - 2 - _PER_CELL[identifier] * layout.cells
 
 
-def _profile(rows: Bytes, layout: Layout, identifier: int, bytes_per_cell: int) -> Bytes:
+def _has_profile(layout: Layout, identifier: int) -> bool:
+    return layout.cells > 0 and _spare(layout, identifier) >= 0
+
+
+def _of_four_beams(layout: Layout) -> bool:
+    """Return whether no block has room for a fifth column or a further cell, which nothing here understands."""
+    for identifier in layout.blocks.keys() & _PER_CELL.keys():
+        spare, column = _spare(layout, identifier), _PER_CELL[identifier] // 4 * layout.cells
+        last = layout.blocks[identifier][1] == layout.length
+        if not 0 <= spare - _RESERVED * (last and spare >= _RESERVED) < min(column, _PER_CELL[identifier]):
+            return False
+    return True
+
+
+def _profile(rows: Bytes, layout: Layout, identifier: int) -> Bytes:
     start = layout.blocks[identifier][0] + 2
-    return np.ascontiguousarray(rows[:, start : start + bytes_per_cell * layout.cells])
+    return np.ascontiguousarray(rows[:, start : start + _PER_CELL[identifier] * layout.cells])
 
 
 def _velocity(rows: Bytes, layout: Layout) -> Floats:
-    counts = _profile(rows, layout, VELOCITY, 8).view("<i2")
+    counts = _profile(rows, layout, VELOCITY).view("<i2")
     # Divided, not multiplied by 0.001, so that 123 mm/s is the number nearest to 0.123.
     velocity = counts / 1000.0
     np.copyto(velocity, np.nan, where=counts == _MISSING)
@@ -183,9 +225,9 @@ def _velocity(rows: Bytes, layout: Layout) -> Floats:
 
 
 def _bytes_of_cells(rows: Bytes, layout: Layout, identifier: int) -> Bytes:
-    if not _has_profile(layout, identifier, 4):
+    if not _has_profile(layout, identifier):
         return np.zeros((len(rows), layout.cells, 4), np.uint8)
-    return _profile(rows, layout, identifier, 4).reshape(len(rows), layout.cells, 4)
+    return _profile(rows, layout, identifier).reshape(len(rows), layout.cells, 4)
 
 
 def _leader(rows: Bytes, layout: Layout, identifiers: tuple[int, ...], form: np.dtype[np.void]) -> tuple[Any, int]:
@@ -197,10 +239,15 @@ def _leader(rows: Bytes, layout: Layout, identifiers: tuple[int, ...], form: np.
 
 
 def _from_fixed(rows: Bytes, layout: Layout) -> dict[str, Any]:
-    leader, _ = _leader(rows, layout, FIXED_LEADERS, _FIXED)
+    leader, length = _leader(rows, layout, FIXED_LEADERS, _FIXED)
     system, written = leader["system"].astype(np.int64), leader["beam_angle"]
     by_bits = _BEAM_ANGLES_DEG[(system >> 8) & 3]
+    serial, board = leader["serial"].astype(np.int64), leader["board"]
     return {
+        # Bytes 54 to 57 of a shorter leader are the next block's, and change with every ensemble.
+        "serial": np.where((length >= _SERIAL_STOP) & (serial != _ALL_ONES), serial, 0),
+        "board": np.where((length >= _BOARD_STOP) & (board != -1), board, 0),
+        "beams": leader["beams"].copy(),
         "cells": leader["cells"].astype(np.int64),
         "cell_m": leader["cell_cm"] / 100.0,
         "bin1_m": leader["bin1_cm"] / 100.0,

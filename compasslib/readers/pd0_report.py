@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 
-from compasslib.readers.pd0_fields import EARTH, SHIP, Ensembles
+from compasslib.readers.pd0_fields import EARTH, SHIP, Ensembles, LeftOut
 from compasslib.readers.pd0_frames import Places, Skipped
 from compasslib.readers.pd0_water import Choices, looks_up
 from compasslib.records import Floats
@@ -25,9 +25,8 @@ class FileReport:
 
     path: str
     bytes_total: int
-    ensembles: int  # good, dated and with velocities
-    without_velocity: int
-    bad_dates: int
+    ensembles: int  # good, dated and with velocities of four beams
+    left_out: LeftOut
     three_beam: int  # currents solved from three beams, by this reader or by the instrument
     lost: int  # ensembles missing by their numbers where bytes were skipped
     skipped: tuple[Skipped, ...]
@@ -69,8 +68,9 @@ def counts_of(
         heading_deg: (n,) NaN where missing.
         choices: the metadata's word.
     """
-    names = "ensembles without_velocity bad_dates damaged lost bytes_skipped bytes_total three_beam"
+    names = "ensembles damaged lost bytes_skipped bytes_total three_beam"
     summed = {name: sum(getattr(report, name) for report in reports) for name in names.split()}
+    summed |= asdict(sum((report.left_out for report in reports), LeftOut()))
     return summed | {
         "orientation_disagrees": int(np.sum(leaders.looks_up != faces_up(leaders, choices))),
         "heading_missing": int(np.isnan(heading_deg).sum()),
@@ -110,10 +110,12 @@ def _of_file(report: FileReport) -> list[str]:
         belong = f"{name}: {report.bytes_skipped} of {report.bytes_total} bytes belong to no good ensemble"
         lines.append(f"{belong} and were skipped{_damage(report)}.")
         lines.append(f"{name}: skipped {_ranges(report.skipped)}.")
-    if report.without_velocity:
-        lines.append(f"{name}: {report.without_velocity} good ensembles hold no velocities and were left out.")
-    if report.bad_dates:
-        lines.append(f"{name}: {report.bad_dates} good ensembles have an impossible date and were left out.")
+    why = {
+        "hold no velocities": report.left_out.without_velocity,
+        "have an impossible date": report.left_out.bad_dates,
+        "hold other columns than those of four beams": report.left_out.not_of_four_beams,
+    }
+    lines += [f"{name}: {count} good ensembles {reason} and were left out." for reason, count in why.items() if count]
     return lines
 
 

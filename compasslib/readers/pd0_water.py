@@ -14,6 +14,8 @@ from compasslib.readers.pd0_geometry import beams_to_instrument, instrument_to_e
 from compasslib.records import BAD, GOOD, MISSING, Flags, Floats
 
 LEAST_PERCENT_GOOD = 25
+ALL_PINGS, PINGS_ROUNDED, TWO_BEAMS = 100, 4, 50  # percent
+SOME = 200  # ensembles of a piece tell which columns percent good has
 
 Mask = NDArray[np.bool_]
 
@@ -25,6 +27,7 @@ class Choices:
     orientation: str | None = None  # up | down
     declination_applied: float | None = None  # degrees inside the recorded headings, instead of EB
     heading_alignment: float | None = None  # degrees from the recorded heading to that of beam 3
+    serial_number: str | None = None
 
 
 def heading_bias(ensembles: Ensembles, choices: Choices) -> Floats:
@@ -96,6 +99,27 @@ def quality(ensembles: Ensembles, east: Floats, north: Floats) -> Flags:
         share[by_beam] = np.where(np.isnan(ensembles.velocity[by_beam]), 255, percent[by_beam]).min(axis=-1)
     flags = np.where(share < LEAST_PERCENT_GOOD, BAD, GOOD)
     return np.where(np.isnan(east) | np.isnan(north), MISSING, flags).astype(np.int8)
+
+
+def of_other_coordinates(ensembles: Ensembles) -> tuple[int, int]:
+    """Return how many cells contradict the coordinates that EX tells, and how many could, of some ensembles.
+
+    Percent good has a column a beam in beam coordinates; in others its columns part all pings, and add up to 100.
+    Beams, too, agree on their error velocity.
+
+    Args:
+        ensembles: n ensembles of m cells.
+    """
+    some = slice(None, None, 1 + len(ensembles) // SOME)
+    percent, velocity = ensembles.percent_good[some], ensembles.velocity[some]
+    total = percent.sum(axis=-1, dtype=np.int16)
+    told = (total > 0) & np.isfinite(velocity).all(axis=-1)
+    parts = np.abs(total - ALL_PINGS) <= PINGS_ROUNDED
+    b1, b2, b3, b4 = np.moveaxis(velocity, -1, 0)
+    agree = 2.0 * np.abs(b1 + b2 - b3 - b4) < np.abs(b1 - b2) + np.abs(b3 - b4)
+    beams = (total > ALL_PINGS + TWO_BEAMS) & agree
+    other = np.where((ensembles.coordinates[some] == BEAM)[:, None], parts, beams)
+    return int(np.sum(other & told)), int(np.sum(told))
 
 
 def _from_beams(ensembles: Ensembles, choices: Choices) -> tuple[Floats, Floats, int]:
