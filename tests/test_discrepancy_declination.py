@@ -162,8 +162,8 @@ def test_a_moorings_observatory_is_held_against_its_own_place_and_the_moorings(t
     field = earthfield.along_time(56.0, -5.0, START_S, START_S + 40 * DAY_S)
     assert observatory.held_against(field, [], here) is field
     assert observatory.held_against(field, [path], here).warnings == ()
-    far = observatory.held_against(field, [path], {"latitude": 40.0, "longitude": 5.0}).warnings
-    assert len(far) == 1 and far[0].startswith("the observatory Made is 18")
+    far = observatory.held_against(field, [path], {"latitude": 30.0, "longitude": 5.0}).warnings
+    assert len(far) == 1 and far[0].startswith("the observatory Made is 28")
     later = earthfield.along_time(56.0, -5.0, START_S + 30 * DAY_S, START_S + 90 * DAY_S)
     assert "a declination on 16 % of the deployment's days" in observatory.held_against(later, [path], here).warnings[0]
     empty = replace(series(40), declination_deg=np.full(960, np.nan))
