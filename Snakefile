@@ -83,6 +83,7 @@ rule overlap:
     input:
         upper=PLAN.compromised,
         lower=PLAN.reference,
+        observatory=PLAN.observatory,
     output:
         field="results/{mooring}/work/field.json",
         pairs="results/{mooring}/overlap.nc",

@@ -119,6 +119,7 @@ class Platform(CalibrationFile):
 
     format: Annotated[Literal["csv"], BeforeValidator(_csv)] = key("csv", "csv", "csv")
     columns: PlatformColumns = key("a mapping", "{reference_deg: bench, recorded_deg: heading}", PlatformColumns())
+    mounting_deg: Number | None = key("degrees from -360 to 360", "180", None, ge=-360, le=360)
     budget: Literal["le_menn"] | None = key("le_menn", "le_menn", None)
     uncertainty: Uncertainty = key("a mapping", "{graduation_deg: 0.26}", Uncertainty())
 

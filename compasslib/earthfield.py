@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from compasslib.angles import difference, direction, wrap180
+from compasslib.angles import DEGREE, difference, direction, wrap180
 from compasslib.errors import InputError
 from compasslib.igrf import field as field_at
 from compasslib.records import EarthField
@@ -19,7 +19,8 @@ Floats = NDArray[np.floating]
 FIRST_YEAR, LAST_YEAR = 1900, 2030  # IGRF-14
 DAY_S = 86400.0
 NODE_SPACING_S = 30 * DAY_S  # the field is linear in time within an epoch of five years
-DISAGREEMENT_DEG = 1.0
+DISAGREEMENT_DEG, APPLIED_DISAGREEMENT_DEG = 1.0, 2.0  # an instrument may be set up by a chart some years old
+RECOGNISED_DEG, RECOGNISED_SHARE = 0.5, 0.05  # of a mistake, from what it would give
 
 
 def igrf(latitude: float, longitude: float, time_s: ArrayLike) -> tuple[Floats, Floats, Floats]:
@@ -48,7 +49,12 @@ def igrf(latitude: float, longitude: float, time_s: ArrayLike) -> tuple[Floats, 
 
 
 def along_time(
-    latitude: float, longitude: float, start_s: float, end_s: float, declination: float | None = None
+    latitude: float,
+    longitude: float,
+    start_s: float,
+    end_s: float,
+    declination: float | None = None,
+    applied: Mapping[str, float] | None = None,
 ) -> EarthField:
     """Return the field over a deployment; a given declination overrides the model's and is held against it.
 
@@ -58,14 +64,20 @@ def along_time(
         start_s: first instant, UTC seconds since 1970.
         end_s: last instant, UTC seconds since 1970.
         declination: degrees east from the metadata, or None for the model's.
+        applied: degrees that the files of instruments are said to hold already, by instrument.
 
     Raises:
         InputError: a date lies outside the model.
     """
     nodes = np.linspace(start_s, end_s, 2 + int((end_s - start_s) // NODE_SPACING_S))
     model, horizontal, vertical = igrf(latitude, longitude, nodes)
+    said = [
+        text
+        for name, degrees in (applied or {}).items()
+        for text in _disagreement(f"{name}: declination_applied", degrees, model, APPLIED_DISAGREEMENT_DEG)
+    ]
     if declination is None:
-        return EarthField(nodes, model, horizontal, vertical, model)
+        return EarthField(nodes, model, horizontal, vertical, model, warnings=tuple(said))
     return EarthField(
         time_s=nodes,
         declination_deg=np.full(nodes.shape, float(declination)),
@@ -73,7 +85,7 @@ def along_time(
         vertical_nT=vertical,
         model_declination_deg=model,
         source="metadata",
-        warnings=_disagreement(declination, model),
+        warnings=(*_disagreement("declination", declination, model, DISAGREEMENT_DEG), *said),
     )
 
 
@@ -120,12 +132,30 @@ def told(name: str, field: EarthField) -> str:
     return "\n".join([line, *(f"{name}: warning: {warning}" for warning in field.warnings)])
 
 
-def _disagreement(declination: float, model: Floats) -> tuple[str, ...]:
-    off = difference(declination, model)
+def _disagreement(name: str, degrees: float, model: Floats, believed_deg: float) -> list[str]:
+    """Say where a number is not the model's declination, and which mistake it looks like."""
+    off = difference(degrees, model)
     worst = float(off[np.argmax(np.abs(off))])
-    if abs(worst) <= DISAGREEMENT_DEG:
-        return ()
-    return (
-        f"declination {declination:+.2f} degrees in the metadata is {worst:+.2f} degrees off IGRF "
-        f"({model.mean():+.2f}); check its sign, or write auto",
-    )
+    if abs(worst) <= believed_deg:
+        return []
+    return [
+        f"{name} {degrees:+.2f} degrees in the metadata is {worst:+.2f} degrees off IGRF ({model.mean():+.2f})"
+        f"{_mistake(degrees, float(model.mean()))}; check its sign, or write auto"
+    ]
+
+
+def _mistake(degrees: float, model: float) -> str:
+    """Return which mistake makes the one number of the other, or nothing."""
+    mistakes = {
+        ", which has the other sign": -model,
+        ", which it looks like in minutes of arc": 60.0 * model,
+        ", which it looks like in radians": model * DEGREE,
+        ", of which it looks like the double": 2.0 * model,
+        ", of which it looks like the double with the other sign": -2.0 * model,
+    }
+    near = {
+        text: abs(degrees - value)
+        for text, value in mistakes.items()
+        if abs(degrees - value) <= max(RECOGNISED_DEG, RECOGNISED_SHARE * abs(value)) and abs(model) > RECOGNISED_DEG
+    }
+    return min(near, key=lambda text: near[text]) if near else ""

@@ -23,6 +23,7 @@ from compasslib import (
     deployment,
     deviation,
     earthfield,
+    observatory,
     overlap,
     provenance,
     readers,
@@ -160,7 +161,9 @@ def _record(task: Task, role: str) -> Record:
 
 def _field(task: Task) -> EarthField:
     file = task.folder / "work/field.json"
-    archive.write_json(file, vars(earthfield.along_time(**task.plan.place_and_declination(task.job))))
+    place = task.plan.place_and_declination(task.job)
+    along = observatory.held_against(earthfield.along_time(**place), task.plan.observatory(task.job), place)
+    archive.write_json(file, vars(along))
     field = earthfield.from_json(archive.read_json(file))
     task.say(earthfield.told(task.name, field))
     return field

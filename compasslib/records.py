@@ -133,8 +133,10 @@ class FieldSeries:
     longitude: float  # degrees east
     elevation_m: float
     definitive: bool = False  # whether its baseline is final by its own word
-    counts: dict[str, int] = field(default_factory=dict)  # rows read, damaged, missing, repeated
+    counts: dict[str, int] = field(default_factory=dict)  # rows read, damaged, fillers, missing, repeated
     warnings: tuple[str, ...] = ()
+    files: tuple[str, ...] = ()
+    origin: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, dtype=np.intp))  # (n,) which of the files
 
     def __len__(self) -> int:
         return len(self.time_s)

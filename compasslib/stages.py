@@ -90,12 +90,14 @@ class Plan:
     def place_and_declination(self, wildcards: Any) -> dict[str, Any]:
         """Return position, dates and declination of one mooring."""
         mooring = self._mooring(wildcards)
+        applied = {role: mooring.instruments[role].declination_applied for role in _roles(mooring)}
         return {
             "latitude": mooring.latitude,
             "longitude": mooring.longitude,
             "start_s": mooring.start_s,
             "end_s": mooring.end_s,
             "declination": None if mooring.declination == "auto" else mooring.declination,
+            "applied": {role: degrees for role, degrees in applied.items() if degrees},
         }
 
     def compromised(self, wildcards: Any) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -101,6 +102,78 @@ def test_the_page_goes_through_its_file_and_the_figures_draw_it(tmp_path):
     for draw in (figures.series, figures.disturbance):
         draw(tmp_path / "a.png", shown, "quiet")
         assert (tmp_path / "a.png").stat().st_size > 20_000
+
+
+def twisted(made, *, turn=lambda d: d, place=None):
+    declination = turn(made.declination_deg)
+    return replace(made, declination_deg=declination), place or {}
+
+
+MISTAKES = {
+    "D looks like degrees, -4": {"turn": lambda d: d / 60.0},
+    "D in minutes of arc, -10800 to 21600": {"turn": lambda d: 60.0 * d},
+    "D looks like tenths of a minute": {"turn": lambda d: 10.0 * d},
+    "the sign of D (or of Y) looks exchanged": {"turn": lambda d: -d},
+    "the columns X and Y look exchanged": {"turn": lambda d: 90.0 - d},
+    "the sign of X looks exchanged": {"turn": lambda d: 180.0 - d},
+    "Y looks ten times too small": {"turn": lambda d: np.rad2deg(np.arctan(np.tan(np.deg2rad(d)) / 10.0))},
+    "the longitude's sign looks exchanged": {"place": {"latitude": 55.3, "longitude": 3.2}},
+    "the latitude's sign looks exchanged": {"place": {"latitude": -55.3, "longitude": -3.2}},
+    "the latitude looks like a colatitude": {"place": {"latitude": 34.7, "longitude": -3.2}},
+    "a variation about zero: the baseline is missing": {"turn": lambda d: d - d.mean()},
+}
+
+
+@pytest.mark.parametrize("said", MISTAKES)
+def test_a_mistake_that_turns_the_declination_is_refused_by_its_name(tmp_path, said):
+    made, place = twisted(at_igrf(40), **MISTAKES[said])
+    with pytest.raises(InputError, match=re.escape(said)):
+        declination.calibrate([write(tmp_path / "a.hor", made, "DHZF")], place)
+
+
+def at_igrf(days):
+    """Return a quiet series whose intensities are the model's, but for some rocks."""
+    made = series(days)
+    _, horizontal, vertical = earthfield.igrf(LATITUDE, LONGITUDE, [START_S])
+    return replace(made, horizontal_nT=0.0 * made.time_s + horizontal - 60.0, vertical_nT=0.0 * made.time_s + vertical)
+
+
+def test_a_file_of_another_year_and_one_wrong_file_among_several_are_refused(tmp_path):
+    made = at_igrf(40)
+    older = replace(made, time_s=made.time_s - 26 * 365.25 * DAY_S)
+    with pytest.raises(InputError, match=r"the field is that of about 200[1-5]: the dates look wrong"):
+        declination.calibrate([write(tmp_path / "a.hor", older)], {})
+    later = replace(made, time_s=made.time_s + 40 * DAY_S, declination_deg=made.declination_deg / 60.0)
+    paths = [write(tmp_path / "b.hor", made), write(tmp_path / "c.hor", later, "DHZF")]
+    with pytest.raises(InputError, match=r"c\.hor: .*D looks like degrees"):
+        declination.calibrate(paths, {})
+
+
+@pytest.mark.parametrize("rocks_deg", [-1.5, 0.0, 1.5])
+def test_rocks_and_mistakes_that_leave_the_declination_are_no_reason_to_refuse(tmp_path, rocks_deg):
+    made = at_igrf(40)
+    strong = replace(made, declination_deg=made.declination_deg + rocks_deg)
+    assert declination.calibrate([write(tmp_path / "a.hor", strong)], {}).warnings == ()
+    steep = replace(strong, vertical_nT=-strong.vertical_nT)
+    found = declination.calibrate([write(tmp_path / "a.hor", steep)], {})
+    assert "the sign of Z looks exchanged" in " ".join(found.warnings) and found.coefficients.size
+
+
+def test_a_constant_beyond_ordinary_rocks_is_said_and_one_beyond_any_is_refused(tmp_path):
+    made = at_igrf(40)
+    lava = replace(made, declination_deg=made.declination_deg - 3.4)
+    assert "rocks rarely make more than 600 nT" in " ".join(
+        declination.calibrate([write(tmp_path / "a.hor", lava)], {}).warnings
+    )
+    with pytest.raises(InputError, match=r"as IGRF has, found D \+20"):
+        turned = replace(made, declination_deg=made.declination_deg + 25.0)
+        declination.calibrate([write(tmp_path / "a.hor", turned)], {})
+
+
+@real
+def test_eskdalemuir_agrees_with_igrf_without_a_word():
+    for name in ("esk20030610dmin.min", "esk20031029dmin.min", "esk20031120dmin.min", "esk1980dhor.hor"):
+        assert declination.calibrate([REAL / name], PLACE).warnings == ()
 
 
 @real

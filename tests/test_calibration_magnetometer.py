@@ -376,3 +376,90 @@ def test_the_modulus_is_held_against_igrf_in_some_unit_or_in_the_one_that_is_nam
     found = magnetometer.calibrate([path], {"field": field, "columns": names})
     about = [warning for warning in found.warnings if "IGRF" in warning]
     assert len(about) == bool(said) and all(said in warning and "50000 nT" in warning for warning in about)
+
+
+# --- counts ---------------------------------------------------------------------------------------------------------
+
+
+def counts(rng, share: float) -> tuple[dict, np.ndarray]:
+    """Return a level log in whole counts whose largest value is the scale of 16 bits over a share, and its truth."""
+    motion = iron.level_motion(rng, 1500)
+    raw = iron.readings(rng, iron.some(rng), motion)
+    raw = np.rint(raw * 32768.0 / share / np.abs(raw[:, :2]).max())
+    return {"x": raw[:, 0], "y": raw[:, 1], "z": 0.1 * raw[:, 2], "pitch_deg": motion[:, 1], "roll_deg": motion[:, 2]}
+
+
+def calibrated_log(tmp_path, columns):
+    return magnetometer.calibrate([iron.write(tmp_path / "log.csv", **columns)], {})
+
+
+@pytest.mark.parametrize("share", [0.95, 0.8, 0.6])
+def test_counts_that_went_over_the_end_of_the_scale_are_put_back(tmp_path, rng, share):
+    whole = counts(rng, share)
+    wrapped = whole | {name: (whole[name] + 32768.0) % 65536.0 - 32768.0 for name in "xy"}
+    unsigned = whole | {name: whole[name] % 65536.0 for name in "xy"}
+    truth = calibrated_log(tmp_path, whole)
+    for columns in (wrapped, unsigned):
+        found = calibrated_log(tmp_path, columns)
+        assert np.allclose(found.coefficients, truth.coefficients, atol=1e-6)
+        assert "went over the end of their scale, 16 bits, and are put back" in " ".join(found.warnings)
+    scaled = wrapped | {name: 0.137 * wrapped[name] for name in "xyz"}
+    found = calibrated_log(tmp_path, scaled)
+    assert np.abs(found.coefficients - truth.coefficients).max() < 1.5  # of a tenth of the log where most is left out
+    assert "which is none of whole counts, and are left out" in " ".join(found.warnings)
+
+
+@pytest.mark.parametrize("share", [0.95, 0.8])
+def test_saturated_readings_are_left_out(tmp_path, rng, share):
+    whole = counts(rng, share)
+    clipped = whole | {name: np.clip(whole[name], -32768.0, 32767.0) for name in "xy"}
+    found, truth = calibrated_log(tmp_path, clipped), calibrated_log(tmp_path, whole)
+    assert np.abs(found.coefficients - truth.coefficients).max() < 0.4  # a fifth of the log is left out
+    assert "at the end of its scale: saturated, and left out" in " ".join(found.warnings)
+    beyond = np.any([clipped[name] != whole[name] for name in "xy"], axis=0)
+    assert found.details["left_out"] >= beyond.sum() - 7  # fewer than eight at one end are not told from readings
+
+
+def test_an_axis_that_stands_still_for_a_while_is_left_out_there(tmp_path, rng):
+    whole = counts(rng, 1.5)
+    stuck = whole | {"x": np.where(np.arange(1500) > 1200, whole["x"][1200], whole["x"])}
+    found, truth = calibrated_log(tmp_path, stuck), calibrated_log(tmp_path, whole)
+    assert np.abs(found.coefficients - truth.coefficients).max() < 0.3
+    assert any(said.endswith("readings of x standing still: stuck, and left out.") for said in found.warnings)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda c: {"x": c["y"], "y": c["x"]}, "the modulus still varies"),
+        (lambda c: {"y": -c["y"]}, "the modulus still varies"),
+        (lambda c: {"x": np.abs(c["x"])}, "the modulus still varies"),
+        (lambda c: {"x": 1.6 * c["x"]}, "axes in different units"),
+    ],
+    ids=["exchanged", "sign", "no sign", "unit"],
+)
+def test_what_fixed_iron_does_not_make_is_a_doubt(tmp_path, rng, change, said):
+    whole = counts(rng, 1.5)
+    whole["z"] *= 10.0
+    assert calibrated_log(tmp_path, whole).details["doubts"] == []
+    found = calibrated_log(tmp_path, whole | change(whole))
+    assert found.why or said in " ".join(found.details["doubts"])
+
+
+@pytest.mark.parametrize("name", ["signature500", "hmc5883l_sphere"])
+def test_real_logs_have_no_counts_beyond_their_scale_and_no_doubts(name):
+    made = magnetometer.calibrate([real(f"{name}.csv")], {})
+    assert made.details["doubts"] == []
+    assert not any("scale" in said or "stuck" in said for said in made.warnings)
+
+
+def test_a_date_that_is_not_the_logs_is_said(tmp_path, rng):
+    whole, day = counts(rng, 1.5), np.datetime64("2022-09-29T06:00:00", "s").astype(float)
+    path = iron.write(tmp_path / "log.csv", **whole)
+    lines = path.read_text().splitlines()
+    stamps = [f"{np.datetime64(int(day) + k, 's')}Z" for k in range(len(lines) - 1)]
+    rows = [f"{line},{stamp}" for line, stamp in zip(lines[1:], stamps, strict=True)]
+    path.write_text("\n".join([f"{lines[0]},time_utc", *rows]))
+    for date_s, said in ((day, False), (day + 100 * 86400.0, False), (day - 20 * 365 * 86400.0, True)):
+        found = magnetometer.calibrate([path], {"date_s": date_s})
+        assert any("IGRF is taken at the date" in text for text in found.warnings) == said

@@ -82,6 +82,63 @@ def test_a_withheld_column_is_not_read(tmp_path):
     assert platform.calibrate([path], {"withhold": ["secret"]}).n == 16
 
 
+# --- mistakes that parse ----------------------------------------------------------------------------------------------
+
+
+def on_bench(reference=lambda x: x, recorded=lambda x: x, n=36):
+    read = readings(ring(n))
+    return Readings(reference(read.reference_deg), recorded(read.recorded_deg))
+
+
+@pytest.mark.parametrize(
+    ("read", "said"),
+    [
+        (on_bench(recorded=lambda x: 360.0 - x), "headings that run against each other"),
+        (on_bench(reference=lambda x: 360.0 - x, n=12), "headings that run against each other"),
+        (on_bench(np.deg2rad), "reference_deg in radians"),
+        (on_bench(np.deg2rad, np.deg2rad), "both columns in radians"),
+        (on_bench(recorded=lambda x: x / 0.9), "recorded_deg in gon"),
+        (on_bench(lambda x: x / 0.9, lambda x: x / 0.9), "both columns in gon"),
+    ],
+    ids=["recorded backwards", "reference backwards", "radians", "both in radians", "gon", "both in gon"],
+)
+def test_another_unit_or_sense_of_turning_is_refused_by_name(tmp_path, read, said):
+    with pytest.raises(InputError, match=f"a deviation curve can join, found {said}"):
+        calibrated(tmp_path, read)
+
+
+@pytest.mark.parametrize(("turn", "stood"), [(180.0, 180), (90.0, 90), (-90.0, 270)])
+def test_a_bench_read_from_another_side_is_refused_until_the_mounting_is_told(tmp_path, turn, stood):
+    read = on_bench(recorded=lambda x: angles.wrap360(x + turn))
+    with pytest.raises(InputError, match=f"write mounting_deg: {stood} if"):
+        calibrated(tmp_path, read)
+    told = calibrated(tmp_path, read, mounting_deg=float(stood))
+    assert told.coefficients[0] == pytest.approx(calibrated(tmp_path).coefficients[0], abs=0.2)
+    own = calibrated(tmp_path, read, mounting_deg=0.0)
+    assert abs(angles.difference(own.coefficients[0], -turn)) < 3.0 and own.details["doubts"] == []
+
+
+@pytest.mark.parametrize(
+    ("read", "declination", "said"),
+    [
+        (on_bench(lambda x: x - 23.5), -23.5, "constant of -22.4 degrees, which turns all headings alike"),
+        (on_bench(lambda x: x + 2.6), 3.8, "it is the declination, +3.8: reference_deg may be true"),
+        (on_bench(lambda x: np.roll(x, 1)), 0.0, "shifted by one setting of 10"),
+        (Readings(on_bench().recorded_deg, on_bench().reference_deg), 0.0, "the columns are exchanged"),
+    ],
+    ids=["turned", "true", "shifted", "exchanged"],
+)
+def test_what_cannot_be_told_from_the_compass_s_own_is_a_doubt_that_goes_to_the_mooring(
+    tmp_path, read, declination, said
+):
+    made = calibrated(tmp_path, read, declination_deg=declination)
+    assert said in " ".join(made.warnings)
+    seen, _ = pairs()
+    told = at_mooring.carried(page(made), SEA, record(seen), seen).warnings
+    assert any(said in text and text.startswith("calibration aqd: ") for text in told)
+    assert calibrated(tmp_path, declination_deg=declination).details["doubts"] == []
+
+
 # --- budget ---------------------------------------------------------------------------------------------------------
 
 

@@ -45,6 +45,27 @@ def test_a_given_number_overrides_and_a_disagreement_is_said(given, warned):
     assert again.warnings == field.warnings
 
 
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (23.4, "which has the other sign"),
+        (-0.408, "which it looks like in radians"),
+        (-1404.0, "which it looks like in minutes of arc"),
+        (-46.8, "of which it looks like the double"),
+        (-30.0, "off IGRF (-23.40); check its sign"),
+    ],
+)
+def test_the_mistake_in_a_given_declination_is_named(given, said):
+    assert said in earthfield.along_time(*EG4, 1188864000.0, 1223078400.0, given).warnings[0]
+
+
+@pytest.mark.parametrize(("applied", "warned"), [({"top": -22.0}, False), ({"top": 23.4}, True), ({}, False)])
+def test_a_declination_that_a_file_is_said_to_hold_is_held_against_the_model(applied, warned):
+    field = earthfield.along_time(*EG4, 1188864000.0, 1223078400.0, applied=applied)
+    assert field.source == "IGRF" and bool(field.warnings) == warned
+    assert not warned or field.warnings[0].startswith("top: declination_applied +23.40 degrees in the metadata is")
+
+
 def test_dates_outside_the_model_are_refused():
     with pytest.raises(InputError, match="dates from 1900 to 2029, which IGRF covers, found 2031-01-01"):
         earthfield.igrf(*EG4, [1924992000.0])

@@ -71,6 +71,82 @@ def test_a_damaged_row_is_counted_and_left_out(tmp_path, bad):
     assert found.warnings[0].startswith("1 rows are damaged")
 
 
+def edited(tmp_path, made, letters, edit):
+    """Write a series whose numbers a function changes, (k, four) array in place."""
+    lines = rows(made, letters)
+    cells = np.array([[float(cell) for cell in line.split()[3:]] for line in lines])
+    edit(cells)
+    lines = [f"{line[:27]}    " + " ".join(f"{x:9.2f}" for x in row) for line, row in zip(lines, cells, strict=True)]
+    (tmp_path / "a.hor").write_text("\n".join([*header(letters), *lines]) + "\n")
+    return tmp_path / "a.hor"
+
+
+@pytest.mark.parametrize("filler", [-9999.0, 9999.0, 999999.0, 0.0, 999.9, -32768.0, 7777.0])
+@pytest.mark.parametrize(("letters", "column"), [("DHZF", 0), ("XYZF", 1), ("XYZF", 0)])
+def test_other_fillers_than_those_of_the_format_are_missing_too(tmp_path, filler, letters, column):
+    made, missing = series(20), np.random.default_rng(1).random(480) < 0.2
+
+    def fill(cells):
+        cells[missing, column] = filler
+
+    found = iaga2002.read([edited(tmp_path, made, letters, fill)])
+    assert np.array_equal(np.isnan(found.declination_deg), missing)
+    assert f"{missing.sum()} rows have no declination" in found.warnings
+
+
+def test_a_field_that_passes_through_a_filler_keeps_it(tmp_path):
+    """Y goes through 0 and X through 9999 in the ordinary course of some places."""
+    made = series(60)
+    turned = replace(made, declination_deg=made.declination_deg - made.declination_deg.mean())
+
+    def shift(cells):
+        cells[:, 0] += 9999.0 - np.round(np.median(cells[:, 0]))
+        cells[:] = np.round(cells)
+
+    found = iaga2002.read([edited(tmp_path, turned, "XYZG", shift)])
+    assert found.counts["fillers"] == 0 and np.isfinite(found.declination_deg).all()
+
+
+def test_a_declination_that_stands_still_is_missing(tmp_path):
+    def still(cells):
+        cells[100:160, 0] = cells[100, 0]
+
+    found = iaga2002.read([edited(tmp_path, series(20), "DHZF", still)])
+    assert found.counts["stuck"] == 60 and np.isnan(found.declination_deg[100:160]).all()
+
+
+def tenfold(column):
+    def edit(cells):
+        cells[:, column] *= 10.0
+
+    return edit
+
+
+@pytest.mark.parametrize(
+    ("letters", "edit", "said"),
+    [
+        ("XYZF", tenfold(1), "expected F as X, Y, Z make it"),
+        ("XYZF", tenfold(0), "expected nT under 88888"),
+        ("DHZF", lambda cells: cells.__imul__([1.0, 0.1, 1.0, 1.0]), "expected F as H, Z make it"),
+        ("DHZF", lambda cells: cells.__imul__([60.0, 1.0, 1.0, 1.0]), "expected D in minutes of arc, -10800 to 21600"),
+    ],
+    ids=["Y tenfold", "X tenfold", "H a tenth", "D in seconds"],
+)
+def test_components_that_contradict_each_other_are_refused(tmp_path, letters, edit, said):
+    path = edited(tmp_path, series(3), letters, edit)
+    with pytest.raises(InputError, match=said):
+        iaga2002.read([path])
+
+
+def test_what_a_file_says_against_itself_is_said(tmp_path):
+    other = write(tmp_path / "b.hor", replace(DAY, declination_deg=DAY.declination_deg + 1.0))
+    found = iaga2002.read([write(tmp_path / "a.hor", DAY), other])
+    assert "24 rows repeat an instant with another declination: two versions of the data are mixed" in found.warnings
+    text = (tmp_path / "a.hor").read_text().replace("Reported               XYZF", "Reported               YXZF")
+    (tmp_path / "a.hor").write_text(text)
+    assert "the header reports YXZF, the line DATE has XYZF" in iaga2002.read([tmp_path / "a.hor"]).warnings[0]
+
+
 def message(tmp_path, *texts) -> str:
     paths = [tmp_path / f"{k}.hor" for k in range(len(texts))]
     for path, text in zip(paths, texts, strict=True):

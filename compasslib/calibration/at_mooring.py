@@ -98,4 +98,5 @@ def _density(coefficients: Floats, record: Record) -> Floats:
 
 
 def _warnings(content: Mapping[str, Any], there: Carried) -> tuple[str, ...]:
-    return (f"calibration {content['name']}: {there.warning}",) if there.warning else ()
+    said = (there.warning, *content.get("doubts", ()))
+    return tuple(f"calibration {content['name']}: {warning}" for warning in said if warning)

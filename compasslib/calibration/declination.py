@@ -39,13 +39,15 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
             model's place; ``table_step_deg``.
 
     Raises:
-        InputError: a file cannot be read, the place is not known, or a date lies outside the model.
+        InputError: a file cannot be read, the place is not known, a date lies outside the model, or the field is not
+            that of the place.
     """
     series = iaga2002.read(files)
     said = [*series.warnings, *_moved(series, settings)]
     if why := observatory.refusal(series):
         return Calibration(KIND, "none", 0, 0, details=_header(series, settings), why=why, warnings=tuple(said))
     field = observatory.field_of(series, settings, str(files[0]))
+    said += observatory.said(series, observatory.place_of(series, settings))
     held = observatory.hold(series, field, limit_deg=STORM_DEG)
     if held.spikes:
         said.append(f"{held.spikes} values stand alone and far off: a spike, or a storm of less than three hours")

@@ -15,7 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles, compass
-from compasslib.calibration import ellipsoid, magnetometer_heading, magnetometer_log, magnetometer_report
+from compasslib.calibration import (
+    ellipsoid,
+    magnetometer_counts,
+    magnetometer_heading,
+    magnetometer_log,
+    magnetometer_report,
+    readings,
+)
 from compasslib.calibration.magnetometer_choice import choose, far_off
 from compasslib.calibration.magnetometer_log import Log
 from compasslib.calibration.magnetometer_solve import Solved, solve
@@ -46,7 +53,7 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
     Raises:
         InputError: a column is absent or a cell is not a number.
     """
-    log = magnetometer_log.read(files, settings)
+    log = magnetometer_counts.sound(magnetometer_log.read(files, settings))
     why = magnetometer_log.refusal(log)
     if why:
         return _refused(log, why)
@@ -60,7 +67,8 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
     solved = solve(log, axes, choice, field)
     if solved is None:
         return _refused(log, choice.why)
-    return _described(solved, field, settings.get("columns") or {}, [*log.warnings, *said])
+    said = [*log.warnings, *said, *readings.dated(log.time_s, settings.get("date_s"))]
+    return _described(solved, field, settings.get("columns") or {}, said)
 
 
 def _refused(log: Log, why: str) -> Calibration:
@@ -75,15 +83,16 @@ def _described(
     known = bool(np.isfinite(exact).all())
     folded = known and not compass.turns_full_circle(exact)
     recorded, _ = solved.headings()
+    doubts = magnetometer_report.doubts(solved)
     return Calibration(
         kind=KIND,
         model=solved.fitted.model.name,
         n=len(solved.log.raw),
         coverage=len(np.unique(recorded // SECTOR_DEG)),
         points=magnetometer_report.points(solved),
-        details=magnetometer_report.details(solved, field),
+        details={**magnetometer_report.details(solved, field), "doubts": doubts},
         why=FOLDED if folded else "" if known else NO_DIP,
-        warnings=(*warnings, *magnetometer_report.warnings(solved, field, columns)),
+        warnings=(*warnings, *magnetometer_report.warnings(solved, field, columns), *doubts),
         **(_correction(solved, exact, folded=folded) if known else {}),
     )
 

@@ -19,6 +19,8 @@ Field = Mapping[str, float] | None
 
 TILT_SENSOR_DEG = 0.20  # standard: Le Menn et al. 2023, section 2, gives 0.40 degrees expanded
 WEAK_FIELD_NT = 5000.0  # Le Menn et al. 2023, section 7
+RESTLESS_PERCENT = 5.0  # of the modulus, that a compass with iron fixed to it leaves at most
+UNLIKE = 1.4  # of the field along the best and the worst axis; sensors differ by a quarter, iron by less
 TURNS = ("forward", "starboard", "vertical")
 OPEN_TURN = "an ellipsoid is the same however the sensor is turned; only tilts and a logged heading show it"
 
@@ -174,6 +176,28 @@ def warnings(solved: Solved, field: Field, columns: Mapping[str, str]) -> list[s
         return held
     size, what = solved.choice.scale * solved.gain(solved.iron), "horizontal" if level else "total"
     return held + magnetometer_modulus.sentences(size, _strength(solved, field), what, columns)
+
+
+def doubts(solved: Solved) -> list[str]:
+    """Return what iron that is fixed to a compass does not make: its coefficients stand in doubt.
+
+    Args:
+        solved: the iron.
+    """
+    left, seen = _residuals(solved)["after"], 2 if solved.choice.level else 3
+    strengths = np.linalg.svd(solved.soft(solved.iron)[:seen, :seen], compute_uv=False)
+    said = []
+    if left > RESTLESS_PERCENT:
+        said.append(
+            f"the modulus still varies by {left:.0f} % when hard and soft iron are taken off: iron that moved, axes "
+            "exchanged or of another sign than the tilts', an axis that failed, or readings beyond the scale"
+        )
+    if strengths[0] > UNLIKE * strengths[-1]:
+        said.append(
+            f"one axis shows {strengths[0] / strengths[-1]:.1f} times the field of another: axes in different units, "
+            "or one that is failing; the heading that the instrument logs may not have this error"
+        )
+    return said
 
 
 def sources(solved: Solved, table: Table, series: Floats) -> tuple[Source, ...]:

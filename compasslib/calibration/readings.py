@@ -15,6 +15,7 @@ from compasslib.readers import table_cells
 Floats = NDArray[np.floating]
 
 LARGEST_DEG = 720.0  # an angle beyond two turns is in another unit
+FARTHEST_S = 180 * 86400.0  # of a calibration's date from its file: the field changes by less than a fifth of a degree
 ADVICE = "correct columns in the calibration's file"
 
 
@@ -62,6 +63,22 @@ def check_degrees(columns: Mapping[str, Floats], files: Sequence[str | Path]) ->
             where = f"{', '.join(str(file) for file in files)}: {role}"
             found = f"{worst:g}"
             raise InputError(where, expected="degrees", found=found, advice="turn the column to degrees")
+
+
+def dated(time_s: Floats | None, date_s: float | None) -> list[str]:
+    """Return a warning where the date of a calibration is not that of its file, or nothing.
+
+    Args:
+        time_s: of the file, None where it has no clock.
+        date_s: of the YAML file, None where it has none.
+    """
+    if date_s is None or time_s is None or not np.isfinite(time_s).any():
+        return []
+    first, last = float(np.nanmin(time_s)), float(np.nanmax(time_s))
+    if first - FARTHEST_S <= date_s <= last + FARTHEST_S:
+        return []
+    day, given = (str(np.datetime64(int(t), "s"))[:10] for t in (first, date_s))
+    return [f"the file begins on {day} and IGRF is taken at the date in the YAML file, {given}: correct one of the two"]
 
 
 def _refuse_unknown(withheld: set[str], roles: set[str], names: set[str], paths: Sequence[Path]) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles
-from compasslib.calibration import heads_clock, heads_frame, heads_report, heads_series
+from compasslib.calibration import heads_clock, heads_frame, heads_report, heads_series, readings
 from compasslib.calibration.heads_clock import Clock
 from compasslib.calibration.heads_frame import Frame
 from compasslib.calibration.heads_motion import Compared, Motion, motion
@@ -68,7 +68,7 @@ def compare(a: Record, b: Record, settings: Mapping[str, Any]) -> Calibration:
     start, end = settings.get("start_s"), settings.get("end_s")
     first = motion(a, start, end)
     second = motion(b, None if start is None else start - farthest, None if end is None else end + farthest)
-    said = a.warnings + b.warnings
+    said = (*a.warnings, *b.warnings, *readings.dated(first.time_s, settings.get("date_s")))
     if min(len(first.time_s), len(second.time_s)) < FEWEST or not overlap(first, second, farthest):
         n = min(len(first.time_s), len(second.time_s))
         return _nothing(0, f"the two heads share no time with {FEWEST} usable samples of each ({n} usable)", said)

@@ -26,7 +26,6 @@ from compasslib.records import EarthField, FieldSeries
 
 Floats = NDArray[np.floating]
 
-CRUST_NT = 600.0  # field of rocks that is believed across the horizontal field; assumed, most stations have under 300
 MOST_STORMS = 5  # findings; smaller ones are counted in the text of the last
 LEFT_OUT_S = 600.0  # stretches of a storm that are left out in turn
 FOLDS = 5
@@ -42,12 +41,15 @@ def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: 
         options: what may be chosen.
 
     Raises:
-        InputError: a file cannot be read, the place is not known, or a date lies outside the model.
+        InputError: a file cannot be read, the place is not known, a date lies outside the model, or the field is not
+            that of the place.
     """
     series = iaga2002.read(files)
     if why := observatory.refusal(series):
         return verdict.insufficient(why)
-    return judge(series, observatory.field_of(series, settings, str(files[0])), options or Options())
+    field = observatory.field_of(series, settings, str(files[0]))
+    observatory.said(series, observatory.place_of(series, settings))
+    return judge(series, field, options or Options())
 
 
 def judge(series: FieldSeries, field: EarthField, options: Options) -> Diagnosis:
@@ -93,7 +95,7 @@ def plausible_deg(series: FieldSeries, field: EarthField) -> float:
         field: of its place.
     """
     strength = np.nanmedian(np.append(series.horizontal_nT, field.horizontal_nT))
-    return float(np.arctan2(CRUST_NT, strength)) / angles.DEGREE
+    return float(np.arctan2(observatory.CRUST_NT, strength)) / angles.DEGREE
 
 
 def _constant(held: Held, series: FieldSeries, field: EarthField) -> tuple[Finding | None, str, float]:

@@ -8,9 +8,11 @@ from __future__ import annotations
 from compasslib.observatory.course import DAY_S, HOUR_S, covariate, daily, departure, hourly_median, means
 from compasslib.observatory.disturbance import WINDOW_S, Storm, strongest, worst
 from compasslib.observatory.held import BLOCK_DAYS, Held, field_of, hold, place_of, refusal
+from compasslib.observatory.plausible import CRUST_NT, held_against, said
 
 __all__ = [
     "BLOCK_DAYS",
+    "CRUST_NT",
     "DAY_S",
     "HOUR_S",
     "WINDOW_S",
@@ -20,11 +22,13 @@ __all__ = [
     "daily",
     "departure",
     "field_of",
+    "held_against",
     "hold",
     "hourly_median",
     "means",
     "place_of",
     "refusal",
+    "said",
     "strongest",
     "worst",
 ]

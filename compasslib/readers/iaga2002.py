@@ -27,6 +27,16 @@ CELL = r"(?:\s+|(?=[+-]))([+-]?\d+\.?\d*)"  # a sign may stand against the numbe
 ROW = re.compile(r"(\d{4})-(\d\d)-(\d\d)\s+(\d\d):(\d\d):(\d\d(?:\.\d*)?)\s+(\d{1,3})" + CELL * 4 + r"\s*\|?\s*")
 SETS = ("D", "XY")  # components of which either gives the declination
 KILOMETRE_DEG = 0.01  # by which the positions of one station may differ between files
+MOST_MISSING = 10  # different numbers that stand for missing values
+MOST_WRONG = 0.02  # of the rows: fewer are damage
+LEAST_MINUTES, LARGEST_MINUTES = -10800.0, 21600.0  # of arc: half a turn to the west, a whole one to the east
+FILLERS = (0.0, 99.0, 99.99, 999.0, 999.9, 999.99, 9999.0, 9999.9, 9999.99, 32767.0, 32768.0)  # of either sign
+FEWEST_FILLED, ALONE_NT, ALONE_MINUTES = 3, 200.0, 35.0  # a value so often, so far from every other: no storm does that
+STEPS_OFF = 8.0  # of the middle step between neighbours: so far a filler stands from what is around it
+STUCK_S, FEWEST_STUCK = 86400.0, 24  # no declination stands still for a day, whatever its resolution
+CONTRADICTION = 0.01  # of F: what pillars of one observatory differ by is a tenth of it
+LEAST_F_NT = 10000.0  # a smaller F is a difference of two instruments
+SAME_DEG = 0.1  # between two rows of one instant
 
 
 @dataclass(frozen=True)
@@ -37,7 +47,7 @@ class _File:
     header: Mapping[str, str]
     time_s: Floats
     values: Mapping[str, Floats]  # (n,) by component letter, NaN where missing
-    damaged: int
+    counts: Mapping[str, int]  # rows that are damaged, rows with fillers, rows that stand still
 
 
 def read(paths: Sequence[str | Path]) -> FieldSeries:
@@ -53,12 +63,13 @@ def read(paths: Sequence[str | Path]) -> FieldSeries:
     _one_station(files)
     parts = [np.array([one.time_s, *_field(one.values)]) for one in files]
     every = np.concatenate(parts, axis=1)
-    _, first = np.unique(every[0], return_index=True)
+    _, first, which = np.unique(every[0], return_index=True, return_inverse=True)
     time_s, declination, horizontal, vertical = every[:, first]
     counts = {
         "rows": every.shape[1],
-        "damaged": sum(one.damaged for one in files),
+        **{name: sum(one.counts[name] for one in files) for name in ("damaged", "fillers", "stuck")},
         "repeated": every.shape[1] - len(first),
+        "contradicting": int(np.sum(np.abs(angles.difference(every[1], declination[which])) > SAME_DEG)),
         "missing": int(np.sum(~np.isfinite(declination))),
     }
     headers = [one.header for one in files]
@@ -74,7 +85,9 @@ def read(paths: Sequence[str | Path]) -> FieldSeries:
         elevation_m=_number(_first(headers, "elevation")),
         definitive=all(one.get("data type", "").lower().startswith("definitive") for one in headers),
         counts=counts,
-        warnings=_warnings(counts),
+        warnings=(*_warnings(counts), *(text for one in files for text in _of_order(one))),
+        files=tuple(str(one.path) for one in files),
+        origin=np.repeat(np.arange(len(files)), [len(one.time_s) for one in files])[first],
     )
 
 
@@ -98,10 +111,92 @@ def _file(path: Path) -> _File:
     time_s, sound = _instants(cells[:, :7])
     if not sound.any():
         raise _refused(path, "rows of date, time, day of year and four numbers", f"{len(rows)} rows, none of them so")
+    _refuse_too_large(path, cells[sound, 7:])
     values = np.where(np.abs(cells[:, 7:]) >= MISSING, np.nan, cells[:, 7:])[sound]
     header = {line[:LABEL_ENDS].strip().lower(): line[LABEL_ENDS:].rstrip(" |").strip() for line in lines[:begin]}
-    damaged = len(rows) - int(sound.sum())
-    return _File(path, header, time_s[sound], dict(zip(letters, values.T, strict=True)), damaged)
+    known, counts = _known(dict(zip(letters, values.T, strict=True)), time_s[sound])
+    one = _File(path, header, time_s[sound], known, {"damaged": len(rows) - int(sound.sum()), **counts})
+    _refuse_contradiction(one)
+    return one
+
+
+def _refuse_too_large(path: Path, cells: Floats) -> None:
+    """Refuse numbers that no field has and that are too many different ones to stand for missing values."""
+    large = np.abs(cells) >= MISSING
+    beyond = np.unique(cells[large])
+    if len(beyond) > MOST_MISSING and np.mean(np.any(large, axis=1)) > MOST_WRONG:
+        raise _refused(path, f"nT under {MISSING:g}", f"{beyond[-1]:g}", "write the components in nT")
+
+
+def _known(values: Mapping[str, Floats], time_s: Floats) -> tuple[dict[str, Floats], dict[str, int]]:
+    """Return the components without what stands for a missing value, and in how many rows it stood."""
+    filled = {letter: _fillers(letter, column) for letter, column in values.items()}
+    kept = {letter: np.where(filled[letter], np.nan, column) for letter, column in values.items()}
+    stuck = {letter: _stuck(kept[letter], time_s) if letter in "DY" else filled[letter] & False for letter in kept}
+    known = {letter: np.where(stuck[letter], np.nan, column) for letter, column in kept.items()}
+    rows = (int(np.sum(np.any(list(each.values()), axis=0))) for each in (filled, stuck))
+    return known, dict(zip(("fillers", "stuck"), rows, strict=True))
+
+
+def _fillers(letter: str, column: Floats) -> NDArray[np.bool_]:
+    """Return where one exact value stands for a missing one: alone on the scale, or off its neighbours in time."""
+    alone = ALONE_MINUTES if letter in "DI" else ALONE_NT
+    value, count = np.unique(column[np.isfinite(column)], return_counts=True)
+    apart = np.diff(value, prepend=-np.inf, append=np.inf)
+    isolated = (np.minimum(apart[:-1], apart[1:]) > alone) & (len(value) > 1)
+    usual = np.isin(np.abs(value), FILLERS)
+    sure = isolated & (usual | ((count >= FEWEST_FILLED) & (count < np.sum(count) / 2)))
+    doubtful = [each for each in value[usual & ~sure & (count >= FEWEST_FILLED)] if _off_neighbours(column, each)]
+    return np.isin(column, [*value[sure], *doubtful])
+
+
+def _off_neighbours(column: Floats, value: float) -> bool:
+    """Tell whether a value stands far off what is before and after it, wherever it stands."""
+    others = np.flatnonzero(np.isfinite(column) & (column != value))
+    if len(others) < FEWEST_FILLED:
+        return False
+    around = np.interp(np.flatnonzero(column == value), others, column[others])
+    step = float(np.median(np.abs(np.diff(column[others]))))
+    return float(np.median(np.abs(around - value))) > STEPS_OFF * max(step, 1e-9)
+
+
+def _stuck(column: Floats, time_s: Floats) -> NDArray[np.bool_]:
+    """Return where a component does not move for a day and longer."""
+    begins = np.flatnonzero(np.diff(column, prepend=np.inf) != 0.0)
+    lasts = np.append(begins[1:], len(column)) - 1
+    still = (time_s[lasts] - time_s[begins] >= STUCK_S) & (lasts - begins >= FEWEST_STUCK - 1)
+    return np.repeat(still, lasts - begins + 1) & np.isfinite(column)
+
+
+def _refuse_contradiction(one: _File) -> None:
+    """Refuse a declination beyond a turn, and an intensity that is not that of the components beside it."""
+    beyond = ~_within_a_turn(one.values.get("D", np.zeros(1)))
+    if np.mean(beyond) > MOST_WRONG:
+        found = f"{one.values['D'][beyond][0]:g}; seconds of arc, or another component, in its column"
+        raise _refused(
+            one.path, f"D in minutes of arc, {LEAST_MINUTES:g} to {LARGEST_MINUTES:g}", found, "correct the column"
+        )
+    total = np.abs(one.values.get("F", np.full(len(one.time_s), np.nan)))
+    names = "XYZ" if "X" in one.values else "HZ"
+    made = np.sqrt(sum(one.values.get(name, np.nan * total) ** 2 for name in names))
+    known = np.isfinite(total + made)
+    if not known.any() or (middle := float(np.median(total[known]))) < LEAST_F_NT:
+        return
+    if np.abs(np.median((made - total)[known])) > CONTRADICTION * middle:
+        expected = f"F as {', '.join(names)} make it, {np.median(made[known]):.0f} nT"
+        advice = "a component has another unit, or stands in another's column"
+        raise _refused(one.path, expected, f"{middle:.0f} nT", advice)
+
+
+def _within_a_turn(minutes: Floats) -> NDArray[np.bool_]:
+    return ~((minutes < LEAST_MINUTES) | (minutes > LARGEST_MINUTES))
+
+
+def _of_order(one: _File) -> list[str]:
+    reported, letters = one.header.get("reported", "").upper(), "".join(one.values)
+    if reported == letters or sorted(reported) != sorted(letters):
+        return []
+    return [f"{one.path}: the header reports {reported}, the line DATE has {letters}, which counts"]
 
 
 def _instants(cells: Floats) -> tuple[Floats, NDArray[np.bool_]]:
@@ -120,7 +215,7 @@ def _field(values: Mapping[str, Floats]) -> tuple[Floats, Floats, Floats]:
     """Return declination, horizontal and vertical field from the components that are there, (n,) each."""
     nothing = np.full(len(next(iter(values.values()))), np.nan)
     if "D" in values:
-        declination = angles.wrap180(values["D"] / MINUTES)
+        declination = angles.wrap180(np.where(_within_a_turn(values["D"]), values["D"], np.nan) / MINUTES)
         horizontal = values.get("H", nothing)
     else:
         declination = angles.wrap180(angles.direction(values["Y"], values["X"]))
@@ -158,7 +253,10 @@ def _number(text: str) -> float:
 def _warnings(counts: Mapping[str, int]) -> tuple[str, ...]:
     said = {
         "damaged": "rows are damaged, or their date and day of the year disagree; they are left out",
+        "fillers": "rows hold a value that stands for a missing one beside 88888 and 99999; it is not used",
+        "stuck": "rows stand still for a day and longer, as no field does; they are not used",
         "repeated": "rows repeat an instant; the first of each counts",
+        "contradicting": "rows repeat an instant with another declination: two versions of the data are mixed",
         "missing": "rows have no declination",
     }
     return tuple(f"{counts[key]} {text}" for key, text in said.items() if counts[key])

@@ -1,11 +1,13 @@
 """Find overlapping measurements: records, position -> results/MOORING/{overlap,wide/overlap}.nc, work/field.json."""
 
-from compasslib import archive, earthfield, overlap, provenance
+from compasslib import archive, earthfield, observatory, overlap, provenance
 from compasslib.job import job
 
 with job(snakemake) as say:
     name, out, rules = snakemake.wildcards.mooring, snakemake.output, overlap.Rules(**snakemake.params.rules)
-    archive.write_json(out.field, vars(earthfield.along_time(**snakemake.params.place)))
+    along = earthfield.along_time(**snakemake.params.place)
+    along = observatory.held_against(along, snakemake.input.observatory, snakemake.params.place)
+    archive.write_json(out.field, vars(along))
     say(earthfield.told(name, field := earthfield.from_json(archive.read_json(out.field))))
     upper, lower = archive.read_record(snakemake.input.upper), [archive.read_record(x) for x in snakemake.input.lower]
     made = provenance.origin("pairs found", [snakemake.input.upper, *snakemake.input.lower])

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles
-from compasslib.calibration import magnetometer_choice, magnetometer_log
+from compasslib.calibration import magnetometer_choice, magnetometer_counts, magnetometer_log
 from compasslib.calibration.magnetometer_choice import Choice
 from compasslib.calibration.magnetometer_log import Log
 from compasslib.discrepancy import verdict
@@ -62,7 +62,8 @@ def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: 
         settings: settled keys of the calibration's file.
         options: what may be chosen.
     """
-    return judge(magnetometer_log.read(files, settings), field=settings.get("field"), options=options)
+    log = magnetometer_counts.sound(magnetometer_log.read(files, settings))
+    return judge(log, field=settings.get("field"), options=options)
 
 
 def judge(log: Log, *, field: Mapping[str, float] | None, options: Options) -> Diagnosis:
