@@ -18,7 +18,6 @@ from compasslib.ledger import RESULTS, Seen, simulated
 PROFILES = ("default", "profiles/default")  # where Snakemake looks in the folder that it is started in
 SNAKEMAKES, OWN_LOCK = ".snakemake", ".snakemake/compasslib.lock"
 BELOW = ("work", "wide", "figures", "logs", "benchmarks")  # in the folder of each mooring and calibration
-WRITTEN_INTO = ("logs", "benchmarks")  # where a file is opened as it stands; all others are replaced
 # glibc gives large arrays back and takes the next one anew, page by page: a quarter of a simulated mooring's time, a
 # twentieth of an assessment's. Those under 32 MB stay with the process, which grows by some 10 MB.
 MEMORY = {"MALLOC_MMAP_THRESHOLD_": str(2**25), "MALLOC_TRIM_THRESHOLD_": str(2**26)}
@@ -99,7 +98,7 @@ def to_simulate(cruise: Cruise, known: Seen) -> dict[str, list[str]]:
     """
     files = simulated_names(cruise)
     taken: dict[str, str] = {}
-    for name, file in ((name, file) for name in files for file in files[name]):
+    for name, file in [(name, file) for name, listed in files.items() for file in listed]:
         if taken.setdefault(file, name) != name:
             found, advice = f"that of {taken[file]}", "give each its own"
             where = f"{cruise.mooring_files[name]}: {file}"
@@ -151,20 +150,14 @@ def _raw_files(cruise: Cruise, name: str) -> list[str]:
 
 
 def _written(folders: Sequence[str]) -> Iterator[str]:
-    """Give the folders that a run writes into, and the files in them that it opens as they stand."""
+    """Give the folders that a run writes into; a file in them is replaced, whatever it is a link to."""
     yield SNAKEMAKES
-    yield from _entries(SNAKEMAKES)
+    yield from (str(path) for path in Path(SNAKEMAKES).glob("*"))
     yield from (RESULTS, f"{RESULTS}/calibrations")
     for name in folders:
         yield f"{RESULTS}/{name}"
-    for folder in (f"{RESULTS}/{name}/{below}" for name in ("", *folders) for below in BELOW):
-        yield folder
-        if folder.rsplit("/", 1)[1] in WRITTEN_INTO:
-            yield from _entries(folder)
-
-
-def _entries(folder: str) -> list[str]:
-    return [entry.path for entry in os.scandir(folder)] if os.path.isdir(folder) else []
+    yield from (f"{RESULTS}/{below}" for below in BELOW)
+    yield from (f"{RESULTS}/{name}/{below}" for name in folders for below in BELOW)
 
 
 def _keep_code_out(cruise: Path, project: Path) -> None:

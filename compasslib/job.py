@@ -55,13 +55,11 @@ def job(snakemake: Any) -> Iterator[Callable[[str], None]]:
 @contextmanager
 def _recorded(snakemake: Any, record: Path) -> Iterator[None]:
     """Hold the inputs against the records of those who wrote them, and leave a record of this job."""
-    with suppress(OSError):
-        record.unlink(missing_ok=True)
-    before = {path: ledger.signature(path) for path in provenance.inputs(snakemake)}
-    read = provenance.hashes(before)
+    before = ledger.looked_at(provenance.inputs(snakemake))
+    read = {path: digest for path, (_, digest) in before.items()}
     ledger.hold(read)
     yield
-    ledger.unchanged(read, before)
+    ledger.unchanged(before)
     said = provenance.of_job(snakemake, read)
     with replacing(record) as temporary:
         temporary.write_text(json.dumps(said, indent=1, default=str) + "\n")
@@ -71,6 +69,9 @@ def _recorded(snakemake: Any, record: Path) -> Iterator[None]:
 
 def _opened(log: Path) -> TextIO:
     try:
+        # Log and benchmark are opened as they stand, which may be a link, or a hard one of an older copy.
+        for left in (log, log.parent.parent / "benchmarks" / f"{log.stem}.tsv", log.with_suffix(".json")):
+            left.unlink(missing_ok=True)
         return log.open("w", encoding="utf-8")
     except OSError:
         return Path(os.devnull).open("w", encoding="utf-8")

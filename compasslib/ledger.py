@@ -1,7 +1,7 @@
 """Recorded hashes decide: what each job of a cruise read and wrote, held against the files as they are now.
 
-Snakemake goes by times, which ``cp -p`` and rsync carry along, and does not miss an intermediate file. The jobs' records
-(``provenance.of_job``) tell both. All paths are relative to the cruise folder, which is the working folder.
+Snakemake goes by times, which ``cp -p`` and rsync carry along, and does not miss an intermediate file. The records of
+the jobs (``provenance.of_job``) tell both. All paths are relative to the cruise folder, which is the working folder.
 """
 
 from __future__ import annotations
@@ -12,15 +12,15 @@ from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from compasslib import provenance
-from compasslib.errors import Passing
+from compasslib.errors import InputError, Passing
 
 RESULTS = "results"
 SEEN = ".snakemake/compasslib.hashes"
 SIMULATED = ".snakemake/compasslib.simulated"  # what a simulation was about to put in place, a file a mooring
 Signature = tuple[int, ...]
+Record = Mapping[str, dict[str, str]]  # SHA-256 by path, of what was read and of what was written
 
 
 def signature(path: str | Path) -> Signature:
@@ -39,6 +39,7 @@ class Seen:
 
     known: dict[str, tuple[Signature, str]] = field(default_factory=dict)
     fresh: list[str] = field(default_factory=list)  # files hashed since
+    told: dict[str, str] = field(default_factory=dict)  # of files asked for, each looked at once
 
     def sha256(self, path: str) -> str:
         """Return the SHA-256 of a file, nothing where it cannot be read.
@@ -46,6 +47,11 @@ class Seen:
         Args:
             path: the file.
         """
+        if path not in self.told:
+            self.told[path] = self._looked_up(path)
+        return self.told[path]
+
+    def _looked_up(self, path: str) -> str:
         try:
             now = signature(path)
             if path not in self.known or self.known[path][0] != now:
@@ -83,7 +89,7 @@ def remember(known: Mapping[str, tuple[Signature, str]]) -> None:
         stream.write("".join(lines))
 
 
-def records(names: Iterable[str]) -> Iterator[dict[str, Any]]:
+def records(names: Iterable[str]) -> Iterator[Record]:
     """Give the records of jobs that are whole.
 
     Args:
@@ -97,7 +103,7 @@ def records(names: Iterable[str]) -> Iterator[dict[str, Any]]:
 def stale(made: Collection[str], names: Iterable[str], known: Seen) -> set[str]:
     """Return files that are to be made again, although their times say that they are new.
 
-    A file that is not what its job wrote, or has no record; and what was made from a file that has since become another.
+    They are not what their job wrote, have no record, or were made from a file that has since become another.
 
     Args:
         made: all files that the rules make now.
@@ -106,11 +112,35 @@ def stale(made: Collection[str], names: Iterable[str], known: Seen) -> set[str]:
     """
     held = [record for record in records(names) if not record["wrote"].keys().isdisjoint(made)]
     right = {path for record in held for path, digest in record["wrote"].items() if known.sha256(path) == digest}
-    # A rule of another name may have left a record of the same file.
-    current = [one for one in held if not any(known.sha256(path) != one["wrote"][path] for path in right & one["wrote"].keys())]
-    again = {path for one in current if _differs(one, right, known) for path in one["wrote"]}
-    recorded = {path for one in current for path in one["wrote"]}
+    again, recorded = set[str](), set[str]()
+    for record in held:
+        wrong = {path for path, digest in record["wrote"].items() if known.sha256(path) != digest}
+        if not wrong.isdisjoint(right):  # a rule of another name has left a record of the same file
+            continue
+        recorded |= record["wrote"].keys()
+        if wrong or any(known.sha256(path) != digest for path, digest in record["read"].items()):
+            again |= record["wrote"].keys()
     return (again & set(made)) | {path for path in made if path not in recorded and os.path.lexists(path)}
+
+
+def looked_at(paths: Iterable[str]) -> dict[str, tuple[Signature, str]]:
+    """Return signature and SHA-256 of each input of a job.
+
+    Args:
+        paths: files.
+
+    Raises:
+        InputError: one cannot be read; a ``Passing`` one where another job wrote it.
+    """
+    found = {}
+    for path in paths:
+        try:
+            found[path] = (signature(path), provenance.sha256(path))
+        except OSError as error:
+            kind = Passing if path.startswith(f"{RESULTS}/") else InputError
+            advice = "mend its permissions or the disk"
+            raise kind(path, expected="a file that can be read", found=error.strerror, advice=advice) from error
+    return found
 
 
 def hold(read: Mapping[str, str]) -> None:
@@ -131,18 +161,17 @@ def hold(read: Mapping[str, str]) -> None:
                 raise Passing(path, expected="the file that its job wrote", found="another", advice=advice)
 
 
-def unchanged(read: Mapping[str, str], before: Mapping[str, Signature]) -> None:
+def unchanged(before: Mapping[str, tuple[Signature, str]]) -> None:
     """Refuse what was replaced while a job read it.
 
     Args:
-        read: SHA-256 of each input of a job as it began.
-        before: their signatures then.
+        before: signature and SHA-256 of each input as the job began.
 
     Raises:
         Passing: one is another.
     """
-    for path, digest in read.items():
-        if signature(path) != before[path] and provenance.sha256(path) != digest:
+    for path, (then, digest) in before.items():
+        if signature(path) != then and provenance.sha256(path) != digest:
             advice = "start the run again when it is whole"
             raise Passing(path, expected="a file that stays as it is", found="one that changed", advice=advice)
 
@@ -176,20 +205,18 @@ def simulated(name: str) -> dict[str, set[str]]:
     return wrote
 
 
-def _differs(record: Mapping[str, Any], right: Collection[str], known: Seen) -> bool:
-    read = any(known.sha256(path) != digest for path, digest in record["read"].items())
-    return read or not record["wrote"].keys() <= right
-
-
 def _records_in(folder: str) -> list[Path]:
-    return sorted(Path(folder, "logs").glob("*.json"))
+    logs = f"{folder}/logs"
+    return (
+        [Path(logs, name) for name in sorted(os.listdir(logs)) if name.endswith(".json")] if os.path.isdir(logs) else []
+    )
 
 
-def _record(path: Path) -> dict[str, Any]:
-    """Return a job's record; one that is damaged is none, so that its files are made again."""
-    with suppress(OSError, ValueError, TypeError, AttributeError):
-        said = json.loads(path.read_text(encoding="utf-8"))
-        return said | {part: dict(said.get(part, {})) for part in ("read", "wrote")}
+def _record(path: Path) -> Record:
+    """Return what a job read and wrote; a record that is damaged is none, so that its files are made again."""
+    with suppress(OSError, ValueError, TypeError, KeyError):
+        said = json.loads(path.read_bytes())
+        return {part: dict(said[part]) for part in ("read", "wrote")}
     return {"read": {}, "wrote": {}}
 
 
@@ -199,7 +226,7 @@ def _folder(path: str) -> str:
     return "/".join(parts[: min(3 if parts[1] == "calibrations" else 2, len(parts) - 1)])
 
 
-def _has_inputs(record: Mapping[str, Any]) -> bool:
+def _has_inputs(record: Record) -> bool:
     return all(os.path.lexists(path) for path in record["read"] if path.startswith(f"{RESULTS}/"))
 
 

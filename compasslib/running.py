@@ -11,13 +11,14 @@ import sys
 from dataclasses import dataclass
 from typing import Any
 
-from snakemake.exceptions import WorkflowError
-from snakemake.logging import logger
+from snakemake.exceptions import WorkflowError  # type: ignore[import-untyped]
+from snakemake.logging import logger  # type: ignore[import-untyped]
 
 from compasslib import guard, ledger, stopped
 from compasslib.errors import InputError
 from compasslib.stages_cruise import MANIFEST, REPORT, SUMMARY, Whole
 
+METADATA = f"{guard.SNAKEMAKES}/metadata"  # what Snakemake remembers of each file: parameters and code
 OF_ALL = {"all", "summary", "report", "provenance", SUMMARY, REPORT, MANIFEST}  # targets that wait for every mooring
 
 
@@ -32,9 +33,12 @@ class Run:
 
     def build(self) -> None:
         """Plan the jobs; what the records deny is made again, whatever its time says."""
-        known = ledger.seen()
+        known, made = ledger.seen(), frozenset(self.whole.everything())
         names = ["", *stopped.folders(self.whole.plan.cruise)]
-        self.workflow.dag.forcefiles |= ledger.stale(frozenset(self.whole.everything()), names, known)
+        if any(os.scandir(METADATA)):
+            self.workflow.dag.forcefiles |= ledger.stale(made, names, known)
+        else:  # deleted or left behind: nobody knows by what settings and code the results were made
+            self.workflow.dag.forcefiles |= {file for file in made if os.path.exists(file)}
         self.build_plainly()
         if not self.workflow.dryrun:
             known.keep()
@@ -103,4 +107,8 @@ def prepare(workflow: Any, whole: Whole) -> dict[str, list[str]]:
     guard.refuse_links(stopped.folders(cruise))
     run = Run(workflow, whole, workflow.execute, workflow._build_dag)
     workflow.execute, workflow._build_dag = run.execute, run.build
-    return guard.to_simulate(cruise, ledger.seen())
+    files = guard.to_simulate(cruise, ledger.seen())
+    for name in cruise.moorings if cruise.options.demonstration else ():
+        if name not in files:
+            logger.warning(f"{name}: raw files used as they stand: no record says that the simulation wrote them")
+    return files
