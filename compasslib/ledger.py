@@ -72,8 +72,8 @@ def seen() -> Seen:
     known: dict[str, tuple[Signature, str]] = {}
     with suppress(OSError), open(SEEN, encoding="utf-8", errors="surrogateescape") as stream:
         for line in stream:
-            digest, *numbers, path = line.rstrip("\n").split(" ", 5)
             with suppress(ValueError):
+                digest, *numbers, path = line.rstrip("\n").split(" ", 5)
                 known[path] = (tuple(int(number) for number in numbers), digest)
     return Seen(known)
 
@@ -207,9 +207,8 @@ def simulated(name: str) -> dict[str, set[str]]:
 
 def _records_in(folder: str) -> list[Path]:
     logs = f"{folder}/logs"
-    return (
-        [Path(logs, name) for name in sorted(os.listdir(logs)) if name.endswith(".json")] if os.path.isdir(logs) else []
-    )
+    there = sorted(os.listdir(logs)) if os.path.isdir(logs) else []
+    return [Path(logs, name) for name in there if name.endswith(".json")]
 
 
 def _record(path: Path) -> Record:

@@ -37,7 +37,7 @@ def put(name: str, files: Sequence[str]) -> Iterator[Path]:
                 found = "one that it does not write"
                 raise InputError(file, expected=f"a raw file of the simulation of {name}", found=found, advice=advice)
         made = {file: provenance.sha256(folder / file) for file in files}
-        write_json(f"{ledger.SIMULATED}/{name}.json", {"wrote": made})
+        write_json(f"{ledger.SIMULATED}/{name}.json", {"read": {}, "wrote": made})
         for file in files:
             Path(file).parent.mkdir(parents=True, exist_ok=True)
             os.replace(folder / file, file)
