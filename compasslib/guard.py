@@ -64,6 +64,7 @@ def alone() -> bool:
         InputError: another run is under way.
     """
     try:
+        os.makedirs(SNAKEMAKES, exist_ok=True)
         handle = os.open(OWN_LOCK, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666)
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:

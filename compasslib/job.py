@@ -42,11 +42,11 @@ def job(snakemake: Any) -> Iterator[Callable[[str], None]]:
             with _recorded(snakemake, log.with_suffix(".json")):
                 yield say
         except InputError as error:
-            stopped.leave(snakemake.rule, log, error)
+            stopped.leave(snakemake, error)
             say(f"error: {of}{error}")
             sys.exit(1)
         except Exception as error:
-            stopped.leave(snakemake.rule, log, error)
+            stopped.leave(snakemake, error)
             raise
         finally:
             gc.freeze()  # the process ends: to look all modules through for cycles is a twentieth of a small job

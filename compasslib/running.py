@@ -59,11 +59,10 @@ class Run:
     def _begin(self) -> None:
         self.workflow.execution_settings.keep_going = True
         try:
-            os.makedirs(guard.SNAKEMAKES, exist_ok=True)
             if guard.alone():
                 self.workflow.execution_settings.lock = False
                 guard.sweep()
-                stopped.forget(self.whole.plan.cruise)
+            stopped.forget(self.whole.plan.cruise)
         except InputError as error:
             logger.error(f"error: {error}")
             sys.exit(1)

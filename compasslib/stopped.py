@@ -61,21 +61,23 @@ def named(wildcards: Any) -> str:
     return next((f"{kind} {said[kind]}: " for kind in ("mooring", "calibration") if kind in said), "")
 
 
-def leave(rule: str, log: Path, error: Exception) -> None:
-    """Leave the reason beside a job's log, where it is one of the input and not of disk or memory.
+def leave(job: Any, error: Exception) -> None:
+    """Leave the reason beside the log of a mooring's or calibration's job, where it is not one of disk or memory.
 
     Args:
-        rule: of the job.
-        log: of the job.
+        job: the object ``snakemake`` of its script.
         error: that ended it.
     """
+    rule = str(job.rule)
     of_machine = isinstance(error, (Passing, MemoryError)) or (isinstance(error, OSError) and error.errno in _MACHINE)
-    if of_machine or rule in CHECKS:
+    if of_machine or rule in CHECKS or not named(job.wildcards):
         return
     known = isinstance(error, InputError)
     line = str(error) if known else f"an error of this program in {rule}, {type(error).__name__}: {error}; report it"
     with suppress(OSError):
-        log.with_suffix(ENDING).write_text(" ".join(line.split()) + "\n", encoding="utf-8", errors="backslashreplace")
+        Path(job.log[0]).with_suffix(ENDING).write_text(
+            " ".join(line.split()) + "\n", encoding="utf-8", errors="backslashreplace"
+        )
 
 
 _MACHINE = (errno.ENOSPC, errno.EDQUOT, errno.ENOMEM, errno.EROFS, errno.EIO, errno.EMFILE, errno.ENFILE, errno.ESTALE)

@@ -1,4 +1,4 @@
-"""Whole runs through Snakemake: what cannot be read stops its mooring alone; recorded hashes decide what is made again."""
+"""Whole runs through Snakemake: what cannot be read stops its mooring alone; recorded hashes decide."""
 
 from __future__ import annotations
 
