@@ -63,8 +63,8 @@ def _recorded(snakemake: Any, record: Path) -> Iterator[None]:
     said = provenance.of_job(snakemake, read)
     with replacing(record) as temporary:
         temporary.write_text(json.dumps(said, indent=1, default=str) + "\n")
-    known = read | said["wrote"]
-    ledger.remember({path: (ledger.signature(path), digest) for path, digest in known.items()})
+    raw = {path: seen for path, seen in before.items() if not path.startswith(f"{ledger.RESULTS}/")}
+    ledger.remember(raw | {path: (ledger.signature(path), digest) for path, digest in said["wrote"].items()})
 
 
 def _opened(log: Path) -> TextIO:

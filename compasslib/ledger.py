@@ -18,6 +18,7 @@ from compasslib.errors import InputError, Passing
 
 RESULTS = "results"
 SEEN = ".snakemake/compasslib.hashes"
+MANY = 1000
 SIMULATED = ".snakemake/compasslib.simulated"  # what a simulation was about to put in place, a file a mooring
 Signature = tuple[int, ...]
 Record = Mapping[str, dict[str, str]]  # SHA-256 by path, of what was read and of what was written
@@ -40,6 +41,7 @@ class Seen:
     known: dict[str, tuple[Signature, str]] = field(default_factory=dict)
     fresh: list[str] = field(default_factory=list)  # files hashed since
     told: dict[str, str] = field(default_factory=dict)  # of files asked for, each looked at once
+    lines: int = 0  # that were written down, older ones of the same file included
 
     def sha256(self, path: str) -> str:
         """Return the SHA-256 of a file, nothing where it cannot be read.
@@ -62,7 +64,11 @@ class Seen:
         return self.known[path][1]
 
     def keep(self) -> None:
-        """Write down what was hashed."""
+        """Write down what was hashed; all of it anew where most lines are of times gone by."""
+        if self.lines > 2 * len(self.known) + MANY:
+            with suppress(OSError):
+                os.unlink(SEEN)
+            self.fresh[:] = self.known
         remember({path: self.known[path] for path in self.fresh})
         self.fresh.clear()
 
@@ -70,12 +76,14 @@ class Seen:
 def seen() -> Seen:
     """Return what earlier runs and jobs have written down; a line that was torn is a file looked at again."""
     known: dict[str, tuple[Signature, str]] = {}
+    lines = 0
     with suppress(OSError), open(SEEN, encoding="utf-8", errors="surrogateescape") as stream:
         for line in stream:
+            lines += 1
             with suppress(ValueError):
                 digest, *numbers, path = line.rstrip("\n").split(" ", 5)
                 known[path] = (tuple(int(number) for number in numbers), digest)
-    return Seen(known)
+    return Seen(known, lines=lines)
 
 
 def remember(known: Mapping[str, tuple[Signature, str]]) -> None:

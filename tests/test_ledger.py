@@ -97,6 +97,14 @@ def test_a_torn_line_of_the_memory_costs_a_second_look_and_no_more(chain):
     assert stale() == set()
 
 
+def test_the_memory_does_not_grow_with_every_run(chain, monkeypatch):
+    monkeypatch.setattr(ledger, "MANY", 0)
+    for _ in range(20):
+        ledger.remember(ledger.seen().known)
+        assert stale() == set()
+    assert len(Path(ledger.SEEN).read_text().splitlines()) <= 3 * len(ledger.seen().known)
+
+
 def test_an_input_that_is_not_what_its_job_wrote_is_refused_in_one_line(chain):
     good = ledger.looked_at(["results/M1/overlap.nc", "raw/a"])
     ledger.hold({path: digest for path, (_, digest) in good.items()})
