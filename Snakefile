@@ -7,34 +7,25 @@ from snakemake.logging import logger
 
 sys.path.insert(0, str(workflow.basedir))  # before a folder of the same name where this is started
 
-from compasslib import guard, provenance, stages, stages_calibrations
+from compasslib import guard, provenance, running, stages, stages_calibrations
 from compasslib.calibration import KINDS
 from compasslib.config import load
 from compasslib.errors import InputError
+from compasslib.stages import FIGURES
+from compasslib.stages_cruise import Whole
 
 try:
     guard.enter(Path.cwd(), Path(workflow.basedir))
     CRUISE = load(Path.cwd())
     PLAN = stages.plan(CRUISE, Path(workflow.basedir) / "workflow/scripts")
     CALIBRATIONS = stages_calibrations.plan(CRUISE, PLAN.scripts)
+    WHOLE = Whole(PLAN, CALIBRATIONS)
+    SIMULATED = running.prepare(workflow, WHOLE)
 except InputError as error:
     logger.error(f"error: {error}")
     sys.exit(1)
 
 ENVIRONMENT = "workflow/envs/compasslib.yaml"
-FIGURES = ["deviation", "diagnosis", "histograms", "scatter", "timeline"]
-CONVENTIONS = expand("results/{mooring}/conventions.json", mooring=CRUISE.moorings)
-SUMMARY = ["results/summary.csv"] if CRUISE.moorings else []
-PRODUCTS = [
-    *expand("results/{mooring}/corrected.nc", mooring=CRUISE.moorings),
-    *expand("results/{mooring}/assessment.json", mooring=CRUISE.moorings),
-    *expand("results/{mooring}/forms.json", mooring=CRUISE.moorings),
-    *expand("results/{mooring}/figures/{figure}.png", mooring=CRUISE.moorings, figure=FIGURES),
-    *(CONVENTIONS if CRUISE.options.conventions.check else []),
-    *SUMMARY,
-    *CALIBRATIONS.wanted(),
-    *(["results/report.html"] if CRUISE.moorings or CRUISE.calibrations else []),
-]
 
 
 wildcard_constraints:
@@ -52,8 +43,7 @@ onstart:
 
 rule all:
     input:
-        PRODUCTS,
-        ["results/ro-crate-metadata.json"] if PRODUCTS else [],
+        WHOLE.everything,
 
 
 rule read:
@@ -253,17 +243,19 @@ rule figures:
 rule summary:
     """One row a mooring."""
     input:
-        deviation=expand("results/{mooring}/deviation.json", mooring=CRUISE.moorings),
-        diagnosis=expand("results/{mooring}/diagnosis.json", mooring=CRUISE.moorings),
-        assessment=expand("results/{mooring}/assessment.json", mooring=CRUISE.moorings),
-        product=expand("results/{mooring}/corrected.nc", mooring=CRUISE.moorings),
-        field=expand("results/{mooring}/work/field.json", mooring=CRUISE.moorings),
-        pairs=expand("results/{mooring}/overlap.nc", mooring=CRUISE.moorings),
-        records=PLAN.all_records,
+        deviation=WHOLE.of("deviation.json"),
+        diagnosis=WHOLE.of("diagnosis.json"),
+        assessment=WHOLE.of("assessment.json"),
+        product=WHOLE.of("corrected.nc"),
+        field=WHOLE.of("work/field.json"),
+        pairs=WHOLE.of("overlap.nc"),
+        records=WHOLE.records,
     output:
         report("results/summary.csv", caption="workflow/report/summary.rst", category="Cruise"),
     params:
-        roles=PLAN.roles(),
+        roles=WHOLE.roles,
+        order=list(CRUISE.moorings),
+        stopped=WHOLE.reasons,
         code=PLAN.code("summary.py"),
     conda:
         ENVIRONMENT
@@ -278,17 +270,18 @@ rule summary:
 rule report:
     """All results on one page that needs no network."""
     input:
-        summary=SUMMARY,
-        figures=expand("results/{mooring}/figures/{figure}.png", mooring=CRUISE.moorings, figure=FIGURES),
-        pictures=expand("results/{mooring}/work/pictures.json", mooring=CRUISE.moorings),
-        calibrations=CALIBRATIONS.wanted(),
+        summary=WHOLE.table,
+        figures=WHOLE.of(*(f"figures/{figure}.png" for figure in FIGURES)),
+        pictures=WHOLE.of("work/pictures.json"),
+        calibrations=WHOLE.calibrated,
         templates=PLAN.templates(),
     output:
         "results/report.html",
     params:
         attributes=CRUISE.options.attributes,
-        moorings=PLAN.described(),
-        calibrations=list(CRUISE.calibrations),
+        moorings=WHOLE.described,
+        calibrations=WHOLE.calibration_names,
+        stopped=WHOLE.reasons,
         code=PLAN.code("report.py"),
     conda:
         ENVIRONMENT

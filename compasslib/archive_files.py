@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from compasslib.archive_layout import BIN, FILL, Variable
-from compasslib.errors import InputError
+from compasslib.errors import InputError, Passing
 
+HALF_WRITTEN = ".compasslib-part"  # ends the name of a file that is being written; nobody else names one so
 SIGNIFICANT_DIGITS = 10  # of floats in JSON
 CHUNK = 4096  # samples
 CACHE_BYTES = 4 * 2**20  # of chunks a variable that wait to be compressed; the library's own 64 MB add up
@@ -32,10 +33,10 @@ def replacing(path: str | Path) -> Iterator[Path]:
         path: the file to write; its folder is made where absent. A block that fails leaves an older file as it was.
 
     Raises:
-        InputError: it cannot be written.
+        Passing: it cannot be written.
     """
     path = Path(path)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    temporary = path.with_name(f".{path.name}.{os.getpid()}{HALF_WRITTEN}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         yield temporary
@@ -43,7 +44,7 @@ def replacing(path: str | Path) -> Iterator[Path]:
     except (OSError, RuntimeError) as error:  # RuntimeError: netCDF's word for a full disk
         found = getattr(error, "strerror", None) or str(error)
         advice = "free some space or mend the permissions, and run again"
-        raise InputError(str(path), expected="room and the right to write it", found=found, advice=advice) from error
+        raise Passing(str(path), expected="room and the right to write it", found=found, advice=advice) from error
     finally:
         with contextlib.suppress(OSError):
             temporary.unlink(missing_ok=True)
@@ -94,7 +95,7 @@ def _jsonable(value: Any) -> Any:
 
 def _unusable(path: str | Path, expected: str, error: Exception) -> InputError:
     advice = "delete it where it stands, and the next run makes it again"
-    return InputError(str(path), expected=expected, found=f"{type(error).__name__}: {error}", advice=advice)
+    return Passing(str(path), expected=expected, found=f"{type(error).__name__}: {error}", advice=advice)
 
 
 @contextmanager

@@ -13,6 +13,8 @@ from pydantic import ValidationInfo
 
 from compasslib.config_values import problem, shown, text
 
+RESULTS = "results"
+
 
 @dataclass(frozen=True)
 class Place:
@@ -67,7 +69,20 @@ def raw_files(value: Any, info: ValidationInfo) -> tuple[str, ...]:
     if not listed:
         raise problem(None, "at least one file", "an empty list")
     found = [file for path in listed for file in ([path] if place is None else _expand(path, place))]
+    for file in found:
+        _refuse_results(file, place)
     return tuple(dict.fromkeys(found))
+
+
+def _refuse_results(file: str, place: Place | None) -> None:
+    """Refuse a raw file that a run may write over, be it by way of a link."""
+    inside = file.startswith(f"{RESULTS}/")
+    if place is not None and not inside:
+        results = os.path.realpath(place.root / RESULTS)
+        inside = os.path.realpath(place.root / file).startswith(f"{results}{os.sep}")
+    if inside:
+        apart = "copy it to another folder, for example raw"
+        raise problem(None, f"a file outside {RESULTS}/, which each run may write over", shown(file), apart)
 
 
 def _expand(path: str, place: Place) -> list[str]:

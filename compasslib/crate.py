@@ -59,20 +59,25 @@ def lineage(known: Mapping[str, Record], products: Iterable[str]) -> dict[str, R
         products: files.
 
     Raises:
-        InputError: a product is not what its job wrote.
+        InputError: a product, or a result that it was made from, is not what a job wrote.
     """
     made_by = {made: name for name, record in known.items() for made in record["wrote"].items()}
-    waiting = list(provenance.hashes(products).items())
-    for path in (product[0] for product in waiting if product not in made_by):
-        expected, advice = "the file that its job wrote", "delete it, and the next run makes it again"
-        raise InputError(path, expected=expected, found="another, or no record of it", advice=advice)
+    waiting = list((wanted := provenance.hashes(products)).items())
     kept: set[str] = set()
     while waiting:
-        name = made_by.get(waiting.pop())
-        if name is not None and name not in kept:
+        file = waiting.pop()
+        name = made_by.get(file)
+        if name is None and (file[0] in wanted or file[0].startswith(f"{FOLDER}/")):
+            _refuse_foreign(file[0])
+        elif name is not None and name not in kept:
             kept.add(name)
             waiting += known[name]["read"].items()
     return {name: known[name] for name in sorted(kept)}
+
+
+def _refuse_foreign(path: str) -> None:
+    expected, advice = "the file that its job wrote", "delete it, and the next run makes it again"
+    raise InputError(path, expected=expected, found="another, or no record of it", advice=advice)
 
 
 def crate(
@@ -80,6 +85,7 @@ def crate(
     *,
     configuration: Mapping[str, Sequence[str]],
     attributes: Mapping[str, Any],
+    stopped: Mapping[str, str] | None = None,
 ) -> dict[str, Any]:
     """Return the crate as JSON-LD.
 
@@ -87,13 +93,16 @@ def crate(
         jobs: records by the name of their action.
         configuration: the YAML files behind a job by what it is of, "mooring EG4" or "calibration C1"; "" for others.
         attributes: of the cruise; project and license enter.
+        stopped: why there are no results of others, by what they are of, as in ``configuration``.
     """
     files = _files(jobs, configuration)
     data = [_file(path, files[path]) for path in sorted(files)]
     actions = [_job(name, record, configuration) for name, record in jobs.items()]
+    failed = [_failed(of, why, configuration) for of, why in (stopped or {}).items()]
+    actions += failed
     parts = {"hasPart": _refs(files), "mentions": [_ref(action["@id"]) for action in actions]}
     tools = list(_surroundings())
-    software = [_software(said, tools) for said in sorted({record["software"] for record in jobs.values()})]
+    software = [_software(said, tools) for said in sorted(_makers(jobs, failed))]
     about = [*_descriptors(), _root(attributes) | parts, *_people(attributes)]
     return {"@context": CONTEXT, "@graph": [*about, *software, *tools, *actions, *data]}
 
@@ -115,7 +124,7 @@ def written(page: Mapping[str, Any]) -> set[str]:
         page: the crate.
     """
     actions = [entity for entity in page["@graph"] if entity["@type"] == "CreateAction"]
-    results = (action["result"] for action in actions)
+    results = (action.get("result", []) for action in actions)
     return {_path(one["@id"]) for result in results for one in (result if isinstance(result, list) else [result])}
 
 
@@ -125,7 +134,7 @@ def told(page: Mapping[str, Any]) -> str:
     Args:
         page: the crate.
     """
-    jobs = sum(entity["@type"] == "CreateAction" for entity in page["@graph"])
+    jobs = sum("result" in entity for entity in page["@graph"])
     return f"{FILE}: {len(listed(page))} files, {jobs} jobs"
 
 
@@ -232,6 +241,22 @@ def _job(name: str, record: Record, configuration: Mapping[str, Sequence[str]]) 
         "object": _refs(read),
         "result": _refs(record["wrote"]),
     }
+
+
+def _failed(of: str, why: str, configuration: Mapping[str, Sequence[str]]) -> Entity:
+    return {
+        "@id": f"#{quote(f'stopped/{of}')}",
+        "@type": "CreateAction",
+        "name": of,
+        "instrument": _ref(f"#{quote(provenance.software())}"),
+        "actionStatus": "http://schema.org/FailedActionStatus",
+        "error": why,
+        "object": _refs(configuration[of]),
+    }
+
+
+def _makers(jobs: Mapping[str, Record], failed: Sequence[Entity]) -> set[str]:
+    return {record["software"] for record in jobs.values()} | ({provenance.software()} if failed else set())
 
 
 def _file(path: str, known: str) -> Entity:

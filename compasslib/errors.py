@@ -16,3 +16,7 @@ class InputError(Exception):
     def __init__(self, where: str, *, expected: str, found: object, advice: str):
         line = f"{where}: expected {expected}, found {found}; {advice}"
         super().__init__(" ".join(line.split()))
+
+
+class Passing(InputError):
+    """Trouble of the disk, or of a file that the next run makes again: it says nothing about the input."""

@@ -8,7 +8,7 @@ import json
 import os
 import re
 import subprocess
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
@@ -155,13 +155,23 @@ def code(modules: tuple[str, ...]) -> str:
     return digest(modules)
 
 
-def of_job(job: Any) -> dict[str, Any]:
+def inputs(job: Any) -> list[str]:
+    """Return the files that one job of the workflow reads, without those of the software itself.
+
+    Args:
+        job: the object ``snakemake`` of its script.
+    """
+    house = str(PROJECT / "compasslib")  # the report's templates are inputs, and belong to the software
+    return [str(path) for path in job.input if not path.startswith(house)]
+
+
+def of_job(job: Any, read: Mapping[str, str]) -> dict[str, Any]:
     """Return what one job of the workflow read and wrote, by what code and with which parameters.
 
     Args:
         job: the object ``snakemake`` of its script; its parameter ``code`` is the hash of the library files behind it.
+        read: SHA-256 of its inputs, by path.
     """
-    house = str(PROJECT / "compasslib")  # the report's templates are inputs, and belong to the software
     parameters = dict(job.params.items())
     return {
         "rule": job.rule,
@@ -169,7 +179,7 @@ def of_job(job: Any) -> dict[str, Any]:
         "software": software(),
         "code": parameters.pop("code", ""),
         "parameters": parameters,
-        "read": hashes(path for path in job.input if not path.startswith(house)),
+        "read": dict(read),
         "wrote": hashes(job.output),
     }
 

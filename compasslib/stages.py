@@ -19,6 +19,12 @@ from compasslib.readers import FORMATS
 
 DEPLOYMENT_KEYS = ("pressure_offset", "clock_offset_seconds", "clock_drift_seconds", "direction_reference")
 METHODS = ("exact", "von_appen", "calibration")
+FIGURES = ("deviation", "diagnosis", "histograms", "scatter", "timeline")
+MADE = (
+    *("corrected.nc", "assessment.json", "forms.json", "deviation.json", "diagnosis.json", "overlap.nc"),
+    *("wide/overlap.nc", "work/field.json", "work/fit.json", "work/pictures.json"),
+    *(f"figures/{figure}.png" for figure in FIGURES),
+)  # of each mooring, beside its instruments' records
 SIMULATED = tuple(f"EG{k}" for k in range(1, 8))  # the moorings of the demonstration cruise
 
 
@@ -55,11 +61,6 @@ class Plan:
         mooring = self._mooring(wildcards)
         used = [mooring.instruments[role] for role in _roles(mooring)]
         return [file for instrument in used for file in (*instrument.files, *instrument.pressure_files)]
-
-    def simulated_files(self, name: str) -> list[str]:
-        """Return the raw files of all instruments of one demonstration mooring."""
-        instruments = self.cruise.moorings[name].instruments.values()
-        return [file for instrument in instruments for file in (*instrument.files, *instrument.pressure_files)]
 
     def form(self, wildcards: Any) -> str:
         """Return the format of one instrument."""
@@ -113,13 +114,9 @@ class Plan:
         """Return the records of the instruments that one mooring uses."""
         return [_record(wildcards.mooring, role) for role in _roles(self._mooring(wildcards))]
 
-    def all_records(self, wildcards: Any) -> list[str]:
-        """Return the records of all moorings."""
-        return [_record(name, role) for name, mooring in self.cruise.moorings.items() for role in _roles(mooring)]
-
-    def roles(self) -> dict[str, list[str]]:
-        """Return the instruments that each mooring uses; others of its results are of an earlier configuration."""
-        return {name: _roles(mooring) for name, mooring in self.cruise.moorings.items()}
+    def roles(self, names: Iterable[str]) -> dict[str, list[str]]:
+        """Return the instruments that each of some moorings uses; others of its results are of an earlier time."""
+        return {name: _roles(self.cruise.moorings[name]) for name in names}
 
     def method(self, wildcards: Any) -> str:
         """Return the method that one mooring is fitted by."""
@@ -188,6 +185,16 @@ class Plan:
 
     def _instrument(self, wildcards: Any) -> Instrument:
         return self._mooring(wildcards).instruments[wildcards.role]
+
+
+def made(name: str, roles: Iterable[str]) -> list[str]:
+    """Return all files that the rules make of one mooring, its conventions apart.
+
+    Args:
+        name: the mooring.
+        roles: its instruments.
+    """
+    return [*(f"results/{name}/{file}" for file in MADE), *(_record(name, role) for role in roles)]
 
 
 def plan(cruise: Cruise, scripts: Path) -> Plan:

@@ -22,11 +22,11 @@ class Calibrations:
     cruise: Cruise
     scripts: Path
 
-    def wanted(self) -> list[str]:
-        """Return all files that the calibrations of the cruise are to have."""
-        names = self.cruise.calibrations
-        made = [file for name in names for file in (self.content(name), *self._drawn(name))]
-        return made + [file for name in names if self._diagnosed(name) for file in self._diagnosis(name)]
+    def made(self, name: str) -> list[str]:
+        """Return all files that the rules make of one calibration."""
+        tables = [f"results/calibrations/{name}/{file}.csv" for file in ("table", "points")]
+        diagnosis = self._diagnosis(name) if self._diagnosed(name) else []
+        return [self.content(name), *tables, *self._drawn(name), *diagnosis]
 
     def content(self, name: str) -> str:
         """Return a calibration's calibration.json."""

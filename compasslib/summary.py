@@ -26,6 +26,7 @@ COLUMNS = (
     "warnings",
 )
 
+STOPPED = "stopped"  # the verdict of a mooring without results, as its files cannot be used
 LARGE_CONSTANT_DEG, SURE_SIGMAS = 10.0, 2.0
 
 
@@ -55,6 +56,16 @@ def row(name: str, folder: str | Path, roles: Iterable[str] | None = None) -> di
         "effects": " ".join(finding["effect"] for finding in found["findings"]),
         "warnings": " | ".join([*_warnings(folder, fit, found, verdict), *_of_records(records(folder, roles))]),
     }
+
+
+def row_of_stopped(name: str, why: str) -> dict[str, Any]:
+    """Return the row of a mooring that was stopped: no numbers, the verdict ``stopped`` and the reason as a warning.
+
+    Args:
+        name: the mooring.
+        why: the line of its error.
+    """
+    return dict.fromkeys(COLUMNS, None) | {"name": name, "verdict": STOPPED, "warnings": why}
 
 
 def records(folder: Path, roles: Iterable[str] | None) -> list[Path]:

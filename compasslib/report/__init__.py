@@ -13,10 +13,12 @@ from typing import Any
 
 from compasslib import archive, provenance
 from compasslib.discrepancy.telling import VERDICTS
-from compasslib.report import calibration, figures, mooring, words
-from compasslib.report.section import Overview
+from compasslib.report import calibration, figures, mooring, section, words
+from compasslib.report.section import Overview, Section
+from compasslib.summary import STOPPED
 
 MOORINGS = "All moorings (rms: current direction above minus below, the water's own veer included)"
+NONE_STOPPED: Mapping[str, Mapping[str, str]] = {"moorings": {}, "calibrations": {}}
 TEMPLATES = Path(__file__).resolve().parent / "templates"
 
 
@@ -37,7 +39,8 @@ class Report:
         parts = ((self.moorings, "mooring"), (self.calibrations, "calibration"))
         told = [words.plural(len(part.sections), noun) for part, noun in parts if part.sections]
         verdicts = [section.verdict for section in self.moorings.sections]
-        found = [f"{verdicts.count(verdict)} {verdict}" for verdict in VERDICTS if verdict in verdicts]
+        known = (*VERDICTS, STOPPED)
+        found = [f"{verdicts.count(verdict)} {verdict}" for verdict in known if verdict in verdicts]
         return f"{words.listed(told)}." + (f" Of the moorings: {', '.join(found)}." if found else "")
 
 
@@ -47,6 +50,7 @@ def gather(
     attributes: Mapping[str, Any],
     moorings: Mapping[str, Mapping[str, Any]],
     calibrations: Sequence[str],
+    stopped: Mapping[str, Mapping[str, str]] = NONE_STOPPED,
 ) -> Report:
     """Return all that the page says.
 
@@ -55,6 +59,7 @@ def gather(
         attributes: of the cruise.
         moorings: latitude, longitude, water_depth_m, start, end, instruments and their roles of each, by name.
         calibrations: their names.
+        stopped: why others have no results, by name, of ``moorings`` and of ``calibrations``.
 
     Raises:
         InputError: a file of the results is absent or damaged.
@@ -72,6 +77,8 @@ def gather(
         calibration.section(one, root, embed=embed)
         for one, embed in zip(calibrated, embedded[len(moored) :], strict=True)
     ]
+    sections = [*_stopped("mooring", stopped["moorings"], mooring.HEADER), *sections]
+    others = [*_stopped("calibration", stopped["calibrations"], calibration.HEADER), *others]
     return Report(
         title=": ".join(
             ["Compass deviations corrected", *(str(attributes[k]) for k in ("project",) if k in attributes)]
@@ -112,6 +119,10 @@ def told(path: str | Path, report: Report) -> str:
     """
     size = Path(path).stat().st_size / 1e6
     return f"{path}: {report.counts()} {size:.1f} MB".replace(words.SPACE, " ")
+
+
+def _stopped(part: str, reasons: Mapping[str, str], header: Sequence[str]) -> list[Section]:
+    return [section.stopped(part, name, why, header) for name, why in reasons.items()]
 
 
 def _verdict(one: calibration.Results) -> str:

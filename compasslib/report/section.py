@@ -67,6 +67,29 @@ class Section:
     cells: tuple[Cell, ...] = ()  # its row in the overview
 
 
+def stopped(part: str, name: str, why: str, header: Sequence[str]) -> Section:
+    """Return the section of a mooring or calibration that has no results.
+
+    Args:
+        part: "mooring" or "calibration".
+        name: its name.
+        why: the line of its error.
+        header: of the overview.
+    """
+    told = {"Verdict": Cell("stopped", "stopped"), "Warnings": Cell("1", 1)}
+    said = f"It was stopped, as a file of it cannot be used, and has no results: {why}."
+    return Section(
+        name=name,
+        anchor=f"{part}-{name}",
+        verdict="stopped",
+        summary=(said,),
+        facts=(("Results", "none"),),
+        warnings=(why,),
+        links=(("logs", f"{'calibrations/' * (part == 'calibration')}{name}/logs"),),
+        cells=(Cell(name, name), *(told.get(column, Cell("", None)) for column in header[1:])),
+    )
+
+
 @dataclass(frozen=True)
 class Overview:
     """The sortable table of all moorings or of all calibrations."""

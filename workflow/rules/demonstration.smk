@@ -1,12 +1,12 @@
-"""Raw files of the demonstration cruise: this rule exists only where config.yaml says demonstration: true."""
+"""Raw files of the demonstration cruise: rules only where config.yaml says demonstration: true, and no file is another's."""
 
-for NAME in CRUISE.moorings:
+for NAME in SIMULATED:
 
     rule:
         name:
             f"simulate_{NAME}"
         output:
-            raw=PLAN.simulated_files(NAME),
+            raw=SIMULATED[NAME],
             truth=f"truth/{NAME}.csv",
         priority: 1  # all moorings first: one that came last would end on one core
         params:

@@ -4,13 +4,14 @@
 rule provenance:
     """Records of all jobs -> manifest with the hash of every file read or written, a Process Run Crate."""
     input:
-        products=PRODUCTS,
+        products=WHOLE.products,
         settings=sorted({file for files in PLAN.configuration().values() for file in files}),
     output:
         "results/ro-crate-metadata.json",
     params:
         configuration=PLAN.configuration(),
         attributes=CRUISE.options.attributes,
+        stopped=WHOLE.stopped_of,
         code=PLAN.code("provenance.py"),
     conda:
         "../envs/compasslib.yaml"
@@ -35,7 +36,7 @@ rule verify:
 rule conventions:
     """CF, ACDD and OceanSITES against the netCDF files of all moorings."""
     input:
-        CONVENTIONS,
+        WHOLE.conventions,
 
 
 rule check_conventions:

@@ -6,6 +6,7 @@ from compasslib.job import job
 
 with job(snakemake) as say:
     jobs = crate.lineage(crate.records(), snakemake.input.products)
-    page = crate.crate(jobs, configuration=snakemake.params.configuration, attributes=snakemake.params.attributes)
+    given = {key: snakemake.params[key] for key in ("configuration", "attributes", "stopped")}
+    page = crate.crate(jobs, **given)
     write_json(snakemake.output[0], page)
     say(crate.told(page))

@@ -1,0 +1,207 @@
+"""Whole runs through Snakemake: what cannot be read stops its mooring alone; recorded hashes decide."""
+
+from __future__ import annotations
+
+import csv
+import os
+import shutil
+from pathlib import Path
+
+import pytest
+import yaml
+from bench import readings, write_calibration
+from sea import cruise
+from test_provenance import page_of, verify
+from test_workflow import change, planned, snakemake
+
+from compasslib import crate
+
+HOURS = 60
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory):
+    """A cruise of two moorings and a calibration, and a mooring that is corrected by the calibration."""
+    folder = cruise(tmp_path_factory.mktemp("running") / "c", ("GOOD", "BAD", "CARRIED"), n=HOURS)
+    (folder / "config/config.yaml").write_text("{fit: {method: von_appen}, diagnose: {enabled: false}}\n")
+    change(folder / "config/moorings/CARRIED.yaml", fit={"method": "calibration", "name": "bench"})
+    write_calibration(folder, "bench", readings())
+    ran = snakemake(folder)
+    assert ran.returncode == 0, ran.stderr
+    return folder
+
+
+@pytest.fixture
+def copied(done, tmp_path):
+    return Path(shutil.copytree(done, tmp_path / "c"))
+
+
+def errors(said: str) -> list[str]:
+    return [line for line in said.splitlines() if line.startswith("error:")]
+
+
+def rows(folder: Path) -> dict[str, dict[str, str]]:
+    return {row["name"]: row for row in csv.DictReader((folder / "results/summary.csv").read_text().splitlines())}
+
+
+def files(folder: Path) -> set[str]:
+    made = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
+    return {name for name in made if not {"logs", "benchmarks"} & set(name.split("/"))}
+
+
+def test_what_cannot_be_read_stops_its_mooring_alone_and_mended_it_is_taken_up(copied):
+    """First run, a run with nothing changed, a run after both files were mended."""
+    top, bench = copied / "raw/BAD/top.000", copied / "raw/cal/bench.csv"
+    sound = {path: path.read_bytes() for path in (top, bench)}
+    product = (copied / "results/GOOD/corrected.nc").read_bytes()
+    top.write_text("not a recording\n" * 100)
+    bench.write_text("reference_deg,recorded_deg\n1,two\n")
+
+    ran = snakemake(copied)
+    assert ran.returncode != 0 and "Traceback" not in ran.stderr
+    said = sorted(errors(ran.stderr))
+    assert len(said) == 2 and said[0].startswith("error: calibration bench: raw/cal/bench.csv: line 2")
+    assert said[1].startswith("error: mooring BAD: raw/BAD/top.000: expected PD0")
+    table = rows(copied)
+    assert [table[name]["verdict"] for name in ("BAD", "CARRIED", "GOOD")] == ["stopped", "stopped", "insufficient"]
+    assert list(table) == ["BAD", "CARRIED", "GOOD"] and table["BAD"]["warnings"] in said[1]
+    assert table["CARRIED"]["warnings"].startswith("it needs calibration bench, which was stopped: raw/cal/bench.csv")
+    page = (copied / "results/report.html").read_text()
+    assert "Of the moorings: 1 insufficient, 2 stopped." in page and page.count("raw/BAD/top.000: expected PD0") == 2
+    failed = {
+        one["name"]: one
+        for one in page_of(copied)["@graph"]
+        if one.get("actionStatus", "").endswith("FailedActionStatus")
+    }
+    assert set(failed) == {"mooring BAD", "mooring CARRIED", "calibration bench"}
+    assert failed["mooring BAD"]["error"] == table["BAD"]["warnings"]
+    assert verify(copied)[0] == 0
+    # No half products and no older ones; what was read whole stays.
+    assert files(copied / "results/BAD") == {"work/deep.nc"} and files(copied / "results/calibrations/bench") == set()
+    assert not (copied / "results/CARRIED/corrected.nc").exists()
+    assert (copied / "results/GOOD/corrected.nc").read_bytes() == product
+
+    before = {path: path.stat().st_mtime_ns for path in (copied / "results").rglob("*.*") if "BAD" not in path.parts}
+    again = snakemake(copied)
+    assert again.returncode != 0 and sorted(errors(again.stderr)) == said
+    assert {
+        path for path, when in before.items() if path.stat().st_mtime_ns != when and "logs" not in path.parts
+    } == set()
+
+    for path, content in sound.items():
+        path.write_bytes(content)
+    mended = snakemake(copied)
+    assert mended.returncode == 0, mended.stderr
+    assert {row["verdict"] for row in rows(copied).values()} == {"insufficient"}
+    assert "stopped." not in (copied / "results/report.html").read_text().split("</header>")[0]
+
+
+def test_a_killed_job_or_a_full_disk_makes_no_report_that_calls_a_mooring_unreadable(copied):
+    """A folder stands where a result is to be written: the input is sound."""
+    shutil.rmtree(copied / "results")
+    (copied / "results/BAD/work/.top.nc.blocked").mkdir(parents=True)
+    (copied / "results/BAD/work/top.nc/in the way").mkdir(parents=True)
+    ran = snakemake(copied)
+    assert ran.returncode != 0 and not (copied / "results/summary.csv").exists()
+    assert not list((copied / "results").rglob("*.stopped"))
+
+
+def test_an_error_of_the_program_in_one_mooring_stops_that_one(copied, tmp_path):
+    project = tmp_path / "project"
+    source = Path(__file__).resolve().parents[1]
+    for part in ("compasslib", "workflow"):
+        shutil.copytree(source / part, project / part, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copy(source / "Snakefile", project)
+    script = project / "workflow/scripts/fit.py"
+    script.write_text(
+        script.read_text().replace(
+            "with job(snakemake) as say:", "with job(snakemake) as say:\n    1 / (snakemake.wildcards.mooring != 'BAD')"
+        )
+    )
+    ran = snakemake(copied, project=project)
+    assert ran.returncode != 0
+    assert rows(copied)["BAD"]["warnings"].startswith("an error of this program in fit, ZeroDivisionError")
+    assert rows(copied)["GOOD"]["verdict"] == "insufficient" and not (copied / "results/BAD/corrected.nc").exists()
+
+
+def flip(path: Path) -> None:
+    before = path.stat()
+    with path.open("r+b") as stream:
+        stream.seek(5000)
+        byte = stream.read(1)[0]
+        stream.seek(5000)
+        stream.write(bytes([byte ^ 1]))
+    os.utime(path, ns=(before.st_atime_ns, before.st_mtime_ns))
+
+
+def test_a_flipped_byte_between_two_stages_is_made_good_before_anything_reads_it(copied):
+    whole = {name: (copied / "results" / name).read_bytes() for name in files(copied / "results")}
+    flip(copied / "results/GOOD/overlap.nc")
+    assert ("overlap", "GOOD") in planned(copied) and ("read", "GOOD") not in planned(copied)
+    assert snakemake(copied).returncode == 0 and verify(copied)[0] == 0
+    assert {name: (copied / "results" / name).read_bytes() for name in files(copied / "results")} == whole
+
+
+@pytest.mark.parametrize("gone", ["deviation.json", "diagnosis.json", "overlap.nc", "work/top.nc", "wide/overlap.nc"])
+def test_a_result_that_was_deleted_is_made_again(copied, gone):
+    (copied / "results/GOOD" / gone).unlink()
+    assert {mooring for _, mooring in planned(copied)} == {"GOOD", ""}
+
+
+def test_a_raw_file_replaced_by_an_older_one_is_read_again(copied):
+    shutil.copyfile(copied / "raw/BAD/top.000", copied / "older")
+    os.utime(copied / "older", (1e9, 1e9))
+    os.replace(copied / "older", copied / "raw/GOOD/top.000")
+    assert ("read", "GOOD") in planned(copied) and ("read", "BAD") not in planned(copied)
+
+
+def test_where_snakemakes_memory_was_lost_all_is_made_again(copied):
+    assert planned(copied) == set()
+    shutil.rmtree(copied / ".snakemake")
+    assert {("read", "GOOD"), ("overlap", "BAD"), ("calibrate", "")} <= planned(copied)
+
+
+def test_a_dry_run_writes_and_deletes_nothing_beside_snakemakes_own(copied):
+    for name in ("results/GOOD/.hidden.1", ".snakemake/locks/0.input.lock"):
+        (copied / name).write_text("x")
+
+    def state() -> dict[Path, int]:
+        there = [path for path in copied.rglob("*") if not {"iocache", "log"} & set(path.parts)]
+        return {path: path.lstat().st_mtime_ns for path in there if path.is_file()}
+
+    before = state()
+    (copied / "results/GOOD/overlap.nc").touch()
+    before = state()
+    planned(copied)
+    assert state() == before
+
+
+def test_a_second_run_at_once_is_refused_in_one_line(copied):
+    import fcntl
+
+    with (copied / ".snakemake/compasslib.lock").open("w") as held:
+        fcntl.flock(held, fcntl.LOCK_EX)
+        ran = snakemake(copied)
+    assert ran.returncode != 0 and "expected one run at a time, found another" in ran.stderr + ran.stdout
+    assert snakemake(copied).returncode == 0
+
+
+def test_a_raw_file_below_results_is_refused(copied):
+    moved = yaml.safe_load((copied / "config/moorings/GOOD.yaml").read_text())
+    moved["instruments"]["deep"]["files"] = "results/GOOD/work/deep.nc"
+    (copied / "config/moorings/GOOD.yaml").write_text(yaml.safe_dump(moved))
+    ran = snakemake(copied, "--dry-run")
+    assert (
+        ran.returncode != 0
+        and "expected a file outside results/, which each run may write over" in ran.stdout + ran.stderr
+    )
+
+
+def test_the_manifest_refuses_an_intermediate_file_that_no_job_wrote():
+    jobs = {
+        "overlap": {"read": {}, "wrote": {"results/M1/overlap.nc": "as written"}},
+        "correct": {"read": {"results/M1/overlap.nc": "flipped"}, "wrote": {__file__: ""}},
+    }
+    jobs["correct"]["wrote"] = {__file__: crate.provenance.sha256(__file__)}
+    with pytest.raises(crate.InputError, match=r"results/M1/overlap.nc: expected the file that its job wrote"):
+        crate.lineage(jobs, [__file__])
