@@ -15,6 +15,7 @@ from compasslib.records import BAD, Pairs, Record
 __all__ = ["METHODS", "Fit", "denied", "described", "fit", "from_json", "told"]
 
 BEYOND = 5.0  # compass noises beyond the fold at which a reading is no noise any more
+MOST_SOFT, SURE_SIGMAS = 0.3, 2.0  # D and E together; spheres and frames induce a few per cent
 MOST_IMPOSSIBLE = 0.25  # readings that a model which holds cannot have recorded: outliers are fewer
 
 
@@ -63,12 +64,34 @@ def correctable_fraction(fit: Fit, record: Record) -> float:
 
 
 def denied(fit: Fit, record: Record) -> str:
-    """Return why the recorded headings deny the model, nothing where they do not: it cannot have recorded them.
+    """Return why a model cannot be that of the instrument, nothing where it can.
+
+    A reference whose components were exchanged or signed wrongly, or that is turned by a right angle, is water that no
+    compass agrees with. What is fitted to it has soft iron without measure, or cannot record what was recorded.
 
     Args:
         fit: the model, perhaps without coefficients.
         record: the compromised instrument.
     """
+    return _soft_without_measure(fit) or _impossible(fit, record)
+
+
+def _soft_without_measure(fit: Fit) -> str:
+    if not fit.fitted or fit.method != "exact":
+        return ""
+    soft = fit.coefficients[3:5]
+    size = float(np.hypot(*soft))
+    sigma = float(np.sqrt(soft @ fit.covariance[3:5, 3:5] @ soft)) / max(size, 1e-12)
+    if size - SURE_SIGMAS * sigma < MOST_SOFT:
+        return ""
+    return (
+        f"the fit needs soft iron of {size:.0%} of the earth's field, which no instrument has, so that all headings "
+        "are flagged doubtful; check columns, signs and directions of both instruments"
+    )
+
+
+def _impossible(fit: Fit, record: Record) -> str:
+    """Say where the readings are none of the model's compass."""
     usable = np.isfinite(record.heading_deg) & (record.heading_quality < BAD)
     recorded = record.heading_deg[usable]
     if not (fit.fitted and recorded.size) or fit.method == "von_appen":

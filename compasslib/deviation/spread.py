@@ -17,6 +17,9 @@ BLOCK_S = 5 * 86400.0  # longer than the memory of the currents' veer
 FEWEST_BLOCKS = 12
 MOST_A_DAY = 4.0  # independent pairs: days show hardly any of the veer's own memory, which takes itself for its mean
 OCTANTS = 8
+# Gradient by a dimensionless coefficient: of a direction known to a degree it is 60. Where the iron's field cancels
+# the earth's the compass turns round at once, the gradient has no bound, and one pair would settle all coefficients.
+MOST_TOLD = 1e3
 # Correlation of the veer with the heading's own excursions. The wake locks the heading to water that is itself sheared
 # across the sphere; simulated moorings show 0.03 to 0.1, and no record can tell that part from iron. Assumed.
 WAKE_LOCKED_VEER = 0.05
@@ -36,6 +39,7 @@ def covariance(scores: Floats, precision: Floats, fit: Fit, pairs: Pairs, effect
         pairs: overlapping measurements, n of them.
         effective: effective number of pairs.
     """
+    scores = np.clip(scores, -MOST_TOLD, MOST_TOLD)
     information = scores.T @ scores + np.diag(precision)
     along_time = _jackknife(scores, information, pairs.time_s, effective)
     inverse = np.linalg.inv(information)
