@@ -148,8 +148,8 @@ def _misread(pairs: Pairs, fit: Fit, after: dict[str, Any]) -> str:
         return ""
     return (
         f"after the correction directions differ by {after['rms_deg']:.0f} degrees rms, and by {best:.0f} where the "
-        "trusted instrument's components are exchanged, turned by a right angle or signed otherwise, so that all headings "
-        "are flagged doubtful; check its columns and signs"
+        "trusted instrument's components are exchanged, turned by a right angle or signed otherwise, so that all "
+        "headings are flagged doubtful; check its columns and signs"
     )
 
 

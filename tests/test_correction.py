@@ -203,7 +203,7 @@ def test_no_heading_is_good_where_the_reference_is_read_wrongly(iron, mistake):
     velocity = READ_WRONGLY[mistake](seen.lower_east + 1j * seen.lower_north)
     wrong = replace(seen, lower_east=velocity.real, lower_north=velocity.imag)
     fit, record = exact.fit(wrong), record_of(wrong)
-    said = assessment.assess(wrong, fit)["refuted"] or deviation.denied(fit, record)
+    said = deviation.denied(fit, record) or assessment.assess(wrong, fit)["refuted"]
     assert "flagged doubtful" in said
     doubt_deg = correction.doubt(bool(said), 0.0)
     product = correction.correct(record, fit, field_of(wrong), wrong, doubt_deg=doubt_deg)
