@@ -7,6 +7,8 @@ four), the model is fitted without some of them and tried on those.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -20,6 +22,7 @@ from compasslib.deviation.model import chosen as choose
 from compasslib.records import Pairs
 
 Floats = NDArray[np.floating]
+Complexes = NDArray[np.complex128]
 
 BLOCK_S = 10 * 86400.0
 FOLDS = 2
@@ -27,6 +30,18 @@ LEAST_BLOCKS = 2 * FOLDS
 FEWEST_FOR_FORMS = 4 * model.FEWEST_PAIRS
 REFUTED_DEG = 75.0  # rms of corrected directions; unrelated ones scatter by 104, slow ones two depths apart by 42
 FEWEST_TO_REFUTE = 10
+UNRELATED_DEG = 360.0 / np.sqrt(12.0)
+DOUBTED_DEG = 46.0  # rms from which on other readings of the reference are tried: more than slow water of two depths
+FAR_BETTER = 0.6  # of the rms: no curve that is merely bent more comes so far
+READINGS: tuple[Callable[[Complexes], Complexes], ...] = (  # of east + i north: signs, exchange, right angles
+    np.negative,
+    np.conj,
+    lambda z: -np.conj(z),
+    lambda z: 1j * np.conj(z),
+    lambda z: -1j * np.conj(z),
+    lambda z: 1j * z,
+    lambda z: -1j * z,
+)
 FORM_PAIRS = 1500  # as many pairs, evenly taken, tell the forms apart; more only take longer
 
 
@@ -107,7 +122,7 @@ def assess(pairs: Pairs, fit: Fit, plain: Pairs | None = None) -> dict[str, Any]
         "before": _agreement(pairs.upper_east, pairs.upper_north, pairs),
         "before_where_corrected": _agreement(pairs.upper_east[known], pairs.upper_north[known], choose(pairs, known)),
         "after": after,
-        "refuted": _refuted(after),
+        "refuted": _refuted(after) or _misread(pairs, fit, after),
         "held_out": {"block_days": _block_length(pairs.time_s) / 86400.0, "folds": FOLDS, "n": int(known.sum())},
     }
 
@@ -120,6 +135,32 @@ def _refuted(after: dict[str, Any]) -> str:
         f"held-out pairs deny the correction: directions still differ by {after['rms_deg']:.0f} degrees rms (unrelated "
         "ones by 104), so that all headings are flagged doubtful; check instruments, clocks, columns, signs and units"
     )
+
+
+def _misread(pairs: Pairs, fit: Fit, after: dict[str, Any]) -> str:
+    """Say where another reading of the trusted instrument's components agrees far better, nothing where none does."""
+    if fit.method != EXACT.name or after["n"] < FEWEST_FOR_FORMS or after["rms_deg"] <= DOUBTED_DEG:
+        return ""
+    some = choose(pairs, np.arange(0, len(pairs), max(1, len(pairs) // FORM_PAIRS)))
+    velocity = some.lower_east + 1j * some.lower_north
+    best = min(_left_by(_with_reference(some, read(velocity))) for read in READINGS)
+    if best > FAR_BETTER * after["rms_deg"]:
+        return ""
+    return (
+        f"after the correction directions differ by {after['rms_deg']:.0f} degrees rms, and by {best:.0f} where the "
+        "trusted instrument's components are exchanged, turned by a right angle or signed otherwise, so that all "
+        "headings are flagged doubtful; check its columns and signs"
+    )
+
+
+def _with_reference(pairs: Pairs, velocity: Complexes) -> Pairs:
+    return replace(pairs, lower_east=velocity.real, lower_north=velocity.imag)
+
+
+def _left_by(pairs: Pairs) -> float:
+    """Return the rms of what a fit leaves, degrees; a heading that it cannot have recorded counts as unrelated."""
+    fit = deviation.fit(EXACT.name, pairs)
+    return angles.rms(np.nan_to_num(model.residual(fit, pairs), nan=UNRELATED_DEG))
 
 
 def told(name: str, verdict: dict[str, Any]) -> str:

@@ -32,6 +32,8 @@ TIGHTEST = 300.0  # the water's grip on a step, as narrow as the cells resolve
 LEAP_SHARES = (0.003, 0.03)  # share of samples at which the heading starts anew
 PRECISION_DEG = 0.5  # assumed of a moored compass; an unfolded record cannot tell it from the water's scatter
 MERGED_DEG = 25.0  # roots nearer than this meet at a fold: one heading between them, not a choice
+BRANCHES_APART = 5.0  # widths of the scatter that two headings of one reading must be apart to be told by directions
+FEWEST_SHOWN, SHARE_SHOWN = 200, 0.1  # pairs that show their branch, or share of a few
 LEARNING_SAMPLES = 2000
 CHUNK = 500  # samples whose evidence is laid out on the fine headings at a time
 LONGEST_GAP = 64.0  # sampling intervals after which nothing is remembered
@@ -44,7 +46,9 @@ class Decision:
 
     heading_deg: Floats  # (n,) NaN where nothing was recorded
     sigma_deg: Floats  # (n,) from the compass's noise and the chance of the other branch
-    probability: Floats  # (n,) of the chosen branch; 1 where there is only one, or where two meet at a fold
+    # Of the chosen branch, (n,): 1 where there is only one or two meet at a fold, 0 where the compass cannot have
+    # recorded what it did.
+    probability: Floats
     other_deg: Floats  # (n,) the other root, NaN where there is none
 
 
@@ -62,10 +66,40 @@ def decide(readings: Readings, along: Along, fit: Fit, seen: NDArray[np.intp], s
     if not np.isfinite(roots[:, 1]).any():
         return _single(roots[:, 0], along)
     evidence = _evidence(along, fit.noise.compass_deg)
+    impossible = evidence.max(axis=1) < 2.0 * UNPREDICTED  # its heading is that of the hours around, and no more
     evidence[seen] *= scatter**SHARED_NOISE
     moves = _moves(readings.time_s, readings.water)
     posterior = smooth(evidence, moves, _learn(evidence, moves, fit.heading_density), fit.heading_density)
-    return _chosen(posterior, roots, readings.heading_deg)
+    decision = _chosen(posterior, roots, readings.heading_deg)
+    return replace(decision, probability=np.where(impossible, 0.0, decision.probability))
+
+
+def undecided(decision: Decision, shown: int, pairs: int) -> Decision:
+    """Return the decision with either of two headings left open where too few pairs show which branch is right.
+
+    Args:
+        decision: made with these pairs.
+        shown: pairs that show on which branch they are, see ``telling``.
+        pairs: all of them.
+    """
+    if shown >= min(FEWEST_SHOWN, SHARE_SHOWN * pairs):
+        return decision
+    apart = np.nan_to_num(angles.difference(decision.other_deg, decision.heading_deg))
+    two = np.isfinite(decision.other_deg)
+    probability = np.where(two, np.minimum(decision.probability, 0.5), decision.probability)
+    return replace(decision, sigma_deg=np.hypot(decision.sigma_deg, apart), probability=probability)
+
+
+def telling(roots_deg: Floats, width_deg: Floats) -> NDArray[np.bool_]:
+    """Tell at which overlaps the directions show the branch: only one heading, or two far apart, (n,).
+
+    Args:
+        roots_deg: correct headings of each recorded one, (n, 2), NaN where there is none.
+        width_deg: scatter of the observed heading, (n,).
+    """
+    one = np.isfinite(roots_deg).sum(axis=1) == 1
+    with np.errstate(invalid="ignore"):
+        return one | (np.abs(angles.difference(roots_deg[:, 0], roots_deg[:, 1])) >= BRANCHES_APART * width_deg)
 
 
 @dataclass(frozen=True)

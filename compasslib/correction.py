@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib import angles, branches, earthfield
+from compasslib import angles, branches, deviation, earthfield
 from compasslib.branches import Decision
 from compasslib.deviation import along, likelihood, model, von_appen
 from compasslib.deviation.along import Along
@@ -79,6 +79,7 @@ def in_pieces(
 
 def _decided(record: Record, fit: Fit, pairs: Pairs, at: Along | None, doubt_deg: float) -> Decision:
     decision = headings(readings_of_record(record), fit, pairs, at)
+    doubt_deg = KNOWS_NOTHING_DEG if deviation.denied(fit, record) else doubt_deg
     sigma = np.minimum(np.hypot(decision.sigma_deg, doubt_deg), KNOWS_NOTHING_DEG)
     probability = np.minimum(decision.probability, 0.0) if doubt_deg >= KNOWS_NOTHING_DEG else decision.probability
     return replace(decision, sigma_deg=sigma, probability=probability)
@@ -153,7 +154,10 @@ def headings(readings: Readings, fit: Fit, pairs: Pairs, at: Along | None = None
         decision = _published(readings.heading_deg, fit)
     else:
         at = along.of_fit(fit, readings) if at is None else at
-        decision = branches.decide(readings, at, fit, *_overlaps(readings.time_s, fit, pairs))
+        seen, width, scatter = _overlaps(readings.time_s, fit, pairs)
+        decision = branches.decide(readings, at, fit, seen, scatter)
+        shown = int(branches.telling(at.roots()[seen], width).sum())
+        decision = branches.undecided(decision, shown, len(pairs))
     parameters = von_appen.sigma(fit, decision.heading_deg) if at is None else at.sigma(decision.heading_deg)
     left_out = np.zeros(parameters.shape) if at is not None and at.tilted else _left_out_by_tilt(readings)
     sigma = np.sqrt(decision.sigma_deg**2 + parameters**2 + left_out**2)
@@ -212,11 +216,11 @@ def _published(recorded_deg: Floats, fit: Fit) -> Decision:
     return Decision(heading, one * branches.PRECISION_DEG / slope, one, np.full(heading.shape, np.nan))
 
 
-def _overlaps(time_s: Floats, fit: Fit, pairs: Pairs) -> tuple[NDArray[np.intp], Floats]:
+def _overlaps(time_s: Floats, fit: Fit, pairs: Pairs) -> tuple[NDArray[np.intp], Floats, Floats]:
     seen = np.searchsorted(time_s, pairs.time_s)
     width = likelihood.widths(fit.noise, *model.speeds(pairs))
     chords = likelihood.squared_chords(model.observed_heading(pairs))
-    return seen, likelihood.scatter(chords, width, fit.noise.outliers)
+    return seen, width, likelihood.scatter(chords, width, fit.noise.outliers)
 
 
 def _recorded_to_true(record: Record, declination: Floats) -> tuple[Floats, Floats]:

@@ -133,7 +133,7 @@ def _worse(verdict: Mapping[str, Any]) -> list[str]:
 
 def _constant(fit: Mapping[str, Any], field: Mapping[str, Any]) -> list[str]:
     """Point at a constant between the instruments that is larger than what mounts are set to."""
-    if not fit["coefficients"] or fit["folded"]:
+    if not fit["coefficients"]:
         return []
     a, sigma = fit["coefficients"]["A"], fit["covariance"][0][0] ** 0.5
     constant = a if fit["unit"] == "degrees" else float(angles.direction(a, 1.0))

@@ -8,7 +8,7 @@ import pytest
 from sea import FOLDED, MILD, pairs
 
 from compasslib import angles, archive, assessment, branches, correction, deviation
-from compasslib.deviation import exact, likelihood, model, von_appen
+from compasslib.deviation import along, exact, likelihood, model, von_appen
 from compasslib.records import BAD, GOOD, MISSING, PROBABLY_BAD, EarthField, Pairs, Record
 
 
@@ -187,3 +187,61 @@ def test_forms_are_compared_on_held_out_blocks_and_a_folded_compass_shows():
     for name in ("series_in_correct", "series_in_recorded"):
         assert folded[name]["minus_exact"] < -2.5 * folded[name]["minus_exact_sigma"] < 0.0
         assert abs(mild[name]["minus_exact"]) < max(0.01, 3.0 * mild[name]["minus_exact_sigma"])
+
+
+READ_WRONGLY = {
+    "exchanged": lambda z: 1j * np.conj(z),
+    "both signs": np.negative,
+    "sign of north": np.conj,
+}
+
+
+@pytest.mark.parametrize("iron", [MILD, FOLDED], ids=["mild", "folded"])
+@pytest.mark.parametrize("mistake", READ_WRONGLY)
+def test_no_heading_is_good_where_the_reference_is_read_wrongly(iron, mistake):
+    seen, _ = pairs(iron, n=1200, seed=31)
+    velocity = READ_WRONGLY[mistake](seen.lower_east + 1j * seen.lower_north)
+    wrong = replace(seen, lower_east=velocity.real, lower_north=velocity.imag)
+    fit, record = exact.fit(wrong), record_of(wrong)
+    said = deviation.denied(fit, record) or assessment.assess(wrong, fit)["refuted"]
+    assert "flagged doubtful" in said
+    doubt_deg = correction.doubt(bool(said), 0.0)
+    product = correction.correct(record, fit, field_of(wrong), wrong, doubt_deg=doubt_deg)
+    assert (product.heading_corrected_quality >= PROBABLY_BAD).all()
+    assert (product.heading_uncertainty_deg > 100.0).all()
+
+
+def test_a_reading_that_the_compass_cannot_have_made_is_flagged_and_not_guessed(folded):
+    seen, _, fit = folded
+    low, high = fit.recorded_range_deg
+    outside = angles.wrap360(high + (360.0 - (high - low)) / 2.0)
+    record = record_of(seen)
+    heading = np.where(np.arange(len(seen)) % 50 == 7, outside, record.heading_deg)
+    product = correction.correct(replace(record, heading_deg=heading), fit, field_of(seen), seen)
+    assert (product.heading_corrected_quality[heading == outside] == PROBABLY_BAD).all()
+    assert not deviation.denied(fit, record)
+    assert "cannot have recorded 100%" in deviation.denied(
+        fit, replace(record, heading_deg=np.full(len(seen), outside))
+    )
+
+
+def test_both_headings_stay_open_where_hardly_a_pair_shows_the_branch(folded):
+    seen, heading, fit = folded
+    told = replace(fit, noise=replace(fit.noise, floor_deg=60.0))  # scatter in which no two branches are apart
+    product = correction.correct(record_of(seen), told, field_of(seen), seen)
+    roots = along.of_fit(told, correction.readings_of(seen)).roots()
+    two = np.abs(angles.difference(roots[:, 0], roots[:, 1])) > 2.0 * branches.MERGED_DEG
+    assert two.sum() > 100 and (product.heading_corrected_quality[two] == PROBABLY_BAD).all()
+    off = np.abs(angles.difference(product.heading_corrected_deg, heading))[two]
+    assert np.mean(off < 1.96 * product.heading_uncertainty_deg[two]) > 0.95
+
+
+def test_pairs_of_a_few_days_are_no_surer_than_they_can_be():
+    covered = []
+    for seed in range(11, 16):
+        seen, heading = pairs(MILD, n=1000, seed=seed)
+        few = model.chosen(seen, slice(0, 80))
+        product = correction.correct(record_of(seen), exact.fit(few), field_of(seen), few)
+        off = np.abs(angles.difference(product.heading_corrected_deg, heading))
+        covered.append(np.mean(off < 1.96 * product.heading_uncertainty_deg))
+    assert min(covered) > 0.85

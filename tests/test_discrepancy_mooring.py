@@ -511,6 +511,26 @@ def test_a_battery_whose_counts_rise_alike_is_one_battery():
     assert number.max() == 1.0 and number[360] == 0.0 and number[440] == 1.0
 
 
+def test_each_battery_has_iron_of_its_own(monkeypatch):
+    """Two changes that were forced to be equal were explained by a temperature."""
+    hours = np.arange(6000)
+    first, second = hours >= 2000, hours >= 4000
+    volts = 150.0 - hours / 80.0 + 25.0 * first + 25.0 * second + np.random.default_rng(0).normal(0.0, 0.5, 6000)
+    steps = np.array([300.0 * first + 900.0 * second, -900.0 * first + 700.0 * second, 0.0 * hours])
+    iron = world.Effect({}, 1.3 * steps)
+    here = replace(world.make(9000, wide=True, n=6000), voltage=volts.round())
+    monkeypatch.setattr(world, "effect", lambda *asked: iron)
+    monkeypatch.setattr(world, "visible", lambda *asked: 1.0)
+    drawn = world.planted(here, {"battery_change": 1.0})
+    found = diagnose(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
+    (finding,) = found.findings
+    assert finding.effect == "battery_change" and finding.applied
+    sizes = {name: one.value / 1.3 for name, one in finding.parameters.items()}
+    assert list(sizes) == ["b_x_nT", "b_y_nT", "second_x_nT", "second_y_nT"]
+    # Of a horizontal field of some 12,000 nT, 200 nT turn the compass by a degree: the fit knows it to about that.
+    assert np.abs(np.array(list(sizes.values())) - [300.0, -900.0, 900.0, 700.0]).max() < 250.0
+
+
 def test_a_voltage_that_falls_evenly_is_a_drift_too_whatever_the_converter_counts():
     drawn = world.planted(world.make(7, wide=True, n=HOURS), {"compass_drift": 3.0})
     fall = 140.0 - 12.0 * np.arange(HOURS) / HOURS + np.random.default_rng(0).normal(0.0, 0.6, HOURS)

@@ -11,6 +11,7 @@ from compasslib.deviation import tilt
 from compasslib.physics import CATALOGUE, Scene, composition, page
 from compasslib.physics.composition import Simulation
 from compasslib.physics.heeling import Heeling
+from compasslib.physics.octantal import Octantal
 from compasslib.physics.sextantal import Sextantal
 from compasslib.physics.temperature import TemperatureOfField
 from compasslib.physics.tilt_uncompensated import TiltUncompensated
@@ -150,6 +151,51 @@ def test_six_degrees_of_the_third_harmonic_are_undone_exactly():
     recorded = composition.recorded_heading(simulation, FLAT, HEADING)
     left = angles.difference(composition.headings(simulation, FLAT, recorded)[:, 0], HEADING)
     assert np.abs(left).max() < 1e-6
+
+
+def at_its_bound(kind):
+    """Return a term as large as is believed of it, or fifteen degrees large."""
+    term = absent(kind)
+    ranges = [f.metadata["range"][1] for f in fields(kind) if f.metadata["step"]]
+    term = term.at([min(most, 15.0 * step) for most, step in zip(ranges, kind.steps(), strict=True)])
+    while not term.believable:
+        term = term.at(0.97 * term.values)
+    return term
+
+
+STRONG = np.array([0.03, -0.9, 0.95, 0.03, -0.02])  # iron stronger than the earth's horizontal field
+
+
+@pytest.mark.parametrize("iron", [LEVEL, STRONG], ids=["weak", "strong"])
+@pytest.mark.parametrize("kind", [kind for kind in CATALOGUE if kind.side == "compass"], ids=lambda k: k.__name__)
+def test_the_inverse_holds_the_heading_up_to_the_bounds_of_every_effect_beside_others(kind, iron):
+    beside = [other for other in (Heeling, TemperatureOfField, Sextantal, Octantal) if other is not kind]
+    terms = sorted([at_its_bound(kind), *map(of_some_size, beside)], key=lambda term: CATALOGUE.index(type(term)))
+    simulation = Simulation(iron, H_NT, tuple(terms))
+    recorded = composition.recorded_heading(simulation, SCENE, HEADING)
+    roots = composition.headings(simulation, SCENE, recorded)
+    # Where two headings meet at a fold, rounding of the reading grows by its root.
+    assert np.nanmin(np.abs(angles.difference(roots, HEADING[:, None])), axis=1).max() < 1e-3
+    again = [composition.recorded_heading(simulation, SCENE, root) for root in roots.T]
+    assert np.nanmax(np.abs(angles.difference(np.array(again), recorded))) < 1e-5
+
+
+@pytest.mark.parametrize("kind", [Sextantal, Octantal])
+@pytest.mark.parametrize("turns", [0.2, 0.6, 0.79, 0.95, 0.999])
+def test_a_harmonic_is_undone_as_long_as_the_reading_turns_with_the_field(kind, turns):
+    amplitude = turns * 57.29577951 / kind.order
+    term = kind(0.6 * amplitude, -0.8 * amplitude)
+    x = np.linspace(-400.0, 800.0, 12_345)
+    assert np.abs(term.undone(term.act(x, FLAT), FLAT) - x).max() < 1e-6  # at 0.999 a reading turns by a thousandth
+    assert term.believable == (turns < 0.8)
+
+
+@pytest.mark.parametrize("kind", [Sextantal, Octantal])
+def test_a_harmonic_with_three_angles_for_a_reading_gives_none(kind):
+    simulation = Simulation(LEVEL, H_NT, (kind(0.75 * 57.3 / kind.order, 0.75 * 57.3 / kind.order),))
+    recorded = composition.recorded_heading(simulation, FLAT, HEADING)
+    assert not simulation.terms[0].believable
+    assert np.isnan(composition.headings(simulation, FLAT, recorded)).all()
 
 
 def test_the_page_of_the_catalogue_is_not_stale():

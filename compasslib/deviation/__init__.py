@@ -12,7 +12,11 @@ from compasslib.deviation import exact, tilt, von_appen
 from compasslib.deviation.model import Fit, from_json
 from compasslib.records import BAD, Pairs, Record
 
-__all__ = ["METHODS", "Fit", "described", "fit", "from_json", "told"]
+__all__ = ["METHODS", "Fit", "denied", "described", "fit", "from_json", "told"]
+
+BEYOND = 5.0  # compass noises beyond the fold at which a reading is no noise any more
+MOST_SOFT, SURE_SIGMAS = 0.3, 2.0  # D and E together; spheres and frames induce a few per cent
+MOST_IMPOSSIBLE = 0.25  # readings that a model which holds cannot have recorded: outliers are fewer
 
 
 def _as_it_is(pairs: Pairs, near: Fit | None) -> Fit:
@@ -59,6 +63,50 @@ def correctable_fraction(fit: Fit, record: Record) -> float:
     return float(np.isfinite(compass.inverse(coefficients, recorded)).any(axis=1).mean())
 
 
+def denied(fit: Fit, record: Record) -> str:
+    """Return why a model cannot be that of the instrument, nothing where it can.
+
+    A reference whose components were exchanged or signed wrongly, or that is turned by a right angle, is water that no
+    compass agrees with. What is fitted to it has soft iron without measure, or cannot record what was recorded.
+
+    Args:
+        fit: the model, perhaps without coefficients.
+        record: the compromised instrument.
+    """
+    return _soft_without_measure(fit) or _impossible(fit, record)
+
+
+def _soft_without_measure(fit: Fit) -> str:
+    if not fit.fitted or fit.method != "exact":
+        return ""
+    soft = fit.coefficients[3:5]
+    size = float(np.hypot(*soft))
+    sigma = float(np.sqrt(soft @ fit.covariance[3:5, 3:5] @ soft)) / max(size, 1e-12)
+    if size - SURE_SIGMAS * sigma < MOST_SOFT:
+        return ""
+    return (
+        f"the fit needs soft iron of {size:.0%} of the earth's field, which no instrument has, so that all headings "
+        "are flagged doubtful; check columns, signs and directions of both instruments"
+    )
+
+
+def _impossible(fit: Fit, record: Record) -> str:
+    """Say where the readings are none of the model's compass."""
+    usable = np.isfinite(record.heading_deg) & (record.heading_quality < BAD)
+    recorded = record.heading_deg[usable]
+    if not (fit.fitted and recorded.size) or fit.method == "von_appen":
+        return ""
+    coefficients = tilt.along(fit, record.pitch_deg[usable], record.roll_deg[usable])
+    near = [recorded + share * BEYOND * fit.noise.compass_deg for share in (0.0, -0.5, 0.5, -1.0, 1.0)]
+    possible = np.any([np.isfinite(compass.inverse(coefficients, x)).any(axis=1) for x in near], axis=0)
+    if possible.mean() > 1.0 - MOST_IMPOSSIBLE:
+        return ""
+    return (
+        f"the compass of the fit cannot have recorded {1.0 - possible.mean():.0%} of the headings that it recorded, so "
+        "that all are flagged doubtful; check columns, signs and units of both instruments, or the calibration"
+    )
+
+
 def described(fit: Fit, record: Record) -> dict[str, Any]:
     """Return deviation.json.
 
@@ -66,7 +114,9 @@ def described(fit: Fit, record: Record) -> dict[str, Any]:
         fit: the model, perhaps without coefficients.
         record: the compromised instrument.
     """
-    return fit.to_json() | {"correctable_fraction": correctable_fraction(fit, record)}
+    said = tuple(sentence for sentence in (denied(fit, record),) if sentence)
+    fraction = correctable_fraction(fit, record)
+    return fit.to_json() | {"correctable_fraction": fraction, "warnings": (*fit.warnings, *said)}
 
 
 def told(name: str, fit: Fit) -> str:

@@ -15,7 +15,11 @@ Floats = NDArray[np.floating]
 
 BLOCK_S = 5 * 86400.0  # longer than the memory of the currents' veer
 FEWEST_BLOCKS = 12
+MOST_A_DAY = 4.0  # independent pairs: days show hardly any of the veer's own memory, which takes itself for its mean
 OCTANTS = 8
+# Gradient by a dimensionless coefficient: of a direction known to a degree it is 60. Where the iron's field cancels
+# the earth's the compass turns round at once, the gradient has no bound, and one pair would settle all coefficients.
+MOST_TOLD = 1e3
 # Correlation of the veer with the heading's own excursions. The wake locks the heading to water that is itself sheared
 # across the sphere; simulated moorings show 0.03 to 0.1, and no record can tell that part from iron. Assumed.
 WAKE_LOCKED_VEER = 0.05
@@ -35,6 +39,7 @@ def covariance(scores: Floats, precision: Floats, fit: Fit, pairs: Pairs, effect
         pairs: overlapping measurements, n of them.
         effective: effective number of pairs.
     """
+    scores = np.clip(scores, -MOST_TOLD, MOST_TOLD)
     information = scores.T @ scores + np.diag(precision)
     along_time = _jackknife(scores, information, pairs.time_s, effective)
     inverse = np.linalg.inv(information)
@@ -68,6 +73,7 @@ def _jackknife(scores: Floats, information: Floats, time_s: Floats, effective: f
     block = np.floor((time_s - time_s[0]) / BLOCK_S).astype(int)
     blocks = np.unique(block)
     if len(blocks) < FEWEST_BLOCKS:
+        effective = min(effective, MOST_A_DAY * (float(np.ptp(time_s)) / 86400.0))
         return np.asarray(np.linalg.inv(information) * len(time_s) / max(effective - 5.0, 3.0))
     parts = [scores[block == b] for b in blocks]
     steps = np.array([np.linalg.solve(information - part.T @ part, part.sum(axis=0)) for part in parts])

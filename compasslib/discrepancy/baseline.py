@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib import angles
+from compasslib import angles, branches
 from compasslib.deviation import model
 from compasslib.discrepancy import whitening
 from compasslib.discrepancy.case import Case
@@ -25,7 +25,6 @@ Floats = NDArray[np.floating]
 
 ROUNDS = 2
 FEWEST = 50  # samples that show where they are, below which there is nothing to examine
-BRANCHES_APART = 5.0  # widths of the scatter that two headings of one reading must be apart
 STIFFEST = 1e-4  # prior precision of a baseline column in whitened units, against columns that hardly vary
 
 
@@ -153,9 +152,7 @@ def _residual(case: Case, simulation: Simulation, nuisance: Floats) -> tuple[Flo
     heading = model.nearest_root(roots, shown)
     slope = np.maximum(np.abs(composition.steepness(simulation, case.scene, heading)), composition.FLATTEST)
     # Where a folded compass leaves two headings close together, the nearer one to a noisy direction is no residual.
-    with np.errstate(invalid="ignore"):
-        close = np.abs(angles.difference(roots[:, 0], roots[:, 1])) < BRANCHES_APART * case.expected_deg
-    heading = np.where(close, np.nan, heading)
+    heading = np.where(branches.telling(roots, case.expected_deg), heading, np.nan)
     return heading, angles.difference(shown, heading), case.precision_deg / slope
 
 

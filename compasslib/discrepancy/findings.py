@@ -26,6 +26,7 @@ Floats = NDArray[np.floating]
 
 OBSERVATORY = "declination_observatory"
 RANGE = (0.05, 0.95)  # quantiles of a covariate that tell where an effect lives
+NOTHING = 1e-6  # standard error of a parameter that nothing depends on, in any unit
 OUTSIDE = 2.5  # standard errors by which a bin leaves the band
 
 
@@ -45,6 +46,7 @@ def _of_term(state: State, k: int, alternatives: tuple[str, ...], covariance: Fl
     parameters = {
         name: Parameter(float(value), float(s), unit)
         for name, value, s, unit in zip(term.fitted(), term.values, sigma, term.units(), strict=True)
+        if value or s > NOTHING  # a third battery that never came has neither
     }
     size, proof = model.effect_deg(state, k, covariance), show.held_out(state, [k])
     first, last = _span(state, term)

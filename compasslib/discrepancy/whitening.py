@@ -220,7 +220,7 @@ def inverse(gram: Floats) -> Floats:
     Args:
         gram: symmetric, (k, k).
     """
-    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    scale = np.sqrt(np.where(np.diag(gram) > 0.0, np.diag(gram), 1.0))
     outer = np.outer(scale, scale)
     return np.asarray(np.linalg.pinv(gram / outer, rcond=1e-8, hermitian=True) / outer)
 

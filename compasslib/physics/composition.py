@@ -18,7 +18,6 @@ from compasslib.physics.term import Scene, Term
 
 Floats = NDArray[np.floating]
 
-UNDO_ROUNDS, UNDONE_DEG = 30, 1e-8  # fixed-point rounds that undo the readout, each by its slope, and when to stop
 FLATTEST = 0.2  # least |d gamma / d beta| that is divided by: nearer to a fold nothing is linear
 PROBE_DEG = 0.01  # difference by heading
 
@@ -145,20 +144,17 @@ def readout(simulation: Simulation, scene: Scene, sensed_deg: Floats) -> Floats:
 
 
 def undone_readout(simulation: Simulation, scene: Scene, recorded_deg: Floats) -> Floats:
-    """Return the angle of the levelled field that a reading came from, (n,) degrees.
+    """Return the angle of the levelled field that a reading came from, (n,) degrees; NaN where it tells more than one.
 
     Args:
         simulation: compass and terms.
         scene: in what the recording was made.
         recorded_deg: readings, (n,), degrees.
     """
-    sensed = recorded_deg
-    for _ in range(UNDO_ROUNDS):
-        missing = angles.difference(recorded_deg, readout(simulation, scene, sensed))
-        sensed = sensed + missing
-        if np.nanmax(np.abs(missing), initial=0.0) < UNDONE_DEG:
-            break
-    return sensed
+    reading = recorded_deg
+    for term in reversed(_acting(simulation, "reading")):
+        reading = term.undone(reading, scene)
+    return reading + float(np.arctan(simulation.coefficients[0])) / angles.DEGREE
 
 
 def north(simulation: Simulation, scene: Scene) -> Floats | float:

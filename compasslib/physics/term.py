@@ -105,6 +105,15 @@ class Term(ABC):
             scene: in what the recording was made.
         """
 
+    def undone(self, reading_deg: Floats, scene: Scene) -> Floats:
+        """Return what a reading was before the effect: here, where it adds the same to any reading, less that.
+
+        Args:
+            reading_deg: with the effect, (n,), degrees.
+            scene: in what the recording was made.
+        """
+        return reading_deg - self.act(np.zeros_like(reading_deg), scene)
+
     @classmethod
     def fitted(cls) -> tuple[str, ...]:
         """Return the names of the parameters that are fitted, dates left out."""
