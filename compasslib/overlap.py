@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib import angles, earthfield, overlap_clock, overlap_words
+from compasslib import angles, earthfield, overlap_clock, overlap_same, overlap_words
 from compasslib.deployment import take
 from compasslib.grid import interpolate, nearest, on_grid
 from compasslib.overlap_clock import Clocks, Speeds
@@ -56,7 +56,7 @@ class Point:
 
 
 def clocks(upper: Record, trusted: Sequence[Record], rules: Rules) -> Clocks:
-    """Return by how many hours or days the two instruments' clocks are apart, by the speeds of the water.
+    """Return how far the two instruments' clocks are apart, and whether both records are one, by speeds of the water.
 
     Args:
         upper: the compromised instrument inside the deployment.
@@ -68,7 +68,8 @@ def clocks(upper: Record, trusted: Sequence[Record], rules: Rules) -> Clocks:
     upper = _gridded(upper, rules)
     velocity, depth = near_bins(upper, np.zeros(len(upper.time_s)), rules.bins)
     cell = _trusted_cell(upper.time_s, depth, trusted[0], _sphere(upper, trusted[0]), widened(rules))
-    return overlap_clock.compared(Speeds(upper.time_s, np.abs(velocity)), Speeds(cell.time_s, np.abs(cell.velocity)))
+    found = overlap_clock.compared(Speeds(upper.time_s, np.abs(velocity)), Speeds(cell.time_s, np.abs(cell.velocity)))
+    return replace(found, one_recording=overlap_same.one_recording(upper, found.put_right(trusted[0]), rules.bins))
 
 
 def find(
@@ -99,8 +100,7 @@ def find(
     keep = np.flatnonzero(usable & (upper.heading_quality <= PROBABLY_GOOD) & (np.abs(velocity) > 0) & (abs(other) > 0))
     found = _assemble(take(upper, keep), lower, field, (velocity, other, depth, other_depth, minutes), keep)
     found = replace(found, warnings=clocks.warnings)
-    if overlap_words.identical(found):
-        said = "the two instruments recorded the same velocities: one recording was given twice, and no pair counts"
+    if said := clocks.one_recording or overlap_words.identical(found):
         nothing = np.zeros(0, dtype=np.intp)
         columns = tuple(column[nothing] for column in (velocity, other, depth, other_depth, minutes))
         return replace(_assemble(take(upper, nothing), lower, field, columns, nothing), warnings=(said,))

@@ -37,7 +37,7 @@ CHANGE, SPAN = (
     5,
 )  # what setting a clock costs, in the scatter of so many windows: two lags of 2000 gain less by chance
 FEWEST_SHARE = 0.3  # of hours that meet at a lag, below which its products count for less
-RELATED, RELATED_SIGMAS = 0.1, 3.0  # correlation of speeds and its score below which two records share nothing
+RELATED, RELATED_SIGMAS = 0.05, 3.0  # correlation of speeds and its score below which two records share nothing
 
 
 @dataclass(frozen=True)
@@ -55,6 +55,7 @@ class Clocks:
     time_s: tuple[float, ...] = (0.0,)  # by the compromised clock, linear between
     ahead_h: tuple[float, ...] = (0.0,)
     warnings: tuple[str, ...] = ()
+    one_recording: str = ""  # why both records are one, and no pair counts
 
     def put_right(self, record: Record) -> Record:
         """Return the trusted record by the compromised clock, without hours that a clock set back counted twice.
@@ -261,7 +262,7 @@ def _unrelated(found: Windows, told: Path) -> Clocks:
 def _doubtful(found: Windows, best: Path, told: Path) -> Clocks:
     first, second = (float(found.along(path).sum()) for path in (best, told))
     said = (
-        f"by the speeds of the water the trusted clock may be {_told_h(best)} ahead of the compromised one "
+        f"by the speeds of the water the trusted clock may be {_told_h(best)} the compromised one "
         f"(correlation {first:.2f}, with the clocks as told {second:.2f}): not surely, and nothing was put right; "
         "check clock_offset_seconds, time zone and date of both, and their files"
     )
@@ -272,7 +273,7 @@ def _named(found: Windows, best: Path) -> Clocks:
     """Return a clock that the windows prove, to be put right."""
     nodes = _nodes(found, best)
     said = (
-        f"by the speeds of the water the trusted clock is {_told_h(best)} ahead of the compromised one "
+        f"by the speeds of the water the trusted clock is {_told_h(best)} the compromised one "
         f"(correlation {found.along(best).sum():.2f}); pairs were made after putting that right: check "
         "clock_offset_seconds, time zone and date of both, for speeds do not tell which of the two is wrong"
     )
@@ -282,10 +283,10 @@ def _named(found: Windows, best: Path) -> Clocks:
 def _told_h(path: Path) -> str:
     lags = [int(path.hours[0]), *(int(lag) for before, lag in itertools.pairwise(path.hours) if lag != before)]
     if len(lags) == 1:
-        return f"{lags[0]:+d} h"
+        return f"{abs(lags[0])} h {'ahead of' if lags[0] > 0 else 'behind'}"
     if path.set_at:
-        return "first " + ", then ".join(f"{lag:+d} h" for lag in lags)
-    return f"{lags[0]:+d} h, in the end {lags[-1]:+d} h,"
+        return "first " + ", then ".join(f"{lag:+d} h" for lag in lags) + " ahead of"
+    return f"{lags[0]:+d} h at the begin and {lags[-1]:+d} h at the end ahead of"
 
 
 def _nodes(found: Windows, path: Path) -> list[tuple[float, float]]:
