@@ -192,7 +192,9 @@ def test_forms_are_compared_on_held_out_blocks_and_a_folded_compass_shows():
 def test_directions_that_agree_no_better_than_those_of_other_days_deny_the_correction():
     seen, _ = pairs(MILD, n=3000, seed=5)
     flow = angles.direction(seen.lower_east, seen.lower_north)
-    inside = np.abs(angles.difference(flow, angles.mean(flow))) < 70.0  # a mean flow rules: unrelated ones scatter less
+    inside = (
+        np.abs(angles.difference(flow, angles.mean(flow))) < 110.0
+    )  # a mean flow rules: unrelated ones scatter less
     seen = model.chosen(seen, inside)
     other = replace(seen, lower_east=np.roll(seen.lower_east, 700), lower_north=np.roll(seen.lower_north, 700))
     own, strange = (assessment.assess(x, exact.fit(x)) for x in (seen, other))
