@@ -42,6 +42,9 @@ READINGS: tuple[Callable[[Complexes], Complexes], ...] = (  # of east + i north:
     lambda z: 1j * z,
     lambda z: -1j * z,
 )
+# From this rms on directions of other days must agree less: where a mean flow rules, unrelated ones scatter by as much.
+SCATTERED_DEG, OTHER_DAYS, FEWEST_OF_OTHER_DAYS = 35.0, 12, 200
+SURE_SIGMAS = 2.0  # of a growth of the rms
 FORM_PAIRS = 1500  # as many pairs, evenly taken, tell the forms apart; more only take longer
 
 
@@ -118,22 +121,51 @@ def assess(pairs: Pairs, fit: Fit, plain: Pairs | None = None) -> dict[str, Any]
     known = np.isfinite(held_out)
     turned = angles.turn(pairs.upper_east, pairs.upper_north, held_out - pairs.heading_deg)
     after = _agreement(turned[0][known], turned[1][known], choose(pairs, known))
+    before = _agreement(pairs.upper_east[known], pairs.upper_north[known], choose(pairs, known))
+    others = _of_other_days(turned[0][known], turned[1][known], choose(pairs, known))
     return {
         "before": _agreement(pairs.upper_east, pairs.upper_north, pairs),
-        "before_where_corrected": _agreement(pairs.upper_east[known], pairs.upper_north[known], choose(pairs, known)),
+        "before_where_corrected": before,
         "after": after,
-        "refuted": _refuted(after) or _misread(pairs, fit, after),
+        "rms_of_other_days_deg": others,
+        "refuted": _refuted(after, others) or _worse(before, after) or _misread(pairs, fit, after),
         "held_out": {"block_days": _block_length(pairs.time_s) / 86400.0, "folds": FOLDS, "n": int(known.sum())},
     }
 
 
-def _refuted(after: dict[str, Any]) -> str:
+def _of_other_days(east: Floats, north: Floats, pairs: Pairs) -> float | None:
+    """Return the least rms of corrected directions against trusted ones of other days, None for few pairs."""
+    if len(pairs) < FEWEST_OF_OTHER_DAYS:
+        return None
+    upper, lower = angles.direction(east, north), angles.direction(pairs.lower_east, pairs.lower_north)
+    shifts = (np.arange(1, OTHER_DAYS + 1) * len(pairs) // (OTHER_DAYS + 1)).tolist()
+    return min(angles.rms(angles.difference(upper, np.roll(lower, shift))) for shift in shifts)
+
+
+def _refuted(after: dict[str, Any], others_deg: float | None) -> str:
     """Return why held-out pairs deny the correction, nothing where they do not."""
-    if after["n"] < FEWEST_TO_REFUTE or after["rms_deg"] <= REFUTED_DEG:
+    if after["n"] < FEWEST_TO_REFUTE:
+        return ""
+    check = "so that all headings are flagged doubtful; check instruments, clocks, columns, signs and units"
+    rms = f"held-out pairs deny the correction: directions still differ by {after['rms_deg']:.0f} degrees rms"
+    if after["rms_deg"] > REFUTED_DEG:
+        return f"{rms} (unrelated ones by 104), {check}"
+    if others_deg is not None and SCATTERED_DEG < after["rms_deg"] >= others_deg:
+        return f"{rms}, and from those of other days by {others_deg:.0f}, {check}"
+    return ""
+
+
+def _worse(before: dict[str, Any], after: dict[str, Any]) -> str:
+    """Say where held-out pairs agree less after the correction than before, by more than chance."""
+    if not after["n"]:
+        return ""
+    sigma = float(np.hypot(before["rms_deg_sigma"], after["rms_deg_sigma"]))
+    if after["rms_deg"] - before["rms_deg"] <= SURE_SIGMAS * sigma:
         return ""
     return (
-        f"held-out pairs deny the correction: directions still differ by {after['rms_deg']:.0f} degrees rms (unrelated "
-        "ones by 104), so that all headings are flagged doubtful; check instruments, clocks, columns, signs and units"
+        f"on held-out pairs directions differ by {after['rms_deg']:.0f} degrees rms after the correction and by "
+        f"{before['rms_deg']:.0f} before: it makes them worse, and all headings are flagged doubtful; look for a time "
+        "when the compass was wrong"
     )
 
 

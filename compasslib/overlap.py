@@ -12,9 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib import angles, earthfield, overlap_words
+from compasslib import angles, earthfield, overlap_clock, overlap_same, overlap_words
 from compasslib.deployment import take
 from compasslib.grid import interpolate, nearest, on_grid
+from compasslib.overlap_clock import Clocks, Speeds
 from compasslib.records import GOOD, NOT_CHECKED, PROBABLY_GOOD, EarthField, Pairs, Record
 
 Floats = NDArray[np.floating]
@@ -54,7 +55,26 @@ class Point:
     depth_m: Floats
 
 
-def find(upper: Record, trusted: Sequence[Record], field: EarthField, rules: Rules) -> Pairs:
+def clocks(upper: Record, trusted: Sequence[Record], rules: Rules) -> Clocks:
+    """Return how far the two instruments' clocks are apart, and whether both records are one, by speeds of the water.
+
+    Args:
+        upper: the compromised instrument inside the deployment.
+        trusted: the trusted instrument inside the deployment, or nothing.
+        rules: distances in time and depth, bins, grid.
+    """
+    if not (trusted and len(upper.time_s) and len(trusted[0].time_s)):
+        return Clocks()
+    upper = _gridded(upper, rules)
+    velocity, depth = near_bins(upper, np.zeros(len(upper.time_s)), rules.bins)
+    cell = _trusted_cell(upper.time_s, depth, trusted[0], _sphere(upper, trusted[0]), widened(rules))
+    found = overlap_clock.compared(Speeds(upper.time_s, np.abs(velocity)), Speeds(cell.time_s, np.abs(cell.velocity)))
+    return replace(found, one_recording=overlap_same.one_recording(upper, found.put_right(trusted[0]), rules.bins))
+
+
+def find(
+    upper: Record, trusted: Sequence[Record], field: EarthField, rules: Rules, clocks: Clocks | None = None
+) -> Pairs:
     """Return the overlapping measurements on the grid, both to true north; none where there is no trusted instrument.
 
     Args:
@@ -62,15 +82,15 @@ def find(upper: Record, trusted: Sequence[Record], field: EarthField, rules: Rul
         trusted: the trusted instrument inside the deployment, or nothing.
         field: declination along time.
         rules: distances in time and depth, bins, grid.
+        clocks: how far the two are apart, to be put right first.
     """
+    clocks = clocks or Clocks()
     recorded = upper
-    lower = trusted[0] if trusted else take(upper, np.zeros(0, dtype=np.intp))
+    lower = clocks.put_right(trusted[0]) if trusted else take(upper, np.zeros(0, dtype=np.intp))
     tolerance_s = 60.0 * rules.grid_tolerance_minutes
-    chosen = on_grid(upper.time_s, step_s=60.0 * rules.grid_minutes, tolerance_s=tolerance_s)
-    upper = take(upper, chosen)
+    upper = _gridded(upper, rules)
     velocity, depth = near_bins(upper, np.zeros(len(upper.time_s)), rules.bins)
-    sphere = interpolate(upper.time_s, upper.depth_m, lower.time_s, tolerance_s=np.inf)
-    cell = _trusted_cell(upper.time_s, depth, lower, sphere, rules)
+    cell = _trusted_cell(upper.time_s, depth, lower, _sphere(upper, lower), rules)
     other = interpolate(cell.time_s, cell.velocity, upper.time_s, tolerance_s=tolerance_s)
     other_depth = interpolate(cell.time_s, cell.depth_m, upper.time_s, tolerance_s=tolerance_s)
     minutes = _minutes_to_nearest(cell.time_s, upper.time_s)
@@ -79,8 +99,8 @@ def find(upper: Record, trusted: Sequence[Record], field: EarthField, rules: Rul
     usable = close & np.isfinite(velocity) & np.isfinite(other) & np.isfinite(upper.heading_deg)
     keep = np.flatnonzero(usable & (upper.heading_quality <= PROBABLY_GOOD) & (np.abs(velocity) > 0) & (abs(other) > 0))
     found = _assemble(take(upper, keep), lower, field, (velocity, other, depth, other_depth, minutes), keep)
-    if overlap_words.identical(found):
-        said = "the two instruments recorded the same velocities: one recording was given twice, and no pair counts"
+    found = replace(found, warnings=clocks.warnings)
+    if said := clocks.one_recording or overlap_words.identical(found):
         nothing = np.zeros(0, dtype=np.intp)
         columns = tuple(column[nothing] for column in (velocity, other, depth, other_depth, minutes))
         return replace(_assemble(take(upper, nothing), lower, field, columns, nothing), warnings=(said,))
@@ -99,6 +119,16 @@ def told(name: str, pairs: Pairs) -> str:
         metres = float(np.median(np.abs(pairs.lower_depth_m - pairs.upper_depth_m)))
         line = f"{name}: {len(pairs)} overlapping pairs, {metres:.1f} m apart in the median"
     return "\n".join([line, *(f"{name}: warning: {warning}" for warning in pairs.warnings)])
+
+
+def _gridded(upper: Record, rules: Rules) -> Record:
+    step_s, tolerance_s = 60.0 * rules.grid_minutes, 60.0 * rules.grid_tolerance_minutes
+    return take(upper, on_grid(upper.time_s, step_s=step_s, tolerance_s=tolerance_s))
+
+
+def _sphere(upper: Record, lower: Record) -> Floats:
+    """Return the depth of the compromised instrument at the trusted one's times, (k,)."""
+    return interpolate(upper.time_s, upper.depth_m, lower.time_s, tolerance_s=np.inf)
 
 
 def _assemble(upper: Record, lower: Record, field: EarthField, columns: tuple, keep: NDArray[np.intp]) -> Pairs:

@@ -88,16 +88,18 @@ def _refuse_one_instrument(upper: Record, trusted: Sequence[Record]) -> None:
         raise InputError("compromised and reference", expected=expected, found=found, advice="correct files of one")
 
 
-def identical(pairs: Pairs) -> bool:
-    """Return whether the two instruments of pairs recorded the same velocities, and are therefore one.
+def identical(pairs: Pairs) -> str:
+    """Return why the two instruments of pairs are one, nothing where their velocities are not the same.
 
     Args:
         pairs: overlapping measurements.
     """
     upper, lower = (np.hypot(east, north) for east, north in _velocities(pairs))
     if len(pairs) < ENOUGH or np.ptp(upper) == 0.0:
-        return False
-    return float(np.mean(np.abs(upper - lower) < EQUAL_M_S)) > MOST_IDENTICAL
+        return ""
+    if float(np.mean(np.abs(upper - lower) < EQUAL_M_S)) <= MOST_IDENTICAL:
+        return ""
+    return "the two instruments recorded the same velocities: one recording was given twice, and no pair counts"
 
 
 def _velocities(pairs: Pairs) -> tuple[tuple[Floats, Floats], tuple[Floats, Floats]]:

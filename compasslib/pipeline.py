@@ -135,8 +135,9 @@ def _measured(task: Task) -> Measured:
     upper = _record(task, mooring.compromised)
     lower = [_record(task, mooring.reference)] if mooring.reference else []
     rules = overlap.Rules(**task.plan.cruise.options.overlap.model_dump())
+    clocks = overlap.clocks(upper, lower, rules)
     pairs, wide = (
-        _pairs(task.folder / file, overlap.find(upper, lower, field, each))
+        _pairs(task.folder / file, overlap.find(upper, lower, field, each, clocks))
         for file, each in (("overlap.nc", rules), ("wide/overlap.nc", overlap.widened(rules)))
     )
     task.say(overlap.told(task.name, pairs))

@@ -109,26 +109,13 @@ def _warnings(folder: Path, fit: Mapping[str, Any], found: Mapping[str, Any], ve
     field = archive.read_json(folder / "work/field.json")
     reasons = dict.fromkeys(why for why in (fit["why"], found["why"] * (found["verdict"] == "insufficient")) if why)
     pairs = archive.read_pairs(folder / "overlap.nc").warnings
-    refuted = [verdict["refuted"]] if verdict["refuted"] else _worse(verdict)
-    return [*refuted, *reasons, *pairs, *fit["warnings"], *_constant(fit, field), *field["warnings"]]
+    refuted = [verdict["refuted"]] if verdict["refuted"] else []
+    told = [*refuted, *reasons, *found.get("warnings", ()), *pairs]
+    return [*told, *fit["warnings"], *_constant(fit, field), *field["warnings"]]
 
 
 def _of_records(paths: Iterable[Path]) -> list[str]:
     return [f"{path.stem}: {said}" for path in paths for said in archive.read_warnings(path)]
-
-
-def _worse(verdict: Mapping[str, Any]) -> list[str]:
-    """Say where held-out pairs agree less after the correction than before, by more than chance."""
-    before, after = verdict["before_where_corrected"], verdict["after"]
-    if not after["n"]:
-        return []
-    sigma = float(np.hypot(before["rms_deg_sigma"], after["rms_deg_sigma"]))
-    if after["rms_deg"] - before["rms_deg"] <= SURE_SIGMAS * sigma:
-        return []
-    return [
-        f"on held-out pairs directions differ by {after['rms_deg']:.0f} degrees rms after the correction and by "
-        f"{before['rms_deg']:.0f} before: it makes them worse; look for a time when the compass was wrong"
-    ]
 
 
 def _constant(fit: Mapping[str, Any], field: Mapping[str, Any]) -> list[str]:

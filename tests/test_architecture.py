@@ -17,7 +17,7 @@ FLOORS = [
     ["earthfield", "compass", "grid", "plausibility", "orientation", "deployment_clock", "deployment"],
     ["observatory"],
     ["physics"],
-    ["overlap", "overlap_words"],
+    ["overlap", "overlap_clock", "overlap_same", "overlap_words"],
     ["deviation"],
     ["branches"],
     ["correction"],

@@ -245,3 +245,16 @@ def test_pairs_of_a_few_days_are_no_surer_than_they_can_be():
         off = np.abs(angles.difference(product.heading_corrected_deg, heading))
         covered.append(np.mean(off < 1.96 * product.heading_uncertainty_deg))
     assert min(covered) > 0.85
+
+
+def test_directions_that_agree_no_better_than_those_of_other_days_deny_the_correction():
+    seen, _ = pairs(MILD, n=3000, seed=5)
+    flow = angles.direction(seen.lower_east, seen.lower_north)
+    inside = (
+        np.abs(angles.difference(flow, angles.mean(flow))) < 110.0
+    )  # a mean flow rules: unrelated ones scatter less
+    seen = model.chosen(seen, inside)
+    other = replace(seen, lower_east=np.roll(seen.lower_east, 700), lower_north=np.roll(seen.lower_north, 700))
+    own, strange = (assessment.assess(x, exact.fit(x)) for x in (seen, other))
+    assert own["refuted"] == "" and own["after"]["rms_deg"] < own["rms_of_other_days_deg"]
+    assert strange["after"]["rms_deg"] < assessment.REFUTED_DEG and "of other days" in strange["refuted"]

@@ -360,6 +360,38 @@ def test_directions_read_between_samples_are_no_veer_of_the_water():
     assert any(effect == "current_veer" and "after the clocks" in why for effect, why in found.not_testable)
 
 
+@pytest.mark.parametrize("hours", [-9.0, 5.0])
+def test_a_clock_that_held_out_directions_deny_is_told_and_not_applied(monkeypatch, hours):
+    drawn = world.planted(world.make(5, wide=True, n=HOURS), {})
+    monkeypatch.setattr(clocks, "compare", lambda pairs: clocks.Clock(hours, 0.0, 0.1, 0.1, True, False))
+    found = diagnose(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn), Options())
+    assert not [one for one in found.findings if one.side == "clock"] and found.fit is None
+    assert "held-out directions agree less with it" in found.warnings[0] and found.to_json()["warnings"]
+
+
+def test_a_finding_that_held_out_days_deny_is_none():
+    denied, weak, sure = (
+        show.HeldOut(7.7, 13.2, 0.3, (-9.0, 9.0), 0.52),
+        show.HeldOut(7.7, 7.8, 2.0, (-1.0, 5.0), 0.1),
+        show.HeldOut(7.7, 7.1, 30.0, (20.0, 40.0), 0.001),
+    )
+    assert denied.refuted and not weak.refuted and not sure.refuted
+    assert show.HeldOut(7.7, 7.6, -1.0, (-9.0, 3.0), 0.6).refuted
+
+
+def test_the_rms_of_a_large_deviation_is_that_of_pairs_the_fits_have_not_seen():
+    seen, _ = pairs(FOLDED, n=2000, seed=3)
+    exact, series = (deviation.fit(method, seen) for method in ("exact", "von_appen"))
+    (finding,) = large.findings(seen, exact, series, 0.5)
+    some = fits.chosen(seen, np.arange(0, len(seen), 2))
+    assert finding.held_out.rms_after_deg == angles.rms(show.left_out(some, exact))
+    # A stretch by itself: the other half knows nothing of it.
+    first = np.arange(len(seen)) < 240
+    turned = replace(seen, heading_deg=angles.wrap360(seen.heading_deg + 60.0 * first))
+    left = show.left_out(turned, deviation.fit("exact", fits.chosen(seen, ~first)))
+    assert angles.rms(left[first]) > 2.5 * angles.rms(left[~first])
+
+
 def test_clocks_are_compared_by_pairs_further_apart_where_these_are_given():
     drawn = world.planted(world.make(5, wide=True, n=HOURS), {"clock_offset": 1.0})
     ahead = drawn.truth["clock_offset"]["hours"]

@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import sea
 from sea import FOLDED, MILD, pairs
 
-from compasslib import angles, grid, overlap, overlap_words
+from compasslib import angles, grid, overlap, overlap_clock, overlap_words
 from compasslib.errors import InputError
 from compasslib.overlap import Rules
 from compasslib.records import BAD, GOOD, EarthField, Record
@@ -128,3 +129,120 @@ def test_one_serial_number_in_the_files_of_both_is_refused():
     assert len(overlap_words.checked(seen, upper, [lower])) == len(seen)
     with pytest.raises(InputError, match="expected two instruments, found serial number 8104 in the files of both"):
         overlap_words.checked(seen, upper, [upper])
+
+
+def instruments(n=6000, *, seed=3, cell_m=4.0) -> tuple[Record, Record]:
+    """Return an upper profiler of six bins in sheared water and a meter below it, hourly, each with its own noise."""
+    rng, seen = np.random.default_rng(seed), sea.pairs(n=n, seed=seed)[0]
+    ranges = 4.0 + cell_m * np.arange(6)
+    upper, lower = record(seen.time_s, ranges=ranges), record(seen.time_s, depth=105.0, ranges=(0.0,))
+    shear = np.cumsum([sea.red_noise(rng, n, 10, 0.015) for _ in ranges], axis=0).T
+    parts = (seen.upper_east, seen.upper_north, seen.lower_east, seen.lower_north)
+    tops = [x[:, None] + shear + rng.normal(0.0, 0.012, shear.shape) for x in parts[:2]]
+    return replace(upper, east=tops[0], north=tops[1]), replace(lower, east=parts[2][:, None], north=parts[3][:, None])
+
+
+def late(lower: Record, hours) -> Record:
+    return replace(lower, time_s=lower.time_s + HOUR * np.broadcast_to(hours, lower.time_s.shape))
+
+
+@pytest.mark.parametrize("hours", [-744, -36, -12, 7, 13, 24, 120])
+def test_a_clock_that_is_hours_days_or_a_month_off_is_put_right_and_said(hours):
+    upper, lower = instruments()
+    found = overlap.clocks(upper, [late(lower, hours)], Rules())
+    assert set(found.ahead_h) == {hours}
+    said = f"the trusted clock is {abs(hours)} h {'ahead of' if hours > 0 else 'behind'} the compromised one"
+    assert said in found.warnings[0]
+    pairs, right = (
+        overlap.find(upper, [one], NORTH_FIELD, Rules(), clocks)
+        for one, clocks in ((late(lower, hours), found), (lower, None))
+    )
+    assert len(pairs) >= len(right) - abs(hours) and found.warnings[0] in pairs.warnings
+    assert np.isin(pairs.time_s, right.time_s).all()
+    at = np.searchsorted(right.time_s, pairs.time_s)
+    assert pairs.lower_east == pytest.approx(right.lower_east[at])
+
+
+@pytest.mark.parametrize(("grows", "step"), [(20.0, 0.0), (0.0, 24.0), (0.0, -9.0)])
+def test_a_clock_that_drifts_by_many_hours_or_was_set_in_between_is_put_right(grows, step):
+    upper, lower = instruments()
+    share = np.linspace(0.0, 1.0, len(lower.time_s))
+    wrong = late(lower, grows * share + step * (share > 0.4))
+    wrong = overlap_clock.take(wrong, np.argsort(wrong.time_s, kind="stable"))
+    found = overlap.clocks(upper, [wrong], Rules())
+    told = np.interp(upper.time_s, found.time_s, found.ahead_h) - grows * share - step * (share > 0.4)
+    # A drift within an hour, a setting within a day.
+    assert np.mean(np.abs(told) <= 1.0) > 0.99 and len(found.warnings) == 1
+
+
+def test_ordinary_clocks_are_left_alone_and_a_few_hours_are_left_to_the_search():
+    for seed in range(4):
+        upper, lower = instruments(1500 * (seed + 1), seed=seed)
+        for hours in (-0.4, 0.0, 0.4, 4.0):
+            assert overlap.clocks(upper, [late(lower, hours)], Rules()) == overlap_clock.Clocks()
+
+
+def test_speeds_that_have_nothing_in_common_are_said_and_nothing_is_put_right():
+    upper, other = instruments(seed=3)[0], instruments(seed=4)[1]
+    found = overlap.clocks(upper, [other], Rules())
+    assert not any(found.ahead_h) and len(found.warnings) == 1
+
+
+def test_a_tide_alone_cannot_tell_its_own_periods_apart():
+    upper, lower = instruments()
+    tide = 0.3 * np.exp(2j * np.pi * upper.time_s / HOUR / 12.4206)
+    noise = np.random.default_rng(1).normal(0.0, 0.01, (4, len(tide)))
+    upper = replace(
+        upper,
+        east=(0.1 + tide.real + noise[0])[:, None] + 0.0 * upper.east,
+        north=(tide.imag * 0.3 + noise[1])[:, None] + 0.0 * upper.north,
+    )
+    lower = replace(lower, east=(0.1 + tide.real + noise[2])[:, None], north=(tide.imag * 0.3 + noise[3])[:, None])
+    for hours in (0, 12, 25):
+        assert not any(overlap.clocks(upper, [late(lower, hours)], Rules()).ahead_h)
+
+
+OWN = {
+    "rounded to a millimetre": lambda u: meter(u, u_near(u).round(3)),
+    "rounded to a centimetre": lambda u: meter(u, u_near(u).round(2)),
+    "turned by a constant": lambda u: meter(u, u_near(u) * np.exp(0.4j)),
+    "of another unit": lambda u: meter(u, (0.1 * u_near(u)).round(4)),
+    "by another compass": lambda u: meter(u, u_near(u) * np.exp(1j * np.linspace(0.0, 60.0, len(u.time_s)))),
+    "one bin of the mean": lambda u: meter(u, velocity(u)[:, 1]),
+    "averaged over hours": lambda u: meter(u, np.convolve(u_near(u), np.ones(7) / 7.0, "same").round(3)),
+    "resampled to the half hour": lambda u: late(meter(u, (u_near(u) + np.roll(u_near(u), -1)) / 2.0), 0.5),
+    "an hour late": lambda u: late(meter(u, u_near(u)), 1.0),
+    "two days late": lambda u: late(meter(u, u_near(u)), 48.0),
+    "another bin at a wrong depth": lambda u: meter(u, velocity(u)[:, 4]),
+    "all bins": lambda u: u,
+    "its bins rolled": lambda u: replace(u, east=np.roll(u.east, 1, axis=1), north=np.roll(u.north, 1, axis=1)),
+}
+
+
+def velocity(upper: Record) -> np.ndarray:
+    return upper.east + 1j * upper.north
+
+
+def u_near(upper: Record) -> np.ndarray:
+    return velocity(upper)[:, :2].mean(axis=1)
+
+
+def meter(upper: Record, current: np.ndarray, depth: float = 105.0) -> Record:
+    made = record(upper.time_s, depth=depth, ranges=(0.0,))
+    return replace(made, east=current.real[:, None], north=current.imag[:, None])
+
+
+@pytest.mark.parametrize("what", OWN)
+def test_the_compromised_instrument_s_own_record_is_no_trusted_one(what):
+    upper, _ = instruments(1500)
+    trusted = [OWN[what](upper)]
+    found = overlap.find(upper, trusted, NORTH_FIELD, Rules(), overlap.clocks(upper, trusted, Rules()))
+    assert not len(found) and "one recording was given twice" in found.warnings[0]
+
+
+def test_two_instruments_and_a_deeper_cell_told_at_its_own_depth_are_two_recordings():
+    upper, lower = instruments(1500)
+    deeper = meter(upper, velocity(upper)[:, 2:4].mean(axis=1).round(4), depth=100.0 - 14.0)
+    near = meter(upper, u_near(upper) + np.random.default_rng(2).normal(0.0, 0.007, (1500, 2)) @ [1.0, 1.0j])
+    for trusted in (lower, deeper, near):
+        assert overlap.clocks(upper, [trusted], Rules()).one_recording == ""

@@ -508,3 +508,8 @@ def test_the_table_of_faults_names_tests_that_exist():
     assert len(named) > 30
     for file, test in named:
         assert f"def {test}(" in (PROJECT / "tests" / file).read_text(), (file, test)
+
+
+def test_what_agrees_less_after_the_correction_is_flagged(sound, tmp_path):
+    product = chain.run(spoilt(sound, tmp_path, FAULTS["a compass that hangs within three degrees"][0]))["product"]
+    assert (product.heading_corrected_quality[np.isfinite(product.heading_corrected_deg)] >= 3).all()

@@ -270,8 +270,9 @@ def _jump(held: Held, jump: tuple[float, float], sigma_deg: float, others: tuple
     off = held.residual_deg - held.quiet_deg
     unit = observatory.DAY_S if np.ptp(held.time_s) > 10 * observatory.DAY_S else observatory.HOUR_S
     block = np.floor((held.time_s - held.time_s[0]) / unit).astype(int)
-    bare, left = off - np.median(off), np.array(off)
+    bare, left = np.array(off), np.array(off)
     for fold in (0, 1):
+        bare[block % 2 == fold] -= np.median(off[block % 2 != fold]) if np.any(block % 2 != fold) else np.median(off)
         for side in (after, ~after):
             out, kept = side & (block % 2 == fold), side & (block % 2 != fold)
             if out.any() and kept.any():

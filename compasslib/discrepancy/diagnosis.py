@@ -32,6 +32,7 @@ from compasslib.discrepancy import (
 from compasslib.discrepancy.applied import Applied
 from compasslib.discrepancy.baseline import State
 from compasslib.discrepancy.case import Case
+from compasslib.discrepancy.clocks import Clock
 from compasslib.discrepancy.columns import Group
 from compasslib.discrepancy.naming import Named
 from compasslib.discrepancy.sectors import Heap
@@ -54,6 +55,15 @@ class Options:
     apply: bool = True  # whether findings on the compass side are handed to the correction
     alarm: float = 0.006  # probability that noise alone gives a name, and that it gives an unexplained mismatch
     reference_magnetic: bool = True  # whether the trusted instrument has a compass too
+
+
+@dataclass(frozen=True)
+class Repair:
+    """Pairs freed of a clock error, the compass fitted to them, and what was found."""
+
+    pairs: Pairs
+    fit: Fit
+    findings: list[Finding]
 
 
 @dataclass(frozen=True)
@@ -108,24 +118,48 @@ def diagnose(
     exact = deviation.fit("exact", pairs) if is_series else fit
     first = [] if not is_series else large.findings(pairs, exact, fit, options.min_effect_deg)
     clock = clocks.compare(pairs if wide is None else wide)
-    if clock.named:
-        again = clocks.repaired(pairs, clock)
-        kept = clocks.kept(pairs, again)
+    repair, doubted = _repaired(pairs, exact, clock)
+    if repair is not None:
+        kept = clocks.kept(pairs, repair.pairs)
         logged = {name: column[kept] for name, column in logged.items()}
-        first += findings.of_clock(pairs, again, exact, clock)
-        pairs, exact = again, deviation.fit(exact.method, again, exact, dip_ratio=exact.dip_ratio)
+        first += repair.findings
+        pairs, exact = repair.pairs, repair.fit
     case = mooring.case(pairs, logged, exact, field, reference_magnetic=options.reference_magnetic)
-    if clock.named:
+    if repair is not None:
         case = _without_direction(case)
     if is_series:  # it was looked for already
         case = replace(case, not_testable=tuple(one for one in case.not_testable if one[0] != "large_deviation"))
-    found = _joined(first, judge(case, options))
+    found = replace(_joined(first, judge(case, options)), warnings=doubted)
     if not options.apply:
         return replace(found, findings=tuple(replace(one, applied=False) for one in found.findings))
     if found.applied is not None:
         found = replace(found, applied=applied.no_surer(found.applied, exact))
     counts = any(one.applied or (one.beside_compass and not is_series) for one in found.findings)
     return replace(found, fit=exact) if counts else replace(found, applied=None)
+
+
+def _repaired(pairs: Pairs, fit: Fit, clock: Clock) -> tuple[Repair | None, tuple[str, ...]]:
+    """Return the pairs freed of a clock error, and what is to be said where held-out directions deny it."""
+    if not clock.named:
+        return None, ()
+    again = clocks.repaired(pairs, clock)
+    if not (short := len(again) < FEWEST):
+        freed = deviation.fit(fit.method, again, _near(fit), dip_ratio=fit.dip_ratio)
+        told = findings.of_clock(pairs, again, (fit, freed), clock)
+        if freed.fitted and not any(one.held_out.refuted for one in told):
+            return Repair(again, freed, told), ()
+    why = "too few pairs are left with it" if short else "held-out directions agree less with it"
+    hours = clock.ahead_s(pairs.time_s)[[0, -1]] / clocks.HOUR_S
+    said = (
+        f"by the speeds the two clocks are {hours[0]:+.1f} h apart at the begin and {hours[1]:+.1f} h at the end, but "
+        f"{why}: nothing was put right; check clocks, time zones and dates of both"
+    )
+    return None, (said,)
+
+
+def _near(fit: Fit) -> Fit | None:
+    """Return what a fit without the clock's error starts from: anew, or a calibration that no pair changes."""
+    return fit if fit.method == "calibration" else None
 
 
 def _without_direction(case: Case) -> Case:
@@ -165,7 +199,8 @@ def judge(case: Case, options: Options) -> Diagnosis:
     named = doubts.or_water(naming.led(named, options.min_effect_deg))
     left = rest.worth[0] if rest.worth else unproven
     every = findings.of_terms(named)
-    found = tuple(sorted(every, key=lambda one: -one.rms_effect_deg))
+    stands = [one for one in every if not one.held_out.refuted]
+    found = tuple(sorted(stands, key=lambda one: -one.rms_effect_deg))
     names = [one.effect for one in found]
     unexplained = _unexplained(named.state, left, heap, options.min_effect_deg, names)
     detectable = _detectable(named)

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib import angles, compass, observatory
-from compasslib.deviation.model import Fit, nearest_root, observed_heading
+from compasslib import angles, observatory
+from compasslib.deviation.model import Fit, observed_heading
 from compasslib.discrepancy import model, show, stuck, telling, verdict, whitening
 from compasslib.discrepancy.baseline import State
 from compasslib.discrepancy.case import Case
@@ -75,22 +75,19 @@ def _of_term(state: State, k: int, alternatives: tuple[str, ...], covariance: Fl
     )
 
 
-def of_clock(before: Pairs, after: Pairs, fit: Fit, clock: Clock) -> list[Finding]:
-    """Return the findings on the clocks, with what re-pairing does to the residual.
-
-    The clock comes from the speeds alone, so that every direction is held out from it.
+def of_clock(before: Pairs, after: Pairs, fits: tuple[Fit, Fit], clock: Clock) -> list[Finding]:
+    """Return the findings on the clocks, with what re-pairing does to the residual of fits that have not seen it.
 
     Args:
         before: pairs as they were.
         after: pairs with the trusted instrument read at the true times.
-        fit: the exact compass.
+        fits: the compass fitted to these and to those.
         clock: the named error.
     """
     same = kept(before, after)
-    first, second = observed_heading(before)[same], observed_heading(after)
-    moved = angles.difference(second, first)
-    roots = compass.inverse(fit.coefficients, after.heading_deg)
-    left = [angles.difference(shown, nearest_root(roots, shown)) for shown in (first, second)]
+    moved = angles.difference(observed_heading(after), observed_heading(before)[same])
+    left = [show.left_out(pairs, fit) for pairs, fit in zip((before, after), fits, strict=True)]
+    left[0] = left[0][same]
     width = whitening.widths(left[1], np.zeros(len(after)))
     proof = show.compared(left[0], left[1], width, after.time_s)
     size = 1.4826 * float(np.median(np.abs(moved)))  # robust: slow water may point anywhere

@@ -38,8 +38,8 @@ def findings(pairs: Pairs, fit: Fit, series: Fit, min_effect_deg: float) -> list
     size, lost = angles.rms(angles.difference(by_exact, by_series)), float(np.mean(~np.isfinite(by_series)))
     if not (size >= min_effect_deg or lost > 0.02):
         return []
-    proof = _held_out(pairs, fit, by_exact, by_series)
-    if proof.p_value > SURE:
+    proof = _held_out(pairs, fit, series)
+    if proof.p_value > SURE or proof.refuted:
         return []
     said = telling.finding(
         "large_deviation",
@@ -56,13 +56,12 @@ def findings(pairs: Pairs, fit: Fit, series: Fit, min_effect_deg: float) -> list
     return [Finding("large_deviation", "compass", (), place, span, share, size, proof, said, applied=True)]
 
 
-def _held_out(pairs: Pairs, fit: Fit, by_exact: Floats, by_series: Floats) -> HeldOut:
+def _held_out(pairs: Pairs, fit: Fit, series: Fit) -> HeldOut:
     """Return the gain of the exact compass over the best series on blocks that neither was fitted to."""
     some = model.chosen(pairs, np.arange(0, len(pairs), max(1, len(pairs) // PAIRS)))
     block = np.floor((some.time_s - some.time_s[0]) / show.BLOCK_S).astype(int)
     scores = [
         exact.held_out_scores(form, some, block % 2, near) for form, near in ((SeriesInCorrect(), None), (EXACT, fit))
     ]
-    observed = model.observed_heading(pairs)
-    before, after = (angles.rms(angles.difference(observed, x)) for x in (by_series, by_exact))
-    return show.judged(scores[1] - scores[0], block, (before, after))
+    left = [show.left_out(some, near) for near in (series, fit)]
+    return show.judged(scores[1] - scores[0], block, (angles.rms(left[0]), angles.rms(left[1])))

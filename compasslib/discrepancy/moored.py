@@ -54,4 +54,5 @@ def told(name: str, found: Diagnosis) -> str:
     said = [finding.text for finding in found.findings]
     said += [found.unexplained.text] if found.unexplained else []
     said += [found.why] if found.why else []
+    said += [f"warning: {warning}" for warning in found.warnings]
     return "\n".join([f"{name}: {found.verdict}", *(textwrap.indent(text, "  ") for text in said)])

@@ -12,15 +12,22 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib import angles
+from compasslib import angles, compass, deviation
+from compasslib.deviation import model as fits
+from compasslib.deviation import von_appen
+from compasslib.deviation.model import Fit
 from compasslib.discrepancy import whitening
 from compasslib.discrepancy.baseline import State
+from compasslib.records import Pairs
 
 Floats = NDArray[np.floating]
 
 BLOCK_S = 10 * 86400.0
 FOLDS, REPEATS = 5, 1000
+PROVEN = 0.05  # p-value on held-out days above which a finding does not touch the product
+WORSE = 1.1  # growth of the rms that is no chance of weights: the score, which is judged, clips outliers
 BINS, FEWEST_IN_BIN = 18, 10
+LOST_DEG = 90.0  # residual of a heading that a fit cannot give
 MEMORY_S = 2 * 86400.0  # the residual's own memory, for the error of a bin
 
 
@@ -33,6 +40,11 @@ class HeldOut:
     gain: float  # log score, all held-out samples together
     gain_interval: tuple[float, float]  # 95 %, from the blocks
     p_value: float  # share of drawn blocks whose gain is not positive
+
+    @property
+    def refuted(self) -> bool:
+        """Whether held-out data deny what was found rather than confirm it: they agree worse with it."""
+        return self.gain < 0.0 or (self.p_value >= PROVEN and self.rms_after_deg > WORSE * self.rms_before_deg)
 
     def to_json(self) -> dict[str, object]:
         """Return it for diagnosis.json."""
@@ -76,6 +88,30 @@ def held_out(state: State, which: Sequence[int]) -> HeldOut:
         rms_deg.append(angles.rms(total - np.sum(state.base[:, kept] * fitted, axis=1)))
     each = (left[0] ** 2 - left[1] ** 2) * state.response**2 / (2.0 * state.sigma**2)
     return judged(each, block, (rms_deg[0], rms_deg[1]))
+
+
+def left_out(pairs: Pairs, fit: Fit) -> Floats:
+    """Return the observed heading minus that of a fit of the same method to the other half of the blocks, (n,) degrees.
+
+    What no heading explains is as far off as chance takes it.
+
+    Args:
+        pairs: overlapping measurements.
+        fit: to all of them.
+    """
+    block = np.floor((pairs.time_s - pairs.time_s[0]) / BLOCK_S).astype(int)
+    observed, left = fits.observed_heading(pairs), np.full(len(pairs), LOST_DEG)
+    for out in (block % 2 == 0, block % 2 == 1):
+        again = deviation.fit(fit.method, fits.chosen(pairs, ~out), fit)
+        if again.fitted:
+            left[out] = angles.difference(observed, _corrected(again, pairs, observed))[out]
+    return np.where(np.isfinite(left), left, LOST_DEG)
+
+
+def _corrected(fit: Fit, pairs: Pairs, observed_deg: Floats) -> Floats:
+    if fit.method == "von_appen":
+        return von_appen.invert(fit.coefficients, pairs.heading_deg)
+    return fits.nearest_root(compass.inverse(fit.coefficients, pairs.heading_deg), observed_deg)
 
 
 def compared(before_deg: Floats, after_deg: Floats, width_deg: Floats, time_s: Floats) -> HeldOut:

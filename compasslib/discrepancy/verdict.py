@@ -138,6 +138,7 @@ class Diagnosis:
     detectable_deg: Mapping[str, float] = field(default_factory=dict)  # visible size that each effect needs to be named
     hypotheses: tuple[Ranked, ...] = ()  # the best first
     threshold: Mapping[str, float] = field(default_factory=dict)  # scores that noise alone hardly exceeds
+    warnings: tuple[str, ...] = ()  # sentences for the summary
 
     def to_json(self) -> dict[str, Any]:
         """Return diagnosis.json."""
@@ -155,6 +156,7 @@ class Diagnosis:
             "detectable_deg": dict(self.detectable_deg),
             "hypotheses": [vars(one) for one in self.hypotheses],
             "threshold": dict(self.threshold),
+            "warnings": list(self.warnings),
         }
 
 

@@ -11,6 +11,7 @@ with job(snakemake) as say:
     say(earthfield.told(name, field := earthfield.from_json(archive.read_json(out.field))))
     upper, lower = archive.read_record(snakemake.input.upper), [archive.read_record(x) for x in snakemake.input.lower]
     made = provenance.origin("pairs found", [snakemake.input.upper, *snakemake.input.lower])
+    clocks = overlap.clocks(upper, lower, rules)
     for file, each in ((out.wide, overlap.widened(rules)), (out.pairs, rules)):
-        archive.write_pairs(file, pairs := overlap.find(upper, lower, field, each), attributes=made)
+        archive.write_pairs(file, pairs := overlap.find(upper, lower, field, each, clocks), attributes=made)
     say(overlap.told(name, pairs))

@@ -11,11 +11,12 @@ from compasslib.calibration.series import SMITH, Points
 from compasslib.deviation import von_appen
 from compasslib.discrepancy import show
 from compasslib.discrepancy.recordings import telling
+from compasslib.discrepancy.show import HeldOut
 from compasslib.discrepancy.verdict import Finding
 
 Floats = NDArray[np.floating]
 
-REPEATS = 400
+REPEATS, FOLDS = 400, 5
 CLEARLY = 6.0  # twice the log likelihood by which the series must be better to stand for the compass
 
 
@@ -35,11 +36,22 @@ def findings(seen: Points, min_effect_deg: float, alarm: float) -> list[Finding]
     size = angles.rms(left[0] - left[1])
     if size < min_effect_deg or _probability(seen, _ratio(seen, left)) > alarm:
         return []
-    block = np.arange(len(seen))
-    scale = max(angles.rms(left[1]), 1e-3)
-    gains = np.minimum(left[0] ** 2, (10.0 * scale) ** 2) - np.minimum(left[1] ** 2, (10.0 * scale) ** 2)
-    proof = show.judged(gains / (2.0 * scale**2), block, (angles.rms(left[0]), angles.rms(left[1])))
-    return [telling.large(size, proof, "the five-term series")]
+    proof = _held_out(seen, max(angles.rms(left[1]), 1e-3))
+    return [] if proof.refuted else [telling.large(size, proof, "the five-term series")]
+
+
+def _held_out(seen: Points, scale_deg: float) -> HeldOut:
+    """Return the gain of the exact compass over the series on readings that neither was fitted to."""
+    fold, left = np.arange(len(seen)) % FOLDS, np.full((2, len(seen)), np.nan)
+    for k in range(FOLDS):
+        both = _residuals(seen, fold != k)
+        if both is not None:
+            left[:, fold == k] = np.stack(both)[:, fold == k]
+    known = np.isfinite(left).all(axis=0)
+    left = left[:, known]
+    squares = np.minimum(left**2, (10.0 * scale_deg) ** 2)
+    gains = (squares[0] - squares[1]) / (2.0 * scale_deg**2)
+    return show.judged(gains, np.flatnonzero(known), (angles.rms(left[0]), angles.rms(left[1])))
 
 
 def series_fits_better(seen: Points) -> bool:
@@ -52,9 +64,12 @@ def series_fits_better(seen: Points) -> bool:
     return left is None or _ratio(seen, left) < -CLEARLY
 
 
-def _residuals(seen: Points) -> tuple[Floats, Floats] | None:
-    """Return what the best series and the best exact compass leave of the correct heading, (n,) each."""
-    solved, five = exact_curve.solve(seen), SMITH.solve(seen)
+def _residuals(seen: Points, fitted: NDArray[np.bool_] | None = None) -> tuple[Floats, Floats] | None:
+    """Return what the best series and the best exact compass (of some readings) leave of the correct heading, (n,)."""
+    some = (
+        seen if fitted is None else Points(seen.recorded_deg[fitted], seen.deviation_deg[fitted], seen.weight[fitted])
+    )
+    solved, five = exact_curve.solve(some), SMITH.solve(some)
     if solved is None or five is None:
         return None
     by_series = angles.wrap180(seen.deviation_deg - von_appen.design(seen.recorded_deg) @ five.coefficients)
@@ -63,7 +78,8 @@ def _residuals(seen: Points) -> tuple[Floats, Floats] | None:
     nearest = np.argmin(np.where(np.isfinite(off), np.abs(off), np.inf), axis=1)
     by_exact = off[np.arange(len(off)), nearest]
     slope = -1.0 / exact_curve.steepness(solved.coefficients, seen)
-    return by_series, np.where(np.isfinite(by_exact), by_exact, slope * solved.residual_deg)
+    lost = slope * solved.residual_deg if fitted is None else np.full(len(seen), show.LOST_DEG)
+    return by_series, np.where(np.isfinite(by_exact), by_exact, lost)
 
 
 def _ratio(seen: Points, left: tuple[Floats, Floats]) -> float:

@@ -94,13 +94,21 @@ def _compared(less: Fitted, fitted: Fitted, terms: Sequence[Term]) -> HeldOut:
     """Return the gain of a fit over one with fewer parameters on held-out stretches."""
     block = fitting.stretches(fitted)
     folds = min(FOLDS, block.max() + 1) if not fitted.channel.independent else block.max() + 1
-    before, after = _left_out(less, terms, block, folds), _left_out(fitted, fitted.terms, block, folds)
+    before, after = left_out(less, terms, block, folds), left_out(fitted, fitted.terms, block, folds)
     scale = max(1.4826 * float(np.median(np.abs(before))), fitting.FINEST_DEG)
     squares = [np.minimum(np.abs(left) / scale, fitting.CLIP) ** 2 for left in (before, after)]
     return show.judged((squares[0] - squares[1]) / 2.0, block, (angles.rms(before), angles.rms(after)))
 
 
-def _left_out(fitted: Fitted, terms: Sequence[Term], block: NDArray[np.intp], folds: int) -> Floats:
+def left_out(fitted: Fitted, terms: Sequence[Term], block: NDArray[np.intp], folds: int) -> Floats:
+    """Return the residual of each stretch by a fit to the others, (n,) degrees.
+
+    Args:
+        fitted: to start from.
+        terms: what is fitted beside the base.
+        block: number of the stretch, (n,).
+        folds: so many stretches after another are in different folds.
+    """
     left = np.empty(len(fitted.channel))
     for fold in range(folds):
         out = block % folds == fold
@@ -238,9 +246,11 @@ def diagnosis(
         not_testable: effects and reasons.
         separated_by: an observation that this kind of recording always lacks, said beside a finding.
     """
-    found = _once([*beside, *(finding for part in parts for finding in findings(part))])
+    every = [*beside, *(finding for part in parts for finding in findings(part))]
+    found = _once([one for one in every if not one.held_out.refuted])
     left = [unexplained(part, min_effect_deg) for part in parts]
-    open_ = max((one for one, _ in left if one), key=lambda one: one.rms_effect_deg, default=None)
+    denied = [_unconfirmed(one) for one in every if one.held_out.refuted]
+    open_ = max([*(one for one, _ in left if one), *denied], key=lambda one: one.rms_effect_deg, default=None)
     small = {k: v for part in parts for k, v in part.negligible} | {k: v for _, more in left for k, v in more}
     told = [telling.separated_by(f.effect, f.alternatives) for f in found if f.alternatives]
     if separated_by and any(f.side == "compass" for f in found):
@@ -256,6 +266,12 @@ def diagnosis(
         curves=_curves(parts, found, open_),
         hypotheses=_ranked(parts),
     )
+
+
+def _unconfirmed(one: Finding) -> Unexplained:
+    """Return a mismatch that is proven where it was fitted, and whose name held-out readings deny."""
+    told = telling.unexplained(one.where.text, one.rms_effect_deg, [])
+    return Unexplained((one.where.covariate,), one.where, one.when_s, one.rms_effect_deg, (), told)
 
 
 def _ranked(parts: Sequence[Named]) -> tuple[Ranked, ...]:

@@ -12,7 +12,7 @@ from compasslib.calibration.result import Calibration
 from compasslib.deviation import von_appen
 from compasslib.discrepancy import show
 from compasslib.discrepancy.diagnosis import Options
-from compasslib.discrepancy.recordings import fitting, telling, testing
+from compasslib.discrepancy.recordings import fitting, report, telling, testing
 from compasslib.discrepancy.recordings.fitting import Fitted
 from compasslib.discrepancy.recordings.swing_terms import Carried, LateCourse
 from compasslib.discrepancy.recordings.swing_track import KNOT_M_S
@@ -95,10 +95,12 @@ def too_large(bare: Fitted, exact: Fitted, options: Options) -> list[Finding]:
     tested = testing.test(series, exact, [Group("large_deviation", apart[:, None])])
     if not tested or tested[0].p_value > options.alarm:
         return []
-    squares = [np.minimum(np.abs(one.residual_deg) / exact.scale_deg, fitting.CLIP) ** 2 for one in (series, exact)]
-    gain = (squares[0] - squares[1]) / 2.0
-    rms = (angles.rms(series.residual_deg), angles.rms(exact.residual_deg))
-    return [telling.large(angles.rms(apart), show.judged(gain, fitting.stretches(exact), rms), series.channel.what)]
+    block = fitting.stretches(exact)
+    folds = min(report.FOLDS, block.max() + 1)
+    left = [report.left_out(one, exact.terms, block, folds) for one in (series, exact)]
+    squares = [np.minimum(np.abs(one) / exact.scale_deg, fitting.CLIP) ** 2 for one in left]
+    proof = show.judged((squares[0] - squares[1]) / 2.0, block, (angles.rms(left[0]), angles.rms(left[1])))
+    return [] if proof.refuted else [telling.large(angles.rms(apart), proof, series.channel.what)]
 
 
 def _beyond_series(coefficients: Floats) -> float:

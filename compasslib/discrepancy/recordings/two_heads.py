@@ -211,20 +211,29 @@ def _of_clock(aligned: Aligned, min_effect_deg: float) -> list[Finding]:
 
 def _proof(aligned: Aligned) -> HeldOut:
     """Return what the found clock does to the difference of the headings; the clock comes from rates, not from it."""
-    left = {}
+    left, rms_deg = {}, {}
     for name, pairs in (("before", aligned.told), ("after", aligned.found)):
-        if len(pairs) < two_heads.FEWEST:
-            return HeldOut(float("nan"), _scatter(aligned.found), 0.0, (0.0, 0.0), 1.0)
-        off = angles.difference(pairs.recorded_b, pairs.recorded_a)
-        left[name] = dict(zip(pairs.time_s.tolist(), angles.difference(off, float(angles.mean(off))), strict=True))
+        off = _about_others(angles.difference(pairs.recorded_b, pairs.recorded_a), pairs.time_s)
+        rms_deg[name] = angles.rms(off) if len(off) >= two_heads.FEWEST else float("nan")
+        left[name] = dict(zip(pairs.time_s.tolist(), off, strict=True))
     same = sorted(set(left["before"]) & set(left["after"]))
     if len(same) < two_heads.FEWEST:
-        return HeldOut(_scatter(aligned.told), _scatter(aligned.found), 0.0, (0.0, 0.0), 1.0)
+        return HeldOut(rms_deg["before"], rms_deg["after"], 0.0, (0.0, 0.0), 1.0)
     before, after = (np.array([left[name][t] for t in same]) for name in ("before", "after"))
     width = max(1.4826 * float(np.median(np.abs(before))), fitting.FINEST_DEG)
     squares = [np.minimum(np.abs(x) / width, fitting.CLIP) ** 2 for x in (before, after)]
     block = heads_motion.blocks(np.array(same), fitting.MOST_BLOCKS)
     return show.judged((squares[0] - squares[1]) / 2.0, block, (angles.rms(before), angles.rms(after)))
+
+
+def _about_others(off_deg: Floats, time_s: Floats) -> Floats:
+    """Return differences about the mean of the other half of the stretches, (n,) degrees."""
+    if not len(off_deg):
+        return off_deg
+    left, odd = np.array(off_deg), heads_motion.blocks(time_s, fitting.MOST_BLOCKS) % 2 == 1
+    for out in (odd, ~odd):
+        left[out] = angles.difference(off_deg[out], float(angles.mean(off_deg[~out] if (~out).any() else off_deg)))
+    return left
 
 
 def _of_iron(named: Named, min_effect_deg: float) -> list[Finding]:
