@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from compasslib import angles
 from compasslib.errors import InputError
+from compasslib.calibration import swing_time
 from compasslib.readers import nmea, table_cells
 
 Floats = NDArray[np.floating]
@@ -60,6 +61,8 @@ class Observations:
     water_speed_kn: Floats  # (n,) by the ship's log, NaN where absent
     time_s: Floats  # (n,) UTC seconds since 1970, NaN where absent
     turn_deg_s: Floats  # (n,) over the 20 s before, 0 without times
+    steady_turn_deg_s: Floats  # (n,) over the minute about it, quick turns left out; 0 without times
+    settled_deg: Floats  # (n,) recorded headings, means over 20 s
     place: tuple[float, float] | None = None  # latitude, longitude, where the log has them
     variation_deg: float = float("nan")  # declination that the log states
     left_out: Mapping[str, int] = field(default_factory=dict)
@@ -104,20 +107,22 @@ def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Observatio
         return known
     order = np.argsort(known.time_s, kind="stable")
     known = replace(known, **{f.name: getattr(known, f.name)[order] for f in fields(known) if f.type == "Floats"})
-    turning = replace(known, turn_deg_s=_turn(known.time_s, known.recorded_deg))
-    slow = np.abs(turning.turn_deg_s) <= options.max_turn_deg_s
-    return turning.keep(slow, f"turning quicker than {options.max_turn_deg_s:g} degrees a second, or just after")
+    turned = np.cumsum(np.append(known.recorded_deg[:1], angles.difference(known.recorded_deg[1:], known.recorded_deg[:-1])))
+    turn = _turn(known.time_s, turned)
+    slow = np.abs(turn) <= options.max_turn_deg_s
+    steady, settled = swing_time.settled(known.time_s, turned, turn, slow)
+    known = replace(known, turn_deg_s=turn, steady_turn_deg_s=steady, settled_deg=angles.wrap360(settled))
+    return known.keep(slow, f"turning quicker than {options.max_turn_deg_s:g} degrees a second, or just after")
 
 
-def _turn(time_s: Floats, recorded_deg: Floats) -> Floats:
+def _turn(time_s: Floats, turned_deg: Floats) -> Floats:
     """Return the rate of turn over the seconds before each sample; the earliest known one where there are too few."""
-    unwrapped = np.cumsum(np.append(0.0, angles.difference(recorded_deg[1:], recorded_deg[:-1])))
     before = np.searchsorted(time_s, time_s - TURN_WINDOW_S, side="left")
     lasted = time_s - time_s[before]
     known = lasted >= TURN_WINDOW_S / 2.0
     if not known.any():
         return np.zeros(time_s.shape)
-    return np.interp(time_s, time_s[known], ((unwrapped - unwrapped[before])[known]) / lasted[known])
+    return np.interp(time_s, time_s[known], (turned_deg - turned_deg[before])[known] / lasted[known])
 
 
 def _logs(paths: list[Path], settings: Mapping[str, Any]) -> Observations:
@@ -134,6 +139,8 @@ def _logs(paths: list[Path], settings: Mapping[str, Any]) -> Observations:
         water_speed_kn=empty if "water_speed_kn" in withheld else log.water_speed_kn,
         time_s=empty if "time_utc" in withheld else log.time_s,
         turn_deg_s=np.zeros(log.time_s.shape),
+        steady_turn_deg_s=np.zeros(log.time_s.shape),
+        settled_deg=log.heading_deg,
         place=(float(np.median(log.latitude[places])), float(log.longitude[places][0])) if places.any() else None,
         variation_deg=float(np.median(log.variation_deg[np.isfinite(log.variation_deg)]))
         if np.isfinite(log.variation_deg).any()
@@ -157,6 +164,8 @@ def _tables(paths: list[Path], settings: Mapping[str, Any]) -> Observations:
         water_speed_kn=columns.get("water_speed_kn", empty),
         time_s=columns.get("time_utc", empty),
         turn_deg_s=np.zeros(empty.shape),
+        steady_turn_deg_s=np.zeros(empty.shape),
+        settled_deg=columns["compass_deg"],
         warnings=("both true_deg and cog_deg are there: the true heading is used, the course is not",) if both else (),
     )
 
