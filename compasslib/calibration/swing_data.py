@@ -110,7 +110,7 @@ def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Observatio
     turned = np.cumsum(np.append(known.recorded_deg[:1], angles.difference(known.recorded_deg[1:], known.recorded_deg[:-1])))
     turn = _turn(known.time_s, turned)
     slow = np.abs(turn) <= options.max_turn_deg_s
-    steady, settled = swing_time.settled(known.time_s, turned, turn, slow)
+    steady, settled = swing_time.settled(known.time_s, turned, slow)
     known = replace(known, turn_deg_s=turn, steady_turn_deg_s=steady, settled_deg=angles.wrap360(settled))
     return known.keep(slow, f"turning quicker than {options.max_turn_deg_s:g} degrees a second, or just after")
 

@@ -29,32 +29,42 @@ def smoothed(values: Floats, time_s: Floats, window_s: float) -> Floats:
     return (total[last] - total[first]) / (last - first)
 
 
-def settled(
-    time_s: Floats, turned_deg: Floats, turn_deg_s: Floats, slow: NDArray[np.bool_]
-) -> tuple[Floats, Floats]:
-    """Return the rate of turn, the slope over each minute of slow turning, and headings averaged over 20 s, (n,) each.
+def settled(time_s: Floats, turned_deg: Floats, slow: NDArray[np.bool_]) -> tuple[Floats, Floats]:
+    """Return the rate of turn, the slope over the minute about each, and headings averaged over 20 s, (n,) each.
 
-    Where less than 20 s hang together rate and heading stay as they were. A difference of readings would not do: a
+    Where less than 20 s hang together it is the rate over the minute about each sample, and the heading as it was. A difference of readings would not do: a
     compass's noise stands in it and in the deviation, and looks like a delay. Nor would single readings as the place
     on the curve: what the water does and what the compass does are alike only on the same headings.
 
     Args:
         time_s: (n,) increasing.
         turned_deg: recorded headings, not wrapped, (n,).
-        turn_deg_s: rate of turn by a difference of readings, (n,).
         slow: which are not in a quick turn, (n,).
     """
     apart = (np.diff(time_s) > APART_S) | (np.diff(slow.astype(int)) != 0)
-    rate, mean = turn_deg_s.copy(), turned_deg.copy()
+    ends = np.clip(np.stack([time_s - STEADY_S / 2.0, time_s + STEADY_S / 2.0]), time_s[0], time_s[-1])
+    rate = np.diff(np.interp(ends, time_s, turned_deg), axis=0)[0] / np.maximum(np.diff(ends, axis=0)[0], 1.0)
+    rate, mean = np.where(_often(time_s), rate, 0.0), turned_deg.copy()
     for run in np.split(np.arange(len(time_s)), np.flatnonzero(apart) + 1):
-        lasted = float(np.ptp(time_s[run]))
-        minute = np.floor((time_s[run] - time_s[run[0]]) * max(lasted // STEADY_S, 1.0) / (lasted + 1.0))
-        for each in (run[minute == k] for k in np.unique(minute) if lasted >= BLOCK_S):
-            since = time_s[each] - np.mean(time_s[each])
-            rate[each] = since @ turned_deg[each] / max(float(since @ since), 1.0)
-            on = rate[each] * since
-            mean[each] = on + smoothed(turned_deg[each] - on, time_s[each], BLOCK_S)
+        if np.ptp(time_s[run]) >= BLOCK_S:
+            rate[run], mean[run] = _in_one_run(time_s[run] - time_s[run[0]], turned_deg[run])
     return rate, mean
+
+
+def _in_one_run(since_s: Floats, turned_deg: Floats) -> tuple[Floats, Floats]:
+    """Return rate of turn and mean heading; near the ends the rate of the nearest minute that lies whole in the run."""
+    at, on, square, both = (
+        smoothed(x, since_s, STEADY_S)
+        for x in (since_s, turned_deg - turned_deg[0], since_s**2, since_s * (turned_deg - turned_deg[0]))
+    )
+    slope = (both - at * on) / np.maximum(square - at**2, 1.0)
+    half = min(STEADY_S, float(since_s[-1])) / 2.0
+    rate = np.interp(np.clip(since_s, half, since_s[-1] - half), since_s, slope)
+    return rate, smoothed(turned_deg, since_s, BLOCK_S) + rate * (since_s - smoothed(since_s, since_s, BLOCK_S))
+
+
+def _often(time_s: Floats) -> bool:
+    return bool(np.median(np.diff(time_s)) <= APART_S) if len(time_s) > 1 else False
 
 
 def since_middle(time_s: Floats) -> Floats:
