@@ -11,14 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles
-from compasslib.errors import InputError
 from compasslib.calibration import swing_time
+from compasslib.errors import InputError
 from compasslib.readers import nmea, table_cells
 
 Floats = NDArray[np.floating]
 
 ROLES = ("compass_deg", "cog_deg", "true_deg", "speed_kn", "water_speed_kn", "time_utc")
 SENTENCES = {"compass_deg": "HDG", "cog_deg": "RMC"}  # what stands for a header in an NMEA log
+BOUNDS = {"deg": (-180.0, 360.0), "kn": (0.0, nmea.FASTEST_KN)}
 TURN_WINDOW_S = 20.0  # a receiver's filter and a compass card settle in this time
 
 
@@ -107,7 +108,9 @@ def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Observatio
         return known
     order = np.argsort(known.time_s, kind="stable")
     known = replace(known, **{f.name: getattr(known, f.name)[order] for f in fields(known) if f.type == "Floats"})
-    turned = np.cumsum(np.append(known.recorded_deg[:1], angles.difference(known.recorded_deg[1:], known.recorded_deg[:-1])))
+    turned = np.cumsum(
+        np.append(known.recorded_deg[:1], angles.difference(known.recorded_deg[1:], known.recorded_deg[:-1]))
+    )
     turn = _turn(known.time_s, turned)
     slow = np.abs(turn) <= options.max_turn_deg_s
     steady, settled = swing_time.settled(known.time_s, turned, slow)
@@ -130,7 +133,7 @@ def _logs(paths: list[Path], settings: Mapping[str, Any]) -> Observations:
     log = nmea.read(paths, heading=str(named["compass_deg"]), course=str(named["cog_deg"]))
     withheld = set(settings.get("withhold") or ())
     over_ground = "true_deg" not in named
-    empty, places = np.full(log.time_s.shape, np.nan), np.isfinite(log.latitude)
+    empty, places = np.full(log.time_s.shape, np.nan), np.isfinite(log.latitude + log.longitude)
     return Observations(
         recorded_deg=log.heading_deg,
         course_deg=log.course_deg if over_ground else log.true_heading_deg,
@@ -141,12 +144,18 @@ def _logs(paths: list[Path], settings: Mapping[str, Any]) -> Observations:
         turn_deg_s=np.zeros(log.time_s.shape),
         steady_turn_deg_s=np.zeros(log.time_s.shape),
         settled_deg=log.heading_deg,
-        place=(float(np.median(log.latitude[places])), float(log.longitude[places][0])) if places.any() else None,
+        place=_middle(log.latitude[places], log.longitude[places]) if places.any() else None,
         variation_deg=float(np.median(log.variation_deg[np.isfinite(log.variation_deg)]))
         if np.isfinite(log.variation_deg).any()
         else float("nan"),
         warnings=log.warnings,
     )
+
+
+def _middle(latitude: Floats, longitude: Floats) -> tuple[float, float]:
+    """Return the median position, across the date line too."""
+    middle = longitude[0] + np.median(angles.difference(longitude, longitude[0]))
+    return float(np.median(latitude)), float(angles.wrap180(middle))
 
 
 def _tables(paths: list[Path], settings: Mapping[str, Any]) -> Observations:
@@ -183,7 +192,20 @@ def _columns(path: Path, settings: Mapping[str, Any]) -> dict[str, Floats]:
     if not {"cog_deg", "true_deg"} & set(there):
         raise _absent(path, "column of the course over ground (cog_deg) or of the true heading (true_deg)", names)
     parsed = table_cells.columns_of(path, there)
+    for role in (role for role in parsed if role != "time_utc"):
+        _bounded(path, f"column {there[role]!r} ({role})", parsed[role], BOUNDS[role.rpartition("_")[2]])
     return {role: angles.wrap360(values) if role.endswith("_deg") else values for role, values in parsed.items()}
+
+
+def _bounded(path: Path, what: str, values: Floats, bounds: tuple[float, float]) -> None:
+    beyond = values[(values < bounds[0]) | (values > bounds[1])]
+    if beyond.size:
+        raise InputError(
+            f"{path}: {what}",
+            expected=f"numbers from {bounds[0]:g} to {bounds[1]:g}, or nothing",
+            found=f"{beyond.size} beyond, {beyond[0]:g} first",
+            advice="check the column and its unit; leave cells without a reading empty",
+        )
 
 
 def _absent(path: Path, what: str, names: list[str]) -> InputError:

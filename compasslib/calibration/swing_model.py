@@ -87,9 +87,7 @@ def fit(swing: Swing, *, exact: bool = False, start: Floats | None = None) -> So
     mean[LOG] = 1.0
     begin = mean.copy() if start is None else start.copy()
     if start is None:  # a compass mounted askew is no outlier
-        begin[0] = angles.wrap180(
-            angles.mean(swing.seen.course_deg - swing.seen.recorded_deg) - swing.declination_deg
-        )
+        begin[0] = angles.wrap180(angles.mean(swing.seen.course_deg - swing.seen.recorded_deg) - swing.declination_deg)
     if exact:
         begin[SERIES] = exact_start(swing.seen.recorded_deg, corrected_course(begin, swing))
     found = solve(_blocks(swing, _exact if exact else _series), mean, beliefs(swing), begin)
@@ -239,7 +237,8 @@ def _blocks(swing: Swing, curve: Curve) -> list[Block]:
 
 def _course(parameters: Floats, swing: Swing, curve: Curve) -> tuple[Floats, Floats]:
     seen, offset = swing.seen, _offset(parameters, swing)
-    heading, slopes = seen.course_deg - offset, np.zeros((len(seen), SIZE))
+    heading: Floats = seen.course_deg - offset
+    slopes: Floats = np.zeros((len(seen), SIZE))
     shown = curve(parameters[SERIES], heading, seen.settled_deg)
     if seen.over_ground:
         alike = shown.by_compass / shown.by_heading[:, None]

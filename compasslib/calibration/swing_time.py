@@ -1,4 +1,4 @@
-"""Where in time and on the circle a swing's observations lie: blocks, running means, rates of turn, repeated headings."""
+"""Where in time and on the circle a swing's observations lie: blocks, means, rates of turn, headings."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ def smoothed(values: Floats, time_s: Floats, window_s: float) -> Floats:
 def settled(time_s: Floats, turned_deg: Floats, slow: NDArray[np.bool_]) -> tuple[Floats, Floats]:
     """Return the rate of turn, the slope over the minute about each, and headings averaged over 20 s, (n,) each.
 
-    Where less than 20 s hang together it is the rate over the minute about each sample, and the heading as it was. A difference of readings would not do: a
-    compass's noise stands in it and in the deviation, and looks like a delay. Nor would single readings as the place
-    on the curve: what the water does and what the compass does are alike only on the same headings.
+    Where less than 20 s hang together it is the rate over the minute about each sample, and the heading as it was. A
+    difference of readings would not do: a compass's noise stands in it and in the deviation, and looks like a delay.
+    Nor would single readings as the place on the curve: water and compass are alike only on the same headings.
 
     Args:
         time_s: (n,) increasing.
