@@ -120,7 +120,7 @@ def test_one_speed_cannot_tell_the_water_from_b_and_c(tmp_path):
     assert "set and drift are not told from B and C" in drift["text"]
     assert abs(drift["correlation"]["B_north"]) > 0.95
     assert np.all(sigmas(found)[1:3] > 3.0)  # 57.3 x 0.5 kn / 6 kn is 4.8
-    assert np.all(sigmas(found)[[0, 3, 4]] < 0.7)  # second order of 1 kn at 6 kn
+    assert np.all(sigmas(found)[[0, 3, 4]] < 0.75)  # second order of 1 kn at 6 kn
     assert found.coefficients[1:3] == pytest.approx([7.9, 0.8], abs=0.4)  # B bar, C bar: B - x, C + y
     assert np.all(np.abs(found.coefficients - TRUTH) < 2.0 * sigmas(found))
 
@@ -292,6 +292,51 @@ def test_a_delay_hides_in_a_unless_the_boat_turns_to_both_sides(tmp_path):
     assert sigmas(both)[0] < 0.3
 
 
+def noisy(seed: int, *, both: bool) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Return A to E and a log at one speed: 6 degrees of deviation, up to half a knot of drift, ordinary noise."""
+    rng, time = np.random.default_rng(seed), np.arange(1200.0)
+    truth = np.array([0.6, 6.0 * np.cos(seed), 6.0 * np.sin(seed), 1.0, -0.5])
+    turn = 0.6 * np.where(both & (time >= 600.0), -1.0, 1.0)
+    heading = np.cumsum(turn) + 360.0 * rng.uniform()
+    water = rng.uniform(0.0, 0.5) * np.exp(2j * np.pi * rng.uniform())
+    ground = 4.0 * np.exp(1j * np.radians(90.0 - heading)) + water
+    course = np.interp(time - 2.0, time, np.unwrap(np.radians(90.0) - np.angle(ground)))
+    columns = {
+        "compass_deg": angles.wrap360(np.round(recorded(heading, truth) + rng.normal(0.0, 1.5, 1200))),
+        "cog_deg": angles.wrap360(np.round(np.degrees(course) + rng.normal(size=1200))),
+        "speed_kn": np.round(np.abs(ground) + 0.05 * rng.normal(size=1200), 1),
+        "time_utc": np.datetime_as_string(np.datetime64("2021-05-24T11:00:00") + time.astype("timedelta64[s]")),
+    }
+    return truth, columns
+
+
+@pytest.mark.parametrize("both", [False, True])
+def test_one_speed_and_half_a_knot_end_within_what_is_stated(tmp_path, both):
+    """Six ordinary logs: no coefficient beyond three standard errors, no drift beyond what is believed."""
+    for seed in range(6):
+        truth, columns = noisy(seed, both=both)
+        found = swing.calibrate([written(tmp_path, **columns)], SURE)
+        assert np.all(np.abs(found.coefficients - truth) < 3.0 * sigmas(found))
+        assert found.details["drift"]["drift_kn"] < 1.0
+        assert found.residual_rms_deg < 3.0
+
+
+def test_noise_of_the_compass_is_no_delay(tmp_path):
+    """A boat that turns one way at 0.6 degrees a second: A's uncertainty holds a delay that nothing tells."""
+    for seed in range(6):
+        truth, columns = noisy(seed, both=False)
+        found = swing.calibrate([written(tmp_path, **columns)], SURE)
+        assert abs(found.coefficients[0] - truth[0]) < 2.5 * sigmas(found)[0]
+        assert sigmas(found)[0] > 1.0
+
+
+def test_a_place_that_the_log_contradicts_and_numbers_beyond_a_circle_are_refused(tmp_path):
+    columns = at_sea(36)
+    columns["compass_deg"][3] = 999.0
+    with pytest.raises(InputError, match=r"numbers from -180 to 360, or nothing, found 1 beyond, 999 first"):
+        swing.calibrate([written(tmp_path, **columns)], SURE)
+
+
 def test_quick_turns_are_left_out(tmp_path):
     found = swing.calibrate([written(tmp_path, **circling(900, 3.0))], SURE)
     assert found.n < 30
@@ -320,6 +365,8 @@ def test_the_real_log():
     assert found.details["left_out"]["not above 2 kn"] == 1088 - 715
     assert "the log states a declination of +10.0°" in " ".join(found.warnings)
     assert found.details["drift"]["separable"] is True
+    with pytest.raises(InputError, match=r"the place of the log's own positions, -8.92, -140.10, found -8.92, 140.10"):
+        swing.calibrate([REAL], {"format": "nmea0183", "latitude": -8.92, "longitude": 140.10, "date_s": 1288742400.0})
     bare = swing.calibrate([REAL], {"format": "nmea0183", "withhold": ["water_speed_kn"]})
     assert bare.details["drift"]["separable"] is False
     assert np.all(sigmas(bare)[1:3] > 5.0)

@@ -145,3 +145,30 @@ def test_a_file_without_pairs_is_refused(tmp_path, content):
 def test_an_absent_file_is_an_error(tmp_path):
     with pytest.raises(InputError, match="expected a readable NMEA 0183 log"):
         nmea.read([tmp_path / "nowhere.nmea"])
+
+
+def test_a_fix_far_from_all_others_is_no_place_and_its_course_stays(tmp_path):
+    astray = rmc(0, 12.5).split("*")[0][1:].replace("14006.028,W", "02006.028,E")
+    content = lines()
+    content[1] = sentence(astray)
+    read = log(tmp_path, content)
+    assert len(read.time_s) == 6
+    assert np.isnan(read.longitude[0]) and np.isfinite(read.longitude[1:]).all()
+    assert "1 positions far from all others, whose courses stay" in read.warnings[0]
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [("0854.979,S", "9954.979,S"), ("14006.028,W", "19906.028,W"), (",12.5,", ",412.5,"), (",5.0,", ",-5,")],
+)
+def test_what_no_fix_can_be_is_left_out_and_counted(tmp_path, old, new):
+    content = lines()
+    content[1] = sentence(rmc(0, 12.5).split("*")[0][1:].replace(old, new))
+    read = log(tmp_path, content)
+    assert (len(read.time_s), read.counts["impossible"]) == (5, 1)
+    assert "1 numbers that no heading, course, speed or place can be" in read.warnings[0]
+
+
+def test_a_heading_beyond_the_circle_is_left_out(tmp_path):
+    read = log(tmp_path, [sentence("HCHDG,655.0,,,10,E"), *lines()])
+    assert read.counts["impossible"] == 1 and read.heading_deg.max() == 50.0

@@ -30,6 +30,7 @@ Floats = NDArray[np.floating]
 KIND, MODEL = "swing", "series"
 # Error of declination by a world model, crust included: hypot(0.26, 5417 nT / H) degrees (WMM2025).
 MODEL_DEG, MODEL_NT = 0.26, 5417.0
+FAR_DEG = 2.0  # between the place that is given and the log's own
 UNKNOWN_FIELD_DEG = 0.4  # the same at H = 18,000 nT
 BLOCKS = {
     COURSE: ("scatter of the courses about the curve", "least squares, alike neighbours and Student's t allowed for"),
@@ -98,7 +99,17 @@ def _swing(seen: Observations, settings: Mapping[str, Any]) -> Swing:
 
 def _place(seen: Observations, settings: Mapping[str, Any]) -> tuple[float, float] | None:
     latitude, longitude = settings.get("latitude"), settings.get("longitude")
-    return seen.place if latitude is None or longitude is None else (float(latitude), float(longitude))
+    if latitude is None or longitude is None:
+        return seen.place
+    given = float(latitude), float(longitude)
+    if seen.place and max(abs(angles.difference(a, b)) for a, b in zip(given, seen.place, strict=True)) > FAR_DEG:
+        raise InputError(
+            "latitude, longitude",
+            expected="the place of the log's own positions, {:.2f}, {:.2f}".format(*seen.place),
+            found="{:.2f}, {:.2f}".format(*given),
+            advice="correct the sign or the hemisphere, or leave both out",
+        )
+    return given
 
 
 def _date(seen: Observations, settings: Mapping[str, Any]) -> float | None:
@@ -244,7 +255,9 @@ def _points(swing: Swing, series: Solution | None) -> dict[str, Floats]:
     columns |= {"time_s": seen.time_s, "turn_deg_s": seen.turn_deg_s}
     columns["pseudo_deviation_deg"] = angles.difference(seen.course_deg, seen.recorded_deg)
     if series is not None:
-        columns["deviation_deg"] = swing_words.observed_deviation(swing, series.parameters)
+        columns["deviation_deg"] = (
+            von_appen.predict(series.parameters[SERIES], seen.settled_deg) + series.residuals[COURSE]
+        )
         columns["residual_deg"] = series.residuals[COURSE]
         columns["sigma_deg"] = series.noises[COURSE].sigma
     return columns

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles
+from compasslib.calibration import swing_time
 from compasslib.errors import InputError
 from compasslib.readers import nmea, table_cells
 
@@ -18,6 +19,7 @@ Floats = NDArray[np.floating]
 
 ROLES = ("compass_deg", "cog_deg", "true_deg", "speed_kn", "water_speed_kn", "time_utc")
 SENTENCES = {"compass_deg": "HDG", "cog_deg": "RMC"}  # what stands for a header in an NMEA log
+BOUNDS = {"deg": (-180.0, 360.0), "kn": (0.0, nmea.FASTEST_KN)}
 TURN_WINDOW_S = 20.0  # a receiver's filter and a compass card settle in this time
 
 
@@ -60,6 +62,8 @@ class Observations:
     water_speed_kn: Floats  # (n,) by the ship's log, NaN where absent
     time_s: Floats  # (n,) UTC seconds since 1970, NaN where absent
     turn_deg_s: Floats  # (n,) over the 20 s before, 0 without times
+    steady_turn_deg_s: Floats  # (n,) over the minute about it, quick turns left out; 0 without times
+    settled_deg: Floats  # (n,) recorded headings, means over 20 s
     place: tuple[float, float] | None = None  # latitude, longitude, where the log has them
     variation_deg: float = float("nan")  # declination that the log states
     left_out: Mapping[str, int] = field(default_factory=dict)
@@ -104,20 +108,24 @@ def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Observatio
         return known
     order = np.argsort(known.time_s, kind="stable")
     known = replace(known, **{f.name: getattr(known, f.name)[order] for f in fields(known) if f.type == "Floats"})
-    turning = replace(known, turn_deg_s=_turn(known.time_s, known.recorded_deg))
-    slow = np.abs(turning.turn_deg_s) <= options.max_turn_deg_s
-    return turning.keep(slow, f"turning quicker than {options.max_turn_deg_s:g} degrees a second, or just after")
+    turned = np.cumsum(
+        np.append(known.recorded_deg[:1], angles.difference(known.recorded_deg[1:], known.recorded_deg[:-1]))
+    )
+    turn = _turn(known.time_s, turned)
+    slow = np.abs(turn) <= options.max_turn_deg_s
+    steady, settled = swing_time.settled(known.time_s, turned, slow)
+    known = replace(known, turn_deg_s=turn, steady_turn_deg_s=steady, settled_deg=angles.wrap360(settled))
+    return known.keep(slow, f"turning quicker than {options.max_turn_deg_s:g} degrees a second, or just after")
 
 
-def _turn(time_s: Floats, recorded_deg: Floats) -> Floats:
+def _turn(time_s: Floats, turned_deg: Floats) -> Floats:
     """Return the rate of turn over the seconds before each sample; the earliest known one where there are too few."""
-    unwrapped = np.cumsum(np.append(0.0, angles.difference(recorded_deg[1:], recorded_deg[:-1])))
     before = np.searchsorted(time_s, time_s - TURN_WINDOW_S, side="left")
     lasted = time_s - time_s[before]
     known = lasted >= TURN_WINDOW_S / 2.0
     if not known.any():
         return np.zeros(time_s.shape)
-    return np.interp(time_s, time_s[known], ((unwrapped - unwrapped[before])[known]) / lasted[known])
+    return np.interp(time_s, time_s[known], (turned_deg - turned_deg[before])[known] / lasted[known])
 
 
 def _logs(paths: list[Path], settings: Mapping[str, Any]) -> Observations:
@@ -125,7 +133,7 @@ def _logs(paths: list[Path], settings: Mapping[str, Any]) -> Observations:
     log = nmea.read(paths, heading=str(named["compass_deg"]), course=str(named["cog_deg"]))
     withheld = set(settings.get("withhold") or ())
     over_ground = "true_deg" not in named
-    empty, places = np.full(log.time_s.shape, np.nan), np.isfinite(log.latitude)
+    empty, places = np.full(log.time_s.shape, np.nan), np.isfinite(log.latitude + log.longitude)
     return Observations(
         recorded_deg=log.heading_deg,
         course_deg=log.course_deg if over_ground else log.true_heading_deg,
@@ -134,12 +142,20 @@ def _logs(paths: list[Path], settings: Mapping[str, Any]) -> Observations:
         water_speed_kn=empty if "water_speed_kn" in withheld else log.water_speed_kn,
         time_s=empty if "time_utc" in withheld else log.time_s,
         turn_deg_s=np.zeros(log.time_s.shape),
-        place=(float(np.median(log.latitude[places])), float(log.longitude[places][0])) if places.any() else None,
+        steady_turn_deg_s=np.zeros(log.time_s.shape),
+        settled_deg=log.heading_deg,
+        place=_middle(log.latitude[places], log.longitude[places]) if places.any() else None,
         variation_deg=float(np.median(log.variation_deg[np.isfinite(log.variation_deg)]))
         if np.isfinite(log.variation_deg).any()
         else float("nan"),
         warnings=log.warnings,
     )
+
+
+def _middle(latitude: Floats, longitude: Floats) -> tuple[float, float]:
+    """Return the median position, across the date line too."""
+    middle = longitude[0] + np.median(angles.difference(longitude, longitude[0]))
+    return float(np.median(latitude)), float(angles.wrap180(middle))
 
 
 def _tables(paths: list[Path], settings: Mapping[str, Any]) -> Observations:
@@ -157,6 +173,8 @@ def _tables(paths: list[Path], settings: Mapping[str, Any]) -> Observations:
         water_speed_kn=columns.get("water_speed_kn", empty),
         time_s=columns.get("time_utc", empty),
         turn_deg_s=np.zeros(empty.shape),
+        steady_turn_deg_s=np.zeros(empty.shape),
+        settled_deg=columns["compass_deg"],
         warnings=("both true_deg and cog_deg are there: the true heading is used, the course is not",) if both else (),
     )
 
@@ -174,7 +192,20 @@ def _columns(path: Path, settings: Mapping[str, Any]) -> dict[str, Floats]:
     if not {"cog_deg", "true_deg"} & set(there):
         raise _absent(path, "column of the course over ground (cog_deg) or of the true heading (true_deg)", names)
     parsed = table_cells.columns_of(path, there)
+    for role in (role for role in parsed if role != "time_utc"):
+        _bounded(path, f"column {there[role]!r} ({role})", parsed[role], BOUNDS[role.rpartition("_")[2]])
     return {role: angles.wrap360(values) if role.endswith("_deg") else values for role, values in parsed.items()}
+
+
+def _bounded(path: Path, what: str, values: Floats, bounds: tuple[float, float]) -> None:
+    beyond = values[(values < bounds[0]) | (values > bounds[1])]
+    if beyond.size:
+        raise InputError(
+            f"{path}: {what}",
+            expected=f"numbers from {bounds[0]:g} to {bounds[1]:g}, or nothing",
+            found=f"{beyond.size} beyond, {beyond[0]:g} first",
+            advice="check the column and its unit; leave cells without a reading empty",
+        )
 
 
 def _absent(path: Path, what: str, names: list[str]) -> InputError:

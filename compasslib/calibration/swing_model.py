@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles, compass
-from compasslib.calibration import swing_time
+from compasslib.calibration import swing_noise, swing_time
 from compasslib.calibration.swing_data import Observations, Options
 from compasslib.calibration.swing_fit import Block, Solution, solve
 from compasslib.deviation import von_appen
@@ -30,9 +30,23 @@ NEVER = 1e-9  # width of the belief in a parameter that cannot be told
 LOG_SIGMA = 0.1  # of a ship's log's scale
 SPRING_S = 3 * 3600.0  # a tide goes from slack to full in three hours
 LEAST_WATER_KN = 0.5
+SMOOTHED_S = 60.0  # over which speeds are averaged
+HIGHER = (3, 4)  # harmonics
+LEAST_SHARE = 0.3  # of a speed, where the drift is faster than the ship
 COURSE, VISUAL, WATER, SECOND = "course", "visual", "log", "second"
 
-Curve = Callable[[Floats, Floats, Floats], tuple[Floats, Floats, Floats, Floats]]
+
+@dataclass(frozen=True)
+class Shown:
+    """What a compass shows on headings."""
+
+    residual_deg: Floats  # (n,)
+    by_compass: Floats  # (n, 5) its derivatives by the coefficients
+    by_heading: Floats  # (n,) and by the heading
+    facing_deg: Floats  # (n,) magnetic heading by the reading
+
+
+Curve = Callable[[Floats, Floats, Floats], Shown]  # coefficients, headings, readings, degrees
 
 
 @dataclass(frozen=True)
@@ -69,9 +83,11 @@ def fit(swing: Swing, *, exact: bool = False, start: Floats | None = None) -> So
         exact: the exact compass (coefficients dimensionless) instead of the series in the recorded heading (degrees).
         start: parameters to begin from.
     """
-    mean, begin = np.zeros(SIZE), np.zeros(SIZE) if start is None else start.copy()
+    mean = np.zeros(SIZE)
     mean[LOG] = 1.0
-    begin[LOG] = begin[LOG] or 1.0
+    begin = mean.copy() if start is None else start.copy()
+    if start is None:  # a compass mounted askew is no outlier
+        begin[0] = angles.wrap180(angles.mean(swing.seen.course_deg - swing.seen.recorded_deg) - swing.declination_deg)
     if exact:
         begin[SERIES] = exact_start(swing.seen.recorded_deg, corrected_course(begin, swing))
     found = solve(_blocks(swing, _exact if exact else _series), mean, beliefs(swing), begin)
@@ -148,7 +164,7 @@ def corrected_course(parameters: Floats, swing: Swing) -> Floats:
 
 def _drift(parameters: Floats, swing: Swing) -> tuple[Floats, Floats]:
     """Return the water's velocity at each observation, true east and north, knots."""
-    since = swing_time.since_middle(swing.seen)
+    since = swing_time.since_middle(swing.seen.time_s)
     return (
         parameters[EAST] + parameters[EAST_CHANGE] * since,
         parameters[NORTH] + parameters[NORTH_CHANGE] * since,
@@ -162,46 +178,52 @@ def _through_water(parameters: Floats, swing: Swing) -> tuple[Floats, Floats]:
 
 
 def _offset(parameters: Floats, swing: Swing) -> Floats:
-    return swing.declination_deg + parameters[DECLINATION] - parameters[LAG] * swing.seen.turn_deg_s
+    return swing.declination_deg + parameters[DECLINATION] - parameters[LAG] * swing.seen.steady_turn_deg_s
 
 
-def _slopes(parameters: Floats, swing: Swing, facing_deg: Floats, by_compass: Floats) -> Floats:
-    """Return the derivatives of the corrected courses, (n, k).
+def _set_aside(parameters: Floats, swing: Swing, facing_deg: Floats, by_compass: Floats) -> tuple[Floats, Floats]:
+    """Return by how much the water sets the courses aside, (n,) degrees, and the derivatives by the parameters, (n, k).
 
-    Only speeds that vary may tell the drift from B and C. At the mean speed the drift's columns are therefore taken as
-    what the compass's own columns can be: what is left of them hangs on a compass without third harmonics.
+    Only speeds that vary may tell the drift from B and C. At one speed it differs from what a compass can be in higher
+    harmonics of the heading alone, which compasses have too: what is like these is taken out of its derivatives.
     """
-    seen, slopes = swing.seen, np.zeros((len(swing.seen), SIZE))
-    slopes[:, DECLINATION], slopes[:, LAG] = -1.0, seen.turn_deg_s
-    if seen.over_ground:
-        sine, cosine = angles.sin_cos(facing_deg + _offset(parameters, swing))
-        slowness = _slowness(parameters, swing, (sine, cosine))
-        across = np.stack([-cosine, sine], axis=-1)
-        alike = by_compass @ np.linalg.lstsq(by_compass, across, rcond=1e-9)[0]
-        mean = float(np.mean(slowness))
-        drift = (mean * alike + (slowness - mean)[:, None] * across) / angles.DEGREE
-        slopes[:, DRIFT], slopes[:, CHANGES] = drift, drift * swing_time.since_middle(seen)[:, None]
-    return slopes
+    speed = _through_speed(parameters, swing, facing_deg)
+    aside, across = _triangle(facing_deg, speed, _drift(parameters, swing))
+    higher = np.column_stack([np.stack(angles.sin_cos(order * facing_deg), axis=-1) for order in HIGHER])
+    higher = higher - by_compass @ np.linalg.lstsq(by_compass, higher, rcond=1e-9)[0]
+    basis, slopes = swing_noise.orthonormal(higher), np.zeros((len(speed), SIZE))
+    slopes[:, DRIFT] = across - basis @ (basis.T @ across)
+    slopes[:, CHANGES] = across * swing_time.since_middle(swing.seen.time_s)[:, None]
+    return aside, slopes
 
 
-def _slowness(parameters: Floats, swing: Swing, facing: tuple[Floats, Floats]) -> Floats:
-    """Return one over the speed through the water, smoothed, without the first harmonic round the circle, (n,).
+def _triangle(facing_deg: Floats, speed: Floats, drift: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
+    """Return course minus heading, (n,) degrees, and its derivatives by the drift towards east and north, (n, 2)."""
+    sine, cosine = angles.sin_cos(facing_deg)
+    east, north = speed * sine + drift[0], speed * cosine + drift[1]
+    square = np.maximum(east**2 + north**2, (LEAST_SHARE * speed) ** 2)
+    slopes = np.stack([north, -east], axis=-1) / square[:, None] / angles.DEGREE
+    return angles.difference(angles.direction(east, north), facing_deg), slopes
 
-    The speed follows from that over ground, the drift and where the ship faces. Noise in the speeds would look like
-    speeds that vary. So would the first harmonic that a wrong drift puts there.
+
+def _through_speed(parameters: Floats, swing: Swing, facing_deg: Floats) -> Floats:
+    """Return the speed through the water, (n,): it follows from that over ground, the drift and where the ship faces.
+
+    Noise in the speeds would look like speeds that vary, and noise of the compass too, by where the ship faces: both
+    are smoothed.
     """
-    (sine, cosine), (east, north) = facing, _drift(parameters, swing)
-    along, across = east * sine + north * cosine, east * cosine - north * sine
-    speed = swing_time.smoothed(np.sqrt(np.maximum(swing.speed_kn**2 - across**2, 0.0)) - along, swing.seen)
-    round_circle = np.stack([np.ones_like(speed), sine, cosine], axis=-1)
-    harmonic = np.linalg.lstsq(round_circle, speed, rcond=1e-6)[0]
-    least = np.maximum(0.3 * swing.speed_kn, 1e-3)  # where the drift is faster than the ship
-    return 1.0 / np.maximum(speed - round_circle[:, 1:] @ harmonic[1:], least)
+    (sine, cosine), (east, north) = angles.sin_cos(facing_deg), _drift(parameters, swing)
+    along, across, over_ground = (
+        swing_time.smoothed(x, swing.seen.time_s, SMOOTHED_S)
+        for x in (east * sine + north * cosine, east * cosine - north * sine, swing.speed_kn)
+    )
+    through = np.sqrt(np.maximum(over_ground**2 - across**2, 0.0)) - along
+    return np.maximum(through, np.maximum(LEAST_SHARE * over_ground, 1e-3))  # where the drift is faster than the ship
 
 
 def _blocks(swing: Swing, curve: Curve) -> list[Block]:
     seen = swing.seen
-    in_time = swing_time.blocks_of(seen) if seen.timed else None
+    in_time = swing_time.blocks_of(seen.time_s) if seen.timed else None
     slow = seen.speed_kn if swing.has_speed and seen.over_ground else None
     groups = None if seen.timed else swing_time.headings_of(seen.recorded_deg)
     blocks = [Block(COURSE, partial(_course, swing=swing, curve=curve), slow, in_time, groups=groups)]
@@ -214,26 +236,32 @@ def _blocks(swing: Swing, curve: Curve) -> list[Block]:
 
 
 def _course(parameters: Floats, swing: Swing, curve: Curve) -> tuple[Floats, Floats]:
-    residual, by_compass, by_heading, facing = curve(
-        parameters[SERIES], corrected_course(parameters, swing), swing.seen.recorded_deg
-    )
-    slopes = _slopes(parameters, swing, facing, by_compass / by_heading[:, None]) * by_heading[:, None]
-    slopes[:, SERIES] = by_compass
-    return residual, slopes
+    seen, offset = swing.seen, _offset(parameters, swing)
+    heading: Floats = seen.course_deg - offset
+    slopes: Floats = np.zeros((len(seen), SIZE))
+    shown = curve(parameters[SERIES], heading, seen.settled_deg)
+    if seen.over_ground:
+        alike = shown.by_compass / shown.by_heading[:, None]
+        aside, slopes = _set_aside(parameters, swing, shown.facing_deg + offset, alike)
+        heading, slopes = heading - aside, -slopes
+    slopes[:, DECLINATION], slopes[:, LAG] = -1.0, seen.steady_turn_deg_s
+    slopes *= shown.by_heading[:, None]
+    slopes[:, SERIES] = shown.by_compass
+    unsettled = angles.difference(seen.recorded_deg, seen.settled_deg)
+    return angles.difference(curve(parameters[SERIES], heading, seen.settled_deg).residual_deg, unsettled), slopes
 
 
 def _mark(parameters: Floats, swing: Swing, curve: Curve) -> tuple[Floats, Floats]:
     recorded, true = np.transpose(swing.marks)
-    heading = true - swing.declination_deg - parameters[DECLINATION]
-    residual, by_compass, by_heading, _ = curve(parameters[SERIES], heading, recorded)
+    shown = curve(parameters[SERIES], true - swing.declination_deg - parameters[DECLINATION], recorded)
     slopes = np.zeros((len(recorded), SIZE))
-    slopes[:, SERIES], slopes[:, DECLINATION] = by_compass, -by_heading
-    return residual, slopes
+    slopes[:, SERIES], slopes[:, DECLINATION] = shown.by_compass, -shown.by_heading
+    return shown.residual_deg, slopes
 
 
 def _water(parameters: Floats, swing: Swing) -> tuple[Floats, Floats]:
     """Return speed through the water from the triangle minus that of the ship's log times its scale, knots."""
-    since, used = swing_time.since_middle(swing.seen), _by_log(swing)
+    since, used = swing_time.since_middle(swing.seen.time_s), _by_log(swing)
     east, north = _through_water(parameters, swing)
     through, logged = np.maximum(np.hypot(east, north), 1e-3), np.where(used, swing.seen.water_speed_kn, 0.0)
     slopes = np.zeros((len(swing.seen), SIZE))
@@ -249,17 +277,17 @@ def _by_log(swing: Swing) -> NDArray[np.bool_]:
     return logged & (seen.over_ground and swing.has_speed and len(seen) > 0 and logged.mean() > 0.5)
 
 
-def _series(coefficients: Floats, heading: Floats, recorded: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+def _series(coefficients: Floats, heading: Floats, recorded: Floats) -> Shown:
     columns = von_appen.design(recorded)
     fitted = recorded + columns @ coefficients
-    return angles.difference(heading, fitted), -columns, np.ones(len(recorded)), fitted
+    return Shown(angles.difference(heading, fitted), -columns, np.ones(len(recorded)), fitted)
 
 
-def _exact(coefficients: Floats, heading: Floats, recorded: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-    residual = angles.difference(compass.recorded_heading(coefficients, heading), recorded)
+def _exact(coefficients: Floats, heading: Floats, recorded: Floats) -> Shown:
+    residual = angles.difference(compass.recorded_heading(coefficients, angles.wrap360(heading)), recorded)
     root = compass.inverse(coefficients, recorded)[:, 0]
     fitted = np.where(np.isfinite(root), root, heading)  # a reading that the compass cannot show has no root
-    return residual, compass.gradient(coefficients, fitted).T, compass.slope(coefficients, fitted), fitted
+    return Shown(residual, compass.gradient(coefficients, fitted).T, compass.slope(coefficients, fitted), fitted)
 
 
 def drift_of(parameters: Floats) -> tuple[float, float]:

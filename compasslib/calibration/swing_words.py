@@ -17,7 +17,6 @@ from compasslib.calibration.swing_model import (
     SERIES,
     Swing,
     beliefs,
-    corrected_course,
     drift_of,
 )
 from compasslib.calibration.swing_time import headings_of
@@ -267,13 +266,3 @@ def _of_size(series: Solution, exact: Solution) -> list[str]:
         f"deviations up to {largest:.0f}° are beyond what the five-term series is good for (about 20°): it leaves "
         f"{left:.1f}° rms, the exact compass {by_exact:.1f}°"
     ]
-
-
-def observed_deviation(swing: Swing, parameters: Floats) -> Floats:
-    """Return the deviation that each observation shows, water and delay taken off, (n,) degrees.
-
-    Args:
-        swing: observations.
-        parameters: of the fitted swing.
-    """
-    return angles.difference(corrected_course(parameters, swing), swing.seen.recorded_deg)

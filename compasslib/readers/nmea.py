@@ -30,9 +30,13 @@ LOSSES = {
     "void": "positions that the receiver itself called void",
     "unpaired": "courses without a heading within 2.5 s",
     "empty": "courses without a number",
+    "impossible": "numbers that no heading, course, speed or place can be",
+    "astray": "positions far from all others, whose courses stay",
     "repeated": "courses that stand in the log already, after its clock went back",
 }
 NAN = float("nan")
+FASTEST_KN = 100.0
+ASTRAY_DEG = 1.0  # of latitude from the middle of a log: a swing lasts less than a day
 
 
 @dataclass(frozen=True)
@@ -130,11 +134,23 @@ def _collected(
             fixes.append(_Fix(line, NAN, _number(said.true_track), _number(said.spd_over_grnd_kts)))
         elif kind in seen:
             value = _number(said.water_speed_knots if kind == "VHW" else said.heading)
-            seen[kind] += [(line, value)] if np.isfinite(value) else []
+            counts["impossible"] += (
+                wrong := not 0.0 <= np.nan_to_num(value) <= (FASTEST_KN if kind == "VHW" else 360.0)
+            )
+            seen[kind] += [(line, value)] if np.isfinite(value) and not wrong else []
             counts["corrected"] += kind == wanted[0] == "HDG" and bool(_number(said.deviation) > 0.0)
+    possible = [fix for fix in fixes if _possible(fix)]
+    counts["impossible"] += len(fixes) - len(possible)
+    fixes = possible
     counts["empty"] += sum(not np.isfinite(fix.course_deg + fix.speed_kn) for fix in fixes)
     fixes = [fix for fix in fixes if np.isfinite(fix.course_deg + fix.speed_kn)]
     return _timed(fixes, clock), seen
+
+
+def _possible(fix: _Fix) -> bool:
+    """Tell whether a fix's numbers can be what they stand for; none is no contradiction."""
+    course, speed, latitude, longitude = np.nan_to_num([fix.course_deg, fix.speed_kn, fix.latitude, fix.longitude])
+    return bool(0 <= course <= 360 and 0 <= speed <= FASTEST_KN and abs(latitude) <= 90 and abs(longitude) <= 180)
 
 
 def _rmc(line: int, said: Any, counts: Counter[str]) -> _Fix | None:
@@ -175,10 +191,23 @@ def _paired(
     series = dict(
         zip(("time_s", "course_deg", "speed_kn", "latitude", "longitude", "variation_deg"), table.T[1:], strict=True)
     )
+    for name, most in (("latitude", 90.0), ("longitude", 180.0)):
+        series[name] = _together(series[name], near, most, counts)
     series["heading_deg"] = angles.wrap360(value)
     series["true_heading_deg"] = _nearest(seen["HDT"], line, time_s)[0]
     series["water_speed_kn"] = _nearest(seen["VHW"], line, time_s)[0]
     return {name: column[near] for name, column in series.items()}
+
+
+def _together(values: Floats, near: NDArray[np.bool_], most: float, counts: Counter[str]) -> Floats:
+    """Return latitudes or longitudes, NaN in place of those far from the median of all, (n,), which are counted."""
+    known = near & np.isfinite(values)
+    if not known.any():
+        return values
+    turned = angles.difference(values, values[known][0]) if most == 180.0 else values
+    astray = known & (np.abs(turned - np.median(turned[known])) > ASTRAY_DEG * most / 90.0)
+    counts["astray"] += int(astray.sum())
+    return np.where(astray, np.nan, values)
 
 
 def _again(rows: Floats) -> NDArray[np.bool_]:

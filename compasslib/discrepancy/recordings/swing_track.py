@@ -20,6 +20,7 @@ Filter = Callable[[Floats], Floats]
 KNOT_M_S = 1852.0 / 3600.0
 LEAST_WATER_KN = 0.5  # of a ship's log that turns
 SECOND = 1.0
+SMOOTHED_S = 30.0
 MOSTLY = 0.5  # share of the samples that a ship's log must have
 
 
@@ -54,7 +55,7 @@ class Track:
         """Return the velocity over ground, speeds smoothed, (n, 2) true east and north; None without speeds."""
         if not self.has_speed:
             return None
-        speed = KNOT_M_S * swing_time.smoothed(self.seen.speed_kn, self.seen)
+        speed = KNOT_M_S * swing_time.smoothed(self.seen.speed_kn, self.seen.time_s, SMOOTHED_S)
         return np.stack(angles.components(speed, self.seen.course_deg), axis=-1)
 
     @property
