@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -51,10 +51,12 @@ def calibrate(kind: str, files: Sequence[str | Path], settings: Mapping[str, Any
     Raises:
         InputError: a file that cannot be read.
     """
+    from compasslib.calibration.result import too_exact
+
     made: Calibration = import_module(f"compasslib.calibration.{KINDS[kind].module}").calibrate(
         files, settled(settings)
     )
-    return made
+    return replace(made, warnings=(*made.warnings, *too_exact(made.residual_rms_deg)))
 
 
 def settled(settings: Mapping[str, Any]) -> dict[str, Any]:
