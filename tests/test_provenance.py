@@ -18,7 +18,7 @@ from bench import readings, write_calibration
 from sea import cruise
 from test_workflow import PROJECT, snakemake
 
-from compasslib import config, config_values, crate, provenance, stages, verification
+from compasslib import config, config_schema, config_values, crate, provenance, stages, verification
 from compasslib.errors import InputError
 from compasslib.job import job
 
@@ -97,6 +97,11 @@ def test_every_file_stands_where_its_identifier_says_with_its_hash(processed):
         "raw/M1/top.000",
         "raw/M1/deep.csv",
     }
+
+
+def test_no_mooring_may_have_the_name_of_anything_else_in_results(processed):
+    beside = {path.name for path in (processed / "results").iterdir()} - {"M1"}
+    assert len(beside) >= 5 and beside <= set(config_schema.RESERVED)
 
 
 def test_the_product_leads_back_to_raw_files_settings_and_software(processed):

@@ -1,5 +1,6 @@
 """Tables: column roles, units, bins, and one line for what cannot be read."""
 
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -63,7 +64,7 @@ def test_binary_and_missing_files_are_said(tmp_path):
     for path, content in ((tmp_path / "b.csv", b"\xff\xfe\x00\x01"), (tmp_path / "none.csv", None)):
         if content:
             path.write_bytes(content)
-        with pytest.raises(InputError, match="expected a readable CSV file"):
+        with pytest.raises(InputError, match="expected a readable"):
             read("table", [path], {"columns": ROLES})
 
 
@@ -134,3 +135,25 @@ def test_a_heading_that_is_no_angle_is_missing_and_so_is_its_current(tmp_path):
     record = read("table", body, {"columns": {"time": "t", "x": "x", "y": "y", "heading": "h"}})
     assert record.heading_deg[0] == 270.0 and np.isnan(record.heading_deg[1]) and np.isnan(record.east[1, 0])
     assert record.counts["directions_impossible"] == 1
+
+
+LONG = {"time": "t", "depth": "z", "east": "u", "north": "v"}
+
+
+def test_a_line_without_end_is_refused_at_once_and_a_cell_of_any_length_is_one_short_line(tmp_path):
+    """A file of zeros of 1.5 GB, which takes no room on the disk, took 4.5 GB of memory."""
+    path = tmp_path / "a.csv"
+    with path.open("wb") as stream:
+        stream.write(b"t,z,u,v\n")
+        stream.truncate(1_500_000_000)
+    tracemalloc.start()
+    with pytest.raises(InputError, match="expected lines of less than 1048576 bytes, found a longer one"):
+        read("table", [path], {"columns": LONG})
+    assert tracemalloc.get_traced_memory()[1] < 10e6
+    tracemalloc.stop()
+    path.write_text("t,z,u,v\n2007-09-04T00:00Z,1," + "x" * 131_000 + ",2\n")
+    with pytest.raises(InputError, match=r"x \.\.\. \(131002 characters\); mend") as caught:
+        read("table", [path], {"columns": LONG})
+    assert len(str(caught.value)) < 600
+    path.write_text("\r".join(["t,z,u,v", *(f"2007-09-04T00:00:00Z,{k},1,2" for k in range(50_000))]))
+    assert path.stat().st_size > 2**20 and read("table", [path], {"columns": LONG}).counts["rows"] == 50_000

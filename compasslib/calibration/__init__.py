@@ -71,17 +71,18 @@ def settled(settings: Mapping[str, Any]) -> dict[str, Any]:
     Raises:
         InputError: the date lies outside the model of the earth's field.
     """
-    field = _field(settings)
     given = settings.get("declination", "auto")
+    field = _field(settings, beyond=given not in (None, "auto"))
     by_model = None if field is None else field["declination_deg"]
     return {**settings, "field": field, "declination_deg": by_model if given in (None, "auto") else given}
 
 
-def _field(settings: Mapping[str, Any]) -> dict[str, float] | None:
+def _field(settings: Mapping[str, Any], *, beyond: bool) -> dict[str, float] | None:
     latitude, longitude, date_s = (settings.get(key) for key in ("latitude", "longitude", "date_s"))
     if latitude is None or longitude is None or date_s is None:
         return None
     from compasslib import earthfield  # only where a place is given
 
-    declination, horizontal, vertical = (float(x[0]) for x in earthfield.igrf(latitude, longitude, date_s))
+    at = earthfield.within(date_s) if beyond else date_s
+    declination, horizontal, vertical = (float(x[0]) for x in earthfield.igrf(latitude, longitude, at))
     return {"horizontal_nT": horizontal, "vertical_nT": vertical, "declination_deg": declination}
