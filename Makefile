@@ -1,4 +1,4 @@
-# Needs python3.11 with pip, and make; everything else goes into .venv.
+# Needs Python 3.11 or later with pip, and make; everything else goes into .venv: make run PYTHON=python3.13
 PYTHON ?= python3.11
 CRUISE ?= .
 CORES ?= all

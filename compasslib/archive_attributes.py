@@ -1,6 +1,7 @@
 """The global attributes of corrected.nc: CF, ACDD-1.3 and OceanSITES-1.4.
 
-What is known is computed, what the user gives wins, and what is asked for and not known reads ``not given``.
+What the file states of itself is computed. Of the rest what the user gives wins, and what is asked for and not known
+reads ``not given``.
 """
 
 from __future__ import annotations
@@ -14,23 +15,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib import angles
+from compasslib import angles, config_values
 
 Floats = NDArray[np.floating]
 Attributes = dict[str, str | int | float]
 
 CONVENTIONS = "CF-1.8, ACDD-1.3, OceanSITES-1.4"
 NOT_GIVEN = "not given"
-# What the file itself decides, whatever the user writes.
-PROTECTED = (
-    "Conventions",
-    "featureType",
-    "history",
-    "time_coverage_start",
-    "time_coverage_end",
-    "time_coverage_duration",
-    "time_coverage_resolution",
-)
 DATES = ("date_created", "date_modified", "date_issued", "date_metadata_modified")
 ASKED_FOR = (
     "institution",
@@ -104,7 +95,7 @@ def global_attributes(
         time_s: (n,) time of the samples, UTC seconds since 1970.
         depth_m: depths of the measurements, any shape, metres, NaN where unknown.
         headings: how many were recorded, and how many of them could be corrected.
-        attributes: the user's; they win over what is computed, save what ``PROTECTED`` lists.
+        attributes: the user's; they win, save over what the file states itself (``config_values.STATED``).
         processing: ``method``, ``coefficients``, ``software_version``, ``source_files``, ``history``,
             ``date_created`` and whatever else tells how the product was made.
     """
@@ -118,7 +109,7 @@ def global_attributes(
     computed |= {"product_version": made["software_version"]} if "software_version" in made else {}
     if "acknowledgment" in user:
         computed.pop("acknowledgement")
-    return computed | {key: value for key, value in user.items() if key not in PROTECTED}
+    return computed | {key: value for key, value in user.items() if not config_values.stated(key)}
 
 
 def sensor_attributes(said: Attributes, looks_up: bool) -> Attributes:

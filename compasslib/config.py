@@ -95,7 +95,14 @@ def _mooring_files(cruise: Path, moorings: str | Sequence[str]) -> list[str]:
     names = [name for name in os.listdir(cruise / moorings) if name.endswith((".yaml", ".yml")) and name[0] != "."]
     if not names:
         raise InputError(where, expected=expected, found=f"none in {moorings}", advice=advice)
-    return [f"{moorings}/{name}" for name in sorted(names)]
+    return [f"{moorings}/{_printable(name, moorings)}" for name in sorted(names)]
+
+
+def _printable(name: str, folder: str) -> str:
+    if not name.isprintable():
+        expected = "names in UTF-8 without control characters"
+        raise InputError(folder, expected=expected, found=shown(name), advice="rename the file")
+    return name
 
 
 def _mooring(file: str, options: Options, place: Place) -> Mooring:
@@ -157,9 +164,10 @@ def _with_options(raw: dict[str, Any], options: Options) -> dict[str, Any]:
 
 
 def _refuse_taken(name: str, file: str, files: dict[str, str]) -> None:
-    if name in files:
-        found = f"{shown(name)}, which {files[name]} has already"
-        raise InputError(f"{file}: name", expected="a name of its own", found=found, advice="rename one of the two")
+    for other in files:
+        if name.lower() == other.lower():  # some file systems take M1 and m1 for one folder
+            found = f"{shown(name)}, which {files[other]} has already{' in other letters' * (name != other)}"
+            raise InputError(f"{file}: name", expected="a name of its own", found=found, advice="rename one of the two")
 
 
 def _explained(model: type[BaseModel], error: ValidationError, file: str) -> InputError:

@@ -38,13 +38,13 @@ def _relative(path: str) -> str:
     if path.startswith(("/", "\\", "~")) or PureWindowsPath(path).drive or ".." in re.split(r"[/\\]", path):
         inside = "copy or link the file into the cruise folder and write its path from there"
         raise problem(None, "a path inside the cruise folder, relative to it", shown(path), inside)
-    if not path.isprintable():
-        raise problem(None, "a path without control characters", shown(path))
-    _refuse_braces(path)
+    _refuse_unusable(path)
     return posixpath.normpath(path)
 
 
-def _refuse_braces(path: str) -> None:
+def _refuse_unusable(path: str) -> None:
+    if not path.isprintable():  # nor are bytes that are no UTF-8, which Python holds as half characters
+        raise problem(None, "a path in UTF-8 without control characters", shown(path), "rename the file")
     if "{" in path or "}" in path:  # Snakemake would put the mooring's name or the role there
         raise problem(None, "a path without braces", shown(path), "rename the file")
 
@@ -97,7 +97,7 @@ def _expand(path: str, place: Place) -> list[str]:
         raise problem(None, "a file", f"the folder {path}", f"write {path}/* for all files in it")
     files = _matches(place.root, path) if is_glob else []
     for file in files:
-        _refuse_braces(file)
+        _refuse_unusable(file)
     if not files:
         other = os.path.lexists(place.root / path)
         said = f"no file that matches {path}" if is_glob else f"no file {path}"

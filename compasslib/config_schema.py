@@ -35,7 +35,11 @@ ONLY_FOR = {
     "start_offset_seconds": ("mmp_acm",),
     "heading_alignment": ("pd0",),
 }
-RESERVED = ("calibrations", "proof", "summary.csv", "report.html")  # other things that stand in results/
+# Other things that stand in results/; a file system may not tell capitals.
+RESERVED = (
+    *("calibrations", "compasses", "proof", "logs", "benchmarks"),
+    *("summary.csv", "report.html", "ro-crate-metadata.json"),
+)
 DEPTH_SLACK = 1.05  # a charted water depth is rarely better than 5 %
 
 _TIME_WORDS = "a date or UTC time from 1980 to 2100"
@@ -277,7 +281,7 @@ class Mooring(Section):
 
     @model_validator(mode="after")
     def _name_is_free(self) -> Self:
-        if self.name in RESERVED:
+        if self.name.lower() in RESERVED:
             expected = f"a name other than {', '.join(RESERVED)}, which results/ holds for other things"
             raise problem("name", expected, shown(self.name), "rename the mooring")
         return self

@@ -15,10 +15,26 @@ from pydantic_core import PydanticCustomError
 NAME_WORDS = "1 to 64 letters, digits, '_', '.' and '-', the first a letter or digit"
 VELOCITY_SETS = (("east", "north"), ("speed", "direction"), ("x", "y", "heading"))
 SWAPPED = "check the sign and the order of latitude and longitude"
+# What corrected.nc says of itself: computed or fixed by its form, so that no YAML file may say otherwise. Any other
+# attribute, also those that the archive fills in where nobody gives them (title, institution, ...), is the user's.
+STATED = (
+    *("Conventions", "featureType", "cdm_data_type", "data_type", "data_mode", "format_version", "update_interval"),
+    *("standard_name_vocabulary", "id", "product_version", "processing_level", "QC_indicator"),
+    *("headings_recorded", "headings_corrected", "correction_method", "correction_coefficients", "effects"),
+    *("declination_source", "software_version", "source_files", "metadata_link", "history"),
+    *("date_created", "date_modified", "date_issued", "date_metadata_modified"),
+    *("geospatial_lat_min", "geospatial_lat_max", "geospatial_lat_units"),
+    *("geospatial_lon_min", "geospatial_lon_max", "geospatial_lon_units"),
+    *("geospatial_vertical_min", "geospatial_vertical_max", "geospatial_vertical_units"),
+    *("geospatial_vertical_positive", "geospatial_bounds", "geospatial_bounds_crs", "geospatial_bounds_vertical_crs"),
+    *("water_depth", "water_depth_units", "sensor_orientation"),
+    *("time_coverage_start", "time_coverage_end", "time_coverage_duration", "time_coverage_resolution"),
+)
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 _REPEATS = 20  # of a piece at a name's end, from which on Snakemake takes it for an endless recursion and stops
 _REPEATED = re.compile(rf"(.+)\1{{{_REPEATS - 1},}}$")
+_STATED = {name.lower() for name in STATED}
 _ATTRIBUTE = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}")
 _NUMBER = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?")
 _EXPONENT = re.compile(r"[-+]?\d+[eE][-+]?\d+")
@@ -217,9 +233,21 @@ def attributes(value: Any) -> dict[str, str | int | float]:
             raise problem(
                 None, "attribute names of letters, digits and '_'", shown(attribute), "write for example ship"
             )
+        if stated(attribute):
+            expected = "attributes that describe, such as institution, title or comment"
+            raise problem(attribute, expected, f"{shown(attribute)}, which the product states itself", "delete it")
         if isinstance(content, bool) or not isinstance(content, str | int | float | None):
             raise problem(attribute, "a text or a number", shown(content), f"write it in quotes: {attribute}: '...'")
     return {attribute: content for attribute, content in value.items() if content is not None}
+
+
+def stated(attribute: str) -> bool:
+    """Return whether the product states an attribute itself; in whatever case, as two that differ by it mislead.
+
+    Args:
+        attribute: its name.
+    """
+    return attribute.lower() in _STATED
 
 
 def check_table(headers: dict[str, str], depth: float | None) -> None:

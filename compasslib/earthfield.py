@@ -42,7 +42,7 @@ def igrf(latitude: float, longitude: float, time_s: ArrayLike) -> tuple[Floats, 
                 "earth's field",
                 expected=f"dates from {FIRST_YEAR} to {LAST_YEAR - 1}, which IGRF covers",
                 found=f"{date:%Y-%m-%d}",
-                advice="check start and end, or give the declination as a number",
+                advice="correct the dates, or write the declination in degrees: H and Z then are IGRF's last",
             )
     east, north, down = field_at(latitude, longitude, seconds / DAY_S)
     return wrap180(direction(east, north)), np.hypot(east, north), down
@@ -70,7 +70,8 @@ def along_time(
         InputError: a date lies outside the model.
     """
     nodes = np.linspace(start_s, end_s, 2 + int((end_s - start_s) // NODE_SPACING_S))
-    model, horizontal, vertical = igrf(latitude, longitude, nodes)
+    covered = nodes if declination is None else within(nodes)
+    model, horizontal, vertical = igrf(latitude, longitude, covered)
     said = [
         text
         for name, degrees in (applied or {}).items()
@@ -85,8 +86,22 @@ def along_time(
         vertical_nT=vertical,
         model_declination_deg=model,
         source="metadata",
-        warnings=(*_disagreement("declination", declination, model, DISAGREEMENT_DEG), *said),
+        warnings=(
+            *_disagreement("declination", declination, model, DISAGREEMENT_DEG),
+            *_beyond(covered, nodes),
+            *said,
+        ),
     )
+
+
+def within(time_s: ArrayLike) -> Floats:
+    """Return times, those that the model does not cover replaced by the nearest that it does, (k,).
+
+    Args:
+        time_s: UTC seconds since 1970.
+    """
+    ends = [datetime(year, 1, 1, tzinfo=UTC).timestamp() for year in (FIRST_YEAR, LAST_YEAR)]
+    return np.clip(np.atleast_1d(np.asarray(time_s, dtype=float)), ends[0], ends[1] - 1.0)
 
 
 def declination_at(field: EarthField, time_s: ArrayLike) -> Floats:
@@ -130,6 +145,12 @@ def told(name: str, field: EarthField) -> str:
     horizontal = field.horizontal_nT.mean()
     line = f"{name}: declination {first:+.2f} to {last:+.2f} degrees ({field.source}), H {horizontal:.0f} nT"
     return "\n".join([line, *(f"{name}: warning: {warning}" for warning in field.warnings)])
+
+
+def _beyond(covered: Floats, nodes: Floats) -> tuple[str, ...]:
+    if np.array_equal(covered, nodes):
+        return ()
+    return (f"IGRF ends with {LAST_YEAR - 1}: later H, Z and what the declination is held against are its last",)
 
 
 def _disagreement(name: str, degrees: float, model: Floats, believed_deg: float) -> list[str]:

@@ -6,10 +6,11 @@ the report are the workflow's own.
 
 from __future__ import annotations
 
+import fcntl
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import chdir, contextmanager
+from contextlib import chdir, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -36,6 +37,8 @@ from compasslib.discrepancy import product as products
 from compasslib.discrepancy.product import Product
 from compasslib.errors import InputError
 from compasslib.records import EarthField, Pairs, Record
+
+TEMPORARY, MARK = ".compass-correct.", "compass-correct.lock"  # of a folder of results until it is whole
 
 
 @dataclass(frozen=True)
@@ -111,13 +114,29 @@ def _refuse_taken(folder: Path, results: Path) -> None:
 def _whole(folder: Path) -> Iterator[Path]:
     """Give a folder beside the wanted one that takes its place once the block has ended well."""
     folder.parent.mkdir(parents=True, exist_ok=True)
-    beside = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
+    _clear_after_a_kill(folder)
+    beside = Path(tempfile.mkdtemp(prefix=f".{folder.name}{TEMPORARY}", dir=folder.parent))
     try:
-        yield beside
-        beside.chmod(0o755)  # a temporary folder is its maker's alone
-        beside.rename(folder)
+        with (beside / MARK).open("w") as mark:
+            with suppress(OSError):  # a file system without locks: what a kill leaves there stays
+                fcntl.flock(mark, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            yield beside
+            beside.chmod(0o755)  # a temporary folder is its maker's alone
+            (beside / MARK).unlink()
+            beside.rename(folder)
     finally:
         shutil.rmtree(beside, ignore_errors=True)
+
+
+def _clear_after_a_kill(folder: Path) -> None:
+    """Remove temporary folders of earlier runs for the same results: their name, our mark, nobody's lock."""
+    for left in folder.parent.iterdir():
+        ours = left.name.startswith(f".{folder.name}{TEMPORARY}") and not left.is_symlink()
+        mark = left / MARK
+        if ours and mark.is_file() and not mark.is_symlink():
+            with mark.open("r+") as held, suppress(OSError):
+                fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)  # held by a run that is alive: BlockingIOError
+                shutil.rmtree(left, ignore_errors=True)
 
 
 def _run(task: Task) -> None:

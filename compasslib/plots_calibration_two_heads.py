@@ -73,10 +73,10 @@ def tilt_check(path: str | Path, found: Calibration, name: str) -> None:
         found: the calibration.
         name: of the calibration.
     """
-    notes = [found.details["frame"]["text"]] if found.details else _notes(found)
+    notes = [found.details["frame"]["text"]] if "frame" in found.details else _notes(found)
     with page(path, f"{name}: do the tilts of two heads belong to one rigid frame?", 5.0, notes) as figure:
         panels = figure.subplot_mosaic([["pitch", "roll"], ["left", "left"]], height_ratios=(2.0, 1.0))
-        if not found.details:
+        if "frame" not in found.details:
             _empty(list(panels.values()), found)
             return
         turned = _turned_tilts(found)
@@ -101,7 +101,7 @@ def along_time(path: str | Path, found: Calibration, name: str) -> None:
     """
     with page(path, f"{name}: heading of b minus heading of a along time", 4.6, _notes(found)) as figure:
         panels = figure.subplots(2, 1, sharex=True, height_ratios=(1.6, 1.0))
-        if not (found.points and found.details):
+        if not found.points or "frame" not in found.details:
             _empty(panels, found)
             return
         offset = found.details["offset_deg"]

@@ -24,6 +24,10 @@ if TYPE_CHECKING:  # the Snakefile imports this room and needs no numbers
 PROJECT = Path(__file__).resolve().parent.parent
 _IMPORT = re.compile(r"^ *(?:from (compasslib\S*) import (\([^)]*\)|.*)|import (compasslib[\w.]*))", re.MULTILINE)
 _FOR_TYPES = re.compile(r"^if TYPE_CHECKING:.*(?:\n(?: .*)?)*", re.MULTILINE)
+_OF_A_REPOSITORY = ("GIT_DIR", "GIT_WORK_TREE", "GIT_COMMON_DIR", "GIT_INDEX_FILE", "GIT_OBJECT_DIRECTORY")
+_DATE = ("log", "-1", "--no-show-signature", "--format=%ct")
+_NONE = "no checkout"
+_LONGEST = 200  # characters of what git says
 _ALIAS_OR_COMMENT = re.compile(r" as \w+|#.*")
 
 
@@ -73,10 +77,12 @@ def _files(name: str) -> tuple[Path, ...]:
 
 def software() -> str:
     """Return name and version of this software with its commit, or with the hash of its modules outside a checkout."""
-    said = _git("status", "--porcelain=v2", "--branch", "--", "compasslib", "workflow", "Snakefile").splitlines()
-    commit = "".join(line.split()[2][:12] for line in said if line.startswith("# branch.oid"))
+    asked, why = _git("status", "--porcelain=v2", "--branch", "--", "compasslib", "workflow", "Snakefile")
+    said = asked.splitlines()
+    commit = "".join(line.split()[2][:12] for line in said if line.startswith("# branch.oid") and "(" not in line)
+    unknown = why if why == _NONE else "commit unknown"
     edited = "" if all(line.startswith("#") for line in said) else ", edited since"
-    state = f"{commit}{edited}" if commit else f"no checkout, modules sha256 {digest(_modules())[:12]}"
+    state = f"{commit}{edited}" if commit else f"{unknown}, modules sha256 {digest(_modules())[:12]}"
     return f"compasslib {__version__} ({state})"
 
 
@@ -88,7 +94,7 @@ def date_created() -> str:
     Raises:
         InputError: SOURCE_DATE_EPOCH is no number of seconds.
     """
-    epoch = os.environ.get("SOURCE_DATE_EPOCH") or _git("log", "-1", "--format=%ct") or "0"
+    epoch = os.environ.get("SOURCE_DATE_EPOCH") or _git(*_DATE)[0] or "0"
     try:
         return datetime.fromtimestamp(int(epoch), UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
     except (ValueError, OverflowError, OSError):
@@ -100,8 +106,8 @@ def date_source() -> str:
     """Return where ``date_created`` has its date from."""
     if os.environ.get("SOURCE_DATE_EPOCH"):
         return "SOURCE_DATE_EPOCH"
-    checkout = "the commit of the software"
-    return checkout if _git("log", "-1", "--format=%ct") else "nothing: no checkout, and SOURCE_DATE_EPOCH is not set"
+    date, why = _git(*_DATE)
+    return "the commit of the software" if date else f"nothing: {why}, and SOURCE_DATE_EPOCH is not set"
 
 
 def installed(package: str) -> str:
@@ -235,14 +241,19 @@ def _modules() -> list[Path]:
 
 
 @cache
-def _git(*arguments: str) -> str:
-    """Return what git says of this project; nothing outside a checkout, nor of a repository that merely holds it."""
+def _git(*arguments: str) -> tuple[str, str]:
+    """Return what git says of this project and, where it says nothing, why: nothing outside a checkout of its own."""
     if not (PROJECT / ".git").exists():
-        return ""
+        return "", _NONE
+    # A checkout may be another's: git then refuses, for fear of what its settings may start. Its Python runs already.
     # Without optional locks, so that jobs side by side do not wait for each other's index.
-    command = ["git", "--no-optional-locks", "-C", str(PROJECT), *arguments]
+    command = ["git", "-c", f"safe.directory={PROJECT}", "--no-optional-locks", "-C", str(PROJECT), *arguments]
+    # Inside a hook of another repository, or below one where its own is broken, git would answer of that.
+    environment = {name: value for name, value in os.environ.items() if name not in _OF_A_REPOSITORY}
+    environment |= {"GIT_CEILING_DIRECTORIES": str(PROJECT.parent), "LC_ALL": "C"}
     try:
-        found = subprocess.run(command, capture_output=True, text=True, check=False)
-    except OSError:
-        return ""
-    return found.stdout.strip()
+        found = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+    except OSError as error:
+        return "", f"git cannot be run ({error.strerror})"
+    refusal = " ".join(found.stderr.split())[:_LONGEST]
+    return found.stdout.strip(), f"git refuses ({refusal})" if found.returncode else ""

@@ -415,10 +415,18 @@ def test_the_user_wins_save_what_the_file_itself_decides(tmp_path):
         "Conventions": "COARDS",
         "time_coverage_start": "never",
         "history": "none",
-        "data_mode": "P",
+        "data_mode": "R",
+        "software_version": "9.9",
+        "Source_Files": "none",
+        "correction_coefficients": "{}",
+        "source": "ship",
     }
     with netCDF4.Dataset(write(tmp_path / "c.nc", attributes=wishes)) as nc:
-        assert (nc.title, nc.data_mode, nc.Conventions) == ("Mine", "P", archive_attributes.CONVENTIONS)
+        assert (nc.title, nc.source, nc.data_mode, nc.Conventions) == (
+            *("Mine", "ship", "D"),
+            archive_attributes.CONVENTIONS,
+        )
+        assert nc.software_version == PROCESSING["software_version"] and "Source_Files" not in nc.ncattrs()
         assert nc.time_coverage_start == "2007-09-05T13:46:40Z" and nc.history == PROCESSING["history"]
         assert nc.creator_name == nc.license == nc.institution == "not given"
         assert json.loads(nc.correction_coefficients) == {"A": 0.1}

@@ -16,6 +16,8 @@ from compasslib import angles, archive, archive_calibrations, calibration, compa
 from compasslib.calibration import at_mooring, budget, comparison, content, platform
 from compasslib.calibration.curves import Readings
 from compasslib.deviation import transfer
+from compasslib.discrepancy import recordings
+from compasslib.discrepancy.diagnosis import Options
 from compasslib.errors import InputError
 from compasslib.records import EarthField
 
@@ -336,3 +338,18 @@ def test_the_budget_of_a_calibration_stands_in_the_mooring_s_uncertainty(tmp_pat
     )
     assert np.sqrt(wide.covariance[0, 0]) / angles.DEGREE == pytest.approx(3.0, abs=0.1)
     assert wide.covariance[0, 0] > 10.0 * narrow.covariance[0, 0]
+
+
+# ------------------------------------------------------------------------------------------------ too good to be true
+@pytest.mark.parametrize("constant", [0.0, 7.0, 172.0])
+@pytest.mark.parametrize("n", [8, 12, 16, 36, 72])
+def test_recorded_headings_that_are_the_reference_s_own_get_a_curve_and_a_warning(tmp_path, n, constant):
+    """A column that was copied leaves nothing of the readings; 36 of them were a traceback."""
+    path = write_table(tmp_path / "cal.csv", Readings(ring(n), (ring(n) + constant) % 360.0))
+    made = calibration.calibrate("platform", [path], {})
+    np.testing.assert_allclose(made.coefficients, [-constant, 0, 0, 0, 0], atol=1e-9)
+    assert any("leaves nothing of the readings, which no instrument does" in said for said in made.warnings)
+    found = recordings.diagnose("platform", [path], {}, Options())
+    assert found.verdict in ("consistent", "insufficient") and not found.findings
+    honest = write_table(tmp_path / "honest.csv", readings(ring(n)))
+    assert not any("leaves nothing" in said for said in calibration.calibrate("platform", [honest], {}).warnings)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from compasslib import angles, compass
+from compasslib import angles, calibration, compass
 from compasslib.calibration import swing
 from compasslib.calibration.result import Calibration
 from compasslib.deviation import von_appen
@@ -384,3 +384,14 @@ def test_the_page(tmp_path, eight):
         page(path, result, "MM")
         assert path.read_bytes() == first
         assert imread(path).shape[1] == WIDTH_IN * DPI
+
+
+@pytest.mark.parametrize("rounds", [1, 2])
+def test_a_course_that_is_the_compass_s_own_is_no_traceback_and_warns(tmp_path, rounds):
+    heading = np.arange(360.0 * rounds) % 360.0
+    start = np.datetime64("2022-09-29T09:00:00")
+    rows = [f"{start + int(i)}Z,{x},{x},5" for i, x in enumerate(heading)]
+    path = tmp_path / "swing.csv"
+    path.write_text("\n".join(["time_utc,compass_deg,cog_deg,speed_kn", *rows]))
+    made = calibration.calibrate("swing", [path], {"latitude": 48.4, "longitude": -4.5, "date_s": 1.66e9})
+    assert any("leaves nothing of the readings" in said for said in made.warnings)

@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from datetime import timedelta
 from pathlib import Path
 
 import numpy as np
 import pytest
+from pd0_encoder import START, ensemble
 from sea import SHARED
 from two_heads_files import PLAIN, START_S, TURNED, cast, rewritten
 
+from compasslib import archive_calibrations, calibration, plots_calibrations
 from compasslib import plots_calibration_two_heads as figures
 from compasslib.archive_files import read_json, write_json
-from compasslib.calibration import heads_frame, heads_motion, heads_series, two_heads
+from compasslib.calibration import content, heads_frame, heads_motion, heads_series, two_heads
 from compasslib.calibration.result import Calibration
+from compasslib.discrepancy import recordings
+from compasslib.discrepancy.diagnosis import Options
 from compasslib.errors import InputError
 from compasslib.nature import package
 from compasslib.nature.package import Head, Sea
@@ -271,3 +276,36 @@ def test_figures(draw, full, narrow, tmp_path):
     for name, found in (("full", full), ("narrow", narrow), ("none", two_heads._nothing(0, "no time shared", ()))):
         draw(tmp_path / f"{name}.png", found, name)
         assert Path(tmp_path / f"{name}.png").stat().st_size > 10_000
+
+
+def _still(path, n, heading, tilt=lambda i: 300):
+    """Write a head whose frame turns evenly, or not at all, and never tilts otherwise."""
+    made = (
+        ensemble(
+            [[100, 200, 3, 2]] * 4,
+            fixed={"up": True},
+            number=i + 1,
+            when=START + timedelta(seconds=10 * i),
+            heading=heading(i),
+            tilt1=tilt(i),
+        )
+        for i in range(n)
+    )
+    path.write_bytes(b"".join(made))
+    return path
+
+
+@pytest.mark.parametrize("turning", [0, 700])
+@pytest.mark.parametrize("n", [1, 400])
+def test_heads_that_turn_evenly_or_never_or_are_one_file_are_no_traceback(tmp_path, turning, n):
+    a = _still(tmp_path / "a.000", n, lambda i: (i * turning) % 36000)
+    b = _still(tmp_path / "b.000", n, lambda i: (i * turning + 4500) % 36000)
+    for other in (a, b):
+        made = calibration.calibrate("two_heads", [a, other], {})
+        recordings.diagnose("two_heads", [a, other], {}, Options())
+        assert (made.model == "none") == (n == 1)
+        assert n == 1 or any("leaves nothing of the readings" in said for said in made.warnings)
+        files = {file: tmp_path / f"{file}.x" for file in ("calibration", "table", "points")}
+        archive_calibrations.write(page=content.described("h", made, {}, {}), made=made, **files)
+        for figure in calibration.figures("two_heads"):
+            plots_calibrations.draw(figure, tmp_path / f"{figure}.png", archive_calibrations.read(**files))

@@ -10,16 +10,19 @@ import subprocess
 import sys
 from pathlib import Path
 
+import netCDF4
+import numpy as np
 import pytest
 import yaml
 from bench import MILD, readings, ring, write_table
 from sea import cruise
-from test_workflow import change, snakemake
+from test_workflow import PROJECT, change, snakemake
 
+import compasslib
 from compasslib import archive_calibrations, calibration, pipeline, summary
 from compasslib.calibration import content
 from compasslib.calibration.curves import Readings
-from compasslib.command import folders, main
+from compasslib.command import folders, main, versions
 
 DIAGNOSED = {
     **{"verdict": "consistent", "findings": [], "unexplained": None},
@@ -250,7 +253,7 @@ def test_diff_tells_what_another_declination_changed(runs, capsys):
         ("diagnosis.json", {"verdict": "unexplained"}, r"\w+ → unexplained"),
         ("diagnosis.json", {"findings": [{"effect": "heeling"}]}, "none → heeling"),
         ("diagnosis.json", {"why": "other words"}, "diagnosis.json"),
-        ("deviation.json", {"coefficients": dict.fromkeys("ABCDE", 0.0)}, r"A [+−]0\.\d+, B"),
+        ("deviation.json", {"coefficients": dict.fromkeys("ABCDE", 0.0)}, r"A [+−]0\.\d+ \(\d\.?\d*σ\), B [+−]0"),
         ("deviation.json", {"coefficients": None}, "fitted → none"),
         ("deviation.json", {"method": "von_appen"}, "exact → von_appen"),
         ("assessment.json", {"after": {}}, "assessment.json"),
@@ -263,8 +266,6 @@ def test_diff_tells_each_kind_of_change(runs, copied, capsys, file, keys, shown)
 
 
 def test_diff_tells_headings_that_are_gone_and_other_variables(runs, copied, capsys):
-    import netCDF4
-
     with netCDF4.Dataset(copied / "corrected.nc", "a") as nc:
         nc["HEADING_CORRECTED"][:300] = nc["HEADING_CORRECTED"]._FillValue
         nc["PITCH"][:] = 7.0
@@ -284,6 +285,121 @@ def test_diff_tells_what_it_cannot_compare(runs, copied, capsys):
     assert main(["diff", str(copied.parents[1] / "earlier"), str(copied.parent)]) == 1
     rows = [line.split(maxsplit=1) for line in capsys.readouterr().out.splitlines()[1:]]
     assert rows == [["M1", "nothing changed"], ["M2", "not in OLD"], ["M3", "NEW is incomplete: no corrected.nc"]]
+
+
+@pytest.fixture(scope="module")
+def versions_of(tmp_path_factory) -> Path:
+    """One cruise by this library, and by a copy of it called 0.1.0 that turned all by 2° and knew tilt's error less."""
+    folder = cruise(tmp_path_factory.mktemp("versions"), n=300)
+    copy = tmp_path_factory.mktemp("library")
+    shutil.copytree(PROJECT / "compasslib", copy / "compasslib", ignore=shutil.ignore_patterns("__pycache__"))
+    for file, now, then in (
+        ("__init__.py", compasslib.__version__, "0.1.0"),
+        ("earthfield.py", "wrap180(direction(east, north))", "wrap180(direction(east, north) + 2.0)"),
+        ("correction.py", "LEFT_OUT_BY_TILT = 0.08", "LEFT_OUT_BY_TILT = 0.16"),
+    ):
+        text = (copy / "compasslib" / file).read_text()
+        assert now in text
+        (copy / "compasslib" / file).write_text(text.replace(now, then))
+    code = "import sys; from compasslib import pipeline; pipeline.process(sys.argv[1], 'M1', sys.argv[2])"
+    environment = os.environ | {"PYTHONPATH": str(copy)}
+    subprocess.run([sys.executable, "-c", code, folder, folder / "old/M1"], check=True, env=environment, cwd=copy)
+    pipeline.process(folder, "M1", folder / "new/M1")
+    return folder
+
+
+CHANGES = """# Changes
+## 0.3.0
+* Not yet. *(headings)*
+## 0.2.0
+* The declination is that of the place,
+  not of the next. *(headings, verdict)*
+* Faster.
+* Swings. *(calibration:swing)*
+* Calibrations. *(calibration)*
+## 0.1.0
+* The first. *(headings, flags)*
+"""
+
+
+def test_diff_between_versions_says_by_how_many_sigmas_and_which_entries_may_be_why(versions_of, capsys, monkeypatch):
+    changelog = versions_of / "CHANGELOG.md"
+    changelog.write_text(CHANGES)
+    monkeypatch.setattr(versions, "CHANGELOG", changelog)
+    assert main(["diff", str(versions_of / "old"), str(versions_of / "new")]) == 0
+    table, why = capsys.readouterr().out.split("\n\n")
+    cells = dict(zip(*(re.split("  +", line) for line in table.splitlines()), strict=True))
+    with netCDF4.Dataset(versions_of / "old/M1/corrected.nc") as nc:
+        stated = nc["HEADING_CORRECTED_UNCERTAINTY"][:].compressed()
+    expected = 2.0 / np.quantile(stated, [0.5, 0.05, 0.0])  # every heading turned by 2 degrees
+    told = [float(x) for x in cells["in OLD's 1σ: median, 95 %, largest"].split(", ")]
+    assert told == pytest.approx(expected, rel=0.05)  # to two digits
+    assert cells["flags"] == cells["coefficients"] == "same" and "UNCERTAINTY" in cells["also changed"]
+    assert why.splitlines()[:2] == [
+        f"OLD by {_software(versions_of / 'old/M1')}",
+        f"NEW by {_software(versions_of / 'new/M1')}",
+    ]
+    reason, *entries = why.splitlines()[2:]
+    assert reason.startswith("headings and uncertainty changed; where YAML and raw files are the same, by one of these")
+    assert entries == ["  0.2.0: The declination is that of the place, not of the next."]
+
+
+def _software(folder: Path) -> str:
+    with netCDF4.Dataset(folder / "corrected.nc") as nc:
+        return nc.software_version
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "changed", "entries"),
+    [
+        ("0.1.0 (a)", "0.2.0 (b)", {"calibration:swing"}, ["Swings.", "Calibrations."]),
+        ("0.2.0 (b)", "0.1.0 (a)", {"calibration:platform"}, ["Calibrations."]),
+        ("0.1.0 (a)", "0.1.0 (b)", {"flags"}, ["The first."]),
+        ("0.1.0 (a)", "0.3.0 (b)", {"headings"}, ["Not yet.", "The declination"]),
+        ("0.1.0 (a)", "0.2.0 (b)", {"coefficients"}, []),
+    ],
+)
+def test_the_entries_between_two_versions_that_touch_what_changed(tmp_path, old, new, changed, entries):
+    (tmp_path / "CHANGELOG.md").write_text(CHANGES)
+    said = versions.told(f"compasslib {old}", f"compasslib {new}", changed, tmp_path / "CHANGELOG.md")
+    assert [line.split(": ", 1)[1] for line in said[3:]] == [
+        next(entry.text for entry in versions.entries(CHANGES) if entry.text.startswith(begin)) for begin in entries
+    ]
+    assert entries or "no entry of the changelog between them can change coefficients" in said[2]
+
+
+def test_what_cannot_be_told_of_versions_is_said(tmp_path):
+    assert versions.told("compasslib 0.2.0 (a)", "compasslib 0.2.0 (a)", {"headings"}) == []
+    assert "versions are not known" in versions.told("", "compasslib 0.2.0 (a)", {"headings"})[2]
+    absent = versions.told("compasslib 0.1.0 (a)", "compasslib 0.2.0 (a)", {"headings"}, tmp_path / "none.md")
+    assert "not beside this installation" in absent[2]
+
+
+def test_the_changelog_s_own_entries_can_be_read_and_begin_with_this_version():
+    found = versions.entries((PROJECT / "CHANGELOG.md").read_text())
+    assert found[0].version == compasslib.__version__ and len(found) > 40
+    kinds = {f"calibration:{kind}" for kind in calibration.KINDS} | set(versions.KINDS)
+    assert {change for entry in found for change in entry.changes} <= kinds
+    assert not any("*(" in entry.text for entry in found)
+
+
+def test_diff_tells_flags_that_changed(runs, copied, capsys):
+    with netCDF4.Dataset(copied / "corrected.nc", "a") as nc:
+        nc["HEADING_CORRECTED_QC"][:100] = 3
+        nc["HEADING_CORRECTED_QC"][100:120] = 4
+    assert main(["diff", str(runs / "old"), str(copied)]) == 0
+    assert "120 of 600 (1 → 3: 100, 1 → 4: 20)" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("lost", ["HEADING_CORRECTED_UNCERTAINTY", "HEADING_CORRECTED_QC", "DECLINATION", "PITCH"])
+@pytest.mark.parametrize("side", ["old", "new"])
+def test_diff_of_a_product_that_lacks_a_variable_is_a_table_or_one_line(runs, copied, capsys, lost, side):
+    with netCDF4.Dataset(copied / "corrected.nc", "a") as nc:
+        nc.renameVariable(lost, "LOST")
+    places = [str(copied), str(runs / "new/M1")]
+    status = main(["diff", *(places if side == "old" else places[::-1])])
+    out, err = capsys.readouterr()
+    assert (status == 1 and err.count("\n") == 1) if lost == "DECLINATION" else (status == 0 and out and not err)
 
 
 @pytest.fixture(scope="module")

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import json
+import os
 import random
 import re
 from datetime import UTC, date, datetime, timedelta, timezone
@@ -355,7 +356,7 @@ BAD_LINES = [
     ("name: Ö1", "name: expected 1 to 64 letters, digits, '_', '.' and '-', the first a letter or digit, found 'Ö1'; write for example EG4"),
     (f"name: {'EG' * 20}", f"name: expected a name that does not end in 20 repeats of one piece (EG), found '{'EG' * 20}'; shorten it"),
     (f"name: M{'0' * 20}", f"name: expected a name that does not end in 20 repeats of one piece (0), found 'M{'0' * 20}'; shorten it"),
-    ("name: proof", "name: expected a name other than calibrations, proof, summary.csv, report.html, which results/ holds for other things, found 'proof'; rename the mooring"),
+    ("name: proof", "name: expected a name other than calibrations, compasses, proof, logs, benchmarks, summary.csv, report.html, ro-crate-metadata.json, which results/ holds for other things, found 'proof'; rename the mooring"),
     ("compromised: tpo", "compromised: expected an instrument of this mooring (top, deep), found 'tpo'; write one of these names"),
     ("reference: bottom", "reference: expected an instrument of this mooring (top, deep), found 'bottom'; write one of these names"),
     ("reference: top", "reference: expected another instrument than compromised, found 'top'; name the trusted instrument, or delete reference where there is none"),
@@ -369,6 +370,9 @@ BAD_LINES = [
     ("diagnose: {apply: 'true'}", "diagnose.apply: expected true or false, found 'true'; write true without quotes"),
     ("diagnose: yes", "diagnose: expected a mapping, found 'yes'; write below it keys out of enabled, apply, min_effect_deg"),
     ("attributes: {ship: [a, b]}", "attributes.ship: expected a text or a number, found a list; write it in quotes: ship: '...'"),
+    ("attributes: {Software_Version: 9}", "attributes.Software_Version: expected attributes that describe, such as institution, title or comment, found 'Software_Version', which the product states itself; delete it"),
+    ("    attributes: {date_created: 1970-01-01}", "instruments.top.attributes.date_created: expected attributes that describe, such as institution, title or comment, found 'date_created', which the product states itself; delete it"),
+    ("attributes: {'': c}", "attributes: expected attribute names of letters, digits and '_', found ''; write for example ship"),
     ("attributes: {a b: c}", "attributes: expected attribute names of letters, digits and '_', found 'a b'; write for example ship"),
     ("covariates: {obs: {format: iaga2002, files: raw/obs/*.hor}}", "covariates.obs.files: expected an existing file, found no file that matches raw/obs/*.hor; put it there or correct the path, relative to the cruise folder"),
     ("covariates: {a b: {format: iaga2002, files: raw/obs/*.min}}", "covariates.a b: expected 1 to 64 letters, digits, '_', '.' and '-', the first a letter or digit, found 'a b'; write for example EG4"),
@@ -557,3 +561,27 @@ def test_an_instrument_may_be_called_like_a_key(cruise: Path) -> None:
         f"{MOORING_FILE}: instruments.depth.orientation: expected up or down, found 'left'; "
         "write for example orientation: up"
     )
+
+
+@pytest.mark.parametrize("name", [*config_schema.RESERVED, "Logs", "RO-Crate-metadata.json"])
+def test_names_of_other_things_in_results_are_refused(cruise: Path, name: str) -> None:
+    write(cruise, MOORING_FILE, with_line(f"name: {name}"))
+    assert "name: expected a name other than calibrations" in message(cruise)
+
+
+def test_two_moorings_whose_names_differ_in_capitals_alone_are_refused(cruise: Path) -> None:
+    write(cruise, "config/moorings/M1.yaml", SHORTEST)
+    write(cruise, "config/moorings/m1.yaml", SHORTEST.replace("M1", "m1"))
+    assert "found 'm1', which config/moorings/M1.yaml has already in other letters" in message(cruise)
+
+
+@pytest.mark.parametrize("name", [b"a\xff.000", b"a\n.000", "a\u202e.000".encode()])
+def test_names_of_files_that_cannot_be_printed_are_refused(cruise: Path, name: bytes) -> None:
+    (Path(os.fsdecode(os.fsencode(cruise) + b"/raw/EG4/" + name))).touch()
+    write(cruise, MOORING_FILE, edited(MOORING, "raw/EG4/top.000", "raw/EG4/*.000"))
+    said = message(cruise)
+    assert "files: expected a path in UTF-8 without control characters, found 'raw/EG4/a" in said
+    said.encode()
+    write(cruise, MOORING_FILE, MOORING)
+    (Path(os.fsdecode(os.fsencode(cruise) + b"/config/moorings/" + name + b".yaml"))).touch()
+    assert "config/moorings: expected names in UTF-8 without control characters" in message(cruise)

@@ -6,7 +6,7 @@ import numpy as np
 import ppigrf
 import pytest
 
-from compasslib import earthfield, igrf
+from compasslib import calibration, earthfield, igrf
 from compasslib.errors import InputError
 
 DECEMBER_2007, EG4 = 1196467200.0, (65.3, -33.0)
@@ -69,3 +69,18 @@ def test_a_declination_that_a_file_is_said_to_hold_is_held_against_the_model(app
 def test_dates_outside_the_model_are_refused():
     with pytest.raises(InputError, match="dates from 1900 to 2029, which IGRF covers, found 2031-01-01"):
         earthfield.igrf(*EG4, [1924992000.0])
+
+
+def test_the_advice_for_dates_after_the_model_works():
+    """A declination in degrees needs the model for H and Z alone, which change by a thousandth a year."""
+    start_s, end_s = (datetime(year, 6, 1).timestamp() for year in (2029, 2031))
+    with pytest.raises(InputError, match="or write the declination in degrees"):
+        earthfield.along_time(*EG4, start_s, end_s)
+    field = earthfield.along_time(*EG4, start_s, end_s, -18.0)
+    assert (field.declination_deg == -18.0).all() and np.isfinite(field.horizontal_nT).all()
+    assert any("IGRF ends with 2029" in said for said in field.warnings)
+    assert not any("IGRF ends" in said for said in earthfield.along_time(*EG4, 1.6e9, 1.7e9, -20.0).warnings)
+    place = {"latitude": EG4[0], "longitude": EG4[1], "date_s": end_s}
+    assert calibration.settled({**place, "declination": -18.0})["field"]["horizontal_nT"] > 1e4
+    with pytest.raises(InputError, match="found 2031-06-01"):
+        calibration.settled({**place, "declination": "auto"})

@@ -1,4 +1,4 @@
-"""The example that plots a corrected record with xarray: it runs without a warning and draws both currents."""
+"""The example that plots a corrected record: it runs without a warning, by what make run installs."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ GREY, GREEN = (153, 153, 153), (44, 160, 44)  # its colours of recorded and corr
 
 
 def test_it_draws_recorded_and_corrected_currents(tmp_path):
-    pytest.importorskip("xarray")
     image = pytest.importorskip("PIL.Image")
     record = write(tmp_path / "corrected.nc", make_product(1500, 6))
     command = [sys.executable, "-W", "error", PROJECT / "examples/plot_corrected.py", record, tmp_path / "figure.png"]
@@ -27,3 +26,15 @@ def test_it_draws_recorded_and_corrected_currents(tmp_path):
         pixels = np.asarray(drawn.convert("RGB"))
     for colour in (GREY, GREEN):
         assert (pixels == colour).all(axis=2).sum() > 100, colour
+
+
+def test_what_the_readme_s_commands_import_is_in_the_lock_of_make_run():
+    """The example, and Snakemake's own report, which needs pygments and does not ask for it."""
+    lock = (PROJECT / "requirements/run.txt").read_text().lower()
+    text = (PROJECT / "examples/plot_corrected.py").read_text()
+    imported = {
+        line.split()[1].split(".")[0].lower() for line in text.splitlines() if line.startswith(("import ", "from "))
+    }
+    assert {"netcdf4", "numpy", "matplotlib"} <= imported
+    for package in (imported - set(sys.stdlib_module_names)) | {"pygments"}:
+        assert f"\n{package}==" in lock, package

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -72,3 +75,46 @@ def test_what_is_refused(tmp_path, mooring, into, line):
     with pytest.raises(InputError, match=line):
         pipeline.process(folder, mooring, tmp_path / into)
     assert [path.name for path in tmp_path.iterdir()] == ["c"] and not (folder / "results").exists()
+
+
+def half_done(folder: Path) -> list[Path]:
+    return list((folder / "corrected").glob(".*"))
+
+
+@pytest.fixture
+def running(tmp_path):
+    """A cruise whose `compass correct` is under way, and the process."""
+    folder = cruise(tmp_path / "c", n=3000)
+    code = "import sys; from compasslib.command import main; sys.exit(main())"
+    command = [sys.executable, "-c", code, "correct", "M1", "--cruise", str(folder)]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    while process.poll() is None and not any((left / "work/top.nc").exists() for left in half_done(folder)):
+        time.sleep(0.01)
+    yield folder, process
+    process.kill()
+    process.wait()
+    process.stderr.close()
+
+
+def test_a_run_that_is_terminated_leaves_nothing(running):
+    folder, process = running
+    process.terminate()
+    assert process.wait() == 130 and "interrupted; nothing was written" in process.stderr.read()
+    assert list((folder / "corrected").iterdir()) == []
+
+
+def test_what_a_killed_run_left_goes_with_the_next_and_nothing_else_does(running):
+    folder, process = running
+    (living,) = half_done(folder)
+    pipeline._clear_after_a_kill(folder / "corrected/M1")
+    assert living.is_dir(), "another run is at work there"
+    process.kill()
+    process.wait()
+    theirs = [folder / f"corrected/{name}" for name in (".M1.old", ".M1.compass-correct.mine", ".M2.compass-correct.x")]
+    for other in theirs:
+        other.mkdir()
+    (theirs[2] / pipeline.MARK).touch()
+    link = folder / "corrected/.M1.compass-correct.link"
+    link.symlink_to(theirs[2])
+    pipeline._clear_after_a_kill(folder / "corrected/M1")
+    assert sorted(half_done(folder)) == sorted([*theirs, link]) and (theirs[2] / pipeline.MARK).exists()

@@ -18,7 +18,7 @@ from bench import readings, write_calibration
 from sea import cruise
 from test_workflow import PROJECT, snakemake
 
-from compasslib import config, crate, provenance, stages, verification
+from compasslib import config, config_schema, config_values, crate, provenance, stages, verification
 from compasslib.errors import InputError
 from compasslib.job import job
 
@@ -99,6 +99,11 @@ def test_every_file_stands_where_its_identifier_says_with_its_hash(processed):
     }
 
 
+def test_no_mooring_may_have_the_name_of_anything_else_in_results(processed):
+    beside = {path.name for path in (processed / "results").iterdir()} - {"M1"}
+    assert len(beside) >= 5 and beside <= set(config_schema.RESERVED)
+
+
 def test_the_product_leads_back_to_raw_files_settings_and_software(processed):
     page = page_of(processed)
     made_by = {one: action for action in of_type(page, "CreateAction") for one in ids(action["result"])}
@@ -130,6 +135,23 @@ def test_the_history_of_the_product_names_its_raw_files_by_hash_and_the_manifest
         assert nc.date_created == nc.date_modified == provenance.date_created()
     with netCDF4.Dataset(folder / "overlap.nc") as nc:
         assert provenance.sha256(folder / "work/top.nc") in nc.history
+
+
+# What corrected.nc says where nobody gives it, and a user may put in his own words.
+OFFERED = {
+    *("title", "summary", "comment", "references", "keywords", "keywords_vocabulary", "source", "platform"),
+    *("platform_vocabulary", "site_code", "platform_code", "naming_authority", "license", "acknowledgement"),
+    *("creator_name", "creator_email", "creator_url", "creator_institution", "institution", "project"),
+    *("publisher_name", "publisher_email", "publisher_url", "principal_investigator"),
+}
+
+
+def test_every_attribute_that_the_product_states_itself_is_refused_in_yaml(processed):
+    with netCDF4.Dataset(processed / "results/M1/corrected.nc") as nc:
+        written = {*nc.ncattrs(), *(name for name in nc["HEADING"].ncattrs() if name.startswith("sensor_"))}
+    assert {name for name in written if not config_values.stated(name)} == OFFERED
+    assert {name for name in config_values.STATED if name not in written} == set()
+    assert config_values.attributes(dict.fromkeys(OFFERED, "mine")) == dict.fromkeys(OFFERED, "mine")
 
 
 @pytest.mark.parametrize("path", ["results/M1/a b.nc", "raw/M 1/Größe#2.000", "config/100%.yaml", "results/a/../b"])
@@ -309,6 +331,37 @@ def test_in_a_checkout_commit_and_date_stand_and_an_edit_is_told(copied):
     with (copied / "compasslib/angles.py").open("a") as stream:
         stream.write("# edited\n")
     assert told(copied)[0].endswith(f"({made}, edited since)")
+
+
+def test_a_checkout_of_another_owner_still_tells_commit_and_date(copied):
+    """Git refuses it for fear of its settings; whoever runs its Python has trusted it already."""
+    made = commit(copied)
+    assert told(copied, GIT_TEST_ASSUME_DIFFERENT_OWNER="1") == told(copied) and made in told(copied)[0]
+
+
+def test_a_worktree_a_shallow_clone_and_a_hook_of_another_repository_tell_the_library_s_own_commit(copied, tmp_path):
+    made = commit(copied)
+    for arguments in (["worktree", "add", "--quiet"], ["clone", "--quiet", "--depth", "1", f"file://{copied}"]):
+        there = tmp_path / arguments[0]
+        subprocess.run(["git", "-C", str(copied), *arguments, str(there)], check=True, capture_output=True)
+        assert told(there)[0].endswith(f"({made})") and told(there)[1:] == told(copied)[1:]
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other/a").touch()
+    other = commit(tmp_path / "other")
+    assert other != made and made in told(copied, GIT_DIR=str(tmp_path / "other/.git"))[0]
+
+
+@pytest.mark.parametrize(
+    ("harm", "why"), [("HEAD", "git refuses (fatal: not a git repository"), ("git", "git cannot be run (No such file")]
+)
+def test_where_git_cannot_tell_the_date_s_source_says_why(copied, harm, why):
+    commit(copied.parent)  # which is never asked instead
+    commit(copied)
+    if harm == "HEAD":
+        (copied / ".git/HEAD").unlink()
+    software, date, source = told(copied, **({"PATH": "/nowhere"} if harm == "git" else {}))
+    assert software.startswith("compasslib 0.") and "(commit unknown, modules sha256 " in software
+    assert date == "1970-01-01T00:00:00Z" and source.startswith(f"nothing: {why}")
 
 
 def test_a_date_that_is_none_is_refused(monkeypatch):

@@ -175,7 +175,7 @@ def test_what_cannot_be_used_is_refused_in_one_line(tmp_path):
 
 
 def test_an_absent_file_is_said(tmp_path):
-    with pytest.raises(InputError, match=r"a\.min: expected a file that can be read, found No such file"):
+    with pytest.raises(InputError, match=r"a\.min: expected a readable file, found No such file"):
         iaga2002.read([tmp_path / "a.min"])
 
 

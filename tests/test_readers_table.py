@@ -1,5 +1,6 @@
 """Tables: column roles, units, bins, and one line for what cannot be read."""
 
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -63,7 +64,7 @@ def test_binary_and_missing_files_are_said(tmp_path):
     for path, content in ((tmp_path / "b.csv", b"\xff\xfe\x00\x01"), (tmp_path / "none.csv", None)):
         if content:
             path.write_bytes(content)
-        with pytest.raises(InputError, match="expected a readable CSV file"):
+        with pytest.raises(InputError, match="expected a readable"):
             read("table", [path], {"columns": ROLES})
 
 
@@ -160,3 +161,25 @@ def test_a_few_steps_back_are_a_clock_and_stay_in_the_order_of_the_file(tmp_path
     stamps = [f"2007-09-{d:02d}T00:00" for d in (4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 2)]
     record = read("table", table(tmp_path, "t,z,u,v\n" + "".join(f"{t},1,1,1\n" for t in stamps)), {"columns": ROLES})
     assert np.diff(record.time_s)[-1] < 0.0
+
+
+LONG = {"time": "t", "depth": "z", "east": "u", "north": "v"}
+
+
+def test_a_line_without_end_is_refused_at_once_and_a_cell_of_any_length_is_one_short_line(tmp_path):
+    """A file of zeros of 1.5 GB, which takes no room on the disk, took 4.5 GB of memory."""
+    path = tmp_path / "a.csv"
+    with path.open("wb") as stream:
+        stream.write(b"t,z,u,v\n")
+        stream.truncate(1_500_000_000)
+    tracemalloc.start()
+    with pytest.raises(InputError, match="expected lines of less than 1048576 bytes, found a longer one"):
+        read("table", [path], {"columns": LONG})
+    assert tracemalloc.get_traced_memory()[1] < 10e6
+    tracemalloc.stop()
+    path.write_text("t,z,u,v\n2007-09-04T00:00Z,1," + "x" * 131_000 + ",2\n")
+    with pytest.raises(InputError, match=r"x \.\.\. \(131002 characters\); mend") as caught:
+        read("table", [path], {"columns": LONG})
+    assert len(str(caught.value)) < 600
+    path.write_text("\r".join(["t,z,u,v", *(f"2007-09-04T00:00:00Z,{k},1,2" for k in range(50_000))]))
+    assert path.stat().st_size > 2**20 and read("table", [path], {"columns": LONG}).counts["rows"] == 50_000

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -51,10 +51,12 @@ def calibrate(kind: str, files: Sequence[str | Path], settings: Mapping[str, Any
     Raises:
         InputError: a file that cannot be read.
     """
+    from compasslib.calibration.result import too_exact
+
     made: Calibration = import_module(f"compasslib.calibration.{KINDS[kind].module}").calibrate(
         files, settled(settings)
     )
-    return made
+    return replace(made, warnings=(*made.warnings, *too_exact(made.residual_rms_deg)))
 
 
 def settled(settings: Mapping[str, Any]) -> dict[str, Any]:
@@ -69,17 +71,18 @@ def settled(settings: Mapping[str, Any]) -> dict[str, Any]:
     Raises:
         InputError: the date lies outside the model of the earth's field.
     """
-    field = _field(settings)
     given = settings.get("declination", "auto")
+    field = _field(settings, beyond=given not in (None, "auto"))
     by_model = None if field is None else field["declination_deg"]
     return {**settings, "field": field, "declination_deg": by_model if given in (None, "auto") else given}
 
 
-def _field(settings: Mapping[str, Any]) -> dict[str, float] | None:
+def _field(settings: Mapping[str, Any], *, beyond: bool) -> dict[str, float] | None:
     latitude, longitude, date_s = (settings.get(key) for key in ("latitude", "longitude", "date_s"))
     if latitude is None or longitude is None or date_s is None:
         return None
     from compasslib import earthfield  # only where a place is given
 
-    declination, horizontal, vertical = (float(x[0]) for x in earthfield.igrf(latitude, longitude, date_s))
+    at = earthfield.within(date_s) if beyond else date_s
+    declination, horizontal, vertical = (float(x[0]) for x in earthfield.igrf(latitude, longitude, at))
     return {"horizontal_nT": horizontal, "vertical_nT": vertical, "declination_deg": declination}

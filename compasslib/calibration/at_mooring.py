@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles, compass
-from compasslib.calibration.result import LETTERS
+from compasslib.calibration.result import LETTERS, too_exact
 from compasslib.deviation import exact, likelihood, model, transfer
 from compasslib.deviation.model import Fit, Noise
 from compasslib.deviation.transfer import Carried, Place
@@ -98,5 +98,5 @@ def _density(coefficients: Floats, record: Record) -> Floats:
 
 
 def _warnings(content: Mapping[str, Any], there: Carried) -> tuple[str, ...]:
-    said = (there.warning, *content.get("doubts", ()))
+    said = (there.warning, *content.get("doubts", ()), *too_exact(content["residual_rms_deg"]))
     return tuple(f"calibration {content['name']}: {warning}" for warning in said if warning)

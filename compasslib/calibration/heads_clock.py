@@ -30,6 +30,7 @@ FLOOR_S = 1e-4  # no clock is known better, whatever two equal files seem to say
 ROUNDS = 20
 DISAGREE_SIGMAS, DISAGREE_S = 4.0, 0.02  # from there on tilts and headings tell of different lags
 DRIFT_SIGMAS = 3.0  # a drift less sure is not applied
+STEADY = 1e-6  # of a rate: what varies by less is even
 DAY_S = 86400.0
 UNKNOWN = (float("nan"), float("nan"))
 
@@ -179,7 +180,10 @@ def _on(curve: Curve, grid: Floats) -> Complexes:
     after = np.clip(np.searchsorted(curve.time_s, grid), 1, len(curve.time_s) - 1)
     there = (grid >= curve.time_s[0]) & (grid <= curve.time_s[-1])
     there &= curve.time_s[after] - curve.time_s[after - 1] <= 3.0 * step(curve.time_s)
-    return np.where(there, value - value[there].mean() if there.any() else 0.0, 0.0)
+    apart = np.where(there, value - value[there].mean() if there.any() else 0.0, 0.0)
+    # A frame that turns evenly, or not at all, has no rate by which clocks could be told: what is left is rounding.
+    steady = np.abs(apart).max(initial=0.0) <= STEADY * np.abs(value).max(initial=0.0)
+    return np.zeros_like(apart) if steady else apart
 
 
 def _correlations(one: Complexes, other: Complexes) -> Floats:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.floating]
 
 LETTERS = "ABCDE"
+TOO_EXACT_DEG = 1e-4  # rms that no reading of an instrument leaves
 COVERAGE_FACTOR = 2.0  # k of an expanded uncertainty (Le Menn et al. 2023, section 2)
 
 
@@ -56,3 +57,17 @@ class Calibration:
     details: Mapping[str, Any] = field(default_factory=dict)  # what only this kind has, ready for JSON
     why: str = ""
     warnings: tuple[str, ...] = ()
+
+
+def too_exact(residual_rms_deg: float | None) -> tuple[str, ...]:
+    """Return a warning where a curve leaves nothing of the readings, as where one column was computed from the other.
+
+    Args:
+        residual_rms_deg: what it leaves, None or NaN where there is no curve.
+    """
+    if residual_rms_deg is None or not residual_rms_deg < TOO_EXACT_DEG:
+        return ()
+    return (
+        "the curve leaves nothing of the readings, which no instrument does: one column may have been computed from "
+        "the other; the stated uncertainty holds no error of a reading",
+    )

@@ -253,7 +253,8 @@ def published_polynomial(curve: Curve) -> list[float]:
     Args:
         curve: of the form ``POLYNOMIAL``.
     """
-    return list(np.polynomial.Polynomial(curve.coefficients, [0.0, 360.0], [-1.0, 1.0]).convert().coef)
+    powers = np.polynomial.Polynomial(curve.coefficients, [0.0, 360.0], [-1.0, 1.0]).convert().coef
+    return [*powers.tolist(), *[0.0] * (POLYNOMIAL_DEGREE + 1 - len(powers))]  # numpy drops the last ones that are 0
 
 
 ONE_CYCLE = _series("one_cycle", "ABC", "Le Menn et al. 2023, eq. (3)", lambda x: von_appen.design(x)[:, :3])

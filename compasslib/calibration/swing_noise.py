@@ -21,7 +21,8 @@ FEWEST_ROBUST = 30
 SLOW_KN = np.concatenate([[0.0], np.geomspace(0.3, 30.0, 14)])  # speeds at which both parts of the scatter are equal
 MEMORY = np.concatenate([[0.0], 1.0 - np.geomspace(0.85, 0.05, 14)])  # of the autoregression, from block to block
 SHARE = np.array([0.0, -0.2, -0.4, -0.6, -0.8])  # of the moving average
-RANK_TOLERANCE, TINY = 1e-6, 1e-6
+RANK_TOLERANCE = 1e-6
+TINY = 1e-3  # degrees of scatter; no compass reads finer, and what holds to the last digit was copied
 FEWEST_DOF = 3.0
 HALF_AN_ERROR = 0.125  # of log likelihood
 

@@ -125,12 +125,12 @@ def separation(swing: Swing, series: Solution) -> dict[str, object]:
     water = covariance[np.ix_(DRIFT, DRIFT)]
     left = float(np.max(sigma[DRIFT] / believed[DRIFT]))
     unit = KNOT if swing.has_speed else "of the ship's speed"
-    side = float(np.sqrt(across @ water @ across))
+    side = float(np.sqrt(max(float(across @ water @ across), 0.0)))
     return {
         "set_deg": set_deg,
         "drift_kn": drift if swing.has_speed else None,
         "drift_ratio": drift / float(np.median(swing.speed_kn)),
-        "sigma_drift_kn": float(np.sqrt(along @ water @ along)) if swing.has_speed else None,
+        "sigma_drift_kn": float(np.sqrt(max(float(along @ water @ along), 0.0))) if swing.has_speed else None,
         "sigma_set_deg": float(angles.direction(side, drift)) if drift else 90.0,
         "east": float(series.parameters[EAST]),
         "north": float(series.parameters[NORTH]),

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import signal
 import sys
 from collections.abc import Sequence
 from importlib import import_module
@@ -24,6 +25,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         arguments: words of the command line; those of this process where absent.
     """
     asked = _parser().parse_args(arguments)
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, _interrupted)  # as by Ctrl-C, so that nothing half made is left
     sys.stdout.reconfigure(errors="replace")  # type: ignore[union-attr]  # a terminal without the sign of degree
     try:
         status: int = import_module(f"compasslib.command.{asked.command}").run(asked)
@@ -35,6 +38,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         return _failed("error: interrupted; nothing was written", INTERRUPTED)
     return status
+
+
+def _interrupted(number: int, frame: object) -> None:
+    raise KeyboardInterrupt
 
 
 def _failed(line: str, status: int) -> int:

@@ -57,10 +57,16 @@ def coefficients(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
         return SAME
     if not (before and after):
         return "none → fitted" if after else "fitted → none"
-    sigma = np.sqrt(np.diag(new["covariance"])) if new["covariance"] else np.zeros(len(after))
-    change = {letter: value - before[letter] for letter, value in after.items()}
-    worth = [letter for letter, s in zip(change, sigma, strict=True) if abs(change[letter]) > LEAST * s]
-    return ", ".join(f"{letter} {_signed(change[letter])}" for letter in worth) or f"below {LEAST} of their 1σ"
+    known = old["covariance"] or new["covariance"]
+    sigma = np.sqrt(np.diag(known)) if known else np.zeros(len(after))
+    change = [(letter, value - before[letter], s) for (letter, value), s in zip(after.items(), sigma, strict=True)]
+    worth = [_in_sigmas(*each) for each in change if abs(each[1]) > LEAST * each[2]]
+    return ", ".join(worth) or f"below {LEAST} of their 1σ"
+
+
+def _in_sigmas(letter: str, change: float, sigma: float) -> str:
+    """Return a coefficient's change, and how many of OLD's 1σ it is."""
+    return f"{letter} {_signed(change)}" + (f" ({abs(change) / sigma:.2g}σ)" if sigma > 0.0 else "")
 
 
 def row(

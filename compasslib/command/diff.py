@@ -11,19 +11,32 @@ from typing import Any
 import numpy as np
 
 from compasslib import angles
+from compasslib.archive_attributes import DATES
 from compasslib.archive_files import get, opened
-from compasslib.command import changes, diff_calibrations, folders
+from compasslib.command import changes, diff_calibrations, folders, versions
 from compasslib.command.changes import SAME, coefficients, degrees, effects, table, told
 from compasslib.records import Floats
 from compasslib.report import words
 
-HEADER = ("mooring", "true heading, rms", "largest", "corrected", "verdict", "effects", "coefficients", "also changed")
+HEADER = (
+    *("mooring", "true heading, rms", "largest", "in OLD's 1σ: median, 95 %, largest", "corrected", "flags"),
+    *("verdict", "effects", "coefficients", "also changed"),
+)
+# What a column, or a variable of "also changed", is called in the changelog.
+CHANGES = {
+    **{"true heading, rms": "headings", "corrected": "flags", "flags": "flags", "verdict": "verdict"},
+    **{"effects": "verdict", "coefficients": "coefficients"},
+}
+SIGMA, FLAG = "HEADING_CORRECTED_UNCERTAINTY", "HEADING_CORRECTED_QC"
 INCOMPLETE = 1
 Row = Callable[[Path | None, Path | None], tuple[str, ...]]
 NEEDED = ("TIME", "HEADING_CORRECTED", "DECLINATION")
 # Follow from what stands in columns of its own.
 TURNED = ("HEADING_CORRECTED", "DEVIATION", "BRANCH_PROBABILITY", "UCUR", "VCUR")
-SHOWN = ("date_created", "history", "software_version", "correction_method", "correction_coefficients", "effects")
+SHOWN = (
+    *(*DATES, "history", "software_version", "product_version"),
+    *("correction_method", "correction_coefficients", "effects"),
+)
 
 
 @dataclass(frozen=True)
@@ -56,7 +69,10 @@ def run(asked: Namespace) -> int:
     moorings = _rows(old.moorings, new.moorings, _row)
     calibrations = _rows(old.calibrations, new.calibrations, diff_calibrations.row)
     changed = [(HEADER, moorings), (diff_calibrations.HEADER, calibrations)]
-    print("\n\n".join(table(*one) for one in changed if any(one[1].values())) or _nothing(moorings, calibrations))
+    told_of = [table(*one) for one in changed if any(one[1].values())]
+    told_of += _reasons(old.moorings, new.moorings, moorings)
+    told_of += diff_calibrations.reasons(old.calibrations, new.calibrations, calibrations)
+    print("\n\n".join(told_of) or _nothing(moorings, calibrations))
     return INCOMPLETE if any(len(row) == 1 for rows in (moorings, calibrations) for row in rows.values()) else 0
 
 
@@ -64,6 +80,24 @@ def _rows(old: Mapping[str, Path], new: Mapping[str, Path], row: Row) -> dict[st
     if len(old) == len(new) == 1:  # one folder against its copy of another name
         old = dict(zip(new, old.values(), strict=True))
     return {name: row(old.get(name), new.get(name)) for name in sorted({*old, *new})}
+
+
+def _reasons(old: Mapping[str, Path], new: Mapping[str, Path], rows: Mapping[str, tuple[str, ...]]) -> list[str]:
+    """Return for each pair of versions what in the changelog may have changed the moorings."""
+    changed: dict[tuple[str, str], set[str]] = {}
+    for name, row in rows.items():
+        if len(row) == len(HEADER) - 1:
+            sides = _software(old.get(name) or next(iter(old.values()))), _software(new[name])
+            cells = dict(zip(HEADER[1:], row, strict=True))
+            named = {what for column, what in CHANGES.items() if cells[column] != SAME}
+            named |= {"uncertainty"} if SIGMA in cells["also changed"] else set()
+            changed.setdefault(sides, set()).update(named)
+    return ["\n".join(lines) for sides, named in changed.items() if named and (lines := versions.told(*sides, named))]
+
+
+def _software(folder: Path) -> str:
+    with opened(folder / "corrected.nc") as nc:
+        return str(getattr(nc, "software_version", ""))
 
 
 def _nothing(moorings: Mapping[str, Any], calibrations: Mapping[str, Any]) -> str:
@@ -96,7 +130,7 @@ def _compared(old: Held, new: Held) -> tuple[str, ...]:
     shown = {"assessment": turned[0], "diagnosis": "".join(found).replace(2 * SAME, SAME), "deviation": fitted}
     others = _variables(old, new, turned[0]) + _attributes(old, new)
     others += [f"{file}.json" for file, said in shown.items() if said == SAME and _file(old, file) != _file(new, file)]
-    return (*turned, share, *found, fitted, ", ".join(others) or SAME)
+    return (*turned, _in_sigmas(old, new), share, _flags(old, new), *found, fitted, ", ".join(others) or SAME)
 
 
 def _file(held: Held, name: str) -> Any:
@@ -105,7 +139,7 @@ def _file(held: Held, name: str) -> Any:
 
 def _turned(old: Held, new: Held) -> tuple[str, str]:
     """Return rms and largest turn of the true heading where both have one."""
-    _, here, there = np.intersect1d(old.series["TIME"], new.series["TIME"], return_indices=True)
+    here, there = _common(old, new)
     turn = angles.difference(new.true_deg[there], old.true_deg[here])
     turn = turn[np.isfinite(turn)]
     if not turn.size:
@@ -114,6 +148,38 @@ def _turned(old: Held, new: Held) -> tuple[str, str]:
     if not turn.any():
         return SAME, SAME
     return degrees(float(np.sqrt(np.mean(turn**2)))), degrees(float(np.max(np.abs(turn))))
+
+
+def _common(old: Held, new: Held) -> tuple[Any, Any]:
+    """Return where the samples of one time are in both."""
+    _, here, there = np.intersect1d(old.series["TIME"], new.series["TIME"], return_indices=True)
+    return here, there
+
+
+def _in_sigmas(old: Held, new: Held) -> str:
+    """Return the turns over what OLD stated as 1σ: who used it relied on that; both rest on the same data."""
+    here, there = _common(old, new)
+    turn = np.abs(angles.difference(new.true_deg[there], old.true_deg[here]))
+    stated = np.asarray(old.series.get(SIGMA, np.full(old.series["TIME"].shape, np.nan)))[here]
+    known = np.isfinite(turn) & (stated > 0.0)
+    if not turn[np.isfinite(turn)].any():
+        return SAME
+    if not known.any():
+        return "OLD states none"
+    ratio = turn[known] / stated[known]
+    return ", ".join(words.significant(x, 2) for x in (*np.quantile(ratio, [0.5, 0.95]).tolist(), float(ratio.max())))
+
+
+def _flags(old: Held, new: Held) -> str:
+    """Return how many samples have another flag, and the commonest changes."""
+    if FLAG not in old.series or FLAG not in new.series:
+        return SAME if FLAG not in {*old.series, *new.series} else "none on one side"
+    here, there = _common(old, new)
+    before, after = old.series[FLAG][here], new.series[FLAG][there]
+    steps, count = np.unique(np.stack([before, after])[:, before != after], axis=1, return_counts=True)
+    most = np.argsort(-count, kind="stable")[:3]
+    listed = (f"{steps[0, k]:.0f} → {steps[1, k]:.0f}: {count[k]}" for k in most)
+    return f"{count.sum()} of {len(here)} ({', '.join(listed)})" if count.size else SAME
 
 
 def _share(held: Held) -> float:
@@ -127,7 +193,8 @@ def _variables(old: Held, new: Held, turned: str) -> list[str]:
     differing = [name for name in names if not _equal(old.series.get(name), new.series.get(name))]
     if turned == SAME:
         return differing
-    return [name for name in differing if not any(name in (v, f"{v}_QC", f"{v}_UNCERTAINTY") for v in TURNED)]
+    follow = {f"{name}{end}" for name in TURNED for end in ("", "_QC", "_UNCERTAINTY")} - {SIGMA}
+    return [name for name in differing if name not in follow]
 
 
 def _attributes(old: Held, new: Held) -> list[str]:

@@ -12,7 +12,7 @@ import numpy as np
 from compasslib import angles
 from compasslib import archive_calibrations as archive
 from compasslib.calibration.result import Table
-from compasslib.command import changes, folders
+from compasslib.command import changes, folders, versions
 from compasslib.command.changes import SAME, coefficients, degrees, effects, told
 from compasslib.report import words
 
@@ -50,6 +50,24 @@ def row(old: Path | None, new: Path | None) -> tuple[str, ...]:
         InputError: a file is damaged.
     """
     return changes.row((old, new), folders.CALIBRATION, lambda a, b: _compared(_held(a), _held(b)))
+
+
+def reasons(old: Mapping[str, Path], new: Mapping[str, Path], rows: Mapping[str, tuple[str, ...]]) -> list[str]:
+    """Return for each pair of versions what in the changelog may have changed the calibrations.
+
+    Args:
+        old: folders of results by name.
+        new: those of the later run.
+        rows: what changed, as ``row`` gives it.
+    """
+    changed: dict[tuple[str, str], set[str]] = {}
+    for name, row in rows.items():
+        if len(row) == len(HEADER) - 1 and any(cell != SAME for cell in row[:-1]):
+            earlier = old.get(name) or next(iter(old.values()))  # one folder against its copy of another name
+            one, other = (folders.content(side / "calibration.json") for side in (earlier, new[name]))
+            sides = str(one.get("software", "")), str(other.get("software", ""))
+            changed.setdefault(sides, set()).add(f"calibration:{other['kind']}")
+    return ["\n".join(lines) for sides, named in changed.items() if (lines := versions.told(*sides, named))]
 
 
 def _held(folder: Path) -> Held:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from compasslib import archive
+from compasslib.config_schema import RESERVED
 from compasslib.errors import InputError
 
 NEEDED = ("corrected.nc", "deviation.json", "diagnosis.json", "assessment.json", "work/field.json")
@@ -20,7 +21,6 @@ KEYS = {
     "work/field.json": ("warnings",),
 }
 CALIBRATION = ("calibration.json", "table.csv")
-OTHERS = ("calibrations", "proof", "logs", "benchmarks")  # what stands in results/ beside moorings
 
 
 def of_mooring(cruise: str, mooring: str) -> Path:
@@ -81,7 +81,8 @@ def _calibrations(root: Path) -> dict[str, Path]:
 def _moorings(root: Path) -> dict[str, Path]:
     folders = sorted(path for path in root.iterdir() if path.is_dir()) if root.is_dir() else []
     marks = ("work", "logs", *NEEDED)
-    return {path.name: path for path in folders if path.name not in OTHERS and any((path / m).exists() for m in marks)}
+    own = [path for path in folders if path.name not in RESERVED]
+    return {path.name: path for path in own if any((path / mark).exists() for mark in marks)}
 
 
 def missing(folder: Path, needed: Sequence[str] = NEEDED) -> list[str]:

@@ -213,6 +213,8 @@ def effective_number(residual: Floats, time_s: Floats, *, longest_s: float = 5 *
     lags = min(int(longest_s / step), len(series) // 3)
     together = lagged(present, lags)
     rho = lagged(series, lags) / np.maximum(together, 1.0)
+    if not rho[0] > 0.0:  # one value throughout, as of a sensor that is stuck
+        return 1.0
     rho = np.where(together > 0.02 * n, rho, 0.0) / rho[0]
     return float(np.clip(n / (1.0 + 2.0 * _positive_sum(rho[1:])), 1.0, n))
 

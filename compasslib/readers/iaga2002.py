@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from compasslib import angles
 from compasslib.errors import InputError
+from compasslib.readers import octets
 from compasslib.records import FieldSeries
 
 Floats = NDArray[np.floating]
@@ -92,10 +93,7 @@ def read(paths: Sequence[str | Path]) -> FieldSeries:
 
 
 def _file(path: Path) -> _File:
-    try:
-        lines = path.read_text(encoding="latin-1").splitlines()
-    except OSError as error:
-        raise _refused(path, "a file that can be read", error.strerror or "none", "check the path") from error
+    lines = octets.of_lines(path).decode("latin-1").splitlines()
     begin = next((k for k, line in enumerate(lines) if line.startswith("DATE")), None)
     if begin is None or "IAGA-2002" not in "".join(lines[:1]).upper():
         found = "nothing" if not lines else repr(lines[0][:40])

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib.errors import InputError
+from compasslib.readers import octets
 
 Floats = NDArray[np.floating]
 
@@ -89,10 +90,10 @@ def lines_of(path: Path) -> Lines:
         InputError: the file cannot be read.
     """
     try:
-        text = path.read_bytes().decode("utf-8-sig")
+        text = octets.of_lines(path).decode("utf-8-sig")
         reader = csv.reader(io.StringIO(text, newline=""))
         listed = [(reader.line_num, [cell.strip() for cell in row]) for row in reader]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+    except (UnicodeDecodeError, csv.Error) as error:
         raise InputError(
             str(path), expected="a readable CSV file in UTF-8", found=error, advice="check path and format"
         ) from None

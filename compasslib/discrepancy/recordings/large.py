@@ -17,6 +17,7 @@ from compasslib.discrepancy.verdict import Finding
 Floats = NDArray[np.floating]
 
 REPEATS, FOLDS = 400, 5
+LEAST_SQUARES = 1e-12  # squared degrees: readings that a curve holds to the last digit prefer none
 CLEARLY = 6.0  # twice the log likelihood by which the series must be better to stand for the compass
 
 
@@ -83,7 +84,8 @@ def _residuals(seen: Points, fitted: NDArray[np.bool_] | None = None) -> tuple[F
 
 
 def _ratio(seen: Points, left: tuple[Floats, Floats]) -> float:
-    return len(seen) * float(np.log(np.sum(left[0] ** 2) / max(float(np.sum(left[1] ** 2)), 1e-12)))
+    by_series, by_exact = (max(float(np.sum(each**2)), LEAST_SQUARES) for each in left)
+    return len(seen) * float(np.log(by_series / by_exact))
 
 
 def _probability(seen: Points, ratio: float) -> float:

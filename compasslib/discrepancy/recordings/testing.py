@@ -133,7 +133,7 @@ def test(now: Fitted, noise: Fitted, groups: Sequence[Group], seed: int = 0) -> 
     rows = np.vstack([now.clipped[None, :], draws(noise, seed)])
     gains = _gains(rows if white is None else rows @ white.T, every, begins, base)
     seen, null = gains[0], gains[1:]
-    inflation = null.mean(axis=0) / freedom
+    inflation = np.maximum(null.mean(axis=0) / freedom, np.finfo(float).tiny)  # a residual that is 0 has no noise
     score, scores = normal_score(seen / inflation, freedom), normal_score(null / inflation, freedom)
     names = list(dict.fromkeys(group.name for group in groups))
     return [_tested(name, groups, score, scores, seen, inflation) for name in names]
