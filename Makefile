@@ -1,5 +1,5 @@
 # Needs Python 3.11 or later with pip, and make; everything else goes into .venv: make run PYTHON=python3.13
-PYTHON ?= python3.11
+PYTHON ?= $(firstword $(foreach name,python3.11 python3.12 python3.13 python3,$(shell command -v $(name))))
 CRUISE ?= .
 CORES ?= all
 SEED ?= 7
