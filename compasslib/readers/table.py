@@ -20,6 +20,9 @@ Bools = NDArray[np.bool_]
 
 CURRENTS = ("east", "north", "x", "y", "speed")  # roles that hold speeds
 UNORDERED = 0.1  # share of steps back in time that makes a table one in no order
+FILL_SHARE, FEWEST_FILLS = 0.005, 10  # of the rows that hold one value
+FILL_TIMES, FILL_SIGMAS = 4.0, 6.0  # as often as the values beside it, and chance: rounding gives neighbours alike
+BESIDE = 8  # values on either side
 FILLER_TIMES = 2.0  # a filler stands this far beyond all measured speeds, unless both components hold it
 LOSSES = {
     "rows_cut": "last lines were cut short and left out",
@@ -27,6 +30,7 @@ LOSSES = {
     "rows_contradict": "rows repeat time and depth of another with other values; none of them was used",
     "directions_impossible": "headings or directions are no angles and count as missing",
     "fillers": "speeds of nothing but nines count as missing",
+    "fill_values": "velocities hold a value that stands far more often than those beside it and count as missing",
 }
 
 
@@ -80,7 +84,8 @@ def _joined(paths: Sequence[Path], headers: Mapping[str, str]) -> tuple[dict[str
 
 def _cleaned(table: dict[str, Floats], counts: dict[str, int]) -> tuple[dict[str, Floats], dict[str, int]]:
     """Return the table without fillers, angles that are none and rows that are there twice; what it lost counted."""
-    filled = _fillers(table)
+    nines = _fillers(table)
+    filled = nines | _fill_values(table)
     wrong = {role: _no_angle(table[role]) for role in ("heading", "direction") if role in table}
     blank = {role: filled for role in CURRENTS if role in table} | wrong
     table = {role: np.where(blank[role], np.nan, x) if role in blank else x for role, x in table.items()}
@@ -90,7 +95,8 @@ def _cleaned(table: dict[str, Floats], counts: dict[str, int]) -> tuple[dict[str
         "rows_repeated": repeated,
         "rows_contradict": contradict,
         "directions_impossible": int(sum(where.sum() for where in wrong.values())),
-        "fillers": int(filled.sum()),
+        "fillers": int(nines.sum()),
+        "fill_values": int((filled & ~nines).sum()),
     }
 
 
@@ -122,6 +128,33 @@ def _fillers(table: Mapping[str, Floats]) -> Bools:
         far = nine & (np.abs(column) > FILLER_TIMES * rest.max(initial=0.0))
         found = found | (far if far.sum() > 1 else False)
     return np.asarray(found)
+
+
+def _fill_values(table: Mapping[str, Floats]) -> Bools:
+    """Tell rows where one component holds a value that the column jumps to, and the other does not rest with it.
+
+    Both at zero are water too slow for a rotor; a speed's least value is its threshold.
+    """
+    parts = [table[role] for role in CURRENTS if role in table and role != "speed"]
+    found = np.zeros(table["time"].shape, dtype=bool)
+    if parts:
+        moves = np.logical_or.reduce([column != 0.0 for column in parts])
+        found[moves] = np.logical_or.reduce([_far_too_often(column[moves]) for column in parts])
+    return found
+
+
+def _far_too_often(column: Floats) -> Bools:
+    """Tell where a column holds a value many times as often as any of the values beside it."""
+    distinct, where, count = np.unique(column, return_inverse=True, return_counts=True)
+    if len(distinct) < 4 * BESIDE:
+        return np.zeros(column.shape, dtype=bool)
+    steps = [*range(-BESIDE, 0), *range(1, BESIDE + 1)]
+    padded = np.pad(np.where(np.isfinite(distinct), count, 0), BESIDE)
+    beside = np.median([padded[BESIDE + k : BESIDE + k + len(distinct)] for k in steps], axis=0)
+    often = (count >= max(FEWEST_FILLS, FILL_SHARE * len(column))) & (
+        count > FILL_TIMES * beside + FILL_SIGMAS * np.sqrt(beside)
+    )
+    return np.asarray((often & np.isfinite(distinct))[where.ravel()])
 
 
 def _nines(column: Floats) -> Bools:
