@@ -71,8 +71,8 @@ def _said(own: Series, shared: bool, off_m: float) -> str:
     which = f"bin {first}" if first == last else f"bins {first} to {last}"
     why = "whose water every pair already holds" if shared else f"told {off_m:.0f} m from their depth"
     return (
-        "the two instruments recorded the same velocities: one recording was given twice, and no pair counts (the trusted "
-        f"one's are those of the compromised one's {which}, {why})"
+        "the two instruments recorded the same velocities: one recording was given twice, and no pair counts (those "
+        f"of the trusted one are the compromised one's {which}, {why})"
     )
 
 
