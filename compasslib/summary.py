@@ -110,12 +110,23 @@ def _warnings(folder: Path, fit: Mapping[str, Any], found: Mapping[str, Any], ve
     reasons = dict.fromkeys(why for why in (fit["why"], found["why"] * (found["verdict"] == "insufficient")) if why)
     pairs = archive.read_pairs(folder / "overlap.nc").warnings
     refuted = [verdict["refuted"]] if verdict["refuted"] else []
-    told = [*refuted, *reasons, *found.get("warnings", ()), *pairs]
+    told = [*refuted, *reasons, *found.get("warnings", ()), *_unexplained(found), *pairs]
     return [*told, *fit["warnings"], *_constant(fit, field), *field["warnings"]]
 
 
 def _of_records(paths: Iterable[Path]) -> list[str]:
     return [f"{path.stem}: {said}" for path in paths for said in archive.read_warnings(path)]
+
+
+def _unexplained(found: Mapping[str, Any]) -> list[str]:
+    """Say what the search saw and nothing predicts: the verdict alone does not tell how large it is."""
+    left = found["unexplained"]
+    if not left:
+        return []
+    return [
+        f"a mismatch of {left['rms_effect_deg']:.1f} degrees rms {left['where']['text']} is unexplained and not "
+        "corrected; it stands in the uncertainty"
+    ]
 
 
 def _constant(fit: Mapping[str, Any], field: Mapping[str, Any]) -> list[str]:
