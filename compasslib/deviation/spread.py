@@ -15,7 +15,9 @@ Floats = NDArray[np.floating]
 
 BLOCK_S = 5 * 86400.0  # longer than the memory of the currents' veer
 FEWEST_BLOCKS = 12
-MOST_A_DAY = 4.0  # independent pairs: days show hardly any of the veer's own memory, which takes itself for its mean
+# Independent pairs in time, and by water that is passed through, as a lowered instrument does: days show hardly any of
+# the veer's own memory, which takes itself for its mean.
+MOST_A_DAY, LAYER_M = 4.0, 20.0
 OCTANTS = 8
 # Gradient by a dimensionless coefficient: of a direction known to a degree it is 60. Where the iron's field cancels
 # the earth's the compass turns round at once, the gradient has no bound, and one pair would settle all coefficients.
@@ -41,7 +43,7 @@ def covariance(scores: Floats, precision: Floats, fit: Fit, pairs: Pairs, effect
     """
     scores = np.clip(scores, -MOST_TOLD, MOST_TOLD)
     information = scores.T @ scores + np.diag(precision)
-    along_time = _jackknife(scores, information, pairs.time_s, effective)
+    along_time = _jackknife(scores, information, pairs, effective)
     inverse = np.linalg.inv(information)
     octant = _flow_octant(fit, pairs)
     sums = np.stack([np.bincount(octant, column, OCTANTS) for column in scores.T], axis=1)
@@ -63,18 +65,18 @@ def _locked_veer(fit: Fit, pairs: Pairs) -> Floats:
     return (FREEDOM + 1.0) * left / (FREEDOM * width**2 + left**2) * veer
 
 
-def _jackknife(scores: Floats, information: Floats, time_s: Floats, effective: float) -> Floats:
+def _jackknife(scores: Floats, information: Floats, pairs: Pairs, effective: float) -> Floats:
     """Return the covariance by leaving out each block of days, by one Newton step from the whole fit.
 
     It is the estimator CR3 of Bell and McCaffrey (Survey Methodology 28, 169, 2002), which does not flatter itself
     when there are few blocks. The information is the scores' outer product: it stays positive where the record hardly
     determines a coefficient.
     """
-    block = np.floor((time_s - time_s[0]) / BLOCK_S).astype(int)
+    block = np.floor((pairs.time_s - pairs.time_s[0]) / BLOCK_S).astype(int)
     blocks = np.unique(block)
     if len(blocks) < FEWEST_BLOCKS:
-        effective = min(effective, MOST_A_DAY * (float(np.ptp(time_s)) / 86400.0))
-        return np.asarray(np.linalg.inv(information) * len(time_s) / max(effective - 5.0, 3.0))
+        apart = MOST_A_DAY * float(np.ptp(pairs.time_s)) / 86400.0 + float(np.ptp(pairs.upper_depth_m)) / LAYER_M
+        return np.asarray(np.linalg.inv(information) * len(pairs) / max(min(effective, apart) - 5.0, 3.0))
     parts = [scores[block == b] for b in blocks]
     steps = np.array([np.linalg.solve(information - part.T @ part, part.sum(axis=0)) for part in parts])
     return np.asarray(steps.T @ steps * (len(blocks) - 1) / len(blocks))

@@ -23,6 +23,7 @@ UNORDERED = 0.1  # share of steps back in time that makes a table one in no orde
 FILL_SHARE, FEWEST_FILLS = 0.005, 10  # of the rows that hold one value
 FILL_TIMES, FILL_SIGMAS = 4.0, 6.0  # as often as the values beside it, and chance: rounding gives neighbours alike
 BESIDE = 8  # values on either side
+FROZEN_ROWS = 12  # of one value in a row, on average: a meter that is stuck, which the deployment flags
 FILLER_TIMES = 2.0  # a filler stands this far beyond all measured speeds, unless both components hold it
 LOSSES = {
     "rows_cut": "last lines were cut short and left out",
@@ -154,7 +155,9 @@ def _far_too_often(column: Floats) -> Bools:
     often = (count >= max(FEWEST_FILLS, FILL_SHARE * len(column))) & (
         count > FILL_TIMES * beside + FILL_SIGMAS * np.sqrt(beside)
     )
-    return np.asarray((often & np.isfinite(distinct))[where.ravel()])
+    held = (often & np.isfinite(distinct))[where.ravel()]
+    begins = int(np.sum(held[1:] & ~held[:-1])) + int(held[:1].sum())
+    return np.asarray(held & (held.sum() <= FROZEN_ROWS * begins))
 
 
 def _nines(column: Floats) -> Bools:
