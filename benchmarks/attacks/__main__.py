@@ -36,8 +36,9 @@ from compasslib.errors import InputError
 
 SHARES = {"mistake": (0.8, 0.2), "harmless": (0.8, 0.2)}  # of moorings, of calibrations
 LOST = 0.02
-# A constant between the instruments, and a mistake in the place, cannot be told from A: counted apart.
-UNDECIDABLE = ("declination:",)
+# What no record can tell is counted apart: a constant between the instruments is A; a level log without a heading does
+# not show in which sense its axes stand, nor two columns of headings which of them is the compass.
+UNDECIDABLE = (": declination: ", "magnetometer: x of other sign", "magnetometer: axes exchanged", "columns exchanged")
 
 
 def draw(count: int, seed: int, kind: str, bases: list[str]) -> list[dict[str, Any]]:

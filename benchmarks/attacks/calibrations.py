@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import yaml
-from cruises import MARGIN_DEG, Outcome
+from cruises import MARGIN_DEG, Outcome, new_warnings
 
 from compasslib import calibration, config, config_calibrations, earthfield
 from compasslib.calibration import content
@@ -20,6 +20,7 @@ from compasslib.nature import observatory, swing
 from compasslib.nature.compass import Iron
 
 PLACE = (48.4, -4.5)
+STATION = (58.0, -30.0)  # where the declination is no accident near zero
 DATE = "2022-09-29"
 START_S = datetime.fromisoformat(f"{DATE}T08:00:00+00:00").timestamp()
 Curve = Callable[[np.ndarray], np.ndarray]
@@ -150,13 +151,13 @@ def series(rng: np.random.Generator, folder: Path) -> Recording:
     """A year of hours of an observatory whose rocks turn the needle by a constant."""
     truth, count = float(rng.uniform(-0.3, 0.3)), 366 * 24
     time_s = START_S + 3600.0 * np.arange(count)
-    declination, horizontal, vertical = (np.broadcast_to(x, count) for x in earthfield.igrf(*PLACE, time_s))
+    declination, horizontal, vertical = (np.broadcast_to(x, count) for x in earthfield.igrf(*STATION, time_s))
     hour = 2 * np.pi * time_s / 86400.0
     slow = np.convolve(rng.normal(0, 1, count + 200), np.ones(200) / 200, "valid")[:count]
     path = folder / "made.hor"
     daily = 0.08 * np.sin(hour) + 0.05 * rng.normal(size=count) + 0.2 * slow
-    observatory.write(path, time_s, (declination + truth + daily, horizontal + 30 * np.cos(hour), vertical), PLACE)
-    settings = _settings("declination") | {"file": "raw/k.hor", "format": "iaga2002"}
+    observatory.write(path, time_s, (declination + truth + daily, horizontal + 30 * np.cos(hour), vertical), STATION)
+    settings = {"kind": "declination", "file": "raw/k.hor", "format": "iaga2002"}
     return Recording("declination", pd.DataFrame(), settings, truth, path.read_text().splitlines(keepends=True))
 
 
@@ -195,9 +196,9 @@ def spoil_series(made: Recording, rng: np.random.Generator) -> str:
     elif how == "D of the wrong sign":
         _as_dhzf(made, -60.0)
     elif how == "longitude's sign":
-        made.text = [x.replace("355.500", "  4.500") for x in made.text]
+        made.text = [x.replace("330.000", " 30.000") for x in made.text]
     elif how == "latitude's sign":
-        made.text = [x.replace(" 48.400", "-48.400").replace("48.400 ", "-48.400") for x in made.text]
+        made.text = [x.replace("58.000 ", "-58.000") for x in made.text]
     elif how.startswith("fillers"):
         hit = rng.random(366 * 24) < 0.03
         value = float(how.split()[-1])
@@ -322,7 +323,7 @@ def harmless(made: Recording, rng: np.random.Generator) -> str:
     elif how == "rounded":
         made.frame = made.frame.round(0 if made.kind != "platform" else 1)
     elif how == "longitude from 0 to 360":
-        made.settings["longitude"] = 360.0 + PLACE[1]
+        made.settings["longitude"] = 360.0 + made.settings["longitude"]
     else:
         made.settings["columns"] = {str(c): f"my {c}" for c in made.frame.columns}
         made.frame = made.frame.rename(columns=made.settings["columns"])
@@ -352,6 +353,4 @@ def silent_wrong(outcome: Outcome, untouched: Outcome) -> bool:
     least = MARGIN_DEG if outcome.covered not in (0.0, 1.0) else min(MARGIN_DEG, 0.5)
     if outcome.rms_deg <= max(least, 2.0 * untouched.rms_deg):
         return False
-    before = set(untouched.warnings)
-    said = [text for text in outcome.warnings if text not in before]
-    return (outcome.covered < 0.85 or outcome.far > 0.01) and not said
+    return (outcome.covered < 0.85 or outcome.far > 0.01) and not new_warnings(outcome, untouched)

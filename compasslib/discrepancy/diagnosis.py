@@ -184,9 +184,14 @@ def judge(case: Case, options: Options) -> Diagnosis:
         why = f"{usable} of {len(case)} pairs show on which branch of the compass they are; {FEWEST} are needed"
         return verdict.insufficient(why, case.not_testable)
     try:
-        empty = baseline.examine(case, case.simulation, none)
-    except baseline.Lost as lost:
+        return _judged(case, options)
+    except baseline.Lost as lost:  # from the beginning, or once refitted
         return verdict.insufficient(f"{lost}; there is nothing to hold the compass against", case.not_testable)
+
+
+def _judged(case: Case, options: Options) -> Diagnosis:
+    none = np.zeros(case.nuisance.shape[1])
+    empty = baseline.examine(case, case.simulation, none)
     heap = sectors.heap(empty)
     outside = case if heap is None else replace(case, observed_deg=sectors.outside(case, heap))
     if heap is not None and baseline.usable(outside, case.simulation, none) >= FEWEST:
