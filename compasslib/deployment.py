@@ -98,19 +98,36 @@ def _inside(record: Record, start_s: float, end_s: float) -> Record:
     """Keep the deployment, in order of time, one sample an instant, none whose clock cannot be believed."""
     sure, unsure_counts, notes = deployment_clock.believed(record)
     inside = sure & (record.time_s >= start_s) & (record.time_s <= end_s)
-    place = np.flatnonzero(inside)
+    there = np.flatnonzero(inside)
+    place = _once(record, there)
     backwards = int(np.sum(np.diff(record.time_s[place]) < 0))
     place = place[np.argsort(record.time_s[place], kind="stable")]
     first = np.append(True, np.diff(record.time_s[place]) > 0)[: len(place)]
     repeated = int(np.sum(~first))
     outside = {"outside_deployment": int(np.sum(sure & ~inside))}
-    counts = record.counts | outside | unsure_counts | {"time_backwards": backwards, "time_repeated": repeated}
+    counts = record.counts | outside | unsure_counts | {"time_backwards": backwards}
+    counts["time_repeated"] = len(there) - int(first.sum())
     notes += deployment_clock.coverage(record.time_s[sure], inside[sure], start_s, end_s)
     if backwards:
         notes.append(f"the clock goes backwards {backwards} times; samples were put in order of time")
     if repeated:
         notes.append(f"{repeated} samples repeat a time and were left out")
     return _noted(replace(take(record, _as_slice(place[first])), counts=counts), notes)
+
+
+def _once(record: Record, place: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Return the samples without those that are there twice, time and values, as where two downloads overlap."""
+    order = place[np.argsort(record.time_s[place], kind="stable")]
+    later, before = order[1:], order[:-1]
+    again = record.time_s[later] == record.time_s[before]
+    if not again.any():
+        return place
+    later, before = later[again], before[again]
+    same = np.ones(len(later), dtype=bool)
+    for values in (record.heading_deg, record.east, record.north):
+        alike = (values[later] == values[before]) | (np.isnan(values[later]) & np.isnan(values[before]))
+        same &= alike.reshape(len(later), -1).all(axis=1)
+    return place[~np.isin(place, later[same])]
 
 
 def _as_slice(place: NDArray[np.intp]) -> NDArray[np.intp] | slice:

@@ -99,6 +99,18 @@ def test_files_in_another_order_and_files_given_twice_are_no_set_clock():
     assert settled.counts["clock_unsure"] == 0 and settled.counts["time_repeated"] == 4
 
 
+def test_two_downloads_that_overlap_are_one_record_without_a_word_and_other_values_are_said():
+    hours = np.concatenate([np.arange(0.0, 12.0), np.arange(8.0, 21.0)])
+    twice = replace(record(HOUR * hours), heading_deg=10.0 * hours)
+    settled = deployment.settle(twice, **SETTINGS)
+    assert list(settled.time_s / HOUR) == list(range(21))
+    assert settled.counts["time_repeated"] == 4 and settled.counts["time_backwards"] == 0
+    assert not any("time" in said or "clock" in said for said in settled.warnings)
+    heading = np.where(np.arange(len(hours)) == 12, 3.0, twice.heading_deg)
+    settled = deployment.settle(replace(twice, heading_deg=heading), **SETTINGS)
+    assert any("1 samples repeat a time" in said for said in settled.warnings)
+
+
 def test_profiles_of_files_sorted_by_name_fill_each_others_gaps():
     begins = [0.0, 100.0, 110.0, 20.0, 200.0]  # A1, A10, A11, A2, A20
     hours = np.concatenate([begin + 0.1 * np.arange(20) for begin in begins])

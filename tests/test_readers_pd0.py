@@ -761,7 +761,7 @@ def test_the_metadata_decide_which_way_is_up(tmp_path: Path) -> None:
     assert up.warnings == ("2 of 3 ensembles say that they looked down; up counts, as the metadata do.",)
 
 
-def test_files_follow_each_other_in_the_order_given(tmp_path: Path) -> None:
+def test_files_that_begin_together_follow_each_other_in_the_order_given(tmp_path: Path) -> None:
     a, b = written(tmp_path, *series(2), name="a.000"), written(tmp_path, *series(3), b"tail", name="b.000")
     record, reports = pd0.read_reporting([b, a], orientation=None, declination_applied=None, heading_alignment=None)
     assert np.diff(record.time_s).tolist() == [3600.0, 3600.0, -7200.0, 3600.0]
@@ -769,6 +769,14 @@ def test_files_follow_each_other_in_the_order_given(tmp_path: Path) -> None:
     assert [(Path(reports[0].path).name, each.length, each.reason) for each in reports[0].skipped] == [
         ("b.000", 4, "not an ensemble")
     ]
+
+
+def test_files_are_taken_in_the_order_of_their_times(tmp_path: Path) -> None:
+    whole = series(5)
+    a, b = written(tmp_path, *whole[:2], name="a.000"), written(tmp_path, *whole[2:], name="b.000")
+    one, other = read(a, b), read(b, a)
+    assert np.diff(other.time_s).tolist() == [3600.0] * 4
+    assert (other.east == one.east).all() and (other.heading_deg == one.heading_deg).all()
 
 
 def test_nothing_is_written_beside_the_raw_file(tmp_path: Path) -> None:

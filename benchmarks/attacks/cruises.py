@@ -122,6 +122,10 @@ class Cruise:
         if role == "top":
             self.time_s = self.time_s + np.interp(self.time_s, *_along(self.time_s, by_s))
 
+    def declination_deg(self) -> float:
+        """Return the declination that the untouched run used, its mean."""
+        return float(np.mean(_declination(self, np.array(self.span()))))
+
     def span(self) -> tuple[float, float]:
         """Return when the mooring was deployed and recovered, seconds since 1970."""
         first, last = (str(self.settings[key]).replace("Z", "+00:00") for key in ("start", "end"))

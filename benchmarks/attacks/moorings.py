@@ -439,9 +439,9 @@ def on_deck(cruise: Cruise, rng: np.random.Generator) -> str:
 def excluded(cruise: Cruise, rng: np.random.Generator) -> str:
     first, last = cruise.span()
     begin = first + rng.uniform(0.1, 0.8) * (last - first)
-    texts = [datetime.fromtimestamp(t, UTC).strftime("%Y-%m-%dT%H:%M:%SZ") for t in (begin, begin + 5 * 86400)]
+    texts = [datetime.fromtimestamp(t, UTC).strftime("%Y-%m-%dT%H:%M:%SZ") for t in (begin, begin + 86400)]
     cruise.top["exclude"] = [{"from": texts[0], "to": texts[1], "why": "fishing"}]
-    return "five days excluded"
+    return "a day excluded"
 
 
 def clock_told(cruise: Cruise, rng: np.random.Generator) -> str:
@@ -459,7 +459,7 @@ def east_longitude(cruise: Cruise, rng: np.random.Generator) -> str:
 def declination_told(cruise: Cruise, rng: np.random.Generator) -> str | None:
     if not cruise.deep_is_table or cruise.base == "real":
         return None
-    frame, off = cruise.table(), float(rng.uniform(-20, 20))
+    frame, off = cruise.table(), round(cruise.declination_deg() + float(rng.uniform(-1.5, 1.5)), 1)
     flow = (frame["u_cm_s"] + 1j * frame["v_cm_s"]) * np.exp(-1j * np.deg2rad(off))
     frame["u_cm_s"], frame["v_cm_s"] = flow.to_numpy().real, flow.to_numpy().imag
     cruise.deep["declination_applied"] = off

@@ -70,7 +70,7 @@ def read(
     heading_alignment: float | None,
     serial_number: str | None = None,
 ) -> Record:
-    """Return one record from files in the order given, currents turned by the recorded magnetic heading.
+    """Return one record from files in order of their first times, currents turned by the recorded magnetic heading.
 
     Args:
         paths: files of one instrument, by its own clock.
@@ -114,13 +114,14 @@ def read_reporting(
     """
     choices = Choices(orientation, declination_applied, heading_alignment, serial_number)
     _check(paths, choices)
-    water: list[_Water] = []
-    reports: list[FileReport] = []
-    for path in paths:
-        of_file, report = _file(path, choices)
-        water += of_file
-        reports.append(report)
-    return _record(water, reports, choices), tuple(reports)
+    # Downloads may be listed in any order.
+    files = sorted((_file(path, choices) for path in paths), key=lambda each: _begin(each[0]))
+    reports = [report for _, report in files]
+    return _record([part for of_file, _ in files for part in of_file], reports, choices), tuple(reports)
+
+
+def _begin(water: Sequence[_Water]) -> float:
+    return float(water[0].leaders.time_s[0])
 
 
 def _check(paths: Sequence[Path], choices: Choices) -> None:

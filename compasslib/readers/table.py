@@ -79,6 +79,7 @@ def read(paths: Sequence[Path], *, columns: Mapping[str, str | float]) -> Record
 def _joined(paths: Sequence[Path], headers: Mapping[str, str]) -> tuple[dict[str, Floats], dict[str, int]]:
     files = [(path, lines_of(path)) for path in paths]
     tables = [columns_in(path, lines, headers) for path, lines in files]
+    tables.sort(key=lambda table: float(np.nanmin(table["time"], initial=np.inf)))  # listed in any order
     rows, cut = sum(len(lines.rows) for _, lines in files), sum(lines.cut for _, lines in files)
     return {role: np.concatenate([t[role] for t in tables]) for role in headers}, {"rows": rows + cut, "rows_cut": cut}
 
