@@ -776,7 +776,8 @@ def test_files_are_taken_in_the_order_of_their_times(tmp_path: Path) -> None:
     a, b = written(tmp_path, *whole[:2], name="a.000"), written(tmp_path, *whole[2:], name="b.000")
     one, other = read(a, b), read(b, a)
     assert np.diff(other.time_s).tolist() == [3600.0] * 4
-    assert (other.east == one.east).all() and (other.heading_deg == one.heading_deg).all()
+    np.testing.assert_array_equal(other.east, one.east)
+    np.testing.assert_array_equal(other.heading_deg, one.heading_deg)
 
 
 def test_nothing_is_written_beside_the_raw_file(tmp_path: Path) -> None:
