@@ -46,7 +46,7 @@ bench: .venv/test  ## speed and memory, each with its ratio in the same run, on 
 	$(BIN)/python benchmarks/page.py
 
 accuracy: run .venv/test  ## the long measurements of how right the results are
-	for name in accuracy headings calibrations swings magnetometer two_heads observatory recordings bad_input bootstrap discrepancy reach alarms injected; do \
+	for name in accuracy headings calibrations swings magnetometer two_heads observatory recordings bad_input bootstrap discrepancy reach alarms injected attacks/__main__; do \
 	  echo "== $$name"; $(BIN)/python benchmarks/$$name.py || exit 1; \
 	done
 
