@@ -173,12 +173,14 @@ def content(path: Path) -> dict[str, Any]:
         found = {f"/{k}/{key}": _value(text) for k, row in enumerate(rows) for key, text in row.items()}
     else:
         with netCDF4.Dataset(path) as data:
-            found = {
-                f"/{name}": np.ma.filled(np.ma.asarray(v[:]).astype(float), np.nan)
-                for name, v in data.variables.items()
-            }
+            found = {f"/{name}": _array(v[:]) for name, v in data.variables.items()}
             found |= {f"/{key}": _value(str(data.getncattr(key))) for key in data.ncattrs()}
     return {key: value for key, value in found.items() if not OF_THE_RUN.search(key)}
+
+
+def _array(values: Any) -> Any:
+    kept = np.ma.asarray(values)
+    return np.ma.filled(kept.astype(float), np.nan) if kept.dtype.kind in "iufb" else str(kept.tolist())
 
 
 def _value(text: str) -> Any:

@@ -131,10 +131,11 @@ def _unexplained(found: Mapping[str, Any]) -> list[str]:
 
 def _constant(fit: Mapping[str, Any], field: Mapping[str, Any]) -> list[str]:
     """Point at a constant between the instruments that is larger than what mounts are set to."""
-    if not fit["coefficients"]:
+    in_degrees = fit["unit"] == "degrees"
+    if not fit["coefficients"] or (in_degrees and fit["folded"]):  # the series' constant is none where it folds
         return []
     a, sigma = fit["coefficients"]["A"], fit["covariance"][0][0] ** 0.5
-    constant = a if fit["unit"] == "degrees" else float(angles.direction(a, 1.0))
+    constant = a if in_degrees else float(angles.direction(a, 1.0))
     turned = float(angles.wrap180(constant))
     if abs(turned) < LARGE_CONSTANT_DEG or abs(a) < SURE_SIGMAS * sigma:
         return []
