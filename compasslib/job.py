@@ -45,7 +45,7 @@ def job(snakemake: Any) -> Iterator[Callable[[str], None]]:
             stopped.leave(snakemake, error)
             say(f"error: {of}{error}")
             sys.exit(1)
-        except Exception as error:
+        except Exception as error:  # whatever the program missed: the mooring is told of it, the traceback stays
             stopped.leave(snakemake, error)
             raise
         finally:
