@@ -29,7 +29,7 @@ run: install  ## process a cruise: make run, or make run CRUISE=/data/my_cruise
 	$(SNAKEMAKE)
 
 verify: install  ## does an archive still hold what its manifest lists? make verify CRUISE=/data/my_cruise
-	$(BIN)/python -m compasslib.verification "$(CRUISE)"
+	$(BIN)/python -m compasslib.archive.verification "$(CRUISE)"
 
 check-archive: .venv/test  ## CF, ACDD and OceanSITES against a cruise's netCDF files
 	$(SNAKEMAKE) conventions
@@ -51,7 +51,7 @@ accuracy: run .venv/test  ## the long measurements of how right the results are
 	done
 
 proof: install  ## sealed moorings by SEED, N of them, scored: results/proof/scorecard.md
-	$(BIN)/python -m proof --seed $(SEED) --count $(N)
+	$(BIN)/python -m benchmarks.proof --seed $(SEED) --count $(N)
 
 lock:  ## newest versions into requirements/, with hashes; needs pip-tools
 	for kind in run test; do \

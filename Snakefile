@@ -7,18 +7,20 @@ from snakemake.logging import logger
 
 sys.path.insert(0, str(workflow.basedir))  # before a folder of the same name where this is started
 
-from compasslib import guard, provenance, running, stages, stages_calibrations
+from compasslib.archive import provenance
 from compasslib.calibration import KINDS
-from compasslib.config import load
-from compasslib.errors import InputError
-from compasslib.stages import FIGURES
-from compasslib.stages_cruise import Whole
+from compasslib.config.cruise import load
+from compasslib.core.errors import InputError
+from compasslib.run import guard
+from compasslib.stages import calibrations, plan, running
+from compasslib.stages.cruise import Whole
+from compasslib.stages.plan import FIGURES
 
 try:
     guard.enter(Path.cwd(), Path(workflow.basedir))
     CRUISE = load(Path.cwd())
-    PLAN = stages.plan(CRUISE, Path(workflow.basedir) / "workflow/scripts")
-    CALIBRATIONS = stages_calibrations.plan(CRUISE, PLAN.scripts)
+    PLAN = plan.plan(CRUISE, Path(workflow.basedir) / "workflow/scripts")
+    CALIBRATIONS = calibrations.plan(CRUISE, PLAN.scripts)
     WHOLE = Whole(PLAN, CALIBRATIONS)
     SIMULATED = running.prepare(workflow, WHOLE)
 except InputError as error:
@@ -29,8 +31,8 @@ ENVIRONMENT = "workflow/envs/compasslib.yaml"
 
 
 wildcard_constraints:
-    mooring=stages.only(CRUISE.moorings),
-    calibration=stages.only(CRUISE.calibrations),
+    mooring=plan.only(CRUISE.moorings),
+    calibration=plan.only(CRUISE.calibrations),
     role="[A-Za-z0-9_.-]+",
 
 
@@ -57,7 +59,7 @@ rule read:
         form=PLAN.form,
         reader=PLAN.reader_settings,
         deployment=PLAN.deployment,
-        code=stages.hashed(PLAN.reader_modules),
+        code=plan.hashed(PLAN.reader_modules),
     conda:
         ENVIRONMENT
     log:
@@ -105,7 +107,7 @@ rule fit:
         tilt=PLAN.tilt,
         code=PLAN.code("fit.py"),
     wildcard_constraints:
-        mooring=stages.only(PLAN.by_pairs()),
+        mooring=plan.only(PLAN.by_pairs()),
     conda:
         ENVIRONMENT
     log:

@@ -15,7 +15,7 @@ import discrepancy_world as sea
 import numpy as np
 
 from compasslib.deviation.model import Fit, Noise
-from compasslib.discrepancy import baseline, columns, mooring, scan
+from compasslib.search import baseline, columns, mooring, scan
 
 NOMINAL = (0.006, 0.02, 0.05, 0.1, 0.5)
 NOISE = Noise(floor_deg=5.0, slow_deg_m_s=2.0, outliers=0.01, compass_deg=1.0)

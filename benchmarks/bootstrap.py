@@ -14,13 +14,15 @@ from pathlib import Path
 
 import numpy as np
 
-from compasslib import archive, assessment, deviation
+from compasslib import deviation
+from compasslib.archive import netcdf
+from compasslib.deviation import assessment
 from compasslib.deviation.spread import BLOCK_S
 
 
 def main(cruise: Path, mooring: str, count: int) -> None:
     folder = cruise / "results" / mooring
-    pairs = archive.read_pairs(folder / "overlap.nc")
+    pairs = netcdf.read_pairs(folder / "overlap.nc")
     whole = deviation.fit("exact", pairs)
     block = np.floor((pairs.time_s - pairs.time_s[0]) / BLOCK_S).astype(int)
     of_block = [np.flatnonzero(block == b) for b in np.unique(block)]

@@ -15,10 +15,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from compasslib import angles, compass
 from compasslib.calibration import curves
 from compasslib.calibration.curves import Readings
 from compasslib.calibration.result import Calibration
+from compasslib.core import angles, compass
 from compasslib.deviation import von_appen
 
 GRADUATION_DEG, READING_DEG = 0.26, 0.4  # error of each setting of the bench; of each reading

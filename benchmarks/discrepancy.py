@@ -18,13 +18,14 @@ from pathlib import Path
 import discrepancy_world as sea
 import numpy as np
 
-from compasslib import angles, compass, deviation
+from compasslib import deviation
+from compasslib.core import angles, compass
+from compasslib.core.records import EarthField
 from compasslib.deviation import model as fits
 from compasslib.deviation.model import Fit
-from compasslib.discrepancy import baseline, model, mooring, show
-from compasslib.discrepancy.diagnosis import Options, diagnose
-from compasslib.physics import CATALOGUE
-from compasslib.records import EarthField
+from compasslib.effects import CATALOGUE
+from compasslib.search import baseline, model, mooring, show
+from compasslib.search.diagnosis import Options, diagnose
 
 KINDS = ("null", "single", "two", "unknown", "control", "clock")
 SIZES = {

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
-from compasslib.records import Pairs
+from compasslib.core.records import Pairs
 
 HOUR_S, YEAR_H = 3600.0, 8766.0
 RAD = np.pi / 180.0

@@ -70,7 +70,7 @@ import numpy as np
 import yaml
 from compasslib.nature import demonstration, observatory, package, swing
 from compasslib.nature.compass import earth_field
-from proof import draw
+from benchmarks.proof import draw
 
 into = Path(sys.argv[1])
 for k in range(1, 8):

@@ -6,7 +6,7 @@
     python benchmarks/headings.py --heeling --tilt    the same, tilt in the fit as well
     python benchmarks/headings.py --figure PATH       also the figure (docs/headings.png)
 
-Currents, shear across the sphere and headings locked to the wake are those of compasslib.nature; iron of random
+Currents, shear across the sphere and headings locked to the wake are those of compasslib.simulation; iron of random
 direction and up to twice the earth's horizontal field stands beside the compass. The trusted instrument overlaps hourly
 or twice a day; every hour is to be corrected. The same seed draws the same moorings.
 """
@@ -26,17 +26,18 @@ from types import SimpleNamespace as Mooring
 import numpy as np
 from scipy.optimize import least_squares
 
-from compasslib import angles, assessment, compass, correction, deviation
-from compasslib.deviation import model, von_appen
-from compasslib.nature import compass as needle
-from compasslib.nature import fleet, mooring, water
-from compasslib.nature.series import HOUR_S, clockwise, stream, white_vector
-from compasslib.records import Pairs, Readings
+from compasslib import deviation
+from compasslib.core import angles, compass
+from compasslib.core.records import Pairs, Readings
+from compasslib.deviation import assessment, correction, model, von_appen
+from compasslib.simulation import compass as needle
+from compasslib.simulation import demonstration, mooring, water
+from compasslib.simulation.series import HOUR_S, clockwise, stream, white_vector
 
 STRENGTHS = (0.0, 0.1, 0.2, 0.35, 0.6, 0.85, 1.1, 1.3, 1.6, 2.0)  # hard iron over the earth's horizontal field
 SPREADS, OVERLAPS = ("narrow", "wide"), ("hourly", "twice a day")
 GRID = tuple(itertools.product(STRENGTHS, SPREADS, OVERLAPS))
-SPECS = {"narrow": fleet.MOORINGS[2:], "wide": fleet.MOORINGS}  # on the shelf no heading stays narrow
+SPECS = {"narrow": demonstration.MOORINGS[2:], "wide": demonstration.MOORINGS}  # on the shelf no heading stays narrow
 WOBBLE_DEG, MEAN_FLOW = {"narrow": (16.0, 26.0), "wide": (25.0, 35.0)}, {"narrow": 1.0, "wide": 0.5}
 FIELD_NT = (11980.0, 52078.0)  # horizontal and vertical at 65.3 N 33 W in 2007
 UPPER_M, LOWER_M = -7.1, 11.6  # means of the two nearest bins of either instrument, below the sphere
@@ -49,7 +50,7 @@ def draw(index: int, seed: int, heeling: bool) -> Mooring:
     strength, spread, overlap = GRID[index % len(GRID)]
     rng = stream(seed, name := f"M{index:04d}", "benchmark")
     spec = SPECS[spread][rng.integers(len(SPECS[spread]))]
-    time_s = fleet.DEPLOYED_S + HOUR_S * np.arange(rng.integers(8000, 9505))
+    time_s = demonstration.DEPLOYED_S + HOUR_S * np.arange(rng.integers(8000, 9505))
     rig = replace(spec.rig, heading_offset_deg=rng.uniform(0.0, 360.0), wobble_deg=rng.uniform(*WOBBLE_DEG[spread]))
     site, span_s = (spec.latitude_deg, spec.water_depth_m), (time_s[0], time_s[-1] + HOUR_S)
     climate = replace(spec.climate, mean_m_s=spec.climate.mean_m_s * MEAN_FLOW[spread])

@@ -22,9 +22,10 @@ import discrepancy as bench
 import discrepancy_world as sea
 import numpy as np
 
-from compasslib import archive, pipeline
-from compasslib.discrepancy import covariates
-from compasslib.discrepancy.diagnosis import Options, diagnose
+from compasslib.archive import netcdf
+from compasslib.search import covariates
+from compasslib.search.diagnosis import Options, diagnose
+from compasslib.stages import pipeline
 
 KINDS = ("null", "single", "two", "unknown")
 DATA = Path(__file__).resolve().parents[1] / ".." / "shared" / "data" / "cruise_eh2"
@@ -32,8 +33,8 @@ DATA = Path(__file__).resolve().parents[1] / ".." / "shared" / "data" / "cruise_
 
 def world(made: Path, seed: int) -> tuple[sea.World, dict[str, np.ndarray]]:
     """Return the real record as a world that a compass can be put into, and what was logged beside it."""
-    pairs = archive.read_pairs(made / "overlap.nc")
-    logged = covariates.logged(archive.read_record(made / "work/top.nc"), (), pairs)
+    pairs = netcdf.read_pairs(made / "overlap.nc")
+    logged = covariates.logged(netcdf.read_record(made / "work/top.nc"), (), pairs)
     rng = np.random.default_rng(seed)
     upper, lower = pairs.upper_east + 1j * pairs.upper_north, pairs.lower_east + 1j * pairs.lower_north
     tilt = np.nan_to_num(np.stack([pairs.pitch_deg, pairs.roll_deg]))

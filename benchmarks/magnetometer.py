@@ -19,7 +19,8 @@ sys.path[:0] = [str(PROJECT), str(PROJECT / "tests")]
 
 import iron  # noqa: E402
 
-from compasslib.calibration import ellipsoid, magnetometer  # noqa: E402
+from compasslib.calibration import magnetometer  # noqa: E402
+from compasslib.calibration.magnetometer import ellipsoid  # noqa: E402
 from compasslib.deviation import von_appen  # noqa: E402
 
 REAL = PROJECT.parent / "shared/data/magnetometer"

@@ -18,8 +18,8 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from compasslib import angles, compass
-from compasslib.nature import pd0
+from compasslib.core import angles, compass
+from compasslib.simulation import pd0
 
 PROJECT = Path(__file__).resolve().parent.parent
 START_S, YEAR_S, STEP_S, CELLS = 1_262_304_000, 31_557_600, 600, 40  # from 2010-01-01

@@ -14,10 +14,11 @@ from pathlib import Path
 import numpy as np
 from scipy.signal import lfilter
 
-from compasslib import earthfield, observatory
-from compasslib.discrepancy import declination
-from compasslib.discrepancy.diagnosis import Options
-from compasslib.records import FieldSeries
+from compasslib import observatory
+from compasslib.core import earthfield
+from compasslib.core.records import FieldSeries
+from compasslib.search.diagnosis import Options
+from compasslib.search.kinds import declination
 
 HOUR_S, DAY_S = 3600.0, 86400.0
 PLACES = ((55.3, -3.2), (48.0, 2.3), (65.4, 26.6), (40.1, -105.2), (-35.3, 149.4))

@@ -25,7 +25,7 @@ import jobs
 import numpy as np
 import yaml
 
-from compasslib import angles
+from compasslib.core import angles
 from compasslib.deviation import von_appen
 
 PROJECT = Path(__file__).resolve().parent.parent

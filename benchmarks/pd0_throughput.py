@@ -18,8 +18,8 @@ import warnings
 from collections.abc import Callable
 from pathlib import Path
 
-from compasslib.readers.pd0 import decode, read
-from compasslib.readers.pd0_frames import frames
+from compasslib.readers.pd0.frames import frames
+from compasslib.readers.pd0.reader import decode, read
 
 RAW = Path(__file__).resolve().parents[1] / ".." / "shared" / "data" / "pd0" / "eh2_20060530_20060717_0007m.000"
 MEGABYTES, MHKIT_COPIES, REPEATS = 60, 2, 5

@@ -19,7 +19,7 @@ import numpy as np
 from recordings_real import real
 from recordings_world import Made, bench, heads, log, swung
 
-from compasslib.discrepancy.verdict import Diagnosis
+from compasslib.search.verdict import Diagnosis
 
 NULLS_EACH = 10  # nulls for each recording with an effect
 KINDS: dict[str, tuple[Callable[[np.random.Generator, str], Made], tuple[str, ...]]] = {

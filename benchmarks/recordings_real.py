@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from compasslib.discrepancy import recordings
-from compasslib.discrepancy.diagnosis import Options
-from compasslib.discrepancy.recordings import platform
-from compasslib.discrepancy.verdict import Diagnosis, Finding
+from compasslib.search import kinds
+from compasslib.search.diagnosis import Options
+from compasslib.search.kinds import platform
+from compasslib.search.verdict import Diagnosis, Finding
 
 DATA = Path(__file__).resolve().parents[2] / "shared/data"
 ACM, SIGNATURE = "acm/mmp_global_A0000001.TXT", "magnetometer/signature500.csv"
@@ -43,7 +43,7 @@ def real() -> str:
     lines = ["| recording | concealed | verdict | findings | unexplained |", "|---|---|---|---|---|"]
     for concealed, kind, name, settings in CASES:
         if (DATA / name).exists():
-            found = recordings.diagnose(kind, [DATA / name], settings, Options())
+            found = kinds.diagnose(kind, [DATA / name], settings, Options())
             lines.append(_line(Path(name).stem, concealed, found))
         else:
             lines.append(f"| {Path(name).stem} | {concealed} | no such file beside the repository | | |")

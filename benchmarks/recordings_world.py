@@ -9,16 +9,16 @@ from pathlib import Path
 
 import numpy as np
 
-from compasslib import angles, compass
-from compasslib.calibration.magnetometer_log import Log
-from compasslib.discrepancy import recordings
-from compasslib.discrepancy.diagnosis import Options
-from compasslib.discrepancy.recordings import magnetometer, platform, two_heads
-from compasslib.discrepancy.verdict import Diagnosis
-from compasslib.nature import package, swing
-from compasslib.nature.compass import Iron
-from compasslib.nature.package import Head, Sea
-from compasslib.nature.swing import Boat, Passage
+from compasslib.calibration.magnetometer.log import Log
+from compasslib.core import angles, compass
+from compasslib.search import kinds
+from compasslib.search.diagnosis import Options
+from compasslib.search.kinds import magnetometer, platform, two_heads
+from compasslib.search.verdict import Diagnosis
+from compasslib.simulation import package, swing
+from compasslib.simulation.compass import Iron
+from compasslib.simulation.package import Head, Sea
+from compasslib.simulation.swing import Boat, Passage
 
 OPTIONS = Options()
 H_NT, Z_NT = 20000.0, 42000.0
@@ -175,7 +175,7 @@ def swung(rng: np.random.Generator, effect: str) -> Made:
     declination = float(rng.uniform(-10.0, 10.0))
     with tempfile.TemporaryDirectory() as folder:
         path = written(swing.sail(rng, sailed, declination), Path(folder) / "swing.csv")
-        return recordings.diagnose("swing", [path], {"declination": declination}, OPTIONS), truth
+        return kinds.diagnose("swing", [path], {"declination": declination}, OPTIONS), truth
 
 
 def written(passage: Passage, path: Path) -> Path:

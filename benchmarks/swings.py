@@ -15,8 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
-from compasslib import angles
 from compasslib.calibration import swing
+from compasslib.core import angles
 from compasslib.deviation import von_appen
 
 KINDS = ("8 headings", "16 headings", "36 headings", "log", "log and ship's log")

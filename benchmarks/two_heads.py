@@ -16,9 +16,9 @@ from pathlib import Path
 
 import numpy as np
 
-from compasslib.calibration import two_heads
-from compasslib.nature import package
-from compasslib.nature.package import Head, Sea
+from compasslib.calibration import heads
+from compasslib.simulation import package
+from compasslib.simulation.package import Head, Sea
 
 WITHIN = 1.959964
 FALSE_ALARM = "called a slipped mount"
@@ -61,7 +61,7 @@ def scores(seed: int, folder: Path) -> dict[str, float]:
     paths = [folder / "a.000", folder / "b.000"]
     for path, head in zip(paths, (a, b), strict=True):
         path.write_bytes(package.encoded(package.stand(rng, motion, head), looks_up=head.looks_up))
-    found = two_heads.calibrate(paths, {})
+    found = heads.calibrate(paths, {})
     said = found.details
     clock = said["clock"]
     drift_a_day = b.drift_s * 86400.0 / np.ptp(motion.time_s)
@@ -71,9 +71,9 @@ def scores(seed: int, folder: Path) -> dict[str, float]:
         "clock drift": (clock["drift_s_per_day"] - drift_a_day, clock["drift_sigma_s_per_day"]),
     }
     if said["offset_from_tilts_deg"] is not None:
-        off = two_heads.angles.difference(said["offset_from_tilts_deg"], b.mount_deg[0])
+        off = heads.angles.difference(said["offset_from_tilts_deg"], b.mount_deg[0])
         errors["offset by tilts"] = (float(off), said["offset_from_tilts_sigma_deg"])
-    off = two_heads.angles.difference(said["offset_deg"], b.mount_deg[0])
+    off = heads.angles.difference(said["offset_deg"], b.mount_deg[0])
     errors[f"offset by headings, {said['terms']} terms"] = (float(off), said["offset_sigma_deg"])
     for k in range(1, said["terms"]):
         wrong = found.coefficients[k] - b.deviation_deg[k]

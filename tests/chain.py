@@ -6,8 +6,11 @@ from contextlib import chdir
 from pathlib import Path
 from typing import Any
 
-from compasslib import archive, config, pipeline, stages, summary
-from compasslib.errors import InputError
+from compasslib.archive import netcdf, summary
+from compasslib.config import cruise
+from compasslib.core.errors import InputError
+from compasslib.stages import pipeline
+from compasslib.stages import plan as stages
 
 
 def run(folder: Path, name: str = "M1") -> dict[str, Any]:
@@ -22,7 +25,7 @@ def run(folder: Path, name: str = "M1") -> dict[str, Any]:
     results = folder.absolute() / "results" / name
     results.mkdir(parents=True, exist_ok=True)
     try:
-        plan = stages.plan(config.load(folder), Path())
+        plan = stages.plan(cruise.load(folder), Path())
         with chdir(folder):
             pipeline._run(pipeline.Task(plan, pipeline.Job(name), results, say=lambda line: None))
         return _told(results) | {"error": None}
@@ -31,12 +34,12 @@ def run(folder: Path, name: str = "M1") -> dict[str, Any]:
 
 
 def _told(results: Path) -> dict[str, Any]:
-    records = {path.stem: archive.read_record(path) for path in sorted((results / "work").glob("*.nc"))}
+    records = {path.stem: netcdf.read_record(path) for path in sorted((results / "work").glob("*.nc"))}
     return {
         **summary.row(results.name, results),
         "records": records,
         "counts": {role: record.counts for role, record in records.items()},
-        "product": archive.read_corrected(results / "corrected.nc"),
-        "fit": archive.read_json(results / "deviation.json"),
-        "diagnosis": archive.read_json(results / "diagnosis.json"),
+        "product": netcdf.read_corrected(results / "corrected.nc"),
+        "fit": netcdf.read_json(results / "deviation.json"),
+        "diagnosis": netcdf.read_json(results / "diagnosis.json"),
     }

@@ -25,11 +25,14 @@ from iaga_files import write as write_observatory
 from pd0_encoder import START, ensemble
 from sea import cruise
 
-from compasslib import config, deployment, overlap
-from compasslib.errors import InputError
-from compasslib.nature import mmp
-from compasslib.readers import iaga2002, mmp_acm, nmea, pd0, table
-from compasslib.records import PROBABLY_GOOD, EarthField, Record
+from compasslib.config import cruise as config
+from compasslib.core.errors import InputError
+from compasslib.core.records import PROBABLY_GOOD, EarthField, Record
+from compasslib.preparation import deployment, overlap
+from compasslib.readers import iaga2002, nmea, table
+from compasslib.readers.mmp import acm
+from compasslib.readers.pd0 import reader
+from compasslib.simulation import mmp
 
 METER = mmp.Acm(1405, "ML1405-01D", 65.27, -32.88, rate_hz=2.0)
 SLOWEST_S = 5.0  # CPU of one damaged file; a whole one takes 10 ms
@@ -132,7 +135,7 @@ _DAMAGES = (_flip, _cut, _behead, _lose, _repeat, _junk, _nasty, _overwrite, _tu
 
 
 def _pd0(path: Path) -> Record:
-    record = pd0.read([path], orientation=None, declination_applied=None, heading_alignment=None)
+    record = reader.read([path], orientation=None, declination_applied=None, heading_alignment=None)
     if record.counts["bytes_total"] != path.stat().st_size:
         raise Wrong(f"{record.counts['bytes_total']} bytes accounted for of {path.stat().st_size}")
     return _through(record)
@@ -151,7 +154,7 @@ def _table(columns: dict[str, Any]) -> Callable[[Path], Record]:
 
 
 def _mmp(path: Path) -> Record:
-    return _through(mmp_acm.read([path], pressure_files=(), start_offset_seconds=0.0))
+    return _through(acm.read([path], pressure_files=(), start_offset_seconds=0.0))
 
 
 def _through(record: Record) -> Record:

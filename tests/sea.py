@@ -11,8 +11,8 @@ import yaml
 from pd0_encoder import ensemble
 from scipy.signal import lfilter
 
-from compasslib import angles, compass
-from compasslib.records import Pairs
+from compasslib.core import angles, compass
+from compasslib.core.records import Pairs
 
 SHARED = Path(__file__).resolve().parents[1] / ".." / "shared" / "data"
 START = datetime(2007, 9, 4, tzinfo=UTC)

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from compasslib import angles
+from compasslib.core import angles
 
 ANGLES = st.floats(-1e6, 1e6)
 

@@ -14,11 +14,13 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from compasslib import angles, archive, archive_attributes, archive_layout, records
-from compasslib.errors import InputError
-from compasslib.records import BAD, GOOD, MISSING, PROBABLY_GOOD, Pairs, Record
+from compasslib.archive import attributes as archive_attributes
+from compasslib.archive import layout, netcdf
+from compasslib.core import angles, records
+from compasslib.core.errors import InputError
+from compasslib.core.records import BAD, GOOD, MISSING, PROBABLY_GOOD, Pairs, Record
 
-SITE = archive.Site("EG4", latitude=65.3333, longitude=-32.9550, water_depth_m=894.0)
+SITE = netcdf.Site("EG4", latitude=65.3333, longitude=-32.9550, water_depth_m=894.0)
 USUAL = {
     "institution": "Institute of the Sea",
     "project": "East Greenland",
@@ -150,7 +152,7 @@ def same(one: object, other: object, *, rtol: float = 0.0, atol: float = 0.0) ->
 
 
 def write(path, product=None, *, attributes=USUAL, site=SITE):
-    archive.write_corrected(path, product or make_product(), site=site, attributes=attributes, processing=PROCESSING)
+    netcdf.write_corrected(path, product or make_product(), site=site, attributes=attributes, processing=PROCESSING)
     return path
 
 
@@ -169,10 +171,10 @@ def test_json_keeps_order_rounds_numbers_and_turns_what_is_not_finite_into_null(
         "none": None,
         5: tmp_path.relative_to(tmp_path),
     }
-    archive.write_json(tmp_path / "new" / "a.json", data)
+    netcdf.write_json(tmp_path / "new" / "a.json", data)
     text = (tmp_path / "new" / "a.json").read_text()
     assert text.endswith("}\n") and text.startswith('{\n "z": 0.3333333333,\n "a": [')
-    back = archive.read_json(tmp_path / "new" / "a.json")
+    back = netcdf.read_json(tmp_path / "new" / "a.json")
     assert list(back) == ["z", "a", "array", "numpy", "none", "5"]
     assert back["a"] == [None, None, None, 1e-300] and back["array"] == [[1.0, None], [2.0, 3.0]]
     assert back["numpy"] == [4, True, 0.5] and back["none"] is None and back["5"] == "."
@@ -192,9 +194,9 @@ json_values = st.recursive(
 @example(1.7976931348623157e308)
 def test_writing_what_was_read_writes_the_same_json(tmp_path_factory, data):
     path = tmp_path_factory.getbasetemp() / "law.json"
-    archive.write_json(path, data)
+    netcdf.write_json(path, data)
     once = path.read_bytes()
-    archive.write_json(path, archive.read_json(path))
+    netcdf.write_json(path, netcdf.read_json(path))
     assert path.read_bytes() == once
 
 
@@ -207,15 +209,15 @@ def test_broken_json_is_told_in_one_line(tmp_path, content):
         InputError,
         match=r"deviation\.json: expected a JSON file, found .*; delete it where it stands, and the next run",
     ):
-        archive.read_json(path)
+        netcdf.read_json(path)
 
 
 # ------------------------------------------------------------------------------------------------------- whole or not
 def test_a_write_that_fails_leaves_the_old_file_and_nothing_else(tmp_path):
-    archive.write_json(tmp_path / "a.json", {"old": 1})
+    netcdf.write_json(tmp_path / "a.json", {"old": 1})
     with pytest.raises(TypeError):
-        archive.write_json(tmp_path / "a.json", {"new": object()})
-    assert archive.read_json(tmp_path / "a.json") == {"old": 1}
+        netcdf.write_json(tmp_path / "a.json", {"new": object()})
+    assert netcdf.read_json(tmp_path / "a.json") == {"old": 1}
 
     write(tmp_path / "a.nc")
     before = (tmp_path / "a.nc").read_bytes()
@@ -223,7 +225,7 @@ def test_a_write_that_fails_leaves_the_old_file_and_nothing_else(tmp_path):
     with pytest.raises((IndexError, ValueError)):
         write(tmp_path / "a.nc", short)
     with pytest.raises((IndexError, ValueError)):
-        archive.write_pairs(tmp_path / "b.nc", dataclasses.replace(make_pairs(), roll_deg=np.zeros(7)))
+        netcdf.write_pairs(tmp_path / "b.nc", dataclasses.replace(make_pairs(), roll_deg=np.zeros(7)))
     assert (tmp_path / "a.nc").read_bytes() == before
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a.json", "a.nc"]
 
@@ -232,8 +234,8 @@ def test_the_same_data_give_the_same_bytes(tmp_path):
     def all_files(folder):
         folder.mkdir()
         write(folder / "corrected.nc")
-        archive.write_record(folder / "record.nc", make_record())
-        archive.write_pairs(folder / "overlap.nc", make_pairs())
+        netcdf.write_record(folder / "record.nc", make_record())
+        netcdf.write_pairs(folder / "overlap.nc", make_pairs())
         return {p.name: hashlib.sha256(p.read_bytes()).hexdigest() for p in sorted(folder.iterdir())}
 
     first = all_files(tmp_path / "first")
@@ -241,7 +243,7 @@ def test_the_same_data_give_the_same_bytes(tmp_path):
     assert all_files(tmp_path / "second") == first
 
 
-@pytest.mark.parametrize("read", [archive.read_record, archive.read_pairs, archive.read_corrected])
+@pytest.mark.parametrize("read", [netcdf.read_record, netcdf.read_pairs, netcdf.read_corrected])
 @pytest.mark.parametrize("damage", ["absent", "text", "truncated", "another"])
 def test_a_damaged_file_is_told_in_one_line(tmp_path, corrected_nc, read, damage):
     path = tmp_path / "damaged.nc"
@@ -260,16 +262,16 @@ def test_a_damaged_file_is_told_in_one_line(tmp_path, corrected_nc, read, damage
 @pytest.mark.parametrize(("n", "m"), [(200, 6), (1, 1), (0, 6), (0, 0), (5, 0)])
 def test_a_record_comes_back(tmp_path, n, m):
     record = make_record(n, m, looks_up=np.bool_(False), direction_reference="true")
-    archive.write_record(tmp_path / "r.nc", record)
-    same(record, archive.read_record(tmp_path / "r.nc"), rtol=2.0**-24)
+    netcdf.write_record(tmp_path / "r.nc", record)
+    same(record, netcdf.read_record(tmp_path / "r.nc"), rtol=2.0**-24)
     # What came back once comes back bit by bit ever after.
-    archive.write_record(tmp_path / "r2.nc", archive.read_record(tmp_path / "r.nc"))
-    same(archive.read_record(tmp_path / "r.nc"), archive.read_record(tmp_path / "r2.nc"))
+    netcdf.write_record(tmp_path / "r2.nc", netcdf.read_record(tmp_path / "r.nc"))
+    same(netcdf.read_record(tmp_path / "r.nc"), netcdf.read_record(tmp_path / "r2.nc"))
 
 
 def test_every_field_of_the_records_has_its_entry_in_the_table():
     record, pairs = make_record(), make_pairs()
-    for one, table in ((record, archive_layout.RECORD), (pairs, archive_layout.PAIRS)):
+    for one, table in ((record, layout.RECORD), (pairs, layout.PAIRS)):
         arrays = [f.name for f in dataclasses.fields(one) if isinstance(getattr(one, f.name), np.ndarray)]
         assert arrays == list(table)
         for name, variable in table.items():
@@ -278,15 +280,15 @@ def test_every_field_of_the_records_has_its_entry_in_the_table():
 
 def test_many_warnings_come_back(tmp_path):
     record = make_record(warnings=tuple(f"ensemble {i}: checksum" for i in range(5000)))
-    archive.write_record(tmp_path / "r.nc", record)
-    assert archive.read_record(tmp_path / "r.nc").warnings == record.warnings
+    netcdf.write_record(tmp_path / "r.nc", record)
+    assert netcdf.read_record(tmp_path / "r.nc").warnings == record.warnings
 
 
 @pytest.mark.parametrize("n", [50, 1, 0])
 def test_pairs_come_back(tmp_path, n):
     pairs = make_pairs(n)
-    archive.write_pairs(tmp_path / "overlap.nc", pairs, attributes={"history": "made"})
-    same(pairs, archive.read_pairs(tmp_path / "overlap.nc"))
+    netcdf.write_pairs(tmp_path / "overlap.nc", pairs, attributes={"history": "made"})
+    same(pairs, netcdf.read_pairs(tmp_path / "overlap.nc"))
     with netCDF4.Dataset(tmp_path / "overlap.nc") as nc:
         assert sorted(nc.variables) == sorted(OVERLAP) and nc.history == "made"
         np.testing.assert_array_equal(nc["SEPARATION_METRES"][:], pairs.lower_depth_m - pairs.upper_depth_m)
@@ -296,7 +298,7 @@ def test_pairs_come_back(tmp_path, n):
 @pytest.mark.parametrize(("n", "m"), [(200, 6), (1, 1), (0, 6)])
 def test_the_product_comes_back(tmp_path, n, m, looks_up):
     product = make_product(n, m, looks_up=looks_up)
-    back = archive.read_corrected(write(tmp_path / "c.nc", product))
+    back = netcdf.read_corrected(write(tmp_path / "c.nc", product))
     same(dataclasses.replace(product, record=back.record), back, rtol=1e-7)
     expected = dataclasses.replace(
         product.record,
@@ -313,7 +315,7 @@ def test_the_product_comes_back(tmp_path, n, m, looks_up):
 
 
 def test_a_product_without_samples_bins_or_corrections_is_written(tmp_path):
-    back = archive.read_corrected(write(tmp_path / "none.nc", make_product(0, 0, uncorrectable=0)))
+    back = netcdf.read_corrected(write(tmp_path / "none.nc", make_product(0, 0, uncorrectable=0)))
     assert back.east.shape == (0, 1) and len(back.record.time_s) == 0
     with netCDF4.Dataset(write(tmp_path / "all.nc", make_product(uncorrectable=200))) as nc:
         assert nc["HEADING_CORRECTED"][:].mask.all() and nc["UCUR"][:].mask.all()
@@ -354,13 +356,13 @@ def test_flags_tell_what_is_absent_out_of_range_and_not_observed(tmp_path):
         assert nc["HEADING_QC"][2:4].tolist() == [GOOD, MISSING]
         assert nc["HEADING_CORRECTED_QC"][:].tolist() == [BAD, GOOD, GOOD, GOOD, BAD, GOOD]
         for name in ("DECLINATION", "INSTRUMENT_DEPTH", "DEPTH"):
-            assert (nc[f"{name}_QC"][:] == archive_layout.NOMINAL).all()
+            assert (nc[f"{name}_QC"][:] == layout.NOMINAL).all()
 
 
 def test_time_is_precise_to_ten_microseconds(tmp_path):
     record = make_record(4, 1, time_s=np.array([0.0, 1189000000.01, 1189000000.02, 4102444800.123]))
     product = dataclasses.replace(make_product(4, 1), record=record)
-    back = archive.read_corrected(write(tmp_path / "c.nc", product))
+    back = netcdf.read_corrected(write(tmp_path / "c.nc", product))
     np.testing.assert_array_equal(back.record.time_s, record.time_s)
 
 
@@ -403,7 +405,7 @@ def test_the_variables_as_oceansites_asks(corrected_nc):
             if name.endswith("_QC"):
                 assert variable.flag_values.tolist() == [0, 1, 2, 3, 4, 7, 8, 9] and variable.dtype == np.int8
                 assert len(variable.flag_meanings.split()) == 8
-            elif name in archive_layout.CORRECTED:
+            elif name in layout.CORRECTED:
                 assert variable.units and variable._FillValue == 99999.0, name
                 assert "coordinates" in variable.ncattrs() or name in ("DEPTH", "INSTRUMENT_DEPTH")
         assert nc["UCUR"].sensor_serial_number == 1367 and nc["UCUR"].sensor_orientation == "upward"
@@ -456,7 +458,7 @@ def test_attributes_of_yaml_become_legal():
 
 @pytest.mark.parametrize(("given_east", "kept"), [(-32.955, -32.955), (327.0, -33.0), (180.0, 180.0)])
 def test_longitudes_are_signed(tmp_path, given_east, kept):
-    site = archive.Site("E G_4", 65.0, given_east)
+    site = netcdf.Site("E G_4", 65.0, given_east)
     with netCDF4.Dataset(write(tmp_path / "c.nc", site=site)) as nc:
         assert nc["LONGITUDE"][...] == nc.geospatial_lon_min == kept
         assert nc.id == "OS_E-G-4_200709_D_compass-corrected"
@@ -484,8 +486,8 @@ def test_xarray_decodes_it(corrected_nc):
 def test_xarray_decodes_the_times_of_pairs_and_records(tmp_path):
     xarray = pytest.importorskip("xarray")
     record, pairs = make_record(), make_pairs()
-    archive.write_record(tmp_path / "r.nc", record)
-    archive.write_pairs(tmp_path / "p.nc", pairs)
+    netcdf.write_record(tmp_path / "r.nc", record)
+    netcdf.write_pairs(tmp_path / "p.nc", pairs)
     for file, first_s in (("r.nc", record.time_s[0]), ("p.nc", pairs.time_s[0])):
         with xarray.open_dataset(tmp_path / file) as data:
             late = data.TIME.values[0] - np.datetime64(round(1000 * first_s), "ms")
@@ -494,8 +496,8 @@ def test_xarray_decodes_the_times_of_pairs_and_records(tmp_path):
 
 def test_every_unit_is_one_of_udunits(tmp_path, corrected_nc):
     units = pytest.importorskip("cf_units")
-    archive.write_record(tmp_path / "r.nc", make_record())
-    archive.write_pairs(tmp_path / "p.nc", make_pairs())
+    netcdf.write_record(tmp_path / "r.nc", make_record())
+    netcdf.write_pairs(tmp_path / "p.nc", make_pairs())
     for path in (corrected_nc, tmp_path / "r.nc", tmp_path / "p.nc"):
         with netCDF4.Dataset(path) as nc:
             for variable in nc.variables.values():

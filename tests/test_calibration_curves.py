@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from bench import FOLDED, MILD, readings, ring
 
-from compasslib import angles, compass
 from compasslib.calibration import budget, curves, series
 from compasslib.calibration.curves import Readings
 from compasslib.calibration.exact_curve import EXACT
 from compasslib.calibration.series import ONE_CYCLE, POLYNOMIAL, SMITH, Curve
+from compasslib.core import angles, compass
 from compasslib.deviation import von_appen
 
 SERIES = np.array([0.6, 5.0, -3.0, 1.2, -0.7])  # degrees

@@ -10,11 +10,12 @@ import pytest
 from iaga_files import DAY_S, HOUR_S, LATITUDE, LONGITUDE, ROCKS_DEG, START_S, series, write
 from sea import SHARED
 
-from compasslib import earthfield, observatory
-from compasslib import plots_calibration_declination as figures
-from compasslib.archive_files import read_json, write_json
+from compasslib import observatory
+from compasslib.archive.files import read_json, write_json
 from compasslib.calibration import content, declination
-from compasslib.errors import InputError
+from compasslib.core import earthfield
+from compasslib.core.errors import InputError
+from compasslib.plots import declination as figures
 
 REAL = SHARED / "observatory"
 real = pytest.mark.skipif(not REAL.is_dir(), reason="no observatory files in ../shared/data")

@@ -8,10 +8,11 @@ import iron
 import numpy as np
 import pytest
 
-from compasslib.calibration import ellipsoid, magnetometer, magnetometer_heading
-from compasslib.calibration.ellipsoid import ELLIPSE, ELLIPSOID, Readings
-from compasslib.errors import InputError
-from compasslib.plots_calibration_magnetometer import magnetometer as draw
+from compasslib.calibration import magnetometer
+from compasslib.calibration.magnetometer import ellipsoid, heading
+from compasslib.calibration.magnetometer.ellipsoid import ELLIPSE, ELLIPSOID, Readings
+from compasslib.core.errors import InputError
+from compasslib.plots.magnetometer import magnetometer as draw
 
 SHARED = Path(__file__).resolve().parents[2] / "shared/data/magnetometer"
 SAFE = 4.5  # standard deviations: a fixed seed's draw of a few tens of numbers stays inside unless something is wrong
@@ -240,12 +241,10 @@ def test_exact_coefficients_and_series_agree_with_the_known_compass():
     true = iron.Iron(np.diag([1.02, 0.98, 1.0]), np.array([12.0, -8.0, 0.0]), 60.0)
     matrix = np.linalg.inv(true.soft)
     parts = np.concatenate([true.hard / iron.FIELD, matrix.ravel()])
-    exact = magnetometer_heading.exact(parts, np.tan(np.deg2rad(60.0)))
+    exact = heading.exact(parts, np.tan(np.deg2rad(60.0)))
     recorded = np.arange(0.0, 360.0, 7.0)
-    assert off(magnetometer_heading.deviation(exact, recorded), true.deviation(recorded)) == pytest.approx(
-        0.0, abs=1e-3
-    )
-    a, b, c, d, e = magnetometer_heading.series(exact)
+    assert off(heading.deviation(exact, recorded), true.deviation(recorded)) == pytest.approx(0.0, abs=1e-3)
+    a, b, c, d, e = heading.series(exact)
     # First order of von Appen's eq. (1): B = 57.3 P/H, C = 57.3 Q/H, D = 57.3 (a - e)/2; second order is p^2/2.
     assert [b, c, d] == pytest.approx(np.rad2deg([0.048, -0.032, 0.02]), abs=0.15)
     assert abs(a) < 0.1 and abs(e) < 0.15

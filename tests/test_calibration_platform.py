@@ -12,14 +12,17 @@ from bench import FOLDED, MILD, readings, ring, write_table
 from sea import pairs
 from test_plots import record
 
-from compasslib import angles, archive, archive_calibrations, calibration, compass, deviation
-from compasslib.calibration import at_mooring, budget, comparison, content, platform
+from compasslib import calibration, deviation
+from compasslib.archive import calibrations, netcdf
+from compasslib.calibration import at_mooring, budget, content, platform
+from compasslib.calibration import content as comparison
 from compasslib.calibration.curves import Readings
+from compasslib.core import angles, compass
+from compasslib.core.errors import InputError
+from compasslib.core.records import EarthField
 from compasslib.deviation import transfer
-from compasslib.discrepancy import recordings
-from compasslib.discrepancy.diagnosis import Options
-from compasslib.errors import InputError
-from compasslib.records import EarthField
+from compasslib.search import kinds
+from compasslib.search.diagnosis import Options
 
 HOME = {"horizontal_nT": 21299.0, "vertical_nT": 42888.0, "declination_deg": -0.68}
 SEA = EarthField(*(np.array([x, x]) for x in (1.2e9, -23.5, 11980.0, 52078.0, -23.5)))
@@ -29,8 +32,8 @@ def page(made, name="aqd", settings=None, earlier=None):
     """Return calibration.json as a later job reads it."""
     said = content.described(name, made, settings or {"field": HOME}, earlier or {})
     path = Path(mkdtemp()) / "calibration.json"
-    archive.write_json(path, said)
-    return archive.read_json(path)
+    netcdf.write_json(path, said)
+    return netcdf.read_json(path)
 
 
 def calibrated(tmp_path, read=None, **settings):
@@ -177,8 +180,8 @@ def test_the_three_files_hold_what_was_found(tmp_path):
     made = calibrated(tmp_path, table_step_deg=15)
     paths = {name: tmp_path / "out" / file for name, file in
              (("calibration", "calibration.json"), ("table", "table.csv"), ("points", "points.csv"))}  # fmt: skip
-    archive_calibrations.write(page=page(made), made=made, **paths)
-    back = archive_calibrations.read(**paths)
+    calibrations.write(page=page(made), made=made, **paths)
+    back = calibrations.read(**paths)
     assert back.content["coefficients"]["A"] == pytest.approx(made.coefficients[0])
     assert {"kind", "model", "covariance", "residual_rms_deg", "n", "coverage", "why", "warnings"} <= set(back.content)
     assert (
@@ -193,8 +196,8 @@ def test_the_three_files_hold_what_was_found(tmp_path):
 def test_a_refused_calibration_is_written_too(tmp_path):
     made = calibrated(tmp_path, readings([10.0]), budget="le_menn")
     paths = {name: tmp_path / f"{name}.x" for name in ("calibration", "table", "points")}
-    archive_calibrations.write(page=page(made), made=made, **paths)
-    back = archive_calibrations.read(**paths)
+    calibrations.write(page=page(made), made=made, **paths)
+    back = calibrations.read(**paths)
     assert back.content["coefficients"] is None and back.content["uncertainty"]["expanded_deg"] is None
     assert back.content["why"].startswith("one heading only") and not back.table.heading_deg.size
     assert "no calibration: one heading only" in content.told(back.content)
@@ -203,7 +206,7 @@ def test_a_refused_calibration_is_written_too(tmp_path):
 def test_a_damaged_table_is_one_line(tmp_path):
     (tmp_path / "table.csv").write_text("recorded_deg\nx\n")
     with pytest.raises(InputError, match="expected a table that this program wrote"):
-        archive_calibrations.read_table(tmp_path / "table.csv")
+        calibrations.read_table(tmp_path / "table.csv")
 
 
 def test_details_of_a_kind_cannot_hide_what_every_kind_has(tmp_path):
@@ -349,7 +352,7 @@ def test_recorded_headings_that_are_the_reference_s_own_get_a_curve_and_a_warnin
     made = calibration.calibrate("platform", [path], {})
     np.testing.assert_allclose(made.coefficients, [-constant, 0, 0, 0, 0], atol=1e-9)
     assert any("leaves nothing of the readings, which no instrument does" in said for said in made.warnings)
-    found = recordings.diagnose("platform", [path], {}, Options())
+    found = kinds.diagnose("platform", [path], {}, Options())
     assert found.verdict in ("consistent", "insufficient") and not found.findings
     honest = write_table(tmp_path / "honest.csv", readings(ring(n)))
     assert not any("leaves nothing" in said for said in calibration.calibrate("platform", [honest], {}).warnings)

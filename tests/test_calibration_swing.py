@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from compasslib import angles, calibration, compass
+from compasslib import calibration
 from compasslib.calibration import swing
 from compasslib.calibration.result import Calibration
+from compasslib.core import angles, compass
+from compasslib.core.errors import InputError
 from compasslib.deviation import von_appen
-from compasslib.errors import InputError
-from compasslib.plots_calibration_swing import swing as page
-from compasslib.plots_page import DPI, WIDTH_IN
+from compasslib.plots.page import DPI, WIDTH_IN
+from compasslib.plots.swing import swing as page
 
 REAL = Path(__file__).resolve().parents[2] / "shared/data/swing/2010-11-03.Taiohae.nmea"
 DEVIATIONS = np.array([-1.177, 2.023, -8.377, -4.279, 3.620, 14.721, 5.624, 15.123])  # MM section 5.3

@@ -7,20 +7,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from compasslib import angles
-from compasslib.calibration import nullify, swing_cardinal, swing_sun
+from compasslib.calibration import swing
+from compasslib.calibration.swing import cardinal, nullify
+from compasslib.core import angles
+from compasslib.core.errors import InputError
 from compasslib.deviation import von_appen
-from compasslib.errors import InputError
 
-DEVIATIONS = dict(
-    zip(swing_cardinal.POINTS, (-1.177, 2.023, -8.377, -4.279, 3.620, 14.721, 5.624, 15.123), strict=True)
-)
-PSEUDO = dict(zip(swing_cardinal.POINTS, (-1.312, 2.888, -7.512, -3.414, 2.485, 15.586, 4.489, 14.988), strict=True))
+DEVIATIONS = dict(zip(cardinal.POINTS, (-1.177, 2.023, -8.377, -4.279, 3.620, 14.721, 5.624, 15.123), strict=True))
+PSEUDO = dict(zip(cardinal.POINTS, (-1.312, 2.888, -7.512, -3.414, 2.485, 15.586, 4.489, 14.988), strict=True))
 DECLINATION = -0.135
 
 
 def test_coefficients_from_deviations():  # MM section 5.3 and Table 4
-    found = swing_cardinal.coefficients(DEVIATIONS, 0.0)
+    found = cardinal.coefficients(DEVIATIONS, 0.0)
     printed = {"A": -0.0775, "B_bar": -7.0005, "C_bar": -2.3985, "E": 1.299, "D": 1.475}
     assert {k: round(found[k], 4) for k in printed} == printed
     assert round(found["D_from"]["NE"], 4) == 8.7456
@@ -29,7 +28,7 @@ def test_coefficients_from_deviations():  # MM section 5.3 and Table 4
 
 
 def test_coefficients_from_pseudo_deviations():  # MM section 5.4 and Table 4
-    found = swing_cardinal.coefficients(PSEUDO, DECLINATION)
+    found = cardinal.coefficients(PSEUDO, DECLINATION)
     printed = {"A_bar": -0.4625, "A": -0.3275, "B_bar": -6.0005, "C_bar": -1.8985, "E": 1.049, "D": 1.725}
     assert {k: round(found[k], 4) for k in printed} == printed
     assert round(found["D_from"]["NE"], 4) == 8.9351
@@ -39,13 +38,13 @@ def test_coefficients_from_pseudo_deviations():  # MM section 5.4 and Table 4
 def test_pseudo_deviations_of_table_2():
     true = 45.0 * np.arange(8)
     recorded = angles.wrap360(true - DECLINATION - np.array(list(DEVIATIONS.values())))
-    found = swing_cardinal.pseudo_deviations([0, 46, 91, 136, 179, 226, 269, 315], recorded)
+    found = cardinal.pseudo_deviations([0, 46, 91, 136, 179, 226, 269, 315], recorded)
     assert {k: round(x, 3) for k, x in found.items()} == PSEUDO
 
 
 def test_error_bound():  # MM Table 1 and section 7.3
-    assert round(float(swing_cardinal.error_bound_deg(1 / 7)), 3) == 0.585
-    assert float(swing_cardinal.error_bound_deg(1 / 8)) < 0.5 < float(swing_cardinal.error_bound_deg(1 / 7.5))
+    assert round(float(cardinal.error_bound_deg(1 / 7)), 3) == 0.585
+    assert float(cardinal.error_bound_deg(1 / 8)) < 0.5 < float(cardinal.error_bound_deg(1 / 7.5))
 
 
 @given(st.floats(0.0, 1 / 7), st.floats(0.0, 360.0))
@@ -54,17 +53,17 @@ def test_set_and_drift_by_the_triangle_of_speeds(ratio, set_deg):
     heading = np.arange(0.0, 360.0, 15.0)
     (east, north), (de, dn) = angles.components(1.0, heading), angles.components(ratio, set_deg)
     beta = angles.difference(angles.direction(east + de, north + dn), heading)
-    terms = swing_cardinal.set_and_drift_terms(ratio, set_deg)
+    terms = cardinal.set_and_drift_terms(ratio, set_deg)
     by_terms = von_appen.design(heading) @ [0.0, -terms["x"], terms["y"], terms["D"], -terms["E"]]
     assert np.max(np.abs(beta - by_terms)) <= 57.3 * ratio**3 / 3.0 * (1.0 + ratio) + 1e-9
-    assert max(abs(terms["D"]), abs(terms["E"])) <= swing_cardinal.error_bound_deg(ratio) + 1e-12
+    assert max(abs(terms["D"]), abs(terms["E"])) <= cardinal.error_bound_deg(ratio) + 1e-12
 
 
 def test_a_missing_course_leaves_its_numbers_out():
-    found = swing_cardinal.coefficients({**PSEUDO, "NW": np.nan}, DECLINATION)
+    found = cardinal.coefficients({**PSEUDO, "NW": np.nan}, DECLINATION)
     assert np.isnan(found["D_from"]["NW"])
     assert found["D"] == pytest.approx(np.mean([8.9351, 0.0514, 10.4639]), abs=1e-3)
-    none = swing_cardinal.coefficients({**PSEUDO, "N": np.nan}, DECLINATION)
+    none = cardinal.coefficients({**PSEUDO, "N": np.nan}, DECLINATION)
     assert np.isnan([none["A"], none["C_bar"], none["E"], none["D"]]).all()
     assert round(none["B_bar"], 4) == -6.0005
 
@@ -79,13 +78,13 @@ def deviation(b: float, c: float, heading: float) -> float:
 @given(st.floats(-9.0, 9.0), st.floats(-9.0, 9.0), st.floats(0.0, 360.0), st.floats(60.001, 119.999))
 def test_two_headings_give_b_and_c(b, c, first, apart):
     headings = (first, first + apart)
-    found = swing_cardinal.from_two_headings(KNOWN, *((h, deviation(b, c, h)) for h in headings))
+    found = cardinal.from_two_headings(KNOWN, *((h, deviation(b, c, h)) for h in headings))
     assert found == pytest.approx((b, c), abs=1e-9)
 
 
 def test_two_headings_too_near_are_refused():
     with pytest.raises(InputError, match="expected two headings 60 to 120 degrees apart, found 30 degrees"):
-        swing_cardinal.from_two_headings(KNOWN, (350.0, 1.0), (20.0, 1.0))
+        cardinal.from_two_headings(KNOWN, (350.0, 1.0), (20.0, 1.0))
 
 
 def test_one_heading_corrects_what_lies_across_it():
@@ -93,7 +92,7 @@ def test_one_heading_corrects_what_lies_across_it():
     b, c, x, y = 3.0, -2.0, 4.0, -1.5
     for true_heading in (10.0, 80.0, 200.0, 300.0):
         compass = true_heading - deviation(b, c, true_heading)
-        found = swing_cardinal.from_one_heading(KNOWN, (b - x, c + y), compass, true_heading - compass)
+        found = cardinal.from_one_heading(KNOWN, (b - x, c + y), compass, true_heading - compass)
         sine, cosine = angles.sin_cos(true_heading)
         assert found["B"] * sine + found["C"] * cosine == pytest.approx(b * sine + c * cosine, abs=1e-9)
         assert found["theta_2"] == pytest.approx((b - x) * cosine - (c + y) * sine, abs=1e-9)
@@ -103,7 +102,7 @@ def test_sun_by_the_almanac_of_the_solar_position_algorithm():
     """Reda and Andreas 2004, section A.5: azimuth 194.34024 degrees; 0.01 degrees is parallax and delta T."""
     pytest.importorskip("ephem", reason="ephem is not installed")
     time_s = datetime(2003, 10, 17, 19, 30, 30, tzinfo=UTC).timestamp()
-    assert swing_sun.azimuth(39.742476, -105.1786, time_s) == pytest.approx(194.34024, abs=0.01)
+    assert swing.azimuth(39.742476, -105.1786, time_s) == pytest.approx(194.34024, abs=0.01)
 
 
 @pytest.mark.parametrize("latitude", [62.0, 35.0, 5.0, -20.0, -50.0])
@@ -113,14 +112,14 @@ def test_sun_by_formula_agrees_with_the_ephemeris(latitude, longitude):
     pytest.importorskip("ephem", reason="ephem is not installed")
     for month in (1, 3, 6, 9):
         midnight = datetime(2021, month, 24, tzinfo=UTC).timestamp()
-        passage = (swing_sun.position(0.0, 0.0, midnight)["passage_s"] - midnight) / 3600.0
+        passage = (swing.position(0.0, 0.0, midnight)["passage_s"] - midnight) / 3600.0
         for hour in (7.0, 9.5, 11.0, 13.5, 17.0):
             time_s = midnight + 3600.0 * (hour - longitude / 15.0)
-            sun = swing_sun.position(latitude, longitude, time_s)
+            sun = swing.position(latitude, longitude, time_s)
             if not 0.0 < sun["altitude_deg"] < 80.0:
                 continue
-            lha = swing_sun.hour_angle((time_s - midnight) / 3600.0, passage, longitude)
-            formula = swing_sun.azimuth_by_formula(latitude, sun["declination_deg"], lha)
+            lha = swing.hour_angle((time_s - midnight) / 3600.0, passage, longitude)
+            formula = swing.azimuth_by_formula(latitude, sun["declination_deg"], lha)
             # the equation of time moves by up to 30 s a day, 0.125 degrees of hour angle, magnified by 1/cos(altitude)
             limit = 0.13 / float(angles.sin_cos(90.0 - sun["altitude_deg"])[0])
             assert abs(float(angles.difference(formula, sun["azimuth_deg"]))) < limit
@@ -142,7 +141,7 @@ def test_nullifying():  # MM section 7.2, point 7
 
 def test_red_ends_forward_take_a_positive_b_away():
     """A magnet below the compass, red end forward, pulls aft: its field at the broadside is -m / r^3."""
-    from compasslib import compass
+    from compasslib.core import compass
 
     before = compass.recorded_heading([0.0, 0.1, 0.0, 0.0, 0.0], 90.0)
     after = compass.recorded_heading([0.0, 0.1 - 0.1, 0.0, 0.0, 0.0], 90.0)

@@ -12,16 +12,21 @@ from pd0_encoder import START, ensemble
 from sea import SHARED
 from two_heads_files import PLAIN, START_S, TURNED, cast, rewritten
 
-from compasslib import archive_calibrations, calibration, plots_calibrations
-from compasslib import plots_calibration_two_heads as figures
-from compasslib.archive_files import read_json, write_json
-from compasslib.calibration import content, heads_frame, heads_motion, heads_series, two_heads
+from compasslib import calibration
+from compasslib.archive import calibrations
+from compasslib.archive.files import read_json, write_json
+from compasslib.calibration import content, heads
+from compasslib.calibration.heads import frame as heads_frame
+from compasslib.calibration.heads import motion as heads_motion
+from compasslib.calibration.heads import series as heads_series
 from compasslib.calibration.result import Calibration
-from compasslib.discrepancy import recordings
-from compasslib.discrepancy.diagnosis import Options
-from compasslib.errors import InputError
-from compasslib.nature import package
-from compasslib.nature.package import Head, Sea
+from compasslib.core.errors import InputError
+from compasslib.plots import calibrations as plots_calibrations
+from compasslib.plots import heads as figures
+from compasslib.search import kinds
+from compasslib.search.diagnosis import Options
+from compasslib.simulation import package
+from compasslib.simulation.package import Head, Sea
 
 NARROW = Sea(turns=0.0, wander_deg=14.0)
 EH2 = SHARED / "pd0/eh2_20060530_20060717_0007m.000"
@@ -31,12 +36,12 @@ FOUR_SIGMA = 4.0  # one seed in 16,000 is farther off where the stated sigma is 
 @pytest.fixture(scope="module")
 def full(tmp_path_factory) -> Calibration:
     """A cast that turned four times, b up-looking, 47 degrees and 7.3 seconds off."""
-    return two_heads.calibrate(cast(tmp_path_factory.mktemp("full")), {})
+    return heads.calibrate(cast(tmp_path_factory.mktemp("full")), {})
 
 
 @pytest.fixture(scope="module")
 def narrow(tmp_path_factory) -> Calibration:
-    return two_heads.calibrate(cast(tmp_path_factory.mktemp("narrow"), sea=NARROW), {})
+    return heads.calibrate(cast(tmp_path_factory.mktemp("narrow"), sea=NARROW), {})
 
 
 def test_a_turning_cast_gives_offset_coefficients_and_clock(full):
@@ -60,7 +65,7 @@ def test_the_tilts_alone_give_the_mounting_angle_of_an_up_looker(full):
 
 
 def test_a_constant_of_one_compass_shows_between_headings_and_tilts(tmp_path):
-    found = two_heads.calibrate(cast(tmp_path, b=replace(TURNED, deviation_deg=(5.0, 6.0, -3.0, 0.0, 0.0))), {})
+    found = heads.calibrate(cast(tmp_path, b=replace(TURNED, deviation_deg=(5.0, 6.0, -3.0, 0.0, 0.0))), {})
     said = found.details
     assert said["offset_deg"] == pytest.approx(42.0, abs=0.1)
     assert said["constant_difference_deg"] == pytest.approx(5.0, abs=4.0 * said["constant_difference_sigma_deg"])
@@ -112,7 +117,7 @@ def test_full_coverage_inflates_nothing():
 
 
 def test_the_band_of_a_short_series_widens_away_from_the_headings(tmp_path):
-    found = two_heads.calibrate(cast(tmp_path, sea=Sea(turns=0.0, wander_deg=48.0)), {})
+    found = heads.calibrate(cast(tmp_path, sea=Sea(turns=0.0, wander_deg=48.0)), {})
     assert found.details["terms"] == 3 and np.isnan(found.coefficients[3:]).all()
     assert found.table is not None
     sigma = found.table.sigma_deg[np.isfinite(found.table.sigma_deg)]
@@ -130,21 +135,21 @@ def test_spikes_are_left_out(tmp_path):
         return heading
 
     paths[1].write_bytes(rewritten(paths[1].read_bytes(), spoil))
-    found = two_heads.calibrate(paths, {})
+    found = heads.calibrate(paths, {})
     assert abs(found.details["spikes"] - len(hit["n"])) < 0.1 * len(hit["n"])
     assert found.details["offset_deg"] == pytest.approx(47.0, abs=0.1)
     assert found.coefficients[1:] == pytest.approx(TURNED.deviation_deg[1:], abs=0.15)
 
 
 def test_a_drift_is_found_and_taken_out(tmp_path):
-    found = two_heads.calibrate(cast(tmp_path, b=replace(TURNED, drift_s=0.5)), {})
+    found = heads.calibrate(cast(tmp_path, b=replace(TURNED, drift_s=0.5)), {})
     clock, a_day = found.details["clock"], 0.5 * 86400.0 / 4000.0
     assert clock["drift_applied"] and abs(clock["drift_s_per_day"] - a_day) < 4.0 * clock["drift_sigma_s_per_day"]
     assert found.details["offset_deg"] == pytest.approx(47.0, abs=0.06)
 
 
 def test_without_swell_the_headings_give_the_clock(tmp_path):
-    found = two_heads.calibrate(cast(tmp_path, sea=Sea(swell_deg=0.01, lean_deg=0.0)), {})
+    found = heads.calibrate(cast(tmp_path, sea=Sea(swell_deg=0.01, lean_deg=0.0)), {})
     clock = found.details["clock"]
     assert found.details["frame"]["verdict"] == "not testable" and found.details["offset_from_tilts_deg"] is None
     assert np.isnan(clock["from_tilts_s"]).all()
@@ -161,7 +166,7 @@ def test_a_lagging_compass_is_told_from_a_wrong_clock(tmp_path):
     ahead = np.append(ahead, np.repeat(ahead[-1], len(seen.time_s) - len(ahead)))
     paths[0].write_bytes(package.encoded(package.stand(rng, motion, PLAIN)))
     paths[1].write_bytes(package.encoded(replace(seen, recorded_deg=ahead)))
-    found = two_heads.calibrate(paths, {})
+    found = heads.calibrate(paths, {})
     clock = found.details["clock"]
     assert clock["from_headings_s"][0] - clock["from_tilts_s"][0] == pytest.approx(-0.8, abs=0.05)
     assert clock["offset_s"] == pytest.approx(TURNED.clock_s, abs=0.03)
@@ -174,7 +179,7 @@ def test_a_mirrored_roll_is_told(tmp_path):
     paths = [tmp_path / "a.000", tmp_path / "b.000"]
     paths[0].write_bytes(package.encoded(package.stand(rng, motion, PLAIN)))
     paths[1].write_bytes(package.encoded(package.stand(rng, motion, TURNED), looks_up=True, mirrored=True))
-    found = two_heads.calibrate(paths, {})
+    found = heads.calibrate(paths, {})
     assert found.details["frame"]["verdict"] == "mirrored" and found.details["offset_from_tilts_deg"] is None
     assert found.details["offset_deg"] == pytest.approx(47.0, abs=0.1)
 
@@ -188,7 +193,7 @@ def test_a_head_that_slipped_is_told_and_when(tmp_path):
     paths = [tmp_path / "a.000", tmp_path / "b.000"]
     paths[0].write_bytes(package.encoded(package.stand(rng, motion, PLAIN)))
     paths[1].write_bytes(package.encoded(replace(before, recorded_deg=recorded)))
-    found = two_heads.calibrate(paths, {})
+    found = heads.calibrate(paths, {})
     told = [warning for warning in found.warnings if "the offset changes by" in warning]
     assert len(told) == 1 and 4.0 < float(told[0].split("by ")[1].split("°")[0]) < 6.0
     # 1.2e9 s is 2008-01-10T21:20Z; the cast is 4000 s long.
@@ -199,7 +204,7 @@ def test_heads_of_two_frames_have_no_calibration(tmp_path):
     paths = cast(tmp_path)
     (tmp_path / "other").mkdir()
     other = cast(tmp_path / "other", seed=9, sea=Sea(turns=-5.0))
-    found = two_heads.calibrate([paths[0], other[1]], {})
+    found = heads.calibrate([paths[0], other[1]], {})
     assert found.coefficients.size == 0 and "do not stand on one frame" in found.why
     assert "offset_deg" not in found.details
 
@@ -210,14 +215,14 @@ def test_files_that_share_no_time(tmp_path):
     for path, start in zip(paths, (START_S, START_S + 1e6), strict=True):
         motion = package.lower(rng, Sea(deepest_m=300.0), start)
         path.write_bytes(package.encoded(package.stand(rng, motion, Head())))
-    found = two_heads.calibrate(paths, {})
+    found = heads.calibrate(paths, {})
     assert found.n == 0 and "share no time" in found.why and found.table is None
 
 
 def test_a_window_and_a_given_clock(tmp_path):
     paths = cast(tmp_path)
     settings = {"start_s": START_S + 500.0, "end_s": START_S + 2500.0, "clock_offset_seconds": 7.3}
-    found = two_heads.calibrate(paths, settings)
+    found = heads.calibrate(paths, settings)
     # b's clock is 7.3 s ahead; the window is by a's.
     assert found.points["time_s"][0] == pytest.approx(START_S + 507.3, abs=3.0)
     assert found.points["time_s"][-1] == pytest.approx(START_S + 2507.3, abs=3.0)
@@ -226,7 +231,7 @@ def test_a_window_and_a_given_clock(tmp_path):
 
 def test_one_file_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"file: expected two files, of head a and head b, found 1; write file: \["):
-        two_heads.calibrate([tmp_path / "a.000"], {})
+        heads.calibrate([tmp_path / "a.000"], {})
 
 
 def test_the_turned_heading_is_that_of_the_tilted_body():
@@ -238,7 +243,7 @@ def test_the_turned_heading_is_that_of_the_tilted_body():
     assert frame.offset_deg == pytest.approx(65.0, abs=1e-9) and frame.rms_deg < 1e-5
     for rotation in (frame.rotation, heads_frame.upright(65.0, lean_a, lean_b)):
         turned = heads_frame.turned_heading(heading, lean_a, rotation)
-        off = two_heads.angles.difference(turned, wanted)
+        off = heads.angles.difference(turned, wanted)
         # The least lean takes mean to mean; the exact rotation is exact.
         assert np.abs(off).max() < (1e-9 if rotation is frame.rotation else 0.2)
 
@@ -251,7 +256,7 @@ def test_a_real_record_turned_and_read_by_another_compass(tmp_path):
     other = tmp_path / "b.000"
     noisy = rewritten(EH2.read_bytes(), lambda h: package.read_through(h - 33.0, series) + rng.normal(0.0, 0.5, len(h)))
     other.write_bytes(noisy)
-    found = two_heads.calibrate([EH2, other], {})
+    found = heads.calibrate([EH2, other], {})
     sigma = np.sqrt(np.diag(found.covariance))
     assert found.n > 3200 and found.coverage == 36
     assert abs(found.details["offset_deg"] + 33.0) < 4.0 * found.details["offset_sigma_deg"]
@@ -266,14 +271,14 @@ def test_real_headings_of_87_degrees_are_refused(tmp_path):
         pytest.skip("no ../shared/data")
     other = tmp_path / "b.000"
     other.write_bytes(rewritten(path.read_bytes(), lambda h: h + 12.0))
-    found = two_heads.calibrate([path, other], {})
+    found = heads.calibrate([path, other], {})
     assert found.details["terms"] == 1 and "B, C, D and E are refused" in found.why
     assert found.details["offset_deg"] == pytest.approx(12.0, abs=0.01)
 
 
 @pytest.mark.parametrize("draw", [figures.difference, figures.tilt_check, figures.along_time])
 def test_figures(draw, full, narrow, tmp_path):
-    for name, found in (("full", full), ("narrow", narrow), ("none", two_heads._nothing(0, "no time shared", ()))):
+    for name, found in (("full", full), ("narrow", narrow), ("none", heads._nothing(0, "no time shared", ()))):
         draw(tmp_path / f"{name}.png", found, name)
         assert Path(tmp_path / f"{name}.png").stat().st_size > 10_000
 
@@ -302,10 +307,10 @@ def test_heads_that_turn_evenly_or_never_or_are_one_file_are_no_traceback(tmp_pa
     b = _still(tmp_path / "b.000", n, lambda i: (i * turning + 4500) % 36000)
     for other in (a, b):
         made = calibration.calibrate("two_heads", [a, other], {})
-        recordings.diagnose("two_heads", [a, other], {}, Options())
+        kinds.diagnose("two_heads", [a, other], {}, Options())
         assert (made.model == "none") == (n == 1)
         assert n == 1 or any("leaves nothing of the readings" in said for said in made.warnings)
         files = {file: tmp_path / f"{file}.x" for file in ("calibration", "table", "points")}
-        archive_calibrations.write(page=content.described("h", made, {}, {}), made=made, **files)
+        calibrations.write(page=content.described("h", made, {}, {}), made=made, **files)
         for figure in calibration.figures("two_heads"):
-            plots_calibrations.draw(figure, tmp_path / f"{figure}.png", archive_calibrations.read(**files))
+            plots_calibrations.draw(figure, tmp_path / f"{figure}.png", calibrations.read(**files))

@@ -19,10 +19,12 @@ from sea import cruise
 from test_workflow import PROJECT, change, snakemake
 
 import compasslib
-from compasslib import archive_calibrations, calibration, pipeline, summary
+from compasslib import calibration
+from compasslib.archive import calibrations, summary
 from compasslib.calibration import content
 from compasslib.calibration.curves import Readings
 from compasslib.command import folders, main, versions
+from compasslib.stages import pipeline
 
 DIAGNOSED = {
     **{"verdict": "consistent", "findings": [], "unexplained": None},
@@ -295,13 +297,13 @@ def versions_of(tmp_path_factory) -> Path:
     shutil.copytree(PROJECT / "compasslib", copy / "compasslib", ignore=shutil.ignore_patterns("__pycache__"))
     for file, now, then in (
         ("__init__.py", compasslib.__version__, "0.1.0"),
-        ("earthfield.py", "wrap180(direction(east, north))", "wrap180(direction(east, north) + 2.0)"),
-        ("correction.py", "LEFT_OUT_BY_TILT = 0.08", "LEFT_OUT_BY_TILT = 0.16"),
+        ("core/earthfield.py", "wrap180(direction(east, north))", "wrap180(direction(east, north) + 2.0)"),
+        ("deviation/correction.py", "LEFT_OUT_BY_TILT = 0.08", "LEFT_OUT_BY_TILT = 0.16"),
     ):
         text = (copy / "compasslib" / file).read_text()
         assert now in text
         (copy / "compasslib" / file).write_text(text.replace(now, then))
-    code = "import sys; from compasslib import pipeline; pipeline.process(sys.argv[1], 'M1', sys.argv[2])"
+    code = "import sys; from compasslib.stages import pipeline; pipeline.process(sys.argv[1], 'M1', sys.argv[2])"
     environment = os.environ | {"PYTHONPATH": str(copy)}
     subprocess.run([sys.executable, "-c", code, folder, folder / "old/M1"], check=True, env=environment, cwd=copy)
     pipeline.process(folder, "M1", folder / "new/M1")
@@ -419,7 +421,7 @@ def _calibrate(folder: Path, run: str, name: str, seen: Readings) -> None:
     settings = calibration.settled({"uncertainty": {}, "budget": None, "table_step_deg": 10.0})
     made = calibration.calibrate("platform", [write_table(folder / "raw.csv", seen)], settings)
     files = {"calibration": there / "calibration.json", "table": there / "table.csv", "points": there / "points.csv"}
-    archive_calibrations.write(page=content.described(name, made, settings, {}), made=made, **files)
+    calibrations.write(page=content.described(name, made, settings, {}), made=made, **files)
 
 
 def test_diff_compares_calibrations(calibrated, capsys):

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sea import SHARED
 
-from compasslib import angles, compass
+from compasslib.core import angles, compass
 from compasslib.deviation import von_appen
 
 SOFT = st.floats(-0.15, 0.15)

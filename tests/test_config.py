@@ -13,8 +13,9 @@ from pathlib import Path
 
 import pytest
 
-from compasslib import config, config_calibrations, config_schema, config_values
-from compasslib.errors import InputError
+from compasslib.config import calibrations, schema, values
+from compasslib.config import cruise as config
+from compasslib.core.errors import InputError
 
 ROOT = Path(__file__).resolve().parents[1]
 MOORING_FILE = "config/moorings/EG4.yaml"
@@ -238,9 +239,9 @@ def test_dates_in_every_form(cruise: Path, written: str, hours: float) -> None:
 
 def test_dates_as_python_objects() -> None:
     zone = timezone(timedelta(hours=2))
-    assert config_values.time_s(date(2007, 9, 4)) == 1188864000.0
-    assert config_values.time_s(datetime.fromisoformat("2007-09-04")) == 1188864000.0
-    assert config_values.time_s(datetime(2007, 9, 4, 2, tzinfo=zone)) == 1188864000.0
+    assert values.time_s(date(2007, 9, 4)) == 1188864000.0
+    assert values.time_s(datetime.fromisoformat("2007-09-04")) == 1188864000.0
+    assert values.time_s(datetime(2007, 9, 4, 2, tzinfo=zone)) == 1188864000.0
 
 
 def test_texts_that_look_like_something_else_stay_texts(cruise: Path) -> None:
@@ -320,9 +321,9 @@ def test_the_cruise_with_real_records_is_read() -> None:
 
 def test_the_readme_names_every_key() -> None:
     text = (ROOT / "config/README.md").read_text()
-    named = [*vars(config_schema).values(), *vars(config_calibrations).values()]
-    models = [m for m in named if isinstance(m, type) and issubclass(m, config_schema.Section)]
-    keys = {key for model in models for key in config_schema.allowed_keys(model)}
+    named = [*vars(schema).values(), *vars(calibrations).values()]
+    models = [m for m in named if isinstance(m, type) and issubclass(m, schema.Section)]
+    keys = {key for model in models for key in schema.allowed_keys(model)}
     assert [key for key in sorted(keys) if f"`{key}`" not in text] == []
 
 
@@ -563,7 +564,7 @@ def test_an_instrument_may_be_called_like_a_key(cruise: Path) -> None:
     )
 
 
-@pytest.mark.parametrize("name", [*config_schema.RESERVED, "Logs", "RO-Crate-metadata.json"])
+@pytest.mark.parametrize("name", [*schema.RESERVED, "Logs", "RO-Crate-metadata.json"])
 def test_names_of_other_things_in_results_are_refused(cruise: Path, name: str) -> None:
     write(cruise, MOORING_FILE, with_line(f"name: {name}"))
     assert "name: expected a name other than calibrations" in message(cruise)

@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 from test_archive import PROCESSING, USUAL, make_pairs, make_product, make_record, write
 
-from compasslib import archive, archive_layout, conventions, oceansites
-from compasslib.errors import InputError
+from compasslib.archive import conventions, layout, netcdf
+from compasslib.archive import conventions as oceansites
+from compasslib.core.errors import InputError
 
 # No name of the CF table fits these: its orientation is from north, and it knows no deviation and no declination.
 WITHOUT_STANDARD_NAME = {
@@ -60,8 +61,8 @@ def test_the_newest_cf_would_be_kept_as_well(corrected, offline):
 
 @pytest.mark.filterwarnings("ignore")
 def test_the_checker_has_no_remark_on_pairs_and_records(tmp_path, offline):
-    archive.write_pairs(tmp_path / "overlap.nc", make_pairs(), attributes=HISTORY)
-    archive.write_record(tmp_path / "top.nc", make_record(), attributes=HISTORY)
+    netcdf.write_pairs(tmp_path / "overlap.nc", make_pairs(), attributes=HISTORY)
+    netcdf.write_record(tmp_path / "top.nc", make_record(), attributes=HISTORY)
     for file in ("overlap.nc", "top.nc"):
         assert checked(tmp_path / file, "cf:1.8") == [], file
 
@@ -114,12 +115,14 @@ def test_without_the_checker_it_says_what_was_not_checked(corrected, monkeypatch
 @pytest.mark.parametrize(("n", "m"), [(200, 6), (1, 1), (0, 6)])
 @pytest.mark.parametrize("uncorrectable", [0, 200])
 def test_the_manual_has_no_remark(tmp_path, n, m, uncorrectable):
-    assert oceansites.remarks(write(tmp_path / "c.nc", make_product(n, m, uncorrectable=uncorrectable))) == []
+    assert (
+        oceansites.oceansites_remarks(write(tmp_path / "c.nc", make_product(n, m, uncorrectable=uncorrectable))) == []
+    )
 
 
 def test_the_scale_of_flags_is_the_manuals():
-    assert archive_layout.FLAG_VALUES.tolist() == list(oceansites.FLAGS)
-    assert archive_layout.FLAG_MEANINGS.split() == list(oceansites.FLAGS.values())
+    assert layout.FLAG_VALUES.tolist() == list(oceansites.FLAGS)
+    assert layout.FLAG_MEANINGS.split() == list(oceansites.FLAGS.values())
 
 
 def attribute(name: str, value: object, variable: str | None = None):
@@ -198,7 +201,9 @@ def test_each_broken_rule_is_told(tmp_path, corrected, change, remark):
     path = Path(shutil.copy(corrected, tmp_path / "c.nc"))
     with netCDF4.Dataset(path, "a") as nc:
         change(nc)
-    assert any(one.startswith(remark) for one in oceansites.remarks(path)), oceansites.remarks(path)
+    assert any(one.startswith(remark) for one in oceansites.oceansites_remarks(path)), oceansites.oceansites_remarks(
+        path
+    )
 
 
 def test_shapes_that_the_manual_forbids_are_told(tmp_path):
@@ -208,7 +213,7 @@ def test_shapes_that_the_manual_forbids_are_told(tmp_path):
         nc.createVariable("TIME", "f4", ("TIME",))[:] = [1, 2, 3]
         nc.createVariable("TEMP", "f4", ("DEPTH", "TIME"))
         nc.createVariable("TEMP_QC", "i4", ("TIME",))[:] = 1
-    said = oceansites.remarks(tmp_path / "c.nc")
+    said = oceansites.oceansites_remarks(tmp_path / "c.nc")
     for remark in (
         "TIME is not double TIME(TIME)",
         "TEMP: TIME is not the first of its dimensions",

@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 from sea import FOLDED, MILD, pairs
 
-from compasslib import angles, archive, assessment, branches, correction, deviation
-from compasslib.deviation import along, exact, likelihood, model, von_appen
-from compasslib.records import BAD, GOOD, MISSING, PROBABLY_BAD, EarthField, Pairs, Record
+from compasslib import deviation
+from compasslib.archive import netcdf
+from compasslib.core import angles
+from compasslib.core.records import BAD, GOOD, MISSING, PROBABLY_BAD, EarthField, Pairs, Record
+from compasslib.deviation import along, assessment, branches, correction, exact, likelihood, model, von_appen
 
 
 def record_of(seen: Pairs) -> Record:
@@ -70,7 +72,7 @@ def test_pieces_along_time_make_the_same_file_as_the_whole(tmp_path, monkeypatch
     several = correction.in_pieces(*asked)
     assert [len(piece.record.time_s) for piece in several] == [150, 150, 100]
     for name, product in (("whole.nc", correction.correct(*asked)), ("pieces.nc", several)):
-        archive.write_corrected(tmp_path / name, product, site=archive.Site("M", 60.0, -30.0))
+        netcdf.write_corrected(tmp_path / name, product, site=netcdf.Site("M", 60.0, -30.0))
     with netCDF4.Dataset(tmp_path / "whole.nc") as one, netCDF4.Dataset(tmp_path / "pieces.nc") as other:
         assert list(one.variables) == list(other.variables) and str(one.__dict__) == str(other.__dict__)
         for name in one.variables:

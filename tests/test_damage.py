@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from sea import SHARED
 
-from compasslib.errors import InputError
+from compasslib.core.errors import InputError
 from compasslib.readers import iaga2002, nmea
 
 JUNK = np.random.default_rng(5).integers(0, 256, 300, dtype=np.uint8).tobytes()

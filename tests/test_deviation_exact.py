@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 from sea import FOLDED, MILD, pairs
 
-from compasslib import angles, compass
-from compasslib.deviation import climb, exact, likelihood, model, scatter
+from compasslib.core import angles, compass
+from compasslib.deviation import exact, likelihood, model
+from compasslib.deviation import exact as scatter
 from compasslib.deviation.forms import FORMS
 from compasslib.deviation.model import Noise
+from compasslib.stats import autocorrelation, minimum
 
 
 @pytest.mark.parametrize("form", FORMS, ids=lambda form: form.name)
@@ -52,8 +54,8 @@ def test_the_solver_finds_a_valley_and_a_bound():
 
     free = np.array([(-np.inf, np.inf)] * 2)
     cut = np.array([(-np.inf, 0.5), (-np.inf, np.inf)])
-    assert climb.minimise(valley, np.array([-1.2, 1.0]), free, 200)[0] == pytest.approx([1.0, 1.0], abs=1e-3)
-    assert climb.minimise(valley, np.array([-1.2, 1.0]), cut, 200)[0] == pytest.approx([0.5, 0.25], abs=1e-3)
+    assert minimum.minimise(valley, np.array([-1.2, 1.0]), free, 200)[0] == pytest.approx([1.0, 1.0], abs=1e-3)
+    assert minimum.minimise(valley, np.array([-1.2, 1.0]), cut, 200)[0] == pytest.approx([0.5, 0.25], abs=1e-3)
 
 
 def test_scatter_is_a_density_and_slow_water_is_nearly_uniform():
@@ -109,4 +111,4 @@ def test_effective_number_of_red_noise():
     for i in range(1, n):
         series[i] = keep * series[i - 1] + rng.normal()
     expected = n * (1 - keep) / (1 + keep)
-    assert model.effective_number(series, 3600.0 * np.arange(n)) == pytest.approx(expected, rel=0.15)
+    assert autocorrelation.effective_number(series, 3600.0 * np.arange(n)) == pytest.approx(expected, rel=0.15)

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from sea import FOLDED, MILD, pairs, red_noise
 
-from compasslib import angles, compass, correction, deviation
-from compasslib.deviation import exact, tilt
+from compasslib import deviation
+from compasslib.core import angles, compass
+from compasslib.deviation import correction, exact, tilt
 
 DIP = 4.35
 

@@ -12,11 +12,12 @@ import pytest
 from iaga_files import DAY_S, HOUR_S, LATITUDE, LONGITUDE, START_S, series, write
 from sea import SHARED
 
-from compasslib import deviation, earthfield, observatory
-from compasslib.discrepancy import declination
-from compasslib.discrepancy.diagnosis import Options, diagnose
-from compasslib.errors import InputError
-from compasslib.records import EarthField, Pairs
+from compasslib import deviation, observatory
+from compasslib.core import earthfield
+from compasslib.core.errors import InputError
+from compasslib.core.records import EarthField, Pairs
+from compasslib.search.diagnosis import Options, diagnose
+from compasslib.search.kinds import declination
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
 import discrepancy_world as sea

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from sea import pairs, red_noise
 
-from compasslib import angles
+from compasslib.core import angles
 from compasslib.deviation import model as fits
-from compasslib.discrepancy import clocks, columns, covariates, scan, show, telling, whitening
-from compasslib.physics.term import YEAR_S
+from compasslib.effects.term import YEAR_S
+from compasslib.search import clocks, columns, covariates, scan, show, wording
+from compasslib.stats import whitening
 
 TIME_S = 1.19e9 + 3600.0 * np.arange(4000)
 
@@ -159,6 +160,6 @@ def test_the_p_value_of_a_clear_gain_is_small_and_of_none_is_not():
 
 
 def test_what_would_tell_pairs_apart_is_said():
-    told = telling.separated_by("supply_voltage", ("compass_drift",))
+    told = wording.separated_by("supply_voltage", ("compass_drift",))
     assert "supply_voltage or compass_drift" in told and "battery change" in told
-    assert "lives in the water" in telling.separated_by("current_veer", ("sextantal",))
+    assert "lives in the water" in wording.separated_by("current_veer", ("sextantal",))

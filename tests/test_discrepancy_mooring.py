@@ -10,10 +10,15 @@ import numpy as np
 import pytest
 from sea import FOLDED, pairs, red_noise
 
-from compasslib import angles, compass, correction, deviation, pipeline
-from compasslib.archive_files import read_json, write_json
+from compasslib import deviation
+from compasslib.archive.files import read_json, write_json
+from compasslib.core import angles, compass
+from compasslib.core.records import GOOD, EarthField, Pairs, Record
+from compasslib.deviation import correction
 from compasslib.deviation import model as fits
-from compasslib.discrepancy import (
+from compasslib.effects.iron import Heeling, TemperatureOfField, TemperatureOfReading
+from compasslib.effects.reading import HeadingSlip, Sextantal
+from compasslib.search import (
     baseline,
     clocks,
     columns,
@@ -32,14 +37,10 @@ from compasslib.discrepancy import (
     stuck,
     verdict,
 )
-from compasslib.discrepancy import product as products
-from compasslib.discrepancy.diagnosis import Options, diagnose
-from compasslib.nature import demonstration
-from compasslib.physics.heading_slip import HeadingSlip
-from compasslib.physics.heeling import Heeling
-from compasslib.physics.sextantal import Sextantal
-from compasslib.physics.temperature import TemperatureOfField, TemperatureOfReading
-from compasslib.records import GOOD, EarthField, Pairs, Record
+from compasslib.search import product as products
+from compasslib.search.diagnosis import Options, diagnose
+from compasslib.simulation import demonstration
+from compasslib.stages import pipeline
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
 import discrepancy as bench

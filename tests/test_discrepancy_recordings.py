@@ -11,14 +11,14 @@ import pytest
 from bench import MILD, readings, ring, write_table
 from two_heads_files import TURNED, cast, rewritten
 
-from compasslib import angles, compass
-from compasslib.archive_files import write_json
-from compasslib.calibration import magnetometer_log
-from compasslib.discrepancy import recordings
-from compasslib.discrepancy.diagnosis import Options
-from compasslib.discrepancy.recordings import platform
-from compasslib.discrepancy.verdict import VERDICTS, Diagnosis
-from compasslib.errors import InputError
+from compasslib.archive.files import write_json
+from compasslib.calibration.magnetometer import log
+from compasslib.core import angles, compass
+from compasslib.core.errors import InputError
+from compasslib.search import kinds
+from compasslib.search.diagnosis import Options
+from compasslib.search.kinds import platform
+from compasslib.search.verdict import VERDICTS, Diagnosis
 
 DATA = Path(__file__).resolve().parents[2] / "shared/data"
 OPTIONS = Options()
@@ -33,7 +33,7 @@ def real(name: str) -> Path:
 
 
 def magnetometer(path: Path, **settings: object) -> Diagnosis:
-    return recordings.diagnose("magnetometer", [path], settings, OPTIONS)
+    return kinds.diagnose("magnetometer", [path], settings, OPTIONS)
 
 
 def names(found: Diagnosis) -> list[str]:
@@ -89,7 +89,7 @@ def test_eight_headings_prove_nothing_and_say_what_to_swing():
 
 def test_three_headings_say_why(tmp_path):
     path = write_table(tmp_path / "few.csv", readings(ring(3)))
-    found = recordings.diagnose("platform", [path], {}, OPTIONS)
+    found = kinds.diagnose("platform", [path], {}, OPTIONS)
     assert found.verdict == "insufficient" and found.why.startswith("3 headings in 3 of 36 sectors")
 
 
@@ -131,7 +131,7 @@ def test_without_heading_and_strength_there_is_nothing_to_compare():
 def test_an_unknown_column_of_the_profiler_is_refused():
     real("acm/mmp_global_A0000001.TXT")
     with pytest.raises(InputError, match="withhold"):
-        magnetometer_log.read([ACM], {"format": "mmp_acm", "withhold": ["TZ"]})
+        log.read([ACM], {"format": "mmp_acm", "withhold": ["TZ"]})
 
 
 @pytest.mark.parametrize("withhold", [[], ["heading_deg"]])
@@ -158,7 +158,7 @@ def heads(folder: Path, head=CLEAN, turned=None) -> Diagnosis:
     paths = cast(folder, b=head)
     if turned is not None:
         paths[1].write_bytes(rewritten(paths[1].read_bytes(), turned))
-    return recordings.diagnose("two_heads", paths, {}, OPTIONS)
+    return kinds.diagnose("two_heads", paths, {}, OPTIONS)
 
 
 def late(heading: np.ndarray) -> np.ndarray:
@@ -208,8 +208,8 @@ def test_what_is_written_can_be_read(tmp_path):
 
 
 def test_switched_off_says_so():
-    assert recordings.chosen({"enabled": False, "apply": True, "min_effect_deg": 0.5}) is None
-    found = recordings.diagnose("platform", [], {}, None)
+    assert kinds.chosen({"enabled": False, "apply": True, "min_effect_deg": 0.5}) is None
+    found = kinds.diagnose("platform", [], {}, None)
     assert found.verdict == "insufficient" and "switched off" in found.why
 
 
@@ -217,6 +217,6 @@ def test_a_swing_of_eight_headings_points_at_what_to_swing(tmp_path):
     deviations = (-1.177, 2.023, -8.377, -4.279, 3.620, 14.721, 5.624, 15.123)  # Moncunill 2023, 5.3
     rows = [f"{(45 * k - d) % 360:.3f},{45 * k}" for k, d in enumerate(deviations)]
     (tmp_path / "swing.csv").write_text("\n".join(["compass_deg,true_deg", *rows]) + "\n")
-    found = recordings.diagnose("swing", [tmp_path / "swing.csv"], {"declination": 0.0}, Options())
+    found = kinds.diagnose("swing", [tmp_path / "swing.csv"], {"declination": 0.0}, Options())
     assert found.verdict == "insufficient" and "third (3.1) and fourth" in found.why and "16 to 24" in found.why
     assert "water_drift" in dict(found.not_testable)

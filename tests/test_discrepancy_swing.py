@@ -9,13 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from compasslib.discrepancy import recordings
-from compasslib.discrepancy.diagnosis import Options
-from compasslib.discrepancy.recordings import memory, swing_forward
-from compasslib.discrepancy.verdict import Diagnosis
-from compasslib.nature import swing
-from compasslib.nature.compass import Iron
-from compasslib.nature.swing import CIRCLES, LEGS, ONE_CIRCLE, Boat
+from compasslib.search import kinds
+from compasslib.search.diagnosis import Options
+from compasslib.search.kinds import swing_forward
+from compasslib.search.verdict import Diagnosis
+from compasslib.simulation import swing
+from compasslib.simulation.compass import Iron
+from compasslib.simulation.swing import CIRCLES, LEGS, ONE_CIRCLE, Boat
+from compasslib.stats import memory
 
 KNOT_M_S = 1852.0 / 3600.0
 WATER_KN = 0.8 * np.exp(0.6j)
@@ -42,7 +43,7 @@ def table(path: Path, boat: Boat, seed: int = 1) -> Path:
 
 def swung(folder: Path, boat: Boat, seed: int = 1, **settings: object) -> Diagnosis:
     path = table(folder / "swing.csv", boat, seed)
-    return recordings.diagnose("swing", [path], {"declination": 5.0, **settings}, Options())
+    return kinds.diagnose("swing", [path], {"declination": 5.0, **settings}, Options())
 
 
 def sets(found: Diagnosis) -> list[set[str]]:
@@ -134,17 +135,17 @@ def test_readings_far_apart_in_time_are_a_bench(tmp_path):
     rows = [f"{h},{h + noise[k]:.2f},2021-05-24T11:{k:02d}:00Z" for k, h in enumerate(heading)]
     path = tmp_path / "readings.csv"
     path.write_text("\n".join(["compass_deg,true_deg,time_utc", *rows]) + "\n")
-    assert recordings.diagnose("swing", [path], {"declination": 5.0}, Options()).verdict == "consistent"
+    assert kinds.diagnose("swing", [path], {"declination": 5.0}, Options()).verdict == "consistent"
 
 
 def test_the_real_log_shows_a_late_course_and_the_water():
     if not TAIOHAE.exists():
         pytest.skip(f"no real recording {TAIOHAE.name} beside the repository")
-    found = recordings.diagnose("swing", [TAIOHAE], {"format": "nmea0183"}, Options())
+    found = kinds.diagnose("swing", [TAIOHAE], {"format": "nmea0183"}, Options())
     assert sets(found) == [{"course_lag"}, {"water_drift"}]
     assert found.findings[0].held_out.rms_before_deg > 7.0 and found.findings[0].held_out.rms_after_deg < 2.0
     assert found.findings[1].parameters["drift_kn"].value == pytest.approx(0.27, abs=0.1)
-    without = recordings.diagnose("swing", [TAIOHAE], {"format": "nmea0183", "withhold": ["water_speed_kn"]}, Options())
+    without = kinds.diagnose("swing", [TAIOHAE], {"format": "nmea0183", "withhold": ["water_speed_kn"]}, Options())
     assert sets(without) == [{"course_lag"}] and "two speeds" in (without.separated_by or "")
 
 

@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from compasslib import angles
 from compasslib.command import _parser
+from compasslib.core import angles
 
 PROJECT = Path(__file__).resolve().parents[1]
 NAMES = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "docs/library.md", "config/README.md", "tests/README.md")

@@ -6,8 +6,10 @@ import numpy as np
 import ppigrf
 import pytest
 
-from compasslib import calibration, earthfield, igrf
-from compasslib.errors import InputError
+from compasslib import calibration
+from compasslib.core import earthfield
+from compasslib.core import earthfield as igrf
+from compasslib.core.errors import InputError
 
 DECEMBER_2007, EG4 = 1196467200.0, (65.3, -33.0)
 

@@ -14,8 +14,10 @@ import numpy as np
 import pytest
 from test_workflow import CONTRACT, PROJECT, change, snakemake
 
-from compasslib import angles, deployment, pipeline
+from compasslib.core import angles
+from compasslib.preparation import deployment
 from compasslib.readers import table
+from compasslib.stages import pipeline
 
 EXAMPLE = PROJECT / "examples/lowered_adcp"
 

@@ -7,10 +7,12 @@ import pytest
 import sea
 from sea import FOLDED, MILD, pairs
 
-from compasslib import angles, grid, overlap, overlap_clock, overlap_words
-from compasslib.errors import InputError
-from compasslib.overlap import Rules
-from compasslib.records import BAD, GOOD, EarthField, Record
+from compasslib.core import angles
+from compasslib.core.errors import InputError
+from compasslib.core.records import BAD, GOOD, EarthField, Record
+from compasslib.preparation import clock_offset, gridding, overlap
+from compasslib.preparation import overlap as overlap_words
+from compasslib.preparation.overlap import Rules
 
 HOUR = 3600.0
 NORTH_FIELD = EarthField(np.array([0.0, 1e9]), np.array([10.0, 10.0]), *(np.ones((3, 2)) * 12000.0))
@@ -39,12 +41,12 @@ def record(times, *, depth=100.0, ranges=(10.0, 14.0, 18.0), east=0.2, north=0.1
 
 def test_grid_takes_the_phase_of_the_series_so_headings_are_never_mixed():
     times = 1000.0 + HOUR * np.arange(10)
-    assert list(grid.on_grid(times, step_s=HOUR, tolerance_s=1800.0)) == list(range(10))
+    assert list(gridding.on_grid(times, step_s=HOUR, tolerance_s=1800.0)) == list(range(10))
 
 
 def test_grid_thins_fast_sampling_and_leaves_gaps_out():
     times = np.concatenate([600.0 * np.arange(60), 100000.0 + 600.0 * np.arange(6)])
-    index = grid.on_grid(times, step_s=HOUR, tolerance_s=1800.0)
+    index = gridding.on_grid(times, step_s=HOUR, tolerance_s=1800.0)
     assert list(times[index][:10]) == list(HOUR * np.arange(10))
     assert len(index) == 13  # at a gap's edges the nearest sample stands for its node
 
@@ -52,7 +54,7 @@ def test_grid_thins_fast_sampling_and_leaves_gaps_out():
 def test_interpolation_is_linear_in_short_gaps_nearest_in_long_ones_else_nan():
     series, values = np.array([0.0, HOUR, 10 * HOUR]), np.array([0.0, 2.0, 8.0])
     at = np.array([HOUR / 2, 1.25 * HOUR, 5 * HOUR, 9.75 * HOUR])
-    found = grid.interpolate(series, values, at, tolerance_s=1800.0)
+    found = gridding.interpolate(series, values, at, tolerance_s=1800.0)
     assert found == pytest.approx([1.0, 2.0, np.nan, 8.0], nan_ok=True)
 
 
@@ -168,7 +170,7 @@ def test_a_clock_that_drifts_by_many_hours_or_was_set_in_between_is_put_right(gr
     upper, lower = instruments()
     share = np.linspace(0.0, 1.0, len(lower.time_s))
     wrong = late(lower, grows * share + step * (share > 0.4))
-    wrong = overlap_clock.take(wrong, np.argsort(wrong.time_s, kind="stable"))
+    wrong = clock_offset.take(wrong, np.argsort(wrong.time_s, kind="stable"))
     found = overlap.clocks(upper, [wrong], Rules())
     told = np.interp(upper.time_s, found.time_s, found.ahead_h) - grows * share - step * (share > 0.4)
     # A drift within an hour, a setting within a day.
@@ -179,7 +181,7 @@ def test_ordinary_clocks_are_left_alone_and_a_few_hours_are_left_to_the_search()
     for seed in range(4):
         upper, lower = instruments(1500 * (seed + 1), seed=seed)
         for hours in (-0.4, 0.0, 0.4, 4.0):
-            assert overlap.clocks(upper, [late(lower, hours)], Rules()) == overlap_clock.Clocks()
+            assert overlap.clocks(upper, [late(lower, hours)], Rules()) == clock_offset.Clocks()
 
 
 def test_speeds_that_have_nothing_in_common_are_said_and_nothing_is_put_right():

@@ -8,9 +8,10 @@ from types import SimpleNamespace
 
 import pytest
 
-from compasslib import guard, ledger, provenance, simulated
-from compasslib.archive_files import HALF_WRITTEN
-from compasslib.errors import InputError
+from compasslib.archive import provenance
+from compasslib.archive.files import HALF_WRITTEN
+from compasslib.core.errors import InputError
+from compasslib.run import guard, ledger, simulated
 
 RAW = ["raw/EG1/top.000", "raw/EG1/deep.000"]
 TRUTH = "truth/EG1.csv"

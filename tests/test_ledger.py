@@ -8,8 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from compasslib import ledger, provenance
-from compasslib.errors import InputError, Passing
+from compasslib.archive import provenance
+from compasslib.core.errors import InputError, Passing
+from compasslib.run import ledger
 
 CHAIN = {
     "read": ("raw/a", "work/a.nc"),

@@ -12,8 +12,9 @@ import yaml
 from sea import cruise
 from test_workflow import change, snakemake
 
-from compasslib import archive, pipeline
-from compasslib.errors import InputError
+from compasslib.archive import netcdf
+from compasslib.core.errors import InputError
+from compasslib.stages import pipeline
 
 PRODUCTS = ("corrected.nc", "deviation.json", "diagnosis.json", "assessment.json", "forms.json")
 BENCH = {"kind": "platform", "file": "raw/bench.csv", "latitude": 65.0, "longitude": -33.0, "date": "2007-08-01"}
@@ -42,7 +43,7 @@ def test_the_products_are_the_workflow_s_to_the_last_bit(processed, tmp_path, mo
     said: list[str] = []
     there = pipeline.process(processed, mooring, tmp_path / "new/here", say=said.append)
     assert there == tmp_path / "new/here" and any("headings corrected" in line for line in said)
-    assert bool(archive.read_json(there / "assessment.json")["refuted"]) is refuted
+    assert bool(netcdf.read_json(there / "assessment.json")["refuted"]) is refuted
     for file in PRODUCTS:
         assert (there / file).read_bytes() == (processed / "results" / mooring / file).read_bytes(), file
 

@@ -14,10 +14,15 @@ from test_deployment import LONG, turning
 from test_grid_overlap import HOUR
 from test_grid_overlap import record as one_record
 
-from compasslib import angles, archive, config, deployment, plausibility, report, stages, summary
-from compasslib.readers import pd0
-from compasslib.records import BAD, GOOD, PROBABLY_BAD
+from compasslib import report
+from compasslib.archive import netcdf, summary
+from compasslib.config import cruise as config
+from compasslib.core import angles
+from compasslib.core.records import BAD, GOOD, PROBABLY_BAD
+from compasslib.preparation import deployment, plausibility
+from compasslib.readers.pd0 import reader
 from compasslib.report import words
+from compasslib.stages import plan
 
 N = 60
 
@@ -141,7 +146,7 @@ def test_genuine_compasses_hold_no_outlier(name):
     files = [path for path in (SHARED / "pd0").glob("*") if path.name.startswith(name) and path.suffix != ".csv"]
     if not files:
         pytest.skip(f"no {SHARED}/pd0/{name}*")
-    read = pd0.read(files, orientation=None, declination_applied=None, heading_alignment=None)
+    read = reader.read(files, orientation=None, declination_applied=None, heading_alignment=None)
     found = plausibility.flagged(read, 1e5)
     assert not any(found.counts[key] for key in ("heading_fill", "heading_wild", "heading_unsure"))
 
@@ -162,10 +167,10 @@ def test_all_of_it_reaches_summary_and_report(tmp_path):
     assert chain.run(folder)["error"] is None
     results, records = folder / "results", {fault: settled(fault) for fault in FAULTS}
     for fault, record in records.items():
-        archive.write_record(results / f"M1/work/{fault}.nc", record)
+        netcdf.write_record(results / f"M1/work/{fault}.nc", record)
     row = summary.row("M1", results / "M1")
     summary.write(results / "summary.csv", [row])
-    described = stages.plan(config.load(folder), Path()).described()
+    described = plan.plan(config.load(folder), Path()).described()
     described["M1"]["roles"] = [*described["M1"]["roles"], *FAULTS]
     made = report.gather(results, attributes={}, moorings=described, calibrations=[])
     report.write(results / "report.html", made)

@@ -19,15 +19,17 @@ from matplotlib.text import Text
 from PIL import Image
 from scipy.signal import lfilter
 
-from compasslib import angles, compass, correction, plots, plots_curves, plots_timeline
-from compasslib.assessment import choose
-from compasslib.deviation import model, von_appen
+from compasslib.core import angles, compass
+from compasslib.core.errors import InputError
+from compasslib.core.records import BAD, GOOD, Corrected, EarthField, Pairs, Record
+from compasslib.deviation import correction, model, von_appen
+from compasslib.deviation.assessment import choose
 from compasslib.deviation.likelihood import CELLS
 from compasslib.deviation.model import Fit
-from compasslib.errors import InputError
-from compasslib.plots_curves import BACKWARDS, GIVEN_UP, INVERTED
-from compasslib.plots_page import DPI, WIDTH_IN
-from compasslib.records import BAD, GOOD, Corrected, EarthField, Pairs, Record
+from compasslib.plots import agreement, deviation, timeline
+from compasslib.plots import curves as plots_curves
+from compasslib.plots.curves import BACKWARDS, GIVEN_UP, INVERTED
+from compasslib.plots.page import DPI, WIDTH_IN
 
 START_S, SAMPLES = 1188864000.0, 700
 UNFOLDED, FOLDED = [0.02, 0.3, 0.1, 0.03, -0.02], [0.0, -1.1, 0.7, 0.03, -0.02]
@@ -44,11 +46,11 @@ class Mooring:
 
     def draw(self, figure: str, path) -> None:
         if figure == "deviation":
-            plots.deviation(path, self.pairs, self.fit, "EG4")
+            deviation.deviation(path, self.pairs, self.fit, "EG4")
         elif figure == "timeline":
-            plots.timeline(path, self.product, self.pairs, "EG4")
+            timeline.timeline(path, self.product, self.pairs, "EG4")
         else:
-            getattr(plots, figure)(path, self.pairs, self.product, "EG4", method=self.fit.method)
+            getattr(agreement, figure)(path, self.pairs, self.product, "EG4", method=self.fit.method)
 
 
 def overlaps(coefficients) -> Pairs:
@@ -206,7 +208,7 @@ def test_figure_is_whole_and_legible(kind, figure, gallery):
 
 def test_theory_is_whole_and_legible(tmp_path):
     path = tmp_path / "theory.png"
-    check_page(path, saved(lambda: plots.theory(path)))
+    check_page(path, saved(lambda: deviation.theory(path)))
 
 
 def check_page(path, page):
@@ -287,7 +289,7 @@ def test_figure_says_what_there_is_not(kind, figure, sentence, gallery):
 
 
 def test_pyplot_is_not_imported():
-    code = "import sys, compasslib.plots; sys.exit('matplotlib.pyplot' in sys.modules)"
+    code = "import sys, compasslib.plots.deviation; sys.exit('matplotlib.pyplot' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
@@ -362,8 +364,8 @@ def test_directions_are_compared_at_the_pair_s_own_sample(moorings):
 
 def test_strip_of_a_short_record_has_no_empty_slices():
     time_s = KINDS["two days"][2].time_s
-    assert np.histogram(time_s, plots_timeline.slices(time_s))[0][:-1].all()
-    assert np.diff(plots_timeline.slices(SMALL.time_s))[0] <= 86400.0
+    assert np.histogram(time_s, timeline.slices(time_s))[0][:-1].all()
+    assert np.diff(timeline.slices(SMALL.time_s))[0] <= 86400.0
 
 
 def test_kinds_of_headings():
@@ -372,7 +374,7 @@ def test_kinds_of_headings():
     heading[3] = np.nan
     silent = six.record.heading_deg.copy()
     silent[4] = np.nan
-    kinds = plots_timeline.kinds(
+    kinds = timeline.kinds(
         replace(
             six,
             record=replace(six.record, heading_deg=silent),

@@ -9,12 +9,13 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.image import imread
 from matplotlib.text import Annotation
 
-from compasslib import plots_calibrations, plots_certificate
-from compasslib.archive_calibrations import Page
+from compasslib.archive.calibrations import Page
 from compasslib.calibration import FIGURES, budget, content, curves
 from compasslib.calibration.curves import Readings
 from compasslib.calibration.result import Calibration, Table
-from compasslib.plots_page import DPI, WIDTH_IN
+from compasslib.plots import calibrations
+from compasslib.plots import calibrations as plots_certificate
+from compasslib.plots.page import DPI, WIDTH_IN
 
 FIELD = {"horizontal_nT": 21299.0, "vertical_nT": 42888.0, "declination_deg": -0.68}
 PLACE = {"latitude": -48.4, "longitude": 184.5, "date_s": 1664409600.0, "field": FIELD}
@@ -48,7 +49,7 @@ def page(case: str) -> Page:
 def test_every_figure_of_every_outcome_is_a_whole_page_and_the_same_twice(tmp_path, case, figure):
     paths = [tmp_path / f"{k}.png" for k in (1, 2)]
     for path in paths:
-        plots_calibrations.draw(figure, path, page(case))
+        calibrations.draw(figure, path, page(case))
     assert paths[0].read_bytes() == paths[1].read_bytes()
     image = imread(paths[0])
     assert image.shape[1] == round(WIDTH_IN * DPI) and image[..., :3].std() > 0.02
@@ -63,7 +64,7 @@ def test_the_writing_of_a_certificate_stays_on_the_page_and_its_parts_apart(tmp_
         save(canvas, *arguments, **named)
 
     monkeypatch.setattr(FigureCanvasAgg, "draw", keep)
-    plots_calibrations.certificate(tmp_path / "a.png", page(case))
+    calibrations.certificate(tmp_path / "a.png", page(case))
     figure = drawn[0]
     figure.draw_without_rendering()
     boxes = [
@@ -94,5 +95,5 @@ def test_a_kind_without_curves_still_has_its_figures(tmp_path):
     made = Calibration(kind="two_heads", model="offset", n=100, coverage=9, table=table)
     for case, made_so in enumerate((made, Calibration(kind="two_heads", model="offset", n=100, coverage=9))):
         for figure in FIGURES:
-            plots_calibrations.draw(figure, tmp_path / f"{case}{figure}.png", shown(made_so))
+            calibrations.draw(figure, tmp_path / f"{case}{figure}.png", shown(made_so))
             assert (tmp_path / f"{case}{figure}.png").stat().st_size > 5000

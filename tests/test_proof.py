@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-from proof import __main__ as command
-from proof import draw, measure, recordings, score, seal, tally
+from benchmarks.proof import __main__ as command
+from benchmarks.proof import draw, measure, recordings, score, seal, tally
 
 HOURS, SEED = 1300, 3
 FILES = ("scorecard.json", "scorecard.md", "scorecard.html", "seal.json", "left.json")
@@ -187,7 +187,7 @@ def test_only_drawing_knows_the_world_and_the_scorer_only_files():
     for path in folder.glob("*.py"):
         used = set(re.findall(r"^(?:from|import) (compasslib[.\w]*)", path.read_text(), re.MULTILINE))
         # The fit of the mooring without effects is by definition the library's own.
-        knowing = {"draw": "compasslib.nature", "figures": "compasslib.plots_page", "sampled": "compasslib"}
+        knowing = {"draw": "compasslib.simulation", "figures": "compasslib.plots.page", "sampled": "compasslib"}
         allowed = knowing.get(path.stem)
         assert all(allowed is not None and name.startswith(allowed) for name in used), path.name
 

@@ -18,9 +18,12 @@ from bench import readings, write_calibration
 from sea import cruise
 from test_workflow import PROJECT, snakemake
 
-from compasslib import config, config_schema, config_values, crate, provenance, stages, verification
-from compasslib.errors import InputError
-from compasslib.job import job
+from compasslib.archive import crate, provenance, verification
+from compasslib.config import cruise as config
+from compasslib.config import schema, values
+from compasslib.core.errors import InputError
+from compasslib.run.job import job
+from compasslib.stages import plan
 
 SAMPLES = 120
 
@@ -101,7 +104,7 @@ def test_every_file_stands_where_its_identifier_says_with_its_hash(processed):
 
 def test_no_mooring_may_have_the_name_of_anything_else_in_results(processed):
     beside = {path.name for path in (processed / "results").iterdir()} - {"M1"}
-    assert len(beside) >= 5 and beside <= set(config_schema.RESERVED)
+    assert len(beside) >= 5 and beside <= set(schema.RESERVED)
 
 
 def test_the_product_leads_back_to_raw_files_settings_and_software(processed):
@@ -149,9 +152,9 @@ OFFERED = {
 def test_every_attribute_that_the_product_states_itself_is_refused_in_yaml(processed):
     with netCDF4.Dataset(processed / "results/M1/corrected.nc") as nc:
         written = {*nc.ncattrs(), *(name for name in nc["HEADING"].ncattrs() if name.startswith("sensor_"))}
-    assert {name for name in written if not config_values.stated(name)} == OFFERED
-    assert {name for name in config_values.STATED if name not in written} == set()
-    assert config_values.attributes(dict.fromkeys(OFFERED, "mine")) == dict.fromkeys(OFFERED, "mine")
+    assert {name for name in written if not values.stated(name)} == OFFERED
+    assert {name for name in values.STATED if name not in written} == set()
+    assert values.attributes(dict.fromkeys(OFFERED, "mine")) == dict.fromkeys(OFFERED, "mine")
 
 
 @pytest.mark.parametrize("path", ["results/M1/a b.nc", "raw/M 1/Größe#2.000", "config/100%.yaml", "results/a/../b"])
@@ -163,7 +166,7 @@ def test_a_path_comes_back_from_its_identifier(path):
 def test_the_settings_behind_each_job_are_files_that_are_there(tmp_path):
     folder = cruise(tmp_path, ("M1",), n=10)
     write_calibration(folder, "M1", readings())  # of the mooring's name, which is allowed
-    behind = stages.plan(config.load(folder), PROJECT / "workflow/scripts").configuration()
+    behind = plan.plan(config.load(folder), PROJECT / "workflow/scripts").configuration()
     assert behind == {
         "": ["config/config.yaml"],
         "mooring M1": ["config/config.yaml", "config/moorings/M1.yaml"],
@@ -192,7 +195,7 @@ def test_what_was_replaced_leads_nowhere_and_a_changed_product_is_refused(tmp_pa
 
 # ------------------------------------------------------------------------------------------------------------- verify
 def verify(folder: Path) -> tuple[int, list[str]]:
-    command = [sys.executable, "-m", "compasslib.verification", str(folder)]
+    command = [sys.executable, "-m", "compasslib.archive.verification", str(folder)]
     environment = os.environ | {"PYTHONPATH": str(PROJECT)}
     ran = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
     assert "Traceback" not in ran.stderr
@@ -280,7 +283,7 @@ def test_imports_are_found_by_lines_as_by_the_syntax_of_every_file():
 # --------------------------------------------------------------------------------------------------- commits and dates
 def told(project: Path, **environment: str) -> list[str]:
     """Return software, date and where the date is from, as a copy of the project says them."""
-    asked = "from compasslib import provenance as p; print(p.software(), p.date_created(), p.date_source(), sep='\\n')"
+    asked = "from compasslib.archive.provenance import *; print(software(), date_created(), date_source(), sep='\\n')"
     given = {key: value for key, value in os.environ.items() if key != "SOURCE_DATE_EPOCH"}
     whole = given | {"PYTHONPATH": str(project), "PYTHONDONTWRITEBYTECODE": "1"} | environment
     ran = subprocess.run(
@@ -328,7 +331,7 @@ def test_in_a_checkout_commit_and_date_stand_and_an_edit_is_told(copied):
     made = commit(copied)
     assert told(copied)[0].endswith(f"({made})")
     assert told(copied)[1:] == ["2024-02-03T04:05:06Z", "the commit of the software"]
-    with (copied / "compasslib/angles.py").open("a") as stream:
+    with (copied / "compasslib/core/angles.py").open("a") as stream:
         stream.write("# edited\n")
     assert told(copied)[0].endswith(f"({made}, edited since)")
 

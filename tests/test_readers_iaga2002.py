@@ -9,7 +9,7 @@ import pytest
 from iaga_files import header, rows, series, write
 from sea import SHARED
 
-from compasslib.errors import InputError
+from compasslib.core.errors import InputError
 from compasslib.readers import iaga2002
 
 REAL = SHARED / "observatory"

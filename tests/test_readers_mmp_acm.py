@@ -11,13 +11,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from compasslib import angles, readers, stages
-from compasslib.config import load
-from compasslib.errors import InputError
-from compasslib.nature import demonstration, mmp, profiler, water
-from compasslib.nature.fleet import DEPLOYED_S
-from compasslib.readers import mmp_acm, mmp_files, mmp_geometry, mmp_pressure, mmp_rows
-from compasslib.records import GOOD, MISSING, PROBABLY_BAD, Record
+from compasslib import readers
+from compasslib.config.cruise import load
+from compasslib.core import angles
+from compasslib.core.errors import InputError
+from compasslib.core.records import GOOD, MISSING, PROBABLY_BAD, Record
+from compasslib.readers.mmp import acm, geometry
+from compasslib.readers.mmp import files as mmp_files
+from compasslib.readers.mmp import pressure as mmp_pressure
+from compasslib.readers.mmp import rows as mmp_rows
+from compasslib.simulation import demonstration, mmp, profiler, water
+from compasslib.simulation.demonstration import DEPLOYED_S
+from compasslib.stages import plan as stages
 
 SHARED = Path(__file__).resolve().parents[1] / ".." / "shared" / "data"
 TEXT, BINARY = "acm/mmp_global_A0000001.TXT", "acm/mmp_global_A0000001.DAT"
@@ -35,7 +40,7 @@ def real(name: str) -> Path:
 
 
 def read(*paths: Path, pressure: tuple[Path, ...] = (), offset: float = 0.0) -> Record:
-    return mmp_acm.read(paths, pressure_files=pressure, start_offset_seconds=offset)
+    return acm.read(paths, pressure_files=pressure, start_offset_seconds=offset)
 
 
 def logged(sizes: tuple[int, ...] = (40, 40, 40), *, first_number: int = 1, rate: int = 2) -> mmp.Scans:
@@ -167,7 +172,7 @@ def test_real_scans_are_half_a_second_apart():
 @pytest.mark.parametrize("name", [TEXT, BINARY])
 def test_the_loggers_rule_gives_the_recorded_heading(name):
     values = mmp_files.load([real(name)]).values[1:]
-    heading = mmp_geometry.logged_heading(values[:, 3:6], values[:, 1], values[:, 2])
+    heading = geometry.logged_heading(values[:, 3:6], values[:, 1], values[:, 2])
     assert angles.rms(angles.difference(heading, values[:, 0])) < 0.05
 
 
@@ -187,9 +192,9 @@ def same_record(one: Record, other: Record) -> None:
 
 def test_the_swing_is_smaller_in_the_real_record_when_it_is_taken_out():
     scans = mmp_files.load([real(BINARY)])
-    heading, (_, y) = scans.values[1:, 0], mmp_geometry.instrument_axes(scans.values[1:, 6:] / 100.0)
-    rate = mmp_geometry.swing_rate(heading, np.full(len(y), 2.0), np.ones(len(y) - 1, dtype=bool))
-    quieter = mmp_geometry.without_swing(y, rate)
+    heading, (_, y) = scans.values[1:, 0], geometry.instrument_axes(scans.values[1:, 6:] / 100.0)
+    rate = geometry.swing_rate(heading, np.full(len(y), 2.0), np.ones(len(y) - 1, dtype=bool))
+    quieter = geometry.without_swing(y, rate)
     # Two minutes: longer than a swing, shorter than the change of the current with depth.
     before, after = (np.std(v - np.convolve(v, np.ones(241) / 241, "same")) for v in (y, quieter))
     assert after < 0.93 * before
@@ -204,8 +209,8 @@ def test_paths_to_earth_gives_the_known_answers():
     for case in cases:
         paths = np.array(case["paths_cm_s"]) / 100.0
         heading = case["heading_magnetic"] + case["declination"]
-        east, north = mmp_geometry.to_earth(*mmp_geometry.instrument_axes(paths), heading)
-        up = mmp_geometry.upward(paths, case["profile"] == "ascending")
+        east, north = geometry.to_earth(*geometry.instrument_axes(paths), heading)
+        up = geometry.upward(paths, case["profile"] == "ascending")
         assert [float(east), float(north), float(up)] == pytest.approx(case["east_north_up"], abs=1e-5)
 
 
@@ -219,13 +224,13 @@ def test_the_loggers_rule_undoes_tilt(heading, tilts, strength):
     (sx, cx), (sy, cy) = (angles.sin_cos(tilt) for tilt in tilts)
     sine, cosine = angles.sin_cos(heading)
     field = np.array([[(strength * cosine - 0.9 * sx) / cx, (strength * sine - 0.9 * sy) / cy, -0.9]])
-    found = mmp_geometry.logged_heading(field, tilts[0], tilts[1])
+    found = geometry.logged_heading(field, tilts[0], tilts[1])
     assert abs(angles.difference(found, heading)[0]) < 1e-9
 
 
 def test_a_field_without_level_part_has_no_heading():
     field = np.array([[0.0, 0.0, -1.0], [np.nan, 0.0, -1.0]])
-    assert np.isnan(mmp_geometry.logged_heading(field, np.zeros(2), np.zeros(2))).all()
+    assert np.isnan(geometry.logged_heading(field, np.zeros(2), np.zeros(2))).all()
 
 
 @given(amplitude=st.floats(1, 30), period=st.floats(30, 120), rate=st.sampled_from([0.5, 1.0, 2.0, 4.0]))
@@ -236,19 +241,19 @@ def test_a_meter_that_swings_in_still_water_measures_nothing(amplitude, period, 
     turning = amplitude * 2 * np.pi / period * np.cos(phase)
     y = 0.43 * np.deg2rad(turning)
     joined = np.ones(len(time) - 1, dtype=bool)
-    found = mmp_geometry.swing_rate(amplitude * np.sin(phase) + 355.0, np.full(len(time), rate), joined)
+    found = geometry.swing_rate(amplitude * np.sin(phase) + 355.0, np.full(len(time), rate), joined)
     inner = np.s_[int(2 * rate) : -int(2 * rate)]
     # Over four seconds the mean of the swing's rate is less than its middle by sinc: 3 % at 30 s, more at the ends.
-    assert np.abs(mmp_geometry.without_swing(y, found))[inner].max() < 0.031 * np.abs(y).max()
+    assert np.abs(geometry.without_swing(y, found))[inner].max() < 0.031 * np.abs(y).max()
 
 
 def test_no_swing_is_taken_out_across_a_gap_or_between_rare_scans():
     heading = np.array([0.0, 10.0, 20.0, 200.0, 210.0, 220.0])
     joined = np.array([True, True, False, True, True])
-    assert mmp_geometry.swing_rate(heading, np.ones(6), joined) == pytest.approx(np.full(6, 10.0))
-    assert not mmp_geometry.swing_rate(heading, np.full(6, 0.4), joined).any()
-    assert not mmp_geometry.swing_rate(heading, np.ones(6), np.zeros(5, dtype=bool)).any()
-    assert mmp_geometry.swing_rate(heading[:1], np.ones(1), np.zeros(0, dtype=bool)).tolist() == [0.0]
+    assert geometry.swing_rate(heading, np.ones(6), joined) == pytest.approx(np.full(6, 10.0))
+    assert not geometry.swing_rate(heading, np.full(6, 0.4), joined).any()
+    assert not geometry.swing_rate(heading, np.ones(6), np.zeros(5, dtype=bool)).any()
+    assert geometry.swing_rate(heading[:1], np.ones(1), np.zeros(0, dtype=bool)).tolist() == [0.0]
 
 
 # Files of our own ----------------------------------------------------------------------------------------------------
@@ -305,7 +310,7 @@ def test_a_decimated_file_is_read_by_its_clock_and_left_with_its_swing(tmp_path)
     record = read(text_file(tmp_path, rare))
     assert any("shows 0.04 scans a second where the file says 2" in w for w in record.warnings)
     paths = np.round(scans.values[1:, 6:], 2) / 100.0
-    east, north = mmp_geometry.to_earth(*mmp_geometry.instrument_axes(paths), record.heading_deg)
+    east, north = geometry.to_earth(*geometry.instrument_axes(paths), record.heading_deg)
     # Two decimals of cm/s; a swing would be centimetres a second.
     assert np.hypot(record.east[:, 0] - east, record.north[:, 0] - north).max() < 2e-4
 
@@ -489,7 +494,7 @@ def test_without_pressure_files_the_depth_is_unknown(tmp_path):
     assert np.isnan(record.depth_m).all()
     assert set(record.quality.ravel()) == {GOOD}
     assert any(w.startswith("no pressure_files") for w in record.warnings)
-    nothing = mmp_acm.read([tmp_path / "acm.txt"], pressure_files=None, start_offset_seconds=None)
+    nothing = acm.read([tmp_path / "acm.txt"], pressure_files=None, start_offset_seconds=None)
     same_record(nothing, record)
 
 
@@ -809,14 +814,14 @@ def depths(folder: Path) -> tuple[np.ndarray, np.ndarray]:
 def test_the_profilers_own_climb_is_all_that_the_upright_path_shows(mooring):
     folder, _, schedule, _ = mooring
     companion = mmp_pressure.load([folder / "engineering.csv"])
-    series = mmp_acm.place(mmp_files.load([folder / "acm.dat"]), companion, 0.0)
+    series = acm.place(mmp_files.load([folder / "acm.dat"]), companion, 0.0)
     profile = series.scans.profile
     running = np.isnan(schedule.stuck_m)
     assert ((series.ascending == 1) == schedule.ascending)[running].all()
-    z = mmp_geometry.upward(series.scans.values[:, 6:] / 100.0, series.ascending[profile] == 1)
+    z = geometry.upward(series.scans.values[:, 6:] / 100.0, series.ascending[profile] == 1)
     step = 5.0
     sinking = (companion.at(series.time_s + step) - companion.at(series.time_s - step)) / (2 * step)
-    up = mmp_geometry.without_own_climb(z, sinking)
+    up = geometry.without_own_climb(z, sinking)
     known = running[profile] & (series.scans.place > 0) & np.isfinite(up)
     assert known.sum() > 10_000
     assert np.abs(z[known & (sinking > 0.2)].mean() - 0.25) < 0.01
@@ -855,5 +860,5 @@ def test_the_workflow_gives_companion_files_apart_from_the_raw_ones(tmp_path):
     assert plan.companion_files(deep) == ["E1.TXT"]
     assert plan.reader_settings(deep) == {"pressure_files": ["E1.TXT"], "start_offset_seconds": 7.0}
     assert plan.companion_files(top) == []
-    assert any(file.endswith("mmp_binary.py") for file in plan.reader_modules(deep))
-    assert not any("mmp_" in file for file in plan.reader_modules(top))
+    assert any(file.endswith("mmp/files.py") for file in plan.reader_modules(deep))
+    assert not any("/mmp/" in file for file in plan.reader_modules(top))

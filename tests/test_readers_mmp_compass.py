@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from test_readers_mmp_acm import BINARY, TEXT, logged, read, real, text_file
 
-from compasslib.readers import mmp_files
-from compasslib.readers.mmp_compass import compare, sentences
-from compasslib.records import GOOD, PROBABLY_BAD
+from compasslib.core.records import GOOD, PROBABLY_BAD
+from compasslib.readers.mmp import files
+from compasslib.readers.mmp.acm import compare, sentences
 
 
 def changed(folder: Path, change) -> Path:
@@ -75,7 +75,7 @@ def test_two_that_have_nothing_in_common_are_said_and_neither_is_believed_more(t
 
 @pytest.mark.parametrize("name", [TEXT, BINARY])
 def test_the_real_log_follows_its_magnetometer_and_a_planted_fault_is_found(name):
-    values = mmp_files.load([real(name)]).values
+    values = files.load([real(name)]).values
     heading = values[:, 0].copy()
     sound = compare(heading, values[:, 3:6], values[:, 1:3])
     assert sound.known == 17917 and not sound.off.any() and sentences(sound) == []

@@ -22,11 +22,12 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from pd0_encoder import MISSING, START, assemble, ensemble, fixed_leader, variable_leader
 
-from compasslib import angles
-from compasslib.errors import InputError
-from compasslib.readers import pd0, pd0_frames, pd0_geometry
-from compasslib.readers.pd0_fields import BEAM, EARTH, INSTRUMENT, SHIP, Ensembles
-from compasslib.records import Record
+from compasslib.core import angles
+from compasslib.core.errors import InputError
+from compasslib.core.records import Record
+from compasslib.readers.pd0 import frames, water
+from compasslib.readers.pd0 import reader as pd0
+from compasslib.readers.pd0.fields import BEAM, EARTH, INSTRUMENT, SHIP, Ensembles
 
 SHARED = Path(__file__).resolve().parents[1] / ".." / "shared" / "data"
 EH2 = "eh2_20060530_20060717_0007m.000"
@@ -74,12 +75,12 @@ def read(*paths: Path, **choices: Any) -> Record:
     return pd0.read(paths, **(silent | choices))
 
 
-def framed(path: Path, chunk_bytes: int = pd0_frames.CHUNK_BYTES) -> tuple[list[int], list[pd0_frames.Skipped]]:
+def framed(path: Path, chunk_bytes: int = frames.CHUNK_BYTES) -> tuple[list[int], list[frames.Skipped]]:
     """Where the good ensembles begin, and what was skipped; together they must be the file, in order."""
     starts: list[int] = []
-    skipped: list[pd0_frames.Skipped] = []
+    skipped: list[frames.Skipped] = []
     spans: list[tuple[int, int]] = []
-    for chunk in pd0_frames.frames(path, chunk_bytes):
+    for chunk in frames.frames(path, chunk_bytes):
         for run in chunk.runs:
             size = run.rows.shape[1]
             starts += [run.offset + size * i for i in range(len(run.rows))]
@@ -105,9 +106,9 @@ def test_beams_to_earth_reproduces_the_known_answers() -> None:
     cases = json.loads(real("vectors.json").read_text())["pd0_beam_to_earth"]
     assert len(cases) == 16
     for case in cases:
-        x, y, z, error = pd0_geometry.beams_to_instrument(np.array([case["beams"]]), case["beam_angle"])
+        x, y, z, error = water.beams_to_instrument(np.array([case["beams"]]), case["beam_angle"])
         tilts = np.array([case["heading"]]), np.array([case["tilt1"]]), np.array([case["tilt2"]])
-        earth = pd0_geometry.instrument_to_earth((x, y, z), *tilts, case["facing"] == "up")
+        earth = water.instrument_to_earth((x, y, z), *tilts, case["facing"] == "up")
         # The answers are given to six decimals.
         np.testing.assert_allclose(np.ravel(earth), case["east_north_up"], atol=1e-6)
         np.testing.assert_allclose(error, case["error"], atol=1e-6)
@@ -137,28 +138,26 @@ def test_three_beams_give_the_same_where_the_error_velocity_is_zero(
     whole = np.array([beams])
     holed = whole.copy()
     holed[0, lost] = np.nan
-    filled, where = pd0_geometry.three_beam(holed)
+    filled, where = water.three_beam(holed)
     assert where.tolist() == [True]
-    for a, b in zip(
-        pd0_geometry.beams_to_instrument(filled, angle), pd0_geometry.beams_to_instrument(whole, angle), strict=True
-    ):
+    for a, b in zip(water.beams_to_instrument(filled, angle), water.beams_to_instrument(whole, angle), strict=True):
         np.testing.assert_allclose(a, b, atol=1e-12)
 
 
 def test_two_missing_beams_stay_missing() -> None:
-    beams, where = pd0_geometry.three_beam(np.array([[np.nan, np.nan, 1.0, 2.0], [1.0, 2.0, 3.0, 4.0]]))
+    beams, where = water.three_beam(np.array([[np.nan, np.nan, 1.0, 2.0], [1.0, 2.0, 3.0, 4.0]]))
     assert not where.any() and np.isnan(beams[0, :2]).all()
 
 
 def test_a_concave_head_turns_its_horizontal_axes() -> None:
     beams = np.array([0.3, -0.1, 0.2, 0.5])
-    convex, concave = (pd0_geometry.beams_to_instrument(beams, 20.0, head) for head in (True, False))
+    convex, concave = (water.beams_to_instrument(beams, 20.0, head) for head in (True, False))
     np.testing.assert_allclose(concave, np.multiply(convex, [-1, -1, 1, 1]))
 
 
 def test_the_hanging_pitch_sensor() -> None:
     np.testing.assert_allclose(
-        pd0_geometry.true_pitch([10.0, -20.0, 5.0], [0.0, 60.0, 180.0]), [10.0, -10.3141, -5.0], atol=1e-4
+        water.true_pitch([10.0, -20.0, 5.0], [0.0, 60.0, 180.0]), [10.0, -10.3141, -5.0], atol=1e-4
     )
 
 
@@ -226,7 +225,7 @@ def test_mhkit_reads_the_same(name: str, tmp_path: Path) -> None:
     theirs = by_mhkit(path)
     if theirs is None:
         # A flipped byte, as in eh2, and mhkit gives the file up: then it gets the good ensembles alone.
-        theirs = by_mhkit(written(tmp_path, *(run.rows.tobytes() for c in pd0_frames.frames(path) for run in c.runs)))
+        theirs = by_mhkit(written(tmp_path, *(run.rows.tobytes() for c in frames.frames(path) for run in c.runs)))
     if theirs is None:
         pytest.skip(f"mhkit cannot read {name}, not even its good ensembles alone")
     ours, count = pd0.decode(path), theirs.sizes["time"]
@@ -248,8 +247,8 @@ def test_truncation_at_every_byte_costs_one_ensemble(cut: int, tmp_path: Path) -
     parts = series(3)
     starts, skipped = framed(written(tmp_path, *parts[:2], parts[2][:cut]))
     assert starts == [0, len(parts[0])]
-    reason = pd0_frames.PAST_THE_END if cut > 1 else pd0_frames.NO_ENSEMBLE
-    assert skipped == [pd0_frames.Skipped(2 * len(parts[0]), cut, reason, 0)]
+    reason = frames.PAST_THE_END if cut > 1 else frames.NO_ENSEMBLE
+    assert skipped == [frames.Skipped(2 * len(parts[0]), cut, reason, 0)]
 
 
 @given(place=st.integers(0, 6 * len(ensemble(PROFILE)) - 1), flip=st.integers(1, 255))
@@ -281,10 +280,10 @@ def test_junk_in_front_inside_and_behind(tmp_path: Path) -> None:
     starts, skipped = framed(path)
     assert len(starts) == 3
     assert [(each.length, each.reason) for each in skipped] == [
-        (6, pd0_frames.BEFORE_THE_FIRST),
-        (7, pd0_frames.PAST_THE_END),
-        (1, pd0_frames.NO_ENSEMBLE),
-        (500, pd0_frames.NO_ENSEMBLE),
+        (6, frames.BEFORE_THE_FIRST),
+        (7, frames.PAST_THE_END),
+        (1, frames.NO_ENSEMBLE),
+        (500, frames.NO_ENSEMBLE),
     ]
     assert "skipped bytes 0 to 5 (junk before the first ensemble)" in " ".join(read(path).warnings)
 
@@ -426,7 +425,7 @@ def test_every_field_comes_out_as_it_went_in(tmp_path: Path) -> None:
     np.testing.assert_array_equal(record.north, [[0.2, -0.21, np.nan]])
     np.testing.assert_array_equal(record.quality, [[1, 4, 9]])
     np.testing.assert_allclose(record.bin_range_m, [[4.23, 6.73, 9.23]])
-    np.testing.assert_allclose(record.pitch_deg, pd0_geometry.true_pitch(10.0, 60.0))
+    np.testing.assert_allclose(record.pitch_deg, water.true_pitch(10.0, 60.0))
     assert (record.heading_deg[0], record.roll_deg[0]) == (359.99, 60.0)
     assert (record.pressure_dbar[0], record.depth_m[0], record.temperature_c[0]) == (101.0, 100.0, 4.5)
     assert (record.supply_voltage[0], record.heading_quality[0], record.looks_up) == (150.0, 1, True)
@@ -672,9 +671,9 @@ def test_bursts_with_long_pauses_are_no_jumps(tmp_path: Path) -> None:
 def test_all_coordinates_agree_ensemble_by_ensemble(tmp_path: Path) -> None:
     heading, tilt1, tilt2 = 123.0, 5.0, -8.0
     beams = np.array([[327, 494, -465, -241]])
-    x, y, z, error = pd0_geometry.beams_to_instrument(beams / 1000.0, 20.0)
+    x, y, z, error = water.beams_to_instrument(beams / 1000.0, 20.0)
     tilts = np.array([heading]), np.array([tilt1]), np.array([tilt2])
-    east, north, up = pd0_geometry.instrument_to_earth((x, y, z), *tilts, False)
+    east, north, up = water.instrument_to_earth((x, y, z), *tilts, False)
     starboard, forward = angles.turn(east, north, -heading)
     rows: dict[int, NDArray[Any]] = {
         BEAM: beams,

@@ -23,10 +23,10 @@ import yaml
 from pd0_encoder import assemble
 from sea import START, cruise
 
-from compasslib import angles
-from compasslib.archive_files import HALF_WRITTEN
-from compasslib.config import load
-from compasslib.errors import InputError
+from compasslib.archive.files import HALF_WRITTEN
+from compasslib.config.cruise import load
+from compasslib.core import angles
+from compasslib.core.errors import InputError
 
 PROJECT = Path(__file__).resolve().parents[1]
 HOURS = 400

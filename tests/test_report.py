@@ -22,16 +22,19 @@ from sea import cruise
 from test_workflow import change, snakemake
 from two_heads_files import cast
 
-from compasslib import archive_calibrations, plots_calibration_two_heads, report
-from compasslib.archive_files import write_json
-from compasslib.calibration import content, two_heads
-from compasslib.discrepancy.show import HeldOut
-from compasslib.discrepancy.verdict import Diagnosis, Parameter, Unexplained, Where
-from compasslib.discrepancy.verdict import Finding as Found
-from compasslib.errors import InputError
-from compasslib.nature.package import Sea
+from compasslib import report
+from compasslib.archive import calibrations
+from compasslib.archive.files import write_json
+from compasslib.calibration import content
+from compasslib.calibration import heads as two_heads
+from compasslib.core.errors import InputError
+from compasslib.plots import heads
 from compasslib.report import figures, found, words
 from compasslib.report.section import Cell, Figure, Finding, Overview, Section, Table
+from compasslib.search.show import HeldOut
+from compasslib.search.verdict import Diagnosis, Parameter, Unexplained, Where
+from compasslib.search.verdict import Finding as Found
+from compasslib.simulation.package import Sea
 
 HOSTILE = """<script>document.title = 'broken'</script><img src=x onerror="document.title='broken'"> & "quoted" 'so'"""
 ALONE = ("ALONE." + "".join(f"WM{k}Q" for k in range(20)))[:64]  # as long and about as wide as a name may be
@@ -268,10 +271,10 @@ def test_two_heads_and_a_diagnosis_have_their_section(tmp_path):
     made = two_heads.calibrate(cast(tmp_path, sea=Sea(turns=0.0, wander_deg=14.0)), {})
     there = tmp_path / "calibrations/heads"
     files = {"calibration": there / "calibration.json", "table": there / "table.csv", "points": there / "points.csv"}
-    archive_calibrations.write(page=content.described("heads", made, {}, {}), made=made, **files)
+    calibrations.write(page=content.described("heads", made, {}, {}), made=made, **files)
     write_json(there / "diagnosis.json", diagnosis("explained", heeling()))
     for figure in ("difference", "tilt_check", "along_time"):
-        getattr(plots_calibration_two_heads, figure)(there / f"figures/{figure}.png", made, "heads")
+        getattr(heads, figure)(there / f"figures/{figure}.png", made, "heads")
     section = report.gather(tmp_path, attributes={}, moorings={}, calibrations=["heads"]).calibrations.sections[0]
     assert section.verdict == "explained" and section.findings[0].title == "Heeling"
     assert set(made.details["cannot_tell"]) < set(section.cannot_tell)

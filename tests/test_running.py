@@ -14,7 +14,7 @@ from sea import cruise
 from test_provenance import page_of, verify
 from test_workflow import change, planned, snakemake
 
-from compasslib import crate
+from compasslib.archive import crate
 
 HOURS = 60
 

@@ -115,7 +115,7 @@ def test_an_edited_module_re_runs_what_uses_it_and_nothing_else(done, tmp_path):
     for part in ("compasslib", "workflow"):
         shutil.copytree(PROJECT / part, project / part, ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copy(PROJECT / "Snakefile", project)
-    with (project / "compasslib/overlap.py").open("a") as stream:
+    with (project / "compasslib/preparation/overlap.py").open("a") as stream:
         stream.write("# a comment\n")
     assert {rule for rule, _ in planned(done, project=project)} == {
         "overlap",

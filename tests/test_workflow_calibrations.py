@@ -20,8 +20,10 @@ from iaga_files import ROCKS_DEG, series, write
 from sea import cruise, pairs
 from test_workflow import CONTRACT, PROJECT, change, snakemake
 
-from compasslib import angles, config, earthfield, stages_calibrations
+from compasslib.config import cruise as config
+from compasslib.core import angles, earthfield
 from compasslib.deviation import transfer
+from compasslib.stages import calibrations
 
 AT_SEA = (0.02, 0.3, 0.1, 0.03, -0.02)
 SAMPLES = 600
@@ -135,14 +137,25 @@ def test_a_changed_calibration_runs_again_with_its_moorings_and_no_other(done):
     assert planned(done) == {("provenance", "")}  # the manifest holds the file's hash, and it has a line more
 
 
+def _module(path):
+    return ".".join(Path(path).relative_to(PROJECT / "compasslib").with_suffix("").parts).removesuffix(".__init__")
+
+
 def test_a_calibration_depends_on_its_own_kind_and_on_the_curves(done):
-    plan = stages_calibrations.plan(config.load(done), PROJECT / "workflow/scripts")
-    modules = {Path(path).name for path in plan.modules(SimpleNamespace(calibration="bench"))}
-    assert {"platform.py", "curves.py", "exact_curve.py", "budget.py", "earthfield.py", "table_cells.py"} <= modules
-    assert not modules & {"swing.py", "magnetometer.py", "two_heads.py", "at_mooring.py", "plots_calibrations.py"}
-    modules = {Path(path).name for path in plan.diagnosis_modules(SimpleNamespace(calibration="bench"))}
-    assert {"platform.py", "curves.py", "fitting.py", "search.py", "sextantal.py"} <= modules
-    assert not modules & {"two_heads.py", "magnetometer_choice.py", "plots_calibration_diagnosis.py"}
+    plan = calibrations.plan(config.load(done), PROJECT / "workflow/scripts")
+    modules = {_module(path) for path in plan.modules(SimpleNamespace(calibration="bench"))}
+    assert {f"calibration.{name}" for name in ("platform", "curves", "exact_curve", "budget")} <= modules
+    assert {"core.earthfield", "readers.cells"} <= modules
+    others = ("calibration.swing", "calibration.magnetometer", "calibration.heads", "calibration.at_mooring")
+    assert not modules & {*others, "plots.calibrations"}
+    modules = {_module(path) for path in plan.diagnosis_modules(SimpleNamespace(calibration="bench"))}
+    assert {
+        "search.kinds.platform",
+        "search.recordings.fitting",
+        "search.recordings.search",
+        "effects.reading",
+    } <= modules
+    assert not modules & {"search.kinds.two_heads", "calibration.magnetometer.choice", "plots.diagnosis_calibration"}
 
 
 def test_the_diagnosis_is_that_of_the_bench(done):

@@ -13,7 +13,7 @@ import pytest
 import yaml
 from test_workflow import CONTRACT, snakemake
 
-from compasslib import angles
+from compasslib.core import angles
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
 import discrepancy_world as world

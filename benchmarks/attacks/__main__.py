@@ -32,7 +32,7 @@ import calibrations
 import cruises
 import moorings
 
-from compasslib.errors import InputError
+from compasslib.core.errors import InputError
 
 SHARES = {"mistake": (0.8, 0.2), "harmless": (0.8, 0.2)}  # of moorings, of calibrations
 LOST = 0.02

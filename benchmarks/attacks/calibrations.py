@@ -13,11 +13,13 @@ import pandas as pd
 import yaml
 from cruises import MARGIN_DEG, Outcome, new_warnings
 
-from compasslib import calibration, config, config_calibrations, earthfield
+from compasslib import calibration
 from compasslib.calibration import content
-from compasslib.errors import InputError
-from compasslib.nature import observatory, swing
-from compasslib.nature.compass import Iron
+from compasslib.config import calibrations, cruise
+from compasslib.core import earthfield
+from compasslib.core.errors import InputError
+from compasslib.simulation import observatory, swing
+from compasslib.simulation.compass import Iron
 
 PLACE = (48.4, -4.5)
 STATION = (58.0, -30.0)  # where the declination is no accident near zero
@@ -53,8 +55,8 @@ def run(made: Recording, folder: Path) -> Outcome:
     """Calibrate, and hold the table, or the constant, against the truth."""
     made.write(folder)
     try:
-        given = config.load(folder).calibrations["K"]
-        settings = calibration.settled(config_calibrations.settings(given))
+        given = cruise.load(folder).calibrations["K"]
+        settings = calibration.settled(calibrations.settings(given))
         files = [folder / file for file in given.files]
         got = calibration.calibrate(str(given.kind), files, settings)
     except InputError as error:

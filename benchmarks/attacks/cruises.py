@@ -15,11 +15,12 @@ import numpy as np
 import pandas as pd
 import yaml
 
-from compasslib import archive, pipeline, summary
-from compasslib.errors import InputError
-from compasslib.nature.sealed import Wish
-from compasslib.nature.sealed_files import Export
-from proof import draw
+from benchmarks.proof import draw
+from compasslib.archive import netcdf, summary
+from compasslib.core.errors import InputError
+from compasslib.simulation.sealed import Wish
+from compasslib.simulation.sealed_files import Export
+from compasslib.stages import pipeline
 
 REAL = Path(__file__).resolve().parents[2] / ".." / "shared" / "data" / "cruise_eh2"
 HOUR_S = 3600.0
@@ -269,7 +270,7 @@ def run(cruise: Cruise, into: Path) -> Outcome:
     except InputError as error:
         return Outcome(refused=str(error))
     row = summary.row("M", made, [cruise.settings["compromised"], *filter(None, [cruise.settings.get("reference")])])
-    product = archive.read_corrected(made / "corrected.nc")
+    product = netcdf.read_corrected(made / "corrected.nc")
     warnings = tuple(filter(None, str(row["warnings"]).split(" | ")))
     return Outcome(warnings=warnings, verdict=str(row["verdict"]), **_scored(cruise, product))
 
@@ -302,7 +303,7 @@ def _declination(cruise: Cruise, time_s: np.ndarray) -> np.ndarray:
 
 def keep_declination(cruise: Cruise, made: Path) -> None:
     """Keep the declination of the untouched run, the model's."""
-    field = archive.read_json(made / "work/field.json")
+    field = netcdf.read_json(made / "work/field.json")
     kept = {key: list(field[key]) for key in ("time_s", "declination_deg")}
     (cruise.bases / f"{cruise.base}.declination.json").write_text(json.dumps(kept))
 

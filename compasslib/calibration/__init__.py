@@ -17,7 +17,7 @@ class Kind:
     """Where a kind of calibration is made and drawn."""
 
     module: str  # of this room; its calibrate(files, settings) returns the Calibration
-    figures: tuple[str, ...] = ()  # its own: functions (path, calibration, name) of plots_calibration_<module>.py
+    figures: tuple[str, ...] = ()  # its own: functions (path, calibration, name) of plots/<module>.py
     by_heading: bool = True  # whether it has a curve along the heading, and so the figures of one
 
 
@@ -26,7 +26,7 @@ KINDS: dict[str, Kind] = {
     "magnetometer": Kind("magnetometer", figures=("magnetometer",)),
     "swing": Kind("swing", figures=("swing",)),
     "declination": Kind("declination", figures=("series", "disturbance"), by_heading=False),
-    "two_heads": Kind("two_heads", figures=("difference", "tilt_check", "along_time")),
+    "two_heads": Kind("heads", figures=("difference", "tilt_check", "along_time")),
 }
 FIGURES = ("deviation", "residuals", "certificate")  # every kind with a curve along the heading has these
 
@@ -81,7 +81,7 @@ def _field(settings: Mapping[str, Any], *, beyond: bool) -> dict[str, float] | N
     latitude, longitude, date_s = (settings.get(key) for key in ("latitude", "longitude", "date_s"))
     if latitude is None or longitude is None or date_s is None:
         return None
-    from compasslib import earthfield  # only where a place is given
+    from compasslib.core import earthfield  # only where a place is given
 
     at = earthfield.within(date_s) if beyond else date_s
     declination, horizontal, vertical = (float(x[0]) for x in earthfield.igrf(latitude, longitude, at))

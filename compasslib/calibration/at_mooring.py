@@ -6,16 +6,15 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from compasslib import angles, compass
 from compasslib.calibration.result import LETTERS, too_exact
+from compasslib.core import angles, compass
+from compasslib.core.records import BAD, EarthField, Pairs, Record
+from compasslib.core.types import Floats
 from compasslib.deviation import exact, likelihood, model, transfer
 from compasslib.deviation.model import Fit, Noise
 from compasslib.deviation.transfer import Carried, Place
-from compasslib.records import BAD, EarthField, Pairs, Record
-
-Floats = NDArray[np.floating]
+from compasslib.stats import autocorrelation
 
 METHOD = "calibration"
 LEAST_NOISE_DEG, MOST_NOISE_DEG = 0.8, 8.0  # of a compass, as the decision between branches resolves it
@@ -25,7 +24,6 @@ def carried(content: Mapping[str, Any], field: EarthField, record: Record, pairs
     """Return the exact compass of a calibration as it is at a mooring; without coefficients where that is unknown.
 
     Args:
-        content: calibration.json.
         field: the earth's field along the deployment.
         record: the compromised instrument.
         pairs: where a trusted instrument overlaps; they are counted and held against it, nothing is fitted to them.
@@ -43,7 +41,7 @@ def carried(content: Mapping[str, Any], field: EarthField, record: Record, pairs
         n_pairs=len(pairs),
         coefficients=there.coefficients,
         covariance=there.covariance,
-        n_effective=model.effective_number(off, when) if len(off) else 0.0,
+        n_effective=autocorrelation.effective_number(off, when) if len(off) else 0.0,
         residual_rms_deg=angles.rms(off),
         recorded_range_deg=compass.recorded_range(there.coefficients),
         folded=folded,
@@ -57,7 +55,6 @@ def origin(content: Mapping[str, Any], field: EarthField) -> dict[str, Any]:
     """Return what deviation.json says of where the model comes from.
 
     Args:
-        content: calibration.json.
         field: the earth's field along the deployment.
     """
     said: dict[str, Any] = {"name": content["name"], "kind": content["kind"], "place": content["place"]}

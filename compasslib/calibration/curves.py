@@ -11,15 +11,13 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from compasslib import angles, compass
 from compasslib.calibration import budget, series
 from compasslib.calibration.exact_curve import EXACT
 from compasslib.calibration.result import Calibration, Source, Table
 from compasslib.calibration.series import ONE_CYCLE, POLYNOMIAL, SMITH, Curve, Points
-
-Floats = NDArray[np.floating]
+from compasslib.core import angles, compass
+from compasslib.core.types import Floats
 
 FORMS = (SMITH, EXACT, POLYNOMIAL, ONE_CYCLE)
 SAME_HEADING_DEG = 1.0  # readings at a reference as near as this repeat one setting of the bench
@@ -47,10 +45,7 @@ def calibration(
     """Return the calibration that readings carry, perhaps none.
 
     Args:
-        kind: of the calibration.
-        readings: correct and recorded headings.
         sources: rows of the uncertainty budget that may turn all headings alike.
-        table_step_deg: of the table of deviations.
     """
     settings = _settings(readings)
     seen = series.points(settings.recorded_deg, settings.reference_deg)

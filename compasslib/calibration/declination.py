@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib import angles, observatory
+from compasslib import observatory
 from compasslib.calibration.result import Calibration, Source, Table
+from compasslib.core import angles
+from compasslib.core.records import EarthField, FieldSeries
+from compasslib.core.types import Floats
 from compasslib.observatory import Held, Storm
 from compasslib.readers import iaga2002
-from compasslib.records import EarthField, FieldSeries
-
-Floats = NDArray[np.floating]
 
 KIND = "declination"
 STORM_DEG = 0.5  # rms over three hours from which a disturbance is listed as a storm

@@ -9,12 +9,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from compasslib import angles, compass
 from compasslib.calibration.series import CIRCLE_DEG, Form, Points, Solution, least_squares
-
-Floats = NDArray[np.floating]
+from compasslib.core import angles, compass
+from compasslib.core.types import Floats
 
 STEPS = 20  # two are enough where the points are a compass's
 SETTLED = 1e-9
@@ -66,7 +64,6 @@ def steepness(coefficients: Floats, seen: Points) -> Floats:
 
     Args:
         coefficients: A to E, dimensionless, (5,).
-        seen: observed deviations.
     """
     slope = compass.slope(coefficients, seen.recorded_deg + seen.deviation_deg)
     return np.where(slope < 0, -1.0, 1.0) * np.maximum(np.abs(slope), STEEPEST_ERROR)

@@ -8,15 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from compasslib import angles
 from compasslib.calibration import budget, curves, readings, series
 from compasslib.calibration.curves import Readings
 from compasslib.calibration.result import Calibration, Source
-from compasslib.errors import InputError
-
-Floats = NDArray[np.floating]
+from compasslib.core import angles
+from compasslib.core.errors import InputError
+from compasslib.core.types import Floats
 
 ROLES = ("reference_deg", "recorded_deg")
 QUARTER_DEG = 90.0  # a constant from which an instrument that stood turned is likelier than its compass

@@ -7,12 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from compasslib.errors import InputError
-from compasslib.readers import table_cells
-
-Floats = NDArray[np.floating]
+from compasslib.core.errors import InputError
+from compasslib.core.types import Floats
+from compasslib.readers import cells
 
 LARGEST_DEG = 720.0  # an angle beyond two turns is in another unit
 FARTHEST_S = 180 * 86400.0  # of a calibration's date from its file: the field changes by less than a fifth of a degree
@@ -35,7 +33,7 @@ def read(
     """
     paths, withheld = [Path(file) for file in files], set(settings.get("withhold") or ())
     header = {role: (settings.get("columns") or {}).get(role, role) for role in (*required, *optional)}
-    names = [set(table_cells.header_of(path)) for path in paths]
+    names = [set(cells.header_of(path)) for path in paths]
     _refuse_unknown(withheld, set(header), set.union(*names), paths)
     _refuse_withheld(required, header, withheld)
     wanted = {
@@ -43,7 +41,7 @@ def read(
         for role, name in header.items()
         if role in required or (not {role, name} & withheld and all(name in there for there in names))
     }
-    parts = [table_cells.columns_of(path, wanted, ADVICE) for path in paths]
+    parts = [cells.columns_of(path, wanted, ADVICE) for path in paths]
     return {role: np.concatenate([part[role] for part in parts]) for role in wanted}
 
 

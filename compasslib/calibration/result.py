@@ -7,9 +7,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.floating]
+from compasslib.core.types import Floats
 
 LETTERS = "ABCDE"
 TOO_EXACT_DEG = 1e-4  # rms that no reading of an instrument leaves

@@ -12,12 +12,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from compasslib import angles
+from compasslib.core import angles
+from compasslib.core.types import Floats
 from compasslib.deviation import von_appen
-
-Floats = NDArray[np.floating]
 
 SECTOR_DEG = 10.0
 CIRCLE_DEG = np.arange(0.0, 360.0, 5.0)
@@ -167,7 +166,6 @@ def fit(form: Form, seen: Points) -> Curve | str:
     """Return the curve of a form through points, or the reason why there is none.
 
     Args:
-        form: the family of curves.
         seen: the points, each at a heading of its own.
     """
     needed = len(form.letters)
@@ -263,11 +261,7 @@ POLYNOMIAL = _series("polynomial", "ABCDEFG", "Le Menn et al. 2023, eq. (7)", _p
 
 
 def described(curve: Curve) -> dict[str, Any]:
-    """Return one fitted form for calibration.json.
-
-    Args:
-        curve: the fitted form.
-    """
+    """Return one fitted form for calibration.json."""
     coefficients = published_polynomial(curve) if curve.form is POLYNOMIAL else curve.coefficients.tolist()
     return {
         "coefficients": dict(zip(curve.form.letters, coefficients, strict=True)),

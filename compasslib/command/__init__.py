@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from importlib import import_module
 
 from compasslib import __version__
-from compasslib.errors import InputError
+from compasslib.core.errors import InputError
 
 FAILED, INTERRUPTED = 1, 130
 

@@ -16,12 +16,7 @@ LEAST = 0.01  # of a coefficient's standard deviation: below lies what a solver 
 
 
 def told(old: str, new: str) -> str:
-    """Return one cell.
-
-    Args:
-        old: what stood there.
-        new: what stands there now.
-    """
+    """Return one cell."""
     return SAME if old == new else f"{old} → {new}"
 
 
@@ -48,7 +43,6 @@ def coefficients(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
 
     Args:
         old: method, coefficients and covariance of a fit.
-        new: the same of the later one.
     """
     before, after = old["coefficients"], new["coefficients"]
     if old["method"] != new["method"]:
@@ -77,7 +71,6 @@ def row(
     Args:
         folders_of: the results of the earlier and of the later run, None where there are none.
         needed: files that either must hold.
-        cells: compares the two folders.
 
     Raises:
         InputError: a file is damaged.

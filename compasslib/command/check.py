@@ -5,9 +5,10 @@ from __future__ import annotations
 from argparse import Namespace
 from pathlib import Path
 
-from compasslib import config, stages, stages_calibrations
-from compasslib.config import Cruise
-from compasslib.config_schema import Instrument, Mooring
+from compasslib.config import cruise as config
+from compasslib.config.cruise import Cruise
+from compasslib.config.schema import Instrument, Mooring
+from compasslib.stages import calibrations, plan
 
 
 def run(asked: Namespace) -> int:
@@ -20,8 +21,8 @@ def run(asked: Namespace) -> int:
         InputError: the first mistake, as the workflow would say it.
     """
     cruise = config.load(Path(asked.cruise))
-    stages.plan(cruise, Path())
-    stages_calibrations.plan(cruise, Path())
+    plan.plan(cruise, Path())
+    calibrations.plan(cruise, Path())
     print("\n".join(_told(cruise)))
     return 0
 

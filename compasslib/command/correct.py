@@ -6,7 +6,7 @@ import sys
 from argparse import Namespace
 from pathlib import Path
 
-from compasslib import pipeline
+from compasslib.stages import pipeline
 
 
 def run(asked: Namespace) -> int:

@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from compasslib import angles
-from compasslib.archive_attributes import DATES
-from compasslib.archive_files import get, opened
+from compasslib.archive.attributes import DATES
+from compasslib.archive.files import get, opened
 from compasslib.command import changes, diff_calibrations, folders, versions
 from compasslib.command.changes import SAME, coefficients, degrees, effects, table, told
-from compasslib.records import Floats
+from compasslib.core import angles
+from compasslib.core.types import Floats
 from compasslib.report import words
 
 HEADER = (

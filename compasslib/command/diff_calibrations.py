@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from compasslib import angles
-from compasslib import archive_calibrations as archive
+from compasslib.archive import calibrations as archive
 from compasslib.calibration.result import Table
 from compasslib.command import changes, folders, versions
 from compasslib.command.changes import SAME, coefficients, degrees, effects, told
+from compasslib.core import angles
 from compasslib.report import words
 
 HEADER = (
@@ -44,7 +44,6 @@ def row(old: Path | None, new: Path | None) -> tuple[str, ...]:
 
     Args:
         old: folder of its results, None where there is none.
-        new: the same of the later run.
 
     Raises:
         InputError: a file is damaged.
@@ -57,7 +56,6 @@ def reasons(old: Mapping[str, Path], new: Mapping[str, Path], rows: Mapping[str,
 
     Args:
         old: folders of results by name.
-        new: those of the later run.
         rows: what changed, as ``row`` gives it.
     """
     changed: dict[tuple[str, str], set[str]] = {}

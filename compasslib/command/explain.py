@@ -7,7 +7,7 @@ from argparse import Namespace
 from collections.abc import Iterable
 from pathlib import Path
 
-from compasslib import summary
+from compasslib.archive import summary
 from compasslib.command import folders
 from compasslib.report import found, mooring
 from compasslib.report.mooring import Results
@@ -41,11 +41,7 @@ def _read(folder: Path) -> Results:
 
 
 def told(results: Results) -> list[str]:
-    """Return the lines.
-
-    Args:
-        results: what the files of one mooring hold.
-    """
+    """Return the lines."""
     head = results.headings
     facts = [("Method", mooring.made_with(results.fit)), *mooring.counted(head), *mooring.sure(head)]
     warnings = [said for said in results.row["warnings"].split(" | ") if said]

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from compasslib import archive
-from compasslib.config_schema import RESERVED
-from compasslib.errors import InputError
+from compasslib.archive import netcdf
+from compasslib.config.schema import RESERVED
+from compasslib.core.errors import InputError
 
 NEEDED = ("corrected.nc", "deviation.json", "diagnosis.json", "assessment.json", "work/field.json")
 KEYS = {
@@ -27,7 +27,6 @@ def of_mooring(cruise: str, mooring: str) -> Path:
     """Return the folder of one mooring's results.
 
     Args:
-        cruise: folder of a cruise.
         mooring: a name in it, or the folder itself.
 
     Raises:
@@ -90,7 +89,6 @@ def missing(folder: Path, needed: Sequence[str] = NEEDED) -> list[str]:
 
     Args:
         folder: one mooring's results, or one calibration's.
-        needed: these files.
     """
     return [file for file in needed if not (folder / file).is_file()]
 
@@ -100,7 +98,6 @@ def lacking(old: Path | None, new: Path | None, needed: Sequence[str] = NEEDED) 
 
     Args:
         old: one folder, None where there is none.
-        new: the other.
         needed: files that both must have.
     """
     for folder, which in ((old, "OLD"), (new, "NEW")):
@@ -114,9 +111,6 @@ def lacking(old: Path | None, new: Path | None, needed: Sequence[str] = NEEDED) 
 def refuse_half(folder: Path) -> None:
     """Refuse results that a run did not finish.
 
-    Args:
-        folder: one mooring's results.
-
     Raises:
         InputError: a file is missing.
     """
@@ -128,9 +122,6 @@ def refuse_half(folder: Path) -> None:
 @contextmanager
 def of_this_version(folder: Path) -> Iterator[None]:
     """Turn what is missing deep in a file of the results into one line.
-
-    Args:
-        folder: one mooring's results.
 
     Raises:
         InputError: the block asks for what a file does not hold.
@@ -151,7 +142,7 @@ def content(file: Path) -> dict[str, Any]:
     Raises:
         InputError: it is no JSON, or lacks a key that every run writes.
     """
-    held = archive.read_json(file)
+    held = netcdf.read_json(file)
     keys = next(keys for name, keys in KEYS.items() if file.match(name))
     absent = [key for key in keys if not isinstance(held, dict) or key not in held]
     if absent:

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from compasslib.provenance import PROJECT
+from compasslib.archive.provenance import PROJECT
 from compasslib.report import words
 
 CHANGELOG = PROJECT / "CHANGELOG.md"

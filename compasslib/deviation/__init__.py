@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from compasslib import compass
+from compasslib.core import compass
+from compasslib.core.records import BAD, Pairs, Record
 from compasslib.deviation import exact, tilt, von_appen
 from compasslib.deviation.model import Fit, from_json
-from compasslib.records import BAD, Pairs, Record
 
 __all__ = ["METHODS", "Fit", "denied", "described", "fit", "from_json", "told"]
 
@@ -120,12 +120,7 @@ def described(fit: Fit, record: Record) -> dict[str, Any]:
 
 
 def told(name: str, fit: Fit) -> str:
-    """Return what the job says of its result.
-
-    Args:
-        name: the mooring.
-        fit: the model.
-    """
+    """Return what the job says of its result."""
     if not fit.fitted:
         return f"{name}: no deviation fitted: {fit.why}"
     unit = " degrees" if fit.method == "von_appen" else ""

@@ -6,14 +6,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from compasslib import compass
+from compasslib.core import compass
+from compasslib.core.records import Readings
+from compasslib.core.types import Floats
 from compasslib.deviation import tilt
 from compasslib.deviation.model import Fit
-from compasslib.records import Readings
-
-Floats = NDArray[np.floating]
 
 FLATTEST = 0.3  # least slope that is divided by; at a fold the spread over both branches holds the rest
 
@@ -49,7 +47,6 @@ def of_fit(fit: Fit, readings: Readings) -> Along:
 
     Args:
         fit: coefficients with covariance, level or with tilt.
-        readings: what the compass recorded.
     """
     at = tilt.along(fit, readings.pitch_deg, readings.roll_deg)
 

@@ -11,14 +11,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib import angles, compass
-from compasslib.deviation import climb, likelihood, model, scatter, spread
+from compasslib.core import angles, compass
+from compasslib.core.records import Pairs
+from compasslib.core.types import Floats
+from compasslib.deviation import likelihood, model, spread
 from compasslib.deviation.forms import EXACT, Form
-from compasslib.deviation.likelihood import COARSE, FINE, Grid, Sample
+from compasslib.deviation.likelihood import CELL_DEG, COARSE, FINE, FREEDOM, Grid, Sample, widths
 from compasslib.deviation.model import Fit, Noise
-from compasslib.records import Pairs
-
-Floats = NDArray[np.floating]
+from compasslib.stats import autocorrelation, minimum
 
 STRENGTHS = (0.0, 0.3, 0.6, 0.85, 1.1, 1.35, 1.7, 2.2)  # hard iron over the earth's horizontal field
 DIRECTIONS_DEG = np.arange(0.0, 360.0, 22.5)
@@ -52,7 +52,6 @@ def held_out_scores(form: Form, pairs: Pairs, fold: NDArray[np.signedinteger], n
     """Return the log-likelihood of each pair under a form fitted to the other folds, (n,).
 
     Args:
-        form: the curve.
         pairs: overlapping measurements.
         fold: number of the fold that each pair belongs to, (n,).
         near: a fit of the same form to all pairs, to climb from.
@@ -87,7 +86,6 @@ def scores_at(coefficients: Floats, pairs: Pairs, fit: Fit) -> tuple[float, Floa
     Args:
         coefficients: A..E of the exact compass, (5,).
         pairs: overlapping measurements.
-        fit: a fitted exact compass.
     """
     data = _overlap(pairs).sample(fit.noise, FINE, EXACT)
     parameters = np.append(coefficients, np.log(fit.noise.compass_deg))
@@ -168,7 +166,7 @@ def _described(state: _State, pairs: Pairs, overlap: _Overlap) -> Fit:
     left = model.residual(bare, pairs)
     standard = np.clip(left / overlap.width_deg(noise), -3.0, 3.0)
     known = np.isfinite(standard)
-    effective = model.effective_number(standard[known], pairs.time_s[known])
+    effective = autocorrelation.effective_number(standard[known], pairs.time_s[known])
     return replace(
         bare,
         covariance=spread.covariance(scores, BELIEF_WIDTH[:5] ** -2.0, bare, pairs, effective),
@@ -203,7 +201,7 @@ def _climb(
 
     scores = likelihood.scores(parameters, data, prior, grid)
     curvature = scores.T @ scores + np.diag(belief**-2.0)
-    return climb.minimise(loss, parameters, PARAMETER_BOUNDS, CLIMB_STEPS, curvature)
+    return minimum.minimise(loss, parameters, PARAMETER_BOUNDS, CLIMB_STEPS, curvature)
 
 
 def smoothed(mass: Floats) -> Floats:
@@ -223,4 +221,71 @@ def _fit_noise(near: Noise, overlap: _Overlap, parameters: Floats, prior: Floats
     """Fit floor, slow part and outliers of the scatter with the compass held."""
     few = overlap.take(np.arange(0, len(overlap.observed_deg), max(1, len(overlap.observed_deg) // NOISE_PAIRS)))
     given = likelihood.given_recorded(parameters, few.recorded_deg, prior, FINE, form)
-    return scatter.fit(scatter.Seen(given, few.squared_chord, few.upper_speed, few.lower_speed), near)
+    return fit_noise(Seen(given, few.squared_chord, few.upper_speed, few.lower_speed), near)
+
+
+# The scatter of directions fitted with the compass held: its floor, what slow water adds, the outliers.
+
+# The cells resolve no less than these: log(floor), log(slow part), logit(outliers).
+BOUNDS = np.array([(np.log(CELL_DEG), np.log(90.0)), (np.log(0.05), np.log(50.0)), (-9.0, 2.0)])
+BELIEF = np.array([np.log(8.0), np.log(2.5), -4.0])  # weak, of width 1
+STEPS = 15
+POWER = (FREEDOM + 1.0) / 2.0  # of Student's t: three
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What the scatter is fitted to; n pairs."""
+
+    given: Floats  # (n, CELLS) distribution of the correct heading, the direction left out
+    squared_chord: Floats  # (n, CELLS) of the observed heading, square degrees
+    upper_speed: Floats  # (n,) m/s
+    lower_speed: Floats  # (n,) m/s
+
+
+def fit_noise(seen: Seen, near: Noise) -> Noise:
+    """Return the scatter under which the observed headings are likeliest; the compass's own noise is not in it.
+
+    Args:
+        near: where to start.
+    """
+
+    def loss(x: Floats) -> tuple[float, Floats]:
+        value, slope = log_likelihood(x, seen)
+        off = x - BELIEF
+        return 0.5 * float(off @ off) - value, off - slope
+
+    start = [np.log(near.floor_deg), np.log(near.slow_deg_m_s), np.log(near.outliers / (1.0 - near.outliers))]
+    return _noise(minimum.minimise(loss, np.array(start), BOUNDS, STEPS)[0])
+
+
+def log_likelihood(x: Floats, seen: Seen) -> tuple[float, Floats]:
+    """Return the log-likelihood and its gradient.
+
+    With r = 1 / (1 + chord^2 / (FREEDOM width^2)) the density is r^POWER over its sum, and a relative change of the
+    width moves the logarithm of r^POWER by 2 POWER (1 - r).
+
+    Args:
+        x: logarithms of floor and slow part (degrees, degrees times m/s), logit of the share of outliers, (3,).
+    """
+    noise = _noise(x)
+    width = widths(noise, seen.upper_speed, seen.lower_speed)
+    ratio = seen.squared_chord / (FREEDOM * width[:, None] ** 2)
+    ratio += 1.0
+    np.reciprocal(ratio, out=ratio)
+    density = ratio * ratio  # a power is ten times as slow
+    density *= ratio
+    whole, agreeing = density.sum(axis=1), np.einsum("nc,nc->n", seen.given, density)
+    density *= ratio
+    by_width = 2.0 * POWER * (agreeing * density.sum(axis=1) / whole - np.einsum("nc,nc->n", seen.given, density))
+    told = (1.0 - noise.outliers) / (CELL_DEG * whole)
+    joint = told * agreeing + noise.outliers / 360.0
+    by_width *= told / joint * (width < 360.0) / width**2  # capped at a full turn
+    by_outliers = (noise.outliers / 360.0 - noise.outliers * agreeing / (CELL_DEG * whole)) * (1.0 - noise.outliers)
+    floor = noise.floor_deg**2
+    slope = [np.sum(by_width) * floor, np.sum(by_width * (width**2 - floor)), np.sum(by_outliers / joint)]
+    return float(np.sum(np.log(joint))), np.array(slope)
+
+
+def _noise(x: Floats) -> Noise:
+    return Noise(float(np.exp(x[0])), float(np.exp(x[1])), float(1.0 / (1.0 + np.exp(-x[2]))))

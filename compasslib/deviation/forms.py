@@ -8,13 +8,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
-from compasslib import angles, compass
+from compasslib.core import angles, compass
+from compasslib.core.types import Floats
 from compasslib.deviation import von_appen
 
-Floats = NDArray[np.floating]
 Sides = tuple[Floats, Floats]
 
 

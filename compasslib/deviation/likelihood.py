@@ -19,12 +19,10 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib import angles
+from compasslib.core import angles
+from compasslib.core.types import Floats
 from compasslib.deviation.forms import EXACT, Form
 from compasslib.deviation.model import Noise
-from compasslib.deviation.near import Blocks, Near, blocks, nearby
-
-Floats = NDArray[np.floating]
 
 CELLS = 120  # of the heading's distribution and of the scatter, 3 degrees each
 CELL_DEG = 360.0 / CELLS
@@ -111,7 +109,6 @@ def sample(recorded_deg: Floats, scatter_density: Floats, grid: Grid, form: Form
     Args:
         recorded_deg: recorded headings, (n,), degrees.
         scatter_density: K, (n, CELLS).
-        grid: the grid of recorded headings.
         form: the curve that is held against them.
     """
     bins = grid.bin_of(recorded_deg)
@@ -135,7 +132,6 @@ def value(parameters: Floats, data: Sample, prior: Floats, grid: Grid) -> float:
 
     Args:
         parameters: A, B, C, D, E and the logarithm of the compass noise in degrees, (6,).
-        data: the pairs.
         prior: pi on the cells, (CELLS,), sums to 1.
         grid: the grid that the sample was sorted on.
     """
@@ -147,7 +143,6 @@ def values(parameters: Floats, data: Sample, prior: Floats, grid: Grid) -> Float
 
     Args:
         parameters: A, B, C, D, E and the logarithm of the compass noise in degrees, (6,).
-        data: the pairs.
         prior: pi on the cells, (CELLS,), sums to 1.
         grid: the grid that the sample was sorted on.
     """
@@ -162,7 +157,6 @@ def value_and_gradient(parameters: Floats, data: Sample, prior: Floats, grid: Gr
 
     Args:
         parameters: A, B, C, D, E and the logarithm of the compass noise in degrees, (6,).
-        data: the pairs.
         prior: pi on the cells, (CELLS,), sums to 1.
         grid: the grid that the sample was sorted on.
     """
@@ -180,7 +174,6 @@ def scores(parameters: Floats, data: Sample, prior: Floats, grid: Grid) -> Float
 
     Args:
         parameters: A, B, C, D, E and the logarithm of the compass noise in degrees, (6,).
-        data: the pairs.
         prior: pi on the cells, (CELLS,), sums to 1.
         grid: the grid that the sample was sorted on.
     """
@@ -199,7 +192,6 @@ def occupancy(parameters: Floats, data: Sample, prior: Floats, grid: Grid) -> Fl
 
     Args:
         parameters: A, B, C, D, E and the logarithm of the compass noise in degrees, (6,).
-        data: the pairs.
         prior: pi on the cells, (CELLS,), sums to 1.
         grid: the grid that the sample was sorted on.
     """
@@ -288,8 +280,88 @@ def widths(noise: Noise, upper_speed: Floats, lower_speed: Floats) -> Floats:
     """Return the scatter's width of each pair, never over a full turn, degrees.
 
     Args:
-        noise: the scatter.
         upper_speed: m/s, (n,).
         lower_speed: m/s, (n,).
     """
     return np.minimum(noise.width_deg(np.maximum(upper_speed, 1e-3), np.maximum(lower_speed, 1e-3)), 360.0)
+
+
+# Sums of the likelihood without its zeros: few correct headings can have made a recorded one, pairs share a bin.
+#
+# A compass's noise of 1 degree reaches a twentieth of the circle. Only those cells are laid out, as a list.
+
+Indices = NDArray[np.intp]
+
+PAIRS_A_BLOCK = 8  # rows that are multiplied at once; a bin's last block is filled up
+
+
+@dataclass(frozen=True)
+class Near:
+    """Which correct headings lie near which recorded ones; k of them."""
+
+    row: Indices  # (k,) of the recorded heading
+    column: Indices  # (k,) of the correct heading
+    offset: Floats  # (k,) first side minus second, degrees
+
+
+def nearby(recorded_deg: Floats, predicted_deg: Floats, reach_deg: float) -> Near:
+    """Return all places where two sides differ by less than a reach.
+
+    Args:
+        recorded_deg: one side, (r,), degrees.
+        predicted_deg: the other, (f,), degrees.
+        reach_deg: at most 180 degrees.
+    """
+    recorded, predicted = angles.wrap360(recorded_deg), angles.wrap360(predicted_deg)
+    order = np.argsort(predicted, kind="stable")
+    ring = np.concatenate([predicted[order] + turn for turn in (-360.0, 0.0, 360.0)])
+    begin, end = (np.searchsorted(ring, recorded + side) for side in (-reach_deg, reach_deg))
+    count = end - begin
+    row = np.repeat(np.arange(len(recorded)), count)
+    at = np.arange(len(row)) + np.repeat(begin - np.cumsum(count) + count, count)
+    return Near(row, np.tile(order, 3).take(at), recorded.take(row) - ring.take(at))
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """The rows of a matrix in groups of different lengths, laid out in blocks of one length."""
+
+    rows: Floats  # (b, PAIRS_A_BLOCK, c), ones where a block is filled up
+    place: Indices  # (n,) of each row
+    group: Indices  # (b,) that each block belongs to
+    first: Indices  # (g,) block of each group
+
+    def times(self, vectors: Floats) -> Floats:
+        """Return each row times its group's vector, (n,).
+
+        Args:
+            vectors: one a group, (g, c).
+        """
+        return np.asarray(np.matmul(self.rows, vectors[self.group][:, :, None]).ravel()[self.place])
+
+    def summed(self, weights: Floats) -> Floats:
+        """Return each group's sum of its rows, weighted, (g, c).
+
+        Args:
+            weights: of the rows, (n,).
+        """
+        laid = np.zeros(self.rows.shape[:2])
+        laid.ravel()[self.place] = weights
+        return np.add.reduceat(np.matmul(laid[:, None, :], self.rows)[:, 0, :], self.first, axis=0)
+
+
+def blocks(matrix: Floats, begins: Indices) -> Blocks:
+    """Lay out a matrix whose rows are sorted by group.
+
+    Args:
+        matrix: (n, c).
+        begins: first row of each group, (g,).
+    """
+    count = np.diff(np.append(begins, len(matrix)))
+    each = -(-count // PAIRS_A_BLOCK)
+    first = np.cumsum(each) - each
+    place = np.arange(len(matrix)) + np.repeat(first * PAIRS_A_BLOCK - begins, count)
+    rows = np.ones((int(each.sum()) * PAIRS_A_BLOCK, matrix.shape[1]))
+    rows[place] = matrix
+    shape = (-1, PAIRS_A_BLOCK, matrix.shape[1])
+    return Blocks(rows.reshape(shape), place, np.repeat(np.arange(len(count)), each), first)

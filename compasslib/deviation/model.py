@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib import angles, compass
-from compasslib.records import Pairs
+from compasslib.core import angles, compass
+from compasslib.core.records import Pairs
+from compasslib.core.types import Floats
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-Floats = NDArray[np.floating]
 Series = TypeVar("Series", bound="DataclassInstance")
 
 FEWEST_PAIRS = 30
@@ -122,12 +122,7 @@ def from_json(content: Mapping[str, Any]) -> Fit:
 
 
 def too_few(method: str, n_pairs: int) -> Fit:
-    """Return the fit that says there was not enough to fit.
-
-    Args:
-        method: the configured method.
-        n_pairs: pairs found.
-    """
+    """Return the fit that says there was not enough to fit."""
     why = "no overlapping pairs" if n_pairs == 0 else f"{n_pairs} overlapping pairs, at least {FEWEST_PAIRS} are needed"
     return Fit(method=method, n_pairs=n_pairs, why=why)
 
@@ -178,7 +173,6 @@ def residual(fit: Fit, pairs: Pairs) -> Floats:
     """Return the observed heading minus the model's, the nearer root where there are two, degrees; NaN without a root.
 
     Args:
-        fit: a fitted exact compass.
         pairs: overlapping measurements.
     """
     roots = compass.inverse(fit.coefficients, pairs.heading_deg)
@@ -193,46 +187,3 @@ def speeds(pairs: Pairs) -> tuple[Floats, Floats]:
         pairs: n overlapping measurements.
     """
     return np.hypot(pairs.upper_east, pairs.upper_north), np.hypot(pairs.lower_east, pairs.lower_north)
-
-
-def effective_number(residual: Floats, time_s: Floats, *, longest_s: float = 5 * 86400.0) -> float:
-    """Return n over the integral of the residual's autocorrelation, which real currents make much less than n.
-
-    Args:
-        residual: standardised residuals, (n,).
-        time_s: increasing times, (n,).
-        longest_s: longest lag that is looked at, seconds.
-    """
-    n = len(residual)
-    if n < 3:
-        return float(n)
-    step = float(np.median(np.diff(time_s)))
-    slot = np.rint((time_s - time_s[0]) / step).astype(int)
-    series, present = np.zeros(slot[-1] + 1), np.zeros(slot[-1] + 1)
-    series[slot], present[slot] = residual - residual.mean(), 1.0
-    lags = min(int(longest_s / step), len(series) // 3)
-    together = lagged(present, lags)
-    rho = lagged(series, lags) / np.maximum(together, 1.0)
-    if not rho[0] > 0.0:  # one value throughout, as of a sensor that is stuck
-        return 1.0
-    rho = np.where(together > 0.02 * n, rho, 0.0) / rho[0]
-    return float(np.clip(n / (1.0 + 2.0 * _positive_sum(rho[1:])), 1.0, n))
-
-
-def lagged(x: Floats, lags: int) -> Floats:
-    """Return the sums of a series times itself 0, 1, ... steps later, (lags + 1,).
-
-    Args:
-        x: the series, 0 where nothing was measured.
-        lags: the most steps.
-    """
-    size = 1 << (2 * len(x) - 1).bit_length()
-    spectrum = np.fft.rfft(x, size)
-    return np.fft.irfft(np.abs(spectrum) ** 2, size)[: lags + 1]
-
-
-def _positive_sum(rho: Floats) -> float:
-    """Sum neighbouring pairs of the autocorrelation while they stay positive (Geyer's initial positive sequence)."""
-    pairs = rho[: len(rho) // 2 * 2].reshape(-1, 2).sum(axis=1)
-    stop = np.flatnonzero(pairs <= 0)
-    return float(pairs[: stop[0]].sum() if stop.size else pairs.sum())

@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib import angles
+from compasslib.core import angles
+from compasslib.core.records import Pairs
+from compasslib.core.types import Floats
 from compasslib.deviation import model
 from compasslib.deviation.likelihood import FREEDOM
 from compasslib.deviation.model import Fit
-from compasslib.records import Pairs
-
-Floats = NDArray[np.floating]
 
 BLOCK_S = 5 * 86400.0  # longer than the memory of the currents' veer
 FEWEST_BLOCKS = 12
@@ -39,7 +38,6 @@ def covariance(scores: Floats, precision: Floats, fit: Fit, pairs: Pairs, effect
         precision: of the weak beliefs, (p,).
         fit: coefficients and noise of the exact compass.
         pairs: overlapping measurements, n of them.
-        effective: effective number of pairs.
     """
     scores = np.clip(scores, -MOST_TOLD, MOST_TOLD)
     information = scores.T @ scores + np.diag(precision)

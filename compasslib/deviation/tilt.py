@@ -12,14 +12,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from compasslib import angles, compass
+from compasslib.core import angles, compass
+from compasslib.core.records import Pairs
+from compasslib.core.types import Floats
 from compasslib.deviation import exact, model, spread
 from compasslib.deviation.model import Fit
-from compasslib.records import Pairs
-
-Floats = NDArray[np.floating]
 
 STEPS = 8
 HEELING_BELIEF = 0.5  # width of the weak belief in K: vertical iron of half the horizontal field
@@ -51,7 +49,6 @@ def along(fit: Fit, pitch_deg: Floats, roll_deg: Floats) -> Floats:
     """Return the coefficients of a fit at each sample, (5, n), or (5,) where it is level.
 
     Args:
-        fit: a fitted exact compass.
         pitch_deg: forward up, (n,), degrees.
         roll_deg: starboard down, (n,), degrees.
     """

@@ -10,9 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Floats = NDArray[np.floating]
+from compasslib.core.types import Floats
 
 SEMICIRCULAR = (1, 2)  # B and C
 WEAKEST_NT = 5000.0  # below this horizontal field no correction is to be trusted (Le Menn et al. 2023)
@@ -45,7 +45,6 @@ def carry(
     Args:
         coefficients: A..E of the exact compass at home, dimensionless, (5,).
         covariance: their covariance, (5, 5).
-        home: field at the calibration.
         away: field at the deployment.
         hard: share of B and C that hard iron makes, 0 to 1, where it is known (see ``hard_share``); else the middle
             between the two extremes is taken and half their distance is added as a uniform uncertainty.
@@ -68,9 +67,7 @@ def hard_share(first: ArrayLike, at_first: Place, second: ArrayLike, at_second: 
 
     Args:
         first: A..E at the first place, (5,).
-        at_first: its field.
         second: A..E at the second place, (5,).
-        at_second: its field.
 
     Raises:
         ValueError: the dip is the same at both places, which tells nothing.

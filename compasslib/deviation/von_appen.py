@@ -7,14 +7,14 @@ the scatter, and headings outside the inverted region are given up.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from compasslib import angles
+from compasslib.core import angles
+from compasslib.core.records import Pairs
+from compasslib.core.types import Floats
 from compasslib.deviation import model
 from compasslib.deviation.model import Fit
-from compasslib.records import Pairs
-
-Floats = NDArray[np.floating]
+from compasslib.stats import autocorrelation
 
 STEP_DEG = 0.25  # of the lookup table
 STARTS_DEG = (0.0, 30.0, 60.0, 90.0, 120.0)  # amplitudes of the semicircular part that are tried
@@ -55,7 +55,7 @@ def fit(pairs: Pairs, near: Fit | None = None) -> Fit:
     columns = design(heading)
     coefficients = best_of_starts(columns, deviation)
     residual = angles.wrap180(deviation - columns @ coefficients)
-    effective = model.effective_number(residual, pairs.time_s)
+    effective = autocorrelation.effective_number(residual, pairs.time_s)
     variance = float(np.mean(residual**2)) * len(pairs) / max(effective - 5.0, 1.0)
     lookup = lookup_table(coefficients)
     return Fit(
@@ -134,7 +134,6 @@ def sigma(fit: Fit, heading_deg: ArrayLike) -> Floats:
     """Return the standard error of the inverted heading that the coefficients' covariance makes, degrees.
 
     Args:
-        fit: a fitted series.
         heading_deg: corrected headings, (n,), degrees.
     """
     columns = design(heading_deg)

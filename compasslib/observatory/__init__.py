@@ -5,8 +5,19 @@
 
 from __future__ import annotations
 
-from compasslib.observatory.course import DAY_S, HOUR_S, covariate, daily, departure, hourly_median, means
-from compasslib.observatory.disturbance import WINDOW_S, Storm, strongest, worst
+from compasslib.observatory.course import (
+    DAY_S,
+    HOUR_S,
+    WINDOW_S,
+    Storm,
+    covariate,
+    daily,
+    departure,
+    hourly_median,
+    means,
+    strongest,
+    worst,
+)
 from compasslib.observatory.held import BLOCK_DAYS, Held, field_of, hold, place_of, refusal
 from compasslib.observatory.plausible import CRUST_NT, held_against, said
 

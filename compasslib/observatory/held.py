@@ -13,13 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib import angles, earthfield
-from compasslib.errors import InputError
-from compasslib.observatory.course import DAY_S, HOUR_S, daily, hourly_median, means
-from compasslib.observatory.disturbance import Storm, measured, storms
-from compasslib.records import EarthField, FieldSeries
+from compasslib.core import angles, earthfield
+from compasslib.core.errors import InputError
+from compasslib.core.records import EarthField, FieldSeries
+from compasslib.core.types import Floats
+from compasslib.observatory.course import DAY_S, HOUR_S, Storm, daily, hourly_median, means, measured, storms
 
-Floats = NDArray[np.floating]
 Flags = NDArray[np.bool_]
 
 BIN_S = 600.0  # means of samples that are closer; noise of single minutes averages out
@@ -74,7 +73,6 @@ def field_of(series: FieldSeries, settings: Mapping[str, Any], where: str) -> Ea
     """Return the model's declination along a series, or the number that stands in its place.
 
     Args:
-        series: of an observatory.
         settings: ``latitude`` and ``longitude`` where the header lacks them, ``declination`` (auto or degrees east).
         where: file, for the message.
 
@@ -100,7 +98,6 @@ def place_of(series: FieldSeries, settings: Mapping[str, Any]) -> tuple[float, f
     """Return latitude and longitude, degrees: as the settings have them, else as the header has them.
 
     Args:
-        series: of an observatory.
         settings: ``latitude`` and ``longitude``, or None.
     """
     latitude, longitude = settings.get("latitude"), settings.get("longitude")
@@ -108,11 +105,7 @@ def place_of(series: FieldSeries, settings: Mapping[str, Any]) -> tuple[float, f
 
 
 def refusal(series: FieldSeries) -> str:
-    """Return why a series is too short to be held against a model, or nothing.
-
-    Args:
-        series: of an observatory.
-    """
+    """Return why a series is too short to be held against a model, or nothing."""
     hours = len(np.unique(np.floor(series.time_s[np.isfinite(series.declination_deg)] / HOUR_S)))
     if hours >= LEAST_HOURS:
         return ""
@@ -124,7 +117,6 @@ def hold(series: FieldSeries, model: EarthField, *, limit_deg: float) -> Held:
 
     Args:
         series: of an observatory, with some declinations.
-        model: declination along time.
         limit_deg: rms over three hours from which a disturbance is a storm.
     """
     time_s, observed = means(series, BIN_S)

@@ -11,15 +11,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from compasslib import angles, earthfield
-from compasslib.errors import InputError
+from compasslib.core import angles, earthfield
+from compasslib.core.errors import InputError
+from compasslib.core.records import EarthField, FieldSeries
+from compasslib.core.types import Floats
 from compasslib.observatory.course import DAY_S
 from compasslib.readers import iaga2002
-from compasslib.records import EarthField, FieldSeries
-
-Floats = NDArray[np.floating]
 
 CRUST_NT = 600.0  # field of rocks that is believed; assumed, most stations have under 300
 SUSPECT_NT = 200.0  # from which a mistake that explains it several times better is said
@@ -54,7 +52,6 @@ def said(series: FieldSeries, place: tuple[float, float]) -> list[str]:
     """Return what a series' field says against the model at its place, in sentences.
 
     Args:
-        series: of an observatory.
         place: latitude and longitude, degrees; nothing is said where they are not known.
 
     Raises:

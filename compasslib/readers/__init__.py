@@ -8,14 +8,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:  # the Snakefile needs the table only
-    from compasslib.records import Record
+    from compasslib.core.records import Record
 
 # format in the mooring file -> (module, the keys of the instrument that its read() takes)
 FORMATS: dict[str, tuple[str, tuple[str, ...]]] = {
-    "pd0": ("pd0", ("orientation", "declination_applied", "heading_alignment", "serial_number")),
+    "pd0": ("pd0.reader", ("orientation", "declination_applied", "heading_alignment", "serial_number")),
     "table": ("table", ("columns",)),
     "acm_table": ("table", ("columns",)),
-    "mmp_acm": ("mmp_acm", ("pressure_files", "start_offset_seconds")),
+    "mmp_acm": ("mmp.acm", ("pressure_files", "start_offset_seconds")),
 }
 
 

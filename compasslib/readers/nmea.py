@@ -16,11 +16,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib import angles
-from compasslib.errors import InputError
-from compasslib.readers import octets
-
-Floats = NDArray[np.floating]
+from compasslib.core import angles
+from compasslib.core.errors import InputError
+from compasslib.core.types import Floats
+from compasslib.readers import cells
 
 HEADINGS, COURSES = ("HDG", "HDM"), ("RMC", "VTG")
 PAIRED_S = 2.5  # a heading further in time from its course is not paired
@@ -96,7 +95,7 @@ def _sentences(paths: Sequence[Path], counts: Counter[str]) -> Iterator[tuple[in
     import pynmea2
 
     contents = [_content(path) for path in paths]
-    counts["strange_bytes"] = sum(octets.strange(content) for content in contents)
+    counts["strange_bytes"] = sum(cells.strange(content) for content in contents)
     texts = [text for content in contents for text in content.decode("ascii", errors="replace").splitlines()]
     for line, text in enumerate(texts):
         start = text.rfind("$")

@@ -9,14 +9,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from compasslib import angles
-from compasslib.readers.table_cells import columns_in, lines_of
-from compasslib.records import GOOD, MISSING, Record
-
-Floats = NDArray[np.floating]
-Bools = NDArray[np.bool_]
+from compasslib.core import angles
+from compasslib.core.records import GOOD, MISSING, Record
+from compasslib.core.types import Bools, Floats
+from compasslib.readers.cells import columns_in, lines_of
 
 CURRENTS = ("east", "north", "x", "y", "speed")  # roles that hold speeds
 UNORDERED = 0.1  # share of steps back in time that makes a table one in no order
@@ -39,7 +36,6 @@ def read(paths: Sequence[Path], *, columns: Mapping[str, str | float]) -> Record
     """Return the series of one or several tables, in the order given.
 
     Args:
-        paths: CSV files.
         columns: role -> header: time; depth or pressure; east+north, speed+direction, or x+y+heading (x forward, y to
             port); tilt_x, tilt_y, temperature; ``scale`` turns velocities into m/s.
 

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from compasslib import archive, provenance
-from compasslib.discrepancy.telling import VERDICTS
+from compasslib.archive import netcdf, provenance
+from compasslib.archive.summary import STOPPED
 from compasslib.report import calibration, figures, mooring, section, words
 from compasslib.report.section import Overview, Section
-from compasslib.summary import STOPPED
+from compasslib.search.wording import VERDICTS
 
 MOORINGS = "All moorings (rms: current direction above minus below, the water's own veer included)"
 NONE_STOPPED: Mapping[str, Mapping[str, str]] = {"moorings": {}, "calibrations": {}}
@@ -56,9 +56,7 @@ def gather(
 
     Args:
         root: folder of the results, in which the page will stand.
-        attributes: of the cruise.
         moorings: latitude, longitude, water_depth_m, start, end, instruments and their roles of each, by name.
-        calibrations: their names.
         stopped: why others have no results, by name, of ``moorings`` and of ``calibrations``.
 
     Raises:
@@ -93,12 +91,7 @@ def gather(
 
 
 def write(path: str | Path, report: Report) -> None:
-    """Write the page; the same results give the same bytes.
-
-    Args:
-        path: the HTML file.
-        report: what it says.
-    """
+    """Write the page; the same results give the same bytes."""
     import jinja2  # only where a page is made
 
     loader = jinja2.FileSystemLoader(TEMPLATES)
@@ -106,17 +99,12 @@ def write(path: str | Path, report: Report) -> None:
         loader=loader, autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     text = made.get_template("report.html").render(report=report, most=figures.MOST_SECTIONS)
-    with archive.replacing(path) as temporary:
+    with netcdf.replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
 
 def told(path: str | Path, report: Report) -> str:
-    """Return what the job says of the page.
-
-    Args:
-        path: the HTML file.
-        report: what it says.
-    """
+    """Return what the job says of the page."""
     size = Path(path).stat().st_size / 1e6
     return f"{path}: {report.counts()} {size:.1f} MB".replace(words.SPACE, " ")
 

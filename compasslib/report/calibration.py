@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from compasslib import archive
-from compasslib.discrepancy.telling import VERDICTS
-from compasslib.report import calibration_figures, figures, found, words
+from compasslib.archive import netcdf
+from compasslib.report import figures, found, words
+from compasslib.report.mooring import of_diagnosis
 from compasslib.report.section import Cell, Section, Table
+from compasslib.search.wording import VERDICTS
 
 HEADER = (
     "Calibration",
@@ -48,30 +49,23 @@ class Results:
 
 
 def read(name: str, root: Path) -> Results:
-    """Return what the files of one calibration hold.
-
-    Args:
-        name: the calibration.
-        root: folder of the results.
-    """
+    """Return what the files of one calibration hold."""
     folder = root / "calibrations" / name
     with (folder / "table.csv").open(newline="", encoding="utf-8") as stream:
         rows = tuple(tuple(row) for row in csv.reader(stream))[1:]
     searched = folder / "diagnosis.json"
-    diagnosis = archive.read_json(searched) if searched.exists() else None
-    return Results(name, folder, archive.read_json(folder / "calibration.json"), rows, diagnosis)
+    diagnosis = netcdf.read_json(searched) if searched.exists() else None
+    return Results(name, folder, netcdf.read_json(folder / "calibration.json"), rows, diagnosis)
 
 
 def section(results: Results, root: Path, *, embed: bool) -> Section:
     """Return one calibration's section.
 
     Args:
-        results: what its files hold.
-        root: folder of the page.
         embed: whether its figures come into the page.
     """
     content, diagnosis = results.content, results.diagnosis
-    drawn = calibration_figures.alternatives(content, diagnosis)
+    drawn = alternatives(content, diagnosis)
     links = tuple((f, figures.relative(results.folder / f, root)) for f in FILES if (results.folder / f).exists())
     return Section(
         name=results.name,
@@ -255,3 +249,88 @@ def _cells(results: Results) -> tuple[Cell, ...]:
         Cell(verdict, verdict),
         Cell(words.count(len(content["warnings"])), len(content["warnings"])),
     )
+
+
+# What each figure of a calibration shows, in words and numbers, for whoever cannot see it.
+
+
+def alternatives(content: Mapping[str, Any], diagnosis: Mapping[str, Any] | None) -> dict[str, Callable[[], str]]:
+    """Return the texts by the figures' names, each made where it is asked for.
+
+    Args:
+        diagnosis: diagnosis.json; None where there is none.
+    """
+    told = {
+        "deviation": lambda: _deviation(content),
+        "residuals": lambda: _residuals(content),
+        "certificate": lambda: _certificate(content),
+        "magnetometer": lambda: _magnetometer(content),
+        "swing": lambda: _swing(content),
+        "difference": lambda: f"Heading of the first minus the second instrument against heading. {_offset(content)}",
+        "tilt_check": lambda: (
+            f"Tilts of the two instruments, turned onto each other. {(content.get('frame') or {}).get('text', '')}"
+        ),
+        "series": lambda: f"Declination along time, observed and by the field model. {_constant(content)}",
+        "disturbance": lambda: _disturbance(content),
+        "along_time": lambda: f"Headings of both instruments along time and their difference. {_offset(content)}",
+    }
+    return told | ({"diagnosis": lambda: of_diagnosis(diagnosis)} if diagnosis else {})
+
+
+def _deviation(content: Mapping[str, Any]) -> str:
+    if not content["coefficients"]:
+        return f"Deviation against recorded heading: {content['n']} readings, no curve."
+    letters = ", ".join(f"{k} {words.number(x, 2)}" for k, x in content["coefficients"].items())
+    return (
+        f"Deviation against recorded heading: {words.plural(content['n'], 'reading')}, the curve of model "
+        f"{words.plain(content['model'])} with its 95 % band. Coefficients in degrees: {letters}."
+    )
+
+
+def _residuals(content: Mapping[str, Any]) -> str:
+    rms = content["residual_rms_deg"]
+    left = f"they are {words.degrees(rms, 2)} rms" if rms is not None else "there are none, for want of a curve"
+    return f"Residuals of {words.plural(content['n'], 'reading')} against recorded heading: {left}."
+
+
+def _certificate(content: Mapping[str, Any]) -> str:
+    expanded = content["uncertainty"]["expanded_deg"]
+    sure = (
+        f"expanded uncertainty {words.degrees(expanded, 2)} (k = 2)" if expanded else "no uncertainty could be stated"
+    )
+    what = "coefficients, table of deviations and budget"
+    return f"Certificate on one page: {what}; {sure}. All its numbers stand in the tables here."
+
+
+def _magnetometer(content: Mapping[str, Any]) -> str:
+    left = content.get("modulus_residual_percent") or {}
+    told = "Magnetometer readings before and after taking out hard and soft iron."
+    if left.get("after") is None:
+        return f"{told} {words.sentence(content['why'])}"
+    before, after = (words.number(left[key], 2) for key in ("before", "after"))
+    return f"{told} The modulus of the field scatters by {before} % before and {after} % after."
+
+
+def _swing(content: Mapping[str, Any]) -> str:
+    water = (content.get("drift") or {}).get("text", "")
+    verdict = (content.get("iso_25862") or {}).get("text", "")
+    told = f"The swing: courses against compass headings, {words.plural(content['n'], 'sample')}."
+    return " ".join(part for part in (told, water, verdict) if part)
+
+
+def _offset(content: Mapping[str, Any]) -> str:
+    if content.get("offset_deg") is None:
+        return "No offset was found."
+    return f"The offset is {words.with_sigma(content['offset_deg'], content.get('offset_sigma_deg'), '°')} (1σ)."
+
+
+def _constant(content: Mapping[str, Any]) -> str:
+    value, sigma = content.get("constant_deg"), content.get("constant_sigma_deg")
+    return f"The constant between them is {words.with_sigma(value, sigma, '°')} (1σ)."
+
+
+def _disturbance(content: Mapping[str, Any]) -> str:
+    storms = content.get("storms") or []
+    largest = max((one["range_deg"] for one in storms), default=None)
+    range_ = f", the largest of {words.degrees(largest, 2)} from end to end" if storms else ""
+    return f"What level and quiet day leave along time: {words.plural(len(storms), 'storm')}{range_}."

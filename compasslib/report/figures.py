@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from urllib.parse import quote
 
-from compasslib import pictures
-from compasslib.pictures import Picture
+from compasslib.archive import pictures
+from compasslib.archive.pictures import Picture
 from compasslib.report.section import Figure
 
 MOST_SECTIONS = 50  # whose figures stand in the page: about 20 MB; those of a thousand moorings would be 400 MB
@@ -37,7 +37,6 @@ def of_folder(
 
     Args:
         folder: its results; the figures are the PNG files of its folder ``figures``.
-        root: folder of the page.
         alternatives: what each figure shows, by its name.
         embed: whether the pictures come into the page.
     """
@@ -60,12 +59,7 @@ def chosen(verdicts: Sequence[str]) -> list[bool]:
 
 
 def relative(path: Path, root: Path) -> str:
-    """Return the address of a file of the results from the page.
-
-    Args:
-        path: the file.
-        root: folder of the page.
-    """
+    """Return the address of a file of the results from the page."""
     return quote(path.relative_to(root).as_posix())
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from compasslib.physics import meanings
+from compasslib.effects import meanings
 from compasslib.report import words
 from compasslib.report.section import Finding, Table
 

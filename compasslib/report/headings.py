@@ -7,13 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from compasslib import angles
-from compasslib.archive_files import get, opened
-from compasslib.records import PROBABLY_BAD
-
-Floats = NDArray[np.floating]
+from compasslib.archive.files import get, opened
+from compasslib.core import angles
+from compasslib.core.records import PROBABLY_BAD
+from compasslib.core.types import Floats
 
 SAID = ("instrument", "serial_number", "software_version", "date_created", "time_coverage_start", "time_coverage_end")
 
@@ -36,9 +34,6 @@ class Headings:
 
 def read(path: str | Path) -> Headings:
     """Return the headings of a corrected.nc.
-
-    Args:
-        path: the file.
 
     Raises:
         InputError: the file is absent, damaged or something else.

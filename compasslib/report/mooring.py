@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from compasslib import angles, archive, summary
-from compasslib.discrepancy.telling import VERDICTS
-from compasslib.report import figures, found, headings, mooring_figures, words
+from compasslib.archive import netcdf, summary
+from compasslib.core import angles
+from compasslib.report import figures, found, headings, words
 from compasslib.report.headings import Headings
 from compasslib.report.section import Cell, Section, Table
+from compasslib.search.wording import VERDICTS
+
+if TYPE_CHECKING:
+    pass
+
 
 HEADER = (
     "Mooring",
@@ -55,11 +60,7 @@ class Results:
 
 
 def rows(table: str | Path) -> dict[str, dict[str, str]]:
-    """Return the rows of summary.csv by mooring.
-
-    Args:
-        table: summary.csv.
-    """
+    """Return the rows of summary.csv by mooring."""
     with Path(table).open(newline="", encoding="utf-8") as stream:
         return {row["name"]: row for row in csv.DictReader(stream)}
 
@@ -68,16 +69,13 @@ def read(name: str, root: Path, row: Mapping[str, str], roles: Iterable[str] | N
     """Return what the files of one mooring hold.
 
     Args:
-        name: the mooring.
-        root: folder of the results.
-        row: of summary.csv.
         roles: its instruments, see ``summary.records``.
     """
     folder = root / name
     fit, diagnosis, assessment = (
-        archive.read_json(folder / f"{file}.json") for file in ("deviation", "diagnosis", "assessment")
+        netcdf.read_json(folder / f"{file}.json") for file in ("deviation", "diagnosis", "assessment")
     )
-    inputs = {path.stem: archive.read_counts(path) for path in summary.records(folder, roles)}
+    inputs = {path.stem: netcdf.read_counts(path) for path in summary.records(folder, roles)}
     product = headings.read(folder / "corrected.nc")
     return Results(name, folder, row, fit, diagnosis, assessment, product, inputs)
 
@@ -86,13 +84,11 @@ def section(results: Results, root: Path, site: Mapping[str, Any], *, embed: boo
     """Return one mooring's section.
 
     Args:
-        results: what its files hold.
-        root: folder of the page.
         site: latitude, longitude, water_depth_m, instruments (role and what it is).
         embed: whether its figures come into the page.
     """
     verdict = results.diagnosis["verdict"]
-    drawn = mooring_figures.alternatives(results)
+    drawn = alternatives(results)
     return Section(
         name=results.name,
         anchor=f"mooring-{results.name}",
@@ -115,11 +111,7 @@ def section(results: Results, root: Path, site: Mapping[str, Any], *, embed: boo
 
 
 def sentences(results: Results) -> tuple[str, ...]:
-    """Return what comes first of one mooring: its verdict, why, and the share that is corrected.
-
-    Args:
-        results: what its files hold.
-    """
+    """Return what comes first of one mooring: its verdict, why, and the share that is corrected."""
     head, why = results.headings, results.diagnosis.get("why", "")
     told = [words.sentence(VERDICTS[results.diagnosis["verdict"]])]
     told += [words.sentence(why)] if why else []
@@ -150,11 +142,7 @@ def _facts(results: Results, site: Mapping[str, Any]) -> tuple[tuple[str, str], 
 
 
 def counted(head: Headings) -> list[tuple[str, str]]:
-    """Return how many samples are corrected, doubtful and not corrected.
-
-    Args:
-        head: the headings of the product.
-    """
+    """Return how many samples are corrected, doubtful and not corrected."""
 
     def share(n: int) -> str:
         return f"{words.percent(n / head.n if head.n else None)} ({words.plural(n, 'sample')})"
@@ -167,11 +155,7 @@ def counted(head: Headings) -> list[tuple[str, str]]:
 
 
 def sure(head: Headings) -> list[tuple[str, str]]:
-    """Return how uncertain the corrected headings are, and how far they were turned.
-
-    Args:
-        head: the headings of the product.
-    """
+    """Return how uncertain the corrected headings are, and how far they were turned."""
     return [
         ("Uncertainty of the heading (1σ)", _pair("median {}, 95th percentile {}", head.sigma_deg)),
         ("Largest deviation", words.degrees(head.largest_deviation_deg)),
@@ -301,3 +285,105 @@ def _number(text: str) -> float | None:
 def _order(verdict: str) -> str:
     """Return what a verdict is sorted by, what agrees first."""
     return str(list(VERDICTS).index(verdict))
+
+
+# What each figure of a mooring shows, in words and numbers, for whoever cannot see it.
+
+
+def alternatives(results: Results) -> dict[str, Callable[[], str]]:
+    """Return the texts by the figures' names, each made where it is asked for."""
+    return {
+        "deviation": lambda: _deviation(results),
+        "histograms": lambda: _histograms(results),
+        "scatter": lambda: _scatter(results),
+        "timeline": lambda: _timeline(results),
+        "diagnosis": lambda: of_diagnosis(results.diagnosis),
+    }
+
+
+def _deviation(results: Results) -> str:
+    fit = results.product
+    if not fit["coefficients"]:
+        return "Deviation against heading: no curve, because nothing was fitted."
+    method = words.METHODS.get(fit["method"], fit["method"])
+    seen = (
+        "each recorded heading stands for two correct ones"
+        if fit["folded"]
+        else "each recorded heading stands for one correct one"
+    )
+    residual = f", residual {words.degrees(fit['residual_rms_deg'])} rms" if fit["n_pairs"] else ""
+    return (
+        f"Three panels: deviation against correct heading, recorded against correct heading, and back. Curve of the "
+        f"{method} with its 95 % band and {words.plural(fit['n_pairs'], 'pair')}{residual}. The largest deviation of "
+        f"the record is {words.degrees(results.headings.largest_deviation_deg)}; {seen}."
+    )
+
+
+def _histograms(results: Results) -> str:
+    head = results.headings
+    told = [f"Nine in ten recorded headings lie {_span(head.recorded_span_deg)}"]
+    told.append(
+        f"nine in ten corrected headings {_span(head.corrected_span_deg)}" if head.corrected else "none is corrected"
+    )
+    return (
+        "Histograms per 10° of headings (left) and of current directions of the pairs (right), recorded, corrected and "
+        f"trusted. {', '.join(told)}."
+    )
+
+
+def _span(span: tuple[float, float]) -> str:
+    if not math.isfinite(span[0]):
+        return "nowhere"
+    return f"from {words.degrees(span[0], 0)} clockwise to {words.degrees(span[1], 0)}"
+
+
+def _scatter(results: Results) -> str:
+    before, after = results.assessment["before"], results.assessment["after"]
+    if not before["n"]:
+        return "No pairs: there is no trusted measurement near enough to compare."
+    told = "Current direction of the upper against the lower instrument, recorded and corrected. On held-out pairs the "
+    told += f"difference is {words.degrees(before['rms_deg'])} rms before ({words.plural(before['n'], 'pair')})"
+    if not after["n"]:
+        return f"{told}; none could be corrected."
+    return f"{told} and {words.degrees(after['rms_deg'])} after ({words.plural(after['n'], 'pair')})."
+
+
+def _timeline(results: Results) -> str:
+    head = results.headings
+    if not head.n:
+        return "The record along time: there is no sample inside the deployment."
+    shares = [words.percent(k / head.n) for k in (head.corrected, head.doubtful, head.n - head.corrected)]
+    said = head.attributes
+    span = {"from": said["time_coverage_start"], "to": said["time_coverage_end"]}
+    sigma = f" The uncertainty is {words.degrees(head.sigma_deg[0])} (1σ, median)." if head.corrected else ""
+    return (
+        f"Recorded and corrected heading, share of samples and depth from {words.days(span)}: {shares[0]} corrected "
+        f"({shares[1]} doubtful), {shares[2]} not corrected.{sigma}"
+    )
+
+
+def of_diagnosis(diagnosis: Mapping[str, Any]) -> str:
+    """Return what the figure of a diagnosis shows.
+
+    Args:
+        diagnosis: content of diagnosis.json.
+    """
+    told = [f"Residual in bins along {words.plain(one['covariate'])}: {_largest(one)}." for one in _curves(diagnosis)]
+    verdict = words.sentence(f"{diagnosis['verdict']}: {VERDICTS[diagnosis['verdict']]}")
+    return " ".join([verdict, *(told or ["There is no residual to show."])])
+
+
+def _curves(diagnosis: Mapping[str, Any]) -> Sequence[Mapping[str, Any]]:
+    left = diagnosis["unexplained"]["curves"] if diagnosis["unexplained"] else []
+    curves = {one["covariate"]: one for one in [*left, *diagnosis.get("curves", [])]}
+    return [one for one in curves.values() if len(one["centre"]) > 1]
+
+
+def _largest(curve: Mapping[str, Any]) -> str:
+    """Return the largest binned residual before and after; a bin that holds no number is passed over."""
+    before, after = (
+        max((abs(x) for x in curve[key] if x is not None), default=None) for key in ("before_deg", "after_deg")
+    )
+    if before == after:
+        return f"at most {words.degrees(after)} from zero"
+    return f"at most {words.degrees(before)} from zero by the fit alone, {words.degrees(after)} with what was found"

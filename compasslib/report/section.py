@@ -72,9 +72,6 @@ def stopped(part: str, name: str, why: str, header: Sequence[str]) -> Section:
 
     Args:
         part: "mooring" or "calibration".
-        name: its name.
-        why: the line of its error.
-        header: of the overview.
     """
     told = {"Verdict": Cell("stopped", "stopped"), "Warnings": Cell("1", 1)}
     said = f"It was stopped, as a file of it cannot be used, and has no results: {why}."

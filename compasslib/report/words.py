@@ -57,7 +57,6 @@ def with_sigma(value: float | None, sigma: float | None, unit: str = "") -> str:
 
     Args:
         value: any number, NaN or None.
-        sigma: its standard deviation.
         unit: written after both.
     """
     behind = "°" if unit in ("degrees", "°") else f"{SPACE}{unit}" * (unit not in ("", "1"))
@@ -85,11 +84,7 @@ def percent(share: float | None) -> str:
 
 
 def count(value: int | None) -> str:
-    """Return a whole number, thousands apart.
-
-    Args:
-        value: the number.
-    """
+    """Return a whole number, thousands apart."""
     return UNKNOWN if value is None else f"{value:,}".replace(",", SPACE)
 
 
@@ -97,8 +92,6 @@ def plural(n: int, one: str, many: str | None = None) -> str:
     """Return a number with its noun.
 
     Args:
-        n: how many.
-        one: the noun.
         many: its plural where an s does not make it.
     """
     return f"{count(n)}{SPACE}{one if n == 1 else many or one + 's'}"
@@ -149,7 +142,6 @@ def parameter(name: str, unit: str) -> str:
 
     Args:
         name: with underscores.
-        unit: of its value.
     """
     return plain(name.removesuffix(f"_{'deg' if unit in ('degrees', '°') else unit}"))
 

@@ -13,7 +13,7 @@ rule calibrate:
     params:
         kind=CALIBRATIONS.kind,
         settings=CALIBRATIONS.settings,
-        code=stages.hashed(CALIBRATIONS.modules),
+        code=plan.hashed(CALIBRATIONS.modules),
     conda:
         "../envs/compasslib.yaml"
     log:
@@ -36,7 +36,7 @@ rule diagnose_calibration:
         kind=CALIBRATIONS.kind,
         settings=CALIBRATIONS.settings,
         options=CALIBRATIONS.diagnose(),
-        code=stages.hashed(CALIBRATIONS.diagnosis_modules),
+        code=plan.hashed(CALIBRATIONS.diagnosis_modules),
     conda:
         "../envs/compasslib.yaml"
     log:
@@ -92,9 +92,9 @@ for KIND in KINDS:
                 for figure in CALIBRATIONS.figures(KIND)
             },
         params:
-            code=stages.hashed(CALIBRATIONS.figure_modules),
+            code=plan.hashed(CALIBRATIONS.figure_modules),
         wildcard_constraints:
-            calibration=stages.only(CALIBRATIONS.of_kind(KIND)),
+            calibration=plan.only(CALIBRATIONS.of_kind(KIND)),
         conda:
             "../envs/compasslib.yaml"
         log:
@@ -117,7 +117,7 @@ rule carry:
     params:
         code=PLAN.code("carry.py"),
     wildcard_constraints:
-        mooring=stages.only(PLAN.by_calibration()),
+        mooring=plan.only(PLAN.by_calibration()),
     conda:
         "../envs/compasslib.yaml"
     log:

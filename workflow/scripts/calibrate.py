@@ -1,9 +1,10 @@
 """Calibrate a compass apart from any mooring: raw readings -> results/calibrations/NAME/calibration.json and tables."""
 
-from compasslib import archive_calibrations as archive
-from compasslib import calibration, provenance
+from compasslib import calibration
+from compasslib.archive import calibrations as archive
+from compasslib.archive import provenance
 from compasslib.calibration import content
-from compasslib.job import job
+from compasslib.run.job import job
 
 with job(snakemake) as say:
     name, settings = snakemake.wildcards.calibration, calibration.settled(snakemake.params.settings)

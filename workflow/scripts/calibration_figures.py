@@ -1,8 +1,8 @@
 """Draw one calibration: calibration.json, table.csv, points.csv -> results/calibrations/NAME/figures/*.png."""
 
-from compasslib import archive_calibrations as archive
-from compasslib import plots_calibrations as plots
-from compasslib.job import job
+from compasslib.archive import calibrations as archive
+from compasslib.plots import calibrations as plots
+from compasslib.run.job import job
 
 with job(snakemake) as say:
     files = ("calibration", "table", "points")

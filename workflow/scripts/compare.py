@@ -1,12 +1,13 @@
 """Compare forms of the curve on pairs held out from each: pairs, deviation -> results/MOORING/forms.json."""
 
-from compasslib import archive, assessment
-from compasslib.discrepancy import product
-from compasslib.job import job
+from compasslib.archive import netcdf
+from compasslib.deviation import assessment
+from compasslib.run.job import job
+from compasslib.search import product
 
 with job(snakemake) as say:
-    pairs = archive.read_pairs(snakemake.input.pairs)
-    made_by = product.from_json(archive.read_json(snakemake.input.deviation))
+    pairs = netcdf.read_pairs(snakemake.input.pairs)
+    made_by = product.from_json(netcdf.read_json(snakemake.input.deviation))
     compared = assessment.compare_forms(pairs, made_by.fit)
-    archive.write_json(snakemake.output[0], {"forms": compared})
+    netcdf.write_json(snakemake.output[0], {"forms": compared})
     say(assessment.told_forms(snakemake.wildcards.mooring, compared))

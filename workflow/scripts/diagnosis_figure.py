@@ -1,8 +1,8 @@
 """Draw a calibration's diagnosis: diagnosis.json -> results/calibrations/NAME/figures/diagnosis.png."""
 
-from compasslib import plots_calibration_diagnosis as plots
-from compasslib.archive_files import read_json
-from compasslib.job import job
+from compasslib.archive.files import read_json
+from compasslib.plots import diagnosis_calibration as plots
+from compasslib.run.job import job
 
 with job(snakemake) as say:
     plots.diagnosis(snakemake.output[0], read_json(snakemake.input.diagnosis), snakemake.wildcards.calibration)

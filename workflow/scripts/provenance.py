@@ -1,8 +1,8 @@
 """Write the manifest: the jobs' records -> results/ro-crate-metadata.json, what was made from what and by what."""
 
-from compasslib import crate
-from compasslib.archive_files import write_json
-from compasslib.job import job
+from compasslib.archive import crate
+from compasslib.archive.files import write_json
+from compasslib.run.job import job
 
 with job(snakemake) as say:
     jobs = crate.lineage(crate.records(), snakemake.input.products)

@@ -1,7 +1,7 @@
 """Write the report: all results -> results/report.html, one page that needs no network."""
 
 from compasslib import report
-from compasslib.job import job
+from compasslib.run.job import job
 
 with job(snakemake) as say:
     settings = {key: snakemake.params[key] for key in ("attributes", "moorings", "calibrations", "stopped")}

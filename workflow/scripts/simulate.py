@@ -1,8 +1,8 @@
 """Simulate one demonstration mooring: seed -> raw/MOORING/ as its instruments left it, and truth/MOORING.csv."""
 
-from compasslib import simulated
-from compasslib.job import job
-from compasslib.nature import demonstration
+from compasslib.run import simulated
+from compasslib.run.job import job
+from compasslib.simulation import demonstration
 
 with job(snakemake) as say:
     name, truth = snakemake.params.name, snakemake.output.truth

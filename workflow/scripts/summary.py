@@ -1,7 +1,7 @@
 """Write one row a mooring: all results -> results/summary.csv."""
 
-from compasslib import summary
-from compasslib.job import job
+from compasslib.archive import summary
+from compasslib.run.job import job
 
 with job(snakemake) as say:
     rows = [summary.row(name, f"results/{name}", roles) for name, roles in snakemake.params.roles.items()]

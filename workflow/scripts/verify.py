@@ -1,7 +1,7 @@
 """Verify the archive: the files of the cruise -> what differs from its manifest, a line each."""
 
-from compasslib import verification
-from compasslib.job import job
+from compasslib.archive import verification
+from compasslib.run.job import job
 
 with job(snakemake) as say:
     verification.tell(".", say)

@@ -1,0 +1,91 @@
+"""Draws the scorecard: what was named, how large an effect must be, and what it does to the heading."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.proof import score, tally
+from compasslib.plots.page import BLUE, GREEN, GREY, ORANGE, page
+
+
+def write(folder: Path, made: dict[str, Any]) -> None:
+    """Draw naming.png, power.png and headings.png."""
+    folder.mkdir(parents=True, exist_ok=True)
+    naming(folder / "naming.png", made["confusion"])
+    power(folder / "power.png", made["power"])
+    headings(folder / "headings.png", made["moorings"])
+
+
+def naming(path: Path, confusion: dict[str, dict[str, int]]) -> None:
+    """Draw what was said first against what was planted.
+
+    Args:
+        confusion: counts by planted and said.
+    """
+    said = sorted({name for counts in confusion.values() for name in counts})
+    planted = list(confusion)
+    table = np.array([[confusion[a].get(b, 0) for b in said] for a in planted])
+    share = table / np.maximum(table.sum(axis=1, keepdims=True), 1)
+    with page(path, "What was named first, by what was planted", 1.6 + 0.24 * len(planted)) as figure:
+        axes = figure.subplots()
+        axes.imshow(share, cmap="Blues", vmin=0.0, vmax=1.4, aspect="auto")
+        for i, j in zip(*np.nonzero(table), strict=True):
+            axes.text(j, i, str(table[i, j]), ha="center", va="center")
+        axes.set_xticks(range(len(said)), [_words(name) for name in said], rotation=45, ha="right")
+        axes.set_yticks(range(len(planted)), [_words(name) for name in planted])
+        axes.set(xlabel="Said first", ylabel="Planted")
+
+
+def power(path: Path, bins: Sequence[dict[str, Any]]) -> None:
+    """Draw the share of single effects that were seen and named against their visible size.
+
+    Args:
+        bins: counts by size.
+    """
+    note = "Bars are 95 % intervals (Clopper and Pearson); n is the number of moorings."
+    with page(path, "Single effects seen and named, by visible size", 2.6, [note]) as figure:
+        axes = figure.subplots()
+        for key, colour, shift in (("seen", GREY, -0.08), ("named", BLUE, 0.08)):
+            middle = np.array([one[key] / one["count"] for one in bins])
+            ends = np.array([score.limits(one[key], one["count"]) for one in bins]).reshape(-1, 2)
+            away = np.abs(ends.T - middle)
+            axes.errorbar(np.arange(len(bins)) + shift, middle, away, fmt="o", color=colour, label=key, capsize=2)
+        labels = [f"{_range(one)}\nn = {one['count']}" for one in bins]
+        axes.set_xticks(range(len(bins)), labels)
+        axes.set(xlabel="Visible size, rms (°)", ylabel="Share", ylim=(-0.03, 1.03))
+        axes.legend(loc="upper left", ncols=2, bbox_to_anchor=(0.0, 1.15))
+
+
+def headings(path: Path, rows: Sequence[dict[str, Any]]) -> None:
+    """Draw the true error of the heading of every mooring, before, after and of the oracle."""
+    some = [row for row in rows if row["before_deg"] is not None and row["after_deg"] is not None]
+    some = sorted(some, key=lambda row: (row["kind"] not in score.KNOWN, row["before_deg"]))
+    known = sum(row["kind"] in score.KNOWN for row in some)
+    at = np.arange(len(some))
+    note = "Left of the line effects of the catalogue, right of it all others; each by the error before. "
+    note += "Where no orange dot is seen nothing was applied."
+    with page(path, "True error of the heading", 2.8, [note]) as figure:
+        axes = figure.subplots()
+        before, after, oracle = (np.array([row[k] for row in some]) for k in ("before_deg", "after_deg", "oracle_deg"))
+        axes.vlines(at, np.minimum(before, after), np.maximum(before, after), color=GREY, linewidth=0.6)
+        axes.plot(at, before, "o", color=ORANGE, markersize=4, label="before: the fit alone")
+        axes.plot(at, after, "o", color=BLUE, markersize=4, label="after: the product")
+        axes.plot(at, oracle, "_", color=GREEN, markersize=7, label="oracle")
+        axes.axvline(known - 0.5, color=GREY, linewidth=0.6)
+        axes.set(xlabel="Mooring", ylabel="Error, rms (°)", ylim=(0.0, None))
+        axes.set_xticks(at[:: max(1, len(some) // 12)], [row["name"] for row in some][:: max(1, len(some) // 12)])
+        axes.legend(loc="upper left", ncols=3, bbox_to_anchor=(0.0, 1.13))
+
+
+def _words(name: str) -> str:
+    return name.replace("_", " ")
+
+
+def _range(one: dict[str, Any]) -> str:
+    if one["to_deg"] == tally.BINS_DEG[-1]:
+        return f"over {one['from_deg']:g}"
+    return f"{one['from_deg']:g}–{one['to_deg']:g}" if one["from_deg"] else f"under {one['to_deg']:g}"

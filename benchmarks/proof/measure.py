@@ -1,0 +1,119 @@
+"""Reads what the pipeline left of a mooring and holds its headings against the opened truth."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+from typing import Any
+
+import netCDF4
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.floating]
+
+EPOCH_DAYS = 7305.0  # from 1950 to 1970
+NEWTON_STEPS, LONGEST_STEP_DEG = 25, 20.0
+
+
+def results(cruise: Path, name: str) -> dict[str, Any]:
+    """Return diagnosis, deviation and assessment of a mooring."""
+    folder = cruise / "results" / name
+    return {what: json.loads((folder / f"{what}.json").read_text()) for what in ("diagnosis", "deviation")}
+
+
+def product(cruise: Path, name: str) -> dict[str, Floats]:
+    """Return times and headings of a product, NaN where none."""
+    with netCDF4.Dataset(cruise / "results" / name / "corrected.nc") as nc:
+        names = ("TIME", "HEADING", "HEADING_CORRECTED", "HEADING_CORRECTED_UNCERTAINTY")
+        days, recorded, corrected, sigma = (np.ma.filled(nc[each][:].astype(float), np.nan) for each in names)
+    time_s = np.rint((days - EPOCH_DAYS) * 86400.0)
+    return {"time_s": time_s, "recorded": recorded, "corrected": corrected, "sigma": sigma}
+
+
+def headings(cruise: Path, locked: Path, name: str, deviation: dict[str, Any]) -> dict[str, float | None]:
+    """Return errors of the heading: recorded, by the configured fit, of the product.
+
+    Before is the configured fit alone, on the branch that is nearest to the truth.
+    """
+    made, (time_s, heading, recorded) = product(cruise, name), np.load(locked / f"{name}.npy")[:3]
+    at = np.searchsorted(made["time_s"], time_s).clip(0, made["time_s"].size - 1)
+    known = (made["time_s"][at] == time_s) & np.isfinite(heading)
+    at, heading, recorded = at[known], heading[known], recorded[known]
+    after = turn(made["corrected"][at], heading)
+    coefficients = deviation.get("coefficients")
+    before = None if not coefficients else rms(turn(corrected_by(coefficients, recorded, heading), heading))
+    good = np.isfinite(after)
+    return {
+        "recorded_deg": rms(turn(recorded, heading)),
+        "before_deg": before,
+        "after_deg": rms(after),
+        "share_corrected": float(good.mean()),
+        "covered_95": float(np.mean(np.abs(after[good]) < 1.96 * made["sigma"][at][good])) if good.any() else None,
+    }
+
+
+def corrected_by(coefficients: dict[str, float], recorded_deg: Floats, near_deg: Floats) -> Floats:
+    """Return the heading at which five coefficients of the exact compass give a reading, sought from a given heading.
+
+    Args:
+        coefficients: A to E, dimensionless.
+        recorded_deg: readings, (n,).
+        near_deg: where the search begins, (n,).
+    """
+    a, b, c, d, e = (coefficients[letter] for letter in "ABCDE")
+    heading = np.deg2rad(near_deg)
+    for _ in range(NEWTON_STEPS):
+        w = np.exp(1j * heading)
+        q = (1 - 1j * a) * w + b - 1j * c + (d - 1j * e) / w
+        slope = np.real(((1 - 1j * a) * w - (d - 1j * e) / w) / q)
+        miss = np.deg2rad(turn(recorded_deg, np.rad2deg(np.angle(q))))
+        most = np.deg2rad(LONGEST_STEP_DEG)
+        heading = heading + np.clip(miss / np.where(np.abs(slope) < 0.05, 0.05, slope), -most, most)
+    return np.rad2deg(heading)
+
+
+def published(cruise: Path, locked: Path, name: str) -> dict[str, Any]:
+    """Return what became of the case of the paper: how many headings are corrected, how well, by what."""
+    left, made = results(cruise, name), product(cruise, name)
+    with (locked / "published.csv").open() as stream:
+        rows = list(csv.DictReader(stream))
+    stamps = np.array([row["time_utc"].removesuffix("Z") for row in rows], dtype="datetime64[s]").astype(float)
+    heading = np.array([float(row["heading_true_magnetic_deg"]) for row in rows])
+    at = np.searchsorted(made["time_s"], stamps).clip(0, made["time_s"].size - 1)
+    off = turn(made["corrected"][at], heading)
+    effects = [one["effect"] for one in left["diagnosis"]["findings"]]
+    return {
+        "verdict": left["diagnosis"]["verdict"],
+        "effects": effects,
+        "share_corrected": float(np.isfinite(off).mean()),
+        "after_deg": rms(off),
+        "median_deg": float(np.nanmedian(np.abs(off))) if np.isfinite(off).any() else None,
+    }
+
+
+def turn(a_deg: Floats, b_deg: Floats) -> Floats:
+    """Return a - b, the short way, degrees.
+
+    Args:
+        a_deg: any shape.
+        b_deg: that broadcasts with it.
+    """
+    return np.asarray((a_deg - b_deg + 180.0) % 360.0 - 180.0)
+
+
+def rms(x: Floats) -> float | None:
+    """Return the root mean square of what is known, None where nothing is.
+
+    Args:
+        x: (n,).
+    """
+    finite = x[np.isfinite(x)]
+    return float(np.sqrt(np.mean(finite**2))) if finite.size else None
+
+
+def software(cruise: Path, name: str) -> str:
+    """Return what a product says of the software that made it."""
+    with netCDF4.Dataset(cruise / f"results/{name}/corrected.nc") as nc:
+        return str(nc.software_version)

@@ -1,0 +1,67 @@
+"""Hashes that are published before the truth is opened, and held against the files when it is."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable
+from pathlib import Path
+
+TRUTH_CHANGED = "the truth is not the one that was sealed before the run"
+RESULTS_CHANGED = "a result is not the one that the pipeline left"
+
+
+class Broken(Exception):
+    """A file is not what its hash says."""
+
+
+def hashes(folder: Path, files: Iterable[Path]) -> dict[str, str]:
+    """Return the sha256 of files by their path inside a folder, in the order of the paths.
+
+    Args:
+        folder: that the paths are given in.
+    """
+    return {str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(files)}
+
+
+def whole(parts: dict[str, str]) -> str:
+    """Return one hash for many.
+
+    Args:
+        parts: hash by path.
+    """
+    return hashlib.sha256("".join(f"{name} {code}\n" for name, code in sorted(parts.items())).encode()).hexdigest()
+
+
+def publish(path: Path, folder: Path, files: Iterable[Path], **said: object) -> None:
+    """Write hashes where everyone can see them.
+
+    Args:
+        folder: that the files stand in.
+        **said: what is published besides.
+    """
+    parts = hashes(folder, files)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps({**said, "sha256": whole(parts), "files": parts}, indent=1) + "\n")
+
+
+def check(path: Path, folder: Path, why: str) -> None:
+    """Hold files against their published hashes.
+
+    Args:
+        path: JSON that was published.
+        folder: that the files stand in.
+        why: what it means if they differ.
+
+    Raises:
+        Broken: a file is absent or differs, or the list itself was changed.
+    """
+    published = json.loads(path.read_text())
+    expected = published["files"]
+    absent = [name for name in expected if not (folder / name).is_file()]
+    found = {} if absent else hashes(folder, (folder / name for name in expected))
+    changed = absent or [name for name in expected if found[name] != expected[name]]
+    if changed:
+        raise Broken(f"{why}: {', '.join(changed)} ({path.name})")
+    if whole(expected) != published["sha256"]:
+        raise Broken(f"{why}: the list in {path.name} does not give its own hash")

@@ -1,0 +1,246 @@
+"""The global attributes of corrected.nc: CF, ACDD-1.3 and OceanSITES-1.4.
+
+What the file states of itself is computed. Of the rest what the user gives wins, and what is asked for and not known
+reads ``not given``.
+"""
+
+from __future__ import annotations
+
+import datetime
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from compasslib.config import values
+from compasslib.core import angles
+from compasslib.core.types import Floats
+
+Attributes = dict[str, str | int | float]
+
+CONVENTIONS = "CF-1.8, ACDD-1.3, OceanSITES-1.4"
+NOT_GIVEN = "not given"
+DATES = ("date_created", "date_modified", "date_issued", "date_metadata_modified")
+ASKED_FOR = (
+    "institution",
+    "project",
+    "principal_investigator",
+    "creator_name",
+    "creator_email",
+    "creator_url",
+    "publisher_name",
+    "publisher_email",
+    "publisher_url",
+    "license",
+    "acknowledgement",
+    "naming_authority",
+)
+# ACDD's name, and the OceanSITES name that says the same.
+SAME = {
+    "creator_name": "principal_investigator",
+    "creator_email": "principal_investigator_email",
+    "creator_url": "principal_investigator_url",
+    "creator_institution": "institution",
+}
+CONSTANT: Attributes = {
+    "Conventions": CONVENTIONS,
+    "featureType": "timeSeriesProfile",
+    "cdm_data_type": "Station",
+    "data_type": "OceanSITES time-series data",
+    "format_version": "1.4",
+    "data_mode": "D",
+    "update_interval": "void",
+    "source": "subsurface mooring",
+    "platform": "subsurface mooring",
+    "platform_vocabulary": "SeaVoX Platform Categories (L06)",
+    "keywords": "EARTH SCIENCE > OCEANS > OCEAN CIRCULATION > OCEAN CURRENTS",
+    "keywords_vocabulary": "GCMD Science Keywords",
+    "standard_name_vocabulary": "CF Standard Name Table v93",
+    "references": (
+        "von Appen (2015), doi:10.1175/JTECH-D-14-00043.1; "
+        "OceanSITES Data Format Reference Manual 1.4, http://www.oceansites.org"
+    ),
+}
+
+
+@dataclass(frozen=True)
+class Site:
+    """A mooring and where it stood."""
+
+    name: str
+    latitude: float  # degrees north
+    longitude: float  # degrees east
+    water_depth_m: float | None = None
+
+    def signed_longitude(self) -> float:
+        """Return the longitude in [-180, 180], digits kept where it is there already."""
+        return self.longitude if -180.0 <= self.longitude <= 180.0 else float(angles.wrap180(self.longitude))
+
+
+def global_attributes(
+    site: Site,
+    *,
+    time_s: Floats,
+    depth_m: Floats,
+    headings: tuple[int, int],
+    attributes: Mapping[str, object],
+    processing: Mapping[str, object],
+) -> Attributes:
+    """Return the global attributes of corrected.nc in the order in which they are written.
+
+    Args:
+        time_s: (n,) time of the samples, UTC seconds since 1970.
+        depth_m: depths of the measurements, any shape, metres, NaN where unknown.
+        attributes: the user's; they win, save over what the file states itself (``config_values.STATED``).
+        processing: ``method``, ``coefficients``, ``software_version``, ``source_files``, ``history``,
+            ``date_created`` and whatever else tells how the product was made.
+    """
+    user, made = plain(attributes), plain(processing)
+    named = {"method": "correction_method", "coefficients": "correction_coefficients"}
+    # A file is never changed after it was made: ACDD's four dates are one.
+    dated = dict.fromkeys(DATES, made["date_created"]) if "date_created" in made else {}
+    computed = CONSTANT | _what(site, time_s, headings, str(made.get("method", NOT_GIVEN)))
+    computed |= _who(user) | _where(site, depth_m) | _when(time_s)
+    computed |= {named.get(key, key): value for key, value in made.items()} | dated
+    computed |= {"product_version": made["software_version"]} if "software_version" in made else {}
+    if "acknowledgment" in user:
+        computed.pop("acknowledgement")
+    return computed | {key: value for key, value in user.items() if not values.stated(key)}
+
+
+def sensor_attributes(said: Attributes, looks_up: bool) -> Attributes:
+    """Return the OceanSITES attributes of a variable that tell which instrument measured it.
+
+    Args:
+        said: global attributes; ``manufacturer``, ``model``, ``serial_number`` and what starts with ``sensor_`` count.
+        looks_up: where its beams point.
+    """
+    named = {f"sensor_{key}": said[key] for key in ("manufacturer", "model", "serial_number") if key in said}
+    given = {key: value for key, value in said.items() if key.startswith("sensor_")}
+    return named | given | {"sensor_orientation": "upward" if looks_up else "downward"}
+
+
+def plain(attributes: Mapping[str, object]) -> Attributes:
+    """Return attributes that netCDF can hold: legal names; text and numbers; nothing for None.
+
+    Args:
+        attributes: as YAML gives them; lists are joined by commas, dates become ISO 8601, mappings JSON.
+    """
+    return {_legal(key): _value(value) for key, value in attributes.items() if value is not None}
+
+
+def iso_time(time_s: float) -> str:
+    """Return the time as ISO 8601 in UTC, to the second.
+
+    Args:
+        time_s: UTC seconds since 1970.
+    """
+    return f"{np.datetime64(round(float(time_s)), 's')}Z"
+
+
+def iso_duration(seconds: float) -> str:
+    """Return the duration as ISO 8601 in days, hours, minutes and seconds.
+
+    Args:
+        seconds: the duration, not negative.
+    """
+    minutes, rest = divmod(round(float(seconds), 3), 60.0)
+    hours, minutes = divmod(int(minutes), 60)
+    days, hours = divmod(hours, 24)
+    clock = "".join(
+        f"{value:g}{unit}" for value, unit in ((hours, "H"), (minutes, "M"), (round(rest, 3), "S")) if value
+    )
+    day = f"{days}D" if days or not clock else ""
+    return f"P{day}" + (f"T{clock}" if clock else "")
+
+
+def _legal(key: object) -> str:
+    name = re.sub(r"\W", "_", str(key), flags=re.ASCII).lstrip("_")
+    return name if name[:1].isalpha() else f"attribute_{name}"
+
+
+def _value(value: object) -> str | int | float:
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, float) or (isinstance(value, int) and abs(value) < 2**31):
+        return value
+    if isinstance(value, Mapping):
+        return json.dumps(value, default=str)
+    if isinstance(value, (list, tuple)):
+        return ", ".join(str(_value(item)) for item in value)
+    if isinstance(value, datetime.datetime):
+        utc = value if value.tzinfo is None else value.astimezone(datetime.UTC).replace(tzinfo=None)
+        return f"{utc.isoformat()}Z"
+    return str(value)
+
+
+def _what(site: Site, time_s: Floats, headings: tuple[int, int], method: str) -> Attributes:
+    recorded, corrected = headings
+    platform = re.sub(r"[\s_]+", "-", site.name)  # OceanSITES keeps the underscore to separate fields
+    deployment = [iso_time(time_s[0])[:7].replace("-", "")] if len(time_s) else []
+    levels = ("Known bad data has been replaced with null values", "Post-recovery calibrations have been applied")
+    return {
+        "title": f"Currents of mooring {site.name}, corrected for the magnetic deviation of the compass",
+        "summary": (
+            f"Currents of mooring {site.name} at {site.latitude:.4f}, {site.signed_longitude():.4f} (degrees north, "
+            "east), from an instrument whose compass is subject to magnetic deviation: headings and velocities as "
+            "recorded and as corrected, the deviation, and the uncertainties."
+        ),
+        "comment": (
+            f"{corrected} of {recorded} recorded headings could be corrected (method: {method}); the others are "
+            "missing and flagged 4. Velocities were turned clockwise by HEADING_CORRECTED minus HEADING, their speeds "
+            "unchanged."
+        ),
+        "id": "_".join(["OS", platform, *deployment, "D", "compass-corrected"]),
+        "site_code": site.name,
+        "platform_code": site.name,
+        "headings_recorded": recorded,
+        "headings_corrected": corrected,
+        "processing_level": levels[corrected > 0],
+        "QC_indicator": "probably good" if corrected == recorded > 0 else "mixed",
+    }
+
+
+def _who(user: Attributes) -> Attributes:
+    asked: Attributes = dict.fromkeys(ASKED_FOR, NOT_GIVEN)
+    return asked | {acdd: user[same] for acdd, same in SAME.items() if same in user}
+
+
+def _where(site: Site, depth_m: Floats) -> Attributes:
+    longitude = site.signed_longitude()
+    found: Attributes = {
+        "geospatial_lat_min": site.latitude,
+        "geospatial_lat_max": site.latitude,
+        "geospatial_lat_units": "degree_north",
+        "geospatial_lon_min": longitude,
+        "geospatial_lon_max": longitude,
+        "geospatial_lon_units": "degree_east",
+        "geospatial_bounds": f"POINT ({site.latitude:g} {longitude:g})",
+        "geospatial_bounds_crs": "EPSG:4326",
+        "geospatial_bounds_vertical_crs": "EPSG:5831",
+        "geospatial_vertical_positive": "down",
+        "geospatial_vertical_units": "m",
+    }
+    known = depth_m[np.isfinite(depth_m)]
+    if known.size:
+        found |= {"geospatial_vertical_min": float(known.min()), "geospatial_vertical_max": float(known.max())}
+    if site.water_depth_m is not None:
+        found |= {"water_depth": float(site.water_depth_m), "water_depth_units": "m"}
+    return found
+
+
+def _when(time_s: Floats) -> Attributes:
+    if not len(time_s):
+        return {}
+    found: Attributes = {
+        "time_coverage_start": iso_time(time_s[0]),
+        "time_coverage_end": iso_time(time_s[-1]),
+        "time_coverage_duration": iso_duration(time_s[-1] - time_s[0]),
+    }
+    if len(time_s) > 1:
+        found["time_coverage_resolution"] = iso_duration(float(np.median(np.diff(time_s))))
+    return found

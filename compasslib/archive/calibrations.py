@@ -1,0 +1,116 @@
+"""A calibration's three files: calibration.json, the table of deviations and the points that it was made from."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from compasslib.archive.files import read_json, replacing, write_json
+from compasslib.calibration import content
+from compasslib.calibration.result import Calibration, Table
+from compasslib.core.errors import InputError
+from compasslib.core.types import Floats
+
+TABLE_COLUMNS = ("recorded_deg", "deviation_deg", "standard_uncertainty_deg")
+DIGITS = 10  # significant, of a point
+
+
+@dataclass(frozen=True)
+class Page:
+    """A calibration as its files give it back, for figures and comparisons."""
+
+    content: Mapping[str, Any]  # calibration.json
+    table: Table
+    points: Mapping[str, Floats]
+
+    @property
+    def calibration(self) -> Calibration:
+        """Return the calibration itself."""
+        return replace(
+            content.calibration(self.content),
+            table=self.table if self.table.heading_deg.size else None,
+            points=self.points,
+        )
+
+
+def write(
+    *, page: Mapping[str, Any], made: Calibration, calibration: str | Path, table: str | Path, points: str | Path
+) -> None:
+    """Write a calibration's files, each whole or not at all.
+
+    Args:
+        page: content of calibration.json.
+        table: path of table.csv; only its header where there is no table.
+        points: path of points.csv.
+    """
+    deviations = made.table or Table(*np.zeros((3, 0)))
+    rows = (deviations.heading_deg, deviations.deviation_deg, deviations.sigma_deg)
+    _write_csv(table, TABLE_COLUMNS, rows, ("{:.4g}", "{:.3f}", "{:.3f}"))
+    _write_csv(points, tuple(made.points), tuple(made.points.values()), (f"{{:.{DIGITS}g}}",) * len(made.points))
+    write_json(calibration, page)
+
+
+def read(*, calibration: str | Path, table: str | Path, points: str | Path) -> Page:
+    """Return what a calibration's files hold.
+
+    Args:
+        points: path of points.csv.
+
+    Raises:
+        InputError: a file is absent or damaged.
+    """
+    return Page(read_json(calibration), read_table(table), _read_csv(points))
+
+
+def read_table(path: str | Path) -> Table:
+    """Return a calibration's deviations.
+
+    Raises:
+        InputError: the file is absent or damaged.
+    """
+    columns = _read_csv(path)
+    return Table(*(columns[name] for name in TABLE_COLUMNS))
+
+
+def named(paths: Sequence[str | Path]) -> dict[str, Any]:
+    """Return the content of calibration.json files by the calibrations' names, which are those of their folders.
+
+    Raises:
+        InputError: a file is absent or damaged.
+    """
+    return {Path(path).parent.name: read_json(path) for path in paths}
+
+
+def _write_csv(path: str | Path, names: Sequence[str], columns: Sequence[Floats], forms: Sequence[str]) -> None:
+    with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(names)
+        for row in zip(*columns, strict=True):
+            writer.writerow([_cell(x, form) for x, form in zip(row, forms, strict=True)])
+
+
+def _cell(value: Any, form: str) -> str:
+    if isinstance(value, str):
+        return value
+    return form.format(value) if np.isfinite(value) else ""
+
+
+def _read_csv(path: str | Path) -> dict[str, Floats]:
+    try:
+        with Path(path).open(newline="", encoding="utf-8") as stream:
+            names, *rows = list(csv.reader(stream)) or [[]]
+        columns = [np.array([float(row[k] or "nan") for row in rows]) for k in range(len(names))]
+    except (OSError, ValueError, IndexError) as error:
+        advice = "delete it where it stands, and the next run makes it again"
+        raise InputError(
+            str(path),
+            expected="a table that this program wrote",
+            found=f"{type(error).__name__}: {error}",
+            advice=advice,
+        ) from error
+    return dict(zip(names, columns, strict=True))

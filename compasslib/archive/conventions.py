@@ -1,0 +1,327 @@
+"""What conventions say against a netCDF file: CF and ACDD by an independent checker, OceanSITES by ``oceansites``."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import netCDF4
+import numpy as np
+
+from compasslib.archive import layout, provenance
+from compasslib.archive.attributes import NOT_GIVEN
+from compasslib.archive.files import opened
+from compasslib.core.errors import InputError
+
+CHECKER = "compliance_checker"
+CF, ACDD = "cf:1.8", "acdd:1.3"
+PRODUCT = "corrected.nc"  # the file that claims ACDD and OceanSITES beside CF
+NOT_ASKED = 1  # the checker's weight of what is merely suggested
+# The CF table has no name for these: its orientation is from true north, and it knows no deviation and no declination.
+UNNAMED = tuple(name for name, variable in layout.CORRECTED.items() if not variable.standard_name)
+UNAVOIDABLE = {f'variable "{name}" missing the following attributes: standard_name' for name in UNNAMED}
+
+
+def installed() -> bool:
+    """Return whether the checker of CF and ACDD is there; it comes with the test environment alone."""
+    return importlib.util.find_spec(CHECKER) is not None
+
+
+def checkers() -> dict[str, str]:
+    """Return what files are held against here, and by which program."""
+    own = {"OceanSITES": f"manual {MANUAL}"}
+    if not installed():
+        return own
+    program = f"compliance-checker {provenance.installed('compliance-checker')}"
+    return own | {"CF": f"{CF} by {program}", "ACDD": f"{ACDD} by {program}"}
+
+
+def remarks(path: str | Path) -> list[str]:
+    """Return what stands against a file of the archive, each with its convention; what cannot be avoided apart.
+
+    Args:
+        path: corrected.nc, or another netCDF file, which claims CF alone.
+
+    Raises:
+        InputError: the file is absent or damaged.
+    """
+    product = Path(path).name == PRODUCT
+    found = [f"OceanSITES: {remark}" for remark in oceansites_remarks(path)] if product else []
+    if not installed():
+        return found
+    found += [f"CF: {remark}" for remark in checked(path, CF)]
+    asked = set(checked(path, ACDD)) - UNAVOIDABLE if product else set()
+    return found + [f"ACDD: {remark}" for remark in sorted(asked)]
+
+
+def not_given(path: str | Path) -> list[str]:
+    """Return the global attributes of corrected.nc that the conventions ask for and the YAML files do not give."""
+    with opened(path) as nc:
+        return [name for name in nc.ncattrs() if nc.getncattr(name) == NOT_GIVEN]
+
+
+def checked(path: str | Path, checker: str) -> list[str]:
+    """Return the errors and warnings of the compliance checker, its suggestions apart.
+
+    Args:
+        checker: name and version of one of its checks, as ``cf:1.8``.
+    """
+    from compliance_checker.suite import CheckSuite  # heavy, and only in the test environment
+
+    CheckSuite.load_all_available_checkers()
+    suite = CheckSuite()
+    dataset = suite.load_dataset(str(path))
+    groups, errors = suite.run_all(dataset, [checker])[checker]
+    dataset.close()
+    failed = [group for group in groups if group.value[0] < group.value[1] and group.weight > NOT_ASKED]
+    broken = [f"the checker broke in {name}: {error[0]}" for name, error in errors.items()]
+    return sorted(f"{group.name} {message}" for group in failed for message in group.msgs) + broken
+
+
+def tell(paths: Sequence[str], say: Callable[[str], None]) -> dict[str, Any]:
+    """Say what stands against files, a line each; return what they were held against and what may still be given.
+
+    Raises:
+        InputError: something does.
+    """
+    found = [f"{path}: {remark}" for path in paths for remark in remarks(path)]
+    absent = {path: names for path in paths if (names := not_given(path))}
+    for line in [*found, *(f"{path}: attributes may still give {', '.join(names)}" for path, names in absent.items())]:
+        say(line)
+    if not installed():
+        say("CF and ACDD were not checked: compliance-checker is not installed; make check-archive installs it")
+    if found:
+        advice = "attributes are those of the YAML files; anything else is this program's fault"
+        raise InputError(f"{len(paths)} netCDF files", expected="no remark", found=str(len(found)), advice=advice)
+    say(f"{len(paths)} netCDF files: no remark by {'CF, ACDD and ' if installed() else ''}OceanSITES")
+    return {"no_remark_by": checkers(), "files": list(paths), "attributes_may_still_give": absent}
+
+
+# What the OceanSITES manual says against a netCDF file of a mooring.
+#
+# Data Format Reference Manual 1.4 (July 2020); numbers in brackets are its sections. What it requires, and what it
+# fixes where something is given; discrete sampling geometries (2.3, notes), which it permits, have their own
+# dimensions.
+
+Remarks = Iterator[str]
+
+MANUAL = "1.4"
+MOMENT = r"\d{4}-\d\d-\d\dT\d\d:\d\d(:\d\d(\.\d+)?)?Z"
+INTERVAL = r"P(?=.)(\d+Y)?(\d+M)?(\d+D)?(T(\d+H)?(\d+M)?(\d+(\.\d+)?S)?)?"
+# Global attributes that the manual requires or whose words it fixes [2.2, 3.1 to 3.4, 4.1.1].
+FIXED = {
+    "site_code": r".+",
+    "platform_code": r".+",
+    "data_mode": r"[RPDM]",
+    "data_type": r"OceanSITES (profile|time-series|trajectory) data",
+    "format_version": r"1\.[1345]",
+    "Conventions": r"(?=.*CF-1\.\d)(?=.*ACDD-1\.\d)(?=.*OceanSITES-1\.\d).*",
+    "id": r"OS(_[^_]+){3,4}",
+    "cdm_data_type": r"Station",
+    "featureType": r"timeSeries(Profile)?",
+    "source": r"(subsurface mooring|moored surface buoy|ship)",
+    "update_interval": rf"void|{INTERVAL}",
+    "keywords_vocabulary": r"GCMD Science Keywords|SeaDataNet Parameter Discovery Vocabulary|AGU Index Terms",
+    "time_coverage_start": MOMENT,
+    "time_coverage_end": MOMENT,
+    "time_coverage_duration": INTERVAL,
+    "time_coverage_resolution": INTERVAL,
+    "date_created": MOMENT,
+    "history": rf"({MOMENT} ?:? .+\n?)+",
+    "QC_indicator": r"unknown|excellent|probably good|mixed",
+    "processing_level": (
+        r"Raw instrument data|Instrument data that has been converted to geophysical values|"
+        r"Post-recovery calibrations have been applied|Data has been scaled using contextual information|"
+        r"Known bad data has been replaced with (null values|values based on surrounding data)|"
+        r"Ranges applied, bad data flagged|Data interpolated|Data manually reviewed|"
+        r"Data verified against model or other contextual information|Other QC process applied"
+    ),
+}
+# How many samples it takes to know them.
+FROM_SAMPLES = {
+    "time_coverage_start": 1,
+    "time_coverage_end": 1,
+    "time_coverage_duration": 1,
+    "time_coverage_resolution": 2,
+}
+GIVEN = ("title", "summary", "naming_authority", "principal_investigator", "institution", "project", "license")
+RANGES = {
+    "geospatial_lat_min": 90.0,
+    "geospatial_lat_max": 90.0,
+    "geospatial_lon_min": 180.0,
+    "geospatial_lon_max": 180.0,
+}
+# Attributes of coordinates [2.4].
+COORDINATES: dict[str, dict[str, str]] = {
+    "TIME": {"standard_name": "time", "units": "days since 1950-01-01T00:00:00Z", "axis": "T"},
+    "LATITUDE": {"standard_name": "latitude", "units": "degrees_north", "axis": "Y", "reference": "WGS84"},
+    "LONGITUDE": {"standard_name": "longitude", "units": "degrees_east", "axis": "X", "reference": "WGS84"},
+    "DEPTH": {"standard_name": "depth", "positive": "down", "reference": "sea_level"},
+}
+FRAMES = {"LATITUDE": "4326", "LONGITUDE": "4326", "DEPTH": "5831"}
+# Names of table 6 that a moored current record can have.
+NAMES = {
+    "UCUR": "eastward_sea_water_velocity",
+    "VCUR": "northward_sea_water_velocity",
+    "TEMP": "sea_water_temperature",
+    "PRES": "sea_water_pressure",
+    "CDIR": "direction_of_sea_water_velocity",
+    "CSPD": "sea_water_speed",
+}
+FLAGS = {  # table 2
+    0: "unknown",
+    1: "good_data",
+    2: "probably_good_data",
+    3: "potentially_correctable_bad_data",
+    4: "bad_data",
+    7: "nominal_value",
+    8: "interpolated_value",
+    9: "missing_value",
+}
+USABLE = (1, 2, 7, 8)  # flags that no absent value may have
+ORIENTATIONS = ("upward", "downward", "horizontal")  # table 8
+
+
+def oceansites_remarks(path: str | Path) -> list[str]:
+    """Return what the manual says against a file, one sentence each.
+
+    Raises:
+        InputError: the file is absent or damaged.
+    """
+    with opened(path) as nc:
+        data = [name for name in nc.variables if _is_data(nc, name)]
+        found = [*_attributes(nc), *_extent(nc), *_coordinates(nc), *_time(nc), *_names(nc)]
+        found += [remark for name in data for remark in (*_data(nc, name), *_flagged(nc, name))]
+        return found + [remark for name in nc.variables if name.endswith("_QC") for remark in _flags(nc, name)]
+
+
+def _attributes(nc: netCDF4.Dataset) -> Remarks:
+    samples = len(nc.dimensions.get("TIME", ()))
+    for name, form in FIXED.items():
+        value = _said(nc, name)
+        if samples >= FROM_SAMPLES.get(name, 0) and not re.fullmatch(form, value):
+            yield f"global attribute {name} is {value!r}, not one of {form}"
+    yield from (f"global attribute {name} is missing" for name in GIVEN if not _said(nc, name))
+    if f"OceanSITES-{_said(nc, 'format_version')}" not in _said(nc, "Conventions"):
+        yield "format_version is not the one in Conventions"
+
+
+def _extent(nc: netCDF4.Dataset) -> Remarks:
+    for name, limit in RANGES.items():
+        value = getattr(nc, name, None)
+        if value is None or not -limit <= float(value) <= limit:
+            yield f"global attribute {name} is {value}, not between {-limit:g} and {limit:g}"
+    if "DEPTH" in nc.variables and np.any(_usable(nc["DEPTH"])):
+        missing = [name for name in ("geospatial_vertical_min", "geospatial_vertical_max") if not _said(nc, name)]
+        yield from (f"global attribute {name} is missing" for name in missing)
+
+
+def _coordinates(nc: netCDF4.Dataset) -> Remarks:
+    for name, expected in COORDINATES.items():
+        if name not in nc.variables:
+            yield f"variable {name} is missing"
+            continue
+        crs = {"coordinate_reference_frame": f"urn:ogc:def:crs:EPSG::{FRAMES[name]}"} if name in FRAMES else {}
+        for key, value in (expected | crs).items():
+            if _said(nc[name], key) != value:
+                yield f"{name}:{key} is {_said(nc[name], key)!r}, not {value!r}"
+        if not _said(nc[name], "QC_indicator") and f"{name}_QC" not in nc.variables:
+            yield f"{name} has neither QC_indicator nor {name}_QC"
+
+
+def _time(nc: netCDF4.Dataset) -> Remarks:
+    if "TIME" not in nc.variables:
+        return
+    if nc["TIME"].dtype != np.float64 or nc["TIME"].dimensions != ("TIME",):
+        yield "TIME is not double TIME(TIME)"
+    times = np.asarray(nc["TIME"][...], dtype=float)
+    if "_FillValue" in nc["TIME"].ncattrs() or not np.isfinite(times).all():
+        yield "TIME may have no missing values"
+    if not (np.diff(times) > 0).all():
+        yield "TIME does not increase"
+
+
+def _names(nc: netCDF4.Dataset) -> Remarks:
+    for name, variable in nc.variables.items():
+        if not re.fullmatch(r"[A-Z][A-Z0-9_]*", name):
+            yield f"variable {name} is not named in capitals"
+        if name in NAMES and _said(variable, "standard_name") != NAMES[name]:
+            yield f"{name}:standard_name is not {NAMES[name]}"
+        if "TIME" in variable.dimensions[1:]:
+            yield f"{name}: TIME is not the first of its dimensions"
+        if not _said(variable, "long_name"):
+            yield f"{name}:long_name is missing"
+
+
+def _data(nc: netCDF4.Dataset, name: str) -> Remarks:
+    """Units, fill value and coordinates of a data variable [2.5]."""
+    variable = nc[name]
+    if not _said(variable, "units"):
+        yield f"{name}:units is missing"
+    if "_FillValue" not in variable.ncattrs():
+        yield f"{name}:_FillValue is missing"
+    if name not in COORDINATES and not name.endswith("_DEPTH") and not _said(variable, "coordinates"):
+        yield f"{name}:coordinates is missing"
+    for key in ("coordinates", "ancillary_variables"):
+        absent = [other for other in _said(variable, key).split() if other not in nc.variables]
+        yield from (f"{name}:{key} names {other}, which is not in the file" for other in absent)
+    if _said(variable, "sensor_orientation") not in ("", *ORIENTATIONS):
+        yield f"{name}:sensor_orientation is {_said(variable, 'sensor_orientation')!r}, not of table 8"
+    if name.endswith("_UNCERTAINTY"):
+        yield from _uncertainty(nc, name)
+
+
+def _uncertainty(nc: netCDF4.Dataset, name: str) -> Remarks:
+    of = name.removesuffix("_UNCERTAINTY")
+    if of not in nc.variables or _said(nc[name], "units") != _said(nc[of], "units"):
+        yield f"{name}:units are not those of {of}"
+    if _said(nc[name], "long_name") != f"uncertainty of {of}":
+        yield f"{name}:long_name is not 'uncertainty of {of}'"
+
+
+def _flagged(nc: netCDF4.Dataset, name: str) -> Remarks:
+    """A data variable has flags, or is itself what tells the quality of another [2.6]."""
+    helpers = {other for v in nc.variables.values() for other in _said(v, "ancillary_variables").split()}
+    if f"{name}_QC" not in nc.variables:
+        if name not in helpers and not _said(nc[name], "QC_indicator"):
+            yield f"{name} has neither QC_indicator nor {name}_QC"
+        return
+    if f"{name}_QC" not in _said(nc[name], "ancillary_variables").split():
+        yield f"{name}:ancillary_variables does not name {name}_QC"
+    if nc[f"{name}_QC"].dimensions != nc[name].dimensions:
+        yield f"{name}_QC has other dimensions than {name}"
+    elif np.any(~_usable(nc[name]) & np.isin(nc[f"{name}_QC"][...], USABLE)):
+        yield f"{name}_QC calls a missing value usable"
+
+
+def _flags(nc: netCDF4.Dataset, name: str) -> Remarks:
+    """The scale of a flag variable [2.6, table 2]."""
+    variable, of = nc[name], name.removesuffix("_QC")
+    if variable.dtype != np.int8:
+        yield f"{name} is not of type byte"
+    if _said(variable, "long_name") != f"quality flag for {of}":
+        yield f"{name}:long_name is not 'quality flag for {of}'"
+    if np.atleast_1d(getattr(variable, "flag_values", [])).tolist() != list(FLAGS):
+        yield f"{name}:flag_values are not those of table 2"
+    if _said(variable, "flag_meanings").split() != list(FLAGS.values()):
+        yield f"{name}:flag_meanings are not those of table 2"
+    if not np.isin(variable[...], list(FLAGS)).all():
+        yield f"{name} holds a flag that table 2 has not"
+
+
+def _is_data(nc: netCDF4.Dataset, name: str) -> bool:
+    apart = (*nc.dimensions, "TIME", "LATITUDE", "LONGITUDE")
+    return nc[name].dtype.kind == "f" and name not in apart
+
+
+def _usable(variable: netCDF4.Variable) -> Any:
+    values = np.asarray(variable[...])
+    return np.isfinite(values) & (values != getattr(variable, "_FillValue", np.nan))
+
+
+def _said(holder: Any, name: str) -> str:
+    """Return an attribute as text, empty where it is missing."""
+    return str(getattr(holder, name, ""))

@@ -1,0 +1,272 @@
+"""results/ro-crate-metadata.json: what was made from what, by what, as a Process Run Crate (RO-Crate 1.1).
+
+Each job of the workflow leaves a record (``provenance.of_job``). Followed back from the products by the hashes of what
+was read and written, these records are the crate's actions. No clock and no machine enters: the same run gives the same
+bytes. Profile: https://w3id.org/ro/wfrun/process/0.5
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import json
+import platform
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote, unquote
+
+from compasslib.archive import provenance
+from compasslib.archive.attributes import NOT_GIVEN
+from compasslib.archive.files import read_json
+from compasslib.core.errors import InputError
+
+FOLDER = "results"
+FILE = f"{FOLDER}/ro-crate-metadata.json"
+LOCK = "requirements/run.txt"
+RECORDS = ("logs/*.json", "*/logs/*.json", "calibrations/*/logs/*.json")  # below results/
+PROFILE = "https://w3id.org/ro/wfrun/process/0.5"
+CONTEXT = ["https://w3id.org/ro/crate/1.1/context", "https://w3id.org/ro/terms/workflow-run/context"]
+FORMATS = {
+    ".nc": "application/x-netcdf",
+    ".json": "application/json",
+    ".yaml": "application/yaml",
+    ".csv": "text/csv",
+    ".png": "image/png",
+    ".html": "text/html",
+}
+# The cruise's attributes that the root refers to: their kind of entity, and the role they have.
+PEOPLE = {
+    "Person": ("principal_investigator", "author"),
+    "Organization": ("institution", "publisher"),
+    "CreativeWork": ("license", "license"),
+}
+Record = Mapping[str, Any]  # of a job; see provenance.of_job
+Entity = dict[str, Any]
+
+
+def records() -> dict[str, Record]:
+    """Return the records of all jobs that ever ended well in this cruise, by the name of their action."""
+    found = sorted(path for pattern in RECORDS for path in Path(FOLDER).glob(pattern))
+    return {_action(path): read_json(path) for path in found}
+
+
+def lineage(known: Mapping[str, Record], products: Iterable[str]) -> dict[str, Record]:
+    """Return the records of the jobs that led to the products as they are now, in the order of their names.
+
+    Args:
+        known: records by name; those of files that have since been replaced lead nowhere.
+
+    Raises:
+        InputError: a product, or a result that it was made from, is not what a job wrote.
+    """
+    made_by = {made: name for name, record in known.items() for made in record["wrote"].items()}
+    waiting = list((wanted := provenance.hashes(products)).items())
+    kept: set[str] = set()
+    while waiting:
+        file = waiting.pop()
+        name = made_by.get(file)
+        if name is None and (file[0] in wanted or file[0].startswith(f"{FOLDER}/")):
+            _refuse_foreign(file[0])
+        elif name is not None and name not in kept:
+            kept.add(name)
+            waiting += known[name]["read"].items()
+    return {name: known[name] for name in sorted(kept)}
+
+
+def _refuse_foreign(path: str) -> None:
+    expected, advice = "the file that its job wrote", "delete it, and the next run makes it again"
+    raise InputError(path, expected=expected, found="another, or no record of it", advice=advice)
+
+
+def crate(
+    jobs: Mapping[str, Record],
+    *,
+    configuration: Mapping[str, Sequence[str]],
+    attributes: Mapping[str, Any],
+    stopped: Mapping[str, str] | None = None,
+) -> dict[str, Any]:
+    """Return the crate as JSON-LD.
+
+    Args:
+        jobs: records by the name of their action.
+        configuration: the YAML files behind a job by what it is of, "mooring EG4" or "calibration C1"; "" for others.
+        attributes: of the cruise; project and license enter.
+        stopped: why there are no results of others, by what they are of, as in ``configuration``.
+    """
+    files = _files(jobs, configuration)
+    data = [_file(path, files[path]) for path in sorted(files)]
+    actions = [_job(name, record, configuration) for name, record in jobs.items()]
+    failed = [_failed(of, why, configuration) for of, why in (stopped or {}).items()]
+    actions += failed
+    parts = {"hasPart": _refs(files), "mentions": [_ref(action["@id"]) for action in actions]}
+    tools = list(_surroundings())
+    software = [_software(said, tools) for said in sorted(_makers(jobs, failed))]
+    about = [*_descriptors(), _root(attributes) | parts, *_people(attributes)]
+    return {"@context": CONTEXT, "@graph": [*about, *software, *tools, *actions, *data]}
+
+
+def listed(page: Mapping[str, Any]) -> dict[str, str]:
+    """Return the files that a crate lists with their SHA-256, by their paths from the cruise folder."""
+    files = [entity for entity in page["@graph"] if entity["@type"] == "File"]
+    return {entity["name"]: entity["sha256"] for entity in files}
+
+
+def written(page: Mapping[str, Any]) -> set[str]:
+    """Return the files that jobs wrote, by their paths from the cruise folder."""
+    actions = [entity for entity in page["@graph"] if entity["@type"] == "CreateAction"]
+    results = (action.get("result", []) for action in actions)
+    return {_path(one["@id"]) for result in results for one in (result if isinstance(result, list) else [result])}
+
+
+def told(page: Mapping[str, Any]) -> str:
+    """Return what the job says of the crate."""
+    jobs = sum("result" in entity for entity in page["@graph"])
+    return f"{FILE}: {len(listed(page))} files, {jobs} jobs"
+
+
+def _files(jobs: Mapping[str, Record], configuration: Mapping[str, Sequence[str]]) -> dict[str, str]:
+    settings = provenance.hashes(path for paths in configuration.values() for path in paths)
+    held = [record[part] for record in jobs.values() for part in ("read", "wrote")]
+    return settings | {path: known for one in held for path, known in one.items()}
+
+
+def _action(path: Path) -> str:
+    parts = path.relative_to(FOLDER).with_suffix("").parts
+    return "/".join(part for part in parts if part != "logs")
+
+
+def _descriptors() -> list[Entity]:
+    return [
+        {
+            "@id": "ro-crate-metadata.json",
+            "@type": "CreativeWork",
+            "conformsTo": _ref("https://w3id.org/ro/crate/1.1"),
+            "about": _ref("./"),
+        },
+        {"@id": PROFILE, "@type": "CreativeWork", "name": "Process Run Crate", "version": PROFILE.rsplit("/", 1)[1]},
+    ]
+
+
+def _root(attributes: Mapping[str, Any]) -> Entity:
+    project = attributes.get("project")
+    roles = {PEOPLE[entity["@type"]][1]: _ref(entity["@id"]) for entity in _people(attributes)}
+    return {
+        "@id": "./",
+        "@type": "Dataset",
+        "conformsTo": _ref(PROFILE),
+        "name": "Compass deviations corrected" + (f": {project}" if project else ""),
+        "description": (
+            "Moored current records and compass calibrations, with the jobs that made them and the SHA-256 of every "
+            f"file read or written. The date is from {provenance.date_source()}, never from a clock."
+        ),
+        "datePublished": provenance.date_created(),
+        "license": NOT_GIVEN,
+    } | roles
+
+
+def _people(attributes: Mapping[str, Any]) -> list[Entity]:
+    """Who made it, who answers for it and what may be done with it, as far as the cruise says so."""
+    return [
+        {"@id": f"#{key}", "@type": kind, "name": str(attributes[key])}
+        for kind, (key, _) in PEOPLE.items()
+        if key in attributes
+    ]
+
+
+def _software(said: str, surroundings: Sequence[Entity]) -> Entity:
+    name, version = said.split(" ", 1)
+    return {
+        "@id": f"#{quote(said)}",
+        "@type": "SoftwareApplication",
+        "name": name,
+        "softwareVersion": version,
+        "softwareRequirements": [_ref(entity["@id"]) for entity in surroundings],
+    }
+
+
+def _surroundings() -> Iterator[Entity]:
+    """Python, the lock, and the installed version of each package that the lock names."""
+    python = platform.python_version()
+    yield _tool(f"pkg:generic/python@{python}", "python", python, "https://www.python.org/")
+    lock = provenance.PROJECT / LOCK
+    if lock.is_file():
+        known = provenance.sha256(lock)
+        yield {"@id": f"#{LOCK}", "@type": "SoftwareSourceCode", "name": LOCK, "sha256": known, "version": known[:12]}
+    for package in _packages(lock):
+        if version := provenance.installed(package):  # some are named for another platform, or are build tools
+            yield _tool(f"pkg:pypi/{package}@{version}", package, version, f"https://pypi.org/project/{package}/")
+
+
+def _packages(lock: Path) -> list[str]:
+    """Return the names of the lock; without one, what this package itself asks for."""
+    if lock.is_file():
+        return re.findall(r"^([\w.-]+)==", lock.read_text(), re.MULTILINE)
+    try:
+        asked = importlib.metadata.requires("compasslib") or []
+    except importlib.metadata.PackageNotFoundError:
+        asked = []
+    return sorted(re.split(r"[^\w.-]", line, maxsplit=1)[0] for line in asked if "extra ==" not in line)
+
+
+def _tool(identifier: str, name: str, version: str, url: str) -> Entity:
+    return {"@id": identifier, "@type": "SoftwareApplication", "name": name, "softwareVersion": version, "url": url}
+
+
+def _job(name: str, record: Record, configuration: Mapping[str, Sequence[str]]) -> Entity:
+    parameters = json.dumps(record["parameters"], ensure_ascii=False)
+    about = " ".join(record["of"].values())
+    of = " ".join(next(iter(record["of"].items()), ""))
+    read = {*record["read"], *configuration.get(of, configuration[""])}
+    return {
+        "@id": f"#{quote(name)}",
+        "@type": "CreateAction",
+        "name": f"{record['rule']} {about}".strip(),
+        "description": f"rule {record['rule']}, modules sha256 {record['code']}, parameters {parameters}",
+        "instrument": _ref(f"#{quote(record['software'])}"),
+        "actionStatus": "http://schema.org/CompletedActionStatus",  # only a job that ended well leaves a record
+        "object": _refs(read),
+        "result": _refs(record["wrote"]),
+    }
+
+
+def _failed(of: str, why: str, configuration: Mapping[str, Sequence[str]]) -> Entity:
+    return {
+        "@id": f"#{quote(f'stopped/{of}')}",
+        "@type": "CreateAction",
+        "name": of,
+        "instrument": _ref(f"#{quote(provenance.software())}"),
+        "actionStatus": "http://schema.org/FailedActionStatus",
+        "error": why,
+        "object": _refs(configuration[of]),
+    }
+
+
+def _makers(jobs: Mapping[str, Record], failed: Sequence[Entity]) -> set[str]:
+    return {record["software"] for record in jobs.values()} | ({provenance.software()} if failed else set())
+
+
+def _file(path: str, known: str) -> Entity:
+    form = FORMATS.get(Path(path).suffix, "application/octet-stream")
+    return {"@id": _id(path), "@type": "File", "name": path, "sha256": known, "encodingFormat": form}
+
+
+def _id(path: str) -> str:
+    """Return a file's identifier in the crate, which stands in results/."""
+    inside = path.removeprefix(f"{FOLDER}/")
+    return quote(inside if inside != path else f"../{path}")
+
+
+def _path(identifier: str) -> str:
+    path = unquote(identifier)
+    return path.removeprefix("../") if path.startswith("../") else f"{FOLDER}/{path}"
+
+
+def _refs(paths: Iterable[str]) -> list[Entity] | Entity:
+    """Return references to files; RO-Crate writes a single one without a list."""
+    found = [_ref(_id(path)) for path in sorted(paths)]
+    return found[0] if len(found) == 1 else found
+
+
+def _ref(identifier: str) -> Entity:
+    return {"@id": identifier}

@@ -1,0 +1,206 @@
+"""Files of the archive, JSON and netCDF: each appears whole or not at all, and the same data give the same bytes."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Literal
+
+import netCDF4
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from compasslib.archive.layout import BIN, FILL, Variable
+from compasslib.core.errors import InputError, Passing
+
+HALF_WRITTEN = ".compasslib-part"  # ends the name of a file that is being written; nobody else names one so
+SIGNIFICANT_DIGITS = 10  # of floats in JSON
+CHUNK = 4096  # samples
+CACHE_BYTES = 4 * 2**20  # of chunks a variable that wait to be compressed; the library's own 64 MB add up
+
+
+@contextmanager
+def replacing(path: str | Path) -> Iterator[Path]:
+    """Give a temporary name beside a file that takes the file's place once the block has ended well.
+
+    Args:
+        path: the file to write; its folder is made where absent. A block that fails leaves an older file as it was.
+
+    Raises:
+        Passing: it cannot be written.
+    """
+    path = Path(path)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}{HALF_WRITTEN}")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        yield temporary
+        os.replace(temporary, path)
+    except (OSError, RuntimeError) as error:  # RuntimeError: netCDF's word for a full disk
+        found = getattr(error, "strerror", None) or str(error)
+        advice = "free some space or mend the permissions, and run again"
+        raise Passing(str(path), expected="room and the right to write it", found=found, advice=advice) from error
+    finally:
+        with contextlib.suppress(OSError):
+            temporary.unlink(missing_ok=True)
+
+
+def write_json(path: str | Path, data: object) -> None:
+    """Write JSON: keys in the order given, numbers to ten significant digits, what is not finite as null.
+
+    Args:
+        data: mappings, sequences, arrays, numbers, text, paths, None.
+
+    Raises:
+        TypeError: something else is among the data.
+    """
+    text = json.dumps(_jsonable(data), indent=1, ensure_ascii=False, allow_nan=False)
+    with replacing(path) as temporary:
+        temporary.write_text(text + "\n", encoding="utf-8")
+
+
+def read_json(path: str | Path) -> Any:
+    """Return what a JSON file holds.
+
+    Raises:
+        InputError: the file is absent or is not JSON.
+    """
+    try:
+        return json.loads(Path(path).read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise _unusable(path, "a JSON file", error) from error
+
+
+def _jsonable(value: Any) -> Any:
+    if isinstance(value, (np.ndarray, np.bool_, np.integer)):
+        value = value.tolist()
+    if isinstance(value, Mapping):
+        return {str(key): _jsonable(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_jsonable(item) for item in value]
+    if isinstance(value, (float, np.floating)):
+        rounded = float(f"{float(value):.{SIGNIFICANT_DIGITS}g}")
+        return rounded if math.isfinite(rounded) else None
+    return str(value) if isinstance(value, Path) else value
+
+
+def _unusable(path: str | Path, expected: str, error: Exception) -> InputError:
+    advice = "delete it where it stands, and the next run makes it again"
+    return Passing(str(path), expected=expected, found=f"{type(error).__name__}: {error}", advice=advice)
+
+
+@contextmanager
+def new(path: str | Path, form: Literal["NETCDF4", "NETCDF4_CLASSIC"] = "NETCDF4") -> Iterator[netCDF4.Dataset]:
+    """Give an empty netCDF file to fill, which takes its place once the block has ended well.
+
+    Args:
+        form: netCDF-4, or its classic model.
+    """
+    with replacing(path) as temporary, netCDF4.Dataset(temporary, "w", format=form) as nc:
+        yield nc
+
+
+@contextmanager
+def opened(path: str | Path) -> Iterator[netCDF4.Dataset]:
+    """Give a netCDF file to read.
+
+    Raises:
+        InputError: the file is absent or damaged, or the block asks for what it does not hold.
+    """
+    # The library answers damage with any of these, a missing variable with IndexError.
+    try:
+        with netCDF4.Dataset(path) as nc:
+            nc.set_auto_mask(False)
+            yield nc
+    except (OSError, RuntimeError, LookupError, AttributeError, ValueError, TypeError) as error:
+        raise _unusable(path, "a whole netCDF file that this program wrote", error) from error
+
+
+def put(
+    nc: netCDF4.Dataset,
+    variable: Variable,
+    values: ArrayLike,
+    *,
+    level: Literal[0, 1, 4] = 1,
+    rows: slice | None = None,
+) -> None:
+    """Write one variable or a piece of it, what is not finite as its fill value.
+
+    Args:
+        nc: the open file, which has the variable's dimensions.
+        variable: its entry in the table.
+        values: its values, in the shape of its dimensions or of the piece.
+        level: of the compression; none at 0.
+        rows: the piece along the first dimension; all where absent.
+    """
+    values = np.asarray(values)
+    if variable.fill is not None:
+        values = np.where(np.isfinite(values), values, variable.fill)
+    made = nc[variable.name] if variable.name in nc.variables else _created(nc, variable, level)
+    made[... if rows is None else rows] = values
+
+
+def _created(nc: netCDF4.Dataset, variable: Variable, level: Literal[0, 1, 4]) -> netCDF4.Variable:
+    chunks = tuple(min(max(len(nc.dimensions[name]), 1), CHUNK) for name in variable.dimensions)
+    made = nc.createVariable(
+        variable.name,
+        variable.dtype,
+        variable.dimensions,
+        zlib=bool(chunks) and level > 0,
+        complevel=level,
+        chunksizes=chunks or None,
+        fill_value=variable.fill,
+        chunk_cache=CACHE_BYTES,
+    )
+    made.setncatts(variable.attributes())
+    return made
+
+
+def put_bins(nc: netCDF4.Dataset, bins: int, looks_up: bool) -> None:
+    """Write the numbers of the bins.
+
+    Args:
+        nc: the open file, which has the dimension BIN.
+        looks_up: whether they go upwards.
+    """
+    away = {"positive": "up" if looks_up else "down"}
+    put(nc, replace(BIN, also={**BIN.also, **away}), np.arange(1, bins + 1))
+
+
+def get(nc: netCDF4.Dataset, name: str, bins: int | None = None) -> NDArray[Any]:
+    """Return the values of a variable: numbers as float64 with NaN where they are missing, flags as they are.
+
+    Args:
+        bins: how many are wanted where it has bins; all where absent.
+    """
+    values = np.asarray(nc[name][:, :bins] if bins is not None and nc[name].ndim == 2 else nc[name][...])
+    if values.dtype.kind != "f":
+        return values
+    values = values.astype(float)
+    values[values == FILL] = np.nan
+    return values
+
+
+def read_series(path: str | Path, *names: str) -> list[NDArray[Any]]:
+    """Return single variables of a file, NaN where a value is missing.
+
+    Raises:
+        InputError: the file is absent, damaged or something else.
+    """
+    with opened(path) as nc:
+        return [get(nc, name) for name in names]
+
+
+def read_attribute(path: str | Path, name: str) -> str:
+    """Return one global attribute of a file.
+
+    Raises:
+        InputError: the file is absent, damaged or something else.
+    """
+    with opened(path) as nc:
+        return str(nc.getncattr(name))

@@ -1,0 +1,337 @@
+"""CF netCDF in and out: the record between two stages and overlap.nc; and the doors to corrected.nc and JSON."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+
+import netCDF4
+import numpy as np
+
+from compasslib.archive import layout
+from compasslib.archive.attributes import Site, global_attributes, plain, sensor_attributes
+from compasslib.archive.files import get, new, opened, put, put_bins, read_attribute, read_json, replacing, write_json
+from compasslib.archive.layout import Variable, quality_of
+from compasslib.core import angles
+from compasslib.core.records import BAD, MISSING, PROBABLY_GOOD, Corrected, Flags, Pairs, Record
+from compasslib.core.types import Floats
+
+__all__ = [
+    "Site",
+    "read_corrected",
+    "read_counts",
+    "read_json",
+    "read_pairs",
+    "read_record",
+    "read_warnings",
+    "replacing",
+    "write_corrected",
+    "write_json",
+    "write_pairs",
+    "write_record",
+]
+
+
+def write_record(path: str | Path, record: Record, *, attributes: Mapping[str, object] | None = None) -> None:
+    """Write a record between two stages; series in float64, velocities and ranges in float32.
+
+    Not compressed, as it is read five times; it stays smaller than most raw files.
+
+    Args:
+        record: any record, also one without samples.
+    """
+    with new(path) as nc:
+        nc.setncatts({"Conventions": "CF-1.8", "title": "record of one instrument"} | plain(attributes or {}))
+        for name, size in zip(("TIME", "BIN"), record.east.shape, strict=True):
+            nc.createDimension(name, size)
+        put_bins(nc, record.east.shape[1], record.looks_up)
+        for field in fields(Record):
+            value = getattr(record, field.name)
+            if field.name in layout.RECORD:
+                put(nc, layout.RECORD[field.name], value, level=0)
+            elif field.name not in layout.NOT_STORED:
+                nc.setncattr(field.name, json.dumps(value, default=lambda number: number.item()))
+
+
+def read_record(path: str | Path, *, velocities: bool = True) -> Record:
+    """Return a record that ``write_record`` wrote.
+
+    Args:
+        velocities: whether its bins are wanted; else it comes without any.
+
+    Raises:
+        InputError: the file is absent, damaged or something else.
+    """
+    bins = None if velocities else 0
+    with opened(path) as nc:
+        # The ranges first: they shrink to a row before the velocities come.
+        arrays = {"bin_range_m": _shared(get(nc, layout.RECORD["bin_range_m"].name, bins))}
+        arrays |= {name: get(nc, one.name, bins) for name, one in layout.RECORD.items() if name not in arrays}
+        others = {field.name for field in fields(Record)} - set(layout.RECORD) - layout.NOT_STORED
+        rest = {name: json.loads(nc.getncattr(name)) for name in others}
+    return Record(**arrays | rest | {"warnings": tuple(rest["warnings"])})
+
+
+def _shared(bin_range_m: Floats) -> Floats:
+    """Return one row that all samples share where there was one setting throughout."""
+    if not bin_range_m.size or not (bin_range_m == bin_range_m[0]).all():
+        return bin_range_m
+    return np.broadcast_to(bin_range_m[0].copy(), bin_range_m.shape)
+
+
+def read_counts(path: str | Path) -> dict[str, int]:
+    """Return what was read, skipped and flagged in a record that ``write_record`` wrote; its series are not read.
+
+    Raises:
+        InputError: the file is absent, damaged or something else.
+    """
+    counts: dict[str, int] = json.loads(read_attribute(path, "counts"))
+    return counts
+
+
+def read_warnings(path: str | Path) -> list[str]:
+    """Return the warnings of a record that ``write_record`` wrote; see ``read_counts``."""
+    warnings: list[str] = json.loads(read_attribute(path, "warnings"))
+    return warnings
+
+
+def write_pairs(path: str | Path, pairs: Pairs, *, attributes: Mapping[str, object] | None = None) -> None:
+    """Write overlap.nc.
+
+    Args:
+        pairs: any pairs, also none.
+    """
+    with new(path) as nc:
+        nc.setncatts({"Conventions": "CF-1.8", "title": "pairs of overlapping velocities"} | plain(attributes or {}))
+        nc.setncattr("warnings", json.dumps(pairs.warnings))
+        nc.createDimension("TIME", len(pairs))
+        for name, variable in layout.PAIRS.items():
+            put(nc, variable, getattr(pairs, name))
+        put(nc, layout.SEPARATION_METRES, pairs.lower_depth_m - pairs.upper_depth_m)
+
+
+def read_pairs(path: str | Path) -> Pairs:
+    """Return pairs that ``write_pairs`` wrote.
+
+    Raises:
+        InputError: the file is absent, damaged or something else.
+    """
+    with opened(path) as nc:
+        arrays = {name: get(nc, variable.name) for name, variable in layout.PAIRS.items()}
+        return Pairs(**arrays, warnings=tuple(json.loads(nc.getncattr("warnings"))))
+
+
+# corrected.nc in and out: CF, ACDD and OceanSITES, written in pieces along time, so that a decade fits in memory.
+
+DAYS_1950_TO_1970 = 7305.0
+TIME_DECIMALS = 5  # of seconds; days since 1950 in float64 resolve 0.3 microseconds
+Column = tuple[Floats, Flags | None]  # values, and flags where there are any
+Columns = dict[str, Column]
+
+
+def write_corrected(
+    path: str | Path,
+    product: Corrected | Iterable[Corrected],
+    *,
+    site: Site,
+    attributes: Mapping[str, object] | None = None,
+    processing: Mapping[str, object] | None = None,
+) -> None:
+    """Write corrected.nc: CF, ACDD and OceanSITES; no clock is read.
+
+    Args:
+        product: the corrected instrument, also without samples or without any corrected heading; or its pieces along
+            time, at least one, which are gone through twice.
+        attributes: global attributes of the user, and make and number of the instrument.
+        processing: how and when the product was made; see ``archive_attributes.global_attributes``.
+    """
+    pieces = [product] if isinstance(product, Corrected) else product
+    whole = _seen(pieces)
+    said = global_attributes(
+        site,
+        time_s=whole.time_s,
+        depth_m=whole.depths_m,
+        headings=whole.headings,
+        attributes=whole.instrument | dict(attributes or {}),
+        processing=processing or {},
+    )
+    sensor, end = sensor_attributes(said, whole.looks_up), 0
+    with new(path, "NETCDF4_CLASSIC") as nc:
+        nc.setncatts(said)
+        _put_coordinates(nc, whole, site)
+        for piece in pieces:
+            begin, end = end, end + len(piece.record.time_s)
+            for name, column in _columns(piece, whole).items():
+                of_sensor = sensor if name in layout.SENSED else {}
+                _put_placed(nc, layout.CORRECTED[name], column, of_sensor, slice(begin, end))
+
+
+@dataclass(frozen=True)
+class _Whole:
+    """What the head of the file says of all pieces."""
+
+    time_s: Floats  # (n,)
+    bins: int
+    looks_up: bool
+    depths_m: Floats  # least and greatest of the measurements in each piece that has any
+    nominal_depth: bool
+    headings: tuple[int, int]  # recorded, corrected
+    temperatures: int
+    instrument: dict[str, str]  # what its files tell of it
+
+
+def _seen(pieces: Iterable[Corrected]) -> _Whole:
+    times, instrument, depths, counts = [], [], [], np.zeros(3, dtype=int)
+    for piece in pieces:
+        record = piece.record
+        times.append(record.time_s)
+        instrument += _ends(record.depth_m)
+        depths += _ends(record.bin_depth_m())
+        counts += [_count(each) for each in (record.heading_deg, piece.heading_corrected_deg, record.temperature_c)]
+    recorded, corrected, temperatures = counts.tolist()
+    return _Whole(
+        time_s=np.concatenate(times),
+        bins=record.east.shape[1],
+        looks_up=record.looks_up,
+        depths_m=np.array(depths),
+        # A measured depth varies; one that does not was written down, not observed.
+        nominal_depth=len(set(instrument)) == 1,
+        headings=(recorded, corrected),
+        temperatures=temperatures,
+        instrument={"serial_number": record.serial_number} if record.serial_number else {},
+    )
+
+
+def _ends(values: Floats) -> list[float]:
+    """Return the least and the greatest value, nothing where none is known."""
+    known = values[np.isfinite(values)]
+    return [float(known.min()), float(known.max())] if known.size else []
+
+
+def read_corrected(path: str | Path, *, velocities: bool = True) -> Corrected:
+    """Return the product that ``write_corrected`` wrote, for looking at it.
+
+    The record inside has no pressure, no supply voltage, no counts and no warnings, and its velocities are the recorded
+    ones from true north.
+
+    Args:
+        velocities: whether its bins are wanted; else it comes without any.
+
+    Raises:
+        InputError: the file is absent, damaged or something else.
+    """
+    bins = None if velocities else 0
+    with opened(path) as nc:
+        return Corrected(
+            record=_record_of(nc, bins),
+            heading_corrected_deg=get(nc, "HEADING_CORRECTED"),
+            heading_uncertainty_deg=get(nc, "HEADING_CORRECTED_UNCERTAINTY"),
+            heading_corrected_quality=get(nc, "HEADING_CORRECTED_QC"),
+            deviation_deg=get(nc, "DEVIATION"),
+            branch_probability=get(nc, "BRANCH_PROBABILITY"),
+            declination_deg=get(nc, "DECLINATION"),
+            east=get(nc, "UCUR", bins),
+            north=get(nc, "VCUR", bins),
+            east_recorded=get(nc, "UCUR_RECORDED", bins),
+            north_recorded=get(nc, "VCUR_RECORDED", bins),
+            velocity_uncertainty=get(nc, "UCUR_UNCERTAINTY", bins),
+            velocity_quality=get(nc, "UCUR_QC", bins),
+        )
+
+
+def _record_of(nc: netCDF4.Dataset, bins: int | None) -> Record:
+    time_s = np.round((get(nc, "TIME") - DAYS_1950_TO_1970) * 86400.0, TIME_DECIMALS)
+    unknown = np.full(time_s.shape, np.nan)
+    looks_up = nc["HEADING"].getncattr("sensor_orientation") == "upward"
+    depth = get(nc, "INSTRUMENT_DEPTH")
+    return Record(
+        time_s=time_s,
+        east=get(nc, "UCUR_RECORDED", bins),
+        north=get(nc, "VCUR_RECORDED", bins),
+        bin_range_m=(1.0 if looks_up else -1.0) * (depth[:, None] - get(nc, "DEPTH", bins)),
+        heading_deg=get(nc, "HEADING"),
+        pitch_deg=get(nc, "PITCH"),
+        roll_deg=get(nc, "ROLL"),
+        pressure_dbar=unknown,
+        depth_m=depth,
+        temperature_c=get(nc, "TEMPERATURE") if "TEMPERATURE" in nc.variables else unknown,
+        supply_voltage=unknown,
+        quality=get(nc, "UCUR_RECORDED_QC", bins),
+        heading_quality=get(nc, "HEADING_QC"),
+        looks_up=looks_up,
+        direction_reference="true",
+    )
+
+
+def _columns(product: Corrected, whole: _Whole) -> Columns:
+    record, nominal = product.record, whole.nominal_depth
+    depth, instrument_depth = record.bin_depth_m(), record.depth_m
+    corrected = _kept(product.heading_corrected_quality, product.heading_corrected_deg, BAD)
+    columns: Columns = {
+        "DEPTH": (depth, _judged("DEPTH", depth, nominal)),
+        "INSTRUMENT_DEPTH": (instrument_depth, _judged("INSTRUMENT_DEPTH", instrument_depth, nominal)),
+        "HEADING": (angles.wrap360(record.heading_deg), _kept(record.heading_quality, record.heading_deg, MISSING)),
+        "HEADING_CORRECTED": (angles.wrap360(product.heading_corrected_deg), corrected),
+        "HEADING_CORRECTED_UNCERTAINTY": (product.heading_uncertainty_deg, corrected),
+        "DEVIATION": (product.deviation_deg, corrected),
+        "BRANCH_PROBABILITY": (product.branch_probability, None),
+        "DECLINATION": (product.declination_deg, _judged("DECLINATION", product.declination_deg, True)),
+        "UCUR": (product.east, _kept(product.velocity_quality, product.east, BAD)),
+        "VCUR": (product.north, _kept(product.velocity_quality, product.north, BAD)),
+        "UCUR_RECORDED": (product.east_recorded, _kept(record.quality, product.east_recorded, MISSING)),
+        "VCUR_RECORDED": (product.north_recorded, _kept(record.quality, product.north_recorded, MISSING)),
+        "UCUR_UNCERTAINTY": (product.velocity_uncertainty, None),
+        "VCUR_UNCERTAINTY": (product.velocity_uncertainty, None),
+        "PITCH": (record.pitch_deg, _judged("PITCH", record.pitch_deg)),
+        "ROLL": (record.roll_deg, _judged("ROLL", record.roll_deg)),
+    }
+    if whole.temperatures:
+        columns["TEMPERATURE"] = (record.temperature_c, _judged("TEMPERATURE", record.temperature_c))
+    return columns
+
+
+def _count(values: Floats) -> int:
+    return int(np.isfinite(values).sum())
+
+
+def _kept(flags: Flags, values: Floats, absent: int) -> Flags:
+    """Return the flags, with one that says so where a value is absent and its flag does not."""
+    said = np.isfinite(values) | np.isin(flags, (BAD, MISSING))
+    return np.where(said, flags, absent).astype(np.int8)
+
+
+def _judged(name: str, values: Floats, nominal: bool = False) -> Flags:
+    """Return flags by the valid range alone, for what no earlier stage has flagged."""
+    low, high = layout.CORRECTED[name].valid or (-np.inf, np.inf)
+    flags = np.where((values >= low) & (values <= high), layout.NOMINAL if nominal else PROBABLY_GOOD, BAD)
+    return np.where(np.isfinite(values), flags, MISSING).astype(np.int8)
+
+
+def _put_coordinates(nc: netCDF4.Dataset, whole: _Whole, site: Site) -> None:
+    name = np.frombuffer(site.name.encode(), dtype="S1")
+    bins = max(whole.bins, 1)  # only one dimension may have no length in the classic model, and that is TIME
+    for dimension, size in (("TIME", len(whole.time_s)), ("BIN", bins), ("NAME_LENGTH", len(name))):
+        nc.createDimension(dimension, size)
+    put(nc, layout.TIME, whole.time_s / 86400.0 + DAYS_1950_TO_1970)
+    put_bins(nc, bins, whole.looks_up)
+    put(nc, layout.LATITUDE, site.latitude)
+    put(nc, layout.LONGITUDE, site.signed_longitude())
+    put(nc, layout.STATION, name)
+
+
+def _put_placed(
+    nc: netCDF4.Dataset, variable: Variable, column: Column, sensor: Mapping[str, object], rows: slice
+) -> None:
+    """Write a piece of one variable and of its flags, with where it was measured."""
+    values, flags = column
+    coordinates = layout.COORDINATES[variable.dimensions]
+    placed = {} if variable.name in coordinates.split() else {"coordinates": coordinates}
+    quality = quality_of(variable)
+    ancillary = variable.ancillary if flags is None else (quality.name, *variable.ancillary)
+    described = replace(variable, ancillary=ancillary, also={**variable.also, **placed, **sensor})
+    put(nc, described, values, level=4, rows=rows)
+    if flags is not None:
+        flagged = replace(quality, also={**quality.also, "coordinates": coordinates})
+        put(nc, flagged, flags, level=4, rows=rows)

@@ -1,0 +1,242 @@
+"""What a result was made from: files and hashes, the modules behind a script, the date that is not the wall clock."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.metadata
+import json
+import os
+import re
+import subprocess
+from collections.abc import Iterable, Mapping, Sequence
+from datetime import UTC, datetime
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from compasslib import __version__
+from compasslib.core.errors import InputError
+
+if TYPE_CHECKING:  # the Snakefile imports this room and needs no numbers
+    from compasslib.core.records import EarthField
+    from compasslib.search.product import Product
+
+PROJECT = Path(__file__).resolve().parents[2]
+_IMPORT = re.compile(r"^ *(?:from (compasslib\S*) import (\([^)]*\)|.*)|import (compasslib[\w.]*))", re.MULTILINE)
+_FOR_TYPES = re.compile(r"^if TYPE_CHECKING:.*(?:\n(?: .*)?)*", re.MULTILINE)
+_OF_A_REPOSITORY = ("GIT_DIR", "GIT_WORK_TREE", "GIT_COMMON_DIR", "GIT_INDEX_FILE", "GIT_OBJECT_DIRECTORY")
+_DATE = ("log", "-1", "--no-show-signature", "--format=%ct")
+_NONE = "no checkout"
+_LONGEST = 200  # characters of what git says
+_ALIAS_OR_COMMENT = re.compile(r" as \w+|#.*")
+
+
+@cache  # asked for each job of a fleet
+def sources(script: str | Path, *others: str) -> tuple[str, ...]:
+    """Return the files of compasslib that a script uses, followed through all imports.
+
+    Snakemake re-runs a job whose script changed, not one whose library changed; one hash of these files is therefore a
+    parameter of each rule, so that an edit re-runs what it touches and nothing else. As inputs, some 45 a job, they
+    would take half of what it costs to plan a fleet.
+
+    Args:
+        others: modules that it imports by name only when it runs, as ``compasslib.readers.table``.
+    """
+    seen = {file for other in others for file in _files(other)}
+    waiting = [Path(script), *seen]
+    while waiting:
+        new = _imported(waiting.pop()) - seen
+        seen |= new
+        waiting.extend(new)
+    return tuple(sorted(str(path) for path in seen))
+
+
+@cache
+def _imported(path: Path) -> frozenset[Path]:
+    """Return the house's files that one file imports when it runs, packages' own files included.
+
+    Read by lines: a syntax tree of all modules takes a second each time that Snakemake starts. A line of a text that
+    looks like an import costs a needless re-run; none that is one is missed.
+    """
+    names: set[str] = set()
+    for module, members, whole in _IMPORT.findall(_FOR_TYPES.sub("", path.read_text(encoding="utf-8"))):
+        own_names = re.findall(r"\w+", _ALIAS_OR_COMMENT.sub("", members))
+        names |= {module or whole, *(f"{module}.{name}" for name in own_names)}
+    return frozenset(file for name in names for file in _files(name))
+
+
+@cache
+def _files(name: str) -> tuple[Path, ...]:
+    """Return the file of a module and those of the packages above it."""
+    parts = name.split(".")
+    stems = [PROJECT.joinpath(*parts[:k]) for k in range(1, len(parts) + 1)]
+    candidates = [stem / "__init__.py" for stem in stems] + [stems[-1].with_suffix(".py")]
+    return tuple(path for path in candidates if path.is_file())
+
+
+def software() -> str:
+    """Return name and version of this software with its commit, or with the hash of its modules outside a checkout."""
+    asked, why = _git("status", "--porcelain=v2", "--branch", "--", "compasslib", "workflow", "Snakefile")
+    said = asked.splitlines()
+    commit = "".join(line.split()[2][:12] for line in said if line.startswith("# branch.oid") and "(" not in line)
+    unknown = why if why == _NONE else "commit unknown"
+    edited = "" if all(line.startswith("#") for line in said) else ", edited since"
+    state = f"{commit}{edited}" if commit else f"{unknown}, modules sha256 {digest(_modules())[:12]}"
+    return f"compasslib {__version__} ({state})"
+
+
+def date_created() -> str:
+    """Return the date that products carry: SOURCE_DATE_EPOCH, else the commit's, else the first day of 1970.
+
+    The wall clock is never asked, so that the same input gives the same bytes.
+
+    Raises:
+        InputError: SOURCE_DATE_EPOCH is no number of seconds.
+    """
+    epoch = os.environ.get("SOURCE_DATE_EPOCH") or _git(*_DATE)[0] or "0"
+    try:
+        return datetime.fromtimestamp(int(epoch), UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+    except (ValueError, OverflowError, OSError):
+        expected, advice = "whole seconds since 1970", "unset it, and the date is that of the commit"
+        raise InputError("SOURCE_DATE_EPOCH", expected=expected, found=repr(epoch), advice=advice) from None
+
+
+def date_source() -> str:
+    """Return where ``date_created`` has its date from."""
+    if os.environ.get("SOURCE_DATE_EPOCH"):
+        return "SOURCE_DATE_EPOCH"
+    date, why = _git(*_DATE)
+    return "the commit of the software" if date else f"nothing: {why}, and SOURCE_DATE_EPOCH is not set"
+
+
+def installed(package: str) -> str:
+    """Return the version of a package, nothing where it is not installed."""
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return ""
+
+
+def sha256(path: str | Path) -> str:
+    """Return the SHA-256 of a file's bytes."""
+    with Path(path).open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def hashes(paths: Iterable[str]) -> dict[str, str]:
+    """Return the SHA-256 of each file."""
+    return {str(path): sha256(path) for path in paths}
+
+
+def digest(modules: Iterable[str | Path]) -> str:
+    """Return one SHA-256 for several files of the project, by their paths in it and their bytes."""
+    lines = sorted(f"{sha256(path)}  {Path(path).relative_to(PROJECT).as_posix()}\n" for path in modules)
+    return hashlib.sha256("".join(lines).encode()).hexdigest()
+
+
+@cache
+def code(modules: tuple[str, ...]) -> str:
+    """Return one SHA-256 for the modules behind a script; of files that are edited meanwhile, that of the first look.
+
+    Args:
+        modules: as ``sources`` gives them.
+    """
+    return digest(modules)
+
+
+def inputs(job: Any) -> list[str]:
+    """Return the files that one job of the workflow reads, without those of the software itself.
+
+    Args:
+        job: the object ``snakemake`` of its script.
+    """
+    house = str(PROJECT / "compasslib")  # the report's templates are inputs, and belong to the software
+    return [str(path) for path in job.input if not path.startswith(house)]
+
+
+def of_job(job: Any, read: Mapping[str, str]) -> dict[str, Any]:
+    """Return what one job of the workflow read and wrote, by what code and with which parameters.
+
+    Args:
+        job: the object ``snakemake`` of its script; its parameter ``code`` is the hash of the library files behind it.
+        read: SHA-256 of its inputs, by path.
+    """
+    parameters = dict(job.params.items())
+    return {
+        "rule": job.rule,
+        "of": dict(job.wildcards.items()),
+        "software": software(),
+        "code": parameters.pop("code", ""),
+        "parameters": parameters,
+        "read": dict(read),
+        "wrote": hashes(job.output),
+    }
+
+
+def origin(what: str, files: Sequence[str]) -> dict[str, str]:
+    """Return the attributes of a netCDF file that lead back to what it was made from.
+
+    Args:
+        what: was done, for the history.
+        files: that it was made from, relative to the cruise folder.
+    """
+    made, by = date_created(), software()
+    told = ", ".join(f"{path} (sha256 {known})" for path, known in hashes(files).items())
+    return {
+        "software_version": by,
+        "source_files": ", ".join(files),
+        "history": f"{made}: {what} by {by} from {told}",
+        "date_created": made,
+    }
+
+
+def processing(product: Product, field: EarthField, raw_files: Sequence[str]) -> dict[str, Any]:
+    """Return how and when a record was corrected, for the archive's attributes.
+
+    Args:
+        product: the compass that corrected it.
+        field: the declination that was used.
+        raw_files: what was read, relative to the cruise folder.
+    """
+    beside = f" with {', '.join(product.effects)}" if product.effects else ""
+    beside += f" fitted beside {', '.join(product.accounted)}" if product.accounted else ""
+    made = origin(f"headings corrected, method {product.fit.method}{beside},", raw_files)
+    return made | {
+        "method": product.fit.method,
+        "effects": ", ".join(product.effects),
+        "coefficients": json.dumps(product.fit.to_json()["coefficients"]),
+        "declination_source": field.source,
+        "metadata_link": "../ro-crate-metadata.json",
+    }
+
+
+def stamp(raw_files: Sequence[str]) -> dict[str, Any]:
+    """Return what a calibration was made from, and by what.
+
+    Args:
+        raw_files: what was read, relative to the cruise folder.
+    """
+    return {"source_files": list(raw_files), "software": software(), "date_created": date_created()}
+
+
+def _modules() -> list[Path]:
+    return sorted((PROJECT / "compasslib").rglob("*.py"))
+
+
+@cache
+def _git(*arguments: str) -> tuple[str, str]:
+    """Return what git says of this project and, where it says nothing, why: nothing outside a checkout of its own."""
+    if not (PROJECT / ".git").exists():
+        return "", _NONE
+    # A checkout may be another's: git then refuses, for fear of what its settings may start. Its Python runs already.
+    # Without optional locks, so that jobs side by side do not wait for each other's index.
+    command = ["git", "-c", f"safe.directory={PROJECT}", "--no-optional-locks", "-C", str(PROJECT), *arguments]
+    # Inside a hook of another repository, or below one where its own is broken, git would answer of that.
+    environment = {name: value for name, value in os.environ.items() if name not in _OF_A_REPOSITORY}
+    environment |= {"GIT_CEILING_DIRECTORIES": str(PROJECT.parent), "LC_ALL": "C"}
+    try:
+        found = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+    except OSError as error:
+        return "", f"git cannot be run ({error.strerror})"
+    refusal = " ".join(found.stderr.split())[:_LONGEST]
+    return found.stdout.strip(), f"git refuses ({refusal})" if found.returncode else ""

@@ -1,0 +1,143 @@
+"""Least squares over several kinds of observations at once, each with its own noise, and weak beliefs as a prior.
+
+Gauss-Newton on rows over their scatter, each block weighed by what it really knows where its residuals are alike from
+second to second. The covariance is that of this estimate (sandwich), so it splits exactly into what each kind of
+observation and each belief leaves: the lines of an uncertainty budget.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib.core.types import Floats
+from compasslib.stats import clipping
+from compasslib.stats.clipping import Noise
+
+ROUNDS, STEPS = 4, 3
+NORMAL_95 = 1.959964
+KNOWN = 2.0  # the data know a parameter that they tell twice as well as the belief
+
+
+@dataclass(frozen=True)
+class Block:
+    """Observations of one kind."""
+
+    name: str
+    observe: Callable[[Floats], tuple[Floats, Floats]]  # parameters -> residuals (n,), their derivatives (n, k)
+    speed_kn: Floats | None = None  # where slow ones scatter more
+    blocks: NDArray[np.int_] | None = None  # (n,) number of the block in time; None: their order says nothing
+    sigma: float | None = None  # scatter, where it is known
+    groups: NDArray[np.int_] | None = None  # (n,) which were taken on one heading
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Parameters with covariance, and what the covariance is made of."""
+
+    parameters: Floats  # (k,)
+    covariance: Floats  # (k, k)
+    parts: Mapping[str, Floats]  # name of a block, or number of a parameter with a belief -> (k, k); they add up
+    residuals: Mapping[str, Floats]
+    noises: Mapping[str, Noise]
+
+
+def solve(blocks: Sequence[Block], mean: Floats, sigma: Floats, start: Floats) -> Solution:
+    """Return the parameters that explain all blocks.
+
+    Args:
+        blocks: observations; the first sets the least scatter of those with a known one.
+        mean: (k,) of the beliefs.
+        sigma: (k,) their width, infinite for a parameter without.
+        start: (k,) parameters to begin from.
+    """
+    parameters, noises = start.astype(float), dict[str, Noise]()
+    for _ in range(ROUNDS):
+        noises = _noises(blocks, parameters, sigma, noises)
+        for _ in range(STEPS):
+            rows = _rows(blocks, parameters, noises)
+            belief = np.column_stack([np.diag(1.0 / sigma), (parameters - mean) / sigma])
+            stacked = np.vstack([*rows.values(), belief])
+            parameters = parameters - np.linalg.lstsq(stacked[:, :-1], stacked[:, -1])[0]
+    return _solution(blocks, parameters, sigma, noises)
+
+
+def student(dof: float) -> float:
+    """Return by how much a standard deviation from few residuals must grow for 1.96 of it to hold 95 %.
+
+    Args:
+        dof: degrees of freedom.
+    """
+    from scipy.special import stdtrit
+
+    return float(stdtrit(max(dof, 1.0), 0.975)) / NORMAL_95
+
+
+def _noises(
+    blocks: Sequence[Block], parameters: Floats, sigma: Floats, before: Mapping[str, Noise]
+) -> dict[str, Noise]:
+    noises: dict[str, Noise] = {}
+    for block in blocks:
+        residual, columns = block.observe(parameters)
+        if block.sigma is not None:
+            first = next(iter(noises.values())).sigma if noises else np.zeros(1)
+            scatter = np.hypot(block.sigma, np.sqrt(np.mean(first**2)))
+            noises[block.name] = Noise(np.full(residual.shape, scatter), dof=np.inf)
+            continue
+        size = before[block.name].sigma if before else np.full(residual.shape, np.std(residual) + clipping.TINY)
+        basis = _taken_up(columns / size[:, None], sigma) * size[:, None]
+        basis = clipping.orthonormal(basis)
+        noise = clipping.estimate(residual, basis, speed_kn=block.speed_kn, blocks=block.blocks)
+        noise = noise if block.groups is None else _grouped(noise, residual, block.groups, basis.shape[1])
+        # So few residuals that their scatter may be small by chance must not overrule what is believed.
+        noises[block.name] = replace(noise, weight=noise.weight / student(noise.dof) ** 2)
+    return noises
+
+
+def _taken_up(columns: Floats, sigma: Floats) -> Floats:
+    """Return a basis of what the fit takes up: free parameters, and those that the data know better than the belief."""
+    free = clipping.orthonormal(columns[:, np.isinf(sigma)])
+    held = columns[:, np.isfinite(sigma)] * sigma[np.isfinite(sigma)]
+    beyond = held - free @ (free.T @ held)
+    return np.column_stack([free, clipping.orthonormal(beyond, least=KNOWN)])
+
+
+def _grouped(noise: Noise, residual: Floats, groups: NDArray[np.int_], rank: int) -> Noise:
+    """Return the scatter for headings that were taken repeatedly: what is common to one heading is not averaged out."""
+    count = np.bincount(groups)
+    total = np.bincount(groups, residual)
+    occupied = count > 0
+    dof = int(occupied.sum()) - rank
+    if dof >= noise.dof or dof < 1:
+        return noise
+    between = np.sqrt(np.sum(total[occupied] ** 2 / count[occupied]) / dof)
+    return Noise(np.maximum(noise.sigma, between), n_effective=float(occupied.sum()), dof=float(dof))
+
+
+def _rows(blocks: Sequence[Block], parameters: Floats, noises: Mapping[str, Noise]) -> dict[str, Floats]:
+    rows = {}
+    for block in blocks:
+        residual, columns = block.observe(parameters)
+        noise = noises[block.name]
+        clipped = clipping.clip(residual, noise)
+        scaled = np.column_stack([columns, clipped]) / noise.sigma[:, None]
+        rows[block.name] = scaled * np.sqrt(noise.weight)
+    return rows
+
+
+def _solution(blocks: Sequence[Block], parameters: Floats, sigma: Floats, noises: Mapping[str, Noise]) -> Solution:
+    rows = {name: each[:, :-1] for name, each in _rows(blocks, parameters, noises).items()}
+    in_time = {block.name: block.blocks for block in blocks}
+    beliefs = {str(k): np.diag((np.arange(len(sigma)) == k) * sigma**-2.0) for k in np.flatnonzero(np.isfinite(sigma))}
+    information = np.sum([*(each.T @ each for each in rows.values()), *beliefs.values()], axis=0)
+    inverse = np.linalg.inv(information)
+    spreads = {
+        name: noises[name].weight * student(noises[name].dof) ** 2 * clipping.spread(each, noises[name], in_time[name])
+        for name, each in rows.items()
+    }
+    parts = {name: inverse @ middle @ inverse for name, middle in (spreads | beliefs).items()}
+    residuals = {block.name: block.observe(parameters)[0] for block in blocks}
+    return Solution(parameters, np.sum(list(parts.values()), axis=0), parts, residuals, noises)

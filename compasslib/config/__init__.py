@@ -1,0 +1,1 @@
+"""A cruise's YAML files in, frozen models out."""

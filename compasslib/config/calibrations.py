@@ -1,0 +1,250 @@
+"""What may stand in config/calibrations/NAME.yaml: the keys of every kind, and below them those of each.
+
+A key of one kind is one line in that kind's class; a new kind is a class and a line in ``MODELS``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import BeforeValidator, model_validator
+
+from compasslib.config import values
+from compasslib.config.schema import Declination, Files, Name, Number, Section, Text, Time, key
+from compasslib.config.values import problem, shown
+
+HEADS = 2  # on one frame
+
+
+def _csv(value: Any) -> Any:
+    """Return the one word for comma-separated files; in a mooring file they are called table."""
+    return "csv" if value == "table" else value
+
+
+def _header(unit: str) -> Any:
+    return key(f"the header of a column ({unit})", "heading", None)
+
+
+def _row(what: str) -> Any:
+    return key(f"{what}, degrees from 0 to 180", "0.26", None, ge=0, le=180)
+
+
+def _of_both(one: Callable[[Any], Any]) -> Callable[[Any], tuple[Any, ...]]:
+    """Return what reads one value for both heads, or a list of two."""
+
+    def read(value: Any) -> tuple[Any, ...]:
+        listed = value if isinstance(value, list | tuple) else [value] * HEADS
+        if len(listed) != HEADS:
+            raise problem()
+        return tuple(one(each) for each in listed)
+
+    return read
+
+
+def _angle(value: Any) -> float:
+    degrees = values.number(value)
+    if abs(degrees) > 360.0:
+        raise problem()
+    return degrees
+
+
+def _orientation(value: Any) -> str:
+    if value not in ("up", "down"):
+        raise problem()
+    return str(value)
+
+
+Pair = Annotated[tuple[float, ...], BeforeValidator(_of_both(_angle))]
+Orientations = Annotated[tuple[str, ...], BeforeValidator(_of_both(_orientation))]
+
+
+class Kind(Section):
+    """The key that says which others there are."""
+
+    kind: Literal["platform", "swing", "magnetometer", "declination", "two_heads"] = key(
+        "platform, swing, magnetometer, declination or two_heads", "platform"
+    )
+
+
+class CalibrationFile(Kind):
+    """config/calibrations/NAME.yaml: the keys of every kind."""
+
+    files: Files = key(
+        "a path, a list of paths or a glob, relative to the cruise folder", "raw/cal/aqd.csv", alias="file"
+    )
+    declination: Declination = key("auto, or degrees east from -180 to 180", "auto", "auto")
+    latitude: Number | None = key("a number from -90 to 90", "48.4", None, values.SWAPPED, ge=-90, le=90)
+    longitude: Number | None = key("a number from -180 to 360", "-4.5", None, values.SWAPPED, ge=-180, le=360)
+    date_s: Time | None = key("a date or UTC time from 1980 to 2100", "2022-09-29", None, alias="date")
+    withhold: tuple[Text, ...] = key("a list of column names", "[heading_deg]", ())
+    table_step_deg: Literal[10, 15] = key("10 or 15", "10", 10)
+    compare_with: Name | None = key("the NAME of another file in config/calibrations", "before", None)
+
+    @property
+    def placed(self) -> bool:
+        """Whether the earth's field at the calibration is known, which carries it to a mooring."""
+        return None not in (self.latitude, self.longitude, self.date_s)
+
+    @model_validator(mode="after")
+    def _position_is_whole(self) -> Self:
+        for one, other in (("latitude", "longitude"), ("longitude", "latitude")):
+            if getattr(self, one) is None and getattr(self, other) is not None:
+                raise problem(one, f"{one} beside {other}", "nothing", f"add {one} or delete {other}")
+        return self
+
+
+class PlatformColumns(Section):
+    """Headers of a platform's table where they differ from the roles."""
+
+    reference_deg: Text | None = _header("degrees, magnetic")
+    recorded_deg: Text | None = _header("degrees, magnetic")
+
+
+class Uncertainty(Section):
+    """Rows of a platform's budget; what each number is stands in ``calibration.budget.ROWS``."""
+
+    graduation_deg: Number | None = _row("a standard uncertainty")
+    slope_deg: Number | None = _row("a largest error")
+    ruggedness_deg: Number | None = _row("a standard uncertainty")
+    protractor_deg: Number | None = _row("an expanded uncertainty")
+    field_deg: Number | None = _row("a largest error")
+    declination_deg: Number | None = _row("a largest error")
+    homogeneity_deg: Number | None = _row("a largest error")
+    maker_accuracy_deg: Number | None = _row("a maker's accuracy")
+
+
+class Platform(CalibrationFile):
+    """A compass on a bench whose directions are known."""
+
+    format: Annotated[Literal["csv"], BeforeValidator(_csv)] = key("csv", "csv", "csv")
+    columns: PlatformColumns = key("a mapping", "{reference_deg: bench, recorded_deg: heading}", PlatformColumns())
+    mounting_deg: Number | None = key("degrees from -360 to 360", "180", None, ge=-360, le=360)
+    budget: Literal["le_menn"] | None = key("le_menn", "le_menn", None)
+    uncertainty: Uncertainty = key("a mapping", "{graduation_deg: 0.26}", Uncertainty())
+
+
+class SwingColumns(Section):
+    """Headers of a swing's table where they differ from the roles."""
+
+    compass_deg: Text | None = _header("degrees, magnetic")
+    cog_deg: Text | None = _header("degrees, true")
+    true_deg: Text | None = _header("degrees, true")
+    speed_kn: Text | None = _header("knots")
+    time_utc: Text | None = _header("UTC")
+
+
+class VisualMark(Section):
+    """A heading for a mark whose true bearing is known."""
+
+    compass_deg: Number = key("degrees from 0 to 360", "40", ge=0, le=360)
+    true_deg: Number = key("degrees from 0 to 360", "42", ge=0, le=360)
+
+
+class SunMark(Section):
+    """A heading for the sun."""
+
+    compass_deg: Number = key("degrees from 0 to 360", "40", ge=0, le=360)
+    time_utc: Time = key("a UTC time from 1980 to 2100", "2022-09-29T09:00:00Z")
+
+
+class Swing(CalibrationFile):
+    """A vessel turned under way, its course by satellites."""
+
+    format: Annotated[Literal["csv", "nmea0183"], BeforeValidator(_csv)] = key("csv or nmea0183", "csv", "csv")
+    columns: SwingColumns = key("a mapping", "{compass_deg: hdg, cog_deg: cog}", SwingColumns())
+    min_speed_kn: Number | None = key("knots from 0 to 100", "2", None, ge=0, le=100)
+    max_turn_deg_s: Number | None = key("degrees a second above 0, at most 90", "1", None, gt=0, le=90)
+    max_lag_s: Number | None = key("seconds from 0 to 600", "10", None, ge=0, le=600)
+    max_drift_kn: Number | None = key("knots from 0 to 20", "1", None, ge=0, le=20)
+    drift_ratio: Number | None = key("a number from 0 to 1", "0.14", None, ge=0, le=1)
+    declination_sigma_deg: Number | None = key("degrees above 0, at most 180", "0.4", None, gt=0, le=180)
+    visual: tuple[VisualMark, ...] = key("a list of headings for a mark", "[{compass_deg: 40, true_deg: 42}]", ())
+    sun: tuple[SunMark, ...] = key("a list of headings", "[{compass_deg: 40, time_utc: 2022-09-29T09:00Z}]", ())
+    visual_sigma_deg: Number | None = key("degrees above 0, at most 180", "1", None, gt=0, le=180)
+    vessel_length_m: Number | None = key("metres above 0, at most 1000", "40", None, gt=0, le=1000)
+
+    @property
+    def placed(self) -> bool:
+        """Whether the earth's field at the calibration is known; a log of NMEA 0183 holds place and time itself."""
+        return self.format == "nmea0183" or super().placed
+
+
+class MagnetometerColumns(Section):
+    """Headers of a magnetometer's table where they differ from the roles."""
+
+    x: Text | None = _header("any unit, forward")
+    y: Text | None = _header("any unit, starboard")
+    z: Text | None = _header("any unit, down")
+    pitch_deg: Text | None = _header("degrees")
+    roll_deg: Text | None = _header("degrees")
+    heading_deg: Text | None = _header("degrees, magnetic")
+    time_utc: Text | None = _header("UTC")
+    temperature_c: Text | None = _header("degrees Celsius")
+
+
+class Magnetometer(CalibrationFile):
+    """A magnetometer turned about."""
+
+    format: Annotated[Literal["csv", "mmp_acm"], BeforeValidator(_csv)] = key("csv or mmp_acm", "csv", "csv")
+    columns: MagnetometerColumns = key("a mapping", "{x: mx, y: my}", MagnetometerColumns())
+
+
+class DeclinationSeries(CalibrationFile):
+    """An observatory's series against the model of the earth's field."""
+
+    format: Literal["iaga2002"] = key("iaga2002", "iaga2002", "iaga2002")
+
+
+class TwoHeads(CalibrationFile):
+    """Two profilers on one frame."""
+
+    format: Literal["pd0"] = key("pd0", "pd0", "pd0")
+    start_s: Time | None = key("a date or UTC time from 1980 to 2100", "2022-09-29T06:00:00Z", None, alias="start")
+    end_s: Time | None = key("a date or UTC time from 1980 to 2100", "2022-09-29T18:00:00Z", None, alias="end")
+    orientation: Orientations | None = key("up or down, or a list of two of these", "[up, down]", None)
+    declination_applied: Pair | None = key("degrees, or a list of two", "[0, -18.1]", None)
+    heading_alignment: Pair | None = key("degrees, or a list of two", "[0, 45]", None)
+    max_clock_seconds: Number | None = key("seconds from 0 to 86400", "600", None, ge=0, le=86400)
+    clock_offset_seconds: Number | None = key("seconds, less than a century", "0", None, ge=-3.2e9, le=3.2e9)
+
+    @model_validator(mode="after")
+    def _one_file_a_head(self) -> Self:
+        if len(self.files) != HEADS:
+            advice = "write file: [a.000, b.000]"
+            raise problem("file", "two files, of head a and of head b", str(len(self.files)), advice)
+        return self
+
+
+MODELS: dict[str, type[CalibrationFile]] = {
+    "platform": Platform,
+    "swing": Swing,
+    "magnetometer": Magnetometer,
+    "declination": DeclinationSeries,
+    "two_heads": TwoHeads,
+}
+
+
+def settings(file: CalibrationFile) -> dict[str, Any]:
+    """Return what a kind is given: every key but those of the files, columns by role as far as they are named."""
+    plain = file.model_dump(mode="json", exclude={"kind", "files", "compare_with"})
+    columns = {role: header for role, header in plain.get("columns", {}).items() if header is not None}
+    return {**plain, "columns": columns}
+
+
+def check_comparisons(files: dict[str, CalibrationFile]) -> tuple[str, str] | None:
+    """Return the first calibration whose comparison leads nowhere or in a circle, and what was found.
+
+    Args:
+        files: all calibrations by name.
+    """
+    for name, file in files.items():
+        seen, other = [name], file.compare_with
+        while other is not None:
+            if other not in files:
+                return name, shown(other)
+            if other in seen:
+                return name, f"a circle of comparisons, {' - '.join([*seen, other])}"
+            seen.append(other)
+            other = files[other].compare_with
+    return None

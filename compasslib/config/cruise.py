@@ -1,0 +1,412 @@
+"""A cruise's YAML files in, frozen models out; a mistake in them ends the run in one line before any work."""
+
+from __future__ import annotations
+
+import difflib
+import math
+import os
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar, get_args, get_origin
+
+import yaml
+from pydantic import BaseModel, ValidationError
+from pydantic_core import PydanticCustomError
+
+from compasslib.config.calibrations import MODELS, CalibrationFile, Kind, check_comparisons
+from compasslib.config.paths import Place
+from compasslib.config.schema import Mooring, Options, allowed_keys
+from compasslib.config.values import NAME_WORDS, shown
+from compasslib.config.values import name as checked_name
+from compasslib.core.errors import InputError
+
+CONFIG = "config/config.yaml"
+CALIBRATIONS = "config/calibrations"
+Model = TypeVar("Model", bound=BaseModel)
+_LONGEST = 60  # characters of a user's own name that a message repeats
+_QUOTED = re.compile(r"'([^']*)'")  # the choices in pydantic's words
+
+
+@dataclass(frozen=True)
+class Cruise:
+    """A cruise folder and what its YAML files say, defaults filled in."""
+
+    root: Path
+    options: Options
+    moorings: dict[str, Mooring]  # by name, in the order of the file names
+    mooring_files: dict[str, str]  # the YAML file of each, relative to the root
+    calibrations: dict[str, CalibrationFile]  # by name, which is that of the file
+
+
+def load(cruise: Path) -> Cruise:
+    """Return the configuration of a cruise, every raw file found and every glob written out.
+
+    Args:
+        cruise: folder that holds config/config.yaml.
+
+    Raises:
+        InputError: at the first mistake, naming file, key, what is allowed and what was found.
+    """
+    options = validate(Options, read(cruise, CONFIG, "moorings: config/moorings"), CONFIG)
+    place = Place(cruise, made_later=options.demonstration)
+    moorings: dict[str, Mooring] = {}
+    files: dict[str, str] = {}
+    for file in _mooring_files(cruise, options.moorings):
+        mooring = _mooring(file, options, place)
+        _refuse_taken(mooring.name, file, files)
+        moorings[mooring.name], files[mooring.name] = mooring, file
+    calibrations = _calibrations(cruise, place)
+    for name, mooring in moorings.items():
+        _refuse_nowhere(mooring.fit.name, calibrations, files[name])
+    return Cruise(cruise, options, moorings, files, calibrations)
+
+
+def validate(model: type[Model], raw: dict[str, Any], file: str, place: Place | None = None) -> Model:
+    """Return the model of a mapping.
+
+    Args:
+        file: its path, with which a message begins.
+        place: where raw files are looked for; not looked for where absent.
+
+    Raises:
+        InputError: for an unknown key, else for the first value that cannot be used.
+    """
+    try:
+        return model.model_validate(raw, context=place)
+    except ValidationError as error:
+        raise _explained(model, error, file) from None
+
+
+def _mooring_files(cruise: Path, moorings: str | Sequence[str]) -> list[str]:
+    where = f"{CONFIG}: moorings"
+    if not isinstance(moorings, str):
+        for file in moorings:
+            if not os.path.isfile(cruise / file):
+                advice = "put it there or correct the path, relative to the cruise folder"
+                raise InputError(where, expected="existing mooring files", found=f"no file {file}", advice=advice)
+        return sorted(set(moorings))
+    advice = "put the mooring files there, or write moorings: [] where the cruise has none"
+    expected = "a folder with files NAME.yaml"
+    if not os.path.isdir(cruise / moorings):
+        raise InputError(where, expected=expected, found=f"no folder {moorings}", advice=advice)
+    names = [name for name in os.listdir(cruise / moorings) if name.endswith((".yaml", ".yml")) and name[0] != "."]
+    if not names:
+        raise InputError(where, expected=expected, found=f"none in {moorings}", advice=advice)
+    return [f"{moorings}/{_printable(name, moorings)}" for name in sorted(names)]
+
+
+def _printable(name: str, folder: str) -> str:
+    if not name.isprintable():
+        expected = "names in UTF-8 without control characters"
+        raise InputError(folder, expected=expected, found=shown(name), advice="rename the file")
+    return name
+
+
+def _mooring(file: str, options: Options, place: Place) -> Mooring:
+    raw = read(place.root, file, "name: EG4")
+    mooring = validate(Mooring, _with_options(raw, options), file, place)
+    calibration = f"{CALIBRATIONS}/{mooring.fit.name}.yaml"
+    if mooring.fit.name is not None and not os.path.isfile(place.root / calibration):
+        advice = "write that file or correct the name"
+        raise InputError(f"{file}: fit.name", expected=f"the file {calibration}", found="none", advice=advice)
+    return mooring
+
+
+def _calibrations(cruise: Path, place: Place) -> dict[str, CalibrationFile]:
+    folder = cruise / CALIBRATIONS
+    listed = sorted(os.listdir(folder)) if folder.is_dir() else []
+    files = [f"{CALIBRATIONS}/{file}" for file in listed if file.endswith((".yaml", ".yml")) and file[0] != "."]
+    calibrations = {_calibration_name(file): _calibration(file, place) for file in files}
+    if wrong := check_comparisons(calibrations):
+        where, expected = f"{CALIBRATIONS}/{wrong[0]}.yaml: compare_with", "the NAME of another, earlier calibration"
+        advice = "correct the name; the earlier one stands alone"
+        raise InputError(where, expected=expected, found=wrong[1], advice=advice)
+    return calibrations
+
+
+def _calibration_name(file: str) -> str:
+    stem, ending = os.path.splitext(os.path.basename(file))
+    try:
+        usable = ending == ".yaml" and checked_name(stem)
+    except PydanticCustomError:
+        usable = False
+    if not usable:
+        expected = f"a file NAME.yaml, the name of {NAME_WORDS}"
+        raise InputError(file, expected=expected, found=os.path.basename(file), advice="rename the file")
+    return stem
+
+
+def _calibration(file: str, place: Place) -> CalibrationFile:
+    raw = read(place.root, file, "kind: platform")
+    kind = validate(Kind, {key: raw[key] for key in ("kind",) if key in raw}, file).kind
+    return validate(MODELS[kind], raw, file, place)
+
+
+def _refuse_nowhere(name: str | None, calibrations: dict[str, CalibrationFile], file: str) -> None:
+    """Refuse a mooring's calibration without a place: its coefficients cannot be carried to the mooring's field."""
+    if name is None or calibrations[name].placed:
+        return
+    expected = f"latitude, longitude and date in {CALIBRATIONS}/{name}.yaml, to carry its coefficients to the mooring"
+    raise InputError(f"{file}: fit.name", expected=expected, found="none", advice="add them there")
+
+
+def _with_options(raw: dict[str, Any], options: Options) -> dict[str, Any]:
+    fit, diagnose = raw.get("fit"), raw.get("diagnose")
+    # Method and name of a fit belong together; the switches of the diagnosis are each their own.
+    filled = raw if fit is not None else raw | {"fit": options.fit.model_dump()}
+    if isinstance(diagnose, dict | None):
+        own = {key: value for key, value in (diagnose or {}).items() if value is not None}
+        filled = filled | {"diagnose": options.diagnose.model_dump() | own}
+    return filled
+
+
+def _refuse_taken(name: str, file: str, files: dict[str, str]) -> None:
+    for other in files:
+        if name.lower() == other.lower():  # some file systems take M1 and m1 for one folder
+            found = f"{shown(name)}, which {files[other]} has already{' in other letters' * (name != other)}"
+            raise InputError(f"{file}: name", expected="a name of its own", found=found, advice="rename one of the two")
+
+
+def _explained(model: type[BaseModel], error: ValidationError, file: str) -> InputError:
+    # A misspelt key is also a missing one: the spelling is what helps.
+    first = min(error.errors(include_url=False), key=lambda e: e["type"] != "extra_forbidden")
+    place = [part for part in first["loc"] if part != "[key]"]
+    if first["type"] == "extra_forbidden":
+        return _unknown_key(model, place, file)
+    field, inner = _walk(model, place)
+    sentence = _words(first, field, inner, _dotted(place).rpartition(".")[2])
+    given = first.get("ctx", {}) if first["type"] == "cruise" else {}
+    sentence |= {part: given[part] for part in sentence if given.get(part)}
+    place += [given["key"]] if given.get("key") else []
+    return InputError(f"{file}: {_dotted(place)}", **sentence)
+
+
+def _unknown_key(model: type[BaseModel], place: list[Any], file: str) -> InputError:
+    _, inner = _walk(model, place[:-1])
+    allowed, unknown = list(allowed_keys(inner or model)), str(place[-1])
+    advice = _nearest(unknown, allowed) or "delete it, or indent it below the key that it belongs to"
+    expected = f"a key out of {', '.join(allowed)}"
+    return InputError(
+        f"{file}: {_dotted(place)}", expected=expected, found=f"the unknown {shown(unknown)}", advice=advice
+    )
+
+
+def _words(error: Any, field: Any, inner: type[BaseModel] | None, last: str) -> dict[str, str]:
+    """Return what to say of an error: the words of its field, and for some types of error their own."""
+    kind, value = error["type"], error["input"]
+    example = f"for example {last.partition('[')[0]}: {field.examples[0]}" if field else ""
+    advice = field.json_schema_extra["advice"] if field else None
+    sentence = {
+        "expected": field.description if field else "",
+        "found": shown(value),
+        "advice": advice or f"write {example}",
+    }
+    if kind == "missing":
+        sentence |= {"found": "nothing", "advice": f"add {example}"}
+    elif kind == "model_type" and inner:
+        sentence |= {"expected": "a mapping", "advice": f"write below it keys out of {', '.join(allowed_keys(inner))}"}
+    elif kind == "literal_error":
+        sentence["advice"] = _nearest(str(value), _QUOTED.findall(error["ctx"]["expected"])) or sentence["advice"]
+    return sentence
+
+
+def _nearest(word: str, allowed: Sequence[str]) -> str | None:
+    near = difflib.get_close_matches(word, allowed, 1)
+    return f"write {near[0]}" if near else None
+
+
+def _walk(model: type[BaseModel], place: Sequence[Any]) -> tuple[Any, type[BaseModel] | None]:
+    """Return the field at a place and the model below it, if any; the names that a user gives are stepped over."""
+    field: Any = None
+    inner: type[BaseModel] | None = model
+    named = False
+    for part in place:
+        if isinstance(part, str) and not named and inner:
+            field = allowed_keys(inner)[part]
+            inner, named = _model_in(field.annotation), get_origin(field.annotation) is dict
+        elif isinstance(part, str):
+            named = False
+    return field, inner
+
+
+def _model_in(annotation: Any) -> type[BaseModel] | None:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    return next((inner for part in get_args(annotation) if (inner := _model_in(part))), None)
+
+
+def _dotted(place: Sequence[Any]) -> str:
+    return "".join(f"[{part}]" if isinstance(part, int) else f".{part[:_LONGEST]}" for part in place).lstrip(".")
+
+
+# Strict YAML: plain mappings, lists, texts and numbers; what is more likely a slip than meant is refused.
+#
+# Dates stay texts, as do numbers with leading zeros, so that nothing is turned into something else on the way.
+
+LARGEST_BYTES = 1_000_000
+DEEPEST = 20  # levels of nesting; a mooring needs five
+
+_CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff]")
+# What the parser says, what that mostly comes from, and what helps.
+_SYNTAX = (
+    ("mapping values are not allowed", "a colon where none can stand", "write a space after each colon"),
+    ("could not find expected ':'", "a line without a colon", "write it as key: value"),
+    ("<block end>", "a line that does not stand below its neighbours", "indent the keys of one mapping equally"),
+    ("end of stream", "the end of the file within quotes", "close the quotes"),
+    ("expected ',' or", "a bracket or brace that is not closed before this", "close it or add the comma"),
+    (
+        "<document start>",
+        "something that does not stand below the lines above",
+        "indent the keys of one mapping equally",
+    ),
+    ("entries are not allowed", "a list where none can stand", "write it as [a, b]"),
+    ("keys are not allowed", "a question mark where none can stand", "put the value in quotes"),
+    ("another document", "a second document", "delete the line ---"),
+    ("cannot start any token", "a character that cannot begin a value", "put the value in quotes"),
+)
+
+
+class _Refused(Exception):
+    """Something that YAML allows and a cruise file does not need."""
+
+    def __init__(self, mark: Any, expected: str, found: str, advice: str):
+        super().__init__(expected)
+        self.mark, self.words = mark, {"expected": expected, "found": found, "advice": advice}
+
+
+class _Loader(yaml.SafeLoader):
+    """PyYAML's safe loader without dates, octal and sexagesimal numbers, anchors, tags and repeated keys."""
+
+    # An own, empty table: only the four kinds below are told from texts.
+    yaml_implicit_resolvers: dict[str, Any] = {}  # noqa: RUF012
+    depth = 0
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        """Compose one node, after a look at what it would be."""
+        event = self.peek_event()
+        _refuse_extras(event)
+        self.depth += 1
+        if self.depth > DEEPEST:
+            mark, nested = event.start_mark, f"deeper nesting than {DEEPEST} levels"
+            raise _Refused(mark, "mappings and lists a few levels deep", nested, "check the brackets and indentation")
+        node = super().compose_node(parent, index)
+        self.depth -= 1
+        _refuse_control_characters(node)
+        return node
+
+    def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
+        """Construct a mapping whose keys are the texts that stand there, each of them once."""
+        lines: dict[str, int] = {}
+        for key, _ in node.value:
+            _refuse_key(key, lines)
+            lines[key.value] = key.start_mark.line + 1
+        return {key.value: self.construct_object(value, deep=True) for key, value in node.value}
+
+
+def _refuse_extras(event: Any) -> None:
+    plain = "write the value out in full"
+    if isinstance(event, yaml.AliasEvent):
+        raise _Refused(event.start_mark, "plain values without aliases", f"*{event.anchor}", plain)
+    if getattr(event, "anchor", None):
+        raise _Refused(event.start_mark, "plain values without anchors", f"&{event.anchor}", plain)
+    if getattr(event, "tag", None):
+        raise _Refused(event.start_mark, "plain values without tags", f"the tag {event.tag}", "delete the tag")
+
+
+def _refuse_control_characters(node: Any) -> None:
+    # Double quotes can spell what the file itself may not hold.
+    match = _CONTROL.search(node.value) if isinstance(node, yaml.ScalarNode) else None
+    if match:
+        found = f"the control character {ord(match[0]):#04x}"
+        raise _Refused(node.start_mark, "printable text", found, "delete it")
+
+
+def _refuse_key(key: Any, lines: dict[str, int]) -> None:
+    if not isinstance(key, yaml.ScalarNode):
+        raise _Refused(key.start_mark, "a word as key", "a list or mapping", "check braces and colons")
+    if key.value in lines:
+        found = f"{key.value!r} again, first in line {lines[key.value]}"
+        raise _Refused(key.start_mark, "every key once", found, "delete one of the two")
+
+
+def _number(loader: _Loader, node: Any) -> int | float | str:
+    text = node.value
+    if "." not in text:
+        return int(text) if len(text) <= 18 else text  # longer ones are serial numbers and fit no number of a file
+    return float(text) if math.isfinite(float(text)) else text
+
+
+_DIGITS = list("-+.0123456789")
+_INT, _FLOAT = "tag:yaml.org,2002:int", "tag:yaml.org,2002:float"
+_Loader.add_implicit_resolver("tag:yaml.org,2002:null", re.compile(r"^(?:~|null|Null|NULL|)$"), ["~", "n", "N", ""])
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:bool", re.compile(r"^(?:true|True|TRUE|false|False|FALSE)$"), list("tTfF")
+)
+_Loader.add_implicit_resolver(_INT, re.compile(r"^[-+]?(?:0|[1-9][0-9]*)$"), _DIGITS)
+_Loader.add_implicit_resolver(_FLOAT, re.compile(r"^[-+]?(?:[0-9]+\.[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?$"), _DIGITS)
+_Loader.add_constructor(_INT, _number)
+_Loader.add_constructor(_FLOAT, _number)
+
+
+def read(root: Path, name: str, example: str) -> dict[str, Any]:
+    """Return the mapping that a YAML file holds; dates in it are texts.
+
+    Args:
+        name: path of the file, relative to it; messages begin with it.
+        example: a line that such a file may begin with.
+
+    Raises:
+        InputError: where the file is absent, too large, not UTF-8, not YAML, or no mapping.
+    """
+    content = _parsed(_text(root, name, example), name)
+    if not isinstance(content, dict):
+        found = "an empty file" if content is None else "a list" if isinstance(content, list) else "a single value"
+        raise InputError(name, expected="keys with values", found=found, advice=f"write for example {example}")
+    return content
+
+
+def _text(root: Path, name: str, example: str) -> str:
+    path = root / name
+    if not path.is_file():
+        advice = f"write one, for example with the line {example}"
+        raise InputError(name, expected=f"this file in {root}", found="none", advice=advice)
+    if (size := path.stat().st_size) > LARGEST_BYTES:
+        expected, advice = f"at most {LARGEST_BYTES} bytes", "check that it is the YAML file and not data"
+        raise InputError(name, expected=expected, found=f"{size}", advice=advice)
+    try:
+        return path.read_bytes().decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        advice = "save the file as UTF-8"
+        raise InputError(name, expected="UTF-8 text", found=f"other bytes at {error.start}", advice=advice) from None
+    except OSError as error:
+        advice = "check its permissions"
+        raise InputError(name, expected="a readable file", found=f"{error.strerror}", advice=advice) from None
+
+
+def _parsed(text: str, name: str) -> Any:
+    try:
+        return yaml.load(text, Loader=_Loader)
+    except _Refused as error:
+        raise InputError(_place(name, error.mark), **error.words) from None
+    except yaml.MarkedYAMLError as error:
+        raise _syntax_error(text, name, error) from None
+    except yaml.reader.ReaderError as error:
+        where = f"{name}: line {text.count(chr(10), 0, error.position) + 1}"
+        found, advice = f"the control character {error.character:#04x}", "delete it"
+        raise InputError(where, expected="printable text", found=found, advice=advice) from None
+
+
+def _syntax_error(text: str, name: str, error: yaml.MarkedYAMLError) -> InputError:
+    mark: Any = error.problem_mark or error.context_mark
+    if text[mark.index : mark.index + 1] == "\t":
+        advice = "replace the tab by spaces"
+        return InputError(_place(name, mark), expected="spaces", found="a tab", advice=advice)
+    said = str(error.problem)
+    found, advice = next((words for sign, *words in _SYNTAX if sign in said), (said, "check indentation and quotes"))
+    return InputError(_place(name, mark), expected="YAML", found=found, advice=advice)
+
+
+def _place(name: str, mark: Any) -> str:
+    return f"{name}: line {mark.line + 1}, column {mark.column + 1}"

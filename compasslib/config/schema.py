@@ -1,0 +1,307 @@
+"""What may stand in a cruise's YAML files: every key, its default, its unit and its bounds, as frozen models.
+
+The description of a field is what a person reads after the word "expected", its example is what he is told to write.
+Rules that need more than one key are the validators after the keys. ``config.load`` makes one line of a violation.
+"""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+
+from compasslib.config import paths, values
+from compasslib.config.values import iso, problem, shown
+
+Number = Annotated[float, BeforeValidator(values.number)]
+Count = Annotated[int, BeforeValidator(values.count)]
+Switch = Annotated[bool, BeforeValidator(values.switch)]
+Text = Annotated[str, BeforeValidator(values.text)]
+Name = Annotated[str, BeforeValidator(values.name)]
+Time = Annotated[float, BeforeValidator(values.time_s)]
+Files = Annotated[tuple[str, ...], BeforeValidator(paths.raw_files)]
+MooringPaths = Annotated[str | tuple[str, ...], BeforeValidator(paths.mooring_paths)]
+Attributes = Annotated[dict[str, str | int | float], BeforeValidator(values.attributes)]
+Declination = Annotated[float | Literal["auto"], BeforeValidator(values.declination)]
+Reference = Annotated[Literal["magnetic", "true"], BeforeValidator(values.unquoted_true)]
+
+TABLES = ("table", "acm_table")
+# Keys that mean something for some formats only: with others they would be silently without effect.
+ONLY_FOR = {
+    "columns": (*TABLES, "mmp_acm"),
+    "pressure_files": ("mmp_acm",),
+    "start_offset_seconds": ("mmp_acm",),
+    "heading_alignment": ("pd0",),
+}
+# Other things that stand in results/; a file system may not tell capitals.
+RESERVED = (
+    *("calibrations", "compasses", "proof", "logs", "benchmarks"),
+    *("summary.csv", "report.html", "ro-crate-metadata.json"),
+)
+DEPTH_SLACK = 1.05  # a charted water depth is rarely better than 5 %
+
+_TIME_WORDS = "a date or UTC time from 1980 to 2100"
+_FILES_WORDS = "a path, a list of paths or a glob, relative to the cruise folder"
+_ATTRIBUTES_WORDS = "a mapping of names to texts or numbers"
+
+
+def key(expected: str, example: str, default: Any = ..., advice: str | None = None, **limits: Any) -> Any:
+    """Return a field with the words that its error message needs.
+
+    Args:
+        expected: what may stand there, to be read after "expected".
+        example: a value as it is written in YAML.
+        default: its value where the key is absent; required without one.
+        advice: what to do where the value is wrong; write the example where absent.
+        **limits: bounds and alias, as pydantic names them.
+    """
+    return Field(default, description=expected, examples=[example], json_schema_extra={"advice": advice}, **limits)
+
+
+def _degrees(limit: int) -> Any:
+    return key(f"degrees from {-limit} to {limit}", "0", None, ge=-limit, le=limit)
+
+
+def _seconds() -> Any:
+    return key("seconds, less than a century", "0", 0.0, ge=-3.2e9, le=3.2e9)
+
+
+def _header(unit: str, example: str) -> Any:
+    return key(f"the header of a column ({unit})", example, None)
+
+
+def allowed_keys(model: type[BaseModel]) -> dict[str, Any]:
+    """Return the fields of a model by the key that stands in the YAML file."""
+    return {field.alias or name: field for name, field in model.model_fields.items()}
+
+
+class Section(BaseModel):
+    """A mapping that refuses unknown keys and takes an empty value for an absent one."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _empty_is_absent(cls, data: Any) -> Any:
+        known = allowed_keys(cls)
+        return {k: v for k, v in data.items() if v is not None or k not in known} if isinstance(data, dict) else data
+
+
+class Overlap(Section):
+    """How near two measurements must be to make a pair, and the grid that they are put on."""
+
+    max_minutes: Number = key("minutes from 0 to 1440", "20", 20.0, ge=0, le=1440)
+    max_metres: Number = key("metres from 0 to 1000", "20", 20.0, ge=0, le=1000)
+    bins: Count = key("a whole number from 1 to 255", "2", 2, ge=1, le=255)
+    grid_minutes: Number = key("minutes above 0, at most 1440", "60", 60.0, gt=0, le=1440)
+    grid_tolerance_minutes: Number = key("minutes from 0 to 1440", "30", 30.0, ge=0, le=1440)
+
+
+class Fit(Section):
+    """The model of the deviation."""
+
+    method: Literal["exact", "von_appen", "calibration"] = key("exact, von_appen or calibration", "exact", "exact")
+    name: Name | None = key("the NAME of config/calibrations/NAME.yaml", "aqd2022", None)
+    tilt: Switch = key("true or false", "true", False)
+
+    @model_validator(mode="after")
+    def _tilt_goes_with_exact(self) -> Self:
+        if self.tilt and self.method != "exact":
+            raise problem("tilt", "it only with method: exact", f"it with {self.method}", "delete it")
+        return self
+
+    @model_validator(mode="after")
+    def _name_goes_with_calibration(self) -> Self:
+        if self.method == "calibration" and self.name is None:
+            advice = "write fit: {method: calibration, name: NAME}"
+            raise problem("name", "the NAME of config/calibrations/NAME.yaml", "nothing", advice)
+        if self.method != "calibration" and self.name is not None:
+            expected = f"no name beside method: {self.method}"
+            raise problem("name", expected, shown(self.name), "delete it or write method: calibration")
+        return self
+
+
+class Diagnose(Section):
+    """Whether left-out physics is searched for, and what is done with what is found."""
+
+    enabled: Switch = key("true or false", "true", True)
+    apply: Switch = key("true or false", "true", True)
+    min_effect_deg: Number = key("degrees from 0 to 180", "0.5", 0.5, ge=0, le=180)
+
+
+class Conventions(Section):
+    """Whether each run holds its products against CF, ACDD and OceanSITES."""
+
+    check: Switch = key("true or false", "true", False)
+
+
+class Options(Section):
+    """config/config.yaml: the options of a run."""
+
+    moorings: MooringPaths = key("a folder of mooring files or a list of them", "config/moorings", "config/moorings")
+    demonstration: Switch = key("true or false", "false", False)
+    seed: Count = key("a whole number from 0 to 4294967295", "2007", 2007, ge=0, le=2**32 - 1)
+    attributes: Attributes = key(_ATTRIBUTES_WORDS, "{institution: My Institute}", {})
+    overlap: Overlap = key("a mapping", "{max_minutes: 20}", Overlap())
+    fit: Fit = key("a mapping", "{method: exact}", Fit())
+    diagnose: Diagnose = key("a mapping", "{enabled: true}", Diagnose())
+    conventions: Conventions = key("a mapping", "{check: true}", Conventions())
+
+    @model_validator(mode="after")
+    def _calibrations_belong_to_moorings(self) -> Self:
+        if self.fit.method == "calibration":
+            advice = "name a calibration in the mooring's own file"
+            raise problem("fit.method", "exact or von_appen for a whole cruise", shown(self.fit.method), advice)
+        return self
+
+
+class Exclusion(Section):
+    """A window of known-bad data."""
+
+    from_s: Time = key(_TIME_WORDS, "2007-10-01T00:00:00Z", alias="from")
+    to_s: Time = key(_TIME_WORDS, "2007-10-02T00:00:00Z", alias="to")
+    why: Text = key("a text that gives the reason", "fouled rotor", "")
+
+    @model_validator(mode="after")
+    def _from_before_to(self) -> Self:
+        if self.from_s >= self.to_s:
+            raise problem("to", f"a time after from, {iso(self.from_s)}", iso(self.to_s), "correct one of the two")
+        return self
+
+
+class Columns(Section):
+    """The headers that the columns of a table have, by role, and the factor that turns its speeds to m/s."""
+
+    time: Text | None = _header("UTC", "time_utc")
+    depth: Text | None = _header("metres", "depth_m")
+    pressure: Text | None = _header("dbar", "pressure_dbar")
+    east: Text | None = _header("speed", "u_cm_s")
+    north: Text | None = _header("speed", "v_cm_s")
+    speed: Text | None = _header("speed", "speed_cm_s")
+    direction: Text | None = _header("degrees, towards", "direction_deg")
+    x: Text | None = _header("speed along the instrument's x axis", "vx_cm_s")
+    y: Text | None = _header("speed along the instrument's y axis", "vy_cm_s")
+    heading: Text | None = _header("degrees", "heading_deg")
+    tilt_x: Text | None = _header("degrees", "tilt_x_deg")
+    tilt_y: Text | None = _header("degrees", "tilt_y_deg")
+    temperature: Text | None = _header("degrees Celsius", "temperature_c")
+    scale: Number = key("a factor to m/s above 0, at most 1000", "0.01", 1.0, gt=0, le=1000)
+
+    def headers(self) -> dict[str, str]:
+        """Return the headers that are given, by role."""
+        return {role: header for role, header in self if isinstance(header, str)}
+
+    @model_validator(mode="after")
+    def _no_header_twice(self) -> Self:
+        role_of: dict[str, str] = {}
+        for role, header in self.headers().items():
+            if header in role_of:
+                found = f"{shown(header)}, which {role_of[header]} has already"
+                raise problem(role, "a column of its own", found, "correct one of the two")
+            role_of[header] = role
+        return self
+
+
+class Instrument(Section):
+    """One instrument of a mooring and the files that it left."""
+
+    format: Literal["pd0", "acm_table", "mmp_acm", "table"] = key("pd0, acm_table, mmp_acm or table", "pd0")
+    files: Files = key(_FILES_WORDS, "raw/EG4/top.000")
+    depth: Number | None = key("metres from 0 to 12000", "100", None, "write it positive, in metres", ge=0, le=12000)
+    orientation: Literal["up", "down"] | None = key("up or down", "up", None)
+    declination_applied: Number | None = _degrees(180)
+    heading_alignment: Number | None = _degrees(360)
+    clock_offset_seconds: Number = _seconds()
+    clock_drift_seconds: Number = _seconds()
+    pressure_offset: Number = key("dbar from -12000 to 12000", "0", 0.0, ge=-12000, le=12000)
+    direction_reference: Reference = key("magnetic or true", "magnetic", "magnetic")
+    exclude: tuple[Exclusion, ...] = key("a list of windows", "[{from: 2007-10-01, to: 2007-10-02, why: fouled}]", ())
+    attributes: Attributes = key(_ATTRIBUTES_WORDS, "{serial_number: 1234}", {})
+    columns: Columns | None = key("a mapping", "{time: time_utc, east: u_m_s, north: v_m_s}", None)
+    pressure_files: Files = key(_FILES_WORDS, "raw/EG4/C*.TXT", ())
+    start_offset_seconds: Number = _seconds()
+
+    @model_validator(mode="after")
+    def _keys_of_this_format(self) -> Self:
+        for name, formats in ONLY_FOR.items():
+            if name in self.model_fields_set and self.format not in formats:
+                expected = f"this key only with format {' or '.join(formats)}"
+                raise problem(name, expected, f"it with format {self.format}", "delete it or correct the format")
+        return self
+
+    @model_validator(mode="after")
+    def _table_is_complete(self) -> Self:
+        if self.format in TABLES:
+            values.check_table(self.columns.headers() if self.columns else {}, self.depth)
+        return self
+
+
+class Covariate(Section):
+    """A series that the search for left-out physics may use."""
+
+    format: Literal["iaga2002"] = key("iaga2002", "iaga2002")
+    files: Files = key(_FILES_WORDS, "raw/obs/*.min")
+
+
+class Mooring(Section):
+    """config/moorings/NAME.yaml: one mooring."""
+
+    name: Name = key(values.NAME_WORDS, "EG4")
+    latitude: Number = key("a number from -90 to 90", "65.3333", ..., values.SWAPPED, ge=-90, le=90)
+    longitude: Number = key("a number from -180 to 360", "-32.9550", ..., values.SWAPPED, ge=-180, le=360)
+    water_depth: Number = key(
+        "metres above 0, at most 12000", "894", ..., "write it positive, in metres", gt=0, le=12000
+    )
+    start_s: Time = key(_TIME_WORDS, "2007-09-04T00:00:00Z", alias="start")
+    end_s: Time = key(_TIME_WORDS, "2008-10-04T00:00:00Z", alias="end")
+    declination: Declination = key("auto, or degrees east from -180 to 180", "auto", "auto")
+    compromised: Name = key("the name of the instrument to correct", "top")
+    reference: Name | None = key("the name of the trusted instrument", "deep", None)
+    instruments: dict[Name, Instrument] = key("a mapping of names to instruments", "{top: {format: pd0, ...}}")
+    attributes: Attributes = key(_ATTRIBUTES_WORDS, "{project: My Project}", {})
+    fit: Fit = key("a mapping", "{method: exact}", Fit())
+    diagnose: Diagnose = key("a mapping", "{apply: true}", Diagnose())
+    covariates: dict[Name, Covariate] = key("a mapping of names to series", "{obs: {format: iaga2002, ...}}", {})
+
+    @property
+    def start(self) -> datetime:
+        """Return the start of the deployment, UTC."""
+        return datetime.fromtimestamp(self.start_s, UTC)
+
+    @property
+    def end(self) -> datetime:
+        """Return the end of the deployment, UTC."""
+        return datetime.fromtimestamp(self.end_s, UTC)
+
+    @model_validator(mode="after")
+    def _name_is_free(self) -> Self:
+        if self.name.lower() in RESERVED:
+            expected = f"a name other than {', '.join(RESERVED)}, which results/ holds for other things"
+            raise problem("name", expected, shown(self.name), "rename the mooring")
+        return self
+
+    @model_validator(mode="after")
+    def _start_before_end(self) -> Self:
+        if self.start_s >= self.end_s:
+            raise problem("end", f"a time after start, {iso(self.start_s)}", iso(self.end_s), "correct one of the two")
+        return self
+
+    @model_validator(mode="after")
+    def _instruments_exist(self) -> Self:
+        for role, name in (("compromised", self.compromised), ("reference", self.reference)):
+            if name is not None and name not in self.instruments:
+                there = ", ".join(self.instruments) or "none"
+                raise problem(role, f"an instrument of this mooring ({there})", shown(name), "write one of these names")
+        if self.compromised == self.reference:
+            advice = "name the trusted instrument, or delete reference where there is none"
+            raise problem("reference", "another instrument than compromised", shown(self.reference), advice)
+        return self
+
+    @model_validator(mode="after")
+    def _instruments_hang_in_the_water(self) -> Self:
+        for name, instrument in self.instruments.items():
+            if instrument.depth is not None and instrument.depth > self.water_depth * DEPTH_SLACK:
+                expected = f"metres from 0 to the water depth, {self.water_depth:g}"
+                raise problem(f"instruments.{name}.depth", expected, shown(instrument.depth), "correct one of the two")
+        return self

@@ -1,0 +1,246 @@
+"""Single values of a cruise's YAML files: text to number, time, path or name, and what to say where that fails.
+
+Every function takes what the YAML reader gave and returns the value or raises the error that ``problem`` makes.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from datetime import UTC, date, datetime
+from typing import Any, Literal
+
+from pydantic_core import PydanticCustomError
+
+NAME_WORDS = "1 to 64 letters, digits, '_', '.' and '-', the first a letter or digit"
+VELOCITY_SETS = (("east", "north"), ("speed", "direction"), ("x", "y", "heading"))
+SWAPPED = "check the sign and the order of latitude and longitude"
+# What corrected.nc says of itself: computed or fixed by its form, so that no YAML file may say otherwise. Any other
+# attribute, also those that the archive fills in where nobody gives them (title, institution, ...), is the user's.
+STATED = (
+    *("Conventions", "featureType", "cdm_data_type", "data_type", "data_mode", "format_version", "update_interval"),
+    *("standard_name_vocabulary", "id", "product_version", "processing_level", "QC_indicator"),
+    *("headings_recorded", "headings_corrected", "correction_method", "correction_coefficients", "effects"),
+    *("declination_source", "software_version", "source_files", "metadata_link", "history"),
+    *("date_created", "date_modified", "date_issued", "date_metadata_modified"),
+    *("geospatial_lat_min", "geospatial_lat_max", "geospatial_lat_units"),
+    *("geospatial_lon_min", "geospatial_lon_max", "geospatial_lon_units"),
+    *("geospatial_vertical_min", "geospatial_vertical_max", "geospatial_vertical_units"),
+    *("geospatial_vertical_positive", "geospatial_bounds", "geospatial_bounds_crs", "geospatial_bounds_vertical_crs"),
+    *("water_depth", "water_depth_units", "sensor_orientation"),
+    *("time_coverage_start", "time_coverage_end", "time_coverage_duration", "time_coverage_resolution"),
+)
+
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
+_REPEATS = 20  # of a piece at a name's end, from which on Snakemake takes it for an endless recursion and stops
+_REPEATED = re.compile(rf"(.+)\1{{{_REPEATS - 1},}}$")
+_STATED = {name.lower() for name in STATED}
+_ATTRIBUTE = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}")
+_NUMBER = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?")
+_EXPONENT = re.compile(r"[-+]?\d+[eE][-+]?\d+")
+_COMMA = re.compile(r"([-+]?\d+),(\d+)")
+_WITH_UNIT = re.compile(
+    r"([-+]?\d+(?:\.\d+)?)\s*(m|dbar|deg|degrees|s|seconds|min|minutes|metres|meters)", re.IGNORECASE
+)
+_POSITION = re.compile(r"[-+]?\d[\d.\s]*[°NSEW'].*", re.IGNORECASE)
+_TIME = re.compile(r"\d{4}-\d\d-\d\d([Tt ]\d\d:\d\d(:\d\d(\.\d{1,6})?)?( ?(Z|z|UTC)|[+-]\d\d(:?\d\d)?)?)?", re.ASCII)
+_EARLIEST, _LATEST = datetime(1980, 1, 1, tzinfo=UTC), datetime(2101, 1, 1, tzinfo=UTC)
+_SHOWN = 60  # characters of a value that a message repeats
+
+
+def problem(
+    key: str | None = None, expected: str | None = None, found: str | None = None, advice: str | None = None
+) -> PydanticCustomError:
+    """Return the error of a value; what is left out is taken from the field that holds it.
+
+    Args:
+        key: key below the place where the error is raised.
+        advice: what to write instead.
+    """
+    words = {"key": key, "expected": expected, "found": found, "advice": advice}
+    return PydanticCustomError("cruise", "not usable", words)
+
+
+def shown(value: object) -> str:
+    """Return a value as a message repeats it, in the words of YAML.
+
+    Args:
+        value: anything that YAML can give.
+    """
+    if value is None:
+        return "nothing"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        return repr(value) if len(value) <= _SHOWN else repr(value[:_SHOWN]) + " and more"
+    if isinstance(value, dict | list | tuple):
+        return "a mapping" if isinstance(value, dict) else "a list"
+    return f"{value:.15g}" if isinstance(value, float) else str(value)
+
+
+def number(value: Any) -> float:
+    """Return a finite number; texts, truth values, NaN and infinities are refused."""
+    # YAML 1.1 reads 1e-2, without a point, as a text.
+    if isinstance(value, str) and _EXPONENT.fullmatch(value):
+        value = float(value)
+    if isinstance(value, str):
+        raise problem(advice=_advice_for_text(value))
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise problem()
+    return float(value)
+
+
+def _advice_for_text(text: str) -> str | None:
+    if len(text) > _SHOWN:
+        return None
+    if _NUMBER.fullmatch(text):
+        plain = re.sub(r"^([-+]?)0+(?=\d)", r"\1", text)
+        return f"write {plain} without quotes" if plain == text else f"write {plain} without leading zeros"
+    if match := _COMMA.fullmatch(text):
+        return f"write {match[1]}.{match[2]} with a point"
+    if match := _WITH_UNIT.fullmatch(text):
+        return f"write {match[1]} without the unit"
+    return "write decimal degrees, south and west negative" if _POSITION.fullmatch(text) else None
+
+
+def count(value: Any) -> int:
+    """Return a whole number."""
+    whole = number(value)
+    if not whole.is_integer():
+        raise problem()
+    return int(whole)
+
+
+def switch(value: Any) -> bool:
+    """Return a truth value; the words yes, no, on and off count as YAML 1.1 reads them."""
+    words = {"yes": True, "on": True, "no": False, "off": False}
+    if isinstance(value, str) and value.lower() in words:
+        return words[value.lower()]
+    if not isinstance(value, bool):
+        quoted = isinstance(value, str) and value.lower() in ("true", "false")
+        raise problem(advice=f"write {value.lower()} without quotes" if quoted else None)
+    return value
+
+
+def text(value: Any) -> str:
+    """Return a text that is not empty."""
+    if isinstance(value, bool | int | float):
+        raise problem(advice=f"write it in quotes: '{shown(value)}'")
+    if not isinstance(value, str) or not value.strip():
+        raise problem()
+    return value
+
+
+def name(value: Any) -> str:
+    """Return a name that can be a folder's."""
+    if not _NAME.fullmatch(text(value)):
+        raise problem(expected=NAME_WORDS, advice="write for example EG4")
+    if match := _REPEATED.search(value):
+        expected = f"a name that does not end in {_REPEATS} repeats of one piece ({match[1][:_SHOWN]})"
+        raise problem(expected=expected, advice="shorten it")
+    return str(value)
+
+
+def unquoted_true(value: Any) -> Any:
+    """Return the word that is meant where ``direction_reference: true`` is read as a truth value."""
+    return "true" if value is True else value
+
+
+def declination(value: Any) -> float | Literal["auto"]:
+    """Return ``auto`` or a declination.
+
+    Args:
+        value: what the YAML reader gave, degrees east.
+    """
+    if value == "auto":
+        return "auto"
+    degrees = number(value)
+    if not -180.0 <= degrees <= 180.0:
+        raise problem()
+    return degrees
+
+
+def time_s(value: Any) -> float:
+    """Return UTC seconds since 1970 of a date (its midnight) or time; without a zone it is UTC.
+
+    Args:
+        value: ISO 8601 text, date or datetime.
+    """
+    moment = value if isinstance(value, date) else _parse(value)
+    if not isinstance(moment, datetime):
+        moment = datetime(moment.year, moment.month, moment.day, tzinfo=UTC)
+    if moment.tzinfo is None:
+        moment = moment.replace(tzinfo=UTC)
+    if not _EARLIEST <= moment < _LATEST:
+        raise problem()
+    return moment.timestamp()
+
+
+def _parse(value: Any) -> datetime:
+    if not isinstance(value, str) or not _TIME.fullmatch(value.strip()):
+        raise problem()
+    try:
+        return datetime.fromisoformat(re.sub(r" ?(UTC|z|Z)$", "Z", value.strip()))
+    except ValueError as error:  # a month 13, a day 31 in June
+        raise problem(advice=f"{error}; write a day and an hour that exist") from None
+
+
+def iso(seconds: float) -> str:
+    """Return a time as it is written in YAML.
+
+    Args:
+        seconds: UTC seconds since 1970.
+    """
+    return datetime.fromtimestamp(seconds, UTC).isoformat().replace("+00:00", "Z")
+
+
+def attributes(value: Any) -> dict[str, str | int | float]:
+    """Return attributes for the archive, empty ones left out."""
+    if not isinstance(value, dict):
+        raise problem()
+    for attribute, content in value.items():
+        if not _ATTRIBUTE.fullmatch(str(attribute)):
+            raise problem(
+                None, "attribute names of letters, digits and '_'", shown(attribute), "write for example ship"
+            )
+        if stated(attribute):
+            expected = "attributes that describe, such as institution, title or comment"
+            raise problem(attribute, expected, f"{shown(attribute)}, which the product states itself", "delete it")
+        if isinstance(content, bool) or not isinstance(content, str | int | float | None):
+            raise problem(attribute, "a text or a number", shown(content), f"write it in quotes: {attribute}: '...'")
+    return {attribute: content for attribute, content in value.items() if content is not None}
+
+
+def stated(attribute: str) -> bool:
+    """Return whether the product states an attribute itself; in whatever case, as two that differ by it mislead."""
+    return attribute.lower() in _STATED
+
+
+def check_table(headers: dict[str, str], depth: float | None) -> None:
+    """Refuse columns that do not tell time, depth and velocity.
+
+    Args:
+        headers: header of each role that is given.
+        depth: the instrument's nominal depth, m, if given.
+    """
+    if "time" not in headers:
+        raise problem("columns.time", "the header of the time column", "nothing", "add for example time: time_utc")
+    if depth is None and not {"depth", "pressure"} & set(headers):
+        advice = "add depth: 120 to the instrument, or depth: depth_m to its columns"
+        raise problem("columns", "a depth or pressure column where the instrument has no depth", "neither", advice)
+    for roles in VELOCITY_SETS:
+        _check_whole(roles, headers)
+    complete = ["+".join(roles) for roles in VELOCITY_SETS if set(roles) <= set(headers)]
+    if len(complete) != 1:
+        advice = "keep one of them" if complete else "add for example east: u_cm_s and north: v_cm_s"
+        found = " and ".join(complete) or "none of them"
+        raise problem("columns", "exactly one of east+north, speed+direction and x+y+heading", found, advice)
+
+
+def _check_whole(roles: tuple[str, ...], headers: dict[str, str]) -> None:
+    missing = [role for role in roles if role not in headers]
+    # A heading may stand beside any velocity, so that alone it begins no set.
+    present = [role for role in roles if role in headers and role != "heading"]
+    if present and missing:
+        found, advice = f"{' and '.join(present)} without it", f"add for example {missing[0]}: name_in_the_header"
+        raise problem(f"columns.{missing[0]}", f"{'+'.join(roles)} together", found, advice)

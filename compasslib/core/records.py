@@ -1,0 +1,143 @@
+"""The frozen records that travel from room to room: names, units, shapes.
+
+n is the number of samples, m the number of bins. Times are UTC seconds since 1970-01-01. Directions say towards which
+the water flows. Nothing here computes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib.core.types import Floats
+
+Flags = NDArray[np.int8]
+
+# OceanSITES reference table 2, the values that are used.
+NOT_CHECKED, GOOD, PROBABLY_GOOD, PROBABLY_BAD, BAD, MISSING = 0, 1, 2, 3, 4, 9
+
+
+@dataclass(frozen=True)
+class Record:
+    """What one instrument measured, as a reader gives it or as the deployment leaves it.
+
+    The headings are as the compass recorded them, to magnetic north, without heading bias and without declination;
+    the velocities are turned by that same heading, or to true north where ``direction_reference`` is ``true``.
+    """
+
+    time_s: Floats  # (n,)
+    east: Floats  # (n, m) m/s
+    north: Floats  # (n, m) m/s
+    bin_range_m: Floats  # (n, m) vertical distance from the transducer, positive away from it; 0 for a point meter
+    heading_deg: Floats  # (n,) NaN where the instrument has none
+    pitch_deg: Floats  # (n,) forward up
+    roll_deg: Floats  # (n,) starboard down
+    pressure_dbar: Floats  # (n,) NaN where no sensor is fitted
+    depth_m: Floats  # (n,) the instrument's own depth field or a table's depth; after deployment: its depth
+    temperature_c: Floats  # (n,)
+    supply_voltage: Floats  # (n,) counts or volts, only its changes matter
+    quality: Flags  # (n, m) OceanSITES flag of each velocity
+    heading_quality: Flags  # (n,)
+    looks_up: bool = True
+    beam_angle_deg: float = 0.0  # from the vertical; 0 for a meter without slanted beams
+    direction_reference: str = "magnetic"  # magnetic | true
+    serial_number: str = ""  # the instrument's, where its files tell it
+    echo_range_m: Floats | None = None  # (n, 2) of a boundary, and of the last water heard; for the deployment alone
+    counts: dict[str, int] = field(default_factory=dict)  # what was read, skipped and flagged, for the report
+    warnings: tuple[str, ...] = ()  # sentences for the report
+
+    def bin_depth_m(self) -> Floats:
+        """Return the depth of every bin at every sample, (n, m) metres, blow-down followed."""
+        return self.depth_m[:, None] + (-1.0 if self.looks_up else 1.0) * self.bin_range_m
+
+
+@dataclass(frozen=True)
+class Readings:
+    """What one compass recorded along time, and the water that its instrument saw: all that a heading is decided on."""
+
+    time_s: Floats  # (n,) increasing
+    heading_deg: Floats  # (n,) recorded, magnetic, NaN where missing
+    pitch_deg: Floats  # (n,) forward up
+    roll_deg: Floats  # (n,) starboard down
+    water: NDArray[np.complexfloating]  # (n,) speed times e^{i alpha}, alpha clockwise from forward, m/s; NaN: unknown
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """Overlapping measurements of the compromised (upper) and the trusted (lower) instrument, true east and north."""
+
+    time_s: Floats  # (n,)
+    heading_deg: Floats  # (n,) recorded by the compromised compass, magnetic
+    pitch_deg: Floats  # (n,)
+    roll_deg: Floats  # (n,)
+    upper_east: Floats  # (n,) m/s, by the recorded heading plus declination
+    upper_north: Floats
+    lower_east: Floats  # (n,) m/s
+    lower_north: Floats
+    upper_depth_m: Floats  # (n,)
+    lower_depth_m: Floats  # (n,)
+    separation_minutes: Floats  # (n,) lower minus upper
+    declination_deg: Floats  # (n,)
+    warnings: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.time_s)
+
+
+@dataclass(frozen=True)
+class EarthField:
+    """The earth's field at one place along time, linear between its nodes."""
+
+    time_s: Floats  # (k,)
+    declination_deg: Floats  # (k,) east positive; the one to be used
+    horizontal_nT: Floats  # (k,)
+    vertical_nT: Floats  # (k,) down positive
+    model_declination_deg: Floats  # (k,) IGRF, also where the metadata give a number
+    source: str = "IGRF"
+    warnings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Corrected:
+    """The product: what one compromised instrument recorded, and the same corrected.
+
+    Headings are to magnetic north, velocities to true east and north.
+    """
+
+    record: Record
+    heading_corrected_deg: Floats  # (n,) NaN where it cannot be corrected
+    heading_uncertainty_deg: Floats  # (n,) one standard deviation
+    heading_corrected_quality: Flags  # (n,)
+    deviation_deg: Floats  # (n,) corrected minus recorded heading
+    branch_probability: Floats  # (n,) of the corrected heading among those that give the same reading
+    declination_deg: Floats  # (n,) east positive
+    east: Floats  # (n, m) m/s, corrected
+    north: Floats
+    east_recorded: Floats  # (n, m) m/s, by the recorded heading plus declination
+    north_recorded: Floats
+    velocity_uncertainty: Floats  # (n, m) m/s, one standard deviation of either component
+    velocity_quality: Flags  # (n, m) of the corrected velocities
+
+
+@dataclass(frozen=True)
+class FieldSeries:
+    """What a magnetic observatory recorded; NaN where a value or a word of the header is missing."""
+
+    time_s: Floats  # (n,) increasing
+    declination_deg: Floats  # (n,) east positive
+    horizontal_nT: Floats  # (n,)
+    vertical_nT: Floats  # (n,) down positive
+    station: str  # its name, else its code
+    latitude: float  # degrees north
+    longitude: float  # degrees east
+    elevation_m: float
+    definitive: bool = False  # whether its baseline is final by its own word
+    counts: dict[str, int] = field(default_factory=dict)  # rows read, damaged, fillers, missing, repeated
+    warnings: tuple[str, ...] = ()
+    files: tuple[str, ...] = ()
+    origin: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, dtype=np.intp))  # (n,) which of the files
+
+    def __len__(self) -> int:
+        return len(self.time_s)

@@ -1,0 +1,249 @@
+"""How well the two instruments agree before and after, on pairs that the fit has not seen.
+
+Von Appen 2015, section 4, judges by histograms and a scatter of the very pairs that were fitted. Here the record is cut
+into contiguous blocks of ten days (hourly currents remember a day or two; a record of less than forty days is cut into
+four), the model is fitted without some of them and tried on those.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib import deviation
+from compasslib.core import angles
+from compasslib.core.records import Pairs
+from compasslib.core.types import Floats
+from compasslib.deviation import correction, exact, model
+from compasslib.deviation.forms import EXACT, FORMS
+from compasslib.deviation.model import Fit
+from compasslib.deviation.model import chosen as choose
+from compasslib.stats import autocorrelation
+
+Complexes = NDArray[np.complex128]
+
+BLOCK_S = 10 * 86400.0
+FOLDS = 2
+LEAST_BLOCKS = 2 * FOLDS
+FEWEST_FOR_FORMS = 4 * model.FEWEST_PAIRS
+REFUTED_DEG = 75.0  # rms of corrected directions; unrelated ones scatter by 104, slow ones two depths apart by 42
+FEWEST_TO_REFUTE = 10
+UNRELATED_DEG = 360.0 / np.sqrt(12.0)
+DOUBTED_DEG = 46.0  # rms from which on other readings of the reference are tried: more than slow water of two depths
+FAR_BETTER = 0.6  # of the rms: no curve that is merely bent more comes so far
+READINGS: tuple[Callable[[Complexes], Complexes], ...] = (  # of east + i north: signs, exchange, right angles
+    np.negative,
+    np.conj,
+    lambda z: -np.conj(z),
+    lambda z: 1j * np.conj(z),
+    lambda z: -1j * np.conj(z),
+    lambda z: 1j * z,
+    lambda z: -1j * z,
+)
+# From this rms on directions of other days must agree less: where a mean flow rules, unrelated ones scatter by as much.
+SCATTERED_DEG, OTHER_DAYS, FEWEST_OF_OTHER_DAYS = 35.0, 12, 200
+SURE_SIGMAS = 2.0  # of a growth of the rms
+FORM_PAIRS = 1500  # as many pairs, evenly taken, tell the forms apart; more only take longer
+
+
+def held_out_headings(pairs: Pairs, fit: Fit) -> Floats:
+    """Return the corrected heading of each pair by a fit that has not seen its block, (n,) degrees, NaN where none.
+
+    The exact fit climbs anew from the whole one: which fold is the right one is taken as known. A calibration made
+    elsewhere has seen no pair and stays as it is.
+
+    Args:
+        pairs: overlapping measurements.
+        fit: the fit to all of them; its method is repeated.
+    """
+    heading = np.full(len(pairs), np.nan)
+    block = _blocks(pairs.time_s) % FOLDS
+    for fold in range(FOLDS):
+        left_out, kept = block == fold, choose(pairs, block != fold)
+        again = deviation.fit(fit.method, kept, near=fit, dip_ratio=fit.dip_ratio)
+        decision = correction.headings(correction.readings_of(pairs), again, kept)
+        heading[left_out] = decision.heading_deg[left_out]
+    return heading
+
+
+def compare_forms(pairs: Pairs, fit: Fit) -> dict[str, Any] | None:
+    """Return how well each form of the curve predicts pairs that it has not seen, against the exact compass.
+
+    None where another method was fitted or the pairs are too few.
+
+    The score is the mean log-likelihood a pair, in contiguous blocks held out in turn; its difference from the exact
+    compass has the standard error of the blocks' sums, because neighbouring hours repeat each other.
+
+    Args:
+        pairs: overlapping measurements.
+        fit: the fit to all of them.
+    """
+    if fit.method != EXACT.name or len(pairs) < FEWEST_FOR_FORMS:
+        return None
+    pairs = choose(pairs, np.arange(0, len(pairs), max(1, len(pairs) // FORM_PAIRS)))
+    block = _blocks(pairs.time_s)
+    near = {EXACT.name: fit}
+    scores = {f.name: exact.held_out_scores(f, pairs, block % FOLDS, near.get(f.name)) for f in FORMS}
+    return {name: _against(score, scores[EXACT.name], block) for name, score in scores.items()}
+
+
+def _block_length(time_s: Floats) -> float:
+    return min(BLOCK_S, float(np.ptp(time_s)) / LEAST_BLOCKS) if len(time_s) > 1 else BLOCK_S
+
+
+def _blocks(time_s: Floats) -> NDArray[np.int_]:
+    """Return the number of the contiguous block that each pair lies in, (n,)."""
+    length = max(_block_length(time_s), 1.0)
+    return np.floor((time_s - time_s[0]) / length).astype(int)
+
+
+def _against(score: Floats, exact_score: Floats, block: NDArray[np.int_]) -> dict[str, Any]:
+    gain = score - exact_score
+    sums, counts = np.bincount(block, gain), np.bincount(block)
+    blocks = int(np.sum(counts > 0))
+    spread = float(np.sqrt(np.sum((sums - counts * gain.mean()) ** 2) * blocks / max(blocks - 1, 1)) / len(gain))
+    return {"mean_log_score": float(score.mean()), "minus_exact": float(gain.mean()), "minus_exact_sigma": spread}
+
+
+def assess(pairs: Pairs, fit: Fit, plain: Pairs | None = None) -> dict[str, Any]:
+    """Return assessment.json: direction difference upper minus lower, before and after.
+
+    Args:
+        pairs: overlapping measurements.
+        fit: the fit to all of them.
+        plain: the same as a compass that the fit holds would have recorded them, where more acted on it; what acted
+            is then taken from the whole record.
+    """
+    plain = pairs if plain is None else plain
+    held_out = held_out_headings(plain, fit) if fit.fitted and len(pairs) else np.full(len(pairs), np.nan)
+    known = np.isfinite(held_out)
+    turned = angles.turn(pairs.upper_east, pairs.upper_north, held_out - pairs.heading_deg)
+    after = _agreement(turned[0][known], turned[1][known], choose(pairs, known))
+    before = _agreement(pairs.upper_east[known], pairs.upper_north[known], choose(pairs, known))
+    others = _of_other_days(turned[0][known], turned[1][known], choose(pairs, known))
+    return {
+        "before": _agreement(pairs.upper_east, pairs.upper_north, pairs),
+        "before_where_corrected": before,
+        "after": after,
+        "rms_of_other_days_deg": others,
+        "refuted": _refuted(after, others) or _worse(before, after) or _misread(pairs, fit, after),
+        "held_out": {"block_days": _block_length(pairs.time_s) / 86400.0, "folds": FOLDS, "n": int(known.sum())},
+    }
+
+
+def _of_other_days(east: Floats, north: Floats, pairs: Pairs) -> float | None:
+    """Return the least rms of corrected directions against trusted ones of other days, None for few pairs."""
+    if len(pairs) < FEWEST_OF_OTHER_DAYS:
+        return None
+    upper, lower = angles.direction(east, north), angles.direction(pairs.lower_east, pairs.lower_north)
+    shifts = (np.arange(1, OTHER_DAYS + 1) * len(pairs) // (OTHER_DAYS + 1)).tolist()
+    return min(angles.rms(angles.difference(upper, np.roll(lower, shift))) for shift in shifts)
+
+
+def _refuted(after: dict[str, Any], others_deg: float | None) -> str:
+    """Return why held-out pairs deny the correction, nothing where they do not."""
+    if after["n"] < FEWEST_TO_REFUTE:
+        return ""
+    check = "so that all headings are flagged doubtful; check instruments, clocks, columns, signs and units"
+    rms = f"held-out pairs deny the correction: directions still differ by {after['rms_deg']:.0f} degrees rms"
+    if after["rms_deg"] > REFUTED_DEG:
+        return f"{rms} (unrelated ones by 104), {check}"
+    if others_deg is not None and SCATTERED_DEG < after["rms_deg"] >= others_deg:
+        return f"{rms}, and from those of other days by {others_deg:.0f}, {check}"
+    return ""
+
+
+def _worse(before: dict[str, Any], after: dict[str, Any]) -> str:
+    """Say where held-out pairs agree less after the correction than before, by more than chance."""
+    if not after["n"]:
+        return ""
+    sigma = float(np.hypot(before["rms_deg_sigma"], after["rms_deg_sigma"]))
+    if after["rms_deg"] - before["rms_deg"] <= SURE_SIGMAS * sigma:
+        return ""
+    return (
+        f"on held-out pairs directions differ by {after['rms_deg']:.0f} degrees rms after the correction and by "
+        f"{before['rms_deg']:.0f} before: it makes them worse, and all headings are flagged doubtful; look for a time "
+        "when the compass was wrong"
+    )
+
+
+def _misread(pairs: Pairs, fit: Fit, after: dict[str, Any]) -> str:
+    """Say where another reading of the trusted instrument's components agrees far better, nothing where none does."""
+    if fit.method != EXACT.name or after["n"] < FEWEST_FOR_FORMS or after["rms_deg"] <= DOUBTED_DEG:
+        return ""
+    some = choose(pairs, np.arange(0, len(pairs), max(1, len(pairs) // FORM_PAIRS)))
+    velocity = some.lower_east + 1j * some.lower_north
+    best = min(_left_by(_with_reference(some, read(velocity))) for read in READINGS)
+    if best > FAR_BETTER * after["rms_deg"]:
+        return ""
+    return (
+        f"after the correction directions differ by {after['rms_deg']:.0f} degrees rms, and by {best:.0f} where the "
+        "trusted instrument's components are exchanged, turned by a right angle or signed otherwise, so that all "
+        "headings are flagged doubtful; check its columns and signs"
+    )
+
+
+def _with_reference(pairs: Pairs, velocity: Complexes) -> Pairs:
+    return replace(pairs, lower_east=velocity.real, lower_north=velocity.imag)
+
+
+def _left_by(pairs: Pairs) -> float:
+    """Return the rms of what a fit leaves, degrees; a heading that it cannot have recorded counts as unrelated."""
+    fit = deviation.fit(EXACT.name, pairs)
+    return angles.rms(np.nan_to_num(model.residual(fit, pairs), nan=UNRELATED_DEG))
+
+
+def told(name: str, verdict: dict[str, Any]) -> str:
+    """Return what the job says of its result.
+
+    Args:
+        verdict: assessment.json.
+    """
+    before, after = verdict["before"], verdict["after"]
+    if not after["n"]:
+        return f"{name}: nothing to assess ({before['n']} pairs, none corrected)"
+    line = (
+        f"{name}: upper minus lower direction {before['rms_deg']:.1f} degrees rms before, {after['rms_deg']:.1f} "
+        f"after, on {after['n']} of {before['n']} pairs, each held out from its fit"
+    )
+    return f"{line}\n{name}: warning: {verdict['refuted']}" if verdict["refuted"] else line
+
+
+def told_forms(name: str, compared: dict[str, Any] | None) -> str:
+    """Return what the job says of its result.
+
+    Args:
+        compared: the forms, or None.
+    """
+    if compared is None:
+        return f"{name}: forms of the curve not compared (no exact fit, or too few pairs)"
+    scores = (
+        f"{form} {score['minus_exact']:+.3f} ± {score['minus_exact_sigma']:.3f}" for form, score in compared.items()
+    )
+    return f"{name}: mean log score a held-out pair, minus the exact compass's: {', '.join(scores)}"
+
+
+def _agreement(east: Floats, north: Floats, pairs: Pairs) -> dict[str, Any]:
+    if not len(pairs):
+        return {"n": 0, "mean_deg": None, "rms_deg": None, "median_absolute_deg": None, "vector_correlation": None}
+    lower = angles.direction(pairs.lower_east, pairs.lower_north)
+    off = angles.difference(angles.direction(east, north), lower)
+    return {
+        "n": len(pairs),
+        "mean_deg": float(angles.wrap180(angles.mean(off))),
+        "rms_deg": angles.rms(off),
+        "rms_deg_sigma": angles.rms(off) / np.sqrt(2.0 * autocorrelation.effective_number(off, pairs.time_s)),
+        "median_absolute_deg": float(np.median(np.abs(off))),
+        "vector_correlation": _vector_correlation(east + 1j * north, pairs.lower_east + 1j * pairs.lower_north),
+    }
+
+
+def _vector_correlation(a: NDArray[np.complex128], b: NDArray[np.complex128]) -> dict[str, float]:
+    """Return magnitude and angle of Kundu's complex correlation (J. Phys. Oceanogr. 6, 238, 1976)."""
+    product = np.mean(a * np.conj(b)) / np.sqrt(np.mean(np.abs(a) ** 2) * np.mean(np.abs(b) ** 2))
+    angle = -float(angles.wrap180(angles.argument(product)))  # clockwise positive: upper minus lower
+    return {"magnitude": float(np.abs(product)), "angle_deg": angle}

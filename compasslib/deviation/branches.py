@@ -1,0 +1,286 @@
+"""Which of two headings: decided over the whole record from persistence, the water, the wake's habit and every overlap.
+
+Where iron is stronger than the earth's horizontal field each recorded heading has two correct ones. The correct heading
+is a hidden state on a circle of cells. It moves little from sample to sample; when the instrument turns, the water that
+it sees turns against it, because currents change slowly: the right branch keeps the water steady, the wrong one turns
+it twice. The wake prefers some headings, the compass must record what it recorded, and the trusted instrument agrees
+where it overlaps. Forward and backward passes give the distribution of the heading at every sample.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib.core import angles, compass
+from compasslib.core.records import Readings
+from compasslib.core.types import Complexes, Floats
+from compasslib.deviation import likelihood
+from compasslib.deviation.along import Along
+from compasslib.deviation.likelihood import CELL_CENTRES, CELLS, FINE, UNPREDICTED
+from compasslib.deviation.model import Fit
+
+STEP_WIDTHS_DEG = (3.0, 6.0, 10.0, 16.0, 25.0, 40.0, 80.0)  # persistence of the heading that is tried
+WATER_CHANGES = (0.02, 0.035, 0.06, 0.1, 0.2, 10.0)  # change of the current over an interval that is tried, m/s
+TIGHTEST = 300.0  # the water's grip on a step, as narrow as the cells resolve
+LEAP_SHARES = (0.003, 0.03)  # share of samples at which the heading starts anew
+PRECISION_DEG = 0.5  # assumed of a moored compass; an unfolded record cannot tell it from the water's scatter
+MERGED_DEG = 25.0  # roots nearer than this meet at a fold: one heading between them, not a choice
+BRANCHES_APART = 5.0  # widths of the scatter that two headings of one reading must be apart to be told by directions
+FEWEST_SHOWN, SHARE_SHOWN = 200, 0.1  # pairs that show their branch, or share of a few
+LEARNING_SAMPLES = 2000
+CHUNK = 500  # samples whose evidence is laid out on the fine headings at a time
+LONGEST_GAP = 64.0  # sampling intervals after which nothing is remembered
+SHARED_NOISE = 0.5  # neighbouring overlaps share the water's veer: each counts for this much of an independent one
+
+
+@dataclass(frozen=True)
+class Decision:
+    """The heading chosen at each sample, with how sure that is."""
+
+    heading_deg: Floats  # (n,) NaN where nothing was recorded
+    sigma_deg: Floats  # (n,) from the compass's noise and the chance of the other branch
+    # Of the chosen branch, (n,): 1 where there is only one or two meet at a fold, 0 where the compass cannot have
+    # recorded what it did.
+    probability: Floats
+    other_deg: Floats  # (n,) the other root, NaN where there is none
+
+
+def decide(readings: Readings, along: Along, fit: Fit, seen: NDArray[np.intp], scatter: Floats) -> Decision:
+    """Return the heading at each sample of a compass that can fold.
+
+    Args:
+        readings: what the compass recorded, n samples.
+        along: the compass at each of them.
+        fit: the fitted exact compass, for its noise and the headings' distribution.
+        seen: samples at which the trusted instrument overlaps, (k,).
+        scatter: density of its observed heading on the cells, (k, CELLS).
+    """
+    roots = along.roots()
+    if not np.isfinite(roots[:, 1]).any():
+        return _single(roots[:, 0], along)
+    evidence = _evidence(along, fit.noise.compass_deg)
+    impossible = evidence.max(axis=1) < 2.0 * UNPREDICTED  # its heading is that of the hours around, and no more
+    evidence[seen] *= scatter**SHARED_NOISE
+    moves = _moves(readings.time_s, readings.water)
+    posterior = smooth(evidence, moves, _learn(evidence, moves, fit.heading_density), fit.heading_density)
+    decision = _chosen(posterior, roots, readings.heading_deg)
+    return replace(decision, probability=np.where(impossible, 0.0, decision.probability))
+
+
+def undecided(decision: Decision, shown: int, pairs: int) -> Decision:
+    """Return the decision with either of two headings left open where too few pairs show which branch is right.
+
+    Args:
+        decision: made with these pairs.
+        shown: pairs that show on which branch they are, see ``telling``.
+        pairs: all of them.
+    """
+    if shown >= min(FEWEST_SHOWN, SHARE_SHOWN * pairs):
+        return decision
+    apart = np.nan_to_num(angles.difference(decision.other_deg, decision.heading_deg))
+    two = np.isfinite(decision.other_deg)
+    probability = np.where(two, np.minimum(decision.probability, 0.5), decision.probability)
+    return replace(decision, sigma_deg=np.hypot(decision.sigma_deg, apart), probability=probability)
+
+
+def telling(roots_deg: Floats, width_deg: Floats) -> NDArray[np.bool_]:
+    """Tell at which overlaps the directions show the branch: only one heading, or two far apart, (n,).
+
+    Args:
+        roots_deg: correct headings of each recorded one, (n, 2), NaN where there is none.
+        width_deg: scatter of the observed heading, (n,).
+    """
+    one = np.isfinite(roots_deg).sum(axis=1) == 1
+    with np.errstate(invalid="ignore"):
+        return one | (np.abs(angles.difference(roots_deg[:, 0], roots_deg[:, 1])) >= BRANCHES_APART * width_deg)
+
+
+@dataclass(frozen=True)
+class Moves:
+    """What is seen between neighbouring samples, (n - 1,) each."""
+
+    steps: Floats  # sampling intervals
+    turn_deg: Floats  # clockwise turn of the water in the instrument's frame; 0 where unknown
+    strength: Floats  # product of the two speeds, m2/s2; 0 where unknown
+
+
+@dataclass(frozen=True)
+class Habit:
+    """How the heading and the water move over one sampling interval."""
+
+    width_deg: float  # step of the heading
+    water_m_s: float  # change of the current
+    leaps: float  # share of samples at which the heading starts anew
+
+
+def smooth(evidence: Floats, moves: Moves, habit: Habit, stationary: Floats) -> Floats:
+    """Return the posterior of the hidden heading by the forward-backward recursion, (n, CELLS).
+
+    Args:
+        evidence: likelihood of what was seen at each sample, (n, CELLS).
+        moves: what was seen between the samples.
+        stationary: distribution when nothing is known, (CELLS,).
+    """
+    kernels, last = _kernels(moves, [habit], stationary), len(evidence) - 1
+    forward, backward = np.empty((2, last + 1, CELLS))
+    forward[0], backward[last] = stationary * evidence[0] / np.sum(stationary * evidence[0]), 1.0
+    for t in range(last):
+        s = last - t  # both ways at once, as the call of a transform costs more than the transform
+        state, message = kernels.both(t, forward[t], s - 1, backward[s] * evidence[s])
+        state *= evidence[t + 1]
+        forward[t + 1], backward[s - 1] = state / state.sum(), message / message.sum()
+    forward *= backward
+    return forward / forward.sum(axis=1, keepdims=True)
+
+
+@dataclass(frozen=True)
+class _Kernels:
+    """Transitions over each interval by h habits: a step on the circle, drawn to where the wake holds, or a leap.
+
+    Habits are tried side by side, because the call of a short Fourier transform costs more than the transform.
+    """
+
+    spectrum: NDArray[np.complex64]  # (n - 1, h, CELLS / 2 + 1) of the step's density, times the chance not to leap
+    norm: NDArray[np.float32]  # (n - 1, h, CELLS) sum over where a step may end
+    draw: Floats  # (CELLS,) pull of the wake
+    stationary: Floats  # (CELLS,)
+    leaps: Floats  # (n - 1, h, 1)
+
+    def ahead(self, t: int, state: Floats) -> Floats:
+        stepped = np.fft.irfft(np.fft.rfft(state / self.norm[t]) * self.spectrum[t], CELLS)
+        return np.maximum(stepped, 0.0) * self.draw + self.leaps[t] * self.stationary
+
+    def both(self, t: int, state: Floats, s: int, message: Floats) -> tuple[Floats, Floats]:
+        """Return a state over interval t and a message back over interval s by the first habit, (CELLS,) each."""
+        begun = np.fft.rfft([state / self.norm[t, 0], message * self.draw])
+        begun[0] *= self.spectrum[t, 0]
+        begun[1] *= np.conj(self.spectrum[s, 0])
+        ahead, back = np.maximum(np.fft.irfft(begun, CELLS), 0.0)
+        ahead = ahead * self.draw + self.leaps[t, 0] * self.stationary
+        return ahead, back / self.norm[s, 0] + self.leaps[s, 0] * (message @ self.stationary)
+
+
+def _kernels(moves: Moves, habits: Sequence[Habit], stationary: Floats) -> _Kernels:
+    steps = np.minimum(moves.steps, LONGEST_GAP)[:, None, None]
+    width, change, leap = np.array([(h.width_deg, h.water_m_s, h.leaps) for h in habits]).T[:, :, None]
+    away = angles.wrap180(CELL_CENTRES)
+    grip = np.minimum(moves.strength[:, None, None] / (change**2 * steps), TIGHTEST)
+    # |v' e^{i beta'} - v e^{i beta}|^2 depends on the step beta' - beta only: the water's part is von Mises about -turn
+    cosine = angles.sin_cos(away + moves.turn_deg[:, None])[1][:, None, :]
+    density = grip * (cosine - 1.0)
+    density -= 0.5 * away**2 / (width**2 * steps)
+    density -= density.max(axis=-1, keepdims=True)
+    np.exp(density, out=density)
+    density /= density.sum(axis=-1, keepdims=True)
+    spectrum = np.fft.rfft(density)
+    draw = np.sqrt(stationary)
+    norm = np.fft.irfft(np.fft.rfft(draw) * np.conj(spectrum), CELLS)
+    leaps = np.where(steps >= LONGEST_GAP, 1.0, 1.0 - (1.0 - leap) ** steps)
+    floor = np.maximum(norm, 1e-12).astype(np.float32)
+    spectrum *= 1.0 - leaps
+    return _Kernels(spectrum.astype(np.complex64), floor, draw, stationary, leaps)
+
+
+def _forward(evidence: Floats, kernels: _Kernels) -> Iterator[tuple[Floats, Floats]]:
+    """Give at each sample the distribution of the hidden heading so far, (h, CELLS), and its likelihood, (h,)."""
+    state = np.broadcast_to(kernels.stationary, (kernels.leaps.shape[1], CELLS))
+    for t in range(len(evidence)):
+        state = (kernels.ahead(t - 1, state) if t else state) * evidence[t]
+        mass = state.sum(axis=1)
+        state = state / mass[:, None]
+        yield state, mass
+
+
+def _moves(time_s: Floats, water: Complexes) -> Moves:
+    if len(time_s) < 2:
+        return Moves(*np.zeros((3, 0)))
+    product = water[1:] * np.conj(water[:-1])
+    known = np.isfinite(product)
+    return Moves(
+        steps=np.maximum(np.rint(np.diff(time_s) / np.median(np.diff(time_s))), 1.0),
+        turn_deg=np.where(known, angles.argument(np.where(known, product, 1.0)), 0.0),
+        strength=np.where(known, np.abs(product), 0.0),
+    )
+
+
+def _learn(evidence: Floats, moves: Moves, density: Floats) -> Habit:
+    """Return the habit under which the record itself is likeliest, one trait after the other."""
+    begin = max(0, (len(evidence) - LEARNING_SAMPLES) // 2)
+    some = evidence[begin : begin + LEARNING_SAMPLES]
+    between = slice(begin, begin + len(some) - 1)
+    part = Moves(moves.steps[between], moves.turn_deg[between], moves.strength[between])
+
+    @cache  # often the width that came first stays, and the water's changes are asked twice
+    def likelier(*habits: Habit) -> Habit:
+        masses = np.array([mass for _, mass in _forward(some, _kernels(part, habits, density))])
+        return habits[int(np.argmax(np.log(masses).sum(axis=0)))]
+
+    habit = Habit(STEP_WIDTHS_DEG[3], WATER_CHANGES[-1], LEAP_SHARES[0])
+    habit = likelier(*(replace(habit, water_m_s=change) for change in WATER_CHANGES))
+    habit = likelier(*(replace(habit, width_deg=width) for width in STEP_WIDTHS_DEG))
+    habit = likelier(*(replace(habit, water_m_s=change) for change in WATER_CHANGES))
+    return likelier(*(replace(habit, leaps=leaps) for leaps in LEAP_SHARES))
+
+
+def _evidence(along: Along, compass_deg: float) -> Floats:
+    """Return how likely each cell makes the recorded heading, (n, CELLS); flat where nothing was recorded."""
+    known = np.isfinite(along.reading_deg)
+    recorded = angles.wrap360(np.where(known, along.reading_deg, 0.0))
+    if along.coefficients.ndim == 1:
+        rows = _rows(FINE.heading_deg, along.coefficients, FINE.heading_deg, compass_deg)[FINE.bin_of(recorded)]
+    else:
+        towards = FINE.heading_deg - np.broadcast_to(along.north_deg, recorded.shape)[:, None]
+        parts = np.array_split(np.arange(len(recorded)), max(1, len(recorded) // CHUNK))
+        at = along.coefficients[:, :, None]
+        rows = np.concatenate([_rows(recorded[i], at[:, i], towards[i], compass_deg) for i in parts])
+    return np.where(known[:, None], rows, 1.0 / 360.0)
+
+
+def _rows(recorded_deg: Floats, coefficients: Floats, heading_deg: Floats, compass_deg: float) -> Floats:
+    """Return the density of each recorded heading given each cell, (k, CELLS)."""
+    offset = angles.difference(recorded_deg[:, None], compass.recorded_heading(coefficients, heading_deg))
+    hats = FINE.hats()
+    return np.asarray(likelihood.compass_noise(offset, compass_deg) @ (hats / hats.sum(axis=0)) + UNPREDICTED)
+
+
+def _chosen(posterior: Floats, roots: Floats, recorded_deg: Floats) -> Decision:
+    """Give each cell to the nearer root; take the root with more mass and the mean heading of its cells.
+
+    Near a fold the roots meet and every cell counts.
+    """
+    away = np.abs(angles.difference(roots[:, :, None], CELL_CENTRES))
+    away = np.where(np.isfinite(away), away, np.inf)
+    first = away[:, 0, :] <= away[:, 1, :]
+    mass = np.sum(posterior * first, axis=1)
+    takes_first = mass >= 0.5
+    close = np.abs(angles.difference(roots[:, 0], roots[:, 1])) < MERGED_DEG
+    own = posterior * ((first == takes_first[:, None]) | close[:, None])
+    centre = own @ angles.phasor(CELL_CENTRES)
+    share = own.sum(axis=1)
+    heading = angles.argument(centre)
+    spread = angles.difference(CELL_CENTRES, heading[:, None])
+    variance = np.sum(posterior * spread**2, axis=1)  # about the chosen heading, the other branch included
+    known = np.isfinite(recorded_deg)
+    two = np.isfinite(roots).all(axis=1) & ~close
+    other = np.where(takes_first, roots[:, 1], roots[:, 0])
+    return Decision(
+        heading_deg=np.where(known, heading, np.nan),
+        sigma_deg=np.where(known, np.sqrt(variance), np.nan),
+        probability=np.where(known, np.where(two, share, 1.0), np.nan),
+        other_deg=np.where(two, other, np.nan),
+    )
+
+
+def _single(root: Floats, along: Along) -> Decision:
+    slope = np.maximum(np.abs(compass.slope(along.coefficients, root - along.north_deg)), 0.05)
+    return Decision(
+        heading_deg=angles.wrap360(root),
+        sigma_deg=PRECISION_DEG / slope,
+        probability=np.where(np.isfinite(root), 1.0, np.nan),
+        other_deg=np.full(root.shape, np.nan),
+    )

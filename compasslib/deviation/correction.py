@@ -1,0 +1,236 @@
+"""Corrected headings and velocities with their uncertainty, for every sample of the compromised instrument."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib import deviation
+from compasslib.core import angles, earthfield
+from compasslib.core.records import (
+    BAD,
+    GOOD,
+    MISSING,
+    PROBABLY_BAD,
+    PROBABLY_GOOD,
+    Corrected,
+    EarthField,
+    Pairs,
+    Readings,
+    Record,
+)
+from compasslib.core.types import Complexes, Floats
+from compasslib.deviation import along, branches, likelihood, model, von_appen
+from compasslib.deviation.along import Along
+from compasslib.deviation.branches import Decision
+from compasslib.deviation.model import Fit
+
+Flags = NDArray[np.int8]
+
+PIECE = 32_768  # samples whose velocities are turned at once: of forty bins, 10 MB an array
+SURE = 0.95  # a branch less probable than this is flagged: the record cannot tell
+# An allowance, a degree of tilt, for what a level model leaves out: at 5 degrees a vertical field of the iron of 4 % of
+# H, or one of 1 % induced where Z is four times H, each turn the compass by some 0.2 degrees along either axis.
+LEFT_OUT_BY_TILT = 0.08
+UNKNOWN_TILT_DEG = 5.0  # assumed where no tilt was recorded (von Appen 2015: typically 5)
+KNOWS_NOTHING_DEG = 360.0 / np.sqrt(12.0)  # standard deviation of a heading that may be anything
+DECLINATION_SIGMA_DEG = 0.5  # assumed of a main-field model at high latitude; crust and storms are left out
+
+
+@dataclass(frozen=True)
+class Pieces:
+    """A corrected record in pieces along time, at least one; a piece's velocities are turned when it is asked for."""
+
+    record: Record
+    decision: Decision
+    field: EarthField
+
+    def __iter__(self) -> Iterator[Corrected]:
+        for begin in range(0, max(len(self.record.time_s), 1), PIECE):
+            some = slice(begin, begin + PIECE)
+            yield _turned(model.chosen(self.record, some), model.chosen(self.decision, some), self.field)
+
+
+def correct(
+    record: Record, fit: Fit, field: EarthField, pairs: Pairs, at: Along | None = None, *, doubt_deg: float = 0.0
+) -> Corrected:
+    """Return the corrected record; headings that cannot be corrected are NaN with flag 4.
+
+    Args:
+        record: the compromised instrument inside the deployment.
+        fit: the deviation model, perhaps without coefficients.
+        pairs: where the trusted instrument overlaps.
+        at: the compass at each sample, where more acted on it than the fit holds.
+        doubt_deg: standard deviation of what the fit is known to lack, see ``doubt``.
+    """
+    return _turned(record, _decided(record, fit, pairs, at, doubt_deg), field)
+
+
+def in_pieces(
+    record: Record, fit: Fit, field: EarthField, pairs: Pairs, at: Along | None = None, *, doubt_deg: float = 0.0
+) -> Pieces:
+    """Return what ``correct`` does of the same arguments, in pieces along time: a decade's velocities fit in memory."""
+    return Pieces(record, _decided(record, fit, pairs, at, doubt_deg), field)
+
+
+def _decided(record: Record, fit: Fit, pairs: Pairs, at: Along | None, doubt_deg: float) -> Decision:
+    decision = headings(readings_of_record(record), fit, pairs, at)
+    doubt_deg = KNOWS_NOTHING_DEG if deviation.denied(fit, record) else doubt_deg
+    sigma = np.minimum(np.hypot(decision.sigma_deg, doubt_deg), KNOWS_NOTHING_DEG)
+    probability = np.minimum(decision.probability, 0.0) if doubt_deg >= KNOWS_NOTHING_DEG else decision.probability
+    return replace(decision, sigma_deg=sigma, probability=probability)
+
+
+def _turned(record: Record, decision: Decision, field: EarthField) -> Corrected:
+    deviation = angles.difference(decision.heading_deg, record.heading_deg)
+    declination = earthfield.declination_at(field, record.time_s)
+    east, north = _recorded_to_true(record, declination)
+    corrected_east, corrected_north = angles.turn(east, north, deviation[:, None])
+    direction_sigma = np.hypot(decision.sigma_deg, DECLINATION_SIGMA_DEG)
+    quality = _heading_quality(record, decision)
+    return Corrected(
+        record=record,
+        heading_corrected_deg=decision.heading_deg,
+        heading_uncertainty_deg=decision.sigma_deg,
+        heading_corrected_quality=quality,
+        deviation_deg=deviation,
+        branch_probability=decision.probability,
+        declination_deg=declination,
+        east=corrected_east,
+        north=corrected_north,
+        east_recorded=east,
+        north_recorded=north,
+        velocity_uncertainty=np.hypot(east, north) * angles.turned_share(direction_sigma)[:, None],
+        velocity_quality=_velocity_quality(record, quality),
+    )
+
+
+def doubt(refuted: bool, left_deg: float) -> float:
+    """Return the standard deviation of what a fit is known to lack, degrees.
+
+    Args:
+        refuted: whether pairs held out from the fit deny it; then headings may be anything, and are flagged.
+        left_deg: visible size of what the search saw and the product does not correct, rms degrees.
+    """
+    return KNOWS_NOTHING_DEG if refuted else left_deg
+
+
+def told(name: str, product: Pieces) -> str:
+    """Return what the job says of its result."""
+    record, decision = product.record, product.decision
+    recorded, corrected = np.isfinite(record.heading_deg), np.isfinite(decision.heading_deg)
+    if not corrected.any():
+        return f"{name}: none of {int(recorded.sum())} headings corrected"
+    unsure = int(np.sum(_heading_quality(record, decision) == PROBABLY_BAD))
+    turned = float(np.nanmax(np.abs(angles.difference(decision.heading_deg, record.heading_deg))))
+    return (
+        f"{name}: {int(corrected.sum())} of {int(recorded.sum())} headings corrected, by up to {turned:.0f} degrees; "
+        f"{unsure} flagged as doubtful"
+    )
+
+
+def headings(readings: Readings, fit: Fit, pairs: Pairs, at: Along | None = None) -> Decision:
+    """Return the correct heading, its standard deviation and how sure its branch is.
+
+    Args:
+        readings: what the compass recorded, n samples.
+        fit: the deviation model, perhaps without coefficients.
+        pairs: overlaps that may decide between branches; their times are among those of the readings.
+        at: the compass at each sample, where more acted on it than the fit holds.
+    """
+    if not fit.fitted:
+        nothing = np.full(readings.heading_deg.shape, np.nan)
+        return Decision(nothing, nothing, nothing, nothing)
+    if fit.method == "von_appen" and at is None:
+        decision = _published(readings.heading_deg, fit)
+    else:
+        at = along.of_fit(fit, readings) if at is None else at
+        seen, width, scatter = _overlaps(readings.time_s, fit, pairs)
+        decision = branches.decide(readings, at, fit, seen, scatter)
+        shown = int(branches.telling(at.roots()[seen], width).sum())
+        decision = branches.undecided(decision, shown, len(pairs))
+    parameters = von_appen.sigma(fit, decision.heading_deg) if at is None else at.sigma(decision.heading_deg)
+    left_out = np.zeros(parameters.shape) if at is not None and at.tilted else _left_out_by_tilt(readings)
+    sigma = np.sqrt(decision.sigma_deg**2 + parameters**2 + left_out**2)
+    return replace(decision, sigma_deg=np.minimum(sigma, KNOWS_NOTHING_DEG))
+
+
+def _left_out_by_tilt(readings: Readings) -> Floats:
+    tilt_deg = np.hypot(readings.pitch_deg, readings.roll_deg)
+    return LEFT_OUT_BY_TILT * np.where(np.isfinite(tilt_deg), tilt_deg, UNKNOWN_TILT_DEG)
+
+
+def readings_of(pairs: Pairs) -> Readings:
+    """Return what the compromised compass recorded at the overlaps.
+
+    Args:
+        pairs: overlapping measurements.
+    """
+    water = in_body_frame(pairs.upper_east, pairs.upper_north, pairs.heading_deg)
+    return Readings(pairs.time_s, pairs.heading_deg, pairs.pitch_deg, pairs.roll_deg, water)
+
+
+def in_body_frame(east: Floats, north: Floats, recorded_deg: Floats) -> Complexes:
+    """Return a current in the instrument's frame, speed times e^{i alpha}, alpha clockwise from forward.
+
+    Args:
+        east: by the recorded heading, m/s, (n,).
+        north: by the recorded heading, m/s, (n,).
+        recorded_deg: recorded headings, (n,), degrees.
+    """
+    return (north + 1j * east) * np.conj(angles.phasor(recorded_deg))
+
+
+def readings_of_record(record: Record) -> Readings:
+    """Return what the compromised compass recorded, headings that are flagged bad left out.
+
+    Args:
+        record: the compromised instrument.
+    """
+    heading = np.where(record.heading_quality < BAD, record.heading_deg, np.nan)
+    return Readings(record.time_s, heading, record.pitch_deg, record.roll_deg, _water(record))
+
+
+def _water(record: Record) -> Complexes:
+    """Average the good bins of each sample: the whole layer turns less from hour to hour than one bin."""
+    good = (record.quality <= PROBABLY_GOOD) & np.isfinite(record.east) & np.isfinite(record.north)
+    count = good.sum(axis=1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        east, north = (np.where(good, x, 0.0).sum(axis=1) / count for x in (record.east, record.north))
+    return in_body_frame(east, north, record.heading_deg)
+
+
+def _published(recorded_deg: Floats, fit: Fit) -> Decision:
+    heading = von_appen.invert(fit.coefficients, recorded_deg)
+    slope = np.maximum(np.abs(von_appen.slope(fit.coefficients, heading)), 0.05)
+    one = np.where(np.isfinite(heading), 1.0, np.nan)
+    return Decision(heading, one * branches.PRECISION_DEG / slope, one, np.full(heading.shape, np.nan))
+
+
+def _overlaps(time_s: Floats, fit: Fit, pairs: Pairs) -> tuple[NDArray[np.intp], Floats, Floats]:
+    seen = np.searchsorted(time_s, pairs.time_s)
+    width = likelihood.widths(fit.noise, *model.speeds(pairs))
+    chords = likelihood.squared_chords(model.observed_heading(pairs))
+    return seen, width, likelihood.scatter(chords, width, fit.noise.outliers)
+
+
+def _recorded_to_true(record: Record, declination: Floats) -> tuple[Floats, Floats]:
+    if record.direction_reference == "true":
+        return record.east, record.north
+    return angles.turn(record.east, record.north, declination[:, None])
+
+
+def _heading_quality(record: Record, decision: Decision) -> Flags:
+    with np.errstate(invalid="ignore"):
+        unsure = decision.probability < SURE
+    quality = np.where(unsure, PROBABLY_BAD, np.maximum(record.heading_quality, GOOD))
+    return np.where(np.isfinite(decision.heading_deg), quality, BAD).astype(np.int8)
+
+
+def _velocity_quality(record: Record, heading_quality: Flags) -> Flags:
+    """Give each velocity the worse of its own flag and its heading's; missing stays missing."""
+    worse = np.maximum(np.maximum(record.quality, GOOD), heading_quality[:, None])
+    return np.where(record.quality == MISSING, MISSING, worse).astype(np.int8)

@@ -1,0 +1,89 @@
+"""The catalogue of physics that a recording may show and its simulation may lack."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import fields
+
+from compasslib.effects.clock import ClockDrift, ClockOffset
+from compasslib.effects.earth import DeclinationError, FieldDisturbance, SecularVariation
+from compasslib.effects.iron import (
+    BatteryChange,
+    HardIron,
+    HardIronDrift,
+    HardIronStep,
+    Heeling,
+    RotationRate,
+    SoftIron,
+    SupplyVoltageOfField,
+    SupplyVoltageOfReading,
+    TemperatureOfField,
+    TemperatureOfReading,
+)
+from compasslib.effects.reading import (
+    CompassDrift,
+    CompassLag,
+    HeadingSlip,
+    LargeDeviation,
+    Octantal,
+    Sextantal,
+    StuckTilt,
+    StuckTiltOfLean,
+    TiltUncompensated,
+)
+from compasslib.effects.term import Scene, Term
+from compasslib.effects.water import (
+    CourseLag,
+    MooringMotion,
+    VeerWithDepth,
+    VeerWithDirection,
+    VeerWithSeparation,
+    VeerWithSpeed,
+    WaterDrift,
+)
+
+__all__ = ["CATALOGUE", "SIDES", "Scene", "Term", "meanings"]
+
+# In the order in which they act: surroundings, sensor, readout, then water and clocks.
+CATALOGUE: tuple[type[Term], ...] = (
+    HardIron,
+    SoftIron,
+    Heeling,
+    HardIronDrift,
+    HardIronStep,
+    BatteryChange,
+    LargeDeviation,
+    FieldDisturbance,
+    SecularVariation,
+    DeclinationError,
+    TemperatureOfField,
+    SupplyVoltageOfField,
+    RotationRate,
+    TiltUncompensated,
+    StuckTilt,
+    StuckTiltOfLean,
+    Sextantal,
+    Octantal,
+    TemperatureOfReading,
+    SupplyVoltageOfReading,
+    HeadingSlip,
+    CompassDrift,
+    CompassLag,
+    VeerWithSpeed,
+    VeerWithSeparation,
+    VeerWithDepth,
+    VeerWithDirection,
+    WaterDrift,
+    CourseLag,
+    MooringMotion,
+    ClockOffset,
+    ClockDrift,
+)
+
+SIDES = {term.name: term.side for term in CATALOGUE}  # what each effect acts on
+
+
+def meanings(effect: str) -> dict[str, str]:
+    """Return what an effect's parameters are, by their names, without the details behind a comma."""
+    terms = [term for term in CATALOGUE if term.name == effect]
+    return {one.name: re.split("[,;]", one.metadata["meaning"])[0] for term in terms for one in fields(term)}

@@ -1,0 +1,253 @@
+"""A compass near iron with terms of physics beside it: what it records at a heading, and its inverse in closed form.
+
+The field's terms are affine in the field, so that at every sample iron and terms together are one matrix and one
+vector, which the levelling makes five coefficients; the quadratic of compass.py inverts them. Readout terms are undone
+first. A of the fitted compass is carried as a turn of the reading and not as antisymmetric iron: a mean veer of the
+water, which every overlap has, must not tilt with the instrument.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from compasslib.core import angles, compass
+from compasslib.core.types import Floats
+from compasslib.effects.term import Scene, Term
+
+FLATTEST = 0.2  # least |d gamma / d beta| that is divided by: nearer to a fold nothing is linear
+PROBE_DEG = 0.01  # difference by heading
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """A fitted compass and the terms beside it."""
+
+    coefficients: Floats  # (5,) A..E of the level exact compass, dimensionless
+    horizontal_nT: float  # earth's field that B and C were scaled with
+    terms: tuple[Term, ...] = ()
+
+    @property
+    def parameters(self) -> Floats:
+        """A..E and the terms' values, (p,)."""
+        return np.concatenate([self.coefficients, *(term.values for term in self.terms)])
+
+    @property
+    def steps(self) -> Floats:
+        """For each parameter a change that turns the heading by very roughly a degree, (p,)."""
+        return np.concatenate([np.full(5, 0.02), *(term.steps() for term in self.terms)])
+
+    def at(self, parameters: Floats) -> Simulation:
+        """Return the same with other parameters.
+
+        Args:
+            parameters: in the order of ``parameters``, (p,).
+        """
+        ends = np.cumsum([5, *(len(term.fitted()) for term in self.terms)])
+        parts = np.split(parameters, ends[:-1])
+        return replace(
+            self,
+            coefficients=parts[0],
+            terms=tuple(term.at(part) for term, part in zip(self.terms, parts[1:], strict=True)),
+        )
+
+
+def recorded_heading(simulation: Simulation, scene: Scene, heading_deg: Floats) -> Floats:
+    """Return what the compass records, (n,) degrees.
+
+    Args:
+        simulation: compass and terms.
+        scene: in what the recording was made.
+        heading_deg: correct magnetic headings, (n,), degrees.
+    """
+    earth = earth_in_body(scene, heading_deg - north(simulation, scene))
+    return angles.wrap360(readout(simulation, scene, sensed_angle(simulation, scene, earth)))
+
+
+def earth_in_body(scene: Scene, heading_deg: Floats) -> Floats:
+    """Return the earth's field forward, starboard and down in the tilted body, (n, 3) nT.
+
+    Args:
+        scene: in what the recording was made.
+        heading_deg: headings to where magnetic north is, (n,), degrees.
+    """
+    sine, cosine = angles.sin_cos(heading_deg)
+    level = np.stack([scene.horizontal_nT * cosine, -scene.horizontal_nT * sine, scene.vertical_nT], axis=-1)
+    return np.einsum("nji,nj->ni", scene.levelling, level)
+
+
+def sensed_angle(simulation: Simulation, scene: Scene, earth_nT: Floats) -> Floats:
+    """Return the angle of the levelled field before the readout, (n,) degrees.
+
+    Args:
+        simulation: compass and terms.
+        scene: in what the recording was made.
+        earth_nT: earth's field in the body, (n, 3).
+    """
+    soft, hard = _iron(simulation)
+    field: Floats = earth_nT @ soft.T + hard
+    for term in _acting(simulation, "field"):
+        field = term.act(field, scene)
+    x, y = (np.einsum("nj,nj->n", scene.levelling[:, k], field) for k in (0, 1))
+    return angles.argument(x - 1j * y)
+
+
+def headings(simulation: Simulation, scene: Scene, recorded_deg: Floats) -> Floats:
+    """Return the correct headings that make the compass record what it recorded, (n, 2), NaN where there is none.
+
+    Args:
+        simulation: compass and terms.
+        scene: in what the recording was made.
+        recorded_deg: recorded headings, (n,), degrees.
+    """
+    sensed = undone_readout(simulation, scene, recorded_deg)
+    roots = compass.inverse(coefficients_at(simulation, scene), sensed)
+    return angles.wrap360(roots + np.broadcast_to(north(simulation, scene), recorded_deg.shape)[:, None])
+
+
+def coefficients_at(simulation: Simulation, scene: Scene) -> Floats:
+    """Return B..E of iron and field terms at every sample's tilt and time, A being carried by the readout, (5, n).
+
+    Args:
+        simulation: compass and terms.
+        scene: in what the recording was made.
+    """
+    soft, hard = _iron(simulation)
+    acting = _acting(simulation, "field")
+    if acting:
+        soft, hard = _composed(soft, hard, acting, scene)
+    return compass.level_coefficients(
+        soft,
+        hard,
+        horizontal_nT=scene.horizontal_nT,
+        vertical_nT=scene.vertical_nT,
+        pitch_deg=np.nan_to_num(scene.pitch_deg),
+        roll_deg=np.nan_to_num(scene.roll_deg),
+    )
+
+
+def readout(simulation: Simulation, scene: Scene, sensed_deg: Floats) -> Floats:
+    """Return the reading that the readout makes of the sensed field's angle, (n,) degrees, not wrapped.
+
+    Args:
+        simulation: compass and terms.
+        scene: in what the recording was made.
+        sensed_deg: angle of the levelled field, (n,), degrees.
+    """
+    reading = sensed_deg - float(np.arctan(simulation.coefficients[0])) / angles.DEGREE
+    for term in _acting(simulation, "reading"):
+        reading = term.act(reading, scene)
+    return reading
+
+
+def undone_readout(simulation: Simulation, scene: Scene, recorded_deg: Floats) -> Floats:
+    """Return the angle of the levelled field that a reading came from, (n,) degrees; NaN where it tells more than one.
+
+    Args:
+        simulation: compass and terms.
+        scene: in what the recording was made.
+        recorded_deg: readings, (n,), degrees.
+    """
+    reading = recorded_deg
+    for term in reversed(_acting(simulation, "reading")):
+        reading = term.undone(reading, scene)
+    return reading + float(np.arctan(simulation.coefficients[0])) / angles.DEGREE
+
+
+def north(simulation: Simulation, scene: Scene) -> Floats | float:
+    """Return how far magnetic north has moved east, (n,) degrees or 0.
+
+    Args:
+        simulation: compass and terms.
+        scene: in what the recording was made.
+    """
+    return _total(simulation, scene, "north")
+
+
+def veer(simulation: Simulation, scene: Scene) -> Floats | float:
+    """Return the veer of the trusted instrument's water from the other's, (n,) degrees or 0.
+
+    Args:
+        simulation: compass and terms.
+        scene: in what the recording was made.
+    """
+    return _total(simulation, scene, "water")
+
+
+def derivative(
+    simulation: Simulation, scene: Scene, heading_deg: Floats, *, first: int = 0, last: int | None = None
+) -> Floats:
+    """Return how the predicted heading moves by each parameter while the recorded one is held, (n, p) degrees a unit.
+
+    For the compass it is -(d gamma / d parameter) / (d gamma / d beta): the recorded heading is conditioned on. The
+    water's veer counts as it is, because it moves what the trusted instrument shows.
+
+    Args:
+        simulation: compass and terms.
+        scene: in what the recording was made.
+        heading_deg: correct magnetic headings, (n,), degrees.
+        last: parameter to end before; all where absent.
+    """
+    at, steps, columns = simulation.parameters, 0.05 * simulation.steps, []
+    still = None if _acting(simulation, "north") else earth_in_body(scene, heading_deg)
+
+    def read(tried: Simulation) -> Floats:
+        earth = earth_in_body(scene, heading_deg - north(tried, scene)) if still is None else still
+        return readout(tried, scene, sensed_angle(tried, scene, earth))
+
+    reading, veered = read(simulation), veer(simulation, scene)
+    ahead = recorded_heading(simulation, scene, heading_deg + PROBE_DEG)
+    slope = angles.difference(ahead, reading) / PROBE_DEG
+    slope = np.where(np.abs(slope) < FLATTEST, np.copysign(FLATTEST, slope), slope)
+    for j in range(first, len(at) if last is None else last):
+        more = simulation.at(at + steps[j] * (np.arange(len(at)) == j))
+        turned = angles.difference(read(more), reading)
+        columns.append((veer(more, scene) - veered - turned / slope) / steps[j])
+    return np.stack(columns, axis=1)
+
+
+def steepness(simulation: Simulation, scene: Scene, heading_deg: Floats) -> Floats:
+    """Return d gamma / d beta, (n,).
+
+    Args:
+        simulation: compass and terms.
+        scene: in what the recording was made.
+        heading_deg: correct magnetic headings, (n,), degrees.
+    """
+    ahead, here = (recorded_heading(simulation, scene, heading_deg + s) for s in (PROBE_DEG, 0.0))
+    return angles.difference(ahead, here) / PROBE_DEG
+
+
+def _iron(simulation: Simulation) -> tuple[Floats, Floats]:
+    """Return the level compass as a soft-iron matrix and a hard iron in nT, A left to the readout."""
+    a, b, c, d, e = simulation.coefficients
+    u = 1.0 - 1j * a
+    p, v = (b - 1j * c) / u, (d - 1j * e) / u
+    soft: Floats = np.array([[1.0 + v.real, -v.imag, 0.0], [-v.imag, 1.0 - v.real, 0.0], [0.0, 0.0, 1.0]])
+    return soft, simulation.horizontal_nT * np.array([p.real, -p.imag, 0.0])
+
+
+def _acting(simulation: Simulation, on: str) -> list[Term]:
+    return [term for term in simulation.terms if term.acts_on == on]
+
+
+def _total(simulation: Simulation, scene: Scene, what: str) -> Floats | float:
+    total: Floats | float = 0.0
+    for term in _acting(simulation, what):
+        total = term.act(np.broadcast_to(total, (len(scene),)).astype(float), scene)
+    return total
+
+
+def _composed(soft: Floats, hard: Floats, acting: list[Term], scene: Scene) -> tuple[Floats, Floats]:
+    """Return matrix and vector of iron and terms together, found by letting them act on no field and on unit fields."""
+
+    def chain(field_nT: Floats) -> Floats:
+        field: Floats = np.array(np.broadcast_to(field_nT, (len(scene), 3)))
+        for term in acting:
+            field = term.act(field, scene)
+        return field
+
+    none: Floats = chain(hard)
+    columns = [chain(hard + soft[:, k]) - none for k in range(3)]
+    return np.stack(columns, axis=-1), np.asarray(none)

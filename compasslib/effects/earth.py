@@ -1,0 +1,61 @@
+"""Secular variation: magnetic north drifts over the years."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from compasslib.core.types import Floats
+from compasslib.effects.term import Scene, Term, parameter
+
+
+@dataclass(frozen=True)
+class SecularVariation(Term):
+    """Magnetic north drifts faster than the declination that was applied says."""
+
+    name: ClassVar[str] = "secular_variation"
+    acts_on: ClassVar = "north"
+    literature: ClassVar[str] = "IGRF's rate of change; east positive"
+
+    deg_year: float = parameter("degrees/year", "drift beyond what was applied", 1.0)
+
+    def act(self, x: Floats, scene: Scene) -> Floats:
+        """Return the direction of magnetic north by then."""
+        return x + self.deg_year * scene.years
+
+
+# Storms and daily variation: magnetic north itself moves.
+
+
+@dataclass(frozen=True)
+class FieldDisturbance(Term):
+    """Magnetic north moves by a share of what an observatory recorded."""
+
+    name: ClassVar[str] = "field_disturbance"
+    acts_on: ClassVar = "north"
+    literature: ClassVar[str] = "declination of an observatory minus its quiet value; east positive"
+    needs: ClassVar[tuple[str, ...]] = ("declination_observatory",)
+
+    share: float = parameter("1", "of the observatory's variation", 1.0)
+
+    def act(self, x: Floats, scene: Scene) -> Floats:
+        """Return the direction of magnetic north with the disturbance."""
+        return x + self.share * scene.departures["declination_observatory"]
+
+
+# Declination error: a wrong number in the metadata.
+
+
+@dataclass(frozen=True)
+class DeclinationError(Term):
+    """Magnetic north lies elsewhere than the declination that was applied says, by the same angle always."""
+
+    name: ClassVar[str] = "declination_error"
+    acts_on: ClassVar = "north"
+    literature: ClassVar[str] = "von Appen 2015, eq. (2): the same as A, a mean veer and a turned mount; east positive"
+
+    error_deg: float = parameter("degrees", "true minus applied declination", 1.0)
+
+    def act(self, x: Floats, scene: Scene) -> Floats:
+        """Return the direction of magnetic north."""
+        return x + self.error_deg

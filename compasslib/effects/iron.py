@@ -1,0 +1,230 @@
+"""Hard iron: magnetised parts fixed to the instrument."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from compasslib.core import angles
+from compasslib.core.types import Floats
+from compasslib.effects.term import Scene, Term, date, horizontal, parameter
+
+
+@dataclass(frozen=True)
+class HardIron(Term):
+    """A constant field in the body frame is added."""
+
+    name: ClassVar[str] = "hard_iron"
+    literature: ClassVar[str] = "Poisson's P, Q, R; Le Menn et al. 2023, eq. (1); forward, starboard, down positive"
+    recordings: ClassVar[tuple[str, ...]] = ("magnetometer",)  # elsewhere B and C of the fitted curve hold it
+
+    b_x_nT: float = parameter("nT", "field forward", 200.0)
+    b_y_nT: float = parameter("nT", "field to starboard", 200.0)
+    b_z_nT: float = parameter("nT", "field down", 2000.0)
+
+    def act(self, x: Floats, scene: Scene) -> Floats:
+        """Return the field with the iron's added."""
+        return x + np.array([self.b_x_nT, self.b_y_nT, self.b_z_nT])
+
+
+# Soft iron: parts that the earth's field magnetises.
+
+
+@dataclass(frozen=True)
+class SoftIron(Term):
+    """The field is multiplied by a matrix; the trace cannot be seen in a heading and stays what it is."""
+
+    name: ClassVar[str] = "soft_iron"
+    literature: ClassVar[str] = "Poisson's a to h; Le Menn et al. 2023, eq. (1); physics page, section 3"
+    recordings: ClassVar[tuple[str, ...]] = ("magnetometer",)  # elsewhere A, D, E of the fitted curve hold it
+
+    stretch: float = parameter("1", "(a - e)/2, forward against starboard", 0.02)
+    shear: float = parameter("1", "(d + b)/2", 0.02)
+    turn: float = parameter("1", "(d - b)/2", 0.02)
+    c: float = parameter("1", "forward field by the vertical one", 0.005)
+    f: float = parameter("1", "starboard field by the vertical one", 0.005)
+
+    def act(self, x: Floats, scene: Scene) -> Floats:
+        """Return the field with the induced one added."""
+        rows = [[self.stretch, self.shear - self.turn, self.c], [self.shear + self.turn, -self.stretch, self.f]]
+        return x + x @ np.array([*rows, [0.0, 0.0, 0.0]]).T
+
+
+# Step of the hard iron: a knock, a shackle that shifts, gear that comes or goes.
+
+LARGEST_NT = 6000.0  # a sphere's own iron is of this size; more does not come or go under water
+
+
+@dataclass(frozen=True)
+class HardIronStep(Term):
+    """A horizontal field in the body frame is there from a date on."""
+
+    name: ClassVar[str] = "hard_iron_step"
+    literature: ClassVar[str] = "Poisson's P and Q, a step in time; forward and starboard positive"
+
+    b_x_nT: float = parameter("nT", "step forward", 200.0, least=-LARGEST_NT, most=LARGEST_NT)
+    b_y_nT: float = parameter("nT", "step to starboard", 200.0, least=-LARGEST_NT, most=LARGEST_NT)
+    date_s: float = date()
+
+    def act(self, x: Floats, scene: Scene) -> Floats:
+        """Return the field with the step."""
+        return x + horizontal(self.b_x_nT * scene.since(self.date_s), self.b_y_nT * scene.since(self.date_s))
+
+
+# Drift of the hard iron: steel that loses or gains magnetisation over the deployment.
+
+
+@dataclass(frozen=True)
+class HardIronDrift(Term):
+    """A horizontal field in the body frame grows with time."""
+
+    name: ClassVar[str] = "hard_iron_drift"
+    literature: ClassVar[str] = "Poisson's P and Q, linear in time; forward and starboard positive"
+
+    b_x_nT_year: float = parameter("nT/year", "rate forward", 200.0)
+    b_y_nT_year: float = parameter("nT/year", "rate to starboard", 200.0)
+
+    def act(self, x: Floats, scene: Scene) -> Floats:
+        """Return the field with what has grown by then."""
+        return x + horizontal(self.b_x_nT_year * scene.years, self.b_y_nT_year * scene.years)
+
+
+# A battery change: another battery is other iron.
+
+
+@dataclass(frozen=True)
+class BatteryChange(Term):
+    """A horizontal field in the body frame is there from each jump of the supply voltage on; every jump has its own."""
+
+    name: ClassVar[str] = "battery_change"
+    literature: ClassVar[str] = "Poisson's P and Q, a step with each battery; forward and starboard positive"
+    needs: ClassVar[tuple[str, ...]] = ("battery_number",)
+
+    b_x_nT: float = parameter("nT", "step forward", 200.0)
+    b_y_nT: float = parameter("nT", "step to starboard", 200.0)
+    second_x_nT: float = parameter("nT", "step forward at the second change", 200.0)
+    second_y_nT: float = parameter("nT", "step to starboard at the second change", 200.0)
+    third_x_nT: float = parameter("nT", "step forward at the third change and each later one", 200.0)
+    third_y_nT: float = parameter("nT", "step to starboard at the third change and each later one", 200.0)
+
+    def act(self, x: Floats, scene: Scene) -> Floats:
+        """Return the field with the new batteries'; the departure counts them."""
+        number = scene.departures["battery_number"]
+        first, second, third = number.clip(0.0, 1.0), (number - 1.0).clip(0.0, 1.0), (number - 2.0).clip(0.0)
+        forward = self.b_x_nT * first + self.second_x_nT * second + self.third_x_nT * third
+        return x + horizontal(forward, self.b_y_nT * first + self.second_y_nT * second + self.third_y_nT * third)
+
+
+# Supply voltage: the current that the battery gives, and its stray field, change as it runs down.
+
+
+@dataclass(frozen=True)
+class SupplyVoltageOfField(Term):
+    """A horizontal field in the body frame grows with the supply voltage."""
+
+    name: ClassVar[str] = "supply_voltage"
+    stage: ClassVar = "sensor"
+    literature: ClassVar[str] = "stray field of the supply current; forward and starboard positive"
+    needs: ClassVar[tuple[str, ...]] = ("supply_voltage",)
+
+    b_x_nT_V: float = parameter("nT/V", "forward; V or counts as logged", 100.0)
+    b_y_nT_V: float = parameter("nT/V", "to starboard; V or counts as logged", 100.0)
+
+    def act(self, x: Floats, scene: Scene) -> Floats:
+        """Return the field with the supply's added."""
+        volt = scene.departures["supply_voltage"]
+        return x + horizontal(self.b_x_nT_V * volt, self.b_y_nT_V * volt)
+
+
+@dataclass(frozen=True)
+class SupplyVoltageOfReading(Term):
+    """The reading grows with the supply voltage."""
+
+    name: ClassVar[str] = "supply_voltage"
+    stage: ClassVar = "readout"
+    acts_on: ClassVar = "reading"
+    literature: ClassVar[str] = "reference voltage of the readout; clockwise positive"
+    needs: ClassVar[tuple[str, ...]] = ("supply_voltage",)
+
+    deg_V: float = parameter("degrees/V", "of the reading; V or counts as logged", 0.5)
+
+    def act(self, x: Floats, scene: Scene) -> Floats:
+        """Return the reading shifted by the supply voltage."""
+        return x + self.deg_V * scene.departures["supply_voltage"]
+
+
+# Temperature: the magnetometer's zero or the iron beside it change with it, or the reading does.
+
+
+@dataclass(frozen=True)
+class TemperatureOfField(Term):
+    """A horizontal field in the body frame grows with temperature."""
+
+    name: ClassVar[str] = "temperature"
+    stage: ClassVar = "sensor"
+    literature: ClassVar[str] = "zero shift of the magnetometer's axes; forward and starboard positive"
+    needs: ClassVar[tuple[str, ...]] = ("temperature",)
+
+    b_x_nT_K: float = parameter("nT/K", "forward", 200.0)
+    b_y_nT_K: float = parameter("nT/K", "to starboard", 200.0)
+
+    def act(self, x: Floats, scene: Scene) -> Floats:
+        """Return the field with the shift by temperature."""
+        warm = scene.departures["temperature"]
+        return x + horizontal(self.b_x_nT_K * warm, self.b_y_nT_K * warm)
+
+
+@dataclass(frozen=True)
+class TemperatureOfReading(Term):
+    """The reading grows with temperature."""
+
+    name: ClassVar[str] = "temperature"
+    stage: ClassVar = "readout"
+    acts_on: ClassVar = "reading"
+    literature: ClassVar[str] = "thermal drift of the readout; clockwise positive"
+    needs: ClassVar[tuple[str, ...]] = ("temperature",)
+
+    deg_K: float = parameter("degrees/K", "of the reading", 1.0)
+
+    def act(self, x: Floats, scene: Scene) -> Floats:
+        """Return the reading shifted by temperature."""
+        return x + self.deg_K * scene.departures["temperature"]
+
+
+# Heeling error: iron along the instrument's own vertical turns into the horizontal when it tilts.
+
+
+@dataclass(frozen=True)
+class Heeling(Term):
+    """A constant field along the body's vertical is added; the levelling brings it into the heading."""
+
+    name: ClassVar[str] = "heeling"
+    literature: ClassVar[str] = "physics page, section 4: n = T m, so tilt turns b_z into q; left out by von Appen 2015"
+
+    b_z_nT: float = parameter("nT", "field down, induced part (S33 - S11) Z included", 1000.0, least=-25e3, most=25e3)
+
+    def act(self, x: Floats, scene: Scene) -> Floats:
+        """Return the field with the vertical iron's added."""
+        return x + np.array([0.0, 0.0, self.b_z_nT])
+
+
+# Eddy currents: metal that turns in the earth's field.
+
+
+@dataclass(frozen=True)
+class RotationRate(Term):
+    """The field of the currents that a turn induces is added: proportional to the field's rate of change."""
+
+    name: ClassVar[str] = "rotation_rate"
+    literature: ClassVar[str] = "Tolles and Lawson's eddy terms, isotropic in the plane; clockwise turn positive"
+    needs: ClassVar[tuple[str, ...]] = ("turn_rate",)
+    recordings: ClassVar[tuple[str, ...]] = ("swing", "magnetometer")  # hourly samples do not resolve a turn
+
+    delay_s: float = parameter("s", "induced field over the field's rate of change", 0.5)
+
+    def act(self, x: Floats, scene: Scene) -> Floats:
+        """Return the field with the eddies' added: a body that turns clockwise sees the field turn the other way."""
+        spin = self.delay_s * angles.DEGREE * scene.departures["turn_rate"]
+        return x + np.stack([spin * x[:, 1], -spin * x[:, 0], np.zeros(len(x))], axis=-1)

@@ -1,0 +1,41 @@
+"""The catalogue as a page to read: ``python -m compasslib.effects.page > docs/physics.md``."""
+
+from __future__ import annotations
+
+import inspect
+from dataclasses import fields
+from itertools import groupby
+
+from compasslib.effects import CATALOGUE, Term
+
+HEAD = """# The catalogue of left-out physics
+
+Made from `compasslib/effects/` by `python -m compasslib.effects.page`; a test fails where it is stale. Effects act in
+this order. *Side* says what an effect may change: only those of the compass enter the corrected headings.
+"""
+
+
+def page() -> str:
+    """Return the catalogue as Markdown, one section an effect."""
+    return "\n".join(
+        [HEAD, *(_section(name, list(forms)) for name, forms in groupby(CATALOGUE, lambda term: term.name))]
+    )
+
+
+def _section(name: str, forms: list[type[Term]]) -> str:
+    return "\n".join([f"## {name}\n", *(_form(form) for form in forms)])
+
+
+def _form(form: type[Term]) -> str:
+    said = [
+        " ".join((inspect.getdoc(form) or "").split()),
+        f"* side: {form.side}; acts on: {form.acts_on}; stage: {form.stage}",
+        f"* source: {form.literature}",
+        *([f"* needs: {', '.join(form.needs)}"] if form.needs else []),
+        *(f"* `{f.name}`, {f.metadata['unit']}: {f.metadata['meaning']}" for f in fields(form)),
+    ]
+    return said[0] + "\n\n" + "\n".join(said[1:]) + "\n"
+
+
+if __name__ == "__main__":
+    print(page(), end="")

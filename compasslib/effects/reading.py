@@ -1,0 +1,223 @@
+"""Large deviation: the small-angle series is too small a model."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from compasslib.core import angles, compass
+from compasslib.core.types import Floats
+from compasslib.effects.term import Scene, Term, date, parameter
+
+
+@dataclass(frozen=True)
+class LargeDeviation(Term):
+    """The reading is that of the exact compass, not that of the series."""
+
+    name: ClassVar[str] = "large_deviation"
+    acts_on: ClassVar = "reading"
+    literature: ClassVar[str] = "Le Menn et al. 2023, eq. (4), against von Appen 2015, eq. (1), its first order"
+    needs: ClassVar[tuple[str, ...]] = ("exact_minus_series",)
+
+    share: float = parameter("1", "of the difference; 1 is the exact compass", 0.2)
+
+    def act(self, x: Floats, scene: Scene) -> Floats:
+        """Return the reading with the difference of the two compasses added."""
+        return x + self.share * scene.departures["exact_minus_series"]
+
+
+# A harmonic of the recorded heading: a readout or a calibration table with teeth.
+
+FLATTEST = 0.2  # least slope of a reading that is believed: a readout that hardly turns with the field is none
+POLISHED = 4  # Newton's steps from a table of whole degrees: the last digit of a double
+
+
+@dataclass(frozen=True)
+class Harmonic(Term):
+    """The reading is shifted by a harmonic of what the compass would have recorded."""
+
+    order: ClassVar[float]
+    stage: ClassVar = "readout"
+    acts_on: ClassVar = "reading"
+
+    sine_deg: float = parameter("degrees", "times the sine", 1.0)
+    cosine_deg: float = parameter("degrees", "times the cosine", 1.0)
+
+    @property
+    def believable(self) -> bool:
+        """Whether the reading always turns with the field: the order times the amplitude is well under a radian."""
+        return self._flattest >= FLATTEST
+
+    @property
+    def _flattest(self) -> float:
+        return 1.0 - self.order * angles.DEGREE * float(np.hypot(self.sine_deg, self.cosine_deg))
+
+    def act(self, x: Floats, scene: Scene) -> Floats:
+        """Return the reading with the harmonic added."""
+        sine, cosine = angles.sin_cos(self.order * x)
+        return x + self.sine_deg * sine + self.cosine_deg * cosine
+
+    def undone(self, reading_deg: Floats, scene: Scene) -> Floats:
+        """Return what the reading was made of; NaN everywhere where some readings have three such angles."""
+        if self._flattest <= 0.0:
+            return np.full_like(reading_deg, np.nan)
+        period = 360.0 / self.order
+        whole = np.linspace(0.0, period, int(period) + 1)
+        begins = self.act(whole[:1], scene)
+        turns = np.floor((reading_deg - begins) / period)
+        x = period * turns + np.interp(reading_deg - period * turns, self.act(whole, scene), whole)
+        for _ in range(POLISHED):
+            sine, cosine = angles.sin_cos(self.order * x)
+            slope = 1.0 + self.order * angles.DEGREE * (self.sine_deg * cosine - self.cosine_deg * sine)
+            x = x + (reading_deg - self.act(x, scene)) / slope
+        return np.asarray(x)
+
+
+# The third harmonic of the recorded heading.
+
+
+@dataclass(frozen=True)
+class Sextantal(Harmonic):
+    """The reading is shifted by the third harmonic of what the compass would have recorded."""
+
+    name: ClassVar[str] = "sextantal"
+    order: ClassVar[float] = 3.0
+    literature: ClassVar[str] = "Moncunill et al. 2023, section 5.3 (sextantal); clockwise positive"
+
+
+# The fourth harmonic of the recorded heading.
+
+
+@dataclass(frozen=True)
+class Octantal(Harmonic):
+    """The reading is shifted by the fourth harmonic of what the compass would have recorded."""
+
+    name: ClassVar[str] = "octantal"
+    order: ClassVar[float] = 4.0
+    literature: ClassVar[str] = "Moncunill et al. 2023, section 5.3 (octantal); clockwise positive"
+
+
+# Drift of the compass: A changes over the deployment.
+
+
+@dataclass(frozen=True)
+class CompassDrift(Term):
+    """The reading drifts with time."""
+
+    name: ClassVar[str] = "compass_drift"
+    stage: ClassVar = "readout"
+    acts_on: ClassVar = "reading"
+    literature: ClassVar[str] = "A of von Appen 2015, eq. (1), linear in time; reading clockwise positive"
+
+    deg_year: float = parameter("degrees/year", "of the reading", 1.0)
+
+    def act(self, x: Floats, scene: Scene) -> Floats:
+        """Return the reading with what has drifted by then."""
+        return x + self.deg_year * scene.years
+
+
+# A mount that slips: the compass sits at another angle from a date on.
+
+
+@dataclass(frozen=True)
+class HeadingSlip(Term):
+    """The reading is shifted from a date on: a step in A."""
+
+    name: ClassVar[str] = "heading_slip"
+    stage: ClassVar = "readout"
+    acts_on: ClassVar = "reading"
+    literature: ClassVar[str] = "a step of A in von Appen 2015, eq. (1); reading clockwise positive"
+
+    offset_deg: float = parameter("degrees", "of the reading after the date", 1.0)
+    date_s: float = date()
+
+    def act(self, x: Floats, scene: Scene) -> Floats:
+        """Return the reading with the slip."""
+        return x + self.offset_deg * scene.since(self.date_s)
+
+
+# Lag of the compass: a damped needle or filter reads an earlier heading.
+
+
+@dataclass(frozen=True)
+class CompassLag(Term):
+    """The reading is what the heading was some time before."""
+
+    name: ClassVar[str] = "compass_lag"
+    stage: ClassVar = "readout"
+    acts_on: ClassVar = "reading"
+    literature: ClassVar[str] = "first order: reading minus lag times its rate of turn, clockwise positive"
+    needs: ClassVar[tuple[str, ...]] = ("turn_rate",)
+
+    lag_s: float = parameter("s", "time by which the reading is late", 300.0)
+
+    def act(self, x: Floats, scene: Scene) -> Floats:
+        """Return the late reading."""
+        return x - self.lag_s * scene.departures["turn_rate"]
+
+
+# Tilt that is not compensated: the compass takes the angle in its own plane, not in the level one.
+
+
+@dataclass(frozen=True)
+class TiltUncompensated(Term):
+    """A share of the levelling is left out."""
+
+    name: ClassVar[str] = "tilt_uncompensated"
+    stage: ClassVar = "sensor"
+    literature: ClassVar[str] = "physics page, section 4: n = m instead of T m; 1 means no compensation at all"
+
+    share: float = parameter("1", "of the levelling that is left out", 0.05, least=0.65, most=1.5)
+
+    def act(self, x: Floats, scene: Scene) -> Floats:
+        """Return the field that, levelled rightly, gives what is left without levelling."""
+        level = scene.levelling
+        return (1.0 - self.share) * x + self.share * np.einsum("nji,nj->ni", level, x)
+
+
+# A tilt sensor that sticks: the compass levels with the wrong tilt.
+
+
+@dataclass(frozen=True)
+class StuckTilt(Term):
+    """From a date on the compass levels with tilts that are off by constants from the true ones."""
+
+    name: ClassVar[str] = "stuck_tilt"
+    stage: ClassVar = "sensor"
+    literature: ClassVar[str] = (
+        "physics page, section 4: n = T(sensed) m; sensed minus true tilt, forward up, starboard down"
+    )
+    recordings: ClassVar[tuple[str, ...]] = ("magnetometer",)  # the true tilt must be known from elsewhere
+
+    pitch_deg: float = parameter("degrees", "sensed minus true pitch", 0.2)
+    roll_deg: float = parameter("degrees", "sensed minus true roll", 0.2)
+    date_s: float = date()
+
+    def act(self, x: Floats, scene: Scene) -> Floats:
+        """Return the field that, levelled rightly, gives what the wrong levelling gives."""
+        stuck = scene.since(self.date_s)
+        right = scene.levelling
+        wrong = compass.levelling(scene.pitch_deg + self.pitch_deg * stuck, scene.roll_deg + self.roll_deg * stuck)
+        return np.einsum("nji,njk,nk->ni", right, wrong, x)
+
+
+@dataclass(frozen=True)
+class StuckTiltOfLean(Term):
+    """While the tilts stick, the compass levels without the lean that the flow then gave the instrument."""
+
+    name: ClassVar[str] = "stuck_tilt"
+    stage: ClassVar = "sensor"
+    literature: ClassVar[str] = "physics page, section 4: n = T(stuck) m; 1: all of the lean that the flow foretells"
+    needs: ClassVar[tuple[str, ...]] = ("lean_pitch", "lean_roll")
+    recordings: ClassVar[tuple[str, ...]] = ("mooring",)
+    evident: ClassVar[bool] = True  # a sensor that shows one value for weeks
+
+    share: float = parameter("1", "of the foretold lean", 0.05, least=0.3, most=2.0)
+
+    def act(self, x: Floats, scene: Scene) -> Floats:
+        """Return the field of the leaning body in place of that of the body as the tilts have it."""
+        pitch, roll = (scene.departures[name] for name in self.needs)
+        right = compass.levelling(scene.pitch_deg + self.share * pitch, scene.roll_deg + self.share * roll)
+        return np.einsum("nji,njk,nk->ni", right, scene.levelling, x)

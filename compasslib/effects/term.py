@@ -1,0 +1,185 @@
+"""What a term of physics is: a few parameters with units, and one method that acts.
+
+A compass term acts on the magnetic field in the body frame, on the direction of magnetic north, or on the reading; a
+water term on the direction of the water, a clock term on time. Terms compose in the order of their stages, on the field
+vector: deviations are never added.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
+from typing import Any, ClassVar, Literal, Self
+
+import numpy as np
+
+from compasslib.core import compass
+from compasslib.core.types import Floats
+
+Side = Literal["compass", "reference", "water", "clock"]
+Stage = Literal["surroundings", "sensor", "readout", "clock"]
+
+YEAR_S = 365.25 * 86400.0
+EVERY_RECORDING = ("mooring", "platform", "swing", "magnetometer", "declination", "two_heads")
+
+
+@dataclass(frozen=True)
+class Scene:
+    """In what a recording was made, sample by sample."""
+
+    time_s: Floats  # (n,)
+    horizontal_nT: Floats  # (n,) earth's field
+    vertical_nT: Floats  # (n,) down positive
+    pitch_deg: Floats  # (n,) forward up
+    roll_deg: Floats  # (n,) starboard down
+    begin_s: float  # drifts count from here
+    departures: Mapping[str, Floats] = field(default_factory=dict)  # (n,) covariates minus their references
+
+    def __len__(self) -> int:
+        return len(self.time_s)
+
+    @cached_property
+    def levelling(self) -> Floats:
+        """What turns the body level at each sample, (n, 3, 3)."""
+        return compass.levelling(np.nan_to_num(self.pitch_deg), np.nan_to_num(self.roll_deg))
+
+    @property
+    def years(self) -> Floats:
+        """Years since the beginning, (n,)."""
+        return (self.time_s - self.begin_s) / YEAR_S
+
+    def since(self, date_s: float) -> Floats:
+        """Return 1 from a date on and 0 before it, (n,).
+
+        Args:
+            date_s: UTC seconds since 1970.
+        """
+        return np.asarray(self.time_s >= date_s, dtype=float)
+
+
+def parameter(
+    unit: str, meaning: str, step: float, *, least: float = -np.inf, most: float = np.inf, usual: float = np.inf
+) -> Any:
+    """Return the field of a parameter that is 0 where the effect is absent.
+
+    Args:
+        unit: its unit.
+        step: a change that turns the heading by very roughly a degree, for differences.
+        least: a value below it is not believed of this effect.
+        most: a value above it is not believed.
+        usual: standard deviation that is expected beforehand, for what a record may hardly show.
+    """
+    told = {"unit": unit, "meaning": meaning, "step": step, "range": (least, most), "usual": usual}
+    return field(default=0.0, metadata=told)
+
+
+def date() -> Any:
+    """Return the field of a date that is searched for and not fitted; without effect by itself."""
+    return field(default=0.0, metadata={"unit": "s", "meaning": "UTC seconds since 1970 of the change", "step": 0.0})
+
+
+@dataclass(frozen=True)
+class Term(ABC):
+    """One effect; its fields are parameters, its defaults mean that it is absent."""
+
+    name: ClassVar[str]
+    side: ClassVar[Side] = "compass"
+    stage: ClassVar[Stage] = "surroundings"
+    acts_on: ClassVar[Literal["field", "north", "reading", "water", "time"]] = "field"
+    literature: ClassVar[str]
+    needs: ClassVar[tuple[str, ...]] = ()  # covariates without which it cannot be tested
+    recordings: ClassVar[tuple[str, ...]] = EVERY_RECORDING
+    evident: ClassVar[bool] = False  # whether what it needs is there only where it acts: only its size is asked for
+
+    @abstractmethod
+    def act(self, x: Floats, scene: Scene) -> Floats:
+        """Return what the effect makes of what it acts on.
+
+        Args:
+            x: field in the body frame, (n, 3) nT; else direction of north, reading or direction of the water's veer,
+                (n,) degrees; for a clock the instrument's error, (n,) seconds.
+            scene: in what the recording was made.
+        """
+
+    def undone(self, reading_deg: Floats, scene: Scene) -> Floats:
+        """Return what a reading was before the effect: here, where it adds the same to any reading, less that.
+
+        Args:
+            reading_deg: with the effect, (n,), degrees.
+            scene: in what the recording was made.
+        """
+        return reading_deg - self.act(np.zeros_like(reading_deg), scene)
+
+    @classmethod
+    def fitted(cls) -> tuple[str, ...]:
+        """Return the names of the parameters that are fitted, dates left out."""
+        return tuple(f.name for f in fields(cls) if f.metadata["step"])
+
+    @classmethod
+    def steps(cls) -> Floats:
+        """Return for each fitted parameter a change that turns the heading by very roughly a degree."""
+        return np.array([f.metadata["step"] for f in fields(cls) if f.metadata["step"]])
+
+    @classmethod
+    def expected(cls) -> Floats:
+        """Return for each fitted parameter the precision with which 0 is expected of it beforehand, 0 for most."""
+        return np.array([f.metadata["usual"] for f in fields(cls) if f.metadata["step"]]) ** -2.0
+
+    @classmethod
+    def units(cls) -> tuple[str, ...]:
+        """Return the units of the parameters that are fitted."""
+        return tuple(f.metadata["unit"] for f in fields(cls) if f.metadata["step"])
+
+    @classmethod
+    def dated(cls) -> bool:
+        """Tell whether the effect has a date."""
+        return any(f.metadata["unit"] == "s" and not f.metadata["step"] for f in fields(cls))
+
+    @property
+    def date(self) -> float:
+        """The date of a term that has one, UTC seconds since 1970; else 0."""
+        return float(getattr(self, "date_s", 0.0))
+
+    @property
+    def believable(self) -> bool:
+        """Whether all fitted parameters are within the ranges that are believed of the effect."""
+        ranges = [f.metadata["range"] for f in fields(self) if f.metadata["step"]]
+        return all(low <= value <= high for value, (low, high) in zip(self.values, ranges, strict=True))
+
+    @property
+    def values(self) -> Floats:
+        """The fitted parameters' values."""
+        return np.array([getattr(self, name) for name in self.fitted()])
+
+    def at(self, values: Floats) -> Self:
+        """Return the term with other values of the fitted parameters.
+
+        Args:
+            values: in the order of ``fitted``.
+        """
+        return replace(self, **dict(zip(self.fitted(), np.asarray(values, dtype=float).tolist(), strict=True)))
+
+    def change(self, scene: Scene) -> Floats | None:
+        """Return what a compass's effect grows with along the record, (n,); None where nothing but the heading or tilt.
+
+        Args:
+            scene: in what the recording was made.
+        """
+        if self.side != "compass" or self.acts_on not in ("field", "north", "reading"):
+            return None
+        unit, shape = self.at(np.eye(len(self.fitted()))[0]), (len(scene), 3) if self.acts_on == "field" else len(scene)
+        none, some = (unit.act(np.full(shape, x), scene) - x for x in (0.0, 37.0))  # any other reading or field
+        grown = none[:, 0] if self.acts_on == "field" else none
+        return grown if np.allclose(none, some) and np.ptp(grown) > 0.0 else None
+
+
+def horizontal(forward: Floats, starboard: Floats) -> Floats:
+    """Return a field in the body's horizontal plane, (n, 3).
+
+    Args:
+        forward: nT, (n,).
+        starboard: nT, (n,).
+    """
+    return np.stack([forward, starboard, np.zeros_like(forward)], axis=-1)

@@ -1,0 +1,159 @@
+"""Veer of the current between the two depths."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from compasslib.core.types import Floats
+from compasslib.effects.term import Scene, Term, parameter
+
+# In narrow headings the harmonics stand for each other, up to 60 degrees each. Real veer ran from +22 to -7 degrees.
+USUAL_DEG = 15.0
+
+
+@dataclass(frozen=True)
+class VeerWithSpeed(Term):
+    """The lower water veers from the upper one the more, the faster it flows."""
+
+    name: ClassVar[str] = "current_veer"
+    side: ClassVar = "water"
+    acts_on: ClassVar = "water"
+    literature: ClassVar[str] = "von Appen 2015, appendix, assumes none; lower minus upper direction, clockwise"
+    needs: ClassVar[tuple[str, ...]] = ("speed",)
+    recordings: ClassVar[tuple[str, ...]] = ("mooring",)
+
+    deg_s_m: float = parameter("degrees/(m/s)", "veer by speed", 5.0)
+
+    def act(self, x: Floats, scene: Scene) -> Floats:
+        """Return the veer."""
+        return x + self.deg_s_m * scene.departures["speed"]
+
+
+@dataclass(frozen=True)
+class VeerWithSeparation(Term):
+    """The lower water veers from the upper one in proportion to the metres between them."""
+
+    name: ClassVar[str] = "current_veer"
+    side: ClassVar = "water"
+    acts_on: ClassVar = "water"
+    literature: ClassVar[str] = "Ekman's spiral, linear over few metres; lower minus upper direction, clockwise"
+    needs: ClassVar[tuple[str, ...]] = ("separation",)
+    recordings: ClassVar[tuple[str, ...]] = ("mooring",)
+
+    deg_m: float = parameter("degrees/m", "veer by metres of separation", 1.0)
+
+    def act(self, x: Floats, scene: Scene) -> Floats:
+        """Return the veer."""
+        return x + self.deg_m * scene.departures["separation"]
+
+
+@dataclass(frozen=True)
+class VeerWithDepth(Term):
+    """The lower water veers from the upper one as the pair is blown down to other water."""
+
+    name: ClassVar[str] = "current_veer"
+    side: ClassVar = "water"
+    acts_on: ClassVar = "water"
+    literature: ClassVar[str] = "veer of the water column, linear in depth; lower minus upper direction, clockwise"
+    needs: ClassVar[tuple[str, ...]] = ("depth",)
+    recordings: ClassVar[tuple[str, ...]] = ("mooring",)
+
+    deg_100m: float = parameter("degrees/100 m", "veer by depth", 1.0)
+
+    def act(self, x: Floats, scene: Scene) -> Floats:
+        """Return the veer."""
+        return x + self.deg_100m * scene.departures["depth"] / 100.0
+
+
+@dataclass(frozen=True)
+class VeerWithDirection(Term):
+    """The lower water veers from the upper one by another angle for each direction of the flow."""
+
+    name: ClassVar[str] = "current_veer"
+    side: ClassVar = "water"
+    acts_on: ClassVar = "water"
+    literature: ClassVar[str] = "steering by topography, two harmonics; lower minus upper direction, clockwise"
+    needs: ClassVar[tuple[str, ...]] = ("flow_east", "flow_north", "flow_sine2", "flow_cosine2")
+    recordings: ClassVar[tuple[str, ...]] = ("mooring",)
+
+    sine_deg: float = parameter("degrees", "times the sine of the flow's direction", 1.0, usual=USUAL_DEG)
+    cosine_deg: float = parameter("degrees", "times its cosine", 1.0, usual=USUAL_DEG)
+    sine2_deg: float = parameter("degrees", "times the sine of its double", 1.0, usual=USUAL_DEG)
+    cosine2_deg: float = parameter("degrees", "times the cosine of its double", 1.0, usual=USUAL_DEG)
+
+    def act(self, x: Floats, scene: Scene) -> Floats:
+        """Return the veer."""
+        flow = (scene.departures[name] for name in self.needs)
+        return x + sum(size * part for size, part in zip(self.values, flow, strict=True))
+
+
+# Motion of the mooring: the sphere is carried to and fro as the flow changes.
+
+
+@dataclass(frozen=True)
+class MooringMotion(Term):
+    """The instrument's own velocity is missing from what it measures, across the flow while the lean turns."""
+
+    name: ClassVar[str] = "mooring_motion"
+    side: ClassVar = "water"
+    acts_on: ClassVar = "water"
+    literature: ClassVar[str] = "excursion proportional to speed squared; true minus measured direction, clockwise"
+    needs: ClassVar[tuple[str, ...]] = ("excursion_turn",)
+    recordings: ClassVar[tuple[str, ...]] = ("mooring",)
+
+    m_s2_m2: float = parameter("m/(m/s)^2", "excursion by speed squared", 200.0)
+
+    def act(self, x: Floats, scene: Scene) -> Floats:
+        """Return the veer; the departure is its degrees for an excursion of 1 m at 1 m/s."""
+        return x + self.m_s2_m2 * scene.departures["excursion_turn"]
+
+
+# Set and drift of the water: a ship's track over ground is not its heading.
+
+
+@dataclass(frozen=True)
+class WaterDrift(Term):
+    """The water carries the ship sideways; the course over ground leaves the heading by drift over speed."""
+
+    name: ClassVar[str] = "water_drift"
+    side: ClassVar = "water"
+    acts_on: ClassVar = "water"
+    literature: ClassVar[str] = (
+        "Moncunill et al. 2023, eqs. (29)-(37), first order in drift over speed; course minus heading"
+    )
+    needs: ClassVar[tuple[str, ...]] = ("drift_east_deg", "drift_north_deg")
+    recordings: ClassVar[tuple[str, ...]] = ("swing",)
+
+    east_m_s: float = parameter("m/s", "water towards east", 0.05)
+    north_m_s: float = parameter("m/s", "water towards north", 0.05)
+
+    def act(self, x: Floats, scene: Scene) -> Floats:
+        """Return course minus heading; the departures are its degrees for a drift of 1 m/s."""
+        return (
+            x
+            + self.east_m_s * scene.departures["drift_east_deg"]
+            + self.north_m_s * scene.departures["drift_north_deg"]
+        )
+
+
+# Lag of the course over ground: a receiver filters it, and a hull slides on in a turn.
+
+
+@dataclass(frozen=True)
+class CourseLag(Term):
+    """The course over ground is that of some time before."""
+
+    name: ClassVar[str] = "course_lag"
+    side: ClassVar = "reference"
+    stage: ClassVar = "readout"
+    acts_on: ClassVar = "reading"
+    literature: ClassVar[str] = "first order: heading minus lag times its rate of turn, clockwise positive"
+    needs: ClassVar[tuple[str, ...]] = ("turn_rate",)
+    recordings: ClassVar[tuple[str, ...]] = ("swing",)
+
+    lag_s: float = parameter("s", "time by which the course is late", 1.0)
+
+    def act(self, x: Floats, scene: Scene) -> Floats:
+        """Return the heading that the course shows."""
+        return x - self.lag_s * scene.departures["turn_rate"]

@@ -1,0 +1,359 @@
+"""Figures of a calibration: the deviation with the curves that were compared, its residuals, a certificate.
+
+They draw what a kind has: the points recorded_deg with deviation_deg and residual_deg, a table, the detail ``models``.
+"""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from compasslib.archive.calibrations import Page
+from compasslib.calibration import KINDS
+from compasslib.calibration.result import LETTERS
+from compasslib.core import angles, compass
+from compasslib.core.types import Floats
+from compasslib.deviation import von_appen
+from compasslib.plots.curves import beside
+from compasslib.plots.page import BLACK, GREEN, GREY, ORANGE, PURPLE, SKY, degrees, legend, page, say
+
+NAMES = {
+    "smith": ("Smith's five terms", GREEN),
+    "exact": ("exact compass", SKY),
+    "polynomial": ("polynomial of degree 6", ORANGE),
+    "one_cycle": ("one cycle", PURPLE),
+}
+POINT: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 3.5, "color": BLACK, "markeredgewidth": 0}
+BAND: dict[str, Any] = {"color": GREEN, "alpha": 0.22, "linewidth": 0}
+MOST_BARS = 100  # points that still have a bar of their own
+RECORDED, DEVIATION = "Recorded heading γ (° magnetic)", "Deviation Δ = β − γ (°)"
+
+
+def draw(figure: str, path: str | Path, shown: Page) -> None:
+    """Draw one figure of a calibration.
+
+    Args:
+        figure: a name of ``calibration.FIGURES``, or of the kind's own in ``calibration.KINDS``.
+    """
+    common = {"deviation": deviation, "residuals": residuals, "certificate": certificate}
+    if figure in common:
+        common[figure](path, shown)
+        return
+    own = import_module(f"compasslib.plots.{KINDS[shown.content['kind']].module}")
+    getattr(own, figure)(path, shown.calibration, shown.content["name"])
+
+
+def deviation(path: str | Path, shown: Page) -> None:
+    """Draw what was observed, the curve with its 95 % band, and the other curves that were tried."""
+    content = shown.content
+    with page(
+        path, f"{content['name']}: deviation of a compass, kind {content['kind']}", 3.6, _notes(content)
+    ) as figure:
+        axes = figure.subplots()
+        handles = deviation_panel(axes, shown)
+        legend(figure, handles, columns=2)
+
+
+def deviation_panel(axes: Axes, shown: Page) -> list[Artist]:
+    """Draw points, band and curves into a panel and return what its legend explains."""
+    curves = {name: _curve(name, model, shown) for name, model in _models(shown.content).items()}
+    if not (curves or shown.table.heading_deg.size or "deviation_deg" in shown.points):
+        say(axes, "There is neither a reading nor a curve of deviation to show.")
+        return []
+    handles = [*_draw_points(axes, shown), *_draw_band(axes, shown), *_draw_curves(axes, curves, shown)]
+    chosen = curves.get(shown.content["model"], (np.zeros(0),) * 2)[1]
+    half = 1.96 * shown.table.sigma_deg
+    line = np.concatenate([chosen, shown.table.deviation_deg - half, shown.table.deviation_deg + half])
+    axes.axhline(0.0, color=BLACK, linewidth=0.6)
+    degrees(axes.xaxis, (0.0, 360.0))
+    axes.set_xticks(np.arange(0.0, 361.0, 45.0))
+    axes.set_ylim(_limits(shown.points.get("deviation_deg", np.zeros(0)), line))
+    axes.set(xlabel=RECORDED, ylabel=DEVIATION)
+    return handles
+
+
+def residuals(path: str | Path, shown: Page) -> None:
+    """Draw what the curve leaves at each reading, with the expanded uncertainty beside it."""
+    content = shown.content
+    with page(path, f"{content['name']}: residuals of {_model_name(content)}", 2.8, _notes(content)) as figure:
+        axes = figure.subplots()
+        off, recorded = shown.points.get("residual_deg"), shown.points.get("recorded_deg")
+        if off is None or recorded is None or not np.isfinite(off).any():
+            say(axes, "There is no curve, and so nothing that it leaves.")
+            return
+        axes.plot(recorded, off, **_point(len(off)))
+        expanded = content["uncertainty"]["expanded_deg"] or 0.0
+        for edge in (-expanded, expanded):
+            axes.axhline(edge, color=GREY, linewidth=1.0, linestyle=(0, (4, 2)))
+        axes.axhline(0.0, color=BLACK, linewidth=0.6)
+        degrees(axes.xaxis, (0.0, 360.0))
+        axes.set_xticks(np.arange(0.0, 361.0, 45.0))
+        axes.set(xlabel=RECORDED, ylabel="Observed minus curve (°)")
+        marks = [Line2D([], [], **POINT, label=f"{len(off)} readings, {angles.rms(off):.2f}° rms")]
+        edges = Line2D(
+            [], [], color=GREY, linewidth=1.0, linestyle=(0, (4, 2)), label=f"expanded uncertainty ±{expanded:.2f}°"
+        )
+        legend(figure, [*marks, edges])
+
+
+def certificate(path: str | Path, shown: Page) -> None:
+    """Draw one page to keep with the instrument: curve, table, coefficients, uncertainty, date and place."""
+    title = f"{shown.content['name']}: calibration of a compass, kind {shown.content['kind']}"
+    text, high = writing(shown), CURVE_IN
+    with page(path, title, high + LEGEND_IN + text.height_in) as figure:
+        curve, below = figure.subplots(2, 1, height_ratios=(high, text.height_in))
+        handles = deviation_panel(curve, shown)
+        if handles:
+            curve.legend(handles=handles, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, borderaxespad=0.2)
+        write(below, text)
+
+
+def _notes(content: Mapping[str, Any]) -> list[str]:
+    if content["why"]:
+        return [f"No curve: {sentence(content['why'])}"]
+    compared = content.get("comparison") or {}
+    return [compared["text"]] if compared.get("text") else []
+
+
+def _model_name(content: Mapping[str, Any]) -> str:
+    return NAMES.get(content["model"], (content["model"], BLACK))[0]
+
+
+def _models(content: Mapping[str, Any]) -> dict[str, dict[str, float]]:
+    """Return the coefficients of the curves that were fitted, the chosen one last so that it lies on top."""
+    models = {name: model for name, model in content.get("models", {}).items() if "coefficients" in model}
+    order = sorted(models, key=lambda name: name == content["model"])
+    return {name: models[name]["coefficients"] for name in order}
+
+
+def _curve(name: str, coefficients: Mapping[str, float], shown: Page) -> tuple[Floats, Floats]:
+    """Return recorded heading and deviation along a curve, broken where it passes north."""
+    turn = np.arange(0.0, 360.01, 0.5)
+    numbers = np.array(list(coefficients.values()))
+    if name == "polynomial":
+        return turn, np.polynomial.Polynomial(numbers)(turn)
+    if name != "exact":
+        return turn, von_appen.design(turn)[:, : len(numbers)] @ numbers
+    # Along the correct heading, so that a compass that cannot turn full circle is drawn whole.
+    recorded = compass.recorded_heading(numbers, turn)
+    middle = float(angles.mean(shown.points["deviation_deg"])) if "deviation_deg" in shown.points else 0.0
+    off = beside(angles.difference(turn, recorded), angles.wrap180(middle))
+    breaks = [np.abs(np.diff(x, append=x[-1])) > 180.0 for x in (recorded, off)]
+    return recorded, np.where(breaks[0] | breaks[1], np.nan, off)
+
+
+def _draw_points(axes: Axes, shown: Page) -> list[Artist]:
+    points, rows = shown.points, shown.content["uncertainty"]["rows"]
+    if not {"recorded_deg", "deviation_deg"} <= set(points):
+        return []
+    scatter = rows.get("fit_residual", {}).get("standard_deg")
+    few = scatter is not None and len(points["recorded_deg"]) <= MOST_BARS
+    if few:
+        axes.errorbar(
+            points["recorded_deg"], points["deviation_deg"], 2.0 * scatter, fmt="none", ecolor=GREY, elinewidth=0.8
+        )
+    axes.plot(points["recorded_deg"], points["deviation_deg"], **_point(len(points["recorded_deg"])))
+    bar = f", ±{2.0 * scatter:.2f}° (k = 2)" if few else ""
+    return [Line2D([], [], **POINT, label=f"{len(points['recorded_deg'])} readings{bar}")]
+
+
+def _point(count: int) -> dict[str, Any]:
+    """Return the look of so many points: many are small."""
+    return POINT if count <= MOST_BARS else POINT | {"markersize": 1.6}
+
+
+def _draw_band(axes: Axes, shown: Page) -> list[Artist]:
+    table = shown.table
+    if not np.isfinite(table.sigma_deg).any():
+        return []
+    heading = np.append(table.heading_deg, 360.0)
+    middle, half = (np.append(x, x[0]) for x in (table.deviation_deg, 1.96 * table.sigma_deg))
+    if shown.content["model"] == "polynomial":  # it jumps at north
+        heading, middle, half = heading[:-1], middle[:-1], half[:-1]
+    axes.fill_between(heading, middle - half, middle + half, **BAND)
+    return [Patch(**BAND, label="95 % band, budget included")]
+
+
+def _draw_curves(axes: Axes, curves: Mapping[str, tuple[Floats, Floats]], shown: Page) -> list[Artist]:
+    if not curves and shown.table.heading_deg.size:
+        table = shown.table
+        heading, off = np.append(table.heading_deg, 360.0), np.append(table.deviation_deg, table.deviation_deg[0])
+        axes.plot(heading, off, color=GREEN)
+        return [Line2D([], [], color=GREEN, label=_model_name(shown.content))]
+    handles: list[Artist] = []
+    for name, (recorded, off) in curves.items():
+        chosen = name == shown.content["model"]
+        score = shown.content["models"][name]["left_out_rms_deg"]
+        label = f"{NAMES[name][0]}, {score:.2f}° left out" + (" (used)" if chosen else "")
+        look: dict[str, Any] = {"color": NAMES[name][1], "linewidth": 1.8 if chosen else 1.0}
+        look |= {} if chosen else {"linestyle": (0, (4, 1.5))}
+        axes.plot(recorded, off, **look)
+        handles.append(Line2D([], [], **look, label=label))
+    return handles
+
+
+def _limits(points: Floats, line: Floats) -> tuple[float, float]:
+    ends = np.concatenate([points[np.isfinite(points)], line[np.isfinite(line)], [0.0]])
+    low, high = float(ends.min()), float(ends.max())
+    room = max(0.08 * (high - low), 0.5)
+    return low - room, high + room
+
+
+# The writing of a certificate: what was calibrated where, coefficients, budget, and the table for the bridge.
+
+LINE_IN = 0.131  # of a line of this writing
+CURVE_IN, LEGEND_IN = 3.1, 0.7
+LINE_CHARACTERS = 118
+MODEL_CHARACTERS = 40
+TABLE_COLUMNS = 3
+UNKNOWN, SPACE = "–", " " * 8
+
+
+@dataclass(frozen=True)
+class Writing:
+    """What a certificate says below its curve, in lines."""
+
+    about: list[str]
+    budget: list[str]
+    table: list[str]
+    notes: list[str]
+
+    @property
+    def height_in(self) -> float:
+        """Return the height that it takes, inches."""
+        return LINE_IN * (self.beside + len(self.table) + len(self.notes) + 4)
+
+    @property
+    def beside(self) -> int:
+        """Return the lines of the part that stands in two columns."""
+        return max(len(self.about), len(self.budget))
+
+
+def writing(shown: Page) -> Writing:
+    """Return what a certificate says."""
+    content = shown.content
+    return Writing(
+        [*_about(content), "", *_coefficients(content)], _budget(content), _table(shown), _notes_below(content)
+    )
+
+
+def write(axes: Axes, text: Writing) -> None:
+    """Write a certificate's text into an empty panel of its height."""
+    axes.set_axis_off()
+    _put(axes, (0.0, 0), text.about)
+    _put(axes, (0.52, 0), text.budget)
+    _put(axes, (0.0, text.beside + 1), text.table)
+    _put(axes, (0.0, text.beside + len(text.table) + 2), text.notes, mono=False)
+
+
+def _put(axes: Axes, place: tuple[float, int], lines: list[str], *, mono: bool = True) -> None:
+    """Write lines from a share of the width on, so many lines below the top."""
+    across, down = place
+    axes.annotate(
+        "\n".join(lines),
+        (across, 1.0),
+        (0.0, -72.0 * LINE_IN * down),
+        xycoords="axes fraction",
+        textcoords="offset points",
+        va="top",
+        family="monospace" if mono else "sans-serif",
+        fontsize=7.0,
+        linespacing=1.35,
+        annotation_clip=False,
+    )
+
+
+def _notes_below(content: Mapping[str, Any]) -> list[str]:
+    extras = [content.get("constant_shift"), content.get("comparison")]
+    said = [f"No curve: {sentence(content['why'])}"] if content["why"] else []
+    said += [f"Note: {sentence(text)}" for text in content["warnings"]]
+    said += [extra["text"] for extra in extras if extra and extra.get("text")]
+    return [line for text in said for line in textwrap.wrap(text, LINE_CHARACTERS)]
+
+
+def sentence(text: str) -> str:
+    """Return a text with its full stop, whether or not it brings one.
+
+    Args:
+        text: a warning or a reason.
+    """
+    return text.rstrip(".") + "."
+
+
+def _about(content: Mapping[str, Any]) -> list[str]:
+    place, field = content["place"], content["place"]["field"]
+    where = UNKNOWN if place["latitude"] is None else _position(place["latitude"], place["longitude"])
+    strength = UNKNOWN if field is None else f"H {field['horizontal_nT']:.0f} nT, Z {field['vertical_nT']:.0f} nT"
+    return [
+        f"date        {place['date'] or UNKNOWN}",
+        f"place       {where}",
+        f"field       {strength}",
+        f"readings    {content['n']} in {content['coverage']} of 36 sectors",
+        f"model       {textwrap.shorten(content['model'], MODEL_CHARACTERS, placeholder=' …')}",
+        f"residual    {_number(content['residual_rms_deg'], '.2f')}° rms",
+    ]
+
+
+def _position(latitude: float, longitude: float) -> str:
+    east = float(angles.wrap180(longitude))
+    north_south, east_west = ("N" if latitude >= 0 else "S"), ("E" if east >= 0 else "W")
+    return f"{abs(latitude):.4f}° {north_south}, {abs(east):.4f}° {east_west}"
+
+
+def _coefficients(content: Mapping[str, Any]) -> list[str]:
+    letters = content["coefficients"]
+    if not letters:
+        return _exact(content["exact"])
+    sigma = np.sqrt(np.diag(np.array(content["covariance"], dtype=float)))
+    rows = [
+        f"    {k}   {_number(letters[k], '+7.2f')}°  ± {_number(s, '.2f')}°"
+        for k, s in zip(LETTERS, sigma, strict=True)
+    ]
+    return ["series in the recorded heading, ± standard", *rows]
+
+
+def _exact(exact: Mapping[str, Any] | None) -> list[str]:
+    if not exact:
+        return ["coefficients: none"]
+    sigma = np.sqrt(np.diag(np.array(exact["covariance"], dtype=float)))
+    letters = exact["coefficients"]
+    rows = [f"    {k}   {letters[k]:+8.4f}  ± {s:.4f}" for k, s in zip(LETTERS, sigma, strict=True)]
+    return ["exact compass, ± standard", *rows]
+
+
+def _budget(content: Mapping[str, Any]) -> list[str]:
+    uncertainty = content["uncertainty"]
+    rows = [
+        f"  {name.removesuffix('_deg').replace('_', ' '):<18}{row['standard_deg']:6.2f}°"
+        for name, row in uncertainty["rows"].items()
+    ]
+    ends = (("combined", "standard_deg"), ("expanded (k = 2)", "expanded_deg"))
+    totals = [f"  {name:<18}{_number(uncertainty[key], '6.2f')}°" for name, key in ends]
+    return ["standard uncertainties", *rows, "", *totals]
+
+
+def _table(shown: Page) -> list[str]:
+    table = shown.table
+    if not np.isfinite(table.deviation_deg).any():
+        return ["table of deviations: none"]
+    rows = [
+        f"{h:5.0f}° {_number(d, '+.2f'):>7}° {_number(s, '.2f'):>6}°"
+        for h, d, s in zip(table.heading_deg, table.deviation_deg, table.sigma_deg, strict=True)
+    ]
+    high = -(-len(rows) // TABLE_COLUMNS)
+    head = SPACE.join([f"{'head.':>6} {'dev.':>8} {'unc.':>7}"] * TABLE_COLUMNS)
+    return [head, *(SPACE.join(rows[k::high]) for k in range(high))]
+
+
+def _number(value: float | None, form: str) -> str:
+    return UNKNOWN if value is None or not np.isfinite(value) else format(value, form)

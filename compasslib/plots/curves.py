@@ -1,0 +1,172 @@
+"""What the figures draw, as numbers: where a circle is cut, curves without jumps, points beside them, shares."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from compasslib.core import angles, compass
+from compasslib.core.records import BAD, Corrected, Pairs
+from compasslib.core.types import Floats
+from compasslib.deviation import model, von_appen
+from compasslib.deviation.model import Fit
+from compasslib.preparation.gridding import nearest
+
+STEP_DEG = 0.25  # along a curve
+SECTOR_DEG = 10.0  # of a histogram
+GAP_WIDTH_DEG = 25.0  # over which a circle's occupation is smoothed before its gap is sought
+SAME_INSTANT_S = 60.0  # pairs keep the times of the record; files round them
+INVERTED, BACKWARDS, GIVEN_UP = 0, 1, 2  # stretches of a curve
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A deviation along one turn of the correct heading, continuous: nothing in it jumps by 360 degrees."""
+
+    heading_deg: Floats  # (n,) correct heading, increasing
+    deviation_deg: Floats  # (n,)
+    sigma_deg: Floats  # (n,) of the deviation, from the coefficients' covariance; NaN where that is unknown
+    stretch: NDArray[np.int_]  # (n,) INVERTED, BACKWARDS or GIVEN_UP
+
+    @property
+    def recorded_deg(self) -> Floats:
+        """Return the recorded heading along the curve, (n,), continuous too."""
+        return self.heading_deg - self.deviation_deg
+
+
+def emptiest(angle_deg: ArrayLike) -> float:
+    """Return where a circle is best cut: the middle of its emptiest part, to the sector, -180 where it is all empty.
+
+    Args:
+        angle_deg: angles of any shape, degrees, NaN left out.
+    """
+    occupied = sectors(angle_deg, 0.0)
+    if not occupied.any():
+        return -180.0
+    cuts = SECTOR_DEG * np.arange(len(occupied))
+    away = angles.difference(cuts[:, None], cuts + SECTOR_DEG / 2.0)
+    around = np.exp(-0.5 * (away / GAP_WIDTH_DEG) ** 2) @ occupied
+    return float(angles.wrap180(cuts[np.argmin(around)]))
+
+
+def placed(angle_deg: ArrayLike, begin_deg: float) -> Floats:
+    """Return angles on the turn that begins at the cut, [begin, begin + 360).
+
+    Args:
+        angle_deg: angles of any shape, degrees.
+    """
+    return begin_deg + angles.wrap360(np.asarray(angle_deg, dtype=float) - begin_deg)
+
+
+def beside(angle_deg: ArrayLike, reference_deg: ArrayLike) -> Floats:
+    """Return angles less than half a turn from a reference that may stand on any turn.
+
+    Args:
+        angle_deg: angles, degrees.
+        reference_deg: what they are to stand beside, degrees.
+    """
+    reference = np.asarray(reference_deg, dtype=float)
+    return reference + angles.difference(angle_deg, reference)
+
+
+def sectors(angle_deg: ArrayLike, begin_deg: float) -> Floats:
+    """Return the share of the angles in each sector clockwise from the cut, (36,), percent.
+
+    Args:
+        angle_deg: angles of any shape, degrees, NaN left out.
+        begin_deg: the cut, at an edge of a sector.
+    """
+    angle = np.asarray(angle_deg, dtype=float)
+    turn = placed(angle[np.isfinite(angle)], begin_deg) - begin_deg
+    count = np.histogram(turn, bins=round(360.0 / SECTOR_DEG), range=(0.0, 360.0))[0]
+    return 100.0 * count / max(int(count.sum()), 1)
+
+
+def curve(fit: Fit, begin_deg: float, headings_deg: ArrayLike) -> Curve:
+    """Return a fitted deviation over one turn.
+
+    Args:
+        begin_deg: heading at which the turn begins.
+        headings_deg: correct headings at which the deviation is to be in [-180, 180) on average; all where empty.
+    """
+    beta = begin_deg + np.arange(0.0, 360.0 + STEP_DEG / 2.0, STEP_DEG)
+    deviation = _deviation(fit, beta)
+    deviation = deviation[0] + np.concatenate([[0.0], np.cumsum(angles.difference(deviation[1:], deviation[:-1]))])
+    where = placed(headings_deg, begin_deg)
+    there = np.interp(where[np.isfinite(where)], beta, deviation)
+    level = np.median(there if there.size else deviation)
+    deviation = deviation - (level - angles.wrap180(level))
+    return Curve(beta, deviation, _sigma(fit, beta), _stretch(fit, beta))
+
+
+def inverse(fit: Fit, recorded_deg: Floats) -> Floats:
+    """Return the correct headings by the method's own inverse, (n, 2) degrees, NaN where there is none.
+
+    Args:
+        recorded_deg: recorded headings, (n,), degrees.
+    """
+    if fit.method != "von_appen":
+        return compass.inverse(fit.coefficients, recorded_deg)
+    beta = von_appen.invert(fit.coefficients, recorded_deg)
+    return np.stack([beta, np.full(beta.shape, np.nan)], axis=-1)
+
+
+def observed(pairs: Pairs, shape: Curve | None, begin_deg: float) -> tuple[Floats, Floats]:
+    """Return correct heading and deviation of each pair, (n,) each, the deviation beside the curve.
+
+    Args:
+        pairs: n overlapping measurements.
+        shape: the curve; the mean deviation takes its place where absent.
+        begin_deg: heading at which the turn begins.
+    """
+    beta, deviation = placed(model.observed_heading(pairs), begin_deg), model.observed_deviation(pairs)
+    if shape is None:
+        return beta, beside(deviation, angles.wrap180(angles.mean(deviation)))
+    return beta, beside(deviation, np.interp(beta, shape.heading_deg, shape.deviation_deg))
+
+
+def directions(pairs: Pairs, product: Corrected) -> tuple[Floats, Floats, Floats]:
+    """Return the current's direction at each pair, (n,) degrees each: lower, upper recorded, upper corrected.
+
+    Args:
+        pairs: n overlapping measurements.
+        product: the corrected record at some of whose samples they were taken; NaN where there is no correction.
+    """
+    lower = angles.direction(pairs.lower_east, pairs.lower_north)
+    upper = angles.direction(pairs.upper_east, pairs.upper_north)
+    time_s = product.record.time_s
+    if not (len(pairs) and len(time_s)):
+        return lower, upper, np.full(upper.shape, np.nan)
+    near = nearest(time_s, pairs.time_s)
+    known = np.abs(time_s[near] - pairs.time_s) <= SAME_INSTANT_S
+    turned = angles.difference(product.heading_corrected_deg[near], pairs.heading_deg)
+    return lower, upper, angles.wrap360(np.where(known, upper + turned, np.nan))
+
+
+def usable_headings(product: Corrected) -> Floats:
+    """Return the recorded headings, (n,) degrees, NaN where they are flagged bad."""
+    return np.where(product.record.heading_quality < BAD, product.record.heading_deg, np.nan)
+
+
+def _deviation(fit: Fit, beta: Floats) -> Floats:
+    if fit.method == "von_appen":
+        return von_appen.predict(fit.coefficients, beta)
+    return angles.difference(beta, compass.recorded_heading(fit.coefficients, beta))
+
+
+def _sigma(fit: Fit, beta: Floats) -> Floats:
+    if not fit.covariance.size:
+        return np.full(beta.shape, np.nan)
+    by = von_appen.design(beta).T if fit.method == "von_appen" else compass.gradient(fit.coefficients, beta)
+    return np.sqrt(np.einsum("in,ij,jn->n", by, fit.covariance[:5, :5], by))
+
+
+def _stretch(fit: Fit, beta: Floats) -> NDArray[np.int_]:
+    """Tell what becomes of each heading; the exact compass gives up none, but two of its headings may read the same."""
+    if fit.method == "von_appen":
+        inverted = von_appen.lookup_table(fit.coefficients)[1]
+        first, last = inverted.min(), inverted.max()
+        return np.where(angles.wrap360(beta - first) <= last - first, INVERTED, GIVEN_UP)
+    return np.where(compass.slope(fit.coefficients, beta) >= 0.0, INVERTED, BACKWARDS)

@@ -1,0 +1,156 @@
+"""An observatory's declination: the series against the model, and what constant and quiet day leave, storms marked."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from compasslib.calibration.result import Calibration
+from compasslib.core.types import Floats
+from compasslib.plots.page import BLACK, GREEN, GREY, ORANGE, SKY, VERMILION, legend, page, say
+
+DAY_S = 86400.0  # matplotlib counts time in days since 1970
+WITHIN = 1.96
+GAP = 3.0  # times the usual step at which a line is broken
+MOST_DAYS = 10  # of a longer record the quiet day would be a smear
+ZOOM_DAYS = 3.0  # of a longer record the days around its largest storm are drawn too
+LINE: dict[str, Any] = {"color": BLACK, "linewidth": 0.8}
+STORM: dict[str, Any] = {"color": VERMILION, "alpha": 0.18, "linewidth": 0}
+BAND: dict[str, Any] = {"color": GREEN, "alpha": 0.25, "linewidth": 0}
+
+
+def series(path: str | Path, found: Calibration, name: str) -> None:
+    """Draw the declination with the model, the model plus the constant, and the quiet day on top of it."""
+    with page(path, _title(name, found, "declination"), 4.4, _notes(found)) as figure:
+        panels = figure.subplots(2, 1, height_ratios=(1.5, 1.0))
+        if not found.points:
+            _empty(panels, found)
+            return
+        top, day = panels
+        points, constant = found.points, found.details["constant_deg"]
+        top.set_title("(a) declination, east positive")
+        _line(top, points, points["declination_deg"], **LINE)
+        _line(top, points, points["model_deg"], color=GREY, linewidth=1.2, linestyle=(0, (4, 2)))
+        shown = bool(found.details["quiet_day"]) and found.details["days"] <= MOST_DAYS
+        if shown:
+            _line(top, points, points["model_deg"] + constant + points["quiet_day_deg"], color=SKY, linewidth=1.0)
+        _line(top, points, points["model_deg"] + constant, color=GREEN, linewidth=1.2)
+        _finish(top, found, "Declination (°)")
+        _quiet_day(day, found)
+        model = found.model.removesuffix(" plus a constant")
+        sigma = WITHIN * found.details["constant_sigma_deg"]
+        handles: list[Artist] = [
+            Line2D([], [], label="observed", **LINE),
+            Line2D([], [], color=GREY, linestyle=(0, (4, 2)), label=model),
+            Line2D([], [], color=GREEN, label=f"{model} {constant:+.3f}° ± {sigma:.3f}° (95 %)"),
+        ]
+        handles += [Line2D([], [], color=SKY, label="the same with the quiet day")] if shown else []
+        legend(figure, handles + _storm_handle(found), columns=3)
+
+
+def disturbance(path: str | Path, found: Calibration, name: str) -> None:
+    """Draw what constant, slow level and quiet day leave, with the band of 95 % of its calm hours."""
+    with page(path, _title(name, found, "what the simulation leaves"), 4.4, _notes(found)) as figure:
+        panels = figure.subplots(2, 1)
+        if not found.points:
+            _empty(panels, found)
+            return
+        points = found.points
+        panels[0].set_title("(a) observed minus model and constant, and the slow level in it")
+        panels[1].set_title("(b) without slow level and quiet day")
+        _line(panels[0], points, points["residual_deg"], **LINE)
+        _line(panels[0], points, points["level_deg"] - found.details["constant_deg"], color=ORANGE, linewidth=1.2)
+        _line(panels[1], points, points["disturbance_deg"], **LINE)
+        calm = points["disturbance_deg"][points["storm"] == 0.0]
+        half = float(np.quantile(np.abs(calm), 0.95)) if calm.size else 0.0
+        panels[1].axhspan(-half, half, **BAND)
+        _finish(panels[0], found, "Residual (°)")
+        _finish(panels[1], found, "Disturbance (°)")
+        if window := _around_the_largest(found):
+            panels[1].set_xlim(window)
+            panels[1].set_title("(b) without slow level and quiet day, around the largest storm")
+        figure.align_ylabels(panels)
+        handles: list[Artist] = [Line2D([], [], label="means of ten minutes, or the samples", **LINE)]
+        handles.append(Line2D([], [], color=ORANGE, label="slow level"))
+        handles.append(Patch(label=f"95 % of the calm: ±{half:.2f}°", **BAND))
+        legend(figure, handles + _storm_handle(found), columns=2)
+
+
+def _title(name: str, found: Calibration, what: str) -> str:
+    station = found.details.get("station", "")
+    span = f", {found.details['from'][:10]} to {found.details['to'][:10]}" if "from" in found.details else ""
+    return f"{name}: {what} of {station}{span}"
+
+
+def _notes(found: Calibration) -> list[str]:
+    if found.why:
+        return [f"No constant: {found.why}."]
+    return [] if found.details["quiet_day"] else ["No quiet day is known: daily variation stands in the disturbance."]
+
+
+def _empty(panels: Any, found: Calibration) -> None:
+    for axes in panels:
+        say(axes, found.why, characters=70)
+
+
+def _quiet_day(axes: Axes, found: Calibration) -> None:
+    quiet = found.details["quiet_day"]
+    axes.set_title("(b) quiet day")
+    if quiet is None:
+        say(axes, "No quiet day is known.", characters=70)
+        return
+    axes.set_title(f"(b) quiet day: {_days(quiet['days'])}, amplitude {quiet['amplitude_deg']:.2f}°")
+    axes.plot(np.arange(24) + 0.5, np.array(quiet["by_hour_deg"]), color=SKY, marker="o", markersize=3)
+    axes.axhline(0.0, color=BLACK, linewidth=0.6)
+    axes.set(xlim=(0, 24), xticks=range(0, 25, 3), xlabel="Hour (UTC)", ylabel="Quiet day (°)")
+
+
+def _days(count: int) -> str:
+    return f"median of {count} days" if count > 1 else "one day alone"
+
+
+def _line(axes: Axes, points: Mapping[str, Floats], values: Floats, **look: Any) -> None:
+    """Draw a series along time, broken at gaps."""
+    time = points["time_s"]
+    step = np.diff(time)
+    ends = np.flatnonzero(step > GAP * np.median(step)) + 1
+    axes.plot(np.insert(time, ends, time[ends]) / DAY_S, np.insert(values, ends, np.nan), **look)
+
+
+def _finish(axes: Axes, found: Calibration, label: str) -> None:
+    for storm in found.details["storms"]:
+        axes.axvspan(*(_day(storm[end]) for end in ("from", "to")), **STORM)
+    locator = AutoDateLocator(minticks=3, maxticks=10)
+    axes.xaxis.set_major_locator(locator)
+    axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))
+    axes.set_ylabel(label)
+    axes.set_xlabel("Time (UTC)")
+    axes.margins(x=0.01)
+
+
+def _day(stamp: str) -> float:
+    return float(np.datetime64(stamp.removesuffix("Z"), "s").astype(float)) / DAY_S
+
+
+def _storm_handle(found: Calibration) -> list[Artist]:
+    storms = found.details["storms"]
+    if not storms:
+        return []
+    largest = max(storms, key=lambda one: one["range_deg"])
+    return [Patch(label=f"storm: {len(storms)}, largest range {largest['range_deg']:.1f}°", **STORM)]
+
+
+def _around_the_largest(found: Calibration) -> tuple[float, float] | None:
+    storms = found.details["storms"]
+    if not storms or np.ptp(found.points["time_s"]) < 3.0 * ZOOM_DAYS * DAY_S:
+        return None
+    largest = max(storms, key=lambda one: one["range_deg"])
+    return _day(largest["from"]) - ZOOM_DAYS / 2.0, _day(largest["to"]) + ZOOM_DAYS / 2.0

@@ -1,0 +1,1 @@
+"""From decoded exports to pairs of measurements of nearly the same water."""

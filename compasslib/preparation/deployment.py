@@ -1,0 +1,302 @@
+"""From a decoded export to the record inside the deployment: clock, window, depth, exclusions, unusable bins.
+
+Nothing is thrown away but what lies outside the deployment; what cannot be used is flagged and counted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import fields, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib.core import angles
+from compasslib.core.records import BAD, MISSING, Record
+from compasslib.core.types import Bools, Floats
+from compasslib.preparation import clock, plausibility
+
+MOVING_M = 0.2  # a depth that varies less than this (5th to 95th percentile) is a setting, not a measurement
+
+
+def settle(
+    record: Record,
+    *,
+    start_s: float,
+    end_s: float,
+    water_depth: float,
+    latitude: float,
+    nominal_depth: float | None,
+    direction_reference: str = "magnetic",
+    pressure_offset: float = 0.0,
+    clock_offset_seconds: float = 0.0,
+    clock_drift_seconds: float = 0.0,
+    declination_applied: float = 0.0,
+    exclude: Sequence[tuple[float, float]] = (),
+) -> Record:
+    """Return the record inside the deployment, on UTC, its depth known, its unusable values flagged.
+
+    Args:
+        record: what a reader gave, by the instrument's clock.
+        start_s: deployed, UTC seconds since 1970.
+        water_depth: metres.
+        latitude: degrees north, for the depth of a pressure.
+        nominal_depth: depth of the transducer by the metadata, metres.
+        direction_reference: ``magnetic`` or ``true``, what the export's directions refer to.
+        pressure_offset: dbar, subtracted.
+        clock_offset_seconds: instrument clock minus UTC at start.
+        declination_applied: degrees that the export's directions already hold, taken out.
+        exclude: windows (from, to) known to be bad, UTC seconds.
+    """
+    utc = _utc(record.time_s, start_s, end_s, clock_offset_seconds, clock_drift_seconds)
+    record = _inside(replace(record, time_s=utc, direction_reference=direction_reference), start_s, end_s)
+    if declination_applied:
+        record = _without_declination(record, declination_applied)
+    depth, source = _depth(record, nominal_depth, pressure_offset, latitude)
+    given = record.depth_m
+    record = _noted(replace(record, depth_m=depth), _depth_warnings(depth, source, nominal_depth, water_depth))
+    record = _noted(record, _unused_depth(given, source, nominal_depth))
+    record = plausibility.flagged(_missing_flagged(record), water_depth)
+    record = checked(record, water_depth)
+    return _flag_windows(_flag_boundaries(record, water_depth), exclude)
+
+
+def told(name: str, role: str, record: Record) -> str:
+    """Return what the job says of its result.
+
+    Args:
+        role: the instrument.
+    """
+    counted = ", ".join(f"{key} {number}" for key, number in record.counts.items() if number)
+    line = f"{name} {role}: {record.east.shape[0]} samples of {record.east.shape[1]} bins ({counted})"
+    return "\n".join([line, *(f"{name} {role}: warning: {warning}" for warning in record.warnings)])
+
+
+def take(record: Record, index: NDArray[np.intp] | Bools | slice) -> Record:
+    """Return the record at some of its samples.
+
+    Args:
+        record: n samples.
+        index: positions, a mask, shape (n,), or a slice.
+    """
+    values = {f.name: getattr(record, f.name) for f in fields(record)}
+    series: dict[str, Any] = {k: v[index] for k, v in values.items() if isinstance(v, np.ndarray)}
+    return replace(record, **series)
+
+
+def _utc(time_s: Floats, start_s: float, end_s: float, offset: float, drift: float) -> Floats:
+    return time_s - offset - drift * np.clip((time_s - start_s) / (end_s - start_s), 0.0, 1.0)
+
+
+def _inside(record: Record, start_s: float, end_s: float) -> Record:
+    """Keep the deployment, in order of time, one sample an instant, none whose clock cannot be believed."""
+    sure, unsure_counts, notes = clock.believed(record)
+    inside = sure & (record.time_s >= start_s) & (record.time_s <= end_s)
+    there = np.flatnonzero(inside)
+    place = _once(record, there)
+    backwards = int(np.sum(np.diff(record.time_s[place]) < 0))
+    place = place[np.argsort(record.time_s[place], kind="stable")]
+    first = np.append(True, np.diff(record.time_s[place]) > 0)[: len(place)]
+    repeated = int(np.sum(~first))
+    outside = {"outside_deployment": int(np.sum(sure & ~inside))}
+    counts = record.counts | outside | unsure_counts | {"time_backwards": backwards}
+    counts["time_repeated"] = len(there) - int(first.sum())
+    notes += clock.coverage(record.time_s[sure], inside[sure], start_s, end_s)
+    if backwards:
+        notes.append(f"the clock goes backwards {backwards} times; samples were put in order of time")
+    if repeated:
+        notes.append(f"{repeated} samples repeat a time and were left out")
+    return _noted(replace(take(record, _as_slice(place[first])), counts=counts), notes)
+
+
+def _once(record: Record, place: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Return the samples without those that are there twice, time and values, as where two downloads overlap."""
+    order = place[np.argsort(record.time_s[place], kind="stable")]
+    later, before = order[1:], order[:-1]
+    again = record.time_s[later] == record.time_s[before]
+    if not again.any():
+        return place
+    later, before = later[again], before[again]
+    same = np.ones(len(later), dtype=bool)
+    for values in (record.heading_deg, record.east, record.north):
+        alike = (values[later] == values[before]) | (np.isnan(values[later]) & np.isnan(values[before]))
+        same &= alike.reshape(len(later), -1).all(axis=1)
+    return place[~np.isin(place, later[same])]
+
+
+def _as_slice(place: NDArray[np.intp]) -> NDArray[np.intp] | slice:
+    """Return positions as a slice where they follow each other, so that years of samples are not copied."""
+    if not len(place) or place[-1] - place[0] != len(place) - 1 or (np.diff(place) != 1).any():
+        return place
+    return slice(int(place[0]), int(place[-1]) + 1)
+
+
+def _without_declination(record: Record, declination: float) -> Record:
+    east, north = angles.turn(record.east, record.north, -declination)
+    heading = np.where(np.isfinite(record.heading_deg), angles.wrap360(record.heading_deg - declination), np.nan)
+    return replace(record, east=east, north=north, heading_deg=heading)
+
+
+def _depth(record: Record, nominal: float | None, offset: float, latitude: float) -> tuple[Floats, str]:
+    """Take the pressure where it varies, else the depth field where it varies, else the metadata.
+
+    A table of profiles counts its bins from the depth of the first (no profiler measures at its own transducer): there
+    the metadata's depth would shift them all.
+    """
+    several = record.bin_range_m.shape[1] > 1 and bool((record.bin_range_m[:, 0] == 0.0).all())
+    told_by_bins = several and bool(np.isfinite(record.depth_m).all())
+    pressure = record.pressure_dbar - offset
+    if _varies(pressure):
+        return _filled(_depth_of(pressure, latitude)), "pressure"
+    if _varies(record.depth_m) or told_by_bins:
+        return _filled(record.depth_m), "depth field"
+    if nominal is not None:
+        return np.full(record.time_s.shape, float(nominal)), "metadata"
+    return record.depth_m.copy(), "depth field"
+
+
+def _depth_of(pressure_dbar: Floats, latitude: float) -> Floats:
+    import gsw  # 0.1 s: only records with a pressure sensor pay for it
+
+    return -gsw.z_from_p(pressure_dbar, latitude)
+
+
+def _varies(x: Floats) -> bool:
+    finite = x[np.isfinite(x)]
+    return finite.size > 1 and float(np.ptp(np.percentile(finite, [5, 95]))) > MOVING_M
+
+
+def _filled(depth: Floats) -> Floats:
+    """Bridge single missing depths: a sphere moves slowly."""
+    known = np.isfinite(depth)
+    if not known.any():
+        return depth.copy()
+    position = np.arange(depth.size)
+    return np.interp(position, position[known], depth[known])
+
+
+def _depth_warnings(depth: Floats, source: str, nominal: float | None, water_depth: float) -> list[str]:
+    if not depth.size or not np.isfinite(depth).any():
+        return []
+    notes = []
+    shallow = float(np.nanpercentile(depth, 5))
+    if nominal is not None and source != "metadata" and abs(shallow - nominal) > max(10.0, 0.2 * nominal):
+        notes.append(f"depth by the {source} starts at {shallow:.0f} m, the metadata say {nominal:.0f} m")
+    if np.nanmax(depth) > 1.05 * water_depth:
+        notes.append(f"depth by the {source} reaches {np.nanmax(depth):.0f} m, below the bottom at {water_depth:.0f} m")
+    return notes
+
+
+def _unused_depth(depth: Floats, source: str, nominal: float | None) -> list[str]:
+    """Say where a depth that does not vary, and therefore does not count, is not that of the metadata."""
+    known = depth[np.isfinite(depth)]
+    if source != "metadata" or nominal is None or not known.size or not (known > 0.0).all():
+        return ["the depth in the file is not positive and was not used"] if known.size and (known < 0.0).any() else []
+    off = abs(float(np.median(known)) - nominal)
+    if off <= max(10.0, 0.2 * nominal):
+        return []
+    said = f"the file's depth of {np.median(known):.0f} m never varies and was not used"
+    return [f"{said}; the metadata say {nominal:.0f} m: correct whichever is wrong"]
+
+
+def _missing_flagged(record: Record) -> Record:
+    missing = ~(np.isfinite(record.east) & np.isfinite(record.north))
+    return replace(record, quality=np.where(missing, MISSING, record.quality).astype(np.int8))
+
+
+def _flag_boundaries(record: Record, water_depth: float) -> Record:
+    """Flag bins beyond the surface or the bottom, and those that the side lobes' echo from there reaches first."""
+    if not record.east.size or record.east.shape[1] == 1:
+        return record
+    room = record.depth_m if record.looks_up else water_depth - record.depth_m
+    reach = room[:, None] * angles.sin_cos(record.beam_angle_deg)[1] - cell_length(record) / 2.0
+    beyond = record.bin_range_m > room[:, None]
+    record = plausibility.mark(record, beyond, BAD, "beyond_boundary", None)
+    return plausibility.mark(record, (record.bin_range_m > reach) & ~beyond, BAD, "side_lobe", None)
+
+
+def cell_length(record: Record) -> float:
+    """Return the distance between neighbouring bins, metres; 0 for a point meter.
+
+    Args:
+        record: an instrument's record.
+    """
+    one_setting = not record.bin_range_m.strides[0]  # one row that all samples share
+    steps = np.diff(record.bin_range_m[:1] if one_setting else record.bin_range_m, axis=1)
+    return float(np.nanmedian(np.abs(steps))) if steps.size and np.isfinite(steps).any() else 0.0
+
+
+def _flag_windows(record: Record, windows: Sequence[tuple[float, float]]) -> Record:
+    bad = np.zeros(record.time_s.shape, dtype=bool)
+    for begin, end in windows:
+        bad |= (record.time_s >= begin) & (record.time_s <= end)
+    record = plausibility.mark(record, bad[:, None], BAD, "excluded", None)
+    heading = np.where(bad, BAD, record.heading_quality).astype(np.int8)
+    return replace(record, heading_quality=heading)
+
+
+def _noted(record: Record, notes: Sequence[str]) -> Record:
+    return replace(record, warnings=record.warnings + tuple(notes))
+
+
+# Which way a profiler looked, by the echo of the surface or of the bottom, where that can be told.
+#
+# Overhead, or straight below, a boundary at the distance h is met by the side lobes first, in the bin at h cos(beam
+# angle), and by the beams themselves in the bin at h.
+
+BEYOND = 1.05  # of the distance: tilts, depths and the speed of sound are known to that
+CLEARLY = 1.2  # of the distance; water heard from beyond that would have followed the boundary's own echo
+MOST, FEW = 0.5, 0.05  # of the samples that show a boundary, or that would
+ENOUGH = 24  # samples before anything is said
+SOME = 100  # rows of bins that tell the length of a cell
+
+
+def checked(record: Record, water_depth: float) -> Record:
+    """Return the record with samples counted whose echo shows surface or bottom, and a wrong orientation said.
+
+    Nothing is said where no echo was recorded, where neither boundary is near enough to be heard, or where both stand
+    at one distance.
+
+    Args:
+        record: n samples of a profiler inside the deployment, depth known.
+        water_depth: metres.
+    """
+    if record.echo_range_m is None or not len(record.time_s):
+        return replace(record, echo_range_m=None)
+    boundary, heard = record.echo_range_m.T
+    below = water_depth - record.depth_m
+    room, other = (record.depth_m, below) if record.looks_up else (below, record.depth_m)
+    right, wrong = _at(boundary, room, record), _at(boundary, other, record)
+    with np.errstate(invalid="ignore"):
+        near = room < record.bin_range_m[:, :2].max(axis=1)  # within the first bins it stands out from nothing
+        absent = np.isnan(boundary) & (heard > CLEARLY * room) & ~near
+    names = ("echo_of_boundary", "echo_of_other_boundary", "echo_without_boundary")
+    counts = {name: int(where.sum()) for name, where in zip(names, (right, wrong & ~right, absent), strict=True)}
+    notes = _sentences(record, counts, room, other)
+    return replace(record, echo_range_m=None, counts=record.counts | counts, warnings=(*record.warnings, *notes))
+
+
+def _at(boundary: Floats, room: Floats, record: Record) -> Bools:
+    """Tell samples whose boundary stands where this one should."""
+    steps = np.diff(record.bin_range_m[:: 1 + len(room) // SOME])
+    cell = float(np.median(known)) if (known := steps[np.isfinite(steps)]).size else 0.0
+    with np.errstate(invalid="ignore"):
+        above = boundary >= room * angles.sin_cos(record.beam_angle_deg)[1] / BEYOND - cell
+        return np.asarray(above & (boundary <= room * BEYOND + cell))
+
+
+def _sentences(record: Record, counts: dict[str, int], room: Floats, other: Floats) -> list[str]:
+    right, wrong, absent = counts.values()
+    told = right + wrong + absent
+    if told < max(ENOUGH, MOST * len(record.time_s)) or right > FEW * told:
+        return []
+    own, opposite = ("surface", "bottom") if record.looks_up else ("bottom", "surface")
+    where = f"the {own}, {np.nanmedian(room):.0f} m away"
+    advice = "check orientation, depth and water_depth"
+    if wrong > MOST * told:
+        shown = f"{wrong} samples show the echo of the {opposite}, {np.nanmedian(other):.0f} m away"
+        return [f"{shown}, and {right} that of {where}: it looked the other way; {advice}"]
+    if absent > MOST * told:
+        return [f"{absent} samples heard water from beyond {where}, and {right} its echo: {advice}"]
+    return []

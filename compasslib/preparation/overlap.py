@@ -1,0 +1,344 @@
+"""Pairs: where the compromised and the trusted instrument measured nearly the same water at nearly the same time.
+
+The rules are those of von Appen 2015, section 2 and appendix: the mean of the first bins at the compromised instrument,
+the bins of the trusted one nearest to it, less than 20 minutes and 20 m apart, on an hourly grid.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib.core import angles, earthfield
+from compasslib.core.errors import InputError
+from compasslib.core.records import GOOD, NOT_CHECKED, PROBABLY_GOOD, EarthField, Pairs, Record
+from compasslib.core.types import Floats
+from compasslib.preparation import clock_offset, same_record
+from compasslib.preparation.clock_offset import Clocks, Speeds
+from compasslib.preparation.deployment import take
+from compasslib.preparation.gridding import interpolate, nearest, on_grid
+
+WIDER = 3.0
+DENSE_S = 300.0  # a series sampled faster than this is averaged first (a profiler passing its top)
+
+
+@dataclass(frozen=True)
+class Rules:
+    """What counts as overlapping (config.yaml, ``overlap``)."""
+
+    max_minutes: float = 20.0
+    max_metres: float = 20.0
+    bins: int = 2
+    grid_minutes: float = 60.0
+    grid_tolerance_minutes: float = 30.0
+
+
+def widened(rules: Rules) -> Rules:
+    """Return rules for what needs many pairs more than near ones: the clocks are compared by speeds.
+
+    Where the sphere dives, a wrong clock sets a pair far apart in depth: just what shows it would be left out.
+
+    Args:
+        rules: what counts as overlapping.
+    """
+    return replace(rules, max_metres=WIDER * rules.max_metres)
+
+
+@dataclass(frozen=True)
+class Point:
+    """One velocity a time: a cell of an instrument, (k,) each, finite."""
+
+    time_s: Floats
+    velocity: NDArray[np.complexfloating]  # east + i north, m/s
+    depth_m: Floats
+
+
+def clocks(upper: Record, trusted: Sequence[Record], rules: Rules) -> Clocks:
+    """Return how far the two instruments' clocks are apart, and whether both records are one, by speeds of the water.
+
+    Args:
+        upper: the compromised instrument inside the deployment.
+        trusted: the trusted instrument inside the deployment, or nothing.
+    """
+    if not (trusted and len(upper.time_s) and len(trusted[0].time_s)):
+        return Clocks()
+    upper = _gridded(upper, rules)
+    velocity, depth = near_bins(upper, np.zeros(len(upper.time_s)), rules.bins)
+    cell = _trusted_cell(upper.time_s, depth, trusted[0], _sphere(upper, trusted[0]), widened(rules))
+    found = clock_offset.compared(Speeds(upper.time_s, np.abs(velocity)), Speeds(cell.time_s, np.abs(cell.velocity)))
+    return replace(found, one_recording=same_record.one_recording(upper, found.put_right(trusted[0]), rules.bins))
+
+
+def find(
+    upper: Record, trusted: Sequence[Record], field: EarthField, rules: Rules, clocks: Clocks | None = None
+) -> Pairs:
+    """Return the overlapping measurements on the grid, both to true north; none where there is no trusted instrument.
+
+    Args:
+        upper: the compromised instrument inside the deployment.
+        trusted: the trusted instrument inside the deployment, or nothing.
+    """
+    clocks = clocks or Clocks()
+    recorded = upper
+    lower = clocks.put_right(trusted[0]) if trusted else take(upper, np.zeros(0, dtype=np.intp))
+    tolerance_s = 60.0 * rules.grid_tolerance_minutes
+    upper = _gridded(upper, rules)
+    velocity, depth = near_bins(upper, np.zeros(len(upper.time_s)), rules.bins)
+    cell = _trusted_cell(upper.time_s, depth, lower, _sphere(upper, lower), rules)
+    other = interpolate(cell.time_s, cell.velocity, upper.time_s, tolerance_s=tolerance_s)
+    other_depth = interpolate(cell.time_s, cell.depth_m, upper.time_s, tolerance_s=tolerance_s)
+    minutes = _minutes_to_nearest(cell.time_s, upper.time_s)
+    with np.errstate(invalid="ignore"):
+        close = (np.abs(minutes) < rules.max_minutes) & (np.abs(other_depth - depth) < rules.max_metres)
+    usable = close & np.isfinite(velocity) & np.isfinite(other) & np.isfinite(upper.heading_deg)
+    keep = np.flatnonzero(usable & (upper.heading_quality <= PROBABLY_GOOD) & (np.abs(velocity) > 0) & (abs(other) > 0))
+    found = _assemble(take(upper, keep), lower, field, (velocity, other, depth, other_depth, minutes), keep)
+    found = replace(found, warnings=clocks.warnings)
+    if said := clocks.one_recording or identical(found):
+        nothing = np.zeros(0, dtype=np.intp)
+        columns = tuple(column[nothing] for column in (velocity, other, depth, other_depth, minutes))
+        return replace(_assemble(take(upper, nothing), lower, field, columns, nothing), warnings=(said,))
+    return checked(found, recorded, list(trusted))
+
+
+def told(name: str, pairs: Pairs) -> str:
+    """Return what the job says of its result.
+
+    Args:
+        pairs: what was found.
+    """
+    line = f"{name}: no overlapping pairs"
+    if len(pairs):
+        metres = float(np.median(np.abs(pairs.lower_depth_m - pairs.upper_depth_m)))
+        line = f"{name}: {len(pairs)} overlapping pairs, {metres:.1f} m apart in the median"
+    return "\n".join([line, *(f"{name}: warning: {warning}" for warning in pairs.warnings)])
+
+
+def _gridded(upper: Record, rules: Rules) -> Record:
+    step_s, tolerance_s = 60.0 * rules.grid_minutes, 60.0 * rules.grid_tolerance_minutes
+    return take(upper, on_grid(upper.time_s, step_s=step_s, tolerance_s=tolerance_s))
+
+
+def _sphere(upper: Record, lower: Record) -> Floats:
+    """Return the depth of the compromised instrument at the trusted one's times, (k,)."""
+    return interpolate(upper.time_s, upper.depth_m, lower.time_s, tolerance_s=np.inf)
+
+
+def _assemble(upper: Record, lower: Record, field: EarthField, columns: tuple, keep: NDArray[np.intp]) -> Pairs:
+    velocity, other, depth, other_depth, minutes = (column[keep] for column in columns)
+    declination = earthfield.declination_at(field, upper.time_s)
+    top = _to_true(velocity, upper, declination)
+    bottom = _to_true(other, lower, declination)
+    return Pairs(
+        time_s=upper.time_s,
+        heading_deg=upper.heading_deg,
+        pitch_deg=upper.pitch_deg,
+        roll_deg=upper.roll_deg,
+        upper_east=top.real,
+        upper_north=top.imag,
+        lower_east=bottom.real,
+        lower_north=bottom.imag,
+        upper_depth_m=depth,
+        lower_depth_m=other_depth,
+        separation_minutes=minutes,
+        declination_deg=declination,
+    )
+
+
+def _to_true(velocity: NDArray[np.complexfloating], record: Record, declination: Floats) -> NDArray[np.complexfloating]:
+    if record.direction_reference == "true":
+        return velocity
+    east, north = angles.turn(velocity.real, velocity.imag, declination)
+    return east + 1j * north
+
+
+def near_bins(record: Record, distance_from: Floats, bins: int) -> tuple[NDArray[np.complexfloating], Floats]:
+    """Return the mean of the good bins nearest to a range from the transducer: velocity, depth, (n,), NaN without any.
+
+    Args:
+        record: of a profiler, or of one cell.
+        distance_from: range, (n,), m.
+    """
+    good = (
+        np.isin(record.quality, (NOT_CHECKED, GOOD, PROBABLY_GOOD))
+        & np.isfinite(record.east)
+        & np.isfinite(record.north)
+    )
+    away = record.bin_range_m - distance_from[:, None]
+    np.abs(away, out=away)
+    away[~good] = np.inf
+    count = min(bins, away.shape[1])
+    index = np.argpartition(away, count - 1, axis=1)[:, :count]
+    row = np.arange(len(away))[:, None]
+    weight = np.isfinite(away[row, index]).astype(float)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        share = weight / weight.sum(axis=1, keepdims=True)
+    velocity = np.where(weight > 0, record.east[row, index] + 1j * record.north[row, index], 0.0)
+    depth = np.where(weight > 0, record.bin_depth_m()[row, index], 0.0)
+    return (share * velocity).sum(axis=1), (share * depth).sum(axis=1)
+
+
+def _trusted_cell(time_s: Floats, depth: Floats, lower: Record, sphere: Floats, rules: Rules) -> Point:
+    """Return the trusted instrument's cell nearest to the sphere, dense series averaged."""
+    if not len(lower.time_s):
+        return Point(np.zeros(0), np.zeros(0, dtype=complex), np.zeros(0))
+    towards = (lower.depth_m - sphere) * (1.0 if lower.looks_up else -1.0)
+    velocity, at = near_bins(lower, np.nan_to_num(towards), rules.bins)
+    known = np.isfinite(depth)
+    if not known.any():
+        return Point(np.zeros(0), np.zeros(0, dtype=complex), np.zeros(0))
+    wanted = np.interp(lower.time_s, time_s[known], depth[known])
+    with np.errstate(invalid="ignore"):
+        near = np.isfinite(velocity) & (np.abs(at - wanted) < rules.max_metres)
+    return _thinned(Point(lower.time_s[near], velocity[near], at[near]), 60.0 * rules.max_minutes / 2.0)
+
+
+def _thinned(point: Point, block_s: float) -> Point:
+    """Average a densely sampled series over blocks of time; leave others alone."""
+    if len(point.time_s) < 2 or np.median(np.diff(point.time_s)) >= DENSE_S:
+        return point
+    block = np.floor(point.time_s / block_s)
+    begins = np.flatnonzero(np.append(True, np.diff(block) > 0))
+    size = np.diff(np.append(begins, len(block)))
+    velocity = np.asarray(np.add.reduceat(point.velocity, begins) / size, dtype=complex)
+    return Point(np.add.reduceat(point.time_s, begins) / size, velocity, np.add.reduceat(point.depth_m, begins) / size)
+
+
+def _minutes_to_nearest(series_s: Floats, at_s: Floats) -> Floats:
+    if not len(series_s):
+        return np.full(len(at_s), np.nan)
+    return (series_s[nearest(series_s, at_s)] - at_s) / 60.0
+
+
+# What pairs give away of a mistake: one record twice, speeds of another unit, no pair at all and why.
+
+
+MOST_IDENTICAL, ENOUGH = 0.5, 30  # share and number of pairs with equal speeds beyond which two instruments are one
+EQUAL_M_S = 1e-6  # single precision's last digit of a slow current
+SPEEDS_APART = 5.0  # ratio of median speeds beyond that of any two depths 20 m apart
+SLOWEST = 0.25  # of the pairs, whose directions are left out
+CLEARER = 1.8  # times less spread than the directions as told, than the flow and than the headings themselves
+# Signs of the recorded direction and of the heading in a sum that would be constant.
+OTHER_FRAMES = {
+    (-1, 1): "turned back by the heading",
+    (-1, -1): "turned by the heading",
+    (1, -1): "mirrored and turned by the heading",
+    (1, -2): "mirrored about the heading",
+    (1, 0): "mirrored",
+}
+NOISE_M_S = 0.01  # below this a profiler's hourly velocity is noise
+
+
+def checked(pairs: Pairs, upper: Record, trusted: Sequence[Record]) -> Pairs:
+    """Return pairs with sentences on what is wrong with them; none of them where both records are the same.
+
+    Args:
+        pairs: overlapping measurements.
+        upper: the compromised instrument inside the deployment.
+        trusted: the trusted one, or nothing.
+
+    Raises:
+        InputError: both carry one serial number, or the velocities of one are in another frame than told.
+    """
+    _refuse_one_instrument(upper, trusted)
+    if not len(pairs):
+        return replace(pairs, warnings=tuple(_absent(upper, trusted)))
+    _refuse_other_frame(pairs)
+    speeds = [np.median(np.hypot(e, n)) for e, n in _velocities(pairs)]
+    notes = []
+    if not 1.0 / SPEEDS_APART < speeds[0] / speeds[1] < SPEEDS_APART:
+        notes.append(
+            f"median speeds of the pairs are {speeds[0]:.3g} and {speeds[1]:.3g} m/s: check the unit and scale of both"
+        )
+    if min(speeds) < NOISE_M_S:
+        notes.append(f"half of the pairs are slower than {min(speeds):.2g} m/s: their directions are noise")
+    return replace(pairs, warnings=pairs.warnings + tuple(notes))
+
+
+def _refuse_other_frame(pairs: Pairs) -> None:
+    """Refuse directions that agree with the trusted ones only when the heading is added, taken away or mirrored.
+
+    No iron does that: a compass that goes round shows its deviation about the true heading. Where the water runs one
+    way, or the compass hardly turns, nothing can be told.
+    """
+    slower = np.min([np.hypot(east, north) for east, north in _velocities(pairs)], axis=0)
+    fast = slower >= np.quantile(slower, SLOWEST)
+    upper, lower = (angles.direction(east, north)[fast] for east, north in _velocities(pairs))
+    heading = pairs.heading_deg[fast]
+    plain = min(_spread(lower - upper), _spread(lower), _spread(heading))
+    others = {(sign, k): _spread(lower + sign * upper + k * heading) for sign, k in OTHER_FRAMES}
+    best = min(others, key=lambda which: others[which])
+    if len(heading) >= ENOUGH and others[best] * CLEARER < plain:
+        found = f"directions that agree with the trusted ones only where they are {OTHER_FRAMES[best]}"
+        advice = "check coordinates (EX), orientation, and east and north of both instruments"
+        raise InputError("compromised instrument", expected="velocities as told", found=found, advice=advice)
+
+
+def _spread(angle_deg: Floats) -> float:
+    """Return the standard deviation of angles that lie about one direction normally, radians."""
+    length = min(max(float(angles.resultant_length(angle_deg)), 1e-12), 1.0)
+    return float(np.sqrt(-2.0 * np.log(length)))
+
+
+def _refuse_one_instrument(upper: Record, trusted: Sequence[Record]) -> None:
+    if any(upper.serial_number and upper.serial_number == each.serial_number for each in trusted):
+        expected, found = "two instruments", f"serial number {upper.serial_number} in the files of both"
+        raise InputError("compromised and reference", expected=expected, found=found, advice="correct files of one")
+
+
+def identical(pairs: Pairs) -> str:
+    """Return why the two instruments of pairs are one, nothing where their velocities are not the same.
+
+    Args:
+        pairs: overlapping measurements.
+    """
+    upper, lower = (np.hypot(east, north) for east, north in _velocities(pairs))
+    if len(pairs) < ENOUGH or np.ptp(upper) == 0.0:
+        return ""
+    if float(np.mean(np.abs(upper - lower) < EQUAL_M_S)) <= MOST_IDENTICAL:
+        return ""
+    return "the two instruments recorded the same velocities: one recording was given twice, and no pair counts"
+
+
+def _velocities(pairs: Pairs) -> tuple[tuple[Floats, Floats], tuple[Floats, Floats]]:
+    return (pairs.upper_east, pairs.upper_north), (pairs.lower_east, pairs.lower_north)
+
+
+def _absent(upper: Record, trusted: Sequence[Record]) -> list[str]:
+    """Say why there is no pair."""
+    if not trusted:
+        return []
+    reasons = [
+        f"the {name} instrument {why}"
+        for name, why in zip(
+            ("compromised", "trusted"),
+            (_unusable(upper, heading=True), _unusable(trusted[0], heading=False)),
+            strict=True,
+        )
+        if why
+    ]
+    if reasons:
+        return reasons
+    if upper.time_s[0] > trusted[0].time_s[-1] or trusted[0].time_s[0] > upper.time_s[-1]:
+        return ["the two records do not overlap in time"]
+    depths = [float(np.nanmedian(record.depth_m)) for record in (upper, trusted[0])]
+    return [
+        f"no two velocities are near enough in time and depth (instruments at {depths[0]:.0f} and {depths[1]:.0f} m)"
+    ]
+
+
+def _unusable(record: Record, *, heading: bool) -> str:
+    if not len(record.time_s):
+        return "has no sample inside the deployment"
+    if not ((record.quality <= PROBABLY_GOOD) & np.isfinite(record.east + record.north)).any():
+        return "has no usable velocity"
+    if not (np.nan_to_num(record.east).any() or np.nan_to_num(record.north).any()):
+        return "has velocities of zero only"
+    if heading and not (np.isfinite(record.heading_deg) & (record.heading_quality <= PROBABLY_GOOD)).any():
+        return "has no usable heading: is it the one with the compass to correct?"
+    if not np.isfinite(record.depth_m).any():
+        return "has no depth"
+    return ""

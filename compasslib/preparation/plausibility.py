@@ -1,0 +1,289 @@
+"""What parses and is still impossible: sensors that do not move, depths out of the water, sentinels taken for speeds.
+
+What cannot be true is flagged and counted; what may be true but tells nothing is said.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from compasslib.core import angles
+from compasslib.core.records import BAD, GOOD, PROBABLY_BAD, Flags, Record
+from compasslib.core.types import Bools, Floats
+
+FASTEST_CURRENT = 5.0  # m/s, beyond any ocean current
+STEEPEST_TILT = 45.0  # degrees, beyond what an instrument levels
+ABOVE_SURFACE_M = 10.0  # a pressure sensor that was not zeroed in air is off by less
+BELOW_BOTTOM = 1.2  # of the water depth; a charted one is rarely wrong by more
+FROZEN_SAMPLES, FROZEN_S = 12, 6 * 3600.0  # no water repeats itself to the last digit as often and as long
+STILL_DEG = 0.1  # from one sample to the next: the noise of a compass that no longer turns
+BY_CHANCE = 1e-3  # such runs expected of a series that repeats itself as often as the rest does
+ENOUGH = 24  # samples before a series that never moves is called stuck
+NARROW_DEG = 5.0  # headings within this tell nothing of how a deviation goes round
+# Headings that stand off both neighbours. In a year of ten genuine and simulated compasses, with steps of 0.3 to 17
+# degrees, none did so in fast water by half of what lies between ten median steps and a half turn.
+OFF_STEPS, LEAST_OFF_DEG = 10.0, 20.0  # times the median step off both neighbours; of a compass that hardly turns
+FREE_DEG = 135.0  # a compass whose ten steps reach this turns too freely for any heading to stand out
+LONGEST_OFF = 5  # samples in a row that stand off together and come back
+PROOF, PROOF_SHARE = 3, 2.5e-4  # sure ones, and their share, before every other that stands off is held to be wrong
+NEAR_BINS = 5  # whose mean tells fast water from slow
+FILLS, FILLS_MORE, FILLERS = 6, 3, 8  # a value that often, and that many times as often as those beside it
+BESIDE = 5  # distinct values on either side
+FILL_OFF_DEG = (5.0, 45.0)  # a jump to a fill value is longer than twice the typical step, within these
+
+
+def flagged(record: Record, water_depth: float) -> Record:
+    """Return the record with impossible values flagged and counted, and sensors that tell nothing named.
+
+    Args:
+        record: n samples in order of time, depth known.
+        water_depth: metres.
+    """
+    record = _impossible(record)
+    record = _without_length(_out_of_water(record, water_depth))
+    record = _outlying_headings(record)
+    if len(record.time_s) > FROZEN_SAMPLES:
+        frozen = _frozen_velocity(record)[:, None]
+        record = _frozen_heading(mark(record, frozen, BAD, "frozen_velocity", "the same to the last digit for hours"))
+    return _told(record)
+
+
+def mark(record: Record, where: Bools, flag: int, count: str, sentence: str | None) -> Record:
+    """Return the record with velocities flagged that were good so far, counted, and said where there is a sentence.
+
+    Args:
+        record: n samples of m bins.
+        where: (n, m), or what can be broadcast to it.
+        count: name of the count.
+        sentence: what they are, or None.
+    """
+    hit = np.broadcast_to(where, record.quality.shape) & (record.quality <= GOOD)
+    number = int(np.sum(hit))
+    notes = (f"{number} velocities flagged: {sentence}",) if sentence and number else ()
+    quality = np.where(hit, flag, record.quality).astype(np.int8)
+    counts = {**record.counts, count: number}
+    return replace(record, quality=quality, counts=counts, warnings=record.warnings + notes)
+
+
+def _impossible(record: Record) -> Record:
+    """Flag what no ocean and no levelled instrument can show."""
+    too_fast = np.hypot(record.east, record.north) > FASTEST_CURRENT
+    with np.errstate(invalid="ignore"):
+        fallen = (np.abs(record.pitch_deg) > STEEPEST_TILT) | (np.abs(record.roll_deg) > STEEPEST_TILT)
+    record = mark(record, too_fast, BAD, "impossible_speed", f"faster than {FASTEST_CURRENT:g} m/s")
+    record = mark(record, fallen[:, None], BAD, "steep_tilt", "tilted too far")
+    heading = np.where(fallen & (record.heading_quality < BAD), PROBABLY_BAD, record.heading_quality)
+    return replace(record, heading_quality=heading.astype(np.int8))
+
+
+def _out_of_water(record: Record, water_depth: float) -> Record:
+    with np.errstate(invalid="ignore"):
+        out = (record.depth_m < -ABOVE_SURFACE_M) | (record.depth_m > BELOW_BOTTOM * water_depth)
+    sentence = "the instrument's depth lies above the surface or below the bottom"
+    return mark(record, out[:, None], BAD, "impossible_depth", sentence)
+
+
+def _without_length(record: Record) -> Record:
+    """Flag bins that all lie at one range, as where the cells' length was lost: their depths are unknown."""
+    if record.bin_range_m.shape[1] < 2:
+        return record
+    with np.errstate(invalid="ignore"):
+        flat = (np.diff(record.bin_range_m, axis=1) == 0.0).any(axis=1)
+    return mark(record, flat[:, None], BAD, "bins_without_length", "bins of no length, whose depths nothing tells")
+
+
+def _outlying_headings(record: Record) -> Record:
+    """Flag headings that are a fill value, or that no compass turned to between its neighbours."""
+    known = np.flatnonzero(np.isfinite(record.heading_deg) & (record.heading_quality < PROBABLY_BAD))
+    heading = record.heading_deg[known]
+    values = _fill_values(heading) if len(known) >= ENOUGH else np.empty(0)
+    fill = np.isin(heading.round(2), values)
+    rest = known[~fill]
+    flags = _wild(record.heading_deg[rest], _fast(record)[rest])
+    quality = record.heading_quality.copy()
+    quality[known[fill]], quality[rest] = BAD, np.maximum(quality[rest], flags)
+    counts = {"heading_fill": int(fill.sum())}
+    counts |= {
+        name: int(np.sum(flags == flag)) for name, flag in (("heading_wild", BAD), ("heading_unsure", PROBABLY_BAD))
+    }
+    said = _off_said(counts, values, len(known))
+    # Velocities that were turned by such a heading are as wrong as it is.
+    wrong = (quality >= BAD) & (record.heading_quality < BAD)
+    turned = np.where(wrong[:, None] & (record.quality <= GOOD), PROBABLY_BAD, record.quality).astype(np.int8)
+    counted = record.counts | counts
+    return replace(record, heading_quality=quality, quality=turned, counts=counted, warnings=(*record.warnings, *said))
+
+
+def _off_said(counts: dict[str, int], values: Floats, known: int) -> list[str]:
+    fill, wild, unsure = counts.values()
+    off, notes = "those before and after", []
+    if fill:
+        shown = " or ".join(f"{value:.2f}" for value in values)
+        notes.append(f"{fill} headings flagged: they read {shown} degrees, a fill value far off {off}")
+    if wild:
+        notes.append(f"{wild} of {known} headings flagged: they stand off {off} as nothing turns in running water")
+    if unsure:
+        notes.append(
+            f"{unsure} headings doubted, as they stand off {off} like the wild ones, and others may hide in turns"
+        )
+    return notes
+
+
+def _fill_values(heading_deg: Floats) -> Floats:
+    """Return headings that the record repeats far more often than those beside them, and jumps to."""
+    distinct, place = np.unique(heading_deg.round(2), return_inverse=True)
+    # A compass that stands still is none: what counts is how often the record jumps there.
+    count = np.bincount(place[np.append(True, place[1:] != place[:-1])], minlength=len(distinct))
+    typical = float(np.median(_off_both(heading_deg)))
+    found = []
+    for k in np.argsort(-count)[:FILLERS]:
+        beside = np.sort(count[np.arange(k - BESIDE, k + BESIDE + 1) % len(count)])
+        # The largest is its own; the next may be that of another fill value.
+        ordinary = beside[-3] if len(beside) > 2 else len(heading_deg)
+        others = np.flatnonzero(place != k)
+        if count[k] < FILLS + FILLS_MORE * ordinary or len(others) < ENOUGH:
+            continue
+        after = np.searchsorted(others, np.flatnonzero(place == k))
+        ends = [heading_deg[others[np.clip(at, 0, len(others) - 1)]] for at in (after - 1, after)]
+        off = np.min([np.abs(angles.difference(end, distinct[k])) for end in ends], axis=0)
+        found += [distinct[k]] if np.median(off) > np.clip(2.0 * typical, *FILL_OFF_DEG) else []
+    return np.array(found)
+
+
+def _off_both(heading_deg: Floats) -> Floats:
+    """Return how far each heading stands off the nearer of its neighbours, (n,) degrees; 0 at both ends."""
+    steps = np.abs(angles.difference(heading_deg[1:], heading_deg[:-1]))
+    off = np.zeros(len(heading_deg))
+    off[1:-1] = np.minimum(steps[1:], steps[:-1])
+    return off
+
+
+def _excursions(heading_deg: Floats, limit: float) -> Bools:
+    """Tell headings that stand off both neighbours by more than a limit, or a few in a row that do and come back."""
+    off, steps = _off_both(heading_deg) > limit, np.abs(angles.difference(heading_deg[1:], heading_deg[:-1])) > limit
+    for length in range(2, LONGEST_OFF + 1):
+        begin = np.arange(1, len(heading_deg) - length)
+        back = np.abs(angles.difference(heading_deg[begin + length], heading_deg[begin - 1])) < limit / 2.0
+        away = begin[steps[begin - 1] & steps[begin + length - 1] & back]
+        off[(away[:, None] + np.arange(length)).ravel()] = True
+    return off
+
+
+def _wild(heading_deg: Floats, fast: Bools) -> Flags:
+    """Return a flag of each heading, (n,): good, bad where it is an outlier, or probably bad where it may be one.
+
+    In slow water a compass may turn to anywhere and back: only what stands off far in fast water is sure. Where several
+    do, the others are no turns either.
+    """
+    flags = np.full(len(heading_deg), GOOD, dtype=np.int8)
+    off = _off_both(heading_deg)
+    limit = _limit(off, 0.0)
+    if len(heading_deg) < ENOUGH or limit > FREE_DEG:
+        return flags
+    far = (limit + 180.0) / 2.0
+    sure = _excursions(heading_deg, far) & fast
+    flags[sure] = BAD
+    if sure.sum() < max(PROOF, PROOF_SHARE * len(off)):
+        return flags
+    # Were they anywhere on the circle, this share of all would be wrong.
+    limit = _limit(off, sure.sum() / fast.sum() * 180.0 / (180.0 - far))
+    flags[_excursions(heading_deg, far) | (off > limit)] = BAD
+    left = np.flatnonzero(flags == GOOD)
+    flags[left[_off_both(heading_deg[left]) > limit / 2.0]] = PROBABLY_BAD
+    return flags
+
+
+def _limit(off_both_deg: Floats, wrong: float) -> float:
+    """Return how far a right heading hardly stands off both neighbours, degrees, where a share of all are wrong."""
+    if not off_both_deg.size:
+        return 360.0
+    middle = 0.5 * (1.0 - min(2.0 * wrong, 0.8))  # a wrong heading counts itself, and may count a right one
+    return max(LEAST_OFF_DEG, OFF_STEPS * float(np.quantile(off_both_deg, middle)))
+
+
+def _fast(record: Record) -> Bools:
+    """Tell samples at which the water runs faster than in the median, by the first bins, (n,)."""
+    good = record.quality[:, :NEAR_BINS] <= GOOD
+    count = good.sum(axis=1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = [np.where(good, of[:, :NEAR_BINS], 0.0).sum(axis=1) / count for of in (record.east, record.north)]
+    speed = np.hypot(*mean)
+    known = speed[count > 0]
+    return np.asarray(np.nan_to_num(speed) > (np.median(known) if known.size else np.inf))
+
+
+def _frozen_velocity(record: Record) -> Bools:
+    """Tell samples whose velocities repeat those before them in all bins; still water, all zero, is not looked at."""
+    east, north = np.nan_to_num(record.east), np.nan_to_num(record.north)
+    same = ((east[1:] == east[:-1]) & (north[1:] == north[:-1])).all(axis=1)
+    same &= ((east[1:] != 0.0) | (north[1:] != 0.0)).any(axis=1)
+    if same.all() and len(record.time_s) > ENOUGH:
+        return np.ones(len(record.time_s), dtype=bool)
+    return _stuck(same, record.time_s)
+
+
+def _stuck(same: Bools, time_s: Floats) -> Bools:
+    """Tell samples that repeat the one before so often and so long that the others of the series make it no chance.
+
+    Args:
+        same: whether each sample repeats the one before, (n - 1,).
+        time_s: (n,).
+    """
+    edge = np.diff(np.concatenate([[False], same, [False]]).astype(np.int8))
+    runs = np.column_stack([np.flatnonzero(edge == 1), np.flatnonzero(edge == -1)])  # first and last sample of each
+    lasts = time_s[runs[:, 1]] - time_s[runs[:, 0]] >= FROZEN_S
+    runs = runs[lasts & (runs[:, 1] - runs[:, 0] >= FROZEN_SAMPLES)]
+    stuck = np.zeros(len(time_s), dtype=bool)
+    for begin, end in runs:
+        stuck[begin + 1 : end + 1] = True
+    others = same[~stuck[1:]]
+    share = float(others.mean()) if others.size else 1.0
+    likely = [end - begin for begin, end in runs if len(time_s) * share ** (end - begin) > BY_CHANCE]
+    return stuck & (not likely)
+
+
+def _frozen_heading(record: Record) -> Record:
+    """Doubt headings that stand still for hours where they otherwise never do."""
+    with np.errstate(invalid="ignore"):
+        same = np.abs(angles.difference(record.heading_deg[1:], record.heading_deg[:-1])) <= STILL_DEG
+    frozen = _stuck(same, record.time_s) & (record.heading_quality < PROBABLY_BAD)
+    number = int(frozen.sum())
+    notes = (
+        (f"{number} headings flagged: the compass stood still within {STILL_DEG:g} degrees for hours",)
+        if number
+        else ()
+    )
+    quality = np.where(frozen, PROBABLY_BAD, record.heading_quality).astype(np.int8)
+    counts = {**record.counts, "heading_stuck": number}
+    return replace(record, heading_quality=quality, counts=counts, warnings=record.warnings + notes)
+
+
+def _told(record: Record) -> Record:
+    """Count and say which sensors never move."""
+    counts: dict[str, int] = {"tilt_frozen": 0, "heading_frozen": 0, "heading_narrow": 0}
+    notes = []
+    tilts = [x for x in (record.pitch_deg, record.roll_deg) if np.isfinite(x).sum() >= ENOUGH]
+    if tilts and all(np.nanmax(x) == np.nanmin(x) for x in tilts):
+        counts["tilt_frozen"] = int(np.isfinite(tilts[0]).sum())
+        notes.append("pitch and roll never change: the tilt sensor is stuck or was not fitted, its tilts tell nothing")
+    heading = record.heading_deg[np.isfinite(record.heading_deg)]
+    arc = _arc(heading) if heading.size >= ENOUGH else 360.0
+    if arc == 0.0:
+        counts["heading_frozen"] = heading.size
+        notes.append(f"the compass shows {heading[0]:.2f} degrees all the time: it is stuck, and no heading is used")
+    elif arc < NARROW_DEG:
+        counts["heading_narrow"] = heading.size
+        notes.append(f"all headings lie within {arc:.1f} degrees: they cannot tell a deviation from a constant")
+    stuck = (arc == 0.0) & (record.heading_quality < PROBABLY_BAD)
+    quality = np.where(stuck, PROBABLY_BAD, record.heading_quality).astype(np.int8)
+    said = record.warnings + tuple(notes)
+    return replace(record, heading_quality=quality, counts=record.counts | counts, warnings=said)
+
+
+def _arc(heading_deg: Floats) -> float:
+    """Return the width of the smallest arc that holds all headings but the outermost percent, degrees."""
+    off = angles.difference(heading_deg, angles.mean(heading_deg))
+    low, high = np.percentile(off, [0.5, 99.5])
+    return float(high - low)

@@ -1,0 +1,1 @@
+"""The Falmouth 3D-ACM current meter on a McLane moored profiler."""

@@ -1,0 +1,296 @@
+"""The files of a Falmouth 3D-ACM on a McLane profiler: unpacked ASCII or binary, told apart by their content.
+
+ASCII rows are a stamp, HDNG TX TY HX HY HZ VPAB VPCD VPEF VPGH, between spaces or commas, with or without header lines;
+scans of early instruments carry no clock and no heading: nine numbers from TX on. Binary records hold the same ten.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left, bisect_right
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from compasslib.core.errors import InputError
+from compasslib.core.types import Bools, Floats
+from compasslib.readers import cells
+from compasslib.readers.mmp import rows
+from compasslib.readers.mmp import rows as mmp_rows
+from compasslib.readers.mmp.clock import Ints, civil, misplaced
+from compasslib.readers.mmp.rows import UNKNOWN, Block
+
+COLUMNS = ("HDNG", "TX", "TY", "HX", "HY", "HZ", "VPAB", "VPCD", "VPEF", "VPGH")
+STAMPED, BARE = (True, 10), (False, 9)
+STEEPEST_DEG, FASTEST_CM_S = 180.0, 2000.0  # beyond these a number is no reading but a damaged one
+EXPECTED = "unpacked ASCII or binary scans of a Falmouth 3D-ACM"
+TEXT_SHARE = 0.95  # of the characters of a text are printable
+
+
+@dataclass(frozen=True, eq=False)
+class Scans:
+    """What the meter logged: r scans in p profiles."""
+
+    clock_s: Floats  # (r,) whole UTC seconds since 1970, NaN where scans carry no clock
+    values: Floats  # (r, 10) in the order of COLUMNS, degrees and cm/s; HDNG is NaN where it is not recorded
+    place: Ints  # (r,) in its profile, damaged scans counted
+    profile: Ints  # (r,) index of its profile
+    blocks: tuple[Block, ...]  # (p,) number, rate and times of each profile
+    damaged: int  # rows or records left out
+    damaged_files: tuple[str, ...]
+    empty_files: tuple[str, ...]
+    strange: int = 0  # bytes of text files that are no text, and were passed over
+
+
+def load(paths: Sequence[Path]) -> Scans:
+    """Return the scans of several files, in the order given.
+
+    Args:
+        paths: unpacked ASCII or binary files.
+
+    Raises:
+        InputError: a file that cannot be read or is neither, or no scan in any of them.
+    """
+    if not paths:
+        raise InputError("files", expected=EXPECTED, found="no file", advice="name the instrument's files")
+    parts = [_one(path) for path in paths]
+    scans = _joined(parts)
+    if not len(scans.profile):
+        where = f"{paths[0]}" + (f" and {len(paths) - 1} more" if len(paths) > 1 else "")
+        found = f"none ({scans.damaged} damaged rows)" if scans.damaged else "none"
+        raise InputError(where, expected=EXPECTED, found=found, advice="check files and format of the instrument")
+    return scans
+
+
+def contents(path: Path) -> bytes:
+    """Return a file's bytes.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    try:
+        return Path(path).read_bytes()
+    except OSError as error:
+        found = error.strerror or type(error).__name__
+        raise InputError(str(path), expected="a readable file", found=found, advice="check the path") from None
+
+
+def is_text(data: bytes) -> bool:
+    """Return whether a file is mostly made of printable characters, the filling of an erased store at its end apart."""
+    sample = data[:65536].rstrip(b"\x00\xff")
+    return not data or cells.strange(sample) < (1.0 - TEXT_SHARE) * len(sample)
+
+
+def _one(path: Path) -> Scans:
+    data = contents(path)
+    if is_binary(data):
+        binary = parse(data)
+        number = rows.number_in_name(path) if len(binary.blocks) == 1 else UNKNOWN
+        blocks = [Block(**(vars(block) | {"number": number})) for block in binary.blocks]
+        return _scans(path, blocks, binary.place, binary.time_s, binary.values, binary.damaged)
+    text = mmp_rows.parse(data if is_text(data) else b"", lambda form: form in (STAMPED, BARE))
+    if data.strip() and text.form is None and not rows.says_something(text):
+        found = f"a file that begins with {data[:24]!r}"
+        raise InputError(str(path), expected=EXPECTED, found=found, advice="check that format and file belong together")
+    found_blocks, place, damaged = rows.blocks(text, path)
+    values = text.values if text.form == STAMPED else np.full((len(text.offset), len(COLUMNS)), np.nan)
+    if text.form == BARE:
+        values[:, 1:] = text.values
+    return replace(_scans(path, found_blocks, place, text.time_s, values, damaged), strange=cells.strange(data))
+
+
+def _scans(path: Path, blocks: Sequence[Block], place: Ints, clock_s: Floats, values: Floats, damaged: int) -> Scans:
+    """Leave out what no meter can log."""
+    profile = np.repeat(np.arange(len(blocks)), [block.end - block.begin for block in blocks])
+    good = _possible(values) & ~misplaced(clock_s, profile)
+    damaged += int(np.sum(~good))
+    return Scans(
+        clock_s=clock_s[good],
+        values=values[good],
+        place=place[good],
+        profile=profile[good],
+        blocks=tuple(blocks),
+        damaged=damaged,
+        damaged_files=(str(path),) if damaged else (),
+        empty_files=() if good.any() else (str(path),),
+    )
+
+
+def _possible(values: Floats) -> Bools:
+    heading, tilts, field, paths = values[:, 0], values[:, 1:3], values[:, 3:6], values[:, 6:]
+    good = np.isnan(heading) | ((heading >= -180.0) & (heading <= 360.0))
+    good &= np.isfinite(field).all(axis=1) & (np.abs(tilts) <= STEEPEST_DEG).all(axis=1)
+    return np.asarray(good & (np.abs(paths) <= FASTEST_CM_S).all(axis=1))
+
+
+def _joined(parts: Sequence[Scans]) -> Scans:
+    """Put files together; profiles without a scan are dropped from the list of profiles."""
+    sizes = [len(part.blocks) for part in parts]
+    shift = np.cumsum([0, *sizes])
+    profile = np.concatenate([part.profile + first for part, first in zip(parts, shift[:-1], strict=True)])
+    blocks = [block for part in parts for block in part.blocks]
+    held, profile = np.unique(profile, return_inverse=True)
+    return Scans(
+        clock_s=np.concatenate([part.clock_s for part in parts]),
+        values=np.concatenate([part.values for part in parts]),
+        place=np.concatenate([part.place for part in parts]),
+        profile=profile,
+        blocks=tuple(blocks[k] for k in held),
+        damaged=sum(part.damaged for part in parts),
+        damaged_files=tuple(file for part in parts for file in part.damaged_files),
+        empty_files=tuple(file for part in parts for file in part.empty_files),
+        strange=sum(part.strange for part in parts),
+    )
+
+
+# The logger's own binary files of the Falmouth 3D-ACM: A*.DAT, one or several one after another.
+#
+# A profile is four bytes of length (big-endian), a header of 279 bytes that ends in DATA, records of 47 bytes, and the
+# times of switching on and off. Lengths lead from profile to profile; where one is damaged the next header is sought.
+
+HEADER_BYTES = 279
+MARK = b"DATA"  # the end of the header
+RATE_AT = 63  # of the sample rate in the header, a float
+RECORD = np.dtype(
+    [("clock", "u1", (3,)), ("month", "u1"), ("day", "u1"), ("year", "<u2"), ("values", "<f4", (10,))],
+)
+LENGTH_BYTES, TAIL_BYTES = 4, 8
+FRONT_BYTES = LENGTH_BYTES + HEADER_BYTES
+NO_SPEED = 1e-30  # cm/s: a float of which zeros took all but its first bytes
+LIKENESS = 0.8  # share of the bytes that a header has in common with the file's first; the settings do not change
+
+
+@dataclass(frozen=True, eq=False)
+class Binary:
+    """What a binary file holds."""
+
+    blocks: list[Block]
+    place: Ints  # (r,) of each scan in its profile, damaged ones counted
+    time_s: Floats  # (r,) whole seconds
+    values: Floats  # (r, 10)
+    damaged: int  # records that are no scans
+
+
+@dataclass(frozen=True)
+class _Span:
+    """Where the records of one profile lie, or what lies before, between and behind profiles."""
+
+    begin: int
+    end: int  # behind the records and the times of switching on and off
+    records: int
+    tail: int = -1  # where those times stand; -1 where they are lost
+    torn: int = 0  # records in what cannot be told apart
+
+
+def is_binary(data: bytes) -> bool:
+    """Return whether a file is one of the logger's own."""
+    return _followed(data, FRONT_BYTES) or bool(_marks(data))
+
+
+def parse(data: bytes) -> Binary:
+    """Return the scans of a binary file, damaged records left out."""
+    blocks: list[Block] = []
+    places: list[Ints] = [np.zeros(0, dtype=np.int64)]
+    times: list[Floats] = [np.zeros(0)]
+    values: list[Floats] = [np.zeros((0, RECORD["values"].shape[0]))]
+    damaged, begin = 0, 0
+    for span in _spans(data):
+        damaged += span.torn + span.records
+        if span.records:
+            records = np.frombuffer(data, dtype=RECORD, count=span.records, offset=span.begin)
+            time_s, good = _times(records)
+            good &= ~_filled_up(data, span, records, good)
+            kept = int(good.sum())
+            blocks.append(_block(data, span, begin, begin + kept))
+            places.append(np.flatnonzero(good))
+            times.append(time_s[good])
+            values.append(records["values"][good].astype(float))
+            damaged, begin = damaged - kept, begin + kept
+    return Binary(blocks, np.concatenate(places), np.concatenate(times), np.concatenate(values), damaged)
+
+
+def _spans(data: bytes) -> Iterator[_Span]:
+    """Go from profile to profile; where a length leads to no header go on to the next one that is recognised."""
+    marks = _marks(data) or [FRONT_BYTES]
+    at = 0
+    while at < len(data):
+        mark = at + FRONT_BYTES
+        if mark in marks or (mark < len(data) and _alike(data, marks[0], mark)):
+            following = marks[bisect_left(marks, mark + FRONT_BYTES) :]
+            span = _span(data, mark, following[0] - FRONT_BYTES if following else len(data), last=not following)
+        else:
+            following = marks[bisect_right(marks, mark) :]
+            limit = following[0] - FRONT_BYTES if following else len(data)
+            # As many records as one profile of this size would hold.
+            span = _Span(at, limit, 0, torn=max(1, (limit - mark - TAIL_BYTES) // RECORD.itemsize))
+        yield span
+        at = span.end
+
+
+def _span(data: bytes, mark: int, limit: int, *, last: bool) -> _Span:
+    """Return the records behind a header: as many as its length says, unless the next header says otherwise."""
+    length = int.from_bytes(data[mark - FRONT_BYTES : mark - HEADER_BYTES], "big")
+    told = (length - HEADER_BYTES) // RECORD.itemsize if _whole(length) else -1
+    fit, odd = divmod(limit - mark - TAIL_BYTES, RECORD.itemsize)
+    if odd == 0 and fit >= 0 and (told <= fit or not last):
+        return _Span(mark, limit, fit, limit - TAIL_BYTES)
+    end = mark + told * RECORD.itemsize
+    if told >= 0 and end + TAIL_BYTES <= limit:
+        return _Span(mark, end + TAIL_BYTES, told, end)
+    if told >= 0 and last and end <= limit:
+        return _Span(mark, limit, told)
+    fit, odd = divmod(limit - mark, RECORD.itemsize)
+    return _Span(mark, limit, fit, torn=int(odd > 0))
+
+
+def _marks(data: bytes) -> list[int]:
+    """Return where headers end: behind DATA, what is before like the first header or with a profile behind it."""
+    found: list[int] = []
+    at = data.find(MARK)
+    while at >= 0:
+        end = at + len(MARK)
+        if end >= FRONT_BYTES and (_followed(data, end) or (found and _alike(data, found[0], end))):
+            found.append(end)
+        at = data.find(MARK, at + 1)
+    return found
+
+
+def _followed(data: bytes, end: int) -> bool:
+    """Return whether in front of this place stands the length of a profile and behind it a record."""
+    length = int.from_bytes(data[end - FRONT_BYTES : end - HEADER_BYTES], "big")
+    first = np.frombuffer(data[end : end + RECORD.itemsize].ljust(RECORD.itemsize, b"\0"), dtype=RECORD)
+    good = bool(_times(first)[1][0])
+    return good and (_whole(length) or data[end - len(MARK) : end] == MARK)
+
+
+def _whole(length: int) -> bool:
+    return length >= HEADER_BYTES and (length - HEADER_BYTES) % RECORD.itemsize == 0
+
+
+def _alike(data: bytes, one: int, other: int) -> bool:
+    a, b = (np.frombuffer(data, dtype=np.uint8, count=HEADER_BYTES, offset=end - HEADER_BYTES) for end in (one, other))
+    return bool(np.mean(a == b) >= LIKENESS)
+
+
+def _times(records: np.ndarray) -> tuple[Floats, Bools]:
+    number = {name: records[name].astype(np.int64) for name in ("year", "month", "day", "clock")}
+    hour, minute, second = number["clock"].T
+    time_s = civil((number["year"], number["month"], number["day"]), (hour, minute, second))
+    return time_s, np.isfinite(time_s) & np.isfinite(records["values"]).all(axis=1)
+
+
+def _filled_up(data: bytes, span: _Span, records: np.ndarray, good: Bools) -> Bools:
+    """Tell the last scan of a profile that was cut where zeros stand for its end and for all that follows."""
+    torn = np.zeros(len(records), dtype=bool)
+    if good.any():
+        last = int(np.flatnonzero(good)[-1])
+        ends_in_zeros = abs(float(records["values"][last, -1])) < NO_SPEED
+        torn[last] = ends_in_zeros and not any(data[span.begin + (last + 1) * RECORD.itemsize : span.end])
+    return torn
+
+
+def _block(data: bytes, span: _Span, begin: int, end: int) -> Block:
+    rate = float(np.frombuffer(data, "<f4", 1, span.begin - HEADER_BYTES + RATE_AT)[0])
+    on, off = np.frombuffer(data, ">u4", 2, span.tail).astype(float) if span.tail >= 0 else (np.nan, np.nan)
+    return Block(begin, end, rate_hz=rate if 0 < rate < 100 else np.nan, on_s=float(on), off_s=float(off))

@@ -1,0 +1,234 @@
+"""The pressure that goes with a profiler's current meter: from its engineering (E) or CTD (C) files, or from a table.
+
+E rows are a stamp, milliamperes, volts, decibars and more; the oldest unpackers write the stamp as six numbers. C rows
+carry no clock: conductivity, temperature, decibars; they are laid evenly between the times of switching on and off,
+and used only where no clocked sample is near. A table is CSV with a header line.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+
+from compasslib.core.errors import InputError
+from compasslib.core.types import Bools, Floats
+from compasslib.readers.mmp import rows as mmp_blocks
+from compasslib.readers.mmp import rows as mmp_rows
+from compasslib.readers.mmp.clock import civil
+from compasslib.readers.mmp.files import contents, is_text
+from compasslib.readers.mmp.rows import UNKNOWN, Block, Form, Text
+
+TIMES = ("time_utc", "time", "datetime", "date_time", "timestamp", "date")
+PRESSURES = ("pressure_dbar", "pressure", "pres", "dbar", "p_dbar")
+PROFILES = ("profile", "profile_number")
+EXPECTED = (
+    "an unpacked engineering (E) or CTD (C) file of the profiler, or a CSV table with a header line and the columns"
+    " time and pressure (time_utc or time, ISO; pressure_dbar or pressure, dbar)"
+)
+BRIDGED_S = 60.0  # pressure is interpolated between samples no further apart, or no further than
+BRIDGED_STEPS = 5.0  # so many steps of the series,
+BRIDGED_AT_MOST_S = 600.0  # and this much anyway
+OLD_STAMP = 6  # numbers of a stamp written as month day year hour minute second
+DBAR_OF_E, DBAR_OF_C = 2, 2  # column behind the stamp
+
+
+@dataclass(frozen=True)
+class Start:
+    """When the sensors of one profile were switched on and off, NaN where nothing says so."""
+
+    number: int
+    on_s: float
+    off_s: float
+
+
+@dataclass(frozen=True, eq=False)
+class Companion:
+    """Pressure along time, and when profiles started."""
+
+    time_s: Floats  # (c,) increasing
+    pressure_dbar: Floats  # (c,)
+    starts: tuple[Start, ...]  # in order of time
+    damaged: int = 0  # rows left out
+
+    def at(self, time_s: Floats) -> Floats:
+        """Return the pressure at other times, NaN where no two near samples enclose one.
+
+        Args:
+            time_s: (r,) UTC seconds.
+        """
+        if len(self.time_s) < 2:
+            return np.full(len(time_s), np.nan)
+        step = np.diff(self.time_s)
+        bridged = step <= _bridge(step)
+        gap = np.searchsorted(self.time_s, time_s, side="right") - 1
+        inside = (gap >= 0) & (gap < len(step))
+        inside[inside] = bridged[gap[inside]]
+        inside |= np.isin(time_s, self.time_s)
+        return np.where(inside, np.interp(time_s, self.time_s, self.pressure_dbar), np.nan)
+
+    def distance_s(self, time_s: Floats) -> Floats:
+        """Return how far the nearest sample of pressure is, (r,) seconds; infinite without any.
+
+        Args:
+            time_s: (r,) UTC seconds.
+        """
+        if not len(self.time_s):
+            return np.full(len(time_s), np.inf)
+        after = np.searchsorted(self.time_s, time_s).clip(0, len(self.time_s) - 1)
+        before = (after - 1).clip(0)
+        return np.minimum(np.abs(self.time_s[after] - time_s), np.abs(time_s - self.time_s[before]))
+
+
+@dataclass(frozen=True, eq=False)
+class _Series:
+    """What one file holds."""
+
+    time_s: Floats
+    pressure_dbar: Floats
+    starts: tuple[Start, ...]
+    damaged: int = 0
+    clocked: bool = True
+
+
+def load(paths: Sequence[Path]) -> Companion:
+    """Return the pressure of all files together.
+
+    Raises:
+        InputError: a file that cannot be read or is none of these.
+    """
+    series = [_one(path) for path in paths]
+    clocked = _together([each for each in series if each.clocked])
+    return _together([each if each.clocked else _beside(each, clocked) for each in series])
+
+
+def _together(series: Sequence[_Series]) -> Companion:
+    nothing = np.zeros(0)
+    time = np.concatenate([nothing, *(each.time_s for each in series)])
+    pressure = np.concatenate([nothing, *(each.pressure_dbar for each in series)])
+    known = np.isfinite(time) & np.isfinite(pressure)
+    time, first = np.unique(time[known], return_index=True)
+    starts = sorted((start for each in series for start in each.starts), key=lambda start: start.on_s)
+    return Companion(time, pressure[known][first], tuple(starts), sum(each.damaged for each in series))
+
+
+def _beside(series: _Series, clocked: Companion) -> _Series:
+    """Return what samples without a clock of their own add to those with one."""
+    known = {start.number for start in clocked.starts} - {UNKNOWN}
+    alone = clocked.distance_s(series.time_s) > BRIDGED_S
+    starts = () if not alone.all() else tuple(start for start in series.starts if start.number not in known)
+    return _Series(series.time_s[alone], series.pressure_dbar[alone], starts, series.damaged, clocked=False)
+
+
+def _one(path: Path) -> _Series:
+    data = contents(path)
+    if not is_text(data):
+        advice = "unpack the profiler's binary files with the maker's unpacker"
+        raise InputError(str(path), expected=EXPECTED, found="a binary file", advice=advice)
+    columns = _header(data)
+    if columns:
+        return _table(path, data, columns)
+    text = mmp_rows.parse(data, lambda form: form[1] > DBAR_OF_C)
+    if text.form is None:
+        first = data.strip().split(b"\n")[0][:60].decode("latin-1").strip()
+        found = f"a first line {first!r}" if first else "an empty file"
+        raise InputError(str(path), expected=EXPECTED, found=found, advice="correct pressure_files")
+    return _rows(path, _with_old_stamp(text))
+
+
+def _with_old_stamp(text: Text) -> Text:
+    """Read six leading numbers as month, day, year, hour, minute, second where they are a date in every row."""
+    if text.form is None or text.form[0] or text.form[1] < OLD_STAMP + DBAR_OF_E + 1:
+        return text
+    month, day, year, hour, minute, second = text.values[:, :OLD_STAMP].astype(np.int64).T
+    time_s = civil((year, month, day), (hour, minute, second))
+    if not np.isfinite(time_s).all():
+        return text
+    form: Form = (True, text.form[1] - OLD_STAMP)
+    return Text(form, text.offset, time_s, text.values[:, OLD_STAMP:], text.damaged, text.lines)
+
+
+def _rows(path: Path, text: Text) -> _Series:
+    blocks, _, damaged = mmp_blocks.blocks(text, path)
+    stamped = text.form is not None and text.form[0]
+    time_s = text.time_s if stamped else np.concatenate([_laid_out(path, block) for block in blocks])
+    dbar = text.values[:, DBAR_OF_E if stamped else DBAR_OF_C]
+    starts = tuple(_start(block, time_s) for block in blocks)
+    # Before its first reading the profiler writes zeros.
+    return _Series(time_s, np.where(dbar == 0, np.nan, dbar), starts, damaged, clocked=stamped)
+
+
+def _laid_out(path: Path, block: Block) -> Floats:
+    if not block.off_s > block.on_s:
+        found = "rows without a clock and no such lines"
+        advice = "unpack with header lines, or give the engineering (E) files"
+        raise InputError(str(path), expected="'turned on at' and 'turned off at' lines", found=found, advice=advice)
+    size = block.end - block.begin
+    return block.on_s + (np.arange(size) + 0.5) * (block.off_s - block.on_s) / size
+
+
+def _start(block: Block, time_s: Floats) -> Start:
+    on = block.on_s if np.isfinite(block.on_s) else float(time_s[block.begin])
+    return Start(block.number, on, block.off_s)
+
+
+def _header(data: bytes) -> dict[str, int]:
+    """Return the columns of a table by their meaning; none where the file is no table."""
+    line = next((line for line in data[:4096].splitlines() if line.strip()), b"")
+    names = [name.lower() for name in _cells(line.decode("utf-8-sig", "replace"))]
+    wanted = {"time": TIMES, "pressure": PRESSURES, "profile": PROFILES}
+    found = {role: names.index(name) for role, given in wanted.items() for name in reversed(given) if name in names}
+    return found if "time" in found and "pressure" in found else {}
+
+
+def _table(path: Path, data: bytes, columns: dict[str, int]) -> _Series:
+    lines = [line for line in data.decode("utf-8-sig", "replace").splitlines() if line.strip(" \t,")]
+    rows = [_cells(line) for line in lines[1:]]
+    time_s, pressure = (_column(path, rows, columns[role], role) for role in ("time", "pressure"))
+    number = np.full(len(rows), float(UNKNOWN))
+    new = _after_pauses(time_s)
+    if "profile" in columns:
+        number = _column(path, rows, columns["profile"], "profile")
+        new = np.append(True, np.diff(number) != 0)[: len(rows)]
+    begins = np.flatnonzero(new & np.isfinite(number))
+    return _Series(time_s, pressure, tuple(Start(int(number[k]), float(time_s[k]), np.nan) for k in begins))
+
+
+def _cells(line: str) -> list[str]:
+    # Not by the csv module: one stray quotation mark would swallow all rows up to the next.
+    return [cell.strip().strip('"').strip() for cell in line.split(",")]
+
+
+def _after_pauses(time_s: Floats) -> Bools:
+    step = np.diff(time_s)
+    return np.append(True, step > _bridge(step))[: len(time_s)]
+
+
+def _bridge(step: Floats) -> float:
+    usual = float(np.median(step)) if len(step) else 0.0
+    return min(max(BRIDGED_S, BRIDGED_STEPS * usual), BRIDGED_AT_MOST_S)
+
+
+def _column(path: Path, rows: Sequence[Sequence[str]], column: int, role: str) -> Floats:
+    parse, expected = (_time, "an ISO time like 2007-09-04T00:00:00Z") if role == "time" else (_number, "a number")
+    values = np.empty(len(rows))
+    for k, row in enumerate(rows):
+        try:
+            values[k] = parse(row[column])
+        except (ValueError, IndexError):
+            found = repr(row[column]) if column < len(row) else f"a row of {len(row)} cells"
+            where = f"{path}: row {k + 1} below the header, {role}"
+            raise InputError(where, expected=expected, found=found, advice="mend or remove the row") from None
+    return values
+
+
+def _time(cell: str) -> float:
+    moment = datetime.fromisoformat(cell)
+    return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
+
+
+def _number(cell: str) -> float:
+    return float(cell) if cell else float("nan")

@@ -1,0 +1,403 @@
+"""Rows of numbers out of the text files of a profiler's unpacker, each checked character by character.
+
+A row is a stamp (MM-DD-YYYY HH:MM:SS, or with slashes) and numbers, or numbers alone, between spaces or commas. All
+rows of a file have one form: the same count of numbers and, column by column, the same decimals. Whatever differs is
+damaged and left out: a flipped or lost character nearly always shows in one of the two.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from functools import lru_cache
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib.core.types import Bools, Floats
+from compasslib.readers.mmp.clock import FIRST_YEAR, LAST_YEAR, Ints, civil
+
+Octets = NDArray[np.uint8]
+Form = tuple[bool, int]  # with a stamp; how many numbers
+
+CHUNK_BYTES = 1 << 21  # larger ones leave the cache and are slower
+# Share of the rows, of a few all but one, that agree on a column's decimals before the others count as damaged.
+UNIFORM = 0.95
+
+_SPACE, _DIGIT, _DOT, _SIGN, _COLON, _SLASH, _COMMA, _OTHER = (1 << bit for bit in range(8))
+_KIND = np.full(256, _OTHER, dtype=np.uint8)
+for _characters, _kind in (
+    (b" \t\r\n", _SPACE), (b"0123456789", _DIGIT), (b".", _DOT), (b"+-", _SIGN), (b":", _COLON), (b"/", _SLASH),
+    (b",", _COMMA | _SPACE),
+):  # fmt: skip
+    _KIND[list(_characters)] = _kind
+_DATE, _TIME = (np.array(digits) for digits in ((0, 1, 3, 4, 6, 7, 8, 9), (0, 1, 3, 4, 6, 7)))
+
+
+@dataclass(frozen=True, eq=False)
+class Text:
+    """What a text file holds, by where it begins in the file."""
+
+    form: Form | None  # of the rows; None without any
+    offset: Ints  # (r,) of each row
+    time_s: Floats  # (r,) of its stamp, NaN without
+    values: Floats  # (r, k)
+    damaged: Ints  # offsets of lines of numbers that are no rows
+    lines: tuple[tuple[int, bytes], ...]  # offset and words of the lines that are no numbers
+
+
+@dataclass(frozen=True, eq=False)
+class _Piece:
+    offset: Ints
+    time_s: Floats
+    values: Floats
+    texture: Ints  # (r, k + 1) decimals of every number, count of commas
+
+
+def parse(data: bytes, wanted: Callable[[Form], bool]) -> Text:
+    """Return rows, damaged lines and lines of words of a text file.
+
+    Args:
+        wanted: which forms rows may have; the most frequent one of them in the file is the rows'.
+    """
+    form: Form | None = None
+    pieces: list[_Piece] = []
+    damaged: list[Ints] = []
+    lines: list[tuple[int, bytes]] = []
+    for start, octets in _chunks(data):
+        kind = _KIND[octets]
+        begins, ends, present = _lines(octets, kind)
+        words = (present & _OTHER) != 0
+        lines += [(start + b, octets[b:e].tobytes()) for b, e in zip(begins[words], ends[words], strict=True)]
+        numeric = ~words & ((present & _DIGIT) != 0)
+        stamped, tokens = ((present & _COLON) != 0)[numeric], _tokens(kind, begins, numeric)
+        form = form or _form(stamped, tokens, wanted)
+        fits = np.zeros(len(begins), dtype=bool)
+        fits[numeric] = False if form is None else (stamped == form[0]) & (tokens == form[1] + 2 * stamped)
+        lost = begins[numeric & ~fits]
+        if form and fits.any():
+            piece, bad = _piece(octets, form, begins[fits], ends[fits])
+            pieces.append(replace(piece, offset=start + piece.offset))
+            lost = np.append(lost, bad)
+        damaged.append(start + lost)
+    return _regular(form, pieces, damaged, lines)
+
+
+def _chunks(data: bytes) -> Iterator[tuple[int, Octets]]:
+    """Cut behind line ends; the last line gets an end where it has none."""
+    begin = 0
+    while begin < len(data):
+        end = data.find(b"\n", begin + CHUNK_BYTES) + 1 or len(data)
+        part = data[begin:end]
+        yield begin, np.frombuffer(part if part.endswith(b"\n") else part + b"\n", dtype=np.uint8)
+        begin = end
+
+
+def _lines(octets: Octets, kind: Octets) -> tuple[Ints, Ints, Octets]:
+    ends = np.flatnonzero(octets == ord("\n")) + 1
+    begins = np.append(0, ends[:-1])
+    return begins, ends, np.bitwise_or.reduceat(kind, begins)
+
+
+def _tokens(kind: Octets, begins: Ints, numeric: Bools) -> Ints:
+    """Count the words of every line of numbers."""
+    solid = (kind & _SPACE) == 0
+    starts = solid & np.append(True, ~solid[:-1])
+    return np.add.reduceat(starts, begins, dtype=np.int64)[numeric]
+
+
+def _form(stamped: Bools, tokens: Ints, wanted: Callable[[Form], bool]) -> Form | None:
+    code, times = np.unique(2 * (tokens - 2 * stamped) + stamped, return_counts=True)
+    forms = {(bool(c & 1), int(c >> 1)): int(n) for c, n in zip(code, times, strict=True)}
+    allowed = {form: n for form, n in forms.items() if form[1] > 0 and wanted(form)}
+    return max(allowed, key=lambda form: allowed[form]) if allowed else None
+
+
+def _piece(octets: Octets, form: Form, begins: Ints, ends: Ints) -> tuple[_Piece, Ints]:
+    """Return the rows among lines of the right count of words, and where the others begin."""
+    own = _marked(len(octets), begins, ends)
+    octets = octets[own]
+    size = ends - begins
+    rows = _Rows(octets, np.cumsum(size) - size, form)
+    time_s, stamp_good = rows.stamps()
+    good = rows.number_good() & stamp_good
+    if form[0]:
+        octets[_marked(len(octets), rows.begin[:, 0], rows.end[:, 1])] = ord(" ")
+    octets[np.repeat(~good, size)] = ord(" ")
+    octets[octets == ord(",")] = ord(" ")
+    # Of nothing but spaces fromstring makes a number.
+    numbers = np.fromstring(octets.tobytes(), sep=" ") if good.any() else np.zeros(0)
+    piece = _Piece(begins[good], time_s[good], numbers.reshape(-1, form[1]), rows.texture()[good])
+    return piece, begins[~good]
+
+
+def _marked(length: int, begins: Ints, ends: Ints) -> Bools:
+    """Return a mask of stretches that do not overlap."""
+    step = np.zeros(length + 1, dtype=np.int8)
+    step[begins] += 1
+    step[ends] -= 1
+    return np.cumsum(step[:-1], dtype=np.int8).astype(bool)
+
+
+class _Rows:
+    """Lines of the same count of words, taken apart: where each word begins and ends, what stands in it."""
+
+    def __init__(self, octets: Octets, lines: Ints, form: Form):
+        self.octets, self.lines, self.form = octets, lines, form
+        self.kind = _KIND[octets]
+        solid = (self.kind & _SPACE) == 0
+        starts = solid & np.append(True, ~solid[:-1])
+        width = form[1] + 2 * form[0]
+        self.begin = np.flatnonzero(starts).reshape(-1, width)
+        self.end = (np.flatnonzero(solid & np.append(~solid[1:], True)) + 1).reshape(-1, width)
+        self.word = np.cumsum(starts, dtype=np.int32) - 1
+        self.numbers = np.s_[:, 2 * form[0] :]
+
+    def number_good(self) -> Bools:
+        """Return which lines hold nothing but numbers: a sign in front, one point at most, a digit at least."""
+        signed = (self.kind[self.begin] & _SIGN) != 0
+        points = self._count(_DOT)
+        strange = self._count(_COLON | _SLASH | _SIGN) - signed
+        digits = self.end - self.begin - signed - points
+        return ((points <= 1) & (strange == 0) & (digits > 0))[self.numbers].all(axis=1)
+
+    def texture(self) -> Ints:
+        """Return the decimals of every number and the count of commas, line by line."""
+        at = np.flatnonzero(self.kind & _DOT)
+        decimals = np.full(self.begin.size, -1, dtype=np.int64)
+        decimals[self.word[at]] = self.end.ravel()[self.word[at]] - 1 - at
+        commas = np.searchsorted(np.flatnonzero(self.kind & _COMMA), np.append(self.lines, len(self.kind)))
+        return np.column_stack([decimals.reshape(self.begin.shape)[self.numbers], np.diff(commas)])
+
+    def stamps(self) -> tuple[Floats, Bools]:
+        """Return UTC seconds since 1970, NaN without a stamp, and which lines are right in this respect."""
+        if not self.form[0]:
+            return np.full(len(self.begin), np.nan), np.ones(len(self.begin), dtype=bool)
+        date, clock = self._characters(0, 10), self._characters(1, 8)
+        sized = (self.end - self.begin)[:, :2] == (10, 8)
+        marks = np.isin(date[:, (2, 5)], (ord("-"), ord("/"))) & (clock[:, (2, 5)] == ord(":"))
+        digits = np.column_stack([date[:, _DATE], clock[:, _TIME]]).astype(np.int64) - ord("0")
+        good = (sized & marks).all(axis=1) & ((digits >= 0) & (digits <= 9)).all(axis=1)
+        pairs = 10 * digits[:, 0::2] + digits[:, 1::2]
+        month, day, century, year, *hms = pairs.T
+        time_s = civil((100 * century + year, month, day), (hms[0], hms[1], hms[2]))
+        return time_s, good & np.isfinite(time_s)
+
+    def _characters(self, column: int, count: int) -> Octets:
+        at = self.begin[:, column, None] + np.arange(count)
+        return self.octets[np.minimum(at, len(self.octets) - 1)]
+
+    def _count(self, kinds: int) -> Ints:
+        words = self.word[np.flatnonzero(self.kind & kinds)]
+        return np.bincount(words, minlength=self.begin.size).reshape(self.begin.shape)
+
+
+def _regular(form: Form | None, pieces: list[_Piece], damaged: list[Ints], lines: list[tuple[int, bytes]]) -> Text:
+    """Put the pieces together and leave out rows that differ from the others in their texture."""
+    lost = np.concatenate([np.zeros(0, dtype=np.int64), *damaged])
+    if form is None or not any(len(piece.offset) for piece in pieces):
+        nothing = np.zeros(0)
+        return Text(None, nothing.astype(np.int64), nothing, nothing.reshape(0, 0), np.sort(lost), tuple(lines))
+    texture = np.concatenate([piece.texture for piece in pieces])
+    usual = np.array([_most_frequent(column) for column in texture.T])
+    same = texture == usual
+    uniform = (~same).sum(axis=0) <= max(1.0, (1.0 - UNIFORM) * len(same))
+    like = same[:, uniform].all(axis=1)
+    offset, time_s, values = (np.concatenate([getattr(p, k) for p in pieces]) for k in ("offset", "time_s", "values"))
+    lost = np.sort(np.append(lost, offset[~like]))
+    return Text(form, offset[like], time_s[like], values[like], lost, tuple(lines))
+
+
+def _most_frequent(values: Ints) -> int:
+    distinct, times = np.unique(values, return_counts=True)
+    return int(distinct[np.argmax(times)])
+
+
+# The profiles in an unpacked text file of a moored profiler: which rows belong to which, and what is said of them.
+#
+# A, C and E files (current meter, CTD, engineering) frame their rows alike: ``Profile N`` before and after, the times
+# of switching on and off before or after, names of the columns, in A files the sample rate before and the instrument's
+# header behind. An exception replaces the tail; without header lines nothing but rows may be left.
+
+PAUSE_S = 60.0  # rows without header lines further apart, or going back as much, belong to different profiles
+UNKNOWN = -1  # number of a profile that nothing names
+
+_WORDS = re.compile(
+    rb"""[ \t,]*(?:(?P<rate>sample\ rate:\s*(?P<hertz>[\d.]+))
+    | (?P<profile>profile\s+(?P<number>\d+)\s*$)
+    | (?P<on>.*?turned\ on\ at\s+(?P<on_at>[\d/ :]+))
+    | (?P<off>.*?(?:turned\ off|logging\ stopped)\ at\s+(?P<off_at>[\d/ :]+))
+    | (?P<contents>.*header\ contents)
+    | (?P<names>mm-dd-yyyy|date\b|mmho|hdng|tx\b)
+    | (?P<told>exception|end\ of\ file|ramp\ exit|profile\ exit|vehicle))""",
+    re.IGNORECASE | re.VERBOSE,
+)
+_NUMBER_IN_NAME = re.compile(r"(\d{3,7})(?:\.dec)?(?:\.\w+)?$", re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class Block:
+    """The rows of one profile."""
+
+    begin: int  # among the file's rows
+    end: int
+    number: int = UNKNOWN
+    rate_hz: float = np.nan
+    on_s: float = np.nan  # UTC seconds since 1970
+    off_s: float = np.nan
+
+
+@dataclass(frozen=True)
+class _Item:
+    """A line of words that means something."""
+
+    kind: str
+    value: float = np.nan
+    offset: int = 0
+
+
+def blocks(text: Text, path: Path) -> tuple[list[Block], Ints, int]:
+    """Return the profiles, each row's place in its profile with damaged rows counted, and how many rows are damaged.
+
+    Args:
+        text: a file's rows.
+        path: the file; its name numbers a single profile that nothing else does.
+    """
+    items, garbled = _items(text)
+    damaged = np.sort(np.append(text.damaged, np.array(garbled, dtype=np.int64)))
+    groups, between = _groups(text, items)
+    found: list[Block] = []
+    place = np.arange(len(text.offset)) + np.searchsorted(damaged, text.offset)
+    for k, group in enumerate(groups):
+        for piece in _pieces(_block(group, *_around(between, k)), text.time_s):
+            led = between[k] and piece.begin == group[0]
+            start = between[k][-1].offset if led else int(text.offset[piece.begin]) if piece.begin else 0
+            place[piece.begin : piece.end] -= np.searchsorted(text.offset, start) + np.searchsorted(damaged, start)
+            found.append(piece)
+    if len(found) == 1 and found[0].number == UNKNOWN:
+        found = [replace(found[0], number=number_in_name(path))]
+    return _with_rate_of_the_one_before(found), place, len(damaged)
+
+
+def number_in_name(path: Path) -> int:
+    """Return the profile number that a file's name ends with, as in A0000012.TXT."""
+    found = _NUMBER_IN_NAME.search(path.name)
+    return int(found[1]) if found else UNKNOWN
+
+
+def says_something(text: Text) -> bool:
+    """Return whether any line is one that an unpacker writes.
+
+    Args:
+        text: a file's rows and lines.
+    """
+    return bool(_items(text)[0])
+
+
+def _items(text: Text) -> tuple[list[_Item], list[int]]:
+    """Return the lines that mean something, and the offsets of damaged rows among the others."""
+    items: list[_Item] = []
+    garbled: list[int] = []
+    inside = False
+    for offset, line in text.lines:
+        item = _item(line)
+        if item:
+            items.append(replace(item, offset=offset))
+            inside = item.kind == "contents"
+        elif not inside and sum(48 <= c < 58 for c in line) > len(line) // 4:
+            garbled.append(offset)
+    return items, garbled
+
+
+@lru_cache(maxsize=1024)  # the instrument's header stands behind every profile, line for line the same
+def _item(line: bytes) -> _Item | None:
+    found = _WORDS.match(line)
+    if not found:
+        return None
+    kind = found.lastgroup or ""
+    for name, given in (("rate", "hertz"), ("profile", "number")):
+        if found[name]:
+            return _Item(name, _float(found[given]))
+    for name in ("on", "off"):
+        if found[name]:
+            return _Item(name, _stamp(found[f"{name}_at"]))
+    return _Item(kind)
+
+
+def _float(digits: bytes) -> float:
+    try:
+        return float(digits)
+    except ValueError:
+        return float("nan")
+
+
+def _stamp(words: bytes) -> float:
+    found = re.match(rb"\s*(\d\d?)/(\d\d?)/(\d{4})\s+(\d\d?):(\d\d):(\d\d)", words)
+    if not found:
+        return float("nan")
+    month, day, year, hour, minute, second = (int(part) for part in found.groups())
+    try:
+        known = datetime(year, month, day, hour, minute, second, tzinfo=UTC)
+    except ValueError:
+        return float("nan")
+    return known.timestamp() if FIRST_YEAR <= year <= LAST_YEAR else float("nan")
+
+
+def _groups(text: Text, items: Sequence[_Item]) -> tuple[list[tuple[int, int]], list[list[_Item]]]:
+    """Return the rows between lines that end a profile, and the lines before, between and behind them."""
+    ends = [item for item in items if item.kind != "told"]
+    before = np.searchsorted([item.offset for item in ends], text.offset)
+    begins = np.flatnonzero(np.append(True, np.diff(before) > 0)) if len(before) else np.zeros(0, dtype=int)
+    marks = [0, *before[begins].tolist(), len(ends)]
+    between = [ends[a:b] for a, b in pairwise(marks)]
+    limits = [*begins.tolist(), len(before)]
+    return list(pairwise(limits)), between
+
+
+def _pieces(block: Block, time_s: Floats) -> list[Block]:
+    """Cut a profile that nothing names where its clock pauses: header lines were left out, or lost."""
+    if block.number != UNKNOWN:
+        return [block]
+    with np.errstate(invalid="ignore"):
+        step = np.diff(time_s[block.begin : block.end])
+        cuts = np.flatnonzero((step > PAUSE_S) | (step < -PAUSE_S)) + 1 + block.begin
+    limits = [block.begin, *cuts.tolist(), block.end]
+    return [replace(block, begin=a, end=b) for a, b in pairwise(limits)]
+
+
+def _around(between: Sequence[list[_Item]], k: int) -> tuple[list[_Item], list[_Item]]:
+    """Return the lines in front of and behind the k-th group that speak of it."""
+    leads = any(item.kind == "off" for item in between[0])
+    head = between[k][0 if k == 0 else _cut(between[k], leads) :]
+    tail = between[k + 1][: None if k + 2 == len(between) else _cut(between[k + 1], leads)]
+    return head, tail
+
+
+def _cut(items: Sequence[_Item], leads: bool) -> int:
+    """Return where the tail of a profile ends and the head of the next begins; the times may lead the head."""
+    kinds = [item.kind for item in items]
+    for first in ("rate", *(["on"] if leads else [])):
+        if first in kinds:
+            return kinds.index(first)
+    last = max((k for k, kind in enumerate(kinds) if kind == "profile"), default=-1)
+    closed = max((k for k, kind in enumerate(kinds) if kind in ("off", "contents")), default=-1)
+    return closed + 1 if closed > last or last < 0 else last
+
+
+def _block(group: tuple[int, int], head: Sequence[_Item], tail: Sequence[_Item]) -> Block:
+    said = {item.kind: item.value for item in [*reversed(tail), *head]}
+    number = said.get("profile", float(UNKNOWN))
+    rate, on, off = (said.get(kind, float("nan")) for kind in ("rate", "on", "off"))
+    return Block(*group, number=int(number), rate_hz=rate if rate > 0 else np.nan, on_s=on, off_s=off)
+
+
+def _with_rate_of_the_one_before(found: Sequence[Block]) -> list[Block]:
+    rates, rate = [], np.nan
+    for block in found:
+        rate = block.rate_hz if np.isfinite(block.rate_hz) else rate
+        rates.append(rate)
+    return [replace(block, rate_hz=rate) for block, rate in zip(found, rates, strict=True)]

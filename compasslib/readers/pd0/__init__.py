@@ -1,0 +1,1 @@
+"""RDI's PD0 format."""

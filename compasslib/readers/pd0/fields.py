@@ -1,0 +1,303 @@
+"""The fields of PD0 ensembles, decoded for all ensembles of one layout at a time.
+
+Leaders are copied into zeros of the full length before they are read, so that a field which an old firmware does not
+write reads zero; where zero would be mistaken for a value the length of the block is asked. Byte numbers count from
+zero at the identifier of the block. Source: RDI, WorkHorse Commands and Output Data Format, PD0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib.core.types import Floats
+from compasslib.readers.pd0.frames import FIXED_LEADERS, VARIABLE_LEADERS, Bytes, Layout, Places, Run
+
+T = TypeVar("T", bound=np.generic)
+
+BEAM, INSTRUMENT, SHIP, EARTH = 0, 1, 2, 3  # bits 4 and 3 of EX
+VELOCITY, CORRELATION, ECHO, PERCENT_GOOD = 0x0100, 0x0200, 0x0300, 0x0400
+FIRST_YEAR, LAST_YEAR = 1980, 2079  # what two digits can say; anything else is a damaged clock
+
+_MISSING = -32768
+_FIXED = np.dtype(
+    {
+        "names": [
+            *("system", "beams", "cells", "cell_cm", "blank_cm", "ex", "ea", "eb", "sensors", "bin1_cm"),
+            *("board", "serial", "beam_angle"),
+        ],
+        "formats": ["<u2", "u1", "u1", "<u2", "<u2", "u1", "<i2", "<i2", "u1", "<u2", "<i8", "<u4", "u1"],
+        "offsets": [4, 8, 9, 12, 14, 25, 26, 28, 31, 32, 42, 54, 58],
+        "itemsize": 59,
+    }
+)
+_VARIABLE = np.dtype(
+    {
+        "names": [
+            *("number", "clock", "number_high", "depth_dm", "heading", "tilt1", "tilt2", "temperature"),
+            *("voltage", "pressure", "century", "clock_2000"),
+        ],
+        "formats": ["<u2", "7u1", "u1", "<u2", "<u2", "<i2", "<i2", "<i2", "u1", "<i4", "u1", "7u1"],
+        "offsets": [2, 4, 11, 16, 18, 20, 22, 26, 35, 48, 57, 58],
+        "itemsize": 65,
+    }
+)
+_PRESSURE_STOP, _VOLTAGE_STOP, _BOARD_STOP, _SERIAL_STOP = 52, 36, 50, 58
+_ALL_ONES = 2**32 - 1
+_PER_CELL = {VELOCITY: 8, CORRELATION: 4, ECHO: 4, PERCENT_GOOD: 4}  # bytes: four beams or components
+_RESERVED = 2  # bytes between the last block and the checksum
+_FREQUENCIES_KHZ = np.array([75.0, 150.0, 300.0, 600.0, 1200.0, 2400.0, 38.0, np.nan])
+_BEAM_ANGLES_DEG = np.array([15.0, 20.0, 30.0, np.nan])  # the fourth is "other"
+
+
+@dataclass(frozen=True, eq=False)
+class Ensembles:
+    """Ensembles as the instrument recorded them, nothing turned; n of them, m cells in the longest."""
+
+    offset: Places  # (n,) in the file, bytes
+    number: Places  # (n,)
+    time_s: Floats  # (n,) since 1970-01-01 by the instrument's clock
+    heading_deg: Floats  # (n,) heading bias EB included; NaN outside [0, 360)
+    tilt1_deg: Floats  # (n,) beam 3 up
+    tilt2_deg: Floats  # (n,) starboard down
+    velocity: Floats  # (n, m, 4) m/s
+    correlation: Bytes  # (n, m, 4) counts, 0 where the block is absent
+    echo: Bytes  # (n, m, 4) intensity, counts, 0 where the block is absent
+    percent_good: Bytes  # (n, m, 4), 0 where the block is absent
+    pressure_dbar: Floats  # (n,) NaN without a sensor
+    depth_m: Floats  # (n,) of the transducer
+    temperature_c: Floats  # (n,)
+    supply_voltage: Floats  # (n,) counts of the transmit voltage
+    serial: Places  # (n,) of the instrument, 0 where it is not told
+    board: Places  # (n,) of its processor's board, 0 where it is not told
+    beams: Bytes  # (n,)
+    cells: Places  # (n,)
+    cell_m: Floats  # (n,)
+    bin1_m: Floats  # (n,)
+    blank_m: Floats  # (n,)
+    coordinates: Bytes  # (n,) BEAM, INSTRUMENT, SHIP or EARTH
+    tilts_used: NDArray[np.bool_]  # (n,) in the instrument's own turning
+    looks_up: NDArray[np.bool_]  # (n,) the instrument's own word
+    convex: NDArray[np.bool_]  # (n,)
+    beam_angle_deg: Floats  # (n,) from the vertical; NaN where the file does not say
+    frequency_khz: Floats  # (n,)
+    heading_alignment_deg: Floats  # (n,) EA
+    heading_bias_deg: Floats  # (n,) EB
+
+    def __len__(self) -> int:
+        return len(self.number)
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """How many good ensembles were left out, and why."""
+
+    without_velocity: int = 0
+    bad_dates: int = 0
+    not_of_four_beams: int = 0
+
+    def __add__(self, other: LeftOut) -> LeftOut:
+        return LeftOut(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(LeftOut)))
+
+    def __int__(self) -> int:
+        return self.without_velocity + self.bad_dates + self.not_of_four_beams
+
+
+def decode_runs(runs: Sequence[Run]) -> tuple[Ensembles, LeftOut]:
+    """Return the ensembles of some runs in their order, and how many of them are left out.
+
+    Args:
+        runs: runs of ensembles; what has no velocities, other columns than four or an impossible date is left out.
+    """
+    groups: dict[bytes, list[Run]] = {}
+    without_velocity = not_of_four = 0
+    for run in runs:
+        if not _has_profile(run.layout, VELOCITY):
+            without_velocity += len(run.rows)
+        elif not _of_four_beams(run.layout):
+            not_of_four += len(run.rows)
+        else:
+            groups.setdefault(run.layout.signature, []).append(run)
+    ensembles = joined([_decoded(group[0].layout, group) for group in groups.values()])
+    if len(groups) > 1:
+        ensembles = chosen(ensembles, np.argsort(ensembles.offset))
+    dated = np.isfinite(ensembles.time_s)
+    bad_dates = int(np.sum(~dated))
+    left_out = LeftOut(without_velocity, bad_dates, not_of_four)
+    return (chosen(ensembles, dated) if bad_dates else ensembles), left_out
+
+
+def joined(parts: Sequence[Ensembles]) -> Ensembles:
+    """Return ensembles one after the other, missing cells NaN (velocity) or 0.
+
+    Args:
+        parts: ensembles, perhaps of different numbers of cells; none at all gives none.
+    """
+    parts = parts or [_decoded(_NOTHING, [])]
+    if len(parts) == 1:
+        return parts[0]
+    most = max(part.velocity.shape[1] for part in parts)
+    return Ensembles(**{f.name: stacked([getattr(part, f.name) for part in parts], most) for f in fields(Ensembles)})
+
+
+def stacked(parts: Sequence[NDArray[T]], cells: int, fill: float | None = None) -> NDArray[T]:
+    """Return arrays one after the other, those of two or more axes padded along the second.
+
+    Args:
+        parts: arrays of equal type, (n_i,) or (n_i, m_i, ...).
+        fill: what stands in the padding; NaN, or 0 for integers, where absent.
+    """
+    if parts[0].ndim == 1:
+        return np.concatenate(parts)
+    whole = np.empty((sum(len(part) for part in parts), cells, *parts[0].shape[2:]), dtype=parts[0].dtype)
+    padding = fill if fill is not None else np.nan if whole.dtype.kind == "f" else 0
+    at = 0
+    for part in parts:
+        whole[at : at + len(part), : part.shape[1]] = part
+        whole[at : at + len(part), part.shape[1] :] = padding
+        at += len(part)
+    return whole
+
+
+def chosen(ensembles: Ensembles, which: Places | NDArray[np.bool_]) -> Ensembles:
+    """Return some of the ensembles, or all in another order.
+
+    Args:
+        ensembles: n ensembles.
+        which: indices, or (n,) booleans.
+    """
+    return Ensembles(**{f.name: getattr(ensembles, f.name)[which] for f in fields(Ensembles)})
+
+
+def _decoded(layout: Layout, runs: Sequence[Run]) -> Ensembles:
+    stride = layout.length + 2
+    pieces = [run.rows for run in runs]
+    rows = pieces[0] if len(pieces) == 1 else np.concatenate([np.empty((0, stride), np.uint8), *pieces])
+    places = [run.offset + stride * np.arange(len(run.rows)) for run in runs]
+    offset = np.concatenate([np.empty(0, np.int64), *places])
+    return Ensembles(
+        offset=offset,
+        velocity=_velocity(rows, layout),
+        correlation=_bytes_of_cells(rows, layout, CORRELATION),
+        echo=_bytes_of_cells(rows, layout, ECHO),
+        percent_good=_bytes_of_cells(rows, layout, PERCENT_GOOD),
+        **_from_fixed(rows, layout),
+        **_from_variable(rows, layout),
+    )
+
+
+def _spare(layout: Layout, identifier: int) -> int:
+    """Return how many bytes a block has beyond four columns of the leader's cells, negative where they do not fit."""
+    start, stop = layout.blocks.get(identifier, (0, 0))
+    return stop - start - 2 - _PER_CELL[identifier] * layout.cells
+
+
+def _has_profile(layout: Layout, identifier: int) -> bool:
+    return layout.cells > 0 and _spare(layout, identifier) >= 0
+
+
+def _of_four_beams(layout: Layout) -> bool:
+    """Return whether no block has room for a fifth column or a further cell, which nothing here understands."""
+    for identifier in layout.blocks.keys() & _PER_CELL.keys():
+        spare, column = _spare(layout, identifier), _PER_CELL[identifier] // 4 * layout.cells
+        last = layout.blocks[identifier][1] == layout.length
+        if not 0 <= spare - _RESERVED * (last and spare >= _RESERVED) < min(column, _PER_CELL[identifier]):
+            return False
+    return True
+
+
+def _profile(rows: Bytes, layout: Layout, identifier: int) -> Bytes:
+    start = layout.blocks[identifier][0] + 2
+    return np.ascontiguousarray(rows[:, start : start + _PER_CELL[identifier] * layout.cells])
+
+
+def _velocity(rows: Bytes, layout: Layout) -> Floats:
+    counts = _profile(rows, layout, VELOCITY).view("<i2")
+    # Divided, not multiplied by 0.001, so that 123 mm/s is the number nearest to 0.123.
+    velocity = counts / 1000.0
+    np.copyto(velocity, np.nan, where=counts == _MISSING)
+    return velocity.reshape(len(rows), layout.cells, 4)
+
+
+def _bytes_of_cells(rows: Bytes, layout: Layout, identifier: int) -> Bytes:
+    if not _has_profile(layout, identifier):
+        return np.zeros((len(rows), layout.cells, 4), np.uint8)
+    return _profile(rows, layout, identifier).reshape(len(rows), layout.cells, 4)
+
+
+def _leader(rows: Bytes, layout: Layout, identifiers: tuple[int, ...], form: np.dtype[np.void]) -> tuple[Any, int]:
+    start, stop = next(layout.blocks[i] for i in identifiers if i in layout.blocks)
+    length = min(stop - start, form.itemsize)
+    block = np.zeros((len(rows), form.itemsize), dtype=np.uint8)
+    block[:, :length] = rows[:, start : start + length]
+    return block.view(form)[:, 0], length
+
+
+def _from_fixed(rows: Bytes, layout: Layout) -> dict[str, Any]:
+    leader, length = _leader(rows, layout, FIXED_LEADERS, _FIXED)
+    system, written = leader["system"].astype(np.int64), leader["beam_angle"]
+    by_bits = _BEAM_ANGLES_DEG[(system >> 8) & 3]
+    serial, board = leader["serial"].astype(np.int64), leader["board"]
+    return {
+        # Bytes 54 to 57 of a shorter leader are the next block's, and change with every ensemble.
+        "serial": np.where((length >= _SERIAL_STOP) & (serial != _ALL_ONES), serial, 0),
+        "board": np.where((length >= _BOARD_STOP) & (board != -1), board, 0),
+        "beams": leader["beams"].copy(),
+        "cells": leader["cells"].astype(np.int64),
+        "cell_m": leader["cell_cm"] / 100.0,
+        "bin1_m": leader["bin1_cm"] / 100.0,
+        "blank_m": leader["blank_cm"] / 100.0,
+        "coordinates": (leader["ex"] >> 3) & 3,
+        "tilts_used": (leader["ex"] & 4) > 0,
+        "looks_up": (system & 0x80) > 0,
+        "convex": (system & 0x08) > 0,
+        "beam_angle_deg": np.where((written > 0) & (written < 90), written, by_bits),
+        "frequency_khz": _FREQUENCIES_KHZ[system & 7],
+        "heading_alignment_deg": leader["ea"] / 100.0,
+        "heading_bias_deg": leader["eb"] / 100.0,
+    }
+
+
+def _from_variable(rows: Bytes, layout: Layout) -> dict[str, Any]:
+    leader, length = _leader(rows, layout, VARIABLE_LEADERS, _VARIABLE)
+    fixed, _ = _leader(rows, layout, FIXED_LEADERS, _FIXED)
+    heading = leader["heading"] / 100.0
+    has_pressure = ((fixed["sensors"] & 0x20) > 0) & (length >= _PRESSURE_STOP)
+    return {
+        "number": leader["number"] + 65536 * leader["number_high"].astype(np.int64),
+        "time_s": _seconds(leader["clock"], leader["clock_2000"], leader["century"]),
+        "heading_deg": np.where(heading < 360.0, heading, np.nan),
+        "tilt1_deg": _hundredths(leader["tilt1"]),
+        "tilt2_deg": _hundredths(leader["tilt2"]),
+        "temperature_c": _hundredths(leader["temperature"]),
+        "depth_m": leader["depth_dm"] / 10.0,
+        "supply_voltage": np.where(length >= _VOLTAGE_STOP, leader["voltage"], np.nan),
+        # Decapascals; 1000 of them are a decibar.
+        "pressure_dbar": np.where(has_pressure, leader["pressure"] / 1000.0, np.nan),
+    }
+
+
+def _hundredths(counts: NDArray[np.int16]) -> Floats:
+    return np.where(counts == _MISSING, np.nan, counts / 100.0)
+
+
+def _seconds(clock: Bytes, clock_2000: Bytes, century: Bytes) -> Floats:
+    """Seconds since 1970 by the clock that knows its century, else by the one of two digits; NaN where impossible."""
+    newer = century > 0
+    c = np.where(newer[:, None], clock_2000, clock).astype(np.int64)
+    two_digits = c[:, 0] + np.where(c[:, 0] < FIRST_YEAR - 1900, 2000, 1900)
+    year = np.where(newer, 100 * century.astype(np.int64) + c[:, 0], two_digits)
+    month_ok = (c[:, 1] >= 1) & (c[:, 1] <= 12) & (year >= FIRST_YEAR) & (year <= LAST_YEAR)
+    months = np.where(month_ok, 12 * (year - 1970) + c[:, 1] - 1, 0)
+    first, following = (m.astype("M8[M]").astype("M8[D]").astype(np.int64) for m in (months, months + 1))
+    day_ok = (c[:, 2] >= 1) & (c[:, 2] <= following - first)
+    time_ok = (c[:, 3:] < [24, 60, 60, 100]).all(axis=1)
+    whole = 86400 * (first + c[:, 2] - 1) + c[:, 3:6] @ [3600, 60, 1]
+    return np.where(month_ok & day_ok & time_ok, whole + c[:, 6] / 100.0, np.nan)
+
+
+_NOTHING = Layout(b"", np.empty(0, np.int64), 124, 0, {0x0000: (0, 59), 0x0080: (59, 124), VELOCITY: (124, 124)})

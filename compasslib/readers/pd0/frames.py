@@ -1,0 +1,292 @@
+"""Finding the ensembles of a PD0 file, whatever stands between them.
+
+An ensemble is 7F 7F, its length L without the checksum, a table of offsets, its blocks, and at L the sum of all bytes
+before it modulo 65,536. Runs of ensembles of one layout are checked as one matrix; only where that fails does a search
+over all 7F 7F of the chunk begin, in which a cumulative sum gives every candidate its checksum at once, so that
+hostile input costs no more than its length. Source: RDI, WorkHorse Commands and Output Data Format, PD0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from os import PathLike
+from pathlib import Path
+from typing import BinaryIO, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib.core.errors import InputError
+
+Bytes: TypeAlias = NDArray[np.uint8]
+Places: TypeAlias = NDArray[np.int64]
+
+CHUNK_BYTES = 2 << 20
+FIXED_LEADERS, VARIABLE_LEADERS = (0x0000, 0x0001), (0x0080, 0x0081)
+SHORTEST_FIXED, SHORTEST_VARIABLE = 34, 28  # up to the distance of bin 1; up to the temperature
+CHECKSUM, PAST_THE_END, NO_ENSEMBLE = "checksum", "length runs past the end of the file", "not an ensemble"
+BEFORE_THE_FIRST = "junk before the first ensemble"
+
+_MARK = 0x7F
+_HEADER = 8  # bytes up to and with the first offset: without them nothing can be said of a candidate
+_SHORTEST = _HEADER + SHORTEST_FIXED + SHORTEST_VARIABLE
+_WINDOW = 1 << 19  # rows are checked in pieces that stay in the processor's cache
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """Where the blocks of an ensemble lie; ensembles of equal signature have equal layouts."""
+
+    signature: bytes  # header, identifiers of the blocks, number of cells
+    columns: Places  # where those bytes stand in the ensemble
+    length: int  # bytes before the checksum
+    cells: int
+    blocks: dict[int, tuple[int, int]]  # identifier: where it starts, where the next begins
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """Ensembles of one layout that lie back to back."""
+
+    offset: int  # of the first, in the file
+    rows: Bytes  # (k, length + 2), a view into the chunk
+    layout: Layout
+
+
+@dataclass(frozen=True)
+class Skipped:
+    """Bytes that belong to no good ensemble."""
+
+    offset: int
+    length: int
+    reason: str
+    damaged: int  # places among them that begin like a whole ensemble and whose checksum fails
+
+
+@dataclass(frozen=True)
+class Chunk:
+    """What one piece of the file holds, in the order of the file."""
+
+    runs: tuple[Run, ...]
+    skipped: tuple[Skipped, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class _Candidates:
+    """Places of a chunk where an ensemble may start, each list sorted."""
+
+    good: Places  # the checksum holds
+    failed: Places  # it does not
+    cut: Places  # the chunk ends before the ensemble does
+
+
+def frames(path: str | PathLike[str], chunk_bytes: int = CHUNK_BYTES) -> Iterator[Chunk]:
+    """Iterate over the ensembles of a file and the bytes that belong to none; together they are the whole file.
+
+    Args:
+        chunk_bytes: bytes read at a time; the ensembles and ranges found do not depend on it.
+
+    Raises:
+        InputError: the file cannot be opened or read.
+    """
+    pending: Skipped | None = None
+    begun = False
+    for items, last in _scanned(path, max(1, chunk_bytes)):
+        skipped: list[Skipped] = []
+        for item in items:
+            if isinstance(item, Skipped):
+                pending = _joined(pending, item)
+            else:
+                skipped += [_named(pending, begun)] if pending else []
+                pending, begun = None, True
+        # A range may go on in the next piece, so it is given only when an ensemble or the end of the file follows.
+        skipped += [pending] if last and pending else []
+        yield Chunk(tuple(item for item in items if isinstance(item, Run)), tuple(skipped))
+
+
+def _joined(before: Skipped | None, after: Skipped) -> Skipped:
+    if before is None:
+        return after
+    return replace(before, length=before.length + after.length, damaged=before.damaged + after.damaged)
+
+
+def _named(skipped: Skipped, begun: bool) -> Skipped:
+    return replace(skipped, reason=BEFORE_THE_FIRST) if not begun and skipped.reason == NO_ENSEMBLE else skipped
+
+
+def _scanned(path: str | PathLike[str], chunk_bytes: int) -> Iterator[tuple[list[Run | Skipped], bool]]:
+    offset, tail, last = 0, b"", False
+    with _opened(path) as file:
+        while not last:
+            piece = _read(file, path, chunk_bytes)
+            last = not piece
+            data = np.frombuffer(tail + piece, dtype=np.uint8)
+            items, used = _scan(data, offset, last)
+            yield items, last
+            offset, tail = offset + used, data[used:].tobytes()
+
+
+def _opened(path: str | PathLike[str]) -> BinaryIO:
+    try:
+        return Path(path).open("rb", buffering=0)
+    except (OSError, ValueError) as error:
+        raise _unreadable(path, error) from None
+
+
+def _read(file: BinaryIO, path: str | PathLike[str], count: int) -> bytes:
+    try:
+        return file.read(count)
+    except OSError as error:
+        raise _unreadable(path, error) from None
+
+
+def _unreadable(path: str | PathLike[str], error: Exception) -> InputError:
+    found = getattr(error, "strerror", None) or str(error)
+    advice = "check the path and its permissions, and name files, not folders"
+    return InputError(str(path), expected="a PD0 file that can be read", found=found, advice=advice)
+
+
+def _scan(data: Bytes, offset: int, last: bool) -> tuple[list[Run | Skipped], int]:
+    items: list[Run | Skipped] = []
+    candidates: _Candidates | None = None
+    start = 0
+    while start < data.size:
+        layout = layout_at(data, start)
+        count = _in_a_row(data, start, layout) if layout else 0
+        if layout and count:
+            stop = start + count * (layout.length + 2)
+            items.append(Run(offset + start, data[start:stop].reshape(count, -1), layout))
+        else:
+            candidates = candidates or _candidates(data, start, last)
+            stop = _next_start(data, start, candidates, last)
+            if stop == start:
+                break
+            items.append(_skip(candidates, start, stop, offset))
+        start = stop
+    return items, start
+
+
+def layout_at(data: Bytes, start: int) -> Layout | None:
+    """Return the layout of the ensemble at a place, None where the bytes are not a whole ensemble's.
+
+    Args:
+        data: bytes, (size,).
+    """
+    if data.size - start < _HEADER or data[start] != _MARK or data[start + 1] != _MARK:
+        return None
+    length, types = int(data[start + 2]) + 256 * int(data[start + 3]), int(data[start + 5])
+    if length < _SHORTEST or length < 6 + 2 * types or start + length + 2 > data.size:
+        return None
+    columns = _columns(data[start : start + 6 + 2 * types].tobytes())
+    return None if columns is None else _layout(data[start + columns].tobytes())
+
+
+def _offsets(header: bytes) -> list[int]:
+    """Offsets that lie inside the ensemble; empty where the first, that of the fixed leader, does not."""
+    length = int.from_bytes(header[2:4], "little")
+    table = [int.from_bytes(header[i : i + 2], "little") for i in range(6, len(header), 2)]
+    if not table or not len(header) <= table[0] <= length - SHORTEST_FIXED:
+        return []
+    return [offset for offset in table if len(header) <= offset <= length - 2]
+
+
+@lru_cache(maxsize=4096)
+def _columns(header: bytes) -> Places | None:
+    offsets = np.array(_offsets(header), dtype=np.int64)
+    if not offsets.size:
+        return None
+    identifiers = np.stack([offsets, offsets + 1], axis=1).ravel()
+    return np.concatenate([np.arange(len(header)), identifiers, offsets[:1] + 9])
+
+
+@lru_cache(maxsize=4096)
+def _layout(signature: bytes) -> Layout | None:
+    size = 6 + 2 * signature[5]
+    header = signature[:size]
+    length = int.from_bytes(header[2:4], "little")
+    offsets = _offsets(header)
+    stops = sorted({*offsets, length})
+    blocks: dict[int, tuple[int, int]] = {}
+    for place, start in enumerate(offsets):
+        identifier = int.from_bytes(signature[size + 2 * place : size + 2 * place + 2], "little")
+        blocks.setdefault(identifier, (start, next(stop for stop in stops if stop > start)))
+    columns = _columns(header)
+    if columns is None or not _has_leaders(blocks, offsets[0]):
+        return None
+    return Layout(signature, columns, length, signature[-1], blocks)
+
+
+def _has_leaders(blocks: dict[int, tuple[int, int]], first: int) -> bool:
+    fixed = [b - a for i, (a, b) in blocks.items() if i in FIXED_LEADERS and a == first]
+    variable = [b - a for i, (a, b) in blocks.items() if i in VARIABLE_LEADERS]
+    return max(fixed, default=0) >= SHORTEST_FIXED and max(variable, default=0) >= SHORTEST_VARIABLE
+
+
+def _in_a_row(data: Bytes, start: int, layout: Layout) -> int:
+    """Number of good ensembles of one layout from here on, looked at in windows that grow while all is well."""
+    stride = layout.length + 2
+    most = (data.size - start) // stride
+    done, step = 0, 1
+    while done < most:
+        at = start + done * stride
+        rows = data[at : at + min(step, most - done) * stride].reshape(-1, stride)
+        fine = _fine(rows, layout)
+        if not fine.all():
+            return done + int(fine.argmin())
+        done += len(rows)
+        step = max(1, min(8 * step, _WINDOW // stride))
+    return done
+
+
+def _fine(rows: Bytes, layout: Layout) -> NDArray[np.bool_]:
+    length = layout.length
+    sums = rows[:, :length].sum(axis=1, dtype=np.uint16)  # wraps modulo 65,536, as the checksum does
+    stored = rows[:, length] + rows[:, length + 1].astype(np.uint16) * np.uint16(256)
+    same = rows[:, layout.columns] == np.frombuffer(layout.signature, dtype=np.uint8)
+    return np.asarray((sums == stored) & same.all(axis=1))
+
+
+def _candidates(whole_data: Bytes, begin: int, last: bool) -> _Candidates:
+    data = whole_data[begin:]
+    marks = np.flatnonzero((data[:-1] == _MARK) & (data[1:] == _MARK))
+    headless = marks + _HEADER > data.size
+    marks, cut = marks[~headless], [marks[headless]]
+    length = _pair(data, marks + 2)
+    likely = length >= _SHORTEST
+    whole = marks + length + 2 <= data.size
+    cut.append(marks[likely & ~whole])
+    if not last:
+        # A mark may straddle the end of the chunk.
+        cut.append(np.array([max(0, data.size - _HEADER + 1)]))
+    marks, length = marks[likely & whole], length[likely & whole]
+    sums = np.concatenate([np.zeros(1, np.uint16), np.cumsum(data, dtype=np.uint16)])
+    holds = (sums[marks + length] - sums[marks]) == _pair(data, marks + length)
+    return _Candidates(begin + marks[holds], begin + marks[~holds], begin + np.unique(np.concatenate(cut)))
+
+
+def _pair(data: Bytes, at: Places) -> Places:
+    return data[at].astype(np.int64) + 256 * data[at + 1].astype(np.int64)
+
+
+def _next_start(data: Bytes, start: int, candidates: _Candidates, last: bool) -> int:
+    """Where the next ensemble begins, or may begin once more of the file is read."""
+    cut = candidates.cut[np.searchsorted(candidates.cut, start) :]
+    undecided = data.size if last else int(cut[0]) if cut.size else start
+    for place in candidates.good[np.searchsorted(candidates.good, start) :]:
+        if place >= undecided:
+            break
+        if layout_at(data, int(place)):
+            return int(place)
+    return undecided
+
+
+def _skip(candidates: _Candidates, start: int, stop: int, offset: int) -> Skipped:
+    first, end = np.searchsorted(candidates.failed, [start, stop])
+    reason = NO_ENSEMBLE
+    if first < end and candidates.failed[first] == start:
+        reason = CHECKSUM
+    elif start in candidates.cut:
+        reason = PAST_THE_END
+    return Skipped(offset + start, stop - start, reason, int(end - first))

@@ -1,0 +1,293 @@
+"""RDI PD0: the raw files of WorkHorse, Ocean Surveyor, Sentinel V and their relatives.
+
+What is damaged is left out and told, never guessed: a flipped byte costs one ensemble. Bottom track, navigation and a
+fifth beam in blocks of its own are passed over; other columns than four are refused. Beams are combined bin by bin;
+under tilt their bins lie at slightly different depths, which is not mapped.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from compasslib.core.errors import InputError
+from compasslib.core.records import BAD, GOOD, MISSING, Flags, Record
+from compasslib.core.types import Floats
+from compasslib.readers.pd0 import mixture
+from compasslib.readers.pd0.fields import Ensembles, LeftOut, decode_runs, joined, stacked
+from compasslib.readers.pd0.frames import CHUNK_BYTES, Skipped, frames
+from compasslib.readers.pd0.report import FileReport, counts_of, faces_up, lost_ensembles, sentences
+from compasslib.readers.pd0.water import Choices, currents, magnetic_heading, of_other_coordinates, quality, true_pitch
+
+
+@dataclass(frozen=True, eq=False)
+class _Piece:
+    """A decoded chunk of a file."""
+
+    ensembles: Ensembles
+    left_out: LeftOut
+    size: int  # bytes in ensembles, good ones
+    skipped: tuple[Skipped, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class _Water:
+    """The part of a piece that the record keeps."""
+
+    leaders: Ensembles  # without their profiles
+    east: Floats
+    north: Floats
+    quality: Flags
+    echo_range_m: Floats
+    three_beam: int
+    has_percent_good: bool
+    of_other_coordinates: tuple[int, int]  # cells that contradict EX, and those that could
+
+
+def decode(path: str | Path, chunk_bytes: int = CHUNK_BYTES) -> Ensembles:
+    """Return all good ensembles of a file as the instrument recorded them.
+
+    Args:
+        chunk_bytes: bytes read at a time; the result does not depend on it.
+
+    Raises:
+        InputError: the file cannot be read or holds no ensemble with velocities.
+    """
+    pieces = list(_pieces(path, chunk_bytes))
+    _refuse_nothing(path, pieces)
+    return joined([piece.ensembles for piece in pieces])
+
+
+def read(
+    paths: Sequence[Path],
+    *,
+    orientation: str | None,
+    declination_applied: float | None,
+    heading_alignment: float | None,
+    serial_number: str | None = None,
+) -> Record:
+    """Return one record from files in order of their first times, currents turned by the recorded magnetic heading.
+
+    Args:
+        paths: files of one instrument, by its own clock.
+        orientation: up or down; counts where ensembles disagree. Each ensemble's own bit where None.
+        declination_applied: degrees inside the recorded headings (and earth velocities), instead of the file's EB.
+        heading_alignment: degrees added to the recorded heading to get that of beam 3; needed where EA is not 0.
+        serial_number: the instrument's by the metadata, perhaps with letters around its digits.
+
+    Raises:
+        InputError: a file that cannot be read, holds no ensemble or other than four beams, a serial number of another
+            instrument, or EA and ``heading_alignment`` that do not go together.
+    """
+    return read_reporting(
+        paths,
+        orientation=orientation,
+        declination_applied=declination_applied,
+        heading_alignment=heading_alignment,
+        serial_number=serial_number,
+    )[0]
+
+
+def read_reporting(
+    paths: Sequence[Path],
+    *,
+    orientation: str | None,
+    declination_applied: float | None,
+    heading_alignment: float | None,
+    serial_number: str | None = None,
+) -> tuple[Record, tuple[FileReport, ...]]:
+    """Return what ``read`` returns, and of every file what was skipped, range by range.
+
+    Args:
+        paths: as for ``read``.
+        orientation: as for ``read``.
+        declination_applied: as for ``read``.
+        heading_alignment: as for ``read``.
+        serial_number: as for ``read``.
+
+    Raises:
+        InputError: as for ``read``.
+    """
+    choices = Choices(orientation, declination_applied, heading_alignment, serial_number)
+    _check(paths, choices)
+    # Downloads may be listed in any order.
+    files = sorted((_file(path, choices) for path in paths), key=lambda each: _begin(each[0]))
+    reports = [report for _, report in files]
+    return _record([part for of_file, _ in files for part in of_file], reports, choices), tuple(reports)
+
+
+def _begin(water: Sequence[_Water]) -> float:
+    return float(water[0].leaders.time_s[0])
+
+
+def _check(paths: Sequence[Path], choices: Choices) -> None:
+    if not paths:
+        raise InputError("files", expected="at least one PD0 file", found="none", advice="name the instrument's files")
+    if choices.orientation not in (None, "up", "down"):
+        raise InputError(
+            "orientation", expected="up or down", found=repr(choices.orientation), advice="write orientation: up"
+        )
+
+
+def _pieces(path: str | Path, chunk_bytes: int = CHUNK_BYTES) -> Iterator[_Piece]:
+    for chunk in frames(path, chunk_bytes):
+        ensembles, left_out = decode_runs(chunk.runs)
+        size = sum(run.rows.size for run in chunk.runs)
+        yield _Piece(ensembles, left_out, size, chunk.skipped)
+
+
+def _refuse_nothing(path: str | Path, pieces: Sequence[_Piece]) -> None:
+    left_out = sum((piece.left_out for piece in pieces), LeftOut())
+    kept = sum(len(piece.ensembles) for piece in pieces)
+    mixture.refuse_columns(str(path), left_out.not_of_four_beams, kept)
+    if kept:
+        return
+    with Path(path).open("rb") as file:
+        beginning = file.read(16)
+    found = f"a file that begins with {beginning!r}" if beginning else "an empty file"
+    if int(left_out):
+        found = f"{int(left_out)} ensembles without velocities or with impossible dates"
+    advice = "check that format: pd0 and the file belong together"
+    raise InputError(str(path), expected="PD0 ensembles (7F 7F) with velocities", found=found, advice=advice)
+
+
+def _file(path: str | Path, choices: Choices) -> tuple[list[_Water], FileReport]:
+    """Read one file piece by piece, so that the profiles of a piece are gone before the next is there."""
+    bare: list[_Piece] = []
+    water: list[_Water] = []
+    for piece in _pieces(path):
+        bare.append(replace(piece, ensembles=_leaders(piece.ensembles)))
+        if len(piece.ensembles):
+            mixture.refuse_alignment(str(path), piece.ensembles, choices.heading_alignment)
+            water.append(_turned(piece.ensembles, choices))
+    _refuse_nothing(path, bare)
+    cells = np.sum([part.of_other_coordinates for part in water], axis=0)
+    mixture.refuse_coordinates(str(path), joined([part.leaders for part in water]), *cells.tolist())
+    if not any(part.has_percent_good for part in water):
+        # Nobody has filled the block: it says nothing about the velocities.
+        water = [replace(part, quality=np.where(part.quality == BAD, GOOD, part.quality)) for part in water]
+    return water, _report(path, bare, sum(part.three_beam for part in water))
+
+
+def _leaders(ensembles: Ensembles) -> Ensembles:
+    none, no_bytes = np.empty((len(ensembles), 0, 4)), np.empty((len(ensembles), 0, 4), np.uint8)
+    return replace(ensembles, velocity=none, correlation=no_bytes, echo=no_bytes, percent_good=no_bytes)
+
+
+def _turned(ensembles: Ensembles, choices: Choices) -> _Water:
+    east, north, three_beam = currents(ensembles, choices)
+    flags = quality(ensembles, east, north)
+    return _Water(
+        leaders=_leaders(ensembles),
+        east=east,
+        north=north,
+        quality=flags,
+        echo_range_m=echo_ranges(ensembles),
+        three_beam=three_beam,
+        has_percent_good=bool(ensembles.percent_good.any()),
+        of_other_coordinates=of_other_coordinates(ensembles),
+    )
+
+
+def _report(path: str | Path, pieces: Sequence[_Piece], three_beam: int) -> FileReport:
+    skipped = tuple(each for piece in pieces for each in piece.skipped)
+    offset = np.concatenate([piece.ensembles.offset for piece in pieces])
+    number = np.concatenate([piece.ensembles.number for piece in pieces])
+    return FileReport(
+        path=str(path),
+        bytes_total=sum(piece.size for piece in pieces) + sum(each.length for each in skipped),
+        ensembles=len(offset),
+        left_out=sum((piece.left_out for piece in pieces), LeftOut()),
+        three_beam=three_beam,
+        lost=lost_ensembles(offset, number, skipped),
+        skipped=skipped,
+    )
+
+
+def _record(water: Sequence[_Water], reports: Sequence[FileReport], choices: Choices) -> Record:
+    leaders = joined([part.leaders for part in water])
+    where = ", ".join(report.path for report in reports)
+    mixture.refuse(where, leaders)
+    serial = mixture.serial_number(where, leaders, choices.serial_number)
+    flags, doubtful, notes = mixture.doubts(leaders)
+    heading = magnetic_heading(leaders, choices)
+    cells = int(leaders.cells.max())
+    known = {"velocities": sum(int(np.isfinite(part.east).sum()) for part in water)}
+    counts = counts_of(reports, leaders, heading, choices) | doubtful | known
+    return Record(
+        time_s=leaders.time_s,
+        east=stacked([part.east for part in water], cells),
+        north=stacked([part.north for part in water], cells),
+        bin_range_m=_bin_range(leaders, cells),
+        heading_deg=heading,
+        pitch_deg=true_pitch(leaders.tilt1_deg, leaders.tilt2_deg),
+        roll_deg=leaders.tilt2_deg,
+        pressure_dbar=leaders.pressure_dbar,
+        depth_m=leaders.depth_m,
+        temperature_c=leaders.temperature_c,
+        supply_voltage=leaders.supply_voltage,
+        quality=np.maximum(stacked([part.quality for part in water], cells, fill=MISSING), flags[:, None]),
+        heading_quality=np.where(np.isnan(heading), MISSING, flags).astype(np.int8),
+        looks_up=faces_up(leaders, choices),
+        beam_angle_deg=_most_frequent(leaders.beam_angle_deg),
+        direction_reference="magnetic",
+        serial_number=serial,
+        echo_range_m=np.concatenate([part.echo_range_m for part in water]),
+        counts=counts,
+        warnings=(*sentences(reports, leaders, counts, choices), *notes),
+    )
+
+
+def _bin_range(leaders: Ensembles, cells: int) -> Floats:
+    cell = np.arange(cells)
+    if all(np.ptp(of) == 0.0 for of in (leaders.bin1_m, leaders.cell_m, leaders.cells)):
+        # One setting throughout: one row that all ensembles share.
+        one = leaders.bin1_m[:1, None] + leaders.cell_m[:1, None] * cell
+        one[:, cell >= leaders.cells[0]] = np.nan
+        return np.broadcast_to(one, (len(leaders), cells))
+    ranges = leaders.bin1_m[:, None] + leaders.cell_m[:, None] * cell
+    ranges[cell >= leaders.cells[:, None]] = np.nan
+    return ranges
+
+
+def _most_frequent(values: Floats) -> float:
+    distinct, times = np.unique(values, return_counts=True)
+    return float(distinct[np.argmax(times)])
+
+
+# Where the echo of a PD0 ensemble shows a boundary, and how far the instrument heard at all.
+#
+# From one bin to the next the echo of water falls; surface and bottom stand far above it (in two genuine moored records
+# by 80 to 160 counts). A layer of animals rises by 10 to 20 dB at most.
+
+BOUNDARY_COUNTS = 50  # above the least echo before it; 0.45 dB a count
+HEARD_COUNTS = 15  # above the least echo of the ensemble, which is the noise of the receiver or more
+BEAMS = 4
+
+
+def echo_ranges(ensembles: Ensembles) -> Floats:
+    """Return vertical ranges, (n, 2) metres, NaN where there is none: of a boundary, and of the last bin heard.
+
+    Args:
+        ensembles: n ensembles.
+    """
+    if not ensembles.echo.any():
+        return np.full((len(ensembles), 2), np.nan)
+    one, two, three, four = np.moveaxis(ensembles.echo, 2, 0)
+    echo = one.astype(np.int16) + two + three + four  # six times as fast as a sum over the last axis
+    beyond = np.arange(echo.shape[1]) >= ensembles.cells[:, None]
+    ragged = beyond.any()
+    if ragged:
+        echo[beyond] = np.iinfo(np.int16).max
+    least = np.minimum.accumulate(echo, axis=1)
+    rise, loud = echo - least, echo - least[:, -1:]
+    if ragged:
+        rise[beyond] = loud[beyond] = 0
+    strongest = rise.argmax(axis=1)
+    last = echo.shape[1] - 1 - (loud > BEAMS * HEARD_COUNTS)[:, ::-1].argmax(axis=1)
+    seen = np.column_stack([rise.max(axis=1, initial=0) > BEAMS * BOUNDARY_COUNTS, loud.any(axis=1)])
+    ranges = ensembles.bin1_m[:, None] + ensembles.cell_m[:, None] * np.column_stack([strongest, last])
+    return np.where(seen, ranges, np.nan)

@@ -1,0 +1,266 @@
+"""From recorded PD0 ensembles to currents east and north of magnetic north, and how good each of them is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from compasslib.core import angles
+from compasslib.core.records import BAD, GOOD, MISSING, Flags
+from compasslib.core.types import Floats
+from compasslib.readers.pd0.fields import BEAM, EARTH, INSTRUMENT, SHIP, Ensembles, chosen
+
+LEAST_PERCENT_GOOD = 25
+ALL_PINGS, PINGS_ROUNDED, TWO_BEAMS = 100, 4, 50  # percent
+SOME = 200  # ensembles of a piece tell which columns percent good has
+
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Choices:
+    """What the metadata say about a recording; None leaves it to the file."""
+
+    orientation: str | None = None  # up | down
+    declination_applied: float | None = None  # degrees inside the recorded headings, instead of EB
+    heading_alignment: float | None = None  # degrees from the recorded heading to that of beam 3
+    serial_number: str | None = None
+
+
+def heading_bias(ensembles: Ensembles, choices: Choices) -> Floats:
+    """Return the degrees that stand inside the recorded headings, (n,): EB, unless the metadata know better.
+
+    Args:
+        ensembles: n ensembles.
+    """
+    applied = choices.declination_applied
+    return ensembles.heading_bias_deg if applied is None else np.full(len(ensembles), float(applied))
+
+
+def magnetic_heading(ensembles: Ensembles, choices: Choices) -> Floats:
+    """Return the heading of beam 3 as the compass recorded it, without heading bias, (n,) degrees.
+
+    Args:
+        ensembles: n ensembles.
+    """
+    alignment = choices.heading_alignment or 0.0
+    return angles.wrap360(ensembles.heading_deg - heading_bias(ensembles, choices) + alignment)
+
+
+def looks_up(ensembles: Ensembles, choices: Choices) -> Mask:
+    """Return the orientation of each ensemble, (n,): the metadata's, or where they are silent its own.
+
+    Args:
+        ensembles: n ensembles.
+    """
+    word = choices.orientation
+    return ensembles.looks_up if word is None else np.full(len(ensembles), word == "up")
+
+
+def currents(ensembles: Ensembles, choices: Choices) -> tuple[Floats, Floats, int]:
+    """Return (east, north), (n, m) m/s to magnetic north, and how many of them come from three beams.
+
+    Args:
+        ensembles: n ensembles of m cells, in any mixture of coordinates.
+    """
+    codes = np.unique(ensembles.coordinates)
+    if len(codes) == 1:
+        return _TURNS[int(codes[0])](ensembles, choices)
+    east, north = np.full((2, *ensembles.velocity.shape[:2]), np.nan)
+    count = 0
+    for code in codes:
+        mine = ensembles.coordinates == code
+        east[mine], north[mine], more = _TURNS[int(code)](chosen(ensembles, mine), choices)
+        count += more
+    return east, north, count
+
+
+def quality(ensembles: Ensembles, east: Floats, north: Floats) -> Flags:
+    """Return the OceanSITES flag of each current, (n, m): missing, bad where too few pings were good, or good.
+
+    In earth, ship and instrument coordinates columns 1 and 4 of the percent-good block are the solutions of three and
+    of four beams; in beam coordinates each column is a beam, and those that are missing do not count.
+
+    Args:
+        ensembles: n ensembles of m cells.
+        east: (n, m) m/s.
+        north: (n, m) m/s.
+    """
+    percent, by_beam = ensembles.percent_good, ensembles.coordinates == BEAM
+    share = percent[..., 0].astype(np.int16) + percent[..., 3]
+    if by_beam.any():
+        share[by_beam] = np.where(np.isnan(ensembles.velocity[by_beam]), 255, percent[by_beam]).min(axis=-1)
+    flags = np.where(share < LEAST_PERCENT_GOOD, BAD, GOOD)
+    return np.where(np.isnan(east) | np.isnan(north), MISSING, flags).astype(np.int8)
+
+
+def of_other_coordinates(ensembles: Ensembles) -> tuple[int, int]:
+    """Return how many cells contradict the coordinates that EX tells, and how many could, of some ensembles.
+
+    Percent good has a column a beam in beam coordinates; in others its columns part all pings, and add up to 100.
+    Beams, too, agree on their error velocity.
+
+    Args:
+        ensembles: n ensembles of m cells.
+    """
+    some = slice(None, None, 1 + len(ensembles) // SOME)
+    percent, velocity = ensembles.percent_good[some], ensembles.velocity[some]
+    total = percent.sum(axis=-1, dtype=np.int16)
+    told = (total > 0) & np.isfinite(velocity).all(axis=-1)
+    parts = np.abs(total - ALL_PINGS) <= PINGS_ROUNDED
+    b1, b2, b3, b4 = np.moveaxis(velocity, -1, 0)
+    agree = 2.0 * np.abs(b1 + b2 - b3 - b4) < np.abs(b1 - b2) + np.abs(b3 - b4)
+    beams = (total > ALL_PINGS + TWO_BEAMS) & agree
+    other = np.where((ensembles.coordinates[some] == BEAM)[:, None], parts, beams)
+    return int(np.sum(other & told)), int(np.sum(told))
+
+
+def _from_beams(ensembles: Ensembles, choices: Choices) -> tuple[Floats, Floats, int]:
+    beams, solved = three_beam(ensembles.velocity)
+    angle, convex = ensembles.beam_angle_deg[:, None], ensembles.convex[:, None]
+    x, y, z, _ = beams_to_instrument(beams, angle, convex)
+    east, north = _with_tilts(ensembles, choices, (x, y, z), magnetic_heading(ensembles, choices))
+    return east, north, int(solved.sum())
+
+
+def _from_instrument(ensembles: Ensembles, choices: Choices) -> tuple[Floats, Floats, int]:
+    x, y, z, _ = np.moveaxis(ensembles.velocity, -1, 0)
+    east, north = _with_tilts(ensembles, choices, (x, y, z), magnetic_heading(ensembles, choices))
+    return east, north, _without_error_velocity(ensembles)
+
+
+def _from_ship(ensembles: Ensembles, choices: Choices) -> tuple[Floats, Floats, int]:
+    """Turn by the recorded heading only, as EA has turned these axes to where the heading points."""
+    x, y, z, _ = np.moveaxis(ensembles.velocity, -1, 0)
+    heading = angles.wrap360(ensembles.heading_deg - heading_bias(ensembles, choices))
+    east, north = ship_to_earth(x, y, heading)
+    if not ensembles.tilts_used.all():
+        tilted = _with_tilts(ensembles, choices, (x, y, z), heading)
+        level = ensembles.tilts_used[:, None]
+        east, north = np.where(level, east, tilted[0]), np.where(level, north, tilted[1])
+    return east, north, _without_error_velocity(ensembles)
+
+
+def _from_earth(ensembles: Ensembles, choices: Choices) -> tuple[Floats, Floats, int]:
+    """Turn back by the heading bias, which the instrument turned its velocities by as well."""
+    bias = heading_bias(ensembles, choices)
+    east, north = ensembles.velocity[..., 0].copy(), ensembles.velocity[..., 1].copy()
+    if bias.any():
+        east, north = angles.turn(east, north, -bias[:, None])
+    return east, north, _without_error_velocity(ensembles)
+
+
+def _with_tilts(
+    ensembles: Ensembles, choices: Choices, xyz: tuple[Floats, Floats, Floats], heading_deg: Floats
+) -> tuple[Floats, Floats]:
+    up = looks_up(ensembles, choices)
+    east, north, _ = instrument_to_earth(xyz, heading_deg, ensembles.tilt1_deg, ensembles.tilt2_deg, up)
+    return east, north
+
+
+def _without_error_velocity(ensembles: Ensembles) -> int:
+    """Count the instrument's own solutions from three beams, which have no error velocity."""
+    missing = np.isnan(ensembles.velocity)
+    return int(np.sum(missing[..., 3] & ~missing[..., 0]))
+
+
+_TURNS: dict[int, Callable[[Ensembles, Choices], tuple[Floats, Floats, int]]] = {
+    BEAM: _from_beams,
+    INSTRUMENT: _from_instrument,
+    SHIP: _from_ship,
+    EARTH: _from_earth,
+}
+
+
+# The geometry of four slanted beams: from along-beam velocities to the earth's axes.
+#
+# Y points along beam 3, which is forward. X is starboard and Z up on a down-looker; X is port and Z down on an up-
+# looker. Recorded tilts: tilt 1 positive with beam 3 up, tilt 2 positive starboard down, in both orientations. Source:
+# RDI, ADCP Coordinate Transformation; design of signs checked against known answers.
+
+# Error velocity is a multiple of b1 + b2 - b3 - b4.
+_ERROR_SIGNS = np.array([1.0, 1.0, -1.0, -1.0])
+
+
+def three_beam(beams: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+    """Return the beams with a single missing one filled so that the error velocity is zero, and where that was done.
+
+    Args:
+        beams: (..., 4) m/s, NaN where missing; two or more missing ones stay missing.
+    """
+    missing = np.isnan(beams)
+    alone = missing.sum(axis=-1) == 1
+    if not alone.any():
+        return beams, alone
+    rest = np.nansum(beams * _ERROR_SIGNS, axis=-1, keepdims=True)
+    return np.where(missing & alone[..., None], -_ERROR_SIGNS * rest, beams), alone
+
+
+def beams_to_instrument(
+    beams: Floats, beam_angle_deg: ArrayLike, convex: ArrayLike = True
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return (x, y, z, error) in the instrument's axes.
+
+    Args:
+        beams: (..., 4) m/s, positive towards the head.
+        beam_angle_deg: of the beams from the vertical, degrees; broadcasts with (...).
+        convex: whether the head is convex; broadcasts with (...).
+    """
+    b1, b2, b3, b4 = (beams[..., i] for i in range(4))
+    sine, cosine = angles.sin_cos(beam_angle_deg)
+    # The beams of a concave head cross, so that each looks to the other side.
+    across = np.where(convex, 1.0, -1.0) / (2.0 * sine)
+    x, y = across * (b1 - b2), across * (b4 - b3)
+    return x, y, (b1 + b2 + b3 + b4) / (4.0 * cosine), (b1 + b2 - b3 - b4) / (2.0 * np.sqrt(2.0) * sine)
+
+
+def true_pitch(tilt1_deg: ArrayLike, tilt2_deg: ArrayLike) -> Floats:
+    """Return the pitch proper, atan(tan tilt1 cos tilt2), degrees; the pitch sensor hangs inside the roll.
+
+    Args:
+        tilt1_deg: recorded pitch, degrees.
+        tilt2_deg: recorded roll, degrees.
+    """
+    (sine, cosine), (_, across) = angles.sin_cos(tilt1_deg), angles.sin_cos(tilt2_deg)
+    return angles.wrap180(angles.direction(sine * across, cosine))
+
+
+def instrument_to_earth(
+    xyz: tuple[Floats, Floats, Floats], heading_deg: Floats, tilt1_deg: Floats, tilt2_deg: Floats, looks_up: ArrayLike
+) -> tuple[Floats, Floats, Floats]:
+    """Return (east, north, up), to the north that the heading refers to.
+
+    Args:
+        xyz: velocities in the instrument's axes, (n, m) or (n,), m/s.
+        heading_deg: of beam 3, (n,) degrees.
+        tilt1_deg: recorded pitch, (n,) degrees.
+        tilt2_deg: recorded roll, (n,) degrees.
+        looks_up: (n,) or one; the maker turns an up-looker by 180 degrees about its roll axis.
+    """
+    x, y, z = xyz
+    roll = np.asarray(tilt2_deg) + np.where(looks_up, 180.0, 0.0)
+    pitch = true_pitch(tilt1_deg, tilt2_deg)
+    (sp, cp), (sr, cr) = ((_column(a, x), _column(b, x)) for a, b in (angles.sin_cos(pitch), angles.sin_cos(roll)))
+    starboard = x * cr + z * sr
+    forward = x * (sp * sr) + y * cp - z * (sp * cr)
+    up = -x * (cp * sr) + y * sp + z * (cp * cr)
+    east, north = ship_to_earth(starboard, forward, heading_deg)
+    return east, north, up
+
+
+def ship_to_earth(starboard: Floats, forward: Floats, heading_deg: Floats) -> tuple[Floats, Floats]:
+    """Return (east, north) of velocities in level axes.
+
+    Args:
+        starboard: (n, m) or (n,), m/s.
+        heading_deg: of the forward axis, (n,) degrees.
+    """
+    return angles.turn(starboard, forward, _column(heading_deg, starboard))
+
+
+def _column(per_sample: ArrayLike, like: Floats) -> Floats:
+    values = np.asarray(per_sample, dtype=float)
+    return values.reshape(values.shape + (1,) * (like.ndim - values.ndim)) if values.ndim else values

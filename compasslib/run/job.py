@@ -1,0 +1,78 @@
+"""What every job of the workflow does around its one call: say what happens, fail in one line, leave its record."""
+
+from __future__ import annotations
+
+import gc
+import json
+import os
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any, TextIO
+
+from compasslib.archive import provenance
+from compasslib.archive.files import replacing
+from compasslib.core.errors import InputError
+from compasslib.run import ledger, stopped
+
+
+@contextmanager
+def job(snakemake: Any) -> Iterator[Callable[[str], None]]:
+    """Give a function that says one line on stderr and in the job's log; input errors become such a line and exit 1.
+
+    A job that ends well leaves what it read and wrote beside its log, NAME.json beside NAME.log; one whose input cannot
+    be used leaves the reason, NAME.stopped. What it reads must be what the jobs before it wrote.
+
+    Args:
+        snakemake: what Snakemake gives its scripts; its log is written anew.
+
+    Raises:
+        SystemExit: the input could not be used.
+    """
+    log, of = Path(snakemake.log[0]), stopped.named(snakemake.wildcards)
+    with _opened(log) as stream:
+
+        def say(line: str) -> None:
+            # Text and newline in one write, so that jobs side by side do not tear each other's lines.
+            print(f"{line}\n", end="", file=sys.stderr, flush=True)
+            with suppress(OSError):  # a full disk must not hide what was said
+                print(line, file=stream, flush=True)
+
+        try:
+            with _recorded(snakemake, log.with_suffix(".json")):
+                yield say
+        except InputError as error:
+            stopped.leave(snakemake, error)
+            say(f"error: {of}{error}")
+            sys.exit(1)
+        except Exception as error:  # whatever the program missed: the mooring is told of it, the traceback stays
+            stopped.leave(snakemake, error)
+            raise
+        finally:
+            gc.freeze()  # the process ends: to look all modules through for cycles is a twentieth of a small job
+
+
+@contextmanager
+def _recorded(snakemake: Any, record: Path) -> Iterator[None]:
+    """Hold the inputs against the records of those who wrote them, and leave a record of this job."""
+    before = ledger.looked_at(provenance.inputs(snakemake))
+    read = {path: digest for path, (_, digest) in before.items()}
+    ledger.hold(read)
+    yield
+    ledger.unchanged(before)
+    said = provenance.of_job(snakemake, read)
+    with replacing(record) as temporary:
+        temporary.write_text(json.dumps(said, indent=1, default=str) + "\n")
+    raw = {path: seen for path, seen in before.items() if not path.startswith(f"{ledger.RESULTS}/")}
+    ledger.remember(raw | {path: (ledger.signature(path), digest) for path, digest in said["wrote"].items()})
+
+
+def _opened(log: Path) -> TextIO:
+    try:
+        # Log and benchmark are opened as they stand, which may be a link, or a hard one of an older copy.
+        for left in (log, log.parent.parent / "benchmarks" / f"{log.stem}.tsv", log.with_suffix(".json")):
+            left.unlink(missing_ok=True)
+        return log.open("w", encoding="utf-8")
+    except OSError:
+        return Path(os.devnull).open("w", encoding="utf-8")

@@ -1,0 +1,167 @@
+"""What the simulation leaves of the recording, ready to be tested.
+
+The residual is observed minus simulated heading at the recorded one; it is never regressed on the observed heading,
+whose noise it shares. The compass's own coefficients and the nuisances are projected out of everything that is tested:
+what remains of an effect after their refit is its visible size.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from compasslib.core import angles
+from compasslib.core.types import Floats
+from compasslib.deviation import branches, model
+from compasslib.effects import Term, composition
+from compasslib.effects.composition import Simulation
+from compasslib.search.case import Case
+from compasslib.stats import whitening
+from compasslib.stats.whitening import Whitener
+
+ROUNDS = 2
+FEWEST = 50  # samples that show where they are, below which there is nothing to examine
+STIFFEST = 1e-4  # prior precision of a baseline column in whitened units, against columns that hardly vary
+
+
+class Lost(ArithmeticError):
+    """Hardly any sample shows on which branch of the simulated compass it is, or any direction at all."""
+
+
+@dataclass(frozen=True)
+class State:
+    """A simulation held against a recording, everything else refitted; n samples."""
+
+    case: Case
+    simulation: Simulation
+    nuisance: Floats  # (k,) values of the nuisances
+    heading_deg: Floats  # (n,) simulated correct heading at the recorded one, NaN without a root
+    residual_deg: Floats  # (n,) observed minus simulated, degrees, NaN without a root
+    base: Floats  # (n, b) columns of A..E, of the terms unless freed, and of the nuisances, degrees a unit
+    whitener: Whitener
+    basis: Floats  # (n, b) orthonormal, of the whitened base
+    standard: Floats  # (n,) clipped residual over its width
+    shift: Floats  # (b,) of the base's values that the residual was freed of, by the widths alone
+    innovation: Floats  # (n,) whitened residual, the base projected out
+    sigma: float  # its standard deviation
+    response: float  # share of a small shift that survives the clip
+
+    def ridge(self, terms: Iterable[type[Term] | Term]) -> Floats:
+        """Return what is believed of terms' parameters beforehand, in units of products of whitened columns, (k,).
+
+        Args:
+            terms: in the order of the columns.
+        """
+        return np.concatenate([np.zeros(0), *(term.expected() for term in terms)]) * (self.sigma / self.response) ** 2
+
+    @property
+    def base_ridge(self) -> Floats:
+        """The same of the base's columns, (b,)."""
+        ridge = np.zeros(self.base.shape[1])
+        terms = self.ridge(self.simulation.terms)
+        ridge[5 : 5 + len(terms)] = terms
+        return ridge
+
+    def projected(self, columns_deg: Floats) -> Floats:
+        """Return columns whitened, the base projected out, (n, k).
+
+        Args:
+            columns_deg: (n, k), degrees a unit.
+        """
+        white = self.whitener(np.nan_to_num(columns_deg, posinf=0.0, neginf=0.0))
+        basis = self.basis.astype(white.dtype)
+        return white - basis @ (basis.T @ white)
+
+    def visible(self, columns_deg: Floats) -> Floats:
+        """Return columns with what the base can take of them taken, (n, k) degrees: by the widths, not whitened.
+
+        Args:
+            columns_deg: (n, k), degrees a unit.
+        """
+        weight = 1.0 / self.whitener.width_deg
+        columns = np.where(np.isfinite(columns_deg), columns_deg, 0.0)
+        taken, *_ = np.linalg.lstsq(self.base * weight[:, None], columns * weight[:, None], rcond=1e-9)
+        left = columns - self.base @ taken
+        return left[np.isfinite(weight) & (weight > 0)]
+
+
+def examine(case: Case, simulation: Simulation, nuisance: Floats, *, freed: bool = False) -> State:
+    """Return the residual of a simulation, whitened, with its base projected out.
+
+    Args:
+        simulation: compass and terms.
+        nuisance: values of the nuisances, (k,).
+        freed: whether the terms' effects are given back to the residual, linearised where the simulation stands, so
+            that other terms can be tried in their place; else they belong to the base.
+
+    Raises:
+        Lost: too few samples are left to be examined.
+    """
+    heading, residual, width_floor = _residual(case, simulation, nuisance)
+    if (usable := int(np.isfinite(residual).sum())) < FEWEST:
+        raise Lost(f"{usable} of {len(case)} samples show on which branch of the compass they are")
+    derivative = np.nan_to_num(composition.derivative(simulation, case.scene, heading))
+    base = np.column_stack([derivative[:, : 5 if freed else None], case.nuisance])
+    effect = derivative[:, 5:] @ simulation.parameters[5:] if freed else np.zeros(len(case))
+    left, width, shift = residual, np.full(len(case), np.inf), np.zeros(base.shape[1])
+    for _ in range(ROUNDS):
+        width = np.hypot(whitening.widths(left, case.slowness), width_floor)
+        if (usable := int(np.isfinite(width).sum())) < FEWEST:
+            raise Lost(f"{usable} of {len(case)} samples show a direction")
+        weighted = np.where(np.isfinite(width)[:, None], base, 0.0) / width[:, None]
+        step = np.linalg.solve(_precise(weighted), weighted.T @ whitening.clipped(left, width))
+        left, shift = left - base @ step, shift + step
+    white = whitening.whitener(left, width, case.scene.time_s)
+    basis = whitening.orthonormal(white(base))
+    standard = whitening.clipped(left, width)
+    innovation = white.filtered(standard[:, None])[:, 0]
+    response = whitening.response(left, width)
+    bare = innovation - basis @ (basis.T @ innovation)
+    counts = np.isfinite(width)
+    sigma = float(np.sqrt(bare @ bare / max(counts.sum() - basis.shape[1], 1)))
+    if freed:  # the clip and the filter are those of what is left, not of the effect
+        innovation = innovation + response * white(effect[:, None])[:, 0]
+    innovation = innovation - basis @ (basis.T @ innovation)
+    return State(
+        case=case, simulation=simulation, nuisance=nuisance, heading_deg=heading, residual_deg=left, base=base,
+        whitener=white, basis=basis, standard=standard, shift=shift, innovation=innovation, sigma=sigma,
+        response=response,
+    )  # fmt: skip
+
+
+def usable(case: Case, simulation: Simulation, nuisance: Floats) -> int:
+    """Return how many samples show on which branch of a simulation's compass they are.
+
+    Args:
+        simulation: compass and terms.
+        nuisance: values of the nuisances, (k,).
+    """
+    return int(np.isfinite(_residual(case, simulation, nuisance)[1]).sum())
+
+
+def _residual(case: Case, simulation: Simulation, nuisance: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return simulated heading, residual, and what the compass's own noise makes of it, (n,) each."""
+    shown = case.observed_deg - composition.veer(simulation, case.scene) - case.nuisance @ nuisance
+    roots = composition.headings(simulation, case.scene, case.recorded_deg)
+    heading = model.nearest_root(roots, shown)
+    slope = np.maximum(np.abs(composition.steepness(simulation, case.scene, heading)), composition.FLATTEST)
+    # Where a folded compass leaves two headings close together, the nearer one to a noisy direction is no residual.
+    heading = np.where(branches.telling(roots, case.expected_deg), heading, np.nan)
+    return heading, angles.difference(shown, heading), case.precision_deg / slope
+
+
+def trend(time_s: Floats) -> Floats:
+    """Return hat functions of time that follow what changes over weeks, (n, k).
+
+    Args:
+        time_s: increasing times, (n,).
+    """
+    knots = np.linspace(time_s[0], time_s[-1], max(int(np.ptp(time_s) / whitening.spacing_s(time_s)), 1) + 1)
+    return np.column_stack([np.interp(time_s, knots, row) for row in np.eye(len(knots))])
+
+
+def _precise(columns: Floats) -> Floats:
+    gram = columns.T @ columns
+    return gram + STIFFEST * np.trace(gram) / len(gram) * np.eye(len(gram))

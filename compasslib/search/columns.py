@@ -1,0 +1,185 @@
+"""Columns that are tested: one group for each catalogue term and date, splines of the covariates for the rest."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from compasslib.core import angles
+from compasslib.core.types import Floats
+from compasslib.effects import Term, composition
+from compasslib.effects.composition import Simulation
+from compasslib.effects.reading import HeadingSlip
+from compasslib.search import stuck
+from compasslib.search.baseline import State
+
+DATE_STEP_S, DATE_MARGIN = 10 * 86400.0, 0.04  # dates of steps that are tried, and how near to the ends
+THRESHOLDS = (0.07, 0.13, 0.2, 0.35, 0.5, 0.65, 0.8, 0.87, 0.93)  # quantiles beyond which an effect may set in
+KNOTS = 8
+HEADING_HAT_DEG, FEWEST_IN_HAT = 6.0, 30
+TEETH = 24  # highest harmonic of the recorded heading
+TIME_KNOTS, SHORTEST_WAVE_S = (12, 36), 20 * 86400.0
+SPELL, SPELL_STEP_S, SPELLS = "spell", 5 * 86400.0, (4, 6, 8, 12, 18)  # weeks in which the reading is off, in steps
+FAINTEST = 1e-2  # of the power of the best seen combination of splines or harmonics
+LINEAR = ("time", "temperature", "depth", "pitch", "roll", "speed", "supply_voltage")  # of the products
+
+
+@dataclass(frozen=True)
+class Group:
+    """Columns that are tested together, (n, k) degrees a unit."""
+
+    name: str  # effect, or covariates joined by x
+    columns: Floats
+    term: Term | None = None  # at zero size, its date set
+    covariates: tuple[str, ...] = ()
+
+
+def of_terms(state: State, terms: Sequence[type[Term]]) -> list[Group]:
+    """Return one group for each term, for a term with a date one for each date that is tried.
+
+    Args:
+        state: the simulation where it stands.
+    """
+    groups = []
+    for kind in terms:
+        if kind.dated():
+            groups += of_dates(state, kind, dates(state.case.scene.time_s))
+        else:
+            groups.append(of_term(state, kind()))
+    return groups
+
+
+def of_term(state: State, term: Term) -> Group:
+    """Return the columns of one term beside a simulation.
+
+    Args:
+        state: the simulation where it stands.
+        term: the term at the values where the derivative is taken.
+    """
+    return Group(term.name, _derivative(state, term), term)
+
+
+def of_dates(state: State, kind: type[Term], dates_s: Floats) -> list[Group]:
+    """Return the columns of a term that begins at each of some dates.
+
+    Args:
+        state: the simulation where it stands.
+        kind: a term with a date.
+        dates_s: UTC seconds since 1970, (m,).
+    """
+    always = _derivative(state, kind())
+    since = state.case.scene.since
+    return [Group(kind.name, always * since(d)[:, None], replace(kind(), date_s=float(d))) for d in dates_s]  # type: ignore[call-arg]
+
+
+def dates(time_s: Floats) -> Floats:
+    """Return the dates of steps that are tried, (m,).
+
+    Args:
+        time_s: increasing times, (n,).
+    """
+    first, last = np.quantile(time_s, [DATE_MARGIN, 1.0 - DATE_MARGIN])
+    return np.arange(first, last, max(DATE_STEP_S, (last - first) / 60.0))
+
+
+def omnibus(state: State) -> list[Group]:
+    """Return splines and thresholds of each covariate, harmonics and hats of the heading, and products.
+
+    Args:
+        state: the simulation where it stands.
+    """
+    found, groups = state.case.covariates, []
+    heading = state.case.recorded_deg
+    groups += [Group("heading", hats, covariates=("heading",)) for hats in _heading_hats(heading)]
+    for name, column in found.items():
+        if name == "hour_of_day":
+            groups.append(Group(name, _periodic(column * 15.0, range(1, 4)), covariates=(name,)))
+        elif name == "time":
+            groups += [Group(name, _hats(column, k), covariates=(name,)) for k in TIME_KNOTS]
+            groups += [*waves(column), *_spells(state)]
+        elif name != "heading" and name not in stuck.LEANS:
+            groups.append(Group(name, _hats(column, KNOTS), covariates=(name,)))
+            groups += [Group(name, step, covariates=(name,)) for step in _steps(column)]
+    linear = {name: _standard(found[name]) for name in LINEAR if name in found}
+    turning = np.column_stack([np.ones(len(heading)), _periodic(heading, range(1, 4))])
+    for name, column in linear.items():
+        groups.append(Group(f"heading x {name}", turning * column[:, None], covariates=("heading", name)))
+    for (a, x), (b, y) in itertools.combinations(linear.items(), 2):
+        groups.append(Group(f"{a} x {b}", (x * y)[:, None], covariates=(a, b)))
+    return [replace(group, columns=_well_seen(group.columns)) for group in groups]
+
+
+def waves(time_s: Floats) -> list[Group]:
+    """Return one wave a group: what swings with one period is faint among all knots.
+
+    Args:
+        time_s: increasing times, (n,).
+    """
+    turns = 360.0 * (time_s - time_s[0]) / np.ptp(time_s)
+    each = [_periodic(turns, range(k, k + 1)) for k in range(1, int(np.ptp(time_s) / SHORTEST_WAVE_S) + 1)]
+    return [Group("time", wave, covariates=("time",)) for wave in each]
+
+
+def _spells(state: State) -> list[Group]:
+    """Return offsets of the reading with a begin and an end, each a group: among all knots they are faint."""
+    time_s = state.case.scene.time_s
+    begins = np.arange(time_s[0], time_s[-1], max(SPELL_STEP_S, float(np.ptp(time_s)) / 120.0))[1:]
+    tried = [group.columns for group in of_dates(state, HeadingSlip, begins)]
+    both = [(first, last) for length in SPELLS for first, last in zip(tried, tried[length:], strict=False)]
+    return [Group(SPELL, first - last, covariates=("time",)) for first, last in both]
+
+
+def _derivative(state: State, term: Term) -> Floats:
+    alone = Simulation(state.simulation.coefficients, state.simulation.horizontal_nT, (*state.simulation.terms, term))
+    first = len(alone.parameters) - len(term.fitted())
+    columns = composition.derivative(alone, state.case.scene, state.heading_deg, first=first)
+    return np.where(np.isfinite(columns), columns, 0.0)
+
+
+def _heading_hats(heading_deg: Floats) -> list[Floats]:
+    """Return low harmonics, all harmonics up to the teeth's, and hats over the sectors that occur."""
+    centres = np.arange(0.0, 360.0, HEADING_HAT_DEG)
+    away = np.abs(angles.difference(heading_deg[:, None], centres)) / HEADING_HAT_DEG
+    hats = np.maximum(1.0 - away, 0.0)
+    return [
+        _periodic(heading_deg, range(3, 7)),
+        hats[:, hats.sum(axis=0) >= FEWEST_IN_HAT],
+        _periodic(heading_deg, range(7, TEETH + 1)),
+    ]
+
+
+def _well_seen(columns_deg: Floats) -> Floats:
+    """Return combinations of columns without those that only a few samples at the edge of what occurs would tell.
+
+    Of 36 harmonics over headings that spread by 34 degrees 22 are left; among the others single samples decide.
+    """
+    if columns_deg.shape[1] < 2:
+        return columns_deg
+    unit = columns_deg / np.maximum(np.linalg.norm(columns_deg, axis=0), 1e-300)
+    values, vectors = np.linalg.eigh(unit.T @ unit)
+    return np.asarray(unit @ vectors[:, values > FAINTEST * values[-1]] * np.sqrt(len(unit)))
+
+
+def _periodic(angle_deg: Floats, harmonics: range) -> Floats:
+    return np.column_stack([x for k in harmonics for x in angles.sin_cos(k * angle_deg)])
+
+
+def _hats(x: Floats, count: int) -> Floats:
+    """Return hat functions on knots at even quantiles, (n, k)."""
+    knots = np.unique(np.quantile(x, np.linspace(0.0, 1.0, count)))
+    if len(knots) < 2:
+        return np.zeros((len(x), 0))
+    eye = np.eye(len(knots))
+    return np.column_stack([np.interp(x, knots, row) for row in eye])
+
+
+def _steps(x: Floats) -> list[Floats]:
+    """Return what sets in beyond a threshold, each alone: where a covariate has a long tail, hats do not turn there."""
+    return [(x > threshold)[:, None].astype(float) for threshold in np.unique(np.quantile(x, THRESHOLDS))]
+
+
+def _standard(x: Floats) -> Floats:
+    return np.clip((x - np.mean(x)) / np.std(x), -4.0, 4.0)

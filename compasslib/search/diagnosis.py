@@ -1,0 +1,320 @@
+"""The door: hold a recording against its simulation and say what was left out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from compasslib import deviation
+from compasslib.core.records import EarthField, Pairs
+from compasslib.core.types import Floats
+from compasslib.deviation.model import Fit
+from compasslib.effects.water import VeerWithDirection
+from compasslib.search import (
+    applied,
+    baseline,
+    clocks,
+    columns,
+    covariates,
+    doubts,
+    episodes,
+    findings,
+    large,
+    model,
+    mooring,
+    naming,
+    scan,
+    sectors,
+    show,
+    verdict,
+    wording,
+)
+from compasslib.search.applied import Applied
+from compasslib.search.baseline import State
+from compasslib.search.case import Case
+from compasslib.search.clocks import Clock
+from compasslib.search.columns import Group
+from compasslib.search.naming import Named
+from compasslib.search.sectors import Heap
+from compasslib.search.show import Curve
+from compasslib.search.verdict import Diagnosis, Finding, Unexplained
+
+FEWEST, SHORTEST_DAYS = 200, 20.0
+OMNIBUS = 1.0 / 3.0  # of the alarm: splines and products feign more than the draws of the noise show
+
+
+@dataclass(frozen=True)
+class Options:
+    """What may be chosen about a diagnosis."""
+
+    min_effect_deg: float = 0.5  # visible size, rms, below which a mismatch does not matter
+    apply: bool = True  # whether findings on the compass side are handed to the correction
+    alarm: float = 0.006  # probability that noise alone gives a name, and that it gives an unexplained mismatch
+    reference_magnetic: bool = True  # whether the trusted instrument has a compass too
+
+
+@dataclass(frozen=True)
+class Repair:
+    """Pairs freed of a clock error, the compass fitted to them, and what was found."""
+
+    pairs: Pairs
+    fit: Fit
+    findings: list[Finding]
+
+
+@dataclass(frozen=True)
+class Rest:
+    """What the omnibus tests find: groups that are significant with their visible sizes, the strongest first."""
+
+    threshold: float  # score that noise alone hardly exceeds
+    strong: tuple[tuple[Group, float], ...]
+    min_effect_deg: float
+
+    @property
+    def curve(self) -> Group:
+        """All that is significant along the covariates of the strongest."""
+        first = self.strong[0][0]
+        alike = [group.columns for group, _ in self.strong if group.covariates == first.covariates]
+        return replace(first, columns=np.concatenate(alike, axis=1))
+
+    @property
+    def worth(self) -> list[tuple[Group, float]]:
+        """Those that matter."""
+        return [one for one in self.strong if one[1] >= self.min_effect_deg]
+
+    @property
+    def small(self) -> list[tuple[Group, float]]:
+        """Those that do not, one of a name."""
+        return list({one[0].name: one for one in self.strong if one[1] < self.min_effect_deg}.values())
+
+
+def diagnose(
+    pairs: Pairs,
+    logged: Mapping[str, Floats],
+    fit: Fit,
+    field: EarthField,
+    options: Options | None = None,
+    *,
+    wide: Pairs | None = None,
+) -> Diagnosis:
+    """Return what a mooring's overlap shows that its fitted compass does not hold.
+
+    Args:
+        pairs: overlapping measurements.
+        logged: other series at their times, ``temperature`` and ``supply_voltage`` where there are, (n,) each.
+        fit: the configured fit, which is the simulation that is diagnosed.
+        wide: pairs that may stand further apart, by which the clocks are compared; the pairs where absent.
+    """
+    options = options or Options()
+    if why := _too_little(pairs, fit):
+        return verdict.insufficient(why)
+    is_series = fit.method == "von_appen"
+    exact = deviation.fit("exact", pairs) if is_series else fit
+    first = [] if not is_series else large.findings(pairs, exact, fit, options.min_effect_deg)
+    clock = clocks.compare(pairs if wide is None else wide)
+    repair, doubted = _repaired(pairs, exact, clock)
+    if repair is not None:
+        kept = clocks.kept(pairs, repair.pairs)
+        logged = {name: column[kept] for name, column in logged.items()}
+        first += repair.findings
+        pairs, exact = repair.pairs, repair.fit
+    case = mooring.case(pairs, logged, exact, field, reference_magnetic=options.reference_magnetic)
+    if repair is not None:
+        case = _without_direction(case)
+    if is_series:  # it was looked for already
+        case = replace(case, not_testable=tuple(one for one in case.not_testable if one[0] != "large_deviation"))
+    found = replace(_joined(first, judge(case, options)), warnings=doubted)
+    if not options.apply:
+        return replace(found, findings=tuple(replace(one, applied=False) for one in found.findings))
+    if found.applied is not None:
+        found = replace(found, applied=applied.no_surer(found.applied, exact))
+    counts = any(one.applied or (one.beside_compass and not is_series) for one in found.findings)
+    return replace(found, fit=exact) if counts else replace(found, applied=None)
+
+
+def _repaired(pairs: Pairs, fit: Fit, clock: Clock) -> tuple[Repair | None, tuple[str, ...]]:
+    """Return the pairs freed of a clock error, and what is to be said where held-out directions deny it."""
+    if not clock.named:
+        return None, ()
+    again = clocks.repaired(pairs, clock)
+    if not (short := len(again) < FEWEST):
+        freed = deviation.fit(fit.method, again, _near(fit), dip_ratio=fit.dip_ratio)
+        told = findings.of_clock(pairs, again, (fit, freed), clock)
+        if freed.fitted and not any(one.held_out.refuted for one in told):
+            return Repair(again, freed, told), ()
+    why = "too few pairs are left with it" if short else "held-out directions agree less with it"
+    hours = clock.ahead_s(pairs.time_s)[[0, -1]] / clocks.HOUR_S
+    said = (
+        f"by the speeds the two clocks are {hours[0]:+.1f} h apart at the begin and {hours[1]:+.1f} h at the end, but "
+        f"{why}: nothing was put right; check clocks, time zones and dates of both"
+    )
+    return None, (said,)
+
+
+def _near(fit: Fit) -> Fit | None:
+    """Return what a fit without the clock's error starts from: anew, or a calibration that no pair changes."""
+    return fit if fit.method == "calibration" else None
+
+
+def _without_direction(case: Case) -> Case:
+    """Return the case without the veer by direction, whose flow knows nothing of noise that was interpolated."""
+    why = "directions read between two samples, after the clocks, share their noise with the direction of the flow"
+    return replace(
+        case,
+        terms=tuple(kind for kind in case.terms if kind is not VeerWithDirection),
+        not_testable=(*case.not_testable, (VeerWithDirection.name, why)),
+    )
+
+
+def judge(case: Case, options: Options) -> Diagnosis:
+    """Return the diagnosis of any recording that is held against its simulation."""
+    none = np.zeros(case.nuisance.shape[1])
+    if (usable := baseline.usable(case, case.simulation, none)) < FEWEST:
+        why = f"{usable} of {len(case)} pairs show on which branch of the compass they are; {FEWEST} are needed"
+        return verdict.insufficient(why, case.not_testable)
+    try:
+        return _judged(case, options)
+    except baseline.Lost as lost:  # from the beginning, or once refitted
+        return verdict.insufficient(f"{lost}; there is nothing to hold the compass against", case.not_testable)
+
+
+def _judged(case: Case, options: Options) -> Diagnosis:
+    none = np.zeros(case.nuisance.shape[1])
+    empty = baseline.examine(case, case.simulation, none)
+    heap = sectors.heap(empty)
+    outside = case if heap is None else replace(case, observed_deg=sectors.outside(case, heap))
+    if heap is not None and baseline.usable(outside, case.simulation, none) >= FEWEST:
+        empty = baseline.examine(outside, case.simulation, none)  # what hangs tells nothing of terms, and feigns some
+    empty = model.refit(empty, [])  # where the record, its memory counted, has compass and nuisances
+    named = naming.search(empty, alarm=options.alarm, min_effect_deg=options.min_effect_deg)
+    named, episode = episodes.taken_out(named)
+    named, unproven = doubts.unproven(named)
+    named, rest = _believed(named, options)
+    named = doubts.or_water(naming.led(named, options.min_effect_deg))
+    left = rest.worth[0] if rest.worth else unproven
+    every = findings.of_terms(named)
+    stands = [one for one in every if not one.held_out.refuted]
+    found = tuple(sorted(stands, key=lambda one: -one.rms_effect_deg))
+    names = [one.effect for one in found]
+    unexplained = _unexplained(named.state, left, heap, options.min_effect_deg, names)
+    detectable = _detectable(named)
+    if episode is not None and (unexplained is None or "time" in unexplained.covariates):
+        unexplained = findings.episode(named.state, episode, names)
+    return Diagnosis(
+        verdict=verdict_of(found, unexplained),
+        findings=found,
+        unexplained=unexplained,
+        separated_by="; ".join(wording.separated_by(f.effect, f.alternatives) for f in found if f.alternatives) or None,
+        not_testable=case.not_testable,
+        negligible=(*named.negligible, *((group.name, size) for group, size in rest.small)),
+        curves=_curves(empty, named.state, found),
+        applied=_applied(named, every) if options.apply else None,
+        why=_why(detectable, options.min_effect_deg),
+        detectable_deg=detectable,
+        threshold={"names": named.threshold, "omnibus": rest.threshold},
+    )
+
+
+def _too_little(pairs: Pairs, fit: Fit) -> str:
+    if not fit.fitted:
+        return f"there is no simulation to hold the recording against: {fit.why}"
+    days = float(np.ptp(pairs.time_s)) / 86400.0 if len(pairs) else 0.0
+    if len(pairs) < FEWEST or days < SHORTEST_DAYS:
+        return (
+            f"{len(pairs)} overlapping pairs over {days:.0f} days; at least {FEWEST} over {SHORTEST_DAYS:.0f} days are "
+            "needed to tell left-out physics from the water"
+        )
+    return ""
+
+
+def verdict_of(found: Sequence[Finding], unexplained: Unexplained | None) -> str:
+    """Return the verdict that findings and an unexplained rest amount to.
+
+    Args:
+        unexplained: what nothing explains, or None.
+    """
+    if unexplained is not None:
+        return "unexplained"
+    if not found:
+        return "consistent"
+    return "ambiguous" if any(finding.alternatives for finding in found) else "explained"
+
+
+def _joined(first: Sequence[Finding], rest: Diagnosis) -> Diagnosis:
+    """Return the diagnosis with findings that were made before the search, strongest first."""
+    if not first:
+        return rest
+    found = tuple(sorted((*first, *rest.findings), key=lambda one: -one.rms_effect_deg))
+    return replace(rest, findings=found, verdict=verdict_of(found, rest.unexplained))
+
+
+def _believed(named: Named, options: Options) -> tuple[Named, Rest]:
+    """Return the hypothesis without names whose work what is left does, and what is left beside it."""
+    rest = _left(named.state, options)
+    while rest.strong:
+        fewer = doubts.replaced(named, rest.curve, rest.strong[0][1], options.min_effect_deg)
+        if fewer is named:
+            break
+        named, rest = fewer, _left(fewer.state, options)
+    return named, rest
+
+
+def _left(state: State, options: Options) -> Rest:
+    """Return what the omnibus tests find beside the terms of a simulation."""
+    tested = scan.test(state, columns.omnibus(state), seed=99)
+    threshold = tested.threshold(options.alarm * OMNIBUS)
+    strong = [int(k) for k in np.argsort(-tested.score) if tested.score[k] > threshold]
+    sized = [(tested.groups[k], scan.size_of(state, tested.groups[k], float(tested.inflation[k]))) for k in strong]
+    return Rest(threshold, tuple(sized), options.min_effect_deg)
+
+
+def _unexplained(
+    state: State, left: tuple[Group, float] | None, heap: Heap | None, min_effect_deg: float, named: Sequence[str]
+) -> Unexplained | None:
+    """Return what nothing explains: what the mean residual shows, or a sector in which the compass hangs."""
+    size = 0.0 if left is None else left[1]
+    if heap is not None and heap.rms_deg > max(size, min_effect_deg):
+        return findings.hanging(state, heap, named)
+    return None if left is None else findings.unexplained(state, *left, named)
+
+
+def _detectable(named: Named) -> dict[str, float]:
+    return {} if named.tested is None else scan.detectable(named.state, named.tested, named.threshold)
+
+
+def _why(detectable: Mapping[str, float], min_effect_deg: float) -> str:
+    """Return in a sentence how small an effect this record would have shown."""
+    sizes = sorted((max(size, min_effect_deg), name) for name, size in detectable.items())
+    if not sizes:
+        return ""
+    (best, first), (worst, last) = sizes[0], sizes[-1]
+    return (
+        f"Nine times in ten this record would show {first.replace('_', ' ')} of {best:.1f} degrees rms or more and "
+        f"{last.replace('_', ' ')} of {worst:.1f}; the other effects lie between."
+    )
+
+
+def _curves(before: State, after: State, found: Sequence[Finding]) -> tuple[Curve, ...]:
+    names = dict.fromkeys(["heading", "time", *(one.where.covariate for one in found)])
+    return tuple(show.curve(before, after, name) for name in names if name in before.case.covariates)
+
+
+def _applied(named: Named, every: Sequence[Finding]) -> Applied | None:
+    """Return the compass with the findings that may touch the product, refitted where others stood on its side too."""
+    terms = named.state.simulation.terms
+    if not any(one.applied or one.beside_compass for one in every):
+        return None
+    beside = [t for t, one in zip(terms, every, strict=True) if one.applied or one.beside_compass]
+    state = named.state if len(beside) == len(terms) else model.refit(named.state, beside)
+    estimate = model.estimate(state)
+    ends = 5 + np.cumsum([0, *(len(term.fitted()) for term in state.simulation.terms)])
+    own = [np.arange(5)]
+    for k, term in enumerate(state.simulation.terms):
+        own += [np.arange(ends[k], ends[k + 1])] if term.side == "compass" else []
+    index = np.concatenate(own)
+    simulation = replace(state.simulation, terms=tuple(t for t in state.simulation.terms if t.side == "compass"))
+    means = covariates.references(state.case.covariates)
+    logged = dict.fromkeys(name for t in simulation.terms for name in t.needs if name in state.case.covariates)
+    return Applied(simulation, estimate.covariance[np.ix_(index, index)], means, tuple(logged))

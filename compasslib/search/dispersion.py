@@ -1,0 +1,133 @@
+"""By how much the record's own noise inflates a score test's statistic: uneven, slow, or water that feigns iron."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib.core import angles
+from compasslib.core.types import Floats
+from compasslib.search import baseline
+from compasslib.search.baseline import State
+from compasslib.search.columns import Group
+from compasslib.stats.whitening import directions
+
+BLOCK_S = 10 * 86400.0
+CLUSTER_S = 2 * 86400.0  # longer than the memory that the filter leaves
+REPEATS = 300
+SLOW, WEEKLY = (400.0, 14.0), (14.0, 5.0)  # longest and shortest periods, days
+FEWEST_WAVES = 8
+WATERS = (2, 3, 4)  # harmonics of the heading that water's veer reaches and iron's change hardly does
+TRUSTED = 6.0  # directions' worth of trust that there is no such water
+TRIMMED, MEAN_OF_TRIMMED = 0.95, 0.759  # share of the smallest of chi-squared values that are kept, and their mean
+
+
+def resampled(state: State, seed: int, repeats: int = REPEATS) -> Floats:
+    """Return draws of the record's own noise: blocks of days of its innovations at other dates, turned at random.
+
+    What changes over weeks is taken out first: a real drift must not raise the bar for itself.
+
+    Args:
+        state: the simulation where it stands.
+    """
+    counts = np.isfinite(state.whitener.width_deg)
+    trend = directions(state.projected(baseline.trend(state.case.scene.time_s).astype(np.float32)))
+    innovation = (state.innovation - trend @ (trend.T @ state.innovation))[counts].astype(np.float32)
+    rng, n = np.random.default_rng(seed), len(innovation)
+    step = float(np.median(np.diff(state.case.scene.time_s)))
+    length = int(np.clip(BLOCK_S / step, 5, max(n // 10, 5)))
+    blocks = -(-n // length)
+    begin = rng.integers(0, n, (repeats, blocks))
+    sign = rng.choice([-1.0, 1.0], (repeats, blocks)).astype(np.float32)
+    windows = np.lib.stride_tricks.sliding_window_view(np.concatenate([innovation, innovation]), length)
+    result = np.zeros((repeats, len(counts)), dtype=np.float32)
+    result[:, counts] = (windows[begin] * sign[:, :, None]).reshape(repeats, -1)[:, :n]
+    return result
+
+
+def uneven(state: State, basis: Floats) -> float:
+    """Return what the noise makes of a group's statistic where the group weighs most, 1 where noise is even.
+
+    Real water scatters more in some weeks and at some headings than speeds tell. The group's own fit is taken out, and
+    the scores of blocks of days are squared as they are (a sandwich by clusters; Liang and Zeger, Biometrika 73, 1986).
+
+    Args:
+        state: the simulation where it stands.
+        basis: the group's whitened columns, orthonormal, (n, k).
+    """
+    left = state.innovation - basis @ (basis.T @ state.innovation)
+    time_s = state.case.scene.time_s
+    starts = np.unique(np.floor((time_s - time_s[0]) / CLUSTER_S), return_index=True)[1]
+    sums = np.add.reduceat(basis * left[:, None], starts, axis=0)
+    return float(np.sum(sums**2)) / basis.shape[1] / state.sigma**2 * len(starts) / max(len(starts) - 1, 1)
+
+
+def slow(state: State, every: Floats, begins: NDArray[np.intp], freedom: Floats) -> Floats:
+    """Return by how much each group's statistic is inflated by slow changes that the filter and the blocks do not hold.
+
+    Water veers for weeks. What the record holds at periods of about a week, beyond white noise, is taken for the noise
+    of every group as far as the group is slow itself; drifts, steps and seasons hardly reach to such short periods.
+
+    Args:
+        state: the simulation where it stands.
+        every: orthonormal whitened columns of all groups, (n, k).
+        begins: first column of each group, (g,).
+        freedom: number of columns of each group, (g,).
+    """
+    days = float(np.ptp(state.case.scene.time_s)) / 86400.0
+    monthly, weekly = (np.arange(int(days / longest), int(days / shortest) + 1) for longest, shortest in (SLOW, WEEKLY))
+    if len(weekly) < FEWEST_WAVES:
+        return np.ones(len(freedom))
+    heard = _waves(state, weekly)
+    power = np.sort((heard.T @ state.innovation) ** 2)[: round(TRIMMED * heard.shape[1])] / state.sigma**2
+    excess = float(power.mean()) / MEAN_OF_TRIMMED
+    share = np.add.reduceat(np.sum((every.T @ _waves(state, monthly)) ** 2, axis=1), begins) / freedom
+    return 1.0 + max(excess - 1.0, 0.0) * share
+
+
+def by_water(state: State, groups: Sequence[Group]) -> Floats:
+    """Return by how much the statistics of terms are inflated by water whose veer by direction changes as they do.
+
+    A wake locks the heading to the flow, so that water which veers otherwise from some date on, or as it warms, feigns
+    an instrument that changes. Such water does not stop at iron's first harmonic. What higher harmonics of the heading
+    hold along the same change, beside the term itself, is therefore taken for noise of it.
+
+    Args:
+        state: the simulation where it stands.
+        groups: columns of terms.
+    """
+    heading, found = np.nan_to_num(state.heading_deg), np.ones(len(groups))
+    turning = np.column_stack([x for k in WATERS for x in angles.sin_cos(k * heading)]).astype(np.float32)
+    always = state.projected(turning)
+    for k, group in enumerate(groups):
+        change = None if group.term is None else group.term.change(state.case.scene)
+        if change is None:
+            continue
+        kept = directions(np.concatenate([state.projected(group.columns.astype(np.float32)), always], axis=1))
+        white = state.projected((turning * change[:, None]).astype(np.float32))
+        basis = directions(white - kept @ (kept.T @ white))
+        heard = float(np.sum((basis.T @ state.innovation) ** 2)) / state.sigma**2
+        found[k] = max((heard + TRUSTED) / (basis.shape[1] + TRUSTED), 1.0)
+    return found
+
+
+def usual(groups: Sequence[Group], inflation: Floats) -> Floats:
+    """Return the middle inflation of each term over its dates: the best of many dates is often that of a low estimate.
+
+    Args:
+        groups: columns.
+        inflation: of each group, (g,).
+    """
+    kinds = [type(group.term) for group in groups]
+    dated = [group.term is not None and group.term.dated() for group in groups]
+    middle = {kind: np.median(inflation[[k is kind for k in kinds]]) for kind in set(kinds)}
+    return np.array([middle[kind] if has else 0.0 for kind, has in zip(kinds, dated, strict=True)])
+
+
+def _waves(state: State, number: NDArray[np.intp]) -> Floats:
+    """Return an orthonormal basis of waves over the record, projected."""
+    time_s = state.case.scene.time_s
+    phase = 360.0 * (time_s - time_s[0])[:, None] / np.ptp(time_s) * np.maximum(number, 1)
+    return directions(state.projected(np.column_stack(angles.sin_cos(phase)).astype(np.float32)))

@@ -1,0 +1,175 @@
+"""Coefficients, terms and nuisances refitted together in the forward model, with their covariance."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from compasslib.core import angles
+from compasslib.core.types import Floats
+from compasslib.effects import Term
+from compasslib.search import baseline, columns, scan
+from compasslib.search.baseline import State
+from compasslib.stats import whitening
+from compasslib.stats.whitening import Whitener
+
+ROUNDS = 4
+LONGEST_STEP = 12.0  # in the parameters' own steps of about a degree
+CLOSE_ENOUGH = 0.02
+WORSE = 1.5  # growth of the residual at which a step is not taken
+DAMPING = 1e-4  # of whitened columns of length one: waves of the tides, sampled twice a day, stand for a constant too
+BLOCK_S = 10 * 86400.0
+NEARBY_S, FINE_S = 12 * 86400.0, 86400.0  # reach and spacing of the finer search of a date
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """The refit's solution."""
+
+    state: State
+    covariance: Floats  # (b, b) of A..E, the terms' parameters and the nuisances
+
+    @property
+    def term_covariances(self) -> list[Floats]:
+        """Covariance of each term's own parameters."""
+        ends = 5 + np.cumsum([0, *(len(term.fitted()) for term in self.state.simulation.terms)])
+        return [self.covariance[a:b, a:b] for a, b in itertools.pairwise(ends)]
+
+
+def refit(state: State, terms: Sequence[Term]) -> State:
+    """Return the state with terms beside the compass, all fitted together by Gauss and Newton's steps.
+
+    Args:
+        state: where to start.
+    """
+    simulation, nuisance = replace(state.simulation, terms=tuple(terms)), state.nuisance
+    now = baseline.examine(state.case, simulation, nuisance)
+    for _ in range(ROUNDS):
+        step, count = _step(now), len(simulation.parameters)
+        step *= min(1.0, LONGEST_STEP / max(np.max(np.abs(step[:count]) / simulation.steps), 1e-12))
+        simulation, nuisance = simulation.at(simulation.parameters + step[:count]), nuisance + step[count:]
+        try:
+            then = baseline.examine(state.case, simulation, nuisance)
+        except baseline.Lost:  # no such compass: what was reached before stands
+            break
+        if _size(then, now) > WORSE * _size(now, now):
+            break
+        now = then
+        if np.max(np.abs(step[:count]) / simulation.steps) < CLOSE_ENOUGH:
+            break
+    return now
+
+
+def _size(state: State, common: State) -> float:
+    """Return the middle size of a state's residual over another's widths."""
+    return float(np.nanmedian(np.abs(angles.wrap180(state.residual_deg)) / common.whitener.width_deg))
+
+
+def dated(state: State) -> State:
+    """Return the state with the dates of its terms looked for more finely, refitted.
+
+    Args:
+        state: with terms.
+    """
+    terms = list(state.simulation.terms)
+    if not any(term.dated() for term in terms):
+        return state
+    for k, term in enumerate(terms):
+        if not term.dated():
+            continue
+        others = [t for j, t in enumerate(terms) if j != k]
+        free = refit(state, others)
+        near = np.arange(term.date - NEARBY_S, term.date + NEARBY_S, FINE_S)
+        tried = columns.of_dates(free, type(term), near)
+        best = tried[int(np.argmax(scan.gains(free, tried)))].term
+        assert best is not None
+        terms[k] = best.at(term.values)
+    return refit(state, terms)
+
+
+def estimate(state: State) -> Estimate:
+    """Return the covariance of everything that was refitted, from the scores of blocks of days.
+
+    Args:
+        state: with terms.
+    """
+    white = state.whitener(state.base)
+    inverse = whitening.inverse((white.T @ white + np.diag(state.base_ridge)) * state.response)
+    scores = white * state.innovation[:, None]
+    block = np.floor((state.case.scene.time_s - state.case.scene.time_s[0]) / BLOCK_S).astype(int)
+    sums = np.stack([np.bincount(block, column) for column in scores.T], axis=1)
+    model_based = inverse * state.sigma**2 / state.response
+    count = max(int(np.sum(np.bincount(block) > 0)), 2)
+    robust = inverse @ (sums.T @ sums) @ inverse * count / (count - 1)
+    share = np.sqrt(np.maximum(np.diag(robust) / np.maximum(np.diag(model_based), 1e-300), 1.0))
+    return Estimate(state, model_based * np.outer(share, share))
+
+
+def effect_deg(state: State, k: int, covariance: Floats) -> float:
+    """Return the visible size of a fitted term, rms degrees, freed of what its own uncertainty adds.
+
+    Args:
+        state: with terms.
+        k: position of the term.
+    """
+    ends = 5 + np.cumsum([0, *(len(term.fitted()) for term in state.simulation.terms)])
+    others = np.column_stack([state.base[:, :5], state.base[:, ends[-1] :]])
+    own, values = state.base[:, ends[k] : ends[k + 1]], state.simulation.terms[k].values
+    weight = 1.0 / state.whitener.width_deg
+    taken, *_ = np.linalg.lstsq(others * weight[:, None], own * weight[:, None], rcond=1e-9)
+    seen = (own - others @ taken)[weight > 0]
+    product = seen.T @ seen / len(seen)
+    return float(np.sqrt(max(float(values @ product @ values) - float(np.sum(product * covariance)), 0.0)))
+
+
+def gained(before: State, after: State) -> float:
+    """Return the statistic that one hypothesis gains on another, each where it stands, in units of the score.
+
+    Twice the log-likelihood is followed along the straight way from one to the other, by the mean of the clipped and
+    whitened residuals at its ends: squares of clipped residuals alone do not see by how much a direction far off moves.
+    What the base of either could still take is no gain. A sample without a root counts in full.
+
+    Args:
+        before: the hypothesis that gives widths and filter.
+    """
+    whitener = before.whitener
+    lost, width = ~np.isfinite(after.residual_deg), whitener.width_deg
+    first, second = (whitening.clipped(np.nan_to_num(x.residual_deg), width) for x in (before, after))
+    second = np.where(lost, np.minimum(whitening.CLIP, 90.0 / width), second)
+    moved = angles.difference(np.nan_to_num(before.residual_deg), np.nan_to_num(after.residual_deg)) / width
+    ends = [_left(x, whitener, standard) for x, standard in ((before, first), (after, second))]
+    way = whitener.filtered(np.where(lost, first - second, moved)[:, None])[:, 0]
+    return float(sum(ends) @ way) * before.response / before.sigma**2
+
+
+def _left(state: State, whitener: Whitener, standard: Floats) -> Floats:
+    """Return a residual filtered, without what the state's base can take of it."""
+    white, basis = whitener.filtered(standard[:, None])[:, 0], whitening.orthonormal(whitener(state.base))
+    return np.asarray(white - basis @ (basis.T @ white))
+
+
+def sizes_deg(state: State) -> list[float]:
+    """Return the visible size of each term, rms degrees.
+
+    Args:
+        state: with terms.
+    """
+    return [effect_deg(state, k, covariance) for k, covariance in enumerate(estimate(state).term_covariances)]
+
+
+def _step(state: State) -> Floats:
+    """Return the least-squares step of all parameters from the whitened, clipped residual."""
+    white = state.whitener(state.base)
+    scale = np.linalg.norm(white, axis=0)
+    scale = np.where(scale > 0.0, scale, 1.0)
+    # The residual of the state has the base taken out already: put the step back that did so.
+    total = state.whitener.filtered(state.standard[:, None])[:, 0]
+    unit, ridge = white / scale, state.base_ridge / scale**2
+    values = np.zeros(len(scale))
+    values[5 : len(state.simulation.parameters)] = state.simulation.parameters[5:]
+    pull = unit.T @ total / state.response - ridge * (values + state.shift) * scale
+    step = np.linalg.solve(unit.T @ unit + np.diag(DAMPING + ridge), pull)
+    return np.asarray(step / scale + state.shift)

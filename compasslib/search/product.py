@@ -1,0 +1,138 @@
+"""The compass that corrects a record: the configured fit, or the exact compass with what was found on its side.
+
+It stands in deviation.json, so that the correction needs nothing else and an archive tells what it was made by.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from compasslib.core import angles, compass
+from compasslib.core.records import BAD, EarthField, Pairs, Record
+from compasslib.core.types import Floats
+from compasslib.deviation import model
+from compasslib.deviation.along import Along
+from compasslib.deviation.model import Fit
+
+if TYPE_CHECKING:  # the jobs that correct need no search
+    from compasslib.search.applied import Applied
+    from compasslib.search.verdict import Diagnosis
+
+
+Series = Mapping[str, Floats]
+
+
+@dataclass(frozen=True)
+class Product:
+    """What corrects a record."""
+
+    fit: Fit  # the compass; the configured one where nothing was found on its side
+    effects: tuple[str, ...] = ()  # what the search found on the compass side and put into it
+    applied: Applied | None = None  # the compass with those effects; None where the fit by itself holds them
+    accounted: tuple[str, ...] = ()  # of clocks and water: the fit is freed of them, headings are not touched
+    left_deg: float = 0.0  # visible size of what was seen and is not corrected, rms
+
+    @property
+    def searched(self) -> bool:
+        """Whether it is another than the configured fit."""
+        return bool(self.effects or self.accounted)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the block ``applied`` of deviation.json."""
+        return {
+            "method": self.fit.method,
+            "effects": list(self.effects),
+            "accounted_for": list(self.accounted),
+            "fit": self.fit.to_json() if self.searched else None,
+            "compass": None if self.applied is None else self.applied.to_json(),
+            "uncorrected_deg": self.left_deg,
+        }
+
+
+def of(fit: Fit, diagnosis: Diagnosis) -> Product:
+    """Return what is to correct the record after the search for left-out physics."""
+    left_deg = _left(diagnosis)
+    if diagnosis.fit is None:
+        return Product(fit, left_deg=left_deg)
+    effects = tuple(one.effect for one in diagnosis.findings if one.applied)
+    accounted = tuple(one.effect for one in diagnosis.findings if one.beside_compass)
+    return Product(diagnosis.fit, effects, diagnosis.applied, accounted, left_deg)
+
+
+def _left(diagnosis: Diagnosis) -> float:
+    """Return the visible size of what bends the compass, or may, and does not enter the product, rms degrees."""
+    sizes = [one.rms_effect_deg for one in diagnosis.findings if not one.applied and one.of_compass]
+    sizes += [] if diagnosis.unexplained is None else [diagnosis.unexplained.rms_effect_deg]
+    return float(np.hypot.reduce(sizes)) if sizes else 0.0
+
+
+def from_json(content: Mapping[str, Any]) -> Product:
+    """Return what a deviation.json says the record is to be corrected by.
+
+    Args:
+        content: the file's content.
+    """
+    block = content["applied"]
+    if block["fit"] is None:
+        return Product(model.from_json(content), left_deg=block["uncorrected_deg"])
+    applied = None if block["compass"] is None else _applied(block["compass"])
+    fit, effects, accounted = model.from_json(block["fit"]), tuple(block["effects"]), tuple(block["accounted_for"])
+    return Product(fit, effects, applied, accounted, block["uncorrected_deg"])
+
+
+def plain(product: Product, pairs: Pairs, record: Record, field: EarthField, series: Series) -> Pairs:
+    """Return the pairs as the compass by itself would have recorded them, without what was found beside it.
+
+    A method that knows five coefficients and no effects can go on from there.
+
+    Args:
+        pairs: overlapping measurements, at times of the record.
+        record: the compromised instrument.
+        series: what was logged besides at the record's samples.
+    """
+    when = np.searchsorted(record.time_s, pairs.time_s)
+    at = along(product, model.chosen(record, when), field, {name: column[when] for name, column in series.items()})
+    if at is None:
+        return pairs
+    heading = model.nearest_root(at.roots(), model.observed_heading(pairs))
+    recorded = compass.recorded_heading(product.fit.coefficients, heading)
+    shift = np.nan_to_num(angles.difference(recorded, pairs.heading_deg))
+    east, north = angles.turn(pairs.upper_east, pairs.upper_north, shift)
+    return replace(pairs, heading_deg=angles.wrap360(pairs.heading_deg + shift), upper_east=east, upper_north=north)
+
+
+def along(product: Product, record: Record, field: EarthField, series: Series) -> Along | None:
+    """Return the compass at every sample of the record, None where the fit by itself says it.
+
+    Args:
+        record: the compromised instrument.
+        series: what was logged besides, (n,) each, see ``covariates.logged``.
+    """
+    if product.applied is None:
+        return None
+    applied, recorded = product.applied, np.where(record.heading_quality < BAD, record.heading_deg, np.nan)
+    scene = applied.scene(record.time_s, recorded, (record.pitch_deg, record.roll_deg), series, field=field)
+    return applied.along(scene, recorded)
+
+
+def _applied(content: Mapping[str, Any]) -> Applied:
+    # Here, because most of a correcting job's imports are the catalogue, and not every product has effects.
+    from compasslib import effects as physics
+    from compasslib.effects.composition import Simulation
+    from compasslib.search.applied import Applied
+
+    forms, terms = {term.__name__: term for term in physics.CATALOGUE}, []
+    for entry in content["terms"]:
+        values = {name: value for name, value in entry.items() if name not in ("effect", "form")}
+        terms.append(forms[entry["form"]](**values))
+    coefficients = np.array([content["coefficients"][letter] for letter in model.LETTERS])
+    return Applied(
+        simulation=Simulation(coefficients, content["horizontal_nT"], tuple(terms)),
+        covariance=np.array(content["covariance"]),
+        references=content["references"],
+        logged=tuple(content["logged"]),
+    )

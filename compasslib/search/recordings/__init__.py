@@ -1,0 +1,1 @@
+"""The search of short recordings: benches, logs, swings, two heads."""

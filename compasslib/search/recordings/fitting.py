@@ -1,0 +1,194 @@
+"""A hypothesis refitted: base parameters and terms together, by Gauss and Newton's steps with Huber's weights."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib.calibration.heads.motion import blocks, small_sample
+from compasslib.core.types import Floats
+from compasslib.effects.term import Term
+from compasslib.search.recordings.channel import Channel
+from compasslib.stats import memory, whitening
+from compasslib.stats.autocorrelation import effective_number
+
+ROUNDS, CLOSE_ENOUGH, LONGEST_STEP = 12, 1e-3, 12.0
+CLIP = 3.0  # robust widths
+FINEST_DEG = 1e-4  # no heading is known better
+MOST_BLOCKS, FEWEST_BLOCKS, SAMPLES_IN_BLOCK = 40, 10, 5.0
+PROBE = 0.02  # of a step, for differences
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A hypothesis at its best parameters."""
+
+    channel: Channel
+    base: Floats  # (b,)
+    terms: tuple[Term, ...]
+    residual_deg: Floats  # (n,)
+    columns: Floats  # (n, b + p) derivative of the simulated heading by each parameter, degrees a unit
+    scale_deg: float
+
+    @property
+    def clipped(self) -> Floats:
+        """Return the residual, clipped where samples are many enough to know a width, (n,)."""
+        if self.channel.independent:
+            return self.residual_deg
+        return np.clip(self.residual_deg, -CLIP * self.scale_deg, CLIP * self.scale_deg)
+
+    @cached_property
+    def whitener(self) -> Floats:
+        """Return what makes stretches independent, were this residual noise, (n, n)."""
+        return memory.whitener(self.clipped, self.columns)
+
+    @property
+    def square(self) -> float:
+        """Return the sum of the squares."""
+        return float(self.clipped @ self.clipped)
+
+    def projected(self, columns: Floats) -> Floats:
+        """Return columns without what the parameters can take of them, (n, k).
+
+        Args:
+            columns: (n, k).
+        """
+        basis = whitening.orthonormal(self.columns)
+        return columns - basis @ (basis.T @ columns)
+
+
+def fit(
+    channel: Channel, terms: Sequence[Term], *, near: Fitted | None = None, use: NDArray[np.bool_] | None = None
+) -> Fitted:
+    """Return a hypothesis refitted.
+
+    Args:
+        terms: beside the base, where the fit begins; their dates stay.
+        near: a fit whose base is taken to begin with.
+        use: samples that count, (n,).
+    """
+    base = channel.start if near is None else near.base
+    theta = np.concatenate([base, *(term.values for term in terms)])
+    steps = np.concatenate([channel.steps, *(term.steps() for term in terms)])
+    keep = np.ones(len(channel), dtype=bool) if use is None else use
+    best, least = _at(channel, theta, tuple(terms), steps), np.inf
+    theta_best = theta
+    for _ in range(ROUNDS):
+        now = _at(channel, theta, tuple(terms), steps)
+        square = float(np.sum(now.clipped[keep] ** 2))
+        if square > least * (1.0 + 1e-9):  # a step too long
+            theta = (theta + theta_best) / 2.0
+            continue
+        gained, best, least, theta_best = least - square, now, square, theta
+        if not len(steps):
+            break
+        step = _step(now, steps, keep)  # in the parameters' own steps
+        longest = float(np.max(np.abs(step)))
+        theta = theta + step * steps * min(1.0, LONGEST_STEP / max(longest, 1e-12))
+        if longest < CLOSE_ENOUGH or gained < 1e-9 * square:
+            break
+    return best
+
+
+def _at(channel: Channel, theta: Floats, terms: tuple[Term, ...], steps: Floats) -> Fitted:
+    """Return the residual and its derivative where the parameters stand."""
+    base, placed = _split(channel, theta, terms)
+    residual = channel.residual(base, placed)
+    columns = np.zeros((len(channel), len(theta)))
+    for j in np.flatnonzero(steps):  # a step of 0 holds a parameter
+        probe = PROBE * steps[j]
+        more = channel.residual(*_split(channel, theta + probe * (np.arange(len(theta)) == j), terms))
+        columns[:, j] = (residual - more) / probe
+    scale = max(1.4826 * float(np.median(np.abs(residual - np.median(residual)))), FINEST_DEG)
+    return Fitted(channel, base, placed, residual, columns, scale)
+
+
+def _split(channel: Channel, theta: Floats, terms: tuple[Term, ...]) -> tuple[Floats, tuple[Term, ...]]:
+    ends = np.cumsum([len(channel.start), *(len(term.fitted()) for term in terms)])
+    parts = np.split(theta, ends[:-1])
+    return parts[0], tuple(term.at(part) for term, part in zip(terms, parts[1:], strict=True))
+
+
+def _step(now: Fitted, steps: Floats, keep: NDArray[np.bool_]) -> Floats:
+    """Return the weighted least-squares step in the parameters' own steps; directions that nothing determines stay."""
+    size = np.maximum(np.abs(now.residual_deg), 1e-300)
+    weight = np.sqrt(np.minimum(1.0, CLIP * now.scale_deg / size)) * keep
+    if now.channel.independent:
+        weight = keep.astype(float)
+    columns = now.columns * steps
+    step, *_ = np.linalg.lstsq(columns * weight[:, None], now.residual_deg * weight, rcond=1e-6)
+    return np.asarray(step)
+
+
+def stretches(fitted: Fitted) -> NDArray[np.intp]:
+    """Return the block of each sample, (n,): longer than the memory, each reading one where there is none.
+
+    Args:
+        fitted: a hypothesis that fits.
+    """
+    channel = fitted.channel
+    if channel.independent:
+        return np.arange(len(channel))
+    order = np.arange(len(channel), dtype=float)
+    count = int(np.clip(effective(fitted) / SAMPLES_IN_BLOCK, FEWEST_BLOCKS, MOST_BLOCKS))
+    return blocks(order, count)
+
+
+def effective(fitted: Fitted) -> float:
+    """Return how many independent samples the residual is worth.
+
+    Args:
+        fitted: a hypothesis that fits.
+    """
+    n = len(fitted.channel)
+    if fitted.channel.independent:
+        return float(n)
+    if fitted.channel.remembered:
+        return memory.effective(fitted.clipped, fitted.columns)
+    return effective_number(fitted.clipped, np.arange(n, dtype=float), longest_s=n / 10.0)
+
+
+def covariance(fitted: Fitted) -> Floats:
+    """Return the covariance of base and terms: by the scores of blocks, never below that of independent samples.
+
+    What the simulation itself does not know is added, as if it lay all along each parameter's own column.
+
+    Args:
+        fitted: a hypothesis that fits.
+    """
+    if fitted.channel.remembered:
+        return memory.covariance(fitted.clipped, fitted.columns)
+    columns, residual, block = fitted.columns, fitted.clipped, stretches(fitted)
+    inverse = whitening.inverse(columns.T @ columns)
+    free = max(len(residual) - columns.shape[1], 1)
+    plain = inverse * fitted.square / free * small_sample(free + 1) ** 2
+    if fitted.channel.independent:
+        return plain
+    scores = columns * residual[:, None]
+    sums = np.stack([np.bincount(block, column) for column in scores.T], axis=1)
+    count = len(sums)
+    robust = inverse @ (sums.T @ sums) @ inverse * count / (count - 1) * small_sample(count) ** 2
+    share = np.sqrt(np.maximum(np.diag(robust) / np.maximum(np.diag(plain), 1e-300), 1.0))
+    rule = fitted.channel.rule_deg**2 * len(residual) * np.diag(np.diag(inverse))
+    return plain * np.outer(share, share) + rule
+
+
+def effect_deg(fitted: Fitted, k: int, noise_square: float = 0.0) -> float:
+    """Return the visible size of a term: what no other parameter can take of it, rms degrees.
+
+    Args:
+        fitted: with terms.
+        k: position of the term.
+        noise_square: mean square that noise alone would give, square degrees.
+    """
+    ends = len(fitted.base) + np.cumsum([0, *(len(term.fitted()) for term in fitted.terms)])
+    own = slice(int(ends[k]), int(ends[k + 1]))
+    rest = [term for j, term in enumerate(fitted.terms) if j != k]
+    without = fitted.channel.residual(fitted.base, tuple(rest)) - fitted.residual_deg
+    others = whitening.orthonormal(np.delete(fitted.columns, np.arange(own.start, own.stop), axis=1))
+    left = without - others @ (others.T @ without)
+    return float(np.sqrt(max(float(np.mean(left**2)) - noise_square, 0.0)))

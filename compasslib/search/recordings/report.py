@@ -1,0 +1,303 @@
+"""Findings made of a search: where, when, how large, how sure, in numbers and in sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib.core import angles
+from compasslib.core.types import Floats
+from compasslib.effects.term import Term
+from compasslib.search import show, verdict
+from compasslib.search.recordings import fitting, search, wording
+from compasslib.search.recordings.channel import Channel
+from compasslib.search.recordings.fitting import Fitted
+from compasslib.search.recordings.search import Named
+from compasslib.search.show import Curve, HeldOut
+from compasslib.search.verdict import Diagnosis, Finding, Parameter, Ranked, Unexplained, Where
+from compasslib.stats import memory
+
+FOLDS, BINS, FEWEST_IN_BIN = 5, 18, 5
+RANGE = (0.05, 0.95)
+OUTSIDE = 3.0  # standard errors by which a bin leaves the band
+
+
+def findings(named: Named) -> list[Finding]:
+    """Return one finding for each chosen term."""
+    if not named.fitted.terms:
+        return []
+    covariance = fitting.covariance(named.fitted)
+    return [_finding(named, k, covariance) for k in range(len(named.fitted.terms))]
+
+
+def _finding(named: Named, k: int, covariance: Floats) -> Finding:
+    fitted, channel = named.fitted, named.fitted.channel
+    term, others = fitted.terms[k], named.alternatives[k]
+    parameters = _parameters(fitted, k, covariance)
+    proof = held_out(fitted, k)
+    place = where(channel, wording.along(term.name, channel.covariates), named.before)
+    begin = term.date if term.dated() else float(channel.time_s[0])
+    span = (begin, float(channel.time_s[-1])) if channel.clocked else None
+    size = named.entries[k].size_deg
+    numbers = {name: (p.value, p.sigma, p.unit) for name, p in parameters.items()}
+    if term.dated():
+        place = since(channel, begin)
+    text = wording.finding(
+        term.name, others, where=place.text, parameters=numbers, size_deg=size, proof=proof, what=channel.what
+    )
+    return Finding(term.name, term.side, others, place, span, parameters, size, proof, text)
+
+
+def _parameters(fitted: Fitted, k: int, covariance: Floats) -> dict[str, Parameter]:
+    ends = len(fitted.base) + np.cumsum([0, *(len(term.fitted()) for term in fitted.terms)])
+    sigma, term = np.sqrt(np.maximum(np.diag(covariance), 0.0))[ends[k] :], fitted.terms[k]
+    found = {}
+    for j, name in enumerate(term.fitted()):
+        factor, unit = fitted.channel.unit(term, j)
+        plain = name if factor == 1.0 and unit == term.units()[j] else name.replace("_nT", "")
+        found[plain] = Parameter(factor * float(term.values[j]), factor * float(sigma[j]), unit)
+    return found
+
+
+def held_out(fitted: Fitted, k: int) -> HeldOut:
+    """Return what a term adds on stretches that were not fitted, the others refitted with and without it.
+
+    Args:
+        fitted: with terms.
+        k: position of the term.
+    """
+    rest = [term for j, term in enumerate(fitted.terms) if j != k]
+    return _compared(fitted, fitted, rest)
+
+
+def held_out_base(fitted: Fitted, part: slice) -> HeldOut:
+    """Return what some of the base parameters add on stretches that were not fitted, all others refitted.
+
+    Args:
+        fitted: with terms.
+    """
+    steps = fitted.channel.steps.copy()
+    steps[part] = 0.0
+    without = replace(fitted, channel=replace(fitted.channel, steps=steps), base=fitted.base * (steps > 0.0))
+    return _compared(without, fitted, list(fitted.terms))
+
+
+def _compared(less: Fitted, fitted: Fitted, terms: Sequence[Term]) -> HeldOut:
+    """Return the gain of a fit over one with fewer parameters on held-out stretches."""
+    block = fitting.stretches(fitted)
+    folds = min(FOLDS, block.max() + 1) if not fitted.channel.independent else block.max() + 1
+    before, after = left_out(less, terms, block, folds), left_out(fitted, fitted.terms, block, folds)
+    scale = max(1.4826 * float(np.median(np.abs(before))), fitting.FINEST_DEG)
+    squares = [np.minimum(np.abs(left) / scale, fitting.CLIP) ** 2 for left in (before, after)]
+    return show.judged((squares[0] - squares[1]) / 2.0, block, (angles.rms(before), angles.rms(after)))
+
+
+def left_out(fitted: Fitted, terms: Sequence[Term], block: NDArray[np.intp], folds: int) -> Floats:
+    """Return the residual of each stretch by a fit to the others, (n,) degrees.
+
+    Args:
+        fitted: to start from.
+        terms: what is fitted beside the base.
+        block: number of the stretch, (n,).
+        folds: so many stretches after another are in different folds.
+    """
+    left = np.empty(len(fitted.channel))
+    for fold in range(folds):
+        out = block % folds == fold
+        left[out] = fitting.fit(fitted.channel, terms, near=fitted, use=~out).residual_deg[out]
+    return left
+
+
+def unexplained(named: Named, min_effect_deg: float) -> tuple[Unexplained | None, tuple[tuple[str, float], ...]]:
+    """Return what stays proven and without a name, and what is too small to matter.
+
+    Args:
+        min_effect_deg: visible size below which a mismatch does not matter.
+    """
+    worth = [one for one in named.left if one[1] >= min_effect_deg]
+    least = search.WORTH_SAYING * min_effect_deg
+    small = {one.group.name: size for one, size in named.left if least < size < min_effect_deg}
+    if not worth:
+        return None, tuple(small.items())
+    first, size = max(worth, key=lambda one: one[1])
+    channel = named.fitted.channel
+    alone = first.group.columns.shape[1] == 1
+    places = [
+        _held_by(channel, name, first.group.columns[:, 0]) if alone else where(channel, name, named.fitted)
+        for name in first.group.covariates
+    ]
+    span = (float(channel.time_s[0]), float(channel.time_s[-1])) if channel.clocked else None
+    span = (places[0].low, places[0].high) if alone and channel.clocked and places[0].covariate == "time" else span
+    curves = tuple(curve(named.fitted, named.fitted, name) for name in first.group.covariates)
+    said = wording.unexplained(" and ".join(p.text for p in places), size, [t.name for t in named.fitted.terms])
+    return Unexplained(first.group.covariates, places[0], span, size, curves, said), tuple(small.items())
+
+
+def where(channel: Channel, name: str, fitted: Fitted) -> Where:
+    """Return the range of a covariate in which the binned residual leaves its band; all of it where no bin does.
+
+    Args:
+        fitted: whose residual is looked at.
+    """
+    column, shown = channel.covariates[name], curve(fitted, fitted, name)
+    low, high = (float(x) for x in np.quantile(column, RANGE))
+    far = np.abs(shown.before_deg) > OUTSIDE * shown.sigma_deg
+    if far.any() and not far.all() and len(shown.centre) > 1:
+        half = float(np.median(np.diff(shown.centre))) / 2.0
+        low = max(float(shown.centre[far].min()) - half, float(column.min()))
+        high = min(float(shown.centre[far].max()) + half, float(column.max()))
+    return Where(name, low, high, wording.place(name, low, high, channel.clocked))
+
+
+def _held_by(channel: Channel, name: str, column: Floats) -> Where:
+    """Return the range of a covariate that a local error covers; one of headings may go through north."""
+    inside = channel.covariates[name][column > np.max(column) / 2.0]
+    low, high = float(inside.min()), float(inside.max())
+    if name == "heading":
+        middle = angles.mean(inside)
+        away = angles.difference(inside, middle)
+        low, high = (float(angles.wrap360(middle + end)) for end in (away.min(), away.max()))
+    return Where(name, low, high, wording.place(name, low, high, channel.clocked))
+
+
+def since(channel: Channel, date_s: float) -> Where:
+    """Return the time from a date on.
+
+    Args:
+        date_s: by its time.
+    """
+    last = float(channel.time_s[-1])
+    name = "time" if channel.clocked else "reading"
+    if channel.clocked:
+        return Where(name, date_s, last, f"from {verdict.stamp(date_s)} on")
+    first = int(np.searchsorted(channel.time_s, date_s))
+    return Where(name, float(channel.time_s[first]), last, f"from reading {channel.time_s[first]:.0f} on")
+
+
+def curve(before: Fitted, after: Fitted, name: str) -> Curve:
+    """Return the residual in bins of a covariate, with and without terms, and the standard error of each bin.
+
+    Args:
+        before: without terms.
+        after: with terms.
+    """
+    column = before.channel.covariates[name]
+    count = int(np.clip(len(column) // 4, 4, BINS))
+    edges = np.unique(np.quantile(column, np.linspace(0.0, 1.0, count + 1)))
+    if name == "heading":
+        edges = np.linspace(0.0, 360.0, min(2 * BINS, 2 * count) + 1)
+    bins = np.clip(np.searchsorted(edges, column, side="right") - 1, 0, len(edges) - 2)
+    there = np.bincount(bins, minlength=len(edges) - 1)
+    least = 1 if before.channel.independent or before.channel.remembered else FEWEST_IN_BIN
+    held = np.flatnonzero(there >= least)
+    centre = np.bincount(bins, column, len(edges) - 1)[held] / there[held]
+    left = (before.clipped if before is after else before.residual_deg, after.clipped)
+    means = [np.bincount(bins, one, len(edges) - 1)[held] / there[held] for one in left]
+    return Curve(name, centre, means[0], means[1], _bin_sigma(after, bins, held, there), after.channel.what)
+
+
+def _bin_sigma(after: Fitted, bins: NDArray[np.intp], held: NDArray[np.intp], there: NDArray[np.intp]) -> Floats:
+    """Return the standard error of a bin's mean: samples of one stretch of time in it count once."""
+    scatter = float(np.std(after.clipped))
+    if after.channel.independent:
+        return scatter / np.sqrt(there[held])
+    if after.channel.remembered:
+        weights = (bins[:, None] == held) / there[held]
+        return memory.of_sums(after.clipped, after.columns, weights)
+    block = fitting.stretches(after)
+    apart = np.array([len(np.unique(block[bins == b])) for b in held])
+    within = [_between(after.clipped[bins == b], block[bins == b]) for b in held]
+    return np.maximum(np.array(within), scatter / np.sqrt(there[held])) / np.where(apart < 2, 0.5, 1.0)
+
+
+def _between(x: Floats, block: NDArray[np.intp]) -> float:
+    """Return the standard error of a mean from the sums of the stretches."""
+    sums = np.bincount(block, x - x.mean())
+    return float(np.sqrt(np.sum(sums**2))) / len(x)
+
+
+def diagnosis(
+    parts: Sequence[Named],
+    *,
+    min_effect_deg: float,
+    beside: Sequence[Finding] = (),
+    not_testable: Sequence[tuple[str, str]] = (),
+    separated_by: str | None = None,
+) -> Diagnosis:
+    """Return what all comparisons of a recording show together.
+
+    Args:
+        min_effect_deg: visible size below which a mismatch does not matter.
+        beside: findings that were made apart from a search.
+        separated_by: an observation that this kind of recording always lacks, said beside a finding.
+    """
+    every = [*beside, *(finding for part in parts for finding in findings(part))]
+    found = _once([one for one in every if not one.held_out.refuted])
+    left = [unexplained(part, min_effect_deg) for part in parts]
+    denied = [_unconfirmed(one) for one in every if one.held_out.refuted]
+    open_ = max([*(one for one, _ in left if one), *denied], key=lambda one: one.rms_effect_deg, default=None)
+    small = {k: v for part in parts for k, v in part.negligible} | {k: v for _, more in left for k, v in more}
+    told = [wording.separated_by(f.effect, f.alternatives) for f in found if f.alternatives]
+    if separated_by and any(f.side == "compass" for f in found):
+        told.append(separated_by)
+    return Diagnosis(
+        verdict=_verdict(found, open_),
+        findings=found,
+        unexplained=open_,
+        separated_by="; ".join(dict.fromkeys(told)) or None,
+        not_testable=tuple(not_testable),
+        negligible=tuple(small.items()),
+        why=wording.why(found, open_, [part.fitted.channel.what for part in parts]),
+        curves=_curves(parts, found, open_),
+        hypotheses=_ranked(parts),
+    )
+
+
+def _unconfirmed(one: Finding) -> Unexplained:
+    """Return a mismatch that is proven where it was fitted, and whose name held-out readings deny."""
+    told = wording.unexplained(one.where.text, one.rms_effect_deg, [])
+    return Unexplained((one.where.covariate,), one.where, one.when_s, one.rms_effect_deg, (), told)
+
+
+def _ranked(parts: Sequence[Named]) -> tuple[Ranked, ...]:
+    """Return every effect that was tried alone, the best first, each once."""
+    best: dict[str, Ranked] = {}
+    for entry in (entry for part in parts for entry in part.alone if entry.believable):
+        one = Ranked(entry.name, entry.score, entry.size_deg, entry.p_value)
+        if entry.name not in best or best[entry.name].score < one.score:
+            best[entry.name] = one
+    return tuple(sorted(best.values(), key=lambda one: -one.score))
+
+
+def _once(every: Sequence[Finding]) -> tuple[Finding, ...]:
+    """Return findings, strongest first, each effect once: two comparisons may show the same."""
+    kept: dict[str, Finding] = {}
+    for one in sorted(every, key=lambda one: -one.rms_effect_deg):
+        if one.effect not in kept:
+            kept[one.effect] = one
+        else:
+            same = kept[one.effect]
+            both = tuple(name for name in same.alternatives if name in one.alternatives)
+            kept[one.effect] = replace(same, alternatives=both, text=f"{same.text} A second comparison shows it too.")
+    return tuple(kept.values())
+
+
+def _verdict(found: Sequence[Finding], left: Unexplained | None) -> str:
+    if left is not None:
+        return "unexplained"
+    if not found:
+        return "consistent"
+    return "ambiguous" if any(finding.alternatives for finding in found) else "explained"
+
+
+def _curves(parts: Sequence[Named], found: Sequence[Finding], left: Unexplained | None) -> tuple[Curve, ...]:
+    made = []
+    for part in parts:
+        own = {term.name for term in part.fitted.terms}
+        wanted = {"heading", *(left.covariates if left else ())}
+        wanted |= {one.where.covariate for one in found if one.effect in own}
+        made += [curve(part.before, part.fitted, name) for name in part.fitted.channel.covariates if name in wanted]
+    return tuple(made)

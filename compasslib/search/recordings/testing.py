@@ -1,0 +1,221 @@
+"""What noise alone would do: columns tested against the residual, and against draws of the record's own noise."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import erfc, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib.core import angles
+from compasslib.core.types import Floats
+from compasslib.effects.term import Term
+from compasslib.search.recordings import fitting
+from compasslib.search.recordings.channel import Channel, dated
+from compasslib.search.recordings.fitting import Fitted
+from compasslib.search.scan import normal_score
+from compasslib.stats import memory, whitening
+
+REPEATS = 400
+DATES, MARGIN = 150, 0.06  # of steps that are tried, and how near to the ends
+HATS, HEADING_HATS, FEWEST_IN_HAT = 8, 24, 5
+FAINT = 0.2  # of the largest direction of a group of splines
+SHARE_OF_FREEDOM = 3  # an omnibus group has no more columns than this part of the independent samples
+
+
+@dataclass(frozen=True)
+class Group:
+    """Columns that are tested together, (n, k) degrees a unit."""
+
+    name: str  # of the term's class, or of the covariates
+    columns: Floats
+    term: Term | None = None  # at zero size, its date set
+    covariates: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Tested:
+    """One effect or covariate: its best group, how probable noise makes it, and how much memory inflates it."""
+
+    group: Group
+    p_value: float
+    inflation: float  # mean statistic of the noise over its freedom, at least 1
+    gain: float  # twice the log likelihood that the best group adds, over the inflation
+
+
+def of_terms(now: Fitted, kinds: Sequence[type[Term]]) -> list[Group]:
+    """Return the columns of terms where a hypothesis stands, for a term with a date one group a date."""
+    groups = []
+    for kind in kinds:
+        places = dates(now.channel) if kind.dated() else [0.0]
+        terms = [dated(kind(), place) if kind.dated() else kind() for place in places]
+        groups += [Group(kind.__name__, columns(now, term), term) for term in terms]
+    return groups
+
+
+def columns(now: Fitted, term: Term) -> Floats:
+    """Return the derivative of the simulated heading by a term's parameters beside a hypothesis, (n, p).
+
+    Args:
+        term: where the derivative is taken.
+    """
+    made = []
+    for j, step in enumerate(term.steps()):
+        moved = term.at(term.values + 0.1 * step * (np.arange(len(term.values)) == j))
+        made.append((now.residual_deg - now.channel.residual(now.base, (*now.terms, moved))) / (0.1 * step))
+    return np.stack(made, axis=1)
+
+
+def dates(channel: Channel) -> list[float]:
+    """Return the dates that are tried, between samples."""
+    n = len(channel)
+    first = max(2, int(MARGIN * n))
+    places = np.unique(np.linspace(first, n - first, min(DATES, n - 2 * first + 1)).astype(int))
+    return [float((channel.time_s[k - 1] + channel.time_s[k]) / 2.0) for k in places]
+
+
+def omnibus(now: Fitted) -> list[Group]:
+    """Return harmonics and hats of the heading, hats of every other covariate, and products with the heading."""
+    found = now.channel.covariates
+    worth = len(now.channel) if now.channel.remembered else fitting.effective(now)  # the law's draws know the memory
+    most = int(worth) // SHARE_OF_FREEDOM
+    heading, groups = found.get("heading"), []
+    if heading is not None:
+        groups = [Group("heading", _periodic(heading, range(3, 7)), None, ("heading",))]
+        groups.append(Group("heading", _heading_hats(heading), None, ("heading",)))
+    for name, column in found.items():
+        if name == "heading" or np.ptp(column) == 0.0:
+            continue
+        groups.append(Group(name, _hats(column, min(HATS, max(3, most // 2))), None, (name,)))
+        if heading is not None:
+            both = _periodic(heading, range(1, 3)) * _standard(column)[:, None]
+            groups.append(Group(f"heading x {name}", both, None, ("heading", name)))
+    return [group for group in groups if 0 < group.columns.shape[1] <= most]
+
+
+def test(now: Fitted, noise: Fitted, groups: Sequence[Group], seed: int = 0) -> list[Tested]:
+    """Return for each name its best group with the probability that noise makes it as good.
+
+    Args:
+        now: the hypothesis that is tested.
+        noise: the hypothesis whose residual is taken for noise: an effect must not raise the bar for itself.
+        groups: columns.
+    """
+    white = noise.whitener if now.channel.remembered else None
+    seen_as = groups if white is None else [replace(group, columns=white @ group.columns) for group in groups]
+    base = whitening.orthonormal(now.columns if white is None else white @ now.columns)
+    bases = [directions(group, base) for group in seen_as]
+    kept = [k for k, basis in enumerate(bases) if basis.shape[1] and _lives(seen_as[k].columns, bases[k], base)]
+    if not kept:
+        return []
+    groups, bases = [groups[k] for k in kept], [bases[k] for k in kept]
+    freedom = np.array([basis.shape[1] for basis in bases], dtype=float)
+    begins = np.concatenate([[0], np.cumsum(freedom)[:-1]]).astype(int)
+    every = np.concatenate(bases, axis=1)
+    rows = np.vstack([now.clipped[None, :], draws(noise, seed)])
+    gains = _gains(rows if white is None else rows @ white.T, every, begins, base)
+    seen, null = gains[0], gains[1:]
+    inflation = np.maximum(null.mean(axis=0) / freedom, np.finfo(float).tiny)  # a residual that is 0 has no noise
+    score, scores = normal_score(seen / inflation, freedom), normal_score(null / inflation, freedom)
+    names = list(dict.fromkeys(group.name for group in groups))
+    return [_tested(name, groups, score, scores, seen, inflation) for name in names]
+
+
+def square(fitted: Fitted, noise: Fitted) -> float:
+    """Return the sum of the squares of a fit; where the noise remembers, of what is left of it without the memory.
+
+    Args:
+        noise: the hypothesis whose residual is taken for noise.
+    """
+    if not fitted.channel.remembered:
+        return fitted.square
+    left = _without(noise.whitener @ fitted.clipped, whitening.orthonormal(noise.whitener @ fitted.columns))
+    return float(left @ left)
+
+
+def directions(group: Group, base: Floats) -> Floats:
+    """Return an orthonormal basis of what the base leaves of a group, (n, k).
+
+    Of splines, what the base nearly is leaves faint directions that are no splines any more: they are left out.
+
+    Args:
+        group: columns.
+        base: orthonormal, (n, b).
+    """
+    return whitening.orthonormal(_without(group.columns, base), FAINT if group.term is None else 1e-5)
+
+
+def _tested(
+    name: str, groups: Sequence[Group], score: Floats, scores: Floats, seen: Floats, inflation: Floats
+) -> Tested:
+    own = [k for k, group in enumerate(groups) if group.name == name]
+    best = max(own, key=lambda k: score[k])
+    highest = scores[:, own].max(axis=1)
+    away = (float(score[best]) - float(highest.mean())) / float(highest.std())
+    # One group: a normal score. The highest of many: Gumbel's law.
+    p = 0.5 * erfc(away / sqrt(2.0)) if len(own) == 1 else float(-np.expm1(-np.exp(-away * np.pi / sqrt(6.0) - 0.5772)))
+    least = max(float(inflation[best]), 1.0)
+    return Tested(groups[best], p, least, float(seen[best]) / least)
+
+
+def draws(noise: Fitted, seed: int, repeats: int = REPEATS) -> Floats:
+    """Return draws of the record's own noise: blocks of it at other places with random signs, (repeats, n).
+
+    Readings without memory are drawn from a normal distribution, and stretches of a short log by the law of their
+    memory: a dozen of them hold no distribution of their own.
+
+    Args:
+        noise: a hypothesis that fits.
+    """
+    rng, n = np.random.default_rng(seed), len(noise.channel)
+    if noise.channel.independent:
+        return rng.normal(size=(repeats, n))
+    if noise.channel.remembered:
+        return memory.draws(noise.clipped, noise.columns, seed, repeats)
+    length = int(np.max(np.bincount(fitting.stretches(noise))))
+    count = -(-n // length)
+    begin, sign = rng.integers(0, n, (repeats, count)), rng.choice([-1.0, 1.0], (repeats, count))
+    series = noise.clipped - noise.clipped.mean()
+    windows = np.lib.stride_tricks.sliding_window_view(np.concatenate([series, series]), length)
+    return (windows[begin] * sign[:, :, None]).reshape(repeats, -1)[:, :n]
+
+
+def _gains(rows: Floats, every: Floats, begins: NDArray[np.intp], base: Floats) -> Floats:
+    """Return twice the log likelihood that each group adds to each row, (rows, groups)."""
+    bare = rows - (rows @ base) @ base.T
+    total = np.sum(bare**2, axis=1)[:, None]
+    taken = np.add.reduceat((bare @ every) ** 2, begins, axis=1)
+    return -rows.shape[1] * np.log(np.maximum(1.0 - taken / np.maximum(total, 1e-300), 1e-12))
+
+
+def _without(columns: Floats, base: Floats) -> Floats:
+    return columns - base @ (base.T @ columns)
+
+
+def _lives(columns: Floats, basis: Floats, base: Floats) -> bool:
+    """Tell whether the base leaves more than rounding of a group."""
+    return float(np.linalg.norm(_without(columns, base))) > 1e-6 * max(float(np.linalg.norm(columns)), 1e-300)
+
+
+def _periodic(angle_deg: Floats, harmonics: range) -> Floats:
+    return np.column_stack([x for k in harmonics for x in angles.sin_cos(k * angle_deg)])
+
+
+def _heading_hats(heading_deg: Floats) -> Floats:
+    width = 360.0 / HEADING_HATS
+    away = np.abs(angles.difference(heading_deg[:, None], width * np.arange(HEADING_HATS))) / width
+    hats = np.maximum(1.0 - away, 0.0)
+    return hats[:, hats.sum(axis=0) >= FEWEST_IN_HAT]
+
+
+def _hats(x: Floats, count: int) -> Floats:
+    knots = np.unique(np.quantile(x, np.linspace(0.0, 1.0, count)))
+    if len(knots) < 2:
+        return np.zeros((len(x), 0))
+    return np.column_stack([np.interp(x, knots, row) for row in np.eye(len(knots))])
+
+
+def _standard(x: Floats) -> Floats:
+    return np.clip((x - np.mean(x)) / np.std(x), -4.0, 4.0)

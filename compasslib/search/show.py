@@ -1,0 +1,205 @@
+"""Whether the fit improves on days that it has not seen, and where.
+
+Blocks of ten days are held out in turn and everything linear is refitted on the others where the simulation stands.
+The score is that of the whitened residual; its interval comes from the blocks: neighbouring hours repeat each other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib import deviation
+from compasslib.core import angles, compass
+from compasslib.core.records import Pairs
+from compasslib.core.types import Floats
+from compasslib.deviation import model as fits
+from compasslib.deviation import von_appen
+from compasslib.deviation.model import Fit
+from compasslib.search.baseline import State
+from compasslib.stats import whitening
+
+BLOCK_S = 10 * 86400.0
+FOLDS, REPEATS = 5, 1000
+PROVEN = 0.05  # p-value on held-out days above which a finding does not touch the product
+WORSE = 1.1  # growth of the rms that is no chance of weights: the score, which is judged, clips outliers
+BINS, FEWEST_IN_BIN = 18, 10
+LOST_DEG = 90.0  # residual of a heading that a fit cannot give
+MEMORY_S = 2 * 86400.0  # the residual's own memory, for the error of a bin
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """What terms add on days that were not fitted."""
+
+    rms_before_deg: float
+    rms_after_deg: float
+    gain: float  # log score, all held-out samples together
+    gain_interval: tuple[float, float]  # 95 %, from the blocks
+    p_value: float  # share of drawn blocks whose gain is not positive
+
+    @property
+    def refuted(self) -> bool:
+        """Whether held-out data deny what was found rather than confirm it: they agree worse with it."""
+        return self.gain < 0.0 or (self.p_value >= PROVEN and self.rms_after_deg > WORSE * self.rms_before_deg)
+
+    def to_json(self) -> dict[str, object]:
+        """Return it for diagnosis.json."""
+        return {
+            "rms_before_deg": self.rms_before_deg,
+            "rms_after_deg": self.rms_after_deg,
+            "log_score_gain": self.gain,
+            "log_score_gain_interval": list(self.gain_interval),
+            "p_value": self.p_value,
+        }
+
+
+@dataclass(frozen=True)
+class Curve:
+    """The residual along one covariate, before and after; what the fitted compass can take of it is taken."""
+
+    covariate: str
+    centre: Floats  # (b,) middle of each bin
+    before_deg: Floats  # (b,)
+    after_deg: Floats
+    sigma_deg: Floats
+    compared: str = ""  # what was, where a recording holds more than one comparison
+
+
+def held_out(state: State, which: Sequence[int]) -> HeldOut:
+    """Return what some of the fitted terms add on held-out days, the others kept in both.
+
+    Args:
+        state: with all terms fitted.
+        which: positions of the terms in question.
+    """
+    values, own = _values(state), _own(state, which)
+    white = state.whitener(state.base)
+    target = state.whitener.filtered(state.standard[:, None])[:, 0] / state.response + white @ values
+    block = np.floor((state.case.scene.time_s - state.case.scene.time_s[0]) / BLOCK_S).astype(int)
+    total = state.residual_deg + state.base @ values
+    left, rms_deg = [], []
+    for kept in (~own, own | True):
+        fitted = _fitted_on_others(white[:, kept], target, state.base_ridge[kept], block)
+        left.append(target - np.sum(white[:, kept] * fitted, axis=1))
+        rms_deg.append(angles.rms(total - np.sum(state.base[:, kept] * fitted, axis=1)))
+    each = (left[0] ** 2 - left[1] ** 2) * state.response**2 / (2.0 * state.sigma**2)
+    return judged(each, block, (rms_deg[0], rms_deg[1]))
+
+
+def left_out(pairs: Pairs, fit: Fit) -> Floats:
+    """Return the observed heading minus that of a fit of the same method to the other half of the blocks, (n,) degrees.
+
+    What no heading explains is as far off as chance takes it.
+
+    Args:
+        pairs: overlapping measurements.
+        fit: to all of them.
+    """
+    block = np.floor((pairs.time_s - pairs.time_s[0]) / BLOCK_S).astype(int)
+    observed, left = fits.observed_heading(pairs), np.full(len(pairs), LOST_DEG)
+    for out in (block % 2 == 0, block % 2 == 1):
+        again = deviation.fit(fit.method, fits.chosen(pairs, ~out), fit)
+        if again.fitted:
+            left[out] = angles.difference(observed, _corrected(again, pairs, observed))[out]
+    return np.where(np.isfinite(left), left, LOST_DEG)
+
+
+def _corrected(fit: Fit, pairs: Pairs, observed_deg: Floats) -> Floats:
+    if fit.method == "von_appen":
+        return von_appen.invert(fit.coefficients, pairs.heading_deg)
+    return fits.nearest_root(compass.inverse(fit.coefficients, pairs.heading_deg), observed_deg)
+
+
+def compared(before_deg: Floats, after_deg: Floats, width_deg: Floats, time_s: Floats) -> HeldOut:
+    """Return what a change that was not fitted to the directions does to their residual.
+
+    Args:
+        before_deg: residual before, (n,), degrees.
+        after_deg: the same after.
+        width_deg: width of the residual, (n,), degrees.
+        time_s: increasing times, (n,).
+    """
+    block = np.floor((time_s - time_s[0]) / BLOCK_S).astype(int)
+    sizes = [np.abs(angles.wrap180(np.nan_to_num(left))) / width_deg for left in (before_deg, after_deg)]
+    squares = [np.minimum(size, whitening.CLIP) ** 2 for size in sizes]
+    return judged((squares[0] - squares[1]) / 2.0, block, (angles.rms(before_deg), angles.rms(after_deg)))
+
+
+def judged(each: Floats, block: NDArray[np.intp], rms_deg: tuple[float, float]) -> HeldOut:
+    """Return a gain with its interval and p-value from blocks drawn again.
+
+    Args:
+        each: gain of each sample's log score, (n,).
+        block: number of the block of each, (n,).
+        rms_deg: of the residual, before and after.
+    """
+    sums = np.bincount(block, each)[np.bincount(block) > 0]
+    drawn = np.random.default_rng(0).choice(sums, (REPEATS, len(sums))).sum(axis=1)
+    low, high = np.quantile(drawn, [0.025, 0.975])
+    share = float((np.sum(drawn <= 0.0) + 1) / (REPEATS + 1))
+    return HeldOut(*rms_deg, float(sums.sum()), (float(low), float(high)), share)
+
+
+def curve(before: State, after: State, covariate: str) -> Curve:
+    """Return the residual in bins of a covariate, with and without the terms; what tells nothing is in no bin.
+
+    Args:
+        before: without terms.
+        after: with terms.
+    """
+    x = before.case.covariates[covariate]
+    edges = np.unique(np.quantile(x, np.linspace(0.0, 1.0, BINS + 1)))
+    if covariate == "heading":
+        edges = np.arange(0.0, 361.0, 360.0 / (2 * BINS))
+    bins = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, len(edges) - 2)
+    told = np.isfinite(before.whitener.width_deg) & np.isfinite(after.whitener.width_deg)
+    held = np.flatnonzero(np.bincount(bins[told], minlength=len(edges) - 1) >= FEWEST_IN_BIN)
+    (first, _), (second, sigma) = (_binned(state, bins, len(edges) - 1) for state in (before, after))
+    return Curve(covariate, (edges[held] + edges[held + 1]) / 2.0, first[held], second[held], sigma[held])
+
+
+def _binned(state: State, bins: NDArray[np.intp], count: int) -> tuple[Floats, Floats]:
+    """Return mean residual and its standard error in each bin, by width; blocks of days count as one each.
+
+    The error is never under what the blocks of all bins together make likely: the few of one bin may agree by chance,
+    and on nulls some bins then lay seven of their own standard errors off.
+    """
+    width = state.whitener.width_deg
+    weight, left = width**-2.0, state.standard * np.where(np.isfinite(width), width, 0.0)  # no root: no weight
+    total = np.maximum(np.bincount(bins, weight, count), 1e-12)
+    mean = np.bincount(bins, weight * left, count) / total
+    time_s = state.case.scene.time_s
+    block = np.floor((time_s - time_s[0]) / MEMORY_S).astype(int)
+    sums = np.bincount(block * count + bins, weight * (left - mean[bins]), (block[-1] + 1) * count)
+    own = np.sum(sums.reshape(-1, count) ** 2, axis=0)
+    return mean, np.sqrt(np.maximum(own, total * own.sum() / total.sum())) / total
+
+
+def _values(state: State) -> Floats:
+    """Return the values of the base's columns relative to the simulation without terms: those of the terms."""
+    values = np.zeros(state.base.shape[1])
+    parameters = state.simulation.parameters
+    values[5 : len(parameters)] = parameters[5:]
+    return values
+
+
+def _own(state: State, which: Sequence[int]) -> NDArray[np.bool_]:
+    """Return which columns of the base belong to the terms in question."""
+    counts = [len(term.fitted()) for term in state.simulation.terms]
+    label = np.concatenate([np.full(5, -1), np.repeat(np.arange(len(counts)), counts)])
+    label = np.concatenate([label, np.full(state.base.shape[1] - len(label), -1)])
+    return np.isin(label, list(which))
+
+
+def _fitted_on_others(white: Floats, target: Floats, ridge: Floats, block: NDArray[np.intp]) -> Floats:
+    """Return for each sample the values of the columns fitted without the days around it, (n, k)."""
+    values = np.empty(white.shape)
+    for fold in range(FOLDS):
+        out = block % FOLDS == fold
+        some = white[~out]
+        values[out] = whitening.inverse(some.T @ some + np.diag(ridge)) @ (some.T @ target[~out])
+    return values

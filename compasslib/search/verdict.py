@@ -1,0 +1,192 @@
+"""What was found, as one record: findings with parameters and proof, what stays unexplained, what was not testable."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING, Any
+
+from compasslib.deviation.model import Fit
+
+if TYPE_CHECKING:  # a verdict without findings needs no search
+    from compasslib.search.applied import Applied
+    from compasslib.search.show import Curve, HeldOut
+
+
+PROVEN = 0.05  # p-value on held-out days above which a finding does not touch the product
+VERDICTS = ("consistent", "explained", "ambiguous", "unexplained", "insufficient")
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One fitted number of an effect."""
+
+    value: float
+    sigma: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Where:
+    """The range of a covariate in which an effect shows."""
+
+    covariate: str
+    low: float
+    high: float
+    text: str
+
+    def to_json(self) -> dict[str, Any]:
+        """Return it for diagnosis.json."""
+        return {"covariate": self.covariate, "from": self.low, "to": self.high, "text": self.text}
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One effect that was found, with what it could also be."""
+
+    effect: str
+    side: str
+    alternatives: tuple[str, ...]
+    where: Where
+    when_s: tuple[float, float] | None  # None where the recording has no clock
+    parameters: Mapping[str, Parameter]
+    rms_effect_deg: float
+    held_out: HeldOut
+    text: str
+    applied: bool = False  # whether it enters the corrected headings
+
+    @property
+    def of_compass(self) -> bool:
+        """Whether it acts on the compromised compass, or may."""
+        from compasslib.effects import SIDES  # only where something was found: the whole catalogue comes with it
+
+        return "compass" in {self.side, *(SIDES[name] for name in self.alternatives)}
+
+    @property
+    def beside_compass(self) -> bool:
+        """Whether it surely does not act on the compromised compass, and held-out days confirm it."""
+        return not self.of_compass and self.held_out.p_value < PROVEN
+
+    def to_json(self) -> dict[str, Any]:
+        """Return it for diagnosis.json."""
+        return {
+            "effect": self.effect,
+            "side": self.side,
+            "alternatives": list(self.alternatives),
+            "where": self.where.to_json(),
+            "when": when(self.when_s),
+            "parameters": {name: vars(one) for name, one in self.parameters.items()},
+            "rms_effect_deg": self.rms_effect_deg,
+            "heldout": self.held_out.to_json(),
+            "applied": self.applied,
+            "text": self.text,
+        }
+
+
+@dataclass(frozen=True)
+class Unexplained:
+    """A mismatch that is proven and that nothing in the catalogue fits."""
+
+    covariates: tuple[str, ...]
+    where: Where
+    when_s: tuple[float, float] | None
+    rms_effect_deg: float
+    curves: tuple[Curve, ...]
+    text: str
+
+    def to_json(self) -> dict[str, Any]:
+        """Return it for diagnosis.json."""
+        return {
+            "covariates": list(self.covariates),
+            "where": self.where.to_json(),
+            "when": when(self.when_s),
+            "rms_effect_deg": self.rms_effect_deg,
+            "curves": [curve_json(curve) for curve in self.curves],
+            "text": self.text,
+        }
+
+
+@dataclass(frozen=True)
+class Ranked:
+    """One effect of the catalogue, tried alone: how well it does, whatever was chosen in the end."""
+
+    effect: str
+    score: float  # twice the log likelihood gained, less the charge for parameters and date
+    rms_effect_deg: float
+    p_value: float
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """The result of holding one recording against its simulation."""
+
+    verdict: str
+    findings: tuple[Finding, ...] = ()
+    unexplained: Unexplained | None = None
+    separated_by: str | None = None
+    not_testable: tuple[tuple[str, str], ...] = ()
+    negligible: tuple[tuple[str, float], ...] = ()  # effect or covariate, visible degrees
+    why: str = ""  # what the verdict rests on, or why there is none
+    curves: tuple[Curve, ...] = ()  # residual before and after along the covariates of what was found
+    applied: Applied | None = None  # the compass that corrects the record, where a finding on its side stands
+    fit: Fit | None = None  # the exact compass that the search stood on, where it may correct the record
+    detectable_deg: Mapping[str, float] = field(default_factory=dict)  # visible size that each effect needs to be named
+    hypotheses: tuple[Ranked, ...] = ()  # the best first
+    threshold: Mapping[str, float] = field(default_factory=dict)  # scores that noise alone hardly exceeds
+    warnings: tuple[str, ...] = ()  # sentences for the summary
+
+    def to_json(self) -> dict[str, Any]:
+        """Return diagnosis.json."""
+        return {
+            "verdict": self.verdict,
+            "findings": [finding.to_json() for finding in self.findings],
+            "unexplained": None if self.unexplained is None else self.unexplained.to_json(),
+            "separated_by": self.separated_by,
+            "not_testable": [{"effect": effect, "why": why} for effect, why in self.not_testable],
+            "negligible": [{"effect": effect, "rms_effect_deg": size} for effect, size in self.negligible],
+            "why": self.why,
+            "curves": [curve_json(curve) for curve in self.curves],
+            "applied": None if self.applied is None else self.applied.to_json(),
+            "fit": None if self.fit is None else self.fit.to_json(),
+            "detectable_deg": dict(self.detectable_deg),
+            "hypotheses": [vars(one) for one in self.hypotheses],
+            "threshold": dict(self.threshold),
+            "warnings": list(self.warnings),
+        }
+
+
+def insufficient(why: str, not_testable: tuple[tuple[str, str], ...] = ()) -> Diagnosis:
+    """Return the diagnosis that there was too little to judge.
+
+    Args:
+        why: in a sentence.
+    """
+    return Diagnosis("insufficient", why=why, not_testable=not_testable)
+
+
+def when(span_s: tuple[float, float] | None) -> dict[str, str] | None:
+    """Return a span of time as the JSON writes it, null for a recording without a clock.
+
+    Args:
+        span_s: first and last instant, UTC seconds since 1970.
+    """
+    if span_s is None:
+        return None
+    return {"from": stamp(span_s[0]), "to": stamp(span_s[1])}
+
+
+def stamp(time_s: float) -> str:
+    """Return an instant as ISO 8601.
+
+    Args:
+        time_s: UTC seconds since 1970.
+    """
+    return datetime.fromtimestamp(round(time_s), UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+
+
+def curve_json(curve: Curve) -> dict[str, Any]:
+    """Return a binned residual for diagnosis.json."""
+    columns = ("centre", "before_deg", "after_deg", "sigma_deg")
+    said = {"covariate": curve.covariate} | ({"compared": curve.compared} if curve.compared else {})
+    return said | {name: getattr(curve, name).tolist() for name in columns}

@@ -1,0 +1,166 @@
+"""Sentences for an oceanographer: where, what physics, how large, how sure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from compasslib.effects import meanings
+
+VERDICTS = {
+    "consistent": "simulation and recording agree",
+    "explained": "what was left out is found",
+    "ambiguous": "a mismatch is proven, its cause cannot be told apart",
+    "unexplained": "a mismatch is proven and nothing in the catalogue fits",
+    "insufficient": "too little to judge",
+}
+WHERE = {
+    "heeling": ("pitch", "roll"),
+    "tilt_uncompensated": ("pitch", "roll"),
+    "temperature": ("temperature",),
+    "supply_voltage": ("supply_voltage",),
+    "sextantal": ("heading",),
+    "octantal": ("heading",),
+    "large_deviation": ("heading",),
+    "current_veer": ("speed", "separation", "depth"),
+    "mooring_motion": ("speed",),
+}  # every other effect lives along time
+UNITS = {
+    "heading": "degrees", "pitch": "degrees", "roll": "degrees", "depth": "m", "separation": "m", "speed": "m/s",
+    "temperature": "degrees C", "supply_voltage": "V or counts", "hour_of_day": "h", "time": "",
+    "declination_observatory": "degrees",
+}  # fmt: skip
+PHYSICS = {
+    "heeling": "the compass tilts over iron along its own vertical (heeling error)",
+    "tilt_uncompensated": "the compass does not level its reading for tilt",
+    "stuck_tilt": "the tilt sensors stick, and the compass levels with what they showed last",
+    "hard_iron_drift": "the hard iron beside the compass drifts with time",
+    "hard_iron_step": "the hard iron beside the compass changed at once",
+    "battery_change": "another battery came with other iron",
+    "temperature": "the compass depends on temperature",
+    "supply_voltage": "the compass depends on its supply voltage",
+    "sextantal": "the reading has a third harmonic of the recorded heading (sextantal deviation)",
+    "octantal": "the reading has a fourth harmonic of the recorded heading (octantal deviation)",
+    "heading_slip": "the mount turned: the compass reads another angle from then on",
+    "compass_drift": "the compass drifts with time",
+    "compass_lag": "the compass lags behind when the instrument turns",
+    "current_veer": "the water itself veers between the two depths",
+    "mooring_motion": "the mooring's own motion is in the measured current",
+    "field_disturbance": "magnetic north moves as the observatory has it, most of all on these dates",
+    "secular_variation": "magnetic north drifts beyond the declination that was applied",
+    "clock_offset": "the two clocks differ",
+    "clock_drift": "the two clocks drift apart",
+    "large_deviation": "the deviation is too large for the small-angle series; the exact compass fits",
+}
+LEAST_P = 0.001  # the smallest that the drawn blocks can show
+TIME_TREND = "a battery change, or the end of its discharge"
+WIDER = "wider headings, or the field modulus of the magnetometer"
+SEPARATED_BY: dict[frozenset[str], str] = {
+    frozenset(pair): how
+    for how, pairs in {
+        TIME_TREND: [("supply_voltage", "hard_iron_drift"), ("supply_voltage", "compass_drift")],
+        WIDER: [
+            ("hard_iron_step", "heading_slip"),
+            ("hard_iron_drift", "compass_drift"),
+            ("hard_iron_drift", "heading_slip"),
+            ("hard_iron_step", "compass_drift"),
+        ],
+        "wider headings, or a swing of 16 to 24 headings": [("sextantal", "octantal")],
+        "more records around the date": [
+            ("hard_iron_step", "hard_iron_drift"),
+            ("heading_slip", "compass_drift"),
+            ("supply_voltage", "hard_iron_step"),
+            ("supply_voltage", "heading_slip"),
+        ],
+        "a year more, with another course of the temperature": [
+            ("temperature", other)
+            for other in ("compass_drift", "hard_iron_drift", "hard_iron_step", "heading_slip", "supply_voltage")
+        ],
+        "the magnetometer's three axes with tilt": [("heeling", "tilt_uncompensated")],
+    }.items()
+    for pair in pairs
+}
+WATER_OR_COMPASS = "a second trusted instrument, or a swing of the compass on land: {} lives in the water, {} does not"
+OTHERWISE = "a record in which {} and {} do not go together"
+
+
+def separated_by(effect: str, alternatives: Sequence[str]) -> str:
+    """Return what observation would tell effects apart, one sentence a pair that cannot be.
+
+    Args:
+        effect: the effect that fits best.
+    """
+    pairs = [(effect, other) for other in alternatives]
+    told = dict.fromkeys(_pair(*pair) for pair in pairs)
+    return "; ".join(told)
+
+
+def _pair(a: str, b: str) -> str:
+    water = [name for name in (a, b) if name in ("current_veer", "mooring_motion")]
+    if len(water) == 1:
+        other = b if water[0] == a else a
+        return f"{a} or {b}: " + WATER_OR_COMPASS.format(water[0], other)
+    return f"{a} or {b}: " + SEPARATED_BY.get(frozenset((a, b)), OTHERWISE.format(a, b))
+
+
+def finding(
+    effect: str,
+    alternatives: Sequence[str],
+    *,
+    where: str,
+    parameters: Mapping[str, tuple[float, float, str]],
+    size_deg: float,
+    proof: tuple[float, float, float],
+) -> str:
+    """Return two or three sentences on one finding.
+
+    Args:
+        where: where it lives.
+        parameters: value, standard error and unit by name.
+        size_deg: visible size, rms degrees.
+        proof: residual rms before and after on held-out days, degrees, and the p-value.
+    """
+    fitted = {name: one for name, one in parameters.items() if one[1] > 0.0}
+    known = meanings(effect)
+    numbers = "".join(f"; {known.get(name, name)} {_interval(*one)}" for name, one in fitted.items())
+    begin = f"{where}: {PHYSICS.get(effect, effect)}. It turns the heading by {size_deg:.1f} degrees rms{numbers}."
+    before, after, p = proof
+    chance = f"p = {p:.2g}" if p > LEAST_P else f"p < {LEAST_P:g}"
+    shown = f" On days that were not fitted the residual goes from {before:.2f} to {after:.2f} degrees rms ({chance})."
+    others = f" This record cannot tell it from {_listed(alternatives)}." if alternatives else ""
+    return begin + shown + others
+
+
+def _interval(value: float, sigma: float, unit: str) -> str:
+    """Return a number with its 95 % interval and its unit, without an exponent."""
+    said = f"{float(f'{value:.3g}'):g} ± {float(f'{1.96 * sigma:.2g}'):g}"
+    return f"{said} (95 %)" if unit == "1" else f"{said} {unit} (95 %)"
+
+
+def unexplained(where: str, size_deg: float, named: Sequence[str]) -> str:
+    """Return what is said of a mismatch that nothing in the catalogue fits.
+
+    Args:
+        where: where it lives.
+        size_deg: visible size, rms degrees.
+        named: effects that stand beside it.
+    """
+    beside = f" beyond {_listed(named)}" if named else ""
+    return (
+        f"Simulation and recording differ{beside} {where}, by {size_deg:.1f} degrees rms. "
+        "No effect of the catalogue explains it; what it does to the heading is in the curve."
+    )
+
+
+def place(covariate: str, low: float, high: float) -> str:
+    """Return the range of a covariate in words.
+
+    Args:
+        high: upper end.
+    """
+    name = covariate.replace("_", " ")
+    return f"along {name} from {low:.3g} to {high:.3g} {UNITS.get(covariate, '')}".rstrip()
+
+
+def _listed(names: Sequence[str]) -> str:
+    words = [name.replace("_", " ") for name in names]
+    return " or ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)

@@ -1,0 +1,236 @@
+"""What an ADCP on a mooring records of the water: bins, noise, the surface's echo, hours on deck.
+
+An instrument in earth coordinates has turned its velocities by its own compass, so that a wrong heading turns them
+too; one in beam coordinates has not.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib.simulation import water as sea
+from compasslib.simulation.mooring import pressure
+from compasslib.simulation.pd0 import BEAM_ANGLE_DEG, Ensembles, Setup
+from compasslib.simulation.series import DAY_S, Complexes, Floats, clockwise
+from compasslib.simulation.water import Water
+
+ABSORPTION_DB_M = {75: 0.025, 300: 0.065}
+DB_PER_COUNT = 0.45
+SPREAD = np.deg2rad(BEAM_ANGLE_DEG)
+FLIPPED_ON_DECK = 5
+
+
+@dataclass(frozen=True)
+class Adcp:
+    """An ADCP's programme, its noise and the phase of its clock."""
+
+    setup: Setup
+    noise_m_s: float  # of one bin and horizontal component, at the near end
+    sample_s: float = 0.0  # seconds after the full hour
+    first_number: int = 1
+
+
+@dataclass(frozen=True)
+class Stance:
+    """How the instrument truly stands in the water at its samples, and what its sensors give; (n,) each."""
+
+    time_s: Floats
+    depth_m: Floats
+    sphere_depth_m: Floats
+    heading_deg: Floats  # correct, magnetic
+    recorded_deg: Floats  # by its compass
+    tilt_deg: tuple[Floats, Floats]  # true pitch, forward up, and roll, starboard down
+    sensed_tilt_deg: tuple[Floats, Floats]  # the same with the noise of the inclinometers, which the compass uses too
+    declination_deg: Floats
+    in_water: NDArray[np.bool_]
+    turbulence: Complexes  # east + i north, m/s, the same in all bins
+    veer_deg: Floats | None = None  # by which the water here veers from that of the climate, clockwise
+
+
+def ranges(setup: Setup) -> Floats:
+    """Return the distance of each bin from the transducer along the vertical, metres, (m,).
+
+    Args:
+        setup: how the instrument is programmed.
+    """
+    return setup.first_bin_m + setup.cell_m * np.arange(setup.cells, dtype=float)
+
+
+def measure(rng: np.random.Generator, adcp: Adcp, stance: Stance, water: Water, *, latitude_deg: float) -> Ensembles:
+    """Return what the instrument records.
+
+    Args:
+        rng: source of randomness.
+        adcp: the instrument.
+        stance: how it stands at its n samples.
+        water: the currents there.
+        latitude_deg: degrees north, for the pressure.
+    """
+    setup, n = adcp.setup, stance.time_s.size
+    moving = _spoil(rng, setup, stance, _velocity(rng, adcp, stance, water))
+    good = _share_good(setup, stance)
+    wet = stance.in_water[:, None, None]
+    pitch, roll = inclinometers(*stance.sensed_tilt_deg)
+    deck_roll = np.where(stance.time_s < stance.time_s[n // 2], -52.0, 61.0) + rng.normal(0.0, 0.05, n)
+    flipped = ~stance.in_water & (np.arange(n) < FLIPPED_ON_DECK)
+    depth = np.where(stance.in_water, np.maximum(stance.depth_m + rng.normal(0.0, 0.05, n), 0.0), 0.0)
+    return Ensembles(
+        time_s=stance.time_s,
+        number=np.arange(n) + adcp.first_number,
+        upside=flipped ^ setup.looks_up,
+        heading_deg=stance.recorded_deg,
+        pitch_deg=np.where(stance.in_water, pitch, 4.0 + rng.normal(0.0, 0.05, n)),
+        roll_deg=np.where(stance.in_water, roll, deck_roll),
+        depth_m=depth,
+        pressure_dbar=pressure(depth, latitude_deg),
+        temperature_c=_temperature(rng, stance),
+        supply_counts=_supply(rng, n),
+        velocity_m_s=np.where(wet, moving, np.nan),
+        correlation=_scatter(rng, np.where(wet[..., 0], 40 + 80 * good, 8.0), 4.0),
+        echo=_scatter(rng, np.where(wet[..., 0], _echo(setup, stance), 45.0), 2.0),
+        percent_good=_percent_good(rng, setup, np.where(wet[..., 0], good, 0.0)),
+    )
+
+
+def near_bins(setup: Setup, stance: Stance, water: Water, bins: int = 2) -> Complexes:
+    """Return the true current in the mean of the first bins, true east + i north, m/s, (n,).
+
+    Args:
+        setup: how the instrument is programmed.
+        stance: how it stands at its n samples.
+        water: the currents there.
+    """
+    depth = _bin_depths(setup, stance)[:, :bins]
+    return _flow(stance, water, depth).mean(axis=1)
+
+
+def _flow(stance: Stance, water: Water, depth_m: Floats) -> Complexes:
+    """Return the current at depths of (n, ...), true east + i north, m/s."""
+    lift = (slice(None), *(None,) * (depth_m.ndim - 1))
+    flow = sea.velocity(water, stance.time_s, depth_m, stance.sphere_depth_m) + stance.turbulence[lift]
+    return flow if stance.veer_deg is None else clockwise(flow, stance.veer_deg[lift])
+
+
+def _bin_depths(setup: Setup, stance: Stance) -> Floats:
+    return stance.depth_m[:, None] + ranges(setup) * (-1.0 if setup.looks_up else 1.0)
+
+
+def _velocity(rng: np.random.Generator, adcp: Adcp, stance: Stance, water: Water) -> Floats:
+    """Return the four recorded components, noise included, (n, m, 4)."""
+    noise = adcp.noise_m_s * _noise_growth(adcp.setup)
+    if adcp.setup.coordinates == "beam":
+        return _beams(adcp.setup, stance, water) + _normal(rng, stance, noise * np.sqrt(2) * np.sin(SPREAD))
+    depth = _bin_depths(adcp.setup, stance)
+    flow = _flow(stance, water, depth)
+    # From true to magnetic north, and on by as much as the compass is wrong.
+    wrong = stance.recorded_deg - stance.heading_deg - stance.declination_deg
+    flow = clockwise(flow, wrong[:, None])
+    still = np.zeros_like(flow.real)
+    upward = noise / np.sqrt(2) * np.tan(SPREAD)
+    deviations = np.stack([noise, noise, upward, noise], axis=-1)
+    return np.stack([flow.real, flow.imag, still, still], axis=-1) + _normal(rng, stance, deviations)
+
+
+def _beams(setup: Setup, stance: Stance, water: Water) -> Floats:
+    """Return the speed along each beam, positive towards the head, every beam at its own depth."""
+    head = _toward_head(setup, stance)
+    slant = ranges(setup) / np.cos(SPREAD)
+    # Away from the head is up where the unit vector towards it points down.
+    depth = stance.depth_m[:, None, None] + slant[None, :, None] * head[:, None, 2, :]
+    flow = clockwise(_flow(stance, water, depth), -stance.declination_deg[:, None, None])
+    return flow.real * head[:, None, 0, :] + flow.imag * head[:, None, 1, :]
+
+
+def _toward_head(setup: Setup, stance: Stance) -> Floats:
+    """Return the unit vectors of the four beams towards the head: magnetic east, north, up by beam, (n, 3, 4)."""
+    s, c = np.sin(SPREAD), np.cos(SPREAD)
+    beams = np.array([[s, -s, 0, 0], [0, 0, -s, s], [c, c, c, c]])
+    turn, (pitch, roll) = np.deg2rad(stance.heading_deg), np.deg2rad(stance.tilt_deg)
+    roll = roll + (np.pi if setup.looks_up else 0.0)
+    sh, ch, sp, cp, sr, cr = np.sin(turn), np.cos(turn), np.sin(pitch), np.cos(pitch), np.sin(roll), np.cos(roll)
+    rows = (
+        (ch * cr + sh * sp * sr, sh * cp, ch * sr - sh * sp * cr),
+        (-sh * cr + ch * sp * sr, ch * cp, -sh * sr - ch * sp * cr),
+        (-cp * sr, sp, cp * cr),
+    )
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2) @ beams
+
+
+def inclinometers(pitch_deg: Floats, roll_deg: Floats) -> tuple[Floats, Floats]:
+    """Return the tilts as two inclinometers give them: the pitch's is seen through the roll."""
+    return np.rad2deg(np.arctan(np.tan(np.deg2rad(pitch_deg)) / np.cos(np.deg2rad(roll_deg)))), roll_deg
+
+
+def _noise_growth(setup: Setup) -> Floats:
+    return 1.0 + 1.5 * (ranges(setup) / ranges(setup)[-1]) ** 4
+
+
+def _normal(rng: np.random.Generator, stance: Stance, deviation: Floats) -> Floats:
+    deviation = deviation if deviation.ndim == 2 else np.repeat(deviation[:, None], 4, axis=1)
+    drawn = rng.standard_normal((stance.time_s.size, *deviation.shape), dtype=np.float32)
+    return np.asarray(drawn * deviation)
+
+
+def _share_good(setup: Setup, stance: Stance) -> Floats:
+    """Return the share of pings that give a velocity, (n, m): fading with range, little from beyond the surface."""
+    share = 1.0 - 0.3 * (ranges(setup) / ranges(setup)[-1]) ** 6
+    if not setup.looks_up:
+        return np.broadcast_to(share, (stance.time_s.size, setup.cells))
+    return np.where(ranges(setup) > stance.depth_m[:, None], 0.1, share)
+
+
+def _spoil(rng: np.random.Generator, setup: Setup, stance: Stance, velocity: Floats) -> Floats:
+    """Return velocities with those near and beyond the surface as an up-looker gives them."""
+    if not setup.looks_up:
+        return velocity
+    height = stance.depth_m[:, None]
+    reach = ranges(setup) + setup.cell_m / 2
+    row, column = np.nonzero(reach > height * np.cos(SPREAD))
+    beyond = (ranges(setup)[column] > stance.depth_m[row])[:, None]
+    waves = 0.4 * velocity[row, column] + rng.normal(0.0, 0.15, (row.size, 4))
+    garbage = rng.normal(0.0, 0.6, (row.size, 4))
+    lost = beyond & (rng.random((row.size, 1)) < 0.4)
+    spoilt = velocity.copy()
+    spoilt[row, column] = np.where(lost, np.nan, np.where(beyond, garbage, waves))
+    return spoilt
+
+
+def _echo(setup: Setup, stance: Stance) -> Floats:
+    """Return the mean echo intensity in counts, (n, m), with the surface's own echo."""
+    away = ranges(setup)
+    loss_db = 20 * np.log10(away / away[0]) + 2 * ABSORPTION_DB_M[setup.kilohertz] * (away - away[0])
+    counts = np.maximum(190.0 - loss_db / DB_PER_COUNT, 42.0)
+    if not setup.looks_up:
+        return np.broadcast_to(counts, (stance.time_s.size, setup.cells))
+    surface = 70.0 * np.exp(-(((away - stance.depth_m[:, None]) / setup.cell_m) ** 2))
+    return np.where(away > stance.depth_m[:, None] + setup.cell_m, counts - 15.0, counts) + surface
+
+
+def _scatter(rng: np.random.Generator, mean: Floats, deviation: float) -> NDArray[np.uint8]:
+    drawn = rng.standard_normal((*mean.shape, 4), dtype=np.float32)
+    return np.clip(mean[..., None] + deviation * drawn, 0, 255).astype(np.uint8)
+
+
+def _percent_good(rng: np.random.Generator, setup: Setup, share: Floats) -> NDArray[np.uint8]:
+    """Return the four percentages: by beam, or three-beam, rejected, too few beams and four-beam solutions."""
+    percent = np.clip(100 * share - np.abs(rng.normal(0.0, 1.0, share.shape)), 0, 100)
+    if setup.coordinates == "beam":
+        return np.repeat(percent[..., None], 4, axis=-1).astype(np.uint8)
+    three = np.floor(0.05 * percent)
+    parts = (three, np.zeros_like(three), 100 - np.floor(percent), np.floor(percent) - three)
+    return np.stack(parts, axis=-1).astype(np.uint8)
+
+
+def _temperature(rng: np.random.Generator, stance: Stance) -> Floats:
+    season = np.cos(2 * np.pi * (stance.time_s / DAY_S - 250.0) / 365.25)
+    water_c = 2.5 + 1.5 * season * np.exp(-stance.depth_m / 200.0)
+    return np.where(stance.in_water, water_c, 8.0) + rng.normal(0.0, 0.05, stance.time_s.size)
+
+
+def _supply(rng: np.random.Generator, n: int) -> NDArray[np.uint8]:
+    """Return the transmit voltage in counts: a battery that falls slowly, faster towards its end."""
+    used = np.linspace(0.0, 1.0, n)
+    return np.rint(166.0 - 14.0 * used - 9.0 * used**6 + rng.normal(0.0, 0.6, n)).astype(np.uint8)

@@ -1,0 +1,320 @@
+"""The demonstration cruise: seven simulated moorings, written as the raw files that their instruments would leave."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from compasslib.simulation import adcp as sounder
+from compasslib.simulation import compass, mmp, mooring, pd0, profiler, water
+from compasslib.simulation.adcp import Adcp, Stance
+from compasslib.simulation.compass import Field, Iron
+from compasslib.simulation.mooring import Motion, Rig
+from compasslib.simulation.pd0 import Setup
+from compasslib.simulation.profiler import Profiler
+from compasslib.simulation.series import DAY_S, HOUR_S, Floats, circle, direction, red_noise, stream, white_vector
+from compasslib.simulation.water import Climate, Water
+
+DEPLOYED_S, RECOVERED_S = 1188864000.0, 1223078400.0  # 4 September 2007 and 4 October 2008, 00:00 UTC
+ON_DECK_S = DAY_S
+SPAN_S = (DEPLOYED_S - ON_DECK_S, RECOVERED_S + ON_DECK_S + HOUR_S)
+DEEP_BELOW_SPHERE_M = 4.0
+
+
+@dataclass(frozen=True)
+class World:
+    """What surrounds the instruments of one mooring."""
+
+    spec: MooringSpec
+    seed: int
+    field: Field
+    currents: Water
+    motion: Motion
+
+    def random(self, purpose: str) -> np.random.Generator:
+        """Return the generator of one purpose on this mooring."""
+        return stream(self.seed, self.spec.name, purpose)
+
+
+def write_mooring(name: str, raw_dir: Path | str, truth_path: Path | str, seed: int = 2007) -> None:
+    """Write one mooring's raw files and, elsewhere, the truth about its upper compass.
+
+    Args:
+        name: EG1 to EG7.
+        raw_dir: the cruise's folder of raw files; the mooring's stand in ``raw_dir/name``.
+        seed: the same seed gives the same bytes, whichever other moorings are made.
+    """
+    world = make_world(spec_of(name), seed)
+    folder = Path(raw_dir) / name
+    folder.mkdir(parents=True, exist_ok=True)
+    Path(truth_path).parent.mkdir(parents=True, exist_ok=True)
+    stance = top_stance(world)
+    _write_adcp(folder / "top.000", world, "top", world.spec.top, stance)
+    _write_truth(Path(truth_path), world, stance)
+    if isinstance(world.spec.deep, Adcp):
+        _write_adcp(folder / "deep.000", world, "deep", world.spec.deep, deep_stance(world, world.spec.deep))
+    else:
+        _write_profiler(folder, world, world.spec.deep)
+
+
+def raw_files(name: str) -> tuple[str, ...]:
+    """Return the files of one mooring, relative to the cruise's folder of raw files.
+
+    Args:
+        name: EG1 to EG7.
+    """
+    deep = spec_of(name).deep
+    if isinstance(deep, Adcp):
+        return f"{name}/top.000", f"{name}/deep.000"
+    return f"{name}/top.000", f"{name}/{_acm_file(deep)}", f"{name}/engineering.csv"
+
+
+def spec_of(name: str) -> MooringSpec:
+    """Return the specification of a mooring.
+
+    Args:
+        name: EG1 to EG7.
+    """
+    return {spec.name: spec for spec in MOORINGS}[name]
+
+
+def make_world(spec: MooringSpec, seed: int) -> World:
+    """Return field, currents and motion of one mooring."""
+    field = compass.earth_field(spec.latitude_deg, spec.longitude_deg, SPAN_S)
+    site = (spec.latitude_deg, spec.water_depth_m)
+    currents = water.make_water(seed, spec.name, spec.climate, site=site, span_s=SPAN_S)
+    declination = float(field.declination_deg.mean())
+    motion = mooring.make_motion(seed, spec.name, spec.rig, currents, declination_deg=declination)
+    return World(spec, seed, field, currents, motion)
+
+
+def top_stance(world: World) -> Stance:
+    """Return how the upper ADCP stands, its heading recorded beside the sphere's iron."""
+    time, motion = _hourly(world.spec.top), world.motion
+    depth, heading, pitch, roll = (
+        np.interp(time, motion.time_s, series)
+        for series in (motion.sphere_depth_m, motion.heading_deg, motion.pitch_deg, motion.roll_deg)
+    )
+    rng = world.random("top compass")
+    return _stance(rng, time, (depth, depth), (heading, pitch, roll), iron=world.spec.iron, field=world.field)
+
+
+def deep_stance(world: World, instrument: Adcp) -> Stance:
+    """Return how the lower ADCP stands: on the bottom, where it turns slowly, or hanging under the sphere."""
+    motion, rng, time = world.motion, world.random("deep compass"), _hourly(instrument)
+    sphere = np.interp(time, motion.time_s, motion.sphere_depth_m)
+    if world.spec.deep_depth_m:
+        depth = world.spec.deep_depth_m + water.sea_level(time)
+        heading = 180.0 + red_noise(rng, time.size, memory=100.0, deviation=150.0)
+    else:
+        depth = sphere + DEEP_BELOW_SPHERE_M
+        heading = np.interp(time, motion.time_s, _hanging_heading(rng, world))
+    pitch, roll = (mean + red_noise(rng, time.size, memory=6.0, deviation=0.5) for mean in (1.5, -1.2))
+    return _stance(rng, time, (depth, sphere), (heading, pitch, roll), iron=Iron(), field=world.field)
+
+
+def _acm_file(instrument: Profiler) -> str:
+    return "acm.dat" if instrument.binary else "acm.txt"
+
+
+def _hourly(instrument: Adcp) -> Floats:
+    hours = round((RECOVERED_S - DEPLOYED_S + 2 * ON_DECK_S) / HOUR_S)
+    return DEPLOYED_S - ON_DECK_S + HOUR_S * np.arange(hours + 1, dtype=float) + instrument.sample_s
+
+
+def _hanging_heading(rng: np.random.Generator, world: World) -> Floats:
+    motion = world.motion
+    below = motion.sphere_depth_m + DEEP_BELOW_SPHERE_M
+    flow = water.velocity(world.currents, motion.time_s, below, motion.sphere_depth_m)
+    rest = direction(flow) - world.field.at(motion.time_s)[0] + 75.0
+    return mooring.wake_heading(rng, rest, np.abs(flow), wobble_deg=25.0)
+
+
+def _stance(
+    rng: np.random.Generator,
+    time_s: Floats,
+    depths_m: tuple[Floats, Floats],
+    attitude_deg: tuple[Floats, Floats, Floats],
+    *,
+    iron: Iron,
+    field: Field,
+) -> Stance:
+    """Return a stance with its compass read; depths of instrument and sphere, attitude heading, pitch and roll."""
+    in_water = (time_s >= DEPLOYED_S) & (time_s <= RECOVERED_S)
+    declination, *strength = field.at(time_s)
+    heading, *tilt = attitude_deg
+    noise = rng.normal(0.0, compass.TILT_NOISE_DEG, (2, time_s.size))
+    sensed = (tilt[0] + noise[0], tilt[1] + noise[1])
+    recorded = compass.recorded_heading(
+        (strength[0], strength[1]), heading, tilt_deg=(tilt[0], tilt[1]), sensed_tilt_deg=sensed, iron=iron
+    )
+    # On deck the instrument lies still, beside other iron.
+    recorded = np.where(in_water, recorded, 137.0) + rng.normal(0.0, compass.NOISE_DEG, time_s.size)
+    return Stance(
+        time_s=time_s,
+        depth_m=depths_m[0],
+        sphere_depth_m=depths_m[1],
+        heading_deg=circle(heading),
+        recorded_deg=circle(recorded),
+        tilt_deg=(tilt[0], tilt[1]),
+        sensed_tilt_deg=sensed,
+        declination_deg=declination,
+        in_water=in_water,
+        turbulence=white_vector(rng, time_s.size, water.TURBULENCE_M_S),
+    )
+
+
+def _write_adcp(path: Path, world: World, purpose: str, instrument: Adcp, stance: Stance) -> None:
+    rng = world.random(purpose)
+    pd0.write(
+        path,
+        instrument.setup,
+        sounder.measure(rng, instrument, stance, world.currents, latitude_deg=world.spec.latitude_deg),
+    )
+
+
+def _write_profiler(folder: Path, world: World, instrument: Profiler) -> None:
+    spec, motion = world.spec, world.motion
+    schedule = profiler.plan(world.random("profiler"), instrument, motion, (DEPLOYED_S, RECOVERED_S))
+    scans = profiler.log(world.random("acm"), schedule, world.currents, motion, field=world.field)
+    meter = mmp.Acm(instrument.serial, f"ML{instrument.serial}-01D", spec.latitude_deg, spec.longitude_deg)
+    write = mmp.write_binary if instrument.binary else mmp.write_text
+    write(folder / _acm_file(instrument), meter, scans)
+    profiler.write_engineering(folder / "engineering.csv", schedule, motion, spec.latitude_deg)
+
+
+def _write_truth(path: Path, world: World, stance: Stance) -> None:
+    wet = stance.in_water
+    current = sounder.near_bins(world.spec.top.setup, stance, world.currents)
+    stamps = np.datetime_as_string(stance.time_s[wet].astype("datetime64[s]")).tolist()
+    columns = (stance.heading_deg, stance.recorded_deg, current.real, current.imag, stance.depth_m)
+    rows = zip(stamps, *(column[wet].tolist() for column in columns), strict=True)
+    lines = ("{}Z,{:.3f},{:.2f},{:.4f},{:.4f},{:.2f}\n".format(*row) for row in rows)
+    header = "time_utc,heading_true_magnetic_deg,recorded_heading_deg,east_true_m_s,north_true_m_s,depth_m\n"
+    path.write_text(header + "".join(lines))
+
+
+# The seven moorings of the demonstration cruise: where they stand and what is simulated there.
+#
+# Positions, depths and kinds of instruments are those of von Appen 2015, Table 1; currents, iron and serial numbers are
+# invented. Two things differ from the table. The bins of EG4's lower instrument begin nearer than its 114 m, because
+# between the means of two bins at 90 m and at 118 m there would be no pair within 20 m. And no lower instrument on the
+# bottom has a bin above the sphere in still water.
+
+
+@dataclass(frozen=True)
+class MooringSpec:
+    """One mooring: where it stands, what carries it, what spoils its upper compass, what hangs below."""
+
+    name: str
+    latitude_deg: float
+    longitude_deg: float
+    water_depth_m: float
+    climate: Climate
+    rig: Rig
+    iron: Iron
+    top: Adcp
+    deep: Adcp | Profiler
+    deep_depth_m: float = 0.0  # of a lower ADCP on the bottom; 0 where it hangs under the sphere
+
+
+def _top(serial: int, coordinates: str = "earth", first_number: int = 1) -> Adcp:
+    setup = Setup(
+        kilohertz=300, looks_up=True, cells=27, cell_m=4.0, blank_m=0.88, first_bin_m=5.1, pings=60,
+        coordinates=coordinates, serial=serial,
+    )  # fmt: skip
+    return Adcp(setup, noise_m_s=0.014, first_number=first_number)
+
+
+def _workhorse(serial: int, cells: int, minutes: float) -> Adcp:
+    setup = Setup(
+        kilohertz=300, looks_up=True, cells=cells, cell_m=4.0, blank_m=4.0, first_bin_m=8.2, pings=45,
+        coordinates="earth", serial=serial,
+    )  # fmt: skip
+    return Adcp(setup, noise_m_s=0.015, sample_s=60.0 * minutes)
+
+
+def _long_ranger(serial: int, cells: int, minutes: float, *, looks_up: bool, cell_m: float, first_bin_m: float) -> Adcp:
+    setup = Setup(
+        kilohertz=75, looks_up=looks_up, cells=cells, cell_m=cell_m, blank_m=first_bin_m - cell_m,
+        first_bin_m=first_bin_m, pings=40, coordinates="earth", serial=serial,
+    )  # fmt: skip
+    return Adcp(setup, noise_m_s=0.02, sample_s=60.0 * minutes)
+
+
+def _rig(buoyancy_n: float, *, offset: float, wobble: float, rest: tuple[float, float]) -> Rig:
+    return Rig(buoyancy_n, offset, wobble, *rest)
+
+
+def _iron(*, hard_nt: tuple[float, float, float], soft_percent: tuple[tuple[float, float, float], ...]) -> Iron:
+    """Return iron from its hard part and its soft part's excess over the unit matrix."""
+    return Iron(hard_nt, tuple((*row,) for row in (np.eye(3) + 0.01 * np.array(soft_percent)).tolist()))
+
+
+MOORINGS = (
+    # On the shelf: weak flow, strong tides, headings round the whole circle; a third of the earth's field beside it.
+    MooringSpec(
+        "EG1", 65 + 30.0 / 60, -(33 + 8.8 / 60), 248.0,
+        climate=Climate(mean_m_s=0.16, tide_m_s=0.14, cyclone_m_s=0.05),
+        rig=_rig(2500.0, offset=40.0, wobble=24.0, rest=(-3.6, -3.2)),
+        iron=_iron(hard_nt=(3300.0, -1500.0, -1200.0),
+                   soft_percent=((1.5, 0.4, 0.3), (0.2, -0.8, -0.4), (0.3, -0.2, 1.0))),
+        top=_top(8101), deep=_workhorse(8111, 35, minutes=5.0), deep_depth_m=248.0,
+    ),
+    # The minor case of the paper's Fig. 6: a tenth of the earth's field.
+    MooringSpec(
+        "EG2", 65 + 26.6 / 60, -(33 + 4.5 / 60), 268.0,
+        climate=Climate(mean_m_s=0.18, tide_m_s=0.12, cyclone_m_s=0.08),
+        rig=_rig(2500.0, offset=160.0, wobble=22.0, rest=(4.0, -2.6)),
+        iron=_iron(hard_nt=(-600.0, 900.0, 500.0),
+                   soft_percent=((0.8, 0.2, -0.1), (0.3, -0.4, 0.2), (-0.1, 0.1, 0.5))),
+        top=_top(8102), deep=_workhorse(8112, 40, minutes=4.0), deep_depth_m=268.0,
+    ),
+    # Half of it; the upper instrument was left in beam coordinates.
+    MooringSpec(
+        "EG3", 65 + 23.2 / 60, -(33 + 1.0 / 60), 524.0,
+        climate=Climate(mean_m_s=0.22, cyclone_m_s=0.28),
+        rig=_rig(2000.0, offset=-75.0, wobble=20.0, rest=(-2.5, 3.6)),
+        iron=_iron(hard_nt=(4200.0, 4100.0, -2500.0),
+                   soft_percent=((2.0, -0.6, 0.4), (0.5, -1.5, 0.5), (0.3, 0.4, 1.5))),
+        top=_top(8103, coordinates="beam"),
+        deep=_long_ranger(7513, 52, minutes=7.0, looks_up=True, cell_m=8.0, first_bin_m=10.0), deep_depth_m=524.0,
+    ),
+    # The large case of Fig. 7: 1.3 of it, seen where the recorded heading runs backwards (beta near arg p + 180).
+    MooringSpec(
+        "EG4", 65 + 20.0 / 60, -(32 + 57.3 / 60), 894.0,
+        climate=Climate(mean_m_s=0.28, cyclone_m_s=0.35),
+        rig=_rig(2900.0, offset=-30.0, wobble=14.0, rest=(-3.0, 3.4)),
+        iron=_iron(hard_nt=(8300.0, -13000.0, 1500.0),
+                   soft_percent=((2.0, 0.5, 0.3), (-0.4, -1.0, -0.4), (0.2, 0.5, 1.0))),
+        top=_top(8104), deep=_long_ranger(7514, 86, minutes=2.0, looks_up=False, cell_m=4.0, first_bin_m=5.6),
+    ),
+    # Three quarters, with a vertical part that tilts into the heading.
+    MooringSpec(
+        "EG5", 65 + 16.2 / 60, -(32 + 52.7 / 60), 1163.0,
+        climate=Climate(mean_m_s=0.27, cyclone_m_s=0.40),
+        rig=_rig(3600.0, offset=110.0, wobble=20.0, rest=(-3.0, -3.0)),
+        iron=_iron(hard_nt=(-8300.0, 2500.0, 6000.0),
+                   soft_percent=((2.5, 0.8, -0.5), (-0.6, -1.0, 0.4), (0.4, -0.3, 2.0))),
+        top=_top(8105), deep=Profiler(first_s=0.0, bottom_m=1158.0, binary=False, serial=1405),
+    ),
+    # One and a half, seen where the compass is sluggish (beta within 130 degrees of arg p).
+    MooringSpec(
+        "EG6", 65 + 12.3 / 60, -(32 + 47.0 / 60), 1378.0,
+        climate=Climate(mean_m_s=0.25, cyclone_m_s=0.40),
+        rig=_rig(4800.0, offset=150.0, wobble=18.0, rest=(4.0, -2.0)),
+        iron=_iron(hard_nt=(-4000.0, -17500.0, -2000.0),
+                   soft_percent=((1.5, -0.5, 0.5), (0.8, -1.8, 0.3), (0.1, 0.4, 1.2))),
+        top=_top(8106), deep=Profiler(first_s=2880.0, bottom_m=1373.0, binary=True, serial=1406),
+    ),
+    MooringSpec(
+        "EG7", 65 + 7.3 / 60, -(32 + 41.1 / 60), 1585.0,
+        climate=Climate(mean_m_s=0.22, cyclone_m_s=0.38),
+        rig=_rig(5200.0, offset=15.0, wobble=22.0, rest=(-3.5, 2.5)),
+        iron=_iron(hard_nt=(2000.0, 4700.0, 1800.0),
+                   soft_percent=((1.8, 0.3, 0.2), (0.4, -0.9, -0.5), (-0.2, 0.3, 1.0))),
+        top=_top(8107, first_number=60001), deep=Profiler(first_s=660.0, bottom_m=1580.0, binary=False, serial=1407),
+    ),
+)  # fmt: skip

@@ -1,0 +1,106 @@
+"""What can be planted in a mooring: one record an effect, by what it does to field, reading, water or clock.
+
+An effect stands at the ensembles of one instrument; it has unit size until it is scaled.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib.simulation.series import Floats
+
+YEAR_S = 365.25 * 86400.0
+AS_THEY_ARE = ("date_s", "share_of_observatory", "teeth")  # parameters that do not grow with the size
+
+
+@dataclass(frozen=True, eq=False)
+class Circumstances:
+    """In what an instrument stands at its ensembles; (n,) each."""
+
+    time_s: Floats  # true
+    heading_deg: Floats  # correct, magnetic
+    pitch_deg: Floats
+    roll_deg: Floats
+    depth_m: Floats
+    temperature_c: Floats
+    supply_counts: Floats
+    speed_m_s: Floats
+    flow_deg: Floats  # direction towards which the water flows
+
+    @property
+    def years(self) -> Floats:
+        """Years since the first ensemble."""
+        return (self.time_s - self.time_s[0]) / YEAR_S
+
+
+@dataclass(frozen=True, eq=False)
+class Effect:
+    """One effect; what it does not touch stays None or 0."""
+
+    name: str
+    parameters: dict[str, float] = field(default_factory=dict)
+    body_nt: Floats | None = None  # (n, 3) added in the body frame
+    reading: Callable[[Floats], Floats] | None = None  # added to readings (n, k), degrees
+    veer_deg: Floats | None = None  # (n,) lower minus upper direction, clockwise
+    ahead_s: Floats | None = None  # (n,) by which the compromised clock is ahead of the trusted one
+    wrong_clock: str = "top"  # whose clock that is
+    north_deg: Floats | None = None  # (n,) by which magnetic north lies east of where it should
+    lag_s: float = 0.0
+    unlevelled: float = 0.0  # share of the levelling that is left out
+    stuck_from_s: float | None = None  # date from which the inclinometers stick
+    hung: bool = False  # whether the card hangs fast
+    size: float = 1.0
+
+    @property
+    def grows(self) -> bool:
+        """Whether its size can be chosen; clocks, stuck sensors and a missing levelling are as they are."""
+        return self.ahead_s is None and self.stuck_from_s is None and self.unlevelled == 0.0 and not self.hung
+
+
+def scaled(effect: Effect, size: float) -> Effect:
+    """Return an effect so many times as large.
+
+    Args:
+        effect: of unit size.
+        size: factor.
+    """
+    if not effect.grows:
+        return effect
+    plain = effect.reading
+    return replace(
+        effect,
+        parameters={k: v if k in AS_THEY_ARE else size * v for k, v in effect.parameters.items()},
+        body_nt=_times(effect.body_nt, size),
+        reading=None if plain is None else lambda gamma: size * plain(gamma),
+        veer_deg=_times(effect.veer_deg, size),
+        north_deg=_times(effect.north_deg, size),
+        lag_s=size * effect.lag_s,
+        size=size,
+    )
+
+
+def total(effects: Sequence[Effect], part: str, empty: Floats) -> Floats:
+    """Return the sum of one part of several effects.
+
+    Args:
+        effects: that were planted.
+        empty: the sum of none.
+    """
+    return sum((getattr(one, part) for one in effects if getattr(one, part) is not None), empty)
+
+
+def steps(time_s: Floats, date_s: float) -> NDArray[np.bool_]:
+    """Return whether an ensemble lies on or after a date, (n,).
+
+    Args:
+        time_s: UTC seconds, (n,).
+    """
+    return np.asarray(time_s >= date_s)
+
+
+def _times(series: Floats | None, size: float) -> Floats | None:
+    return None if series is None else size * series

@@ -1,0 +1,111 @@
+"""A station of a lowered profiler with an iron-stricken compass, beside the ship's own profiler.
+
+The ship drifts with the wind. What either instrument measures is the water relative to itself; the frame follows the
+ship but for its swaying on the wire, so that both measure nearly the same. Numbers are invented, orders of magnitude
+are those of a 2000 m cast.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from compasslib.simulation import compass, package, pd0
+from compasslib.simulation import water as sea
+from compasslib.simulation.compass import Field, Iron
+from compasslib.simulation.mooring import pressure
+from compasslib.simulation.package import Head, Motion, Posture, Sea
+from compasslib.simulation.series import Complexes, Floats, clockwise, red_vector, stream, towards, white_vector
+from compasslib.simulation.water import Climate, Water
+
+NAME, LATITUDE_DEG, LONGITUDE_DEG, WATER_DEPTH_M = "LADCP1", 36.5, -13.2, 2300.0
+START_S = 1273233600.0  # 7 May 2010, 12:00 UTC: the frame enters the water
+CELLS, PING_S, PING_NOISE_M_S = 16, 2.0, 0.05
+SHIP_EVERY_S, SHIP_CELL_M, SHIP_DEEPEST_M, SHIP_NOISE_M_S = 60.0, 16.0, 700.0, 0.02
+MARGIN_S = 600.0
+DRIFT_M_S, SWAY_M_S, SWAY_S = 0.5, 0.03, 40.0  # a knot: ships make way to keep the wire clear
+HEAD = Head(
+    ping_s=PING_S,
+    iron=Iron(hard_nt=(6000.0, -4000.0, 1500.0), soft=((1.03, 0.02, 0.0), (0.02, 0.98, 0.0), (0.0, 0.0, 1.0))),
+)
+CLIMATE = Climate(mean_m_s=0.12, along_deg=110.0, tide_m_s=0.06, red_m_s=0.08)
+
+
+def write_station(folder: Path | str, seed: int = 1) -> None:
+    """Write the lowered profiler's PD0 file, the table of the ship's and, apart from both, the truth.
+
+    Args:
+        folder: of the cruise; files stand in ``raw/LADCP1`` and ``truth``.
+        seed: the same seed gives the same bytes.
+    """
+    raw, truth = Path(folder) / "raw" / NAME, Path(folder) / "truth" / f"{NAME}.csv"
+    raw.mkdir(parents=True, exist_ok=True)
+    truth.parent.mkdir(parents=True, exist_ok=True)
+    motion = package.lower(stream(seed, NAME, "motion"), Sea(turns=5.0, wander_deg=60.0), START_S)
+    span = (START_S - MARGIN_S, float(motion.time_s[-1]) + MARGIN_S)
+    field = compass.earth_field(LATITUDE_DEG, LONGITUDE_DEG, span)
+    water = sea.make_water(seed, NAME, CLIMATE, site=(LATITUDE_DEG, WATER_DEPTH_M), span_s=span)
+    _, *strength = (float(x.mean()) for x in field.at(np.array(span)))
+    posture = package.stand(stream(seed, NAME, "head"), motion, HEAD, (strength[0], strength[1]))
+    _write_lowered(raw / "lowered.000", posture, _seen(seed, motion, posture, water, field))
+    _write_ship(raw / "vessel.csv", stream(seed, NAME, "vessel"), water, span)
+    _write_truth(truth, posture)
+
+
+def relative(water: Water, time_s: Floats, depth_m: Floats) -> Complexes:
+    """Return the water's velocity relative to the drifting ship, true east + i north, m/s, in the depths' shape.
+
+    Args:
+        water: the currents of the station.
+        time_s: instants, (n,).
+        depth_m: depths, (n,) or (n, m).
+    """
+    above = np.full(time_s.shape, -1.0)  # no sphere shears the water here
+    return sea.velocity(water, time_s, depth_m, above) - DRIFT_M_S * towards(250.0)
+
+
+def _seen(seed: int, motion: Motion, posture: Posture, water: Water, field: Field) -> Floats:
+    """Return the four components that the lowered head records in earth coordinates, (n, CELLS, 4)."""
+    rng = stream(seed, NAME, "pings")
+    away = package.setup(looks_up=False, cells=CELLS)
+    depth = posture.depth_m[:, None] + away.first_bin_m + away.cell_m * np.arange(CELLS)
+    sway = red_vector(rng, motion.time_s.size, memory=SWAY_S / package.STEP_S, deviation=SWAY_M_S)
+    flow = relative(water, posture.time_s, depth) - np.interp(posture.time_s, motion.time_s, sway)[:, None]
+    flow = flow + white_vector(rng, depth.shape, PING_NOISE_M_S)
+    declination = field.at(posture.time_s)[0]
+    turned = clockwise(flow, (posture.recorded_deg - posture.heading_deg - declination)[:, None])
+    below = np.where(depth > WATER_DEPTH_M, np.nan, 1.0)
+    rising = np.gradient(posture.depth_m, posture.time_s)[:, None] * np.ones(depth.shape)
+    return np.stack([turned.real * below, turned.imag * below, rising * below, 0.0 * below], axis=-1)
+
+
+def _write_lowered(path: Path, posture: Posture, velocity: Floats) -> None:
+    recorded = package.ensembles(posture, looks_up=False, velocity_m_s=velocity)
+    recorded = replace(recorded, pressure_dbar=pressure(posture.depth_m, LATITUDE_DEG))
+    pd0.write(path, package.setup(looks_up=False, cells=CELLS), recorded)
+
+
+def _write_ship(path: Path, rng: np.random.Generator, water: Water, span_s: tuple[float, float]) -> None:
+    """Write the ship's profiles, a row a time and depth, relative to the ship and to true north (by its gyros)."""
+    time = np.arange(span_s[0], span_s[1], SHIP_EVERY_S)
+    depth = np.arange(24.0, SHIP_DEEPEST_M, SHIP_CELL_M)
+    grid = np.broadcast_to(depth, (time.size, depth.size))
+    flow = 100.0 * (relative(water, time, grid) + white_vector(rng, grid.shape, SHIP_NOISE_M_S))
+    lines = ["time_utc,depth_m,u_cm_s,v_cm_s\n"]
+    for stamp, row in zip(_stamps(time), flow, strict=True):
+        pairs = zip(depth.tolist(), row.real.tolist(), row.imag.tolist(), strict=True)
+        lines += [f"{stamp},{z:.0f},{u:.1f},{v:.1f}\n" for z, u, v in pairs]
+    path.write_text("".join(lines))
+
+
+def _write_truth(path: Path, posture: Posture) -> None:
+    columns = (compass.circle(posture.heading_deg), posture.recorded_deg, posture.depth_m)
+    rows = zip(_stamps(posture.time_s), *(column.tolist() for column in columns), strict=True)
+    header = "time_utc,heading_true_magnetic_deg,recorded_heading_deg,depth_m\n"
+    path.write_text(header + "".join("{},{:.3f},{:.2f},{:.1f}\n".format(*row) for row in rows))
+
+
+def _stamps(time_s: Floats) -> list[str]:
+    return [f"{stamp}Z" for stamp in np.datetime_as_string(time_s.astype("datetime64[s]")).tolist()]

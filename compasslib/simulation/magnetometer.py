@@ -1,0 +1,139 @@
+"""A real magnetometer beside real iron: magnets and a soft ball nearby, three sensors apart from each other.
+
+Every sensor has its own place, so each lies in another part of the gradient; its axis is bent, its gain off, its
+response curved, its output in steps. Nothing of that is a coefficient of a deviation curve: those come of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from compasslib.simulation.series import Floats
+
+NT_M3_PER_A_M2 = 100.0  # mu0 / 4 pi, for fields in nT
+FULL_SCALE_NT = 50_000.0
+
+
+@dataclass(frozen=True)
+class Magnet:
+    """A point dipole fixed to the instrument's body: forward, starboard, down."""
+
+    place_m: tuple[float, float, float]
+    moment_a_m2: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Ball:
+    """A ball of soft iron, magnetised by whatever field it stands in."""
+
+    place_m: tuple[float, float, float]
+    radius_m: float
+
+
+@dataclass(frozen=True, eq=False)
+class Magnetometer:
+    """Three sensors, a row each, and the iron round them."""
+
+    magnets: tuple[Magnet, ...]
+    ball: Ball
+    places_m: Floats  # (3, 3) where the sensors are
+    axes: Floats  # (3, 3) what each is sensitive to, nearly the unit vectors
+    trim_nt: tuple[float, float, float] = (0.0, 0.0, 0.0)  # what the maker's calibration takes off
+    even: tuple[float, float, float] = (0.0, 0.0, 0.0)  # share of full scale that the square adds at full scale
+    step_nt: float = 40.0
+
+
+def build(rng: np.random.Generator, earth_nt: tuple[float, float], strength: float) -> Magnetometer:
+    """Return a magnetometer whose hard iron is a given share of the horizontal field.
+
+    Args:
+        rng: source of randomness.
+        earth_nt: horizontal and vertical field.
+        strength: of the mean horizontal field of all iron, over the earth's.
+    """
+    places = rng.normal(0.0, 0.015, (3, 3))
+    axes = np.eye(3) * (1.0 + rng.normal(0.0, 0.004, 3))[:, None] + rng.normal(0.0, 0.004, (3, 3))
+    magnets = tuple(_magnet(rng) for _ in range(rng.integers(3, 6)))
+    ball = Ball(_place(rng, 0.6, 1.0), float(rng.uniform(0.08, 0.18)))
+    bent = tuple(rng.normal(0.0, 0.0008, 3).tolist())
+    made = Magnetometer(magnets, ball, places, axes, even=(bent[0], bent[1], bent[2]))
+    return _trimmed(rng, _as_strong(made, earth_nt, strength), earth_nt)
+
+
+def response(meter: Magnetometer) -> tuple[Floats, Floats]:
+    """Return the linear response: what the earth's field is multiplied by, (3, 3), what is added, (3,) nT."""
+    added = np.array([_magnets_at(meter, place) for place in meter.places_m])
+    soft = np.array([np.eye(3) + _ball_at(meter.ball, place) for place in meter.places_m])
+    matrix = np.einsum("ij,ijk->ik", meter.axes, soft)
+    return matrix, np.einsum("ij,ij->i", meter.axes, added) - np.array(meter.trim_nt)
+
+
+def felt(meter: Magnetometer, body_nt: Floats, beside_nt: Floats | None = None, *, stepped: bool = True) -> Floats:
+    """Return what the sensors give, (..., 3) nT.
+
+    Args:
+        body_nt: earth's field in the body frame, (..., 3).
+        beside_nt: the field at the sensors of what came beside the compass later, (..., 3).
+        stepped: whether the output comes in steps.
+    """
+    matrix, added = response(meter)
+    raw = body_nt @ matrix.T + added + (0.0 if beside_nt is None else beside_nt)
+    scaled = raw / FULL_SCALE_NT
+    curved = raw + FULL_SCALE_NT * np.array(meter.even) * scaled**2
+    return np.asarray(meter.step_nt * np.rint(curved / meter.step_nt) if stepped else curved)
+
+
+def dipole_nt(moment_a_m2: Floats, away_m: Floats) -> Floats:
+    """Return the field of a dipole, (3,) nT.
+
+    Args:
+        moment_a_m2: its moment, (3,).
+        away_m: from it to the place, (3,).
+    """
+    distance = float(np.linalg.norm(away_m))
+    unit = away_m / distance
+    return np.asarray(NT_M3_PER_A_M2 * (3.0 * unit * (moment_a_m2 @ unit) - moment_a_m2) / distance**3)
+
+
+def _magnets_at(meter: Magnetometer, place: Floats) -> Floats:
+    fields = (dipole_nt(np.array(m.moment_a_m2), place - np.array(m.place_m)) for m in meter.magnets)
+    return sum(fields, np.zeros(3))
+
+
+def _ball_at(ball: Ball, place: Floats) -> Floats:
+    """Return the field that a ball of high permeability adds, per field of the earth, (3, 3)."""
+    away = place - np.array(ball.place_m)
+    distance = float(np.linalg.norm(away))
+    unit = away / distance
+    return np.asarray((ball.radius_m / distance) ** 3 * (3.0 * np.outer(unit, unit) - np.eye(3)))
+
+
+def _place(rng: np.random.Generator, nearest: float, farthest: float) -> tuple[float, float, float]:
+    away = rng.normal(size=3)
+    x, y, z = rng.uniform(nearest, farthest) * away / np.linalg.norm(away)
+    return float(x), float(y), float(z)
+
+
+def _magnet(rng: np.random.Generator) -> Magnet:
+    x, y, z = rng.normal(0.0, 1.0, 3).tolist()
+    return Magnet(_place(rng, 0.3, 1.0), (x, y, z))
+
+
+def _as_strong(meter: Magnetometer, earth_nt: tuple[float, float], strength: float) -> Magnetometer:
+    """Return it with the magnets' moments scaled so that the horizontal part is as strong as wanted."""
+    _, added = response(meter)
+    scale = strength * earth_nt[0] / max(float(np.hypot(added[0], added[1])), 1.0)
+    magnets = tuple(replace(m, moment_a_m2=tuple(scale * np.array(m.moment_a_m2))) for m in meter.magnets)
+    return replace(meter, magnets=magnets)
+
+
+def _trimmed(rng: np.random.Generator, meter: Magnetometer, earth_nt: tuple[float, float]) -> Magnetometer:
+    """Return it with the vertical put right as far as a maker's calibration does: to a hundred nT or so.
+
+    What is left, with the earth's vertical field times how unlike the axes are, is the heeling error.
+    """
+    matrix, added = response(meter)
+    vertical = added[2] + (matrix[2, 2] - 0.5 * (matrix[0, 0] + matrix[1, 1])) * earth_nt[1]
+    return replace(meter, trim_nt=(0.0, 0.0, float(vertical + rng.normal(0.0, 100.0))))

@@ -1,0 +1,99 @@
+"""Random series that can be made again by name, and the few angles that this world needs."""
+
+from __future__ import annotations
+
+from itertools import accumulate
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
+
+HOUR_S = 3600.0
+DAY_S = 86400.0
+
+
+def stream(seed: int, mooring: str, purpose: str) -> np.random.Generator:
+    """Return the generator of one purpose on one mooring, so that nothing depends on what else is made or when.
+
+    Args:
+        seed: seed of the whole cruise, not negative.
+    """
+    return np.random.default_rng([seed, int.from_bytes(f"{mooring}/{purpose}".encode(), "big")])
+
+
+def red_noise(rng: np.random.Generator, count: int, *, memory: float, deviation: float) -> Floats:
+    """Return a stationary first-order autoregressive series, shape (count,).
+
+    Args:
+        rng: source of randomness.
+        memory: steps after which the correlation has fallen to 1/e.
+        deviation: standard deviation, in the unit of the result.
+    """
+    keep = float(np.exp(-1.0 / memory))
+    kicks = rng.normal(0.0, deviation * np.sqrt(1.0 - keep**2), count)
+    kicks[0] = rng.normal(0.0, deviation)
+    return np.fromiter(accumulate(kicks.tolist(), lambda state, kick: keep * state + kick), float, count)
+
+
+def red_vector(rng: np.random.Generator, count: int, *, memory: float, deviation: float) -> Complexes:
+    """Return east + i north with independent red components, shape (count,).
+
+    Args:
+        rng: source of randomness.
+        memory: steps after which the correlation has fallen to 1/e.
+        deviation: standard deviation of each component.
+    """
+    east = red_noise(rng, count, memory=memory, deviation=deviation)
+    return east + 1j * red_noise(rng, count, memory=memory, deviation=deviation)
+
+
+def white_vector(rng: np.random.Generator, shape: int | tuple[int, ...], deviation: float) -> Complexes:
+    """Return east + i north with independent normal components.
+
+    Args:
+        rng: source of randomness.
+        shape: shape of the result.
+        deviation: standard deviation of each component.
+    """
+    return rng.normal(0.0, deviation, shape) + 1j * rng.normal(0.0, deviation, shape)
+
+
+def towards(direction_deg: ArrayLike) -> Complexes:
+    """Return the unit vector east + i north of a direction.
+
+    Args:
+        direction_deg: degrees clockwise from north, any shape.
+    """
+    return np.asarray(1j * np.exp(-1j * np.deg2rad(np.asarray(direction_deg, dtype=float))))
+
+
+def direction(velocity: Complexes) -> Floats:
+    """Return the direction towards which a vector points, degrees clockwise from north in [0, 360).
+
+    Args:
+        velocity: east + i north, any shape.
+    """
+    return circle(90.0 - np.rad2deg(np.angle(velocity)))
+
+
+def circle(angle_deg: ArrayLike) -> Floats:
+    """Return the angle in [0, 360).
+
+    Args:
+        angle_deg: degrees, any shape.
+    """
+    turned = np.asarray(np.mod(angle_deg, 360.0))
+    # The remainder of a tiny negative angle rounds to the full circle.
+    return np.where(turned < 360.0, turned, 0.0)
+
+
+def clockwise(velocity: ArrayLike, by_deg: ArrayLike) -> Complexes:
+    """Return east + i north turned clockwise.
+
+    Args:
+        velocity: east + i north, any shape.
+        by_deg: clockwise turn that broadcasts with it, degrees.
+    """
+    return np.asarray(velocity * np.exp(-1j * np.deg2rad(np.asarray(by_deg, dtype=float))))

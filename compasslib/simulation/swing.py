@@ -1,0 +1,137 @@
+"""A boat that swings her compass: how she turns, what carries her, and what compass, receiver and log make of it.
+
+A sample a second. The helmsman wanders about the course, the wind sets her aside, the water carries her; a receiver
+filters her velocity over ground, and a compass near iron reads, perhaps late, perhaps turned in its mount.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from compasslib.simulation.compass import Iron, recorded_heading
+from compasslib.simulation.series import Complexes, Floats, circle, direction, red_noise, red_vector, towards
+
+FIELD_NT = (25000.0, 38000.0)
+NO_IRON = Iron()
+LEGS, CIRCLES, ONE_CIRCLE = "legs", "circles both ways", "circles one way"
+PULLED = (25.0, 9.0)  # a card that hangs: width of the sector and of its edge, degrees
+
+
+@dataclass(frozen=True)
+class Boat:
+    """How a boat swings, and what is wrong with what she records."""
+
+    plan: str = LEGS
+    minutes: float = 25.0
+    speed_kn: float = 5.0
+    speeds_vary: bool = True
+    wander_deg: float = 2.0  # of the helmsman
+    leeway_deg: float = 1.5  # to and fro
+    leeway_s: float = 40.0  # memory of that
+    water_kn: complex = 0.0  # towards east + i north
+    tide_kn: complex = 0.0  # its gain over the swing
+    filter_s: float = 0.0  # of the receiver
+    lag_s: float = 0.0  # of the compass
+    clock_s: float = 0.0  # compass's clock minus the receiver's
+    iron: Iron = NO_IRON
+    lobes: tuple[int, float, float] = (0, 0.0, 0.0)  # cycles, degrees, phase
+    slip_deg: float = 0.0  # of the mount
+    slip_at: float = 0.5  # share of the swing that is over
+    hangs_deg: float = 0.0  # by how much the card is pulled in one sector
+    hangs_at_deg: float = 0.0
+    astray: tuple[float, float, float] = (0.0, 0.0, 0.0)  # degrees, and between which shares of the swing
+    log_scale: float = 0.0  # of the speed log; 0: none
+
+
+@dataclass(frozen=True)
+class Passage:
+    """What was logged, a sample a second, (n,) each, and where she truly headed."""
+
+    time_s: Floats
+    compass_deg: Floats
+    course_deg: Floats  # over ground, true north
+    speed_kn: Floats
+    water_speed_kn: Floats  # NaN without a log
+    heading_deg: Floats  # true, magnetic
+
+
+def sail(rng: np.random.Generator, boat: Boat, declination_deg: float, start_s: float = 1.6e9) -> Passage:
+    """Return what a boat logs of a swing.
+
+    Args:
+        rng: source of randomness.
+        declination_deg: east positive.
+        start_s: when she begins, UTC seconds since 1970.
+    """
+    steered, speed = _plan(rng, boat)
+    n = steered.size
+    share = np.linspace(0.0, 1.0, n)
+    heading = steered + red_noise(rng, n, memory=20.0, deviation=boat.wander_deg)
+    leeway = red_noise(rng, n, memory=boat.leeway_s, deviation=boat.leeway_deg)
+    through = speed * towards(heading + leeway + declination_deg)
+    water = boat.water_kn + boat.tide_kn * (share - 0.5)
+    ground = _filtered(through + water + red_vector(rng, n, memory=10.0, deviation=0.08), boat.filter_s)
+    logged: Floats = np.full(n, np.nan)
+    if boat.log_scale:
+        logged = np.round(boat.log_scale * speed + red_noise(rng, n, memory=5.0, deviation=0.1), 1)
+    time: Floats = start_s + np.arange(n, dtype=float)
+    return Passage(
+        time,
+        circle(np.rint(_read(rng, boat, heading))),
+        circle(np.rint(direction(ground))),
+        np.asarray(np.round(np.abs(ground), 1), dtype=float),
+        logged,
+        circle(heading),
+    )
+
+
+def _plan(rng: np.random.Generator, boat: Boat) -> tuple[Floats, Floats]:
+    """Return steered heading, not wrapped, and speed through the water."""
+    n = int(60.0 * boat.minutes)
+    if boat.plan == LEGS:
+        return _legs(rng, boat, n)
+    sense = np.where(np.arange(n) < n // 2, 1.0, -1.0) if boat.plan == CIRCLES else np.ones(n)
+    rate = rng.uniform(1.2, 1.6) * 360.0 / (n / 2.0)
+    along = np.sin(2.0 * np.pi * np.arange(n) / rng.uniform(150.0, 400.0) + rng.uniform(0.0, 6.0))
+    speed = boat.speed_kn * (1.0 + boat.speeds_vary * 0.35 * along)
+    return rng.uniform(0.0, 360.0) + np.cumsum(rate * sense), speed
+
+
+def _legs(rng: np.random.Generator, boat: Boat, n: int) -> tuple[Floats, Floats]:
+    count = int(rng.integers(10, 17))
+    stay = n // count
+    at, headings, speeds = rng.uniform(0.0, 360.0), [], []
+    for leg in rng.permutation(count) * (360.0 / count) + at:
+        off = (leg - at + 180.0) % 360.0 - 180.0
+        seconds = max(int(abs(off) / rng.uniform(1.5, 4.0)), 1)
+        headings.append(
+            np.append(np.linspace(at, at + off, seconds), np.full(stay - min(seconds, stay // 2), at + off))
+        )
+        speeds.append(np.full(headings[-1].size, boat.speed_kn * (1.0 + boat.speeds_vary * rng.uniform(-0.4, 0.4))))
+        at += off
+    return np.concatenate(headings), _filtered(np.concatenate(speeds), 20.0).real
+
+
+def _read(rng: np.random.Generator, boat: Boat, heading: Floats) -> Floats:
+    n, seconds = heading.size, np.arange(heading.size)
+    late = np.interp(seconds - boat.lag_s - boat.clock_s, seconds, heading)
+    level = np.zeros(n)
+    reading = recorded_heading(FIELD_NT, late, tilt_deg=(level, level), iron=boat.iron)
+    cycles, size, phase = boat.lobes
+    reading = reading + size * np.sin(np.deg2rad(cycles * reading + phase))
+    reading = reading + boat.slip_deg * (seconds >= boat.slip_at * n)
+    off, begin, end = boat.astray
+    reading = reading + off * ((seconds >= begin * n) & (seconds < end * n))
+    away = np.rad2deg(np.angle(np.exp(1j * np.deg2rad(reading - boat.hangs_at_deg))))
+    reading = reading + boat.hangs_deg / (1.0 + np.exp((np.abs(away) - PULLED[0]) / (PULLED[1] / 3.0)))
+    return np.asarray(reading + rng.normal(0.0, 0.5, n))
+
+
+def _filtered(x: Floats | Complexes, seconds: float) -> Complexes:
+    """Return what a filter of first order gives."""
+    out, keep = np.array(x, dtype=complex), float(np.exp(-1.0 / seconds)) if seconds else 0.0
+    for k in range(1, out.size):
+        out[k] = keep * out[k - 1] + (1.0 - keep) * out[k]
+    return out

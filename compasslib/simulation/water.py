@@ -1,0 +1,146 @@
+"""The currents of the East Greenland shelf and slope: what moves the water at any time and depth.
+
+A mean along-slope flow, tides, inertial oscillations, red noise and passing cyclones, each with its own shape over
+depth, and a shear across the sphere that nothing else explains. Numbers are orders of magnitude of von Appen 2014b.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from compasslib.simulation.series import (
+    DAY_S,
+    HOUR_S,
+    Complexes,
+    Floats,
+    clockwise,
+    red_noise,
+    red_vector,
+    stream,
+    towards,
+)
+
+STEP_S = 600.0
+TIDES = ((12.4206, 0.55), (12.0000, 0.20), (23.9345, 0.25))  # M2, S2, K1: period in hours, share of the speed
+SHEAR_M_S, SHEAR_MEMORY_S = 0.03, 10 * HOUR_S
+TURBULENCE_M_S = 0.02 / np.sqrt(2.0)  # on each side of the sphere, so that the difference has 2 cm/s per component
+SIDEREAL_DAY_S = 86164.1
+
+
+@dataclass(frozen=True)
+class Climate:
+    """How the water moves at one place; speeds in m/s, the direction true and towards."""
+
+    mean_m_s: float
+    along_deg: float = 238.0
+    tide_m_s: float = 0.10
+    inertial_m_s: float = 0.04
+    red_m_s: float = 0.07
+    cyclone_m_s: float = 0.0  # median peak speed of a passing cyclone
+
+
+@dataclass(frozen=True)
+class Water:
+    """The currents at one mooring: a series for each shape over depth, east + i north, m/s."""
+
+    time_s: Floats  # (g,) UTC seconds since 1970, every STEP_S
+    surface: Complexes  # (g,) decays downwards
+    column: Complexes  # (g,) the same at every depth
+    wave: Complexes  # (g,) reverses between surface and bottom
+    cyclone: Complexes  # (g,) strongest at the bottom
+    shear: Complexes  # (g,) above the sphere minus below it
+    water_depth_m: float
+
+
+def make_water(
+    seed: int, name: str, climate: Climate, *, site: tuple[float, float], span_s: tuple[float, float]
+) -> Water:
+    """Return the currents of one mooring over a span of time.
+
+    Args:
+        site: latitude in degrees north, water depth in metres.
+        span_s: first and last instant, UTC seconds since 1970.
+    """
+    latitude_deg, water_depth_m = site
+    time_s = np.arange(span_s[0], span_s[1] + STEP_S, STEP_S)
+    days = 50 * HOUR_S / STEP_S
+    along = towards(climate.along_deg)
+    slow, baroclinic, shear = (stream(seed, name, purpose) for purpose in ("red", "wave", "shear"))
+    # Fluctuations follow the slope: twice as large along it as across.
+    along_red = red_noise(slow, time_s.size, memory=days, deviation=1.4 * climate.red_m_s)
+    across_red = red_noise(slow, time_s.size, memory=days, deviation=0.7 * climate.red_m_s)
+    red = along * (along_red + 1j * across_red)
+    season = 1.0 + 0.25 * np.cos(2 * np.pi * (time_s / DAY_S - 15.0) / 365.25)
+    return Water(
+        time_s=time_s,
+        surface=along * climate.mean_m_s * season + _inertial(seed, name, climate.inertial_m_s, time_s, latitude_deg),
+        column=red + _tides(stream(seed, name, "tide"), climate, time_s),
+        wave=red_vector(baroclinic, time_s.size, memory=40 * HOUR_S / STEP_S, deviation=0.4 * climate.red_m_s),
+        cyclone=along * _cyclones(stream(seed, name, "cyclone"), climate.cyclone_m_s, time_s),
+        shear=red_vector(shear, time_s.size, memory=SHEAR_MEMORY_S / STEP_S, deviation=SHEAR_M_S),
+        water_depth_m=water_depth_m,
+    )
+
+
+def velocity(water: Water, time_s: Floats, depth_m: Floats, sphere_depth_m: Floats) -> Complexes:
+    """Return the current, true east + i north in m/s, in the shape of the depths.
+
+    Args:
+        water: the currents of the mooring.
+        time_s: instants, (n,).
+        depth_m: depths below the surface, (n,) or (n, m), metres.
+        sphere_depth_m: depth of the sphere at each instant, (n,): the water above it shears against that below.
+    """
+    lift = (slice(None), *(None,) * (depth_m.ndim - 1))
+    surface, column, wave, cyclone, shear = (
+        np.interp(time_s, water.time_s, mode)[lift]
+        for mode in (water.surface, water.column, water.wave, water.cyclone, water.shear)
+    )
+    relative = depth_m / water.water_depth_m
+    side = np.where(depth_m < sphere_depth_m[lift], 0.5, -0.5)
+    decaying = surface * np.exp(-depth_m / 600.0)
+    return decaying + column + wave * np.cos(np.pi * relative) + cyclone * (0.75 + 0.5 * relative) + shear * side
+
+
+def sea_level(time_s: ArrayLike) -> Floats:
+    """Return the height of the tide at the surface, metres.
+
+    Args:
+        time_s: instants, UTC seconds since 1970, any shape.
+    """
+    turns = 2 * np.pi * np.asarray(time_s, dtype=float) / HOUR_S
+    return np.asarray(0.7 * np.cos(turns / TIDES[0][0]) + 0.25 * np.cos(turns / TIDES[1][0]))
+
+
+def _tides(rng: np.random.Generator, climate: Climate, time_s: Floats) -> Complexes:
+    total = np.zeros(time_s.size, dtype=complex)
+    for period_h, share in TIDES:
+        phase = 2 * np.pi * time_s / (period_h * HOUR_S) + rng.uniform(0.0, 2 * np.pi)
+        ellipse = np.cos(phase) + 1j * rng.uniform(-0.5, 0.5) * np.sin(phase)
+        total += climate.tide_m_s * share * ellipse * towards(climate.along_deg + rng.normal(0.0, 20.0))
+    return total
+
+
+def _inertial(seed: int, name: str, speed_m_s: float, time_s: Floats, latitude_deg: float) -> Complexes:
+    """Rotate clockwise with the Coriolis frequency, the amplitude forgotten after three days."""
+    rng = stream(seed, name, "inertial")
+    amplitude = red_vector(rng, time_s.size, memory=3 * DAY_S / STEP_S, deviation=speed_m_s / np.sqrt(2.0))
+    turned_deg = 360.0 * 2.0 * np.sin(np.deg2rad(latitude_deg)) * (time_s - time_s[0]) / SIDEREAL_DAY_S
+    return clockwise(amplitude, turned_deg)
+
+
+def _cyclones(rng: np.random.Generator, speed_m_s: float, time_s: Floats) -> Complexes:
+    """Return the pulses of passing cyclones, along-slope real and to the left of it imaginary."""
+    total = np.zeros(time_s.size, dtype=complex)
+    passage_s = time_s[0] + rng.exponential(3 * DAY_S)
+    while passage_s < time_s[-1]:
+        peak, half_s, swirl = speed_m_s * rng.lognormal(0.0, 0.3), rng.uniform(9, 16) * HOUR_S, rng.normal(0.25, 0.25)
+        near = slice(*np.searchsorted(time_s, (passage_s - 5 * half_s, passage_s + 5 * half_s)))
+        phase = (time_s[near] - passage_s) / half_s
+        # The core passes with the flow; before and after it the circulation points off and on shore.
+        total[near] += peak * np.exp(-(phase**2) / 2) * (1.0 + 1j * swirl * phase)
+        passage_s += 2 * DAY_S + rng.exponential(3 * DAY_S)
+    return total

@@ -1,0 +1,274 @@
+"""What each rule of the workflow needs from the cruise's configuration: files, modules and narrow settings.
+
+A rule is given only the keys that it uses, so that a change of one key re-runs the stages it affects and no other.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from compasslib.archive import provenance
+from compasslib.config.cruise import CALIBRATIONS, CONFIG, Cruise
+from compasslib.config.schema import Instrument, Mooring
+from compasslib.core.errors import InputError
+from compasslib.readers import FORMATS
+
+DEPLOYMENT_KEYS = ("pressure_offset", "clock_offset_seconds", "clock_drift_seconds", "direction_reference")
+METHODS = ("exact", "von_appen", "calibration")
+FIGURES = ("deviation", "diagnosis", "histograms", "scatter", "timeline")
+MADE = (
+    *("corrected.nc", "assessment.json", "forms.json", "deviation.json", "diagnosis.json", "overlap.nc"),
+    *("wide/overlap.nc", "work/field.json", "work/fit.json", "work/pictures.json"),
+    *(f"figures/{figure}.png" for figure in FIGURES),
+)  # of each mooring, beside its instruments' records
+SIMULATED = tuple(f"EG{k}" for k in range(1, 8))  # the moorings of the demonstration cruise
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Answers for the Snakefile; each method takes a job's wildcards."""
+
+    cruise: Cruise
+    scripts: Path
+
+    def code(self, script: str) -> Callable[[Any], str]:
+        """Return what gives one hash of the library files behind a script."""
+        return hashed(lambda wildcards: provenance.sources(self.scripts / script))
+
+    def templates(self) -> list[str]:
+        """Return the templates of the report."""
+        return sorted(str(path) for path in (provenance.PROJECT / "compasslib/report/templates").iterdir())
+
+    def reader_modules(self, wildcards: Any) -> tuple[str, ...]:
+        """Return the library files behind the reading of one instrument, its own format's reader only."""
+        module = FORMATS[self._instrument(wildcards).format][0]
+        return provenance.sources(self.scripts / "read.py", f"compasslib.readers.{module}")
+
+    def raw_files(self, wildcards: Any) -> list[str]:
+        """Return the raw files of one instrument."""
+        return list(self._instrument(wildcards).files)
+
+    def companion_files(self, wildcards: Any) -> list[str]:
+        """Return the files that one instrument's reader needs besides; it is given them by its settings."""
+        return list(self._instrument(wildcards).pressure_files)
+
+    def all_raw_files(self, wildcards: Any) -> list[str]:
+        """Return the raw files of the instruments that one mooring uses."""
+        mooring = self._mooring(wildcards)
+        used = [mooring.instruments[role] for role in _roles(mooring)]
+        return [file for instrument in used for file in (*instrument.files, *instrument.pressure_files)]
+
+    def form(self, wildcards: Any) -> str:
+        """Return the format of one instrument."""
+        return str(self._instrument(wildcards).format)
+
+    def reader_settings(self, wildcards: Any) -> dict[str, Any]:
+        """Return the keys of one instrument that its reader takes."""
+        instrument = self._instrument(wildcards)
+        keys = FORMATS[instrument.format][1]
+        told = {"serial_number": self._serial_number(wildcards)} if "serial_number" in keys else {}
+        return _plain(instrument, [key for key in keys if key not in told]) | told
+
+    def deployment(self, wildcards: Any) -> dict[str, Any]:
+        """Return what turns one instrument's series into its record inside the deployment."""
+        mooring, instrument = self._mooring(wildcards), self._instrument(wildcards)
+        # A PD0 reader takes the declination out itself: it may stand in the file as heading bias.
+        applied = 0.0 if instrument.format == "pd0" else instrument.declination_applied or 0.0
+        return _plain(instrument, DEPLOYMENT_KEYS) | {
+            "start_s": mooring.start_s,
+            "end_s": mooring.end_s,
+            "water_depth": mooring.water_depth,
+            "latitude": mooring.latitude,
+            "nominal_depth": instrument.depth,
+            "declination_applied": applied,
+            "exclude": [(window.from_s, window.to_s) for window in instrument.exclude],
+        }
+
+    def place_and_declination(self, wildcards: Any) -> dict[str, Any]:
+        """Return position, dates and declination of one mooring."""
+        mooring = self._mooring(wildcards)
+        applied = {role: mooring.instruments[role].declination_applied for role in _roles(mooring)}
+        return {
+            "latitude": mooring.latitude,
+            "longitude": mooring.longitude,
+            "start_s": mooring.start_s,
+            "end_s": mooring.end_s,
+            "declination": None if mooring.declination == "auto" else mooring.declination,
+            "applied": {role: degrees for role, degrees in applied.items() if degrees},
+        }
+
+    def compromised(self, wildcards: Any) -> str:
+        """Return the record of the instrument to correct."""
+        return _record(wildcards.mooring, self._mooring(wildcards).compromised)
+
+    def reference(self, wildcards: Any) -> list[str]:
+        """Return the record of the trusted instrument; none where the mooring has none."""
+        role = self._mooring(wildcards).reference
+        return [] if role is None else [_record(wildcards.mooring, role)]
+
+    def records(self, wildcards: Any) -> list[str]:
+        """Return the records of the instruments that one mooring uses."""
+        return [_record(wildcards.mooring, role) for role in _roles(self._mooring(wildcards))]
+
+    def roles(self, names: Iterable[str]) -> dict[str, list[str]]:
+        """Return the instruments that each of some moorings uses; others of its results are of an earlier time."""
+        return {name: _roles(self.cruise.moorings[name]) for name in names}
+
+    def method(self, wildcards: Any) -> str:
+        """Return the method that one mooring is fitted by."""
+        return str(self._mooring(wildcards).fit.method)
+
+    def tilt(self, wildcards: Any) -> bool:
+        """Return whether pitch and roll enter the fit of one mooring."""
+        return bool(self._mooring(wildcards).fit.tilt)
+
+    def diagnose(self, wildcards: Any) -> dict[str, Any]:
+        """Return what may be chosen about the search for left-out physics in one mooring."""
+        mooring = self._mooring(wildcards)
+        reference = mooring.instruments.get(mooring.reference or "")
+        magnetic = reference is None or reference.direction_reference == "magnetic"
+        return mooring.diagnose.model_dump() | {"reference_magnetic": magnetic}
+
+    def observatory(self, wildcards: Any) -> list[str]:
+        """Return the files of the observatory that one mooring names, none where it names none."""
+        return [file for series in self._mooring(wildcards).covariates.values() for file in series.files]
+
+    def by_calibration(self) -> list[str]:
+        """Return the moorings that a calibration elsewhere corrects."""
+        return [name for name, mooring in self.cruise.moorings.items() if mooring.fit.method == "calibration"]
+
+    def by_pairs(self) -> list[str]:
+        """Return the moorings that their own pairs correct."""
+        return [name for name in self.cruise.moorings if name not in self.by_calibration()]
+
+    def calibration(self, wildcards: Any) -> str:
+        """Return the calibration that corrects one mooring."""
+        return f"results/calibrations/{self._mooring(wildcards).fit.name}/calibration.json"
+
+    def site(self, wildcards: Any) -> dict[str, Any]:
+        """Return name and place of one mooring."""
+        mooring = self._mooring(wildcards)
+        return {
+            "name": mooring.name,
+            "latitude": mooring.latitude,
+            "longitude": mooring.longitude,
+            "water_depth_m": mooring.water_depth,
+        }
+
+    def attributes(self, wildcards: Any) -> dict[str, Any]:
+        """Return the archive's attributes: the cruise's, the mooring's over them, the instrument's over both."""
+        mooring = self._mooring(wildcards)
+        return self.cruise.options.attributes | mooring.attributes | mooring.instruments[mooring.compromised].attributes
+
+    def configuration(self) -> dict[str, list[str]]:
+        """Return the YAML files behind each mooring and calibration, and under "" those behind the whole cruise."""
+        moorings = {f"mooring {name}": [CONFIG, file] for name, file in self.cruise.mooring_files.items()}
+        calibrations = {f"calibration {n}": [CONFIG, f"{CALIBRATIONS}/{n}.yaml"] for n in self.cruise.calibrations}
+        return {"": [CONFIG]} | moorings | calibrations
+
+    def described(self) -> dict[str, dict[str, Any]]:
+        """Return place, dates and instruments of each mooring, for the report."""
+        return {name: _described(mooring) for name, mooring in self.cruise.moorings.items()}
+
+    def _serial_number(self, wildcards: Any) -> str | None:
+        """Return what the metadata say, the mooring's attributes being the compromised instrument's."""
+        own = self._instrument(wildcards).attributes
+        said = self.attributes(wildcards) if wildcards.role == self._mooring(wildcards).compromised else own
+        return next((str(said[key]) for key in ("serial_number", "sensor_serial_number") if key in said), None)
+
+    def _mooring(self, wildcards: Any) -> Mooring:
+        return self.cruise.moorings[wildcards.mooring]
+
+    def _instrument(self, wildcards: Any) -> Instrument:
+        return self._mooring(wildcards).instruments[wildcards.role]
+
+
+def made(name: str, roles: Iterable[str]) -> list[str]:
+    """Return all files that the rules make of one mooring, its conventions apart.
+
+    Args:
+        roles: its instruments.
+    """
+    return [*(f"results/{name}/{file}" for file in MADE), *(_record(name, role) for role in roles)]
+
+
+def plan(cruise: Cruise, scripts: Path) -> Plan:
+    """Return the answers for the Snakefile, after refusing what no stage can do.
+
+    Raises:
+        InputError: a format that no reader takes, a method that no fit offers, or a mooring that no rule can simulate.
+    """
+    for name, mooring in cruise.moorings.items():
+        file = cruise.mooring_files[name]
+        if cruise.options.demonstration and name not in SIMULATED:
+            advice = "delete demonstration: true from config.yaml; measured moorings are never simulated"
+            raise InputError(f"{file}: name", expected=" or ".join(SIMULATED), found=name, advice=advice)
+        for role in _roles(mooring):
+            refuse(f"{file}: instruments.{role}.format", mooring.instruments[role].format, tuple(FORMATS))
+        refuse(f"{file}: fit.method", mooring.fit.method, METHODS)
+    return Plan(cruise, scripts)
+
+
+def hashed(modules: Callable[[Any], tuple[str, ...]]) -> Callable[[Any], str]:
+    """Return what gives one hash of the library files behind a job, as a parameter of its rule.
+
+    Args:
+        modules: gives these files for a job's wildcards.
+    """
+    return lambda wildcards: provenance.code(modules(wildcards))
+
+
+def only(names: Iterable[str]) -> str:
+    """Return the constraint of a wildcard that may be one of these names and nothing that merely looks like them.
+
+    Args:
+        names: of moorings or calibrations, perhaps none.
+    """
+    return "|".join(re.escape(name) for name in names) or "(?!)"
+
+
+def refuse(where: str, found: str, offered: Sequence[str]) -> None:
+    """Refuse what the schema knows and this version does not do.
+
+    Raises:
+        InputError: it is not offered.
+    """
+    if found not in offered:
+        advice = "this version does not offer it yet"
+        raise InputError(where, expected=" or ".join(offered), found=found, advice=advice)
+
+
+def _described(mooring: Mooring) -> dict[str, Any]:
+    roles = {"compromised": mooring.compromised, "trusted": mooring.reference}
+    told = {role: _told(name, mooring.instruments[name]) if name else "none" for role, name in roles.items()}
+    return {
+        "latitude": mooring.latitude,
+        "longitude": mooring.longitude,
+        "water_depth_m": mooring.water_depth,
+        "start": mooring.start.isoformat(),
+        "end": mooring.end.isoformat(),
+        "instruments": told,
+        "roles": _roles(mooring),
+    }
+
+
+def _told(name: str, instrument: Instrument) -> str:
+    depth = "" if instrument.depth is None else f", {instrument.depth:g} m"
+    return f"{name} ({instrument.format}{depth})"
+
+
+def _roles(mooring: Mooring) -> list[str]:
+    return [mooring.compromised] + ([] if mooring.reference is None else [mooring.reference])
+
+
+def _record(mooring: str, role: str) -> str:
+    return f"results/{mooring}/work/{role}.nc"
+
+
+def _plain(instrument: Instrument, keys: Sequence[str]) -> dict[str, Any]:
+    dumped = instrument.model_dump(mode="json")
+    return {key: dumped[key] for key in keys}

@@ -1,0 +1,112 @@
+"""How Snakemake runs a cruise: recorded hashes beside times, and a second pass without what had to be stopped.
+
+Snakemake answers a file whose content cannot be used by leaving out all that waits for it: summary, report and manifest
+too. After such a run the same rules are planned once more without the moorings and calibrations that were stopped.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from dataclasses import dataclass
+from typing import Any
+
+from snakemake.exceptions import WorkflowError  # type: ignore[import-untyped]
+from snakemake.logging import logger  # type: ignore[import-untyped]
+
+from compasslib.core.errors import InputError
+from compasslib.run import guard, ledger, stopped
+from compasslib.stages.cruise import MANIFEST, REPORT, SUMMARY, Whole
+
+METADATA = f"{guard.SNAKEMAKES}/metadata"  # what Snakemake remembers of each file: parameters and code
+OF_ALL = {"all", "summary", "report", "provenance", SUMMARY, REPORT, MANIFEST}  # targets that wait for every mooring
+
+
+@dataclass(frozen=True)
+class Run:
+    """Snakemake's own two steps, and what is done around them."""
+
+    workflow: Any
+    whole: Whole
+    execute_plainly: Any
+    build_plainly: Any
+
+    def build(self) -> None:
+        """Plan the jobs; what the records deny is made again, whatever its time says."""
+        known, made = ledger.seen(), frozenset(self.whole.everything())
+        names = ["", *stopped.folders(self.whole.plan.cruise)]
+        if any(os.scandir(METADATA)):
+            self.workflow.dag.forcefiles |= ledger.stale(made, names, known)
+        else:  # deleted or left behind: nobody knows by what settings and code the results were made
+            self.workflow.dag.forcefiles |= {file for file in made if os.path.exists(file)}
+        self.build_plainly()
+        if not self.workflow.dryrun:
+            known.keep()
+
+    def execute(self, **settings: Any) -> None:
+        """Run the jobs, and what is left to run of the others where some had to be stopped."""
+        kind = settings["executor_plugin"].common_settings
+        if kind.dryrun_exec or kind.touch_exec:
+            self.execute_plainly(**settings)
+            return
+        self._begin()
+        try:
+            self.execute_plainly(**settings)
+        except WorkflowError:
+            self._without_stopped(settings)
+            raise
+
+    def _begin(self) -> None:
+        self.workflow.execution_settings.keep_going = True
+        try:
+            if guard.alone():
+                self.workflow.execution_settings.lock = False
+                guard.sweep()
+            stopped.forget(self.whole.plan.cruise)
+        except InputError as error:
+            logger.error(f"error: {error}")
+            sys.exit(1)
+
+    def _without_stopped(self, settings: dict[str, Any]) -> None:
+        while self._whole_run() and self.whole.stopped.look(self.whole.plan.cruise):
+            self._tell()
+            try:
+                self.execute_plainly(**settings)
+            except WorkflowError as error:
+                logger.error(str(error))
+
+    def _whole_run(self) -> bool:
+        """Return whether all was tried, rather than the run broken off, and wanted that waits for every mooring."""
+        scheduler, targets = getattr(self.workflow, "scheduler", None), self.workflow.dag_settings.targets
+        broken_off = scheduler is None or scheduler._user_kill or scheduler.running or scheduler.open_jobs
+        return not broken_off and (not targets or not OF_ALL.isdisjoint(targets))
+
+    def _tell(self) -> None:
+        reasons = self.whole.stopped
+        for name in (*reasons.moorings, *(f"{stopped.CALIBRATIONS}/{name}" for name in reasons.calibrations)):
+            cleared = ledger.clear_orphans(name)
+            older = f"; {len(cleared)} files deleted that no longer fit" if cleared else ""
+            logger.info(f"results/{name}: stopped{older}; the others go on without it")
+
+
+def prepare(workflow: Any, whole: Whole) -> dict[str, list[str]]:
+    """Take Snakemake's steps in hand, and return the raw files that a rule may simulate, by mooring.
+
+    Args:
+        whole: what the rules of the whole cruise need; in a job of a cluster it learns what was stopped.
+
+    Raises:
+        InputError: the run would write through a link or over a raw file.
+    """
+    cruise = whole.plan.cruise
+    if workflow.exec_mode.name != "DEFAULT":  # a job on a cluster: what it may do was looked at where it came from
+        whole.stopped.look(cruise)
+        return guard.simulated_names(cruise)
+    guard.refuse_links(stopped.folders(cruise))
+    run = Run(workflow, whole, workflow.execute, workflow._build_dag)
+    workflow.execute, workflow._build_dag = run.execute, run.build
+    files = guard.to_simulate(cruise, ledger.seen())
+    for name in cruise.moorings if cruise.options.demonstration else ():
+        if name not in files:
+            logger.warning(f"{name}: raw files used as they stand: no record says that the simulation wrote them")
+    return files

@@ -1,0 +1,214 @@
+"""The catalogue: every term through the same laws, and the composition against the exact compass and its tilt."""
+
+from dataclasses import fields, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from compasslib.core import angles, compass
+from compasslib.deviation import tilt
+from compasslib.effects import CATALOGUE, Scene, composition, page
+from compasslib.effects.composition import Simulation
+from compasslib.effects.iron import Heeling, TemperatureOfField
+from compasslib.effects.reading import Octantal, Sextantal, TiltUncompensated
+
+NAMES = [
+    "hard_iron",
+    "soft_iron",
+    "large_deviation",
+    "heeling",
+    "hard_iron_drift",
+    "hard_iron_step",
+    "temperature",
+    "supply_voltage",
+    "sextantal",
+    "octantal",
+    "field_disturbance",
+    "secular_variation",
+    "declination_error",
+    "heading_slip",
+    "compass_drift",
+    "clock_offset",
+    "clock_drift",
+    "current_veer",
+    "compass_lag",
+    "stuck_tilt",
+    "tilt_uncompensated",
+    "water_drift",
+    "course_lag",
+    "mooring_motion",
+    "rotation_rate",
+    "battery_change",
+]
+H_NT, Z_NT, N = 12000.0, 52000.0, 400
+LEVEL = np.array([0.03, 0.25, -0.2, 0.02, 0.01])
+RNG = np.random.default_rng(1)
+TIME_S = 1.19e9 + 86400.0 * np.arange(N)
+HEADING = RNG.uniform(0.0, 360.0, N)
+# Rates of turn are those of a mooring, hundredths of a degree a second; the other departures are of order one.
+DEPARTURES = {
+    name: RNG.normal(0.0, 0.003 if name == "turn_rate" else 1.0, N) for term in CATALOGUE for name in term.needs
+}
+SCENE = Scene(
+    TIME_S, np.full(N, H_NT), np.full(N, Z_NT), RNG.normal(3, 2, N), RNG.normal(-2, 2, N), TIME_S[0], DEPARTURES
+)
+FLAT = replace(SCENE, pitch_deg=np.zeros(N), roll_deg=np.zeros(N))
+COMPASS_AND_WATER = [term for term in CATALOGUE if term.acts_on != "time"]
+
+
+def absent(kind):
+    return kind(date_s=float(TIME_S[N // 3])) if kind.dated() else kind()
+
+
+def of_some_size(kind):
+    term = absent(kind)
+    return term.at(0.5 * term.steps())
+
+
+def acted_on(kind):
+    return RNG.normal(0.0, 2e4, (N, 3)) if kind.acts_on == "field" else RNG.uniform(0.0, 360.0, N)
+
+
+def test_every_effect_of_the_contract_is_there_and_no_other():
+    assert {term.name for term in CATALOGUE} == set(NAMES)
+
+
+@pytest.mark.parametrize("kind", CATALOGUE, ids=lambda k: k.__name__)
+def test_a_term_says_what_it_is(kind):
+    assert kind.side in ("compass", "reference", "water", "clock")
+    assert kind.stage in ("surroundings", "sensor", "readout", "clock")
+    assert kind.literature and kind.fitted() and (kind.__doc__ or "").endswith(".")
+    assert (kind.side == "clock") == (kind.acts_on == "time") and (kind.side == "water") == (kind.acts_on == "water")
+    assert all(f.metadata["unit"] and f.metadata["meaning"] for f in fields(kind))
+
+
+@pytest.mark.parametrize("kind", CATALOGUE, ids=lambda k: k.__name__)
+def test_defaults_do_nothing_and_values_do_something_finite(kind):
+    x = acted_on(kind)
+    assert kind() == absent(kind).at(0.0 * kind.steps()) or kind.dated()
+    np.testing.assert_allclose(absent(kind).act(x, SCENE), x, rtol=1e-12)
+    changed = of_some_size(kind).act(x, SCENE)
+    assert changed.shape == x.shape and np.isfinite(changed).all() and np.abs(changed - x).max() > 0.0
+
+
+@pytest.mark.parametrize("kind", COMPASS_AND_WATER, ids=lambda k: k.__name__)
+def test_the_inverse_undoes_the_forward_model(kind):
+    simulation = Simulation(LEVEL, H_NT, (of_some_size(kind),))
+    recorded = composition.recorded_heading(simulation, SCENE, HEADING)
+    roots = composition.headings(simulation, SCENE, recorded)
+    assert np.nanmin(np.abs(angles.difference(roots, HEADING[:, None])), axis=1).max() < 1e-6
+
+
+@pytest.mark.parametrize("kind", COMPASS_AND_WATER, ids=lambda k: k.__name__)
+def test_the_column_is_the_numeric_difference_of_the_inverse(kind):
+    simulation = Simulation(LEVEL, H_NT, (absent(kind),))
+    recorded = composition.recorded_heading(simulation, SCENE, HEADING)
+    columns = composition.derivative(simulation, SCENE, HEADING, first=5)
+    for j, step in enumerate(kind.steps()):
+        shift = 0.1 * step * (np.arange(len(kind.steps())) == j)
+        shown = []
+        for sign in (1.0, -1.0):
+            moved = simulation.at(np.append(LEVEL, sign * shift))
+            shown.append(composition.headings(moved, SCENE, recorded)[:, 0] + composition.veer(moved, SCENE))
+        numeric = angles.difference(*shown) / (0.2 * step)
+        # The column is one-sided with a twentieth of a step: it may be off by a hundredth of a degree a step.
+        np.testing.assert_allclose(columns[:, j] * step, numeric * step, atol=0.02, rtol=0.01)
+
+
+def test_without_terms_and_tilt_it_is_the_exact_compass():
+    recorded = composition.recorded_heading(Simulation(LEVEL, H_NT), FLAT, HEADING)
+    assert np.abs(angles.difference(recorded, compass.recorded_heading(LEVEL, HEADING))).max() < 1e-9
+
+
+def test_heeling_is_the_vertical_iron_of_the_tilted_compass():
+    level = np.array([0.0, 0.25, -0.2, 0.02, 0.01])  # A turns the reading here and tilts with the iron there
+    ours = composition.recorded_heading(Simulation(level, H_NT, (Heeling(3000.0),)), SCENE, HEADING)
+    tilted = tilt.coefficients_at(level, 3000.0 / H_NT, Z_NT / H_NT, SCENE.pitch_deg, SCENE.roll_deg)
+    assert np.abs(angles.difference(ours, compass.recorded_heading(tilted, HEADING))).max() < 1e-9
+
+
+def test_a_compass_without_compensation_reads_the_angle_in_its_own_plane():
+    simulation = Simulation(np.zeros(5), H_NT, (TiltUncompensated(1.0),))
+    body = composition.earth_in_body(SCENE, HEADING)
+    expected = angles.argument(body[:, 0] - 1j * body[:, 1])
+    assert np.abs(angles.difference(composition.recorded_heading(simulation, SCENE, HEADING), expected)).max() < 1e-9
+
+
+def test_terms_compose_on_the_field_and_not_by_adding_deviations():
+    warm = TemperatureOfField(2500.0, -1500.0)
+    alone, with_iron = Simulation(np.zeros(5), H_NT, (warm,)), Simulation(LEVEL, H_NT, (warm,))
+    turned = [angles.difference(composition.recorded_heading(s, FLAT, HEADING), HEADING) for s in (alone, with_iron)]
+    iron = angles.difference(compass.recorded_heading(LEVEL, HEADING), HEADING)
+    assert angles.rms(turned[1] - turned[0] - iron) > 1.0
+
+
+def test_six_degrees_of_the_third_harmonic_are_undone_exactly():
+    simulation = Simulation(LEVEL, H_NT, (Sextantal(6.0, -3.0),))
+    recorded = composition.recorded_heading(simulation, FLAT, HEADING)
+    left = angles.difference(composition.headings(simulation, FLAT, recorded)[:, 0], HEADING)
+    assert np.abs(left).max() < 1e-6
+
+
+def at_its_bound(kind):
+    """Return a term as large as is believed of it, or fifteen degrees large."""
+    term = absent(kind)
+    ranges = [f.metadata["range"][1] for f in fields(kind) if f.metadata["step"]]
+    term = term.at([min(most, 15.0 * step) for most, step in zip(ranges, kind.steps(), strict=True)])
+    while not term.believable:
+        term = term.at(0.97 * term.values)
+    return term
+
+
+STRONG = np.array([0.03, -0.9, 0.95, 0.03, -0.02])  # iron stronger than the earth's horizontal field
+
+
+@pytest.mark.parametrize("iron", [LEVEL, STRONG], ids=["weak", "strong"])
+@pytest.mark.parametrize("kind", [kind for kind in CATALOGUE if kind.side == "compass"], ids=lambda k: k.__name__)
+def test_the_inverse_holds_the_heading_up_to_the_bounds_of_every_effect_beside_others(kind, iron):
+    beside = [other for other in (Heeling, TemperatureOfField, Sextantal, Octantal) if other is not kind]
+    terms = sorted([at_its_bound(kind), *map(of_some_size, beside)], key=lambda term: CATALOGUE.index(type(term)))
+    simulation = Simulation(iron, H_NT, tuple(terms))
+    recorded = composition.recorded_heading(simulation, SCENE, HEADING)
+    roots = composition.headings(simulation, SCENE, recorded)
+    # Where two headings meet at a fold, rounding of the reading grows by its root.
+    assert np.nanmin(np.abs(angles.difference(roots, HEADING[:, None])), axis=1).max() < 1e-3
+    again = [composition.recorded_heading(simulation, SCENE, root) for root in roots.T]
+    assert np.nanmax(np.abs(angles.difference(np.array(again), recorded))) < 1e-5
+
+
+@pytest.mark.parametrize("kind", [Sextantal, Octantal])
+@pytest.mark.parametrize("turns", [0.2, 0.6, 0.79, 0.95, 0.999])
+def test_a_harmonic_is_undone_as_long_as_the_reading_turns_with_the_field(kind, turns):
+    amplitude = turns * 57.29577951 / kind.order
+    term = kind(0.6 * amplitude, -0.8 * amplitude)
+    x = np.linspace(-400.0, 800.0, 12_345)
+    assert np.abs(term.undone(term.act(x, FLAT), FLAT) - x).max() < 1e-6  # at 0.999 a reading turns by a thousandth
+    assert term.believable == (turns < 0.8)
+
+
+@pytest.mark.parametrize("kind", [Sextantal, Octantal])
+def test_a_harmonic_with_three_angles_for_a_reading_gives_none(kind):
+    simulation = Simulation(LEVEL, H_NT, (kind(0.75 * 57.3 / kind.order, 0.75 * 57.3 / kind.order),))
+    recorded = composition.recorded_heading(simulation, FLAT, HEADING)
+    assert not simulation.terms[0].believable
+    assert np.isnan(composition.headings(simulation, FLAT, recorded)).all()
+
+
+def test_the_page_of_the_catalogue_is_not_stale():
+    page_file = Path(__file__).resolve().parents[1] / "docs/physics.md"
+    assert page_file.read_text() == page.page(), "run python -m compasslib.physics.page > docs/physics.md"
+
+
+GROWS = {
+    "hard_iron_drift", "hard_iron_step", "battery_change", "temperature", "supply_voltage", "heading_slip",
+    "compass_drift", "compass_lag", "secular_variation", "field_disturbance", "large_deviation",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", CATALOGUE, ids=lambda kind: kind.__name__)
+def test_a_compass_effect_tells_what_it_grows_with_but_where_it_lies_in_heading_or_tilt(kind):
+    change = absent(kind).change(SCENE)
+    assert (change is not None) == (kind.name in GROWS)
+    if change is not None and kind.dated():
+        assert np.array_equal(np.unique(change), [0.0, 1.0])

@@ -1,0 +1,192 @@
+"""What is planted in the sealed moorings does what it says, each by its own formula."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from compasslib.simulation import effects_known, magnetometer, observatory, planting, readings, sealed, sealed_files
+from compasslib.simulation import effects_known as effects_reading
+from compasslib.simulation import effects_known as effects_water
+from compasslib.simulation import planting as visible
+from compasslib.simulation.effects import scaled
+from compasslib.simulation.effects_strange import STRANGE
+from compasslib.simulation.magnetometer import Ball, Magnet, Magnetometer
+
+PLAIN = Magnetometer((), Ball((9.0, 0.0, 0.0), 0.0), np.zeros((3, 3)), np.eye(3))
+
+
+@pytest.fixture(scope="module")
+def ground():
+    return sealed.make(4, "T", sealed.Wish(wide=True, hours=1500))
+
+
+@pytest.fixture(scope="module")
+def here(ground):
+    return sealed.circumstances(ground)
+
+
+def rng():
+    return np.random.default_rng(1)
+
+
+def turned(ground, effect, meter=PLAIN):
+    """Return by how much an effect turns the reading of a plain compass, degrees, and the reading."""
+    bare = readings.read(replace(ground, meter=meter), (), ground.stamp_s)
+    with_it = readings.read(replace(ground, meter=meter), (effect,), ground.stamp_s)
+    return (with_it.recorded_deg - bare.recorded_deg + 180.0) % 360.0 - 180.0, bare
+
+
+def test_a_dipole_falls_with_the_cube_and_is_twice_as_strong_on_its_axis():
+    along = magnetometer.dipole_nt(np.array([0.0, 0.0, 2.0]), np.array([0.0, 0.0, 0.5]))
+    across = magnetometer.dipole_nt(np.array([0.0, 0.0, 2.0]), np.array([0.5, 0.0, 0.0]))
+    assert along == pytest.approx([0.0, 0.0, 2 * 100.0 * 2.0 / 0.5**3]) and across == pytest.approx(-along / 2)
+    twice = magnetometer.dipole_nt(np.array([0.0, 0.0, 2.0]), np.array([0.0, 0.0, 1.0]))
+    assert twice == pytest.approx(along / 8)
+
+
+def test_sensors_apart_feel_other_parts_of_the_gradient():
+    magnet = (Magnet((0.5, 0.0, 0.0), (3.0, 1.0, 0.0)),)
+    together = Magnetometer(magnet, PLAIN.ball, np.zeros((3, 3)), np.eye(3))
+    apart = replace(together, places_m=np.array([[0.02, 0.0, 0.0], [0.0, 0.02, 0.0], [0.0, 0.0, 0.02]]))
+    one, other = (magnetometer.response(meter)[1] for meter in (together, apart))
+    assert 0.01 < np.abs(one - other).max() / np.abs(one).max() < 0.3
+
+
+def test_a_ball_of_iron_adds_twice_along_and_takes_once_across():
+    meter = replace(PLAIN, ball=Ball((0.0, 0.0, 0.8), 0.2))
+    matrix, added = magnetometer.response(meter)
+    share = (0.2 / 0.8) ** 3
+    assert matrix == pytest.approx(np.diag([1 - share, 1 - share, 1 + 2 * share])) and not added.any()
+
+
+def test_iron_is_as_strong_as_wanted_and_readings_come_in_steps(ground):
+    meter = magnetometer.build(rng(), (14000.0, 48000.0), 0.35)
+    assert np.hypot(*magnetometer.response(meter)[1][:2]) == pytest.approx(0.35 * 14000.0)
+    given = magnetometer.felt(meter, np.array([[14000.0, 0.0, 48000.0]]))
+    assert np.allclose(given % meter.step_nt, 0.0)
+    assert visible.background_deg(ground) < 0.35  # below what is worth a name
+
+
+def test_a_plain_compass_reads_the_heading(ground):
+    made = readings.read(replace(ground, meter=PLAIN), (), ground.stamp_s)
+    off = (made.recorded_deg - made.heading_deg + 180.0) % 360.0 - 180.0
+    assert np.abs(off).max() < 1e-6
+
+
+def test_vertical_iron_does_nothing_while_level_and_turns_by_tilt(ground, here):
+    effect = effects_known.heeling(rng(), here)
+    off, bare = turned(ground, effect)
+    heading, horizontal = np.deg2rad(bare.heading_deg), ground.field.at(ground.stamp_s)[1]
+    pitch, roll = np.deg2rad(here.pitch_deg), np.deg2rad(here.roll_deg)
+    assert heading.size == off.size
+    # To first order b_z adds (pitch, -roll) b_z forward and starboard.
+    expected = -np.rad2deg(1000.0 * (np.sin(heading) * pitch - np.cos(heading) * roll) / horizontal)
+    assert np.abs(off - expected).max() < 0.15
+
+
+@pytest.mark.parametrize(
+    "made", [effects_known.hard_iron_drift, effects_known.temperature, effects_known.hard_iron_step]
+)
+def test_horizontal_iron_turns_by_its_part_across_the_field(ground, here, made):
+    effect = made(rng(), here)
+    off, bare = turned(ground, effect)
+    heading, horizontal = np.deg2rad(bare.heading_deg), ground.field.at(ground.stamp_s)[1]
+    across = effect.body_nt[:, 0] * np.sin(heading) + effect.body_nt[:, 1] * np.cos(heading)
+    assert np.abs(off + np.rad2deg(across / horizontal)).max() < 0.15
+
+
+def test_offsets_slip_drift_and_follow(ground, here):
+    slip = effects_reading.heading_slip(rng(), here)
+    off, _ = turned(ground, slip)
+    later = ground.stamp_s >= slip.parameters["date_s"]
+    assert off[later] == pytest.approx(1.0) and off[~later] == pytest.approx(0.0)
+    off, _ = turned(ground, effects_reading.compass_drift(rng(), here))
+    assert off == pytest.approx((ground.stamp_s - ground.stamp_s[0]) / (365.25 * 86400.0))
+    off, _ = turned(ground, scaled(effects_reading.temperature_of_reading(rng(), here), 0.5))
+    assert off == pytest.approx(0.5 * (here.temperature_c - here.temperature_c.mean()))
+
+
+@pytest.mark.parametrize(("made", "waves"), [("sextantal", 3), ("octantal", 4)])
+def test_lobed_tables_are_waves_of_the_reading(ground, here, made, waves):
+    effect = getattr(effects_reading, made)(rng(), here)
+    off, bare = turned(ground, effect)
+    phase = np.deg2rad(waves * bare.recorded_deg)
+    expected = effect.parameters["sine_deg"] * np.sin(phase) + effect.parameters["cosine_deg"] * np.cos(phase)
+    assert off == pytest.approx(expected, abs=1e-6)
+
+
+def test_sensors_that_answer_with_the_square_make_thirds_of_the_circle():
+    turn = np.deg2rad(np.arange(0.0, 360.0, 5.0))
+    level = np.stack([14000.0 * np.cos(turn), -14000.0 * np.sin(turn), np.zeros(turn.size)], axis=-1)
+    x, y, _ = magnetometer.felt(replace(PLAIN, even=(0.05, 0.0, 0.0)), level, stepped=False).T
+    off = np.rad2deg(np.angle((x - 1j * y) * np.exp(-1j * turn)))
+    # The square of the cosine, seen across: a quarter each of the first and the third harmonic.
+    expected = -np.rad2deg(0.05 * 14000.0 / 50000.0 / 4.0) * (np.sin(turn) + np.sin(3 * turn))
+    assert off == pytest.approx(expected, abs=0.01)
+
+
+def test_without_levelling_the_reading_is_that_of_the_bent_plane(ground, here):
+    off, bare = turned(ground, effects_reading.tilt_uncompensated(rng(), here))
+    horizontal, vertical = ground.field.at(ground.stamp_s)[1:]
+    heading, pitch, roll = (np.deg2rad(x) for x in (bare.heading_deg, here.pitch_deg, here.roll_deg))
+    expected = np.rad2deg(vertical / horizontal * (-np.sin(heading) * -pitch + -np.cos(heading) * roll))
+    assert np.corrcoef(off, expected)[0, 1] > 0.97 and 0.8 < np.std(off) / np.std(expected) < 1.2
+
+
+def test_a_late_compass_reads_an_earlier_heading(ground, here):
+    off, bare = turned(ground, effects_reading.compass_lag(rng(), here))
+    motion = ground.motion
+    before = np.interp(ground.stamp_s - 1200.0, motion.time_s, motion.heading_deg)
+    earlier = (before - bare.heading_deg + 180.0) % 360.0 - 180.0
+    assert np.abs(off - earlier).max() < 0.1
+
+
+def test_magnetic_north_that_swings_takes_the_reading_with_it(ground, here):
+    storm = effects_water.field_disturbance(rng(), here)
+    off, _ = turned(ground, storm)
+    assert off == pytest.approx(-storm.north_deg, abs=0.1)
+
+
+def test_an_effect_is_planted_as_large_as_wanted(ground):
+    for name in ("compass_drift", "temperature", "heading_slip", "field_disturbance", *STRANGE):
+        (planted,) = planting.plant(ground, {name: 1.5})
+        if planted.effect.grows:
+            assert planted.visible_deg == pytest.approx(1.5, rel=0.05), name
+    assert 0.3 < planting.plant(ground, {"hung_sector": 1.5})[0].visible_deg < 6.0
+
+
+def test_clocks_move_the_samples_and_veer_the_trusted_water(ground, tmp_path):
+    effect = planting.plant(ground, {"clock_offset": 1.0})[0].effect
+    hours = effect.parameters["hours"]
+    top, deep = (sealed_files._ahead(ground, (effect,), whose) for whose in ("top", "deep"))
+    assert top - deep == pytest.approx(3600.0 * hours)
+    veer = planting.plant(ground, {"current_veer": 2.0})[0].effect
+    bare, veered = (sealed_files._deep_stance(ground, effects) for effects in ((), (veer,)))
+    setup = sealed_files._deep(ground).setup
+    flows = [sealed_files.adcp.near_bins(setup, stance, ground.currents) for stance in (bare, veered)]
+    assert np.rad2deg(np.angle(flows[0] / flows[1])) == pytest.approx(veer.veer_deg, abs=1e-6)
+
+
+def test_the_same_seed_gives_the_same_files_and_a_late_temperature(ground, tmp_path):
+    for name, export in (("a", sealed_files.Export()), ("b", sealed_files.Export())):
+        sealed_files.write(ground, (), tmp_path / name, export)
+    for file in ("top.000", "deep.000"):
+        assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
+    sealed_files.write(ground, (), tmp_path / "c", sealed_files.Export(temperature_late_d=10.0))
+    assert (tmp_path / "c/top.000").read_bytes() != (tmp_path / "a/top.000").read_bytes()
+    assert (tmp_path / "c/deep.000").read_bytes() == (tmp_path / "a/deep.000").read_bytes()
+
+
+def test_the_observatory_is_written_as_data_centres_do(ground, tmp_path):
+    path = tmp_path / "observatory.min"
+    observatory.write(
+        path, ground.stamp_s[:3], (np.full(3, -20.0), np.full(3, 14000.0), np.full(3, 48000.0)), (60, -30)
+    )
+    lines = path.read_text().splitlines()
+    assert all(len(line) == 70 and line.endswith("|") for line in lines[:13])
+    fields = lines[13].split()
+    assert np.rad2deg(np.arctan2(float(fields[4]), float(fields[3]))) == pytest.approx(-20.0, abs=1e-3)
+    assert float(fields[6]) == pytest.approx(50000.0)
