@@ -11,10 +11,9 @@ from compasslib.archive import provenance
 from compasslib.calibration import KINDS
 from compasslib.config.cruise import load
 from compasslib.core.errors import InputError
-from compasslib.run import guard
-from compasslib.stages import calibrations, plan, running
-from compasslib.stages.cruise import Whole
-from compasslib.stages.plan import FIGURES
+from compasslib.run import calibrations, guard, plan, running
+from compasslib.run.plan import FIGURES
+from compasslib.run.whole import Whole
 
 try:
     guard.enter(Path.cwd(), Path(workflow.basedir))
@@ -51,10 +50,10 @@ rule all:
 rule read:
     """Raw export -> the instrument's record inside the deployment."""
     input:
+        PLAN.companion_files,  # the reader is given them by its settings
         raw=PLAN.raw_files,
-        companions=PLAN.companion_files,
     output:
-        "results/{mooring}/work/{role}.nc",
+        record="results/{mooring}/work/{role}.nc",
     params:
         form=PLAN.form,
         reader=PLAN.reader_settings,
@@ -101,7 +100,7 @@ rule fit:
         pairs="results/{mooring}/overlap.nc",
         field="results/{mooring}/work/field.json",
     output:
-        "results/{mooring}/work/fit.json",
+        fit="results/{mooring}/work/fit.json",
     params:
         method=PLAN.method,
         tilt=PLAN.tilt,
@@ -153,7 +152,7 @@ rule correct:
         field="results/{mooring}/work/field.json",
         observatory=PLAN.observatory,
     output:
-        "results/{mooring}/corrected.nc",
+        corrected="results/{mooring}/corrected.nc",
     params:
         site=PLAN.site,
         attributes=PLAN.attributes,
@@ -178,7 +177,7 @@ rule assess:
         field="results/{mooring}/work/field.json",
         observatory=PLAN.observatory,
     output:
-        "results/{mooring}/assessment.json",
+        assessment="results/{mooring}/assessment.json",
     params:
         code=PLAN.code("assess.py"),
     conda:
@@ -197,7 +196,7 @@ rule compare:
         pairs="results/{mooring}/overlap.nc",
         deviation="results/{mooring}/deviation.json",
     output:
-        "results/{mooring}/forms.json",
+        forms="results/{mooring}/forms.json",
     priority: -1  # it fills the cores that others leave
     params:
         code=PLAN.code("compare.py"),
@@ -219,8 +218,8 @@ rule figures:
         diagnosis="results/{mooring}/diagnosis.json",
         product="results/{mooring}/corrected.nc",
     output:
-        **{
-            figure: report(
+        figures=[
+            report(
                 f"results/{{mooring}}/figures/{figure}.png",
                 caption=f"workflow/report/{figure}.rst",
                 category="Moorings",
@@ -228,7 +227,7 @@ rule figures:
                 labels={"figure": figure},
             )
             for figure in FIGURES
-        },
+        ],
         pictures="results/{mooring}/work/pictures.json",
     params:
         code=PLAN.code("figures.py"),
@@ -245,15 +244,10 @@ rule figures:
 rule summary:
     """One row a mooring."""
     input:
-        deviation=WHOLE.of("deviation.json"),
-        diagnosis=WHOLE.of("diagnosis.json"),
-        assessment=WHOLE.of("assessment.json"),
-        product=WHOLE.of("corrected.nc"),
-        field=WHOLE.of("work/field.json"),
-        pairs=WHOLE.of("overlap.nc"),
-        records=WHOLE.records,
+        WHOLE.of("deviation.json", "diagnosis.json", "assessment.json", "corrected.nc", "work/field.json", "overlap.nc"),
+        WHOLE.records,
     output:
-        report("results/summary.csv", caption="workflow/report/summary.rst", category="Cruise"),
+        summary=report("results/summary.csv", caption="workflow/report/summary.rst", category="Cruise"),
     params:
         roles=WHOLE.roles,
         order=list(CRUISE.moorings),
@@ -272,13 +266,12 @@ rule summary:
 rule report:
     """All results on one page that needs no network."""
     input:
-        summary=WHOLE.table,
-        figures=WHOLE.of(*(f"figures/{figure}.png" for figure in FIGURES)),
-        pictures=WHOLE.of("work/pictures.json"),
-        calibrations=WHOLE.calibrated,
-        templates=PLAN.templates(),
+        WHOLE.table,
+        WHOLE.of(*(f"figures/{figure}.png" for figure in FIGURES), "work/pictures.json"),
+        WHOLE.calibrated,
+        PLAN.templates(),
     output:
-        "results/report.html",
+        page="results/report.html",
     params:
         attributes=CRUISE.options.attributes,
         moorings=WHOLE.described,

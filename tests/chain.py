@@ -10,7 +10,6 @@ from compasslib.archive import netcdf, summary
 from compasslib.config import cruise
 from compasslib.core.errors import InputError
 from compasslib.stages import pipeline
-from compasslib.stages import plan as stages
 
 
 def run(folder: Path, name: str = "M1") -> dict[str, Any]:
@@ -25,9 +24,8 @@ def run(folder: Path, name: str = "M1") -> dict[str, Any]:
     results = folder.absolute() / "results" / name
     results.mkdir(parents=True, exist_ok=True)
     try:
-        plan = stages.plan(cruise.load(folder), Path())
         with chdir(folder):
-            pipeline._run(pipeline.Task(plan, pipeline.Job(name), results, say=lambda line: None))
+            pipeline.run(cruise.load(Path()), name, results)
         return _told(results) | {"error": None}
     except InputError as error:
         return {"error": f"error: {error}"}

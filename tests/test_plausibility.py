@@ -22,7 +22,7 @@ from compasslib.core.records import BAD, GOOD, PROBABLY_BAD
 from compasslib.preparation import deployment, plausibility
 from compasslib.readers.pd0 import reader
 from compasslib.report import words
-from compasslib.stages import plan
+from compasslib.run import plan
 
 N = 60
 

@@ -16,14 +16,15 @@ import netCDF4
 import pytest
 from bench import readings, write_calibration
 from sea import cruise
+from snakemake.iocontainers import Namedlist
 from test_workflow import PROJECT, snakemake
 
 from compasslib.archive import crate, provenance, verification
 from compasslib.config import cruise as config
 from compasslib.config import schema, values
 from compasslib.core.errors import InputError
+from compasslib.run import plan
 from compasslib.run.job import job
-from compasslib.stages import plan
 
 SAMPLES = 120
 
@@ -244,13 +245,16 @@ def test_the_rule_says_the_same_and_makes_nothing_anew(archive):
 
 # ---------------------------------------------------------------------------------------------------------------- jobs
 def test_a_job_that_fails_leaves_no_record(tmp_path):
-    empty = SimpleNamespace(items=list)
-    here = SimpleNamespace(rule="r", log=[str(tmp_path / "r.log")], input=[], output=[], wildcards=empty, params=empty)
-    with pytest.raises(SystemExit), job(here):
+    parts = {part: Namedlist() for part in ("input", "output", "params", "wildcards")}
+    here = SimpleNamespace(rule="r", log=[str(tmp_path / "r.log")], **parts)
+
+    def fails(say):
         raise InputError("file", expected="a", found="b", advice="c")
+
+    with pytest.raises(SystemExit):
+        job(here, fails)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["r.log"]
-    with job(here) as say:
-        say("done")
+    job(here, lambda say: say("done"))
     record = json.loads((tmp_path / "r.json").read_text())
     assert record["rule"] == "r" and record["software"] == provenance.software()
 

@@ -20,9 +20,9 @@ from compasslib.readers.mmp import acm, geometry
 from compasslib.readers.mmp import files as mmp_files
 from compasslib.readers.mmp import pressure as mmp_pressure
 from compasslib.readers.mmp import rows as mmp_rows
+from compasslib.run import plan as stages
 from compasslib.simulation import demonstration, mmp, profiler, water
 from compasslib.simulation.demonstration import DEPLOYED_S
-from compasslib.stages import plan as stages
 
 SHARED = Path(__file__).resolve().parents[1] / ".." / "shared" / "data"
 TEXT, BINARY = "acm/mmp_global_A0000001.TXT", "acm/mmp_global_A0000001.DAT"

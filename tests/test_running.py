@@ -112,12 +112,8 @@ def test_an_error_of_the_program_in_one_mooring_stops_that_one(copied, tmp_path)
     for part in ("compasslib", "workflow"):
         shutil.copytree(source / part, project / part, ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copy(source / "Snakefile", project)
-    script = project / "workflow/scripts/fit.py"
-    script.write_text(
-        script.read_text().replace(
-            "with job(snakemake) as say:", "with job(snakemake) as say:\n    1 / (snakemake.wildcards.mooring != 'BAD')"
-        )
-    )
+    stage = project / "compasslib/stages/fit.py"
+    stage.write_text(stage.read_text().replace("    dip_ratio = ", "    1 / (mooring != 'BAD')\n    dip_ratio = "))
     ran = snakemake(copied, project=project)
     assert ran.returncode != 0
     assert rows(copied)["BAD"]["warnings"].startswith("an error of this program in fit, ZeroDivisionError")

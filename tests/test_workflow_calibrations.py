@@ -23,7 +23,7 @@ from test_workflow import CONTRACT, PROJECT, change, snakemake
 from compasslib.config import cruise as config
 from compasslib.core import angles, earthfield
 from compasslib.deviation import transfer
-from compasslib.stages import calibrations
+from compasslib.run import calibrations
 
 AT_SEA = (0.02, 0.3, 0.1, 0.03, -0.02)
 SAMPLES = 600

@@ -173,19 +173,21 @@ def of_job(job: Any, read: Mapping[str, str]) -> dict[str, Any]:
     }
 
 
-def origin(what: str, files: Sequence[str]) -> dict[str, str]:
+def origin(what: str, files: Sequence[str], within: str | Path = "") -> dict[str, str]:
     """Return the attributes of a netCDF file that lead back to what it was made from.
 
     Args:
         what: was done, for the history.
         files: that it was made from, relative to the cruise folder.
+        within: a folder from which they are named, where not from the cruise's.
     """
     made, by = date_created(), software()
-    told = ", ".join(f"{path} (sha256 {known})" for path, known in hashes(files).items())
+    names = {Path(file).relative_to(within).as_posix(): known for file, known in hashes(files).items()}
+    listed = ", ".join(f"{name} (sha256 {known})" for name, known in names.items())
     return {
         "software_version": by,
-        "source_files": ", ".join(files),
-        "history": f"{made}: {what} by {by} from {told}",
+        "source_files": ", ".join(names),
+        "history": f"{made}: {what} by {by} from {listed}",
         "date_created": made,
     }
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from compasslib.config import cruise as config
 from compasslib.config.cruise import Cruise
 from compasslib.config.schema import Instrument, Mooring
-from compasslib.stages import calibrations, plan
+from compasslib.run import calibrations, plan
 
 
 def run(asked: Namespace) -> int:

@@ -17,12 +17,13 @@ from compasslib.core.errors import InputError
 from compasslib.run import ledger, stopped
 
 
-@contextmanager
-def job(snakemake: Any) -> Iterator[Callable[[str], None]]:
-    """Give a function that says one line on stderr and in the job's log; input errors become such a line and exit 1.
+def job(snakemake: Any, stage: Callable[..., None]) -> None:
+    """Run one stage with what its rule names: the wildcards in order, then inputs, outputs and parameters by name.
 
-    A job that ends well leaves what it read and wrote beside its log, NAME.json beside NAME.log; one whose input cannot
-    be used leaves the reason, NAME.stopped. What it reads must be what the jobs before it wrote.
+    What the rule does not name is there for the order of the jobs alone, and its parameter ``code`` to run it again.
+    ``say`` is a line on stderr and in the job's log; an error of the input becomes such a line and exit 1. A job that
+    ends well leaves what it read and wrote beside its log, NAME.json beside NAME.log; one whose input cannot be used
+    leaves the reason, NAME.stopped. What it reads must be what the jobs before it wrote.
 
     Args:
         snakemake: what Snakemake gives its scripts; its log is written anew.
@@ -30,6 +31,15 @@ def job(snakemake: Any) -> Iterator[Callable[[str], None]]:
     Raises:
         SystemExit: the input could not be used.
     """
+    parts = (snakemake.input, snakemake.output, snakemake.params)
+    named = {name: value for part in parts for name, value in part.items() if name != "code"}
+    with _said(snakemake) as say, _recorded(snakemake, Path(snakemake.log[0]).with_suffix(".json")):
+        stage(*snakemake.wildcards, **named, say=say)
+
+
+@contextmanager
+def _said(snakemake: Any) -> Iterator[Callable[[str], None]]:
+    """Give what says a line, and say why where the block fails."""
     log, of = Path(snakemake.log[0]), stopped.named(snakemake.wildcards)
     with _opened(log) as stream:
 
@@ -40,8 +50,7 @@ def job(snakemake: Any) -> Iterator[Callable[[str], None]]:
                 print(line, file=stream, flush=True)
 
         try:
-            with _recorded(snakemake, log.with_suffix(".json")):
-                yield say
+            yield say
         except InputError as error:
             stopped.leave(snakemake, error)
             say(f"error: {of}{error}")

@@ -1,7 +1,7 @@
 """One mooring from its YAML file to its product without Snakemake: the workflow's stages, one after the other.
 
-The files between the stages are the workflow's, so that the product is too, to the last bit. Figures, the summary and
-the report are the workflow's own.
+The stages and the files between them are the workflow's, so that the product is too, to the last bit. Figures, the
+summary and the report are the workflow's own.
 """
 
 from __future__ import annotations
@@ -9,61 +9,42 @@ from __future__ import annotations
 import fcntl
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import chdir, contextmanager, suppress
 from dataclasses import dataclass
+from inspect import signature
 from pathlib import Path
+from types import ModuleType
+from typing import Any
 
-from compasslib import calibration, deviation, observatory, readers
-from compasslib.archive import netcdf, provenance
-from compasslib.calibration import at_mooring, content
-from compasslib.config import calibrations
+from compasslib.calibration import at_mooring
 from compasslib.config import cruise as config
-from compasslib.core import earthfield
+from compasslib.config.cruise import Cruise
 from compasslib.core.errors import InputError
-from compasslib.core.records import EarthField, Pairs, Record
-from compasslib.deviation import assessment, correction
-from compasslib.deviation.model import Fit
-from compasslib.preparation import deployment, overlap
-from compasslib.search import covariates, moored
-from compasslib.search import product as products
-from compasslib.search.product import Product
-from compasslib.stages import plan as stages
+from compasslib.run import calibrations, plan
+from compasslib.stages import assess, calibrate, carry, compare, correct, diagnose, fit, overlap, read
 
+FILES = {
+    "field": "work/field.json",
+    "pairs": "overlap.nc",
+    "wide": "wide/overlap.nc",
+    "fit": "work/fit.json",
+    "diagnosis": "diagnosis.json",
+    "deviation": "deviation.json",
+    "assessment": "assessment.json",
+    "forms": "forms.json",
+    "corrected": "corrected.nc",
+}  # of a mooring's folder, by the names that the workflow's rules give them
 TEMPORARY, MARK = ".compass-correct.", "compass-correct.lock"  # of a folder of results until it is whole
 
 
 @dataclass(frozen=True)
 class Job:
-    """What a rule of the workflow knows of its job."""
+    """The wildcards of a job, as the workflow's rules know them."""
 
-    mooring: str
+    mooring: str = ""
     role: str = ""
-
-
-@dataclass(frozen=True)
-class Task:
-    """One mooring of a cruise, and where its files come."""
-
-    plan: stages.Plan
-    job: Job
-    folder: Path  # of the results, absolute
-    say: Callable[[str], None]
-
-    @property
-    def name(self) -> str:
-        """Return the mooring's name."""
-        return self.job.mooring
-
-
-@dataclass(frozen=True)
-class Measured:
-    """What the stages after the overlap start from."""
-
-    record: Record
-    pairs: Pairs
-    wide: Pairs  # they may stand further apart
-    field: EarthField
+    calibration: str = ""
 
 
 def process(
@@ -81,15 +62,75 @@ def process(
     Raises:
         InputError: a mistake in the cruise, a raw file that cannot be read, or a folder that is there already.
     """
-    loaded = config.load(Path(cruise))
-    plan, there = stages.plan(loaded, Path()), Path(folder).absolute()
+    loaded, there = config.load(Path(cruise)), Path(folder).absolute()
     if mooring not in loaded.moorings:
         expected = f"a mooring of {cruise} ({', '.join(loaded.moorings) or 'it has none'})"
         raise InputError(mooring, expected=expected, found="another name", advice="write one of these names")
     _refuse_taken(there, loaded.root.absolute() / "results")
     with _whole(there) as inside, chdir(loaded.root):
-        _run(Task(plan, Job(mooring), inside, say))
+        run(loaded, mooring, inside, say)
     return there
+
+
+def run(cruise: Cruise, mooring: str, folder: Path, say: Callable[[str], None] = lambda line: None) -> None:
+    """Run the stages of one mooring into a folder, over what stands there; the cruise is the working folder.
+
+    Args:
+        folder: of the mooring's results, absolute.
+    """
+    rules, job = plan.plan(cruise, Path()), Job(mooring)
+    used = [Job(mooring, role) for role in rules.roles([mooring])[mooring]]
+    records = [str(folder / f"work/{each.role}.nc") for each in used]
+    given = {name: str(folder / file) for name, file in FILES.items()} | {
+        "record": records[0],
+        "observatory": rules.observatory(job),
+        "place": rules.place_and_declination(job),
+        "rules": cruise.options.overlap.model_dump(),
+        "method": rules.method(job),
+        "tilt": rules.tilt(job),
+        "options": rules.diagnose(job),
+        "site": rules.site(job),
+        "attributes": rules.attributes(job),
+        "sources": rules.all_raw_files(job),
+        "say": say,
+    }
+    for file in (*FILES.values(), "work/record"):
+        (folder / file).parent.mkdir(parents=True, exist_ok=True)
+    for each, record in zip(used, records, strict=True):
+        _do(read, each, given | _settings_of_reading(rules, each) | {"record": record})
+    _do(overlap, job, given | {"upper": records[0], "lower": records[1:]})
+    if given["method"] == at_mooring.METHOD:
+        name = str(cruise.moorings[mooring].fit.name)
+        given["calibration"] = _calibrated(calibrations.plan(cruise, Path()), name, folder / "work/calibrations", say)
+    for stage in (carry if "calibration" in given else fit, diagnose, assess, compare, correct):
+        _do(stage, job, given)
+
+
+def _do(stage: ModuleType, job: Job, given: Mapping[str, Any]) -> None:
+    """Run a stage, as a rule of the workflow does: what it takes by name is what the rule names."""
+    wanted = signature(stage.run).parameters
+    wildcards = [name for name in vars(job).values() if name]
+    stage.run(*wildcards, **{name: value for name, value in given.items() if name in wanted})
+
+
+def _settings_of_reading(rules: plan.Plan, job: Job) -> dict[str, Any]:
+    return {
+        "raw": rules.raw_files(job),
+        "form": rules.form(job),
+        "reader": rules.reader_settings(job),
+        "deployment": rules.deployment(job),
+    }
+
+
+def _calibrated(rules: calibrations.Calibrations, name: str, folder: Path, say: Callable[[str], None]) -> str:
+    """Calibrate here and now, after those that it is compared with, and return its calibration.json."""
+    job, other = Job(calibration=name), rules.cruise.calibrations[name].compare_with
+    files = {file.split(".")[0]: str(folder / name / file) for file in ("calibration.json", "table.csv", "points.csv")}
+    (folder / name).mkdir(parents=True, exist_ok=True)
+    given = {"raw": rules.raw_files(job), "kind": rules.kind(job), "settings": rules.settings(job), "say": say}
+    given["earlier"] = [] if other is None else [_calibrated(rules, other, folder, say)]
+    _do(calibrate, job, given | files)
+    return files["calibration"]
 
 
 def _refuse_taken(folder: Path, results: Path) -> None:
@@ -128,117 +169,3 @@ def _clear_after_a_kill(folder: Path) -> None:
             with mark.open("r+") as held, suppress(OSError):
                 fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)  # held by a run that is alive: BlockingIOError
                 shutil.rmtree(left, ignore_errors=True)
-
-
-def _run(task: Task) -> None:
-    measured = _measured(task)
-    _fit(task, measured)
-    _diagnose(task, measured)
-    made_by = products.from_json(netcdf.read_json(task.folder / "deviation.json"))
-    refuted = _assess(task, measured, made_by)
-    _correct(task, measured, made_by, refuted=refuted)
-
-
-def _measured(task: Task) -> Measured:
-    field = _field(task)
-    mooring = task.plan.cruise.moorings[task.name]
-    upper = _record(task, mooring.compromised)
-    lower = [_record(task, mooring.reference)] if mooring.reference else []
-    rules = overlap.Rules(**task.plan.cruise.options.overlap.model_dump())
-    clocks = overlap.clocks(upper, lower, rules)
-    pairs, wide = (
-        _pairs(task.folder / file, overlap.find(upper, lower, field, each, clocks))
-        for file, each in (("overlap.nc", rules), ("wide/overlap.nc", overlap.widened(rules)))
-    )
-    task.say(overlap.told(task.name, pairs))
-    return Measured(upper, pairs, wide, field)
-
-
-def _pairs(file: Path, found: Pairs) -> Pairs:
-    file.parent.mkdir(exist_ok=True)
-    netcdf.write_pairs(file, found)
-    return netcdf.read_pairs(file)
-
-
-def _record(task: Task, role: str) -> Record:
-    job, file = Job(task.name, role), task.folder / f"work/{role}.nc"
-    paths = [Path(path) for path in task.plan.raw_files(job)]
-    raw = readers.read(task.plan.form(job), paths, task.plan.reader_settings(job))
-    netcdf.write_record(file, deployment.settle(raw, **task.plan.deployment(job)))
-    record = netcdf.read_record(file)
-    task.say(deployment.told(task.name, role, record))
-    return record
-
-
-def _field(task: Task) -> EarthField:
-    file = task.folder / "work/field.json"
-    place = task.plan.place_and_declination(task.job)
-    along = observatory.held_against(earthfield.along_time(**place), task.plan.observatory(task.job), place)
-    netcdf.write_json(file, vars(along))
-    field = earthfield.from_json(netcdf.read_json(file))
-    task.say(earthfield.told(task.name, field))
-    return field
-
-
-def _fit(task: Task, measured: Measured) -> None:
-    method = task.plan.method(task.job)
-    fit, origin = _carried(task, measured) if method == at_mooring.METHOD else (_fitted(task, measured), {})
-    netcdf.write_json(task.folder / "work/fit.json", deviation.described(fit, measured.record) | origin)
-    task.say(deviation.told(task.name, fit))
-
-
-def _fitted(task: Task, measured: Measured) -> Fit:
-    dip_ratio = task.plan.tilt(task.job) * earthfield.dip_ratio(measured.field)
-    return deviation.fit(task.plan.method(task.job), measured.pairs, dip_ratio=dip_ratio)
-
-
-def _carried(task: Task, measured: Measured) -> tuple[Fit, dict[str, object]]:
-    """Return the fit of a calibration that is made here and now, and what deviation.json says of it."""
-    name = str(task.plan.cruise.moorings[task.name].fit.name)
-    given = task.plan.cruise.calibrations[name]
-    settings = calibration.settled(calibrations.settings(given))
-    made = calibration.calibrate(str(given.kind), given.files, settings)
-    file = task.folder / "work/calibration.json"
-    netcdf.write_json(file, content.described(name, made, settings, {}) | provenance.stamp(given.files))
-    elsewhere = netcdf.read_json(file)
-    fit = at_mooring.carried(elsewhere, measured.field, measured.record, measured.pairs)
-    return fit, at_mooring.origin(elsewhere, measured.field)
-
-
-def _diagnose(task: Task, measured: Measured) -> None:
-    configured = netcdf.read_json(task.folder / "work/fit.json")
-    fit, series = deviation.from_json(configured), _series(task, measured, at=measured.pairs)
-    chosen = task.plan.diagnose(task.job)
-    found = moored.diagnose(measured.pairs, series, fit, measured.field, wide=measured.wide, **chosen)
-    netcdf.write_json(task.folder / "diagnosis.json", found.to_json())
-    netcdf.write_json(task.folder / "deviation.json", configured | {"applied": products.of(fit, found).to_json()})
-    task.say(moored.told(task.name, found))
-
-
-def _series(task: Task, measured: Measured, at: Pairs | None = None) -> products.Series:
-    return covariates.logged(measured.record, task.plan.observatory(task.job), at=at)
-
-
-def _correct(task: Task, measured: Measured, made_by: Product, *, refuted: bool) -> None:
-    record, pairs, field = measured.record, measured.pairs, measured.field
-    at = products.along(made_by, record, field, _series(task, measured))
-    doubt_deg = correction.doubt(refuted, made_by.left_deg)
-    product = correction.in_pieces(record, made_by.fit, field, pairs, at, doubt_deg=doubt_deg)
-    netcdf.write_corrected(
-        task.folder / "corrected.nc",
-        product,
-        site=netcdf.Site(**task.plan.site(task.job)),
-        attributes=task.plan.attributes(task.job),
-        processing=provenance.processing(made_by, field, task.plan.all_raw_files(task.job)),
-    )
-    task.say(correction.told(task.name, product))
-
-
-def _assess(task: Task, measured: Measured, made_by: Product) -> bool:
-    series = _series(task, measured)
-    plain = products.plain(made_by, measured.pairs, measured.record, measured.field, series)
-    verdict = assessment.assess(measured.pairs, made_by.fit, plain)
-    netcdf.write_json(task.folder / "assessment.json", verdict)
-    netcdf.write_json(task.folder / "forms.json", {"forms": assessment.compare_forms(measured.pairs, made_by.fit)})
-    task.say(assessment.told(task.name, verdict))
-    return bool(verdict["refuted"])

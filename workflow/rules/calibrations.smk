@@ -27,11 +27,11 @@ rule calibrate:
 rule diagnose_calibration:
     """Raw readings -> what they show that the simulation does not hold."""
     input:
-        raw=CALIBRATIONS.raw_files,
         # For the order: what cannot be read is told once. As ancient() it would hide a changed setting.
-        after="results/calibrations/{calibration}/calibration.json",
+        "results/calibrations/{calibration}/calibration.json",
+        raw=CALIBRATIONS.raw_files,
     output:
-        "results/calibrations/{calibration}/diagnosis.json",
+        diagnosis="results/calibrations/{calibration}/diagnosis.json",
     params:
         kind=CALIBRATIONS.kind,
         settings=CALIBRATIONS.settings,
@@ -52,7 +52,7 @@ rule diagnosis_figure:
     input:
         diagnosis="results/calibrations/{calibration}/diagnosis.json",
     output:
-        report(
+        figure=report(
             "results/calibrations/{calibration}/figures/diagnosis.png",
             caption="../report/calibration_diagnosis.rst",
             category="Calibrations",
@@ -81,8 +81,8 @@ for KIND in KINDS:
             table="results/calibrations/{calibration}/table.csv",
             points="results/calibrations/{calibration}/points.csv",
         output:
-            **{
-                figure: report(
+            figures=[
+                report(
                     f"results/calibrations/{{calibration}}/figures/{figure}.png",
                     caption="../report/calibration.rst",
                     category="Calibrations",
@@ -90,7 +90,7 @@ for KIND in KINDS:
                     labels={"figure": figure},
                 )
                 for figure in CALIBRATIONS.figures(KIND)
-            },
+            ],
         params:
             code=plan.hashed(CALIBRATIONS.figure_modules),
         wildcard_constraints:
@@ -113,7 +113,7 @@ rule carry:
         pairs="results/{mooring}/overlap.nc",
         field="results/{mooring}/work/field.json",
     output:
-        "results/{mooring}/work/fit.json",
+        fit="results/{mooring}/work/fit.json",
     params:
         code=PLAN.code("carry.py"),
     wildcard_constraints:

@@ -4,10 +4,10 @@
 rule provenance:
     """Records of all jobs -> manifest with the hash of every file read or written, a Process Run Crate."""
     input:
+        sorted({file for files in PLAN.configuration().values() for file in files}),
         products=WHOLE.products,
-        settings=sorted({file for files in PLAN.configuration().values() for file in files}),
     output:
-        "results/ro-crate-metadata.json",
+        manifest="results/ro-crate-metadata.json",
     params:
         configuration=PLAN.configuration(),
         attributes=CRUISE.options.attributes,
@@ -45,10 +45,9 @@ rule check_conventions:
         products=expand("results/{{mooring}}/{file}.nc", file=["corrected", "overlap"]),
         records=PLAN.records,
     output:
-        "results/{mooring}/conventions.json",
+        conventions="results/{mooring}/conventions.json",
     params:
-        checker=provenance.installed("compliance-checker"),
-        code=PLAN.code("conventions.py"),
+        code=PLAN.code("conventions.py", provenance.installed("compliance-checker")),
     conda:
         "../envs/compasslib.yaml"
     log:

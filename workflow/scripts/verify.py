@@ -1,7 +1,6 @@
 """Verify the archive: the files of the cruise -> what differs from its manifest, a line each."""
 
-from compasslib.archive import verification
 from compasslib.run.job import job
+from compasslib.stages import verify
 
-with job(snakemake) as say:
-    verification.tell(".", say)
+job(snakemake, verify.run)

@@ -11,8 +11,8 @@ from compasslib.archive import provenance
 from compasslib.calibration import KINDS
 from compasslib.config import calibrations
 from compasslib.config.cruise import CALIBRATIONS, Cruise
+from compasslib.run.plan import refuse
 from compasslib.search import kinds
-from compasslib.stages.plan import refuse
 
 
 @dataclass(frozen=True)

@@ -35,9 +35,10 @@ class Plan:
     cruise: Cruise
     scripts: Path
 
-    def code(self, script: str) -> Callable[[Any], str]:
-        """Return what gives one hash of the library files behind a script."""
-        return hashed(lambda wildcards: provenance.sources(self.scripts / script))
+    def code(self, script: str, beside: str = "") -> Callable[[Any], str]:
+        """Return what gives one hash of the library files behind a script, and a version of another program beside."""
+        own = hashed(lambda wildcards: provenance.sources(self.scripts / script))
+        return lambda wildcards: " ".join(filter(None, (own(wildcards), beside)))
 
     def templates(self) -> list[str]:
         """Return the templates of the report."""

@@ -16,7 +16,7 @@ from snakemake.logging import logger  # type: ignore[import-untyped]
 
 from compasslib.core.errors import InputError
 from compasslib.run import guard, ledger, stopped
-from compasslib.stages.cruise import MANIFEST, REPORT, SUMMARY, Whole
+from compasslib.run.whole import MANIFEST, REPORT, SUMMARY, Whole
 
 METADATA = f"{guard.SNAKEMAKES}/metadata"  # what Snakemake remembers of each file: parameters and code
 OF_ALL = {"all", "summary", "report", "provenance", SUMMARY, REPORT, MANIFEST}  # targets that wait for every mooring

@@ -9,13 +9,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
+from compasslib.run.calibrations import Calibrations
+from compasslib.run.plan import FIGURES, Plan, made
 from compasslib.run.stopped import Stopped
-from compasslib.stages import plan as stages
-from compasslib.stages.calibrations import Calibrations
-from compasslib.stages.plan import Plan
 
 SUMMARY, REPORT, MANIFEST = "results/summary.csv", "results/report.html", "results/ro-crate-metadata.json"
-LAST = ("corrected.nc", "assessment.json", "forms.json", *(f"figures/{figure}.png" for figure in stages.FIGURES))
+LAST = ("corrected.nc", "assessment.json", "forms.json", *(f"figures/{figure}.png" for figure in FIGURES))
 
 
 @dataclass(frozen=True)
@@ -78,8 +77,8 @@ class Whole:
     def everything(self, wildcards: Any = None) -> list[str]:
         """Return all files that a run makes, so that none which is missing goes unseen."""
         last = self.products(wildcards)
-        made = [file for name, roles in self.roles(wildcards).items() for file in stages.made(name, roles)]
-        return list(dict.fromkeys([*made, *last, *([MANIFEST] if last else [])]))
+        each = [file for name, roles in self.roles(wildcards).items() for file in made(name, roles)]
+        return list(dict.fromkeys([*each, *last, *([MANIFEST] if last else [])]))
 
     def _moorings(self) -> list[str]:
         return [name for name in self.plan.cruise.moorings if name not in self.stopped.moorings]

@@ -1,0 +1,41 @@
+"""Calibrate a compass apart from any mooring."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from compasslib import calibration as calibrations
+from compasslib.archive import calibrations as archive
+from compasslib.archive import provenance
+from compasslib.calibration import content
+
+
+def run(
+    name: str,
+    /,
+    *,
+    raw: Sequence[str],
+    earlier: Sequence[str],
+    calibration: str,
+    table: str,
+    points: str,
+    kind: str,
+    settings: Mapping[str, Any],
+    say: Callable[[str], None],
+) -> None:
+    """Write coefficients, table of deviations, points and budget of uncertainty.
+
+    Args:
+        raw: files in the order of the YAML file.
+        earlier: calibration.json that it is compared with, perhaps none.
+        settings: keys of the YAML file that the kind takes.
+
+    Raises:
+        InputError: a raw file cannot be read.
+    """
+    settled = calibrations.settled(settings)
+    made = calibrations.calibrate(kind, raw, settled)
+    page = content.described(name, made, settled, archive.named(earlier)) | provenance.stamp(raw)
+    archive.write(page=page, made=made, calibration=calibration, table=table, points=points)
+    say(content.told(page))

@@ -1,0 +1,51 @@
+"""Correct one instrument: headings, velocities and their uncertainty in the archive's form."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from compasslib.archive import netcdf, provenance
+from compasslib.core import earthfield
+from compasslib.deviation import correction
+from compasslib.search import covariates, product
+
+
+def run(
+    mooring: str,
+    *,
+    record: str,
+    pairs: str,
+    deviation: str,
+    assessment: str,
+    field: str,
+    observatory: Sequence[str],
+    corrected: str,
+    site: Mapping[str, Any],
+    attributes: Mapping[str, Any],
+    sources: Sequence[str],
+    say: Callable[[str], None],
+) -> None:
+    """Write the corrected record.
+
+    Args:
+        site: of ``netcdf.Site``.
+        attributes: of the archive, by the YAML files.
+        sources: raw files, relative to the cruise folder.
+
+    Raises:
+        InputError: an observatory's file cannot be read.
+    """
+    own, along = netcdf.read_record(record), earthfield.from_json(netcdf.read_json(field))
+    made_by = product.from_json(netcdf.read_json(deviation))
+    at = product.along(made_by, own, along, covariates.logged(own, observatory))
+    doubt_deg = correction.doubt(bool(netcdf.read_json(assessment)["refuted"]), made_by.left_deg)
+    made = correction.in_pieces(own, made_by.fit, along, netcdf.read_pairs(pairs), at, doubt_deg=doubt_deg)
+    netcdf.write_corrected(
+        corrected,
+        made,
+        site=netcdf.Site(**site),
+        attributes=attributes,
+        processing=provenance.processing(made_by, along, sources),
+    )
+    say(correction.told(mooring, made))

@@ -1,0 +1,52 @@
+"""Find overlapping measurements: two records become the earth's field there and the pairs of nearly the same water."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from compasslib import observatory as observatories
+from compasslib.archive import netcdf, provenance
+from compasslib.core import earthfield
+from compasslib.preparation import overlap
+
+
+def run(
+    mooring: str,
+    *,
+    upper: str,
+    lower: Sequence[str],
+    observatory: Sequence[str],
+    field: str,
+    pairs: str,
+    wide: str,
+    place: Mapping[str, Any],
+    rules: Mapping[str, Any],
+    say: Callable[[str], None],
+) -> None:
+    """Write the field along the deployment, the pairs by the rules, and those that may stand further apart.
+
+    Args:
+        upper: record of the instrument to correct.
+        lower: record of the trusted one, perhaps none.
+        observatory: IAGA-2002 files of one observatory, perhaps none.
+        place: arguments of ``earthfield.along_time``.
+        rules: of ``overlap.Rules``.
+
+    Raises:
+        InputError: an observatory's file cannot be read, or a date lies outside the model of the field.
+    """
+    along = observatories.held_against(earthfield.along_time(**place), observatory, place)
+    netcdf.write_json(field, vars(along))
+    along = earthfield.from_json(netcdf.read_json(field))  # what every later stage reads
+    say(earthfield.told(mooring, along))
+    above, below = netcdf.read_record(upper), [netcdf.read_record(file) for file in lower]
+    # Named from the mooring's own folder, so that the file is the same wherever that stands.
+    made = provenance.origin("pairs found", [upper, *lower], within=Path(pairs).parent)
+    asked = overlap.Rules(**rules)
+    clocks = overlap.clocks(above, below, asked)
+    for file, each in ((wide, overlap.widened(asked)), (pairs, asked)):
+        found = overlap.find(above, below, along, each, clocks)
+        netcdf.write_pairs(file, found, attributes=made)
+    say(overlap.told(mooring, found))

@@ -1,0 +1,39 @@
+"""Read one instrument: its raw export becomes its record inside the deployment."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from compasslib import readers
+from compasslib.archive import netcdf, provenance
+from compasslib.preparation import deployment as deployments
+
+
+def run(
+    mooring: str,
+    role: str,
+    *,
+    raw: Sequence[str],
+    record: str,
+    form: str,
+    reader: Mapping[str, Any],
+    deployment: Mapping[str, Any],
+    say: Callable[[str], None],
+) -> None:
+    """Write the record of one instrument.
+
+    Args:
+        raw: files as the instrument left them, in order.
+        form: a format of ``readers.FORMATS``.
+        reader: the keys of the mooring file that its reader takes.
+        deployment: arguments of ``deployment.settle``.
+
+    Raises:
+        InputError: a raw file cannot be read.
+    """
+    read = readers.read(form, [Path(file) for file in raw], reader)
+    settled = deployments.settle(read, **deployment)
+    netcdf.write_record(record, settled, attributes=provenance.origin("record read", raw))
+    say(deployments.told(mooring, role, settled))

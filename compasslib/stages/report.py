@@ -1,0 +1,30 @@
+"""Write the report: all results on one page that needs no network."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from compasslib import report
+
+
+def run(
+    *,
+    page: str,
+    attributes: Mapping[str, Any],
+    moorings: Mapping[str, Mapping[str, Any]],
+    calibrations: Sequence[str],
+    stopped: Mapping[str, Mapping[str, str]],
+    say: Callable[[str], None],
+) -> None:
+    """Write the page beside the results that it shows, as ``report.gather`` takes them.
+
+    Raises:
+        InputError: a file of the results is absent or damaged.
+    """
+    gathered = report.gather(
+        Path(page).parent, attributes=attributes, moorings=moorings, calibrations=calibrations, stopped=stopped
+    )
+    report.write(page, gathered)
+    say(report.told(page, gathered))

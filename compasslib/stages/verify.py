@@ -1,0 +1,16 @@
+"""Verify the archive: the files of the cruise against its manifest."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from compasslib.archive import verification
+
+
+def run(*, say: Callable[[str], None]) -> None:
+    """Callable[[str], None] what differs from the manifest of the working folder, a line each.
+
+    Raises:
+        InputError: something differs, or there is no manifest.
+    """
+    verification.tell(".", say)
