@@ -244,6 +244,15 @@ def test_the_rule_says_the_same_and_makes_nothing_anew(archive):
 
 
 # ---------------------------------------------------------------------------------------------------------------- jobs
+def test_what_a_file_was_made_from_is_named_from_where_it_stands(tmp_path):
+    file = tmp_path / "results/M1/work/top.nc"
+    file.parent.mkdir(parents=True)
+    file.touch()
+    anywhere = provenance.origin("read", [str(file)])
+    within = provenance.origin("read", [str(file)], within=tmp_path / "results/M1")
+    assert (anywhere["source_files"], within["source_files"]) == (str(file), "work/top.nc")
+
+
 def test_a_job_that_fails_leaves_no_record(tmp_path):
     parts = {part: Namedlist() for part in ("input", "output", "params", "wildcards")}
     here = SimpleNamespace(rule="r", log=[str(tmp_path / "r.log")], **parts)

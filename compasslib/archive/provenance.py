@@ -173,7 +173,7 @@ def of_job(job: Any, read: Mapping[str, str]) -> dict[str, Any]:
     }
 
 
-def origin(what: str, files: Sequence[str], within: str | Path = "") -> dict[str, str]:
+def origin(what: str, files: Sequence[str], within: Path | None = None) -> dict[str, str]:
     """Return the attributes of a netCDF file that lead back to what it was made from.
 
     Args:
@@ -182,11 +182,12 @@ def origin(what: str, files: Sequence[str], within: str | Path = "") -> dict[str
         within: a folder from which they are named, where not from the cruise's.
     """
     made, by = date_created(), software()
-    names = {Path(file).relative_to(within).as_posix(): known for file, known in hashes(files).items()}
-    listed = ", ".join(f"{name} (sha256 {known})" for name, known in names.items())
+    known = hashes(files)
+    names = {file: file if within is None else Path(file).relative_to(within).as_posix() for file in files}
+    listed = ", ".join(f"{names[file]} (sha256 {known[file]})" for file in files)
     return {
         "software_version": by,
-        "source_files": ", ".join(names),
+        "source_files": ", ".join(names.values()),
         "history": f"{made}: {what} by {by} from {listed}",
         "date_created": made,
     }

@@ -1,1 +1,20 @@
-"""The stages of the pipeline, and what each of them needs from the cruise's configuration."""
+"""The stages of the workflow, a module each: files in, files out, and one line that says what came of it.
+
+A stage's ``run`` takes what its rule in the Snakefile names. The rule ``read``
+makes the record of one instrument:
+
+>>> import tempfile
+>>> from pathlib import Path
+>>> from compasslib.stages import read
+>>> folder = Path(tempfile.mkdtemp())
+>>> rows = [f"2014-07-16T{hour:02d}:00:00,500,0.1,0.2" for hour in range(24)]
+>>> _ = (folder / "deep.csv").write_text("\\n".join(["time,depth,u,v", *rows]))
+>>> when = {"start_s": 1405468800.0, "end_s": 1405555200.0}
+>>> where = {"water_depth": 517.0, "latitude": 66.5, "nominal_depth": 500.0, "direction_reference": "true"}
+>>> columns = {"time": "time", "depth": "depth", "east": "u", "north": "v"}
+>>> read.run("M1", "deep", raw=[str(folder / "deep.csv")], record=str(folder / "deep.nc"), form="table",
+...          reader={"columns": columns}, deployment=when | where, say=print)
+M1 deep: 24 samples of 1 bins (rows 24)
+
+``pipeline.process`` runs the stages of one mooring of a cruise, one after the other, without Snakemake.
+"""
