@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import doctest
+import importlib
 import importlib.util
 import os
 import re
@@ -9,11 +11,13 @@ import shlex
 import shutil
 import subprocess
 import sys
+import tempfile
 import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
+from test_architecture import APART, ROOMS
 
 from compasslib.command import _parser
 from compasslib.core import angles
@@ -46,6 +50,13 @@ def test_the_library_page_runs_and_the_ten_lines_correct_a_record(tmp_path):
     assert np.nanmax(np.abs(before)) == pytest.approx(33.0, abs=0.5)
     np.testing.assert_allclose(np.sort(seen["weak"])[:, 0], [10.0, 100.0, 190.0, 280.0], atol=1e-9)
     assert "bench.csv" in ran.stdout.splitlines()[-1]
+
+
+@pytest.mark.parametrize("room", [*ROOMS, APART])
+def test_each_room_shows_a_worked_example(room, tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    ran = doctest.testmod(importlib.import_module(f"compasslib.{room}"), verbose=False)
+    assert ran.attempted > 1 and not ran.failed
 
 
 def test_the_readme_shows_the_same_ten_lines():

@@ -12,9 +12,9 @@ import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import chdir, contextmanager, suppress
 from dataclasses import dataclass
+from importlib import import_module
 from inspect import signature
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 from compasslib.calibration import at_mooring
@@ -22,7 +22,6 @@ from compasslib.config import cruise as config
 from compasslib.config.cruise import Cruise
 from compasslib.core.errors import InputError
 from compasslib.run import calibrations, plan
-from compasslib.stages import assess, calibrate, carry, compare, correct, diagnose, fit, overlap, read
 
 FILES = {
     "field": "work/field.json",
@@ -97,20 +96,20 @@ def run(cruise: Cruise, mooring: str, folder: Path, say: Callable[[str], None] =
     for file in (*FILES.values(), "work/record"):
         (folder / file).parent.mkdir(parents=True, exist_ok=True)
     for each, record in zip(used, records, strict=True):
-        _do(read, each, given | _settings_of_reading(rules, each) | {"record": record})
-    _do(overlap, job, given | {"upper": records[0], "lower": records[1:]})
+        _do("read", each, given | _settings_of_reading(rules, each) | {"record": record})
+    _do("overlap", job, given | {"upper": records[0], "lower": records[1:]})
     if given["method"] == at_mooring.METHOD:
         name = str(cruise.moorings[mooring].fit.name)
         given["calibration"] = _calibrated(calibrations.plan(cruise, Path()), name, folder / "work/calibrations", say)
-    for stage in (carry if "calibration" in given else fit, diagnose, assess, compare, correct):
-        _do(stage, job, given)
+    for rule in ("carry" if "calibration" in given else "fit", "diagnose", "assess", "compare", "correct"):
+        _do(rule, job, given)
 
 
-def _do(stage: ModuleType, job: Job, given: Mapping[str, Any]) -> None:
-    """Run a stage, as a rule of the workflow does: what it takes by name is what the rule names."""
-    wanted = signature(stage.run).parameters
+def _do(rule: str, job: Job, given: Mapping[str, Any]) -> None:
+    """Run the stage of a rule with what it takes by name, as the workflow does; only then is it imported."""
+    stage = import_module(f"compasslib.stages.{rule}").run
     wildcards = [name for name in vars(job).values() if name]
-    stage.run(*wildcards, **{name: value for name, value in given.items() if name in wanted})
+    stage(*wildcards, **{name: given[name] for name in signature(stage).parameters if name in given})
 
 
 def _settings_of_reading(rules: plan.Plan, job: Job) -> dict[str, Any]:
@@ -129,7 +128,7 @@ def _calibrated(rules: calibrations.Calibrations, name: str, folder: Path, say: 
     (folder / name).mkdir(parents=True, exist_ok=True)
     given = {"raw": rules.raw_files(job), "kind": rules.kind(job), "settings": rules.settings(job), "say": say}
     given["earlier"] = [] if other is None else [_calibrated(rules, other, folder, say)]
-    _do(calibrate, job, given | files)
+    _do("calibrate", job, given | files)
     return files["calibration"]
 
 
