@@ -11,17 +11,15 @@ from compasslib.archive import provenance
 from compasslib.calibration import KINDS
 from compasslib.config.cruise import load
 from compasslib.core.errors import InputError
-from compasslib.run import calibrations, guard, plan, running
+from compasslib.run import guard, plan, running
 from compasslib.run.plan import FIGURES
-from compasslib.run.whole import Whole
 
 try:
     guard.enter(Path.cwd(), Path(workflow.basedir))
     CRUISE = load(Path.cwd())
     PLAN = plan.plan(CRUISE, Path(workflow.basedir) / "workflow/scripts")
-    CALIBRATIONS = calibrations.plan(CRUISE, PLAN.scripts)
-    WHOLE = Whole(PLAN, CALIBRATIONS)
-    SIMULATED = running.prepare(workflow, WHOLE)
+    MOORINGS, CALIBRATIONS = PLAN.moorings, PLAN.calibrations
+    SIMULATED = running.prepare(workflow, PLAN)
 except InputError as error:
     logger.error(f"error: {error}")
     sys.exit(1)
@@ -44,21 +42,21 @@ onstart:
 
 rule all:
     input:
-        WHOLE.everything,
+        PLAN.everything,
 
 
 rule read:
     """Raw export -> the instrument's record inside the deployment."""
     input:
-        PLAN.companion_files,  # the reader is given them by its settings
-        raw=PLAN.raw_files,
+        MOORINGS.companion_files,  # the reader is given them by its settings
+        raw=MOORINGS.raw_files,
     output:
         record="results/{mooring}/work/{role}.nc",
     params:
-        form=PLAN.form,
-        reader=PLAN.reader_settings,
-        deployment=PLAN.deployment,
-        code=plan.hashed(PLAN.reader_modules),
+        form=MOORINGS.form,
+        reader=MOORINGS.reader_settings,
+        deployment=MOORINGS.deployment,
+        code=plan.hashed(MOORINGS.reader_modules),
     conda:
         ENVIRONMENT
     log:
@@ -72,17 +70,17 @@ rule read:
 rule overlap:
     """Two records, position and dates -> the earth's field, and pairs that measured nearly the same water."""
     input:
-        upper=PLAN.compromised,
-        lower=PLAN.reference,
-        observatory=PLAN.observatory,
+        upper=MOORINGS.compromised,
+        lower=MOORINGS.reference,
+        observatory=MOORINGS.observatory,
     output:
         field="results/{mooring}/work/field.json",
         pairs="results/{mooring}/overlap.nc",
         wide="results/{mooring}/wide/overlap.nc",
     params:
-        place=PLAN.place_and_declination,
+        place=MOORINGS.place_and_declination,
         rules=CRUISE.options.overlap.model_dump(),
-        code=PLAN.code("overlap.py"),
+        code=MOORINGS.code("overlap.py"),
     conda:
         ENVIRONMENT
     log:
@@ -96,17 +94,17 @@ rule overlap:
 rule fit:
     """Pairs -> the deviation model."""
     input:
-        record=PLAN.compromised,
+        record=MOORINGS.compromised,
         pairs="results/{mooring}/overlap.nc",
         field="results/{mooring}/work/field.json",
     output:
         fit="results/{mooring}/work/fit.json",
     params:
-        method=PLAN.method,
-        tilt=PLAN.tilt,
-        code=PLAN.code("fit.py"),
+        method=MOORINGS.method,
+        tilt=MOORINGS.tilt,
+        code=MOORINGS.code("fit.py"),
     wildcard_constraints:
-        mooring=plan.only(PLAN.by_pairs()),
+        mooring=plan.only(MOORINGS.by_pairs()),
     conda:
         ENVIRONMENT
     log:
@@ -120,18 +118,18 @@ rule fit:
 rule diagnose:
     """Pairs and fit -> what physics the fit leaves out, and the compass that is to correct the record."""
     input:
-        record=PLAN.compromised,
+        record=MOORINGS.compromised,
         pairs="results/{mooring}/overlap.nc",
         wide="results/{mooring}/wide/overlap.nc",
         fit="results/{mooring}/work/fit.json",
         field="results/{mooring}/work/field.json",
-        observatory=PLAN.observatory,
+        observatory=MOORINGS.observatory,
     output:
         diagnosis="results/{mooring}/diagnosis.json",
         deviation="results/{mooring}/deviation.json",
     params:
-        options=PLAN.diagnose,
-        code=PLAN.code("diagnose.py"),
+        options=MOORINGS.diagnose,
+        code=MOORINGS.code("diagnose.py"),
     conda:
         ENVIRONMENT
     log:
@@ -145,19 +143,19 @@ rule diagnose:
 rule correct:
     """Record and deviation -> corrected headings and velocities in the archive's form."""
     input:
-        record=PLAN.compromised,
+        record=MOORINGS.compromised,
         pairs="results/{mooring}/overlap.nc",
         deviation="results/{mooring}/deviation.json",
         assessment="results/{mooring}/assessment.json",
         field="results/{mooring}/work/field.json",
-        observatory=PLAN.observatory,
+        observatory=MOORINGS.observatory,
     output:
         corrected="results/{mooring}/corrected.nc",
     params:
-        site=PLAN.site,
-        attributes=PLAN.attributes,
-        sources=PLAN.all_raw_files,
-        code=PLAN.code("correct.py"),
+        site=MOORINGS.site,
+        attributes=MOORINGS.attributes,
+        sources=MOORINGS.all_raw_files,
+        code=MOORINGS.code("correct.py"),
     conda:
         ENVIRONMENT
     log:
@@ -171,15 +169,15 @@ rule correct:
 rule assess:
     """Pairs -> agreement of the two instruments before and after, on pairs held out from the fit."""
     input:
-        record=PLAN.compromised,
+        record=MOORINGS.compromised,
         pairs="results/{mooring}/overlap.nc",
         deviation="results/{mooring}/deviation.json",
         field="results/{mooring}/work/field.json",
-        observatory=PLAN.observatory,
+        observatory=MOORINGS.observatory,
     output:
         assessment="results/{mooring}/assessment.json",
     params:
-        code=PLAN.code("assess.py"),
+        code=MOORINGS.code("assess.py"),
     conda:
         ENVIRONMENT
     log:
@@ -199,7 +197,7 @@ rule compare:
         forms="results/{mooring}/forms.json",
     priority: -1  # it fills the cores that others leave
     params:
-        code=PLAN.code("compare.py"),
+        code=MOORINGS.code("compare.py"),
     conda:
         ENVIRONMENT
     log:
@@ -230,7 +228,7 @@ rule figures:
         ],
         pictures="results/{mooring}/work/pictures.json",
     params:
-        code=PLAN.code("figures.py"),
+        code=MOORINGS.code("figures.py"),
     conda:
         ENVIRONMENT
     log:
@@ -244,15 +242,15 @@ rule figures:
 rule summary:
     """One row a mooring."""
     input:
-        WHOLE.of("deviation.json", "diagnosis.json", "assessment.json", "corrected.nc", "work/field.json", "overlap.nc"),
-        WHOLE.records,
+        PLAN.of("deviation.json", "diagnosis.json", "assessment.json", "corrected.nc", "work/field.json", "overlap.nc"),
+        PLAN.records,
     output:
         summary=report("results/summary.csv", caption="workflow/report/summary.rst", category="Cruise"),
     params:
-        roles=WHOLE.roles,
+        roles=PLAN.roles,
         order=list(CRUISE.moorings),
-        stopped=WHOLE.reasons,
-        code=PLAN.code("summary.py"),
+        stopped=PLAN.reasons,
+        code=MOORINGS.code("summary.py"),
     conda:
         ENVIRONMENT
     log:
@@ -266,18 +264,18 @@ rule summary:
 rule report:
     """All results on one page that needs no network."""
     input:
-        WHOLE.table,
-        WHOLE.of(*(f"figures/{figure}.png" for figure in FIGURES), "work/pictures.json"),
-        WHOLE.calibrated,
-        PLAN.templates(),
+        PLAN.table,
+        PLAN.of(*(f"figures/{figure}.png" for figure in FIGURES), "work/pictures.json"),
+        PLAN.calibrated,
+        MOORINGS.templates(),
     output:
         page="results/report.html",
     params:
         attributes=CRUISE.options.attributes,
-        moorings=WHOLE.described,
-        calibrations=WHOLE.calibration_names,
-        stopped=WHOLE.reasons,
-        code=PLAN.code("report.py"),
+        moorings=PLAN.described,
+        calibrations=PLAN.calibration_names,
+        stopped=PLAN.reasons,
+        code=MOORINGS.code("report.py"),
     conda:
         ENVIRONMENT
     log:

@@ -12,7 +12,7 @@ from compasslib.calibration import KINDS, budget
 from compasslib.config import calibrations
 from compasslib.config import cruise as config
 from compasslib.core.errors import InputError
-from compasslib.run import calibrations as run_calibrations
+from compasslib.run import plan
 
 FILE = "config/calibrations/aqd.yaml"
 # The example of design/interface.md.
@@ -44,7 +44,7 @@ def write(root: Path, name: str, text: str) -> None:
 
 def message(root: Path) -> str:
     with pytest.raises(InputError) as caught:
-        run_calibrations.plan(config.load(root), Path("workflow/scripts"))
+        plan.plan(config.load(root), Path("workflow/scripts"))
     assert "\n" not in str(caught.value)
     return str(caught.value)
 

@@ -170,7 +170,7 @@ def test_all_of_it_reaches_summary_and_report(tmp_path):
         netcdf.write_record(results / f"M1/work/{fault}.nc", record)
     row = summary.row("M1", results / "M1")
     summary.write(results / "summary.csv", [row])
-    described = plan.plan(config.load(folder), Path()).described()
+    described = plan.plan(config.load(folder), Path()).moorings.described()
     described["M1"]["roles"] = [*described["M1"]["roles"], *FAULTS]
     made = report.gather(results, attributes={}, moorings=described, calibrations=[])
     report.write(results / "report.html", made)

@@ -167,7 +167,7 @@ def test_a_path_comes_back_from_its_identifier(path):
 def test_the_settings_behind_each_job_are_files_that_are_there(tmp_path):
     folder = cruise(tmp_path, ("M1",), n=10)
     write_calibration(folder, "M1", readings())  # of the mooring's name, which is allowed
-    behind = plan.plan(config.load(folder), PROJECT / "workflow/scripts").configuration()
+    behind = plan.plan(config.load(folder), PROJECT / "workflow/scripts").moorings.configuration()
     assert behind == {
         "": ["config/config.yaml"],
         "mooring M1": ["config/config.yaml", "config/moorings/M1.yaml"],

@@ -20,7 +20,7 @@ from compasslib.readers.mmp import acm, geometry
 from compasslib.readers.mmp import files as mmp_files
 from compasslib.readers.mmp import pressure as mmp_pressure
 from compasslib.readers.mmp import rows as mmp_rows
-from compasslib.run import plan as stages
+from compasslib.run import plan as plans
 from compasslib.simulation import demonstration, mmp, profiler, water
 from compasslib.simulation.demonstration import DEPLOYED_S
 
@@ -854,7 +854,7 @@ def test_the_workflow_gives_companion_files_apart_from_the_raw_ones(tmp_path):
         "compromised: top, reference: deep, instruments: {top: {format: pd0, files: top.000, depth: 100}, "
         "deep: {format: mmp_acm, files: A*.TXT, depth: 102, pressure_files: E*.TXT, start_offset_seconds: 7}}}\n"
     )
-    plan = stages.plan(load(tmp_path), Path(readers.__file__).parents[2] / "workflow" / "scripts")
+    plan = plans.plan(load(tmp_path), Path(readers.__file__).parents[2] / "workflow" / "scripts").moorings
     deep, top = (SimpleNamespace(mooring="M", role=role) for role in ("deep", "top"))
     assert plan.raw_files(deep) == ["A1.TXT", "A2.TXT"]
     assert plan.companion_files(deep) == ["E1.TXT"]

@@ -23,7 +23,7 @@ from test_workflow import CONTRACT, PROJECT, change, snakemake
 from compasslib.config import cruise as config
 from compasslib.core import angles, earthfield
 from compasslib.deviation import transfer
-from compasslib.run import calibrations
+from compasslib.run import plan
 
 AT_SEA = (0.02, 0.3, 0.1, 0.03, -0.02)
 SAMPLES = 600
@@ -142,13 +142,13 @@ def _module(path):
 
 
 def test_a_calibration_depends_on_its_own_kind_and_on_the_curves(done):
-    plan = calibrations.plan(config.load(done), PROJECT / "workflow/scripts")
-    modules = {_module(path) for path in plan.modules(SimpleNamespace(calibration="bench"))}
+    rules = plan.plan(config.load(done), PROJECT / "workflow/scripts").calibrations
+    modules = {_module(path) for path in rules.modules(SimpleNamespace(calibration="bench"))}
     assert {f"calibration.{name}" for name in ("platform", "curves", "exact_curve", "budget")} <= modules
     assert {"core.earthfield", "readers.cells"} <= modules
     others = ("calibration.swing", "calibration.magnetometer", "calibration.heads", "calibration.at_mooring")
     assert not modules & {*others, "plots.calibrations"}
-    modules = {_module(path) for path in plan.diagnosis_modules(SimpleNamespace(calibration="bench"))}
+    modules = {_module(path) for path in rules.diagnosis_modules(SimpleNamespace(calibration="bench"))}
     assert {
         "search.kinds.platform",
         "search.recordings.fitting",

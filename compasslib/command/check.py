@@ -8,7 +8,7 @@ from pathlib import Path
 from compasslib.config import cruise as config
 from compasslib.config.cruise import Cruise
 from compasslib.config.schema import Instrument, Mooring
-from compasslib.run import calibrations, plan
+from compasslib.run import plan
 
 
 def run(asked: Namespace) -> int:
@@ -22,7 +22,6 @@ def run(asked: Namespace) -> int:
     """
     cruise = config.load(Path(asked.cruise))
     plan.plan(cruise, Path())
-    calibrations.plan(cruise, Path())
     print("\n".join(_told(cruise)))
     return 0
 

@@ -7,15 +7,20 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from compasslib import calibration
 from compasslib.archive import provenance
+from compasslib.calibration import KINDS
+from compasslib.config import calibrations
 from compasslib.config.cruise import CALIBRATIONS, CONFIG, Cruise
 from compasslib.config.schema import Instrument, Mooring
 from compasslib.core.errors import InputError
 from compasslib.readers import FORMATS
+from compasslib.run.stopped import Stopped
+from compasslib.search import kinds
 
 DEPLOYMENT_KEYS = ("pressure_offset", "clock_offset_seconds", "clock_drift_seconds", "direction_reference")
 METHODS = ("exact", "von_appen", "calibration")
@@ -28,8 +33,12 @@ MADE = (
 SIMULATED = tuple(f"EG{k}" for k in range(1, 8))  # the moorings of the demonstration cruise
 
 
+SUMMARY, REPORT, MANIFEST = "results/summary.csv", "results/report.html", "results/ro-crate-metadata.json"
+LAST = ("corrected.nc", "assessment.json", "forms.json", *(f"figures/{figure}.png" for figure in FIGURES))
+
+
 @dataclass(frozen=True)
-class Plan:
+class Moorings:
     """Answers for the Snakefile; each method takes a job's wildcards."""
 
     cruise: Cruise
@@ -188,6 +197,155 @@ class Plan:
         return self._mooring(wildcards).instruments[wildcards.role]
 
 
+@dataclass(frozen=True)
+class Calibrations:
+    """Answers for the rules; each method takes a job's wildcards."""
+
+    cruise: Cruise
+    scripts: Path
+
+    def made(self, name: str) -> list[str]:
+        """Return all files that the rules make of one calibration."""
+        tables = [f"results/calibrations/{name}/{file}.csv" for file in ("table", "points")]
+        diagnosis = self._diagnosis(name) if self._diagnosed(name) else []
+        return [self.content(name), *tables, *self._drawn(name), *diagnosis]
+
+    def content(self, name: str) -> str:
+        """Return a calibration's calibration.json."""
+        return f"results/calibrations/{name}/calibration.json"
+
+    def raw_files(self, wildcards: Any) -> list[str]:
+        """Return the raw files of one calibration, in the order of its YAML file."""
+        return list(self.cruise.calibrations[wildcards.calibration].files)
+
+    def earlier(self, wildcards: Any) -> list[str]:
+        """Return the calibration that one is compared with; none where it stands alone."""
+        other = self.cruise.calibrations[wildcards.calibration].compare_with
+        return [] if other is None else [self.content(other)]
+
+    def kind(self, wildcards: Any) -> str:
+        """Return the kind of one calibration."""
+        return str(self.cruise.calibrations[wildcards.calibration].kind)
+
+    def settings(self, wildcards: Any) -> dict[str, Any]:
+        """Return the keys of one calibration's file that its kind takes."""
+        return calibrations.settings(self.cruise.calibrations[wildcards.calibration])
+
+    def modules(self, wildcards: Any) -> tuple[str, ...]:
+        """Return the library files behind one calibration, its own kind's only."""
+        own = f"compasslib.calibration.{KINDS[self.kind(wildcards)].module}"
+        return provenance.sources(self.scripts / "calibrate.py", own)
+
+    def diagnosis_modules(self, wildcards: Any) -> tuple[str, ...]:
+        """Return the library files behind the diagnosis of one calibration, its own kind's only."""
+        own = kinds.KINDS[self.kind(wildcards)]
+        return provenance.sources(self.scripts / "diagnose_calibration.py", own)
+
+    def diagnose(self) -> dict[str, Any]:
+        """Return what was chosen about diagnoses."""
+        return dict(self.cruise.options.diagnose.model_dump())
+
+    def figures(self, kind: str) -> list[str]:
+        """Return the figures of one kind."""
+        return calibration.figures(kind)
+
+    def figure_modules(self, wildcards: Any) -> tuple[str, ...]:
+        """Return the library files behind the figures of one calibration, its own kind's only."""
+        kind = self.kind(wildcards)
+        own = [f"compasslib.plots.{KINDS[kind].module}"] if KINDS[kind].figures else []
+        return provenance.sources(self.scripts / "calibration_figures.py", *own)
+
+    def of_kind(self, kind: str) -> list[str]:
+        """Return the calibrations of one kind."""
+        return [name for name, file in self.cruise.calibrations.items() if file.kind == kind]
+
+    def _diagnosed(self, name: str) -> bool:
+        return self.cruise.calibrations[name].kind in kinds.KINDS
+
+    def _diagnosis(self, name: str) -> list[str]:
+        there = f"results/calibrations/{name}"
+        return [f"{there}/diagnosis.json", f"{there}/figures/diagnosis.png"]
+
+    def _drawn(self, name: str) -> list[str]:
+        figures = self.figures(self.cruise.calibrations[name].kind)
+        return [f"results/calibrations/{name}/figures/{figure}.png" for figure in figures]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Answers for the rules that take all moorings together."""
+
+    moorings: Moorings
+    calibrations: Calibrations
+    stopped: Stopped = field(default_factory=Stopped)
+
+    @property
+    def cruise(self) -> Cruise:
+        """Return the cruise's configuration."""
+        return self.moorings.cruise
+
+    def of(self, *files: str) -> Callable[[Any], list[str]]:
+        """Return what gives these files of each mooring."""
+        return lambda wildcards: [f"results/{name}/{file}" for file in files for name in self._moorings()]
+
+    def records(self, wildcards: Any) -> list[str]:
+        """Return the records of the instruments of all moorings."""
+        roles = self.moorings.roles(self._moorings()).items()
+        return [f"results/{name}/work/{role}.nc" for name, used in roles for role in used]
+
+    def roles(self, wildcards: Any) -> dict[str, list[str]]:
+        """Return the instruments that each mooring uses."""
+        return self.moorings.roles(self._moorings())
+
+    def described(self, wildcards: Any) -> dict[str, dict[str, Any]]:
+        """Return place, dates and instruments of each mooring."""
+        told = self.moorings.described()
+        return {name: told[name] for name in self._moorings()}
+
+    def calibrated(self, wildcards: Any) -> list[str]:
+        """Return all files of the calibrations."""
+        return [file for name in self._calibrations() for file in self.calibrations.made(name)]
+
+    def calibration_names(self, wildcards: Any) -> list[str]:
+        """Return the names of the calibrations."""
+        return self._calibrations()
+
+    def reasons(self, wildcards: Any) -> dict[str, dict[str, str]]:
+        """Return why each of the others was stopped."""
+        return {"moorings": dict(self.stopped.moorings), "calibrations": dict(self.stopped.calibrations)}
+
+    def stopped_of(self, wildcards: Any) -> dict[str, str]:
+        """Return the same by what they are of, as ``Moorings.configuration`` names it."""
+        told = self.reasons(wildcards)
+        return {f"{part[:-1]} {name}": why for part, reasons in told.items() for name, why in reasons.items()}
+
+    def conventions(self, wildcards: Any) -> list[str]:
+        """Return what was found of each mooring's netCDF files."""
+        return [f"results/{name}/conventions.json" for name in self._moorings()]
+
+    def table(self, wildcards: Any) -> list[str]:
+        """Return the summary; none where there are no moorings."""
+        return [SUMMARY] if self.cruise.moorings else []
+
+    def products(self, wildcards: Any) -> list[str]:
+        """Return the files from which the jobs' records lead back to all others."""
+        checked = self.conventions(wildcards) if self.cruise.options.conventions.check else []
+        page = [REPORT] if self.cruise.moorings or self.cruise.calibrations else []
+        return [*self.of(*LAST)(wildcards), *checked, *self.table(wildcards), *self.calibrated(wildcards), *page]
+
+    def everything(self, wildcards: Any = None) -> list[str]:
+        """Return all files that a run makes, so that none which is missing goes unseen."""
+        last = self.products(wildcards)
+        each = [file for name, roles in self.roles(wildcards).items() for file in made(name, roles)]
+        return list(dict.fromkeys([*each, *last, *([MANIFEST] if last else [])]))
+
+    def _moorings(self) -> list[str]:
+        return [name for name in self.cruise.moorings if name not in self.stopped.moorings]
+
+    def _calibrations(self) -> list[str]:
+        return [name for name in self.cruise.calibrations if name not in self.stopped.calibrations]
+
+
 def made(name: str, roles: Iterable[str]) -> list[str]:
     """Return all files that the rules make of one mooring, its conventions apart.
 
@@ -201,7 +359,8 @@ def plan(cruise: Cruise, scripts: Path) -> Plan:
     """Return the answers for the Snakefile, after refusing what no stage can do.
 
     Raises:
-        InputError: a format that no reader takes, a method that no fit offers, or a mooring that no rule can simulate.
+        InputError: a format that no reader takes, a method that no fit offers, a kind of
+            calibration that is not offered, or a mooring that no rule can simulate.
     """
     for name, mooring in cruise.moorings.items():
         file = cruise.mooring_files[name]
@@ -209,9 +368,11 @@ def plan(cruise: Cruise, scripts: Path) -> Plan:
             advice = "delete demonstration: true from config.yaml; measured moorings are never simulated"
             raise InputError(f"{file}: name", expected=" or ".join(SIMULATED), found=name, advice=advice)
         for role in _roles(mooring):
-            refuse(f"{file}: instruments.{role}.format", mooring.instruments[role].format, tuple(FORMATS))
-        refuse(f"{file}: fit.method", mooring.fit.method, METHODS)
-    return Plan(cruise, scripts)
+            _refuse(f"{file}: instruments.{role}.format", mooring.instruments[role].format, tuple(FORMATS))
+        _refuse(f"{file}: fit.method", mooring.fit.method, METHODS)
+    for name, given in cruise.calibrations.items():
+        _refuse(f"{CALIBRATIONS}/{name}.yaml: kind", given.kind, tuple(KINDS))
+    return Plan(Moorings(cruise, scripts), Calibrations(cruise, scripts))
 
 
 def hashed(modules: Callable[[Any], tuple[str, ...]]) -> Callable[[Any], str]:
@@ -232,7 +393,7 @@ def only(names: Iterable[str]) -> str:
     return "|".join(re.escape(name) for name in names) or "(?!)"
 
 
-def refuse(where: str, found: str, offered: Sequence[str]) -> None:
+def _refuse(where: str, found: str, offered: Sequence[str]) -> None:
     """Refuse what the schema knows and this version does not do.
 
     Raises:

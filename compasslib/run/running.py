@@ -16,7 +16,7 @@ from snakemake.logging import logger  # type: ignore[import-untyped]
 
 from compasslib.core.errors import InputError
 from compasslib.run import guard, ledger, stopped
-from compasslib.run.whole import MANIFEST, REPORT, SUMMARY, Whole
+from compasslib.run.plan import MANIFEST, REPORT, SUMMARY, Plan
 
 METADATA = f"{guard.SNAKEMAKES}/metadata"  # what Snakemake remembers of each file: parameters and code
 OF_ALL = {"all", "summary", "report", "provenance", SUMMARY, REPORT, MANIFEST}  # targets that wait for every mooring
@@ -27,14 +27,14 @@ class Run:
     """Snakemake's own two steps, and what is done around them."""
 
     workflow: Any
-    whole: Whole
+    plan: Plan
     execute_plainly: Any
     build_plainly: Any
 
     def build(self) -> None:
         """Plan the jobs; what the records deny is made again, whatever its time says."""
-        known, made = ledger.seen(), frozenset(self.whole.everything())
-        names = ["", *stopped.folders(self.whole.plan.cruise)]
+        known, made = ledger.seen(), frozenset(self.plan.everything())
+        names = ["", *stopped.folders(self.plan.cruise)]
         if any(os.scandir(METADATA)):
             self.workflow.dag.forcefiles |= ledger.stale(made, names, known)
         else:  # deleted or left behind: nobody knows by what settings and code the results were made
@@ -62,13 +62,13 @@ class Run:
             if guard.alone():
                 self.workflow.execution_settings.lock = False
                 guard.sweep()
-            stopped.forget(self.whole.plan.cruise)
+            stopped.forget(self.plan.cruise)
         except InputError as error:
             logger.error(f"error: {error}")
             sys.exit(1)
 
     def _without_stopped(self, settings: dict[str, Any]) -> None:
-        while self._whole_run() and self.whole.stopped.look(self.whole.plan.cruise):
+        while self._whole_run() and self.plan.stopped.look(self.plan.cruise):
             self._tell()
             try:
                 self.execute_plainly(**settings)
@@ -82,28 +82,28 @@ class Run:
         return not broken_off and (not targets or not OF_ALL.isdisjoint(targets))
 
     def _tell(self) -> None:
-        reasons = self.whole.stopped
+        reasons = self.plan.stopped
         for name in (*reasons.moorings, *(f"{stopped.CALIBRATIONS}/{name}" for name in reasons.calibrations)):
             cleared = ledger.clear_orphans(name)
             older = f"; {len(cleared)} files deleted that no longer fit" if cleared else ""
             logger.info(f"results/{name}: stopped{older}; the others go on without it")
 
 
-def prepare(workflow: Any, whole: Whole) -> dict[str, list[str]]:
+def prepare(workflow: Any, plan: Plan) -> dict[str, list[str]]:
     """Take Snakemake's steps in hand, and return the raw files that a rule may simulate, by mooring.
 
     Args:
-        whole: what the rules of the whole cruise need; in a job of a cluster it learns what was stopped.
+        plan: what the rules need; in a job of a cluster it learns what was stopped.
 
     Raises:
         InputError: the run would write through a link or over a raw file.
     """
-    cruise = whole.plan.cruise
+    cruise = plan.cruise
     if workflow.exec_mode.name != "DEFAULT":  # a job on a cluster: what it may do was looked at where it came from
-        whole.stopped.look(cruise)
+        plan.stopped.look(cruise)
         return guard.simulated_names(cruise)
     guard.refuse_links(stopped.folders(cruise))
-    run = Run(workflow, whole, workflow.execute, workflow._build_dag)
+    run = Run(workflow, plan, workflow.execute, workflow._build_dag)
     workflow.execute, workflow._build_dag = run.execute, run.build
     files = guard.to_simulate(cruise, ledger.seen())
     for name in cruise.moorings if cruise.options.demonstration else ():

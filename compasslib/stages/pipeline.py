@@ -21,7 +21,7 @@ from compasslib.calibration import at_mooring
 from compasslib.config import cruise as config
 from compasslib.config.cruise import Cruise
 from compasslib.core.errors import InputError
-from compasslib.run import calibrations, plan
+from compasslib.run import plan
 
 FILES = {
     "field": "work/field.json",
@@ -77,7 +77,8 @@ def run(cruise: Cruise, mooring: str, folder: Path, say: Callable[[str], None] =
     Args:
         folder: of the mooring's results, absolute.
     """
-    rules, job = plan.plan(cruise, Path()), Job(mooring)
+    planned = plan.plan(cruise, Path())
+    rules, job = planned.moorings, Job(mooring)
     used = [Job(mooring, role) for role in rules.roles([mooring])[mooring]]
     records = [str(folder / f"work/{each.role}.nc") for each in used]
     given = {name: str(folder / file) for name, file in FILES.items()} | {
@@ -100,7 +101,7 @@ def run(cruise: Cruise, mooring: str, folder: Path, say: Callable[[str], None] =
     _do("overlap", job, given | {"upper": records[0], "lower": records[1:]})
     if given["method"] == at_mooring.METHOD:
         name = str(cruise.moorings[mooring].fit.name)
-        given["calibration"] = _calibrated(calibrations.plan(cruise, Path()), name, folder / "work/calibrations", say)
+        given["calibration"] = _calibrated(planned.calibrations, name, folder / "work/calibrations", say)
     for rule in ("carry" if "calibration" in given else "fit", "diagnose", "assess", "compare", "correct"):
         _do(rule, job, given)
 
@@ -112,7 +113,7 @@ def _do(rule: str, job: Job, given: Mapping[str, Any]) -> None:
     stage(*wildcards, **{name: given[name] for name in signature(stage).parameters if name in given})
 
 
-def _settings_of_reading(rules: plan.Plan, job: Job) -> dict[str, Any]:
+def _settings_of_reading(rules: plan.Moorings, job: Job) -> dict[str, Any]:
     return {
         "raw": rules.raw_files(job),
         "form": rules.form(job),
@@ -121,7 +122,7 @@ def _settings_of_reading(rules: plan.Plan, job: Job) -> dict[str, Any]:
     }
 
 
-def _calibrated(rules: calibrations.Calibrations, name: str, folder: Path, say: Callable[[str], None]) -> str:
+def _calibrated(rules: plan.Calibrations, name: str, folder: Path, say: Callable[[str], None]) -> str:
     """Calibrate here and now, after those that it is compared with, and return its calibration.json."""
     job, other = Job(calibration=name), rules.cruise.calibrations[name].compare_with
     files = {file.split(".")[0]: str(folder / name / file) for file in ("calibration.json", "table.csv", "points.csv")}

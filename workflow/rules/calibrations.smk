@@ -60,7 +60,7 @@ rule diagnosis_figure:
             labels={"figure": "diagnosis"},
         ),
     params:
-        code=PLAN.code("diagnosis_figure.py"),
+        code=MOORINGS.code("diagnosis_figure.py"),
     conda:
         "../envs/compasslib.yaml"
     log:
@@ -108,16 +108,16 @@ for KIND in KINDS:
 rule carry:
     """Calibration elsewhere -> the deviation model in the mooring's field."""
     input:
-        calibration=PLAN.calibration,
-        record=PLAN.compromised,
+        calibration=MOORINGS.calibration,
+        record=MOORINGS.compromised,
         pairs="results/{mooring}/overlap.nc",
         field="results/{mooring}/work/field.json",
     output:
         fit="results/{mooring}/work/fit.json",
     params:
-        code=PLAN.code("carry.py"),
+        code=MOORINGS.code("carry.py"),
     wildcard_constraints:
-        mooring=plan.only(PLAN.by_calibration()),
+        mooring=plan.only(MOORINGS.by_calibration()),
     conda:
         "../envs/compasslib.yaml"
     log:

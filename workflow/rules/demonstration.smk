@@ -12,7 +12,7 @@ for NAME in SIMULATED:
         params:
             name=NAME,
             seed=CRUISE.options.seed,
-            code=PLAN.code("simulate.py"),
+            code=MOORINGS.code("simulate.py"),
         conda:
             "../envs/compasslib.yaml"
         log:

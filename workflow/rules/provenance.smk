@@ -4,15 +4,15 @@
 rule provenance:
     """Records of all jobs -> manifest with the hash of every file read or written, a Process Run Crate."""
     input:
-        sorted({file for files in PLAN.configuration().values() for file in files}),
-        products=WHOLE.products,
+        sorted({file for files in MOORINGS.configuration().values() for file in files}),
+        products=PLAN.products,
     output:
         manifest="results/ro-crate-metadata.json",
     params:
-        configuration=PLAN.configuration(),
+        configuration=MOORINGS.configuration(),
         attributes=CRUISE.options.attributes,
-        stopped=WHOLE.stopped_of,
-        code=PLAN.code("provenance.py"),
+        stopped=PLAN.stopped_of,
+        code=MOORINGS.code("provenance.py"),
     conda:
         "../envs/compasslib.yaml"
     log:
@@ -36,18 +36,18 @@ rule verify:
 rule conventions:
     """CF, ACDD and OceanSITES against the netCDF files of all moorings."""
     input:
-        WHOLE.conventions,
+        PLAN.conventions,
 
 
 rule check_conventions:
     """CF, ACDD and OceanSITES against one mooring's netCDF files; among what each run makes where the options say so."""
     input:
         products=expand("results/{{mooring}}/{file}.nc", file=["corrected", "overlap"]),
-        records=PLAN.records,
+        records=MOORINGS.records,
     output:
         conventions="results/{mooring}/conventions.json",
     params:
-        code=PLAN.code("conventions.py", provenance.installed("compliance-checker")),
+        code=MOORINGS.code("conventions.py", provenance.installed("compliance-checker")),
     conda:
         "../envs/compasslib.yaml"
     log:
