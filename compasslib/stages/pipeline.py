@@ -150,7 +150,7 @@ def _measured(task: Task) -> Measured:
         _pairs(task.folder / file, overlap.find(upper, lower, field, each, clocks))
         for file, each in (("overlap.nc", rules), ("wide/overlap.nc", overlap.widened(rules)))
     )
-    task.say(overlap.told(task.name, pairs))
+    task.say(overlap.log_line(task.name, pairs))
     return Measured(upper, pairs, wide, field)
 
 
@@ -166,7 +166,7 @@ def _record(task: Task, role: str) -> Record:
     raw = readers.read(task.plan.form(job), paths, task.plan.reader_settings(job))
     netcdf.write_record(file, deployment.settle(raw, **task.plan.deployment(job)))
     record = netcdf.read_record(file)
-    task.say(deployment.told(task.name, role, record))
+    task.say(deployment.log_line(task.name, role, record))
     return record
 
 
@@ -176,7 +176,7 @@ def _field(task: Task) -> EarthField:
     along = observatory.held_against(earthfield.along_time(**place), task.plan.observatory(task.job), place)
     netcdf.write_json(file, vars(along))
     field = earthfield.from_json(netcdf.read_json(file))
-    task.say(earthfield.told(task.name, field))
+    task.say(earthfield.log_line(task.name, field))
     return field
 
 

@@ -11,10 +11,10 @@ with job(snakemake) as say:
     along = earthfield.along_time(**snakemake.params.place)
     along = observatory.held_against(along, snakemake.input.observatory, snakemake.params.place)
     netcdf.write_json(out.field, vars(along))
-    say(earthfield.told(name, field := earthfield.from_json(netcdf.read_json(out.field))))
+    say(earthfield.log_line(name, field := earthfield.from_json(netcdf.read_json(out.field))))
     upper, lower = netcdf.read_record(snakemake.input.upper), [netcdf.read_record(x) for x in snakemake.input.lower]
     made = provenance.origin("pairs found", [snakemake.input.upper, *snakemake.input.lower])
     clocks = overlap.clocks(upper, lower, rules)
     for file, each in ((out.wide, overlap.widened(rules)), (out.pairs, rules)):
         netcdf.write_pairs(file, pairs := overlap.find(upper, lower, field, each, clocks), attributes=made)
-    say(overlap.told(name, pairs))
+    say(overlap.log_line(name, pairs))

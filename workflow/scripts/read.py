@@ -13,4 +13,4 @@ with job(snakemake) as say:
     record = deployment.settle(raw, **snakemake.params.deployment)
     made = provenance.origin("record read", snakemake.input.raw)
     netcdf.write_record(snakemake.output[0], record, attributes=made)
-    say(deployment.told(snakemake.wildcards.mooring, snakemake.wildcards.role, record))
+    say(deployment.log_line(snakemake.wildcards.mooring, snakemake.wildcards.role, record))
