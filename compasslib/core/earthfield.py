@@ -1,4 +1,8 @@
-"""The earth's field by IGRF at one place along time, with a guard for dates that the model does not cover."""
+"""The earth's field by IGRF at one place along time, with a guard for dates that the model does not cover.
+
+The coefficients are those of the file in the package ppigrf; its own evaluation needs pandas, whose import costs
+fifty times what a mooring's field does. A test compares the two.
+"""
 
 from __future__ import annotations
 
@@ -23,6 +27,9 @@ DAY_S = 86400.0
 NODE_SPACING_S = 30 * DAY_S  # the field is linear in time within an epoch of five years
 DISAGREEMENT_DEG, APPLIED_DISAGREEMENT_DEG = 1.0, 2.0  # an instrument may be set up by a chart some years old
 RECOGNISED_DEG, RECOGNISED_SHARE = 0.5, 0.05  # of a mistake, from what it would give
+RADIUS_KM = 6371.2  # of the sphere that the coefficients belong to
+EQUATOR_KM, FLATTENING = 6378.137, 1.0 / 298.257223563  # WGS84
+NEAREST_POLE = 1e-9  # least sine of the colatitude: east has no meaning at the pole itself
 
 
 def igrf(latitude: float, longitude: float, time_s: ArrayLike) -> tuple[Floats, Floats, Floats]:
@@ -136,7 +143,7 @@ def from_json(content: Mapping[str, Any]) -> EarthField:
     return EarthField(**series, **texts)
 
 
-def told(name: str, field: EarthField) -> str:
+def log_line(name: str, field: EarthField) -> str:
     """Return what the job says of its result.
 
     Args:
@@ -148,10 +155,31 @@ def told(name: str, field: EarthField) -> str:
     return "\n".join([line, *(f"{name}: warning: {warning}" for warning in field.warnings)])
 
 
-def _beyond(covered: Floats, nodes: Floats) -> tuple[str, ...]:
-    if np.array_equal(covered, nodes):
-        return ()
-    return (f"IGRF ends with {LAST_YEAR - 1}: later H, Z and what the declination is held against are its last",)
+def field(latitude: float, longitude: float, days: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return the field to the east, north and down at sea level, (k,) nT each.
+
+    The potential's gradient in spherical coordinates (Alken et al., Earth Planets Space 73, 49, 2021, eq. 1), turned by
+    the angle between the sphere's vertical and the ellipsoid's.
+
+    Args:
+        latitude: degrees north, geodetic.
+        longitude: degrees east.
+        days: since 1970, within the model's years, (k,).
+    """
+    nodes, degree, order, values = _coefficients()
+    g_and_h = np.array([np.interp(days, nodes, row) for row in values])
+    latitude_there, radius_km = _on_the_sphere(latitude)
+    legendre, slope = _legendre(90.0 - latitude_there, int(degree.max()))
+    p, dp = legendre[degree, np.abs(order)], slope[degree, np.abs(order)]
+    sine, cosine = angles.sin_cos(np.abs(order) * longitude)
+    wave, turned = (np.where(order < 0, a, b) for a, b in ((sine, cosine), (cosine, -sine)))
+    fall = (RADIUS_KM / radius_km) ** (degree + 2)
+    across = max(float(angles.sin_cos(90.0 - latitude_there)[0]), NEAREST_POLE)
+    outward = ((degree + 1) * fall * p * wave) @ g_and_h
+    north = (fall * dp * wave) @ g_and_h
+    east = -(fall * np.abs(order) * p * turned / across) @ g_and_h
+    tilt_sine, tilt_cosine = angles.sin_cos(latitude - latitude_there)
+    return east, north * tilt_cosine - outward * tilt_sine, -outward * tilt_cosine - north * tilt_sine
 
 
 def _disagreement(name: str, degrees: float, model: Floats, believed_deg: float) -> list[str]:
@@ -183,41 +211,10 @@ def _mistake(degrees: float, model: float) -> str:
     return min(near, key=lambda text: near[text]) if near else ""
 
 
-# The International Geomagnetic Reference Field at one place along time.
-#
-# The coefficients are those of the file in the package ppigrf; its own evaluation needs pandas, whose import costs
-# fifty times what a mooring's field does. A test holds the two together.
-
-RADIUS_KM = 6371.2  # of the sphere that the coefficients belong to
-EQUATOR_KM, FLATTENING = 6378.137, 1.0 / 298.257223563  # WGS84
-NEAREST_POLE = 1e-9  # least sine of the colatitude: east has no meaning at the pole itself
-
-
-def field(latitude: float, longitude: float, days: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return the field to the east, north and down at sea level, (k,) nT each.
-
-    The potential's gradient in spherical coordinates (Alken et al., Earth Planets Space 73, 49, 2021, eq. 1), turned by
-    the angle between the sphere's vertical and the ellipsoid's.
-
-    Args:
-        latitude: degrees north, geodetic.
-        longitude: degrees east.
-        days: since 1970, within the model's years, (k,).
-    """
-    nodes, degree, order, values = _coefficients()
-    g_and_h = np.array([np.interp(days, nodes, row) for row in values])
-    latitude_there, radius_km = _on_the_sphere(latitude)
-    legendre, slope = _legendre(90.0 - latitude_there, int(degree.max()))
-    p, dp = legendre[degree, np.abs(order)], slope[degree, np.abs(order)]
-    sine, cosine = angles.sin_cos(np.abs(order) * longitude)
-    wave, turned = (np.where(order < 0, a, b) for a, b in ((sine, cosine), (cosine, -sine)))
-    fall = (RADIUS_KM / radius_km) ** (degree + 2)
-    across = max(float(angles.sin_cos(90.0 - latitude_there)[0]), NEAREST_POLE)
-    outward = ((degree + 1) * fall * p * wave) @ g_and_h
-    north = (fall * dp * wave) @ g_and_h
-    east = -(fall * np.abs(order) * p * turned / across) @ g_and_h
-    tilt_sine, tilt_cosine = angles.sin_cos(latitude - latitude_there)
-    return east, north * tilt_cosine - outward * tilt_sine, -outward * tilt_cosine - north * tilt_sine
+def _beyond(covered: Floats, nodes: Floats) -> tuple[str, ...]:
+    if np.array_equal(covered, nodes):
+        return ()
+    return (f"IGRF ends with {LAST_YEAR - 1}: later H, Z and what the declination is held against are its last",)
 
 
 @cache

@@ -11,6 +11,7 @@ from compasslib.core.types import Floats
 from compasslib.deviation import model
 from compasslib.deviation.likelihood import FREEDOM
 from compasslib.deviation.model import Fit
+from compasslib.stats import robust
 
 BLOCK_S = 5 * 86400.0  # longer than the memory of the currents' veer
 FEWEST_BLOCKS = 12
@@ -59,7 +60,7 @@ def _locked_veer(fit: Fit, pairs: Pairs) -> Floats:
     excursion = angles.sin_cos(heading - angles.mean(heading, weight))[0]
     excursion = excursion - np.average(excursion, weights=weight)
     excursion = excursion / max(np.sqrt(np.average(excursion**2, weights=weight)), 1e-6)
-    veer = WAKE_LOCKED_VEER * 1.4826 * float(np.median(np.abs(left))) * excursion
+    veer = WAKE_LOCKED_VEER * robust.SIGMA_PER_MAD * float(np.median(np.abs(left))) * excursion
     return (FREEDOM + 1.0) * left / (FREEDOM * width**2 + left**2) * veer
 
 

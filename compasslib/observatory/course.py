@@ -1,4 +1,7 @@
-"""The course of a declination: means, the median day, and its departure from its slow course as moorings need it."""
+"""Variations of a declination: means, the median day, the departure from the secular variation, and storms.
+
+Disturbance is measured over three hours, as the index K has it (Bartels et al. 1939).
+"""
 
 from __future__ import annotations
 
@@ -15,10 +18,26 @@ from compasslib.core.types import Floats
 from compasslib.readers import iaga2002
 
 Flags = NDArray[np.bool_]
-
 DAY_S, HOUR_S = 86400.0, 3600.0
 FULL = 0.5  # share of the samples that a mean needs
 MONTH_DAYS = 27  # a rotation of the sun
+Measures = tuple[float, float, float, float]  # of a storm: begin, end, rms and rms of its worst three hours
+WINDOW_S = 3 * HOUR_S
+APART_S = 24 * HOUR_S  # windows that are farther apart are storms of their own
+BESIDES = 0.5  # of the limit: what a window must hold besides its largest value, else that one is a spike
+HALF, QUARTER, MOST_STRETCHES = 0.5, 0.25, 12  # of the largest; more stretches than these are no storm but a habit
+ORDINARY, FEWEST_DAYS = 3.0, 5  # times the record's own middle disturbance that a storm must exceed, if it has days
+
+
+@dataclass(frozen=True)
+class Storm:
+    """A stretch of disturbance."""
+
+    begin_s: float
+    end_s: float
+    range_deg: float  # of the declination, highest minus lowest sample
+    rms_deg: float  # over its disturbed hours
+    worst_deg: float  # rms of its worst three hours
 
 
 def means(series: FieldSeries, step_s: float) -> tuple[Floats, Floats]:
@@ -107,38 +126,6 @@ def hourly_median(time_s: Floats, off: Floats, chosen: Flags) -> Floats:
     return curve - np.median(curve)
 
 
-def _slow_course(own_s: Floats, off: Floats, time_s: Floats) -> Floats:
-    """Return the running median of daily medians over 27 days at given instants."""
-    days, begins = np.unique(np.floor(own_s / DAY_S), return_index=True)
-    levels = np.array([np.median(part) for part in np.split(off, begins[1:])])
-    reach = MONTH_DAYS // 2
-    ends = zip(np.searchsorted(days, days - reach), np.searchsorted(days, days + reach, side="right"), strict=True)
-    course = np.array([np.median(levels[a:b]) for a, b in ends])
-    return np.interp(time_s, (days + 0.5) * DAY_S, course)
-
-
-# Disturbance of a declination and its storms, over three hours as the index K has it (Bartels et al. 1939).
-
-Measures = tuple[float, float, float, float]  # of a storm: begin, end, rms and rms of its worst three hours
-
-WINDOW_S = 3 * HOUR_S
-APART_S = 24 * HOUR_S  # windows that are farther apart are storms of their own
-BESIDES = 0.5  # of the limit: what a window must hold besides its largest value, else that one is a spike
-HALF, QUARTER, MOST_STRETCHES = 0.5, 0.25, 12  # of the largest; more stretches than these are no storm but a habit
-ORDINARY, FEWEST_DAYS = 3.0, 5  # times the record's own middle disturbance that a storm must exceed, if it has days
-
-
-@dataclass(frozen=True)
-class Storm:
-    """A stretch of disturbance."""
-
-    begin_s: float
-    end_s: float
-    range_deg: float  # of the declination, highest minus lowest sample
-    rms_deg: float  # over its disturbed hours
-    worst_deg: float  # rms of its worst three hours
-
-
 def strongest(time_s: Floats, off_deg: Floats) -> tuple[float, float]:
     """Return first and last instant of the strongest disturbance; of the record where it is disturbed throughout.
 
@@ -210,6 +197,24 @@ def storms(
     return stormy, storms, ordinary, spikes
 
 
+def measured(series: FieldSeries, model: EarthField, measures: Measures) -> Storm:
+    """Return a storm with the range of the samples in it."""
+    begin_s, end_s, rms_deg, worst_deg = measures
+    inside = (series.time_s >= begin_s) & (series.time_s <= end_s)
+    off = angles.difference(series.declination_deg, earthfield.declination_at(model, series.time_s))[inside]
+    return Storm(begin_s, end_s, float(np.nanmax(off) - np.nanmin(off)), rms_deg, worst_deg)
+
+
+def _slow_course(own_s: Floats, off: Floats, time_s: Floats) -> Floats:
+    """Return the running median of daily medians over 27 days at given instants."""
+    days, begins = np.unique(np.floor(own_s / DAY_S), return_index=True)
+    levels = np.array([np.median(part) for part in np.split(off, begins[1:])])
+    reach = MONTH_DAYS // 2
+    ends = zip(np.searchsorted(days, days - reach), np.searchsorted(days, days + reach, side="right"), strict=True)
+    course = np.array([np.median(levels[a:b]) for a, b in ends])
+    return np.interp(time_s, (days + 0.5) * DAY_S, course)
+
+
 def _grown(time_s: Floats, core: Flags, reach_s: float) -> Flags:
     """Return the means within a reach of those of the core."""
     at = time_s[core]
@@ -218,11 +223,3 @@ def _grown(time_s: Floats, core: Flags, reach_s: float) -> Flags:
     near = np.clip(np.searchsorted(at, time_s), 1, len(at)) if len(at) > 1 else np.ones(len(time_s), dtype=int)
     before, after = at[near - 1], at[np.minimum(near, len(at) - 1)]
     return np.minimum(np.abs(time_s - before), np.abs(after - time_s)) <= reach_s
-
-
-def measured(series: FieldSeries, model: EarthField, measures: Measures) -> Storm:
-    """Return a storm with the range of the samples in it."""
-    begin_s, end_s, rms_deg, worst_deg = measures
-    inside = (series.time_s >= begin_s) & (series.time_s <= end_s)
-    off = angles.difference(series.declination_deg, earthfield.declination_at(model, series.time_s))[inside]
-    return Storm(begin_s, end_s, float(np.nanmax(off) - np.nanmin(off)), rms_deg, worst_deg)

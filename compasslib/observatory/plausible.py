@@ -30,6 +30,9 @@ DEGREE_KM = 111.2
 COVERED = 0.5  # of a deployment
 NO_BASELINE_DEG, NO_BASELINE_SHARE = 0.3, 0.1  # of a variation about zero: its declination, its horizontal field
 ADVICE = "correct the file's columns, units or place, or take the observatory's own file"
+PAIRS = (("X", "Y"), ("X", "Z"), ("Y", "Z"))
+TENS = {"ten times too small": 10.0, "ten times too large": 0.1, "a hundred times too small": 100.0,
+        "a hundred times too large": 0.01, "a thousand times too small": 1000.0}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -43,9 +46,6 @@ class Middle:
     vertical_nT: float
     latitude: float
     longitude: float
-
-
-Undone = Callable[[Middle], Middle]
 
 
 def said(series: FieldSeries, place: tuple[float, float]) -> list[str]:
@@ -89,41 +89,6 @@ def held_against(field: EarthField, files: Sequence[str | Path], place: Mapping[
     )
 
 
-def _judged(seen: Middle) -> dict[tuple[str, ...], str]:
-    """Return what is said of one stretch, by its file and its mistakes, after refusing what cannot be a declination."""
-    misfit = _misfit(seen)
-    across, worst = misfit.get("across", 0.0), max(misfit.values(), default=0.0)
-    if worst <= SUSPECT_NT or not np.isfinite(seen.declination_deg):
-        return {}
-    named = _named(seen, worst / (EXPLAINED if worst > CRUST_NT else SUSPECTED))
-    sure = named if worst > CRUST_NT else []
-    if across > IMPOSSIBLE_NT or (sure and across > min(CRUST_NT, worst / EXPLAINED)):
-        expected = f"about {_expected(seen)}, as IGRF has"
-        raise InputError(seen.where, expected=expected, found=_found(seen, named), advice=ADVICE)
-    if worst <= CRUST_NT and not (named and len(misfit) > 1):
-        return {}
-    unnamed = f"rocks rarely make more than {CRUST_NT:.0f} nT; check columns, units, place and dates"
-    text = f"{seen.where}: {_found(seen, named or [unnamed])}, where IGRF has {_expected(seen)}"
-    return {(seen.where, *named): text}
-
-
-def _expected(seen: Middle) -> str:
-    declination, horizontal, vertical = _model(seen)
-    return (
-        f"D {declination:+.1f} degrees, H {horizontal:.0f} nT, Z {vertical:+.0f} nT at {seen.latitude:g} N "
-        f"{seen.longitude:g} E in {np.datetime64(int(seen.time_s), 's').astype('datetime64[Y]')}"
-    )
-
-
-def _found(seen: Middle, named: Sequence[str]) -> str:
-    horizontal, vertical = (
-        f", {name} {value:{form}} nT" if np.isfinite(value) else ""
-        for name, value, form in (("H", seen.horizontal_nT, ".0f"), ("Z", seen.vertical_nT, "+.0f"))
-    )
-    why = f" ({'; or '.join(named)})" if named else ""
-    return f"D {seen.declination_deg:+.2f} degrees{horizontal}{vertical}{why}"
-
-
 def _middles(series: FieldSeries, place: tuple[float, float]) -> Iterator[Middle]:
     """Yield the middle field of every month of every file."""
     file = series.origin if len(series.origin) == len(series) else np.zeros(len(series), dtype=np.intp)
@@ -155,9 +120,22 @@ def _angle(declination_deg: Floats) -> float:
     return float(angles.wrap180(first + np.median(angles.difference(declination_deg, first))))
 
 
-def _model(seen: Middle) -> tuple[float, float, float]:
-    declination, horizontal, vertical = earthfield.igrf(seen.latitude, seen.longitude, [seen.time_s])
-    return float(declination[0]), float(horizontal[0]), float(vertical[0])
+def _judged(seen: Middle) -> dict[tuple[str, ...], str]:
+    """Return what is said of one stretch, by its file and its mistakes, after refusing what cannot be a declination."""
+    misfit = _misfit(seen)
+    across, worst = misfit.get("across", 0.0), max(misfit.values(), default=0.0)
+    if worst <= SUSPECT_NT or not np.isfinite(seen.declination_deg):
+        return {}
+    named = _named(seen, worst / (EXPLAINED if worst > CRUST_NT else SUSPECTED))
+    sure = named if worst > CRUST_NT else []
+    if across > IMPOSSIBLE_NT or (sure and across > min(CRUST_NT, worst / EXPLAINED)):
+        expected = f"about {_expected(seen)}, as IGRF has"
+        raise InputError(seen.where, expected=expected, found=_found(seen, named), advice=ADVICE)
+    if worst <= CRUST_NT and not (named and len(misfit) > 1):
+        return {}
+    unnamed = f"rocks rarely make more than {CRUST_NT:.0f} nT; check columns, units, place and dates"
+    text = f"{seen.where}: {_found(seen, named or [unnamed])}, where IGRF has {_expected(seen)}"
+    return {(seen.where, *named): text}
 
 
 def _misfit(seen: Middle) -> dict[str, float]:
@@ -170,6 +148,11 @@ def _misfit(seen: Middle) -> dict[str, float]:
         "Z": abs(seen.vertical_nT - vertical),
     }
     return {name: value for name, value in off.items() if np.isfinite(value)}
+
+
+def _model(seen: Middle) -> tuple[float, float, float]:
+    declination, horizontal, vertical = earthfield.igrf(seen.latitude, seen.longitude, [seen.time_s])
+    return float(declination[0]), float(horizontal[0]), float(vertical[0])
 
 
 def _named(seen: Middle, below: float) -> list[str]:
@@ -210,9 +193,45 @@ def _mistakes(seen: Middle) -> Mapping[str, Undone]:
     )
 
 
-PAIRS = (("X", "Y"), ("X", "Z"), ("Y", "Z"))
-TENS = {"ten times too small": 10.0, "ten times too large": 0.1, "a hundred times too small": 100.0,
-        "a hundred times too large": 0.01, "a thousand times too small": 1000.0}  # fmt: skip
+def _times(by: float) -> Undone:
+    return _declination(lambda declination: by * declination)
+
+
+def _declination(undo: Callable[[float], float]) -> Undone:
+    return lambda one: replace(one, declination_deg=float(angles.wrap180(undo(one.declination_deg))))
+
+
+def _exchanged(a: int, b: int) -> Undone:
+    order = np.arange(3)
+    order[[a, b]] = order[[b, a]]
+    return lambda one: _of_vector(one, _vector(one)[order])
+
+
+def _of_vector(one: Middle, vector: Floats) -> Middle:
+    north, east, down = (float(x) for x in vector)
+    declination = float(angles.wrap180(angles.direction(east, north)))
+    return replace(one, declination_deg=declination, horizontal_nT=float(np.hypot(north, east)), vertical_nT=down)
+
+
+def _vector(one: Middle) -> Floats:
+    sine, cosine = (float(x) for x in angles.sin_cos(one.declination_deg))
+    return np.array([one.horizontal_nT * cosine, one.horizontal_nT * sine, one.vertical_nT])
+
+
+def _horizontal_and_vertical(one: Middle) -> Middle:
+    return replace(one, horizontal_nT=abs(one.vertical_nT), vertical_nT=one.horizontal_nT)
+
+
+def _scaled(k: int, by: float) -> Undone:
+    return lambda one: _of_vector(one, _vector(one) * np.where(np.arange(3) == k, by, 1.0))
+
+
+def _scaled_horizontal(by: float) -> Undone:
+    return lambda one: replace(one, horizontal_nT=by * one.horizontal_nT)
+
+
+def _moved(seen: Middle, there: tuple[float, float]) -> Undone:
+    return lambda one: replace(one, latitude=there[0], longitude=there[1])
 
 
 def _places(seen: Middle) -> dict[str, tuple[float, float]]:
@@ -224,47 +243,6 @@ def _places(seen: Middle) -> dict[str, tuple[float, float]]:
         "the latitude looks like a colatitude": (90.0 - latitude, longitude),
     }
     return {text: there for text, there in every.items() if abs(there[0]) <= 90.0}
-
-
-def _moved(seen: Middle, there: tuple[float, float]) -> Undone:
-    return lambda one: replace(one, latitude=there[0], longitude=there[1])
-
-
-def _declination(undo: Callable[[float], float]) -> Undone:
-    return lambda one: replace(one, declination_deg=float(angles.wrap180(undo(one.declination_deg))))
-
-
-def _times(by: float) -> Undone:
-    return _declination(lambda declination: by * declination)
-
-
-def _scaled_horizontal(by: float) -> Undone:
-    return lambda one: replace(one, horizontal_nT=by * one.horizontal_nT)
-
-
-def _horizontal_and_vertical(one: Middle) -> Middle:
-    return replace(one, horizontal_nT=abs(one.vertical_nT), vertical_nT=one.horizontal_nT)
-
-
-def _exchanged(a: int, b: int) -> Undone:
-    order = np.arange(3)
-    order[[a, b]] = order[[b, a]]
-    return lambda one: _of_vector(one, _vector(one)[order])
-
-
-def _scaled(k: int, by: float) -> Undone:
-    return lambda one: _of_vector(one, _vector(one) * np.where(np.arange(3) == k, by, 1.0))
-
-
-def _vector(one: Middle) -> Floats:
-    sine, cosine = (float(x) for x in angles.sin_cos(one.declination_deg))
-    return np.array([one.horizontal_nT * cosine, one.horizontal_nT * sine, one.vertical_nT])
-
-
-def _of_vector(one: Middle, vector: Floats) -> Middle:
-    north, east, down = (float(x) for x in vector)
-    declination = float(angles.wrap180(angles.direction(east, north)))
-    return replace(one, declination_deg=declination, horizontal_nT=float(np.hypot(north, east)), vertical_nT=down)
 
 
 def _of_another_year(seen: Middle, below: float) -> list[tuple[float, str]]:
@@ -284,6 +262,23 @@ def _without_baseline(seen: Middle) -> bool:
     declination, horizontal, _ = _model(seen)
     about_zero = abs(seen.declination_deg) < NO_BASELINE_DEG < abs(declination)
     return about_zero or seen.horizontal_nT < NO_BASELINE_SHARE * horizontal
+
+
+def _expected(seen: Middle) -> str:
+    declination, horizontal, vertical = _model(seen)
+    return (
+        f"D {declination:+.1f} degrees, H {horizontal:.0f} nT, Z {vertical:+.0f} nT at {seen.latitude:g} N "
+        f"{seen.longitude:g} E in {np.datetime64(int(seen.time_s), 's').astype('datetime64[Y]')}"
+    )
+
+
+def _found(seen: Middle, named: Sequence[str]) -> str:
+    horizontal, vertical = (
+        f", {name} {value:{form}} nT" if np.isfinite(value) else ""
+        for name, value, form in (("H", seen.horizontal_nT, ".0f"), ("Z", seen.vertical_nT, "+.0f"))
+    )
+    why = f" ({'; or '.join(named)})" if named else ""
+    return f"D {seen.declination_deg:+.2f} degrees{horizontal}{vertical}{why}"
 
 
 def _far(series: FieldSeries, place: tuple[float, float]) -> list[str]:
@@ -316,3 +311,6 @@ def _covers(series: FieldSeries, field: EarthField) -> list[str]:
         f"the observatory {series.station} has a declination on {100.0 * covered:.0f} % of the deployment's days: "
         "elsewhere the disturbance of the field counts as none"
     ]
+
+
+Undone = Callable[[Middle], Middle]

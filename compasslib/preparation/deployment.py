@@ -1,6 +1,8 @@
 """From a decoded export to the record inside the deployment: clock, window, depth, exclusions, unusable bins.
 
-Nothing is thrown away but what lies outside the deployment; what cannot be used is flagged and counted.
+Nothing is thrown away but what lies outside the deployment; what cannot be used is flagged and counted. The
+orientation of a profiler is checked by the echo of surface or bottom: a boundary at the distance h is met by the side
+lobes first, in the bin at h cos(beam angle), and by the beams themselves in the bin at h.
 """
 
 from __future__ import annotations
@@ -18,6 +20,11 @@ from compasslib.core.types import Bools, Floats
 from compasslib.preparation import clock, plausibility
 
 MOVING_M = 0.2  # a depth that varies less than this (5th to 95th percentile) is a setting, not a measurement
+BEYOND = 1.05  # of the distance: tilts, depths and the speed of sound are known to that
+CLEARLY = 1.2  # of the distance; water heard from beyond that would have followed the boundary's own echo
+MOST, FEW = 0.5, 0.05  # of the samples that show a boundary, or that would
+ENOUGH = 24  # samples before anything is said
+SOME = 100  # rows of bins that tell the length of a cell
 
 
 def settle(
@@ -62,7 +69,7 @@ def settle(
     return _flag_windows(_flag_boundaries(record, water_depth), exclude)
 
 
-def told(name: str, role: str, record: Record) -> str:
+def log_line(name: str, role: str, record: Record) -> str:
     """Return what the job says of its result.
 
     Args:
@@ -83,6 +90,42 @@ def take(record: Record, index: NDArray[np.intp] | Bools | slice) -> Record:
     values = {f.name: getattr(record, f.name) for f in fields(record)}
     series: dict[str, Any] = {k: v[index] for k, v in values.items() if isinstance(v, np.ndarray)}
     return replace(record, **series)
+
+
+def cell_length(record: Record) -> float:
+    """Return the distance between neighbouring bins, metres; 0 for a point meter.
+
+    Args:
+        record: an instrument's record.
+    """
+    one_setting = not record.bin_range_m.strides[0]  # one row that all samples share
+    steps = np.diff(record.bin_range_m[:1] if one_setting else record.bin_range_m, axis=1)
+    return float(np.nanmedian(np.abs(steps))) if steps.size and np.isfinite(steps).any() else 0.0
+
+
+def checked(record: Record, water_depth: float) -> Record:
+    """Return the record with samples counted whose echo shows surface or bottom, and a wrong orientation said.
+
+    Nothing is said where no echo was recorded, where neither boundary is near enough to be heard, or where both stand
+    at one distance.
+
+    Args:
+        record: n samples of a profiler inside the deployment, depth known.
+        water_depth: metres.
+    """
+    if record.echo_range_m is None or not len(record.time_s):
+        return replace(record, echo_range_m=None)
+    boundary, heard = record.echo_range_m.T
+    below = water_depth - record.depth_m
+    room, other = (record.depth_m, below) if record.looks_up else (below, record.depth_m)
+    right, wrong = _at(boundary, room, record), _at(boundary, other, record)
+    with np.errstate(invalid="ignore"):
+        near = room < record.bin_range_m[:, :2].max(axis=1)  # within the first bins it stands out from nothing
+        absent = np.isnan(boundary) & (heard > CLEARLY * room) & ~near
+    names = ("echo_of_boundary", "echo_of_other_boundary", "echo_without_boundary")
+    counts = {name: int(where.sum()) for name, where in zip(names, (right, wrong & ~right, absent), strict=True)}
+    notes = _sentences(record, counts, room, other)
+    return replace(record, echo_range_m=None, counts=record.counts | counts, warnings=(*record.warnings, *notes))
 
 
 def _utc(time_s: Floats, start_s: float, end_s: float, offset: float, drift: float) -> Floats:
@@ -125,6 +168,10 @@ def _once(record: Record, place: NDArray[np.intp]) -> NDArray[np.intp]:
     return place[~np.isin(place, later[same])]
 
 
+def _noted(record: Record, notes: Sequence[str]) -> Record:
+    return replace(record, warnings=record.warnings + tuple(notes))
+
+
 def _as_slice(place: NDArray[np.intp]) -> NDArray[np.intp] | slice:
     """Return positions as a slice where they follow each other, so that years of samples are not copied."""
     if not len(place) or place[-1] - place[0] != len(place) - 1 or (np.diff(place) != 1).any():
@@ -156,12 +203,6 @@ def _depth(record: Record, nominal: float | None, offset: float, latitude: float
     return record.depth_m.copy(), "depth field"
 
 
-def _depth_of(pressure_dbar: Floats, latitude: float) -> Floats:
-    import gsw  # 0.1 s: only records with a pressure sensor pay for it
-
-    return -gsw.z_from_p(pressure_dbar, latitude)
-
-
 def _varies(x: Floats) -> bool:
     finite = x[np.isfinite(x)]
     return finite.size > 1 and float(np.ptp(np.percentile(finite, [5, 95]))) > MOVING_M
@@ -174,6 +215,12 @@ def _filled(depth: Floats) -> Floats:
         return depth.copy()
     position = np.arange(depth.size)
     return np.interp(position, position[known], depth[known])
+
+
+def _depth_of(pressure_dbar: Floats, latitude: float) -> Floats:
+    import gsw  # 0.1 s: only records with a pressure sensor pay for it
+
+    return -gsw.z_from_p(pressure_dbar, latitude)
 
 
 def _depth_warnings(depth: Floats, source: str, nominal: float | None, water_depth: float) -> list[str]:
@@ -205,28 +252,6 @@ def _missing_flagged(record: Record) -> Record:
     return replace(record, quality=np.where(missing, MISSING, record.quality).astype(np.int8))
 
 
-def _flag_boundaries(record: Record, water_depth: float) -> Record:
-    """Flag bins beyond the surface or the bottom, and those that the side lobes' echo from there reaches first."""
-    if not record.east.size or record.east.shape[1] == 1:
-        return record
-    room = record.depth_m if record.looks_up else water_depth - record.depth_m
-    reach = room[:, None] * angles.sin_cos(record.beam_angle_deg)[1] - cell_length(record) / 2.0
-    beyond = record.bin_range_m > room[:, None]
-    record = plausibility.mark(record, beyond, BAD, "beyond_boundary", None)
-    return plausibility.mark(record, (record.bin_range_m > reach) & ~beyond, BAD, "side_lobe", None)
-
-
-def cell_length(record: Record) -> float:
-    """Return the distance between neighbouring bins, metres; 0 for a point meter.
-
-    Args:
-        record: an instrument's record.
-    """
-    one_setting = not record.bin_range_m.strides[0]  # one row that all samples share
-    steps = np.diff(record.bin_range_m[:1] if one_setting else record.bin_range_m, axis=1)
-    return float(np.nanmedian(np.abs(steps))) if steps.size and np.isfinite(steps).any() else 0.0
-
-
 def _flag_windows(record: Record, windows: Sequence[tuple[float, float]]) -> Record:
     bad = np.zeros(record.time_s.shape, dtype=bool)
     for begin, end in windows:
@@ -236,45 +261,15 @@ def _flag_windows(record: Record, windows: Sequence[tuple[float, float]]) -> Rec
     return replace(record, heading_quality=heading)
 
 
-def _noted(record: Record, notes: Sequence[str]) -> Record:
-    return replace(record, warnings=record.warnings + tuple(notes))
-
-
-# Which way a profiler looked, by the echo of the surface or of the bottom, where that can be told.
-#
-# Overhead, or straight below, a boundary at the distance h is met by the side lobes first, in the bin at h cos(beam
-# angle), and by the beams themselves in the bin at h.
-
-BEYOND = 1.05  # of the distance: tilts, depths and the speed of sound are known to that
-CLEARLY = 1.2  # of the distance; water heard from beyond that would have followed the boundary's own echo
-MOST, FEW = 0.5, 0.05  # of the samples that show a boundary, or that would
-ENOUGH = 24  # samples before anything is said
-SOME = 100  # rows of bins that tell the length of a cell
-
-
-def checked(record: Record, water_depth: float) -> Record:
-    """Return the record with samples counted whose echo shows surface or bottom, and a wrong orientation said.
-
-    Nothing is said where no echo was recorded, where neither boundary is near enough to be heard, or where both stand
-    at one distance.
-
-    Args:
-        record: n samples of a profiler inside the deployment, depth known.
-        water_depth: metres.
-    """
-    if record.echo_range_m is None or not len(record.time_s):
-        return replace(record, echo_range_m=None)
-    boundary, heard = record.echo_range_m.T
-    below = water_depth - record.depth_m
-    room, other = (record.depth_m, below) if record.looks_up else (below, record.depth_m)
-    right, wrong = _at(boundary, room, record), _at(boundary, other, record)
-    with np.errstate(invalid="ignore"):
-        near = room < record.bin_range_m[:, :2].max(axis=1)  # within the first bins it stands out from nothing
-        absent = np.isnan(boundary) & (heard > CLEARLY * room) & ~near
-    names = ("echo_of_boundary", "echo_of_other_boundary", "echo_without_boundary")
-    counts = {name: int(where.sum()) for name, where in zip(names, (right, wrong & ~right, absent), strict=True)}
-    notes = _sentences(record, counts, room, other)
-    return replace(record, echo_range_m=None, counts=record.counts | counts, warnings=(*record.warnings, *notes))
+def _flag_boundaries(record: Record, water_depth: float) -> Record:
+    """Flag bins beyond the surface or the bottom, and those that the side lobes' echo from there reaches first."""
+    if not record.east.size or record.east.shape[1] == 1:
+        return record
+    room = record.depth_m if record.looks_up else water_depth - record.depth_m
+    reach = room[:, None] * angles.sin_cos(record.beam_angle_deg)[1] - cell_length(record) / 2.0
+    beyond = record.bin_range_m > room[:, None]
+    record = plausibility.mark(record, beyond, BAD, "beyond_boundary", None)
+    return plausibility.mark(record, (record.bin_range_m > reach) & ~beyond, BAD, "side_lobe", None)
 
 
 def _at(boundary: Floats, room: Floats, record: Record) -> Bools:

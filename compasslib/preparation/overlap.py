@@ -1,7 +1,8 @@
 """Pairs: where the compromised and the trusted instrument measured nearly the same water at nearly the same time.
 
 The rules are those of von Appen 2015, section 2 and appendix: the mean of the first bins at the compromised instrument,
-the bins of the trusted one nearest to it, less than 20 minutes and 20 m apart, on an hourly grid.
+the bins of the trusted one nearest to it, less than 20 minutes and 20 m apart, on an hourly grid. Pairs
+that betray a mistake, as one record given twice, another frame or another unit, are refused or come with a warning.
 """
 
 from __future__ import annotations
@@ -23,6 +24,20 @@ from compasslib.preparation.gridding import interpolate, nearest, on_grid
 
 WIDER = 3.0
 DENSE_S = 300.0  # a series sampled faster than this is averaged first (a profiler passing its top)
+MOST_IDENTICAL, ENOUGH = 0.5, 30  # share and number of pairs with equal speeds beyond which two instruments are one
+EQUAL_M_S = 1e-6  # single precision's last digit of a slow current
+SPEEDS_APART = 5.0  # ratio of median speeds beyond that of any two depths 20 m apart
+SLOWEST = 0.25  # of the pairs, whose directions are left out
+CLEARER = 1.8  # times less spread than the directions as told, than the flow and than the headings themselves
+# Signs of the recorded direction and of the heading in a sum that would be constant.
+OTHER_FRAMES = {
+    (-1, 1): "turned back by the heading",
+    (-1, -1): "turned by the heading",
+    (1, -1): "mirrored and turned by the heading",
+    (1, -2): "mirrored about the heading",
+    (1, 0): "mirrored",
+}
+NOISE_M_S = 0.01  # below this a profiler's hourly velocity is noise
 
 
 @dataclass(frozen=True)
@@ -36,6 +51,15 @@ class Rules:
     grid_tolerance_minutes: float = 30.0
 
 
+@dataclass(frozen=True)
+class Point:
+    """One velocity a time: a cell of an instrument, (k,) each, finite."""
+
+    time_s: Floats
+    velocity: NDArray[np.complexfloating]  # east + i north, m/s
+    depth_m: Floats
+
+
 def widened(rules: Rules) -> Rules:
     """Return rules for what needs many pairs more than near ones: the clocks are compared by speeds.
 
@@ -45,15 +69,6 @@ def widened(rules: Rules) -> Rules:
         rules: what counts as overlapping.
     """
     return replace(rules, max_metres=WIDER * rules.max_metres)
-
-
-@dataclass(frozen=True)
-class Point:
-    """One velocity a time: a cell of an instrument, (k,) each, finite."""
-
-    time_s: Floats
-    velocity: NDArray[np.complexfloating]  # east + i north, m/s
-    depth_m: Floats
 
 
 def clocks(upper: Record, trusted: Sequence[Record], rules: Rules) -> Clocks:
@@ -104,7 +119,7 @@ def find(
     return checked(found, recorded, list(trusted))
 
 
-def told(name: str, pairs: Pairs) -> str:
+def log_line(name: str, pairs: Pairs) -> str:
     """Return what the job says of its result.
 
     Args:
@@ -117,14 +132,112 @@ def told(name: str, pairs: Pairs) -> str:
     return "\n".join([line, *(f"{name}: warning: {warning}" for warning in pairs.warnings)])
 
 
+def near_bins(record: Record, distance_from: Floats, bins: int) -> tuple[NDArray[np.complexfloating], Floats]:
+    """Return the mean of the good bins nearest to a range from the transducer: velocity, depth, (n,), NaN without any.
+
+    Args:
+        record: of a profiler, or of one cell.
+        distance_from: range, (n,), m.
+    """
+    good = (
+        np.isin(record.quality, (NOT_CHECKED, GOOD, PROBABLY_GOOD))
+        & np.isfinite(record.east)
+        & np.isfinite(record.north)
+    )
+    away = record.bin_range_m - distance_from[:, None]
+    np.abs(away, out=away)
+    away[~good] = np.inf
+    count = min(bins, away.shape[1])
+    index = np.argpartition(away, count - 1, axis=1)[:, :count]
+    row = np.arange(len(away))[:, None]
+    weight = np.isfinite(away[row, index]).astype(float)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        share = weight / weight.sum(axis=1, keepdims=True)
+    velocity = np.where(weight > 0, record.east[row, index] + 1j * record.north[row, index], 0.0)
+    depth = np.where(weight > 0, record.bin_depth_m()[row, index], 0.0)
+    return (share * velocity).sum(axis=1), (share * depth).sum(axis=1)
+
+
+def checked(pairs: Pairs, upper: Record, trusted: Sequence[Record]) -> Pairs:
+    """Return pairs with sentences on what is wrong with them; none of them where both records are the same.
+
+    Args:
+        pairs: overlapping measurements.
+        upper: the compromised instrument inside the deployment.
+        trusted: the trusted one, or nothing.
+
+    Raises:
+        InputError: both carry one serial number, or the velocities of one are in another frame than told.
+    """
+    _refuse_one_instrument(upper, trusted)
+    if not len(pairs):
+        return replace(pairs, warnings=tuple(_absent(upper, trusted)))
+    _refuse_other_frame(pairs)
+    speeds = [np.median(np.hypot(e, n)) for e, n in _velocities(pairs)]
+    notes = []
+    if not 1.0 / SPEEDS_APART < speeds[0] / speeds[1] < SPEEDS_APART:
+        notes.append(
+            f"median speeds of the pairs are {speeds[0]:.3g} and {speeds[1]:.3g} m/s: check the unit and scale of both"
+        )
+    if min(speeds) < NOISE_M_S:
+        notes.append(f"half of the pairs are slower than {min(speeds):.2g} m/s: their directions are noise")
+    return replace(pairs, warnings=pairs.warnings + tuple(notes))
+
+
+def identical(pairs: Pairs) -> str:
+    """Return why the two instruments of pairs are one, nothing where their velocities are not the same.
+
+    Args:
+        pairs: overlapping measurements.
+    """
+    upper, lower = (np.hypot(east, north) for east, north in _velocities(pairs))
+    if len(pairs) < ENOUGH or np.ptp(upper) == 0.0:
+        return ""
+    if float(np.mean(np.abs(upper - lower) < EQUAL_M_S)) <= MOST_IDENTICAL:
+        return ""
+    return "the two instruments recorded the same velocities: one recording was given twice, and no pair counts"
+
+
 def _gridded(upper: Record, rules: Rules) -> Record:
     step_s, tolerance_s = 60.0 * rules.grid_minutes, 60.0 * rules.grid_tolerance_minutes
     return take(upper, on_grid(upper.time_s, step_s=step_s, tolerance_s=tolerance_s))
 
 
+def _trusted_cell(time_s: Floats, depth: Floats, lower: Record, sphere: Floats, rules: Rules) -> Point:
+    """Return the trusted instrument's cell nearest to the sphere, dense series averaged."""
+    if not len(lower.time_s):
+        return Point(np.zeros(0), np.zeros(0, dtype=complex), np.zeros(0))
+    towards = (lower.depth_m - sphere) * (1.0 if lower.looks_up else -1.0)
+    velocity, at = near_bins(lower, np.nan_to_num(towards), rules.bins)
+    known = np.isfinite(depth)
+    if not known.any():
+        return Point(np.zeros(0), np.zeros(0, dtype=complex), np.zeros(0))
+    wanted = np.interp(lower.time_s, time_s[known], depth[known])
+    with np.errstate(invalid="ignore"):
+        near = np.isfinite(velocity) & (np.abs(at - wanted) < rules.max_metres)
+    return _thinned(Point(lower.time_s[near], velocity[near], at[near]), 60.0 * rules.max_minutes / 2.0)
+
+
+def _thinned(point: Point, block_s: float) -> Point:
+    """Average a densely sampled series over blocks of time; leave others alone."""
+    if len(point.time_s) < 2 or np.median(np.diff(point.time_s)) >= DENSE_S:
+        return point
+    block = np.floor(point.time_s / block_s)
+    begins = np.flatnonzero(np.append(True, np.diff(block) > 0))
+    size = np.diff(np.append(begins, len(block)))
+    velocity = np.asarray(np.add.reduceat(point.velocity, begins) / size, dtype=complex)
+    return Point(np.add.reduceat(point.time_s, begins) / size, velocity, np.add.reduceat(point.depth_m, begins) / size)
+
+
 def _sphere(upper: Record, lower: Record) -> Floats:
     """Return the depth of the compromised instrument at the trusted one's times, (k,)."""
     return interpolate(upper.time_s, upper.depth_m, lower.time_s, tolerance_s=np.inf)
+
+
+def _minutes_to_nearest(series_s: Floats, at_s: Floats) -> Floats:
+    if not len(series_s):
+        return np.full(len(at_s), np.nan)
+    return (series_s[nearest(series_s, at_s)] - at_s) / 60.0
 
 
 def _assemble(upper: Record, lower: Record, field: EarthField, columns: tuple, keep: NDArray[np.intp]) -> Pairs:
@@ -155,156 +268,10 @@ def _to_true(velocity: NDArray[np.complexfloating], record: Record, declination:
     return east + 1j * north
 
 
-def near_bins(record: Record, distance_from: Floats, bins: int) -> tuple[NDArray[np.complexfloating], Floats]:
-    """Return the mean of the good bins nearest to a range from the transducer: velocity, depth, (n,), NaN without any.
-
-    Args:
-        record: of a profiler, or of one cell.
-        distance_from: range, (n,), m.
-    """
-    good = (
-        np.isin(record.quality, (NOT_CHECKED, GOOD, PROBABLY_GOOD))
-        & np.isfinite(record.east)
-        & np.isfinite(record.north)
-    )
-    away = record.bin_range_m - distance_from[:, None]
-    np.abs(away, out=away)
-    away[~good] = np.inf
-    count = min(bins, away.shape[1])
-    index = np.argpartition(away, count - 1, axis=1)[:, :count]
-    row = np.arange(len(away))[:, None]
-    weight = np.isfinite(away[row, index]).astype(float)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        share = weight / weight.sum(axis=1, keepdims=True)
-    velocity = np.where(weight > 0, record.east[row, index] + 1j * record.north[row, index], 0.0)
-    depth = np.where(weight > 0, record.bin_depth_m()[row, index], 0.0)
-    return (share * velocity).sum(axis=1), (share * depth).sum(axis=1)
-
-
-def _trusted_cell(time_s: Floats, depth: Floats, lower: Record, sphere: Floats, rules: Rules) -> Point:
-    """Return the trusted instrument's cell nearest to the sphere, dense series averaged."""
-    if not len(lower.time_s):
-        return Point(np.zeros(0), np.zeros(0, dtype=complex), np.zeros(0))
-    towards = (lower.depth_m - sphere) * (1.0 if lower.looks_up else -1.0)
-    velocity, at = near_bins(lower, np.nan_to_num(towards), rules.bins)
-    known = np.isfinite(depth)
-    if not known.any():
-        return Point(np.zeros(0), np.zeros(0, dtype=complex), np.zeros(0))
-    wanted = np.interp(lower.time_s, time_s[known], depth[known])
-    with np.errstate(invalid="ignore"):
-        near = np.isfinite(velocity) & (np.abs(at - wanted) < rules.max_metres)
-    return _thinned(Point(lower.time_s[near], velocity[near], at[near]), 60.0 * rules.max_minutes / 2.0)
-
-
-def _thinned(point: Point, block_s: float) -> Point:
-    """Average a densely sampled series over blocks of time; leave others alone."""
-    if len(point.time_s) < 2 or np.median(np.diff(point.time_s)) >= DENSE_S:
-        return point
-    block = np.floor(point.time_s / block_s)
-    begins = np.flatnonzero(np.append(True, np.diff(block) > 0))
-    size = np.diff(np.append(begins, len(block)))
-    velocity = np.asarray(np.add.reduceat(point.velocity, begins) / size, dtype=complex)
-    return Point(np.add.reduceat(point.time_s, begins) / size, velocity, np.add.reduceat(point.depth_m, begins) / size)
-
-
-def _minutes_to_nearest(series_s: Floats, at_s: Floats) -> Floats:
-    if not len(series_s):
-        return np.full(len(at_s), np.nan)
-    return (series_s[nearest(series_s, at_s)] - at_s) / 60.0
-
-
-# What pairs give away of a mistake: one record twice, speeds of another unit, no pair at all and why.
-
-
-MOST_IDENTICAL, ENOUGH = 0.5, 30  # share and number of pairs with equal speeds beyond which two instruments are one
-EQUAL_M_S = 1e-6  # single precision's last digit of a slow current
-SPEEDS_APART = 5.0  # ratio of median speeds beyond that of any two depths 20 m apart
-SLOWEST = 0.25  # of the pairs, whose directions are left out
-CLEARER = 1.8  # times less spread than the directions as told, than the flow and than the headings themselves
-# Signs of the recorded direction and of the heading in a sum that would be constant.
-OTHER_FRAMES = {
-    (-1, 1): "turned back by the heading",
-    (-1, -1): "turned by the heading",
-    (1, -1): "mirrored and turned by the heading",
-    (1, -2): "mirrored about the heading",
-    (1, 0): "mirrored",
-}
-NOISE_M_S = 0.01  # below this a profiler's hourly velocity is noise
-
-
-def checked(pairs: Pairs, upper: Record, trusted: Sequence[Record]) -> Pairs:
-    """Return pairs with sentences on what is wrong with them; none of them where both records are the same.
-
-    Args:
-        pairs: overlapping measurements.
-        upper: the compromised instrument inside the deployment.
-        trusted: the trusted one, or nothing.
-
-    Raises:
-        InputError: both carry one serial number, or the velocities of one are in another frame than told.
-    """
-    _refuse_one_instrument(upper, trusted)
-    if not len(pairs):
-        return replace(pairs, warnings=tuple(_absent(upper, trusted)))
-    _refuse_other_frame(pairs)
-    speeds = [np.median(np.hypot(e, n)) for e, n in _velocities(pairs)]
-    notes = []
-    if not 1.0 / SPEEDS_APART < speeds[0] / speeds[1] < SPEEDS_APART:
-        notes.append(
-            f"median speeds of the pairs are {speeds[0]:.3g} and {speeds[1]:.3g} m/s: check the unit and scale of both"
-        )
-    if min(speeds) < NOISE_M_S:
-        notes.append(f"half of the pairs are slower than {min(speeds):.2g} m/s: their directions are noise")
-    return replace(pairs, warnings=pairs.warnings + tuple(notes))
-
-
-def _refuse_other_frame(pairs: Pairs) -> None:
-    """Refuse directions that agree with the trusted ones only when the heading is added, taken away or mirrored.
-
-    No iron does that: a compass that goes round shows its deviation about the true heading. Where the water runs one
-    way, or the compass hardly turns, nothing can be told.
-    """
-    slower = np.min([np.hypot(east, north) for east, north in _velocities(pairs)], axis=0)
-    fast = slower >= np.quantile(slower, SLOWEST)
-    upper, lower = (angles.direction(east, north)[fast] for east, north in _velocities(pairs))
-    heading = pairs.heading_deg[fast]
-    plain = min(_spread(lower - upper), _spread(lower), _spread(heading))
-    others = {(sign, k): _spread(lower + sign * upper + k * heading) for sign, k in OTHER_FRAMES}
-    best = min(others, key=lambda which: others[which])
-    if len(heading) >= ENOUGH and others[best] * CLEARER < plain:
-        found = f"directions that agree with the trusted ones only where they are {OTHER_FRAMES[best]}"
-        advice = "check coordinates (EX), orientation, and east and north of both instruments"
-        raise InputError("compromised instrument", expected="velocities as told", found=found, advice=advice)
-
-
-def _spread(angle_deg: Floats) -> float:
-    """Return the standard deviation of angles that lie about one direction normally, radians."""
-    length = min(max(float(angles.resultant_length(angle_deg)), 1e-12), 1.0)
-    return float(np.sqrt(-2.0 * np.log(length)))
-
-
 def _refuse_one_instrument(upper: Record, trusted: Sequence[Record]) -> None:
     if any(upper.serial_number and upper.serial_number == each.serial_number for each in trusted):
         expected, found = "two instruments", f"serial number {upper.serial_number} in the files of both"
         raise InputError("compromised and reference", expected=expected, found=found, advice="correct files of one")
-
-
-def identical(pairs: Pairs) -> str:
-    """Return why the two instruments of pairs are one, nothing where their velocities are not the same.
-
-    Args:
-        pairs: overlapping measurements.
-    """
-    upper, lower = (np.hypot(east, north) for east, north in _velocities(pairs))
-    if len(pairs) < ENOUGH or np.ptp(upper) == 0.0:
-        return ""
-    if float(np.mean(np.abs(upper - lower) < EQUAL_M_S)) <= MOST_IDENTICAL:
-        return ""
-    return "the two instruments recorded the same velocities: one recording was given twice, and no pair counts"
-
-
-def _velocities(pairs: Pairs) -> tuple[tuple[Floats, Floats], tuple[Floats, Floats]]:
-    return (pairs.upper_east, pairs.upper_north), (pairs.lower_east, pairs.lower_north)
 
 
 def _absent(upper: Record, trusted: Sequence[Record]) -> list[str]:
@@ -342,3 +309,32 @@ def _unusable(record: Record, *, heading: bool) -> str:
     if not np.isfinite(record.depth_m).any():
         return "has no depth"
     return ""
+
+
+def _refuse_other_frame(pairs: Pairs) -> None:
+    """Refuse directions that agree with the trusted ones only when the heading is added, taken away or mirrored.
+
+    No iron does that: a compass that goes round shows its deviation about the true heading. Where the water runs one
+    way, or the compass hardly turns, nothing can be told.
+    """
+    slower = np.min([np.hypot(east, north) for east, north in _velocities(pairs)], axis=0)
+    fast = slower >= np.quantile(slower, SLOWEST)
+    upper, lower = (angles.direction(east, north)[fast] for east, north in _velocities(pairs))
+    heading = pairs.heading_deg[fast]
+    plain = min(_spread(lower - upper), _spread(lower), _spread(heading))
+    others = {(sign, k): _spread(lower + sign * upper + k * heading) for sign, k in OTHER_FRAMES}
+    best = min(others, key=lambda which: others[which])
+    if len(heading) >= ENOUGH and others[best] * CLEARER < plain:
+        found = f"directions that agree with the trusted ones only where they are {OTHER_FRAMES[best]}"
+        advice = "check coordinates (EX), orientation, and east and north of both instruments"
+        raise InputError("compromised instrument", expected="velocities as told", found=found, advice=advice)
+
+
+def _velocities(pairs: Pairs) -> tuple[tuple[Floats, Floats], tuple[Floats, Floats]]:
+    return (pairs.upper_east, pairs.upper_north), (pairs.lower_east, pairs.lower_north)
+
+
+def _spread(angle_deg: Floats) -> float:
+    """Return the standard deviation of angles that lie about one direction normally, radians."""
+    length = min(max(float(angles.resultant_length(angle_deg)), 1e-12), 1.0)
+    return float(np.sqrt(-2.0 * np.log(length)))

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from compasslib.core.records import Record
 from compasslib.core.types import Complexes, Floats
 from compasslib.preparation.gridding import nearest
+from compasslib.stats import robust
 
 HOUR_S = 3600.0
 # Difference that no two instruments keep under, and the same as a share of a table's last digit.
@@ -35,6 +36,16 @@ class Series:
     bins: range
 
 
+@dataclass(frozen=True)
+class Met:
+    """Some of the trusted velocities, and where the compromised record was measured hours before and after."""
+
+    velocity: Complexes  # (k,)
+    place: NDArray[np.intp]  # (k, lags)
+    there: NDArray[np.bool_]  # (k, lags)
+    least_m_s: float  # what rounding explains
+
+
 def one_recording(upper: Record, lower: Record, bins: int) -> str:
     """Return why the trusted record is the compromised one's own, nothing where it is not.
 
@@ -51,34 +62,6 @@ def one_recording(upper: Record, lower: Record, bins: int) -> str:
             if (shared or off_m > OFF_M) and (_same(own, met) or (own.bins.start == 0 and _averaged(own, met))):
                 return _said(own, shared, off_m)
     return ""
-
-
-@dataclass(frozen=True)
-class Met:
-    """Some of the trusted velocities, and where the compromised record was measured hours before and after."""
-
-    velocity: Complexes  # (k,)
-    place: NDArray[np.intp]  # (k, lags)
-    there: NDArray[np.bool_]  # (k, lags)
-    least_m_s: float  # what rounding explains
-
-
-def _said(own: Series, shared: bool, off_m: float) -> str:
-    first, last = own.bins.start + 1, own.bins.stop
-    which = f"bin {first}" if first == last else f"bins {first} to {last}"
-    why = "whose water every pair already holds" if shared else f"told {off_m:.0f} m from their depth"
-    return (
-        "the two instruments recorded the same velocities: one recording was given twice, and no pair counts (those "
-        f"of the trusted one are the compromised one's {which}, {why})"
-    )
-
-
-def _runs(upper: Record) -> Iterator[Series]:
-    velocity, depth = upper.east + 1j * upper.north, upper.bin_depth_m()
-    for wide in range(1, WIDEST + 1):
-        for first in range(velocity.shape[1] - wide + 1):
-            run = range(first, first + wide)
-            yield Series(velocity[:, run].mean(axis=1), float(np.nanmedian(depth[:, run])), run)
 
 
 def _near(upper: Record, lower: Record, bins: int) -> Iterator[Series]:
@@ -99,22 +82,29 @@ def _met(trusted: Series, upper_s: Floats, lower_s: Floats) -> Met:
     return Met(velocity, place, np.abs(upper_s[place] - wanted) <= HOUR_S / 2.0, ROUNDED * _last_digit(velocity))
 
 
+def _last_digit(velocity: Complexes) -> float:
+    """Return the step of a table's numbers, 0 where they have none that shows."""
+    steps = []
+    for x in (velocity.real, np.abs(velocity)):
+        values = np.unique(np.round(x, 6))
+        steps.append(float(np.min(np.diff(values))) if 1 < len(values) < len(x) / 2 else 0.0)
+    return max(steps)
+
+
+def _runs(upper: Record) -> Iterator[Series]:
+    velocity, depth = upper.east + 1j * upper.north, upper.bin_depth_m()
+    for wide in range(1, WIDEST + 1):
+        for first in range(velocity.shape[1] - wide + 1):
+            run = range(first, first + wide)
+            yield Series(velocity[:, run].mean(axis=1), float(np.nanmedian(depth[:, run])), run)
+
+
 def _same(own: Series, met: Met) -> bool:
     """Tell whether two series have the same speeds, but for a factor, at one lag for all."""
     found, wanted = np.abs(own.velocity), np.abs(met.velocity)
     near = np.flatnonzero(np.abs(LAGS_H) <= SHIFTED_H)
     columns = np.where(met.there[:, near], found[met.place[:, near]], np.nan)
     return any(_equal(column, wanted, met.least_m_s) for column in columns.T)
-
-
-def _averaged(own: Series, met: Met) -> bool:
-    """Tell whether a weighted mean over hours of one velocity, turned by a constant, is the other."""
-    columns = own.velocity[met.place]
-    whole = met.there.all(axis=1) & np.isfinite(columns).all(axis=1)
-    if whole.sum() < FEWEST:
-        return False
-    weight, *_ = np.linalg.lstsq(columns[whole], met.velocity[whole], rcond=None)
-    return _equal(columns[whole] @ weight, met.velocity[whole], met.least_m_s)
 
 
 def _equal(first: NDArray, second: NDArray, least: float) -> bool:
@@ -127,14 +117,25 @@ def _equal(first: NDArray, second: NDArray, least: float) -> bool:
     if min(sizes) <= 0.0:
         return False
     factor = sizes[1] / sizes[0]
-    off = 1.4826 * float(np.median(np.abs(first - second / factor)))
+    off = robust.width(first - second / factor)
     return off < max(ALIKE_M_S, least / factor) and off < SMALL * float(np.std(first))
 
 
-def _last_digit(velocity: Complexes) -> float:
-    """Return the step of a table's numbers, 0 where they have none that shows."""
-    steps = []
-    for x in (velocity.real, np.abs(velocity)):
-        values = np.unique(np.round(x, 6))
-        steps.append(float(np.min(np.diff(values))) if 1 < len(values) < len(x) / 2 else 0.0)
-    return max(steps)
+def _averaged(own: Series, met: Met) -> bool:
+    """Tell whether a weighted mean over hours of one velocity, turned by a constant, is the other."""
+    columns = own.velocity[met.place]
+    whole = met.there.all(axis=1) & np.isfinite(columns).all(axis=1)
+    if whole.sum() < FEWEST:
+        return False
+    weight, *_ = np.linalg.lstsq(columns[whole], met.velocity[whole], rcond=None)
+    return _equal(columns[whole] @ weight, met.velocity[whole], met.least_m_s)
+
+
+def _said(own: Series, shared: bool, off_m: float) -> str:
+    first, last = own.bins.start + 1, own.bins.stop
+    which = f"bin {first}" if first == last else f"bins {first} to {last}"
+    why = "whose water every pair already holds" if shared else f"told {off_m:.0f} m from their depth"
+    return (
+        "the two instruments recorded the same velocities: one recording was given twice, and no pair counts (those "
+        f"of the trusted one are the compromised one's {which}, {why})"
+    )

@@ -2,6 +2,7 @@
 
 A line that holds more or fewer cells than the header, or a word where a number belongs, ends the reading in one line:
 cells that have moved are numbers too. Only a last line without its end may be cut; it is left out and counted.
+The checks of raw text, for strange bytes and endless lines, serve the other text formats too.
 """
 
 from __future__ import annotations
@@ -26,6 +27,8 @@ TIME_FORM = "an ISO time like 2007-09-04T00:00:00Z"
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 _CLOCK = r"[T ]\d\d(?::\d\d(?::\d\d(?:\.\d{1,9})?)?)?"
 _TIME = re.compile(rf"(\d{{4}}-\d\d-\d\d(?:{_CLOCK})?)(?:Z| ?UTC|([+-])([01]\d):?([0-5]\d))?", re.ASCII)
+LONGEST_LINE = 2**20  # bytes; a table of 10,000 columns has fewer
+_TEXT = bytes([*range(9, 14), *range(32, 127)])
 
 
 @dataclass(frozen=True)
@@ -104,60 +107,6 @@ def lines_of(path: Path) -> Lines:
     return Lines(header, rows[1 : len(rows) - cut], int(cut))
 
 
-def _is_cut(last: list[str], others: list[list[str]], header: list[str]) -> bool:
-    """Return whether a last line without its end lacks cells, or its last cell decimals that all others have."""
-    if len(last) < len(header) or not others:
-        return len(last) < len(header)
-    return _decimals(last[-1]) < min((_decimals(row[-1]) for row in others if row[-1]), default=0)
-
-
-def _decimals(cell: str) -> int:
-    return len(cell.partition(".")[2])
-
-
-def _parsed(path: Path, lines: Lines, column: int, role: str, header: str) -> Floats:
-    parse = _time if role in TIMES else _number
-    expected = TIME_FORM if role in TIMES else "a number or nothing"
-    values = np.empty(len(lines.rows))
-    for i, (line, row) in enumerate(lines.rows):
-        if any(row[len(lines.header) :]):
-            _refuse_line(path, line, f"{len(lines.header)} cells as in the header", f"a line of {len(row)} cells")
-        try:
-            values[i] = parse(row[column])
-        except (ValueError, IndexError):
-            found = repr(row[column]) if column < len(row) else f"a line of {len(row)} cells"
-            _refuse_line(path, f"{line}, {header}", expected, found)
-    return values
-
-
-def _refuse_line(path: Path, line: int | str, expected: str, found: str) -> None:
-    raise InputError(f"{path}: line {line}", expected=expected, found=found, advice="mend or remove the line") from None
-
-
-def _number(text: str) -> float:
-    if text.lower() in MISSING_TEXT:
-        return float("nan")
-    if not (_NUMBER.fullmatch(text) and abs(value := float(text)) < LARGEST):
-        raise ValueError(text)
-    return value
-
-
-def _time(text: str) -> float:
-    match = _TIME.fullmatch(text.replace("/", "-"))
-    if not match:
-        raise ValueError(text)
-    date, sign, hours, minutes = match.groups(default="0")
-    ahead_s = (60 * int(hours) + int(minutes)) * (-60.0 if sign == "-" else 60.0)  # +02:00: local time is ahead of UTC
-    return float(np.datetime64(date.replace(" ", "T"), "us").astype(np.int64)) / 1e6 - ahead_s
-
-
-# What no text file of an instrument holds: strange bytes, endless lines.
-
-LONGEST_LINE = 2**20  # bytes; a table of 10,000 columns has fewer
-
-_TEXT = bytes([*range(9, 14), *range(32, 127)])
-
-
 def strange(data: bytes) -> int:
     """Return how many bytes are neither printable ASCII nor space between words and lines.
 
@@ -185,3 +134,50 @@ def of_lines(path: Path) -> bytes:
         found = error.strerror or type(error).__name__
         raise InputError(str(path), expected="a readable file", found=found, advice="check the path") from None
     return b"".join(blocks)
+
+
+def _parsed(path: Path, lines: Lines, column: int, role: str, header: str) -> Floats:
+    parse = _time if role in TIMES else _number
+    expected = TIME_FORM if role in TIMES else "a number or nothing"
+    values = np.empty(len(lines.rows))
+    for i, (line, row) in enumerate(lines.rows):
+        if any(row[len(lines.header) :]):
+            _refuse_line(path, line, f"{len(lines.header)} cells as in the header", f"a line of {len(row)} cells")
+        try:
+            values[i] = parse(row[column])
+        except (ValueError, IndexError):
+            found = repr(row[column]) if column < len(row) else f"a line of {len(row)} cells"
+            _refuse_line(path, f"{line}, {header}", expected, found)
+    return values
+
+
+def _time(text: str) -> float:
+    match = _TIME.fullmatch(text.replace("/", "-"))
+    if not match:
+        raise ValueError(text)
+    date, sign, hours, minutes = match.groups(default="0")
+    ahead_s = (60 * int(hours) + int(minutes)) * (-60.0 if sign == "-" else 60.0)  # +02:00: local time is ahead of UTC
+    return float(np.datetime64(date.replace(" ", "T"), "us").astype(np.int64)) / 1e6 - ahead_s
+
+
+def _number(text: str) -> float:
+    if text.lower() in MISSING_TEXT:
+        return float("nan")
+    if not (_NUMBER.fullmatch(text) and abs(value := float(text)) < LARGEST):
+        raise ValueError(text)
+    return value
+
+
+def _refuse_line(path: Path, line: int | str, expected: str, found: str) -> None:
+    raise InputError(f"{path}: line {line}", expected=expected, found=found, advice="mend or remove the line") from None
+
+
+def _is_cut(last: list[str], others: list[list[str]], header: list[str]) -> bool:
+    """Return whether a last line without its end lacks cells, or its last cell decimals that all others have."""
+    if len(last) < len(header) or not others:
+        return len(last) < len(header)
+    return _decimals(last[-1]) < min((_decimals(row[-1]) for row in others if row[-1]), default=0)
+
+
+def _decimals(cell: str) -> int:
+    return len(cell.partition(".")[2])

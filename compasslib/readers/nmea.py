@@ -90,33 +90,6 @@ def read(paths: Sequence[Path], *, heading: str = "HDG", course: str = "RMC") ->
     return Log(**log, counts=dict(counts), warnings=_told(counts))
 
 
-def _sentences(paths: Sequence[Path], counts: Counter[str]) -> Iterator[tuple[int, Any]]:
-    """Yield (running line number, sentence) of all that are whole."""
-    import pynmea2
-
-    contents = [_content(path) for path in paths]
-    counts["strange_bytes"] = sum(cells.strange(content) for content in contents)
-    texts = [text for content in contents for text in content.decode("ascii", errors="replace").splitlines()]
-    for line, text in enumerate(texts):
-        start = text.rfind("$")
-        if start < 0:
-            continue
-        try:
-            yield line, pynmea2.parse(text[start:].strip(), check=True)
-            counts["read"] += 1
-        except pynmea2.SentenceTypeError:
-            counts["other"] += 1
-        except (pynmea2.ParseError, ValueError):
-            counts["damaged"] += 1
-
-
-def _content(path: Path) -> bytes:
-    try:
-        return Path(path).read_bytes()
-    except OSError as error:
-        raise InputError(str(path), expected="a readable NMEA 0183 log", found=error, advice="check the path") from None
-
-
 def _collected(
     sentences: Iterator[tuple[int, Any]], counts: Counter[str], wanted: tuple[str, str]
 ) -> tuple[list[_Fix], dict[str, list[tuple[int, float]]]]:
@@ -146,12 +119,6 @@ def _collected(
     return _timed(fixes, clock), seen
 
 
-def _possible(fix: _Fix) -> bool:
-    """Tell whether a fix's numbers can be what they stand for; none is no contradiction."""
-    course, speed, latitude, longitude = np.nan_to_num([fix.course_deg, fix.speed_kn, fix.latitude, fix.longitude])
-    return bool(0 <= course <= 360 and 0 <= speed <= FASTEST_KN and abs(latitude) <= 90 and abs(longitude) <= 180)
-
-
 def _rmc(line: int, said: Any, counts: Counter[str]) -> _Fix | None:
     if said.status != "A":
         counts["void"] += 1
@@ -167,6 +134,19 @@ def _rmc(line: int, said: Any, counts: Counter[str]) -> _Fix | None:
     return _Fix(line, time_s, *numbers)
 
 
+def _number(text: object) -> float:
+    try:
+        return float(str(text))
+    except ValueError:
+        return NAN
+
+
+def _possible(fix: _Fix) -> bool:
+    """Tell whether a fix's numbers can be what they stand for; none is no contradiction."""
+    course, speed, latitude, longitude = np.nan_to_num([fix.course_deg, fix.speed_kn, fix.latitude, fix.longitude])
+    return bool(0 <= course <= 360 and 0 <= speed <= FASTEST_KN and abs(latitude) <= 90 and abs(longitude) <= 180)
+
+
 def _timed(fixes: list[_Fix], clock: list[tuple[int, float]]) -> list[_Fix]:
     """Give courses that carry no time that of the clock's sentences around them."""
     if not clock:
@@ -174,6 +154,33 @@ def _timed(fixes: list[_Fix], clock: list[tuple[int, float]]) -> list[_Fix]:
     lines, times = np.transpose(clock)
     known = [fix.time_s if np.isfinite(fix.time_s) else float(np.interp(fix.line, lines, times)) for fix in fixes]
     return [_Fix(fix.line, time_s, *list(vars(fix).values())[2:]) for fix, time_s in zip(fixes, known, strict=True)]
+
+
+def _sentences(paths: Sequence[Path], counts: Counter[str]) -> Iterator[tuple[int, Any]]:
+    """Yield (running line number, sentence) of all that are whole."""
+    import pynmea2
+
+    contents = [_content(path) for path in paths]
+    counts["strange_bytes"] = sum(cells.strange(content) for content in contents)
+    texts = [text for content in contents for text in content.decode("ascii", errors="replace").splitlines()]
+    for line, text in enumerate(texts):
+        start = text.rfind("$")
+        if start < 0:
+            continue
+        try:
+            yield line, pynmea2.parse(text[start:].strip(), check=True)
+            counts["read"] += 1
+        except pynmea2.SentenceTypeError:
+            counts["other"] += 1
+        except (pynmea2.ParseError, ValueError):
+            counts["damaged"] += 1
+
+
+def _content(path: Path) -> bytes:
+    try:
+        return Path(path).read_bytes()
+    except OSError as error:
+        raise InputError(str(path), expected="a readable NMEA 0183 log", found=error, advice="check the path") from None
 
 
 def _paired(
@@ -198,15 +205,15 @@ def _paired(
     return {name: column[near] for name, column in series.items()}
 
 
-def _together(values: Floats, near: NDArray[np.bool_], most: float, counts: Counter[str]) -> Floats:
-    """Return latitudes or longitudes, NaN in place of those far from the median of all, (n,), which are counted."""
-    known = near & np.isfinite(values)
-    if not known.any():
-        return values
-    turned = angles.difference(values, values[known][0]) if most == 180.0 else values
-    astray = known & (np.abs(turned - np.median(turned[known])) > ASTRAY_DEG * most / 90.0)
-    counts["astray"] += int(astray.sum())
-    return np.where(astray, np.nan, values)
+def _nearest(values: list[tuple[int, float]], line: Floats, time_s: Floats) -> tuple[Floats, Floats]:
+    """Return the value nearest in the stream to each line, and how far away in time it stood, seconds."""
+    if not values:
+        return np.full(line.shape, np.nan), np.full(line.shape, np.inf)
+    at, value = np.transpose(values)
+    right = np.clip(np.searchsorted(at, line), 0, len(at) - 1)
+    left = np.maximum(right - 1, 0)
+    nearest = np.where(np.abs(at[left] - line) <= np.abs(at[right] - line), left, right)
+    return value[nearest], np.abs(np.interp(at[nearest], line, time_s) - time_s)
 
 
 def _again(rows: Floats) -> NDArray[np.bool_]:
@@ -221,22 +228,15 @@ def _again(rows: Floats) -> NDArray[np.bool_]:
     return again & back
 
 
-def _nearest(values: list[tuple[int, float]], line: Floats, time_s: Floats) -> tuple[Floats, Floats]:
-    """Return the value nearest in the stream to each line, and how far away in time it stood, seconds."""
-    if not values:
-        return np.full(line.shape, np.nan), np.full(line.shape, np.inf)
-    at, value = np.transpose(values)
-    right = np.clip(np.searchsorted(at, line), 0, len(at) - 1)
-    left = np.maximum(right - 1, 0)
-    nearest = np.where(np.abs(at[left] - line) <= np.abs(at[right] - line), left, right)
-    return value[nearest], np.abs(np.interp(at[nearest], line, time_s) - time_s)
-
-
-def _number(text: object) -> float:
-    try:
-        return float(str(text))
-    except ValueError:
-        return NAN
+def _together(values: Floats, near: NDArray[np.bool_], most: float, counts: Counter[str]) -> Floats:
+    """Return latitudes or longitudes, NaN in place of those far from the median of all, (n,), which are counted."""
+    known = near & np.isfinite(values)
+    if not known.any():
+        return values
+    turned = angles.difference(values, values[known][0]) if most == 180.0 else values
+    astray = known & (np.abs(turned - np.median(turned[known])) > ASTRAY_DEG * most / 90.0)
+    counts["astray"] += int(astray.sum())
+    return np.where(astray, np.nan, values)
 
 
 def _told(counts: Counter[str]) -> tuple[str, ...]:

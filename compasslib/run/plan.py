@@ -55,7 +55,7 @@ class Moorings:
 
     def reader_modules(self, wildcards: Any) -> tuple[str, ...]:
         """Return the library files behind the reading of one instrument, its own format's reader only."""
-        module = FORMATS[self._instrument(wildcards).format][0]
+        module = FORMATS[self._instrument(wildcards).format].module
         return provenance.sources(self.scripts / "read.py", f"compasslib.readers.{module}")
 
     def raw_files(self, wildcards: Any) -> list[str]:
@@ -79,15 +79,15 @@ class Moorings:
     def reader_settings(self, wildcards: Any) -> dict[str, Any]:
         """Return the keys of one instrument that its reader takes."""
         instrument = self._instrument(wildcards)
-        keys = FORMATS[instrument.format][1]
+        keys = FORMATS[instrument.format].keys
         told = {"serial_number": self._serial_number(wildcards)} if "serial_number" in keys else {}
         return _plain(instrument, [key for key in keys if key not in told]) | told
 
     def deployment(self, wildcards: Any) -> dict[str, Any]:
         """Return what turns one instrument's series into its record inside the deployment."""
         mooring, instrument = self._mooring(wildcards), self._instrument(wildcards)
-        # A PD0 reader takes the declination out itself: it may stand in the file as heading bias.
-        applied = 0.0 if instrument.format == "pd0" else instrument.declination_applied or 0.0
+        # Some readers take it out themselves: a PD0 file may hold it as heading bias.
+        applied = 0.0 if FORMATS[instrument.format].takes_declination else instrument.declination_applied or 0.0
         return _plain(instrument, DEPLOYMENT_KEYS) | {
             "start_s": mooring.start_s,
             "end_s": mooring.end_s,

@@ -22,7 +22,7 @@ from compasslib.search.naming import Named
 from compasslib.search.sectors import Heap
 from compasslib.search.show import Curve
 from compasslib.search.verdict import Finding, Parameter, Unexplained, Where
-from compasslib.stats import whitening
+from compasslib.stats import robust, whitening
 
 OBSERVATORY = "declination_observatory"
 RANGE = (0.05, 0.95)  # quantiles of a covariate that tell where an effect lives
@@ -84,7 +84,7 @@ def of_clock(before: Pairs, after: Pairs, fits: tuple[Fit, Fit], clock: Clock) -
     left[0] = left[0][same]
     width = whitening.widths(left[1], np.zeros(len(after)))
     proof = show.compared(left[0], left[1], width, after.time_s)
-    size = 1.4826 * float(np.median(np.abs(moved)))  # robust: slow water may point anywhere
+    size = robust.width(moved)  # robust: slow water may point anywhere
     numbers = {
         "clock_offset": (clock.offset_named, "hours", clock.offset_h, clock.offset_sigma_h, "h"),
         "clock_drift": (clock.drift_named, "hours_year", clock.drift_h_year, clock.drift_sigma_h_year, "h/year"),

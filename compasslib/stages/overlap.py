@@ -40,7 +40,7 @@ def run(
     along = observatories.held_against(earthfield.along_time(**place), observatory, place)
     netcdf.write_json(field, vars(along))
     along = earthfield.from_json(netcdf.read_json(field))  # what every later stage reads
-    say(earthfield.told(mooring, along))
+    say(earthfield.log_line(mooring, along))
     above, below = netcdf.read_record(upper), [netcdf.read_record(file) for file in lower]
     # Named from the mooring's own folder, so that the file is the same wherever that stands.
     made = provenance.origin("pairs found", [upper, *lower], within=Path(pairs).parent)
@@ -49,4 +49,4 @@ def run(
     for file, each in ((wide, overlap.widened(asked)), (pairs, asked)):
         found = overlap.find(above, below, along, each, clocks)
         netcdf.write_pairs(file, found, attributes=made)
-    say(overlap.told(mooring, found))
+    say(overlap.log_line(mooring, found))

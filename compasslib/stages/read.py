@@ -36,4 +36,4 @@ def run(
     read = readers.read(form, [Path(file) for file in raw], reader)
     settled = deployments.settle(read, **deployment)
     netcdf.write_record(record, settled, attributes=provenance.origin("record read", raw))
-    say(deployments.told(mooring, role, settled))
+    say(deployments.log_line(mooring, role, settled))

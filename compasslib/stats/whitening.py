@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 
 from compasslib.core import angles
 from compasslib.core.types import Floats
-from compasslib.stats import autocorrelation
+from compasslib.stats import autocorrelation, robust
 
 CLIP = 2.5  # Huber's clip, in widths
 ORDER, SAMPLES_PER_LAG = 24, 40  # a day of hourly memory; no more lags than the record can carry
 RIDGE = 1e-3  # keeps the filter steady where gaps leave the autocorrelation rough
 WIDTH_BINS = 12
 NARROWEST = 0.25  # least width as a share of the middle one
-ANYWHERE_DEG = 1.4826 * 90.0  # robust width of directions that point anywhere
+ANYWHERE_DEG = robust.SIGMA_PER_MAD * 90.0  # robust width of directions that point anywhere
 CHUNK = 64
 THINNEST = 1e-6  # share of a group's largest direction below which a direction is taken for absorbed by the base
 TREND_S, TREND_MEMORIES = 10 * 86400.0, 10  # least spacing of the knots of what is slow, and in lengths of the filter
@@ -84,21 +84,6 @@ def whitener(residual_deg: Floats, width_deg: Floats, time_s: Floats) -> Whitene
     toeplitz = correlation[np.abs(np.subtract.outer(np.arange(lags), np.arange(lags)))]
     memory = np.linalg.solve(toeplitz, correlation[1:]) if lags else np.zeros(0)
     return Whitener(slot, np.append(1.0, -memory), width_deg)
-
-
-def _memory(series: Floats, lags: int, slowest: float) -> Floats:
-    """Return the sums of a series times itself later, what is slow counted as its neighbours, (lags + 1,).
-
-    Args:
-        series: 0 where nothing was measured, (n,).
-        lags: the most steps.
-    """
-    size = 1 << (2 * len(series) - 1).bit_length()
-    power = np.abs(np.fft.rfft(series, size)) ** 2
-    slow = np.arange(len(power)) * slowest / size
-    near = (slow >= 1.0) & (slow < NEAR)
-    power[slow < 1.0] = power[near].mean() if near.any() else 0.0
-    return np.fft.irfft(power, size)[: lags + 1]
 
 
 def spacing_s(time_s: Floats) -> float:
@@ -175,37 +160,10 @@ def widths(residual_deg: Floats, slowness: Floats) -> Floats:
     bins = np.clip(np.searchsorted(edges, slowness[known], side="right") - 1, 0, WIDTH_BINS - 1)
     held = [b for b in range(WIDTH_BINS) if np.sum(bins == b) >= 5]
     centre = np.array([np.median(slowness[known][bins == b]) for b in held])
-    middle = np.array([1.4826 * np.median(size[bins == b]) for b in held])
+    middle = np.array([robust.width(size[bins == b]) for b in held])
     middle = np.maximum(np.maximum.accumulate(middle), NARROWEST * np.median(middle))
     width = np.interp(slowness, centre, middle) * _beyond(slowness, centre, middle)
     return np.where(known, _on_circle(np.maximum(width, 1e-6)), np.inf)
-
-
-def _on_circle(width_deg: Floats) -> Floats:
-    """Return the width that a direction is worth: one that points anywhere tells nothing, however narrow it looks.
-
-    Of a wrapped normal law it follows what the score of the mean direction knows within a fifth.
-    """
-    with np.errstate(divide="ignore"):
-        return np.asarray(width_deg / np.maximum(1.0 - (width_deg / ANYWHERE_DEG) ** 2, 0.0))
-
-
-def _beyond(slowness: Floats, centre: Floats, middle: Floats) -> Floats:
-    """Return the width over that of the fastest or slowest bin where the water is beyond their middles, else 1, (n,).
-
-    Width squared is a floor and what grows with slowness squared, as the fit's noise has it; both by least squares over
-    the faster half of the bins. What veers or heels does so where the water is fastest, and there it is seen best. The
-    slowest water goes where it rarely goes: a width too narrow there makes a veer of noise.
-    """
-    some = slice(0, max(len(centre) // 2, 2))
-    x, y = centre[some] ** 2, middle[some] ** 2
-    slower = np.maximum(slowness / max(centre[-1], 1e-12), 1.0)
-    if np.ptp(x) == 0.0:
-        return slower
-    growth = max(float(np.sum((x - x.mean()) * (y - y.mean())) / np.sum((x - x.mean()) ** 2)), 0.0)
-    floor = max(float(y.mean() - growth * x.mean()), NARROWEST**2 * float(y[0]))
-    square = np.minimum(slowness, centre[0]) ** 2
-    return np.asarray(slower * np.sqrt((floor + growth * square) / (floor + growth * centre[0] ** 2)))
 
 
 def inverse(gram: Floats) -> Floats:
@@ -246,3 +204,45 @@ def directions(white: Floats) -> Floats:
     values, vectors = np.linalg.eigh((unit.T @ unit).astype(float))
     kept = values > max(THINNEST * values[-1], 1e-5)
     return (unit @ (vectors[:, kept] / np.sqrt(values[kept])).astype(np.float32)).astype(np.float32)
+
+
+def _memory(series: Floats, lags: int, slowest: float) -> Floats:
+    """Return the sums of a series times itself later, what is slow counted as its neighbours, (lags + 1,).
+
+    Args:
+        series: 0 where nothing was measured, (n,).
+        lags: the most steps.
+    """
+    size = 1 << (2 * len(series) - 1).bit_length()
+    power = np.abs(np.fft.rfft(series, size)) ** 2
+    slow = np.arange(len(power)) * slowest / size
+    near = (slow >= 1.0) & (slow < NEAR)
+    power[slow < 1.0] = power[near].mean() if near.any() else 0.0
+    return np.fft.irfft(power, size)[: lags + 1]
+
+
+def _beyond(slowness: Floats, centre: Floats, middle: Floats) -> Floats:
+    """Return the width over that of the fastest or slowest bin where the water is beyond their middles, else 1, (n,).
+
+    Width squared is a floor and what grows with slowness squared, as the fit's noise has it; both by least squares over
+    the faster half of the bins. What veers or heels does so where the water is fastest, and there it is seen best. The
+    slowest water goes where it rarely goes: a width too narrow there makes a veer of noise.
+    """
+    some = slice(0, max(len(centre) // 2, 2))
+    x, y = centre[some] ** 2, middle[some] ** 2
+    slower = np.maximum(slowness / max(centre[-1], 1e-12), 1.0)
+    if np.ptp(x) == 0.0:
+        return slower
+    growth = max(float(np.sum((x - x.mean()) * (y - y.mean())) / np.sum((x - x.mean()) ** 2)), 0.0)
+    floor = max(float(y.mean() - growth * x.mean()), NARROWEST**2 * float(y[0]))
+    square = np.minimum(slowness, centre[0]) ** 2
+    return np.asarray(slower * np.sqrt((floor + growth * square) / (floor + growth * centre[0] ** 2)))
+
+
+def _on_circle(width_deg: Floats) -> Floats:
+    """Return the width that a direction is worth: one that points anywhere tells nothing, however narrow it looks.
+
+    Of a wrapped normal law it follows what the score of the mean direction knows within a fifth.
+    """
+    with np.errstate(divide="ignore"):
+        return np.asarray(width_deg / np.maximum(1.0 - (width_deg / ANYWHERE_DEG) ** 2, 0.0))

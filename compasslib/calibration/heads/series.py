@@ -16,7 +16,7 @@ from compasslib.calibration.result import Table
 from compasslib.core import angles
 from compasslib.core.types import Floats
 from compasslib.deviation import von_appen
-from compasslib.stats import autocorrelation
+from compasslib.stats import autocorrelation, robust
 
 SETS = {5: "A, B, C, D, E", 3: "A, B, C", 1: "A"}  # terms of the series by their number
 # A coefficient's variance over what full coverage would give it. With 10, three terms need about 160 degrees and five
@@ -167,7 +167,7 @@ def _robust(columns: Floats, difference: Floats) -> tuple[Floats, NDArray[np.boo
     for _ in range(5):
         coefficients = np.linalg.lstsq(columns[kept], difference[kept], rcond=None)[0]
         residual = np.abs(difference - columns @ coefficients)
-        now = residual <= CLIP_SIGMAS * max(1.4826 * float(np.median(residual)), 0.01)
+        now = residual <= CLIP_SIGMAS * max(robust.width(residual), 0.01)
         if (now == kept).all():
             break
         kept = now

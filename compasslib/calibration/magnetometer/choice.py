@@ -24,6 +24,7 @@ from compasslib.calibration.magnetometer.ellipsoid import (
 from compasslib.calibration.magnetometer.log import Log
 from compasslib.core import angles
 from compasslib.core.types import Floats
+from compasslib.stats import robust
 from compasslib.stats.autocorrelation import effective_number
 
 MOST_UNSURE = 0.05  # of the field: a parameter that is less sure is not given
@@ -31,7 +32,7 @@ LASTING = 0.003  # of the field: linearity, cross-axis, gradients; an error that
 FOLDS = 5
 LEAST_ARC_DEG, FEWEST_SECTORS, MOST_SCATTER = 120.0, 6, 0.25
 MOST_TILT_DEG, FLAT = 30.0, 0.3  # of a platform that counts as level: by its tilts, or by z's scatter over the radius
-OUTLYING, MOST_OUTLYING, MAD_TO_SIGMA = 6.0, 0.05, 1.4826
+OUTLYING, MOST_OUTLYING = 6.0, 0.05
 DIAGONAL, OTHERS, LEVEL_SOFT = ("S11", "S22", "S33"), ("S12", "S13", "S23"), ("S11", "S22", "S12")
 UNSEEN_LEVEL = ("z offset", "S33", "S13", "S23")
 
@@ -73,7 +74,7 @@ def far_off(choice: Choice) -> NDArray[np.bool_]:
         return np.zeros(0, dtype=bool)
     off = ellipsoid.modulus(_field(choice.full.iron()[0], choice.readings), choice.readings.down) - 1.0
     off = np.abs(off - np.median(off))
-    far = off > OUTLYING * max(MAD_TO_SIGMA * float(np.median(off)), LASTING)
+    far = off > OUTLYING * max(robust.width(off), LASTING)
     return far if far.mean() < MOST_OUTLYING else np.zeros_like(far)
 
 

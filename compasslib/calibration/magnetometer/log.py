@@ -95,11 +95,10 @@ def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Log:
         InputError: x or y is absent or withheld, or a cell is not a number.
     """
     paths = [Path(file) for file in files]
-    if settings.get("format") == "mmp_acm":
-        pass  # only where such a file is read
-
-        return read_acm(paths, set(settings.get("withhold") or ()))
-    wanted = _wanted(paths, settings.get("columns") or {}, set(settings.get("withhold") or ()))
+    withhold = set(settings.get("withhold") or ())
+    if reader := {"mmp_acm": read_acm}.get(str(settings.get("format"))):
+        return reader(paths, withhold)
+    wanted = _wanted(paths, settings.get("columns") or {}, withhold)
     tables = [
         cells.columns_of(path, wanted, advice="name it under columns in the calibration's file") for path in paths
     ]

@@ -93,7 +93,8 @@ def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Observatio
         InputError: a file, a column or a value cannot be read.
     """
     paths, options = [Path(file) for file in files], Options.of(settings)
-    raw = _logs(paths, settings) if settings.get("format") == "nmea0183" else _tables(paths, settings)
+    reader = {"nmea0183": _logs}.get(str(settings.get("format")), _tables)
+    raw = reader(paths, settings)
     known = raw.keep(np.isfinite(raw.recorded_deg + raw.course_deg), "without heading or course")
     if known.over_ground and np.isfinite(known.speed_kn).any():
         known = known.keep(known.speed_kn > options.min_speed_kn, f"not above {options.min_speed_kn:g} kn")

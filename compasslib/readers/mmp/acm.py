@@ -2,7 +2,8 @@
 
 Heading, tilts and acoustic paths come from its A files, unpacked or binary; pressure, and for scans of early
 instruments the time, from companion files. The first scan of every profile is aliased and dropped. The swing of the
-meter about the wire is taken out of the velocities; tilts are not allowed for.
+meter about the wire is taken out of the velocities; tilts are not allowed for. Logged
+headings are checked against those of the meter's own magnetometer and tilts, logged beside them.
 """
 
 from __future__ import annotations
@@ -27,6 +28,8 @@ USUAL_HZ = 2.0  # where neither file nor switching times tell the sample rate
 PARKED_S = 180.0  # a profiler rests at the end of its way before and after its engineering file's first and last row
 SLOWEST_HZ, FASTEST_HZ = 0.01, 20.0  # what may be a sample rate
 TREND_DBAR = 2.0  # a profile that goes less far has no direction of its own
+OFF_DEG = 2.0  # the logger's rule gives its heading to 0.14 degrees in a genuine record of 17,917 scans
+MOST_OFF = 0.5  # of the headings: with more it is the magnetometer that may be wrong
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +43,20 @@ class Series:
     rate_hz: Floats  # (p,) sample rate
     ascending: Floats  # (p,) 1 up, 0 down, NaN unknown
     warnings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Compared:
+    """How logged headings stand to those of the magnetometer."""
+
+    off: Bools  # (n,) further apart than tilts explain, beyond the constant
+    known: int  # headings with a magnetometer's beside them
+    constant_deg: float  # logged minus computed, in the middle; 0 where they do not follow each other
+
+    @property
+    def follows(self) -> bool:
+        """Return whether most headings are the magnetometer's."""
+        return int(self.off.sum()) <= MOST_OFF * self.known
 
 
 def read(paths: Sequence[Path], *, pressure_files: Sequence[str | Path], start_offset_seconds: float | None) -> Record:
@@ -107,74 +124,38 @@ def first(scans: Scans) -> Bools:
     return np.append(True, np.diff(scans.profile) > 0)[: len(scans.profile)]
 
 
-def _by_rule(scans: Scans) -> Floats:
-    return geometry.logged_heading(scans.values[:, 3:6], scans.values[:, 1], scans.values[:, 2])
+def compare(heading_deg: Floats, field: Floats, tilts_deg: Floats) -> Compared:
+    """Return which logged headings are not those of the magnetometer, levelled or not.
+
+    Args:
+        heading_deg: as logged, (n,); NaN where there is none.
+        field: HX, HY, HZ, (n, 3), any unit.
+        tilts_deg: TX, TY, (n, 2).
+    """
+    rules = [geometry.logged_heading(field, *(share * tilts_deg.T)) for share in (1.0, 0.0)]
+    apart = np.array([angles.difference(heading_deg, rule) for rule in rules])
+    known = np.isfinite(apart).all(axis=0)
+    constant = _middle(apart[0][known])
+    off = known & (np.abs(angles.difference(apart, constant)) > OFF_DEG).all(axis=0)
+    found = Compared(off, int(known.sum()), constant)
+    return found if found.follows else Compared(known & (np.abs(apart) > OFF_DEG).all(axis=0), found.known, 0.0)
 
 
-def _ascending(scans: Scans, pressure: Floats) -> Floats:
-    """Tell up from down by the pressure, else by the number: odd profiles climb, number 0 is the set-up dive."""
-    numbers = np.array([block.number for block in scans.blocks])
-    direction = np.where(numbers == UNKNOWN, np.nan, numbers % 2)
-    for profile, (begin, end) in enumerate(_limits(scans)):
-        known = pressure[begin:end][np.isfinite(pressure[begin:end])]
-        if len(known) and abs(known[-1] - known[0]) > TREND_DBAR:
-            direction[profile] = float(known[-1] < known[0])
-    return direction
+def sentences(found: Compared) -> list[str]:
+    """Return what to say of logged headings that are not the magnetometer's.
 
-
-def _limits(scans: Scans) -> list[tuple[int, int]]:
-    ends = np.cumsum(np.bincount(scans.profile, minlength=len(scans.blocks)))
-    return list(zip([0, *ends[:-1].tolist()], ends.tolist(), strict=True))
-
-
-def _starts(scans: Scans, companion: Companion, offset: float, rate: Floats) -> tuple[Floats, Floats, list[str]]:
-    """Return time of the first scan and sample rate of every profile whose scans carry no clock."""
-    own = [Start(block.number, block.on_s, block.off_s) for block in scans.blocks]
-    starts = [a if np.isfinite(a.on_s) else b for a, b in zip(own, _matched(own, companion.starts), strict=True)]
-    begin = np.array([start.on_s for start in starts]) + offset
-    if not np.isfinite(begin).any():
-        raise InputError(
-            "pressure_files",
-            expected="the profiler's engineering (E) files with the starts of the profiles, as scans carry no clock",
-            found=f"{len(companion.starts)} profile starts for {len(own)} profiles without a common number",
-            advice="give the E files of the same profiles",
-        )
-    rate = np.where(np.isfinite(rate), rate, _shown_rate(scans, np.array([start.off_s for start in starts]) - begin))
-    assumed = int(np.sum(np.isnan(rate) & np.isfinite(begin)))
-    notes = ["scans carry no clock: times are the profiles' starts, start_offset_seconds and the sample rate"]
-    if any(a.number != b.number for a, b in zip(own, starts, strict=True) if np.isfinite(b.on_s)):
-        notes.append("profiles and their starts in pressure_files have no common numbers and were matched in order")
-    if assumed:
-        notes.append(f"no file tells the sample rate of {assumed} profiles: {USUAL_HZ:g} Hz was assumed")
-    return begin, np.where(np.isfinite(rate), rate, USUAL_HZ), notes
-
-
-def _shown_rate(scans: Scans, lasted_s: Floats) -> Floats:
-    """Return the sample rate that the time between start and end of each profile tells, NaN where it is no rate."""
-    count = np.array([scans.place[end - 1] + 1 for _, end in _limits(scans)])
-    with np.errstate(invalid="ignore", divide="ignore"):
-        shown = count / lasted_s
-        return np.where((shown > SLOWEST_HZ) & (shown < FASTEST_HZ), shown, np.nan)
-
-
-def _matched(own: Sequence[Start], starts: Sequence[Start]) -> list[Start]:
-    """Return the companion's start of each profile: by number, in order where numbers tell nothing."""
-    unknown = Start(UNKNOWN, np.nan, np.nan)
-    by_number = {start.number: start for start in starts if start.number != UNKNOWN}
-    found = [by_number.get(each.number, unknown) for each in own]
-    if len(starts) == len(own) and not any(np.isfinite(each.on_s) for each in found):
-        return list(starts)
-    return found
-
-
-def _rate_notes(nominal: Floats, rate: Floats) -> list[str]:
-    other = np.flatnonzero(np.isfinite(nominal) & (nominal != rate))
-    if not len(other):
-        return []
-    return [
-        f"the clock of {len(other)} profiles shows {np.median(rate[other]):.3g} scans a second where the file says"
-        f" {np.median(nominal[other]):.3g}; the clock was believed"
-    ]
+    Args:
+        found: by ``compare``.
+    """
+    number = int(found.off.sum())
+    apart = f"{number} of {found.known} logged headings stand more than {OFF_DEG:g} degrees off those of HX HY HZ TX TY"
+    if not found.follows:
+        return [f"{apart}: one of the two is wrong, and nothing tells which"]
+    said = [f"{apart} and were flagged"] if number else []
+    if abs(found.constant_deg) > OFF_DEG:
+        constant = f"the logged headings stand {found.constant_deg:+.1f} degrees off those of HX HY HZ TX TY throughout"
+        said.append(f"{constant}: give it as declination_applied if the logger added it")
+    return said
 
 
 def _record(series: Series, companion: Companion, *, known_depth: bool) -> Record:
@@ -260,58 +241,74 @@ def _listed(names: Sequence[str]) -> str:
     return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
 
 
-# Whether the headings that a 3D-ACM logged are those of its own magnetometer and tilts, logged beside them.
-
-OFF_DEG = 2.0  # the logger's rule gives its heading to 0.14 degrees in a genuine record of 17,917 scans
-MOST_OFF = 0.5  # of the headings: with more it is the magnetometer that may be wrong
-
-
-@dataclass(frozen=True, eq=False)
-class Compared:
-    """How logged headings stand to those of the magnetometer."""
-
-    off: Bools  # (n,) further apart than tilts explain, beyond the constant
-    known: int  # headings with a magnetometer's beside them
-    constant_deg: float  # logged minus computed, in the middle; 0 where they do not follow each other
-
-    @property
-    def follows(self) -> bool:
-        """Return whether most headings are the magnetometer's."""
-        return int(self.off.sum()) <= MOST_OFF * self.known
+def _rate_notes(nominal: Floats, rate: Floats) -> list[str]:
+    other = np.flatnonzero(np.isfinite(nominal) & (nominal != rate))
+    if not len(other):
+        return []
+    return [
+        f"the clock of {len(other)} profiles shows {np.median(rate[other]):.3g} scans a second where the file says"
+        f" {np.median(nominal[other]):.3g}; the clock was believed"
+    ]
 
 
-def compare(heading_deg: Floats, field: Floats, tilts_deg: Floats) -> Compared:
-    """Return which logged headings are not those of the magnetometer, levelled or not.
+def _starts(scans: Scans, companion: Companion, offset: float, rate: Floats) -> tuple[Floats, Floats, list[str]]:
+    """Return time of the first scan and sample rate of every profile whose scans carry no clock."""
+    own = [Start(block.number, block.on_s, block.off_s) for block in scans.blocks]
+    starts = [a if np.isfinite(a.on_s) else b for a, b in zip(own, _matched(own, companion.starts), strict=True)]
+    begin = np.array([start.on_s for start in starts]) + offset
+    if not np.isfinite(begin).any():
+        raise InputError(
+            "pressure_files",
+            expected="the profiler's engineering (E) files with the starts of the profiles, as scans carry no clock",
+            found=f"{len(companion.starts)} profile starts for {len(own)} profiles without a common number",
+            advice="give the E files of the same profiles",
+        )
+    rate = np.where(np.isfinite(rate), rate, _shown_rate(scans, np.array([start.off_s for start in starts]) - begin))
+    assumed = int(np.sum(np.isnan(rate) & np.isfinite(begin)))
+    notes = ["scans carry no clock: times are the profiles' starts, start_offset_seconds and the sample rate"]
+    if any(a.number != b.number for a, b in zip(own, starts, strict=True) if np.isfinite(b.on_s)):
+        notes.append("profiles and their starts in pressure_files have no common numbers and were matched in order")
+    if assumed:
+        notes.append(f"no file tells the sample rate of {assumed} profiles: {USUAL_HZ:g} Hz was assumed")
+    return begin, np.where(np.isfinite(rate), rate, USUAL_HZ), notes
 
-    Args:
-        heading_deg: as logged, (n,); NaN where there is none.
-        field: HX, HY, HZ, (n, 3), any unit.
-        tilts_deg: TX, TY, (n, 2).
-    """
-    rules = [geometry.logged_heading(field, *(share * tilts_deg.T)) for share in (1.0, 0.0)]
-    apart = np.array([angles.difference(heading_deg, rule) for rule in rules])
-    known = np.isfinite(apart).all(axis=0)
-    constant = _middle(apart[0][known])
-    off = known & (np.abs(angles.difference(apart, constant)) > OFF_DEG).all(axis=0)
-    found = Compared(off, int(known.sum()), constant)
-    return found if found.follows else Compared(known & (np.abs(apart) > OFF_DEG).all(axis=0), found.known, 0.0)
+
+def _matched(own: Sequence[Start], starts: Sequence[Start]) -> list[Start]:
+    """Return the companion's start of each profile: by number, in order where numbers tell nothing."""
+    unknown = Start(UNKNOWN, np.nan, np.nan)
+    by_number = {start.number: start for start in starts if start.number != UNKNOWN}
+    found = [by_number.get(each.number, unknown) for each in own]
+    if len(starts) == len(own) and not any(np.isfinite(each.on_s) for each in found):
+        return list(starts)
+    return found
 
 
-def sentences(found: Compared) -> list[str]:
-    """Return what to say of logged headings that are not the magnetometer's.
+def _shown_rate(scans: Scans, lasted_s: Floats) -> Floats:
+    """Return the sample rate that the time between start and end of each profile tells, NaN where it is no rate."""
+    count = np.array([scans.place[end - 1] + 1 for _, end in _limits(scans)])
+    with np.errstate(invalid="ignore", divide="ignore"):
+        shown = count / lasted_s
+        return np.where((shown > SLOWEST_HZ) & (shown < FASTEST_HZ), shown, np.nan)
 
-    Args:
-        found: by ``compare``.
-    """
-    number = int(found.off.sum())
-    apart = f"{number} of {found.known} logged headings stand more than {OFF_DEG:g} degrees off those of HX HY HZ TX TY"
-    if not found.follows:
-        return [f"{apart}: one of the two is wrong, and nothing tells which"]
-    said = [f"{apart} and were flagged"] if number else []
-    if abs(found.constant_deg) > OFF_DEG:
-        constant = f"the logged headings stand {found.constant_deg:+.1f} degrees off those of HX HY HZ TX TY throughout"
-        said.append(f"{constant}: give it as declination_applied if the logger added it")
-    return said
+
+def _limits(scans: Scans) -> list[tuple[int, int]]:
+    ends = np.cumsum(np.bincount(scans.profile, minlength=len(scans.blocks)))
+    return list(zip([0, *ends[:-1].tolist()], ends.tolist(), strict=True))
+
+
+def _by_rule(scans: Scans) -> Floats:
+    return geometry.logged_heading(scans.values[:, 3:6], scans.values[:, 1], scans.values[:, 2])
+
+
+def _ascending(scans: Scans, pressure: Floats) -> Floats:
+    """Tell up from down by the pressure, else by the number: odd profiles climb, number 0 is the set-up dive."""
+    numbers = np.array([block.number for block in scans.blocks])
+    direction = np.where(numbers == UNKNOWN, np.nan, numbers % 2)
+    for profile, (begin, end) in enumerate(_limits(scans)):
+        known = pressure[begin:end][np.isfinite(pressure[begin:end])]
+        if len(known) and abs(known[-1] - known[0]) > TREND_DBAR:
+            direction[profile] = float(known[-1] < known[0])
+    return direction
 
 
 def _middle(degrees: Floats) -> float:

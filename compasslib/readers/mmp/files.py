@@ -2,6 +2,10 @@
 
 ASCII rows are a stamp, HDNG TX TY HX HY HZ VPAB VPCD VPEF VPGH, between spaces or commas, with or without header lines;
 scans of early instruments carry no clock and no heading: nine numbers from TX on. Binary records hold the same ten.
+
+A binary file (A*.DAT) holds one or several profiles: four bytes of length (big-endian), a header of 279 bytes that ends
+in DATA, records of 47 bytes, and the times of switching on and off. Lengths lead from profile to profile; where one is
+damaged the next header is sought.
 """
 
 from __future__ import annotations
@@ -26,6 +30,16 @@ STAMPED, BARE = (True, 10), (False, 9)
 STEEPEST_DEG, FASTEST_CM_S = 180.0, 2000.0  # beyond these a number is no reading but a damaged one
 EXPECTED = "unpacked ASCII or binary scans of a Falmouth 3D-ACM"
 TEXT_SHARE = 0.95  # of the characters of a text are printable
+HEADER_BYTES = 279
+MARK = b"DATA"  # the end of the header
+RATE_AT = 63  # of the sample rate in the header, a float
+RECORD = np.dtype(
+    [("clock", "u1", (3,)), ("month", "u1"), ("day", "u1"), ("year", "<u2"), ("values", "<f4", (10,))],
+)
+LENGTH_BYTES, TAIL_BYTES = 4, 8
+FRONT_BYTES = LENGTH_BYTES + HEADER_BYTES
+NO_SPEED = 1e-30  # cm/s: a float of which zeros took all but its first bytes
+LIKENESS = 0.8  # share of the bytes that a header has in common with the file's first; the settings do not change
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +55,28 @@ class Scans:
     damaged_files: tuple[str, ...]
     empty_files: tuple[str, ...]
     strange: int = 0  # bytes of text files that are no text, and were passed over
+
+
+@dataclass(frozen=True, eq=False)
+class Binary:
+    """What a binary file holds."""
+
+    blocks: list[Block]
+    place: Ints  # (r,) of each scan in its profile, damaged ones counted
+    time_s: Floats  # (r,) whole seconds
+    values: Floats  # (r, 10)
+    damaged: int  # records that are no scans
+
+
+@dataclass(frozen=True)
+class _Span:
+    """Where the records of one profile lie, or what lies before, between and behind profiles."""
+
+    begin: int
+    end: int  # behind the records and the times of switching on and off
+    records: int
+    tail: int = -1  # where those times stand; -1 where they are lost
+    torn: int = 0  # records in what cannot be told apart
 
 
 def load(paths: Sequence[Path]) -> Scans:
@@ -80,6 +116,33 @@ def is_text(data: bytes) -> bool:
     """Return whether a file is mostly made of printable characters, the filling of an erased store at its end apart."""
     sample = data[:65536].rstrip(b"\x00\xff")
     return not data or cells.strange(sample) < (1.0 - TEXT_SHARE) * len(sample)
+
+
+def is_binary(data: bytes) -> bool:
+    """Return whether a file is one of the logger's own."""
+    return _followed(data, FRONT_BYTES) or bool(_marks(data))
+
+
+def parse(data: bytes) -> Binary:
+    """Return the scans of a binary file, damaged records left out."""
+    blocks: list[Block] = []
+    places: list[Ints] = [np.zeros(0, dtype=np.int64)]
+    times: list[Floats] = [np.zeros(0)]
+    values: list[Floats] = [np.zeros((0, RECORD["values"].shape[0]))]
+    damaged, begin = 0, 0
+    for span in _spans(data):
+        damaged += span.torn + span.records
+        if span.records:
+            records = np.frombuffer(data, dtype=RECORD, count=span.records, offset=span.begin)
+            time_s, good = _times(records)
+            good &= ~_filled_up(data, span, records, good)
+            kept = int(good.sum())
+            blocks.append(_block(data, span, begin, begin + kept))
+            places.append(np.flatnonzero(good))
+            times.append(time_s[good])
+            values.append(records["values"][good].astype(float))
+            damaged, begin = damaged - kept, begin + kept
+    return Binary(blocks, np.concatenate(places), np.concatenate(times), np.concatenate(values), damaged)
 
 
 def _one(path: Path) -> Scans:
@@ -144,70 +207,40 @@ def _joined(parts: Sequence[Scans]) -> Scans:
     )
 
 
-# The logger's own binary files of the Falmouth 3D-ACM: A*.DAT, one or several one after another.
-#
-# A profile is four bytes of length (big-endian), a header of 279 bytes that ends in DATA, records of 47 bytes, and the
-# times of switching on and off. Lengths lead from profile to profile; where one is damaged the next header is sought.
-
-HEADER_BYTES = 279
-MARK = b"DATA"  # the end of the header
-RATE_AT = 63  # of the sample rate in the header, a float
-RECORD = np.dtype(
-    [("clock", "u1", (3,)), ("month", "u1"), ("day", "u1"), ("year", "<u2"), ("values", "<f4", (10,))],
-)
-LENGTH_BYTES, TAIL_BYTES = 4, 8
-FRONT_BYTES = LENGTH_BYTES + HEADER_BYTES
-NO_SPEED = 1e-30  # cm/s: a float of which zeros took all but its first bytes
-LIKENESS = 0.8  # share of the bytes that a header has in common with the file's first; the settings do not change
+def _followed(data: bytes, end: int) -> bool:
+    """Return whether in front of this place stands the length of a profile and behind it a record."""
+    length = int.from_bytes(data[end - FRONT_BYTES : end - HEADER_BYTES], "big")
+    first = np.frombuffer(data[end : end + RECORD.itemsize].ljust(RECORD.itemsize, b"\0"), dtype=RECORD)
+    good = bool(_times(first)[1][0])
+    return good and (_whole(length) or data[end - len(MARK) : end] == MARK)
 
 
-@dataclass(frozen=True, eq=False)
-class Binary:
-    """What a binary file holds."""
-
-    blocks: list[Block]
-    place: Ints  # (r,) of each scan in its profile, damaged ones counted
-    time_s: Floats  # (r,) whole seconds
-    values: Floats  # (r, 10)
-    damaged: int  # records that are no scans
+def _times(records: np.ndarray) -> tuple[Floats, Bools]:
+    number = {name: records[name].astype(np.int64) for name in ("year", "month", "day", "clock")}
+    hour, minute, second = number["clock"].T
+    time_s = civil((number["year"], number["month"], number["day"]), (hour, minute, second))
+    return time_s, np.isfinite(time_s) & np.isfinite(records["values"]).all(axis=1)
 
 
-@dataclass(frozen=True)
-class _Span:
-    """Where the records of one profile lie, or what lies before, between and behind profiles."""
-
-    begin: int
-    end: int  # behind the records and the times of switching on and off
-    records: int
-    tail: int = -1  # where those times stand; -1 where they are lost
-    torn: int = 0  # records in what cannot be told apart
+def _whole(length: int) -> bool:
+    return length >= HEADER_BYTES and (length - HEADER_BYTES) % RECORD.itemsize == 0
 
 
-def is_binary(data: bytes) -> bool:
-    """Return whether a file is one of the logger's own."""
-    return _followed(data, FRONT_BYTES) or bool(_marks(data))
+def _marks(data: bytes) -> list[int]:
+    """Return where headers end: behind DATA, what is before like the first header or with a profile behind it."""
+    found: list[int] = []
+    at = data.find(MARK)
+    while at >= 0:
+        end = at + len(MARK)
+        if end >= FRONT_BYTES and (_followed(data, end) or (found and _alike(data, found[0], end))):
+            found.append(end)
+        at = data.find(MARK, at + 1)
+    return found
 
 
-def parse(data: bytes) -> Binary:
-    """Return the scans of a binary file, damaged records left out."""
-    blocks: list[Block] = []
-    places: list[Ints] = [np.zeros(0, dtype=np.int64)]
-    times: list[Floats] = [np.zeros(0)]
-    values: list[Floats] = [np.zeros((0, RECORD["values"].shape[0]))]
-    damaged, begin = 0, 0
-    for span in _spans(data):
-        damaged += span.torn + span.records
-        if span.records:
-            records = np.frombuffer(data, dtype=RECORD, count=span.records, offset=span.begin)
-            time_s, good = _times(records)
-            good &= ~_filled_up(data, span, records, good)
-            kept = int(good.sum())
-            blocks.append(_block(data, span, begin, begin + kept))
-            places.append(np.flatnonzero(good))
-            times.append(time_s[good])
-            values.append(records["values"][good].astype(float))
-            damaged, begin = damaged - kept, begin + kept
-    return Binary(blocks, np.concatenate(places), np.concatenate(times), np.concatenate(values), damaged)
+def _alike(data: bytes, one: int, other: int) -> bool:
+    a, b = (np.frombuffer(data, dtype=np.uint8, count=HEADER_BYTES, offset=end - HEADER_BYTES) for end in (one, other))
+    return bool(np.mean(a == b) >= LIKENESS)
 
 
 def _spans(data: bytes) -> Iterator[_Span]:
@@ -242,42 +275,6 @@ def _span(data: bytes, mark: int, limit: int, *, last: bool) -> _Span:
         return _Span(mark, limit, told)
     fit, odd = divmod(limit - mark, RECORD.itemsize)
     return _Span(mark, limit, fit, torn=int(odd > 0))
-
-
-def _marks(data: bytes) -> list[int]:
-    """Return where headers end: behind DATA, what is before like the first header or with a profile behind it."""
-    found: list[int] = []
-    at = data.find(MARK)
-    while at >= 0:
-        end = at + len(MARK)
-        if end >= FRONT_BYTES and (_followed(data, end) or (found and _alike(data, found[0], end))):
-            found.append(end)
-        at = data.find(MARK, at + 1)
-    return found
-
-
-def _followed(data: bytes, end: int) -> bool:
-    """Return whether in front of this place stands the length of a profile and behind it a record."""
-    length = int.from_bytes(data[end - FRONT_BYTES : end - HEADER_BYTES], "big")
-    first = np.frombuffer(data[end : end + RECORD.itemsize].ljust(RECORD.itemsize, b"\0"), dtype=RECORD)
-    good = bool(_times(first)[1][0])
-    return good and (_whole(length) or data[end - len(MARK) : end] == MARK)
-
-
-def _whole(length: int) -> bool:
-    return length >= HEADER_BYTES and (length - HEADER_BYTES) % RECORD.itemsize == 0
-
-
-def _alike(data: bytes, one: int, other: int) -> bool:
-    a, b = (np.frombuffer(data, dtype=np.uint8, count=HEADER_BYTES, offset=end - HEADER_BYTES) for end in (one, other))
-    return bool(np.mean(a == b) >= LIKENESS)
-
-
-def _times(records: np.ndarray) -> tuple[Floats, Bools]:
-    number = {name: records[name].astype(np.int64) for name in ("year", "month", "day", "clock")}
-    hour, minute, second = number["clock"].T
-    time_s = civil((number["year"], number["month"], number["day"]), (hour, minute, second))
-    return time_s, np.isfinite(time_s) & np.isfinite(records["values"]).all(axis=1)
 
 
 def _filled_up(data: bytes, span: _Span, records: np.ndarray, good: Bools) -> Bools:

@@ -47,29 +47,6 @@ def instrument_axes(paths: Floats) -> tuple[Floats, Floats]:
     return -(ab + ef) / _ROOT2, (ab - ef) / _ROOT2
 
 
-def upward(paths: Floats, ascending: ArrayLike) -> Floats:
-    """Return z of the flow past the meter from the inclined path outside the wake of the sting.
-
-    That is VPGH, the lower one, on the way up and VPCD on the way down.
-
-    Args:
-        paths: VPAB, VPCD, VPEF, VPGH along the last axis, (n, 4).
-        ascending: whether the profiler climbs, (n,) or one.
-    """
-    x, _ = instrument_axes(paths)
-    return np.where(ascending, x - _ROOT2 * paths[..., 3], _ROOT2 * paths[..., 1] - x)
-
-
-def without_own_climb(z: Floats, sinking: ArrayLike) -> Floats:
-    """Return the water's vertical velocity; a meter that sinks sees it rise.
-
-    Args:
-        z: upward velocity past the meter, (n,) m/s.
-        sinking: dP/dt of the meter, (n,) dbar/s, taken as m/s.
-    """
-    return z - np.asarray(sinking, dtype=float)
-
-
 def swing_rate(heading_deg: Floats, rate_hz: Floats, joined: Bools) -> Floats:
     """Return how fast the meter turns clockwise, (n,) degrees a second, by the headings two seconds before and after.
 

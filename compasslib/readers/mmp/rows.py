@@ -1,8 +1,12 @@
-"""Rows of numbers out of the text files of a profiler's unpacker, each checked character by character.
+"""Rows and profiles in the text files of a profiler's unpacker, each row checked character by character.
 
 A row is a stamp (MM-DD-YYYY HH:MM:SS, or with slashes) and numbers, or numbers alone, between spaces or commas. All
 rows of a file have one form: the same count of numbers and, column by column, the same decimals. Whatever differs is
 damaged and left out: a flipped or lost character nearly always shows in one of the two.
+
+A, C and E files (current meter, CTD, engineering) frame the rows of a profile alike: ``Profile N`` before and after,
+the times of switching on and off before or after, names of the columns, in A files the sample rate before and the
+instrument's header behind. An exception replaces the tail; without header lines nothing but rows may be left.
 """
 
 from __future__ import annotations
@@ -23,11 +27,9 @@ from compasslib.readers.mmp.clock import FIRST_YEAR, LAST_YEAR, Ints, civil
 
 Octets = NDArray[np.uint8]
 Form = tuple[bool, int]  # with a stamp; how many numbers
-
 CHUNK_BYTES = 1 << 21  # larger ones leave the cache and are slower
 # Share of the rows, of a few all but one, that agree on a column's decimals before the others count as damaged.
 UNIFORM = 0.95
-
 _SPACE, _DIGIT, _DOT, _SIGN, _COLON, _SLASH, _COMMA, _OTHER = (1 << bit for bit in range(8))
 _KIND = np.full(256, _OTHER, dtype=np.uint8)
 for _characters, _kind in (
@@ -36,6 +38,19 @@ for _characters, _kind in (
 ):  # fmt: skip
     _KIND[list(_characters)] = _kind
 _DATE, _TIME = (np.array(digits) for digits in ((0, 1, 3, 4, 6, 7, 8, 9), (0, 1, 3, 4, 6, 7)))
+PAUSE_S = 60.0  # rows without header lines further apart, or going back as much, belong to different profiles
+UNKNOWN = -1  # number of a profile that nothing names
+_WORDS = re.compile(
+    rb"""[ \t,]*(?:(?P<rate>sample\ rate:\s*(?P<hertz>[\d.]+))
+    | (?P<profile>profile\s+(?P<number>\d+)\s*$)
+    | (?P<on>.*?turned\ on\ at\s+(?P<on_at>[\d/ :]+))
+    | (?P<off>.*?(?:turned\ off|logging\ stopped)\ at\s+(?P<off_at>[\d/ :]+))
+    | (?P<contents>.*header\ contents)
+    | (?P<names>mm-dd-yyyy|date\b|mmho|hdng|tx\b)
+    | (?P<told>exception|end\ of\ file|ramp\ exit|profile\ exit|vehicle))""",
+    re.IGNORECASE | re.VERBOSE,
+)
+_NUMBER_IN_NAME = re.compile(r"(\d{3,7})(?:\.dec)?(?:\.\w+)?$", re.IGNORECASE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +71,80 @@ class _Piece:
     time_s: Floats
     values: Floats
     texture: Ints  # (r, k + 1) decimals of every number, count of commas
+
+
+class _Rows:
+    """Lines of the same count of words, taken apart: where each word begins and ends, what stands in it."""
+
+    def __init__(self, octets: Octets, lines: Ints, form: Form):
+        self.octets, self.lines, self.form = octets, lines, form
+        self.kind = _KIND[octets]
+        solid = (self.kind & _SPACE) == 0
+        starts = solid & np.append(True, ~solid[:-1])
+        width = form[1] + 2 * form[0]
+        self.begin = np.flatnonzero(starts).reshape(-1, width)
+        self.end = (np.flatnonzero(solid & np.append(~solid[1:], True)) + 1).reshape(-1, width)
+        self.word = np.cumsum(starts, dtype=np.int32) - 1
+        self.numbers = np.s_[:, 2 * form[0] :]
+
+    def number_good(self) -> Bools:
+        """Return which lines hold nothing but numbers: a sign in front, one point at most, a digit at least."""
+        signed = (self.kind[self.begin] & _SIGN) != 0
+        points = self._count(_DOT)
+        strange = self._count(_COLON | _SLASH | _SIGN) - signed
+        digits = self.end - self.begin - signed - points
+        return ((points <= 1) & (strange == 0) & (digits > 0))[self.numbers].all(axis=1)
+
+    def texture(self) -> Ints:
+        """Return the decimals of every number and the count of commas, line by line."""
+        at = np.flatnonzero(self.kind & _DOT)
+        decimals = np.full(self.begin.size, -1, dtype=np.int64)
+        decimals[self.word[at]] = self.end.ravel()[self.word[at]] - 1 - at
+        commas = np.searchsorted(np.flatnonzero(self.kind & _COMMA), np.append(self.lines, len(self.kind)))
+        return np.column_stack([decimals.reshape(self.begin.shape)[self.numbers], np.diff(commas)])
+
+    def stamps(self) -> tuple[Floats, Bools]:
+        """Return UTC seconds since 1970, NaN without a stamp, and which lines are right in this respect."""
+        if not self.form[0]:
+            return np.full(len(self.begin), np.nan), np.ones(len(self.begin), dtype=bool)
+        date, clock = self._characters(0, 10), self._characters(1, 8)
+        sized = (self.end - self.begin)[:, :2] == (10, 8)
+        marks = np.isin(date[:, (2, 5)], (ord("-"), ord("/"))) & (clock[:, (2, 5)] == ord(":"))
+        digits = np.column_stack([date[:, _DATE], clock[:, _TIME]]).astype(np.int64) - ord("0")
+        good = (sized & marks).all(axis=1) & ((digits >= 0) & (digits <= 9)).all(axis=1)
+        pairs = 10 * digits[:, 0::2] + digits[:, 1::2]
+        month, day, century, year, *hms = pairs.T
+        time_s = civil((100 * century + year, month, day), (hms[0], hms[1], hms[2]))
+        return time_s, good & np.isfinite(time_s)
+
+    def _characters(self, column: int, count: int) -> Octets:
+        at = self.begin[:, column, None] + np.arange(count)
+        return self.octets[np.minimum(at, len(self.octets) - 1)]
+
+    def _count(self, kinds: int) -> Ints:
+        words = self.word[np.flatnonzero(self.kind & kinds)]
+        return np.bincount(words, minlength=self.begin.size).reshape(self.begin.shape)
+
+
+@dataclass(frozen=True)
+class Block:
+    """The rows of one profile."""
+
+    begin: int  # among the file's rows
+    end: int
+    number: int = UNKNOWN
+    rate_hz: float = np.nan
+    on_s: float = np.nan  # UTC seconds since 1970
+    off_s: float = np.nan
+
+
+@dataclass(frozen=True)
+class _Item:
+    """A line of words that means something."""
+
+    kind: str
+    value: float = np.nan
+    offset: int = 0
 
 
 def parse(data: bytes, wanted: Callable[[Form], bool]) -> Text:
@@ -85,6 +174,44 @@ def parse(data: bytes, wanted: Callable[[Form], bool]) -> Text:
             lost = np.append(lost, bad)
         damaged.append(start + lost)
     return _regular(form, pieces, damaged, lines)
+
+
+def blocks(text: Text, path: Path) -> tuple[list[Block], Ints, int]:
+    """Return the profiles, each row's place in its profile with damaged rows counted, and how many rows are damaged.
+
+    Args:
+        text: a file's rows.
+        path: the file; its name numbers a single profile that nothing else does.
+    """
+    items, garbled = _items(text)
+    damaged = np.sort(np.append(text.damaged, np.array(garbled, dtype=np.int64)))
+    groups, between = _groups(text, items)
+    found: list[Block] = []
+    place = np.arange(len(text.offset)) + np.searchsorted(damaged, text.offset)
+    for k, group in enumerate(groups):
+        for piece in _pieces(_block(group, *_around(between, k)), text.time_s):
+            led = between[k] and piece.begin == group[0]
+            start = between[k][-1].offset if led else int(text.offset[piece.begin]) if piece.begin else 0
+            place[piece.begin : piece.end] -= np.searchsorted(text.offset, start) + np.searchsorted(damaged, start)
+            found.append(piece)
+    if len(found) == 1 and found[0].number == UNKNOWN:
+        found = [replace(found[0], number=number_in_name(path))]
+    return _with_rate_of_the_one_before(found), place, len(damaged)
+
+
+def number_in_name(path: Path) -> int:
+    """Return the profile number that a file's name ends with, as in A0000012.TXT."""
+    found = _NUMBER_IN_NAME.search(path.name)
+    return int(found[1]) if found else UNKNOWN
+
+
+def says_something(text: Text) -> bool:
+    """Return whether any line is one that an unpacker writes.
+
+    Args:
+        text: a file's rows and lines.
+    """
+    return bool(_items(text)[0])
 
 
 def _chunks(data: bytes) -> Iterator[tuple[int, Octets]]:
@@ -143,59 +270,6 @@ def _marked(length: int, begins: Ints, ends: Ints) -> Bools:
     return np.cumsum(step[:-1], dtype=np.int8).astype(bool)
 
 
-class _Rows:
-    """Lines of the same count of words, taken apart: where each word begins and ends, what stands in it."""
-
-    def __init__(self, octets: Octets, lines: Ints, form: Form):
-        self.octets, self.lines, self.form = octets, lines, form
-        self.kind = _KIND[octets]
-        solid = (self.kind & _SPACE) == 0
-        starts = solid & np.append(True, ~solid[:-1])
-        width = form[1] + 2 * form[0]
-        self.begin = np.flatnonzero(starts).reshape(-1, width)
-        self.end = (np.flatnonzero(solid & np.append(~solid[1:], True)) + 1).reshape(-1, width)
-        self.word = np.cumsum(starts, dtype=np.int32) - 1
-        self.numbers = np.s_[:, 2 * form[0] :]
-
-    def number_good(self) -> Bools:
-        """Return which lines hold nothing but numbers: a sign in front, one point at most, a digit at least."""
-        signed = (self.kind[self.begin] & _SIGN) != 0
-        points = self._count(_DOT)
-        strange = self._count(_COLON | _SLASH | _SIGN) - signed
-        digits = self.end - self.begin - signed - points
-        return ((points <= 1) & (strange == 0) & (digits > 0))[self.numbers].all(axis=1)
-
-    def texture(self) -> Ints:
-        """Return the decimals of every number and the count of commas, line by line."""
-        at = np.flatnonzero(self.kind & _DOT)
-        decimals = np.full(self.begin.size, -1, dtype=np.int64)
-        decimals[self.word[at]] = self.end.ravel()[self.word[at]] - 1 - at
-        commas = np.searchsorted(np.flatnonzero(self.kind & _COMMA), np.append(self.lines, len(self.kind)))
-        return np.column_stack([decimals.reshape(self.begin.shape)[self.numbers], np.diff(commas)])
-
-    def stamps(self) -> tuple[Floats, Bools]:
-        """Return UTC seconds since 1970, NaN without a stamp, and which lines are right in this respect."""
-        if not self.form[0]:
-            return np.full(len(self.begin), np.nan), np.ones(len(self.begin), dtype=bool)
-        date, clock = self._characters(0, 10), self._characters(1, 8)
-        sized = (self.end - self.begin)[:, :2] == (10, 8)
-        marks = np.isin(date[:, (2, 5)], (ord("-"), ord("/"))) & (clock[:, (2, 5)] == ord(":"))
-        digits = np.column_stack([date[:, _DATE], clock[:, _TIME]]).astype(np.int64) - ord("0")
-        good = (sized & marks).all(axis=1) & ((digits >= 0) & (digits <= 9)).all(axis=1)
-        pairs = 10 * digits[:, 0::2] + digits[:, 1::2]
-        month, day, century, year, *hms = pairs.T
-        time_s = civil((100 * century + year, month, day), (hms[0], hms[1], hms[2]))
-        return time_s, good & np.isfinite(time_s)
-
-    def _characters(self, column: int, count: int) -> Octets:
-        at = self.begin[:, column, None] + np.arange(count)
-        return self.octets[np.minimum(at, len(self.octets) - 1)]
-
-    def _count(self, kinds: int) -> Ints:
-        words = self.word[np.flatnonzero(self.kind & kinds)]
-        return np.bincount(words, minlength=self.begin.size).reshape(self.begin.shape)
-
-
 def _regular(form: Form | None, pieces: list[_Piece], damaged: list[Ints], lines: list[tuple[int, bytes]]) -> Text:
     """Put the pieces together and leave out rows that differ from the others in their texture."""
     lost = np.concatenate([np.zeros(0, dtype=np.int64), *damaged])
@@ -215,87 +289,6 @@ def _regular(form: Form | None, pieces: list[_Piece], damaged: list[Ints], lines
 def _most_frequent(values: Ints) -> int:
     distinct, times = np.unique(values, return_counts=True)
     return int(distinct[np.argmax(times)])
-
-
-# The profiles in an unpacked text file of a moored profiler: which rows belong to which, and what is said of them.
-#
-# A, C and E files (current meter, CTD, engineering) frame their rows alike: ``Profile N`` before and after, the times
-# of switching on and off before or after, names of the columns, in A files the sample rate before and the instrument's
-# header behind. An exception replaces the tail; without header lines nothing but rows may be left.
-
-PAUSE_S = 60.0  # rows without header lines further apart, or going back as much, belong to different profiles
-UNKNOWN = -1  # number of a profile that nothing names
-
-_WORDS = re.compile(
-    rb"""[ \t,]*(?:(?P<rate>sample\ rate:\s*(?P<hertz>[\d.]+))
-    | (?P<profile>profile\s+(?P<number>\d+)\s*$)
-    | (?P<on>.*?turned\ on\ at\s+(?P<on_at>[\d/ :]+))
-    | (?P<off>.*?(?:turned\ off|logging\ stopped)\ at\s+(?P<off_at>[\d/ :]+))
-    | (?P<contents>.*header\ contents)
-    | (?P<names>mm-dd-yyyy|date\b|mmho|hdng|tx\b)
-    | (?P<told>exception|end\ of\ file|ramp\ exit|profile\ exit|vehicle))""",
-    re.IGNORECASE | re.VERBOSE,
-)
-_NUMBER_IN_NAME = re.compile(r"(\d{3,7})(?:\.dec)?(?:\.\w+)?$", re.IGNORECASE)
-
-
-@dataclass(frozen=True)
-class Block:
-    """The rows of one profile."""
-
-    begin: int  # among the file's rows
-    end: int
-    number: int = UNKNOWN
-    rate_hz: float = np.nan
-    on_s: float = np.nan  # UTC seconds since 1970
-    off_s: float = np.nan
-
-
-@dataclass(frozen=True)
-class _Item:
-    """A line of words that means something."""
-
-    kind: str
-    value: float = np.nan
-    offset: int = 0
-
-
-def blocks(text: Text, path: Path) -> tuple[list[Block], Ints, int]:
-    """Return the profiles, each row's place in its profile with damaged rows counted, and how many rows are damaged.
-
-    Args:
-        text: a file's rows.
-        path: the file; its name numbers a single profile that nothing else does.
-    """
-    items, garbled = _items(text)
-    damaged = np.sort(np.append(text.damaged, np.array(garbled, dtype=np.int64)))
-    groups, between = _groups(text, items)
-    found: list[Block] = []
-    place = np.arange(len(text.offset)) + np.searchsorted(damaged, text.offset)
-    for k, group in enumerate(groups):
-        for piece in _pieces(_block(group, *_around(between, k)), text.time_s):
-            led = between[k] and piece.begin == group[0]
-            start = between[k][-1].offset if led else int(text.offset[piece.begin]) if piece.begin else 0
-            place[piece.begin : piece.end] -= np.searchsorted(text.offset, start) + np.searchsorted(damaged, start)
-            found.append(piece)
-    if len(found) == 1 and found[0].number == UNKNOWN:
-        found = [replace(found[0], number=number_in_name(path))]
-    return _with_rate_of_the_one_before(found), place, len(damaged)
-
-
-def number_in_name(path: Path) -> int:
-    """Return the profile number that a file's name ends with, as in A0000012.TXT."""
-    found = _NUMBER_IN_NAME.search(path.name)
-    return int(found[1]) if found else UNKNOWN
-
-
-def says_something(text: Text) -> bool:
-    """Return whether any line is one that an unpacker writes.
-
-    Args:
-        text: a file's rows and lines.
-    """
-    return bool(_items(text)[0])
 
 
 def _items(text: Text) -> tuple[list[_Item], list[int]]:
@@ -369,6 +362,13 @@ def _pieces(block: Block, time_s: Floats) -> list[Block]:
     return [replace(block, begin=a, end=b) for a, b in pairwise(limits)]
 
 
+def _block(group: tuple[int, int], head: Sequence[_Item], tail: Sequence[_Item]) -> Block:
+    said = {item.kind: item.value for item in [*reversed(tail), *head]}
+    number = said.get("profile", float(UNKNOWN))
+    rate, on, off = (said.get(kind, float("nan")) for kind in ("rate", "on", "off"))
+    return Block(*group, number=int(number), rate_hz=rate if rate > 0 else np.nan, on_s=on, off_s=off)
+
+
 def _around(between: Sequence[list[_Item]], k: int) -> tuple[list[_Item], list[_Item]]:
     """Return the lines in front of and behind the k-th group that speak of it."""
     leads = any(item.kind == "off" for item in between[0])
@@ -386,13 +386,6 @@ def _cut(items: Sequence[_Item], leads: bool) -> int:
     last = max((k for k, kind in enumerate(kinds) if kind == "profile"), default=-1)
     closed = max((k for k, kind in enumerate(kinds) if kind in ("off", "contents")), default=-1)
     return closed + 1 if closed > last or last < 0 else last
-
-
-def _block(group: tuple[int, int], head: Sequence[_Item], tail: Sequence[_Item]) -> Block:
-    said = {item.kind: item.value for item in [*reversed(tail), *head]}
-    number = said.get("profile", float(UNKNOWN))
-    rate, on, off = (said.get(kind, float("nan")) for kind in ("rate", "on", "off"))
-    return Block(*group, number=int(number), rate_hz=rate if rate > 0 else np.nan, on_s=on, off_s=off)
 
 
 def _with_rate_of_the_one_before(found: Sequence[Block]) -> list[Block]:

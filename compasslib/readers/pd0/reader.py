@@ -1,8 +1,11 @@
 """RDI PD0: the raw files of WorkHorse, Ocean Surveyor, Sentinel V and their relatives.
 
-What is damaged is left out and told, never guessed: a flipped byte costs one ensemble. Bottom track, navigation and a
+Damage is left out and counted, never guessed: a flipped byte costs one ensemble. Bottom track, navigation and a
 fifth beam in blocks of its own are passed over; other columns than four are refused. Beams are combined bin by bin;
 under tilt their bins lie at slightly different depths, which is not mapped.
+
+A boundary shows in the echo: from one bin to the next the echo of water falls, and surface and bottom stand far above
+it (in two genuine moored records by 80 to 160 counts). A layer of animals rises by 10 to 20 dB at most.
 """
 
 from __future__ import annotations
@@ -21,6 +24,10 @@ from compasslib.readers.pd0.fields import Ensembles, LeftOut, decode_runs, joine
 from compasslib.readers.pd0.frames import CHUNK_BYTES, Skipped, frames
 from compasslib.readers.pd0.report import FileReport, counts_of, faces_up, lost_ensembles, sentences
 from compasslib.readers.pd0.water import Choices, currents, magnetic_heading, of_other_coordinates, quality, true_pitch
+
+BOUNDARY_COUNTS = 50  # above the least echo before it; 0.45 dB a count
+HEARD_COUNTS = 15  # above the least echo of the ensemble, which is the noise of the receiver or more
+BEAMS = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,17 +126,29 @@ def read_reporting(
     return _record([part for of_file, _ in files for part in of_file], reports, choices), tuple(reports)
 
 
-def _begin(water: Sequence[_Water]) -> float:
-    return float(water[0].leaders.time_s[0])
+def echo_ranges(ensembles: Ensembles) -> Floats:
+    """Return vertical ranges, (n, 2) metres, NaN where there is none: of a boundary, and of the last bin heard.
 
-
-def _check(paths: Sequence[Path], choices: Choices) -> None:
-    if not paths:
-        raise InputError("files", expected="at least one PD0 file", found="none", advice="name the instrument's files")
-    if choices.orientation not in (None, "up", "down"):
-        raise InputError(
-            "orientation", expected="up or down", found=repr(choices.orientation), advice="write orientation: up"
-        )
+    Args:
+        ensembles: n ensembles.
+    """
+    if not ensembles.echo.any():
+        return np.full((len(ensembles), 2), np.nan)
+    one, two, three, four = np.moveaxis(ensembles.echo, 2, 0)
+    echo = one.astype(np.int16) + two + three + four  # six times as fast as a sum over the last axis
+    beyond = np.arange(echo.shape[1]) >= ensembles.cells[:, None]
+    ragged = beyond.any()
+    if ragged:
+        echo[beyond] = np.iinfo(np.int16).max
+    least = np.minimum.accumulate(echo, axis=1)
+    rise, loud = echo - least, echo - least[:, -1:]
+    if ragged:
+        rise[beyond] = loud[beyond] = 0
+    strongest = rise.argmax(axis=1)
+    last = echo.shape[1] - 1 - (loud > BEAMS * HEARD_COUNTS)[:, ::-1].argmax(axis=1)
+    seen = np.column_stack([rise.max(axis=1, initial=0) > BEAMS * BOUNDARY_COUNTS, loud.any(axis=1)])
+    ranges = ensembles.bin1_m[:, None] + ensembles.cell_m[:, None] * np.column_stack([strongest, last])
+    return np.where(seen, ranges, np.nan)
 
 
 def _pieces(path: str | Path, chunk_bytes: int = CHUNK_BYTES) -> Iterator[_Piece]:
@@ -152,6 +171,15 @@ def _refuse_nothing(path: str | Path, pieces: Sequence[_Piece]) -> None:
         found = f"{int(left_out)} ensembles without velocities or with impossible dates"
     advice = "check that format: pd0 and the file belong together"
     raise InputError(str(path), expected="PD0 ensembles (7F 7F) with velocities", found=found, advice=advice)
+
+
+def _check(paths: Sequence[Path], choices: Choices) -> None:
+    if not paths:
+        raise InputError("files", expected="at least one PD0 file", found="none", advice="name the instrument's files")
+    if choices.orientation not in (None, "up", "down"):
+        raise InputError(
+            "orientation", expected="up or down", found=repr(choices.orientation), advice="write orientation: up"
+        )
 
 
 def _file(path: str | Path, choices: Choices) -> tuple[list[_Water], FileReport]:
@@ -207,6 +235,10 @@ def _report(path: str | Path, pieces: Sequence[_Piece], three_beam: int) -> File
     )
 
 
+def _begin(water: Sequence[_Water]) -> float:
+    return float(water[0].leaders.time_s[0])
+
+
 def _record(water: Sequence[_Water], reports: Sequence[FileReport], choices: Choices) -> Record:
     leaders = joined([part.leaders for part in water])
     where = ", ".join(report.path for report in reports)
@@ -256,38 +288,3 @@ def _bin_range(leaders: Ensembles, cells: int) -> Floats:
 def _most_frequent(values: Floats) -> float:
     distinct, times = np.unique(values, return_counts=True)
     return float(distinct[np.argmax(times)])
-
-
-# Where the echo of a PD0 ensemble shows a boundary, and how far the instrument heard at all.
-#
-# From one bin to the next the echo of water falls; surface and bottom stand far above it (in two genuine moored records
-# by 80 to 160 counts). A layer of animals rises by 10 to 20 dB at most.
-
-BOUNDARY_COUNTS = 50  # above the least echo before it; 0.45 dB a count
-HEARD_COUNTS = 15  # above the least echo of the ensemble, which is the noise of the receiver or more
-BEAMS = 4
-
-
-def echo_ranges(ensembles: Ensembles) -> Floats:
-    """Return vertical ranges, (n, 2) metres, NaN where there is none: of a boundary, and of the last bin heard.
-
-    Args:
-        ensembles: n ensembles.
-    """
-    if not ensembles.echo.any():
-        return np.full((len(ensembles), 2), np.nan)
-    one, two, three, four = np.moveaxis(ensembles.echo, 2, 0)
-    echo = one.astype(np.int16) + two + three + four  # six times as fast as a sum over the last axis
-    beyond = np.arange(echo.shape[1]) >= ensembles.cells[:, None]
-    ragged = beyond.any()
-    if ragged:
-        echo[beyond] = np.iinfo(np.int16).max
-    least = np.minimum.accumulate(echo, axis=1)
-    rise, loud = echo - least, echo - least[:, -1:]
-    if ragged:
-        rise[beyond] = loud[beyond] = 0
-    strongest = rise.argmax(axis=1)
-    last = echo.shape[1] - 1 - (loud > BEAMS * HEARD_COUNTS)[:, ::-1].argmax(axis=1)
-    seen = np.column_stack([rise.max(axis=1, initial=0) > BEAMS * BOUNDARY_COUNTS, loud.any(axis=1)])
-    ranges = ensembles.bin1_m[:, None] + ensembles.cell_m[:, None] * np.column_stack([strongest, last])
-    return np.where(seen, ranges, np.nan)

@@ -1,4 +1,10 @@
-"""From recorded PD0 ensembles to currents east and north of magnetic north, and how good each of them is."""
+"""From recorded PD0 ensembles to currents east and north of magnetic north, and how good each of them is.
+
+The geometry is that of four slanted beams. Y points along beam 3, which is forward. X is starboard and Z up on a
+down-looker; X is port and Z down on an up-looker. Recorded tilts: tilt 1 positive with beam 3 up, tilt 2 positive
+starboard down, in both orientations. Source: RDI, ADCP Coordinate Transformation; design of signs checked against
+known answers.
+"""
 
 from __future__ import annotations
 
@@ -16,8 +22,9 @@ from compasslib.readers.pd0.fields import BEAM, EARTH, INSTRUMENT, SHIP, Ensembl
 LEAST_PERCENT_GOOD = 25
 ALL_PINGS, PINGS_ROUNDED, TWO_BEAMS = 100, 4, 50  # percent
 SOME = 200  # ensembles of a piece tell which columns percent good has
-
 Mask = NDArray[np.bool_]
+# Error velocity is a multiple of b1 + b2 - b3 - b4.
+_ERROR_SIGNS = np.array([1.0, 1.0, -1.0, -1.0])
 
 
 @dataclass(frozen=True)
@@ -118,73 +125,6 @@ def of_other_coordinates(ensembles: Ensembles) -> tuple[int, int]:
     return int(np.sum(other & told)), int(np.sum(told))
 
 
-def _from_beams(ensembles: Ensembles, choices: Choices) -> tuple[Floats, Floats, int]:
-    beams, solved = three_beam(ensembles.velocity)
-    angle, convex = ensembles.beam_angle_deg[:, None], ensembles.convex[:, None]
-    x, y, z, _ = beams_to_instrument(beams, angle, convex)
-    east, north = _with_tilts(ensembles, choices, (x, y, z), magnetic_heading(ensembles, choices))
-    return east, north, int(solved.sum())
-
-
-def _from_instrument(ensembles: Ensembles, choices: Choices) -> tuple[Floats, Floats, int]:
-    x, y, z, _ = np.moveaxis(ensembles.velocity, -1, 0)
-    east, north = _with_tilts(ensembles, choices, (x, y, z), magnetic_heading(ensembles, choices))
-    return east, north, _without_error_velocity(ensembles)
-
-
-def _from_ship(ensembles: Ensembles, choices: Choices) -> tuple[Floats, Floats, int]:
-    """Turn by the recorded heading only, as EA has turned these axes to where the heading points."""
-    x, y, z, _ = np.moveaxis(ensembles.velocity, -1, 0)
-    heading = angles.wrap360(ensembles.heading_deg - heading_bias(ensembles, choices))
-    east, north = ship_to_earth(x, y, heading)
-    if not ensembles.tilts_used.all():
-        tilted = _with_tilts(ensembles, choices, (x, y, z), heading)
-        level = ensembles.tilts_used[:, None]
-        east, north = np.where(level, east, tilted[0]), np.where(level, north, tilted[1])
-    return east, north, _without_error_velocity(ensembles)
-
-
-def _from_earth(ensembles: Ensembles, choices: Choices) -> tuple[Floats, Floats, int]:
-    """Turn back by the heading bias, which the instrument turned its velocities by as well."""
-    bias = heading_bias(ensembles, choices)
-    east, north = ensembles.velocity[..., 0].copy(), ensembles.velocity[..., 1].copy()
-    if bias.any():
-        east, north = angles.turn(east, north, -bias[:, None])
-    return east, north, _without_error_velocity(ensembles)
-
-
-def _with_tilts(
-    ensembles: Ensembles, choices: Choices, xyz: tuple[Floats, Floats, Floats], heading_deg: Floats
-) -> tuple[Floats, Floats]:
-    up = looks_up(ensembles, choices)
-    east, north, _ = instrument_to_earth(xyz, heading_deg, ensembles.tilt1_deg, ensembles.tilt2_deg, up)
-    return east, north
-
-
-def _without_error_velocity(ensembles: Ensembles) -> int:
-    """Count the instrument's own solutions from three beams, which have no error velocity."""
-    missing = np.isnan(ensembles.velocity)
-    return int(np.sum(missing[..., 3] & ~missing[..., 0]))
-
-
-_TURNS: dict[int, Callable[[Ensembles, Choices], tuple[Floats, Floats, int]]] = {
-    BEAM: _from_beams,
-    INSTRUMENT: _from_instrument,
-    SHIP: _from_ship,
-    EARTH: _from_earth,
-}
-
-
-# The geometry of four slanted beams: from along-beam velocities to the earth's axes.
-#
-# Y points along beam 3, which is forward. X is starboard and Z up on a down-looker; X is port and Z down on an up-
-# looker. Recorded tilts: tilt 1 positive with beam 3 up, tilt 2 positive starboard down, in both orientations. Source:
-# RDI, ADCP Coordinate Transformation; design of signs checked against known answers.
-
-# Error velocity is a multiple of b1 + b2 - b3 - b4.
-_ERROR_SIGNS = np.array([1.0, 1.0, -1.0, -1.0])
-
-
 def three_beam(beams: Floats) -> tuple[Floats, NDArray[np.bool_]]:
     """Return the beams with a single missing one filled so that the error velocity is zero, and where that was done.
 
@@ -264,3 +204,60 @@ def ship_to_earth(starboard: Floats, forward: Floats, heading_deg: Floats) -> tu
 def _column(per_sample: ArrayLike, like: Floats) -> Floats:
     values = np.asarray(per_sample, dtype=float)
     return values.reshape(values.shape + (1,) * (like.ndim - values.ndim)) if values.ndim else values
+
+
+def _from_beams(ensembles: Ensembles, choices: Choices) -> tuple[Floats, Floats, int]:
+    beams, solved = three_beam(ensembles.velocity)
+    angle, convex = ensembles.beam_angle_deg[:, None], ensembles.convex[:, None]
+    x, y, z, _ = beams_to_instrument(beams, angle, convex)
+    east, north = _with_tilts(ensembles, choices, (x, y, z), magnetic_heading(ensembles, choices))
+    return east, north, int(solved.sum())
+
+
+def _with_tilts(
+    ensembles: Ensembles, choices: Choices, xyz: tuple[Floats, Floats, Floats], heading_deg: Floats
+) -> tuple[Floats, Floats]:
+    up = looks_up(ensembles, choices)
+    east, north, _ = instrument_to_earth(xyz, heading_deg, ensembles.tilt1_deg, ensembles.tilt2_deg, up)
+    return east, north
+
+
+def _from_instrument(ensembles: Ensembles, choices: Choices) -> tuple[Floats, Floats, int]:
+    x, y, z, _ = np.moveaxis(ensembles.velocity, -1, 0)
+    east, north = _with_tilts(ensembles, choices, (x, y, z), magnetic_heading(ensembles, choices))
+    return east, north, _without_error_velocity(ensembles)
+
+
+def _without_error_velocity(ensembles: Ensembles) -> int:
+    """Count the instrument's own solutions from three beams, which have no error velocity."""
+    missing = np.isnan(ensembles.velocity)
+    return int(np.sum(missing[..., 3] & ~missing[..., 0]))
+
+
+def _from_ship(ensembles: Ensembles, choices: Choices) -> tuple[Floats, Floats, int]:
+    """Turn by the recorded heading only, as EA has turned these axes to where the heading points."""
+    x, y, z, _ = np.moveaxis(ensembles.velocity, -1, 0)
+    heading = angles.wrap360(ensembles.heading_deg - heading_bias(ensembles, choices))
+    east, north = ship_to_earth(x, y, heading)
+    if not ensembles.tilts_used.all():
+        tilted = _with_tilts(ensembles, choices, (x, y, z), heading)
+        level = ensembles.tilts_used[:, None]
+        east, north = np.where(level, east, tilted[0]), np.where(level, north, tilted[1])
+    return east, north, _without_error_velocity(ensembles)
+
+
+def _from_earth(ensembles: Ensembles, choices: Choices) -> tuple[Floats, Floats, int]:
+    """Turn back by the heading bias, which the instrument turned its velocities by as well."""
+    bias = heading_bias(ensembles, choices)
+    east, north = ensembles.velocity[..., 0].copy(), ensembles.velocity[..., 1].copy()
+    if bias.any():
+        east, north = angles.turn(east, north, -bias[:, None])
+    return east, north, _without_error_velocity(ensembles)
+
+
+_TURNS: dict[int, Callable[[Ensembles, Choices], tuple[Floats, Floats, int]]] = {
+    BEAM: _from_beams,
+    INSTRUMENT: _from_instrument,
+    SHIP: _from_ship,
+    EARTH: _from_earth,
+}

@@ -27,6 +27,7 @@ from compasslib.search.diagnosis import Options
 from compasslib.search.kinds import declination_wording
 from compasslib.search.show import Curve
 from compasslib.search.verdict import Finding, Parameter, Unexplained, Where
+from compasslib.stats import robust
 
 Jumps = tuple[tuple[float, float], ...]  # (date, degrees that the series rises by)
 
@@ -243,7 +244,7 @@ def _large_jumps(held: Held, limit_deg: float) -> list[tuple[Finding, tuple[floa
     middle = np.median(np.lib.stride_tricks.sliding_window_view(levels, LEVELS), axis=1)
     change = middle[LEVELS:] - middle[:-LEVELS]
     change = change - np.median(change)
-    usual = 1.4826 * float(np.median(np.abs(change)))
+    usual = robust.width(change)
     found = []
     while len(change) and np.max(np.abs(change)) > max(limit_deg, FAR * usual):
         at = int(np.argmax(np.abs(change)))

@@ -21,6 +21,7 @@ from compasslib.effects import composition
 from compasslib.effects.composition import Simulation
 from compasslib.effects.term import Scene, Term, parameter
 from compasslib.search.recordings.terms import elapsed
+from compasslib.stats import robust
 
 Filter = Callable[[Floats], Floats]
 
@@ -101,7 +102,7 @@ def without_outliers(time_s: Floats, off_deg: Floats) -> Stretches:
         own = off_deg[first.number == k]
         middle[k] = own[0] + np.median(angles.difference(own, own[0]))
     away = np.where(inside, np.abs(angles.difference(off_deg, middle[first.number])), np.inf)
-    return stretches(time_s, away <= WIDE * max(1.4826 * float(np.median(away[inside])), 0.5))
+    return stretches(time_s, away <= WIDE * max(robust.width(away[inside]), 0.5))
 
 
 @dataclass(frozen=True)

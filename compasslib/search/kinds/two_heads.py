@@ -34,7 +34,7 @@ from compasslib.search.recordings.search import Named
 from compasslib.search.recordings.terms import Delay, Drift, IronDrift, moving
 from compasslib.search.show import HeldOut
 from compasslib.search.verdict import Diagnosis, Finding, Parameter, Where
-from compasslib.stats import whitening
+from compasslib.stats import robust, whitening
 
 TERMS: tuple[type[Term], ...] = (
     Sextantal, Octantal, HeadingSlip, Drift, Delay, HardIronStep, IronDrift, Heeling,
@@ -217,7 +217,7 @@ def _proof(aligned: Aligned) -> HeldOut:
     if len(same) < heads.FEWEST:
         return HeldOut(rms_deg["before"], rms_deg["after"], 0.0, (0.0, 0.0), 1.0)
     before, after = (np.array([left[name][t] for t in same]) for name in ("before", "after"))
-    width = max(1.4826 * float(np.median(np.abs(before))), fitting.FINEST_DEG)
+    width = max(robust.width(before), fitting.FINEST_DEG)
     squares = [np.minimum(np.abs(x) / width, fitting.CLIP) ** 2 for x in (before, after)]
     block = motion.blocks(np.array(same), fitting.MOST_BLOCKS)
     return show.judged((squares[0] - squares[1]) / 2.0, block, (angles.rms(before), angles.rms(after)))

@@ -13,7 +13,7 @@ from compasslib.calibration.heads.motion import blocks, small_sample
 from compasslib.core.types import Floats
 from compasslib.effects.term import Term
 from compasslib.search.recordings.channel import Channel
-from compasslib.stats import memory, whitening
+from compasslib.stats import memory, robust, whitening
 from compasslib.stats.autocorrelation import effective_number
 
 ROUNDS, CLOSE_ENOUGH, LONGEST_STEP = 12, 1e-3, 12.0
@@ -103,7 +103,7 @@ def _at(channel: Channel, theta: Floats, terms: tuple[Term, ...], steps: Floats)
         probe = PROBE * steps[j]
         more = channel.residual(*_split(channel, theta + probe * (np.arange(len(theta)) == j), terms))
         columns[:, j] = (residual - more) / probe
-    scale = max(1.4826 * float(np.median(np.abs(residual - np.median(residual)))), FINEST_DEG)
+    scale = max(robust.width(residual - np.median(residual)), FINEST_DEG)
     return Fitted(channel, base, placed, residual, columns, scale)
 
 

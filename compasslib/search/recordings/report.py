@@ -18,7 +18,7 @@ from compasslib.search.recordings.fitting import Fitted
 from compasslib.search.recordings.search import Named
 from compasslib.search.show import Curve, HeldOut
 from compasslib.search.verdict import Diagnosis, Finding, Parameter, Ranked, Unexplained, Where
-from compasslib.stats import memory
+from compasslib.stats import memory, robust
 
 FOLDS, BINS, FEWEST_IN_BIN = 5, 18, 5
 RANGE = (0.05, 0.95)
@@ -90,7 +90,7 @@ def _compared(less: Fitted, fitted: Fitted, terms: Sequence[Term]) -> HeldOut:
     block = fitting.stretches(fitted)
     folds = min(FOLDS, block.max() + 1) if not fitted.channel.independent else block.max() + 1
     before, after = left_out(less, terms, block, folds), left_out(fitted, fitted.terms, block, folds)
-    scale = max(1.4826 * float(np.median(np.abs(before))), fitting.FINEST_DEG)
+    scale = max(robust.width(before), fitting.FINEST_DEG)
     squares = [np.minimum(np.abs(left) / scale, fitting.CLIP) ** 2 for left in (before, after)]
     return show.judged((squares[0] - squares[1]) / 2.0, block, (angles.rms(before), angles.rms(after)))
 
