@@ -9,7 +9,7 @@ from compasslib.deviation import exact, likelihood, model
 from compasslib.deviation import exact as scatter
 from compasslib.deviation.forms import FORMS
 from compasslib.deviation.model import Noise
-from compasslib.stats import autocorrelation, minimum
+from compasslib.stats import autocorrelation, bfgs
 
 
 @pytest.mark.parametrize("form", FORMS, ids=lambda form: form.name)
@@ -54,8 +54,8 @@ def test_the_solver_finds_a_valley_and_a_bound():
 
     free = np.array([(-np.inf, np.inf)] * 2)
     cut = np.array([(-np.inf, 0.5), (-np.inf, np.inf)])
-    assert minimum.minimise(valley, np.array([-1.2, 1.0]), free, 200)[0] == pytest.approx([1.0, 1.0], abs=1e-3)
-    assert minimum.minimise(valley, np.array([-1.2, 1.0]), cut, 200)[0] == pytest.approx([0.5, 0.25], abs=1e-3)
+    assert bfgs.minimise(valley, np.array([-1.2, 1.0]), free, 200)[0] == pytest.approx([1.0, 1.0], abs=1e-3)
+    assert bfgs.minimise(valley, np.array([-1.2, 1.0]), cut, 200)[0] == pytest.approx([0.5, 0.25], abs=1e-3)
 
 
 def test_scatter_is_a_density_and_slow_water_is_nearly_uniform():

@@ -16,7 +16,7 @@ from compasslib.search.verdict import Diagnosis
 from compasslib.simulation import swing
 from compasslib.simulation.compass import Iron
 from compasslib.simulation.swing import CIRCLES, LEGS, ONE_CIRCLE, Boat
-from compasslib.stats import memory
+from compasslib.stats import arma
 
 KNOT_M_S = 1852.0 / 3600.0
 WATER_KN = 0.8 * np.exp(0.6j)
@@ -157,7 +157,7 @@ def test_the_law_of_the_noise_widens_what_is_slow():
         for k in range(1, n):
             noise[k] = 0.6 * noise[k - 1] + rng.normal()
         told = np.linalg.lstsq(columns, noise, rcond=None)[0]
-        spread = memory.covariance(noise - columns @ told, columns)
+        spread = arma.covariance(noise - columns @ told, columns)
         off.append(told / np.sqrt(np.diag(spread)))
     assert 0.7 < np.sqrt(np.mean(np.square(off))) < 1.2  # by independent errors it would be 2
 

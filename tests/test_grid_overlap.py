@@ -11,7 +11,6 @@ from compasslib.core import angles
 from compasslib.core.errors import InputError
 from compasslib.core.records import BAD, GOOD, EarthField, Record
 from compasslib.preparation import clock_offset, gridding, overlap
-from compasslib.preparation import overlap as overlap_words
 from compasslib.preparation.overlap import Rules
 
 HOUR = 3600.0
@@ -113,7 +112,7 @@ def test_flagged_values_make_no_pairs_and_no_reference_makes_none():
 @pytest.mark.parametrize("coefficients", [MILD, FOLDED])
 def test_pairs_of_a_compass_however_wrong_are_in_the_frame_that_is_told(coefficients, seed):
     seen, _ = pairs(coefficients, seed=seed)
-    assert overlap_words.checked(seen, record([0.0]), [record([0.0])]).warnings == ()
+    assert overlap.checked(seen, record([0.0]), [record([0.0])]).warnings == ()
 
 
 @pytest.mark.parametrize(("sign", "turns"), [(1, 1), (1, -1), (-1, 1), (-1, 2), (-1, 0)])
@@ -122,15 +121,15 @@ def test_velocities_in_another_frame_than_told_are_refused(sign, turns):
     seen, _ = pairs(MILD)
     upper = angles.turn(sign * seen.upper_east, seen.upper_north, turns * seen.heading_deg)
     with pytest.raises(InputError, match=r"only where they are (turned|mirrored).*; check coordinates"):
-        overlap_words.checked(replace(seen, upper_east=upper[0], upper_north=upper[1]), record([0.0]), [record([0.0])])
+        overlap.checked(replace(seen, upper_east=upper[0], upper_north=upper[1]), record([0.0]), [record([0.0])])
 
 
 def test_one_serial_number_in_the_files_of_both_is_refused():
     upper, lower = (replace(record([0.0]), serial_number=number) for number in ("8104", "7514"))
     seen, _ = pairs(MILD)
-    assert len(overlap_words.checked(seen, upper, [lower])) == len(seen)
+    assert len(overlap.checked(seen, upper, [lower])) == len(seen)
     with pytest.raises(InputError, match="expected two instruments, found serial number 8104 in the files of both"):
-        overlap_words.checked(seen, upper, [upper])
+        overlap.checked(seen, upper, [upper])
 
 
 def instruments(n=6000, *, seed=3, cell_m=4.0) -> tuple[Record, Record]:

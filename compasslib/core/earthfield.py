@@ -144,11 +144,7 @@ def from_json(content: Mapping[str, Any]) -> EarthField:
 
 
 def log_line(name: str, field: EarthField) -> str:
-    """Return what the job says of its result.
-
-    Args:
-        field: the field along its deployment.
-    """
+    """Return the log line of the job that computes the field of a mooring."""
     first, last = field.declination_deg[[0, -1]]
     horizontal = field.horizontal_nT.mean()
     line = f"{name}: declination {first:+.2f} to {last:+.2f} degrees ({field.source}), H {horizontal:.0f} nT"

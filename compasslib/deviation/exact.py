@@ -18,7 +18,7 @@ from compasslib.deviation import likelihood, model, spread
 from compasslib.deviation.forms import EXACT, Form
 from compasslib.deviation.likelihood import CELL_DEG, COARSE, FINE, FREEDOM, Grid, Sample, widths
 from compasslib.deviation.model import Fit, Noise
-from compasslib.stats import autocorrelation, minimum
+from compasslib.stats import autocorrelation, bfgs
 
 STRENGTHS = (0.0, 0.3, 0.6, 0.85, 1.1, 1.35, 1.7, 2.2)  # hard iron over the earth's horizontal field
 DIRECTIONS_DEG = np.arange(0.0, 360.0, 22.5)
@@ -201,7 +201,7 @@ def _climb(
 
     scores = likelihood.scores(parameters, data, prior, grid)
     curvature = scores.T @ scores + np.diag(belief**-2.0)
-    return minimum.minimise(loss, parameters, PARAMETER_BOUNDS, CLIMB_STEPS, curvature)
+    return bfgs.minimise(loss, parameters, PARAMETER_BOUNDS, CLIMB_STEPS, curvature)
 
 
 def smoothed(mass: Floats) -> Floats:
@@ -256,7 +256,7 @@ def fit_noise(seen: Seen, near: Noise) -> Noise:
         return 0.5 * float(off @ off) - value, off - slope
 
     start = [np.log(near.floor_deg), np.log(near.slow_deg_m_s), np.log(near.outliers / (1.0 - near.outliers))]
-    return _noise(minimum.minimise(loss, np.array(start), BOUNDS, STEPS)[0])
+    return _noise(bfgs.minimise(loss, np.array(start), BOUNDS, STEPS)[0])
 
 
 def log_likelihood(x: Floats, seen: Seen) -> tuple[float, Floats]:

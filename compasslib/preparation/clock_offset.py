@@ -1,7 +1,7 @@
-"""Whether two instruments' clocks are hours, days or a month apart, by the speeds of the water: no compass is in them.
+"""Clock offsets of hours, days or a month between two instruments, by the speeds of the water: no compass is in them.
 
-Speeds without their slow part are multiplied in windows of days at every hour's lag. A lag is believed where it beats
-the clocks as they are told, and every other lag with its tidal aliases, by more than the windows' own scatter. Clocks
+Speeds without their slow part are multiplied in windows of days at every hour's lag. A lag is accepted where it beats
+the clocks as stated, and every other lag with its tidal aliases, by more than the windows' own scatter. Clocks
 that drift, or that were set in between, are looked for alike. Errors of a few hours between hourly records are left to
 the search for left-out physics, which reads them more finely and names them.
 """
@@ -26,16 +26,14 @@ DRIFT_H, BEGAN_H = 72, 5 * DAY_H  # the most that a clock is looked for to have 
 SLOW_H = 36  # half of the running mean that is taken off: weeks of strong and of weak flow tell no hour
 WINDOW_H, WEEK_H = 2 * DAY_H, 7 * DAY_H  # speeds without their slow part remember half a day
 SHORTEST_H, FEWEST = 20 * DAY_H, 60  # hours of the record, hours that both measured
-LONG_H = 60 * DAY_H  # from here on speeds that have nothing in common are said
+LONG_H = 60 * DAY_H  # from here on speeds that have nothing in common are reported
 CLIP, QUIET = 3.0, 0.2  # of speeds over their scatter of days, which counts as no less than this share of the whole
-SIGMAS, DOUBTED = 4.0, 2.0  # normal score of a lag that is believed, and of one that is told
+SIGMAS, SIGMAS_WARNED = 4.0, 2.0  # normal score of a lag that is accepted, and of one that is reported
 NEAR_H = 6  # shoulders of a peak; the next tidal alias is 12 hours away
-AS_TOLD_H = 1  # water that arrives at one depth later delays by less
+AS_STATED_H = 1  # water that arrives at one depth later delays by less
 SEARCHED_H, DENSE_S = 6, 2 * HOUR_S  # what the search for left-out physics reads finely
-CHANGE, SPAN = (
-    8.0,
-    5,
-)  # what setting a clock costs, in the scatter of so many windows: two lags of 2000 gain less by chance
+SPAN = 5  # windows of ten days together
+CHANGE = 8.0  # what setting a clock costs, in the scatter of that many windows: two lags of 2000 gain less by chance
 FEWEST_SHARE = 0.3  # of hours that meet at a lag, below which its products count for less
 RELATED, RELATED_SIGMAS = 0.05, 3.0  # correlation of speeds and its score below which two records share nothing
 
@@ -50,14 +48,14 @@ class Speeds:
 
 @dataclass(frozen=True)
 class Clocks:
-    """By how much the trusted clock is ahead of the compromised one, as far as it is to be put right."""
+    """By how much the trusted clock is ahead of the compromised one, as far as it is to be corrected."""
 
     time_s: tuple[float, ...] = (0.0,)  # by the compromised clock, linear between
     ahead_h: tuple[float, ...] = (0.0,)
     warnings: tuple[str, ...] = ()
     one_recording: str = ""  # why both records are one, and no pair counts
 
-    def put_right(self, record: Record) -> Record:
+    def aligned(self, record: Record) -> Record:
         """Return the trusted record by the compromised clock, without hours that a clock set back counted twice.
 
         Args:
@@ -110,7 +108,7 @@ class Windows:
         return Path(np.full(len(self.products), self.lags[int(np.argmax(total))]))
 
 
-def compared(upper: Speeds, lower: Speeds) -> Clocks:
+def compare(upper: Speeds, lower: Speeds) -> Clocks:
     """Return what the speeds say of the clocks.
 
     Args:
@@ -118,28 +116,28 @@ def compared(upper: Speeds, lower: Speeds) -> Clocks:
     """
     if not (len(upper.time_s) and len(lower.time_s)) or (found := _windows(upper, lower)) is None:
         return Clocks()
-    told = best = found.best(np.abs(found.lags) <= AS_TOLD_H)
+    stated = best = found.best(np.abs(found.lags) <= AS_STATED_H)
     constant = found.best(found.lags == found.lags)
-    stairs, unsure = _stairs(found), constant
-    for path in (constant, _line(found)):
+    stairs, unsure = _stepwise(found), constant
+    for path in (constant, _linear_drift(found)):
         best = path if _score(found, path, best) > SIGMAS else best
     if _score(found, stairs, best) > SIGMAS:
-        best, unsure = (stairs, unsure) if _alone(found, stairs) else (best, stairs)
+        best, unsure = (stairs, unsure) if _unambiguous(found, stairs) else (best, stairs)
     dense = max(float(np.median(np.diff(series.time_s))) for series in (upper, lower)) <= DENSE_S
     if dense and not best.set_at and np.abs(best.hours).max() <= SEARCHED_H:
         return _unrelated(found, best)
-    if best is told:
-        return _doubtful(found, unsure, told) if _doubted(found, unsure, told) else _unrelated(found, told)
+    if best is stated:
+        return _with_warning(found, unsure, stated) if _possible(found, unsure, stated) else _unrelated(found, stated)
     inside = np.abs(best.hours).max() < found.lags[-1]
-    proven = inside and _score(found, best, told) > SIGMAS and _alone(found, best)
-    return _named(found, best) if proven else _doubtful(found, best, told)
+    proven = inside and _score(found, best, stated) > SIGMAS and _unambiguous(found, best)
+    return _to_correct(found, best) if proven else _with_warning(found, best, stated)
 
 
 def _windows(upper: Speeds, lower: Speeds) -> Windows | None:
     """Return the products of both series, None where there is too little."""
     first_s = float(min(upper.time_s[0], lower.time_s[0]))
     hours = 1 + round((float(max(upper.time_s[-1], lower.time_s[-1])) - first_s) / HOUR_S)
-    (x, seen), (y, there) = (_fast(series, first_s, hours) for series in (upper, lower))
+    (x, seen), (y, there) = (_high_passed(series, first_s, hours) for series in (upper, lower))
     if hours < SHORTEST_H or np.sum(seen * there) < FEWEST:
         return None
     reach = min(FARTHEST_H, hours // 3)
@@ -151,19 +149,19 @@ def _windows(upper: Speeds, lower: Speeds) -> Windows | None:
     return Windows(x, y, edges, first_s, products / scale, np.arange(-reach, reach + 1))
 
 
-def _fast(series: Speeds, first_s: float, hours: int) -> tuple[Floats, Floats]:
+def _high_passed(series: Speeds, first_s: float, hours: int) -> tuple[Floats, Floats]:
     """Return hourly speeds without their slow part, over their scatter of days, 0 where none; where there are any."""
     known = np.isfinite(series.speed)
     slot = np.rint((series.time_s[known] - first_s) / HOUR_S).astype(int)
     count = np.bincount(slot, minlength=hours)
     mean, there = np.bincount(slot, series.speed[known], hours) / np.maximum(count, 1), (count > 0).astype(float)
-    fast = (mean - _around(mean, there, SLOW_H)) * there
+    fast = (mean - _running_mean(mean, there, SLOW_H)) * there
     whole = np.sum(fast**2) / max(float(there.sum()), 1.0)
-    size = np.sqrt(np.maximum(_around(fast**2, there, WEEK_H), QUIET**2 * whole))
+    size = np.sqrt(np.maximum(_running_mean(fast**2, there, WEEK_H), QUIET**2 * whole))
     return np.clip(fast / np.maximum(size, 1e-12), -CLIP, CLIP), there
 
 
-def _around(x: Floats, there: Floats, reach: int) -> Floats:
+def _running_mean(x: Floats, there: Floats, reach: int) -> Floats:
     """Return the mean of what is there within a reach of hours of each, (n,)."""
     reach = min(reach, len(x) - 1)
     sums = [
@@ -183,7 +181,7 @@ def _lagged(x: Floats, y: Floats, span: tuple[int, int], reach: int) -> Floats:
     return np.fft.irfft(product, size)[: 2 * reach + 1]
 
 
-def _line(found: Windows) -> Path:
+def _linear_drift(found: Windows) -> Path:
     """Return the best way of a clock that drifts evenly."""
     share = np.linspace(0.0, 1.0, len(found.products))
     begin = np.flatnonzero(np.abs(found.lags) <= BEGAN_H)
@@ -197,7 +195,7 @@ def _line(found: Windows) -> Path:
     return Path(found.lags[best])
 
 
-def _stairs(found: Windows) -> Path:
+def _stepwise(found: Windows) -> Path:
     """Return the best way through spans of ten days where each change costs (Viterbi, IEEE Trans. IT 13, 260)."""
     span = np.arange(len(found.products)) // SPAN
     sums = np.array([found.products[span == k].sum(axis=0) for k in range(span[-1] + 1)])
@@ -227,7 +225,7 @@ def _score(found: Windows, path: Path, other: Path | None = None, part: Hours | 
     return float(np.sign(t) * size)
 
 
-def _alone(found: Windows, path: Path) -> bool:
+def _unambiguous(found: Windows, path: Path) -> bool:
     """Tell whether no other lag beyond a peak's shoulders, tidal aliases among them, does nearly as well anywhere."""
     changes = np.flatnonzero(np.diff(path.hours) * path.set_at) + 1
     beside = [replace(path, hours=path.hours + lag) for lag in found.lags if abs(lag) > NEAR_H]
@@ -239,47 +237,47 @@ def _alone(found: Windows, path: Path) -> bool:
     return True
 
 
-def _doubted(found: Windows, path: Path, told: Path) -> bool:
-    """Tell whether another path does better than the clocks as told, near them or by far, though not surely."""
+def _possible(found: Windows, path: Path, stated: Path) -> bool:
+    """Tell whether another path does better than the clocks as stated, near them or by far, though not surely."""
     near = path.set_at or abs(path.hours[0]) <= 2 * NEAR_H
-    far = float(found.along(told).sum()) < 0.5 * float(found.along(path).sum())
-    return (near or far) and _score(found, path, told) > DOUBTED
+    far = float(found.along(stated).sum()) < 0.5 * float(found.along(path).sum())
+    return (near or far) and _score(found, path, stated) > SIGMAS_WARNED
 
 
-def _unrelated(found: Windows, told: Path) -> Clocks:
+def _unrelated(found: Windows, stated: Path) -> Clocks:
     """Say where months of speeds have nothing in common."""
-    alike = float(found.along(told).sum())
-    if len(found.upper) < LONG_H or (alike > RELATED and _score(found, told) > RELATED_SIGMAS):
+    alike = float(found.along(stated).sum())
+    if len(found.upper) < LONG_H or (alike > RELATED and _score(found, stated) > RELATED_SIGMAS):
         return Clocks()
-    said = (
+    warning = (
         f"the speeds of the two instruments have nothing in common (correlation {alike:.2f}), wherever within "
         f"{found.lags[-1] // DAY_H} days their clocks stand: check that both files are of this mooring and this year"
     )
-    return Clocks(warnings=(said,))
+    return Clocks(warnings=(warning,))
 
 
-def _doubtful(found: Windows, best: Path, told: Path) -> Clocks:
-    first, second = (float(found.along(path).sum()) for path in (best, told))
-    said = (
-        f"by the speeds of the water the trusted clock may be {_told_h(best)} the compromised one "
+def _with_warning(found: Windows, best: Path, stated: Path) -> Clocks:
+    first, second = (float(found.along(path).sum()) for path in (best, stated))
+    warning = (
+        f"by the speeds of the water the trusted clock may be {_in_words(best)} the compromised one "
         f"(correlation {first:.2f}, with the clocks as told {second:.2f}): not surely, and nothing was put right; "
         "check clock_offset_seconds, time zone and date of both, and their files"
     )
-    return Clocks(warnings=(said,))
+    return Clocks(warnings=(warning,))
 
 
-def _named(found: Windows, best: Path) -> Clocks:
+def _to_correct(found: Windows, best: Path) -> Clocks:
     """Return a clock that the windows prove, to be put right."""
     nodes = _nodes(found, best)
-    said = (
-        f"by the speeds of the water the trusted clock is {_told_h(best)} the compromised one "
+    warning = (
+        f"by the speeds of the water the trusted clock is {_in_words(best)} the compromised one "
         f"(correlation {found.along(best).sum():.2f}); pairs were made after putting that right: check "
         "clock_offset_seconds, time zone and date of both, for speeds do not tell which of the two is wrong"
     )
-    return Clocks(tuple(time for time, _ in nodes), tuple(hours for _, hours in nodes), (said,))
+    return Clocks(tuple(time for time, _ in nodes), tuple(hours for _, hours in nodes), (warning,))
 
 
-def _told_h(path: Path) -> str:
+def _in_words(path: Path) -> str:
     lags = [int(path.hours[0]), *(int(lag) for before, lag in itertools.pairwise(path.hours) if lag != before)]
     if len(lags) == 1:
         return f"{abs(lags[0])} h {'ahead of' if lags[0] > 0 else 'behind'}"

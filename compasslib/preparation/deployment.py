@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 from compasslib.core import angles
 from compasslib.core.records import BAD, MISSING, Record
 from compasslib.core.types import Bools, Floats
-from compasslib.preparation import clock, plausibility
+from compasslib.preparation import plausibility, timestamps
 
 MOVING_M = 0.2  # a depth that varies less than this (5th to 95th percentile) is a setting, not a measurement
 BEYOND = 1.05  # of the distance: tilts, depths and the speed of sound are known to that
 CLEARLY = 1.2  # of the distance; water heard from beyond that would have followed the boundary's own echo
 MOST, FEW = 0.5, 0.05  # of the samples that show a boundary, or that would
-ENOUGH = 24  # samples before anything is said
+ENOUGH = 24  # samples before the echo decides anything
 SOME = 100  # rows of bins that tell the length of a cell
 
 
@@ -56,7 +56,8 @@ def settle(
         declination_applied: degrees that the export's directions already hold, taken out.
         exclude: windows (from, to) known to be bad, UTC seconds.
     """
-    utc = _utc(record.time_s, start_s, end_s, clock_offset_seconds, clock_drift_seconds)
+    drifted = clock_drift_seconds * np.clip((record.time_s - start_s) / (end_s - start_s), 0.0, 1.0)
+    utc = record.time_s - clock_offset_seconds - drifted
     record = _inside(replace(record, time_s=utc, direction_reference=direction_reference), start_s, end_s)
     if declination_applied:
         record = _without_declination(record, declination_applied)
@@ -64,17 +65,15 @@ def settle(
     given = record.depth_m
     record = _noted(replace(record, depth_m=depth), _depth_warnings(depth, source, nominal_depth, water_depth))
     record = _noted(record, _unused_depth(given, source, nominal_depth))
-    record = plausibility.flagged(_missing_flagged(record), water_depth)
-    record = checked(record, water_depth)
+    missing = ~(np.isfinite(record.east) & np.isfinite(record.north))
+    record = replace(record, quality=np.where(missing, MISSING, record.quality).astype(np.int8))
+    record = plausibility.flagged(record, water_depth)
+    record = check_orientation(record, water_depth)
     return _flag_windows(_flag_boundaries(record, water_depth), exclude)
 
 
 def log_line(name: str, role: str, record: Record) -> str:
-    """Return what the job says of its result.
-
-    Args:
-        role: the instrument.
-    """
+    """Return the log line of the job that reads ``role``, the instrument."""
     counted = ", ".join(f"{key} {number}" for key, number in record.counts.items() if number)
     line = f"{name} {role}: {record.east.shape[0]} samples of {record.east.shape[1]} bins ({counted})"
     return "\n".join([line, *(f"{name} {role}: warning: {warning}" for warning in record.warnings)])
@@ -103,11 +102,11 @@ def cell_length(record: Record) -> float:
     return float(np.nanmedian(np.abs(steps))) if steps.size and np.isfinite(steps).any() else 0.0
 
 
-def checked(record: Record, water_depth: float) -> Record:
-    """Return the record with samples counted whose echo shows surface or bottom, and a wrong orientation said.
+def check_orientation(record: Record, water_depth: float) -> Record:
+    """Return the record with samples counted whose echo shows surface or bottom, and a warning of a wrong orientation.
 
-    Nothing is said where no echo was recorded, where neither boundary is near enough to be heard, or where both stand
-    at one distance.
+    There is none where no echo was recorded, where neither boundary is near enough to be heard, or where both stand at
+    one distance.
 
     Args:
         record: n samples of a profiler inside the deployment, depth known.
@@ -124,28 +123,24 @@ def checked(record: Record, water_depth: float) -> Record:
         absent = np.isnan(boundary) & (heard > CLEARLY * room) & ~near
     names = ("echo_of_boundary", "echo_of_other_boundary", "echo_without_boundary")
     counts = {name: int(where.sum()) for name, where in zip(names, (right, wrong & ~right, absent), strict=True)}
-    notes = _sentences(record, counts, room, other)
+    notes = _orientation_warnings(record, counts, room, other)
     return replace(record, echo_range_m=None, counts=record.counts | counts, warnings=(*record.warnings, *notes))
 
 
-def _utc(time_s: Floats, start_s: float, end_s: float, offset: float, drift: float) -> Floats:
-    return time_s - offset - drift * np.clip((time_s - start_s) / (end_s - start_s), 0.0, 1.0)
-
-
 def _inside(record: Record, start_s: float, end_s: float) -> Record:
-    """Keep the deployment, in order of time, one sample an instant, none whose clock cannot be believed."""
-    sure, unsure_counts, notes = clock.believed(record)
-    inside = sure & (record.time_s >= start_s) & (record.time_s <= end_s)
+    """Keep the deployment, in order of time, one sample an instant, none without a valid time."""
+    valid, invalid_counts, notes = timestamps.valid(record)
+    inside = valid & (record.time_s >= start_s) & (record.time_s <= end_s)
     there = np.flatnonzero(inside)
-    place = _once(record, there)
+    place = _deduplicated(record, there)
     backwards = int(np.sum(np.diff(record.time_s[place]) < 0))
     place = place[np.argsort(record.time_s[place], kind="stable")]
     first = np.append(True, np.diff(record.time_s[place]) > 0)[: len(place)]
     repeated = int(np.sum(~first))
-    outside = {"outside_deployment": int(np.sum(sure & ~inside))}
-    counts = record.counts | outside | unsure_counts | {"time_backwards": backwards}
+    outside = {"outside_deployment": int(np.sum(valid & ~inside))}
+    counts = record.counts | outside | invalid_counts | {"time_backwards": backwards}
     counts["time_repeated"] = len(there) - int(first.sum())
-    notes += clock.coverage(record.time_s[sure], inside[sure], start_s, end_s)
+    notes += timestamps.coverage(record.time_s[valid], inside[valid], start_s, end_s)
     if backwards:
         notes.append(f"the clock goes backwards {backwards} times; samples were put in order of time")
     if repeated:
@@ -153,7 +148,7 @@ def _inside(record: Record, start_s: float, end_s: float) -> Record:
     return _noted(replace(take(record, _as_slice(place[first])), counts=counts), notes)
 
 
-def _once(record: Record, place: NDArray[np.intp]) -> NDArray[np.intp]:
+def _deduplicated(record: Record, place: NDArray[np.intp]) -> NDArray[np.intp]:
     """Return the samples without those that are there twice, time and values, as where two downloads overlap."""
     order = place[np.argsort(record.time_s[place], kind="stable")]
     later, before = order[1:], order[:-1]
@@ -192,11 +187,11 @@ def _depth(record: Record, nominal: float | None, offset: float, latitude: float
     the metadata's depth would shift them all.
     """
     several = record.bin_range_m.shape[1] > 1 and bool((record.bin_range_m[:, 0] == 0.0).all())
-    told_by_bins = several and bool(np.isfinite(record.depth_m).all())
+    of_bins = several and bool(np.isfinite(record.depth_m).all())
     pressure = record.pressure_dbar - offset
     if _varies(pressure):
         return _filled(_depth_of(pressure, latitude)), "pressure"
-    if _varies(record.depth_m) or told_by_bins:
+    if _varies(record.depth_m) or of_bins:
         return _filled(record.depth_m), "depth field"
     if nominal is not None:
         return np.full(record.time_s.shape, float(nominal)), "metadata"
@@ -243,13 +238,8 @@ def _unused_depth(depth: Floats, source: str, nominal: float | None) -> list[str
     off = abs(float(np.median(known)) - nominal)
     if off <= max(10.0, 0.2 * nominal):
         return []
-    said = f"the file's depth of {np.median(known):.0f} m never varies and was not used"
-    return [f"{said}; the metadata say {nominal:.0f} m: correct whichever is wrong"]
-
-
-def _missing_flagged(record: Record) -> Record:
-    missing = ~(np.isfinite(record.east) & np.isfinite(record.north))
-    return replace(record, quality=np.where(missing, MISSING, record.quality).astype(np.int8))
+    unused = f"the file's depth of {np.median(known):.0f} m never varies and was not used"
+    return [f"{unused}; the metadata say {nominal:.0f} m: correct whichever is wrong"]
 
 
 def _flag_windows(record: Record, windows: Sequence[tuple[float, float]]) -> Record:
@@ -281,17 +271,17 @@ def _at(boundary: Floats, room: Floats, record: Record) -> Bools:
         return np.asarray(above & (boundary <= room * BEYOND + cell))
 
 
-def _sentences(record: Record, counts: dict[str, int], room: Floats, other: Floats) -> list[str]:
+def _orientation_warnings(record: Record, counts: dict[str, int], room: Floats, other: Floats) -> list[str]:
     right, wrong, absent = counts.values()
-    told = right + wrong + absent
-    if told < max(ENOUGH, MOST * len(record.time_s)) or right > FEW * told:
+    decided = right + wrong + absent
+    if decided < max(ENOUGH, MOST * len(record.time_s)) or right > FEW * decided:
         return []
     own, opposite = ("surface", "bottom") if record.looks_up else ("bottom", "surface")
     where = f"the {own}, {np.nanmedian(room):.0f} m away"
     advice = "check orientation, depth and water_depth"
-    if wrong > MOST * told:
+    if wrong > MOST * decided:
         shown = f"{wrong} samples show the echo of the {opposite}, {np.nanmedian(other):.0f} m away"
         return [f"{shown}, and {right} that of {where}: it looked the other way; {advice}"]
-    if absent > MOST * told:
+    if absent > MOST * decided:
         return [f"{absent} samples heard water from beyond {where}, and {right} its echo: {advice}"]
     return []

@@ -22,13 +22,13 @@ from compasslib.preparation.clock_offset import Clocks, Speeds
 from compasslib.preparation.deployment import take
 from compasslib.preparation.gridding import interpolate, nearest, on_grid
 
-WIDER = 3.0
+WIDER = 3.0  # times farther apart in depth, where pairs only compare the clocks
 DENSE_S = 300.0  # a series sampled faster than this is averaged first (a profiler passing its top)
 MOST_IDENTICAL, ENOUGH = 0.5, 30  # share and number of pairs with equal speeds beyond which two instruments are one
 EQUAL_M_S = 1e-6  # single precision's last digit of a slow current
 SPEEDS_APART = 5.0  # ratio of median speeds beyond that of any two depths 20 m apart
 SLOWEST = 0.25  # of the pairs, whose directions are left out
-CLEARER = 1.8  # times less spread than the directions as told, than the flow and than the headings themselves
+CLEARER = 1.8  # times less spread than the directions as recorded, than the flow and than the headings themselves
 # Signs of the recorded direction and of the heading in a sum that would be constant.
 OTHER_FRAMES = {
     (-1, 1): "turned back by the heading",
@@ -83,8 +83,8 @@ def clocks(upper: Record, trusted: Sequence[Record], rules: Rules) -> Clocks:
     upper = _gridded(upper, rules)
     velocity, depth = near_bins(upper, np.zeros(len(upper.time_s)), rules.bins)
     cell = _trusted_cell(upper.time_s, depth, trusted[0], _sphere(upper, trusted[0]), widened(rules))
-    found = clock_offset.compared(Speeds(upper.time_s, np.abs(velocity)), Speeds(cell.time_s, np.abs(cell.velocity)))
-    return replace(found, one_recording=same_record.one_recording(upper, found.put_right(trusted[0]), rules.bins))
+    found = clock_offset.compare(Speeds(upper.time_s, np.abs(velocity)), Speeds(cell.time_s, np.abs(cell.velocity)))
+    return replace(found, one_recording=same_record.one_recording(upper, found.aligned(trusted[0]), rules.bins))
 
 
 def find(
@@ -98,7 +98,7 @@ def find(
     """
     clocks = clocks or Clocks()
     recorded = upper
-    lower = clocks.put_right(trusted[0]) if trusted else take(upper, np.zeros(0, dtype=np.intp))
+    lower = clocks.aligned(trusted[0]) if trusted else take(upper, np.zeros(0, dtype=np.intp))
     tolerance_s = 60.0 * rules.grid_tolerance_minutes
     upper = _gridded(upper, rules)
     velocity, depth = near_bins(upper, np.zeros(len(upper.time_s)), rules.bins)
@@ -112,19 +112,15 @@ def find(
     keep = np.flatnonzero(usable & (upper.heading_quality <= PROBABLY_GOOD) & (np.abs(velocity) > 0) & (abs(other) > 0))
     found = _assemble(take(upper, keep), lower, field, (velocity, other, depth, other_depth, minutes), keep)
     found = replace(found, warnings=clocks.warnings)
-    if said := clocks.one_recording or identical(found):
+    if reason := clocks.one_recording or identical(found):
         nothing = np.zeros(0, dtype=np.intp)
         columns = tuple(column[nothing] for column in (velocity, other, depth, other_depth, minutes))
-        return replace(_assemble(take(upper, nothing), lower, field, columns, nothing), warnings=(said,))
+        return replace(_assemble(take(upper, nothing), lower, field, columns, nothing), warnings=(reason,))
     return checked(found, recorded, list(trusted))
 
 
 def log_line(name: str, pairs: Pairs) -> str:
-    """Return what the job says of its result.
-
-    Args:
-        pairs: what was found.
-    """
+    """Return the log line of the job that finds pairs."""
     line = f"{name}: no overlapping pairs"
     if len(pairs):
         metres = float(np.median(np.abs(pairs.lower_depth_m - pairs.upper_depth_m)))
@@ -159,7 +155,7 @@ def near_bins(record: Record, distance_from: Floats, bins: int) -> tuple[NDArray
 
 
 def checked(pairs: Pairs, upper: Record, trusted: Sequence[Record]) -> Pairs:
-    """Return pairs with sentences on what is wrong with them; none of them where both records are the same.
+    """Return pairs with warnings of what is wrong with them.
 
     Args:
         pairs: overlapping measurements.
@@ -167,9 +163,11 @@ def checked(pairs: Pairs, upper: Record, trusted: Sequence[Record]) -> Pairs:
         trusted: the trusted one, or nothing.
 
     Raises:
-        InputError: both carry one serial number, or the velocities of one are in another frame than told.
+        InputError: both carry one serial number, or the velocities of one are in another frame than stated.
     """
-    _refuse_one_instrument(upper, trusted)
+    if any(upper.serial_number and upper.serial_number == each.serial_number for each in trusted):
+        expected, found = "two instruments", f"serial number {upper.serial_number} in the files of both"
+        raise InputError("compromised and reference", expected=expected, found=found, advice="correct files of one")
     if not len(pairs):
         return replace(pairs, warnings=tuple(_absent(upper, trusted)))
     _refuse_other_frame(pairs)
@@ -215,10 +213,10 @@ def _trusted_cell(time_s: Floats, depth: Floats, lower: Record, sphere: Floats, 
     wanted = np.interp(lower.time_s, time_s[known], depth[known])
     with np.errstate(invalid="ignore"):
         near = np.isfinite(velocity) & (np.abs(at - wanted) < rules.max_metres)
-    return _thinned(Point(lower.time_s[near], velocity[near], at[near]), 60.0 * rules.max_minutes / 2.0)
+    return _block_averaged(Point(lower.time_s[near], velocity[near], at[near]), 60.0 * rules.max_minutes / 2.0)
 
 
-def _thinned(point: Point, block_s: float) -> Point:
+def _block_averaged(point: Point, block_s: float) -> Point:
     """Average a densely sampled series over blocks of time; leave others alone."""
     if len(point.time_s) < 2 or np.median(np.diff(point.time_s)) >= DENSE_S:
         return point
@@ -268,12 +266,6 @@ def _to_true(velocity: NDArray[np.complexfloating], record: Record, declination:
     return east + 1j * north
 
 
-def _refuse_one_instrument(upper: Record, trusted: Sequence[Record]) -> None:
-    if any(upper.serial_number and upper.serial_number == each.serial_number for each in trusted):
-        expected, found = "two instruments", f"serial number {upper.serial_number} in the files of both"
-        raise InputError("compromised and reference", expected=expected, found=found, advice="correct files of one")
-
-
 def _absent(upper: Record, trusted: Sequence[Record]) -> list[str]:
     """Say why there is no pair."""
     if not trusted:
@@ -315,7 +307,7 @@ def _refuse_other_frame(pairs: Pairs) -> None:
     """Refuse directions that agree with the trusted ones only when the heading is added, taken away or mirrored.
 
     No iron does that: a compass that goes round shows its deviation about the true heading. Where the water runs one
-    way, or the compass hardly turns, nothing can be told.
+    way, or the compass hardly turns, nothing can be decided.
     """
     slower = np.min([np.hypot(east, north) for east, north in _velocities(pairs)], axis=0)
     fast = slower >= np.quantile(slower, SLOWEST)

@@ -1,6 +1,6 @@
 """What parses and is still impossible: sensors that do not move, depths out of the water, sentinels taken for speeds.
 
-What cannot be true is flagged and counted; what may be true but tells nothing is said.
+What cannot be true is flagged and counted; what may be true but is of no use comes with a warning.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ NARROW_DEG = 5.0  # headings within this tell nothing of how a deviation goes ro
 OFF_STEPS, LEAST_OFF_DEG = 10.0, 20.0  # times the median step off both neighbours; of a compass that hardly turns
 FREE_DEG = 135.0  # a compass whose ten steps reach this turns too freely for any heading to stand out
 LONGEST_OFF = 5  # samples in a row that stand off together and come back
-PROOF, PROOF_SHARE = 3, 2.5e-4  # sure ones, and their share, before every other that stands off is held to be wrong
+PROOF, PROOF_SHARE = 3, 2.5e-4  # sure ones, and their share, before every other that stands off is taken to be wrong
 NEAR_BINS = 5  # whose mean tells fast water from slow
 FILLS, FILLS_MORE, FILLERS = 6, 3, 8  # a value that often, and that many times as often as those beside it
 BESIDE = 5  # distinct values on either side
@@ -35,23 +35,23 @@ FILL_OFF_DEG = (5.0, 45.0)  # a jump to a fill value is longer than twice the ty
 
 
 def flagged(record: Record, water_depth: float) -> Record:
-    """Return the record with impossible values flagged and counted, and sensors that tell nothing named.
+    """Return the record with impossible values flagged and counted, and warnings of sensors that are of no use.
 
     Args:
         record: n samples in order of time, depth known.
         water_depth: metres.
     """
     record = _impossible(record)
-    record = _without_length(_out_of_water(record, water_depth))
+    record = _without_length(_impossible_depth(record, water_depth))
     record = _outlying_headings(record)
     if len(record.time_s) > FROZEN_SAMPLES:
-        frozen = _frozen_velocity(record)[:, None]
-        record = _frozen_heading(mark(record, frozen, BAD, "frozen_velocity", "the same to the last digit for hours"))
-    return _told(record)
+        frozen = _stuck_velocity(record)[:, None]
+        record = _stuck_heading(mark(record, frozen, BAD, "frozen_velocity", "the same to the last digit for hours"))
+    return _constant_sensors(record)
 
 
 def mark(record: Record, where: Bools, flag: int, count: str, sentence: str | None) -> Record:
-    """Return the record with velocities flagged that were good so far, counted, and said where there is a sentence.
+    """Return the record with velocities flagged that were good so far, and counted; a sentence becomes a warning.
 
     Args:
         record: n samples of m bins.
@@ -78,7 +78,7 @@ def _impossible(record: Record) -> Record:
     return replace(record, heading_quality=heading.astype(np.int8))
 
 
-def _out_of_water(record: Record, water_depth: float) -> Record:
+def _impossible_depth(record: Record, water_depth: float) -> Record:
     with np.errstate(invalid="ignore"):
         out = (record.depth_m < -ABOVE_SURFACE_M) | (record.depth_m > BELOW_BOTTOM * water_depth)
     sentence = "the instrument's depth lies above the surface or below the bottom"
@@ -101,22 +101,24 @@ def _outlying_headings(record: Record) -> Record:
     values = _fill_values(heading) if len(known) >= ENOUGH else np.empty(0)
     fill = np.isin(heading.round(2), values)
     rest = known[~fill]
-    flags = _wild(record.heading_deg[rest], _fast(record)[rest])
+    flags = _outliers(record.heading_deg[rest], _fast_water(record)[rest])
     quality = record.heading_quality.copy()
     quality[known[fill]], quality[rest] = BAD, np.maximum(quality[rest], flags)
     counts = {"heading_fill": int(fill.sum())}
     counts |= {
         name: int(np.sum(flags == flag)) for name, flag in (("heading_wild", BAD), ("heading_unsure", PROBABLY_BAD))
     }
-    said = _off_said(counts, values, len(known))
+    warnings = _heading_warnings(counts, values, len(known))
     # Velocities that were turned by such a heading are as wrong as it is.
     wrong = (quality >= BAD) & (record.heading_quality < BAD)
     turned = np.where(wrong[:, None] & (record.quality <= GOOD), PROBABLY_BAD, record.quality).astype(np.int8)
     counted = record.counts | counts
-    return replace(record, heading_quality=quality, quality=turned, counts=counted, warnings=(*record.warnings, *said))
+    return replace(
+        record, heading_quality=quality, quality=turned, counts=counted, warnings=(*record.warnings, *warnings)
+    )
 
 
-def _off_said(counts: dict[str, int], values: Floats, known: int) -> list[str]:
+def _heading_warnings(counts: dict[str, int], values: Floats, known: int) -> list[str]:
     fill, wild, unsure = counts.values()
     off, notes = "those before and after", []
     if fill:
@@ -171,7 +173,7 @@ def _excursions(heading_deg: Floats, limit: float) -> Bools:
     return off
 
 
-def _wild(heading_deg: Floats, fast: Bools) -> Flags:
+def _outliers(heading_deg: Floats, fast: Bools) -> Flags:
     """Return a flag of each heading, (n,): good, bad where it is an outlier, or probably bad where it may be one.
 
     In slow water a compass may turn to anywhere and back: only what stands off far in fast water is sure. Where several
@@ -203,7 +205,7 @@ def _limit(off_both_deg: Floats, wrong: float) -> float:
     return max(LEAST_OFF_DEG, OFF_STEPS * float(np.quantile(off_both_deg, middle)))
 
 
-def _fast(record: Record) -> Bools:
+def _fast_water(record: Record) -> Bools:
     """Tell samples at which the water runs faster than in the median, by the first bins, (n,)."""
     good = record.quality[:, :NEAR_BINS] <= GOOD
     count = good.sum(axis=1)
@@ -214,7 +216,7 @@ def _fast(record: Record) -> Bools:
     return np.asarray(np.nan_to_num(speed) > (np.median(known) if known.size else np.inf))
 
 
-def _frozen_velocity(record: Record) -> Bools:
+def _stuck_velocity(record: Record) -> Bools:
     """Tell samples whose velocities repeat those before them in all bins; still water, all zero, is not looked at."""
     east, north = np.nan_to_num(record.east), np.nan_to_num(record.north)
     same = ((east[1:] == east[:-1]) & (north[1:] == north[:-1])).all(axis=1)
@@ -244,8 +246,8 @@ def _stuck(same: Bools, time_s: Floats) -> Bools:
     return stuck & (not likely)
 
 
-def _frozen_heading(record: Record) -> Record:
-    """Doubt headings that stand still for hours where they otherwise never do."""
+def _stuck_heading(record: Record) -> Record:
+    """Flag headings that stand still for hours where they otherwise never do."""
     with np.errstate(invalid="ignore"):
         same = np.abs(angles.difference(record.heading_deg[1:], record.heading_deg[:-1])) <= STILL_DEG
     frozen = _stuck(same, record.time_s) & (record.heading_quality < PROBABLY_BAD)
@@ -260,8 +262,8 @@ def _frozen_heading(record: Record) -> Record:
     return replace(record, heading_quality=quality, counts=counts, warnings=record.warnings + notes)
 
 
-def _told(record: Record) -> Record:
-    """Count and say which sensors never move."""
+def _constant_sensors(record: Record) -> Record:
+    """Count sensors that never move, with a warning."""
     counts: dict[str, int] = {"tilt_frozen": 0, "heading_frozen": 0, "heading_narrow": 0}
     notes = []
     tilts = [x for x in (record.pitch_deg, record.roll_deg) if np.isfinite(x).sum() >= ENOUGH]
@@ -278,8 +280,8 @@ def _told(record: Record) -> Record:
         notes.append(f"all headings lie within {arc:.1f} degrees: they cannot tell a deviation from a constant")
     stuck = (arc == 0.0) & (record.heading_quality < PROBABLY_BAD)
     quality = np.where(stuck, PROBABLY_BAD, record.heading_quality).astype(np.int8)
-    said = record.warnings + tuple(notes)
-    return replace(record, heading_quality=quality, counts=record.counts | counts, warnings=said)
+    warnings = record.warnings + tuple(notes)
+    return replace(record, heading_quality=quality, counts=record.counts | counts, warnings=warnings)
 
 
 def _arc(heading_deg: Floats) -> float:

@@ -1,7 +1,7 @@
 """Whether the trusted record is the compromised one's own: its bins again, rounded, rescaled, averaged or shifted.
 
 Two instruments never agree to a millimetre a second, whatever their compasses: pings and the water between them differ.
-Speeds know no compass. A deeper cell of the same profiler, told at its own depth, is water of its own and passes.
+Speeds know no compass. A deeper cell of the same profiler, given at its own depth, is water of its own and passes.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ OFF_M = 5.0  # from its cells' depth, beyond what a nominal depth may be wrong b
 
 
 @dataclass(frozen=True)
-class Series:
+class CellSeries:
     """Velocities of one cell, or of some neighbouring ones averaged."""
 
     velocity: Complexes  # (n,) NaN where none
@@ -37,7 +37,7 @@ class Series:
 
 
 @dataclass(frozen=True)
-class Met:
+class Matched:
     """Some of the trusted velocities, and where the compromised record was measured hours before and after."""
 
     velocity: Complexes  # (k,)
@@ -56,30 +56,30 @@ def one_recording(upper: Record, lower: Record, bins: int) -> str:
     if len(upper.time_s) < FEWEST or len(lower.time_s) < FEWEST:
         return ""
     for trusted in _near(upper, lower, bins):
-        met = _met(trusted, upper.time_s, lower.time_s)
+        met = _matched(trusted, upper.time_s, lower.time_s)
         for own in _runs(upper):
             shared, off_m = own.bins.start < bins, abs(own.depth_m - trusted.depth_m)
             if (shared or off_m > OFF_M) and (_same(own, met) or (own.bins.start == 0 and _averaged(own, met))):
-                return _said(own, shared, off_m)
+                return _reason(own, shared, off_m)
     return ""
 
 
-def _near(upper: Record, lower: Record, bins: int) -> Iterator[Series]:
+def _near(upper: Record, lower: Record, bins: int) -> Iterator[CellSeries]:
     """Give the trusted cells that pairs may take, each by itself and averaged."""
     velocity, depth = lower.east + 1j * lower.north, lower.bin_depth_m()
     away = np.abs(np.nanmedian(depth, axis=0) - np.nanmedian(upper.depth_m))
     order = sorted(np.argsort(away, kind="stable")[:bins].tolist())
     for run in [order, *([k] for k in order if len(order) > 1)]:
-        yield Series(velocity[:, run].mean(axis=1), float(np.nanmedian(depth[:, run])), range(run[0], run[-1] + 1))
+        yield CellSeries(velocity[:, run].mean(axis=1), float(np.nanmedian(depth[:, run])), range(run[0], run[-1] + 1))
 
 
-def _met(trusted: Series, upper_s: Floats, lower_s: Floats) -> Met:
+def _matched(trusted: CellSeries, upper_s: Floats, lower_s: Floats) -> Matched:
     some = np.flatnonzero(np.isfinite(trusted.velocity))
     some = some[:: 1 + len(some) // MOST]
     wanted = lower_s[some, None] - HOUR_S * LAGS_H
     place = nearest(upper_s, wanted.ravel()).reshape(wanted.shape)
     velocity = trusted.velocity[some]
-    return Met(velocity, place, np.abs(upper_s[place] - wanted) <= HOUR_S / 2.0, ROUNDED * _last_digit(velocity))
+    return Matched(velocity, place, np.abs(upper_s[place] - wanted) <= HOUR_S / 2.0, ROUNDED * _last_digit(velocity))
 
 
 def _last_digit(velocity: Complexes) -> float:
@@ -91,15 +91,15 @@ def _last_digit(velocity: Complexes) -> float:
     return max(steps)
 
 
-def _runs(upper: Record) -> Iterator[Series]:
+def _runs(upper: Record) -> Iterator[CellSeries]:
     velocity, depth = upper.east + 1j * upper.north, upper.bin_depth_m()
     for wide in range(1, WIDEST + 1):
         for first in range(velocity.shape[1] - wide + 1):
             run = range(first, first + wide)
-            yield Series(velocity[:, run].mean(axis=1), float(np.nanmedian(depth[:, run])), run)
+            yield CellSeries(velocity[:, run].mean(axis=1), float(np.nanmedian(depth[:, run])), run)
 
 
-def _same(own: Series, met: Met) -> bool:
+def _same(own: CellSeries, met: Matched) -> bool:
     """Tell whether two series have the same speeds, but for a factor, at one lag for all."""
     found, wanted = np.abs(own.velocity), np.abs(met.velocity)
     near = np.flatnonzero(np.abs(LAGS_H) <= SHIFTED_H)
@@ -121,7 +121,7 @@ def _equal(first: NDArray, second: NDArray, least: float) -> bool:
     return off < max(ALIKE_M_S, least / factor) and off < SMALL * float(np.std(first))
 
 
-def _averaged(own: Series, met: Met) -> bool:
+def _averaged(own: CellSeries, met: Matched) -> bool:
     """Tell whether a weighted mean over hours of one velocity, turned by a constant, is the other."""
     columns = own.velocity[met.place]
     whole = met.there.all(axis=1) & np.isfinite(columns).all(axis=1)
@@ -131,7 +131,7 @@ def _averaged(own: Series, met: Met) -> bool:
     return _equal(columns[whole] @ weight, met.velocity[whole], met.least_m_s)
 
 
-def _said(own: Series, shared: bool, off_m: float) -> str:
+def _reason(own: CellSeries, shared: bool, off_m: float) -> str:
     first, last = own.bins.start + 1, own.bins.stop
     which = f"bin {first}" if first == last else f"bins {first} to {last}"
     why = "whose water every pair already holds" if shared else f"told {off_m:.0f} m from their depth"

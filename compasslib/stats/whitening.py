@@ -1,8 +1,8 @@
-"""Residuals and columns made comparable: divided by their width, clipped, freed of their memory.
+"""Residuals and columns made comparable: divided by their width, clipped, freed of their autocorrelation.
 
-Hourly currents remember hours to days, and a test that forgets this names something in every record. One autoregressive
-filter, fitted to the residual, is laid over residual and columns alike; what is missing counts as 0 in both, so that
-gaps cost a little power and no truth.
+Hourly currents are correlated over hours to days, and a test that ignores this finds something in every record. One
+autoregressive filter, fitted to the residual, is applied to residual and columns alike; what is missing counts as 0 in
+both, so that gaps cost a little power and no truth.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from compasslib.core.types import Floats
 from compasslib.stats import autocorrelation, robust
 
 CLIP = 2.5  # Huber's clip, in widths
-ORDER, SAMPLES_PER_LAG = 24, 40  # a day of hourly memory; no more lags than the record can carry
+ORDER, SAMPLES_PER_LAG = 24, 40  # a day of hourly correlation; no more lags than the record can carry
 RIDGE = 1e-3  # keeps the filter steady where gaps leave the autocorrelation rough
 WIDTH_BINS = 12
 NARROWEST = 0.25  # least width as a share of the middle one
 ANYWHERE_DEG = robust.SIGMA_PER_MAD * 90.0  # robust width of directions that point anywhere
 CHUNK = 64
 THINNEST = 1e-6  # share of a group's largest direction below which a direction is taken for absorbed by the base
-TREND_S, TREND_MEMORIES = 10 * 86400.0, 10  # least spacing of the knots of what is slow, and in lengths of the filter
+TREND_S, TREND_LENGTHS = 10 * 86400.0, 10  # least spacing of the knots of what is slow, and in lengths of the filter
 NEAR = 4.0  # frequencies up to this many times that of what is slow are its neighbours
 
 
@@ -63,10 +63,10 @@ class Whitener:
 
 
 def whitener(residual_deg: Floats, width_deg: Floats, time_s: Floats) -> Whitener:
-    """Return the filter that takes the memory out of a residual.
+    """Return the filter that takes the autocorrelation out of a residual.
 
-    A real drift must not pass for the water's memory. What changes over weeks counts with the power of its neighbours
-    in frequency: were it taken out instead, the filter would leave half as much again of slow noise.
+    A real drift must not pass for the water's correlation. What changes over weeks counts with the power of its
+    neighbours in frequency: were it taken out instead, the filter would leave half as much again of slow noise.
 
     Args:
         residual_deg: (n,), degrees.
@@ -79,11 +79,11 @@ def whitener(residual_deg: Floats, width_deg: Floats, time_s: Floats) -> Whitene
     counts, lags = np.isfinite(width_deg), order(len(time_s))
     series[slot[counts]], present[slot[counts]] = standard[counts] - standard[counts].mean(), 1.0
     together = np.maximum(autocorrelation.lagged(present, lags), 1.0)
-    correlation = _memory(series, lags, 2.0 * spacing_s(time_s) / step_s(time_s)) / together
+    correlation = _autocovariance(series, lags, 2.0 * spacing_s(time_s) / step_s(time_s)) / together
     correlation = correlation / correlation[0] / (1.0 + RIDGE * (np.arange(lags + 1) > 0))
     toeplitz = correlation[np.abs(np.subtract.outer(np.arange(lags), np.arange(lags)))]
-    memory = np.linalg.solve(toeplitz, correlation[1:]) if lags else np.zeros(0)
-    return Whitener(slot, np.append(1.0, -memory), width_deg)
+    coefficients = np.linalg.solve(toeplitz, correlation[1:]) if lags else np.zeros(0)
+    return Whitener(slot, np.append(1.0, -coefficients), width_deg)
 
 
 def spacing_s(time_s: Floats) -> float:
@@ -92,7 +92,7 @@ def spacing_s(time_s: Floats) -> float:
     Args:
         time_s: increasing times, (n,).
     """
-    return max(TREND_MEMORIES * order(len(time_s)) * step_s(time_s), TREND_S)
+    return max(TREND_LENGTHS * order(len(time_s)) * step_s(time_s), TREND_S)
 
 
 def step_s(time_s: Floats) -> float:
@@ -158,9 +158,9 @@ def widths(residual_deg: Floats, slowness: Floats) -> Floats:
     size = np.abs(residual_deg[known])
     edges = np.quantile(slowness[known], np.linspace(0.0, 1.0, WIDTH_BINS + 1))
     bins = np.clip(np.searchsorted(edges, slowness[known], side="right") - 1, 0, WIDTH_BINS - 1)
-    held = [b for b in range(WIDTH_BINS) if np.sum(bins == b) >= 5]
-    centre = np.array([np.median(slowness[known][bins == b]) for b in held])
-    middle = np.array([robust.width(size[bins == b]) for b in held])
+    filled = [b for b in range(WIDTH_BINS) if np.sum(bins == b) >= 5]
+    centre = np.array([np.median(slowness[known][bins == b]) for b in filled])
+    middle = np.array([robust.width(size[bins == b]) for b in filled])
     middle = np.maximum(np.maximum.accumulate(middle), NARROWEST * np.median(middle))
     width = np.interp(slowness, centre, middle) * _beyond(slowness, centre, middle)
     return np.where(known, _on_circle(np.maximum(width, 1e-6)), np.inf)
@@ -206,7 +206,7 @@ def directions(white: Floats) -> Floats:
     return (unit @ (vectors[:, kept] / np.sqrt(values[kept])).astype(np.float32)).astype(np.float32)
 
 
-def _memory(series: Floats, lags: int, slowest: float) -> Floats:
+def _autocovariance(series: Floats, lags: int, slowest: float) -> Floats:
     """Return the sums of a series times itself later, what is slow counted as its neighbours, (lags + 1,).
 
     Args:

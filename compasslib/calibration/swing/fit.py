@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib.core.types import Floats
-from compasslib.stats import clipping
-from compasslib.stats.clipping import Noise
+from compasslib.stats import swing_noise
+from compasslib.stats.arma import orthonormal
+from compasslib.stats.swing_noise import SwingNoise, spread
 
 ROUNDS, STEPS = 4, 3
 NORMAL_95 = 1.959964
@@ -42,7 +43,7 @@ class Solution:
     covariance: Floats  # (k, k)
     parts: Mapping[str, Floats]  # name of a block, or number of a parameter with a belief -> (k, k); they add up
     residuals: Mapping[str, Floats]
-    noises: Mapping[str, Noise]
+    noises: Mapping[str, SwingNoise]
 
 
 def solve(blocks: Sequence[Block], mean: Floats, sigma: Floats, start: Floats) -> Solution:
@@ -54,7 +55,7 @@ def solve(blocks: Sequence[Block], mean: Floats, sigma: Floats, start: Floats) -
         sigma: (k,) their width, infinite for a parameter without.
         start: (k,) parameters to begin from.
     """
-    parameters, noises = start.astype(float), dict[str, Noise]()
+    parameters, noises = start.astype(float), dict[str, SwingNoise]()
     for _ in range(ROUNDS):
         noises = _noises(blocks, parameters, sigma, noises)
         for _ in range(STEPS):
@@ -77,20 +78,20 @@ def student(dof: float) -> float:
 
 
 def _noises(
-    blocks: Sequence[Block], parameters: Floats, sigma: Floats, before: Mapping[str, Noise]
-) -> dict[str, Noise]:
-    noises: dict[str, Noise] = {}
+    blocks: Sequence[Block], parameters: Floats, sigma: Floats, before: Mapping[str, SwingNoise]
+) -> dict[str, SwingNoise]:
+    noises: dict[str, SwingNoise] = {}
     for block in blocks:
         residual, columns = block.observe(parameters)
         if block.sigma is not None:
             first = next(iter(noises.values())).sigma if noises else np.zeros(1)
             scatter = np.hypot(block.sigma, np.sqrt(np.mean(first**2)))
-            noises[block.name] = Noise(np.full(residual.shape, scatter), dof=np.inf)
+            noises[block.name] = SwingNoise(np.full(residual.shape, scatter), dof=np.inf)
             continue
-        size = before[block.name].sigma if before else np.full(residual.shape, np.std(residual) + clipping.TINY)
+        size = before[block.name].sigma if before else np.full(residual.shape, np.std(residual) + swing_noise.TINY)
         basis = _taken_up(columns / size[:, None], sigma) * size[:, None]
-        basis = clipping.orthonormal(basis)
-        noise = clipping.estimate(residual, basis, speed_kn=block.speed_kn, blocks=block.blocks)
+        basis = orthonormal(basis)
+        noise = swing_noise.estimate(residual, basis, speed_kn=block.speed_kn, blocks=block.blocks)
         noise = noise if block.groups is None else _grouped(noise, residual, block.groups, basis.shape[1])
         # So few residuals that their scatter may be small by chance must not overrule what is believed.
         noises[block.name] = replace(noise, weight=noise.weight / student(noise.dof) ** 2)
@@ -99,13 +100,13 @@ def _noises(
 
 def _taken_up(columns: Floats, sigma: Floats) -> Floats:
     """Return a basis of what the fit takes up: free parameters, and those that the data know better than the belief."""
-    free = clipping.orthonormal(columns[:, np.isinf(sigma)])
+    free = orthonormal(columns[:, np.isinf(sigma)])
     held = columns[:, np.isfinite(sigma)] * sigma[np.isfinite(sigma)]
     beyond = held - free @ (free.T @ held)
-    return np.column_stack([free, clipping.orthonormal(beyond, least=KNOWN)])
+    return np.column_stack([free, orthonormal(beyond, least=KNOWN)])
 
 
-def _grouped(noise: Noise, residual: Floats, groups: NDArray[np.int_], rank: int) -> Noise:
+def _grouped(noise: SwingNoise, residual: Floats, groups: NDArray[np.int_], rank: int) -> SwingNoise:
     """Return the scatter for headings that were taken repeatedly: what is common to one heading is not averaged out."""
     count = np.bincount(groups)
     total = np.bincount(groups, residual)
@@ -114,28 +115,28 @@ def _grouped(noise: Noise, residual: Floats, groups: NDArray[np.int_], rank: int
     if dof >= noise.dof or dof < 1:
         return noise
     between = np.sqrt(np.sum(total[occupied] ** 2 / count[occupied]) / dof)
-    return Noise(np.maximum(noise.sigma, between), n_effective=float(occupied.sum()), dof=float(dof))
+    return SwingNoise(np.maximum(noise.sigma, between), n_effective=float(occupied.sum()), dof=float(dof))
 
 
-def _rows(blocks: Sequence[Block], parameters: Floats, noises: Mapping[str, Noise]) -> dict[str, Floats]:
+def _rows(blocks: Sequence[Block], parameters: Floats, noises: Mapping[str, SwingNoise]) -> dict[str, Floats]:
     rows = {}
     for block in blocks:
         residual, columns = block.observe(parameters)
         noise = noises[block.name]
-        clipped = clipping.clip(residual, noise)
+        clipped = swing_noise.clip(residual, noise)
         scaled = np.column_stack([columns, clipped]) / noise.sigma[:, None]
         rows[block.name] = scaled * np.sqrt(noise.weight)
     return rows
 
 
-def _solution(blocks: Sequence[Block], parameters: Floats, sigma: Floats, noises: Mapping[str, Noise]) -> Solution:
+def _solution(blocks: Sequence[Block], parameters: Floats, sigma: Floats, noises: Mapping[str, SwingNoise]) -> Solution:
     rows = {name: each[:, :-1] for name, each in _rows(blocks, parameters, noises).items()}
     in_time = {block.name: block.blocks for block in blocks}
     beliefs = {str(k): np.diag((np.arange(len(sigma)) == k) * sigma**-2.0) for k in np.flatnonzero(np.isfinite(sigma))}
     information = np.sum([*(each.T @ each for each in rows.values()), *beliefs.values()], axis=0)
     inverse = np.linalg.inv(information)
     spreads = {
-        name: noises[name].weight * student(noises[name].dof) ** 2 * clipping.spread(each, noises[name], in_time[name])
+        name: noises[name].weight * student(noises[name].dof) ** 2 * spread(each, noises[name], in_time[name])
         for name, each in rows.items()
     }
     parts = {name: inverse @ middle @ inverse for name, middle in (spreads | beliefs).items()}

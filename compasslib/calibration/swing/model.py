@@ -20,7 +20,7 @@ from compasslib.calibration.swing.fit import Block, Solution, solve
 from compasslib.core import angles, compass
 from compasslib.core.types import Floats
 from compasslib.deviation import von_appen
-from compasslib.stats import clipping
+from compasslib.stats.arma import orthonormal
 
 SERIES = slice(0, 5)
 DECLINATION, EAST, NORTH, EAST_CHANGE, NORTH_CHANGE, LAG, LOG = range(5, 12)
@@ -180,7 +180,7 @@ def _set_aside(parameters: Floats, swing: Swing, facing_deg: Floats, by_compass:
     aside, across = _triangle(facing_deg, speed, _drift(parameters, swing))
     higher = np.column_stack([np.stack(angles.sin_cos(order * facing_deg), axis=-1) for order in HIGHER])
     higher = higher - by_compass @ np.linalg.lstsq(by_compass, higher, rcond=1e-9)[0]
-    basis, slopes = clipping.orthonormal(higher), np.zeros((len(speed), SIZE))
+    basis, slopes = orthonormal(higher), np.zeros((len(speed), SIZE))
     slopes[:, DRIFT] = across - basis @ (basis.T @ across)
     slopes[:, CHANGES] = across * data.since_middle(swing.seen.time_s)[:, None]
     return aside, slopes

@@ -13,7 +13,7 @@ from compasslib.calibration.heads.motion import blocks, small_sample
 from compasslib.core.types import Floats
 from compasslib.effects.term import Term
 from compasslib.search.recordings.channel import Channel
-from compasslib.stats import memory, robust, whitening
+from compasslib.stats import arma, robust, whitening
 from compasslib.stats.autocorrelation import effective_number
 
 ROUNDS, CLOSE_ENOUGH, LONGEST_STEP = 12, 1e-3, 12.0
@@ -44,7 +44,7 @@ class Fitted:
     @cached_property
     def whitener(self) -> Floats:
         """Return what makes stretches independent, were this residual noise, (n, n)."""
-        return memory.whitener(self.clipped, self.columns)
+        return arma.whitening_matrix(self.clipped, self.columns)
 
     @property
     def square(self) -> float:
@@ -148,7 +148,7 @@ def effective(fitted: Fitted) -> float:
     if fitted.channel.independent:
         return float(n)
     if fitted.channel.remembered:
-        return memory.effective(fitted.clipped, fitted.columns)
+        return arma.effective_number(fitted.clipped, fitted.columns)
     return effective_number(fitted.clipped, np.arange(n, dtype=float), longest_s=n / 10.0)
 
 
@@ -161,7 +161,7 @@ def covariance(fitted: Fitted) -> Floats:
         fitted: a hypothesis that fits.
     """
     if fitted.channel.remembered:
-        return memory.covariance(fitted.clipped, fitted.columns)
+        return arma.covariance(fitted.clipped, fitted.columns)
     columns, residual, block = fitted.columns, fitted.clipped, stretches(fitted)
     inverse = whitening.inverse(columns.T @ columns)
     free = max(len(residual) - columns.shape[1], 1)

@@ -18,7 +18,7 @@ from compasslib.search.recordings.fitting import Fitted
 from compasslib.search.recordings.search import Named
 from compasslib.search.show import Curve, HeldOut
 from compasslib.search.verdict import Diagnosis, Finding, Parameter, Ranked, Unexplained, Where
-from compasslib.stats import memory, robust
+from compasslib.stats import arma, robust
 
 FOLDS, BINS, FEWEST_IN_BIN = 5, 18, 5
 RANGE = (0.05, 0.95)
@@ -206,7 +206,7 @@ def _bin_sigma(after: Fitted, bins: NDArray[np.intp], held: NDArray[np.intp], th
         return scatter / np.sqrt(there[held])
     if after.channel.remembered:
         weights = (bins[:, None] == held) / there[held]
-        return memory.of_sums(after.clipped, after.columns, weights)
+        return arma.standard_errors(after.clipped, after.columns, weights)
     block = fitting.stretches(after)
     apart = np.array([len(np.unique(block[bins == b])) for b in held])
     within = [_between(after.clipped[bins == b], block[bins == b]) for b in held]

@@ -16,7 +16,7 @@ from compasslib.search.recordings import fitting
 from compasslib.search.recordings.channel import Channel, dated
 from compasslib.search.recordings.fitting import Fitted
 from compasslib.search.scan import normal_score
-from compasslib.stats import memory, whitening
+from compasslib.stats import arma, whitening
 
 REPEATS = 400
 DATES, MARGIN = 150, 0.06  # of steps that are tried, and how near to the ends
@@ -173,7 +173,7 @@ def draws(noise: Fitted, seed: int, repeats: int = REPEATS) -> Floats:
     if noise.channel.independent:
         return rng.normal(size=(repeats, n))
     if noise.channel.remembered:
-        return memory.draws(noise.clipped, noise.columns, seed, repeats)
+        return arma.draws(noise.clipped, noise.columns, seed, repeats)
     length = int(np.max(np.bincount(fitting.stretches(noise))))
     count = -(-n // length)
     begin, sign = rng.integers(0, n, (repeats, count)), rng.choice([-1.0, 1.0], (repeats, count))

@@ -1,4 +1,4 @@
-"""Whether a recording's clock can be believed: single wild times, clocks that were set back, what lies outside.
+"""Valid times of a recording: single outlying times, clocks that were set back, what lies outside the deployment.
 
 Samples are looked at in the order in which they were recorded. A clock that goes back into time that is already
 recorded was set anew: what follows has times that nothing tells, and is left out, not shuffled into the rest.
@@ -21,8 +21,8 @@ SAME = 0.9  # of those in common time, where they repeat the other run value by 
 COVERED = 0.9  # of the deployment; a record that covers less is pointed at
 
 
-def believed(record: Record) -> tuple[Bools, dict[str, int], list[str]]:
-    """Return which samples have a time that can be believed, (n,), numbers and sentences on the others.
+def valid(record: Record) -> tuple[Bools, dict[str, int], list[str]]:
+    """Return which samples have a valid time, (n,), counts of the others, and warnings about them.
 
     Args:
         record: samples in the order of the recording.
@@ -30,18 +30,18 @@ def believed(record: Record) -> tuple[Bools, dict[str, int], list[str]]:
     time_s = record.time_s
     finite = np.isfinite(time_s)
     keep = finite.copy()
-    keep[finite] = ~_wild(time_s[finite])
+    keep[finite] = ~_outlying(time_s[finite])
     wild = int(np.sum(~keep))
     runs = _runs(np.flatnonzero(keep), time_s)
-    unsure = [run for k, run in enumerate(runs) if _clashes(run, runs, k, record)]
-    for run in unsure:
+    clashing = [run for k, run in enumerate(runs) if _clashes(run, runs, k, record)]
+    for run in clashing:
         keep[run] = False
-    lost = sum(len(run) for run in unsure)
-    return keep, {"time_wild": wild, "clock_unsure": lost}, _sentences(wild, lost, unsure, time_s)
+    lost = sum(len(run) for run in clashing)
+    return keep, {"time_wild": wild, "clock_unsure": lost}, _warnings(wild, lost, clashing, time_s)
 
 
 def coverage(time_s: Floats, inside: Bools, start_s: float, end_s: float) -> list[str]:
-    """Return what to say where much lies outside the deployment, or much of the deployment has no sample.
+    """Return warnings where much lies outside the deployment, or much of the deployment has no sample.
 
     Args:
         time_s: UTC, (n,).
@@ -64,17 +64,17 @@ def _slack(time_s: Floats) -> float:
     return max(SLACK_S, SLACK_STEPS * float(np.median(steps))) if len(steps) else SLACK_S
 
 
-def _wild(time_s: Floats) -> Bools:
+def _outlying(time_s: Floats) -> Bools:
     """Tell single times that stand far from both neighbours, which follow each other."""
-    wild = np.zeros(time_s.shape, dtype=bool)
+    outlying = np.zeros(time_s.shape, dtype=bool)
     if len(time_s) < FEWEST:
-        return wild
+        return outlying
     slack, steps = _slack(time_s), np.diff(time_s)
     apart = (np.abs(steps[:-1]) > slack) & (np.abs(steps[1:]) > slack) & (steps[:-1] * steps[1:] < 0)
     across = time_s[2:] - time_s[:-2]
-    wild[1:-1] = apart & (across >= 0) & (across <= 2.0 * slack)
-    # Two in turn can both look wild, as of two recordings sample by sample: then none of them is an accident.
-    return wild & ~(np.roll(wild, 1) | np.roll(wild, -1))
+    outlying[1:-1] = apart & (across >= 0) & (across <= 2.0 * slack)
+    # Two in turn can both look so, as of two recordings sample by sample: then none of them is an accident.
+    return outlying & ~(np.roll(outlying, 1) | np.roll(outlying, -1))
 
 
 def _runs(index: NDArray[np.intp], time_s: Floats) -> list[NDArray[np.intp]]:
@@ -108,17 +108,17 @@ def _equal(record: Record, one: NDArray[np.intp], other: NDArray[np.intp]) -> Bo
     return np.asarray(((a == b) | (np.isnan(a) & np.isnan(b))).all(axis=1))
 
 
-def _sentences(wild: int, lost: int, unsure: list[NDArray[np.intp]], time_s: Floats) -> list[str]:
-    said = []
+def _warnings(wild: int, lost: int, clashing: list[NDArray[np.intp]], time_s: Floats) -> list[str]:
+    warnings = []
     if wild:
-        said.append(f"{wild} samples have a time far from their neighbours' and were left out")
+        warnings.append(f"{wild} samples have a time far from their neighbours' and were left out")
     if lost:
-        spans = ", ".join(_span(time_s[run]) for run in unsure[:3])
-        said.append(
-            f"the clock was set back {len(unsure)} times into time already recorded: the {lost} samples after that "
+        spans = ", ".join(_span(time_s[run]) for run in clashing[:3])
+        warnings.append(
+            f"the clock was set back {len(clashing)} times into time already recorded: the {lost} samples after that "
             f"({spans} by their clock) were left out; give them as a file of their own with clock_offset_seconds"
         )
-    return said
+    return warnings
 
 
 def _span(time_s: Floats) -> str:
