@@ -183,7 +183,11 @@ def real() -> str:
     lines = []
     for name, withhold in (("Taiohae", []), ("Taiohae without the ship's log", ["water_speed_kn"])):
         found = swing.calibrate([REAL], {"format": "nmea0183", "withhold": withhold})
-        lines += [swing.told(name, found), f"{name}: {found.details['drift']['text']}"]
+        letters = " ".join(f"{k} {x:+.2f}" for k, x in zip("ABCDE", found.coefficients, strict=True))
+        lines += [
+            f"{name}: {letters}; residual {found.residual_rms_deg:.2f}°",
+            f"{name}: {found.details['drift']['text']}",
+        ]
         lines += [f"{name}: budget: {s.name} {s.standard_deg:.2f}" for s in found.sources]
     return "\n".join(lines)
 

@@ -98,7 +98,7 @@ def test_the_page_goes_through_its_file_and_the_figures_draw_it(tmp_path):
     write_json(tmp_path / "calibration.json", page)
     again = read_json(tmp_path / "calibration.json")
     assert again["coefficients"]["A"] == pytest.approx(made.coefficients[0]) and again["coefficients"]["B"] is None
-    assert "A +0.2" in content.told(again) and "nan" not in content.told(page)
+    assert "A +0.2" in content.log_line(again) and "nan" not in content.log_line(page)
     shown = replace(content.calibration(again), points=made.points, table=made.table)
     for draw in (figures.series, figures.disturbance):
         draw(tmp_path / "a.png", shown, "quiet")

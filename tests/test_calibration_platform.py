@@ -200,7 +200,7 @@ def test_a_refused_calibration_is_written_too(tmp_path):
     back = calibrations.read(**paths)
     assert back.content["coefficients"] is None and back.content["uncertainty"]["expanded_deg"] is None
     assert back.content["why"].startswith("one heading only") and not back.table.heading_deg.size
-    assert "no calibration: one heading only" in content.told(back.content)
+    assert "no calibration: one heading only" in content.log_line(back.content)
 
 
 def test_a_damaged_table_is_one_line(tmp_path):
@@ -283,7 +283,8 @@ def at_home(coefficients, share: float = 1.0) -> np.ndarray:
     """Return a mooring's coefficients as they are on the bench, the share of hard iron given."""
     away = transfer.Place(float(SEA.horizontal_nT[0]), float(SEA.vertical_nT[0]))
     home = transfer.Place(HOME["horizontal_nT"], HOME["vertical_nT"])
-    return transfer.carry(coefficients, np.eye(5), away, home, hard=share).coefficients
+    ends = transfer.carry(coefficients, np.eye(5), away, home)
+    return share * ends.if_all_hard + (1.0 - share) * ends.if_all_induced
 
 
 @pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
@@ -313,7 +314,9 @@ def test_a_folded_calibration_reaches_the_mooring_without_any_pair(tmp_path):
     none = replace(seen, **{k: v[:0] for k, v in vars(seen).items() if isinstance(v, np.ndarray)})
     fit = at_mooring.carried(page(made), SEA, record(seen, 300), none)
     assert fit.folded and fit.n_pairs == 0 and np.isnan(fit.residual_rms_deg)
-    assert "residual" not in deviation.told("M1", fit) and "warning: calibration aqd" in deviation.told("M1", fit)
+    assert "residual" not in deviation.log_line("M1", fit) and "warning: calibration aqd" in deviation.log_line(
+        "M1", fit
+    )
 
 
 @pytest.mark.parametrize(

@@ -205,10 +205,10 @@ def test_no_heading_is_good_where_the_reference_is_read_wrongly(iron, mistake):
     velocity = READ_WRONGLY[mistake](seen.lower_east + 1j * seen.lower_north)
     wrong = replace(seen, lower_east=velocity.real, lower_north=velocity.imag)
     fit, record = exact.fit(wrong), record_of(wrong)
-    said = deviation.denied(fit, record) or assessment.assess(wrong, fit)["refuted"]
+    said = deviation.implausible(fit, record) or assessment.assess(wrong, fit)["refuted"]
     assert "flagged doubtful" in said
-    doubt_deg = correction.doubt(bool(said), 0.0)
-    product = correction.correct(record, fit, field_of(wrong), wrong, doubt_deg=doubt_deg)
+    unmodelled_deg = correction.unmodelled(bool(said), 0.0)
+    product = correction.correct(record, fit, field_of(wrong), wrong, unmodelled_deg=unmodelled_deg)
     assert (product.heading_corrected_quality >= PROBABLY_BAD).all()
     assert (product.heading_uncertainty_deg > 100.0).all()
 
@@ -221,8 +221,8 @@ def test_a_reading_that_the_compass_cannot_have_made_is_flagged_and_not_guessed(
     heading = np.where(np.arange(len(seen)) % 50 == 7, outside, record.heading_deg)
     product = correction.correct(replace(record, heading_deg=heading), fit, field_of(seen), seen)
     assert (product.heading_corrected_quality[heading == outside] == PROBABLY_BAD).all()
-    assert not deviation.denied(fit, record)
-    assert "cannot have recorded 100%" in deviation.denied(
+    assert not deviation.implausible(fit, record)
+    assert "cannot have recorded 100%" in deviation.implausible(
         fit, replace(record, heading_deg=np.full(len(seen), outside))
     )
 

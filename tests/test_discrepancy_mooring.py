@@ -192,7 +192,7 @@ def test_what_is_seen_and_not_corrected_widens_the_uncertainty():
     drawn, found = seen({"wander": 3.0}, seed=6)
     product = products.of(fitted(drawn), found)
     assert product.left_deg >= found.unexplained.rms_effect_deg > 2.0
-    assert correction.doubt(False, product.left_deg) == product.left_deg
+    assert correction.unmodelled(False, product.left_deg) == product.left_deg
 
 
 def test_a_sector_in_which_the_compass_hangs_is_seen_in_the_histogram():

@@ -1,4 +1,20 @@
-"""Calibrations that need no mooring; this table says which kinds there are. A kind is imported only by its own job."""
+"""Calibrations that need no mooring; a table says which kinds there are. A kind is imported only by its own job.
+
+A compass turned on a bench, and the one cycle of its deviation:
+
+>>> from pathlib import Path
+>>> from tempfile import TemporaryDirectory
+>>> import numpy as np
+>>> from compasslib import calibration
+>>> turned = range(0, 360, 15)
+>>> rows = [f"{heading},{heading - 4.0 * np.sin(np.radians(heading)):.1f}" for heading in turned]
+>>> with TemporaryDirectory() as folder:
+...     path = Path(folder, "bench.csv")
+...     _ = path.write_text("\\n".join(["reference_deg,recorded_deg", *rows, ""]))
+...     bench = calibration.calibrate("platform", [path], {})
+>>> round(float(bench.coefficients[1]), 1)  # B, degrees
+4.0
+"""
 
 from __future__ import annotations
 

@@ -15,6 +15,9 @@ from compasslib.core.types import Floats
 from compasslib.deviation.transfer import WEAKEST_NT
 
 POSITION = ("latitude", "longitude")
+SURE = 0.05  # of a comparison: a difference as large as this would come about by chance once in twenty
+LEAST_CHANCE = 0.001  # smaller ones are not printed
+SEEN = 3.0  # standard deviations of an amplitude under which it has no phase
 
 
 def described(
@@ -38,7 +41,7 @@ def described(
         "uncertainty": _uncertainty(made),
         "exact": {"coefficients": _named(made.exact), "covariance": made.exact_covariance} if made.exact.size else None,
         "place": _place(settings, made.details),
-        "comparison": next((compare(made, told, other) for other, told in earlier.items()), None),
+        "comparison": next((compare(made, page, name) for name, page in earlier.items()), None),
         "why": made.why,
         "warnings": [*made.warnings, *_weak(settings.get("field"))],
     }
@@ -77,7 +80,7 @@ def _numbers(letters: Mapping[str, float | None] | None) -> Floats:
     return np.array([letters[k] for k in LETTERS] if letters else [], dtype=float)
 
 
-def told(content: Mapping[str, Any]) -> str:
+def log_line(content: Mapping[str, Any]) -> str:
     """Return what the job says of its result."""
     name, warnings = content["name"], [f"{content['name']}: warning: {text}" for text in content["warnings"]]
     if content["why"]:
@@ -127,10 +130,6 @@ def _weak(field: Mapping[str, float] | None) -> list[str]:
 #
 # Le Menn et al. 2023, sections 3 and 4, compare curves by eye and by their phase shift. Here each coefficient's
 # difference stands beside its uncertainty. Rows of the budget that both share are left out: they cancel.
-
-SURE = 0.05  # a difference as large as this would come about by chance once in twenty
-LEAST_CHANCE = 0.001  # smaller ones are not worth telling apart
-SEEN = 3.0  # standard deviations of an amplitude under which it has no phase
 
 
 def compare(after: Calibration, before: Mapping[str, Any], name: str) -> dict[str, Any]:
@@ -204,8 +203,8 @@ def _sentence(name: str, cycle: Mapping[str, Any], p_value: float) -> str:
         else "it is too small on one side to have a phase"
     )
     chance = f"p = {p_value:.2g}" if p_value >= LEAST_CHANCE else f"p < {LEAST_CHANCE}"
-    told = "differ" if p_value < SURE else "are not told apart"
+    difference = "differ" if p_value < SURE else "are not told apart"
     return (
-        f"This calibration and {name} {told} ({chance}). The one-cycle part goes from {size['before']:.2f} to "
+        f"This calibration and {name} {difference} ({chance}). The one-cycle part goes from {size['before']:.2f} to "
         f"{size['after']:.2f} degrees, by {size['difference']:+.2f} ± {2 * size['sigma']:.2f} (k = 2); {moved}."
     )

@@ -52,11 +52,11 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
     if mounting is None:
         _refuse_turned(found, where)
     constant = [] if mounting is not None else _constant(found, read, settings.get("declination_deg"))
-    doubts = [*constant, *_exchanged(read)]
+    misfits = [*constant, *_exchanged(read)]
     return replace(
         found,
-        details={**found.details, "doubts": doubts},
-        warnings=(*_left_out(int(np.sum(~known))), *found.warnings, *doubts, *_missing(rows)),
+        details={**found.details, "doubts": misfits},
+        warnings=(*_left_out(int(np.sum(~known))), *found.warnings, *misfits, *_missing(rows)),
     )
 
 

@@ -1,4 +1,22 @@
-"""Deviation curves: the published series and the exact compass, each with fit, inverse and uncertainty."""
+"""Deviation curves: the published series and the exact compass, each with fit, inverse and uncertainty.
+
+Two hundred hours of water that both instruments measure, the upper one under a compass with B = 0.3:
+
+>>> import numpy as np
+>>> from compasslib import deviation
+>>> from compasslib.core import angles, compass
+>>> from compasslib.core.records import Pairs
+>>> rng, n = np.random.default_rng(1), 200
+>>> correct, flow = rng.uniform(0.0, 360.0, n), rng.uniform(0.0, 360.0, n)
+>>> recorded = compass.recorded_heading(np.array([0.0, 0.3, 0.0, 0.0, 0.0]), correct)
+>>> upper = angles.sin_cos(flow + recorded - correct + rng.normal(0.0, 5.0, n))  # east and north, m/s
+>>> level, metres = np.zeros(n), np.full(n, 100.0)
+>>> hours = 3600.0 * np.arange(n)
+>>> pairs = Pairs(hours, recorded, level, level, *upper, *angles.sin_cos(flow), metres, metres + 8.0, level, level)
+>>> fit = deviation.fit("exact", pairs)
+>>> round(float(fit.coefficients[1]), 2), fit.folded
+(0.3, False)
+"""
 
 from __future__ import annotations
 
@@ -12,7 +30,7 @@ from compasslib.core.records import BAD, Pairs, Record
 from compasslib.deviation import exact, tilt, von_appen
 from compasslib.deviation.model import Fit, from_json
 
-__all__ = ["METHODS", "Fit", "denied", "described", "fit", "from_json", "told"]
+__all__ = ["METHODS", "Fit", "described", "fit", "from_json", "implausible", "log_line"]
 
 BEYOND = 5.0  # compass noises beyond the fold at which a reading is no noise any more
 MOST_SOFT, SURE_SIGMAS = 0.3, 2.0  # D and E together; spheres and frames induce a few per cent
@@ -63,7 +81,7 @@ def correctable_fraction(fit: Fit, record: Record) -> float:
     return float(np.isfinite(compass.inverse(coefficients, recorded)).any(axis=1).mean())
 
 
-def denied(fit: Fit, record: Record) -> str:
+def implausible(fit: Fit, record: Record) -> str:
     """Return why a model cannot be that of the instrument, nothing where it can.
 
     A reference whose components were exchanged or signed wrongly, or that is turned by a right angle, is water that no
@@ -114,12 +132,12 @@ def described(fit: Fit, record: Record) -> dict[str, Any]:
         fit: the model, perhaps without coefficients.
         record: the compromised instrument.
     """
-    said = tuple(sentence for sentence in (denied(fit, record),) if sentence)
+    said = tuple(sentence for sentence in (implausible(fit, record),) if sentence)
     fraction = correctable_fraction(fit, record)
     return fit.to_json() | {"correctable_fraction": fraction, "warnings": (*fit.warnings, *said)}
 
 
-def told(name: str, fit: Fit) -> str:
+def log_line(name: str, fit: Fit) -> str:
     """Return what the job says of its result."""
     if not fit.fitted:
         return f"{name}: no deviation fitted: {fit.why}"

@@ -53,7 +53,7 @@ FORM_PAIRS = 1500  # as many pairs, evenly taken, tell the forms apart; more onl
 def held_out_headings(pairs: Pairs, fit: Fit) -> Floats:
     """Return the corrected heading of each pair by a fit that has not seen its block, (n,) degrees, NaN where none.
 
-    The exact fit climbs anew from the whole one: which fold is the right one is taken as known. A calibration made
+    The exact fit starts from the whole one: which fold is the right one is taken as known. A calibration made
     elsewhere has seen no pair and stays as it is.
 
     Args:
@@ -197,7 +197,7 @@ def _left_by(pairs: Pairs) -> float:
     return angles.rms(np.nan_to_num(model.residual(fit, pairs), nan=UNRELATED_DEG))
 
 
-def told(name: str, verdict: dict[str, Any]) -> str:
+def log_line(name: str, verdict: dict[str, Any]) -> str:
     """Return what the job says of its result.
 
     Args:
@@ -213,7 +213,7 @@ def told(name: str, verdict: dict[str, Any]) -> str:
     return f"{line}\n{name}: warning: {verdict['refuted']}" if verdict["refuted"] else line
 
 
-def told_forms(name: str, compared: dict[str, Any] | None) -> str:
+def forms_line(name: str, compared: dict[str, Any] | None) -> str:
     """Return what the job says of its result.
 
     Args:

@@ -30,7 +30,7 @@ TIGHTEST = 300.0  # the water's grip on a step, as narrow as the cells resolve
 LEAP_SHARES = (0.003, 0.03)  # share of samples at which the heading starts anew
 PRECISION_DEG = 0.5  # assumed of a moored compass; an unfolded record cannot tell it from the water's scatter
 MERGED_DEG = 25.0  # roots nearer than this meet at a fold: one heading between them, not a choice
-BRANCHES_APART = 5.0  # widths of the scatter that two headings of one reading must be apart to be told by directions
+BRANCHES_APART = 5.0  # widths of the scatter between two headings of one reading that directions resolve
 FEWEST_SHOWN, SHARE_SHOWN = 200, 0.1  # pairs that show their branch, or share of a few
 LEARNING_SAMPLES = 2000
 CHUNK = 500  # samples whose evidence is laid out on the fine headings at a time
@@ -77,7 +77,7 @@ def undecided(decision: Decision, shown: int, pairs: int) -> Decision:
 
     Args:
         decision: made with these pairs.
-        shown: pairs that show on which branch they are, see ``telling``.
+        shown: pairs that show on which branch they are, see ``resolved``.
         pairs: all of them.
     """
     if shown >= min(FEWEST_SHOWN, SHARE_SHOWN * pairs):
@@ -88,7 +88,7 @@ def undecided(decision: Decision, shown: int, pairs: int) -> Decision:
     return replace(decision, sigma_deg=np.hypot(decision.sigma_deg, apart), probability=probability)
 
 
-def telling(roots_deg: Floats, width_deg: Floats) -> NDArray[np.bool_]:
+def resolved(roots_deg: Floats, width_deg: Floats) -> NDArray[np.bool_]:
     """Tell at which overlaps the directions show the branch: only one heading, or two far apart, (n,).
 
     Args:

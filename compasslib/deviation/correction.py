@@ -55,7 +55,7 @@ class Pieces:
 
 
 def correct(
-    record: Record, fit: Fit, field: EarthField, pairs: Pairs, at: Along | None = None, *, doubt_deg: float = 0.0
+    record: Record, fit: Fit, field: EarthField, pairs: Pairs, at: Along | None = None, *, unmodelled_deg: float = 0.0
 ) -> Corrected:
     """Return the corrected record; headings that cannot be corrected are NaN with flag 4.
 
@@ -64,23 +64,23 @@ def correct(
         fit: the deviation model, perhaps without coefficients.
         pairs: where the trusted instrument overlaps.
         at: the compass at each sample, where more acted on it than the fit holds.
-        doubt_deg: standard deviation of what the fit is known to lack, see ``doubt``.
+        unmodelled_deg: standard deviation of what the fit is known to lack, see ``unmodelled``.
     """
-    return _turned(record, _decided(record, fit, pairs, at, doubt_deg), field)
+    return _turned(record, _decided(record, fit, pairs, at, unmodelled_deg), field)
 
 
 def in_pieces(
-    record: Record, fit: Fit, field: EarthField, pairs: Pairs, at: Along | None = None, *, doubt_deg: float = 0.0
+    record: Record, fit: Fit, field: EarthField, pairs: Pairs, at: Along | None = None, *, unmodelled_deg: float = 0.0
 ) -> Pieces:
     """Return what ``correct`` does of the same arguments, in pieces along time: a decade's velocities fit in memory."""
-    return Pieces(record, _decided(record, fit, pairs, at, doubt_deg), field)
+    return Pieces(record, _decided(record, fit, pairs, at, unmodelled_deg), field)
 
 
-def _decided(record: Record, fit: Fit, pairs: Pairs, at: Along | None, doubt_deg: float) -> Decision:
+def _decided(record: Record, fit: Fit, pairs: Pairs, at: Along | None, unmodelled_deg: float) -> Decision:
     decision = headings(readings_of_record(record), fit, pairs, at)
-    doubt_deg = KNOWS_NOTHING_DEG if deviation.denied(fit, record) else doubt_deg
-    sigma = np.minimum(np.hypot(decision.sigma_deg, doubt_deg), KNOWS_NOTHING_DEG)
-    probability = np.minimum(decision.probability, 0.0) if doubt_deg >= KNOWS_NOTHING_DEG else decision.probability
+    unmodelled_deg = KNOWS_NOTHING_DEG if deviation.implausible(fit, record) else unmodelled_deg
+    sigma = np.minimum(np.hypot(decision.sigma_deg, unmodelled_deg), KNOWS_NOTHING_DEG)
+    probability = np.minimum(decision.probability, 0.0) if unmodelled_deg >= KNOWS_NOTHING_DEG else decision.probability
     return replace(decision, sigma_deg=sigma, probability=probability)
 
 
@@ -108,7 +108,7 @@ def _turned(record: Record, decision: Decision, field: EarthField) -> Corrected:
     )
 
 
-def doubt(refuted: bool, left_deg: float) -> float:
+def unmodelled(refuted: bool, left_deg: float) -> float:
     """Return the standard deviation of what a fit is known to lack, degrees.
 
     Args:
@@ -118,7 +118,7 @@ def doubt(refuted: bool, left_deg: float) -> float:
     return KNOWS_NOTHING_DEG if refuted else left_deg
 
 
-def told(name: str, product: Pieces) -> str:
+def log_line(name: str, product: Pieces) -> str:
     """Return what the job says of its result."""
     record, decision = product.record, product.decision
     recorded, corrected = np.isfinite(record.heading_deg), np.isfinite(decision.heading_deg)
@@ -150,7 +150,7 @@ def headings(readings: Readings, fit: Fit, pairs: Pairs, at: Along | None = None
         at = along.of_fit(fit, readings) if at is None else at
         seen, width, scatter = _overlaps(readings.time_s, fit, pairs)
         decision = branches.decide(readings, at, fit, seen, scatter)
-        shown = int(branches.telling(at.roots()[seen], width).sum())
+        shown = int(branches.resolved(at.roots()[seen], width).sum())
         decision = branches.undecided(decision, shown, len(pairs))
     parameters = von_appen.sigma(fit, decision.heading_deg) if at is None else at.sigma(decision.heading_deg)
     left_out = np.zeros(parameters.shape) if at is not None and at.tilted else _left_out_by_tilt(readings)

@@ -24,15 +24,20 @@ STRENGTHS = (0.0, 0.3, 0.6, 0.85, 1.1, 1.35, 1.7, 2.2)  # hard iron over the ear
 DIRECTIONS_DEG = np.arange(0.0, 360.0, 22.5)
 START_PAIRS, START_COUNT, START_KEPT, START_ROUNDS = 900, 5, 2, 2
 START_NOISE, START_COMPASS_DEG = Noise(floor_deg=10.0, slow_deg_m_s=2.0, outliers=0.02), 6.0
-ROUNDS, CLIMB_STEPS, NOISE_PAIRS = 2, 40, 1000
+ROUNDS, STEPS, NOISE_PAIRS = 2, 40, 1000
 # Weak beliefs that only matter where the record says nothing: centre and width of A..E and log(compass noise / degree).
-BELIEF_CENTRE = np.zeros(6)
-BELIEF_WIDTH = np.array([0.5, 1.5, 1.5, 0.3, 0.3, 0.15])
+PRIOR_CENTRE = np.zeros(6)
+PRIOR_WIDTH = np.array([0.5, 1.5, 1.5, 0.3, 0.3, 0.15])
 HARD_IRON_FIRST = np.array([0.02, 1.5, 1.5, 0.02, 0.02, 0.3])  # the same while a start finds its fold
 # |D|, |E| under |u| keeps the induced part from turning the field round, which no iron near an instrument does. The
 # grids resolve no less compass noise than the last.
 PARAMETER_BOUNDS = np.array([(-np.inf, np.inf)] * 3 + [(-0.6, 0.6)] * 2 + [(np.log(0.8), np.log(8.0))])
 PRIOR_SMOOTHING_DEG, PRIOR_FLOOR = 12.0, 0.1
+# The cells resolve no less than these: log(floor), log(slow part), logit(outliers).
+NOISE_BOUNDS = np.array([(np.log(CELL_DEG), np.log(90.0)), (np.log(0.05), np.log(50.0)), (-9.0, 2.0)])
+NOISE_PRIOR = np.array([np.log(8.0), np.log(2.5), -4.0])  # weak, of width 1
+NOISE_STEPS = 15
+POWER = (FREEDOM + 1.0) / 2.0  # of Student's t: three
 
 
 def fit(pairs: Pairs, near: Fit | None = None) -> Fit:
@@ -40,12 +45,12 @@ def fit(pairs: Pairs, near: Fit | None = None) -> Fit:
 
     Args:
         pairs: overlapping measurements.
-        near: a fit to climb from, where the right fold is known already.
+        near: a fit to start from, where the right fold is known already.
     """
     if len(pairs) < model.FEWEST_PAIRS:
         return model.too_few("exact", len(pairs))
     overlap = _overlap(pairs)
-    return _described(_climbed(overlap, EXACT, near), pairs, overlap)
+    return _described(_maximised(overlap, EXACT, near), pairs, overlap)
 
 
 def held_out_scores(form: Form, pairs: Pairs, fold: NDArray[np.signedinteger], near: Fit | None = None) -> Floats:
@@ -54,7 +59,7 @@ def held_out_scores(form: Form, pairs: Pairs, fold: NDArray[np.signedinteger], n
     Args:
         pairs: overlapping measurements.
         fold: number of the fold that each pair belongs to, (n,).
-        near: a fit of the same form to all pairs, to climb from.
+        near: a fit of the same form to all pairs, to start from.
     """
     overlap, scores = _overlap(pairs), np.empty(len(pairs))
     whole = _start(overlap, form) if near is None else _at(near)
@@ -68,7 +73,7 @@ def held_out_scores(form: Form, pairs: Pairs, fold: NDArray[np.signedinteger], n
     return scores
 
 
-def _climbed(overlap: _Overlap, form: Form, near: Fit | None) -> _State:
+def _maximised(overlap: _Overlap, form: Form, near: Fit | None) -> _State:
     state = _start(overlap, form) if near is None else _at(near)
     for _ in range(ROUNDS):
         state = _improve(state, overlap, FINE, form)
@@ -116,7 +121,7 @@ class _Overlap:
 
 @dataclass(frozen=True)
 class _State:
-    """Where a climb stands."""
+    """Where a search for the maximum stands."""
 
     parameters: Floats  # A..E and log(compass noise / degree)
     noise: Noise
@@ -127,7 +132,7 @@ class _State:
 def _start(overlap: _Overlap, form: Form) -> _State:
     """Climb from the best of many strengths and directions of the iron, on the pairs whose directions say most.
 
-    The scatter is fitted anew for each climb before they are compared: under too wide a scatter a fold blurs and a
+    The scatter is fitted anew for each maximum before they are compared: under too wide a scatter a fold blurs and a
     wrong compass looks as good as the right one.
     """
     width = overlap.width_deg(START_NOISE)
@@ -149,17 +154,17 @@ def _at(fit: Fit) -> _State:
     return _State(np.append(fit.coefficients, np.log(fit.noise.compass_deg)), fit.noise, fit.heading_density)
 
 
-def _improve(state: _State, overlap: _Overlap, grid: Grid, form: Form, belief: Floats = BELIEF_WIDTH) -> _State:
+def _improve(state: _State, overlap: _Overlap, grid: Grid, form: Form, prior_width: Floats = PRIOR_WIDTH) -> _State:
     """Climb with the scatter held, then fit the scatter and the headings' distribution with the compass held."""
     data = overlap.sample(state.noise, grid, form)
-    parameters, loss = _climb(state.parameters, data, state.prior, grid, belief)
+    parameters, loss = _maximise(state.parameters, data, state.prior, grid, prior_width)
     prior = smoothed(likelihood.occupancy(parameters, data, state.prior, grid))
     return _State(parameters, _fit_noise(state.noise, overlap, parameters, prior, form), prior, loss)
 
 
 def _described(state: _State, pairs: Pairs, overlap: _Overlap) -> Fit:
     data = overlap.sample(state.noise, FINE, EXACT)
-    parameters, _ = _climb(state.parameters, data, state.prior, FINE)
+    parameters, _ = _maximise(state.parameters, data, state.prior, FINE)
     noise = replace(state.noise, compass_deg=float(np.exp(parameters[5])))
     scores = likelihood.scores(parameters, data, state.prior, FINE)[:, :5]
     bare = Fit("exact", len(pairs), parameters[:5], noise=noise)
@@ -169,7 +174,7 @@ def _described(state: _State, pairs: Pairs, overlap: _Overlap) -> Fit:
     effective = autocorrelation.effective_number(standard[known], pairs.time_s[known])
     return replace(
         bare,
-        covariance=spread.covariance(scores, BELIEF_WIDTH[:5] ** -2.0, bare, pairs, effective),
+        covariance=spread.covariance(scores, PRIOR_WIDTH[:5] ** -2.0, bare, pairs, effective),
         n_effective=effective,
         residual_rms_deg=angles.rms(left),
         recorded_range_deg=compass.recorded_range(parameters[:5]),
@@ -185,23 +190,23 @@ def _iron(strength: float, towards_deg: float) -> Floats:
 
 
 def _penalised(
-    parameters: Floats, data: Sample, prior: Floats, grid: Grid, belief: Floats = BELIEF_WIDTH
+    parameters: Floats, data: Sample, prior: Floats, grid: Grid, prior_width: Floats = PRIOR_WIDTH
 ) -> tuple[float, Floats]:
-    """Return minus the log-likelihood and the weak beliefs' part, with gradient."""
+    """Return minus the log-likelihood and the weak priors' part, with gradient."""
     value, slopes = likelihood.value_and_gradient(parameters, data, prior, grid)
-    pull = (parameters - BELIEF_CENTRE) / belief
-    return -value + 0.5 * float(pull @ pull), -slopes + pull / belief
+    pull = (parameters - PRIOR_CENTRE) / prior_width
+    return -value + 0.5 * float(pull @ pull), -slopes + pull / prior_width
 
 
-def _climb(
-    parameters: Floats, data: Sample, prior: Floats, grid: Grid, belief: Floats = BELIEF_WIDTH
+def _maximise(
+    parameters: Floats, data: Sample, prior: Floats, grid: Grid, prior_width: Floats = PRIOR_WIDTH
 ) -> tuple[Floats, float]:
     def loss(at: Floats) -> tuple[float, Floats]:
-        return _penalised(at, data, prior, grid, belief)
+        return _penalised(at, data, prior, grid, prior_width)
 
     scores = likelihood.scores(parameters, data, prior, grid)
-    curvature = scores.T @ scores + np.diag(belief**-2.0)
-    return bfgs.minimise(loss, parameters, PARAMETER_BOUNDS, CLIMB_STEPS, curvature)
+    curvature = scores.T @ scores + np.diag(prior_width**-2.0)
+    return bfgs.minimise(loss, parameters, PARAMETER_BOUNDS, STEPS, curvature)
 
 
 def smoothed(mass: Floats) -> Floats:
@@ -226,12 +231,6 @@ def _fit_noise(near: Noise, overlap: _Overlap, parameters: Floats, prior: Floats
 
 # The scatter of directions fitted with the compass held: its floor, what slow water adds, the outliers.
 
-# The cells resolve no less than these: log(floor), log(slow part), logit(outliers).
-BOUNDS = np.array([(np.log(CELL_DEG), np.log(90.0)), (np.log(0.05), np.log(50.0)), (-9.0, 2.0)])
-BELIEF = np.array([np.log(8.0), np.log(2.5), -4.0])  # weak, of width 1
-STEPS = 15
-POWER = (FREEDOM + 1.0) / 2.0  # of Student's t: three
-
 
 @dataclass(frozen=True)
 class Seen:
@@ -252,11 +251,11 @@ def fit_noise(seen: Seen, near: Noise) -> Noise:
 
     def loss(x: Floats) -> tuple[float, Floats]:
         value, slope = log_likelihood(x, seen)
-        off = x - BELIEF
+        off = x - NOISE_PRIOR
         return 0.5 * float(off @ off) - value, off - slope
 
     start = [np.log(near.floor_deg), np.log(near.slow_deg_m_s), np.log(near.outliers / (1.0 - near.outliers))]
-    return _noise(bfgs.minimise(loss, np.array(start), BOUNDS, STEPS)[0])
+    return _noise(bfgs.minimise(loss, np.array(start), NOISE_BOUNDS, NOISE_STEPS)[0])
 
 
 def log_likelihood(x: Floats, seen: Seen) -> tuple[float, Floats]:
@@ -278,9 +277,9 @@ def log_likelihood(x: Floats, seen: Seen) -> tuple[float, Floats]:
     whole, agreeing = density.sum(axis=1), np.einsum("nc,nc->n", seen.given, density)
     density *= ratio
     by_width = 2.0 * POWER * (agreeing * density.sum(axis=1) / whole - np.einsum("nc,nc->n", seen.given, density))
-    told = (1.0 - noise.outliers) / (CELL_DEG * whole)
-    joint = told * agreeing + noise.outliers / 360.0
-    by_width *= told / joint * (width < 360.0) / width**2  # capped at a full turn
+    scale = (1.0 - noise.outliers) / (CELL_DEG * whole)
+    joint = scale * agreeing + noise.outliers / 360.0
+    by_width *= scale / joint * (width < 360.0) / width**2  # capped at a full turn
     by_outliers = (noise.outliers / 360.0 - noise.outliers * agreeing / (CELL_DEG * whole)) * (1.0 - noise.outliers)
     floor = noise.floor_deg**2
     slope = [np.sum(by_width) * floor, np.sum(by_width * (width**2 - floor)), np.sum(by_outliers / joint)]

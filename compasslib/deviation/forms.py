@@ -1,6 +1,6 @@
 """Three forms of a deviation curve behind one face: one likelihood fits them all, so they compare on equal terms.
 
-The coefficients are dimensionless in every form (radians in the series), so that the same starts and beliefs serve.
+The coefficients are dimensionless in every form (radians in the series), so that the same starts and priors serve.
 """
 
 from __future__ import annotations

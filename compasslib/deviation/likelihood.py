@@ -31,6 +31,8 @@ UNPREDICTED = 1e-5  # e0, density per degree of recorded headings that the model
 REACH = 8.0  # of the compass's noise; beyond, its density is 1e-14 of its peak and far below e0
 
 CELL_CENTRES = CELL_DEG * np.arange(CELLS)
+Indices = NDArray[np.intp]
+PAIRS_A_BLOCK = 8  # rows that are multiplied at once; a bin's last block is filled up
 
 
 @dataclass(frozen=True)
@@ -289,10 +291,6 @@ def widths(noise: Noise, upper_speed: Floats, lower_speed: Floats) -> Floats:
 # Sums of the likelihood without its zeros: few correct headings can have made a recorded one, pairs share a bin.
 #
 # A compass's noise of 1 degree reaches a twentieth of the circle. Only those cells are laid out, as a list.
-
-Indices = NDArray[np.intp]
-
-PAIRS_A_BLOCK = 8  # rows that are multiplied at once; a bin's last block is filled up
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ MOST_A_DAY, LAYER_M = 4.0, 20.0
 OCTANTS = 8
 # Gradient by a dimensionless coefficient: of a direction known to a degree it is 60. Where the iron's field cancels
 # the earth's the compass turns round at once, the gradient has no bound, and one pair would settle all coefficients.
-MOST_TOLD = 1e3
+STEEPEST = 1e3
 # Correlation of the veer with the heading's own excursions. The wake locks the heading to water that is itself sheared
 # across the sphere; simulated moorings show 0.03 to 0.1, and no record can tell that part from iron. Assumed.
 WAKE_LOCKED_VEER = 0.05
@@ -36,11 +36,11 @@ def covariance(scores: Floats, precision: Floats, fit: Fit, pairs: Pairs, effect
 
     Args:
         scores: each pair's gradient of the log-likelihood, (n, p).
-        precision: of the weak beliefs, (p,).
+        precision: of the weak priors, (p,).
         fit: coefficients and noise of the exact compass.
         pairs: overlapping measurements, n of them.
     """
-    scores = np.clip(scores, -MOST_TOLD, MOST_TOLD)
+    scores = np.clip(scores, -STEEPEST, STEEPEST)
     information = scores.T @ scores + np.diag(precision)
     along_time = _jackknife(scores, information, pairs, effective)
     inverse = np.linalg.inv(information)

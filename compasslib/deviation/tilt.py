@@ -20,7 +20,7 @@ from compasslib.deviation import exact, model, spread
 from compasslib.deviation.model import Fit
 
 STEPS = 8
-HEELING_BELIEF = 0.5  # width of the weak belief in K: vertical iron of half the horizontal field
+HEELING_PRIOR = 0.5  # width of the weak prior of K: vertical iron of half the horizontal field
 
 
 def coefficients_at(level: Floats, heeling: float, dip_ratio: float, pitch_deg: Floats, roll_deg: Floats) -> Floats:
@@ -77,7 +77,7 @@ def jacobian(fit: Fit, pitch_deg: Floats, roll_deg: Floats) -> Floats:
 
 
 def fit(pairs: Pairs, level: Fit, dip_ratio: float) -> Fit:
-    """Return the compass with heeling that best explains the pairs, climbing from the level one.
+    """Return the compass with heeling that best explains the pairs, starting from the level one.
 
     Args:
         pairs: overlapping measurements with pitch and roll.
@@ -86,7 +86,7 @@ def fit(pairs: Pairs, level: Fit, dip_ratio: float) -> Fit:
     """
     at = np.append(level.coefficients, 0.0)
     value, scores = _scores(at, pairs, level, dip_ratio)
-    precision = np.append(exact.BELIEF_WIDTH[:5] ** -2.0, HEELING_BELIEF**-2.0)
+    precision = np.append(exact.PRIOR_WIDTH[:5] ** -2.0, HEELING_PRIOR**-2.0)
     for _ in range(STEPS):
         step = np.linalg.solve(scores.T @ scores + np.diag(precision), scores.sum(axis=0) - precision * at)
         tried, (better, new) = at + step, _scores(at + step, pairs, level, dip_ratio)

@@ -37,47 +37,24 @@ class Carried:
     warning: str  # a sentence where the two differ or the field is too weak, else empty
 
 
-def carry(
-    coefficients: ArrayLike, covariance: ArrayLike, home: Place, away: Place, hard: float | None = None
-) -> Carried:
+def carry(coefficients: ArrayLike, covariance: ArrayLike, home: Place, away: Place) -> Carried:
     """Return coefficients calibrated at one place as they are at another.
+
+    How much of B and C hard iron makes is unknown: the middle between all and none is taken, and half their distance is
+    a uniform uncertainty.
 
     Args:
         coefficients: A..E of the exact compass at home, dimensionless, (5,).
         covariance: their covariance, (5, 5).
         away: field at the deployment.
-        hard: share of B and C that hard iron makes, 0 to 1, where it is known (see ``hard_share``); else the middle
-            between the two extremes is taken and half their distance is added as a uniform uncertainty.
     """
-    given = np.asarray(coefficients, dtype=float)
+    given, semicircular = np.asarray(coefficients, dtype=float), np.isin(np.arange(5), SEMICIRCULAR)
     as_hard, as_induced = _ratios(home, away)
-    grows = np.isin(np.arange(5), SEMICIRCULAR)
-    all_hard, all_induced = (np.where(grows, given * ratio, given) for ratio in (as_hard, as_induced))
-    share = 0.5 if hard is None else hard
-    scale = np.ones(5)
-    scale[list(SEMICIRCULAR)] = share * as_hard + (1.0 - share) * as_induced
-    spread = np.zeros(5) if hard is not None else np.abs(all_hard - all_induced) / np.sqrt(12.0)
-    carried_covariance = np.asarray(covariance, dtype=float) * np.outer(scale, scale) + np.outer(spread, spread)
-    warning = _warning(all_hard, all_induced, away, hard)
-    return Carried(given * scale, carried_covariance, all_hard, all_induced, warning)
-
-
-def hard_share(first: ArrayLike, at_first: Place, second: ArrayLike, at_second: Place) -> Floats:
-    """Return the share of B and C that hard iron makes at the first place, from calibrations at two, (2,).
-
-    Args:
-        first: A..E at the first place, (5,).
-        second: A..E at the second place, (5,).
-
-    Raises:
-        ValueError: the dip is the same at both places, which tells nothing.
-    """
-    as_hard, as_induced = _ratios(at_first, at_second)
-    if abs(as_hard - as_induced) < 0.05:
-        raise ValueError("both places have nearly the same dip: hard and induced iron cannot be told apart")
-    b = np.asarray(first, dtype=float)[list(SEMICIRCULAR)]
-    grown = np.asarray(second, dtype=float)[list(SEMICIRCULAR)]
-    return (grown - as_induced * b) / ((as_hard - as_induced) * b)
+    all_hard, all_induced = (np.where(semicircular, given * ratio, given) for ratio in (as_hard, as_induced))
+    scale = np.where(semicircular, 0.5 * as_hard + 0.5 * as_induced, 1.0)
+    spread = np.abs(all_hard - all_induced) / np.sqrt(12.0)
+    carried = np.asarray(covariance, dtype=float) * np.outer(scale, scale) + np.outer(spread, spread)
+    return Carried(given * scale, carried, all_hard, all_induced, _warning(all_hard, all_induced, away))
 
 
 def _ratios(home: Place, away: Place) -> tuple[float, float]:
@@ -86,11 +63,11 @@ def _ratios(home: Place, away: Place) -> tuple[float, float]:
     return by_strength, by_strength * away.vertical_nT / home.vertical_nT
 
 
-def _warning(all_hard: Floats, all_induced: Floats, away: Place, hard: float | None) -> str:
+def _warning(all_hard: Floats, all_induced: Floats, away: Place) -> str:
     if away.horizontal_nT < WEAKEST_NT:
         return f"the horizontal field is {away.horizontal_nT:.0f} nT; below {WEAKEST_NT:.0f} nT no correction holds"
     apart = float(np.hypot(*(all_hard - all_induced)[list(SEMICIRCULAR)]))
-    if hard is not None or apart < 0.01:
+    if apart < 0.01:
         return ""
     return (
         f"B and C may be {np.round(all_hard[[1, 2]], 3).tolist()} (all hard iron) or "

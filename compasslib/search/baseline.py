@@ -148,7 +148,7 @@ def _residual(case: Case, simulation: Simulation, nuisance: Floats) -> tuple[Flo
     heading = model.nearest_root(roots, shown)
     slope = np.maximum(np.abs(composition.steepness(simulation, case.scene, heading)), composition.FLATTEST)
     # Where a folded compass leaves two headings close together, the nearer one to a noisy direction is no residual.
-    heading = np.where(branches.telling(roots, case.expected_deg), heading, np.nan)
+    heading = np.where(branches.resolved(roots, case.expected_deg), heading, np.nan)
     return heading, angles.difference(shown, heading), case.precision_deg / slope
 
 

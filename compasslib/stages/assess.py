@@ -32,4 +32,4 @@ def run(
     plain = product.plain(made_by, both, own, along, covariates.logged(own, observatory))
     verdict = assessments.assess(both, made_by.fit, plain)
     netcdf.write_json(assessment, verdict)
-    say(assessments.told(mooring, verdict))
+    say(assessments.log_line(mooring, verdict))

@@ -38,4 +38,4 @@ def run(
     made = calibrations.calibrate(kind, raw, settled)
     page = content.described(name, made, settled, archive.named(earlier)) | provenance.stamp(raw)
     archive.write(page=page, made=made, calibration=calibration, table=table, points=points)
-    say(content.told(page))
+    say(content.log_line(page))

@@ -22,4 +22,4 @@ def run(
     elsewhere = netcdf.read_json(calibration)
     carried = at_mooring.carried(elsewhere, there, own, netcdf.read_pairs(pairs))
     netcdf.write_json(fit, deviation.described(carried, own) | at_mooring.origin(elsewhere, there))
-    say(deviation.told(mooring, carried))
+    say(deviation.log_line(mooring, carried))

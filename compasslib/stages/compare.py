@@ -14,4 +14,4 @@ def run(mooring: str, *, pairs: str, deviation: str, forms: str, say: Callable[[
     made_by = product.from_json(netcdf.read_json(deviation))
     compared = assessment.compare_forms(netcdf.read_pairs(pairs), made_by.fit)
     netcdf.write_json(forms, {"forms": compared})
-    say(assessment.told_forms(mooring, compared))
+    say(assessment.forms_line(mooring, compared))

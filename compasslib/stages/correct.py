@@ -39,8 +39,8 @@ def run(
     own, along = netcdf.read_record(record), earthfield.from_json(netcdf.read_json(field))
     made_by = product.from_json(netcdf.read_json(deviation))
     at = product.along(made_by, own, along, covariates.logged(own, observatory))
-    doubt_deg = correction.doubt(bool(netcdf.read_json(assessment)["refuted"]), made_by.left_deg)
-    made = correction.in_pieces(own, made_by.fit, along, netcdf.read_pairs(pairs), at, doubt_deg=doubt_deg)
+    unmodelled_deg = correction.unmodelled(bool(netcdf.read_json(assessment)["refuted"]), made_by.left_deg)
+    made = correction.in_pieces(own, made_by.fit, along, netcdf.read_pairs(pairs), at, unmodelled_deg=unmodelled_deg)
     netcdf.write_corrected(
         corrected,
         made,
@@ -48,4 +48,4 @@ def run(
         attributes=attributes,
         processing=provenance.processing(made_by, along, sources),
     )
-    say(correction.told(mooring, made))
+    say(correction.log_line(mooring, made))

@@ -20,4 +20,4 @@ def run(
     dip_ratio = tilt * earthfield.dip_ratio(earthfield.from_json(netcdf.read_json(field)))
     fitted = deviation.fit(method, netcdf.read_pairs(pairs), dip_ratio=dip_ratio)
     netcdf.write_json(fit, deviation.described(fitted, netcdf.read_record(record, velocities=False)))
-    say(deviation.told(mooring, fitted))
+    say(deviation.log_line(mooring, fitted))

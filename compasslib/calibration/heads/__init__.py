@@ -75,7 +75,7 @@ def compare(a: Record, b: Record, settings: Mapping[str, Any]) -> Calibration:
         n = min(len(first.time_s), len(second.time_s))
         return _nothing(0, f"the two heads share no time with {FEWEST} usable samples of each ({n} usable)", said)
     fixed = settings.get("clock_offset_seconds")
-    clock = heads_clock.find(first, second, farthest) if fixed is None else told_clock(second, float(fixed))
+    clock = heads_clock.find(first, second, farthest) if fixed is None else given_clock(second, float(fixed))
     compared = together(first, second, clock)
     if len(compared) < FEWEST:
         why = f"{len(compared)} samples of both heads at the same time, at least {FEWEST} are needed"
@@ -115,7 +115,7 @@ def overlap(a: Motion, b: Motion, farthest: float) -> bool:
     return bool(max(a.time_s[0], b.time_s[0] - farthest) < min(a.time_s[-1], b.time_s[-1] + farthest))
 
 
-def told_clock(b: Motion, offset_s: float) -> Clock:
+def given_clock(b: Motion, offset_s: float) -> Clock:
     """Return a clock of b that is known to be off by so many seconds."""
     middle = float(b.time_s[0] + b.time_s[-1]) / 2.0
     return Clock(offset_s=offset_s, sigma_s=heads_clock.RESOLUTION_S, middle_s=middle)

@@ -57,12 +57,12 @@ def fit(time_s: Floats, lean_a: Complexes, lean_b: Complexes) -> Frame:
     proper, mirrored, variation = _correlations(lean_a, lean_b)
     rms = float(np.sqrt(np.mean(residual**2)))
     verdict, text = _verdict(rms, variation, proper, mirrored, residual, blocks(time_s, STRETCHES))
-    told = variation >= STILL_DEG and verdict in ("rigid", "doubtful")
+    determined = variation >= STILL_DEG and verdict in ("rigid", "doubtful")
     return Frame(
         rotation=rotation,
         residual_deg=residual,
         offset_deg=offset,
-        offset_sigma_deg=sigma if told else float("nan"),
+        offset_sigma_deg=sigma if determined else float("nan"),
         rms_deg=rms,
         variation_deg=variation,
         correlation=max(proper, mirrored),
@@ -176,9 +176,9 @@ def _verdict(
             f"correlation {proper:.2f}): the heads do not stand on one rigid frame, or a tilt sensor is broken."
         )
     worst = max(float(np.sqrt(np.mean(residual[stretch == k] ** 2))) for k in np.unique(stretch))
-    told = (
+    rotation = (
         f"One rotation takes a's tilts to b's; {rms:.2f}° rms is left of {variation:.2f}° (worst stretch {worst:.2f}°)"
     )
     if rms <= RIGID_DEG and worst <= LOOSE_DEG:
-        return "rigid", told + ": the frame is rigid as far as inclinometers tell."
-    return "doubtful", told + ": more than two good inclinometers differ by."
+        return "rigid", rotation + ": the frame is rigid as far as inclinometers tell."
+    return "doubtful", rotation + ": more than two good inclinometers differ by."

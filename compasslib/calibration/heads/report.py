@@ -60,15 +60,15 @@ def details(pairs: Compared, clock: Clock, frame: Frame, series: Series, offset:
 
 def _offsets(frame: Frame, series: Series, offset: float) -> dict[str, float | None]:
     constant, sigma = _constant(frame, series, offset)
-    told = bool(np.isfinite(frame.offset_sigma_deg))
+    known = bool(np.isfinite(frame.offset_sigma_deg))
     return {
         "offset_deg": offset,
         "offset_sigma_deg": float(np.sqrt(series.covariance[0, 0])),
         "offset_sampling_sigma_deg": float(np.sqrt(series.sampling[0, 0])),
-        "offset_from_tilts_deg": frame.offset_deg if told else None,
-        "offset_from_tilts_sigma_deg": frame.offset_sigma_deg if told else None,
-        "constant_difference_deg": constant if told else None,
-        "constant_difference_sigma_deg": sigma if told else None,
+        "offset_from_tilts_deg": frame.offset_deg if known else None,
+        "offset_from_tilts_sigma_deg": frame.offset_sigma_deg if known else None,
+        "constant_difference_deg": constant if known else None,
+        "constant_difference_sigma_deg": sigma if known else None,
     }
 
 
@@ -193,14 +193,14 @@ def _of_constant(frame: Frame, series: Series, offset: float) -> list[str]:
 def _of_sampling(pairs: Compared, clock: Clock, series: Series) -> list[str]:
     gain = f"{clock.drift_s_per_day:+.2f} ± {clock.drift_sigma_s_per_day:.2f} s a day"
     spikes = int(np.sum(~series.kept))
-    told = {
+    sentences = {
         f"b's clock gains {gain} on a's; that was taken out": clock.drift_applied,
         f"the differences follow each other: {series.n_effective:.0f} of {len(pairs)} count, and the uncertainty rests "
         f"on {series.stretches} stretches": series.stretches == LEAST_STRETCHES,
         f"{spikes} of {len(pairs)} differences are spikes and were left out": spikes > 0,
         "the heads sample too rarely for a clock error of seconds to be seen": step(pairs.time_s) > RARE_S,
     }
-    return [sentence for sentence, holds in told.items() if holds]
+    return [sentence for sentence, holds in sentences.items() if holds]
 
 
 def _slip(time_s: Floats, series: Series) -> list[str]:

@@ -200,11 +200,11 @@ def _refused(terms: int, covered: NDArray[np.bool_], inflation: dict[int, Floats
     if terms == max(SETS):
         return ""
     worst = {k: float(inflation[k].max()) for k in SETS}
-    told = {k: f"{w:.0f} times" if w < 1e4 else "more than 10,000 times" for k, w in worst.items()}
+    times = {k: f"{w:.0f} times" if w < 1e4 else "more than 10,000 times" for k, w in worst.items()}
     where = f"the headings cover {int(covered.sum())} of {SECTORS} sectors ({stretches_deg(covered)})"
-    five = f"a fit of {SETS[5]} would make a coefficient's variance {told[5]} that of the full circle"
+    five = f"a fit of {SETS[5]} would make a coefficient's variance {times[5]} that of the full circle"
     limit = f"{MOST_INFLATION:.0f} times is allowed"
     if terms == 3:
         return f"D and E are refused: {where}; {five}, {limit}"
-    three = f"one of {SETS[3]} {told[3]}"
+    three = f"one of {SETS[3]} {times[3]}"
     return f"B, C, D and E are refused: {where}; {five} and {three}, {limit}"

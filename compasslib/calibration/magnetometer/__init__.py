@@ -76,16 +76,16 @@ def _described(
     known = bool(np.isfinite(exact).all())
     folded = known and not compass.turns_full_circle(exact)
     recorded, _ = solved.headings()
-    doubts = report.doubts(solved)
+    misfits = report.misfits(solved)
     return Calibration(
         kind=KIND,
         model=solved.fitted.model.name,
         n=len(solved.log.raw),
         coverage=len(np.unique(recorded // SECTOR_DEG)),
         points=report.points(solved),
-        details={**report.details(solved, field), "doubts": doubts},
+        details={**report.details(solved, field), "doubts": misfits},
         why=FOLDED if folded else "" if known else NO_DIP,
-        warnings=(*warnings, *report.warnings(solved, field, columns), *doubts),
+        warnings=(*warnings, *report.warnings(solved, field, columns), *misfits),
         **(_correction(solved, exact, folded=folded) if known else {}),
     )
 

@@ -32,6 +32,8 @@ LEAST_TURN = 0.9  # mean resultant length above which logged headings say nothin
 COSINES = "The axes are direction cosines: the field's strength, which would show iron, is gone."
 NAMES = ("forward", "starboard", "down")
 OPPOSITES = ("aft", "port", "up")
+HEADERS = {"x": "HX", "y": "HY", "z": "HZ", "pitch_deg": "TX", "roll_deg": "TY", "heading_deg": "HDNG"}
+PLACES = {role: files.COLUMNS.index(header) for role, header in HEADERS.items()}
 
 
 @dataclass(frozen=True)
@@ -244,8 +246,8 @@ def axes(log: Log) -> tuple[Axes, list[str]]:
         return assumed, [f"The logged heading does not follow the axes (scatter {scatter:.0f}°). {_text(np.eye(3))}."]
     text = _text(best) + " (from the logged heading)"
     if scatter > ALIKE_DEG:
-        told = f"The logged heading is not that of the raw axes (scatter {scatter:.1f}°): it is levelled or corrected."
-        return Axes(best, text), [f"{told} Coefficients here are for the heading of the raw axes."]
+        said = f"The logged heading is not that of the raw axes (scatter {scatter:.1f}°): it is levelled or corrected."
+        return Axes(best, text), [f"{said} Coefficients here are for the heading of the raw axes."]
     sigma = scatter / np.sqrt(min(len(log.raw), FEWEST))  # neighbours in time share their error
     return Axes(about_down(off) @ best, text, off, sigma), []
 
@@ -288,9 +290,6 @@ def _text(matrix: Floats) -> str:
 
 
 # The compass of a Falmouth 3D-ACM as a magnetometer's log: direction cosines, tilts and the heading that it logged.
-
-HEADERS = {"x": "HX", "y": "HY", "z": "HZ", "pitch_deg": "TX", "roll_deg": "TY", "heading_deg": "HDNG"}
-PLACES = {role: files.COLUMNS.index(header) for role, header in HEADERS.items()}
 
 
 def read_acm(paths: Sequence[Path], withhold: Collection[str]) -> Log:

@@ -25,6 +25,9 @@ RESTLESS_PERCENT = 5.0  # of the modulus, that a compass with iron fixed to it l
 UNLIKE = 1.4  # of the field along the best and the worst axis; sensors differ by a quarter, iron by less
 TURNS = ("forward", "starboard", "vertical")
 OPEN_TURN = "an ellipsoid is the same however the sensor is turned; only tilts and a logged heading show it"
+OFF = 0.12  # sensor's scale, crust and day are within; of arbitrary scales one in nine agrees by chance
+NANOTESLA = {"nT": 1.0, "uT": 1e3, "µT": 1e3, "mT": 1e6, "mG": 100.0, "G": 1e5, "Gauss": 1e5}
+_SUFFIX = re.compile(rf"[_ .\[(]({'|'.join(NANOTESLA)})[\])]?$")
 
 
 def points(solved: Solved) -> dict[str, Floats]:
@@ -173,8 +176,8 @@ def warnings(solved: Solved, field: Field, columns: Mapping[str, str]) -> list[s
     return held + sentences(size, _strength(solved, field), what, columns)
 
 
-def doubts(solved: Solved) -> list[str]:
-    """Return what iron that is fixed to a compass does not make: its coefficients stand in doubt."""
+def misfits(solved: Solved) -> list[str]:
+    """Return what iron that is fixed to a compass does not make: its coefficients are suspect."""
     left, seen = _residuals(solved)["after"], 2 if solved.choice.level else 3
     strengths = np.linalg.svd(solved.soft(solved.iron)[:seen, :seen], compute_uv=False)
     said = []
@@ -225,10 +228,6 @@ def _tilt_sources(solved: Solved) -> tuple[Source, ...]:
 #
 # A file need not say its unit, and the units of a magnetic field differ by powers of ten: without iron the modulus must
 # be IGRF's in one of them. Headers such as ``mag_x_nT`` say which.
-
-OFF = 0.12  # sensor's scale, crust and day are within; of arbitrary scales one in nine agrees by chance
-NANOTESLA = {"nT": 1.0, "uT": 1e3, "µT": 1e3, "mT": 1e6, "mG": 100.0, "G": 1e5, "Gauss": 1e5}
-_SUFFIX = re.compile(rf"[_ .\[(]({'|'.join(NANOTESLA)})[\])]?$")
 
 
 def sentences(modulus: float, strength_nT: float, what: str, columns: Mapping[str, str]) -> list[str]:

@@ -13,11 +13,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from compasslib.calibration.result import LETTERS, Calibration, Source
-from compasslib.calibration.swing import cardinal as swing_cardinal
-from compasslib.calibration.swing import data, model, nullify, words
+from compasslib.calibration.result import Calibration, Source
+from compasslib.calibration.swing import cardinal, data, model, nullify, words
 from compasslib.calibration.swing.data import Observations, Options
 from compasslib.calibration.swing.fit import Solution
 from compasslib.calibration.swing.model import COURSE, SERIES, Swing
@@ -42,13 +40,14 @@ DELAY = (
     "delay of the course behind the compass",
     "anything up to the longest that is believed, less what the swing tells",
 )
-BELIEFS = {
+PRIORS = {
     model.DECLINATION: ("declination", "as given, or error of the world model at this field strength"),
     **dict.fromkeys((model.EAST, model.NORTH, model.EAST_CHANGE, model.NORTH_CHANGE), WATER),
     model.LAG: DELAY,
     model.LOG: ("scale of the ship's log", "0.1, normal, less what the swing tells"),
 }
 NOTHING = 1e-12
+UNIX_EPOCH_IN_EPHEM_DAYS = 25567.5  # days from its zero, noon of 31 December 1899
 
 
 def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calibration:
@@ -152,16 +151,16 @@ def _seconds(time: float | str) -> float:
 def _details(swing: Swing, settings: Mapping[str, Any]) -> dict[str, Any]:
     """Return what does not need the five-term fit: the eight courses, place, date, what was left out."""
     seen, place, date_s = swing.seen, _place(swing.seen, settings), _date(swing.seen, settings)
-    psi = swing_cardinal.pseudo_deviations(seen.course_deg, seen.recorded_deg)
-    cardinal = swing_cardinal.coefficients(psi, swing.declination_deg)
+    psi = cardinal.pseudo_deviations(seen.course_deg, seen.recorded_deg)
+    principal = cardinal.coefficients(psi, swing.declination_deg)
     speed = float(np.median(seen.speed_kn)) if swing.has_speed and len(seen) else None
     ratio = (swing.widest_drift / speed if speed else swing.widest_drift) if seen.over_ground else 0.0
     return {
-        "cardinal": _plain(cardinal),
+        "cardinal": _plain(principal),
         "pseudo_deviation_deg": _plain(psi),
-        "cardinal_bound_deg": float(swing_cardinal.error_bound_deg(ratio)),
+        "cardinal_bound_deg": float(cardinal.error_bound_deg(ratio)),
         "drift_ratio": ratio,
-        "residual_b_c": _residual(cardinal, swing),
+        "residual_b_c": _residual(principal, swing),
         "declination_deg": swing.declination_deg,
         "latitude": place[0] if place else None,
         "longitude": place[1] if place else None,
@@ -172,18 +171,18 @@ def _details(swing: Swing, settings: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _residual(cardinal: Mapping[str, Any], swing: Swing) -> dict[str, Any] | None:
+def _residual(principal: Mapping[str, Any], swing: Swing) -> dict[str, Any] | None:
     """Return residual B and C by MM's own ways: two headings 60 to 120 degrees apart, else one (Lushnikov)."""
-    known = {letter: cardinal[letter] for letter in "ADE"}
-    bars = cardinal["B_bar"], cardinal["C_bar"]
+    known = {letter: principal[letter] for letter in "ADE"}
+    bars = principal["B_bar"], principal["C_bar"]
     if not (swing.marks and np.isfinite([*known.values(), *bars]).all()):
         return None
     shown = [(c, float(angles.difference(t - swing.declination_deg, c))) for c, t in swing.marks]
-    one = swing_cardinal.from_one_heading(known, bars, *shown[0])
+    one = cardinal.from_one_heading(known, bars, *shown[0])
     found: dict[str, Any] = {"one_heading": {**one, "compass_deg": shown[0][0], "deviation_deg": shown[0][1]}}
     if len(shown) > 1:
         try:
-            b, c = swing_cardinal.from_two_headings(known, shown[0], shown[1])
+            b, c = cardinal.from_two_headings(known, shown[0], shown[1])
             found["two_headings"] = {"B": b, "C": c}
         except InputError as error:
             found["two_headings"] = {"why": str(error)}
@@ -222,17 +221,17 @@ def _fitted(shell: Calibration, swing: Swing, series: Solution, exact: Solution)
 
 
 def _without_water(
-    cardinal: Mapping[str, Any], drift: Mapping[str, Any] | None, declination_deg: float
+    principal: Mapping[str, Any], drift: Mapping[str, Any] | None, declination_deg: float
 ) -> dict[str, float] | None:
     """Return B, C, D and E with the water taken out, MM (36), (40) to (42), where the swing tells it."""
-    if not drift or not drift["separable"] or None in (cardinal[k] for k in ("B_bar", "C_bar", "D", "E")):
+    if not drift or not drift["separable"] or None in (principal[k] for k in ("B_bar", "C_bar", "D", "E")):
         return None
-    water = swing_cardinal.set_and_drift_terms(drift["drift_ratio"], drift["set_deg"] - declination_deg)
+    water = cardinal.set_and_drift_terms(drift["drift_ratio"], drift["set_deg"] - declination_deg)
     return {
-        "B": cardinal["B_bar"] + water["x"],
-        "C": cardinal["C_bar"] - water["y"],
-        "D": cardinal["D"] - water["D"],
-        "E": cardinal["E"] + water["E"],
+        "B": principal["B_bar"] + water["x"],
+        "C": principal["C_bar"] - water["y"],
+        "D": principal["D"] - water["D"],
+        "E": principal["E"] + water["E"],
     }
 
 
@@ -240,7 +239,7 @@ def _sources(series: Solution, heading_deg: Floats) -> tuple[Source, ...]:
     """Return the budget: what each source leaves in the table, rms over its headings; squares add up to the table's."""
     columns, squares = von_appen.design(heading_deg), dict[tuple[str, str], float]()
     for key, part in series.parts.items():
-        name = BLOCKS[key] if key in BLOCKS else BELIEFS[int(key)]
+        name = BLOCKS[key] if key in BLOCKS else PRIORS[int(key)]
         left = np.einsum("ij,jk,ik->i", columns, part[SERIES, SERIES], columns)
         squares[name] = squares.get(name, 0.0) + float(np.mean(left))
     return tuple(Source(name, float(np.sqrt(x)), how) for (name, how), x in squares.items() if x > NOTHING)
@@ -268,36 +267,8 @@ def _plain(content: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def told(name: str, result: Calibration) -> str:
-    """Return what the job says of its result."""
-    if result.why:
-        return f"{name}: no deviation fitted: {result.why}"
-    sigma = np.sqrt(np.diag(result.covariance))
-    letters = ", ".join(f"{k} {x:+.2f} ± {s:.2f}" for k, x, s in zip(LETTERS, result.coefficients, sigma, strict=True))
-    first = f"{name}: {result.n} observations, {letters} degrees; residual {result.residual_rms_deg:.2f} degrees rms"
-    return "\n".join([first, *(f"{name}: warning: {line}" for line in result.warnings)])
-
-
-# True azimuth of the sun: by an ephemeris that ships with its library, and by the navigator's formula.
-
-UNIX_EPOCH_IN_EPHEM_DAYS = 25567.5  # days from its zero, noon of 31 December 1899
-DAY_S = 86400.0
-DEGREES_AN_HOUR = 15.0
-
-
 def azimuth(latitude: float, longitude: float, time_s: float) -> float:
     """Return the sun's azimuth from true north, degrees, by VSOP87 (PyEphem).
-
-    Args:
-        latitude: degrees north.
-        longitude: degrees east.
-        time_s: UTC seconds since 1970.
-    """
-    return position(latitude, longitude, time_s)["azimuth_deg"]
-
-
-def position(latitude: float, longitude: float, time_s: float) -> dict[str, float]:
-    """Return azimuth, altitude without refraction, and declination of the sun, degrees, and its next meridian passage.
 
     Args:
         latitude: degrees north.
@@ -308,38 +279,5 @@ def position(latitude: float, longitude: float, time_s: float) -> dict[str, floa
 
     here = ephem.Observer()
     here.lat, here.lon, here.pressure = str(latitude), str(float(angles.wrap180(longitude))), 0.0
-    here.date = time_s / DAY_S + UNIX_EPOCH_IN_EPHEM_DAYS
-    sun = ephem.Sun(here)
-    return {
-        "azimuth_deg": float(angles.wrap360(sun.az / angles.DEGREE)),
-        "altitude_deg": float(sun.alt / angles.DEGREE),
-        "declination_deg": float(sun.dec / angles.DEGREE),
-        "passage_s": (float(here.next_transit(ephem.Sun())) - UNIX_EPOCH_IN_EPHEM_DAYS) * DAY_S,
-    }
-
-
-def hour_angle(utc_h: ArrayLike, passage_h: ArrayLike, longitude: ArrayLike) -> Floats:
-    """Return the local hour angle, MM (52) with its sign put right: east longitudes add, degrees.
-
-    Args:
-        utc_h: time, hours UTC.
-        passage_h: meridian passage at Greenwich, hours UTC.
-        longitude: degrees east.
-    """
-    return (np.asarray(utc_h) - np.asarray(passage_h)) * DEGREES_AN_HOUR + np.asarray(longitude)
-
-
-def azimuth_by_formula(latitude: float, declination_deg: ArrayLike, hour_angle_deg: ArrayLike) -> Floats:
-    """Return the sun's azimuth from true north, MM (51), degrees in [0, 360).
-
-    A negative Z counts from south, so that |Z| from the nearer pole lies east before noon and west after.
-
-    Args:
-        latitude: degrees north.
-        hour_angle_deg: local hour angle, negative before noon.
-    """
-    sine, cosine = angles.sin_cos(hour_angle_deg)
-    sin_phi, cos_phi = angles.sin_cos(latitude)
-    sin_dec, cos_dec = angles.sin_cos(declination_deg)
-    from_north = angles.direction(np.abs(sine), cos_phi * sin_dec / cos_dec - sin_phi * cosine)
-    return angles.wrap360(np.where(angles.wrap180(hour_angle_deg) < 0.0, from_north, -from_north))
+    here.date = time_s / 86400.0 + UNIX_EPOCH_IN_EPHEM_DAYS
+    return float(angles.wrap360(ephem.Sun(here).az / angles.DEGREE))

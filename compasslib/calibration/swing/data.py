@@ -19,6 +19,10 @@ ROLES = ("compass_deg", "cog_deg", "true_deg", "speed_kn", "water_speed_kn", "ti
 SENTENCES = {"compass_deg": "HDG", "cog_deg": "RMC"}  # what stands for a header in an NMEA log
 BOUNDS = {"deg": (-180.0, 360.0), "kn": (0.0, nmea.FASTEST_KN)}
 TURN_WINDOW_S = 20.0  # a receiver's filter and a compass card settle in this time
+BLOCK_S = 20.0  # over which residuals are averaged to find how alike they are
+STEADY_S = 60.0  # a helmsman's wandering about the course is over in that time
+APART_S = 30.0  # samples further apart do not hang together
+HEADING_GAP_DEG = 2.0  # headings less apart are one heading, repeated
 
 
 @dataclass(frozen=True)
@@ -212,11 +216,6 @@ def _absent(path: Path, what: str, names: list[str]) -> InputError:
 
 
 # Where in time and on the circle a swing's observations lie: blocks, means, rates of turn, headings.
-
-BLOCK_S = 20.0  # over which residuals are averaged to find how alike they are
-STEADY_S = 60.0  # a helmsman's wandering about the course is over in that time
-APART_S = 30.0  # samples further apart do not hang together
-HEADING_GAP_DEG = 2.0  # headings less apart are one heading, repeated
 
 
 def smoothed(values: Floats, time_s: Floats, window_s: float) -> Floats:

@@ -1,8 +1,8 @@
-"""Least squares over several kinds of observations at once, each with its own noise, and weak beliefs as a prior.
+"""Least squares over several kinds of observations at once, each with its own noise, and weak priors.
 
 Gauss-Newton on rows over their scatter, each block weighed by what it really knows where its residuals are alike from
 second to second. The covariance is that of this estimate (sandwich), so it splits exactly into what each kind of
-observation and each belief leaves: the lines of an uncertainty budget.
+observation and each prior leaves: the lines of an uncertainty budget.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from compasslib.stats.swing_noise import SwingNoise, spread
 
 ROUNDS, STEPS = 4, 3
 NORMAL_95 = 1.959964
-KNOWN = 2.0  # the data know a parameter that they tell twice as well as the belief
+KNOWN = 2.0  # the data know a parameter that they tell twice as well as the prior
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class Solution:
 
     parameters: Floats  # (k,)
     covariance: Floats  # (k, k)
-    parts: Mapping[str, Floats]  # name of a block, or number of a parameter with a belief -> (k, k); they add up
+    parts: Mapping[str, Floats]  # name of a block, or number of a parameter with a prior -> (k, k); they add up
     residuals: Mapping[str, Floats]
     noises: Mapping[str, SwingNoise]
 
@@ -51,7 +51,7 @@ def solve(blocks: Sequence[Block], mean: Floats, sigma: Floats, start: Floats) -
 
     Args:
         blocks: observations; the first sets the least scatter of those with a known one.
-        mean: (k,) of the beliefs.
+        mean: (k,) of the priors.
         sigma: (k,) their width, infinite for a parameter without.
         start: (k,) parameters to begin from.
     """
@@ -60,8 +60,8 @@ def solve(blocks: Sequence[Block], mean: Floats, sigma: Floats, start: Floats) -
         noises = _noises(blocks, parameters, sigma, noises)
         for _ in range(STEPS):
             rows = _rows(blocks, parameters, noises)
-            belief = np.column_stack([np.diag(1.0 / sigma), (parameters - mean) / sigma])
-            stacked = np.vstack([*rows.values(), belief])
+            prior = np.column_stack([np.diag(1.0 / sigma), (parameters - mean) / sigma])
+            stacked = np.vstack([*rows.values(), prior])
             parameters = parameters - np.linalg.lstsq(stacked[:, :-1], stacked[:, -1])[0]
     return _solution(blocks, parameters, sigma, noises)
 
@@ -99,7 +99,7 @@ def _noises(
 
 
 def _taken_up(columns: Floats, sigma: Floats) -> Floats:
-    """Return a basis of what the fit takes up: free parameters, and those that the data know better than the belief."""
+    """Return a basis of what the fit takes up: free parameters, and those that the data know better than the prior."""
     free = orthonormal(columns[:, np.isinf(sigma)])
     held = columns[:, np.isfinite(sigma)] * sigma[np.isfinite(sigma)]
     beyond = held - free @ (free.T @ held)
@@ -132,13 +132,13 @@ def _rows(blocks: Sequence[Block], parameters: Floats, noises: Mapping[str, Swin
 def _solution(blocks: Sequence[Block], parameters: Floats, sigma: Floats, noises: Mapping[str, SwingNoise]) -> Solution:
     rows = {name: each[:, :-1] for name, each in _rows(blocks, parameters, noises).items()}
     in_time = {block.name: block.blocks for block in blocks}
-    beliefs = {str(k): np.diag((np.arange(len(sigma)) == k) * sigma**-2.0) for k in np.flatnonzero(np.isfinite(sigma))}
-    information = np.sum([*(each.T @ each for each in rows.values()), *beliefs.values()], axis=0)
+    priors = {str(k): np.diag((np.arange(len(sigma)) == k) * sigma**-2.0) for k in np.flatnonzero(np.isfinite(sigma))}
+    information = np.sum([*(each.T @ each for each in rows.values()), *priors.values()], axis=0)
     inverse = np.linalg.inv(information)
     spreads = {
         name: noises[name].weight * student(noises[name].dof) ** 2 * spread(each, noises[name], in_time[name])
         for name, each in rows.items()
     }
-    parts = {name: inverse @ middle @ inverse for name, middle in (spreads | beliefs).items()}
+    parts = {name: inverse @ middle @ inverse for name, middle in (spreads | priors).items()}
     residuals = {block.name: block.observe(parameters)[0] for block in blocks}
     return Solution(parameters, np.sum(list(parts.values()), axis=0), parts, residuals, noises)

@@ -26,7 +26,7 @@ SERIES = slice(0, 5)
 DECLINATION, EAST, NORTH, EAST_CHANGE, NORTH_CHANGE, LAG, LOG = range(5, 12)
 SIZE = 12
 DRIFT, CHANGES = [EAST, NORTH], [EAST_CHANGE, NORTH_CHANGE]
-NEVER = 1e-9  # width of the belief in a parameter that cannot be told
+NEVER = 1e-9  # prior width of a parameter that cannot be determined
 LOG_SIGMA = 0.1  # of a ship's log's scale
 SPRING_S = 3 * 3600.0  # a tide goes from slack to full in three hours
 LEAST_WATER_KN = 0.5
@@ -66,7 +66,7 @@ class Swing:
 
     @property
     def widest_drift(self) -> float:
-        """Return the largest drift that is believed, knots, or over the ship's speed where that is not known."""
+        """Return the largest drift that the prior allows, knots, or over the ship's speed where that is not known."""
         return self.options.max_drift_kn if self.has_speed else self.options.drift_ratio
 
     @property
@@ -89,7 +89,7 @@ def fit(swing: Swing, *, exact: bool = False, start: Floats | None = None) -> So
         begin[0] = angles.wrap180(angles.mean(swing.seen.course_deg - swing.seen.recorded_deg) - swing.declination_deg)
     if exact:
         begin[SERIES] = exact_start(swing.seen.recorded_deg, corrected_course(begin, swing))
-    found = solve(_blocks(swing, _exact if exact else _series), mean, beliefs(swing), begin)
+    found = solve(_blocks(swing, _exact if exact else _series), mean, prior_widths(swing), begin)
     return _with_second_order(found, swing, unit=angles.DEGREE if exact else 1.0)
 
 
@@ -112,8 +112,8 @@ def _with_second_order(found: Solution, swing: Swing, unit: float) -> Solution:
     return replace(found, covariance=found.covariance + part, parts={**found.parts, SECOND: part})
 
 
-def beliefs(swing: Swing) -> Floats:
-    """Return the width of the belief in each parameter, infinite for the compass.
+def prior_widths(swing: Swing) -> Floats:
+    """Return the prior width of each parameter, infinite for the compass.
 
     A drift that may be anything up to a largest one, in any direction, has half of that as its standard deviation
     along either axis.

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from compasslib.calibration.swing import model
 from compasslib.calibration.swing.data import headings_of
 from compasslib.calibration.swing.fit import Solution
-from compasslib.calibration.swing.model import COURSE, DRIFT, EAST, LAG, LOG, NORTH, SERIES, Swing, beliefs, drift_of
+from compasslib.calibration.swing.model import COURSE, DRIFT, EAST, LAG, LOG, NORTH, SERIES, Swing, drift_of
 from compasslib.core import angles
 from compasslib.core.types import Floats
 from compasslib.deviation import von_appen
@@ -16,7 +17,7 @@ SECTOR_DEG = 10.0
 REFUSED_GAP_DEG, WIDE_GAP_DEG = 180.0, 100.0
 FEW_HEADINGS = 16
 STRUCTURE_DEG = 2.0  # residuals of a steady swing beyond it are not reading errors
-SEPARATED = 0.5  # drift is told from B and C where the swing halves what was believed of it
+SEPARATED = 0.5  # drift is told from B and C where the swing halves its prior
 SERIES_LIMIT_DEG = 20.0  # Smith's series (Le Menn et al. 2023)
 REMEDY = "swing 16 to 24 headings round the full circle"
 KNOT = "kn"
@@ -94,12 +95,12 @@ def separation(swing: Swing, series: Solution) -> dict[str, object]:
         swing: observations, over ground.
     """
     set_deg, drift = drift_of(series.parameters)
-    covariance, believed = series.covariance, beliefs(swing)
+    covariance, prior = series.covariance, model.prior_widths(swing)
     sigma = np.sqrt(np.diag(covariance))
     along = np.array(angles.components(1.0, set_deg))
     across = np.array(angles.components(1.0, set_deg + 90.0))
     water = covariance[np.ix_(DRIFT, DRIFT)]
-    left = float(np.max(sigma[DRIFT] / believed[DRIFT]))
+    left = float(np.max(sigma[DRIFT] / prior[DRIFT]))
     unit = KNOT if swing.has_speed else "of the ship's speed"
     side = float(np.sqrt(max(float(across @ water @ across), 0.0)))
     return {
@@ -114,13 +115,13 @@ def separation(swing: Swing, series: Solution) -> dict[str, object]:
         "correlation": _with_b_and_c(covariance),
         "left_of_belief": left,
         "largest_alike": _alike(series),
-        "log_scale": float(series.parameters[LOG]) if np.isfinite(believed[LOG]) and believed[LOG] > 1e-6 else None,
+        "log_scale": float(series.parameters[LOG]) if np.isfinite(prior[LOG]) and prior[LOG] > 1e-6 else None,
         "separable": left < SEPARATED,
-        "text": _told(swing, (set_deg, drift, unit), left, sigma),
+        "text": _sentence(swing, (set_deg, drift, unit), left, sigma),
     }
 
 
-def _told(swing: Swing, water: tuple[float, float, str], left: float, sigma: Floats) -> str:
+def _sentence(swing: Swing, water: tuple[float, float, str], left: float, sigma: Floats) -> str:
     set_deg, drift, unit = water
     speed = swing.seen.speed_kn
     ratio = f"speeds from {speed.min():.1f} to {speed.max():.1f} kn" if swing.has_speed else "no speeds"

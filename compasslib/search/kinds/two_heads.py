@@ -125,7 +125,7 @@ def judge(a: Motion, b: Motion, *, farthest_s: float, field: Mapping[str, float]
 
 def _aligned(a: Motion, b: Motion, farthest_s: float) -> Aligned:
     """Return both heads by the clocks; farther apart where the nearest agreement is none."""
-    told = heads.together(a, b, heads.told_clock(b, 0.0))
+    told = heads.together(a, b, heads.given_clock(b, 0.0))
     clock = heads_clock.find(a, b, farthest_s) if heads.overlap(a, b, farthest_s) else Clock()
     found = heads.together(a, b, clock)
     if len(found) >= heads.FEWEST and _scatter(found) <= heads.UNRELATED_DEG:
