@@ -1,1 +1,18 @@
-"""Files of the results: whole or not at all, the same bytes for the same data."""
+"""Files of the results: whole or not at all, the same bytes for the same data.
+
+A job that fails leaves what stood there before:
+
+>>> from pathlib import Path
+>>> from tempfile import TemporaryDirectory
+>>> from compasslib.archive import files
+>>> with TemporaryDirectory() as folder:
+...     path = Path(folder, "fit.json")
+...     files.write_json(path, {"B": 0.1 + 0.2})
+...     try:
+...         with files.replacing(path) as half_written:
+...             _ = half_written.write_text("{")
+...             raise KeyboardInterrupt
+...     except KeyboardInterrupt:
+...         files.read_json(path), len(list(Path(folder).iterdir()))
+({'B': 0.3}, 1)
+"""

@@ -4,10 +4,10 @@ A compass turned on a bench, and the one cycle of its deviation:
 
 >>> from pathlib import Path
 >>> from tempfile import TemporaryDirectory
->>> import numpy as np
 >>> from compasslib import calibration
+>>> from compasslib.core.angles import sin_cos
 >>> turned = range(0, 360, 15)
->>> rows = [f"{heading},{heading - 4.0 * np.sin(np.radians(heading)):.1f}" for heading in turned]
+>>> rows = [f"{heading},{heading - 4.0 * sin_cos(heading)[0]:.1f}" for heading in turned]
 >>> with TemporaryDirectory() as folder:
 ...     path = Path(folder, "bench.csv")
 ...     _ = path.write_text("\\n".join(["reference_deg,recorded_deg", *rows, ""]))

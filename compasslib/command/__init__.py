@@ -1,6 +1,14 @@
 """The command ``compass``: what a user asks of a cruise on a terminal, without Snakemake.
 
 A room is imported only by the command that needs it, so that help and mistakes come at once.
+
+A mistake is one line on stderr, and exit status 1:
+
+>>> import subprocess, sys
+>>> asked = "import sys; from compasslib.command import main; sys.exit(main(['check', 'nowhere']))"
+>>> ran = subprocess.run([sys.executable, "-c", asked], capture_output=True, text=True)
+>>> ran.returncode, ran.stderr.count("\\n")
+(1, 1)
 """
 
 from __future__ import annotations

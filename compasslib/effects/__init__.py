@@ -1,4 +1,18 @@
-"""The catalogue of physics that a recording may show and its simulation may lack."""
+"""The catalogue of physics that a recording may show and its simulation may lack.
+
+Heeling, the vertical iron that only tilt shows: at 3 degrees of roll 2000 nT turn a reading of north by half a degree.
+
+>>> import numpy as np
+>>> from compasslib import effects
+>>> from compasslib.effects.iron import Heeling
+>>> level = np.zeros(1)
+>>> scene = effects.Scene(level, level + 12000.0, level + 52000.0, level, level + 3.0, begin_s=0.0)
+>>> north = np.array([[12000.0, 0.0, 52000.0]])  # forward, starboard, down in the body, nT
+>>> (Heeling(b_z_nT=2000.0).act(north, scene) - north).tolist()
+[[0.0, 0.0, 2000.0]]
+>>> effects.SIDES["heeling"], effects.meanings("heeling")
+('compass', {'b_z_nT': 'field down'})
+"""
 
 from __future__ import annotations
 

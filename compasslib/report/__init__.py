@@ -2,6 +2,14 @@
 
 What stands on it is gathered from the results (``mooring``, ``calibration``), turned into plain texts (``section``) and
 set by the templates beside this file, which escape every text.
+
+Numbers as the page writes them, each with its uncertainty:
+
+>>> from compasslib.report import words
+>>> words.with_sigma(-12.3456, 0.21, "°").replace(words.SPACE, " ")
+'−12.35 ± 0.21°'
+>>> words.degrees(float("nan"))  # what is not known is a dash
+'–'
 """
 
 from __future__ import annotations

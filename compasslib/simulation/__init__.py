@@ -2,4 +2,15 @@
 
 It is the independent check of the analysis: it shares no code with the rest of compasslib, its angles included, and
 derives every reading from the forward physics alone.
+
+A twelfth of a year under a sphere, as its instruments leave it, and the truth apart:
+
+>>> from pathlib import Path
+>>> from tempfile import TemporaryDirectory
+>>> from compasslib.simulation import sealed, sealed_files
+>>> mooring = sealed.make(3, "M1", sealed.Wish(hours=200, wide=True))
+>>> with TemporaryDirectory() as folder:
+...     truth = sealed_files.write(mooring, [], Path(folder), sealed_files.Export())
+...     sorted(path.name for path in Path(folder).iterdir())
+['deep.000', 'top.000']
 """
