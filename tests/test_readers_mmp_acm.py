@@ -16,8 +16,7 @@ from compasslib.config.cruise import load
 from compasslib.core import angles
 from compasslib.core.errors import InputError
 from compasslib.core.records import GOOD, MISSING, PROBABLY_BAD, Record
-from compasslib.readers.mmp import acm, geometry
-from compasslib.readers.mmp import files as mmp_files
+from compasslib.readers.mmp import acm, geometry, scan_files
 from compasslib.readers.mmp import pressure as mmp_pressure
 from compasslib.readers.mmp import rows as mmp_rows
 from compasslib.simulation import demonstration, mmp, profiler, water
@@ -171,7 +170,7 @@ def test_real_scans_are_half_a_second_apart():
 
 @pytest.mark.parametrize("name", [TEXT, BINARY])
 def test_the_loggers_rule_gives_the_recorded_heading(name):
-    values = mmp_files.load([real(name)]).values[1:]
+    values = scan_files.load([real(name)]).values[1:]
     heading = geometry.logged_heading(values[:, 3:6], values[:, 1], values[:, 2])
     assert angles.rms(angles.difference(heading, values[:, 0])) < 0.05
 
@@ -191,7 +190,7 @@ def same_record(one: Record, other: Record) -> None:
 
 
 def test_the_swing_is_smaller_in_the_real_record_when_it_is_taken_out():
-    scans = mmp_files.load([real(BINARY)])
+    scans = scan_files.load([real(BINARY)])
     heading, (_, y) = scans.values[1:, 0], geometry.instrument_axes(scans.values[1:, 6:] / 100.0)
     rate = geometry.swing_rate(heading, np.full(len(y), 2.0), np.ones(len(y) - 1, dtype=bool))
     quieter = geometry.without_swing(y, rate)
@@ -716,7 +715,7 @@ def test_numbers_of_uneven_decimals_are_no_damage(tmp_path):
 
 def test_the_result_does_not_depend_on_how_much_is_read_at_a_time(tmp_path, monkeypatch):
     data = text_file(tmp_path, logged()).read_bytes()
-    wanted = mmp_files.STAMPED.__eq__
+    wanted = scan_files.STAMPED.__eq__
     whole = mmp_rows.parse(data, wanted)
     monkeypatch.setattr(mmp_rows, "CHUNK_BYTES", 300)
     parts = mmp_rows.parse(data, wanted)
@@ -841,5 +840,5 @@ def test_the_workflow_gives_companion_files_apart_from_the_raw_ones(tmp_path):
     assert plan.companion_files(deep) == ["E1.TXT"]
     assert plan.reader_settings(deep) == {"pressure_files": ["E1.TXT"], "start_offset_seconds": 7.0}
     assert plan.companion_files(top) == []
-    assert any(file.endswith("mmp/files.py") for file in plan.reader_modules(deep))
+    assert any(file.endswith("mmp/scan_files.py") for file in plan.reader_modules(deep))
     assert not any("/mmp/" in file for file in plan.reader_modules(top))

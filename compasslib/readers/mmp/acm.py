@@ -16,13 +16,12 @@ import numpy as np
 
 from compasslib.core import angles
 from compasslib.core.errors import InputError
-from compasslib.core.records import GOOD, MISSING, PROBABLY_BAD, Flags, Record
+from compasslib.core.records import GOOD, MISSING, PROBABLY_BAD, Record
 from compasslib.core.types import Bools, Floats
-from compasslib.readers.mmp import clock, files, geometry
-from compasslib.readers.mmp import pressure as mmp_pressure
-from compasslib.readers.mmp.files import Scans
+from compasslib.readers.mmp import geometry, pressure, scan_clock, scan_files
 from compasslib.readers.mmp.pressure import Companion, Start
 from compasslib.readers.mmp.rows import UNKNOWN
+from compasslib.readers.mmp.scan_files import Scans
 
 USUAL_HZ = 2.0  # where neither file nor switching times tell the sample rate
 PARKED_S = 180.0  # a profiler rests at the end of its way before and after its engineering file's first and last row
@@ -33,7 +32,7 @@ MOST_OFF = 0.5  # of the headings: with more it is the magnetometer that may be 
 
 
 @dataclass(frozen=True, eq=False)
-class Series:
+class TimedScans:
     """The scans on their time axis, the aliased ones still among them."""
 
     scans: Scans
@@ -46,7 +45,7 @@ class Series:
 
 
 @dataclass(frozen=True, eq=False)
-class Compared:
+class HeadingComparison:
     """How logged headings stand to those of the magnetometer."""
 
     off: Bools  # (n,) further apart than tilts explain, beyond the constant
@@ -54,9 +53,25 @@ class Compared:
     constant_deg: float  # logged minus computed, in the middle; 0 where they do not follow each other
 
     @property
-    def follows(self) -> bool:
+    def agrees(self) -> bool:
         """Return whether most headings are the magnetometer's."""
         return int(self.off.sum()) <= MOST_OFF * self.known
+
+    def warnings(self) -> list[str]:
+        """Return what to report of logged headings that are not the magnetometer's."""
+        number = int(self.off.sum())
+        apart = (
+            f"{number} of {self.known} logged headings stand more than {OFF_DEG:g} degrees off those of HX HY HZ TX TY"
+        )
+        if not self.agrees:
+            return [f"{apart}: one of the two is wrong, and nothing tells which"]
+        notes = [f"{apart} and were flagged"] if number else []
+        if abs(self.constant_deg) > OFF_DEG:
+            constant = (
+                f"the logged headings stand {self.constant_deg:+.1f} degrees off those of HX HY HZ TX TY throughout"
+            )
+            notes.append(f"{constant}: give it as declination_applied if the logger added it")
+        return notes
 
 
 def read(paths: Sequence[Path], *, pressure_files: Sequence[str | Path], start_offset_seconds: float | None) -> Record:
@@ -73,40 +88,37 @@ def read(paths: Sequence[Path], *, pressure_files: Sequence[str | Path], start_o
     Raises:
         InputError: a file that cannot be read or is none of these, or scans whose time nothing tells.
     """
-    scans = files.load(paths)
-    companion = mmp_pressure.load([Path(file) for file in pressure_files or ()])
-    series = place(scans, companion, start_offset_seconds or 0.0)
+    scans = scan_files.load(paths)
+    companion = pressure.load([Path(file) for file in pressure_files or ()])
+    series = _timed(scans, companion, start_offset_seconds or 0.0)
     return _record(series, companion, known_depth=bool(pressure_files))
 
 
-def place(scans: Scans, companion: Companion, start_offset_seconds: float) -> Series:
-    """Return scans with time, heading and pressure.
-
-    Args:
-        start_offset_seconds: as for ``read``.
-
-    Raises:
-        InputError: no scan's time can be told.
-    """
+def _timed(scans: Scans, companion: Companion, start_offset_seconds: float) -> TimedScans:
+    """Return scans with time, heading and pressure."""
     nominal = np.array([block.rate_hz for block in scans.blocks])
-    rate = clock.rates(scans.clock_s, scans.profile, scans.place, nominal)
+    rate = scan_clock.rates(scans.clock_s, scans.profile, scans.place, nominal)
     bare = np.isnan(scans.clock_s)
     notes = _rate_notes(nominal, rate)
-    time_s = clock.spread(scans.clock_s, scans.profile, nominal[scans.profile])
+    time_s = scan_clock.spread(scans.clock_s, scans.profile, nominal[scans.profile])
     if bare.any():
-        start, rate, said = _starts(scans, companion, start_offset_seconds, rate)
+        start, rate, rate_notes = _starts(scans, companion, start_offset_seconds, rate)
         time_s = np.where(bare, start[scans.profile] + scans.place / rate[scans.profile], time_s)
-        notes += said
+        notes += rate_notes
     elif start_offset_seconds:
         notes.append("start_offset_seconds has no effect: the scans carry a clock")
     recorded = scans.values[:, 0]
-    heading = np.where(np.isnan(recorded), _by_rule(scans), angles.wrap360(recorded))
-    pressure = companion.at(time_s)
-    ascending = _ascending(scans, pressure)
-    return Series(scans, time_s, heading, pressure, rate, ascending, tuple(notes))
+    heading = np.where(
+        np.isnan(recorded),
+        geometry.logged_heading(scans.values[:, 3:6], scans.values[:, 1], scans.values[:, 2]),
+        angles.wrap360(recorded),
+    )
+    dbar = companion.at(time_s)
+    ascending = _ascending(scans, dbar)
+    return TimedScans(scans, time_s, heading, dbar, rate, ascending, tuple(notes))
 
 
-def flow(series: Series) -> tuple[Floats, Floats]:
+def _velocities(series: TimedScans) -> tuple[Floats, Floats]:
     """Return (x, y) in the meter's axes without its swing, (r,) m/s each: along the heading, to port.
 
     Args:
@@ -115,16 +127,16 @@ def flow(series: Series) -> tuple[Floats, Floats]:
     scans, rate = series.scans, series.rate_hz[series.scans.profile]
     x, y = geometry.instrument_axes(scans.values[:, 6:] / 100.0)
     # A turn away from an aliased heading is none.
-    joined = clock.joined(scans.clock_s, scans.profile, scans.place, rate) & ~first(scans)[:-1]
+    joined = scan_clock.joined(scans.clock_s, scans.profile, scans.place, rate) & ~aliased(scans)[:-1]
     return x, geometry.without_swing(y, geometry.swing_rate(series.heading_deg, rate, joined))
 
 
-def first(scans: Scans) -> Bools:
+def aliased(scans: Scans) -> Bools:
     """Return which scans are the first of their profile, and aliased, (r,)."""
     return np.append(True, np.diff(scans.profile) > 0)[: len(scans.profile)]
 
 
-def compare(heading_deg: Floats, field: Floats, tilts_deg: Floats) -> Compared:
+def compare(heading_deg: Floats, field: Floats, tilts_deg: Floats) -> HeadingComparison:
     """Return which logged headings are not those of the magnetometer, levelled or not.
 
     Args:
@@ -137,37 +149,22 @@ def compare(heading_deg: Floats, field: Floats, tilts_deg: Floats) -> Compared:
     known = np.isfinite(apart).all(axis=0)
     constant = _middle(apart[0][known])
     off = known & (np.abs(angles.difference(apart, constant)) > OFF_DEG).all(axis=0)
-    found = Compared(off, int(known.sum()), constant)
-    return found if found.follows else Compared(known & (np.abs(apart) > OFF_DEG).all(axis=0), found.known, 0.0)
+    found = HeadingComparison(off, int(known.sum()), constant)
+    return found if found.agrees else HeadingComparison(known & (np.abs(apart) > OFF_DEG).all(axis=0), found.known, 0.0)
 
 
-def sentences(found: Compared) -> list[str]:
-    """Return what to say of logged headings that are not the magnetometer's.
-
-    Args:
-        found: by ``compare``.
-    """
-    number = int(found.off.sum())
-    apart = f"{number} of {found.known} logged headings stand more than {OFF_DEG:g} degrees off those of HX HY HZ TX TY"
-    if not found.follows:
-        return [f"{apart}: one of the two is wrong, and nothing tells which"]
-    said = [f"{apart} and were flagged"] if number else []
-    if abs(found.constant_deg) > OFF_DEG:
-        constant = f"the logged headings stand {found.constant_deg:+.1f} degrees off those of HX HY HZ TX TY throughout"
-        said.append(f"{constant}: give it as declination_applied if the logger added it")
-    return said
-
-
-def _record(series: Series, companion: Companion, *, known_depth: bool) -> Record:
+def _record(series: TimedScans, companion: Companion, *, known_depth: bool) -> Record:
     scans = series.scans
-    x, y = flow(series)
-    keep = np.isfinite(series.time_s) & ~first(scans)
-    heading, pressure = series.heading_deg[keep], series.pressure_dbar[keep]
+    x, y = _velocities(series)
+    keep = np.isfinite(series.time_s) & ~aliased(scans)
+    heading = series.heading_deg[keep]
     east, north = geometry.to_earth(x[keep], y[keep], heading)
     remote = known_depth & (companion.distance_s(series.time_s[keep]) > PARKED_S)
     compared = compare(scans.values[keep, 0], scans.values[keep, 3:6], scans.values[keep, 1:3])
     counts = _counts(series, companion, keep) | {"heading_off_magnetometer": int(compared.off.sum())}
-    doubtful = compared.off & compared.follows
+    doubtful = compared.off & compared.agrees
+    # Velocities of unknown depth, or turned by a doubtful heading, are not to be used.
+    flags = np.where(np.isfinite(east + north), np.where(remote | doubtful, PROBABLY_BAD, GOOD), MISSING)
     empty = np.full(len(heading), np.nan)
     return Record(
         time_s=series.time_s[keep],
@@ -177,23 +174,23 @@ def _record(series: Series, companion: Companion, *, known_depth: bool) -> Recor
         heading_deg=heading,
         pitch_deg=scans.values[keep, 1],
         roll_deg=scans.values[keep, 2],
-        pressure_dbar=pressure,
+        pressure_dbar=series.pressure_dbar[keep],
         depth_m=empty,
         temperature_c=empty,
         supply_voltage=empty,
-        quality=_quality(east, north, remote | doubtful),
+        quality=flags.astype(np.int8)[:, None],
         heading_quality=np.where(np.isnan(heading), MISSING, np.where(doubtful, PROBABLY_BAD, GOOD)).astype(np.int8),
         looks_up=False,
         counts=counts,
         warnings=(
             *series.warnings,
-            *_sentences(scans, counts, known_depth, int(remote.sum())),
-            *sentences(compared),
+            *_losses(scans, counts, known_depth, int(remote.sum())),
+            *compared.warnings(),
         ),
     )
 
 
-def _counts(series: Series, companion: Companion, keep: Bools) -> dict[str, int]:
+def _counts(series: TimedScans, companion: Companion, keep: Bools) -> dict[str, int]:
     """Return what was read and left out: scans, aliased, damaged and untimed ones are all that the files hold."""
     scans, timed = series.scans, np.isfinite(series.time_s)
     counted = {
@@ -212,13 +209,7 @@ def _counts(series: Series, companion: Companion, keep: Bools) -> dict[str, int]
     return {key: int(number) for key, number in counted.items()}
 
 
-def _quality(east: Floats, north: Floats, doubtful: Bools) -> Flags:
-    """Flag velocities; those of unknown depth, or turned by a doubtful heading, are not to be used."""
-    flags = np.where(np.isfinite(east + north), np.where(doubtful, PROBABLY_BAD, GOOD), MISSING)
-    return flags.astype(np.int8)[:, None]
-
-
-def _sentences(scans: Scans, counts: dict[str, int], known_depth: bool, remote: int) -> list[str]:
+def _losses(scans: Scans, counts: dict[str, int], known_depth: bool, remote: int) -> list[str]:
     notes = []
     if scans.damaged:
         notes.append(f"{scans.damaged} damaged rows were left out ({_listed(scans.damaged_files)})")
@@ -296,16 +287,13 @@ def _limits(scans: Scans) -> list[tuple[int, int]]:
     return list(zip([0, *ends[:-1].tolist()], ends.tolist(), strict=True))
 
 
-def _by_rule(scans: Scans) -> Floats:
-    return geometry.logged_heading(scans.values[:, 3:6], scans.values[:, 1], scans.values[:, 2])
-
-
-def _ascending(scans: Scans, pressure: Floats) -> Floats:
+def _ascending(scans: Scans, pressure_dbar: Floats) -> Floats:
     """Tell up from down by the pressure, else by the number: odd profiles climb, number 0 is the set-up dive."""
     numbers = np.array([block.number for block in scans.blocks])
     direction = np.where(numbers == UNKNOWN, np.nan, numbers % 2)
     for profile, (begin, end) in enumerate(_limits(scans)):
-        known = pressure[begin:end][np.isfinite(pressure[begin:end])]
+        part = pressure_dbar[begin:end]
+        known = part[np.isfinite(part)]
         if len(known) and abs(known[-1] - known[0]) > TREND_DBAR:
             direction[profile] = float(known[-1] < known[0])
     return direction

@@ -116,13 +116,13 @@ def of_other_coordinates(ensembles: Ensembles) -> tuple[int, int]:
     some = slice(None, None, 1 + len(ensembles) // SOME)
     percent, velocity = ensembles.percent_good[some], ensembles.velocity[some]
     total = percent.sum(axis=-1, dtype=np.int16)
-    told = (total > 0) & np.isfinite(velocity).all(axis=-1)
+    decisive = (total > 0) & np.isfinite(velocity).all(axis=-1)
     parts = np.abs(total - ALL_PINGS) <= PINGS_ROUNDED
     b1, b2, b3, b4 = np.moveaxis(velocity, -1, 0)
     agree = 2.0 * np.abs(b1 + b2 - b3 - b4) < np.abs(b1 - b2) + np.abs(b3 - b4)
     beams = (total > ALL_PINGS + TWO_BEAMS) & agree
     other = np.where((ensembles.coordinates[some] == BEAM)[:, None], parts, beams)
-    return int(np.sum(other & told)), int(np.sum(told))
+    return int(np.sum(other & decisive)), int(np.sum(decisive))
 
 
 def three_beam(beams: Floats) -> tuple[Floats, NDArray[np.bool_]]:
