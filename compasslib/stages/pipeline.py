@@ -173,7 +173,7 @@ def _record(task: Task, role: str) -> Record:
 def _field(task: Task) -> EarthField:
     file = task.folder / "work/field.json"
     place = task.plan.place_and_declination(task.job)
-    along = observatory.held_against(earthfield.along_time(**place), task.plan.observatory(task.job), place)
+    along = observatory.with_observatory(earthfield.along_time(**place), task.plan.observatory(task.job), place)
     netcdf.write_json(file, vars(along))
     field = earthfield.from_json(netcdf.read_json(file))
     task.say(earthfield.log_line(task.name, field))

@@ -9,7 +9,7 @@ from compasslib.run.job import job
 with job(snakemake) as say:
     name, out, rules = snakemake.wildcards.mooring, snakemake.output, overlap.Rules(**snakemake.params.rules)
     along = earthfield.along_time(**snakemake.params.place)
-    along = observatory.held_against(along, snakemake.input.observatory, snakemake.params.place)
+    along = observatory.with_observatory(along, snakemake.input.observatory, snakemake.params.place)
     netcdf.write_json(out.field, vars(along))
     say(earthfield.log_line(name, field := earthfield.from_json(netcdf.read_json(out.field))))
     upper, lower = netcdf.read_record(snakemake.input.upper), [netcdf.read_record(x) for x in snakemake.input.lower]
