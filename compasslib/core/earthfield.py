@@ -116,18 +116,13 @@ def declination_at(field: EarthField, time_s: ArrayLike) -> Floats:
     """Return the declination to use at given times, degrees east.
 
     Args:
-        field: the field along the deployment.
         time_s: UTC seconds since 1970, shape (n,).
     """
     return np.interp(np.asarray(time_s, dtype=float), field.time_s, field.declination_deg)
 
 
 def dip_ratio(field: EarthField) -> float:
-    """Return Z/H, the mean over the deployment.
-
-    Args:
-        field: the field along the deployment.
-    """
+    """Return Z/H, the mean over the deployment."""
     return float(np.mean(field.vertical_nT / field.horizontal_nT))
 
 

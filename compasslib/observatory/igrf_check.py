@@ -67,7 +67,6 @@ def with_observatory(field: EarthField, files: Sequence[str | Path], place: Mapp
     """Return the field at a mooring with warnings about the observatory that is given beside it.
 
     Args:
-        field: along the deployment.
         files: IAGA-2002 files of the observatory, perhaps none.
         place: of the mooring: ``latitude``, ``longitude``, degrees.
 

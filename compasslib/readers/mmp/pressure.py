@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from compasslib.core.errors import InputError
-from compasslib.core.types import Bools, Floats
+from compasslib.core.types import Floats
 from compasslib.readers.mmp.rows import UNKNOWN, Form, ProfileBlock, Text, blocks, parse
 from compasslib.readers.mmp.scan_clock import civil
 from compasslib.readers.mmp.scan_files import contents, is_text
@@ -187,7 +187,8 @@ def _table(path: Path, data: bytes, columns: dict[str, int]) -> _PressureSeries:
     rows = [_cells(line) for line in lines[1:]]
     time_s, pressure = (_column(path, rows, columns[role], role) for role in ("time", "pressure"))
     number = np.full(len(rows), float(UNKNOWN))
-    new = _after_pauses(time_s)
+    step = np.diff(time_s)
+    new = np.append(True, step > _bridge(step))[: len(time_s)]  # after a pause
     if "profile" in columns:
         number = _column(path, rows, columns["profile"], "profile")
         new = np.append(True, np.diff(number) != 0)[: len(rows)]
@@ -198,11 +199,6 @@ def _table(path: Path, data: bytes, columns: dict[str, int]) -> _PressureSeries:
 def _cells(line: str) -> list[str]:
     # Not by the csv module: one stray quotation mark would swallow all rows up to the next.
     return [cell.strip().strip('"').strip() for cell in line.split(",")]
-
-
-def _after_pauses(time_s: Floats) -> Bools:
-    step = np.diff(time_s)
-    return np.append(True, step > _bridge(step))[: len(time_s)]
 
 
 def _bridge(step: Floats) -> float:

@@ -180,7 +180,6 @@ def blocks(text: Text, path: Path) -> tuple[list[ProfileBlock], Ints, int]:
     """Return the profiles, each row's place in its profile with damaged rows counted, and how many rows are damaged.
 
     Args:
-        text: a file's rows.
         path: the file; its name numbers a single profile that nothing else does.
     """
     statements, garbled = _statements(text)

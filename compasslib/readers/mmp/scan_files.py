@@ -117,11 +117,6 @@ def is_text(data: bytes) -> bool:
     return not data or cells.strange(sample) < (1.0 - TEXT_SHARE) * len(sample)
 
 
-def _is_binary(data: bytes) -> bool:
-    """Return whether a file is one of the logger's own."""
-    return _precedes_record(data, FRONT_BYTES) or bool(_marks(data))
-
-
 def _parsed_binary(data: bytes) -> BinaryScans:
     """Return the scans of a binary file, damaged records left out."""
     blocks: list[ProfileBlock] = []
@@ -146,7 +141,7 @@ def _parsed_binary(data: bytes) -> BinaryScans:
 
 def _one(path: Path) -> Scans:
     data = contents(path)
-    if _is_binary(data):
+    if _precedes_record(data, FRONT_BYTES) or _marks(data):
         binary = _parsed_binary(data)
         number = rows.number_in_name(path) if len(binary.blocks) == 1 else UNKNOWN
         blocks = [ProfileBlock(**(vars(block) | {"number": number})) for block in binary.blocks]

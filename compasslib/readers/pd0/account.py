@@ -62,7 +62,6 @@ def counts_of(
     """Return the numbers that go into the record.
 
     Args:
-        leaders: the ensembles of all files.
         heading_deg: (n,) NaN where missing.
     """
     names = "ensembles damaged lost bytes_skipped bytes_total three_beam"
@@ -76,11 +75,7 @@ def counts_of(
 
 
 def faces_up(leaders: Ensembles, choices: Choices) -> bool:
-    """Return whether the instrument looks up: by the metadata, else by most of its ensembles.
-
-    Args:
-        leaders: n ensembles.
-    """
+    """Return whether the instrument looks up: by the metadata, else by most of its ensembles."""
     return bool(np.mean(looks_up(leaders, choices)) > 0.5)
 
 
@@ -90,7 +85,6 @@ def warnings_of(
     """Return the warnings of the record.
 
     Args:
-        leaders: the ensembles of all files.
         counts: from ``counts_of``, and ``velocities``, how many are known.
     """
     of_files = [line for report in reports for line in _of_file(report)]

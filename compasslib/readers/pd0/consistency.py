@@ -93,7 +93,6 @@ def refuse_alignment(where: str, leaders: Ensembles, stated: float | None) -> No
     """Refuse a heading alignment EA that nobody says how to take, and a word on it where the file has none.
 
     Args:
-        leaders: n ensembles.
         stated: ``heading_alignment`` of the metadata.
 
     Raises:
@@ -121,7 +120,6 @@ def serial_number(where: str, leaders: Ensembles, stated: str | None) -> str:
     """Return the instrument's serial number, empty where the file tells none.
 
     Args:
-        leaders: n ensembles of one instrument.
         stated: the number by the metadata, perhaps with letters around it.
 
     Raises:

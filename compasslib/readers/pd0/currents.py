@@ -38,31 +38,19 @@ class Choices:
 
 
 def heading_bias(ensembles: Ensembles, choices: Choices) -> Floats:
-    """Return the degrees that stand inside the recorded headings, (n,): EB, unless the metadata know better.
-
-    Args:
-        ensembles: n ensembles.
-    """
+    """Return the degrees that stand inside the recorded headings, (n,): EB, unless the metadata know better."""
     applied = choices.declination_applied
     return ensembles.heading_bias_deg if applied is None else np.full(len(ensembles), float(applied))
 
 
 def magnetic_heading(ensembles: Ensembles, choices: Choices) -> Floats:
-    """Return the heading of beam 3 as the compass recorded it, without heading bias, (n,) degrees.
-
-    Args:
-        ensembles: n ensembles.
-    """
+    """Return the heading of beam 3 as the compass recorded it, without heading bias, (n,) degrees."""
     alignment = choices.heading_alignment or 0.0
     return angles.wrap360(ensembles.heading_deg - heading_bias(ensembles, choices) + alignment)
 
 
 def looks_up(ensembles: Ensembles, choices: Choices) -> Mask:
-    """Return the orientation of each ensemble, (n,): the metadata's, or where they are silent its own.
-
-    Args:
-        ensembles: n ensembles.
-    """
+    """Return the orientation of each ensemble, (n,): the metadata's, or where they are silent its own."""
     word = choices.orientation
     return ensembles.looks_up if word is None else np.full(len(ensembles), word == "up")
 

@@ -167,7 +167,6 @@ def chosen(ensembles: Ensembles, which: Places | NDArray[np.bool_]) -> Ensembles
     """Return some of the ensembles, or all in another order.
 
     Args:
-        ensembles: n ensembles.
         which: indices, or (n,) booleans.
     """
     return Ensembles(**{f.name: getattr(ensembles, f.name)[which] for f in fields(Ensembles)})

@@ -169,11 +169,7 @@ def _scan(data: Bytes, offset: int, last: bool) -> tuple[list[EnsembleRun | Skip
 
 
 def layout_at(data: Bytes, start: int) -> Layout | None:
-    """Return the layout of the ensemble at a place, None where the bytes are not a whole ensemble's.
-
-    Args:
-        data: bytes, (size,).
-    """
+    """Return the layout of the ensemble at a place, None where the bytes are not a whole ensemble's."""
     if data.size - start < _HEADER or data[start] != _MARK or data[start + 1] != _MARK:
         return None
     length, types = int(data[start + 2]) + 256 * int(data[start + 3]), int(data[start + 5])

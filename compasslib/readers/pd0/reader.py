@@ -117,11 +117,7 @@ def read_reporting(paths: Sequence[Path], choices: Choices) -> tuple[Record, tup
 
 
 def echo_ranges(ensembles: Ensembles) -> Floats:
-    """Return vertical ranges, (n, 2) metres, NaN where there is none: of a boundary, and of the last bin heard.
-
-    Args:
-        ensembles: n ensembles.
-    """
+    """Return vertical ranges, (n, 2) metres, NaN where there is none: of a boundary, and of the last bin heard."""
     if not ensembles.echo.any():
         return np.full((len(ensembles), 2), np.nan)
     one, two, three, four = np.moveaxis(ensembles.echo, 2, 0)
