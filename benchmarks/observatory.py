@@ -125,13 +125,13 @@ def constants():
     for path in sorted(REAL.glob("*.hor")):
         series = iaga2002.read([path])
         field = earthfield.along_time(55.3, -3.2, series.time_s[0], series.time_s[-1])
-        whole = observatory.hold(series, field, limit_deg=0.5).constant_deg
+        whole = observatory.compare(series, field, limit_deg=0.5).constant_deg
         for days in (1, 3, 10, 30, 90):
             held = []
             for begin in range(0, 365 - days + 1, max(1, days // 2)):
                 inside = slice(24 * begin, 24 * (begin + days))
                 part = replace(series, time_s=series.time_s[inside], declination_deg=series.declination_deg[inside])
-                held.append(observatory.hold(part, field, limit_deg=0.5))
+                held.append(observatory.compare(part, field, limit_deg=0.5))
             off = np.array([one.constant_deg - whole for one in held])
             sigma = np.array([one.constant_sigma_deg for one in held])
             within = np.mean(np.abs(off) <= 1.96 * sigma)

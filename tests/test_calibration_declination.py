@@ -24,7 +24,7 @@ PLACE = {"latitude": 55.3, "longitude": 356.8}
 
 def held(made, limit_deg=0.5):
     field = earthfield.along_time(LATITUDE, LONGITUDE, made.time_s[0], made.time_s[-1])
-    return observatory.hold(made, field, limit_deg=limit_deg)
+    return observatory.compare(made, field, limit_deg=limit_deg)
 
 
 def test_the_constant_and_the_daily_variation_come_out(tmp_path):

@@ -9,7 +9,6 @@ from compasslib.deviation import exact, likelihood, model
 from compasslib.deviation import exact as scatter
 from compasslib.deviation.forms import FORMS
 from compasslib.deviation.model import Noise
-from compasslib.stats import autocorrelation, bfgs
 
 
 @pytest.mark.parametrize("form", FORMS, ids=lambda form: form.name)
@@ -42,20 +41,6 @@ def test_gradient_of_the_scatter_equals_numeric():
     for slope, unit in zip(slopes, step * np.eye(3), strict=True):
         ahead, behind = (scatter.log_likelihood(at + sign * unit, seen)[0] for sign in (1.0, -1.0))
         assert slope == pytest.approx((ahead - behind) / (2.0 * step), rel=1e-5, abs=1e-6)
-
-
-def test_the_solver_finds_a_valley_and_a_bound():
-    """Rosenbrock's valley, least at (1, 1); cut off at x = 0.5 it is least at (0.5, 0.25)."""
-
-    def valley(x):
-        value = (1.0 - x[0]) ** 2 + 100.0 * (x[1] - x[0] ** 2) ** 2
-        by_x = -2.0 * (1.0 - x[0]) - 400.0 * x[0] * (x[1] - x[0] ** 2)
-        return value, np.array([by_x, 200.0 * (x[1] - x[0] ** 2)])
-
-    free = np.array([(-np.inf, np.inf)] * 2)
-    cut = np.array([(-np.inf, 0.5), (-np.inf, np.inf)])
-    assert bfgs.minimise(valley, np.array([-1.2, 1.0]), free, 200)[0] == pytest.approx([1.0, 1.0], abs=1e-3)
-    assert bfgs.minimise(valley, np.array([-1.2, 1.0]), cut, 200)[0] == pytest.approx([0.5, 0.25], abs=1e-3)
 
 
 def test_scatter_is_a_density_and_slow_water_is_nearly_uniform():
@@ -102,13 +87,3 @@ def test_it_travels_through_json():
     assert again.covariance == pytest.approx(fit.covariance)
     nothing = model.from_json(model.too_few("exact", 0).to_json())
     assert not nothing.fitted and nothing.why == "no overlapping pairs"
-
-
-def test_effective_number_of_red_noise():
-    rng = np.random.default_rng(2)
-    keep, n = 0.8, 20000
-    series = np.zeros(n)
-    for i in range(1, n):
-        series[i] = keep * series[i - 1] + rng.normal()
-    expected = n * (1 - keep) / (1 + keep)
-    assert autocorrelation.effective_number(series, 3600.0 * np.arange(n)) == pytest.approx(expected, rel=0.15)

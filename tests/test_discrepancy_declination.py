@@ -154,25 +154,28 @@ def test_a_series_becomes_a_moorings_covariate(tmp_path):
     assert np.isnan(found[at < START_S]).all() and np.isnan(found[at > START_S + 40.1 * DAY_S]).all()
     inside = (at > START_S + 20 * DAY_S + HOUR_S) & (at < START_S + 21 * DAY_S)
     assert np.median(found[inside]) == pytest.approx(2.0, abs=0.1)
-    begin, end = observatory.strongest(at, np.nan_to_num(found))
+    begin, end = observatory.strongest_disturbance(at, np.nan_to_num(found))
     assert abs(begin - START_S - 20 * DAY_S) <= HOUR_S and abs(end - START_S - 21.25 * DAY_S) <= HOUR_S
 
 
 def test_a_moorings_observatory_is_held_against_its_own_place_and_the_moorings(tmp_path):
     path, here = write(tmp_path / "a.hor", series(40)), {"latitude": 56.0, "longitude": -5.0}
     field = earthfield.along_time(56.0, -5.0, START_S, START_S + 40 * DAY_S)
-    assert observatory.held_against(field, [], here) is field
-    assert observatory.held_against(field, [path], here).warnings == ()
-    far = observatory.held_against(field, [path], {"latitude": 30.0, "longitude": 5.0}).warnings
+    assert observatory.with_observatory(field, [], here) is field
+    assert observatory.with_observatory(field, [path], here).warnings == ()
+    far = observatory.with_observatory(field, [path], {"latitude": 30.0, "longitude": 5.0}).warnings
     assert len(far) == 1 and far[0].startswith("the observatory Made is 28")
     later = earthfield.along_time(56.0, -5.0, START_S + 30 * DAY_S, START_S + 90 * DAY_S)
-    assert "a declination on 16 % of the deployment's days" in observatory.held_against(later, [path], here).warnings[0]
+    assert (
+        "a declination on 16 % of the deployment's days"
+        in observatory.with_observatory(later, [path], here).warnings[0]
+    )
     empty = replace(series(40), declination_deg=np.full(960, np.nan))
-    nothing = observatory.held_against(field, [write(tmp_path / "b.hor", empty, "DHZF")], here).warnings
+    nothing = observatory.with_observatory(field, [write(tmp_path / "b.hor", empty, "DHZF")], here).warnings
     assert "a declination on 0 % of the deployment's days" in nothing[0]
     wrong = replace(series(40), declination_deg=-series(40).declination_deg)
     with pytest.raises(InputError, match="the sign of D"):
-        observatory.held_against(field, [write(tmp_path / "c.hor", wrong)], here)
+        observatory.with_observatory(field, [write(tmp_path / "c.hor", wrong)], here)
 
 
 def moored(share: float, *, magnetic: bool):

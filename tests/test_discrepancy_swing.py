@@ -16,7 +16,6 @@ from compasslib.search.verdict import Diagnosis
 from compasslib.simulation import swing
 from compasslib.simulation.compass import Iron
 from compasslib.simulation.swing import CIRCLES, LEGS, ONE_CIRCLE, Boat
-from compasslib.stats import arma
 
 KNOT_M_S = 1852.0 / 3600.0
 WATER_KN = 0.8 * np.exp(0.6j)
@@ -147,19 +146,6 @@ def test_the_real_log_shows_a_late_course_and_the_water():
     assert found.findings[1].parameters["drift_kn"].value == pytest.approx(0.27, abs=0.1)
     without = kinds.diagnose("swing", [TAIOHAE], {"format": "nmea0183", "withhold": ["water_speed_kn"]}, Options())
     assert sets(without) == [{"course_lag"}] and "two speeds" in (without.separated_by or "")
-
-
-def test_the_law_of_the_noise_widens_what_is_slow():
-    rng, n, off = np.random.default_rng(3), 90, []
-    columns = np.column_stack([np.ones(n), np.cos(np.arange(n) / 7.0)])
-    for _ in range(60):
-        noise = np.zeros(n)
-        for k in range(1, n):
-            noise[k] = 0.6 * noise[k - 1] + rng.normal()
-        told = np.linalg.lstsq(columns, noise, rcond=None)[0]
-        spread = arma.covariance(noise - columns @ told, columns)
-        off.append(told / np.sqrt(np.diag(spread)))
-    assert 0.7 < np.sqrt(np.mean(np.square(off))) < 1.2  # by independent errors it would be 2
 
 
 def test_stretches_leave_outliers_and_gaps_out():

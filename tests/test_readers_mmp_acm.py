@@ -16,8 +16,7 @@ from compasslib.config.cruise import load
 from compasslib.core import angles
 from compasslib.core.errors import InputError
 from compasslib.core.records import GOOD, MISSING, PROBABLY_BAD, Record
-from compasslib.readers.mmp import acm, geometry
-from compasslib.readers.mmp import files as mmp_files
+from compasslib.readers.mmp import acm, scan_files
 from compasslib.readers.mmp import pressure as mmp_pressure
 from compasslib.readers.mmp import rows as mmp_rows
 from compasslib.run import plan as plans
@@ -171,8 +170,8 @@ def test_real_scans_are_half_a_second_apart():
 
 @pytest.mark.parametrize("name", [TEXT, BINARY])
 def test_the_loggers_rule_gives_the_recorded_heading(name):
-    values = mmp_files.load([real(name)]).values[1:]
-    heading = geometry.logged_heading(values[:, 3:6], values[:, 1], values[:, 2])
+    values = scan_files.load([real(name)]).values[1:]
+    heading = acm.logged_heading(values[:, 3:6], values[:, 1], values[:, 2])
     assert angles.rms(angles.difference(heading, values[:, 0])) < 0.05
 
 
@@ -191,10 +190,10 @@ def same_record(one: Record, other: Record) -> None:
 
 
 def test_the_swing_is_smaller_in_the_real_record_when_it_is_taken_out():
-    scans = mmp_files.load([real(BINARY)])
-    heading, (_, y) = scans.values[1:, 0], geometry.instrument_axes(scans.values[1:, 6:] / 100.0)
-    rate = geometry.swing_rate(heading, np.full(len(y), 2.0), np.ones(len(y) - 1, dtype=bool))
-    quieter = geometry.without_swing(y, rate)
+    scans = scan_files.load([real(BINARY)])
+    heading, (_, y) = scans.values[1:, 0], acm.instrument_axes(scans.values[1:, 6:] / 100.0)
+    rate = acm.swing_rate(heading, np.full(len(y), 2.0), np.ones(len(y) - 1, dtype=bool))
+    quieter = acm.without_swing(y, rate)
     # Two minutes: longer than a swing, shorter than the change of the current with depth.
     before, after = (np.std(v - np.convolve(v, np.ones(241) / 241, "same")) for v in (y, quieter))
     assert after < 0.93 * before
@@ -209,7 +208,7 @@ def test_paths_to_earth_gives_the_known_answers():
     for case in cases:
         paths = np.array(case["paths_cm_s"]) / 100.0
         heading = case["heading_magnetic"] + case["declination"]
-        east, north = geometry.to_earth(*geometry.instrument_axes(paths), heading)
+        east, north = acm.to_earth(*acm.instrument_axes(paths), heading)
         assert [float(east), float(north)] == pytest.approx(case["east_north_up"][:2], abs=1e-5)
 
 
@@ -223,13 +222,13 @@ def test_the_loggers_rule_undoes_tilt(heading, tilts, strength):
     (sx, cx), (sy, cy) = (angles.sin_cos(tilt) for tilt in tilts)
     sine, cosine = angles.sin_cos(heading)
     field = np.array([[(strength * cosine - 0.9 * sx) / cx, (strength * sine - 0.9 * sy) / cy, -0.9]])
-    found = geometry.logged_heading(field, tilts[0], tilts[1])
+    found = acm.logged_heading(field, tilts[0], tilts[1])
     assert abs(angles.difference(found, heading)[0]) < 1e-9
 
 
 def test_a_field_without_level_part_has_no_heading():
     field = np.array([[0.0, 0.0, -1.0], [np.nan, 0.0, -1.0]])
-    assert np.isnan(geometry.logged_heading(field, np.zeros(2), np.zeros(2))).all()
+    assert np.isnan(acm.logged_heading(field, np.zeros(2), np.zeros(2))).all()
 
 
 @given(amplitude=st.floats(1, 30), period=st.floats(30, 120), rate=st.sampled_from([0.5, 1.0, 2.0, 4.0]))
@@ -240,19 +239,19 @@ def test_a_meter_that_swings_in_still_water_measures_nothing(amplitude, period, 
     turning = amplitude * 2 * np.pi / period * np.cos(phase)
     y = 0.43 * np.deg2rad(turning)
     joined = np.ones(len(time) - 1, dtype=bool)
-    found = geometry.swing_rate(amplitude * np.sin(phase) + 355.0, np.full(len(time), rate), joined)
+    found = acm.swing_rate(amplitude * np.sin(phase) + 355.0, np.full(len(time), rate), joined)
     inner = np.s_[int(2 * rate) : -int(2 * rate)]
     # Over four seconds the mean of the swing's rate is less than its middle by sinc: 3 % at 30 s, more at the ends.
-    assert np.abs(geometry.without_swing(y, found))[inner].max() < 0.031 * np.abs(y).max()
+    assert np.abs(acm.without_swing(y, found))[inner].max() < 0.031 * np.abs(y).max()
 
 
 def test_no_swing_is_taken_out_across_a_gap_or_between_rare_scans():
     heading = np.array([0.0, 10.0, 20.0, 200.0, 210.0, 220.0])
     joined = np.array([True, True, False, True, True])
-    assert geometry.swing_rate(heading, np.ones(6), joined) == pytest.approx(np.full(6, 10.0))
-    assert not geometry.swing_rate(heading, np.full(6, 0.4), joined).any()
-    assert not geometry.swing_rate(heading, np.ones(6), np.zeros(5, dtype=bool)).any()
-    assert geometry.swing_rate(heading[:1], np.ones(1), np.zeros(0, dtype=bool)).tolist() == [0.0]
+    assert acm.swing_rate(heading, np.ones(6), joined) == pytest.approx(np.full(6, 10.0))
+    assert not acm.swing_rate(heading, np.full(6, 0.4), joined).any()
+    assert not acm.swing_rate(heading, np.ones(6), np.zeros(5, dtype=bool)).any()
+    assert acm.swing_rate(heading[:1], np.ones(1), np.zeros(0, dtype=bool)).tolist() == [0.0]
 
 
 # Files of our own ----------------------------------------------------------------------------------------------------
@@ -309,7 +308,7 @@ def test_a_decimated_file_is_read_by_its_clock_and_left_with_its_swing(tmp_path)
     record = read(text_file(tmp_path, rare))
     assert any("shows 0.04 scans a second where the file says 2" in w for w in record.warnings)
     paths = np.round(scans.values[1:, 6:], 2) / 100.0
-    east, north = geometry.to_earth(*geometry.instrument_axes(paths), record.heading_deg)
+    east, north = acm.to_earth(*acm.instrument_axes(paths), record.heading_deg)
     # Two decimals of cm/s; a swing would be centimetres a second.
     assert np.hypot(record.east[:, 0] - east, record.north[:, 0] - north).max() < 2e-4
 
@@ -716,7 +715,7 @@ def test_numbers_of_uneven_decimals_are_no_damage(tmp_path):
 
 def test_the_result_does_not_depend_on_how_much_is_read_at_a_time(tmp_path, monkeypatch):
     data = text_file(tmp_path, logged()).read_bytes()
-    wanted = mmp_files.STAMPED.__eq__
+    wanted = scan_files.STAMPED.__eq__
     whole = mmp_rows.parse(data, wanted)
     monkeypatch.setattr(mmp_rows, "CHUNK_BYTES", 300)
     parts = mmp_rows.parse(data, wanted)
@@ -841,5 +840,5 @@ def test_the_workflow_gives_companion_files_apart_from_the_raw_ones(tmp_path):
     assert plan.companion_files(deep) == ["E1.TXT"]
     assert plan.reader_settings(deep) == {"pressure_files": ["E1.TXT"], "start_offset_seconds": 7.0}
     assert plan.companion_files(top) == []
-    assert any(file.endswith("mmp/files.py") for file in plan.reader_modules(deep))
+    assert any(file.endswith("mmp/scan_files.py") for file in plan.reader_modules(deep))
     assert not any("/mmp/" in file for file in plan.reader_modules(top))

@@ -29,7 +29,7 @@ def lines(n: int = 6) -> list[str]:
     return [x for k in range(n) for x in (sentence(f"HCHDG,{10 * k}.0,,,10,E"), rmc(k, 10 * k + 12.5))]
 
 
-def log(tmp_path, content, **how) -> nmea.Log:
+def log(tmp_path, content, **how) -> nmea.NmeaLog:
     path = tmp_path / "swing.nmea"
     path.write_bytes(content if isinstance(content, bytes) else "\r\n".join(content).encode())
     return nmea.read([path], **how)

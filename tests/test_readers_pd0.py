@@ -25,7 +25,7 @@ from pd0_encoder import MISSING, START, assemble, ensemble, fixed_leader, variab
 from compasslib.core import angles
 from compasslib.core.errors import InputError
 from compasslib.core.records import Record
-from compasslib.readers.pd0 import frames, water
+from compasslib.readers.pd0 import currents, frames
 from compasslib.readers.pd0 import reader as pd0
 from compasslib.readers.pd0.fields import BEAM, EARTH, INSTRUMENT, SHIP, Ensembles
 
@@ -106,9 +106,9 @@ def test_beams_to_earth_reproduces_the_known_answers() -> None:
     cases = json.loads(real("vectors.json").read_text())["pd0_beam_to_earth"]
     assert len(cases) == 16
     for case in cases:
-        x, y, z, error = water.beams_to_instrument(np.array([case["beams"]]), case["beam_angle"])
+        x, y, z, error = currents.beams_to_instrument(np.array([case["beams"]]), case["beam_angle"])
         tilts = np.array([case["heading"]]), np.array([case["tilt1"]]), np.array([case["tilt2"]])
-        earth = water.instrument_to_earth((x, y, z), *tilts, case["facing"] == "up")
+        earth = currents.instrument_to_earth((x, y, z), *tilts, case["facing"] == "up")
         # The answers are given to six decimals.
         np.testing.assert_allclose(np.ravel(earth), case["east_north_up"], atol=1e-6)
         np.testing.assert_allclose(error, case["error"], atol=1e-6)
@@ -138,26 +138,27 @@ def test_three_beams_give_the_same_where_the_error_velocity_is_zero(
     whole = np.array([beams])
     holed = whole.copy()
     holed[0, lost] = np.nan
-    filled, where = water.three_beam(holed)
+    filled, where = currents.three_beam(holed)
     assert where.tolist() == [True]
-    for a, b in zip(water.beams_to_instrument(filled, angle), water.beams_to_instrument(whole, angle), strict=True):
+    found, known = (currents.beams_to_instrument(each, angle) for each in (filled, whole))
+    for a, b in zip(found, known, strict=True):
         np.testing.assert_allclose(a, b, atol=1e-12)
 
 
 def test_two_missing_beams_stay_missing() -> None:
-    beams, where = water.three_beam(np.array([[np.nan, np.nan, 1.0, 2.0], [1.0, 2.0, 3.0, 4.0]]))
+    beams, where = currents.three_beam(np.array([[np.nan, np.nan, 1.0, 2.0], [1.0, 2.0, 3.0, 4.0]]))
     assert not where.any() and np.isnan(beams[0, :2]).all()
 
 
 def test_a_concave_head_turns_its_horizontal_axes() -> None:
     beams = np.array([0.3, -0.1, 0.2, 0.5])
-    convex, concave = (water.beams_to_instrument(beams, 20.0, head) for head in (True, False))
+    convex, concave = (currents.beams_to_instrument(beams, 20.0, head) for head in (True, False))
     np.testing.assert_allclose(concave, np.multiply(convex, [-1, -1, 1, 1]))
 
 
 def test_the_hanging_pitch_sensor() -> None:
     np.testing.assert_allclose(
-        water.true_pitch([10.0, -20.0, 5.0], [0.0, 60.0, 180.0]), [10.0, -10.3141, -5.0], atol=1e-4
+        currents.true_pitch([10.0, -20.0, 5.0], [0.0, 60.0, 180.0]), [10.0, -10.3141, -5.0], atol=1e-4
     )
 
 
@@ -425,7 +426,7 @@ def test_every_field_comes_out_as_it_went_in(tmp_path: Path) -> None:
     np.testing.assert_array_equal(record.north, [[0.2, -0.21, np.nan]])
     np.testing.assert_array_equal(record.quality, [[1, 4, 9]])
     np.testing.assert_allclose(record.bin_range_m, [[4.23, 6.73, 9.23]])
-    np.testing.assert_allclose(record.pitch_deg, water.true_pitch(10.0, 60.0))
+    np.testing.assert_allclose(record.pitch_deg, currents.true_pitch(10.0, 60.0))
     assert (record.heading_deg[0], record.roll_deg[0]) == (359.99, 60.0)
     assert (record.pressure_dbar[0], record.depth_m[0], record.temperature_c[0]) == (101.0, 100.0, 4.5)
     assert (record.supply_voltage[0], record.heading_quality[0], record.looks_up) == (150.0, 1, True)
@@ -671,9 +672,9 @@ def test_bursts_with_long_pauses_are_no_jumps(tmp_path: Path) -> None:
 def test_all_coordinates_agree_ensemble_by_ensemble(tmp_path: Path) -> None:
     heading, tilt1, tilt2 = 123.0, 5.0, -8.0
     beams = np.array([[327, 494, -465, -241]])
-    x, y, z, error = water.beams_to_instrument(beams / 1000.0, 20.0)
+    x, y, z, error = currents.beams_to_instrument(beams / 1000.0, 20.0)
     tilts = np.array([heading]), np.array([tilt1]), np.array([tilt2])
-    east, north, up = water.instrument_to_earth((x, y, z), *tilts, False)
+    east, north, up = currents.instrument_to_earth((x, y, z), *tilts, False)
     starboard, forward = angles.turn(east, north, -heading)
     rows: dict[int, NDArray[Any]] = {
         BEAM: beams,
@@ -762,7 +763,7 @@ def test_the_metadata_decide_which_way_is_up(tmp_path: Path) -> None:
 
 def test_files_that_begin_together_follow_each_other_in_the_order_given(tmp_path: Path) -> None:
     a, b = written(tmp_path, *series(2), name="a.000"), written(tmp_path, *series(3), b"tail", name="b.000")
-    record, reports = pd0.read_reporting([b, a], orientation=None, declination_applied=None, heading_alignment=None)
+    record, reports = pd0.read_reporting([b, a], currents.Choices())
     assert np.diff(record.time_s).tolist() == [3600.0, 3600.0, -7200.0, 3600.0]
     assert [report.ensembles for report in reports] == [3, 2]
     assert [(Path(reports[0].path).name, each.length, each.reason) for each in reports[0].skipped] == [

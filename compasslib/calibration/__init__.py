@@ -99,6 +99,6 @@ def _field(settings: Mapping[str, Any], *, beyond: bool) -> dict[str, float] | N
         return None
     from compasslib.core import earthfield  # only where a place is given
 
-    at = earthfield.within(date_s) if beyond else date_s
+    at = earthfield.covered_by_igrf(date_s) if beyond else date_s
     declination, horizontal, vertical = (float(x[0]) for x in earthfield.igrf(latitude, longitude, at))
     return {"horizontal_nT": horizontal, "vertical_nT": vertical, "declination_deg": declination}

@@ -17,7 +17,7 @@ from compasslib.calibration.result import Calibration, Source, Table
 from compasslib.core import angles
 from compasslib.core.records import EarthField, FieldSeries
 from compasslib.core.types import Floats
-from compasslib.observatory import Held, Storm
+from compasslib.observatory import FieldComparison, Storm
 from compasslib.readers import iaga2002
 
 KIND = "declination"
@@ -47,8 +47,8 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
     if why := observatory.refusal(series):
         return Calibration(KIND, "none", 0, 0, details=_header(series, settings), why=why, warnings=tuple(said))
     field = observatory.field_of(series, settings, str(files[0]))
-    said += observatory.said(series, observatory.place_of(series, settings))
-    held = observatory.hold(series, field, limit_deg=STORM_DEG)
+    said += observatory.check(series, observatory.place_of(series, settings))
+    held = observatory.compare(series, field, limit_deg=STORM_DEG)
     if held.spikes:
         said.append(f"{held.spikes} values stand alone and far off: a spike, or a storm of less than three hours")
     by_model = field.source == "IGRF"
@@ -74,14 +74,14 @@ def _covariance(sigma_deg: float) -> Floats:
     return result
 
 
-def _table(held: Held, step_deg: float) -> Table:
+def _table(held: FieldComparison, step_deg: float) -> Table:
     """Return the same constant at every heading: what a heading made true by the model lacks, whatever it is."""
     heading = np.arange(0.0, 360.0, step_deg)
     alike = np.ones(len(heading))
     return Table(heading, held.constant_deg * alike, held.constant_sigma_deg * alike)
 
 
-def _sources(held: Held) -> tuple[Source, ...]:
+def _sources(held: FieldComparison) -> tuple[Source, ...]:
     quiet = np.nan_to_num(held.curve_deg)
     calm = held.disturbed_deg[~held.stormy]
     return (
@@ -91,7 +91,7 @@ def _sources(held: Held) -> tuple[Source, ...]:
     )
 
 
-def _points(held: Held) -> dict[str, Floats]:
+def _points(held: FieldComparison) -> dict[str, Floats]:
     return {
         "time_s": held.time_s,
         "declination_deg": held.observed_deg,
@@ -117,7 +117,7 @@ def _header(series: FieldSeries, settings: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _details(held: Held, series: FieldSeries, field: EarthField) -> dict[str, Any]:
+def _details(held: FieldComparison, series: FieldSeries, field: EarthField) -> dict[str, Any]:
     curve = held.curve_deg if held.quiet_days else None
     return {
         "constant_deg": held.constant_deg,

@@ -1,51 +1,35 @@
 """The exact compass near iron: forward, with tilt, and its inverse in closed form.
 
 In the body frame (forward, starboard, down) the level horizontal field is q = X - iY. Poisson's equations make it, up
-to a positive factor, q = u w + p + v / w with w = e^{i beta}, and the compass records gamma = arg q. The five real
-coefficients A, B, C, D, E enter as u = 1 - iA, p = B - iC, v = D - iE. This is Le Menn et al. 2023, eq. (4), with the
-cosine in its denominator and the correct heading as its argument; its first order is von Appen 2015, eq. (1).
+to a positive factor, q = u w + p + v / w with w = e^{i beta}, where beta is the correct magnetic heading; the compass
+records gamma = arg q. The five real coefficients A, B, C, D, E, dimensionless, shape (5,) or (5, n), enter as
+u = 1 - iA, p = B - iC, v = D - iE. This is Le Menn et al. 2023, eq. (4), with the cosine in its denominator and the
+correct heading as its argument; its first order is von Appen 2015, eq. (1).
 """
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from compasslib.core import angles
-from compasslib.core.types import Floats
-
-Complexes = NDArray[np.complex128]
+from compasslib.core.types import Complexes, Floats
 
 
 def level_field(coefficients: ArrayLike, heading_deg: ArrayLike) -> Complexes:
-    """Return q, the horizontal field in the body frame over the scaled earth's field.
-
-    Args:
-        coefficients: A, B, C, D, E of the exact compass, dimensionless; shape (5,) or (5, n).
-        heading_deg: correct magnetic heading beta, degrees.
-    """
+    """Return q, the horizontal field in the body frame over the scaled earth's field."""
     u, p, v = _complex(coefficients)
     w = angles.phasor(heading_deg)
     return u * w + p + v * np.conj(w)
 
 
 def recorded_heading(coefficients: ArrayLike, heading_deg: ArrayLike) -> Floats:
-    """Return gamma, the heading that the compass records, degrees in [0, 360).
-
-    Args:
-        coefficients: A, B, C, D, E of the exact compass, dimensionless; shape (5,) or (5, n).
-        heading_deg: correct magnetic heading beta, degrees.
-    """
+    """Return gamma, the heading that the compass records, degrees in [0, 360)."""
     return angles.argument(level_field(coefficients, heading_deg))
 
 
 def slope(coefficients: ArrayLike, heading_deg: ArrayLike) -> Floats:
-    """Return d gamma / d beta: under 1 sluggish, over 1 unsteady, negative where the compass turns backwards.
-
-    Args:
-        coefficients: A, B, C, D, E of the exact compass, dimensionless; shape (5,) or (5, n).
-        heading_deg: correct magnetic heading beta, degrees.
-    """
+    """Return d gamma / d beta: under 1 sluggish, over 1 unsteady, negative where the compass turns backwards."""
     u, p, v = _complex(coefficients)
     w = angles.phasor(heading_deg)
     with np.errstate(invalid="ignore"):  # no heading, no slope
@@ -56,8 +40,7 @@ def gradient(coefficients: ArrayLike, heading_deg: ArrayLike) -> Floats:
     """Return the derivative of gamma by A, B, C, D, E, degrees per unit coefficient, shape (5, n).
 
     Args:
-        coefficients: A, B, C, D, E of the exact compass, dimensionless; shape (5,) or (5, n).
-        heading_deg: correct magnetic headings beta, shape (n,), degrees.
+        heading_deg: shape (n,).
     """
     w = angles.phasor(heading_deg)
     unit = np.ones_like(w)
@@ -73,8 +56,7 @@ def inverse(coefficients: ArrayLike, recorded_deg: ArrayLike) -> Floats:
     its roots lie on the unit circle exactly where the middle coefficient is at most twice the leading one.
 
     Args:
-        coefficients: A, B, C, D, E of the exact compass, dimensionless; shape (5,) or (5, n).
-        recorded_deg: recorded headings gamma, shape (n,), degrees.
+        recorded_deg: gamma, shape (n,).
 
     Returns:
         Headings beta in [0, 360), shape (n, 2), the steadier root (larger slope) first, NaN where there is none.
@@ -98,20 +80,13 @@ def inverse(coefficients: ArrayLike, recorded_deg: ArrayLike) -> Floats:
 
 
 def turns_full_circle(coefficients: ArrayLike) -> bool:
-    """Tell whether the compass turns once when the instrument does; then every heading has one inverse.
-
-    Args:
-        coefficients: A, B, C, D, E of the exact compass, dimensionless, shape (5,).
-    """
+    """Tell whether the compass turns once when the instrument does; then every heading has one inverse."""
     u, p, v = (complex(np.asarray(z)) for z in _complex(coefficients))
     return abs(np.conj(u) * p - v * np.conj(p)) < abs(u) ** 2 - abs(v) ** 2
 
 
 def recorded_range(coefficients: ArrayLike) -> tuple[float, float]:
     """Return the recorded headings that the compass can show, clockwise from the first to the second, degrees.
-
-    Args:
-        coefficients: A, B, C, D, E of the exact compass, dimensionless, shape (5,).
 
     Returns:
         (0, 360) for a compass that turns full circle; else the two folds, the second may exceed 360.

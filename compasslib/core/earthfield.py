@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from compasslib.core import angles
-from compasslib.core.angles import DEGREE, difference, direction, wrap180
 from compasslib.core.errors import InputError
 from compasslib.core.records import EarthField
 from compasslib.core.types import Floats
@@ -53,8 +52,8 @@ def igrf(latitude: float, longitude: float, time_s: ArrayLike) -> tuple[Floats, 
                 found=f"{date:%Y-%m-%d}",
                 advice="correct the dates, or write the declination in degrees: H and Z then are IGRF's last",
             )
-    east, north, down = field(latitude, longitude, seconds / DAY_S)
-    return wrap180(direction(east, north)), np.hypot(east, north), down
+    east, north, down = igrf_vector(latitude, longitude, seconds / DAY_S)
+    return angles.wrap180(angles.direction(east, north)), np.hypot(east, north), down
 
 
 def along_time(
@@ -65,7 +64,7 @@ def along_time(
     declination: float | None = None,
     applied: Mapping[str, float] | None = None,
 ) -> EarthField:
-    """Return the field over a deployment; a given declination overrides the model's and is held against it.
+    """Return the field over a deployment; a given declination overrides the model's and is compared with it.
 
     Args:
         latitude: degrees north.
@@ -79,15 +78,15 @@ def along_time(
         InputError: a date lies outside the model.
     """
     nodes = np.linspace(start_s, end_s, 2 + int((end_s - start_s) // NODE_SPACING_S))
-    covered = nodes if declination is None else within(nodes)
+    covered = nodes if declination is None else covered_by_igrf(nodes)
     model, horizontal, vertical = igrf(latitude, longitude, covered)
-    said = [
+    warnings = [
         text
         for name, degrees in (applied or {}).items()
         for text in _disagreement(f"{name}: declination_applied", degrees, model, APPLIED_DISAGREEMENT_DEG)
     ]
     if declination is None:
-        return EarthField(nodes, model, horizontal, vertical, model, warnings=tuple(said))
+        return EarthField(nodes, model, horizontal, vertical, model, warnings=tuple(warnings))
     return EarthField(
         time_s=nodes,
         declination_deg=np.full(nodes.shape, float(declination)),
@@ -98,12 +97,12 @@ def along_time(
         warnings=(
             *_disagreement("declination", declination, model, DISAGREEMENT_DEG),
             *_beyond(covered, nodes),
-            *said,
+            *warnings,
         ),
     )
 
 
-def within(time_s: ArrayLike) -> Floats:
+def covered_by_igrf(time_s: ArrayLike) -> Floats:
     """Return times, those that the model does not cover replaced by the nearest that it does, (k,).
 
     Args:
@@ -117,18 +116,13 @@ def declination_at(field: EarthField, time_s: ArrayLike) -> Floats:
     """Return the declination to use at given times, degrees east.
 
     Args:
-        field: the field along the deployment.
         time_s: UTC seconds since 1970, shape (n,).
     """
     return np.interp(np.asarray(time_s, dtype=float), field.time_s, field.declination_deg)
 
 
 def dip_ratio(field: EarthField) -> float:
-    """Return Z/H, the mean over the deployment.
-
-    Args:
-        field: the field along the deployment.
-    """
+    """Return Z/H, the mean over the deployment."""
     return float(np.mean(field.vertical_nT / field.horizontal_nT))
 
 
@@ -151,7 +145,7 @@ def log_line(name: str, field: EarthField) -> str:
     return "\n".join([line, *(f"{name}: warning: {warning}" for warning in field.warnings)])
 
 
-def field(latitude: float, longitude: float, days: Floats) -> tuple[Floats, Floats, Floats]:
+def igrf_vector(latitude: float, longitude: float, days: Floats) -> tuple[Floats, Floats, Floats]:
     """Return the field to the east, north and down at sea level, (k,) nT each.
 
     The potential's gradient in spherical coordinates (Alken et al., Earth Planets Space 73, 49, 2021, eq. 1), turned by
@@ -178,11 +172,11 @@ def field(latitude: float, longitude: float, days: Floats) -> tuple[Floats, Floa
     return east, north * tilt_cosine - outward * tilt_sine, -outward * tilt_cosine - north * tilt_sine
 
 
-def _disagreement(name: str, degrees: float, model: Floats, believed_deg: float) -> list[str]:
+def _disagreement(name: str, degrees: float, model: Floats, tolerance_deg: float) -> list[str]:
     """Say where a number is not the model's declination, and which mistake it looks like."""
-    off = difference(degrees, model)
+    off = angles.difference(degrees, model)
     worst = float(off[np.argmax(np.abs(off))])
-    if abs(worst) <= believed_deg:
+    if abs(worst) <= tolerance_deg:
         return []
     return [
         f"{name} {degrees:+.2f} degrees in the metadata is {worst:+.2f} degrees off IGRF ({model.mean():+.2f})"
@@ -195,7 +189,7 @@ def _mistake(degrees: float, model: float) -> str:
     mistakes = {
         ", which has the other sign": -model,
         ", which it looks like in minutes of arc": 60.0 * model,
-        ", which it looks like in radians": model * DEGREE,
+        ", which it looks like in radians": model * angles.DEGREE,
         ", of which it looks like the double": 2.0 * model,
         ", of which it looks like the double with the other sign": -2.0 * model,
     }

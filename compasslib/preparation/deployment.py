@@ -60,7 +60,9 @@ def settle(
     utc = record.time_s - clock_offset_seconds - drifted
     record = _inside(replace(record, time_s=utc, direction_reference=direction_reference), start_s, end_s)
     if declination_applied:
-        record = _without_declination(record, declination_applied)
+        east, north = angles.turn(record.east, record.north, -declination_applied)
+        known, turned = np.isfinite(record.heading_deg), angles.wrap360(record.heading_deg - declination_applied)
+        record = replace(record, east=east, north=north, heading_deg=np.where(known, turned, np.nan))
     depth, source = _depth(record, nominal_depth, pressure_offset, latitude)
     given = record.depth_m
     record = _noted(replace(record, depth_m=depth), _depth_warnings(depth, source, nominal_depth, water_depth))
@@ -83,7 +85,6 @@ def take(record: Record, index: NDArray[np.intp] | Bools | slice) -> Record:
     """Return the record at some of its samples.
 
     Args:
-        record: n samples.
         index: positions, a mask, shape (n,), or a slice.
     """
     values = {f.name: getattr(record, f.name) for f in fields(record)}
@@ -92,11 +93,7 @@ def take(record: Record, index: NDArray[np.intp] | Bools | slice) -> Record:
 
 
 def cell_length(record: Record) -> float:
-    """Return the distance between neighbouring bins, metres; 0 for a point meter.
-
-    Args:
-        record: an instrument's record.
-    """
+    """Return the distance between neighbouring bins, metres; 0 for a point meter."""
     one_setting = not record.bin_range_m.strides[0]  # one row that all samples share
     steps = np.diff(record.bin_range_m[:1] if one_setting else record.bin_range_m, axis=1)
     return float(np.nanmedian(np.abs(steps))) if steps.size and np.isfinite(steps).any() else 0.0
@@ -172,12 +169,6 @@ def _as_slice(place: NDArray[np.intp]) -> NDArray[np.intp] | slice:
     if not len(place) or place[-1] - place[0] != len(place) - 1 or (np.diff(place) != 1).any():
         return place
     return slice(int(place[0]), int(place[-1]) + 1)
-
-
-def _without_declination(record: Record, declination: float) -> Record:
-    east, north = angles.turn(record.east, record.north, -declination)
-    heading = np.where(np.isfinite(record.heading_deg), angles.wrap360(record.heading_deg - declination), np.nan)
-    return replace(record, east=east, north=north, heading_deg=heading)
 
 
 def _depth(record: Record, nominal: float | None, offset: float, latitude: float) -> tuple[Floats, str]:

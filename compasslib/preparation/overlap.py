@@ -63,11 +63,7 @@ class Point:
 def widened(rules: Rules) -> Rules:
     """Return rules for what needs many pairs more than near ones: the clocks are compared by speeds.
 
-    Where the sphere dives, a wrong clock sets a pair far apart in depth: just what shows it would be left out.
-
-    Args:
-        rules: what counts as overlapping.
-    """
+    Where the sphere dives, a wrong clock sets a pair far apart in depth: just what shows it would be left out."""
     return replace(rules, max_metres=WIDER * rules.max_metres)
 
 
@@ -158,7 +154,6 @@ def checked(pairs: Pairs, upper: Record, trusted: Sequence[Record]) -> Pairs:
     """Return pairs with warnings of what is wrong with them.
 
     Args:
-        pairs: overlapping measurements.
         upper: the compromised instrument inside the deployment.
         trusted: the trusted one, or nothing.
 
@@ -183,11 +178,7 @@ def checked(pairs: Pairs, upper: Record, trusted: Sequence[Record]) -> Pairs:
 
 
 def identical(pairs: Pairs) -> str:
-    """Return why the two instruments of pairs are one, nothing where their velocities are not the same.
-
-    Args:
-        pairs: overlapping measurements.
-    """
+    """Return why the two instruments of pairs are one, nothing where their velocities are not the same."""
     upper, lower = (np.hypot(east, north) for east, north in _velocities(pairs))
     if len(pairs) < ENOUGH or np.ptp(upper) == 0.0:
         return ""

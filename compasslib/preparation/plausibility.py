@@ -41,8 +41,7 @@ def flagged(record: Record, water_depth: float) -> Record:
         record: n samples in order of time, depth known.
         water_depth: metres.
     """
-    record = _impossible(record)
-    record = _without_length(_impossible_depth(record, water_depth))
+    record = _without_length(_impossible(record, water_depth))
     record = _outlying_headings(record)
     if len(record.time_s) > FROZEN_SAMPLES:
         frozen = _stuck_velocity(record)[:, None]
@@ -67,22 +66,18 @@ def mark(record: Record, where: Bools, flag: int, count: str, sentence: str | No
     return replace(record, quality=quality, counts=counts, warnings=record.warnings + notes)
 
 
-def _impossible(record: Record) -> Record:
-    """Flag what no ocean and no levelled instrument can show."""
+def _impossible(record: Record, water_depth: float) -> Record:
+    """Flag what no ocean, no levelled instrument and no depth in the water can show."""
     too_fast = np.hypot(record.east, record.north) > FASTEST_CURRENT
     with np.errstate(invalid="ignore"):
         fallen = (np.abs(record.pitch_deg) > STEEPEST_TILT) | (np.abs(record.roll_deg) > STEEPEST_TILT)
+        outside = (record.depth_m < -ABOVE_SURFACE_M) | (record.depth_m > BELOW_BOTTOM * water_depth)
     record = mark(record, too_fast, BAD, "impossible_speed", f"faster than {FASTEST_CURRENT:g} m/s")
     record = mark(record, fallen[:, None], BAD, "steep_tilt", "tilted too far")
     heading = np.where(fallen & (record.heading_quality < BAD), PROBABLY_BAD, record.heading_quality)
-    return replace(record, heading_quality=heading.astype(np.int8))
-
-
-def _impossible_depth(record: Record, water_depth: float) -> Record:
-    with np.errstate(invalid="ignore"):
-        out = (record.depth_m < -ABOVE_SURFACE_M) | (record.depth_m > BELOW_BOTTOM * water_depth)
+    record = replace(record, heading_quality=heading.astype(np.int8))
     sentence = "the instrument's depth lies above the surface or below the bottom"
-    return mark(record, out[:, None], BAD, "impossible_depth", sentence)
+    return mark(record, outside[:, None], BAD, "impossible_depth", sentence)
 
 
 def _without_length(record: Record) -> Record:

@@ -44,9 +44,7 @@ def columns_of(path: Path, headers: Mapping[str, str], advice: str = COLUMN_MAP)
     """Return columns of one table, times as UTC seconds since 1970, nothing as NaN.
 
     Args:
-        path: a CSV file with a header line.
         headers: role -> header; the roles ``time`` and ``time_utc`` hold times, all others numbers.
-        advice: what to do where a column is absent.
 
     Raises:
         InputError: the file or a column is absent, or a time or number cannot be read.
@@ -71,9 +69,6 @@ def columns_in(path: Path, lines: Lines, headers: Mapping[str, str], advice: str
 def header_of(path: Path) -> list[str]:
     """Return the names of a table's columns, none for an empty file.
 
-    Args:
-        path: a CSV file with a header line.
-
     Raises:
         InputError: the file cannot be read.
     """
@@ -82,9 +77,6 @@ def header_of(path: Path) -> list[str]:
 
 def lines_of(path: Path) -> Lines:
     """Return the header and the rows of a table, cells stripped, comments left out.
-
-    Args:
-        path: a CSV file with a header line.
 
     Raises:
         InputError: the file cannot be read.
@@ -108,11 +100,7 @@ def lines_of(path: Path) -> Lines:
 
 
 def strange(data: bytes) -> int:
-    """Return how many bytes are neither printable ASCII nor space between words and lines.
-
-    Args:
-        data: a file or a part of it.
-    """
+    """Return how many bytes are neither printable ASCII nor space between words and lines."""
     return len(data.translate(None, _TEXT))
 
 

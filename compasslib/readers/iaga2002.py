@@ -18,7 +18,7 @@ from compasslib.core import angles
 from compasslib.core.errors import InputError
 from compasslib.core.records import FieldSeries
 from compasslib.core.types import Floats
-from compasslib.readers import cells as octets
+from compasslib.readers import cells
 
 MISSING = 88888.0  # and 99999; nothing on earth is as large
 LABEL_ENDS = 24  # column before which a header's label stands
@@ -85,14 +85,14 @@ def read(paths: Sequence[str | Path]) -> FieldSeries:
         elevation_m=_number(_first(headers, "elevation")),
         definitive=all(one.get("data type", "").lower().startswith("definitive") for one in headers),
         counts=counts,
-        warnings=(*_warnings(counts), *(text for one in files for text in _of_order(one))),
+        warnings=(*_warnings(counts), *(text for one in files for text in _order_warning(one))),
         files=tuple(str(one.path) for one in files),
         origin=np.repeat(np.arange(len(files)), [len(one.time_s) for one in files])[first],
     )
 
 
 def _file(path: Path) -> _File:
-    lines = octets.of_lines(path).decode("latin-1").splitlines()
+    lines = cells.of_lines(path).decode("latin-1").splitlines()
     begin = next((k for k, line in enumerate(lines) if line.startswith("DATE")), None)
     if begin is None or "IAGA-2002" not in "".join(lines[:1]).upper():
         found = "nothing" if not lines else repr(lines[0][:40])
@@ -104,12 +104,12 @@ def _file(path: Path) -> _File:
         raise _refused(path, "four components with D, or with X and Y", found, advice)
     rows = [line for line in lines[begin + 1 :] if line.strip()]
     matches = [match.groups() for line in rows if (match := ROW.fullmatch(line))]
-    cells = np.array(matches, dtype=float).reshape(-1, 7 + len(letters))
-    time_s, sound = _instants(cells[:, :7])
+    numbers = np.array(matches, dtype=float).reshape(-1, 7 + len(letters))
+    time_s, sound = _instants(numbers[:, :7])
     if not sound.any():
         raise _refused(path, "rows of date, time, day of year and four numbers", f"{len(rows)} rows, none of them so")
-    _refuse_too_large(path, cells[sound, 7:])
-    values = np.where(np.abs(cells[:, 7:]) >= MISSING, np.nan, cells[:, 7:])[sound]
+    _refuse_too_large(path, numbers[sound, 7:])
+    values = np.where(np.abs(numbers[:, 7:]) >= MISSING, np.nan, numbers[:, 7:])[sound]
     header = {line[:LABEL_ENDS].strip().lower(): line[LABEL_ENDS:].rstrip(" |").strip() for line in lines[:begin]}
     known, counts = _known(dict(zip(letters, values.T, strict=True)), time_s[sound])
     one = _File(path, header, time_s[sound], known, {"damaged": len(rows) - int(sound.sum()), **counts})
@@ -189,7 +189,7 @@ def _within_a_turn(minutes: Floats) -> NDArray[np.bool_]:
     return ~((minutes < LEAST_MINUTES) | (minutes > LARGEST_MINUTES))
 
 
-def _of_order(one: _File) -> list[str]:
+def _order_warning(one: _File) -> list[str]:
     reported, letters = one.header.get("reported", "").upper(), "".join(one.values)
     if reported == letters or sorted(reported) != sorted(letters):
         return []
@@ -248,7 +248,7 @@ def _number(text: str) -> float:
 
 
 def _warnings(counts: Mapping[str, int]) -> tuple[str, ...]:
-    said = {
+    texts = {
         "damaged": "rows are damaged, or their date and day of the year disagree; they are left out",
         "fillers": "rows hold a value that stands for a missing one beside 88888 and 99999; it is not used",
         "stuck": "rows stand still for a day and longer, as no field does; they are not used",
@@ -256,7 +256,7 @@ def _warnings(counts: Mapping[str, int]) -> tuple[str, ...]:
         "contradicting": "rows repeat an instant with another declination: two versions of the data are mixed",
         "missing": "rows have no declination",
     }
-    return tuple(f"{counts[key]} {text}" for key, text in said.items() if counts[key])
+    return tuple(f"{counts[key]} {text}" for key, text in texts.items() if counts[key])
 
 
 def _refused(path: Path, expected: str, found: str, advice: str = "") -> InputError:

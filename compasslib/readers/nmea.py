@@ -1,7 +1,7 @@
 """NMEA 0183 logs: compass headings paired in time with courses over ground.
 
 Each sentence is parsed by itself, so that a damaged one costs itself and nothing else. Sentences without a right
-checksum are not believed.
+checksum do not count.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ ASTRAY_DEG = 1.0  # of latitude from the middle of a log: a swing lasts less tha
 
 
 @dataclass(frozen=True)
-class Log:
+class NmeaLog:
     """Headings and courses of one or several logs, a row each time that a course came."""
 
     time_s: Floats  # (n,) UTC seconds since 1970; NaN without RMC
@@ -66,7 +66,7 @@ class _Fix:
     variation_deg: float = NAN
 
 
-def read(paths: Sequence[Path], *, heading: str = "HDG", course: str = "RMC") -> Log:
+def read(paths: Sequence[Path], *, heading: str = "HDG", course: str = "RMC") -> NmeaLog:
     """Return the headings of NMEA 0183 logs, each course with the heading nearest in the stream.
 
     Args:
@@ -87,7 +87,7 @@ def read(paths: Sequence[Path], *, heading: str = "HDG", course: str = "RMC") ->
             advice="check the file, or name other sentences in columns",
         )
     log = _paired(fixes, seen, heading, counts)
-    return Log(**log, counts=dict(counts), warnings=_told(counts))
+    return NmeaLog(**log, counts=dict(counts), warnings=_losses(counts))
 
 
 def _collected(
@@ -97,40 +97,44 @@ def _collected(
     fixes: list[_Fix] = []
     clock: list[tuple[int, float]] = []
     seen: dict[str, list[tuple[int, float]]] = {name: [] for name in (*HEADINGS, "HDT", "VHW")}
-    for line, said in sentences:
-        kind = getattr(said, "sentence_type", "")  # a maker's own sentence has none
-        if kind == "RMC" and (fix := _rmc(line, said, counts)):
+    for line, sentence in sentences:
+        kind = getattr(sentence, "sentence_type", "")  # a maker's own sentence has none
+        if kind == "RMC" and (fix := _rmc(line, sentence, counts)):
             clock.append((line, fix.time_s))
             fixes += [fix] if wanted[1] == "RMC" else []
         elif kind == "VTG" and wanted[1] == "VTG":
-            fixes.append(_Fix(line, NAN, _number(said.true_track), _number(said.spd_over_grnd_kts)))
+            fixes.append(_Fix(line, NAN, _number(sentence.true_track), _number(sentence.spd_over_grnd_kts)))
         elif kind in seen:
-            value = _number(said.water_speed_knots if kind == "VHW" else said.heading)
-            counts["impossible"] += (
-                wrong := not 0.0 <= np.nan_to_num(value) <= (FASTEST_KN if kind == "VHW" else 360.0)
-            )
-            seen[kind] += [(line, value)] if np.isfinite(value) and not wrong else []
-            counts["corrected"] += kind == wanted[0] == "HDG" and bool(_number(said.deviation) > 0.0)
-    possible = [fix for fix in fixes if _possible(fix)]
-    counts["impossible"] += len(fixes) - len(possible)
-    fixes = possible
+            value = _number(sentence.water_speed_knots if kind == "VHW" else sentence.heading)
+            possible = 0.0 <= np.nan_to_num(value) <= (FASTEST_KN if kind == "VHW" else 360.0)
+            counts["impossible"] += not possible
+            seen[kind] += [(line, value)] if np.isfinite(value) and possible else []
+            counts["corrected"] += kind == wanted[0] == "HDG" and bool(_number(sentence.deviation) > 0.0)
+    kept = [fix for fix in fixes if _possible(fix)]
+    counts["impossible"] += len(fixes) - len(kept)
+    fixes = kept
     counts["empty"] += sum(not np.isfinite(fix.course_deg + fix.speed_kn) for fix in fixes)
     fixes = [fix for fix in fixes if np.isfinite(fix.course_deg + fix.speed_kn)]
     return _timed(fixes, clock), seen
 
 
-def _rmc(line: int, said: Any, counts: Counter[str]) -> _Fix | None:
-    if said.status != "A":
+def _rmc(line: int, sentence: Any, counts: Counter[str]) -> _Fix | None:
+    if sentence.status != "A":
         counts["void"] += 1
         return None
     try:
-        time_s = datetime.combine(said.datestamp, said.timestamp).replace(tzinfo=UTC).timestamp()
-        place = float(said.latitude), float(said.longitude)
+        time_s = datetime.combine(sentence.datestamp, sentence.timestamp).replace(tzinfo=UTC).timestamp()
+        place = float(sentence.latitude), float(sentence.longitude)
     except (TypeError, ValueError, AttributeError):
         counts["damaged"] += 1  # a right checksum over a field that is no time or place
         return None
-    sign = -1.0 if said.mag_var_dir == "W" else 1.0
-    numbers = _number(said.true_course), _number(said.spd_over_grnd), *place, sign * _number(said.mag_variation)
+    sign = -1.0 if sentence.mag_var_dir == "W" else 1.0
+    numbers = (
+        _number(sentence.true_course),
+        _number(sentence.spd_over_grnd),
+        *place,
+        sign * _number(sentence.mag_variation),
+    )
     return _Fix(line, time_s, *numbers)
 
 
@@ -190,9 +194,9 @@ def _paired(
     line, time_s = table[:, 0], table[:, 1]
     value, apart_s = _nearest(seen[heading], line, time_s)
     near = ~(apart_s > PAIRED_S)  # without a clock the nearest in the stream counts
-    again = _again(np.column_stack([table[:, 1:], value])) & near
-    counts["repeated"], counts["unpaired"] = int(again.sum()), int((~near).sum())
-    near &= ~again
+    repeated = _repeated(np.column_stack([table[:, 1:], value])) & near
+    counts["repeated"], counts["unpaired"] = int(repeated.sum()), int((~near).sum())
+    near &= ~repeated
     counts["pairs"] = int(near.sum())
     series = dict(
         zip(("time_s", "course_deg", "speed_kn", "latitude", "longitude", "variation_deg"), table.T[1:], strict=True)
@@ -216,16 +220,16 @@ def _nearest(values: list[tuple[int, float]], line: Floats, time_s: Floats) -> t
     return value[nearest], np.abs(np.interp(at[nearest], line, time_s) - time_s)
 
 
-def _again(rows: Floats) -> NDArray[np.bool_]:
+def _repeated(rows: Floats) -> NDArray[np.bool_]:
     """Return which rows repeat one before them after their clock, the first column, went back, (n,).
 
     Receivers send some sentences twice in a row; a log that was joined to itself goes back in time.
     """
     back = np.append(False, np.cumsum(np.diff(rows[:, 0]) < -PAIRED_S) > 0)
     _, first = np.unique(np.nan_to_num(rows, nan=-1.0), axis=0, return_index=True)
-    again = np.ones(len(rows), dtype=bool)
-    again[first] = False
-    return again & back
+    repeated = np.ones(len(rows), dtype=bool)
+    repeated[first] = False
+    return repeated & back
 
 
 def _together(values: Floats, near: NDArray[np.bool_], most: float, counts: Counter[str]) -> Floats:
@@ -239,12 +243,12 @@ def _together(values: Floats, near: NDArray[np.bool_], most: float, counts: Coun
     return np.where(astray, np.nan, values)
 
 
-def _told(counts: Counter[str]) -> tuple[str, ...]:
+def _losses(counts: Counter[str]) -> tuple[str, ...]:
     lost = [f"{counts[key]} {what}" for key, what in LOSSES.items() if counts[key]]
-    said = [f"left out of the log: {', '.join(lost)}"] if lost else []
+    warnings = [f"left out of the log: {', '.join(lost)}"] if lost else []
     if counts["corrected"]:
-        said.append(
+        warnings.append(
             f"{counts['corrected']} HDG sentences state a deviation of their own; "
             "it is not applied, the sensor's heading counts"
         )
-    return tuple(said)
+    return tuple(warnings)

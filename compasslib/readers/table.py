@@ -68,7 +68,7 @@ def read(paths: Sequence[Path], *, columns: Mapping[str, str | float]) -> Record
         heading_quality=np.where(np.isfinite(heading), GOOD, MISSING).astype(np.int8),
         looks_up=False,
         counts=counts | {"velocities_missing": int(np.sum(~np.isfinite(east + north)))},
-        warnings=tuple(f"{counts[key]} {said}" for key, said in LOSSES.items() if counts[key]),
+        warnings=tuple(f"{counts[key]} {text}" for key, text in LOSSES.items() if counts[key]),
     )
 
 
@@ -152,9 +152,9 @@ def _far_too_often(column: Floats) -> Bools:
     often = (count >= max(FEWEST_FILLS, FILL_SHARE * len(column))) & (
         count > FILL_TIMES * beside + FILL_SIGMAS * np.sqrt(beside)
     )
-    held = (often & np.isfinite(distinct))[where.ravel()]
-    begins = int(np.sum(held[1:] & ~held[:-1])) + int(held[:1].sum())
-    return np.asarray(held & (held.sum() <= FROZEN_ROWS * begins))
+    frequent = (often & np.isfinite(distinct))[where.ravel()]
+    begins = int(np.sum(frequent[1:] & ~frequent[:-1])) + int(frequent[:1].sum())
+    return np.asarray(frequent & (frequent.sum() <= FROZEN_ROWS * begins))
 
 
 def _nines(column: Floats) -> Bools:

@@ -182,7 +182,7 @@ def _span(state: State, term: Term) -> tuple[float, float]:
     """Return when an effect acts: a storm has dates, everything else lasts."""
     time_s = state.case.scene.time_s
     if OBSERVATORY in term.needs:
-        return observatory.strongest(time_s, state.case.scene.departures[OBSERVATORY])
+        return observatory.strongest_disturbance(time_s, state.case.scene.departures[OBSERVATORY])
     if set(stuck.LEANS) <= set(term.needs):
         leaning = np.flatnonzero(state.case.scene.departures[stuck.LEANS[0]])
         return float(time_s[leaning[0]]), float(time_s[leaning[-1]])

@@ -37,7 +37,7 @@ def run(
     Raises:
         InputError: an observatory's file cannot be read, or a date lies outside the model of the field.
     """
-    along = observatories.held_against(earthfield.along_time(**place), observatory, place)
+    along = observatories.with_observatory(earthfield.along_time(**place), observatory, place)
     netcdf.write_json(field, vars(along))
     along = earthfield.from_json(netcdf.read_json(field))  # what every later stage reads
     say(earthfield.log_line(mooring, along))

@@ -14,7 +14,7 @@ from compasslib.core import angles, compass
 from compasslib.core.errors import InputError
 from compasslib.core.types import Floats
 from compasslib.readers import cells
-from compasslib.readers.mmp import acm, clock, files
+from compasslib.readers.mmp import acm, scan_clock, scan_files
 
 ROLES = {"x": "x", "y": "y", "z": "z", "pitch": "pitch_deg", "roll": "roll_deg", "heading": "heading_deg"}
 TIME = "time_utc"
@@ -33,7 +33,7 @@ COSINES = "The axes are direction cosines: the field's strength, which would sho
 NAMES = ("forward", "starboard", "down")
 OPPOSITES = ("aft", "port", "up")
 HEADERS = {"x": "HX", "y": "HY", "z": "HZ", "pitch_deg": "TX", "roll_deg": "TY", "heading_deg": "HDNG"}
-PLACES = {role: files.COLUMNS.index(header) for role, header in HEADERS.items()}
+PLACES = {role: scan_files.COLUMNS.index(header) for role, header in HEADERS.items()}
 
 
 @dataclass(frozen=True)
@@ -305,8 +305,8 @@ def read_acm(paths: Sequence[Path], withhold: Collection[str]) -> Log:
         InputError: a file cannot be read, or something unknown or needed is withheld.
     """
     seen = _seen(withhold)
-    scans = files.load(paths)
-    values, aliased = scans.values, acm.first(scans)
+    scans = scan_files.load(paths)
+    values, aliased = scans.values, acm.aliased(scans)
     keep = ~aliased & np.isfinite(values[:, 3:6]).all(axis=1)
     columns = {role: values[keep, place] for role, place in PLACES.items() if role in seen}
     tilts = [columns.get(role) for role in ("pitch_deg", "roll_deg")]
@@ -348,6 +348,6 @@ def _seen(withhold: Collection[str]) -> set[str]:
     return {role for role, header in HEADERS.items() if not {role, header} & set(withhold)} | ({TIME} - set(withhold))
 
 
-def _times(scans: files.Scans) -> Floats:
+def _times(scans: scan_files.Scans) -> Floats:
     nominal = np.array([block.rate_hz for block in scans.blocks])
-    return clock.spread(scans.clock_s, scans.profile, nominal[scans.profile])
+    return scan_clock.spread(scans.clock_s, scans.profile, nominal[scans.profile])

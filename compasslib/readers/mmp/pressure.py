@@ -15,12 +15,10 @@ from pathlib import Path
 import numpy as np
 
 from compasslib.core.errors import InputError
-from compasslib.core.types import Bools, Floats
-from compasslib.readers.mmp import rows as mmp_blocks
-from compasslib.readers.mmp import rows as mmp_rows
-from compasslib.readers.mmp.clock import civil
-from compasslib.readers.mmp.files import contents, is_text
-from compasslib.readers.mmp.rows import UNKNOWN, Block, Form, Text
+from compasslib.core.types import Floats
+from compasslib.readers.mmp.rows import UNKNOWN, Form, ProfileBlock, Text, blocks, parse
+from compasslib.readers.mmp.scan_clock import civil
+from compasslib.readers.mmp.scan_files import contents, is_text
 
 TIMES = ("time_utc", "time", "datetime", "date_time", "timestamp", "date")
 PRESSURES = ("pressure_dbar", "pressure", "pres", "dbar", "p_dbar")
@@ -84,7 +82,7 @@ class Companion:
 
 
 @dataclass(frozen=True, eq=False)
-class _Series:
+class _PressureSeries:
     """What one file holds."""
 
     time_s: Floats
@@ -105,7 +103,7 @@ def load(paths: Sequence[Path]) -> Companion:
     return _together([each if each.clocked else _beside(each, clocked) for each in series])
 
 
-def _together(series: Sequence[_Series]) -> Companion:
+def _together(series: Sequence[_PressureSeries]) -> Companion:
     nothing = np.zeros(0)
     time = np.concatenate([nothing, *(each.time_s for each in series)])
     pressure = np.concatenate([nothing, *(each.pressure_dbar for each in series)])
@@ -115,15 +113,15 @@ def _together(series: Sequence[_Series]) -> Companion:
     return Companion(time, pressure[known][first], tuple(starts), sum(each.damaged for each in series))
 
 
-def _beside(series: _Series, clocked: Companion) -> _Series:
+def _beside(series: _PressureSeries, clocked: Companion) -> _PressureSeries:
     """Return what samples without a clock of their own add to those with one."""
     known = {start.number for start in clocked.starts} - {UNKNOWN}
     alone = clocked.distance_s(series.time_s) > BRIDGED_S
     starts = () if not alone.all() else tuple(start for start in series.starts if start.number not in known)
-    return _Series(series.time_s[alone], series.pressure_dbar[alone], starts, series.damaged, clocked=False)
+    return _PressureSeries(series.time_s[alone], series.pressure_dbar[alone], starts, series.damaged, clocked=False)
 
 
-def _one(path: Path) -> _Series:
+def _one(path: Path) -> _PressureSeries:
     data = contents(path)
     if not is_text(data):
         advice = "unpack the profiler's binary files with the maker's unpacker"
@@ -131,7 +129,7 @@ def _one(path: Path) -> _Series:
     columns = _header(data)
     if columns:
         return _table(path, data, columns)
-    text = mmp_rows.parse(data, lambda form: form[1] > DBAR_OF_C)
+    text = parse(data, lambda form: form[1] > DBAR_OF_C)
     if text.form is None:
         first = data.strip().split(b"\n")[0][:60].decode("latin-1").strip()
         found = f"a first line {first!r}" if first else "an empty file"
@@ -151,17 +149,17 @@ def _with_old_stamp(text: Text) -> Text:
     return Text(form, text.offset, time_s, text.values[:, OLD_STAMP:], text.damaged, text.lines)
 
 
-def _rows(path: Path, text: Text) -> _Series:
-    blocks, _, damaged = mmp_blocks.blocks(text, path)
+def _rows(path: Path, text: Text) -> _PressureSeries:
+    profiles, _, damaged = blocks(text, path)
     stamped = text.form is not None and text.form[0]
-    time_s = text.time_s if stamped else np.concatenate([_laid_out(path, block) for block in blocks])
+    time_s = text.time_s if stamped else np.concatenate([_laid_out(path, block) for block in profiles])
     dbar = text.values[:, DBAR_OF_E if stamped else DBAR_OF_C]
-    starts = tuple(_start(block, time_s) for block in blocks)
+    starts = tuple(_start(block, time_s) for block in profiles)
     # Before its first reading the profiler writes zeros.
-    return _Series(time_s, np.where(dbar == 0, np.nan, dbar), starts, damaged, clocked=stamped)
+    return _PressureSeries(time_s, np.where(dbar == 0, np.nan, dbar), starts, damaged, clocked=stamped)
 
 
-def _laid_out(path: Path, block: Block) -> Floats:
+def _laid_out(path: Path, block: ProfileBlock) -> Floats:
     if not block.off_s > block.on_s:
         found = "rows without a clock and no such lines"
         advice = "unpack with header lines, or give the engineering (E) files"
@@ -170,7 +168,7 @@ def _laid_out(path: Path, block: Block) -> Floats:
     return block.on_s + (np.arange(size) + 0.5) * (block.off_s - block.on_s) / size
 
 
-def _start(block: Block, time_s: Floats) -> Start:
+def _start(block: ProfileBlock, time_s: Floats) -> Start:
     on = block.on_s if np.isfinite(block.on_s) else float(time_s[block.begin])
     return Start(block.number, on, block.off_s)
 
@@ -184,27 +182,23 @@ def _header(data: bytes) -> dict[str, int]:
     return found if "time" in found and "pressure" in found else {}
 
 
-def _table(path: Path, data: bytes, columns: dict[str, int]) -> _Series:
+def _table(path: Path, data: bytes, columns: dict[str, int]) -> _PressureSeries:
     lines = [line for line in data.decode("utf-8-sig", "replace").splitlines() if line.strip(" \t,")]
     rows = [_cells(line) for line in lines[1:]]
     time_s, pressure = (_column(path, rows, columns[role], role) for role in ("time", "pressure"))
     number = np.full(len(rows), float(UNKNOWN))
-    new = _after_pauses(time_s)
+    step = np.diff(time_s)
+    new = np.append(True, step > _bridge(step))[: len(time_s)]  # after a pause
     if "profile" in columns:
         number = _column(path, rows, columns["profile"], "profile")
         new = np.append(True, np.diff(number) != 0)[: len(rows)]
     begins = np.flatnonzero(new & np.isfinite(number))
-    return _Series(time_s, pressure, tuple(Start(int(number[k]), float(time_s[k]), np.nan) for k in begins))
+    return _PressureSeries(time_s, pressure, tuple(Start(int(number[k]), float(time_s[k]), np.nan) for k in begins))
 
 
 def _cells(line: str) -> list[str]:
     # Not by the csv module: one stray quotation mark would swallow all rows up to the next.
     return [cell.strip().strip('"').strip() for cell in line.split(",")]
-
-
-def _after_pauses(time_s: Floats) -> Bools:
-    step = np.diff(time_s)
-    return np.append(True, step > _bridge(step))[: len(time_s)]
 
 
 def _bridge(step: Floats) -> float:
@@ -213,11 +207,11 @@ def _bridge(step: Floats) -> float:
 
 
 def _column(path: Path, rows: Sequence[Sequence[str]], column: int, role: str) -> Floats:
-    parse, expected = (_time, "an ISO time like 2007-09-04T00:00:00Z") if role == "time" else (_number, "a number")
+    convert, expected = (_time, "an ISO time like 2007-09-04T00:00:00Z") if role == "time" else (_number, "a number")
     values = np.empty(len(rows))
     for k, row in enumerate(rows):
         try:
-            values[k] = parse(row[column])
+            values[k] = convert(row[column])
         except (ValueError, IndexError):
             found = repr(row[column]) if column < len(row) else f"a row of {len(row)} cells"
             where = f"{path}: row {k + 1} below the header, {role}"

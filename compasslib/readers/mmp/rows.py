@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib.core.types import Bools, Floats
-from compasslib.readers.mmp.clock import FIRST_YEAR, LAST_YEAR, Ints, civil
+from compasslib.readers.mmp.scan_clock import FIRST_YEAR, LAST_YEAR, Ints, civil
 
 Octets = NDArray[np.uint8]
 Form = tuple[bool, int]  # with a stamp; how many numbers
@@ -47,7 +47,7 @@ _WORDS = re.compile(
     | (?P<off>.*?(?:turned\ off|logging\ stopped)\ at\s+(?P<off_at>[\d/ :]+))
     | (?P<contents>.*header\ contents)
     | (?P<names>mm-dd-yyyy|date\b|mmho|hdng|tx\b)
-    | (?P<told>exception|end\ of\ file|ramp\ exit|profile\ exit|vehicle))""",
+    | (?P<other>exception|end\ of\ file|ramp\ exit|profile\ exit|vehicle))""",
     re.IGNORECASE | re.VERBOSE,
 )
 _NUMBER_IN_NAME = re.compile(r"(\d{3,7})(?:\.dec)?(?:\.\w+)?$", re.IGNORECASE)
@@ -66,7 +66,7 @@ class Text:
 
 
 @dataclass(frozen=True, eq=False)
-class _Piece:
+class _RowChunk:
     offset: Ints
     time_s: Floats
     values: Floats
@@ -127,7 +127,7 @@ class _Rows:
 
 
 @dataclass(frozen=True)
-class Block:
+class ProfileBlock:
     """The rows of one profile."""
 
     begin: int  # among the file's rows
@@ -139,7 +139,7 @@ class Block:
 
 
 @dataclass(frozen=True)
-class _Item:
+class _Statement:
     """A line of words that means something."""
 
     kind: str
@@ -154,7 +154,7 @@ def parse(data: bytes, wanted: Callable[[Form], bool]) -> Text:
         wanted: which forms rows may have; the most frequent one of them in the file is the rows'.
     """
     form: Form | None = None
-    pieces: list[_Piece] = []
+    pieces: list[_RowChunk] = []
     damaged: list[Ints] = []
     lines: list[tuple[int, bytes]] = []
     for start, octets in _chunks(data):
@@ -169,34 +169,33 @@ def parse(data: bytes, wanted: Callable[[Form], bool]) -> Text:
         fits[numeric] = False if form is None else (stamped == form[0]) & (tokens == form[1] + 2 * stamped)
         lost = begins[numeric & ~fits]
         if form and fits.any():
-            piece, bad = _piece(octets, form, begins[fits], ends[fits])
+            piece, bad = _row_chunk(octets, form, begins[fits], ends[fits])
             pieces.append(replace(piece, offset=start + piece.offset))
             lost = np.append(lost, bad)
         damaged.append(start + lost)
     return _regular(form, pieces, damaged, lines)
 
 
-def blocks(text: Text, path: Path) -> tuple[list[Block], Ints, int]:
+def blocks(text: Text, path: Path) -> tuple[list[ProfileBlock], Ints, int]:
     """Return the profiles, each row's place in its profile with damaged rows counted, and how many rows are damaged.
 
     Args:
-        text: a file's rows.
         path: the file; its name numbers a single profile that nothing else does.
     """
-    items, garbled = _items(text)
+    statements, garbled = _statements(text)
     damaged = np.sort(np.append(text.damaged, np.array(garbled, dtype=np.int64)))
-    groups, between = _groups(text, items)
-    found: list[Block] = []
+    groups, between = _groups(text, statements)
+    found: list[ProfileBlock] = []
     place = np.arange(len(text.offset)) + np.searchsorted(damaged, text.offset)
     for k, group in enumerate(groups):
         for piece in _pieces(_block(group, *_around(between, k)), text.time_s):
-            led = between[k] and piece.begin == group[0]
-            start = between[k][-1].offset if led else int(text.offset[piece.begin]) if piece.begin else 0
+            introduced = between[k] and piece.begin == group[0]
+            start = between[k][-1].offset if introduced else int(text.offset[piece.begin]) if piece.begin else 0
             place[piece.begin : piece.end] -= np.searchsorted(text.offset, start) + np.searchsorted(damaged, start)
             found.append(piece)
     if len(found) == 1 and found[0].number == UNKNOWN:
         found = [replace(found[0], number=number_in_name(path))]
-    return _with_rate_of_the_one_before(found), place, len(damaged)
+    return _with_rates(found), place, len(damaged)
 
 
 def number_in_name(path: Path) -> int:
@@ -205,13 +204,9 @@ def number_in_name(path: Path) -> int:
     return int(found[1]) if found else UNKNOWN
 
 
-def says_something(text: Text) -> bool:
-    """Return whether any line is one that an unpacker writes.
-
-    Args:
-        text: a file's rows and lines.
-    """
-    return bool(_items(text)[0])
+def has_statements(text: Text) -> bool:
+    """Return whether any line is one that an unpacker writes."""
+    return bool(_statements(text)[0])
 
 
 def _chunks(data: bytes) -> Iterator[tuple[int, Octets]]:
@@ -244,7 +239,7 @@ def _form(stamped: Bools, tokens: Ints, wanted: Callable[[Form], bool]) -> Form 
     return max(allowed, key=lambda form: allowed[form]) if allowed else None
 
 
-def _piece(octets: Octets, form: Form, begins: Ints, ends: Ints) -> tuple[_Piece, Ints]:
+def _row_chunk(octets: Octets, form: Form, begins: Ints, ends: Ints) -> tuple[_RowChunk, Ints]:
     """Return the rows among lines of the right count of words, and where the others begin."""
     own = _marked(len(octets), begins, ends)
     octets = octets[own]
@@ -258,7 +253,7 @@ def _piece(octets: Octets, form: Form, begins: Ints, ends: Ints) -> tuple[_Piece
     octets[octets == ord(",")] = ord(" ")
     # Of nothing but spaces fromstring makes a number.
     numbers = np.fromstring(octets.tobytes(), sep=" ") if good.any() else np.zeros(0)
-    piece = _Piece(begins[good], time_s[good], numbers.reshape(-1, form[1]), rows.texture()[good])
+    piece = _RowChunk(begins[good], time_s[good], numbers.reshape(-1, form[1]), rows.texture()[good])
     return piece, begins[~good]
 
 
@@ -270,7 +265,7 @@ def _marked(length: int, begins: Ints, ends: Ints) -> Bools:
     return np.cumsum(step[:-1], dtype=np.int8).astype(bool)
 
 
-def _regular(form: Form | None, pieces: list[_Piece], damaged: list[Ints], lines: list[tuple[int, bytes]]) -> Text:
+def _regular(form: Form | None, pieces: list[_RowChunk], damaged: list[Ints], lines: list[tuple[int, bytes]]) -> Text:
     """Put the pieces together and leave out rows that differ from the others in their texture."""
     lost = np.concatenate([np.zeros(0, dtype=np.int64), *damaged])
     if form is None or not any(len(piece.offset) for piece in pieces):
@@ -291,34 +286,34 @@ def _most_frequent(values: Ints) -> int:
     return int(distinct[np.argmax(times)])
 
 
-def _items(text: Text) -> tuple[list[_Item], list[int]]:
+def _statements(text: Text) -> tuple[list[_Statement], list[int]]:
     """Return the lines that mean something, and the offsets of damaged rows among the others."""
-    items: list[_Item] = []
+    statements: list[_Statement] = []
     garbled: list[int] = []
     inside = False
     for offset, line in text.lines:
-        item = _item(line)
-        if item:
-            items.append(replace(item, offset=offset))
-            inside = item.kind == "contents"
+        statement = _statement(line)
+        if statement:
+            statements.append(replace(statement, offset=offset))
+            inside = statement.kind == "contents"
         elif not inside and sum(48 <= c < 58 for c in line) > len(line) // 4:
             garbled.append(offset)
-    return items, garbled
+    return statements, garbled
 
 
 @lru_cache(maxsize=1024)  # the instrument's header stands behind every profile, line for line the same
-def _item(line: bytes) -> _Item | None:
+def _statement(line: bytes) -> _Statement | None:
     found = _WORDS.match(line)
     if not found:
         return None
     kind = found.lastgroup or ""
     for name, given in (("rate", "hertz"), ("profile", "number")):
         if found[name]:
-            return _Item(name, _float(found[given]))
+            return _Statement(name, _float(found[given]))
     for name in ("on", "off"):
         if found[name]:
-            return _Item(name, _stamp(found[f"{name}_at"]))
-    return _Item(kind)
+            return _Statement(name, _stamp(found[f"{name}_at"]))
+    return _Statement(kind)
 
 
 def _float(digits: bytes) -> float:
@@ -340,10 +335,10 @@ def _stamp(words: bytes) -> float:
     return known.timestamp() if FIRST_YEAR <= year <= LAST_YEAR else float("nan")
 
 
-def _groups(text: Text, items: Sequence[_Item]) -> tuple[list[tuple[int, int]], list[list[_Item]]]:
+def _groups(text: Text, statements: Sequence[_Statement]) -> tuple[list[tuple[int, int]], list[list[_Statement]]]:
     """Return the rows between lines that end a profile, and the lines before, between and behind them."""
-    ends = [item for item in items if item.kind != "told"]
-    before = np.searchsorted([item.offset for item in ends], text.offset)
+    ends = [statement for statement in statements if statement.kind != "other"]
+    before = np.searchsorted([statement.offset for statement in ends], text.offset)
     begins = np.flatnonzero(np.append(True, np.diff(before) > 0)) if len(before) else np.zeros(0, dtype=int)
     marks = [0, *before[begins].tolist(), len(ends)]
     between = [ends[a:b] for a, b in pairwise(marks)]
@@ -351,7 +346,7 @@ def _groups(text: Text, items: Sequence[_Item]) -> tuple[list[tuple[int, int]], 
     return list(pairwise(limits)), between
 
 
-def _pieces(block: Block, time_s: Floats) -> list[Block]:
+def _pieces(block: ProfileBlock, time_s: Floats) -> list[ProfileBlock]:
     """Cut a profile that nothing names where its clock pauses: header lines were left out, or lost."""
     if block.number != UNKNOWN:
         return [block]
@@ -362,25 +357,25 @@ def _pieces(block: Block, time_s: Floats) -> list[Block]:
     return [replace(block, begin=a, end=b) for a, b in pairwise(limits)]
 
 
-def _block(group: tuple[int, int], head: Sequence[_Item], tail: Sequence[_Item]) -> Block:
-    said = {item.kind: item.value for item in [*reversed(tail), *head]}
-    number = said.get("profile", float(UNKNOWN))
-    rate, on, off = (said.get(kind, float("nan")) for kind in ("rate", "on", "off"))
-    return Block(*group, number=int(number), rate_hz=rate if rate > 0 else np.nan, on_s=on, off_s=off)
+def _block(group: tuple[int, int], head: Sequence[_Statement], tail: Sequence[_Statement]) -> ProfileBlock:
+    stated = {statement.kind: statement.value for statement in [*reversed(tail), *head]}
+    number = stated.get("profile", float(UNKNOWN))
+    rate, on, off = (stated.get(kind, float("nan")) for kind in ("rate", "on", "off"))
+    return ProfileBlock(*group, number=int(number), rate_hz=rate if rate > 0 else np.nan, on_s=on, off_s=off)
 
 
-def _around(between: Sequence[list[_Item]], k: int) -> tuple[list[_Item], list[_Item]]:
+def _around(between: Sequence[list[_Statement]], k: int) -> tuple[list[_Statement], list[_Statement]]:
     """Return the lines in front of and behind the k-th group that speak of it."""
-    leads = any(item.kind == "off" for item in between[0])
-    head = between[k][0 if k == 0 else _cut(between[k], leads) :]
-    tail = between[k + 1][: None if k + 2 == len(between) else _cut(between[k + 1], leads)]
+    times_first = any(statement.kind == "off" for statement in between[0])
+    head = between[k][0 if k == 0 else _cut(between[k], times_first) :]
+    tail = between[k + 1][: None if k + 2 == len(between) else _cut(between[k + 1], times_first)]
     return head, tail
 
 
-def _cut(items: Sequence[_Item], leads: bool) -> int:
+def _cut(statements: Sequence[_Statement], times_first: bool) -> int:
     """Return where the tail of a profile ends and the head of the next begins; the times may lead the head."""
-    kinds = [item.kind for item in items]
-    for first in ("rate", *(["on"] if leads else [])):
+    kinds = [statement.kind for statement in statements]
+    for first in ("rate", *(["on"] if times_first else [])):
         if first in kinds:
             return kinds.index(first)
     last = max((k for k, kind in enumerate(kinds) if kind == "profile"), default=-1)
@@ -388,7 +383,7 @@ def _cut(items: Sequence[_Item], leads: bool) -> int:
     return closed + 1 if closed > last or last < 0 else last
 
 
-def _with_rate_of_the_one_before(found: Sequence[Block]) -> list[Block]:
+def _with_rates(found: Sequence[ProfileBlock]) -> list[ProfileBlock]:
     rates, rate = [], np.nan
     for block in found:
         rate = block.rate_hz if np.isfinite(block.rate_hz) else rate

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib.core.types import Floats
-from compasslib.readers.pd0.frames import FIXED_LEADERS, VARIABLE_LEADERS, Bytes, Layout, Places, Run
+from compasslib.readers.pd0.frames import FIXED_LEADERS, VARIABLE_LEADERS, Bytes, EnsembleRun, Layout, Places
 
 T = TypeVar("T", bound=np.generic)
 
@@ -72,8 +72,8 @@ class Ensembles:
     depth_m: Floats  # (n,) of the transducer
     temperature_c: Floats  # (n,)
     supply_voltage: Floats  # (n,) counts of the transmit voltage
-    serial: Places  # (n,) of the instrument, 0 where it is not told
-    board: Places  # (n,) of its processor's board, 0 where it is not told
+    serial: Places  # (n,) of the instrument, 0 where unknown
+    board: Places  # (n,) of its processor's board, 0 where unknown
     beams: Bytes  # (n,)
     cells: Places  # (n,)
     cell_m: Floats  # (n,)
@@ -107,13 +107,13 @@ class LeftOut:
         return self.without_velocity + self.bad_dates + self.not_of_four_beams
 
 
-def decode_runs(runs: Sequence[Run]) -> tuple[Ensembles, LeftOut]:
+def decode_runs(runs: Sequence[EnsembleRun]) -> tuple[Ensembles, LeftOut]:
     """Return the ensembles of some runs in their order, and how many of them are left out.
 
     Args:
         runs: runs of ensembles; what has no velocities, other columns than four or an impossible date is left out.
     """
-    groups: dict[bytes, list[Run]] = {}
+    groups: dict[bytes, list[EnsembleRun]] = {}
     without_velocity = not_of_four = 0
     for run in runs:
         if not _has_profile(run.layout, VELOCITY):
@@ -167,13 +167,12 @@ def chosen(ensembles: Ensembles, which: Places | NDArray[np.bool_]) -> Ensembles
     """Return some of the ensembles, or all in another order.
 
     Args:
-        ensembles: n ensembles.
         which: indices, or (n,) booleans.
     """
     return Ensembles(**{f.name: getattr(ensembles, f.name)[which] for f in fields(Ensembles)})
 
 
-def _decoded(layout: Layout, runs: Sequence[Run]) -> Ensembles:
+def _decoded(layout: Layout, runs: Sequence[EnsembleRun]) -> Ensembles:
     stride = layout.length + 2
     pieces = [run.rows for run in runs]
     rows = pieces[0] if len(pieces) == 1 else np.concatenate([np.empty((0, stride), np.uint8), *pieces])

@@ -30,7 +30,7 @@ CHECKSUM, PAST_THE_END, NO_ENSEMBLE = "checksum", "length runs past the end of t
 BEFORE_THE_FIRST = "junk before the first ensemble"
 
 _MARK = 0x7F
-_HEADER = 8  # bytes up to and with the first offset: without them nothing can be said of a candidate
+_HEADER = 8  # bytes up to and with the first offset: without them a candidate cannot be judged
 _SHORTEST = _HEADER + SHORTEST_FIXED + SHORTEST_VARIABLE
 _WINDOW = 1 << 19  # rows are checked in pieces that stay in the processor's cache
 
@@ -47,7 +47,7 @@ class Layout:
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
+class EnsembleRun:
     """Ensembles of one layout that lie back to back."""
 
     offset: int  # of the first, in the file
@@ -69,7 +69,7 @@ class Skipped:
 class Chunk:
     """What one piece of the file holds, in the order of the file."""
 
-    runs: tuple[Run, ...]
+    runs: tuple[EnsembleRun, ...]
     skipped: tuple[Skipped, ...]
 
 
@@ -103,7 +103,7 @@ def frames(path: str | PathLike[str], chunk_bytes: int = CHUNK_BYTES) -> Iterato
                 pending, begun = None, True
         # A range may go on in the next piece, so it is given only when an ensemble or the end of the file follows.
         skipped += [pending] if last and pending else []
-        yield Chunk(tuple(item for item in items if isinstance(item, Run)), tuple(skipped))
+        yield Chunk(tuple(item for item in items if isinstance(item, EnsembleRun)), tuple(skipped))
 
 
 def _joined(before: Skipped | None, after: Skipped) -> Skipped:
@@ -116,7 +116,7 @@ def _named(skipped: Skipped, begun: bool) -> Skipped:
     return replace(skipped, reason=BEFORE_THE_FIRST) if not begun and skipped.reason == NO_ENSEMBLE else skipped
 
 
-def _scanned(path: str | PathLike[str], chunk_bytes: int) -> Iterator[tuple[list[Run | Skipped], bool]]:
+def _scanned(path: str | PathLike[str], chunk_bytes: int) -> Iterator[tuple[list[EnsembleRun | Skipped], bool]]:
     offset, tail, last = 0, b"", False
     with _opened(path) as file:
         while not last:
@@ -148,8 +148,8 @@ def _unreadable(path: str | PathLike[str], error: Exception) -> InputError:
     return InputError(str(path), expected="a PD0 file that can be read", found=found, advice=advice)
 
 
-def _scan(data: Bytes, offset: int, last: bool) -> tuple[list[Run | Skipped], int]:
-    items: list[Run | Skipped] = []
+def _scan(data: Bytes, offset: int, last: bool) -> tuple[list[EnsembleRun | Skipped], int]:
+    items: list[EnsembleRun | Skipped] = []
     candidates: _Candidates | None = None
     start = 0
     while start < data.size:
@@ -157,7 +157,7 @@ def _scan(data: Bytes, offset: int, last: bool) -> tuple[list[Run | Skipped], in
         count = _in_a_row(data, start, layout) if layout else 0
         if layout and count:
             stop = start + count * (layout.length + 2)
-            items.append(Run(offset + start, data[start:stop].reshape(count, -1), layout))
+            items.append(EnsembleRun(offset + start, data[start:stop].reshape(count, -1), layout))
         else:
             candidates = candidates or _candidates(data, start, last)
             stop = _next_start(data, start, candidates, last)
@@ -169,11 +169,7 @@ def _scan(data: Bytes, offset: int, last: bool) -> tuple[list[Run | Skipped], in
 
 
 def layout_at(data: Bytes, start: int) -> Layout | None:
-    """Return the layout of the ensemble at a place, None where the bytes are not a whole ensemble's.
-
-    Args:
-        data: bytes, (size,).
-    """
+    """Return the layout of the ensemble at a place, None where the bytes are not a whole ensemble's."""
     if data.size - start < _HEADER or data[start] != _MARK or data[start + 1] != _MARK:
         return None
     length, types = int(data[start + 2]) + 256 * int(data[start + 3]), int(data[start + 5])

@@ -19,11 +19,18 @@ import numpy as np
 from compasslib.core.errors import InputError
 from compasslib.core.records import BAD, GOOD, MISSING, Flags, Record
 from compasslib.core.types import Floats
-from compasslib.readers.pd0 import mixture
+from compasslib.readers.pd0 import consistency
+from compasslib.readers.pd0.account import FileReport, counts_of, faces_up, lost_ensembles, warnings_of
+from compasslib.readers.pd0.currents import (
+    Choices,
+    currents,
+    magnetic_heading,
+    of_other_coordinates,
+    quality,
+    true_pitch,
+)
 from compasslib.readers.pd0.fields import Ensembles, LeftOut, decode_runs, joined, stacked
 from compasslib.readers.pd0.frames import CHUNK_BYTES, Skipped, frames
-from compasslib.readers.pd0.report import FileReport, counts_of, faces_up, lost_ensembles, sentences
-from compasslib.readers.pd0.water import Choices, currents, magnetic_heading, of_other_coordinates, quality, true_pitch
 
 BOUNDARY_COUNTS = 50  # above the least echo before it; 0.45 dB a count
 HEARD_COUNTS = 15  # above the least echo of the ensemble, which is the noise of the receiver or more
@@ -31,7 +38,7 @@ BEAMS = 4
 
 
 @dataclass(frozen=True, eq=False)
-class _Piece:
+class _DecodedChunk:
     """A decoded chunk of a file."""
 
     ensembles: Ensembles
@@ -64,7 +71,7 @@ def decode(path: str | Path, chunk_bytes: int = CHUNK_BYTES) -> Ensembles:
         InputError: the file cannot be read or holds no ensemble with velocities.
     """
     pieces = list(_pieces(path, chunk_bytes))
-    _refuse_nothing(path, pieces)
+    _refuse_empty(path, pieces)
     return joined([piece.ensembles for piece in pieces])
 
 
@@ -89,49 +96,28 @@ def read(
         InputError: a file that cannot be read, holds no ensemble or other than four beams, a serial number of another
             instrument, or EA and ``heading_alignment`` that do not go together.
     """
-    return read_reporting(
-        paths,
-        orientation=orientation,
-        declination_applied=declination_applied,
-        heading_alignment=heading_alignment,
-        serial_number=serial_number,
-    )[0]
+    return read_reporting(paths, Choices(orientation, declination_applied, heading_alignment, serial_number))[0]
 
 
-def read_reporting(
-    paths: Sequence[Path],
-    *,
-    orientation: str | None,
-    declination_applied: float | None,
-    heading_alignment: float | None,
-    serial_number: str | None = None,
-) -> tuple[Record, tuple[FileReport, ...]]:
-    """Return what ``read`` returns, and of every file what was skipped, range by range.
-
-    Args:
-        paths: as for ``read``.
-        orientation: as for ``read``.
-        declination_applied: as for ``read``.
-        heading_alignment: as for ``read``.
-        serial_number: as for ``read``.
+def read_reporting(paths: Sequence[Path], choices: Choices) -> tuple[Record, tuple[FileReport, ...]]:
+    """Return the record as ``read`` does, and of every file what was skipped, range by range.
 
     Raises:
         InputError: as for ``read``.
     """
-    choices = Choices(orientation, declination_applied, heading_alignment, serial_number)
-    _check(paths, choices)
+    if not paths:
+        raise InputError("files", expected="at least one PD0 file", found="none", advice="name the instrument's files")
+    if choices.orientation not in (None, "up", "down"):
+        found = repr(choices.orientation)
+        raise InputError("orientation", expected="up or down", found=found, advice="write orientation: up")
     # Downloads may be listed in any order.
-    files = sorted((_file(path, choices) for path in paths), key=lambda each: _begin(each[0]))
+    files = sorted((_file(path, choices) for path in paths), key=lambda each: each[0][0].leaders.time_s[0])
     reports = [report for _, report in files]
     return _record([part for of_file, _ in files for part in of_file], reports, choices), tuple(reports)
 
 
 def echo_ranges(ensembles: Ensembles) -> Floats:
-    """Return vertical ranges, (n, 2) metres, NaN where there is none: of a boundary, and of the last bin heard.
-
-    Args:
-        ensembles: n ensembles.
-    """
+    """Return vertical ranges, (n, 2) metres, NaN where there is none: of a boundary, and of the last bin heard."""
     if not ensembles.echo.any():
         return np.full((len(ensembles), 2), np.nan)
     one, two, three, four = np.moveaxis(ensembles.echo, 2, 0)
@@ -151,17 +137,17 @@ def echo_ranges(ensembles: Ensembles) -> Floats:
     return np.where(seen, ranges, np.nan)
 
 
-def _pieces(path: str | Path, chunk_bytes: int = CHUNK_BYTES) -> Iterator[_Piece]:
+def _pieces(path: str | Path, chunk_bytes: int = CHUNK_BYTES) -> Iterator[_DecodedChunk]:
     for chunk in frames(path, chunk_bytes):
         ensembles, left_out = decode_runs(chunk.runs)
         size = sum(run.rows.size for run in chunk.runs)
-        yield _Piece(ensembles, left_out, size, chunk.skipped)
+        yield _DecodedChunk(ensembles, left_out, size, chunk.skipped)
 
 
-def _refuse_nothing(path: str | Path, pieces: Sequence[_Piece]) -> None:
+def _refuse_empty(path: str | Path, pieces: Sequence[_DecodedChunk]) -> None:
     left_out = sum((piece.left_out for piece in pieces), LeftOut())
     kept = sum(len(piece.ensembles) for piece in pieces)
-    mixture.refuse_columns(str(path), left_out.not_of_four_beams, kept)
+    consistency.refuse_columns(str(path), left_out.not_of_four_beams, kept)
     if kept:
         return
     with Path(path).open("rb") as file:
@@ -173,27 +159,18 @@ def _refuse_nothing(path: str | Path, pieces: Sequence[_Piece]) -> None:
     raise InputError(str(path), expected="PD0 ensembles (7F 7F) with velocities", found=found, advice=advice)
 
 
-def _check(paths: Sequence[Path], choices: Choices) -> None:
-    if not paths:
-        raise InputError("files", expected="at least one PD0 file", found="none", advice="name the instrument's files")
-    if choices.orientation not in (None, "up", "down"):
-        raise InputError(
-            "orientation", expected="up or down", found=repr(choices.orientation), advice="write orientation: up"
-        )
-
-
 def _file(path: str | Path, choices: Choices) -> tuple[list[_Water], FileReport]:
     """Read one file piece by piece, so that the profiles of a piece are gone before the next is there."""
-    bare: list[_Piece] = []
+    bare: list[_DecodedChunk] = []
     water: list[_Water] = []
     for piece in _pieces(path):
         bare.append(replace(piece, ensembles=_leaders(piece.ensembles)))
         if len(piece.ensembles):
-            mixture.refuse_alignment(str(path), piece.ensembles, choices.heading_alignment)
+            consistency.refuse_alignment(str(path), piece.ensembles, choices.heading_alignment)
             water.append(_turned(piece.ensembles, choices))
-    _refuse_nothing(path, bare)
+    _refuse_empty(path, bare)
     cells = np.sum([part.of_other_coordinates for part in water], axis=0)
-    mixture.refuse_coordinates(str(path), joined([part.leaders for part in water]), *cells.tolist())
+    consistency.refuse_coordinates(str(path), joined([part.leaders for part in water]), *cells.tolist())
     if not any(part.has_percent_good for part in water):
         # Nobody has filled the block: it says nothing about the velocities.
         water = [replace(part, quality=np.where(part.quality == BAD, GOOD, part.quality)) for part in water]
@@ -220,7 +197,7 @@ def _turned(ensembles: Ensembles, choices: Choices) -> _Water:
     )
 
 
-def _report(path: str | Path, pieces: Sequence[_Piece], three_beam: int) -> FileReport:
+def _report(path: str | Path, pieces: Sequence[_DecodedChunk], three_beam: int) -> FileReport:
     skipped = tuple(each for piece in pieces for each in piece.skipped)
     offset = np.concatenate([piece.ensembles.offset for piece in pieces])
     number = np.concatenate([piece.ensembles.number for piece in pieces])
@@ -235,20 +212,16 @@ def _report(path: str | Path, pieces: Sequence[_Piece], three_beam: int) -> File
     )
 
 
-def _begin(water: Sequence[_Water]) -> float:
-    return float(water[0].leaders.time_s[0])
-
-
 def _record(water: Sequence[_Water], reports: Sequence[FileReport], choices: Choices) -> Record:
     leaders = joined([part.leaders for part in water])
     where = ", ".join(report.path for report in reports)
-    mixture.refuse(where, leaders)
-    serial = mixture.serial_number(where, leaders, choices.serial_number)
-    flags, doubtful, notes = mixture.doubts(leaders)
+    consistency.refuse(where, leaders)
+    serial = consistency.serial_number(where, leaders, choices.serial_number)
+    flags, stray, notes = consistency.stray(leaders)
     heading = magnetic_heading(leaders, choices)
     cells = int(leaders.cells.max())
     known = {"velocities": sum(int(np.isfinite(part.east).sum()) for part in water)}
-    counts = counts_of(reports, leaders, heading, choices) | doubtful | known
+    counts = counts_of(reports, leaders, heading, choices) | stray | known
     return Record(
         time_s=leaders.time_s,
         east=stacked([part.east for part in water], cells),
@@ -269,7 +242,7 @@ def _record(water: Sequence[_Water], reports: Sequence[FileReport], choices: Cho
         serial_number=serial,
         echo_range_m=np.concatenate([part.echo_range_m for part in water]),
         counts=counts,
-        warnings=(*sentences(reports, leaders, counts, choices), *notes),
+        warnings=(*warnings_of(reports, leaders, counts, choices), *notes),
     )
 
 

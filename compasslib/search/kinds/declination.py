@@ -19,7 +19,7 @@ from compasslib import observatory
 from compasslib.core import angles
 from compasslib.core.records import EarthField, FieldSeries
 from compasslib.core.types import Floats
-from compasslib.observatory import Held, Storm
+from compasslib.observatory import FieldComparison, Storm
 from compasslib.readers import iaga2002
 from compasslib.search import diagnosis, show, verdict
 from compasslib.search.diagnosis import Options
@@ -48,7 +48,7 @@ def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: 
     if why := observatory.refusal(series):
         return verdict.insufficient(why)
     field = observatory.field_of(series, settings, str(files[0]))
-    observatory.said(series, observatory.place_of(series, settings))
+    observatory.check(series, observatory.place_of(series, settings))
     return judge(series, field, options or Options())
 
 
@@ -60,9 +60,9 @@ def judge(series: FieldSeries, field: EarthField, options: Options) -> Diagnosis
         field: the model's declination along time, or the number in its place.
     """
     limit = options.min_effect_deg
-    first = observatory.hold(series, field, limit_deg=limit)
+    first = observatory.compare(series, field, limit_deg=limit)
     slow = declination_slow.judge(first, series, field, options)
-    held = observatory.hold(declination_slow.without(series, slow.jumps), field, limit_deg=limit)
+    held = observatory.compare(declination_slow.without(series, slow.jumps), field, limit_deg=limit)
     found, small = list(slow.findings), dict(slow.negligible)
     open_constant = "declination_error" not in dict(slow.not_testable)
     constant = [_constant(held, series, field)] if open_constant else []
@@ -92,7 +92,7 @@ def plausible_deg(series: FieldSeries, field: EarthField) -> float:
     return float(np.arctan2(observatory.CRUST_NT, strength)) / angles.DEGREE
 
 
-def _constant(held: Held, series: FieldSeries, field: EarthField) -> tuple[Finding | None, str, float]:
+def _constant(held: FieldComparison, series: FieldSeries, field: EarthField) -> tuple[Finding | None, str, float]:
     size, most = abs(held.constant_deg), plausible_deg(series, field)
     if size - 1.96 * held.constant_sigma_deg <= most:
         return None, "declination_error", size
@@ -116,7 +116,7 @@ def _constant(held: Held, series: FieldSeries, field: EarthField) -> tuple[Findi
     )
 
 
-def _daily(held: Held, limit_deg: float) -> tuple[Finding | None, str, float]:
+def _daily(held: FieldComparison, limit_deg: float) -> tuple[Finding | None, str, float]:
     size = float(np.std(np.nan_to_num(held.curve_deg)))
     if size < limit_deg or held.quiet_days < FEWEST_DAYS:
         return None, "field_disturbance", size
@@ -138,12 +138,12 @@ def _daily(held: Held, limit_deg: float) -> tuple[Finding | None, str, float]:
     )
 
 
-def _storms(held: Held, series: FieldSeries) -> list[tuple[Finding | None, str, float]]:
+def _storms(held: FieldComparison, series: FieldSeries) -> list[tuple[Finding | None, str, float]]:
     ordered = sorted(held.storms, key=lambda storm: -storm.rms_deg)
     calm = held.disturbed_deg[~held.stormy]
     noise = angles.rms(calm) if calm.size else float("nan")
     if not ordered:
-        largest = float(observatory.worst(held.time_s, held.disturbed_deg)[0].max())
+        largest = float(observatory.three_hour_rms(held.time_s, held.disturbed_deg)[0].max())
         return [(None, "field_disturbance", largest)]
     return [
         (
@@ -155,7 +155,7 @@ def _storms(held: Held, series: FieldSeries) -> list[tuple[Finding | None, str, 
     ]
 
 
-def _storm(held: Held, series: FieldSeries, storm: Storm, noise_deg: float, *, more: int) -> Finding:
+def _storm(held: FieldComparison, series: FieldSeries, storm: Storm, noise_deg: float, *, more: int) -> Finding:
     proof = _interpolated(held, series, storm)
     numbers = {
         "range_deg": Parameter(storm.range_deg, np.sqrt(2.0) * noise_deg, "degrees"),
@@ -185,11 +185,11 @@ def _finding(
     return Finding(effect, "compass", alternatives, place, span, parameters, size[0], size[1], text)
 
 
-def _span(held: Held) -> tuple[float, float]:
+def _span(held: FieldComparison) -> tuple[float, float]:
     return float(held.time_s[0]), float(held.time_s[-1])
 
 
-def _interpolated(held: Held, series: FieldSeries, storm: Storm) -> HeldOut:
+def _interpolated(held: FieldComparison, series: FieldSeries, storm: Storm) -> HeldOut:
     """Return what the storm's own curve adds on stretches left out of it, between its neighbours.
 
     It foretells no other day and no other place; it shows that the disturbance is a course in time and not noise.
@@ -197,7 +197,7 @@ def _interpolated(held: Held, series: FieldSeries, storm: Storm) -> HeldOut:
     inside = (series.time_s >= storm.begin_s) & (series.time_s <= storm.end_s) & np.isfinite(series.declination_deg)
     time_s, observed = series.time_s[inside], series.declination_deg[inside]
     base = np.interp(time_s, held.time_s, held.model_deg + held.level_deg)
-    before = angles.difference(observed, base) - observatory.daily(held.curve_deg, time_s)
+    before = angles.difference(observed, base) - observatory.daily_curve_at(held.curve_deg, time_s)
     stretch = np.floor((time_s - storm.begin_s) / max(LEFT_OUT_S, float(np.median(np.diff(series.time_s)))))
     left = np.array(before)
     for fold in (0, 1):
@@ -219,7 +219,7 @@ def _by_folds(off_deg: Floats, time_s: Floats, *, daily: bool = False) -> HeldOu
             continue
         simulated = np.full(int(out.sum()), float(np.median(off_deg[~out])))
         if daily:
-            simulated = observatory.daily(observatory.hourly_median(time_s, off_deg, ~out), time_s[out])
+            simulated = observatory.daily_curve_at(observatory.hourly_median(time_s, off_deg, ~out), time_s[out])
         left[out] = off_deg[out] - simulated
     return _proof(off_deg, left, unit - unit[0])
 
@@ -230,7 +230,7 @@ def _proof(before: Floats, after: Floats, block: NDArray[np.intp]) -> HeldOut:
     return show.judged(each, block, (angles.rms(before), angles.rms(after)))
 
 
-def _always_disturbed(held: Held, limit_deg: float) -> Unexplained | None:
+def _always_disturbed(held: FieldComparison, limit_deg: float) -> Unexplained | None:
     """Return that the series is restless at all times, if it is: then no storm stands out."""
     if held.ordinary_deg < limit_deg:
         return None

@@ -20,7 +20,7 @@ from compasslib.effects.composition import Simulation
 from compasslib.effects.earth import SecularVariation
 from compasslib.effects.reading import HeadingSlip
 from compasslib.effects.term import YEAR_S
-from compasslib.observatory import Held
+from compasslib.observatory import FieldComparison
 from compasslib.search import diagnosis, show, verdict
 from compasslib.search.case import Case
 from compasslib.search.diagnosis import Options
@@ -60,7 +60,7 @@ class Slow:
     threshold: Mapping[str, float] = field(default_factory=dict)
 
 
-def judge(held: Held, series: FieldSeries, model: EarthField, options: Options) -> Slow:
+def judge(held: FieldComparison, series: FieldSeries, model: EarthField, options: Options) -> Slow:
     """Return trend and jumps of a series.
 
     Args:
@@ -74,7 +74,7 @@ def judge(held: Held, series: FieldSeries, model: EarthField, options: Options) 
         return _of_pieces(held, series, model, options.min_effect_deg)
     limit = options.min_effect_deg
     large = _large_jumps(held, limit)
-    level = observatory.hold(without(series, tuple(one[1] for one in large)), model, limit_deg=limit)
+    level = observatory.compare(without(series, tuple(one[1] for one in large)), model, limit_deg=limit)
     found = diagnosis.judge(case(level, model), options)
     dates = {id(one): _dated(level, one) for one in found.findings if one.effect == "heading_slip"}
     drifts = any(one.effect == "secular_variation" for one in found.findings)
@@ -101,7 +101,7 @@ def without(series: FieldSeries, jumps: Jumps) -> FieldSeries:
     return replace(series, declination_deg=angles.wrap180(series.declination_deg - risen))
 
 
-def case(held: Held, model: EarthField) -> Case:
+def case(held: FieldComparison, model: EarthField) -> Case:
     """Return the series as a case of the general search: a compass that stays where it is while north moves."""
     years = float(np.ptp(held.time_s)) / YEAR_S
     step = observatory.HOUR_S if years < HOURS_OF_YEARS else observatory.DAY_S
@@ -127,7 +127,7 @@ def case(held: Held, model: EarthField) -> Case:
     )
 
 
-def _too_short(held: Held) -> str:
+def _too_short(held: FieldComparison) -> str:
     days = float(np.ptp(held.time_s)) / observatory.DAY_S
     hours = len(np.unique(np.floor(held.time_s / observatory.HOUR_S)))
     if days >= diagnosis.SHORTEST_DAYS and hours >= diagnosis.FEWEST:
@@ -138,11 +138,11 @@ def _too_short(held: Held) -> str:
     )
 
 
-def _covered(held: Held) -> float:
+def _covered(held: FieldComparison) -> float:
     return held.days / (float(np.ptp(held.time_s)) / observatory.DAY_S + 1.0)
 
 
-def _of_pieces(held: Held, series: FieldSeries, model: EarthField, limit_deg: float) -> Slow:
+def _of_pieces(held: FieldComparison, series: FieldSeries, model: EarthField, limit_deg: float) -> Slow:
     """Return the trend through the medians of 27 days of a record that is mostly gaps; a jump may hide in a gap."""
     missing = (("heading_slip", "most of the record is gaps: a jump in one looks like a trend or like nothing"),)
     number = np.unique(np.floor(held.time_s / observatory.DAY_S / observatory.BLOCK_DAYS), return_inverse=True)[1]
@@ -194,7 +194,7 @@ def _told(one: Finding, series: FieldSeries, model: EarthField, jump: tuple[floa
     return replace(one, alternatives=others, text=text, applied=False)
 
 
-def _dated(held: Held, one: Finding) -> tuple[float, float]:
+def _dated(held: FieldComparison, one: Finding) -> tuple[float, float]:
     """Return the date of a jump among the means around where the search has it, and by how much the series rises."""
     assert one.when_s is not None  # an observatory has a clock
     near = np.abs(held.time_s - one.when_s[0]) <= NEAR_S
@@ -215,14 +215,16 @@ def _best_split(off: Floats, least: int) -> tuple[int, float, Floats]:
     return at, float(high - low), np.concatenate([off[:at] - low, off[at:] - high])
 
 
-def _short_jump(held: Held, limit_deg: float) -> tuple[Finding, tuple[float, float]] | None:
+def _short_jump(held: FieldComparison, limit_deg: float) -> tuple[Finding, tuple[float, float]] | None:
     """Return the jump of a short record, if two levels leave nothing of what else would be a storm."""
     off = held.residual_deg - held.quiet_deg
     least = int(LEAST_SIDE_S / held.step_s)
     if len(off) < 2 * least + 2:
         return None
     at, size, left = _best_split(off, least)
-    rest = float(observatory.worst(held.time_s, left)[1].max())  # without the mean that the jump itself falls into
+    rest = float(
+        observatory.three_hour_rms(held.time_s, left)[1].max()
+    )  # without the mean that the jump itself falls into
     if abs(size) < limit_deg or rest >= STEADY * limit_deg:
         return None
     date, last = float(held.time_s[at]) - held.step_s / 2.0, float(held.time_s[-1])
@@ -231,7 +233,7 @@ def _short_jump(held: Held, limit_deg: float) -> tuple[Finding, tuple[float, flo
     return _jump(held, (date, size), sigma, others), (date, size)
 
 
-def _large_jumps(held: Held, limit_deg: float) -> list[tuple[Finding, tuple[float, float]]]:
+def _large_jumps(held: FieldComparison, limit_deg: float) -> list[tuple[Finding, tuple[float, float]]]:
     """Return jumps far beyond what the levels of days do otherwise, which the search would clip as outliers.
 
     The change from five days to the next five is held against its own median, so that a trend makes no jump.
@@ -257,7 +259,7 @@ def _large_jumps(held: Held, limit_deg: float) -> list[tuple[Finding, tuple[floa
     return found
 
 
-def _jump(held: Held, jump: tuple[float, float], sigma_deg: float, others: tuple[str, ...]) -> Finding:
+def _jump(held: FieldComparison, jump: tuple[float, float], sigma_deg: float, others: tuple[str, ...]) -> Finding:
     """Return the finding of one jump: two levels against one, on stretches that were not fitted."""
     date, last, after = jump[0], float(held.time_s[-1]), held.time_s >= jump[0]
     off = held.residual_deg - held.quiet_deg

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from compasslib.observatory import Held, Storm
+from compasslib.observatory import FieldComparison, Storm
 from compasslib.search import verdict
 from compasslib.search.show import HeldOut
 from compasslib.search.verdict import Finding, Parameter
@@ -26,7 +26,7 @@ def separated_by(findings: Sequence[Finding]) -> str | None:
     return "; ".join(dict.fromkeys(said)) or None
 
 
-def why(held: Held, source: str, findings: Sequence[Finding]) -> str:
+def why(held: FieldComparison, source: str, findings: Sequence[Finding]) -> str:
     """Return what the verdict rests on."""
     model = "IGRF" if source == "IGRF" else "the given declination"
     begin = (
@@ -38,7 +38,7 @@ def why(held: Held, source: str, findings: Sequence[Finding]) -> str:
     return begin + quiet + agree
 
 
-def storm(found: Storm, held: Held, proof: HeldOut, more: int) -> str:
+def storm(found: Storm, held: FieldComparison, proof: HeldOut, more: int) -> str:
     """Return the sentences on one storm.
 
     Args:
@@ -69,7 +69,7 @@ def daily(amplitude_deg: float, size_deg: float, days: int) -> str:
     )
 
 
-def constant(held: Held, most_deg: float, source: str, alternatives: Sequence[str]) -> str:
+def constant(held: FieldComparison, most_deg: float, source: str, alternatives: Sequence[str]) -> str:
     """Return the sentences on a constant that rocks do not make.
 
     Args:

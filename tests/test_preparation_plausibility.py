@@ -10,9 +10,9 @@ import chain
 import numpy as np
 import pytest
 from sea import SHARED, cruise
-from test_deployment import LONG, turning
-from test_grid_overlap import HOUR
-from test_grid_overlap import record as one_record
+from test_preparation_deployment import LONG, turning
+from test_preparation_overlap import HOUR
+from test_preparation_overlap import record as one_record
 
 from compasslib import report
 from compasslib.archive import netcdf, summary

@@ -11,7 +11,7 @@ Ints = NDArray[np.int64]
 
 FIRST_YEAR, LAST_YEAR = 1980, 2100
 MISPLACED_S = 2.0  # a clock that leaves its neighbours by more and comes back is a damaged one
-TRUSTED_RATE = 0.2  # a nominal rate is believed where the clock shows it to within this share
+TRUSTED_RATE = 0.2  # a nominal rate is accepted where the clock shows it to within this share
 FEW = 10  # scans below which a clock of whole seconds shows no rate
 
 

@@ -38,31 +38,19 @@ class Choices:
 
 
 def heading_bias(ensembles: Ensembles, choices: Choices) -> Floats:
-    """Return the degrees that stand inside the recorded headings, (n,): EB, unless the metadata know better.
-
-    Args:
-        ensembles: n ensembles.
-    """
+    """Return the degrees that stand inside the recorded headings, (n,): EB, unless the metadata know better."""
     applied = choices.declination_applied
     return ensembles.heading_bias_deg if applied is None else np.full(len(ensembles), float(applied))
 
 
 def magnetic_heading(ensembles: Ensembles, choices: Choices) -> Floats:
-    """Return the heading of beam 3 as the compass recorded it, without heading bias, (n,) degrees.
-
-    Args:
-        ensembles: n ensembles.
-    """
+    """Return the heading of beam 3 as the compass recorded it, without heading bias, (n,) degrees."""
     alignment = choices.heading_alignment or 0.0
     return angles.wrap360(ensembles.heading_deg - heading_bias(ensembles, choices) + alignment)
 
 
 def looks_up(ensembles: Ensembles, choices: Choices) -> Mask:
-    """Return the orientation of each ensemble, (n,): the metadata's, or where they are silent its own.
-
-    Args:
-        ensembles: n ensembles.
-    """
+    """Return the orientation of each ensemble, (n,): the metadata's, or where they are silent its own."""
     word = choices.orientation
     return ensembles.looks_up if word is None else np.full(len(ensembles), word == "up")
 
@@ -116,13 +104,13 @@ def of_other_coordinates(ensembles: Ensembles) -> tuple[int, int]:
     some = slice(None, None, 1 + len(ensembles) // SOME)
     percent, velocity = ensembles.percent_good[some], ensembles.velocity[some]
     total = percent.sum(axis=-1, dtype=np.int16)
-    told = (total > 0) & np.isfinite(velocity).all(axis=-1)
+    decisive = (total > 0) & np.isfinite(velocity).all(axis=-1)
     parts = np.abs(total - ALL_PINGS) <= PINGS_ROUNDED
     b1, b2, b3, b4 = np.moveaxis(velocity, -1, 0)
     agree = 2.0 * np.abs(b1 + b2 - b3 - b4) < np.abs(b1 - b2) + np.abs(b3 - b4)
     beams = (total > ALL_PINGS + TWO_BEAMS) & agree
     other = np.where((ensembles.coordinates[some] == BEAM)[:, None], parts, beams)
-    return int(np.sum(other & told)), int(np.sum(told))
+    return int(np.sum(other & decisive)), int(np.sum(decisive))
 
 
 def three_beam(beams: Floats) -> tuple[Floats, NDArray[np.bool_]]:

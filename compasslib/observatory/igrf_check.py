@@ -1,4 +1,4 @@
-"""An observatory's field held against IGRF: the mistakes of units, signs, columns and places that parse.
+"""Check of an observatory's field against IGRF: the mistakes of units, signs, columns and places that parse.
 
 The rocks under a station move its field by some hundred nanotesla, on islands of lava by some thousand. What is farther
 off and comes near when one mistake is undone is that mistake; the declination of such a series is not used.
@@ -16,14 +16,14 @@ from compasslib.core import angles, earthfield
 from compasslib.core.errors import InputError
 from compasslib.core.records import EarthField, FieldSeries
 from compasslib.core.types import Floats
-from compasslib.observatory.course import DAY_S
+from compasslib.observatory.variations import DAY_S
 from compasslib.readers import iaga2002
 
-CRUST_NT = 600.0  # field of rocks that is believed; assumed, most stations have under 300
-SUSPECT_NT = 200.0  # from which a mistake that explains it several times better is said
+CRUST_NT = 600.0  # field of rocks that is accepted; assumed, most stations have under 300
+SUSPECT_NT = 200.0  # from which a mistake that explains it several times better is reported
 IMPOSSIBLE_NT = 5000.0  # no rocks under an observatory
 EXPLAINED, SUSPECTED = 3.0, 6.0  # times smaller that the misfit becomes without the mistake
-MOST_NAMED = 3
+MOST_LIKELY = 3
 BLOCK_S, YEAR_S = 27 * DAY_S, 365.25 * DAY_S
 FARTHEST_KM = 2000.0  # over which storms are hardly alike any more
 DEGREE_KM = 111.2
@@ -36,7 +36,7 @@ TENS = {"ten times too small": 10.0, "ten times too large": 0.1, "a hundred time
 
 
 @dataclass(frozen=True)
-class Middle:
+class FieldMedian:
     """The middle field of a stretch of one file; NaN where it is not known."""
 
     where: str
@@ -48,59 +48,58 @@ class Middle:
     longitude: float
 
 
-def said(series: FieldSeries, place: tuple[float, float]) -> list[str]:
-    """Return what a series' field says against the model at its place, in sentences.
+def check(series: FieldSeries, place: tuple[float, float]) -> list[str]:
+    """Return warnings of a field that is not the model's at its place.
 
     Args:
-        place: latitude and longitude, degrees; nothing is said where they are not known.
+        place: latitude and longitude, degrees; there is no warning where they are not known.
 
     Raises:
         InputError: a mistake that turns the declination is recognised, or the field is none of that place.
     """
     if not np.isfinite(place).all():
         return []
-    found = {key: text for one in reversed(list(_middles(series, place))) for key, text in _judged(one).items()}
+    found = {key: text for one in reversed(list(_medians(series, place))) for key, text in _warnings(one).items()}
     return list(reversed(found.values()))
 
 
-def held_against(field: EarthField, files: Sequence[str | Path], place: Mapping[str, float]) -> EarthField:
-    """Return the field at a mooring with what must be said of the observatory that is named beside it.
+def with_observatory(field: EarthField, files: Sequence[str | Path], place: Mapping[str, float]) -> EarthField:
+    """Return the field at a mooring with warnings about the observatory that is given beside it.
 
     Args:
-        field: along the deployment.
         files: IAGA-2002 files of the observatory, perhaps none.
         place: of the mooring: ``latitude``, ``longitude``, degrees.
 
     Raises:
-        InputError: a file cannot be read, or as for ``said``.
+        InputError: a file cannot be read, or as for ``check``.
     """
     if not files:
         return field
     series = iaga2002.read(files)
-    told = said(series, (series.latitude, series.longitude))
+    found = check(series, (series.latitude, series.longitude))
     return replace(
         field,
         warnings=(
             *field.warnings,
-            *told,
+            *found,
             *_far(series, (place["latitude"], place["longitude"])),
             *_covers(series, field),
         ),
     )
 
 
-def _middles(series: FieldSeries, place: tuple[float, float]) -> Iterator[Middle]:
+def _medians(series: FieldSeries, place: tuple[float, float]) -> Iterator[FieldMedian]:
     """Yield the middle field of every month of every file."""
     file = series.origin if len(series.origin) == len(series) else np.zeros(len(series), dtype=np.intp)
     stretch = np.stack([file, np.floor(series.time_s / BLOCK_S).astype(np.intp)])
     for one in np.unique(stretch, axis=1).T:
         part = np.all(stretch == one[:, None], axis=0)
         declination = series.declination_deg[part]
-        horizontal, vertical = (_middle(column[part]) for column in (series.horizontal_nT, series.vertical_nT))
-        yield Middle(
+        horizontal, vertical = (_median(column[part]) for column in (series.horizontal_nT, series.vertical_nT))
+        yield FieldMedian(
             where=series.files[one[0]] if series.files else series.station,
             time_s=float(np.median(series.time_s[part])),
-            declination_deg=_angle(declination[np.isfinite(declination)]),
+            declination_deg=_median_angle(declination[np.isfinite(declination)]),
             horizontal_nT=horizontal,
             vertical_nT=vertical,
             latitude=place[0],
@@ -108,11 +107,11 @@ def _middles(series: FieldSeries, place: tuple[float, float]) -> Iterator[Middle
         )
 
 
-def _middle(column: Floats) -> float:
+def _median(column: Floats) -> float:
     return float(np.nanmedian(column)) if np.isfinite(column).any() else float("nan")
 
 
-def _angle(declination_deg: Floats) -> float:
+def _median_angle(declination_deg: Floats) -> float:
     """Return the middle of angles that are known, NaN of none."""
     if not len(declination_deg):
         return float("nan")
@@ -120,13 +119,13 @@ def _angle(declination_deg: Floats) -> float:
     return float(angles.wrap180(first + np.median(angles.difference(declination_deg, first))))
 
 
-def _judged(seen: Middle) -> dict[tuple[str, ...], str]:
-    """Return what is said of one stretch, by its file and its mistakes, after refusing what cannot be a declination."""
+def _warnings(seen: FieldMedian) -> dict[tuple[str, ...], str]:
+    """Return the warning of one stretch, by its file and its mistakes, after refusing what cannot be a declination."""
     misfit = _misfit(seen)
     across, worst = misfit.get("across", 0.0), max(misfit.values(), default=0.0)
     if worst <= SUSPECT_NT or not np.isfinite(seen.declination_deg):
         return {}
-    named = _named(seen, worst / (EXPLAINED if worst > CRUST_NT else SUSPECTED))
+    named = _likely_mistakes(seen, worst / (EXPLAINED if worst > CRUST_NT else SUSPECTED))
     sure = named if worst > CRUST_NT else []
     if across > IMPOSSIBLE_NT or (sure and across > min(CRUST_NT, worst / EXPLAINED)):
         expected = f"about {_expected(seen)}, as IGRF has"
@@ -138,7 +137,7 @@ def _judged(seen: Middle) -> dict[tuple[str, ...], str]:
     return {(seen.where, *named): text}
 
 
-def _misfit(seen: Middle) -> dict[str, float]:
+def _misfit(seen: FieldMedian) -> dict[str, float]:
     """Return by how much each component that is known is off the model, nT."""
     declination, horizontal, vertical = _model(seen)
     off_deg = angles.difference(seen.declination_deg, declination)
@@ -150,12 +149,12 @@ def _misfit(seen: Middle) -> dict[str, float]:
     return {name: value for name, value in off.items() if np.isfinite(value)}
 
 
-def _model(seen: Middle) -> tuple[float, float, float]:
+def _model(seen: FieldMedian) -> tuple[float, float, float]:
     declination, horizontal, vertical = earthfield.igrf(seen.latitude, seen.longitude, [seen.time_s])
     return float(declination[0]), float(horizontal[0]), float(vertical[0])
 
 
-def _named(seen: Middle, below: float) -> list[str]:
+def _likely_mistakes(seen: FieldMedian, below: float) -> list[str]:
     """Return the mistakes without which the field is the model's, the likeliest first."""
     known, fits = set(_misfit(seen)), {text: _misfit(undo(seen)) for text, undo in _mistakes(seen).items()}
     sizes = [(max(misfit.values()), text) for text, misfit in fits.items() if set(misfit) == known]
@@ -165,10 +164,10 @@ def _named(seen: Middle, below: float) -> list[str]:
     if not found and _without_baseline(seen):
         return ["a variation about zero: the baseline is missing"]
     best = found[0][0] if found else 0.0
-    return [text for size, text in found if size <= max(2.0 * best, SUSPECT_NT)][:MOST_NAMED]
+    return [text for size, text in found if size <= max(2.0 * best, SUSPECT_NT)][:MOST_LIKELY]
 
 
-def _mistakes(seen: Middle) -> Mapping[str, Undone]:
+def _mistakes(seen: FieldMedian) -> Mapping[str, Correction]:
     """Return what undoes each mistake, by what to say of it."""
     minutes = 60.0 * seen.declination_deg
     units = {
@@ -193,48 +192,48 @@ def _mistakes(seen: Middle) -> Mapping[str, Undone]:
     )
 
 
-def _times(by: float) -> Undone:
+def _times(by: float) -> Correction:
     return _declination(lambda declination: by * declination)
 
 
-def _declination(undo: Callable[[float], float]) -> Undone:
+def _declination(undo: Callable[[float], float]) -> Correction:
     return lambda one: replace(one, declination_deg=float(angles.wrap180(undo(one.declination_deg))))
 
 
-def _exchanged(a: int, b: int) -> Undone:
+def _exchanged(a: int, b: int) -> Correction:
     order = np.arange(3)
     order[[a, b]] = order[[b, a]]
     return lambda one: _of_vector(one, _vector(one)[order])
 
 
-def _of_vector(one: Middle, vector: Floats) -> Middle:
+def _of_vector(one: FieldMedian, vector: Floats) -> FieldMedian:
     north, east, down = (float(x) for x in vector)
     declination = float(angles.wrap180(angles.direction(east, north)))
     return replace(one, declination_deg=declination, horizontal_nT=float(np.hypot(north, east)), vertical_nT=down)
 
 
-def _vector(one: Middle) -> Floats:
+def _vector(one: FieldMedian) -> Floats:
     sine, cosine = (float(x) for x in angles.sin_cos(one.declination_deg))
     return np.array([one.horizontal_nT * cosine, one.horizontal_nT * sine, one.vertical_nT])
 
 
-def _horizontal_and_vertical(one: Middle) -> Middle:
+def _horizontal_and_vertical(one: FieldMedian) -> FieldMedian:
     return replace(one, horizontal_nT=abs(one.vertical_nT), vertical_nT=one.horizontal_nT)
 
 
-def _scaled(k: int, by: float) -> Undone:
+def _scaled(k: int, by: float) -> Correction:
     return lambda one: _of_vector(one, _vector(one) * np.where(np.arange(3) == k, by, 1.0))
 
 
-def _scaled_horizontal(by: float) -> Undone:
+def _scaled_horizontal(by: float) -> Correction:
     return lambda one: replace(one, horizontal_nT=by * one.horizontal_nT)
 
 
-def _moved(seen: Middle, there: tuple[float, float]) -> Undone:
+def _moved(seen: FieldMedian, there: tuple[float, float]) -> Correction:
     return lambda one: replace(one, latitude=there[0], longitude=there[1])
 
 
-def _places(seen: Middle) -> dict[str, tuple[float, float]]:
+def _places(seen: FieldMedian) -> dict[str, tuple[float, float]]:
     latitude, longitude = seen.latitude, float(angles.wrap180(seen.longitude))
     every = {
         "the longitude's sign looks exchanged, east is positive": (latitude, -longitude),
@@ -245,7 +244,7 @@ def _places(seen: Middle) -> dict[str, tuple[float, float]]:
     return {text: there for text, there in every.items() if abs(there[0]) <= 90.0}
 
 
-def _of_another_year(seen: Middle, below: float) -> list[tuple[float, str]]:
+def _of_another_year(seen: FieldMedian, below: float) -> list[tuple[float, str]]:
     """Return the year whose field the series has, where all of it fits far better there."""
     if not np.isfinite(seen.horizontal_nT + seen.vertical_nT):
         return []
@@ -258,13 +257,13 @@ def _of_another_year(seen: Middle, below: float) -> list[tuple[float, str]]:
     return [(off[best], f"the field is that of about {years[best]}: the dates look wrong")]
 
 
-def _without_baseline(seen: Middle) -> bool:
+def _without_baseline(seen: FieldMedian) -> bool:
     declination, horizontal, _ = _model(seen)
     about_zero = abs(seen.declination_deg) < NO_BASELINE_DEG < abs(declination)
     return about_zero or seen.horizontal_nT < NO_BASELINE_SHARE * horizontal
 
 
-def _expected(seen: Middle) -> str:
+def _expected(seen: FieldMedian) -> str:
     declination, horizontal, vertical = _model(seen)
     return (
         f"D {declination:+.1f} degrees, H {horizontal:.0f} nT, Z {vertical:+.0f} nT at {seen.latitude:g} N "
@@ -272,7 +271,7 @@ def _expected(seen: Middle) -> str:
     )
 
 
-def _found(seen: Middle, named: Sequence[str]) -> str:
+def _found(seen: FieldMedian, named: Sequence[str]) -> str:
     horizontal, vertical = (
         f", {name} {value:{form}} nT" if np.isfinite(value) else ""
         for name, value, form in (("H", seen.horizontal_nT, ".0f"), ("Z", seen.vertical_nT, "+.0f"))
@@ -313,4 +312,4 @@ def _covers(series: FieldSeries, field: EarthField) -> list[str]:
     ]
 
 
-Undone = Callable[[Middle], Middle]
+Correction = Callable[[FieldMedian], FieldMedian]

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_grid_overlap import HOUR, record
+from test_preparation_overlap import HOUR, record
 
 from compasslib.core.records import BAD, GOOD
 from compasslib.preparation import deployment

@@ -1,6 +1,6 @@
 """Whether ensembles, whole one by one, also make one recording: one instrument, one run of numbers, one clock.
 
-And whether it is the one that the metadata tell of: a setting that contradicts them is refused, never guessed.
+And whether it is the one of the metadata: a setting that contradicts them is refused, never guessed.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def refuse(where: str, leaders: Ensembles) -> None:
         raise InputError(where, expected="4 beams", found=f"{beams} in {count} ensembles", advice=FOUR)
     kinds = Counter(_kinds(leaders).tolist())
     if len(kinds) > 1 and kinds.most_common(2)[1][1] > STRAY * len(leaders):
-        found = " and ".join(f"{count} {_worded(leaders, kind)}" for kind, count in kinds.most_common(3))
+        found = " and ".join(f"{count} {_in_words(leaders, kind)}" for kind, count in kinds.most_common(3))
         raise InputError(where, expected="ensembles of one instrument", found=found, advice=ADVICE)
     back = int(np.sum((np.diff(leaders.number) < 0) & (np.diff(leaders.time_s) > 0)))
     if back > max(FEWEST_BACK, STRAY * len(leaders)):
@@ -67,40 +67,39 @@ def refuse_columns(where: str, misfits: int, kept: int) -> None:
         raise InputError(where, expected=expected, found=found, advice=FOUR)
 
 
-def refuse_coordinates(where: str, leaders: Ensembles, other: int, told: int) -> None:
-    """Refuse a file whose cells are not in the coordinates that EX tells.
+def refuse_coordinates(where: str, leaders: Ensembles, other: int, decisive: int) -> None:
+    """Refuse a file whose cells are not in the coordinates of EX.
 
     Args:
         other: cells that contradict EX by their percent good.
-        told: cells that could.
+        decisive: cells that could.
 
     Raises:
         InputError: most of them do.
     """
-    if told < FEWEST_CELLS or other <= MOST * told:
+    if decisive < FEWEST_CELLS or other <= MOST * decisive:
         return
     code = Counter(leaders.coordinates.tolist()).most_common(1)[0][0]
     frame, columns = COORDINATES[code], "that add up to 100" if code == BEAM else "of one beam each"
     raise InputError(
         f"{where}: coordinates EX",
         expected=f"percent good as in {frame} coordinates",
-        found=f"columns {columns} in {other} of {told} cells looked at",
+        found=f"columns {columns} in {other} of {decisive} cells looked at",
         advice="EX does not tell what the velocities are: take the instrument's own file, or export them as a table",
     )
 
 
-def refuse_alignment(where: str, leaders: Ensembles, told: float | None) -> None:
+def refuse_alignment(where: str, leaders: Ensembles, stated: float | None) -> None:
     """Refuse a heading alignment EA that nobody says how to take, and a word on it where the file has none.
 
     Args:
-        leaders: n ensembles.
-        told: ``heading_alignment`` of the metadata.
+        stated: ``heading_alignment`` of the metadata.
 
     Raises:
         InputError: one of the two stands without the other, or EA changes.
     """
     aligned = leaders.heading_alignment_deg
-    if told is None and aligned.any():
+    if stated is None and aligned.any():
         raise InputError(
             f"{where}: heading alignment EA",
             expected="0 degrees",
@@ -108,35 +107,34 @@ def refuse_alignment(where: str, leaders: Ensembles, told: float | None) -> None
             advice="give heading_alignment: degrees to add to the recorded heading to get beam 3's, or 0 to ignore EA",
         )
     written = [value for value, count in Counter(aligned.tolist()).items() if count > STRAY * len(aligned)]
-    if told and (len(written) > 1 or 0.0 in written):
+    if stated and (len(written) > 1 or 0.0 in written):
         raise InputError(
             f"{where}: heading alignment EA",
-            expected=f"one that is not 0, as heading_alignment is {told:g}",
+            expected=f"one that is not 0, as heading_alignment is {stated:g}",
             found=" and ".join(f"{value:g} degrees" for value in sorted(written)),
             advice="delete heading_alignment: it only says how to take an EA that the file holds",
         )
 
 
-def serial_number(where: str, leaders: Ensembles, told: str | None) -> str:
+def serial_number(where: str, leaders: Ensembles, stated: str | None) -> str:
     """Return the instrument's serial number, empty where the file tells none.
 
     Args:
-        leaders: n ensembles of one instrument.
-        told: the number by the metadata, perhaps with letters around it.
+        stated: the number by the metadata, perhaps with letters around it.
 
     Raises:
         InputError: the metadata tell another.
     """
     found = next(iter(_often(leaders.serial)), 0)
-    numbers = [int(digits) for digits in re.findall(r"\d+", told or "")]
+    numbers = [int(digits) for digits in re.findall(r"\d+", stated or "")]
     if found and numbers and found not in numbers:
         advice = "the files may be another instrument's: correct files or serial_number"
-        raise InputError(where, expected=f"serial number {told}", found=f"{found}", advice=advice)
+        raise InputError(where, expected=f"serial number {stated}", found=f"{found}", advice=advice)
     return str(found or "")
 
 
 def _often(numbers: NDArray[np.int64]) -> dict[int, int]:
-    """Return the numbers that are told and no accident, the most frequent first, and how often each stands there.
+    """Return the numbers that are stated and no accident, the most frequent first, and how often each stands there.
 
     What differs from ensemble to ensemble is no number of an instrument.
     """
@@ -150,25 +148,25 @@ def _other(numbers: NDArray[np.int64]) -> NDArray[np.bool_]:
     return (numbers != 0) & (numbers != own) & (own != 0)
 
 
-def doubts(leaders: Ensembles) -> tuple[Flags, dict[str, int], list[str]]:
+def stray(leaders: Ensembles) -> tuple[Flags, dict[str, int], list[str]]:
     """Return the flag of each ensemble, (n,), counts and sentences on those that hardly belong to the rest.
 
     Args:
         leaders: n ensembles in the order of the files.
     """
     kinds = _kinds(leaders)
-    stray = kinds != np.bincount(kinds).argmax()
+    other = kinds != np.bincount(kinds).argmax()
     jumped = _after_a_jump(leaders.time_s, leaders.number)
-    flags = np.where(stray, BAD, np.where(jumped, PROBABLY_BAD, GOOD)).astype(np.int8)
+    flags = np.where(other, BAD, np.where(jumped, PROBABLY_BAD, GOOD)).astype(np.int8)
     notes = []
-    if stray.any():
-        notes.append(f"{int(stray.sum())} ensembles are of another instrument than the rest; they were flagged.")
+    if other.any():
+        notes.append(f"{int(other.sum())} ensembles are of another instrument than the rest; they were flagged.")
     if jumped.any():
         notes.append(
             f"The clock jumps ahead by days between ensembles whose numbers follow each other; the {int(jumped.sum())} "
             "after that were flagged, as their time is not known."
         )
-    return flags, {"other_instrument": int(stray.sum()), "after_clock_jump": int(jumped.sum())}, notes
+    return flags, {"other_instrument": int(other.sum()), "after_clock_jump": int(jumped.sum())}, notes
 
 
 def _after_a_jump(time_s: Floats, number: NDArray[np.int64]) -> NDArray[np.bool_]:
@@ -199,7 +197,7 @@ def _numbered(rows: Floats) -> NDArray[np.int64]:
     return np.asarray(number.ravel()[np.cumsum(new) - 1], dtype=np.int64)
 
 
-def _worded(leaders: Ensembles, kind: int) -> str:
+def _in_words(leaders: Ensembles, kind: int) -> str:
     first = int(np.flatnonzero(_kinds(leaders) == kind)[0])
     facing = "up" if leaders.looks_up[first] else "down"
     khz, cells, size = leaders.frequency_khz[first], leaders.cells[first], leaders.cell_m[first]

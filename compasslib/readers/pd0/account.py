@@ -1,4 +1,4 @@
-"""What reading PD0 files left out or found odd: numbers for the record, sentences for its reader."""
+"""Account of reading PD0 files: what was left out or is odd, as counts and warnings of the record."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from compasslib.core.types import Floats
+from compasslib.readers.pd0.currents import Choices, looks_up
 from compasslib.readers.pd0.fields import EARTH, SHIP, Ensembles, LeftOut
 from compasslib.readers.pd0.frames import Places, Skipped
-from compasslib.readers.pd0.water import Choices, looks_up
 
 RANGES_SHOWN = 20
 FEW_DISAGREE = 0.01  # of the ensembles: on deck and in the hand an instrument looks any way; they are counted only
@@ -62,7 +62,6 @@ def counts_of(
     """Return the numbers that go into the record.
 
     Args:
-        leaders: the ensembles of all files.
         heading_deg: (n,) NaN where missing.
     """
     names = "ensembles damaged lost bytes_skipped bytes_total three_beam"
@@ -76,21 +75,16 @@ def counts_of(
 
 
 def faces_up(leaders: Ensembles, choices: Choices) -> bool:
-    """Return whether the instrument looks up: by the metadata, else by most of its ensembles.
-
-    Args:
-        leaders: n ensembles.
-    """
+    """Return whether the instrument looks up: by the metadata, else by most of its ensembles."""
     return bool(np.mean(looks_up(leaders, choices)) > 0.5)
 
 
-def sentences(
+def warnings_of(
     reports: Sequence[FileReport], leaders: Ensembles, counts: dict[str, int], choices: Choices
 ) -> tuple[str, ...]:
-    """Return what a reader of the record should know.
+    """Return the warnings of the record.
 
     Args:
-        leaders: the ensembles of all files.
         counts: from ``counts_of``, and ``velocities``, how many are known.
     """
     of_files = [line for report in reports for line in _of_file(report)]

@@ -1,4 +1,4 @@
-"""A series held against the model: its level, its quiet day, its storms, and the constant with its uncertainty.
+"""An observatory's series compared with the model: level, quiet day, storms, and the constant with its uncertainty.
 
 The calm half of a day gives its level, the days around give the slow level, the quietest days the quiet-day curve;
 what is left is disturbance.
@@ -17,7 +17,16 @@ from compasslib.core import angles, earthfield
 from compasslib.core.errors import InputError
 from compasslib.core.records import EarthField, FieldSeries
 from compasslib.core.types import Floats
-from compasslib.observatory.course import DAY_S, HOUR_S, Storm, daily, hourly_median, means, measured, storms
+from compasslib.observatory.variations import (
+    DAY_S,
+    HOUR_S,
+    Storm,
+    daily_curve_at,
+    hourly_median,
+    means,
+    measured,
+    storms,
+)
 
 Flags = NDArray[np.bool_]
 
@@ -35,8 +44,8 @@ DAY_LEVEL_DEG, OF_DISTURBANCE, SEASON_DEG = 0.016, 0.4, 0.006
 
 
 @dataclass(frozen=True)
-class Held:
-    """A series held against the model; n means, d days."""
+class FieldComparison:
+    """A series compared with the model; n means, d days."""
 
     time_s: Floats  # (n,) middle of each mean
     observed_deg: Floats  # (n,) declination
@@ -61,7 +70,7 @@ class Held:
     @property
     def quiet_deg(self) -> Floats:
         """The quiet-day curve at each mean, (n,) degrees, 0 where it is not known."""
-        return daily(self.curve_deg, self.time_s)
+        return daily_curve_at(self.curve_deg, self.time_s)
 
     @property
     def step_s(self) -> float:
@@ -105,15 +114,15 @@ def place_of(series: FieldSeries, settings: Mapping[str, Any]) -> tuple[float, f
 
 
 def refusal(series: FieldSeries) -> str:
-    """Return why a series is too short to be held against a model, or nothing."""
+    """Return why a series is too short to be compared with a model, or nothing."""
     hours = len(np.unique(np.floor(series.time_s[np.isfinite(series.declination_deg)] / HOUR_S)))
     if hours >= LEAST_HOURS:
         return ""
     return f"the series has a declination in {hours} hours; {LEAST_HOURS} are needed"
 
 
-def hold(series: FieldSeries, model: EarthField, *, limit_deg: float) -> Held:
-    """Return a series held against the field's model.
+def compare(series: FieldSeries, model: EarthField, *, limit_deg: float) -> FieldComparison:
+    """Return the comparison of a series with the field's model.
 
     Args:
         series: of an observatory, with some declinations.
@@ -123,15 +132,15 @@ def hold(series: FieldSeries, model: EarthField, *, limit_deg: float) -> Held:
     by_model = earthfield.declination_at(model, time_s)
     off = angles.difference(observed, by_model)
     first = _rough_curve(time_s, off)
-    levels, days = _levels(time_s, off - daily(first, time_s))
+    levels, days = _levels(time_s, off - daily_curve_at(first, time_s))
     level = _slow(levels, days)[np.searchsorted(days, np.floor(time_s / DAY_S))]
-    rough = off - level - daily(first, time_s)
+    rough = off - level - daily_curve_at(first, time_s)
     quiet = _quiet_days(time_s, rough, storms(time_s, rough, limit_deg)[0])
     curve = hourly_median(time_s, off - level, quiet) if quiet.any() else first
-    disturbed = off - level - daily(curve, time_s)
+    disturbed = off - level - daily_curve_at(curve, time_s)
     stormy, found, ordinary, spikes = storms(time_s, disturbed, limit_deg)
-    each = _daily_means(time_s, off - daily(curve - np.mean(curve), time_s), stormy)
-    return Held(
+    each = _daily_means(time_s, off - daily_curve_at(curve - np.mean(curve), time_s), stormy)
+    return FieldComparison(
         time_s=time_s,
         observed_deg=observed,
         model_deg=by_model,

@@ -94,7 +94,7 @@ def covariate(files: Sequence[str | Path], time_s: Floats) -> Floats:
     return departure(iaga2002.read(files), time_s)
 
 
-def daily(curve_deg: Floats, time_s: Floats) -> Floats:
+def daily_curve_at(curve_deg: Floats, time_s: Floats) -> Floats:
     """Return a daily curve at given instants, (n,) degrees, 0 where it is not known.
 
     Args:
@@ -126,14 +126,14 @@ def hourly_median(time_s: Floats, off: Floats, chosen: Flags) -> Floats:
     return curve - np.median(curve)
 
 
-def strongest(time_s: Floats, off_deg: Floats) -> tuple[float, float]:
+def strongest_disturbance(time_s: Floats, off_deg: Floats) -> tuple[float, float]:
     """Return first and last instant of the strongest disturbance; of the record where it is disturbed throughout.
 
     Args:
         time_s: increasing times, (n,).
         off_deg: (n,), degrees.
     """
-    size, _ = worst(time_s, off_deg)
+    size, _ = three_hour_rms(time_s, off_deg)
     at = np.flatnonzero(size >= HALF * size.max())
     groups = np.split(at, np.flatnonzero(np.diff(time_s[at]) > APART_S) + 1)
     one = next(group for group in groups if np.argmax(size) in group)
@@ -143,7 +143,7 @@ def strongest(time_s: Floats, off_deg: Floats) -> tuple[float, float]:
     return float(time_s[clear[0]]), float(time_s[clear[-1]])
 
 
-def worst(time_s: Floats, off_deg: Floats) -> tuple[Floats, Floats]:
+def three_hour_rms(time_s: Floats, off_deg: Floats) -> tuple[Floats, Floats]:
     """Return the rms of the three hours around each mean, and the same without its largest value, (n,) each.
 
     Args:
@@ -176,7 +176,7 @@ def storms(
         off: what level and quiet day leave, (n,), degrees.
         limit_deg: rms over three hours from which a disturbance is a storm.
     """
-    size, besides = worst(time_s, off)
+    size, besides = three_hour_rms(time_s, off)
     ordinary = float(np.median(size)) if np.ptp(time_s) >= FEWEST_DAYS * DAY_S else 0.0
     limit = max(limit_deg, ORDINARY * ordinary)
     core = (size >= limit) & (besides >= BESIDES * limit)

@@ -1,4 +1,4 @@
-"""The files of a Falmouth 3D-ACM on a McLane profiler: unpacked ASCII or binary, told apart by their content.
+"""The files of a Falmouth 3D-ACM on a McLane profiler: unpacked ASCII or binary, distinguished by their content.
 
 ASCII rows are a stamp, HDNG TX TY HX HY HZ VPAB VPCD VPEF VPGH, between spaces or commas, with or without header lines;
 scans of early instruments carry no clock and no heading: nine numbers from TX on. Binary records hold the same ten.
@@ -21,9 +21,8 @@ from compasslib.core.errors import InputError
 from compasslib.core.types import Bools, Floats
 from compasslib.readers import cells
 from compasslib.readers.mmp import rows
-from compasslib.readers.mmp import rows as mmp_rows
-from compasslib.readers.mmp.clock import Ints, civil, misplaced
-from compasslib.readers.mmp.rows import UNKNOWN, Block
+from compasslib.readers.mmp.rows import UNKNOWN, ProfileBlock
+from compasslib.readers.mmp.scan_clock import Ints, civil, misplaced
 
 COLUMNS = ("HDNG", "TX", "TY", "HX", "HY", "HZ", "VPAB", "VPCD", "VPEF", "VPGH")
 STAMPED, BARE = (True, 10), (False, 9)
@@ -50,7 +49,7 @@ class Scans:
     values: Floats  # (r, 10) in the order of COLUMNS, degrees and cm/s; HDNG is NaN where it is not recorded
     place: Ints  # (r,) in its profile, damaged scans counted
     profile: Ints  # (r,) index of its profile
-    blocks: tuple[Block, ...]  # (p,) number, rate and times of each profile
+    blocks: tuple[ProfileBlock, ...]  # (p,) number, rate and times of each profile
     damaged: int  # rows or records left out
     damaged_files: tuple[str, ...]
     empty_files: tuple[str, ...]
@@ -58,10 +57,10 @@ class Scans:
 
 
 @dataclass(frozen=True, eq=False)
-class Binary:
+class BinaryScans:
     """What a binary file holds."""
 
-    blocks: list[Block]
+    blocks: list[ProfileBlock]
     place: Ints  # (r,) of each scan in its profile, damaged ones counted
     time_s: Floats  # (r,) whole seconds
     values: Floats  # (r, 10)
@@ -76,7 +75,7 @@ class _Span:
     end: int  # behind the records and the times of switching on and off
     records: int
     tail: int = -1  # where those times stand; -1 where they are lost
-    torn: int = 0  # records in what cannot be told apart
+    torn: int = 0  # records in what cannot be separated
 
 
 def load(paths: Sequence[Path]) -> Scans:
@@ -118,14 +117,9 @@ def is_text(data: bytes) -> bool:
     return not data or cells.strange(sample) < (1.0 - TEXT_SHARE) * len(sample)
 
 
-def is_binary(data: bytes) -> bool:
-    """Return whether a file is one of the logger's own."""
-    return _followed(data, FRONT_BYTES) or bool(_marks(data))
-
-
-def parse(data: bytes) -> Binary:
+def _parsed_binary(data: bytes) -> BinaryScans:
     """Return the scans of a binary file, damaged records left out."""
-    blocks: list[Block] = []
+    blocks: list[ProfileBlock] = []
     places: list[Ints] = [np.zeros(0, dtype=np.int64)]
     times: list[Floats] = [np.zeros(0)]
     values: list[Floats] = [np.zeros((0, RECORD["values"].shape[0]))]
@@ -142,18 +136,18 @@ def parse(data: bytes) -> Binary:
             times.append(time_s[good])
             values.append(records["values"][good].astype(float))
             damaged, begin = damaged - kept, begin + kept
-    return Binary(blocks, np.concatenate(places), np.concatenate(times), np.concatenate(values), damaged)
+    return BinaryScans(blocks, np.concatenate(places), np.concatenate(times), np.concatenate(values), damaged)
 
 
 def _one(path: Path) -> Scans:
     data = contents(path)
-    if is_binary(data):
-        binary = parse(data)
+    if _precedes_record(data, FRONT_BYTES) or _marks(data):
+        binary = _parsed_binary(data)
         number = rows.number_in_name(path) if len(binary.blocks) == 1 else UNKNOWN
-        blocks = [Block(**(vars(block) | {"number": number})) for block in binary.blocks]
+        blocks = [ProfileBlock(**(vars(block) | {"number": number})) for block in binary.blocks]
         return _scans(path, blocks, binary.place, binary.time_s, binary.values, binary.damaged)
-    text = mmp_rows.parse(data if is_text(data) else b"", lambda form: form in (STAMPED, BARE))
-    if data.strip() and text.form is None and not rows.says_something(text):
+    text = rows.parse(data if is_text(data) else b"", lambda form: form in (STAMPED, BARE))
+    if data.strip() and text.form is None and not rows.has_statements(text):
         found = f"a file that begins with {data[:24]!r}"
         raise InputError(str(path), expected=EXPECTED, found=found, advice="check that format and file belong together")
     found_blocks, place, damaged = rows.blocks(text, path)
@@ -163,7 +157,9 @@ def _one(path: Path) -> Scans:
     return replace(_scans(path, found_blocks, place, text.time_s, values, damaged), strange=cells.strange(data))
 
 
-def _scans(path: Path, blocks: Sequence[Block], place: Ints, clock_s: Floats, values: Floats, damaged: int) -> Scans:
+def _scans(
+    path: Path, blocks: Sequence[ProfileBlock], place: Ints, clock_s: Floats, values: Floats, damaged: int
+) -> Scans:
     """Leave out what no meter can log."""
     profile = np.repeat(np.arange(len(blocks)), [block.end - block.begin for block in blocks])
     good = _possible(values) & ~misplaced(clock_s, profile)
@@ -193,13 +189,13 @@ def _joined(parts: Sequence[Scans]) -> Scans:
     shift = np.cumsum([0, *sizes])
     profile = np.concatenate([part.profile + first for part, first in zip(parts, shift[:-1], strict=True)])
     blocks = [block for part in parts for block in part.blocks]
-    held, profile = np.unique(profile, return_inverse=True)
+    occupied, profile = np.unique(profile, return_inverse=True)
     return Scans(
         clock_s=np.concatenate([part.clock_s for part in parts]),
         values=np.concatenate([part.values for part in parts]),
         place=np.concatenate([part.place for part in parts]),
         profile=profile,
-        blocks=tuple(blocks[k] for k in held),
+        blocks=tuple(blocks[k] for k in occupied),
         damaged=sum(part.damaged for part in parts),
         damaged_files=tuple(file for part in parts for file in part.damaged_files),
         empty_files=tuple(file for part in parts for file in part.empty_files),
@@ -207,7 +203,7 @@ def _joined(parts: Sequence[Scans]) -> Scans:
     )
 
 
-def _followed(data: bytes, end: int) -> bool:
+def _precedes_record(data: bytes, end: int) -> bool:
     """Return whether in front of this place stands the length of a profile and behind it a record."""
     length = int.from_bytes(data[end - FRONT_BYTES : end - HEADER_BYTES], "big")
     first = np.frombuffer(data[end : end + RECORD.itemsize].ljust(RECORD.itemsize, b"\0"), dtype=RECORD)
@@ -232,13 +228,13 @@ def _marks(data: bytes) -> list[int]:
     at = data.find(MARK)
     while at >= 0:
         end = at + len(MARK)
-        if end >= FRONT_BYTES and (_followed(data, end) or (found and _alike(data, found[0], end))):
+        if end >= FRONT_BYTES and (_precedes_record(data, end) or (found and _like_header(data, found[0], end))):
             found.append(end)
         at = data.find(MARK, at + 1)
     return found
 
 
-def _alike(data: bytes, one: int, other: int) -> bool:
+def _like_header(data: bytes, one: int, other: int) -> bool:
     a, b = (np.frombuffer(data, dtype=np.uint8, count=HEADER_BYTES, offset=end - HEADER_BYTES) for end in (one, other))
     return bool(np.mean(a == b) >= LIKENESS)
 
@@ -249,7 +245,7 @@ def _spans(data: bytes) -> Iterator[_Span]:
     at = 0
     while at < len(data):
         mark = at + FRONT_BYTES
-        if mark in marks or (mark < len(data) and _alike(data, marks[0], mark)):
+        if mark in marks or (mark < len(data) and _like_header(data, marks[0], mark)):
             following = marks[bisect_left(marks, mark + FRONT_BYTES) :]
             span = _span(data, mark, following[0] - FRONT_BYTES if following else len(data), last=not following)
         else:
@@ -264,15 +260,15 @@ def _spans(data: bytes) -> Iterator[_Span]:
 def _span(data: bytes, mark: int, limit: int, *, last: bool) -> _Span:
     """Return the records behind a header: as many as its length says, unless the next header says otherwise."""
     length = int.from_bytes(data[mark - FRONT_BYTES : mark - HEADER_BYTES], "big")
-    told = (length - HEADER_BYTES) // RECORD.itemsize if _whole(length) else -1
+    stated = (length - HEADER_BYTES) // RECORD.itemsize if _whole(length) else -1
     fit, odd = divmod(limit - mark - TAIL_BYTES, RECORD.itemsize)
-    if odd == 0 and fit >= 0 and (told <= fit or not last):
+    if odd == 0 and fit >= 0 and (stated <= fit or not last):
         return _Span(mark, limit, fit, limit - TAIL_BYTES)
-    end = mark + told * RECORD.itemsize
-    if told >= 0 and end + TAIL_BYTES <= limit:
-        return _Span(mark, end + TAIL_BYTES, told, end)
-    if told >= 0 and last and end <= limit:
-        return _Span(mark, limit, told)
+    end = mark + stated * RECORD.itemsize
+    if stated >= 0 and end + TAIL_BYTES <= limit:
+        return _Span(mark, end + TAIL_BYTES, stated, end)
+    if stated >= 0 and last and end <= limit:
+        return _Span(mark, limit, stated)
     fit, odd = divmod(limit - mark, RECORD.itemsize)
     return _Span(mark, limit, fit, torn=int(odd > 0))
 
@@ -287,7 +283,7 @@ def _filled_up(data: bytes, span: _Span, records: np.ndarray, good: Bools) -> Bo
     return torn
 
 
-def _block(data: bytes, span: _Span, begin: int, end: int) -> Block:
+def _block(data: bytes, span: _Span, begin: int, end: int) -> ProfileBlock:
     rate = float(np.frombuffer(data, "<f4", 1, span.begin - HEADER_BYTES + RATE_AT)[0])
     on, off = np.frombuffer(data, ">u4", 2, span.tail).astype(float) if span.tail >= 0 else (np.nan, np.nan)
-    return Block(begin, end, rate_hz=rate if 0 < rate < 100 else np.nan, on_s=float(on), off_s=float(off))
+    return ProfileBlock(begin, end, rate_hz=rate if 0 < rate < 100 else np.nan, on_s=float(on), off_s=float(off))

@@ -1,0 +1,123 @@
+"""Statistics: the minimiser, robust widths, correlated noise and its whitening."""
+
+import numpy as np
+import pytest
+from sea import red_noise
+
+from compasslib.core import angles
+from compasslib.stats import arma, autocorrelation, bfgs, robust, whitening
+
+TIME_S = 1.19e9 + 3600.0 * np.arange(4000)
+
+
+def test_the_solver_finds_a_valley_and_a_bound():
+    """Rosenbrock's valley, least at (1, 1); cut off at x = 0.5 it is least at (0.5, 0.25)."""
+
+    def valley(x):
+        value = (1.0 - x[0]) ** 2 + 100.0 * (x[1] - x[0] ** 2) ** 2
+        by_x = -2.0 * (1.0 - x[0]) - 400.0 * x[0] * (x[1] - x[0] ** 2)
+        return value, np.array([by_x, 200.0 * (x[1] - x[0] ** 2)])
+
+    free = np.array([(-np.inf, np.inf)] * 2)
+    cut = np.array([(-np.inf, 0.5), (-np.inf, np.inf)])
+    assert bfgs.minimise(valley, np.array([-1.2, 1.0]), free, 200)[0] == pytest.approx([1.0, 1.0], abs=1e-3)
+    assert bfgs.minimise(valley, np.array([-1.2, 1.0]), cut, 200)[0] == pytest.approx([0.5, 0.25], abs=1e-3)
+
+
+def test_the_robust_width_is_that_of_normal_noise_whatever_the_outliers():
+    noise = np.random.default_rng(7).normal(0.0, 3.0, 20_000)
+    noise[:1000] = 1e9
+    assert robust.width(noise) == pytest.approx(3.0, rel=0.08)
+
+
+def test_effective_number_of_red_noise():
+    rng = np.random.default_rng(2)
+    keep, n = 0.8, 20000
+    series = np.zeros(n)
+    for i in range(1, n):
+        series[i] = keep * series[i - 1] + rng.normal()
+    expected = n * (1 - keep) / (1 + keep)
+    assert autocorrelation.effective_number(series, 3600.0 * np.arange(n)) == pytest.approx(expected, rel=0.15)
+
+
+def test_correlated_noise_widens_the_covariance():
+    rng, n, off = np.random.default_rng(3), 90, []
+    columns = np.column_stack([np.ones(n), np.cos(np.arange(n) / 7.0)])
+    for _ in range(60):
+        noise = np.zeros(n)
+        for k in range(1, n):
+            noise[k] = 0.6 * noise[k - 1] + rng.normal()
+        fitted = np.linalg.lstsq(columns, noise, rcond=None)[0]
+        spread = arma.covariance(noise - columns @ fitted, columns)
+        off.append(fitted / np.sqrt(np.diag(spread)))
+    assert 0.7 < np.sqrt(np.mean(np.square(off))) < 1.2  # by independent errors it would be 2
+
+
+def test_the_filter_takes_the_correlation_out_and_treats_columns_alike():
+    residual = red_noise(np.random.default_rng(1), 4000, 10, 8.0)
+    width = whitening.widths(residual, np.zeros(4000))
+    white = whitening.whitener(residual, width, TIME_S)
+    innovation = white(residual[:, None])[:, 0]
+    assert abs(np.corrcoef(innovation[1:], innovation[:-1])[0, 1]) < 0.05  # 3 standard errors at n = 4000
+    columns = np.random.default_rng(2).normal(size=(4000, 3))
+    together = white(columns @ np.array([[1.0], [2.0], [3.0]]))
+    np.testing.assert_allclose(together, white(columns) @ np.array([[1.0], [2.0], [3.0]]), atol=1e-12)
+
+
+def test_gaps_and_missing_samples_count_as_nothing():
+    rng = np.random.default_rng(3)
+    residual = red_noise(rng, 4000, 10, 8.0)
+    residual[rng.random(4000) < 0.1] = np.nan
+    kept = np.ones(4000, dtype=bool)
+    kept[1000:1700] = False
+    width = whitening.widths(residual[kept], np.zeros(kept.sum()))
+    white = whitening.whitener(residual[kept], width, TIME_S[kept])
+    shown = white(np.nan_to_num(residual[kept])[:, None])
+    assert np.isfinite(shown).all() and np.isinf(width[np.isnan(residual[kept])]).all()
+
+
+def test_the_width_grows_with_slowness():
+    rng = np.random.default_rng(4)
+    slowness = rng.uniform(2.0, 20.0, 4000)
+    width = whitening.widths(rng.normal(0.0, 2.0 * slowness), slowness)
+    np.testing.assert_allclose(np.median(width / (2.0 * slowness)), 1.0, atol=0.1)
+
+
+def test_the_width_goes_on_falling_where_the_water_is_fastest():
+    rng = np.random.default_rng(4)
+    slowness = rng.lognormal(1.0, 0.6, 8000)
+    width = whitening.widths(rng.normal(0.0, np.hypot(1.0, 2.0 * slowness)), slowness)
+    fastest = np.argsort(slowness)[:80]  # of a bin of 667; its width is known within 4 %, its fall within 10 %
+    np.testing.assert_allclose(np.mean(width[fastest] / np.hypot(1.0, 2.0 * slowness[fastest])), 1.0, atol=0.15)
+
+
+def test_the_width_goes_on_growing_where_the_water_is_slowest():
+    rng = np.random.default_rng(4)
+    slowness = rng.lognormal(1.0, 0.6, 8000)
+    width = whitening.widths(rng.normal(0.0, slowness), slowness)
+    slowest = np.argsort(slowness)[-80:]  # of a bin of 667; its width is known within 4 %
+    np.testing.assert_allclose(np.mean(width[slowest] / slowness[slowest]), 1.0, atol=0.1)
+
+
+@pytest.mark.parametrize("spread", [12.0, 45.0, 70.0, 1000.0])
+def test_a_direction_that_points_anywhere_tells_nothing(spread):
+    directions = angles.wrap180(np.random.default_rng(5).normal(0.0, spread, 40_000))
+    width = whitening.widths(directions, np.zeros(40_000))[0]
+    # The mean of a wrapped normal law's sines knows rho**2 / variance.
+    rho, twice = (np.exp(-((k * np.radians(spread)) ** 2) / 2.0) for k in (1, 2))
+    known = np.degrees(np.sqrt((1.0 - twice) / 2.0)) / max(rho, 1e-9)
+    assert width == pytest.approx(known, rel=0.2) or min(width, known) > 3000.0
+
+
+def test_slow_water_that_points_the_other_way_is_on_neither_side():
+    width = np.full(7, 40.0)
+    shown = whitening.clipped(np.array([-181.0, -179.0, 0.0, 20.0, 100.0, 179.0, 181.0]), width)
+    np.testing.assert_allclose(shown, [1.0 / 40.0, -1.0 / 40.0, 0.0, 0.5, 2.0, 1.0 / 40.0, -1.0 / 40.0], atol=1e-12)
+
+
+def test_the_response_is_what_is_left_of_a_small_shift():
+    rng = np.random.default_rng(6)
+    residual = angles.wrap180(40.0 * rng.standard_t(4.0, 200_000))
+    width = np.full(len(residual), 40.0)
+    moved = np.mean(whitening.clipped(residual + 1.0, width) - whitening.clipped(residual, width)) * 40.0
+    assert whitening.response(residual, width) == pytest.approx(moved, abs=0.01)
