@@ -2,7 +2,7 @@
 
     python benchmarks/alarms.py [MOORINGS] [SEED]
 
-The moorings are those of benchmarks/discrepancy_world.py, year-long and hourly, their compass fitted to the truth. Both
+The moorings are those of compasslib/simulation/pairs.py, year-long and hourly, their compass fitted to the truth. Both
 searches are drawn on: for names among the catalogue, and for what stays unexplained.
 """
 
@@ -11,11 +11,11 @@ from __future__ import annotations
 import sys
 
 import discrepancy
-import discrepancy_world as sea
 import numpy as np
 
 from compasslib.deviation.model import Fit, Noise
 from compasslib.search import baseline, columns, mooring, scan
+from compasslib.simulation import pairs as sea
 
 NOMINAL = (0.006, 0.02, 0.05, 0.1, 0.5)
 NOISE = Noise(floor_deg=5.0, slow_deg_m_s=2.0, outliers=0.01, compass_deg=1.0)

@@ -4,7 +4,7 @@
     python benchmarks/discrepancy.py 300 1 --kind null     one kind: null, single, two, unknown, control, clock
     python benchmarks/discrepancy.py 100 1 --rows PATH     also one line of JSON a mooring
 
-The world is benchmarks/discrepancy_world.py; visible sizes are what five refitted coefficients leave there. One core.
+The world is compasslib/simulation/pairs.py; visible sizes are what five refitted coefficients leave there. One core.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ import sys
 import time
 from pathlib import Path
 
-import discrepancy_world as sea
 import numpy as np
 
 from compasslib import deviation
@@ -26,6 +25,7 @@ from compasslib.deviation.model import Fit
 from compasslib.effects import CATALOGUE
 from compasslib.search import baseline, model, mooring, show
 from compasslib.search.diagnosis import Options, diagnose
+from compasslib.simulation import pairs as sea
 
 KINDS = ("null", "single", "two", "unknown", "control", "clock")
 SIZES = {

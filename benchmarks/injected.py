@@ -4,7 +4,7 @@
     python benchmarks/injected.py 60 1 --kind single
 
 The recorded headings of E0 in ../shared/data/cruise_eh2 count as the true ones, an iron compass of
-benchmarks/discrepancy_world.py reads them again with an effect, and the engine is told nothing. Kinds and measures are
+compasslib/simulation/pairs.py reads them again with an effect, and the engine is told nothing. Kinds and measures are
 those of benchmarks/discrepancy.py, without clocks.
 """
 
@@ -19,12 +19,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import discrepancy as bench
-import discrepancy_world as sea
 import numpy as np
 
 from compasslib.archive import netcdf
 from compasslib.search import covariates
 from compasslib.search.diagnosis import Options, diagnose
+from compasslib.simulation import pairs as sea
 from compasslib.stages import pipeline
 
 KINDS = ("null", "single", "two", "unknown")

@@ -12,9 +12,10 @@ from __future__ import annotations
 import argparse
 
 import discrepancy as bench
-import discrepancy_world as sea
 import numpy as np
 from scipy.stats import chi2, ncx2, norm
+
+from compasslib.simulation import pairs as sea
 
 INDEPENDENT = 17  # scores that the highest of a search of the catalogue amounts to, as its draws of the noise tell
 KNOWN, SEARCHED = norm.isf(0.01), norm.isf(1.0 - 0.99 ** (1.0 / INDEPENDENT))  # for 1 % of false alarms

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,9 +16,7 @@ from compasslib.core.errors import InputError
 from compasslib.core.records import EarthField, Pairs
 from compasslib.search.diagnosis import Options, diagnose
 from compasslib.search.kinds import declination
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
-import discrepancy_world as sea
+from compasslib.simulation import pairs as sea
 
 REAL = SHARED / "observatory"
 real = pytest.mark.skipif(not REAL.is_dir(), reason="no observatory files in ../shared/data")

@@ -2,12 +2,13 @@
 
 import json
 import shutil
-import sys
 from dataclasses import replace
 from pathlib import Path
 
+import discrepancy as bench
 import numpy as np
 import pytest
+from discrepancy import field_of, fitted
 from sea import FOLDED, pairs, red_noise
 
 from compasslib import deviation
@@ -40,12 +41,8 @@ from compasslib.search import (
 from compasslib.search import product as products
 from compasslib.search.diagnosis import Options, diagnose
 from compasslib.simulation import demonstration
+from compasslib.simulation import pairs as world
 from compasslib.stages import pipeline
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
-import discrepancy as bench
-import discrepancy_world as world
-from discrepancy import field_of, fitted
 
 ROOT = Path(__file__).resolve().parents[1]
 HOURS = 4000

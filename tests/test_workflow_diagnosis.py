@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import runpy
-import sys
 from pathlib import Path
 
 import netCDF4
@@ -14,9 +13,7 @@ import yaml
 from test_workflow import CONTRACT, snakemake
 
 from compasslib.core import angles
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
-import discrepancy_world as world
+from compasslib.simulation import pairs as world
 
 HOURS = 4000
 OPTIONS = {"FOUND": {}, "LEFT": {"apply": False}, "OFF": {"enabled": False}}

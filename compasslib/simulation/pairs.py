@@ -1,18 +1,20 @@
-"""Simulated moorings with known physics left out of the model: the world of benchmarks/discrepancy.py.
+"""Hourly pairs of two instruments with known physics beside a compass of five coefficients, without raw files.
 
-It has its own formulae for compass, tilt, water and effects and shares no code with the engine; only the record of the
-pairs and the five-term fit of the house are used, because they are what the engine is given.
+A whole year costs a tenth of a second, so that hundreds of moorings can be drawn: the world of the search's benchmarks
+and tests. Its compass, tilt, water and effects are its own formulae.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
-from compasslib.core.records import Pairs
+from compasslib.simulation.series import Complexes, Floats
 
 HOUR_S, YEAR_H = 3600.0, 8766.0
 RAD = np.pi / 180.0
@@ -30,32 +32,55 @@ UNKNOWN = ("sector", "teeth", "hour", "episode", "wander", "depth_threshold", "w
 
 
 @dataclass(frozen=True)
+class Pairs:
+    """Overlapping measurements of an upper and a lower instrument, (n,) each, by the names of the house's records."""
+
+    time_s: Floats
+    heading_deg: Floats  # recorded by the upper compass, magnetic
+    pitch_deg: Floats
+    roll_deg: Floats
+    upper_east: Floats  # m/s, by the recorded heading
+    upper_north: Floats
+    lower_east: Floats
+    lower_north: Floats
+    upper_depth_m: Floats
+    lower_depth_m: Floats
+    separation_minutes: Floats
+    declination_deg: Floats
+    warnings: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.time_s)
+
+
+@dataclass(frozen=True)
 class World:
     """One mooring before a compass is put on it; n hours."""
 
     rng: np.random.Generator
-    time_s: np.ndarray
-    heading: np.ndarray  # correct magnetic heading
-    flow: np.ndarray  # true current at the upper instrument, east + i north
-    difference: np.ndarray  # lower minus upper, without veer
-    tilt: np.ndarray  # (2, n) pitch, roll
-    sensed: np.ndarray  # (2, n) as the compass's tilt sensor gives them
-    depth: np.ndarray
-    separation: np.ndarray
-    temperature: np.ndarray
-    voltage: np.ndarray
+    time_s: Floats
+    heading: Floats  # correct magnetic heading
+    flow: Complexes  # true current at the upper instrument, east + i north
+    difference: Complexes  # lower minus upper, without veer
+    tilt: Floats  # (2, n) pitch, roll
+    sensed: Floats  # (2, n) as the compass's tilt sensor gives them
+    depth: Floats
+    separation: Floats
+    temperature: Floats
+    voltage: Floats
     earth: tuple[float, float]  # horizontal, vertical nT
-    soft: np.ndarray
-    hard: np.ndarray
-    water: np.ndarray | None = None  # flow without the instruments' noise, where it is known
+    soft: Floats
+    hard: Floats
+    water: Complexes | None = None  # flow without the instruments' noise, where it is known
     noise: tuple[float, float, float] = (np.nan,) * 3  # of one component: red m/s, its memory in hours, white m/s
 
     @property
-    def hours(self) -> np.ndarray:
+    def hours(self) -> Floats:
+        """Hours since the first sample, (n,)."""
         return (self.time_s - self.time_s[0]) / HOUR_S
 
     @property
-    def between(self) -> np.ndarray:
+    def between(self) -> Complexes:
         """The flow midway between the instruments, by which the water veers: their noise does not turn the water."""
         return self.flow + self.difference / 2 if self.water is None else self.water
 
@@ -65,8 +90,8 @@ class Drawn:
     """What the engine sees, and what was true."""
 
     pairs: Pairs
-    covariates: dict[str, np.ndarray]
-    heading: np.ndarray
+    covariates: dict[str, Floats]
+    heading: Floats
     horizontal: float
     vertical: float
     truth: dict[str, dict[str, float]] = field(default_factory=dict)  # effect -> parameters
@@ -75,22 +100,26 @@ class Drawn:
     parts: list[tuple[Effect, float]] = field(default_factory=list)  # what was put in, with its size
 
 
-def red(rng, n, memory, deviation):
+def red(rng: np.random.Generator, n: int, memory: float, deviation: float) -> Floats:
+    """Return noise with an exponential memory in samples and a standard deviation, (n,)."""
     keep = np.exp(-1.0 / memory)
     kicks = rng.normal(0.0, deviation * np.sqrt(1 - keep**2), n)
     kicks[0] = rng.normal(0.0, deviation)
-    return lfilter([1.0], [1.0, -keep], kicks)
+    return np.asarray(lfilter([1.0], [1.0, -keep], kicks))
 
 
-def towards(z):
-    return 90.0 - np.angle(z) / RAD
+def towards(z: Complexes) -> Floats:
+    """Return the direction of east + i north, degrees clockwise from north."""
+    return np.asarray(90.0 - np.angle(z) / RAD)
 
 
-def turned(z, by_deg):
-    return z * np.exp(-1j * RAD * by_deg)
+def turned(z: Complexes, by_deg: Floats | float) -> Complexes:
+    """Return east + i north turned clockwise."""
+    return np.asarray(z * np.exp(-1j * RAD * by_deg))
 
 
-def wrap(x):
+def wrap(x: Floats) -> Floats:
+    """Return angles in [-180, 180)."""
     return (np.asarray(x) + 180.0) % 360.0 - 180.0
 
 
@@ -101,7 +130,7 @@ def make(seed: int, *, wide: bool, noise_deg: float = 12.0, n: int = 8000) -> Wo
     time_s = 1.1889e9 + HOUR_S * hours + HOUR_S * 24 * rng.integers(300)
     axis = np.exp(1j * rng.uniform(0, 2 * np.pi))
     mean, tide, slow = (0.10, 0.12, 0.10) if wide else (0.30, 0.06, 0.06)
-    flow = mean * (1 + 0.2 * np.cos(2 * np.pi * (hours / YEAR_H + rng.uniform()))) + 0j
+    flow: Complexes = (mean * (1 + 0.2 * np.cos(2 * np.pi * (hours / YEAR_H + rng.uniform())))).astype(complex)
     flow += red(rng, n, 50, 1.3 * slow) + 1j * red(rng, n, 50, 0.7 * slow)
     for period, share in ((12.4206, 0.7), (12.0, 0.25), (23.9345, 0.3)):
         phase = 2 * np.pi * hours / period + rng.uniform(0, 2 * np.pi)
@@ -153,7 +182,7 @@ def make(seed: int, *, wide: bool, noise_deg: float = 12.0, n: int = 8000) -> Wo
     )  # fmt: skip
 
 
-def iron(rng) -> dict[str, np.ndarray]:
+def iron(rng: np.random.Generator) -> dict[str, Floats]:
     """Return soft iron, and hard iron in shares of the earth's horizontal field, of random size and direction."""
     soft = np.eye(3)
     soft[:2, :2] += rng.normal(0, [[0.02, 0.008], [0.008, 0.02]])
@@ -162,10 +191,18 @@ def iron(rng) -> dict[str, np.ndarray]:
     return {"soft": soft, "hard": strength * np.array([np.cos(angle), np.sin(angle), 0.0])}
 
 
-def compass(world, *, extra=None, offset=None, uncompensated=False):
+def compass(
+    world: World,
+    *,
+    extra: Floats | None = None,
+    offset: Callable[[Floats], Floats] | None = None,
+    uncompensated: bool = False,
+) -> Floats:
     """Return the recorded heading: iron, tilt, levelling, readout.
 
-    ``extra`` is a field in the body frame, (3, n) nT; ``offset`` a function of the reading.
+    Args:
+        extra: a field in the body frame, (3, n) nT.
+        offset: added to the reading, a function of it.
     """
     h, z = world.earth
     cb, sb = np.cos(world.heading * RAD), np.sin(world.heading * RAD)
@@ -184,10 +221,10 @@ def compass(world, *, extra=None, offset=None, uncompensated=False):
     return gamma + (0 if offset is None else offset(gamma))
 
 
-def five_term_residual(gamma, heading):
+def five_term_residual(gamma: Floats, heading: Floats) -> tuple[Floats, Floats]:
     """Return what is left of the heading after five coefficients were refitted to the truth, degrees."""
 
-    def miss(c):
+    def miss(c: Floats) -> Floats:
         a, b, cc, d, e = c
         w = np.exp(1j * RAD * heading)
         return wrap(gamma - np.angle((1 - 1j * a) * w + b - 1j * cc + (d - 1j * e) / w) / RAD)
@@ -205,10 +242,10 @@ class Effect:
     """What an effect of unit size adds: a body field, a function of the reading, a veer, or hours of clock error."""
 
     parameters: dict[str, float]  # of unit size
-    extra: np.ndarray | None = None  # (3, n) nT
-    offset: object = None  # function of the reading, degrees
-    veer: np.ndarray | None = None  # (n,) degrees, lower minus upper
-    clock: np.ndarray | None = None  # (n,) hours by which the compromised clock is ahead
+    extra: Floats | None = None  # (3, n) nT
+    offset: Callable[[Floats], Floats] | None = None  # function of the reading, degrees
+    veer: Floats | None = None  # (n,) degrees, lower minus upper
+    clock: Floats | None = None  # (n,) hours by which the compromised clock is ahead
 
 
 def effect(world: World, name: str) -> Effect:
@@ -217,11 +254,11 @@ def effect(world: World, name: str) -> Effect:
     angle, zero = rng.uniform(0, 2 * np.pi), np.zeros(len(world.hours))
     east, north = 200 * np.cos(angle), 200 * np.sin(angle)
 
-    def flat(series, unit):
+    def flat(series: Floats, unit: str) -> Effect:
         names = (f"b_x_nT{unit}", f"b_y_nT{unit}")
         return Effect(dict(zip(names, (east, north), strict=True)), np.array([east * series, north * series, zero]))
 
-    def shift(series, key):
+    def shift(series: Floats, key: str) -> Effect:
         return Effect({key: 1.0}, offset=lambda gamma: series)
 
     step = (np.arange(n) >= n * rng.uniform(0.2, 0.8)).astype(float)
@@ -267,7 +304,7 @@ def effect(world: World, name: str) -> Effect:
     return Effect({}, **_unknown(world, name, angle))
 
 
-def _unknown(world: World, name: str, angle: float) -> dict:
+def _unknown(world: World, name: str, angle: float) -> dict[str, Any]:
     rng, hours = world.rng, world.hours
     if name == "sector":
         middle = np.quantile(world.heading, rng.uniform(0.3, 0.7))
@@ -294,9 +331,11 @@ def _unknown(world: World, name: str, angle: float) -> dict:
     return {"offset": lambda gamma: pitch**2 / np.std(pitch**2)}
 
 
-def combined(world: World, parts: list[tuple[Effect, float]]):
+def combined(world: World, parts: list[tuple[Effect, float]]) -> tuple[Floats, Floats | float, Floats]:
     """Return (recorded heading, veer, clock hours) with effects times their sizes."""
-    extra, veer, clock, offsets = None, 0.0, np.zeros(len(world.hours)), []
+    extra: Floats | None = None
+    veer: Floats | float = 0.0
+    clock, offsets = np.zeros(len(world.hours)), []
     for part, size in parts:
         extra = extra if part.extra is None else size * part.extra + (0 if extra is None else extra)
         veer = veer if part.veer is None else veer + size * part.veer
@@ -323,7 +362,7 @@ def visible(world: World, part: Effect, size: float) -> float:
     return float(np.std(left - bare))
 
 
-def at_hours(z, hours):
+def at_hours(z: Complexes, hours: Floats) -> Complexes:
     """Return a complex hourly series at other hours."""
     own = np.arange(len(z))
     return np.interp(hours, own, z.real) + 1j * np.interp(hours, own, z.imag)
@@ -349,8 +388,9 @@ def planted(world: World, wanted: dict[str, float]) -> Drawn:
     lower = at_hours(lower, world.hours + clock)
     upper = turned(world.flow, wrap(gamma - world.heading))
     zero = np.zeros(gamma.size)
+    pitch, roll = world.sensed
     pairs = Pairs(
-        world.time_s, gamma % 360.0, *world.sensed, upper.real, upper.imag, lower.real, lower.imag, world.depth,
+        world.time_s, gamma % 360.0, pitch, roll, upper.real, upper.imag, lower.real, lower.imag, world.depth,
         world.depth + world.separation, zero, zero,
     )  # fmt: skip
     covariates = {"temperature": world.temperature, "supply_voltage": world.voltage}
