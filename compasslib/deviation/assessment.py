@@ -34,7 +34,7 @@ REFUTED_DEG = 75.0  # rms of corrected directions; unrelated ones scatter by 104
 FEWEST_TO_REFUTE = 10
 UNRELATED_DEG = 360.0 / np.sqrt(12.0)
 DOUBTED_DEG = 46.0  # rms from which on other readings of the reference are tried: more than slow water of two depths
-FAR_BETTER = 0.6  # of the rms: no curve that is merely bent more comes so far
+FAR_BETTER = 0.6  # of the median: no curve that is merely bent more comes so far
 READINGS: tuple[Callable[[Complexes], Complexes], ...] = (  # of east + i north: signs, exchange, right angles
     np.negative,
     np.conj,
@@ -57,7 +57,6 @@ def held_out_headings(pairs: Pairs, fit: Fit) -> Floats:
     elsewhere has seen no pair and stays as it is.
 
     Args:
-        pairs: overlapping measurements.
         fit: the fit to all of them; its method is repeated.
     """
     heading = np.full(len(pairs), np.nan)
@@ -77,10 +76,6 @@ def compare_forms(pairs: Pairs, fit: Fit) -> dict[str, Any] | None:
 
     The score is the mean log-likelihood a pair, in contiguous blocks held out in turn; its difference from the exact
     compass has the standard error of the blocks' sums, because neighbouring hours repeat each other.
-
-    Args:
-        pairs: overlapping measurements.
-        fit: the fit to all of them.
     """
     if fit.method != EXACT.name or len(pairs) < FEWEST_FOR_FORMS:
         return None
@@ -113,8 +108,6 @@ def assess(pairs: Pairs, fit: Fit, plain: Pairs | None = None) -> dict[str, Any]
     """Return assessment.json: direction difference upper minus lower, before and after.
 
     Args:
-        pairs: overlapping measurements.
-        fit: the fit to all of them.
         plain: the same as a compass that the fit holds would have recorded them, where more acted on it; what acted
             is then taken from the whole record.
     """
@@ -177,11 +170,11 @@ def _misread(pairs: Pairs, fit: Fit, after: dict[str, Any]) -> str:
         return ""
     some = choose(pairs, np.arange(0, len(pairs), max(1, len(pairs) // FORM_PAIRS)))
     velocity = some.lower_east + 1j * some.lower_north
-    best = min(_left_by(_with_reference(some, read(velocity))) for read in READINGS)
-    if best > FAR_BETTER * after["rms_deg"]:
+    best, own = min(_left_by(_with_reference(some, read(velocity))) for read in READINGS), after["median_absolute_deg"]
+    if best > FAR_BETTER * own:
         return ""
     return (
-        f"after the correction directions differ by {after['rms_deg']:.0f} degrees rms, and by {best:.0f} where the "
+        f"after the correction half the directions differ by {own:.0f} degrees or more, and by {best:.0f} where the "
         "trusted instrument's components are exchanged, turned by a right angle or signed otherwise, so that all "
         "headings are flagged doubtful; check its columns and signs"
     )
@@ -192,17 +185,16 @@ def _with_reference(pairs: Pairs, velocity: Complexes) -> Pairs:
 
 
 def _left_by(pairs: Pairs) -> float:
-    """Return the rms of what a fit leaves, degrees; a heading that it cannot have recorded counts as unrelated."""
+    """Return the median size of what a fit leaves, degrees; a heading that it cannot have recorded is unrelated.
+
+    Of a folded compass one in five may be such: they would make up most of an rms.
+    """
     fit = deviation.fit(EXACT.name, pairs)
-    return angles.rms(np.nan_to_num(model.residual(fit, pairs), nan=UNRELATED_DEG))
+    return float(np.median(np.abs(np.nan_to_num(model.residual(fit, pairs), nan=UNRELATED_DEG))))
 
 
 def log_line(name: str, verdict: dict[str, Any]) -> str:
-    """Return what the job says of its result.
-
-    Args:
-        verdict: assessment.json.
-    """
+    """Return what the job says of its result."""
     before, after = verdict["before"], verdict["after"]
     if not after["n"]:
         return f"{name}: nothing to assess ({before['n']} pairs, none corrected)"

@@ -1,0 +1,262 @@
+"""Branches, corrected headings and velocities, and the assessment on pairs that the fit has not seen."""
+
+from dataclasses import replace
+
+import netCDF4
+import numpy as np
+import pytest
+from sea import FOLDED, MILD, pairs
+
+from compasslib import deviation
+from compasslib.archive import netcdf
+from compasslib.core import angles
+from compasslib.core.records import BAD, GOOD, MISSING, PROBABLY_BAD, EarthField, Pairs, Record
+from compasslib.deviation import along, assessment, branches, correction, exact, likelihood, model, von_appen
+
+
+def record_of(seen: Pairs) -> Record:
+    flat, shape = np.full(len(seen), np.nan), (len(seen), 1)
+    return Record(
+        seen.time_s,
+        seen.upper_east[:, None],
+        seen.upper_north[:, None],
+        np.zeros(shape),
+        seen.heading_deg,
+        flat,
+        flat,
+        flat,
+        flat + 100.0,
+        flat,
+        flat,
+        np.full(shape, GOOD, dtype=np.int8),
+        np.full(len(seen), GOOD, dtype=np.int8),
+    )
+
+
+def field_of(seen: Pairs, declination: float = 0.0) -> EarthField:
+    ends = seen.time_s[[0, -1]]
+    return EarthField(ends, np.full(2, declination), *(np.full((3, 2), 12000.0)))
+
+
+@pytest.fixture(scope="module")
+def folded():
+    seen, heading = pairs(FOLDED, n=4000, seed=4)
+    return seen, heading, exact.fit(seen)
+
+
+def test_mild_record_is_corrected_to_its_stated_uncertainty():
+    seen, heading = pairs(MILD, n=4000, seed=3)
+    product = correction.correct(record_of(seen), exact.fit(seen), field_of(seen), seen)
+    off = angles.difference(product.heading_corrected_deg, heading)
+    assert angles.rms(off) < 2.5 < angles.rms(angles.difference(seen.heading_deg, heading))
+    assert np.mean(np.abs(off) < 1.96 * product.heading_uncertainty_deg) > 0.9
+    assert (product.heading_corrected_quality == GOOD).all()
+
+
+def test_corrected_velocity_is_the_recorded_one_turned_by_deviation_and_declination():
+    seen, _ = pairs(MILD, n=400)
+    product = correction.correct(record_of(seen), exact.fit(seen), field_of(seen, 18.0), seen)
+    assert np.hypot(product.east, product.north) == pytest.approx(
+        np.hypot(product.east_recorded, product.north_recorded)
+    )
+    before = angles.direction(seen.upper_east, seen.upper_north)
+    after = angles.direction(product.east[:, 0], product.north[:, 0])
+    assert np.abs(angles.difference(after - before, product.deviation_deg + 18.0)).max() < 1e-6
+    assert (product.velocity_uncertainty > 0).all()
+
+
+def test_pieces_along_time_make_the_same_file_as_the_whole(tmp_path, monkeypatch):
+    seen, _ = pairs(MILD, n=400)
+    asked = (record_of(seen), exact.fit(seen), field_of(seen, 18.0), seen)
+    monkeypatch.setattr(correction, "PIECE", 150)
+    several = correction.in_pieces(*asked)
+    assert [len(piece.record.time_s) for piece in several] == [150, 150, 100]
+    for name, product in (("whole.nc", correction.correct(*asked)), ("pieces.nc", several)):
+        netcdf.write_corrected(tmp_path / name, product, site=netcdf.Site("M", 60.0, -30.0))
+    with netCDF4.Dataset(tmp_path / "whole.nc") as one, netCDF4.Dataset(tmp_path / "pieces.nc") as other:
+        assert list(one.variables) == list(other.variables) and str(one.__dict__) == str(other.__dict__)
+        for name in one.variables:
+            np.testing.assert_array_equal(one[name][...], other[name][...], err_msg=name)
+
+
+def test_branches_of_a_folded_compass(folded):
+    seen, heading, fit = folded
+    product = correction.correct(record_of(seen), fit, field_of(seen), seen)
+    off = np.abs(angles.difference(product.heading_corrected_deg, heading))
+    assert np.isfinite(off).all() and np.median(off) < 3.0
+    sure = product.branch_probability >= correction.SURE
+    assert 0.7 < sure.mean() < 1.0 and np.mean(off[sure] < 40.0) > 0.94
+    assert (product.heading_corrected_quality[~sure] == PROBABLY_BAD).all()
+
+
+def test_branches_with_two_overlaps_a_day_and_a_gap_of_a_week(folded):
+    seen, heading, fit = folded
+    kept = np.ones(len(seen), dtype=bool)
+    kept[1000:1168] = False
+    few = assessment.choose(seen, np.flatnonzero(np.arange(len(seen)) % 12 == 0))
+    few = assessment.choose(few, np.isin(few.time_s, seen.time_s[kept]))
+    decision = correction.headings(assessment.choose(correction.readings_of(seen), kept), fit, few)
+    off = np.abs(angles.difference(decision.heading_deg, heading[kept]))
+    two = np.isfinite(decision.other_deg)
+    assert np.median(off) < 4.0
+    right = off <= np.abs(angles.difference(decision.other_deg, heading[kept]))
+    assert abs(decision.probability[two].mean() - right[two].mean()) < 0.05  # as sure as it is right
+
+
+def test_posterior_is_a_distribution_and_memory_ends_in_a_long_gap():
+    evidence = np.ones((3, likelihood.CELLS))
+    evidence[0, 10] = 1e9
+    flat = np.full(likelihood.CELLS, 1.0 / likelihood.CELLS)
+    habit = branches.Habit(width_deg=6.0, water_m_s=10.0, leaps=0.01)
+    near, far = (
+        branches.smooth(evidence, branches.Moves(np.array([1.0, gap]), np.zeros(2), np.zeros(2)), habit, flat)
+        for gap in (1.0, 5000.0)
+    )
+    assert near.sum(axis=1) == pytest.approx(np.ones(3))
+    assert near[2, 10] > 5 * flat[0] and far[2] == pytest.approx(flat)
+
+
+def test_an_instrument_that_turns_in_steady_water_turns_the_water_against_it():
+    """Clockwise by 30 degrees: the water turns by -30 in its frame, and the heading's step is +30."""
+    heading = np.array([40.0, 70.0])
+    water = 0.4 * angles.phasor(200.0 - heading)
+    evidence = np.ones((2, likelihood.CELLS))
+    evidence[0] = np.exp(-0.5 * (angles.difference(likelihood.CELL_CENTRES, 40.0) / 4.0) ** 2)
+    flat = np.full(likelihood.CELLS, 1.0 / likelihood.CELLS)
+    moves = branches._moves(np.array([0.0, 3600.0]), water)
+    posterior = branches.smooth(evidence, moves, branches.Habit(80.0, 0.03, 0.003), flat)
+    assert angles.mean(likelihood.CELL_CENTRES, weights=posterior[1]) == pytest.approx(70.0, abs=3.0)
+
+
+def test_published_method_gives_up_outside_its_stretch():
+    seen, _ = pairs((0.0, 1.1, 0.7, 0.0, 0.0), n=3000, spread=35.0, seed=3)
+    fit = von_appen.fit(seen)
+    product = correction.correct(record_of(seen), fit, field_of(seen), seen)
+    lost = ~np.isfinite(product.heading_corrected_deg)
+    assert fit.folded and lost.any()
+    assert (product.heading_corrected_quality[lost] == BAD).all()
+    assert np.isnan(product.east[lost]).all() and np.isfinite(product.east_recorded[lost]).all()
+
+
+@pytest.mark.parametrize("method", ["exact", "von_appen"])
+def test_nothing_fitted_gives_nan_flag_4_and_an_assessment_that_says_so(method):
+    seen, _ = pairs(n=5)
+    fit = model.too_few(method, 5)
+    product = correction.correct(record_of(seen), fit, field_of(seen), seen)
+    assert np.isnan(product.heading_corrected_deg).all() and (product.heading_corrected_quality == BAD).all()
+    verdict = assessment.assess(seen, fit)
+    assert verdict["before"]["n"] == 5 and verdict["after"]["n"] == 0
+    assert deviation.described(fit, record_of(seen))["correctable_fraction"] == 0.0
+
+
+def test_missing_velocities_stay_missing_and_bad_headings_are_not_corrected():
+    seen, _ = pairs(MILD, n=400)
+    record = record_of(seen)
+    quality, heading = record.quality.copy(), record.heading_quality.copy()
+    quality[3], heading[5] = MISSING, BAD
+    changed = replace(record, quality=quality, heading_quality=heading)
+    product = correction.correct(changed, exact.fit(seen), field_of(seen), seen)
+    assert product.velocity_quality[3, 0] == MISSING
+    assert np.isnan(product.heading_corrected_deg[5]) and product.velocity_quality[5, 0] == BAD
+
+
+def test_assessment_is_on_held_out_pairs_and_sees_the_gain():
+    seen, _ = pairs((0.0, 0.5, -0.3, 0.0, 0.0), n=3000, seed=8)
+    verdict = assessment.assess(seen, exact.fit(seen))
+    assert verdict["after"]["rms_deg"] < verdict["before"]["rms_deg"]
+    assert verdict["after"]["vector_correlation"]["magnitude"] > verdict["before"]["vector_correlation"]["magnitude"]
+    assert verdict["held_out"]["n"] == len(seen)
+
+
+def test_vector_correlation_angle_is_the_turn_of_the_upper_water():
+    lower = np.array([0.1 + 0.2j, -0.3 + 0.1j, 0.2 - 0.2j])
+    found = assessment._vector_correlation(lower * angles.phasor(-30.0), lower)  # clockwise by 30 degrees
+    assert found == {"magnitude": pytest.approx(1.0), "angle_deg": pytest.approx(30.0)}
+
+
+def test_a_heading_that_may_be_anything_has_the_uncertainty_of_the_whole_circle():
+    seen, _ = pairs(n=120, seed=10)
+    product = correction.correct(record_of(seen), von_appen.fit(seen), field_of(seen), seen)
+    assert np.nanmin(product.heading_uncertainty_deg) > 0.0
+    assert np.nanmax(product.heading_uncertainty_deg) <= correction.KNOWS_NOTHING_DEG
+
+
+def test_forms_are_compared_on_held_out_blocks_and_a_folded_compass_shows():
+    """Over folded headings the series cannot turn zero times; over mild ones the three are nearly the same."""
+    seen = [pairs(coefficients, n=6000, seed=4)[0] for coefficients in (FOLDED, (0.0, 0.1, 0.05, 0.0, 0.0))]
+    folded, mild = (assessment.compare_forms(p, exact.fit(p)) for p in seen)
+    assert folded["exact"]["minus_exact"] == 0.0
+    for name in ("series_in_correct", "series_in_recorded"):
+        assert folded[name]["minus_exact"] < -2.5 * folded[name]["minus_exact_sigma"] < 0.0
+        assert abs(mild[name]["minus_exact"]) < max(0.01, 3.0 * mild[name]["minus_exact_sigma"])
+
+
+READ_WRONGLY = {
+    "exchanged": lambda z: 1j * np.conj(z),
+    "both signs": np.negative,
+    "sign of north": np.conj,
+}
+
+
+@pytest.mark.parametrize("iron", [MILD, FOLDED], ids=["mild", "folded"])
+@pytest.mark.parametrize("mistake", READ_WRONGLY)
+def test_no_heading_is_good_where_the_reference_is_read_wrongly(iron, mistake):
+    seen, _ = pairs(iron, n=1200, seed=31)
+    velocity = READ_WRONGLY[mistake](seen.lower_east + 1j * seen.lower_north)
+    wrong = replace(seen, lower_east=velocity.real, lower_north=velocity.imag)
+    fit, record = exact.fit(wrong), record_of(wrong)
+    said = deviation.implausible(fit, record) or assessment.assess(wrong, fit)["refuted"]
+    assert "flagged doubtful" in said
+    unmodelled_deg = correction.unmodelled(bool(said), 0.0)
+    product = correction.correct(record, fit, field_of(wrong), wrong, unmodelled_deg=unmodelled_deg)
+    assert (product.heading_corrected_quality >= PROBABLY_BAD).all()
+    assert (product.heading_uncertainty_deg > 100.0).all()
+
+
+def test_a_reading_that_the_compass_cannot_have_made_is_flagged_and_not_guessed(folded):
+    seen, _, fit = folded
+    low, high = fit.recorded_range_deg
+    outside = angles.wrap360(high + (360.0 - (high - low)) / 2.0)
+    record = record_of(seen)
+    heading = np.where(np.arange(len(seen)) % 50 == 7, outside, record.heading_deg)
+    product = correction.correct(replace(record, heading_deg=heading), fit, field_of(seen), seen)
+    assert (product.heading_corrected_quality[heading == outside] == PROBABLY_BAD).all()
+    assert not deviation.implausible(fit, record)
+    assert "cannot have recorded 100%" in deviation.implausible(
+        fit, replace(record, heading_deg=np.full(len(seen), outside))
+    )
+
+
+def test_both_headings_stay_open_where_hardly_a_pair_shows_the_branch(folded):
+    seen, heading, fit = folded
+    told = replace(fit, noise=replace(fit.noise, floor_deg=60.0))  # scatter in which no two branches are apart
+    product = correction.correct(record_of(seen), told, field_of(seen), seen)
+    roots = along.of_fit(told, correction.readings_of(seen)).roots()
+    two = np.abs(angles.difference(roots[:, 0], roots[:, 1])) > 2.0 * branches.MERGED_DEG
+    assert two.sum() > 100 and (product.heading_corrected_quality[two] == PROBABLY_BAD).all()
+    off = np.abs(angles.difference(product.heading_corrected_deg, heading))[two]
+    assert np.mean(off < 1.96 * product.heading_uncertainty_deg[two]) > 0.95
+
+
+def test_pairs_of_a_few_days_are_no_surer_than_they_can_be():
+    covered = []
+    for seed in range(11, 16):
+        seen, heading = pairs(MILD, n=1000, seed=seed)
+        few = model.chosen(seen, slice(0, 80))
+        product = correction.correct(record_of(seen), exact.fit(few), field_of(seen), few)
+        off = np.abs(angles.difference(product.heading_corrected_deg, heading))
+        covered.append(np.mean(off < 1.96 * product.heading_uncertainty_deg))
+    assert min(covered) > 0.85
+
+
+def test_directions_that_agree_no_better_than_those_of_other_days_deny_the_correction():
+    seen, _ = pairs(MILD, n=3000, seed=5)
+    flow = angles.direction(seen.lower_east, seen.lower_north)
+    inside = (
+        np.abs(angles.difference(flow, angles.mean(flow))) < 110.0
+    )  # a mean flow rules: unrelated ones scatter less
+    seen = model.chosen(seen, inside)
+    other = replace(seen, lower_east=np.roll(seen.lower_east, 700), lower_north=np.roll(seen.lower_north, 700))
+    own, strange = (assessment.assess(x, exact.fit(x)) for x in (seen, other))
+    assert own["refuted"] == "" and own["after"]["rms_deg"] < own["rms_of_other_days_deg"]
+    assert strange["after"]["rms_deg"] < assessment.REFUTED_DEG and "of other days" in strange["refuted"]
