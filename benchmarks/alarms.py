@@ -14,7 +14,8 @@ import discrepancy
 import numpy as np
 
 from compasslib.deviation.model import Fit, Noise
-from compasslib.search import baseline, columns, mooring, scan
+from compasslib.search import baseline, columns, scan
+from compasslib.search.case import mooring_case
 from compasslib.simulation import pairs as sea
 
 NOMINAL = (0.006, 0.02, 0.05, 0.1, 0.5)
@@ -26,7 +27,7 @@ def passed(index: int, seed: int) -> list[list[bool]]:
     drawn, _ = discrepancy.draw("null", index, seed)
     _, coefficients = sea.five_term_residual(drawn.pairs.heading_deg, drawn.heading)
     fit = Fit("exact", len(drawn.pairs), coefficients, heading_density=np.full(120, 1 / 120), noise=NOISE)
-    case = mooring.case(drawn.pairs, drawn.covariates, fit, discrepancy.field_of(drawn))
+    case = mooring_case(drawn.pairs, drawn.covariates, fit, discrepancy.field_of(drawn))
     state = baseline.examine(case, case.simulation, np.zeros(case.nuisance.shape[1]))
     result = []
     for groups, own in ((columns.of_terms(state, case.terms), 1), (columns.omnibus(state), 99)):

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from compasslib.calibration import curves
-from compasslib.calibration.curves import Readings
+from compasslib.calibration.curves import BenchReadings
 from compasslib.calibration.result import Calibration
 from compasslib.core import angles, compass
 from compasslib.deviation import von_appen
@@ -62,7 +62,7 @@ DESIGNS = (
 )
 
 
-def bench(design: Design, rng: np.random.Generator) -> tuple[np.ndarray, Readings]:
+def bench(design: Design, rng: np.random.Generator) -> tuple[np.ndarray, BenchReadings]:
     """Return true coefficients, and what was read."""
     direction = rng.uniform(0.0, 360.0)
     semicircular = design.strength * np.array(angles.sin_cos(direction))
@@ -71,7 +71,7 @@ def bench(design: Design, rng: np.random.Generator) -> tuple[np.ndarray, Reading
     intended = np.repeat(design.settings_deg + rng.uniform(0.0, 10.0), design.repeats)
     off = np.repeat(rng.normal(0.0, GRADUATION_DEG, len(design.settings_deg)), design.repeats)
     recorded = _recorded(design.truth, true, intended + off) + rng.normal(0.0, READING_DEG, len(intended))
-    return true, Readings(intended, angles.wrap360(recorded))
+    return true, BenchReadings(intended, angles.wrap360(recorded))
 
 
 def _recorded(truth: str, true: np.ndarray, correct_deg: np.ndarray) -> np.ndarray:

@@ -23,7 +23,8 @@ from compasslib.core.records import EarthField
 from compasslib.deviation import model as fits
 from compasslib.deviation.model import Fit
 from compasslib.effects import CATALOGUE
-from compasslib.search import baseline, model, mooring, show
+from compasslib.search import baseline, model, show
+from compasslib.search.case import mooring_case
 from compasslib.search.diagnosis import Options, diagnose
 from compasslib.simulation import pairs as sea
 
@@ -116,7 +117,7 @@ def measure(kind: str, index: int, seed: int) -> dict:
 
 def against_oracle(drawn, fit, field, found) -> dict:
     """Return heading errors, held-out gains and parameter errors beside those of the true model fitted."""
-    case = mooring.case(drawn.pairs, drawn.covariates, fit, field)
+    case = mooring_case(drawn.pairs, drawn.covariates, fit, field)
     empty = baseline.examine(case, case.simulation, np.zeros(case.nuisance.shape[1]))
     terms = [true_term(name, values) for name, values in drawn.truth.items()]
     oracle = model.refit(empty, terms)

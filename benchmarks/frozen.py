@@ -4,9 +4,10 @@
     python benchmarks/frozen.py e368bdf --kept FOLDER    keeps cruises and results, and goes on from what is there
 
 The demonstration cruise, the real record of ../shared/data/cruise_eh2 where it is there, a sealed cruise of 24, and a
-calibration of each kind are processed by both through Snakemake, from raw files that the earlier one wrote. Headings
-and velocities may differ by 1e-9, all other numbers by what is printed; verdicts and names must be equal. Sentences are
-counted and the new ones listed, figures are not looked at. Exit status 1 where a number, a verdict or a name differs.
+calibration of each kind are processed by both through Snakemake, from raw files that this checkout's simulation writes.
+Headings and velocities may differ by 1e-9, all other numbers by what is printed; verdicts and names must be equal.
+Sentences are counted and the new ones listed, figures are not looked at. Exit status 1 where a number, a verdict or a
+name differs.
 """
 
 from __future__ import annotations
@@ -27,6 +28,10 @@ from typing import Any
 
 import netCDF4
 import numpy as np
+import yaml
+
+from compasslib.simulation import demonstration, draw, observatory, package, swing
+from compasslib.simulation.compass import earth_field
 
 PROJECT = Path(__file__).resolve().parent.parent
 DATA = PROJECT.parent / "shared/data"
@@ -46,15 +51,23 @@ def worktree(commit: str, folder: Path) -> Path:
     return folder
 
 
-def write_raw(project: Path, into: Path) -> list[str]:
-    """Write the cruises that are processed by both, by the code of one project; return their names."""
+def write_raw(into: Path) -> list[str]:
+    """Write the cruises that are processed by both, by this checkout's simulation; return their names."""
     names = ["demonstration", "sealed", "calibrations"] + (["eh2"] if (DATA / "cruise_eh2").is_dir() else [])
     if (into / "written").exists():
         return names
-    shutil.copytree(project / "config", into / "demonstration/config", dirs_exist_ok=True)
+    shutil.copytree(PROJECT / "config", into / "demonstration/config", dirs_exist_ok=True)
     settings = into / "demonstration/config/config.yaml"
-    settings.write_text(re.sub(r"demonstration: true", "demonstration: false", settings.read_text()))
-    _run(project, "-c", MAKE, str(into))
+    settings.write_text(settings.read_text().replace("demonstration: true", "demonstration: false"))
+    for k in range(1, 8):
+        demonstration.write_mooring(f"EG{k}", into / "demonstration/raw", into / f"truth/EG{k}.csv")
+    for cruise, moorings in (("sealed", "config/moorings"), ("calibrations", "[]")):
+        (into / cruise / "config").mkdir(parents=True, exist_ok=True)
+        (into / cruise / "config/config.yaml").write_text(f"moorings: {moorings}\n")
+    (into / "locked").mkdir(exist_ok=True)
+    for one in draw.draw(5, 24):
+        draw.write(one, into / "sealed", into / "locked")
+    _write_calibrations(into / "calibrations")
     if "eh2" in names:
         for part in ("config", "raw"):
             shutil.copytree(DATA / "cruise_eh2" / part, into / "eh2" / part, dirs_exist_ok=True)
@@ -63,59 +76,39 @@ def write_raw(project: Path, into: Path) -> list[str]:
     return names
 
 
-MAKE = """
-import sys
-from pathlib import Path
-import numpy as np
-import yaml
-from compasslib.nature import demonstration, observatory, package, swing
-from compasslib.nature.compass import earth_field
-from benchmarks.proof import draw
+def _write_calibrations(cruise: Path) -> None:
+    """Write one calibration of each kind."""
+    place, start = {"latitude": 48.4, "longitude": -4.5, "date": "2022-09-29"}, 1.664352e9
+    for folder in ("config/calibrations", "raw"):
+        (cruise / folder).mkdir(parents=True, exist_ok=True)
 
-into = Path(sys.argv[1])
-for k in range(1, 8):
-    demonstration.write_mooring(f"EG{k}", into / "demonstration/raw", into / f"truth/EG{k}.csv")
-sealed = into / "sealed"
-(into / "locked").mkdir(exist_ok=True)
-(sealed / "config").mkdir(parents=True, exist_ok=True)
-(sealed / "config/config.yaml").write_text("moorings: config/moorings\\n")
-for one in draw.draw(5, 24):
-    draw.write(one, sealed, into / "locked")
+    def write(name: str, settings: dict[str, Any], header: str = "", columns: Any = ()) -> None:
+        (cruise / f"config/calibrations/{name}.yaml").write_text(yaml.safe_dump(settings))
+        if header:
+            np.savetxt(cruise / settings["file"], np.column_stack(columns), "%.3f", ",", header=header, comments="")
 
-place, start = {"latitude": 48.4, "longitude": -4.5, "date": "2022-09-29"}, 1.664352e9
-cruise = into / "calibrations"
-(cruise / "config/calibrations").mkdir(parents=True, exist_ok=True)
-(cruise / "raw").mkdir(exist_ok=True)
-(cruise / "config/config.yaml").write_text("moorings: []\\n")
-
-def write(name, settings, header="", columns=()):
-    (cruise / f"config/calibrations/{name}.yaml").write_text(yaml.safe_dump(settings))
-    if header:
-        np.savetxt(cruise / settings["file"], np.column_stack(columns), "%.3f", ",", header=header, comments="")
-
-rng = np.random.default_rng(1)
-turn = np.arange(0, 360, 10.0)
-recorded = np.mod(turn - 7 * np.sin(np.deg2rad(turn)) - 3 * np.cos(np.deg2rad(turn)) + rng.normal(0, 0.4, 36), 360)
-write("bench", place | {"kind": "platform", "file": "raw/bench.csv"}, "reference_deg,recorded_deg", (turn, recorded))
-boat = swing.sail(rng, swing.Boat(plan=swing.CIRCLES, water_kn=0.2 + 0.1j), 0.5, start)
-write("boat", place | {"kind": "swing", "file": "raw/boat.csv"}, "compass_deg,cog_deg,speed_kn",
-      (boat.compass_deg, boat.course_deg, boat.speed_kn))
-round_deg = np.deg2rad(np.linspace(0, 1080, 720))
-axes = [21000 * np.cos(round_deg) + 2000, -21000 * np.sin(round_deg) - 900, 43000 + 0 * round_deg]
-axes = [axis + rng.normal(0, 40, 720) for axis in axes]
-write("axes", place | {"kind": "magnetometer", "file": "raw/axes.csv"}, "x,y,z", axes)
-hours = start + 3600.0 * np.arange(24 * 200)
-field = earth_field(48.4, -4.5, (hours[0], hours[-1])).at(hours)
-noise = rng.normal(0, 0.05, hours.size) + 0.1 * np.sin(2 * np.pi * hours / 86400)
-observatory.write(cruise / "raw/station.hor", hours, (field[0] + noise + 0.1, field[1], field[2]), (48.4, -4.5))
-write("station", {"kind": "declination", "file": "raw/station.hor", "format": "iaga2002"})
-motion = package.lower(rng, package.Sea(), 1.2e9)
-heads = {"a": package.Head(), "b": package.Head(mount_deg=(47.0, 2.0, -1.5), first_s=0.37, ping_s=1.3, clock_s=7.3)}
-for letter, head in heads.items():
-    stood = package.stand(rng, motion, head)
-    (cruise / f"raw/{letter}.000").write_bytes(package.encoded(stood, looks_up=head.looks_up))
-write("heads", {"kind": "two_heads", "file": ["raw/a.000", "raw/b.000"], "format": "pd0"})
-"""
+    rng, turn = np.random.default_rng(1), np.arange(0, 360, 10.0)
+    bent = turn - 7 * np.sin(np.deg2rad(turn)) - 3 * np.cos(np.deg2rad(turn)) + rng.normal(0, 0.4, 36)
+    bench = place | {"kind": "platform", "file": "raw/bench.csv"}
+    write("bench", bench, "reference_deg,recorded_deg", (turn, np.mod(bent, 360)))
+    boat = swing.sail(rng, swing.Boat(plan=swing.CIRCLES, water_kn=0.2 + 0.1j), 0.5, start)
+    sailed = (boat.compass_deg, boat.course_deg, boat.speed_kn)
+    write("boat", place | {"kind": "swing", "file": "raw/boat.csv"}, "compass_deg,cog_deg,speed_kn", sailed)
+    round_rad = np.deg2rad(np.linspace(0, 1080, 720))
+    axes = [21000 * np.cos(round_rad) + 2000, -21000 * np.sin(round_rad) - 900, 43000 + 0 * round_rad]
+    axes = [axis + rng.normal(0, 40, 720) for axis in axes]
+    write("axes", place | {"kind": "magnetometer", "file": "raw/axes.csv"}, "x,y,z", axes)
+    hours = start + 3600.0 * np.arange(24 * 200)
+    declination, *others = earth_field(48.4, -4.5, (hours[0], hours[-1])).at(hours)
+    noise = rng.normal(0, 0.05, hours.size) + 0.1 * np.sin(2 * np.pi * hours / 86400)
+    observatory.write(cruise / "raw/station.hor", hours, (declination + noise + 0.1, *others), (48.4, -4.5))
+    write("station", {"kind": "declination", "file": "raw/station.hor", "format": "iaga2002"})
+    motion = package.lower(rng, package.Sea(), 1.2e9)
+    second = package.Head(mount_deg=(47.0, 2.0, -1.5), first_s=0.37, ping_s=1.3, clock_s=7.3)
+    for letter, head in {"a": package.Head(), "b": second}.items():
+        stood = package.stand(rng, motion, head)
+        (cruise / f"raw/{letter}.000").write_bytes(package.encoded(stood, looks_up=head.looks_up))
+    write("heads", {"kind": "two_heads", "file": ["raw/a.000", "raw/b.000"], "format": "pd0"})
 
 
 def _run(project: Path, *arguments: str) -> None:
@@ -250,7 +243,7 @@ def main() -> None:
         folder = (asked.kept or Path(scratch)).absolute()
         folder.mkdir(parents=True, exist_ok=True)
         earlier = worktree(asked.commit, folder / "checkout")
-        names = write_raw(earlier, folder / "raw")
+        names = write_raw(folder / "raw")
         failed = 0
         for name in names:
             for project, side in ((earlier, "earlier"), (PROJECT, "later")):

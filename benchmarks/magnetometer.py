@@ -17,11 +17,10 @@ import numpy as np
 PROJECT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(PROJECT), str(PROJECT / "tests")]
 
-import iron  # noqa: E402
-
 from compasslib.calibration import magnetometer  # noqa: E402
 from compasslib.calibration.magnetometer import ellipsoid  # noqa: E402
 from compasslib.deviation import von_appen  # noqa: E402
+from compasslib.simulation import iron  # noqa: E402
 
 REAL = PROJECT.parent / "shared/data/magnetometer"
 SCENARIOS = {
@@ -126,7 +125,7 @@ def bias(draws: int) -> None:
         truth = np.concatenate([true.hard / iron.FIELD, [polar[p] for p in ellipsoid.PLACES.values()]])
         for _ in range(draws):
             field = iron.readings(rng, true, iron.tumble(rng, 1000), noise=noise) / iron.FIELD
-            data = ellipsoid.Readings(field, np.zeros_like(field))
+            data = ellipsoid.ScaledReadings(field, np.zeros_like(field))
             for kept, how in ((plain, False), (adjusted, True)):
                 kept.append(ellipsoid.solve(ellipsoid.ELLIPSOID, data, truth[:3], adjusted=how)[0] - truth)
         cells = []

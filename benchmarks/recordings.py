@@ -2,24 +2,95 @@
 
     PYTHONPATH=. python benchmarks/recordings.py [RECORDINGS] [--kind platform|magnetometer|two_heads|swing|real]
 
-Nulls and recordings with one known effect are drawn anew (recordings_world.py). A null that gets a name or is called
-unexplained is a false alarm; at most 1 % is the target. A set is right where it holds the truth; parameters are right
-where their errors over their own standard errors have an rms of 0.9 to 1.1. Then the real recordings, each with an
-effect concealed from the simulation or a column withheld. Declinations are drawn in observatory.py.
+Nulls and recordings with one known effect are drawn anew (compasslib.simulation.recordings). A null that gets a name or
+is called unexplained is a false alarm; at most 1 % is the target. A set is right where it holds the truth; parameters
+are right where their errors over their own standard errors have an rms of 0.9 to 1.1. Then the real recordings, each
+with an effect concealed from the simulation or a column withheld. Declinations are drawn in observatory.py.
 """
 
 from __future__ import annotations
 
 import argparse
+import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from recordings_real import real
-from recordings_world import Made, bench, heads, log, swung
 
+from compasslib.calibration import heads as heads_of
+from compasslib.calibration.heads import motion as motions
+from compasslib.calibration.magnetometer.log import Log
+from compasslib.core import angles
+from compasslib.search import kinds as diagnoses
+from compasslib.search.diagnosis import Options
+from compasslib.search.kinds import magnetometer, platform, two_heads
 from compasslib.search.verdict import Diagnosis
+from compasslib.simulation import package, swing
+from compasslib.simulation import recordings as drawn
+from compasslib.simulation.package import Head, Sea
+from compasslib.simulation.recordings import Truth
+
+OPTIONS = Options()
+Made = tuple[Diagnosis, Truth]
+
+
+def bench(rng: np.random.Generator, effect: str) -> Made:
+    """Return the diagnosis of a bench."""
+    made = drawn.bench(rng, effect)
+    return platform.judge(made.correct_deg, made.recorded_deg, field=None, options=OPTIONS), made.truth
+
+
+def log(rng: np.random.Generator, effect: str) -> Made:
+    """Return the diagnosis of a magnetometer's log."""
+    made = drawn.log(rng, effect)
+    axes = Log(
+        made.field_nt, True, made.pitch_deg, made.roll_deg, made.heading_deg, made.time_s, 0, (), made.temperature_c
+    )
+    field = {"horizontal_nT": drawn.H_NT, "vertical_nT": drawn.Z_NT}
+    return magnetometer.judge(axes, field=field, options=OPTIONS), made.truth
+
+
+def swung(rng: np.random.Generator, effect: str) -> Made:
+    """Return the diagnosis of a swing's log, through the table that a ship would write."""
+    sailed, truth = drawn.boat(rng, effect)
+    declination = float(rng.uniform(-10.0, 10.0))
+    with tempfile.TemporaryDirectory() as folder:
+        path = drawn.written(swing.sail(rng, sailed, declination), Path(folder) / "swing.csv")
+        return diagnoses.diagnose("swing", [path], {"declination": declination}, OPTIONS), truth
+
+
+def heads(rng: np.random.Generator, effect: str) -> Made:
+    """Return the diagnosis of two heads in the simulated sea, through PD0 bytes."""
+    noise, slow = rng.uniform(0.2, 0.8), {"slow_deg": rng.uniform(0.0, 0.8), "slow_s": rng.uniform(5.0, 60.0)}
+    sea = Sea(turns=rng.uniform(-8.0, 8.0), wander_deg=rng.uniform(40.0, 90.0), swell_s=rng.uniform(6.0, 14.0))
+    a = Head(noise_deg=noise, **slow)
+    b = Head(mount_deg=(rng.uniform(-180.0, 180.0), 1.0, -1.0), noise_deg=noise, **slow)
+    b = replace(b, clock_s=rng.uniform(2.0, 60.0)) if effect == "clock_offset" else b
+    truth = {"offset_s": b.clock_s} if effect == "clock_offset" else Truth()
+    motion = package.lower(rng, sea, 1.2e9)
+    with tempfile.TemporaryDirectory() as folder:
+        paths = [Path(folder) / "a.000", Path(folder) / "b.000"]
+        for path, head in zip(paths, (a, b), strict=True):
+            path.write_bytes(package.encoded(package.stand(rng, motion, head), looks_up=head.looks_up))
+        first, second = (heads_of.record(path, {}, k) for k, path in enumerate(paths))
+    moved = [motions.motion(one) for one in (first, second)]
+    if effect == "heading_slip":
+        late = np.arange(len(moved[1].time_s)) >= rng.uniform(0.3, 0.7) * len(moved[1].time_s)
+        truth = {"offset_deg": rng.uniform(2.0, 6.0)}
+        moved[1] = replace(moved[1], heading_deg=moved[1].heading_deg + truth["offset_deg"] * late)
+    if effect == "compass_lag":
+        time_s, truth = moved[1].time_s, {"lag_s": rng.uniform(1.0, 4.0)}
+        moved[1] = replace(moved[1], heading_deg=np.interp(time_s - truth["lag_s"], time_s, moved[1].heading_deg))
+    if effect == "sextantal":
+        truth = {"sine_deg": rng.uniform(1.5, 3.0), "cosine_deg": 0.0}
+        curve = truth["sine_deg"] * angles.sin_cos(3.0 * moved[1].heading_deg)[0]
+        moved[1] = replace(moved[1], heading_deg=moved[1].heading_deg + curve)
+    return two_heads.judge(*moved, farthest_s=600.0, field=None, options=OPTIONS), truth
+
 
 NULLS_EACH = 10  # nulls for each recording with an effect
 KINDS: dict[str, tuple[Callable[[np.random.Generator, str], Made], tuple[str, ...]]] = {

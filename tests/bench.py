@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from compasslib.calibration.curves import Readings
+from compasslib.calibration.curves import BenchReadings
 from compasslib.core import angles, compass
 
 MILD = (0.02, 0.15, 0.1, 0.03, -0.02)
@@ -20,14 +20,14 @@ def ring(n: int = 36) -> np.ndarray:
     return 360.0 / n * np.arange(n)
 
 
-def readings(settings_deg=None, coefficients=MILD, *, noise_deg: float = 0.3, seed: int = 1) -> Readings:
+def readings(settings_deg=None, coefficients=MILD, *, noise_deg: float = 0.3, seed: int = 1) -> BenchReadings:
     """Return what an exact compass records on a bench."""
     settings = ring() if settings_deg is None else np.asarray(settings_deg, dtype=float)
     noise = np.random.default_rng(seed).normal(0.0, noise_deg, len(settings))
-    return Readings(settings, angles.wrap360(compass.recorded_heading(coefficients, settings) + noise))
+    return BenchReadings(settings, angles.wrap360(compass.recorded_heading(coefficients, settings) + noise))
 
 
-def write_table(path: Path, read: Readings, names=("reference_deg", "recorded_deg")) -> Path:
+def write_table(path: Path, read: BenchReadings, names=("reference_deg", "recorded_deg")) -> Path:
     """Write readings as a CSV file."""
     path.parent.mkdir(parents=True, exist_ok=True)
     rows = [f"{a:.3f},{b:.3f}" for a, b in zip(read.reference_deg, read.recorded_deg, strict=True)]
@@ -35,7 +35,7 @@ def write_table(path: Path, read: Readings, names=("reference_deg", "recorded_de
     return path
 
 
-def write_calibration(folder: Path, name: str, read: Readings, **keys: object) -> None:
+def write_calibration(folder: Path, name: str, read: BenchReadings, **keys: object) -> None:
     """Write a platform's table and its YAML file into a cruise folder."""
     write_table(folder / f"raw/cal/{name}.csv", read)
     file = folder / f"config/calibrations/{name}.yaml"

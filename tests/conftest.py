@@ -6,7 +6,17 @@ for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(name, "1")
 
 # Files of few tests that run whole cruises, or minutes of fuzz: begun last, one would hold one core while others idle.
-LONGEST = ("cluster", "fuzz", "proof", "workflow", "report", "example", "reliability", "provenance")
+LONGEST = (
+    "cluster",
+    "fuzz",
+    "proof",
+    "workflow",
+    "run_cruise",
+    "report",
+    "example",
+    "reliability",
+    "archive_provenance",
+)
 
 
 def pytest_collection_modifyitems(items):

@@ -9,39 +9,20 @@ from pathlib import Path
 import numpy as np
 import yaml
 from pd0_encoder import ensemble
-from scipy.signal import lfilter
 
-from compasslib.core import angles, compass
 from compasslib.core.records import Pairs
+from compasslib.simulation import pairs as world
 
 SHARED = Path(__file__).resolve().parents[1] / ".." / "shared" / "data"
-START = datetime(2007, 9, 4, tzinfo=UTC)
+START = datetime.fromtimestamp(world.BEGIN_S, UTC)
 MILD = (0.02, 0.3, 0.1, 0.03, -0.02)
 FOLDED = (0.0, -1.1, 0.7, 0.02, -0.01)
 
 
-def red_noise(rng: np.random.Generator, n: int, memory: float, sd: float) -> np.ndarray:
-    """Return noise with an exponential memory in samples."""
-    keep = np.exp(-1.0 / memory)
-    noise = rng.normal(size=n) * sd * np.sqrt(1.0 - keep**2)
-    return lfilter([1.0], [1.0, -keep], noise)
-
-
-def pairs(coefficients=MILD, *, n: int = 3000, seed: int = 1, spread: float | None = None) -> tuple[Pairs, np.ndarray]:
-    """Return hourly pairs and the correct headings; headings follow the wake, or spread about one direction."""
-    rng = np.random.default_rng(seed)
-    east = 0.15 + red_noise(rng, n, 40, 0.12)
-    north = -0.05 + red_noise(rng, n, 40, 0.12)
-    flow = angles.direction(east, north)
-    heading = flow + red_noise(rng, n, 6, 20.0) if spread is None else 210.0 + red_noise(rng, n, 20, spread)
-    recorded = angles.wrap360(compass.recorded_heading(coefficients, heading) + rng.normal(0.0, 0.7, n))
-    upper = angles.turn(east + rng.normal(0, 0.02, n), north + rng.normal(0, 0.02, n), recorded - heading)
-    lower = [x + red_noise(rng, n, 10, 0.03) + rng.normal(0.0, 0.02, n) for x in (east, north)]
-    time, zero = START.timestamp() + 3600.0 * np.arange(n), np.zeros(n)
-    return (
-        Pairs(time, recorded, zero, zero, *upper, *lower, zero + 90.0, zero + 105.0, zero, zero),
-        angles.wrap360(heading),
-    )
+def pairs(coefficients=MILD, **drawn) -> tuple[Pairs, np.ndarray]:
+    """Return hourly pairs, as ``under_a_compass`` draws them, as records of the house, and the correct headings."""
+    made, heading = world.under_a_compass(coefficients, **drawn)
+    return Pairs(**vars(made)), heading
 
 
 def cruise(folder: Path, names=("M1",), *, coefficients=MILD, n: int = 1200, reference: bool = True) -> Path:

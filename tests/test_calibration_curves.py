@@ -7,9 +7,9 @@ import pytest
 from bench import FOLDED, MILD, readings, ring
 
 from compasslib.calibration import budget, curves, series
-from compasslib.calibration.curves import Readings
+from compasslib.calibration.curves import BenchReadings
 from compasslib.calibration.exact_curve import EXACT
-from compasslib.calibration.series import ONE_CYCLE, POLYNOMIAL, SMITH, Curve
+from compasslib.calibration.series import ONE_CYCLE, POLYNOMIAL, SMITH, FittedSeries
 from compasslib.core import angles, compass
 from compasslib.deviation import von_appen
 
@@ -18,13 +18,13 @@ SERIES = np.array([0.6, 5.0, -3.0, 1.2, -0.7])  # degrees
 EIGHT = np.array([-1.177, 2.023, -8.377, -4.279, 3.620, 14.721, 5.624, 15.123])
 
 
-def smith_bench(n: int = 36, noise_deg: float = 0.3, seed: int = 1) -> Readings:
+def smith_bench(n: int = 36, noise_deg: float = 0.3, seed: int = 1) -> BenchReadings:
     recorded = ring(n) + 3.0
     noise = np.random.default_rng(seed).normal(0.0, noise_deg, n)
-    return Readings(angles.wrap360(recorded + von_appen.predict(SERIES, recorded) + noise), recorded)
+    return BenchReadings(angles.wrap360(recorded + von_appen.predict(SERIES, recorded) + noise), recorded)
 
 
-def calibrated(read: Readings, **keys):
+def calibrated(read: BenchReadings, **keys):
     return curves.calibration("platform", read, **keys)
 
 
@@ -52,7 +52,7 @@ def test_a_left_out_residual_is_that_of_a_fit_without_the_point(form):
     k = 7
     kept = np.arange(len(seen)) != k
     without = series.fit(form, series.Points(seen.recorded_deg[kept], seen.deviation_deg[kept], seen.weight[kept]))
-    assert isinstance(whole, Curve) and isinstance(without, Curve)
+    assert isinstance(whole, FittedSeries) and isinstance(without, FittedSeries)
     alone = seen.deviation_deg[k] - without.deviation(seen.recorded_deg[[k]])[0]
     # The hat matrix of the exact compass is that of its linearisation, whose slope differs by a few per cent.
     assert whole.left_out_deg[k] == pytest.approx(alone, abs=1e-9 if form is not EXACT else 0.05)
@@ -90,15 +90,15 @@ def test_the_polynomial_is_that_of_le_menn_7_and_jumps_at_north():
     heading = np.arange(0.0, 360.0, 10.0)
     deviation = -2.0 + 0.03 * heading + 1e-4 * heading**2
     curve = series.fit(POLYNOMIAL, series.points(heading, heading + deviation))
-    assert isinstance(curve, Curve)
+    assert isinstance(curve, FittedSeries)
     assert np.allclose(series.published_polynomial(curve)[:3], [-2.0, 0.03, 1e-4], rtol=1e-6)
-    made = calibrated(Readings(angles.wrap360(heading + deviation), heading))
+    made = calibrated(BenchReadings(angles.wrap360(heading + deviation), heading))
     assert made.model == "polynomial" and any("not periodic: it jumps by -23.8" in text for text in made.warnings)
 
 
 def test_the_five_term_series_leaves_4_05_degrees_of_the_published_eight_headings():
     """Physics page, section 7: the structure is of third and fourth harmonics, which eight headings cannot prove."""
-    made = calibrated(Readings(ring(8), angles.wrap360(ring(8) - EIGHT)))
+    made = calibrated(BenchReadings(ring(8), angles.wrap360(ring(8) - EIGHT)))
     smith = made.details["models"]["smith"]
     assert smith["residual_rms_deg"] == pytest.approx(4.05, abs=0.005) and smith["dof"] == 3
     assert any("third and fourth harmonics can be neither proven nor excluded" in text for text in made.warnings)
@@ -144,7 +144,7 @@ def test_stated_intervals_hold_the_truth(n):
 
 def test_readings_repeated_at_one_setting_are_not_more_headings():
     once = readings(ring(12), seed=3)
-    often = Readings(np.repeat(once.reference_deg, 50), np.repeat(once.recorded_deg, 50))
+    often = BenchReadings(np.repeat(once.reference_deg, 50), np.repeat(once.recorded_deg, 50))
     first, second = calibrated(once), calibrated(often)
     assert np.allclose(first.covariance, second.covariance) and second.n == 600
     assert any("600 readings at 12 headings" in text for text in second.warnings)
@@ -154,7 +154,7 @@ def test_the_exact_compass_is_chosen_where_the_iron_is_strong_and_the_series_whe
     assert calibrated(readings(ring(), (0.0, 0.4, 0.2, 0.05, 0.0))).model == "exact"
     recorded, noise = ring() + 3.0, np.random.default_rng(1).normal(0.0, 0.1, 36)
     correct = angles.wrap360(recorded + von_appen.predict(4.0 * SERIES, recorded) + noise)
-    made = calibrated(Readings(correct, recorded))
+    made = calibrated(BenchReadings(correct, recorded))
     assert made.model == "smith" and "smith 0." in made.details["chosen_by"]
     assert set(made.details["models"]) == {"smith", "exact", "polynomial", "one_cycle"}
 
@@ -246,7 +246,7 @@ def test_a_blunder_is_pointed_at():
 
 def test_an_offset_of_half_a_turn_does_not_tear_the_deviations_apart():
     read = smith_bench()
-    made = calibrated(Readings(angles.wrap360(read.reference_deg + 175.0), read.recorded_deg))
+    made = calibrated(BenchReadings(angles.wrap360(read.reference_deg + 175.0), read.recorded_deg))
     assert made.coefficients[0] == pytest.approx(175.6, abs=0.3) and made.residual_rms_deg < 0.5
 
 

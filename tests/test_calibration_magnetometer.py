@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import iron
 import numpy as np
 import pytest
 
 from compasslib.calibration import magnetometer
 from compasslib.calibration.magnetometer import ellipsoid, heading
-from compasslib.calibration.magnetometer.ellipsoid import ELLIPSE, ELLIPSOID, Readings
+from compasslib.calibration.magnetometer.ellipsoid import ELLIPSE, ELLIPSOID, ScaledReadings
 from compasslib.core.errors import InputError
 from compasslib.plots.magnetometer import magnetometer as draw
+from compasslib.simulation import iron
 
 SHARED = Path(__file__).resolve().parents[2] / "shared/data/magnetometer"
 SAFE = 4.5  # standard deviations: a fixed seed's draw of a few tens of numbers stays inside unless something is wrong
@@ -143,7 +143,7 @@ def test_the_adjusted_fit_has_no_noise_bias_and_the_plain_one_does(rng):
     plain, adjusted = [], []
     for _ in range(draws):
         field = iron.readings(rng, true, iron.tumble(rng, 800), noise=0.05) / iron.FIELD
-        data = Readings(field, np.zeros_like(field))
+        data = ScaledReadings(field, np.zeros_like(field))
         plain.append(ellipsoid.solve(ELLIPSOID, data, truth[:3], adjusted=False)[0] - truth)
         adjusted.append(ellipsoid.solve(ELLIPSOID, data, truth[:3])[0] - truth)
     error = np.std(adjusted, axis=0) / np.sqrt(draws)
@@ -153,7 +153,7 @@ def test_the_adjusted_fit_has_no_noise_bias_and_the_plain_one_does(rng):
 
 def test_the_noise_is_found(rng):
     field = iron.readings(rng, iron.some(rng), iron.tumble(rng, 4000), noise=0.03) / iron.FIELD
-    data = Readings(field, np.zeros_like(field))
+    data = ScaledReadings(field, np.zeros_like(field))
     _, variance = ellipsoid.solve(ELLIPSOID, data, np.zeros(3))
     assert np.sqrt(variance) == pytest.approx(0.03, rel=0.05)  # 1/sqrt(2 n) is 1.1 %
 
@@ -161,7 +161,7 @@ def test_the_noise_is_found(rng):
 @pytest.mark.parametrize("model", [ELLIPSOID, ELLIPSE], ids=lambda m: m.name)
 def test_scores_are_the_gradient_of_the_adjusted_loss(rng, model):
     motion = iron.level_motion(rng, 40, tilt_deg=30.0)
-    data = Readings(rng.normal(size=(40, 3)), iron.turned(motion)[:, :, 2])
+    data = ScaledReadings(rng.normal(size=(40, 3)), iron.turned(motion)[:, :, 2])
     at, s = rng.normal(size=len(model.free)), 0.02
 
     def loss(parameters):

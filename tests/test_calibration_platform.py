@@ -16,7 +16,7 @@ from compasslib import calibration, deviation
 from compasslib.archive import calibrations, netcdf
 from compasslib.calibration import at_mooring, budget, content, platform
 from compasslib.calibration import content as comparison
-from compasslib.calibration.curves import Readings
+from compasslib.calibration.curves import BenchReadings
 from compasslib.core import angles, compass
 from compasslib.core.errors import InputError
 from compasslib.core.records import EarthField
@@ -54,7 +54,7 @@ def test_columns_may_have_other_names_and_lines_without_a_heading_are_counted(tm
 
 def test_several_files_are_one_calibration_and_other_columns_are_ignored(tmp_path):
     read = readings(ring(24))
-    halves = [Readings(read.reference_deg[k::2], read.recorded_deg[k::2]) for k in (0, 1)]
+    halves = [BenchReadings(read.reference_deg[k::2], read.recorded_deg[k::2]) for k in (0, 1)]
     paths = [write_table(tmp_path / f"{k}.csv", half) for k, half in enumerate(halves)]
     assert platform.calibrate([str(path) for path in paths], {}).n == 24
 
@@ -92,7 +92,7 @@ def test_a_withheld_column_is_not_read(tmp_path):
 
 def on_bench(reference=lambda x: x, recorded=lambda x: x, n=36):
     read = readings(ring(n))
-    return Readings(reference(read.reference_deg), recorded(read.recorded_deg))
+    return BenchReadings(reference(read.reference_deg), recorded(read.recorded_deg))
 
 
 @pytest.mark.parametrize(
@@ -129,7 +129,7 @@ def test_a_bench_read_from_another_side_is_refused_until_the_mounting_is_told(tm
         (on_bench(lambda x: x - 23.5), -23.5, "constant of -22.4 degrees, which turns all headings alike"),
         (on_bench(lambda x: x + 2.6), 3.8, "it is the declination, +3.8: reference_deg may be true"),
         (on_bench(lambda x: np.roll(x, 1)), 0.0, "shifted by one setting of 10"),
-        (Readings(on_bench().recorded_deg, on_bench().reference_deg), 0.0, "the columns are exchanged"),
+        (BenchReadings(on_bench().recorded_deg, on_bench().reference_deg), 0.0, "the columns are exchanged"),
     ],
     ids=["turned", "true", "shifted", "exchanged"],
 )
@@ -351,7 +351,7 @@ def test_the_budget_of_a_calibration_stands_in_the_mooring_s_uncertainty(tmp_pat
 @pytest.mark.parametrize("n", [8, 12, 16, 36, 72])
 def test_recorded_headings_that_are_the_reference_s_own_get_a_curve_and_a_warning(tmp_path, n, constant):
     """A column that was copied leaves nothing of the readings; 36 of them were a traceback."""
-    path = write_table(tmp_path / "cal.csv", Readings(ring(n), (ring(n) + constant) % 360.0))
+    path = write_table(tmp_path / "cal.csv", BenchReadings(ring(n), (ring(n) + constant) % 360.0))
     made = calibration.calibrate("platform", [path], {})
     np.testing.assert_allclose(made.coefficients, [-constant, 0, 0, 0, 0], atol=1e-9)
     assert any("leaves nothing of the readings, which no instrument does" in said for said in made.warnings)

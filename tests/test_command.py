@@ -22,7 +22,7 @@ import compasslib
 from compasslib import calibration
 from compasslib.archive import calibrations, summary
 from compasslib.calibration import content
-from compasslib.calibration.curves import Readings
+from compasslib.calibration.curves import BenchReadings
 from compasslib.command import folders, main, versions
 from compasslib.stages import pipeline
 
@@ -297,7 +297,11 @@ def versions_of(tmp_path_factory) -> Path:
     shutil.copytree(PROJECT / "compasslib", copy / "compasslib", ignore=shutil.ignore_patterns("__pycache__"))
     for file, now, then in (
         ("__init__.py", compasslib.__version__, "0.1.0"),
-        ("core/earthfield.py", "wrap180(direction(east, north))", "wrap180(direction(east, north) + 2.0)"),
+        (
+            "core/earthfield.py",
+            "wrap180(angles.direction(east, north))",
+            "wrap180(angles.direction(east, north) + 2.0)",
+        ),
         ("deviation/correction.py", "LEFT_OUT_BY_TILT = 0.08", "LEFT_OUT_BY_TILT = 0.16"),
     ):
         text = (copy / "compasslib" / file).read_text()
@@ -363,7 +367,7 @@ def _software(folder: Path) -> str:
 )
 def test_the_entries_between_two_versions_that_touch_what_changed(tmp_path, old, new, changed, entries):
     (tmp_path / "CHANGELOG.md").write_text(CHANGES)
-    said = versions.told(f"compasslib {old}", f"compasslib {new}", changed, tmp_path / "CHANGELOG.md")
+    said = versions.reasons(f"compasslib {old}", f"compasslib {new}", changed, tmp_path / "CHANGELOG.md")
     assert [line.split(": ", 1)[1] for line in said[3:]] == [
         next(entry.text for entry in versions.entries(CHANGES) if entry.text.startswith(begin)) for begin in entries
     ]
@@ -371,9 +375,9 @@ def test_the_entries_between_two_versions_that_touch_what_changed(tmp_path, old,
 
 
 def test_what_cannot_be_told_of_versions_is_said(tmp_path):
-    assert versions.told("compasslib 0.2.0 (a)", "compasslib 0.2.0 (a)", {"headings"}) == []
-    assert "versions are not known" in versions.told("", "compasslib 0.2.0 (a)", {"headings"})[2]
-    absent = versions.told("compasslib 0.1.0 (a)", "compasslib 0.2.0 (a)", {"headings"}, tmp_path / "none.md")
+    assert versions.reasons("compasslib 0.2.0 (a)", "compasslib 0.2.0 (a)", {"headings"}) == []
+    assert "versions are not known" in versions.reasons("", "compasslib 0.2.0 (a)", {"headings"})[2]
+    absent = versions.reasons("compasslib 0.1.0 (a)", "compasslib 0.2.0 (a)", {"headings"}, tmp_path / "none.md")
     assert "not beside this installation" in absent[2]
 
 
@@ -415,7 +419,7 @@ def calibrated(tmp_path_factory) -> Path:
     return folder
 
 
-def _calibrate(folder: Path, run: str, name: str, seen: Readings) -> None:
+def _calibrate(folder: Path, run: str, name: str, seen: BenchReadings) -> None:
     there = folder / run / "calibrations" / name
     there.mkdir(parents=True)
     settings = calibration.settled({"uncertainty": {}, "budget": None, "table_step_deg": 10.0})

@@ -35,7 +35,7 @@ def test_gradient_of_the_scatter_equals_numeric():
     seen, _ = pairs(MILD, n=400)
     chords = likelihood.squared_chords(model.observed_heading(seen))
     given = exact.smoothed(np.ones(likelihood.CELLS)) * np.ones((len(seen), 1))
-    seen = scatter.Seen(given, chords, *model.speeds(seen))
+    seen = scatter.ScatterData(given, chords, *model.speeds(seen))
     at, step = np.array([1.5, 0.6, -4.0]), 1e-5
     _, slopes = scatter.log_likelihood(at, seen)
     for slope, unit in zip(slopes, step * np.eye(3), strict=True):

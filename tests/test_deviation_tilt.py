@@ -5,11 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from sea import FOLDED, MILD, pairs, red_noise
+from sea import FOLDED, MILD, pairs
 
 from compasslib import deviation
 from compasslib.core import angles, compass
 from compasslib.deviation import correction, exact, tilt
+from compasslib.simulation.pairs import red_from_rest as red_noise
 
 DIP = 4.35
 

@@ -11,15 +11,15 @@ from matplotlib.text import Annotation
 
 from compasslib.archive.calibrations import Page
 from compasslib.calibration import FIGURES, budget, content, curves
-from compasslib.calibration.curves import Readings
-from compasslib.calibration.result import Calibration, Table
+from compasslib.calibration.curves import BenchReadings
+from compasslib.calibration.result import Calibration, DeviationTable
 from compasslib.plots import calibrations
 from compasslib.plots import calibrations as plots_certificate
 from compasslib.plots.page import DPI, WIDTH_IN
 
 FIELD = {"horizontal_nT": 21299.0, "vertical_nT": 42888.0, "declination_deg": -0.68}
 PLACE = {"latitude": -48.4, "longitude": 184.5, "date_s": 1664409600.0, "field": FIELD}
-BEND = Readings((ring(36) - 2.0 + 0.03 * ring(36) + 1e-4 * ring(36) ** 2), ring(36))
+BEND = BenchReadings((ring(36) - 2.0 + 0.03 * ring(36) + 1e-4 * ring(36) ** 2), ring(36))
 CASES = {
     "whole": readings(),
     "dense": readings(ring(180)),
@@ -36,7 +36,7 @@ CASES = {
 def shown(made: Calibration) -> Page:
     """Return a calibration as its files give it back."""
     said = content.described("aqd $2", made, PLACE, {})
-    return Page(said, made.table or Table(*np.zeros((3, 0))), made.points)
+    return Page(said, made.table or DeviationTable(*np.zeros((3, 0))), made.points)
 
 
 def page(case: str) -> Page:
@@ -91,7 +91,7 @@ def test_a_certificate_says_where_when_and_how_sure():
 def test_a_kind_without_curves_still_has_its_figures(tmp_path):
     """Another kind may give a table alone, or nothing but an offset."""
     heading = ring(36)
-    table = Table(heading, np.full(36, 2.0), np.full(36, 0.3))
+    table = DeviationTable(heading, np.full(36, 2.0), np.full(36, 0.3))
     made = Calibration(kind="two_heads", model="offset", n=100, coverage=9, table=table)
     for case, made_so in enumerate((made, Calibration(kind="two_heads", model="offset", n=100, coverage=9))):
         for figure in FIGURES:

@@ -12,6 +12,7 @@ from compasslib.core.errors import InputError
 from compasslib.core.records import BAD, GOOD, EarthField, Record
 from compasslib.preparation import clock_offset, gridding, overlap
 from compasslib.preparation.overlap import Rules
+from compasslib.simulation.pairs import red_from_rest as red_noise
 
 HOUR = 3600.0
 NORTH_FIELD = EarthField(np.array([0.0, 1e9]), np.array([10.0, 10.0]), *(np.ones((3, 2)) * 12000.0))
@@ -137,7 +138,7 @@ def instruments(n=6000, *, seed=3, cell_m=4.0) -> tuple[Record, Record]:
     rng, seen = np.random.default_rng(seed), sea.pairs(n=n, seed=seed)[0]
     ranges = 4.0 + cell_m * np.arange(6)
     upper, lower = record(seen.time_s, ranges=ranges), record(seen.time_s, depth=105.0, ranges=(0.0,))
-    shear = np.cumsum([sea.red_noise(rng, n, 10, 0.015) for _ in ranges], axis=0).T
+    shear = np.cumsum([red_noise(rng, n, 10, 0.015) for _ in ranges], axis=0).T
     parts = (seen.upper_east, seen.upper_north, seen.lower_east, seen.lower_north)
     tops = [x[:, None] + shear + rng.normal(0.0, 0.012, shear.shape) for x in parts[:2]]
     return replace(upper, east=tops[0], north=tops[1]), replace(lower, east=parts[2][:, None], north=parts[3][:, None])

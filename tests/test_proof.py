@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import json
 import re
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from benchmarks.proof import __main__ as command
-from benchmarks.proof import draw, measure, recordings, score, seal, tally
+from benchmarks.proof import measure, recordings, score, seal, tally
+from compasslib.simulation import draw
 
 HOURS, SEED = 1300, 3
 FILES = ("scorecard.json", "scorecard.md", "scorecard.html", "seal.json", "left.json")
@@ -167,7 +166,7 @@ def test_a_proof_is_drawn_in_the_promised_shares():
     kinds = [one.kind for one in drawn]
     assert sum(kinds.count(kind) for kind in score.QUIET) == 50
     assert kinds.count("undecidable") == 20 and kinds.count("strange") + kinds.count("shifted") == 40
-    assert {name for one in drawn for name in one.wanted} >= {*draw.SINGLES, *draw.STRANGERS}
+    assert {name for one in drawn for name in one.wanted} >= {*draw.SINGLES, *draw.UNNAMED}
     sizes = [size for one in drawn if one.kind == "single" for size in one.wanted.values()]
     assert min(sizes) >= 0.7 and max(sizes) <= 4.0
     assert draw.draw(1, 200) == drawn != draw.draw(2, 200)
@@ -183,11 +182,11 @@ def test_a_reading_is_turned_back_by_the_coefficients_that_made_it():
 
 
 def test_only_drawing_knows_the_world_and_the_scorer_only_files():
-    folder = Path(draw.__file__).parent
+    folder = Path(command.__file__).parent
     for path in folder.glob("*.py"):
         used = set(re.findall(r"^(?:from|import) (compasslib[.\w]*)", path.read_text(), re.MULTILINE))
         # The fit of the mooring without effects is by definition the library's own.
-        knowing = {"draw": "compasslib.simulation", "figures": "compasslib.plots.page", "sampled": "compasslib"}
+        knowing = {"__main__": "compasslib.simulation", "figures": "compasslib.plots.page", "sampled": "compasslib"}
         allowed = knowing.get(path.stem)
         assert all(allowed is not None and name.startswith(allowed) for name in used), path.name
 

@@ -30,7 +30,7 @@ from compasslib.calibration import heads as two_heads
 from compasslib.core.errors import InputError
 from compasslib.plots import heads
 from compasslib.report import figures, found, words
-from compasslib.report.section import Cell, Figure, Finding, Overview, Section, Table
+from compasslib.report.section import Cell, Figure, Overview, ReportedFinding, ReportSection, ReportTable
 from compasslib.search.show import HeldOut
 from compasslib.search.verdict import Diagnosis, Parameter, Unexplained, Where
 from compasslib.search.verdict import Finding as Found
@@ -75,15 +75,15 @@ def filled(kind, text: str):
     return kind(**values)
 
 
-def hostile(name: str = "M", k: int = 0) -> Section:
-    table = filled(Table, HOSTILE)
+def hostile(name: str = "M", k: int = 0) -> ReportSection:
+    table = filled(ReportTable, HOSTILE)
     figure = replace(filled(Figure, HOSTILE), data="", href="M/figures/x.png")
     return replace(
-        filled(Section, HOSTILE),
+        filled(ReportSection, HOSTILE),
         name=name,
         anchor=f"mooring-{name}",
         verdict="consistent",
-        findings=(replace(filled(Finding, HOSTILE), parameters=table),),
+        findings=(replace(filled(ReportedFinding, HOSTILE), parameters=table),),
         tables=(table, replace(table, folded="")),
         figures=(figure, replace(figure, data="data:image/png;base64,", width=3, height=5)),
         cells=(Cell(HOSTILE, HOSTILE), Cell(HOSTILE, float(k)), Cell(HOSTILE, None)),
@@ -113,13 +113,13 @@ def test_every_part_of_the_report_is_covered_by_the_hostile_one():
     known = {"str", "tuple[str, ...]", "tuple[tuple[str, str], ...]", "tuple[tuple[str, ...], ...]"}
     other = {
         "int",
-        "Table | None",
-        "tuple[Finding, ...]",
-        "tuple[Table, ...]",
+        "ReportTable | None",
+        "tuple[ReportedFinding, ...]",
+        "tuple[ReportTable, ...]",
         "tuple[Figure, ...]",
         "tuple[Cell, ...]",
     }
-    for kind in (Table, Figure, Finding, Section):
+    for kind in (ReportTable, Figure, ReportedFinding, ReportSection):
         assert is_dataclass(kind) and {one.type for one in fields(kind)} <= known | other
 
 

@@ -7,12 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from compasslib.simulation import effects_known, magnetometer, observatory, planting, readings, sealed, sealed_files
-from compasslib.simulation import effects_known as effects_reading
-from compasslib.simulation import effects_known as effects_water
-from compasslib.simulation import planting as visible
+from compasslib.simulation import magnetometer, observatory, planting, readings, sealed, sealed_files
 from compasslib.simulation.effects import scaled
-from compasslib.simulation.effects_strange import STRANGE
 from compasslib.simulation.magnetometer import Ball, Magnet, Magnetometer
 
 PLAIN = Magnetometer((), Ball((9.0, 0.0, 0.0), 0.0), np.zeros((3, 3)), np.eye(3))
@@ -67,7 +63,7 @@ def test_iron_is_as_strong_as_wanted_and_readings_come_in_steps(ground):
     assert np.hypot(*magnetometer.response(meter)[1][:2]) == pytest.approx(0.35 * 14000.0)
     given = magnetometer.felt(meter, np.array([[14000.0, 0.0, 48000.0]]))
     assert np.allclose(given % meter.step_nt, 0.0)
-    assert visible.background_deg(ground) < 0.35  # below what is worth a name
+    assert planting.background_deg(ground) < 0.35  # below what is worth a name
 
 
 def test_a_plain_compass_reads_the_heading(ground):
@@ -77,7 +73,7 @@ def test_a_plain_compass_reads_the_heading(ground):
 
 
 def test_vertical_iron_does_nothing_while_level_and_turns_by_tilt(ground, here):
-    effect = effects_known.heeling(rng(), here)
+    effect = planting.heeling(rng(), here)
     off, bare = turned(ground, effect)
     heading, horizontal = np.deg2rad(bare.heading_deg), ground.field.at(ground.stamp_s)[1]
     pitch, roll = np.deg2rad(here.pitch_deg), np.deg2rad(here.roll_deg)
@@ -87,9 +83,7 @@ def test_vertical_iron_does_nothing_while_level_and_turns_by_tilt(ground, here):
     assert np.abs(off - expected).max() < 0.15
 
 
-@pytest.mark.parametrize(
-    "made", [effects_known.hard_iron_drift, effects_known.temperature, effects_known.hard_iron_step]
-)
+@pytest.mark.parametrize("made", [planting.hard_iron_drift, planting.temperature, planting.hard_iron_step])
 def test_horizontal_iron_turns_by_its_part_across_the_field(ground, here, made):
     effect = made(rng(), here)
     off, bare = turned(ground, effect)
@@ -99,19 +93,19 @@ def test_horizontal_iron_turns_by_its_part_across_the_field(ground, here, made):
 
 
 def test_offsets_slip_drift_and_follow(ground, here):
-    slip = effects_reading.heading_slip(rng(), here)
+    slip = planting.heading_slip(rng(), here)
     off, _ = turned(ground, slip)
     later = ground.stamp_s >= slip.parameters["date_s"]
     assert off[later] == pytest.approx(1.0) and off[~later] == pytest.approx(0.0)
-    off, _ = turned(ground, effects_reading.compass_drift(rng(), here))
+    off, _ = turned(ground, planting.compass_drift(rng(), here))
     assert off == pytest.approx((ground.stamp_s - ground.stamp_s[0]) / (365.25 * 86400.0))
-    off, _ = turned(ground, scaled(effects_reading.temperature_of_reading(rng(), here), 0.5))
+    off, _ = turned(ground, scaled(planting.temperature_of_reading(rng(), here), 0.5))
     assert off == pytest.approx(0.5 * (here.temperature_c - here.temperature_c.mean()))
 
 
 @pytest.mark.parametrize(("made", "waves"), [("sextantal", 3), ("octantal", 4)])
 def test_lobed_tables_are_waves_of_the_reading(ground, here, made, waves):
-    effect = getattr(effects_reading, made)(rng(), here)
+    effect = getattr(planting, made)(rng(), here)
     off, bare = turned(ground, effect)
     phase = np.deg2rad(waves * bare.recorded_deg)
     expected = effect.parameters["sine_deg"] * np.sin(phase) + effect.parameters["cosine_deg"] * np.cos(phase)
@@ -129,7 +123,7 @@ def test_sensors_that_answer_with_the_square_make_thirds_of_the_circle():
 
 
 def test_without_levelling_the_reading_is_that_of_the_bent_plane(ground, here):
-    off, bare = turned(ground, effects_reading.tilt_uncompensated(rng(), here))
+    off, bare = turned(ground, planting.tilt_uncompensated(rng(), here))
     horizontal, vertical = ground.field.at(ground.stamp_s)[1:]
     heading, pitch, roll = (np.deg2rad(x) for x in (bare.heading_deg, here.pitch_deg, here.roll_deg))
     expected = np.rad2deg(vertical / horizontal * (-np.sin(heading) * -pitch + -np.cos(heading) * roll))
@@ -137,7 +131,7 @@ def test_without_levelling_the_reading_is_that_of_the_bent_plane(ground, here):
 
 
 def test_a_late_compass_reads_an_earlier_heading(ground, here):
-    off, bare = turned(ground, effects_reading.compass_lag(rng(), here))
+    off, bare = turned(ground, planting.compass_lag(rng(), here))
     motion = ground.motion
     before = np.interp(ground.stamp_s - 1200.0, motion.time_s, motion.heading_deg)
     earlier = (before - bare.heading_deg + 180.0) % 360.0 - 180.0
@@ -145,13 +139,13 @@ def test_a_late_compass_reads_an_earlier_heading(ground, here):
 
 
 def test_magnetic_north_that_swings_takes_the_reading_with_it(ground, here):
-    storm = effects_water.field_disturbance(rng(), here)
+    storm = planting.field_disturbance(rng(), here)
     off, _ = turned(ground, storm)
     assert off == pytest.approx(-storm.north_deg, abs=0.1)
 
 
 def test_an_effect_is_planted_as_large_as_wanted(ground):
-    for name in ("compass_drift", "temperature", "heading_slip", "field_disturbance", *STRANGE):
+    for name in ("compass_drift", "temperature", "heading_slip", "field_disturbance", *planting.UNCATALOGUED):
         (planted,) = planting.plant(ground, {name: 1.5})
         if planted.effect.grows:
             assert planted.visible_deg == pytest.approx(1.5, rel=0.05), name

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from sea import red_noise
 
 from compasslib.core import angles
+from compasslib.simulation.pairs import red_from_rest as red_noise
 from compasslib.stats import arma, autocorrelation, bfgs, robust, whitening
 
 TIME_S = 1.19e9 + 3600.0 * np.arange(4000)

@@ -155,7 +155,7 @@ def test_a_calibration_depends_on_its_own_kind_and_on_the_curves(done):
         "search.recordings.search",
         "effects.reading",
     } <= modules
-    assert not modules & {"search.kinds.two_heads", "calibration.magnetometer.choice", "plots.diagnosis_calibration"}
+    assert not modules & {"search.kinds.two_heads", "calibration.magnetometer.choice", "plots.timeline"}
 
 
 def test_the_diagnosis_is_that_of_the_bench(done):

@@ -15,9 +15,9 @@ import numpy as np
 import pandas as pd
 import yaml
 
-from benchmarks.proof import draw
 from compasslib.archive import netcdf, summary
 from compasslib.core.errors import InputError
+from compasslib.simulation import draw
 from compasslib.simulation.sealed import Wish
 from compasslib.simulation.sealed_files import Export
 from compasslib.stages import pipeline

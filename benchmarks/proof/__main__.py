@@ -11,7 +11,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks.proof import card, draw, figures, measure, recordings, run, sampled, score, seal
+from benchmarks.proof import card, figures, measure, recordings, run, sampled, score, seal
+from compasslib.simulation import draw
 
 CONFIG = "moorings: config/moorings\n"
 

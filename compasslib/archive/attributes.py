@@ -110,15 +110,17 @@ def global_attributes(
     return computed | {key: value for key, value in user.items() if not values.stated(key)}
 
 
-def sensor_attributes(said: Attributes, looks_up: bool) -> Attributes:
+def sensor_attributes(attributes: Attributes, looks_up: bool) -> Attributes:
     """Return the OceanSITES attributes of a variable that tell which instrument measured it.
 
     Args:
-        said: global attributes; ``manufacturer``, ``model``, ``serial_number`` and what starts with ``sensor_`` count.
+        attributes: global ones; ``manufacturer``, ``model``, ``serial_number`` and what starts with ``sensor_`` count.
         looks_up: where its beams point.
     """
-    named = {f"sensor_{key}": said[key] for key in ("manufacturer", "model", "serial_number") if key in said}
-    given = {key: value for key, value in said.items() if key.startswith("sensor_")}
+    named = {
+        f"sensor_{key}": attributes[key] for key in ("manufacturer", "model", "serial_number") if key in attributes
+    }
+    given = {key: value for key, value in attributes.items() if key.startswith("sensor_")}
     return named | given | {"sensor_orientation": "upward" if looks_up else "downward"}
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from compasslib.archive.files import read_json, replacing, write_json
 from compasslib.calibration import content
-from compasslib.calibration.result import Calibration, Table
+from compasslib.calibration.result import Calibration, DeviationTable
 from compasslib.core.errors import InputError
 from compasslib.core.types import Floats
 
@@ -25,7 +25,7 @@ class Page:
     """A calibration as its files give it back, for figures and comparisons."""
 
     content: Mapping[str, Any]  # calibration.json
-    table: Table
+    table: DeviationTable
     points: Mapping[str, Floats]
 
     @property
@@ -48,7 +48,7 @@ def write(
         table: path of table.csv; only its header where there is no table.
         points: path of points.csv.
     """
-    deviations = made.table or Table(*np.zeros((3, 0)))
+    deviations = made.table or DeviationTable(*np.zeros((3, 0)))
     rows = (deviations.heading_deg, deviations.deviation_deg, deviations.sigma_deg)
     _write_csv(table, TABLE_COLUMNS, rows, ("{:.4g}", "{:.3f}", "{:.3f}"))
     _write_csv(points, tuple(made.points), tuple(made.points.values()), (f"{{:.{DIGITS}g}}",) * len(made.points))
@@ -67,14 +67,14 @@ def read(*, calibration: str | Path, table: str | Path, points: str | Path) -> P
     return Page(read_json(calibration), read_table(table), _read_csv(points))
 
 
-def read_table(path: str | Path) -> Table:
+def read_table(path: str | Path) -> DeviationTable:
     """Return a calibration's deviations.
 
     Raises:
         InputError: the file is absent or damaged.
     """
     columns = _read_csv(path)
-    return Table(*(columns[name] for name in TABLE_COLUMNS))
+    return DeviationTable(*(columns[name] for name in TABLE_COLUMNS))
 
 
 def named(paths: Sequence[str | Path]) -> dict[str, Any]:

@@ -201,11 +201,11 @@ def oceansites_remarks(path: str | Path) -> list[str]:
 def _attributes(nc: netCDF4.Dataset) -> Remarks:
     samples = len(nc.dimensions.get("TIME", ()))
     for name, form in FIXED.items():
-        value = _said(nc, name)
+        value = _attribute(nc, name)
         if samples >= FROM_SAMPLES.get(name, 0) and not re.fullmatch(form, value):
             yield f"global attribute {name} is {value!r}, not one of {form}"
-    yield from (f"global attribute {name} is missing" for name in GIVEN if not _said(nc, name))
-    if f"OceanSITES-{_said(nc, 'format_version')}" not in _said(nc, "Conventions"):
+    yield from (f"global attribute {name} is missing" for name in GIVEN if not _attribute(nc, name))
+    if f"OceanSITES-{_attribute(nc, 'format_version')}" not in _attribute(nc, "Conventions"):
         yield "format_version is not the one in Conventions"
 
 
@@ -215,7 +215,7 @@ def _extent(nc: netCDF4.Dataset) -> Remarks:
         if value is None or not -limit <= float(value) <= limit:
             yield f"global attribute {name} is {value}, not between {-limit:g} and {limit:g}"
     if "DEPTH" in nc.variables and np.any(_usable(nc["DEPTH"])):
-        missing = [name for name in ("geospatial_vertical_min", "geospatial_vertical_max") if not _said(nc, name)]
+        missing = [name for name in ("geospatial_vertical_min", "geospatial_vertical_max") if not _attribute(nc, name)]
         yield from (f"global attribute {name} is missing" for name in missing)
 
 
@@ -226,9 +226,9 @@ def _coordinates(nc: netCDF4.Dataset) -> Remarks:
             continue
         crs = {"coordinate_reference_frame": f"urn:ogc:def:crs:EPSG::{FRAMES[name]}"} if name in FRAMES else {}
         for key, value in (expected | crs).items():
-            if _said(nc[name], key) != value:
-                yield f"{name}:{key} is {_said(nc[name], key)!r}, not {value!r}"
-        if not _said(nc[name], "QC_indicator") and f"{name}_QC" not in nc.variables:
+            if _attribute(nc[name], key) != value:
+                yield f"{name}:{key} is {_attribute(nc[name], key)!r}, not {value!r}"
+        if not _attribute(nc[name], "QC_indicator") and f"{name}_QC" not in nc.variables:
             yield f"{name} has neither QC_indicator nor {name}_QC"
 
 
@@ -248,48 +248,48 @@ def _names(nc: netCDF4.Dataset) -> Remarks:
     for name, variable in nc.variables.items():
         if not re.fullmatch(r"[A-Z][A-Z0-9_]*", name):
             yield f"variable {name} is not named in capitals"
-        if name in NAMES and _said(variable, "standard_name") != NAMES[name]:
+        if name in NAMES and _attribute(variable, "standard_name") != NAMES[name]:
             yield f"{name}:standard_name is not {NAMES[name]}"
         if "TIME" in variable.dimensions[1:]:
             yield f"{name}: TIME is not the first of its dimensions"
-        if not _said(variable, "long_name"):
+        if not _attribute(variable, "long_name"):
             yield f"{name}:long_name is missing"
 
 
 def _data(nc: netCDF4.Dataset, name: str) -> Remarks:
     """Units, fill value and coordinates of a data variable [2.5]."""
     variable = nc[name]
-    if not _said(variable, "units"):
+    if not _attribute(variable, "units"):
         yield f"{name}:units is missing"
     if "_FillValue" not in variable.ncattrs():
         yield f"{name}:_FillValue is missing"
-    if name not in COORDINATES and not name.endswith("_DEPTH") and not _said(variable, "coordinates"):
+    if name not in COORDINATES and not name.endswith("_DEPTH") and not _attribute(variable, "coordinates"):
         yield f"{name}:coordinates is missing"
     for key in ("coordinates", "ancillary_variables"):
-        absent = [other for other in _said(variable, key).split() if other not in nc.variables]
+        absent = [other for other in _attribute(variable, key).split() if other not in nc.variables]
         yield from (f"{name}:{key} names {other}, which is not in the file" for other in absent)
-    if _said(variable, "sensor_orientation") not in ("", *ORIENTATIONS):
-        yield f"{name}:sensor_orientation is {_said(variable, 'sensor_orientation')!r}, not of table 8"
+    if _attribute(variable, "sensor_orientation") not in ("", *ORIENTATIONS):
+        yield f"{name}:sensor_orientation is {_attribute(variable, 'sensor_orientation')!r}, not of table 8"
     if name.endswith("_UNCERTAINTY"):
         yield from _uncertainty(nc, name)
 
 
 def _uncertainty(nc: netCDF4.Dataset, name: str) -> Remarks:
     of = name.removesuffix("_UNCERTAINTY")
-    if of not in nc.variables or _said(nc[name], "units") != _said(nc[of], "units"):
+    if of not in nc.variables or _attribute(nc[name], "units") != _attribute(nc[of], "units"):
         yield f"{name}:units are not those of {of}"
-    if _said(nc[name], "long_name") != f"uncertainty of {of}":
+    if _attribute(nc[name], "long_name") != f"uncertainty of {of}":
         yield f"{name}:long_name is not 'uncertainty of {of}'"
 
 
 def _flagged(nc: netCDF4.Dataset, name: str) -> Remarks:
     """A data variable has flags, or is itself what tells the quality of another [2.6]."""
-    helpers = {other for v in nc.variables.values() for other in _said(v, "ancillary_variables").split()}
+    helpers = {other for v in nc.variables.values() for other in _attribute(v, "ancillary_variables").split()}
     if f"{name}_QC" not in nc.variables:
-        if name not in helpers and not _said(nc[name], "QC_indicator"):
+        if name not in helpers and not _attribute(nc[name], "QC_indicator"):
             yield f"{name} has neither QC_indicator nor {name}_QC"
         return
-    if f"{name}_QC" not in _said(nc[name], "ancillary_variables").split():
+    if f"{name}_QC" not in _attribute(nc[name], "ancillary_variables").split():
         yield f"{name}:ancillary_variables does not name {name}_QC"
     if nc[f"{name}_QC"].dimensions != nc[name].dimensions:
         yield f"{name}_QC has other dimensions than {name}"
@@ -302,11 +302,11 @@ def _flags(nc: netCDF4.Dataset, name: str) -> Remarks:
     variable, of = nc[name], name.removesuffix("_QC")
     if variable.dtype != np.int8:
         yield f"{name} is not of type byte"
-    if _said(variable, "long_name") != f"quality flag for {of}":
+    if _attribute(variable, "long_name") != f"quality flag for {of}":
         yield f"{name}:long_name is not 'quality flag for {of}'"
     if np.atleast_1d(getattr(variable, "flag_values", [])).tolist() != list(FLAGS):
         yield f"{name}:flag_values are not those of table 2"
-    if _said(variable, "flag_meanings").split() != list(FLAGS.values()):
+    if _attribute(variable, "flag_meanings").split() != list(FLAGS.values()):
         yield f"{name}:flag_meanings are not those of table 2"
     if not np.isin(variable[...], list(FLAGS)).all():
         yield f"{name} holds a flag that table 2 has not"
@@ -322,6 +322,6 @@ def _usable(variable: netCDF4.Variable) -> Any:
     return np.isfinite(values) & (values != getattr(variable, "_FillValue", np.nan))
 
 
-def _said(holder: Any, name: str) -> str:
+def _attribute(holder: Any, name: str) -> str:
     """Return an attribute as text, empty where it is missing."""
     return str(getattr(holder, name, ""))

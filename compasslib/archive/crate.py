@@ -89,7 +89,6 @@ def crate(
     """Return the crate as JSON-LD.
 
     Args:
-        jobs: records by the name of their action.
         configuration: the YAML files behind a job by what it is of, "mooring EG4" or "calibration C1"; "" for others.
         attributes: of the cruise; project and license enter.
         stopped: why there are no results of others, by what they are of, as in ``configuration``.
@@ -101,7 +100,7 @@ def crate(
     actions += failed
     parts = {"hasPart": _refs(files), "mentions": [_ref(action["@id"]) for action in actions]}
     tools = list(_surroundings())
-    software = [_software(said, tools) for said in sorted(_makers(jobs, failed))]
+    software = [_software(maker, tools) for maker in sorted(_makers(jobs, failed))]
     about = [*_descriptors(), _root(attributes) | parts, *_people(attributes)]
     return {"@context": CONTEXT, "@graph": [*about, *software, *tools, *actions, *data]}
 
@@ -119,7 +118,7 @@ def written(page: Mapping[str, Any]) -> set[str]:
     return {_path(one["@id"]) for result in results for one in (result if isinstance(result, list) else [result])}
 
 
-def told(page: Mapping[str, Any]) -> str:
+def log_line(page: Mapping[str, Any]) -> str:
     """Return what the job says of the crate."""
     jobs = sum("result" in entity for entity in page["@graph"])
     return f"{FILE}: {len(listed(page))} files, {jobs} jobs"
@@ -127,8 +126,8 @@ def told(page: Mapping[str, Any]) -> str:
 
 def _files(jobs: Mapping[str, Record], configuration: Mapping[str, Sequence[str]]) -> dict[str, str]:
     settings = provenance.hashes(path for paths in configuration.values() for path in paths)
-    held = [record[part] for record in jobs.values() for part in ("read", "wrote")]
-    return settings | {path: known for one in held for path, known in one.items()}
+    known_of_each = [record[part] for record in jobs.values() for part in ("read", "wrote")]
+    return settings | {path: known for one in known_of_each for path, known in one.items()}
 
 
 def _action(path: Path) -> str:
@@ -174,10 +173,10 @@ def _people(attributes: Mapping[str, Any]) -> list[Entity]:
     ]
 
 
-def _software(said: str, surroundings: Sequence[Entity]) -> Entity:
-    name, version = said.split(" ", 1)
+def _software(maker: str, surroundings: Sequence[Entity]) -> Entity:
+    name, version = maker.split(" ", 1)
     return {
-        "@id": f"#{quote(said)}",
+        "@id": f"#{quote(maker)}",
         "@type": "SoftwareApplication",
         "name": name,
         "softwareVersion": version,

@@ -46,13 +46,13 @@ class Variable:
 
     def attributes(self) -> dict[str, object]:
         """Return the attributes in the order in which they are written, without empty ones."""
-        said: dict[str, object] = {"standard_name": self.standard_name, "long_name": self.long_name}
-        said |= {"units": self.units, "reference": self.reference, "comment": self.comment}
-        said |= {"ancillary_variables": " ".join(self.ancillary)} | dict(self.also)
-        said = {key: value for key, value in said.items() if not (isinstance(value, str) and value == "")}
+        attributes: dict[str, object] = {"standard_name": self.standard_name, "long_name": self.long_name}
+        attributes |= {"units": self.units, "reference": self.reference, "comment": self.comment}
+        attributes |= {"ancillary_variables": " ".join(self.ancillary)} | dict(self.also)
+        attributes = {key: value for key, value in attributes.items() if not (isinstance(value, str) and value == "")}
         if self.valid is not None:
-            said["valid_min"], said["valid_max"] = np.array(self.valid, dtype=self.dtype)
-        return said
+            attributes["valid_min"], attributes["valid_max"] = np.array(self.valid, dtype=self.dtype)
+        return attributes
 
 
 def quality_of(variable: Variable) -> Variable:
@@ -61,9 +61,11 @@ def quality_of(variable: Variable) -> Variable:
     Args:
         variable: the variable whose values are flagged.
     """
-    said = {"conventions": "OceanSITES QC Flags", "flag_values": FLAG_VALUES, "flag_meanings": FLAG_MEANINGS}
+    attributes = {"conventions": "OceanSITES QC Flags", "flag_values": FLAG_VALUES, "flag_meanings": FLAG_MEANINGS}
     return replace(
-        Variable(f"{variable.name}_QC", f"quality flag for {variable.name}", "", "status_flag", fill=None, also=said),
+        Variable(
+            f"{variable.name}_QC", f"quality flag for {variable.name}", "", "status_flag", fill=None, also=attributes
+        ),
         dimensions=variable.dimensions,
         dtype="i1",
     )

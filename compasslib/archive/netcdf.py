@@ -38,9 +38,6 @@ def write_record(path: str | Path, record: Record, *, attributes: Mapping[str, o
     """Write a record between two stages; series in float64, velocities and ranges in float32.
 
     Not compressed, as it is read five times; it stays smaller than most raw files.
-
-    Args:
-        record: any record, also one without samples.
     """
     with new(path) as nc:
         nc.setncatts({"Conventions": "CF-1.8", "title": "record of one instrument"} | plain(attributes or {}))
@@ -149,7 +146,7 @@ def write_corrected(
     """
     pieces = [product] if isinstance(product, Corrected) else product
     whole = _seen(pieces)
-    said = global_attributes(
+    attributes = global_attributes(
         site,
         time_s=whole.time_s,
         depth_m=whole.depths_m,
@@ -157,9 +154,9 @@ def write_corrected(
         attributes=whole.instrument | dict(attributes or {}),
         processing=processing or {},
     )
-    sensor, end = sensor_attributes(said, whole.looks_up), 0
+    sensor, end = sensor_attributes(attributes, whole.looks_up), 0
     with new(path, "NETCDF4_CLASSIC") as nc:
-        nc.setncatts(said)
+        nc.setncatts(attributes)
         _put_coordinates(nc, whole, site)
         for piece in pieces:
             begin, end = end, end + len(piece.record.time_s)
@@ -298,8 +295,8 @@ def _count(values: Floats) -> int:
 
 def _kept(flags: Flags, values: Floats, absent: int) -> Flags:
     """Return the flags, with one that says so where a value is absent and its flag does not."""
-    said = np.isfinite(values) | np.isin(flags, (BAD, MISSING))
-    return np.where(said, flags, absent).astype(np.int8)
+    given = np.isfinite(values) | np.isin(flags, (BAD, MISSING))
+    return np.where(given, flags, absent).astype(np.int8)
 
 
 def _judged(name: str, values: Floats, nominal: bool = False) -> Flags:

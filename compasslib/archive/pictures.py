@@ -29,9 +29,9 @@ def embedded(path: str | Path) -> Picture:
     except (OSError, SyntaxError, ValueError) as error:
         advice = "delete it, and the next run makes it again"
         raise InputError(str(path), expected="a whole PNG", found=error, advice=advice) from error
-    held = io.BytesIO()
-    small.save(held, "PNG", compress_level=6)
-    return f"data:image/png;base64,{base64.b64encode(held.getvalue()).decode()}", small.size
+    buffer = io.BytesIO()
+    small.save(buffer, "PNG", compress_level=6)
+    return f"data:image/png;base64,{base64.b64encode(buffer.getvalue()).decode()}", small.size
 
 
 def write(path: str | Path, figures: Iterable[str]) -> None:

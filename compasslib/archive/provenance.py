@@ -77,10 +77,10 @@ def _files(name: str) -> tuple[Path, ...]:
 def software() -> str:
     """Return name and version of this software with its commit, or with the hash of its modules outside a checkout."""
     asked, why = _git("status", "--porcelain=v2", "--branch", "--", "compasslib", "workflow", "Snakefile")
-    said = asked.splitlines()
-    commit = "".join(line.split()[2][:12] for line in said if line.startswith("# branch.oid") and "(" not in line)
+    lines = asked.splitlines()
+    commit = "".join(line.split()[2][:12] for line in lines if line.startswith("# branch.oid") and "(" not in line)
     unknown = why if why == _NONE else "commit unknown"
-    edited = "" if all(line.startswith("#") for line in said) else ", edited since"
+    edited = "" if all(line.startswith("#") for line in lines) else ", edited since"
     state = f"{commit}{edited}" if commit else f"{unknown}, modules sha256 {digest(_modules())[:12]}"
     return f"compasslib {__version__} ({state})"
 
@@ -197,7 +197,6 @@ def processing(product: Product, field: EarthField, raw_files: Sequence[str]) ->
     """Return how and when a record was corrected, for the archive's attributes.
 
     Args:
-        product: the compass that corrected it.
         field: the declination that was used.
         raw_files: what was read, relative to the cruise folder.
     """

@@ -99,7 +99,7 @@ def _warnings(folder: Path, fit: Mapping[str, Any], found: Mapping[str, Any], ve
 
 
 def _of_records(paths: Iterable[Path]) -> list[str]:
-    return [f"{path.stem}: {said}" for path in paths for said in netcdf.read_warnings(path)]
+    return [f"{path.stem}: {warning}" for path in paths for warning in netcdf.read_warnings(path)]
 
 
 def _unexplained(found: Mapping[str, Any]) -> list[str]:

@@ -24,14 +24,14 @@ def differences(cruise: str | Path) -> list[str]:
     root = Path(cruise)
     page = _manifest(root)
     known = crate.listed(page)
-    found = [line for path, said in known.items() if (line := _difference(root, path, said))]
+    found = [line for path, listed in known.items() if (line := _difference(root, path, listed))]
     folders = sorted({(root / path).parent for path in crate.written(page)})
     beside = {file for folder in folders if folder.is_dir() for file in folder.iterdir() if file.is_file()}
     new = sorted({file.relative_to(root).as_posix() for file in beside} - {*known, crate.FILE})
     return found + [f"new: {path}" for path in new]
 
 
-def tell(cruise: str | Path, say: Callable[[str], None]) -> None:
+def verify(cruise: str | Path, say: Callable[[str], None]) -> None:
     """Say what differs from the manifest, or that nothing does.
 
     Raises:
@@ -57,17 +57,17 @@ def _manifest(root: Path) -> dict[str, Any]:
     return page
 
 
-def _difference(root: Path, path: str, said: str) -> str:
+def _difference(root: Path, path: str, listed: str) -> str:
     if not (root / path).is_file():
         return f"missing: {path}"
     found = provenance.sha256(root / path)
-    return "" if found == said else f"changed: {path} (sha256 {found[:12]}, listed {said[:12]})"
+    return "" if found == listed else f"changed: {path} (sha256 {found[:12]}, listed {listed[:12]})"
 
 
 def main() -> None:
     """Verify the cruise that the command line names."""
     try:
-        tell(sys.argv[1] if len(sys.argv) > 1 else ".", print)
+        verify(sys.argv[1] if len(sys.argv) > 1 else ".", print)
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(1)

@@ -48,11 +48,7 @@ FIGURES = ("deviation", "residuals", "certificate")  # every kind with a curve a
 
 
 def figures(kind: str) -> list[str]:
-    """Return the names of a kind's figures.
-
-    Args:
-        kind: a key of ``KINDS``.
-    """
+    """Return the names of a kind's figures."""
     return [*(FIGURES if KINDS[kind].by_heading else ()), *KINDS[kind].figures]
 
 
@@ -60,7 +56,6 @@ def calibrate(kind: str, files: Sequence[str | Path], settings: Mapping[str, Any
     """Return the result of one calibration.
 
     Args:
-        kind: a key of ``KINDS``.
         files: raw files in the order of the YAML file.
         settings: settled keys of the YAML file.
 

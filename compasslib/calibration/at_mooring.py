@@ -13,7 +13,7 @@ from compasslib.core.records import BAD, EarthField, Pairs, Record
 from compasslib.core.types import Floats
 from compasslib.deviation import exact, likelihood, model, transfer
 from compasslib.deviation.model import Fit, Noise
-from compasslib.deviation.transfer import Carried, Place
+from compasslib.deviation.transfer import Place, Transferred
 from compasslib.stats import autocorrelation
 
 METHOD = "calibration"
@@ -57,13 +57,13 @@ def origin(content: Mapping[str, Any], field: EarthField) -> dict[str, Any]:
     Args:
         field: the earth's field along the deployment.
     """
-    said: dict[str, Any] = {"name": content["name"], "kind": content["kind"], "place": content["place"]}
+    source: dict[str, Any] = {"name": content["name"], "kind": content["kind"], "place": content["place"]}
     if not _unusable(content):
         there = _carry(content, field)
         ends = {"if_all_hard": there.if_all_hard, "if_all_induced": there.if_all_induced}
-        said |= {"coefficients": content["exact"]["coefficients"]}
-        said |= {name: dict(zip(LETTERS, values.tolist(), strict=True)) for name, values in ends.items()}
-    return {"calibration": said}
+        source |= {"coefficients": content["exact"]["coefficients"]}
+        source |= {name: dict(zip(LETTERS, values.tolist(), strict=True)) for name, values in ends.items()}
+    return {"calibration": source}
 
 
 def _unusable(content: Mapping[str, Any]) -> str:
@@ -76,7 +76,7 @@ def _unusable(content: Mapping[str, Any]) -> str:
     return ""
 
 
-def _carry(content: Mapping[str, Any], field: EarthField) -> Carried:
+def _carry(content: Mapping[str, Any], field: EarthField) -> Transferred:
     given, home = content["exact"], content["place"]["field"]
     covariance = np.array(given["covariance"], dtype=float)
     # What a calibration's budget holds cannot be told from a turn of the whole compass at any one heading.
@@ -94,6 +94,6 @@ def _density(coefficients: Floats, record: Record) -> Floats:
     return exact.smoothed(1e-6 + count)
 
 
-def _warnings(content: Mapping[str, Any], there: Carried) -> tuple[str, ...]:
-    said = (there.warning, *content.get("doubts", ()), *too_exact(content["residual_rms_deg"]))
-    return tuple(f"calibration {content['name']}: {warning}" for warning in said if warning)
+def _warnings(content: Mapping[str, Any], there: Transferred) -> tuple[str, ...]:
+    warnings = (there.warning, *content.get("doubts", ()), *too_exact(content["residual_rms_deg"]))
+    return tuple(f"calibration {content['name']}: {warning}" for warning in warnings if warning)

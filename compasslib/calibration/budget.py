@@ -57,11 +57,7 @@ def sources(given: Mapping[str, float | None], budget: str | None = None) -> tup
 
 
 def absent(made: tuple[Source, ...]) -> list[str]:
-    """Return the rows that a budget does not have.
-
-    Args:
-        made: its rows.
-    """
+    """Return the rows that a budget does not have."""
     return [name for name in ROWS if name not in {source.name for source in made}]
 
 

@@ -52,11 +52,7 @@ def described(
 
 
 def calibration(content: Mapping[str, Any]) -> Calibration:
-    """Return the calibration that a calibration.json describes, without its table and points.
-
-    Args:
-        content: the file's content.
-    """
+    """Return the calibration that a calibration.json describes, without its table and points."""
     exact, rms = content["exact"] or {}, content["residual_rms_deg"]
     rows = content["uncertainty"]["rows"].items()
     return Calibration(

@@ -14,8 +14,8 @@ import numpy as np
 
 from compasslib.calibration import budget, series
 from compasslib.calibration.exact_curve import EXACT
-from compasslib.calibration.result import Calibration, Source, Table
-from compasslib.calibration.series import ONE_CYCLE, POLYNOMIAL, SMITH, Curve, Points
+from compasslib.calibration.result import Calibration, DeviationTable, Source
+from compasslib.calibration.series import ONE_CYCLE, POLYNOMIAL, SMITH, FittedSeries, Points
 from compasslib.core import angles, compass
 from compasslib.core.types import Floats
 
@@ -29,7 +29,7 @@ SWING = "swing 16 to 24 headings all round the circle"
 
 
 @dataclass(frozen=True)
-class Readings:
+class BenchReadings:
     """What was read, (n,) each, magnetic."""
 
     reference_deg: Floats
@@ -40,7 +40,7 @@ class Readings:
 
 
 def calibration(
-    kind: str, readings: Readings, sources: Sequence[Source] = (), *, table_step_deg: float = 10.0
+    kind: str, readings: BenchReadings, sources: Sequence[Source] = (), *, table_step_deg: float = 10.0
 ) -> Calibration:
     """Return the calibration that readings carry, perhaps none.
 
@@ -50,7 +50,7 @@ def calibration(
     settings = _settings(readings)
     seen = series.points(settings.recorded_deg, settings.reference_deg)
     fits = _fits(seen)
-    curves = [curve for curve in fits.values() if isinstance(curve, Curve)]
+    curves = [curve for curve in fits.values() if isinstance(curve, FittedSeries)]
     found = Calibration(
         kind=kind,
         model="none",
@@ -78,16 +78,16 @@ def calibration(
     )
 
 
-def _fits(seen: Points) -> dict[str, Curve | str]:
+def _fits(seen: Points) -> dict[str, FittedSeries | str]:
     """Return every form through the points, or why there is none."""
     fits = {form.name: series.fit(form, seen) for form in FORMS}
-    reduced = isinstance(fits[SMITH.name], str) and isinstance(fits[ONE_CYCLE.name], Curve)
+    reduced = isinstance(fits[SMITH.name], str) and isinstance(fits[ONE_CYCLE.name], FittedSeries)
     if reduced and series.hidden(seen) > MOST_HIDDEN:
         fits[ONE_CYCLE.name] = "a quadrantal deviation, which cannot be seen, would look like one cycle"
     return fits
 
 
-def _settings(readings: Readings) -> Readings:
+def _settings(readings: BenchReadings) -> BenchReadings:
     """Return one reading a setting of the bench: repeats share the setting's own error and count once."""
     slots = np.round(angles.wrap360(readings.reference_deg) / SAME_HEADING_DEG)
     _, which = np.unique(slots, return_inverse=True)
@@ -95,32 +95,32 @@ def _settings(readings: Readings) -> Readings:
     means = [
         [float(angles.mean(x[group])) for group in groups] for x in (readings.reference_deg, readings.recorded_deg)
     ]
-    return Readings(*np.array(means, dtype=float).reshape(2, -1))
+    return BenchReadings(*np.array(means, dtype=float).reshape(2, -1))
 
 
-def _coefficients(fits: Mapping[str, Curve | str], chosen: Curve) -> dict[str, Any]:
+def _coefficients(fits: Mapping[str, FittedSeries | str], chosen: FittedSeries) -> dict[str, Any]:
     """Return the series in the recorded heading and the exact compass, as far as the headings determine them."""
     smith, exact = fits[SMITH.name], fits[EXACT.name]
     found: dict[str, Any] = {}
-    if isinstance(smith, Curve):
+    if isinstance(smith, FittedSeries):
         found |= {"coefficients": smith.coefficients, "covariance": smith.covariance}
     elif chosen.form is ONE_CYCLE:
         unknown = np.full((5, 5), np.nan)
         unknown[:3, :3] = chosen.covariance
         found |= {"coefficients": np.append(chosen.coefficients, [np.nan, np.nan]), "covariance": unknown}
-    if isinstance(exact, Curve):
+    if isinstance(exact, FittedSeries):
         found |= {"exact": exact.coefficients, "exact_covariance": exact.covariance}
     return found
 
 
-def _table(chosen: Curve, step_deg: float, common_deg: float) -> Table:
+def _table(chosen: FittedSeries, step_deg: float, common_deg: float) -> DeviationTable:
     heading = np.arange(0.0, 360.0, step_deg)
     deviation = chosen.deviation(heading)
     sigma = np.hypot(chosen.sigma(heading), common_deg)
-    return Table(heading, deviation, np.where(np.isfinite(deviation), sigma, np.nan))
+    return DeviationTable(heading, deviation, np.where(np.isfinite(deviation), sigma, np.nan))
 
 
-def _points(readings: Readings, chosen: Curve | None) -> dict[str, Floats]:
+def _points(readings: BenchReadings, chosen: FittedSeries | None) -> dict[str, Floats]:
     seen = series.points(readings.recorded_deg, readings.reference_deg)
     columns = {"reference_deg": angles.wrap360(readings.reference_deg), "recorded_deg": seen.recorded_deg}
     columns |= {"deviation_deg": seen.deviation_deg}
@@ -135,31 +135,31 @@ def _points(readings: Readings, chosen: Curve | None) -> dict[str, Floats]:
     return columns | {"fitted_deg": fitted, "residual_deg": angles.wrap180(seen.deviation_deg - fitted)}
 
 
-def _details(fits: Mapping[str, Curve | str], chosen: Curve, common_deg: float) -> dict[str, Any]:
+def _details(fits: Mapping[str, FittedSeries | str], chosen: FittedSeries, common_deg: float) -> dict[str, Any]:
     models = {name: {"why": fit} if isinstance(fit, str) else series.described(fit) for name, fit in fits.items()}
-    scores = [f"{name} {fit.score_deg:.2f}" for name, fit in fits.items() if isinstance(fit, Curve)]
+    scores = [f"{name} {fit.score_deg:.2f}" for name, fit in fits.items() if isinstance(fit, FittedSeries)]
     chosen_by = f"{chosen.form.name}; degrees rms on headings left out one by one: {', '.join(scores)}"
     shift = {} if chosen.form is POLYNOMIAL else {"constant_shift": _shift(fits, chosen, common_deg)}
     return {"models": models, "chosen_by": chosen_by, **shift}
 
 
-def _shift(fits: Mapping[str, Curve | str], chosen: Curve, common_deg: float) -> dict[str, Any]:
+def _shift(fits: Mapping[str, FittedSeries | str], chosen: FittedSeries, common_deg: float) -> dict[str, Any]:
     """Return what the same turn of all headings would leave, as a compass's own calibration may (Le Menn, Fig. 18)."""
-    series_fit = fits[SMITH.name] if isinstance(fits[SMITH.name], Curve) else chosen
-    assert isinstance(series_fit, Curve)
+    series_fit = fits[SMITH.name] if isinstance(fits[SMITH.name], FittedSeries) else chosen
+    assert isinstance(series_fit, FittedSeries)
     unit = 1.0 if series_fit.form is not EXACT else 1.0 / angles.DEGREE
     value = unit * float(series_fit.coefficients[0])
     sigma = float(np.hypot(unit * np.sqrt(series_fit.covariance[0, 0]), common_deg))
     proven = abs(value) > 2.0 * sigma
-    said = "is left over" if proven else "is not told from none"
+    whether = "is left over" if proven else "is not told from none"
     text = (
-        f"A constant shift of {value:+.2f} ± {2.0 * sigma:.2f} degrees (k = 2) {said}; "
+        f"A constant shift of {value:+.2f} ± {2.0 * sigma:.2f} degrees (k = 2) {whether}; "
         "it may be of the compass, its mounting or the reference direction."
     )
     return {"value_deg": value, "sigma_deg": sigma, "differs_from_none": proven, "text": text}
 
 
-def _too_little(settings: Readings, fits: Mapping[str, Curve | str]) -> str:
+def _too_little(settings: BenchReadings, fits: Mapping[str, FittedSeries | str]) -> str:
     if not len(settings):
         return f"no reading with both headings; {SWING}"
     if len(settings) == 1:
@@ -173,40 +173,40 @@ def _too_little(settings: Readings, fits: Mapping[str, Curve | str]) -> str:
 
 
 def _warnings(
-    readings: Readings, settings: Readings, fits: Mapping[str, Curve | str], chosen: Curve
+    readings: BenchReadings, settings: BenchReadings, fits: Mapping[str, FittedSeries | str], chosen: FittedSeries
 ) -> tuple[str, ...]:
-    said = [*_few(readings, settings, chosen), *_gap(settings, chosen), *_outlying(settings, chosen)]
+    warnings = [*_few(readings, settings, chosen), *_gap(settings, chosen), *_outlying(settings, chosen)]
     if chosen.form is ONE_CYCLE and isinstance(fits[SMITH.name], str):
-        said.append(f"reduced to one cycle, A, B and C: five terms: {fits[SMITH.name]}; D and E stay unknown")
+        warnings.append(f"reduced to one cycle, A, B and C: five terms: {fits[SMITH.name]}; D and E stay unknown")
     if chosen.form is POLYNOMIAL:
         low, high = (float(chosen.deviation(np.array([end]))[0]) for end in (0.0, 359.999))
-        said.append(f"the polynomial is not periodic: it jumps by {low - high:+.1f} degrees where 360 meets 0")
+        warnings.append(f"the polynomial is not periodic: it jumps by {low - high:+.1f} degrees where 360 meets 0")
     if not _turns(chosen):
         low, high = (float(angles.wrap360(x)) for x in compass.recorded_range(chosen.coefficients))
-        said.append(
+        warnings.append(
             f"the compass cannot turn full circle: it shows {low:.0f} to {high:.0f} degrees, each for two correct "
             "headings; no series represents it and the table is empty"
         )
-    return tuple(said)
+    return tuple(warnings)
 
 
-def _turns(chosen: Curve) -> bool:
+def _turns(chosen: FittedSeries) -> bool:
     return chosen.form is not EXACT or compass.turns_full_circle(chosen.coefficients)
 
 
-def _few(readings: Readings, settings: Readings, chosen: Curve) -> list[str]:
-    said = []
+def _few(readings: BenchReadings, settings: BenchReadings, chosen: FittedSeries) -> list[str]:
+    warnings = []
     if len(settings) < len(readings):
-        said.append(f"{len(readings)} readings at {len(settings)} headings: repeats are averaged and count once")
+        warnings.append(f"{len(readings)} readings at {len(settings)} headings: repeats are averaged and count once")
     if len(settings) < ENOUGH_HEADINGS:
-        said.append(
+        warnings.append(
             f"{len(settings)} headings leave {chosen.dof} degrees of freedom: the uncertainty is widened by Student's "
             f"t, and third and fourth harmonics can be neither proven nor excluded; {SWING}"
         )
-    return said
+    return warnings
 
 
-def _gap(settings: Readings, chosen: Curve) -> list[str]:
+def _gap(settings: BenchReadings, chosen: FittedSeries) -> list[str]:
     recorded = np.sort(angles.wrap360(settings.recorded_deg))
     ahead = angles.wrap360(np.roll(recorded, -1) - recorded)
     widest = int(np.argmax(ahead))
@@ -216,7 +216,7 @@ def _gap(settings: Readings, chosen: Curve) -> list[str]:
     return [f"no reading between recorded {ends} degrees: there the curve is only as good as its form"]
 
 
-def _outlying(settings: Readings, chosen: Curve) -> list[str]:
+def _outlying(settings: BenchReadings, chosen: FittedSeries) -> list[str]:
     off = np.abs(chosen.left_out_deg)
     far = off > max(OUTLYING * float(np.median(off)), OUTLYING_DEG)
     places = ", ".join(

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import observatory
-from compasslib.calibration.result import Calibration, Source, Table
+from compasslib.calibration.result import Calibration, DeviationTable, Source
 from compasslib.core import angles
 from compasslib.core.records import EarthField, FieldSeries
 from compasslib.core.types import Floats
@@ -43,28 +43,30 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
             that of the place.
     """
     series = iaga2002.read(files)
-    said = [*series.warnings, *_moved(series, settings)]
+    warnings = [*series.warnings, *_moved(series, settings)]
     if why := observatory.refusal(series):
-        return Calibration(KIND, "none", 0, 0, details=_header(series, settings), why=why, warnings=tuple(said))
+        return Calibration(KIND, "none", 0, 0, details=_header(series, settings), why=why, warnings=tuple(warnings))
     field = observatory.field_of(series, settings, str(files[0]))
-    said += observatory.check(series, observatory.place_of(series, settings))
-    held = observatory.compare(series, field, limit_deg=STORM_DEG)
-    if held.spikes:
-        said.append(f"{held.spikes} values stand alone and far off: a spike, or a storm of less than three hours")
+    warnings += observatory.check(series, observatory.place_of(series, settings))
+    compared = observatory.compare(series, field, limit_deg=STORM_DEG)
+    if compared.spikes:
+        warnings.append(
+            f"{compared.spikes} values stand alone and far off: a spike, or a storm of less than three hours"
+        )
     by_model = field.source == "IGRF"
     return Calibration(
         kind=KIND,
         model=f"{'IGRF' if by_model else 'the given declination'} plus a constant",
-        n=len(held.time_s),
+        n=len(compared.time_s),
         coverage=0,
-        coefficients=np.append(held.constant_deg, np.full(4, np.nan)),
-        covariance=_covariance(held.constant_sigma_deg),
-        residual_rms_deg=angles.rms(held.residual_deg - held.constant_deg),
-        sources=_sources(held),
-        table=_table(held, float(settings.get("table_step_deg", 10.0))),
-        points=_points(held),
-        details=_header(series, settings) | _details(held, series, field),
-        warnings=(*said, *field.warnings),
+        coefficients=np.append(compared.constant_deg, np.full(4, np.nan)),
+        covariance=_covariance(compared.constant_sigma_deg),
+        residual_rms_deg=angles.rms(compared.residual_deg - compared.constant_deg),
+        sources=_sources(compared),
+        table=_table(compared, float(settings.get("table_step_deg", 10.0))),
+        points=_points(compared),
+        details=_header(series, settings) | _details(compared, series, field),
+        warnings=(*warnings, *field.warnings),
     )
 
 
@@ -74,33 +76,33 @@ def _covariance(sigma_deg: float) -> Floats:
     return result
 
 
-def _table(held: FieldComparison, step_deg: float) -> Table:
+def _table(compared: FieldComparison, step_deg: float) -> DeviationTable:
     """Return the same constant at every heading: what a heading made true by the model lacks, whatever it is."""
     heading = np.arange(0.0, 360.0, step_deg)
     alike = np.ones(len(heading))
-    return Table(heading, held.constant_deg * alike, held.constant_sigma_deg * alike)
+    return DeviationTable(heading, compared.constant_deg * alike, compared.constant_sigma_deg * alike)
 
 
-def _sources(held: FieldComparison) -> tuple[Source, ...]:
-    quiet = np.nan_to_num(held.curve_deg)
-    calm = held.disturbed_deg[~held.stormy]
+def _sources(compared: FieldComparison) -> tuple[Source, ...]:
+    quiet = np.nan_to_num(compared.curve_deg)
+    calm = compared.disturbed_deg[~compared.stormy]
     return (
-        Source("constant", held.constant_sigma_deg, CONSTANT_HOW),
-        Source("daily variation", float(np.std(quiet)), f"rms of the curve of {held.quiet_days} days"),
+        Source("constant", compared.constant_sigma_deg, CONSTANT_HOW),
+        Source("daily variation", float(np.std(quiet)), f"rms of the curve of {compared.quiet_days} days"),
         Source("disturbance", angles.rms(calm), "rms of what level and quiet day leave, storms left out"),
     )
 
 
-def _points(held: FieldComparison) -> dict[str, Floats]:
+def _points(compared: FieldComparison) -> dict[str, Floats]:
     return {
-        "time_s": held.time_s,
-        "declination_deg": held.observed_deg,
-        "model_deg": held.model_deg,
-        "level_deg": held.level_deg,
-        "quiet_day_deg": held.quiet_deg - np.mean(np.nan_to_num(held.curve_deg)),  # about zero, as A is a mean
-        "residual_deg": held.residual_deg - held.constant_deg,
-        "disturbance_deg": held.disturbed_deg,
-        "storm": held.stormy.astype(float),
+        "time_s": compared.time_s,
+        "declination_deg": compared.observed_deg,
+        "model_deg": compared.model_deg,
+        "level_deg": compared.level_deg,
+        "quiet_day_deg": compared.quiet_deg - np.mean(np.nan_to_num(compared.curve_deg)),  # about zero, as A is a mean
+        "residual_deg": compared.residual_deg - compared.constant_deg,
+        "disturbance_deg": compared.disturbed_deg,
+        "storm": compared.stormy.astype(float),
     }
 
 
@@ -117,24 +119,24 @@ def _header(series: FieldSeries, settings: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _details(held: FieldComparison, series: FieldSeries, field: EarthField) -> dict[str, Any]:
-    curve = held.curve_deg if held.quiet_days else None
+def _details(compared: FieldComparison, series: FieldSeries, field: EarthField) -> dict[str, Any]:
+    curve = compared.curve_deg if compared.quiet_days else None
     return {
-        "constant_deg": held.constant_deg,
-        "constant_sigma_deg": held.constant_sigma_deg,
+        "constant_deg": compared.constant_deg,
+        "constant_sigma_deg": compared.constant_sigma_deg,
         "model_source": field.source,
-        "days": held.days,
+        "days": compared.days,
         "from": _stamp(series.time_s[0]),
         "to": _stamp(series.time_s[-1]),
-        "range_deg": float(np.ptp(angles.difference(series.declination_deg, held.observed_deg[0])[_seen(series)])),
+        "range_deg": float(np.ptp(angles.difference(series.declination_deg, compared.observed_deg[0])[_seen(series)])),
         "quiet_day": None
         if curve is None
         else {
-            "days": held.quiet_days,
+            "days": compared.quiet_days,
             "amplitude_deg": float(np.ptp(curve)) / 2.0,
             "by_hour_deg": curve - np.mean(curve),
         },
-        "storms": [_storm(storm) for storm in held.storms],
+        "storms": [_storm(storm) for storm in compared.storms],
         "cannot_tell": [CANNOT_TELL],
     }
 

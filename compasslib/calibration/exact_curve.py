@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from compasslib.calibration.series import CIRCLE_DEG, Form, Points, Solution, least_squares
+from compasslib.calibration.series import CIRCLE_DEG, LeastSquares, Points, SeriesForm, least_squares
 from compasslib.core import angles, compass
 from compasslib.core.types import Floats
 
@@ -19,7 +19,7 @@ SETTLED = 1e-9
 STEEPEST_ERROR = 0.3  # a smaller slope, near a fold, says nothing of the correct heading's error
 
 
-def solve(seen: Points) -> Solution | None:
+def solve(seen: Points) -> LeastSquares | None:
     """Return A to E of the exact compass by least squares of the recorded heading; None where none comes near.
 
     Args:
@@ -98,11 +98,11 @@ def _linear(seen: Points, correct: Floats) -> Floats:
     return least_squares(columns, sine_off, seen.weight).coefficients
 
 
-def _step(coefficients: Floats, seen: Points, correct: Floats) -> Solution:
+def _step(coefficients: Floats, seen: Points, correct: Floats) -> LeastSquares:
     """Return the Gauss-Newton step, with the residual of the recorded heading before it."""
     off = angles.difference(seen.recorded_deg, compass.recorded_heading(coefficients, correct))
     columns = compass.gradient(coefficients, correct).T
     return replace(least_squares(columns, off, seen.weight * _trust(coefficients, correct)), residual_deg=off)
 
 
-EXACT = Form("exact", "ABCDE", "Le Menn et al. 2023, eq. (4)", solve, deviation, gradient, around, steepness)
+EXACT = SeriesForm("exact", "ABCDE", "Le Menn et al. 2023, eq. (4)", solve, deviation, gradient, around, steepness)

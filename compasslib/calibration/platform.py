@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from compasslib.calibration import budget, curves, readings, series
-from compasslib.calibration.curves import Readings
+from compasslib.calibration.curves import BenchReadings
 from compasslib.calibration.result import Calibration, Source
 from compasslib.core import angles
 from compasslib.core.errors import InputError
@@ -43,12 +43,12 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
     known = np.isfinite(columns["reference_deg"] + columns["recorded_deg"])
     mounting = settings.get("mounting_deg")
     reference = angles.wrap360(columns["reference_deg"][known] + (mounting or 0.0))
-    read = Readings(reference, columns["recorded_deg"][known])
+    read = BenchReadings(reference, columns["recorded_deg"][known])
     rows = budget.sources(settings.get("uncertainty") or {}, settings.get("budget"))
     step = float(settings.get("table_step_deg", 10.0))
     found = curves.calibration("platform", read, rows, table_step_deg=step)
     where = ", ".join(str(file) for file in files)
-    _refuse_mistaken(found, Readings(*(columns[role][known] for role in ROLES)), where)
+    _refuse_mistaken(found, BenchReadings(*(columns[role][known] for role in ROLES)), where)
     if mounting is None:
         _refuse_turned(found, where)
     constant = [] if mounting is not None else _constant(found, read, settings.get("declination_deg"))
@@ -60,7 +60,7 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
     )
 
 
-def _refuse_mistaken(found: Calibration, read: Readings, where: str) -> None:
+def _refuse_mistaken(found: Calibration, read: BenchReadings, where: str) -> None:
     """Refuse readings that a curve misses and that one mistake explains: another unit, or another sense of turning."""
     missed = np.inf if found.model == "none" else found.residual_rms_deg
     if missed < POOR_DEG or len(read) < FEWEST_EVEN:
@@ -72,21 +72,27 @@ def _refuse_mistaken(found: Calibration, read: Readings, where: str) -> None:
         raise InputError(where, expected="headings that a deviation curve can join", found=best, advice=advice)
 
 
-def _mistakes(read: Readings) -> list[tuple[str, Readings]]:
+def _mistakes(read: BenchReadings) -> list[tuple[str, BenchReadings]]:
     reference, recorded = read.reference_deg, read.recorded_deg
-    tried = [("headings that run against each other: one column counts anticlockwise", Readings(-reference, recorded))]
+    tried = [
+        ("headings that run against each other: one column counts anticlockwise", BenchReadings(-reference, recorded))
+    ]
     for unit, turn in UNITS.items():
         by = 360.0 / turn
         both = np.nanmax(np.abs([reference, recorded])) <= turn
         tried += [
-            (f"reference_deg in {unit}, as it looks", Readings(by * reference, recorded)),
-            (f"recorded_deg in {unit}, as it looks", Readings(reference, by * recorded)),
-            *([(f"both columns in {unit}, as they look", Readings(by * reference, by * recorded))] if both else []),
+            (f"reference_deg in {unit}, as it looks", BenchReadings(by * reference, recorded)),
+            (f"recorded_deg in {unit}, as it looks", BenchReadings(reference, by * recorded)),
+            *(
+                [(f"both columns in {unit}, as they look", BenchReadings(by * reference, by * recorded))]
+                if both
+                else []
+            ),
         ]
     return tried
 
 
-def _missed(read: Readings) -> float:
+def _missed(read: BenchReadings) -> float:
     """Return the rms of the five terms through readings; infinite where they determine none."""
     seen = series.points(read.recorded_deg, read.reference_deg)
     curve = series.fit(series.SMITH, seen)
@@ -107,7 +113,7 @@ def _refuse_turned(found: Calibration, where: str) -> None:
     )
 
 
-def _constant(found: Calibration, read: Readings, declination_deg: float | None) -> list[str]:
+def _constant(found: Calibration, read: BenchReadings, declination_deg: float | None) -> list[str]:
     """Return what a constant that is large, or the declination's, is likelier to be than the compass's."""
     shift = found.details.get("constant_shift")
     if shift is None or abs(shift["value_deg"]) <= 2.0 * shift["sigma_deg"]:
@@ -122,11 +128,11 @@ def _constant(found: Calibration, read: Readings, declination_deg: float | None)
         step = float(np.median(np.diff(np.unique(np.round(read.reference_deg, 1)))))
         shifted = f", the columns shifted by one setting of {step:.0f}" if abs(abs(value) - step) < STEP_DEG else ""
         reasons.append(f"the instrument may have stood turned (mounting_deg){shifted}, or reference_deg is true")
-    said = f"a constant of {value:+.1f} degrees, which turns all headings alike: {'; '.join(reasons)}"
-    return [said] if reasons else []
+    text = f"a constant of {value:+.1f} degrees, which turns all headings alike: {'; '.join(reasons)}"
+    return [text] if reasons else []
 
 
-def _exchanged(read: Readings) -> list[str]:
+def _exchanged(read: BenchReadings) -> list[str]:
     if not _even(read.recorded_deg) or _even(read.reference_deg):
         return []
     return [

@@ -50,7 +50,6 @@ def check_degrees(columns: Mapping[str, Floats], files: Sequence[str | Path]) ->
 
     Args:
         columns: by role; those whose role ends in ``_deg`` are looked at.
-        files: where they come from.
 
     Raises:
         InputError: an angle lies beyond two turns.

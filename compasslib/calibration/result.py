@@ -29,7 +29,7 @@ class Source:
 
 
 @dataclass(frozen=True)
-class Table:
+class DeviationTable:
     """Deviation by recorded heading."""
 
     heading_deg: Floats  # (m,) recorded, magnetic
@@ -51,7 +51,7 @@ class Calibration:
     exact_covariance: Floats = field(default_factory=_nothing)  # (5, 5)
     residual_rms_deg: float = float("nan")
     sources: tuple[Source, ...] = ()
-    table: Table | None = None
+    table: DeviationTable | None = None
     points: Mapping[str, Floats] = field(default_factory=dict)  # columns of what was observed, (n,) each
     details: Mapping[str, Any] = field(default_factory=dict)  # what only this kind has, ready for JSON
     why: str = ""

@@ -42,7 +42,7 @@ class Points:
 
 
 @dataclass(frozen=True)
-class Solution:
+class LeastSquares:
     """Least squares through points."""
 
     coefficients: Floats  # (k,)
@@ -53,13 +53,13 @@ class Solution:
 
 
 @dataclass(frozen=True)
-class Form:
+class SeriesForm:
     """A family of curves."""
 
     name: str
     letters: str  # of its coefficients
     source: str
-    solve: Callable[[Points], Solution | None]  # None where no curve of this form passes near the points
+    solve: Callable[[Points], LeastSquares | None]  # None where no curve of this form passes near the points
     deviation: Callable[[Floats, Floats], Floats]  # coefficients (k,), recorded heading (n,) -> degrees (n,)
     gradient: Callable[[Floats, Floats], Floats]  # the same -> derivative of the deviation by each coefficient (n, k)
     around: Callable[[Floats], Floats]  # coefficients -> derivative of what is fitted, all round the circle (m, k)
@@ -67,10 +67,10 @@ class Form:
 
 
 @dataclass(frozen=True)
-class Curve:
+class FittedSeries:
     """A form fitted to points."""
 
-    form: Form
+    form: SeriesForm
     coefficients: Floats  # (k,)
     covariance: Floats  # (k, k), wide enough that two standard deviations hold 95.45 % for few readings too
     residual_deg: Floats  # (n,) of the correct heading
@@ -124,7 +124,7 @@ def coverage(recorded_deg: ArrayLike) -> int:
     return len(np.unique(np.floor(angles.wrap360(recorded_deg) / SECTOR_DEG)))
 
 
-def least_squares(columns: Floats, observed: Floats, weight: Floats) -> Solution:
+def least_squares(columns: Floats, observed: Floats, weight: Floats) -> LeastSquares:
     """Return the weighted least-squares coefficients.
 
     Args:
@@ -136,15 +136,11 @@ def least_squares(columns: Floats, observed: Floats, weight: Floats) -> Solution
     inverse = np.linalg.pinv(root * columns)
     coefficients = inverse @ (root[:, 0] * observed)
     leverage = np.einsum("ni,in->n", root * columns, inverse)
-    return Solution(coefficients, weight, inverse @ inverse.T, leverage, observed - columns @ coefficients)
+    return LeastSquares(coefficients, weight, inverse @ inverse.T, leverage, observed - columns @ coefficients)
 
 
 def hidden(seen: Points) -> float:
-    """Return how much of a quadrantal deviation that is left out would appear in A, B or C, at most.
-
-    Args:
-        seen: the points.
-    """
+    """Return how much of a quadrantal deviation that is left out would appear in A, B or C, at most."""
     columns = von_appen.design(seen.recorded_deg)
     return float(np.max(np.abs(np.linalg.pinv(columns[:, :3]) @ columns[:, 3:])))
 
@@ -162,7 +158,7 @@ def widening(dof: int) -> float:
     return float(stdtrit(dof, (1.0 + EXPANDED_SHARE) / 2.0)) / 2.0
 
 
-def fit(form: Form, seen: Points) -> Curve | str:
+def fit(form: SeriesForm, seen: Points) -> FittedSeries | str:
     """Return the curve of a form through points, or the reason why there is none.
 
     Args:
@@ -181,7 +177,7 @@ def fit(form: Form, seen: Points) -> Curve | str:
     return curve if off <= FARTHEST_DEG else f"it misses the readings by {off:.0f} degrees rms"
 
 
-def choose(curves: Sequence[Curve]) -> Curve:
+def choose(curves: Sequence[FittedSeries]) -> FittedSeries:
     """Return the curve to use: the first, unless another one predicts left-out points better.
 
     A form with more coefficients must be better by twice the standard error of the difference, one with as many just
@@ -200,13 +196,13 @@ def choose(curves: Sequence[Curve]) -> Curve:
     return best
 
 
-def _curve(form: Form, seen: Points, solution: Solution) -> Curve:
+def _curve(form: SeriesForm, seen: Points, solution: LeastSquares) -> FittedSeries:
     dof = len(seen) - len(form.letters)
     variance = widening(dof) ** 2 * float(np.sum(solution.weight * solution.residual_deg**2)) / dof
     # A residual of the recorded heading is one of the correct heading over the steepness, with the other sign.
     slope = -1.0 / form.steepness(solution.coefficients, seen) if form.steepness else np.ones(len(seen))
     residual = slope * solution.residual_deg
-    return Curve(
+    return FittedSeries(
         form=form,
         coefficients=solution.coefficients,
         covariance=variance * solution.cofactor,
@@ -221,15 +217,15 @@ def _mean_square(residual_deg: Floats, weight: Floats) -> float:
     return float(np.sum(weight * residual_deg**2) / np.sum(weight))
 
 
-def _vagueness(form: Form, seen: Points, solution: Solution) -> float:
+def _vagueness(form: SeriesForm, seen: Points, solution: LeastSquares) -> float:
     """Return the curve's largest standard error on the circle over the scatter of one reading."""
     by = form.around(solution.coefficients)
     variance = np.einsum("ni,ij,nj->n", by, solution.cofactor, by) * np.mean(seen.weight)
     return float(np.sqrt(np.max(variance)))
 
 
-def _series(name: str, letters: str, source: str, design: Callable[[Floats], Floats]) -> Form:
-    return Form(
+def _series(name: str, letters: str, source: str, design: Callable[[Floats], Floats]) -> SeriesForm:
+    return SeriesForm(
         name=name,
         letters=letters,
         source=source,
@@ -245,7 +241,7 @@ def _powers(recorded_deg: Floats) -> Floats:
     return np.vander(angles.wrap360(recorded_deg) / 180.0 - 1.0, POLYNOMIAL_DEGREE + 1, increasing=True)
 
 
-def published_polynomial(curve: Curve) -> list[float]:
+def published_polynomial(curve: FittedSeries) -> list[float]:
     """Return A to G of eq. (7), degrees over powers of degrees.
 
     Args:
@@ -260,7 +256,7 @@ SMITH = _series("smith", "ABCDE", "Le Menn et al. 2023, eq. (5)", von_appen.desi
 POLYNOMIAL = _series("polynomial", "ABCDEFG", "Le Menn et al. 2023, eq. (7)", _powers)
 
 
-def described(curve: Curve) -> dict[str, Any]:
+def described(curve: FittedSeries) -> dict[str, Any]:
     """Return one fitted form for calibration.json."""
     coefficients = published_polynomial(curve) if curve.form is POLYNOMIAL else curve.coefficients.tolist()
     return {

@@ -15,7 +15,7 @@ SAME = "same"
 LEAST = 0.01  # of a coefficient's standard deviation: below lies what a solver leaves
 
 
-def told(old: str, new: str) -> str:
+def from_to(old: str, new: str) -> str:
     """Return one cell."""
     return SAME if old == new else f"{old} → {new}"
 
@@ -92,7 +92,6 @@ def table(header: Sequence[str], rows: Mapping[str, tuple[str, ...]]) -> str:
     """Return the rows beneath the header; a row of one cell runs across the columns.
 
     Args:
-        header: of the columns.
         rows: cells by name; none where nothing changed.
     """
     lines = [header, *((name, *(row or ("nothing changed",))) for name, row in rows.items())]

@@ -14,24 +14,21 @@ from compasslib.run import plan
 def run(asked: Namespace) -> int:
     """Print what is ready.
 
-    Args:
-        asked: ``cruise``, the folder.
-
     Raises:
         InputError: the first mistake, as the workflow would say it.
     """
     cruise = config.load(Path(asked.cruise))
     plan.plan(cruise, Path())
-    print("\n".join(_told(cruise)))
+    print("\n".join(_lines(cruise)))
     return 0
 
 
-def _told(cruise: Cruise) -> list[str]:
+def _lines(cruise: Cruise) -> list[str]:
     moorings = [f"  {name}: {_has(mooring)}" for name, mooring in cruise.moorings.items()]
     others = [f"  {name}: {one.kind}, {_files(one.files)}" for name, one in cruise.calibrations.items()]
-    told = [f"{_counted(len(moorings), 'mooring')} ready", *moorings]
-    told += [f"{_counted(len(others), 'calibration')} ready", *others] if others else []
-    return told + ["the demonstration's raw files are made by the run"] * cruise.options.demonstration
+    lines = [f"{_counted(len(moorings), 'mooring')} ready", *moorings]
+    lines += [f"{_counted(len(others), 'calibration')} ready", *others] if others else []
+    return lines + ["the demonstration's raw files are made by the run"] * cruise.options.demonstration
 
 
 def _has(mooring: Mooring) -> str:

@@ -13,7 +13,7 @@ import numpy as np
 from compasslib.archive.attributes import DATES
 from compasslib.archive.files import get, opened
 from compasslib.command import changes, diff_calibrations, folders, versions
-from compasslib.command.changes import SAME, coefficients, degrees, effects, table, told
+from compasslib.command.changes import SAME, coefficients, degrees, effects, from_to, table
 from compasslib.core import angles
 from compasslib.core.types import Floats
 from compasslib.report import words
@@ -40,7 +40,7 @@ SHOWN = (
 
 
 @dataclass(frozen=True)
-class Held:
+class MooringRun:
     """What one run says of one mooring."""
 
     series: Mapping[str, Any]  # variables of corrected.nc
@@ -69,10 +69,10 @@ def run(asked: Namespace) -> int:
     moorings = _rows(old.moorings, new.moorings, _row)
     calibrations = _rows(old.calibrations, new.calibrations, diff_calibrations.row)
     changed = [(HEADER, moorings), (diff_calibrations.HEADER, calibrations)]
-    told_of = [table(*one) for one in changed if any(one[1].values())]
-    told_of += _reasons(old.moorings, new.moorings, moorings)
-    told_of += diff_calibrations.reasons(old.calibrations, new.calibrations, calibrations)
-    print("\n\n".join(told_of) or _nothing(moorings, calibrations))
+    sections = [table(*one) for one in changed if any(one[1].values())]
+    sections += _reasons(old.moorings, new.moorings, moorings)
+    sections += diff_calibrations.reasons(old.calibrations, new.calibrations, calibrations)
+    print("\n\n".join(sections) or _nothing(moorings, calibrations))
     return INCOMPLETE if any(len(row) == 1 for rows in (moorings, calibrations) for row in rows.values()) else 0
 
 
@@ -92,7 +92,9 @@ def _reasons(old: Mapping[str, Path], new: Mapping[str, Path], rows: Mapping[str
             named = {what for column, what in CHANGES.items() if cells[column] != SAME}
             named |= {"uncertainty"} if SIGMA in cells["also changed"] else set()
             changed.setdefault(sides, set()).update(named)
-    return ["\n".join(lines) for sides, named in changed.items() if named and (lines := versions.told(*sides, named))]
+    return [
+        "\n".join(lines) for sides, named in changed.items() if named and (lines := versions.reasons(*sides, named))
+    ]
 
 
 def _software(folder: Path) -> str:
@@ -108,23 +110,23 @@ def _nothing(moorings: Mapping[str, Any], calibrations: Mapping[str, Any]) -> st
 
 def _row(old: Path | None, new: Path | None) -> tuple[str, ...]:
     """Return a mooring's cells; none where nothing changed, a single one where the two cannot be compared."""
-    return changes.row((old, new), folders.NEEDED, lambda a, b: _compared(_held(a), _held(b)))
+    return changes.row((old, new), folders.NEEDED, lambda a, b: _compared(_read(a), _read(b)))
 
 
-def _held(folder: Path) -> Held:
+def _read(folder: Path) -> MooringRun:
     with opened(folder / "corrected.nc") as nc:
         series = {name: get(nc, name) for name in dict.fromkeys([*NEEDED, *nc.variables])}
         attributes = {name: nc.getncattr(name) for name in nc.ncattrs() if name not in SHOWN}
     files = (folders.content(folder / f"{file}.json") for file in ("deviation", "diagnosis", "assessment"))
-    return Held(series, attributes, *files)
+    return MooringRun(series, attributes, *files)
 
 
-def _compared(old: Held, new: Held) -> tuple[str, ...]:
+def _compared(old: MooringRun, new: MooringRun) -> tuple[str, ...]:
     turned = _turned(old, new)
-    share = told(words.percent(_share(old)), words.percent(_share(new)))
+    share = from_to(words.percent(_share(old)), words.percent(_share(new)))
     found = (
-        told(old.diagnosis["verdict"], new.diagnosis["verdict"]),
-        told(effects(old.diagnosis), effects(new.diagnosis)),
+        from_to(old.diagnosis["verdict"], new.diagnosis["verdict"]),
+        from_to(effects(old.diagnosis), effects(new.diagnosis)),
     )
     fitted = coefficients(old.deviation, new.deviation)
     shown = {"assessment": turned[0], "diagnosis": "".join(found).replace(2 * SAME, SAME), "deviation": fitted}
@@ -133,11 +135,11 @@ def _compared(old: Held, new: Held) -> tuple[str, ...]:
     return (*turned, _in_sigmas(old, new), share, _flags(old, new), *found, fitted, ", ".join(others) or SAME)
 
 
-def _file(held: Held, name: str) -> Any:
-    return getattr(held, name)
+def _file(run: MooringRun, name: str) -> Any:
+    return getattr(run, name)
 
 
-def _turned(old: Held, new: Held) -> tuple[str, str]:
+def _turned(old: MooringRun, new: MooringRun) -> tuple[str, str]:
     """Return rms and largest turn of the true heading where both have one."""
     here, there = _common(old, new)
     turn = angles.difference(new.true_deg[there], old.true_deg[here])
@@ -150,13 +152,13 @@ def _turned(old: Held, new: Held) -> tuple[str, str]:
     return degrees(float(np.sqrt(np.mean(turn**2)))), degrees(float(np.max(np.abs(turn))))
 
 
-def _common(old: Held, new: Held) -> tuple[Any, Any]:
+def _common(old: MooringRun, new: MooringRun) -> tuple[Any, Any]:
     """Return where the samples of one time are in both."""
     _, here, there = np.intersect1d(old.series["TIME"], new.series["TIME"], return_indices=True)
     return here, there
 
 
-def _in_sigmas(old: Held, new: Held) -> str:
+def _in_sigmas(old: MooringRun, new: MooringRun) -> str:
     """Return the turns over what OLD stated as 1σ: who used it relied on that; both rest on the same data."""
     here, there = _common(old, new)
     turn = np.abs(angles.difference(new.true_deg[there], old.true_deg[here]))
@@ -170,7 +172,7 @@ def _in_sigmas(old: Held, new: Held) -> str:
     return ", ".join(words.significant(x, 2) for x in (*np.quantile(ratio, [0.5, 0.95]).tolist(), float(ratio.max())))
 
 
-def _flags(old: Held, new: Held) -> str:
+def _flags(old: MooringRun, new: MooringRun) -> str:
     """Return how many samples have another flag, and the commonest changes."""
     if FLAG not in old.series or FLAG not in new.series:
         return SAME if FLAG not in {*old.series, *new.series} else "none on one side"
@@ -182,12 +184,12 @@ def _flags(old: Held, new: Held) -> str:
     return f"{count.sum()} of {len(here)} ({', '.join(listed)})" if count.size else SAME
 
 
-def _share(held: Held) -> float:
-    corrected = np.isfinite(held.series["HEADING_CORRECTED"])
+def _share(run: MooringRun) -> float:
+    corrected = np.isfinite(run.series["HEADING_CORRECTED"])
     return float(corrected.mean()) if corrected.size else 0.0
 
 
-def _variables(old: Held, new: Held, turned: str) -> list[str]:
+def _variables(old: MooringRun, new: MooringRun, turned: str) -> list[str]:
     """Return the variables of corrected.nc that differ, those left out that turn with the heading."""
     names = dict.fromkeys([*old.series, *new.series])
     differing = [name for name in names if not _equal(old.series.get(name), new.series.get(name))]
@@ -197,7 +199,7 @@ def _variables(old: Held, new: Held, turned: str) -> list[str]:
     return [name for name in differing if name not in follow]
 
 
-def _attributes(old: Held, new: Held) -> list[str]:
+def _attributes(old: MooringRun, new: MooringRun) -> list[str]:
     keys = dict.fromkeys([*old.attributes, *new.attributes])
     return [f"attribute {key}" for key in keys if not _equal(old.attributes.get(key), new.attributes.get(key))]
 

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from compasslib.archive import calibrations as archive
-from compasslib.calibration.result import Table
+from compasslib.calibration.result import DeviationTable
 from compasslib.command import changes, folders, versions
-from compasslib.command.changes import SAME, coefficients, degrees, effects, told
+from compasslib.command.changes import SAME, coefficients, degrees, effects, from_to
 from compasslib.core import angles
 from compasslib.report import words
 
@@ -31,11 +31,11 @@ SHOWN = ("model", "coefficients", "covariance", "uncertainty", "software", "date
 
 
 @dataclass(frozen=True)
-class Held:
+class CalibrationRun:
     """What one run says of one calibration."""
 
     content: Mapping[str, Any]  # calibration.json
-    table: Table
+    table: DeviationTable
     diagnosis: Mapping[str, Any]  # empty where a kind is not diagnosed
 
 
@@ -48,7 +48,7 @@ def row(old: Path | None, new: Path | None) -> tuple[str, ...]:
     Raises:
         InputError: a file is damaged.
     """
-    return changes.row((old, new), folders.CALIBRATION, lambda a, b: _compared(_held(a), _held(b)))
+    return changes.row((old, new), folders.CALIBRATION, lambda a, b: _compared(_read(a), _read(b)))
 
 
 def reasons(old: Mapping[str, Path], new: Mapping[str, Path], rows: Mapping[str, tuple[str, ...]]) -> list[str]:
@@ -65,18 +65,18 @@ def reasons(old: Mapping[str, Path], new: Mapping[str, Path], rows: Mapping[str,
             one, other = (folders.content(side / "calibration.json") for side in (earlier, new[name]))
             sides = str(one.get("software", "")), str(other.get("software", ""))
             changed.setdefault(sides, set()).add(f"calibration:{other['kind']}")
-    return ["\n".join(lines) for sides, named in changed.items() if (lines := versions.told(*sides, named))]
+    return ["\n".join(lines) for sides, named in changed.items() if (lines := versions.reasons(*sides, named))]
 
 
-def _held(folder: Path) -> Held:
+def _read(folder: Path) -> CalibrationRun:
     file = folder / "diagnosis.json"
     found = folders.content(file) if file.is_file() else {}
-    return Held(folders.content(folder / "calibration.json"), archive.read_table(folder / "table.csv"), found)
+    return CalibrationRun(folders.content(folder / "calibration.json"), archive.read_table(folder / "table.csv"), found)
 
 
-def _compared(old: Held, new: Held) -> tuple[str, ...]:
-    found = (told(_verdict(old), _verdict(new)), told(_effects(old), _effects(new)))
-    sure = told(*(words.degrees(one.content["uncertainty"]["expanded_deg"], 2) for one in (old, new)))
+def _compared(old: CalibrationRun, new: CalibrationRun) -> tuple[str, ...]:
+    found = (from_to(_verdict(old), _verdict(new)), from_to(_effects(old), _effects(new)))
+    sure = from_to(*(words.degrees(one.content["uncertainty"]["expanded_deg"], 2) for one in (old, new)))
     fitted = coefficients(_fit(old.content), _fit(new.content))
     keys = dict.fromkeys([*old.content, *new.content])
     others = [key for key in keys if key not in SHOWN and old.content.get(key) != new.content.get(key)]
@@ -85,7 +85,7 @@ def _compared(old: Held, new: Held) -> tuple[str, ...]:
     return (*_turned(old.table, new.table), sure, *found, fitted, ", ".join(others) or SAME)
 
 
-def _turned(old: Table, new: Table) -> tuple[str, str]:
+def _turned(old: DeviationTable, new: DeviationTable) -> tuple[str, str]:
     """Return rms and largest change of the deviation at the headings that both tables have."""
     _, here, there = np.intersect1d(old.heading_deg, new.heading_deg, return_indices=True)
     change = angles.difference(new.deviation_deg[there], old.deviation_deg[here])
@@ -98,12 +98,12 @@ def _turned(old: Table, new: Table) -> tuple[str, str]:
     return degrees(float(np.sqrt(np.mean(change**2)))), degrees(float(np.max(np.abs(change))))
 
 
-def _verdict(held: Held) -> str:
-    return str(held.diagnosis["verdict"]) if held.diagnosis else "none"
+def _verdict(run: CalibrationRun) -> str:
+    return str(run.diagnosis["verdict"]) if run.diagnosis else "none"
 
 
-def _effects(held: Held) -> str:
-    return effects(held.diagnosis) if held.diagnosis else "none"
+def _effects(run: CalibrationRun) -> str:
+    return effects(run.diagnosis) if run.diagnosis else "none"
 
 
 def _fit(content: Mapping[str, Any]) -> dict[str, Any]:

@@ -9,9 +9,9 @@ from pathlib import Path
 
 from compasslib.archive import summary
 from compasslib.command import folders
-from compasslib.report import found, mooring
-from compasslib.report.mooring import Results
-from compasslib.report.section import Finding
+from compasslib.report import found, mooring, results
+from compasslib.report.results import MooringResults
+from compasslib.report.section import ReportedFinding
 
 WIDTH, INDENT = 100, "  "
 
@@ -28,33 +28,33 @@ def run(asked: Namespace) -> int:
     folder = folders.of_mooring(asked.cruise, asked.mooring).resolve()
     folders.refuse_half(folder)
     with folders.of_this_version(folder):
-        lines = told(_read(folder))
+        lines = lines_of(_read(folder))
     print("\n".join(lines))
     return 0
 
 
-def _read(folder: Path) -> Results:
+def _read(folder: Path) -> MooringResults:
     for file in (name for name in folders.NEEDED if name in folders.KEYS):
         folders.content(folder / file)
     row = summary.row(folder.name, folder)
-    return mooring.read(row["name"], folder.parent, {name: str(value) for name, value in row.items()})
+    return results.of_mooring(row["name"], folder.parent, {name: str(value) for name, value in row.items()})
 
 
-def told(results: Results) -> list[str]:
+def lines_of(read: MooringResults) -> list[str]:
     """Return the lines."""
-    head = results.headings
-    facts = [("Method", mooring.made_with(results.fit)), *mooring.counted(head), *mooring.sure(head)]
-    warnings = [said for said in results.row["warnings"].split(" | ") if said]
-    lines = [f"{results.name}: {results.diagnosis['verdict']}", *_wrapped(mooring.sentences(results))]
+    head = read.headings
+    facts = [("Method", mooring.made_with(read.fit)), *mooring.counted(head), *mooring.sure(head)]
+    warnings = [warning for warning in read.row["warnings"].split(" | ") if warning]
+    lines = [f"{read.name}: {read.diagnosis['verdict']}", *_wrapped(mooring.sentences(read))]
     lines += ["", *_wrapped(f"{name}: {value}" for name, value in facts)]
-    for finding in found.findings(results.diagnosis, product=True):
+    for finding in found.findings(read.diagnosis, product=True):
         lines += ["", *_finding(finding)]
-    for title, sentences in (("What it cannot tell", found.cannot_tell(results.diagnosis)), ("Warnings", warnings)):
+    for title, sentences in (("What it cannot tell", found.cannot_tell(read.diagnosis)), ("Warnings", warnings)):
         lines += ["", title, *_wrapped(sentences)] if sentences else []
     return lines
 
 
-def _finding(finding: Finding) -> list[str]:
+def _finding(finding: ReportedFinding) -> list[str]:
     facts = [f"{name}: {value}" for name, value in finding.facts]
     numbers = [": ".join(row) for row in finding.parameters.rows] if finding.parameters else []
     return [f"Found: {finding.title}", *_wrapped([finding.text, *facts, *numbers])]

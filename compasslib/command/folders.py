@@ -142,10 +142,10 @@ def content(file: Path) -> dict[str, Any]:
     Raises:
         InputError: it is no JSON, or lacks a key that every run writes.
     """
-    held = netcdf.read_json(file)
+    read = netcdf.read_json(file)
     keys = next(keys for name, keys in KEYS.items() if file.match(name))
-    absent = [key for key in keys if not isinstance(held, dict) or key not in held]
+    absent = [key for key in keys if not isinstance(read, dict) or key not in read]
     if absent:
         advice = "delete it and run the cruise again"
         raise InputError(str(file), expected=f"the key {absent[0]}", found="none", advice=advice)
-    return dict(held)
+    return dict(read)

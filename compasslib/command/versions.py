@@ -22,7 +22,7 @@ _SOFTWARE = re.compile(r"compasslib (\d+(?:\.\d+)+) \((.*)\)")
 
 
 @dataclass(frozen=True)
-class Entry:
+class ChangelogEntry:
     """One entry of the changelog."""
 
     version: str
@@ -30,7 +30,7 @@ class Entry:
     changes: frozenset[str]  # of KINDS, or calibration:KIND; none where it changes no result
 
 
-def entries(text: str) -> list[Entry]:
+def entries(text: str) -> list[ChangelogEntry]:
     """Return the entries of a changelog, newest first.
 
     Args:
@@ -40,14 +40,14 @@ def entries(text: str) -> list[Entry]:
     found = []
     for version, section in zip(parts[::2], parts[1::2], strict=True):
         for point in _ENTRY.findall(section):
-            said = " ".join(point.split())
-            tags = _TAGS.search(said)
+            joined = " ".join(point.split())
+            tags = _TAGS.search(joined)
             changes = frozenset(tag.strip() for tag in tags[1].split(",")) if tags else frozenset()
-            found.append(Entry(version, _TAGS.sub("", said), changes))
+            found.append(ChangelogEntry(version, _TAGS.sub("", joined), changes))
     return found
 
 
-def told(old: str, new: str, changed: Iterable[str], changelog: Path | None = None) -> list[str]:
+def reasons(old: str, new: str, changed: Iterable[str], changelog: Path | None = None) -> list[str]:
     """Return lines that say by what software two results were made, and what in it may be the reason of the change.
 
     Args:
@@ -80,13 +80,13 @@ def _why(old: str, new: str, changed: frozenset[str], changelog: Path) -> list[s
     return [first, *(f"{entry.version}: {entry.text}" for entry in matching)]
 
 
-def _lies(entry: Entry, low: tuple[int, ...], high: tuple[int, ...]) -> bool:
+def _lies(entry: ChangelogEntry, low: tuple[int, ...], high: tuple[int, ...]) -> bool:
     """Tell whether an entry came after one version, and not after the other; between commits of one version any may."""
     at = _number(entry.version)
     return low < at <= high or low == at == high
 
 
-def _touches(entry: Entry, changed: frozenset[str]) -> bool:
+def _touches(entry: ChangelogEntry, changed: frozenset[str]) -> bool:
     """Tell whether an entry can change any of these; one of calibrations at large touches each kind of them."""
     return any(one in entry.changes or one.partition(":")[0] in entry.changes for one in changed)
 

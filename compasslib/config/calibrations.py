@@ -59,7 +59,7 @@ Pair = Annotated[tuple[float, ...], BeforeValidator(_of_both(_angle))]
 Orientations = Annotated[tuple[str, ...], BeforeValidator(_of_both(_orientation))]
 
 
-class Kind(Section):
+class KindKey(Section):
     """The key that says which others there are."""
 
     kind: Literal["platform", "swing", "magnetometer", "declination", "two_heads"] = key(
@@ -67,7 +67,7 @@ class Kind(Section):
     )
 
 
-class CalibrationFile(Kind):
+class CalibrationFile(KindKey):
     """config/calibrations/NAME.yaml: the keys of every kind."""
 
     files: Files = key(
@@ -148,7 +148,7 @@ class SunMark(Section):
     time_utc: Time = key("a UTC time from 1980 to 2100", "2022-09-29T09:00:00Z")
 
 
-class Swing(CalibrationFile):
+class SwingFile(CalibrationFile):
     """A vessel turned under way, its course by satellites."""
 
     format: Annotated[Literal["csv", "nmea0183"], BeforeValidator(_csv)] = key("csv or nmea0183", "csv", "csv")
@@ -183,7 +183,7 @@ class MagnetometerColumns(Section):
     temperature_c: Text | None = _header("degrees Celsius")
 
 
-class Magnetometer(CalibrationFile):
+class MagnetometerFile(CalibrationFile):
     """A magnetometer turned about."""
 
     format: Annotated[Literal["csv", "mmp_acm"], BeforeValidator(_csv)] = key("csv or mmp_acm", "csv", "csv")
@@ -218,8 +218,8 @@ class TwoHeads(CalibrationFile):
 
 MODELS: dict[str, type[CalibrationFile]] = {
     "platform": Platform,
-    "swing": Swing,
-    "magnetometer": Magnetometer,
+    "swing": SwingFile,
+    "magnetometer": MagnetometerFile,
     "declination": DeclinationSeries,
     "two_heads": TwoHeads,
 }

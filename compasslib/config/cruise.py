@@ -15,9 +15,9 @@ import yaml
 from pydantic import BaseModel, ValidationError
 from pydantic_core import PydanticCustomError
 
-from compasslib.config.calibrations import MODELS, CalibrationFile, Kind, check_comparisons
-from compasslib.config.paths import Place
-from compasslib.config.schema import Mooring, Options, allowed_keys
+from compasslib.config.calibrations import MODELS, CalibrationFile, KindKey, check_comparisons
+from compasslib.config.paths import RawFolder
+from compasslib.config.schema import CruiseOptions, Mooring, allowed_keys
 from compasslib.config.values import NAME_WORDS, shown
 from compasslib.config.values import name as checked_name
 from compasslib.core.errors import InputError
@@ -34,7 +34,7 @@ class Cruise:
     """A cruise folder and what its YAML files say, defaults filled in."""
 
     root: Path
-    options: Options
+    options: CruiseOptions
     moorings: dict[str, Mooring]  # by name, in the order of the file names
     mooring_files: dict[str, str]  # the YAML file of each, relative to the root
     calibrations: dict[str, CalibrationFile]  # by name, which is that of the file
@@ -43,14 +43,11 @@ class Cruise:
 def load(cruise: Path) -> Cruise:
     """Return the configuration of a cruise, every raw file found and every glob written out.
 
-    Args:
-        cruise: folder that holds config/config.yaml.
-
     Raises:
         InputError: at the first mistake, naming file, key, what is allowed and what was found.
     """
-    options = validate(Options, read(cruise, CONFIG, "moorings: config/moorings"), CONFIG)
-    place = Place(cruise, made_later=options.demonstration)
+    options = validate(CruiseOptions, read(cruise, CONFIG, "moorings: config/moorings"), CONFIG)
+    place = RawFolder(cruise, made_later=options.demonstration)
     moorings: dict[str, Mooring] = {}
     files: dict[str, str] = {}
     for file in _mooring_files(cruise, options.moorings):
@@ -63,11 +60,10 @@ def load(cruise: Path) -> Cruise:
     return Cruise(cruise, options, moorings, files, calibrations)
 
 
-def validate(model: type[Model], raw: dict[str, Any], file: str, place: Place | None = None) -> Model:
+def validate(model: type[Model], raw: dict[str, Any], file: str, place: RawFolder | None = None) -> Model:
     """Return the model of a mapping.
 
     Args:
-        file: its path, with which a message begins.
         place: where raw files are looked for; not looked for where absent.
 
     Raises:
@@ -104,7 +100,7 @@ def _printable(name: str, folder: str) -> str:
     return name
 
 
-def _mooring(file: str, options: Options, place: Place) -> Mooring:
+def _mooring(file: str, options: CruiseOptions, place: RawFolder) -> Mooring:
     raw = read(place.root, file, "name: EG4")
     mooring = validate(Mooring, _with_options(raw, options), file, place)
     calibration = f"{CALIBRATIONS}/{mooring.fit.name}.yaml"
@@ -114,7 +110,7 @@ def _mooring(file: str, options: Options, place: Place) -> Mooring:
     return mooring
 
 
-def _calibrations(cruise: Path, place: Place) -> dict[str, CalibrationFile]:
+def _calibrations(cruise: Path, place: RawFolder) -> dict[str, CalibrationFile]:
     folder = cruise / CALIBRATIONS
     listed = sorted(os.listdir(folder)) if folder.is_dir() else []
     files = [f"{CALIBRATIONS}/{file}" for file in listed if file.endswith((".yaml", ".yml")) and file[0] != "."]
@@ -138,9 +134,9 @@ def _calibration_name(file: str) -> str:
     return stem
 
 
-def _calibration(file: str, place: Place) -> CalibrationFile:
+def _calibration(file: str, place: RawFolder) -> CalibrationFile:
     raw = read(place.root, file, "kind: platform")
-    kind = validate(Kind, {key: raw[key] for key in ("kind",) if key in raw}, file).kind
+    kind = validate(KindKey, {key: raw[key] for key in ("kind",) if key in raw}, file).kind
     return validate(MODELS[kind], raw, file, place)
 
 
@@ -152,7 +148,7 @@ def _refuse_nowhere(name: str | None, calibrations: dict[str, CalibrationFile], 
     raise InputError(f"{file}: fit.name", expected=expected, found="none", advice="add them there")
 
 
-def _with_options(raw: dict[str, Any], options: Options) -> dict[str, Any]:
+def _with_options(raw: dict[str, Any], options: CruiseOptions) -> dict[str, Any]:
     fit, diagnose = raw.get("fit"), raw.get("diagnose")
     # Method and name of a fit belong together; the switches of the diagnosis are each their own.
     filled = raw if fit is not None else raw | {"fit": options.fit.model_dump()}
@@ -403,8 +399,8 @@ def _syntax_error(text: str, name: str, error: yaml.MarkedYAMLError) -> InputErr
     if text[mark.index : mark.index + 1] == "\t":
         advice = "replace the tab by spaces"
         return InputError(_place(name, mark), expected="spaces", found="a tab", advice=advice)
-    said = str(error.problem)
-    found, advice = next((words for sign, *words in _SYNTAX if sign in said), (said, "check indentation and quotes"))
+    what = str(error.problem)
+    found, advice = next((words for sign, *words in _SYNTAX if sign in what), (what, "check indentation and quotes"))
     return InputError(_place(name, mark), expected="YAML", found=found, advice=advice)
 
 

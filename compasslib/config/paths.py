@@ -17,7 +17,7 @@ RESULTS = "results"
 
 
 @dataclass(frozen=True)
-class Place:
+class RawFolder:
     """Where raw files are looked for, given to the models as their validation context."""
 
     root: Path
@@ -54,7 +54,7 @@ def raw_files(value: Any, info: ValidationInfo) -> tuple[str, ...]:
     """Return existing raw files, globs expanded and sorted; only checked for form where no place is given.
 
     Args:
-        info: its context is a ``Place`` or None.
+        info: its context is a ``RawFolder`` or None.
     """
     listed, place = paths(value), info.context
     if not listed:
@@ -65,7 +65,7 @@ def raw_files(value: Any, info: ValidationInfo) -> tuple[str, ...]:
     return tuple(dict.fromkeys(found))
 
 
-def _refuse_results(file: str, place: Place | None) -> None:
+def _refuse_results(file: str, place: RawFolder | None) -> None:
     """Refuse a raw file that a run may write over, be it by way of a link."""
     inside = file.startswith(f"{RESULTS}/")
     if place is not None and not inside:
@@ -76,7 +76,7 @@ def _refuse_results(file: str, place: Place | None) -> None:
         raise problem(None, f"a file outside {RESULTS}/, which each run may write over", shown(file), apart)
 
 
-def _expand(path: str, place: Place) -> list[str]:
+def _expand(path: str, place: RawFolder) -> list[str]:
     is_glob = any(mark in path for mark in "*?[")
     if os.path.isfile(place.root / path) or (place.made_later and not is_glob):
         return [path]
@@ -91,9 +91,11 @@ def _expand(path: str, place: Place) -> list[str]:
         _refuse_unusable(file)
     if not files:
         other = os.path.lexists(place.root / path)
-        said = f"no file that matches {path}" if is_glob else f"no file {path}"
-        said = f"{path}, a pipe, a device or a link that leads nowhere" if other else said
-        raise problem(None, "an existing file", said, "put it there or correct the path, relative to the cruise folder")
+        found = f"no file that matches {path}" if is_glob else f"no file {path}"
+        found = f"{path}, a pipe, a device or a link that leads nowhere" if other else found
+        raise problem(
+            None, "an existing file", found, "put it there or correct the path, relative to the cruise folder"
+        )
     return files
 
 

@@ -98,7 +98,7 @@ class Overlap(Section):
     grid_tolerance_minutes: Number = key("minutes from 0 to 1440", "30", 30.0, ge=0, le=1440)
 
 
-class Fit(Section):
+class FitOptions(Section):
     """The model of the deviation."""
 
     method: Literal["exact", "von_appen", "calibration"] = key("exact, von_appen or calibration", "exact", "exact")
@@ -136,7 +136,7 @@ class Conventions(Section):
     check: Switch = key("true or false", "true", False)
 
 
-class Options(Section):
+class CruiseOptions(Section):
     """config/config.yaml: the options of a run."""
 
     moorings: MooringPaths = key("a folder of mooring files or a list of them", "config/moorings", "config/moorings")
@@ -144,7 +144,7 @@ class Options(Section):
     seed: Count = key("a whole number from 0 to 4294967295", "2007", 2007, ge=0, le=2**32 - 1)
     attributes: Attributes = key(_ATTRIBUTES_WORDS, "{institution: My Institute}", {})
     overlap: Overlap = key("a mapping", "{max_minutes: 20}", Overlap())
-    fit: Fit = key("a mapping", "{method: exact}", Fit())
+    fit: FitOptions = key("a mapping", "{method: exact}", FitOptions())
     diagnose: Diagnose = key("a mapping", "{enabled: true}", Diagnose())
     conventions: Conventions = key("a mapping", "{check: true}", Conventions())
 
@@ -260,7 +260,7 @@ class Mooring(Section):
     reference: Name | None = key("the name of the trusted instrument", "deep", None)
     instruments: dict[Name, Instrument] = key("a mapping of names to instruments", "{top: {format: pd0, ...}}")
     attributes: Attributes = key(_ATTRIBUTES_WORDS, "{project: My Project}", {})
-    fit: Fit = key("a mapping", "{method: exact}", Fit())
+    fit: FitOptions = key("a mapping", "{method: exact}", FitOptions())
     diagnose: Diagnose = key("a mapping", "{apply: true}", Diagnose())
     covariates: dict[Name, Covariate] = key("a mapping of names to series", "{obs: {format: iaga2002, ...}}", {})
 

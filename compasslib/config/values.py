@@ -55,18 +55,13 @@ def problem(
 
     Args:
         key: key below the place where the error is raised.
-        advice: what to write instead.
     """
     words = {"key": key, "expected": expected, "found": found, "advice": advice}
     return PydanticCustomError("cruise", "not usable", words)
 
 
 def shown(value: object) -> str:
-    """Return a value as a message repeats it, in the words of YAML.
-
-    Args:
-        value: anything that YAML can give.
-    """
+    """Return a value as a message repeats it, in the words of YAML."""
     if value is None:
         return "nothing"
     if isinstance(value, bool):

@@ -35,8 +35,6 @@ def igrf(latitude: float, longitude: float, time_s: ArrayLike) -> tuple[Floats, 
     """Return declination (degrees east), horizontal and downward field (nT) at sea level.
 
     Args:
-        latitude: degrees north.
-        longitude: degrees east.
         time_s: UTC seconds since 1970, shape (k,).
 
     Raises:
@@ -67,8 +65,6 @@ def along_time(
     """Return the field over a deployment; a given declination overrides the model's and is compared with it.
 
     Args:
-        latitude: degrees north.
-        longitude: degrees east.
         start_s: first instant, UTC seconds since 1970.
         end_s: last instant, UTC seconds since 1970.
         declination: degrees east from the metadata, or None for the model's.
@@ -127,11 +123,7 @@ def dip_ratio(field: EarthField) -> float:
 
 
 def from_json(content: Mapping[str, Any]) -> EarthField:
-    """Return the field that field.json holds.
-
-    Args:
-        content: the file's content.
-    """
+    """Return the field that field.json holds."""
     texts: dict[str, Any] = {"source": content["source"], "warnings": tuple(content["warnings"])}
     series: dict[str, Any] = {key: np.array(value) for key, value in content.items() if key not in texts}
     return EarthField(**series, **texts)
@@ -153,7 +145,6 @@ def igrf_vector(latitude: float, longitude: float, days: Floats) -> tuple[Floats
 
     Args:
         latitude: degrees north, geodetic.
-        longitude: degrees east.
         days: since 1970, within the model's years, (k,).
     """
     nodes, degree, order, values = _coefficients()

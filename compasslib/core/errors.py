@@ -10,7 +10,6 @@ class InputError(Exception):
 
     Args:
         where: file, with key or record, e.g. ``config/moorings/EG4.yaml: latitude``.
-        advice: what to write or do instead.
     """
 
     def __init__(self, where: str, *, expected: str, found: object, advice: str):

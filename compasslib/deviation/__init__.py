@@ -56,7 +56,6 @@ def fit(method: str, pairs: Pairs, near: Fit | None = None, *, dip_ratio: float 
 
     Args:
         method: ``exact`` or ``von_appen``; ``calibration`` returns ``near``.
-        pairs: overlapping measurements.
         near: a fit of the same method to much the same pairs, to start from.
         dip_ratio: Z/H of the earth's field where tilt is to be in the model (``exact`` only); 0 for a level one.
     """

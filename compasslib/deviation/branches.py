@@ -78,7 +78,6 @@ def undecided(decision: Decision, shown: int, pairs: int) -> Decision:
     Args:
         decision: made with these pairs.
         shown: pairs that show on which branch they are, see ``resolved``.
-        pairs: all of them.
     """
     if shown >= min(FEWEST_SHOWN, SHARE_SHOWN * pairs):
         return decision

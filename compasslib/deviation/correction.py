@@ -164,11 +164,7 @@ def _left_out_by_tilt(readings: Readings) -> Floats:
 
 
 def readings_of(pairs: Pairs) -> Readings:
-    """Return what the compromised compass recorded at the overlaps.
-
-    Args:
-        pairs: overlapping measurements.
-    """
+    """Return what the compromised compass recorded at the overlaps."""
     water = in_body_frame(pairs.upper_east, pairs.upper_north, pairs.heading_deg)
     return Readings(pairs.time_s, pairs.heading_deg, pairs.pitch_deg, pairs.roll_deg, water)
 

@@ -44,7 +44,6 @@ def fit(pairs: Pairs, near: Fit | None = None) -> Fit:
     """Return the exact compass that best explains the overlap's directions given the recorded headings.
 
     Args:
-        pairs: overlapping measurements.
         near: a fit to start from, where the right fold is known already.
     """
     if len(pairs) < model.FEWEST_PAIRS:
@@ -57,7 +56,6 @@ def held_out_scores(form: Form, pairs: Pairs, fold: NDArray[np.signedinteger], n
     """Return the log-likelihood of each pair under a form fitted to the other folds, (n,).
 
     Args:
-        pairs: overlapping measurements.
         fold: number of the fold that each pair belongs to, (n,).
         near: a fit of the same form to all pairs, to start from.
     """
@@ -90,7 +88,6 @@ def scores_at(coefficients: Floats, pairs: Pairs, fit: Fit) -> tuple[float, Floa
 
     Args:
         coefficients: A..E of the exact compass, (5,).
-        pairs: overlapping measurements.
     """
     data = _overlap(pairs).sample(fit.noise, FINE, EXACT)
     parameters = np.append(coefficients, np.log(fit.noise.compass_deg))
@@ -226,14 +223,14 @@ def _fit_noise(near: Noise, overlap: _Overlap, parameters: Floats, prior: Floats
     """Fit floor, slow part and outliers of the scatter with the compass held."""
     few = overlap.take(np.arange(0, len(overlap.observed_deg), max(1, len(overlap.observed_deg) // NOISE_PAIRS)))
     given = likelihood.given_recorded(parameters, few.recorded_deg, prior, FINE, form)
-    return fit_noise(Seen(given, few.squared_chord, few.upper_speed, few.lower_speed), near)
+    return fit_noise(ScatterData(given, few.squared_chord, few.upper_speed, few.lower_speed), near)
 
 
 # The scatter of directions fitted with the compass held: its floor, what slow water adds, the outliers.
 
 
 @dataclass(frozen=True)
-class Seen:
+class ScatterData:
     """What the scatter is fitted to; n pairs."""
 
     given: Floats  # (n, CELLS) distribution of the correct heading, the direction left out
@@ -242,7 +239,7 @@ class Seen:
     lower_speed: Floats  # (n,) m/s
 
 
-def fit_noise(seen: Seen, near: Noise) -> Noise:
+def fit_noise(seen: ScatterData, near: Noise) -> Noise:
     """Return the scatter under which the observed headings are likeliest; the compass's own noise is not in it.
 
     Args:
@@ -258,7 +255,7 @@ def fit_noise(seen: Seen, near: Noise) -> Noise:
     return _noise(bfgs.minimise(loss, np.array(start), NOISE_BOUNDS, NOISE_STEPS)[0])
 
 
-def log_likelihood(x: Floats, seen: Seen) -> tuple[float, Floats]:
+def log_likelihood(x: Floats, seen: ScatterData) -> tuple[float, Floats]:
     """Return the log-likelihood and its gradient.
 
     With r = 1 / (1 + chord^2 / (FREEDOM width^2)) the density is r^POWER over its sum, and a relative change of the

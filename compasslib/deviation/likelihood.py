@@ -135,7 +135,6 @@ def value(parameters: Floats, data: Sample, prior: Floats, grid: Grid) -> float:
     Args:
         parameters: A, B, C, D, E and the logarithm of the compass noise in degrees, (6,).
         prior: pi on the cells, (CELLS,), sums to 1.
-        grid: the grid that the sample was sorted on.
     """
     return float(np.sum(values(parameters, data, prior, grid)))
 
@@ -146,7 +145,6 @@ def values(parameters: Floats, data: Sample, prior: Floats, grid: Grid) -> Float
     Args:
         parameters: A, B, C, D, E and the logarithm of the compass noise in degrees, (6,).
         prior: pi on the cells, (CELLS,), sums to 1.
-        grid: the grid that the sample was sorted on.
     """
     parts = _parts(parameters, data, prior, grid)
     result = np.empty(len(data.row))
@@ -160,7 +158,6 @@ def value_and_gradient(parameters: Floats, data: Sample, prior: Floats, grid: Gr
     Args:
         parameters: A, B, C, D, E and the logarithm of the compass noise in degrees, (6,).
         prior: pi on the cells, (CELLS,), sums to 1.
-        grid: the grid that the sample was sorted on.
     """
     parts = _parts(parameters, data, prior, grid)
     total = float(np.sum(np.log(parts.joint) - np.log(parts.marginal[data.row])))
@@ -177,7 +174,6 @@ def scores(parameters: Floats, data: Sample, prior: Floats, grid: Grid) -> Float
     Args:
         parameters: A, B, C, D, E and the logarithm of the compass noise in degrees, (6,).
         prior: pi on the cells, (CELLS,), sums to 1.
-        grid: the grid that the sample was sorted on.
     """
     parts = _parts(parameters, data, prior, grid)
     pull = parts.near.offset / np.exp(2.0 * parameters[5])
@@ -195,7 +191,6 @@ def occupancy(parameters: Floats, data: Sample, prior: Floats, grid: Grid) -> Fl
     Args:
         parameters: A, B, C, D, E and the logarithm of the compass noise in degrees, (6,).
         prior: pi on the cells, (CELLS,), sums to 1.
-        grid: the grid that the sample was sorted on.
     """
     parts = _parts(parameters, data, prior, grid)
     return np.asarray(np.sum(parts.given * data.scatter.summed(1.0 / parts.joint), axis=0))
@@ -208,7 +203,6 @@ def given_recorded(parameters: Floats, recorded_deg: Floats, prior: Floats, grid
         parameters: A, B, C, D, E and the logarithm of the compass noise in degrees, (6,).
         recorded_deg: recorded headings, (n,), degrees.
         prior: pi on the cells, (CELLS,), sums to 1.
-        grid: the grid that they are sorted on.
         form: the curve that is held against them.
     """
     occupied, row = np.unique(grid.bin_of(recorded_deg), return_inverse=True)

@@ -97,11 +97,7 @@ class Fit:
 
 
 def from_json(content: Mapping[str, Any]) -> Fit:
-    """Return the fit that a deviation.json describes.
-
-    Args:
-        content: the file's content.
-    """
+    """Return the fit that a deviation.json describes."""
     letters, span, rms = content["coefficients"], content["recorded_range_deg"], content["residual_rms_deg"]
     return Fit(
         method=content["method"],
@@ -128,20 +124,12 @@ def too_few(method: str, n_pairs: int) -> Fit:
 
 
 def observed_heading(pairs: Pairs) -> Floats:
-    """Return the correct heading as the overlap shows it, beta = D_bot - D_top + gamma (von Appen 2015, eq. 2).
-
-    Args:
-        pairs: n overlapping measurements.
-    """
+    """Return the correct heading as the overlap shows it, beta = D_bot - D_top + gamma (von Appen 2015, eq. 2)."""
     return angles.wrap360(observed_deviation(pairs) + pairs.heading_deg)
 
 
 def observed_deviation(pairs: Pairs) -> Floats:
-    """Return the deviation as the overlap shows it, D_bot - D_top in [-180, 180) (von Appen 2015, eq. 3).
-
-    Args:
-        pairs: n overlapping measurements.
-    """
+    """Return the deviation as the overlap shows it, D_bot - D_top in [-180, 180) (von Appen 2015, eq. 3)."""
     lower = angles.direction(pairs.lower_east, pairs.lower_north)
     return angles.difference(lower, angles.direction(pairs.upper_east, pairs.upper_north))
 
@@ -150,7 +138,6 @@ def chosen(series: Series, which: NDArray[Any] | slice) -> Series:
     """Return some of the samples.
 
     Args:
-        series: n samples.
         which: positions, a mask or a slice.
     """
     columns: dict[str, Any] = {k: column[which] for k, column in vars(series).items() if isinstance(column, np.ndarray)}
@@ -170,20 +157,12 @@ def nearest_root(roots_deg: Floats, observed_deg: Floats) -> Floats:
 
 
 def residual(fit: Fit, pairs: Pairs) -> Floats:
-    """Return the observed heading minus the model's, the nearer root where there are two, degrees; NaN without a root.
-
-    Args:
-        pairs: overlapping measurements.
-    """
+    """Return the observed heading minus the model's, the nearer of two roots, degrees; NaN without a root."""
     roots = compass.inverse(fit.coefficients, pairs.heading_deg)
     observed = observed_heading(pairs)
     return angles.difference(observed, nearest_root(roots, observed))
 
 
 def speeds(pairs: Pairs) -> tuple[Floats, Floats]:
-    """Return the speeds of the upper and the lower water, m/s.
-
-    Args:
-        pairs: n overlapping measurements.
-    """
+    """Return the speeds of the upper and the lower water, m/s."""
     return np.hypot(pairs.upper_east, pairs.upper_north), np.hypot(pairs.lower_east, pairs.lower_north)

@@ -38,7 +38,6 @@ def covariance(scores: Floats, precision: Floats, fit: Fit, pairs: Pairs, effect
         scores: each pair's gradient of the log-likelihood, (n, p).
         precision: of the weak priors, (p,).
         fit: coefficients and noise of the exact compass.
-        pairs: overlapping measurements, n of them.
     """
     scores = np.clip(scores, -STEEPEST, STEEPEST)
     information = scores.T @ scores + np.diag(precision)

@@ -27,7 +27,7 @@ class Place:
 
 
 @dataclass(frozen=True)
-class Carried:
+class Transferred:
     """Coefficients at another place, with what is not known about them."""
 
     coefficients: Floats  # (5,) A..E of the exact compass, dimensionless
@@ -37,7 +37,7 @@ class Carried:
     warning: str  # a sentence where the two differ or the field is too weak, else empty
 
 
-def carry(coefficients: ArrayLike, covariance: ArrayLike, home: Place, away: Place) -> Carried:
+def carry(coefficients: ArrayLike, covariance: ArrayLike, home: Place, away: Place) -> Transferred:
     """Return coefficients calibrated at one place as they are at another.
 
     How much of B and C hard iron makes is unknown: the middle between all and none is taken, and half their distance is
@@ -54,7 +54,7 @@ def carry(coefficients: ArrayLike, covariance: ArrayLike, home: Place, away: Pla
     scale = np.where(semicircular, 0.5 * as_hard + 0.5 * as_induced, 1.0)
     spread = np.abs(all_hard - all_induced) / np.sqrt(12.0)
     carried = np.asarray(covariance, dtype=float) * np.outer(scale, scale) + np.outer(spread, spread)
-    return Carried(given * scale, carried, all_hard, all_induced, _warning(all_hard, all_induced, away))
+    return Transferred(given * scale, carried, all_hard, all_induced, _warning(all_hard, all_induced, away))
 
 
 def _ratios(home: Place, away: Place) -> tuple[float, float]:

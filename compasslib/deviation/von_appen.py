@@ -46,7 +46,6 @@ def fit(pairs: Pairs, near: Fit | None = None) -> Fit:
     """Return the least-squares series through the scatter of deviation against correct heading.
 
     Args:
-        pairs: overlapping measurements.
         near: not used; all starts are tried each time.
     """
     if len(pairs) < model.FEWEST_PAIRS:

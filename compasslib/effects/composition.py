@@ -57,8 +57,6 @@ def recorded_heading(simulation: Simulation, scene: Scene, heading_deg: Floats) 
     """Return what the compass records, (n,) degrees.
 
     Args:
-        simulation: compass and terms.
-        scene: in what the recording was made.
         heading_deg: correct magnetic headings, (n,), degrees.
     """
     earth = earth_in_body(scene, heading_deg - north(simulation, scene))
@@ -69,7 +67,6 @@ def earth_in_body(scene: Scene, heading_deg: Floats) -> Floats:
     """Return the earth's field forward, starboard and down in the tilted body, (n, 3) nT.
 
     Args:
-        scene: in what the recording was made.
         heading_deg: headings to where magnetic north is, (n,), degrees.
     """
     sine, cosine = angles.sin_cos(heading_deg)
@@ -81,8 +78,6 @@ def sensed_angle(simulation: Simulation, scene: Scene, earth_nT: Floats) -> Floa
     """Return the angle of the levelled field before the readout, (n,) degrees.
 
     Args:
-        simulation: compass and terms.
-        scene: in what the recording was made.
         earth_nT: earth's field in the body, (n, 3).
     """
     soft, hard = _iron(simulation)
@@ -97,8 +92,6 @@ def headings(simulation: Simulation, scene: Scene, recorded_deg: Floats) -> Floa
     """Return the correct headings that make the compass record what it recorded, (n, 2), NaN where there is none.
 
     Args:
-        simulation: compass and terms.
-        scene: in what the recording was made.
         recorded_deg: recorded headings, (n,), degrees.
     """
     sensed = undone_readout(simulation, scene, recorded_deg)
@@ -107,12 +100,7 @@ def headings(simulation: Simulation, scene: Scene, recorded_deg: Floats) -> Floa
 
 
 def coefficients_at(simulation: Simulation, scene: Scene) -> Floats:
-    """Return B..E of iron and field terms at every sample's tilt and time, A being carried by the readout, (5, n).
-
-    Args:
-        simulation: compass and terms.
-        scene: in what the recording was made.
-    """
+    """Return B..E of iron and field terms at every sample's tilt and time, A being carried by the readout, (5, n)."""
     soft, hard = _iron(simulation)
     acting = _acting(simulation, "field")
     if acting:
@@ -131,8 +119,6 @@ def readout(simulation: Simulation, scene: Scene, sensed_deg: Floats) -> Floats:
     """Return the reading that the readout makes of the sensed field's angle, (n,) degrees, not wrapped.
 
     Args:
-        simulation: compass and terms.
-        scene: in what the recording was made.
         sensed_deg: angle of the levelled field, (n,), degrees.
     """
     reading = sensed_deg - float(np.arctan(simulation.coefficients[0])) / angles.DEGREE
@@ -145,8 +131,6 @@ def undone_readout(simulation: Simulation, scene: Scene, recorded_deg: Floats) -
     """Return the angle of the levelled field that a reading came from, (n,) degrees; NaN where it tells more than one.
 
     Args:
-        simulation: compass and terms.
-        scene: in what the recording was made.
         recorded_deg: readings, (n,), degrees.
     """
     reading = recorded_deg
@@ -156,22 +140,12 @@ def undone_readout(simulation: Simulation, scene: Scene, recorded_deg: Floats) -
 
 
 def north(simulation: Simulation, scene: Scene) -> Floats | float:
-    """Return how far magnetic north has moved east, (n,) degrees or 0.
-
-    Args:
-        simulation: compass and terms.
-        scene: in what the recording was made.
-    """
+    """Return how far magnetic north has moved east, (n,) degrees or 0."""
     return _total(simulation, scene, "north")
 
 
 def veer(simulation: Simulation, scene: Scene) -> Floats | float:
-    """Return the veer of the trusted instrument's water from the other's, (n,) degrees or 0.
-
-    Args:
-        simulation: compass and terms.
-        scene: in what the recording was made.
-    """
+    """Return the veer of the trusted instrument's water from the other's, (n,) degrees or 0."""
     return _total(simulation, scene, "water")
 
 
@@ -184,8 +158,6 @@ def derivative(
     water's veer counts as it is, because it moves what the trusted instrument shows.
 
     Args:
-        simulation: compass and terms.
-        scene: in what the recording was made.
         heading_deg: correct magnetic headings, (n,), degrees.
         last: parameter to end before; all where absent.
     """
@@ -211,8 +183,6 @@ def steepness(simulation: Simulation, scene: Scene, heading_deg: Floats) -> Floa
     """Return d gamma / d beta, (n,).
 
     Args:
-        simulation: compass and terms.
-        scene: in what the recording was made.
         heading_deg: correct magnetic headings, (n,), degrees.
     """
     ahead, here = (recorded_heading(simulation, scene, heading_deg + s) for s in (PROBE_DEG, 0.0))

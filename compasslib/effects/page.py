@@ -27,14 +27,14 @@ def _section(name: str, forms: list[type[Term]]) -> str:
 
 
 def _form(form: type[Term]) -> str:
-    said = [
+    lines = [
         " ".join((inspect.getdoc(form) or "").split()),
         f"* side: {form.side}; acts on: {form.acts_on}; stage: {form.stage}",
         f"* source: {form.literature}",
         *([f"* needs: {', '.join(form.needs)}"] if form.needs else []),
         *(f"* `{f.name}`, {f.metadata['unit']}: {f.metadata['meaning']}" for f in fields(form)),
     ]
-    return said[0] + "\n\n" + "\n".join(said[1:]) + "\n"
+    return lines[0] + "\n\n" + "\n".join(lines[1:]) + "\n"
 
 
 if __name__ == "__main__":

@@ -65,14 +65,13 @@ def parameter(
     """Return the field of a parameter that is 0 where the effect is absent.
 
     Args:
-        unit: its unit.
         step: a change that turns the heading by very roughly a degree, for differences.
         least: a value below it is not believed of this effect.
         most: a value above it is not believed.
         usual: standard deviation that is expected beforehand, for what a record may hardly show.
     """
-    told = {"unit": unit, "meaning": meaning, "step": step, "range": (least, most), "usual": usual}
-    return field(default=0.0, metadata=told)
+    described = {"unit": unit, "meaning": meaning, "step": step, "range": (least, most), "usual": usual}
+    return field(default=0.0, metadata=described)
 
 
 def date() -> Any:
@@ -100,7 +99,6 @@ class Term(ABC):
         Args:
             x: field in the body frame, (n, 3) nT; else direction of north, reading or direction of the water's veer,
                 (n,) degrees; for a clock the instrument's error, (n,) seconds.
-            scene: in what the recording was made.
         """
 
     def undone(self, reading_deg: Floats, scene: Scene) -> Floats:
@@ -108,7 +106,6 @@ class Term(ABC):
 
         Args:
             reading_deg: with the effect, (n,), degrees.
-            scene: in what the recording was made.
         """
         return reading_deg - self.act(np.zeros_like(reading_deg), scene)
 
@@ -154,19 +151,11 @@ class Term(ABC):
         return np.array([getattr(self, name) for name in self.fitted()])
 
     def at(self, values: Floats) -> Self:
-        """Return the term with other values of the fitted parameters.
-
-        Args:
-            values: in the order of ``fitted``.
-        """
+        """Return the term with other values of the fitted parameters."""
         return replace(self, **dict(zip(self.fitted(), np.asarray(values, dtype=float).tolist(), strict=True)))
 
     def change(self, scene: Scene) -> Floats | None:
-        """Return what a compass's effect grows with along the record, (n,); None where nothing but the heading or tilt.
-
-        Args:
-            scene: in what the recording was made.
-        """
+        """Return what a compass's effect grows with along the record, (n,); None where only the heading or tilt."""
         if self.side != "compass" or self.acts_on not in ("field", "north", "reading"):
             return None
         unit, shape = self.at(np.eye(len(self.fitted()))[0]), (len(scene), 3) if self.acts_on == "field" else len(scene)

@@ -111,7 +111,6 @@ def hourly_median(time_s: Floats, off: Floats, chosen: Flags) -> Floats:
     """Return the median of the hourly means by hour of the day, (24,), about its median; NaN where an hour is missing.
 
     Args:
-        time_s: increasing times, (n,).
         off: (n,), degrees.
         chosen: which count, (n,).
     """
@@ -130,7 +129,6 @@ def strongest_disturbance(time_s: Floats, off_deg: Floats) -> tuple[float, float
     """Return first and last instant of the strongest disturbance; of the record where it is disturbed throughout.
 
     Args:
-        time_s: increasing times, (n,).
         off_deg: (n,), degrees.
     """
     size, _ = three_hour_rms(time_s, off_deg)
@@ -147,7 +145,6 @@ def three_hour_rms(time_s: Floats, off_deg: Floats) -> tuple[Floats, Floats]:
     """Return the rms of the three hours around each mean, and the same without its largest value, (n,) each.
 
     Args:
-        time_s: increasing times, (n,).
         off_deg: (n,), degrees.
     """
     step = float(np.median(np.diff(time_s))) if len(time_s) > 1 else HOUR_S
@@ -172,7 +169,6 @@ def storms(
     """Return the disturbed means, each storm's measures, the ordinary disturbance, and the number of spikes.
 
     Args:
-        time_s: increasing times, (n,).
         off: what level and quiet day leave, (n,), degrees.
         limit_deg: rms over three hours from which a disturbance is a storm.
     """

@@ -275,18 +275,14 @@ def _put(axes: Axes, place: tuple[float, int], lines: list[str], *, mono: bool =
 
 def _notes_below(content: Mapping[str, Any]) -> list[str]:
     extras = [content.get("constant_shift"), content.get("comparison")]
-    said = [f"No curve: {sentence(content['why'])}"] if content["why"] else []
-    said += [f"Note: {sentence(text)}" for text in content["warnings"]]
-    said += [extra["text"] for extra in extras if extra and extra.get("text")]
-    return [line for text in said for line in textwrap.wrap(text, LINE_CHARACTERS)]
+    texts = [f"No curve: {sentence(content['why'])}"] if content["why"] else []
+    texts += [f"Note: {sentence(text)}" for text in content["warnings"]]
+    texts += [extra["text"] for extra in extras if extra and extra.get("text")]
+    return [line for text in texts for line in textwrap.wrap(text, LINE_CHARACTERS)]
 
 
 def sentence(text: str) -> str:
-    """Return a text with its full stop, whether or not it brings one.
-
-    Args:
-        text: a warning or a reason.
-    """
+    """Return a text with its full stop, whether or not it brings one."""
     return text.rstrip(".") + "."
 
 

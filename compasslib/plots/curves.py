@@ -22,7 +22,7 @@ INVERTED, BACKWARDS, GIVEN_UP = 0, 1, 2  # stretches of a curve
 
 
 @dataclass(frozen=True)
-class Curve:
+class DeviationByHeading:
     """A deviation along one turn of the correct heading, continuous: nothing in it jumps by 360 degrees."""
 
     heading_deg: Floats  # (n,) correct heading, increasing
@@ -84,7 +84,7 @@ def sectors(angle_deg: ArrayLike, begin_deg: float) -> Floats:
     return 100.0 * count / max(int(count.sum()), 1)
 
 
-def curve(fit: Fit, begin_deg: float, headings_deg: ArrayLike) -> Curve:
+def curve(fit: Fit, begin_deg: float, headings_deg: ArrayLike) -> DeviationByHeading:
     """Return a fitted deviation over one turn.
 
     Args:
@@ -98,7 +98,7 @@ def curve(fit: Fit, begin_deg: float, headings_deg: ArrayLike) -> Curve:
     there = np.interp(where[np.isfinite(where)], beta, deviation)
     level = np.median(there if there.size else deviation)
     deviation = deviation - (level - angles.wrap180(level))
-    return Curve(beta, deviation, _sigma(fit, beta), _stretch(fit, beta))
+    return DeviationByHeading(beta, deviation, _sigma(fit, beta), _stretch(fit, beta))
 
 
 def inverse(fit: Fit, recorded_deg: Floats) -> Floats:
@@ -113,11 +113,10 @@ def inverse(fit: Fit, recorded_deg: Floats) -> Floats:
     return np.stack([beta, np.full(beta.shape, np.nan)], axis=-1)
 
 
-def observed(pairs: Pairs, shape: Curve | None, begin_deg: float) -> tuple[Floats, Floats]:
+def observed(pairs: Pairs, shape: DeviationByHeading | None, begin_deg: float) -> tuple[Floats, Floats]:
     """Return correct heading and deviation of each pair, (n,) each, the deviation beside the curve.
 
     Args:
-        pairs: n overlapping measurements.
         shape: the curve; the mean deviation takes its place where absent.
         begin_deg: heading at which the turn begins.
     """
@@ -131,7 +130,6 @@ def directions(pairs: Pairs, product: Corrected) -> tuple[Floats, Floats, Floats
     """Return the current's direction at each pair, (n,) degrees each: lower, upper recorded, upper corrected.
 
     Args:
-        pairs: n overlapping measurements.
         product: the corrected record at some of whose samples they were taken; NaN where there is no correction.
     """
     lower = angles.direction(pairs.lower_east, pairs.lower_north)

@@ -20,7 +20,7 @@ from compasslib.core.types import Floats
 from compasslib.deviation import model
 from compasslib.deviation.model import Fit
 from compasslib.plots import curves
-from compasslib.plots.curves import BACKWARDS, GIVEN_UP, INVERTED, Curve, beside, emptiest, placed
+from compasslib.plots.curves import BACKWARDS, GIVEN_UP, INVERTED, DeviationByHeading, beside, emptiest, placed
 from compasslib.plots.page import (
     BLACK,
     BLUE,
@@ -107,7 +107,9 @@ def _fit_notes(pairs: Pairs, fit: Fit) -> list[str]:
     return [*notes, f"The compass only shows headings from {span}, each for two correct ones."]
 
 
-def _deviation_axes(panels: Sequence[Axes], points: tuple[Floats, Floats], curve: Curve | None, begin: float) -> None:
+def _deviation_axes(
+    panels: Sequence[Axes], points: tuple[Floats, Floats], curve: DeviationByHeading | None, begin: float
+) -> None:
     """Cut all axes: the correct heading at its gap, the others where they hold the curve and most points."""
     beta, delta = points
     line = (curve.deviation_deg, curve.recorded_deg) if curve else (np.zeros(0), np.zeros(0))
@@ -147,7 +149,7 @@ def _draw_identity(panels: Sequence[Axes]) -> None:
         axes.axline((0.0, 0.0), slope=1.0, color=BLACK, linewidth=0.7)
 
 
-def _draw_curve(panels: Sequence[Axes], curve: Curve) -> None:
+def _draw_curve(panels: Sequence[Axes], curve: DeviationByHeading) -> None:
     """Draw the curve with its 95 % band in the three panels."""
     half = np.minimum(1.96 * curve.sigma_deg, 180.0)
     beta, delta, gamma = curve.heading_deg, curve.deviation_deg, curve.recorded_deg
@@ -158,7 +160,7 @@ def _draw_curve(panels: Sequence[Axes], curve: Curve) -> None:
         _along(panels, curve, stretch, color=colour)
 
 
-def _along(panels: Sequence[Axes], curve: Curve, stretch: int, **look: Any) -> None:
+def _along(panels: Sequence[Axes], curve: DeviationByHeading, stretch: int, **look: Any) -> None:
     """Draw one kind of stretch of a curve as deviation, as recorded and as correct heading."""
     here = curve.stretch == stretch
     beta, delta, gamma = curve.heading_deg, curve.deviation_deg, np.where(here, curve.recorded_deg, np.nan)
@@ -167,7 +169,7 @@ def _along(panels: Sequence[Axes], curve: Curve, stretch: int, **look: Any) -> N
     panels[2].plot(gamma, beta, **look)
 
 
-def _draw_inverse(axes: Axes, fit: Fit, curve: Curve) -> None:
+def _draw_inverse(axes: Axes, fit: Fit, curve: DeviationByHeading) -> None:
     """Mark what the method's own inverse gives every few degrees, beside the curve that it must meet."""
     covered = curve.recorded_deg[curve.stretch != GIVEN_UP]
     low, high = float(covered.min()), float(covered.max())
@@ -178,7 +180,7 @@ def _draw_inverse(axes: Axes, fit: Fit, curve: Curve) -> None:
     axes.plot(gamma.ravel(), beta.ravel(), **RING)
 
 
-def _deviation_handles(pairs: Pairs, fit: Fit, curve: Curve | None) -> list[Artist]:
+def _deviation_handles(pairs: Pairs, fit: Fit, curve: DeviationByHeading | None) -> list[Artist]:
     handles: list[Artist] = []
     if len(pairs):
         handles.append(Line2D([], [], **POINT, label=f"{len(pairs)} pairs, pale where slow"))

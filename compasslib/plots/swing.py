@@ -48,8 +48,8 @@ def _where(details: Any) -> str:
         north, east = "N" if latitude >= 0 else "S", "E" if longitude >= 0 else "W"
         place = f"{abs(latitude):.3f}° {north} {abs(longitude):.3f}° {east}"
     speed = details.get("speed_kn")
-    said = [place, details.get("date") or "date not given", f"declination {_signed(details['declination_deg'])}°"]
-    return ", ".join(said + ([f"speed {speed:.1f} kn"] if speed else []))
+    facts = [place, details.get("date") or "date not given", f"declination {_signed(details['declination_deg'])}°"]
+    return ", ".join(facts + ([f"speed {speed:.1f} kn"] if speed else []))
 
 
 def _curve(axes: Axes, result: Calibration) -> None:
@@ -112,10 +112,12 @@ def _words(axes: Axes, result: Calibration) -> None:
         f"    {k}   {_signed(x, 2)}° ± {TWO_SIGMA * s:.2f}°"
         for k, x, s in zip(LETTERS, result.coefficients, sigma, strict=True)
     ]
-    said = [f"{result.n} observations in {result.coverage} of 36 sectors, residual {result.residual_rms_deg:.2f}° rms."]
-    said += [result.details["iso_25862"]["text"], *result.details["iso_25862"]["conditions"]]
-    said += [result.details["nullify"]["text"]]
-    lines += ["", *(line for sentence in said for line in textwrap.wrap(sentence, TEXT_CHARACTERS))]
+    sentences = [
+        f"{result.n} observations in {result.coverage} of 36 sectors, residual {result.residual_rms_deg:.2f}° rms."
+    ]
+    sentences += [result.details["iso_25862"]["text"], *result.details["iso_25862"]["conditions"]]
+    sentences += [result.details["nullify"]["text"]]
+    lines += ["", *(line for sentence in sentences for line in textwrap.wrap(sentence, TEXT_CHARACTERS))]
     axes.text(0.0, 1.0, "\n".join(lines), transform=axes.transAxes, va="top", fontsize=7.2, linespacing=1.35)
 
 

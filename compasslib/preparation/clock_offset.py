@@ -56,11 +56,7 @@ class Clocks:
     one_recording: str = ""  # why both records are one, and no pair counts
 
     def aligned(self, record: Record) -> Record:
-        """Return the trusted record by the compromised clock, without hours that a clock set back counted twice.
-
-        Args:
-            record: by its own clock.
-        """
+        """Return the trusted record by the compromised clock, without hours that a clock set back counted twice."""
         if not any(self.ahead_h):
             return record
         time_s = record.time_s

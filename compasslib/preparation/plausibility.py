@@ -55,7 +55,6 @@ def mark(record: Record, where: Bools, flag: int, count: str, sentence: str | No
     Args:
         record: n samples of m bins.
         where: (n, m), or what can be broadcast to it.
-        count: name of the count.
         sentence: what they are, or None.
     """
     hit = np.broadcast_to(where, record.quality.shape) & (record.quality <= GOOD)

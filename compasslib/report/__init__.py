@@ -21,8 +21,9 @@ from typing import Any
 
 from compasslib.archive import netcdf, provenance
 from compasslib.archive.summary import STOPPED
-from compasslib.report import calibration, figures, mooring, section, words
-from compasslib.report.section import Overview, Section
+from compasslib.report import calibration, figures, mooring, results, section, words
+from compasslib.report.results import CalibrationResults
+from compasslib.report.section import Overview, ReportSection
 from compasslib.search.wording import VERDICTS
 
 MOORINGS = "All moorings (rms: current direction above minus below, the water's own veer included)"
@@ -45,11 +46,11 @@ class Report:
     def counts(self) -> str:
         """Return the first sentences: how many there are, and what was found."""
         parts = ((self.moorings, "mooring"), (self.calibrations, "calibration"))
-        told = [words.plural(len(part.sections), noun) for part, noun in parts if part.sections]
+        numbers = [words.plural(len(part.sections), noun) for part, noun in parts if part.sections]
         verdicts = [section.verdict for section in self.moorings.sections]
         known = (*VERDICTS, STOPPED)
         found = [f"{verdicts.count(verdict)} {verdict}" for verdict in known if verdict in verdicts]
-        return f"{words.listed(told)}." + (f" Of the moorings: {', '.join(found)}." if found else "")
+        return f"{words.listed(numbers)}." + (f" Of the moorings: {', '.join(found)}." if found else "")
 
 
 def gather(
@@ -71,9 +72,9 @@ def gather(
         InputError: a file of the results is absent or damaged.
     """
     root = Path(root)
-    rows = mooring.rows(root / "summary.csv") if moorings else {}
-    moored = [mooring.read(name, root, rows[name], site["roles"]) for name, site in moorings.items()]
-    calibrated = [calibration.read(name, root) for name in calibrations]
+    rows = results.rows(root / "summary.csv") if moorings else {}
+    moored = [results.of_mooring(name, root, rows[name], site["roles"]) for name, site in moorings.items()]
+    calibrated = [results.of_calibration(name, root) for name in calibrations]
     embedded = figures.chosen([*(one.diagnosis["verdict"] for one in moored), *(_verdict(one) for one in calibrated)])
     sections = [
         mooring.section(one, root, moorings[one.name], embed=embed)
@@ -111,15 +112,15 @@ def write(path: str | Path, report: Report) -> None:
         temporary.write_text(text, encoding="utf-8")
 
 
-def told(path: str | Path, report: Report) -> str:
+def log_line(path: str | Path, report: Report) -> str:
     """Return what the job says of the page."""
     size = Path(path).stat().st_size / 1e6
     return f"{path}: {report.counts()} {size:.1f} MB".replace(words.SPACE, " ")
 
 
-def _stopped(part: str, reasons: Mapping[str, str], header: Sequence[str]) -> list[Section]:
+def _stopped(part: str, reasons: Mapping[str, str], header: Sequence[str]) -> list[ReportSection]:
     return [section.stopped(part, name, why, header) for name, why in reasons.items()]
 
 
-def _verdict(one: calibration.Results) -> str:
+def _verdict(one: CalibrationResults) -> str:
     return str(one.diagnosis["verdict"]) if one.diagnosis else ""

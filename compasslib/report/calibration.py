@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from compasslib.archive import netcdf
 from compasslib.report import figures, found, words
 from compasslib.report.mooring import of_diagnosis
-from compasslib.report.section import Cell, Section, Table
+from compasslib.report.results import CalibrationResults
+from compasslib.report.section import Cell, ReportSection, ReportTable
 from compasslib.search.wording import VERDICTS
 
 HEADER = (
@@ -37,28 +35,7 @@ LETTERS = ("A", "B", "C", "D", "E")
 AXES = ("x", "y", "z")
 
 
-@dataclass(frozen=True)
-class Results:
-    """What the files of one calibration hold, as far as the report needs it."""
-
-    name: str
-    folder: Path
-    content: Mapping[str, Any]  # calibration.json
-    table: tuple[tuple[str, ...], ...]  # rows of table.csv
-    diagnosis: Mapping[str, Any] | None
-
-
-def read(name: str, root: Path) -> Results:
-    """Return what the files of one calibration hold."""
-    folder = root / "calibrations" / name
-    with (folder / "table.csv").open(newline="", encoding="utf-8") as stream:
-        rows = tuple(tuple(row) for row in csv.reader(stream))[1:]
-    searched = folder / "diagnosis.json"
-    diagnosis = netcdf.read_json(searched) if searched.exists() else None
-    return Results(name, folder, netcdf.read_json(folder / "calibration.json"), rows, diagnosis)
-
-
-def section(results: Results, root: Path, *, embed: bool) -> Section:
+def section(results: CalibrationResults, root: Path, *, embed: bool) -> ReportSection:
     """Return one calibration's section.
 
     Args:
@@ -67,7 +44,7 @@ def section(results: Results, root: Path, *, embed: bool) -> Section:
     content, diagnosis = results.content, results.diagnosis
     drawn = alternatives(content, diagnosis)
     links = tuple((f, figures.relative(results.folder / f, root)) for f in FILES if (results.folder / f).exists())
-    return Section(
+    return ReportSection(
         name=results.name,
         anchor=f"calibration-{results.name}",
         verdict=diagnosis["verdict"] if diagnosis else "",
@@ -84,17 +61,17 @@ def section(results: Results, root: Path, *, embed: bool) -> Section:
 
 
 def _summary(content: Mapping[str, Any], diagnosis: Mapping[str, Any] | None) -> tuple[str, ...]:
-    told = []
+    texts = []
     if diagnosis:
-        told = [words.sentence(said) for said in (VERDICTS[diagnosis["verdict"]], diagnosis.get("why", "")) if said]
+        texts = [words.sentence(text) for text in (VERDICTS[diagnosis["verdict"]], diagnosis.get("why", "")) if text]
     if content["why"]:
-        return (*told, words.sentence(content["why"]), *_texts(content))
+        return (*texts, words.sentence(content["why"]), *_texts(content))
     expanded = content["uncertainty"]["expanded_deg"]
     sure = f" The expanded uncertainty of a deviation is {words.degrees(expanded, 2)} (k = 2)." if expanded else ""
     readings = words.plural(content["n"], "reading")
     spread = f" in {content['coverage']} of 36 sectors of 10°" if content["coverage"] else ""
     first = f"{readings}{spread}, model {words.plain(content['model'])}.{sure}"
-    return (*told, first, *_texts(content))
+    return (*texts, first, *_texts(content))
 
 
 def _texts(content: Mapping[str, Any]) -> Iterator[str]:
@@ -138,12 +115,12 @@ def _cannot_tell(content: Mapping[str, Any]) -> tuple[str, ...]:
     return (*content.get("cannot_tell", []), *open_, *limit)
 
 
-def _tables(content: Mapping[str, Any]) -> tuple[Table, ...]:
+def _tables(content: Mapping[str, Any]) -> tuple[ReportTable, ...]:
     parts = (_coefficients, _iron, _cardinal, _storms, _budget)
     return tuple(table for part in parts for table in part(content))
 
 
-def _coefficients(content: Mapping[str, Any]) -> tuple[Table, ...]:
+def _coefficients(content: Mapping[str, Any]) -> tuple[ReportTable, ...]:
     exact = content["exact"] or {}
     columns = [
         ("Series in the recorded heading", content["coefficients"], content["covariance"], "°"),
@@ -155,7 +132,7 @@ def _coefficients(content: Mapping[str, Any]) -> tuple[Table, ...]:
     rows = tuple(
         (name, *(_coefficient(c[letter], v, k, unit) for k, letter in enumerate(LETTERS))) for name, c, v, unit in known
     )
-    return (Table("Coefficients of the deviation ± 1σ", ("", *LETTERS), rows),)
+    return (ReportTable("Coefficients of the deviation ± 1σ", ("", *LETTERS), rows),)
 
 
 def _coefficient(value: float | None, covariance: Any, k: int, unit: str) -> str:
@@ -165,11 +142,11 @@ def _coefficient(value: float | None, covariance: Any, k: int, unit: str) -> str
     return words.with_sigma(value, math.sqrt(variance) if variance else None, unit)
 
 
-def _iron(content: Mapping[str, Any]) -> tuple[Table, ...]:
+def _iron(content: Mapping[str, Any]) -> tuple[ReportTable, ...]:
     if not content.get("hard_iron"):
         return ()
     rows = tuple(_axis(content, k) for k in range(3))
-    return (Table("Hard iron (unit of the log) and soft iron ± 1σ", ("", "Hard iron", *AXES), rows),)
+    return (ReportTable("Hard iron (unit of the log) and soft iron ± 1σ", ("", "Hard iron", *AXES), rows),)
 
 
 def _axis(content: Mapping[str, Any], k: int) -> tuple[str, ...]:
@@ -178,17 +155,19 @@ def _axis(content: Mapping[str, Any], k: int) -> tuple[str, ...]:
     return (AXES[k], hard, *(words.with_sigma(value, sigma) for value, sigma in pairs))
 
 
-def _cardinal(content: Mapping[str, Any]) -> tuple[Table, ...]:
+def _cardinal(content: Mapping[str, Any]) -> tuple[ReportTable, ...]:
     """Return the coefficients by the formulae of the eight points; none where a kind has none."""
-    told = content.get("cardinal")
-    if not told:
+    cardinal = content.get("cardinal")
+    if not cardinal:
         return ()
     single = [
-        (words.plain(name), words.degrees(value, 2)) for name, value in told.items() if not isinstance(value, Mapping)
+        (words.plain(name), words.degrees(value, 2))
+        for name, value in cardinal.items()
+        if not isinstance(value, Mapping)
     ]
-    single += [(f"D from {name}", words.degrees(value, 2)) for name, value in told["D_from"].items()]
+    single += [(f"D from {name}", words.degrees(value, 2)) for name, value in cardinal["D_from"].items()]
     return (
-        Table(
+        ReportTable(
             "By the eight points (Moncunill Marimón et al. 2023)",
             ("", "Value"),
             tuple(single),
@@ -197,16 +176,16 @@ def _cardinal(content: Mapping[str, Any]) -> tuple[Table, ...]:
     )
 
 
-def _storms(content: Mapping[str, Any]) -> tuple[Table, ...]:
+def _storms(content: Mapping[str, Any]) -> tuple[ReportTable, ...]:
     """Return the storms of an observatory's series; none where a kind has none."""
     rows = tuple(
         (words.days(one), words.degrees(one["range_deg"], 2), f"{words.degrees(one['rms_deg'], 2)} rms")
         for one in content.get("storms") or []
     )
-    return (Table("Storms", ("When", "Range", "Size"), rows),) if rows else ()
+    return (ReportTable("Storms", ("When", "Range", "Size"), rows),) if rows else ()
 
 
-def _budget(content: Mapping[str, Any]) -> tuple[Table, ...]:
+def _budget(content: Mapping[str, Any]) -> tuple[ReportTable, ...]:
     budget = content["uncertainty"]
     rows = [(words.plain(n), words.degrees(row["standard_deg"], 2), row["how"]) for n, row in budget["rows"].items()]
     if not rows:
@@ -218,15 +197,15 @@ def _budget(content: Mapping[str, Any]) -> tuple[Table, ...]:
             f"expanded {words.degrees(budget['expanded_deg'], 2)} (k = 2)",
         )
     )
-    return (Table("Uncertainty budget of one deviation", ("", "Standard", "How"), tuple(rows)),)
+    return (ReportTable("Uncertainty budget of one deviation", ("", "Standard", "How"), tuple(rows)),)
 
 
-def _deviations(results: Results) -> tuple[Table, ...]:
+def _deviations(results: CalibrationResults) -> tuple[ReportTable, ...]:
     if not results.table:
         return ()
     rows = tuple((f"{row[0]}°", *(words.degrees(float(x) if x else None) for x in row[1:])) for row in results.table)
     return (
-        Table(
+        ReportTable(
             "Deviation and its standard uncertainty by recorded heading",
             ("Recorded", "Deviation", "1σ"),
             rows,
@@ -235,7 +214,7 @@ def _deviations(results: Results) -> tuple[Table, ...]:
     )
 
 
-def _cells(results: Results) -> tuple[Cell, ...]:
+def _cells(results: CalibrationResults) -> tuple[Cell, ...]:
     content, diagnosis = results.content, results.diagnosis
     residual, expanded = content["residual_rms_deg"], content["uncertainty"]["expanded_deg"]
     verdict = diagnosis["verdict"] if diagnosis else ("no calibration" if content["why"] else "not searched")
@@ -260,7 +239,7 @@ def alternatives(content: Mapping[str, Any], diagnosis: Mapping[str, Any] | None
     Args:
         diagnosis: diagnosis.json; None where there is none.
     """
-    told = {
+    captions = {
         "deviation": lambda: _deviation(content),
         "residuals": lambda: _residuals(content),
         "certificate": lambda: _certificate(content),
@@ -274,7 +253,7 @@ def alternatives(content: Mapping[str, Any], diagnosis: Mapping[str, Any] | None
         "disturbance": lambda: _disturbance(content),
         "along_time": lambda: f"Headings of both instruments along time and their difference. {_offset(content)}",
     }
-    return told | ({"diagnosis": lambda: of_diagnosis(diagnosis)} if diagnosis else {})
+    return captions | ({"diagnosis": lambda: of_diagnosis(diagnosis)} if diagnosis else {})
 
 
 def _deviation(content: Mapping[str, Any]) -> str:
@@ -304,18 +283,18 @@ def _certificate(content: Mapping[str, Any]) -> str:
 
 def _magnetometer(content: Mapping[str, Any]) -> str:
     left = content.get("modulus_residual_percent") or {}
-    told = "Magnetometer readings before and after taking out hard and soft iron."
+    text = "Magnetometer readings before and after taking out hard and soft iron."
     if left.get("after") is None:
-        return f"{told} {words.sentence(content['why'])}"
+        return f"{text} {words.sentence(content['why'])}"
     before, after = (words.number(left[key], 2) for key in ("before", "after"))
-    return f"{told} The modulus of the field scatters by {before} % before and {after} % after."
+    return f"{text} The modulus of the field scatters by {before} % before and {after} % after."
 
 
 def _swing(content: Mapping[str, Any]) -> str:
     water = (content.get("drift") or {}).get("text", "")
     verdict = (content.get("iso_25862") or {}).get("text", "")
-    told = f"The swing: courses against compass headings, {words.plural(content['n'], 'sample')}."
-    return " ".join(part for part in (told, water, verdict) if part)
+    text = f"The swing: courses against compass headings, {words.plural(content['n'], 'sample')}."
+    return " ".join(part for part in (text, water, verdict) if part)
 
 
 def _offset(content: Mapping[str, Any]) -> str:

@@ -65,6 +65,6 @@ def relative(path: Path, root: Path) -> str:
 
 def _figure(path: Path, root: Path, alternative: Callable[[], str] | None, shown: Picture) -> Figure:
     title = TITLES.get(path.stem, path.stem.replace("_", " ").capitalize())
-    said = alternative() if alternative else f"{title}; its numbers stand beside it in this section."
+    described = alternative() if alternative else f"{title}; its numbers stand beside it in this section."
     picture, size = shown
-    return Figure(title, said, relative(path, root), picture, *size)
+    return Figure(title, described, relative(path, root), picture, *size)

@@ -7,7 +7,7 @@ from typing import Any
 
 from compasslib.effects import meanings
 from compasslib.report import words
-from compasslib.report.section import Finding, Table
+from compasslib.report.section import ReportedFinding, ReportTable
 
 SIDES = {
     "compass": "the compass",
@@ -18,16 +18,16 @@ SIDES = {
 LEAST_P = 0.001  # the smallest that the drawn blocks can show
 
 
-def findings(diagnosis: Mapping[str, Any], *, product: bool) -> tuple[Finding, ...]:
+def findings(diagnosis: Mapping[str, Any], *, product: bool) -> tuple[ReportedFinding, ...]:
     """Return what was found, strongest first, and what stays unexplained after it.
 
     Args:
         diagnosis: content of diagnosis.json.
         product: whether there is a corrected record that a finding may have entered.
     """
-    told = [_finding(one, product) for one in diagnosis["findings"]]
+    texts = [_finding(one, product) for one in diagnosis["findings"]]
     left = diagnosis["unexplained"]
-    return (*told, _unexplained(left)) if left else tuple(told)
+    return (*texts, _unexplained(left)) if left else tuple(texts)
 
 
 def cannot_tell(diagnosis: Mapping[str, Any]) -> tuple[str, ...]:
@@ -37,11 +37,11 @@ def cannot_tell(diagnosis: Mapping[str, Any]) -> tuple[str, ...]:
         diagnosis: content of diagnosis.json.
     """
     decide = [part for part in (diagnosis["separated_by"] or "").split("; ") if part]
-    told = [f"What would decide: {words.sentence(words.plain(part))}" for part in decide]
-    told += _not_testable(diagnosis)
+    texts = [f"What would decide: {words.sentence(words.plain(part))}" for part in decide]
+    texts += _not_testable(diagnosis)
     small = [_small(one) for one in diagnosis.get("negligible", [])]
-    told += [f"Too small to matter: {words.listed(small)}."] if small else []
-    return tuple(told)
+    texts += [f"Too small to matter: {words.listed(small)}."] if small else []
+    return tuple(texts)
 
 
 def _not_testable(diagnosis: Mapping[str, Any]) -> list[str]:
@@ -59,7 +59,7 @@ def _not_testable(diagnosis: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def hypotheses(diagnosis: Mapping[str, Any]) -> tuple[Table, ...]:
+def hypotheses(diagnosis: Mapping[str, Any]) -> tuple[ReportTable, ...]:
     """Return the table of all effects that were tried, each alone, the best first; none where none was tried.
 
     Args:
@@ -76,14 +76,14 @@ def hypotheses(diagnosis: Mapping[str, Any]) -> tuple[Table, ...]:
         for one in tried
     )
     caption = "Each effect of the catalogue tried alone: twice the log likelihood gained, less a charge for parameters"
-    return (Table(caption, ("", "Score", "Size", "p"), rows, folded="Effects that were tried"),) if rows else ()
+    return (ReportTable(caption, ("", "Score", "Size", "p"), rows, folded="Effects that were tried"),) if rows else ()
 
 
 def _small(one: Mapping[str, Any]) -> str:
     return f"{words.plain(one['effect'])} ({words.degrees(one['rms_effect_deg'])} rms)"
 
 
-def _finding(one: Mapping[str, Any], product: bool) -> Finding:
+def _finding(one: Mapping[str, Any], product: bool) -> ReportedFinding:
     others = [words.plain(effect) for effect in one["alternatives"]]
     facts = [
         ("Side", SIDES.get(one["side"], one["side"])),
@@ -92,29 +92,29 @@ def _finding(one: Mapping[str, Any], product: bool) -> Finding:
         ("Residual on held-out days", _held_out(one["heldout"])),
         *([("In the product", "yes" if one["applied"] else "no")] if product else []),
     ]
-    return Finding(words.plain(one["effect"]).capitalize(), one["text"], tuple(facts), _parameters(one))
+    return ReportedFinding(words.plain(one["effect"]).capitalize(), one["text"], tuple(facts), _parameters(one))
 
 
-def _unexplained(left: Mapping[str, Any]) -> Finding:
-    return Finding("Unexplained", left["text"], tuple(_place(left)))
+def _unexplained(left: Mapping[str, Any]) -> ReportedFinding:
+    return ReportedFinding("Unexplained", left["text"], tuple(_place(left)))
 
 
 def _place(one: Mapping[str, Any]) -> list[tuple[str, str]]:
     where, when = one.get("where") or {}, one.get("when")
-    told = [("Where", words.sentence(where["text"]))] if where.get("text") else []
-    told += [("When", words.days(when))] if when else []
-    return [*told, ("Size", f"{words.degrees(one['rms_effect_deg'])} rms")] if "rms_effect_deg" in one else told
+    texts = [("Where", words.sentence(where["text"]))] if where.get("text") else []
+    texts += [("When", words.days(when))] if when else []
+    return [*texts, ("Size", f"{words.degrees(one['rms_effect_deg'])} rms")] if "rms_effect_deg" in one else texts
 
 
 def _held_out(proof: Mapping[str, Any]) -> str:
-    told = f"{words.degrees(proof['rms_before_deg'], 2)} before, {words.degrees(proof['rms_after_deg'], 2)} after"
+    text = f"{words.degrees(proof['rms_before_deg'], 2)} before, {words.degrees(proof['rms_after_deg'], 2)} after"
     chance = proof.get("p_value")
     if chance is None:
-        return f"{told} rms"
-    return f"{told} rms ({'p ≤ 0.001' if chance <= LEAST_P else f'p = {words.significant(chance, 2)}'})"
+        return f"{text} rms"
+    return f"{text} rms ({'p ≤ 0.001' if chance <= LEAST_P else f'p = {words.significant(chance, 2)}'})"
 
 
-def _parameters(finding: Mapping[str, Any]) -> Table | None:
+def _parameters(finding: Mapping[str, Any]) -> ReportTable | None:
     fitted = {name: one for name, one in finding["parameters"].items() if one["sigma"]}
     known = meanings(finding["effect"])
     if not fitted:
@@ -126,4 +126,4 @@ def _parameters(finding: Mapping[str, Any]) -> Table | None:
         )
         for name, one in fitted.items()
     )
-    return Table("Parameters", ("", "Value ± 1σ"), rows)
+    return ReportTable("Parameters", ("", "Value ± 1σ"), rows)

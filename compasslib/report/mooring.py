@@ -2,23 +2,16 @@
 
 from __future__ import annotations
 
-import csv
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from compasslib.archive import netcdf, summary
 from compasslib.core import angles
-from compasslib.report import figures, found, headings, words
-from compasslib.report.headings import Headings
-from compasslib.report.section import Cell, Section, Table
+from compasslib.report import figures, found, words
+from compasslib.report.results import Headings, MooringResults
+from compasslib.report.section import Cell, ReportSection, ReportTable
 from compasslib.search.wording import VERDICTS
-
-if TYPE_CHECKING:
-    pass
-
 
 HEADER = (
     "Mooring",
@@ -38,49 +31,7 @@ FILES = ("corrected.nc", "overlap.nc", "deviation.json", "diagnosis.json", "asse
 LETTERS = ("A", "B", "C", "D", "E")
 
 
-@dataclass(frozen=True)
-class Results:
-    """What the files of one mooring hold, as far as the report needs it."""
-
-    name: str
-    folder: Path
-    row: Mapping[str, str]  # of summary.csv
-    fit: Mapping[str, Any]  # deviation.json
-    diagnosis: Mapping[str, Any]
-    assessment: Mapping[str, Any]
-    headings: Headings
-    inputs: Mapping[str, Mapping[str, int]]  # counts of each instrument
-
-    @property
-    def product(self) -> Mapping[str, Any]:
-        """Return the fit that the product was made by, which is the one in the figures."""
-        applied = self.fit["applied"]
-        block: Mapping[str, Any] = applied["fit"] or self.fit
-        return block
-
-
-def rows(table: str | Path) -> dict[str, dict[str, str]]:
-    """Return the rows of summary.csv by mooring."""
-    with Path(table).open(newline="", encoding="utf-8") as stream:
-        return {row["name"]: row for row in csv.DictReader(stream)}
-
-
-def read(name: str, root: Path, row: Mapping[str, str], roles: Iterable[str] | None = None) -> Results:
-    """Return what the files of one mooring hold.
-
-    Args:
-        roles: its instruments, see ``summary.records``.
-    """
-    folder = root / name
-    fit, diagnosis, assessment = (
-        netcdf.read_json(folder / f"{file}.json") for file in ("deviation", "diagnosis", "assessment")
-    )
-    inputs = {path.stem: netcdf.read_counts(path) for path in summary.records(folder, roles)}
-    product = headings.read(folder / "corrected.nc")
-    return Results(name, folder, row, fit, diagnosis, assessment, product, inputs)
-
-
-def section(results: Results, root: Path, site: Mapping[str, Any], *, embed: bool) -> Section:
+def section(results: MooringResults, root: Path, site: Mapping[str, Any], *, embed: bool) -> ReportSection:
     """Return one mooring's section.
 
     Args:
@@ -89,7 +40,7 @@ def section(results: Results, root: Path, site: Mapping[str, Any], *, embed: boo
     """
     verdict = results.diagnosis["verdict"]
     drawn = alternatives(results)
-    return Section(
+    return ReportSection(
         name=results.name,
         anchor=f"mooring-{results.name}",
         verdict=verdict,
@@ -97,7 +48,7 @@ def section(results: Results, root: Path, site: Mapping[str, Any], *, embed: boo
         facts=_facts(results, site),
         findings=found.findings(results.diagnosis, product=True),
         cannot_tell=found.cannot_tell(results.diagnosis),
-        warnings=tuple(said for said in results.row["warnings"].split(" | ") if said),
+        warnings=tuple(warning for warning in results.row["warnings"].split(" | ") if warning),
         tables=(
             *_agreement(results.assessment),
             *_coefficients(results.fit),
@@ -110,33 +61,36 @@ def section(results: Results, root: Path, site: Mapping[str, Any], *, embed: boo
     )
 
 
-def sentences(results: Results) -> tuple[str, ...]:
+def sentences(results: MooringResults) -> tuple[str, ...]:
     """Return what comes first of one mooring: its verdict, why, and the share that is corrected."""
     head, why = results.headings, results.diagnosis.get("why", "")
-    told = [words.sentence(VERDICTS[results.diagnosis["verdict"]])]
-    told += [words.sentence(why)] if why else []
+    texts = [words.sentence(VERDICTS[results.diagnosis["verdict"]])]
+    texts += [words.sentence(why)] if why else []
     share = words.percent(head.corrected / head.n if head.n else None)
-    told.append(f"{share} of the {words.count(head.n)} samples have a corrected heading.")
+    texts.append(f"{share} of the {words.count(head.n)} samples have a corrected heading.")
     if results.fit["why"] and results.fit["why"] != why:
-        told.append(words.sentence(results.fit["why"]))
-    return tuple(told)
+        texts.append(words.sentence(results.fit["why"]))
+    return tuple(texts)
 
 
-def _facts(results: Results, site: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
-    head, said = results.headings, results.headings.attributes
-    instrument = ", ".join(str(said[key]) for key in ("instrument", "serial_number") if key in said)
+def _facts(results: MooringResults, site: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
+    head, attributes = results.headings, results.headings.attributes
+    instrument = ", ".join(str(attributes[key]) for key in ("instrument", "serial_number") if key in attributes)
     facts = [
         ("Position", words.position(site["latitude"], site["longitude"])),
         ("Water depth", f"{words.significant(site['water_depth_m'], 5)} m"),
         ("Deployment", words.days({"from": site["start"], "to": site["end"]})),
-        *((f"{role} instrument", told) for role, told in site["instruments"].items()),
+        *((f"{role} instrument", text) for role, text in site["instruments"].items()),
         ("Make and number", instrument or "not given"),
         ("Method", made_with(results.fit)),
         *counted(head),
         *sure(head),
         ("The compass can show", _range(results.product)),
         ("Declination", _pair("{} to {}", head.declination_deg, digits=2)),
-        ("Made by", f"{said.get('software_version', 'not given')}, {said.get('date_created', 'not dated')}"),
+        (
+            "Made by",
+            f"{attributes.get('software_version', 'not given')}, {attributes.get('date_created', 'not dated')}",
+        ),
     ]
     return tuple(facts)
 
@@ -172,16 +126,16 @@ def made_with(fit: Mapping[str, Any]) -> str:
     Args:
         fit: content of deviation.json.
     """
-    told = words.METHODS.get(fit["method"], fit["method"])
+    text = words.METHODS.get(fit["method"], fit["method"])
     applied = fit["applied"]
     if not applied["fit"]:
-        return told
+        return text
     product = words.METHODS.get(applied["method"], applied["method"])
-    told += f"; the product is made by the {product}"
+    text += f"; the product is made by the {product}"
     beside = words.listed([words.plain(effect) for effect in applied["accounted_for"]])
-    told += f", fitted with {beside} accounted for" if beside else ""
+    text += f", fitted with {beside} accounted for" if beside else ""
     effects = words.listed([words.plain(effect) for effect in applied["effects"]])
-    return f"{told} with what was found on its side ({effects})" if effects else told
+    return f"{text} with what was found on its side ({effects})" if effects else text
 
 
 def _range(fit: Mapping[str, Any]) -> str:
@@ -194,16 +148,16 @@ def _range(fit: Mapping[str, Any]) -> str:
     return f"{begin} to {end} only{', each for two correct headings' if fit['folded'] else ''}"
 
 
-def _agreement(assessment: Mapping[str, Any]) -> tuple[Table, ...]:
+def _agreement(assessment: Mapping[str, Any]) -> tuple[ReportTable, ...]:
     """Return the table of agreement on held-out pairs; none where there is no pair."""
-    told = [("Before", assessment["before"]), ("Before, where corrected", assessment["before_where_corrected"])]
-    told.append(("After", assessment["after"]))
+    rows = [("Before", assessment["before"]), ("Before, where corrected", assessment["before_where_corrected"])]
+    rows.append(("After", assessment["after"]))
     if not assessment["before"]["n"]:
         return ()
     days = words.significant(assessment["held_out"]["block_days"], 2)
     caption = f"Upper minus lower current direction, each pair held out from the fit (blocks of {days} days)"
     header = ("", "Pairs", "Mean", "Rms", "Median absolute", "Vector correlation")
-    return (Table(caption, header, tuple((name, *_compared(one)) for name, one in told)),)
+    return (ReportTable(caption, header, tuple((name, *_compared(one)) for name, one in rows)),)
 
 
 def _compared(one: Mapping[str, Any]) -> tuple[str, ...]:
@@ -215,7 +169,7 @@ def _compared(one: Mapping[str, Any]) -> tuple[str, ...]:
     return (words.count(one["n"]), mean, rms, median, correlated)
 
 
-def _coefficients(fit: Mapping[str, Any]) -> tuple[Table, ...]:
+def _coefficients(fit: Mapping[str, Any]) -> tuple[ReportTable, ...]:
     if not fit["coefficients"]:
         return ()
     method = words.METHODS.get(fit["method"], fit["method"])
@@ -232,7 +186,7 @@ def _coefficients(fit: Mapping[str, Any]) -> tuple[Table, ...]:
     caption = (
         f"Coefficients of the deviation ± 1σ{kind} ({pairs}; residual {words.degrees(fit['residual_rms_deg'])} rms)"
     )
-    return (Table(caption, ("", *LETTERS), rows),)
+    return (ReportTable(caption, ("", *LETTERS), rows),)
 
 
 def _lettered(coefficients: Mapping[str, float], covariance: Any, unit: str) -> tuple[str, ...]:
@@ -240,7 +194,7 @@ def _lettered(coefficients: Mapping[str, float], covariance: Any, unit: str) -> 
     return tuple(words.with_sigma(coefficients[k], sigma, unit) for k, sigma in zip(LETTERS, sigmas, strict=True))
 
 
-def _inputs(inputs: Mapping[str, Mapping[str, int]]) -> tuple[Table, ...]:
+def _inputs(inputs: Mapping[str, Mapping[str, int]]) -> tuple[ReportTable, ...]:
     """Return one table of what was read, skipped and flagged, a column an instrument; zeros stand in its caption."""
     names = dict.fromkeys(name for counts in inputs.values() for name in counts)
     seen = [name for name in names if any(counts.get(name) for counts in inputs.values())]
@@ -252,14 +206,14 @@ def _inputs(inputs: Mapping[str, Mapping[str, int]]) -> tuple[Table, ...]:
     )
     none = ", ".join(words.plain(name) for name in names if name not in seen)
     caption = "Inputs: what was read, skipped and flagged" + (f"; none of: {none}" if none else "")
-    return (Table(caption, ("", *inputs), rows, folded="Inputs: what was read, skipped and flagged"),)
+    return (ReportTable(caption, ("", *inputs), rows, folded="Inputs: what was read, skipped and flagged"),)
 
 
-def _cells(results: Results) -> tuple[Cell, ...]:
+def _cells(results: MooringResults) -> tuple[Cell, ...]:
     row, head = results.row, results.headings
     before, after, largest = (_number(row[f"{key}_deg"]) for key in ("rms_before", "rms_after", "max_deviation"))
     effects = [words.plain(effect) for effect in row["effects"].split()]
-    warnings = len([said for said in row["warnings"].split(" | ") if said])
+    warnings = len([warning for warning in row["warnings"].split(" | ") if warning])
     share = head.corrected / head.n if head.n else 0.0
     sigma = head.sigma_deg[0] if head.corrected else None
     return (
@@ -290,7 +244,7 @@ def _order(verdict: str) -> str:
 # What each figure of a mooring shows, in words and numbers, for whoever cannot see it.
 
 
-def alternatives(results: Results) -> dict[str, Callable[[], str]]:
+def alternatives(results: MooringResults) -> dict[str, Callable[[], str]]:
     """Return the texts by the figures' names, each made where it is asked for."""
     return {
         "deviation": lambda: _deviation(results),
@@ -301,7 +255,7 @@ def alternatives(results: Results) -> dict[str, Callable[[], str]]:
     }
 
 
-def _deviation(results: Results) -> str:
+def _deviation(results: MooringResults) -> str:
     fit = results.product
     if not fit["coefficients"]:
         return "Deviation against heading: no curve, because nothing was fitted."
@@ -319,15 +273,15 @@ def _deviation(results: Results) -> str:
     )
 
 
-def _histograms(results: Results) -> str:
+def _histograms(results: MooringResults) -> str:
     head = results.headings
-    told = [f"Nine in ten recorded headings lie {_span(head.recorded_span_deg)}"]
-    told.append(
+    spans = [f"Nine in ten recorded headings lie {_span(head.recorded_span_deg)}"]
+    spans.append(
         f"nine in ten corrected headings {_span(head.corrected_span_deg)}" if head.corrected else "none is corrected"
     )
     return (
         "Histograms per 10° of headings (left) and of current directions of the pairs (right), recorded, corrected and "
-        f"trusted. {', '.join(told)}."
+        f"trusted. {', '.join(spans)}."
     )
 
 
@@ -337,24 +291,24 @@ def _span(span: tuple[float, float]) -> str:
     return f"from {words.degrees(span[0], 0)} clockwise to {words.degrees(span[1], 0)}"
 
 
-def _scatter(results: Results) -> str:
+def _scatter(results: MooringResults) -> str:
     before, after = results.assessment["before"], results.assessment["after"]
     if not before["n"]:
         return "No pairs: there is no trusted measurement near enough to compare."
-    told = "Current direction of the upper against the lower instrument, recorded and corrected. On held-out pairs the "
-    told += f"difference is {words.degrees(before['rms_deg'])} rms before ({words.plural(before['n'], 'pair')})"
+    text = "Current direction of the upper against the lower instrument, recorded and corrected. On held-out pairs the "
+    text += f"difference is {words.degrees(before['rms_deg'])} rms before ({words.plural(before['n'], 'pair')})"
     if not after["n"]:
-        return f"{told}; none could be corrected."
-    return f"{told} and {words.degrees(after['rms_deg'])} after ({words.plural(after['n'], 'pair')})."
+        return f"{text}; none could be corrected."
+    return f"{text} and {words.degrees(after['rms_deg'])} after ({words.plural(after['n'], 'pair')})."
 
 
-def _timeline(results: Results) -> str:
+def _timeline(results: MooringResults) -> str:
     head = results.headings
     if not head.n:
         return "The record along time: there is no sample inside the deployment."
     shares = [words.percent(k / head.n) for k in (head.corrected, head.doubtful, head.n - head.corrected)]
-    said = head.attributes
-    span = {"from": said["time_coverage_start"], "to": said["time_coverage_end"]}
+    attributes = head.attributes
+    span = {"from": attributes["time_coverage_start"], "to": attributes["time_coverage_end"]}
     sigma = f" The uncertainty is {words.degrees(head.sigma_deg[0])} (1σ, median)." if head.corrected else ""
     return (
         f"Recorded and corrected heading, share of samples and depth from {words.days(span)}: {shares[0]} corrected "
@@ -368,9 +322,9 @@ def of_diagnosis(diagnosis: Mapping[str, Any]) -> str:
     Args:
         diagnosis: content of diagnosis.json.
     """
-    told = [f"Residual in bins along {words.plain(one['covariate'])}: {_largest(one)}." for one in _curves(diagnosis)]
+    texts = [f"Residual in bins along {words.plain(one['covariate'])}: {_largest(one)}." for one in _curves(diagnosis)]
     verdict = words.sentence(f"{diagnosis['verdict']}: {VERDICTS[diagnosis['verdict']]}")
-    return " ".join([verdict, *(told or ["There is no residual to show."])])
+    return " ".join([verdict, *(texts or ["There is no residual to show."])])
 
 
 def _curves(diagnosis: Mapping[str, Any]) -> Sequence[Mapping[str, Any]]:

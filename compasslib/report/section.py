@@ -18,7 +18,7 @@ class Cell:
 
 
 @dataclass(frozen=True)
-class Table:
+class ReportTable:
     """A small table; the first column names its rows."""
 
     caption: str
@@ -40,17 +40,17 @@ class Figure:
 
 
 @dataclass(frozen=True)
-class Finding:
+class ReportedFinding:
     """One effect that was found, or what stays unexplained."""
 
     title: str
     text: str
     facts: tuple[tuple[str, str], ...]
-    parameters: Table | None = None
+    parameters: ReportTable | None = None
 
 
 @dataclass(frozen=True)
-class Section:
+class ReportSection:
     """One mooring or one calibration."""
 
     name: str
@@ -58,32 +58,28 @@ class Section:
     verdict: str  # a word of discrepancy.telling.VERDICTS, or empty
     summary: tuple[str, ...]  # sentences: the verdict and what else comes first
     facts: tuple[tuple[str, str], ...]
-    findings: tuple[Finding, ...] = ()
+    findings: tuple[ReportedFinding, ...] = ()
     cannot_tell: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
-    tables: tuple[Table, ...] = ()
+    tables: tuple[ReportTable, ...] = ()
     figures: tuple[Figure, ...] = ()
     links: tuple[tuple[str, str], ...] = ()  # text, address relative to the page
     cells: tuple[Cell, ...] = ()  # its row in the overview
 
 
-def stopped(part: str, name: str, why: str, header: Sequence[str]) -> Section:
-    """Return the section of a mooring or calibration that has no results.
-
-    Args:
-        part: "mooring" or "calibration".
-    """
-    told = {"Verdict": Cell("stopped", "stopped"), "Warnings": Cell("1", 1)}
-    said = f"It was stopped, as a file of it cannot be used, and has no results: {why}."
-    return Section(
+def stopped(part: str, name: str, why: str, header: Sequence[str]) -> ReportSection:
+    """Return the section of a mooring or calibration that has no results."""
+    known = {"Verdict": Cell("stopped", "stopped"), "Warnings": Cell("1", 1)}
+    why_stopped = f"It was stopped, as a file of it cannot be used, and has no results: {why}."
+    return ReportSection(
         name=name,
         anchor=f"{part}-{name}",
         verdict="stopped",
-        summary=(said,),
+        summary=(why_stopped,),
         facts=(("Results", "none"),),
         warnings=(why,),
         links=(("logs", f"{'calibrations/' * (part == 'calibration')}{name}/logs"),),
-        cells=(Cell(name, name), *(told.get(column, Cell("", None)) for column in header[1:])),
+        cells=(Cell(name, name), *(known.get(column, Cell("", None)) for column in header[1:])),
     )
 
 
@@ -93,4 +89,4 @@ class Overview:
 
     caption: str
     header: tuple[str, ...]
-    sections: Sequence[Section]
+    sections: Sequence[ReportSection]

@@ -20,7 +20,6 @@ def number(value: float | None, digits: int = 1) -> str:
 
     Args:
         value: any number, NaN or None.
-        digits: decimals.
     """
     if value is None or not math.isfinite(value):
         return UNKNOWN
@@ -34,10 +33,9 @@ def degrees(value: float | None, digits: int = 1) -> str:
 
     Args:
         value: degrees, NaN or None.
-        digits: decimals.
     """
-    told = number(value, digits)
-    return told if told == UNKNOWN else f"{told}°"
+    text = number(value, digits)
+    return text if text == UNKNOWN else f"{text}°"
 
 
 def significant(value: float | None, digits: int = 3) -> str:
@@ -61,8 +59,8 @@ def with_sigma(value: float | None, sigma: float | None, unit: str = "") -> str:
     """
     behind = "°" if unit in ("degrees", "°") else f"{SPACE}{unit}" * (unit not in ("", "1"))
     if value is None or sigma is None or not (math.isfinite(sigma) and sigma > 0.0):
-        told = significant(value)
-        return told if told == UNKNOWN else told + behind
+        text = significant(value)
+        return text if text == UNKNOWN else text + behind
     digits = min(max(1 - math.floor(math.log10(sigma)), 0), 12)
     return f"{number(value, digits)}{SPACE}±{SPACE}{number(sigma, digits)}{behind}"
 
@@ -75,12 +73,12 @@ def percent(share: float | None) -> str:
     """
     if share is None or not math.isfinite(share):
         return UNKNOWN
-    told = number(100.0 * share)
-    if told == "100.0" and share < 1.0:
-        told = ">99.9"
-    if told == "0.0" and share > 0.0:
-        told = "<0.1"
-    return f"{told}{SPACE}%"
+    text = number(100.0 * share)
+    if text == "100.0" and share < 1.0:
+        text = ">99.9"
+    if text == "0.0" and share > 0.0:
+        text = "<0.1"
+    return f"{text}{SPACE}%"
 
 
 def count(value: int | None) -> str:
@@ -98,11 +96,7 @@ def plural(n: int, one: str, many: str | None = None) -> str:
 
 
 def day(stamp: str) -> str:
-    """Return the date of an ISO 8601 instant, 4 Sep 2007.
-
-    Args:
-        stamp: the instant.
-    """
+    """Return the date of an ISO 8601 instant, 4 Sep 2007."""
     at = datetime.fromisoformat(stamp.replace("Z", "+00:00"))
     return f"{at.day}{SPACE}{at:%b}{SPACE}{at.year}"
 
@@ -121,7 +115,6 @@ def position(latitude: float, longitude: float) -> str:
     """Return a position, 65.3333° N, 32.9550° W.
 
     Args:
-        latitude: degrees north.
         longitude: degrees east, -180 to 360.
     """
     east = longitude - 360.0 if longitude > 180.0 else longitude
@@ -147,11 +140,7 @@ def parameter(name: str, unit: str) -> str:
 
 
 def listed(names: list[str]) -> str:
-    """Return names in a sentence.
-
-    Args:
-        names: perhaps none.
-    """
+    """Return names in a sentence."""
     return "".join(names) if len(names) < 2 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from compasslib.archive.files import HALF_WRITTEN
 from compasslib.config.cruise import Cruise
 from compasslib.core.errors import InputError
-from compasslib.run.ledger import RESULTS, Seen, simulated
+from compasslib.run.ledger import RESULTS, KnownHashes, simulated
 
 PROFILES = ("default", "profiles/default")  # where Snakemake looks in the folder that it is started in
 SNAKEMAKES, OWN_LOCK = ".snakemake", ".snakemake/compasslib.lock"
@@ -23,7 +23,7 @@ BELOW = ("work", "wide", "figures", "logs", "benchmarks")  # in the folder of ea
 MEMORY = {"MALLOC_MMAP_THRESHOLD_": str(2**25), "MALLOC_TRIM_THRESHOLD_": str(2**26)}
 TEMPORARY = re.compile(rf"\..+\.\d+{re.escape(HALF_WRITTEN)}")  # as archive_files.replacing names them
 
-_held: list[int] = []  # open for as long as the process lives; the kernel lets go of it when that is killed
+_locks: list[int] = []  # open for as long as the process lives; the kernel lets go of it when that is killed
 
 
 def enter(cruise: Path, project: Path) -> None:
@@ -68,7 +68,7 @@ def alone() -> bool:
         raise InputError(str(Path.cwd()), expected="one run at a time", found="another", advice=advice) from None
     except OSError:  # a file system without locks, or one that is read only: Snakemake has its own way and words
         return False
-    _held.append(handle)
+    _locks.append(handle)
     return True
 
 
@@ -81,7 +81,7 @@ def sweep() -> None:
                 path.unlink(missing_ok=True)
 
 
-def to_simulate(cruise: Cruise, known: Seen) -> dict[str, list[str]]:
+def to_simulate(cruise: Cruise, known: KnownHashes) -> dict[str, list[str]]:
     """Return the raw files of each demonstration mooring that a rule may write.
 
     None of a mooring whose files are all there and not provably the simulation's own: they are raw files like any.
@@ -104,7 +104,7 @@ def simulated_names(cruise: Cruise) -> dict[str, list[str]]:
     return {name: _raw_files(cruise, name) for name in cruise.moorings if cruise.options.demonstration}
 
 
-def _may_write(name: str, raw: Sequence[str], known: Seen) -> bool:
+def _may_write(name: str, raw: Sequence[str], known: KnownHashes) -> bool:
     ours = simulated(name)
     foreign = [file for file in (*raw, f"truth/{name}.csv") if _foreign(file, known.sha256(file), ours.get(file, ()))]
     if foreign and not all(os.path.isfile(file) for file in raw):

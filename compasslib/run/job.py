@@ -33,12 +33,12 @@ def job(snakemake: Any, stage: Callable[..., None]) -> None:
     """
     parts = (snakemake.input, snakemake.output, snakemake.params)
     named = {name: value for part in parts for name, value in part.items() if name != "code"}
-    with _said(snakemake) as say, _recorded(snakemake, Path(snakemake.log[0]).with_suffix(".json")):
+    with _log(snakemake) as say, _recorded(snakemake, Path(snakemake.log[0]).with_suffix(".json")):
         stage(*snakemake.wildcards, **named, say=say)
 
 
 @contextmanager
-def _said(snakemake: Any) -> Iterator[Callable[[str], None]]:
+def _log(snakemake: Any) -> Iterator[Callable[[str], None]]:
     """Give what says a line, and say why where the block fails."""
     log, of = Path(snakemake.log[0]), stopped.named(snakemake.wildcards)
     with _opened(log) as stream:
@@ -70,11 +70,11 @@ def _recorded(snakemake: Any, record: Path) -> Iterator[None]:
     ledger.hold(read)
     yield
     ledger.unchanged(before)
-    said = provenance.of_job(snakemake, read)
+    made = provenance.of_job(snakemake, read)
     with replacing(record) as temporary:
-        temporary.write_text(json.dumps(said, indent=1, default=str) + "\n")
+        temporary.write_text(json.dumps(made, indent=1, default=str) + "\n")
     raw = {path: seen for path, seen in before.items() if not path.startswith(f"{ledger.RESULTS}/")}
-    ledger.remember(raw | {path: (ledger.signature(path), digest) for path, digest in said["wrote"].items()})
+    ledger.remember(raw | {path: (ledger.signature(path), digest) for path, digest in made["wrote"].items()})
 
 
 def _opened(log: Path) -> TextIO:

@@ -31,7 +31,7 @@ def signature(path: str | Path) -> Signature:
 
 
 @dataclass(frozen=True)
-class Seen:
+class KnownHashes:
     """Hashes of files that need no second look: a cruise of some hundred gigabytes is planned in seconds."""
 
     known: dict[str, tuple[Signature, str]] = field(default_factory=dict)
@@ -65,7 +65,7 @@ class Seen:
         self.fresh.clear()
 
 
-def seen() -> Seen:
+def seen() -> KnownHashes:
     """Return what earlier runs and jobs have written down; a line that was torn is a file looked at again."""
     known: dict[str, tuple[Signature, str]] = {}
     lines = 0
@@ -75,7 +75,7 @@ def seen() -> Seen:
             with suppress(ValueError):
                 digest, *numbers, path = line.rstrip("\n").split(" ", 5)
                 known[path] = (tuple(int(number) for number in numbers), digest)
-    return Seen(known, lines=lines)
+    return KnownHashes(known, lines=lines)
 
 
 def remember(known: Mapping[str, tuple[Signature, str]]) -> None:
@@ -84,7 +84,7 @@ def remember(known: Mapping[str, tuple[Signature, str]]) -> None:
     Args:
         known: signature and SHA-256 by path.
     """
-    lines = [f"{digest} {' '.join(map(str, said))} {path}\n" for path, (said, digest) in known.items()]
+    lines = [f"{digest} {' '.join(map(str, known_by))} {path}\n" for path, (known_by, digest) in known.items()]
     with suppress(OSError), open(SEEN, "a", encoding="utf-8", errors="surrogateescape") as stream:
         stream.write("".join(lines))
 
@@ -100,7 +100,7 @@ def records(names: Iterable[str]) -> Iterator[Record]:
             yield _record(path)
 
 
-def stale(made: Collection[str], names: Iterable[str], known: Seen) -> set[str]:
+def stale(made: Collection[str], names: Iterable[str], known: KnownHashes) -> set[str]:
     """Return files that are to be made again, although their times say that they are new.
 
     They are not what their job wrote, have no record, or were made from a file that has since become another.
@@ -109,10 +109,10 @@ def stale(made: Collection[str], names: Iterable[str], known: Seen) -> set[str]:
         made: all files that the rules make now.
         names: folders of results, see ``records``.
     """
-    held = [record for record in records(names) if not record["wrote"].keys().isdisjoint(made)]
-    right = {path for record in held for path, digest in record["wrote"].items() if known.sha256(path) == digest}
+    writers = [record for record in records(names) if not record["wrote"].keys().isdisjoint(made)]
+    right = {path for record in writers for path, digest in record["wrote"].items() if known.sha256(path) == digest}
     again, recorded = set[str](), set[str]()
-    for record in held:
+    for record in writers:
         wrong = {path for path, digest in record["wrote"].items() if known.sha256(path) != digest}
         if not wrong.isdisjoint(right):  # a rule of another name has left a record of the same file
             continue
@@ -206,8 +206,8 @@ def _records_in(folder: str) -> list[Path]:
 def _record(path: Path) -> Record:
     """Return what a job read and wrote; a record that is damaged is none, so that its files are made again."""
     with suppress(OSError, ValueError, TypeError, KeyError):
-        said = json.loads(path.read_bytes())
-        return {part: dict(said[part]) for part in ("read", "wrote")}
+        record = json.loads(path.read_bytes())
+        return {part: dict(record[part]) for part in ("read", "wrote")}
     return {"read": {}, "wrote": {}}
 
 

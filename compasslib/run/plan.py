@@ -187,8 +187,8 @@ class Moorings:
     def _serial_number(self, wildcards: Any) -> str | None:
         """Return what the metadata say, the mooring's attributes being the compromised instrument's."""
         own = self._instrument(wildcards).attributes
-        said = self.attributes(wildcards) if wildcards.role == self._mooring(wildcards).compromised else own
-        return next((str(said[key]) for key in ("serial_number", "sensor_serial_number") if key in said), None)
+        known = self.attributes(wildcards) if wildcards.role == self._mooring(wildcards).compromised else own
+        return next((str(known[key]) for key in ("serial_number", "sensor_serial_number") if key in known), None)
 
     def _mooring(self, wildcards: Any) -> Mooring:
         return self.cruise.moorings[wildcards.mooring]
@@ -347,11 +347,7 @@ class Plan:
 
 
 def made(name: str, roles: Iterable[str]) -> list[str]:
-    """Return all files that the rules make of one mooring, its conventions apart.
-
-    Args:
-        roles: its instruments.
-    """
+    """Return all files that the rules make of one mooring, its conventions apart."""
     return [*(f"results/{name}/{file}" for file in MADE), *(_record(name, role) for role in roles)]
 
 

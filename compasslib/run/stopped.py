@@ -49,8 +49,8 @@ class Stopped:
 
 def named(wildcards: Any) -> str:
     """Return how a job's line of error begins: with the mooring or calibration that it is of."""
-    said = dict(wildcards.items())
-    return next((f"{kind} {said[kind]}: " for kind in ("mooring", "calibration") if kind in said), "")
+    named = dict(wildcards.items())
+    return next((f"{kind} {named[kind]}: " for kind in ("mooring", "calibration") if kind in named), "")
 
 
 def leave(job: Any, error: Exception) -> None:
@@ -58,7 +58,6 @@ def leave(job: Any, error: Exception) -> None:
 
     Args:
         job: the object ``snakemake`` of its script.
-        error: that ended it.
     """
     rule = str(job.rule)
     of_machine = isinstance(error, (Passing, MemoryError)) or (isinstance(error, OSError) and error.errno in _MACHINE)

@@ -91,7 +91,6 @@ def examine(case: Case, simulation: Simulation, nuisance: Floats, *, freed: bool
     """Return the residual of a simulation, whitened, with its base projected out.
 
     Args:
-        simulation: compass and terms.
         nuisance: values of the nuisances, (k,).
         freed: whether the terms' effects are given back to the residual, linearised where the simulation stands, so
             that other terms can be tried in their place; else they belong to the base.
@@ -135,7 +134,6 @@ def usable(case: Case, simulation: Simulation, nuisance: Floats) -> int:
     """Return how many samples show on which branch of a simulation's compass they are.
 
     Args:
-        simulation: compass and terms.
         nuisance: values of the nuisances, (k,).
     """
     return int(np.isfinite(_residual(case, simulation, nuisance)[1]).sum())
@@ -153,11 +151,7 @@ def _residual(case: Case, simulation: Simulation, nuisance: Floats) -> tuple[Flo
 
 
 def trend(time_s: Floats) -> Floats:
-    """Return hat functions of time that follow what changes over weeks, (n, k).
-
-    Args:
-        time_s: increasing times, (n,).
-    """
+    """Return hat functions of time that follow what changes over weeks, (n, k)."""
     knots = np.linspace(time_s[0], time_s[-1], max(int(np.ptp(time_s) / whitening.spacing_s(time_s)), 1) + 1)
     return np.column_stack([np.interp(time_s, knots, row) for row in np.eye(len(knots))])
 

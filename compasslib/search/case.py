@@ -1,13 +1,42 @@
-"""A recording, its simulation and what was logged beside it: all that the search for left-out physics needs."""
+"""A recording, its simulation and what was logged beside it: all that the search needs; made of a mooring's overlap."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
+from compasslib.core import angles, compass
+from compasslib.core.records import EarthField, Pairs
 from compasslib.core.types import Floats
+from compasslib.deviation import likelihood, model
+from compasslib.deviation.model import Fit
+from compasslib.effects import CATALOGUE, Scene, Term, composition
 from compasslib.effects.composition import Simulation
-from compasslib.effects.term import Scene, Term
+from compasslib.effects.iron import Heeling
+from compasslib.search import covariates
+
+WOBBLE_HOURS = 6.0  # tilts faster than this are mostly the sensor's and the waves'
+TIDES_H = (12.4206, 12.0, 12.6583, 23.9345, 25.8193)  # periods of M2, S2, N2, K1, O1
+LEAST = 1e-9  # of a column, rounding aside: sampled exactly twice a day the tide of the sun is a constant
+TIDES_FOLLOWED_S = 3 * 3600.0  # sampling that still follows them
+ALIKE = "both compasses feel it alike: it cancels in the difference of their directions"
+CONSTANT = "a constant error is the same as A, a mean veer of the water and a turned mount"
+UNSEEN = {
+    "rotation_rate": "hourly samples do not resolve a turn",
+}
+ABSENT = {
+    "temperature": "no temperature that varies was logged",
+    "supply_voltage": "no supply voltage that varies was logged",
+    "battery_number": "the supply voltage shows no change of battery",
+    "declination_observatory": "no observatory series given",
+    "separation": "the distance between the two layers does not vary",
+    "depth": "the depth does not vary",
+    "lean_pitch": "the tilts do not stick for ten days, or nothing shows how the instrument leaned then",
+    "flow_east": "the pairs stand too far apart in time to foretell the flow's direction from the hours before",
+    "exact_minus_series": "the simulation is the exact compass already",
+}
 
 
 @dataclass(frozen=True)
@@ -31,3 +60,124 @@ class Case:
 
     def __len__(self) -> int:
         return len(self.recorded_deg)
+
+
+def mooring_case(
+    pairs: Pairs, logged: Mapping[str, Floats], fit: Fit, field: EarthField, *, reference_magnetic: bool = True
+) -> Case:
+    """Return the overlap of a mooring held against its fitted exact compass.
+
+    Args:
+        logged: other series at their times, (n,) each.
+        reference_magnetic: whether the trusted instrument has a compass too.
+    """
+    columns = covariates.of_pairs(pairs, logged)
+    references = covariates.references(columns)
+    observed = model.observed_heading(pairs)
+    heading = model.nearest_root(compass.inverse(fit.coefficients, pairs.heading_deg), observed)
+    scene = scene_of(pairs, columns, references, field=field, heading_deg=heading)
+    simulation = Simulation(fit.coefficients, float(np.mean(scene.horizontal_nT)))
+    terms, missing = testable(scene, reference_magnetic)
+    upper, lower = model.speeds(pairs)
+    return Case(
+        kind="mooring",
+        simulation=simulation,
+        scene=scene,
+        recorded_deg=pairs.heading_deg,
+        observed_deg=observed,
+        slowness=np.hypot(1.0 / np.maximum(upper, 1e-3), 1.0 / np.maximum(lower, 1e-3)),
+        expected_deg=likelihood.widths(fit.noise, upper, lower),
+        precision_deg=fit.noise.compass_deg,
+        covariates=columns,
+        nuisance=_nuisance(pairs, scene, simulation),
+        terms=terms,
+        not_testable=missing,
+    )
+
+
+def scene_of(
+    pairs: Pairs,
+    columns: Mapping[str, Floats],
+    references: Mapping[str, float],
+    *,
+    field: EarthField,
+    heading_deg: Floats,
+) -> Scene:
+    """Return in what the pairs were measured.
+
+    Args:
+        columns: covariates, (n,) each.
+        references: what the terms' departures count from.
+        heading_deg: headings as the fit corrects them, (n,), degrees.
+    """
+    h, z = (np.interp(pairs.time_s, field.time_s, x) for x in (field.horizontal_nT, field.vertical_nT))
+    return Scene(
+        time_s=pairs.time_s,
+        horizontal_nT=h,
+        vertical_nT=z,
+        pitch_deg=np.nan_to_num(pairs.pitch_deg),
+        roll_deg=np.nan_to_num(pairs.roll_deg),
+        begin_s=references["time"],
+        departures=covariates.departures(pairs, columns, references, heading_deg),
+    )
+
+
+def testable(scene: Scene, reference_magnetic: bool) -> tuple[tuple[type[Term], ...], tuple[tuple[str, str], ...]]:
+    """Return the terms that a mooring's record can be tested for, and which not with the reason.
+
+    Args:
+        reference_magnetic: whether the trusted instrument has a compass too.
+    """
+    terms, missing = [], []
+    for term in CATALOGUE:
+        if term.name in UNSEEN:
+            missing.append((term.name, UNSEEN[term.name]))
+        if "mooring" not in term.recordings or term.acts_on == "time":
+            continue
+        absent = [name for name in term.needs if name not in scene.departures]
+        if term.name == "declination_error":
+            missing.append((term.name, CONSTANT))
+        elif term.acts_on == "north" and reference_magnetic:
+            missing.append((term.name, ALIKE))
+        elif absent:
+            missing.append((term.name, ABSENT.get(absent[0], f"no {absent[0].replace('_', ' ')} was logged")))
+        elif term.name in ("heeling", "tilt_uncompensated") and np.ptp(scene.pitch_deg) + np.ptp(scene.roll_deg) == 0.0:
+            missing.append((term.name, "no tilt that varies was logged"))
+        else:
+            terms.append(term)
+    return tuple(terms), tuple(dict.fromkeys(missing))
+
+
+def _nuisance(pairs: Pairs, scene: Scene, simulation: Simulation) -> Floats:
+    """Return columns that every overlap has: noise of the tilt sensor through Z, and a rate of turn of the flow.
+
+    The noise of a recorded tilt stands in the heading and in the tilt alike; on the fast part of the tilt it looks
+    like heeling. A clock, or water that arrives at one depth later, shows as the rate of turn of the flow, and a clock
+    that drifts as the same growing.
+    """
+    span = max(int(WOBBLE_HOURS * 3600.0 / np.median(np.diff(pairs.time_s))), 1)
+    fast = [x - _running_mean(x, span) for x in (scene.pitch_deg, scene.roll_deg)]
+    wobble = Scene(scene.time_s, scene.horizontal_nT, scene.vertical_nT, fast[0], fast[1], scene.begin_s)
+    vertical = Simulation(simulation.coefficients, simulation.horizontal_nT, (Heeling(),))
+    heading = composition.headings(simulation, scene, pairs.heading_deg)[:, 0]
+    noise = composition.derivative(vertical, wobble, heading, first=5) * scene.vertical_nT[:, None]
+    turning = scene.departures["flow_turn"]
+    columns = np.column_stack([np.nan_to_num(noise), turning, turning * scene.years, _tides(scene.time_s)])
+    return columns[:, columns.std(axis=0) > LEAST]
+
+
+def _tides(time_s: Floats) -> Floats:
+    """Return waves of the tides where they are sampled too rarely to be followed, else none, (n, k).
+
+    A profiler that passes twice a day sees the tides' veer as waves of weeks to a year.
+    """
+    if np.median(np.diff(time_s)) < TIDES_FOLLOWED_S:
+        return np.zeros((len(time_s), 0))
+    phase = 360.0 * (time_s - time_s[0])[:, None] / 3600.0 / np.array(TIDES_H)
+    return np.column_stack(angles.sin_cos(phase))
+
+
+def _running_mean(x: Floats, reach: int) -> Floats:
+    summed = np.concatenate([[0.0], np.cumsum(x)])
+    first, last = np.maximum(np.arange(len(x)) - reach, 0), np.minimum(np.arange(len(x)) + reach + 1, len(x))
+    return (summed[last] - summed[first]) / (last - first)

@@ -31,7 +31,7 @@ CLEAREST = 0.2  # correlation of the speeds below which a window says nothing
 
 
 @dataclass(frozen=True)
-class Clock:
+class ClockError:
     """By how much the compromised clock is ahead of the trusted one, hours: offset at the beginning, and drift."""
 
     offset_h: float = 0.0
@@ -58,15 +58,11 @@ class Clock:
         return np.asarray(HOUR_S * hours)
 
 
-def compare(pairs: Pairs) -> Clock:
-    """Return the clock error that the speeds show; nothing named where they cannot tell.
-
-    Args:
-        pairs: overlapping measurements.
-    """
+def compare(pairs: Pairs) -> ClockError:
+    """Return the clock error that the speeds show; nothing named where they cannot tell."""
     step = float(np.median(np.diff(pairs.time_s)))
     if step > 2.0 * HOUR_S:
-        return Clock()
+        return ClockError()
     slot = whitening.slots(pairs.time_s)
     upper, lower = (_fast(slot, speed, step) for speed in model.speeds(pairs))
     width = max(len(upper) // WINDOWS, FEWEST_IN_WINDOW)
@@ -80,10 +76,10 @@ def compare(pairs: Pairs) -> Clock:
         for window in windows
     ]
     known = np.array([one for one in found if np.isfinite(one[1])]).reshape(-1, 2)
-    return _judged(known[:, 0], known[:, 1], len(upper) * step / YEAR_S) if len(known) >= 5 else Clock()
+    return _judged(known[:, 0], known[:, 1], len(upper) * step / YEAR_S) if len(known) >= 5 else ClockError()
 
 
-def _judged(years: Floats, ahead_h: Floats, span_years: float) -> Clock:
+def _judged(years: Floats, ahead_h: Floats, span_years: float) -> ClockError:
     """Return the simplest clock that fits the windows: an offset, a drift from zero, or both."""
     ones = np.ones(len(years))
     (mean, mean_sigma, _), (rate, rate_sigma, _) = (_fit(x[:, None], ahead_h) for x in (ones, years))
@@ -92,15 +88,15 @@ def _judged(years: Floats, ahead_h: Floats, span_years: float) -> Clock:
     large = abs(line[0]) >= LEAST_HOURS and abs(line[1]) * span_years >= LEAST_HOURS
     both = min(square[:2]) / square[2] - 1.0 > SIGMAS**2 / (len(years) - 2)
     if both and large and all(_clear(*one, len(years) - 2) for one in zip(line, line_sigma, strict=True)):
-        return Clock(line[0], line[1], np.hypot(line_sigma[0], DELAY_SIGMA_H), line_sigma[1], True, True)
+        return ClockError(line[0], line[1], np.hypot(line_sigma[0], DELAY_SIGMA_H), line_sigma[1], True, True)
     if square[1] < square[0]:
         named = _clear(rate[0], rate_sigma[0], len(years) - 1) and abs(rate[0]) * span_years >= LEAST_HOURS
         # A drift that begins at zero takes a constant delay for 1.5 of it over the whole span.
         sigma = np.hypot(rate_sigma[0], 1.5 * DELAY_SIGMA_H / span_years)
-        return Clock(0.0, rate[0], line_sigma[0], sigma, False, named, _close(square[0], square[1], len(years)))
+        return ClockError(0.0, rate[0], line_sigma[0], sigma, False, named, _close(square[0], square[1], len(years)))
     named = _clear(mean[0], mean_sigma[0], len(years) - 1) and abs(mean[0]) >= LEAST_HOURS
     sigma = np.hypot(mean_sigma[0], DELAY_SIGMA_H)
-    return Clock(mean[0], 0.0, sigma, line_sigma[1], named, False, _close(square[1], square[0], len(years)))
+    return ClockError(mean[0], 0.0, sigma, line_sigma[1], named, False, _close(square[1], square[0], len(years)))
 
 
 def _fit(design: Floats, ahead_h: Floats) -> tuple[list[float], list[float], float]:
@@ -123,13 +119,10 @@ def _clear(value: float, sigma: float, freedom: int) -> bool:
     return bool(score > SIGMAS)
 
 
-def repaired(pairs: Pairs, clock: Clock) -> Pairs:
+def repaired(pairs: Pairs, clock: ClockError) -> Pairs:
     """Return the pairs with the trusted instrument read at the compromised one's true times.
 
     A compromised clock that is ahead stamps too late: its sample belongs to an earlier one of the trusted instrument.
-
-    Args:
-        pairs: overlapping measurements.
     """
     wanted = pairs.time_s - clock.ahead_s(pairs.time_s)
     stamped, one = np.unique(pairs.time_s + 60.0 * pairs.separation_minutes, return_index=True)
@@ -146,12 +139,7 @@ def repaired(pairs: Pairs, clock: Clock) -> Pairs:
 
 
 def kept(pairs: Pairs, again: Pairs) -> NDArray[np.bool_]:
-    """Return which pairs a repair kept, (n,).
-
-    Args:
-        pairs: before it.
-        again: after it.
-    """
+    """Return which pairs a repair kept, (n,)."""
     return np.isin(pairs.time_s, again.time_s)
 
 

@@ -38,11 +38,7 @@ class Group:
 
 
 def of_terms(state: State, terms: Sequence[type[Term]]) -> list[Group]:
-    """Return one group for each term, for a term with a date one for each date that is tried.
-
-    Args:
-        state: the simulation where it stands.
-    """
+    """Return one group for each term, for a term with a date one for each date that is tried."""
     groups = []
     for kind in terms:
         if kind.dated():
@@ -56,7 +52,6 @@ def of_term(state: State, term: Term) -> Group:
     """Return the columns of one term beside a simulation.
 
     Args:
-        state: the simulation where it stands.
         term: the term at the values where the derivative is taken.
     """
     return Group(term.name, _derivative(state, term), term)
@@ -66,7 +61,6 @@ def of_dates(state: State, kind: type[Term], dates_s: Floats) -> list[Group]:
     """Return the columns of a term that begins at each of some dates.
 
     Args:
-        state: the simulation where it stands.
         kind: a term with a date.
         dates_s: UTC seconds since 1970, (m,).
     """
@@ -76,21 +70,13 @@ def of_dates(state: State, kind: type[Term], dates_s: Floats) -> list[Group]:
 
 
 def dates(time_s: Floats) -> Floats:
-    """Return the dates of steps that are tried, (m,).
-
-    Args:
-        time_s: increasing times, (n,).
-    """
+    """Return the dates of steps that are tried, (m,)."""
     first, last = np.quantile(time_s, [DATE_MARGIN, 1.0 - DATE_MARGIN])
     return np.arange(first, last, max(DATE_STEP_S, (last - first) / 60.0))
 
 
 def omnibus(state: State) -> list[Group]:
-    """Return splines and thresholds of each covariate, harmonics and hats of the heading, and products.
-
-    Args:
-        state: the simulation where it stands.
-    """
+    """Return splines and thresholds of each covariate, harmonics and hats of the heading, and products."""
     found, groups = state.case.covariates, []
     heading = state.case.recorded_deg
     groups += [Group("heading", hats, covariates=("heading",)) for hats in _heading_hats(heading)]
@@ -113,11 +99,7 @@ def omnibus(state: State) -> list[Group]:
 
 
 def waves(time_s: Floats) -> list[Group]:
-    """Return one wave a group: what swings with one period is faint among all knots.
-
-    Args:
-        time_s: increasing times, (n,).
-    """
+    """Return one wave a group: what swings with one period is faint among all knots."""
     turns = 360.0 * (time_s - time_s[0]) / np.ptp(time_s)
     each = [_periodic(turns, range(k, k + 1)) for k in range(1, int(np.ptp(time_s) / SHORTEST_WAVE_S) + 1)]
     return [Group("time", wave, covariates=("time",)) for wave in each]

@@ -53,7 +53,6 @@ def of_pairs(pairs: Pairs, logged: Mapping[str, Floats]) -> dict[str, Floats]:
     """Return the covariates along which the residual is looked at, (n,) each; constants are left out.
 
     Args:
-        pairs: overlapping measurements.
         logged: other series at their times, as ``temperature`` and ``supply_voltage``, (n,) each.
     """
     upper, _ = model.speeds(pairs)
@@ -90,7 +89,6 @@ def as_used(name: str, column: Floats, time_s: Floats) -> Floats:
 
     Args:
         column: (n,), NaN where missing.
-        time_s: increasing times, (n,).
     """
     return running(column, time_s, DAY_S) if name == "supply_voltage" and len(column) else column
 
@@ -100,7 +98,6 @@ def running(column: Floats, time_s: Floats, span_s: float) -> Floats:
 
     Args:
         column: (n,), NaN where missing.
-        time_s: increasing times, (n,).
         span_s: length of the span, seconds.
     """
     first, last = (np.searchsorted(time_s, time_s + half, "left") for half in (-span_s / 2.0, span_s / 2.0))
@@ -136,7 +133,6 @@ def departures(
     """Return what the terms need: covariates minus their references, and rates, (n,) each.
 
     Args:
-        pairs: overlapping measurements.
         covariates: as ``of_pairs`` gives them.
         references: what is taken off, by name.
         heading_deg: headings as the fit corrects them, (n,), degrees; NaN where it cannot.
@@ -156,7 +152,6 @@ def rate(angle_deg: Floats, time_s: Floats) -> Floats:
 
     Args:
         angle_deg: (n,), degrees.
-        time_s: increasing times, (n,).
     """
     turn, apart = angles.difference(angle_deg[2:], angle_deg[:-2]), time_s[2:] - time_s[:-2]
     result = np.zeros(len(time_s))
@@ -205,15 +200,15 @@ def _of_flow(pairs: Pairs, deviation_deg: Floats) -> dict[str, Floats]:
     both = (upper + lower) / 2.0 + (share - 0.5) * (apart - _smooth(apart))
     around = _as_around(both, pairs.time_s)
     memory = _memory(upper * np.conj(lower))
-    told = _followed(_harmonics(both), _harmonics(around), memory)
+    predicted = _predicted(_harmonics(both), _harmonics(around), memory)
     lean = np.abs(upper) * upper
     moved = np.zeros(len(pairs), dtype=complex)
     span_s = pairs.time_s[2:] - pairs.time_s[:-2]
     moved[1:-1] = np.where(span_s <= 2.0 * NEIGHBOUR_S, (lean[2:] - lean[:-2]) / span_s, 0.0)
     across = -np.imag(moved * np.conj(upper)) / np.maximum(np.abs(upper), 0.02) ** 2 / angles.DEGREE
     result = {"excursion_turn": across, "flow_turn": _turning(both, pairs.time_s)}
-    if np.any(told):
-        result |= dict(zip(("flow_east", "flow_north", "flow_sine2", "flow_cosine2"), told.T, strict=True))
+    if np.any(predicted):
+        result |= dict(zip(("flow_east", "flow_north", "flow_sine2", "flow_cosine2"), predicted.T, strict=True))
     return result
 
 
@@ -230,7 +225,7 @@ def _harmonics(flow: NDArray[np.complex128]) -> Floats:
     return np.column_stack([unit.real, unit.imag, (unit**2).imag, -(unit**2).real])
 
 
-def _followed(seen: Floats, around: Floats, memory: float) -> Floats:
+def _predicted(seen: Floats, around: Floats, memory: float) -> Floats:
     """Return what the hours around tell of each harmonic that is seen, the residual's memory filtered out, (n, k)."""
     x, z = (series[1:] - memory * series[:-1] for series in (seen, around))
     known = np.any(around[1:], axis=1) & np.any(around[:-1], axis=1)

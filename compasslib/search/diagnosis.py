@@ -10,6 +10,7 @@ import numpy as np
 from compasslib import deviation
 from compasslib.core.records import EarthField, Pairs
 from compasslib.core.types import Floats
+from compasslib.deviation import model as fits
 from compasslib.deviation.model import Fit
 from compasslib.effects.water import VeerWithDirection
 from compasslib.search import (
@@ -17,13 +18,11 @@ from compasslib.search import (
     baseline,
     clocks,
     columns,
+    confirmation,
     covariates,
-    doubts,
     episodes,
     findings,
-    large,
     model,
-    mooring,
     naming,
     scan,
     sectors,
@@ -33,15 +32,16 @@ from compasslib.search import (
 )
 from compasslib.search.applied import Applied
 from compasslib.search.baseline import State
-from compasslib.search.case import Case
-from compasslib.search.clocks import Clock
+from compasslib.search.case import Case, mooring_case
+from compasslib.search.clocks import ClockError
 from compasslib.search.columns import Group
 from compasslib.search.naming import Named
 from compasslib.search.sectors import Heap
-from compasslib.search.show import Curve
+from compasslib.search.show import BinnedResidual
 from compasslib.search.verdict import Diagnosis, Finding, Unexplained
 
 FEWEST, SHORTEST_DAYS = 200, 20.0
+MOST_PAIRS = 20_000  # hourly pairs of two years; of more, every second, third, ... is searched, to hold memory
 OMNIBUS = 1.0 / 3.0  # of the alarm: splines and products feign more than the draws of the noise show
 
 
@@ -102,25 +102,27 @@ def diagnose(
     """Return what a mooring's overlap shows that its fitted compass does not hold.
 
     Args:
-        pairs: overlapping measurements.
         logged: other series at their times, ``temperature`` and ``supply_voltage`` where there are, (n,) each.
         fit: the configured fit, which is the simulation that is diagnosed.
         wide: pairs that may stand further apart, by which the clocks are compared; the pairs where absent.
     """
     options = options or Options()
+    wide = pairs if wide is None else wide
+    some = slice(None, None, 1 + len(pairs) // MOST_PAIRS)
+    pairs, logged = fits.chosen(pairs, some), {name: series[some] for name, series in logged.items()}
     if why := _too_little(pairs, fit):
         return verdict.insufficient(why)
     is_series = fit.method == "von_appen"
     exact = deviation.fit("exact", pairs) if is_series else fit
-    first = [] if not is_series else large.findings(pairs, exact, fit, options.min_effect_deg)
-    clock = clocks.compare(pairs if wide is None else wide)
+    first = [] if not is_series else findings.of_exact_compass(pairs, exact, fit, options.min_effect_deg)
+    clock = clocks.compare(wide)
     repair, doubted = _repaired(pairs, exact, clock)
     if repair is not None:
         kept = clocks.kept(pairs, repair.pairs)
         logged = {name: column[kept] for name, column in logged.items()}
         first += repair.findings
         pairs, exact = repair.pairs, repair.fit
-    case = mooring.case(pairs, logged, exact, field, reference_magnetic=options.reference_magnetic)
+    case = mooring_case(pairs, logged, exact, field, reference_magnetic=options.reference_magnetic)
     if repair is not None:
         case = _without_direction(case)
     if is_series:  # it was looked for already
@@ -134,23 +136,23 @@ def diagnose(
     return replace(found, fit=exact) if counts else replace(found, applied=None)
 
 
-def _repaired(pairs: Pairs, fit: Fit, clock: Clock) -> tuple[Repair | None, tuple[str, ...]]:
+def _repaired(pairs: Pairs, fit: Fit, clock: ClockError) -> tuple[Repair | None, tuple[str, ...]]:
     """Return the pairs freed of a clock error, and what is to be said where held-out directions deny it."""
     if not clock.named:
         return None, ()
     again = clocks.repaired(pairs, clock)
     if not (short := len(again) < FEWEST):
         freed = deviation.fit(fit.method, again, _near(fit), dip_ratio=fit.dip_ratio)
-        told = findings.of_clock(pairs, again, (fit, freed), clock)
-        if freed.fitted and not any(one.held_out.refuted for one in told):
-            return Repair(again, freed, told), ()
+        found = findings.of_clock(pairs, again, (fit, freed), clock)
+        if freed.fitted and not any(one.held_out.refuted for one in found):
+            return Repair(again, freed, found), ()
     why = "too few pairs are left with it" if short else "held-out directions agree less with it"
     hours = clock.ahead_s(pairs.time_s)[[0, -1]] / clocks.HOUR_S
-    said = (
+    warning = (
         f"by the speeds the two clocks are {hours[0]:+.1f} h apart at the begin and {hours[1]:+.1f} h at the end, but "
         f"{why}: nothing was put right; check clocks, time zones and dates of both"
     )
-    return None, (said,)
+    return None, (warning,)
 
 
 def _near(fit: Fit) -> Fit | None:
@@ -190,9 +192,9 @@ def _judged(case: Case, options: Options) -> Diagnosis:
     empty = model.refit(empty, [])  # where the record, its memory counted, has compass and nuisances
     named = naming.search(empty, alarm=options.alarm, min_effect_deg=options.min_effect_deg)
     named, episode = episodes.taken_out(named)
-    named, unproven = doubts.unproven(named)
-    named, rest = _believed(named, options)
-    named = doubts.or_water(naming.led(named, options.min_effect_deg))
+    named, unproven = confirmation.unproven(named)
+    named, rest = _beside_rest(named, options)
+    named = confirmation.or_water(naming.without_season_first(named, options.min_effect_deg))
     left = rest.worth[0] if rest.worth else unproven
     every = findings.of_terms(named)
     stands = [one for one in every if not one.held_out.refuted]
@@ -250,11 +252,11 @@ def _joined(first: Sequence[Finding], rest: Diagnosis) -> Diagnosis:
     return replace(rest, findings=found, verdict=verdict_of(found, rest.unexplained))
 
 
-def _believed(named: Named, options: Options) -> tuple[Named, Rest]:
+def _beside_rest(named: Named, options: Options) -> tuple[Named, Rest]:
     """Return the hypothesis without names whose work what is left does, and what is left beside it."""
     rest = _left(named.state, options)
     while rest.strong:
-        fewer = doubts.replaced(named, rest.curve, rest.strong[0][1], options.min_effect_deg)
+        fewer = confirmation.replaced(named, rest.curve, rest.strong[0][1], options.min_effect_deg)
         if fewer is named:
             break
         named, rest = fewer, _left(fewer.state, options)
@@ -296,7 +298,7 @@ def _why(detectable: Mapping[str, float], min_effect_deg: float) -> str:
     )
 
 
-def _curves(before: State, after: State, found: Sequence[Finding]) -> tuple[Curve, ...]:
+def _curves(before: State, after: State, found: Sequence[Finding]) -> tuple[BinnedResidual, ...]:
     names = dict.fromkeys(["heading", "time", *(one.where.covariate for one in found)])
     return tuple(show.curve(before, after, name) for name in names if name in before.case.covariates)
 

@@ -28,9 +28,6 @@ def resampled(state: State, seed: int, repeats: int = REPEATS) -> Floats:
     """Return draws of the record's own noise: blocks of days of its innovations at other dates, turned at random.
 
     What changes over weeks is taken out first: a real drift must not raise the bar for itself.
-
-    Args:
-        state: the simulation where it stands.
     """
     counts = np.isfinite(state.whitener.width_deg)
     trend = directions(state.projected(baseline.trend(state.case.scene.time_s).astype(np.float32)))
@@ -54,7 +51,6 @@ def uneven(state: State, basis: Floats) -> float:
     the scores of blocks of days are squared as they are (a sandwich by clusters; Liang and Zeger, Biometrika 73, 1986).
 
     Args:
-        state: the simulation where it stands.
         basis: the group's whitened columns, orthonormal, (n, k).
     """
     left = state.innovation - basis @ (basis.T @ state.innovation)
@@ -71,7 +67,6 @@ def slow(state: State, every: Floats, begins: NDArray[np.intp], freedom: Floats)
     of every group as far as the group is slow itself; drifts, steps and seasons hardly reach to such short periods.
 
     Args:
-        state: the simulation where it stands.
         every: orthonormal whitened columns of all groups, (n, k).
         begins: first column of each group, (g,).
         freedom: number of columns of each group, (g,).
@@ -95,7 +90,6 @@ def by_water(state: State, groups: Sequence[Group]) -> Floats:
     hold along the same change, beside the term itself, is therefore taken for noise of it.
 
     Args:
-        state: the simulation where it stands.
         groups: columns of terms.
     """
     heading, found = np.nan_to_num(state.heading_deg), np.ones(len(groups))
@@ -117,7 +111,6 @@ def usual(groups: Sequence[Group], inflation: Floats) -> Floats:
     """Return the middle inflation of each term over its dates: the best of many dates is often that of a low estimate.
 
     Args:
-        groups: columns.
         inflation: of each group, (g,).
     """
     kinds = [type(group.term) for group in groups]

@@ -48,7 +48,7 @@ def taken_out(named: Named) -> tuple[Named, Episode | None]:
         return named, None
     kept = [k for k in range(len(terms)) if k not in changes]
     free = model.refit(named.state, [terms[k] for k in kept])
-    found, score = max(_strangers(free), key=lambda one: one[1], default=(None, -np.inf))
+    found, score = max(_candidates(free), key=lambda one: one[1], default=(None, -np.inf))
     ahead = rivals.CLOSE if len(changes) == 1 else 0.0
     if found is None or score <= ahead + _score(free, [_same(free, terms[k]) for k in changes]):
         return named, None
@@ -64,7 +64,7 @@ def _score(free: State, groups: list[Group]) -> float:
     return float(scan.gains(free, [together])[0]) - sum(rivals.charge(group) for group in groups)
 
 
-def _strangers(free: State) -> Iterator[tuple[Episode, float]]:
+def _candidates(free: State) -> Iterator[tuple[Episode, float]]:
     """Give the offset with a begin and an end that gains most and the wave that does, with their scores."""
     time_s = free.case.scene.time_s
     waves = columns.waves(time_s)

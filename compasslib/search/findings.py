@@ -7,20 +7,22 @@ from collections.abc import Sequence
 import numpy as np
 
 from compasslib import observatory
-from compasslib.core import angles
+from compasslib.core import angles, compass
 from compasslib.core.records import Pairs
 from compasslib.core.types import Floats
-from compasslib.deviation.model import Fit, observed_heading
+from compasslib.deviation import exact, von_appen
+from compasslib.deviation.forms import EXACT, SeriesInCorrect
+from compasslib.deviation.model import Fit, chosen, nearest_root, observed_heading
 from compasslib.effects import SIDES, Term
 from compasslib.search import model, show, stuck, verdict, wording
 from compasslib.search.baseline import State
 from compasslib.search.case import Case
-from compasslib.search.clocks import Clock, kept
+from compasslib.search.clocks import ClockError, kept
 from compasslib.search.columns import Group
 from compasslib.search.episodes import Episode
 from compasslib.search.naming import Named
 from compasslib.search.sectors import Heap
-from compasslib.search.show import Curve
+from compasslib.search.show import BinnedResidual, HeldOut
 from compasslib.search.verdict import Finding, Parameter, Unexplained, Where
 from compasslib.stats import robust, whitening
 
@@ -28,6 +30,8 @@ OBSERVATORY = "declination_observatory"
 RANGE = (0.05, 0.95)  # quantiles of a covariate that tell where an effect lives
 NOTHING = 1e-6  # standard error of a parameter that nothing depends on, in any unit
 OUTSIDE = 2.5  # standard errors by which a bin leaves the band
+PAIRS = 1000  # of the exact compass against the series: as many, evenly taken, tell the curves apart
+SURE = 0.01
 
 
 def of_terms(named: Named) -> list[Finding]:
@@ -71,11 +75,10 @@ def _of_term(state: State, k: int, alternatives: tuple[str, ...], covariance: Fl
     )
 
 
-def of_clock(before: Pairs, after: Pairs, fits: tuple[Fit, Fit], clock: Clock) -> list[Finding]:
+def of_clock(before: Pairs, after: Pairs, fits: tuple[Fit, Fit], clock: ClockError) -> list[Finding]:
     """Return the findings on the clocks, with what re-pairing does to the residual of fits that have not seen it.
 
     Args:
-        before: pairs as they were.
         after: pairs with the trusted instrument read at the true times.
     """
     same = kept(before, after)
@@ -96,7 +99,7 @@ def of_clock(before: Pairs, after: Pairs, fits: tuple[Fit, Fit], clock: Clock) -
         if not is_named:
             continue
         others = tuple(name for name in numbers if name != effect) if clock.ambiguous else ()
-        told = wording.finding(
+        text = wording.finding(
             effect,
             others,
             where=place.text[0].upper() + place.text[1:],
@@ -105,7 +108,7 @@ def of_clock(before: Pairs, after: Pairs, fits: tuple[Fit, Fit], clock: Clock) -
             proof=(proof.rms_before_deg, proof.rms_after_deg, proof.p_value),
         )
         parameters = {name: Parameter(value, sigma, unit)}
-        result.append(Finding(effect, "clock", others, place, span, parameters, size, proof, told))
+        result.append(Finding(effect, "clock", others, place, span, parameters, size, proof, text))
     return result
 
 
@@ -120,11 +123,11 @@ def unexplained(state: State, group: Group, size_deg: float, named: Sequence[str
     """
     curves = tuple(show.curve(state, state, name) for name in group.covariates)
     places = [_outside(state.case, curve) for curve in curves]
-    said = " and ".join(place.text for place in places)
+    places_text = " and ".join(place.text for place in places)
     time_s = state.case.scene.time_s
     when = next(((p.low, p.high) for p in places if p.covariate == "time"), (float(time_s[0]), float(time_s[-1])))
-    told = wording.unexplained(said, size_deg, named)
-    return Unexplained(group.covariates, places[0], when, size_deg, curves, told)
+    text = wording.unexplained(places_text, size_deg, named)
+    return Unexplained(group.covariates, places[0], when, size_deg, curves, text)
 
 
 def hanging(state: State, heap: Heap, named: Sequence[str]) -> Unexplained:
@@ -138,10 +141,10 @@ def hanging(state: State, heap: Heap, named: Sequence[str]) -> Unexplained:
     low, high = (heap.recorded_deg + side * heap.width_deg / 2.0 for side in (-1.0, 1.0))
     place = where(state.case, "heading", (low, high))
     time_s = state.case.scene.time_s
-    said = f"{place.text}, where the compass hangs: its readings heap up at {heap.recorded_deg:.0f} degrees"
-    told = wording.unexplained(said, heap.rms_deg, named)
+    places_text = f"{place.text}, where the compass hangs: its readings heap up at {heap.recorded_deg:.0f} degrees"
+    text = wording.unexplained(places_text, heap.rms_deg, named)
     curves = (show.curve(state, state, "heading"),)
-    return Unexplained(("heading",), place, (float(time_s[0]), float(time_s[-1])), heap.rms_deg, curves, told)
+    return Unexplained(("heading",), place, (float(time_s[0]), float(time_s[-1])), heap.rms_deg, curves, text)
 
 
 def episode(state: State, found: Episode, named: Sequence[str]) -> Unexplained:
@@ -155,8 +158,8 @@ def episode(state: State, found: Episode, named: Sequence[str]) -> Unexplained:
     span = (found.begin_s, found.end_s)
     place = where(state.case, "time", span)
     how = ", to and fro" if found.swings else ", and not after"
-    told = wording.unexplained(place.text + how, found.rms_deg, named)
-    return Unexplained(("time",), place, span, found.rms_deg, (show.curve(state, state, "time"),), told)
+    text = wording.unexplained(place.text + how, found.rms_deg, named)
+    return Unexplained(("time",), place, span, found.rms_deg, (show.curve(state, state, "time"),), text)
 
 
 def where(case: Case, name: str, span: tuple[float, float] | None = None) -> Where:
@@ -168,11 +171,7 @@ def where(case: Case, name: str, span: tuple[float, float] | None = None) -> Whe
 
 
 def lives(state: State, term: Term) -> Where:
-    """Return the covariate along which an effect lives.
-
-    Args:
-        state: with the term.
-    """
+    """Return the covariate along which an effect lives."""
     known = [name for name in wording.WHERE.get(term.name, ("time",)) if name in state.case.covariates]
     needed = [name for name in known if name in term.needs] or known or ["time"]
     return where(state.case, max(needed, key=lambda name: float(np.std(state.case.covariates[name]))))
@@ -189,7 +188,7 @@ def _span(state: State, term: Term) -> tuple[float, float]:
     return float(time_s[0]), float(time_s[-1])
 
 
-def _outside(case: Case, curve: Curve) -> Where:
+def _outside(case: Case, curve: BinnedResidual) -> Where:
     """Return the range in which the binned residual leaves its band; all of the covariate where no bin does alone."""
     far = np.abs(curve.before_deg) > OUTSIDE * curve.sigma_deg
     if not far.any():
@@ -197,3 +196,46 @@ def _outside(case: Case, curve: Curve) -> Where:
     half = float(np.median(np.diff(curve.centre))) / 2.0 if len(curve.centre) > 1 else 0.0
     inside = curve.centre[far]
     return where(case, curve.covariate, (float(inside.min()) - half, float(inside.max()) + half))
+
+
+def of_exact_compass(pairs: Pairs, fit: Fit, series: Fit, min_effect_deg: float) -> list[Finding]:
+    """Return the finding that the exact compass fits where the small-angle series does not, or none.
+
+    Both have five parameters, so the comparison on held-out days needs no charge for complexity.
+
+    Args:
+        min_effect_deg: size below which the difference does not matter, rms.
+    """
+    observed = observed_heading(pairs)
+    by_exact = nearest_root(compass.inverse(fit.coefficients, pairs.heading_deg), observed)
+    by_series = von_appen.invert(series.coefficients, pairs.heading_deg)
+    size, lost = angles.rms(angles.difference(by_exact, by_series)), float(np.mean(~np.isfinite(by_series)))
+    if not (size >= min_effect_deg or lost > 0.02):
+        return []
+    proof = _by_blocks(pairs, fit, series)
+    if proof.p_value > SURE or proof.refuted:
+        return []
+    text = wording.finding(
+        "large_deviation",
+        (),
+        where="Along the recorded heading",
+        parameters={},
+        size_deg=size,
+        proof=(proof.rms_before_deg, proof.rms_after_deg, proof.p_value),
+    )
+    low, high = np.quantile(pairs.heading_deg, [0.05, 0.95]).tolist()
+    place = Where("heading", low, high, wording.place("heading", low, high))
+    span = (float(pairs.time_s[0]), float(pairs.time_s[-1]))
+    share = {"share": Parameter(1.0, 0.0, "1")}
+    return [Finding("large_deviation", "compass", (), place, span, share, size, proof, text, applied=True)]
+
+
+def _by_blocks(pairs: Pairs, fit: Fit, series: Fit) -> HeldOut:
+    """Return the gain of the exact compass over the best series on blocks that neither was fitted to."""
+    some = chosen(pairs, np.arange(0, len(pairs), max(1, len(pairs) // PAIRS)))
+    block = np.floor((some.time_s - some.time_s[0]) / show.BLOCK_S).astype(int)
+    scores = [
+        exact.held_out_scores(form, some, block % 2, near) for form, near in ((SeriesInCorrect(), None), (EXACT, fit))
+    ]
+    left = [show.left_out(some, near) for near in (series, fit)]
+    return show.judged(scores[1] - scores[0], block, (angles.rms(left[0]), angles.rms(left[1])))

@@ -40,11 +40,7 @@ class Estimate:
 
 
 def refit(state: State, terms: Sequence[Term]) -> State:
-    """Return the state with terms beside the compass, all fitted together by Gauss and Newton's steps.
-
-    Args:
-        state: where to start.
-    """
+    """Return the state with terms beside the compass, all fitted together by Gauss and Newton's steps."""
     simulation, nuisance = replace(state.simulation, terms=tuple(terms)), state.nuisance
     now = baseline.examine(state.case, simulation, nuisance)
     for _ in range(ROUNDS):
@@ -69,11 +65,7 @@ def _size(state: State, common: State) -> float:
 
 
 def dated(state: State) -> State:
-    """Return the state with the dates of its terms looked for more finely, refitted.
-
-    Args:
-        state: with terms.
-    """
+    """Return the state with the dates of its terms looked for more finely, refitted."""
     terms = list(state.simulation.terms)
     if not any(term.dated() for term in terms):
         return state
@@ -91,11 +83,7 @@ def dated(state: State) -> State:
 
 
 def estimate(state: State) -> Estimate:
-    """Return the covariance of everything that was refitted, from the scores of blocks of days.
-
-    Args:
-        state: with terms.
-    """
+    """Return the covariance of everything that was refitted, from the scores of blocks of days."""
     white = state.whitener(state.base)
     inverse = whitening.inverse((white.T @ white + np.diag(state.base_ridge)) * state.response)
     scores = white * state.innovation[:, None]
@@ -109,12 +97,7 @@ def estimate(state: State) -> Estimate:
 
 
 def effect_deg(state: State, k: int, covariance: Floats) -> float:
-    """Return the visible size of a fitted term, rms degrees, freed of what its own uncertainty adds.
-
-    Args:
-        state: with terms.
-        k: position of the term.
-    """
+    """Return the visible size of a fitted term, rms degrees, freed of what its own uncertainty adds."""
     ends = 5 + np.cumsum([0, *(len(term.fitted()) for term in state.simulation.terms)])
     others = np.column_stack([state.base[:, :5], state.base[:, ends[-1] :]])
     own, values = state.base[:, ends[k] : ends[k + 1]], state.simulation.terms[k].values
@@ -152,11 +135,7 @@ def _left(state: State, whitener: Whitener, standard: Floats) -> Floats:
 
 
 def sizes_deg(state: State) -> list[float]:
-    """Return the visible size of each term, rms degrees.
-
-    Args:
-        state: with terms.
-    """
+    """Return the visible size of each term, rms degrees."""
     return [effect_deg(state, k, covariance) for k, covariance in enumerate(estimate(state).term_covariances)]
 
 

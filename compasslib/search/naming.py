@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from compasslib.effects import CATALOGUE, Term
-from compasslib.search import columns, followed, model, rivals, scan
+from compasslib.search import columns, model, rivals, scan, within_weeks
 from compasslib.search.baseline import State
 from compasslib.search.rivals import Hypothesis, Rivals
 from compasslib.search.scan import Tested
@@ -44,9 +44,7 @@ def search(state: State, *, alarm: float, min_effect_deg: float) -> Named:
     """Return the terms that the residual calls for, one after the other and together.
 
     Args:
-        state: the simulation without terms.
         alarm: probability that noise alone gives a name.
-        min_effect_deg: visible size below which an effect does not matter.
     """
     found = Named(state)
     while (count := len(found.state.simulation.terms)) < MOST_TERMS:
@@ -65,15 +63,12 @@ def search(state: State, *, alarm: float, min_effect_deg: float) -> Named:
     return found
 
 
-def led(named: Named, min_effect_deg: float) -> Named:
+def without_season_first(named: Named, min_effect_deg: float) -> Named:
     """Return the hypothesis in which what weeks do not show leads no set: another that is not told from it does.
 
     A temperature of another season looks like the cause of whatever changes within a year.
-
-    Args:
-        min_effect_deg: visible size below which an effect does not matter.
     """
-    for k in followed.unseen(named.state):
+    for k in within_weeks.unseen(named.state):
         named = _instead(named, k, min_effect_deg) or named
     return named
 
@@ -89,7 +84,7 @@ def _instead(named: Named, k: int, min_effect_deg: float) -> Named | None:
     tries = [one for one in tries if field.sound(one) and field.acceptable(one, SEEN * min_effect_deg)]
     without = model.refit(state, [*state.simulation.terms[:k], *state.simulation.terms[k + 1 :]])
     ranked = sorted(tries, key=field.likeness, reverse=True)[:TRIES]
-    grown = next((found for _, found in _believed(without, field, ranked, min_effect_deg)), None)
+    grown = next((found for _, found in _standing(without, field, ranked, min_effect_deg)), None)
     if grown is None:
         return None
     name = grown.simulation.terms[k].name
@@ -135,14 +130,14 @@ def _refitted(
 
     None where none is believable.
     """
-    first = next(_believed(state, field, hypotheses, min_effect_deg), None)
+    first = next(_standing(state, field, hypotheses, min_effect_deg), None)
     if first is None:
         return None
     # Columns are slopes: of large effects another may fit better once all are refitted where they stand.
     least = BENT * field.score(first[0]) - rivals.CLOSE
     others = [one for one in hypotheses if one != first[0] and field.score(one) > least]
     far = any(field.far(one) for one in (first[0], *others))
-    every = [first, *(_believed(state, field, others, min_effect_deg) if far else ())]
+    every = [first, *(_standing(state, field, others, min_effect_deg) if far else ())]
     best, grown = max(every, key=lambda one: _scored(state, field, *one))
     # By the noise that the best leaves: that of the state before still holds the effect.
     least = field.likeness(best, 0.0) - rivals.CLOSE
@@ -161,12 +156,12 @@ def _with_near(term: Term, names: tuple[str, ...], near: Sequence[State], chosen
     return tuple(name for name in dict.fromkeys(found) if name != term.name)
 
 
-def _believed(
+def _standing(
     state: State, field: Rivals, hypotheses: Sequence[Hypothesis], min_effect_deg: float
 ) -> Iterator[tuple[Hypothesis, State]]:
     """Give those of some hypotheses that hold when they are refitted, with their states."""
     tried = ((one, model.dated(model.refit(state, field.terms(one)))) for one in hypotheses)
-    return ((one, grown) for one, grown in tried if _holds(state, grown, min_effect_deg))
+    return ((one, grown) for one, grown in tried if _stands(state, grown, min_effect_deg))
 
 
 def _settled(
@@ -201,10 +196,10 @@ def _speaking(field: Rivals, tested: Tested, worth: Sequence[int]) -> set[int]:
     return {k for k, group in enumerate(field.groups) if not kinds or type(group.term) in kinds}
 
 
-def _holds(before: State, after: State, min_effect_deg: float) -> bool:
+def _stands(before: State, after: State, min_effect_deg: float) -> bool:
     """Tell whether refitted terms are still there, believable, and leave a smaller residual than without the last."""
     believable = all(term.believable for term in after.simulation.terms) and model.gained(before, after) > 0.0
-    return believable and min(model.sizes_deg(after)) >= LOST * min_effect_deg and not followed.refuted(after)
+    return believable and min(model.sizes_deg(after)) >= LOST * min_effect_deg and not within_weeks.refuted(after)
 
 
 def _scored(before: State, field: Rivals, hypothesis: Hypothesis, after: State) -> float:

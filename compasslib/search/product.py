@@ -71,11 +71,7 @@ def _left(diagnosis: Diagnosis) -> float:
 
 
 def from_json(content: Mapping[str, Any]) -> Product:
-    """Return what a deviation.json says the record is to be corrected by.
-
-    Args:
-        content: the file's content.
-    """
+    """Return what a deviation.json says the record is to be corrected by."""
     block = content["applied"]
     if block["fit"] is None:
         return Product(model.from_json(content), left_deg=block["uncorrected_deg"])

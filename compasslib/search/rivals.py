@@ -127,7 +127,7 @@ class Rivals:
         return values / self.state.response, float(values @ self.pull[index]) / self.state.sigma**2
 
 
-def charge(group: Group, told: float | None = None) -> float:
+def charge(group: Group, effective: float | None = None) -> float:
     """Return what a candidate must gain to be worth its parameters and its date.
 
     Args:
@@ -135,7 +135,7 @@ def charge(group: Group, told: float | None = None) -> float:
         told: number of its parameters that the record tells rather than what is known before; all where absent.
     """
     assert group.term is not None
-    count = len(group.term.fitted()) if told is None else told
+    count = len(group.term.fitted()) if effective is None else effective
     return PARAMETER_CHARGE * count + DATE_CHARGE * group.term.dated()
 
 
@@ -146,7 +146,6 @@ def gathered(state: State, tested: Tested, worth: Sequence[int], *, standing: bo
 
     Args:
         state: with the chosen terms.
-        tested: what was tested beside them last.
         worth: of that the groups that are significant and large enough.
         standing: whether the chosen terms have the slopes of what stands there, or those of newcomers as all others.
     """
@@ -161,7 +160,7 @@ def gathered(state: State, tested: Tested, worth: Sequence[int], *, standing: bo
     white, seen = view.projected(together), view.visible(together)
     gram, parts = white.T @ white, [slice(int(a), int(b)) for a, b in itertools.pairwise(ends)]
     ridge = view.ridge([group.term for group in groups if group.term is not None])
-    told = [float(np.trace(inverse(gram[p, p] + np.diag(ridge[p])) @ gram[p, p])) for p in parts]
+    effective = [float(np.trace(inverse(gram[p, p] + np.diag(ridge[p])) @ gram[p, p])) for p in parts]
     inflation = max(1.0, float(np.median([tested.inflation[k] for k in worth or range(len(tested.groups))])))
     return Rivals(
         groups=groups,
@@ -173,7 +172,7 @@ def gathered(state: State, tested: Tested, worth: Sequence[int], *, standing: bo
         state=view,
         inflation=inflation,
         own_inflation=_own_inflation(state, groups, tested, inflation),
-        charges=np.array([charge(group, count) for group, count in zip(groups, told, strict=True)]),
+        charges=np.array([charge(group, count) for group, count in zip(groups, effective, strict=True)]),
     )
 
 
@@ -238,8 +237,6 @@ def alternatives(rivals: Rivals, chosen: Hypothesis, least_deg: float) -> tuple[
     """Return for each chosen term the other effects that could stand in its place, likeliest first.
 
     Args:
-        rivals: all candidates.
-        chosen: the hypothesis that was chosen.
         least_deg: visible size that each term of another hypothesis must have, rms.
     """
     least = rivals.likeness(chosen) - CLOSE

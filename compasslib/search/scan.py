@@ -49,17 +49,12 @@ class Tested:
 
 
 def test(state: State, groups: Sequence[Group], seed: int = 0) -> Tested:
-    """Return the score tests of all groups.
-
-    Args:
-        state: the simulation where it stands.
-        groups: columns to test.
-    """
+    """Return the score tests of all groups."""
     groups = [group for group in groups if group.columns.shape[1]]
     ends = np.cumsum([group.columns.shape[1] for group in groups])
     white = state.projected(np.concatenate([group.columns for group in groups], axis=1, dtype=np.float32))
     parts = np.split(white, ends[:-1], axis=1)
-    bases = [directions(_told(state, group, part)) for group, part in zip(groups, parts, strict=True)]
+    bases = [directions(_beyond_prior(state, group, part)) for group, part in zip(groups, parts, strict=True)]
     kept = [k for k, basis in enumerate(bases) if basis.shape[1]]
     groups, bases = [groups[k] for k in kept], [bases[k] for k in kept]
     freedom = np.array([basis.shape[1] for basis in bases], dtype=float)
@@ -80,12 +75,7 @@ def test(state: State, groups: Sequence[Group], seed: int = 0) -> Tested:
 
 
 def size_of(state: State, group: Group, inflation: float) -> float:
-    """Return the visible size of a group's best fit, rms degrees, freed of what noise adds to it.
-
-    Args:
-        state: the simulation where it stands.
-        group: columns.
-    """
+    """Return the visible size of a group's best fit, rms degrees, freed of what noise adds to it."""
     values, covariance = solved(state, group)
     seen = state.visible(group.columns)
     product = seen.T @ seen / len(seen)
@@ -98,7 +88,6 @@ def detectable(state: State, tested: Tested, threshold: float) -> dict[str, floa
     Of an effect with several forms or dates it is the middle one.
 
     Args:
-        state: the simulation where it stands.
         threshold: score that noise hardly exceeds.
     """
     taken = tuple(map(type, state.simulation.terms))
@@ -118,28 +107,18 @@ def detectable(state: State, tested: Tested, threshold: float) -> dict[str, floa
 
 
 def solved(state: State, group: Group) -> tuple[Floats, Floats]:
-    """Return the values of columns fitted to the residual, and their covariance.
-
-    Args:
-        state: the simulation where it stands.
-        group: columns.
-    """
+    """Return the values of columns fitted to the residual, and their covariance."""
     white = state.projected(group.columns)
     inverted = inverse(white.T @ white + ridge(state, group))
     return inverted @ (white.T @ state.innovation) / state.response, inverted * (state.sigma / state.response) ** 2
 
 
 def ridge(state: State, group: Group) -> Floats:
-    """Return what is believed of a group's values beforehand, to be added to products of whitened columns, (k, k).
-
-    Args:
-        state: the simulation where it stands.
-        group: columns.
-    """
+    """Return what is believed of a group's values beforehand, to be added to products of whitened columns, (k, k)."""
     return np.diag(np.zeros(group.columns.shape[1]) if group.term is None else state.ridge([group.term]))
 
 
-def _told(state: State, group: Group, white: Floats) -> Floats:
+def _beyond_prior(state: State, group: Group, white: Floats) -> Floats:
     """Return a group's whitened columns without the directions of which the record tells less than is known before."""
     known = np.diag(ridge(state, group))
     if not known.any():
@@ -153,7 +132,6 @@ def beside(state: State, columns_deg: Floats) -> State:
     """Return the state with further columns fitted beside its base.
 
     Args:
-        state: the simulation where it stands.
         columns_deg: (n, k), degrees a unit.
     """
     more = directions(state.projected(columns_deg.astype(np.float32)))
@@ -162,12 +140,7 @@ def beside(state: State, columns_deg: Floats) -> State:
 
 
 def gains(state: State, groups: Sequence[Group]) -> Floats:
-    """Return the statistic of each group of columns, about its freedom where there is nothing, (g,).
-
-    Args:
-        state: the simulation where it stands.
-        groups: columns.
-    """
+    """Return the statistic of each group of columns, about its freedom where there is nothing, (g,)."""
     white = state.projected(np.concatenate([group.columns for group in groups], axis=1))
     parts = np.split(white, np.cumsum([group.columns.shape[1] for group in groups])[:-1], axis=1)
     pulls = [part.T @ state.innovation for part in parts]

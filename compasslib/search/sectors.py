@@ -34,11 +34,7 @@ class Heap:
 
 
 def heap(state: State) -> Heap | None:
-    """Return the largest heap of readings, None where there is none.
-
-    Args:
-        state: the simulation where it stands.
-    """
+    """Return the largest heap of readings, None where there is none."""
     known = np.isfinite(state.heading_deg)
     recorded = state.case.recorded_deg[known]
     if _resolution_deg(recorded) > BIN_DEG / 4.0:

@@ -58,7 +58,7 @@ class HeldOut:
 
 
 @dataclass(frozen=True)
-class Curve:
+class BinnedResidual:
     """The residual along one covariate, before and after; what the fitted compass can take of it is taken."""
 
     covariate: str
@@ -96,7 +96,6 @@ def left_out(pairs: Pairs, fit: Fit) -> Floats:
     What no heading explains is as far off as chance takes it.
 
     Args:
-        pairs: overlapping measurements.
         fit: to all of them.
     """
     block = np.floor((pairs.time_s - pairs.time_s[0]) / BLOCK_S).astype(int)
@@ -121,7 +120,6 @@ def compared(before_deg: Floats, after_deg: Floats, width_deg: Floats, time_s: F
         before_deg: residual before, (n,), degrees.
         after_deg: the same after.
         width_deg: width of the residual, (n,), degrees.
-        time_s: increasing times, (n,).
     """
     block = np.floor((time_s - time_s[0]) / BLOCK_S).astype(int)
     sizes = [np.abs(angles.wrap180(np.nan_to_num(left))) / width_deg for left in (before_deg, after_deg)]
@@ -144,22 +142,19 @@ def judged(each: Floats, block: NDArray[np.intp], rms_deg: tuple[float, float]) 
     return HeldOut(*rms_deg, float(sums.sum()), (float(low), float(high)), share)
 
 
-def curve(before: State, after: State, covariate: str) -> Curve:
-    """Return the residual in bins of a covariate, with and without the terms; what tells nothing is in no bin.
-
-    Args:
-        before: without terms.
-        after: with terms.
-    """
+def curve(before: State, after: State, covariate: str) -> BinnedResidual:
+    """Return the residual in bins of a covariate, with and without the terms; what tells nothing is in no bin."""
     x = before.case.covariates[covariate]
     edges = np.unique(np.quantile(x, np.linspace(0.0, 1.0, BINS + 1)))
     if covariate == "heading":
         edges = np.arange(0.0, 361.0, 360.0 / (2 * BINS))
     bins = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, len(edges) - 2)
-    told = np.isfinite(before.whitener.width_deg) & np.isfinite(after.whitener.width_deg)
-    held = np.flatnonzero(np.bincount(bins[told], minlength=len(edges) - 1) >= FEWEST_IN_BIN)
+    finite = np.isfinite(before.whitener.width_deg) & np.isfinite(after.whitener.width_deg)
+    filled = np.flatnonzero(np.bincount(bins[finite], minlength=len(edges) - 1) >= FEWEST_IN_BIN)
     (first, _), (second, sigma) = (_binned(state, bins, len(edges) - 1) for state in (before, after))
-    return Curve(covariate, (edges[held] + edges[held + 1]) / 2.0, first[held], second[held], sigma[held])
+    return BinnedResidual(
+        covariate, (edges[filled] + edges[filled + 1]) / 2.0, first[filled], second[filled], sigma[filled]
+    )
 
 
 def _binned(state: State, bins: NDArray[np.intp], count: int) -> tuple[Floats, Floats]:

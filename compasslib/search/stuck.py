@@ -46,11 +46,7 @@ def leans(record: Record) -> dict[str, Floats]:
 
 
 def longest_still(record: Record) -> slice:
-    """Return the longest stretch in which neither tilt changes by anything, empty where none is long enough.
-
-    Args:
-        record: of an instrument.
-    """
+    """Return the longest stretch in which neither tilt changes by anything, empty where none is long enough."""
     still = (np.diff(record.pitch_deg) == 0.0) & (np.diff(record.roll_deg) == 0.0)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(int), [0]])))
     if not len(edges):

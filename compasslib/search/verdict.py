@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -11,7 +12,7 @@ from compasslib.deviation.model import Fit
 
 if TYPE_CHECKING:  # a verdict without findings needs no search
     from compasslib.search.applied import Applied
-    from compasslib.search.show import Curve, HeldOut
+    from compasslib.search.show import BinnedResidual, HeldOut
 
 
 PROVEN = 0.05  # p-value on held-out days above which a finding does not touch the product
@@ -92,7 +93,7 @@ class Unexplained:
     where: Where
     when_s: tuple[float, float] | None
     rms_effect_deg: float
-    curves: tuple[Curve, ...]
+    curves: tuple[BinnedResidual, ...]
     text: str
 
     def to_json(self) -> dict[str, Any]:
@@ -128,7 +129,7 @@ class Diagnosis:
     not_testable: tuple[tuple[str, str], ...] = ()
     negligible: tuple[tuple[str, float], ...] = ()  # effect or covariate, visible degrees
     why: str = ""  # what the verdict rests on, or why there is none
-    curves: tuple[Curve, ...] = ()  # residual before and after along the covariates of what was found
+    curves: tuple[BinnedResidual, ...] = ()  # residual before and after along the covariates of what was found
     applied: Applied | None = None  # the compass that corrects the record, where a finding on its side stands
     fit: Fit | None = None  # the exact compass that the search stood on, where it may correct the record
     detectable_deg: Mapping[str, float] = field(default_factory=dict)  # visible size that each effect needs to be named
@@ -154,6 +155,14 @@ class Diagnosis:
             "threshold": dict(self.threshold),
             "warnings": list(self.warnings),
         }
+
+    def log_line(self, name: str) -> str:
+        """Return what the job says of its result, findings and warnings on lines of their own."""
+        texts = [finding.text for finding in self.findings]
+        texts += [self.unexplained.text] if self.unexplained else []
+        texts += [self.why] if self.why else []
+        texts += [f"warning: {warning}" for warning in self.warnings]
+        return "\n".join([f"{name}: {self.verdict}", *(textwrap.indent(text, "  ") for text in texts)])
 
 
 def insufficient(why: str, not_testable: tuple[tuple[str, str], ...] = ()) -> Diagnosis:
@@ -185,8 +194,8 @@ def stamp(time_s: float) -> str:
     return datetime.fromtimestamp(round(time_s), UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
-def curve_json(curve: Curve) -> dict[str, Any]:
+def curve_json(curve: BinnedResidual) -> dict[str, Any]:
     """Return a binned residual for diagnosis.json."""
     columns = ("centre", "before_deg", "after_deg", "sigma_deg")
-    said = {"covariate": curve.covariate} | ({"compared": curve.compared} if curve.compared else {})
-    return said | {name: getattr(curve, name).tolist() for name in columns}
+    written = {"covariate": curve.covariate} | ({"compared": curve.compared} if curve.compared else {})
+    return written | {name: getattr(curve, name).tolist() for name in columns}

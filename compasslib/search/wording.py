@@ -90,8 +90,8 @@ def separated_by(effect: str, alternatives: Sequence[str]) -> str:
         effect: the effect that fits best.
     """
     pairs = [(effect, other) for other in alternatives]
-    told = dict.fromkeys(_pair(*pair) for pair in pairs)
-    return "; ".join(told)
+    phrases = dict.fromkeys(_pair(*pair) for pair in pairs)
+    return "; ".join(phrases)
 
 
 def _pair(a: str, b: str) -> str:
@@ -114,7 +114,6 @@ def finding(
     """Return two or three sentences on one finding.
 
     Args:
-        where: where it lives.
         parameters: value, standard error and unit by name.
         size_deg: visible size, rms degrees.
         proof: residual rms before and after on held-out days, degrees, and the p-value.
@@ -132,15 +131,14 @@ def finding(
 
 def _interval(value: float, sigma: float, unit: str) -> str:
     """Return a number with its 95 % interval and its unit, without an exponent."""
-    said = f"{float(f'{value:.3g}'):g} ± {float(f'{1.96 * sigma:.2g}'):g}"
-    return f"{said} (95 %)" if unit == "1" else f"{said} {unit} (95 %)"
+    text = f"{float(f'{value:.3g}'):g} ± {float(f'{1.96 * sigma:.2g}'):g}"
+    return f"{text} (95 %)" if unit == "1" else f"{text} {unit} (95 %)"
 
 
 def unexplained(where: str, size_deg: float, named: Sequence[str]) -> str:
     """Return what is said of a mismatch that nothing in the catalogue fits.
 
     Args:
-        where: where it lives.
         size_deg: visible size, rms degrees.
         named: effects that stand beside it.
     """
@@ -152,11 +150,7 @@ def unexplained(where: str, size_deg: float, named: Sequence[str]) -> str:
 
 
 def place(covariate: str, low: float, high: float) -> str:
-    """Return the range of a covariate in words.
-
-    Args:
-        high: upper end.
-    """
+    """Return the range of a covariate in words."""
     name = covariate.replace("_", " ")
     return f"along {name} from {low:.3g} to {high:.3g} {UNITS.get(covariate, '')}".rstrip()
 

@@ -51,11 +51,7 @@ class Stance:
 
 
 def ranges(setup: Setup) -> Floats:
-    """Return the distance of each bin from the transducer along the vertical, metres, (m,).
-
-    Args:
-        setup: how the instrument is programmed.
-    """
+    """Return the distance of each bin from the transducer along the vertical, metres, (m,)."""
     return setup.first_bin_m + setup.cell_m * np.arange(setup.cells, dtype=float)
 
 
@@ -63,10 +59,6 @@ def measure(rng: np.random.Generator, adcp: Adcp, stance: Stance, water: Water, 
     """Return what the instrument records.
 
     Args:
-        rng: source of randomness.
-        adcp: the instrument.
-        stance: how it stands at its n samples.
-        water: the currents there.
         latitude_deg: degrees north, for the pressure.
     """
     setup, n = adcp.setup, stance.time_s.size
@@ -96,13 +88,7 @@ def measure(rng: np.random.Generator, adcp: Adcp, stance: Stance, water: Water, 
 
 
 def near_bins(setup: Setup, stance: Stance, water: Water, bins: int = 2) -> Complexes:
-    """Return the true current in the mean of the first bins, true east + i north, m/s, (n,).
-
-    Args:
-        setup: how the instrument is programmed.
-        stance: how it stands at its n samples.
-        water: the currents there.
-    """
+    """Return the true current in the mean of the first bins, true east + i north, m/s, (n,)."""
     depth = _bin_depths(setup, stance)[:, :bins]
     return _flow(stance, water, depth).mean(axis=1)
 

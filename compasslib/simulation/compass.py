@@ -47,7 +47,6 @@ def earth_field(latitude_deg: float, longitude_deg: float, span_s: tuple[float, 
     """Return the IGRF field over a span of time, at nodes a month apart.
 
     Args:
-        latitude_deg: degrees north.
         longitude_deg: degrees east.
         span_s: first and last instant, UTC seconds since 1970.
     """
@@ -77,7 +76,6 @@ def recorded_heading(
         heading_deg: correct magnetic heading of beam 3, (n,).
         tilt_deg: true pitch (forward up) and roll (starboard down), (n,) each.
         sensed_tilt_deg: the same as the instrument senses them; the true ones where absent.
-        iron: hard and soft iron in the body frame.
     """
     horizontal, vertical = np.broadcast_arrays(*field_nt, np.asarray(heading_deg, dtype=float))[:2]
     turn = np.deg2rad(np.asarray(heading_deg, dtype=float))

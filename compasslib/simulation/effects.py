@@ -65,7 +65,6 @@ def scaled(effect: Effect, size: float) -> Effect:
     """Return an effect so many times as large.
 
     Args:
-        effect: of unit size.
         size: factor.
     """
     if not effect.grows:
@@ -87,7 +86,6 @@ def total(effects: Sequence[Effect], part: str, empty: Floats) -> Floats:
     """Return the sum of one part of several effects.
 
     Args:
-        effects: that were planted.
         empty: the sum of none.
     """
     return sum((getattr(one, part) for one in effects if getattr(one, part) is not None), empty)

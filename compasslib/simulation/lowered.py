@@ -58,7 +58,6 @@ def relative(water: Water, time_s: Floats, depth_m: Floats) -> Complexes:
     """Return the water's velocity relative to the drifting ship, true east + i north, m/s, in the depths' shape.
 
     Args:
-        water: the currents of the station.
         time_s: instants, (n,).
         depth_m: depths, (n,) or (n, m).
     """

@@ -49,7 +49,6 @@ def build(rng: np.random.Generator, earth_nt: tuple[float, float], strength: flo
     """Return a magnetometer whose hard iron is a given share of the horizontal field.
 
     Args:
-        rng: source of randomness.
         earth_nt: horizontal and vertical field.
         strength: of the mean horizontal field of all iron, over the earth's.
     """

@@ -60,11 +60,7 @@ class Scans:
 
 
 def write_text(path: Path, acm: Acm, scans: Scans) -> None:
-    """Write unpacked ASCII, space delimited, with header.
-
-    Args:
-        acm: the instrument.
-    """
+    """Write unpacked ASCII, space delimited, with header."""
     stamps = _stamps(scans.time_s)
     head = f"Sample rate: {acm.rate_hz:.4f} Hz\r\n\r\n\r\n"
     with path.open("w", newline="") as file:
@@ -79,11 +75,7 @@ def write_text(path: Path, acm: Acm, scans: Scans) -> None:
 
 
 def write_binary(path: Path, acm: Acm, scans: Scans) -> None:
-    """Write the logger's own binary, one ``A*.DAT`` after another.
-
-    Args:
-        acm: the instrument.
-    """
+    """Write the logger's own binary, one ``A*.DAT`` after another."""
     records = _records(scans)
     header = b"".join(struct.pack("<" + code, value) for _, code, value in _header_fields(acm))
     with path.open("wb") as file:

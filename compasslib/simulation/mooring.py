@@ -51,7 +51,6 @@ def make_motion(seed: int, name: str, rig: Rig, water: Water, *, declination_deg
     """Return how the sphere moves.
 
     Args:
-        water: the currents there.
         declination_deg: east positive; headings are magnetic.
     """
     depth = blow_down(rig, water)
@@ -68,11 +67,7 @@ def make_motion(seed: int, name: str, rig: Rig, water: Water, *, declination_deg
 
 
 def blow_down(rig: Rig, water: Water) -> Floats:
-    """Return the depth of the sphere along the water's time axis, metres below the mean surface, shape (g,).
-
-    Args:
-        water: the currents there.
-    """
+    """Return the depth of the sphere along the water's time axis, metres below the mean surface, shape (g,)."""
     hours = water.time_s[::6]
     length = (water.water_depth_m - NOMINAL_M) / SEGMENTS
     along = length * (np.arange(SEGMENTS, dtype=float) + 0.5)
@@ -94,7 +89,6 @@ def wake_heading(rng: np.random.Generator, rest_deg: Floats, speed_m_s: Floats, 
     and drifts round the circle.
 
     Args:
-        rng: source of randomness.
         rest_deg: heading at which the moment vanishes, (g,).
         speed_m_s: speed of the water, (g,).
         wobble_deg: standard deviation about it at 25 cm/s.
@@ -110,12 +104,7 @@ def wake_heading(rng: np.random.Generator, rest_deg: Floats, speed_m_s: Floats, 
 
 
 def pressure(depth_m: Floats, latitude_deg: float) -> Floats:
-    """Return the pressure at a depth, dbar (Saunders 1981, J. Phys. Oceanogr. 11, 573, inverted).
-
-    Args:
-        depth_m: metres, any shape.
-        latitude_deg: degrees north.
-    """
+    """Return the pressure at a depth, dbar (Saunders 1981, J. Phys. Oceanogr. 11, 573, inverted)."""
     first = 1.0 - (5.92 + 5.25 * np.sin(np.deg2rad(latitude_deg)) ** 2) * 1e-3
     return np.asarray((first - np.sqrt(first**2 - 8.84e-6 * depth_m)) / 4.42e-6)
 

@@ -88,7 +88,6 @@ def lower(rng: np.random.Generator, sea: Sea, start_s: float) -> Motion:
     """Return how a frame moves on its way down and up again.
 
     Args:
-        rng: source of randomness.
         start_s: when it enters the water, UTC seconds since 1970.
     """
     duration = 2.0 * sea.deepest_m / sea.speed_m_s
@@ -112,7 +111,6 @@ def stand(rng: np.random.Generator, motion: Motion, head: Head, field_nt: tuple[
     """Return how a head stands at its pings and what its compass and inclinometers give.
 
     Args:
-        rng: source of randomness.
         field_nt: horizontal and vertical field, nT.
     """
     time = np.arange(motion.time_s[0] + head.first_s, motion.time_s[-1], head.ping_s)
@@ -200,8 +198,8 @@ def _counts(shape: tuple[int, ...], value: int) -> NDArray[np.uint8]:
 def _smooth(series: Floats) -> Floats:
     """Average over two seconds twice, the ends held."""
     kernel = np.convolve(np.ones(SMOOTH_STEPS), np.ones(SMOOTH_STEPS)) / SMOOTH_STEPS**2
-    held = np.pad(series, SMOOTH_STEPS, mode="edge")
-    return np.convolve(held, kernel, mode="same")[SMOOTH_STEPS:-SMOOTH_STEPS]
+    padded = np.pad(series, SMOOTH_STEPS, mode="edge")
+    return np.convolve(padded, kernel, mode="same")[SMOOTH_STEPS:-SMOOTH_STEPS]
 
 
 def mounted(

@@ -17,6 +17,7 @@ from scipy.signal import lfilter
 from compasslib.simulation.series import Complexes, Floats
 
 HOUR_S, YEAR_H = 3600.0, 8766.0
+BEGIN_S = 1188864000.0  # 4 September 2007
 RAD = np.pi / 180.0
 # Thousand nT along the vertical, degrees of a harmonic: more than that no instrument has, and no water veers by.
 STRONGEST = {"heeling": 15.0, "sextantal": 9.0, "octantal": 9.0, "current_veer": 30.0}
@@ -106,6 +107,13 @@ def red(rng: np.random.Generator, n: int, memory: float, deviation: float) -> Fl
     kicks = rng.normal(0.0, deviation * np.sqrt(1 - keep**2), n)
     kicks[0] = rng.normal(0.0, deviation)
     return np.asarray(lfilter([1.0], [1.0, -keep], kicks))
+
+
+def red_from_rest(rng: np.random.Generator, n: int, memory: float, deviation: float) -> Floats:
+    """Return the same, beginning at 0."""
+    keep = np.exp(-1.0 / memory)
+    noise = rng.normal(size=n) * deviation * np.sqrt(1.0 - keep**2)
+    return np.asarray(lfilter([1.0], [1.0, -keep], noise))
 
 
 def towards(z: Complexes) -> Floats:
@@ -221,13 +229,38 @@ def compass(
     return gamma + (0 if offset is None else offset(gamma))
 
 
+def exact_compass(coefficients: Floats, heading: Floats) -> Floats:
+    """Return the recorded heading of a level compass by A..E, degrees (physics page, section 1)."""
+    a, b, c, d, e = coefficients
+    w = np.exp(1j * RAD * heading)
+    return np.asarray(np.angle((1 - 1j * a) * w + b - 1j * c + (d - 1j * e) / w) / RAD)
+
+
+def under_a_compass(
+    coefficients: tuple[float, ...], *, n: int = 3000, seed: int = 1, spread: float | None = None
+) -> tuple[Pairs, Floats]:
+    """Return hourly pairs of a level compass, and the correct headings, degrees.
+
+    Args:
+        spread: of the headings about one direction, degrees; where absent they follow the wake.
+    """
+    rng = np.random.default_rng(seed)
+    flow = 0.15 + red_from_rest(rng, n, 40, 0.12) + 1j * (-0.05 + red_from_rest(rng, n, 40, 0.12))
+    heading = 210.0 + red_from_rest(rng, n, 20, spread) if spread else towards(flow) + red_from_rest(rng, n, 6, 20.0)
+    recorded: Floats = exact_compass(np.array(coefficients), heading) + rng.normal(0.0, 0.7, n)
+    upper = turned(flow + rng.normal(0, 0.02, n) + 1j * rng.normal(0, 0.02, n), recorded - heading)
+    east, north = (x + red_from_rest(rng, n, 10, 0.03) + rng.normal(0.0, 0.02, n) for x in (flow.real, flow.imag))
+    time, zero = BEGIN_S + HOUR_S * np.arange(n, dtype=float), np.zeros(n)
+    depths = (zero + 90.0, zero + 105.0)
+    pairs = Pairs(time, recorded % 360.0, zero, zero, upper.real, upper.imag, east, north, *depths, zero, zero)
+    return pairs, heading % 360.0
+
+
 def five_term_residual(gamma: Floats, heading: Floats) -> tuple[Floats, Floats]:
     """Return what is left of the heading after five coefficients were refitted to the truth, degrees."""
 
     def miss(c: Floats) -> Floats:
-        a, b, cc, d, e = c
-        w = np.exp(1j * RAD * heading)
-        return wrap(gamma - np.angle((1 - 1j * a) * w + b - 1j * cc + (d - 1j * e) / w) / RAD)
+        return wrap(gamma - exact_compass(c, heading))
 
     found = least_squares(miss, np.zeros(5), x_scale=0.1, max_nfev=40)
     a, b, cc, d, e = found.x

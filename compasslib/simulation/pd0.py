@@ -99,11 +99,7 @@ class Ensembles:
 
 
 def write(path: Path, setup: Setup, ensembles: Ensembles) -> None:
-    """Write the ensembles as one PD0 file.
-
-    Args:
-        setup: how the instrument is programmed.
-    """
+    """Write the ensembles as one PD0 file."""
     path.write_bytes(encode(setup, ensembles).tobytes())
 
 
@@ -111,7 +107,6 @@ def encode(setup: Setup, ensembles: Ensembles) -> Counts:
     """Return the bytes of the ensembles, one row each, checksum included.
 
     Args:
-        setup: how the instrument is programmed.
         ensembles: what it recorded, n ensembles.
     """
     layout = _layout(setup.cells)

@@ -1,46 +1,307 @@
-"""Plants effects of a wanted visible size in a mooring."""
+"""Plants effects of a wanted visible size in a mooring: those of the catalogue, and those that have no name in it."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from compasslib.simulation import effects_known as iron
-from compasslib.simulation import effects_known as reading
-from compasslib.simulation import effects_known as water
 from compasslib.simulation import readings, sealed
 from compasslib.simulation import water as sea
-from compasslib.simulation.effects import Effect, scaled, total
-from compasslib.simulation.effects_strange import STRANGE, Maker
+from compasslib.simulation.effects import Circumstances, Effect, scaled, steps, total
 from compasslib.simulation.sealed import Ground
-from compasslib.simulation.series import Complexes, Floats, direction
+from compasslib.simulation.series import DAY_S, HOUR_S, Complexes, Floats, direction, red_noise
 
-# By name, every way in which it may come about.
-KNOWN: dict[str, tuple[Maker, ...]] = {
-    "heeling": (iron.heeling,),
-    "hard_iron_drift": (iron.hard_iron_drift,),
-    "hard_iron_step": (iron.hard_iron_step,),
-    "battery_change": (iron.battery_change,),
-    "temperature": (iron.temperature, reading.temperature_of_reading),
-    "supply_voltage": (iron.supply_voltage, reading.voltage_of_reading),
-    "sextantal": (reading.sextantal,),
-    "octantal": (reading.octantal,),
-    "heading_slip": (reading.heading_slip,),
-    "compass_drift": (reading.compass_drift,),
-    "compass_lag": (reading.compass_lag,),
-    "tilt_uncompensated": (reading.tilt_uncompensated,),
-    "stuck_tilt": (reading.stuck_tilt,),
-    "current_veer": (water.veer_with_speed, water.veer_with_depth, water.veer_with_direction),
-    "clock_offset": (water.clock_offset,),
-    "clock_drift": (water.clock_drift,),
-    "field_disturbance": (water.field_disturbance,),
-}
 # Unit sizes beyond which nobody would believe the effect.
 STRONGEST = {"heeling": 15.0, "sextantal": 9.0, "octantal": 9.0, "compass_lag": 2.0}
 ROUNDS = 3
 LEAST_BLOW_DOWN_M = 15.0  # standard deviation of the depth below which no veer with it is planted
+EVERY = 3  # hours: the size of an effect needs no more
+ITERATIONS = 12
+STEADIEST = 0.2  # slope of the recorded over the correct heading below which a deviation is not blown up further
+UNIT_NT = 200.0
+
+# Iron and magnetometer: what is added to the field in the body frame.
+
+
+def heeling(rng: np.random.Generator, here: Circumstances) -> Effect:
+    """Return a vertical magnet below the compass: nothing while level, a turn of the heading when it leans."""
+    return Effect("heeling", {"b_z_nT": 1000.0}, body_nt=np.array([0.0, 0.0, 1000.0]) * np.ones((here.time_s.size, 1)))
+
+
+def hard_iron_drift(rng: np.random.Generator, here: Circumstances) -> Effect:
+    """Return steel that gains or loses magnetisation, in proportion to time."""
+    return _horizontal(rng, "hard_iron_drift", here.years, "_year")
+
+
+def hard_iron_step(rng: np.random.Generator, here: Circumstances) -> Effect:
+    """Return steel whose magnetisation changed at once: a knock."""
+    date = _date(rng, here)
+    made = _horizontal(rng, "hard_iron_step", steps(here.time_s, date).astype(float), "")
+    return Effect(made.name, made.parameters | {"date_s": date}, body_nt=made.body_nt)
+
+
+def temperature(rng: np.random.Generator, here: Circumstances) -> Effect:
+    """Return a zero of the magnetometer that follows the temperature."""
+    return _horizontal(rng, "temperature", here.temperature_c - here.temperature_c.mean(), "_K")
+
+
+def supply_voltage(rng: np.random.Generator, here: Circumstances) -> Effect:
+    """Return the stray field of the supply current, which follows the battery's voltage in counts."""
+    return _horizontal(rng, "supply_voltage", here.supply_counts - here.supply_counts.mean(), "_V")
+
+
+def battery_change(rng: np.random.Generator, here: Circumstances) -> Effect:
+    """Return another battery's iron from the change on: where the voltage rises most."""
+    date = float(here.time_s[1 + int(np.argmax(np.diff(here.supply_counts)))])
+    made = _horizontal(rng, "battery_change", steps(here.time_s, date).astype(float), "")
+    return Effect(made.name, made.parameters, body_nt=made.body_nt)
+
+
+def _horizontal(rng: np.random.Generator, name: str, series: Floats, unit: str) -> Effect:
+    angle = rng.uniform(0.0, 2.0 * np.pi)
+    x, y = UNIT_NT * np.cos(angle), UNIT_NT * np.sin(angle)
+    field = np.column_stack([x * series, y * series, np.zeros(series.size)])
+    return Effect(name, {f"b_x_nT{unit}": float(x), f"b_y_nT{unit}": float(y)}, body_nt=field)
+
+
+def _date(rng: np.random.Generator, here: Circumstances) -> float:
+    return float(here.time_s[int(rng.uniform(0.2, 0.8) * here.time_s.size)])
+
+
+# Effects that are no fault of a compass: water that veers between the two depths, clocks, the earth's own field.
+
+
+def veer_with_speed(rng: np.random.Generator, here: Circumstances) -> Effect:
+    """Return water that veers the more, the faster it flows."""
+    fast = here.speed_m_s - here.speed_m_s.mean()
+    return Effect("current_veer", {"deg_s_m": 5.0}, veer_deg=5.0 * fast)
+
+
+def veer_with_depth(rng: np.random.Generator, here: Circumstances) -> Effect:
+    """Return water that veers the more, the deeper the sphere is blown down."""
+    deep = here.depth_m - here.depth_m.mean()
+    return Effect("current_veer", {"deg_100m": 1.0}, veer_deg=0.01 * deep)
+
+
+def veer_with_direction(rng: np.random.Generator, here: Circumstances) -> Effect:
+    """Return water that is steered by the bottom: another veer for each direction."""
+    phase = rng.uniform(0.0, 2.0 * np.pi)
+    veer = np.sin(np.deg2rad(here.flow_deg) + phase)
+    veer = veer - veer.mean()  # a constant veer is no effect that any record could show
+    return Effect("current_veer", {"sine_deg": float(np.cos(phase)), "cosine_deg": float(np.sin(phase))}, veer_deg=veer)
+
+
+def clock_offset(rng: np.random.Generator, here: Circumstances) -> Effect:
+    """Return a clock that was set wrong, of either instrument."""
+    hours = float(rng.choice([-1.0, 1.0]) * rng.uniform(0.45, 1.5))
+    return _clock(rng, "clock_offset", {"hours": hours}, hours * HOUR_S + np.zeros(here.time_s.size))
+
+
+def clock_drift(rng: np.random.Generator, here: Circumstances) -> Effect:
+    """Return a clock that runs fast or slow, of either instrument."""
+    rate = float(rng.choice([-1.0, 1.0]) * rng.uniform(0.6, 1.5))
+    return _clock(rng, "clock_drift", {"hours_year": rate}, rate * HOUR_S * here.years)
+
+
+def field_disturbance(rng: np.random.Generator, here: Circumstances) -> Effect:
+    """Return storms and quiet days: magnetic north itself swings."""
+    return Effect("field_disturbance", {"share_of_observatory": 1.0}, north_deg=disturbed_north(rng, here.time_s))
+
+
+def disturbed_north(rng: np.random.Generator, time_s: Floats) -> Floats:
+    """Return the swing of magnetic north, degrees east, (n,): a daily tide and some thirty storms a year.
+
+    Args:
+        time_s: UTC seconds, an hour apart, (n,).
+    """
+    day = 2.0 * np.pi * (time_s / DAY_S - 0.55)
+    swing = 0.08 * np.sin(day) + 0.04 * np.sin(2.0 * day)
+    activity = 0.05 * np.ones(time_s.size)
+    for begin in rng.uniform(time_s[0], time_s[-1], 30):
+        since = (time_s - begin) / DAY_S
+        activity += np.where(since > 0.0, rng.lognormal(0.0, 0.6) * np.exp(-since / 0.8), 0.0)
+    return swing + activity * red_noise(rng, time_s.size, memory=2.0, deviation=1.0)
+
+
+def _clock(rng: np.random.Generator, name: str, parameters: dict[str, float], ahead_s: Floats) -> Effect:
+    return Effect(name, parameters, ahead_s=ahead_s, wrong_clock=str(rng.choice(["top", "deep"])))
+
+
+# Effects between the magnetometer and the recorded heading: mount, electronics, levelling, time.
+
+
+def heading_slip(rng: np.random.Generator, here: Circumstances) -> Effect:
+    """Return an instrument that turned in its clamp on one day."""
+    date = float(here.time_s[int(rng.uniform(0.2, 0.8) * here.time_s.size)])
+    return _offset("heading_slip", {"offset_deg": 1.0, "date_s": date}, steps(here.time_s, date).astype(float))
+
+
+def compass_drift(rng: np.random.Generator, here: Circumstances) -> Effect:
+    """Return a reading that walks away in proportion to time."""
+    return _offset("compass_drift", {"deg_year": 1.0}, here.years)
+
+
+def temperature_of_reading(rng: np.random.Generator, here: Circumstances) -> Effect:
+    """Return a reading that follows the temperature."""
+    return _offset("temperature", {"deg_K": 1.0}, here.temperature_c - here.temperature_c.mean())
+
+
+def voltage_of_reading(rng: np.random.Generator, here: Circumstances) -> Effect:
+    """Return a reading that follows the battery's voltage in counts."""
+    return _offset("supply_voltage", {"deg_V": 1.0}, here.supply_counts - here.supply_counts.mean())
+
+
+def sextantal(rng: np.random.Generator, here: Circumstances) -> Effect:
+    """Return a table of calibration with three lobes."""
+    return _lobes(rng, "sextantal", 3)
+
+
+def octantal(rng: np.random.Generator, here: Circumstances) -> Effect:
+    """Return a table of calibration with four lobes."""
+    return _lobes(rng, "octantal", 4)
+
+
+def compass_lag(rng: np.random.Generator, here: Circumstances) -> Effect:
+    """Return headings that are read well before the middle of the ensemble that they stand beside."""
+    return Effect("compass_lag", {"lag_s": 1200.0}, lag_s=1200.0)
+
+
+def tilt_uncompensated(rng: np.random.Generator, here: Circumstances) -> Effect:
+    """Return a compass that does not level at all."""
+    return Effect("tilt_uncompensated", {"share": 1.0}, unlevelled=1.0)
+
+
+def stuck_tilt(rng: np.random.Generator, here: Circumstances) -> Effect:
+    """Return inclinometers that stick at one value from a date on."""
+    date = float(here.time_s[int(rng.uniform(0.3, 0.6) * here.time_s.size)])
+    return Effect("stuck_tilt", {"date_s": date}, stuck_from_s=date)
+
+
+def _offset(name: str, parameters: dict[str, float], series: Floats) -> Effect:
+    return Effect(name, parameters, reading=lambda gamma: series[:, None] * np.ones(gamma.shape))
+
+
+def _lobes(rng: np.random.Generator, name: str, count: int) -> Effect:
+    phase = rng.uniform(0.0, 2.0 * np.pi)
+    parameters = {"sine_deg": float(np.cos(phase)), "cosine_deg": float(np.sin(phase))}
+    return Effect(name, parameters, reading=lambda gamma: np.sin(np.deg2rad(count * gamma) + phase))
+
+
+# Effects that are in nobody's catalogue.
+
+
+def sticky_sector(rng: np.random.Generator, here: Circumstances) -> Effect:
+    """Return a card that hangs in one sector: readings are pulled towards its middle."""
+    middle = float(np.quantile(here.heading_deg, rng.uniform(0.3, 0.7)))
+
+    def pulled(gamma: Floats) -> Floats:
+        away = np.rad2deg(np.angle(np.exp(1j * np.deg2rad(gamma - middle))))
+        return np.asarray(3.0 * np.exp(-0.5 * ((away - 6.0) / 9.0) ** 2))
+
+    return Effect("sticky_sector", reading=pulled)
+
+
+def hung_sector(rng: np.random.Generator, here: Circumstances) -> Effect:
+    """Return a card that hangs fast in one sector: readings from all of it are its middle."""
+    middle, half = float(np.quantile(here.heading_deg, rng.uniform(0.3, 0.7))), float(rng.uniform(6.0, 13.0))
+
+    def hung(gamma: Floats) -> Floats:
+        away = np.rad2deg(np.angle(np.exp(1j * np.deg2rad(gamma - middle))))
+        return np.where(np.abs(away) < half, -away, 0.0)
+
+    return Effect("hung_sector", reading=hung, hung=True)
+
+
+def teeth(rng: np.random.Generator, here: Circumstances) -> Effect:
+    """Return an encoder with teeth: eight to eighteen waves round the circle."""
+    count, phase = int(rng.integers(8, 19)), rng.uniform(0.0, 2.0 * np.pi)
+    return Effect("teeth", {"teeth": count}, reading=lambda gamma: np.sin(np.deg2rad(count * gamma) + phase))
+
+
+def hour_of_day(rng: np.random.Generator, here: Circumstances) -> Effect:
+    """Return a reading that another instrument's programme disturbs at the same hours every day."""
+    phase = rng.uniform(0.0, 2.0 * np.pi)
+    return _series("hour_of_day", np.cos(2.0 * np.pi * here.time_s / DAY_S + phase))
+
+
+def episode(rng: np.random.Generator, here: Circumstances) -> Effect:
+    """Return some weeks in which the reading was off, and then was not."""
+    span = here.time_s[-1] - here.time_s[0]
+    begin = here.time_s[0] + rng.uniform(0.15, 0.7) * span
+    inside = (here.time_s >= begin) & (here.time_s < begin + rng.uniform(20.0, 60.0) * DAY_S)
+    return _series("episode", 2.0 * inside)
+
+
+def wander(rng: np.random.Generator, here: Circumstances) -> Effect:
+    """Return a reading that swings to and fro with a period of weeks."""
+    period, phase = rng.uniform(40.0, 90.0) * DAY_S, rng.uniform(0.0, 2.0 * np.pi)
+    return _series("wander", np.cos(2.0 * np.pi * here.time_s / period + phase))
+
+
+def tilt_squared(rng: np.random.Generator, here: Circumstances) -> Effect:
+    """Return a reading that follows the square of the pitch: a bent inclinometer."""
+    middle = float(np.quantile(here.pitch_deg, rng.uniform(0.3, 0.7)))
+    bent = (here.pitch_deg - middle) ** 2
+    return _series("tilt_squared", bent / float(bent.std()))
+
+
+def depth_threshold(rng: np.random.Generator, here: Circumstances) -> Effect:
+    """Return a reading that is off below a certain depth: a housing that touches the compass's board."""
+    return _series("depth_threshold", 3.0 * (here.depth_m > np.quantile(here.depth_m, rng.uniform(0.8, 0.93))))
+
+
+def warm_lobes(rng: np.random.Generator, here: Circumstances) -> Effect:
+    """Return three lobes that grow with the temperature and turn over."""
+    warm, phase = here.temperature_c - here.temperature_c.mean(), rng.uniform(0.0, 2.0 * np.pi)
+    grown = (warm / warm.std())[:, None]
+    return Effect("warm_lobes", reading=lambda gamma: grown * np.sin(np.deg2rad(3.0 * gamma) + phase))
+
+
+def _series(name: str, series: ArrayLike) -> Effect:
+    return Effect(name, reading=lambda gamma: np.asarray(series, dtype=float)[:, None] * np.ones(gamma.shape))
+
+
+Maker = Callable[[np.random.Generator, Circumstances], Effect]
+# By name, every way in which it may come about.
+CATALOGUED: dict[str, tuple[Maker, ...]] = {
+    "heeling": (heeling,),
+    "hard_iron_drift": (hard_iron_drift,),
+    "hard_iron_step": (hard_iron_step,),
+    "battery_change": (battery_change,),
+    "temperature": (temperature, temperature_of_reading),
+    "supply_voltage": (supply_voltage, voltage_of_reading),
+    "sextantal": (sextantal,),
+    "octantal": (octantal,),
+    "heading_slip": (heading_slip,),
+    "compass_drift": (compass_drift,),
+    "compass_lag": (compass_lag,),
+    "tilt_uncompensated": (tilt_uncompensated,),
+    "stuck_tilt": (stuck_tilt,),
+    "current_veer": (veer_with_speed, veer_with_depth, veer_with_direction),
+    "clock_offset": (clock_offset,),
+    "clock_drift": (clock_drift,),
+    "field_disturbance": (field_disturbance,),
+}
+UNCATALOGUED: dict[str, Maker] = {
+    made.__name__: made
+    for made in (
+        sticky_sector,
+        teeth,
+        hour_of_day,
+        episode,
+        wander,
+        tilt_squared,
+        depth_threshold,
+        warm_lobes,
+        hung_sector,
+    )
+}
+
+
+# Planting.
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,9 +322,9 @@ def plant(ground: Ground, wanted: Mapping[str, float]) -> tuple[Planted, ...]:
     result = []
     for name, size in wanted.items():
         rng = ground.random(f"effect {name}")
-        makers = KNOWN.get(name) or (STRANGE[name],)
+        makers = CATALOGUED.get(name) or (UNCATALOGUED[name],)
         if name == "current_veer" and here.depth_m.std() < LEAST_BLOW_DOWN_M:
-            makers = tuple(maker for maker in makers if maker is not water.veer_with_depth)
+            makers = tuple(maker for maker in makers if maker is not veer_with_depth)
         made = makers[int(rng.integers(len(makers)))](rng, here)
         result.append(sized(ground, made, size))
     return tuple(result)
@@ -88,10 +349,6 @@ def sized(ground: Ground, made: Effect, wanted_deg: float) -> Planted:
 
 # How much of an effect can be seen: what is left of it after five coefficients were fitted to the true headings.
 
-EVERY = 3  # hours: the size of an effect needs no more
-ITERATIONS = 12
-STEADIEST = 0.2  # slope of the recorded over the correct heading below which a deviation is not blown up further
-
 
 def left_deg(recorded_deg: Floats, heading_deg: Floats) -> Floats:
     """Return the error of the heading that the best compass of five coefficients leaves, degrees, (n,).
@@ -113,11 +370,7 @@ def left_deg(recorded_deg: Floats, heading_deg: Floats) -> Floats:
 
 
 def visible_rms_deg(ground: Ground, effect: Effect) -> float:
-    """Return the visible size of one effect alone, rms degrees.
-
-    Args:
-        effect: what is planted.
-    """
+    """Return the visible size of one effect alone, rms degrees."""
     if effect.ahead_s is not None:
         return _clock_deg(ground, effect.ahead_s)
     bare, with_it = (_ideal(ground, planted) for planted in ((), (effect,)))

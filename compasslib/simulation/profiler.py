@@ -55,7 +55,6 @@ def plan(rng: np.random.Generator, profiler: Profiler, motion: Motion, span_s: t
     """Return the profiles: up with odd numbers, down with even ones, none that passes the top while it is stuck.
 
     Args:
-        rng: source of randomness.
         motion: how the sphere moves; its depth decides where the profiler sticks.
         span_s: the deployment, UTC seconds since 1970.
     """
@@ -73,12 +72,7 @@ def plan(rng: np.random.Generator, profiler: Profiler, motion: Motion, span_s: t
 
 
 def log(rng: np.random.Generator, schedule: Plan, water: Water, motion: Motion, *, field: Field) -> Scans:
-    """Return what the current meter logs.
-
-    Args:
-        rng: source of randomness.
-        water: the currents there.
-    """
+    """Return what the current meter logs."""
     count = schedule.number.size
     profile = np.repeat(np.arange(count), schedule.scans)
     first = np.cumsum(schedule.scans) - schedule.scans
@@ -100,11 +94,7 @@ def log(rng: np.random.Generator, schedule: Plan, water: Water, motion: Motion, 
 
 
 def write_engineering(path: Path, schedule: Plan, motion: Motion, latitude_deg: float) -> None:
-    """Write the profiler's own table of time and pressure around every logged stretch.
-
-    Args:
-        latitude_deg: degrees north.
-    """
+    """Write the profiler's own table of time and pressure around every logged stretch."""
     steps = 5 + schedule.scans // ENGINEERING_S
     profile = np.repeat(np.arange(steps.size), steps)
     position = np.arange(profile.size) - (np.cumsum(steps) - steps)[profile]

@@ -46,12 +46,7 @@ class Written:
 
 
 def write(ground: Ground, effects: Sequence[Effect], raw: Path, export: Export) -> Written:
-    """Write the raw files ``top.000``, ``deep.000`` or ``deep.csv``, perhaps ``observatory.min``; return the truth.
-
-    Args:
-        effects: what is planted.
-        export: in which form.
-    """
+    """Write the raw files ``top.000``, ``deep.000`` or ``deep.csv``, perhaps ``observatory.min``; return the truth."""
     raw.mkdir(parents=True, exist_ok=True)
     top = _top_stance(ground, effects)
     kept = _kept(ground)

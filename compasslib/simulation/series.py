@@ -27,7 +27,6 @@ def red_noise(rng: np.random.Generator, count: int, *, memory: float, deviation:
     """Return a stationary first-order autoregressive series, shape (count,).
 
     Args:
-        rng: source of randomness.
         memory: steps after which the correlation has fallen to 1/e.
         deviation: standard deviation, in the unit of the result.
     """
@@ -41,7 +40,6 @@ def red_vector(rng: np.random.Generator, count: int, *, memory: float, deviation
     """Return east + i north with independent red components, shape (count,).
 
     Args:
-        rng: source of randomness.
         memory: steps after which the correlation has fallen to 1/e.
         deviation: standard deviation of each component.
     """
@@ -53,8 +51,6 @@ def white_vector(rng: np.random.Generator, shape: int | tuple[int, ...], deviati
     """Return east + i north with independent normal components.
 
     Args:
-        rng: source of randomness.
-        shape: shape of the result.
         deviation: standard deviation of each component.
     """
     return rng.normal(0.0, deviation, shape) + 1j * rng.normal(0.0, deviation, shape)

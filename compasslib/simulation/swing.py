@@ -61,7 +61,6 @@ def sail(rng: np.random.Generator, boat: Boat, declination_deg: float, start_s: 
     """Return what a boat logs of a swing.
 
     Args:
-        rng: source of randomness.
         declination_deg: east positive.
         start_s: when she begins, UTC seconds since 1970.
     """

@@ -89,7 +89,6 @@ def velocity(water: Water, time_s: Floats, depth_m: Floats, sphere_depth_m: Floa
     """Return the current, true east + i north in m/s, in the shape of the depths.
 
     Args:
-        water: the currents of the mooring.
         time_s: instants, (n,).
         depth_m: depths below the surface, (n,) or (n, m), metres.
         sphere_depth_m: depth of the sphere at each instant, (n,): the water above it shears against that below.

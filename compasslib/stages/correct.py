@@ -29,7 +29,6 @@ def run(
     """Write the corrected record.
 
     Args:
-        site: of ``netcdf.Site``.
         attributes: of the archive, by the YAML files.
         sources: raw files, relative to the cruise folder.
 

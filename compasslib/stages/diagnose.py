@@ -8,7 +8,9 @@ from typing import Any
 from compasslib import deviation as deviations
 from compasslib.archive import netcdf
 from compasslib.core import earthfield
-from compasslib.search import covariates, moored, product
+from compasslib.search import covariates, product, verdict
+
+DISABLED = "the search was switched off (diagnose: {enabled: false})"
 
 
 def run(
@@ -40,7 +42,16 @@ def run(
     series = covariates.logged(netcdf.read_record(record), observatory, at=near)
     configured = netcdf.read_json(fit)
     fitted = deviations.from_json(configured)
-    found = moored.diagnose(near, series, fitted, along, wide=netcdf.read_pairs(wide), **options)
+    if not options["enabled"]:
+        found = verdict.insufficient(DISABLED)
+    else:
+        from compasslib.search.diagnosis import (  # only where it searches: half of what its job imports
+            Options,
+            diagnose,
+        )
+
+        chosen = Options(**{name: value for name, value in options.items() if name != "enabled"})
+        found = diagnose(near, series, fitted, along, chosen, wide=netcdf.read_pairs(wide))
     netcdf.write_json(diagnosis, found.to_json())
     netcdf.write_json(deviation, configured | {"applied": product.of(fitted, found).to_json()})
-    say(moored.told(mooring, found))
+    say(found.log_line(mooring))

@@ -32,4 +32,4 @@ def run(
     """
     found = kinds.diagnose(kind, raw, settings, kinds.chosen(options))
     write_json(diagnosis, found.to_json())
-    say(kinds.told(name, found))
+    say(found.log_line(name))

@@ -29,7 +29,7 @@ def run(
     fit = products.from_json(netcdf.read_json(deviation)).fit
     to = {Path(figure).stem: figure for figure in figures}
     curve.deviation(to["deviation"], both, fit, mooring)
-    hypotheses.diagnosis(to["diagnosis"], netcdf.read_json(diagnosis), mooring)
+    hypotheses.of_mooring(to["diagnosis"], netcdf.read_json(diagnosis), mooring)
     agreement.histograms(to["histograms"], both, corrected, mooring, method=fit.method)
     agreement.scatter(to["scatter"], both, corrected, mooring, method=fit.method)
     timeline.timeline(to["timeline"], corrected, both, mooring, method=fit.method)

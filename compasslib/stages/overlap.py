@@ -32,7 +32,6 @@ def run(
         lower: record of the trusted one, perhaps none.
         observatory: IAGA-2002 files of one observatory, perhaps none.
         place: arguments of ``earthfield.along_time``.
-        rules: of ``overlap.Rules``.
 
     Raises:
         InputError: an observatory's file cannot be read, or a date lies outside the model of the field.

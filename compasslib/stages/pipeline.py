@@ -54,7 +54,6 @@ def process(
     The working folder is the cruise's meanwhile, as in the workflow; not for several threads at once.
 
     Args:
-        cruise: folder that holds config/config.yaml.
         folder: of the results, which must not be there yet; as ``results/NAME`` of the workflow, without figures.
         say: takes what each stage says of its result.
 
@@ -166,6 +165,6 @@ def _clear_after_a_kill(folder: Path) -> None:
         ours = left.name.startswith(f".{folder.name}{TEMPORARY}") and not left.is_symlink()
         mark = left / MARK
         if ours and mark.is_file() and not mark.is_symlink():
-            with mark.open("r+") as held, suppress(OSError):
-                fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)  # held by a run that is alive: BlockingIOError
+            with mark.open("r+") as stream, suppress(OSError):
+                fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)  # held by a run that is alive: BlockingIOError
                 shutil.rmtree(left, ignore_errors=True)

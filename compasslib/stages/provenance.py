@@ -26,4 +26,4 @@ def run(
     jobs = crate.lineage(crate.records(), products)
     page = crate.crate(jobs, configuration=configuration, attributes=attributes, stopped=stopped)
     write_json(manifest, page)
-    say(crate.told(page))
+    say(crate.log_line(page))

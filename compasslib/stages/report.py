@@ -27,4 +27,4 @@ def run(
         Path(page).parent, attributes=attributes, moorings=moorings, calibrations=calibrations, stopped=stopped
     )
     report.write(page, gathered)
-    say(report.told(page, gathered))
+    say(report.log_line(page, gathered))

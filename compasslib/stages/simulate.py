@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import os
+import shutil
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
 
-from compasslib.run import simulated
+from compasslib.archive import provenance
+from compasslib.archive.files import HALF_WRITTEN, write_json
+from compasslib.core.errors import InputError
+from compasslib.run import ledger
 from compasslib.simulation import demonstration
 
 
@@ -14,6 +21,30 @@ def run(*, raw: Sequence[str], truth: str, name: str, seed: int, say: Callable[[
     Raises:
         InputError: the simulation does not write one of the files.
     """
-    with simulated.put(name, [*raw, truth]) as folder:
+    with put(name, [*raw, truth]) as folder:
         demonstration.write_mooring(name, folder / "raw", folder / truth, seed)
     say(f"{name}: simulated raw files written; the truth stands apart in {truth}")
+
+
+@contextmanager
+def put(name: str, files: Sequence[str]) -> Iterator[Path]:
+    """Give a folder to simulate into; ``files`` come from there to the cruise once the block has ended well.
+
+    Killed at any moment, what stands in the cruise is on record as the simulation's own.
+    """
+    folder = Path("raw", f".{name}{HALF_WRITTEN}")
+    shutil.rmtree(folder, ignore_errors=True)  # of a killed job; a link is not followed
+    try:
+        yield folder
+        for file in files:
+            if not (folder / file).is_file():
+                advice = "name the files as the simulation does"
+                found = "one that it does not write"
+                raise InputError(file, expected=f"a raw file of the simulation of {name}", found=found, advice=advice)
+        made = {file: provenance.sha256(folder / file) for file in files}
+        write_json(f"{ledger.SIMULATED}/{name}.json", {"read": {}, "wrote": made})
+        for file in files:
+            Path(file).parent.mkdir(parents=True, exist_ok=True)
+            os.replace(folder / file, file)
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)

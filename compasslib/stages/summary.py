@@ -21,7 +21,6 @@ def run(
     Args:
         summary: beside the folders of the moorings' results.
         roles: instruments that each mooring uses.
-        order: names of all moorings.
         stopped: why others have no results, by name, of ``moorings`` and of ``calibrations``.
     """
     results = Path(summary).parent

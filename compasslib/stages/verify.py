@@ -8,9 +8,9 @@ from compasslib.archive import verification
 
 
 def run(*, say: Callable[[str], None]) -> None:
-    """Callable[[str], None] what differs from the manifest of the working folder, a line each.
+    """Say what differs from the manifest of the working folder, a line each.
 
     Raises:
         InputError: something differs, or there is no manifest.
     """
-    verification.tell(".", say)
+    verification.verify(".", say)

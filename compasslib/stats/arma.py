@@ -49,7 +49,6 @@ def correlation(phi: float, theta: float, lags: Ints) -> Floats:
     Args:
         phi: autoregressive coefficient.
         theta: moving-average coefficient.
-        lags: steps, any shape.
     """
     return np.where(lags == 0, 1.0, _first_lag(phi, theta) * phi ** np.maximum(lags - 1, 0))
 

@@ -12,7 +12,6 @@ def effective_number(residual: Floats, time_s: Floats, *, longest_s: float = 5 *
 
     Args:
         residual: standardised residuals, (n,).
-        time_s: increasing times, (n,).
         longest_s: longest lag that is looked at, seconds.
     """
     n = len(residual)

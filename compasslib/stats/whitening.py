@@ -71,7 +71,6 @@ def whitener(residual_deg: Floats, width_deg: Floats, time_s: Floats) -> Whitene
     Args:
         residual_deg: (n,), degrees.
         width_deg: (n,), degrees, infinite where a sample does not count.
-        time_s: increasing times, (n,).
     """
     slot = slots(time_s)
     standard = clipped(residual_deg, width_deg)
@@ -87,20 +86,12 @@ def whitener(residual_deg: Floats, width_deg: Floats, time_s: Floats) -> Whitene
 
 
 def spacing_s(time_s: Floats) -> float:
-    """Return the spacing of the knots that follow what changes over weeks, seconds.
-
-    Args:
-        time_s: increasing times, (n,).
-    """
+    """Return the spacing of the knots that follow what changes over weeks, seconds."""
     return max(TREND_LENGTHS * order(len(time_s)) * step_s(time_s), TREND_S)
 
 
 def step_s(time_s: Floats) -> float:
-    """Return the usual interval of samples, seconds.
-
-    Args:
-        time_s: increasing times, (n,).
-    """
+    """Return the usual interval of samples, seconds."""
     return float(np.median(np.diff(time_s)))
 
 
@@ -110,11 +101,7 @@ def order(samples: int) -> int:
 
 
 def slots(time_s: Floats) -> NDArray[np.intp]:
-    """Return the place of each sample on an even grid of the usual interval, (n,).
-
-    Args:
-        time_s: increasing times, (n,).
-    """
+    """Return the place of each sample on an even grid of the usual interval, (n,)."""
     apart = np.maximum(np.rint(np.diff(time_s) / step_s(time_s)).astype(np.intp), 1)
     return np.concatenate([[0], np.cumsum(np.minimum(apart, 10 * ORDER))]).astype(np.intp)
 

@@ -18,10 +18,10 @@ from compasslib.calibration.heads import clock as heads_clock
 from compasslib.calibration.heads import frame as heads_frame
 from compasslib.calibration.heads import motion, report
 from compasslib.calibration.heads import series as heads_series
-from compasslib.calibration.heads.clock import Clock
+from compasslib.calibration.heads.clock import ClockDifference
 from compasslib.calibration.heads.frame import Frame
 from compasslib.calibration.heads.motion import Compared, Motion
-from compasslib.calibration.heads.series import Series
+from compasslib.calibration.heads.series import HeadingDifference
 from compasslib.calibration.result import Calibration
 from compasslib.core import angles
 from compasslib.core.errors import InputError
@@ -70,24 +70,23 @@ def compare(a: Record, b: Record, settings: Mapping[str, Any]) -> Calibration:
     start, end = settings.get("start_s"), settings.get("end_s")
     first = motion.motion(a, start, end)
     second = motion.motion(b, None if start is None else start - farthest, None if end is None else end + farthest)
-    said = (*a.warnings, *b.warnings, *readings.dated(first.time_s, settings.get("date_s")))
+    warnings = (*a.warnings, *b.warnings, *readings.dated(first.time_s, settings.get("date_s")))
     if min(len(first.time_s), len(second.time_s)) < FEWEST or not overlap(first, second, farthest):
         n = min(len(first.time_s), len(second.time_s))
-        return _nothing(0, f"the two heads share no time with {FEWEST} usable samples of each ({n} usable)", said)
+        return _nothing(0, f"the two heads share no time with {FEWEST} usable samples of each ({n} usable)", warnings)
     fixed = settings.get("clock_offset_seconds")
     clock = heads_clock.find(first, second, farthest) if fixed is None else given_clock(second, float(fixed))
     compared = together(first, second, clock)
     if len(compared) < FEWEST:
         why = f"{len(compared)} samples of both heads at the same time, at least {FEWEST} are needed"
-        return _nothing(len(compared), why, said + clock.warnings)
-    return _assembled(compared, clock, said)
+        return _nothing(len(compared), why, warnings + clock.warnings)
+    return _assembled(compared, clock, warnings)
 
 
 def record(path: str | Path, settings: Mapping[str, Any], which: int) -> Record:
     """Return the record of one head.
 
     Args:
-        path: its PD0 file.
         settings: as for ``calibrate``.
         which: 0 for a, 1 for b.
     """
@@ -115,13 +114,13 @@ def overlap(a: Motion, b: Motion, farthest: float) -> bool:
     return bool(max(a.time_s[0], b.time_s[0] - farthest) < min(a.time_s[-1], b.time_s[-1] + farthest))
 
 
-def given_clock(b: Motion, offset_s: float) -> Clock:
+def given_clock(b: Motion, offset_s: float) -> ClockDifference:
     """Return a clock of b that is known to be off by so many seconds."""
     middle = float(b.time_s[0] + b.time_s[-1]) / 2.0
-    return Clock(offset_s=offset_s, sigma_s=heads_clock.RESOLUTION_S, middle_s=middle)
+    return ClockDifference(offset_s=offset_s, sigma_s=heads_clock.RESOLUTION_S, middle_s=middle)
 
 
-def together(a: Motion, b: Motion, clock: Clock) -> Compared:
+def together(a: Motion, b: Motion, clock: ClockDifference) -> Compared:
     """Return both heads at b's instants, a's read at the same time by the clocks."""
     at = clock.by_a(b.time_s)
     heading, lean, rate = a.heading.at(at), a.leaning.at(at), a.heading.at(at, 1)
@@ -130,11 +129,11 @@ def together(a: Motion, b: Motion, clock: Clock) -> Compared:
     return Compared(b.time_s[known], recorded, b.recorded_deg[known], lean[known], b.lean[known], rate[known])
 
 
-def _assembled(pairs: Compared, clock: Clock, said: tuple[str, ...]) -> Calibration:
+def _assembled(pairs: Compared, clock: ClockDifference, warnings: tuple[str, ...]) -> Calibration:
     frame = heads_frame.fit(pairs.time_s, pairs.lean_a, pairs.lean_b)
     offset, difference, series = _fitted(pairs, clock, frame)
     rms = angles.rms(series.residual_deg[series.kept])
-    warnings = said + clock.warnings + report.warnings(pairs, clock, frame, series, offset)
+    warnings = warnings + clock.warnings + report.warnings(pairs, clock, frame, series, offset)
     details = report.details(pairs, clock, frame, series, offset)
     points = report.points(pairs, difference, offset, frame, series)
     coverage = int(series.covered.sum())
@@ -143,7 +142,7 @@ def _assembled(pairs: Compared, clock: Clock, said: tuple[str, ...]) -> Calibrat
             f"b's headings do not follow a's ({rms:.0f}° rms about any constant turn): these heads do not stand on one "
             f"frame, or their clocks are farther apart than max_clock_seconds"
         )
-        return replace(_nothing(len(pairs), why, said + clock.warnings), coverage=coverage, points=points)
+        return replace(_nothing(len(pairs), why, warnings + clock.warnings), coverage=coverage, points=points)
     full = _full(series)
     return Calibration(
         kind=KIND,
@@ -162,7 +161,7 @@ def _assembled(pairs: Compared, clock: Clock, said: tuple[str, ...]) -> Calibrat
     )
 
 
-def _fitted(pairs: Compared, clock: Clock, frame: Frame) -> tuple[float, Floats, Series]:
+def _fitted(pairs: Compared, clock: ClockDifference, frame: Frame) -> tuple[float, Floats, HeadingDifference]:
     """Return the offset, what b must add to agree with a turned by it, and the series through that.
 
     The offset is the series' constant; twice, because the turn enters the effect of tilt too.
@@ -182,9 +181,7 @@ def turned(pairs: Compared, offset_deg: float, frame: Frame) -> Floats:
     """Return the heading that b must have by a's, rigidly turned, (n,) degrees.
 
     Args:
-        pairs: both heads.
         offset_deg: of b's forward axis clockwise from a's.
-        frame: by the tilts.
     """
     if frame.verdict in ("mirrored", "not rigid"):
         return angles.wrap360(pairs.recorded_a + offset_deg)
@@ -192,7 +189,7 @@ def turned(pairs: Compared, offset_deg: float, frame: Frame) -> Floats:
     return heads_frame.turned_heading(pairs.recorded_a, pairs.lean_a, rotation)
 
 
-def _full(series: Series) -> tuple[Floats, Floats]:
+def _full(series: HeadingDifference) -> tuple[Floats, Floats]:
     """Return five coefficients and their covariance, NaN where a term was refused; A is 0 by definition."""
     coefficients, covariance = np.full(5, np.nan), np.full((5, 5), np.nan)
     coefficients[: series.terms] = series.coefficients

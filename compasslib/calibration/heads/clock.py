@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from compasslib.calibration.heads.motion import Curve, Motion, blocks, small_sample, step
+from compasslib.calibration.heads.motion import GapSpline, Motion, blocks, small_sample, step
 from compasslib.core.types import Complexes, Floats
 
 LEAST_CORRELATION = 0.3  # of rates that move together; 5 / sqrt(n) for short records
@@ -33,7 +33,7 @@ UNKNOWN = (float("nan"), float("nan"))
 
 
 @dataclass(frozen=True)
-class Clock:
+class ClockDifference:
     """b's clock minus a's, at the middle of the record, and how it grows."""
 
     offset_s: float = 0.0
@@ -65,7 +65,7 @@ class _Signal:
 
     time_s: Floats  # (n,) by b's clock
     value: Complexes  # (n,) of b
-    other: Curve  # of a
+    other: GapSpline  # of a
 
     def turned(self, at_s: Floats) -> Complexes:
         """Return b's samples, turned into a's frame.
@@ -79,7 +79,7 @@ class _Signal:
         return self.value * along / max(abs(along), 1e-300)
 
 
-def find(a: Motion, b: Motion, farthest_s: float) -> Clock:
+def find(a: Motion, b: Motion, farthest_s: float) -> ClockDifference:
     """Return the offset of b's clock from a's, with drift; not ``found`` where nothing moves together.
 
     Args:
@@ -93,12 +93,12 @@ def find(a: Motion, b: Motion, farthest_s: float) -> Clock:
     seen: dict[str, Any] = {"tilt_correlation": correlation["tilts"], "heading_correlation": correlation["headings"]}
     use = {name: signal for name, signal in _signals(a, b).items() if correlation[name] >= least}
     if not use:
-        said = "tilts and headings of the two heads hardly change together: the clocks are taken as they stand"
-        return Clock(middle_s=middle, warnings=(said,), **seen)
+        warning = "tilts and headings of the two heads hardly change together: the clocks are taken as they stand"
+        return ClockDifference(middle_s=middle, warnings=(warning,), **seen)
     alone = {name: _offset(*_solved(signal, np.array([lag]), middle)) for name, signal in use.items()}
     apart = len(use) == 2 and _apart(*alone.values())
     signals = [use["tilts"]] if apart else list(use.values())
-    return Clock(
+    return ClockDifference(
         **_offset_and_drift(signals, lag, middle, float(np.ptp(b.time_s))),
         middle_s=middle,
         from_tilts_s=alone.get("tilts", UNKNOWN),
@@ -171,7 +171,7 @@ def _lattice_peak(a: Motion, b: Motion, farthest_s: float) -> tuple[float, dict[
     return float(lags[best]), {"tilts": float(peaks[0][best]), "headings": float(peaks[1][best])}
 
 
-def _on(curve: Curve, grid: Floats) -> Complexes:
+def _on(curve: GapSpline, grid: Floats) -> Complexes:
     """Return a rate on a regular grid, its mean removed, zero where there is none."""
     value = np.asarray(np.interp(grid, curve.time_s, curve.values), dtype=complex)
     after = np.clip(np.searchsorted(curve.time_s, grid), 1, len(curve.time_s) - 1)
@@ -232,7 +232,7 @@ def _sums(signal: _Signal, parameters: Floats, middle_s: float) -> tuple[Floats,
     return np.asarray((columns * second) @ columns.T), np.asarray(parts, dtype=float)
 
 
-def heading_error_deg(clock: Clock, rate_deg_s: Floats) -> Floats:
+def heading_error_deg(clock: ClockDifference, rate_deg_s: Floats) -> Floats:
     """Return what an error of the clock by its standard deviation does to each difference of headings, degrees.
 
     Args:

@@ -19,7 +19,7 @@ GAP_STEPS = 3.0  # sampling intervals without a sample over which nothing is int
 
 
 @dataclass(frozen=True)
-class Curve:
+class GapSpline:
     """A smooth curve through samples, silent inside gaps."""
 
     time_s: Floats  # (n,) increasing
@@ -36,7 +36,6 @@ class Curve:
 
         Args:
             time_s: instants, (k,).
-            derivative: which.
         """
         left = np.searchsorted(self.time_s, time_s, side="right") - 1
         inside = (time_s >= self.time_s[0]) & (time_s <= self.time_s[-1])
@@ -61,22 +60,22 @@ class Motion:
         return angles.wrap360(self.heading_deg)
 
     @cached_property
-    def heading(self) -> Curve:
+    def heading(self) -> GapSpline:
         """Return the heading as a curve, degrees."""
-        return Curve(self.time_s, self.heading_deg)
+        return GapSpline(self.time_s, self.heading_deg)
 
     @cached_property
-    def leaning(self) -> Curve:
+    def leaning(self) -> GapSpline:
         """Return the tilt as a curve."""
-        return Curve(self.time_s, self.lean)
+        return GapSpline(self.time_s, self.lean)
 
     @cached_property
-    def turn_rate(self) -> Curve:
+    def turn_rate(self) -> GapSpline:
         """Return how fast the heading turns, degrees a second, between the samples."""
         return _rate(self.time_s, self.heading_deg)
 
     @cached_property
-    def lean_rate(self) -> Curve:
+    def lean_rate(self) -> GapSpline:
         """Return how fast the tilt changes, degrees a second, between the samples."""
         return _rate(self.time_s, self.lean / angles.DEGREE)
 
@@ -97,11 +96,7 @@ class Compared:
 
 
 def step(time_s: Floats) -> float:
-    """Return the sampling interval, seconds.
-
-    Args:
-        time_s: increasing times, n > 1.
-    """
+    """Return the sampling interval, seconds."""
     return float(np.median(np.diff(time_s)))
 
 
@@ -158,11 +153,7 @@ def tilts(lean: Complexes) -> tuple[Floats, Floats]:
 
 
 def blocks(time_s: Floats, count: int) -> NDArray[np.intp]:
-    """Return which of some equal stretches of time each sample lies in, (n,).
-
-    Args:
-        time_s: increasing times, (n,).
-    """
+    """Return which of some equal stretches of time each sample lies in, (n,)."""
     share = (time_s - time_s[0]) / max(float(np.ptp(time_s)), 1e-9)
     return np.minimum((share * count).astype(np.intp), count - 1)
 
@@ -192,7 +183,7 @@ def small_sample(count: int, parameters: int = 1) -> float:
     return float(stdtrit(max(count - parameters, 1), 0.975) / 1.959964)
 
 
-def _rate(time_s: Floats, values: NDArray) -> Curve:
+def _rate(time_s: Floats, values: NDArray) -> GapSpline:
     interval = np.diff(time_s)
     near = interval <= GAP_STEPS * step(time_s)
-    return Curve(((time_s[1:] + time_s[:-1]) / 2.0)[near], (np.diff(values) / interval)[near])
+    return GapSpline(((time_s[1:] + time_s[:-1]) / 2.0)[near], (np.diff(values) / interval)[near])

@@ -9,10 +9,10 @@ import numpy as np
 
 from compasslib.calibration.heads import clock as heads_clock
 from compasslib.calibration.heads import series as heads_series
-from compasslib.calibration.heads.clock import Clock
+from compasslib.calibration.heads.clock import ClockDifference
 from compasslib.calibration.heads.frame import Frame
 from compasslib.calibration.heads.motion import LEAST_STRETCHES, Compared, blocks, step, tilts
-from compasslib.calibration.heads.series import Series
+from compasslib.calibration.heads.series import HeadingDifference
 from compasslib.calibration.result import Source
 from compasslib.core import angles
 from compasslib.core.types import Floats
@@ -28,12 +28,13 @@ CANNOT_TELL = (
 )
 
 
-def details(pairs: Compared, clock: Clock, frame: Frame, series: Series, offset: float) -> dict[str, Any]:
+def details(
+    pairs: Compared, clock: ClockDifference, frame: Frame, series: HeadingDifference, offset: float
+) -> dict[str, Any]:
     """Return what goes into the file beside the common fields.
 
     Args:
         pairs: both heads at b's instants.
-        frame: by the tilts.
         offset: of b's forward axis from a's by the headings, degrees.
     """
     return {
@@ -58,7 +59,7 @@ def details(pairs: Compared, clock: Clock, frame: Frame, series: Series, offset:
     }
 
 
-def _offsets(frame: Frame, series: Series, offset: float) -> dict[str, float | None]:
+def _offsets(frame: Frame, series: HeadingDifference, offset: float) -> dict[str, float | None]:
     constant, sigma = _constant(frame, series, offset)
     known = bool(np.isfinite(frame.offset_sigma_deg))
     return {
@@ -72,13 +73,13 @@ def _offsets(frame: Frame, series: Series, offset: float) -> dict[str, float | N
     }
 
 
-def _constant(frame: Frame, series: Series, offset: float) -> tuple[float, float]:
+def _constant(frame: Frame, series: HeadingDifference, offset: float) -> tuple[float, float]:
     """Return the mounting angle by the tilts minus the offset by the headings, and its standard deviation."""
     sigma = float(np.hypot(frame.offset_sigma_deg, np.sqrt(series.covariance[0, 0])))
     return float(angles.difference(frame.offset_deg, offset)), sigma
 
 
-def _clock(clock: Clock) -> dict[str, Any]:
+def _clock(clock: ClockDifference) -> dict[str, Any]:
     return {
         "offset_s": clock.offset_s,
         "sigma_s": clock.sigma_s,
@@ -93,14 +94,15 @@ def _clock(clock: Clock) -> dict[str, Any]:
     }
 
 
-def points(pairs: Compared, difference: Floats, offset: float, frame: Frame, series: Series) -> dict[str, Floats]:
+def points(
+    pairs: Compared, difference: Floats, offset: float, frame: Frame, series: HeadingDifference
+) -> dict[str, Floats]:
     """Return the columns of what was observed, (n,) each.
 
     Args:
         pairs: both heads at b's instants.
         difference: a's heading, turned, minus b's, degrees.
         offset: of b's forward axis from a's by the headings, degrees.
-        frame: by the tilts.
     """
     pitch_a, roll_a = tilts(pairs.lean_a)
     pitch_b, roll_b = tilts(pairs.lean_b)
@@ -122,12 +124,11 @@ def points(pairs: Compared, difference: Floats, offset: float, frame: Frame, ser
     }
 
 
-def sources(pairs: Compared, clock: Clock, frame: Frame, series: Series) -> tuple[Source, ...]:
+def sources(pairs: Compared, clock: ClockDifference, frame: Frame, series: HeadingDifference) -> tuple[Source, ...]:
     """Return the lines of the uncertainty budget.
 
     Args:
         pairs: both heads at b's instants.
-        frame: by the tilts.
     """
     there = heads_series.curve(series, pairs.recorded_b).sigma_deg
     fitted = float(np.sqrt(max(float(np.nanmean(there**2)) - series.structure_deg**2, 0.0)))
@@ -148,12 +149,13 @@ def sources(pairs: Compared, clock: Clock, frame: Frame, series: Series) -> tupl
     )
 
 
-def warnings(pairs: Compared, clock: Clock, frame: Frame, series: Series, offset: float) -> tuple[str, ...]:
+def warnings(
+    pairs: Compared, clock: ClockDifference, frame: Frame, series: HeadingDifference, offset: float
+) -> tuple[str, ...]:
     """Return what the reader of the result must know, in sentences.
 
     Args:
         pairs: both heads at b's instants.
-        frame: by the tilts.
         offset: of b's forward axis from a's by the headings, degrees.
     """
     tilts_say = [frame.text] if frame.verdict != "rigid" else []
@@ -167,7 +169,7 @@ def warnings(pairs: Compared, clock: Clock, frame: Frame, series: Series, offset
     )
 
 
-def _of_terms(series: Series) -> list[str]:
+def _of_terms(series: HeadingDifference) -> list[str]:
     if not series.refused:
         return []
     leak = (
@@ -179,7 +181,7 @@ def _of_terms(series: Series) -> list[str]:
     return [series.refused, leak, only] if series.terms == 1 else [series.refused, leak]
 
 
-def _of_constant(frame: Frame, series: Series, offset: float) -> list[str]:
+def _of_constant(frame: Frame, series: HeadingDifference, offset: float) -> list[str]:
     apart, sigma = _constant(frame, series, offset)
     if not np.isfinite(sigma) or abs(apart) < max(SIGMAS * sigma, LEAST_CONSTANT_DEG):
         return []
@@ -190,7 +192,7 @@ def _of_constant(frame: Frame, series: Series, offset: float) -> list[str]:
     ]
 
 
-def _of_sampling(pairs: Compared, clock: Clock, series: Series) -> list[str]:
+def _of_sampling(pairs: Compared, clock: ClockDifference, series: HeadingDifference) -> list[str]:
     gain = f"{clock.drift_s_per_day:+.2f} ± {clock.drift_sigma_s_per_day:.2f} s a day"
     spikes = int(np.sum(~series.kept))
     sentences = {
@@ -203,7 +205,7 @@ def _of_sampling(pairs: Compared, clock: Clock, series: Series) -> list[str]:
     return [sentence for sentence, holds in sentences.items() if holds]
 
 
-def _slip(time_s: Floats, series: Series) -> list[str]:
+def _slip(time_s: Floats, series: HeadingDifference) -> list[str]:
     """Return the sentence on a step of the offset, if there is one far beyond what neighbouring stretches differ by."""
     stretch = blocks(time_s, SLIP_STRETCHES)[series.kept]
     count = np.bincount(stretch, minlength=SLIP_STRETCHES)

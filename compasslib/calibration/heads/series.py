@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib.calibration.heads.motion import blocks, independent
-from compasslib.calibration.result import Table
+from compasslib.calibration.result import DeviationTable
 from compasslib.core import angles
 from compasslib.core.types import Floats
 from compasslib.deviation import von_appen
@@ -32,7 +32,7 @@ REACH_DEG = 10.0  # a table of fewer than five terms goes this far beyond the he
 
 
 @dataclass(frozen=True)
-class Series:
+class HeadingDifference:
     """A fitted difference: what is to be added to b's recorded heading to get a's, turned."""
 
     terms: int  # 5, 3 or 1
@@ -50,7 +50,7 @@ class Series:
     refused: str  # which terms were refused and why; empty where none
 
 
-def fit(time_s: Floats, recorded_deg: Floats, difference_deg: Floats, rate_sigma_deg: Floats) -> Series:
+def fit(time_s: Floats, recorded_deg: Floats, difference_deg: Floats, rate_sigma_deg: Floats) -> HeadingDifference:
     """Return the largest series that the covered headings carry, with its covariance.
 
     Args:
@@ -71,7 +71,7 @@ def fit(time_s: Floats, recorded_deg: Floats, difference_deg: Floats, rate_sigma
     solver = np.linalg.pinv(columns[kept])
     by_clock, leak = solver @ rate_sigma_deg[kept], solver @ others[kept]
     sampling = covariance + np.outer(by_clock, by_clock)
-    return Series(
+    return HeadingDifference(
         terms=terms,
         coefficients=coefficients,
         covariance=sampling + leak @ np.diag(ALLOWANCE_DEG[terms - 1 :] ** 2) @ leak.T,
@@ -113,12 +113,12 @@ def inflations(covered: NDArray[np.bool_], terms: int) -> Floats:
     return np.asarray(np.diag(information) * np.diag(np.linalg.pinv(information, rcond=1e-12)))
 
 
-def table(series: Series) -> Table:
+def table(series: HeadingDifference) -> DeviationTable:
     """Return the deviation every 10 degrees without its constant; NaN far from what was covered by a short series."""
     return curve(series, np.arange(0.0, 360.0, 10.0))
 
 
-def curve(series: Series, heading_deg: Floats) -> Table:
+def curve(series: HeadingDifference, heading_deg: Floats) -> DeviationTable:
     """Return the deviation at some headings, as ``table`` does.
 
     Args:
@@ -132,10 +132,10 @@ def curve(series: Series, heading_deg: Floats) -> Table:
     sigma = np.sqrt(np.einsum("ni,ij,nj->n", columns, series.sampling, columns) + left)
     deviation = columns[:, 1:] @ series.coefficients[1:]
     known = near_covered(series, heading_deg)
-    return Table(heading_deg, np.where(known, deviation, np.nan), np.where(known, sigma, np.nan))
+    return DeviationTable(heading_deg, np.where(known, deviation, np.nan), np.where(known, sigma, np.nan))
 
 
-def near_covered(series: Series, heading_deg: Floats) -> NDArray[np.bool_]:
+def near_covered(series: HeadingDifference, heading_deg: Floats) -> NDArray[np.bool_]:
     """Tell at which headings the series may be used: everywhere if it has all terms, else beside covered sectors.
 
     Args:

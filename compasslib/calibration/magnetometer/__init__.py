@@ -51,7 +51,7 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
     if why:
         return _refused(log, why)
     field = settings.get("field")
-    axes, said = magnetometer_log.axes(log)
+    axes, warnings = magnetometer_log.axes(log)
     choice = choose(log, log.raw @ axes.matrix.T)
     far = far_off(choice)
     if far.any():
@@ -60,8 +60,8 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
     solved = solve(log, axes, choice, field)
     if solved is None:
         return _refused(log, choice.why)
-    said = [*log.warnings, *said, *readings.dated(log.time_s, settings.get("date_s"))]
-    return _described(solved, field, settings.get("columns") or {}, said)
+    warnings = [*log.warnings, *warnings, *readings.dated(log.time_s, settings.get("date_s"))]
+    return _described(solved, field, settings.get("columns") or {}, warnings)
 
 
 def _refused(log: Log, why: str) -> Calibration:

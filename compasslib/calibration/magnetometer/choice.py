@@ -17,9 +17,9 @@ from compasslib.calibration.magnetometer.ellipsoid import (
     ELLIPSOID,
     LEVEL_AND_THIRD,
     SPHERE,
-    Fitted,
+    FittedEllipsoid,
     Model,
-    Readings,
+    ScaledReadings,
 )
 from compasslib.calibration.magnetometer.log import Log
 from compasslib.core import angles
@@ -41,14 +41,14 @@ UNSEEN_LEVEL = ("z offset", "S33", "S13", "S23")
 class Choice:
     """The model that was chosen with what it was chosen from; without a fit ``why`` says what is missing."""
 
-    fitted: Fitted | None = None
-    readings: Readings | None = None
+    fitted: FittedEllipsoid | None = None
+    readings: ScaledReadings | None = None
     scale: float = 1.0  # file's unit for one unit of the readings
     level: bool = False
     scores: dict[str, float] = field(default_factory=dict)  # rms of the modulus on held-out blocks, percent
     undetermined: dict[str, str] = field(default_factory=dict)  # parameter -> reason
     weakest: dict[str, float] = field(default_factory=dict)  # one standard error over the field, as judged
-    full: Fitted | None = None  # the largest model that is determined
+    full: FittedEllipsoid | None = None  # the largest model that is determined
     why: str = ""
 
 
@@ -65,11 +65,7 @@ def choose(log: Log, body: Floats) -> Choice:
 
 
 def far_off(choice: Choice) -> NDArray[np.bool_]:
-    """Return which readings lie so far off the fitted modulus that they are not its noise, (n,); none where many do.
-
-    Args:
-        choice: with a fit.
-    """
+    """Return which readings lie so far off the fitted modulus that they are not its noise, (n,); none where many do."""
     if choice.full is None or choice.readings is None:
         return np.zeros(0, dtype=bool)
     off = ellipsoid.modulus(_field(choice.full.iron()[0], choice.readings), choice.readings.down) - 1.0
@@ -147,14 +143,14 @@ def _tilt(down: Floats) -> Floats:
     return angles.argument(down[:, 2] + 1j * np.hypot(down[:, 0], down[:, 1]))
 
 
-def _scaled(body: Floats, down: Floats) -> tuple[Readings, float, Floats]:
+def _scaled(body: Floats, down: Floats) -> tuple[ScaledReadings, float, Floats]:
     """Return the readings over the radius of the circle or sphere through them, that radius, and its centre over it."""
-    centre, radius = ellipsoid.start(Readings(body, down))
+    centre, radius = ellipsoid.start(ScaledReadings(body, down))
     scale = radius if radius > 0.0 else 1.0
-    return Readings(body / scale, down), scale, centre / scale
+    return ScaledReadings(body / scale, down), scale, centre / scale
 
 
-def _poor(circle: Fitted, readings: Readings, noise: float) -> str:
+def _poor(circle: FittedEllipsoid, readings: ScaledReadings, noise: float) -> str:
     """Return why a circle through the readings means nothing; empty where it does."""
     if noise > MOST_SCATTER:
         return _scattered(noise, "circle or ellipse")
@@ -175,13 +171,15 @@ def _scattered(noise: float, shape: str) -> str:
     )
 
 
-def _unsure(judged: Model, fitted: Fitted, readings: Readings, noise: tuple[float, float]) -> dict[str, float]:
+def _unsure(
+    judged: Model, fitted: FittedEllipsoid, readings: ScaledReadings, noise: tuple[float, float]
+) -> dict[str, float]:
     """Return one standard error of each parameter over the field: noise that averages, and errors that do not."""
     each = float(np.hypot(noise[0] / np.sqrt(noise[1]), LASTING))
     return {name: each * by for name, by in ellipsoid.dilution(judged, fitted.iron()[0], readings).items()}
 
 
-def _noise(largest: Model, fitted: Fitted, readings: Readings) -> tuple[float, float]:
+def _noise(largest: Model, fitted: FittedEllipsoid, readings: ScaledReadings) -> tuple[float, float]:
     """Return the noise of one axis and how many readings are independent, by the largest model that can be fitted.
 
     Soft iron that a sphere leaves over would count as noise with a long memory.
@@ -197,7 +195,7 @@ def _noise(largest: Model, fitted: Fitted, readings: Readings) -> tuple[float, f
     return noise, effective_number(residual, times, longest_s=len(readings) / 10.0)
 
 
-def _best(models: Sequence[Model], readings: Readings, centre: Floats, found: Choice) -> Choice:
+def _best(models: Sequence[Model], readings: ScaledReadings, centre: Floats, found: Choice) -> Choice:
     """Return the model that predicts contiguous blocks best which it was not fitted to."""
     scores = {model.name: _score(model, readings, centre) for model in models}
     fits = {model.name: fitted for model in models if (fitted := _try(model, readings, centre))}
@@ -215,14 +213,14 @@ def _best(models: Sequence[Model], readings: Readings, centre: Floats, found: Ch
     )
 
 
-def _try(model: Model, readings: Readings, centre: Floats) -> Fitted | None:
+def _try(model: Model, readings: ScaledReadings, centre: Floats) -> FittedEllipsoid | None:
     try:
         return ellipsoid.fit(model, readings, centre)
     except np.linalg.LinAlgError:
         return None
 
 
-def _score(model: Model, readings: Readings, centre: Floats) -> float:
+def _score(model: Model, readings: ScaledReadings, centre: Floats) -> float:
     """Return the rms of the modulus on held-out blocks about 1, percent."""
     fold, off = ellipsoid.blocks(len(readings)) % FOLDS, np.full(len(readings), np.nan)
     for k in range(FOLDS):
@@ -235,5 +233,5 @@ def _score(model: Model, readings: Readings, centre: Floats) -> float:
     return float(100.0 * np.sqrt(np.mean(off**2)))
 
 
-def _field(iron: Floats, readings: Readings) -> Floats:
+def _field(iron: Floats, readings: ScaledReadings) -> Floats:
     return ellipsoid.corrected(iron[:3], iron[3:].reshape(3, 3), readings)

@@ -31,17 +31,17 @@ def sound(log: Log) -> Log:
     """
     if magnetometer_log.refusal(log):
         return log
-    raw, said, out = np.array(log.raw, dtype=float), [], np.zeros(len(log.raw), dtype=bool)
+    raw, warnings, out = np.array(log.raw, dtype=float), [], np.zeros(len(log.raw), dtype=bool)
     for k, name in enumerate("xyz"):
         turns, bits = _wrapped(raw[:, k])
         over = f"{np.count_nonzero(turns)} readings of {name} went over the end of their scale"
         if turns.any() and bits:
-            said.append(f"{over}, {bits} bits, and are put back.")
+            warnings.append(f"{over}, {bits} bits, and are put back.")
             raw[:, k] += 2.0**bits * turns
         elif turns.any():
-            said.append(f"{over}, which is none of whole counts, and are left out.")
+            warnings.append(f"{over}, which is none of whole counts, and are left out.")
             out |= turns != 0.0
-    log = replace(log, raw=raw).take(~out, *said)
+    log = replace(log, raw=raw).take(~out, *warnings)
     gone, why = np.zeros(len(log.raw), dtype=bool), []
     for text, flags in (("at the end of its scale: saturated", _saturated), ("standing still: stuck", _stuck)):
         for k, name in enumerate("xyz"):

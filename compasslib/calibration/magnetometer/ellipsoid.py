@@ -28,7 +28,7 @@ PLACES = {"S11": (0, 0), "S22": (1, 1), "S33": (2, 2), "S12": (0, 1), "S13": (0,
 
 
 @dataclass(frozen=True)
-class Readings:
+class ScaledReadings:
     """Readings over a scale that makes the field's modulus about 1, with the downward direction where that matters."""
 
     field: Floats  # (n, 3) body frame
@@ -37,9 +37,9 @@ class Readings:
     def __len__(self) -> int:
         return len(self.field)
 
-    def take(self, index: NDArray[np.bool_]) -> Readings:
+    def take(self, index: NDArray[np.bool_]) -> ScaledReadings:
         """Return some of the readings, by a mask (n,)."""
-        return Readings(self.field[index], self.down[index])
+        return ScaledReadings(self.field[index], self.down[index])
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Model:
 
 
 @dataclass(frozen=True)
-class Fitted:
+class FittedEllipsoid:
     """One model fitted; ``replicates`` are the parameters without each block, which carry every uncertainty."""
 
     model: Model
@@ -107,7 +107,7 @@ def unpack(model: Model, parameters: Floats) -> tuple[Floats, Floats]:
     return full[:3], full[3:].reshape(3, 3)
 
 
-def corrected(centre: Floats, matrix: Floats, readings: Readings) -> Floats:
+def corrected(centre: Floats, matrix: Floats, readings: ScaledReadings) -> Floats:
     """Return h = G (m - b), the field without iron over its modulus, (n, 3)."""
     return (readings.field - centre) @ matrix.T
 
@@ -118,12 +118,8 @@ def modulus(field: Floats, down: Floats) -> Floats:
     return np.sqrt(np.maximum(np.sum(field**2, axis=1) - along**2, 0.0))
 
 
-def start(readings: Readings) -> tuple[Floats, float]:
-    """Return centre (3,) and radius of the sphere or circle by linear least squares on the squared modulus.
-
-    Args:
-        readings: over any scale.
-    """
+def start(readings: ScaledReadings) -> tuple[Floats, float]:
+    """Return centre (3,) and radius of the sphere or circle by linear least squares on the squared modulus."""
     across = readings.field - np.sum(readings.field * readings.down, axis=1)[:, None] * readings.down
     level = bool(readings.down.any())
     use = across[:, :2] if level else across
@@ -133,7 +129,7 @@ def start(readings: Readings) -> tuple[Floats, float]:
     return centre, float(np.sqrt(max(solved[-1] + centre @ centre, 0.0)))
 
 
-def solve(model: Model, readings: Readings, centre: Floats, *, adjusted: bool = True) -> tuple[Floats, float]:
+def solve(model: Model, readings: ScaledReadings, centre: Floats, *, adjusted: bool = True) -> tuple[Floats, float]:
     """Return the parameters (p,) that minimise the adjusted loss, and the noise variance of one axis.
 
     Args:
@@ -156,7 +152,7 @@ def solve(model: Model, readings: Readings, centre: Floats, *, adjusted: bool = 
     raise np.linalg.LinAlgError(f"the fit of the {model.name} does not settle")
 
 
-def fit(model: Model, readings: Readings, centre: Floats) -> Fitted:
+def fit(model: Model, readings: ScaledReadings, centre: Floats) -> FittedEllipsoid:
     """Return a model fitted, with a block jackknife that allows for memory.
 
     Args:
@@ -168,10 +164,10 @@ def fit(model: Model, readings: Readings, centre: Floats) -> Fitted:
     """
     parameters, variance = solve(model, readings, centre)
     replicates = _without_each_block(model, parameters, readings, variance)
-    return Fitted(model, parameters, float(np.sqrt(max(variance, 0.0))), replicates)
+    return FittedEllipsoid(model, parameters, float(np.sqrt(max(variance, 0.0))), replicates)
 
 
-def _without_each_block(model: Model, parameters: Floats, readings: Readings, variance: float) -> Floats:
+def _without_each_block(model: Model, parameters: Floats, readings: ScaledReadings, variance: float) -> Floats:
     """Return the parameters after one step of the fit without each contiguous block, (blocks, p)."""
     score, columns = _scores(model, parameters, readings, variance)
     information = columns.T @ columns
@@ -219,7 +215,7 @@ def sigma(replicates: Floats, shift: Floats | float = 0.0) -> Floats:
     return np.sqrt(np.diag(covariance(flat, np.broadcast_to(shift, shape).ravel()))).reshape(shape)
 
 
-def dilution(judged: Model, iron: Floats, readings: Readings) -> dict[str, float]:
+def dilution(judged: Model, iron: Floats, readings: ScaledReadings) -> dict[str, float]:
     """Return by how much an error of one reading that does not average out is magnified in each parameter.
 
     It is the root of the diagonal of the inverse information of one average reading, every other parameter free,
@@ -227,7 +223,6 @@ def dilution(judged: Model, iron: Floats, readings: Readings) -> dict[str, float
 
     Args:
         iron: centre and G at which the readings are linearised, (12,).
-        readings: n of them.
     """
     centre, matrix = iron[:3], iron[3:].reshape(3, 3)
     across, weight = _across(centre, matrix, readings)
@@ -238,20 +233,20 @@ def dilution(judged: Model, iron: Floats, readings: Readings) -> dict[str, float
     return dict(zip(judged.free, np.sqrt(np.diag(inverse)).tolist(), strict=True))
 
 
-def _across(centre: Floats, matrix: Floats, readings: Readings) -> tuple[Floats, Floats]:
+def _across(centre: Floats, matrix: Floats, readings: ScaledReadings) -> tuple[Floats, Floats]:
     """Return a = N h, the part of the field that the modulus is made of, and w = G^T a, (n, 3) each."""
     field = corrected(centre, matrix, readings)
     across = field - np.sum(field * readings.down, axis=1)[:, None] * readings.down
     return across, across @ matrix
 
 
-def _gradient(centre: Floats, readings: Readings, across: Floats, weight: Floats) -> Floats:
+def _gradient(centre: Floats, readings: ScaledReadings, across: Floats, weight: Floats) -> Floats:
     """Return the derivative of the squared modulus by centre and G, (n, 12)."""
     by_matrix = 2.0 * across[:, :, None] * (readings.field - centre)[:, None, :]
     return np.hstack([-2.0 * weight, by_matrix.reshape(-1, 9)])
 
 
-def _traces(matrix: Floats, readings: Readings) -> tuple[Floats, Floats]:
+def _traces(matrix: Floats, readings: ScaledReadings) -> tuple[Floats, Floats]:
     """Return the traces of M = G^T N G and of its square for each reading, (n,) each."""
     square, seen = matrix.T @ matrix, readings.down @ matrix
     length = np.sum(seen**2, axis=1)
@@ -259,7 +254,7 @@ def _traces(matrix: Floats, readings: Readings) -> tuple[Floats, Floats]:
     return np.trace(square) - length, second
 
 
-def _variance(model: Model, parameters: Floats, readings: Readings) -> float:
+def _variance(model: Model, parameters: Floats, readings: ScaledReadings) -> float:
     """Return the noise variance s that makes the adjusted loss vanish: the smaller root of a quadratic."""
     centre, matrix = unpack(model, parameters)
     across, weight = _across(centre, matrix, readings)
@@ -271,7 +266,7 @@ def _variance(model: Model, parameters: Floats, readings: Readings) -> float:
     return 2.0 * c / (b + float(np.sqrt(max(b * b - 4.0 * a * c, 0.0))))
 
 
-def _scores(model: Model, parameters: Floats, readings: Readings, s: float) -> tuple[Floats, Floats]:
+def _scores(model: Model, parameters: Floats, readings: ScaledReadings, s: float) -> tuple[Floats, Floats]:
     """Return half the gradient of each reading's adjusted loss, and the columns of its Gauss-Newton matrix, (n, p).
 
     The loss is (rho - s tr M)^2 - 4 s |M v|^2 + 2 s^2 tr M^2 with v = m - b, rho = v^T M v - 1.

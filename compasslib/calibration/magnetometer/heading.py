@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib.calibration.magnetometer import ellipsoid
-from compasslib.calibration.magnetometer.ellipsoid import Readings
+from compasslib.calibration.magnetometer.ellipsoid import ScaledReadings
 from compasslib.calibration.magnetometer.log import level_heading
-from compasslib.calibration.result import Table
+from compasslib.calibration.result import DeviationTable
 from compasslib.core import angles, compass
 from compasslib.core.types import Floats
 from compasslib.deviation import von_appen
@@ -54,7 +54,7 @@ def series(coefficients: Floats) -> Floats:
     return np.linalg.lstsq(von_appen.design(GRID_DEG), deviation(coefficients, GRID_DEG), rcond=None)[0]
 
 
-def table(coefficients: Floats, replicates: Floats, moved: Floats) -> Table:
+def table(coefficients: Floats, replicates: Floats, moved: Floats) -> DeviationTable:
     """Return the exact deviation every 10 degrees of the recorded heading.
 
     Args:
@@ -64,15 +64,14 @@ def table(coefficients: Floats, replicates: Floats, moved: Floats) -> Table:
     """
     value = deviation(coefficients, TABLE_DEG)
     off = np.array([angles.difference(deviation(one, TABLE_DEG), value) for one in (moved, *replicates)])
-    return Table(TABLE_DEG, value, ellipsoid.sigma(off[1:], off[0]))
+    return DeviationTable(TABLE_DEG, value, ellipsoid.sigma(off[1:], off[0]))
 
 
-def headings(iron: Floats, readings: Readings, levelling: Floats) -> tuple[Floats, Floats]:
+def headings(iron: Floats, readings: ScaledReadings, levelling: Floats) -> tuple[Floats, Floats]:
     """Return recorded and corrected heading of each reading, (n,) degrees each.
 
     Args:
         iron: centre and G, (12,).
-        readings: n of them, body frame.
         levelling: matrices that turn the body frame level, (n, 3, 3).
     """
     field = ellipsoid.corrected(iron[:3], iron[3:].reshape(3, 3), readings)
@@ -90,7 +89,7 @@ def harmonics(modulus: Floats, heading_deg: Floats) -> tuple[float, float]:
     return float(100.0 * np.hypot(k[1], k[2]) / k[0]), float(100.0 * np.hypot(k[3], k[4]) / k[0])
 
 
-def tilt_angles(iron: Floats, readings: Readings, down: Floats) -> tuple[Floats, float, Floats]:
+def tilt_angles(iron: Floats, readings: ScaledReadings, down: Floats) -> tuple[Floats, float, Floats]:
     """Return the small turn from the magnetometer to the tilt sensor that keeps the vertical field constant.
 
     With the downward direction t the vertical field t . (h + e x h) is one number c wherever the instrument points, so
@@ -98,7 +97,6 @@ def tilt_angles(iron: Floats, readings: Readings, down: Floats) -> tuple[Floats,
 
     Args:
         iron: centre and G, (12,).
-        readings: n of them, body frame.
         down: t of the tilt sensor, (n, 3).
 
     Returns:

@@ -162,21 +162,13 @@ def _wanted(paths: Sequence[Path], names: Mapping[str, str], withhold: set[str])
 
 
 def cosines(log: Log) -> bool:
-    """Tell whether the readings are direction cosines: of one modulus, 1, whichever way they point.
-
-    Args:
-        log: as read.
-    """
+    """Tell whether the readings are direction cosines: of one modulus, 1, whichever way they point."""
     length = np.linalg.norm(log.raw, axis=1)
     return log.has_z and bool(np.all(np.abs(length - 1.0) < UNIT))
 
 
 def refusal(log: Log) -> str:
-    """Return why the readings cannot be a magnetometer's log of a turning instrument; empty where they may be.
-
-    Args:
-        log: as read.
-    """
+    """Return why the readings cannot be a magnetometer's log of a turning instrument; empty where they may be."""
     raw = log.raw
     if len(raw) < FEWEST:
         return f"{len(raw)} readings, at least {FEWEST} are needed."
@@ -230,9 +222,6 @@ def axes(log: Log) -> tuple[Axes, list[str]]:
     The heading fixes the quarter turn, the handedness and, with tilts, up or down; what is left over is the angle
     about the vertical between magnetometer and instrument.
 
-    Args:
-        log: as read.
-
     Returns:
         The axes, and sentences on what was found.
     """
@@ -246,8 +235,8 @@ def axes(log: Log) -> tuple[Axes, list[str]]:
         return assumed, [f"The logged heading does not follow the axes (scatter {scatter:.0f}°). {_text(np.eye(3))}."]
     text = _text(best) + " (from the logged heading)"
     if scatter > ALIKE_DEG:
-        said = f"The logged heading is not that of the raw axes (scatter {scatter:.1f}°): it is levelled or corrected."
-        return Axes(best, text), [f"{said} Coefficients here are for the heading of the raw axes."]
+        doubt = f"The logged heading is not that of the raw axes (scatter {scatter:.1f}°): it is levelled or corrected."
+        return Axes(best, text), [f"{doubt} Coefficients here are for the heading of the raw axes."]
     sigma = scatter / np.sqrt(min(len(log.raw), FEWEST))  # neighbours in time share their error
     return Axes(about_down(off) @ best, text, off, sigma), []
 
@@ -310,15 +299,15 @@ def read_acm(paths: Sequence[Path], withhold: Collection[str]) -> Log:
     keep = ~aliased & np.isfinite(values[:, 3:6]).all(axis=1)
     columns = {role: values[keep, place] for role, place in PLACES.items() if role in seen}
     tilts = [columns.get(role) for role in ("pitch_deg", "roll_deg")]
-    said = [f"{int(aliased.sum())} first scans of a profile are aliased and left out."]
+    warnings = [f"{int(aliased.sum())} first scans of a profile are aliased and left out."]
     if any(tilt is None for tilt in tilts):
         tilts = [None, None]
     elif scans.damaged:
-        said.append(f"{scans.damaged} damaged rows are left out.")
+        warnings.append(f"{scans.damaged} damaged rows are left out.")
     heading, z = columns.get("heading_deg"), columns.get("z")
     if heading is not None and np.isnan(heading).any():
         heading = None
-        said.append("The scans carry no heading.")
+        warnings.append("The scans carry no heading.")
     raw = np.column_stack([columns["x"], columns["y"], np.zeros(keep.sum()) if z is None else z])
     return Log(
         raw,
@@ -328,7 +317,7 @@ def read_acm(paths: Sequence[Path], withhold: Collection[str]) -> Log:
         heading,
         _times(scans)[keep] if TIME in seen else None,
         int((~keep).sum()),
-        tuple(said),
+        tuple(warnings),
         axis_by_axis=True,
     )
 

@@ -12,7 +12,7 @@ import numpy as np
 from compasslib.calibration.magnetometer import ellipsoid
 from compasslib.calibration.magnetometer import heading as magnetometer_heading
 from compasslib.calibration.magnetometer.solve import Solved
-from compasslib.calibration.result import Source, Table
+from compasslib.calibration.result import DeviationTable, Source
 from compasslib.core import angles
 from compasslib.core.types import Floats
 from compasslib.deviation import von_appen
@@ -154,7 +154,7 @@ def warnings(solved: Solved, field: Field, columns: Mapping[str, str]) -> list[s
     level, tilted = solved.choice.level, solved.log.tilted
     weak = field is not None and field["horizontal_nT"] < WEAK_FIELD_NT
     too_weak = f"The horizontal field is under {WEAK_FIELD_NT:.0f} nT: no correction can be relied on"
-    said = {
+    sentence_if = {
         "The logged heading follows the corrected axes: it counts as correct and shows the mounting, A.": (
             solved.logged_is_correct
         ),
@@ -169,32 +169,32 @@ def warnings(solved: Solved, field: Field, columns: Mapping[str, str]) -> list[s
         "No tilts are logged: a magnetometer that stands askew in its instrument is not seen.": not (level or tilted),
         f"{too_weak} (Le Menn et al. 2023, section 7).": weak,
     }
-    held = [sentence for sentence, holds in said.items() if holds]
+    texts = [sentence for sentence, holds in sentence_if.items() if holds]
     if field is None:
-        return held
+        return texts
     size, what = solved.choice.scale * solved.gain(solved.iron), "horizontal" if level else "total"
-    return held + sentences(size, _strength(solved, field), what, columns)
+    return texts + sentences(size, _strength(solved, field), what, columns)
 
 
 def misfits(solved: Solved) -> list[str]:
     """Return what iron that is fixed to a compass does not make: its coefficients are suspect."""
     left, seen = _residuals(solved)["after"], 2 if solved.choice.level else 3
     strengths = np.linalg.svd(solved.soft(solved.iron)[:seen, :seen], compute_uv=False)
-    said = []
+    texts = []
     if left > RESTLESS_PERCENT:
-        said.append(
+        texts.append(
             f"the modulus still varies by {left:.0f} % when hard and soft iron are taken off: iron that moved, axes "
             "exchanged or of another sign than the tilts', an axis that failed, or readings beyond the scale"
         )
     if strengths[0] > UNLIKE * strengths[-1]:
-        said.append(
+        texts.append(
             f"one axis shows {strengths[0] / strengths[-1]:.1f} times the field of another: axes in different units, "
             "or one that is failing; the heading that the instrument logs may not have this error"
         )
-    return said
+    return texts
 
 
-def sources(solved: Solved, table: Table, series: Floats) -> tuple[Source, ...]:
+def sources(solved: Solved, table: DeviationTable, series: Floats) -> tuple[Source, ...]:
     """Return the budget of a corrected heading.
 
     Args:

@@ -9,7 +9,7 @@ import numpy as np
 
 from compasslib.calibration.magnetometer import ellipsoid, heading
 from compasslib.calibration.magnetometer.choice import Choice
-from compasslib.calibration.magnetometer.ellipsoid import Fitted, Readings
+from compasslib.calibration.magnetometer.ellipsoid import FittedEllipsoid, ScaledReadings
 from compasslib.calibration.magnetometer.log import Axes, Log, about_down
 from compasslib.core import angles
 from compasslib.core.types import Floats
@@ -24,8 +24,8 @@ class Solved:
     log: Log
     axes: Axes
     choice: Choice
-    fitted: Fitted
-    readings: Readings
+    fitted: FittedEllipsoid
+    readings: ScaledReadings
     iron: Floats  # (12,) centre and G over the readings' scale
     replicates: Floats  # (blocks, 12)
     levelling: Floats  # (n, 3, 3)

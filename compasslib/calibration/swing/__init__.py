@@ -16,8 +16,8 @@ import numpy as np
 
 from compasslib.calibration.result import Calibration, Source
 from compasslib.calibration.swing import cardinal, data, model, nullify, words
-from compasslib.calibration.swing.data import Observations, Options
-from compasslib.calibration.swing.fit import Solution
+from compasslib.calibration.swing.data import Observations, SwingOptions
+from compasslib.calibration.swing.fit import SwingFit
 from compasslib.calibration.swing.model import COURSE, SERIES, Swing
 from compasslib.core import angles, earthfield
 from compasslib.core.errors import InputError
@@ -55,7 +55,7 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
 
     Args:
         files: CSV tables, or NMEA 0183 logs with ``format: nmea0183``.
-        settings: the keys of the calibration file (``swing_data.Options`` has those of this kind alone).
+        settings: the keys of the calibration file (``swing_data.SwingOptions`` has those of this kind alone).
 
     Raises:
         InputError: a file or column cannot be used, or the declination cannot be told.
@@ -76,7 +76,7 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
 
 
 def _swing(seen: Observations, settings: Mapping[str, Any]) -> Swing:
-    options, place = Options.of(settings), _place(seen, settings)
+    options, place = SwingOptions.of(settings), _place(seen, settings)
     date_s = _date(seen, settings)
     declination, horizontal = settings.get("declination_deg"), _horizontal(settings.get("field"))
     if declination is None:
@@ -125,7 +125,7 @@ def _horizontal(field: Any) -> float | None:
     return float(np.mean(value))
 
 
-def _marks(options: Options, place: tuple[float, float] | None) -> tuple[tuple[float, float], ...]:
+def _marks(options: SwingOptions, place: tuple[float, float] | None) -> tuple[tuple[float, float], ...]:
     marks = [(float(mark["compass_deg"]), float(mark["true_deg"])) for mark in options.visual]
     if options.sun and place is None:
         raise InputError(
@@ -189,7 +189,7 @@ def _residual(principal: Mapping[str, Any], swing: Swing) -> dict[str, Any] | No
     return found
 
 
-def _fitted(shell: Calibration, swing: Swing, series: Solution, exact: Solution) -> Calibration:
+def _fitted(shell: Calibration, swing: Swing, series: SwingFit, exact: SwingFit) -> Calibration:
     coefficients, covariance = series.parameters[SERIES], series.covariance[SERIES, SERIES]
     found = nullify.table(coefficients, covariance, swing.options.table_step_deg)
     lag = model.LAG
@@ -235,7 +235,7 @@ def _without_water(
     }
 
 
-def _sources(series: Solution, heading_deg: Floats) -> tuple[Source, ...]:
+def _sources(series: SwingFit, heading_deg: Floats) -> tuple[Source, ...]:
     """Return the budget: what each source leaves in the table, rms over its headings; squares add up to the table's."""
     columns, squares = von_appen.design(heading_deg), dict[tuple[str, str], float]()
     for key, part in series.parts.items():
@@ -245,7 +245,7 @@ def _sources(series: Solution, heading_deg: Floats) -> tuple[Source, ...]:
     return tuple(Source(name, float(np.sqrt(x)), how) for (name, how), x in squares.items() if x > NOTHING)
 
 
-def _points(swing: Swing, series: Solution | None) -> dict[str, Floats]:
+def _points(swing: Swing, series: SwingFit | None) -> dict[str, Floats]:
     seen = swing.seen
     columns = {"recorded_deg": seen.recorded_deg, "course_deg": seen.course_deg, "speed_kn": seen.speed_kn}
     columns |= {"time_s": seen.time_s, "turn_deg_s": seen.turn_deg_s}
@@ -271,8 +271,6 @@ def azimuth(latitude: float, longitude: float, time_s: float) -> float:
     """Return the sun's azimuth from true north, degrees, by VSOP87 (PyEphem).
 
     Args:
-        latitude: degrees north.
-        longitude: degrees east.
         time_s: UTC seconds since 1970.
     """
     import ephem  # only swings by the sun need it

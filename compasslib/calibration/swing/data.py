@@ -26,7 +26,7 @@ HEADING_GAP_DEG = 2.0  # headings less apart are one heading, repeated
 
 
 @dataclass(frozen=True)
-class Options:
+class SwingOptions:
     """The keys of a swing's YAML file that only this kind has."""
 
     min_speed_kn: float = 2.0  # fixes that are not faster are left out: slow courses over ground are noise
@@ -42,7 +42,7 @@ class Options:
     table_step_deg: float = 10.0  # 10 or 15
 
     @classmethod
-    def of(cls, settings: Mapping[str, Any]) -> Options:
+    def of(cls, settings: Mapping[str, Any]) -> SwingOptions:
         """Return the options that a calibration file gives, defaults where it is silent."""
         given = {f.name: settings[f.name] for f in fields(cls) if settings.get(f.name) is not None}
         marks: dict[str, Any] = {name: tuple(given.pop(name)) for name in ("visual", "sun") if name in given}
@@ -91,12 +91,12 @@ def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Observatio
 
     Args:
         files: CSV tables or NMEA 0183 logs.
-        settings: ``format``, ``columns``, ``withhold`` and the keys of ``Options``.
+        settings: ``format``, ``columns``, ``withhold`` and the keys of ``SwingOptions``.
 
     Raises:
         InputError: a file, a column or a value cannot be read.
     """
-    paths, options = [Path(file) for file in files], Options.of(settings)
+    paths, options = [Path(file) for file in files], SwingOptions.of(settings)
     reader = {"nmea0183": _logs}.get(str(settings.get("format")), _tables)
     raw = reader(paths, settings)
     known = raw.keep(np.isfinite(raw.recorded_deg + raw.course_deg), "without heading or course")

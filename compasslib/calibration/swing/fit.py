@@ -36,7 +36,7 @@ class Block:
 
 
 @dataclass(frozen=True)
-class Solution:
+class SwingFit:
     """Parameters with covariance, and what the covariance is made of."""
 
     parameters: Floats  # (k,)
@@ -46,7 +46,7 @@ class Solution:
     noises: Mapping[str, SwingNoise]
 
 
-def solve(blocks: Sequence[Block], mean: Floats, sigma: Floats, start: Floats) -> Solution:
+def solve(blocks: Sequence[Block], mean: Floats, sigma: Floats, start: Floats) -> SwingFit:
     """Return the parameters that explain all blocks.
 
     Args:
@@ -101,8 +101,8 @@ def _noises(
 def _taken_up(columns: Floats, sigma: Floats) -> Floats:
     """Return a basis of what the fit takes up: free parameters, and those that the data know better than the prior."""
     free = orthonormal(columns[:, np.isinf(sigma)])
-    held = columns[:, np.isfinite(sigma)] * sigma[np.isfinite(sigma)]
-    beyond = held - free @ (free.T @ held)
+    believed_part = columns[:, np.isfinite(sigma)] * sigma[np.isfinite(sigma)]
+    beyond = believed_part - free @ (free.T @ believed_part)
     return np.column_stack([free, orthonormal(beyond, least=KNOWN)])
 
 
@@ -129,7 +129,7 @@ def _rows(blocks: Sequence[Block], parameters: Floats, noises: Mapping[str, Swin
     return rows
 
 
-def _solution(blocks: Sequence[Block], parameters: Floats, sigma: Floats, noises: Mapping[str, SwingNoise]) -> Solution:
+def _solution(blocks: Sequence[Block], parameters: Floats, sigma: Floats, noises: Mapping[str, SwingNoise]) -> SwingFit:
     rows = {name: each[:, :-1] for name, each in _rows(blocks, parameters, noises).items()}
     in_time = {block.name: block.blocks for block in blocks}
     priors = {str(k): np.diag((np.arange(len(sigma)) == k) * sigma**-2.0) for k in np.flatnonzero(np.isfinite(sigma))}
@@ -141,4 +141,4 @@ def _solution(blocks: Sequence[Block], parameters: Floats, sigma: Floats, noises
     }
     parts = {name: inverse @ middle @ inverse for name, middle in (spreads | priors).items()}
     residuals = {block.name: block.observe(parameters)[0] for block in blocks}
-    return Solution(parameters, np.sum(list(parts.values()), axis=0), parts, residuals, noises)
+    return SwingFit(parameters, np.sum(list(parts.values()), axis=0), parts, residuals, noises)

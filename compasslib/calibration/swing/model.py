@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib.calibration.swing import data
-from compasslib.calibration.swing.data import Observations, Options
-from compasslib.calibration.swing.fit import Block, Solution, solve
+from compasslib.calibration.swing.data import Observations, SwingOptions
+from compasslib.calibration.swing.fit import Block, SwingFit, solve
 from compasslib.core import angles, compass
 from compasslib.core.types import Floats
 from compasslib.deviation import von_appen
@@ -54,7 +54,7 @@ class Swing:
     """Observations with what is needed to explain them."""
 
     seen: Observations
-    options: Options
+    options: SwingOptions
     declination_deg: float
     declination_sigma_deg: float
     marks: tuple[tuple[float, float], ...] = ()  # (recorded, true) headings by a visual mark or the sun
@@ -75,12 +75,11 @@ class Swing:
         return self.seen.speed_kn if self.has_speed else np.ones(len(self.seen))
 
 
-def fit(swing: Swing, *, exact: bool = False, start: Floats | None = None) -> Solution:
+def fit(swing: Swing, *, exact: bool = False, start: Floats | None = None) -> SwingFit:
     """Return the compass that explains a swing, with the water's drift and the course's delay.
 
     Args:
         exact: the exact compass (coefficients dimensionless) instead of the series in the recorded heading (degrees).
-        start: parameters to begin from.
     """
     mean = np.zeros(SIZE)
     mean[LOG] = 1.0
@@ -93,7 +92,7 @@ def fit(swing: Swing, *, exact: bool = False, start: Floats | None = None) -> So
     return _with_second_order(found, swing, unit=angles.DEGREE if exact else 1.0)
 
 
-def _with_second_order(found: Solution, swing: Swing, unit: float) -> Solution:
+def _with_second_order(found: SwingFit, swing: Swing, unit: float) -> SwingFit:
     """Add what an unknown drift does to A, D and E in second order: 57.3 (d/S)^2 in D and E, MM (37) and (43).
 
     The drift acts by the heading, the series by the recorded one; their difference adds d/S times half of B and C.

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from compasslib.calibration.result import LETTERS, Table
+from compasslib.calibration.result import LETTERS, DeviationTable
 from compasslib.core import angles
 from compasslib.core.types import Floats
 from compasslib.deviation import von_appen
@@ -30,7 +30,7 @@ class Magnets:
     text: str
 
 
-def table(coefficients: Floats, covariance: Floats, step_deg: float) -> Table:
+def table(coefficients: Floats, covariance: Floats, step_deg: float) -> DeviationTable:
     """Return the deviation table by recorded heading, north first.
 
     Args:
@@ -41,7 +41,7 @@ def table(coefficients: Floats, covariance: Floats, step_deg: float) -> Table:
     heading = np.arange(0.0, 360.0 - 1e-9, step_deg)
     columns = von_appen.design(heading)
     sigma = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", columns, covariance, columns), 0.0))
-    return Table(heading, columns @ coefficients, sigma)
+    return DeviationTable(heading, columns @ coefficients, sigma)
 
 
 def magnets(letter: str, value_deg: float) -> Magnets:
@@ -88,7 +88,7 @@ def plan(coefficients: Floats, step_deg: float) -> dict[str, Any]:
     }
 
 
-def verdict(found: Table, length_m: float | None, speed_kn: float | None) -> dict[str, Any]:
+def verdict(found: DeviationTable, length_m: float | None, speed_kn: float | None) -> dict[str, Any]:
     """Return whether the deviations stay within 4 degrees (ISO 25862:2019, Annex G.1), with the conditions said.
 
     Args:
@@ -102,7 +102,7 @@ def verdict(found: Table, length_m: float | None, speed_kn: float | None) -> dic
         word = "not judged"
     worst = int(np.argmax(size))
     largest = f"largest {found.deviation_deg[worst]:+.1f}° ± {TWO_SIGMA * found.sigma_deg[worst]:.1f}° (95 %)"
-    said = {
+    text = {
         "exceeds": f"A deviation exceeds 4°: {largest} on {found.heading_deg[worst]:03.0f}°.",
         "undecided": f"Whether every deviation is within 4° cannot be told: {largest}.",
         "within": f"Every deviation is within 4°: {largest}.",
@@ -114,7 +114,7 @@ def verdict(found: Table, length_m: float | None, speed_kn: float | None) -> dic
         "largest_deg": float(found.deviation_deg[worst]),
         "on_deg": float(found.heading_deg[worst]),
         "conditions": [line for line in conditions if line],
-        "text": said,
+        "text": text,
     }
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from compasslib.calibration.swing import model
 from compasslib.calibration.swing.data import headings_of
-from compasslib.calibration.swing.fit import Solution
+from compasslib.calibration.swing.fit import SwingFit
 from compasslib.calibration.swing.model import COURSE, DRIFT, EAST, LAG, LOG, NORTH, SERIES, Swing, drift_of
 from compasslib.core import angles
 from compasslib.core.types import Floats
@@ -45,19 +45,19 @@ def refusal(swing: Swing) -> str:
     return ""
 
 
-def warnings(swing: Swing, series: Solution, exact: Solution) -> tuple[str, ...]:
+def warnings(swing: Swing, series: SwingFit, exact: SwingFit) -> tuple[str, ...]:
     """Return what must be said of a fitted swing."""
     seen = swing.seen
     left_out = [f"left out: {n} {why}" for why, n in seen.left_out.items()]
-    said = [
+    warnings = [
         *left_out,
         *seen.warnings,
         *_of_headings(swing, series),
         *_of_water(swing, series),
         *_of_time(swing, series),
     ]
-    said += _of_declination(swing) + _of_size(series, exact)
-    return tuple(said)
+    warnings += _of_declination(swing) + _of_size(series, exact)
+    return tuple(warnings)
 
 
 def coverage(recorded_deg: Floats) -> int:
@@ -88,12 +88,8 @@ def widest_gap(recorded_deg: Floats) -> float:
     return float(np.max(np.append(np.diff(ordered), ordered[0] + 360.0 - ordered[-1])))
 
 
-def separation(swing: Swing, series: Solution) -> dict[str, object]:
-    """Return set and drift of the water, how well they are told from B and C, and what stays confounded.
-
-    Args:
-        swing: observations, over ground.
-    """
+def separation(swing: Swing, series: SwingFit) -> dict[str, object]:
+    """Return set and drift of the water, how well they are told from B and C, and what stays confounded."""
     set_deg, drift = drift_of(series.parameters)
     covariance, prior = series.covariance, model.prior_widths(swing)
     sigma = np.sqrt(np.diag(covariance))
@@ -144,7 +140,7 @@ def _with_b_and_c(covariance: Floats) -> dict[str, float]:
     return {f"{names[k]}_{names[j]}": float(covariance[k, j] / (sigma[k] * sigma[j])) for k, j in pairs}
 
 
-def _alike(series: Solution) -> dict[str, object]:
+def _alike(series: SwingFit) -> dict[str, object]:
     """Return what the swing knows least: the combination of B, C and drift with the widest covariance."""
     index = [1, 2, *DRIFT]
     sigma = np.sqrt(np.diag(series.covariance))[index]
@@ -153,28 +149,28 @@ def _alike(series: Solution) -> dict[str, object]:
     return {"share": float(size[-1] / size.sum()), "direction": weakest}
 
 
-def _of_headings(swing: Swing, series: Solution) -> list[str]:
-    recorded, said = swing.seen.recorded_deg, []
+def _of_headings(swing: Swing, series: SwingFit) -> list[str]:
+    recorded, warnings = swing.seen.recorded_deg, []
     distinct, gap = distinct_headings(recorded), widest_gap(recorded)
     rms = angles.rms(series.residuals[COURSE])
     if distinct < FEW_HEADINGS:
-        said.append(
+        warnings.append(
             f"{distinct} headings carry at most {distinct} coefficients, {TERMS} of which are taken"
             f"{': sin 4 of the heading is not seen at all' if distinct == 8 else ''}; "
             f"third and fourth harmonics cannot be proven or ruled out. To know, {REMEDY}"
         )
     if distinct < len(recorded) < 100:
-        said.append(
+        warnings.append(
             f"{len(recorded) - distinct} of {len(recorded)} observations repeat a heading: they tell no more of it"
         )
     if rms > STRUCTURE_DEG and not swing.seen.timed:
-        said.append(_harmonics(swing, series, rms))
+        warnings.append(_harmonics(swing, series, rms))
     if gap > WIDE_GAP_DEG:
-        said.append(f"{gap:.0f}° of the circle hold no heading: the table is extrapolated there")
-    return said
+        warnings.append(f"{gap:.0f}° of the circle hold no heading: the table is extrapolated there")
+    return warnings
 
 
-def _harmonics(swing: Swing, series: Solution, rms: float) -> str:
+def _harmonics(swing: Swing, series: SwingFit, rms: float) -> str:
     recorded, residual = swing.seen.recorded_deg, series.residuals[COURSE]
     size = {}
     for order, name in ((3, "third"), (4, "fourth")):
@@ -189,40 +185,40 @@ def _harmonics(swing: Swing, series: Solution, rms: float) -> str:
     )
 
 
-def _of_water(swing: Swing, series: Solution) -> list[str]:
+def _of_water(swing: Swing, series: SwingFit) -> list[str]:
     if not swing.seen.over_ground:
         return []
-    said = []
+    warnings = []
     if not swing.has_speed:
-        said.append(
+        warnings.append(
             f"no speeds were logged: a drift of up to {swing.widest_drift:.2f} of the ship's speed is assumed "
             "(drift_ratio)"
         )
     found = separation(swing, series)
     if not found["separable"]:
-        said.append(str(found["text"]))
+        warnings.append(str(found["text"]))
     if swing.has_speed and drift_of(series.parameters)[1] > swing.widest_drift:
-        said.append(
+        warnings.append(
             f"the drift found is more than the {swing.widest_drift:g} kn that were believed: "
             "raise max_drift_kn if it may be"
         )
-    return said
+    return warnings
 
 
-def _of_time(swing: Swing, series: Solution) -> list[str]:
+def _of_time(swing: Swing, series: SwingFit) -> list[str]:
     seen, sigma = swing.seen, np.sqrt(np.diag(series.covariance))
     if not seen.timed:
         return []
-    said = []
+    warnings = []
     noise = series.noises[COURSE]
     if noise.n_effective < len(seen) / 2.0:
-        said.append(
+        warnings.append(
             f"residuals of neighbouring samples are alike: {len(seen)} samples say as much as {noise.n_effective:.0f}"
         )
     correlation = abs(series.covariance[0, LAG]) / (sigma[0] * sigma[LAG])
     if correlation > 0.7:
-        said.append("the ship turned one way only, so that the course's delay looks like A: swing to both sides")
-    return said
+        warnings.append("the ship turned one way only, so that the course's delay looks like A: swing to both sides")
+    return warnings
 
 
 def _of_declination(swing: Swing) -> list[str]:
@@ -233,7 +229,7 @@ def _of_declination(swing: Swing) -> list[str]:
     return [f"the log states a declination of {stated:+.1f}°, {swing.declination_deg:+.1f}° is used"]
 
 
-def _of_size(series: Solution, exact: Solution) -> list[str]:
+def _of_size(series: SwingFit, exact: SwingFit) -> list[str]:
     columns = von_appen.design(np.arange(0.0, 360.0, SECTOR_DEG))
     largest = float(np.max(np.abs(columns @ series.parameters[SERIES])))
     if largest < SERIES_LIMIT_DEG:

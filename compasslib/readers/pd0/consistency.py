@@ -72,7 +72,6 @@ def refuse_coordinates(where: str, leaders: Ensembles, other: int, decisive: int
 
     Args:
         other: cells that contradict EX by their percent good.
-        decisive: cells that could.
 
     Raises:
         InputError: most of them do.

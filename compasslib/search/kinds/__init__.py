@@ -28,7 +28,6 @@ def diagnose(
     """Return what a calibration's recording shows that its simulation does not hold.
 
     Args:
-        kind: a key of ``KINDS``.
         files: raw files in the order of the YAML file.
         settings: keys of the YAML file, settled or not.
         options: what may be chosen; None where it is switched off.
@@ -56,8 +55,3 @@ def chosen(settings: Mapping[str, Any]) -> Options | None:
     if not settings["enabled"]:
         return None
     return Options(min_effect_deg=float(settings["min_effect_deg"]), apply=bool(settings["apply"]))
-
-
-def told(name: str, found: Diagnosis) -> str:
-    """Return what the job says of its result."""
-    return "\n".join([f"{name}: {found.verdict}: {found.why}", *(f"{name}: {one.text}" for one in found.findings)])

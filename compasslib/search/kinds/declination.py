@@ -62,16 +62,16 @@ def judge(series: FieldSeries, field: EarthField, options: Options) -> Diagnosis
     limit = options.min_effect_deg
     first = observatory.compare(series, field, limit_deg=limit)
     slow = declination_slow.judge(first, series, field, options)
-    held = observatory.compare(declination_slow.without(series, slow.jumps), field, limit_deg=limit)
+    compared = observatory.compare(declination_slow.without(series, slow.jumps), field, limit_deg=limit)
     found, small = list(slow.findings), dict(slow.negligible)
     open_constant = "declination_error" not in dict(slow.not_testable)
-    constant = [_constant(held, series, field)] if open_constant else []
-    for finding, name, size in (*constant, _daily(held, limit), *_storms(held, series)):
+    constant = [_constant(compared, series, field)] if open_constant else []
+    for finding, name, size in (*constant, _daily(compared, limit), *_storms(compared, series)):
         if finding is not None:
             found.append(finding)
         elif size > 0.0:
             small[name] = max(size, small.get(name, 0.0))
-    rest = _always_disturbed(held, limit) or slow.unexplained
+    rest = _always_disturbed(compared, limit) or slow.unexplained
     ordered = tuple(sorted(found, key=lambda one: -one.rms_effect_deg))
     return Diagnosis(
         verdict=diagnosis.verdict_of(ordered, rest),
@@ -80,7 +80,7 @@ def judge(series: FieldSeries, field: EarthField, options: Options) -> Diagnosis
         separated_by=declination_wording.separated_by(ordered),
         not_testable=slow.not_testable,
         negligible=tuple(small.items()),
-        why=declination_wording.why(held, field.source, ordered),
+        why=declination_wording.why(compared, field.source, ordered),
         curves=slow.curves,
         threshold=slow.threshold,
     )
@@ -92,44 +92,44 @@ def plausible_deg(series: FieldSeries, field: EarthField) -> float:
     return float(np.arctan2(observatory.CRUST_NT, strength)) / angles.DEGREE
 
 
-def _constant(held: FieldComparison, series: FieldSeries, field: EarthField) -> tuple[Finding | None, str, float]:
-    size, most = abs(held.constant_deg), plausible_deg(series, field)
-    if size - 1.96 * held.constant_sigma_deg <= most:
+def _constant(compared: FieldComparison, series: FieldSeries, field: EarthField) -> tuple[Finding | None, str, float]:
+    size, most = abs(compared.constant_deg), plausible_deg(series, field)
+    if size - 1.96 * compared.constant_sigma_deg <= most:
         return None, "declination_error", size
-    by_model = np.interp(held.time_s, field.time_s, field.model_declination_deg)
-    off = abs(float(np.median(angles.difference(held.observed_deg, by_model))))
+    by_model = np.interp(compared.time_s, field.time_s, field.model_declination_deg)
+    off = abs(float(np.median(angles.difference(compared.observed_deg, by_model))))
     wrong_number = field.source != "IGRF" and off <= most
     alternatives = () if wrong_number else ("hard_iron", "mounting_offset")
-    off_deg = held.residual_deg
-    told = declination_wording.constant(held, most, field.source, alternatives)
+    off_deg = compared.residual_deg
+    text = declination_wording.constant(compared, most, field.source, alternatives)
     return (
         _finding(
             "declination_error",
             alternatives,
-            span=_span(held),
-            parameters={"error_deg": Parameter(held.constant_deg, held.constant_sigma_deg, "degrees")},
-            size=(size, _by_folds(off_deg, held.time_s)),
-            text=told,
+            span=_span(compared),
+            parameters={"error_deg": Parameter(compared.constant_deg, compared.constant_sigma_deg, "degrees")},
+            size=(size, _by_folds(off_deg, compared.time_s)),
+            text=text,
         ),
         "declination_error",
         size,
     )
 
 
-def _daily(held: FieldComparison, limit_deg: float) -> tuple[Finding | None, str, float]:
-    size = float(np.std(np.nan_to_num(held.curve_deg)))
-    if size < limit_deg or held.quiet_days < FEWEST_DAYS:
+def _daily(compared: FieldComparison, limit_deg: float) -> tuple[Finding | None, str, float]:
+    size = float(np.std(np.nan_to_num(compared.curve_deg)))
+    if size < limit_deg or compared.quiet_days < FEWEST_DAYS:
         return None, "field_disturbance", size
-    amplitude = float(np.ptp(held.curve_deg)) / 2.0
-    off = held.disturbed_deg + held.quiet_deg
-    sigma = angles.rms(held.disturbed_deg[~held.stormy]) / np.sqrt(held.quiet_days)
+    amplitude = float(np.ptp(compared.curve_deg)) / 2.0
+    off = compared.disturbed_deg + compared.quiet_deg
+    sigma = angles.rms(compared.disturbed_deg[~compared.stormy]) / np.sqrt(compared.quiet_days)
     finding = _finding(
         "field_disturbance",
         (),
-        span=_span(held),
+        span=_span(compared),
         parameters={"amplitude_deg": Parameter(amplitude, sigma, "degrees")},
-        size=(size, _by_folds(off, held.time_s, daily=True)),
-        text=declination_wording.daily(amplitude, size, held.quiet_days),
+        size=(size, _by_folds(off, compared.time_s, daily=True)),
+        text=declination_wording.daily(amplitude, size, compared.quiet_days),
     )
     return (
         replace(finding, where=Where("hour_of_day", 0.0, 24.0, "daily variation, at every hour of the day")),
@@ -138,16 +138,16 @@ def _daily(held: FieldComparison, limit_deg: float) -> tuple[Finding | None, str
     )
 
 
-def _storms(held: FieldComparison, series: FieldSeries) -> list[tuple[Finding | None, str, float]]:
-    ordered = sorted(held.storms, key=lambda storm: -storm.rms_deg)
-    calm = held.disturbed_deg[~held.stormy]
+def _storms(compared: FieldComparison, series: FieldSeries) -> list[tuple[Finding | None, str, float]]:
+    ordered = sorted(compared.storms, key=lambda storm: -storm.rms_deg)
+    calm = compared.disturbed_deg[~compared.stormy]
     noise = angles.rms(calm) if calm.size else float("nan")
     if not ordered:
-        largest = float(observatory.three_hour_rms(held.time_s, held.disturbed_deg)[0].max())
+        largest = float(observatory.three_hour_rms(compared.time_s, compared.disturbed_deg)[0].max())
         return [(None, "field_disturbance", largest)]
     return [
         (
-            _storm(held, series, storm, noise, more=max(len(ordered) - MOST_STORMS, 0)),
+            _storm(compared, series, storm, noise, more=max(len(ordered) - MOST_STORMS, 0)),
             "field_disturbance",
             storm.rms_deg,
         )
@@ -155,13 +155,13 @@ def _storms(held: FieldComparison, series: FieldSeries) -> list[tuple[Finding | 
     ]
 
 
-def _storm(held: FieldComparison, series: FieldSeries, storm: Storm, noise_deg: float, *, more: int) -> Finding:
-    proof = _interpolated(held, series, storm)
+def _storm(compared: FieldComparison, series: FieldSeries, storm: Storm, noise_deg: float, *, more: int) -> Finding:
+    proof = _interpolated(compared, series, storm)
     numbers = {
         "range_deg": Parameter(storm.range_deg, np.sqrt(2.0) * noise_deg, "degrees"),
         "worst_three_hours_deg": Parameter(storm.worst_deg, noise_deg, "degrees"),
     }
-    text = declination_wording.storm(storm, held, proof, more)
+    text = declination_wording.storm(storm, compared, proof, more)
     return _finding(
         "field_disturbance",
         (),
@@ -185,19 +185,19 @@ def _finding(
     return Finding(effect, "compass", alternatives, place, span, parameters, size[0], size[1], text)
 
 
-def _span(held: FieldComparison) -> tuple[float, float]:
-    return float(held.time_s[0]), float(held.time_s[-1])
+def _span(compared: FieldComparison) -> tuple[float, float]:
+    return float(compared.time_s[0]), float(compared.time_s[-1])
 
 
-def _interpolated(held: FieldComparison, series: FieldSeries, storm: Storm) -> HeldOut:
+def _interpolated(compared: FieldComparison, series: FieldSeries, storm: Storm) -> HeldOut:
     """Return what the storm's own curve adds on stretches left out of it, between its neighbours.
 
     It foretells no other day and no other place; it shows that the disturbance is a course in time and not noise.
     """
     inside = (series.time_s >= storm.begin_s) & (series.time_s <= storm.end_s) & np.isfinite(series.declination_deg)
     time_s, observed = series.time_s[inside], series.declination_deg[inside]
-    base = np.interp(time_s, held.time_s, held.model_deg + held.level_deg)
-    before = angles.difference(observed, base) - observatory.daily_curve_at(held.curve_deg, time_s)
+    base = np.interp(time_s, compared.time_s, compared.model_deg + compared.level_deg)
+    before = angles.difference(observed, base) - observatory.daily_curve_at(compared.curve_deg, time_s)
     stretch = np.floor((time_s - storm.begin_s) / max(LEFT_OUT_S, float(np.median(np.diff(series.time_s)))))
     left = np.array(before)
     for fold in (0, 1):
@@ -230,11 +230,11 @@ def _proof(before: Floats, after: Floats, block: NDArray[np.intp]) -> HeldOut:
     return show.judged(each, block, (angles.rms(before), angles.rms(after)))
 
 
-def _always_disturbed(held: FieldComparison, limit_deg: float) -> Unexplained | None:
+def _always_disturbed(compared: FieldComparison, limit_deg: float) -> Unexplained | None:
     """Return that the series is restless at all times, if it is: then no storm stands out."""
-    if held.ordinary_deg < limit_deg:
+    if compared.ordinary_deg < limit_deg:
         return None
-    span = _span(held)
+    span = _span(compared)
     place = Where("time", *span, f"from {verdict.stamp(span[0])} to {verdict.stamp(span[1])}")
-    told = declination_wording.restless(held.ordinary_deg)
-    return Unexplained(("time",), place, span, held.ordinary_deg, (), told)
+    text = declination_wording.restless(compared.ordinary_deg)
+    return Unexplained(("time",), place, span, compared.ordinary_deg, (), text)

@@ -25,7 +25,7 @@ from compasslib.search import diagnosis, show, verdict
 from compasslib.search.case import Case
 from compasslib.search.diagnosis import Options
 from compasslib.search.kinds import declination_wording
-from compasslib.search.show import Curve
+from compasslib.search.show import BinnedResidual
 from compasslib.search.verdict import Finding, Parameter, Unexplained, Where
 from compasslib.stats import robust
 
@@ -56,24 +56,20 @@ class Slow:
     unexplained: Unexplained | None = None
     negligible: tuple[tuple[str, float], ...] = ()
     not_testable: tuple[tuple[str, str], ...] = ()
-    curves: tuple[Curve, ...] = ()
+    curves: tuple[BinnedResidual, ...] = ()
     threshold: Mapping[str, float] = field(default_factory=dict)
 
 
-def judge(held: FieldComparison, series: FieldSeries, model: EarthField, options: Options) -> Slow:
-    """Return trend and jumps of a series.
-
-    Args:
-        series: as it was read.
-    """
-    if why := _too_short(held):
-        jump = _short_jump(held, options.min_effect_deg) if held.storms else None
+def judge(compared: FieldComparison, series: FieldSeries, model: EarthField, options: Options) -> Slow:
+    """Return trend and jumps of a series."""
+    if why := _too_short(compared):
+        jump = _short_jump(compared, options.min_effect_deg) if compared.storms else None
         missing = [("secular_variation", why)] + ([] if jump else [("heading_slip", why)])
         return Slow((jump[0],) if jump else (), (jump[1],) if jump else (), not_testable=tuple(missing))
-    if _covered(held) < LEAST_COVERED:
-        return _of_pieces(held, series, model, options.min_effect_deg)
+    if _covered(compared) < LEAST_COVERED:
+        return _of_pieces(compared, series, model, options.min_effect_deg)
     limit = options.min_effect_deg
-    large = _large_jumps(held, limit)
+    large = _large_jumps(compared, limit)
     level = observatory.compare(without(series, tuple(one[1] for one in large)), model, limit_deg=limit)
     found = diagnosis.judge(case(level, model), options)
     dates = {id(one): _dated(level, one) for one in found.findings if one.effect == "heading_slip"}
@@ -81,7 +77,7 @@ def judge(held: FieldComparison, series: FieldSeries, model: EarthField, options
     matter = [one[0] for one in large if one[0].rms_effect_deg >= limit]
     small = [(one[0].effect, one[0].rms_effect_deg) for one in large if one[0].rms_effect_deg < limit]
     return Slow(
-        findings=(*matter, *(_told(one, series, model, dates.get(id(one))) for one in found.findings)),
+        findings=(*matter, *(_worded(one, series, model, dates.get(id(one))) for one in found.findings)),
         jumps=(*(one[1] for one in large), *dates.values()),
         unexplained=found.unexplained,
         negligible=(*found.negligible, *small),
@@ -101,11 +97,11 @@ def without(series: FieldSeries, jumps: Jumps) -> FieldSeries:
     return replace(series, declination_deg=angles.wrap180(series.declination_deg - risen))
 
 
-def case(held: FieldComparison, model: EarthField) -> Case:
+def case(compared: FieldComparison, model: EarthField) -> Case:
     """Return the series as a case of the general search: a compass that stays where it is while north moves."""
-    years = float(np.ptp(held.time_s)) / YEAR_S
+    years = float(np.ptp(compared.time_s)) / YEAR_S
     step = observatory.HOUR_S if years < HOURS_OF_YEARS else observatory.DAY_S
-    time_s, off = _averaged(held.time_s, held.residual_deg - held.constant_deg - held.quiet_deg, step)
+    time_s, off = _averaged(compared.time_s, compared.residual_deg - compared.constant_deg - compared.quiet_deg, step)
     n = len(time_s)
     still = np.zeros(n)
     # The same field at all times: C is scaled by 1/H, and a column that drifts with H would take the trend.
@@ -127,9 +123,9 @@ def case(held: FieldComparison, model: EarthField) -> Case:
     )
 
 
-def _too_short(held: FieldComparison) -> str:
-    days = float(np.ptp(held.time_s)) / observatory.DAY_S
-    hours = len(np.unique(np.floor(held.time_s / observatory.HOUR_S)))
+def _too_short(compared: FieldComparison) -> str:
+    days = float(np.ptp(compared.time_s)) / observatory.DAY_S
+    hours = len(np.unique(np.floor(compared.time_s / observatory.HOUR_S)))
     if days >= diagnosis.SHORTEST_DAYS and hours >= diagnosis.FEWEST:
         return ""
     return (
@@ -138,16 +134,16 @@ def _too_short(held: FieldComparison) -> str:
     )
 
 
-def _covered(held: FieldComparison) -> float:
-    return held.days / (float(np.ptp(held.time_s)) / observatory.DAY_S + 1.0)
+def _covered(compared: FieldComparison) -> float:
+    return compared.days / (float(np.ptp(compared.time_s)) / observatory.DAY_S + 1.0)
 
 
-def _of_pieces(held: FieldComparison, series: FieldSeries, model: EarthField, limit_deg: float) -> Slow:
+def _of_pieces(compared: FieldComparison, series: FieldSeries, model: EarthField, limit_deg: float) -> Slow:
     """Return the trend through the medians of 27 days of a record that is mostly gaps; a jump may hide in a gap."""
     missing = (("heading_slip", "most of the record is gaps: a jump in one looks like a trend or like nothing"),)
-    number = np.unique(np.floor(held.time_s / observatory.DAY_S / observatory.BLOCK_DAYS), return_inverse=True)[1]
-    years = (held.time_s - held.time_s[0]) / YEAR_S
-    off = held.residual_deg
+    number = np.unique(np.floor(compared.time_s / observatory.DAY_S / observatory.BLOCK_DAYS), return_inverse=True)[1]
+    years = (compared.time_s - compared.time_s[0]) / YEAR_S
+    off = compared.residual_deg
     middle = np.array([(np.median(years[number == k]), np.median(off[number == k])) for k in range(number[-1] + 1)])
     if len(middle) < FEWEST_PIECES:
         why = f"the series has {len(middle)} stretches of 27 days; {FEWEST_PIECES} are needed for a trend"
@@ -162,12 +158,12 @@ def _of_pieces(held: FieldComparison, series: FieldSeries, model: EarthField, li
     if size < limit_deg:
         return Slow(not_testable=missing, negligible=(("secular_variation", size),))
     bare, left = (x - np.median(x) for x in (off, off - slope * years))
-    proof = show.compared(bare, left, np.full(len(off), angles.rms(left)), held.time_s)
-    span = (float(held.time_s[0]), float(held.time_s[-1]))
+    proof = show.compared(bare, left, np.full(len(off), angles.rms(left)), compared.time_s)
+    span = (float(compared.time_s[0]), float(compared.time_s[-1]))
     place = Where("time", *span, f"from {verdict.stamp(span[0])} to {verdict.stamp(span[1])}")
     parameters = {"deg_year": Parameter(slope, sigma, "degrees/year")}
     made = Finding("secular_variation", "compass", ("heading_slip",), place, span, parameters, size, proof, "")
-    return Slow((_told(made, series, model, None),), not_testable=(*missing, ("declination_error", DRIFTS)))
+    return Slow((_worded(made, series, model, None),), not_testable=(*missing, ("declination_error", DRIFTS)))
 
 
 def _averaged(time_s: Floats, off: Floats, step_s: float) -> tuple[Floats, Floats]:
@@ -175,7 +171,7 @@ def _averaged(time_s: Floats, off: Floats, step_s: float) -> tuple[Floats, Float
     return (number + 0.5) * step_s, np.bincount(which, off) / np.bincount(which)
 
 
-def _told(one: Finding, series: FieldSeries, model: EarthField, jump: tuple[float, float] | None) -> Finding:
+def _worded(one: Finding, series: FieldSeries, model: EarthField, jump: tuple[float, float] | None) -> Finding:
     """Return a finding of the search in the words of an observatory, with what it could also be."""
     assert one.when_s is not None  # an observatory has a clock
     if jump is not None:
@@ -194,16 +190,16 @@ def _told(one: Finding, series: FieldSeries, model: EarthField, jump: tuple[floa
     return replace(one, alternatives=others, text=text, applied=False)
 
 
-def _dated(held: FieldComparison, one: Finding) -> tuple[float, float]:
+def _dated(compared: FieldComparison, one: Finding) -> tuple[float, float]:
     """Return the date of a jump among the means around where the search has it, and by how much the series rises."""
     assert one.when_s is not None  # an observatory has a clock
-    near = np.abs(held.time_s - one.when_s[0]) <= NEAR_S
-    time_s, off = held.time_s[near], (held.residual_deg - held.quiet_deg)[near]
+    near = np.abs(compared.time_s - one.when_s[0]) <= NEAR_S
+    time_s, off = compared.time_s[near], (compared.residual_deg - compared.quiet_deg)[near]
     size = -next(iter(one.parameters.values())).value
     if len(off) < 4:
         return one.when_s[0], size
     at, _, _ = _best_split(off, 2)
-    return float(time_s[at]) - held.step_s / 2.0, size
+    return float(time_s[at]) - compared.step_s / 2.0, size
 
 
 def _best_split(off: Floats, least: int) -> tuple[int, float, Floats]:
@@ -215,31 +211,31 @@ def _best_split(off: Floats, least: int) -> tuple[int, float, Floats]:
     return at, float(high - low), np.concatenate([off[:at] - low, off[at:] - high])
 
 
-def _short_jump(held: FieldComparison, limit_deg: float) -> tuple[Finding, tuple[float, float]] | None:
+def _short_jump(compared: FieldComparison, limit_deg: float) -> tuple[Finding, tuple[float, float]] | None:
     """Return the jump of a short record, if two levels leave nothing of what else would be a storm."""
-    off = held.residual_deg - held.quiet_deg
-    least = int(LEAST_SIDE_S / held.step_s)
+    off = compared.residual_deg - compared.quiet_deg
+    least = int(LEAST_SIDE_S / compared.step_s)
     if len(off) < 2 * least + 2:
         return None
     at, size, left = _best_split(off, least)
     rest = float(
-        observatory.three_hour_rms(held.time_s, left)[1].max()
+        observatory.three_hour_rms(compared.time_s, left)[1].max()
     )  # without the mean that the jump itself falls into
     if abs(size) < limit_deg or rest >= STEADY * limit_deg:
         return None
-    date, last = float(held.time_s[at]) - held.step_s / 2.0, float(held.time_s[-1])
-    others = ("field_disturbance",) if min(last - date, date - held.time_s[0]) < LEAST_AFTER_S else ()
-    sigma = angles.rms(left) / np.sqrt(min(at, len(off) - at) * held.step_s / observatory.WINDOW_S)
-    return _jump(held, (date, size), sigma, others), (date, size)
+    date, last = float(compared.time_s[at]) - compared.step_s / 2.0, float(compared.time_s[-1])
+    others = ("field_disturbance",) if min(last - date, date - compared.time_s[0]) < LEAST_AFTER_S else ()
+    sigma = angles.rms(left) / np.sqrt(min(at, len(off) - at) * compared.step_s / observatory.WINDOW_S)
+    return _jump(compared, (date, size), sigma, others), (date, size)
 
 
-def _large_jumps(held: FieldComparison, limit_deg: float) -> list[tuple[Finding, tuple[float, float]]]:
+def _large_jumps(compared: FieldComparison, limit_deg: float) -> list[tuple[Finding, tuple[float, float]]]:
     """Return jumps far beyond what the levels of days do otherwise, which the search would clip as outliers.
 
     The change from five days to the next five is held against its own median, so that a trend makes no jump.
     """
-    begins = np.unique(np.floor(held.time_s / observatory.DAY_S), return_index=True)[1]
-    off = held.residual_deg - held.quiet_deg
+    begins = np.unique(np.floor(compared.time_s / observatory.DAY_S), return_index=True)[1]
+    off = compared.residual_deg - compared.quiet_deg
     levels = np.array([np.median(part) for part in np.split(off, begins[1:])])
     if len(levels) < 4 * LEVELS:
         return []
@@ -252,19 +248,19 @@ def _large_jumps(held: FieldComparison, limit_deg: float) -> list[tuple[Finding,
         at = int(np.argmax(np.abs(change)))
         around = slice(begins[at], begins[at + 2 * LEVELS] if at + 2 * LEVELS < len(begins) else len(off))
         split, size, left = _best_split(off[around], 2)
-        date = float(held.time_s[around][split]) - held.step_s / 2.0
+        date = float(compared.time_s[around][split]) - compared.step_s / 2.0
         sigma = angles.rms(left) * np.sqrt(2.0 / LEVELS)
-        found.append((_jump(held, (date, size), sigma, ()), (date, size)))
+        found.append((_jump(compared, (date, size), sigma, ()), (date, size)))
         change[max(at - 2 * LEVELS, 0) : at + 2 * LEVELS] = 0.0
     return found
 
 
-def _jump(held: FieldComparison, jump: tuple[float, float], sigma_deg: float, others: tuple[str, ...]) -> Finding:
+def _jump(compared: FieldComparison, jump: tuple[float, float], sigma_deg: float, others: tuple[str, ...]) -> Finding:
     """Return the finding of one jump: two levels against one, on stretches that were not fitted."""
-    date, last, after = jump[0], float(held.time_s[-1]), held.time_s >= jump[0]
-    off = held.residual_deg - held.quiet_deg
-    unit = observatory.DAY_S if np.ptp(held.time_s) > 10 * observatory.DAY_S else observatory.HOUR_S
-    block = np.floor((held.time_s - held.time_s[0]) / unit).astype(int)
+    date, last, after = jump[0], float(compared.time_s[-1]), compared.time_s >= jump[0]
+    off = compared.residual_deg - compared.quiet_deg
+    unit = observatory.DAY_S if np.ptp(compared.time_s) > 10 * observatory.DAY_S else observatory.HOUR_S
+    block = np.floor((compared.time_s - compared.time_s[0]) / unit).astype(int)
     bare, left = np.array(off), np.array(off)
     for fold in (0, 1):
         bare[block % 2 == fold] -= np.median(off[block % 2 != fold]) if np.any(block % 2 != fold) else np.median(off)

@@ -22,29 +22,29 @@ SEPARATED_BY = {
 def separated_by(findings: Sequence[Finding]) -> str | None:
     """Return what would tell the alternatives apart, or None where nothing is open."""
     pairs = [(one.effect, other) for one in findings for other in one.alternatives]
-    said = [f"{a} or {b}: {SEPARATED_BY.get(b, 'a second observatory near by')}" for a, b in pairs]
-    return "; ".join(dict.fromkeys(said)) or None
+    texts = [f"{a} or {b}: {SEPARATED_BY.get(b, 'a second observatory near by')}" for a, b in pairs]
+    return "; ".join(dict.fromkeys(texts)) or None
 
 
-def why(held: FieldComparison, source: str, findings: Sequence[Finding]) -> str:
+def why(compared: FieldComparison, source: str, findings: Sequence[Finding]) -> str:
     """Return what the verdict rests on."""
     model = "IGRF" if source == "IGRF" else "the given declination"
     begin = (
-        f"{len(held.time_s)} means over {held.days} days against {model} plus "
-        f"{held.constant_deg:+.3f} ± {1.96 * held.constant_sigma_deg:.3f} degrees (95 %)"
+        f"{len(compared.time_s)} means over {compared.days} days against {model} plus "
+        f"{compared.constant_deg:+.3f} ± {1.96 * compared.constant_sigma_deg:.3f} degrees (95 %)"
     )
-    quiet = f", quiet day from {held.quiet_days} days" if held.quiet_days else ", no quiet day known"
+    quiet = f", quiet day from {compared.quiet_days} days" if compared.quiet_days else ", no quiet day known"
     agree = "" if findings else "; nothing that matters is left"
     return begin + quiet + agree
 
 
-def storm(found: Storm, held: FieldComparison, proof: HeldOut, more: int) -> str:
+def storm(found: Storm, compared: FieldComparison, proof: HeldOut, more: int) -> str:
     """Return the sentences on one storm.
 
     Args:
         more: smaller storms that have no finding of their own.
     """
-    quiet = "" if held.quiet_days else " No quiet day is known: daily variation is part of it."
+    quiet = "" if compared.quiet_days else " No quiet day is known: daily variation is part of it."
     others = f" {more} smaller storms are not listed." if more else ""
     return (
         f"From {verdict.stamp(found.begin_s)} to {verdict.stamp(found.end_s)} a disturbance of the earth's field moves "
@@ -60,7 +60,6 @@ def daily(amplitude_deg: float, size_deg: float, days: int) -> str:
 
     Args:
         amplitude_deg: half of its range.
-        size_deg: rms.
         days: quiet days that it comes from.
     """
     return (
@@ -69,7 +68,7 @@ def daily(amplitude_deg: float, size_deg: float, days: int) -> str:
     )
 
 
-def constant(held: FieldComparison, most_deg: float, source: str, alternatives: Sequence[str]) -> str:
+def constant(compared: FieldComparison, most_deg: float, source: str, alternatives: Sequence[str]) -> str:
     """Return the sentences on a constant that rocks do not make.
 
     Args:
@@ -77,8 +76,9 @@ def constant(held: FieldComparison, most_deg: float, source: str, alternatives: 
     """
     model = "IGRF" if source == "IGRF" else "the given declination"
     begin = (
-        f"The declination stands off {model} by {held.constant_deg:+.2f} ± {1.96 * held.constant_sigma_deg:.2f} "
-        f"degrees (95 %) at all times; rocks are believed to make up to {most_deg:.1f}."
+        f"The declination stands off {model} by {compared.constant_deg:+.2f} ± "
+        f"{1.96 * compared.constant_sigma_deg:.2f} degrees (95 %) at all times; "
+        f"rocks are believed to make up to {most_deg:.1f}."
     )
     if not alternatives:
         return f"{begin} IGRF agrees with the recording: the given number is wrong."

@@ -66,7 +66,6 @@ def judge(log: Log, *, field: Mapping[str, float] | None, options: Options) -> D
     """Return the diagnosis of a log.
 
     Args:
-        log: as read.
         field: the earth's field there, None where the place is unknown.
     """
     if len(log.raw) < magnetometer_log.FEWEST:
@@ -262,7 +261,6 @@ def freed(field_nT: Floats, terms: Sequence[Term], scene: Scene) -> Floats:
     Args:
         field_nT: as read, (n, 3).
         terms: that act on the field.
-        scene: in what it was read.
     """
     soft, zero = np.eye(3), np.zeros((len(field_nT), 3))
     hard: Floats = np.zeros((len(field_nT), 3))

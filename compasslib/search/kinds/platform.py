@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from compasslib.calibration import curves, exact_curve, platform, series
 from compasslib.calibration.exact_curve import EXACT
-from compasslib.calibration.series import SMITH, Curve, Points
+from compasslib.calibration.series import SMITH, FittedSeries, Points
 from compasslib.core import angles, compass
 from compasslib.core.types import Floats
 from compasslib.deviation import von_appen
@@ -67,10 +67,10 @@ def judge(
     if headings < FEWEST_HEADINGS:
         return verdict.insufficient(too_few(headings, seen, why), _untested())
     smith, exact = (series.fit(form, seen) for form in (SMITH, EXACT))
-    folds = isinstance(exact, Curve) and isinstance(smith, str)
-    if not isinstance(exact, Curve) and not isinstance(smith, Curve):
+    folds = isinstance(exact, FittedSeries) and isinstance(smith, str)
+    if not isinstance(exact, FittedSeries) and not isinstance(smith, FittedSeries):
         return verdict.insufficient(why or f"no curve passes near the readings ({smith})", _untested())
-    first = findings(seen, options.min_effect_deg, options.alarm) if isinstance(exact, Curve) else []
+    first = findings(seen, options.min_effect_deg, options.alarm) if isinstance(exact, FittedSeries) else []
     by_series = not folds and not first and series_fits_better(seen)
     channel = _channel(correct_deg, recorded_deg, field, exact if not by_series else None)
     named = search.search(channel, alarm=options.alarm, min_effect_deg=options.min_effect_deg)
@@ -78,12 +78,12 @@ def judge(
 
 
 def _channel(
-    correct_deg: Floats, recorded_deg: Floats, field: Mapping[str, float] | None, exact: Curve | str | None
+    correct_deg: Floats, recorded_deg: Floats, field: Mapping[str, float] | None, exact: FittedSeries | str | None
 ) -> Channel:
     number = np.arange(1.0, len(correct_deg) + 1.0)
     scene, unit = curve.scene(number, field)
-    form: curve.Compass | curve.Series
-    if isinstance(exact, Curve):
+    form: curve.Compass | curve.SmithSeries
+    if isinstance(exact, FittedSeries):
         form, start, steps, terms = (
             curve.Compass(correct_deg, recorded_deg, scene),
             exact.coefficients,
@@ -91,7 +91,7 @@ def _channel(
             TERMS,
         )
     else:
-        form, start, steps = curve.Series(correct_deg, recorded_deg, scene), np.zeros(5), np.ones(5)
+        form, start, steps = curve.SmithSeries(correct_deg, recorded_deg, scene), np.zeros(5), np.ones(5)
         terms = READOUT
     return Channel(
         what="the fitted curve against the bench",
@@ -111,7 +111,6 @@ def too_few(headings: int, seen: Points, why: str = "") -> str:
     """Return why readings at few headings prove nothing, and what to swing.
 
     Args:
-        headings: different ones.
         why: why no curve could be fitted, empty where one could.
     """
     if headings <= 5 or why:

@@ -25,22 +25,22 @@ from compasslib.search.kinds.swing_forward import (
     KNOT_M_S,
     ByCourse,
     BySpeed,
-    Carried,
-    CarriedByTide,
     ClocksApart,
     FilteredCourse,
     LateCourse,
     LateReading,
+    SetAndDrift,
     Stretches,
+    TidalSetAndDrift,
     Track,
     read,
 )
 from compasslib.search.recordings import curve, fitting, report, search, testing, wording
 from compasslib.search.recordings.channel import Channel, Forward
-from compasslib.search.recordings.fitting import Fitted
-from compasslib.search.recordings.search import Named
+from compasslib.search.recordings.fitting import FittedTerms
+from compasslib.search.recordings.search import NamedEffects
 from compasslib.search.recordings.terms import Drift, IronDrift
-from compasslib.search.recordings.testing import Group
+from compasslib.search.recordings.testing import TestedColumns
 from compasslib.search.verdict import Diagnosis, Finding, Parameter
 
 CONFOUNDED = "set and drift of the water are one function of the heading with B and C where speeds do not vary"
@@ -73,7 +73,7 @@ def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: 
 
 READOUT: tuple[type[Term], ...] = (Sextantal, Octantal, HeadingSlip, Drift)
 FIELD: tuple[type[Term], ...] = (HardIronStep, IronDrift)
-WATER: tuple[type[Term], ...] = (Carried, CarriedByTide)
+WATER: tuple[type[Term], ...] = (SetAndDrift, TidalSetAndDrift)
 DELAYS: tuple[type[Term], ...] = (FilteredCourse, LateCourse, LateReading)
 BEGIN_S = 5.0  # where the fit of a delay begins, beside none
 OFTEN_S = 10.0  # a log has a sample more often than that
@@ -127,7 +127,7 @@ def diagnose_log(
     return settled(found, made, named.fitted)
 
 
-def _by_speed(track: Track, over: Stretches, settings: Mapping[str, Any], options: Options) -> Named | None:
+def _by_speed(track: Track, over: Stretches, settings: Mapping[str, Any], options: Options) -> NamedEffects | None:
     """Return what the two speeds show of the water, None without a log of the speed through it."""
     ground, logged = track.ground_m_s, track.logged_m_s
     if ground is None or logged is None:
@@ -145,8 +145,8 @@ def _by_speed(track: Track, over: Stretches, settings: Mapping[str, Any], option
 
 
 def _bases(
-    track: Track, over: Stretches, settings: Mapping[str, Any], made: Calibration, known: Named | None
-) -> tuple[Fitted, Fitted]:
+    track: Track, over: Stretches, settings: Mapping[str, Any], made: Calibration, known: NamedEffects | None
+) -> tuple[FittedTerms, FittedTerms]:
     """Return the deviation curve fitted as the series and as the exact compass."""
     scene, unit = curve.scene(track.seen.time_s, settings.get("field"))
     seen, ground = track.seen, track.ground_m_s
@@ -178,7 +178,7 @@ def _channel(track: Track, over: Stretches, residual: Forward, *, start: Floats,
     )
 
 
-def _chosen(series: Fitted, exact: Fitted) -> Fitted:
+def _chosen(series: FittedTerms, exact: FittedTerms) -> FittedTerms:
     """Return the exact compass, and the series where that is clearly nearer."""
     gained = fitting.effective(series) * np.log(exact.square / series.square)
     return series if gained > CLEARLY else exact
@@ -207,23 +207,23 @@ def too_short(count: int, fewest: int) -> str:
     )
 
 
-def untested(made: Calibration, fitted: Fitted, *, one_clock: bool) -> tuple[tuple[str, str], ...]:
+def untested(made: Calibration, fitted: FittedTerms, *, one_clock: bool) -> tuple[tuple[str, str], ...]:
     """Return what a log cannot show, with the reasons.
 
     Args:
         one_clock: whether headings and courses were logged by one.
     """
-    said = [("declination_error", CONSTANT)]
-    said += [(effect, NO_SENSOR) for effect in ("temperature", "supply_voltage", "heeling")]
-    said += [("clock_offset", ONE_CLOCK)] if one_clock else []
+    absent = [("declination_error", CONSTANT)]
+    absent += [(effect, NO_SENSOR) for effect in ("temperature", "supply_voltage", "heeling")]
+    absent += [("clock_offset", ONE_CLOCK)] if one_clock else []
     if not _one_way(fitted):
-        said += [(effect, ONE_WAY) for effect in ("course_lag", "compass_lag")]
-    if water := _not_told(made):
-        said.append((WATER_DRIFT, water))
-    return tuple(said)
+        absent += [(effect, ONE_WAY) for effect in ("course_lag", "compass_lag")]
+    if water := _water_unseparated(made):
+        absent.append((WATER_DRIFT, water))
+    return tuple(absent)
 
 
-def _one_way(fitted: Fitted) -> bool:
+def _one_way(fitted: FittedTerms) -> bool:
     """Tell whether the turns show a delay beside the curve, or one was found."""
     if any(term.acts_on == "time" for term in fitted.terms):
         return True
@@ -231,7 +231,7 @@ def _one_way(fitted: Fitted) -> bool:
     return float(np.linalg.norm(fitted.projected(column))) > SEEN * float(np.linalg.norm(column))
 
 
-def _not_told(made: Calibration) -> str:
+def _water_unseparated(made: Calibration) -> str:
     """Return why set and drift cannot be told from B and C, empty where they can or where there is no water."""
     drift = made.details["drift"]
     if drift is None or drift["separable"]:
@@ -239,7 +239,7 @@ def _not_told(made: Calibration) -> str:
     return NO_SPEED if drift["drift_kn"] is None else str(drift["text"])
 
 
-def too_large(bare: Fitted, exact: Fitted, options: Options) -> list[Finding]:
+def too_large(bare: FittedTerms, exact: FittedTerms, options: Options) -> list[Finding]:
     """Return the finding that the exact compass fits where the series does not, or none.
 
     Args:
@@ -252,7 +252,7 @@ def too_large(bare: Fitted, exact: Fitted, options: Options) -> list[Finding]:
     apart = series.residual_deg - exact.residual_deg
     if angles.rms(apart) < options.min_effect_deg or exact.square >= series.square:
         return []
-    tested = testing.test(series, exact, [Group("large_deviation", apart[:, None])])
+    tested = testing.test(series, exact, [TestedColumns("large_deviation", apart[:, None])])
     if not tested or tested[0].p_value > options.alarm:
         return []
     block = fitting.stretches(exact)
@@ -271,7 +271,7 @@ def _beyond_series(coefficients: Floats) -> float:
     return angles.rms(deviation - columns @ np.linalg.lstsq(columns, deviation, rcond=None)[0])
 
 
-def settled(found: Diagnosis, made: Calibration, fitted: Fitted) -> Diagnosis:
+def settled(found: Diagnosis, made: Calibration, fitted: FittedTerms) -> Diagnosis:
     """Return the diagnosis with what it says of the water: set and drift, a bound, or why they cannot be told.
 
     Args:
@@ -281,7 +281,7 @@ def settled(found: Diagnosis, made: Calibration, fitted: Fitted) -> Diagnosis:
     drift = made.details["drift"]
     if drift is None or any(WATER_DRIFT in (one.effect, *one.alternatives) for one in found.findings):
         return found
-    why = _not_told(made)
+    why = _water_unseparated(made)
     if not why:
         return replace(found, why=f"{found.why} {_bound(fitted)}")
     if found.verdict == "consistent":
@@ -295,11 +295,11 @@ SEPARATED = (
 )
 
 
-def _bound(fitted: Fitted) -> str:
+def _bound(fitted: FittedTerms) -> str:
     """Return how large a drift the courses still allow."""
     if fitted.channel.covariates.get("speed") is None:
         return ""
-    with_water = fitting.fit(fitted.channel, (*fitted.terms, Carried()), near=fitted)
+    with_water = fitting.fit(fitted.channel, (*fitted.terms, SetAndDrift()), near=fitted)
     drift, spread = with_water.terms[-1].values, fitting.covariance(with_water)[-2:, -2:]
     most = float(np.hypot(*drift) + 1.96 * np.sqrt(np.linalg.eigvalsh(spread)[-1]))
     return f"Set and drift of the water do not show in the courses: less than {most / KNOT_M_S:.2g} kn (95 %)."
@@ -318,8 +318,8 @@ def _with_set(one: Finding) -> Finding:
         "drift_kn": Parameter(drift / KNOT_M_S, size / KNOT_M_S, "kn"),
         "set_deg": Parameter(float(angles.direction(east.value, north.value)), np.degrees(side / drift), "degrees"),
     }
-    said = (
+    text = (
         f" The water sets {more['set_deg'].value:.0f}° ± {1.96 * more['set_deg'].sigma:.0f}° (true) at "
         f"{more['drift_kn'].value:.2f} ± {1.96 * more['drift_kn'].sigma:.2f} kn; a steady leeway would look the same."
     )
-    return replace(one, parameters={**more, **one.parameters}, text=one.text + said)
+    return replace(one, parameters={**more, **one.parameters}, text=one.text + text)

@@ -78,8 +78,8 @@ def stretches(time_s: Floats, good: NDArray[np.bool_]) -> Stretches:
         time_s: (n,) increasing.
         good: samples that count, (n,).
     """
-    held = len(np.unique(np.floor((time_s - time_s[0]) / STRETCH_S)))
-    length = STRETCH_S * max(1.0, held / MOST_STRETCHES)
+    count = len(np.unique(np.floor((time_s - time_s[0]) / STRETCH_S)))
+    length = STRETCH_S * max(1.0, count / MOST_STRETCHES)
     number = np.floor((time_s - time_s[0]) / length).astype(np.intp)
     there = np.bincount(number[good])
     full = there >= FULL * np.median(there[there > 0])
@@ -167,12 +167,7 @@ def _of_course(term: Term) -> bool:
 
 
 def water(terms: tuple[Term, ...], scene: Scene) -> Floats:
-    """Return the velocity of the water, (n, 2) m/s true east and north.
-
-    Args:
-        terms: of all kinds.
-        scene: in what the log was made.
-    """
+    """Return the velocity of the water, (n, 2) m/s true east and north."""
     moving: Floats = np.zeros((len(scene), 2))
     for term in (term for term in terms if term.acts_on == "water"):
         moving = term.act(moving, scene)
@@ -257,7 +252,7 @@ TRIANGLE = "Moncunill et al. 2023, eqs. (29)-(37), not linearised: velocity over
 
 
 @dataclass(frozen=True)
-class Carried(Term):
+class SetAndDrift(Term):
     """The water carries the ship; it keeps its set and drift."""
 
     name: ClassVar[str] = "water_drift"
@@ -274,7 +269,7 @@ class Carried(Term):
 
 
 @dataclass(frozen=True)
-class CarriedByTide(Term):
+class TidalSetAndDrift(Term):
     """The water carries the ship; its set and drift change evenly along the log."""
 
     name: ClassVar[str] = "water_drift"

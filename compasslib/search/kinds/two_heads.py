@@ -17,7 +17,7 @@ from compasslib.calibration import heads
 from compasslib.calibration.heads import clock as heads_clock
 from compasslib.calibration.heads import frame as heads_frame
 from compasslib.calibration.heads import motion
-from compasslib.calibration.heads.clock import Clock
+from compasslib.calibration.heads.clock import ClockDifference
 from compasslib.calibration.heads.frame import Frame
 from compasslib.calibration.heads.motion import Compared, Motion
 from compasslib.core import angles
@@ -30,7 +30,7 @@ from compasslib.search import show, verdict
 from compasslib.search.diagnosis import Options
 from compasslib.search.recordings import curve, fitting, report, search, wording
 from compasslib.search.recordings.channel import Channel, thinned
-from compasslib.search.recordings.search import Named
+from compasslib.search.recordings.search import NamedEffects
 from compasslib.search.recordings.terms import Delay, Drift, IronDrift, moving
 from compasslib.search.show import HeldOut
 from compasslib.search.verdict import Diagnosis, Finding, Parameter, Where
@@ -57,9 +57,9 @@ UNTESTED = (
 class Aligned:
     """Both heads, read at the same instants by clocks as they are told, and as they are found."""
 
-    told: Compared
+    given: Compared
     found: Compared
-    clock: Clock  # beside what was told
+    clock: ClockDifference  # beside what was told
 
 
 def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: Options) -> Diagnosis:
@@ -125,15 +125,15 @@ def judge(a: Motion, b: Motion, *, farthest_s: float, field: Mapping[str, float]
 
 def _aligned(a: Motion, b: Motion, farthest_s: float) -> Aligned:
     """Return both heads by the clocks; farther apart where the nearest agreement is none."""
-    told = heads.together(a, b, heads.given_clock(b, 0.0))
-    clock = heads_clock.find(a, b, farthest_s) if heads.overlap(a, b, farthest_s) else Clock()
+    given = heads.together(a, b, heads.given_clock(b, 0.0))
+    clock = heads_clock.find(a, b, farthest_s) if heads.overlap(a, b, farthest_s) else ClockDifference()
     found = heads.together(a, b, clock)
     if len(found) >= heads.FEWEST and _scatter(found) <= heads.UNRELATED_DEG:
-        return Aligned(told, found, clock)
+        return Aligned(given, found, clock)
     farther = heads_clock.find(a, b, FARTHER_S)
     again = heads.together(a, b, farther)
     better = len(again) >= heads.FEWEST and _scatter(again) <= heads.UNRELATED_DEG
-    return Aligned(told, again, farther) if better else Aligned(told, found, clock)
+    return Aligned(given, again, farther) if better else Aligned(given, found, clock)
 
 
 def _scatter(pairs: Compared) -> float:
@@ -209,7 +209,7 @@ def _of_clock(aligned: Aligned, min_effect_deg: float) -> list[Finding]:
 def _proof(aligned: Aligned) -> HeldOut:
     """Return what the found clock does to the difference of the headings; the clock comes from rates, not from it."""
     left, rms_deg = {}, {}
-    for name, pairs in (("before", aligned.told), ("after", aligned.found)):
+    for name, pairs in (("before", aligned.given), ("after", aligned.found)):
         off = _about_others(angles.difference(pairs.recorded_b, pairs.recorded_a), pairs.time_s)
         rms_deg[name] = angles.rms(off) if len(off) >= heads.FEWEST else float("nan")
         left[name] = dict(zip(pairs.time_s.tolist(), off, strict=True))
@@ -233,7 +233,7 @@ def _about_others(off_deg: Floats, time_s: Floats) -> Floats:
     return left
 
 
-def _of_iron(named: Named, min_effect_deg: float) -> list[Finding]:
+def _of_iron(named: NamedEffects, min_effect_deg: float) -> list[Finding]:
     """Return iron that only one head feels: one and two cycles of the heading, which a rigid turn does not have."""
     covariance, fitted, found = fitting.covariance(named.fitted), named.fitted, []
     for effect, (part, letters) in IRON.items():
@@ -252,9 +252,9 @@ def _of_iron(named: Named, min_effect_deg: float) -> list[Finding]:
         }
         place = report.where(fitted.channel, "heading", fitted)
         proof, size = report.held_out_base(fitted, part), float(np.sqrt(square))
-        told = {name: (p.value, p.sigma, p.unit) for name, p in parameters.items()}
+        printed = {name: (p.value, p.sigma, p.unit) for name, p in parameters.items()}
         text = wording.finding(
-            effect, (), where=place.text, parameters=told, size_deg=size, proof=proof, what=fitted.channel.what
+            effect, (), where=place.text, parameters=printed, size_deg=size, proof=proof, what=fitted.channel.what
         )
         span = (float(fitted.channel.time_s[0]), float(fitted.channel.time_s[-1]))
         found.append(Finding(effect, "compass", (), place, span, parameters, size, proof, text))

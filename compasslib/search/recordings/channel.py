@@ -46,11 +46,7 @@ class Channel:
         return len(self.time_s)
 
     def unit(self, term: Term, k: int) -> tuple[float, str]:
-        """Return by what a parameter is multiplied for people, and its unit.
-
-        Args:
-            k: position of the parameter.
-        """
+        """Return by what a parameter is multiplied for people, and its unit."""
         unit = term.units()[k]
         if not unit.startswith("nT"):
             return 1.0, unit

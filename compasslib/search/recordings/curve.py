@@ -35,7 +35,7 @@ class Compass:
 
 
 @dataclass(frozen=True)
-class Series:
+class SmithSeries:
     """Smith's five terms in the recorded heading, degrees; terms act on the reading."""
 
     correct_deg: Floats  # (n,)

@@ -24,7 +24,7 @@ PROBE = 0.02  # of a step, for differences
 
 
 @dataclass(frozen=True)
-class Fitted:
+class FittedTerms:
     """A hypothesis at its best parameters."""
 
     channel: Channel
@@ -62,8 +62,8 @@ class Fitted:
 
 
 def fit(
-    channel: Channel, terms: Sequence[Term], *, near: Fitted | None = None, use: NDArray[np.bool_] | None = None
-) -> Fitted:
+    channel: Channel, terms: Sequence[Term], *, near: FittedTerms | None = None, use: NDArray[np.bool_] | None = None
+) -> FittedTerms:
     """Return a hypothesis refitted.
 
     Args:
@@ -94,7 +94,7 @@ def fit(
     return best
 
 
-def _at(channel: Channel, theta: Floats, terms: tuple[Term, ...], steps: Floats) -> Fitted:
+def _at(channel: Channel, theta: Floats, terms: tuple[Term, ...], steps: Floats) -> FittedTerms:
     """Return the residual and its derivative where the parameters stand."""
     base, placed = _split(channel, theta, terms)
     residual = channel.residual(base, placed)
@@ -104,7 +104,7 @@ def _at(channel: Channel, theta: Floats, terms: tuple[Term, ...], steps: Floats)
         more = channel.residual(*_split(channel, theta + probe * (np.arange(len(theta)) == j), terms))
         columns[:, j] = (residual - more) / probe
     scale = max(robust.width(residual - np.median(residual)), FINEST_DEG)
-    return Fitted(channel, base, placed, residual, columns, scale)
+    return FittedTerms(channel, base, placed, residual, columns, scale)
 
 
 def _split(channel: Channel, theta: Floats, terms: tuple[Term, ...]) -> tuple[Floats, tuple[Term, ...]]:
@@ -113,7 +113,7 @@ def _split(channel: Channel, theta: Floats, terms: tuple[Term, ...]) -> tuple[Fl
     return parts[0], tuple(term.at(part) for term, part in zip(terms, parts[1:], strict=True))
 
 
-def _step(now: Fitted, steps: Floats, keep: NDArray[np.bool_]) -> Floats:
+def _step(now: FittedTerms, steps: Floats, keep: NDArray[np.bool_]) -> Floats:
     """Return the weighted least-squares step in the parameters' own steps; directions that nothing determines stay."""
     size = np.maximum(np.abs(now.residual_deg), 1e-300)
     weight = np.sqrt(np.minimum(1.0, CLIP * now.scale_deg / size)) * keep
@@ -124,12 +124,8 @@ def _step(now: Fitted, steps: Floats, keep: NDArray[np.bool_]) -> Floats:
     return np.asarray(step)
 
 
-def stretches(fitted: Fitted) -> NDArray[np.intp]:
-    """Return the block of each sample, (n,): longer than the memory, each reading one where there is none.
-
-    Args:
-        fitted: a hypothesis that fits.
-    """
+def stretches(fitted: FittedTerms) -> NDArray[np.intp]:
+    """Return the block of each sample, (n,): longer than the memory, each reading one where there is none."""
     channel = fitted.channel
     if channel.independent:
         return np.arange(len(channel))
@@ -138,12 +134,8 @@ def stretches(fitted: Fitted) -> NDArray[np.intp]:
     return blocks(order, count)
 
 
-def effective(fitted: Fitted) -> float:
-    """Return how many independent samples the residual is worth.
-
-    Args:
-        fitted: a hypothesis that fits.
-    """
+def effective(fitted: FittedTerms) -> float:
+    """Return how many independent samples the residual is worth."""
     n = len(fitted.channel)
     if fitted.channel.independent:
         return float(n)
@@ -152,13 +144,10 @@ def effective(fitted: Fitted) -> float:
     return effective_number(fitted.clipped, np.arange(n, dtype=float), longest_s=n / 10.0)
 
 
-def covariance(fitted: Fitted) -> Floats:
+def covariance(fitted: FittedTerms) -> Floats:
     """Return the covariance of base and terms: by the scores of blocks, never below that of independent samples.
 
     What the simulation itself does not know is added, as if it lay all along each parameter's own column.
-
-    Args:
-        fitted: a hypothesis that fits.
     """
     if fitted.channel.remembered:
         return arma.covariance(fitted.clipped, fitted.columns)
@@ -177,12 +166,10 @@ def covariance(fitted: Fitted) -> Floats:
     return plain * np.outer(share, share) + rule
 
 
-def effect_deg(fitted: Fitted, k: int, noise_square: float = 0.0) -> float:
+def effect_deg(fitted: FittedTerms, k: int, noise_square: float = 0.0) -> float:
     """Return the visible size of a term: what no other parameter can take of it, rms degrees.
 
     Args:
-        fitted: with terms.
-        k: position of the term.
         noise_square: mean square that noise alone would give, square degrees.
     """
     ends = len(fitted.base) + np.cumsum([0, *(len(term.fitted()) for term in fitted.terms)])

@@ -14,9 +14,9 @@ from compasslib.effects.term import Term
 from compasslib.search import show, verdict
 from compasslib.search.recordings import fitting, search, wording
 from compasslib.search.recordings.channel import Channel
-from compasslib.search.recordings.fitting import Fitted
-from compasslib.search.recordings.search import Named
-from compasslib.search.show import Curve, HeldOut
+from compasslib.search.recordings.fitting import FittedTerms
+from compasslib.search.recordings.search import NamedEffects
+from compasslib.search.show import BinnedResidual, HeldOut
 from compasslib.search.verdict import Diagnosis, Finding, Parameter, Ranked, Unexplained, Where
 from compasslib.stats import arma, robust
 
@@ -25,7 +25,7 @@ RANGE = (0.05, 0.95)
 OUTSIDE = 3.0  # standard errors by which a bin leaves the band
 
 
-def findings(named: Named) -> list[Finding]:
+def findings(named: NamedEffects) -> list[Finding]:
     """Return one finding for each chosen term."""
     if not named.fitted.terms:
         return []
@@ -33,7 +33,7 @@ def findings(named: Named) -> list[Finding]:
     return [_finding(named, k, covariance) for k in range(len(named.fitted.terms))]
 
 
-def _finding(named: Named, k: int, covariance: Floats) -> Finding:
+def _finding(named: NamedEffects, k: int, covariance: Floats) -> Finding:
     fitted, channel = named.fitted, named.fitted.channel
     term, others = fitted.terms[k], named.alternatives[k]
     parameters = _parameters(fitted, k, covariance)
@@ -51,7 +51,7 @@ def _finding(named: Named, k: int, covariance: Floats) -> Finding:
     return Finding(term.name, term.side, others, place, span, parameters, size, proof, text)
 
 
-def _parameters(fitted: Fitted, k: int, covariance: Floats) -> dict[str, Parameter]:
+def _parameters(fitted: FittedTerms, k: int, covariance: Floats) -> dict[str, Parameter]:
     ends = len(fitted.base) + np.cumsum([0, *(len(term.fitted()) for term in fitted.terms)])
     sigma, term = np.sqrt(np.maximum(np.diag(covariance), 0.0))[ends[k] :], fitted.terms[k]
     found = {}
@@ -62,30 +62,21 @@ def _parameters(fitted: Fitted, k: int, covariance: Floats) -> dict[str, Paramet
     return found
 
 
-def held_out(fitted: Fitted, k: int) -> HeldOut:
-    """Return what a term adds on stretches that were not fitted, the others refitted with and without it.
-
-    Args:
-        fitted: with terms.
-        k: position of the term.
-    """
+def held_out(fitted: FittedTerms, k: int) -> HeldOut:
+    """Return what a term adds on stretches that were not fitted, the others refitted with and without it."""
     rest = [term for j, term in enumerate(fitted.terms) if j != k]
     return _compared(fitted, fitted, rest)
 
 
-def held_out_base(fitted: Fitted, part: slice) -> HeldOut:
-    """Return what some of the base parameters add on stretches that were not fitted, all others refitted.
-
-    Args:
-        fitted: with terms.
-    """
+def held_out_base(fitted: FittedTerms, part: slice) -> HeldOut:
+    """Return what some of the base parameters add on stretches that were not fitted, all others refitted."""
     steps = fitted.channel.steps.copy()
     steps[part] = 0.0
     without = replace(fitted, channel=replace(fitted.channel, steps=steps), base=fitted.base * (steps > 0.0))
     return _compared(without, fitted, list(fitted.terms))
 
 
-def _compared(less: Fitted, fitted: Fitted, terms: Sequence[Term]) -> HeldOut:
+def _compared(less: FittedTerms, fitted: FittedTerms, terms: Sequence[Term]) -> HeldOut:
     """Return the gain of a fit over one with fewer parameters on held-out stretches."""
     block = fitting.stretches(fitted)
     folds = min(FOLDS, block.max() + 1) if not fitted.channel.independent else block.max() + 1
@@ -95,7 +86,7 @@ def _compared(less: Fitted, fitted: Fitted, terms: Sequence[Term]) -> HeldOut:
     return show.judged((squares[0] - squares[1]) / 2.0, block, (angles.rms(before), angles.rms(after)))
 
 
-def left_out(fitted: Fitted, terms: Sequence[Term], block: NDArray[np.intp], folds: int) -> Floats:
+def left_out(fitted: FittedTerms, terms: Sequence[Term], block: NDArray[np.intp], folds: int) -> Floats:
     """Return the residual of each stretch by a fit to the others, (n,) degrees.
 
     Args:
@@ -111,7 +102,7 @@ def left_out(fitted: Fitted, terms: Sequence[Term], block: NDArray[np.intp], fol
     return left
 
 
-def unexplained(named: Named, min_effect_deg: float) -> tuple[Unexplained | None, tuple[tuple[str, float], ...]]:
+def unexplained(named: NamedEffects, min_effect_deg: float) -> tuple[Unexplained | None, tuple[tuple[str, float], ...]]:
     """Return what stays proven and without a name, and what is too small to matter.
 
     Args:
@@ -126,17 +117,17 @@ def unexplained(named: Named, min_effect_deg: float) -> tuple[Unexplained | None
     channel = named.fitted.channel
     alone = first.group.columns.shape[1] == 1
     places = [
-        _held_by(channel, name, first.group.columns[:, 0]) if alone else where(channel, name, named.fitted)
+        _where_column_lives(channel, name, first.group.columns[:, 0]) if alone else where(channel, name, named.fitted)
         for name in first.group.covariates
     ]
     span = (float(channel.time_s[0]), float(channel.time_s[-1])) if channel.clocked else None
     span = (places[0].low, places[0].high) if alone and channel.clocked and places[0].covariate == "time" else span
     curves = tuple(curve(named.fitted, named.fitted, name) for name in first.group.covariates)
-    said = wording.unexplained(" and ".join(p.text for p in places), size, [t.name for t in named.fitted.terms])
-    return Unexplained(first.group.covariates, places[0], span, size, curves, said), tuple(small.items())
+    text = wording.unexplained(" and ".join(p.text for p in places), size, [t.name for t in named.fitted.terms])
+    return Unexplained(first.group.covariates, places[0], span, size, curves, text), tuple(small.items())
 
 
-def where(channel: Channel, name: str, fitted: Fitted) -> Where:
+def where(channel: Channel, name: str, fitted: FittedTerms) -> Where:
     """Return the range of a covariate in which the binned residual leaves its band; all of it where no bin does.
 
     Args:
@@ -152,7 +143,7 @@ def where(channel: Channel, name: str, fitted: Fitted) -> Where:
     return Where(name, low, high, wording.place(name, low, high, channel.clocked))
 
 
-def _held_by(channel: Channel, name: str, column: Floats) -> Where:
+def _where_column_lives(channel: Channel, name: str, column: Floats) -> Where:
     """Return the range of a covariate that a local error covers; one of headings may go through north."""
     inside = channel.covariates[name][column > np.max(column) / 2.0]
     low, high = float(inside.min()), float(inside.max())
@@ -164,11 +155,7 @@ def _held_by(channel: Channel, name: str, column: Floats) -> Where:
 
 
 def since(channel: Channel, date_s: float) -> Where:
-    """Return the time from a date on.
-
-    Args:
-        date_s: by its time.
-    """
+    """Return the time from a date on."""
     last = float(channel.time_s[-1])
     name = "time" if channel.clocked else "reading"
     if channel.clocked:
@@ -177,13 +164,8 @@ def since(channel: Channel, date_s: float) -> Where:
     return Where(name, float(channel.time_s[first]), last, f"from reading {channel.time_s[first]:.0f} on")
 
 
-def curve(before: Fitted, after: Fitted, name: str) -> Curve:
-    """Return the residual in bins of a covariate, with and without terms, and the standard error of each bin.
-
-    Args:
-        before: without terms.
-        after: with terms.
-    """
+def curve(before: FittedTerms, after: FittedTerms, name: str) -> BinnedResidual:
+    """Return the residual in bins of a covariate, with and without terms, and the standard error of each bin."""
     column = before.channel.covariates[name]
     count = int(np.clip(len(column) // 4, 4, BINS))
     edges = np.unique(np.quantile(column, np.linspace(0.0, 1.0, count + 1)))
@@ -196,10 +178,10 @@ def curve(before: Fitted, after: Fitted, name: str) -> Curve:
     centre = np.bincount(bins, column, len(edges) - 1)[held] / there[held]
     left = (before.clipped if before is after else before.residual_deg, after.clipped)
     means = [np.bincount(bins, one, len(edges) - 1)[held] / there[held] for one in left]
-    return Curve(name, centre, means[0], means[1], _bin_sigma(after, bins, held, there), after.channel.what)
+    return BinnedResidual(name, centre, means[0], means[1], _bin_sigma(after, bins, held, there), after.channel.what)
 
 
-def _bin_sigma(after: Fitted, bins: NDArray[np.intp], held: NDArray[np.intp], there: NDArray[np.intp]) -> Floats:
+def _bin_sigma(after: FittedTerms, bins: NDArray[np.intp], held: NDArray[np.intp], there: NDArray[np.intp]) -> Floats:
     """Return the standard error of a bin's mean: samples of one stretch of time in it count once."""
     scatter = float(np.std(after.clipped))
     if after.channel.independent:
@@ -220,7 +202,7 @@ def _between(x: Floats, block: NDArray[np.intp]) -> float:
 
 
 def diagnosis(
-    parts: Sequence[Named],
+    parts: Sequence[NamedEffects],
     *,
     min_effect_deg: float,
     beside: Sequence[Finding] = (),
@@ -240,14 +222,14 @@ def diagnosis(
     denied = [_unconfirmed(one) for one in every if one.held_out.refuted]
     open_ = max([*(one for one, _ in left if one), *denied], key=lambda one: one.rms_effect_deg, default=None)
     small = {k: v for part in parts for k, v in part.negligible} | {k: v for _, more in left for k, v in more}
-    told = [wording.separated_by(f.effect, f.alternatives) for f in found if f.alternatives]
+    phrases = [wording.separated_by(f.effect, f.alternatives) for f in found if f.alternatives]
     if separated_by and any(f.side == "compass" for f in found):
-        told.append(separated_by)
+        phrases.append(separated_by)
     return Diagnosis(
         verdict=_verdict(found, open_),
         findings=found,
         unexplained=open_,
-        separated_by="; ".join(dict.fromkeys(told)) or None,
+        separated_by="; ".join(dict.fromkeys(phrases)) or None,
         not_testable=tuple(not_testable),
         negligible=tuple(small.items()),
         why=wording.why(found, open_, [part.fitted.channel.what for part in parts]),
@@ -258,11 +240,11 @@ def diagnosis(
 
 def _unconfirmed(one: Finding) -> Unexplained:
     """Return a mismatch that is proven where it was fitted, and whose name held-out readings deny."""
-    told = wording.unexplained(one.where.text, one.rms_effect_deg, [])
-    return Unexplained((one.where.covariate,), one.where, one.when_s, one.rms_effect_deg, (), told)
+    phrases = wording.unexplained(one.where.text, one.rms_effect_deg, [])
+    return Unexplained((one.where.covariate,), one.where, one.when_s, one.rms_effect_deg, (), phrases)
 
 
-def _ranked(parts: Sequence[Named]) -> tuple[Ranked, ...]:
+def _ranked(parts: Sequence[NamedEffects]) -> tuple[Ranked, ...]:
     """Return every effect that was tried alone, the best first, each once."""
     best: dict[str, Ranked] = {}
     for entry in (entry for part in parts for entry in part.alone if entry.believable):
@@ -293,7 +275,9 @@ def _verdict(found: Sequence[Finding], left: Unexplained | None) -> str:
     return "ambiguous" if any(finding.alternatives for finding in found) else "explained"
 
 
-def _curves(parts: Sequence[Named], found: Sequence[Finding], left: Unexplained | None) -> tuple[Curve, ...]:
+def _curves(
+    parts: Sequence[NamedEffects], found: Sequence[Finding], left: Unexplained | None
+) -> tuple[BinnedResidual, ...]:
     made = []
     for part in parts:
         own = {term.name for term in part.fitted.terms}

@@ -13,9 +13,9 @@ from compasslib.effects.term import Term
 from compasslib.search.naming import MOST_TERMS
 from compasslib.search.recordings import fitting, testing
 from compasslib.search.recordings.channel import Channel, dated
-from compasslib.search.recordings.fitting import Fitted
+from compasslib.search.recordings.fitting import FittedTerms
 from compasslib.search.recordings.terms import Drift, IronDrift
-from compasslib.search.recordings.testing import Group, Tested
+from compasslib.search.recordings.testing import TestedColumns, TestedEffect
 from compasslib.search.rivals import CLOSE, DATE_CHARGE, PARAMETER_CHARGE
 from compasslib.stats import whitening
 
@@ -24,10 +24,10 @@ FINER = 24  # dates around the best of those that were tried
 
 
 @dataclass(frozen=True)
-class Entry:
+class RefittedTerm:
     """One term beside others: refitted, with how sure it is, how large, and its score."""
 
-    fitted: Fitted  # the term is the last
+    fitted: FittedTerms  # the term is the last
     p_value: float
     score: float
     size_deg: float
@@ -44,28 +44,27 @@ class Entry:
 
 
 @dataclass(frozen=True)
-class Named:
+class NamedEffects:
     """The hypothesis that was chosen, and for each of its terms what comes close."""
 
-    before: Fitted  # the base alone
-    fitted: Fitted
-    entries: tuple[Entry, ...] = ()  # each chosen term beside the others
+    before: FittedTerms  # the base alone
+    fitted: FittedTerms
+    entries: tuple[RefittedTerm, ...] = ()  # each chosen term beside the others
     alternatives: tuple[tuple[str, ...], ...] = ()
     negligible: tuple[tuple[str, float], ...] = ()
-    alone: tuple[Entry, ...] = ()  # every term beside the base alone
-    left: tuple[tuple[Tested, float], ...] = ()  # omnibus groups that stay significant, with their visible sizes
+    alone: tuple[RefittedTerm, ...] = ()  # every term beside the base alone
+    left: tuple[tuple[TestedEffect, float], ...] = ()  # omnibus groups that stay significant, with their visible sizes
 
 
-def search(channel: Channel, *, alarm: float, min_effect_deg: float) -> Named:
+def search(channel: Channel, *, alarm: float, min_effect_deg: float) -> NamedEffects:
     """Return the terms that the comparison calls for, one after the other, each held against all others in its place.
 
     Args:
         alarm: probability that noise alone gives a name, and that it gives an unexplained mismatch.
-        min_effect_deg: visible size below which an effect does not matter.
     """
     before = now = fitting.fit(channel, ())
     small: dict[str, float] = {}
-    alone: list[Entry] = []
+    alone: list[RefittedTerm] = []
     while len(now.terms) < MOST_TERMS:
         entries = contest(now, None)
         alone = alone or entries
@@ -76,29 +75,29 @@ def search(channel: Channel, *, alarm: float, min_effect_deg: float) -> Named:
         if not worth:
             break
         now = _swapped(max(worth, key=lambda entry: entry.score).fitted)
-    now, own, others = _held(now, min_effect_deg)
+    now, own, others = _beside_others(now, min_effect_deg)
     found = {term.name for term in now.terms}
     little = tuple((k, v) for k, v in small.items() if k not in found)
-    named = Named(before, now, own, others, little, tuple(alone), _left(now, alarm))
+    named = NamedEffects(before, now, own, others, little, tuple(alone), _left(now, alarm))
     for family in FAMILIES:
         named = _unmasked(named, family)
     return named
 
 
-def _unmasked(named: Named, family: Family) -> Named:
+def _unmasked(named: NamedEffects, family: Family) -> NamedEffects:
     """Return the hypothesis without terms that imitate what is in no catalogue."""
     better = instead(named.fitted, family)
     if better is None:
         return named
-    kept, stranger = better
+    kept, empirical = better
     terms = [named.fitted.terms[k] for k in kept]
     free = fitting.fit(named.fitted.channel, terms, near=named.fitted)
     own, others = tuple(named.entries[k] for k in kept), tuple(named.alternatives[k] for k in kept)
-    left = (*named.left, (stranger, _size(free, stranger)))
+    left = (*named.left, (empirical, _size(free, empirical)))
     return replace(named, fitted=free, entries=own, alternatives=others, left=left)
 
 
-def contest(without: Fitted, noise: Fitted | None) -> list[Entry]:
+def contest(without: FittedTerms, noise: FittedTerms | None) -> list[RefittedTerm]:
     """Return every term that is not yet there, refitted beside a hypothesis.
 
     Args:
@@ -115,7 +114,7 @@ def contest(without: Fitted, noise: Fitted | None) -> list[Entry]:
     return [_entry(without, fits[one.group.name], one, noise or without) for one in first]
 
 
-def _refitted(without: Fitted, group: Group) -> Fitted:
+def _refitted(without: FittedTerms, group: TestedColumns) -> FittedTerms:
     term = group.term
     assert term is not None
     values = [term.values] + [np.append(first, term.values[1:]) for first in without.channel.starts.get(term.name, ())]
@@ -136,23 +135,23 @@ def _refitted(without: Fitted, group: Group) -> Fitted:
     return fitting.fit(channel, (*fitted.terms[:-1], better), near=fitted)
 
 
-def _square_at(fitted: Fitted, date_s: float) -> float:
+def _square_at(fitted: FittedTerms, date_s: float) -> float:
     moved = (*fitted.terms[:-1], dated(fitted.terms[-1], date_s))
     residual = fitted.channel.residual(fitted.base, moved)
     return float(np.sum(np.minimum(np.abs(residual), fitting.CLIP * fitted.scale_deg) ** 2))
 
 
-def _entry(without: Fitted, fitted: Fitted, tested: Tested, noise: Fitted) -> Entry:
+def _entry(without: FittedTerms, fitted: FittedTerms, tested: TestedEffect, noise: FittedTerms) -> RefittedTerm:
     term, n = fitted.terms[-1], len(fitted.channel)
     squares = [testing.square(one, noise) for one in (without, fitted)]
     gained = n * np.log(max(squares[0], 1e-300) / max(squares[1], 1e-300)) / tested.inflation
     charge = PARAMETER_CHARGE * len(term.fitted()) + DATE_CHARGE * term.dated()
     by_chance = tested.inflation * len(term.fitted()) * fitted.square / n**2
     size = fitting.effect_deg(fitted, len(fitted.terms) - 1, by_chance)
-    return Entry(fitted, tested.p_value, float(gained - charge), size)
+    return RefittedTerm(fitted, tested.p_value, float(gained - charge), size)
 
 
-def _swapped(now: Fitted) -> Fitted:
+def _swapped(now: FittedTerms) -> FittedTerms:
     """Return the hypothesis with each term but the last replaced where another does better in its place."""
     for k in range(len(now.terms) - 1):
         rest = [term for j, term in enumerate(now.terms) if j != k]
@@ -164,7 +163,9 @@ def _swapped(now: Fitted) -> Fitted:
     return now
 
 
-def _held(now: Fitted, min_effect_deg: float) -> tuple[Fitted, tuple[Entry, ...], tuple[tuple[str, ...], ...]]:
+def _beside_others(
+    now: FittedTerms, min_effect_deg: float
+) -> tuple[FittedTerms, tuple[RefittedTerm, ...], tuple[tuple[str, ...], ...]]:
     """Return each chosen term beside the others with what could stand in its place; those that faded are let go."""
     own, others = [], []
     for k, term in enumerate(now.terms):
@@ -172,13 +173,15 @@ def _held(now: Fitted, min_effect_deg: float) -> tuple[Fitted, tuple[Entry, ...]
         entries = contest(fitting.fit(now.channel, rest, near=now), now)
         mine = next(entry for entry in entries if type(entry.fitted.terms[-1]) is type(term))
         if mine.size_deg < min_effect_deg / 2.0:
-            return _held(fitting.fit(now.channel, rest, near=now), min_effect_deg)
+            return _beside_others(fitting.fit(now.channel, rest, near=now), min_effect_deg)
         own.append(mine)
         others.append(_close(entries, mine, now, min_effect_deg))
     return now, tuple(own), tuple(others)
 
 
-def _close(entries: Sequence[Entry], mine: Entry, now: Fitted, min_effect_deg: float) -> tuple[str, ...]:
+def _close(
+    entries: Sequence[RefittedTerm], mine: RefittedTerm, now: FittedTerms, min_effect_deg: float
+) -> tuple[str, ...]:
     """Return the effects that do as well in a term's place, the best first."""
     near = [
         entry
@@ -192,14 +195,14 @@ def _close(entries: Sequence[Entry], mine: Entry, now: Fitted, min_effect_deg: f
     return tuple(dict.fromkeys((*names, *now.channel.confused.get(mine.name, ()))))
 
 
-def _left(now: Fitted, alarm: float) -> tuple[tuple[Tested, float], ...]:
+def _left(now: FittedTerms, alarm: float) -> tuple[tuple[TestedEffect, float], ...]:
     """Return what the omnibus tests still find, the surest first."""
     tested = testing.test(now, now, testing.omnibus(now), seed=99)
     sure = sorted((one for one in tested if one.p_value < alarm / len(tested)), key=lambda one: one.p_value)
     return tuple((one, _size(now, one)) for one in sure)
 
 
-def _size(now: Fitted, one: Tested) -> float:
+def _size(now: FittedTerms, one: TestedEffect) -> float:
     seen = testing.directions(one.group, whitening.orthonormal(now.columns))
     pull, n = seen.T @ now.clipped, len(now.channel)
     noise = one.inflation * seen.shape[1] * now.square / n
@@ -224,33 +227,33 @@ class Family:
     """Terms that imitate, and what they imitate."""
 
     imitates: Callable[[Term], bool]
-    strangers: Callable[[Fitted, Fitted], list[Group]]  # where these terms are left out; by whose residual as noise
+    empirical: Callable[
+        [FittedTerms, FittedTerms], list[TestedColumns]
+    ]  # where these terms are left out; by whose residual as noise
 
 
-def instead(fitted: Fitted, family: Family) -> tuple[list[int], Tested] | None:
-    """Return which terms stay, and what explains more than the others did; None where nothing does.
-
-    Args:
-        family: of terms in question.
-    """
+def instead(fitted: FittedTerms, family: Family) -> tuple[list[int], TestedEffect] | None:
+    """Return which terms stay, and what explains more than the others did; None where nothing does."""
     own = [term for term in fitted.terms if family.imitates(term)]
     if not own:
         return None
     kept = [k for k, term in enumerate(fitted.terms) if not family.imitates(term)]
     free = fitting.fit(fitted.channel, [fitted.terms[k] for k in kept], near=fitted)
-    groups = family.strangers(free, fitted)
+    groups = family.empirical(free, fitted)
     if not groups:
         return None
     named = np.concatenate([testing.columns(free, term.at(0.0 * term.values)) for term in own], axis=1)
-    scores = {one.group.name: one for one in testing.test(free, fitted, [Group("named", named, own[0]), *groups])}
-    stranger = scores.get(groups[0].name)
+    scores = {
+        one.group.name: one for one in testing.test(free, fitted, [TestedColumns("named", named, own[0]), *groups])
+    }
+    empirical = scores.get(groups[0].name)
     charged = sum(PARAMETER_CHARGE * len(term.fitted()) + DATE_CHARGE * term.dated() for term in own)
-    if stranger is None or stranger.gain - CHARGE <= scores["named"].gain - charged:
+    if empirical is None or empirical.gain - CHARGE <= scores["named"].gain - charged:
         return None
-    return kept, stranger
+    return kept, empirical
 
 
-def _sectors(free: Fitted, _: Fitted) -> list[Group]:
+def _sectors(free: FittedTerms, _: FittedTerms) -> list[TestedColumns]:
     """Return errors at a few headings."""
     heading = free.channel.covariates.get("heading")
     if heading is None:
@@ -258,10 +261,12 @@ def _sectors(free: Fitted, _: Fitted) -> list[Group]:
     away = np.abs(angles.difference(heading[:, None], 360.0 / PLACES * np.arange(PLACES)))
     hats = [np.where(away < reach, 1.0 + np.cos(np.pi * away / reach), 0.0) / 2.0 for reach in REACHES_DEG]
     columns = np.concatenate(hats, axis=1)
-    return [Group("heading", c[:, None], None, ("heading",)) for c in columns.T if np.count_nonzero(c) >= FEWEST]
+    return [
+        TestedColumns("heading", c[:, None], None, ("heading",)) for c in columns.T if np.count_nonzero(c) >= FEWEST
+    ]
 
 
-def _whiles(free: Fitted, noise: Fitted) -> list[Group]:
+def _whiles(free: FittedTerms, noise: FittedTerms) -> list[TestedColumns]:
     """Return the offset with a begin and an end that gains most; its dates must be right to the sample."""
     n, name = len(free.channel), "time" if "time" in free.channel.covariates else "reading"
     if name not in free.channel.covariates or n < 2 * FEWEST:
@@ -276,7 +281,7 @@ def _whiles(free: Fitted, noise: Fitted) -> list[Group]:
     power = gram[begin, begin] + gram[end, end] - 2.0 * gram[begin, end]
     long = (at[end] - at[begin] >= FEWEST) & (power > FAINT * power.max())
     best = int(np.argmax(np.where(long, (pull[begin] - pull[end]) ** 2 / np.maximum(power, 1e-300), -1.0)))
-    return [Group(name, steps[:, [begin[best]]] - steps[:, [end[best]]], None, (name,))]
+    return [TestedColumns(name, steps[:, [begin[best]]] - steps[:, [end[best]]], None, (name,))]
 
 
 FAMILIES = (

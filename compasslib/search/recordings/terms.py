@@ -13,11 +13,7 @@ from compasslib.effects.term import Scene, Term, horizontal, parameter
 
 
 def elapsed(scene: Scene) -> Floats:
-    """Return the share of the record that is over, (n,).
-
-    Args:
-        scene: in what it was made.
-    """
+    """Return the share of the record that is over, (n,)."""
     return (scene.time_s - scene.time_s[0]) / max(float(np.ptp(scene.time_s)), 1e-9)
 
 
@@ -32,7 +28,6 @@ def moving(scene: Scene, turned: Callable[[float], Floats]) -> Moving:
     """Return a scene with the turns of its instrument.
 
     Args:
-        scene: in what a recording was made.
         turned: change of the heading until some seconds ahead, (n,) degrees.
     """
     return Moving(**vars(scene), turned=turned)

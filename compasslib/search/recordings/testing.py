@@ -14,7 +14,7 @@ from compasslib.core.types import Floats
 from compasslib.effects.term import Term
 from compasslib.search.recordings import fitting
 from compasslib.search.recordings.channel import Channel, dated
-from compasslib.search.recordings.fitting import Fitted
+from compasslib.search.recordings.fitting import FittedTerms
 from compasslib.search.scan import normal_score
 from compasslib.stats import arma, whitening
 
@@ -26,7 +26,7 @@ SHARE_OF_FREEDOM = 3  # an omnibus group has no more columns than this part of t
 
 
 @dataclass(frozen=True)
-class Group:
+class TestedColumns:
     """Columns that are tested together, (n, k) degrees a unit."""
 
     name: str  # of the term's class, or of the covariates
@@ -36,26 +36,26 @@ class Group:
 
 
 @dataclass(frozen=True)
-class Tested:
+class TestedEffect:
     """One effect or covariate: its best group, how probable noise makes it, and how much memory inflates it."""
 
-    group: Group
+    group: TestedColumns
     p_value: float
     inflation: float  # mean statistic of the noise over its freedom, at least 1
     gain: float  # twice the log likelihood that the best group adds, over the inflation
 
 
-def of_terms(now: Fitted, kinds: Sequence[type[Term]]) -> list[Group]:
+def of_terms(now: FittedTerms, kinds: Sequence[type[Term]]) -> list[TestedColumns]:
     """Return the columns of terms where a hypothesis stands, for a term with a date one group a date."""
     groups = []
     for kind in kinds:
         places = dates(now.channel) if kind.dated() else [0.0]
         terms = [dated(kind(), place) if kind.dated() else kind() for place in places]
-        groups += [Group(kind.__name__, columns(now, term), term) for term in terms]
+        groups += [TestedColumns(kind.__name__, columns(now, term), term) for term in terms]
     return groups
 
 
-def columns(now: Fitted, term: Term) -> Floats:
+def columns(now: FittedTerms, term: Term) -> Floats:
     """Return the derivative of the simulated heading by a term's parameters beside a hypothesis, (n, p).
 
     Args:
@@ -76,32 +76,30 @@ def dates(channel: Channel) -> list[float]:
     return [float((channel.time_s[k - 1] + channel.time_s[k]) / 2.0) for k in places]
 
 
-def omnibus(now: Fitted) -> list[Group]:
+def omnibus(now: FittedTerms) -> list[TestedColumns]:
     """Return harmonics and hats of the heading, hats of every other covariate, and products with the heading."""
     found = now.channel.covariates
     worth = len(now.channel) if now.channel.remembered else fitting.effective(now)  # the law's draws know the memory
     most = int(worth) // SHARE_OF_FREEDOM
     heading, groups = found.get("heading"), []
     if heading is not None:
-        groups = [Group("heading", _periodic(heading, range(3, 7)), None, ("heading",))]
-        groups.append(Group("heading", _heading_hats(heading), None, ("heading",)))
+        groups = [TestedColumns("heading", _periodic(heading, range(3, 7)), None, ("heading",))]
+        groups.append(TestedColumns("heading", _heading_hats(heading), None, ("heading",)))
     for name, column in found.items():
         if name == "heading" or np.ptp(column) == 0.0:
             continue
-        groups.append(Group(name, _hats(column, min(HATS, max(3, most // 2))), None, (name,)))
+        groups.append(TestedColumns(name, _hats(column, min(HATS, max(3, most // 2))), None, (name,)))
         if heading is not None:
             both = _periodic(heading, range(1, 3)) * _standard(column)[:, None]
-            groups.append(Group(f"heading x {name}", both, None, ("heading", name)))
+            groups.append(TestedColumns(f"heading x {name}", both, None, ("heading", name)))
     return [group for group in groups if 0 < group.columns.shape[1] <= most]
 
 
-def test(now: Fitted, noise: Fitted, groups: Sequence[Group], seed: int = 0) -> list[Tested]:
+def test(now: FittedTerms, noise: FittedTerms, groups: Sequence[TestedColumns], seed: int = 0) -> list[TestedEffect]:
     """Return for each name its best group with the probability that noise makes it as good.
 
     Args:
-        now: the hypothesis that is tested.
         noise: the hypothesis whose residual is taken for noise: an effect must not raise the bar for itself.
-        groups: columns.
     """
     white = noise.whitener if now.channel.remembered else None
     seen_as = groups if white is None else [replace(group, columns=white @ group.columns) for group in groups]
@@ -123,7 +121,7 @@ def test(now: Fitted, noise: Fitted, groups: Sequence[Group], seed: int = 0) -> 
     return [_tested(name, groups, score, scores, seen, inflation) for name in names]
 
 
-def square(fitted: Fitted, noise: Fitted) -> float:
+def square(fitted: FittedTerms, noise: FittedTerms) -> float:
     """Return the sum of the squares of a fit; where the noise remembers, of what is left of it without the memory.
 
     Args:
@@ -135,21 +133,20 @@ def square(fitted: Fitted, noise: Fitted) -> float:
     return float(left @ left)
 
 
-def directions(group: Group, base: Floats) -> Floats:
+def directions(group: TestedColumns, base: Floats) -> Floats:
     """Return an orthonormal basis of what the base leaves of a group, (n, k).
 
     Of splines, what the base nearly is leaves faint directions that are no splines any more: they are left out.
 
     Args:
-        group: columns.
         base: orthonormal, (n, b).
     """
     return whitening.orthonormal(_without(group.columns, base), FAINT if group.term is None else 1e-5)
 
 
 def _tested(
-    name: str, groups: Sequence[Group], score: Floats, scores: Floats, seen: Floats, inflation: Floats
-) -> Tested:
+    name: str, groups: Sequence[TestedColumns], score: Floats, scores: Floats, seen: Floats, inflation: Floats
+) -> TestedEffect:
     own = [k for k, group in enumerate(groups) if group.name == name]
     best = max(own, key=lambda k: score[k])
     highest = scores[:, own].max(axis=1)
@@ -157,17 +154,14 @@ def _tested(
     # One group: a normal score. The highest of many: Gumbel's law.
     p = 0.5 * erfc(away / sqrt(2.0)) if len(own) == 1 else float(-np.expm1(-np.exp(-away * np.pi / sqrt(6.0) - 0.5772)))
     least = max(float(inflation[best]), 1.0)
-    return Tested(groups[best], p, least, float(seen[best]) / least)
+    return TestedEffect(groups[best], p, least, float(seen[best]) / least)
 
 
-def draws(noise: Fitted, seed: int, repeats: int = REPEATS) -> Floats:
+def draws(noise: FittedTerms, seed: int, repeats: int = REPEATS) -> Floats:
     """Return draws of the record's own noise: blocks of it at other places with random signs, (repeats, n).
 
     Readings without memory are drawn from a normal distribution, and stretches of a short log by the law of their
     memory: a dozen of them hold no distribution of their own.
-
-    Args:
-        noise: a hypothesis that fits.
     """
     rng, n = np.random.default_rng(seed), len(noise.channel)
     if noise.channel.independent:

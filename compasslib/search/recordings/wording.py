@@ -73,11 +73,9 @@ def finding(
     """Return two or three sentences on one finding.
 
     Args:
-        where: where it lives.
         parameters: value, standard error and unit by name.
         size_deg: visible size, rms degrees.
         proof: residual before and after on held-out stretches.
-        what: what was compared.
     """
     each = (
         (name, f"{v:.3g} ± {1.96 * s:.2g}", "" if unit == "1" else f" {unit}")
@@ -99,20 +97,17 @@ def large(size_deg: float, proof: HeldOut, what: str) -> Finding:
 
     Args:
         size_deg: difference from the exact compass, rms degrees.
-        proof: what each leaves.
-        what: was compared.
     """
     place = Where("heading", 0.0, 360.0, "along the recorded heading, all round")
     share = {"share": Parameter(1.0, 0.0, "of the exact compass")}
-    said = finding("large_deviation", (), where=place.text, parameters={}, size_deg=size_deg, proof=proof, what=what)
-    return Finding("large_deviation", "compass", (), place, None, share, size_deg, proof, said)
+    text = finding("large_deviation", (), where=place.text, parameters={}, size_deg=size_deg, proof=proof, what=what)
+    return Finding("large_deviation", "compass", (), place, None, share, size_deg, proof, text)
 
 
 def place(covariate: str, low: float, high: float, clocked: bool) -> str:
     """Return the range of a covariate in words.
 
     Args:
-        high: upper end.
         clocked: whether time is UTC.
     """
     if covariate == "time" and clocked:
@@ -126,11 +121,11 @@ def separated_by(effect: str, alternatives: Sequence[str]) -> str:
     Args:
         effect: the effect that fits best.
     """
-    told = {
+    phrases = {
         other: SEPARATED_BY.get(frozenset((effect, other))) or wording.separated_by(effect, [other]).split(": ", 1)[-1]
         for other in alternatives
     }
-    return "; ".join(f"{effect} or {other}: {how}" for other, how in told.items())
+    return "; ".join(f"{effect} or {other}: {how}" for other, how in phrases.items())
 
 
 def why(found: Sequence[Finding], left: Unexplained | None, compared: Sequence[str]) -> str:
@@ -138,7 +133,6 @@ def why(found: Sequence[Finding], left: Unexplained | None, compared: Sequence[s
 
     Args:
         left: what has no name.
-        compared: what was compared.
     """
     if left is not None:
         return left.text

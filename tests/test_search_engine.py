@@ -32,7 +32,7 @@ def test_the_threshold_is_that_of_many_normals():
 @pytest.mark.parametrize("ahead_h", [-0.8, 0.5, 2.3])
 def test_a_clock_offset_is_found_with_its_sign_and_repaired(ahead_h):
     seen, _ = pairs(n=4000, seed=5)
-    wrong = clocks.repaired(seen, clocks.Clock(-ahead_h, 0.0, 0.01, 0.01, True, False))
+    wrong = clocks.repaired(seen, clocks.ClockError(-ahead_h, 0.0, 0.01, 0.01, True, False))
     found = clocks.compare(wrong)
     assert found.offset_named and not found.drift_named
     assert found.offset_h == pytest.approx(ahead_h, abs=4 * found.offset_sigma_h + 0.05)
@@ -43,7 +43,7 @@ def test_a_clock_offset_is_found_with_its_sign_and_repaired(ahead_h):
 
 def test_a_clock_drift_is_told_from_an_offset():
     seen, _ = pairs(n=6000, seed=6)
-    wrong = clocks.repaired(seen, clocks.Clock(0.0, -2.0, 0.01, 0.01, False, True))
+    wrong = clocks.repaired(seen, clocks.ClockError(0.0, -2.0, 0.01, 0.01, False, True))
     found = clocks.compare(wrong)
     assert found.drift_named and not found.offset_named
     assert found.drift_h_year == pytest.approx(2.0, abs=4 * found.drift_sigma_h_year)

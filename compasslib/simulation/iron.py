@@ -1,4 +1,4 @@
-"""Logs of a magnetometer near known iron, by its own arithmetic: nothing here is shared with the analysis."""
+"""Logs of a magnetometer near known iron, turned on a platform in waves or by hand over the sphere; counts."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 from scipy.signal import lfilter
 
+from compasslib.simulation.series import Floats
+
 FIELD = 500.0  # modulus of the earth's field, counts
 
 
@@ -15,8 +17,8 @@ FIELD = 500.0  # modulus of the earth's field, counts
 class Iron:
     """Soft iron (no unit) and hard iron (counts) in the body frame forward, starboard, down, and the dip."""
 
-    soft: np.ndarray
-    hard: np.ndarray
+    soft: Floats
+    hard: Floats
     dip_deg: float
 
     @property
@@ -24,7 +26,7 @@ class Iron:
         """Horizontal and downward field, counts."""
         return FIELD * np.cos(np.deg2rad(self.dip_deg)), FIELD * np.sin(np.deg2rad(self.dip_deg))
 
-    def deviation(self, recorded_deg: np.ndarray) -> np.ndarray:
+    def deviation(self, recorded_deg: Floats) -> Floats:
         """Return correct minus recorded heading at recorded ones, level, by interpolation of the forward compass."""
         beta = np.linspace(-720.0, 720.0, 57601)
         h, z = self.level
@@ -32,7 +34,7 @@ class Iron:
         x, y, _ = self.soft @ field + self.hard[:, None]
         gamma = np.unwrap(np.arctan2(-y, x))
         gamma = np.rad2deg(gamma - 2 * np.pi * np.round((gamma[28800]) / (2 * np.pi)))
-        return np.interp(recorded_deg, gamma, beta) - recorded_deg
+        return np.asarray(np.interp(recorded_deg, gamma, beta) - recorded_deg)
 
 
 def some(rng: np.random.Generator, *, strength: float = 0.15) -> Iron:
@@ -43,27 +45,27 @@ def some(rng: np.random.Generator, *, strength: float = 0.15) -> Iron:
     return Iron(soft, strength * FIELD * np.cos(np.deg2rad(dip)) * rng.normal(size=3), dip)
 
 
-def red(rng: np.random.Generator, n: int, memory: float, columns: int) -> np.ndarray:
+def red(rng: np.random.Generator, n: int, memory: float, columns: int) -> Floats:
     """Return noise of variance 1 whose autocorrelation falls as memory^lag, (n, columns)."""
     white = rng.normal(size=(n + 200, columns))
-    return lfilter([np.sqrt(1.0 - memory**2)], [1.0, -memory], white, axis=0)[200:]
+    return np.asarray(lfilter([np.sqrt(1.0 - memory**2)], [1.0, -memory], white, axis=0)[200:])
 
 
-def level_motion(rng: np.random.Generator, n: int, *, turns: float = 12.0, tilt_deg: float = 4.0) -> np.ndarray:
+def level_motion(rng: np.random.Generator, n: int, *, turns: float = 12.0, tilt_deg: float = 4.0) -> Floats:
     """Return heading, pitch, roll (n, 3), degrees, of a platform that turns about the vertical in waves."""
     heading = np.linspace(0.0, 360.0 * turns, n) + 15.0 * red(rng, n, 0.98, 1)[:, 0]
     tilts = tilt_deg / 2.0 * red(rng, n, 0.6, 2)
     return np.column_stack([heading, tilts])
 
 
-def tumble(rng: np.random.Generator, n: int) -> np.ndarray:
+def tumble(rng: np.random.Generator, n: int) -> Floats:
     """Return heading, pitch, roll (n, 3), degrees, of an instrument turned by hand over the sphere."""
     heading = np.linspace(0.0, 360.0 * 23.0, n) + rng.uniform(0.0, 360.0)
     roll = np.linspace(0.0, 360.0 * 7.0, n) + rng.uniform(0.0, 360.0)
     return np.column_stack([heading, 75.0 * np.sin(np.linspace(0.0, 2 * np.pi * 11.0, n)), roll])
 
 
-def turned(motion: np.ndarray) -> np.ndarray:
+def turned(motion: Floats) -> Floats:
     """Return C^T for each attitude, earth (north, east, down) to body, (n, 3, 3)."""
     (h, p, r) = np.deg2rad(motion).T
     one, nil = np.ones_like(h), np.zeros_like(h)
@@ -75,15 +77,15 @@ def turned(motion: np.ndarray) -> np.ndarray:
 
 
 def readings(
-    rng: np.random.Generator, iron: Iron, motion: np.ndarray, *, noise: float = 0.01, memory: float = 0.0
-) -> np.ndarray:
+    rng: np.random.Generator, iron: Iron, motion: Floats, *, noise: float = 0.01, memory: float = 0.0
+) -> Floats:
     """Return what the three axes show, (n, 3) counts, with noise over the field."""
     h, z = iron.level
     field = turned(motion) @ np.array([h, 0.0, z])
-    return field @ iron.soft.T + iron.hard + noise * FIELD * red(rng, len(motion), memory, 3)
+    return np.asarray(field @ iron.soft.T + iron.hard + noise * FIELD * red(rng, len(motion), memory, 3))
 
 
-def write(path: Path, **columns: np.ndarray) -> Path:
+def write(path: Path, **columns: Floats) -> Path:
     """Write columns to a CSV file and return its path."""
     rows = np.column_stack(list(columns.values()))
     np.savetxt(path, rows, delimiter=",", header=",".join(columns), comments="", fmt="%.6f")

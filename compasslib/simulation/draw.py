@@ -12,8 +12,6 @@ import numpy as np
 import yaml
 
 from compasslib.simulation import demonstration, planting, readings, sealed, sealed_files
-from compasslib.simulation import planting as visible
-from compasslib.simulation.effects_strange import STRANGE
 from compasslib.simulation.sealed import Ground, Wish
 from compasslib.simulation.sealed_files import DEEP_SAMPLE_S, Export, Written
 from compasslib.simulation.series import stream
@@ -29,7 +27,7 @@ SINGLES = (
     "clock_drift", "tilt_uncompensated", "compass_lag",
     "stuck_tilt",
 )  # fmt: skip
-STRANGERS = tuple(STRANGE)
+UNNAMED = tuple(planting.UNCATALOGUED)
 PAIRS = (
     ("heeling", "temperature"), ("sextantal", "hard_iron_step"), ("temperature", "current_veer"),
     ("octantal", "heading_slip"), ("heeling", "compass_drift"), ("clock_offset", "sextantal"),
@@ -85,7 +83,7 @@ def write(one: Sealed, cruise: Path, locked: Path) -> None:
         ],
         "rivals": list(one.rivals),
         "wide": one.wish.wide,
-        "background_deg": visible.background_deg(ground),
+        "background_deg": planting.background_deg(ground),
         **_bounds(ground, raw),
     }
     _lock(locked, one.name, facts, raw)
@@ -127,7 +125,7 @@ def _one(rng: np.random.Generator, name: str, kind: str, turn: int, seed: int, h
     wanted = {
         "single": {SINGLES[turn % len(SINGLES)]: size},
         "pair": dict.fromkeys(PAIRS[turn % len(PAIRS)], max(size, 1.2)),
-        "strange": {STRANGERS[turn % len(STRANGERS)]: size},
+        "strange": {UNNAMED[turn % len(UNNAMED)]: size},
         "shifted": {"temperature": size},
     }.get(kind, {})
     if "field_disturbance" in wanted:
@@ -199,6 +197,6 @@ def _bounds(ground: Ground, raw: Written) -> dict[str, float]:
     known = np.isfinite(raw.heading_deg)
     bare = readings.read(ground, (), ground.stamp_s, ground.random("readings"))
     return {
-        "five_deg": float(np.std(visible.left_deg(raw.recorded_deg[known], raw.heading_deg[known]))),
-        "oracle_deg": float(np.std(visible.left_deg(bare.recorded_deg, bare.heading_deg))),
+        "five_deg": float(np.std(planting.left_deg(raw.recorded_deg[known], raw.heading_deg[known]))),
+        "oracle_deg": float(np.std(planting.left_deg(bare.recorded_deg, bare.heading_deg))),
     }

@@ -11,7 +11,7 @@ import pytest
 import yaml
 from bench import readings, write_calibration
 from sea import cruise
-from test_provenance import page_of, verify
+from test_archive_provenance import page_of, verify
 from test_workflow import change, planned, snakemake
 
 from compasslib.archive import crate

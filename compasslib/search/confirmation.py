@@ -15,7 +15,7 @@ from compasslib.core import angles
 from compasslib.core.types import Floats
 from compasslib.effects import composition
 from compasslib.effects.water import VeerWithDirection
-from compasslib.search import baseline, dispersion, findings, followed, model, scan, show
+from compasslib.search import baseline, dispersion, findings, model, scan, show, within_weeks
 from compasslib.search.baseline import State
 from compasslib.search.columns import Group
 from compasslib.search.naming import Named
@@ -48,7 +48,6 @@ def replaced(named: Named, group: Group, size_deg: float, min_effect_deg: float)
     Args:
         group: splines along which something is left.
         size_deg: its visible size, rms.
-        min_effect_deg: size from which on it is told.
     """
     state = named.state
     terms = state.simulation.terms
@@ -86,7 +85,7 @@ def _weakest(state: State) -> tuple[int, float] | None:
 
     One that its own series refutes within weeks is as good as not confirmed.
     """
-    if refuted := followed.refuted(state):
+    if refuted := within_weeks.refuted(state):
         return refuted[0], BESIDE
     terms = state.simulation.terms
     p_values = {k: show.held_out(state, [k]).p_value for k, term in enumerate(terms) if not term.evident}

@@ -5,12 +5,12 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 
-import discrepancy as bench
 import numpy as np
 import pytest
-from discrepancy import field_of, fitted
-from sea import FOLDED, pairs, red_noise
+from sea import FOLDED, pairs
 
+from benchmarks import discrepancy as bench
+from benchmarks.discrepancy import field_of, fitted
 from compasslib import deviation
 from compasslib.archive.files import read_json, write_json
 from compasslib.core import angles, compass
@@ -23,25 +23,26 @@ from compasslib.search import (
     baseline,
     clocks,
     columns,
+    confirmation,
     covariates,
     dispersion,
-    doubts,
     episodes,
-    followed,
-    large,
+    findings,
     model,
-    mooring,
     naming,
     rivals,
     scan,
     show,
     stuck,
     verdict,
+    within_weeks,
 )
 from compasslib.search import product as products
+from compasslib.search.case import mooring_case
 from compasslib.search.diagnosis import Options, diagnose
 from compasslib.simulation import demonstration
 from compasslib.simulation import pairs as world
+from compasslib.simulation.pairs import red_from_rest as red_noise
 from compasslib.stages import pipeline
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -71,7 +72,7 @@ def test_bins_of_nothing_lie_as_far_off_as_their_errors_say():
     far = []
     for seed in range(4):
         drawn = world.planted(world.make(seed, wide=True, n=HOURS), {})
-        case = mooring.case(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
+        case = mooring_case(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
         state = baseline.examine(case, case.simulation, np.zeros(case.nuisance.shape[1]))
         curves = [show.curve(state, state, name) for name in ("time", "heading", "speed", "supply_voltage")]
         far += [curve.after_deg / curve.sigma_deg for curve in curves]
@@ -82,7 +83,7 @@ def test_bins_of_nothing_lie_as_far_off_as_their_errors_say():
 
 def test_headings_without_a_true_one_have_no_bin():
     drawn = world.planted(world.make(0, wide=True, n=HOURS), {})
-    case = mooring.case(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
+    case = mooring_case(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
     state = baseline.examine(case, case.simulation, np.zeros(case.nuisance.shape[1]))
     lost = (drawn.pairs.heading_deg >= 60.0) & (drawn.pairs.heading_deg < 80.0)
     width = np.where(lost, np.inf, state.whitener.width_deg)
@@ -155,7 +156,7 @@ def test_a_compass_that_does_not_level_is_told_from_iron_that_heels():
 def test_a_series_fitted_to_iron_stronger_than_the_field_is_too_small_a_model():
     sample, _ = pairs(FOLDED, n=1200, seed=3)
     exact, series = deviation.fit("exact", sample), deviation.fit("von_appen", sample)
-    (finding,) = large.findings(sample, exact, series, 0.5)
+    (finding,) = findings.of_exact_compass(sample, exact, series, 0.5)
     assert (finding.effect, finding.side, finding.applied) == ("large_deviation", "compass", True)
     assert finding.held_out.p_value < 0.01 and finding.rms_effect_deg > 5.0
     ones = np.ones(2)
@@ -231,7 +232,7 @@ def test_an_effect_beyond_a_rare_depth_is_no_veer_in_proportion_to_depth():
 
 def test_a_step_that_a_wave_explains_better_has_no_name():
     drawn = world.planted(world.make(4, wide=True, n=HOURS), {"wander": 3.5})
-    case = mooring.case(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
+    case = mooring_case(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
     state = baseline.examine(case, case.simulation, np.zeros(case.nuisance.shape[1]))
     step = HeadingSlip(date_s=float(np.median(case.scene.time_s)))
     named = naming.Named(model.refit(state, [step]), alternatives=((),))
@@ -245,17 +246,17 @@ def test_a_step_that_a_wave_explains_better_has_no_name():
 @pytest.mark.parametrize(("seed", "doubted"), [(5, None), (11, "heeling")])  # p 0.95 and 1.00; 0.70 and 0.35
 def test_a_name_that_held_out_days_do_not_confirm_is_not_given(seed, doubted):
     drawn = world.planted(world.make(seed, wide=True, n=HOURS), {})
-    case = mooring.case(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
+    case = mooring_case(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
     state = baseline.examine(case, case.simulation, np.zeros(case.nuisance.shape[1]))
     named = naming.Named(model.refit(state, [Sextantal(), Heeling()]), alternatives=((), ()))
-    left, largest = doubts.unproven(named)
+    left, largest = confirmation.unproven(named)
     assert not left.state.simulation.terms and left.alternatives == ()
     assert (largest[0].name if largest else None) == doubted
 
 
 def test_a_chosen_harmonic_is_weighed_by_its_own_slope_not_as_a_second_one():
     drawn = world.planted(world.make(2, wide=False, n=HOURS), {"sextantal": 4.0})
-    case = mooring.case(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
+    case = mooring_case(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
     state = baseline.examine(case, case.simulation, np.zeros(case.nuisance.shape[1]))
     grown = model.refit(state, [Sextantal()])
     tested = scan.test(grown, columns.of_terms(grown, case.terms))
@@ -283,7 +284,7 @@ def test_two_effects_that_hide_each_other_are_found_as_a_pair():
 def slow_water():
     """Three quarters of the pairs without a direction to speak of: they scatter by 50 degrees and more."""
     drawn = world.planted(world.make(4, wide=True, n=HOURS, noise_deg=50.0), {})
-    case = mooring.case(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
+    case = mooring_case(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
     state = model.refit(baseline.examine(case, case.simulation, np.zeros(case.nuisance.shape[1])), [])
     return state, scan.test(state, columns.of_terms(state, case.terms))
 
@@ -361,7 +362,7 @@ def test_directions_read_between_samples_are_no_veer_of_the_water():
 @pytest.mark.parametrize("hours", [-9.0, 5.0])
 def test_a_clock_that_held_out_directions_deny_is_told_and_not_applied(monkeypatch, hours):
     drawn = world.planted(world.make(5, wide=True, n=HOURS), {})
-    monkeypatch.setattr(clocks, "compare", lambda pairs: clocks.Clock(hours, 0.0, 0.1, 0.1, True, False))
+    monkeypatch.setattr(clocks, "compare", lambda pairs: clocks.ClockError(hours, 0.0, 0.1, 0.1, True, False))
     found = diagnose(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn), Options())
     assert not [one for one in found.findings if one.side == "clock"] and found.fit is None
     assert "held-out directions agree less with it" in found.warnings[0] and found.to_json()["warnings"]
@@ -380,7 +381,7 @@ def test_a_finding_that_held_out_days_deny_is_none():
 def test_the_rms_of_a_large_deviation_is_that_of_pairs_the_fits_have_not_seen():
     seen, _ = pairs(FOLDED, n=2000, seed=3)
     exact, series = (deviation.fit(method, seen) for method in ("exact", "von_appen"))
-    (finding,) = large.findings(seen, exact, series, 0.5)
+    (finding,) = findings.of_exact_compass(seen, exact, series, 0.5)
     some = fits.chosen(seen, np.arange(0, len(seen), 2))
     assert finding.held_out.rms_after_deg == angles.rms(show.left_out(some, exact))
     # A stretch by itself: the other half knows nothing of it.
@@ -424,13 +425,13 @@ def test_a_season_alone_is_no_proof_of_temperature():
 def test_an_effect_of_temperature_follows_the_changes_of_weeks(months_early, seen_in_weeks):
     drawn = world.planted(world.make(12, wide=True), {"temperature": 3.0})
     drawn.covariates["temperature"] = np.roll(drawn.covariates["temperature"], 730 * months_early)
-    case = mooring.case(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
+    case = mooring_case(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
     empty = baseline.examine(case, case.simulation, np.zeros(case.nuisance.shape[1]))
     (name,) = (x for x in drawn.truth["temperature"] if x != "b_y_nT_K")
     kind = TemperatureOfReading if name == "deg_K" else TemperatureOfField
     state = model.refit(empty, [kind(**drawn.truth["temperature"])])
     state = replace(state, simulation=replace(state.simulation, terms=(kind(**drawn.truth["temperature"]),)))
-    assert (followed.refuted(state) == []) == seen_in_weeks
+    assert (within_weeks.refuted(state) == []) == seen_in_weeks
 
 
 def test_a_temperature_that_weeks_do_not_show_leads_no_set():
@@ -446,14 +447,14 @@ def test_water_that_veers_otherwise_from_a_date_on_is_no_change_of_iron():
     sine, cosine = angles.sin_cos(drawn.heading)
     second, _ = angles.sin_cos(2.0 * drawn.heading)
     turned = angles.turn(sample.lower_east, sample.lower_north, later * (7.0 * sine + 5.0 * cosine + 10.0 * second))
-    case = mooring.case(
+    case = mooring_case(
         replace(sample, lower_east=turned[0], lower_north=turned[1]), {}, fitted(drawn), field_of(drawn)
     )
     state = baseline.examine(case, case.simulation, np.zeros(case.nuisance.shape[1]))
     steps = [group for group in columns.of_terms(state, case.terms) if group.name == "hard_iron_step"]
     inflation = dispersion.by_water(state, steps)
     assert inflation.max() > 3.0
-    case = mooring.case(sample, {}, fitted(drawn), field_of(drawn))
+    case = mooring_case(sample, {}, fitted(drawn), field_of(drawn))
     quiet = baseline.examine(case, case.simulation, np.zeros(case.nuisance.shape[1]))
     assert dispersion.by_water(quiet, steps).max() < 2.0
 

@@ -22,20 +22,12 @@ MISSING, SEEN = 2.33, 2.0  # normal scores: of what is missing from the whole ef
 
 
 def refuted(state: State) -> list[int]:
-    """Return the positions of the terms that the changes of their series within weeks refute.
-
-    Args:
-        state: with terms.
-    """
+    """Return the positions of the terms that the changes of their series within weeks refute."""
     return [k for k, share, sigma in _shares(state) if _missing(share, sigma)]
 
 
 def unseen(state: State) -> list[int]:
-    """Return the positions of the terms that the changes of their series within weeks do not show.
-
-    Args:
-        state: with terms.
-    """
+    """Return the positions of the terms that the changes of their series within weeks do not show."""
     return [k for k, share, sigma in _shares(state) if share < SEEN * sigma]
 
 

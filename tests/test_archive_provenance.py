@@ -240,7 +240,7 @@ def test_the_rule_says_the_same_and_makes_nothing_anew(archive):
     assert ran.returncode != 0 and "missing: results/M1/figures/scatter.png" in ran.stderr
     assert not (archive / "results/M1/figures/scatter.png").exists()
     with pytest.raises(InputError, match="found 1 that differ"):
-        verification.tell(archive, lambda line: None)
+        verification.verify(archive, lambda line: None)
 
 
 # ---------------------------------------------------------------------------------------------------------------- jobs

@@ -11,7 +11,8 @@ import pytest
 from compasslib.archive import provenance
 from compasslib.archive.files import HALF_WRITTEN
 from compasslib.core.errors import InputError
-from compasslib.run import guard, ledger, simulated
+from compasslib.run import guard, ledger
+from compasslib.stages import simulate as stage
 
 RAW = ["raw/EG1/top.000", "raw/EG1/deep.000"]
 TRUTH = "truth/EG1.csv"
@@ -79,7 +80,7 @@ def simulate(content: str = "simulated", stop_after: int = 3) -> None:
     """Put the files in place, or be killed after some of them."""
     for file in [*RAW, TRUTH]:
         Path(file).unlink(missing_ok=True)  # as Snakemake does before a job
-    with simulated.put("EG1", [*RAW, TRUTH][:stop_after]) as folder:
+    with stage.put("EG1", [*RAW, TRUTH][:stop_after]) as folder:
         for file in [*RAW, TRUTH]:
             (folder / file).parent.mkdir(parents=True, exist_ok=True)
             (folder / file).write_text(content + file)
@@ -159,7 +160,7 @@ def test_two_moorings_of_one_file_are_refused():
 
 def test_a_file_that_was_not_asked_for_is_put_nowhere():
     put(RAW[1])
-    with simulated.put("EG1", RAW[:1]) as folder:
+    with stage.put("EG1", RAW[:1]) as folder:
         for file in RAW:
             (folder / file).parent.mkdir(parents=True, exist_ok=True)
             (folder / file).write_text("simulated")
