@@ -312,7 +312,7 @@ def noisy(seed: int, *, both: bool) -> tuple[np.ndarray, dict[str, np.ndarray]]:
 
 @pytest.mark.parametrize("both", [False, True])
 def test_one_speed_and_half_a_knot_end_within_what_is_stated(tmp_path, both):
-    """Six ordinary logs: no coefficient beyond three standard errors, no drift beyond what is believed."""
+    """Six ordinary logs: no coefficient beyond three standard errors, no drift beyond what is allowed."""
     for seed in range(6):
         truth, columns = noisy(seed, both=both)
         found = swing.calibrate([written(tmp_path, **columns)], SURE)

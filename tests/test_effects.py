@@ -151,11 +151,11 @@ def test_six_degrees_of_the_third_harmonic_are_undone_exactly():
 
 
 def at_its_bound(kind):
-    """Return a term as large as is believed of it, or fifteen degrees large."""
+    """Return a term as large as is plausible, or fifteen degrees large."""
     term = absent(kind)
     ranges = [f.metadata["range"][1] for f in fields(kind) if f.metadata["step"]]
     term = term.at([min(most, 15.0 * step) for most, step in zip(ranges, kind.steps(), strict=True)])
-    while not term.believable:
+    while not term.plausible:
         term = term.at(0.97 * term.values)
     return term
 
@@ -184,14 +184,14 @@ def test_a_harmonic_is_undone_as_long_as_the_reading_turns_with_the_field(kind, 
     term = kind(0.6 * amplitude, -0.8 * amplitude)
     x = np.linspace(-400.0, 800.0, 12_345)
     assert np.abs(term.undone(term.act(x, FLAT), FLAT) - x).max() < 1e-6  # at 0.999 a reading turns by a thousandth
-    assert term.believable == (turns < 0.8)
+    assert term.plausible == (turns < 0.8)
 
 
 @pytest.mark.parametrize("kind", [Sextantal, Octantal])
 def test_a_harmonic_with_three_angles_for_a_reading_gives_none(kind):
     simulation = Simulation(LEVEL, H_NT, (kind(0.75 * 57.3 / kind.order, 0.75 * 57.3 / kind.order),))
     recorded = composition.recorded_heading(simulation, FLAT, HEADING)
-    assert not simulation.terms[0].believable
+    assert not simulation.terms[0].plausible
     assert np.isnan(composition.headings(simulation, FLAT, recorded)).all()
 
 

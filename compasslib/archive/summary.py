@@ -94,8 +94,8 @@ def _warnings(folder: Path, fit: Mapping[str, Any], found: Mapping[str, Any], ve
     reasons = dict.fromkeys(why for why in (fit["why"], found["why"] * (found["verdict"] == "insufficient")) if why)
     pairs = netcdf.read_pairs(folder / "overlap.nc").warnings
     refuted = [verdict["refuted"]] if verdict["refuted"] else []
-    told = [*refuted, *reasons, *found.get("warnings", ()), *_unexplained(found), *pairs]
-    return [*told, *fit["warnings"], *_constant(fit, field), *field["warnings"]]
+    first = [*refuted, *reasons, *found.get("warnings", ()), *_unexplained(found), *pairs]
+    return [*first, *fit["warnings"], *_constant(fit, field), *field["warnings"]]
 
 
 def _of_records(paths: Iterable[Path]) -> list[str]:

@@ -30,7 +30,7 @@ class LargeDeviation(Term):
 
 # A harmonic of the recorded heading: a readout or a calibration table with teeth.
 
-FLATTEST = 0.2  # least slope of a reading that is believed: a readout that hardly turns with the field is none
+FLATTEST = 0.2  # least plausible slope of a reading: a readout that hardly turns with the field is none
 POLISHED = 4  # Newton's steps from a table of whole degrees: the last digit of a double
 
 
@@ -46,7 +46,7 @@ class Harmonic(Term):
     cosine_deg: float = parameter("degrees", "times the cosine", 1.0)
 
     @property
-    def believable(self) -> bool:
+    def plausible(self) -> bool:
         """Whether the reading always turns with the field: the order times the amplitude is well under a radian."""
         return self._flattest >= FLATTEST
 

@@ -66,8 +66,8 @@ def parameter(
 
     Args:
         step: a change that turns the heading by very roughly a degree, for differences.
-        least: a value below it is not believed of this effect.
-        most: a value above it is not believed.
+        least: no plausible value of this effect is below it.
+        most: none is above it.
         usual: standard deviation that is expected beforehand, for what a record may hardly show.
     """
     described = {"unit": unit, "meaning": meaning, "step": step, "range": (least, most), "usual": usual}
@@ -140,8 +140,8 @@ class Term(ABC):
         return float(getattr(self, "date_s", 0.0))
 
     @property
-    def believable(self) -> bool:
-        """Whether all fitted parameters are within the ranges that are believed of the effect."""
+    def plausible(self) -> bool:
+        """Whether all fitted parameters are within the plausible ranges of the effect."""
         ranges = [f.metadata["range"] for f in fields(self) if f.metadata["step"]]
         return all(low <= value <= high for value, (low, high) in zip(self.values, ranges, strict=True))
 

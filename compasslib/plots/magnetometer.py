@@ -136,7 +136,7 @@ def _heading(axes: Axes, calibration: Calibration) -> None:
         recorded, deviation = points["recorded_deg"], points["deviation_deg"]
         axes.plot(recorded, deviation, **DOT, color=CORRECTED, alpha=_alpha(len(recorded)))
     elif table is None:
-        say(axes, "The dip is not known: no heading can be told.")
+        say(axes, "The dip is not known: no heading can be computed.")
         return
     if table is not None:
         heading, value, sigma = (np.append(v, v[0]) for v in (table.heading_deg, table.deviation_deg, table.sigma_deg))

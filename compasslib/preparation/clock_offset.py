@@ -256,7 +256,7 @@ def _with_warning(found: Windows, best: Path, stated: Path) -> Clocks:
     first, second = (float(found.along(path).sum()) for path in (best, stated))
     warning = (
         f"by the speeds of the water the trusted clock may be {_in_words(best)} the compromised one "
-        f"(correlation {first:.2f}, with the clocks as told {second:.2f}): not surely, and nothing was put right; "
+        f"(correlation {first:.2f}, with the clocks as set {second:.2f}): not surely, and nothing was put right; "
         "check clock_offset_seconds, time zone and date of both, and their files"
     )
     return Clocks(warnings=(warning,))

@@ -310,7 +310,9 @@ def _refuse_other_frame(pairs: Pairs) -> None:
     if len(heading) >= ENOUGH and others[best] * CLEARER < plain:
         found = f"directions that agree with the trusted ones only where they are {OTHER_FRAMES[best]}"
         advice = "check coordinates (EX), orientation, and east and north of both instruments"
-        raise InputError("compromised instrument", expected="velocities as told", found=found, advice=advice)
+        raise InputError(
+            "compromised instrument", expected="velocities as the file has them", found=found, advice=advice
+        )
 
 
 def _velocities(pairs: Pairs) -> tuple[tuple[Floats, Floats], tuple[Floats, Floats]]:

@@ -134,7 +134,7 @@ def _averaged(own: CellSeries, met: Matched) -> bool:
 def _reason(own: CellSeries, shared: bool, off_m: float) -> str:
     first, last = own.bins.start + 1, own.bins.stop
     which = f"bin {first}" if first == last else f"bins {first} to {last}"
-    why = "whose water every pair already holds" if shared else f"told {off_m:.0f} m from their depth"
+    why = "whose water every pair already holds" if shared else f"given {off_m:.0f} m from their depth"
     return (
         "the two instruments recorded the same velocities: one recording was given twice, and no pair counts (those "
         f"of the trusted one are the compromised one's {which}, {why})"

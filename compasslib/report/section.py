@@ -55,7 +55,7 @@ class ReportSection:
 
     name: str
     anchor: str
-    verdict: str  # a word of discrepancy.telling.VERDICTS, or empty
+    verdict: str  # a word of search.wording.VERDICTS, or empty
     summary: tuple[str, ...]  # sentences: the verdict and what else comes first
     facts: tuple[tuple[str, str], ...]
     findings: tuple[ReportedFinding, ...] = ()

@@ -55,7 +55,7 @@ def _log(snakemake: Any) -> Iterator[Callable[[str], None]]:
             stopped.leave(snakemake, error)
             say(f"error: {of}{error}")
             sys.exit(1)
-        except Exception as error:  # whatever the program missed: the mooring is told of it, the traceback stays
+        except Exception as error:  # whatever the program missed: the mooring is stopped by it, the traceback stays
             stopped.leave(snakemake, error)
             raise
         finally:

@@ -36,14 +36,14 @@ class KnownHashes:
 
     known: dict[str, tuple[Signature, str]] = field(default_factory=dict)
     fresh: list[str] = field(default_factory=list)  # files hashed since
-    told: dict[str, str] = field(default_factory=dict)  # of files asked for, each looked at once
+    digests: dict[str, str] = field(default_factory=dict)  # of files asked for, each looked at once
     lines: int = 0  # that were written down, older ones of the same file included
 
     def sha256(self, path: str) -> str:
         """Return the SHA-256 of a file, nothing where it cannot be read."""
-        if path not in self.told:
-            self.told[path] = self._looked_up(path)
-        return self.told[path]
+        if path not in self.digests:
+            self.digests[path] = self._looked_up(path)
+        return self.digests[path]
 
     def _looked_up(self, path: str) -> str:
         try:
@@ -150,9 +150,9 @@ def hold(read: Mapping[str, str]) -> None:
     """
     for folder in sorted({_folder(path) for path in read if path.startswith(f"{RESULTS}/")}):
         wrote = [item for path in _records_in(folder) for item in _record(path)["wrote"].items()]
-        told = {path for path, _ in wrote}
+        paths = {path for path, _ in wrote}
         for path, digest in read.items():
-            if path in told and (path, digest) not in wrote:
+            if path in paths and (path, digest) not in wrote:
                 advice = "start the run again, and it is made again"
                 raise Passing(path, expected="the file that its job wrote", found="another", advice=advice)
 

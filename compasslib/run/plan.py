@@ -80,8 +80,8 @@ class Moorings:
         """Return the keys of one instrument that its reader takes."""
         instrument = self._instrument(wildcards)
         keys = FORMATS[instrument.format].keys
-        told = {"serial_number": self._serial_number(wildcards)} if "serial_number" in keys else {}
-        return _plain(instrument, [key for key in keys if key not in told]) | told
+        numbered = {"serial_number": self._serial_number(wildcards)} if "serial_number" in keys else {}
+        return _plain(instrument, [key for key in keys if key not in numbered]) | numbered
 
     def deployment(self, wildcards: Any) -> dict[str, Any]:
         """Return what turns one instrument's series into its record inside the deployment."""
@@ -299,8 +299,8 @@ class Plan:
 
     def described(self, wildcards: Any) -> dict[str, dict[str, Any]]:
         """Return place, dates and instruments of each mooring."""
-        told = self.moorings.described()
-        return {name: told[name] for name in self._moorings()}
+        described = self.moorings.described()
+        return {name: described[name] for name in self._moorings()}
 
     def calibrated(self, wildcards: Any) -> list[str]:
         """Return all files of the calibrations."""
@@ -316,8 +316,8 @@ class Plan:
 
     def stopped_of(self, wildcards: Any) -> dict[str, str]:
         """Return the same by what they are of, as ``Moorings.configuration`` names it."""
-        told = self.reasons(wildcards)
-        return {f"{part[:-1]} {name}": why for part, reasons in told.items() for name, why in reasons.items()}
+        stopped = self.reasons(wildcards)
+        return {f"{part[:-1]} {name}": why for part, reasons in stopped.items() for name, why in reasons.items()}
 
     def conventions(self, wildcards: Any) -> list[str]:
         """Return what was found of each mooring's netCDF files."""
@@ -402,19 +402,21 @@ def _refuse(where: str, found: str, offered: Sequence[str]) -> None:
 
 def _described(mooring: Mooring) -> dict[str, Any]:
     roles = {"compromised": mooring.compromised, "trusted": mooring.reference}
-    told = {role: _told(name, mooring.instruments[name]) if name else "none" for role, name in roles.items()}
+    texts = {
+        role: _instrument_text(name, mooring.instruments[name]) if name else "none" for role, name in roles.items()
+    }
     return {
         "latitude": mooring.latitude,
         "longitude": mooring.longitude,
         "water_depth_m": mooring.water_depth,
         "start": mooring.start.isoformat(),
         "end": mooring.end.isoformat(),
-        "instruments": told,
+        "instruments": texts,
         "roles": _roles(mooring),
     }
 
 
-def _told(name: str, instrument: Instrument) -> str:
+def _instrument_text(name: str, instrument: Instrument) -> str:
     depth = "" if instrument.depth is None else f", {instrument.depth:g} m"
     return f"{name} ({instrument.format}{depth})"
 

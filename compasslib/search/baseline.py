@@ -49,7 +49,7 @@ class State:
     response: float  # share of a small shift that survives the clip
 
     def ridge(self, terms: Iterable[type[Term] | Term]) -> Floats:
-        """Return what is believed of terms' parameters beforehand, in units of products of whitened columns, (k,).
+        """Return the prior precision of terms' parameters, in units of products of whitened columns, (k,).
 
         Args:
             terms: in the order of the columns.

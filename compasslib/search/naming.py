@@ -26,7 +26,7 @@ LOST = 0.7  # share of the least size below which a refitted term has lost its e
 SEEN = 0.5  # the same for a term of another hypothesis that could stand there
 BENT = 0.75  # share of the best score, less what is not told apart, that another must have to be refitted too
 AHEAD = 6.0  # of a pair where none speaks alone: by 4.9 in 346 records of nothing, by 5.2 in 66 of one effect
-TRIES = 4  # hypotheses that are refitted before none is believed
+TRIES = 4  # hypotheses that are refitted before none is taken
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ def _instead(named: Named, k: int, min_effect_deg: float) -> Named | None:
 
 
 def _grow(state: State, tested: Tested, worth: Sequence[int], min_effect_deg: float) -> Named | None:
-    """Return the best hypothesis with one term more, refitted, with its rivals; None where none is believable.
+    """Return the best hypothesis with one term more, refitted, with its rivals; None where none is plausible.
 
     One for which no single group speaks must be far ahead of what stands.
     """
@@ -128,7 +128,7 @@ def _refitted(
 ) -> tuple[Hypothesis, State, list[State]] | None:
     """Return the best of some hypotheses, the state it was refitted to, and other states that are not told from it.
 
-    None where none is believable.
+    None where none is plausible.
     """
     first = next(_standing(state, field, hypotheses, min_effect_deg), None)
     if first is None:
@@ -197,9 +197,9 @@ def _speaking(field: Rivals, tested: Tested, worth: Sequence[int]) -> set[int]:
 
 
 def _stands(before: State, after: State, min_effect_deg: float) -> bool:
-    """Tell whether refitted terms are still there, believable, and leave a smaller residual than without the last."""
-    believable = all(term.believable for term in after.simulation.terms) and model.gained(before, after) > 0.0
-    return believable and min(model.sizes_deg(after)) >= LOST * min_effect_deg and not within_weeks.refuted(after)
+    """Tell whether refitted terms are still there, plausible, and leave a smaller residual than without the last."""
+    plausible = all(term.plausible for term in after.simulation.terms) and model.gained(before, after) > 0.0
+    return plausible and min(model.sizes_deg(after)) >= LOST * min_effect_deg and not within_weeks.refuted(after)
 
 
 def _scored(before: State, field: Rivals, hypothesis: Hypothesis, after: State) -> float:

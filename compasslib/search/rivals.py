@@ -32,7 +32,7 @@ class Rivals:
     groups: list[Group]
     parts: list[slice]
     gram: Floats
-    ridge: Floats  # (p,) what is believed of the values beforehand, to be added to the products' diagonal
+    ridge: Floats  # (p,) prior precision of the values, to be added to the products' diagonal
     pull: Floats
     visible: Floats  # products of the visible columns, square degrees
     state: State
@@ -107,8 +107,8 @@ class Rivals:
         return twice <= {WATER_FREELY} and len(set(kinds)) == len(kinds)
 
     def acceptable(self, members: Hypothesis, least_deg: float) -> bool:
-        """Tell whether all terms of a hypothesis are believable and large enough to be seen."""
-        return all(term.believable for term in self.terms(members)) and min(self.sizes(members)) >= least_deg
+        """Tell whether all terms of a hypothesis are plausible and large enough to be seen."""
+        return all(term.plausible for term in self.terms(members)) and min(self.sizes(members)) >= least_deg
 
     def _gain(self, members: Hypothesis) -> float:
         return self._solved(members)[1]
@@ -132,7 +132,7 @@ def charge(group: Group, effective: float | None = None) -> float:
 
     Args:
         group: columns of a term.
-        told: number of its parameters that the record tells rather than what is known before; all where absent.
+        effective: number of its parameters that the record determines rather than the prior; all where absent.
     """
     assert group.term is not None
     count = len(group.term.fitted()) if effective is None else effective

@@ -40,7 +40,7 @@ class Tested:
     def threshold(self, alarm: float) -> float:
         """Return the score that noise exceeds anywhere with a given probability, as the highest of some normal scores.
 
-        To how many independent ones the draws of the noise amount is told by their likelihood. Gumbel's law, the limit
+        To how many independent ones the draws of the noise amount is fitted by likelihood. Gumbel's law, the limit
         of very many, is reached too slowly: it lets 2 in 1000 pass where it says 6.
         """
         from scipy.special import log_ndtr, ndtri_exp  # 0.2 s that jobs which only correct do not pay
@@ -114,12 +114,12 @@ def solved(state: State, group: Group) -> tuple[Floats, Floats]:
 
 
 def ridge(state: State, group: Group) -> Floats:
-    """Return what is believed of a group's values beforehand, to be added to products of whitened columns, (k, k)."""
+    """Return the prior precision of a group's values, to be added to products of whitened columns, (k, k)."""
     return np.diag(np.zeros(group.columns.shape[1]) if group.term is None else state.ridge([group.term]))
 
 
 def _beyond_prior(state: State, group: Group, white: Floats) -> Floats:
-    """Return a group's whitened columns without the directions of which the record tells less than is known before."""
+    """Return a group's whitened columns without the directions of which the record tells less than the prior."""
     known = np.diag(ridge(state, group))
     if not known.any():
         return white

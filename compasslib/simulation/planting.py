@@ -313,7 +313,7 @@ class Planted:
 
 
 def plant(ground: Ground, wanted: Mapping[str, float]) -> tuple[Planted, ...]:
-    """Return effects of wanted visible sizes, or of what is believable.
+    """Return effects of wanted visible sizes, or of what is plausible.
 
     Args:
         wanted: rms degrees by name; a clock and a stuck sensor are as large as they are.

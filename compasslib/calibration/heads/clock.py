@@ -110,7 +110,7 @@ def find(a: Motion, b: Motion, farthest_s: float) -> ClockDifference:
 
 
 def _offset_and_drift(signals: Sequence[_Signal], lag: float, middle_s: float, span_s: float) -> dict[str, Any]:
-    """Return offset and drift as fields of a clock; a drift that is not sure is told and not applied."""
+    """Return offset and drift as fields of a clock; a drift that is not sure is reported and not applied."""
     value, covariance = _weighed([_solved(s, np.array([lag]), middle_s) for s in signals])
     both, both_covariance = _weighed([_solved(s, np.array([value[0], 0.0]), middle_s) for s in signals])
     drift, sigma = float(both[1]), float(np.sqrt(both_covariance[1, 1]))
@@ -178,7 +178,7 @@ def _on(curve: GapSpline, grid: Floats) -> Complexes:
     there = (grid >= curve.time_s[0]) & (grid <= curve.time_s[-1])
     there &= curve.time_s[after] - curve.time_s[after - 1] <= 3.0 * step(curve.time_s)
     apart = np.where(there, value - value[there].mean() if there.any() else 0.0, 0.0)
-    # A frame that turns evenly, or not at all, has no rate by which clocks could be told: what is left is rounding.
+    # A frame that turns evenly, or not at all, has no rate by which clocks could be compared: what is left is rounding.
     steady = np.abs(apart).max(initial=0.0) <= STEADY * np.abs(value).max(initial=0.0)
     return np.zeros_like(apart) if steady else apart
 

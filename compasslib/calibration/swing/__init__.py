@@ -35,10 +35,10 @@ BLOCKS = {
     model.SECOND: ("set and drift in second order", "57.3 (d/S)² in D and E, MM (37), (43)"),
     model.WATER: ("speed through the water", "scatter of the ship's log about the triangle of speeds"),
 }
-WATER = ("set and drift of the water", "anything up to the largest that is believed, less what the swing tells")
+WATER = ("set and drift of the water", "anything up to the largest allowed, less what the swing tells")
 DELAY = (
     "delay of the course behind the compass",
-    "anything up to the longest that is believed, less what the swing tells",
+    "anything up to the longest allowed, less what the swing tells",
 )
 PRIORS = {
     model.DECLINATION: ("declination", "as given, or error of the world model at this field strength"),
@@ -58,7 +58,7 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
         settings: the keys of the calibration file (``swing_data.SwingOptions`` has those of this kind alone).
 
     Raises:
-        InputError: a file or column cannot be used, or the declination cannot be told.
+        InputError: a file or column cannot be used, or the declination is not known.
     """
     seen = data.read(files, settings)
     swing = _swing(seen, settings)

@@ -31,8 +31,8 @@ class SwingOptions:
 
     min_speed_kn: float = 2.0  # fixes that are not faster are left out: slow courses over ground are noise
     max_turn_deg_s: float = 1.0  # quicker turns, averaged over 20 s, are left out
-    max_lag_s: float = 10.0  # largest delay of the course behind the compass that is believed
-    max_drift_kn: float = 1.0  # largest drift of the water that is believed (MM section 7.3)
+    max_lag_s: float = 10.0  # largest delay of the course behind the compass that is allowed
+    max_drift_kn: float = 1.0  # largest drift of the water that is allowed (MM section 7.3)
     drift_ratio: float = 1.0 / 7.0  # the same over the ship's speed, for files without a speed
     declination_sigma_deg: float | None = None  # standard uncertainty; by the field's strength where absent
     visual: tuple[Mapping[str, Any], ...] = ()  # {compass_deg, true_deg}: heading for a mark of known true bearing

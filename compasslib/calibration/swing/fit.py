@@ -93,7 +93,7 @@ def _noises(
         basis = orthonormal(basis)
         noise = swing_noise.estimate(residual, basis, speed_kn=block.speed_kn, blocks=block.blocks)
         noise = noise if block.groups is None else _grouped(noise, residual, block.groups, basis.shape[1])
-        # So few residuals that their scatter may be small by chance must not overrule what is believed.
+        # So few residuals that their scatter may be small by chance must not overrule the priors.
         noises[block.name] = replace(noise, weight=noise.weight / student(noise.dof) ** 2)
     return noises
 

@@ -13,7 +13,6 @@ from compasslib.core.types import Floats
 from compasslib.deviation import von_appen
 
 LIMIT_DEG, SHORT_M, LEAST_SPEED_KN = 4.0, 82.5, 7.0  # ISO 25862:2019, Annex G.1; MM section 7.3
-WORTH_DEG = 0.5  # coefficients below are left alone
 TWO_SIGMA = 1.959964
 LEFT_OUT = {"none": "", "B": "B", "C": "C", "both": "BC"}
 
@@ -104,7 +103,7 @@ def verdict(found: DeviationTable, length_m: float | None, speed_kn: float | Non
     largest = f"largest {found.deviation_deg[worst]:+.1f}° ± {TWO_SIGMA * found.sigma_deg[worst]:.1f}° (95 %)"
     text = {
         "exceeds": f"A deviation exceeds 4°: {largest} on {found.heading_deg[worst]:03.0f}°.",
-        "undecided": f"Whether every deviation is within 4° cannot be told: {largest}.",
+        "undecided": f"Whether every deviation is within 4° is not decided: {largest}.",
         "within": f"Every deviation is within 4°: {largest}.",
         "not judged": f"The limit of 4° is for ships under {SHORT_M} m; this one has {length_m} m. {largest}.",
     }[word]

@@ -199,7 +199,7 @@ def _of_water(swing: Swing, series: SwingFit) -> list[str]:
         warnings.append(str(found["text"]))
     if swing.has_speed and drift_of(series.parameters)[1] > swing.widest_drift:
         warnings.append(
-            f"the drift found is more than the {swing.widest_drift:g} kn that were believed: "
+            f"the drift found is more than the {swing.widest_drift:g} kn that were allowed: "
             "raise max_drift_kn if it may be"
         )
     return warnings

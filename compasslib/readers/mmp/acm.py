@@ -229,7 +229,7 @@ def _rate_notes(nominal: Floats, rate: Floats) -> list[str]:
         return []
     return [
         f"the clock of {len(other)} profiles shows {np.median(rate[other]):.3g} scans a second where the file says"
-        f" {np.median(nominal[other]):.3g}; the clock was believed"
+        f" {np.median(nominal[other]):.3g}; the clock was taken"
     ]
 
 

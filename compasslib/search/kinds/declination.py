@@ -2,7 +2,7 @@
 
 Trends and jumps are judged by the general search, on hourly means with the daily harmonics as nuisance. Storms and
 daily variation need no catalogue: the recording is the declination itself. What is left of it after its slow level and
-its quiet days is looked at over three hours. The constant is believed as the field of rocks up to a limit.
+its quiet days is looked at over three hours. Up to a limit the constant is plausible as the field of rocks.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ def judge(series: FieldSeries, field: EarthField, options: Options) -> Diagnosis
 
 
 def plausible_deg(series: FieldSeries, field: EarthField) -> float:
-    """Return the largest constant that the rocks of a place are believed to make, degrees."""
+    """Return the largest plausible constant of the rocks of a place, degrees."""
     strength = np.nanmedian(np.append(series.horizontal_nT, field.horizontal_nT))
     return float(np.arctan2(observatory.CRUST_NT, strength)) / angles.DEGREE
 

@@ -72,13 +72,13 @@ def constant(compared: FieldComparison, most_deg: float, source: str, alternativ
     """Return the sentences on a constant that rocks do not make.
 
     Args:
-        most_deg: largest constant that is believed of rocks.
+        most_deg: largest plausible constant of rocks.
     """
     model = "IGRF" if source == "IGRF" else "the given declination"
     begin = (
         f"The declination stands off {model} by {compared.constant_deg:+.2f} ± "
         f"{1.96 * compared.constant_sigma_deg:.2f} degrees (95 %) at all times; "
-        f"rocks are believed to make up to {most_deg:.1f}."
+        f"rocks make up to {most_deg:.1f}."
     )
     if not alternatives:
         return f"{begin} IGRF agrees with the recording: the given number is wrong."

@@ -1,7 +1,7 @@
 """A bench against the five-term series: whether the exact compass, or a harmonic, or a change half way, is missing.
 
 With fewer readings than a dozen headings the third and fourth harmonics cannot be proven: five coefficients and four
-more are nine, and noise needs some of its own. Then what is left is told, and which headings to swing.
+more are nine, and noise needs some of its own. Then what is left is reported, and which headings to swing.
 """
 
 from __future__ import annotations

@@ -272,7 +272,7 @@ def _beyond_series(coefficients: Floats) -> float:
 
 
 def settled(found: Diagnosis, made: Calibration, fitted: FittedTerms) -> Diagnosis:
-    """Return the diagnosis with what it says of the water: set and drift, a bound, or why they cannot be told.
+    """Return the diagnosis with what it says of the water: set and drift, a bound, or why they cannot be separated.
 
     Args:
         found: by the search.

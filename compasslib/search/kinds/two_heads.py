@@ -55,11 +55,11 @@ UNTESTED = (
 
 @dataclass(frozen=True)
 class Aligned:
-    """Both heads, read at the same instants by clocks as they are told, and as they are found."""
+    """Both heads, read at the same instants by the clocks as given, and as found."""
 
     given: Compared
     found: Compared
-    clock: ClockDifference  # beside what was told
+    clock: ClockDifference  # beside what was given
 
 
 def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: Options) -> Diagnosis:

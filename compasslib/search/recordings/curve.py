@@ -14,7 +14,7 @@ from compasslib.effects import composition
 from compasslib.effects.composition import Simulation
 from compasslib.effects.term import Scene, Term
 
-# Without a place the field is of this strength, and the iron is told in percent of it.
+# Without a place the field is of this strength, and the iron is in percent of it.
 PLACELESS_NT, PERCENT = 20000.0, (100.0 / 20000.0, "% of the horizontal field")
 STEPS = np.full(5, 0.02)
 

@@ -247,7 +247,7 @@ def _unconfirmed(one: Finding) -> Unexplained:
 def _ranked(parts: Sequence[NamedEffects]) -> tuple[Ranked, ...]:
     """Return every effect that was tried alone, the best first, each once."""
     best: dict[str, Ranked] = {}
-    for entry in (entry for part in parts for entry in part.alone if entry.believable):
+    for entry in (entry for part in parts for entry in part.alone if entry.plausible):
         one = Ranked(entry.name, entry.score, entry.size_deg, entry.p_value)
         if entry.name not in best or best[entry.name].score < one.score:
             best[entry.name] = one

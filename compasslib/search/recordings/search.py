@@ -38,9 +38,9 @@ class RefittedTerm:
         return self.fitted.terms[-1].name
 
     @property
-    def believable(self) -> bool:
-        """Whether all terms are within the ranges that are believed of them."""
-        return all(term.believable for term in self.fitted.terms)
+    def plausible(self) -> bool:
+        """Whether all terms are within their plausible ranges."""
+        return all(term.plausible for term in self.fitted.terms)
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ def search(channel: Channel, *, alarm: float, min_effect_deg: float) -> NamedEff
         sure = [entry for entry in entries if entry.p_value < alarm / len(entries)]
         least = WORTH_SAYING * min_effect_deg
         small = {entry.name: entry.size_deg for entry in sure if least < entry.size_deg < min_effect_deg}
-        worth = [entry for entry in sure if entry.size_deg >= min_effect_deg and entry.believable]
+        worth = [entry for entry in sure if entry.size_deg >= min_effect_deg and entry.plausible]
         if not worth:
             break
         now = _swapped(max(worth, key=lambda entry: entry.score).fitted)
@@ -157,7 +157,7 @@ def _swapped(now: FittedTerms) -> FittedTerms:
         rest = [term for j, term in enumerate(now.terms) if j != k]
         entries = contest(fitting.fit(now.channel, rest, near=now), now)
         own = next((entry for entry in entries if type(entry.fitted.terms[-1]) is type(now.terms[k])), None)
-        best = max((entry for entry in entries if entry.believable), key=lambda entry: entry.score, default=None)
+        best = max((entry for entry in entries if entry.plausible), key=lambda entry: entry.score, default=None)
         if own is not None and best is not None and best.score > own.score:
             return best.fitted
     return now
@@ -187,7 +187,7 @@ def _close(
         entry
         for entry in entries
         if entry.name != mine.name
-        and entry.believable
+        and entry.plausible
         and entry.score >= mine.score - CLOSE
         and entry.size_deg >= min_effect_deg / 2.0
     ]
