@@ -1,18 +1,20 @@
 """How far does the overlap of a mooring walk through its diagnosis? Counted while one is diagnosed.
 
-    python benchmarks/walk.py CRUISE MOORING           this checkout; the cruise has its raw files
-    PYTHONPATH=OTHER python benchmarks/walk.py ...     the library of another checkout, as an earlier commit
+    python benchmarks/walk.py M1 --cruise my_cruise --into /tmp/walk      as ``compass correct``
+    PYTHONPATH=OTHER python benchmarks/walk.py ...                          the library of another checkout
 
-A stay is a function that is entered with the pairs or with something that holds them; a room is the module that it
-stands in; a climb is a call into a module that is left again further up the same way, not the caller's own.
+A stay is a function that is entered for the first time with the pairs, or with something that holds them; a room is the
+module that it stands in; who reads on from stay to stay climbs where the next one is in a room that was left before.
 """
 
 from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import fields, is_dataclass
+from itertools import pairwise
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -34,23 +36,12 @@ def holds(value: Any, depth: int = DEPTH) -> bool:
     return bool(depth) and isinstance(value, tuple | list) and any(holds(one, depth - 1) for one in value[:3])
 
 
-def ours(frame: FrameType | None) -> Iterator[FrameType]:
-    """Give the library's frames from one up to that in which the diagnosis began."""
-    while frame is not None:
-        if frame.f_code.co_filename.startswith(LIBRARY):
-            yield frame
-            if frame.f_code.co_name == "diagnose":
-                return
-        frame = frame.f_back
-
-
 class Walk:
     """What is counted between the beginning and the end of a call of ``diagnose``."""
 
     def __init__(self) -> None:
         """Begin with nothing counted."""
-        self.stays: set[tuple[str, str]] = set()
-        self.climbs: set[tuple[str, str, str, str]] = set()
+        self.stays: dict[tuple[str, str], None] = {}  # file and function, in the order of the first entry
         self.within: FrameType | None = None
 
     def event(self, frame: FrameType, what: str, _: Any) -> None:
@@ -64,19 +55,14 @@ class Walk:
             if code.co_name != "diagnose":
                 return
             self.within = frame
-        stay = (code.co_filename, code.co_qualname)
-        if not any(
-            holds(frame.f_locals.get(name)) for name in code.co_varnames[: code.co_argcount + code.co_kwonlyargcount]
-        ):
-            return
-        self.stays.add(stay)
-        above = [one.f_code for one in ours(frame.f_back)]
-        if (
-            above
-            and above[0].co_filename != code.co_filename
-            and code.co_filename in {one.co_filename for one in above}
-        ):
-            self.climbs.add((above[0].co_filename, above[0].co_qualname, *stay))
+        names = code.co_varnames[: code.co_argcount + code.co_kwonlyargcount]
+        if any(holds(frame.f_locals.get(name)) for name in names):
+            self.stays.setdefault((code.co_filename, code.co_qualname))
+
+
+def climbs(rooms: Sequence[str]) -> int:
+    """Return how often a room is entered again that was left before."""
+    return sum(one != before and one in rooms[:k] for k, (before, one) in enumerate(pairwise(rooms)))
 
 
 def main() -> None:
@@ -90,12 +76,10 @@ def main() -> None:
             raise
     finally:
         sys.setprofile(None)
-    rooms: dict[str, int] = {}
-    for file, _ in sorted(walk.stays):
-        room = file.removeprefix(LIBRARY)
-        rooms[room] = rooms.get(room, 0) + 1
-    print("\n".join(f"{count:4d}  {room}" for room, count in sorted(rooms.items(), key=lambda one: -one[1])))
-    print(f"{len(walk.stays)} stays in {len(rooms)} rooms, {len(walk.climbs)} climbs")
+    rooms = [file.removeprefix(LIBRARY) for file, _ in walk.stays]
+    counts = Counter(rooms)
+    print("\n".join(f"{count:4d}  {room}" for room, count in counts.most_common()))
+    print(f"{len(rooms)} stays in {len(counts)} rooms, {climbs(rooms)} climbs")
 
 
 if __name__ == "__main__":

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+from compasslib import readers
 from compasslib.config import calibrations, schema, values
 from compasslib.config import cruise as config
 from compasslib.core.errors import InputError
@@ -325,6 +326,8 @@ def test_the_readme_names_every_key() -> None:
     models = [m for m in named if isinstance(m, type) and issubclass(m, schema.Section)]
     keys = {key for model in models for key in schema.allowed_keys(model)}
     assert [key for key in sorted(keys) if f"`{key}`" not in text] == []
+    pages = text, (ROOT / "README.md").read_text()
+    assert [form for form in readers.FORMATS if any(f"`{form}`" not in page for page in pages)] == []
 
 
 # --- what is refused, in one line -----------------------------------------------------------------------------------

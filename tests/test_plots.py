@@ -26,7 +26,7 @@ from compasslib.deviation import correction, model, von_appen
 from compasslib.deviation.assessment import choose
 from compasslib.deviation.likelihood import CELLS
 from compasslib.deviation.model import Fit
-from compasslib.plots import agreement, deviation, timeline
+from compasslib.plots import agreement, deviation, diagnosis, timeline
 from compasslib.plots import curves as plots_curves
 from compasslib.plots.curves import BACKWARDS, GIVEN_UP, INVERTED
 from compasslib.plots.page import DPI, WIDTH_IN
@@ -209,6 +209,33 @@ def test_figure_is_whole_and_legible(kind, figure, gallery):
 def test_theory_is_whole_and_legible(tmp_path):
     path = tmp_path / "theory.png"
     check_page(path, saved(lambda: deviation.theory(path)))
+
+
+def residuals(covariate: str, low: float, high: float) -> dict:
+    """Return a binned residual as diagnosis.json has it."""
+    centre = np.linspace(low, high, 12)
+    wave = 3.0 * np.sin(centre / (high - low) * 6.0)
+    return {
+        "covariate": covariate,
+        "centre": centre.tolist(),
+        "before_deg": wave.tolist(),
+        "after_deg": (0.2 * wave).tolist(),
+        "sigma_deg": np.full(12, 0.4).tolist(),
+    }
+
+
+def test_a_diagnosis_is_whole_and_legible_and_its_axes_have_the_units_of_its_sentences(tmp_path):
+    curves = [residuals("heading", 5, 355), residuals("time", START_S, START_S + 3e7), residuals("speed", 0.02, 0.5)]
+    found = {"effect": "temperature", "side": "compass", "alternatives": ["compass_drift"], "text": "It follows it."}
+    content = {"verdict": "ambiguous", "findings": [found], "unexplained": None, "curves": curves, "not_testable": []}
+    content |= {"separated_by": "a swing", "why": "", "negligible": [], "hypotheses": []}
+    for name, draw, unit in (("a", diagnosis.of_mooring, "m/s"), ("b", diagnosis.of_calibration, "kn")):
+        path = tmp_path / name / "diagnosis.png"
+        path.parent.mkdir()
+        page = saved(lambda draw=draw, path=path: draw(path, content, "EG1"))
+        check_page(path, page)
+        labels = [axes.get_xlabel() for axes in page.axes]
+        assert any("eading (°)" in label for label in labels) and any(f"({unit})" in label for label in labels)
 
 
 def check_page(path, page):

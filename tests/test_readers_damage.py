@@ -16,7 +16,7 @@ import pytest
 from sea import SHARED
 
 from compasslib.core.errors import InputError
-from compasslib.readers import iaga2002, nmea
+from compasslib.readers import FORMATS, iaga2002, nmea
 
 JUNK = np.random.default_rng(5).integers(0, 256, 300, dtype=np.uint8).tobytes()
 TEXT = b"This is a letter about a mooring, and no recording of anything at all.\n" * 60
@@ -139,6 +139,11 @@ def held(name: str, fault: str, whole: set[tuple[float, ...]], found: set[tuple[
         assert found <= whole
     else:
         assert len(found - whole) <= 2  # the row that was hit; in NMEA, a course that takes its neighbour's heading
+
+
+def test_no_format_is_left_out():
+    known = {"mmp text": "mmp_acm", "mmp binary": "mmp_acm"}
+    assert {*FORMATS} <= {known.get(name, name) for name in KINDS}
 
 
 @pytest.mark.parametrize("name", KINDS)

@@ -93,7 +93,7 @@ def global_attributes(
     Args:
         time_s: (n,) time of the samples, UTC seconds since 1970.
         depth_m: depths of the measurements, any shape, metres, NaN where unknown.
-        attributes: the user's; they win, save over what the file states itself (``config_values.STATED``).
+        attributes: the user's; they win, save over what the file states itself (``config.values.STATED``).
         processing: ``method``, ``coefficients``, ``software_version``, ``source_files``, ``history``,
             ``date_created`` and whatever else tells how the product was made.
     """

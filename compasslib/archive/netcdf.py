@@ -142,7 +142,7 @@ def write_corrected(
         product: the corrected instrument, also without samples or without any corrected heading; or its pieces along
             time, at least one, which are gone through twice.
         attributes: global attributes of the user, and make and number of the instrument.
-        processing: how and when the product was made; see ``archive_attributes.global_attributes``.
+        processing: how and when the product was made; see ``archive.attributes.global_attributes``.
     """
     pieces = [product] if isinstance(product, Corrected) else product
     whole = _seen(pieces)

@@ -1,7 +1,7 @@
 """What may stand in a cruise's YAML files: every key, its default, its unit and its bounds, as frozen models.
 
 The description of a field is what a person reads after the word "expected", its example is what he is told to write.
-Rules that need more than one key are the validators after the keys. ``config.load`` makes one line of a violation.
+Rules that need more than one key are the validators after the keys. ``cruise.load`` makes one line of a violation.
 """
 
 from __future__ import annotations

@@ -28,24 +28,16 @@ from compasslib.plots.page import (
     page,
     say,
 )
-from compasslib.search.wording import VERDICTS
+from compasslib.search.wording import UNITS, UNITS_OF_CALIBRATIONS, VERDICTS
 
 DAY_S = 86400.0  # matplotlib counts time in days since 1970
 MOST_PANELS = 6
 PANEL_IN = 1.75
 CHARACTERS = 112
-AXES = {
-    "heading": "Recorded heading (°)",
-    "time": "",
-    "pitch": "Pitch (°)",
-    "roll": "Roll (°)",
-    "depth": "Depth (m)",
-    "separation": "Distance of the two layers (m)",
-    "speed": "Speed of the upper water (m/s)",
-    "hour_of_day": "Hour of the day (UTC)",
-    "temperature": "Temperature (°C)",
-    "supply_voltage": "Supply voltage (as recorded)",
-}
+NAMES = {
+    "heading": "Recorded heading", "time": "", "separation": "Distance of the two layers",
+    "speed": "Speed of the upper water", "hour_of_day": "Hour of the day, UTC",
+}  # fmt: skip
 
 
 def of_mooring(path: str | Path, found: Mapping[str, Any], name: str) -> None:
@@ -94,12 +86,19 @@ def _panel(axes: Axes, curve: Mapping[str, Any], reach: float) -> None:
         axes.plot(x, before, color=VERMILION, marker="o", markersize=2.5)
     axes.plot(x, after, color=BLUE, marker="s", markersize=2.5)
     axes.set_ylabel("Residual (°)")
-    axes.set_xlabel(AXES.get(covariate, covariate))
+    axes.set_xlabel(_label(covariate, NAMES, UNITS))
     if covariate == "time":
         axes.xaxis.set_major_locator(locator := AutoDateLocator(maxticks=6))
         axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))
     elif covariate == "heading":
         degrees(axes.xaxis, (0.0, 360.0))
+
+
+def _label(covariate: str, names: Mapping[str, str], units: Mapping[str, str]) -> str:
+    """Return what an axis is called: the covariate's name, and the unit that the sentences have, abbreviated."""
+    name = names.get(covariate, covariate.replace("_", " ").capitalize())
+    unit = units.get(covariate, "").replace("degrees C", "°C").replace("degrees", "°")
+    return f"{name} ({unit})" if unit else name
 
 
 def _simultaneous(bins: int) -> float:
@@ -147,10 +146,9 @@ def _handles(found: Mapping[str, Any]) -> list[Any]:
 
 COLUMNS, ROW_IN = 2, 2.1
 MOST_CURVES, MOST_BARS = 5, 10
-AXES_OF_CALIBRATION = {
-    "heading": "Heading (°)", "time": "Time since the begin (h)", "reading": "Number of the reading",
-    "pitch": "Pitch (°)", "roll": "Roll (°)", "turn_rate": "Rate of turn (°/s)", "temperature": "Temperature (°C)",
-    "vertical_field": "Vertical field over its mean", "speed": "Speed (kn)",
+NAMES_OF_CALIBRATIONS = {
+    "heading": "Heading", "time": "Time since the begin (h)", "reading": "Number of the reading",
+    "turn_rate": "Rate of turn",
 }  # fmt: skip
 RESIDUAL = "Observed − simulated (°)"
 BEFORE: dict[str, Any] = {"color": RECORDED, "marker": "o", "markersize": 3.0, "linewidth": 0.8}
@@ -197,7 +195,7 @@ def _residual(axes: Axes, curve: Mapping[str, Any]) -> None:
     axes.axhline(0.0, color=BLACK, linewidth=0.6)
     axes.plot(centre, before, **BEFORE)
     axes.plot(centre, after, **AFTER)
-    axes.set_xlabel(AXES_OF_CALIBRATION.get(curve["covariate"], curve["covariate"].replace("_", " ").capitalize()))
+    axes.set_xlabel(_label(curve["covariate"], NAMES_OF_CALIBRATIONS, UNITS_OF_CALIBRATIONS))
     axes.set_ylabel(RESIDUAL)
     axes.set_title(curve.get("compared", ""))
     if curve["covariate"] == "heading":

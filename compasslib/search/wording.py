@@ -29,6 +29,12 @@ UNITS = {
     "temperature": "degrees C", "supply_voltage": "V or counts", "hour_of_day": "h", "time": "",
     "declination_observatory": "degrees",
 }  # fmt: skip
+UNITS_OF_CALIBRATIONS = UNITS | {
+    "turn_rate": "degrees/s",
+    "speed": "kn",
+    "vertical_field": "of its mean",
+    "reading": "",
+}
 PHYSICS = {
     "heeling": "the compass tilts over iron along its own vertical (heeling error)",
     "tilt_uncompensated": "the compass does not level its reading for tilt",

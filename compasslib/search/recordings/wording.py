@@ -16,7 +16,6 @@ WHERE = {
     "water_drift": ("heading",), "mounting_offset": ("heading",), "course_lag": ("turn_rate",),
 } | wording.WHERE  # fmt: skip
 unexplained = wording.unexplained
-UNITS = wording.UNITS | {"turn_rate": "degrees/s", "speed": "kn", "vertical_field": "of its mean", "reading": ""}
 PHYSICS = {
     "hard_iron": "a magnetised part that turns with the instrument adds a constant field (hard iron)",
     "soft_iron": "a part that the earth's field magnetises distorts it (soft iron)",
@@ -112,7 +111,8 @@ def place(covariate: str, low: float, high: float, clocked: bool) -> str:
     """
     if covariate == "time" and clocked:
         return f"from {verdict.stamp(low)} to {verdict.stamp(high)}"
-    return f"along {covariate.replace('_', ' ')} from {low:.3g} to {high:.3g} {UNITS.get(covariate, '')}".rstrip()
+    unit = wording.UNITS_OF_CALIBRATIONS.get(covariate, "")
+    return f"along {covariate.replace('_', ' ')} from {low:.3g} to {high:.3g} {unit}".rstrip()
 
 
 def separated_by(effect: str, alternatives: Sequence[str]) -> str:
