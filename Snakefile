@@ -79,7 +79,7 @@ rule overlap:
         wide="results/{mooring}/wide/overlap.nc",
     params:
         place=MOORINGS.place_and_declination,
-        rules=CRUISE.options.overlap.model_dump(),
+        rules=MOORINGS.pairing_rules,
         code=MOORINGS.code("overlap.py"),
     conda:
         ENVIRONMENT

@@ -151,7 +151,7 @@ def test_every_key_but_eight_has_a_default(cruise: Path) -> None:
         "seed": 2007,
         "attributes": {},
         "overlap": {
-            "max_minutes": 20.0, "max_metres": 20.0, "bins": 2, "grid_minutes": 60.0, "grid_tolerance_minutes": 30.0
+            "max_minutes": 20.0, "max_metres": 20.0, "bins": 2, "predict": True, "grid_minutes": 60.0, "grid_tolerance_minutes": 30.0
         },
         "fit": {"method": "exact", "name": None, "tilt": False},
         "diagnose": {"enabled": True, "apply": True, "min_effect_deg": 0.5},
@@ -449,7 +449,7 @@ BAD_OPTIONS = [
     ("demonstration: 1", "demonstration: expected true or false, found 1; write for example demonstration: false"),
     ("seed: 1.5", "seed: expected a whole number from 0 to 4294967295, found 1.5; write for example seed: 2007"),
     ("overlap: {bins: 0}", "overlap.bins: expected a whole number from 1 to 255, found 0; write for example bins: 2"),
-    ("overlap: {max_minuts: 20}", "overlap.max_minuts: expected a key out of max_minutes, max_metres, bins, grid_minutes, grid_tolerance_minutes, found the unknown 'max_minuts'; write max_minutes"),
+    ("overlap: {max_minuts: 20}", "overlap.max_minuts: expected a key out of max_minutes, max_metres, bins, predict, grid_minutes, grid_tolerance_minutes, found the unknown 'max_minuts'; write max_minutes"),
     ("overlap: {grid_minutes: 0}", "overlap.grid_minutes: expected minutes above 0, at most 1440, found 0; write for example grid_minutes: 60"),
     ("fit: {method: calibration, name: aqd}", "fit.method: expected exact or von_appen for a whole cruise, found 'calibration'; name a calibration in the mooring's own file"),
     ("diagnose: {min_effect_deg: -1}", "diagnose.min_effect_deg: expected degrees from 0 to 180, found -1; write for example min_effect_deg: 0.5"),

@@ -103,6 +103,8 @@ def write_pairs(path: str | Path, pairs: Pairs, *, attributes: Mapping[str, obje
     with new(path) as nc:
         nc.setncatts({"Conventions": "CF-1.8", "title": "pairs of overlapping velocities"} | plain(attributes or {}))
         nc.setncattr("warnings", json.dumps(pairs.warnings))
+        if pairs.expected_m_s is not None:
+            nc.setncattr("water_error_of_mean_and_of_prediction_m_s", np.array(pairs.expected_m_s))
         nc.createDimension("TIME", len(pairs))
         for name, variable in layout.PAIRS.items():
             put(nc, variable, getattr(pairs, name))
@@ -117,7 +119,9 @@ def read_pairs(path: str | Path) -> Pairs:
     """
     with opened(path) as nc:
         arrays = {name: get(nc, variable.name) for name, variable in layout.PAIRS.items()}
-        return Pairs(**arrays, warnings=tuple(json.loads(nc.getncattr("warnings"))))
+        errors = getattr(nc, "water_error_of_mean_and_of_prediction_m_s", None)
+        expected = None if errors is None else (float(errors[0]), float(errors[1]))
+        return Pairs(**arrays, warnings=tuple(json.loads(nc.getncattr("warnings"))), expected_m_s=expected)
 
 
 # corrected.nc in and out: CF, ACDD and OceanSITES, written in pieces along time, so that a decade fits in memory.

@@ -94,6 +94,7 @@ class Overlap(Section):
     max_minutes: Number = key("minutes from 0 to 1440", "20", 20.0, ge=0, le=1440)
     max_metres: Number = key("metres from 0 to 1000", "20", 20.0, ge=0, le=1000)
     bins: Count = key("a whole number from 1 to 255", "2", 2, ge=1, le=255)
+    predict: Switch = key("true or false", "true", True)
     grid_minutes: Number = key("minutes above 0, at most 1440", "60", 60.0, gt=0, le=1440)
     grid_tolerance_minutes: Number = key("minutes from 0 to 1440", "30", 30.0, ge=0, le=1440)
 

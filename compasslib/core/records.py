@@ -81,6 +81,8 @@ class Pairs:
     separation_minutes: Floats  # (n,) lower minus upper
     declination_deg: Floats  # (n,)
     warnings: tuple[str, ...] = ()
+    # By the profile, rms of one component, m/s: the water's difference of the published mean, and of what is predicted.
+    expected_m_s: tuple[float, float] | None = None
 
     def __len__(self) -> int:
         return len(self.time_s)

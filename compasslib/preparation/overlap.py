@@ -1,8 +1,9 @@
 """Pairs: where the compromised and the trusted instrument measured nearly the same water at nearly the same time.
 
 The rules are those of von Appen 2015, section 2 and appendix: the mean of the first bins at the compromised instrument,
-the bins of the trusted one nearest to it, less than 20 minutes and 20 m apart, on an hourly grid. Pairs
-that betray a mistake, as one record given twice, another frame or another unit, are refused or come with a warning.
+the bins of the trusted one nearest to it, less than 20 minutes and 20 m apart, on an hourly grid. Where it may be, the
+mean gives way to what the whole profile predicts of the water at the trusted depth (``water``). Pairs that betray a
+mistake, as one record given twice, another frame or another unit, are refused or come with a warning.
 """
 
 from __future__ import annotations
@@ -15,9 +16,9 @@ from numpy.typing import NDArray
 
 from compasslib.core import angles, earthfield
 from compasslib.core.errors import InputError
-from compasslib.core.records import GOOD, NOT_CHECKED, PROBABLY_GOOD, EarthField, Pairs, Record
+from compasslib.core.records import PROBABLY_GOOD, EarthField, Pairs, Record
 from compasslib.core.types import Floats
-from compasslib.preparation import clock_offset, same_record
+from compasslib.preparation import clock_offset, same_record, water
 from compasslib.preparation.clock_offset import Clocks, Speeds
 from compasslib.preparation.deployment import take
 from compasslib.preparation.gridding import interpolate, nearest, on_grid
@@ -47,6 +48,7 @@ class Rules:
     max_minutes: float = 20.0
     max_metres: float = 20.0
     bins: int = 2
+    predict: bool = False  # the water at the trusted depth from the profile, instead of the mean of these bins
     grid_minutes: float = 60.0
     grid_tolerance_minutes: float = 30.0
 
@@ -64,7 +66,7 @@ def widened(rules: Rules) -> Rules:
     """Return rules for what needs many pairs more than near ones: the clocks are compared by speeds.
 
     Where the sphere dives, a wrong clock sets a pair far apart in depth: just what shows it would be left out."""
-    return replace(rules, max_metres=WIDER * rules.max_metres)
+    return replace(rules, max_metres=WIDER * rules.max_metres, predict=False)
 
 
 def clocks(upper: Record, trusted: Sequence[Record], rules: Rules) -> Clocks:
@@ -112,7 +114,10 @@ def find(
         nothing = np.zeros(0, dtype=np.intp)
         columns = tuple(column[nothing] for column in (velocity, other, depth, other_depth, minutes))
         return replace(_assemble(take(upper, nothing), lower, field, columns, nothing), warnings=(reason,))
-    return checked(found, recorded, list(trusted))
+    found = checked(found, recorded, list(trusted))
+    if not (rules.predict and len(found)):
+        return found
+    return _predicted(found, take(upper, keep), other_depth[keep], rules.bins)
 
 
 def log_line(name: str, pairs: Pairs) -> str:
@@ -121,6 +126,9 @@ def log_line(name: str, pairs: Pairs) -> str:
     if len(pairs):
         metres = float(np.median(np.abs(pairs.lower_depth_m - pairs.upper_depth_m)))
         line = f"{name}: {len(pairs)} overlapping pairs, {metres:.1f} m apart in the median"
+        if pairs.expected_m_s is not None:
+            mean, predicted = (100.0 * error for error in pairs.expected_m_s)
+            line += f"; the water there: {mean:.1f} cm/s off the mean of the bins, {predicted:.1f} off the prediction"
     return "\n".join([line, *(f"{name}: warning: {warning}" for warning in pairs.warnings)])
 
 
@@ -131,14 +139,9 @@ def near_bins(record: Record, distance_from: Floats, bins: int) -> tuple[NDArray
         record: of a profiler, or of one cell.
         distance_from: range, (n,), m.
     """
-    good = (
-        np.isin(record.quality, (NOT_CHECKED, GOOD, PROBABLY_GOOD))
-        & np.isfinite(record.east)
-        & np.isfinite(record.north)
-    )
     away = record.bin_range_m - distance_from[:, None]
     np.abs(away, out=away)
-    away[~good] = np.inf
+    away[~water.good(record)] = np.inf
     count = min(bins, away.shape[1])
     index = np.argpartition(away, count - 1, axis=1)[:, :count]
     row = np.arange(len(away))[:, None]
@@ -185,6 +188,25 @@ def identical(pairs: Pairs) -> str:
     if float(np.mean(np.abs(upper - lower) < EQUAL_M_S)) <= MOST_IDENTICAL:
         return ""
     return "the two instruments recorded the same velocities: one recording was given twice, and no pair counts"
+
+
+def _predicted(pairs: Pairs, upper: Record, depth_m: Floats, bins: int) -> Pairs:
+    """Return pairs with the water at the trusted depth as the profile predicts it, the same where it cannot."""
+    found = water.predict(upper, depth_m, bins)
+    if found is None:
+        return pairs
+    predicted = _to_true(found.velocity, upper, pairs.declination_deg)
+    mean, trusted = (east + 1j * north for east, north in _velocities(pairs))
+    known = np.isfinite(predicted) & (np.abs(predicted) > 0.0)
+    if water.denied_by_speeds(pairs.time_s[known], mean[known], predicted[known], trusted[known]):
+        return pairs
+    velocity = np.where(known, predicted, mean)
+    return replace(
+        pairs,
+        upper_east=velocity.real,
+        upper_north=velocity.imag,
+        expected_m_s=(found.published_m_s, found.expected_m_s),
+    )
 
 
 def _gridded(upper: Record, rules: Rules) -> Record:

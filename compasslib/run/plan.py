@@ -111,6 +111,12 @@ class Moorings:
             "applied": {role: degrees for role, degrees in applied.items() if degrees},
         }
 
+    def pairing_rules(self, wildcards: Any) -> dict[str, Any]:
+        """Return what makes a pair; the published method keeps the published mean of the bins."""
+        rules = self.cruise.options.overlap.model_dump()
+        published = self._mooring(wildcards).fit.method == "von_appen"
+        return rules | {"predict": rules["predict"] and not published}
+
     def compromised(self, wildcards: Any) -> str:
         """Return the record of the instrument to correct."""
         return _record(wildcards.mooring, self._mooring(wildcards).compromised)

@@ -6,7 +6,7 @@ says how sure it is. Water that arrives at one depth later looks the same, by 0.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -134,8 +134,7 @@ def repaired(pairs: Pairs, clock: ClockError) -> Pairs:
         for name in ("lower_east", "lower_north", "lower_depth_m")
     }
     moved["separation_minutes"] = np.zeros(len(pairs))
-    arrays = {f.name: getattr(pairs, f.name) for f in fields(pairs) if f.name != "warnings"} | moved
-    return Pairs(**{name: column[inside] for name, column in arrays.items()}, warnings=pairs.warnings)
+    return model.chosen(replace(pairs, **moved), inside)
 
 
 def kept(pairs: Pairs, again: Pairs) -> NDArray[np.bool_]:

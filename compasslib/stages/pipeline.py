@@ -84,7 +84,7 @@ def run(cruise: Cruise, mooring: str, folder: Path, say: Callable[[str], None] =
         "record": records[0],
         "observatory": rules.observatory(job),
         "place": rules.place_and_declination(job),
-        "rules": cruise.options.overlap.model_dump(),
+        "rules": rules.pairing_rules(job),
         "method": rules.method(job),
         "tilt": rules.tilt(job),
         "options": rules.diagnose(job),

@@ -1,0 +1,173 @@
+"""Is the water between two instruments predicted? On real profiles, one bin of which stands for the trusted instrument.
+
+    python benchmarks/water.py                 noise across the flow, and the error of fitted headings
+    python benchmarks/water.py --cores 1
+
+A bin of a genuine moored profile is the trusted instrument; the affected one is the bins beyond it, from a gap on, seen
+by a compass near iron that records another heading. The bins of one instrument share their compass: what the two sides
+differ by is water. No prediction has seen the trusted bin. Needs ../shared/data; says so where it is absent.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from compasslib import deviation, readers
+from compasslib.core import angles, compass
+from compasslib.core.records import EarthField, Record
+from compasslib.deviation import model
+from compasslib.preparation import overlap, water
+
+DATA = Path(__file__).resolve().parents[1] / "../shared/data"
+DEPTHS, GAPS = range(8), (1, 2, 4)  # bins that are the trusted instrument, and cells between it and the nearest one
+IRON = {
+    "weak": (0.0, 0.2, -0.1, 0.02, 0.01),
+    "strong": (0.02, -0.5, 0.4, 0.03, -0.02),
+    "folded": (0.0, -1.1, 0.7, 0.02, -0.01),
+}
+SLOWEST_M_S = 0.02
+
+
+@dataclass(frozen=True)
+class Case:
+    """One bin of one record as the trusted instrument."""
+
+    record: str
+    depth: int
+    gap: int
+
+
+def profile(name: str) -> Record:
+    """Return a genuine moored profile, as recorded; its depth is made constant."""
+    if name == "eh2":
+        record = readers.read("pd0", [DATA / "pd0/eh2_20060530_20060717_0007m.000"], {})
+        return replace(record, depth_m=np.full(len(record.time_s), 7.0), direction_reference="magnetic")
+    file = np.load(DATA / "moored/papa_node59p1.npz")
+    velocity = file["vel"].astype(float)
+    n, bins = velocity.shape[:2]
+    flat, usable = np.full(n, np.nan), np.isfinite(velocity[:, :, :2]).all(axis=2)
+    return Record(
+        time_s=file["time"].astype("datetime64[s]").astype(float),
+        east=velocity[:, :, 0],
+        north=velocity[:, :, 1],
+        bin_range_m=np.tile(30.0 + 20.0 * np.arange(bins), (n, 1)),
+        heading_deg=file["heading"],
+        pitch_deg=file["pitch"],
+        roll_deg=file["roll"],
+        pressure_dbar=flat,
+        depth_m=np.full(n, 490.0),
+        temperature_c=file["temperature"],
+        supply_voltage=flat,
+        quality=np.where(usable, 1, 9).astype(np.int8),
+        heading_quality=np.ones(n, dtype=np.int8),
+    )
+
+
+def bins_of(record: Record, which: slice) -> Record:
+    """Return some bins of a record."""
+    columns = {name: getattr(record, name)[:, which] for name in ("east", "north", "bin_range_m", "quality")}
+    return replace(record, **columns)
+
+
+def seen_by(record: Record, coefficients: tuple[float, ...]) -> Record:
+    """Return a record as a compass near iron gives it: another heading, and velocities that are turned by that."""
+    recorded = compass.recorded_heading(coefficients, record.heading_deg)
+    turn = angles.difference(recorded, record.heading_deg)[:, None]
+    east, north = angles.turn(record.east, record.north, turn)
+    return replace(record, east=east, north=north, heading_deg=recorded, serial_number=None)
+
+
+def noise(case: Case) -> tuple[float, float, float]:
+    """Return the reduction of the noise across the flow, percent, and the predicted and the real noise, m/s, rms."""
+    record = profile(case.record)
+    trusted, top = (
+        bins_of(record, slice(case.depth, case.depth + 1)),
+        bins_of(record, slice(case.depth + case.gap, None)),
+    )
+    plain, _ = overlap.near_bins(top, np.zeros(len(top.time_s)), 2)
+    found = water.predict(top, trusted.bin_depth_m()[:, 0], 2)
+    assert found is not None
+    truth = trusted.east[:, 0] + 1j * trusted.north[:, 0]
+    fast = np.isfinite(truth * plain * found.velocity) & (np.abs(truth) > SLOWEST_M_S) & water.good(trusted)[:, 0]
+    flow = truth[fast] / np.abs(truth[fast])
+    off = [np.imag((one - truth)[fast] * np.conj(flow)) for one in (plain, found.velocity)]
+    before, after = (float(np.sqrt(np.mean(x**2))) for x in off)
+    return 100.0 * (1.0 - after / before), found.expected_m_s, after
+
+
+def heading_error(case: Case) -> list[tuple[str, float, float]]:
+    """Return for each iron the rms error of the corrected headings without and with the prediction, degrees."""
+    record = profile(case.record)
+    trusted = bins_of(record, slice(case.depth, case.depth + 1))
+    trusted = replace(
+        trusted, depth_m=trusted.bin_depth_m()[:, 0], bin_range_m=0.0 * trusted.bin_range_m, serial_number=None
+    )
+    field = EarthField(record.time_s[[0, -1]], *(np.zeros((4, 2))))
+    result = []
+    for name, coefficients in IRON.items():
+        top = seen_by(bins_of(record, slice(case.depth + case.gap, None)), coefficients)
+        errors = []
+        for predict in (False, True):
+            pairs = overlap.find(top, [trusted], field, overlap.Rules(max_metres=1000.0, predict=predict))
+            fit = deviation.fit("exact", pairs)
+            heading = model.nearest_root(compass.inverse(fit.coefficients, top.heading_deg), record.heading_deg)
+            errors.append(angles.rms(angles.difference(heading, record.heading_deg)[np.isfinite(heading)]))
+        result.append((name, *errors))
+    return result
+
+
+def cases() -> Iterator[Case]:
+    """Give the cases whose record is there."""
+    for record, path, gaps in (
+        ("eh2", "pd0/eh2_20060530_20060717_0007m.000", GAPS),
+        ("papa", "moored/papa_node59p1.npz", (1, 2)),
+    ):
+        if not (DATA / path).exists():
+            print(f"not measured: {path} is not in {DATA}")
+            continue
+        yield from (Case(record, depth, gap) for gap in gaps for depth in DEPTHS)
+
+
+def interval(values: np.ndarray, seed: int = 1) -> str:
+    """Return the median with its 95 % interval, by resampling the cases."""
+    draws = np.median(np.random.default_rng(seed).choice(values, (4000, len(values))), axis=1)
+    low, high = np.quantile(draws, [0.025, 0.975])
+    return f"{np.median(values):.2f} ({low:.2f} to {high:.2f}, n = {len(values)})"
+
+
+def main() -> None:
+    """Print both tables."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--cores", type=int, default=2)
+    asked = parser.parse_args()
+    every = list(cases())
+    if not every:
+        sys.exit(0)
+    with ProcessPoolExecutor(asked.cores) as pool:
+        reduced, errors = list(pool.map(noise, every)), list(pool.map(heading_error, every))
+    print(
+        "| record | gap, cells | noise across the flow falls, % | stated / real rms | ratio of heading errors | worst |"
+    )
+    print("|---|---|---|---|---|---|")
+    for record, gap in dict.fromkeys((one.record, one.gap) for one in every):
+        some = [k for k, one in enumerate(every) if (one.record, one.gap) == (record, gap)]
+        falls = np.array([reduced[k][0] for k in some])
+        stated = np.array([reduced[k][1] / reduced[k][2] for k in some])
+        ratio = np.array([after / before for k in some for _, before, after in errors[k]])
+        print(f"| {record} | {gap} | {interval(falls)} | {interval(stated)} | {interval(ratio)} | {ratio.max():.2f} |")
+    ratio = np.array([after / before for one in errors for _, before, after in one])
+    print(f"\nAll: ratio of the errors of the fitted headings {interval(ratio)}, worst {ratio.max():.2f}")
+    for name in IRON:
+        each = np.array([(before, after) for one in errors for iron, before, after in one if iron == name])
+        print(f"{name}: {np.median(each[:, 0]):.2f} -> {np.median(each[:, 1]):.2f} degrees in the median")
+
+
+if __name__ == "__main__":
+    main()

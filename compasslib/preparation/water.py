@@ -1,0 +1,175 @@
+"""The water at the trusted instrument's depth, predicted from the affected instrument's own profile at the same time.
+
+Weights follow from how the velocities of two bins differ with their distance (best linear unbiased prediction as of
+Bretherton, Davis & Fandry 1976; ordinary kriging). Differences of one instrument's bins have one length however its
+heading errs, so that nothing needs to be known of the compass. Weights are real and add up to one: the prediction turns
+with the heading as a single bin does, and water that is the same in all bins stays as it is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib.core.records import GOOD, NOT_CHECKED, PROBABLY_GOOD, Record
+from compasslib.core.types import Floats
+
+NEAREST = 4  # bins that a prediction is made of
+LOOKED_AT, REACH = 8, 10.0  # bins next to the sphere that the structure is learnt from; cells between two of them
+FEWEST = 100  # differences of two bins
+LEAST_GOOD = 0.9  # of the share of the best bin: what is often bad, as near a boundary, is not trusted when it is good
+STEP = 0.1  # cells; nearer distances to the trusted instrument share their weights
+LENGTHS = (2.0, 4.0, 8.0, 16.0, 32.0, 64.0)  # cells over which layers decorrelate
+POWERS = (1.0, 2.0)  # at short distance: layers that are rough, and sheared evenly
+BLOCK_S, SURE = 2 * 86400.0, 2.0  # speeds are alike from hour to hour; standard errors that are no chance
+LEAST_NOISE = 0.02  # of the difference of two neighbours: no velocity is measured without noise
+
+Complexes = NDArray[np.complexfloating]
+
+
+@dataclass(frozen=True)
+class Structure:
+    """Half the mean squared difference of two bins by their distance: noise, and a sum of decorrelating layers."""
+
+    cell_m: float
+    noise: float  # (m/s)^2, of two measurements at one depth
+    parts: tuple[tuple[float, float, float], ...]  # (m/s)^2, length in cells, power
+
+    def layers(self, distance_m: Floats) -> Floats:
+        """Return it without noise, (m/s)^2."""
+        cells = np.abs(distance_m) / self.cell_m
+        return np.sum([size * _shape(cells, length, power) for size, length, power in self.parts], axis=0)
+
+    def weights(self, away_m: Floats) -> Floats:
+        """Return the weights by which bins predict the water at a depth, (k,), which add up to 1.
+
+        Args:
+            away_m: of each bin from that depth, signed, (k,).
+        """
+        between = self.layers(away_m[:, None] - away_m) + self.noise * (1.0 - np.eye(len(away_m)))
+        known = np.block([[between, np.ones((len(away_m), 1))], [np.ones(len(away_m)), np.zeros(1)]])
+        solved: Floats = np.linalg.solve(known, np.append(self.layers(away_m) + self.noise, 1.0))
+        return solved[:-1]
+
+    def variance(self, away_m: Floats, weights: Floats) -> float:
+        """Return the mean squared error of a weighted mean as a prediction, both components together, (m/s)^2.
+
+        Args:
+            away_m: of each bin from the depth that is predicted, signed, (k,).
+            weights: (k,), which add up to 1.
+        """
+        between = self.layers(away_m[:, None] - away_m) + self.noise * (1.0 - np.eye(len(away_m)))
+        return float(2.0 * weights @ (self.layers(away_m) + self.noise) - weights @ between @ weights)
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """The water at the trusted instrument's depth, as the profile has it; turned as the profile is."""
+
+    velocity: Complexes  # (n,) m/s, NaN where no bin is good
+    expected_m_s: float  # rms error of one component by the structure, median over the samples
+    published_m_s: float  # the same of the mean of the nearest bins
+
+
+def good(record: Record) -> NDArray[np.bool_]:
+    """Return which velocities may be used, (n, m)."""
+    flagged = np.isin(record.quality, (NOT_CHECKED, GOOD, PROBABLY_GOOD))
+    return flagged & np.isfinite(record.east) & np.isfinite(record.north)
+
+
+def structure(record: Record) -> Structure | None:
+    """Return how velocities of two bins differ with their distance, None where there are too few to tell."""
+    usable = good(record)
+    range_m = np.median(record.bin_range_m, axis=0)
+    sound = np.flatnonzero(usable.mean(axis=0) >= LEAST_GOOD * usable.mean(axis=0).max(initial=0.0))
+    near = sound[np.argsort(np.abs(range_m[sound]))[:LOOKED_AT]]
+    if len(near) < 3:
+        return None
+    cell_m = float(np.median(np.diff(np.sort(np.abs(range_m[near])))))
+    velocity = np.where(usable[:, near], record.east[:, near] + 1j * record.north[:, near], np.nan)
+    first, second = np.triu_indices(len(near), 1)
+    cells = np.abs(range_m[near][first] - range_m[near][second]) / max(cell_m, 1e-3)
+    squared = [_squared(velocity[:, a] - velocity[:, b]) for a, b in zip(first, second, strict=True)]
+    half = np.array(squared) / 2.0
+    kept = np.isfinite(half) & (half > 0.0) & (cells <= REACH)
+    if kept.sum() < 3 or cell_m <= 0.0:
+        return None
+    return _fitted(cell_m, cells[kept], half[kept])
+
+
+def predict(record: Record, depth_m: Floats, bins: int) -> Prediction | None:
+    """Return the water at given depths, None where the profile cannot tell.
+
+    Args:
+        record: of the affected instrument.
+        depth_m: of the trusted instrument's cell at each sample, (n,).
+        bins: how many the published mean takes, for comparison.
+    """
+    learnt = structure(record)
+    if learnt is None:
+        return None
+    away = record.bin_depth_m() - depth_m[:, None]
+    distance = np.where(good(record) & np.isfinite(away), np.abs(away), np.inf)
+    index = np.argsort(distance, axis=1, kind="stable")[:, :NEAREST]
+    row = np.arange(len(index))[:, None]
+    there = np.isfinite(distance[row, index])
+    from_nearest = np.round(away[np.arange(len(away)), index[:, 0]] / (STEP * learnt.cell_m))
+    known = there[:, 0] & np.isfinite(from_nearest)
+    key = np.column_stack([np.where(there, index, -1), np.where(known, from_nearest, 0.0)])[known].astype(np.int64)
+    alike, inverse = np.unique(key, axis=0, return_inverse=True)
+    range_m = np.median(record.bin_range_m, axis=0) * (-1.0 if record.looks_up else 1.0)
+    first = np.argsort(np.abs(range_m))[:bins]
+    weights, errors = np.zeros((len(alike), index.shape[1])), np.zeros((len(alike), 2))
+    for k, (*which, steps) in enumerate(alike.tolist()):
+        used = [one for one in which if one >= 0]
+        offset = range_m[used] - range_m[used[0]] + steps * STEP * learnt.cell_m
+        weights[k, : len(used)] = learnt.weights(offset)
+        plain = range_m[first] - range_m[used[0]] + offset[0]
+        mean = learnt.variance(plain, np.full(len(first), 1.0 / len(first)))
+        errors[k] = learnt.variance(offset, weights[k, : len(used)]), mean
+    measured = np.where(there, record.east[row, index] + 1j * record.north[row, index], 0.0)
+    velocity = np.full(len(index), np.nan, dtype=complex)
+    velocity[known] = (weights[inverse.ravel()] * measured[known]).sum(axis=1)
+    if not known.any():
+        return None
+    expected, published = np.sqrt(np.median(errors[inverse.ravel()], axis=0) / 2.0).tolist()
+    return Prediction(velocity, expected, published)
+
+
+def denied_by_speeds(time_s: Floats, mean: Complexes, predicted: Complexes, trusted: Complexes) -> bool:
+    """Tell whether the trusted instrument's speeds agree clearly less with the prediction than with the published mean.
+
+    Speeds do not turn: where a depth is wrong or the layers are not alike, they show it without any heading.
+
+    Args:
+        mean: (n,) m/s, as recorded; so the prediction.
+        trusted: (n,) m/s.
+    """
+    off = [(np.abs(one) - np.abs(trusted)) ** 2 for one in (mean, predicted)]
+    block = np.unique(np.floor(time_s / BLOCK_S), return_inverse=True)[1]
+    worse = np.bincount(block, off[1] - off[0])
+    return bool(worse.sum() > SURE * np.sqrt(np.sum(worse**2)))
+
+
+def _squared(difference: Complexes) -> float:
+    """Return the mean square of differences, NaN where there are too few."""
+    finite = np.abs(difference[np.isfinite(difference)]) ** 2
+    return float(np.mean(finite)) if len(finite) >= FEWEST else np.nan
+
+
+def _fitted(cell_m: float, cells: Floats, half: Floats) -> Structure:
+    """Fit noise and layers, none of them negative, to half the squared differences, each by its share."""
+    from scipy.optimize import nnls  # only where there is a profile
+
+    shapes = [(length, power) for length in LENGTHS for power in POWERS]
+    columns = np.column_stack([np.ones_like(cells), *(_shape(cells, *shape) for shape in shapes)])
+    sizes = nnls(columns / half[:, None], np.ones_like(half))[0]
+    least = LEAST_NOISE * float(np.median(half[cells <= cells.min() + 0.5]))
+    parts = tuple((float(size), *shape) for size, shape in zip(sizes[1:], shapes, strict=True) if size > 0.0)
+    return Structure(cell_m, max(float(sizes[0]), least), parts or ((least, LENGTHS[-1], POWERS[0]),))
+
+
+def _shape(cells: Floats, length: float, power: float) -> Floats:
+    return 1.0 - np.exp(-((cells / length) ** power))

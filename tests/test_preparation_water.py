@@ -1,0 +1,167 @@
+"""The water at the trusted depth: predicted from the profile alone; nothing of the compass goes in, or is lost."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sea import FOLDED, MILD, SHARED
+
+from compasslib import deviation, readers
+from compasslib.core import angles, compass
+from compasslib.core.records import BAD, EarthField, Record
+from compasslib.deviation import model
+from compasslib.preparation import overlap, water
+from compasslib.preparation.overlap import Rules
+from compasslib.simulation.pairs import red_from_rest
+
+HOURS, CELL_M, BINS = 3000, 4.0, 12
+FIELD = EarthField(np.array([0.0, 2e9]), np.zeros(2), *(np.ones((3, 2)) * 12000.0))
+ALL_NEAR = Rules(max_metres=1000.0)
+
+
+def layers(seed: int, *, noise_m_s: float = 0.01, bins: int = BINS + 2) -> np.ndarray:
+    """Return currents of layers, (hours, bins) from the trusted one away: a common flow and smooth shears."""
+    rng = np.random.default_rng(seed)
+    common = 0.1 + 0.15 * (red_from_rest(rng, HOURS, 30, 1.0) + 1j * red_from_rest(rng, HOURS, 30, 1.0))
+    z = np.arange(bins)
+    waves = [(red_from_rest(rng, HOURS, 6, 0.03) + 1j * red_from_rest(rng, HOURS, 6, 0.03)) for _ in range(8)]
+    shapes = [np.cos(2 * np.pi * z / length + phase) for length, phase in rng.uniform((12, 0), (40, 6.28), (8, 2))]
+    noise = noise_m_s * (rng.normal(size=(HOURS, bins)) + 1j * rng.normal(size=(HOURS, bins)))
+    return common[:, None] + np.sum([w[:, None] * s for w, s in zip(waves, shapes, strict=True)], axis=0) + noise
+
+
+def instrument(flow: np.ndarray, first_m: float, *, heading_deg: np.ndarray, depth: float = 100.0) -> Record:
+    flat, shape = np.full(len(flow), np.nan), flow.shape
+    return Record(
+        time_s=1.19e9 + 3600.0 * np.arange(len(flow)),
+        east=flow.real.copy(),
+        north=flow.imag.copy(),
+        bin_range_m=np.tile(first_m + CELL_M * np.arange(shape[1]), (len(flow), 1)),
+        heading_deg=heading_deg,
+        pitch_deg=0.0 * heading_deg,
+        roll_deg=0.0 * heading_deg,
+        pressure_dbar=flat,
+        depth_m=np.full(len(flow), depth),
+        temperature_c=flat,
+        supply_voltage=flat,
+        quality=np.ones(shape, dtype=np.int8),
+        heading_quality=np.ones(len(flow), dtype=np.int8),
+        looks_up=True,
+    )
+
+
+def seen(coefficients, flow: np.ndarray, seed: int = 1) -> tuple[Record, Record, np.ndarray]:
+    """Return the affected profile as a compass near iron gives it, the trusted cell below, and the correct headings."""
+    heading = angles.wrap360(np.cumsum(np.random.default_rng(seed).normal(0.0, 25.0, len(flow))))
+    recorded = compass.recorded_heading(coefficients, heading)
+    turned = flow[:, 2:] * np.exp(-1j * np.deg2rad(angles.difference(recorded, heading)))[:, None]
+    top = instrument(turned, CELL_M, heading_deg=recorded)
+    return top, instrument(flow[:, :1], -CELL_M, heading_deg=heading), heading
+
+
+def errors(top: Record, trusted: Record, heading: np.ndarray, **rules) -> float:
+    pairs = overlap.find(top, [trusted], FIELD, replace(ALL_NEAR, **rules))
+    fit = deviation.fit("exact", pairs)
+    found = model.nearest_root(compass.inverse(fit.coefficients, top.heading_deg), heading)
+    return angles.rms(angles.difference(found, heading)[np.isfinite(found)])
+
+
+def test_weights_add_up_and_uniform_water_stays_as_it_is():
+    learnt = water.structure(seen(MILD, layers(1))[0])
+    for away in (np.array([8.0, 12.0, 16.0]), np.array([-4.0, 4.0, 8.0, 12.0]), np.array([40.0])):
+        assert learnt.weights(away).sum() == pytest.approx(1.0)
+    top, trusted, _ = seen(MILD, np.tile(layers(1)[:, :1], (1, BINS + 2)))
+    predicted = water.predict(top, trusted.bin_depth_m()[:, 0], 2)
+    assert predicted is None or predicted.velocity == pytest.approx(top.east[:, 0] + 1j * top.north[:, 0])
+
+
+def test_at_the_depth_of_a_bin_it_is_that_bin_but_for_noise():
+    top, _, _ = seen(MILD, layers(2, noise_m_s=1e-4))
+    found = water.predict(top, top.bin_depth_m()[:, 3], 2)
+    off = found.velocity - (top.east[:, 3] + 1j * top.north[:, 3])
+    assert np.sqrt(np.mean(np.abs(off) ** 2)) < 0.1 * np.std(top.east[:, 4] - top.east[:, 3])
+
+
+def test_it_is_nearer_to_the_trusted_water_than_the_mean_of_bins_and_says_by_how_much():
+    flow = layers(3)
+    top, trusted, _ = seen((0.0,) * 5, flow)
+    found = water.predict(top, trusted.bin_depth_m()[:, 0], 2)
+    mean = flow[:, 2:4].mean(axis=1)
+    real = [float(np.sqrt(np.mean(np.abs(x - flow[:, 0]) ** 2) / 2.0)) for x in (mean, found.velocity)]
+    assert real[1] < 0.75 * real[0]
+    assert found.published_m_s == pytest.approx(real[0], rel=0.3)
+    assert found.expected_m_s == pytest.approx(real[1], rel=0.4)
+
+
+@pytest.mark.parametrize("coefficients", [MILD, FOLDED], ids=["mild", "folded"])
+def test_it_turns_as_the_profile_does_so_that_nothing_of_a_compass_is_swallowed(coefficients):
+    """Deviation, slip, drift and fold are turns of all bins alike: all of each comes through, not 95 % of it."""
+    flow = layers(4)
+    plain, trusted, heading = seen((0.0,) * 5, flow)
+    hours = np.arange(HOURS)
+    turn = angles.difference(compass.recorded_heading(coefficients, heading), heading)
+    turn = turn + np.where(hours > 1200, 12.0, 0.0) + 5e-3 * hours  # a mount that slipped, a compass that drifts
+    by = np.exp(-1j * np.deg2rad(turn))[:, None]
+    velocity = (plain.east + 1j * plain.north) * by
+    turned = replace(plain, east=velocity.real, north=velocity.imag)
+    depth = trusted.bin_depth_m()[:, 0]
+    before, after = (water.predict(one, depth, 2).velocity for one in (plain, turned))
+    assert np.abs(after - before * by[:, 0]).max() < 1e-9
+
+
+def test_headings_are_nearer_to_the_truth_and_a_constant_shear_does_no_more_harm_than_before():
+    for seed in range(5, 8):
+        flow = layers(seed)
+        for shear in (0.0, 0.004 + 0.003j):  # m/s a cell, as a mean current that changes with depth
+            top, trusted, heading = seen(MILD, flow + shear * np.arange(BINS + 2), seed)
+            assert errors(top, trusted, heading, predict=True) < errors(top, trusted, heading) + 0.05
+
+
+def test_bins_that_are_bad_are_left_out_and_without_a_profile_it_is_the_mean_of_the_bins():
+    top, trusted, _ = seen(MILD, layers(9))
+    wild = np.where(np.arange(HOURS) % 3 == 0, 5.0, 0.0)[:, None] * (np.arange(BINS) == 2)
+    quality = np.where(wild > 0, BAD, 1).astype(np.int8)
+    spoilt = replace(top, east=top.east + wild, quality=quality)
+    depth = trusted.bin_depth_m()[:, 0]
+    clean, left_out = (water.predict(one, depth, 2).velocity for one in (top, spoilt))
+    assert np.sqrt(np.mean(np.abs(clean - left_out) ** 2)) < 0.01
+    for some in (slice(0, 1), slice(0, 2)):
+        few = replace(
+            top,
+            **{name: getattr(top, name)[:, some] for name in ("east", "north", "bin_range_m", "quality")},
+        )
+        assert water.predict(few, depth, 2) is None
+        found = [overlap.find(few, [trusted], FIELD, replace(ALL_NEAR, predict=on)) for on in (False, True)]
+        assert found[0].upper_east == pytest.approx(found[1].upper_east) and found[1].expected_m_s is None
+
+
+def test_on_a_real_profile_the_noise_across_the_flow_falls_and_so_does_the_error_of_headings():
+    """benchmarks/water.py has all depths, gaps and irons."""
+    path = SHARED / "pd0/eh2_20060530_20060717_0007m.000"
+    if not path.exists():
+        pytest.skip(f"no real recording at {path}")
+    record = replace(readers.read("pd0", [path], {}), serial_number=None)
+    record = replace(record, depth_m=np.full(len(record.time_s), 7.0))
+    cut = {name: getattr(record, name) for name in ("east", "north", "bin_range_m", "quality")}
+    trusted = replace(record, **{name: column[:, 3:4] for name, column in cut.items()})
+    recorded = compass.recorded_heading(FOLDED, record.heading_deg)
+    turn = angles.difference(recorded, record.heading_deg)[:, None]
+    east, north = angles.turn(record.east, record.north, turn)
+    top = replace(
+        record, **{n: c[:, 5:] for n, c in (cut | {"east": east, "north": north}).items()}, heading_deg=recorded
+    )
+    before, after = (errors(top, trusted, record.heading_deg, predict=on) for on in (False, True))
+    assert after < 0.75 * before
+
+
+def test_speeds_deny_a_prediction_that_is_further_from_the_trusted_water_and_no_other():
+    """As where a depth is wrong by tens of metres: the mean of the bins stays, and what is expected is not stated."""
+    flow = layers(11)
+    time_s, rng = 1.19e9 + 3600.0 * np.arange(HOURS), np.random.default_rng(3)
+    mean, trusted = flow[:, 2:4].mean(axis=1), flow[:, 0]
+    wild = mean + 0.1 * (red_from_rest(rng, HOURS, 6, 1.0) + 1j * red_from_rest(rng, HOURS, 6, 1.0))
+    better = (mean + trusted) / 2.0
+    assert water.denied_by_speeds(time_s, mean, wild, trusted)
+    assert not water.denied_by_speeds(time_s, mean, better, trusted)
+    equal = [water.denied_by_speeds(time_s, *layers(seed)[:, [3, 2, 0]].T) for seed in range(20, 40)]
+    assert np.mean(equal) < 0.2
