@@ -2,6 +2,8 @@
 
     python benchmarks/injected.py 60 1                     60 injections of each kind by seed 1
     python benchmarks/injected.py 60 1 --kind single
+    python benchmarks/injected.py 60 1 --gap 2             one bin is the trusted instrument, 2 cells off
+    python benchmarks/injected.py 60 1 --gap 2 --published the same by the mean of two bins, nothing predicted
 
 The recorded headings of E0 in ../shared/data/cruise_eh2 count as the true ones, an iron compass of
 compasslib/simulation/pairs.py reads them again with an effect, and the engine is told nothing. Kinds and measures are
@@ -15,13 +17,17 @@ import json
 import sys
 import tempfile
 import time
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import discrepancy as bench
 import numpy as np
+import water
 
 from compasslib.archive import netcdf
+from compasslib.core.records import EarthField, Pairs
+from compasslib.preparation import overlap
 from compasslib.search import covariates
 from compasslib.search.diagnosis import Options, diagnose
 from compasslib.simulation import pairs as sea
@@ -31,10 +37,37 @@ KINDS = ("null", "single", "two", "unknown")
 DATA = Path(__file__).resolve().parents[1] / ".." / "shared" / "data" / "cruise_eh2"
 
 
-def world(made: Path, seed: int) -> tuple[sea.World, dict[str, np.ndarray]]:
-    """Return the real record as a world that a compass can be put into, and what was logged beside it."""
+@dataclass(frozen=True)
+class Seen:
+    """The real overlap, and what was logged beside it."""
+
+    pairs: Pairs
+    logged: dict[str, np.ndarray]
+
+
+def of_cruise(folder: Path) -> Seen:
+    """Return the overlap of E0 as the pipeline finds it."""
+    made = pipeline.process(DATA, "E0", folder / "E0")
     pairs = netcdf.read_pairs(made / "overlap.nc")
-    logged = covariates.logged(netcdf.read_record(made / "work/top.nc"), (), pairs)
+    return Seen(pairs, covariates.logged(netcdf.read_record(made / "work/top.nc"), (), pairs))
+
+
+def mirrored(depth: int, gap: int, *, predict: bool) -> Seen:
+    """Return the overlap of one bin of the same record with those beyond it, ``gap`` cells away."""
+    whole = water.profile("eh2")
+    trusted = water.bins_of(whole, slice(depth, depth + 1))
+    trusted = replace(
+        trusted, depth_m=trusted.bin_depth_m()[:, 0], bin_range_m=0.0 * trusted.bin_range_m, serial_number=None
+    )
+    top = water.bins_of(whole, slice(depth + gap, None))
+    field = EarthField(whole.time_s[[0, -1]], *np.zeros((4, 2)))
+    pairs = overlap.find(top, [trusted], field, overlap.Rules(predict=predict))
+    return Seen(pairs, covariates.logged(top, (), pairs))
+
+
+def world(seen: Seen, seed: int) -> tuple[sea.World, dict[str, np.ndarray]]:
+    """Return the real record as a world that a compass can be put into, and what was logged beside it."""
+    pairs, logged = seen.pairs, seen.logged
     rng = np.random.default_rng(seed)
     upper, lower = pairs.upper_east + 1j * pairs.upper_north, pairs.lower_east + 1j * pairs.lower_north
     tilt = np.nan_to_num(np.stack([pairs.pitch_deg, pairs.roll_deg]))
@@ -47,9 +80,9 @@ def world(made: Path, seed: int) -> tuple[sea.World, dict[str, np.ndarray]]:
     ), logged  # fmt: skip
 
 
-def draw(made: Path, kind: str, index: int, seed: int) -> tuple[sea.Drawn, dict[str, float]]:
+def draw(seen: Seen, kind: str, index: int, seed: int) -> tuple[sea.Drawn, dict[str, float]]:
     """Return one injection and the effects that were asked for."""
-    own, logged = world(made, 100_000 * seed + 1000 * KINDS.index(kind) + index)
+    own, logged = world(seen, 100_000 * seed + 1000 * KINDS.index(kind) + index)
     size = bench.SIZES[kind][index % len(bench.SIZES[kind])]
     turn = index // len(bench.SIZES[kind])
     singles = [x for x in bench.SINGLES if np.ptp(getattr(own, {"supply_voltage": "voltage"}.get(x, "heading")))]
@@ -66,9 +99,9 @@ def draw(made: Path, kind: str, index: int, seed: int) -> tuple[sea.Drawn, dict[
     return replace(drawn, covariates=logged), wanted
 
 
-def measure(made: Path, kind: str, index: int, seed: int) -> dict:
+def measure(seen: Seen, kind: str, index: int, seed: int) -> dict:
     """Return one row of the score."""
-    drawn, wanted = draw(made, kind, index, seed)
+    drawn, wanted = draw(seen, kind, index, seed)
     fit, field = bench.fitted(drawn), bench.field_of(drawn)
     begin = time.perf_counter()
     found = diagnose(drawn.pairs, drawn.covariates, fit, field, Options(reference_magnetic=False))
@@ -94,20 +127,27 @@ def main() -> None:
     parser.add_argument("seed", type=int, nargs="?", default=1)
     parser.add_argument("--kind", choices=KINDS)
     parser.add_argument("--rows", type=Path)
+    parser.add_argument("--gap", type=int, help="cells between the trusted bin and the nearest one")
+    parser.add_argument("--published", action="store_true", help="nothing is predicted")
     asked = parser.parse_args()
     if not DATA.is_dir():
         print(f"{DATA} is absent: there is no real record to inject into")
         return
+    if asked.gap is not None:
+        bench.report(
+            rows_of(asked, [mirrored(depth, asked.gap, predict=not asked.published) for depth in water.DEPTHS])
+        )
+        return
     with tempfile.TemporaryDirectory() as folder:
-        bench.report(rows_of(asked, pipeline.process(DATA, "E0", Path(folder) / "E0")))
+        bench.report(rows_of(asked, [of_cruise(Path(folder))]))
 
 
-def rows_of(asked: argparse.Namespace, made: Path) -> list[dict]:
+def rows_of(asked: argparse.Namespace, overlaps: Sequence[Seen]) -> list[dict]:
     """Return the rows that were asked for."""
     rows = []
     for kind in KINDS if asked.kind is None else (asked.kind,):
         for index in range(asked.count):
-            rows.append(measure(made, kind, index, asked.seed))
+            rows.append(measure(overlaps[index // 2 % len(overlaps)], kind, index, asked.seed))
             print(f"\r{kind} {index + 1} of {asked.count}", end="", file=sys.stderr)
             if asked.rows:
                 with asked.rows.open("a") as stream:

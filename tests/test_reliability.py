@@ -188,9 +188,12 @@ FAULTS: dict[str, tuple[Spoil, str]] = {
     "declination of the wrong sign": (said(declination=23.6), "off IGRF"),
     "declination taken out of one that has none": (
         said(deep__declination_applied=-23.6),
-        "the fit holds a constant of +2",
+        "with the other sign: the trusted directions lack it",
     ),
-    "a true reference called magnetic": (said(deep__direction_reference="true"), "the fit holds a constant of +2"),
+    "a magnetic reference called true": (
+        said(deep__direction_reference="true"),
+        "with the other sign: the trusted directions lack it",
+    ),
     "one recording given twice": (given_twice, "recorded the same velocities: one recording was given twice"),
     "cm/s called mm/s": (said(deep__columns__scale=0.0001), "check the unit and scale"),
     "cm/s called m/s": (said(deep__columns__scale=1.0), "velocities flagged: faster than 5 m/s"),

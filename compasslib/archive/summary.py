@@ -29,6 +29,18 @@ COLUMNS = (
 
 STOPPED = "stopped"  # the verdict of a mooring without results, as its files cannot be used
 LARGE_CONSTANT_DEG, SURE_SIGMAS = 10.0, 2.0
+NEAR_DEG = 4.0  # mounts and mean veers make as much
+# By how many declinations the trusted directions lie too far clockwise, or the affected headings are too small.
+MISTAKES = {
+    1: "about once the declination ({:+.0f}): the trusted directions have it twice, being true already "
+    "(direction_reference, declination_applied), or it was taken off the affected headings, which had none "
+    "(declination_applied)",
+    -1: "about once the declination ({:+.0f}) with the other sign: the trusted directions lack it, being magnetic "
+    "(direction_reference, declination_applied), or the affected headings have it already (declination_applied)",
+    2: "about twice the declination ({:+.0f}): it was applied with the wrong sign (declination_applied, longitude)",
+    -2: "about twice the declination ({:+.0f}) with the other sign: it was applied with the wrong sign "
+    "(declination_applied, longitude)",
+}
 
 
 def row(name: str, folder: str | Path, roles: Iterable[str] | None = None) -> dict[str, Any]:
@@ -124,10 +136,24 @@ def _constant(fit: Mapping[str, Any], field: Mapping[str, Any]) -> list[str]:
     if abs(turned) < LARGE_CONSTANT_DEG or abs(a) < SURE_SIGMAS * sigma:
         return []
     declination = float(np.mean(field["declination_deg"]))
+    first = f"the fit holds a constant of {turned:+.0f} degrees, "
+    if mistake := _mistake(turned, sigma if in_degrees else sigma / angles.DEGREE, declination):
+        return [first + mistake]
     return [
-        f"the fit holds a constant of {turned:+.0f} degrees, a turned mount or a mistake: declination is "
-        f"{declination:+.0f} here; check its sign, that of the longitude, direction_reference and declination_applied"
+        f"{first}a turned mount or a mistake: declination is {declination:+.0f} here; check its sign, that of the "
+        "longitude, direction_reference and declination_applied"
     ]
+
+
+def _mistake(turned_deg: float, sigma_deg: float, declination_deg: float) -> str:
+    """Return what a constant looks like, nothing where it is near no multiple of the declination and no half turn."""
+    near = max(NEAR_DEG, SURE_SIGMAS * sigma_deg)
+    if abs(turned_deg) > 180.0 - near:
+        return "half a turn: the instrument hangs backwards, or one of the two has both components of the other sign"
+    times = [k for k in MISTAKES if abs(turned_deg - k * declination_deg) < min(near, abs(declination_deg) / 3.0)]
+    if not times:
+        return ""
+    return MISTAKES[times[0]].format(declination_deg)
 
 
 def _rounded(value: float | None, digits: int) -> float | None:
