@@ -23,7 +23,8 @@ from compasslib import deviation, readers
 from compasslib.core import angles, compass
 from compasslib.core.records import EarthField, Record
 from compasslib.deviation import model
-from compasslib.preparation import overlap, water
+from compasslib.preparation import overlap
+from compasslib.preparation import water as prediction
 
 DATA = Path(__file__).resolve().parents[1] / "../shared/data"
 DEPTHS, GAPS = range(8), (1, 2, 4)  # bins that are the trusted instrument, and cells between it and the nearest one
@@ -33,6 +34,7 @@ IRON = {
     "folded": (0.0, -1.1, 0.7, 0.02, -0.01),
 }
 SLOWEST_M_S = 0.02
+FILES = {"eh2": "pd0/eh2_20060530_20060717_0007m.000", "papa": "moored/papa_node59p1.npz"}
 
 
 @dataclass(frozen=True)
@@ -47,9 +49,9 @@ class Case:
 def profile(name: str) -> Record:
     """Return a genuine moored profile, as recorded; its depth is made constant."""
     if name == "eh2":
-        record = readers.read("pd0", [DATA / "pd0/eh2_20060530_20060717_0007m.000"], {})
+        record = readers.read("pd0", [DATA / FILES["eh2"]], {})
         return replace(record, depth_m=np.full(len(record.time_s), 7.0), direction_reference="magnetic")
-    file = np.load(DATA / "moored/papa_node59p1.npz")
+    file = np.load(DATA / FILES["papa"])
     velocity = file["vel"].astype(float)
     n, bins = velocity.shape[:2]
     flat, usable = np.full(n, np.nan), np.isfinite(velocity[:, :, :2]).all(axis=2)
@@ -84,22 +86,33 @@ def seen_by(record: Record, coefficients: tuple[float, ...]) -> Record:
     return replace(record, east=east, north=north, heading_deg=recorded, serial_number=None)
 
 
-def noise(case: Case) -> tuple[float, float, float]:
-    """Return the reduction of the noise across the flow, percent, and the predicted and the real noise, m/s, rms."""
-    record = profile(case.record)
-    trusted, top = (
-        bins_of(record, slice(case.depth, case.depth + 1)),
-        bins_of(record, slice(case.depth + case.gap, None)),
-    )
+def usable(record: Record) -> np.ndarray:
+    """Return which velocities may be used, (n, m)."""
+    return prediction.good(record)
+
+
+def fall(record: Record, depth: int, gap: int) -> tuple[float, float, float]:
+    """Return by how much the noise across the flow falls, percent, and the stated and the real noise, m/s, rms.
+
+    Args:
+        depth: bin that is the trusted instrument.
+        gap: cells between it and the nearest bin of the affected one.
+    """
+    trusted, top = bins_of(record, slice(depth, depth + 1)), bins_of(record, slice(depth + gap, None))
     plain, _ = overlap.near_bins(top, np.zeros(len(top.time_s)), 2)
-    found = water.predict(top, trusted.bin_depth_m()[:, 0], 2)
+    found = prediction.predict(top, trusted.bin_depth_m()[:, 0], 2)
     assert found is not None
     truth = trusted.east[:, 0] + 1j * trusted.north[:, 0]
-    fast = np.isfinite(truth * plain * found.velocity) & (np.abs(truth) > SLOWEST_M_S) & water.good(trusted)[:, 0]
+    fast = np.isfinite(truth * plain * found.velocity) & (np.abs(truth) > SLOWEST_M_S) & usable(trusted)[:, 0]
     flow = truth[fast] / np.abs(truth[fast])
     off = [np.imag((one - truth)[fast] * np.conj(flow)) for one in (plain, found.velocity)]
     before, after = (float(np.sqrt(np.mean(x**2))) for x in off)
     return 100.0 * (1.0 - after / before), found.expected_m_s, after
+
+
+def noise(case: Case) -> tuple[float, float, float]:
+    """Return what ``fall`` says of a case."""
+    return fall(profile(case.record), case.depth, case.gap)
 
 
 def heading_error(case: Case) -> list[tuple[str, float, float]]:
@@ -125,12 +138,9 @@ def heading_error(case: Case) -> list[tuple[str, float, float]]:
 
 def cases() -> Iterator[Case]:
     """Give the cases whose record is there."""
-    for record, path, gaps in (
-        ("eh2", "pd0/eh2_20060530_20060717_0007m.000", GAPS),
-        ("papa", "moored/papa_node59p1.npz", (1, 2)),
-    ):
-        if not (DATA / path).exists():
-            print(f"not measured: {path} is not in {DATA}")
+    for record, gaps in (("eh2", GAPS), ("papa", (1, 2))):
+        if not (DATA / FILES[record]).exists():
+            print(f"not measured: {FILES[record]} is not in {DATA}")
             continue
         yield from (Case(record, depth, gap) for gap in gaps for depth in DEPTHS)
 

@@ -18,7 +18,7 @@ from compasslib.core.types import Floats
 
 NEAREST = 4  # bins that a prediction is made of
 LOOKED_AT, REACH = 8, 10.0  # bins next to the sphere that the structure is learnt from; cells between two of them
-FEWEST = 100  # differences of two bins
+FEWEST, FEWEST_BINS = 100, 4  # differences of two bins; bins, as two distances alone do not tell how layers decorrelate
 LEAST_GOOD = 0.9  # of the share of the best bin: what is often bad, as near a boundary, is not trusted when it is good
 STEP = 0.1  # cells; nearer distances to the trusted instrument share their weights
 LENGTHS = (2.0, 4.0, 8.0, 16.0, 32.0, 64.0)  # cells over which layers decorrelate
@@ -85,7 +85,7 @@ def structure(record: Record) -> Structure | None:
     range_m = np.median(record.bin_range_m, axis=0)
     sound = np.flatnonzero(usable.mean(axis=0) >= LEAST_GOOD * usable.mean(axis=0).max(initial=0.0))
     near = sound[np.argsort(np.abs(range_m[sound]))[:LOOKED_AT]]
-    if len(near) < 3:
+    if len(near) < FEWEST_BINS:
         return None
     cell_m = float(np.median(np.diff(np.sort(np.abs(range_m[near])))))
     velocity = np.where(usable[:, near], record.east[:, near] + 1j * record.north[:, near], np.nan)

@@ -1,0 +1,192 @@
+"""Is the simulated sea like real ones? Bins of one profile against each other: no compass is between them.
+
+    python benchmarks/sea.py --figure docs/sea.png      and the numbers as a table
+
+Two genuine moored profiles (../shared/data; said where they are absent) and EG4 of the demonstration, whose profile is
+taken as it comes out of the raw file. The bins of one instrument share its compass: what they differ by is water.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import water
+from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+from scipy.signal import coherence, welch
+
+from compasslib import readers
+from compasslib.core import angles
+from compasslib.core.records import Record
+from compasslib.plots.page import BLUE, GREEN, VERMILION, page
+from compasslib.preparation import deployment
+from compasslib.simulation import demonstration
+
+COLOURS = {"eh2 (real, 2 m)": BLUE, "papa (real, 20 m)": GREEN, "EG4 (simulated, 4 m)": VERMILION}
+APART = 2  # cells between the two bins whose difference is looked at by speed and by period
+FIRST, MOST = 2, 10  # bins that distances are counted from; cells to the farthest
+BANDS = {"tides": (10.0, 14.0), "days to weeks": (48.0, 400.0)}  # hours
+SEGMENT = 512  # hours
+
+
+def simulated() -> Record:
+    """Return the profile of EG4 inside its deployment."""
+    with tempfile.TemporaryDirectory() as folder:
+        demonstration.write_mooring("EG4", Path(folder) / "raw", Path(folder) / "truth.csv")
+        record = readers.read("pd0", [Path(folder) / "raw/EG4/top.000"], {})
+    span = record.time_s[[200, -200]]
+    settled = deployment.settle(
+        record, start_s=span[0], end_s=span[1], latitude=65.3, water_depth=900.0, nominal_depth=None
+    )
+    return replace(settled, depth_m=np.full(len(settled.time_s), float(np.median(settled.depth_m))))
+
+
+def profiles() -> dict[str, Record]:
+    """Return the profiles that are there, by name."""
+    found = {}
+    for name in COLOURS:
+        short = name.split()[0]
+        if short == "EG4":
+            found[name] = simulated()
+        elif (water.DATA / water.FILES[short]).exists():
+            found[name] = water.profile(short)
+        else:
+            print(f"not measured: {water.FILES[short]} is not in {water.DATA}")
+    return found
+
+
+def flow(record: Record, bin_: int) -> np.ndarray:
+    """Return the currents in one bin, east + i north, m/s, NaN where bad."""
+    good = water.usable(record)[:, bin_]
+    return np.where(good, record.east[:, bin_] + 1j * record.north[:, bin_], np.nan)
+
+
+def across(near: np.ndarray, far: np.ndarray) -> np.ndarray:
+    """Return the difference across the flow, m/s, NaN where either is bad."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.imag((near - far) * np.conj(far) / np.abs(far))
+
+
+def by_distance(record: Record) -> tuple[np.ndarray, np.ndarray]:
+    """Return distances, m, and the rms difference across the flow, cm/s."""
+    last = min(FIRST + MOST, record.east.shape[1] - 1)
+    range_m = np.median(np.abs(record.bin_range_m), axis=0)
+    pairs = [
+        (range_m[k] - range_m[FIRST], across(flow(record, FIRST), flow(record, k))) for k in range(FIRST + 1, last)
+    ]
+    return np.array([x for x, _ in pairs]), np.array([100.0 * np.sqrt(np.nanmean(y**2)) for _, y in pairs])
+
+
+def by_speed(record: Record) -> tuple[np.ndarray, np.ndarray]:
+    """Return speeds, cm/s, and the median difference of directions of two bins at them, degrees."""
+    one, other = flow(record, FIRST), flow(record, FIRST + APART)
+    known = np.isfinite(one * other) & (np.abs(one) > 0.0) & (np.abs(other) > 0.0)
+    speed, off = 100.0 * np.abs(one[known]), np.abs(np.angle(one[known] * np.conj(other[known]))) / angles.DEGREE
+    edges = np.quantile(speed, np.linspace(0.0, 1.0, 9))
+    which = np.clip(np.searchsorted(edges, speed, side="right") - 1, 0, 7)
+    return np.array([np.median(speed[which == k]) for k in range(8)]), np.array(
+        [np.median(off[which == k]) for k in range(8)]
+    )
+
+
+def hourly(series: np.ndarray, time_s: np.ndarray) -> np.ndarray | None:
+    """Return a complex series every hour, gaps bridged; None for one that was sampled more rarely."""
+    if np.median(np.diff(time_s)) > 3700.0:
+        return None
+    known = np.isfinite(series)
+    at = np.arange(time_s[known][0], time_s[known][-1], 3600.0)
+    return np.interp(at, time_s[known], series[known])
+
+
+def spectrum(record: Record) -> tuple[np.ndarray, np.ndarray] | None:
+    """Return periods, hours, and the spectrum of the difference across the flow, (cm/s)^2 a cycle a day."""
+    series = hourly(100.0 * across(flow(record, FIRST), flow(record, FIRST + APART)) + 0j, record.time_s)
+    if series is None:
+        return None
+    frequency, power = welch(series.real, fs=24.0, nperseg=SEGMENT)
+    return 24.0 / frequency[1:], power[1:]
+
+
+def coherences(record: Record, band: tuple[float, float]) -> tuple[np.ndarray, np.ndarray] | None:
+    """Return distances, m, and the coherence of the eastward currents of two bins in a band of periods."""
+    first = hourly(flow(record, FIRST), record.time_s)
+    if first is None:
+        return None
+    range_m, distance, found = np.median(np.abs(record.bin_range_m), axis=0), [], []
+    for k in range(FIRST + 1, min(FIRST + MOST, record.east.shape[1] - 1)):
+        other = hourly(flow(record, k), record.time_s)
+        assert other is not None
+        n = min(len(first), len(other))
+        frequency, squared = coherence(first.real[:n], other.real[:n], fs=1.0, nperseg=SEGMENT)
+        inside = (frequency > 1.0 / band[1]) & (frequency < 1.0 / band[0])
+        distance.append(range_m[k] - range_m[FIRST])
+        found.append(np.sqrt(np.mean(squared[inside])))
+    return np.array(distance), np.array(found)
+
+
+def gain(record: Record) -> tuple[np.ndarray, np.ndarray]:
+    """Return gaps in cells and by how much the noise falls by the prediction, percent, median of depths."""
+    gaps = np.array([1, 2, 3, 4])
+    depths = range(min(8, record.east.shape[1] - 9))
+    return gaps, np.array([np.median([water.fall(record, depth, int(gap))[0] for depth in depths]) for gap in gaps])
+
+
+def draw(found: dict[str, Record], path: Path) -> None:
+    """Draw the page."""
+    with page(path, "Water between the bins of one instrument: two real profiles and the simulated sea", 4.6) as figure:
+        panels = figure.subplots(2, 3)
+        for name, record in found.items():
+            style = {"color": COLOURS[name], "marker": "o", "markersize": 3.0, "label": name}
+            panels[0, 0].plot(*by_distance(record), **style)
+            panels[0, 1].plot(*by_speed(record), **style)
+            panels[1, 2].plot(*gain(record), **style)
+            if (made := spectrum(record)) is not None:
+                panels[0, 2].plot(*made, color=COLOURS[name], linewidth=0.8)
+            for band, line in zip(BANDS, ("-", ":"), strict=True):
+                if (made := coherences(record, BANDS[band])) is not None:
+                    panels[1, 0].plot(*made, line, color=COLOURS[name], marker="o", markersize=2.0)
+        panels[0, 0].set(
+            xscale="log", yscale="log", xlabel="Distance of the bins (m)", ylabel="Across the flow, rms (cm/s)"
+        )
+        panels[0, 1].set(xlabel="Speed (cm/s)", ylabel="Directions, median (°)", ylim=(0.0, None))
+        panels[0, 2].set(xscale="log", yscale="log", xlabel="Period (h)", ylabel="(cm/s)² d")
+        panels[1, 0].set(xlabel="Distance of the bins (m)", ylabel="Coherence", ylim=(0.0, 1.02))
+        panels[1, 2].set(xlabel="Gap (cells)", ylabel="Noise less by prediction (%)", xticks=[1, 2, 3, 4])
+        for axes, title in (
+            (panels[0, 0], "Difference by distance"),
+            (panels[0, 1], f"By speed, {APART} cells apart"),
+            (panels[0, 2], f"Spectrum, {APART} cells apart"),
+            (panels[1, 0], "10–14 h; dotted: 2–17 days"),
+            (panels[1, 2], "Gain of the prediction"),
+        ):
+            axes.set_title(title)
+        for axis in (panels[0, 0].xaxis, panels[0, 0].yaxis, panels[0, 2].xaxis, panels[0, 2].yaxis):
+            axis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
+            axis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+            axis.set_minor_locator(NullLocator())
+        panels[1, 1].set_axis_off()
+        panels[1, 1].legend(*panels[0, 0].get_legend_handles_labels(), loc="center", frameon=False)
+
+
+def main() -> None:
+    """Print the table, and draw the figure where one is asked for."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--figure", type=Path)
+    asked = parser.parse_args()
+    found = profiles()
+    print("| profile | across the flow, 1, 4, 8 cells, cm/s | directions, slow, fast, ° | gain at 1, 2, 4 cells, % |")
+    print("|---|---|---|---|")
+    for name, record in found.items():
+        off, speeds, gains = by_distance(record)[1], by_speed(record)[1], gain(record)[1]
+        cells = f"{off[0]:.1f} / {off[min(3, len(off) - 1)]:.1f} / {off[min(7, len(off) - 1)]:.1f}"
+        falls = " / ".join(f"{gains[k]:.0f}" for k in (0, 1, 3))
+        print(f"| {name} | {cells} | {speeds[0]:.0f} / {speeds[-1]:.1f} | {falls} |")
+    if asked.figure:
+        draw(found, asked.figure)
+
+
+if __name__ == "__main__":
+    main()
