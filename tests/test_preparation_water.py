@@ -165,3 +165,14 @@ def test_speeds_deny_a_prediction_that_is_further_from_the_trusted_water_and_no_
     assert not water.denied_by_speeds(time_s, mean, better, trusted)
     equal = [water.denied_by_speeds(time_s, *layers(seed)[:, [3, 2, 0]].T) for seed in range(20, 40)]
     assert np.mean(equal) < 0.2
+
+
+def test_a_depth_that_is_stated_wrongly_is_said_with_the_depth_whose_speeds_agree():
+    """The trusted meter hangs beside the fourth bin, and is stated beside the eighth."""
+    flow = layers(12, noise_m_s=0.005)
+    top, _, heading = seen(MILD, flow)
+    right = float(top.bin_depth_m()[0, 3])
+    for depth, expected in ((right, ""), (float(top.bin_depth_m()[0, 7]), f"{4 * CELL_M:.0f} m below it")):
+        trusted = instrument(flow[:, 5:6], 0.0, heading_deg=heading, depth=depth)
+        warnings = overlap.find(top, [trusted], FIELD, replace(ALL_NEAR, predict=True)).warnings
+        assert any(expected in one for one in warnings) if expected else not warnings

@@ -47,6 +47,7 @@ READINGS: tuple[Callable[[Complexes], Complexes], ...] = (  # of east + i north:
 # From this rms on directions of other days must agree less: where a mean flow rules, unrelated ones scatter by as much.
 SCATTERED_DEG, OTHER_DAYS, FEWEST_OF_OTHER_DAYS = 35.0, 12, 200
 SURE_SIGMAS = 2.0  # of a growth of the rms
+WATER = ("mean_of_bins", "predicted")  # by the profile: rms of one component at the trusted depth
 FORM_PAIRS = 1500  # as many pairs, evenly taken, tell the forms apart; more only take longer
 
 
@@ -123,6 +124,7 @@ def assess(pairs: Pairs, fit: Fit, plain: Pairs | None = None) -> dict[str, Any]
         "before_where_corrected": before,
         "after": after,
         "rms_of_other_days_deg": others,
+        "water_error_m_s": None if pairs.expected_m_s is None else dict(zip(WATER, pairs.expected_m_s, strict=True)),
         "refuted": _refuted(after, others) or _worse(before, after) or _misread(pairs, fit, after),
         "held_out": {"block_days": _block_length(pairs.time_s) / 86400.0, "folds": FOLDS, "n": int(known.sum())},
     }

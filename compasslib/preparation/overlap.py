@@ -38,6 +38,7 @@ OTHER_FRAMES = {
     (1, -2): "mirrored about the heading",
     (1, 0): "mirrored",
 }
+SURPRISE = 3.0  # times what is expected of the water; it was 0.7 to 1.3 on real profiles
 NOISE_M_S = 0.01  # below this a profiler's hourly velocity is noise
 
 
@@ -201,11 +202,26 @@ def _predicted(pairs: Pairs, upper: Record, depth_m: Floats, bins: int) -> Pairs
     if water.denied_by_speeds(pairs.time_s[known], mean[known], predicted[known], trusted[known]):
         return pairs
     velocity = np.where(known, predicted, mean)
+    off = float(np.sqrt(np.mean((np.abs(predicted[known]) - np.abs(trusted[known])) ** 2)))
+    notes = () if off < SURPRISE * max(found.expected_m_s, NOISE_M_S) else (_surprise(off, upper, depth_m, trusted),)
     return replace(
         pairs,
         upper_east=velocity.real,
         upper_north=velocity.imag,
         expected_m_s=(found.published_m_s, found.expected_m_s),
+        warnings=pairs.warnings + notes,
+    )
+
+
+def _surprise(off_m_s: float, upper: Record, depth_m: Floats, trusted: NDArray[np.complexfloating]) -> str:
+    """Say that the trusted speeds are not those of the water at their depth, and of which depth they are."""
+    shift = water.depth_of_speeds(upper, depth_m, np.abs(trusted))
+    where = (
+        f"; they agree best with the water {abs(shift):.0f} m {'below' if shift > 0 else 'above'} it" if shift else ""
+    )
+    return (
+        f"the trusted instrument's speeds differ by {100.0 * off_m_s:.1f} cm/s rms from those predicted at its depth, "
+        f"far more than the profile lets expect{where}: check depths, clocks and units of both"
     )
 
 

@@ -23,6 +23,7 @@ LEAST_GOOD = 0.9  # of the share of the best bin: what is often bad, as near a b
 STEP = 0.1  # cells; nearer distances to the trusted instrument share their weights
 LENGTHS = (2.0, 4.0, 8.0, 16.0, 32.0, 64.0)  # cells over which layers decorrelate
 POWERS = (1.0, 2.0)  # at short distance: layers that are rough, and sheared evenly
+CLEARLY = 0.5  # of the mean square
 BLOCK_S, SURE = 2 * 86400.0, 2.0  # speeds are alike from hour to hour; standard errors that are no chance
 LEAST_NOISE = 0.02  # of the difference of two neighbours: no velocity is measured without noise
 
@@ -136,6 +137,23 @@ def predict(record: Record, depth_m: Floats, bins: int) -> Prediction | None:
         return None
     expected, published = np.sqrt(np.median(errors[inverse.ravel()], axis=0) / 2.0).tolist()
     return Prediction(velocity, expected, published)
+
+
+def depth_of_speeds(record: Record, depth_m: Floats, speed_m_s: Floats) -> float:
+    """Return how much deeper than stated the water has the trusted speeds, m; 0 where none does clearly better.
+
+    Only depths that the profile covers are tried, one cell after the other: beyond it a prediction is vague everywhere.
+
+    Args:
+        depth_m: of the trusted instrument's cell, (n,).
+    """
+    bins = record.bin_depth_m()
+    away = np.median(bins, axis=0) - float(np.median(depth_m))
+    tried = [0.0, *away[np.isfinite(away)].tolist()]
+    flows = [predict(record, depth_m + shift, 1) for shift in tried]
+    off = [float(np.nanmean((np.abs(one.velocity) - speed_m_s) ** 2)) if one else np.inf for one in flows]
+    best = int(np.argmin(off))
+    return tried[best] if off[best] < CLEARLY * off[0] else 0.0
 
 
 def denied_by_speeds(time_s: Floats, mean: Complexes, predicted: Complexes, trusted: Complexes) -> bool:

@@ -73,6 +73,14 @@ def sentences(results: MooringResults) -> tuple[str, ...]:
     return tuple(texts)
 
 
+def _water(errors: Mapping[str, float] | None) -> list[tuple[str, str]]:
+    """Return how far the water at the trusted depth is expected to be from what stands for it, if that is known."""
+    if not errors:
+        return []
+    mean, predicted = (f"{words.significant(100.0 * errors[name], 2)} cm/s" for name in ("mean_of_bins", "predicted"))
+    return [("Water at the trusted depth", f"{predicted} rms off the prediction, {mean} off the mean of the bins")]
+
+
 def _facts(results: MooringResults, site: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
     head, attributes = results.headings, results.headings.attributes
     instrument = ", ".join(str(attributes[key]) for key in ("instrument", "serial_number") if key in attributes)
@@ -85,6 +93,7 @@ def _facts(results: MooringResults, site: Mapping[str, Any]) -> tuple[tuple[str,
         ("Method", made_with(results.fit)),
         *counted(head),
         *sure(head),
+        *_water(results.assessment.get("water_error_m_s")),
         ("The compass can show", _range(results.product)),
         ("Declination", _pair("{} to {}", head.declination_deg, digits=2)),
         (
