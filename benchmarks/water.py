@@ -23,7 +23,7 @@ from compasslib import deviation, readers
 from compasslib.core import angles, compass
 from compasslib.core.records import EarthField, Record
 from compasslib.deviation import model
-from compasslib.preparation import overlap
+from compasslib.preparation import deployment, overlap
 from compasslib.preparation import water as prediction
 
 DATA = Path(__file__).resolve().parents[1] / "../shared/data"
@@ -50,6 +50,8 @@ def profile(name: str) -> Record:
     """Return a genuine moored profile, as recorded; its depth is made constant."""
     if name == "eh2":
         record = readers.read("pd0", [DATA / FILES["eh2"]], {})
+        span = {"start_s": record.time_s[0], "end_s": record.time_s[-1], "latitude": 47.6}
+        record = deployment.settle(record, **span, water_depth=45.5, nominal_depth=7.0)
         return replace(record, depth_m=np.full(len(record.time_s), 7.0), direction_reference="magnetic")
     file = np.load(DATA / FILES["papa"])
     velocity = file["vel"].astype(float)
