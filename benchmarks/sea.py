@@ -23,6 +23,7 @@ from compasslib.core import angles
 from compasslib.core.records import Record
 from compasslib.plots.page import BLUE, GREEN, VERMILION, page
 from compasslib.preparation import deployment
+from compasslib.preparation import water as prediction
 from compasslib.simulation import demonstration
 
 COLOURS = {"eh2 (real, 2 m)": BLUE, "papa (real, 20 m)": GREEN, "EG4 (simulated, 4 m)": VERMILION}
@@ -60,7 +61,7 @@ def profiles() -> dict[str, Record]:
 
 def flow(record: Record, bin_: int) -> np.ndarray:
     """Return the currents in one bin, east + i north, m/s, NaN where bad."""
-    good = water.usable(record)[:, bin_]
+    good = prediction.good(record)[:, bin_]
     return np.where(good, record.east[:, bin_] + 1j * record.north[:, bin_], np.nan)
 
 

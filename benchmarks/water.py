@@ -88,11 +88,6 @@ def seen_by(record: Record, coefficients: tuple[float, ...]) -> Record:
     return replace(record, east=east, north=north, heading_deg=recorded, serial_number=None)
 
 
-def usable(record: Record) -> np.ndarray:
-    """Return which velocities may be used, (n, m)."""
-    return prediction.good(record)
-
-
 def fall(record: Record, depth: int, gap: int) -> tuple[float, float, float]:
     """Return by how much the noise across the flow falls, percent, and the stated and the real noise, m/s, rms.
 
@@ -105,7 +100,7 @@ def fall(record: Record, depth: int, gap: int) -> tuple[float, float, float]:
     found = prediction.predict(top, trusted.bin_depth_m()[:, 0], 2)
     assert found is not None
     truth = trusted.east[:, 0] + 1j * trusted.north[:, 0]
-    fast = np.isfinite(truth * plain * found.velocity) & (np.abs(truth) > SLOWEST_M_S) & usable(trusted)[:, 0]
+    fast = np.isfinite(truth * plain * found.velocity) & (np.abs(truth) > SLOWEST_M_S) & prediction.good(trusted)[:, 0]
     flow = truth[fast] / np.abs(truth[fast])
     off = [np.imag((one - truth)[fast] * np.conj(flow)) for one in (plain, found.velocity)]
     before, after = (float(np.sqrt(np.mean(x**2))) for x in off)
@@ -113,7 +108,6 @@ def fall(record: Record, depth: int, gap: int) -> tuple[float, float, float]:
 
 
 def noise(case: Case) -> tuple[float, float, float]:
-    """Return what ``fall`` says of a case."""
     return fall(profile(case.record), case.depth, case.gap)
 
 

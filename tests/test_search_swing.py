@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +12,7 @@ from compasslib.search import kinds
 from compasslib.search.diagnosis import Options
 from compasslib.search.kinds import swing_forward
 from compasslib.search.verdict import Diagnosis
-from compasslib.simulation import swing
+from compasslib.simulation import recordings, swing
 from compasslib.simulation.compass import Iron
 from compasslib.simulation.swing import CIRCLES, LEGS, ONE_CIRCLE, Boat
 
@@ -25,19 +24,7 @@ TAIOHAE = Path(__file__).resolve().parents[2] / "shared/data/swing/2010-11-03.Ta
 
 def table(path: Path, boat: Boat, seed: int = 1) -> Path:
     made = swing.sail(np.random.default_rng(seed), boat, 5.0)
-    stamps = np.datetime_as_string((1000.0 * made.time_s).astype("datetime64[ms]"))
-    columns = {
-        "compass_deg": made.compass_deg,
-        "cog_deg": made.course_deg,
-        "speed_kn": made.speed_kn,
-        "time_utc": stamps,
-    }
-    columns |= {"water_speed_kn": made.water_speed_kn} if boat.log_scale else {}
-    with path.open("w", newline="") as stream:
-        writer = csv.writer(stream)
-        writer.writerow(columns)
-        writer.writerows(zip(*columns.values(), strict=True))
-    return path
+    return recordings.written(made, path)
 
 
 def swung(folder: Path, boat: Boat, seed: int = 1, **settings: object) -> Diagnosis:

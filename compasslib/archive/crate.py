@@ -126,8 +126,8 @@ def log_line(page: Mapping[str, Any]) -> str:
 
 def _files(jobs: Mapping[str, Record], configuration: Mapping[str, Sequence[str]]) -> dict[str, str]:
     settings = provenance.hashes(path for paths in configuration.values() for path in paths)
-    known_of_each = [record[part] for record in jobs.values() for part in ("read", "wrote")]
-    return settings | {path: known for one in known_of_each for path, known in one.items()}
+    files_of_jobs = [record[part] for record in jobs.values() for part in ("read", "wrote")]
+    return settings | {path: known for one in files_of_jobs for path, known in one.items()}
 
 
 def _action(path: Path) -> str:

@@ -151,9 +151,9 @@ def _shift(fits: Mapping[str, FittedSeries | str], chosen: FittedSeries, common_
     value = unit * float(series_fit.coefficients[0])
     sigma = float(np.hypot(unit * np.sqrt(series_fit.covariance[0, 0]), common_deg))
     proven = abs(value) > 2.0 * sigma
-    whether = "is left over" if proven else "is not told from none"
+    judged = "is left over" if proven else "is not told from none"
     text = (
-        f"A constant shift of {value:+.2f} ± {2.0 * sigma:.2f} degrees (k = 2) {whether}; "
+        f"A constant shift of {value:+.2f} ± {2.0 * sigma:.2f} degrees (k = 2) {judged}; "
         "it may be of the compass, its mounting or the reference direction."
     )
     return {"value_deg": value, "sigma_deg": sigma, "differs_from_none": proven, "text": text}

@@ -17,14 +17,12 @@ from numpy.typing import NDArray
 from compasslib import deviation
 from compasslib.core import angles
 from compasslib.core.records import Pairs
-from compasslib.core.types import Floats
+from compasslib.core.types import Complexes, Floats
 from compasslib.deviation import correction, exact, model
 from compasslib.deviation.forms import EXACT, FORMS
 from compasslib.deviation.model import Fit
 from compasslib.deviation.model import chosen as choose
 from compasslib.stats import autocorrelation
-
-Complexes = NDArray[np.complex128]
 
 BLOCK_S = 10 * 86400.0
 FOLDS = 2

@@ -11,10 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from compasslib.core.records import GOOD, NOT_CHECKED, PROBABLY_GOOD, Record
-from compasslib.core.types import Floats
+from compasslib.core.types import Bools, Complexes, Floats
 
 NEAREST = 4  # bins that a prediction is made of
 LOOKED_AT, REACH = 8, 10.0  # bins next to the sphere that the structure is learnt from; cells between two of them
@@ -26,8 +25,6 @@ POWERS = (1.0, 2.0)  # at short distance: layers that are rough, and sheared eve
 CLEARLY = 0.5  # of the mean square
 BLOCK_S, SURE = 2 * 86400.0, 2.0  # speeds are alike from hour to hour; standard errors that are no chance
 LEAST_NOISE = 0.02  # of the difference of two neighbours: no velocity is measured without noise
-
-Complexes = NDArray[np.complexfloating]
 
 
 @dataclass(frozen=True)
@@ -49,8 +46,7 @@ class Structure:
         Args:
             away_m: of each bin from that depth, signed, (k,).
         """
-        between = self.layers(away_m[:, None] - away_m) + self.noise * (1.0 - np.eye(len(away_m)))
-        known = np.block([[between, np.ones((len(away_m), 1))], [np.ones(len(away_m)), np.zeros(1)]])
+        known = np.block([[self._between(away_m), np.ones((len(away_m), 1))], [np.ones(len(away_m)), np.zeros(1)]])
         solved: Floats = np.linalg.solve(known, np.append(self.layers(away_m) + self.noise, 1.0))
         return solved[:-1]
 
@@ -61,8 +57,12 @@ class Structure:
             away_m: of each bin from the depth that is predicted, signed, (k,).
             weights: (k,), which add up to 1.
         """
-        between = self.layers(away_m[:, None] - away_m) + self.noise * (1.0 - np.eye(len(away_m)))
-        return float(2.0 * weights @ (self.layers(away_m) + self.noise) - weights @ between @ weights)
+        towards = 2.0 * weights @ (self.layers(away_m) + self.noise)
+        return float(towards - weights @ self._between(away_m) @ weights)
+
+    def _between(self, away_m: Floats) -> Floats:
+        """Return it between all bins, (k, k)."""
+        return self.layers(away_m[:, None] - away_m) + self.noise * (1.0 - np.eye(len(away_m)))
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ class Prediction:
     published_m_s: float  # the same of the mean of the nearest bins
 
 
-def good(record: Record) -> NDArray[np.bool_]:
+def good(record: Record) -> Bools:
     """Return which velocities may be used, (n, m)."""
     flagged = np.isin(record.quality, (NOT_CHECKED, GOOD, PROBABLY_GOOD))
     return flagged & np.isfinite(record.east) & np.isfinite(record.north)
@@ -100,15 +100,16 @@ def structure(record: Record) -> Structure | None:
     return _fitted(cell_m, cells[kept], half[kept])
 
 
-def predict(record: Record, depth_m: Floats, bins: int) -> Prediction | None:
+def predict(record: Record, depth_m: Floats, bins: int, learnt: Structure | None = None) -> Prediction | None:
     """Return the water at given depths, None where the profile cannot tell.
 
     Args:
         record: of the affected instrument.
         depth_m: of the trusted instrument's cell at each sample, (n,).
         bins: how many the published mean takes, for comparison.
+        learnt: the record's structure, where it is known already.
     """
-    learnt = structure(record)
+    learnt = learnt or structure(record)
     if learnt is None:
         return None
     away = record.bin_depth_m() - depth_m[:, None]
@@ -150,7 +151,8 @@ def depth_of_speeds(record: Record, depth_m: Floats, speed_m_s: Floats) -> float
     bins = record.bin_depth_m()
     away = np.median(bins, axis=0) - float(np.median(depth_m))
     tried = [0.0, *away[np.isfinite(away)].tolist()]
-    flows = [predict(record, depth_m + shift, 1) for shift in tried]
+    learnt = structure(record)
+    flows = [predict(record, depth_m + shift, 1, learnt) for shift in tried]
     off = [float(np.nanmean((np.abs(one.velocity) - speed_m_s) ** 2)) if one else np.inf for one in flows]
     best = int(np.argmin(off))
     return tried[best] if off[best] < CLEARLY * off[0] else 0.0

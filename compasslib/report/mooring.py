@@ -78,7 +78,12 @@ def _water(errors: Mapping[str, float] | None) -> list[tuple[str, str]]:
     if not errors:
         return []
     mean, predicted = (f"{words.significant(100.0 * errors[name], 2)} cm/s" for name in ("mean_of_bins", "predicted"))
-    return [("Water at the trusted depth", f"{predicted} rms off the prediction, {mean} off the mean of the bins")]
+    return [
+        (
+            "Water at the trusted depth",
+            f"by the profile {predicted} rms off the prediction, {mean} off the mean of the bins",
+        )
+    ]
 
 
 def _facts(results: MooringResults, site: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:

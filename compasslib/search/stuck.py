@@ -65,5 +65,5 @@ def _flow(record: Record) -> tuple[Floats, NDArray[np.bool_]]:
     along, across = velocity.imag * cosine + velocity.real * sine, velocity.real * cosine - velocity.imag * sine
     speed = np.abs(velocity)
     columns = np.column_stack([np.ones(len(speed)), speed * along, speed * across, along, across])
-    known = np.isfinite(columns).all(axis=1)
+    known = np.asarray(np.isfinite(columns).all(axis=1))
     return np.where(known[:, None], columns, 0.0), known

@@ -154,7 +154,7 @@ def warnings(solved: Solved, field: Field, columns: Mapping[str, str]) -> list[s
     level, tilted = solved.choice.level, solved.log.tilted
     weak = field is not None and field["horizontal_nT"] < WEAK_FIELD_NT
     too_weak = f"The horizontal field is under {WEAK_FIELD_NT:.0f} nT: no correction can be relied on"
-    sentence_if = {
+    sentences_where = {
         "The logged heading follows the corrected axes: it counts as correct and shows the mounting, A.": (
             solved.logged_is_correct
         ),
@@ -169,7 +169,7 @@ def warnings(solved: Solved, field: Field, columns: Mapping[str, str]) -> list[s
         "No tilts are logged: a magnetometer that stands askew in its instrument is not seen.": not (level or tilted),
         f"{too_weak} (Le Menn et al. 2023, section 7).": weak,
     }
-    texts = [sentence for sentence, holds in sentence_if.items() if holds]
+    texts = [sentence for sentence, holds in sentences_where.items() if holds]
     if field is None:
         return texts
     size, what = solved.choice.scale * solved.gain(solved.iron), "horizontal" if level else "total"

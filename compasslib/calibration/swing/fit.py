@@ -101,8 +101,8 @@ def _noises(
 def _taken_up(columns: Floats, sigma: Floats) -> Floats:
     """Return a basis of what the fit takes up: free parameters, and those that the data know better than the prior."""
     free = orthonormal(columns[:, np.isinf(sigma)])
-    believed_part = columns[:, np.isfinite(sigma)] * sigma[np.isfinite(sigma)]
-    beyond = believed_part - free @ (free.T @ believed_part)
+    by_priors = columns[:, np.isfinite(sigma)] * sigma[np.isfinite(sigma)]
+    beyond = by_priors - free @ (free.T @ by_priors)
     return np.column_stack([free, orthonormal(beyond, least=KNOWN)])
 
 
