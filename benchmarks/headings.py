@@ -41,6 +41,7 @@ SPECS = {"narrow": demonstration.MOORINGS[2:], "wide": demonstration.MOORINGS}  
 WOBBLE_DEG, MEAN_FLOW = {"narrow": (16.0, 26.0), "wide": (25.0, 35.0)}, {"narrow": 1.0, "wide": 0.5}
 FIELD_NT = (11980.0, 52078.0)  # horizontal and vertical at 65.3 N 33 W in 2007
 UPPER_M, LOWER_M = -7.1, 11.6  # means of the two nearest bins of either instrument, below the sphere
+METER_M_S = 0.008  # noise of their mean, each component
 BINS = (*itertools.pairwise((0.5, 0.7, 0.9, 0.94, 0.96, 0.98, 0.99, 1.01)), (0.94, 0.96))
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
@@ -63,7 +64,7 @@ def draw(index: int, seed: int, heeling: bool) -> Mooring:
     recorded = needle.recorded_heading((level_nt, down_nt), heading, tilt_deg=tilt, sensed_tilt_deg=sensed, iron=iron)
     recorded = angles.wrap360(recorded + rng.normal(0.0, needle.NOISE_DEG, recorded.size))
     upper, lower = (
-        water.velocity(currents, time_s, sphere + below, sphere) + white_vector(rng, time_s.size, water.TURBULENCE_M_S)
+        water.velocity(currents, time_s, sphere + below) + white_vector(rng, time_s.size, METER_M_S)
         for below in (UPPER_M, LOWER_M)
     )
     upper = clockwise(upper, recorded - heading)

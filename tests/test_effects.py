@@ -40,6 +40,10 @@ NAMES = [
     "mooring_motion",
     "rotation_rate",
     "battery_change",
+    "reference_deviation",
+    "reference_slip",
+    "reference_beams",
+    "reference_bias",
 ]
 H_NT, Z_NT, N = 12000.0, 52000.0, 400
 LEVEL = np.array([0.03, 0.25, -0.2, 0.02, 0.01])
@@ -79,7 +83,8 @@ def test_a_term_says_what_it_is(kind):
     assert kind.side in ("compass", "reference", "water", "clock")
     assert kind.stage in ("surroundings", "sensor", "readout", "clock")
     assert kind.literature and kind.fitted() and (kind.__doc__ or "").endswith(".")
-    assert (kind.side == "clock") == (kind.acts_on == "time") and (kind.side == "water") == (kind.acts_on == "water")
+    assert (kind.side == "clock") == (kind.acts_on == "time")
+    assert kind.acts_on == "water" if kind.side == "water" else kind.acts_on != "water" or kind.side == "reference"
     assert all(f.metadata["unit"] and f.metadata["meaning"] for f in fields(kind))
 
 
@@ -197,7 +202,7 @@ def test_a_harmonic_with_three_angles_for_a_reading_gives_none(kind):
 
 def test_the_page_of_the_catalogue_is_not_stale():
     page_file = Path(__file__).resolve().parents[1] / "docs/physics.md"
-    assert page_file.read_text() == page.page(), "run python -m compasslib.physics.page > docs/physics.md"
+    assert page_file.read_text() == page.page(), "run python -m compasslib.effects.page > docs/physics.md"
 
 
 GROWS = {

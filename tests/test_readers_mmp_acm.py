@@ -792,13 +792,12 @@ def test_a_simulated_moorings_currents_and_depths_come_back(mooring, name):
     assert record.counts["damaged_rows"] == partial
     assert accounted(record) == len(scans.time_s)
     assert record.counts["without_pressure"] == 0
-    sphere = np.interp(record.time_s, world.motion.time_s, world.motion.sphere_depth_m)
     depth = np.interp(record.time_s, *depths(folder))
     assert np.abs(record.pressure_dbar - depth).max() < 0.02
-    truth = water.velocity(world.currents, record.time_s, record.pressure_dbar / 1.009, sphere)
+    truth = water.velocity(world.currents, record.time_s, record.pressure_dbar / 1.009)
     east, north = angles.turn(record.east[:, 0], record.north[:, 0], world.field.at(record.time_s)[0])
     missed = east + 1j * north - truth
-    # Turbulence of each profile, 0.35 degrees of compass, half a centimetre a second of each path, a metre of depth.
+    # 0.35 degrees of compass, half a centimetre a second of each path, a metre of depth.
     assert np.sqrt(np.mean(np.abs(missed) ** 2)) < 0.03
     assert abs(missed.mean()) < 0.005
 

@@ -8,13 +8,14 @@ import re
 import struct
 import sys
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 
-from compasslib.simulation import adcp, compass, demonstration, pd0
+from compasslib.simulation import adcp, compass, demonstration, pd0, water
 from compasslib.simulation.demonstration import DEPLOYED_S, MOORINGS, RECOVERED_S
 
 HERE = Path(__file__).parent
@@ -166,12 +167,24 @@ def test_the_flow_is_that_of_the_slope(worlds):
         assert np.abs(flow).max() < 2.0
 
 
-def test_the_shear_across_the_sphere_has_its_size_and_memory(worlds):
-    shear = np.concatenate([world.currents.shear for world in worlds.values()])
-    assert shear.real.std() == pytest.approx(0.03, rel=0.08)
-    lag = 60  # ten hours
-    correlation = np.mean(shear[lag:] * shear[:-lag].conj()).real / np.mean(np.abs(shear) ** 2)
-    assert correlation == pytest.approx(np.exp(-1), abs=0.06)
+def test_layers_part_with_distance_within_hours_and_over_months(worlds):
+    apart = {}
+    for metres in (4.0, 14.0, 40.0):
+        differences = []
+        for world in worlds.values():
+            still = replace(world.currents, surface=0 * world.currents.surface, wave=0 * world.currents.wave)
+            time = still.time_s
+            at = [water.velocity(still, time, np.full(time.size, depth)) for depth in (100.0, 100.0 + metres)]
+            differences.append((at[1] - at[0])[::6])
+        apart[metres] = differences
+    sizes = {metres: np.sqrt(np.mean(np.abs(np.concatenate(x)) ** 2) / 2.0) for metres, x in apart.items()}
+    assert sizes[4.0] < 0.6 * sizes[14.0] < 0.6 * sizes[40.0]
+    assert sizes[14.0] == pytest.approx(0.037, rel=0.25)
+    monthly = [x[: len(x) // 720 * 720].reshape(-1, 720).mean(axis=1) for x in apart[14.0]]
+    slow = np.sqrt(np.mean(np.abs(np.concatenate(monthly)) ** 2) / 2.0)
+    assert 0.15 * sizes[14.0] < slow < 0.5 * sizes[14.0]
+    rms = [np.sqrt(np.mean(np.abs(x[6:] - x[:-6]) ** 2) / np.mean(np.abs(x) ** 2) / 2.0) for x in apart[14.0]]
+    assert 0.5 < np.mean(rms) < 1.2  # half a tide later much of it is another
 
 
 def test_headings_are_locked_to_the_wake_but_go_round(worlds):

@@ -112,6 +112,9 @@ PAIRS = {
     "separation_minutes": Variable("SEPARATION_MINUTES", "time, lower minus upper velocity", "minute"),
     "declination_deg": Variable("DECLINATION", "magnetic declination, east positive", "degree"),
 }
+PAIRS_PERHAPS = {  # only where there are such
+    "lower_heading_deg": Variable("LOWER_HEADING", "heading of the trusted compass", "degree", reference=MAGNETIC),
+}
 SEPARATION_METRES = Variable("SEPARATION_METRES", "depth, lower minus upper velocity", "m")
 
 # ------------------------------------------------------------------------------------------------ corrected.nc, by name

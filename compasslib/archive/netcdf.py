@@ -108,6 +108,9 @@ def write_pairs(path: str | Path, pairs: Pairs, *, attributes: Mapping[str, obje
         nc.createDimension("TIME", len(pairs))
         for name, variable in layout.PAIRS.items():
             put(nc, variable, getattr(pairs, name))
+        for name, variable in layout.PAIRS_PERHAPS.items():
+            if (column := getattr(pairs, name)) is not None:
+                put(nc, variable, column)
         put(nc, layout.SEPARATION_METRES, pairs.lower_depth_m - pairs.upper_depth_m)
 
 
@@ -118,7 +121,8 @@ def read_pairs(path: str | Path) -> Pairs:
         InputError: the file is absent, damaged or something else.
     """
     with opened(path) as nc:
-        arrays = {name: get(nc, variable.name) for name, variable in layout.PAIRS.items()}
+        there = {name: each for name, each in layout.PAIRS_PERHAPS.items() if each.name in nc.variables}
+        arrays = {name: get(nc, variable.name) for name, variable in (layout.PAIRS | there).items()}
         errors = getattr(nc, "water_error_of_mean_and_of_prediction_m_s", None)
         expected = None if errors is None else (float(errors[0]), float(errors[1]))
         return Pairs(**arrays, warnings=tuple(json.loads(nc.getncattr("warnings"))), expected_m_s=expected)

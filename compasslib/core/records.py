@@ -80,6 +80,7 @@ class Pairs:
     lower_depth_m: Floats  # (n,)
     separation_minutes: Floats  # (n,) lower minus upper
     declination_deg: Floats  # (n,)
+    lower_heading_deg: Floats | None = None  # (n,) by the trusted compass, NaN where missing; None where it logs none
     warnings: tuple[str, ...] = ()
     # By the profile, rms of one component, m/s: the water's difference of the published mean, and of what is predicted.
     expected_m_s: tuple[float, float] | None = None

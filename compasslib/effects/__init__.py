@@ -45,6 +45,7 @@ from compasslib.effects.reading import (
     StuckTiltOfLean,
     TiltUncompensated,
 )
+from compasslib.effects.reference import ReferenceBeams, ReferenceBias, ReferenceDeviation, ReferenceSlip
 from compasslib.effects.term import Scene, Term
 from compasslib.effects.water import (
     CourseLag,
@@ -58,7 +59,7 @@ from compasslib.effects.water import (
 
 __all__ = ["CATALOGUE", "SIDES", "Scene", "Term", "meanings"]
 
-# In the order in which they act: surroundings, sensor, readout, then water and clocks.
+# In the order in which they act: surroundings, sensor, readout, then water, the trusted instrument and clocks.
 CATALOGUE: tuple[type[Term], ...] = (
     HardIron,
     SoftIron,
@@ -90,6 +91,10 @@ CATALOGUE: tuple[type[Term], ...] = (
     WaterDrift,
     CourseLag,
     MooringMotion,
+    ReferenceDeviation,
+    ReferenceSlip,
+    ReferenceBeams,
+    ReferenceBias,
     ClockOffset,
     ClockDrift,
 )

@@ -110,7 +110,7 @@ def find(
     usable = close & np.isfinite(velocity) & np.isfinite(other) & np.isfinite(upper.heading_deg)
     keep = np.flatnonzero(usable & (upper.heading_quality <= PROBABLY_GOOD) & (np.abs(velocity) > 0) & (abs(other) > 0))
     found = _assemble(take(upper, keep), lower, field, (velocity, other, depth, other_depth, minutes), keep)
-    found = replace(found, warnings=clocks.warnings)
+    found = replace(found, warnings=clocks.warnings, lower_heading_deg=_heading(lower, found.time_s, tolerance_s))
     if reason := clocks.one_recording or identical(found):
         nothing = np.zeros(0, dtype=np.intp)
         columns = tuple(column[nothing] for column in (velocity, other, depth, other_depth, minutes))
@@ -256,6 +256,16 @@ def _block_averaged(point: Point, block_s: float) -> Point:
     size = np.diff(np.append(begins, len(block)))
     velocity = np.asarray(np.add.reduceat(point.velocity, begins) / size, dtype=complex)
     return Point(np.add.reduceat(point.time_s, begins) / size, velocity, np.add.reduceat(point.depth_m, begins) / size)
+
+
+def _heading(lower: Record, time_s: Floats, tolerance_s: float) -> Floats | None:
+    """Return the trusted compass's heading at given times, None where it logs none that varies."""
+    known = np.isfinite(lower.heading_deg) & (lower.heading_quality <= PROBABLY_GOOD)
+    if not known.any() or not len(time_s):
+        return None
+    sine, cosine = angles.sin_cos(lower.heading_deg[known])
+    at = interpolate(lower.time_s[known], cosine + 1j * sine, time_s, tolerance_s=tolerance_s)
+    return angles.argument(at) if np.isfinite(at).any() else None
 
 
 def _sphere(upper: Record, lower: Record) -> Floats:

@@ -26,6 +26,7 @@ CONSTANT = "a constant error is the same as A, a mean veer of the water and a tu
 UNSEEN = {
     "rotation_rate": "hourly samples do not resolve a turn",
 }
+TRUSTED_STILL = "the trusted instrument's file has no heading that varies"
 ABSENT = {
     "temperature": "no temperature that varies was logged",
     "supply_voltage": "no supply voltage that varies was logged",
@@ -35,6 +36,9 @@ ABSENT = {
     "depth": "the depth does not vary",
     "lean_pitch": "the tilts do not stick for ten days, or nothing shows how the instrument leaned then",
     "flow_east": "the pairs stand too far apart in time to foretell the flow's direction from the hours before",
+    "reference_sine": TRUSTED_STILL,
+    "reference_flow_sine": f"{TRUSTED_STILL}, or the pairs stand too far apart in time",
+    "reference_flow_sine2": f"{TRUSTED_STILL}, or the pairs stand too far apart in time",
     "exact_minus_series": "the simulation is the exact compass already",
 }
 

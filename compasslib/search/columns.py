@@ -24,6 +24,7 @@ TEETH = 24  # highest harmonic of the recorded heading
 TIME_KNOTS, SHORTEST_WAVE_S = (12, 36), 20 * 86400.0
 SPELL, SPELL_STEP_S, SPELLS = "spell", 5 * 86400.0, (4, 6, 8, 12, 18)  # weeks in which the reading is off, in steps
 FAINTEST = 1e-2  # of the power of the best seen combination of splines or harmonics
+PERIODS = {"hour_of_day": 24.0, "reference_heading": 360.0}
 LINEAR = ("time", "temperature", "depth", "pitch", "roll", "speed", "supply_voltage")  # of the products
 
 
@@ -81,8 +82,8 @@ def omnibus(state: State) -> list[Group]:
     heading = state.case.recorded_deg
     groups += [Group("heading", hats, covariates=("heading",)) for hats in _heading_hats(heading)]
     for name, column in found.items():
-        if name == "hour_of_day":
-            groups.append(Group(name, _periodic(column * 15.0, range(1, 4)), covariates=(name,)))
+        if name in PERIODS:
+            groups.append(Group(name, _periodic(360.0 / PERIODS[name] * column, range(1, 4)), covariates=(name,)))
         elif name == "time":
             groups += [Group(name, _hats(column, k), covariates=(name,)) for k in TIME_KNOTS]
             groups += [*waves(column), *_spells(state)]

@@ -26,6 +26,8 @@ SHEARING = 6  # samples to either side over which water shears and instruments' 
 AROUND = (2, 3, 4, 5, 6, 7)  # samples before and after; the nearest may share the residual's noise
 FAINTEST = 0.03  # of the harmonics' largest combination: what an arc of flow hardly tells apart is not scaled up
 CLIPPED_RAD = 0.6  # of the angle between two directions, for its memory: slow water may point anywhere
+FLOW = ("flow_east", "flow_north", "flow_sine2", "flow_cosine2")
+SPEED_SPAN_S, SLOWEST_M_S = 6 * 3600.0, 0.03  # of the speed by which a constant velocity turns a direction
 NEIGHBOUR_S = 1.5 * HOUR_S  # neighbours farther apart say nothing of a rate
 
 
@@ -69,6 +71,8 @@ def of_pairs(pairs: Pairs, logged: Mapping[str, Floats]) -> dict[str, Floats]:
         name: np.nan_to_num(column) if name in QUIET else as_used(name, column, pairs.time_s)
         for name, column in logged.items()
     }
+    if pairs.lower_heading_deg is not None:
+        every["reference_heading"] = pairs.lower_heading_deg
     return {name: filled(column) for name, column in every.items() if varies(column)}
 
 
@@ -140,6 +144,8 @@ def departures(
     result = {name: column - references.get(name, 0.0) for name, column in covariates.items()}
     result["turn_rate"] = rate(pairs.heading_deg, pairs.time_s)
     result |= _of_flow(pairs, np.nan_to_num(angles.difference(heading_deg, pairs.heading_deg)))
+    if "reference_heading" in covariates:
+        result |= _at_reference(pairs, covariates["reference_heading"], result)
     if "supply_voltage" in covariates:
         number = battery_number(covariates["supply_voltage"])
         if number[-1] > 0:
@@ -208,8 +214,29 @@ def _of_flow(pairs: Pairs, deviation_deg: Floats) -> dict[str, Floats]:
     across = -np.imag(moved * np.conj(upper)) / np.maximum(np.abs(upper), 0.02) ** 2 / angles.DEGREE
     result = {"excursion_turn": across, "flow_turn": _turning(both, pairs.time_s)}
     if np.any(predicted):
-        result |= dict(zip(("flow_east", "flow_north", "flow_sine2", "flow_cosine2"), predicted.T, strict=True))
+        result |= dict(zip(FLOW, predicted.T, strict=True))
     return result
+
+
+def _at_reference(pairs: Pairs, heading_deg: Floats, of_flow: Mapping[str, Floats]) -> dict[str, Floats]:
+    """Return sine and cosine of the trusted heading, and of the flow's angle in that instrument's body.
+
+    Args:
+        heading_deg: as the trusted compass recorded it, (n,).
+        of_flow: the flow's direction as the hours around tell it, where they do.
+    """
+    sine, cosine = angles.sin_cos(heading_deg)
+    result = {"reference_sine": sine - sine.mean(), "reference_cosine": cosine - cosine.mean()}
+    if "flow_east" not in of_flow:
+        return result
+    (sine, cosine), (sine2, cosine2) = (angles.sin_cos(k * (heading_deg + pairs.declination_deg)) for k in (1.0, 2.0))
+    speed = np.maximum(running(np.hypot(pairs.lower_east, pairs.lower_north), pairs.time_s, SPEED_SPAN_S), SLOWEST_M_S)
+    east, north, flow_sine2, flow_cosine2 = (of_flow[name] for name in FLOW)
+    return result | {
+        "reference_flow_sine": (east * cosine - north * sine) / speed,
+        "reference_flow_cosine": (north * cosine + east * sine) / speed,
+        "reference_flow_sine2": flow_sine2 * cosine2 - flow_cosine2 * sine2,
+    }
 
 
 def _smooth(flow: NDArray[np.complex128]) -> NDArray[np.complex128]:
@@ -233,7 +260,8 @@ def _predicted(seen: Floats, around: Floats, memory: float) -> Floats:
         return around
     x, z = (series[known] - series[known].mean(axis=0) for series in (x, z))
     shares, *_ = np.linalg.lstsq(z, x, rcond=FAINTEST)
-    return np.asarray(around @ shares)
+    told = around @ shares
+    return np.asarray(told + (np.mean(seen, axis=0) - np.mean(told, axis=0)))
 
 
 def _memory(product: NDArray[np.complex128]) -> float:

@@ -23,11 +23,14 @@ WHERE = {
     "large_deviation": ("heading",),
     "current_veer": ("speed", "separation", "depth"),
     "mooring_motion": ("speed",),
+    "reference_deviation": ("reference_heading",),
+    "reference_beams": ("reference_heading",),
+    "reference_bias": ("speed",),
 }  # every other effect lives along time
 UNITS = {
     "heading": "degrees", "pitch": "degrees", "roll": "degrees", "depth": "m", "separation": "m", "speed": "m/s",
     "temperature": "degrees C", "supply_voltage": "V or counts", "hour_of_day": "h", "time": "",
-    "declination_observatory": "degrees",
+    "declination_observatory": "degrees", "reference_heading": "degrees",
 }  # fmt: skip
 UNITS_OF_CALIBRATIONS = UNITS | {
     "turn_rate": "degrees/s",
@@ -51,6 +54,10 @@ PHYSICS = {
     "compass_lag": "the compass lags behind when the instrument turns",
     "current_veer": "the water itself veers between the two depths",
     "mooring_motion": "the mooring's own motion is in the measured current",
+    "reference_deviation": "the trusted compass has a deviation of its own",
+    "reference_slip": "the trusted directions changed at once: its mount slipped, or iron came or went beside it",
+    "reference_beams": "the beams of the trusted instrument are of unequal gain",
+    "reference_bias": "a constant velocity in its own frame is in what the trusted instrument measures",
     "field_disturbance": "magnetic north moves as the observatory has it, most of all on these dates",
     "secular_variation": "magnetic north drifts beyond the declination that was applied",
     "clock_offset": "the two clocks differ",
@@ -86,6 +93,7 @@ SEPARATED_BY: dict[frozenset[str], str] = {
     for pair in pairs
 }
 WATER_OR_COMPASS = "a second trusted instrument, or a swing of the compass on land: {} lives in the water, {} does not"
+TRUSTED_OR_NOT = "a second trusted instrument (reference as a list), or a swing of either compass on land"
 OTHERWISE = "a record in which {} and {} do not go together"
 
 
@@ -101,6 +109,9 @@ def separated_by(effect: str, alternatives: Sequence[str]) -> str:
 
 
 def _pair(a: str, b: str) -> str:
+    trusted = [name for name in (a, b) if name.startswith("reference_")]
+    if len(trusted) == 1:
+        return f"{a} or {b}: " + TRUSTED_OR_NOT
     water = [name for name in (a, b) if name in ("current_veer", "mooring_motion")]
     if len(water) == 1:
         other = b if water[0] == a else a

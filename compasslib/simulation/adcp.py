@@ -39,14 +39,14 @@ class Stance:
 
     time_s: Floats
     depth_m: Floats
-    sphere_depth_m: Floats
     heading_deg: Floats  # correct, magnetic
     recorded_deg: Floats  # by its compass
     tilt_deg: tuple[Floats, Floats]  # true pitch, forward up, and roll, starboard down
     sensed_tilt_deg: tuple[Floats, Floats]  # the same with the noise of the inclinometers, which the compass uses too
     declination_deg: Floats
     in_water: NDArray[np.bool_]
-    turbulence: Complexes  # east + i north, m/s, the same in all bins
+    gain: float = 0.0  # of the forward beam pair, beyond the other's
+    bias_m_s: complex = 0.0  # starboard + i forward, in every bin
     veer_deg: Floats | None = None  # by which the water here veers from that of the climate, clockwise
 
 
@@ -90,13 +90,13 @@ def measure(rng: np.random.Generator, adcp: Adcp, stance: Stance, water: Water, 
 def near_bins(setup: Setup, stance: Stance, water: Water, bins: int = 2) -> Complexes:
     """Return the true current in the mean of the first bins, true east + i north, m/s, (n,)."""
     depth = _bin_depths(setup, stance)[:, :bins]
-    return _flow(stance, water, depth).mean(axis=1)
+    return _flawed(stance, _flow(stance, water, depth)).mean(axis=1)
 
 
 def _flow(stance: Stance, water: Water, depth_m: Floats) -> Complexes:
     """Return the current at depths of (n, ...), true east + i north, m/s."""
     lift = (slice(None), *(None,) * (depth_m.ndim - 1))
-    flow = sea.velocity(water, stance.time_s, depth_m, stance.sphere_depth_m) + stance.turbulence[lift]
+    flow = sea.velocity(water, stance.time_s, depth_m)
     return flow if stance.veer_deg is None else clockwise(flow, stance.veer_deg[lift])
 
 
@@ -110,7 +110,7 @@ def _velocity(rng: np.random.Generator, adcp: Adcp, stance: Stance, water: Water
     if adcp.setup.coordinates == "beam":
         return _beams(adcp.setup, stance, water) + _normal(rng, stance, noise * np.sqrt(2) * np.sin(SPREAD))
     depth = _bin_depths(adcp.setup, stance)
-    flow = _flow(stance, water, depth)
+    flow = _flawed(stance, _flow(stance, water, depth))
     # From true to magnetic north, and on by as much as the compass is wrong.
     wrong = stance.recorded_deg - stance.heading_deg - stance.declination_deg
     flow = clockwise(flow, wrong[:, None])
@@ -118,6 +118,13 @@ def _velocity(rng: np.random.Generator, adcp: Adcp, stance: Stance, water: Water
     upward = noise / np.sqrt(2) * np.tan(SPREAD)
     deviations = np.stack([noise, noise, upward, noise], axis=-1)
     return np.stack([flow.real, flow.imag, still, still], axis=-1) + _normal(rng, stance, deviations)
+
+
+def _flawed(stance: Stance, flow: Complexes) -> Complexes:
+    """Return true currents as beams of unequal gain, with a constant velocity beside, have them."""
+    true_heading = (stance.heading_deg + stance.declination_deg)[:, None]
+    body = clockwise(flow, -true_heading)  # starboard + i forward
+    return clockwise(body + 1j * stance.gain * body.imag + stance.bias_m_s, true_heading)
 
 
 def _beams(setup: Setup, stance: Stance, water: Water) -> Floats:

@@ -14,7 +14,7 @@ from compasslib.simulation.compass import Field, Iron
 from compasslib.simulation.mooring import Motion, Rig
 from compasslib.simulation.pd0 import Setup
 from compasslib.simulation.profiler import Profiler
-from compasslib.simulation.series import DAY_S, HOUR_S, Floats, circle, direction, red_noise, stream, white_vector
+from compasslib.simulation.series import DAY_S, HOUR_S, Floats, circle, direction, red_noise, stream
 from compasslib.simulation.water import Climate, Water
 
 DEPLOYED_S, RECOVERED_S = 1188864000.0, 1223078400.0  # 4 September 2007 and 4 October 2008, 00:00 UTC
@@ -98,7 +98,7 @@ def top_stance(world: World) -> Stance:
         for series in (motion.sphere_depth_m, motion.heading_deg, motion.pitch_deg, motion.roll_deg)
     )
     rng = world.random("top compass")
-    return _stance(rng, time, (depth, depth), (heading, pitch, roll), iron=world.spec.iron, field=world.field)
+    return _stance(rng, time, depth, (heading, pitch, roll), iron=world.spec.iron, field=world.field)
 
 
 def deep_stance(world: World, instrument: Adcp) -> Stance:
@@ -112,7 +112,7 @@ def deep_stance(world: World, instrument: Adcp) -> Stance:
         depth = sphere + DEEP_BELOW_SPHERE_M
         heading = np.interp(time, motion.time_s, _hanging_heading(rng, world))
     pitch, roll = (mean + red_noise(rng, time.size, memory=6.0, deviation=0.5) for mean in (1.5, -1.2))
-    return _stance(rng, time, (depth, sphere), (heading, pitch, roll), iron=Iron(), field=world.field)
+    return _stance(rng, time, depth, (heading, pitch, roll), iron=Iron(), field=world.field)
 
 
 def _acm_file(instrument: Profiler) -> str:
@@ -127,7 +127,7 @@ def _hourly(instrument: Adcp) -> Floats:
 def _hanging_heading(rng: np.random.Generator, world: World) -> Floats:
     motion = world.motion
     below = motion.sphere_depth_m + DEEP_BELOW_SPHERE_M
-    flow = water.velocity(world.currents, motion.time_s, below, motion.sphere_depth_m)
+    flow = water.velocity(world.currents, motion.time_s, below)
     rest = direction(flow) - world.field.at(motion.time_s)[0] + 75.0
     return mooring.wake_heading(rng, rest, np.abs(flow), wobble_deg=25.0)
 
@@ -135,13 +135,13 @@ def _hanging_heading(rng: np.random.Generator, world: World) -> Floats:
 def _stance(
     rng: np.random.Generator,
     time_s: Floats,
-    depths_m: tuple[Floats, Floats],
+    depth_m: Floats,
     attitude_deg: tuple[Floats, Floats, Floats],
     *,
     iron: Iron,
     field: Field,
 ) -> Stance:
-    """Return a stance with its compass read; depths of instrument and sphere, attitude heading, pitch and roll."""
+    """Return a stance with its compass read; its attitude heading, pitch and roll."""
     in_water = (time_s >= DEPLOYED_S) & (time_s <= RECOVERED_S)
     declination, *strength = field.at(time_s)
     heading, *tilt = attitude_deg
@@ -154,15 +154,13 @@ def _stance(
     recorded = np.where(in_water, recorded, 137.0) + rng.normal(0.0, compass.NOISE_DEG, time_s.size)
     return Stance(
         time_s=time_s,
-        depth_m=depths_m[0],
-        sphere_depth_m=depths_m[1],
+        depth_m=depth_m,
         heading_deg=circle(heading),
         recorded_deg=circle(recorded),
         tilt_deg=(tilt[0], tilt[1]),
         sensed_tilt_deg=sensed,
         declination_deg=declination,
         in_water=in_water,
-        turbulence=white_vector(rng, time_s.size, water.TURBULENCE_M_S),
     )
 
 

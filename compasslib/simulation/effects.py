@@ -48,6 +48,9 @@ class Effect:
     veer_deg: Floats | None = None  # (n,) lower minus upper direction, clockwise
     ahead_s: Floats | None = None  # (n,) by which the compromised clock is ahead of the trusted one
     wrong_clock: str = "top"  # whose clock that is
+    trusted: Callable[[Floats], Floats] | None = None  # added to the trusted compass's headings (n,), degrees
+    gain: float = 0.0  # of the trusted instrument's forward beam pair, beyond the other's
+    bias_m_s: complex = 0.0  # starboard + i forward, in what the trusted instrument measures
     north_deg: Floats | None = None  # (n,) by which magnetic north lies east of where it should
     lag_s: float = 0.0
     unlevelled: float = 0.0  # share of the levelling that is left out
@@ -69,7 +72,7 @@ def scaled(effect: Effect, size: float) -> Effect:
     """
     if not effect.grows:
         return effect
-    plain = effect.reading
+    plain, trusted = effect.reading, effect.trusted
     return replace(
         effect,
         parameters={k: v if k in AS_THEY_ARE else size * v for k, v in effect.parameters.items()},
@@ -77,6 +80,9 @@ def scaled(effect: Effect, size: float) -> Effect:
         reading=None if plain is None else lambda gamma: size * plain(gamma),
         veer_deg=_times(effect.veer_deg, size),
         north_deg=_times(effect.north_deg, size),
+        trusted=None if trusted is None else lambda heading: size * trusted(heading),
+        gain=size * effect.gain,
+        bias_m_s=size * effect.bias_m_s,
         lag_s=size * effect.lag_s,
         size=size,
     )

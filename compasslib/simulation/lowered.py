@@ -61,8 +61,7 @@ def relative(water: Water, time_s: Floats, depth_m: Floats) -> Complexes:
         time_s: instants, (n,).
         depth_m: depths, (n,) or (n, m).
     """
-    above = np.full(time_s.shape, -1.0)  # no sphere shears the water here
-    return sea.velocity(water, time_s, depth_m, above) - DRIFT_M_S * towards(250.0)
+    return sea.velocity(water, time_s, depth_m) - DRIFT_M_S * towards(250.0)
 
 
 def _seen(seed: int, motion: Motion, posture: Posture, water: Water, field: Field) -> Floats:

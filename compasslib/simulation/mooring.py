@@ -34,6 +34,7 @@ class Rig:
     wobble_deg: float  # standard deviation of the heading about it at 25 cm/s
     rest_pitch_deg: float  # lean in still water, from how the instrument is clamped
     rest_roll_deg: float
+    wake_below_m: float = 0.0  # whose water turns the sphere: that at its own depth, or below it
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,7 @@ def make_motion(seed: int, name: str, rig: Rig, water: Water, *, declination_deg
         declination_deg: east positive; headings are magnetic.
     """
     depth = blow_down(rig, water)
-    flow = sea.velocity(water, water.time_s, depth, depth)
+    flow = sea.velocity(water, water.time_s, depth + rig.wake_below_m)
     magnetic_deg = direction(flow) - declination_deg
     heading = wake_heading(
         stream(seed, name, "heading"),
@@ -75,7 +76,7 @@ def blow_down(rig: Rig, water: Water) -> Floats:
     depth = np.tile(NOMINAL_M + along, (hours.size, 1))
     upright = np.ones((hours.size, SEGMENTS))
     for _ in range(ITERATIONS):
-        flow = sea.velocity(water, hours, depth, depth[:, 0])
+        flow = sea.velocity(water, hours, depth)
         # Half of the newest slope: the full step overshoots where the line leans most.
         upright = 0.5 * upright + 0.5 * _cosine_of_lean(flow, upright, net_n, length)
         depth = water.water_depth_m - length * (np.cumsum(upright[:, ::-1], axis=1)[:, ::-1] - 0.5 * upright)

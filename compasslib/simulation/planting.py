@@ -12,7 +12,7 @@ from compasslib.simulation import readings, sealed
 from compasslib.simulation import water as sea
 from compasslib.simulation.effects import Circumstances, Effect, scaled, steps, total
 from compasslib.simulation.sealed import Ground
-from compasslib.simulation.series import DAY_S, HOUR_S, Complexes, Floats, direction, red_noise
+from compasslib.simulation.series import DAY_S, HOUR_S, Complexes, Floats, clockwise, direction, red_noise
 
 # Unit sizes beyond which nobody would believe the effect.
 STRONGEST = {"heeling": 15.0, "sextantal": 9.0, "octantal": 9.0, "compass_lag": 2.0}
@@ -180,6 +180,34 @@ def stuck_tilt(rng: np.random.Generator, here: Circumstances) -> Effect:
     return Effect("stuck_tilt", {"date_s": date}, stuck_from_s=date)
 
 
+# Effects of the trusted instrument.
+
+
+def reference_deviation(rng: np.random.Generator, here: Circumstances) -> Effect:
+    """Return a trusted compass with iron beside it."""
+    phase = rng.uniform(0.0, 2.0 * np.pi)
+    parameters = {"sine_deg": float(np.cos(phase)), "cosine_deg": float(np.sin(phase))}
+    return Effect("reference_deviation", parameters, trusted=lambda heading: np.sin(np.deg2rad(heading) + phase))
+
+
+def reference_slip(rng: np.random.Generator, here: Circumstances) -> Effect:
+    """Return a trusted instrument that turned in its clamp on one day."""
+    date = _date(rng, here)
+    shift = steps(here.time_s, date).astype(float)
+    return Effect("reference_slip", {"offset_deg": 1.0, "date_s": date}, trusted=lambda heading: shift)
+
+
+def reference_beams(rng: np.random.Generator, here: Circumstances) -> Effect:
+    """Return a trusted instrument whose forward beam pair gives too much."""
+    return Effect("reference_beams", {"gain": 0.035}, gain=0.035)
+
+
+def reference_bias(rng: np.random.Generator, here: Circumstances) -> Effect:
+    """Return a trusted instrument that measures a constant velocity of its own, as by ringing."""
+    bias = complex(0.003 * np.exp(1j * rng.uniform(0.0, 2.0 * np.pi)))
+    return Effect("reference_bias", {"starboard_m_s": bias.real, "forward_m_s": bias.imag}, bias_m_s=bias)
+
+
 def _offset(name: str, parameters: dict[str, float], series: Floats) -> Effect:
     return Effect(name, parameters, reading=lambda gamma: series[:, None] * np.ones(gamma.shape))
 
@@ -285,6 +313,9 @@ CATALOGUED: dict[str, tuple[Maker, ...]] = {
     "clock_drift": (clock_drift,),
     "field_disturbance": (field_disturbance,),
 }
+AT_REFERENCE: dict[str, Maker] = {
+    made.__name__: made for made in (reference_deviation, reference_slip, reference_beams, reference_bias)
+}
 UNCATALOGUED: dict[str, Maker] = {
     made.__name__: made
     for made in (
@@ -322,7 +353,7 @@ def plant(ground: Ground, wanted: Mapping[str, float]) -> tuple[Planted, ...]:
     result = []
     for name, size in wanted.items():
         rng = ground.random(f"effect {name}")
-        makers = CATALOGUED.get(name) or (UNCATALOGUED[name],)
+        makers = CATALOGUED.get(name) or ((AT_REFERENCE | UNCATALOGUED)[name],)
         if name == "current_veer" and here.depth_m.std() < LEAST_BLOW_DOWN_M:
             makers = tuple(maker for maker in makers if maker is not veer_with_depth)
         made = makers[int(rng.integers(len(makers)))](rng, here)
@@ -374,6 +405,8 @@ def visible_rms_deg(ground: Ground, effect: Effect) -> float:
     if effect.ahead_s is not None:
         return _clock_deg(ground, effect.ahead_s)
     bare, with_it = (_ideal(ground, planted) for planted in ((), (effect,)))
+    if effect.bias_m_s:  # slow water may point anywhere
+        return float(1.4826 * np.median(np.abs(with_it - bare)))
     return float(np.std(with_it - bare))
 
 
@@ -385,8 +418,18 @@ def background_deg(ground: Ground) -> float:
 def _ideal(ground: Ground, effects: Sequence[Effect]) -> Floats:
     made = readings.read(ground, effects, ground.stamp_s)
     # Water that veers clockwise at the trusted instrument looks like a compass that reads too little.
-    seen = made.recorded_deg - total(effects, "veer_deg", np.zeros(ground.stamp_s.size))
+    seen = made.recorded_deg - total(effects, "veer_deg", np.zeros(ground.stamp_s.size)) - _at_trusted(ground, effects)
     return left_deg(seen[::EVERY], made.heading_deg[::EVERY])
+
+
+def _at_trusted(ground: Ground, effects: Sequence[Effect]) -> Floats:
+    """Return by how much faults of the trusted instrument turn its directions, clockwise, degrees."""
+    heading = sealed.trusted_heading(ground)
+    turned = sum((one.trusted(heading) for one in effects if one.trusted is not None), np.zeros(heading.size))
+    true = heading + ground.field.at(ground.stamp_s)[0]
+    body = clockwise(_flow(ground, ground.stamp_s), -true)
+    flawed = body + sum(1j * one.gain * body.imag + one.bias_m_s for one in effects)
+    return turned + np.rad2deg(np.angle(body * np.conj(flawed)))
 
 
 def _clock_deg(ground: Ground, ahead_s: Floats) -> float:
@@ -398,7 +441,7 @@ def _clock_deg(ground: Ground, ahead_s: Floats) -> float:
 
 def _flow(ground: Ground, time_s: Floats) -> Complexes:
     depth = np.interp(time_s, ground.motion.time_s, ground.motion.sphere_depth_m)
-    return sea.velocity(ground.currents, time_s, depth, depth)
+    return sea.velocity(ground.currents, time_s, depth)
 
 
 def _turn(a_deg: Floats, b_deg: Floats) -> Floats:

@@ -18,7 +18,7 @@ from compasslib.simulation import water as sea
 from compasslib.simulation.compass import Field
 from compasslib.simulation.mmp import Scans
 from compasslib.simulation.mooring import NOMINAL_M, Motion, pressure
-from compasslib.simulation.series import HOUR_S, Complexes, Floats, circle, clockwise, direction, white_vector
+from compasslib.simulation.series import HOUR_S, Complexes, Floats, circle, clockwise, direction
 from compasslib.simulation.water import Water
 
 SPEED_M_S = 0.25
@@ -79,7 +79,7 @@ def log(rng: np.random.Generator, schedule: Plan, water: Water, motion: Motion, 
     time = schedule.begin_s[profile] + np.arange(profile.size) - first[profile]
     sphere = np.interp(time, motion.time_s, motion.sphere_depth_m)
     depth, sinking = _position(schedule, profile, time, sphere)
-    flow = sea.velocity(water, time, depth, sphere) + white_vector(rng, count, sea.TURBULENCE_M_S)[profile]
+    flow = sea.velocity(water, time, depth)
     flow = clockwise(flow, -field.at(time)[0])
     heading, turning = _swing(rng, flow, time, profile, first)
     compass = _compass(rng, heading, profile, field.at(time))

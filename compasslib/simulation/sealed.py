@@ -12,11 +12,12 @@ from compasslib.simulation.compass import Field
 from compasslib.simulation.effects import Circumstances
 from compasslib.simulation.magnetometer import Magnetometer
 from compasslib.simulation.mooring import Motion, Rig
-from compasslib.simulation.series import DAY_S, HOUR_S, Floats, direction, red_noise, stream
+from compasslib.simulation.series import DAY_S, HOUR_S, Floats, circle, direction, red_noise, stream
 from compasslib.simulation.water import Climate, Water
 
 FIRST_S = 1.1676e9  # January 2007
 MARGIN_S = 6 * HOUR_S
+LOWER_M = 10.0  # below the sphere
 STRENGTHS = (0.05, 0.1, 0.2, 0.35, 0.55)  # of the iron, over the earth's horizontal field
 WIDE = Climate(mean_m_s=0.12, tide_m_s=0.16, red_m_s=0.10, cyclone_m_s=0.15)
 NARROW = Climate(mean_m_s=0.30, tide_m_s=0.08, red_m_s=0.06, cyclone_m_s=0.30)
@@ -30,7 +31,7 @@ class Wish:
     battery: str = "knee"  # knee: an end of discharge; line: none; change: a new battery midway
     noise: float = 1.0  # of water and instruments, times the usual
     hours: int = 8800
-    turned_by_lower: bool = False  # whether the sphere turns with the water below it, or with the mean of both layers
+    turned_by_lower: bool = False  # whether the sphere turns with the water below it, or with that around it
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,9 +68,8 @@ def make(seed: int, name: str, wish: Wish) -> Ground:
     field = compass.earth_field(latitude, longitude, span)
     currents = _currents(seed, name, wish, site=(latitude, depth), span_s=span, along_deg=float(rng.uniform(0, 360)))
     declination, horizontal, vertical = (float(x.mean()) for x in field.at(stamps))
-    rig = _rig(rng, depth)
-    around = currents if wish.turned_by_lower else replace(currents, shear=np.zeros_like(currents.shear))
-    motion = mooring.make_motion(seed, name, rig, around, declination_deg=declination)
+    rig = replace(_rig(rng, depth), wake_below_m=LOWER_M if wish.turned_by_lower else 0.0)
+    motion = mooring.make_motion(seed, name, rig, currents, declination_deg=declination)
     meter = magnetometer.build(rng, (horizontal, vertical), float(rng.choice(STRENGTHS)))
     temperature = _temperature(stream(seed, name, "temperature"), motion)
     supply = _supply(stream(seed, name, "supply"), wish.battery, currents.time_s, temperature)
@@ -81,7 +81,7 @@ def make(seed: int, name: str, wish: Wish) -> Ground:
 def circumstances(ground: Ground) -> Circumstances:
     """Return in what the compromised instrument stands at the full hours."""
     motion, grid = ground.motion, ground.currents.time_s
-    flow = sea.velocity(ground.currents, grid, motion.sphere_depth_m, motion.sphere_depth_m)
+    flow = sea.velocity(ground.currents, grid, motion.sphere_depth_m)
     columns = (
         motion.heading_deg, motion.pitch_deg, motion.roll_deg, motion.sphere_depth_m, ground.temperature_c,
         ground.supply_counts, flow.real, flow.imag,
@@ -101,6 +101,12 @@ def circumstances(ground: Ground) -> Circumstances:
     )
 
 
+def trusted_heading(ground: Ground) -> Floats:
+    """Return the correct heading of the trusted instrument at the full hours: it turns by itself, degrees, (n,)."""
+    rng = ground.random("deep heading")
+    return circle(180.0 + red_noise(rng, ground.stamp_s.size, memory=30.0, deviation=120.0))
+
+
 def _currents(
     seed: int, name: str, wish: Wish, *, site: tuple[float, float], span_s: tuple[float, float], along_deg: float
 ) -> Water:
@@ -108,7 +114,7 @@ def _currents(
     climate = replace(WIDE if wish.wide else NARROW, along_deg=along_deg)
     made = sea.make_water(seed, name, climate, site=site, span_s=span_s)
     speed = np.abs(made.surface + made.column)
-    return replace(made, shear=wish.noise * made.shear * (0.6 + speed / 0.6))
+    return replace(made, layers=made.layers.times(wish.noise * (0.6 + speed / 0.6)))
 
 
 def _rig(rng: np.random.Generator, depth_m: float) -> Rig:

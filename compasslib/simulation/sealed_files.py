@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib.simulation import adcp, observatory, pd0, readings
-from compasslib.simulation import water as sea
+from compasslib.simulation import adcp, observatory, pd0, readings, sealed
 from compasslib.simulation.adcp import Adcp, Stance
 from compasslib.simulation.effects import Effect, total
 from compasslib.simulation.pd0 import Ensembles, Setup
@@ -73,14 +72,12 @@ def _top_stance(ground: Ground, effects: Sequence[Effect]) -> Stance:
     return Stance(
         time_s=time,
         depth_m=np.interp(time, ground.motion.time_s, ground.motion.sphere_depth_m),
-        sphere_depth_m=np.interp(time, ground.motion.time_s, ground.motion.sphere_depth_m),
         heading_deg=made.heading_deg,
         recorded_deg=recorded,
         tilt_deg=made.tilt_deg,
         sensed_tilt_deg=made.sensed_deg,
         declination_deg=ground.field.at(time)[0],
         in_water=np.ones(time.size, dtype=bool),
-        turbulence=_turbulence(ground, "top", time.size),
     )
 
 
@@ -89,20 +86,21 @@ def _deep_stance(ground: Ground, effects: Sequence[Effect]) -> Stance:
     rng = ground.random("deep compass")
     time = ground.stamp_s + DEEP_SAMPLE_S - _ahead(ground, effects, "deep")
     sphere = np.interp(time, ground.motion.time_s, ground.motion.sphere_depth_m)
-    heading = 180.0 + red_noise(rng, time.size, memory=30.0, deviation=120.0)
+    heading = sealed.trusted_heading(ground)
     tilts = [mean + red_noise(rng, time.size, memory=6.0, deviation=0.5) for mean in (1.5, -1.2)]
     swung = total(effects, "north_deg", np.zeros(time.size))
+    wrong = sum((one.trusted(heading) for one in effects if one.trusted is not None), np.zeros(time.size))
     return Stance(
         time_s=time,
         depth_m=sphere + DEEP_BELOW_M,
-        sphere_depth_m=sphere,
-        heading_deg=circle(heading),
-        recorded_deg=circle(heading - swung + rng.normal(0.0, 0.5, time.size)),
+        heading_deg=heading,
+        recorded_deg=circle(heading + wrong - swung + rng.normal(0.0, 0.5, time.size)),
         tilt_deg=(tilts[0], tilts[1]),
         sensed_tilt_deg=(tilts[0], tilts[1]),
         declination_deg=ground.field.at(time)[0],
         in_water=np.ones(time.size, dtype=bool),
-        turbulence=_turbulence(ground, "deep", time.size),
+        gain=sum(one.gain for one in effects),
+        bias_m_s=sum(one.bias_m_s for one in effects),
         veer_deg=total(effects, "veer_deg", np.zeros(time.size)),
     )
 
@@ -120,13 +118,9 @@ def _ahead(ground: Ground, effects: Sequence[Effect], whose: str) -> Floats:
     return sum(mine, np.zeros(ground.stamp_s.size))
 
 
-def _turbulence(ground: Ground, whose: str, count: int) -> NDArray[np.complex128]:
-    return white_vector(ground.random(f"turbulence {whose}"), count, ground.wish.noise * sea.TURBULENCE_M_S)
-
-
 def _top(ground: Ground, coordinates: str) -> Adcp:
     setup = Setup(
-        kilohertz=300, looks_up=True, cells=3, cell_m=2.0, blank_m=0.88, first_bin_m=3.1, pings=readings.PINGS,
+        kilohertz=300, looks_up=True, cells=8, cell_m=2.0, blank_m=0.88, first_bin_m=3.1, pings=readings.PINGS,
         coordinates=coordinates, serial=9001,
     )  # fmt: skip
     return Adcp(setup, noise_m_s=ground.wish.noise * TOP_NOISE_M_S)

@@ -1,15 +1,17 @@
 """The currents of the East Greenland shelf and slope: what moves the water at any time and depth.
 
 A mean along-slope flow, tides, inertial oscillations, red noise and passing cyclones, each with its own shape over
-depth, and a shear across the sphere that nothing else explains. Numbers are orders of magnitude of von Appen 2014b.
+depth (orders of magnitude of von Appen 2014b); and layers that part with distance, within hours and over months, as
+docs/sea.md shows beside real profiles.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from compasslib.simulation.series import (
     DAY_S,
@@ -25,9 +27,14 @@ from compasslib.simulation.series import (
 
 STEP_S = 600.0
 TIDES = ((12.4206, 0.55), (12.0000, 0.20), (23.9345, 0.25))  # M2, S2, K1: period in hours, share of the speed
-SHEAR_M_S, SHEAR_MEMORY_S = 0.03, 10 * HOUR_S
-TURBULENCE_M_S = 0.02 / np.sqrt(2.0)  # on each side of the sphere, so that the difference has 2 cm/s per component
 SIDEREAL_DAY_S = 86164.1
+GAP_M = 14.0  # distance at which layers differ by a climate's ``shear_m_s``: about that across a sphere
+WAVES, SHORTEST_M, LONGEST_M = 8, 12.0, 160.0  # of the layers over depth
+GROWTH = 1.5  # of the mean squared difference with distance: a power of it
+# Of a layer's variance: what is forgotten the later the longer its wave, tides that drift out of phase, slow water.
+HOURS_SHARE, TIDE_SHARE, SLOW_SHARE = 0.65, 0.27, 0.08
+HOURS_AT_GAP, TIDE_MEMORY_S, SLOW_MEMORY_S = 6.0, 5 * DAY_S, 25 * DAY_S
+VEER_MEMORY_S, UNTURNED_M = 40 * DAY_S, 100.0
 
 
 @dataclass(frozen=True)
@@ -40,6 +47,25 @@ class Climate:
     inertial_m_s: float = 0.04
     red_m_s: float = 0.07
     cyclone_m_s: float = 0.0  # median peak speed of a passing cyclone
+    shear_m_s: float = 0.036  # rms difference of one component at GAP_M
+    veer_deg_100m: float = 6.0  # rms of the slow veer over depth: a degree from one side of a sphere to the other
+
+
+@dataclass(frozen=True)
+class Layers:
+    """Differences over depth: waves, each with two courses in time of its own."""
+
+    wavenumber: Floats  # (k,) rad/m
+    cosine: Complexes  # (k, g) m/s
+    sine: Complexes  # (k, g)
+
+    def times(self, factor: Floats) -> Layers:
+        """Return larger or smaller ones.
+
+        Args:
+            factor: at each instant, (g,).
+        """
+        return Layers(self.wavenumber, self.cosine * factor, self.sine * factor)
 
 
 @dataclass(frozen=True)
@@ -51,7 +77,8 @@ class Water:
     column: Complexes  # (g,) the same at every depth
     wave: Complexes  # (g,) reverses between surface and bottom
     cyclone: Complexes  # (g,) strongest at the bottom
-    shear: Complexes  # (g,) above the sphere minus below it
+    layers: Layers
+    veer_deg_m: Floats  # (g,) clockwise with depth
     water_depth_m: float
 
 
@@ -68,7 +95,7 @@ def make_water(
     time_s = np.arange(span_s[0], span_s[1] + STEP_S, STEP_S)
     days = 50 * HOUR_S / STEP_S
     along = towards(climate.along_deg)
-    slow, baroclinic, shear = (stream(seed, name, purpose) for purpose in ("red", "wave", "shear"))
+    slow, baroclinic, veer = (stream(seed, name, purpose) for purpose in ("red", "wave", "veer"))
     # Fluctuations follow the slope: twice as large along it as across.
     along_red = red_noise(slow, time_s.size, memory=days, deviation=1.4 * climate.red_m_s)
     across_red = red_noise(slow, time_s.size, memory=days, deviation=0.7 * climate.red_m_s)
@@ -80,28 +107,30 @@ def make_water(
         column=red + _tides(stream(seed, name, "tide"), climate, time_s),
         wave=red_vector(baroclinic, time_s.size, memory=40 * HOUR_S / STEP_S, deviation=0.4 * climate.red_m_s),
         cyclone=along * _cyclones(stream(seed, name, "cyclone"), climate.cyclone_m_s, time_s),
-        shear=red_vector(shear, time_s.size, memory=SHEAR_MEMORY_S / STEP_S, deviation=SHEAR_M_S),
+        layers=_layers(stream(seed, name, "layers"), climate.shear_m_s, time_s),
+        veer_deg_m=red_noise(veer, time_s.size, memory=VEER_MEMORY_S / STEP_S, deviation=0.01 * climate.veer_deg_100m),
         water_depth_m=water_depth_m,
     )
 
 
-def velocity(water: Water, time_s: Floats, depth_m: Floats, sphere_depth_m: Floats) -> Complexes:
+def velocity(water: Water, time_s: Floats, depth_m: Floats) -> Complexes:
     """Return the current, true east + i north in m/s, in the shape of the depths.
 
     Args:
         time_s: instants, (n,).
-        depth_m: depths below the surface, (n,) or (n, m), metres.
-        sphere_depth_m: depth of the sphere at each instant, (n,): the water above it shears against that below.
+        depth_m: depths below the surface, (n,) or (n, m, ...), metres.
     """
     lift = (slice(None), *(None,) * (depth_m.ndim - 1))
-    surface, column, wave, cyclone, shear = (
-        np.interp(time_s, water.time_s, mode)[lift]
-        for mode in (water.surface, water.column, water.wave, water.cyclone, water.shear)
-    )
+
+    def at(series: NDArray[Any]) -> NDArray[Any]:
+        return np.interp(time_s, water.time_s, series)[lift]
+
     relative = depth_m / water.water_depth_m
-    side = np.where(depth_m < sphere_depth_m[lift], 0.5, -0.5)
-    decaying = surface * np.exp(-depth_m / 600.0)
-    return decaying + column + wave * np.cos(np.pi * relative) + cyclone * (0.75 + 0.5 * relative) + shear * side
+    flow = at(water.surface) * np.exp(-depth_m / 600.0) + at(water.column)
+    flow = flow + at(water.wave) * np.cos(np.pi * relative) + at(water.cyclone) * (0.75 + 0.5 * relative)
+    for wavenumber, cosine, sine in zip(water.layers.wavenumber, water.layers.cosine, water.layers.sine, strict=True):
+        flow += at(cosine) * np.cos(wavenumber * depth_m) + at(sine) * np.sin(wavenumber * depth_m)
+    return clockwise(flow, at(water.veer_deg_m) * (depth_m - UNTURNED_M))
 
 
 def sea_level(time_s: ArrayLike) -> Floats:
@@ -112,6 +141,29 @@ def sea_level(time_s: ArrayLike) -> Floats:
     """
     turns = 2 * np.pi * np.asarray(time_s, dtype=float) / HOUR_S
     return np.asarray(0.7 * np.cos(turns / TIDES[0][0]) + 0.25 * np.cos(turns / TIDES[1][0]))
+
+
+def _layers(rng: np.random.Generator, shear_m_s: float, time_s: Floats) -> Layers:
+    """Return layers that differ by the shear at GAP_M."""
+    edges = np.geomspace(SHORTEST_M, LONGEST_M, WAVES + 1)
+    lengths = np.exp(rng.uniform(np.log(edges[:-1]), np.log(edges[1:])))
+    wavenumber = 2.0 * np.pi / lengths
+    variance = lengths**GROWTH
+    variance *= shear_m_s**2 / np.sum(2.0 * variance * (1.0 - np.cos(wavenumber * GAP_M)))
+    courses = [
+        [_course(rng, time_s, HOURS_AT_GAP * length / (2.0 * GAP_M)) * np.sqrt(size) for _ in range(2)]
+        for length, size in zip(lengths.tolist(), variance.tolist(), strict=True)
+    ]
+    return Layers(wavenumber, *(np.stack(each) for each in zip(*courses, strict=True)))
+
+
+def _course(rng: np.random.Generator, time_s: Floats, memory_h: float) -> Complexes:
+    """Return the course of a layer in time, with a variance of one in each component."""
+    parts = ((HOURS_SHARE, memory_h * HOUR_S), (TIDE_SHARE, TIDE_MEMORY_S), (SLOW_SHARE, SLOW_MEMORY_S))
+    hours, tide, slow = (
+        red_vector(rng, time_s.size, memory=memory_s / STEP_S, deviation=np.sqrt(share)) for share, memory_s in parts
+    )
+    return hours + clockwise(tide, 360.0 * (time_s - time_s[0]) / (TIDES[0][0] * HOUR_S)) + slow
 
 
 def _tides(rng: np.random.Generator, climate: Climate, time_s: Floats) -> Complexes:
