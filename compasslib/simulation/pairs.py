@@ -48,6 +48,7 @@ class Pairs:
     lower_depth_m: Floats
     separation_minutes: Floats
     declination_deg: Floats
+    lower_heading_deg: Floats | None = None
     warnings: tuple[str, ...] = ()
 
     def __len__(self) -> int:
