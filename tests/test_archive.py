@@ -70,6 +70,7 @@ OVERLAP = [
     "LOWER_UCUR",
     "LOWER_VCUR",
     "LOWER_HEADING",
+    "REFERENCE_INDEX",
     "UPPER_DEPTH",
     "LOWER_DEPTH",
     "SEPARATION_MINUTES",
@@ -133,9 +134,12 @@ def make_product(n: int = 200, m: int = 6, *, uncorrectable: int = 20, **other: 
 def make_pairs(n: int = 50) -> Pairs:
     rng = np.random.default_rng(2)
     arrays = [
-        field.name for field in dataclasses.fields(Pairs) if field.name not in ("time_s", "warnings", "expected_m_s")
+        field.name
+        for field in dataclasses.fields(Pairs)
+        if field.name not in ("time_s", "warnings", "expected_m_s", "reference_index", "reference_names")
     ]
     values: dict = {name: rng.normal(10, 1, n) for name in arrays}
+    values |= {"reference_index": np.arange(n, dtype=np.int8) % 2, "reference_names": ("deep", "mid")}
     if n:
         values["pitch_deg"][0] = np.nan
     values["time_s"] = 1189000000.0 + 3600.0 * np.arange(n)

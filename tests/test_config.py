@@ -159,7 +159,7 @@ def test_every_key_but_eight_has_a_default(cruise: Path) -> None:
     }  # fmt: skip
     assert loaded.moorings["M1"].model_dump() == {
         "name": "M1", "latitude": 10.0, "longitude": 20.0, "water_depth": 100.0, "start_s": 1188864000.0,
-        "end_s": 1223078400.0, "declination": "auto", "compromised": "top", "reference": None,
+        "end_s": 1223078400.0, "declination": "auto", "compromised": "top", "reference": (),
         "instruments": {"top": {
             "format": "pd0", "files": ("raw/EG4/top.000",), "depth": None, "orientation": None,
             "declination_applied": None, "heading_alignment": None, "clock_offset_seconds": 0.0,
@@ -181,7 +181,7 @@ def test_models_become_plain_json(cruise: Path) -> None:
 def test_an_empty_value_counts_as_absent(cruise: Path) -> None:
     write(cruise, MOORING_FILE, SHORTEST + "reference:\ncovariates:\ndiagnose: {apply: }\nattributes: {ship: }\n")
     mooring = config.load(cruise).moorings["M1"]
-    assert (mooring.reference, mooring.covariates, mooring.diagnose.apply, mooring.attributes) == (None, {}, True, {})
+    assert (mooring.reference, mooring.covariates, mooring.diagnose.apply, mooring.attributes) == ((), {}, True, {})
 
 
 def test_a_mooring_overrides_the_options(cruise: Path) -> None:

@@ -10,7 +10,7 @@ from sea import FOLDED, MILD, pairs
 from compasslib import deviation
 from compasslib.archive import netcdf
 from compasslib.core import angles
-from compasslib.core.records import BAD, GOOD, MISSING, PROBABLY_BAD, EarthField, Pairs, Record
+from compasslib.core.records import BAD, GOOD, MISSING, PROBABLY_BAD, EarthField, Pairs, Record, take
 from compasslib.deviation import along, assessment, branches, correction, exact, likelihood, model, von_appen
 
 
@@ -93,9 +93,9 @@ def test_branches_with_two_overlaps_a_day_and_a_gap_of_a_week(folded):
     seen, heading, fit = folded
     kept = np.ones(len(seen), dtype=bool)
     kept[1000:1168] = False
-    few = assessment.choose(seen, np.flatnonzero(np.arange(len(seen)) % 12 == 0))
-    few = assessment.choose(few, np.isin(few.time_s, seen.time_s[kept]))
-    decision = correction.headings(assessment.choose(correction.readings_of(seen), kept), fit, few)
+    few = assessment.take(seen, np.flatnonzero(np.arange(len(seen)) % 12 == 0))
+    few = assessment.take(few, np.isin(few.time_s, seen.time_s[kept]))
+    decision = correction.headings(assessment.take(correction.readings_of(seen), kept), fit, few)
     off = np.abs(angles.difference(decision.heading_deg, heading[kept]))
     two = np.isfinite(decision.other_deg)
     assert np.median(off) < 4.0
@@ -242,7 +242,7 @@ def test_pairs_of_a_few_days_are_no_surer_than_they_can_be():
     covered = []
     for seed in range(11, 16):
         seen, heading = pairs(MILD, n=1000, seed=seed)
-        few = model.chosen(seen, slice(0, 80))
+        few = take(seen, slice(0, 80))
         product = correction.correct(record_of(seen), exact.fit(few), field_of(seen), few)
         off = np.abs(angles.difference(product.heading_corrected_deg, heading))
         covered.append(np.mean(off < 1.96 * product.heading_uncertainty_deg))
@@ -255,7 +255,7 @@ def test_directions_that_agree_no_better_than_those_of_other_days_deny_the_corre
     inside = (
         np.abs(angles.difference(flow, angles.mean(flow))) < 110.0
     )  # a mean flow rules: unrelated ones scatter less
-    seen = model.chosen(seen, inside)
+    seen = take(seen, inside)
     other = replace(seen, lower_east=np.roll(seen.lower_east, 700), lower_north=np.roll(seen.lower_north, 700))
     own, strange = (assessment.assess(x, exact.fit(x)) for x in (seen, other))
     assert own["refuted"] == "" and own["after"]["rms_deg"] < own["rms_of_other_days_deg"]

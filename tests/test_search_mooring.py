@@ -14,7 +14,7 @@ from benchmarks.discrepancy import field_of, fitted
 from compasslib import deviation
 from compasslib.archive.files import read_json, write_json
 from compasslib.core import angles, compass
-from compasslib.core.records import GOOD, EarthField, Pairs, Record
+from compasslib.core.records import GOOD, EarthField, Pairs, Record, take
 from compasslib.deviation import correction
 from compasslib.deviation import model as fits
 from compasslib.effects.iron import Heeling, TemperatureOfField, TemperatureOfReading
@@ -382,12 +382,12 @@ def test_the_rms_of_a_large_deviation_is_that_of_pairs_the_fits_have_not_seen():
     seen, _ = pairs(FOLDED, n=2000, seed=3)
     exact, series = (deviation.fit(method, seen) for method in ("exact", "von_appen"))
     (finding,) = findings.of_exact_compass(seen, exact, series, 0.5)
-    some = fits.chosen(seen, np.arange(0, len(seen), 2))
+    some = take(seen, np.arange(0, len(seen), 2))
     assert finding.held_out.rms_after_deg == angles.rms(show.left_out(some, exact))
     # A stretch by itself: the other half knows nothing of it.
     first = np.arange(len(seen)) < 240
     turned = replace(seen, heading_deg=angles.wrap360(seen.heading_deg + 60.0 * first))
-    left = show.left_out(turned, deviation.fit("exact", fits.chosen(seen, ~first)))
+    left = show.left_out(turned, deviation.fit("exact", take(seen, ~first)))
     assert angles.rms(left[first]) > 2.5 * angles.rms(left[~first])
 
 
@@ -395,7 +395,7 @@ def test_clocks_are_compared_by_pairs_further_apart_where_these_are_given():
     drawn = world.planted(world.make(5, wide=True, n=HOURS), {"clock_offset": 1.0})
     ahead = drawn.truth["clock_offset"]["hours"]
     upper, lower = fits.speeds(drawn.pairs)
-    few = fits.chosen(drawn.pairs, np.flatnonzero(np.abs(upper - lower) < np.quantile(np.abs(upper - lower), 0.6)))
+    few = take(drawn.pairs, np.flatnonzero(np.abs(upper - lower) < np.quantile(np.abs(upper - lower), 0.6)))
     near, every = clocks.compare(few), clocks.compare(drawn.pairs)
     assert abs(every.offset_h - ahead) < 0.15 < abs(near.offset_h - ahead)
     found = diagnose(few, {}, fitted(drawn), field_of(drawn), wide=drawn.pairs)
@@ -494,7 +494,7 @@ def test_a_larger_least_effect_makes_it_negligible_and_apply_false_leaves_the_pr
 def test_too_little_is_insufficient_and_says_how_much_is_needed():
     drawn = world.planted(world.make(7, wide=True, n=1000), {})
     fit = fitted(drawn)
-    few = fits.chosen(drawn.pairs, np.arange(150))
+    few = take(drawn.pairs, np.arange(150))
     found = diagnose(few, {}, fit, field_of(drawn))
     assert found.verdict == "insufficient" and "150 overlapping pairs over 6 days" in found.why
     nothing = fits.too_few("exact", 3)

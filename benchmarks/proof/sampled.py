@@ -11,6 +11,7 @@ import numpy as np
 from benchmarks.proof import measure
 from compasslib.archive import netcdf
 from compasslib.core import angles
+from compasslib.core.records import take
 from compasslib.deviation import exact, model
 
 
@@ -25,7 +26,7 @@ def error_deg(cruise: Path, locked: Path, name: str, deviation: dict[str, Any]) 
     time_s, heading, recorded, plain, veer = np.load(locked / f"{name}.npy")
     pairs = netcdf.read_pairs(cruise / "results" / name / "overlap.nc")
     at = np.searchsorted(time_s, pairs.time_s).clip(0, time_s.size - 1)
-    pairs, at = model.chosen(pairs, time_s[at] == pairs.time_s), at[time_s[at] == pairs.time_s]
+    pairs, at = take(pairs, time_s[at] == pairs.time_s), at[time_s[at] == pairs.time_s]
     upper = angles.turn(pairs.upper_east, pairs.upper_north, measure.turn(plain, recorded)[at])
     lower = angles.turn(pairs.lower_east, pairs.lower_north, -veer[at])
     freed = replace(

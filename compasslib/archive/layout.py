@@ -114,7 +114,9 @@ PAIRS = {
 }
 PAIRS_PERHAPS = {  # only where there are such
     "lower_heading_deg": Variable("LOWER_HEADING", "heading of the trusted compass", "degree", reference=MAGNETIC),
+    "reference_index": Variable("REFERENCE_INDEX", "trusted instrument of the pair", dtype="i1", fill=None),
 }
+REFERENCE_INDEX = PAIRS_PERHAPS["reference_index"].name
 SEPARATION_METRES = Variable("SEPARATION_METRES", "depth, lower minus upper velocity", "m")
 
 # ------------------------------------------------------------------------------------------------ corrected.nc, by name

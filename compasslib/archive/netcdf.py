@@ -111,6 +111,10 @@ def write_pairs(path: str | Path, pairs: Pairs, *, attributes: Mapping[str, obje
         for name, variable in layout.PAIRS_PERHAPS.items():
             if (column := getattr(pairs, name)) is not None:
                 put(nc, variable, column)
+        if pairs.reference_names:
+            flags = np.arange(len(pairs.reference_names), dtype=np.int8)
+            meanings = " ".join(pairs.reference_names)
+            nc[layout.REFERENCE_INDEX].setncatts({"flag_values": flags, "flag_meanings": meanings})
         put(nc, layout.SEPARATION_METRES, pairs.lower_depth_m - pairs.upper_depth_m)
 
 
@@ -125,7 +129,9 @@ def read_pairs(path: str | Path) -> Pairs:
         arrays = {name: get(nc, variable.name) for name, variable in (layout.PAIRS | there).items()}
         errors = getattr(nc, "water_error_of_mean_and_of_prediction_m_s", None)
         expected = None if errors is None else (float(errors[0]), float(errors[1]))
-        return Pairs(**arrays, warnings=tuple(json.loads(nc.getncattr("warnings"))), expected_m_s=expected)
+        names = nc[layout.REFERENCE_INDEX].flag_meanings.split() if "reference_index" in there else []
+        warnings = tuple(json.loads(nc.getncattr("warnings")))
+        return Pairs(**arrays, reference_names=tuple(names), warnings=warnings, expected_m_s=expected)
 
 
 # corrected.nc in and out: CF, ACDD and OceanSITES, written in pieces along time, so that a decade fits in memory.

@@ -34,7 +34,7 @@ def _lines(cruise: Cruise) -> list[str]:
 def _has(mooring: Mooring) -> str:
     parts = [f"{mooring.start:%Y-%m-%d} to {mooring.end:%Y-%m-%d}"]
     parts.append(_instrument("corrected is", mooring.compromised, mooring))
-    parts.append(_instrument("trusted is", mooring.reference, mooring) if mooring.reference else _without(mooring))
+    parts += [_instrument("trusted is", name, mooring) for name in mooring.reference] or [_without(mooring)]
     by = f"calibration {mooring.fit.name}" if mooring.fit.name else mooring.fit.method
     parts.append(f"by {by}{' with tilt' * mooring.fit.tilt}")
     parts += [f"{name} ({_files(series.files)})" for name, series in mooring.covariates.items()]

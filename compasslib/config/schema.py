@@ -19,6 +19,7 @@ Count = Annotated[int, BeforeValidator(values.count)]
 Switch = Annotated[bool, BeforeValidator(values.switch)]
 Text = Annotated[str, BeforeValidator(values.text)]
 Name = Annotated[str, BeforeValidator(values.name)]
+Names = Annotated[tuple[Name, ...], BeforeValidator(values.names)]
 Time = Annotated[float, BeforeValidator(values.time_s)]
 Files = Annotated[tuple[str, ...], BeforeValidator(paths.raw_files)]
 MooringPaths = Annotated[str | tuple[str, ...], BeforeValidator(paths.mooring_paths)]
@@ -258,7 +259,7 @@ class Mooring(Section):
     end_s: Time = key(_TIME_WORDS, "2008-10-04T00:00:00Z", alias="end")
     declination: Declination = key("auto, or degrees east from -180 to 180", "auto", "auto")
     compromised: Name = key("the name of the instrument to correct", "top")
-    reference: Name | None = key("the name of the trusted instrument", "deep", None)
+    reference: Names = key("the name of the trusted instrument, or a list of names", "deep", ())
     instruments: dict[Name, Instrument] = key("a mapping of names to instruments", "{top: {format: pd0, ...}}")
     attributes: Attributes = key(_ATTRIBUTES_WORDS, "{project: My Project}", {})
     fit: FitOptions = key("a mapping", "{method: exact}", FitOptions())
@@ -290,13 +291,15 @@ class Mooring(Section):
 
     @model_validator(mode="after")
     def _instruments_exist(self) -> Self:
-        for role, name in (("compromised", self.compromised), ("reference", self.reference)):
-            if name is not None and name not in self.instruments:
+        for role, name in (("compromised", self.compromised), *(("reference", name) for name in self.reference)):
+            if name not in self.instruments:
                 there = ", ".join(self.instruments) or "none"
                 raise problem(role, f"an instrument of this mooring ({there})", shown(name), "write one of these names")
-        if self.compromised == self.reference:
+        if self.compromised in self.reference:
             advice = "name the trusted instrument, or delete reference where there is none"
-            raise problem("reference", "another instrument than compromised", shown(self.reference), advice)
+            raise problem("reference", "another instrument than compromised", shown(self.compromised), advice)
+        if twice := [name for name in self.reference if self.reference.count(name) > 1]:
+            raise problem("reference", "each name once", f"{shown(twice[0])} twice", "delete one of the two")
         return self
 
     @model_validator(mode="after")

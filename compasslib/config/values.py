@@ -136,6 +136,13 @@ def name(value: Any) -> str:
     return str(value)
 
 
+def names(value: Any) -> Any:
+    """Return a list of names, of a single one too."""
+    if value is None:
+        return ()
+    return tuple(value) if isinstance(value, list) else (value,)
+
+
 def unquoted_true(value: Any) -> Any:
     """Return the word that is meant where ``direction_reference: true`` is read as a truth value."""
     return "true" if value is True else value

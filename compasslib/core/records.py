@@ -1,19 +1,24 @@
 """The frozen records that travel from room to room: names, units, shapes.
 
 n is the number of samples, m the number of bins. Times are UTC seconds since 1970-01-01. Directions say towards which
-the water flows. Nothing here computes.
+the water flows. Nothing here computes; ``take`` picks samples.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from compasslib.core.types import Floats
 
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
 Flags = NDArray[np.int8]
+Series = TypeVar("Series", bound="DataclassInstance")
 
 # OceanSITES reference table 2, the values that are used.
 NOT_CHECKED, GOOD, PROBABLY_GOOD, PROBABLY_BAD, BAD, MISSING = 0, 1, 2, 3, 4, 9
@@ -81,6 +86,8 @@ class Pairs:
     separation_minutes: Floats  # (n,) lower minus upper
     declination_deg: Floats  # (n,)
     lower_heading_deg: Floats | None = None  # (n,) by the trusted compass, NaN where missing; None where it logs none
+    reference_index: Flags | None = None  # (n,) whose pair it is, where there are several trusted instruments
+    reference_names: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     # By the profile, rms of one component, m/s: the water's difference of the published mean, and of what is predicted.
     expected_m_s: tuple[float, float] | None = None
@@ -144,3 +151,13 @@ class FieldSeries:
 
     def __len__(self) -> int:
         return len(self.time_s)
+
+
+def take(series: Series, which: NDArray[Any] | slice) -> Series:
+    """Return some of the samples of any record whose arrays run along them.
+
+    Args:
+        which: positions, a mask or a slice.
+    """
+    columns: dict[str, Any] = {k: column[which] for k, column in vars(series).items() if isinstance(column, np.ndarray)}
+    return replace(series, **columns)

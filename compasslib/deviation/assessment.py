@@ -16,12 +16,11 @@ from numpy.typing import NDArray
 
 from compasslib import deviation
 from compasslib.core import angles
-from compasslib.core.records import Pairs
+from compasslib.core.records import Pairs, take
 from compasslib.core.types import Complexes, Floats
 from compasslib.deviation import correction, exact, model
 from compasslib.deviation.forms import EXACT, FORMS
 from compasslib.deviation.model import Fit
-from compasslib.deviation.model import chosen as choose
 from compasslib.stats import autocorrelation
 
 BLOCK_S = 10 * 86400.0
@@ -61,7 +60,7 @@ def held_out_headings(pairs: Pairs, fit: Fit) -> Floats:
     heading = np.full(len(pairs), np.nan)
     block = _blocks(pairs.time_s) % FOLDS
     for fold in range(FOLDS):
-        left_out, kept = block == fold, choose(pairs, block != fold)
+        left_out, kept = block == fold, take(pairs, block != fold)
         again = deviation.fit(fit.method, kept, near=fit, dip_ratio=fit.dip_ratio)
         decision = correction.headings(correction.readings_of(pairs), again, kept)
         heading[left_out] = decision.heading_deg[left_out]
@@ -78,7 +77,7 @@ def compare_forms(pairs: Pairs, fit: Fit) -> dict[str, Any] | None:
     """
     if fit.method != EXACT.name or len(pairs) < FEWEST_FOR_FORMS:
         return None
-    pairs = choose(pairs, np.arange(0, len(pairs), max(1, len(pairs) // FORM_PAIRS)))
+    pairs = take(pairs, np.arange(0, len(pairs), max(1, len(pairs) // FORM_PAIRS)))
     block = _blocks(pairs.time_s)
     near = {EXACT.name: fit}
     scores = {f.name: exact.held_out_scores(f, pairs, block % FOLDS, near.get(f.name)) for f in FORMS}
@@ -114,9 +113,9 @@ def assess(pairs: Pairs, fit: Fit, plain: Pairs | None = None) -> dict[str, Any]
     held_out = held_out_headings(plain, fit) if fit.fitted and len(pairs) else np.full(len(pairs), np.nan)
     known = np.isfinite(held_out)
     turned = angles.turn(pairs.upper_east, pairs.upper_north, held_out - pairs.heading_deg)
-    after = _agreement(turned[0][known], turned[1][known], choose(pairs, known))
-    before = _agreement(pairs.upper_east[known], pairs.upper_north[known], choose(pairs, known))
-    others = _of_other_days(turned[0][known], turned[1][known], choose(pairs, known))
+    after = _agreement(turned[0][known], turned[1][known], take(pairs, known))
+    before = _agreement(pairs.upper_east[known], pairs.upper_north[known], take(pairs, known))
+    others = _of_other_days(turned[0][known], turned[1][known], take(pairs, known))
     return {
         "before": _agreement(pairs.upper_east, pairs.upper_north, pairs),
         "before_where_corrected": before,
@@ -168,7 +167,7 @@ def _misread(pairs: Pairs, fit: Fit, after: dict[str, Any]) -> str:
     """Say where another reading of the trusted instrument's components agrees far better, nothing where none does."""
     if fit.method != EXACT.name or after["n"] < FEWEST_FOR_FORMS or after["rms_deg"] <= DOUBTED_DEG:
         return ""
-    some = choose(pairs, np.arange(0, len(pairs), max(1, len(pairs) // FORM_PAIRS)))
+    some = take(pairs, np.arange(0, len(pairs), max(1, len(pairs) // FORM_PAIRS)))
     velocity = some.lower_east + 1j * some.lower_north
     best, own = min(_left_by(_with_reference(some, read(velocity))) for read in READINGS), after["median_absolute_deg"]
     if best > FAR_BETTER * own:

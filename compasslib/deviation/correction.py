@@ -21,6 +21,7 @@ from compasslib.core.records import (
     Pairs,
     Readings,
     Record,
+    take,
 )
 from compasslib.core.types import Complexes, Floats
 from compasslib.deviation import along, branches, likelihood, model, von_appen
@@ -51,7 +52,7 @@ class Pieces:
     def __iter__(self) -> Iterator[Corrected]:
         for begin in range(0, max(len(self.record.time_s), 1), PIECE):
             some = slice(begin, begin + PIECE)
-            yield _turned(model.chosen(self.record, some), model.chosen(self.decision, some), self.field)
+            yield _turned(take(self.record, some), take(self.decision, some), self.field)
 
 
 def correct(

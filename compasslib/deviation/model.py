@@ -3,20 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, TypeVar
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from compasslib.core import angles, compass
 from compasslib.core.records import Pairs
 from compasslib.core.types import Floats
-
-if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
-
-Series = TypeVar("Series", bound="DataclassInstance")
 
 FEWEST_PAIRS = 30
 LETTERS = "ABCDE"
@@ -132,16 +126,6 @@ def observed_deviation(pairs: Pairs) -> Floats:
     """Return the deviation as the overlap shows it, D_bot - D_top in [-180, 180) (von Appen 2015, eq. 3)."""
     lower = angles.direction(pairs.lower_east, pairs.lower_north)
     return angles.difference(lower, angles.direction(pairs.upper_east, pairs.upper_north))
-
-
-def chosen(series: Series, which: NDArray[Any] | slice) -> Series:
-    """Return some of the samples.
-
-    Args:
-        which: positions, a mask or a slice.
-    """
-    columns: dict[str, Any] = {k: column[which] for k, column in vars(series).items() if isinstance(column, np.ndarray)}
-    return replace(series, **columns)
 
 
 def nearest_root(roots_deg: Floats, observed_deg: Floats) -> Floats:

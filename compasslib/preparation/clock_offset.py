@@ -14,9 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib.core.records import Record
+from compasslib.core.records import Record, take
 from compasslib.core.types import Floats
-from compasslib.preparation.deployment import take
 
 Hours = NDArray[np.intp]
 

@@ -8,14 +8,13 @@ lobes first, in the bin at h cos(beam angle), and by the beams themselves in the
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields, replace
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from compasslib.core import angles
-from compasslib.core.records import BAD, MISSING, Record
+from compasslib.core.records import BAD, MISSING, Record, take
 from compasslib.core.types import Bools, Floats
 from compasslib.preparation import plausibility, timestamps
 
@@ -79,17 +78,6 @@ def log_line(name: str, role: str, record: Record) -> str:
     counted = ", ".join(f"{key} {number}" for key, number in record.counts.items() if number)
     line = f"{name} {role}: {record.east.shape[0]} samples of {record.east.shape[1]} bins ({counted})"
     return "\n".join([line, *(f"{name} {role}: warning: {warning}" for warning in record.warnings)])
-
-
-def take(record: Record, index: NDArray[np.intp] | Bools | slice) -> Record:
-    """Return the record at some of its samples.
-
-    Args:
-        index: positions, a mask, shape (n,), or a slice.
-    """
-    values = {f.name: getattr(record, f.name) for f in fields(record)}
-    series: dict[str, Any] = {k: v[index] for k, v in values.items() if isinstance(v, np.ndarray)}
-    return replace(record, **series)
 
 
 def cell_length(record: Record) -> float:

@@ -16,11 +16,10 @@ from numpy.typing import NDArray
 
 from compasslib.core import angles, earthfield
 from compasslib.core.errors import InputError
-from compasslib.core.records import PROBABLY_GOOD, EarthField, Pairs, Record
+from compasslib.core.records import PROBABLY_GOOD, EarthField, Pairs, Record, take
 from compasslib.core.types import Complexes, Floats
 from compasslib.preparation import clock_offset, same_record, water
 from compasslib.preparation.clock_offset import Clocks, Speeds
-from compasslib.preparation.deployment import take
 from compasslib.preparation.gridding import interpolate, nearest, on_grid
 
 WIDER = 3.0  # times farther apart in depth, where pairs only compare the clocks
@@ -127,6 +126,10 @@ def log_line(name: str, pairs: Pairs) -> str:
     if len(pairs):
         metres = float(np.median(np.abs(pairs.lower_depth_m - pairs.upper_depth_m)))
         line = f"{name}: {len(pairs)} overlapping pairs, {metres:.1f} m apart in the median"
+        if pairs.reference_index is not None:
+            counts = np.bincount(pairs.reference_index, minlength=len(pairs.reference_names)).tolist()
+            each = ", ".join(f"{who} {n}" for who, n in zip(pairs.reference_names, counts, strict=True))
+            line += f" ({each})"
         if pairs.expected_m_s is not None:
             mean, predicted = (100.0 * error for error in pairs.expected_m_s)
             line += (
@@ -233,15 +236,16 @@ def _gridded(upper: Record, rules: Rules) -> Record:
 
 
 def _trusted_cell(time_s: Floats, depth: Floats, lower: Record, sphere: Floats, rules: Rules) -> Point:
-    """Return the trusted instrument's cell nearest to the sphere, dense series averaged."""
+    """Return the trusted instrument's cell nearest to the sphere, or to the affected bins; dense series averaged."""
     if not len(lower.time_s):
         return Point(np.zeros(0), np.zeros(0, dtype=complex), np.zeros(0))
-    towards = (lower.depth_m - sphere) * (1.0 if lower.looks_up else -1.0)
-    velocity, at = near_bins(lower, np.nan_to_num(towards), rules.bins)
     known = np.isfinite(depth)
     if not known.any():
         return Point(np.zeros(0), np.zeros(0, dtype=complex), np.zeros(0))
     wanted = np.interp(lower.time_s, time_s[known], depth[known])
+    beside = wanted if rules.predict else sphere
+    towards = (lower.depth_m - beside) * (1.0 if lower.looks_up else -1.0)
+    velocity, at = near_bins(lower, np.nan_to_num(towards), rules.bins)
     with np.errstate(invalid="ignore"):
         near = np.isfinite(velocity) & (np.abs(at - wanted) < rules.max_metres)
     return _block_averaged(Point(lower.time_s[near], velocity[near], at[near]), 60.0 * rules.max_minutes / 2.0)

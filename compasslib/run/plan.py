@@ -122,9 +122,8 @@ class Moorings:
         return _record(wildcards.mooring, self._mooring(wildcards).compromised)
 
     def reference(self, wildcards: Any) -> list[str]:
-        """Return the record of the trusted instrument; none where the mooring has none."""
-        role = self._mooring(wildcards).reference
-        return [] if role is None else [_record(wildcards.mooring, role)]
+        """Return the records of the trusted instruments; none where the mooring has none."""
+        return [_record(wildcards.mooring, role) for role in self._mooring(wildcards).reference]
 
     def records(self, wildcards: Any) -> list[str]:
         """Return the records of the instruments that one mooring uses."""
@@ -145,8 +144,8 @@ class Moorings:
     def diagnose(self, wildcards: Any) -> dict[str, Any]:
         """Return what may be chosen about the search for left-out physics in one mooring."""
         mooring = self._mooring(wildcards)
-        reference = mooring.instruments.get(mooring.reference or "")
-        magnetic = reference is None or reference.direction_reference == "magnetic"
+        trusted = [mooring.instruments[name].direction_reference for name in mooring.reference]
+        magnetic = not trusted or "magnetic" in trusted
         return mooring.diagnose.model_dump() | {"reference_magnetic": magnetic}
 
     def observatory(self, wildcards: Any) -> list[str]:
@@ -407,9 +406,10 @@ def _refuse(where: str, found: str, offered: Sequence[str]) -> None:
 
 
 def _described(mooring: Mooring) -> dict[str, Any]:
-    roles = {"compromised": mooring.compromised, "trusted": mooring.reference}
+    roles = {"compromised": [mooring.compromised], "trusted": mooring.reference}
     texts = {
-        role: _instrument_text(name, mooring.instruments[name]) if name else "none" for role, name in roles.items()
+        role: ", ".join(_instrument_text(name, mooring.instruments[name]) for name in names) or "none"
+        for role, names in roles.items()
     }
     return {
         "latitude": mooring.latitude,
@@ -428,7 +428,7 @@ def _instrument_text(name: str, instrument: Instrument) -> str:
 
 
 def _roles(mooring: Mooring) -> list[str]:
-    return [mooring.compromised] + ([] if mooring.reference is None else [mooring.reference])
+    return [mooring.compromised, *mooring.reference]
 
 
 def _record(mooring: str, role: str) -> str:

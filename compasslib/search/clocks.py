@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib.core.records import Pairs
+from compasslib.core.records import Pairs, take
 from compasslib.core.types import Floats
 from compasslib.deviation import model
 from compasslib.effects.term import YEAR_S
@@ -134,7 +134,7 @@ def repaired(pairs: Pairs, clock: ClockError) -> Pairs:
         for name in ("lower_east", "lower_north", "lower_depth_m")
     }
     moved["separation_minutes"] = np.zeros(len(pairs))
-    return model.chosen(replace(pairs, **moved), inside)
+    return take(replace(pairs, **moved), inside)
 
 
 def kept(pairs: Pairs, again: Pairs) -> NDArray[np.bool_]:

@@ -8,9 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from compasslib import deviation
-from compasslib.core.records import EarthField, Pairs
+from compasslib.core.records import EarthField, Pairs, take
 from compasslib.core.types import Floats
-from compasslib.deviation import model as fits
 from compasslib.deviation.model import Fit
 from compasslib.effects.water import VeerWithDirection
 from compasslib.search import (
@@ -109,7 +108,7 @@ def diagnose(
     options = options or Options()
     wide = pairs if wide is None else wide
     some = slice(None, None, 1 + len(pairs) // MOST_PAIRS)
-    pairs, logged = fits.chosen(pairs, some), {name: series[some] for name, series in logged.items()}
+    pairs, logged = take(pairs, some), {name: series[some] for name, series in logged.items()}
     if why := _too_little(pairs, fit):
         return verdict.insufficient(why)
     is_series = fit.method == "von_appen"

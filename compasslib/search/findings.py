@@ -8,11 +8,11 @@ import numpy as np
 
 from compasslib import observatory
 from compasslib.core import angles, compass
-from compasslib.core.records import Pairs
+from compasslib.core.records import Pairs, take
 from compasslib.core.types import Floats
 from compasslib.deviation import exact, von_appen
 from compasslib.deviation.forms import EXACT, SeriesInCorrect
-from compasslib.deviation.model import Fit, chosen, nearest_root, observed_heading
+from compasslib.deviation.model import Fit, nearest_root, observed_heading
 from compasslib.effects import SIDES, Term
 from compasslib.search import model, show, stuck, verdict, wording
 from compasslib.search.baseline import State
@@ -232,7 +232,7 @@ def of_exact_compass(pairs: Pairs, fit: Fit, series: Fit, min_effect_deg: float)
 
 def _by_blocks(pairs: Pairs, fit: Fit, series: Fit) -> HeldOut:
     """Return the gain of the exact compass over the best series on blocks that neither was fitted to."""
-    some = chosen(pairs, np.arange(0, len(pairs), max(1, len(pairs) // PAIRS)))
+    some = take(pairs, np.arange(0, len(pairs), max(1, len(pairs) // PAIRS)))
     block = np.floor((some.time_s - some.time_s[0]) / show.BLOCK_S).astype(int)
     scores = [
         exact.held_out_scores(form, some, block % 2, near) for form, near in ((SeriesInCorrect(), None), (EXACT, fit))

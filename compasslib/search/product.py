@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from compasslib.core import angles, compass
-from compasslib.core.records import BAD, EarthField, Pairs, Record
+from compasslib.core.records import BAD, EarthField, Pairs, Record, take
 from compasslib.core.types import Floats
 from compasslib.deviation import model
 from compasslib.deviation.along import Along
@@ -91,7 +91,7 @@ def plain(product: Product, pairs: Pairs, record: Record, field: EarthField, ser
         series: what was logged besides at the record's samples.
     """
     when = np.searchsorted(record.time_s, pairs.time_s)
-    at = along(product, model.chosen(record, when), field, {name: column[when] for name, column in series.items()})
+    at = along(product, take(record, when), field, {name: column[when] for name, column in series.items()})
     if at is None:
         return pairs
     heading = model.nearest_root(at.roots(), model.observed_heading(pairs))

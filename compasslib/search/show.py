@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from compasslib import deviation
 from compasslib.core import angles, compass
-from compasslib.core.records import Pairs
+from compasslib.core.records import Pairs, take
 from compasslib.core.types import Floats
 from compasslib.deviation import model as fits
 from compasslib.deviation import von_appen
@@ -101,7 +101,7 @@ def left_out(pairs: Pairs, fit: Fit) -> Floats:
     block = np.floor((pairs.time_s - pairs.time_s[0]) / BLOCK_S).astype(int)
     observed, left = fits.observed_heading(pairs), np.full(len(pairs), LOST_DEG)
     for out in (block % 2 == 0, block % 2 == 1):
-        again = deviation.fit(fit.method, fits.chosen(pairs, ~out), fit)
+        again = deviation.fit(fit.method, take(pairs, ~out), fit)
         if again.fitted:
             left[out] = angles.difference(observed, _corrected(again, pairs, observed))[out]
     return np.where(np.isfinite(left), left, LOST_DEG)

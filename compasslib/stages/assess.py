@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from compasslib.archive import netcdf
 from compasslib.core import earthfield
 from compasslib.deviation import assessment as assessments
+from compasslib.preparation import several
 from compasslib.search import covariates, product
 
 
@@ -26,7 +27,7 @@ def run(
     Raises:
         InputError: an observatory's file cannot be read.
     """
-    own, both = netcdf.read_record(record), netcdf.read_pairs(pairs)
+    own, both = netcdf.read_record(record), several.together(netcdf.read_pairs(pairs))
     along = earthfield.from_json(netcdf.read_json(field))
     made_by = product.from_json(netcdf.read_json(deviation))
     plain = product.plain(made_by, both, own, along, covariates.logged(own, observatory))

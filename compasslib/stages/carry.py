@@ -8,6 +8,7 @@ from compasslib import deviation
 from compasslib.archive import netcdf
 from compasslib.calibration import at_mooring
 from compasslib.core import earthfield
+from compasslib.preparation import several
 
 
 def run(
@@ -20,6 +21,6 @@ def run(
     """
     own, there = netcdf.read_record(record), earthfield.from_json(netcdf.read_json(field))
     elsewhere = netcdf.read_json(calibration)
-    carried = at_mooring.carried(elsewhere, there, own, netcdf.read_pairs(pairs))
+    carried = at_mooring.carried(elsewhere, there, own, several.together(netcdf.read_pairs(pairs)))
     netcdf.write_json(fit, deviation.described(carried, own) | at_mooring.origin(elsewhere, there))
     say(deviation.log_line(mooring, carried))

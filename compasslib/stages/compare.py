@@ -6,12 +6,13 @@ from collections.abc import Callable
 
 from compasslib.archive import netcdf
 from compasslib.deviation import assessment
+from compasslib.preparation import several
 from compasslib.search import product
 
 
 def run(mooring: str, *, pairs: str, deviation: str, forms: str, say: Callable[[str], None]) -> None:
     """Write which form predicts best; no other stage waits for it."""
     made_by = product.from_json(netcdf.read_json(deviation))
-    compared = assessment.compare_forms(netcdf.read_pairs(pairs), made_by.fit)
+    compared = assessment.compare_forms(several.together(netcdf.read_pairs(pairs)), made_by.fit)
     netcdf.write_json(forms, {"forms": compared})
     say(assessment.forms_line(mooring, compared))

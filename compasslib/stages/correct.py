@@ -8,6 +8,7 @@ from typing import Any
 from compasslib.archive import netcdf, provenance
 from compasslib.core import earthfield
 from compasslib.deviation import correction
+from compasslib.preparation import several
 from compasslib.search import covariates, product
 
 
@@ -39,7 +40,9 @@ def run(
     made_by = product.from_json(netcdf.read_json(deviation))
     at = product.along(made_by, own, along, covariates.logged(own, observatory))
     unmodelled_deg = correction.unmodelled(bool(netcdf.read_json(assessment)["refuted"]), made_by.left_deg)
-    made = correction.in_pieces(own, made_by.fit, along, netcdf.read_pairs(pairs), at, unmodelled_deg=unmodelled_deg)
+    made = correction.in_pieces(
+        own, made_by.fit, along, several.together(netcdf.read_pairs(pairs)), at, unmodelled_deg=unmodelled_deg
+    )
     netcdf.write_corrected(
         corrected,
         made,

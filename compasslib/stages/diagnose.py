@@ -8,6 +8,7 @@ from typing import Any
 from compasslib import deviation as deviations
 from compasslib.archive import netcdf
 from compasslib.core import earthfield
+from compasslib.preparation import several
 from compasslib.search import covariates, product, verdict
 
 DISABLED = "the search was switched off (diagnose: {enabled: false})"
@@ -37,7 +38,7 @@ def run(
     Raises:
         InputError: an observatory's file cannot be read.
     """
-    near, along = netcdf.read_pairs(pairs), earthfield.from_json(netcdf.read_json(field))
+    near, along = several.together(netcdf.read_pairs(pairs)), earthfield.from_json(netcdf.read_json(field))
     # The record by itself is not kept: its velocities are a third of the memory.
     series = covariates.logged(netcdf.read_record(record), observatory, at=near)
     configured = netcdf.read_json(fit)
@@ -51,7 +52,7 @@ def run(
         )
 
         chosen = Options(**{name: value for name, value in options.items() if name != "enabled"})
-        found = diagnose(near, series, fitted, along, chosen, wide=netcdf.read_pairs(wide))
+        found = diagnose(near, series, fitted, along, chosen, wide=several.together(netcdf.read_pairs(wide)))
     netcdf.write_json(diagnosis, found.to_json())
     netcdf.write_json(deviation, configured | {"applied": product.of(fitted, found).to_json()})
     say(found.log_line(mooring))

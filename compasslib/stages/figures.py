@@ -10,6 +10,7 @@ from compasslib.archive import pictures as small
 from compasslib.plots import agreement, timeline
 from compasslib.plots import deviation as curve
 from compasslib.plots import diagnosis as hypotheses
+from compasslib.preparation import several
 from compasslib.search import product as products
 
 
@@ -25,7 +26,7 @@ def run(
     say: Callable[[str], None],
 ) -> None:
     """Draw each figure, by its file's name, and write small ones for the page."""
-    both, corrected = netcdf.read_pairs(pairs), netcdf.read_corrected(product, velocities=False)
+    both, corrected = several.together(netcdf.read_pairs(pairs)), netcdf.read_corrected(product, velocities=False)
     fit = products.from_json(netcdf.read_json(deviation)).fit
     to = {Path(figure).stem: figure for figure in figures}
     curve.deviation(to["deviation"], both, fit, mooring)

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from compasslib import deviation
 from compasslib.archive import netcdf
 from compasslib.core import earthfield
+from compasslib.preparation import several
 
 
 def run(
@@ -18,6 +19,6 @@ def run(
         tilt: whether pitch and roll enter.
     """
     dip_ratio = tilt * earthfield.dip_ratio(earthfield.from_json(netcdf.read_json(field)))
-    fitted = deviation.fit(method, netcdf.read_pairs(pairs), dip_ratio=dip_ratio)
+    fitted = deviation.fit(method, several.together(netcdf.read_pairs(pairs)), dip_ratio=dip_ratio)
     netcdf.write_json(fit, deviation.described(fitted, netcdf.read_record(record, velocities=False)))
     say(deviation.log_line(mooring, fitted))

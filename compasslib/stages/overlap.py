@@ -9,7 +9,7 @@ from typing import Any
 from compasslib import observatory as observatories
 from compasslib.archive import netcdf, provenance
 from compasslib.core import earthfield
-from compasslib.preparation import overlap
+from compasslib.preparation import overlap, several
 
 
 def run(
@@ -29,7 +29,7 @@ def run(
 
     Args:
         upper: record of the instrument to correct.
-        lower: record of the trusted one, perhaps none.
+        lower: records of the trusted ones, perhaps none.
         observatory: IAGA-2002 files of one observatory, perhaps none.
         place: arguments of ``earthfield.along_time``.
 
@@ -44,8 +44,10 @@ def run(
     # Named from the mooring's own folder, so that the file is the same wherever that stands.
     made = provenance.origin("pairs found", [upper, *lower], within=Path(pairs).parent)
     asked = overlap.Rules(**rules)
-    clocks = overlap.clocks(above, below, asked)
-    for file, each in ((wide, overlap.widened(asked)), (pairs, asked)):
-        found = overlap.find(above, below, along, each, clocks)
-        netcdf.write_pairs(file, found, attributes=made)
-    say(overlap.log_line(mooring, found))
+    each = [[one] for one in below] or [[]]
+    clocks = [overlap.clocks(above, one, asked) for one in each]
+    for file, by in ((wide, overlap.widened(asked)), (pairs, asked)):
+        found = [overlap.find(above, one, along, by, clock) for one, clock in zip(each, clocks, strict=True)]
+        every = several.joined(found, [Path(one).stem for one in lower])
+        netcdf.write_pairs(file, every, attributes=made)
+    say(overlap.log_line(mooring, every))
