@@ -529,5 +529,7 @@ def test_a_constant_that_is_the_declination_is_said_in_these_words(turned, expec
     fit |= {"coefficients": {"A": float(np.tan(np.deg2rad(turned)))}}
     if abs(turned) > 90.0:  # only the series, in degrees, can be turned by more than a quarter
         fit |= {"unit": "degrees", "coefficients": {"A": turned}, "covariance": np.eye(5).tolist()}
-    (said,) = summary._constant(fit, {"declination_deg": [18.0, 18.1]})
-    assert expected in said and said.startswith("the fit holds a constant of ")
+    (said,) = summary._constant(fit, {"declination_deg": [18.0, 18.1]}, {"top": 0.0, "deep": 45.0})
+    assert expected in said and said.startswith("the fit holds a constant of ") and "EB" not in said
+    (said,) = summary._constant(fit, {"declination_deg": [0.0, 0.1]}, {"top": turned + 1.0, "deep": 0.0})
+    assert f"the heading bias EB of {turned + 1.0:+.1f} that was taken out of the directions of top" in said

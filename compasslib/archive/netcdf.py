@@ -94,6 +94,12 @@ def read_warnings(path: str | Path) -> list[str]:
     return warnings
 
 
+def read_heading_bias(path: str | Path) -> float:
+    """Return the heading bias that was taken out of a record's directions, 0 in those of an older version."""
+    with opened(path) as nc:
+        return float(json.loads(getattr(nc, "heading_bias_deg", "0")))
+
+
 def write_pairs(path: str | Path, pairs: Pairs, *, attributes: Mapping[str, object] | None = None) -> None:
     """Write overlap.nc.
 

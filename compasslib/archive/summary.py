@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -65,7 +66,7 @@ def row(name: str, folder: str | Path, roles: Iterable[str] | None = None) -> di
         "folded": fit["folded"],
         "verdict": found["verdict"],
         "effects": " ".join(finding["effect"] for finding in found["findings"]),
-        "warnings": " | ".join([*_warnings(folder, fit, found, verdict), *_of_records(records(folder, roles))]),
+        "warnings": " | ".join([*_warnings(folder, roles, fit, found, verdict), *_of_records(records(folder, roles))]),
     }
 
 
@@ -101,13 +102,19 @@ def table(rows: Sequence[Mapping[str, Any]]) -> str:
     return "\n".join("  ".join(cell.rjust(w) for cell, w in zip(line, widths, strict=True)) for line in lines)
 
 
-def _warnings(folder: Path, fit: Mapping[str, Any], found: Mapping[str, Any], verdict: Mapping[str, Any]) -> list[str]:
+def _warnings(
+    folder: Path,
+    roles: Iterable[str] | None,
+    fit: Mapping[str, Any],
+    found: Mapping[str, Any],
+    verdict: Mapping[str, Any],
+) -> list[str]:
     field = netcdf.read_json(folder / "work/field.json")
     reasons = dict.fromkeys(why for why in (fit["why"], found["why"] * (found["verdict"] == "insufficient")) if why)
-    pairs = netcdf.read_pairs(folder / "overlap.nc").warnings
+    pairs, taken_out = netcdf.read_pairs(folder / "overlap.nc").warnings, _taken_out(records(folder, roles))
     refuted = [verdict["refuted"]] if verdict["refuted"] else []
     first = [*refuted, *reasons, *found.get("warnings", ()), *_unexplained(found), *pairs]
-    return [*first, *fit["warnings"], *_constant(fit, field), *field["warnings"]]
+    return [*first, *fit["warnings"], *_constant(fit, field, taken_out), *field["warnings"]]
 
 
 def _of_records(paths: Iterable[Path]) -> list[str]:
@@ -125,7 +132,12 @@ def _unexplained(found: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def _constant(fit: Mapping[str, Any], field: Mapping[str, Any]) -> list[str]:
+def _taken_out(paths: Iterable[Path]) -> dict[str, float]:
+    """Return by instrument the heading bias that was taken out of its directions, degrees."""
+    return {path.stem: json.loads(netcdf.read_attribute(path, "heading_bias_deg")) for path in paths}
+
+
+def _constant(fit: Mapping[str, Any], field: Mapping[str, Any], taken_out: Mapping[str, float]) -> list[str]:
     """Point at a constant between the instruments that is larger than what mounts are set to."""
     in_degrees = fit["unit"] == "degrees"
     if not fit["coefficients"] or (in_degrees and fit["folded"]):  # the series' constant is none where it folds
@@ -136,8 +148,17 @@ def _constant(fit: Mapping[str, Any], field: Mapping[str, Any]) -> list[str]:
     if abs(turned) < LARGE_CONSTANT_DEG or abs(a) < SURE_SIGMAS * sigma:
         return []
     declination = float(np.mean(field["declination_deg"]))
-    first = f"the fit holds a constant of {turned:+.0f} degrees, "
-    if mistake := _mistake(turned, sigma if in_degrees else sigma / angles.DEGREE, declination):
+    first, sigma = (
+        f"the fit holds a constant of {turned:+.0f} degrees, ",
+        sigma if in_degrees else sigma / angles.DEGREE,
+    )
+    biases = [
+        f"about the heading bias EB of {bias:+.1f} that was taken out of the directions of {name}, which may not hold "
+        "it (declination_applied: 0 leaves them as they are)"
+        for name, bias in taken_out.items()
+        if abs(abs(turned) - abs(bias)) < min(max(NEAR_DEG, SURE_SIGMAS * sigma), abs(bias) / 3.0)
+    ]
+    if mistake := "; or ".join([*biases, *filter(None, [_mistake(turned, sigma, declination)])]):
         return [first + mistake]
     return [
         f"{first}a turned mount or a mistake: declination is {declination:+.0f} here; check its sign, that of the "

@@ -48,6 +48,7 @@ class Record:
     looks_up: bool = True
     beam_angle_deg: float = 0.0  # from the vertical; 0 for a meter without slanted beams
     direction_reference: str = "magnetic"  # magnetic | true
+    heading_bias_deg: float = 0.0  # that was taken out of the file's headings and directions
     serial_number: str = ""  # the instrument's, where its files tell it
     echo_range_m: Floats | None = None  # (n, 2) of a boundary, and of the last water heard; for the deployment alone
     counts: dict[str, int] = field(default_factory=dict)  # what was read, skipped and flagged, for the report

@@ -24,6 +24,7 @@ from compasslib.readers.pd0.account import FileReport, counts_of, faces_up, lost
 from compasslib.readers.pd0.currents import (
     Choices,
     currents,
+    heading_bias,
     magnetic_heading,
     of_other_coordinates,
     quality,
@@ -239,6 +240,7 @@ def _record(water: Sequence[_Water], reports: Sequence[FileReport], choices: Cho
         looks_up=faces_up(leaders, choices),
         beam_angle_deg=_most_frequent(leaders.beam_angle_deg),
         direction_reference="magnetic",
+        heading_bias_deg=_most_frequent(heading_bias(leaders, choices)),
         serial_number=serial,
         echo_range_m=np.concatenate([part.echo_range_m for part in water]),
         counts=counts,
