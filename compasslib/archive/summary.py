@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -134,7 +133,7 @@ def _unexplained(found: Mapping[str, Any]) -> list[str]:
 
 def _taken_out(paths: Iterable[Path]) -> dict[str, float]:
     """Return by instrument the heading bias that was taken out of its directions, degrees."""
-    return {path.stem: json.loads(netcdf.read_attribute(path, "heading_bias_deg")) for path in paths}
+    return {path.stem: netcdf.read_heading_bias(path) for path in paths}
 
 
 def _constant(fit: Mapping[str, Any], field: Mapping[str, Any], taken_out: Mapping[str, float]) -> list[str]:
@@ -148,10 +147,8 @@ def _constant(fit: Mapping[str, Any], field: Mapping[str, Any], taken_out: Mappi
     if abs(turned) < LARGE_CONSTANT_DEG or abs(a) < SURE_SIGMAS * sigma:
         return []
     declination = float(np.mean(field["declination_deg"]))
-    first, sigma = (
-        f"the fit holds a constant of {turned:+.0f} degrees, ",
-        sigma if in_degrees else sigma / angles.DEGREE,
-    )
+    first = f"the fit holds a constant of {turned:+.0f} degrees, "
+    sigma = sigma if in_degrees else sigma / angles.DEGREE
     biases = [
         f"about the heading bias EB of {bias:+.1f} that was taken out of the directions of {name}, which may not hold "
         "it (declination_applied: 0 leaves them as they are)"
