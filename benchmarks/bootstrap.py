@@ -16,7 +16,7 @@ import numpy as np
 
 from compasslib import deviation
 from compasslib.archive import netcdf
-from compasslib.deviation import assessment
+from compasslib.core.records import take
 from compasslib.deviation.spread import BLOCK_S
 
 
@@ -29,7 +29,7 @@ def main(cruise: Path, mooring: str, count: int) -> None:
     rng, found = np.random.default_rng(1), []
     for _ in range(count):
         chosen = rng.integers(0, len(of_block), len(of_block))
-        some = assessment.choose(pairs, np.concatenate([of_block[k] for k in chosen]))
+        some = take(pairs, np.concatenate([of_block[k] for k in chosen]))
         moved = np.repeat(np.arange(len(chosen)) * BLOCK_S, [len(of_block[k]) for k in chosen])
         some = replace(some, time_s=moved + np.mod(some.time_s - pairs.time_s[0], BLOCK_S))
         found.append(deviation.fit("exact", some, near=whole).coefficients)

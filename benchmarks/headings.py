@@ -28,8 +28,8 @@ from scipy.optimize import least_squares
 
 from compasslib import deviation
 from compasslib.core import angles, compass
-from compasslib.core.records import Pairs, Readings
-from compasslib.deviation import assessment, correction, model, von_appen
+from compasslib.core.records import Pairs, Readings, take
+from compasslib.deviation import correction, model, von_appen
 from compasslib.simulation import compass as needle
 from compasslib.simulation import demonstration, mooring, water
 from compasslib.simulation.series import HOUR_S, clockwise, stream, white_vector
@@ -240,7 +240,7 @@ def clock(seed: int, heeling: bool) -> None:
     seconds = []
     for index in (4, 6, 16, 18, 24, 26, 36, 38):  # hourly overlaps, iron 0.1, 0.6, 1.1 and 2 H
         drawn = draw(index, seed, heeling)
-        pairs, readings = (assessment.choose(x, np.arange(8000)) for x in (drawn.pairs, drawn.readings))
+        pairs, readings = (take(x, np.arange(8000)) for x in (drawn.pairs, drawn.readings))
         begin = time.perf_counter()
         fit = deviation.fit("exact", pairs)
         correction.headings(readings, fit, pairs)

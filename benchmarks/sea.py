@@ -31,6 +31,7 @@ APART = 2  # cells between the two bins whose difference is looked at by speed a
 FIRST, MOST = 2, 10  # bins that distances are counted from; cells to the farthest
 BANDS = {"tides": (10.0, 14.0), "days to weeks": (48.0, 400.0)}  # hours
 SEGMENT = 512  # hours
+PERIODS, BANDS_SHOWN = (2.0, 256.0), 8  # of which the gain is shown, hours
 
 
 def simulated() -> Record:
@@ -135,15 +136,34 @@ def gain(record: Record) -> tuple[np.ndarray, np.ndarray]:
     return gaps, np.array([np.median([water.fall(record, depth, int(gap))[0] for depth in depths]) for gap in gaps])
 
 
+def gain_by_period(record: Record, gap: int) -> tuple[np.ndarray, np.ndarray] | None:
+    """Return periods, hours, and by how much the noise of these periods falls by the prediction, percent."""
+    power = []
+    for depth in range(min(8, record.east.shape[1] - 9)):
+        series = [hourly(100.0 * x + 0j, record.time_s) for x in water.across(record, depth, gap)[:2]]
+        if series[0] is None:
+            return None
+        frequency, both = welch(np.real(series), fs=24.0, nperseg=SEGMENT)
+        power.append(both)
+    edges = np.geomspace(1.0 / PERIODS[1], 1.0 / PERIODS[0], BANDS_SHOWN + 1) * 24.0
+    inside = np.digitize(frequency, edges) - 1
+    total = np.sum(power, axis=0)
+    sums = [np.bincount(inside[inside >= 0], side[inside >= 0], BANDS_SHOWN + 1)[:BANDS_SHOWN] for side in total]
+    return 24.0 / np.sqrt(edges[1:] * edges[:-1]), 100.0 * (1.0 - np.sqrt(sums[1] / sums[0]))
+
+
 def draw(found: dict[str, Record], path: Path) -> None:
     """Draw the page."""
-    with page(path, "Water between the bins of one instrument: two real profiles and the simulated sea", 4.6) as figure:
+    with page(path, "Water between the bins of one instrument: two real profiles and the simulated sea", 5.0) as figure:
         panels = figure.subplots(2, 3)
         for name, record in found.items():
             style = {"color": COLOURS[name], "marker": "o", "markersize": 3.0, "label": name}
             panels[0, 0].plot(*by_distance(record), **style)
             panels[0, 1].plot(*by_speed(record), **style)
             panels[1, 2].plot(*gain(record), **style)
+            for gap, line in zip((1, 2, 4), ("-", "--", ":"), strict=True):
+                if (made := gain_by_period(record, gap)) is not None:
+                    panels[1, 1].plot(*made, line, color=COLOURS[name], marker="o", markersize=2.0)
             if (made := spectrum(record)) is not None:
                 panels[0, 2].plot(*made, color=COLOURS[name], linewidth=0.8)
             for band, line in zip(BANDS, ("-", ":"), strict=True):
@@ -155,21 +175,23 @@ def draw(found: dict[str, Record], path: Path) -> None:
         panels[0, 1].set(xlabel="Speed (cm/s)", ylabel="Directions, median (°)", ylim=(0.0, None))
         panels[0, 2].set(xscale="log", yscale="log", xlabel="Period (h)", ylabel="(cm/s)² d")
         panels[1, 0].set(xlabel="Distance of the bins (m)", ylabel="Coherence", ylim=(0.0, 1.02))
+        panels[1, 1].set(xscale="log", xlabel="Period (h)", ylabel="Noise less by prediction (%)")
         panels[1, 2].set(xlabel="Gap (cells)", ylabel="Noise less by prediction (%)", xticks=[1, 2, 3, 4])
         for axes, title in (
             (panels[0, 0], "Difference by distance"),
             (panels[0, 1], f"By speed, {APART} cells apart"),
             (panels[0, 2], f"Spectrum, {APART} cells apart"),
             (panels[1, 0], "10–14 h; dotted: 2–17 days"),
-            (panels[1, 2], "Gain of the prediction"),
+            (panels[1, 1], "Noise less, 1 / 2 / 4 cells (– / -- / ⋯)"),
+            (panels[1, 2], "Noise less by gap"),
         ):
             axes.set_title(title)
-        for axis in (panels[0, 0].xaxis, panels[0, 0].yaxis, panels[0, 2].xaxis, panels[0, 2].yaxis):
+        spectral = (panels[0, 2].xaxis, panels[0, 2].yaxis, panels[1, 1].xaxis)
+        for axis in (panels[0, 0].xaxis, panels[0, 0].yaxis, *spectral):
             axis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
             axis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
             axis.set_minor_locator(NullLocator())
-        panels[1, 1].set_axis_off()
-        panels[1, 1].legend(*panels[0, 0].get_legend_handles_labels(), loc="center", frameon=False)
+        panels[0, 1].legend(frameon=False)
 
 
 def main() -> None:

@@ -88,8 +88,8 @@ def seen_by(record: Record, coefficients: tuple[float, ...]) -> Record:
     return replace(record, east=east, north=north, heading_deg=recorded, serial_number=None)
 
 
-def fall(record: Record, depth: int, gap: int) -> tuple[float, float, float]:
-    """Return by how much the noise across the flow falls, percent, and the stated and the real noise, m/s, rms.
+def across(record: Record, depth: int, gap: int) -> tuple[np.ndarray, np.ndarray, float]:
+    """Return the noise across the flow of mean and prediction, (n,) m/s, NaN where slow or bad, and what is stated.
 
     Args:
         depth: bin that is the trusted instrument.
@@ -101,10 +101,17 @@ def fall(record: Record, depth: int, gap: int) -> tuple[float, float, float]:
     assert found is not None
     truth = trusted.east[:, 0] + 1j * trusted.north[:, 0]
     fast = np.isfinite(truth * plain * found.velocity) & (np.abs(truth) > SLOWEST_M_S) & prediction.good(trusted)[:, 0]
-    flow = truth[fast] / np.abs(truth[fast])
-    off = [np.imag((one - truth)[fast] * np.conj(flow)) for one in (plain, found.velocity)]
-    before, after = (float(np.sqrt(np.mean(x**2))) for x in off)
-    return 100.0 * (1.0 - after / before), found.expected_m_s, after
+    with np.errstate(invalid="ignore", divide="ignore"):
+        off = [np.imag((one - truth) * np.conj(truth) / np.abs(truth)) for one in (plain, found.velocity)]
+    before, after = (np.where(fast, x, np.nan) for x in off)
+    return before, after, found.expected_m_s
+
+
+def fall(record: Record, depth: int, gap: int) -> tuple[float, float, float]:
+    """Return by how much the noise across the flow falls, percent, and the stated and the real noise, m/s, rms."""
+    *off, expected = across(record, depth, gap)
+    before, after = (float(np.sqrt(np.nanmean(x**2))) for x in off)
+    return 100.0 * (1.0 - after / before), expected, after
 
 
 def noise(case: Case) -> tuple[float, float, float]:

@@ -21,9 +21,8 @@ from scipy.signal import lfilter
 
 from compasslib.core import angles, compass
 from compasslib.core.errors import InputError
-from compasslib.core.records import BAD, GOOD, Corrected, EarthField, Pairs, Record
+from compasslib.core.records import BAD, GOOD, Corrected, EarthField, Pairs, Record, take
 from compasslib.deviation import correction, model, von_appen
-from compasslib.deviation.assessment import choose
 from compasslib.deviation.likelihood import CELLS
 from compasslib.deviation.model import Fit
 from compasslib.plots import agreement, deviation, diagnosis, timeline
@@ -120,7 +119,7 @@ def corrected(recorded: Record, fit: Fit, pairs: Pairs) -> Corrected:
 
 
 SMALL, LARGE = overlaps(UNFOLDED), overlaps(FOLDED)
-NONE, FEW = choose(SMALL, np.zeros(0, dtype=int)), choose(SMALL, np.arange(7))
+NONE, FEW = take(SMALL, np.zeros(0, dtype=int)), take(SMALL, np.arange(7))
 SMALL_FIT, LARGE_FIT = exact_fit(UNFOLDED, SMALL), exact_fit(FOLDED, LARGE)
 UNREFERENCED = model.too_few("exact", 0)
 DEAF = replace(record(SMALL), heading_deg=np.full(SAMPLES, np.nan), depth_m=np.full(SAMPLES, np.nan))
