@@ -33,8 +33,8 @@ WAVES, SHORTEST_M, LONGEST_M = 8, 12.0, 160.0  # of the layers over depth
 GROWTH = 1.5  # of the mean squared difference with distance: a power of it
 # Of a layer's variance: what is forgotten the later the longer its wave, tides that drift out of phase, slow water.
 HOURS_SHARE, TIDE_SHARE, SLOW_SHARE = 0.65, 0.27, 0.08
-HOURS_AT_GAP, TIDE_MEMORY_S, SLOW_MEMORY_S = 6.0, 5 * DAY_S, 25 * DAY_S
-VEER_MEMORY_S, UNTURNED_M = 40 * DAY_S, 100.0
+HOURS_AT_GAP, TIDE_MEMORY_S, SLOW_MEMORY_S = 6.0, 5 * DAY_S, 12 * DAY_S
+VEER_MEMORY_S, UNTURNED_M = 30 * DAY_S, 100.0
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Climate:
     red_m_s: float = 0.07
     cyclone_m_s: float = 0.0  # median peak speed of a passing cyclone
     shear_m_s: float = 0.036  # rms difference of one component at GAP_M
-    veer_deg_100m: float = 6.0  # rms of the slow veer over depth: a degree from one side of a sphere to the other
+    veer_deg_100m: float = 4.0  # rms of the slow veer over depth
 
 
 @dataclass(frozen=True)
