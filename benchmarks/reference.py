@@ -1,0 +1,100 @@
+"""Faults of the trusted instrument: are they put on the affected compass?
+
+    python benchmarks/reference.py 40 1             moorings, seed
+    python benchmarks/reference.py 40 1 --cores 1
+
+Simulated years with one fault of the trusted instrument each: a deviation of its compass, a step of about 6 degrees and
+one of 15, beams of unequal gain, a constant velocity. Exit 1 where a fault is named as one of the affected
+compass alone in more cases than the target allows.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import tempfile
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+
+import numpy as np
+from scipy.stats import beta
+
+from compasslib.archive import netcdf
+from compasslib.core import angles
+from compasslib.effects import SIDES
+from compasslib.simulation import draw
+from compasslib.simulation.sealed import Wish
+from compasslib.stages import pipeline
+
+FAULTS = (
+    ("reference_deviation", 3.0), ("reference_slip", 3.0), ("reference_slip", 7.5), ("reference_beams", 2.0),
+    ("reference_bias", 2.0),
+)  # fmt: skip
+MOST = 0.05  # share of moorings whose fault may be put on the affected compass alone
+
+
+def measured(job: tuple[int, int]) -> dict:
+    """Return what was said of one mooring, and the errors of its headings."""
+    seed, k = job
+    effect, size = FAULTS[k % len(FAULTS)]
+    with tempfile.TemporaryDirectory() as folder:
+        cruise, locked = Path(folder) / "cruise", Path(folder) / "locked"
+        (cruise / "config/moorings").mkdir(parents=True)
+        (cruise / "config/config.yaml").write_text("moorings: config/moorings\n")
+        locked.mkdir()
+        one = draw.Sealed(f"R{k:03d}", "single", {effect: size}, wish=Wish(wide=k // len(FAULTS) % 2 == 0), seed=seed)
+        draw.write(one, cruise, locked)
+        results = pipeline.process(cruise, one.name, Path(folder) / "results")
+        found = json.loads((results / "diagnosis.json").read_text())
+        product = netcdf.read_corrected(results / "corrected.nc")
+        time_s, heading, *_ = np.load(locked / f"{one.name}.npy")
+    at = np.searchsorted(time_s, product.record.time_s).clip(0, len(time_s) - 1)
+    error = angles.difference(product.heading_corrected_deg, heading[at])
+    known = np.isfinite(error) & (time_s[at] == product.record.time_s)
+    sets = [[one["effect"], *one["alternatives"]] for one in found["findings"]]
+    return {
+        "fault": f"{effect} {size:g}°",
+        "named": any(effect in names for names in sets),
+        "alone": any({SIDES[name] for name in names} == {"compass"} for names in sets),
+        "applied": any(one["applied"] for one in found["findings"]),
+        "seen": bool(sets) or found["unexplained"] is not None,
+        "rms": float(angles.rms(error[known])),
+        "within": float(np.mean(np.abs(error[known]) < 1.96 * product.heading_uncertainty_deg[known])),
+    }
+
+
+def interval(count: int, n: int) -> tuple[float, float]:
+    """Return the 95 % interval of a share (Clopper and Pearson)."""
+    low = beta.ppf(0.025, count, n - count + 1) if count else 0.0
+    return float(low), float(beta.ppf(0.975, count + 1, n - count)) if count < n else 1.0
+
+
+def report(rows: Sequence[dict]) -> int:
+    """Print the table, and return the exit status."""
+    print("| fault | n | seen | named with its side | put on the affected compass alone | heading, rms | within 95 % |")
+    print("|---|---|---|---|---|---|---|")
+    for fault in [*dict.fromkeys(row["fault"] for row in rows), "all"]:
+        some = [row for row in rows if fault in (row["fault"], "all")]
+        counts = " | ".join(str(sum(row[key] for row in some)) for key in ("seen", "named", "alone"))
+        rms, within = (np.mean([row[key] for row in some]) for key in ("rms", "within"))
+        print(f"| {fault} | {len(some)} | {counts} | {rms:.2f}° | {within:.0%} |")
+    alone = sum(row["alone"] for row in rows)
+    low, high = interval(alone, len(rows))
+    print(f"put on the affected compass alone: {alone} of {len(rows)} ({low:.1%} to {high:.1%}), target {MOST:.0%}")
+    return int(low > MOST)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("count", type=int, nargs="?", default=40)
+    parser.add_argument("seed", type=int, nargs="?", default=1)
+    parser.add_argument("--cores", type=int, default=2)
+    asked = parser.parse_args()
+    with ProcessPoolExecutor(asked.cores) as pool:
+        return report(list(pool.map(measured, [(asked.seed, k) for k in range(asked.count)])))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
