@@ -28,12 +28,12 @@ from compasslib.plots.page import (
     page,
     say,
 )
-from compasslib.search.wording import UNITS, UNITS_OF_CALIBRATIONS, VERDICTS
+from compasslib.search.wording import TURN, UNITS, UNITS_OF_CALIBRATIONS, VERDICTS
 
 DAY_S = 86400.0  # matplotlib counts time in days since 1970
 MOST_PANELS = 6
 PANEL_IN = 1.75
-CHARACTERS = 112
+CHARACTERS = 106
 NAMES = {
     "heading": "Recorded heading", "time": "", "separation": "Distance of the two layers",
     "speed": "Speed of the upper water", "hour_of_day": "Hour of the day, UTC",
@@ -82,6 +82,8 @@ def _panel(axes: Axes, curve: Mapping[str, Any], reach: float) -> None:
     band = reach * sigma
     axes.fill_between(x, -band, band, color=GREY, alpha=0.25, linewidth=0)
     axes.axhline(0.0, color=GREY, linewidth=0.6)
+    if covariate.startswith(TURN):
+        axes.plot(x, x, color=BLACK, linewidth=0.6, linestyle="--")
     if np.any(before != after):
         axes.plot(x, before, color=VERMILION, marker="o", markersize=2.5)
     axes.plot(x, after, color=BLUE, marker="s", markersize=2.5)
@@ -97,7 +99,8 @@ def _panel(axes: Axes, curve: Mapping[str, Any], reach: float) -> None:
 def _label(covariate: str, names: Mapping[str, str], units: Mapping[str, str]) -> str:
     """Return what an axis is called: the covariate's name, and the unit that the sentences have, abbreviated."""
     name = names.get(covariate, covariate.replace("_", " ").capitalize())
-    unit = units.get(covariate, "").replace("degrees C", "°C").replace("degrees", "°")
+    unit = "degrees" if covariate.startswith(TURN) else units.get(covariate, "")
+    unit = unit.replace("degrees C", "°C").replace("degrees", "°")
     return f"{name} ({unit})" if unit else name
 
 

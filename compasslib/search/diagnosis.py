@@ -298,8 +298,15 @@ def _why(detectable: Mapping[str, float], min_effect_deg: float) -> str:
 
 
 def _curves(before: State, after: State, found: Sequence[Finding]) -> tuple[BinnedResidual, ...]:
+    """Return the residual along the turn by each effect that was found, and along what they live in."""
+    effects = {one.effect for one in found}
+    turns = [
+        show.turn(after, term.name, model.visible(after, k) @ term.values)
+        for k, term in enumerate(after.simulation.terms)
+        if term.name in effects
+    ]
     names = dict.fromkeys(["heading", "time", *(one.where.covariate for one in found)])
-    return tuple(show.curve(before, after, name) for name in names if name in before.case.covariates)
+    return (*turns, *(show.curve(before, after, name) for name in names if name in before.case.covariates))
 
 
 def _applied(named: Named, every: Sequence[Finding]) -> Applied | None:

@@ -96,14 +96,19 @@ def estimate(state: State) -> Estimate:
     return Estimate(state, model_based * np.outer(share, share))
 
 
-def effect_deg(state: State, k: int, covariance: Floats) -> float:
-    """Return the visible size of a fitted term, rms degrees, freed of what its own uncertainty adds."""
+def visible(state: State, k: int) -> Floats:
+    """Return what of a fitted term's columns the compass and the nuisances cannot take, (n, k) degrees a unit."""
     ends = 5 + np.cumsum([0, *(len(term.fitted()) for term in state.simulation.terms)])
     others = np.column_stack([state.base[:, :5], state.base[:, ends[-1] :]])
-    own, values = state.base[:, ends[k] : ends[k + 1]], state.simulation.terms[k].values
+    own = state.base[:, ends[k] : ends[k + 1]]
     weight = 1.0 / state.whitener.width_deg
     taken, *_ = np.linalg.lstsq(others * weight[:, None], own * weight[:, None], rcond=1e-9)
-    seen = (own - others @ taken)[weight > 0]
+    return np.asarray(own - others @ taken)
+
+
+def effect_deg(state: State, k: int, covariance: Floats) -> float:
+    """Return the visible size of a fitted term, rms degrees, freed of what its own uncertainty adds."""
+    values, seen = state.simulation.terms[k].values, visible(state, k)[np.isfinite(state.whitener.width_deg)]
     product = seen.T @ seen / len(seen)
     return float(np.sqrt(max(float(values @ product @ values) - float(np.sum(product * covariance)), 0.0)))
 

@@ -19,6 +19,7 @@ from compasslib.core.types import Floats
 from compasslib.deviation import model as fits
 from compasslib.deviation import von_appen
 from compasslib.deviation.model import Fit
+from compasslib.search import wording
 from compasslib.search.baseline import State
 from compasslib.stats import whitening
 
@@ -155,6 +156,24 @@ def curve(before: State, after: State, covariate: str) -> BinnedResidual:
     return BinnedResidual(
         covariate, (edges[filled] + edges[filled + 1]) / 2.0, first[filled], second[filled], sigma[filled]
     )
+
+
+def turn(state: State, effect: str, turned_deg: Floats) -> BinnedResidual:
+    """Return the residual in bins of the turn that a fitted effect foretells, without the effect and with it.
+
+    Where the effect is there, what it leaves out follows the line on which both are equal, however small it is.
+
+    Args:
+        turned_deg: by the effect, as far as the fitted compass cannot take it, (n,).
+    """
+    finite = np.isfinite(state.whitener.width_deg)
+    edges = np.unique(np.quantile(turned_deg[finite], np.linspace(0.0, 1.0, BINS // 2 + 1)))
+    bins = np.clip(np.searchsorted(edges, turned_deg, side="right") - 1, 0, len(edges) - 2)
+    count = len(edges) - 1
+    left, sigma = _binned(state, bins, count)
+    weight = np.where(finite, state.whitener.width_deg, np.inf) ** -2.0
+    middle = np.bincount(bins, weight * turned_deg, count) / np.maximum(np.bincount(bins, weight, count), 1e-300)
+    return BinnedResidual(f"{wording.TURN}{effect}", middle, left + middle, left, sigma)
 
 
 def _binned(state: State, bins: NDArray[np.intp], count: int) -> tuple[Floats, Floats]:

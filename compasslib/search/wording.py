@@ -32,6 +32,7 @@ UNITS = {
     "temperature": "degrees C", "supply_voltage": "V or counts", "hour_of_day": "h", "time": "",
     "declination_observatory": "degrees", "reference_heading": "degrees",
 }  # fmt: skip
+TURN = "turn_by_"  # what the name of the turn by an effect begins with, degrees
 UNITS_OF_CALIBRATIONS = UNITS | {
     "turn_rate": "degrees/s",
     "speed": "kn",
