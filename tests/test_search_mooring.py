@@ -68,6 +68,17 @@ def test_nothing_is_found_where_nothing_was_left_out():
     assert "feel it alike" in told["field_disturbance"] and "same as A" in told["declination_error"]
 
 
+def test_what_an_effect_turns_is_seen_along_what_it_foretells(two):
+    _, found = two
+    turns = [curve for curve in found.curves if curve.covariate.startswith("turn_by_")]
+    assert {curve.covariate for curve in turns} == {f"turn_by_{one.effect}" for one in found.findings}
+    for curve in turns:
+        assert np.all(np.diff(curve.centre) > 0.0) and np.ptp(curve.centre) > 4.0
+        slope = np.polyfit(curve.centre, curve.before_deg, 1)[0]
+        assert slope == pytest.approx(1.0, abs=0.15)
+        assert abs(np.polyfit(curve.centre, curve.after_deg, 1)[0]) < 0.15
+
+
 def test_bins_of_nothing_lie_as_far_off_as_their_errors_say():
     far = []
     for seed in range(4):
