@@ -8,7 +8,7 @@ what remains of an effect after their refit is its visible size.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -112,7 +112,7 @@ def examine(case: Case, simulation: Simulation, nuisance: Floats, *, freed: bool
         weighted = np.where(np.isfinite(width)[:, None], base, 0.0) / width[:, None]
         step = np.linalg.solve(_precise(weighted), weighted.T @ whitening.clipped(left, width))
         left, shift = left - base @ step, shift + step
-    white = whitening.whitener(left, width, case.scene.time_s)
+    white = replace(whitening.whitener(left, width, case.scene.time_s), louder=case.louder)
     basis = whitening.orthonormal(white(base))
     standard = whitening.clipped(left, width)
     innovation = white.filtered(standard[:, None])[:, 0]

@@ -16,6 +16,7 @@ from compasslib.effects import CATALOGUE, Scene, Term, composition
 from compasslib.effects.composition import Simulation
 from compasslib.effects.iron import Heeling
 from compasslib.search import covariates
+from compasslib.stats.whitening import Louder
 
 WOBBLE_HOURS = 6.0  # tilts faster than this are mostly the sensor's and the waves'
 TIDES_H = (12.4206, 12.0, 12.6583, 23.9345, 25.8193)  # periods of M2, S2, N2, K1, O1
@@ -61,6 +62,7 @@ class Case:
     nuisance: Floats  # (n, k) columns that are fitted and never named
     terms: tuple[type[Term], ...]  # that can be tested here
     not_testable: tuple[tuple[str, str], ...] = ()  # (effect, why)
+    louder: Louder | None = None  # slow water, once it was learnt
 
     def __len__(self) -> int:
         return len(self.recorded_deg)

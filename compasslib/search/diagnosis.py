@@ -26,6 +26,7 @@ from compasslib.search import (
     scan,
     sectors,
     show,
+    slow,
     verdict,
     wording,
 )
@@ -189,6 +190,7 @@ def _judged(case: Case, options: Options) -> Diagnosis:
     if heap is not None and baseline.usable(outside, case.simulation, none) >= FEWEST:
         empty = baseline.examine(outside, case.simulation, none)  # what hangs tells nothing of terms, and feigns some
     empty = model.refit(empty, [])  # where the record, its memory counted, has compass and nuisances
+    empty = slow.heard(empty)
     named = naming.search(empty, alarm=options.alarm, min_effect_deg=options.min_effect_deg)
     named, episode = episodes.taken_out(named)
     named, unproven = confirmation.unproven(named)

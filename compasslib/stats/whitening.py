@@ -29,12 +29,26 @@ NEAR = 4.0  # frequencies up to this many times that of what is slow are its nei
 
 
 @dataclass(frozen=True)
+class Louder:
+    """Directions in which the filtered noise is louder than white, by slow processes."""
+
+    basis: Floats  # (n, k) orthonormal, float32
+    keep: Floats  # (k,) of each direction's amplitude, so that it becomes white
+
+    def quietened(self, filtered: Floats) -> Floats:
+        """Return filtered columns with these directions as quiet as all others, (n, k)."""
+        basis = self.basis.astype(filtered.dtype)
+        return filtered - basis @ ((1.0 - self.keep).astype(filtered.dtype)[:, None] * (basis.T @ filtered))
+
+
+@dataclass(frozen=True)
 class Whitener:
     """The filter and the widths of one record."""
 
     slot: NDArray[np.intp]  # (n,) place of each sample on the even grid
     filter: Floats  # (p + 1,) 1 and minus the autoregressive coefficients
     width_deg: Floats  # (n,) infinite where a sample does not count
+    louder: Louder | None = None
 
     def __call__(self, columns_deg: Floats) -> Floats:
         """Return columns divided by the widths and filtered, (n, k).
@@ -59,7 +73,8 @@ class Whitener:
         for i in range(CHUNK):
             band[i, i : i + lags + 1] = self.filter[::-1]
         parts = [band @ grid[i * CHUNK : i * CHUNK + CHUNK + lags] for i in range(chunks)]
-        return np.concatenate(parts)[self.slot]
+        filtered = np.concatenate(parts)[self.slot]
+        return filtered if self.louder is None else self.louder.quietened(filtered)
 
 
 def whitener(residual_deg: Floats, width_deg: Floats, time_s: Floats) -> Whitener:

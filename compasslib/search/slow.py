@@ -1,0 +1,127 @@
+"""Slow water: its veer and its additive shear as Gaussian processes, whose size and memory the record tells.
+
+Directions of two depths differ by weeks of other water. A term of the compass that changes as slowly must be weighed
+against it in the same currency: what the processes may do is as quiet in the whitened residual as everything else.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from compasslib.core import angles
+from compasslib.core.types import Floats
+from compasslib.search import baseline, covariates, model
+from compasslib.search.baseline import State
+from compasslib.stats.whitening import Louder
+
+DAY_S = 86400.0
+SHORTEST_DAYS = 8.0  # period below which the filter holds the memory
+SPEED_SPAN_S, SLOWEST_M_S = 12 * 3600.0, 0.03
+VEER_DEG = (0.0, 0.5, 1.0, 2.0, 3.5, 6.0, 10.0, 16.0)
+SHEAR_M_S = (0.0, 0.003, 0.006, 0.01, 0.016, 0.025, 0.04, 0.06)
+MEMORY_DAYS = (4.0, 8.0, 16.0, 32.0, 64.0, 128.0)
+QUIET = 0.05  # variance over white below which a direction is as it is
+
+
+@dataclass(frozen=True)
+class Process:
+    """A process of first order: size and memory."""
+
+    size: float  # degrees of veer, or m/s of shear in each component, rms
+    memory_days: float
+
+    def variances(self, frequency: Floats, step: float) -> Floats:
+        """Return the variance of each cosine's coefficient.
+
+        Args:
+            frequency: cycles a day, (k,), evenly spaced from 0.
+            step: between them.
+        """
+        spectrum = 4.0 * self.size**2 * self.memory_days / (1.0 + (2.0 * np.pi * frequency * self.memory_days) ** 2)
+        return spectrum * step * np.where(frequency > 0.0, 1.0, 0.5)
+
+
+@dataclass(frozen=True)
+class Slow:
+    """What the record tells of slow water."""
+
+    veer: Process
+    shear: Process
+    gain: float  # log marginal likelihood over none
+
+
+def heard(state: State) -> State:
+    """Return the state with slow water in its noise, as large and as lasting as makes the record likeliest."""
+    parts = _columns(state)
+    if parts is None:
+        return state
+    frequency, step, raw = parts
+    _, variance = learnt(state, frequency, step, raw)
+    scale = np.sqrt(variance) * state.response / state.sigma
+    white = state.whitener(raw.astype(np.float32)).astype(float)[:, variance > 0.0] * scale[variance > 0.0]
+    if not white.shape[1]:
+        return state
+    values, vectors = np.linalg.eigh(white.T @ white)
+    loud = values > QUIET
+    basis = white @ vectors[:, loud] / np.sqrt(values[loud])
+    louder = Louder(basis.astype(np.float32), 1.0 / np.sqrt(1.0 + values[loud]))
+    case = replace(state.case, louder=louder)
+    again = baseline.examine(case, state.simulation, state.nuisance)
+    return model.refit(again, state.simulation.terms)
+
+
+def learnt(state: State, frequency: Floats, step: float, raw: Floats) -> tuple[Slow, Floats]:
+    """Return the likeliest processes, and the variance of each column's coefficient."""
+    white = state.projected(raw.astype(np.float32)).astype(float) * state.response / state.sigma
+    gram, pull = white.T @ white, white.T @ state.innovation / state.sigma
+    count = len(frequency)
+    kinds = raw.shape[1] // count
+
+    def variance(veer: Process, shear: Process) -> Floats:
+        return np.concatenate([each.variances(frequency, step) for each in (veer, shear, shear)[:kinds]])
+
+    best, chosen = 0.0, (Process(0.0, 16.0), Process(0.0, 16.0))
+    tries_veer = [Process(s, m) for s in VEER_DEG[1:] for m in MEMORY_DAYS]
+    tries_shear = [Process(s, m) for s in SHEAR_M_S[1:] for m in MEMORY_DAYS]
+    none = Process(0.0, 16.0)
+    for _ in range(2):
+        for k, tries in enumerate((tries_veer, tries_shear)[: 1 + (kinds > 1)]):
+            for one in (none, *tries):
+                pair = (one, chosen[1]) if k == 0 else (chosen[0], one)
+                value = _marginal(gram, pull, variance(*pair))
+                if value > best + 1e-9:
+                    best, chosen = value, pair
+    return Slow(*chosen, best), variance(*chosen)
+
+
+def _marginal(gram: Floats, pull: Floats, variance: Floats) -> float:
+    """Return the log marginal likelihood over that of no process."""
+    some = variance > 0.0
+    if not some.any():
+        return 0.0
+    root = np.sqrt(variance[some])
+    inner = np.eye(len(root)) + root[:, None] * gram[np.ix_(some, some)] * root
+    lower = np.linalg.cholesky(inner)
+    half = np.linalg.solve(lower, root * pull[some])
+    return float(0.5 * half @ half - np.sum(np.log(np.diag(lower))))
+
+
+def _columns(state: State) -> tuple[Floats, float, Floats] | None:
+    """Return frequencies, their spacing, and the columns: cosines of the veer, of eastward and of northward shear."""
+    time_s = state.case.scene.time_s
+    days = float(np.ptp(time_s)) / DAY_S
+    count = int(2.0 * days / SHORTEST_DAYS) + 1
+    if count < 4 or state.case.kind != "mooring":
+        return None
+    frequency, step = np.arange(count) / (2.0 * days), 1.0 / (2.0 * days)
+    waves = np.cos(np.pi * (time_s - time_s[0])[:, None] / (days * DAY_S) * np.arange(count))
+    departures = state.case.scene.departures
+    if "flow_east" not in departures or "speed" not in state.case.covariates:
+        return frequency, step, waves
+    speed = covariates.running(state.case.covariates["speed"], time_s, SPEED_SPAN_S)
+    slowness = 1.0 / np.maximum(speed, SLOWEST_M_S) / angles.DEGREE
+    east = waves * (departures["flow_north"] * slowness)[:, None]
+    north = -waves * (departures["flow_east"] * slowness)[:, None]
+    return frequency, step, np.concatenate([waves, east, north], axis=1)
