@@ -86,7 +86,7 @@ def omnibus(state: State) -> list[Group]:
             groups.append(Group(name, _periodic(360.0 / PERIODS[name] * column, range(1, 4)), covariates=(name,)))
         elif name == "time":
             groups += [Group(name, _hats(column, k), covariates=(name,)) for k in TIME_KNOTS]
-            groups += [*waves(column), *_spells(state)]
+            groups += [*waves(column), *spells(state)]
         elif name != "heading" and name not in stuck.LEANS:
             groups.append(Group(name, _hats(column, KNOTS), covariates=(name,)))
             groups += [Group(name, step, covariates=(name,)) for step in _steps(column)]
@@ -106,7 +106,7 @@ def waves(time_s: Floats) -> list[Group]:
     return [Group("time", wave, covariates=("time",)) for wave in each]
 
 
-def _spells(state: State) -> list[Group]:
+def spells(state: State) -> list[Group]:
     """Return offsets of the reading with a begin and an end, each a group: among all knots they are faint."""
     time_s = state.case.scene.time_s
     begins = np.arange(time_s[0], time_s[-1], max(SPELL_STEP_S, float(np.ptp(time_s)) / 120.0))[1:]

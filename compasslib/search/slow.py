@@ -6,14 +6,18 @@ against it in the same currency: what the processes may do is as quiet in the wh
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from compasslib.core import angles
 from compasslib.core.types import Floats
-from compasslib.search import baseline, covariates, model
+from compasslib.search import baseline, columns, covariates, model, scan
 from compasslib.search.baseline import State
+from compasslib.search.columns import Group
+from compasslib.stats import whitening
 from compasslib.stats.whitening import Louder
 
 DAY_S = 86400.0
@@ -22,6 +26,7 @@ SPEED_SPAN_S, SLOWEST_M_S = 12 * 3600.0, 0.03
 VEER_DEG = (0.0, 0.5, 1.0, 2.0, 3.5, 6.0, 10.0, 16.0)
 SHEAR_M_S = (0.0, 0.003, 0.006, 0.01, 0.016, 0.025, 0.04, 0.06)
 MEMORY_DAYS = (4.0, 8.0, 16.0, 32.0, 64.0, 128.0)
+CHARGE, SHARES, TRIED = 3.0, (0.15, 0.4), 6  # log likelihood a parameter; of the water's size; names beside it
 QUIET = 0.05  # variance over white below which a direction is as it is
 
 
@@ -58,7 +63,7 @@ def heard(state: State) -> State:
     if parts is None:
         return state
     frequency, step, raw = parts
-    _, variance = learnt(state, frequency, step, raw)
+    variance = _beside_what_changes(state, frequency, step, raw)
     scale = np.sqrt(variance) * state.response / state.sigma
     white = state.whitener(raw.astype(np.float32)).astype(float)[:, variance > 0.0] * scale[variance > 0.0]
     if not white.shape[1]:
@@ -70,6 +75,48 @@ def heard(state: State) -> State:
     case = replace(state.case, louder=louder)
     again = baseline.examine(case, state.simulation, state.nuisance)
     return model.refit(again, state.simulation.terms)
+
+
+def _beside_what_changes(state: State, frequency: Floats, step: float, raw: Floats) -> Floats:
+    """Return the variances of the columns' coefficients, learnt beside what changes at once where that is likelier.
+
+    One large step looks like much slow water, which then hides it. What may change is therefore tried beside less
+    water, at a charge for each parameter and for the number of dates, and for the likeliest the water is learnt anew.
+    """
+    found, variance = learnt(state, frequency, step, raw)
+    if found.gain == 0.0:
+        return variance
+    waves, spells = columns.waves(state.case.scene.time_s), columns.spells(state)
+    groups = [*columns.of_terms(state, state.case.terms), *waves, *spells]
+    tried = Counter(group.name for group in groups)
+    charges = [CHARGE * group.columns.shape[1] + float(np.log(tried[group.name])) for group in groups]
+    alone = scan.gains(state, groups) / 2.0
+    first: dict[str, tuple[float, int]] = {}
+    for share in SHARES:
+        scaled = _gains(state, groups, raw, variance * share**2)
+        for k, group in enumerate(groups):
+            first[group.name] = max(first.get(group.name, (-np.inf, 0)), (scaled[k] - charges[k], k))
+    best = found.gain
+    for _, k in sorted(first.values(), reverse=True)[:TRIED]:
+        again, other = learnt(scan.beside(state, groups[k].columns), frequency, step, raw)
+        if (value := again.gain + alone[k] - charges[k]) > best:
+            best, variance = value, other
+    return variance
+
+
+def _gains(state: State, groups: Sequence[Group], raw: Floats, variance: Floats) -> Floats:
+    """Return by how much each group makes the record likelier beside slow water, (g,)."""
+    some, scale = variance > 0.0, state.response / state.sigma
+    ends = np.cumsum([group.columns.shape[1] for group in groups])
+    every = np.concatenate([group.columns for group in groups], axis=1)
+    own, white = (state.projected(x.astype(np.float32)).astype(float) * scale for x in (every, raw[:, some]))
+    inner = np.diag(1.0 / variance[some]) + white.T @ white
+    score = state.innovation / state.sigma
+    score = score - white @ np.linalg.solve(inner, white.T @ score)
+    rest = own - white @ np.linalg.solve(inner, white.T @ own)
+    parts = zip(*(np.split(x, ends[:-1], axis=1) for x in (own, rest)), strict=True)
+    each = [(part.T @ left, part.T @ score) for part, left in parts]
+    return np.array([0.5 * pull @ whitening.inverse(known) @ pull for known, pull in each])
 
 
 def learnt(state: State, frequency: Floats, step: float, raw: Floats) -> tuple[Slow, Floats]:
