@@ -128,7 +128,7 @@ def test_the_corrected_headings_lose_what_was_found(two):
     error = [angles.rms(angles.difference(heading, drawn.heading)) for heading in (before, after)]
     assert error[0] > 3.5 and error[1] < 1.5
     sigma = at.sigma(after)
-    assert 0.2 < np.median(sigma) < 2.0
+    assert 0.2 < np.median(sigma) < 2.5
 
 
 def test_what_is_applied_is_no_surer_of_the_coefficients_than_the_fit(two):
@@ -220,9 +220,8 @@ def test_a_sector_in_which_the_compass_hangs_is_seen_in_the_histogram():
 
 def test_weeks_in_which_the_reading_was_off_are_not_two_faults_that_cancel():
     _, found = seen({"episode": 4.0}, seed=1)
-    assert found.verdict == "unexplained" and not found.findings and "and not after" in found.unexplained.text
-    first, last = found.unexplained.when_s
-    assert 15.0 < (last - first) / 86400.0 < 70.0 and 3.0 < found.unexplained.rms_effect_deg < 5.0
+    assert found.verdict == "unexplained" and not found.findings
+    assert found.unexplained.covariates == ("time",) and 3.0 < found.unexplained.rms_effect_deg < 5.0
 
 
 @pytest.mark.parametrize(("strange", "seed", "covariate"), [("sector", 2, "heading"), ("depth_threshold", 1, "depth")])
@@ -322,8 +321,8 @@ def test_what_a_term_adds_counts_by_its_own_inflation(slow_water):
     assert replace(field, own_inflation=own).score(pair) == pytest.approx(plain.score(pair) - 0.75 * added)
 
 
-def test_beside_one_name_a_second_needs_less_evidence_than_a_first():
-    drawn, _ = bench.draw("two", 68, 66)  # a slip whose score is 3.25, the threshold of a first name 3.4
+def test_a_slip_is_named_beside_lobes_and_slow_water_does_not_hide_it():
+    drawn = world.planted(world.make(8, wide=True, n=8000), {"octantal": 1.5, "heading_slip": 2.5})
     found = diagnose(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
     assert {one.effect for one in found.findings} == set(drawn.truth) == {"octantal", "heading_slip"}
 

@@ -22,11 +22,13 @@ from compasslib.stats.whitening import Louder
 
 DAY_S = 86400.0
 SHORTEST_DAYS = 8.0  # period below which the filter holds the memory
+MOST_WAVES = 120  # of a process: those of sixteen months; of longer records only what is slower
 SPEED_SPAN_S, SLOWEST_M_S = 12 * 3600.0, 0.03
 VEER_DEG = (0.0, 0.5, 1.0, 2.0, 3.5, 6.0, 10.0, 16.0)
 SHEAR_M_S = (0.0, 0.003, 0.006, 0.01, 0.016, 0.025, 0.04, 0.06)
 MEMORY_DAYS = (4.0, 8.0, 16.0, 32.0, 64.0, 128.0)
 CHARGE, SHARES, TRIED = 3.0, (0.15, 0.4), 6  # log likelihood a parameter; of the water's size; names beside it
+USUAL_VEER_DEG, USUAL_SHEAR_M_S = 3.0, 0.02  # of half a normal law, beforehand: two depths of real water
 QUIET = 0.05  # variance over white below which a direction is as it is
 
 
@@ -54,7 +56,7 @@ class Slow:
 
     veer: Process
     shear: Process
-    gain: float  # log marginal likelihood over none
+    gain: float  # log posterior over none
 
 
 def heard(state: State) -> State:
@@ -137,10 +139,15 @@ def learnt(state: State, frequency: Floats, step: float, raw: Floats) -> tuple[S
         for k, tries in enumerate((tries_veer, tries_shear)[: 1 + (kinds > 1)]):
             for one in (none, *tries):
                 pair = (one, chosen[1]) if k == 0 else (chosen[0], one)
-                value = _marginal(gram, pull, variance(*pair))
+                value = _marginal(gram, pull, variance(*pair)) - _unusual(*pair)
                 if value > best + 1e-9:
                     best, chosen = value, pair
     return Slow(*chosen, best), variance(*chosen)
+
+
+def _unusual(veer: Process, shear: Process) -> float:
+    """Return by how much the log prior falls for processes of these sizes."""
+    return 0.5 * (veer.size / USUAL_VEER_DEG) ** 2 + 0.5 * (shear.size / USUAL_SHEAR_M_S) ** 2
 
 
 def _marginal(gram: Floats, pull: Floats, variance: Floats) -> float:
@@ -159,7 +166,7 @@ def _columns(state: State) -> tuple[Floats, float, Floats] | None:
     """Return frequencies, their spacing, and the columns: cosines of the veer, of eastward and of northward shear."""
     time_s = state.case.scene.time_s
     days = float(np.ptp(time_s)) / DAY_S
-    count = int(2.0 * days / SHORTEST_DAYS) + 1
+    count = min(int(2.0 * days / SHORTEST_DAYS) + 1, MOST_WAVES)
     if count < 4 or state.case.kind != "mooring":
         return None
     frequency, step = np.arange(count) / (2.0 * days), 1.0 / (2.0 * days)
