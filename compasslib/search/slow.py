@@ -24,8 +24,8 @@ DAY_S = 86400.0
 SHORTEST_DAYS = 8.0  # period below which the filter holds the memory
 MOST_WAVES = 120  # of a process: those of sixteen months; of longer records only what is slower
 SPEED_SPAN_S, SLOWEST_M_S = 12 * 3600.0, 0.03
-VEER_DEG = (0.0, 0.5, 1.0, 2.0, 3.5, 6.0, 10.0, 16.0)
-SHEAR_M_S = (0.0, 0.003, 0.006, 0.01, 0.016, 0.025, 0.04, 0.06)
+VEER_DEG = (0.5, 1.0, 2.0, 3.5, 6.0, 10.0, 16.0)
+SHEAR_M_S = (0.003, 0.006, 0.01, 0.016, 0.025, 0.04, 0.06)
 MEMORY_DAYS = (4.0, 8.0, 16.0, 32.0, 64.0, 128.0)
 CHARGE, SHARES, TRIED = 3.0, (0.15, 0.4), 6  # log likelihood a parameter; of the water's size; names beside it
 USUAL_VEER_DEG, USUAL_SHEAR_M_S = 3.0, 0.02  # of half a normal law, beforehand: two depths of real water
@@ -122,7 +122,12 @@ def _gains(state: State, groups: Sequence[Group], raw: Floats, variance: Floats)
 
 
 def learnt(state: State, frequency: Floats, step: float, raw: Floats) -> tuple[Slow, Floats]:
-    """Return the likeliest processes, and the variance of each column's coefficient."""
+    """Return the likeliest processes, and the variance of each column's coefficient.
+
+    Args:
+        frequency: of the waves, cycles a day, (k,), ``step`` apart.
+        raw: cosines of the veer, and perhaps of eastward and northward shear, (n, k) or (n, 3 k).
+    """
     white = state.projected(raw.astype(np.float32)).astype(float) * state.response / state.sigma
     gram, pull = white.T @ white, white.T @ state.innovation / state.sigma
     count = len(frequency)
@@ -131,10 +136,10 @@ def learnt(state: State, frequency: Floats, step: float, raw: Floats) -> tuple[S
     def variance(veer: Process, shear: Process) -> Floats:
         return np.concatenate([each.variances(frequency, step) for each in (veer, shear, shear)[:kinds]])
 
-    best, chosen = 0.0, (Process(0.0, 16.0), Process(0.0, 16.0))
-    tries_veer = [Process(s, m) for s in VEER_DEG[1:] for m in MEMORY_DAYS]
-    tries_shear = [Process(s, m) for s in SHEAR_M_S[1:] for m in MEMORY_DAYS]
-    none = Process(0.0, 16.0)
+    none = Process(0.0, MEMORY_DAYS[0])
+    best, chosen = 0.0, (none, none)
+    tries_veer = [Process(s, m) for s in VEER_DEG for m in MEMORY_DAYS]
+    tries_shear = [Process(s, m) for s in SHEAR_M_S for m in MEMORY_DAYS]
     for _ in range(2):
         for k, tries in enumerate((tries_veer, tries_shear)[: 1 + (kinds > 1)]):
             for one in (none, *tries):
