@@ -19,7 +19,6 @@ from __future__ import annotations
 import re
 from dataclasses import fields
 
-from compasslib.effects.clock import ClockDrift, ClockOffset
 from compasslib.effects.earth import DeclinationError, FieldDisturbance, SecularVariation
 from compasslib.effects.iron import (
     BatteryChange,
@@ -45,11 +44,16 @@ from compasslib.effects.reading import (
     StuckTiltOfLean,
     TiltUncompensated,
 )
-from compasslib.effects.reference import ReferenceBeams, ReferenceBias, ReferenceDeviation, ReferenceSlip
 from compasslib.effects.term import Scene, Term
 from compasslib.effects.water import (
+    ClockDrift,
+    ClockOffset,
     CourseLag,
     MooringMotion,
+    ReferenceBeams,
+    ReferenceBias,
+    ReferenceDeviation,
+    ReferenceSlip,
     VeerWithDepth,
     VeerWithDirection,
     VeerWithSeparation,

@@ -1,12 +1,13 @@
-"""Veer of the current between the two depths."""
+"""What turns the comparison and not the compass: water between the two depths, the trusted instrument, clocks."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import ClassVar
 
+from compasslib.core import angles
 from compasslib.core.types import Floats
-from compasslib.effects.term import Scene, Term, parameter
+from compasslib.effects.term import Scene, Term, date, parameter
 
 # In narrow headings the harmonics stand for each other, up to 60 degrees each. Real veer ran from +22 to -7 degrees.
 USUAL_DEG = 15.0
@@ -157,3 +158,121 @@ class CourseLag(Term):
     def act(self, x: Floats, scene: Scene) -> Floats:
         """Return the heading that the course shows."""
         return x - self.lag_s * scene.departures["turn_rate"]
+
+
+# Faults of the trusted instrument: its own compass, and what its beams make of the water.
+
+
+@dataclass(frozen=True)
+class OfReference(Term):
+    """The trusted directions are turned: what it does stands where a veer of the water would."""
+
+    side: ClassVar = "reference"
+    acts_on: ClassVar = "water"
+    recordings: ClassVar[tuple[str, ...]] = ("mooring",)
+
+
+@dataclass(frozen=True)
+class ReferenceDeviation(OfReference):
+    """The trusted compass has a deviation of its own."""
+
+    name: ClassVar[str] = "reference_deviation"
+    literature: ClassVar[str] = "B and C of von Appen 2015, eq. (1), by its own heading; reading minus true"
+    needs: ClassVar[tuple[str, ...]] = ("reference_sine", "reference_cosine")
+
+    sine_deg: float = parameter("degrees", "times the sine of the trusted heading", 1.0)
+    cosine_deg: float = parameter("degrees", "times its cosine", 1.0)
+
+    def act(self, x: Floats, scene: Scene) -> Floats:
+        """Return the veer."""
+        sine, cosine = (scene.departures[name] for name in self.needs)
+        return x + self.sine_deg * sine + self.cosine_deg * cosine
+
+
+@dataclass(frozen=True)
+class ReferenceSlip(OfReference):
+    """The trusted directions are shifted from a date on: its mount slipped, or its iron changed."""
+
+    name: ClassVar[str] = "reference_slip"
+    literature: ClassVar[str] = "a step of the trusted directions; clockwise positive"
+
+    offset_deg: float = parameter("degrees", "of the trusted directions after the date", 1.0)
+    date_s: float = date()
+
+    def act(self, x: Floats, scene: Scene) -> Floats:
+        """Return the veer."""
+        return x + self.offset_deg * scene.since(self.date_s)
+
+
+@dataclass(frozen=True)
+class ReferenceBeams(OfReference):
+    """One beam pair of the trusted instrument gives larger velocities than the other."""
+
+    name: ClassVar[str] = "reference_beams"
+    literature: ClassVar[str] = "-(gain/2) sin 2(flow - heading), first order; forward over starboard gain less one"
+    needs: ClassVar[tuple[str, ...]] = ("reference_flow_sine2",)
+
+    gain: float = parameter("1", "forward over starboard gain of the trusted beams, less one", 0.035)
+
+    def act(self, x: Floats, scene: Scene) -> Floats:
+        """Return the veer."""
+        return x - self.gain / 2.0 / angles.DEGREE * scene.departures[self.needs[0]]
+
+
+@dataclass(frozen=True)
+class ReferenceBias(OfReference):
+    """A constant velocity in its own frame is added to what the trusted instrument measures, as by ringing."""
+
+    name: ClassVar[str] = "reference_bias"
+    literature: ClassVar[str] = "(bias/speed) sin(angle of the bias - angle of the flow), first order"
+    needs: ClassVar[tuple[str, ...]] = ("reference_flow_sine", "reference_flow_cosine")
+
+    forward_m_s: float = parameter("m/s", "velocity added forward", 0.003)
+    starboard_m_s: float = parameter("m/s", "velocity added to starboard", 0.003)
+
+    def act(self, x: Floats, scene: Scene) -> Floats:
+        """Return the veer; the departures are sine and cosine of the flow's angle in the body, over the speed."""
+        sine, cosine = (scene.departures[name] for name in self.needs)
+        return x + (self.starboard_m_s * cosine - self.forward_m_s * sine) / angles.DEGREE
+
+
+# Clock offset: the instrument's clock is ahead or behind.
+
+
+@dataclass(frozen=True)
+class ClockOffset(Term):
+    """The compromised instrument's clock is ahead of the trusted one's by a constant."""
+
+    name: ClassVar[str] = "clock_offset"
+    side: ClassVar = "clock"
+    stage: ClassVar = "clock"
+    acts_on: ClassVar = "time"
+    literature: ClassVar[str] = "instrument clock minus UTC, positive ahead"
+    recordings: ClassVar[tuple[str, ...]] = ("mooring", "two_heads")
+
+    hours: float = parameter("h", "compromised minus trusted clock", 0.3)
+
+    def act(self, x: Floats, scene: Scene) -> Floats:
+        """Return the clock's error, seconds."""
+        return x + 3600.0 * self.hours
+
+
+# Clock drift: the instrument's clock runs fast or slow.
+
+
+@dataclass(frozen=True)
+class ClockDrift(Term):
+    """The compromised instrument's clock gains on the trusted one's."""
+
+    name: ClassVar[str] = "clock_drift"
+    side: ClassVar = "clock"
+    stage: ClassVar = "clock"
+    acts_on: ClassVar = "time"
+    literature: ClassVar[str] = "instrument clock minus UTC, growing from the beginning, positive ahead"
+    recordings: ClassVar[tuple[str, ...]] = ("mooring", "two_heads")
+
+    hours_year: float = parameter("h/year", "gain of the compromised clock", 0.3)
+
+    def act(self, x: Floats, scene: Scene) -> Floats:
+        """Return the clock's error, seconds."""
+        return x + 3600.0 * self.hours_year * scene.years
