@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from compasslib.simulation.series import Floats
 
 YEAR_S = 365.25 * 86400.0
-AS_THEY_ARE = ("date_s", "share_of_observatory", "teeth")  # parameters that do not grow with the size
+AS_THEY_ARE = ("date_s", "share_of_observatory")  # parameters that do not grow with the size
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,13 +55,12 @@ class Effect:
     lag_s: float = 0.0
     unlevelled: float = 0.0  # share of the levelling that is left out
     stuck_from_s: float | None = None  # date from which the inclinometers stick
-    hung: bool = False  # whether the card hangs fast
     size: float = 1.0
 
     @property
     def grows(self) -> bool:
         """Whether its size can be chosen; clocks, stuck sensors and a missing levelling are as they are."""
-        return self.ahead_s is None and self.stuck_from_s is None and self.unlevelled == 0.0 and not self.hung
+        return self.ahead_s is None and self.stuck_from_s is None and self.unlevelled == 0.0
 
 
 def scaled(effect: Effect, size: float) -> Effect:

@@ -218,74 +218,59 @@ def _lobes(rng: np.random.Generator, name: str, count: int) -> Effect:
     return Effect(name, parameters, reading=lambda gamma: np.sin(np.deg2rad(count * gamma) + phase))
 
 
-# Effects that are in nobody's catalogue.
+# Effects that are in nobody's catalogue, and that no test of the search has seen.
 
 
-def sticky_sector(rng: np.random.Generator, here: Circumstances) -> Effect:
-    """Return a card that hangs in one sector: readings are pulled towards its middle."""
-    middle = float(np.quantile(here.heading_deg, rng.uniform(0.3, 0.7)))
-
-    def pulled(gamma: Floats) -> Floats:
-        away = np.rad2deg(np.angle(np.exp(1j * np.deg2rad(gamma - middle))))
-        return np.asarray(3.0 * np.exp(-0.5 * ((away - 6.0) / 9.0) ** 2))
-
-    return Effect("sticky_sector", reading=pulled)
+def settling(rng: np.random.Generator, here: Circumstances) -> Effect:
+    """Return a mount that settles after the deployment, within days to weeks."""
+    age = here.time_s - here.time_s[0]
+    return _series("settling", 4.0 * np.exp(-age / (rng.uniform(12.0, 50.0) * DAY_S)))
 
 
-def hung_sector(rng: np.random.Generator, here: Circumstances) -> Effect:
-    """Return a card that hangs fast in one sector: readings from all of it are its middle."""
-    middle, half = float(np.quantile(here.heading_deg, rng.uniform(0.3, 0.7))), float(rng.uniform(6.0, 13.0))
-
-    def hung(gamma: Floats) -> Floats:
-        away = np.rad2deg(np.angle(np.exp(1j * np.deg2rad(gamma - middle))))
-        return np.where(np.abs(away) < half, -away, 0.0)
-
-    return Effect("hung_sector", reading=hung, hung=True)
+def corrosion(rng: np.random.Generator, here: Circumstances) -> Effect:
+    """Return a fault that grows ever faster towards the end."""
+    left = here.time_s[-1] - here.time_s
+    return _series("corrosion", 4.0 * np.exp(-left / (rng.uniform(15.0, 60.0) * DAY_S)))
 
 
-def teeth(rng: np.random.Generator, here: Circumstances) -> Effect:
-    """Return an encoder with teeth: eight to eighteen waves round the circle."""
-    count, phase = int(rng.integers(8, 19)), rng.uniform(0.0, 2.0 * np.pi)
-    return Effect("teeth", {"teeth": count}, reading=lambda gamma: np.sin(np.deg2rad(count * gamma) + phase))
+def backlash(rng: np.random.Generator, here: Circumstances) -> Effect:
+    """Return a card that is dragged along, so that it reads otherwise after turns to the left than to the right."""
+    width, at, side = float(rng.uniform(8.0, 20.0)), float(here.heading_deg[0]), []
+    for heading in np.unwrap(here.heading_deg, period=360.0).tolist():
+        at = min(max(at, heading - width), heading + width)
+        side.append((heading - at) / width)
+    return _series("backlash", side)
 
 
-def hour_of_day(rng: np.random.Generator, here: Circumstances) -> Effect:
-    """Return a reading that another instrument's programme disturbs at the same hours every day."""
-    phase = rng.uniform(0.0, 2.0 * np.pi)
-    return _series("hour_of_day", np.cos(2.0 * np.pi * here.time_s / DAY_S + phase))
+def sliding_magnet(rng: np.random.Generator, here: Circumstances) -> Effect:
+    """Return a loose piece of steel that slides to the other end of its box when the instrument pitches far enough."""
+    angle, there = rng.uniform(0.0, 2.0 * np.pi), here.pitch_deg > np.quantile(here.pitch_deg, rng.uniform(0.3, 0.7))
+    ends = np.array([UNIT_NT * np.cos(angle), UNIT_NT * np.sin(angle), 0.0])
+    return Effect("sliding_magnet", body_nt=there[:, None] * ends)
 
 
-def episode(rng: np.random.Generator, here: Circumstances) -> Effect:
-    """Return some weeks in which the reading was off, and then was not."""
-    span = here.time_s[-1] - here.time_s[0]
-    begin = here.time_s[0] + rng.uniform(0.15, 0.7) * span
-    inside = (here.time_s >= begin) & (here.time_s < begin + rng.uniform(20.0, 60.0) * DAY_S)
-    return _series("episode", 2.0 * inside)
+def tidal(rng: np.random.Generator, here: Circumstances) -> Effect:
+    """Return a reading that swings with the tide of the moon."""
+    return _series("tidal", np.cos(2.0 * np.pi * here.time_s / (12.4206 * HOUR_S) + rng.uniform(0.0, 2.0 * np.pi)))
 
 
-def wander(rng: np.random.Generator, here: Circumstances) -> Effect:
-    """Return a reading that swings to and fro with a period of weeks."""
-    period, phase = rng.uniform(40.0, 90.0) * DAY_S, rng.uniform(0.0, 2.0 * np.pi)
-    return _series("wander", np.cos(2.0 * np.pi * here.time_s / period + phase))
+def night_load(rng: np.random.Generator, here: Circumstances) -> Effect:
+    """Return another instrument that draws its current for some hours of each day."""
+    hour = (here.time_s / HOUR_S + rng.uniform(0.0, 24.0)) % 24.0
+    return _series("night_load", 2.0 * (hour < rng.uniform(3.0, 8.0)))
 
 
-def tilt_squared(rng: np.random.Generator, here: Circumstances) -> Effect:
-    """Return a reading that follows the square of the pitch: a bent inclinometer."""
-    middle = float(np.quantile(here.pitch_deg, rng.uniform(0.3, 0.7)))
-    bent = (here.pitch_deg - middle) ** 2
-    return _series("tilt_squared", bent / float(bent.std()))
+def saturating(rng: np.random.Generator, here: Circumstances) -> Effect:
+    """Return a readout that stops following the temperature where it is warm."""
+    warm = (here.temperature_c - np.quantile(here.temperature_c, rng.uniform(0.2, 0.5))) / here.temperature_c.std()
+    return _series("saturating", np.tanh(3.0 * warm))
 
 
-def depth_threshold(rng: np.random.Generator, here: Circumstances) -> Effect:
-    """Return a reading that is off below a certain depth: a housing that touches the compass's board."""
-    return _series("depth_threshold", 3.0 * (here.depth_m > np.quantile(here.depth_m, rng.uniform(0.8, 0.93))))
-
-
-def warm_lobes(rng: np.random.Generator, here: Circumstances) -> Effect:
-    """Return three lobes that grow with the temperature and turn over."""
-    warm, phase = here.temperature_c - here.temperature_c.mean(), rng.uniform(0.0, 2.0 * np.pi)
-    grown = (warm / warm.std())[:, None]
-    return Effect("warm_lobes", reading=lambda gamma: grown * np.sin(np.deg2rad(3.0 * gamma) + phase))
+def telegraph(rng: np.random.Generator, here: Circumstances) -> Effect:
+    """Return a bad contact: the reading jumps between two values every few days."""
+    mean_s, count = rng.uniform(3.0, 12.0) * DAY_S, int(np.ptp(here.time_s) / DAY_S) + 2
+    jumps = here.time_s[0] + np.cumsum(rng.exponential(mean_s, count))
+    return _series("telegraph", np.searchsorted(jumps, here.time_s) % 2)
 
 
 def _series(name: str, series: ArrayLike) -> Effect:
@@ -318,17 +303,7 @@ AT_REFERENCE: dict[str, Maker] = {
 }
 UNCATALOGUED: dict[str, Maker] = {
     made.__name__: made
-    for made in (
-        sticky_sector,
-        teeth,
-        hour_of_day,
-        episode,
-        wander,
-        tilt_squared,
-        depth_threshold,
-        warm_lobes,
-        hung_sector,
-    )
+    for made in (settling, corrosion, backlash, sliding_magnet, tidal, night_load, saturating, telegraph)
 }
 
 
