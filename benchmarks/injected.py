@@ -55,10 +55,7 @@ def of_cruise(folder: Path) -> Seen:
 def mirrored(depth: int, gap: int, *, predict: bool) -> Seen:
     """Return the overlap of one bin of the same record with those beyond it, ``gap`` cells away."""
     whole = water.profile("eh2")
-    trusted = water.bins_of(whole, slice(depth, depth + 1))
-    trusted = replace(
-        trusted, depth_m=trusted.bin_depth_m()[:, 0], bin_range_m=0.0 * trusted.bin_range_m, serial_number=None
-    )
+    trusted = water.as_trusted(whole, depth)
     top = water.bins_of(whole, slice(depth + gap, None))
     field = EarthField(whole.time_s[[0, -1]], *np.zeros((4, 2)))
     pairs = overlap.find(top, [trusted], field, overlap.Rules(predict=predict))

@@ -28,11 +28,8 @@ def main() -> None:
     for name, kept in OF_EG4.items():
         shutil.copyfile(PROJECT / "results/EG4/figures" / name, PROJECT / "docs" / kept)
     with tempfile.TemporaryDirectory() as folder:
-        cruise, locked = Path(folder) / "cruise", Path(folder) / "locked"
-        (cruise / "config/moorings").mkdir(parents=True)
-        (cruise / "config/config.yaml").write_text("moorings: config/moorings\n")
-        locked.mkdir()
-        draw.write(draw.Sealed("D1", "pair", LEFT_OUT, wish=Wish(wide=True), seed=4), cruise, locked)
+        one = draw.Sealed("D1", "pair", LEFT_OUT, wish=Wish(wide=True), seed=4)
+        cruise, _ = draw.write_alone(one, Path(folder))
         made = pipeline.process(cruise, "D1", Path(folder) / "results", print)
         found = json.loads((made / "diagnosis.json").read_text())
         diagnosis.of_mooring(PROJECT / "docs/diagnosis.png", found, "A simulated mooring")

@@ -40,12 +40,8 @@ def measured(job: tuple[int, int]) -> dict:
     seed, k = job
     effect, size = FAULTS[k % len(FAULTS)]
     with tempfile.TemporaryDirectory() as folder:
-        cruise, locked = Path(folder) / "cruise", Path(folder) / "locked"
-        (cruise / "config/moorings").mkdir(parents=True)
-        (cruise / "config/config.yaml").write_text("moorings: config/moorings\n")
-        locked.mkdir()
         one = draw.Sealed(f"R{k:03d}", "single", {effect: size}, wish=Wish(wide=k // len(FAULTS) % 2 == 0), seed=seed)
-        draw.write(one, cruise, locked)
+        cruise, locked = draw.write_alone(one, Path(folder))
         results = pipeline.process(cruise, one.name, Path(folder) / "results")
         found = json.loads((results / "diagnosis.json").read_text())
         product = netcdf.read_corrected(results / "corrected.nc")

@@ -30,6 +30,7 @@ COLOURS = {"eh2 (real, 2 m)": BLUE, "papa (real, 20 m)": GREEN, "EG4 (simulated,
 APART = 2  # cells between the two bins whose difference is looked at by speed and by period
 FIRST, MOST = 2, 10  # bins that distances are counted from; cells to the farthest
 BANDS = {"tides": (10.0, 14.0), "days to weeks": (48.0, 400.0)}  # hours
+SLOW_DAYS, FEWEST = 20.0, 20
 SEGMENT = 512  # hours
 PERIODS, BANDS_SHOWN = (2.0, 256.0), 8  # of which the gain is shown, hours
 
@@ -92,6 +93,16 @@ def by_speed(record: Record) -> tuple[np.ndarray, np.ndarray]:
     return np.array([np.median(speed[which == k]) for k in range(8)]), np.array(
         [np.median(off[which == k]) for k in range(8)]
     )
+
+
+def slow_share(record: Record) -> float:
+    """Return the share of the variance of the difference of two bins that means of SLOW_DAYS hold."""
+    off = flow(record, FIRST) - flow(record, FIRST + APART)
+    known = np.isfinite(off)
+    block = np.floor((record.time_s[known] - record.time_s[0]) / (SLOW_DAYS * 86400.0)).astype(int)
+    count = np.bincount(block)
+    mean = (np.bincount(block, off[known].real) + 1j * np.bincount(block, off[known].imag)) / np.maximum(count, 1)
+    return float(np.var(mean[count > FEWEST]) / np.var(off[known]))
 
 
 def hourly(series: np.ndarray, time_s: np.ndarray) -> np.ndarray | None:
@@ -200,13 +211,20 @@ def main() -> None:
     parser.add_argument("--figure", type=Path)
     asked = parser.parse_args()
     found = profiles()
-    print("| profile | across the flow, 1, 4, 8 cells, cm/s | directions, slow, fast, ° | gain at 1, 2, 4 cells, % |")
-    print("|---|---|---|---|")
+    heads = (
+        "profile",
+        "across, 1, 4, 8 cells, cm/s",
+        "directions, slow, fast, °",
+        "gain at 1, 2, 4 cells, %",
+        "slow, %",
+    )
+    print(f"| {' | '.join(heads)} |")
+    print("|---|---|---|---|---|")
     for name, record in found.items():
         off, speeds, gains = by_distance(record)[1], by_speed(record)[1], gain(record)[1]
         cells = f"{off[0]:.1f} / {off[min(3, len(off) - 1)]:.1f} / {off[min(7, len(off) - 1)]:.1f}"
         falls = " / ".join(f"{gains[k]:.0f}" for k in (0, 1, 3))
-        print(f"| {name} | {cells} | {speeds[0]:.0f} / {speeds[-1]:.1f} | {falls} |")
+        print(f"| {name} | {cells} | {speeds[0]:.0f} / {speeds[-1]:.1f} | {falls} | {100 * slow_share(record):.1f} |")
     if asked.figure:
         draw(found, asked.figure)
 

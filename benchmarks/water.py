@@ -118,13 +118,16 @@ def noise(case: Case) -> tuple[float, float, float]:
     return fall(profile(case.record), case.depth, case.gap)
 
 
+def as_trusted(record: Record, depth: int) -> Record:
+    """Return one bin of a record as a point meter at that bin's depth."""
+    one = bins_of(record, slice(depth, depth + 1))
+    return replace(one, depth_m=one.bin_depth_m()[:, 0], bin_range_m=0.0 * one.bin_range_m, serial_number=None)
+
+
 def heading_error(case: Case) -> list[tuple[str, float, float]]:
     """Return for each iron the rms error of the corrected headings without and with the prediction, degrees."""
     record = profile(case.record)
-    trusted = bins_of(record, slice(case.depth, case.depth + 1))
-    trusted = replace(
-        trusted, depth_m=trusted.bin_depth_m()[:, 0], bin_range_m=0.0 * trusted.bin_range_m, serial_number=None
-    )
+    trusted = as_trusted(record, case.depth)
     field = EarthField(record.time_s[[0, -1]], *(np.zeros((4, 2))))
     result = []
     for name, coefficients in IRON.items():

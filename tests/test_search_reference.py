@@ -18,12 +18,8 @@ HOURS = 5000
 
 def processed(tmp_path, effect, *, wide, seed=11):
     """Return diagnosis.json and the errors of the corrected headings of one mooring with a fault of 3 degrees."""
-    cruise, locked = tmp_path / "cruise", tmp_path / "locked"
-    (cruise / "config/moorings").mkdir(parents=True)
-    (cruise / "config/config.yaml").write_text("moorings: config/moorings\n")
-    locked.mkdir()
     one = draw.Sealed("R1", "single", {effect: 3.0}, wish=Wish(wide=wide, hours=HOURS), seed=seed)
-    draw.write(one, cruise, locked)
+    cruise, locked = draw.write_alone(one, tmp_path)
     folder = pipeline.process(cruise, "R1", tmp_path / "results")
     product = netcdf.read_corrected(folder / "corrected.nc")
     time_s, heading, *_ = np.load(locked / "R1.npy")

@@ -58,7 +58,9 @@ def joined(each: Sequence[Pairs], names: Sequence[str]) -> Pairs:
 
 def together(pairs: Pairs) -> Pairs:
     """Return pairs of which no two are of one time: those of several trusted instruments become their weighted mean."""
-    if pairs.reference_index is None or not len(pairs):
+    if pairs.reference_index is None:
+        return pairs
+    if not len(pairs):
         return replace(pairs, reference_index=None, reference_names=())
     times, first, row = np.unique(pairs.time_s, return_index=True, return_inverse=True)
     used, column = np.unique(pairs.reference_index, return_inverse=True)

@@ -88,7 +88,7 @@ def measure(rng: np.random.Generator, adcp: Adcp, stance: Stance, water: Water, 
 
 
 def near_bins(setup: Setup, stance: Stance, water: Water, bins: int = 2) -> Complexes:
-    """Return the true current in the mean of the first bins, true east + i north, m/s, (n,)."""
+    """Return the current in the mean of the first bins as the beams have it, true east + i north, m/s, (n,)."""
     depth = _bin_depths(setup, stance)[:, :bins]
     return _flawed(stance, _flow(stance, water, depth)).mean(axis=1)
 
@@ -124,7 +124,17 @@ def _flawed(stance: Stance, flow: Complexes) -> Complexes:
     """Return true currents as beams of unequal gain, with a constant velocity beside, have them."""
     true_heading = (stance.heading_deg + stance.declination_deg)[:, None]
     body = clockwise(flow, -true_heading)  # starboard + i forward
-    return clockwise(body + 1j * stance.gain * body.imag + stance.bias_m_s, true_heading)
+    return clockwise(by_beams(body, stance.gain, stance.bias_m_s), true_heading)
+
+
+def by_beams(body: Complexes, gain: float, bias_m_s: complex) -> Complexes:
+    """Return what beams of unequal gain measure of a current in the body, with a constant velocity beside.
+
+    Args:
+        body: starboard + i forward, m/s; so the bias.
+        gain: of the forward pair, beyond the other's.
+    """
+    return np.asarray(body + 1j * gain * body.imag + bias_m_s)
 
 
 def _beams(setup: Setup, stance: Stance, water: Water) -> Floats:

@@ -89,6 +89,16 @@ def write(one: Sealed, cruise: Path, locked: Path) -> None:
     _lock(locked, one.name, facts, raw)
 
 
+def write_alone(one: Sealed, folder: Path) -> tuple[Path, Path]:
+    """Write a cruise of one mooring into a folder, and return the cruise and where its truth is locked."""
+    cruise, locked = folder / "cruise", folder / "locked"
+    (cruise / "config/moorings").mkdir(parents=True)
+    (cruise / "config/config.yaml").write_text("moorings: config/moorings\n")
+    locked.mkdir()
+    write(one, cruise, locked)
+    return cruise, locked
+
+
 def write_published(seed: int, cruise: Path, locked: Path) -> None:
     """Write the case of the paper: iron of 1.3 times the earth's horizontal field, to be fitted by its method."""
     demonstration.write_mooring(PUBLISHED, cruise / "raw", locked / "published.csv", seed)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from compasslib.simulation import readings, sealed
+from compasslib.simulation import adcp, readings, sealed
 from compasslib.simulation import water as sea
 from compasslib.simulation.effects import Circumstances, Effect, scaled, steps, total
 from compasslib.simulation.sealed import Ground
@@ -251,7 +251,8 @@ def sliding_magnet(rng: np.random.Generator, here: Circumstances) -> Effect:
 
 def tidal(rng: np.random.Generator, here: Circumstances) -> Effect:
     """Return a reading that swings with the tide of the moon."""
-    return _series("tidal", np.cos(2.0 * np.pi * here.time_s / (12.4206 * HOUR_S) + rng.uniform(0.0, 2.0 * np.pi)))
+    turns = here.time_s / (sea.TIDES[0][0] * HOUR_S)
+    return _series("tidal", np.cos(2.0 * np.pi * turns + rng.uniform(0.0, 2.0 * np.pi)))
 
 
 def night_load(rng: np.random.Generator, here: Circumstances) -> Effect:
@@ -403,7 +404,7 @@ def _at_trusted(ground: Ground, effects: Sequence[Effect]) -> Floats:
     turned = sum((one.trusted(heading) for one in effects if one.trusted is not None), np.zeros(heading.size))
     true = heading + ground.field.at(ground.stamp_s)[0]
     body = clockwise(_flow(ground, ground.stamp_s), -true)
-    flawed = body + sum(1j * one.gain * body.imag + one.bias_m_s for one in effects)
+    flawed = adcp.by_beams(body, sum(one.gain for one in effects), sum(one.bias_m_s for one in effects))
     return turned + np.rad2deg(np.angle(body * np.conj(flawed)))
 
 
