@@ -25,13 +25,14 @@ from compasslib.core.records import (
 )
 from compasslib.core.types import Complexes, Floats
 from compasslib.deviation import along, branches, likelihood, model, von_appen
-from compasslib.deviation.along import Along
+from compasslib.deviation.along import Along, Averaged
 from compasslib.deviation.branches import Decision
 from compasslib.deviation.model import Fit
 
 Flags = NDArray[np.int8]
 
 PIECE = 32_768  # samples whose velocities are turned at once: of forty bins, 10 MB an array
+AGREED = 0.9  # weight of compasses that agree below which a heading is flagged
 SURE = 0.95  # a branch less probable than this is flagged: the record cannot tell
 # An allowance, a degree of tilt, for what a level model leaves out: at 5 degrees a vertical field of the iron of 4 % of
 # H, or one of 1 % induced where Z is four times H, each turn the compass by some 0.2 degrees along either axis.
@@ -153,10 +154,25 @@ def headings(readings: Readings, fit: Fit, pairs: Pairs, at: Along | None = None
         decision = branches.decide(readings, at, fit, seen, scatter)
         shown = int(branches.resolved(at.roots()[seen], width).sum())
         decision = branches.undecided(decision, shown, len(pairs))
-    parameters = von_appen.sigma(fit, decision.heading_deg) if at is None else at.sigma(decision.heading_deg)
+    if at is None:
+        parameters = von_appen.sigma(fit, decision.heading_deg)
+    else:
+        average = along.averaged(at, decision.heading_deg)
+        decision, parameters = _moved(decision, average), average.sigma_deg
     left_out = np.zeros(parameters.shape) if at is not None and at.tilted else _left_out_by_tilt(readings)
     sigma = np.sqrt(decision.sigma_deg**2 + parameters**2 + left_out**2)
     return replace(decision, sigma_deg=np.minimum(sigma, KNOWS_NOTHING_DEG))
+
+
+def _moved(decision: Decision, average: Averaged) -> Decision:
+    """Return the decision moved to the average of the compasses, as unsure as they where they do not agree."""
+    heading = angles.wrap360(decision.heading_deg + average.shift_deg)
+    probability = np.where(average.agreed < AGREED, average.agreed, np.inf)
+    return replace(
+        decision,
+        heading_deg=np.where(average.shift_deg == 0.0, decision.heading_deg, heading),
+        probability=np.minimum(decision.probability, probability),
+    )
 
 
 def _left_out_by_tilt(readings: Readings) -> Floats:

@@ -61,7 +61,7 @@ from compasslib.effects.water import (
     WaterDrift,
 )
 
-__all__ = ["CATALOGUE", "SIDES", "Scene", "Term", "meanings"]
+__all__ = ["CATALOGUE", "SIDES", "SLOW_WATER", "Scene", "Term", "meanings"]
 
 # In the order in which they act: surroundings, sensor, readout, then water, the trusted instrument and clocks.
 CATALOGUE: tuple[type[Term], ...] = (
@@ -103,7 +103,8 @@ CATALOGUE: tuple[type[Term], ...] = (
     ClockDrift,
 )
 
-SIDES = {term.name: term.side for term in CATALOGUE}  # what each effect acts on
+SLOW_WATER = "current_shear_slow"  # no term: it stands in the noise, and in sets as the rival of what changes slowly
+SIDES = {term.name: term.side for term in CATALOGUE} | {SLOW_WATER: "water"}  # what each effect acts on
 
 
 def meanings(effect: str) -> dict[str, str]:

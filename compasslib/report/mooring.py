@@ -190,7 +190,7 @@ def _coefficients(fit: Mapping[str, Any]) -> tuple[ReportTable, ...]:
     columns = [(f"As configured ({method})", fit["coefficients"], fit["covariance"])]
     applied = fit["applied"]
     if applied["fit"]:
-        block = applied["compass"] or applied["fit"]
+        block = (applied["compasses"] or [{"compass": None}])[0]["compass"] or applied["fit"]
         columns.append(("Of the product (exact compass)", block["coefficients"], block["covariance"]))
     unit = "°" if fit["unit"] == "degrees" else ""
     units = [unit, ""]  # the product's compass is the exact one, whose coefficients have no unit

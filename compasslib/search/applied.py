@@ -88,16 +88,42 @@ class Applied:
         }
 
 
-def no_surer(applied: Applied, fit: Fit) -> Applied:
-    """Return the compass with coefficients that are no surer than the fit by itself has them.
+@dataclass(frozen=True)
+class Member:
+    """One hypothesis of those whose average corrects a record."""
+
+    weight: float  # probability
+    effect: str  # names joined by +, or none
+    compass: Applied | None  # None where the fit by itself is it
+
+    def to_json(self) -> dict[str, Any]:
+        """Return it for deviation.json."""
+        compass = None if self.compass is None else self.compass.to_json()
+        return {"effect": self.effect, "weight": self.weight, "compass": compass}
+
+
+def as_unsure(fit: Fit, covariance: Floats) -> Fit:
+    """Return the fit with coefficients no surer than what the search makes of them, slow water being in its noise.
+
+    Args:
+        covariance: of A..E, (5, 5).
+    """
+    own = fit.covariance.copy()
+    own[:5, :5] += spread.positive_part(covariance - own[:5, :5])
+    return replace(fit, covariance=own)
+
+
+def no_surer(member: Member, fit: Fit) -> Member:
+    """Return a compass with coefficients that are no surer than the fit by itself has them.
 
     The search judges by blocks of days. These do not show water that veers for months by its direction, nor veer in
     step with the heading, and the fit counts both (``deviation.spread``).
 
     Args:
-        applied: a compass with terms.
-        fit: the exact compass without them.
+        fit: the exact compass without terms.
     """
-    covariance = applied.covariance.copy()
+    if member.compass is None:
+        return member
+    covariance = member.compass.covariance.copy()
     covariance[:5, :5] += spread.positive_part(fit.covariance[:5, :5] - covariance[:5, :5])
-    return replace(applied, covariance=covariance)
+    return replace(member, compass=replace(member.compass, covariance=covariance))

@@ -23,6 +23,7 @@ from compasslib.stats.whitening import Whitener
 
 ROUNDS = 2
 FEWEST = 50  # samples that show where they are, below which there is nothing to examine
+TINY = 1e-12  # of any unit: a parameter of which nothing is expected
 STIFFEST = 1e-4  # prior precision of a baseline column in whitened units, against columns that hardly vary
 
 
@@ -54,7 +55,12 @@ class State:
         Args:
             terms: in the order of the columns.
         """
-        return np.concatenate([np.zeros(0), *(term.expected() for term in terms)]) * (self.sigma / self.response) ** 2
+        usual = self.case.usual
+        each: list[Floats] = [np.zeros(0)]
+        for term in terms:
+            kind = term if isinstance(term, type) else type(term)
+            each.append(np.maximum(usual[kind], TINY) ** -2.0 if kind in usual else term.expected())
+        return np.concatenate(each) * (self.sigma / self.response) ** 2
 
     @property
     def base_ridge(self) -> Floats:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -63,13 +63,14 @@ class Case:
     terms: tuple[type[Term], ...]  # that can be tested here
     not_testable: tuple[tuple[str, str], ...] = ()  # (effect, why)
     louder: Louder | None = None  # slow water, once it was learnt
+    usual: Mapping[type[Term], Floats] = field(default_factory=dict)  # standard deviation expected of each parameter
 
     def __len__(self) -> int:
         return len(self.recorded_deg)
 
 
 def mooring_case(
-    pairs: Pairs, logged: Mapping[str, Floats], fit: Fit, field: EarthField, *, reference_magnetic: bool = True
+    pairs: Pairs, logged: Mapping[str, Floats], fit: Fit, earth: EarthField, *, reference_magnetic: bool = True
 ) -> Case:
     """Return the overlap of a mooring held against its fitted exact compass.
 
@@ -81,7 +82,7 @@ def mooring_case(
     references = covariates.references(columns)
     observed = model.observed_heading(pairs)
     heading = model.nearest_root(compass.inverse(fit.coefficients, pairs.heading_deg), observed)
-    scene = scene_of(pairs, columns, references, field=field, heading_deg=heading)
+    scene = scene_of(pairs, columns, references, field=earth, heading_deg=heading)
     simulation = Simulation(fit.coefficients, float(np.mean(scene.horizontal_nT)))
     terms, missing = testable(scene, reference_magnetic)
     upper, lower = model.speeds(pairs)

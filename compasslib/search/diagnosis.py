@@ -17,25 +17,23 @@ from compasslib.search import (
     baseline,
     clocks,
     columns,
-    confirmation,
     covariates,
-    episodes,
     findings,
+    inference,
     model,
-    naming,
+    posterior,
     scan,
     sectors,
     show,
-    slow,
     verdict,
     wording,
 )
-from compasslib.search.applied import Applied
+from compasslib.search.applied import Applied, Member
 from compasslib.search.baseline import State
 from compasslib.search.case import Case, mooring_case
 from compasslib.search.clocks import ClockError
 from compasslib.search.columns import Group
-from compasslib.search.naming import Named
+from compasslib.search.inference import Inference
 from compasslib.search.sectors import Heap
 from compasslib.search.show import BinnedResidual
 from compasslib.search.verdict import Diagnosis, Finding, Unexplained
@@ -129,11 +127,12 @@ def diagnose(
         case = replace(case, not_testable=tuple(one for one in case.not_testable if one[0] != "large_deviation"))
     found = replace(_joined(first, judge(case, options)), warnings=doubted)
     if not options.apply:
-        return replace(found, findings=tuple(replace(one, applied=False) for one in found.findings))
-    if found.applied is not None:
-        found = replace(found, applied=applied.no_surer(found.applied, exact))
-    counts = any(one.applied or (one.beside_compass and not is_series) for one in found.findings)
-    return replace(found, fit=exact) if counts else replace(found, applied=None)
+        return replace(found, applied=(), findings=tuple(replace(one, applied=False) for one in found.findings))
+    if is_series and not any(one.applied for one in found.findings):
+        return replace(found, applied=())
+    if found.covariance is not None:  # what slow water may do to the constants
+        exact = applied.as_unsure(exact, found.covariance)
+    return replace(found, fit=exact, applied=tuple(applied.no_surer(one, exact) for one in found.applied))
 
 
 def _repaired(pairs: Pairs, fit: Fit, clock: ClockError) -> tuple[Repair | None, tuple[str, ...]]:
@@ -190,33 +189,33 @@ def _judged(case: Case, options: Options) -> Diagnosis:
     if heap is not None and baseline.usable(outside, case.simulation, none) >= FEWEST:
         empty = baseline.examine(outside, case.simulation, none)  # what hangs tells nothing of terms, and feigns some
     empty = model.refit(empty, [])  # where the record, its memory counted, has compass and nuisances
-    empty = slow.heard(empty)
-    named = naming.search(empty, alarm=options.alarm, min_effect_deg=options.min_effect_deg)
-    named, episode = episodes.taken_out(named)
-    named, unproven = confirmation.unproven(named)
-    named, rest = _beside_rest(named, options)
-    named = confirmation.or_water(naming.without_season_first(named, options.min_effect_deg))
-    left = rest.worth[0] if rest.worth else unproven
-    every = findings.of_terms(named)
-    stands = [one for one in every if not one.held_out.refuted]
-    found = tuple(sorted(stands, key=lambda one: -one.rms_effect_deg))
-    names = [one.effect for one in found]
-    unexplained = _unexplained(named.state, left, heap, options.min_effect_deg, names)
-    detectable = _detectable(named)
-    if episode is not None and (unexplained is None or "time" in unexplained.covariates):
-        unexplained = findings.episode(named.state, episode, names)
+    found = inference.infer(empty, options.alarm)
+    state = found.state
+    rest = _left(state, options)
+    every = findings.of_terms(found)
+    stands = [one for one in every if one.rms_effect_deg >= options.min_effect_deg]
+    small = [(one.effect, one.rms_effect_deg) for one in every if one.rms_effect_deg < options.min_effect_deg]
+    ordered = tuple(sorted(stands, key=lambda one: -one.rms_effect_deg))
+    names = [one.effect for one in ordered]
+    unexplained = _unexplained(state, rest.worth[0] if rest.worth else None, heap, options.min_effect_deg, names)
+    detectable = posterior.detectable(found.posterior)
+    bare = model.refit(state, [])
     return Diagnosis(
-        verdict=verdict_of(found, unexplained),
-        findings=found,
+        verdict=verdict_of(ordered, unexplained),
+        findings=ordered,
         unexplained=unexplained,
-        separated_by="; ".join(wording.separated_by(f.effect, f.alternatives) for f in found if f.alternatives) or None,
+        separated_by="; ".join(wording.separated_by(f.effect, f.alternatives) for f in ordered if f.alternatives)
+        or None,
         not_testable=case.not_testable,
-        negligible=(*named.negligible, *((group.name, size) for group, size in rest.small)),
-        curves=_curves(empty, named.state, found),
-        applied=_applied(named, every) if options.apply else None,
+        negligible=(*small, *((group.name, size) for group, size in rest.small)),
+        curves=_curves(bare, state, ordered),
+        applied=_applied(found) if options.apply else (),
+        covariance=model.estimate(bare).covariance[:5, :5],
         why=_why(detectable, options.min_effect_deg),
         detectable_deg=detectable,
-        threshold={"names": named.threshold, "omnibus": rest.threshold},
+        threshold={"omnibus": rest.threshold},
+        sides=found.posterior.sides,
+        noise=inference.noise_of(found),
     )
 
 
@@ -253,17 +252,6 @@ def _joined(first: Sequence[Finding], rest: Diagnosis) -> Diagnosis:
     return replace(rest, findings=found, verdict=verdict_of(found, rest.unexplained))
 
 
-def _beside_rest(named: Named, options: Options) -> tuple[Named, Rest]:
-    """Return the hypothesis without names whose work what is left does, and what is left beside it."""
-    rest = _left(named.state, options)
-    while rest.strong:
-        fewer = confirmation.replaced(named, rest.curve, rest.strong[0][1], options.min_effect_deg)
-        if fewer is named:
-            break
-        named, rest = fewer, _left(fewer.state, options)
-    return named, rest
-
-
 def _left(state: State, options: Options) -> Rest:
     """Return what the omnibus tests find beside the terms of a simulation."""
     tested = scan.test(state, columns.omnibus(state), seed=99)
@@ -281,10 +269,6 @@ def _unexplained(
     if heap is not None and heap.rms_deg > max(size, min_effect_deg):
         return findings.hanging(state, heap, named)
     return None if left is None else findings.unexplained(state, *left, named)
-
-
-def _detectable(named: Named) -> dict[str, float]:
-    return {} if named.tested is None else scan.detectable(named.state, named.tested, named.threshold)
 
 
 def _why(detectable: Mapping[str, float], min_effect_deg: float) -> str:
@@ -311,20 +295,31 @@ def _curves(before: State, after: State, found: Sequence[Finding]) -> tuple[Binn
     return (*turns, *(show.curve(before, after, name) for name in names if name in before.case.covariates))
 
 
-def _applied(named: Named, every: Sequence[Finding]) -> Applied | None:
-    """Return the compass with the findings that may touch the product, refitted where others stood on its side too."""
-    terms = named.state.simulation.terms
-    if not any(one.applied or one.beside_compass for one in every):
+def _applied(found: Inference) -> tuple[Member, ...]:
+    """Return the compasses that correct the record: each hypothesis with what stands on the compass side of it."""
+    return tuple(
+        Member(weight, "+".join(term.name for term in state.simulation.terms) or "none", _compass(state))
+        for weight, state in found.weighted
+    )
+
+
+def _compass(state: State) -> Applied | None:
+    """Return the compass of a state with the terms on its side; None where the fit by itself is that."""
+    terms = state.simulation.terms
+    if not any(term.side == "compass" for term in terms):
         return None
-    beside = [t for t, one in zip(terms, every, strict=True) if one.applied or one.beside_compass]
-    state = named.state if len(beside) == len(terms) else model.refit(named.state, beside)
     estimate = model.estimate(state)
-    ends = 5 + np.cumsum([0, *(len(term.fitted()) for term in state.simulation.terms)])
+    ends = 5 + np.cumsum([0, *(len(term.fitted()) for term in terms)])
     own = [np.arange(5)]
-    for k, term in enumerate(state.simulation.terms):
+    for k, term in enumerate(terms):
         own += [np.arange(ends[k], ends[k + 1])] if term.side == "compass" else []
     index = np.concatenate(own)
-    simulation = replace(state.simulation, terms=tuple(t for t in state.simulation.terms if t.side == "compass"))
+    simulation = replace(state.simulation, terms=tuple(term for term in terms if term.side == "compass"))
     means = covariates.references(state.case.covariates)
-    logged = dict.fromkeys(name for t in simulation.terms for name in t.needs if name in state.case.covariates)
-    return Applied(simulation, estimate.covariance[np.ix_(index, index)], means, tuple(logged))
+    needed = {name for term in simulation.terms for name in term.needs}
+    return Applied(
+        simulation=simulation,
+        covariance=estimate.covariance[np.ix_(index, index)],
+        references={name: means[name] for name in {*needed & means.keys(), "time"}},
+        logged=tuple(sorted(needed & means.keys())),
+    )

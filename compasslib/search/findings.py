@@ -13,14 +13,13 @@ from compasslib.core.types import Floats
 from compasslib.deviation import exact, von_appen
 from compasslib.deviation.forms import EXACT, SeriesInCorrect
 from compasslib.deviation.model import Fit, nearest_root, observed_heading
-from compasslib.effects import SIDES, Term
-from compasslib.search import model, show, stuck, verdict, wording
+from compasslib.effects import Term
+from compasslib.search import folds, model, show, stuck, verdict, wording
 from compasslib.search.baseline import State
 from compasslib.search.case import Case
 from compasslib.search.clocks import ClockError, kept
 from compasslib.search.columns import Group
-from compasslib.search.episodes import Episode
-from compasslib.search.naming import Named
+from compasslib.search.inference import Inference
 from compasslib.search.sectors import Heap
 from compasslib.search.show import BinnedResidual, HeldOut
 from compasslib.search.verdict import Finding, Parameter, Unexplained, Where
@@ -34,26 +33,26 @@ PAIRS = 1000  # of the exact compass against the series: as many, evenly taken, 
 SURE = 0.01
 
 
-def of_terms(named: Named) -> list[Finding]:
-    """Return one finding for each chosen term, in the terms' order."""
-    covariances = model.estimate(named.state).term_covariances
-    return [_of_term(named.state, k, others, covariances[k]) for k, others in enumerate(named.alternatives)]
+def of_terms(found: Inference) -> list[Finding]:
+    """Return one finding for each term of the likeliest hypothesis, in the terms' order."""
+    covariances = model.estimate(found.state).term_covariances
+    return [_of_term(found, k, covariance) for k, covariance in enumerate(covariances)]
 
 
-def _of_term(state: State, k: int, alternatives: tuple[str, ...], covariance: Floats) -> Finding:
-    term = state.simulation.terms[k]
+def _of_term(found: Inference, k: int, covariance: Floats) -> Finding:
+    state, slot = found.state, found.slots[k]
+    term, alternatives = state.simulation.terms[k], tuple(slot.alternatives)
     sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     parameters = {
         name: Parameter(float(value), float(s), unit)
         for name, value, s, unit in zip(term.fitted(), term.values, sigma, term.units(), strict=True)
         if value or s > NOTHING  # a third battery that never came has neither
     }
-    size, proof = model.effect_deg(state, k, covariance), show.held_out(state, [k])
+    size, proof = model.effect_deg(state, k, covariance), folds.proof(found, k)
     first, last = _span(state, term)
     lasting = (first, last) == (float(state.case.scene.time_s[0]), float(state.case.scene.time_s[-1]))
     place = lives(state, term) if lasting else where(state.case, "time", (first, last))
     begin = term.date if term.dated() else first
-    same_side = all(SIDES[name] == "compass" for name in alternatives)
     return Finding(
         effect=term.name,
         side=term.side,
@@ -71,7 +70,9 @@ def _of_term(state: State, k: int, alternatives: tuple[str, ...], covariance: Fl
             size_deg=size,
             proof=(proof.rms_before_deg, proof.rms_after_deg, proof.p_value),
         ),
-        applied=term.side == "compass" and same_side and proof.p_value < verdict.PROVEN,
+        applied=term.side == "compass",
+        probability=slot.probability,
+        alternatives_probability=slot.alternatives,
     )
 
 
@@ -145,21 +146,6 @@ def hanging(state: State, heap: Heap, named: Sequence[str]) -> Unexplained:
     text = wording.unexplained(places_text, heap.rms_deg, named)
     curves = (show.curve(state, state, "heading"),)
     return Unexplained(("heading",), place, (float(time_s[0]), float(time_s[-1])), heap.rms_deg, curves, text)
-
-
-def episode(state: State, found: Episode, named: Sequence[str]) -> Unexplained:
-    """Return weeks in which the reading was off, and then was not, or what comes and goes, as what stays unexplained.
-
-    Args:
-        state: with the named terms, without the steps.
-        found: what the steps amounted to.
-        named: effects that stand beside it.
-    """
-    span = (found.begin_s, found.end_s)
-    place = where(state.case, "time", span)
-    how = ", to and fro" if found.swings else ", and not after"
-    text = wording.unexplained(place.text + how, found.rms_deg, named)
-    return Unexplained(("time",), place, span, found.rms_deg, (show.curve(state, state, "time"),), text)
 
 
 def where(case: Case, name: str, span: tuple[float, float] | None = None) -> Where:

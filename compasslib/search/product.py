@@ -12,14 +12,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from compasslib.core import angles, compass
-from compasslib.core.records import BAD, EarthField, Pairs, Record, take
+from compasslib.core.records import BAD, EarthField, Pairs, Readings, Record, take
 from compasslib.core.types import Floats
 from compasslib.deviation import model
 from compasslib.deviation.along import Along
+from compasslib.deviation.along import of_fit as along_of_fit
 from compasslib.deviation.model import Fit
 
 if TYPE_CHECKING:  # the jobs that correct need no search
-    from compasslib.search.applied import Applied
+    from compasslib.search.applied import Applied, Member
     from compasslib.search.verdict import Diagnosis
 
 
@@ -32,14 +33,14 @@ class Product:
 
     fit: Fit  # the compass; the configured one where nothing was found on its side
     effects: tuple[str, ...] = ()  # what the search found on the compass side and put into it
-    applied: Applied | None = None  # the compass with those effects; None where the fit by itself holds them
+    applied: tuple[Member, ...] = ()  # compasses whose average it is, the chosen one first; none: the fit by itself
     accounted: tuple[str, ...] = ()  # of clocks and water: the fit is freed of them, headings are not touched
     left_deg: float = 0.0  # visible size of what was seen and is not corrected, rms
 
     @property
     def searched(self) -> bool:
         """Whether it is another than the configured fit."""
-        return bool(self.effects or self.accounted)
+        return bool(self.effects or self.accounted or self.applied)
 
     def to_json(self) -> dict[str, Any]:
         """Return the block ``applied`` of deviation.json."""
@@ -48,7 +49,11 @@ class Product:
             "effects": list(self.effects),
             "accounted_for": list(self.accounted),
             "fit": self.fit.to_json() if self.searched else None,
-            "compass": None if self.applied is None else self.applied.to_json(),
+            "compasses": [member.to_json() for member in self.applied],
+            "weights": [{"effect": member.effect, "weight": member.weight} for member in self.applied],
+            "dropped_probability": max(1.0 - sum(member.weight for member in self.applied), 0.0)
+            if self.applied
+            else 0.0,
             "uncorrected_deg": self.left_deg,
         }
 
@@ -72,10 +77,15 @@ def _left(diagnosis: Diagnosis) -> float:
 
 def from_json(content: Mapping[str, Any]) -> Product:
     """Return what a deviation.json says the record is to be corrected by."""
+    from compasslib.search.applied import Member
+
     block = content["applied"]
     if block["fit"] is None:
         return Product(model.from_json(content), left_deg=block["uncorrected_deg"])
-    applied = None if block["compass"] is None else _applied(block["compass"])
+    applied = tuple(
+        Member(one["weight"], one["effect"], None if one["compass"] is None else _applied(one["compass"]))
+        for one in block["compasses"]
+    )
     fit, effects, accounted = model.from_json(block["fit"]), tuple(block["effects"]), tuple(block["accounted_for"])
     return Product(fit, effects, applied, accounted, block["uncorrected_deg"])
 
@@ -92,7 +102,7 @@ def plain(product: Product, pairs: Pairs, record: Record, field: EarthField, ser
     """
     when = np.searchsorted(record.time_s, pairs.time_s)
     at = along(product, take(record, when), field, {name: column[when] for name, column in series.items()})
-    if at is None:
+    if at is None or product.applied[0].compass is None:
         return pairs
     heading = model.nearest_root(at.roots(), model.observed_heading(pairs))
     recorded = compass.recorded_heading(product.fit.coefficients, heading)
@@ -108,11 +118,19 @@ def along(product: Product, record: Record, field: EarthField, series: Series) -
         record: the compromised instrument.
         series: what was logged besides, (n,) each, see ``covariates.logged``.
     """
-    if product.applied is None:
+    if not product.applied:
         return None
-    applied, recorded = product.applied, np.where(record.heading_quality < BAD, record.heading_deg, np.nan)
-    scene = applied.scene(record.time_s, recorded, (record.pitch_deg, record.roll_deg), series, field=field)
-    return applied.along(scene, recorded)
+    recorded = np.where(record.heading_quality < BAD, record.heading_deg, np.nan)
+    tilts = record.pitch_deg, record.roll_deg
+    plain = along_of_fit(product.fit, Readings(record.time_s, recorded, *tilts, np.zeros(len(recorded), dtype=complex)))
+    every = []
+    for member in product.applied:
+        at = plain
+        if member.compass is not None:
+            scene = member.compass.scene(record.time_s, recorded, tilts, series, field=field)
+            at = member.compass.along(scene, recorded)
+        every.append(replace(at, weight=member.weight))
+    return replace(every[0], others=tuple(every[1:]))
 
 
 def _applied(content: Mapping[str, Any]) -> Applied:

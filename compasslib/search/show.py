@@ -1,12 +1,10 @@
 """Whether the fit improves on days that it has not seen, and where.
 
-Blocks of ten days are held out in turn and everything linear is refitted on the others where the simulation stands.
-The score is that of the whitened residual; its interval comes from the blocks: neighbouring hours repeat each other.
+The interval of a gain comes from blocks of days: neighbouring hours repeat each other.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,7 +22,7 @@ from compasslib.search.baseline import State
 from compasslib.stats import whitening
 
 BLOCK_S = 10 * 86400.0
-FOLDS, REPEATS = 5, 1000
+REPEATS = 1000
 PROVEN = 0.05  # p-value on held-out days above which a finding does not touch the product
 WORSE = 1.1  # growth of the rms that is no chance of weights: the score, which is judged, clips outliers
 BINS, FEWEST_IN_BIN = 18, 10
@@ -41,6 +39,7 @@ class HeldOut:
     gain: float  # log score, all held-out samples together
     gain_interval: tuple[float, float]  # 95 %, from the blocks
     p_value: float  # share of drawn blocks whose gain is not positive
+    method: str | None = None  # how days were held out: fifths | within_event
 
     @property
     def refuted(self) -> bool:
@@ -55,6 +54,7 @@ class HeldOut:
             "log_score_gain": self.gain,
             "log_score_gain_interval": list(self.gain_interval),
             "p_value": self.p_value,
+            "method": self.method,
         }
 
 
@@ -68,27 +68,6 @@ class BinnedResidual:
     after_deg: Floats
     sigma_deg: Floats
     compared: str = ""  # what was, where a recording holds more than one comparison
-
-
-def held_out(state: State, which: Sequence[int]) -> HeldOut:
-    """Return what some of the fitted terms add on held-out days, the others kept in both.
-
-    Args:
-        state: with all terms fitted.
-        which: positions of the terms in question.
-    """
-    values, own = _values(state), _own(state, which)
-    white = state.whitener(state.base)
-    target = state.whitener.filtered(state.standard[:, None])[:, 0] / state.response + white @ values
-    block = np.floor((state.case.scene.time_s - state.case.scene.time_s[0]) / BLOCK_S).astype(int)
-    total = state.residual_deg + state.base @ values
-    left, rms_deg = [], []
-    for kept in (~own, own | True):
-        fitted = _fitted_on_others(white[:, kept], target, state.base_ridge[kept], block)
-        left.append(target - np.sum(white[:, kept] * fitted, axis=1))
-        rms_deg.append(angles.rms(total - np.sum(state.base[:, kept] * fitted, axis=1)))
-    each = (left[0] ** 2 - left[1] ** 2) * state.response**2 / (2.0 * state.sigma**2)
-    return judged(each, block, (rms_deg[0], rms_deg[1]))
 
 
 def left_out(pairs: Pairs, fit: Fit) -> Floats:
@@ -191,29 +170,3 @@ def _binned(state: State, bins: NDArray[np.intp], count: int) -> tuple[Floats, F
     sums = np.bincount(block * count + bins, weight * (left - mean[bins]), (block[-1] + 1) * count)
     own = np.sum(sums.reshape(-1, count) ** 2, axis=0)
     return mean, np.sqrt(np.maximum(own, total * own.sum() / total.sum())) / total
-
-
-def _values(state: State) -> Floats:
-    """Return the values of the base's columns relative to the simulation without terms: those of the terms."""
-    values = np.zeros(state.base.shape[1])
-    parameters = state.simulation.parameters
-    values[5 : len(parameters)] = parameters[5:]
-    return values
-
-
-def _own(state: State, which: Sequence[int]) -> NDArray[np.bool_]:
-    """Return which columns of the base belong to the terms in question."""
-    counts = [len(term.fitted()) for term in state.simulation.terms]
-    label = np.concatenate([np.full(5, -1), np.repeat(np.arange(len(counts)), counts)])
-    label = np.concatenate([label, np.full(state.base.shape[1] - len(label), -1)])
-    return np.isin(label, list(which))
-
-
-def _fitted_on_others(white: Floats, target: Floats, ridge: Floats, block: NDArray[np.intp]) -> Floats:
-    """Return for each sample the values of the columns fitted without the days around it, (n, k)."""
-    values = np.empty(white.shape)
-    for fold in range(FOLDS):
-        out = block % FOLDS == fold
-        some = white[~out]
-        values[out] = whitening.inverse(some.T @ some + np.diag(ridge)) @ (some.T @ target[~out])
-    return values

@@ -8,10 +8,11 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
+from compasslib.core.types import Floats
 from compasslib.deviation.model import Fit
 
 if TYPE_CHECKING:  # a verdict without findings needs no search
-    from compasslib.search.applied import Applied
+    from compasslib.search.applied import Member
     from compasslib.search.show import BinnedResidual, HeldOut
 
 
@@ -56,6 +57,8 @@ class Finding:
     held_out: HeldOut
     text: str
     applied: bool = False  # whether it enters the corrected headings
+    probability: float = 1.0  # that this effect is what is there
+    alternatives_probability: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def of_compass(self) -> bool:
@@ -75,6 +78,8 @@ class Finding:
             "effect": self.effect,
             "side": self.side,
             "alternatives": list(self.alternatives),
+            "probability": self.probability,
+            "alternatives_probability": dict(self.alternatives_probability),
             "where": self.where.to_json(),
             "when": when(self.when_s),
             "parameters": {name: vars(one) for name, one in self.parameters.items()},
@@ -130,8 +135,11 @@ class Diagnosis:
     negligible: tuple[tuple[str, float], ...] = ()  # effect or covariate, visible degrees
     why: str = ""  # what the verdict rests on, or why there is none
     curves: tuple[BinnedResidual, ...] = ()  # residual before and after along the covariates of what was found
-    applied: Applied | None = None  # the compass that corrects the record, where a finding on its side stands
+    applied: tuple[Member, ...] = ()  # compasses whose average corrects the record, the chosen one first
     fit: Fit | None = None  # the exact compass that the search stood on, where it may correct the record
+    covariance: Floats | None = None  # (5, 5) of A..E without terms, slow water in the noise
+    sides: Mapping[str, float] = field(default_factory=dict)  # probability of none, compass, clock, reference, water
+    noise: Mapping[str, tuple[float, float]] = field(default_factory=dict)  # each with its standard error
     detectable_deg: Mapping[str, float] = field(default_factory=dict)  # visible size that each effect needs to be named
     hypotheses: tuple[Ranked, ...] = ()  # the best first
     threshold: Mapping[str, float] = field(default_factory=dict)  # scores that noise alone hardly exceeds
@@ -148,7 +156,9 @@ class Diagnosis:
             "negligible": [{"effect": effect, "rms_effect_deg": size} for effect, size in self.negligible],
             "why": self.why,
             "curves": [curve_json(curve) for curve in self.curves],
-            "applied": None if self.applied is None else self.applied.to_json(),
+            "sides": dict(self.sides),
+            "noise": {name: {"value": value, "sigma": sigma} for name, (value, sigma) in self.noise.items()},
+            "experiments": [],
             "fit": None if self.fit is None else self.fit.to_json(),
             "detectable_deg": dict(self.detectable_deg),
             "hypotheses": [vars(one) for one in self.hypotheses],

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from compasslib.effects import meanings
+from compasslib.effects import SLOW_WATER, meanings
 
 VERDICTS = {
     "consistent": "simulation and recording agree",
@@ -54,6 +54,7 @@ PHYSICS = {
     "compass_drift": "the compass drifts with time",
     "compass_lag": "the compass lags behind when the instrument turns",
     "current_veer": "the water itself veers between the two depths",
+    SLOW_WATER: "the water of the two depths differs for weeks, and no instrument is at fault",
     "mooring_motion": "the mooring's own motion is in the measured current",
     "reference_deviation": "the trusted compass has a deviation of its own",
     "reference_slip": "the trusted directions changed at once: its mount slipped, or iron came or went beside it",
@@ -113,7 +114,7 @@ def _pair(a: str, b: str) -> str:
     trusted = [name for name in (a, b) if name.startswith("reference_")]
     if len(trusted) == 1:
         return f"{a} or {b}: " + TRUSTED_OR_NOT
-    water = [name for name in (a, b) if name in ("current_veer", "mooring_motion")]
+    water = [name for name in (a, b) if name in ("current_veer", "mooring_motion", SLOW_WATER)]
     if len(water) == 1:
         other = b if water[0] == a else a
         return f"{a} or {b}: " + WATER_OR_COMPASS.format(water[0], other)

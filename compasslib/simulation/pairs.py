@@ -132,7 +132,35 @@ def wrap(x: Floats) -> Floats:
     return (np.asarray(x) + 180.0) % 360.0 - 180.0
 
 
-def make(seed: int, *, wide: bool, noise_deg: float = 12.0, n: int = 8000) -> World:
+@dataclass(frozen=True)
+class SlowWater:
+    """What the water of the two depths differs by for days to seasons."""
+
+    veer_deg: float  # rms
+    veer_days: float
+    shear_m_s: float  # rms of each component
+    shear_days: float
+
+    def beside(self, rng: np.random.Generator, flow: Complexes) -> Complexes:
+        """Return what is added to the lower water, hourly."""
+        n = len(flow)
+        veer = red(rng, n, 24.0 * self.veer_days, self.veer_deg)
+        east, north = (red(rng, n, 24.0 * self.shear_days, self.shear_m_s) for _ in range(2))
+        return np.asarray(turned(flow, veer) - flow + east + 1j * north)
+
+
+def some_slow_water(rng: np.random.Generator) -> SlowWater:
+    """Return slow water of any size and memory."""
+
+    def between(low: float, high: float) -> float:
+        return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+    return SlowWater(between(0.3, 8.0), between(4.0, 150.0), between(0.001, 0.03), between(2.0, 150.0))
+
+
+def make(
+    seed: int, *, wide: bool, noise_deg: float = 12.0, n: int = 8000, slow_water: SlowWater | None = None
+) -> World:
     """Return the water, the motion and the covariates of one mooring."""
     rng = np.random.default_rng(seed)
     hours = np.arange(n)
@@ -168,6 +196,9 @@ def make(seed: int, *, wide: bool, noise_deg: float = 12.0, n: int = 8000) -> Wo
     up = np.sqrt(1 - lower_share) * (white[0, 0] + 1j * white[0, 1])
     down = np.sqrt(lower_share) * (white[1, 0] + 1j * white[1, 1])
     upper = flow - 0.5 * reds - up
+    between = reds + up + down
+    if slow_water is not None:
+        between = between + slow_water.beside(np.random.default_rng(seed + 1_000_000_007), flow)
 
     lean = 7.0 * (speed / 0.4) ** 2 / (1 + (speed / 0.8) ** 2)
     relative = towards(flow) - heading
@@ -183,7 +214,7 @@ def make(seed: int, *, wide: bool, noise_deg: float = 12.0, n: int = 8000) -> Wo
     voltage = 43 - drain - 2.5 / (1 + np.exp((n * 1.02 - hours) / 250)) + 0.1 * (temperature - 4)
     earth = float(rng.uniform(11500, 22000)), float(rng.uniform(40000, 52500))
     return World(
-        rng=rng, time_s=time_s, heading=heading, flow=upper, difference=reds + up + down, tilt=tilt,
+        rng=rng, time_s=time_s, heading=heading, flow=upper, difference=between, tilt=tilt,
         sensed=tilt + rng.normal(0, rng.choice([0.02, 0.05, 0.1]), (2, n)), depth=depth,
         separation=18 + 0.008 * (depth - 100) + red(rng, n, 30, 1.0), temperature=temperature,
         voltage=np.round(voltage + rng.normal(0, 0.05, n), 1), earth=earth,

@@ -23,6 +23,7 @@ WIDTH_BINS = 12
 NARROWEST = 0.25  # least width as a share of the middle one
 ANYWHERE_DEG = robust.SIGMA_PER_MAD * 90.0  # robust width of directions that point anywhere
 CHUNK = 64
+LONGEST = 512  # samples over which a filter's memory is followed
 THINNEST = 1e-6  # share of a group's largest direction below which a direction is taken for absorbed by the base
 TREND_S, TREND_LENGTHS = 10 * 86400.0, 10  # least spacing of the knots of what is slow, and in lengths of the filter
 NEAR = 4.0  # frequencies up to this many times that of what is slow are its neighbours
@@ -147,6 +148,17 @@ def response(residual_deg: Floats, width_deg: Floats) -> float:
     weight = width_deg**-2.0
     falls = np.where(np.abs(angles.wrap180(np.where(weight > 0.0, residual_deg, 0.0))) > 90.0, -1.0, 1.0)
     return float(np.average(falls * (np.abs(clipped(residual_deg, width_deg)) < CLIP), weights=weight))
+
+
+def memory(fitted: Whitener) -> float:
+    """Return in how many samples the correlation that a filter takes out falls to 1/e."""
+    from scipy.signal import lfilter
+
+    pulse = lfilter([1.0], fitted.filter, np.arange(LONGEST) == 0)
+    lagged = autocorrelation.lagged(pulse, LONGEST // 2)
+    known = lagged / lagged[0]
+    below = int(np.argmax(known < np.exp(-1.0)))
+    return below - (np.exp(-1.0) - known[below]) / (known[below - 1] - known[below]) if below else float(LONGEST)
 
 
 def widths(residual_deg: Floats, slowness: Floats) -> Floats:

@@ -10,17 +10,19 @@ import numpy as np
 from compasslib.core import angles
 from compasslib.effects.reading import Octantal, Sextantal
 from compasslib.effects.term import Term
-from compasslib.search.naming import MOST_TERMS
+from compasslib.search.posterior import MOST_TERMS
 from compasslib.search.recordings import fitting, testing
 from compasslib.search.recordings.channel import Channel, dated
 from compasslib.search.recordings.fitting import FittedTerms
 from compasslib.search.recordings.terms import Drift, IronDrift
 from compasslib.search.recordings.testing import TestedColumns, TestedEffect
-from compasslib.search.rivals import CLOSE, DATE_CHARGE, PARAMETER_CHARGE
 from compasslib.stats import whitening
 
 WORTH_SAYING = 0.1  # of the size that matters: less is not even listed
 FINER = 24  # dates around the best of those that were tried
+
+PARAMETER_CHARGE, DATE_CHARGE = 5.0, 6.0  # of twice the log likelihood, for each parameter and each date
+CLOSE = 10.0  # hypotheses within this many units of the best are not told apart
 
 
 @dataclass(frozen=True)

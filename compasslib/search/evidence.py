@@ -1,0 +1,236 @@
+"""How likely the recording is under each hypothesis: sizes integrated over, beside any kind of slow water.
+
+All columns of effects are in units of the sizes that physics makes usual, so that the prior of every parameter is a
+standard normal law; products of all columns with each other and with the residual hold all that any hypothesis needs
+(Gaussian linear model; Bishop, Pattern Recognition and Machine Learning, 2006, section 3.5).
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+
+from compasslib.core.types import Floats
+from compasslib.effects import Term
+from compasslib.search import columns
+from compasslib.search.baseline import State
+from compasslib.search.columns import Group
+from compasslib.search.noise import Slow, Water
+from compasslib.stats.whitening import directions
+
+Hypothesis = tuple[int, ...]  # numbers of candidates
+
+USUAL_DEG = 4.0  # turn of the heading, rms, that an effect usually makes where its physics sets no size
+BLOCK_S, BLOCKS = 3 * 86400.0, 10.0  # longer than the memory that the filter leaves; trust in the middle, in blocks
+ANYTHING = 1e6  # variance of what is free, in units of one sample's
+FAINT = 1e-3  # of a wave of slow water: variance over that of white noise below which it is left out
+
+
+@dataclass(frozen=True)
+class Products:
+    """Products of the candidates' columns beside slow water."""
+
+    information: Floats  # (p, p)
+    score: Floats  # (p,) products with the residual
+    log_likelihood: float  # of the water alone, over that of white noise
+
+
+@dataclass(frozen=True)
+class Tried:
+    """Columns of some hypotheses, those of as many columns together."""
+
+    count: int
+    parts: list[tuple[NDArray[np.intp], NDArray[np.intp], Floats]]  # positions, (h,); columns, (h, k); unevenness, (h,)
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """Every effect in every form and at every date, and slow water, on one scale."""
+
+    groups: list[Group]
+    parts: list[NDArray[np.intp]]  # columns of each group
+    usual: Floats  # (p,) standard deviation that is expected of each parameter
+    information: Floats  # (p + q, p + q) products of the whitened columns, those of slow water last
+    score: Floats  # (p + q,)
+    visible: Floats  # (p, p) mean products of the visible columns, square degrees
+    turned: Floats  # (p, p) the same of the columns as they are
+    uneven: Floats  # (g,) variance of each group's score over what the fitted noise makes of it, at least 1
+    slow: Slow | None
+    white: Floats  # (n, p + q) the whitened columns
+    innovation: Floats  # (n,) the whitened residual, over its standard deviation
+    free: int = 0  # columns at the end of which anything is expected
+
+    @cached_property
+    def kinds(self) -> list[type[Term]]:
+        """The class of each candidate."""
+        return [type(group.term) for group in self.groups if group.term is not None]
+
+    def beside(self, water: Water | None) -> Products:
+        """Return the products beside slow water of one kind, none where absent."""
+        p = len(self.usual)
+        own, score = self.information[:p, :p], self.score[:p]
+        variance = np.zeros(len(self.information) - p)
+        if self.slow is not None and water is not None:
+            variance[: len(variance) - self.free] = self.slow.variances(water)
+        variance[len(variance) - self.free :] = ANYTHING
+        some = np.flatnonzero(variance * np.diag(self.information)[p:] > FAINT)
+        if not len(some):
+            return Products(own, score, 0.0)
+        root, at = np.sqrt(variance[some]), p + some
+        lower = np.linalg.cholesky(np.eye(len(root)) + root[:, None] * self.information[np.ix_(at, at)] * root)
+        both = root[:, None] * np.column_stack([self.information[at, :p], self.score[at]])
+        half = solve_triangular(lower, both, lower=True, check_finite=False)
+        cross, left = half[:, :-1], half[:, -1]
+        gain = float(0.5 * left @ left - np.sum(np.log(np.diag(lower))))
+        return Products(own - cross.T @ cross, score - cross.T @ left, gain)
+
+    def on(self, some: NDArray[np.bool_], base: Floats) -> Candidates:
+        """Return the same by some of the samples only, the base fitted anew.
+
+        Args:
+            some: (n,).
+            base: orthonormal whitened base, (n, b).
+        """
+        white = np.concatenate([self.white[some], base[some].astype(np.float32)], axis=1)
+        information = (white.T @ white).astype(float)
+        score = (white.T @ self.innovation[some]).astype(float)
+        return replace(self, information=information, score=score, free=base.shape[1])
+
+    def tried(self, hypotheses: Sequence[Hypothesis]) -> Tried:
+        """Return the columns of hypotheses, those of as many columns together."""
+        count = np.array([len(part) for part in self.parts])
+        sizes = np.array([sum(count[k] for k in one) for one in hypotheses], dtype=int)
+        parts = []
+        for size in np.unique(sizes[sizes > 0]):
+            at = np.flatnonzero(sizes == size)
+            own = [hypotheses[int(i)] for i in at]
+            index = np.array([np.concatenate([self.parts[k] for k in one]) for one in own])
+            uneven = np.array([max(self.uneven[k] for k in one) for one in own])
+            parts.append((at, index, uneven))
+        return Tried(len(hypotheses), parts)
+
+    def log_evidence(self, products: Products, tried: Tried) -> Floats:
+        """Return the log of how much likelier each hypothesis makes the residual than none, (h,)."""
+        result = np.zeros(tried.count)
+        for at, index, uneven in tried.parts:
+            information = products.information[index[:, :, None], index[:, None, :]] / uneven[:, None, None]
+            lower = np.linalg.cholesky(information + np.eye(index.shape[1]))
+            half = np.linalg.solve(lower, (products.score[index] / uneven[:, None])[:, :, None])[:, :, 0]
+            determinant = np.log(np.einsum("hkk->hk", lower)).sum(axis=1)
+            result[at] = 0.5 * np.sum(half**2, axis=1) - determinant
+        return result
+
+    def sizes_deg(self, products: Products, hypotheses: Sequence[Hypothesis]) -> list[Floats]:
+        """Return the visible size that each hypothesis expects of each of its candidates, rms degrees."""
+        return [self._sizes(products, one, self.visible) for one in hypotheses]
+
+    def turns_deg(self, products: Products, hypothesis: Hypothesis) -> Floats:
+        """Return by how much each candidate of a hypothesis turns headings, seen or not, rms degrees."""
+        return self._sizes(products, hypothesis, self.turned)
+
+    def terms(self, products: Products, hypothesis: Hypothesis) -> list[Term]:
+        """Return the terms of a hypothesis at their likeliest values."""
+        values, _ = self._solved(products, hypothesis)
+        found, at = [], 0
+        for k in hypothesis:
+            term, part = self.groups[k].term, self.parts[k]
+            assert term is not None
+            found.append(term.at(values[at : at + len(part)] * self.usual[part]))
+            at += len(part)
+        return found
+
+    def _sizes(self, products: Products, hypothesis: Hypothesis, of: Floats) -> Floats:
+        values, covariance = self._solved(products, hypothesis)
+        sizes, at = [], 0
+        for k in hypothesis:
+            part, own = self.parts[k], slice(at, at := at + len(self.parts[k]))
+            scaled = of[np.ix_(part, part)]
+            noise = float(np.sum(scaled * covariance[own, own]))
+            sizes.append(np.sqrt(max(float(values[own] @ scaled @ values[own]) - noise, 0.0)))
+        return np.array(sizes)
+
+    def _solved(self, products: Products, hypothesis: Hypothesis) -> tuple[Floats, Floats]:
+        index = np.concatenate([np.zeros(0, dtype=np.intp), *(self.parts[k] for k in hypothesis)])
+        uneven = self.uneven[list(hypothesis)].max(initial=1.0)
+        inverse = np.linalg.inv(products.information[np.ix_(index, index)] / uneven + np.eye(len(index)))
+        return inverse @ products.score[index] / uneven, inverse
+
+
+def gathered(view: State, slow: Slow | None, groups: list[Group], usual: Floats, uneven: Floats) -> Candidates:
+    """Return all candidates on one scale.
+
+    Args:
+        view: whose base holds the compass and the nuisances, and no slow water.
+        usual: what is expected of each parameter of the groups, (p,).
+    """
+    ends = np.cumsum([0, *(group.columns.shape[1] for group in groups)])
+    own = np.concatenate([group.columns for group in groups], axis=1) * usual
+    every = own if slow is None else np.concatenate([own, slow.columns], axis=1)
+    middle = max(float(np.median(uneven)), 1.0)
+    sigma = view.sigma * np.sqrt(middle)
+    white = view.projected(every.astype(np.float32)) * np.float32(view.response / sigma)
+    innovation = (view.innovation / sigma).astype(np.float32)
+    seen = view.visible(own)
+    return Candidates(
+        groups=groups,
+        parts=[np.arange(a, b) for a, b in itertools.pairwise(ends)],
+        usual=usual,
+        information=(white.T @ white).astype(float),
+        score=(white.T @ innovation).astype(float),
+        visible=seen.T @ seen / len(seen),
+        turned=own.T @ own / len(own),
+        uneven=np.maximum(uneven / middle, 1.0),
+        slow=slow,
+        white=white,
+        innovation=innovation,
+    )
+
+
+def unevenness(state: State, groups: Sequence[Group]) -> Floats:
+    """Return what blocks of days make of each group's score, over what even noise would (a sandwich by clusters), (g,).
+
+    Real water scatters more in some weeks and at some headings than speeds tell (Liang and Zeger, Biometrika 73, 13,
+    1986). What few blocks tell is drawn towards what all groups do.
+
+    Args:
+        state: with slow water in its noise.
+    """
+    ends = np.cumsum([0, *(group.columns.shape[1] for group in groups)])
+    white = state.projected(np.concatenate([group.columns for group in groups], axis=1, dtype=np.float32))
+    time_s = state.case.scene.time_s
+    starts = np.unique(np.floor((time_s - time_s[0]) / BLOCK_S), return_index=True)[1]
+    own, blocks = np.ones(len(groups)), np.ones(len(groups))
+    for k, (a, b) in enumerate(itertools.pairwise(ends)):
+        basis = directions(white[:, a:b]).astype(float)
+        if not basis.shape[1]:
+            continue
+        left = state.innovation - basis @ (basis.T @ state.innovation)
+        sums = np.add.reduceat(basis * left[:, None], starts, axis=0)
+        weight = np.add.reduceat(np.sum(basis**2, axis=1), starts) / basis.shape[1]
+        own[k] = np.sum(sums**2) / basis.shape[1] / state.sigma**2 / max(1.0 - float(np.sum(weight**2)), 0.1)
+        blocks[k] = 1.0 / float(np.sum(weight**2))
+    middle = float(np.median(own))
+    return np.asarray((blocks * own + BLOCKS * middle) / (blocks + BLOCKS))
+
+
+def of_catalogue(view: State) -> tuple[list[Group], Floats]:
+    """Return every effect that can be tested in every form and at every date, and what is expected of its parameters.
+
+    What turns headings little in this recording may be as large as its physics allows, and no larger.
+    """
+    groups, usual = [], []
+    for kind in view.case.terms:
+        always = columns.of_term(view, kind())
+        some = columns.of_dates(view, kind, columns.dates(view.case.scene.time_s)) if kind.dated() else [always]
+        turn = np.sqrt(np.mean(always.columns**2, axis=0))
+        with np.errstate(divide="ignore"):
+            expected = np.where(turn > 0.0, np.minimum(USUAL_DEG / turn, kind.expected() ** -0.5), 0.0)
+        groups += some
+        usual += [expected] * len(some)
+    return groups, np.concatenate([np.zeros(0), *usual])

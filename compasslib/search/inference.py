@@ -1,0 +1,138 @@
+"""What a recording tells: the posterior where the likeliest hypothesis stands, refitted in the forward model.
+
+Columns of effects are slopes, and widths, filter and slow water those of what is left: both are taken anew where the
+likeliest hypothesis has been refitted, until it stays what it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from compasslib.core.types import Floats
+from compasslib.effects import Term
+from compasslib.search import baseline, evidence, model, noise, posterior
+from compasslib.search.baseline import State
+from compasslib.search.columns import Group
+from compasslib.search.evidence import Candidates, Hypothesis
+from compasslib.search.noise import Slow, Water
+from compasslib.search.posterior import Posterior, Slot
+from compasslib.stats import whitening
+
+HOUR_S = 3600.0
+SLOW: Mapping[str, Callable[[Water], float]] = {
+    "slow_rms_deg": lambda water: water.veer.size,
+    "slow_memory_days": lambda water: water.veer.memory_days,
+    "slow_shear_m_s": lambda water: water.shear.size,
+}
+MOST_ROUNDS = 5
+LEAST_WEIGHT = 0.05  # probability below which a hypothesis does not enter the product
+
+
+@dataclass(frozen=True)
+class Inference:
+    """The likeliest hypothesis refitted, and how probable it and the others are."""
+
+    state: State  # with its terms, slow water in the noise
+    posterior: Posterior
+    chosen: Hypothesis  # the terms' candidates, in their order
+    slots: tuple[Slot, ...]
+
+    @property
+    def weighted(self) -> list[tuple[float, State]]:
+        """The states that correct the record, with weights that sum to less than 1 by what was dropped.
+
+        Of hypotheses that differ by a date only, the likeliest stands for all.
+        """
+        groups = self.posterior.candidates.groups
+        kinds: dict[frozenset[type], float] = {}
+        best: dict[frozenset[type], int] = {}
+        for i, (one, p) in enumerate(zip(self.posterior.hypotheses, self.posterior.probability.tolist(), strict=True)):
+            kind = frozenset(type(groups[k].term) for k in one)
+            kinds[kind] = kinds.get(kind, 0.0) + p
+            if kind not in best or p > self.posterior.probability[best[kind]]:
+                best[kind] = i
+        own = frozenset(map(type, self.state.simulation.terms))
+        found = []
+        for kind, weight in kinds.items():
+            if weight >= LEAST_WEIGHT or kind == own:
+                hypothesis = self.posterior.hypotheses[best[kind]]
+                found.append((weight, self.state if kind == own else self._refitted(hypothesis)))
+        return sorted(found, key=lambda one: (one[1] is not self.state, -one[0]))
+
+    def _refitted(self, hypothesis: Hypothesis) -> State:
+        products = self.posterior.candidates.beside(self.posterior.water_of(hypothesis))
+        return model.refit(self.state, self.posterior.candidates.terms(products, hypothesis))
+
+
+def infer(empty: State, alarm: float) -> Inference:
+    """Return what the recording tells.
+
+    Args:
+        empty: the simulation without terms.
+        alarm: probability that noise alone is allowed to give a name.
+    """
+    slow = noise.of(empty.case)
+    waters: Sequence[Water | None] = [None] if slow is None else slow.waters()
+    groups, usual = evidence.of_catalogue(empty)
+    state = replace(empty, case=replace(empty.case, usual=_by_kind(groups, usual)))
+    whole = evidence.gathered(state, slow, groups, usual, np.ones(len(groups)))
+    state = _beside(state, state, slow, posterior.likeliest_water(whole, waters))
+    chosen: list[Term | None] = []
+    for _ in range(MOST_ROUNDS):
+        candidates, view = _gathered(state, slow, usual)
+        found = posterior.weigh(candidates, alarm, waters)
+        best = found.best
+        again = [candidates.groups[k].term for k in best]
+        if again == chosen:
+            break
+        chosen, water = again, found.water_of(best)
+        state = _beside(state, view, slow, water)
+        state = model.refit(state, candidates.terms(candidates.beside(water), best))
+    return Inference(state, found, best, tuple(found.slots(best)))
+
+
+def _by_kind(groups: Sequence[Group], usual: Floats) -> dict[type[Term], Floats]:
+    ends = np.cumsum([group.columns.shape[1] for group in groups])
+    return {
+        type(g.term): part for g, part in zip(groups, np.split(usual, ends[:-1]), strict=True) if g.term is not None
+    }
+
+
+def _beside(state: State, view: State, slow: Slow | None, water: Water | None) -> State:
+    """Return the state with slow water of one kind in its noise.
+
+    Args:
+        view: whose whitener knows no slow water.
+    """
+    louder = None if slow is None or water is None else noise.louder(view, slow, water)
+    return baseline.examine(replace(state.case, louder=louder), state.simulation, state.nuisance)
+
+
+def _gathered(state: State, slow: Slow | None, usual: Floats) -> tuple[Candidates, State]:
+    """Return all candidates where a hypothesis stands, and its state without slow water."""
+    quiet = replace(state.case, louder=None)
+    view = baseline.examine(quiet, state.simulation, state.nuisance, freed=True)
+    groups, _ = evidence.of_catalogue(view)
+    return evidence.gathered(view, slow, groups, usual, evidence.unevenness(state, groups)), view
+
+
+def noise_of(found: Inference) -> dict[str, tuple[float, float]]:
+    """Return what the noise was found to be, each number with its standard error."""
+    state, weight = found.state, found.posterior.water_probability
+    time_s = state.case.scene.time_s
+    hours, step = float(np.ptp(time_s)) / HOUR_S, whitening.step_s(time_s) / HOUR_S
+    short = whitening.memory(state.whitener) * step
+    width = state.whitener.width_deg
+    white = float(np.median(width[np.isfinite(width)]))
+    result = {
+        "white_deg": (white, white * float(np.sqrt((step + 2.0 * short) / (2.0 * hours)))),
+        "short_hours": (short, short * float(np.sqrt(2.0 * (step + short) / hours))),
+    }
+    for name, of in SLOW.items():
+        each = np.array([0.0 if water is None else of(water) for water in found.posterior.waters])
+        mean = float(weight @ each)
+        result[name] = (mean, float(np.sqrt(weight @ (each - mean) ** 2)))
+    return result

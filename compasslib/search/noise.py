@@ -1,0 +1,120 @@
+"""Slow water: its veer and its additive shear as Gaussian processes of unknown size and memory.
+
+Directions of two depths differ by weeks of other water. A term of the compass that changes as slowly must be weighed
+against it in the same currency: both processes stand beside every hypothesis, and what may be their sizes and memories
+is summed over.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+
+from compasslib.core import angles
+from compasslib.core.types import Floats
+from compasslib.search import covariates
+from compasslib.search.baseline import State
+from compasslib.search.case import Case
+from compasslib.stats.whitening import Louder
+
+DAY_S = 86400.0
+SHORTEST_DAYS = 8.0  # period below which the filter holds the memory
+MOST_WAVES = 120  # of a process: those of sixteen months; of longer records only what is slower
+SPEED_SPAN_S, SLOWEST_M_S = 12 * 3600.0, 0.03
+VEER_DEG, VEER_DAYS = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0), (5.0, 15.0, 45.0, 135.0)
+SHEAR_M_S, SHEAR_DAYS = (0.004, 0.01, 0.025, 0.06, 0.15), (3.0, 15.0, 75.0)
+QUIET = 0.05  # variance over white below which a direction is as it is
+USUAL_VEER_DEG, USUAL_SHEAR_M_S = 3.0, 0.02  # of half a Cauchy law, beforehand: two depths of real water
+
+
+@dataclass(frozen=True)
+class Process:
+    """A process of first order."""
+
+    size: float  # degrees of veer, or m/s of shear in each component, rms
+    memory_days: float
+
+    def variances(self, frequency: Floats, step: float) -> Floats:
+        """Return the variance of each cosine's coefficient.
+
+        Args:
+            frequency: cycles a day, (k,), evenly spaced from 0.
+            step: between them.
+        """
+        spectrum = 4.0 * self.size**2 * self.memory_days / (1.0 + (2.0 * np.pi * frequency * self.memory_days) ** 2)
+        return spectrum * step * np.where(frequency > 0.0, 1.0, 0.5)
+
+
+@dataclass(frozen=True)
+class Water:
+    """What slow water may do: veer, and shear of either component."""
+
+    veer: Process
+    shear: Process
+
+    @property
+    def log_prior(self) -> float:
+        """Log of what is expected beforehand, up to a constant."""
+        sizes = self.veer.size / USUAL_VEER_DEG, self.shear.size / USUAL_SHEAR_M_S
+        return -float(np.sum(np.log1p(np.square(sizes))))
+
+
+@dataclass(frozen=True)
+class Slow:
+    """Columns that slow water is made of, and what each kind of it makes of their coefficients."""
+
+    columns: Floats  # (n, q) degrees a unit: cosines of the veer, of eastward and of northward shear
+    frequency: Floats  # (k,) cycles a day, evenly spaced from 0
+    kinds: int  # processes: 1, or 3 with the shear
+
+    def variances(self, water: Water) -> Floats:
+        """Return the variance of each column's coefficient, (q,)."""
+        step = float(self.frequency[1])
+        each = [process.variances(self.frequency, step) for process in (water.veer, water.shear, water.shear)]
+        return np.concatenate(each[: self.kinds])
+
+    def waters(self) -> list[Water]:
+        """Return the kinds of water that are summed over."""
+        none = Process(0.0, VEER_DAYS[0])
+        veers = [none, *(Process(*one) for one in itertools.product(VEER_DEG, VEER_DAYS))]
+        shears = [none, *(Process(*one) for one in itertools.product(SHEAR_M_S, SHEAR_DAYS))]
+        return [Water(*both) for both in itertools.product(veers, shears if self.kinds > 1 else [none])]
+
+
+def of(case: Case) -> Slow | None:
+    """Return what slow water a recording may show, None where it is no mooring or too short."""
+    time_s = case.scene.time_s
+    days = float(np.ptp(time_s)) / DAY_S
+    count = min(int(2.0 * days / SHORTEST_DAYS) + 1, MOST_WAVES)
+    if count < 4 or case.kind != "mooring":
+        return None
+    frequency = np.arange(count) / (2.0 * days)
+    waves = np.cos(np.pi * (time_s - time_s[0])[:, None] / (days * DAY_S) * np.arange(count))
+    departures = case.scene.departures
+    if "flow_east" not in departures or "speed" not in case.covariates:
+        return Slow(waves, frequency, 1)
+    speed = covariates.running(case.covariates["speed"], time_s, SPEED_SPAN_S)
+    slowness = 1.0 / np.maximum(speed, SLOWEST_M_S) / angles.DEGREE
+    east = waves * (departures["flow_north"] * slowness)[:, None]
+    north = -waves * (departures["flow_east"] * slowness)[:, None]
+    return Slow(np.concatenate([waves, east, north], axis=1), frequency, 3)
+
+
+def louder(view: State, slow: Slow, water: Water) -> Louder | None:
+    """Return slow water as directions in which the whitened noise of a recording is louder; None where it is none.
+
+    Args:
+        view: whose whitener knows no slow water.
+    """
+    variance = slow.variances(water)
+    some = variance > 0.0
+    scale = np.sqrt(variance[some]) * view.response / view.sigma
+    white = view.whitener(slow.columns[:, some].astype(np.float32)).astype(float) * scale
+    if not white.shape[1]:
+        return None
+    values, vectors = np.linalg.eigh(white.T @ white)
+    loud = values > QUIET
+    basis = white @ vectors[:, loud] / np.sqrt(values[loud])
+    return Louder(basis.astype(np.float32), 1.0 / np.sqrt(1.0 + values[loud]))

@@ -1,0 +1,257 @@
+"""How probable each hypothesis is: none, or up to three effects; forms, dates and slow water are summed over."""
+
+from __future__ import annotations
+
+import itertools
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from compasslib.core.types import Floats
+from compasslib.effects import SIDES, SLOW_WATER
+from compasslib.search.evidence import Candidates, Hypothesis, Products
+from compasslib.search.noise import Water
+from compasslib.stats import whitening
+
+MOST_TERMS = 3
+SURE = 0.95  # probability that a set of names holds
+# Odds beforehand of one effect, over the alarm that is asked for; they set how often records of nothing get a name.
+ODDS, ODDS_OF_WATER = 0.5, 20.0
+FURTHER = 3.0  # by how much an effect is likelier where there is another
+NINE_IN_TEN = 1.28  # normal score of it
+NEIGHBOURS = 3  # dates that do about as well as the right one
+FAR = 8.0  # natural units below the best at which a hypothesis, or a kind of water, is left out
+MOST_PAIRS, MOST_TRIPLES, JOINED, MOST_WATERS = 150, 60, 12, 40
+
+
+@dataclass(frozen=True)
+class Slot:
+    """One place in the findings: what may fill it, with probabilities that sum to 1."""
+
+    effect: str
+    probability: float
+    alternatives: Mapping[str, float]  # likeliest first, as many as make it sure
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """Hypotheses with their probabilities."""
+
+    candidates: Candidates
+    hypotheses: list[Hypothesis]  # none first
+    probability: Floats  # (h,)
+    waters: list[Water | None]
+    water_probability: Floats  # (w,)
+    by_water: Floats  # (w, h) joint, sums to 1
+    prior: Floats  # (h,) log odds beforehand
+
+    @cached_property
+    def names(self) -> list[tuple[str, ...]]:
+        """The effects of each hypothesis, in alphabetical order."""
+        return [tuple(sorted(self.candidates.groups[k].name for k in one)) for one in self.hypotheses]
+
+    @property
+    def sides(self) -> dict[str, float]:
+        """Probability of each side; a hypothesis of several is put on the first of compass, reference and water."""
+        sums = dict.fromkeys(("none", "compass", "clock", "reference", "water"), 0.0)
+        for names, probability in zip(self.names, self.probability.tolist(), strict=True):
+            own = {SIDES[name] for name in names}
+            sums[next((side for side in ("compass", "reference", "water") if side in own), "none")] += probability
+        return sums
+
+    @property
+    def best(self) -> Hypothesis:
+        """The likeliest hypothesis of as many effects as there are at least as probably as not."""
+        count = np.array([len(one) for one in self.hypotheses])
+        most = max(k for k in range(MOST_TERMS + 1) if k == 0 or self.probability[count >= k].sum() > 0.5)
+        sums: Counter[tuple[str, ...]] = Counter()
+        for names, probability in zip(self.names, self.probability.tolist(), strict=True):
+            sums[names] += probability * (len(names) == most)
+        chosen = sums.most_common(1)[0][0]
+        own = [k for k, names in enumerate(self.names) if names == chosen]
+        return self.hypotheses[max(own, key=lambda k: float(self.probability[k]))]
+
+    def water_of(self, hypothesis: Hypothesis) -> Water | None:
+        """Return the likeliest slow water beside a hypothesis."""
+        return self.waters[int(np.argmax(self.by_water[:, self.hypotheses.index(hypothesis)]))]
+
+    def slots(self, chosen: Hypothesis) -> list[Slot]:
+        """Return what may stand in the place of each effect of a hypothesis."""
+        found: list[Counter[str]] = [Counter() for _ in chosen]
+        products = self.candidates.beside(self.water_of(chosen))
+        for other, probability in zip(self.hypotheses, self.probability.tolist(), strict=True):
+            for place, name in enumerate(self._filled(products, chosen, other)):
+                found[place][name] += probability
+        return [_slot(self.candidates.groups[k].name, counter) for k, counter in zip(chosen, found, strict=True)]
+
+    def _filled(self, products: Products, chosen: Hypothesis, other: Hypothesis) -> list[str]:
+        """Return which effect of another hypothesis is in the place of each chosen one, slow water where none is."""
+        groups = self.candidates.groups
+        left, free = list(other), []
+        names = [SLOW_WATER] * len(chosen)
+        for place, k in enumerate(chosen):
+            same = next((j for j in left if groups[j].name == groups[k].name), None)
+            if same is None:
+                free.append(place)
+            else:
+                left.remove(same)
+                names[place] = groups[k].name
+        come = left[: len(free)] if len(left) <= len(free) else left
+        for places in _assignments(free, come, lambda p, j: self._alike(products, chosen[p], j)):
+            names[places[0]] = groups[places[1]].name
+        return names
+
+    def _alike(self, products: Products, a: int, b: int) -> float:
+        """Return how much two candidates' columns have in common, 0 to 1."""
+        first, second = self.candidates.parts[a], self.candidates.parts[b]
+        scale = (
+            np.trace(products.information[np.ix_(first, first)]),
+            np.trace(products.information[np.ix_(second, second)]),
+        )
+        return float(np.sum(products.information[np.ix_(first, second)] ** 2) / max(scale[0] * scale[1], 1e-300))
+
+
+def weigh(candidates: Candidates, alarm: float, waters: Sequence[Water | None]) -> Posterior:
+    """Return how probable each hypothesis is.
+
+    Args:
+        alarm: probability that noise alone is allowed to give a name.
+        waters: kinds of slow water that are summed over.
+    """
+    odds = _log_odds(candidates, alarm)
+
+    def prior(hypotheses: Sequence[Hypothesis]) -> Floats:
+        each = [sum(odds[k] for k in one) + max(len(one) - 1, 0) * np.log(FURTHER) for one in hypotheses]
+        return np.array(each, dtype=float)
+
+    def scored(hypotheses: Sequence[Hypothesis], some: Sequence[int]) -> Floats:
+        return log_joint(candidates, hypotheses, [waters[i] for i in some]) + prior(hypotheses)
+
+    alone: list[Hypothesis] = [(), *((k,) for k in range(len(candidates.groups)))]
+    table = scored(alone, range(len(waters)))
+    kept = _nearest(table.max(axis=1), MOST_WATERS)
+    modes = sorted({int(np.argmax(table.max(axis=1))), int(np.argmax(table[:, 0]))})
+    near = _nearest_of(candidates, itertools.combinations(range(len(candidates.groups)), 2), MOST_PAIRS, scored, modes)
+    near += _nearest_of(candidates, _joined(candidates, near[:JOINED]), MOST_TRIPLES, scored, modes)
+    every = [*alone, *near]
+    joint = scored(every, kept)
+    products = candidates.beside(waters[kept[int(np.argmax(joint.max(axis=1)))]])
+    joint[:, [not all(term.plausible for term in candidates.terms(products, one)) for one in every]] = -np.inf
+    joint = np.exp(joint - joint.max())
+    joint /= joint.sum()
+    return Posterior(
+        candidates, every, joint.sum(axis=0), [waters[i] for i in kept], joint.sum(axis=1), joint, prior(every)
+    )
+
+
+def log_joint(candidates: Candidates, hypotheses: Sequence[Hypothesis], waters: Sequence[Water | None]) -> Floats:
+    """Return the log likelihood of each hypothesis with each slow water, and what is expected of the water, (w, h)."""
+    tried, rows = candidates.tried(hypotheses), []
+    for water in waters:
+        products = candidates.beside(water)
+        beforehand = products.log_likelihood + (0.0 if water is None else water.log_prior)
+        rows.append(beforehand + candidates.log_evidence(products, tried))
+    return np.array(rows)
+
+
+def likeliest_water(candidates: Candidates, waters: Sequence[Water | None]) -> Water | None:
+    """Return the slow water that makes a recording of no effect likeliest."""
+    scores = [0.0 if one is None else candidates.beside(one).log_likelihood + one.log_prior for one in waters]
+    return waters[int(np.argmax(scores))]
+
+
+def _log_odds(candidates: Candidates, alarm: float) -> Floats:
+    """Return the log odds beforehand of each candidate: those of its effect, shared among its forms and dates."""
+    effects: dict[str, dict[type, int]] = {}
+    for group, kind in zip(candidates.groups, candidates.kinds, strict=True):
+        forms = effects.setdefault(group.name, {})
+        forms[kind] = forms.get(kind, 0) + 1
+    odds = []
+    for group, kind in zip(candidates.groups, candidates.kinds, strict=True):
+        each = ODDS_OF_WATER if SIDES[group.name] == "water" else ODDS
+        whole = 0.0 if kind.evident else np.log(each * alarm)
+        odds.append(whole - np.log(len(effects[group.name]) * effects[group.name][kind]))
+    return np.array(odds)
+
+
+def _sound(candidates: Candidates, hypothesis: Hypothesis) -> bool:
+    """Tell whether no effect stands twice in a hypothesis; only water may veer in several ways at once."""
+    groups, kinds = candidates.groups, candidates.kinds
+    for a, b in itertools.combinations(hypothesis, 2):
+        if kinds[a] is kinds[b] or (groups[a].name == groups[b].name and SIDES[groups[a].name] != "water"):
+            return False
+    return True
+
+
+def _joined(candidates: Candidates, pairs: Sequence[Hypothesis]) -> list[Hypothesis]:
+    return sorted({tuple(sorted((*pair, k))) for pair in pairs for k in range(len(candidates.groups)) if k not in pair})
+
+
+def _nearest(scores: Floats, most: int) -> list[int]:
+    order = np.argsort(-scores)[:most]
+    return [int(i) for i in order if scores[i] > scores[order[0]] - FAR]
+
+
+def _nearest_of(
+    candidates: Candidates,
+    hypotheses: Iterable[Hypothesis],
+    most: int,
+    scored: Callable[[Sequence[Hypothesis], Sequence[int]], Floats],
+    waters: Sequence[int],
+) -> list[Hypothesis]:
+    """Return the best of some hypotheses beside any of some waters."""
+    sound = [one for one in hypotheses if _sound(candidates, one)]
+    return [sound[i] for i in _nearest(scored(sound, waters).max(axis=0), most)] if sound else []
+
+
+def _assignments(
+    places: Sequence[int], come: Sequence[int], alike: Callable[[int, int], float]
+) -> list[tuple[int, int]]:
+    """Return which newcomer stands in which place: those that are most alike."""
+    if not places or not come:
+        return []
+    size = min(len(places), len(come))
+    tries = (
+        list(zip(some, order, strict=True))
+        for some in itertools.combinations(places, size)
+        for order in itertools.permutations(come, size)
+    )
+    return max(tries, key=lambda pairs: sum(alike(place, k) for place, k in pairs))
+
+
+def _slot(effect: str, counter: Counter[str]) -> Slot:
+    total = sum(counter.values())
+    own, others, held = counter[effect] / total, {}, counter[effect] / total
+    for name, weight in counter.most_common():
+        if name != effect and held < SURE:
+            others[name] = weight / total
+            held += weight / total
+    return Slot(effect, own, others)
+
+
+def detectable(found: Posterior) -> dict[str, float]:
+    """Return for each effect the visible size at which it would be likelier than not nine times in ten, rms degrees.
+
+    Of an effect with several forms or dates it is the middle one.
+    """
+    candidates = found.candidates
+    products = candidates.beside(found.water_of(found.best))
+    taken = {candidates.groups[k].name for k in found.best}
+    sizes: dict[str, list[float]] = {}
+    for k, group in enumerate(candidates.groups):
+        part = candidates.parts[k]
+        information = products.information[np.ix_(part, part)] / candidates.uneven[k]
+        charge = -float(found.prior[found.hypotheses.index((k,))]) - np.log(len(_alike(candidates, k)))
+        needed = np.sqrt(2.0 * (charge + 0.5 * np.linalg.slogdet(information + np.eye(len(part)))[1]))
+        unit = np.trace(whitening.inverse(information) @ candidates.visible[np.ix_(part, part)]) / len(part)
+        if group.name not in taken:
+            sizes.setdefault(group.name, []).append((needed + NINE_IN_TEN) * float(np.sqrt(unit)))
+    return {name: float(np.median(size)) for name, size in sizes.items()}
+
+
+def _alike(candidates: Candidates, k: int) -> list[int]:
+    """Return the candidates that share a date's odds with one, of which neighbours do as well as it."""
+    return [j for j, kind in enumerate(candidates.kinds) if kind is candidates.kinds[k]][:NEIGHBOURS]
