@@ -102,7 +102,7 @@ def test_what_was_left_out_is_named_and_corrected(done):
     found = read(folder, "FOUND", "diagnosis.json")
     assert {one["effect"] for one in found["findings"]} == {"sextantal", "temperature"}
     applied = read(folder, "FOUND", "deviation.json")["applied"]
-    assert set(applied["effects"]) == {"sextantal", "temperature"} and applied["compass"] is not None
+    assert set(applied["effects"]) == {"sextantal", "temperature"} and applied["compasses"][0]["compass"] is not None
     rms, covered = error(folder, "FOUND", drawn)
     assert rms < 1.5 < 3.5 < error(folder, "LEFT", drawn)[0] and covered > 0.9
     with netCDF4.Dataset(folder / "results/FOUND/corrected.nc") as file:

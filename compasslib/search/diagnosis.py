@@ -37,6 +37,7 @@ from compasslib.search.inference import Inference
 from compasslib.search.sectors import Heap
 from compasslib.search.show import BinnedResidual
 from compasslib.search.verdict import Diagnosis, Finding, Unexplained
+from compasslib.stats import whitening
 
 FEWEST, SHORTEST_DAYS = 200, 20.0
 MOST_PAIRS = 20_000  # hourly pairs of two years; of more, every second, third, ... is searched, to hold memory
@@ -190,8 +191,11 @@ def _judged(case: Case, options: Options) -> Diagnosis:
         empty = baseline.examine(outside, case.simulation, none)  # what hangs tells nothing of terms, and feigns some
     empty = model.refit(empty, [])  # where the record, its memory counted, has compass and nuisances
     found = inference.infer(empty, options.alarm)
+    rest = _left(found.state, options)
+    if rest.worth and found.chosen:
+        found = _without_stand_ins(empty, found, rest.curve, options)
+        rest = _left(found.state, options)
     state = found.state
-    rest = _left(state, options)
     every = findings.of_terms(found)
     stands = [one for one in every if one.rms_effect_deg >= options.min_effect_deg]
     small = [(one.effect, one.rms_effect_deg) for one in every if one.rms_effect_deg < options.min_effect_deg]
@@ -210,7 +214,7 @@ def _judged(case: Case, options: Options) -> Diagnosis:
         negligible=(*small, *((group.name, size) for group, size in rest.small)),
         curves=_curves(bare, state, ordered),
         applied=_applied(found) if options.apply else (),
-        covariance=model.estimate(bare).covariance[:5, :5],
+        covariance=found.estimate(bare).covariance[:5, :5],
         why=_why(detectable, options.min_effect_deg),
         detectable_deg=detectable,
         threshold={"omnibus": rest.threshold},
@@ -249,7 +253,33 @@ def _joined(first: Sequence[Finding], rest: Diagnosis) -> Diagnosis:
     if not first:
         return rest
     found = tuple(sorted((*first, *rest.findings), key=lambda one: -one.rms_effect_deg))
-    return replace(rest, findings=found, verdict=verdict_of(found, rest.unexplained))
+    return replace(
+        rest, findings=found, verdict=verdict_of(found, rest.unexplained), sides=_with(first[0].side, rest.sides)
+    )
+
+
+def _with(side: str, sides: Mapping[str, float]) -> dict[str, float]:
+    """Return the probabilities of sides where something surely acts on one: what is left out is not nothing."""
+    if not sides:
+        return {}
+    yielding = ("none", "water") if side == "clock" else ("none", "water", "clock", "reference")
+    return {
+        name: value + sum(sides[x] for x in yielding) if name == side else value * (name not in yielding)
+        for name, value in sides.items()
+    }
+
+
+def _without_stand_ins(empty: State, found: Inference, curve: Group, options: Options) -> Inference:
+    """Return what the recording tells without names that only stand for what nothing explains.
+
+    Args:
+        curve: what is left beside the names; free to be anything, it takes what they only stood for.
+    """
+    free = replace(empty.case, nuisance=np.column_stack([empty.case.nuisance, whitening.orthonormal(curve.columns)]))
+    zero = np.zeros(free.nuisance.shape[1])
+    beside = inference.infer(model.refit(baseline.examine(free, empty.simulation, zero), []), options.alarm)
+    kept = {type(term) for term in beside.state.simulation.terms}
+    return found.only([type(term) in kept or term.evident for term in found.state.simulation.terms])
 
 
 def _left(state: State, options: Options) -> Rest:
@@ -298,17 +328,17 @@ def _curves(before: State, after: State, found: Sequence[Finding]) -> tuple[Binn
 def _applied(found: Inference) -> tuple[Member, ...]:
     """Return the compasses that correct the record: each hypothesis with what stands on the compass side of it."""
     return tuple(
-        Member(weight, "+".join(term.name for term in state.simulation.terms) or "none", _compass(state))
+        Member(weight, "+".join(term.name for term in state.simulation.terms) or "none", _compass(found, state))
         for weight, state in found.weighted
     )
 
 
-def _compass(state: State) -> Applied | None:
-    """Return the compass of a state with the terms on its side; None where the fit by itself is that."""
+def _compass(found: Inference, state: State) -> Applied | None:
+    """Return the compass of a state with the terms on its side; None where none stands: the fit by itself is that."""
     terms = state.simulation.terms
-    if not any(term.side == "compass" for term in terms):
+    if not terms:
         return None
-    estimate = model.estimate(state)
+    estimate = found.estimate(state)
     ends = 5 + np.cumsum([0, *(len(term.fitted()) for term in terms)])
     own = [np.arange(5)]
     for k, term in enumerate(terms):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,7 +9,6 @@ from compasslib.core import angles
 from compasslib.core.types import Floats
 from compasslib.search import baseline
 from compasslib.search.baseline import State
-from compasslib.search.columns import Group
 from compasslib.stats.whitening import directions
 
 BLOCK_S = 10 * 86400.0
@@ -80,43 +77,6 @@ def slow(state: State, every: Floats, begins: NDArray[np.intp], freedom: Floats)
     excess = float(power.mean()) / MEAN_OF_TRIMMED
     share = np.add.reduceat(np.sum((every.T @ _waves(state, monthly)) ** 2, axis=1), begins) / freedom
     return 1.0 + max(excess - 1.0, 0.0) * share
-
-
-def by_water(state: State, groups: Sequence[Group]) -> Floats:
-    """Return by how much the statistics of terms are inflated by water whose veer by direction changes as they do.
-
-    A wake locks the heading to the flow, so that water which veers otherwise from some date on, or as it warms, feigns
-    an instrument that changes. Such water does not stop at iron's first harmonic. What higher harmonics of the heading
-    hold along the same change, beside the term itself, is therefore taken for noise of it.
-
-    Args:
-        groups: columns of terms.
-    """
-    heading, found = np.nan_to_num(state.heading_deg), np.ones(len(groups))
-    turning = np.column_stack([x for k in WATERS for x in angles.sin_cos(k * heading)]).astype(np.float32)
-    always = state.projected(turning)
-    for k, group in enumerate(groups):
-        change = None if group.term is None else group.term.change(state.case.scene)
-        if change is None:
-            continue
-        kept = directions(np.concatenate([state.projected(group.columns.astype(np.float32)), always], axis=1))
-        white = state.projected((turning * change[:, None]).astype(np.float32))
-        basis = directions(white - kept @ (kept.T @ white))
-        heard = float(np.sum((basis.T @ state.innovation) ** 2)) / state.sigma**2
-        found[k] = max((heard + TRUSTED) / (basis.shape[1] + TRUSTED), 1.0)
-    return found
-
-
-def usual(groups: Sequence[Group], inflation: Floats) -> Floats:
-    """Return the middle inflation of each term over its dates: the best of many dates is often that of a low estimate.
-
-    Args:
-        inflation: of each group, (g,).
-    """
-    kinds = [type(group.term) for group in groups]
-    dated = [group.term is not None and group.term.dated() for group in groups]
-    middle = {kind: np.median(inflation[[k is kind for k in kinds]]) for kind in set(kinds)}
-    return np.array([middle[kind] if has else 0.0 for kind, has in zip(kinds, dated, strict=True)])
 
 
 def _waves(state: State, number: NDArray[np.intp]) -> Floats:

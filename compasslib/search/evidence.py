@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
 from compasslib.core.types import Floats
-from compasslib.effects import Term
+from compasslib.effects import Term, composition
 from compasslib.search import columns
 from compasslib.search.baseline import State
 from compasslib.search.columns import Group
@@ -61,6 +61,7 @@ class Candidates:
     visible: Floats  # (p, p) mean products of the visible columns, square degrees
     turned: Floats  # (p, p) the same of the columns as they are
     uneven: Floats  # (g,) variance of each group's score over what the fitted noise makes of it, at least 1
+    scatter: float  # variance of blocks of days over that of even noise, of the middle group; it is in the products
     slow: Slow | None
     white: Floats  # (n, p + q) the whitened columns
     innovation: Floats  # (n,) the whitened residual, over its standard deviation
@@ -73,22 +74,7 @@ class Candidates:
 
     def beside(self, water: Water | None) -> Products:
         """Return the products beside slow water of one kind, none where absent."""
-        p = len(self.usual)
-        own, score = self.information[:p, :p], self.score[:p]
-        variance = np.zeros(len(self.information) - p)
-        if self.slow is not None and water is not None:
-            variance[: len(variance) - self.free] = self.slow.variances(water)
-        variance[len(variance) - self.free :] = ANYTHING
-        some = np.flatnonzero(variance * np.diag(self.information)[p:] > FAINT)
-        if not len(some):
-            return Products(own, score, 0.0)
-        root, at = np.sqrt(variance[some]), p + some
-        lower = np.linalg.cholesky(np.eye(len(root)) + root[:, None] * self.information[np.ix_(at, at)] * root)
-        both = root[:, None] * np.column_stack([self.information[at, :p], self.score[at]])
-        half = solve_triangular(lower, both, lower=True, check_finite=False)
-        cross, left = half[:, :-1], half[:, -1]
-        gain = float(0.5 * left @ left - np.sum(np.log(np.diag(lower))))
-        return Products(own - cross.T @ cross, score - cross.T @ left, gain)
+        return beside(self.information, self.score, len(self.usual), self.slow, water, free=self.free)
 
     def on(self, some: NDArray[np.bool_], base: Floats) -> Candidates:
         """Return the same by some of the samples only, the base fitted anew.
@@ -162,6 +148,34 @@ class Candidates:
         return inverse @ products.score[index] / uneven, inverse
 
 
+def beside(
+    information: Floats, score: Floats, own: int, slow: Slow | None, water: Water | None, *, free: int = 0
+) -> Products:
+    """Return products of columns with what slow water of one kind may do to them integrated over.
+
+    Args:
+        information: products of all columns, those of slow water and then the free ones last.
+        score: products with the residual.
+        own: columns that are kept.
+        water: none where absent.
+        free: columns at the end that may be of any size.
+    """
+    variance = np.zeros(len(information) - own)
+    if slow is not None and water is not None:
+        variance[: len(variance) - free] = slow.variances(water)
+    variance[len(variance) - free :] = ANYTHING
+    some = np.flatnonzero(variance * np.diag(information)[own:] > FAINT)
+    if not len(some):
+        return Products(information[:own, :own], score[:own], 0.0)
+    root, at = np.sqrt(variance[some]), own + some
+    lower = np.linalg.cholesky(np.eye(len(root)) + root[:, None] * information[np.ix_(at, at)] * root)
+    both = root[:, None] * np.column_stack([information[at, :own], score[at]])
+    half = solve_triangular(lower, both, lower=True, check_finite=False)
+    cross, left = half[:, :-1], half[:, -1]
+    gain = float(0.5 * left @ left - np.sum(np.log(np.diag(lower))))
+    return Products(information[:own, :own] - cross.T @ cross, score[:own] - cross.T @ left, gain)
+
+
 def gathered(view: State, slow: Slow | None, groups: list[Group], usual: Floats, uneven: Floats) -> Candidates:
     """Return all candidates on one scale.
 
@@ -186,6 +200,7 @@ def gathered(view: State, slow: Slow | None, groups: list[Group], usual: Floats,
         visible=seen.T @ seen / len(seen),
         turned=own.T @ own / len(own),
         uneven=np.maximum(uneven / middle, 1.0),
+        scatter=middle,
         slow=slow,
         white=white,
         innovation=innovation,
@@ -222,15 +237,32 @@ def unevenness(state: State, groups: Sequence[Group]) -> Floats:
 def of_catalogue(view: State) -> tuple[list[Group], Floats]:
     """Return every effect that can be tested in every form and at every date, and what is expected of its parameters.
 
-    What turns headings little in this recording may be as large as its physics allows, and no larger.
+    Where physics sets no size, an effect turns headings by some degrees, whatever its cause does in this recording.
     """
     groups, usual = [], []
+    standing = _standing(view)
     for kind in view.case.terms:
         always = columns.of_term(view, kind())
         some = columns.of_dates(view, kind, columns.dates(view.case.scene.time_s)) if kind.dated() else [always]
         turn = np.sqrt(np.mean(always.columns**2, axis=0))
         with np.errstate(divide="ignore"):
-            expected = np.where(turn > 0.0, np.minimum(USUAL_DEG / turn, kind.expected() ** -0.5), 0.0)
-        groups += some
-        usual += [expected] * len(some)
+            physical = kind.expected() ** -0.5
+            expected = np.where(np.isfinite(physical), physical, USUAL_DEG / turn)
+        groups += [standing.get(group.term, group) for group in some]
+        usual += [np.where(turn > 0.0, expected, 0.0)] * len(some)
     return groups, np.concatenate([np.zeros(0), *usual])
+
+
+def _standing(view: State) -> dict[Term | None, Group]:
+    """Return the groups of the terms that stand in a simulation, with the slopes of what stands there.
+
+    A second harmonic laid over a first of many degrees begins at a reading that is bent already: it is not the first
+    one growing, and would be given its effect wrongly.
+    """
+    terms = view.simulation.terms
+    if not terms:
+        return {}
+    derivative = np.nan_to_num(composition.derivative(view.simulation, view.case.scene, view.heading_deg, first=5))
+    parts = np.split(derivative, np.cumsum([len(term.fitted()) for term in terms])[:-1], axis=1)
+    bare = [term.at(0.0 * term.values) for term in terms]
+    return {term: Group(term.name, part, term) for term, part in zip(bare, parts, strict=True)}

@@ -35,7 +35,7 @@ SURE = 0.01
 
 def of_terms(found: Inference) -> list[Finding]:
     """Return one finding for each term of the likeliest hypothesis, in the terms' order."""
-    covariances = model.estimate(found.state).term_covariances
+    covariances = found.estimate(found.state).term_covariances
     return [_of_term(found, k, covariance) for k, covariance in enumerate(covariances)]
 
 

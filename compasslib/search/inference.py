@@ -17,6 +17,7 @@ from compasslib.search import baseline, evidence, model, noise, posterior
 from compasslib.search.baseline import State
 from compasslib.search.columns import Group
 from compasslib.search.evidence import Candidates, Hypothesis
+from compasslib.search.model import Estimate
 from compasslib.search.noise import Slow, Water
 from compasslib.search.posterior import Posterior, Slot
 from compasslib.stats import whitening
@@ -27,6 +28,7 @@ SLOW: Mapping[str, Callable[[Water], float]] = {
     "slow_memory_days": lambda water: water.veer.memory_days,
     "slow_shear_m_s": lambda water: water.shear.size,
 }
+STEADY = 1e-8  # share of what is known of a column that keeps its inverse steady
 MOST_ROUNDS = 5
 LEAST_WEIGHT = 0.05  # probability below which a hypothesis does not enter the product
 
@@ -39,6 +41,46 @@ class Inference:
     posterior: Posterior
     chosen: Hypothesis  # the terms' candidates, in their order
     slots: tuple[Slot, ...]
+
+    def estimate(self, state: State) -> Estimate:
+        """Return how sure everything is that a state was refitted with, slow water of every kind being averaged over.
+
+        Args:
+            state: of this recording, with any terms.
+        """
+        found, slow = self.posterior, self.posterior.candidates.slow
+        quiet = baseline.examine(replace(state.case, louder=None), state.simulation, state.nuisance)
+        columns = quiet.base if slow is None else np.concatenate([quiet.base, slow.columns], axis=1)
+        scale = np.linalg.norm(quiet.base, axis=0)
+        scale = np.where(scale > 0.0, scale, 1.0)
+        white = quiet.whitener(columns) * quiet.response / quiet.sigma / np.sqrt(found.candidates.scatter)
+        white[:, : len(scale)] /= scale
+        information = white.T @ white
+        score = white.T @ quiet.innovation / quiet.sigma / np.sqrt(found.candidates.scatter)
+        known = STEADY * np.diag(information)[: len(scale)]
+        ridge = np.diag(quiet.base_ridge * (quiet.response / quiet.sigma / scale) ** 2 + known)
+        steps, covariances = [], []
+        for water in found.waters:
+            products = evidence.beside(information, score, len(scale), slow, water)
+            covariances.append(np.linalg.inv(products.information + ridge))
+            steps.append(covariances[-1] @ products.score)
+        weight = found.water_probability
+        step = np.array(steps) - weight @ np.array(steps)
+        covariance = np.einsum("w,wij->ij", weight, np.array(covariances)) + (weight[:, None] * step).T @ step
+        return Estimate(state, covariance / np.outer(scale, scale))
+
+    def only(self, kept: Sequence[bool]) -> Inference:
+        """Return the same with some of the terms only, refitted.
+
+        Args:
+            kept: of each term whether it stays.
+        """
+        if all(kept):
+            return self
+        terms = [term for term, stays in zip(self.state.simulation.terms, kept, strict=True) if stays]
+        chosen = tuple(k for k, stays in zip(self.chosen, kept, strict=True) if stays)
+        slots = tuple(slot for slot, stays in zip(self.slots, kept, strict=True) if stays)
+        return replace(self, state=model.refit(self.state, terms), chosen=chosen, slots=slots)
 
     @property
     def weighted(self) -> list[tuple[float, State]]:
@@ -55,6 +97,8 @@ class Inference:
             if kind not in best or p > self.posterior.probability[best[kind]]:
                 best[kind] = i
         own = frozenset(map(type, self.state.simulation.terms))
+        if len(own) < len(self.posterior.best):  # names were taken back: nothing is known of the others' weights
+            return [(1.0, self.state)]
         found = []
         for kind, weight in kinds.items():
             if weight >= LEAST_WEIGHT or kind == own:
@@ -91,7 +135,7 @@ def infer(empty: State, alarm: float) -> Inference:
         chosen, water = again, found.water_of(best)
         state = _beside(state, view, slow, water)
         state = model.refit(state, candidates.terms(candidates.beside(water), best))
-    return Inference(state, found, best, tuple(found.slots(best)))
+    return Inference(model.dated(state), found, best, tuple(found.slots(best)))
 
 
 def _by_kind(groups: Sequence[Group], usual: Floats) -> dict[type[Term], Floats]:

@@ -11,17 +11,16 @@ import numpy as np
 from compasslib.core import angles
 from compasslib.core.types import Floats
 from compasslib.effects import Term
-from compasslib.search import baseline, columns, scan
+from compasslib.search import baseline, columns
 from compasslib.search.baseline import State
+from compasslib.search.columns import Group
 from compasslib.stats import whitening
-from compasslib.stats.whitening import Whitener
 
 ROUNDS = 4
 LONGEST_STEP = 12.0  # in the parameters' own steps of about a degree
 CLOSE_ENOUGH = 0.02
 WORSE = 1.5  # growth of the residual at which a step is not taken
 DAMPING = 1e-4  # of whitened columns of length one: waves of the tides, sampled twice a day, stand for a constant too
-BLOCK_S = 10 * 86400.0
 NEARBY_S, FINE_S = 12 * 86400.0, 86400.0  # reach and spacing of the finer search of a date
 
 
@@ -76,24 +75,18 @@ def dated(state: State) -> State:
         free = refit(state, others)
         near = np.arange(term.date - NEARBY_S, term.date + NEARBY_S, FINE_S)
         tried = columns.of_dates(free, type(term), near)
-        best = tried[int(np.argmax(scan.gains(free, tried)))].term
+        best = tried[int(np.argmax(_gains(free, tried)))].term
         assert best is not None
         terms[k] = best.at(term.values)
     return refit(state, terms)
 
 
-def estimate(state: State) -> Estimate:
-    """Return the covariance of everything that was refitted, from the scores of blocks of days."""
-    white = state.whitener(state.base)
-    inverse = whitening.inverse((white.T @ white + np.diag(state.base_ridge)) * state.response)
-    scores = white * state.innovation[:, None]
-    block = np.floor((state.case.scene.time_s - state.case.scene.time_s[0]) / BLOCK_S).astype(int)
-    sums = np.stack([np.bincount(block, column) for column in scores.T], axis=1)
-    model_based = inverse * state.sigma**2 / state.response
-    count = max(int(np.sum(np.bincount(block) > 0)), 2)
-    robust = inverse @ (sums.T @ sums) @ inverse * count / (count - 1)
-    share = np.sqrt(np.maximum(np.diag(robust) / np.maximum(np.diag(model_based), 1e-300), 1.0))
-    return Estimate(state, model_based * np.outer(share, share))
+def _gains(state: State, groups: Sequence[Group]) -> Floats:
+    """Return what each group of columns takes off the whitened residual's square, (g,)."""
+    white = state.projected(np.concatenate([group.columns for group in groups], axis=1))
+    parts = np.split(white, np.cumsum([group.columns.shape[1] for group in groups])[:-1], axis=1)
+    pulls = [part.T @ state.innovation for part in parts]
+    return np.array([x @ whitening.inverse(part.T @ part) @ x for part, x in zip(parts, pulls, strict=True)])
 
 
 def visible(state: State, k: int) -> Floats:
@@ -111,37 +104,6 @@ def effect_deg(state: State, k: int, covariance: Floats) -> float:
     values, seen = state.simulation.terms[k].values, visible(state, k)[np.isfinite(state.whitener.width_deg)]
     product = seen.T @ seen / len(seen)
     return float(np.sqrt(max(float(values @ product @ values) - float(np.sum(product * covariance)), 0.0)))
-
-
-def gained(before: State, after: State) -> float:
-    """Return the statistic that one hypothesis gains on another, each where it stands, in units of the score.
-
-    Twice the log-likelihood is followed along the straight way from one to the other, by the mean of the clipped and
-    whitened residuals at its ends: squares of clipped residuals alone do not see by how much a direction far off moves.
-    What the base of either could still take is no gain. A sample without a root counts in full.
-
-    Args:
-        before: the hypothesis that gives widths and filter.
-    """
-    whitener = before.whitener
-    lost, width = ~np.isfinite(after.residual_deg), whitener.width_deg
-    first, second = (whitening.clipped(np.nan_to_num(x.residual_deg), width) for x in (before, after))
-    second = np.where(lost, np.minimum(whitening.CLIP, 90.0 / width), second)
-    moved = angles.difference(np.nan_to_num(before.residual_deg), np.nan_to_num(after.residual_deg)) / width
-    ends = [_left(x, whitener, standard) for x, standard in ((before, first), (after, second))]
-    way = whitener.filtered(np.where(lost, first - second, moved)[:, None])[:, 0]
-    return float(sum(ends) @ way) * before.response / before.sigma**2
-
-
-def _left(state: State, whitener: Whitener, standard: Floats) -> Floats:
-    """Return a residual filtered, without what the state's base can take of it."""
-    white, basis = whitener.filtered(standard[:, None])[:, 0], whitening.orthonormal(whitener(state.base))
-    return np.asarray(white - basis @ (basis.T @ white))
-
-
-def sizes_deg(state: State) -> list[float]:
-    """Return the visible size of each term, rms degrees."""
-    return [effect_deg(state, k, covariance) for k, covariance in enumerate(estimate(state).term_covariances)]
 
 
 def _step(state: State) -> Floats:

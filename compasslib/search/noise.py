@@ -23,8 +23,8 @@ DAY_S = 86400.0
 SHORTEST_DAYS = 8.0  # period below which the filter holds the memory
 MOST_WAVES = 120  # of a process: those of sixteen months; of longer records only what is slower
 SPEED_SPAN_S, SLOWEST_M_S = 12 * 3600.0, 0.03
-VEER_DEG, VEER_DAYS = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0), (5.0, 15.0, 45.0, 135.0)
-SHEAR_M_S, SHEAR_DAYS = (0.004, 0.01, 0.025, 0.06, 0.15), (3.0, 15.0, 75.0)
+VEER_DEG, VEER_DAYS = (0.7, 1.4, 2.8, 5.6, 11.0), (5.0, 15.0, 45.0, 135.0)
+SHEAR_M_S, SHEAR_DAYS = (0.003, 0.007, 0.017, 0.04, 0.1), (3.0, 15.0, 75.0)
 QUIET = 0.05  # variance over white below which a direction is as it is
 USUAL_VEER_DEG, USUAL_SHEAR_M_S = 3.0, 0.02  # of half a Cauchy law, beforehand: two depths of real water
 
@@ -41,9 +41,9 @@ class Process:
 
         Args:
             frequency: cycles a day, (k,), evenly spaced from 0.
-            step: between them.
+            step: between them, half a cycle in the whole record.
         """
-        spectrum = 4.0 * self.size**2 * self.memory_days / (1.0 + (2.0 * np.pi * frequency * self.memory_days) ** 2)
+        spectrum = 8.0 * self.size**2 * self.memory_days / (1.0 + (2.0 * np.pi * frequency * self.memory_days) ** 2)
         return spectrum * step * np.where(frequency > 0.0, 1.0, 0.5)
 
 

@@ -70,7 +70,8 @@ def of(fit: Fit, diagnosis: Diagnosis) -> Product:
 
 def _left(diagnosis: Diagnosis) -> float:
     """Return the visible size of what bends the compass, or may, and does not enter the product, rms degrees."""
-    sizes = [one.rms_effect_deg for one in diagnosis.findings if not one.applied and one.of_compass]
+    kept_out = () if diagnosis.applied else diagnosis.findings  # an average holds what may not be as well
+    sizes = [one.rms_effect_deg for one in kept_out if not one.applied and one.of_compass]
     sizes += [] if diagnosis.unexplained is None else [diagnosis.unexplained.rms_effect_deg]
     return float(np.hypot.reduce(sizes)) if sizes else 0.0
 

@@ -16,7 +16,6 @@ if TYPE_CHECKING:  # a verdict without findings needs no search
     from compasslib.search.show import BinnedResidual, HeldOut
 
 
-PROVEN = 0.05  # p-value on held-out days above which a finding does not touch the product
 VERDICTS = ("consistent", "explained", "ambiguous", "unexplained", "insufficient")
 
 
@@ -69,8 +68,8 @@ class Finding:
 
     @property
     def beside_compass(self) -> bool:
-        """Whether it surely does not act on the compromised compass, and held-out days confirm it."""
-        return not self.of_compass and self.held_out.p_value < PROVEN
+        """Whether it surely does not act on the compromised compass."""
+        return not self.of_compass
 
     def to_json(self) -> dict[str, Any]:
         """Return it for diagnosis.json."""
@@ -138,7 +137,7 @@ class Diagnosis:
     applied: tuple[Member, ...] = ()  # compasses whose average corrects the record, the chosen one first
     fit: Fit | None = None  # the exact compass that the search stood on, where it may correct the record
     covariance: Floats | None = None  # (5, 5) of A..E without terms, slow water in the noise
-    sides: Mapping[str, float] = field(default_factory=dict)  # probability of none, compass, clock, reference, water
+    sides: Mapping[str, float] = field(default_factory=dict)  # probability of each; empty where nothing was judged
     noise: Mapping[str, tuple[float, float]] = field(default_factory=dict)  # each with its standard error
     detectable_deg: Mapping[str, float] = field(default_factory=dict)  # visible size that each effect needs to be named
     hypotheses: tuple[Ranked, ...] = ()  # the best first
@@ -156,7 +155,7 @@ class Diagnosis:
             "negligible": [{"effect": effect, "rms_effect_deg": size} for effect, size in self.negligible],
             "why": self.why,
             "curves": [curve_json(curve) for curve in self.curves],
-            "sides": dict(self.sides),
+            **({"sides": dict(self.sides)} if self.sides else {}),
             "noise": {name: {"value": value, "sigma": sigma} for name, (value, sigma) in self.noise.items()},
             "experiments": [],
             "fit": None if self.fit is None else self.fit.to_json(),
