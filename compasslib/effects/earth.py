@@ -17,7 +17,7 @@ class SecularVariation(Term):
     acts_on: ClassVar = "north"
     literature: ClassVar[str] = "IGRF's rate of change; east positive"
 
-    deg_year: float = parameter("degrees/year", "drift beyond what was applied", 1.0)
+    deg_year: float = parameter("degrees/year", "drift beyond what was applied", 1.0, usual=0.5)
 
     def act(self, x: Floats, scene: Scene) -> Floats:
         """Return the direction of magnetic north by then."""

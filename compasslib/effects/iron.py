@@ -54,6 +54,7 @@ class SoftIron(Term):
 
 # Step of the hard iron: a knock, a shackle that shifts, gear that comes or goes.
 
+USUAL_NT = 2000.0  # of a step, and within a year: some degrees where the earth's horizontal field is weak
 LARGEST_NT = 6000.0  # a sphere's own iron is of this size; more does not come or go under water
 
 
@@ -64,8 +65,8 @@ class HardIronStep(Term):
     name: ClassVar[str] = "hard_iron_step"
     literature: ClassVar[str] = "Poisson's P and Q, a step in time; forward and starboard positive"
 
-    b_x_nT: float = parameter("nT", "step forward", 200.0, least=-LARGEST_NT, most=LARGEST_NT)
-    b_y_nT: float = parameter("nT", "step to starboard", 200.0, least=-LARGEST_NT, most=LARGEST_NT)
+    b_x_nT: float = parameter("nT", "step forward", 200.0, least=-LARGEST_NT, most=LARGEST_NT, usual=USUAL_NT)
+    b_y_nT: float = parameter("nT", "step to starboard", 200.0, least=-LARGEST_NT, most=LARGEST_NT, usual=USUAL_NT)
     date_s: float = date()
 
     def act(self, x: Floats, scene: Scene) -> Floats:
@@ -83,8 +84,8 @@ class HardIronDrift(Term):
     name: ClassVar[str] = "hard_iron_drift"
     literature: ClassVar[str] = "Poisson's P and Q, linear in time; forward and starboard positive"
 
-    b_x_nT_year: float = parameter("nT/year", "rate forward", 200.0)
-    b_y_nT_year: float = parameter("nT/year", "rate to starboard", 200.0)
+    b_x_nT_year: float = parameter("nT/year", "rate forward", 200.0, usual=USUAL_NT)
+    b_y_nT_year: float = parameter("nT/year", "rate to starboard", 200.0, usual=USUAL_NT)
 
     def act(self, x: Floats, scene: Scene) -> Floats:
         """Return the field with what has grown by then."""

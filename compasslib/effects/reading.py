@@ -111,7 +111,7 @@ class CompassDrift(Term):
     acts_on: ClassVar = "reading"
     literature: ClassVar[str] = "A of von Appen 2015, eq. (1), linear in time; reading clockwise positive"
 
-    deg_year: float = parameter("degrees/year", "of the reading", 1.0)
+    deg_year: float = parameter("degrees/year", "of the reading", 1.0, usual=10.0)
 
     def act(self, x: Floats, scene: Scene) -> Floats:
         """Return the reading with what has drifted by then."""
@@ -130,7 +130,7 @@ class HeadingSlip(Term):
     acts_on: ClassVar = "reading"
     literature: ClassVar[str] = "a step of A in von Appen 2015, eq. (1); reading clockwise positive"
 
-    offset_deg: float = parameter("degrees", "of the reading after the date", 1.0)
+    offset_deg: float = parameter("degrees", "of the reading after the date", 1.0, usual=10.0)
     date_s: float = date()
 
     def act(self, x: Floats, scene: Scene) -> Floats:

@@ -196,7 +196,7 @@ class ReferenceSlip(OfReference):
     name: ClassVar[str] = "reference_slip"
     literature: ClassVar[str] = "a step of the trusted directions; clockwise positive"
 
-    offset_deg: float = parameter("degrees", "of the trusted directions after the date", 1.0)
+    offset_deg: float = parameter("degrees", "of the trusted directions after the date", 1.0, usual=10.0)
     date_s: float = date()
 
     def act(self, x: Floats, scene: Scene) -> Floats:

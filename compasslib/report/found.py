@@ -38,10 +38,24 @@ def cannot_tell(diagnosis: Mapping[str, Any]) -> tuple[str, ...]:
     """
     decide = [part for part in (diagnosis["separated_by"] or "").split("; ") if part]
     texts = [f"What would decide: {words.sentence(words.plain(part))}" for part in decide]
+    texts += _slow_water(diagnosis.get("noise") or {})
     texts += _not_testable(diagnosis)
     small = [_small(one) for one in diagnosis.get("negligible", [])]
     texts += [f"Too small to matter: {words.listed(small)}."] if small else []
     return tuple(texts)
+
+
+def _slow_water(noise: Mapping[str, Mapping[str, float]]) -> list[str]:
+    """Return a sentence on what slow water is taken to do, none where none was looked for."""
+    if "slow_rms_deg" not in noise:
+        return []
+    veer, days, shear = (noise[name] for name in ("slow_rms_deg", "slow_memory_days", "slow_shear_m_s"))
+    return [
+        "What changes as slowly and as little as the water between the two depths: its veer is taken for "
+        f"{words.with_sigma(veer['value'], veer['sigma'], '°')} rms with a memory of "
+        f"{words.number(days['value'], 0)} days, its shear for {words.number(100.0 * shear['value'])} cm/s; "
+        "both are in the uncertainty."
+    ]
 
 
 def _not_testable(diagnosis: Mapping[str, Any]) -> list[str]:
@@ -84,9 +98,14 @@ def _small(one: Mapping[str, Any]) -> str:
 
 
 def _finding(one: Mapping[str, Any], product: bool) -> ReportedFinding:
-    others = [words.plain(effect) for effect in one["alternatives"]]
+    chances = one.get("alternatives_probability") or {}
+    others = [
+        words.plain(effect) + (f" ({words.number(chances[effect], 2)})" if effect in chances else "")
+        for effect in one["alternatives"]
+    ]
     facts = [
         ("Side", SIDES.get(one["side"], one["side"])),
+        *([("Probability", words.number(one["probability"], 2))] if "probability" in one else []),
         ("Could also be", words.listed(others) if others else "nothing else of the catalogue"),
         *_place(one),
         ("Residual on held-out days", _held_out(one["heldout"])),

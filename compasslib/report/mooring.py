@@ -142,7 +142,7 @@ def made_with(fit: Mapping[str, Any]) -> str:
     """
     text = words.METHODS.get(fit["method"], fit["method"])
     applied = fit["applied"]
-    if not applied["fit"]:
+    if not _other(fit):
         return text
     product = words.METHODS.get(applied["method"], applied["method"])
     text += f"; the product is made by the {product}"
@@ -150,6 +150,14 @@ def made_with(fit: Mapping[str, Any]) -> str:
     text += f", fitted with {beside} accounted for" if beside else ""
     effects = words.listed([words.plain(effect) for effect in applied["effects"]])
     return f"{text} with what was found on its side ({effects})" if effects else text
+
+
+def _other(fit: Mapping[str, Any]) -> bool:
+    """Tell whether the product is made by another compass than the configured fit's."""
+    applied = fit["applied"]
+    return bool(applied["fit"]) and bool(
+        applied["effects"] or applied["accounted_for"] or applied["method"] != fit["method"]
+    )
 
 
 def _range(fit: Mapping[str, Any]) -> str:
@@ -189,7 +197,7 @@ def _coefficients(fit: Mapping[str, Any]) -> tuple[ReportTable, ...]:
     method = words.METHODS.get(fit["method"], fit["method"])
     columns = [(f"As configured ({method})", fit["coefficients"], fit["covariance"])]
     applied = fit["applied"]
-    if applied["fit"]:
+    if _other(fit):
         block = (applied["compasses"] or [{"compass": None}])[0]["compass"] or applied["fit"]
         columns.append(("Of the product (exact compass)", block["coefficients"], block["covariance"]))
     unit = "°" if fit["unit"] == "degrees" else ""

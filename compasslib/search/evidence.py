@@ -65,6 +65,7 @@ class Candidates:
     slow: Slow | None
     white: Floats  # (n, p + q) the whitened columns
     innovation: Floats  # (n,) the whitened residual, over its standard deviation
+    base: Floats  # (n, b) what was projected out of both, orthonormal
     free: int = 0  # columns at the end of which anything is expected
 
     @cached_property
@@ -76,17 +77,12 @@ class Candidates:
         """Return the products beside slow water of one kind, none where absent."""
         return beside(self.information, self.score, len(self.usual), self.slow, water, free=self.free)
 
-    def on(self, some: NDArray[np.bool_], base: Floats) -> Candidates:
-        """Return the same by some of the samples only, the base fitted anew.
-
-        Args:
-            some: (n,).
-            base: orthonormal whitened base, (n, b).
-        """
-        white = np.concatenate([self.white[some], base[some].astype(np.float32)], axis=1)
+    def on(self, some: NDArray[np.bool_]) -> Candidates:
+        """Return the same by some of the samples only, (n,), the base fitted anew."""
+        white = np.concatenate([self.white[some], self.base[some].astype(np.float32)], axis=1)
         information = (white.T @ white).astype(float)
         score = (white.T @ self.innovation[some]).astype(float)
-        return replace(self, information=information, score=score, free=base.shape[1])
+        return replace(self, information=information, score=score, free=self.base.shape[1])
 
     def tried(self, hypotheses: Sequence[Hypothesis]) -> Tried:
         """Return the columns of hypotheses, those of as many columns together."""
@@ -184,7 +180,7 @@ def gathered(view: State, slow: Slow | None, groups: list[Group], usual: Floats,
         usual: what is expected of each parameter of the groups, (p,).
     """
     ends = np.cumsum([0, *(group.columns.shape[1] for group in groups)])
-    own = np.concatenate([group.columns for group in groups], axis=1) * usual
+    own = np.concatenate([np.zeros((len(view.case), 0)), *(group.columns for group in groups)], axis=1) * usual
     every = own if slow is None else np.concatenate([own, slow.columns], axis=1)
     middle = max(float(np.median(uneven)), 1.0)
     sigma = view.sigma * np.sqrt(middle)
@@ -204,6 +200,7 @@ def gathered(view: State, slow: Slow | None, groups: list[Group], usual: Floats,
         slow=slow,
         white=white,
         innovation=innovation,
+        base=view.basis,
     )
 
 

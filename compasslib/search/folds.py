@@ -45,7 +45,7 @@ def proof(found: Inference, k: int) -> HeldOut:
 
 def _chosen_anew(found: Inference, names: set[str], fold: NDArray[np.intp]) -> float:
     """Return by how much all hypotheses foretell what was left out better than those without some effects."""
-    whole, base = found.posterior, found.state.basis
+    whole = found.posterior
     some = [i for i, p in enumerate(whole.probability) if p > LIKELY or not names & set(whole.names[i])]
     some = sorted({0, *sorted(some, key=lambda i: -float(whole.probability[i]))[:MOST]})
     without = np.array([not names & set(whole.names[i]) for i in some])
@@ -53,7 +53,7 @@ def _chosen_anew(found: Inference, names: set[str], fold: NDArray[np.intp]) -> f
     waters = [whole.waters[i] for i in np.argsort(-whole.water_probability)[:MOST_WATERS]]
 
     def logs(kept: NDArray[np.bool_]) -> Floats:
-        joint = posterior.log_joint(whole.candidates.on(kept, base), hypotheses, waters) + prior
+        joint = posterior.log_joint(whole.candidates.on(kept), hypotheses, waters) + prior
         return np.array([np.logaddexp.reduce(joint.ravel()), np.logaddexp.reduce(joint[:, without].ravel())])
 
     everything = logs(np.ones(len(fold), dtype=bool))

@@ -29,6 +29,8 @@ SLOW: Mapping[str, Callable[[Water], float]] = {
     "slow_shear_m_s": lambda water: water.shear.size,
 }
 STEADY = 1e-8  # share of what is known of a column that keeps its inverse steady
+# Of the beginning: slow veer that may hide an effect, effects that are tried, and what each parameter must gain.
+MUCH_VEER_DEG, MOST_BEGINNINGS, CHARGE = 1.4, 5, 5.0
 MOST_ROUNDS = 5
 LEAST_WEIGHT = 0.05  # probability below which a hypothesis does not enter the product
 
@@ -123,8 +125,8 @@ def infer(empty: State, alarm: float) -> Inference:
     groups, usual = evidence.of_catalogue(empty)
     state = replace(empty, case=replace(empty.case, usual=_by_kind(groups, usual)))
     whole = evidence.gathered(state, slow, groups, usual, np.ones(len(groups)))
-    state = _beside(state, state, slow, posterior.likeliest_water(whole, waters))
-    chosen: list[Term | None] = []
+    state = _begun(state, whole, waters)
+    chosen: list[Term | None] = [term.at(0.0 * term.values) for term in state.simulation.terms]
     for _ in range(MOST_ROUNDS):
         candidates, view = _gathered(state, slow, usual)
         found = posterior.weigh(candidates, alarm, waters)
@@ -136,6 +138,48 @@ def infer(empty: State, alarm: float) -> Inference:
         state = _beside(state, view, slow, water)
         state = model.refit(state, candidates.terms(candidates.beside(water), best))
     return Inference(model.dated(state), found, best, tuple(found.slots(best)))
+
+
+def _begun(state: State, whole: Candidates, waters: Sequence[Water | None]) -> State:
+    """Return the state from which the search begins: without terms, or with one that hides in the noise it makes.
+
+    A step of many degrees widens the scatter that it is held against, and looks like much slow water. Each effect that
+    would fit alone is therefore refitted, width, filter and water are learnt anew beside it, and what makes the
+    recording likeliest is begun with.
+    """
+    slow, quiet = whole.slow, whole.beside(None)
+    water = posterior.likeliest_water(whole, waters)
+    if slow is None or water is None or water.veer.size < MUCH_VEER_DEG:
+        return _beside(state, state, slow, water)
+    alone = whole.log_evidence(quiet, whole.tried([(k,) for k in range(len(whole.groups))]))
+    best: dict[str, int] = {}
+    for k in np.argsort(-alone):
+        best.setdefault(whole.groups[int(k)].name, int(k))
+    tried: list[tuple[float, State, Water | None]] = [(_likelihood(state, slow, water), state, water)]
+    for k in list(best.values())[:MOST_BEGINNINGS]:
+        grown = model.refit(state, whole.terms(quiet, (k,)))
+        own = posterior.likeliest_water(_only_water(grown, slow), waters)
+        charge = CHARGE * len(whole.parts[k]) + np.log(
+            sum(group.name == whole.groups[k].name for group in whole.groups)
+        )
+        tried.append((_likelihood(grown, slow, own) - charge, grown, own))
+    _, begun, water = max(tried, key=lambda one: one[0])
+    return _beside(begun, begun, slow, water)
+
+
+def _only_water(state: State, slow: Slow) -> Candidates:
+    """Return slow water beside a state, and no candidates."""
+    return evidence.gathered(state, slow, [], np.zeros(0), np.ones(1))
+
+
+def _likelihood(state: State, slow: Slow, water: Water | None) -> float:
+    """Return the log likelihood of a state with slow water, up to a constant of the recording."""
+    width = state.whitener.width_deg
+    known = np.isfinite(width)
+    gain = 0.0
+    if water is not None:
+        gain = _only_water(state, slow).beside(water).log_likelihood + water.log_prior
+    return gain - float(np.sum(np.log(width[known]))) - int(known.sum()) * float(np.log(state.sigma))
 
 
 def _by_kind(groups: Sequence[Group], usual: Floats) -> dict[type[Term], Floats]:

@@ -19,7 +19,7 @@ from compasslib.stats import whitening
 MOST_TERMS = 3
 SURE = 0.95  # probability that a set of names holds
 # Odds beforehand of one effect, over the alarm that is asked for; they set how often records of nothing get a name.
-ODDS, ODDS_OF_WATER = 6.0, 20.0
+ODDS, ODDS_OF_WATER = 2.0, 20.0
 FURTHER = 0.5  # by how much an effect is likelier where there is another
 NINE_IN_TEN = 1.28  # normal score of it
 NEIGHBOURS = 3  # dates that do about as well as the right one

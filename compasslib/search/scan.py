@@ -55,7 +55,7 @@ def test(state: State, groups: Sequence[Group], seed: int = 0) -> Tested:
     handicap = np.array([DATE_HANDICAP * (group.name == columns.SPELL) for group in groups])
     highest = (normal_score(noise / inflation, freedom) - handicap).max(axis=1)
     uneven = np.array([dispersion.uneven(state, basis) for basis in bases])
-    inflation = np.maximum(np.maximum(inflation, uneven), 1.0)
+    inflation = np.maximum(np.maximum(inflation, uneven), 1.0) * dispersion.slow(state, every, begins, freedom)
     return Tested(groups, freedom, inflation, normal_score(seen / inflation, freedom) - handicap, highest)
 
 
