@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -36,17 +35,6 @@ class Group:
     columns: Floats
     term: Term | None = None  # at zero size, its date set
     covariates: tuple[str, ...] = ()
-
-
-def of_terms(state: State, terms: Sequence[type[Term]]) -> list[Group]:
-    """Return one group for each term, for a term with a date one for each date that is tried."""
-    groups = []
-    for kind in terms:
-        if kind.dated():
-            groups += of_dates(state, kind, dates(state.case.scene.time_s))
-        else:
-            groups.append(of_term(state, kind()))
-    return groups
 
 
 def of_term(state: State, term: Term) -> Group:

@@ -29,8 +29,8 @@ SLOW: Mapping[str, Callable[[Water], float]] = {
     "slow_shear_m_s": lambda water: water.shear.size,
 }
 STEADY = 1e-8  # share of what is known of a column that keeps its inverse steady
-# Of the beginning: slow veer that may hide an effect, effects that are tried, and what each parameter must gain.
-MUCH_VEER_DEG, MOST_BEGINNINGS, CHARGE = 1.4, 5, 5.0
+MUCH_VEER_DEG, PLAIN = 1.4, 50.0  # slow veer that may hide an effect; its log evidence but for it: water feigns half
+MOST_BEGINNINGS, CHARGE = 4, 5.0  # effects that are tried so, and what each of their parameters must gain
 MOST_ROUNDS = 5
 LEAST_WEIGHT = 0.05  # probability below which a hypothesis does not enter the product
 
@@ -143,9 +143,9 @@ def infer(empty: State, alarm: float) -> Inference:
 def _begun(state: State, whole: Candidates, waters: Sequence[Water | None]) -> State:
     """Return the state from which the search begins: without terms, or with one that hides in the noise it makes.
 
-    A step of many degrees widens the scatter that it is held against, and looks like much slow water. Each effect that
-    would fit alone is therefore refitted, width, filter and water are learnt anew beside it, and what makes the
-    recording likeliest is begun with.
+    A step of many degrees widens the scatter that it is held against, and looks like much slow water. What would be
+    plain without slow water is therefore refitted, width, filter and water are learnt anew beside it, and what makes
+    the recording likeliest is begun with.
     """
     slow, quiet = whole.slow, whole.beside(None)
     water = posterior.likeliest_water(whole, waters)
@@ -156,7 +156,7 @@ def _begun(state: State, whole: Candidates, waters: Sequence[Water | None]) -> S
     for k in np.argsort(-alone):
         best.setdefault(whole.groups[int(k)].name, int(k))
     tried: list[tuple[float, State, Water | None]] = [(_likelihood(state, slow, water), state, water)]
-    for k in list(best.values())[:MOST_BEGINNINGS]:
+    for k in [k for k in best.values() if alone[k] > PLAIN][:MOST_BEGINNINGS]:
         grown = model.refit(state, whole.terms(quiet, (k,)))
         own = posterior.likeliest_water(_only_water(grown, slow), waters)
         charge = CHARGE * len(whole.parts[k]) + np.log(
