@@ -132,12 +132,10 @@ def main() -> None:
         print(f"{DATA} is absent: there is no real record to inject into")
         return
     if asked.gap is not None:
-        bench.report(
-            rows_of(asked, [mirrored(depth, asked.gap, predict=not asked.published) for depth in water.DEPTHS])
-        )
-        return
+        overlaps = [mirrored(depth, asked.gap, predict=not asked.published) for depth in water.DEPTHS]
+        sys.exit(0 if bench.report(rows_of(asked, overlaps)) else 1)
     with tempfile.TemporaryDirectory() as folder:
-        bench.report(rows_of(asked, [of_cruise(Path(folder))]))
+        sys.exit(0 if bench.report(rows_of(asked, [of_cruise(Path(folder))])) else 1)
 
 
 def rows_of(asked: argparse.Namespace, overlaps: Sequence[Seen]) -> list[dict]:

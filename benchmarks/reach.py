@@ -1,6 +1,7 @@
 """How many planted effects the noise itself leaves within reach, whoever looks for them.
 
     python benchmarks/reach.py 110 71                 110 moorings with one and 110 with two effects by seed 71
+    python benchmarks/reach.py 110 71 --red           the same where the water of the two depths differs for seasons
 
 Every effect is tested as if all but its size were known: its pattern, the other effect, its date, the water's noise and
 that noise's memory. The five coefficients and the other effect's size are refitted. No search that knows less can do
@@ -22,19 +23,27 @@ KNOWN, SEARCHED = norm.isf(0.01), norm.isf(1.0 - 0.99 ** (1.0 / INDEPENDENT))  #
 
 
 def whitened(world: sea.World, columns: np.ndarray) -> np.ndarray:
-    """Return columns in degrees freed of the noise's memory and divided by its width: the innovations of Kalman."""
+    """Return columns in degrees freed of the noise's memory and divided by its width: the innovations of Kalman.
+
+    Its state is the water's red difference, east and north, and where there is slow water its shear and its veer.
+    """
     red, memory, white = world.noise
-    keep, flow = np.exp(-1.0 / memory), world.between
+    size, hours, flow = [red, red], [memory, memory], world.between
     across = np.stack([-flow.imag, flow.real], axis=1) / np.abs(flow)[:, None] ** 2 / sea.RAD  # degrees per m/s
+    if (slow := world.slow_water) is not None:
+        size += [slow.shear_m_s, slow.shear_m_s, slow.veer_deg]
+        hours += [24.0 * slow.shear_days, 24.0 * slow.shear_days, 24.0 * slow.veer_days]
+        across = np.column_stack([across, across, np.ones(len(across))])
+    keep, whole = np.exp(-1.0 / np.array(hours)), np.diag(np.square(size))
     width = white / np.abs(flow) / sea.RAD
-    mean, spread, result = np.zeros((2, columns.shape[1])), np.eye(2) * red**2, np.empty_like(columns)
+    mean, spread, result = np.zeros((len(size), columns.shape[1])), whole.copy(), np.empty_like(columns)
     for t, h in enumerate(across):
         gain = spread @ h
         total = h @ gain + width[t] ** 2
         off = columns[t] - h @ mean
         result[t] = off / np.sqrt(total)
-        mean = keep * (mean + np.outer(gain / total, off))
-        spread = keep**2 * (spread - np.outer(gain, gain) / total) + np.eye(2) * red**2 * (1.0 - keep**2)
+        mean = keep[:, None] * (mean + np.outer(gain / total, off))
+        spread = np.outer(keep, keep) * (spread - np.outer(gain, gain) / total) + whole * (1.0 - keep**2)
     return result
 
 
@@ -72,9 +81,9 @@ def power(square: float, freedom: int, score: float) -> float:
     return float(ncx2.sf(chi2.isf(norm.sf(score), freedom), freedom, max(square, 1e-9)))
 
 
-def row(kind: str, index: int, seed: int) -> tuple[float, dict[str, tuple[float, float]]]:
+def row(kind: str, index: int, seed: int, *, red: bool) -> tuple[float, dict[str, tuple[float, float]]]:
     """Return the size asked for, and the power for each effect, of a known and of a searched hypothesis."""
-    drawn, wanted = bench.draw(kind, index, seed)
+    drawn, wanted = bench.draw(kind, index, seed, red=red)
     freedom = {name: len(set(values) - {"date_s"}) for name, values in drawn.truth.items()}
     found = noncentrality(drawn)
     return max(wanted.values()), {
@@ -104,10 +113,11 @@ def main() -> None:
     parser.add_argument("count", type=int, nargs="?", default=44, help="moorings of each kind (default 44)")
     parser.add_argument("seed", type=int, nargs="?", default=1)
     parser.add_argument("--kind", choices=("single", "two"), action="append")
+    parser.add_argument("--red", action="store_true", help="the water of the two depths differs for days to seasons")
     asked = parser.parse_args()
     print("\n| planted, 1 % of false alarms | known beforehand | found by a search |\n|---|---|---|")
     for kind in asked.kind or ("single", "two"):
-        report(kind, [row(kind, index, asked.seed) for index in range(asked.count)])
+        report(kind, [row(kind, index, asked.seed, red=asked.red) for index in range(asked.count)])
 
 
 if __name__ == "__main__":

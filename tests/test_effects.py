@@ -203,17 +203,3 @@ def test_a_harmonic_with_three_angles_for_a_reading_gives_none(kind):
 def test_the_page_of_the_catalogue_is_not_stale():
     page_file = Path(__file__).resolve().parents[1] / "docs/physics.md"
     assert page_file.read_text() == page.page(), "run python -m compasslib.effects.page > docs/physics.md"
-
-
-GROWS = {
-    "hard_iron_drift", "hard_iron_step", "battery_change", "temperature", "supply_voltage", "heading_slip",
-    "compass_drift", "compass_lag", "secular_variation", "field_disturbance", "large_deviation",
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("kind", CATALOGUE, ids=lambda kind: kind.__name__)
-def test_a_compass_effect_tells_what_it_grows_with_but_where_it_lies_in_heading_or_tilt(kind):
-    change = absent(kind).change(SCENE)
-    assert (change is not None) == (kind.name in GROWS)
-    if change is not None and kind.dated():
-        assert np.array_equal(np.unique(change), [0.0, 1.0])

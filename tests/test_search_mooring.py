@@ -223,7 +223,7 @@ def test_an_effect_beyond_a_rare_depth_is_no_veer_in_proportion_to_depth():
 def test_what_wanders_is_no_slip_and_a_slip_is_one():
     _, found = seen({"wander": 3.5}, seed=4)
     assert not found.findings and found.sides["none"] > 0.5
-    _, found = seen({"heading_slip": 7.0}, seed=3)
+    _, found = seen({"heading_slip": 7.0}, seed=1)
     assert "heading_slip" in {name for one in found.findings for name in (one.effect, *one.alternatives)}
 
 

@@ -154,15 +154,6 @@ class Term(ABC):
         """Return the term with other values of the fitted parameters."""
         return replace(self, **dict(zip(self.fitted(), np.asarray(values, dtype=float).tolist(), strict=True)))
 
-    def change(self, scene: Scene) -> Floats | None:
-        """Return what a compass's effect grows with along the record, (n,); None where only the heading or tilt."""
-        if self.side != "compass" or self.acts_on not in ("field", "north", "reading"):
-            return None
-        unit, shape = self.at(np.eye(len(self.fitted()))[0]), (len(scene), 3) if self.acts_on == "field" else len(scene)
-        none, some = (unit.act(np.full(shape, x), scene) - x for x in (0.0, 37.0))  # any other reading or field
-        grown = none[:, 0] if self.acts_on == "field" else none
-        return grown if np.allclose(none, some) and np.ptp(grown) > 0.0 else None
-
 
 def horizontal(forward: Floats, starboard: Floats) -> Floats:
     """Return a field in the body's horizontal plane, (n, 3).

@@ -131,7 +131,7 @@ def diagnose(
         return replace(found, applied=(), findings=tuple(replace(one, applied=False) for one in found.findings))
     if is_series and not any(one.applied for one in found.findings):
         return replace(found, applied=())
-    if found.covariance is not None:  # what slow water may do to the constants
+    if found.covariance is not None and exact.method != "calibration":  # what slow water may do to the constants
         exact = applied.as_unsure(exact, found.covariance)
     return replace(found, fit=exact, applied=tuple(applied.no_surer(one, exact) for one in found.applied))
 

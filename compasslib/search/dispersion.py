@@ -1,4 +1,4 @@
-"""By how much the record's own noise inflates a score test's statistic: uneven, slow, or water that feigns iron."""
+"""By how much the record's own noise inflates a score test's statistic: uneven, or slow."""
 
 from __future__ import annotations
 
@@ -16,8 +16,6 @@ CLUSTER_S = 2 * 86400.0  # longer than the memory that the filter leaves
 REPEATS = 300
 SLOW, WEEKLY = (400.0, 14.0), (14.0, 5.0)  # longest and shortest periods, days
 FEWEST_WAVES = 8
-WATERS = (2, 3, 4)  # harmonics of the heading that water's veer reaches and iron's change hardly does
-TRUSTED = 6.0  # directions' worth of trust that there is no such water
 TRIMMED, MEAN_OF_TRIMMED = 0.95, 0.759  # share of the smallest of chi-squared values that are kept, and their mean
 
 

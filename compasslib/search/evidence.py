@@ -59,7 +59,6 @@ class Candidates:
     information: Floats  # (p + q, p + q) products of the whitened columns, those of slow water last
     score: Floats  # (p + q,)
     visible: Floats  # (p, p) mean products of the visible columns, square degrees
-    turned: Floats  # (p, p) the same of the columns as they are
     uneven: Floats  # (g,) variance of each group's score over what the fitted noise makes of it, at least 1
     scatter: float  # variance of blocks of days over that of even noise, of the middle group; it is in the products
     slow: Slow | None
@@ -108,14 +107,6 @@ class Candidates:
             result[at] = 0.5 * np.sum(half**2, axis=1) - determinant
         return result
 
-    def sizes_deg(self, products: Products, hypotheses: Sequence[Hypothesis]) -> list[Floats]:
-        """Return the visible size that each hypothesis expects of each of its candidates, rms degrees."""
-        return [self._sizes(products, one, self.visible) for one in hypotheses]
-
-    def turns_deg(self, products: Products, hypothesis: Hypothesis) -> Floats:
-        """Return by how much each candidate of a hypothesis turns headings, seen or not, rms degrees."""
-        return self._sizes(products, hypothesis, self.turned)
-
     def terms(self, products: Products, hypothesis: Hypothesis) -> list[Term]:
         """Return the terms of a hypothesis at their likeliest values."""
         values, _ = self._solved(products, hypothesis)
@@ -126,16 +117,6 @@ class Candidates:
             found.append(term.at(values[at : at + len(part)] * self.usual[part]))
             at += len(part)
         return found
-
-    def _sizes(self, products: Products, hypothesis: Hypothesis, of: Floats) -> Floats:
-        values, covariance = self._solved(products, hypothesis)
-        sizes, at = [], 0
-        for k in hypothesis:
-            part, own = self.parts[k], slice(at, at := at + len(self.parts[k]))
-            scaled = of[np.ix_(part, part)]
-            noise = float(np.sum(scaled * covariance[own, own]))
-            sizes.append(np.sqrt(max(float(values[own] @ scaled @ values[own]) - noise, 0.0)))
-        return np.array(sizes)
 
     def _solved(self, products: Products, hypothesis: Hypothesis) -> tuple[Floats, Floats]:
         index = np.concatenate([np.zeros(0, dtype=np.intp), *(self.parts[k] for k in hypothesis)])
@@ -194,7 +175,6 @@ def gathered(view: State, slow: Slow | None, groups: list[Group], usual: Floats,
         information=(white.T @ white).astype(float),
         score=(white.T @ innovation).astype(float),
         visible=seen.T @ seen / len(seen),
-        turned=own.T @ own / len(own),
         uneven=np.maximum(uneven / middle, 1.0),
         scatter=middle,
         slow=slow,

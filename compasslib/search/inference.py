@@ -64,7 +64,7 @@ class Inference:
         steps, covariances = [], []
         for water in found.waters:
             products = evidence.beside(information, score, len(scale), slow, water)
-            covariances.append(np.linalg.inv(products.information + ridge))
+            covariances.append(whitening.inverse(products.information + ridge))
             steps.append(covariances[-1] @ products.score)
         weight = found.water_probability
         step = np.array(steps) - weight @ np.array(steps)
@@ -126,18 +126,42 @@ def infer(empty: State, alarm: float) -> Inference:
     state = replace(empty, case=replace(empty.case, usual=_by_kind(groups, usual)))
     whole = evidence.gathered(state, slow, groups, usual, np.ones(len(groups)))
     state = _begun(state, whole, waters)
-    chosen: list[Term | None] = [term.at(0.0 * term.values) for term in state.simulation.terms]
+    stood = {_kinds(state.simulation.terms): state}
     for _ in range(MOST_ROUNDS):
         candidates, view = _gathered(state, slow, usual)
         found = posterior.weigh(candidates, alarm, waters)
         best = found.best
-        again = [candidates.groups[k].term for k in best]
-        if again == chosen:
+        kinds = _kinds([candidates.groups[k].term for k in best])
+        if _same_terms(state, candidates, best):
             break
-        chosen, water = again, found.water_of(best)
+        if kinds in stood and kinds and kinds != _kinds(state.simulation.terms):
+            # Each looks better from where the other stands: what leaves less, refitted, is taken.
+            state = _leaving_least(state, [one for terms, one in stood.items() if terms])
+            candidates, _ = _gathered(state, slow, usual)
+            found = posterior.weigh(candidates, alarm, waters)
+            best = found.likeliest_of(_kinds(state.simulation.terms))
+            if not _same_terms(state, candidates, best):  # another date, or too unlikely from where it stands
+                state = model.refit(state, candidates.terms(candidates.beside(found.water_of(best)), best))
+            break
+        water = found.water_of(best)
         state = _beside(state, view, slow, water)
         state = model.refit(state, candidates.terms(candidates.beside(water), best))
+        stood[kinds] = state
     return Inference(model.dated(state), found, best, tuple(found.slots(best)))
+
+
+def _kinds(terms: Sequence[Term | None]) -> frozenset[type]:
+    return frozenset(map(type, terms))
+
+
+def _leaving_least(state: State, others: Sequence[State]) -> State:
+    """Return the state that makes the recording likeliest, by the widths and the filter of one of them."""
+    return max(others, key=lambda one: model.gained(state, one))
+
+
+def _same_terms(state: State, candidates: Candidates, hypothesis: Hypothesis) -> bool:
+    bare = [term.at(0.0 * term.values) for term in state.simulation.terms]
+    return [candidates.groups[k].term for k in hypothesis] == bare  # in the order of the catalogue, both
 
 
 def _begun(state: State, whole: Candidates, waters: Sequence[Water | None]) -> State:
@@ -149,7 +173,7 @@ def _begun(state: State, whole: Candidates, waters: Sequence[Water | None]) -> S
     """
     slow, quiet = whole.slow, whole.beside(None)
     water = posterior.likeliest_water(whole, waters)
-    if slow is None or water is None or water.veer.size < MUCH_VEER_DEG:
+    if slow is not None and (water is None or water.veer.size < MUCH_VEER_DEG):
         return _beside(state, state, slow, water)
     alone = whole.log_evidence(quiet, whole.tried([(k,) for k in range(len(whole.groups))]))
     best: dict[str, int] = {}
@@ -158,7 +182,7 @@ def _begun(state: State, whole: Candidates, waters: Sequence[Water | None]) -> S
     tried: list[tuple[float, State, Water | None]] = [(_likelihood(state, slow, water), state, water)]
     for k in [k for k in best.values() if alone[k] > PLAIN][:MOST_BEGINNINGS]:
         grown = model.refit(state, whole.terms(quiet, (k,)))
-        own = posterior.likeliest_water(_only_water(grown, slow), waters)
+        own = None if slow is None else posterior.likeliest_water(_only_water(grown, slow), waters)
         charge = CHARGE * len(whole.parts[k]) + np.log(
             sum(group.name == whole.groups[k].name for group in whole.groups)
         )
@@ -172,12 +196,12 @@ def _only_water(state: State, slow: Slow) -> Candidates:
     return evidence.gathered(state, slow, [], np.zeros(0), np.ones(1))
 
 
-def _likelihood(state: State, slow: Slow, water: Water | None) -> float:
+def _likelihood(state: State, slow: Slow | None, water: Water | None) -> float:
     """Return the log likelihood of a state with slow water, up to a constant of the recording."""
     width = state.whitener.width_deg
     known = np.isfinite(width)
     gain = 0.0
-    if water is not None:
+    if slow is not None and water is not None:
         gain = _only_water(state, slow).beside(water).log_likelihood + water.log_prior
     return gain - float(np.sum(np.log(width[known]))) - int(known.sum()) * float(np.log(state.sigma))
 

@@ -15,6 +15,7 @@ from compasslib.search import baseline, columns
 from compasslib.search.baseline import State
 from compasslib.search.columns import Group
 from compasslib.stats import whitening
+from compasslib.stats.whitening import Whitener
 
 ROUNDS = 4
 LONGEST_STEP = 12.0  # in the parameters' own steps of about a degree
@@ -104,6 +105,32 @@ def effect_deg(state: State, k: int, covariance: Floats) -> float:
     values, seen = state.simulation.terms[k].values, visible(state, k)[np.isfinite(state.whitener.width_deg)]
     product = seen.T @ seen / len(seen)
     return float(np.sqrt(max(float(values @ product @ values) - float(np.sum(product * covariance)), 0.0)))
+
+
+def gained(before: State, after: State) -> float:
+    """Return the log likelihood that one hypothesis gains on another, each where it stands.
+
+    It is followed along the straight way from one to the other, by the mean of the clipped and whitened residuals at
+    its ends: squares of clipped residuals alone do not see by how much a direction far off moves. What the base of
+    either could still take is no gain. A sample without a root counts in full.
+
+    Args:
+        before: the hypothesis that gives widths and filter.
+    """
+    whitener = before.whitener
+    lost, width = ~np.isfinite(after.residual_deg), whitener.width_deg
+    first, second = (whitening.clipped(np.nan_to_num(x.residual_deg), width) for x in (before, after))
+    second = np.where(lost, np.minimum(whitening.CLIP, 90.0 / width), second)
+    moved = angles.difference(np.nan_to_num(before.residual_deg), np.nan_to_num(after.residual_deg)) / width
+    ends = [_left(x, whitener, standard) for x, standard in ((before, first), (after, second))]
+    way = whitener.filtered(np.where(lost, first - second, moved)[:, None])[:, 0]
+    return float(sum(ends) @ way) * before.response / before.sigma**2 / 2.0
+
+
+def _left(state: State, whitener: Whitener, standard: Floats) -> Floats:
+    """Return a residual filtered, without what the state's base can take of it."""
+    white, basis = whitener.filtered(standard[:, None])[:, 0], whitening.orthonormal(whitener(state.base))
+    return np.asarray(white - basis @ (basis.T @ white))
 
 
 def _step(state: State) -> Floats:

@@ -74,6 +74,12 @@ class Posterior:
         own = [k for k, names in enumerate(self.names) if names == chosen]
         return self.hypotheses[max(own, key=lambda k: float(self.probability[k]))]
 
+    def likeliest_of(self, kinds: frozenset[type]) -> Hypothesis:
+        """Return the likeliest hypothesis of some classes of terms, the best one where none was weighed."""
+        own = self.candidates.kinds
+        some = [k for k, one in enumerate(self.hypotheses) if frozenset(own[j] for j in one) == kinds]
+        return self.hypotheses[max(some, key=lambda k: float(self.probability[k]))] if some else self.best
+
     def water_of(self, hypothesis: Hypothesis) -> Water | None:
         """Return the likeliest slow water beside a hypothesis."""
         return self.waters[int(np.argmax(self.by_water[:, self.hypotheses.index(hypothesis)]))]

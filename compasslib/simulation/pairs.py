@@ -56,6 +56,23 @@ class Pairs:
 
 
 @dataclass(frozen=True)
+class SlowWater:
+    """What the water of the two depths differs by for days to seasons."""
+
+    veer_deg: float  # rms
+    veer_days: float
+    shear_m_s: float  # rms of each component
+    shear_days: float
+
+    def beside(self, rng: np.random.Generator, flow: Complexes) -> Complexes:
+        """Return what is added to the lower water, hourly."""
+        n = len(flow)
+        veer = red(rng, n, 24.0 * self.veer_days, self.veer_deg)
+        east, north = (red(rng, n, 24.0 * self.shear_days, self.shear_m_s) for _ in range(2))
+        return np.asarray(turned(flow, veer) - flow + east + 1j * north)
+
+
+@dataclass(frozen=True)
 class World:
     """One mooring before a compass is put on it; n hours."""
 
@@ -75,6 +92,7 @@ class World:
     hard: Floats
     water: Complexes | None = None  # flow without the instruments' noise, where it is known
     noise: tuple[float, float, float] = (np.nan,) * 3  # of one component: red m/s, its memory in hours, white m/s
+    slow_water: SlowWater | None = None
 
     @property
     def hours(self) -> Floats:
@@ -130,23 +148,6 @@ def turned(z: Complexes, by_deg: Floats | float) -> Complexes:
 def wrap(x: Floats) -> Floats:
     """Return angles in [-180, 180)."""
     return (np.asarray(x) + 180.0) % 360.0 - 180.0
-
-
-@dataclass(frozen=True)
-class SlowWater:
-    """What the water of the two depths differs by for days to seasons."""
-
-    veer_deg: float  # rms
-    veer_days: float
-    shear_m_s: float  # rms of each component
-    shear_days: float
-
-    def beside(self, rng: np.random.Generator, flow: Complexes) -> Complexes:
-        """Return what is added to the lower water, hourly."""
-        n = len(flow)
-        veer = red(rng, n, 24.0 * self.veer_days, self.veer_deg)
-        east, north = (red(rng, n, 24.0 * self.shear_days, self.shear_m_s) for _ in range(2))
-        return np.asarray(turned(flow, veer) - flow + east + 1j * north)
 
 
 def some_slow_water(rng: np.random.Generator) -> SlowWater:
@@ -218,7 +219,8 @@ def make(
         sensed=tilt + rng.normal(0, rng.choice([0.02, 0.05, 0.1]), (2, n)), depth=depth,
         separation=18 + 0.008 * (depth - 100) + red(rng, n, 30, 1.0), temperature=temperature,
         voltage=np.round(voltage + rng.normal(0, 0.05, n), 1), earth=earth,
-        water=flow, noise=(kick * np.sqrt(share), memory, kick * np.sqrt(1 - share)), **iron(rng),
+        water=flow, noise=(kick * np.sqrt(share), memory, kick * np.sqrt(1 - share)),
+        slow_water=slow_water, **iron(rng),
     )  # fmt: skip
 
 
