@@ -76,7 +76,7 @@ def describe(folder: Path, name: str, drawn: world.Drawn, diagnose: dict) -> Non
 def done(tmp_path_factory):
     """One record with two effects left out, processed with the search on, on without consequence, and off."""
     folder = tmp_path_factory.mktemp("diagnosis")
-    drawn = world.planted(world.make(2, wide=True, n=HOURS), {"sextantal": 3.0, "temperature": 3.0})
+    drawn = world.planted(world.make(4, wide=True, n=HOURS), {"sextantal": 3.0, "temperature": 3.0})
     for name, diagnose in OPTIONS.items():
         describe(folder, name, drawn, diagnose)
     (folder / "config/config.yaml").write_text("moorings: config/moorings\noverlap: {max_metres: 200}\n")

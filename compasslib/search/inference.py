@@ -31,6 +31,7 @@ SLOW: Mapping[str, Callable[[Water], float]] = {
 STEADY = 1e-8  # share of what is known of a column that keeps its inverse steady
 MUCH_VEER_DEG, PLAIN = 1.4, 50.0  # slow veer that may hide an effect; its log evidence but for it: water feigns half
 MOST_BEGINNINGS, CHARGE = 4, 5.0  # effects that are tried so, and what each of their parameters must gain
+MOST_SURE = 1.4  # log odds of one of two views that contradict each other: neither counts for less than a fifth
 MOST_ROUNDS = 5
 LEAST_WEIGHT = 0.05  # probability below which a hypothesis does not enter the product
 
@@ -135,12 +136,14 @@ def infer(empty: State, alarm: float) -> Inference:
         if _same_terms(state, candidates, best):
             break
         if kinds in stood and kinds and kinds != _kinds(state.simulation.terms):
-            # Each looks better from where the other stands: what leaves less, refitted, is taken.
-            state = _leaving_least(state, [one for terms, one in stood.items() if terms])
+            # Each looks better from where the other stands: both views count, by what each leaves.
+            other, state = state, stood[kinds]
             candidates, _ = _gathered(state, slow, usual)
-            found = posterior.weigh(candidates, alarm, waters)
-            best = found.likeliest_of(_kinds(state.simulation.terms))
-            if not _same_terms(state, candidates, best):  # another date, or too unlikely from where it stands
+            likelier = (model.gained(other, state) - model.gained(state, other)) / 2.0 / candidates.scatter
+            share = 1.0 / (1.0 + np.exp(-np.clip(likelier, -MOST_SURE, MOST_SURE)))
+            found = posterior.mixed(posterior.weigh(candidates, alarm, waters), found, share)
+            best = found.best
+            if not _same_terms(state, candidates, best):
                 state = model.refit(state, candidates.terms(candidates.beside(found.water_of(best)), best))
             break
         water = found.water_of(best)
@@ -152,11 +155,6 @@ def infer(empty: State, alarm: float) -> Inference:
 
 def _kinds(terms: Sequence[Term | None]) -> frozenset[type]:
     return frozenset(map(type, terms))
-
-
-def _leaving_least(state: State, others: Sequence[State]) -> State:
-    """Return the state that makes the recording likeliest, by the widths and the filter of one of them."""
-    return max(others, key=lambda one: model.gained(state, one))
 
 
 def _same_terms(state: State, candidates: Candidates, hypothesis: Hypothesis) -> bool:

@@ -74,12 +74,6 @@ class Posterior:
         own = [k for k, names in enumerate(self.names) if names == chosen]
         return self.hypotheses[max(own, key=lambda k: float(self.probability[k]))]
 
-    def likeliest_of(self, kinds: frozenset[type]) -> Hypothesis:
-        """Return the likeliest hypothesis of some classes of terms, the best one where none was weighed."""
-        own = self.candidates.kinds
-        some = [k for k, one in enumerate(self.hypotheses) if frozenset(own[j] for j in one) == kinds]
-        return self.hypotheses[max(some, key=lambda k: float(self.probability[k]))] if some else self.best
-
     def water_of(self, hypothesis: Hypothesis) -> Water | None:
         """Return the likeliest slow water beside a hypothesis."""
         return self.waters[int(np.argmax(self.by_water[:, self.hypotheses.index(hypothesis)]))]
@@ -151,6 +145,26 @@ def weigh(candidates: Candidates, alarm: float, waters: Sequence[Water | None]) 
     return Posterior(
         candidates, every, joint.sum(axis=0), [waters[i] for i in kept], joint.sum(axis=1), joint, prior(every)
     )
+
+
+def mixed(first: Posterior, second: Posterior, share: float) -> Posterior:
+    """Return the mean of two posteriors of one recording, seen from where two hypotheses stand.
+
+    Args:
+        first: whose candidates are kept.
+        share: weight of the first.
+    """
+    every = list(dict.fromkeys([*first.hypotheses, *second.hypotheses]))
+    place = {one: k for k, one in enumerate(every)}
+    rows, prior = [], np.zeros(len(every))
+    for one, weight in ((first, share), (second, 1.0 - share)):
+        at = [place[hypothesis] for hypothesis in one.hypotheses]
+        rows.append(np.zeros((len(one.waters), len(every))))
+        rows[-1][:, at] = weight * one.by_water
+        prior[at] = one.prior
+    joint = np.concatenate(rows)
+    waters = [*first.waters, *second.waters]
+    return Posterior(first.candidates, every, joint.sum(axis=0), waters, joint.sum(axis=1), joint, prior)
 
 
 def log_joint(candidates: Candidates, hypotheses: Sequence[Hypothesis], waters: Sequence[Water | None]) -> Floats:
