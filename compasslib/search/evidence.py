@@ -18,7 +18,7 @@ from scipy.linalg import solve_triangular
 
 from compasslib.core.types import Floats
 from compasslib.effects import Term, composition
-from compasslib.search import columns
+from compasslib.search import columns, dispersion
 from compasslib.search.baseline import State
 from compasslib.search.columns import Group
 from compasslib.search.noise import Slow, Water
@@ -109,7 +109,7 @@ class Candidates:
 
     def terms(self, products: Products, hypothesis: Hypothesis) -> list[Term]:
         """Return the terms of a hypothesis at their likeliest values."""
-        values, _ = self._solved(products, hypothesis)
+        values = self._values(products, hypothesis)
         found, at = [], 0
         for k in hypothesis:
             term, part = self.groups[k].term, self.parts[k]
@@ -118,11 +118,12 @@ class Candidates:
             at += len(part)
         return found
 
-    def _solved(self, products: Products, hypothesis: Hypothesis) -> tuple[Floats, Floats]:
+    def _values(self, products: Products, hypothesis: Hypothesis) -> Floats:
+        """Return the likeliest values of a hypothesis's columns, in units of what is usual."""
         index = np.concatenate([np.zeros(0, dtype=np.intp), *(self.parts[k] for k in hypothesis)])
         uneven = self.uneven[list(hypothesis)].max(initial=1.0)
         inverse = np.linalg.inv(products.information[np.ix_(index, index)] / uneven + np.eye(len(index)))
-        return inverse @ products.score[index] / uneven, inverse
+        return np.asarray(inverse @ products.score[index] / uneven)
 
 
 def beside(
@@ -195,15 +196,12 @@ def unevenness(state: State, groups: Sequence[Group]) -> Floats:
     """
     ends = np.cumsum([0, *(group.columns.shape[1] for group in groups)])
     white = state.projected(np.concatenate([group.columns for group in groups], axis=1, dtype=np.float32))
-    time_s = state.case.scene.time_s
-    starts = np.unique(np.floor((time_s - time_s[0]) / BLOCK_S), return_index=True)[1]
     own, blocks = np.ones(len(groups)), np.ones(len(groups))
     for k, (a, b) in enumerate(itertools.pairwise(ends)):
         basis = directions(white[:, a:b]).astype(float)
         if not basis.shape[1]:
             continue
-        left = state.innovation - basis @ (basis.T @ state.innovation)
-        sums = np.add.reduceat(basis * left[:, None], starts, axis=0)
+        sums, starts = dispersion.of_blocks(state, basis, BLOCK_S)
         weight = np.add.reduceat(np.sum(basis**2, axis=1), starts) / basis.shape[1]
         own[k] = np.sum(sums**2) / basis.shape[1] / state.sigma**2 / max(1.0 - float(np.sum(weight**2)), 0.1)
         blocks[k] = 1.0 / float(np.sum(weight**2))

@@ -7,6 +7,8 @@ the effect. What lives inside one fifth cannot be learnt from the others: blocks
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,7 +20,7 @@ from compasslib.search.inference import Inference
 from compasslib.search.show import HeldOut
 from compasslib.stats import whitening
 
-FOLDS, BLOCK_S = 5, 10 * 86400.0
+FOLDS = 5
 LIKELY = 1e-4  # probability below which a hypothesis is not weighed again
 MOST, MOST_WATERS = 200, 12
 
@@ -33,14 +35,14 @@ def proof(found: Inference, k: int) -> HeldOut:
     time_s = state.case.scene.time_s
     share = (term.date - time_s[0]) / np.ptp(time_s) if term.dated() else 0.5
     lasting = 1.0 / FOLDS < share < 1.0 - 1.0 / FOLDS
-    block = np.floor((time_s - time_s[0]) / BLOCK_S).astype(int)
+    block = np.floor((time_s - time_s[0]) / show.BLOCK_S).astype(int)
     fold = (
         np.minimum((time_s - time_s[0]) / np.ptp(time_s) * FOLDS, FOLDS - 1).astype(int) if lasting else block % FOLDS
     )
     each, rms_deg = _on_others(state, k, fold)
-    drawn = show.judged(each, block, rms_deg)
-    gain = _chosen_anew(found, {term.name, *found.slots[k].alternatives}, fold)
-    return HeldOut(*rms_deg, gain, drawn.gain_interval, drawn.p_value, "fifths" if lasting else "within_event")
+    anew = _chosen_anew(found, {term.name, *found.slots[k].alternatives}, fold)
+    method = "fifths" if lasting else "within_event"
+    return replace(show.judged(each, block, rms_deg), anew=anew, method=method)
 
 
 def _chosen_anew(found: Inference, names: set[str], fold: NDArray[np.intp]) -> float:

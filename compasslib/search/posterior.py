@@ -264,14 +264,11 @@ def detectable(found: Posterior) -> dict[str, float]:
     for k, group in enumerate(candidates.groups):
         part = candidates.parts[k]
         information = products.information[np.ix_(part, part)] / candidates.uneven[k]
-        charge = -float(found.prior[found.hypotheses.index((k,))]) - np.log(len(_alike(candidates, k)))
+        charge = -float(found.prior[found.hypotheses.index((k,))]) - np.log(
+            min(candidates.kinds.count(candidates.kinds[k]), NEIGHBOURS)
+        )
         needed = np.sqrt(2.0 * (charge + 0.5 * np.linalg.slogdet(information + np.eye(len(part)))[1]))
         unit = np.trace(whitening.inverse(information) @ candidates.visible[np.ix_(part, part)]) / len(part)
         if group.name not in taken:
             sizes.setdefault(group.name, []).append((needed + NINE_IN_TEN) * float(np.sqrt(unit)))
     return {name: float(np.median(size)) for name, size in sizes.items()}
-
-
-def _alike(candidates: Candidates, k: int) -> list[int]:
-    """Return the candidates that share a date's odds with one, of which neighbours do as well as it."""
-    return [j for j, kind in enumerate(candidates.kinds) if kind is candidates.kinds[k]][:NEIGHBOURS]

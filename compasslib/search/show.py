@@ -40,6 +40,7 @@ class HeldOut:
     gain_interval: tuple[float, float]  # 95 %, from the blocks
     p_value: float  # share of drawn blocks whose gain is not positive
     method: str | None = None  # how days were held out: fifths | within_event
+    anew: float | None = None  # gain where every hypothesis is weighed anew without the days, not sizes only
 
     @property
     def refuted(self) -> bool:
@@ -55,6 +56,7 @@ class HeldOut:
             "log_score_gain_interval": list(self.gain_interval),
             "p_value": self.p_value,
             "method": self.method,
+            "log_score_gain_anew": self.anew,
         }
 
 
