@@ -203,7 +203,7 @@ def _judged(case: Case, options: Options) -> Diagnosis:
     names = [one.effect for one in ordered]
     unexplained = _unexplained(state, rest.worth[0] if rest.worth else None, heap, options.min_effect_deg, names)
     detectable = posterior.detectable(found.posterior)
-    bare = model.refit(state, [])
+    bare = model.refit(state, []) if state.simulation.terms else state
     return Diagnosis(
         verdict=verdict_of(ordered, unexplained),
         findings=ordered,
