@@ -8,10 +8,11 @@ import pytest
 
 from compasslib.core import angles, compass
 from compasslib.deviation import tilt
-from compasslib.effects import CATALOGUE, Scene, composition, page
+from compasslib.effects import CATALOGUE, Scene, composition, page, short
 from compasslib.effects.composition import Simulation
 from compasslib.effects.iron import Heeling, TemperatureOfField
 from compasslib.effects.reading import Octantal, Sextantal, TiltUncompensated
+from compasslib.search.case import testable
 
 NAMES = [
     "hard_iron",
@@ -38,7 +39,7 @@ NAMES = [
     "water_drift",
     "course_lag",
     "mooring_motion",
-    "rotation_rate",
+    "mounting_offset",
     "battery_change",
     "reference_deviation",
     "reference_slip",
@@ -58,7 +59,8 @@ SCENE = Scene(
     TIME_S, np.full(N, H_NT), np.full(N, Z_NT), RNG.normal(3, 2, N), RNG.normal(-2, 2, N), TIME_S[0], DEPARTURES
 )
 FLAT = replace(SCENE, pitch_deg=np.zeros(N), roll_deg=np.zeros(N))
-COMPASS_AND_WATER = [term for term in CATALOGUE if term.acts_on != "time"]
+COMPASS_AND_WATER = [term for term in CATALOGUE if "mooring" in term.recordings and term.acts_on != "time"]
+MOVING = short.moving(SCENE, lambda ahead_s: 0.01 * ahead_s * np.ones(N))
 
 
 def absent(kind):
@@ -71,7 +73,9 @@ def of_some_size(kind):
 
 
 def acted_on(kind):
-    return RNG.normal(0.0, 2e4, (N, 3)) if kind.acts_on == "field" else RNG.uniform(0.0, 360.0, N)
+    if kind.acts_on in ("field", "velocity"):
+        return RNG.normal(0.0, 2e4, (N, 3 if kind.acts_on == "field" else 2))
+    return RNG.uniform(0.0, 360.0, N)
 
 
 def test_every_effect_of_the_contract_is_there_and_no_other():
@@ -83,8 +87,8 @@ def test_a_term_says_what_it_is(kind):
     assert kind.side in ("compass", "reference", "water", "clock")
     assert kind.stage in ("surroundings", "sensor", "readout", "clock")
     assert kind.literature and kind.fitted() and (kind.__doc__ or "").endswith(".")
-    assert (kind.side == "clock") == (kind.acts_on == "time")
-    assert kind.acts_on == "water" if kind.side == "water" else kind.acts_on != "water" or kind.side == "reference"
+    assert kind.side != "clock" or kind.acts_on == "time"
+    assert (kind.side == "water") <= (kind.acts_on in ("water", "velocity")) <= (kind.side in ("water", "reference"))
     assert all(f.metadata["unit"] and f.metadata["meaning"] for f in fields(kind))
 
 
@@ -92,8 +96,8 @@ def test_a_term_says_what_it_is(kind):
 def test_defaults_do_nothing_and_values_do_something_finite(kind):
     x = acted_on(kind)
     assert kind() == absent(kind).at(0.0 * kind.steps()) or kind.dated()
-    np.testing.assert_allclose(absent(kind).act(x, SCENE), x, rtol=1e-12)
-    changed = of_some_size(kind).act(x, SCENE)
+    np.testing.assert_allclose(absent(kind).act(x, MOVING), x, rtol=1e-12)
+    changed = of_some_size(kind).act(x, MOVING)
     assert changed.shape == x.shape and np.isfinite(changed).all() and np.abs(changed - x).max() > 0.0
 
 
@@ -169,7 +173,9 @@ STRONG = np.array([0.03, -0.9, 0.95, 0.03, -0.02])  # iron stronger than the ear
 
 
 @pytest.mark.parametrize("iron", [LEVEL, STRONG], ids=["weak", "strong"])
-@pytest.mark.parametrize("kind", [kind for kind in CATALOGUE if kind.side == "compass"], ids=lambda k: k.__name__)
+@pytest.mark.parametrize(
+    "kind", [kind for kind in COMPASS_AND_WATER if kind.side == "compass"], ids=lambda k: k.__name__
+)
 def test_the_inverse_holds_the_heading_up_to_the_bounds_of_every_effect_beside_others(kind, iron):
     beside = [other for other in (Heeling, TemperatureOfField, Sextantal, Octantal) if other is not kind]
     terms = sorted([at_its_bound(kind), *map(of_some_size, beside)], key=lambda term: CATALOGUE.index(type(term)))
@@ -198,6 +204,12 @@ def test_a_harmonic_with_three_angles_for_a_reading_gives_none(kind):
     recorded = composition.recorded_heading(simulation, FLAT, HEADING)
     assert not simulation.terms[0].plausible
     assert np.isnan(composition.headings(simulation, FLAT, recorded)).all()
+
+
+def test_every_form_that_says_mooring_is_tried_in_one():
+    tried, _ = testable(SCENE, reference_magnetic=False)
+    found_apart = {kind for kind in CATALOGUE if kind.found_by}
+    assert set(tried) - found_apart == {kind for kind in CATALOGUE if "mooring" in kind.recordings} - found_apart
 
 
 def test_the_page_of_the_catalogue_is_not_stale():

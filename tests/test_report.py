@@ -250,7 +250,7 @@ def test_what_cannot_be_tested_is_one_sentence_a_reason():
         {"effect": "current_veer", "why": "the pairs stand too far apart"},
         {"effect": "stuck_tilt", "why": "too short"},
     ]
-    tried = [{"effect": "stuck_tilt", "score": 1.0, "rms_effect_deg": 0.5, "p_value": 0.5}]
+    tried = [{"effect": "stuck_tilt", "score": 1.0, "rms_effect_deg": 0.5, "probability": 0.5}]
     told = found.cannot_tell({"separated_by": None, "not_testable": closed, "hypotheses": tried})
     assert told == (
         "Not testable: heading slip and compass drift. Too short.",
@@ -260,7 +260,7 @@ def test_what_cannot_be_tested_is_one_sentence_a_reason():
 
 
 def test_every_effect_that_was_tried_has_its_row_where_the_search_lists_them():
-    tried = [{"effect": "current_veer", "score": 12.34, "rms_effect_deg": 0.5, "p_value": 0.012}]
+    tried = [{"effect": "current_veer", "score": 12.34, "rms_effect_deg": 0.5, "probability": 0.012}]
     (table,) = found.hypotheses({"hypotheses": tried})
     assert table.rows == (("current veer", "12.3", "0.50° rms", "0.012"),) and table.folded
     assert found.hypotheses(diagnosis("consistent")) == ()

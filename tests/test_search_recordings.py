@@ -15,10 +15,16 @@ from compasslib.archive.files import write_json
 from compasslib.calibration.magnetometer import log
 from compasslib.core import angles, compass
 from compasslib.core.errors import InputError
+from compasslib.effects import CATALOGUE
 from compasslib.search import kinds
 from compasslib.search.diagnosis import Options
+from compasslib.search.kinds import magnetometer as magnetometers
 from compasslib.search.kinds import platform
+from compasslib.search.recordings import search
+from compasslib.search.recordings.channel import Channel
 from compasslib.search.verdict import VERDICTS, Diagnosis
+from compasslib.simulation import recordings as drawn
+from compasslib.simulation import swing
 
 DATA = Path(__file__).resolve().parents[2] / "shared/data"
 OPTIONS = Options()
@@ -220,3 +226,45 @@ def test_a_swing_of_eight_headings_points_at_what_to_swing(tmp_path):
     found = kinds.diagnose("swing", [tmp_path / "swing.csv"], {"declination": 0.0}, Options())
     assert found.verdict == "insufficient" and "third (3.1) and fourth" in found.why and "16 to 24" in found.why
     assert "water_drift" in dict(found.not_testable)
+
+
+def axes_of(effect: str, seed: int = 1, **changed: object) -> log.Log:
+    made = drawn.log(np.random.default_rng(seed), effect)
+    own = log.Log(
+        made.field_nt, True, made.pitch_deg, made.roll_deg, made.heading_deg, made.time_s, 0, (), made.temperature_c
+    )
+    return replace(own, **changed)
+
+
+def over_the_sphere() -> log.Log:
+    """Return a log of axes that were turned to all directions, no heading beside them."""
+    towards = np.random.default_rng(3).normal(size=(600, 3))
+    field = 50_000.0 * towards / np.linalg.norm(towards, axis=1)[:, None] + np.array([3000.0, -2000.0, 1000.0])
+    return log.Log(field, True, None, None, None, None, 0)
+
+
+def test_every_form_of_the_catalogue_is_tried_where_it_says(monkeypatch, tmp_path):
+    tried: dict[type, set[str]] = {}
+    kind = ""
+
+    def noted(channel: Channel, *, alarm: float) -> search.NamedEffects:
+        for term in channel.terms:
+            tried.setdefault(term, set()).add(kind)
+        return searched(channel, alarm=alarm)
+
+    searched = search.search
+    monkeypatch.setattr(search, "search", noted)
+    kind = "platform"
+    bench(lambda g: 0.0 * g, 24)
+    kind = "two_heads"
+    heads(tmp_path)
+    kind = "magnetometer"
+    field = {"horizontal_nT": drawn.H_NT, "vertical_nT": drawn.Z_NT}
+    for one in (axes_of(""), axes_of("tilt_uncompensated"), over_the_sphere()):
+        magnetometers.judge(one, field=field, options=OPTIONS)
+    kind = "swing"
+    made = swing.sail(np.random.default_rng(1), swing.Boat(log_scale=1.02), 5.0)
+    kinds.diagnose("swing", [drawn.written(made, tmp_path / "swing.csv")], {"declination": 5.0}, OPTIONS)
+    for term in (term for term in CATALOGUE if not term.found_by):
+        assert set(term.recordings) - {"mooring", "declination"} == tried.get(term, set()), term.__name__
+    assert set(tried) <= set(CATALOGUE)

@@ -26,8 +26,6 @@ from compasslib.effects.iron import (
     HardIronDrift,
     HardIronStep,
     Heeling,
-    RotationRate,
-    SoftIron,
     SupplyVoltageOfField,
     SupplyVoltageOfReading,
     TemperatureOfField,
@@ -41,14 +39,30 @@ from compasslib.effects.reading import (
     Octantal,
     Sextantal,
     StuckTilt,
-    StuckTiltOfLean,
     TiltUncompensated,
+)
+from compasslib.effects.short import (
+    Delay,
+    Drift,
+    IronDrift,
+    LevelIron,
+    Levelled,
+    LevelSoftIron,
+    MountingOffset,
+    SoftIronInSpace,
+)
+from compasslib.effects.swing import (
+    ClocksApart,
+    FilteredCourse,
+    LateCourse,
+    LateReading,
+    SetAndDrift,
+    TidalSetAndDrift,
 )
 from compasslib.effects.term import Scene, Term
 from compasslib.effects.water import (
     ClockDrift,
     ClockOffset,
-    CourseLag,
     MooringMotion,
     ReferenceBeams,
     ReferenceBias,
@@ -58,17 +72,19 @@ from compasslib.effects.water import (
     VeerWithDirection,
     VeerWithSeparation,
     VeerWithSpeed,
-    WaterDrift,
 )
 
-__all__ = ["CATALOGUE", "SIDES", "SLOW_WATER", "Scene", "Term", "meanings"]
+__all__ = ["CATALOGUE", "COMPOSED", "SIDES", "SLOW_WATER", "Scene", "Term", "meanings", "side_of"]
 
-# In the order in which they act: surroundings, sensor, readout, then water, the trusted instrument and clocks.
+# Roughly in the order in which they act, the forms of an effect together.
 CATALOGUE: tuple[type[Term], ...] = (
     HardIron,
-    SoftIron,
+    LevelIron,
+    LevelSoftIron,
+    SoftIronInSpace,
     Heeling,
     HardIronDrift,
+    IronDrift,
     HardIronStep,
     BatteryChange,
     LargeDeviation,
@@ -76,35 +92,54 @@ CATALOGUE: tuple[type[Term], ...] = (
     SecularVariation,
     DeclinationError,
     TemperatureOfField,
+    TemperatureOfReading,
     SupplyVoltageOfField,
-    RotationRate,
+    SupplyVoltageOfReading,
     TiltUncompensated,
+    Levelled,
     StuckTilt,
-    StuckTiltOfLean,
     Sextantal,
     Octantal,
-    TemperatureOfReading,
-    SupplyVoltageOfReading,
+    MountingOffset,
     HeadingSlip,
     CompassDrift,
+    Drift,
     CompassLag,
+    Delay,
+    LateReading,
     VeerWithSpeed,
     VeerWithSeparation,
     VeerWithDepth,
     VeerWithDirection,
-    WaterDrift,
-    CourseLag,
+    SetAndDrift,
+    TidalSetAndDrift,
+    LateCourse,
+    FilteredCourse,
     MooringMotion,
     ReferenceDeviation,
     ReferenceSlip,
     ReferenceBeams,
     ReferenceBias,
     ClockOffset,
+    ClocksApart,
     ClockDrift,
 )
 
 SLOW_WATER = "current_shear_slow"  # no term: it stands in the noise, and in sets as the rival of what changes slowly
+COMPOSED = "composed:"
 SIDES = {term.name: term.side for term in CATALOGUE} | {SLOW_WATER: "water"}  # what each effect acts on
+
+
+def side_of(effect: str) -> str:
+    """Return the side of an effect; a composed one, written composed:ACTS_ON/DRIVER/FORM, has that of what it acts on.
+
+    Raises:
+        KeyError: no such effect.
+    """
+    if effect.startswith(COMPOSED):
+        acts_on = effect.removeprefix(COMPOSED).split("/")[0]
+        return {"water": "water", "clock": "clock"}.get(acts_on, "compass")
+    return SIDES[effect]
 
 
 def meanings(effect: str) -> dict[str, str]:

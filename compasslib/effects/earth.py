@@ -14,6 +14,7 @@ class SecularVariation(Term):
     """Magnetic north drifts faster than the declination that was applied says."""
 
     name: ClassVar[str] = "secular_variation"
+    recordings: ClassVar[tuple[str, ...]] = ("mooring", "declination")
     acts_on: ClassVar = "north"
     literature: ClassVar[str] = "IGRF's rate of change; east positive"
 
@@ -32,6 +33,7 @@ class FieldDisturbance(Term):
     """Magnetic north moves by a share of what an observatory recorded."""
 
     name: ClassVar[str] = "field_disturbance"
+    recordings: ClassVar[tuple[str, ...]] = ("mooring", "declination")
     acts_on: ClassVar = "north"
     literature: ClassVar[str] = "declination of an observatory minus its quiet value; east positive"
     needs: ClassVar[tuple[str, ...]] = ("declination_observatory",)
@@ -51,6 +53,8 @@ class DeclinationError(Term):
     """Magnetic north lies elsewhere than the declination that was applied says, by the same angle always."""
 
     name: ClassVar[str] = "declination_error"
+    recordings: ClassVar[tuple[str, ...]] = ("mooring", "declination")
+    found_by: ClassVar[str] = "an observatory's mean against the model"
     acts_on: ClassVar = "north"
     literature: ClassVar[str] = "von Appen 2015, eq. (2): the same as A, a mean veer and a turned mount; east positive"
 

@@ -7,9 +7,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from compasslib.core import angles
 from compasslib.core.types import Floats
-from compasslib.effects.term import Scene, Term, date, horizontal, parameter
+from compasslib.effects.term import READINGS, Scene, Term, date, horizontal, parameter
 
 
 @dataclass(frozen=True)
@@ -29,29 +28,6 @@ class HardIron(Term):
         return x + np.array([self.b_x_nT, self.b_y_nT, self.b_z_nT])
 
 
-# Soft iron: parts that the earth's field magnetises.
-
-
-@dataclass(frozen=True)
-class SoftIron(Term):
-    """The field is multiplied by a matrix; the trace cannot be seen in a heading and stays what it is."""
-
-    name: ClassVar[str] = "soft_iron"
-    literature: ClassVar[str] = "Poisson's a to h; Le Menn et al. 2023, eq. (1); physics page, section 3"
-    recordings: ClassVar[tuple[str, ...]] = ("magnetometer",)  # elsewhere A, D, E of the fitted curve hold it
-
-    stretch: float = parameter("1", "(a - e)/2, forward against starboard", 0.02)
-    shear: float = parameter("1", "(d + b)/2", 0.02)
-    turn: float = parameter("1", "(d - b)/2", 0.02)
-    c: float = parameter("1", "forward field by the vertical one", 0.005)
-    f: float = parameter("1", "starboard field by the vertical one", 0.005)
-
-    def act(self, x: Floats, scene: Scene) -> Floats:
-        """Return the field with the induced one added."""
-        rows = [[self.stretch, self.shear - self.turn, self.c], [self.shear + self.turn, -self.stretch, self.f]]
-        return x + x @ np.array([*rows, [0.0, 0.0, 0.0]]).T
-
-
 # Step of the hard iron: a knock, a shackle that shifts, gear that comes or goes.
 
 USUAL_NT = 2000.0  # of a step, and within a year: some degrees where the earth's horizontal field is weak
@@ -63,6 +39,7 @@ class HardIronStep(Term):
     """A horizontal field in the body frame is there from a date on."""
 
     name: ClassVar[str] = "hard_iron_step"
+    recordings: ClassVar[tuple[str, ...]] = READINGS
     literature: ClassVar[str] = "Poisson's P and Q, a step in time; forward and starboard positive"
 
     b_x_nT: float = parameter("nT", "step forward", 200.0, least=-LARGEST_NT, most=LARGEST_NT, usual=USUAL_NT)
@@ -164,6 +141,7 @@ class TemperatureOfField(Term):
     """A horizontal field in the body frame grows with temperature."""
 
     name: ClassVar[str] = "temperature"
+    recordings: ClassVar[tuple[str, ...]] = ("mooring", "magnetometer")
     stage: ClassVar = "sensor"
     literature: ClassVar[str] = "zero shift of the magnetometer's axes; forward and starboard positive"
     needs: ClassVar[tuple[str, ...]] = ("temperature",)
@@ -182,6 +160,7 @@ class TemperatureOfReading(Term):
     """The reading grows with temperature."""
 
     name: ClassVar[str] = "temperature"
+    recordings: ClassVar[tuple[str, ...]] = ("mooring", "magnetometer")
     stage: ClassVar = "readout"
     acts_on: ClassVar = "reading"
     literature: ClassVar[str] = "thermal drift of the readout; clockwise positive"
@@ -202,6 +181,7 @@ class Heeling(Term):
     """A constant field along the body's vertical is added; the levelling brings it into the heading."""
 
     name: ClassVar[str] = "heeling"
+    recordings: ClassVar[tuple[str, ...]] = ("mooring", "magnetometer", "two_heads")
     literature: ClassVar[str] = "physics page, section 4: n = T m, so tilt turns b_z into q; left out by von Appen 2015"
 
     b_z_nT: float = parameter("nT", "field down, induced part (S33 - S11) Z included", 1000.0, least=-25e3, most=25e3)
@@ -209,23 +189,3 @@ class Heeling(Term):
     def act(self, x: Floats, scene: Scene) -> Floats:
         """Return the field with the vertical iron's added."""
         return x + np.array([0.0, 0.0, self.b_z_nT])
-
-
-# Eddy currents: metal that turns in the earth's field.
-
-
-@dataclass(frozen=True)
-class RotationRate(Term):
-    """The field of the currents that a turn induces is added: proportional to the field's rate of change."""
-
-    name: ClassVar[str] = "rotation_rate"
-    literature: ClassVar[str] = "Tolles and Lawson's eddy terms, isotropic in the plane; clockwise turn positive"
-    needs: ClassVar[tuple[str, ...]] = ("turn_rate",)
-    recordings: ClassVar[tuple[str, ...]] = ("swing", "magnetometer")  # hourly samples do not resolve a turn
-
-    delay_s: float = parameter("s", "induced field over the field's rate of change", 0.5)
-
-    def act(self, x: Floats, scene: Scene) -> Floats:
-        """Return the field with the eddies' added: a body that turns clockwise sees the field turn the other way."""
-        spin = self.delay_s * angles.DEGREE * scene.departures["turn_rate"]
-        return x + np.stack([spin * x[:, 1], -spin * x[:, 0], np.zeros(len(x))], axis=-1)

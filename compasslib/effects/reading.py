@@ -9,7 +9,7 @@ import numpy as np
 
 from compasslib.core import angles, compass
 from compasslib.core.types import Floats
-from compasslib.effects.term import Scene, Term, date, parameter
+from compasslib.effects.term import READINGS, Scene, Term, date, parameter
 
 
 @dataclass(frozen=True)
@@ -17,6 +17,8 @@ class LargeDeviation(Term):
     """The reading is that of the exact compass, not that of the series."""
 
     name: ClassVar[str] = "large_deviation"
+    recordings: ClassVar[tuple[str, ...]] = ("mooring", "platform", "swing")
+    found_by: ClassVar[str] = "exact compass and series, each fitted"
     acts_on: ClassVar = "reading"
     literature: ClassVar[str] = "Le Menn et al. 2023, eq. (4), against von Appen 2015, eq. (1), its first order"
     needs: ClassVar[tuple[str, ...]] = ("exact_minus_series",)
@@ -83,6 +85,7 @@ class Sextantal(Harmonic):
     """The reading is shifted by the third harmonic of what the compass would have recorded."""
 
     name: ClassVar[str] = "sextantal"
+    recordings: ClassVar[tuple[str, ...]] = READINGS
     order: ClassVar[float] = 3.0
     literature: ClassVar[str] = "Moncunill et al. 2023, section 5.3 (sextantal); clockwise positive"
 
@@ -95,6 +98,7 @@ class Octantal(Harmonic):
     """The reading is shifted by the fourth harmonic of what the compass would have recorded."""
 
     name: ClassVar[str] = "octantal"
+    recordings: ClassVar[tuple[str, ...]] = READINGS
     order: ClassVar[float] = 4.0
     literature: ClassVar[str] = "Moncunill et al. 2023, section 5.3 (octantal); clockwise positive"
 
@@ -126,6 +130,7 @@ class HeadingSlip(Term):
     """The reading is shifted from a date on: a step in A."""
 
     name: ClassVar[str] = "heading_slip"
+    recordings: ClassVar[tuple[str, ...]] = (*READINGS, "declination")
     stage: ClassVar = "readout"
     acts_on: ClassVar = "reading"
     literature: ClassVar[str] = "a step of A in von Appen 2015, eq. (1); reading clockwise positive"
@@ -182,36 +187,12 @@ class TiltUncompensated(Term):
 
 @dataclass(frozen=True)
 class StuckTilt(Term):
-    """From a date on the compass levels with tilts that are off by constants from the true ones."""
-
-    name: ClassVar[str] = "stuck_tilt"
-    stage: ClassVar = "sensor"
-    literature: ClassVar[str] = (
-        "physics page, section 4: n = T(sensed) m; sensed minus true tilt, forward up, starboard down"
-    )
-    recordings: ClassVar[tuple[str, ...]] = ("magnetometer",)  # the true tilt must be known from elsewhere
-
-    pitch_deg: float = parameter("degrees", "sensed minus true pitch", 0.2)
-    roll_deg: float = parameter("degrees", "sensed minus true roll", 0.2)
-    date_s: float = date()
-
-    def act(self, x: Floats, scene: Scene) -> Floats:
-        """Return the field that, levelled rightly, gives what the wrong levelling gives."""
-        stuck = scene.since(self.date_s)
-        right = scene.levelling
-        wrong = compass.levelling(scene.pitch_deg + self.pitch_deg * stuck, scene.roll_deg + self.roll_deg * stuck)
-        return np.einsum("nji,njk,nk->ni", right, wrong, x)
-
-
-@dataclass(frozen=True)
-class StuckTiltOfLean(Term):
     """While the tilts stick, the compass levels without the lean that the flow then gave the instrument."""
 
     name: ClassVar[str] = "stuck_tilt"
     stage: ClassVar = "sensor"
     literature: ClassVar[str] = "physics page, section 4: n = T(stuck) m; 1: all of the lean that the flow foretells"
     needs: ClassVar[tuple[str, ...]] = ("lean_pitch", "lean_roll")
-    recordings: ClassVar[tuple[str, ...]] = ("mooring",)
     evident: ClassVar[bool] = True  # a sensor that shows one value for weeks
 
     share: float = parameter("1", "of the foretold lean", 0.05, least=0.3, most=2.0)

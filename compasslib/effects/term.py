@@ -1,8 +1,8 @@
 """What a term of physics is: a few parameters with units, and one method that acts.
 
 A compass term acts on the magnetic field in the body frame, on the direction of magnetic north, or on the reading; a
-water term on the direction of the water, a clock term on time. Terms compose in the order of their stages, on the field
-vector: deviations are never added.
+water term on the direction of the water, or on the velocity of what carries a ship, a clock term on time. Terms compose
+in the order of their stages, on the field vector: deviations are never added.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ Side = Literal["compass", "reference", "water", "clock"]
 Stage = Literal["surroundings", "sensor", "readout", "clock"]
 
 YEAR_S = 365.25 * 86400.0
-EVERY_RECORDING = ("mooring", "platform", "swing", "magnetometer", "declination", "two_heads")
+READINGS = ("mooring", "platform", "swing", "magnetometer", "two_heads")  # recordings of a compass
 
 
 @dataclass(frozen=True)
@@ -79,6 +79,11 @@ def date() -> Any:
     return field(default=0.0, metadata={"unit": "s", "meaning": "UTC seconds since 1970 of the change", "step": 0.0})
 
 
+def place(unit: str) -> Any:
+    """Return the field of a place along a covariate that is searched for and not fitted, as a date is."""
+    return field(default=0.0, metadata={"unit": unit, "meaning": "place that was looked for", "step": 0.0})
+
+
 @dataclass(frozen=True)
 class Term(ABC):
     """One effect; its fields are parameters, its defaults mean that it is absent."""
@@ -86,10 +91,11 @@ class Term(ABC):
     name: ClassVar[str]
     side: ClassVar[Side] = "compass"
     stage: ClassVar[Stage] = "surroundings"
-    acts_on: ClassVar[Literal["field", "north", "reading", "water", "time"]] = "field"
+    acts_on: ClassVar[Literal["field", "north", "reading", "water", "velocity", "time"]] = "field"
     literature: ClassVar[str]
     needs: ClassVar[tuple[str, ...]] = ()  # covariates without which it cannot be tested
-    recordings: ClassVar[tuple[str, ...]] = EVERY_RECORDING
+    recordings: ClassVar[tuple[str, ...]] = ("mooring",)  # whose search tests it
+    found_by: ClassVar[str] = ""  # what finds it apart from the search: a comparison that needs no forward model
     evident: ClassVar[bool] = False  # whether what it needs is there only where it acts: only its size is asked for
 
     @abstractmethod
@@ -98,7 +104,7 @@ class Term(ABC):
 
         Args:
             x: field in the body frame, (n, 3) nT; else direction of north, reading or direction of the water's veer,
-                (n,) degrees; for a clock the instrument's error, (n,) seconds.
+                (n,) degrees; velocity of the water a ship swims in, (n, 2) m/s; for a clock its error, (n,) seconds.
         """
 
     def undone(self, reading_deg: Floats, scene: Scene) -> Floats:
@@ -132,7 +138,7 @@ class Term(ABC):
     @classmethod
     def dated(cls) -> bool:
         """Tell whether the effect has a date."""
-        return any(f.metadata["unit"] == "s" and not f.metadata["step"] for f in fields(cls))
+        return any(f.name == "date_s" for f in fields(cls))
 
     @property
     def date(self) -> float:

@@ -22,7 +22,6 @@ class VeerWithSpeed(Term):
     acts_on: ClassVar = "water"
     literature: ClassVar[str] = "von Appen 2015, appendix, assumes none; lower minus upper direction, clockwise"
     needs: ClassVar[tuple[str, ...]] = ("speed",)
-    recordings: ClassVar[tuple[str, ...]] = ("mooring",)
 
     deg_s_m: float = parameter("degrees/(m/s)", "veer by speed", 5.0)
 
@@ -40,7 +39,6 @@ class VeerWithSeparation(Term):
     acts_on: ClassVar = "water"
     literature: ClassVar[str] = "Ekman's spiral, linear over few metres; lower minus upper direction, clockwise"
     needs: ClassVar[tuple[str, ...]] = ("separation",)
-    recordings: ClassVar[tuple[str, ...]] = ("mooring",)
 
     deg_m: float = parameter("degrees/m", "veer by metres of separation", 1.0)
 
@@ -58,7 +56,6 @@ class VeerWithDepth(Term):
     acts_on: ClassVar = "water"
     literature: ClassVar[str] = "veer of the water column, linear in depth; lower minus upper direction, clockwise"
     needs: ClassVar[tuple[str, ...]] = ("depth",)
-    recordings: ClassVar[tuple[str, ...]] = ("mooring",)
 
     deg_100m: float = parameter("degrees/100 m", "veer by depth", 1.0)
 
@@ -76,7 +73,6 @@ class VeerWithDirection(Term):
     acts_on: ClassVar = "water"
     literature: ClassVar[str] = "steering by topography, two harmonics; lower minus upper direction, clockwise"
     needs: ClassVar[tuple[str, ...]] = ("flow_east", "flow_north", "flow_sine2", "flow_cosine2")
-    recordings: ClassVar[tuple[str, ...]] = ("mooring",)
 
     sine_deg: float = parameter("degrees", "times the sine of the flow's direction", 1.0, usual=USUAL_DEG)
     cosine_deg: float = parameter("degrees", "times its cosine", 1.0, usual=USUAL_DEG)
@@ -101,63 +97,12 @@ class MooringMotion(Term):
     acts_on: ClassVar = "water"
     literature: ClassVar[str] = "excursion proportional to speed squared; true minus measured direction, clockwise"
     needs: ClassVar[tuple[str, ...]] = ("excursion_turn",)
-    recordings: ClassVar[tuple[str, ...]] = ("mooring",)
 
     m_s2_m2: float = parameter("m/(m/s)^2", "excursion by speed squared", 200.0)
 
     def act(self, x: Floats, scene: Scene) -> Floats:
         """Return the veer; the departure is its degrees for an excursion of 1 m at 1 m/s."""
         return x + self.m_s2_m2 * scene.departures["excursion_turn"]
-
-
-# Set and drift of the water: a ship's track over ground is not its heading.
-
-
-@dataclass(frozen=True)
-class WaterDrift(Term):
-    """The water carries the ship sideways; the course over ground leaves the heading by drift over speed."""
-
-    name: ClassVar[str] = "water_drift"
-    side: ClassVar = "water"
-    acts_on: ClassVar = "water"
-    literature: ClassVar[str] = (
-        "Moncunill et al. 2023, eqs. (29)-(37), first order in drift over speed; course minus heading"
-    )
-    needs: ClassVar[tuple[str, ...]] = ("drift_east_deg", "drift_north_deg")
-    recordings: ClassVar[tuple[str, ...]] = ("swing",)
-
-    east_m_s: float = parameter("m/s", "water towards east", 0.05)
-    north_m_s: float = parameter("m/s", "water towards north", 0.05)
-
-    def act(self, x: Floats, scene: Scene) -> Floats:
-        """Return course minus heading; the departures are its degrees for a drift of 1 m/s."""
-        return (
-            x
-            + self.east_m_s * scene.departures["drift_east_deg"]
-            + self.north_m_s * scene.departures["drift_north_deg"]
-        )
-
-
-# Lag of the course over ground: a receiver filters it, and a hull slides on in a turn.
-
-
-@dataclass(frozen=True)
-class CourseLag(Term):
-    """The course over ground is that of some time before."""
-
-    name: ClassVar[str] = "course_lag"
-    side: ClassVar = "reference"
-    stage: ClassVar = "readout"
-    acts_on: ClassVar = "reading"
-    literature: ClassVar[str] = "first order: heading minus lag times its rate of turn, clockwise positive"
-    needs: ClassVar[tuple[str, ...]] = ("turn_rate",)
-    recordings: ClassVar[tuple[str, ...]] = ("swing",)
-
-    lag_s: float = parameter("s", "time by which the course is late", 1.0)
-
-    def act(self, x: Floats, scene: Scene) -> Floats:
-        """Return the heading that the course shows."""
-        return x - self.lag_s * scene.departures["turn_rate"]
 
 
 # Faults of the trusted instrument: its own compass, and what its beams make of the water.
@@ -169,7 +114,6 @@ class OfReference(Term):
 
     side: ClassVar = "reference"
     acts_on: ClassVar = "water"
-    recordings: ClassVar[tuple[str, ...]] = ("mooring",)
 
 
 @dataclass(frozen=True)
@@ -249,6 +193,7 @@ class ClockOffset(Term):
     acts_on: ClassVar = "time"
     literature: ClassVar[str] = "instrument clock minus UTC, positive ahead"
     recordings: ClassVar[tuple[str, ...]] = ("mooring", "two_heads")
+    found_by: ClassVar[str] = "speeds or tilts of both, which have no compass in them"
 
     hours: float = parameter("h", "compromised minus trusted clock", 0.3)
 
@@ -270,6 +215,7 @@ class ClockDrift(Term):
     acts_on: ClassVar = "time"
     literature: ClassVar[str] = "instrument clock minus UTC, growing from the beginning, positive ahead"
     recordings: ClassVar[tuple[str, ...]] = ("mooring", "two_heads")
+    found_by: ClassVar[str] = "speeds or tilts of both, which have no compass in them"
 
     hours_year: float = parameter("h/year", "gain of the compromised clock", 0.3)
 

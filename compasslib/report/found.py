@@ -85,12 +85,16 @@ def hypotheses(diagnosis: Mapping[str, Any]) -> tuple[ReportTable, ...]:
             words.plain(one["effect"]),
             words.number(one["score"]),
             f"{words.degrees(one['rms_effect_deg'], 2)} rms",
-            words.significant(one["p_value"], 2),
+            words.number(one["probability"], 2),
         )
         for one in tried
     )
-    caption = "Each effect of the catalogue tried alone: twice the log likelihood gained, less a charge for parameters"
-    return (ReportTable(caption, ("", "Score", "Size", "p"), rows, folded="Effects that were tried"),) if rows else ()
+    caption = "Each effect tried alone: log of how much likelier it makes the recording; probability that it acts"
+    return (
+        (ReportTable(caption, ("", "Log evidence", "Size", "Probability"), rows, folded="Effects that were tried"),)
+        if rows
+        else ()
+    )
 
 
 def _small(one: Mapping[str, Any]) -> str:

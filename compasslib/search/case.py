@@ -24,9 +24,6 @@ LEAST = 1e-9  # of a column, rounding aside: sampled exactly twice a day the tid
 TIDES_FOLLOWED_S = 3 * 3600.0  # sampling that still follows them
 ALIKE = "both compasses feel it alike: it cancels in the difference of their directions"
 CONSTANT = "a constant error is the same as A, a mean veer of the water and a turned mount"
-UNSEEN = {
-    "rotation_rate": "hourly samples do not resolve a turn",
-}
 TRUSTED_STILL = "the trusted instrument's file has no heading that varies"
 ABSENT = {
     "temperature": "no temperature that varies was logged",
@@ -137,8 +134,6 @@ def testable(scene: Scene, reference_magnetic: bool) -> tuple[tuple[type[Term], 
     """
     terms, missing = [], []
     for term in CATALOGUE:
-        if term.name in UNSEEN:
-            missing.append((term.name, UNSEEN[term.name]))
         if "mooring" not in term.recordings or term.acts_on == "time":
             continue
         absent = [name for name in term.needs if name not in scene.departures]

@@ -19,7 +19,7 @@ from compasslib.search.columns import Group
 from compasslib.search.evidence import Candidates, Hypothesis
 from compasslib.search.model import Estimate
 from compasslib.search.noise import Slow, Water
-from compasslib.search.posterior import Posterior, Slot
+from compasslib.search.posterior import BesideWater, Slot
 from compasslib.stats import whitening
 
 HOUR_S = 3600.0
@@ -41,7 +41,7 @@ class Inference:
     """The likeliest hypothesis refitted, and how probable it and the others are."""
 
     state: State  # with its terms, slow water in the noise
-    posterior: Posterior
+    posterior: BesideWater
     chosen: Hypothesis  # the terms' candidates, in their order
     slots: tuple[Slot, ...]
 
@@ -150,7 +150,7 @@ def infer(empty: State, alarm: float) -> Inference:
         state = _beside(state, view, slow, water)
         state = model.refit(state, candidates.terms(candidates.beside(water), best))
         stood[kinds] = state
-    return Inference(model.dated(state), found, best, tuple(found.slots(best)))
+    return Inference(model.dated(state), found, best, tuple(found.places(best)))
 
 
 def _kinds(terms: Sequence[Term | None]) -> frozenset[type]:

@@ -11,12 +11,13 @@ from functools import cached_property
 import numpy as np
 
 from compasslib.core.types import Floats
-from compasslib.effects import SIDES, SLOW_WATER
+from compasslib.effects import SLOW_WATER, Term, side_of
 from compasslib.search.evidence import Candidates, Hypothesis, Products
 from compasslib.search.noise import Water
 from compasslib.stats import whitening
 
 MOST_TERMS = 3
+SIDES_IN_ORDER = ("compass", "clock", "reference", "water")
 SURE = 0.95  # probability that a set of names holds
 # Odds beforehand of one effect, over the alarm that is asked for; they set how often records of nothing get a name.
 ODDS, ODDS_OF_WATER = 2.0, 20.0
@@ -40,33 +41,47 @@ class Slot:
 class Posterior:
     """Hypotheses with their probabilities."""
 
-    candidates: Candidates
+    effects: Sequence[str]  # name of each candidate
     hypotheses: list[Hypothesis]  # none first
     probability: Floats  # (h,)
-    waters: list[Water | None]
-    water_probability: Floats  # (w,)
-    by_water: Floats  # (w, h) joint, sums to 1
     prior: Floats  # (h,) log odds beforehand
 
     @cached_property
     def names(self) -> list[tuple[str, ...]]:
         """The effects of each hypothesis, in alphabetical order."""
-        return [tuple(sorted(self.candidates.groups[k].name for k in one)) for one in self.hypotheses]
+        return [tuple(sorted(self.effects[k] for k in one)) for one in self.hypotheses]
+
+    @cached_property
+    def acting(self) -> dict[str, float]:
+        """Probability that each effect acts, alone or with others."""
+        each = zip(self.names, self.probability.tolist(), strict=True)
+        sums = Counter(dict.fromkeys(self.effects, 0.0))
+        for names, probability in each:
+            sums.update(dict.fromkeys(names, probability))
+        return dict(sums)
 
     @property
     def sides(self) -> dict[str, float]:
-        """Probability of each side; a hypothesis of several is put on the first of compass, reference and water."""
-        sums = dict.fromkeys(("none", "compass", "clock", "reference", "water"), 0.0)
+        """Probability of each side; a hypothesis of several is put on the first of SIDES_IN_ORDER."""
+        sums = dict.fromkeys(("none", *SIDES_IN_ORDER), 0.0)
         for names, probability in zip(self.names, self.probability.tolist(), strict=True):
-            own = {SIDES[name] for name in names}
-            sums[next((side for side in ("compass", "reference", "water") if side in own), "none")] += probability
+            own = {side_of(name) for name in names}
+            sums[next((side for side in SIDES_IN_ORDER if side in own), "none")] += probability
         return sums
 
     @property
     def best(self) -> Hypothesis:
         """The likeliest hypothesis of as many effects as there are at least as probably as not."""
+        return self.of_at_least(0.5)
+
+    def of_at_least(self, sure: float) -> Hypothesis:
+        """Return the likeliest hypothesis of as many effects as there are at least.
+
+        Args:
+            sure: probability that there are so many.
+        """
         count = np.array([len(one) for one in self.hypotheses])
-        most = max(k for k in range(MOST_TERMS + 1) if k == 0 or self.probability[count >= k].sum() > 0.5)
+        most = max(k for k in range(MOST_TERMS + 1) if k == 0 or self.probability[count >= k].sum() > sure)
         sums: Counter[tuple[str, ...]] = Counter()
         for names, probability in zip(self.names, self.probability.tolist(), strict=True):
             sums[names] += probability * (len(names) == most)
@@ -74,58 +89,82 @@ class Posterior:
         own = [k for k, names in enumerate(self.names) if names == chosen]
         return self.hypotheses[max(own, key=lambda k: float(self.probability[k]))]
 
-    def water_of(self, hypothesis: Hypothesis) -> Water | None:
-        """Return the likeliest slow water beside a hypothesis."""
-        return self.waters[int(np.argmax(self.by_water[:, self.hypotheses.index(hypothesis)]))]
+    def slots(
+        self, chosen: Hypothesis, *, instead: str | None, alike: Callable[[int, int], float] = lambda a, b: 0.0
+    ) -> list[Slot]:
+        """Return what may stand in the place of each effect of a hypothesis.
 
-    def slots(self, chosen: Hypothesis) -> list[Slot]:
-        """Return what may stand in the place of each effect of a hypothesis."""
+        Args:
+            instead: what else a place holds in which no effect stands; None leaves those hypotheses out.
+            alike: how much two candidates' columns have in common, 0 to 1.
+        """
         found: list[Counter[str]] = [Counter() for _ in chosen]
-        products = self.candidates.beside(self.water_of(chosen))
         for other, probability in zip(self.hypotheses, self.probability.tolist(), strict=True):
-            for place, name in enumerate(self._filled(products, chosen, other)):
-                found[place][name] += probability
-        return [_slot(self.candidates.groups[k].name, counter) for k, counter in zip(chosen, found, strict=True)]
+            for place, name in enumerate(self._filled(chosen, other, instead, alike)):
+                if name is not None:
+                    found[place][name] += probability
+        return [_slot(self.effects[k], counter) for k, counter in zip(chosen, found, strict=True)]
 
-    def _filled(self, products: Products, chosen: Hypothesis, other: Hypothesis) -> list[str]:
-        """Return which effect of another hypothesis is in the place of each chosen one, slow water where none is."""
-        groups = self.candidates.groups
+    def _filled(
+        self, chosen: Hypothesis, other: Hypothesis, instead: str | None, alike: Callable[[int, int], float]
+    ) -> list[str | None]:
+        """Return which effect of another hypothesis is in the place of each chosen one."""
         left, free = list(other), []
-        names = [SLOW_WATER] * len(chosen)
+        names = [instead] * len(chosen)
         for place, k in enumerate(chosen):
-            same = next((j for j in left if groups[j].name == groups[k].name), None)
+            same = next((j for j in left if self.effects[j] == self.effects[k]), None)
             if same is None:
                 free.append(place)
             else:
                 left.remove(same)
-                names[place] = groups[k].name
+                names[place] = self.effects[k]
         come = left[: len(free)] if len(left) <= len(free) else left
-        for places in _assignments(free, come, lambda p, j: self._alike(products, chosen[p], j)):
-            names[places[0]] = groups[places[1]].name
+        for places in _assignments(free, come, lambda p, j: alike(chosen[p], j)):
+            names[places[0]] = self.effects[places[1]]
         return names
 
-    def _alike(self, products: Products, a: int, b: int) -> float:
-        """Return how much two candidates' columns have in common, 0 to 1."""
-        first, second = self.candidates.parts[a], self.candidates.parts[b]
-        scale = (
-            np.trace(products.information[np.ix_(first, first)]),
-            np.trace(products.information[np.ix_(second, second)]),
-        )
-        return float(np.sum(products.information[np.ix_(first, second)] ** 2) / max(scale[0] * scale[1], 1e-300))
+
+@dataclass(frozen=True)
+class BesideWater(Posterior):
+    """Hypotheses with their probabilities, beside slow water of unknown size and memory."""
+
+    candidates: Candidates
+    waters: list[Water | None]
+    by_water: Floats  # (w, h) joint, sums to 1
+
+    @property
+    def water_probability(self) -> Floats:
+        """Probability of each kind of water, (w,)."""
+        return np.asarray(self.by_water.sum(axis=1))
+
+    def water_of(self, hypothesis: Hypothesis) -> Water | None:
+        """Return the likeliest slow water beside a hypothesis."""
+        return self.waters[int(np.argmax(self.by_water[:, self.hypotheses.index(hypothesis)]))]
+
+    def places(self, chosen: Hypothesis) -> list[Slot]:
+        """Return what may stand in the place of each effect of a hypothesis, slow water where none does."""
+        products = self.candidates.beside(self.water_of(chosen))
+        return self.slots(chosen, instead=SLOW_WATER, alike=lambda a, b: _alike(self.candidates, products, a, b))
 
 
-def weigh(candidates: Candidates, alarm: float, waters: Sequence[Water | None]) -> Posterior:
+def _alike(candidates: Candidates, products: Products, a: int, b: int) -> float:
+    """Return how much two candidates' columns have in common, 0 to 1."""
+    first, second = candidates.parts[a], candidates.parts[b]
+    own = [np.trace(products.information[np.ix_(part, part)]) for part in (first, second)]
+    return float(np.sum(products.information[np.ix_(first, second)] ** 2) / max(own[0] * own[1], 1e-300))
+
+
+def weigh(candidates: Candidates, alarm: float, waters: Sequence[Water | None]) -> BesideWater:
     """Return how probable each hypothesis is.
 
     Args:
         alarm: probability that noise alone is allowed to give a name.
         waters: kinds of slow water that are summed over.
     """
-    odds = _log_odds(candidates, alarm)
+    odds = log_odds(candidates.kinds, alarm)
 
     def prior(hypotheses: Sequence[Hypothesis]) -> Floats:
-        each = [sum(odds[k] for k in one) + max(len(one) - 1, 0) * np.log(FURTHER) for one in hypotheses]
-        return np.array(each, dtype=float)
+        return np.array([joint_odds([odds[k] for k in one]) for one in hypotheses])
 
     def scored(hypotheses: Sequence[Hypothesis], some: Sequence[int]) -> Floats:
         return log_joint(candidates, hypotheses, [waters[i] for i in some]) + prior(hypotheses)
@@ -142,12 +181,11 @@ def weigh(candidates: Candidates, alarm: float, waters: Sequence[Water | None]) 
     joint[:, [not all(term.plausible for term in candidates.terms(products, one)) for one in every]] = -np.inf
     joint = np.exp(joint - joint.max())
     joint /= joint.sum()
-    return Posterior(
-        candidates, every, joint.sum(axis=0), [waters[i] for i in kept], joint.sum(axis=1), joint, prior(every)
-    )
+    names, beside = [group.name for group in candidates.groups], [waters[i] for i in kept]
+    return BesideWater(names, every, joint.sum(axis=0), prior(every), candidates, beside, joint)
 
 
-def mixed(first: Posterior, second: Posterior, share: float) -> Posterior:
+def mixed(first: BesideWater, second: BesideWater, share: float) -> BesideWater:
     """Return the mean of two posteriors of one recording, seen from where two hypotheses stand.
 
     Args:
@@ -164,7 +202,7 @@ def mixed(first: Posterior, second: Posterior, share: float) -> Posterior:
         prior[at] = one.prior
     joint = np.concatenate(rows)
     waters = [*first.waters, *second.waters]
-    return Posterior(first.candidates, every, joint.sum(axis=0), waters, joint.sum(axis=1), joint, prior)
+    return BesideWater(first.effects, every, joint.sum(axis=0), prior, first.candidates, waters, joint)
 
 
 def log_joint(candidates: Candidates, hypotheses: Sequence[Hypothesis], waters: Sequence[Water | None]) -> Floats:
@@ -183,25 +221,35 @@ def likeliest_water(candidates: Candidates, waters: Sequence[Water | None]) -> W
     return waters[int(np.argmax(scores))]
 
 
-def _log_odds(candidates: Candidates, alarm: float) -> Floats:
-    """Return the log odds beforehand of each candidate: those of its effect, shared among its forms and dates."""
+def log_odds(kinds: Sequence[type[Term]], alarm: float) -> list[float]:
+    """Return the log odds beforehand of each candidate: those of its effect, shared among its forms and dates.
+
+    Args:
+        kinds: class of each candidate; one with a date stands once for each.
+        alarm: probability that noise alone is allowed to give a name.
+    """
     effects: dict[str, dict[type, int]] = {}
-    for group, kind in zip(candidates.groups, candidates.kinds, strict=True):
-        forms = effects.setdefault(group.name, {})
+    for kind in kinds:
+        forms = effects.setdefault(kind.name, {})
         forms[kind] = forms.get(kind, 0) + 1
     odds = []
-    for group, kind in zip(candidates.groups, candidates.kinds, strict=True):
-        each = ODDS_OF_WATER if SIDES[group.name] == "water" else ODDS
-        whole = 0.0 if kind.evident else np.log(each * alarm)
-        odds.append(whole - np.log(len(effects[group.name]) * effects[group.name][kind]))
-    return np.array(odds)
+    for kind in kinds:
+        each = ODDS_OF_WATER if side_of(kind.name) == "water" else ODDS
+        whole = 0.0 if kind.evident else float(np.log(each * alarm))
+        odds.append(whole - float(np.log(len(effects[kind.name]) * effects[kind.name][kind])))
+    return odds
+
+
+def joint_odds(each: Sequence[float]) -> float:
+    """Return the log odds beforehand of several effects together, given those of each."""
+    return float(sum(each) + max(len(each) - 1, 0) * np.log(FURTHER))
 
 
 def _sound(candidates: Candidates, hypothesis: Hypothesis) -> bool:
     """Tell whether no effect stands twice in a hypothesis; only water may veer in several ways at once."""
     groups, kinds = candidates.groups, candidates.kinds
     for a, b in itertools.combinations(hypothesis, 2):
-        if kinds[a] is kinds[b] or (groups[a].name == groups[b].name and SIDES[groups[a].name] != "water"):
+        if kinds[a] is kinds[b] or (groups[a].name == groups[b].name and side_of(groups[a].name) != "water"):
             return False
     return True
 
@@ -252,7 +300,7 @@ def _slot(effect: str, counter: Counter[str]) -> Slot:
     return Slot(effect, own, others)
 
 
-def detectable(found: Posterior) -> dict[str, float]:
+def detectable(found: BesideWater) -> dict[str, float]:
     """Return for each effect the visible size at which it would be likelier than not nine times in ten, rms degrees.
 
     Of an effect with several forms or dates it is the middle one.

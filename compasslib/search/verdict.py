@@ -62,9 +62,9 @@ class Finding:
     @property
     def of_compass(self) -> bool:
         """Whether it acts on the compromised compass, or may."""
-        from compasslib.effects import SIDES  # only where something was found: the whole catalogue comes with it
+        from compasslib.effects import side_of  # only where something was found: the whole catalogue comes with it
 
-        return "compass" in {self.side, *(SIDES[name] for name in self.alternatives)}
+        return "compass" in {self.side, *(side_of(name) for name in self.alternatives)}
 
     @property
     def beside_compass(self) -> bool:
@@ -117,9 +117,9 @@ class Ranked:
     """One effect of the catalogue, tried alone: how well it does, whatever was chosen in the end."""
 
     effect: str
-    score: float  # twice the log likelihood gained, less the charge for parameters and date
+    score: float  # log of how much likelier it makes the recording, sizes and dates integrated over
     rms_effect_deg: float
-    p_value: float
+    probability: float  # that it acts, alone or with others
 
 
 @dataclass(frozen=True)

@@ -53,6 +53,35 @@ def correlation(phi: float, theta: float, lags: Ints) -> Floats:
     return np.where(lags == 0, 1.0, _first_lag(phi, theta) * phi ** np.maximum(lags - 1, 0))
 
 
+def first_variance(law: tuple[float, float]) -> float:
+    """Return the variance of an ARMA(1, 1) series over that of its innovations.
+
+    Args:
+        law: autoregressive and moving-average coefficient.
+    """
+    phi, theta = law
+    return (1.0 + 2.0 * phi * theta + theta**2) / (1.0 - phi**2)
+
+
+def filtered(columns: Floats, law: tuple[float, float]) -> Floats:
+    """Return the innovations that an ARMA(1, 1) law makes of evenly sampled columns, (n, k).
+
+    The first sample is taken over its own variance, and foretells its own innovation.
+
+    Args:
+        columns: (n, k).
+        law: autoregressive and moving-average coefficient.
+    """
+    from scipy.signal import lfilter
+
+    phi, theta = law
+    if not phi and not theta:
+        return columns
+    first = first_variance(law)
+    begun = lfilter([1.0, -phi], [1.0, theta], columns[1:], axis=0, zi=-(phi + theta / first) * columns[:1])[0]
+    return np.concatenate([columns[:1] / np.sqrt(first), begun])
+
+
 def low_frequency_power(phi: float, theta: float) -> float:
     """Return the spectrum of an ARMA(1, 1) series at frequency zero over its variance."""
     return 1.0 + 2.0 * _first_lag(phi, theta) / (1.0 - phi)

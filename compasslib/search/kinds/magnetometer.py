@@ -24,13 +24,7 @@ from compasslib.core import angles, compass
 from compasslib.core.types import Floats
 from compasslib.effects.iron import HardIron, HardIronStep, Heeling, TemperatureOfField, TemperatureOfReading
 from compasslib.effects.reading import HeadingSlip, Octantal, Sextantal
-from compasslib.effects.term import Scene, Term
-from compasslib.search import covariates as covariates_of
-from compasslib.search import verdict
-from compasslib.search.diagnosis import Options
-from compasslib.search.recordings import report, search
-from compasslib.search.recordings.channel import Channel, thinned
-from compasslib.search.recordings.terms import (
+from compasslib.effects.short import (
     Delay,
     Drift,
     IronDrift,
@@ -41,6 +35,12 @@ from compasslib.search.recordings.terms import (
     SoftIronInSpace,
     moving,
 )
+from compasslib.effects.term import Scene, Term
+from compasslib.search import covariates as covariates_of
+from compasslib.search import verdict
+from compasslib.search.diagnosis import Options
+from compasslib.search.recordings import report, search
+from compasslib.search.recordings.channel import Channel, thinned
 from compasslib.search.verdict import Diagnosis
 
 WORKING_NT = 20000.0  # strength that the readings are scaled to where the earth's field is unknown
@@ -83,7 +83,7 @@ def judge(log: Log, *, field: Mapping[str, float] | None, options: Options) -> D
         parts.append(_of_modulus(log, axes, choice, field))
     if not no_heading:
         parts.append(_of_heading(log, axes, field))
-    named = [search.search(part, alarm=options.alarm, min_effect_deg=options.min_effect_deg) for part in parts]
+    named = [search.search(part, alarm=options.alarm) for part in parts]
     return report.diagnosis(named, min_effect_deg=options.min_effect_deg, not_testable=missing)
 
 
@@ -172,6 +172,7 @@ def _of_modulus(log: Log, axes: Floats, choice: Choice, field: Mapping[str, floa
         time_s=scene.time_s,
         clocked=clocked,
         terms=terms,
+        reads=False,
         covariates=covariates,
         confused=dict.fromkeys(("hard_iron", "soft_iron"), _tilted_instead(log, choice, body, field)),
         field_unit=unit,

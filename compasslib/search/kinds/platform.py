@@ -21,12 +21,12 @@ from compasslib.core.types import Floats
 from compasslib.deviation import von_appen
 from compasslib.effects.iron import HardIronStep
 from compasslib.effects.reading import HeadingSlip, Octantal, Sextantal
+from compasslib.effects.short import Drift, IronDrift
 from compasslib.effects.term import Term
 from compasslib.search import show, verdict
 from compasslib.search.diagnosis import Options
 from compasslib.search.recordings import curve, report, search, wording
 from compasslib.search.recordings.channel import Channel
-from compasslib.search.recordings.terms import Drift, IronDrift
 from compasslib.search.show import HeldOut
 from compasslib.search.verdict import Diagnosis, Finding
 
@@ -73,7 +73,7 @@ def judge(
     first = findings(seen, options.min_effect_deg, options.alarm) if isinstance(exact, FittedSeries) else []
     by_series = not folds and not first and series_fits_better(seen)
     channel = _channel(correct_deg, recorded_deg, field, exact if not by_series else None)
-    named = search.search(channel, alarm=options.alarm, min_effect_deg=options.min_effect_deg)
+    named = search.search(channel, alarm=options.alarm)
     return report.diagnosis([named], min_effect_deg=options.min_effect_deg, beside=first, not_testable=_untested())
 
 

@@ -16,30 +16,25 @@ from compasslib.core.types import Floats
 from compasslib.deviation import von_appen
 from compasslib.effects.iron import HardIronStep
 from compasslib.effects.reading import HeadingSlip, Octantal, Sextantal
-from compasslib.effects.term import Term
-from compasslib.search import show, verdict
-from compasslib.search.diagnosis import Options
-from compasslib.search.kinds import platform
-from compasslib.search.kinds import swing_forward as forward
-from compasslib.search.kinds.swing_forward import (
-    KNOT_M_S,
-    ByCourse,
-    BySpeed,
+from compasslib.effects.short import Drift, IronDrift
+from compasslib.effects.swing import (
     ClocksApart,
     FilteredCourse,
     LateCourse,
     LateReading,
     SetAndDrift,
-    Stretches,
     TidalSetAndDrift,
-    Track,
-    read,
 )
+from compasslib.effects.term import Term
+from compasslib.search import show, verdict
+from compasslib.search.diagnosis import Options
+from compasslib.search.kinds import platform
+from compasslib.search.kinds import swing_forward as forward
+from compasslib.search.kinds.swing_forward import KNOT_M_S, ByCourse, BySpeed, Stretches, Track, read
 from compasslib.search.recordings import curve, fitting, report, search, testing, wording
 from compasslib.search.recordings.channel import Channel, Forward
 from compasslib.search.recordings.fitting import FittedTerms
 from compasslib.search.recordings.search import NamedEffects
-from compasslib.search.recordings.terms import Drift, IronDrift
 from compasslib.search.recordings.testing import TestedColumns
 from compasslib.search.verdict import Diagnosis, Finding, Parameter
 
@@ -116,7 +111,7 @@ def diagnose_log(
     terms += () if one_clock else (ClocksApart,)
     terms += WATER if track.has_speed and known is None else ()
     channel = replace(before.channel, terms=terms)
-    named = search.search(channel, alarm=options.alarm, min_effect_deg=options.min_effect_deg)
+    named = search.search(channel, alarm=options.alarm)
     beside = too_large(fits[0], named.fitted, options) if before is fits[1] else []
     found = report.diagnosis(
         [named] if known is None else [named, known],
@@ -140,8 +135,8 @@ def _by_speed(track: Track, over: Stretches, settings: Mapping[str, Any], option
     means = own.mean(np.nan_to_num(logged))
     zero = LOG_STEP if np.std(means) > VARIED * np.mean(means) else 0.0  # a step of 0 holds a parameter
     channel = _channel(track, own, by_speed, start=np.array([1.0, 0.0]), steps=np.array([LOG_STEP, zero]))
-    channel = replace(channel, what=SPEED, terms=WATER, field_unit=unit)
-    return search.search(channel, alarm=options.alarm, min_effect_deg=options.min_effect_deg)
+    channel = replace(channel, what=SPEED, terms=WATER, reads=False, field_unit=unit)
+    return search.search(channel, alarm=options.alarm)
 
 
 def _bases(
@@ -227,7 +222,7 @@ def _one_way(fitted: FittedTerms) -> bool:
     """Tell whether the turns show a delay beside the curve, or one was found."""
     if any(term.acts_on == "time" for term in fitted.terms):
         return True
-    column = testing.columns(fitted, LateCourse())
+    column = fitting.columns(fitted, LateCourse())
     return float(np.linalg.norm(fitted.projected(column))) > SEEN * float(np.linalg.norm(column))
 
 

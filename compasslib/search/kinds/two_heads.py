@@ -25,13 +25,13 @@ from compasslib.core.errors import InputError
 from compasslib.core.types import Floats
 from compasslib.effects.iron import HardIronStep, Heeling
 from compasslib.effects.reading import HeadingSlip, Octantal, Sextantal
+from compasslib.effects.short import Delay, Drift, IronDrift, moving
 from compasslib.effects.term import Term
 from compasslib.search import show, verdict
 from compasslib.search.diagnosis import Options
 from compasslib.search.recordings import curve, fitting, report, search, wording
 from compasslib.search.recordings.channel import Channel, thinned
 from compasslib.search.recordings.search import NamedEffects
-from compasslib.search.recordings.terms import Delay, Drift, IronDrift, moving
 from compasslib.search.show import HeldOut
 from compasslib.search.verdict import Diagnosis, Finding, Parameter, Where
 from compasslib.stats import robust, whitening
@@ -109,7 +109,7 @@ def judge(a: Motion, b: Motion, *, farthest_s: float, field: Mapping[str, float]
         )
         return verdict.insufficient(why, UNTESTED)
     channel = _channel(aligned, a, field)
-    named = search.search(channel, alarm=options.alarm, min_effect_deg=options.min_effect_deg)
+    named = search.search(channel, alarm=options.alarm)
     rigid = replace(channel, steps=channel.steps * (np.arange(5) == 0))
     named = replace(named, before=fitting.fit(rigid, ()))
     beside = [*_of_clock(aligned, options.min_effect_deg), *_of_iron(named, options.min_effect_deg)]

@@ -7,7 +7,7 @@ and effects a thousand times the noise: each hypothesis is refitted in its forwa
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -41,6 +41,7 @@ class Channel:
     rule_deg: float = 0.0  # systematic error of the simulation that no number of samples averages out, rms
     independent: bool = False  # readings whose errors have no memory
     remembered: bool = False  # means over stretches whose memory is known by its law, not by its own blocks
+    reads: bool = True  # whether what is compared is a reading of a compass
 
     def __len__(self) -> int:
         return len(self.time_s)
@@ -56,13 +57,3 @@ class Channel:
 def thinned(length: int, most: int) -> NDArray[np.intp]:
     """Return which samples of a record stay, evenly."""
     return np.arange(0, length, max(1, -(-length // most)))
-
-
-def dated(term: Term, date_s: float) -> Term:
-    """Return a term that begins at a date.
-
-    Args:
-        term: one that has a date.
-        date_s: by the channel's time.
-    """
-    return replace(term, date_s=date_s)  # type: ignore[call-arg]

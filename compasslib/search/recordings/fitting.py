@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,15 +40,21 @@ class FittedTerms:
             return self.residual_deg
         return np.clip(self.residual_deg, -CLIP * self.scale_deg, CLIP * self.scale_deg)
 
-    @cached_property
-    def whitener(self) -> Floats:
-        """Return what makes stretches independent, were this residual noise, (n, n)."""
-        return arma.whitening_matrix(self.clipped, self.columns)
-
     @property
     def square(self) -> float:
         """Return the sum of the squares."""
         return float(self.clipped @ self.clipped)
+
+    def reordered(self, order: Sequence[int]) -> FittedTerms:
+        """Return the same with its terms in another order.
+
+        Args:
+            order: number of each term, the first first.
+        """
+        ends = len(self.base) + np.cumsum([0, *(len(term.fitted()) for term in self.terms)])
+        own = [self.columns[:, ends[k] : ends[k + 1]] for k in order]
+        columns = np.concatenate([self.columns[:, : len(self.base)], *own], axis=1)
+        return replace(self, terms=tuple(self.terms[k] for k in order), columns=columns)
 
     def projected(self, columns: Floats) -> Floats:
         """Return columns without what the parameters can take of them, (n, k).
@@ -92,6 +97,19 @@ def fit(
         if longest < CLOSE_ENOUGH or gained < 1e-9 * square:
             break
     return best
+
+
+def columns(now: FittedTerms, term: Term) -> Floats:
+    """Return the derivative of the simulated heading by a term's parameters beside a hypothesis, (n, p).
+
+    Args:
+        term: where the derivative is taken.
+    """
+    made = []
+    for j, step in enumerate(term.steps()):
+        moved = term.at(term.values + 0.1 * step * (np.arange(len(term.values)) == j))
+        made.append((now.residual_deg - now.channel.residual(now.base, (*now.terms, moved))) / (0.1 * step))
+    return np.stack(made, axis=1)
 
 
 def _at(channel: Channel, theta: Floats, terms: tuple[Term, ...], steps: Floats) -> FittedTerms:

@@ -12,9 +12,11 @@ from compasslib.core import angles
 from compasslib.core.types import Floats
 from compasslib.effects.term import Term
 from compasslib.search import show, verdict
+from compasslib.search.posterior import Slot
 from compasslib.search.recordings import fitting, search, wording
 from compasslib.search.recordings.channel import Channel
 from compasslib.search.recordings.fitting import FittedTerms
+from compasslib.search.recordings.local import LOCAL
 from compasslib.search.recordings.search import NamedEffects
 from compasslib.search.show import BinnedResidual, HeldOut
 from compasslib.search.verdict import Diagnosis, Finding, Parameter, Ranked, Unexplained, Where
@@ -26,29 +28,45 @@ OUTSIDE = 3.0  # standard errors by which a bin leaves the band
 
 
 def findings(named: NamedEffects) -> list[Finding]:
-    """Return one finding for each chosen term."""
-    if not named.fitted.terms:
+    """Return one finding for each chosen term that has a name."""
+    fitted = named.fitted
+    if not fitted.terms:
         return []
-    covariance = fitting.covariance(named.fitted)
-    return [_finding(named, k, covariance) for k in range(len(named.fitted.terms))]
+    covariance = fitting.covariance(fitted)
+    return [_finding(named, k, covariance) for k, term in enumerate(fitted.terms) if not isinstance(term, LOCAL)]
 
 
 def _finding(named: NamedEffects, k: int, covariance: Floats) -> Finding:
     fitted, channel = named.fitted, named.fitted.channel
-    term, others = fitted.terms[k], named.alternatives[k]
+    term = fitted.terms[k]
+    probability, others = _chances(named.slots[k], channel)
     parameters = _parameters(fitted, k, covariance)
     proof = held_out(fitted, k)
     place = where(channel, wording.along(term.name, channel.covariates), named.before)
     begin = term.date if term.dated() else float(channel.time_s[0])
     span = (begin, float(channel.time_s[-1])) if channel.clocked else None
-    size = named.entries[k].size_deg
+    size = fitting.effect_deg(fitted, k)
     numbers = {name: (p.value, p.sigma, p.unit) for name, p in parameters.items()}
     if term.dated():
         place = since(channel, begin)
     text = wording.finding(
-        term.name, others, where=place.text, parameters=numbers, size_deg=size, proof=proof, what=channel.what
+        term.name, tuple(others), where=place.text, parameters=numbers, size_deg=size, proof=proof, what=channel.what
     )
-    return Finding(term.name, term.side, others, place, span, parameters, size, proof, text)
+    return Finding(
+        term.name, term.side, tuple(others), place, span, parameters, size, proof, text,
+        probability=probability, alternatives_probability=others,
+    )  # fmt: skip
+
+
+def _chances(slot: Slot, channel: Channel) -> tuple[float, dict[str, float]]:
+    """Return the probability of an effect and of what else it could be; what looks the same here has equal shares."""
+    shared: dict[str, float] = {}
+    for effect, p in {slot.effect: slot.probability, **slot.alternatives}.items():
+        alike = (effect, *channel.confused.get(effect, ()))
+        for name in alike:
+            shared[name] = shared.get(name, 0.0) + p / len(alike)
+    own = shared.pop(slot.effect)
+    return own, shared
 
 
 def _parameters(fitted: FittedTerms, k: int, covariance: Floats) -> dict[str, Parameter]:
@@ -108,23 +126,42 @@ def unexplained(named: NamedEffects, min_effect_deg: float) -> tuple[Unexplained
     Args:
         min_effect_deg: visible size below which a mismatch does not matter.
     """
+    local = _of_local(named, min_effect_deg)
     worth = [one for one in named.left if one[1] >= min_effect_deg]
     least = search.WORTH_SAYING * min_effect_deg
-    small = {one.group.name: size for one, size in named.left if least < size < min_effect_deg}
-    if not worth:
-        return None, tuple(small.items())
+    small = {one.group.name: size for one, size in named.left}
+    little = tuple((name, size) for name, size in small.items() if least < size < min_effect_deg)
+    if local is not None or not worth:
+        return local, little
     first, size = max(worth, key=lambda one: one[1])
     channel = named.fitted.channel
-    alone = first.group.columns.shape[1] == 1
-    places = [
-        _where_column_lives(channel, name, first.group.columns[:, 0]) if alone else where(channel, name, named.fitted)
-        for name in first.group.covariates
-    ]
+    places = [where(channel, name, named.fitted) for name in first.group.covariates]
     span = (float(channel.time_s[0]), float(channel.time_s[-1])) if channel.clocked else None
-    span = (places[0].low, places[0].high) if alone and channel.clocked and places[0].covariate == "time" else span
     curves = tuple(curve(named.fitted, named.fitted, name) for name in first.group.covariates)
-    text = wording.unexplained(" and ".join(p.text for p in places), size, [t.name for t in named.fitted.terms])
-    return Unexplained(first.group.covariates, places[0], span, size, curves, text), tuple(small.items())
+    text = wording.unexplained(" and ".join(p.text for p in places), size, _listed(named))
+    return Unexplained(first.group.covariates, places[0], span, size, curves, text), little
+
+
+def _listed(named: NamedEffects) -> list[str]:
+    return [term.name for term in named.fitted.terms if not isinstance(term, LOCAL)]
+
+
+def _of_local(named: NamedEffects, min_effect_deg: float) -> Unexplained | None:
+    """Return an error at a few headings or for a while only as what has no name, None where there is none."""
+    fitted, channel = named.fitted, named.fitted.channel
+    local = [(k, term) for k, term in enumerate(fitted.terms) if isinstance(term, LOCAL)]
+    sizes = {k: fitting.effect_deg(fitted, k) for k, _ in local}
+    if not local or max(sizes.values()) < min_effect_deg:
+        return None
+    k, term = max(local, key=lambda one: sizes[one[0]])
+    name = next(name for name in term.along if name in channel.covariates)
+    column = channel.covariates[name]
+    place = _where_column_lives(channel, name, term.share(column))
+    span = (float(channel.time_s[0]), float(channel.time_s[-1])) if channel.clocked else None
+    span = (place.low, place.high) if channel.clocked and name == "time" else span
+    bare = fitting.fit(channel, [other for j, other in enumerate(fitted.terms) if j != k], near=fitted)
+    text = wording.unexplained(place.text, sizes[k], _listed(named))
+    return Unexplained((name,), place, span, sizes[k], (curve(bare, bare, name),), text)
 
 
 def where(channel: Channel, name: str, fitted: FittedTerms) -> Where:
@@ -217,11 +254,14 @@ def diagnosis(
         separated_by: an observation that this kind of recording always lacks, said beside a finding.
     """
     every = [*beside, *(finding for part in parts for finding in findings(part))]
-    found = _once([one for one in every if not one.held_out.refuted])
+    stands = [one for one in every if not one.held_out.refuted and one.rms_effect_deg >= min_effect_deg]
+    found = _once(stands)
     left = [unexplained(part, min_effect_deg) for part in parts]
-    denied = [_unconfirmed(one) for one in every if one.held_out.refuted]
+    denied = [_unconfirmed(one) for one in every if one.held_out.refuted and one.rms_effect_deg >= min_effect_deg]
     open_ = max([*(one for one, _ in left if one), *denied], key=lambda one: one.rms_effect_deg, default=None)
-    small = {k: v for part in parts for k, v in part.negligible} | {k: v for _, more in left for k, v in more}
+    least = search.WORTH_SAYING * min_effect_deg
+    small = {one.effect: one.rms_effect_deg for one in every if least < one.rms_effect_deg < min_effect_deg}
+    small |= {k: v for _, more in left for k, v in more}
     phrases = [wording.separated_by(f.effect, f.alternatives) for f in found if f.alternatives]
     if separated_by and any(f.side == "compass" for f in found):
         phrases.append(separated_by)
@@ -235,6 +275,8 @@ def diagnosis(
         why=wording.why(found, open_, [part.fitted.channel.what for part in parts]),
         curves=_curves(parts, found, open_),
         hypotheses=_ranked(parts),
+        sides=_sides(parts),
+        noise=_noise(parts),
     )
 
 
@@ -247,11 +289,23 @@ def _unconfirmed(one: Finding) -> Unexplained:
 def _ranked(parts: Sequence[NamedEffects]) -> tuple[Ranked, ...]:
     """Return every effect that was tried alone, the best first, each once."""
     best: dict[str, Ranked] = {}
-    for entry in (entry for part in parts for entry in part.alone if entry.plausible):
-        one = Ranked(entry.name, entry.score, entry.size_deg, entry.p_value)
-        if entry.name not in best or best[entry.name].score < one.score:
-            best[entry.name] = one
+    for part in parts:
+        acts = part.found.acting
+        for effect, (score, size) in part.alone.items():
+            if effect not in best or best[effect].score < score:
+                best[effect] = Ranked(effect, score, size, acts[effect])
     return tuple(sorted(best.values(), key=lambda one: -one.score))
+
+
+def _sides(parts: Sequence[NamedEffects]) -> dict[str, float]:
+    """Return the probability of each side: of the comparison that shows most."""
+    return min((part.found.sides for part in parts), key=lambda sides: sides["none"], default={})
+
+
+def _noise(parts: Sequence[NamedEffects]) -> dict[str, tuple[float, float]]:
+    """Return the scatter that is left in the first comparison, with its standard error."""
+    widths = [(part.fitted.scale_deg, max(fitting.effective(part.fitted), 1.0)) for part in parts]
+    return {"white_deg": (widths[0][0], widths[0][0] / float(np.sqrt(2.0 * widths[0][1])))} if widths else {}
 
 
 def _once(every: Sequence[Finding]) -> tuple[Finding, ...]:

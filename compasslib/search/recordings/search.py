@@ -1,200 +1,188 @@
-"""Which terms a recording calls for: each refitted beside those already chosen, and all that come close."""
+"""Which terms a short recording calls for: hypotheses of up to three, each refitted, and how probable each is.
+
+What nobody's physics is, an error at a few headings only or for a while only, stands among the hypotheses: a card that
+is pulled in one sector looks like lobes, a while astray like a slip.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
-from compasslib.core import angles
-from compasslib.effects.reading import Octantal, Sextantal
+from compasslib.core.types import Floats
 from compasslib.effects.term import Term
-from compasslib.search.posterior import MOST_TERMS
-from compasslib.search.recordings import fitting, testing
-from compasslib.search.recordings.channel import Channel, dated
+from compasslib.search import posterior
+from compasslib.search.posterior import FAR, MOST_TERMS, SURE, Hypothesis, Posterior, Slot
+from compasslib.search.recordings import fitting, likelihood, local, testing
+from compasslib.search.recordings.channel import Channel
 from compasslib.search.recordings.fitting import FittedTerms
-from compasslib.search.recordings.terms import Drift, IronDrift
-from compasslib.search.recordings.testing import TestedColumns, TestedEffect
+from compasslib.search.recordings.likelihood import Evidence
+from compasslib.search.recordings.local import LOCAL
+from compasslib.search.recordings.testing import TestedEffect
 from compasslib.stats import whitening
 
+LIKELIER = 5.0  # odds of an effect over those of a mooring's: what is swung is suspect, and a name must be surer here
 WORTH_SAYING = 0.1  # of the size that matters: less is not even listed
-FINER = 24  # dates around the best of those that were tried
-
-PARAMETER_CHARGE, DATE_CHARGE = 5.0, 6.0  # of twice the log likelihood, for each parameter and each date
-CLOSE = 10.0  # hypotheses within this many units of the best are not told apart
+MOST_PARENTS = 6  # hypotheses that are extended by one more effect
+MOST_PLACES = 3  # at which a term is refitted
+PARAMETER = 1.0  # what a parameter costs at least, in log evidence: what is not tried could not pay for more
 
 
 @dataclass(frozen=True)
-class RefittedTerm:
-    """One term beside others: refitted, with how sure it is, how large, and its score."""
+class Tried:
+    """One hypothesis, refitted."""
 
-    fitted: FittedTerms  # the term is the last
-    p_value: float
-    score: float
-    size_deg: float
-
-    @property
-    def name(self) -> str:
-        """Return the effect's name."""
-        return self.fitted.terms[-1].name
-
-    @property
-    def plausible(self) -> bool:
-        """Whether all terms are within their plausible ranges."""
-        return all(term.plausible for term in self.fitted.terms)
+    fitted: FittedTerms
+    evidence: Evidence
+    share: float  # log of the share of the places that do about as well as the best, of all its terms together
 
 
 @dataclass(frozen=True)
 class NamedEffects:
-    """The hypothesis that was chosen, and for each of its terms what comes close."""
+    """The hypothesis that was chosen, and what else may stand in the place of each of its terms."""
 
     before: FittedTerms  # the base alone
     fitted: FittedTerms
-    entries: tuple[RefittedTerm, ...] = ()  # each chosen term beside the others
-    alternatives: tuple[tuple[str, ...], ...] = ()
-    negligible: tuple[tuple[str, float], ...] = ()
-    alone: tuple[RefittedTerm, ...] = ()  # every term beside the base alone
+    found: Posterior
+    slots: tuple[Slot, ...]
+    alone: dict[str, tuple[float, float]]  # log evidence and visible size of each effect, alone
     left: tuple[tuple[TestedEffect, float], ...] = ()  # omnibus groups that stay significant, with their visible sizes
 
 
-def search(channel: Channel, *, alarm: float, min_effect_deg: float) -> NamedEffects:
-    """Return the terms that the comparison calls for, one after the other, each held against all others in its place.
+@dataclass
+class Search:
+    """Hypotheses of one comparison, tried one after the other."""
+
+    channel: Channel
+    alarm: float
+    tried: dict[Hypothesis, Tried] = field(default_factory=dict)
+
+    @cached_property
+    def kinds(self) -> list[type[Term]]:
+        """What can be tested, and what has no name."""
+        return [*self.channel.terms, *(kind for kind in LOCAL if kind.fits(self.channel))]
+
+    @cached_property
+    def odds(self) -> list[float]:
+        """Log odds beforehand of each kind."""
+        return posterior.log_odds(self.kinds, LIKELIER * self.alarm)
+
+    def logs(self, uneven: float = 1.0) -> dict[Hypothesis, float]:
+        """Return the log of how likely each hypothesis is, up to a constant, odds beforehand counted."""
+        evidence = likelihood.log_evidence(self.channel, [one.evidence for one in self.tried.values()], uneven)
+        each = zip(self.tried.items(), evidence.tolist(), strict=True)
+        return {key: log + one.share + self.prior(key) for (key, one), log in each}
+
+    def prior(self, one: Hypothesis) -> float:
+        """Return the log odds beforehand of a hypothesis."""
+        return posterior.joint_odds([self.odds[k] for k in one])
+
+    def run(self) -> None:
+        """Try single effects, then pairs and triples of what is likely."""
+        bare = fitting.fit(self.channel, ())
+        self.tried[()] = Tried(bare, likelihood.of(bare), 0.0)
+        for size in range(MOST_TERMS):
+            logs = self.logs()
+            parents = sorted((one for one in self.tried if len(one) == size), key=logs.__getitem__)[-MOST_PARENTS:]
+            for parent in reversed(parents):
+                self._extended(parent)
+
+    def _extended(self, parent: Hypothesis) -> None:
+        """Try every other effect beside those of a hypothesis, refitted where it promises enough."""
+        base, logs = self.tried[parent].fitted, self.logs()
+        law = likelihood.likeliest(self.channel, self.tried[parent].evidence)
+        taken = {self.kinds[k].name for k in parent}
+        for k, kind in enumerate(self.kinds):
+            hypothesis = tuple(sorted((*parent, k)))
+            terms = local.places(base, kind)
+            if kind.name in taken or hypothesis in self.tried or not terms:
+                continue
+            columns = local.columns(base, terms)
+            gains, plain = (likelihood.gains(base, one, columns) for one in (law, likelihood.WHITE[0]))
+            promised = logs[parent] + float(gains.max()) - PARAMETER * len(kind.fitted()) + self.odds[k]
+            if parent and promised < max(logs.values()) - FAR:
+                continue
+            tried = self._placed(base, terms, columns, plain)
+            fitted = tried.fitted.reordered(np.argsort((*parent, k)).tolist())
+            self.tried[hypothesis] = Tried(fitted, tried.evidence, self.tried[parent].share + tried.share)
+
+    def _placed(self, base: FittedTerms, terms: list[Term], columns: Floats, gains: Floats) -> Tried:
+        """Return a hypothesis with one more term at its best place: by the memory that is left once it is there.
+
+        Args:
+            gains: of each place as if there were no memory: what is left out looks like a long one.
+        """
+        best: int | None = None
+        for _ in range(MOST_PLACES):
+            if best == int(np.argmax(gains)):
+                break
+            best = int(np.argmax(gains))
+            fitted = self._refitted(base, terms[best])
+            evidence = likelihood.of(fitted)
+            gains = likelihood.gains(base, likelihood.likeliest(self.channel, evidence), columns)
+        return Tried(fitted, evidence, float(np.log(np.mean(np.exp(gains - gains.max())))))
+
+    def _refitted(self, base: FittedTerms, term: Term) -> FittedTerms:
+        """Return a hypothesis with one more term, from each value where its fit may begin."""
+        starts = [np.append(first, term.values[1:]) for first in self.channel.starts.get(term.name, ())]
+        some = [fitting.fit(self.channel, (*base.terms, term.at(v)), near=base) for v in (term.values, *starts)]
+        return _finer(min(some, key=lambda one: one.square))
+
+    def posterior(self) -> Posterior:
+        """Return how probable each hypothesis is, by noise as uneven as blocks of the likeliest one's residual."""
+        logs = self.logs()
+        plausible = [key for key, one in self.tried.items() if all(t.plausible for t in one.fitted.terms)]
+        best = self.tried[max(plausible, key=logs.__getitem__)]
+        law = likelihood.likeliest(self.channel, best.evidence)
+        alone = [self.tried[(k,)].fitted.terms[0] for k in range(len(self.kinds)) if (k,) in self.tried]
+        slow = [local.columns(best.fitted, [term.at(0.0 * term.values)])[:, 0] for term in alone]
+        logs = self.logs(likelihood.uneven(best.fitted, law, slow))
+        some = np.array([logs[key] for key in plausible])
+        probability = np.exp(some - some.max())
+        prior = np.array([self.prior(key) for key in plausible])
+        return Posterior([kind.name for kind in self.kinds], plausible, probability / probability.sum(), prior)
+
+    def alone(self) -> dict[str, tuple[float, float]]:
+        """Return log evidence and visible size of each effect beside the base alone, the best first."""
+        sizes: dict[str, tuple[float, float]] = {}
+        logs = self.logs()
+        for one in sorted((one for one in self.tried if len(one) == 1), key=logs.__getitem__, reverse=True):
+            score = logs[one] - self.prior(one) - logs[()]
+            sizes.setdefault(self.kinds[one[0]].name, (score, fitting.effect_deg(self.tried[one].fitted, 0)))
+        return sizes
+
+
+def search(channel: Channel, *, alarm: float) -> NamedEffects:
+    """Return the terms that the comparison calls for, each with all that may stand in its place.
 
     Args:
         alarm: probability that noise alone gives a name, and that it gives an unexplained mismatch.
     """
-    before = now = fitting.fit(channel, ())
-    small: dict[str, float] = {}
-    alone: list[RefittedTerm] = []
-    while len(now.terms) < MOST_TERMS:
-        entries = contest(now, None)
-        alone = alone or entries
-        sure = [entry for entry in entries if entry.p_value < alarm / len(entries)]
-        least = WORTH_SAYING * min_effect_deg
-        small = {entry.name: entry.size_deg for entry in sure if least < entry.size_deg < min_effect_deg}
-        worth = [entry for entry in sure if entry.size_deg >= min_effect_deg and entry.plausible]
-        if not worth:
-            break
-        now = _swapped(max(worth, key=lambda entry: entry.score).fitted)
-    now, own, others = _beside_others(now, min_effect_deg)
-    found = {term.name for term in now.terms}
-    little = tuple((k, v) for k, v in small.items() if k not in found)
-    named = NamedEffects(before, now, own, others, little, tuple(alone), _left(now, alarm))
-    for family in FAMILIES:
-        named = _unmasked(named, family)
-    return named
+    made = Search(channel, alarm)
+    made.run()
+    found = made.posterior()
+    chosen = found.of_at_least(SURE)
+    fitted = made.tried[chosen].fitted
+    slots = tuple(found.slots(chosen, instead=None))
+    return NamedEffects(made.tried[()].fitted, fitted, found, slots, made.alone(), _left(fitted, alarm))
 
 
-def _unmasked(named: NamedEffects, family: Family) -> NamedEffects:
-    """Return the hypothesis without terms that imitate what is in no catalogue."""
-    better = instead(named.fitted, family)
-    if better is None:
-        return named
-    kept, empirical = better
-    terms = [named.fitted.terms[k] for k in kept]
-    free = fitting.fit(named.fitted.channel, terms, near=named.fitted)
-    own, others = tuple(named.entries[k] for k in kept), tuple(named.alternatives[k] for k in kept)
-    left = (*named.left, (empirical, _size(free, empirical)))
-    return replace(named, fitted=free, entries=own, alternatives=others, left=left)
-
-
-def contest(without: FittedTerms, noise: FittedTerms | None) -> list[RefittedTerm]:
-    """Return every term that is not yet there, refitted beside a hypothesis.
-
-    Args:
-        noise: whose residual counts as noise; that of the best entry where None.
-    """
-    taken = {term.name for term in without.terms}
-    kinds = [kind for kind in without.channel.terms if kind.name not in taken]
-    groups = testing.of_terms(without, kinds)
-    first = testing.test(without, noise or without, groups)
-    fits = {one.group.name: _refitted(without, one.group) for one in first}
-    if noise is None and fits:
-        noise = min(fits.values(), key=lambda fitted: fitted.square)
-        first = testing.test(without, noise, groups)
-    return [_entry(without, fits[one.group.name], one, noise or without) for one in first]
-
-
-def _refitted(without: FittedTerms, group: TestedColumns) -> FittedTerms:
-    term = group.term
-    assert term is not None
-    values = [term.values] + [np.append(first, term.values[1:]) for first in without.channel.starts.get(term.name, ())]
-    tried = [fitting.fit(without.channel, (*without.terms, term.at(value)), near=without) for value in values]
-    fitted = min(tried, key=lambda one: one.square)
-    if not term.dated():
-        return fitted
-    channel, at = without.channel, term.date
-    reach = float(np.ptp(channel.time_s)) / testing.DATES
-    inside = np.flatnonzero(np.abs(channel.time_s - at) <= reach)
-    inside = inside[(inside > 0) & (inside < len(channel) - 1)]
-    some = inside[np.unique(np.linspace(0, len(inside) - 1, FINER).astype(int))] if len(inside) else inside
-    tries = [float((channel.time_s[k - 1] + channel.time_s[k]) / 2.0) for k in some]
-    squares = [_square_at(fitted, date) for date in tries]
+def _finer(fitted: FittedTerms) -> FittedTerms:
+    """Return a hypothesis with the places of its last term looked for among the samples between those tried."""
+    term = fitted.terms[-1]
+    near = [one.at(term.values) for one in local.places(fitted, type(term), near=term)]
+    squares = [_square_at(fitted, one) for one in near]
     if not squares or min(squares) >= fitted.square:
         return fitted
-    better = dated(fitted.terms[-1], tries[int(np.argmin(squares))])
-    return fitting.fit(channel, (*fitted.terms[:-1], better), near=fitted)
+    better = near[int(np.argmin(squares))]
+    return fitting.fit(fitted.channel, (*fitted.terms[:-1], better), near=fitted)
 
 
-def _square_at(fitted: FittedTerms, date_s: float) -> float:
-    moved = (*fitted.terms[:-1], dated(fitted.terms[-1], date_s))
-    residual = fitted.channel.residual(fitted.base, moved)
+def _square_at(fitted: FittedTerms, last: Term) -> float:
+    residual = fitted.channel.residual(fitted.base, (*fitted.terms[:-1], last))
     return float(np.sum(np.minimum(np.abs(residual), fitting.CLIP * fitted.scale_deg) ** 2))
-
-
-def _entry(without: FittedTerms, fitted: FittedTerms, tested: TestedEffect, noise: FittedTerms) -> RefittedTerm:
-    term, n = fitted.terms[-1], len(fitted.channel)
-    squares = [testing.square(one, noise) for one in (without, fitted)]
-    gained = n * np.log(max(squares[0], 1e-300) / max(squares[1], 1e-300)) / tested.inflation
-    charge = PARAMETER_CHARGE * len(term.fitted()) + DATE_CHARGE * term.dated()
-    by_chance = tested.inflation * len(term.fitted()) * fitted.square / n**2
-    size = fitting.effect_deg(fitted, len(fitted.terms) - 1, by_chance)
-    return RefittedTerm(fitted, tested.p_value, float(gained - charge), size)
-
-
-def _swapped(now: FittedTerms) -> FittedTerms:
-    """Return the hypothesis with each term but the last replaced where another does better in its place."""
-    for k in range(len(now.terms) - 1):
-        rest = [term for j, term in enumerate(now.terms) if j != k]
-        entries = contest(fitting.fit(now.channel, rest, near=now), now)
-        own = next((entry for entry in entries if type(entry.fitted.terms[-1]) is type(now.terms[k])), None)
-        best = max((entry for entry in entries if entry.plausible), key=lambda entry: entry.score, default=None)
-        if own is not None and best is not None and best.score > own.score:
-            return best.fitted
-    return now
-
-
-def _beside_others(
-    now: FittedTerms, min_effect_deg: float
-) -> tuple[FittedTerms, tuple[RefittedTerm, ...], tuple[tuple[str, ...], ...]]:
-    """Return each chosen term beside the others with what could stand in its place; those that faded are let go."""
-    own, others = [], []
-    for k, term in enumerate(now.terms):
-        rest = [other for j, other in enumerate(now.terms) if j != k]
-        entries = contest(fitting.fit(now.channel, rest, near=now), now)
-        mine = next(entry for entry in entries if type(entry.fitted.terms[-1]) is type(term))
-        if mine.size_deg < min_effect_deg / 2.0:
-            return _beside_others(fitting.fit(now.channel, rest, near=now), min_effect_deg)
-        own.append(mine)
-        others.append(_close(entries, mine, now, min_effect_deg))
-    return now, tuple(own), tuple(others)
-
-
-def _close(
-    entries: Sequence[RefittedTerm], mine: RefittedTerm, now: FittedTerms, min_effect_deg: float
-) -> tuple[str, ...]:
-    """Return the effects that do as well in a term's place, the best first."""
-    near = [
-        entry
-        for entry in entries
-        if entry.name != mine.name
-        and entry.plausible
-        and entry.score >= mine.score - CLOSE
-        and entry.size_deg >= min_effect_deg / 2.0
-    ]
-    names = [entry.name for entry in sorted(near, key=lambda entry: -entry.score)]
-    return tuple(dict.fromkeys((*names, *now.channel.confused.get(mine.name, ()))))
 
 
 def _left(now: FittedTerms, alarm: float) -> tuple[tuple[TestedEffect, float], ...]:
@@ -209,84 +197,3 @@ def _size(now: FittedTerms, one: TestedEffect) -> float:
     pull, n = seen.T @ now.clipped, len(now.channel)
     noise = one.inflation * seen.shape[1] * now.square / n
     return float(np.sqrt(max(float(pull @ pull) - noise, 0.0) / n))
-
-
-# What no term of the catalogue is and some of them imitate: an error at a few headings only, or for a while only.
-#
-# A card that is pulled in one sector looks like lobes, a while astray like a slip. Where such an error explains more
-# than the terms that stand for it, these lose their names and it stays unexplained. Nothing goes astray and comes back
-# by as much of itself, and no iron acts on one sector alone.
-
-PLACES, REACHES_DEG = 36, (15.0, 25.0, 40.0)  # where an error at a few headings is tried, and how far it reaches
-FEWEST = 3  # samples in it
-MOST_DATES = 200  # begins and ends of a while
-FAINT = 1e-6  # of the largest column: less is rounding
-CHARGE = PARAMETER_CHARGE + 2.0 * DATE_CHARGE  # one size, two places
-
-
-@dataclass(frozen=True)
-class Family:
-    """Terms that imitate, and what they imitate."""
-
-    imitates: Callable[[Term], bool]
-    empirical: Callable[
-        [FittedTerms, FittedTerms], list[TestedColumns]
-    ]  # where these terms are left out; by whose residual as noise
-
-
-def instead(fitted: FittedTerms, family: Family) -> tuple[list[int], TestedEffect] | None:
-    """Return which terms stay, and what explains more than the others did; None where nothing does."""
-    own = [term for term in fitted.terms if family.imitates(term)]
-    if not own:
-        return None
-    kept = [k for k, term in enumerate(fitted.terms) if not family.imitates(term)]
-    free = fitting.fit(fitted.channel, [fitted.terms[k] for k in kept], near=fitted)
-    groups = family.empirical(free, fitted)
-    if not groups:
-        return None
-    named = np.concatenate([testing.columns(free, term.at(0.0 * term.values)) for term in own], axis=1)
-    scores = {
-        one.group.name: one for one in testing.test(free, fitted, [TestedColumns("named", named, own[0]), *groups])
-    }
-    empirical = scores.get(groups[0].name)
-    charged = sum(PARAMETER_CHARGE * len(term.fitted()) + DATE_CHARGE * term.dated() for term in own)
-    if empirical is None or empirical.gain - CHARGE <= scores["named"].gain - charged:
-        return None
-    return kept, empirical
-
-
-def _sectors(free: FittedTerms, _: FittedTerms) -> list[TestedColumns]:
-    """Return errors at a few headings."""
-    heading = free.channel.covariates.get("heading")
-    if heading is None:
-        return []
-    away = np.abs(angles.difference(heading[:, None], 360.0 / PLACES * np.arange(PLACES)))
-    hats = [np.where(away < reach, 1.0 + np.cos(np.pi * away / reach), 0.0) / 2.0 for reach in REACHES_DEG]
-    columns = np.concatenate(hats, axis=1)
-    return [
-        TestedColumns("heading", c[:, None], None, ("heading",)) for c in columns.T if np.count_nonzero(c) >= FEWEST
-    ]
-
-
-def _whiles(free: FittedTerms, noise: FittedTerms) -> list[TestedColumns]:
-    """Return the offset with a begin and an end that gains most; its dates must be right to the sample."""
-    n, name = len(free.channel), "time" if "time" in free.channel.covariates else "reading"
-    if name not in free.channel.covariates or n < 2 * FEWEST:
-        return []
-    at = np.unique(np.linspace(1, n - 1, min(n - 1, MOST_DATES)).astype(int))
-    begin, end = np.triu_indices(len(at), k=1)
-    white = noise.whitener if free.channel.remembered else np.eye(n)
-    steps = (np.arange(n)[:, None] >= at).astype(float)
-    base = whitening.orthonormal(white @ free.columns)
-    left = white @ steps - base @ (base.T @ (white @ steps))
-    pull, gram = left.T @ (white @ free.clipped), left.T @ left
-    power = gram[begin, begin] + gram[end, end] - 2.0 * gram[begin, end]
-    long = (at[end] - at[begin] >= FEWEST) & (power > FAINT * power.max())
-    best = int(np.argmax(np.where(long, (pull[begin] - pull[end]) ** 2 / np.maximum(power, 1e-300), -1.0)))
-    return [TestedColumns(name, steps[:, [begin[best]]] - steps[:, [end[best]]], None, (name,))]
-
-
-FAMILIES = (
-    Family(lambda term: isinstance(term, Sextantal | Octantal), _sectors),
-    Family(lambda term: term.dated() or isinstance(term, Drift | IronDrift), _whiles),
-)

@@ -11,15 +11,12 @@ from numpy.typing import NDArray
 
 from compasslib.core import angles
 from compasslib.core.types import Floats
-from compasslib.effects.term import Term
 from compasslib.search.recordings import fitting
-from compasslib.search.recordings.channel import Channel, dated
 from compasslib.search.recordings.fitting import FittedTerms
 from compasslib.search.scan import normal_score
 from compasslib.stats import arma, whitening
 
 REPEATS = 400
-DATES, MARGIN = 150, 0.06  # of steps that are tried, and how near to the ends
 HATS, HEADING_HATS, FEWEST_IN_HAT = 8, 24, 5
 FAINT = 0.2  # of the largest direction of a group of splines
 SHARE_OF_FREEDOM = 3  # an omnibus group has no more columns than this part of the independent samples
@@ -29,9 +26,8 @@ SHARE_OF_FREEDOM = 3  # an omnibus group has no more columns than this part of t
 class TestedColumns:
     """Columns that are tested together, (n, k) degrees a unit."""
 
-    name: str  # of the term's class, or of the covariates
+    name: str  # of the covariates
     columns: Floats
-    term: Term | None = None  # at zero size, its date set
     covariates: tuple[str, ...] = ()
 
 
@@ -42,38 +38,6 @@ class TestedEffect:
     group: TestedColumns
     p_value: float
     inflation: float  # mean statistic of the noise over its freedom, at least 1
-    gain: float  # twice the log likelihood that the best group adds, over the inflation
-
-
-def of_terms(now: FittedTerms, kinds: Sequence[type[Term]]) -> list[TestedColumns]:
-    """Return the columns of terms where a hypothesis stands, for a term with a date one group a date."""
-    groups = []
-    for kind in kinds:
-        places = dates(now.channel) if kind.dated() else [0.0]
-        terms = [dated(kind(), place) if kind.dated() else kind() for place in places]
-        groups += [TestedColumns(kind.__name__, columns(now, term), term) for term in terms]
-    return groups
-
-
-def columns(now: FittedTerms, term: Term) -> Floats:
-    """Return the derivative of the simulated heading by a term's parameters beside a hypothesis, (n, p).
-
-    Args:
-        term: where the derivative is taken.
-    """
-    made = []
-    for j, step in enumerate(term.steps()):
-        moved = term.at(term.values + 0.1 * step * (np.arange(len(term.values)) == j))
-        made.append((now.residual_deg - now.channel.residual(now.base, (*now.terms, moved))) / (0.1 * step))
-    return np.stack(made, axis=1)
-
-
-def dates(channel: Channel) -> list[float]:
-    """Return the dates that are tried, between samples."""
-    n = len(channel)
-    first = max(2, int(MARGIN * n))
-    places = np.unique(np.linspace(first, n - first, min(DATES, n - 2 * first + 1)).astype(int))
-    return [float((channel.time_s[k - 1] + channel.time_s[k]) / 2.0) for k in places]
 
 
 def omnibus(now: FittedTerms) -> list[TestedColumns]:
@@ -83,15 +47,15 @@ def omnibus(now: FittedTerms) -> list[TestedColumns]:
     most = int(worth) // SHARE_OF_FREEDOM
     heading, groups = found.get("heading"), []
     if heading is not None:
-        groups = [TestedColumns("heading", _periodic(heading, range(3, 7)), None, ("heading",))]
-        groups.append(TestedColumns("heading", _heading_hats(heading), None, ("heading",)))
+        groups = [TestedColumns("heading", _periodic(heading, range(3, 7)), ("heading",))]
+        groups.append(TestedColumns("heading", _heading_hats(heading), ("heading",)))
     for name, column in found.items():
         if name == "heading" or np.ptp(column) == 0.0:
             continue
-        groups.append(TestedColumns(name, _hats(column, min(HATS, max(3, most // 2))), None, (name,)))
+        groups.append(TestedColumns(name, _hats(column, min(HATS, max(3, most // 2))), (name,)))
         if heading is not None:
             both = _periodic(heading, range(1, 3)) * _standard(column)[:, None]
-            groups.append(TestedColumns(f"heading x {name}", both, None, ("heading", name)))
+            groups.append(TestedColumns(f"heading x {name}", both, ("heading", name)))
     return [group for group in groups if 0 < group.columns.shape[1] <= most]
 
 
@@ -101,7 +65,7 @@ def test(now: FittedTerms, noise: FittedTerms, groups: Sequence[TestedColumns], 
     Args:
         noise: the hypothesis whose residual is taken for noise: an effect must not raise the bar for itself.
     """
-    white = noise.whitener if now.channel.remembered else None
+    white = arma.whitening_matrix(noise.clipped, noise.columns) if now.channel.remembered else None
     seen_as = groups if white is None else [replace(group, columns=white @ group.columns) for group in groups]
     base = whitening.orthonormal(now.columns if white is None else white @ now.columns)
     bases = [directions(group, base) for group in seen_as]
@@ -118,34 +82,22 @@ def test(now: FittedTerms, noise: FittedTerms, groups: Sequence[TestedColumns], 
     inflation = np.maximum(null.mean(axis=0) / freedom, np.finfo(float).tiny)  # a residual that is 0 has no noise
     score, scores = normal_score(seen / inflation, freedom), normal_score(null / inflation, freedom)
     names = list(dict.fromkeys(group.name for group in groups))
-    return [_tested(name, groups, score, scores, seen, inflation) for name in names]
-
-
-def square(fitted: FittedTerms, noise: FittedTerms) -> float:
-    """Return the sum of the squares of a fit; where the noise remembers, of what is left of it without the memory.
-
-    Args:
-        noise: the hypothesis whose residual is taken for noise.
-    """
-    if not fitted.channel.remembered:
-        return fitted.square
-    left = _without(noise.whitener @ fitted.clipped, whitening.orthonormal(noise.whitener @ fitted.columns))
-    return float(left @ left)
+    return [_tested(name, groups, score, scores, inflation) for name in names]
 
 
 def directions(group: TestedColumns, base: Floats) -> Floats:
     """Return an orthonormal basis of what the base leaves of a group, (n, k).
 
-    Of splines, what the base nearly is leaves faint directions that are no splines any more: they are left out.
+    What the base nearly is leaves faint directions that are no splines any more: they are left out.
 
     Args:
         base: orthonormal, (n, b).
     """
-    return whitening.orthonormal(_without(group.columns, base), FAINT if group.term is None else 1e-5)
+    return whitening.orthonormal(_without(group.columns, base), FAINT)
 
 
 def _tested(
-    name: str, groups: Sequence[TestedColumns], score: Floats, scores: Floats, seen: Floats, inflation: Floats
+    name: str, groups: Sequence[TestedColumns], score: Floats, scores: Floats, inflation: Floats
 ) -> TestedEffect:
     own = [k for k, group in enumerate(groups) if group.name == name]
     best = max(own, key=lambda k: score[k])
@@ -153,8 +105,7 @@ def _tested(
     away = (float(score[best]) - float(highest.mean())) / float(highest.std())
     # One group: a normal score. The highest of many: Gumbel's law.
     p = 0.5 * erfc(away / sqrt(2.0)) if len(own) == 1 else float(-np.expm1(-np.exp(-away * np.pi / sqrt(6.0) - 0.5772)))
-    least = max(float(inflation[best]), 1.0)
-    return TestedEffect(groups[best], p, least, float(seen[best]) / least)
+    return TestedEffect(groups[best], p, max(float(inflation[best]), 1.0))
 
 
 def draws(noise: FittedTerms, seed: int, repeats: int = REPEATS) -> Floats:

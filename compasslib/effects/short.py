@@ -11,6 +11,8 @@ import numpy as np
 from compasslib.core.types import Floats
 from compasslib.effects.term import Scene, Term, horizontal, parameter
 
+SHORT = ("platform", "swing", "magnetometer", "two_heads")
+
 
 def elapsed(scene: Scene) -> Floats:
     """Return the share of the record that is over, (n,)."""
@@ -38,6 +40,7 @@ class Delay(Term):
     """The reading is the heading of some time before, exactly: quick swings are no straight lines."""
 
     name: ClassVar[str] = "compass_lag"
+    recordings: ClassVar[tuple[str, ...]] = ("magnetometer", "two_heads")
     stage: ClassVar = "readout"
     acts_on: ClassVar = "reading"
     literature: ClassVar[str] = "a delay; for slow turns its first order, reading minus lag times the rate of turn"
@@ -55,6 +58,7 @@ class Drift(Term):
     """The reading grows along the record."""
 
     name: ClassVar[str] = "compass_drift"
+    recordings: ClassVar[tuple[str, ...]] = SHORT
     stage: ClassVar = "readout"
     acts_on: ClassVar = "reading"
     literature: ClassVar[str] = "a trend of A in von Appen 2015, eq. (1); reading clockwise positive"
@@ -71,6 +75,7 @@ class IronDrift(Term):
     """A horizontal field in the body frame grows along the record."""
 
     name: ClassVar[str] = "hard_iron_drift"
+    recordings: ClassVar[tuple[str, ...]] = SHORT
     literature: ClassVar[str] = "Poisson's P and Q, a trend in time; forward and starboard positive"
 
     b_x_nT: float = parameter("nT over the record", "forward", 200.0)
@@ -86,6 +91,7 @@ class MountingOffset(Term):
     """The heading is counted from another direction than the axes."""
 
     name: ClassVar[str] = "mounting_offset"
+    recordings: ClassVar[tuple[str, ...]] = ("magnetometer",)
     stage: ClassVar = "readout"
     acts_on: ClassVar = "reading"
     literature: ClassVar[str] = "A of von Appen 2015, eq. (1); clockwise positive"
@@ -102,6 +108,7 @@ class LevelIron(Term):
     """Hard iron as a level turn shows it: two components."""
 
     name: ClassVar[str] = "hard_iron"
+    recordings: ClassVar[tuple[str, ...]] = ("magnetometer",)
     literature: ClassVar[str] = "Poisson's P and Q; Le Menn et al. 2023, eq. (1); forward, starboard positive"
 
     b_x_nT: float = parameter("nT", "field forward", 200.0)
@@ -117,6 +124,7 @@ class LevelSoftIron(Term):
     """Soft iron as the modulus of a level turn shows it: what stretches the circle to an ellipse."""
 
     name: ClassVar[str] = "soft_iron"
+    recordings: ClassVar[tuple[str, ...]] = ("magnetometer",)
     literature: ClassVar[str] = "(a - e)/2 and (d + b)/2 of Poisson; Le Menn et al. 2023, eq. (1)"
 
     stretch: float = parameter("1", "(a - e)/2, forward against starboard", 0.02, least=-0.8, most=0.8)
@@ -133,6 +141,7 @@ class SoftIronInSpace(Term):
     """Soft iron as the modulus over all orientations shows it: a symmetric matrix whose trace is the scale."""
 
     name: ClassVar[str] = "soft_iron"
+    recordings: ClassVar[tuple[str, ...]] = ("magnetometer",)
     literature: ClassVar[str] = "Le Menn et al. 2023, eqs. (1), (2): an ellipsoid shows the symmetric part alone"
 
     stretch: float = parameter("1", "(xx - yy)/2", 0.02, least=-0.8, most=0.8)
@@ -153,6 +162,7 @@ class Levelled(Term):
     """The recorded heading is levelled by the tilts, the simulated one is not."""
 
     name: ClassVar[str] = "tilt_uncompensated"
+    recordings: ClassVar[tuple[str, ...]] = ("magnetometer",)
     stage: ClassVar = "sensor"
     literature: ClassVar[str] = "physics page, section 4: n = T m instead of m; 1 means that all levelling was left out"
 

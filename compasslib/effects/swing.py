@@ -1,0 +1,135 @@
+"""Terms as a swing's log shows them: water that carries the ship, and courses and readings that belong apart in time.
+
+Those of the water act on its velocity, (n, 2) m/s true east and north. Those of time act on how much later than a
+course the reading stands that belongs to it, (n,) seconds. A filter acts on the heading that the course follows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from compasslib.core import angles
+from compasslib.core.types import Floats
+from compasslib.effects.short import elapsed
+from compasslib.effects.term import Scene, Term, parameter
+
+LATEST_S = 60.0
+REACH = 5.0  # time constants after which a filter has forgotten
+TRIANGLE = "Moncunill et al. 2023, eqs. (29)-(37), not linearised: velocity over ground less that of the water"
+
+
+@dataclass(frozen=True)
+class SetAndDrift(Term):
+    """The water carries the ship; it keeps its set and drift."""
+
+    name: ClassVar[str] = "water_drift"
+    recordings: ClassVar[tuple[str, ...]] = ("swing",)
+    side: ClassVar = "water"
+    acts_on: ClassVar = "velocity"
+    literature: ClassVar[str] = TRIANGLE
+
+    east_m_s: float = parameter("m/s", "water towards east", 0.05)
+    north_m_s: float = parameter("m/s", "water towards north", 0.05)
+
+    def act(self, x: Floats, scene: Scene) -> Floats:
+        """Return the water's velocity."""
+        return x + np.array([self.east_m_s, self.north_m_s])
+
+
+@dataclass(frozen=True)
+class TidalSetAndDrift(Term):
+    """The water carries the ship; its set and drift change evenly along the log."""
+
+    name: ClassVar[str] = "water_drift"
+    recordings: ClassVar[tuple[str, ...]] = ("swing",)
+    side: ClassVar = "water"
+    acts_on: ClassVar = "velocity"
+    literature: ClassVar[str] = TRIANGLE
+
+    east_m_s: float = parameter("m/s", "water towards east in the middle of the log", 0.05)
+    north_m_s: float = parameter("m/s", "water towards north in the middle of the log", 0.05)
+    east_gain_m_s: float = parameter("m/s over the record", "gain towards east", 0.05)
+    north_gain_m_s: float = parameter("m/s over the record", "gain towards north", 0.05)
+
+    def act(self, x: Floats, scene: Scene) -> Floats:
+        """Return the water's velocity."""
+        gain = np.array([self.east_gain_m_s, self.north_gain_m_s])
+        return x + np.array([self.east_m_s, self.north_m_s]) + gain * (elapsed(scene)[:, None] - 0.5)
+
+
+@dataclass(frozen=True)
+class LateReading(Term):
+    """The compass shows the heading of some time before."""
+
+    name: ClassVar[str] = "compass_lag"
+    recordings: ClassVar[tuple[str, ...]] = ("swing",)
+    stage: ClassVar = "readout"
+    acts_on: ClassVar = "time"
+    literature: ClassVar[str] = "a delay; for slow turns its first order, reading minus lag times the rate of turn"
+
+    lag_s: float = parameter("s", "time by which the reading is late", 1.0, least=0.0, most=LATEST_S)
+
+    def act(self, x: Floats, scene: Scene) -> Floats:
+        """Return how much later the reading stands."""
+        return x + self.lag_s
+
+
+@dataclass(frozen=True)
+class LateCourse(Term):
+    """The course over ground is that of some time before: a receiver's filter, a hull that slides on in a turn."""
+
+    name: ClassVar[str] = "course_lag"
+    recordings: ClassVar[tuple[str, ...]] = ("swing",)
+    side: ClassVar = "reference"
+    stage: ClassVar = "readout"
+    acts_on: ClassVar = "time"
+    literature: ClassVar[str] = "a delay; for slow turns its first order, course minus lag times the rate of turn"
+
+    lag_s: float = parameter("s", "time by which the course is late", 1.0, least=0.0, most=LATEST_S)
+
+    def act(self, x: Floats, scene: Scene) -> Floats:
+        """Return how much later the reading stands."""
+        return x - self.lag_s
+
+
+@dataclass(frozen=True)
+class FilteredCourse(Term):
+    """The course over ground follows the heading as a filter of first order does."""
+
+    name: ClassVar[str] = "course_lag"
+    recordings: ClassVar[tuple[str, ...]] = ("swing",)
+    side: ClassVar = "reference"
+    stage: ClassVar = "readout"
+    acts_on: ClassVar = "reading"
+    literature: ClassVar[str] = "a filter of first order of the velocity: a receiver's, or the inertia of a hull"
+
+    lag_s: float = parameter("s", "mean delay of the filter", 1.0, least=0.0, most=LATEST_S)
+
+    def act(self, x: Floats, scene: Scene) -> Floats:
+        """Return headings of a sample a second, not wrapped, as the filter leaves them."""
+        size = abs(self.lag_s)
+        kernel = (size / (1.0 + size)) ** np.arange(int(REACH * size) + 2) / (1.0 + size)
+        unit = angles.phasor(np.concatenate([np.full(len(kernel) - 1, x[0]), x]))
+        late = angles.difference(angles.argument(np.convolve(unit, kernel, "valid")), x)
+        return np.asarray(x + np.sign(self.lag_s) * late)
+
+
+@dataclass(frozen=True)
+class ClocksApart(Term):
+    """Headings and courses were logged by two clocks."""
+
+    name: ClassVar[str] = "clock_offset"
+    recordings: ClassVar[tuple[str, ...]] = ("swing",)
+    side: ClassVar = "clock"
+    stage: ClassVar = "clock"
+    acts_on: ClassVar = "time"
+    literature: ClassVar[str] = "time of the compass minus that of the receiver"
+
+    offset_s: float = parameter("s", "the compass's clock minus the receiver's", 1.0)
+
+    def act(self, x: Floats, scene: Scene) -> Floats:
+        """Return how much later the reading stands."""
+        return x + self.offset_s
