@@ -12,7 +12,7 @@ from compasslib.effects import CATALOGUE, Scene, composition, page, short
 from compasslib.effects.composition import Simulation
 from compasslib.effects.iron import Heeling, TemperatureOfField
 from compasslib.effects.reading import Octantal, Sextantal, TiltUncompensated
-from compasslib.search.case import testable
+from compasslib.search import case
 
 NAMES = [
     "hard_iron",
@@ -45,6 +45,10 @@ NAMES = [
     "reference_slip",
     "reference_beams",
     "reference_bias",
+    "pressure",
+    "pivot_friction",
+    "beam_gain",
+    "velocity_bias",
 ]
 H_NT, Z_NT, N = 12000.0, 52000.0, 400
 LEVEL = np.array([0.03, 0.25, -0.2, 0.02, 0.01])
@@ -207,7 +211,7 @@ def test_a_harmonic_with_three_angles_for_a_reading_gives_none(kind):
 
 
 def test_every_form_that_says_mooring_is_tried_in_one():
-    tried, _ = testable(SCENE, reference_magnetic=False)
+    tried, _ = case.testable(SCENE, reference_magnetic=False)
     found_apart = {kind for kind in CATALOGUE if kind.found_by}
     assert set(tried) - found_apart == {kind for kind in CATALOGUE if "mooring" in kind.recordings} - found_apart
 

@@ -15,7 +15,6 @@ from compasslib import deviation
 from compasslib.archive.files import read_json, write_json
 from compasslib.core import angles, compass
 from compasslib.core.records import GOOD, EarthField, Pairs, Record, take
-from compasslib.deviation import correction
 from compasslib.deviation import model as fits
 from compasslib.search import baseline, clocks, covariates, findings, show, stuck, verdict
 from compasslib.search import product as products
@@ -157,11 +156,36 @@ def test_a_series_fitted_to_iron_stronger_than_the_field_is_too_small_a_model():
     assert found.verdict == "explained" and found.fit is not None and found.fit.method == "exact"
 
 
-def test_what_is_not_in_the_catalogue_is_said_to_be_unexplained():
-    _, found = seen({"sector": 4.0}, seed=3)
-    assert found.verdict == "unexplained" and found.unexplained.where.covariate == "heading"
-    assert found.unexplained.rms_effect_deg > 0.5 and found.unexplained.curves[0].before_deg.size > 10
-    assert "No effect of the catalogue explains it" in found.unexplained.text
+def test_what_nobody_listed_is_composed_and_corrects_the_record():
+    drawn, found = seen({"sector": 4.0}, seed=3)
+    first = found.findings[0]
+    assert first.effect == "composed" and first.side == "compass" and first.applied
+    assert first.composition == {"acts_on": "reading", "driver": "heading", "form": "bump"}
+    assert "no listed effect, but the compass's reading" in first.text and first.where.covariate == "heading"
+    assert first.probability + sum(first.alternatives_probability.values()) > 0.95
+    product = products.of(fitted(drawn), found)
+    again = products.from_json({"applied": json.loads(json.dumps(product.to_json()))})
+    assert again.applied[0].compass.simulation == product.applied[0].compass.simulation
+
+
+@pytest.mark.parametrize(
+    ("strange", "seed", "right"),
+    [
+        ("warm_sextantal", 4, {("lobe3", "temperature", "linear")}),
+        ("tilt_squared", 6, {("reading", "pitch", "quadratic")}),
+        ("hour", 7, {("reading", "hour", "periodic")}),
+        ("depth_threshold", 9, {("reading", "depth", "threshold")}),
+    ],
+)
+def test_a_composition_is_among_the_names_with_its_three_words(strange, seed, right):
+    _, found = seen({strange: 3.5}, seed=seed)
+    told = {tuple(one.removeprefix("composed:").split("/")) for one in sets(found)}
+    assert right <= told
+
+
+def sets(found):
+    """Return all names that a diagnosis holds for possible, a composed one as composed:ACTS_ON/DRIVER/FORM."""
+    return {name for one in found.findings for name in (one.named, *one.alternatives)}
 
 
 def test_water_that_veers_frees_the_fit_and_turns_no_heading():
@@ -176,13 +200,6 @@ def test_water_that_veers_frees_the_fit_and_turns_no_heading():
     roots = [compass.inverse(c, drawn.pairs.heading_deg) for c in (product.fit.coefficients, freed)]
     before, after = (angles.rms(angles.difference(fits.nearest_root(x, drawn.heading), drawn.heading)) for x in roots)
     assert after < 0.5 * before
-
-
-def test_what_is_seen_and_not_corrected_widens_the_uncertainty():
-    drawn, found = seen({"sector": 4.0}, seed=3)
-    product = products.of(fitted(drawn), found)
-    assert product.left_deg >= found.unexplained.rms_effect_deg > 0.5
-    assert correction.unmodelled(False, product.left_deg) == product.left_deg
 
 
 def test_a_sector_in_which_the_compass_hangs_is_seen_in_the_histogram():
@@ -204,20 +221,18 @@ def test_weeks_in_which_the_reading_was_off_are_not_two_faults_that_cancel():
     assert not found.findings
 
 
-@pytest.mark.parametrize(("strange", "seed", "covariate"), [("sector", 2, "heading"), ("depth_threshold", 1, "depth")])
-def test_a_name_that_only_stands_for_the_curve_of_what_is_left_is_not_given(strange, seed, covariate):
+@pytest.mark.parametrize(("strange", "seed", "word"), [("sector", 2, "heading"), ("depth_threshold", 1, "depth")])
+def test_no_listed_effect_stands_for_what_is_none(strange, seed, word):
     drawn = world.planted(world.make(seed, wide=seed == 1, n=HOURS), {strange: 3.5})
     found = diagnose(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn), Options())
-    assert found.verdict == "unexplained" and not found.findings and not any(one.compass for one in found.applied)
-    assert found.unexplained.covariates == (covariate,)
-    assert 2.8 < found.unexplained.rms_effect_deg < 4.2  # of 3.5 degrees; the clip and the noise take and give a fifth
+    assert found.findings[0].composition["driver"] == word and found.findings[0].rms_effect_deg > 2.5
+    assert not [one.effect for one in found.findings if one.effect != "composed"]
 
 
 def test_an_effect_beyond_a_rare_depth_is_no_veer_in_proportion_to_depth():
     drawn = world.planted(world.make(6, wide=False, n=HOURS), {"depth_threshold": 3.5})
     found = diagnose(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn), Options())
-    assert found.verdict == "unexplained" and not found.findings and not any(one.compass for one in found.applied)
-    assert found.unexplained.covariates == ("depth",)
+    assert {one.composition["driver"] for one in found.findings} == {"depth"}
 
 
 def test_what_wanders_is_no_slip_and_a_slip_is_one():

@@ -19,6 +19,7 @@ from __future__ import annotations
 import re
 from dataclasses import fields
 
+from compasslib.effects.composed import COMPOSED, BeamGain, PivotFriction, Pressure, VelocityBias
 from compasslib.effects.earth import DeclinationError, FieldDisturbance, SecularVariation
 from compasslib.effects.iron import (
     BatteryChange,
@@ -87,6 +88,7 @@ CATALOGUE: tuple[type[Term], ...] = (
     IronDrift,
     HardIronStep,
     BatteryChange,
+    Pressure,
     LargeDeviation,
     FieldDisturbance,
     SecularVariation,
@@ -107,6 +109,7 @@ CATALOGUE: tuple[type[Term], ...] = (
     CompassLag,
     Delay,
     LateReading,
+    PivotFriction,
     VeerWithSpeed,
     VeerWithSeparation,
     VeerWithDepth,
@@ -116,6 +119,8 @@ CATALOGUE: tuple[type[Term], ...] = (
     LateCourse,
     FilteredCourse,
     MooringMotion,
+    BeamGain,
+    VelocityBias,
     ReferenceDeviation,
     ReferenceSlip,
     ReferenceBeams,
@@ -126,7 +131,6 @@ CATALOGUE: tuple[type[Term], ...] = (
 )
 
 SLOW_WATER = "current_shear_slow"  # no term: it stands in the noise, and in sets as the rival of what changes slowly
-COMPOSED = "composed:"
 SIDES = {term.name: term.side for term in CATALOGUE} | {SLOW_WATER: "water"}  # what each effect acts on
 
 
@@ -138,7 +142,7 @@ def side_of(effect: str) -> str:
     """
     if effect.startswith(COMPOSED):
         acts_on = effect.removeprefix(COMPOSED).split("/")[0]
-        return {"water": "water", "clock": "clock"}.get(acts_on, "compass")
+        return "water" if acts_on.startswith("flow") else "clock" if acts_on == "clock" else "compass"
     return SIDES[effect]
 
 

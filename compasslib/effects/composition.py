@@ -176,7 +176,29 @@ def derivative(
         more = simulation.at(at + steps[j] * (np.arange(len(at)) == j))
         turned = angles.difference(read(more), reading)
         columns.append((veer(more, scene) - veered - turned / slope) / steps[j])
-    return np.stack(columns, axis=1)
+    return np.stack(columns, axis=1) if columns else np.zeros((len(scene), 0))
+
+
+def beside(simulation: Simulation, scene: Scene, heading_deg: Floats, term: Term) -> Floats:
+    """Return the derivative by the parameters of a term that acts beside those that stand, (n, p) degrees a unit.
+
+    What stands at the readout would bend the reading on which another one acts after it: beside it both act on the
+    same, as either would in the other's place.
+
+    Args:
+        heading_deg: correct magnetic headings, (n,), degrees.
+    """
+    if term.acts_on != "reading":
+        both = replace(simulation, terms=(term, *simulation.terms))
+        return derivative(both, scene, heading_deg, first=5, last=5 + len(term.fitted()))
+    bare = replace(simulation, terms=tuple(one for one in simulation.terms if one.acts_on != "reading"))
+    earth = earth_in_body(scene, heading_deg - north(simulation, scene))
+    reading = readout(bare, scene, sensed_angle(bare, scene, earth))
+    slope, steps = steepness(simulation, scene, heading_deg), 0.05 * term.steps()
+    slope = np.where(np.abs(slope) < FLATTEST, np.copysign(FLATTEST, slope), slope)
+    moved = [term.at(term.values + h * (np.arange(len(steps)) == j)).act(reading, scene) for j, h in enumerate(steps)]
+    at = term.act(reading, scene)
+    return np.stack([-angles.difference(one, at) / slope / h for one, h in zip(moved, steps, strict=True)], axis=1)
 
 
 def steepness(simulation: Simulation, scene: Scene, heading_deg: Floats) -> Floats:

@@ -127,6 +127,10 @@ def plain(name: str) -> str:
     Args:
         name: with underscores.
     """
+    if name.startswith("composed:"):
+        from compasslib.search import wording  # only where nobody listed what was found
+
+        return wording.plain(name)
     return name.replace("_", " ")
 
 

@@ -21,6 +21,8 @@ from compasslib.effects import Scene, composition
 from compasslib.effects.composition import Simulation
 from compasslib.search import covariates
 
+FROM_TILT = ("pitch", "roll", "tilt")
+
 
 @dataclass(frozen=True)
 class Applied:
@@ -50,10 +52,13 @@ class Applied:
         """
         used = {name: covariates.as_used(name, column, time_s) for name, column in series.items()}
         found = {name: np.nan_to_num(used[name] - self.references[name]) for name in self.logged if name in used}
-        found |= {name: np.zeros(len(time_s)) for name in self.logged if name not in series}
+        found |= {name: np.zeros(len(time_s)) for name in self.logged if name not in (*series, *FROM_TILT)}
         if "supply_voltage" in used:
             filled = covariates.filled(used["supply_voltage"])
             found["battery_number"] = covariates.battery_number(filled)
+        leans = dict(zip(("pitch", "roll"), (np.nan_to_num(x) for x in tilt_deg), strict=True))
+        leans["tilt"] = np.hypot(leans["pitch"], leans["roll"])
+        found |= {name: lean - self.references[name] for name, lean in leans.items() if name in self.references}
         found["turn_rate"] = np.nan_to_num(covariates.rate(recorded_deg, time_s))
         h, z = (np.interp(time_s, field.time_s, x) for x in (field.horizontal_nT, field.vertical_nT))
         pitch, roll = (np.nan_to_num(x) for x in tilt_deg)

@@ -93,13 +93,13 @@ class State:
         return left[np.isfinite(weight) & (weight > 0)]
 
 
-def examine(case: Case, simulation: Simulation, nuisance: Floats, *, freed: bool = False) -> State:
+def examine(case: Case, simulation: Simulation, nuisance: Floats, *, freed_deg: Floats | None = None) -> State:
     """Return the residual of a simulation, whitened, with its base projected out.
 
     Args:
         nuisance: values of the nuisances, (k,).
-        freed: whether the terms' effects are given back to the residual, linearised where the simulation stands, so
-            that other terms can be tried in their place; else they belong to the base.
+        freed_deg: the terms' effects, (n,), which are then given back to the residual, so that other terms can be tried
+            in their place; else the terms belong to the base.
 
     Raises:
         Lost: too few samples are left to be examined.
@@ -108,8 +108,7 @@ def examine(case: Case, simulation: Simulation, nuisance: Floats, *, freed: bool
     if (usable := int(np.isfinite(residual).sum())) < FEWEST:
         raise Lost(f"{usable} of {len(case)} samples show on which branch of the compass they are")
     derivative = np.nan_to_num(composition.derivative(simulation, case.scene, heading))
-    base = np.column_stack([derivative[:, : 5 if freed else None], case.nuisance])
-    effect = derivative[:, 5:] @ simulation.parameters[5:] if freed else np.zeros(len(case))
+    base = np.column_stack([derivative[:, : None if freed_deg is None else 5], case.nuisance])
     left, width, shift = residual, np.full(len(case), np.inf), np.zeros(base.shape[1])
     for _ in range(ROUNDS):
         width = np.hypot(whitening.widths(left, case.slowness), width_floor)
@@ -126,14 +125,26 @@ def examine(case: Case, simulation: Simulation, nuisance: Floats, *, freed: bool
     bare = innovation - basis @ (basis.T @ innovation)
     counts = np.isfinite(width)
     sigma = float(np.sqrt(bare @ bare / max(counts.sum() - basis.shape[1], 1)))
-    if freed:  # the clip and the filter are those of what is left, not of the effect
-        innovation = innovation + response * white(effect[:, None])[:, 0]
+    if freed_deg is not None:  # the clip and the filter are those of what is left, not of the effect
+        innovation = innovation + response * white(freed_deg[:, None])[:, 0]
     innovation = innovation - basis @ (basis.T @ innovation)
     return State(
         case=case, simulation=simulation, nuisance=nuisance, heading_deg=heading, residual_deg=left, base=base,
         whitener=white, basis=basis, standard=standard, shift=shift, innovation=innovation, sigma=sigma,
         response=response,
     )  # fmt: skip
+
+
+def halfway(state: State) -> State:
+    """Return the state with its terms at half their sizes, for columns only: nothing is refitted there.
+
+    There the slopes are those of the chord from none to all of an effect; where it stands whole they are not, and what
+    would do as well in its place looks worse than it is.
+    """
+    terms = tuple(term.at(term.values / 2.0) for term in state.simulation.terms)
+    simulation = replace(state.simulation, terms=terms)
+    roots = composition.headings(simulation, state.case.scene, state.case.recorded_deg)
+    return replace(state, simulation=simulation, heading_deg=model.nearest_root(roots, state.heading_deg))
 
 
 def usable(case: Case, simulation: Simulation, nuisance: Floats) -> int:

@@ -10,7 +10,6 @@ import numpy as np
 from compasslib.core import angles
 from compasslib.core.types import Floats
 from compasslib.effects import Term, composition
-from compasslib.effects.composition import Simulation
 from compasslib.effects.reading import HeadingSlip
 from compasslib.search import stuck
 from compasslib.search.baseline import State
@@ -104,9 +103,7 @@ def spells(state: State) -> list[Group]:
 
 
 def _derivative(state: State, term: Term) -> Floats:
-    alone = Simulation(state.simulation.coefficients, state.simulation.horizontal_nT, (*state.simulation.terms, term))
-    first = len(alone.parameters) - len(term.fitted())
-    columns = composition.derivative(alone, state.case.scene, state.heading_deg, first=first)
+    columns = composition.beside(state.simulation, state.case.scene, state.heading_deg, term)
     return np.where(np.isfinite(columns), columns, 0.0)
 
 

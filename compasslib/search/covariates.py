@@ -14,9 +14,11 @@ from compasslib.core import angles
 from compasslib.core.records import Pairs, Record
 from compasslib.core.types import Floats
 from compasslib.deviation import model
+from compasslib.preparation import overlap
 from compasslib.search import stuck
 
 DAY_S, HOUR_S = 86400.0, 3600.0
+NEAR_CELLS = 2  # whose mean is the water at the instrument
 FEWEST_VALUES = 5  # different values below which a covariate says nothing
 QUIET = ("declination_observatory", *stuck.LEANS)  # departures: what is missing counts as none
 FROM_ZERO = stuck.LEANS  # departures whose zero means something
@@ -42,7 +44,13 @@ def logged(record: Record, observatory_files: Sequence[str], at: Pairs | None = 
     Raises:
         InputError: an observatory's file cannot be read.
     """
-    series = {"temperature": record.temperature_c, "supply_voltage": record.supply_voltage} | stuck.leans(record)
+    velocity, _ = overlap.near_bins(record, np.zeros(len(record.time_s)), NEAR_CELLS)
+    series = {
+        "temperature": record.temperature_c,
+        "supply_voltage": record.supply_voltage,
+        "depth": record.depth_m,
+        "speed": np.abs(velocity),
+    } | stuck.leans(record)
     if observatory_files:
         from compasslib import observatory  # only where one is named
 
@@ -82,7 +90,9 @@ def references(columns: Mapping[str, Floats]) -> dict[str, float]:
     Args:
         columns: covariates, (n,) each.
     """
-    return {name: 0.0 if name in FROM_ZERO else float(np.mean(column)) for name, column in columns.items()}
+    means = {name: 0.0 if name in FROM_ZERO else float(np.mean(column)) for name, column in columns.items()}
+    leans = [columns[name] for name in ("pitch", "roll") if name in columns]
+    return means | ({"tilt": float(np.mean(np.hypot.reduce(leans)))} if leans else {})
 
 
 def as_used(name: str, column: Floats, time_s: Floats) -> Floats:
@@ -144,8 +154,18 @@ def departures(
     result = {name: column - references.get(name, 0.0) for name, column in covariates.items()}
     result["turn_rate"] = rate(pairs.heading_deg, pairs.time_s)
     result |= _of_flow(pairs, np.nan_to_num(angles.difference(heading_deg, pairs.heading_deg)))
+    if "flow_east" in result:
+        upper, lower = (running(speed, pairs.time_s, SPEED_SPAN_S) for speed in model.speeds(pairs))
+        own = np.where(np.isfinite(heading_deg), heading_deg, pairs.heading_deg) + pairs.declination_deg
+        result |= _in_body(own, upper, result, "body")
+        if "reference_heading" in covariates:
+            result |= _in_body(covariates["reference_heading"] + pairs.declination_deg, lower, result, "reference")
     if "reference_heading" in covariates:
-        result |= _at_reference(pairs, covariates["reference_heading"], result)
+        for name, wave in zip(("sine", "cosine"), angles.sin_cos(covariates["reference_heading"]), strict=True):
+            result[f"reference_{name}"] = wave - wave.mean()
+    if "pitch" in result or "roll" in result:
+        result["tilt"] = np.hypot.reduce([covariates[x] for x in ("pitch", "roll") if x in covariates])
+        result["tilt"] = result["tilt"] - references["tilt"]
     if "supply_voltage" in covariates:
         number = battery_number(covariates["supply_voltage"])
         if number[-1] > 0:
@@ -218,24 +238,22 @@ def _of_flow(pairs: Pairs, deviation_deg: Floats) -> dict[str, Floats]:
     return result
 
 
-def _at_reference(pairs: Pairs, heading_deg: Floats, of_flow: Mapping[str, Floats]) -> dict[str, Floats]:
-    """Return sine and cosine of the trusted heading, and of the flow's angle in that instrument's body.
+def _in_body(heading_deg: Floats, speed: Floats, of_flow: Mapping[str, Floats], whose: str) -> dict[str, Floats]:
+    """Return sine and cosine of the flow's angle in an instrument's body over its speed, and the sine of twice it.
 
     Args:
-        heading_deg: as the trusted compass recorded it, (n,).
-        of_flow: the flow's direction as the hours around tell it, where they do.
+        heading_deg: to true north, (n,).
+        speed: as that instrument measured it, mean of some hours, (n,) m/s.
+        of_flow: the flow's direction as the hours around tell it.
+        whose: what the names begin with.
     """
-    sine, cosine = angles.sin_cos(heading_deg)
-    result = {"reference_sine": sine - sine.mean(), "reference_cosine": cosine - cosine.mean()}
-    if "flow_east" not in of_flow:
-        return result
-    (sine, cosine), (sine2, cosine2) = (angles.sin_cos(k * (heading_deg + pairs.declination_deg)) for k in (1.0, 2.0))
-    speed = np.maximum(running(np.hypot(pairs.lower_east, pairs.lower_north), pairs.time_s, SPEED_SPAN_S), SLOWEST_M_S)
+    (sine, cosine), (sine2, cosine2) = (angles.sin_cos(k * heading_deg) for k in (1.0, 2.0))
     east, north, flow_sine2, flow_cosine2 = (of_flow[name] for name in FLOW)
-    return result | {
-        "reference_flow_sine": (east * cosine - north * sine) / speed,
-        "reference_flow_cosine": (north * cosine + east * sine) / speed,
-        "reference_flow_sine2": flow_sine2 * cosine2 - flow_cosine2 * sine2,
+    slow = np.maximum(speed, SLOWEST_M_S)
+    return {
+        f"{whose}_flow_sine": (east * cosine - north * sine) / slow,
+        f"{whose}_flow_cosine": (north * cosine + east * sine) / slow,
+        f"{whose}_flow_sine2": flow_sine2 * cosine2 - flow_cosine2 * sine2,
     }
 
 

@@ -200,7 +200,7 @@ def _judged(case: Case, options: Options) -> Diagnosis:
     stands = [one for one in every if one.rms_effect_deg >= options.min_effect_deg]
     small = [(one.effect, one.rms_effect_deg) for one in every if one.rms_effect_deg < options.min_effect_deg]
     ordered = tuple(sorted(stands, key=lambda one: -one.rms_effect_deg))
-    names = [one.effect for one in ordered]
+    names = [one.named for one in ordered]
     unexplained = _unexplained(state, rest.worth[0] if rest.worth else None, heap, options.min_effect_deg, names)
     detectable = posterior.detectable(found.posterior)
     bare = model.refit(state, []) if state.simulation.terms else state
@@ -208,11 +208,11 @@ def _judged(case: Case, options: Options) -> Diagnosis:
         verdict=verdict_of(ordered, unexplained),
         findings=ordered,
         unexplained=unexplained,
-        separated_by="; ".join(wording.separated_by(f.effect, f.alternatives) for f in ordered if f.alternatives)
+        separated_by="; ".join(wording.separated_by(f.named, f.alternatives) for f in ordered if f.alternatives)
         or None,
         not_testable=case.not_testable,
         negligible=(*small, *((group.name, size) for group, size in rest.small)),
-        curves=_curves(bare, state, ordered),
+        curves=_curves(bare, state, every, ordered),
         applied=_applied(found) if options.apply else (),
         covariance=found.estimate(bare).covariance[:5, :5],
         why=_why(detectable, options.min_effect_deg),
@@ -313,13 +313,18 @@ def _why(detectable: Mapping[str, float], min_effect_deg: float) -> str:
     )
 
 
-def _curves(before: State, after: State, found: Sequence[Finding]) -> tuple[BinnedResidual, ...]:
-    """Return the residual along the turn by each effect that was found, and along what they live in."""
-    effects = {one.effect for one in found}
+def _curves(
+    before: State, after: State, every: Sequence[Finding], found: Sequence[Finding]
+) -> tuple[BinnedResidual, ...]:
+    """Return the residual along the turn by each effect that was found, and along what they live in.
+
+    Args:
+        every: findings of all terms, in their order.
+    """
     turns = [
-        show.turn(after, term.name, model.visible(after, k) @ term.values)
-        for k, term in enumerate(after.simulation.terms)
-        if term.name in effects
+        show.turn(after, one.effect, model.visible(after, k) @ term.values)
+        for k, (term, one) in enumerate(zip(after.simulation.terms, every, strict=True))
+        if one in found
     ]
     names = dict.fromkeys(["heading", "time", *(one.where.covariate for one in found)])
     return (*turns, *(show.curve(before, after, name) for name in names if name in before.case.covariates))

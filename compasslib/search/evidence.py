@@ -8,6 +8,7 @@ standard normal law; products of all columns with each other and with the residu
 from __future__ import annotations
 
 import itertools
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -21,12 +22,14 @@ from compasslib.effects import Term, composition
 from compasslib.search import columns, dispersion
 from compasslib.search.baseline import State
 from compasslib.search.columns import Group
+from compasslib.search.grammar import Found
 from compasslib.search.noise import Slow, Water
 from compasslib.stats.whitening import directions
 
 Hypothesis = tuple[int, ...]  # numbers of candidates
 
 USUAL_DEG = 4.0  # turn of the heading, rms, that an effect usually makes where its physics sets no size
+ALIKE = 4  # power of what two groups have in common, by which they share their noise
 BLOCK_S, BLOCKS = 3 * 86400.0, 10.0  # longer than the memory that the filter leaves; trust in the middle, in blocks
 ANYTHING = 1e6  # variance of what is free, in units of one sample's
 FAINT = 1e-3  # of a wave of slow water: variance over that of white noise below which it is left out
@@ -65,6 +68,7 @@ class Candidates:
     white: Floats  # (n, p + q) the whitened columns
     innovation: Floats  # (n,) the whitened residual, over its standard deviation
     base: Floats  # (n, b) what was projected out of both, orthonormal
+    shares: Sequence[float]  # (g,) log share of each group in the odds of its effect
     free: int = 0  # columns at the end of which anything is expected
 
     @cached_property
@@ -96,16 +100,30 @@ class Candidates:
             parts.append((at, index, uneven))
         return Tried(len(hypotheses), parts)
 
-    def log_evidence(self, products: Products, tried: Tried) -> Floats:
-        """Return the log of how much likelier each hypothesis makes the residual than none, (h,)."""
-        result = np.zeros(tried.count)
+    def log_evidence(self, products: Products, tried: Tried, best: Hypothesis = ()) -> Floats:
+        """Return the log of how much likelier each hypothesis makes the residual than none, (h,).
+
+        What a hypothesis gains is divided by how uneven its noise is: against none all of it, against the best only
+        what it gains more or less. Rivals of a strong effect would else be told apart by their unevenness alone.
+
+        Args:
+            best: the hypothesis that is the most probable so far.
+        """
+        gain, charge, uneven = self._gains(products, tried)
+        own, _, least = (each[0] for each in self._gains(products, self.tried([best])))
+        return own / least + (gain - own) / np.maximum(uneven, least) - charge
+
+    def _gains(self, products: Products, tried: Tried) -> tuple[Floats, Floats, Floats]:
+        """Return what each hypothesis gains, what it pays for its possible sizes, and its unevenness, (h,) each."""
+        gain, charge, every = (np.zeros(tried.count), np.zeros(tried.count), np.ones(tried.count))
         for at, index, uneven in tried.parts:
             information = products.information[index[:, :, None], index[:, None, :]] / uneven[:, None, None]
             lower = np.linalg.cholesky(information + np.eye(index.shape[1]))
             half = np.linalg.solve(lower, (products.score[index] / uneven[:, None])[:, :, None])[:, :, 0]
-            determinant = np.log(np.einsum("hkk->hk", lower)).sum(axis=1)
-            result[at] = 0.5 * np.sum(half**2, axis=1) - determinant
-        return result
+            gain[at] = 0.5 * np.sum(half**2, axis=1) * uneven
+            charge[at] = np.log(np.einsum("hkk->hk", lower)).sum(axis=1)
+            every[at] = uneven
+        return gain, charge, every
 
     def terms(self, products: Products, hypothesis: Hypothesis) -> list[Term]:
         """Return the terms of a hypothesis at their likeliest values."""
@@ -154,13 +172,13 @@ def beside(
     return Products(information[:own, :own] - cross.T @ cross, score[:own] - cross.T @ left, gain)
 
 
-def gathered(view: State, slow: Slow | None, groups: list[Group], usual: Floats, uneven: Floats) -> Candidates:
+def gathered(view: State, slow: Slow | None, drawn: Groups, uneven: Floats) -> Candidates:
     """Return all candidates on one scale.
 
     Args:
         view: whose base holds the compass and the nuisances, and no slow water.
-        usual: what is expected of each parameter of the groups, (p,).
     """
+    groups, usual = drawn.groups, drawn.usual
     ends = np.cumsum([0, *(group.columns.shape[1] for group in groups)])
     own = np.concatenate([np.zeros((len(view.case), 0)), *(group.columns for group in groups)], axis=1) * usual
     every = own if slow is None else np.concatenate([own, slow.columns], axis=1)
@@ -182,6 +200,7 @@ def gathered(view: State, slow: Slow | None, groups: list[Group], usual: Floats,
         white=white,
         innovation=innovation,
         base=view.basis,
+        shares=drawn.shares,
     )
 
 
@@ -197,35 +216,85 @@ def unevenness(state: State, groups: Sequence[Group]) -> Floats:
     ends = np.cumsum([0, *(group.columns.shape[1] for group in groups)])
     white = state.projected(np.concatenate([group.columns for group in groups], axis=1, dtype=np.float32))
     own, blocks = np.ones(len(groups)), np.ones(len(groups))
+    bases: list[Floats] = []
     for k, (a, b) in enumerate(itertools.pairwise(ends)):
-        basis = directions(white[:, a:b]).astype(float)
+        basis = directions(white[:, a:b])
+        bases.append(basis)
         if not basis.shape[1]:
             continue
+        basis = basis.astype(float)
         sums, starts = dispersion.of_blocks(state, basis, BLOCK_S)
         weight = np.add.reduceat(np.sum(basis**2, axis=1), starts) / basis.shape[1]
         own[k] = np.sum(sums**2) / basis.shape[1] / state.sigma**2 / max(1.0 - float(np.sum(weight**2)), 0.1)
         blocks[k] = 1.0 / float(np.sum(weight**2))
     middle = float(np.median(own))
-    return np.asarray((blocks * own + BLOCKS * middle) / (blocks + BLOCKS))
+    return np.asarray(_as_neighbours(bases, blocks * own + BLOCKS * middle) / _as_neighbours(bases, blocks + BLOCKS))
 
 
-def of_catalogue(view: State) -> tuple[list[Group], Floats]:
-    """Return every effect that can be tested in every form and at every date, and what is expected of its parameters.
+def _as_neighbours(bases: Sequence[Floats], each: Floats) -> Floats:
+    """Return the mean of something over the groups that are alike, (g,): rivals must not differ by chance in it."""
+    every = np.concatenate(bases, axis=1)
+    begins = np.cumsum([0, *(basis.shape[1] for basis in bases)])[:-1]
+    some = np.array([basis.shape[1] > 0 for basis in bases])
+    alike = np.add.reduceat(np.add.reduceat((every.T @ every) ** 2, begins[some], axis=0), begins[some], axis=1)
+    size = np.sqrt(np.diag(alike))
+    weight = (alike / np.outer(size, size)) ** ALIKE
+    result = each.copy()
+    result[some] = weight @ each[some] / weight.sum(axis=1)
+    return result
+
+
+@dataclass(frozen=True)
+class Groups:
+    """Columns of every effect in every form and at every place, what is expected of them, and their shares."""
+
+    groups: list[Group]
+    usual: Floats  # (p,) standard deviation that is expected of each parameter
+    shares: list[float]  # (g,) log share of each in the odds of its effect
+
+    @property
+    def by_kind(self) -> dict[type[Term], Floats]:
+        """What is expected of each kind of term, (k,) each."""
+        ends = np.cumsum([group.columns.shape[1] for group in self.groups])
+        parts = zip(self.groups, np.split(self.usual, ends[:-1]), strict=True) if self.groups else ()
+        return {type(group.term): part for group, part in parts if group.term is not None}
+
+
+NO_GROUPS = Groups([], np.zeros(0), [])
+
+
+def drawn(view: State, composed: Sequence[Found]) -> Groups:
+    """Return every effect of the catalogue that can be tested, and compositions.
 
     Where physics sets no size, an effect turns headings by some degrees, whatever its cause does in this recording.
+    What was expected once stays so, wherever the columns are taken.
     """
-    groups, usual = [], []
-    standing = _standing(view)
+    groups, usual, shares = [], [], []
+    standing, forms = _standing(view), Counter(kind.name for kind in view.case.terms)
     for kind in view.case.terms:
         always = columns.of_term(view, kind())
         some = columns.of_dates(view, kind, columns.dates(view.case.scene.time_s)) if kind.dated() else [always]
-        turn = np.sqrt(np.mean(always.columns**2, axis=0))
-        with np.errstate(divide="ignore"):
-            physical = kind.expected() ** -0.5
-            expected = np.where(np.isfinite(physical), physical, USUAL_DEG / turn)
         groups += [standing.get(group.term, group) for group in some]
-        usual += [np.where(turn > 0.0, expected, 0.0)] * len(some)
-    return groups, np.concatenate([np.zeros(0), *usual])
+        usual += [_expected(view, always)] * len(some)
+        shares += [-float(np.log(forms[kind.name] * len(some)))] * len(some)
+    for one in composed:
+        group = columns.of_term(view, one.term)
+        groups.append(standing.get(one.term, group))
+        usual.append(one.usual)
+        shares.append(one.log_share)
+    return Groups(groups, np.concatenate([np.zeros(0), *usual]), shares)
+
+
+def _expected(view: State, group: Group) -> Floats:
+    """Return the standard deviation that is expected of each parameter of a term, (k,)."""
+    assert group.term is not None
+    if (known := view.case.usual.get(type(group.term))) is not None:
+        return known
+    turn = np.sqrt(np.mean(group.columns**2, axis=0))
+    with np.errstate(divide="ignore"):
+        physical = type(group.term).expected() ** -0.5
+        expected = np.where(np.isfinite(physical), physical, USUAL_DEG / turn)
+    return np.where(turn > 0.0, expected, 0.0)
 
 
 def _standing(view: State) -> dict[Term | None, Group]:

@@ -13,7 +13,8 @@ from compasslib.core.types import Floats
 from compasslib.deviation import exact, von_appen
 from compasslib.deviation.forms import EXACT, SeriesInCorrect
 from compasslib.deviation.model import Fit, nearest_root, observed_heading
-from compasslib.effects import Term
+from compasslib.effects import COMPOSED, Term
+from compasslib.effects.composed import Composed
 from compasslib.search import folds, model, show, stuck, verdict, wording
 from compasslib.search.baseline import State
 from compasslib.search.case import Case
@@ -41,7 +42,9 @@ def of_terms(found: Inference) -> list[Finding]:
 
 def _of_term(found: Inference, k: int, covariance: Floats) -> Finding:
     state, slot = found.state, found.slots[k]
-    term, alternatives = state.simulation.terms[k], tuple(slot.alternatives)
+    term = state.simulation.terms[k]
+    others = {found.said(name): p for name, p in slot.alternatives.items()}
+    effect, composition = _words_of(term)
     sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     parameters = {
         name: Parameter(float(value), float(s), unit)
@@ -54,9 +57,9 @@ def _of_term(found: Inference, k: int, covariance: Floats) -> Finding:
     place = lives(state, term) if lasting else where(state.case, "time", (first, last))
     begin = term.date if term.dated() else first
     return Finding(
-        effect=term.name,
+        effect=effect,
         side=term.side,
-        alternatives=alternatives,
+        alternatives=tuple(others),
         where=place,
         when_s=(begin, last),
         parameters=parameters,
@@ -64,16 +67,25 @@ def _of_term(found: Inference, k: int, covariance: Floats) -> Finding:
         held_out=proof,
         text=wording.finding(
             term.name,
-            alternatives,
+            tuple(others),
             where=f"From {verdict.stamp(begin)[:10]} on" if term.dated() else place.text[0].upper() + place.text[1:],
             parameters={name: (p.value, p.sigma, p.unit) for name, p in parameters.items()},
             size_deg=size,
             proof=(proof.rms_before_deg, proof.rms_after_deg, proof.p_value),
+            physics=wording.of_composed(*composition.values()) if composition else "",
         ),
         applied=term.side == "compass",
         probability=slot.probability,
-        alternatives_probability=slot.alternatives,
+        alternatives_probability=others,
+        composition=composition,
     )
+
+
+def _words_of(term: Term) -> tuple[str, dict[str, str] | None]:
+    """Return the name of an effect, and what it is composed of where nobody listed it."""
+    if not isinstance(term, Composed) or not term.name.startswith(COMPOSED):
+        return term.name, None
+    return "composed", dict(zip(("acts_on", "driver", "form"), term.said(), strict=True))
 
 
 def of_clock(before: Pairs, after: Pairs, fits: tuple[Fit, Fit], clock: ClockError) -> list[Finding]:
@@ -158,7 +170,8 @@ def where(case: Case, name: str, span: tuple[float, float] | None = None) -> Whe
 
 def lives(state: State, term: Term) -> Where:
     """Return the covariate along which an effect lives."""
-    known = [name for name in wording.WHERE.get(term.name, ("time",)) if name in state.case.covariates]
+    listed = wording.WHERE.get(term.name, term.needs if isinstance(term, Composed) else ("time",))
+    known = [name for name in listed if name in state.case.covariates]
     needed = [name for name in known if name in term.needs] or known or ["time"]
     return where(state.case, max(needed, key=lambda name: float(np.std(state.case.covariates[name]))))
 
@@ -168,6 +181,8 @@ def _span(state: State, term: Term) -> tuple[float, float]:
     time_s = state.case.scene.time_s
     if OBSERVATORY in term.needs:
         return observatory.strongest_disturbance(time_s, state.case.scene.departures[OBSERVATORY])
+    if isinstance(term, Composed):
+        return term.span(float(time_s[0]), float(time_s[-1]))
     if set(stuck.LEANS) <= set(term.needs):
         leaning = np.flatnonzero(state.case.scene.departures[stuck.LEANS[0]])
         return float(time_s[leaning[0]]), float(time_s[leaning[-1]])

@@ -12,11 +12,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from compasslib.core.types import Floats
-from compasslib.effects import Term
-from compasslib.search import baseline, evidence, model, noise, posterior
+from compasslib.effects import COMPOSED, Term, composition
+from compasslib.effects.composed import Composed
+from compasslib.search import baseline, evidence, grammar, model, noise, posterior
 from compasslib.search.baseline import State
-from compasslib.search.columns import Group
 from compasslib.search.evidence import Candidates, Hypothesis
+from compasslib.search.grammar import Found
 from compasslib.search.model import Estimate
 from compasslib.search.noise import Slow, Water
 from compasslib.search.posterior import BesideWater, Slot
@@ -72,6 +73,22 @@ class Inference:
         covariance = np.einsum("w,wij->ij", weight, np.array(covariances)) + (weight[:, None] * step).T @ step
         return Estimate(state, covariance / np.outer(scale, scale))
 
+    def said(self, effect: str) -> str:
+        """Return the name of an effect as a diagnosis writes it: of a composed field its larger part is told.
+
+        Args:
+            effect: name of a candidate.
+        """
+        if not effect.startswith(COMPOSED):
+            return effect
+        found = self.posterior
+        some = [i for i, names in enumerate(found.names) if effect in names]
+        best = found.hypotheses[max(some, key=lambda i: float(found.probability[i]))]
+        terms = found.candidates.terms(found.candidates.beside(found.water_of(best)), best)
+        term = next(one for one in terms if one.name == effect)
+        assert isinstance(term, Composed)
+        return COMPOSED + "/".join(term.said())
+
     def only(self, kept: Sequence[bool]) -> Inference:
         """Return the same with some of the terms only, refitted.
 
@@ -123,13 +140,15 @@ def infer(empty: State, alarm: float) -> Inference:
     """
     slow = noise.of(empty.case)
     waters: Sequence[Water | None] = [None] if slow is None else slow.waters()
-    groups, usual = evidence.of_catalogue(empty)
-    state = replace(empty, case=replace(empty.case, usual=_by_kind(groups, usual)))
-    whole = evidence.gathered(state, slow, groups, usual, np.ones(len(groups)))
+    listed = evidence.drawn(empty, [])
+    state = replace(empty, case=replace(empty.case, usual=listed.by_kind))
+    whole = evidence.gathered(state, slow, listed, np.ones(len(listed.groups)))
     state = _begun(state, whole, waters)
+    composed = grammar.screen(state)
+    state = _expecting(state, composed)
     stood = {_kinds(state.simulation.terms): state}
     for _ in range(MOST_ROUNDS):
-        candidates, view = _gathered(state, slow, usual)
+        candidates, view = _gathered(state, slow, composed)
         found = posterior.weigh(candidates, alarm, waters)
         best = found.best
         kinds = _kinds([candidates.groups[k].term for k in best])
@@ -138,7 +157,7 @@ def infer(empty: State, alarm: float) -> Inference:
         if kinds in stood and kinds and kinds != _kinds(state.simulation.terms):
             # Each looks better from where the other stands: both views count, by what each leaves.
             other, state = state, stood[kinds]
-            candidates, _ = _gathered(state, slow, usual)
+            candidates, _ = _gathered(state, slow, composed)
             likelier = (model.gained(other, state) - model.gained(state, other)) / 2.0 / candidates.scatter
             share = 1.0 / (1.0 + np.exp(-np.clip(likelier, -MOST_SURE, MOST_SURE)))
             found = posterior.mixed(posterior.weigh(candidates, alarm, waters), found, share)
@@ -150,7 +169,16 @@ def infer(empty: State, alarm: float) -> Inference:
         state = _beside(state, view, slow, water)
         state = model.refit(state, candidates.terms(candidates.beside(water), best))
         stood[kinds] = state
+        if best:
+            composed = grammar.with_more(composed, grammar.screen(state))
+            state = _expecting(state, composed)
     return Inference(model.dated(state), found, best, tuple(found.places(best)))
+
+
+def _expecting(state: State, composed: Sequence[Found]) -> State:
+    """Return the state with what is expected of compositions among what is expected."""
+    usual: dict[type[Term], Floats] = {type(one.term): one.usual for one in composed}
+    return replace(state, case=replace(state.case, usual={**usual, **state.case.usual}))
 
 
 def _kinds(terms: Sequence[Term | None]) -> frozenset[type]:
@@ -191,7 +219,7 @@ def _begun(state: State, whole: Candidates, waters: Sequence[Water | None]) -> S
 
 def _only_water(state: State, slow: Slow) -> Candidates:
     """Return slow water beside a state, and no candidates."""
-    return evidence.gathered(state, slow, [], np.zeros(0), np.ones(1))
+    return evidence.gathered(state, slow, evidence.NO_GROUPS, np.ones(1))
 
 
 def _likelihood(state: State, slow: Slow | None, water: Water | None) -> float:
@@ -204,13 +232,6 @@ def _likelihood(state: State, slow: Slow | None, water: Water | None) -> float:
     return gain - float(np.sum(np.log(width[known]))) - int(known.sum()) * float(np.log(state.sigma))
 
 
-def _by_kind(groups: Sequence[Group], usual: Floats) -> dict[type[Term], Floats]:
-    ends = np.cumsum([group.columns.shape[1] for group in groups])
-    return {
-        type(g.term): part for g, part in zip(groups, np.split(usual, ends[:-1]), strict=True) if g.term is not None
-    }
-
-
 def _beside(state: State, view: State, slow: Slow | None, water: Water | None) -> State:
     """Return the state with slow water of one kind in its noise.
 
@@ -221,12 +242,14 @@ def _beside(state: State, view: State, slow: Slow | None, water: Water | None) -
     return baseline.examine(replace(state.case, louder=louder), state.simulation, state.nuisance)
 
 
-def _gathered(state: State, slow: Slow | None, usual: Floats) -> tuple[Candidates, State]:
+def _gathered(state: State, slow: Slow | None, composed: Sequence[Found]) -> tuple[Candidates, State]:
     """Return all candidates where a hypothesis stands, and its state without slow water."""
-    quiet = replace(state.case, louder=None)
-    view = baseline.examine(quiet, state.simulation, state.nuisance, freed=True)
-    groups, _ = evidence.of_catalogue(view)
-    return evidence.gathered(view, slow, groups, usual, evidence.unevenness(state, groups)), view
+    quiet, half = replace(state.case, louder=None), baseline.halfway(state)
+    groups = evidence.drawn(half, composed)
+    slopes = composition.derivative(half.simulation, quiet.scene, half.heading_deg, first=5)
+    effect = np.nan_to_num(slopes) @ state.simulation.parameters[5:]
+    view = baseline.examine(quiet, state.simulation, state.nuisance, freed_deg=effect)
+    return evidence.gathered(view, slow, groups, evidence.unevenness(state, groups.groups)), view
 
 
 def noise_of(found: Inference) -> dict[str, tuple[float, float]]:

@@ -18,6 +18,7 @@ from compasslib.stats import whitening
 from compasslib.stats.whitening import Whitener
 
 ROUNDS = 4
+HALVED = 4  # times that the sizes of terms are halved before a compass is given up
 LONGEST_STEP = 12.0  # in the parameters' own steps of about a degree
 CLOSE_ENOUGH = 0.02
 WORSE = 1.5  # growth of the residual at which a step is not taken
@@ -41,8 +42,9 @@ class Estimate:
 
 def refit(state: State, terms: Sequence[Term]) -> State:
     """Return the state with terms beside the compass, all fitted together by Gauss and Newton's steps."""
-    simulation, nuisance = replace(state.simulation, terms=tuple(terms)), state.nuisance
-    now = baseline.examine(state.case, simulation, nuisance)
+    nuisance = state.nuisance
+    now = _begun(state, terms)
+    simulation = now.simulation
     for _ in range(ROUNDS):
         step, count = _step(now), len(simulation.parameters)
         step *= min(1.0, LONGEST_STEP / max(np.max(np.abs(step[:count]) / simulation.steps), 1e-12))
@@ -57,6 +59,20 @@ def refit(state: State, terms: Sequence[Term]) -> State:
         if np.max(np.abs(step[:count]) / simulation.steps) < CLOSE_ENOUGH:
             break
     return now
+
+
+def _begun(state: State, terms: Sequence[Term]) -> State:
+    """Return the state with terms beside the compass, smaller where there is no such compass.
+
+    Raises:
+        Lost: there is none however small they are.
+    """
+    for _ in range(HALVED):
+        try:
+            return baseline.examine(state.case, replace(state.simulation, terms=tuple(terms)), state.nuisance)
+        except baseline.Lost:
+            terms = [term.at(term.values / 2.0) for term in terms]
+    return baseline.examine(state.case, replace(state.simulation, terms=tuple(terms)), state.nuisance)
 
 
 def _size(state: State, common: State) -> float:

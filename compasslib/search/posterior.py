@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from compasslib.core.types import Floats
-from compasslib.effects import SLOW_WATER, Term, side_of
+from compasslib.effects import COMPOSED, SLOW_WATER, Term, side_of
 from compasslib.search.evidence import Candidates, Hypothesis, Products
 from compasslib.search.noise import Water
 from compasslib.stats import whitening
@@ -20,7 +20,7 @@ MOST_TERMS = 3
 SIDES_IN_ORDER = ("compass", "clock", "reference", "water")
 SURE = 0.95  # probability that a set of names holds
 # Odds beforehand of one effect, over the alarm that is asked for; they set how often records of nothing get a name.
-ODDS, ODDS_OF_WATER = 2.0, 20.0
+ODDS, ODDS_OF_WATER, ODDS_OF_COMPOSED = 2.0, 20.0, 2.0  # the last of all compositions together
 FURTHER = 0.5  # by how much an effect is likelier where there is another
 NINE_IN_TEN = 1.28  # normal score of it
 NEIGHBOURS = 3  # dates that do about as well as the right one
@@ -161,21 +161,25 @@ def weigh(candidates: Candidates, alarm: float, waters: Sequence[Water | None]) 
         alarm: probability that noise alone is allowed to give a name.
         waters: kinds of slow water that are summed over.
     """
-    odds = log_odds(candidates.kinds, alarm)
+    odds = [log + share for log, share in zip(whole_odds(candidates.kinds, alarm), candidates.shares, strict=True)]
 
     def prior(hypotheses: Sequence[Hypothesis]) -> Floats:
         return np.array([joint_odds([odds[k] for k in one]) for one in hypotheses])
 
+    best: Hypothesis = ()
+
     def scored(hypotheses: Sequence[Hypothesis], some: Sequence[int]) -> Floats:
-        return log_joint(candidates, hypotheses, [waters[i] for i in some]) + prior(hypotheses)
+        return log_joint(candidates, hypotheses, [waters[i] for i in some], best) + prior(hypotheses)
 
     alone: list[Hypothesis] = [(), *((k,) for k in range(len(candidates.groups)))]
     table = scored(alone, range(len(waters)))
     kept = _nearest(table.max(axis=1), MOST_WATERS)
     modes = sorted({int(np.argmax(table.max(axis=1))), int(np.argmax(table[:, 0]))})
+    best = alone[int(np.argmax(table[modes].max(axis=0)))]
     near = _nearest_of(candidates, itertools.combinations(range(len(candidates.groups)), 2), MOST_PAIRS, scored, modes)
     near += _nearest_of(candidates, _joined(candidates, near[:JOINED]), MOST_TRIPLES, scored, modes)
     every = [*alone, *near]
+    best = every[int(np.argmax(scored(every, modes).max(axis=0)))]
     joint = scored(every, kept)
     products = candidates.beside(waters[kept[int(np.argmax(joint.max(axis=1)))]])
     joint[:, [not all(term.plausible for term in candidates.terms(products, one)) for one in every]] = -np.inf
@@ -205,13 +209,19 @@ def mixed(first: BesideWater, second: BesideWater, share: float) -> BesideWater:
     return BesideWater(first.effects, every, joint.sum(axis=0), prior, first.candidates, waters, joint)
 
 
-def log_joint(candidates: Candidates, hypotheses: Sequence[Hypothesis], waters: Sequence[Water | None]) -> Floats:
-    """Return the log likelihood of each hypothesis with each slow water, and what is expected of the water, (w, h)."""
+def log_joint(
+    candidates: Candidates, hypotheses: Sequence[Hypothesis], waters: Sequence[Water | None], best: Hypothesis = ()
+) -> Floats:
+    """Return the log likelihood of each hypothesis with each slow water, and what is expected of the water, (w, h).
+
+    Args:
+        best: the most probable hypothesis so far, see ``Candidates.log_evidence``.
+    """
     tried, rows = candidates.tried(hypotheses), []
     for water in waters:
         products = candidates.beside(water)
         beforehand = products.log_likelihood + (0.0 if water is None else water.log_prior)
-        rows.append(beforehand + candidates.log_evidence(products, tried))
+        rows.append(beforehand + candidates.log_evidence(products, tried, best))
     return np.array(rows)
 
 
@@ -221,23 +231,19 @@ def likeliest_water(candidates: Candidates, waters: Sequence[Water | None]) -> W
     return waters[int(np.argmax(scores))]
 
 
-def log_odds(kinds: Sequence[type[Term]], alarm: float) -> list[float]:
-    """Return the log odds beforehand of each candidate: those of its effect, shared among its forms and dates.
+def whole_odds(kinds: Sequence[type[Term]], alarm: float) -> list[float]:
+    """Return the log odds beforehand of the effect of each candidate, all its forms and places together.
 
     Args:
-        kinds: class of each candidate; one with a date stands once for each.
         alarm: probability that noise alone is allowed to give a name.
     """
-    effects: dict[str, dict[type, int]] = {}
-    for kind in kinds:
-        forms = effects.setdefault(kind.name, {})
-        forms[kind] = forms.get(kind, 0) + 1
-    odds = []
-    for kind in kinds:
-        each = ODDS_OF_WATER if side_of(kind.name) == "water" else ODDS
-        whole = 0.0 if kind.evident else float(np.log(each * alarm))
-        odds.append(whole - float(np.log(len(effects[kind.name]) * effects[kind.name][kind])))
-    return odds
+    return [0.0 if kind.evident else float(np.log(alarm * _odds(kind))) for kind in kinds]
+
+
+def _odds(kind: type[Term]) -> float:
+    if kind.name.startswith(COMPOSED):
+        return ODDS_OF_COMPOSED
+    return ODDS_OF_WATER if side_of(kind.name) == "water" else ODDS
 
 
 def joint_odds(each: Sequence[float]) -> float:
@@ -317,6 +323,6 @@ def detectable(found: BesideWater) -> dict[str, float]:
         )
         needed = np.sqrt(2.0 * (charge + 0.5 * np.linalg.slogdet(information + np.eye(len(part)))[1]))
         unit = np.trace(whitening.inverse(information) @ candidates.visible[np.ix_(part, part)]) / len(part)
-        if group.name not in taken:
+        if group.name not in taken and not group.name.startswith(COMPOSED):
             sizes.setdefault(group.name, []).append((needed + NINE_IN_TEN) * float(np.sqrt(unit)))
     return {name: float(np.median(size)) for name, size in sizes.items()}

@@ -137,13 +137,15 @@ def along(product: Product, record: Record, field: EarthField, series: Series) -
 def _applied(content: Mapping[str, Any]) -> Applied:
     # Here, because most of a correcting job's imports are the catalogue, and not every product has effects.
     from compasslib import effects as physics
+    from compasslib.effects import composed
     from compasslib.effects.composition import Simulation
     from compasslib.search.applied import Applied
 
     forms, terms = {term.__name__: term for term in physics.CATALOGUE}, []
     for entry in content["terms"]:
         values = {name: value for name, value in entry.items() if name not in ("effect", "form")}
-        terms.append(forms[entry["form"]](**values))
+        form = forms[entry["form"]] if entry["form"] in forms else composed.of_name(entry["effect"])
+        terms.append(form(**values))
     coefficients = np.array([content["coefficients"][letter] for letter in model.LETTERS])
     return Applied(
         simulation=Simulation(coefficients, content["horizontal_nT"], tuple(terms)),

@@ -58,6 +58,12 @@ class Finding:
     applied: bool = False  # whether it enters the corrected headings
     probability: float = 1.0  # that this effect is what is there
     alternatives_probability: Mapping[str, float] = field(default_factory=dict)
+    composition: Mapping[str, str] | None = None  # what it acts on, its driver and its form, where it is no listed one
+
+    @property
+    def named(self) -> str:
+        """Its name among alternatives: a composed one is written composed:ACTS_ON/DRIVER/FORM."""
+        return self.effect if self.composition is None else f"{self.effect}:{'/'.join(self.composition.values())}"
 
     @property
     def of_compass(self) -> bool:
@@ -86,6 +92,7 @@ class Finding:
             "heldout": self.held_out.to_json(),
             "applied": self.applied,
             "text": self.text,
+            **({} if self.composition is None else {"composition": dict(self.composition)}),
         }
 
 

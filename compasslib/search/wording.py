@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from compasslib.effects import SLOW_WATER, meanings
+from compasslib.effects import COMPOSED, SLOW_WATER, meanings, side_of
+from compasslib.effects.composed import FORMS
 
 VERDICTS = {
     "consistent": "simulation and recording agree",
@@ -61,6 +62,10 @@ PHYSICS = {
     "reference_beams": "the beams of the trusted instrument are of unequal gain",
     "reference_bias": "a constant velocity in its own frame is in what the trusted instrument measures",
     "field_disturbance": "magnetic north moves as the observatory has it, most of all on these dates",
+    "pressure": "the iron beside the compass, or the compass, feels the pressure",
+    "pivot_friction": "the compass sticks on its pivot and stays behind on the side that it comes from",
+    "beam_gain": "the beam pairs of this instrument are of unequal gain, which turns the current and no heading",
+    "velocity_bias": "a constant velocity in its own frame is in what this instrument measures, as by ringing",
     "secular_variation": "magnetic north drifts beyond the declination that was applied",
     "clock_offset": "the two clocks differ",
     "clock_drift": "the two clocks drift apart",
@@ -114,7 +119,7 @@ def _pair(a: str, b: str) -> str:
     trusted = [name for name in (a, b) if name.startswith("reference_")]
     if len(trusted) == 1:
         return f"{a} or {b}: " + TRUSTED_OR_NOT
-    water = [name for name in (a, b) if name in ("current_veer", "mooring_motion", SLOW_WATER)]
+    water = [name for name in (a, b) if side_of(name) == "water"]
     if len(water) == 1:
         other = b if water[0] == a else a
         return f"{a} or {b}: " + WATER_OR_COMPASS.format(water[0], other)
@@ -129,6 +134,7 @@ def finding(
     parameters: Mapping[str, tuple[float, float, str]],
     size_deg: float,
     proof: tuple[float, float, float],
+    physics: str = "",
 ) -> str:
     """Return two or three sentences on one finding.
 
@@ -136,16 +142,40 @@ def finding(
         parameters: value, standard error and unit by name.
         size_deg: visible size, rms degrees.
         proof: residual rms before and after on held-out days, degrees, and the p-value.
+        physics: of an effect that nobody listed; that of the effect where empty.
     """
     fitted = {name: one for name, one in parameters.items() if one[1] > 0.0}
     known = meanings(effect)
     numbers = "".join(f"; {known.get(name, name)} {_interval(*one)}" for name, one in fitted.items())
-    begin = f"{where}: {PHYSICS.get(effect, effect)}. It turns the heading by {size_deg:.1f} degrees rms{numbers}."
+    physics = physics or PHYSICS.get(effect, effect)
+    begin = f"{where}: {physics}. It turns the heading by {size_deg:.1f} degrees rms{numbers}."
     before, after, p = proof
     chance = f"p = {p:.2g}" if p > LEAST_P else f"p < {LEAST_P:g}"
     shown = f" On days that were not fitted the residual goes from {before:.2f} to {after:.2f} degrees rms ({chance})."
     others = f" This record cannot tell it from {_listed(alternatives)}." if alternatives else ""
     return begin + shown + others
+
+
+ACTED_ON = {
+    "field_forward": "a magnetic field along the instrument",
+    "field_starboard": "a magnetic field across the instrument",
+    "field_down": "a magnetic field along the instrument's vertical",
+    "north": "the direction of magnetic north",
+    "reading": "the compass's reading",
+    "lobe3": "the third harmonic of the compass's reading",
+    "lobe4": "the fourth harmonic of the compass's reading",
+    "flow_gain": "the gain of one beam pair over the other's",
+    "flow_offset": "a velocity that is added in the instrument's frame",
+    "flow_direction": "the veer of the water between the two depths",
+}
+
+
+def of_composed(acts_on: str, driver: str, form: str) -> str:
+    """Return in words what changes, with what and how, for an effect that nobody listed."""
+    named = {"voltage": "supply voltage", "turn_rate": "rate of turn", "hour": "day", "tide": "tide (12.42 h)"}
+    drives = " times ".join(named.get(one, one.replace("_", " ")) for one in driver.split("*"))
+    how = FORMS[form].words.format(f"the {drives}" if driver not in ("heading", "time") else drives)
+    return f"no listed effect, but {ACTED_ON[acts_on]} that changes {how}"
 
 
 def _interval(value: float, sigma: float, unit: str) -> str:
@@ -174,6 +204,13 @@ def place(covariate: str, low: float, high: float) -> str:
     return f"along {name} from {low:.3g} to {high:.3g} {UNITS.get(covariate, '')}".rstrip()
 
 
+def plain(effect: str) -> str:
+    """Return the name of an effect to read; a composed one, written composed:ACTS_ON/DRIVER/FORM, in words."""
+    if effect.startswith(COMPOSED):
+        return of_composed(*effect.removeprefix(COMPOSED).split("/")).removeprefix("no listed effect, but ")
+    return effect.replace("_", " ")
+
+
 def _listed(names: Sequence[str]) -> str:
-    words = [name.replace("_", " ") for name in names]
+    words = [plain(name) for name in names]
     return " or ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)

@@ -135,7 +135,8 @@ def uneven(fitted: FittedTerms, law: Law, groups: list[Floats]) -> float:
         ratio = float(np.sum(sums**2)) / white.shape[1] / variance / max(1.0 - held, 0.1)
         ratios.append((ratio / held + BLOCKS) / (1.0 / held + BLOCKS))
     constant = arma.filtered(np.ones((len(channel), 1)), law)
-    return max(float(np.median(np.array(ratios))), 1.0) + channel.rule_deg**2 * float(np.sum(constant**2)) / variance
+    middle = float(np.quantile(ratios, 0.5))
+    return max(middle, 1.0) + channel.rule_deg**2 * float(np.sum(constant**2)) / variance
 
 
 def _fit(fitted: FittedTerms, law: Law) -> tuple[float, Floats]:
@@ -157,7 +158,7 @@ def _excess(fitted: FittedTerms) -> float:
 
 
 def _freedom(channel: Channel) -> float:
-    return float(max(len(channel) - np.count_nonzero(channel.steps), 1))
+    return float(max(len(channel) - int(np.count_nonzero(channel.steps)), 1))
 
 
 def _floor(channel: Channel) -> float:

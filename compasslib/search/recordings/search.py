@@ -6,6 +6,7 @@ is pulled in one sector looks like lobes, a while astray like a slip.
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -67,7 +68,9 @@ class Search:
     @cached_property
     def odds(self) -> list[float]:
         """Log odds beforehand of each kind."""
-        return posterior.log_odds(self.kinds, LIKELIER * self.alarm)
+        forms = Counter(kind.name for kind in self.kinds)
+        whole = posterior.whole_odds(self.kinds, LIKELIER * self.alarm)
+        return [odds - float(np.log(forms[kind.name])) for odds, kind in zip(whole, self.kinds, strict=True)]
 
     def logs(self, uneven: float = 1.0) -> dict[Hypothesis, float]:
         """Return the log of how likely each hypothesis is, up to a constant, odds beforehand counted."""

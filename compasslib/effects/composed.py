@@ -1,0 +1,351 @@
+"""Physics that nobody listed: what is acted on, by which driver, in which form; terms made of these three words.
+
+A composed term is a term like any other. What it acts on gives its parameters and its side, driver and form give one or
+two series of time, by which the parameters are multiplied. Places (a threshold, a date, a time constant) are looked for
+and not fitted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields, make_dataclass
+from functools import cache
+from typing import Any, ClassVar
+
+import numpy as np
+
+from compasslib.core import angles
+from compasslib.core.types import Floats
+from compasslib.effects.term import YEAR_S, Scene, Side, Stage, Term, parameter, place
+
+COMPOSED = "composed:"
+DAY_S, HOUR_S = 86400.0, 3600.0
+TIDE_S = 12.4206 * HOUR_S
+STEEPEST = 0.2  # least plausible slope of a reading with lobes
+
+# Drivers: departure that the scene must have, unit. Those without a departure come from the time itself.
+DRIVERS: Mapping[str, tuple[str, str]] = {
+    "time": ("", "year"),
+    "hour": ("", "1"),
+    "tide": ("", "1"),
+    "heading": ("", "1"),
+    "temperature": ("temperature", "K"),
+    "depth": ("depth", "m"),
+    "speed": ("speed", "m/s"),
+    "pitch": ("pitch", "degree"),
+    "roll": ("roll", "degree"),
+    "tilt": ("tilt", "degree"),
+    "voltage": ("supply_voltage", "V"),
+    "turn_rate": ("turn_rate", "degree/s"),
+    "transmit_current": ("transmit_current", "A"),
+}
+
+
+@dataclass(frozen=True)
+class ActedOn:
+    """What composed terms act on: parameters of unit size with units and steps, and the term's kind."""
+
+    parameters: tuple[tuple[str, str, float], ...]
+    acts_on: str
+    side: Side = "compass"
+    stage: Stage = "surroundings"
+    needs: tuple[str, ...] = ()
+
+
+FIELD_STEP, BIAS_STEP = 200.0, 0.003
+ACTED_ON: Mapping[str, ActedOn] = {
+    "field_horizontal": ActedOn((("forward", "nT", FIELD_STEP), ("starboard", "nT", FIELD_STEP)), "field"),
+    "field_down": ActedOn((("down", "nT", 1000.0),), "field"),
+    "north": ActedOn((("east", "degrees", 1.0),), "north"),
+    "reading": ActedOn((("reading", "degrees", 1.0),), "reading", stage="readout"),
+    "lobe3": ActedOn((("sine", "degrees", 1.0), ("cosine", "degrees", 1.0)), "reading", stage="readout"),
+    "lobe4": ActedOn((("sine", "degrees", 1.0), ("cosine", "degrees", 1.0)), "reading", stage="readout"),
+    "flow_gain": ActedOn((("gain", "1", 0.035),), "water", "water", needs=("body_flow_sine2",)),
+    "flow_offset": ActedOn(
+        (("forward", "m/s", BIAS_STEP), ("starboard", "m/s", BIAS_STEP)), "water", "water",
+        needs=("body_flow_sine", "body_flow_cosine"),
+    ),
+    "flow_direction": ActedOn((("veer", "degrees", 1.0),), "water", "water"),
+}  # fmt: skip
+LOBES = {"lobe3": 3.0, "lobe4": 4.0}
+
+Series = Callable[[Any, Floats, Floats], Floats]  # (term, driver, times) -> (n, c)
+
+
+@dataclass(frozen=True)
+class Form:
+    """A form of dependence: its series of time, what each multiplies, and its places."""
+
+    series: Series
+    suffixes: tuple[str, ...] = ("",)  # of the parameters, one a series
+    powers: tuple[float, ...] = (0.0,)  # of the driver's unit that a parameter is per
+    places: tuple[tuple[str, str], ...] = ()  # name and unit; "of the driver" stands for its unit
+    words: str = ""
+
+
+def _columns(*series: Floats) -> Floats:
+    return np.stack(series, axis=-1)
+
+
+def _lagged(x: Floats, time_s: Floats, constant_s: float) -> Floats:
+    """Return a driver as a first-order lag follows it, (n,)."""
+    from scipy.signal import lfilter
+
+    step = max(float(np.median(np.diff(time_s))), 1.0)
+    grid = np.arange(time_s[0], time_s[-1] + step, step)
+    share = -np.expm1(-step / max(constant_s, step / 10.0))
+    even = np.interp(grid, time_s, x)
+    slow = lfilter([share], [1.0, share - 1.0], even, zi=[(1.0 - share) * even[0]])[0]
+    return np.interp(time_s, grid, slow)
+
+
+def _play(x: Floats, width: float) -> Floats:
+    """Return what follows a driver with a play of some width: it stays until it is pushed (backlash), (n,)."""
+    half, result, at = width / 2.0, np.empty(len(x)), float(x[0]) if len(x) else 0.0
+    for i, now in enumerate(x.tolist()):
+        at = min(max(at, now - half), now + half)
+        result[i] = at
+    return result
+
+
+def _since_above(x: Floats, threshold: float) -> Floats:
+    """Return 1 from the first time on that a driver exceeds a threshold, (n,)."""
+    return np.maximum.accumulate((x > threshold).astype(float)) if len(x) else x
+
+
+def _years(term: Any, time_s: Floats) -> Floats:
+    return (time_s - term.begin_s) / YEAR_S
+
+
+THRESHOLD = (("threshold", "of the driver"),)
+FORMS: Mapping[str, Form] = {
+    "always": Form(lambda term, x, t: _columns(np.ones(len(t))), words="always"),
+    "linear": Form(lambda term, x, t: _columns(x), powers=(1.0,), words="in proportion to {}"),
+    "quadratic": Form(
+        lambda term, x, t: _columns(x, x**2), ("_linear", "_square"), (1.0, 2.0), words="with the square of {}"
+    ),
+    "threshold": Form(
+        lambda term, x, t: _columns((x > term.threshold).astype(float)), places=THRESHOLD,
+        words="beyond a threshold of {}",
+    ),
+    "saturating": Form(
+        lambda term, x, t: _columns(np.tanh((x - term.middle) / max(abs(term.range), 1e-12))),
+        places=(("middle", "of the driver"), ("range", "of the driver")),
+        words="with {}, up to a limit",
+    ),
+    "lagged": Form(
+        lambda term, x, t: _columns(_lagged(x, t, term.constant_s)), powers=(1.0,), places=(("constant_s", "s"),),
+        words="with {} of some time before",
+    ),
+    "memory": Form(
+        lambda term, x, t: _columns(_play(x, term.width)), powers=(1.0,), places=(("width", "of the driver"),),
+        words="with {} and its history (hysteresis)",
+    ),
+    "latch": Form(
+        lambda term, x, t: _columns(_since_above(x, term.threshold)), places=THRESHOLD,
+        words="from the first time on that {} exceeded a threshold",
+    ),
+    "sign": Form(lambda term, x, t: _columns(np.sign(x)), words="with the sign of {}"),
+    "periodic": Form(
+        lambda term, x, t: _columns(*angles.sin_cos(360.0 * t / term.period_s)), ("_sine", "_cosine"), (0.0, 0.0),
+        (("period_s", "s"),), words="once every period of {}",
+    ),
+    "bump": Form(
+        lambda term, x, t: _columns(_hat(x, term.centre_deg, term.reach_deg)),
+        places=(("centre_deg", "degrees"), ("reach_deg", "degrees")), words="around one {} only",
+    ),
+    "step": Form(
+        lambda term, x, t: _columns((t >= term.begin_s).astype(float)), places=(("begin_s", "s"),),
+        words="from a date on",
+    ),
+    "box": Form(
+        lambda term, x, t: _columns(((t >= term.begin_s) & (t < term.end_s)).astype(float)),
+        places=(("begin_s", "s"), ("end_s", "s")), words="for a while",
+    ),
+    "ramp": Form(
+        lambda term, x, t: _columns(np.clip((t - term.begin_s) / max(term.end_s - term.begin_s, 1.0), 0.0, 1.0)),
+        places=(("begin_s", "s"), ("end_s", "s")), words="growing between two dates",
+    ),
+    "decay": Form(
+        lambda term, x, t: _columns(np.exp(-np.maximum(t - term.begin_s, 0.0) / term.constant_s) * (t >= term.begin_s)),
+        places=(("begin_s", "s"), ("constant_s", "s")), words="fading away",
+    ),
+    "growth": Form(
+        lambda term, x, t: _columns(np.exp(np.minimum(t - term.end_s, 0.0) / term.constant_s)),
+        places=(("end_s", "s"), ("constant_s", "s")), words="growing ever faster",
+    ),
+}  # fmt: skip
+
+
+def _hat(heading_deg: Floats, centre_deg: float, reach_deg: float) -> Floats:
+    away = np.abs(angles.difference(heading_deg, centre_deg)) / max(reach_deg, 1e-9)
+    return np.where(away < 1.0, (1.0 + np.cos(np.pi * away)) / 2.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Composed(Term):
+    """An effect made of what it acts on, its driver and its form."""
+
+    literature: ClassVar[str] = "none: composed by the search of what it acts on, its driver and its form"
+    composition: ClassVar[tuple[str, str, str]]  # acts on, driver, form
+    scale: ClassVar[float]
+
+    def series(self, scene: Scene, reading_deg: Floats | None = None) -> Floats:
+        """Return the series of time by which the parameters are multiplied, (n, c).
+
+        Args:
+            reading_deg: readings, (n,), where these drive.
+        """
+        _, driver, form = self.composition
+        if driver == "heading":
+            assert reading_deg is not None
+            return FORMS[form].series(self, reading_deg, scene.time_s)
+        stored: dict[Any, Floats] = scene.__dict__.setdefault("composed", {})  # many derivatives at one place
+        key = (type(self), *(getattr(self, name) for name, _ in FORMS[form].places))
+        if key not in stored:
+            stored[key] = FORMS[form].series(self, driven(scene, driver), scene.time_s)
+        return stored[key]
+
+    def said(self) -> tuple[str, str, str]:
+        """Return what it acts on, its driver and its form, as a diagnosis names them: of a field its larger part."""
+        acted, driver, form = self.composition
+        if acted == "field_horizontal":
+            forward, starboard = np.abs(self.values).reshape(2, -1).max(axis=1)
+            acted = "field_forward" if forward >= starboard else "field_starboard"
+        return acted, driver, form
+
+    def span(self, first_s: float, last_s: float) -> tuple[float, float]:
+        """Return from when to when it acts.
+
+        Args:
+            first_s: begin of the recording, UTC seconds.
+            last_s: its end.
+        """
+        begin = float(getattr(self, "begin_s", first_s))
+        return begin, float(getattr(self, "end_s", last_s)) if self.composition[2] == "box" else last_s
+
+    def amplitudes(self, scene: Scene, reading_deg: Floats | None = None) -> Floats:
+        """Return what acts along each of the parameters of what it acts on, (n, p)."""
+        series = self.series(scene, reading_deg)
+        return np.einsum("nc,pc->np", series, self.values.reshape(-1, series.shape[1]))
+
+    def act(self, x: Floats, scene: Scene) -> Floats:
+        """Return what the effect makes of what it acts on."""
+        acted = self.composition[0]
+        if acted in LOBES:
+            sine, cosine = self.amplitudes(scene).T
+            own = angles.sin_cos(LOBES[acted] * x)
+            return np.asarray(x + sine * own[0] + cosine * own[1])
+        size = self.amplitudes(scene, x if self.acts_on == "reading" else None)
+        if acted == "field_horizontal":
+            return x + np.column_stack([size, np.zeros(len(size))])
+        if acted == "field_down":
+            return x + size * np.array([0.0, 0.0, 1.0])
+        if acted == "flow_gain":
+            return np.asarray(x + size[:, 0] / 2.0 / angles.DEGREE * scene.departures["body_flow_sine2"])
+        if acted == "flow_offset":
+            sine, cosine = (scene.departures[name] for name in ("body_flow_sine", "body_flow_cosine"))
+            return np.asarray(x - (size[:, 1] * cosine - size[:, 0] * sine) / angles.DEGREE)
+        return np.asarray(x + size[:, 0])
+
+    def undone(self, reading_deg: Floats, scene: Scene) -> Floats:
+        """Return what a reading was before the effect, NaN where it tells more than one."""
+        acted, driver, _ = self.composition
+        if acted not in LOBES and driver != "heading":
+            return super().undone(reading_deg, scene)
+        if not self.single(scene):
+            return np.full_like(reading_deg, np.nan)
+        x = np.array(reading_deg, dtype=float)
+        for _ in range(NEWTON):
+            slope = (self.act(x + PROBE_DEG, scene) - self.act(x - PROBE_DEG, scene)) / (2.0 * PROBE_DEG)
+            x = x - (self.act(x, scene) - reading_deg) / np.maximum(slope, STEEPEST / 2.0)
+        return x
+
+    @property
+    def plausible(self) -> bool:
+        """Whether a reading that is off at some headings still turns with the field everywhere."""
+        reach = float(getattr(self, "reach_deg", np.inf))
+        return 1.0 - np.pi / 2.0 * float(np.abs(self.values).max()) / max(reach, 1e-9) > STEEPEST
+
+    def single(self, scene: Scene) -> bool:
+        """Tell whether every reading has one heading: it always turns with the field."""
+        acted = self.composition[0]
+        if acted in LOBES:
+            size = np.hypot(*self.amplitudes(scene).T)
+            return bool(1.0 - LOBES[acted] * angles.DEGREE * size.max(initial=0.0) > 0.0)
+        return self.plausible
+
+
+NEWTON, PROBE_DEG = 8, 1e-3
+
+
+def driven(scene: Scene, driver: str) -> Floats:
+    """Return a driver as it departs from its reference, (n,); of two joined by * their product.
+
+    Raises:
+        KeyError: the recording does not have it.
+    """
+    if "*" in driver:
+        first, second = driver.split("*")
+        return driven(scene, first) * driven(scene, second)
+    if driver == "time":
+        return scene.years
+    name = DRIVERS[driver][0] if driver in DRIVERS else driver
+    return scene.departures[name] if name else np.zeros(len(scene))
+
+
+def needs(driver: str) -> tuple[str, ...]:
+    """Return the departures that a driver is made of."""
+    names = [DRIVERS[one][0] if one in DRIVERS else one for one in driver.split("*")]
+    return tuple(name for name in names if name)
+
+
+@cache
+def composed(acts_on: str, driver: str, form: str, *, name: str = "") -> type[Composed]:
+    """Return the class of the terms that are composed of three words.
+
+    Args:
+        name: of the effect, where physics has one for it.
+    """
+    acted, shape = ACTED_ON[acts_on], FORMS[form]
+    unit = " ".join(DRIVERS[one][1] if one in DRIVERS else one for one in driver.split("*"))
+    members: list[tuple[str, type, Any]] = []
+    for own, base, step in acted.parameters:
+        for suffix, power in zip(shape.suffixes, shape.powers, strict=True):
+            per = f"{base}/({unit})" + (f"^{power:g}" if power != 1.0 else "") if power and unit != "1" else base
+            members.append((f"{own}{suffix}", float, parameter(per, f"{own} part", step)))
+    members += [(n, float, place(unit if u == "of the driver" else u)) for n, u in shape.places]
+    space = {
+        "name": name or f"{COMPOSED}{acts_on}/{driver}/{form}",
+        "side": acted.side,
+        "stage": acted.stage,
+        "acts_on": acted.acts_on,
+        "needs": (*needs(driver), *acted.needs),
+        "composition": (acts_on, driver, form),
+        "__doc__": f"{acts_on.replace('_', ' ').capitalize()}, {shape.words.format(driver.replace('_', ' '))}.",
+        "__module__": __name__,
+    }
+    words = "".join(word.capitalize() for part in (acts_on, *driver.split("*"), form) for word in part.split("_"))
+    return make_dataclass(words, members, bases=(Composed,), frozen=True, namespace=space)
+
+
+# What is common enough to have a name.
+Pressure = composed("field_horizontal", "depth", "linear", name="pressure")
+PivotFriction = composed("reading", "turn_rate", "sign", name="pivot_friction")
+BeamGain = composed("flow_gain", "time", "always", name="beam_gain")
+VelocityBias = composed("flow_offset", "time", "always", name="velocity_bias")
+
+
+def of_name(effect: str) -> type[Composed]:
+    """Return the class of a composed effect by its name, composed:ACTS_ON/DRIVER/FORM."""
+    return composed(*effect.removeprefix(COMPOSED).split("/"))
+
+
+def placed(kind: type[Composed], *at: float) -> Composed:
+    """Return a term of no size at some places.
+
+    Args:
+        at: in the order of the form's places.
+    """
+    names = [f.name for f in fields(kind) if not f.metadata["step"]]
+    return kind(**dict(zip(names, at, strict=True)))
