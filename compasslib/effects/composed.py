@@ -206,6 +206,11 @@ class Composed(Term):
             stored[key] = FORMS[form].series(self, driven(scene, driver), scene.time_s)
         return stored[key]
 
+    @property
+    def placed(self) -> bool:
+        """Whether it has places that are looked for."""
+        return bool(FORMS[self.composition[2]].places) and self.composition[2] != "periodic"
+
     def said(self) -> tuple[str, str, str]:
         """Return what it acts on, its driver and its form, as a diagnosis names them: of a field its larger part."""
         acted, driver, form = self.composition

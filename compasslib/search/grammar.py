@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -45,7 +45,8 @@ SCALES, WIDTHS = (0.3, 1.0), (1.0, 2.5)  # of the driver's standard deviation
 LAGS_S = (0.5 * DAY_S, 3 * DAY_S, 15 * DAY_S)
 DATES, EDGES, LIVES = 30, 13, (0.04, 0.12, 0.35)  # dates tried, begins and ends, lives in shares of the record
 SECTORS, REACHES_DEG = 24, (20.0, 40.0)
-MOST, MOST_OF_KIND = 40, 3
+AROUND = (-0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75)  # steps, or powers of 2, between the places that are tried
+MOST, MOST_OF_KIND, MOST_RIVALS = 40, 3, 8
 SEEN = 5  # different values of a driver below which it says nothing
 USUAL_DEG = 4.0
 
@@ -57,6 +58,7 @@ class Found:
     term: Composed
     log_share: float  # of the odds of one effect
     usual: Floats  # (p,) standard deviation that is expected of each parameter
+    moved: bool = False  # whether it is at a place between those that are tried of all
 
 
 def screen(state: State) -> list[Found]:
@@ -79,6 +81,35 @@ def screen(state: State) -> list[Found]:
             count = len(acted) * len(drivers) * len(forms[driver]) * places[term.composition]
             tried.append((gain - float(np.log(count)), Found(term, -float(np.log(count)), usual)))
     return _best(tried)
+
+
+def near(term: Composed, scene: Scene) -> list[Composed]:
+    """Return a composition at places around its own, at no size.
+
+    Args:
+        scene: of the recording.
+    """
+    driver = term.composition[1]
+    places = {f.name: float(getattr(term, f.name)) for f in fields(term) if not f.metadata["step"]}
+    x, span = driven(scene, driver), float(np.ptp(scene.time_s))
+    steps = {
+        "begin_s": span / (EDGES + 1), "end_s": span / (EDGES + 1), "centre_deg": 360.0 / SECTORS,
+        "threshold": float(np.std(x)) / 3.0, "middle": float(np.std(x)) / 2.0,
+    }  # fmt: skip
+    tried = [
+        [at + steps[name] * away for away in AROUND] if name in steps else [at * 2.0**away for away in AROUND]
+        for name, at in places.items()
+    ]
+    bare = term.at(0.0 * term.values)
+    return [replace(bare, **dict(zip(places, one, strict=True))) for one in itertools.product(*tried)]
+
+
+def rivals(term: Composed, composed: Sequence[Found]) -> list[Found]:
+    """Return a composition and others of its driver, those that have places, each kind at its best place so far."""
+    alike = [one for one in composed if one.term.composition[1] == term.composition[1] and one.term.placed]
+    coarse, moved = ([one for one in alike if one.moved is is_moved] for is_moved in (False, True))
+    each = {type(one.term): one for one in (*reversed(coarse), *moved)}
+    return sorted(each.values(), key=lambda one: type(one.term) is not type(term))[:MOST_RIVALS]
 
 
 def with_more(first: Sequence[Found], second: Sequence[Found]) -> list[Found]:

@@ -14,7 +14,7 @@ import numpy as np
 from compasslib.core.types import Floats
 from compasslib.effects import COMPOSED, Term, composition
 from compasslib.effects.composed import Composed
-from compasslib.search import baseline, evidence, grammar, model, noise, posterior
+from compasslib.search import baseline, columns, evidence, grammar, model, noise, posterior
 from compasslib.search.baseline import State
 from compasslib.search.evidence import Candidates, Hypothesis
 from compasslib.search.grammar import Found
@@ -168,11 +168,31 @@ def infer(empty: State, alarm: float) -> Inference:
         water = found.water_of(best)
         state = _beside(state, view, slow, water)
         state = model.refit(state, candidates.terms(candidates.beside(water), best))
+        state, composed = _moved(state, composed)
         stood[kinds] = state
         if best:
             composed = grammar.with_more(composed, grammar.screen(state))
             state = _expecting(state, composed)
     return Inference(model.dated(state), found, best, tuple(found.places(best)))
+
+
+def _moved(state: State, composed: Sequence[Found]) -> tuple[State, list[Found]]:
+    """Return the state with its compositions at their best places between those that were tried, refitted.
+
+    Rivals that have the same driver are moved to their own best places, or the one that stands would look surer.
+    """
+    kept, terms = list(composed), list(state.simulation.terms)
+    for k, term in enumerate(terms):
+        if not isinstance(term, Composed) or not term.name.startswith(COMPOSED):
+            continue
+        free = model.refit(state, [other for j, other in enumerate(terms) if j != k])
+        for rival in grammar.rivals(term, kept):
+            around = grammar.near(rival.term, state.case.scene)
+            gains = model.gains(free, [columns.of_term(free, one) for one in around])
+            best = around[int(np.argmax(gains))]
+            kept = grammar.with_more(kept, [replace(rival, term=best, moved=True)])
+            terms[k] = best.at(term.values) if type(best) is type(term) else terms[k]
+    return (state, kept) if terms == list(state.simulation.terms) else (model.refit(state, terms), kept)
 
 
 def _expecting(state: State, composed: Sequence[Found]) -> State:

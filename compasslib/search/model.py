@@ -92,13 +92,13 @@ def dated(state: State) -> State:
         free = refit(state, others)
         near = np.arange(term.date - NEARBY_S, term.date + NEARBY_S, FINE_S)
         tried = columns.of_dates(free, type(term), near)
-        best = tried[int(np.argmax(_gains(free, tried)))].term
+        best = tried[int(np.argmax(gains(free, tried)))].term
         assert best is not None
         terms[k] = best.at(term.values)
     return refit(state, terms)
 
 
-def _gains(state: State, groups: Sequence[Group]) -> Floats:
+def gains(state: State, groups: Sequence[Group]) -> Floats:
     """Return what each group of columns takes off the whitened residual's square, (g,)."""
     white = state.projected(np.concatenate([group.columns for group in groups], axis=1))
     parts = np.split(white, np.cumsum([group.columns.shape[1] for group in groups])[:-1], axis=1)
