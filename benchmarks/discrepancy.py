@@ -112,13 +112,13 @@ def measure(kind: str, index: int, seed: int, *, red: bool = False) -> dict:
     begin = time.perf_counter()
     found = diagnose(drawn.pairs, drawn.covariates, fit, field, Options())
     seconds = time.perf_counter() - begin
-    sets = [[one.effect, *one.alternatives] for one in found.findings]
+    sets = [[one.named, *one.alternatives] for one in found.findings]
     row = {
         "kind": kind, "index": index, "truth": drawn.truth, "size": max(wanted.values(), default=0.0),
         "visible": drawn.visible_deg, "verdict": found.verdict, "sets": sets, "seconds": seconds,
         "left": None if found.unexplained is None else [found.unexplained.covariates, found.unexplained.rms_effect_deg],
         "negligible": found.negligible, "applied": bool(found.applied), "sides": found.sides,
-        "probability": [{one.effect: one.probability, **one.alternatives_probability} for one in found.findings],
+        "probability": [{one.named: one.probability, **one.alternatives_probability} for one in found.findings],
         "gain": [one.held_out.gain for one in found.findings],
     }  # fmt: skip
     if (
@@ -147,7 +147,9 @@ def against_oracle(drawn, fit, field, found) -> dict:
         time_s=pairs.time_s, heading_deg=pairs.heading_deg, heading_quality=zero, pitch_deg=pairs.pitch_deg,
         roll_deg=pairs.roll_deg,
     )  # fmt: skip
-    at = product.along(product.of(fit, found), record, field, drawn.covariates)
+    speed, _ = fits.speeds(pairs)
+    series = {**drawn.covariates, "depth": pairs.upper_depth_m, "speed": speed}
+    at = product.along(product.of(fit, found), record, field, series)
     made = correction.headings(readings, fit if found.fit is None else found.fit, pairs, at)
     off, bare = (
         angles.difference(x.heading_deg, drawn.heading) for x in (made, correction.headings(readings, fit, pairs))

@@ -262,7 +262,7 @@ def test_what_cannot_be_tested_is_one_sentence_a_reason():
 def test_every_effect_that_was_tried_has_its_row_where_the_search_lists_them():
     tried = [{"effect": "current_veer", "score": 12.34, "rms_effect_deg": 0.5, "probability": 0.012}]
     (table,) = found.hypotheses({"hypotheses": tried})
-    assert table.rows == (("current veer", "12.3", "0.50° rms", "0.012"),) and table.folded
+    assert table.rows == (("current veer", "12.3", "0.50° rms", "0.01"),) and table.folded
     assert found.hypotheses(diagnosis("consistent")) == ()
 
 

@@ -305,6 +305,14 @@ def needs(driver: str) -> tuple[str, ...]:
     return tuple(name for name in names if name)
 
 
+def _per(base: str, unit: str, power: float) -> str:
+    """Return a unit over a driver's unit to some power."""
+    if not power or unit == "1":
+        return base
+    bare = f"({unit})" if " " in unit or "/" in unit else unit
+    return f"{base}/{bare}" if power == 1.0 else f"{base}/{bare}^{power:g}"
+
+
 @cache
 def composed(acts_on: str, driver: str, form: str, *, name: str = "") -> type[Composed]:
     """Return the class of the terms that are composed of three words.
@@ -317,7 +325,7 @@ def composed(acts_on: str, driver: str, form: str, *, name: str = "") -> type[Co
     members: list[tuple[str, type, Any]] = []
     for own, base, step in acted.parameters:
         for suffix, power in zip(shape.suffixes, shape.powers, strict=True):
-            per = f"{base}/({unit})" + (f"^{power:g}" if power != 1.0 else "") if power and unit != "1" else base
+            per = _per(base, unit, power)
             members.append((f"{own}{suffix}", float, parameter(per, f"{own} part", step)))
     members += [(n, float, place(unit if u == "of the driver" else u)) for n, u in shape.places]
     space = {

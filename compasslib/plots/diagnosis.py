@@ -28,7 +28,7 @@ from compasslib.plots.page import (
     page,
     say,
 )
-from compasslib.search.wording import TURN, UNITS, UNITS_OF_CALIBRATIONS, VERDICTS
+from compasslib.search.wording import TURN, UNITS, UNITS_OF_CALIBRATIONS, VERDICTS, plain
 
 DAY_S = 86400.0  # matplotlib counts time in days since 1970
 MOST_PANELS = 6
@@ -112,26 +112,22 @@ def _simultaneous(bins: int) -> float:
 def _words(found: Mapping[str, Any]) -> list[str]:
     texts = [_finding(k, finding) for k, finding in enumerate(found["findings"], start=1)]
     texts += [found["unexplained"]["text"]] if found["unexplained"] else []
-    texts += [f"What would separate them: {_plain(found['separated_by'])}."] if found["separated_by"] else []
+    texts += [f"What would separate them: {plain(found['separated_by'])}."] if found["separated_by"] else []
     texts += [found["why"][0].upper() + found["why"][1:].rstrip(".") + "."] if found.get("why") else []
     texts += [f"Too small to matter: {_small(found['negligible'])}."] if found.get("negligible") else []
-    absent = dict.fromkeys(_plain(one["effect"]) for one in found["not_testable"])
+    absent = dict.fromkeys(plain(one["effect"]) for one in found["not_testable"])
     texts += [f"Not testable here: {', '.join(absent)}."] if absent else []
     return [line for text in texts for line in textwrap.wrap(text, CHARACTERS)]
 
 
 def _finding(number: int, finding: Mapping[str, Any]) -> str:
-    others = [_plain(effect) for effect in finding["alternatives"]]
+    others = [plain(effect) for effect in finding["alternatives"]]
     rival = f"; also possible: {', '.join(others)}" if others else ""
-    return f"{number}. {_plain(finding['effect']).capitalize()} ({finding['side']} side{rival}). {finding['text']}"
+    return f"{number}. {plain(finding['effect']).capitalize()} ({finding['side']} side{rival}). {finding['text']}"
 
 
 def _small(negligible: Sequence[Mapping[str, Any]]) -> str:
-    return ", ".join(f"{_plain(one['effect'])} ({one['rms_effect_deg']:.2f}°)" for one in negligible)
-
-
-def _plain(name: str) -> str:
-    return name.replace("_", " ")
+    return ", ".join(f"{plain(one['effect'])} ({one['rms_effect_deg']:.2f}°)" for one in negligible)
 
 
 def _handles(found: Mapping[str, Any]) -> list[Any]:
@@ -212,6 +208,6 @@ def _ranking(axes: Axes, ranked: Sequence[Mapping[str, Any]], named: Sequence[st
     axes.barh(place, [max(one["score"], 0.0) for one in ranked], color=colours, height=0.7)
     axes.set_xscale("symlog", linthresh=10.0)
     axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
-    axes.set_yticks(place, [one["effect"].replace("_", " ") for one in ranked])
+    axes.set_yticks(place, [plain(one["effect"]) for one in ranked])
     axes.set_xlabel("Score alone (named: red)")
     axes.set_xlim(0.0, max(10.0, 1.1 * max(one["score"] for one in ranked)))

@@ -115,7 +115,9 @@ def _finding(one: Mapping[str, Any], product: bool) -> ReportedFinding:
         ("Residual on held-out days", _held_out(one["heldout"])),
         *([("In the product", "yes" if one["applied"] else "no")] if product else []),
     ]
-    return ReportedFinding(words.plain(one["effect"]).capitalize(), one["text"], tuple(facts), _parameters(one))
+    name = f"composed:{'/'.join(one['composition'].values())}" if one.get("composition") else one["effect"]
+    title = words.plain(name)
+    return ReportedFinding(title[0].upper() + title[1:], one["text"], tuple(facts), _parameters(one))
 
 
 def _unexplained(left: Mapping[str, Any]) -> ReportedFinding:

@@ -63,6 +63,8 @@ class Found:
 
 def screen(state: State) -> list[Found]:
     """Return the compositions that would make what a simulation leaves likeliest, each with its share of the odds."""
+    if state.case.kind != "mooring":
+        return []
     scene, reading = state.case.scene, state.case.recorded_deg
     acted = [name for name in ACTED_ON if _acts(name, state)]
     tried: list[tuple[float, Found]] = []

@@ -12,6 +12,7 @@ import numpy as np
 
 from compasslib.core.types import Floats
 from compasslib.effects import COMPOSED, SLOW_WATER, Term, side_of
+from compasslib.effects.composed import Composed
 from compasslib.search.evidence import Candidates, Hypothesis, Products
 from compasslib.search.noise import Water
 from compasslib.stats import whitening
@@ -243,7 +244,7 @@ def whole_odds(kinds: Sequence[type[Term]], alarm: float) -> list[float]:
 def _odds(kind: type[Term]) -> float:
     if kind.name.startswith(COMPOSED):
         return ODDS_OF_COMPOSED
-    return ODDS_OF_WATER if side_of(kind.name) == "water" else ODDS
+    return ODDS_OF_WATER if side_of(kind.name) == "water" and not issubclass(kind, Composed) else ODDS
 
 
 def joint_odds(each: Sequence[float]) -> float:

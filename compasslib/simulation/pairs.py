@@ -6,7 +6,7 @@ and tests. Its compass, tilt, water and effects are its own formulae.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -435,11 +435,15 @@ def at_hours(z: Complexes, hours: Floats) -> Complexes:
     return np.interp(hours, own, z.real) + 1j * np.interp(hours, own, z.imag)
 
 
-def planted(world: World, wanted: dict[str, float]) -> Drawn:
-    """Return the recording with effects of wanted visible size, rms degrees."""
+def planted(world: World, wanted: dict[str, float], made: Mapping[str, Effect] | None = None) -> Drawn:
+    """Return the recording with effects of wanted visible size, rms degrees.
+
+    Args:
+        made: effects that have no name here, by the names under which they are wanted.
+    """
     parts, truth, seen = [], {}, {}
     for name, target in wanted.items():
-        part = effect(world, name)
+        part = made[name] if made and name in made else effect(world, name)
         size = 1.0 if part.clock is not None else target / max(visible(world, part, 1.0), 0.02)
         for _ in range(2 * (part.clock is None)):
             size *= np.clip(target / max(visible(world, part, size), 1e-3), 0.3, 3.0)

@@ -129,13 +129,15 @@ def uneven(fitted: FittedTerms, law: Law, groups: list[Floats]) -> float:
     for group in groups:
         white = arma.filtered(group, law)
         white = whitening.orthonormal(white - base @ (base.T @ white))
+        if not white.shape[1]:
+            continue
         bare = left - white @ (white.T @ left)
         sums = np.stack([np.bincount(block, column) for column in (white * bare[:, None]).T], axis=1)
         held = float(np.sum((np.bincount(block, np.sum(white**2, axis=1)) / white.shape[1]) ** 2))
         ratio = float(np.sum(sums**2)) / white.shape[1] / variance / max(1.0 - held, 0.1)
         ratios.append((ratio / held + BLOCKS) / (1.0 / held + BLOCKS))
     constant = arma.filtered(np.ones((len(channel), 1)), law)
-    middle = float(np.quantile(ratios, 0.5))
+    middle = float(np.quantile(ratios, 0.5)) if ratios else 1.0
     return max(middle, 1.0) + channel.rule_deg**2 * float(np.sum(constant**2)) / variance
 
 

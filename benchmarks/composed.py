@@ -1,0 +1,125 @@
+"""Effects that nobody listed, of families in a file of their own: what is said of them.
+
+    python benchmarks/composed.py 54 1                   families.py; a third of 54 moorings of 1.5 degrees, else 3
+    python benchmarks/composed.py 54 1 --families PATH   families of another file
+    python benchmarks/composed.py 54 1 --red             in water that veers slowly
+
+The file defines FAMILIES: name -> function of a World that returns an Effect and the descriptions that are right for
+it, (acts_on, driver, form) each. Its hash is printed: a file that was written before the search is the same as then.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import importlib.util
+import json
+import sys
+import time
+from pathlib import Path
+
+import discrepancy as bench
+import numpy as np
+
+from compasslib.effects import COMPOSED, side_of
+from compasslib.search.diagnosis import Options, diagnose
+from compasslib.simulation import pairs as sea
+
+SIZES = (3.0, 3.0, 1.5)
+LISTED = {"pressure": ("field_forward", "depth", "linear"), "pivot_friction": ("reading", "turn_rate", "sign")}
+
+
+def families(path: Path) -> dict:
+    spec = importlib.util.spec_from_file_location("families", path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module.FAMILIES
+
+
+def described(name: str) -> tuple[str, ...] | None:
+    """Return acts_on, driver and form of a name, None for a listed one."""
+    return tuple(name.removeprefix(COMPOSED).split("/")) if name.startswith(COMPOSED) else LISTED.get(name)
+
+
+def measure(every: dict, index: int, seed: int, *, red: bool) -> dict:
+    """Return one row: what was put in, what is said."""
+    own = 100_000 * seed + 77_000 + index
+    name, size = list(every)[index % len(every)], SIZES[index % len(SIZES)]
+    slow = sea.some_slow_water(np.random.default_rng(own)) if red else None
+    world = sea.make(own, wide=index % 3 == 2, slow_water=slow)
+    effect, right = every[name](world)
+    drawn = sea.planted(world, {name: size}, {name: effect})
+    fit, field = bench.fitted(drawn), bench.field_of(drawn)
+    begin = time.perf_counter()
+    found = diagnose(drawn.pairs, drawn.covariates, fit, field, Options())
+    seconds = time.perf_counter() - begin
+    first = [one.named for one in found.findings]
+    told = {n for one in found.findings for n in (one.named, *one.alternatives)}
+    words = {described(n) for n in told} - {None}
+    sides = {side_of(COMPOSED + "/".join(one)) for one in right}
+    row = {
+        "family": name, "size": size, "verdict": found.verdict, "first": first, "set": sorted(told), "seconds": seconds,
+        "side": max(found.sides.get(side, 0.0) for side in sides) >= 0.5 if found.sides else False,
+        "in_set": bool(words & right),
+        "is_first": bool({described(n) for n in first} & right),
+        "driver": bool({one[1] for one in words} & {one[1] for one in right}),
+        "wrong_only": bool(told) and not {one[1] for one in words} & {one[1] for one in right},
+        "consistent": found.verdict == "consistent",
+    }  # fmt: skip
+    if effect.veer is None and found.verdict != "insufficient":
+        none = sea.planted(sea.make(own, wide=index % 3 == 2, slow_water=slow), {})
+        drawn.truth.clear()
+        row |= bench.against_oracle(drawn, fit, field, found)
+        row["error_without"] = bench.against_oracle(none, bench.fitted(none), field, found)["error_before"]
+    return row
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("moorings", type=int)
+    parser.add_argument("seed", type=int)
+    parser.add_argument("--families", type=Path, default=Path(__file__).with_name("families.py"))
+    parser.add_argument("--red", action="store_true")
+    parser.add_argument("--rows", type=Path)
+    asked = parser.parse_args()
+    every, rows = families(asked.families), []
+    print(f"{len(every)} families, sha256 {hashlib.sha256(asked.families.read_bytes()).hexdigest()}")
+    for index in range(asked.moorings):
+        rows.append(measure(every, index, asked.seed, red=asked.red))
+        if asked.rows:
+            with asked.rows.open("a") as file:
+                file.write(json.dumps(rows[-1], default=str) + "\n")
+        print(f"\r{index + 1} of {asked.moorings}", end="", file=sys.stderr, flush=True)
+    print("\n| measure | value | target |\n|---|---|---|")
+    good = [_of_size(rows, size) for size in (3.0, 1.5)]
+    own = [row for row in rows if "covered" in row]
+    if own:
+        excess = [max(row["error_before"] - row["error_without"], 0.1) for row in own]
+        gained = [row["error_before"] - row["error_after"] for row in own]
+        bench.line(
+            "excess of heading error taken off, all together", f"{100 * sum(gained) / sum(excess):.0f} %", ">= 60 %"
+        )
+        bench.line(
+            "headings within 95 %", f"{100 * np.mean([row['covered'] for row in own]):.1f} % ({len(own)})", ">= 90 %"
+        )
+    seconds = [row["seconds"] for row in rows]
+    bench.line("seconds a mooring: median, most", f"{np.median(seconds):.1f}, {max(seconds):.1f}", "<= 10")
+    sys.exit(0 if all(good) else 1)
+
+
+def _of_size(rows: list[dict], size: float) -> bool:
+    own = [row for row in rows if row["size"] == size]
+    at_3 = size == 3.0
+    return all([
+        bench.held(f"{size}: side at least as probable as not", [row["side"] for row in own]),
+        bench.held(f"{size}: in the set", [row["in_set"] for row in own], least=0.6 * at_3),
+        bench.held(f"{size}: first", [row["is_first"] for row in own], least=0.45 * at_3),
+        bench.held(f"{size}: driver in the set", [row["driver"] for row in own], least=0.75 * at_3),
+        bench.held(f"{size}: only wrong names", [row["wrong_only"] for row in own], most=0.05),
+        bench.held(f"{size}: called consistent", [row["consistent"] for row in own], most=0.05 if at_3 else 1.0),
+        bench.held(f"{size}: called unexplained", [row["verdict"] == "unexplained" for row in own]),
+    ])  # fmt: skip
+
+
+if __name__ == "__main__":
+    main()
