@@ -9,6 +9,7 @@ import pytest
 from compasslib.core import angles, compass
 from compasslib.deviation import tilt
 from compasslib.effects import CATALOGUE, Scene, composition, page, short
+from compasslib.effects.composed import composed, of_name, placed
 from compasslib.effects.composition import Simulation
 from compasslib.effects.iron import Heeling, TemperatureOfField
 from compasslib.effects.reading import Octantal, Sextantal, TiltUncompensated
@@ -56,9 +57,8 @@ RNG = np.random.default_rng(1)
 TIME_S = 1.19e9 + 86400.0 * np.arange(N)
 HEADING = RNG.uniform(0.0, 360.0, N)
 # Rates of turn are those of a mooring, hundredths of a degree a second; the other departures are of order one.
-DEPARTURES = {
-    name: RNG.normal(0.0, 0.003 if name == "turn_rate" else 1.0, N) for term in CATALOGUE for name in term.needs
-}
+NEEDED = {name for term in CATALOGUE for name in term.needs} | {"pitch", "speed"}
+DEPARTURES = {name: RNG.normal(0.0, 0.003 if name == "turn_rate" else 1.0, N) for name in sorted(NEEDED)}
 SCENE = Scene(
     TIME_S, np.full(N, H_NT), np.full(N, Z_NT), RNG.normal(3, 2, N), RNG.normal(-2, 2, N), TIME_S[0], DEPARTURES
 )
@@ -127,6 +127,46 @@ def test_the_column_is_the_numeric_difference_of_the_inverse(kind):
         numeric = angles.difference(*shown) / (0.2 * step)
         # The column is one-sided with a twentieth of a step: it may be off by a hundredth of a degree a step.
         np.testing.assert_allclose(columns[:, j] * step, numeric * step, atol=0.02, rtol=0.01)
+
+
+NOBODY_LISTED = [
+    placed(composed("field_horizontal", "depth", "quadratic")),
+    placed(composed("field_down", "temperature", "lagged"), 5 * 86400.0),
+    placed(composed("reading", "heading", "bump"), 200.0, 40.0),
+    placed(composed("reading", "pitch", "memory"), 1.5),
+    placed(composed("lobe3", "temperature", "linear")),
+    placed(composed("lobe4", "voltage", "saturating"), 0.2, 0.5),
+    placed(composed("field_horizontal", "time", "box"), TIME_S[50], TIME_S[150]),
+    placed(composed("flow_gain", "speed", "threshold"), 0.3),
+    placed(composed("flow_offset", "time", "decay"), TIME_S[0], 40 * 86400.0),
+    placed(composed("reading", "temperature*time", "linear")),
+]
+
+
+@pytest.mark.parametrize("bare", NOBODY_LISTED, ids=lambda term: term.name)
+def test_a_composition_obeys_the_laws_of_every_term(bare):
+    x = acted_on(type(bare))
+    np.testing.assert_allclose(bare.act(x, SCENE), x, rtol=1e-12)
+    term = bare.at(0.5 * bare.steps())
+    simulation = Simulation(LEVEL, H_NT, (term,))
+    recorded = composition.recorded_heading(simulation, SCENE, HEADING)
+    roots = composition.headings(simulation, SCENE, recorded)
+    assert np.nanmin(np.abs(angles.difference(roots, HEADING[:, None])), axis=1).max() < 1e-5
+    assert of_name(term.name) is type(term) if term.name.startswith("composed:") else term.name in NAMES
+    beside = composition.beside(Simulation(LEVEL, H_NT), SCENE, HEADING, bare)
+    alone = composition.derivative(Simulation(LEVEL, H_NT, (bare,)), SCENE, HEADING, first=5)
+    np.testing.assert_allclose(beside * bare.steps(), alone * bare.steps(), atol=0.02)
+
+
+def test_a_reading_that_stands_bends_no_rival():
+    stands = Sextantal(6.0, -3.0)
+    rival = Octantal()
+    empty = Simulation(LEVEL, H_NT)
+    beside = composition.beside(Simulation(LEVEL, H_NT, (stands,)), FLAT, HEADING, rival)
+    slopes = [composition.steepness(x, FLAT, HEADING) for x in (empty, Simulation(LEVEL, H_NT, (stands,)))]
+    alone = composition.derivative(Simulation(LEVEL, H_NT, (rival,)), FLAT, HEADING, first=5)
+    clear = np.abs(slopes[1]) > 0.3
+    np.testing.assert_allclose((beside * slopes[1][:, None])[clear], (alone * slopes[0][:, None])[clear], atol=0.05)
 
 
 def test_without_terms_and_tilt_it_is_the_exact_compass():

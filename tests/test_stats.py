@@ -121,3 +121,13 @@ def test_the_response_is_what_is_left_of_a_small_shift():
     width = np.full(len(residual), 40.0)
     moved = np.mean(whitening.clipped(residual + 1.0, width) - whitening.clipped(residual, width)) * 40.0
     assert whitening.response(residual, width) == pytest.approx(moved, abs=0.01)
+
+
+def test_filtered_noise_of_a_law_is_white():
+    law, n = (0.9, -0.5), 300
+    root = np.linalg.cholesky(arma.correlation(*law, arma.lags_between(n)) * arma.first_variance(law))
+    drawn = root @ np.random.default_rng(1).normal(size=(n, 400))
+    white = arma.filtered(drawn, law)
+    assert np.std(white) == pytest.approx(1.0, abs=0.02)
+    assert abs(np.mean(white[1:] * white[:-1])) < 0.01
+    np.testing.assert_allclose(np.sum(white**2, axis=0), np.sum(np.linalg.solve(root, drawn) ** 2, axis=0), rtol=0.01)
