@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import fields
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from compasslib.deviation.forms import EXACT, SeriesInCorrect
 from compasslib.deviation.model import Fit, nearest_root, observed_heading
 from compasslib.effects import COMPOSED, Term
 from compasslib.effects.composed import Composed
-from compasslib.search import folds, model, show, stuck, verdict, wording
+from compasslib.search import covariates, folds, grammar, model, show, stuck, verdict, wording
 from compasslib.search.baseline import State
 from compasslib.search.case import Case
 from compasslib.search.clocks import ClockError, kept
@@ -32,6 +33,7 @@ NOTHING = 1e-6  # standard error of a parameter that nothing depends on, in any 
 OUTSIDE = 2.5  # standard errors by which a bin leaves the band
 PAIRS = 1000  # of the exact compass against the series: as many, evenly taken, tell the curves apart
 SURE = 0.01
+DAY_S = 86400.0
 
 
 def of_terms(found: Inference) -> list[Finding]:
@@ -51,6 +53,8 @@ def _of_term(found: Inference, k: int, covariance: Floats) -> Finding:
         for name, value, s, unit in zip(term.fitted(), term.values, sigma, term.units(), strict=True)
         if value or s > NOTHING  # a third battery that never came has neither
     }
+    if isinstance(term, Composed):
+        parameters |= _places(found, term)
     size, proof = model.effect_deg(state, k, covariance), folds.proof(found, k)
     first, last = _span(state, term)
     lasting = (first, last) == (float(state.case.scene.time_s[0]), float(state.case.scene.time_s[-1]))
@@ -72,13 +76,40 @@ def _of_term(found: Inference, k: int, covariance: Floats) -> Finding:
             parameters={name: (p.value, p.sigma, p.unit) for name, p in parameters.items()},
             size_deg=size,
             proof=(proof.rms_before_deg, proof.rms_after_deg, proof.p_value),
-            physics=wording.of_composed(*composition.values()) if composition else "",
+            physics=" changes ".join(wording.of_composed(*composition.values())) + ", which no listed effect does"
+            if composition
+            else "",
         ),
         applied=term.side == "compass",
         probability=slot.probability,
         alternatives_probability=others,
         composition=composition,
     )
+
+
+def _places(found: Inference, term: Composed) -> dict[str, Parameter]:
+    """Return where along its driver a composition acts: dates are told apart, what is counted from a mean is not.
+
+    How sure a place is tell the probabilities of the other places that were tried, and the spacing between them.
+    """
+    groups, means = found.posterior.candidates.groups, covariates.references(found.state.case.covariates)
+    each = list(zip(found.posterior.hypotheses, found.posterior.probability.tolist(), strict=True))
+    alike = [(k, group.term) for k, group in enumerate(groups) if type(group.term) is type(term)]
+    tried = [(other, sum(p for one, p in each if k in one)) for k, other in alike]
+    weight = np.array([p for _, p in tried])
+    result = {}
+    for name, spacing in grammar.spacings(term, found.state.case.scene).items():
+        value = float(getattr(term, name))
+        off = np.array([float(getattr(other, name)) for other, _ in tried]) - value
+        sigma = float(np.sqrt(weight @ off**2 / max(float(weight.sum()), 1e-12) + spacing**2 / 12.0))
+        unit = next(f.metadata["unit"] for f in fields(term) if f.name == name)
+        if name in ("threshold", "middle"):
+            value += sum(means.get(one, 0.0) for one in term.needs[:1])
+        in_days = unit == "s"
+        result[name.replace("_s", "_days") if in_days else name] = (
+            Parameter(value / DAY_S, sigma / DAY_S, "days") if in_days else Parameter(value, sigma, unit)
+        )
+    return result
 
 
 def _words_of(term: Term) -> tuple[str, dict[str, str] | None]:

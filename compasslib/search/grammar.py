@@ -91,19 +91,36 @@ def near(term: Composed, scene: Scene) -> list[Composed]:
     Args:
         scene: of the recording.
     """
-    driver = term.composition[1]
+    steps = _steps(term, scene)
     places = {f.name: float(getattr(term, f.name)) for f in fields(term) if not f.metadata["step"]}
-    x, span = driven(scene, driver), float(np.ptp(scene.time_s))
-    steps = {
-        "begin_s": span / (EDGES + 1), "end_s": span / (EDGES + 1), "centre_deg": 360.0 / SECTORS,
-        "threshold": float(np.std(x)) / 3.0, "middle": float(np.std(x)) / 2.0,
-    }  # fmt: skip
     tried = [
         [at + steps[name] * away for away in AROUND] if name in steps else [at * 2.0**away for away in AROUND]
         for name, at in places.items()
     ]
     bare = term.at(0.0 * term.values)
     return [replace(bare, **dict(zip(places, one, strict=True))) for one in itertools.product(*tried)]
+
+
+def spacings(term: Composed, scene: Scene) -> dict[str, float]:
+    """Return how far apart the places of a composition were tried in the end, by their names, dates left out.
+
+    Args:
+        scene: of the recording.
+    """
+    if not term.placed:
+        return {}
+    steps, apart = _steps(term, scene), AROUND[1] - AROUND[0]
+    names = [f.name for f in fields(term) if not f.metadata["step"] and f.name not in ("begin_s", "end_s")]
+    return {name: apart * steps.get(name, abs(float(getattr(term, name))) * float(np.log(2.0))) for name in names}
+
+
+def _steps(term: Composed, scene: Scene) -> dict[str, float]:
+    """Return the distance of the places that are tried of all, those that are tried in proportion left out."""
+    spread, span = float(np.std(driven(scene, term.composition[1]))), float(np.ptp(scene.time_s))
+    return {
+        "begin_s": span / (EDGES + 1), "end_s": span / (EDGES + 1), "centre_deg": 360.0 / SECTORS,
+        "threshold": spread / 3.0, "middle": spread / 2.0,
+    }  # fmt: skip
 
 
 def rivals(term: Composed, composed: Sequence[Found]) -> list[Found]:

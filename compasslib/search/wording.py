@@ -116,14 +116,13 @@ def separated_by(effect: str, alternatives: Sequence[str]) -> str:
 
 
 def _pair(a: str, b: str) -> str:
-    trusted = [name for name in (a, b) if name.startswith("reference_")]
-    if len(trusted) == 1:
-        return f"{a} or {b}: " + TRUSTED_OR_NOT
-    water = [name for name in (a, b) if side_of(name) == "water"]
-    if len(water) == 1:
-        other = b if water[0] == a else a
-        return f"{a} or {b}: " + WATER_OR_COMPASS.format(water[0], other)
-    return f"{a} or {b}: " + SEPARATED_BY.get(frozenset((a, b)), OTHERWISE.format(a, b))
+    first, second = (plain(name) if name.startswith(COMPOSED) else name for name in (a, b))
+    both = f"{first} or {second}: "
+    if len([name for name in (a, b) if name.startswith("reference_")]) == 1:
+        return both + TRUSTED_OR_NOT
+    if (side_of(a) == "water") != (side_of(b) == "water"):
+        return both + WATER_OR_COMPASS.format(*((first, second) if side_of(a) == "water" else (second, first)))
+    return both + SEPARATED_BY.get(frozenset((a, b)), OTHERWISE.format(first, second))
 
 
 def finding(
@@ -170,12 +169,11 @@ ACTED_ON = {
 }
 
 
-def of_composed(acts_on: str, driver: str, form: str) -> str:
-    """Return in words what changes, with what and how, for an effect that nobody listed."""
+def of_composed(acts_on: str, driver: str, form: str) -> tuple[str, str]:
+    """Return in words what changes, and with what and how, for an effect that nobody listed."""
     named = {"voltage": "supply voltage", "turn_rate": "rate of turn", "hour": "day", "tide": "tide (12.42 h)"}
     drives = " times ".join(named.get(one, one.replace("_", " ")) for one in driver.split("*"))
-    how = FORMS[form].words.format(f"the {drives}" if driver not in ("heading", "time") else drives)
-    return f"no listed effect, but {ACTED_ON[acts_on]} that changes {how}"
+    return ACTED_ON[acts_on], FORMS[form].words.format(f"the {drives}" if driver not in ("heading", "time") else drives)
 
 
 def _interval(value: float, sigma: float, unit: str) -> str:
@@ -207,7 +205,7 @@ def place(covariate: str, low: float, high: float) -> str:
 def plain(effect: str) -> str:
     """Return the name of an effect to read; a composed one, written composed:ACTS_ON/DRIVER/FORM, in words."""
     if effect.startswith(COMPOSED):
-        return of_composed(*effect.removeprefix(COMPOSED).split("/")).removeprefix("no listed effect, but ")
+        return " changing ".join(of_composed(*effect.removeprefix(COMPOSED).split("/")))
     return effect.replace("_", " ")
 
 
