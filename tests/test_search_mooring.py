@@ -161,7 +161,7 @@ def test_what_nobody_listed_is_composed_and_corrects_the_record():
     first = found.findings[0]
     assert first.effect == "composed" and first.side == "compass" and first.applied
     assert first.composition == {"acts_on": "lobe3", "driver": "temperature", "form": "linear"}
-    assert "the third harmonic of the compass's reading that changes in proportion to the temp" in first.text
+    assert "the third harmonic of the compass's reading changes in proportion to the temp" in first.text
     assert first.where.covariate == "temperature" and first.parameters["sine"].unit == "degrees/K"
     assert first.probability + sum(first.alternatives_probability.values()) > 0.95
     product = products.of(fitted(drawn), found)
