@@ -125,6 +125,7 @@ def test_a_perfect_tool_scores_perfectly_and_the_silly_ones_badly():
         (truth("single", "heeling"), said(), "missed", 0.0),
         (truth("pair", "heeling", "temperature"), said(("heeling",)), "half", 0.5),
         (truth("strange", "teeth"), said(("octantal",)), "bare name", 0.0),
+        (truth("strange", "teeth"), said(("composed", "composed:lobe4/time/box")), "right", 1.0),
         (truth("strange", "teeth"), said(("octantal",), left=True), "name beside", 0.5),
         (truth("undecidable", "supply_voltage"), said(("supply_voltage",)), "guessed", 0.0),
         (truth("undecidable", "supply_voltage"), said(("supply_voltage", "compass_drift")), "right", 1.0),

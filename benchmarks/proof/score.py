@@ -33,7 +33,9 @@ def judge(truth: dict[str, Any], diagnosis: dict[str, Any]) -> str:
     if not named and not left:
         return "refused" if diagnosis["verdict"] == "insufficient" else "missed"
     if truth["kind"] in UNNAMED:
-        return "bare name" if not left else "name beside" if named else "right"
+        listed = [each for each in named if not all(name.startswith("composed") for name in each)]
+        told = left or len(listed) < len(named)  # what is composed says that no listed effect does it
+        return "bare name" if not told else "name beside" if listed else "right"
     if truth["kind"] == "undecidable":
         return _doubt(truth, named, left)
     return _name(truth, named)

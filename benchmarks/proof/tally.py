@@ -36,7 +36,11 @@ def measures(rows: Sequence[Row]) -> list[dict[str, Any]]:
         _share("the same, of those where every name stands alone", alone, covered),
         _share("a name that has nothing to do with it", named, has_false_name),
         _share("unexplained beside the names", named, lambda row: row["unexplained"] is not None),
-        _share("out of the catalogue: unexplained", strange, lambda row: row["unexplained"] is not None),
+        _share(
+            "out of the catalogue: unexplained or composed",
+            strange,
+            lambda row: row["outcome"] in ("right", "name beside"),
+        ),
         _share("out of the catalogue: a bare name", strange, lambda row: row["outcome"] == "bare name"),
         _share("shifted temperature: temperature named first", shifted, lambda row: "temperature" in _first(row)),
         _share("shifted temperature: temperature among the names", shifted, lambda row: "temperature" in _every(row)),
