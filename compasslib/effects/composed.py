@@ -201,7 +201,7 @@ class Composed(Term):
             assert reading_deg is not None
             return FORMS[form].series(self, reading_deg, scene.time_s)
         stored: dict[Any, Floats] = scene.__dict__.setdefault("composed", {})  # many derivatives at one place
-        key = (type(self), *(getattr(self, name) for name, _ in FORMS[form].places))
+        key = (driver, form, *(getattr(self, name) for name, _ in FORMS[form].places))
         if key not in stored:
             stored[key] = FORMS[form].series(self, driven(scene, driver), scene.time_s)
         return stored[key]

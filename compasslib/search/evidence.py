@@ -180,11 +180,13 @@ def gathered(view: State, slow: Slow | None, drawn: Groups, uneven: Floats) -> C
     """
     groups, usual = drawn.groups, drawn.usual
     ends = np.cumsum([0, *(group.columns.shape[1] for group in groups)])
-    own = np.concatenate([np.zeros((len(view.case), 0)), *(group.columns for group in groups)], axis=1) * usual
-    every = own if slow is None else np.concatenate([own, slow.columns], axis=1)
+    none = np.zeros((len(view.case), 0))
+    own = np.concatenate([none, *(group.columns for group in groups)], axis=1, dtype=np.float32)
+    own *= usual.astype(np.float32)
+    every = own if slow is None else np.concatenate([own, slow.columns], axis=1, dtype=np.float32)
     middle = max(float(np.median(uneven)), 1.0)
     sigma = view.sigma * np.sqrt(middle)
-    white = view.projected(every.astype(np.float32)) * np.float32(view.response / sigma)
+    white = view.projected(every) * np.float32(view.response / sigma)
     innovation = (view.innovation / sigma).astype(np.float32)
     seen = view.visible(own)
     return Candidates(

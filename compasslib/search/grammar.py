@@ -49,6 +49,7 @@ AROUND = (-0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75)  # steps, or powers of 2, be
 MOST, MOST_OF_KIND, MOST_RIVALS = 40, 3, 8
 SEEN = 5  # different values of a driver below which it says nothing
 USUAL_DEG = 4.0
+MOST_NUMBERS = 3_000_000  # of columns that are held at once, which sets the memory of long records
 
 
 @dataclass(frozen=True)
@@ -77,11 +78,14 @@ def screen(state: State) -> list[Found]:
         for term in every:
             places[term.composition] = places.get(term.composition, 0) + 1
         series = [term.series(scene, reading) for term in every]
-        gains = _gains(state, bare, series)
+        size = max(MOST_NUMBERS // (len(bare) * bare.shape[1]), 1)
+        batches = (series[k : k + size] for k in range(0, len(series), size))
+        gains = [gain for batch in batches for gain in _gains(state, bare, batch)]
         for term, (gain, usual) in zip(every, gains, strict=True):
             _, driver, _ = term.composition
             count = len(acted) * len(drivers) * len(forms[driver]) * places[term.composition]
             tried.append((gain - float(np.log(count)), Found(term, -float(np.log(count)), usual)))
+    scene.__dict__.pop("composed", None)  # hundreds of series: what is kept is few
     return _best(tried)
 
 
