@@ -37,7 +37,6 @@ DRIVERS: Mapping[str, tuple[str, str]] = {
     "tilt": ("tilt", "degree"),
     "voltage": ("supply_voltage", "V"),
     "turn_rate": ("turn_rate", "degree/s"),
-    "transmit_current": ("transmit_current", "A"),
 }
 
 
@@ -56,7 +55,6 @@ FIELD_STEP, BIAS_STEP = 200.0, 0.003
 ACTED_ON: Mapping[str, ActedOn] = {
     "field_horizontal": ActedOn((("forward", "nT", FIELD_STEP), ("starboard", "nT", FIELD_STEP)), "field"),
     "field_down": ActedOn((("down", "nT", 1000.0),), "field"),
-    "north": ActedOn((("east", "degrees", 1.0),), "north"),
     "reading": ActedOn((("reading", "degrees", 1.0),), "reading", stage="readout"),
     "lobe3": ActedOn((("sine", "degrees", 1.0), ("cosine", "degrees", 1.0)), "reading", stage="readout"),
     "lobe4": ActedOn((("sine", "degrees", 1.0), ("cosine", "degrees", 1.0)), "reading", stage="readout"),
@@ -151,7 +149,7 @@ FORMS: Mapping[str, Form] = {
         (("period_s", "s"),), words="once every period of {}",
     ),
     "bump": Form(
-        lambda term, x, t: _columns(_hat(x, term.centre_deg, term.reach_deg)),
+        lambda term, x, t: _columns(hat(x, term.centre_deg, term.reach_deg)),
         places=(("centre_deg", "degrees"), ("reach_deg", "degrees")), words="around one {} only",
     ),
     "step": Form(
@@ -177,7 +175,13 @@ FORMS: Mapping[str, Form] = {
 }  # fmt: skip
 
 
-def _hat(heading_deg: Floats, centre_deg: float, reach_deg: float) -> Floats:
+def hat(heading_deg: Floats, centre_deg: float, reach_deg: float) -> Floats:
+    """Return how much of what acts around one heading acts at others, (n,) 0 to 1.
+
+    Args:
+        heading_deg: (n,).
+        reach_deg: where it has ended, to either side.
+    """
     away = np.abs(angles.difference(heading_deg, centre_deg)) / max(reach_deg, 1e-9)
     return np.where(away < 1.0, (1.0 + np.cos(np.pi * away)) / 2.0, 0.0)
 

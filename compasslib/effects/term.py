@@ -22,6 +22,7 @@ Side = Literal["compass", "reference", "water", "clock"]
 Stage = Literal["surroundings", "sensor", "readout", "clock"]
 
 YEAR_S = 365.25 * 86400.0
+USUAL_DEG = 4.0  # turn of the heading, rms, that an effect usually makes where its physics sets no size
 READINGS = ("mooring", "platform", "swing", "magnetometer", "two_heads")  # recordings of a compass
 
 

@@ -19,6 +19,7 @@ from scipy.linalg import solve_triangular
 
 from compasslib.core.types import Floats
 from compasslib.effects import Term, composition
+from compasslib.effects.term import USUAL_DEG
 from compasslib.search import columns, dispersion
 from compasslib.search.baseline import State
 from compasslib.search.columns import Group
@@ -28,7 +29,6 @@ from compasslib.stats.whitening import directions
 
 Hypothesis = tuple[int, ...]  # numbers of candidates
 
-USUAL_DEG = 4.0  # turn of the heading, rms, that an effect usually makes where its physics sets no size
 ALIKE = 4  # power of what two groups have in common, by which they share their noise
 BLOCK_S, BLOCKS = 3 * 86400.0, 10.0  # longer than the memory that the filter leaves; trust in the middle, in blocks
 ANYTHING = 1e6  # variance of what is free, in units of one sample's

@@ -25,11 +25,11 @@ from compasslib.effects.composed import (
     driven,
     placed,
 )
-from compasslib.effects.term import Scene
+from compasslib.effects.term import USUAL_DEG, Scene
 from compasslib.search import columns
 from compasslib.search.baseline import State
 
-VALUES = ("temperature", "depth", "speed", "pitch", "roll", "tilt", "voltage", "transmit_current")
+VALUES = ("temperature", "depth", "speed", "pitch", "roll", "tilt", "voltage")
 OF_VALUE = ("linear", "quadratic", "threshold", "saturating", "lagged", "memory", "latch")
 OF_TIME = ("linear", "quadratic", "step", "box", "ramp", "decay", "growth")
 LISTED = {  # what the catalogue has under a name of its own
@@ -48,7 +48,6 @@ SECTORS, REACHES_DEG = 24, (20.0, 40.0)
 AROUND = (-0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75)  # steps, or powers of 2, between the places that are tried
 MOST, MOST_OF_KIND, MOST_RIVALS = 40, 3, 8
 SEEN = 5  # different values of a driver below which it says nothing
-USUAL_DEG = 4.0
 MOST_NUMBERS = 3_000_000  # of columns that are held at once, which sets the memory of long records
 
 
@@ -152,8 +151,8 @@ def _best(tried: list[tuple[float, Found]]) -> list[Found]:
 
 
 def _acts(name: str, state: State) -> bool:
-    """Tell whether something of the recording can be acted on: magnetic north is the same for both compasses."""
-    return name != "north" and all(one in state.case.scene.departures for one in ACTED_ON[name].needs)
+    """Tell whether the recording has what must be known to act on something."""
+    return all(one in state.case.scene.departures for one in ACTED_ON[name].needs)
 
 
 def _gains(state: State, bare: Floats, series: list[Floats]) -> list[tuple[float, Floats]]:

@@ -159,7 +159,6 @@ ACTED_ON = {
     "field_forward": "a magnetic field along the instrument",
     "field_starboard": "a magnetic field across the instrument",
     "field_down": "a magnetic field along the instrument's vertical",
-    "north": "the direction of magnetic north",
     "reading": "the compass's reading",
     "lobe3": "the third harmonic of the compass's reading",
     "lobe4": "the fourth harmonic of the compass's reading",

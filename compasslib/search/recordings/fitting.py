@@ -184,16 +184,12 @@ def covariance(fitted: FittedTerms) -> Floats:
     return plain * np.outer(share, share) + rule
 
 
-def effect_deg(fitted: FittedTerms, k: int, noise_square: float = 0.0) -> float:
-    """Return the visible size of a term: what no other parameter can take of it, rms degrees.
-
-    Args:
-        noise_square: mean square that noise alone would give, square degrees.
-    """
+def effect_deg(fitted: FittedTerms, k: int) -> float:
+    """Return the visible size of a term: what no other parameter can take of it, rms degrees."""
     ends = len(fitted.base) + np.cumsum([0, *(len(term.fitted()) for term in fitted.terms)])
     own = slice(int(ends[k]), int(ends[k + 1]))
     rest = [term for j, term in enumerate(fitted.terms) if j != k]
     without = fitted.channel.residual(fitted.base, tuple(rest)) - fitted.residual_deg
     others = whitening.orthonormal(np.delete(fitted.columns, np.arange(own.start, own.stop), axis=1))
     left = without - others @ (others.T @ without)
-    return float(np.sqrt(max(float(np.mean(left**2)) - noise_square, 0.0)))
+    return float(np.sqrt(np.mean(left**2)))

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from compasslib.core.types import Floats
+from compasslib.effects.term import USUAL_DEG
 from compasslib.search.recordings import fitting
 from compasslib.search.recordings.channel import Channel
 from compasslib.search.recordings.fitting import FittedTerms
@@ -22,7 +23,6 @@ Law = tuple[float, float]  # autoregressive and moving-average coefficient
 
 LAWS: tuple[Law, ...] = tuple((float(p), float(t)) for p in arma.PHI for t in arma.THETA if t >= -p)
 WHITE: tuple[Law, ...] = ((0.0, 0.0),)
-USUAL_DEG = 4.0  # turn of the heading, rms, that an effect usually makes where its physics sets no size
 STEADY, TINY = 1e-6, 1e-20  # what keeps an inverse steady; square below which a column is none
 BLOCKS = 10.0  # trust in even noise, in blocks
 

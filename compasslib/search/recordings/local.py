@@ -8,8 +8,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from compasslib.core import angles
 from compasslib.core.types import Floats
+from compasslib.effects.composed import hat
 from compasslib.effects.term import Scene, Term, parameter, place
 from compasslib.search.recordings import fitting
 from compasslib.search.recordings.channel import Channel
@@ -66,8 +66,7 @@ class SectorAstray(_Astray):
         Args:
             x: readings, (n,) degrees.
         """
-        away = np.abs(angles.difference(x, self.centre_deg)) / max(self.reach_deg, 1e-9)
-        return np.where(away < 1.0, (1.0 + np.cos(np.pi * away)) / 2.0, 0.0)
+        return hat(x, self.centre_deg, self.reach_deg)
 
 
 @dataclass(frozen=True)
