@@ -62,7 +62,7 @@ def variable_leader(
     block = bytearray(65)
     struct.pack_into("<HH7BB", block, 0, identifier, number & 0xFFFF, *clock, number >> 16)
     struct.pack_into("<HHHhhHh", block, 14, 1500, depth_dm, heading, tilt1, tilt2, 35, temperature)
-    block[35] = voltage
+    block[31], block[34], block[35] = 2, 90, voltage  # spread of headings, degrees; transmit current, counts
     struct.pack_into("<i", block, 48, pressure)
     struct.pack_into("<B7B", block, 57, century, *(clock if century else [0] * 7))
     return bytes(block[:length])

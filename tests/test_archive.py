@@ -276,6 +276,16 @@ def test_a_record_comes_back(tmp_path, n, m):
     same(netcdf.read_record(tmp_path / "r.nc"), netcdf.read_record(tmp_path / "r2.nc"))
 
 
+def test_what_else_was_logged_comes_back(tmp_path):
+    turbidity = np.append(np.arange(199.0), np.nan)
+    record = make_record(channels={"turbidity": turbidity}, channel_units={"turbidity": "NTU"})
+    netcdf.write_record(tmp_path / "r.nc", record)
+    back = netcdf.read_record(tmp_path / "r.nc")
+    assert back.channel_units == {"turbidity": "NTU"} and list(back.channels) == ["turbidity"]
+    np.testing.assert_array_equal(back.channels["turbidity"], turbidity)
+    np.testing.assert_array_equal(records.take(back, slice(198, None)).channels["turbidity"], [198.0, np.nan])
+
+
 def test_every_field_of_the_records_has_its_entry_in_the_table():
     record, pairs = make_record(), make_pairs()
     for one, table in ((record, layout.RECORD), (pairs, layout.PAIRS | layout.PAIRS_PERHAPS)):

@@ -430,6 +430,8 @@ def test_every_field_comes_out_as_it_went_in(tmp_path: Path) -> None:
     assert (record.heading_deg[0], record.roll_deg[0]) == (359.99, 60.0)
     assert (record.pressure_dbar[0], record.depth_m[0], record.temperature_c[0]) == (101.0, 100.0, 4.5)
     assert (record.supply_voltage[0], record.heading_quality[0], record.looks_up) == (150.0, 1, True)
+    near = {name: column[0] for name, column in record.channels.items()}
+    assert near["transmit_current"] == 90.0 and near["heading_spread"] == 2.0 and np.isnan(near["echo"])  # no block
     assert record.direction_reference == "magnetic" and record.warnings == ()
     assert record.time_s[0] == datetime.fromisoformat("2007-09-04T12:00+00:00").timestamp()
     assert ensembles.frequency_khz[0] == 300.0

@@ -42,6 +42,7 @@ def two():
 def test_nothing_is_found_where_nothing_was_left_out():
     _, found = seen({})
     assert found.verdict == "consistent" and not found.findings and found.unexplained is None
+    assert found.experiments == ()
     assert not any(one.compass for one in found.applied)
     assert 0.2 < found.detectable_deg["sextantal"] < 4.0 and found.why.startswith("Nine times in ten")
     told = dict(found.not_testable)

@@ -77,7 +77,15 @@ BIN = Variable(
 )
 _SECONDS = Variable("TIME", "time", "seconds since 1970-01-01T00:00:00Z", "time", fill=None, also={"axis": "T"})
 
-NOT_STORED = {"echo_range_m"}  # of a record: used up when its deployment is settled
+NOT_STORED = {"echo_range_m", "channels"}  # of a record: used up when its deployment is settled; one variable each
+CHANNEL = "CHANNEL_"  # what their names begin with
+
+
+def channel(name: str, unit: str) -> Variable:
+    """Return the variable of what else was logged."""
+    return Variable(f"{CHANNEL}{name}", f"{name.replace('_', ' ')}, as logged or given", unit)
+
+
 RECORD = {
     "time_s": _SECONDS,
     "east": Variable("EAST", "eastward velocity, from direction_reference", "m s-1", "", BINS, "f4"),

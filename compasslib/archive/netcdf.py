@@ -50,6 +50,8 @@ def write_record(path: str | Path, record: Record, *, attributes: Mapping[str, o
                 put(nc, layout.RECORD[field.name], value, level=0)
             elif field.name not in layout.NOT_STORED:
                 nc.setncattr(field.name, json.dumps(value, default=lambda number: number.item()))
+        for name, series in record.channels.items():
+            put(nc, layout.channel(name, record.channel_units.get(name, "1")), series, level=0)
 
 
 def read_record(path: str | Path, *, velocities: bool = True) -> Record:
@@ -68,6 +70,9 @@ def read_record(path: str | Path, *, velocities: bool = True) -> Record:
         arrays |= {name: get(nc, one.name, bins) for name, one in layout.RECORD.items() if name not in arrays}
         others = {field.name for field in fields(Record)} - set(layout.RECORD) - layout.NOT_STORED
         rest = {name: json.loads(nc.getncattr(name)) for name in others}
+        rest["channels"] = {
+            name.removeprefix(layout.CHANNEL): get(nc, name) for name in nc.variables if name.startswith(layout.CHANNEL)
+        }
     return Record(**arrays | rest | {"warnings": tuple(rest["warnings"])})
 
 

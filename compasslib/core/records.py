@@ -6,6 +6,7 @@ the water flows. Nothing here computes; ``take`` picks samples.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -50,6 +51,8 @@ class Record:
     direction_reference: str = "magnetic"  # magnetic | true
     heading_bias_deg: float = 0.0  # that was taken out of the file's headings and directions
     serial_number: str = ""  # the instrument's, where its files tell it
+    channels: Mapping[str, Floats] = field(default_factory=dict)  # (n,) each: what else was logged, NaN where missing
+    channel_units: Mapping[str, str] = field(default_factory=dict)
     echo_range_m: Floats | None = None  # (n, 2) of a boundary, and of the last water heard; for the deployment alone
     counts: dict[str, int] = field(default_factory=dict)  # what was read, skipped and flagged, for the report
     warnings: tuple[str, ...] = ()  # sentences for the report
@@ -161,4 +164,6 @@ def take(series: Series, which: NDArray[Any] | slice) -> Series:
         which: positions, a mask or a slice.
     """
     columns: dict[str, Any] = {k: column[which] for k, column in vars(series).items() if isinstance(column, np.ndarray)}
+    if channels := getattr(series, "channels", None):
+        columns["channels"] = {name: column[which] for name, column in channels.items()}
     return replace(series, **columns)

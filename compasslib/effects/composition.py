@@ -80,12 +80,22 @@ def sensed_angle(simulation: Simulation, scene: Scene, earth_nT: Floats) -> Floa
     Args:
         earth_nT: earth's field in the body, (n, 3).
     """
+    field = sensed_field(simulation, scene, earth_nT)
+    x, y = (np.einsum("nj,nj->n", scene.levelling[:, k], field) for k in (0, 1))
+    return angles.argument(x - 1j * y)
+
+
+def sensed_field(simulation: Simulation, scene: Scene, earth_nT: Floats) -> Floats:
+    """Return the field in the body with iron and terms, (n, 3) nT.
+
+    Args:
+        earth_nT: earth's field in the body, (n, 3).
+    """
     soft, hard = _iron(simulation)
     field: Floats = earth_nT @ soft.T + hard
     for term in _acting(simulation, "field"):
         field = term.act(field, scene)
-    x, y = (np.einsum("nj,nj->n", scene.levelling[:, k], field) for k in (0, 1))
-    return angles.argument(x - 1j * y)
+    return field
 
 
 def headings(simulation: Simulation, scene: Scene, recorded_deg: Floats) -> Floats:

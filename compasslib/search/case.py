@@ -60,6 +60,7 @@ class Case:
     terms: tuple[type[Term], ...]  # that can be tested here
     not_testable: tuple[tuple[str, str], ...] = ()  # (effect, why)
     louder: Louder | None = None  # slow water, once it was learnt
+    channels: Mapping[str, str] = field(default_factory=dict)  # units of other covariates, logged or given
     usual: Mapping[type[Term], Floats] = field(default_factory=dict)  # standard deviation expected of each parameter
 
     def __len__(self) -> int:
@@ -67,13 +68,20 @@ class Case:
 
 
 def mooring_case(
-    pairs: Pairs, logged: Mapping[str, Floats], fit: Fit, earth: EarthField, *, reference_magnetic: bool = True
+    pairs: Pairs,
+    logged: Mapping[str, Floats],
+    fit: Fit,
+    earth: EarthField,
+    *,
+    reference_magnetic: bool = True,
+    units: Mapping[str, str] | None = None,
 ) -> Case:
     """Return the overlap of a mooring held against its fitted exact compass.
 
     Args:
         logged: other series at their times, (n,) each.
         reference_magnetic: whether the trusted instrument has a compass too.
+        units: of series that have no name of their own here; 1 where absent.
     """
     columns = covariates.of_pairs(pairs, logged)
     references = covariates.references(columns)
@@ -96,6 +104,9 @@ def mooring_case(
         nuisance=_nuisance(pairs, scene, simulation),
         terms=terms,
         not_testable=missing,
+        channels={
+            name: (units or {}).get(name, "1") for name in logged if name in columns and name not in covariates.LISTED
+        },
     )
 
 

@@ -13,6 +13,7 @@ from compasslib.effects import Term, composition
 from compasslib.effects.reading import HeadingSlip
 from compasslib.search import stuck
 from compasslib.search.baseline import State
+from compasslib.search.case import TIDES_H
 
 DATE_STEP_S, DATE_MARGIN = 10 * 86400.0, 0.04  # dates of steps that are tried, and how near to the ends
 THRESHOLDS = (0.07, 0.13, 0.2, 0.35, 0.5, 0.65, 0.8, 0.87, 0.93)  # quantiles beyond which an effect may set in
@@ -74,6 +75,8 @@ def omnibus(state: State) -> list[Group]:
         elif name == "time":
             groups += [Group(name, _hats(column, k), covariates=(name,)) for k in TIME_KNOTS]
             groups += [*waves(column), *spells(state)]
+            tides = [_periodic(360.0 * column / (3600.0 * hours), range(1, 2)) for hours in TIDES_H]
+            groups += [Group(name, tide, covariates=(name,)) for tide in tides]
         elif name != "heading" and name not in stuck.LEANS:
             groups.append(Group(name, _hats(column, KNOTS), covariates=(name,)))
             groups += [Group(name, step, covariates=(name,)) for step in _steps(column)]
@@ -82,7 +85,8 @@ def omnibus(state: State) -> list[Group]:
     for name, column in linear.items():
         groups.append(Group(f"heading x {name}", turning * column[:, None], covariates=("heading", name)))
     for (a, x), (b, y) in itertools.combinations(linear.items(), 2):
-        groups.append(Group(f"{a} x {b}", (x * y)[:, None], covariates=(a, b)))
+        both = [u * v for u in _bent(x) for v in _bent(y)]
+        groups.append(Group(f"{a} x {b}", np.column_stack(both), covariates=(a, b)))
     return [replace(group, columns=_well_seen(group.columns)) for group in groups]
 
 
@@ -147,6 +151,11 @@ def _hats(x: Floats, count: int) -> Floats:
 def _steps(x: Floats) -> list[Floats]:
     """Return what sets in beyond a threshold, each alone: where a covariate has a long tail, hats do not turn there."""
     return [(x > threshold)[:, None].astype(float) for threshold in np.unique(np.quantile(x, THRESHOLDS))]
+
+
+def _bent(x: Floats) -> tuple[Floats, Floats]:
+    """Return a standardised series and its square's departure."""
+    return x, x**2 - np.mean(x**2)
 
 
 def _standard(x: Floats) -> Floats:

@@ -20,7 +20,9 @@ from compasslib.search import stuck
 DAY_S, HOUR_S = 86400.0, 3600.0
 NEAR_CELLS = 2  # whose mean is the water at the instrument
 FEWEST_VALUES = 5  # different values below which a covariate says nothing
-QUIET = ("declination_observatory", *stuck.LEANS)  # departures: what is missing counts as none
+OBSERVATORY = "declination_observatory"
+LISTED = ("temperature", "supply_voltage", "depth", "speed", OBSERVATORY, *stuck.LEANS)  # any other is a channel
+QUIET = (OBSERVATORY, *stuck.LEANS)  # departures: what is missing counts as none
 FROM_ZERO = stuck.LEANS  # departures whose zero means something
 BATTERY_JUMP = 0.3  # of its whole range: a supply voltage that rises by more within a day was given a new battery
 FEWEST_AROUND = 100  # samples that tell the weights
@@ -50,11 +52,12 @@ def logged(record: Record, observatory_files: Sequence[str], at: Pairs | None = 
         "supply_voltage": record.supply_voltage,
         "depth": record.depth_m,
         "speed": np.abs(velocity),
+        **record.channels,
     } | stuck.leans(record)
     if observatory_files:
         from compasslib import observatory  # only where one is named
 
-        series["declination_observatory"] = observatory.covariate(observatory_files, record.time_s)
+        series[OBSERVATORY] = observatory.covariate(observatory_files, record.time_s)
     where = slice(None) if at is None else np.searchsorted(record.time_s, at.time_s)
     return {name: column[where] for name, column in series.items() if np.isfinite(column).any()}
 

@@ -18,6 +18,7 @@ from compasslib.search import (
     clocks,
     columns,
     covariates,
+    experiments,
     findings,
     inference,
     model,
@@ -97,6 +98,7 @@ def diagnose(
     options: Options | None = None,
     *,
     wide: Pairs | None = None,
+    units: Mapping[str, str] | None = None,
 ) -> Diagnosis:
     """Return what a mooring's overlap shows that its fitted compass does not hold.
 
@@ -104,6 +106,7 @@ def diagnose(
         logged: other series at their times, ``temperature`` and ``supply_voltage`` where there are, (n,) each.
         fit: the configured fit, which is the simulation that is diagnosed.
         wide: pairs that may stand further apart, by which the clocks are compared; the pairs where absent.
+        units: of logged series that have no name of their own here.
     """
     options = options or Options()
     wide = pairs if wide is None else wide
@@ -121,7 +124,7 @@ def diagnose(
         logged = {name: column[kept] for name, column in logged.items()}
         first += repair.findings
         pairs, exact = repair.pairs, repair.fit
-    case = mooring_case(pairs, logged, exact, field, reference_magnetic=options.reference_magnetic)
+    case = mooring_case(pairs, logged, exact, field, reference_magnetic=options.reference_magnetic, units=units)
     if repair is not None:
         case = _without_direction(case)
     if is_series:  # it was looked for already
@@ -220,6 +223,7 @@ def _judged(case: Case, options: Options) -> Diagnosis:
         threshold={"omnibus": rest.threshold},
         sides=found.posterior.sides,
         noise=inference.noise_of(found),
+        experiments=experiments.of(found) if verdict_of(ordered, unexplained) == "ambiguous" else (),
     )
 
 

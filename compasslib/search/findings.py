@@ -49,7 +49,7 @@ def _of_term(found: Inference, k: int, covariance: Floats) -> Finding:
     effect, composition = _words_of(term)
     sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     parameters = {
-        name: Parameter(float(value), float(s), unit)
+        name: Parameter(float(value), float(s), _unit(state.case, term, unit))
         for name, value, s, unit in zip(term.fitted(), term.values, sigma, term.units(), strict=True)
         if value or s > NOTHING  # a third battery that never came has neither
     }
@@ -102,7 +102,7 @@ def _places(found: Inference, term: Composed) -> dict[str, Parameter]:
         value = float(getattr(term, name))
         off = np.array([float(getattr(other, name)) for other, _ in tried]) - value
         sigma = float(np.sqrt(weight @ off**2 / max(float(weight.sum()), 1e-12) + spacing**2 / 12.0))
-        unit = next(f.metadata["unit"] for f in fields(term) if f.name == name)
+        unit = _unit(found.state.case, term, next(f.metadata["unit"] for f in fields(term) if f.name == name))
         if name in ("threshold", "middle"):
             value += sum(means.get(one, 0.0) for one in term.needs[:1])
         in_days = unit == "s"
@@ -110,6 +110,15 @@ def _places(found: Inference, term: Composed) -> dict[str, Parameter]:
             Parameter(value / DAY_S, sigma / DAY_S, "days") if in_days else Parameter(value, sigma, unit)
         )
     return result
+
+
+def _unit(case: Case, term: Term, unit: str) -> str:
+    """Return a parameter's unit, with that of a driver which the grammar knows by its name only."""
+    if isinstance(term, Composed):
+        for driver in term.composition[1].split("*"):
+            own = case.channels.get(driver, driver)
+            unit = unit.replace(driver, f"({own})" if "/" in own or " " in own else own)
+    return unit
 
 
 def _words_of(term: Term) -> tuple[str, dict[str, str] | None]:

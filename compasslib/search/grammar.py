@@ -70,7 +70,7 @@ def screen(state: State) -> list[Found]:
     tried: list[tuple[float, Found]] = []
     for name in acted:
         bare = columns.of_term(state, composed(name, "time", "always")()).columns
-        every = list(_terms(name, scene))
+        every = list(_terms(name, scene, (*VALUES, *state.case.channels)))
         drivers = {term.composition[1] for term in every}
         forms = {driver: {t.composition[2] for t in every if t.composition[1] == driver} for driver in drivers}
         places: dict[tuple[str, str, str], int] = {}
@@ -182,10 +182,10 @@ def _gains(state: State, bare: Floats, series: list[Floats]) -> list[tuple[float
     return result
 
 
-def _terms(name: str, scene: Scene) -> Iterator[Composed]:
+def _terms(name: str, scene: Scene, values: Sequence[str]) -> Iterator[Composed]:
     """Return every composition of what is acted on with what the recording has, at every place."""
     listed = LISTED.get(name, set())
-    there = [one for one in VALUES if _varies(scene, one)]
+    there = [one for one in values if _varies(scene, one)]
     for driver, form in [*itertools.product(there, OF_VALUE), *(("time", form) for form in OF_TIME)]:
         if f"{driver}/{form}" in listed or (driver == "time" and name == "flow_direction"):
             continue  # what the water does along time stands in the noise
@@ -199,13 +199,14 @@ def _terms(name: str, scene: Scene) -> Iterator[Composed]:
     if name == "reading":
         kind = composed(name, "heading", "bump")
         yield from (placed(kind, 360.0 / SECTORS * k, reach) for k in range(SECTORS) for reach in REACHES_DEG)
-    for first, second in itertools.combinations(sorted([*there, "time"]), 2):
-        if "tilt" not in (first, second) and name not in LOBES:
+    joined = [one for one in there if one in VALUES and one != "tilt"]
+    for first, second in itertools.combinations(sorted([*joined, "time"]), 2):
+        if name not in LOBES:
             yield composed(name, f"{first}*{second}", "linear")()
 
 
 def _varies(scene: Scene, driver: str) -> bool:
-    name = DRIVERS[driver][0]
+    name = DRIVERS[driver][0] if driver in DRIVERS else driver
     return name in scene.departures and len(np.unique(scene.departures[name][:: max(len(scene) // 500, 1)])) >= SEEN
 
 

@@ -264,12 +264,17 @@ def _beside(state: State, view: State, slow: Slow | None, water: Water | None) -
 
 def _gathered(state: State, slow: Slow | None, composed: Sequence[Found]) -> tuple[Candidates, State]:
     """Return all candidates where a hypothesis stands, and its state without slow water."""
-    quiet, half = replace(state.case, louder=None), baseline.halfway(state)
+    view, half = viewed(state)
     groups = evidence.drawn(half, composed)
+    return evidence.gathered(view, slow, groups, evidence.unevenness(state, groups.groups)), view
+
+
+def viewed(state: State) -> tuple[State, State]:
+    """Return a state without slow water and with its terms given back to the residual, and one for slopes half way."""
+    quiet, half = replace(state.case, louder=None), baseline.halfway(state)
     slopes = composition.derivative(half.simulation, quiet.scene, half.heading_deg, first=5)
     effect = np.nan_to_num(slopes) @ state.simulation.parameters[5:]
-    view = baseline.examine(quiet, state.simulation, state.nuisance, freed_deg=effect)
-    return evidence.gathered(view, slow, groups, evidence.unevenness(state, groups.groups)), view
+    return baseline.examine(quiet, state.simulation, state.nuisance, freed_deg=effect), half
 
 
 def noise_of(found: Inference) -> dict[str, tuple[float, float]]:

@@ -150,6 +150,7 @@ class Diagnosis:
     hypotheses: tuple[Ranked, ...] = ()  # the best first
     threshold: Mapping[str, float] = field(default_factory=dict)  # scores that noise alone hardly exceeds
     warnings: tuple[str, ...] = ()  # sentences for the summary
+    experiments: tuple[tuple[str, float], ...] = ()  # what to observe, and the chance that one name is left then
 
     def to_json(self) -> dict[str, Any]:
         """Return diagnosis.json."""
@@ -164,7 +165,7 @@ class Diagnosis:
             "curves": [curve_json(curve) for curve in self.curves],
             **({"sides": dict(self.sides)} if self.sides else {}),
             "noise": {name: {"value": value, "sigma": sigma} for name, (value, sigma) in self.noise.items()},
-            "experiments": [],
+            "experiments": [{"what": what, "probability": chance} for what, chance in self.experiments],
             "fit": None if self.fit is None else self.fit.to_json(),
             "detectable_deg": dict(self.detectable_deg),
             "hypotheses": [vars(one) for one in self.hypotheses],

@@ -32,6 +32,7 @@ UNITS = {
     "heading": "degrees", "pitch": "degrees", "roll": "degrees", "depth": "m", "separation": "m", "speed": "m/s",
     "temperature": "degrees C", "supply_voltage": "V or counts", "hour_of_day": "h", "time": "",
     "declination_observatory": "degrees", "reference_heading": "degrees",
+    "transmit_current": "counts", "heading_spread": "degrees", "echo": "counts",
 }  # fmt: skip
 TURN = "turn_by_"  # what the name of the turn by an effect begins with, degrees
 UNITS_OF_CALIBRATIONS = UNITS | {
@@ -170,7 +171,13 @@ ACTED_ON = {
 
 def of_composed(acts_on: str, driver: str, form: str) -> tuple[str, str]:
     """Return in words what changes, and with what and how, for an effect that nobody listed."""
-    named = {"voltage": "supply voltage", "turn_rate": "rate of turn", "hour": "day", "tide": "tide (12.42 h)"}
+    named = {
+        "voltage": "supply voltage",
+        "turn_rate": "rate of turn",
+        "hour": "day",
+        "tide": "tide (12.42 h)",
+        "heading_spread": "spread of the headings within a sample",
+    }
     drives = " times ".join(named.get(one, one.replace("_", " ")) for one in driver.split("*"))
     return ACTED_ON[acts_on], FORMS[form].words.format(f"the {drives}" if driver not in ("heading", "time") else drives)
 

@@ -40,7 +40,9 @@ def run(
     """
     near, along = several.together(netcdf.read_pairs(pairs)), earthfield.from_json(netcdf.read_json(field))
     # The record by itself is not kept: its velocities are a third of the memory.
-    series = covariates.logged(netcdf.read_record(record), observatory, at=near)
+    own = netcdf.read_record(record)
+    series, units = covariates.logged(own, observatory, at=near), own.channel_units
+    del own
     configured = netcdf.read_json(fit)
     fitted = deviations.from_json(configured)
     if not options["enabled"]:
@@ -52,7 +54,8 @@ def run(
         )
 
         chosen = Options(**{name: value for name, value in options.items() if name != "enabled"})
-        found = diagnose(near, series, fitted, along, chosen, wide=several.together(netcdf.read_pairs(wide)))
+        far = several.together(netcdf.read_pairs(wide))
+        found = diagnose(near, series, fitted, along, chosen, wide=far, units=units)
     netcdf.write_json(diagnosis, found.to_json())
     netcdf.write_json(deviation, configured | {"applied": product.of(fitted, found).to_json()})
     say(found.log_line(mooring))

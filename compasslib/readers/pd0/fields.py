@@ -39,10 +39,10 @@ _VARIABLE = np.dtype(
     {
         "names": [
             *("number", "clock", "number_high", "depth_dm", "heading", "tilt1", "tilt2", "temperature"),
-            *("voltage", "pressure", "century", "clock_2000"),
+            *("heading_spread", "current", "voltage", "pressure", "century", "clock_2000"),
         ],
-        "formats": ["<u2", "7u1", "u1", "<u2", "<u2", "<i2", "<i2", "<i2", "u1", "<i4", "u1", "7u1"],
-        "offsets": [2, 4, 11, 16, 18, 20, 22, 26, 35, 48, 57, 58],
+        "formats": ["<u2", "7u1", "u1", "<u2", "<u2", "<i2", "<i2", "<i2", "u1", "u1", "u1", "<i4", "u1", "7u1"],
+        "offsets": [2, 4, 11, 16, 18, 20, 22, 26, 31, 34, 35, 48, 57, 58],
         "itemsize": 65,
     }
 )
@@ -72,6 +72,8 @@ class Ensembles:
     depth_m: Floats  # (n,) of the transducer
     temperature_c: Floats  # (n,)
     supply_voltage: Floats  # (n,) counts of the transmit voltage
+    transmit_current: Floats  # (n,) counts
+    heading_spread_deg: Floats  # (n,) standard deviation of the pings' headings
     serial: Places  # (n,) of the instrument, 0 where unknown
     board: Places  # (n,) of its processor's board, 0 where unknown
     beams: Bytes  # (n,)
@@ -275,6 +277,8 @@ def _from_variable(rows: Bytes, layout: Layout) -> dict[str, Any]:
         "temperature_c": _hundredths(leader["temperature"]),
         "depth_m": leader["depth_dm"] / 10.0,
         "supply_voltage": np.where(length >= _VOLTAGE_STOP, leader["voltage"], np.nan),
+        "transmit_current": np.where(length >= _VOLTAGE_STOP, leader["current"], np.nan),
+        "heading_spread_deg": np.where(length >= _VOLTAGE_STOP, leader["heading_spread"], np.nan),
         # Decapascals; 1000 of them are a decibar.
         "pressure_dbar": np.where(has_pressure, leader["pressure"] / 1000.0, np.nan),
     }

@@ -36,6 +36,7 @@ from compasslib.readers.pd0.frames import CHUNK_BYTES, Skipped, frames
 BOUNDARY_COUNTS = 50  # above the least echo before it; 0.45 dB a count
 HEARD_COUNTS = 15  # above the least echo of the ensemble, which is the noise of the receiver or more
 BEAMS = 4
+NEAR_CELLS = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +58,7 @@ class _Water:
     north: Floats
     quality: Flags
     echo_range_m: Floats
+    echo_near: Floats  # (n,) counts
     three_beam: int
     has_percent_good: bool
     of_other_coordinates: tuple[int, int]  # cells that contradict EX, and those that could
@@ -192,10 +194,17 @@ def _turned(ensembles: Ensembles, choices: Choices) -> _Water:
         north=north,
         quality=flags,
         echo_range_m=echo_ranges(ensembles),
+        echo_near=_echo_near(ensembles),
         three_beam=three_beam,
         has_percent_good=bool(ensembles.percent_good.any()),
         of_other_coordinates=of_other_coordinates(ensembles),
     )
+
+
+def _echo_near(ensembles: Ensembles) -> Floats:
+    """Return the mean echo of the nearest cells, (n,) counts: where it is low, few scatterers are heard."""
+    near = ensembles.echo[:, :NEAR_CELLS].astype(float)
+    return np.where(near.any(axis=(1, 2)), near.mean(axis=(1, 2)), np.nan)
 
 
 def _report(path: str | Path, pieces: Sequence[_DecodedChunk], three_beam: int) -> FileReport:
@@ -235,6 +244,12 @@ def _record(water: Sequence[_Water], reports: Sequence[FileReport], choices: Cho
         depth_m=leaders.depth_m,
         temperature_c=leaders.temperature_c,
         supply_voltage=leaders.supply_voltage,
+        channels={
+            "transmit_current": leaders.transmit_current,
+            "heading_spread": leaders.heading_spread_deg,
+            "echo": np.concatenate([part.echo_near for part in water]),
+        },
+        channel_units={"transmit_current": "count", "heading_spread": "degree", "echo": "count"},
         quality=np.maximum(stacked([part.quality for part in water], cells, fill=MISSING), flags[:, None]),
         heading_quality=np.where(np.isnan(heading), MISSING, flags).astype(np.int8),
         looks_up=faces_up(leaders, choices),

@@ -1,0 +1,291 @@
+"""What to measure next: the chance that an observation would leave one name.
+
+An observation is some further rows of the linear model in which the hypotheses were weighed. What it would show is
+drawn from each hypothesis by its probability, and the hypotheses are weighed anew with it (preposterior analysis;
+Raiffa and Schlaifer, Applied Statistical Decision Theory, 1961).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_solve, cholesky, solve_triangular
+
+from compasslib.core import angles
+from compasslib.core.types import Floats
+from compasslib.effects import Scene, Term, composition
+from compasslib.search import inference
+from compasslib.search.baseline import State
+from compasslib.search.evidence import Hypothesis
+from compasslib.search.inference import Inference
+from compasslib.search.posterior import SURE
+
+LEAST, MOST = 0.002, 40  # probability of the hypotheses that are weighed, and how many
+DRAWS, SEED = 400, 7
+ANYTHING = 1e-6  # prior precision of what is free, in units of one sample's
+DAY_S = 86400.0
+COURSES, SWUNG_DEG = 24, 1.0  # headings of a swing, and the error of each
+STRENGTH_NT, STRENGTH_S = 50.0, DAY_S  # error of a field strength, the earth's own changes with it, and its memory
+TREND = 0.9  # correlation with time from which a series is taken to go on as it did
+SHARED = 0.5  # of a pair's noise: the affected instrument's own, which a second trusted one sees alike
+
+
+@dataclass(frozen=True)
+class Rows:
+    """What an observation adds to the linear model, in units of its noise; m rows."""
+
+    known: Floats  # (m, p + q + b) by candidates, slow water and base of the recording
+    free: Floats  # (m, f) by what it brings of its own
+    precision: Floats  # (f,) of that beforehand
+
+    @property
+    def information(self) -> Floats:
+        """What it tells of the recording's unknowns, (p + q + b, p + q + b)."""
+        cross = self.free.T @ self.known
+        own = self.free.T @ self.free + np.diag(self.precision)
+        return self.known.T @ self.known - cross.T @ np.linalg.solve(own, cross)
+
+
+@dataclass(frozen=True)
+class Model:
+    """The linear model of a recording: candidates of the likely hypotheses, slow water, compass and nuisances."""
+
+    state: State  # for slopes
+    view: State  # for whitening
+    scale: float  # that makes whitened columns those of noise of unit variance
+    terms: list[Term]
+    ends: NDArray[np.intp]  # of each term's columns
+    usual: Floats  # (p,)
+    rows: Floats  # (n, p + q + b)
+    slow: int  # columns of slow water
+    score: Floats  # (p + q + b,)
+
+    @property
+    def own(self) -> int:
+        """Columns of the candidates."""
+        return int(self.ends[-1])
+
+    def columns(self, scene: Scene, heading_deg: Floats) -> Floats:
+        """Return the candidates' slopes in another scene, in their usual sizes, (n, p) degrees."""
+        simulation = self.state.simulation
+        each = [composition.beside(simulation, scene, heading_deg, term) for term in self.terms]
+        return np.nan_to_num(np.concatenate(each, axis=1)) * self.usual
+
+    def of_terms(self, chosen: Sequence[bool]) -> NDArray[np.bool_]:
+        """Return which of the candidates' columns belong to some terms, (p,)."""
+        return np.repeat(np.asarray(chosen, dtype=bool), np.diff(self.ends))
+
+
+def of(found: Inference) -> tuple[tuple[str, float], ...]:
+    """Return observations and the probability that each leaves one name, the best first."""
+    posterior = found.posterior
+    order = np.argsort(-posterior.probability)[:MOST]
+    kept = [int(i) for i in order if posterior.probability[i] >= LEAST]
+    hypotheses = [posterior.hypotheses[i] for i in kept]
+    numbers = sorted({k for one in hypotheses for k in one})
+    if posterior.candidates.slow is None or not numbers:
+        return ()
+    model = _model(found, numbers)
+    water = found.posterior.water_of(found.chosen)
+    variance = np.zeros(model.slow) if water is None else posterior.candidates.slow.variances(water)
+    weighed = _Weighed(model, variance, [tuple(numbers.index(k) for k in one) for one in hypotheses])
+    names = [posterior.names[i] for i in kept]
+    probability = posterior.probability[kept] / posterior.probability[kept].sum()
+    each = [(what, weighed.decided(rows, names, probability)) for what, rows in _observations(model, variance)]
+    return tuple(sorted(each, key=lambda one: -one[1]))
+
+
+def _model(found: Inference, numbers: Sequence[int]) -> Model:
+    candidates = found.posterior.candidates
+    view, half = inference.viewed(found.state)
+    groups = [candidates.groups[k] for k in numbers]
+    usual = np.concatenate([candidates.usual[candidates.parts[k]] for k in numbers])
+    assert candidates.slow is not None
+    own = np.concatenate([group.columns for group in groups], axis=1) * usual
+    even = np.sqrt(candidates.scatter * max((candidates.uneven[k] for k in found.chosen), default=1.0))
+    scale = 1.0 / view.sigma / even
+    every = np.nan_to_num(np.concatenate([own, candidates.slow.columns, view.base], axis=1))
+    rows = view.whitener(every) * view.response * scale
+    return Model(
+        state=half,
+        view=view,
+        scale=view.response * scale,
+        terms=[group.term for group in groups if group.term is not None],
+        ends=np.cumsum([0, *(group.columns.shape[1] for group in groups)]),
+        usual=usual,
+        rows=rows,
+        slow=candidates.slow.columns.shape[1],
+        score=rows.T @ (view.innovation * scale),
+    )
+
+
+def _observations(model: Model, variance: Floats) -> Iterator[tuple[str, Rows]]:
+    """Return what could be observed.
+
+    Args:
+        variance: of slow water's coefficients, (q,).
+    """
+    time_s = model.state.case.scene.time_s
+    days = float(np.ptp(time_s)) / DAY_S
+    yield f"another {days:.0f} days of the same mooring", _longer(model, variance)
+    yield "a second reference instrument at another depth, throughout", _second(model, variance)
+    yield f"a swing of {COURSES} headings after recovery, each to {SWUNG_DEG:.0f} degree", _swing(model)
+    if any(term.acts_on == "field" for term in model.terms):
+        yield f"the strength of the field logged beside the compass, to {STRENGTH_NT:.0f} nT", _strength(model)
+
+
+def _parts(model: Model) -> tuple[Floats, Floats, Floats]:
+    own, slow = model.own, model.own + model.slow
+    return model.rows[:, :own], model.rows[:, own:slow], model.rows[:, slow:]
+
+
+def _longer(model: Model, variance: Floats) -> Rows:
+    """As many pairs again, in water of their own that is as slow.
+
+    Headings and what was logged come back; what only rose or fell, as a battery does, goes on.
+    """
+    _, slow, base = _parts(model)
+    scene = model.state.case.scene
+    span = float(np.ptp(scene.time_s))
+    departures = {name: _continued(column, scene.time_s, span) for name, column in scene.departures.items()}
+    later = replace(scene, time_s=scene.time_s + span, departures=departures)
+    own = model.view.whitener(model.columns(later, model.state.heading_deg)) * model.scale
+    some = variance > 0.0
+    return Rows(np.concatenate([own, 0.0 * slow, base], axis=1), slow[:, some], 1.0 / variance[some])
+
+
+def _continued(column: Floats, time_s: Floats, span_s: float) -> Floats:
+    """Return what a series is expected to be a span later, (n,): the same, or further along if it is mostly a trend."""
+    spread = float(np.std(column))
+    if not spread:
+        return column
+    slope = float(np.cov(column, time_s, bias=True)[0, 1] / np.var(time_s))
+    return column + slope * span_s if abs(slope) * np.std(time_s) > TREND * spread else column
+
+
+def _second(model: Model, variance: Floats) -> Rows:
+    """As many pairs with water of another depth: of its noise that half is new which is not the affected instrument's.
+
+    What is known of that noise by the first reference is taken off: second minus a share of the first.
+    """
+    own, slow, base = _parts(model)
+    new = np.sqrt(1.0 - SHARED**2)
+    of_compass = model.of_terms([term.side in ("compass", "clock") for term in model.terms])
+    compass, nuisances = base[:, :5], base[:, 5:]
+    known = [own * np.where(of_compass, 1.0 - SHARED, -SHARED), -SHARED * slow]
+    known += [(1.0 - SHARED) * compass, -SHARED * nuisances]
+    some, veer = variance > 0.0, compass[:, :1]  # a constant veer looks like A
+    free = np.concatenate([slow[:, some], veer, nuisances], axis=1)
+    precision = np.concatenate([1.0 / variance[some], np.full(free.shape[1] - int(some.sum()), ANYTHING)])
+    return Rows(np.concatenate(known, axis=1) / new, free / new, precision)
+
+
+def _swing(model: Model) -> Rows:
+    """Headings all around on a level deck, with everything logged as usual; the mark on the mount may be off."""
+    scene, none = model.state.case.scene, np.zeros(COURSES)
+    deck = replace(
+        scene,
+        time_s=none + scene.time_s[-1],
+        horizontal_nT=none + float(np.mean(scene.horizontal_nT)),
+        vertical_nT=none + float(np.mean(scene.vertical_nT)),
+        pitch_deg=none,
+        roll_deg=none,
+        departures=dict.fromkeys(scene.departures, none),
+    )
+    heading = np.arange(COURSES) * 360.0 / COURSES
+    of_compass = model.of_terms([term.side == "compass" for term in model.terms])
+    own = model.columns(deck, heading) * of_compass
+    base = np.zeros((COURSES, model.rows.shape[1] - model.own))
+    base[:, model.slow : model.slow + 5] = composition.derivative(model.state.simulation, deck, heading)[:, :5]
+    known = np.concatenate([own, np.nan_to_num(base)], axis=1) / SWUNG_DEG
+    return Rows(known, np.ones((COURSES, 1)) / SWUNG_DEG, np.full(1, ANYTHING))
+
+
+def _strength(model: Model) -> Rows:
+    """The length of the field in the body; what depends on heading alone it does not tell, its scale being unknown."""
+    scene, simulation = model.state.case.scene, model.state.simulation
+    heading = np.where(np.isfinite(model.state.heading_deg), model.state.heading_deg, model.state.case.recorded_deg)
+    earth = composition.earth_in_body(scene, heading - composition.north(simulation, scene))
+
+    def length(term: Term | None) -> Floats:
+        terms = simulation.terms if term is None else (term, *simulation.terms)
+        return np.linalg.norm(composition.sensed_field(replace(simulation, terms=terms), scene, earth), axis=1)
+
+    bare, columns = length(None), []
+    for term in model.terms:
+        moved = [term.values + step * unit for step, unit in zip(term.steps(), np.eye(len(term.steps())), strict=True)]
+        on_field = term.acts_on == "field"
+        columns += [
+            (length(term.at(values)) - bare) / step if on_field else 0.0 * bare
+            for values, step in zip(moved, term.steps(), strict=True)
+        ]
+    daily = np.sqrt(min(float(np.median(np.diff(scene.time_s))) / STRENGTH_S, 1.0))
+    unit = daily / STRENGTH_NT
+    rest = np.zeros((len(heading), model.rows.shape[1] - model.own))
+    turning = [wave for k in (1.0, 2.0) for wave in angles.sin_cos(k * heading)]
+    free = np.column_stack([np.ones(len(heading)), *turning]) * unit
+    known = np.concatenate([np.column_stack(columns) * model.usual * unit, rest], axis=1)
+    return Rows(known, free, np.full(free.shape[1], ANYTHING))
+
+
+class _Weighed:
+    """Hypotheses with what the recording tells of their unknowns."""
+
+    def __init__(self, model: Model, variance: Floats, hypotheses: Sequence[Hypothesis]):
+        some = np.flatnonzero(variance > 0.0)
+        information = model.rows.T @ model.rows
+        rest = np.concatenate([model.own + some, np.arange(model.own + model.slow, len(information))])
+        known = np.full(len(rest), 0.0)
+        known[: len(some)] = 1.0 / variance[some]
+        known[len(some) :] = ANYTHING * np.diag(information)[rest[len(some) :]] + ANYTHING
+        self.score = model.score
+        self.index, self.precision = [], []
+        for one in hypotheses:
+            own = np.concatenate([np.zeros(0, dtype=int), *(np.arange(model.ends[k], model.ends[k + 1]) for k in one)])
+            at = np.concatenate([own, rest])
+            self.index.append(at)
+            self.precision.append(information[np.ix_(at, at)] + np.diag(np.concatenate([np.ones(len(own)), known])))
+
+    def decided(self, rows: Rows, names: Sequence[tuple[str, ...]], probability: Floats) -> float:
+        """Return the probability that an observation leaves one name.
+
+        Args:
+            names: effects of each hypothesis.
+            probability: of each now.
+        """
+        rng, told = np.random.default_rng(SEED), rows.information
+        values, vectors = np.linalg.eigh((told + told.T) / 2.0)
+        root = vectors * np.sqrt(np.maximum(values, 0.0))
+        true = rng.choice(len(names), DRAWS, p=probability)
+        shown = root @ rng.normal(size=(len(told), DRAWS))
+        for h in np.unique(true):
+            at, mine = self.index[h], np.flatnonzero(true == h)
+            lower = cholesky(self.precision[h], lower=True)
+            middle = cho_solve((lower, True), self.score[at])[:, None]
+            drawn = middle + solve_triangular(lower.T, rng.normal(size=(len(at), len(mine))))
+            shown[:, mine] += told[:, at] @ drawn
+        log = np.log(probability)[:, None] + np.array([self._gained(h, told, shown) for h in range(len(names))])
+        after = np.exp(log - log.max(axis=0))
+        return _one_name(names, after / after.sum(axis=0))
+
+    def _gained(self, h: int, told: Floats, shown: Floats) -> Floats:
+        """Return the log probability of what is shown under a hypothesis, up to a constant of what is shown, (d,)."""
+        at = self.index[h]
+        before = cholesky(self.precision[h], lower=True)
+        after = cholesky(self.precision[h] + told[np.ix_(at, at)], lower=True)
+        score = self.score[at]
+        pulled = solve_triangular(after, score[:, None] + shown[at], lower=True)
+        own = solve_triangular(before, score, lower=True)
+        volume = np.sum(np.log(np.diag(after))) - np.sum(np.log(np.diag(before)))
+        return np.asarray(0.5 * np.sum(pulled**2, axis=0) - 0.5 * own @ own - volume)
+
+
+def _one_name(names: Sequence[tuple[str, ...]], probability: Floats) -> float:
+    """Return how often one set of effects is sure, given the probabilities of each hypothesis, (h, d)."""
+    sums: dict[tuple[str, ...], Floats] = {}
+    for one, row in zip(names, probability, strict=True):
+        sums[one] = sums.get(one, 0.0) + row
+    return float(np.mean(np.max(list(sums.values()), axis=0) >= SURE))
