@@ -56,6 +56,7 @@ rule read:
         form=MOORINGS.form,
         reader=MOORINGS.reader_settings,
         deployment=MOORINGS.deployment,
+        series=MOORINGS.series,
         code=plan.hashed(MOORINGS.reader_modules),
     conda:
         ENVIRONMENT

@@ -379,6 +379,8 @@ BAD_LINES = [
     ("attributes: {'': c}", "attributes: expected attribute names of letters, digits and '_', found ''; write for example ship"),
     ("attributes: {a b: c}", "attributes: expected attribute names of letters, digits and '_', found 'a b'; write for example ship"),
     ("covariates: {obs: {format: iaga2002, files: raw/obs/*.hor}}", "covariates.obs.files: expected an existing file, found no file that matches raw/obs/*.hor; put it there or correct the path, relative to the cruise folder"),
+    ("covariates: {echo: {format: table, files: raw/obs/lrv1.min, columns: {time: t, value: x}}}", "covariates.echo: expected for a table a name that the search does not use itself, found 'echo'; for example echo_logged"),
+    ("covariates: {obs: {format: table, files: raw/obs/lrv1.min}}", "covariates.obs.columns: expected a mapping with format: table, and only there, found none; write {time: HEADER, value: HEADER}, or correct the format"),
     ("covariates: {a b: {format: iaga2002, files: raw/obs/*.min}}", "covariates.a b: expected 1 to 64 letters, digits, '_', '.' and '-', the first a letter or digit, found 'a b'; write for example EG4"),
     ("    format: PD0", "instruments.top.format: expected pd0, acm_table, mmp_acm or table, found 'PD0'; write for example format: pd0"),
     ("    format: tabel", "instruments.top.format: expected pd0, acm_table, mmp_acm or table, found 'tabel'; write table"),

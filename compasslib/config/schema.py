@@ -35,6 +35,12 @@ ONLY_FOR = {
     "start_offset_seconds": ("mmp_acm",),
     "heading_alignment": ("pd0",),
 }
+# What the search calls by names of its own; another series of such a name would take their place.
+KNOWN_SERIES = (
+    *("heading", "time", "pitch", "roll", "tilt", "depth", "separation", "speed", "temperature", "voltage"),
+    *("supply_voltage", "hour", "hour_of_day", "tide", "turn_rate", "battery_number", "flow_direction"),
+    *("reference_heading", "transmit_current", "heading_spread", "echo", "observatory", "declination_observatory"),
+)
 # Other things that stand in results/; a file system may not tell capitals.
 RESERVED = (
     *("calibrations", "compasses", "proof", "logs", "benchmarks"),
@@ -239,11 +245,28 @@ class Instrument(Section):
         return self
 
 
-class Covariate(Section):
-    """A series that the search for left-out physics may use."""
+class SeriesColumns(Section):
+    """The headers of a series' columns."""
 
-    format: Literal["iaga2002"] = key("iaga2002", "iaga2002")
+    time: Text = key("a header of the file (UTC)", "time_utc")
+    value: Text = key("a header of the file", "turbidity_ntu")
+
+
+class Covariate(Section):
+    """A series that the search for left-out physics may use: an observatory's, or any other in a table."""
+
+    format: Literal["iaga2002", "table"] = key("iaga2002 or table", "table")
     files: Files = key(_FILES_WORDS, "raw/obs/*.min")
+    columns: SeriesColumns | None = key("a mapping", "{time: time_utc, value: turbidity_ntu}", None)
+    unit: Text = key("the unit of the values", "NTU", "1")
+
+    @model_validator(mode="after")
+    def _columns_with_tables(self) -> Self:
+        if (self.columns is None) == (self.format == "table"):
+            expected = "a mapping with format: table, and only there"
+            found = "none" if self.columns is None else f"one with format: {self.format}"
+            raise problem("columns", expected, found, "write {time: HEADER, value: HEADER}, or correct the format")
+        return self
 
 
 class Mooring(Section):
@@ -287,6 +310,14 @@ class Mooring(Section):
     def _start_before_end(self) -> Self:
         if self.start_s >= self.end_s:
             raise problem("end", f"a time after start, {iso(self.start_s)}", iso(self.end_s), "correct one of the two")
+        return self
+
+    @model_validator(mode="after")
+    def _series_have_names_of_their_own(self) -> Self:
+        for name, series in self.covariates.items():
+            if name in KNOWN_SERIES and series.format == "table":
+                expected = "for a table a name that the search does not use itself"
+                raise problem(f"covariates.{name}", expected, shown(name), f"for example {name}_logged")
         return self
 
     @model_validator(mode="after")

@@ -63,14 +63,22 @@ class Moorings:
         return list(self._instrument(wildcards).files)
 
     def companion_files(self, wildcards: Any) -> list[str]:
-        """Return the files that one instrument's reader needs besides; it is given them by its settings."""
-        return list(self._instrument(wildcards).pressure_files)
+        """Return the files that the reading of one instrument needs besides; it is given them by its settings."""
+        series = [file for one in self.series(wildcards).values() for file in one["files"]]
+        return [*self._instrument(wildcards).pressure_files, *series]
+
+    def series(self, wildcards: Any) -> dict[str, dict[str, Any]]:
+        """Return the tables of other series that the search may use, with the instrument that is corrected."""
+        mooring = self._mooring(wildcards)
+        given = mooring.covariates.items() if wildcards.role == mooring.compromised else ()
+        return {name: one.model_dump(exclude={"format"}) for name, one in given if one.format == "table"}
 
     def all_raw_files(self, wildcards: Any) -> list[str]:
         """Return the raw files of the instruments that one mooring uses."""
         mooring = self._mooring(wildcards)
         used = [mooring.instruments[role] for role in _roles(mooring)]
-        return [file for instrument in used for file in (*instrument.files, *instrument.pressure_files)]
+        series = [file for one in mooring.covariates.values() if one.format == "table" for file in one.files]
+        return [file for one in used for file in (*one.files, *one.pressure_files)] + series
 
     def form(self, wildcards: Any) -> str:
         """Return the format of one instrument."""
@@ -150,7 +158,8 @@ class Moorings:
 
     def observatory(self, wildcards: Any) -> list[str]:
         """Return the files of the observatory that one mooring names, none where it names none."""
-        return [file for series in self._mooring(wildcards).covariates.values() for file in series.files]
+        every = self._mooring(wildcards).covariates.values()
+        return [file for one in every if one.format == "iaga2002" for file in one.files]
 
     def by_calibration(self) -> list[str]:
         """Return the moorings that a calibration elsewhere corrects."""

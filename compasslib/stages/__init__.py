@@ -13,7 +13,7 @@ makes the record of one instrument:
 >>> where = {"water_depth": 517.0, "latitude": 66.5, "nominal_depth": 500.0, "direction_reference": "true"}
 >>> columns = {"time": "time", "depth": "depth", "east": "u", "north": "v"}
 >>> read.run("M1", "deep", raw=[str(folder / "deep.csv")], record=str(folder / "deep.nc"), form="table",
-...          reader={"columns": columns}, deployment=when | where, say=print)
+...          reader={"columns": columns}, deployment=when | where, series={}, say=print)
 M1 deep: 24 samples of 1 bins (rows 24)
 
 ``pipeline.process`` runs the stages of one mooring of a cruise, one after the other, without Snakemake.

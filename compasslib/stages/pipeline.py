@@ -118,6 +118,7 @@ def _settings_of_reading(rules: plan.Moorings, job: Job) -> dict[str, Any]:
         "form": rules.form(job),
         "reader": rules.reader_settings(job),
         "deployment": rules.deployment(job),
+        "series": rules.series(job),
     }
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 from compasslib import readers
 from compasslib.archive import netcdf, provenance
+from compasslib.preparation import channels
 from compasslib.preparation import deployment as deployments
 
 
@@ -20,6 +21,7 @@ def run(
     form: str,
     reader: Mapping[str, Any],
     deployment: Mapping[str, Any],
+    series: Mapping[str, Mapping[str, Any]],
     say: Callable[[str], None],
 ) -> None:
     """Write the record of one instrument.
@@ -29,11 +31,13 @@ def run(
         form: a format of ``readers.FORMATS``.
         reader: the keys of the mooring file that its reader takes.
         deployment: arguments of ``deployment.settle``.
+        series: other series that are kept beside it by name, with files, columns and unit.
 
     Raises:
         InputError: a raw file cannot be read.
     """
     read = readers.read(form, [Path(file) for file in raw], reader)
-    settled = deployments.settle(read, **deployment)
-    netcdf.write_record(record, settled, attributes=provenance.origin("record read", raw))
+    settled = channels.beside(deployments.settle(read, **deployment), series)
+    sources = [*raw, *(file for one in series.values() for file in one["files"])]
+    netcdf.write_record(record, settled, attributes=provenance.origin("record read", sources))
     say(deployments.log_line(mooring, role, settled))
