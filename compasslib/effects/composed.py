@@ -79,6 +79,7 @@ class Form:
     powers: tuple[float, ...] = (0.0,)  # of the driver's unit that a parameter is per
     places: tuple[tuple[str, str], ...] = ()  # name and unit; "of the driver" stands for its unit
     words: str = ""
+    formula: str = ""  # p each parameter, x the driver minus its mean, {} the driver
 
 
 def _columns(*series: Floats) -> Floats:
@@ -117,62 +118,76 @@ def _years(term: Any, time_s: Floats) -> Floats:
 
 THRESHOLD = (("threshold", "of the driver"),)
 FORMS: Mapping[str, Form] = {
-    "always": Form(lambda term, x, t: _columns(np.ones(len(t))), words="always"),
-    "linear": Form(lambda term, x, t: _columns(x), powers=(1.0,), words="in proportion to {}"),
+    "always": Form(lambda term, x, t: _columns(np.ones(len(t))), words="always", formula="p"),
+    "linear": Form(lambda term, x, t: _columns(x), powers=(1.0,), words="in proportion to {}", formula="p·x"),
     "quadratic": Form(
-        lambda term, x, t: _columns(x, x**2), ("_linear", "_square"), (1.0, 2.0), words="with the square of {}"
+        lambda term, x, t: _columns(x, x**2), ("_linear", "_square"), (1.0, 2.0), words="with the square of {}",
+        formula="p_linear·x + p_square·x²"
     ),
     "threshold": Form(
         lambda term, x, t: _columns((x > term.threshold).astype(float)), places=THRESHOLD,
-        words="beyond a threshold of {}",
+        words="beyond a threshold of {}", formula="p where {} > threshold, else 0",
     ),
     "saturating": Form(
         lambda term, x, t: _columns(np.tanh((x - term.middle) / max(abs(term.range), 1e-12))),
         places=(("middle", "of the driver"), ("range", "of the driver")),
-        words="with {}, up to a limit",
+        words="with {}, up to a limit", formula="p·tanh(({} − middle) / range)",
     ),
     "lagged": Form(
         lambda term, x, t: _columns(_lagged(x, t, term.constant_s)), powers=(1.0,), places=(("constant_s", "s"),),
-        words="with {} of some time before",
+        words="with {} of some time before", formula="p·x, x followed with the time constant",
     ),
     "memory": Form(
         lambda term, x, t: _columns(_play(x, term.width)), powers=(1.0,), places=(("width", "of the driver"),),
-        words="with {} and its history (hysteresis)",
+        words="with {} and its history (hysteresis)", formula="p·x, x followed with a play of the width",
     ),
     "latch": Form(
         lambda term, x, t: _columns(_since_above(x, term.threshold)), places=THRESHOLD,
         words="from the first time on that {} exceeded a threshold",
+        formula="p once {} has exceeded the threshold, before 0",
     ),
-    "sign": Form(lambda term, x, t: _columns(np.sign(x)), words="with the sign of {}"),
+    "sign": Form(lambda term, x, t: _columns(np.sign(x)), words="with the sign of {}", formula="p·sign(x)"),
     "periodic": Form(
         lambda term, x, t: _columns(*angles.sin_cos(360.0 * t / term.period_s)), ("_sine", "_cosine"), (0.0, 0.0),
         (("period_s", "s"),), words="once every period of {}",
+        formula="p_sine·sin(2πt / period) + p_cosine·cos(2πt / period)",
     ),
     "bump": Form(
         lambda term, x, t: _columns(hat(x, term.centre_deg, term.reach_deg)),
         places=(("centre_deg", "degrees"), ("reach_deg", "degrees")), words="around one {} only",
+        formula="p·(1 + cos(π·(reading − centre) / reach)) / 2 within reach of centre, else 0",
     ),
     "step": Form(
         lambda term, x, t: _columns((t >= term.begin_s).astype(float)), places=(("begin_s", "s"),),
-        words="from a date on",
+        words="from a date on", formula="p from begin on, before 0",
     ),
     "box": Form(
         lambda term, x, t: _columns(((t >= term.begin_s) & (t < term.end_s)).astype(float)),
-        places=(("begin_s", "s"), ("end_s", "s")), words="for a while",
+        places=(("begin_s", "s"), ("end_s", "s")), words="for a while", formula="p from begin to end, else 0",
     ),
     "ramp": Form(
         lambda term, x, t: _columns(np.clip((t - term.begin_s) / max(term.end_s - term.begin_s, 1.0), 0.0, 1.0)),
         places=(("begin_s", "s"), ("end_s", "s")), words="growing between two dates",
+        formula="p·(t − begin) / (end − begin), 0 before and p after",
     ),
     "decay": Form(
         lambda term, x, t: _columns(np.exp(-np.maximum(t - term.begin_s, 0.0) / term.constant_s) * (t >= term.begin_s)),
-        places=(("begin_s", "s"), ("constant_s", "s")), words="fading away",
+        places=(("begin_s", "s"), ("constant_s", "s")), words="fading away", formula="p·exp(−(t − begin) / constant)",
     ),
     "growth": Form(
         lambda term, x, t: _columns(np.exp(np.minimum(t - term.end_s, 0.0) / term.constant_s)),
         places=(("end_s", "s"), ("constant_s", "s")), words="growing ever faster",
+        formula="p·exp((t − end) / constant)",
     ),
 }  # fmt: skip
+
+
+def formula(acts_on: str, driver: str, form: str) -> str:
+    """Return what a composition adds as a formula: p its parameters, x its driver's departure from the mean."""
+    drives, text = driver.replace("_", " ").replace("*", " · "), FORMS[form].formula
+    order = LOBES.get(acts_on.replace("_", ""), 0.0)
+    lobe = f", times sine and cosine of {order:.0f} × reading" if order else ""
+    return text.format(drives) + lobe + (f" (x: {drives} minus its mean)" if "·x" in text or "(x)" in text else "")
 
 
 def hat(heading_deg: Floats, centre_deg: float, reach_deg: float) -> Floats:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from compasslib.effects import meanings
+from compasslib.effects.composed import formula
 from compasslib.report import words
 from compasslib.report.section import ReportedFinding, ReportTable
 
@@ -38,6 +39,8 @@ def cannot_tell(diagnosis: Mapping[str, Any]) -> tuple[str, ...]:
     """
     decide = [part for part in (diagnosis["separated_by"] or "").split("; ") if part]
     texts = [f"What would decide: {words.sentence(words.plain(part))}" for part in decide]
+    chances = [f"{one['what']}: {words.percent(one['probability'])}" for one in diagnosis.get("experiments") or []]
+    texts += [f"Chance that one name is left after it: {words.listed(chances)}."] if chances else []
     texts += _slow_water(diagnosis.get("noise") or {})
     texts += _not_testable(diagnosis)
     small = [_small(one) for one in diagnosis.get("negligible", [])]
@@ -112,6 +115,7 @@ def _finding(one: Mapping[str, Any], product: bool) -> ReportedFinding:
         *([("Probability", words.number(one["probability"], 2))] if "probability" in one else []),
         ("Could also be", words.listed(others) if others else "nothing else of the catalogue"),
         *_place(one),
+        *([("Formula", formula(**one["composition"]))] if one.get("composition") else []),
         ("Residual on held-out days", _held_out(one["heldout"])),
         *([("In the product", "yes" if one["applied"] else "no")] if product else []),
     ]
