@@ -97,13 +97,12 @@ def test_check_says_what_each_mooring_has(tmp_path, capsys):
     del alone["reference"]
     (folder / "config/moorings/M2.yaml").write_text(yaml.safe_dump(alone))
     assert main(["check", str(folder)]) == 0
-    assert capsys.readouterr().out.splitlines() == [
-        "2 moorings ready",
-        "  M1: 2007-09-04 to 2007-09-04; corrected is top (pd0, 1 file, 100 m); "
-        "trusted is deep (table, 1 file, 105 m); by exact",
-        "  M2: 2007-09-04 to 2007-09-04; corrected is top (pd0, 1 file, 100 m); "
-        "no trusted instrument, so nothing is corrected; by exact",
-    ]
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == "M1: 65.3333 N 32.9550 W, 2007-09-04 to 2007-09-04, by exact"
+    seen = [line.split() for line in lines]
+    assert seen[2][:6] == ["top", "corrected", "pd0", "5", "1", "h"] and seen[3][:4] == ["deep", "trusted", "table", "5"]
+    assert "  with deep: 5 pairs over 0 days, 10.2 m apart, " in lines[5]
+    assert "no reference, so nothing is corrected" in lines[6] and lines[-1] == "2 moorings: ready"
     assert not (folder / "results").exists()
 
 
@@ -116,6 +115,16 @@ def test_check_refuses_in_the_workflow_s_own_words(tmp_path, capsys, change_it):
         change(folder / "config/moorings/M1.yaml", **yaml.safe_load(change_it))
     line = refused(capsys, "check", str(folder))
     assert "config/moorings/M1.yaml" in line and line.strip() in snakemake(folder).stderr
+
+
+def test_check_opens_the_data_and_says_every_mistake(tmp_path, capsys):
+    folder = cruise(tmp_path, ("M1", "M2", "M3"), n=5)
+    change(folder / "config/moorings/M1.yaml", latitude=95.3, water_depth=-1)
+    (folder / "raw/M2/deep.csv").write_text("time_utc,depth\n")
+    assert main(["check", str(folder)]) == 1
+    out, err = capsys.readouterr()
+    wrong = ("M1.yaml: latitude: expected", "M1.yaml: water_depth: expected", "M2: deep: raw/M2/deep.csv: column")
+    assert all(text in line for text, line in zip(wrong, err.splitlines(), strict=True)) and "M3: 65" in out
 
 
 def test_check_of_no_cruise(tmp_path, capsys):

@@ -131,4 +131,4 @@ def test_the_wheel_works_without_the_checkout(installed, tmp_path):
     )
     ran = run_installed(installed, tmp_path, code)
     assert ran.returncode == 0, ran.stderr
-    assert ran.stdout.splitlines() == [f"True {installed / 'compasslib/__init__.py'}", "0 moorings ready"]
+    assert ran.stdout.splitlines() == [f"True {installed / 'compasslib/__init__.py'}", "nothing: ready"]

@@ -6,7 +6,7 @@ import difflib
 import math
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar, get_args, get_origin
@@ -40,8 +40,15 @@ class Cruise:
     calibrations: dict[str, CalibrationFile]  # by name, which is that of the file
 
 
-def load(cruise: Path) -> Cruise:
+def _raise(mistake: InputError) -> None:
+    raise mistake
+
+
+def load(cruise: Path, refuse: Callable[[InputError], None] = _raise) -> Cruise:
     """Return the configuration of a cruise, every raw file found and every glob written out.
+
+    Args:
+        refuse: takes each mistake of a mooring's or a calibration's file, which is then left out.
 
     Raises:
         InputError: at the first mistake, naming file, key, what is allowed and what was found.
@@ -51,12 +58,19 @@ def load(cruise: Path) -> Cruise:
     moorings: dict[str, Mooring] = {}
     files: dict[str, str] = {}
     for file in _mooring_files(cruise, options.moorings):
-        mooring = _mooring(file, options, place)
-        _refuse_taken(mooring.name, file, files)
-        moorings[mooring.name], files[mooring.name] = mooring, file
-    calibrations = _calibrations(cruise, place)
-    for name, mooring in moorings.items():
-        _refuse_nowhere(mooring.fit.name, calibrations, files[name])
+        try:
+            mooring = _mooring(file, options, place)
+            _refuse_taken(mooring.name, file, files)
+            moorings[mooring.name], files[mooring.name] = mooring, file
+        except InputError as mistake:
+            refuse(mistake)
+    calibrations = _calibrations(cruise, place, refuse)
+    for name, mooring in list(moorings.items()):
+        try:
+            _refuse_nowhere(mooring.fit.name, calibrations, files[name])
+        except InputError as mistake:
+            refuse(mistake)
+            del moorings[name], files[name]
     return Cruise(cruise, options, moorings, files, calibrations)
 
 
@@ -110,11 +124,16 @@ def _mooring(file: str, options: CruiseOptions, place: RawFolder) -> Mooring:
     return mooring
 
 
-def _calibrations(cruise: Path, place: RawFolder) -> dict[str, CalibrationFile]:
+def _calibrations(cruise: Path, place: RawFolder, refuse: Callable[[InputError], None]) -> dict[str, CalibrationFile]:
     folder = cruise / CALIBRATIONS
     listed = sorted(os.listdir(folder)) if folder.is_dir() else []
     files = [f"{CALIBRATIONS}/{file}" for file in listed if file.endswith((".yaml", ".yml")) and file[0] != "."]
-    calibrations = {_calibration_name(file): _calibration(file, place) for file in files}
+    calibrations: dict[str, CalibrationFile] = {}
+    for file in files:
+        try:
+            calibrations[_calibration_name(file)] = _calibration(file, place)
+        except InputError as mistake:
+            refuse(mistake)
     if wrong := check_comparisons(calibrations):
         where, expected = f"{CALIBRATIONS}/{wrong[0]}.yaml: compare_with", "the NAME of another, earlier calibration"
         advice = "correct the name; the earlier one stands alone"
@@ -142,7 +161,7 @@ def _calibration(file: str, place: RawFolder) -> CalibrationFile:
 
 def _refuse_nowhere(name: str | None, calibrations: dict[str, CalibrationFile], file: str) -> None:
     """Refuse a mooring's calibration without a place: its coefficients cannot be carried to the mooring's field."""
-    if name is None or calibrations[name].placed:
+    if name is None or name not in calibrations or calibrations[name].placed:
         return
     expected = f"latitude, longitude and date in {CALIBRATIONS}/{name}.yaml, to carry its coefficients to the mooring"
     raise InputError(f"{file}: fit.name", expected=expected, found="none", advice="add them there")
@@ -166,8 +185,17 @@ def _refuse_taken(name: str, file: str, files: dict[str, str]) -> None:
 
 
 def _explained(model: type[BaseModel], error: ValidationError, file: str) -> InputError:
+    """Return the first mistake of a file with the others, the spelling of keys first."""
+    every = sorted(error.errors(include_url=False), key=lambda e: e["type"] != "extra_forbidden")
+    misspelt = {e["loc"][:-1] for e in every if e["type"] == "extra_forbidden"}
     # A misspelt key is also a missing one: the spelling is what helps.
-    first = min(error.errors(include_url=False), key=lambda e: e["type"] != "extra_forbidden")
+    told = [e for e in every if e["type"] != "missing" or e["loc"][:-1] not in misspelt]
+    first, *others = (_mistake(model, one, file) for one in told or every)
+    first.others = tuple(others)
+    return first
+
+
+def _mistake(model: type[BaseModel], first: Any, file: str) -> InputError:
     place = [part for part in first["loc"] if part != "[key]"]
     if first["type"] == "extra_forbidden":
         return _unknown_key(model, place, file)

@@ -96,7 +96,7 @@ def run(cruise: Cruise, mooring: str, folder: Path, say: Callable[[str], None] =
     for file in (*FILES.values(), "work/record"):
         (folder / file).parent.mkdir(parents=True, exist_ok=True)
     for each, record in zip(used, records, strict=True):
-        _do("read", each, given | _settings_of_reading(rules, each) | {"record": record})
+        _do("read", each, given | reading(rules, each) | {"record": record})
     _do("overlap", job, given | {"upper": records[0], "lower": records[1:]})
     if given["method"] == at_mooring.METHOD:
         name = str(cruise.moorings[mooring].fit.name)
@@ -112,7 +112,8 @@ def _do(rule: str, job: Job, given: Mapping[str, Any]) -> None:
     stage(*wildcards, **{name: given[name] for name in signature(stage).parameters if name in given})
 
 
-def _settings_of_reading(rules: plan.Moorings, job: Job) -> dict[str, Any]:
+def reading(rules: plan.Moorings, job: Job) -> dict[str, Any]:
+    """Return the arguments of ``read.record_of`` for one instrument."""
     return {
         "raw": rules.raw_files(job),
         "form": rules.form(job),

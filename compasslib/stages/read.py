@@ -8,6 +8,7 @@ from typing import Any
 
 from compasslib import readers
 from compasslib.archive import netcdf, provenance
+from compasslib.core.records import Record
 from compasslib.preparation import channels
 from compasslib.preparation import deployment as deployments
 
@@ -36,8 +37,19 @@ def run(
     Raises:
         InputError: a raw file cannot be read.
     """
-    read = readers.read(form, [Path(file) for file in raw], reader)
-    settled = channels.beside(deployments.settle(read, **deployment), series)
+    settled = record_of(raw, form, reader, deployment, series)
     sources = [*raw, *(file for one in series.values() for file in one["files"])]
     netcdf.write_record(record, settled, attributes=provenance.origin("record read", sources))
     say(deployments.log_line(mooring, role, settled))
+
+
+def record_of(
+    raw: Sequence[str],
+    form: str,
+    reader: Mapping[str, Any],
+    deployment: Mapping[str, Any],
+    series: Mapping[str, Mapping[str, Any]],
+) -> Record:
+    """Return the record of one instrument; arguments and errors as for ``run``."""
+    read = readers.read(form, [Path(file) for file in raw], reader)
+    return channels.beside(deployments.settle(read, **deployment), series)
