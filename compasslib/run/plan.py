@@ -150,7 +150,8 @@ class Moorings:
 
     def observatory(self, wildcards: Any) -> list[str]:
         """Return the files of the observatory that one mooring names, none where it names none."""
-        return [file for series in self._mooring(wildcards).covariates.values() for file in series.files]
+        series = [one for one in self._mooring(wildcards).covariates.values() if one.format == "iaga2002"]
+        return [file for one in series for file in one.files]
 
     def by_calibration(self) -> list[str]:
         """Return the moorings that a calibration elsewhere corrects."""
