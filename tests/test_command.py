@@ -100,9 +100,14 @@ def test_check_says_what_each_mooring_has(tmp_path, capsys):
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == "M1: 65.3333 N 32.9550 W, 2007-09-04 to 2007-09-04, by exact"
     seen = [line.split() for line in lines]
-    assert seen[2][:6] == ["top", "corrected", "pd0", "5", "1", "h"] and seen[3][:4] == ["deep", "trusted", "table", "5"]
+    assert seen[2][:6] == ["top", "corrected", "pd0", "5", "1", "h"] and seen[3][:4] == [
+        "deep",
+        "trusted",
+        "table",
+        "5",
+    ]
     assert "  with deep: 5 pairs over 0 days, 10.2 m apart, " in lines[5]
-    assert "no reference, so nothing is corrected" in lines[6] and lines[-1] == "2 moorings: ready"
+    assert any("no reference, so nothing is corrected" in line for line in lines) and lines[-1] == "2 moorings: ready"
     assert not (folder / "results").exists()
 
 

@@ -164,11 +164,27 @@ def test_every_key_but_eight_has_a_default(cruise: Path) -> None:
             "format": "pd0", "files": ("raw/EG4/top.000",), "depth": None, "orientation": None,
             "declination_applied": None, "heading_alignment": None, "clock_offset_seconds": 0.0,
             "clock_drift_seconds": 0.0, "pressure_offset": 0.0, "direction_reference": "magnetic", "exclude": (),
-            "attributes": {}, "columns": None, "pressure_files": (), "start_offset_seconds": 0.0,
+            "attributes": {}, "columns": None, "pressure_files": (), "start_offset_seconds": 0.0, "delimiter": None, "decimal": None,
+            "time_format": None, "timezone": None, "missing": (), "skip_rows": None,
         }},
         "attributes": {}, "fit": {"method": "exact", "name": None, "tilt": False},
         "diagnose": {"enabled": True, "apply": True, "min_effect_deg": 0.5}, "covariates": {},
     }  # fmt: skip
+
+
+def test_the_keys_of_a_table_are_those_of_its_covariates_too(cruise: Path) -> None:
+    keys = ["delimiter: ';'", "decimal: comma", "timezone: '+0200'", "missing: [-99.9, x]", "skip_rows: 2"]
+    flow = f"{{format: table, files: raw/EG4/deep.csv, columns: {{date: d, clock: c, value: A}}, {', '.join(keys)}}}"
+    depth = "    depth: 120\n"
+    text = edited(with_line(f"covariates: {{supply: {flow}}}"), depth, depth + "".join(f"    {key}\n" for key in keys))
+    write(cruise, MOORING_FILE, text)
+    mooring = config.load(cruise).moorings["EG4"]
+    wanted = {"delimiter": ";", "decimal": ",", "timezone": "+02:00", "missing": ["-99.9", "x"], "skip_rows": 2}
+    for section in (mooring.instruments["deep"], mooring.covariates["supply"]):
+        assert wanted.items() <= section.model_dump(mode="json").items()
+    columns = mooring.covariates["supply"].columns
+    assert columns is not None
+    assert columns.model_dump(exclude_none=True) == {"date": "d", "clock": "c", "value": "A"}
 
 
 def test_models_become_plain_json(cruise: Path) -> None:
@@ -380,8 +396,17 @@ BAD_LINES = [
     ("attributes: {a b: c}", "attributes: expected attribute names of letters, digits and '_', found 'a b'; write for example ship"),
     ("covariates: {obs: {format: iaga2002, files: raw/obs/*.hor}}", "covariates.obs.files: expected an existing file, found no file that matches raw/obs/*.hor; put it there or correct the path, relative to the cruise folder"),
     ("covariates: {echo: {format: table, files: raw/obs/lrv1.min, columns: {time: t, value: x}}}", "covariates.echo: expected for a table a name that the search does not use itself, found 'echo'; for example echo_logged"),
-    ("covariates: {obs: {format: table, files: raw/obs/lrv1.min}}", "covariates.obs.columns: expected a mapping with format: table, and only there, found none; write {time: HEADER, value: HEADER}, or correct the format"),
+    ("covariates: {obs: {format: table, files: raw/obs/lrv1.min}}", "covariates.obs.columns: expected the headers of time and value, found nothing; add for example columns: {time: time_utc, value: current_mA}"),
     ("covariates: {a b: {format: iaga2002, files: raw/obs/*.min}}", "covariates.a b: expected 1 to 64 letters, digits, '_', '.' and '-', the first a letter or digit, found 'a b'; write for example EG4"),
+    ("covariates: {supply: {format: table, files: raw/EG4/deep.csv}}", "covariates.supply.columns: expected the headers of time and value, found nothing; add for example columns: {time: time_utc, value: current_mA}"),
+    ("covariates: {supply: {format: table, files: raw/EG4/deep.csv, columns: {time: t}}}", "covariates.supply.columns.value: expected the header of the column that holds the series, found nothing; add for example value: current_mA"),
+    ("covariates: {obs: {format: iaga2002, files: raw/obs/*.min, unit: nT}}", "covariates.obs.unit: expected this key only with format table, found it with format iaga2002; delete it or correct the format"),
+    ("    delimiter: ';'", "instruments.top.delimiter: expected this key only with format table or acm_table or mmp_acm, found it with format pd0; delete it or correct the format"),
+    ("    delimiter: '|'", "instruments.top.delimiter: expected comma, semicolon, tab or blank, found '|'; write for example delimiter: semicolon"),
+    ("    time_format: '%H:%M'", "instruments.top.time_format: expected a strptime format such as '%d/%m/%Y %H:%M', or epoch, epoch_ms, datenum, decimal_year or excel, found '%H:%M'; write year, month and day, for example '%d/%m/%Y %H:%M'"),
+    ("    timezone: CET", "instruments.top.timezone: expected UTC or an offset such as '+02:00', found 'CET'; write for example timezone: '+02:00'"),
+    ("    missing: [[1]]", "instruments.top.missing: expected a list of numbers or texts that stand for nothing, found a list; write for example missing: [-99.9, ----]"),
+    ("    skip_rows: -1", "instruments.top.skip_rows: expected a whole number from 0 to 100000 of lines above the header, found -1; write for example skip_rows: 3"),
     ("    format: PD0", "instruments.top.format: expected pd0, acm_table, mmp_acm or table, found 'PD0'; write for example format: pd0"),
     ("    format: tabel", "instruments.top.format: expected pd0, acm_table, mmp_acm or table, found 'tabel'; write table"),
     ("    files: raw/EG4/no.000", "instruments.top.files: expected an existing file, found no file raw/EG4/no.000; put it there or correct the path, relative to the cruise folder"),
@@ -395,7 +420,7 @@ BAD_LINES = [
     ("    depth: -100", "instruments.top.depth: expected metres from 0 to 12000, found -100; write it positive, in metres"),
     ("    depth: 1000", "instruments.top.depth: expected metres from 0 to the water depth, 894, found 1000; correct one of the two"),
     ("    orientation: upward", "instruments.top.orientation: expected up or down, found 'upward'; write for example orientation: up"),
-    ("    heading: 3", "instruments.top.heading: expected a key out of format, files, depth, orientation, declination_applied, heading_alignment, clock_offset_seconds, clock_drift_seconds, pressure_offset, direction_reference, exclude, attributes, columns, pressure_files, start_offset_seconds, found the unknown 'heading'; delete it, or indent it below the key that it belongs to"),
+    ("    heading: 3", "instruments.top.heading: expected a key out of format, files, depth, orientation, declination_applied, heading_alignment, clock_offset_seconds, clock_drift_seconds, pressure_offset, direction_reference, exclude, attributes, columns, pressure_files, start_offset_seconds, delimiter, decimal, time_format, timezone, missing, skip_rows, found the unknown 'heading'; delete it, or indent it below the key that it belongs to"),
     ("    pressure_offset: 2 dbar", "instruments.top.pressure_offset: expected dbar from -12000 to 12000, found '2 dbar'; write 2 without the unit"),
     ("    exclude: {from: 2007-10-01, to: 2007-10-02}", "instruments.top.exclude: expected a list of windows, found a mapping; write for example exclude: [{from: 2007-10-01, to: 2007-10-02, why: fouled}]"),
     ("    exclude: [2007-10-01]", "instruments.top.exclude[0]: expected a mapping, found '2007-10-01'; write below it keys out of from, to, why"),
@@ -406,6 +431,8 @@ BAD_LINES = [
 
 BAD_COLUMNS = [
     ("{depth: d, east: u, north: v}", "columns.time: expected the header of the time column, found nothing; add for example time: time_utc"),
+    ("{date: d, east: u, north: v}", "columns.clock: expected date and clock together, found date alone; add clock, or write time: where one column holds both"),
+    ("{time: t, date: d, clock: c, east: u, north: v}", "columns.time: expected time, or date and clock apart, found clock and date beside it; keep one of the two ways"),
     ("{time: t, east: u}", "columns.north: expected east+north together, found east without it; add for example north: name_in_the_header"),
     ("{time: t, x: u, y: v}", "columns.heading: expected x+y+heading together, found x and y without it; add for example heading: name_in_the_header"),
     ("{time: t}", "columns: expected exactly one of east+north, speed+direction and x+y+heading, found none of them; add for example east: u_cm_s and north: v_cm_s"),
@@ -413,8 +440,8 @@ BAD_COLUMNS = [
     ("{time: t, east: u, north: u}", "columns.north: expected a column of its own, found 'u', which east has already; correct one of the two"),
     ("{time: t, east: 1, north: v}", "columns.east: expected the header of a column (speed), found 1; write it in quotes: '1'"),
     ("{time: t, east: u, north: v, scale: 0}", "columns.scale: expected a factor to m/s above 0, at most 1000, found 0; write for example scale: 0.01"),
-    ("{time: t, east: u, north: v, tilt: w}", "columns.tilt: expected a key out of time, depth, pressure, east, north, speed, direction, x, y, heading, tilt_x, tilt_y, temperature, scale, found the unknown 'tilt'; write tilt_y"),
-    ("[time_utc, u, v]", "columns: expected a mapping, found a list; write below it keys out of time, depth, pressure, east, north, speed, direction, x, y, heading, tilt_x, tilt_y, temperature, scale"),
+    ("{time: t, east: u, north: v, tilt: w}", "columns.tilt: expected a key out of time, date, clock, depth, pressure, east, north, speed, direction, x, y, heading, tilt_x, tilt_y, temperature, scale, found the unknown 'tilt'; write tilt_y"),
+    ("[time_utc, u, v]", "columns: expected a mapping, found a list; write below it keys out of time, date, clock, depth, pressure, east, north, speed, direction, x, y, heading, tilt_x, tilt_y, temperature, scale"),
 ]  # fmt: skip
 
 BAD_FILES = [

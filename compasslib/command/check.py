@@ -31,7 +31,20 @@ DAY_S = 86400.0
 SECTOR_DEG, SECTORS = 10.0, 36
 GAP = 3.0  # usual steps between two samples that make a gap
 STEPS = ((DAY_S, "d"), (3600.0, "h"), (60.0, "min"), (1.0, "s"))
-HEAD: tuple[str, ...] = ("", "", "format", "samples", "every", "gaps", "from", "to", "depth", "bins", "headings", "directions")
+HEAD: tuple[str, ...] = (
+    "",
+    "",
+    "format",
+    "samples",
+    "every",
+    "gaps",
+    "from",
+    "to",
+    "depth",
+    "bins",
+    "headings",
+    "directions",
+)
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,20 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BeforeValidator, model_validator
 
 from compasslib.config import values
-from compasslib.config.schema import Declination, Files, Name, Number, Section, Text, Time, key
+from compasslib.config.schema import (
+    CLOCK_HEADER,
+    DATE_HEADER,
+    TABLE_KEYS,
+    Declination,
+    Files,
+    Name,
+    Number,
+    Section,
+    TableKeys,
+    Text,
+    Time,
+    key,
+)
 from compasslib.config.values import problem, shown
 
 HEADS = 2  # on one frame
@@ -94,6 +107,17 @@ class CalibrationFile(KindKey):
         return self
 
 
+class TableFile(CalibrationFile, TableKeys):
+    """A calibration whose readings may stand in a text table."""
+
+    @model_validator(mode="after")
+    def _keys_of_tables(self) -> Self:
+        form = getattr(self, "format", "csv")
+        if form != "csv" and (given := [key for key in TABLE_KEYS if key in self.model_fields_set]):
+            raise problem(given[0], "this key only with format csv", f"it with format {form}", "delete it")
+        return self
+
+
 class PlatformColumns(Section):
     """Headers of a platform's table where they differ from the roles."""
 
@@ -114,7 +138,7 @@ class Uncertainty(Section):
     maker_accuracy_deg: Number | None = _row("a maker's accuracy")
 
 
-class Platform(CalibrationFile):
+class Platform(TableFile):
     """A compass on a bench whose directions are known."""
 
     format: Annotated[Literal["csv"], BeforeValidator(_csv)] = key("csv", "csv", "csv")
@@ -132,6 +156,8 @@ class SwingColumns(Section):
     true_deg: Text | None = _header("degrees, true")
     speed_kn: Text | None = _header("knots")
     time_utc: Text | None = _header("UTC")
+    date: Text | None = DATE_HEADER
+    clock: Text | None = CLOCK_HEADER
 
 
 class VisualMark(Section):
@@ -148,7 +174,7 @@ class SunMark(Section):
     time_utc: Time = key("a UTC time from 1980 to 2100", "2022-09-29T09:00:00Z")
 
 
-class SwingFile(CalibrationFile):
+class SwingFile(TableFile):
     """A vessel turned under way, its course by satellites."""
 
     format: Annotated[Literal["csv", "nmea0183"], BeforeValidator(_csv)] = key("csv or nmea0183", "csv", "csv")
@@ -180,10 +206,12 @@ class MagnetometerColumns(Section):
     roll_deg: Text | None = _header("degrees")
     heading_deg: Text | None = _header("degrees, magnetic")
     time_utc: Text | None = _header("UTC")
+    date: Text | None = DATE_HEADER
+    clock: Text | None = CLOCK_HEADER
     temperature_c: Text | None = _header("degrees Celsius")
 
 
-class MagnetometerFile(CalibrationFile):
+class MagnetometerFile(TableFile):
     """A magnetometer turned about."""
 
     format: Annotated[Literal["csv", "mmp_acm"], BeforeValidator(_csv)] = key("csv or mmp_acm", "csv", "csv")
@@ -226,8 +254,9 @@ MODELS: dict[str, type[CalibrationFile]] = {
 
 
 def settings(file: CalibrationFile) -> dict[str, Any]:
-    """Return what a kind is given: every key but those of the files, columns by role as far as they are named."""
-    plain = file.model_dump(mode="json", exclude={"kind", "files", "compare_with"})
+    """Return what a kind is given: every key but those of the files, columns and keys of tables as far as given."""
+    unset = {key for key in TABLE_KEYS if key not in file.model_fields_set}
+    plain = file.model_dump(mode="json", exclude={"kind", "files", "compare_with"} | unset)
     columns = {role: header for role, header in plain.get("columns", {}).items() if header is not None}
     return {**plain, "columns": columns}
 

@@ -25,15 +25,22 @@ Files = Annotated[tuple[str, ...], BeforeValidator(paths.raw_files)]
 MooringPaths = Annotated[str | tuple[str, ...], BeforeValidator(paths.mooring_paths)]
 Attributes = Annotated[dict[str, str | int | float], BeforeValidator(values.attributes)]
 Declination = Annotated[float | Literal["auto"], BeforeValidator(values.declination)]
+TimeFormat = Annotated[str, BeforeValidator(values.time_format)]
+Delimiter = Annotated[str, BeforeValidator(values.delimiter)]
+Decimal = Annotated[str, BeforeValidator(values.decimal)]
+Zone = Annotated[str, BeforeValidator(values.zone)]
+Missing = Annotated[tuple[str, ...], BeforeValidator(values.missing)]
 Reference = Annotated[Literal["magnetic", "true"], BeforeValidator(values.unquoted_true)]
 
 TABLES = ("table", "acm_table")
+TABLE_KEYS = ("delimiter", "decimal", "time_format", "timezone", "missing", "skip_rows")
 # Keys that mean something for some formats only: with others they would be silently without effect.
 ONLY_FOR = {
     "columns": (*TABLES, "mmp_acm"),
     "pressure_files": ("mmp_acm",),
     "start_offset_seconds": ("mmp_acm",),
     "heading_alignment": ("pd0",),
+    **dict.fromkeys(TABLE_KEYS, (*TABLES, "mmp_acm")),  # a profiler's pressure may stand in a table
 }
 # What the search calls by names of its own; another series of such a name would take their place.
 KNOWN_SERIES = (
@@ -46,6 +53,7 @@ RESERVED = (
     *("calibrations", "compasses", "proof", "logs", "benchmarks"),
     *("summary.csv", "report.html", "ro-crate-metadata.json"),
 )
+COVARIATE_ADVICE = "add for example columns: {time: time_utc, value: current_mA}"
 DEPTH_SLACK = 1.05  # a charted water depth is rarely better than 5 %
 
 _TIME_WORDS = "a date or UTC time from 1980 to 2100"
@@ -78,9 +86,14 @@ def _header(unit: str, example: str) -> Any:
     return key(f"the header of a column ({unit})", example, None)
 
 
+DATE_HEADER = key("the header of a column (the date, where the clock stands apart)", "Date", None)
+CLOCK_HEADER = key("the header of a column (the time of day, where the date stands apart)", "Time", None)
+
+
 def allowed_keys(model: type[BaseModel]) -> dict[str, Any]:
-    """Return the fields of a model by the key that stands in the YAML file."""
-    return {field.alias or name: field for name, field in model.model_fields.items()}
+    """Return the fields of a model by the key that stands in the YAML file, those of any table last."""
+    named = sorted(model.model_fields.items(), key=lambda item: item[0] in TABLE_KEYS)
+    return {field.alias or name: field for name, field in named}
 
 
 class Section(BaseModel):
@@ -182,6 +195,8 @@ class Columns(Section):
     """The headers that the columns of a table have, by role, and the factor that turns its speeds to m/s."""
 
     time: Text | None = _header("UTC", "time_utc")
+    date: Text | None = DATE_HEADER
+    clock: Text | None = CLOCK_HEADER
     depth: Text | None = _header("metres", "depth_m")
     pressure: Text | None = _header("dbar", "pressure_dbar")
     east: Text | None = _header("speed", "u_cm_s")
@@ -211,7 +226,24 @@ class Columns(Section):
         return self
 
 
-class Instrument(Section):
+class TableKeys(Section):
+    """How a text table is written; what is unambiguous is recognised without them."""
+
+    delimiter: Delimiter | None = key("comma, semicolon, tab or blank", "semicolon", None)
+    decimal: Decimal | None = key("point or comma", "comma", None)
+    time_format: TimeFormat | None = key(
+        "a strptime format such as '%d/%m/%Y %H:%M', or epoch, epoch_ms, datenum, decimal_year or excel",
+        "'%d/%m/%Y %H:%M'",
+        None,
+    )
+    timezone: Zone | None = key("UTC or an offset such as '+02:00'", "'+02:00'", None)
+    missing: Missing = key("a list of numbers or texts that stand for nothing", "[-99.9, ----]", ())
+    skip_rows: Count | None = key(
+        "a whole number from 0 to 100000 of lines above the header", "3", None, ge=0, le=100000
+    )
+
+
+class Instrument(TableKeys):
     """One instrument of a mooring and the files that it left."""
 
     format: Literal["pd0", "acm_table", "mmp_acm", "table"] = key("pd0, acm_table, mmp_acm or table", "pd0")
@@ -245,27 +277,33 @@ class Instrument(Section):
         return self
 
 
-class SeriesColumns(Section):
-    """The headers of a series' columns."""
+class CovariateColumns(Section):
+    """The headers of a covariate's table."""
 
-    time: Text = key("a header of the file (UTC)", "time_utc")
-    value: Text = key("a header of the file", "turbidity_ntu")
+    time: Text | None = _header("UTC", "time_utc")
+    date: Text | None = DATE_HEADER
+    clock: Text | None = CLOCK_HEADER
+    value: Text = key("the header of the column that holds the series", "current_mA")
 
 
-class Covariate(Section):
-    """A series that the search for left-out physics may use: an observatory's, or any other in a table."""
+class Covariate(TableKeys):
+    """A series that the search for left-out physics may use: an observatory's, or any column of a table."""
 
-    format: Literal["iaga2002", "table"] = key("iaga2002 or table", "table")
+    format: Literal["iaga2002", "table"] = key("iaga2002 or table", "iaga2002")
     files: Files = key(_FILES_WORDS, "raw/obs/*.min")
-    columns: SeriesColumns | None = key("a mapping", "{time: time_utc, value: turbidity_ntu}", None)
-    unit: Text = key("the unit of the values", "NTU", "1")
+    columns: CovariateColumns | None = key("a mapping", "{time: time_utc, value: current_mA}", None)
+    unit: Text | None = key("a text", "mA", None)
 
     @model_validator(mode="after")
-    def _columns_with_tables(self) -> Self:
-        if (self.columns is None) == (self.format == "table"):
-            expected = "a mapping with format: table, and only there"
-            found = "none" if self.columns is None else f"one with format: {self.format}"
-            raise problem("columns", expected, found, "write {time: HEADER, value: HEADER}, or correct the format")
+    def _keys_of_this_format(self) -> Self:
+        if self.format == "table":
+            headers = self.columns.model_dump(exclude_none=True) if self.columns else {}
+            if not self.columns:
+                raise problem("columns", "the headers of time and value", "nothing", COVARIATE_ADVICE)
+            values.check_clock(headers)
+        elif given := sorted({*TABLE_KEYS, "columns", "unit"} & self.model_fields_set):
+            found = f"it with format {self.format}"
+            raise problem(given[0], "this key only with format table", found, "delete it or correct the format")
         return self
 
 

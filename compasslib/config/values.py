@@ -31,6 +31,9 @@ STATED = (
     *("time_coverage_start", "time_coverage_end", "time_coverage_duration", "time_coverage_resolution"),
 )
 
+TIME_SCALES = ("epoch", "epoch_ms", "datenum", "decimal_year", "excel")  # numbers that are times
+FARTHEST_ZONE_H = 14  # of the inhabited earth
+
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 _REPEATS = 20  # of a piece at a name's end, from which on Snakemake takes it for an endless recursion and stops
 _REPEATED = re.compile(rf"(.+)\1{{{_REPEATS - 1},}}$")
@@ -187,6 +190,53 @@ def _parse(value: Any) -> datetime:
         raise problem(advice=f"{error}; write a day and an hour that exist") from None
 
 
+def delimiter(value: Any) -> str:
+    """Return the character between the cells of a table, given as it is or by its name."""
+    return _character(value, {"comma": ",", "semicolon": ";", "tab": "\t", "blank": " "})
+
+
+def decimal(value: Any) -> str:
+    """Return the character before a number's decimals, given as it is or by its name."""
+    return _character(value, {"point": ".", "comma": ","})
+
+
+def _character(value: Any, named: dict[str, str]) -> str:
+    character = named.get(value, value) if isinstance(value, str) else None
+    if character not in named.values():
+        raise problem()
+    return str(character)
+
+
+def time_format(value: Any) -> str:
+    """Return how the times of a table are written."""
+    given = text(value)
+    if given in TIME_SCALES:
+        return given
+    dated = all(re.search(f"%[{letters}]", given) for letters in ("Yy", "mbBj", "dj"))
+    if not dated:
+        raise problem(advice="write year, month and day, for example '%d/%m/%Y %H:%M'")
+    return given
+
+
+def zone(value: Any) -> str:
+    """Return UTC, or an offset from it as +02:00."""
+    given = text(value).strip()
+    match = re.fullmatch(r"([+-])(\d\d):?([0-5]\d)?", given)
+    if given.upper() in ("UTC", "Z", "GMT"):
+        return "UTC"
+    if not match or int(match[2]) > FARTHEST_ZONE_H:
+        raise problem()
+    return f"{match[1]}{match[2]}:{match[3] or '00'}"
+
+
+def missing(value: Any) -> tuple[str, ...]:
+    """Return the words and numbers that stand for nothing in a table, of a single one too."""
+    listed = value if isinstance(value, list | tuple) else [value]
+    if not all(isinstance(one, str | int | float) and not isinstance(one, bool) for one in listed):
+        raise problem()
+    return tuple(str(one).strip() for one in listed)
+
+
 def iso(seconds: float) -> str:
     """Return a time as it is written in YAML.
 
@@ -225,8 +275,7 @@ def check_table(headers: dict[str, str], depth: float | None) -> None:
         headers: header of each role that is given.
         depth: the instrument's nominal depth, m, if given.
     """
-    if "time" not in headers:
-        raise problem("columns.time", "the header of the time column", "nothing", "add for example time: time_utc")
+    check_clock(headers)
     if depth is None and not {"depth", "pressure"} & set(headers):
         advice = "add depth: 120 to the instrument, or depth: depth_m to its columns"
         raise problem("columns", "a depth or pressure column where the instrument has no depth", "neither", advice)
@@ -237,6 +286,24 @@ def check_table(headers: dict[str, str], depth: float | None) -> None:
         advice = "keep one of them" if complete else "add for example east: u_cm_s and north: v_cm_s"
         found = " and ".join(complete) or "none of them"
         raise problem("columns", "exactly one of east+north, speed+direction and x+y+heading", found, advice)
+
+
+def check_clock(headers: dict[str, str]) -> None:
+    """Refuse columns that do not tell the time, by one column or by date and clock apart.
+
+    Args:
+        headers: header of each role that is given.
+    """
+    apart = {"date", "clock"} & set(headers)
+    if "time" in headers and apart:
+        expected, advice = "time, or date and clock apart", "keep one of the two ways"
+        raise problem("columns.time", expected, f"{' and '.join(sorted(apart))} beside it", advice)
+    if len(apart) == 1:
+        other = "clock" if "date" in apart else "date"
+        advice = f"add {other}, or write time: where one column holds both"
+        raise problem(f"columns.{other}", "date and clock together", f"{apart.pop()} alone", advice)
+    if "time" not in headers and not apart:
+        raise problem("columns.time", "the header of the time column", "nothing", "add for example time: time_utc")
 
 
 def _check_whole(roles: tuple[str, ...], headers: dict[str, str]) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,7 @@ import numpy as np
 from compasslib.core.errors import InputError
 from compasslib.core.records import Record
 from compasslib.core.types import Floats
-from compasslib.readers.cells import columns_of
+from compasslib.readers import covariate
 
 LONGEST_GAP = 3.0  # usual steps of the series over which it is read between two values
 
@@ -21,27 +20,23 @@ def beside(record: Record, series: Mapping[str, Mapping[str, Any]]) -> Record:
     """Return a record with other series at its times, missing where they do not reach.
 
     Args:
-        series: files, columns (time, value) and unit of each, by name.
+        series: the part of the mooring file of each, by name.
 
     Raises:
         InputError: a table cannot be read, or holds nothing at the record's times.
     """
-    found = {name: _at(record, name, **one) for name, one in series.items()}
-    units = {name: str(one["unit"]) for name, one in series.items()}
+    found = {name: _at(record, name, one) for name, one in series.items()}
+    units = {name: str(one["unit"] or "1") for name, one in series.items()}
     return replace(record, channels={**record.channels, **found}, channel_units={**record.channel_units, **units})
 
 
-def _at(record: Record, name: str, files: list[str], columns: Mapping[str, str], unit: str) -> Floats:
-    tables = [columns_of(Path(file), columns) for file in files]
-    time_s, value = (np.concatenate([table[role] for table in tables]) for role in ("time", "value"))
-    known = np.isfinite(time_s + value)
-    time_s, first = np.unique(time_s[known], return_index=True)
-    value = value[known][first]
+def _at(record: Record, name: str, one: Mapping[str, Any]) -> Floats:
+    time_s, value = covariate.series(one)
     at = interpolated(record.time_s, time_s, value)
     if len(at) and not np.isfinite(at).any():
-        span = "nothing" if not len(time_s) else " to ".join(str(np.datetime64(int(t), "s")) for t in time_s[[0, -1]])
+        span = " to ".join(str(np.datetime64(int(t), "s")) for t in time_s[[0, -1]])
         raise InputError(
-            ", ".join(files),
+            ", ".join(one["files"]),
             expected=f"values of {name} while the mooring was deployed",
             found=span,
             advice="check times and columns, or delete the covariate",
