@@ -24,6 +24,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from compasslib.readers import recognition
+
 if TYPE_CHECKING:  # the Snakefile needs the table only
     from compasslib.calibration.result import Calibration
 
@@ -35,14 +37,15 @@ class Kind:
     module: str  # of this room; its calibrate(files, settings) returns the Calibration
     figures: tuple[str, ...] = ()  # its own: functions (path, calibration, name) of plots/<module>.py
     by_heading: bool = True  # whether it has a curve along the heading, and so the figures of one
+    formats: tuple[str, ...] = ("table",)  # of its files, the usual one first
 
 
 KINDS: dict[str, Kind] = {
     "platform": Kind("platform"),
-    "magnetometer": Kind("magnetometer", figures=("magnetometer",)),
-    "swing": Kind("swing", figures=("swing",)),
-    "declination": Kind("declination", figures=("series", "disturbance"), by_heading=False),
-    "two_heads": Kind("heads", figures=("difference", "tilt_check", "along_time")),
+    "magnetometer": Kind("magnetometer", figures=("magnetometer",), formats=("table", "mmp_acm")),
+    "swing": Kind("swing", figures=("swing",), formats=("table", "nmea0183")),
+    "declination": Kind("declination", figures=("series", "disturbance"), by_heading=False, formats=("iaga2002",)),
+    "two_heads": Kind("heads", figures=("difference", "tilt_check", "along_time"), formats=("pd0",)),
 }
 FIGURES = ("deviation", "residuals", "certificate")  # every kind with a curve along the heading has these
 
@@ -64,9 +67,10 @@ def calibrate(kind: str, files: Sequence[str | Path], settings: Mapping[str, Any
     """
     from compasslib.calibration.result import too_exact
 
-    made: Calibration = import_module(f"compasslib.calibration.{KINDS[kind].module}").calibrate(
-        files, settled(settings)
-    )
+    offered, module = KINDS[kind].formats, import_module(f"compasslib.calibration.{KINDS[kind].module}")
+    form = settings.get("format") or offered[0]
+    with recognition.naming(form, files, offered=offered, advice="correct file or kind in the calibration's file"):
+        made: Calibration = module.calibrate(files, settled(settings))
     return replace(made, warnings=(*made.warnings, *too_exact(made.residual_rms_deg)))
 
 

@@ -23,6 +23,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from compasslib.readers import recognition
+
 if TYPE_CHECKING:  # the Snakefile needs the table only
     from compasslib.core.records import Record
 
@@ -60,5 +62,6 @@ def read(form: str, paths: Sequence[Path], settings: Mapping[str, Any]) -> Recor
     """
     found = FORMATS[form]
     reader = import_module(f"compasslib.readers.{found.module}")
-    record: Record = reader.read(paths, **{key: settings.get(key) for key in found.keys})
+    with recognition.naming(form, paths, offered=FORMATS):
+        record: Record = reader.read(paths, **{key: settings.get(key) for key in found.keys})
     return record

@@ -18,13 +18,14 @@ from compasslib.core import angles
 from compasslib.core.errors import InputError
 from compasslib.core.records import FieldSeries
 from compasslib.core.types import Floats
-from compasslib.readers import cells
+from compasslib.readers import cells, recognition
 
 MISSING = 88888.0  # and 99999; nothing on earth is as large
 LABEL_ENDS = 24  # column before which a header's label stands
 MINUTES = 60.0  # of arc in a degree
 CELL = r"(?:\s+|(?=[+-]))([+-]?\d+\.?\d*)"  # a sign may stand against the number before
 ROW = re.compile(r"(\d{4})-(\d\d)-(\d\d)\s+(\d\d):(\d\d):(\d\d(?:\.\d*)?)\s+(\d{1,3})" + CELL * 4 + r"\s*\|?\s*")
+ADVICE = "give IAGA-2002 files of one observatory"
 SETS = ("D", "XY")  # components of which either gives the declination
 KILOMETRE_DEG = 0.01  # by which the positions of one station may differ between files
 MOST_MISSING = 10  # different numbers that stand for missing values
@@ -59,7 +60,8 @@ def read(paths: Sequence[str | Path]) -> FieldSeries:
     Raises:
         InputError: a file is not of this format, holds no rows or no declination, or is of another station.
     """
-    files = [_file(Path(path)) for path in paths]
+    with recognition.naming("iaga2002", paths, advice=ADVICE):
+        files = [_file(Path(path)) for path in paths]
     _one_station(files)
     parts = [np.array([one.time_s, *_field(one.values)]) for one in files]
     every = np.concatenate(parts, axis=1)
@@ -260,6 +262,4 @@ def _warnings(counts: Mapping[str, int]) -> tuple[str, ...]:
 
 
 def _refused(path: Path, expected: str, found: str, advice: str = "") -> InputError:
-    return InputError(
-        str(path), expected=expected, found=found, advice=advice or "give IAGA-2002 files of one observatory"
-    )
+    return InputError(str(path), expected=expected, found=found, advice=advice or ADVICE)

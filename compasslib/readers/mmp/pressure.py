@@ -19,6 +19,7 @@ from compasslib.core.types import Floats
 from compasslib.readers.mmp.rows import UNKNOWN, Form, ProfileBlock, Text, blocks, parse
 from compasslib.readers.mmp.scan_clock import civil
 from compasslib.readers.mmp.scan_files import contents, is_text
+from compasslib.readers.recognition import recognise
 
 TIMES = ("time_utc", "time", "datetime", "date_time", "timestamp", "date")
 PRESSURES = ("pressure_dbar", "pressure", "pres", "dbar", "p_dbar")
@@ -124,8 +125,8 @@ def _beside(series: _PressureSeries, clocked: Companion) -> _PressureSeries:
 def _one(path: Path) -> _PressureSeries:
     data = contents(path)
     if not is_text(data):
-        advice = "unpack the profiler's binary files with the maker's unpacker"
-        raise InputError(str(path), expected=EXPECTED, found="a binary file", advice=advice)
+        advice, known = "unpack the profiler's binary files with the maker's unpacker", recognise(path)
+        raise InputError(str(path), expected=EXPECTED, found=known.name if known else "a binary file", advice=advice)
     columns = _header(data)
     if columns:
         return _table(path, data, columns)

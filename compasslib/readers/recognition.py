@@ -1,0 +1,177 @@
+"""What a file is, by its first bytes: formats that are read, and those that people have at hand beside them.
+
+A line of ``KINDS`` is one kind of file: what it is called, the format that reads it, what its first bytes hold. The
+first that fits counts. So a wrong format is named instead of refused:
+
+    raw/x.ad2cp: expected an RDI PD0 file, found a Nortek ad2cp file; write format: nortek
+
+Sources: RDI Workhorse Commands and Output Data Format (PD0 7F7F, PD12 7F6E); Nortek System Integrator Guide (A5 05) and
+Signature Principles (A5 0A); Unidata's NetCDF and HDF5 file formats; MAT-File Format; Sea Solutions of Sea-Bird.
+"""
+
+from __future__ import annotations
+
+import re
+import zlib
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from compasslib.core.errors import InputError, Passing
+
+HEAD_BYTES = 65536
+TEXT_SHARE = 0.98  # of a text's bytes are printable
+READABLE = {
+    "pd0": "an RDI PD0 file",
+    "pd12": "an RDI PD12 file",
+    "rdi_text": "a text export of RDI's programs",
+    "nortek": "a Nortek file",
+    "netcdf": "a netCDF file",
+    "mmp_acm": "scans of a Falmouth 3D-ACM",
+    "table": "a text table",
+    "acm_table": "a text table",
+    "csv": "a text table",
+    "iaga2002": "an IAGA-2002 file",
+    "nmea0183": "an NMEA 0183 log",
+}
+TEXTS = ("table", "acm_table", "csv", "rdi_text", "iaga2002", "nmea0183")
+ELSEWHERE = {
+    "iaga2002": "name it under covariates as {format: iaga2002, files: ...}",
+    "nmea0183": "a calibration of kind swing reads it with format: nmea0183",
+}
+CONVERT = "export it as a text table and write format: table"
+EXPORT = "give the file that the instrument or its program wrote"
+UNPACK = "unpack it"
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of file."""
+
+    name: str  # with its article, as a message says it
+    form: str | None  # the format that reads it
+    holds: re.Pattern[bytes]  # matched at the file's first byte
+    advice: str = CONVERT  # where no format reads it
+
+
+def _kind(name: str, form: str | None, holds: bytes, advice: str = CONVERT) -> Kind:
+    return Kind(name, form, re.compile(holds, re.DOTALL), advice)
+
+
+KINDS = (
+    _kind("an empty file", None, rb"\Z", "copy or export it again"),
+    _kind("a file of nothing but zeros", None, rb"\0+\Z", "copy or export it again"),
+    _kind("an RDI PD0 file", "pd0", rb"\x7f\x7f..\0"),
+    _kind("an RDI PD12 file", "pd12", rb"n\x7f.[\0-\x0f]|.*<SampleData [^>]*>n\x7f"),
+    _kind("an RDI file written as hexadecimal text", None, rb"\s*7[Ff]7[Ff][0-9A-Fa-f\s]{40}", "turn it to binary"),
+    _kind("a Nortek ad2cp file", "nortek", rb"\xa5[\x0a\x0c][\x15-\x2f\xa0]."),
+    _kind("a Nortek file (aqd, prf, wpr or vec)", "nortek", rb"\xa5(\x05\x18\0|\x04\x70\0|\0\0\x01)"),
+    _kind("a MATLAB 7.3 file", None, rb"MATLAB 7\.3 MAT-file"),
+    _kind("a MATLAB file", None, rb"MATLAB 5\.0 MAT-file"),
+    _kind("a netCDF file", "netcdf", rb"CDF[\x01\x02\x05]"),
+    _kind("a netCDF-4 or HDF5 file", "netcdf", rb"\x89HDF\r\n\x1a\n"),
+    _kind("an Excel workbook", None, rb"PK\x03\x04.*xl/(?:workbook|worksheets|styles|_rels)"),
+    _kind("a file of an old Office program (Excel, Word)", None, rb"\xd0\xcf\x11\xe0"),
+    _kind("a zip archive", None, rb"PK[\x03\x05][\x04\x06]", UNPACK),
+    _kind("a gzip file", None, rb"\x1f\x8b\x08", UNPACK),
+    _kind("a packed file (bzip2, xz, 7z or rar)", None, rb"BZh[1-9]|\xfd7zXZ\0|7z\xbc\xaf|Rar!", UNPACK),
+    _kind("a PDF", None, rb"\s*%PDF-", EXPORT),
+    _kind("an image", None, rb"\x89PNG|\xff\xd8\xff|GIF8[79]a|II\*\0|MM\0\*|BM....\0\0\0\0", EXPORT),
+    _kind("an SQLite database (RBR's .rsk is one)", None, rb"SQLite format 3\0"),
+    _kind("a Parquet file", None, rb"PAR1"),
+    _kind("a Falmouth 3D-ACM's binary file", "mmp_acm", rb".{279}DATA"),
+    _kind("an IAGA-2002 file", "iaga2002", rb"\s*Format\s+IAGA-2002"),
+    _kind("a web page", None, rb"(?i)\s*(?:<!doctype html|<html)", EXPORT),
+    _kind("an XML file", None, rb"\s*<\?xml", EXPORT),
+    _kind("a text of a word processor (RTF)", None, rb"\{\\rtf", EXPORT),
+    _kind("a JSON file", None, rb"\s*[{\[]\s*[\"{\[]"),
+    _kind("a Sea-Bird file (cnv or hex)", None, rb"\s*\* ?Sea-?Bird"),
+    _kind("an NMEA 0183 log", "nmea0183", rb"(?:[^\n]*\n){0,3}[^\n]{0,40}[$!][A-Z]{2}[A-Z0-9]{3},[^\n]*\*[0-9A-F]{2}"),
+    _kind("unpacked scans of a Falmouth 3D-ACM", "mmp_acm", rb"(?:[^\n]*\n){0,12}[^\n]*\bHDNG[\s,]+TX[\s,]+TY\b"),
+    _kind(
+        "a text export of RDI's programs",
+        "rdi_text",
+        rb"(?:[^\n]*\n){0,20}\s*(?:Pings/Ens|Time/Ping|First Ensemble (?:Date|Time)|1st Bin Range|Ensemble Interval)\b",
+    ),
+    _kind("a header file of Nortek's conversion", None, rb"\[[^\]\n]*\.(?:aqd|prf|wpr|vec|hdr)\]\s", EXPORT),
+)
+TABLE = _kind("a text table", "table", rb"")
+PROSE = _kind("a text without columns", None, rb"", EXPORT)
+_ROW = re.compile(rb"\s*\"?[-+.]?\d[^\n]*[,;\t ]")  # begins with a number, and more stands behind it
+_PLAIN = bytes([*range(9, 14), *range(32, 127), *range(0xA0, 0xFF)])
+
+
+def recognise(path: str | Path) -> Kind | None:
+    """Return what a file is, None where nobody knows; of a gzip file with a known kind inside both are named.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    try:
+        with Path(path).open("rb") as file:
+            head = file.read(HEAD_BYTES)
+    except OSError as error:
+        reason = error.strerror or type(error).__name__
+        raise InputError(str(path), expected="a readable file", found=reason, advice="check the path") from None
+    found = _of(head)
+    if found is None or found.name != "a gzip file":
+        return found
+    try:
+        inner = _of(zlib.decompressobj(wbits=31).decompress(head, HEAD_BYTES))
+    except zlib.error:
+        return found
+    packed = f"a gzip file that holds {inner.name}" if inner else found.name
+    return Kind(packed, inner.form if inner is TABLE else None, found.holds, UNPACK)
+
+
+@contextmanager
+def naming(
+    form: str, paths: Sequence[str | Path], *, offered: Collection[str] = (), advice: str = ""
+) -> Iterator[None]:
+    """Say, where a reader refuses its files, which of them is of another kind and what reads that.
+
+    Args:
+        form: the format by which they are read.
+        offered: formats that may stand in its place.
+        advice: what to do where the found kind is not among these; by the kind where empty.
+
+    Raises:
+        InputError: the reader's own where every file is of its format or unknown, else one that names the kind.
+    """
+    try:
+        yield
+    except Passing:
+        raise
+    except InputError as error:
+        for path in paths:
+            if Path(path).is_file() and (other := _other(form, path)):
+                expected = READABLE.get(form, f"a file of format {form}")
+                to_do = f"write format: {other.form}" if other.form in offered else advice or _advice(other)
+                raise InputError(str(path), expected=expected, found=other.name, advice=to_do) from None
+        raise error from None
+
+
+def _other(form: str, path: str | Path) -> Kind | None:
+    """Return what a file is where another format, or none, reads it."""
+    found = recognise(path)
+    if found is None or found.name == "an empty file" or (found in (TABLE, PROSE) and form in TEXTS):
+        return None  # the reader's own words say more
+    same = found.form is not None and READABLE.get(found.form) == READABLE.get(form)
+    return None if same else found
+
+
+def _advice(kind: Kind) -> str:
+    return ELSEWHERE.get(kind.form or "", kind.advice)
+
+
+def _of(head: bytes) -> Kind | None:
+    found = next((kind for kind in KINDS if kind.holds.match(head)), None)
+    if found:
+        return found
+    if head[:2] in (b"\xff\xfe", b"\xfe\xff") and (b"\n\0" in head or b"\0\n" in head):
+        return TABLE  # in UTF-16
+    if len(head.translate(None, _PLAIN)) > (1.0 - TEXT_SHARE) * len(head):
+        return None
+    lines = [line for line in head.splitlines() if line.strip()]
+    return TABLE if 2 * sum(bool(_ROW.match(line)) for line in lines) >= len(lines) else PROSE

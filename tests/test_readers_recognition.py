@@ -1,0 +1,116 @@
+"""What a file is by its first bytes, and the one line in which a reader names a wrong one."""
+
+import gzip
+import io
+import zipfile
+
+import numpy as np
+import pytest
+from netCDF4 import Dataset
+from scipy.io import savemat
+from sea import SHARED
+
+from compasslib import calibration
+from compasslib.core.errors import InputError
+from compasslib.readers import iaga2002, read
+from compasslib.readers.recognition import recognise
+
+
+def workbook() -> bytes:
+    made = io.BytesIO()
+    with zipfile.ZipFile(made, "w") as archive:
+        archive.writestr("[Content_Types].xml", "<Types/>")
+        archive.writestr("xl/workbook.xml", "<workbook/>")
+    return made.getvalue()
+
+
+def archive() -> bytes:
+    made = io.BytesIO()
+    with zipfile.ZipFile(made, "w") as packed:
+        packed.writestr("top.000", "x")
+    return made.getvalue()
+
+
+TABLE = b"t,u,v\n2007-09-04,1,2\n2007-09-05,3,4\n"
+WRITTEN = [
+    (b"\xa5\x0a\xa0\x10" + bytes(range(60)), "a Nortek ad2cp file"),
+    (b"\xa5\x05\x18\x00AQD 9330" + bytes(40), "a Nortek file (aqd, prf, wpr or vec)"),
+    (b"n\x7f\x02\x01" + bytes(range(60)), "an RDI PD12 file"),
+    (b"7F7F940200061200" * 9, "an RDI file written as hexadecimal text"),
+    (workbook(), "an Excel workbook"),
+    (archive(), "a zip archive"),
+    (gzip.compress(b"\x7f\x7f\xae\x02\x00\x06" * 9), "a gzip file that holds an RDI PD0 file"),
+    (b"%PDF-1.7\n" + bytes(90), "a PDF"),
+    (b"\x89PNG\r\n\x1a\n" + bytes(90), "an image"),
+    (b"<!DOCTYPE html>\n<html><body>404</body></html>\n", "a web page"),
+    (b"SQLite format 3\0" + bytes(90), "an SQLite database"),
+    (b"* Sea-Bird SBE 37 Data File:\n* FileName = a.cnv\n*END*\n 1 2\n", "a Sea-Bird file"),
+    (b"$HCHDG,9.0,,,10,E*2B\r\n" * 9, "an NMEA 0183 log"),
+    (b" Format                 IAGA-2002                                   |\n" * 9, "an IAGA-2002 file"),
+    (b"MATLAB 5.0 MAT-file, Platform: GLNXA64" + bytes(200), "a MATLAB file"),
+    (b"Broadband 307.2 kHz\nPings/Ens = 45\nTime/Ping = 00:01.00\n", "a text export of RDI's programs"),
+    (b"This is a letter about a mooring.\n" * 30, "a text without columns"),
+    (b"\0" * 5000, "a file of nothing but zeros"),
+    (TABLE, "a text table"),
+]
+
+
+@pytest.mark.parametrize(("content", "name"), WRITTEN, ids=[name for _, name in WRITTEN])
+def test_a_wrong_file_is_named_in_one_line(tmp_path, content, name):
+    path = tmp_path / "top.000"
+    path.write_bytes(content)
+    with pytest.raises(InputError) as caught:
+        read("pd0", [path], {})
+    line = str(caught.value)
+    assert line.startswith(f"{path}: expected an RDI PD0 file, found {name}") and "\n" not in line and "; " in line
+
+
+def test_files_that_libraries_write_are_known(tmp_path):
+    Dataset(tmp_path / "a.nc", "w").close()
+    Dataset(tmp_path / "b.nc", "w", format="NETCDF3_CLASSIC").close()
+    savemat(tmp_path / "c.mat", {"u": np.zeros(3)})
+    named = [recognise(tmp_path / name).name for name in ("a.nc", "b.nc", "c.mat")]
+    assert named == ["a netCDF-4 or HDF5 file", "a netCDF file", "a MATLAB file"]
+
+
+def test_every_reader_says_what_the_file_is_and_what_to_write(tmp_path):
+    path = tmp_path / "x"
+    path.write_bytes(TABLE)
+    with pytest.raises(InputError, match="expected an RDI PD0 file, found a text table; write format: table"):
+        read("pd0", [path], {})
+    with pytest.raises(InputError, match="expected scans of a Falmouth 3D-ACM, found a text table; write format: tab"):
+        read("mmp_acm", [path], {"pressure_files": (), "start_offset_seconds": 0.0})
+    path.write_bytes(b"\x7f\x7f\xae\x02\x00\x06" * 90)
+    with pytest.raises(InputError, match="expected an IAGA-2002 file, found an RDI PD0 file; give IAGA-2002 files"):
+        iaga2002.read([path])
+    with pytest.raises(InputError, match="expected a text table, found an RDI PD0 file; write format: pd0"):
+        read("table", [path], {"columns": {"time": "t", "east": "u", "north": "v"}})
+    with pytest.raises(InputError, match="expected a text table, found an RDI PD0 file; correct file or kind"):
+        calibration.calibrate("platform", [path], {})
+
+
+def test_the_readers_own_words_stay_where_the_format_is_right_or_unknown(tmp_path):
+    path = tmp_path / "x"
+    for content in (b"", b"\x7f\x7f\xae\x02\x00\x06" * 90, bytes(range(255, 0, -1)) * 9):
+        path.write_bytes(content)
+        with pytest.raises(InputError, match=r"expected PD0 ensembles \(7F 7F\) with velocities"):
+            read("pd0", [path], {})
+
+
+GENUINE = {
+    "pd0/eh2_20060530_20060717_0007m.000": "pd0",
+    "moored/aqd9330.aqd": "nortek",
+    "moored/papa_node59p1.dat": "pd12",
+    "acm/mmp_global_A0000001.DAT": "mmp_acm",
+    "acm/mmp_global_A0000001.TXT": "mmp_acm",
+    "swing/2010-11-03.Taiohae.nmea": "nmea0183",
+    "observatory/esk20031029dmin.min": "iaga2002",
+    "magnetometer/signature500.csv": "table",
+}
+
+
+@pytest.mark.parametrize("name", GENUINE)
+def test_genuine_files_are_known(name):
+    if not (SHARED / name).exists():
+        pytest.skip(f"{SHARED / name} is not there")
+    assert recognise(SHARED / name).form == GENUINE[name]
