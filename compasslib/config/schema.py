@@ -36,12 +36,15 @@ TABLES = ("table", "acm_table")
 TABLE_KEYS = ("delimiter", "decimal", "time_format", "timezone", "missing", "skip_rows")
 # Keys that mean something for some formats only: with others they would be silently without effect.
 ONLY_FOR = {
-    "columns": (*TABLES, "mmp_acm"),
+    "columns": (*TABLES, "mmp_acm", "netcdf"),
     "pressure_files": ("mmp_acm",),
     "start_offset_seconds": ("mmp_acm",),
     "heading_alignment": ("pd0",),
+    "bin_size": ("pd12",),
+    "first_bin": ("pd12",),
     **dict.fromkeys(TABLE_KEYS, (*TABLES, "mmp_acm")),  # a profiler's pressure may stand in a table
 }
+NEEDED = {"pd12": ("orientation", "bin_size", "first_bin")}  # what such files do not tell
 # What the search calls by names of its own; another series of such a name would take their place.
 KNOWN_SERIES = (
     *("heading", "time", "pitch", "roll", "tilt", "depth", "separation", "speed", "temperature", "voltage"),
@@ -209,6 +212,7 @@ class Columns(Section):
     tilt_x: Text | None = _header("degrees", "tilt_x_deg")
     tilt_y: Text | None = _header("degrees", "tilt_y_deg")
     temperature: Text | None = _header("degrees Celsius", "temperature_c")
+    range: Text | None = _header("metres from the transducer, netcdf only", "bindist")
     scale: Number = key("a factor to m/s above 0, at most 1000", "0.01", 1.0, gt=0, le=1000)
 
     def headers(self) -> dict[str, str]:
@@ -246,7 +250,9 @@ class TableKeys(Section):
 class Instrument(TableKeys):
     """One instrument of a mooring and the files that it left."""
 
-    format: Literal["pd0", "acm_table", "mmp_acm", "table"] = key("pd0, acm_table, mmp_acm or table", "pd0")
+    format: Literal["pd0", "acm_table", "mmp_acm", "table", "netcdf", "rdi_text", "pd12"] = key(
+        "pd0, acm_table, mmp_acm, table, netcdf, rdi_text or pd12", "pd0"
+    )
     files: Files = key(_FILES_WORDS, "raw/EG4/top.000")
     depth: Number | None = key("metres from 0 to 12000", "100", None, "write it positive, in metres", ge=0, le=12000)
     orientation: Literal["up", "down"] | None = key("up or down", "up", None)
@@ -261,6 +267,8 @@ class Instrument(TableKeys):
     columns: Columns | None = key("a mapping", "{time: time_utc, east: u_m_s, north: v_m_s}", None)
     pressure_files: Files = key(_FILES_WORDS, "raw/EG4/C*.TXT", ())
     start_offset_seconds: Number = _seconds()
+    bin_size: Number | None = key("metres above 0, at most 100", "16", None, gt=0, le=100)
+    first_bin: Number | None = key("metres above 0, at most 1000", "24.7", None, gt=0, le=1000)
 
     @model_validator(mode="after")
     def _keys_of_this_format(self) -> Self:
@@ -268,6 +276,15 @@ class Instrument(TableKeys):
             if name in self.model_fields_set and self.format not in formats:
                 expected = f"this key only with format {' or '.join(formats)}"
                 raise problem(name, expected, f"it with format {self.format}", "delete it or correct the format")
+        return self
+
+    @model_validator(mode="after")
+    def _what_the_file_cannot_tell(self) -> Self:
+        for name in NEEDED.get(self.format, ()):
+            if getattr(self, name) is None:
+                field = allowed_keys(type(self))[name]
+                advice = f"add for example {name}: {field.examples[0]}"
+                raise problem(name, f"{field.description}, which {self.format} does not tell", "nothing", advice)
         return self
 
     @model_validator(mode="after")

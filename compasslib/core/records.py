@@ -1,18 +1,20 @@
 """The frozen records that travel from room to room: names, units, shapes.
 
 n is the number of samples, m the number of bins. Times are UTC seconds since 1970-01-01. Directions say towards which
-the water flows. Nothing here computes; ``take`` picks samples.
+the water flows. Nothing here computes; ``take`` picks samples, ``joined`` puts
+the files of one instrument together.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from compasslib.core.errors import InputError
 from compasslib.core.types import Floats
 
 if TYPE_CHECKING:
@@ -167,3 +169,26 @@ def take(series: Series, which: NDArray[Any] | slice) -> Series:
     if channels := getattr(series, "channels", None):
         columns["channels"] = {name: column[which] for name, column in channels.items()}
     return replace(series, **columns)
+
+
+def joined(records: Sequence[Record]) -> Record:
+    """Return the records of one instrument's files as one, in order of their first times, counts added up.
+
+    Raises:
+        InputError: they do not have the same bins, orientation and north.
+    """
+    if len(records) == 1:
+        return records[0]
+    ordered = sorted(records, key=lambda one: float(np.nanmin(one.time_s, initial=np.inf)))
+    kinds = {(one.east.shape[1], one.looks_up, one.direction_reference, one.serial_number) for one in records}
+    if len(kinds) != 1:
+        found = " and ".join(f"{bins} bins looking {'up' if up else 'down'}" for bins, up, *_ in sorted(kinds))
+        advice = "give each recording as an instrument of its own"
+        raise InputError("files", expected="parts of one recording", found=found or "none", advice=advice)
+    columns = {name: column for name, column in vars(ordered[0]).items() if isinstance(column, np.ndarray)}
+    together: dict[str, Any] = {name: np.concatenate([getattr(one, name) for one in ordered]) for name in columns}
+    common = set.intersection(*(set(one.channels) for one in ordered))
+    together["channels"] = {name: np.concatenate([one.channels[name] for one in ordered]) for name in sorted(common)}
+    counts = {key: sum(one.counts.get(key, 0) for one in ordered) for key in ordered[0].counts}
+    warnings = tuple(dict.fromkeys(line for one in ordered for line in one.warnings))
+    return replace(ordered[0], **together, counts=counts, warnings=warnings)

@@ -47,6 +47,9 @@ FORMATS = {
     "table": Format("table", ("columns",)),
     "acm_table": Format("table", ("columns",)),
     "mmp_acm": Format("mmp.acm", ("pressure_files", "start_offset_seconds")),
+    "netcdf": Format("netcdf.reader", ("columns", "orientation", "declination_applied", "direction_reference")),
+    "rdi_text": Format("rdi_text", ("orientation",)),
+    "pd12": Format("pd12", ("orientation", "bin_size", "first_bin")),
 }
 
 

@@ -272,9 +272,9 @@ def _from_variable(rows: Bytes, layout: Layout) -> dict[str, Any]:
         "number": leader["number"] + 65536 * leader["number_high"].astype(np.int64),
         "time_s": _seconds(leader["clock"], leader["clock_2000"], leader["century"]),
         "heading_deg": np.where(heading < 360.0, heading, np.nan),
-        "tilt1_deg": _hundredths(leader["tilt1"]),
-        "tilt2_deg": _hundredths(leader["tilt2"]),
-        "temperature_c": _hundredths(leader["temperature"]),
+        "tilt1_deg": hundredths(leader["tilt1"]),
+        "tilt2_deg": hundredths(leader["tilt2"]),
+        "temperature_c": hundredths(leader["temperature"]),
         "depth_m": leader["depth_dm"] / 10.0,
         "supply_voltage": np.where(length >= _VOLTAGE_STOP, leader["voltage"], np.nan),
         "transmit_current": np.where(length >= _VOLTAGE_STOP, leader["current"], np.nan),
@@ -284,7 +284,8 @@ def _from_variable(rows: Bytes, layout: Layout) -> dict[str, Any]:
     }
 
 
-def _hundredths(counts: NDArray[np.int16]) -> Floats:
+def hundredths(counts: NDArray[np.int16]) -> Floats:
+    """Return hundredths as whole numbers count them, NaN where nothing was measured."""
     return np.where(counts == _MISSING, np.nan, counts / 100.0)
 
 
@@ -294,13 +295,23 @@ def _seconds(clock: Bytes, clock_2000: Bytes, century: Bytes) -> Floats:
     c = np.where(newer[:, None], clock_2000, clock).astype(np.int64)
     two_digits = c[:, 0] + np.where(c[:, 0] < FIRST_YEAR - 1900, 2000, 1900)
     year = np.where(newer, 100 * century.astype(np.int64) + c[:, 0], two_digits)
-    month_ok = (c[:, 1] >= 1) & (c[:, 1] <= 12) & (year >= FIRST_YEAR) & (year <= LAST_YEAR)
-    months = np.where(month_ok, 12 * (year - 1970) + c[:, 1] - 1, 0)
+    return seconds_of(year, c[:, 1:])
+
+
+def seconds_of(year: NDArray[np.int64], clock: NDArray[np.int64]) -> Floats:
+    """Return seconds since 1970, NaN where there is no such date.
+
+    Args:
+        year: (n,) four digits.
+        clock: (n, 6) month, day, hour, minute, second, hundredths.
+    """
+    month_ok = (clock[:, 0] >= 1) & (clock[:, 0] <= 12) & (year >= FIRST_YEAR) & (year <= LAST_YEAR)
+    months = np.where(month_ok, 12 * (year - 1970) + clock[:, 0] - 1, 0)
     first, following = (m.astype("M8[M]").astype("M8[D]").astype(np.int64) for m in (months, months + 1))
-    day_ok = (c[:, 2] >= 1) & (c[:, 2] <= following - first)
-    time_ok = (c[:, 3:] < [24, 60, 60, 100]).all(axis=1)
-    whole = 86400 * (first + c[:, 2] - 1) + c[:, 3:6] @ [3600, 60, 1]
-    return np.where(month_ok & day_ok & time_ok, whole + c[:, 6] / 100.0, np.nan)
+    day_ok = (clock[:, 1] >= 1) & (clock[:, 1] <= following - first)
+    time_ok = ((clock[:, 2:] >= 0) & (clock[:, 2:] < [24, 60, 60, 100])).all(axis=1)
+    whole = 86400 * (first + clock[:, 1] - 1) + clock[:, 2:5] @ [3600, 60, 1]
+    return np.where(month_ok & day_ok & time_ok, whole + clock[:, 5] / 100.0, np.nan)
 
 
 _NOTHING = Layout(b"", np.empty(0, np.int64), 124, 0, {0x0000: (0, 59), 0x0080: (59, 124), VELOCITY: (124, 124)})

@@ -1,0 +1,155 @@
+"""Which north the directions of a netCDF file count from, and how many degrees of declination they hold.
+
+What the file says comes first; where it says true north and the mooring file does not, or the other way round, it is
+refused: a wrong north turns every current. The words of the file are those of CF (eastward is true), of IMOS
+(``UCUR_MAG``, ``compass_correction_applied``), dolfyn (``declination``), ADCPy (``magnetic_variation_applied``), stglib
+(a sentence of its history) and of this program's own product (``reference``, ``DECLINATION``).
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+import netCDF4
+import numpy as np
+
+from compasslib.core.types import Floats
+from compasslib.readers.netcdf.variables import File, find, values
+
+MAGNETIC, TRUE = "magnetic", "true"
+STGLIB = re.compile(r"[Rr]otating heading and horizontal velocities by ([-+]?[\d.]+) degrees")
+SAME_DEG = 0.01
+WHICH = "write direction_reference: true, or declination_applied: DEGREES where the declination is to be taken out"
+
+
+@dataclass(frozen=True)
+class North:
+    """What a file says; its declination None where it does not tell how many degrees."""
+
+    word: str  # magnetic, true or nothing
+    degrees: Floats | None  # inside the velocities
+    heading_degrees: Floats | None
+    why: str  # what says so
+
+
+@dataclass(frozen=True)
+class Turn:
+    """The degrees to take out of velocities and headings; None where headings cannot be used."""
+
+    velocity: Floats
+    heading: Floats | None
+
+
+def told(file: File, east: netCDF4.Variable, heading: netCDF4.Variable | None) -> North:
+    """Return what the file says of the north of its velocities and headings."""
+    word, degrees, why = _of_velocity(file, east)
+    in_heading = degrees
+    if heading is not None:
+        own = file.attribute("compass_correction_applied", of=heading)
+        in_heading = np.asarray(float(own)) if own is not None else in_heading
+        in_heading = np.zeros(()) if MAGNETIC in _words(file, heading) else in_heading
+    return North(word, degrees, in_heading, why)
+
+
+def settled(file: File, north: North, reference: str, applied: float | None) -> Turn:
+    """Return what is to be taken out, by the file's words and the mooring file's; what was decided is noted.
+
+    Args:
+        reference: ``direction_reference`` of the mooring file.
+        applied: its ``declination_applied``, None where it has none.
+
+    Raises:
+        InputError: the two contradict each other, or neither tells.
+    """
+    if applied is not None:
+        return _stated(file, north, reference, applied)
+    if reference == TRUE:
+        return _kept_true(file, north)
+    zero = np.zeros(())
+    if north.degrees is not None and np.any(north.degrees):
+        file.notes.append(f"{north.why}: {_shown(north.degrees)} of declination were taken out of the directions.")
+    if north.word == TRUE and north.degrees is None:
+        raise file.refuse(
+            "directions", "magnetic north, as direction_reference says", f"true north by {north.why}", WHICH
+        )
+    if not north.word:
+        _refuse_untold(file)
+        file.notes.append(
+            "The file does not say which north its directions count from; direction_reference: magnetic counts."
+        )
+    degrees = zero if north.degrees is None else north.degrees
+    return Turn(degrees, degrees if north.heading_degrees is None else north.heading_degrees)
+
+
+def _stated(file: File, north: North, reference: str, applied: float) -> Turn:
+    if applied and (reference == TRUE or north.word == MAGNETIC):
+        said = "direction_reference: true" if reference == TRUE else north.why
+        advice = "delete one of the two" if reference == TRUE else "delete declination_applied"
+        raise file.refuse("directions", f"no declination_applied beside {said}", f"{applied:g}", advice)
+    if north.degrees is not None and np.any(np.abs(north.degrees - applied) > SAME_DEG):
+        found = f"although {north.why} says {_shown(north.degrees)}"
+        file.notes.append(f"declination_applied of {applied:g} degrees was taken out of the directions, {found}.")
+    magnetic = north.heading_degrees is not None and north.word == TRUE and not np.any(north.heading_degrees)
+    return Turn(np.asarray(applied), np.asarray(0.0 if magnetic else applied))
+
+
+def _kept_true(file: File, north: North) -> Turn:
+    if north.word == MAGNETIC:
+        advice = "write direction_reference: magnetic"
+        raise file.refuse(
+            "directions", "true north, as direction_reference says", f"magnetic north by {north.why}", advice
+        )
+    if north.heading_degrees is None:
+        file.notes.append(
+            "Headings are left out, as the file does not tell the declination in them; declination_applied: DEGREES, "
+            "beside direction_reference: magnetic, takes it out of headings and velocities."
+        )
+    return Turn(np.zeros(()), north.heading_degrees)
+
+
+def _of_velocity(file: File, east: netCDF4.Variable) -> tuple[str, Floats | None, str]:
+    for name, holder in (("compass_correction_applied", east), ("magnetic_variation_applied", None)):
+        if (found := _number(file.attribute(name, of=holder))) is not None:
+            return (TRUE if found else MAGNETIC), np.asarray(found), f"{name} {found:g}"
+    if rotated := STGLIB.findall(file.text("history")):
+        return TRUE, np.asarray(float(rotated[-1])), "stglib's history"
+    if file.attribute("coord_sys") is not None:  # dolfyn turns by declination alone, and says so
+        found = _number(file.attribute("declination")) or 0.0
+        return (TRUE if found else MAGNETIC), np.asarray(found), f"dolfyn's declination {found:g}"
+    words = _words(file, east)
+    if MAGNETIC in words:
+        return MAGNETIC, np.zeros(()), east.name
+    if "true north" in words or file.text("standard_name", east) == "eastward_sea_water_velocity":
+        series = find(file, "declination", (file.time,), ())
+        degrees = None if series is None else values(file, "declination", series)
+        why = "standard_name" if "true north" not in words else "reference"
+        return TRUE, degrees, f"{east.name}'s {why}" + (f" and {series.name}" if series is not None else "")
+    return "", None, ""
+
+
+def _refuse_untold(file: File) -> None:
+    """Refuse a declination that stands in the file without a word whether its directions hold it."""
+    for name in ("magnetic_variation", "magnetic_variation_at_site", "magnetic_declination"):
+        if found := _number(file.attribute(name)):
+            advice = f"write declination_applied: {found:g} where the directions hold it, 0 where they do not"
+            raise file.refuse(name, "a word whether it was applied", f"{found:g} degrees without one", advice)
+
+
+def _words(file: File, variable: netCDF4.Variable) -> str:
+    parts = [
+        file.text(name, variable) for name in ("standard_name", "long_name", "reference", "reference_datum", "units")
+    ]
+    return " ".join([*parts, "magnetic" * variable.name.upper().endswith("_MAG")]).lower()
+
+
+def _number(found: object) -> float | None:
+    try:
+        return None if found is None else float(np.asarray(found, dtype=float).ravel()[0])
+    except (TypeError, ValueError, IndexError):
+        return None
+
+
+def _shown(degrees: Floats) -> str:
+    low, high = float(np.nanmin(degrees)), float(np.nanmax(degrees))
+    return f"{low:.2f} degrees" if high - low < SAME_DEG else f"{low:.2f} to {high:.2f} degrees"

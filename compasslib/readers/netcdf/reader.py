@@ -1,0 +1,322 @@
+"""A netCDF file to a record: variables by role, bins by their ranges or depths, north by the file's and our words.
+
+An HDF5 file without checksums of its own, which is the rule, does not tell a flipped byte among its values.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import netCDF4
+import numpy as np
+
+from compasslib.core import angles
+from compasslib.core.errors import InputError
+from compasslib.core.records import GOOD, MISSING, Flags, Record, joined
+from compasslib.core.types import Floats
+from compasslib.readers.netcdf import north, times
+from compasslib.readers.netcdf.variables import File, find, flags, spans, values
+from compasslib.readers.pd0.currents import true_pitch
+
+ATMOSPHERE_DBAR = 10.1325  # IMOS' PRES is absolute
+DEEPEST_DBAR = 12000.0  # MHKiT writes a pressure below that of air as 2^32
+SIGNED = ("HEIGHT_ABOVE_SENSOR",)  # positive up
+NOMINAL = ("nominal_instrument_depth", "instrument_nominal_depth", "nominal_sensor_depth")
+ADVICE = "check that format: netcdf and the file belong together"
+
+
+@dataclass(frozen=True)
+class _Water:
+    """The velocities of a file as they stand there."""
+
+    east: Floats  # (n, m) m/s
+    north: Floats
+    quality: Flags
+    variable: netCDF4.Variable  # of the east component
+
+
+@dataclass(frozen=True)
+class _Bins:
+    """Where the bins are."""
+
+    range_m: Floats  # (n, m) or (1, m)
+    looks_up: bool
+    depth_m: Floats  # (n,) of the instrument, or of its first bin where ranges begin there
+
+
+def read(
+    paths: Sequence[Path],
+    *,
+    columns: Mapping[str, str | float | None] | None,
+    orientation: str | None,
+    declination_applied: float | None,
+    direction_reference: str,
+) -> Record:
+    """Return what one instrument's files hold, in order of time, currents from the north of ``direction_reference``.
+
+    Args:
+        columns: role -> name of a variable, where names and standard names do not tell.
+        orientation: up or down; the file's own word where None.
+        declination_applied: degrees inside headings and velocities, instead of what the file says.
+        direction_reference: magnetic or true.
+
+    Raises:
+        InputError: a file that cannot be read, or does not tell what is where, in which unit or from which north.
+    """
+    named = {role: name for role, name in (columns or {}).items() if name is not None}
+    settings = (orientation, direction_reference, declination_applied)
+    return joined([_of_file(Path(path), named, settings) for path in paths])
+
+
+def _of_file(path: Path, columns: Mapping[str, Any], settings: tuple[str | None, str, float | None]) -> Record:
+    try:
+        with netCDF4.Dataset(path) as nc:
+            return _record(path, nc, columns, settings)
+    except (
+        OSError,
+        RuntimeError,
+        UnicodeDecodeError,
+        IndexError,
+        KeyError,
+        ValueError,
+        AttributeError,
+        TypeError,
+    ) as error:
+        # The library answers damage with any of these.
+        found = f"{type(error).__name__}: {error}"
+        raise InputError(str(path), expected="a whole netCDF file", found=found, advice=ADVICE) from None
+
+
+def _record(
+    path: Path, nc: netCDF4.Dataset, columns: Mapping[str, Any], settings: tuple[str | None, str, float | None]
+) -> Record:
+    orientation, reference, applied = settings
+    file, time_s = _opened(path, nc, columns)
+    water = _velocities(file)
+    file = _with_bins(file, water.variable)
+    heading_variable = find(file, "heading", (file.time,))
+    turn = north.settled(file, north.told(file, water.variable, heading_variable), reference, applied)
+    east, northward = _turned(water, turn)
+    heading = _series(file, "heading", len(time_s), heading_variable)
+    heading = np.full(len(time_s), np.nan) if turn.heading is None else _wrapped(heading - turn.heading)
+    bins = _bins(file, len(time_s), east.shape[1], orientation)
+    quality = np.where(np.isfinite(east + northward), water.quality, MISSING).astype(np.int8)
+    of_heading = GOOD if heading_variable is None or (own := flags(file, heading_variable)) is None else own
+    order = slice(None, None, -1) if _backwards(bins.range_m) else slice(None)
+    return Record(
+        time_s=time_s,
+        east=east[:, order],
+        north=northward[:, order],
+        bin_range_m=np.broadcast_to(bins.range_m[:, order], east.shape),
+        heading_deg=heading,
+        pitch_deg=_pitch(file, len(time_s)),
+        roll_deg=_series(file, "tilt_y", len(time_s)),
+        pressure_dbar=_pressure(file, len(time_s)),
+        depth_m=bins.depth_m,
+        temperature_c=_series(file, "temperature", len(time_s)),
+        supply_voltage=np.full(len(time_s), np.nan),
+        quality=quality[:, order],
+        heading_quality=np.where(np.isnan(heading), MISSING, of_heading).astype(np.int8),
+        looks_up=bins.looks_up,
+        beam_angle_deg=_beam_angle(file, east.shape[1]),
+        direction_reference=reference,
+        heading_bias_deg=float(np.median(turn.heading)) if turn.heading is not None else 0.0,
+        serial_number=str(file.attribute("serial_number", "serialnum", "instrument_serial_number") or ""),
+        counts=_counts(east, quality, heading, len(time_s)),
+        warnings=tuple(f"{path.name}: {note}" for note in file.notes),
+    )
+
+
+def _opened(path: Path, nc: netCDF4.Dataset, columns: Mapping[str, Any]) -> tuple[File, Floats]:
+    if nc.groups and not nc.variables:
+        advice = "write the group with the velocities as a file of its own"
+        raise InputError(
+            str(path), expected="variables at the top", found=f"groups {', '.join(nc.groups)}", advice=advice
+        )
+    system = str(getattr(nc, "coord_sys", "earth"))
+    if system != "earth":
+        advice = "give the instrument's own file, or save it after rotate2(ds, 'earth')"
+        raise InputError(f"{path}: coord_sys", expected="earth", found=system, advice=advice)
+    time = times.time_variable(columns.get("time"), nc)
+    if time is None:
+        found = ", ".join(nc.variables) or "no variables"
+        advice = "name it in the mooring file: columns: {time: NAME}"
+        raise InputError(
+            f"{path}: time", expected="a variable with a unit such as days since", found=found, advice=advice
+        )
+    long = [name for name in time.dimensions if nc.dimensions[name].size > 1] or list(time.dimensions[:1])
+    file = File(path, nc, dict(columns), long[0] if long else "")
+    if len(long) != 1:
+        found = f"dimensions ({', '.join(time.dimensions)})"
+        raise file.refuse(time.name, "one dimension", found, "write one series a file, not bursts")
+    return file, times.seconds(file, time)
+
+
+def _with_bins(file: File, variable: netCDF4.Variable) -> File:
+    """Return the file with its dimension of bins, and a depth of the column map that is that of cells as such."""
+    columns, bins = dict(file.columns), _bin_dimension(file, variable)
+    named = file.nc.variables.get(str(columns.get("depth")))
+    if named is not None and bins in named.dimensions:
+        columns["cell_depth"] = columns.pop("depth")
+    return replace(file, bins=bins, columns=columns)
+
+
+def _bin_dimension(file: File, variable: netCDF4.Variable) -> str | None:
+    components = {"dir", "beam", "earth", "inst"}
+    other = [name for name in variable.dimensions if name in spans(variable) - {file.time} - components]
+    if len(other) > 1:
+        found = ", ".join(f"{name} ({file.nc.dimensions[name].size})" for name in other)
+        raise file.refuse(variable.name, "one dimension beside time", found, "write one station a file")
+    return other[0] if other else None
+
+
+def _velocities(file: File) -> _Water:
+    parts = [_component(file, role) for role in ("east", "north")]
+    east, northward = (
+        values(_with_bins(file, variable), role, variable, part)
+        for role, (variable, part) in zip(("east", "north"), parts, strict=True)
+    )
+    n = file.nc.dimensions[file.time].size
+    known = [
+        f for variable, part in parts if part is None and (f := flags(_with_bins(file, variable), variable)) is not None
+    ]
+    worst = np.maximum.reduce(known) if known else np.full(east.shape, GOOD)
+    return _Water(east.reshape(n, -1), northward.reshape(n, -1), worst.reshape(n, -1).astype(np.int8), parts[0][0])
+
+
+def _component(file: File, role: str) -> tuple[netCDF4.Variable, tuple[str, int] | None]:
+    """Return the variable of a component, and where it stands in dolfyn's one variable of all three.
+
+    Raises:
+        InputError: none is found.
+    """
+    velocity = file.nc.variables.get("vel")
+    if velocity is not None and not file.columns.get(role) and "dir" in velocity.dimensions:
+        labels = [str(label) for label in file.nc.variables["dir"][:]]
+        letter = role[0].upper()
+        if letter in labels:
+            return velocity, ("dir", labels.index(letter))
+    lengths = [(file.time, name) for name in file.nc.dimensions if name != file.time]
+    found = find(file, role, *lengths, (file.time,))
+    if found is None:
+        there = ", ".join(file.nc.variables)
+        advice = (
+            f"name it in the mooring file: columns: {{{role}: NAME}}; beam velocities need the instrument's own file"
+        )
+        raise file.refuse(role, f"a variable of the {role}ward velocity", there, advice)
+    return found, None
+
+
+def _turned(water: _Water, turn: north.Turn) -> tuple[Floats, Floats]:
+    if not np.any(turn.velocity):
+        return water.east, water.north
+    by = turn.velocity[:, None] if turn.velocity.ndim else turn.velocity
+    return angles.turn(water.east, water.north, -by)
+
+
+def _wrapped(heading: Floats) -> Floats:
+    return np.where(np.isfinite(heading), angles.wrap360(heading), np.nan)
+
+
+def _series(file: File, role: str, n: int, variable: netCDF4.Variable | None = None) -> Floats:
+    variable = find(file, role, (file.time,)) if variable is None else variable
+    return np.full(n, np.nan) if variable is None else np.broadcast_to(values(file, role, variable), n).astype(float)
+
+
+def _pitch(file: File, n: int) -> Floats:
+    """Return the pitch; what dolfyn keeps of a TRDI is the sensor's, which hangs inside the roll."""
+    pitch = _series(file, "tilt_x", n)
+    return true_pitch(pitch, _series(file, "tilt_y", n)) if file.text("inst_make") == "TRDI" else pitch
+
+
+def _pressure(file: File, n: int) -> Floats:
+    variable = find(file, "pressure", (file.time,))
+    pressure = _series(file, "pressure", n, variable)
+    if wrong := int(np.sum(np.abs(pressure) > DEEPEST_DBAR)):
+        file.notes.append(f"{wrong} pressures lie beyond {DEEPEST_DBAR:g} dbar and count as missing.")
+        pressure = np.where(np.abs(pressure) > DEEPEST_DBAR, np.nan, pressure)
+    if variable is None or variable.name != "PRES" or "IMOS" not in file.text("Conventions"):
+        return pressure
+    file.notes.append(f"PRES of IMOS is absolute: {ATMOSPHERE_DBAR} dbar of atmosphere were subtracted.")
+    return pressure - ATMOSPHERE_DBAR
+
+
+def _bins(file: File, n: int, m: int, orientation: str | None) -> _Bins:
+    """Return where the bins are, by their distance from the transducer, else by their depths.
+
+    Raises:
+        InputError: neither is there, or nobody tells which way the instrument looks.
+    """
+    depth = _series(file, "depth", n)
+    if m == 1 or file.bins is None:
+        return _Bins(np.zeros((1, 1)), orientation == "up", _cell_or_instrument(file, depth, n))
+    distance = find(file, "range", (file.bins,), (file.time, file.bins))
+    if distance is not None:
+        ranges = np.atleast_2d(values(file, "range", distance))
+        sign = "down" if np.nanmax(ranges) <= 0.0 else "up" if distance.name in SIGNED else None
+        return _Bins(np.abs(ranges), _looks_up(file, orientation, sign), depth)
+    cells = find(file, "cell_depth", (file.bins,), (file.time, file.bins))
+    if cells is None:
+        advice = "name one in the mooring file: columns: {range: NAME} (from the transducer) or {depth: NAME}"
+        raise file.refuse(file.bins, "distances or depths of the bins", ", ".join(file.nc.variables), advice)
+    below = np.atleast_2d(values(file, "cell_depth", cells))
+    below = -below if file.text("positive", cells) == "up" or np.nanmax(below) <= 0.0 else below
+    return _by_depths(file, below, _nominal(file, depth), orientation)
+
+
+def _cell_or_instrument(file: File, depth: Floats, n: int) -> Floats:
+    cell = find(file, "cell_depth", ())
+    return depth if np.isfinite(depth).any() or cell is None else np.abs(_series(file, "cell_depth", n, cell))
+
+
+def _by_depths(file: File, below: Floats, depth: Floats, orientation: str | None) -> _Bins:
+    """Return bins by their depths: ranges from the instrument's depth, else from that of the bin nearest to it."""
+    if np.isfinite(depth).any():
+        own = depth[:, None] if len(below) == len(depth) else np.full((1, 1), np.nanmedian(depth))
+        above = float(np.nanmedian(own - below))
+        looks_up = _looks_up(file, orientation, "up" if above > 0.0 else "down")
+        return _Bins((own - below) * (1.0 if looks_up else -1.0), looks_up, depth)
+    looks_up = _looks_up(file, orientation, None)
+    nearest = np.nanmax(below, axis=1) if looks_up else np.nanmin(below, axis=1)
+    return _Bins(np.abs(nearest[:, None] - below), looks_up, np.broadcast_to(nearest, len(depth)).astype(float))
+
+
+def _nominal(file: File, depth: Floats) -> Floats:
+    """Return the depth along time, else the one that the file states."""
+    scalar = file.nc.variables.get("NOMINAL_DEPTH")
+    stated = file.attribute(*NOMINAL) if scalar is None or scalar.size != 1 else float(scalar[...].item())
+    return depth if np.isfinite(depth).any() or stated is None else np.full(len(depth), float(stated))
+
+
+def _looks_up(file: File, orientation: str | None, by_sign: str | None) -> bool:
+    told = file.text("orientation").lower()
+    own = by_sign or ("up" if "up" in told else "down" if "down" in told else None)
+    if orientation and own and orientation != own:
+        file.notes.append(f"The file says that it looked {own}; {orientation} counts, as the metadata do.")
+    if not (orientation or own):
+        raise file.refuse("orientation", "up or down", "neither in the file", "write orientation: up or down")
+    return (orientation or own) == "up"
+
+
+def _backwards(ranges: Floats) -> bool:
+    return bool(ranges.shape[1] > 1 and np.nanmedian(np.diff(ranges, axis=1)) < 0.0)
+
+
+def _beam_angle(file: File, bins: int) -> float:
+    found = file.attribute("beam_angle", "RDI_Beam_Angle", "TRDI_Beam_Angle")
+    if found is None and bins > 1:
+        file.notes.append("The file does not tell the angle of the beams: bins that side lobes reach are not flagged.")
+    return float(np.asarray(found).ravel()[0]) if found is not None else 0.0
+
+
+def _counts(east: Floats, quality: Flags, heading: Floats, n: int) -> dict[str, int]:
+    return {
+        "samples": n,
+        "velocities": int(np.isfinite(east).sum()),
+        "velocities_missing": int((quality == MISSING).sum()),
+        "velocities_flagged": int(((quality > 2) & (quality != MISSING)).sum()),
+        "heading_missing": int(np.isnan(heading).sum()),
+    }

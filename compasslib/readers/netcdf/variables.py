@@ -1,0 +1,276 @@
+"""Which variable of a netCDF file is what, and its values in our units: by the column map, by name, by standard name.
+
+Names are those of OceanSITES, IMOS (imos-toolbox), EPIC (stglib, ADCPy), dolfyn and MHKiT, and of this program's own
+product; standard names are CF's. Dimensions are told by their names, never by their order.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import netCDF4
+import numpy as np
+
+from compasslib.core.errors import InputError
+from compasslib.core.records import BAD, GOOD, MISSING, NOT_CHECKED, PROBABLY_BAD, PROBABLY_GOOD, Flags
+from compasslib.core.types import Floats
+
+LARGEST = 1e30  # EPIC fills with 1e35
+SPEED = {"m s-1": 1.0, "m/s": 1.0, "m.s-1": 1.0, "meter second-1": 1.0, "meters per second": 1.0, "meters/second": 1.0}
+SPEED |= {unit.replace("m", "cm", 1): 0.01 for unit in ("m s-1", "m/s", "m.s-1")} | {"cm/sec": 0.01, "m/sec": 1.0}
+SPEED |= {unit.replace("m", "mm", 1): 0.001 for unit in ("m s-1", "m/s", "m.s-1")}
+ANGLE = dict.fromkeys(("degree", "degrees", "deg", "degree_true", "degrees_true", "degrees_magnetic"), 1.0)
+ANGLE |= {"hundredths of degrees": 0.01, "tenths of degrees": 0.1} | dict.fromkeys(
+    ("rad", "radian", "radians"), 180 / np.pi
+)
+PRESSURE = dict.fromkeys(("dbar", "decibar", "decibars", "db"), 1.0) | {"pa": 1e-4, "hpa": 1e-2, "mbar": 1e-2}
+PRESSURE |= {"kpa": 0.1, "bar": 10.0, "deca-pascals": 1e-3, "dapa": 1e-3}
+LENGTH = dict.fromkeys(("m", "meter", "meters", "metre", "metres"), 1.0) | {"cm": 0.01, "km": 1000.0}
+CELSIUS = ("c", "degc", "deg_c", "degree_c", "degrees_c", "celsius", "degree_celsius", "degrees_celsius", "deg c")
+TEMPERATURE = dict.fromkeys((*CELSIUS, "k", "kelvin", "degrees c", "degree c"), 1.0)
+KELVIN = ("k", "kelvin")
+
+
+@dataclass(frozen=True)
+class Role:
+    """What a variable may be: names in order of preference, standard names (minus: of the opposite sign), units."""
+
+    names: tuple[str, ...]
+    standard: tuple[str, ...]
+    units: Mapping[str, float]
+
+
+_EAST = ("UCUR_RECORDED", "UCUR_MAG", "UCUR", "EWCT", "u_1205", "LCEWAP01", "east", "vel_east", "u")
+_NORTH = ("VCUR_RECORDED", "VCUR_MAG", "VCUR", "NSCT", "v_1206", "LCNSAP01", "north", "vel_north", "v")
+ROLES = {
+    "east": Role(_EAST, ("eastward_sea_water_velocity", "magnetic_eastward_sea_water_velocity"), SPEED),
+    "north": Role(_NORTH, ("northward_sea_water_velocity", "magnetic_northward_sea_water_velocity"), SPEED),
+    "heading": Role(
+        ("HEADING", "HEADING_MAG", "Hdg_1215", "heading", "Hdg"),
+        ("platform_orientation", "platform_yaw", "platform_azimuth_angle"),
+        ANGLE,
+    ),
+    "tilt_x": Role(
+        ("PITCH", "Ptch_1216", "pitch", "Ptch"),
+        ("platform_pitch", "platform_pitch_fore_up", "-platform_pitch_fore_down"),
+        ANGLE,
+    ),
+    "tilt_y": Role(
+        ("ROLL", "Roll_1217", "roll"),
+        ("platform_roll", "platform_roll_starboard_down", "-platform_roll_starboard_up"),
+        ANGLE,
+    ),
+    "pressure": Role(
+        ("PRES_REL", "PRES", "PRESSURE", "P_1", "P_1ac", "pressure"),
+        ("sea_water_pressure_due_to_sea_water", "sea_water_pressure"),
+        PRESSURE,
+    ),
+    "depth": Role(("INSTRUMENT_DEPTH", "instrument_depth", "DEPTH", "DEPH", "D_3", "depth"), ("depth",), LENGTH),
+    "temperature": Role(
+        ("TEMP", "TEMPERATURE", "Tx_1211", "T_1211", "T_28", "T_20", "temp", "temperature"),
+        ("sea_water_temperature", "temperature_of_sensor_for_oxygen_in_sea_water"),
+        TEMPERATURE,
+    ),
+    "declination": Role(("DECLINATION", "MAGNETIC_DECLINATION"), (), ANGLE),
+    "range": Role(
+        ("HEIGHT_ABOVE_SENSOR", "DIST_ALONG_BEAMS", "BIN_RANGE", "bindist", "range", "distance", "DISTANCE"), (), LENGTH
+    ),
+    "cell_depth": Role(("DEPTH", "bin_depth", "depth", "DEPTHS", "DEPH"), ("depth",), LENGTH),
+}
+FLAG_WORDS = (  # the first that a meaning holds
+    *(("miss", MISSING), ("not_eval", NOT_CHECKED), ("no_qc", NOT_CHECKED), ("unknown", NOT_CHECKED)),
+    *(("correctable", PROBABLY_BAD), ("probably_bad", PROBABLY_BAD), ("suspect", PROBABLY_BAD)),
+    *(("questionable", PROBABLY_BAD), ("bad", BAD), ("fail", BAD), ("spike", BAD), ("probably_good", PROBABLY_GOOD)),
+    *(("good", GOOD), ("pass", GOOD), ("ok", GOOD), ("chang", PROBABLY_GOOD), ("interpol", PROBABLY_GOOD)),
+    *(("nominal", PROBABLY_GOOD), ("not_used", NOT_CHECKED)),
+)
+OCEANSITES = (
+    NOT_CHECKED,
+    GOOD,
+    PROBABLY_GOOD,
+    PROBABLY_BAD,
+    BAD,
+    PROBABLY_GOOD,
+    BAD,
+    PROBABLY_GOOD,
+    PROBABLY_GOOD,
+    MISSING,
+)
+
+
+@dataclass(frozen=True)
+class File:
+    """An open file, its dimensions of time and bins, and what its reader notes on the way."""
+
+    path: Path
+    nc: netCDF4.Dataset
+    columns: Mapping[str, Any]  # role -> name, of the mooring file
+    time: str  # name of the dimension
+    bins: str | None = None
+    notes: list[str] = field(default_factory=list)
+
+    def attribute(self, *names: str, of: Any = None) -> Any:
+        """Return the first of these attributes that is there, of the file or of a variable; None without one."""
+        holder = self.nc if of is None else of
+        lower = {name.lower(): name for name in holder.ncattrs()}
+        return next((holder.getncattr(lower[n.lower()]) for n in names if n.lower() in lower), None)
+
+    def text(self, name: str, of: Any = None) -> str:
+        """Return an attribute as text, empty where there is none."""
+        found = self.attribute(name, of=of)
+        return "" if found is None else str(found)
+
+    def refuse(self, variable: str, expected: str, found: object, advice: str) -> InputError:
+        """Return the error of a variable."""
+        return InputError(f"{self.path}: {variable}", expected=expected, found=found, advice=advice)
+
+
+def find(file: File, role: str, *dimensions: tuple[str | None, ...]) -> netCDF4.Variable | None:
+    """Return the variable of a role that spans one of these sets of dimensions, None without one.
+
+    Raises:
+        InputError: the column map names one that is not there, or several are equally likely.
+    """
+    if name := file.columns.get(role):
+        if name not in file.nc.variables:
+            there = ", ".join(file.nc.variables)
+            raise file.refuse(
+                f"columns.{role}", "a variable of the file", f"{name!r}; it has {there}", "correct columns"
+            )
+        return file.nc.variables[name]
+    long = [{name for name in one if name and file.nc.dimensions[name].size > 1} for one in dimensions]
+    fitting = {n: v for n, v in file.nc.variables.items() if spans(v) in long and np.issubdtype(v.dtype, np.number)}
+    spec = ROLES[role]
+    wanted = {name.lstrip("-") for name in spec.standard}
+    named = [n for n, v in fitting.items() if file.text("standard_name", v) in wanted]
+    for name in spec.names:
+        if name in fitting and (name in named or not _means_another(file, fitting[name], wanted)):
+            return fitting[name]
+    if len(named) > 1:
+        advice = f"name one of them in the mooring file: columns: {{{role}: {named[0]}}}"
+        raise file.refuse(role, "one variable by its standard name", ", ".join(named), advice)
+    return fitting[named[0]] if named else None
+
+
+def spans(variable: netCDF4.Variable) -> set[str]:
+    """Return the dimensions of a variable that are longer than one."""
+    return {name for name, size in zip(variable.dimensions, variable.shape, strict=True) if size > 1}
+
+
+def _means_another(file: File, variable: netCDF4.Variable, wanted: set[str]) -> bool:
+    own = file.text("standard_name", variable)
+    return bool(own and wanted and own not in wanted)
+
+
+def values(file: File, role: str, variable: netCDF4.Variable, part: tuple[str, int] | None = None) -> Floats:
+    """Return a variable in our units and sign, (n,) or (n, m) by names of dimensions, missing as NaN.
+
+    Args:
+        part: a dimension and the place along it that is wanted.
+
+    Raises:
+        InputError: units that are not known.
+    """
+    data = arranged(file, variable, numbers(variable), part)
+    spec, unit = ROLES[role], file.text("units", variable).strip()
+    factor = spec.units.get(unit.lower())
+    scale = float(file.columns.get("scale") or 1.0)
+    if factor is None and spec.units is SPEED and scale != 1.0 and not unit:
+        factor = scale
+    if factor is None and spec.units is ANGLE and not unit:
+        factor = 1.0
+    if factor is None:
+        known = ", ".join(list(spec.units)[:4])
+        advice = "give the variable its units" + ", or columns: {scale: 0.01} for cm/s" * (spec.units is SPEED)
+        raise file.refuse(variable.name, f"units such as {known}", repr(unit) if unit else "none", advice)
+    if spec.units is SPEED and unit and scale not in (1.0, factor):
+        raise file.refuse(variable.name, f"scale {factor:g} or none, as units are {unit}", f"{scale:g}", "delete scale")
+    if f"-{file.text('standard_name', variable)}" in spec.standard:
+        factor = -factor
+    return factor * data - (273.15 if spec.units is TEMPERATURE and unit.lower() in KELVIN else 0.0)
+
+
+def numbers(variable: netCDF4.Variable) -> Floats:
+    """Return unpacked values, NaN where they are fill values or outside the valid range."""
+    data = np.ma.filled(np.ma.asarray(variable[...]).astype(float), np.nan)
+    with np.errstate(invalid="ignore"):
+        return np.where(np.abs(data) < LARGEST, data, np.nan)
+
+
+def arranged(file: File, variable: netCDF4.Variable, data: Any, part: tuple[str, int] | None = None) -> Any:
+    """Return an array with time first, bins second, single dimensions gone.
+
+    Raises:
+        InputError: it has other dimensions.
+    """
+    names = list(variable.dimensions)
+    if part:
+        data = np.take(data, part[1], axis=names.index(part[0]))
+        names.remove(part[0])
+    own = [name for name in (file.time, file.bins) if name in names]
+    other = [name for name, size in zip(names, data.shape, strict=True) if name not in own and size > 1]
+    if other:
+        found = ", ".join(f"{name} ({file.nc.dimensions[name].size})" for name in other)
+        advice = "write one station, depth or beam a file, or name another variable in columns"
+        raise file.refuse(variable.name, "dimensions of time and of one profile", found, advice)
+    apart = [names.index(name) for name in names if name not in own]
+    return data.transpose([*(names.index(name) for name in own), *apart]).reshape(
+        [data.shape[names.index(n)] for n in own]
+    )
+
+
+def flags(file: File, variable: netCDF4.Variable) -> Flags | None:
+    """Return the OceanSITES flags of a variable by its flag variable, None where it has none.
+
+    A flag without meanings counts as OceanSITES' and IMOS' reference table, which is said.
+    """
+    quality = _flag_variable(file, variable)
+    if quality is None:
+        return None
+    raw = np.ma.filled(np.ma.asarray(quality[...]), 0)
+    raw = raw.astype("U1") if raw.dtype.kind == "S" else raw
+    raw = arranged(
+        file, quality, np.where(raw == "", "0", raw).astype(int) if raw.dtype.kind == "U" else raw.astype(int)
+    )
+    table = _flag_table(file, quality)
+    strange = sorted({int(value) for value in np.unique(raw)} - table.keys())
+    if strange:
+        file.notes.append(f"{quality.name}: flags {strange} have no meaning and count as probably bad.")
+    result = np.full(raw.shape, PROBABLY_BAD, dtype=np.int8)
+    for value, flag in table.items():
+        result[raw == value] = flag
+    return result
+
+
+def _flag_variable(file: File, variable: netCDF4.Variable) -> netCDF4.Variable | None:
+    names = [*file.text("ancillary_variables", variable).split()]
+    suffixes = ("_QC", "_quality_control", "_qc", "_SEADATANET_QC")
+    names = [
+        name
+        for name in names
+        if "flag" in file.text("standard_name", file.nc.variables.get(name) or file.nc) or name.endswith(suffixes)
+    ]
+    names += [variable.name + suffix for suffix in suffixes]
+    fits = (file.nc.variables[name] for name in names if name in file.nc.variables)
+    return next((one for one in fits if spans(one) == spans(variable)), None)
+
+
+def _flag_table(file: File, quality: netCDF4.Variable) -> dict[int, int]:
+    words = re.split(r"[\s,;]+", file.text("flag_meanings", quality).strip().lower())
+    stated = file.attribute("flag_values", of=quality)
+    listed = (
+        re.findall(r"-?\d+", stated)
+        if isinstance(stated, str)
+        else np.atleast_1d([] if stated is None else stated).tolist()
+    )
+    if len(listed) != len(words) or not words[0]:
+        file.notes.append(f"{quality.name} does not tell its flags' meanings: those of OceanSITES count.")
+        return dict(enumerate(OCEANSITES))
+    found = {
+        int(v): next((flag for word, flag in FLAG_WORDS if word in w), None) for v, w in zip(listed, words, strict=True)
+    }
+    return {value: flag for value, flag in found.items() if flag is not None}

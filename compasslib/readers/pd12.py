@@ -1,0 +1,193 @@
+"""RDI PD12: the short ensembles that a profiler sends through a modem, in whatever the modem wraps around them.
+
+An ensemble begins with 6E 7F and ends with the sum of its bytes; what stands between ensembles (frames of the modem,
+other instruments' data, a controller's log) is passed over. A controller of inductive modems writes 2B as 18 6B and 18
+as 18 58: an ensemble whose sum fails as it stands is tried once more without these escapes. Coordinates, heading bias,
+orientation and the distances of the bins are not in the file. Source: RDI, WorkHorse Commands and Output Data Format,
+PD12; the escapes were found in a genuine file, where they mend two checksums in three.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib.core.errors import InputError
+from compasslib.core.records import GOOD, MISSING, Record
+from compasslib.core.types import Floats
+from compasslib.readers.pd0.currents import true_pitch
+from compasslib.readers.pd0.fields import hundredths, seconds_of
+
+MARK = b"\x6e\x7f"
+HEADER = np.dtype(
+    [
+        *(("id", "<u2"), ("bytes", "<u2"), ("number", "<u4"), ("unit", "u1"), ("version", "u1"), ("revision", "u1")),
+        *(("year", "<u2"), ("month", "u1"), ("day", "u1"), ("hour", "u1"), ("minute", "u1"), ("second", "u1")),
+        *(("hundredths", "u1"), ("heading", "<u2"), ("pitch", "<i2"), ("roll", "<i2"), ("temperature", "<i2")),
+        *(("pressure", "<i4"), ("components", "u1"), ("first", "u1"), ("bins", "u1")),
+    ]
+)
+FOUR = 0x0F  # components: a bit each for east, north, up and error; the high half counts every which bin is sent
+LONGEST = HEADER.itemsize + 2 * 4 * 255 + 2  # bytes, sum included
+NONE = -32768
+BEAM_ANGLE_DEG = 20.0  # of every WorkHorse and Long Ranger
+COORDINATES = "PD12 does not tell its coordinates: its velocities were taken as east and north by the recorded heading."
+
+
+def read(paths: Sequence[Path], *, orientation: str, bin_size: float, first_bin: float) -> Record:
+    """Return the ensembles of one instrument in the order of the files, each once.
+
+    Args:
+        orientation: up or down.
+        bin_size: metres from one bin that was sent to the next.
+        first_bin: metres from the transducer to the middle of the first bin that was sent.
+
+    Raises:
+        InputError: a file that cannot be read or holds no whole ensemble, or ensembles without all four components.
+    """
+    where = ", ".join(map(str, paths))
+    frames, counts = _frames(paths)
+    heads = np.frombuffer(b"".join(frame[: HEADER.itemsize] for frame in frames), HEADER)
+    _refuse(where, paths, heads, counts)
+    time_s = _times(heads)
+    dated = np.isfinite(time_s)
+    frames, heads, time_s = [f for f, d in zip(frames, dated, strict=True) if d], heads[dated], time_s[dated]
+    east, north = _velocities(frames, heads)
+    counts |= {"bad_dates": int(np.sum(~dated)), "ensembles": len(heads), "lost": _lost(heads["number"])}
+    heading = np.where(heads["heading"] < 36000, heads["heading"] / 100.0, np.nan)
+    known = np.isfinite(east + north)
+    pitch, roll = hundredths(heads["pitch"]), hundredths(heads["roll"])
+    return Record(
+        time_s=time_s,
+        east=east,
+        north=north,
+        bin_range_m=_ranges(heads, east.shape[1], bin_size, first_bin),
+        heading_deg=heading,
+        pitch_deg=true_pitch(pitch, roll),
+        roll_deg=roll,
+        pressure_dbar=heads["pressure"] / 1000.0,
+        depth_m=np.full(len(heads), np.nan),
+        temperature_c=hundredths(heads["temperature"]),
+        supply_voltage=np.full(len(heads), np.nan),
+        quality=np.where(known, GOOD, MISSING).astype(np.int8),
+        heading_quality=np.where(np.isnan(heading), MISSING, GOOD).astype(np.int8),
+        looks_up=orientation == "up",
+        beam_angle_deg=BEAM_ANGLE_DEG,
+        counts=counts | {"velocities_missing": int(np.sum(~known)), "heading_missing": int(np.isnan(heading).sum())},
+        warnings=_warnings(counts),
+    )
+
+
+def _frames(paths: Sequence[Path]) -> tuple[list[bytes], dict[str, int]]:
+    """Return the whole ensembles, files in order of their first number, and what the files hold besides."""
+    files = []
+    counts = dict.fromkeys(("bytes_total", "bytes_skipped", "damaged", "escaped", "no_reply", "repeated"), 0)
+    for path in paths:
+        data = _bytes(path)
+        found = list(_of_file(data))
+        whole = [frame for frame, _ in found if frame]
+        counts["bytes_total"] += len(data)
+        counts["bytes_skipped"] += len(data) - sum(len(frame) + 2 for frame in whole)
+        counts["damaged"] += len(found) - len(whole)
+        counts["escaped"] += sum(escaped for _, escaped in found)
+        counts["no_reply"] += data.count(b"<ERROR type='FAILED'")
+        files.append(whole)
+    files.sort(key=lambda frames: int.from_bytes(frames[0][4:8], "little") if frames else 0)
+    frames = [frame for of_file in files for frame in of_file]
+    once = list(dict.fromkeys(frames))  # a controller that is asked again sends again
+    return once, counts | {"repeated": len(frames) - len(once)}
+
+
+def _of_file(data: bytes) -> Iterator[tuple[bytes, bool]]:
+    """Give each ensemble without its sum, nothing where it is damaged, and whether it had escapes."""
+    end = 0
+    for mark in re.finditer(MARK, data):
+        start = mark.start()
+        if start < end:
+            continue
+        frame = _whole(data[start : start + LONGEST])
+        escaped = not frame
+        if escaped:
+            sent = data[start : start + 2 * LONGEST]
+            frame = _whole(sent.replace(b"\x18\x6b", b"\x2b").replace(b"\x18\x58", b"\x18"))
+        end = start + len(frame)
+        yield frame, escaped and bool(frame)
+
+
+def _whole(data: bytes) -> bytes:
+    """Return the ensemble that stands at the beginning, without its sum; nothing where length or sum are not right."""
+    size = int.from_bytes(data[2:4], "little")
+    if not HEADER.itemsize <= size <= len(data) - 2:
+        return b""
+    *_, components, _, bins = np.frombuffer(data, HEADER, 1)[0].item()
+    if size != HEADER.itemsize + 2 * bins * (components & FOUR).bit_count():
+        return b""
+    return data[:size] if sum(data[:size]) & 0xFFFF == int.from_bytes(data[size : size + 2], "little") else b""
+
+
+def _bytes(path: Path) -> bytes:
+    try:
+        return Path(path).read_bytes()
+    except OSError as error:
+        found = error.strerror or type(error).__name__
+        raise InputError(str(path), expected="a readable file", found=found, advice="check the path") from None
+
+
+def _refuse(where: str, paths: Sequence[Path], heads: NDArray[np.void], counts: dict[str, int]) -> None:
+    if not len(heads):
+        beginning = _bytes(paths[0])[:16] if paths else b""
+        found = f"{counts['damaged']} that are damaged in a file that begins with {beginning!r}"
+        advice = "check that format: pd12 and the file belong together"
+        raise InputError(where, expected="PD12 ensembles (6E 7F) with their checksum", found=found, advice=advice)
+    if (partial := (heads["components"] & FOUR) != FOUR).any():
+        found = f"components {int(heads['components'][partial][0] & FOUR):04b} in {int(partial.sum())} ensembles"
+        advice = "take the instrument's own recording, format: pd0"
+        raise InputError(where, expected="all four velocities (command PO 1111)", found=found, advice=advice)
+
+
+def _times(heads: NDArray[np.void]) -> Floats:
+    clock = [heads[name].astype(np.int64) for name in ("month", "day", "hour", "minute", "second", "hundredths")]
+    return seconds_of(heads["year"].astype(np.int64), np.column_stack(clock))
+
+
+def _velocities(frames: Sequence[bytes], heads: NDArray[np.void]) -> tuple[Floats, Floats]:
+    """Return east and north, m/s, padded where ensembles have fewer bins than the longest."""
+    pair = np.full((2, len(frames), int(heads["bins"].max(initial=1))), np.nan)
+    for bins in np.unique(heads["bins"]):
+        mine = heads["bins"] == bins
+        sent = b"".join(f[HEADER.itemsize :] for f, m in zip(frames, mine, strict=True) if m)
+        east, north, _, _ = np.moveaxis(np.frombuffer(sent, "<i2").reshape(-1, 4, bins), 1, 0)
+        for values, into in ((east, pair[0]), (north, pair[1])):
+            into[mine, :bins] = np.where(values == NONE, np.nan, values / 1000.0)
+    return pair[0], pair[1]
+
+
+def _ranges(heads: NDArray[np.void], bins: int, bin_size: float, first_bin: float) -> Floats:
+    """Return the distances of the bins; an ensemble that starts at a later bin, between those of others, is shifted."""
+    every = np.maximum(heads["components"] >> 4, 1)
+    later = (heads["first"] - heads["first"].min(initial=255).astype(int)) / every
+    return first_bin + bin_size * (later[:, None] + np.arange(bins))
+
+
+def _lost(numbers: NDArray[np.unsignedinteger]) -> int:
+    """Count the ensembles missing between two that are there, by the step that numbers usually make."""
+    steps = np.diff(np.unique(numbers.astype(np.int64)))
+    usual = int(np.median(steps)) if len(steps) else 1
+    return int((np.maximum(steps // usual, 1) - 1).sum())
+
+
+def _warnings(counts: dict[str, int]) -> tuple[str, ...]:
+    said = {
+        "damaged": "places begin like a PD12 ensemble and fail its checksum; they were left out",
+        "no_reply": "times the modem got no reply",
+        "lost": "ensembles are missing by their numbers",
+        "repeated": "ensembles were sent more than once; each counts once",
+        "bad_dates": "ensembles have an impossible date and were left out",
+    }
+    whole = f"{counts['escaped']} of {counts['ensembles']} ensembles came with the modem's escapes, which were undone."
+    lines = [f"{counts[key]} {text}." for key, text in said.items() if counts[key]]
+    return (COORDINATES, *[whole] * bool(counts["escaped"]), *lines)

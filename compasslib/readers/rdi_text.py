@@ -1,0 +1,200 @@
+"""The series that RDI's WinADCP exports as text: a preamble, three lines of headers, a row an ensemble, tabs between.
+
+The preamble tells the range of the first bin and the size of the bins; the headers are the columns' names (one a bin:
+Eas Eas Eas ...), their units and the numbers of the bins. Columns are read by name, whichever a person exported; of
+velocities Eas and Nor, else Mag and Dir. WinRiver's and VMDAS' ASCII are other formats and are refused.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from compasslib.core import angles
+from compasslib.core.errors import InputError
+from compasslib.core.records import GOOD, MISSING, Record, joined
+from compasslib.core.types import Floats
+from compasslib.readers.cells import of_lines, strange
+from compasslib.readers.pd0.currents import true_pitch
+from compasslib.readers.pd0.fields import seconds_of
+
+CLOCK = ("YR", "MO", "DA", "HH", "MM", "SS", "HH")  # the second HH: hundredths
+SPEEDS = {"mm/s": 0.001, "cm/s": 0.01, "m/s": 1.0}
+MISSING_TEXT = ("", "-32768", "32768")
+SINCE_1980 = 80  # years of two digits: WinADCP's are of 1980 to 2079
+BEAM_ANGLE_DEG = 20.0  # of every WorkHorse and Long Ranger
+FIRST_BIN = re.compile(r"1st Bin Range \(m\)[\s=\",]*([\d.]+)")
+BIN_SIZE = re.compile(r"Bin Size \(m\)[\s=\",]*([\d.]+)")
+EXPORT = "export the series as text with WinADCP, names and units in the header, or give the PD0 file: format: pd0"
+
+
+@dataclass(frozen=True)
+class _Table:
+    """A file's rows and what its headers say."""
+
+    path: Path
+    names: list[str]
+    units: list[str]
+    bins: list[str]
+    rows: list[list[str]]
+    first_bin: float
+    bin_size: float
+    cut: int
+
+    def places(self, name: str) -> list[int]:
+        """Return the columns that have a name."""
+        return [k for k, own in enumerate(self.names) if own == name]
+
+
+def read(paths: Sequence[Path], *, orientation: str | None) -> Record:
+    """Return the ensembles of one instrument, files in order of time.
+
+    Args:
+        orientation: up or down; the file's column Ori where None.
+
+    Raises:
+        InputError: a file that is no such export, lacks what is needed, or has a row that is damaged.
+    """
+    return joined([_of_file(_table(Path(path)), orientation) for path in paths])
+
+
+def _of_file(table: _Table, orientation: str | None) -> Record:
+    time_s = _times(table)
+    n = len(time_s)
+    east, north, cells = _currents(table)
+    heading = _series(table, "Hea", n)
+    heading = np.where((heading >= 0.0) & (heading <= 360.0), angles.wrap360(np.nan_to_num(heading)), np.nan)
+    pitch, roll, known = _series(table, "Pit", n), _series(table, "Rol", n), np.isfinite(east + north)
+    missing = {"velocities_missing": int((~known).sum()), "heading_missing": int(np.isnan(heading).sum())}
+    return Record(
+        time_s=time_s,
+        east=east,
+        north=north,
+        bin_range_m=np.broadcast_to(table.first_bin + table.bin_size * (cells - 1.0), east.shape),
+        heading_deg=heading,
+        pitch_deg=true_pitch(pitch, roll),
+        roll_deg=roll,
+        pressure_dbar=_series(table, "Pre", n),
+        depth_m=_series(table, "Dep", n),
+        temperature_c=_series(table, "Tem", n),
+        supply_voltage=_series(table, "Bat", n),
+        quality=np.where(known, GOOD, MISSING).astype(np.int8),
+        heading_quality=np.where(np.isnan(heading), MISSING, GOOD).astype(np.int8),
+        looks_up=_looks_up(table, orientation),
+        beam_angle_deg=BEAM_ANGLE_DEG,
+        counts={"rows": n + table.cut, "rows_cut": table.cut} | missing,
+        warnings=("the last line was cut short and left out",) * table.cut,
+    )
+
+
+def _table(path: Path) -> _Table:
+    data = of_lines(path)
+    text = data.decode("latin-1")
+    lines = text.splitlines()
+    cells = [[cell.strip().strip('"').strip() for cell in line.split("\t")] for line in lines]
+    at = next((k for k, row in enumerate(cells[:100]) if row[:7] == ["Ens", *CLOCK[:6]]), None)
+    first, size = FIRST_BIN.search(text[:10000]), BIN_SIZE.search(text[:10000])
+    if at is None or first is None or size is None or strange(data[:10000]):
+        raise InputError(
+            str(path),
+            expected="a WinADCP text export: 1st Bin Range, Bin Size, and headers Ens YR MO DA HH MM SS",
+            found=_kind(lines, data),
+            advice=EXPORT,
+        )
+    names, units, bins = (cells[at + k] if len(cells) > at + k else [] for k in range(3))
+    numbered = [(k, row) for k, row in enumerate(cells[at + 3 :], at + 4) if any(row)]
+    width = len(names) - (names[-1] == "")
+    cut = int(bool(numbered) and not text.endswith(("\n", "\r")) and len(numbered[-1][1]) < width)
+    rows = numbered[: len(numbered) - cut]
+    for line, row in rows:
+        if not width <= len(row) <= width + 1 or any(row[width:]):
+            raise InputError(
+                f"{path}: line {line}",
+                expected=f"{width} cells as in the header",
+                found=f"a line of {len(row)} cells",
+                advice="mend or remove the line",
+            )
+    return _Table(path, names[:width], units, bins, [row for _, row in rows], float(first[1]), float(size[1]), cut)
+
+
+def _kind(lines: Sequence[str], data: bytes) -> str:
+    """Return what a file looks like instead."""
+    if data[:2] == b"\x7f\x7f":
+        return "a binary PD0 file"
+    if any("Ens" in line and "YR" in line for line in lines[:100]):
+        return "such headers without the range of the first bin, its size, or tabs"
+    leader = [line.split() for line in lines[2:4]]
+    if len(leader) == 2 and len(leader[0]) == 7 and len(leader[1]) == 13:
+        return "what looks like the ASCII output of WinRiver, whose headings are corrected by an unknown declination"
+    return f"a file that begins with {data[:16]!r}" if data else "an empty file"
+
+
+def _column(table: _Table, place: int) -> Floats:
+    texts = [row[place] for row in table.rows]
+    try:
+        return np.array([np.nan if text in MISSING_TEXT else float(text) for text in texts])
+    except ValueError as error:
+        where = f"{table.path}: column {table.names[place]}"
+        raise InputError(where, expected="numbers", found=error, advice="mend or remove the line") from None
+
+
+def _series(table: _Table, name: str, n: int) -> Floats:
+    places = table.places(name)
+    return _column(table, places[0]) if len(places) == 1 else np.full(n, np.nan)
+
+
+def _times(table: _Table) -> Floats:
+    hundredths = table.places("HH")[1:]
+    if not table.rows:
+        raise InputError(str(table.path), expected="a row an ensemble", found="none", advice=EXPORT)
+    later = _column(table, hundredths[0]) if hundredths else np.zeros(len(table.rows))
+    clock = np.column_stack([*(_column(table, k) for k in range(1, 7)), later])
+    whole = np.nan_to_num(clock, nan=-1.0).astype(np.int64)
+    century = np.where(whole[:, 0] >= 1900, 0, np.where(whole[:, 0] >= SINCE_1980, 1900, 2000))
+    time_s = seconds_of(whole[:, 0] + century, whole[:, 1:])
+    if (wrong := np.isnan(time_s)).any():
+        where, found = f"{table.path}: time", " ".join(table.rows[int(np.argmax(wrong))][1:7])
+        raise InputError(where, expected="YR MO DA HH MM SS", found=found, advice="mend or remove the line")
+    return time_s
+
+
+def _currents(table: _Table) -> tuple[Floats, Floats, Floats]:
+    """Return east and north, m/s, and the numbers of their bins.
+
+    Raises:
+        InputError: neither Eas and Nor nor Mag and Dir are there for the same bins, or in an unknown unit.
+    """
+    for pair in (("Eas", "Nor"), ("Mag", "Dir")):
+        one, two = (table.places(name) for name in pair)
+        if not one or len(one) != len(two):
+            continue
+        unit = table.units[one[0]] if len(table.units) > one[0] else ""
+        numbers = [table.bins[k] if len(table.bins) > k else "" for k in one]
+        if unit not in SPEEDS or not all(number.isdigit() for number in numbers):
+            found = f"unit {unit or 'none'}, bins {' '.join(numbers[:5])}"
+            expected = "a unit of mm/s, cm/s or m/s, and a number a bin below it"
+            raise InputError(f"{table.path}: column {pair[0]}", expected=expected, found=found, advice=EXPORT)
+        first, second = (np.column_stack([_column(table, k) for k in places]) for places in (one, two))
+        cells = np.array([float(number) for number in numbers])
+        if pair[0] == "Eas":
+            return SPEEDS[unit] * first, SPEEDS[unit] * second, cells
+        return *angles.components(SPEEDS[unit] * first, second), cells
+    there = " ".join(dict.fromkeys(table.names))
+    expected = "columns Eas and Nor, or Mag and Dir, of the same bins"
+    raise InputError(str(table.path), expected=expected, found=there, advice=EXPORT)
+
+
+def _looks_up(table: _Table, orientation: str | None) -> bool:
+    places = table.places("Ori")
+    words = {row[places[0]].lower()[:1] for row in table.rows} if places else set()
+    own = "up" if words == {"u"} else "down" if words == {"d"} else None
+    if not (orientation or own):
+        found = f"{len(words)} kinds of column Ori" if places else "no column Ori"
+        raise InputError(
+            str(table.path), expected="the orientation", found=found, advice="write orientation: up or down"
+        )
+    return (orientation or own) == "up"
