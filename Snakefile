@@ -56,7 +56,7 @@ rule read:
         form=MOORINGS.form,
         reader=MOORINGS.reader_settings,
         deployment=MOORINGS.deployment,
-        code=plan.hashed(MOORINGS.reader_modules),
+        code=MOORINGS.reader_code,
     conda:
         ENVIRONMENT
     log:
