@@ -57,7 +57,7 @@ rule read:
         reader=MOORINGS.reader_settings,
         deployment=MOORINGS.deployment,
         series=MOORINGS.series,
-        code=plan.hashed(MOORINGS.reader_modules),
+        code=MOORINGS.reader_code,
     conda:
         ENVIRONMENT
     log:

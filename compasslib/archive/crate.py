@@ -19,6 +19,7 @@ from urllib.parse import quote, unquote
 from compasslib.archive import provenance
 from compasslib.archive.attributes import NOT_GIVEN
 from compasslib.archive.files import read_json
+from compasslib.core import plugins
 from compasslib.core.errors import InputError
 
 FOLDER = "results"
@@ -185,9 +186,12 @@ def _software(maker: str, surroundings: Sequence[Entity]) -> Entity:
 
 
 def _surroundings() -> Iterator[Entity]:
-    """Python, the lock, and the installed version of each package that the lock names."""
+    """Python, what adds readers or effects, the lock, and the installed version of each package that the lock names."""
     python = platform.python_version()
     yield _tool(f"pkg:generic/python@{python}", "python", python, "https://www.python.org/")
+    for package in plugins.packages():
+        name, version = package.rsplit(" ", 1)
+        yield _tool(f"pkg:generic/{quote(name)}@{version}", name, version)
     lock = provenance.PROJECT / LOCK
     if lock.is_file():
         known = provenance.sha256(lock)
@@ -208,8 +212,9 @@ def _packages(lock: Path) -> list[str]:
     return sorted(re.split(r"[^\w.-]", line, maxsplit=1)[0] for line in asked if "extra ==" not in line)
 
 
-def _tool(identifier: str, name: str, version: str, url: str) -> Entity:
-    return {"@id": identifier, "@type": "SoftwareApplication", "name": name, "softwareVersion": version, "url": url}
+def _tool(identifier: str, name: str, version: str, url: str = "") -> Entity:
+    tool = {"@id": identifier, "@type": "SoftwareApplication", "name": name, "softwareVersion": version}
+    return tool | ({"url": url} if url else {})
 
 
 def _job(name: str, record: Record, configuration: Mapping[str, Sequence[str]]) -> Entity:

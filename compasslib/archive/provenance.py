@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from compasslib import __version__
+from compasslib.core import plugins
 from compasslib.core.errors import InputError
 
 if TYPE_CHECKING:  # the Snakefile imports this room and needs no numbers
@@ -75,14 +76,18 @@ def _files(name: str) -> tuple[Path, ...]:
 
 
 def software() -> str:
-    """Return name and version of this software with its commit, or with the hash of its modules outside a checkout."""
+    """Return name and version of this software with its commit, or with the hash of its modules outside a checkout.
+
+    Packages that add readers or effects follow, with their versions.
+    """
     asked, why = _git("status", "--porcelain=v2", "--branch", "--", "compasslib", "workflow", "Snakefile")
     lines = asked.splitlines()
     commit = "".join(line.split()[2][:12] for line in lines if line.startswith("# branch.oid") and "(" not in line)
     unknown = why if why == _NONE else "commit unknown"
     edited = "" if all(line.startswith("#") for line in lines) else ", edited since"
     state = f"{commit}{edited}" if commit else f"{unknown}, modules sha256 {digest(_modules())[:12]}"
-    return f"compasslib {__version__} ({state})"
+    others = ", ".join(plugins.packages())
+    return f"compasslib {__version__} ({state})" + (f" with {others}" if others else "")
 
 
 def date_created() -> str:

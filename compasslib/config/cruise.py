@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 import os
 import re
@@ -18,7 +17,7 @@ from pydantic_core import PydanticCustomError
 from compasslib.config.calibrations import MODELS, CalibrationFile, KindKey, check_comparisons
 from compasslib.config.paths import RawFolder
 from compasslib.config.schema import CruiseOptions, Mooring, allowed_keys
-from compasslib.config.values import NAME_WORDS, shown
+from compasslib.config.values import NAME_WORDS, nearest, shown
 from compasslib.config.values import name as checked_name
 from compasslib.core.errors import InputError
 
@@ -210,7 +209,7 @@ def _mistake(model: type[BaseModel], first: Any, file: str) -> InputError:
 def _unknown_key(model: type[BaseModel], place: list[Any], file: str) -> InputError:
     _, inner = _walk(model, place[:-1])
     allowed, unknown = list(allowed_keys(inner or model)), str(place[-1])
-    advice = _nearest(unknown, allowed) or "delete it, or indent it below the key that it belongs to"
+    advice = nearest(unknown, allowed) or "delete it, or indent it below the key that it belongs to"
     expected = f"a key out of {', '.join(allowed)}"
     return InputError(
         f"{file}: {_dotted(place)}", expected=expected, found=f"the unknown {shown(unknown)}", advice=advice
@@ -232,13 +231,8 @@ def _words(error: Any, field: Any, inner: type[BaseModel] | None, last: str) -> 
     elif kind == "model_type" and inner:
         sentence |= {"expected": "a mapping", "advice": f"write below it keys out of {', '.join(allowed_keys(inner))}"}
     elif kind == "literal_error":
-        sentence["advice"] = _nearest(str(value), _QUOTED.findall(error["ctx"]["expected"])) or sentence["advice"]
+        sentence["advice"] = nearest(str(value), _QUOTED.findall(error["ctx"]["expected"])) or sentence["advice"]
     return sentence
-
-
-def _nearest(word: str, allowed: Sequence[str]) -> str | None:
-    near = difflib.get_close_matches(word, allowed, 1)
-    return f"write {near[0]}" if near else None
 
 
 def _walk(model: type[BaseModel], place: Sequence[Any]) -> tuple[Any, type[BaseModel] | None]:

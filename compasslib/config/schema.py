@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
+from compasslib import readers
 from compasslib.config import paths, values
 from compasslib.config.values import iso, problem, shown
 
@@ -30,6 +31,7 @@ Delimiter = Annotated[str, BeforeValidator(values.delimiter)]
 Decimal = Annotated[str, BeforeValidator(values.decimal)]
 Zone = Annotated[str, BeforeValidator(values.zone)]
 Missing = Annotated[tuple[str, ...], BeforeValidator(values.missing)]
+Form = Annotated[str, BeforeValidator(values.form)]
 Reference = Annotated[Literal["magnetic", "true"], BeforeValidator(values.unquoted_true)]
 
 TABLES = ("table", "acm_table")
@@ -250,9 +252,7 @@ class TableKeys(Section):
 class Instrument(TableKeys):
     """One instrument of a mooring and the files that it left."""
 
-    format: Literal["pd0", "acm_table", "mmp_acm", "table", "netcdf", "rdi_text", "pd12"] = key(
-        "pd0, acm_table, mmp_acm, table, netcdf, rdi_text or pd12", "pd0"
-    )
+    format: Form = key("the name of a raw format", "pd0")
     files: Files = key(_FILES_WORDS, "raw/EG4/top.000")
     depth: Number | None = key("metres from 0 to 12000", "100", None, "write it positive, in metres", ge=0, le=12000)
     orientation: Literal["up", "down"] | None = key("up or down", "up", None)
@@ -273,7 +273,8 @@ class Instrument(TableKeys):
     @model_validator(mode="after")
     def _keys_of_this_format(self) -> Self:
         for name, formats in ONLY_FOR.items():
-            if name in self.model_fields_set and self.format not in formats:
+            taken = name in self.model_fields_set
+            if taken and self.format not in formats and name not in readers.of(self.format).keys:
                 expected = f"this key only with format {' or '.join(formats)}"
                 raise problem(name, expected, f"it with format {self.format}", "delete it or correct the format")
         return self

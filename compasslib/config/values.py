@@ -5,12 +5,16 @@ Every function takes what the YAML reader gave and returns the value or raises t
 
 from __future__ import annotations
 
+import difflib
 import math
 import re
+from collections.abc import Sequence
 from datetime import UTC, date, datetime
 from typing import Any, Literal
 
 from pydantic_core import PydanticCustomError
+
+from compasslib import readers
 
 NAME_WORDS = "1 to 64 letters, digits, '_', '.' and '-', the first a letter or digit"
 VELOCITY_SETS = (("east", "north"), ("speed", "direction"), ("x", "y", "heading"))
@@ -137,6 +141,20 @@ def name(value: Any) -> str:
         expected = f"a name that does not end in {_REPEATS} repeats of one piece ({match[1][:_SHOWN]})"
         raise problem(expected=expected, advice="shorten it")
     return str(value)
+
+
+def form(value: Any) -> str:
+    """Return the name of a raw format that is read here, by the house or by a plug-in."""
+    offered = readers.names()
+    if value not in offered:
+        raise problem(expected=f"{', '.join(offered[:-1])} or {offered[-1]}", advice=nearest(str(value), offered))
+    return str(value)
+
+
+def nearest(word: str, allowed: Sequence[str]) -> str | None:
+    """Return the advice to write the allowed word that is most like another, None where none is."""
+    near = difflib.get_close_matches(word, allowed, 1)
+    return f"write {near[0]}" if near else None
 
 
 def names(value: Any) -> Any:

@@ -32,6 +32,7 @@ from compasslib.effects.iron import (
     TemperatureOfField,
     TemperatureOfReading,
 )
+from compasslib.effects.plugged import of_plugins
 from compasslib.effects.reading import (
     CompassDrift,
     CompassLag,
@@ -75,9 +76,9 @@ from compasslib.effects.water import (
     VeerWithSpeed,
 )
 
-__all__ = ["CATALOGUE", "COMPOSED", "SIDES", "SLOW_WATER", "Scene", "Term", "meanings", "side_of"]
+__all__ = ["CATALOGUE", "COMPOSED", "SIDES", "SLOW_WATER", "TERMS", "Scene", "Term", "meanings", "side_of"]
 
-# Roughly in the order in which they act, the forms of an effect together.
+# Roughly in the order in which they act, the forms of an effect together; other packages' come after them.
 CATALOGUE: tuple[type[Term], ...] = (
     HardIron,
     LevelIron,
@@ -130,8 +131,9 @@ CATALOGUE: tuple[type[Term], ...] = (
     ClockDrift,
 )
 
+TERMS = (*CATALOGUE, *of_plugins([term.name for term in CATALOGUE]))
 SLOW_WATER = "current_shear_slow"  # no term: it stands in the noise, and in sets as the rival of what changes slowly
-SIDES = {term.name: term.side for term in CATALOGUE} | {SLOW_WATER: "water"}  # what each effect acts on
+SIDES = {term.name: term.side for term in TERMS} | {SLOW_WATER: "water"}  # what each effect acts on
 
 
 def side_of(effect: str) -> str:
@@ -148,5 +150,5 @@ def side_of(effect: str) -> str:
 
 def meanings(effect: str) -> dict[str, str]:
     """Return what an effect's parameters are, by their names, without the details behind a comma."""
-    terms = [term for term in CATALOGUE if term.name == effect]
+    terms = [term for term in TERMS if term.name == effect]
     return {one.name: re.split("[,;]", one.metadata["meaning"])[0] for term in terms for one in fields(term)}

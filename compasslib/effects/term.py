@@ -96,6 +96,7 @@ class Term(ABC):
     literature: ClassVar[str]
     needs: ClassVar[tuple[str, ...]] = ()  # covariates without which it cannot be tested
     recordings: ClassVar[tuple[str, ...]] = ("mooring",)  # whose search tests it
+    words: ClassVar[str] = ""  # its physics in words; of the catalogue's own in compasslib/search/wording.py
     found_by: ClassVar[str] = ""  # what finds it apart from the search: a comparison that needs no forward model
     evident: ClassVar[bool] = False  # whether what it needs is there only where it acts: only its size is asked for
 

@@ -1,4 +1,4 @@
-"""Raw files to records: one module or package a format, and a table that says which.
+"""Raw files to records: one module or package a format, and a table that says which; other packages may add to it.
 
 A reader is imported only by the job that needs it. Every sample is kept, by the instrument's own clock:
 
@@ -18,11 +18,14 @@ True
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
+from inspect import signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from compasslib.core import plugins
+from compasslib.core.errors import InputError
 from compasslib.readers import recognition
 
 if TYPE_CHECKING:  # the Snakefile needs the table only
@@ -33,8 +36,9 @@ if TYPE_CHECKING:  # the Snakefile needs the table only
 class Format:
     """A raw format: the module that reads it, and the keys of the instrument that its ``read`` takes."""
 
-    module: str  # below compasslib.readers
+    module: str  # below compasslib.readers; of a plug-in the whole name
     keys: tuple[str, ...]
+    plugin: str = ""  # package and version that adds it, with a hash of its code
 
     @property
     def takes_declination(self) -> bool:
@@ -50,21 +54,61 @@ FORMATS = {
     "netcdf": Format("netcdf.reader", ("columns", "orientation", "declination_applied", "direction_reference")),
     "rdi_text": Format("rdi_text", ("orientation",)),
     "pd12": Format("pd12", ("orientation", "bin_size", "first_bin")),
+    "nortek": Format("nortek.reader", ("orientation", "declination_applied", "serial_number")),
 }
+
+
+def names() -> tuple[str, ...]:
+    """Return the formats that are read here, those of other packages last.
+
+    Raises:
+        InputError: another package uses a name that is taken.
+    """
+    return (*FORMATS, *plugins.points(plugins.READERS, FORMATS))
+
+
+def of(form: str) -> Format:
+    """Return a format; of a plug-in's ``read`` the keyword-only parameters are the keys of the instrument.
+
+    Args:
+        form: one of ``names``.
+
+    Raises:
+        InputError: a plug-in that cannot be imported.
+    """
+    if form in FORMATS:
+        return FORMATS[form]
+    point = plugins.points(plugins.READERS, FORMATS)[form]
+    parameters = signature(plugins.loaded(point)).parameters.values()
+    keys = tuple(one.name for one in parameters if one.kind is one.KEYWORD_ONLY)
+    return Format(point.module, keys, plugins.identity(point))
 
 
 def read(form: str, paths: Sequence[Path], settings: Mapping[str, Any]) -> Record:
     """Return what an instrument recorded, by its own clock, nothing left out.
 
     Args:
-        form: a key of ``FORMATS``.
+        form: one of ``names``.
         settings: the instrument's part of the mooring file.
 
     Raises:
         InputError: a file that cannot be read.
     """
-    found = FORMATS[form]
-    reader = import_module(f"compasslib.readers.{found.module}")
+    found = of(form)
+    keys = {key: settings.get(key) for key in found.keys}
+    if found.plugin:
+        return _of_plugin(form, found.plugin, paths, keys)
     with recognition.naming(form, paths, offered=FORMATS):
-        record: Record = reader.read(paths, **{key: settings.get(key) for key in found.keys})
+        record: Record = import_module(f"compasslib.readers.{found.module}").read(paths, **keys)
     return record
+
+
+def _of_plugin(form: str, plugin: str, paths: Sequence[Path], keys: Mapping[str, Any]) -> Record:
+    from compasslib.core.records import Record
+
+    point = plugins.points(plugins.READERS, FORMATS)[form]
+    record = plugins.loaded(point)(paths, **keys)
+    if not isinstance(record, Record):
+        found, advice = type(record).__name__, "mend the plug-in; docs/plugins.md shows one"
+        raise InputError(f"{plugin}: {point.value}", expected="a Record", found=found, advice=advice)
+    return replace(record, warnings=(f"Read by {plugin}.", *record.warnings))

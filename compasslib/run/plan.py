@@ -8,21 +8,23 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from compasslib import calibration
+from compasslib import calibration, readers
 from compasslib.archive import provenance
 from compasslib.calibration import KINDS
 from compasslib.config import calibrations
 from compasslib.config.cruise import CALIBRATIONS, CONFIG, Cruise
 from compasslib.config.schema import Instrument, Mooring
+from compasslib.core import plugins
 from compasslib.core.errors import InputError
-from compasslib.readers import FORMATS
 from compasslib.run.stopped import Stopped
 from compasslib.search import kinds
 
 DEPLOYMENT_KEYS = ("pressure_offset", "clock_offset_seconds", "clock_drift_seconds", "direction_reference")
+EFFECTS = str(provenance.PROJECT / "compasslib/effects/__init__.py")
 METHODS = ("exact", "von_appen", "calibration")
 FIGURES = ("deviation", "diagnosis", "histograms", "scatter", "timeline")
 MADE = (
@@ -46,17 +48,16 @@ class Moorings:
 
     def code(self, script: str, beside: str = "") -> Callable[[Any], str]:
         """Return what gives one hash of the library files behind a script, and a version of another program beside."""
-        own = hashed(lambda wildcards: provenance.sources(self.scripts / script))
-        return lambda wildcards: " ".join(filter(None, (own(wildcards), beside)))
+        return lambda wildcards: _code(provenance.sources(self.scripts / script), beside)
 
     def templates(self) -> list[str]:
         """Return the templates of the report."""
         return sorted(str(path) for path in (provenance.PROJECT / "compasslib/report/templates").iterdir())
 
-    def reader_modules(self, wildcards: Any) -> tuple[str, ...]:
-        """Return the library files behind the reading of one instrument, its own format's reader only."""
-        module = FORMATS[self._instrument(wildcards).format].module
-        return provenance.sources(self.scripts / "read.py", f"compasslib.readers.{module}")
+    def reader_code(self, wildcards: Any) -> str:
+        """Return one hash of the library files behind the reading of one instrument, its own format's reader only."""
+        reader = readers.of(self._instrument(wildcards).format)
+        return _code(provenance.sources(self.scripts / "read.py", f"compasslib.readers.{reader.module}"), reader.plugin)
 
     def raw_files(self, wildcards: Any) -> list[str]:
         """Return the raw files of one instrument."""
@@ -87,7 +88,7 @@ class Moorings:
     def reader_settings(self, wildcards: Any) -> dict[str, Any]:
         """Return the keys of one instrument that its reader takes."""
         instrument = self._instrument(wildcards)
-        keys = FORMATS[instrument.format].keys
+        keys = readers.of(instrument.format).keys
         numbered = {"serial_number": self._serial_number(wildcards)} if "serial_number" in keys else {}
         return _plain(instrument, [key for key in keys if key not in numbered]) | numbered
 
@@ -95,7 +96,7 @@ class Moorings:
         """Return what turns one instrument's series into its record inside the deployment."""
         mooring, instrument = self._mooring(wildcards), self._instrument(wildcards)
         # Some readers take it out themselves: a PD0 file may hold it as heading bias.
-        applied = 0.0 if FORMATS[instrument.format].takes_declination else instrument.declination_applied or 0.0
+        applied = 0.0 if readers.of(instrument.format).takes_declination else instrument.declination_applied or 0.0
         return _plain(instrument, DEPLOYMENT_KEYS) | {
             "start_s": mooring.start_s,
             "end_s": mooring.end_s,
@@ -369,16 +370,16 @@ def plan(cruise: Cruise, scripts: Path) -> Plan:
     """Return the answers for the Snakefile, after refusing what no stage can do.
 
     Raises:
-        InputError: a format that no reader takes, a method that no fit offers, a kind of
-            calibration that is not offered, or a mooring that no rule can simulate.
+        InputError: a method that no fit offers, a kind of calibration that is not offered, a mooring that no rule can
+            simulate, or an effect of another package that cannot be taken.
     """
+    if plugins.declared(plugins.EFFECTS):
+        import_module("compasslib.effects")  # which looks at them; else no job's business here
     for name, mooring in cruise.moorings.items():
         file = cruise.mooring_files[name]
         if cruise.options.demonstration and name not in SIMULATED:
             advice = "delete demonstration: true from config.yaml; measured moorings are never simulated"
             raise InputError(f"{file}: name", expected=" or ".join(SIMULATED), found=name, advice=advice)
-        for role in _roles(mooring):
-            _refuse(f"{file}: instruments.{role}.format", mooring.instruments[role].format, tuple(FORMATS))
         _refuse(f"{file}: fit.method", mooring.fit.method, METHODS)
     for name, given in cruise.calibrations.items():
         _refuse(f"{CALIBRATIONS}/{name}.yaml: kind", given.kind, tuple(KINDS))
@@ -391,7 +392,7 @@ def hashed(modules: Callable[[Any], tuple[str, ...]]) -> Callable[[Any], str]:
     Args:
         modules: gives these files for a job's wildcards.
     """
-    return lambda wildcards: provenance.code(modules(wildcards))
+    return lambda wildcards: _code(modules(wildcards))
 
 
 def only(names: Iterable[str]) -> str:
@@ -401,6 +402,12 @@ def only(names: Iterable[str]) -> str:
         names: of moorings or calibrations, perhaps none.
     """
     return "|".join(re.escape(name) for name in names) or "(?!)"
+
+
+def _code(modules: tuple[str, ...], beside: str = "") -> str:
+    """Return one hash of library files, and what else the job goes by: other packages' effects where it knows any."""
+    known = plugins.declared(plugins.EFFECTS) if EFFECTS in modules else ()
+    return " ".join(filter(None, (provenance.code(modules), beside, *map(plugins.identity, known))))
 
 
 def _refuse(where: str, found: str, offered: Sequence[str]) -> None:

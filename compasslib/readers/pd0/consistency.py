@@ -116,20 +116,25 @@ def refuse_alignment(where: str, leaders: Ensembles, stated: float | None) -> No
 
 
 def serial_number(where: str, leaders: Ensembles, stated: str | None) -> str:
-    """Return the instrument's serial number, empty where the file tells none.
+    """Return the instrument's serial number, empty where the file tells none; see ``same_number``."""
+    return same_number(where, str(next(iter(_often(leaders.serial)), "")), stated)
+
+
+def same_number(where: str, found: str, stated: str | None) -> str:
+    """Return the serial number that a file tells.
 
     Args:
-        stated: the number by the metadata, perhaps with letters around it.
+        found: by the file, empty where it tells none; perhaps with letters, as the other.
+        stated: by the metadata.
 
     Raises:
         InputError: the metadata tell another.
     """
-    found = next(iter(_often(leaders.serial)), 0)
-    numbers = [int(digits) for digits in re.findall(r"\d+", stated or "")]
-    if found and numbers and found not in numbers:
+    number, numbers = ([int(digits) for digits in re.findall(r"\d+", text or "")] for text in (found, stated))
+    if number and numbers and not {*number} & {*numbers}:
         advice = "the files may be another instrument's: correct files or serial_number"
-        raise InputError(where, expected=f"serial number {stated}", found=f"{found}", advice=advice)
-    return str(found or "")
+        raise InputError(where, expected=f"serial number {stated}", found=found, advice=advice)
+    return found
 
 
 def _often(numbers: NDArray[np.int64]) -> dict[int, int]:

@@ -1,0 +1,157 @@
+"""Finding the records of a Nortek file, whatever stands between them.
+
+Both formats begin a record with A5 and an identifier, and sum up 16-bit words on top of B58C. The older one has the
+size in words behind the identifier and one sum at its end; the Signature's has a header of 10 or 12 bytes with a sum of
+its own and one of the data. One running sum of the file gives every place its checksum at once, so that hostile input
+costs no more than its length. Sources: Nortek, System Integrator Manual (2010), and Integrators Guide AD2CP (2017).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib.core.errors import InputError
+from compasslib.core.types import Bools
+
+Bytes = NDArray[np.uint8]
+Places = NDArray[np.int64]
+
+SYNC, START = 0xA5, 0xB58C
+SHORTEST = 8  # bytes of an older record: its head, one word and the sum
+HEADERS = {10: "<u2", 12: "<u4"}  # length of the Signature's: how it writes the size of the data
+
+
+@dataclass(frozen=True, eq=False)
+class Packets:
+    """The records of a file whose checksums hold; what lies between them belongs to none."""
+
+    path: Path
+    data: Bytes  # the whole file
+    signature: bool  # whether they are the Signature's
+    kind: Places  # (k,) identifier
+    begin: Places  # (k,) of the record's contents: after the Signature's header; of the older ones with their head
+    end: Places  # (k,) of the record
+    start: Places  # (k,) of the record
+    damaged: int  # places that begin like one of these records and whose checksum fails
+
+    @cached_property
+    def skipped(self) -> list[tuple[int, int]]:
+        """First and last byte of each range that belongs to no record."""
+        first, last = np.append(0, self.end), np.append(self.start, self.data.size) - 1
+        return [(int(first[k]), int(last[k])) for k in np.flatnonzero(last >= first)]
+
+    @property
+    def bytes_skipped(self) -> int:
+        """Bytes that belong to no record."""
+        return sum(last - first + 1 for first, last in self.skipped)
+
+    def rows(self, which: Bools | Places) -> Bytes:
+        """Return the contents of records of one length, (k, length) bytes.
+
+        Args:
+            which: some of the records.
+        """
+        begin, end = self.begin[which], self.end[which]
+        length = int(end[0] - begin[0])
+        steps = np.diff(begin)
+        if len(steps) and (steps == steps[0]).all() and steps[0] >= length:  # evenly laid: nothing is copied
+            return np.lib.stride_tricks.as_strided(self.data[begin[0] :], (len(begin), length), (int(steps[0]), 1))
+        return np.lib.stride_tricks.sliding_window_view(self.data, length)[begin]
+
+
+def packets(path: str | Path) -> Packets:
+    """Return the records of a file, of the Signature's format where it holds one of them.
+
+    Raises:
+        InputError: the file cannot be read, or holds no record of either format.
+    """
+    data = _bytes(Path(path))
+    marks = np.flatnonzero(data == SYNC)
+    sums = _running_sums(data)
+    found, signature = _signatures(data, marks, sums), True
+    if not len(found[0]):
+        found, signature = _older(data, marks, sums), False
+    if not len(found[0]):
+        beginning = data[:16].tobytes()
+        shown = f"a file that begins with {beginning!r}" if beginning else "an empty file"
+        advice = "check that format: nortek and the file belong together"
+        raise InputError(str(path), expected="records of a Nortek file (A5)", found=shown, advice=advice)
+    apart = _one_after_the_other(found[1], found[3])
+    kind, start, begin, end = (column[apart] for column in found)
+    inside = np.searchsorted(start, marks, "right") - 1
+    between = marks[(inside < 0) | (marks >= end[inside])]
+    return Packets(Path(path), data, signature, kind, begin, end, start, _alike(data, between, start))
+
+
+def word(data: Bytes, at: Places) -> NDArray[np.uint16]:
+    """Return the 16-bit words at some places."""
+    return data[at] + data[at + 1].astype(np.uint16) * np.uint16(256)
+
+
+def _bytes(path: Path) -> Bytes:
+    try:
+        return np.fromfile(path, dtype=np.uint8)
+    except OSError as error:
+        found = error.strerror or type(error).__name__
+        advice = "check the path and its permissions, and name files, not folders"
+        raise InputError(str(path), expected="a Nortek file that can be read", found=found, advice=advice) from None
+
+
+def _running_sums(data: Bytes) -> NDArray[np.uint16]:
+    """Return sums modulo 65,536 of every second word, so that those of any stretch of words are a difference of two."""
+    sums = np.zeros(data.size + 1, dtype=np.uint16)
+    for parity in (0, 1):
+        words = data[parity : parity + (data.size - parity) // 2 * 2].view("<u2")
+        np.cumsum(words, dtype=np.uint16, out=sums[parity + 2 :: 2])
+    return sums
+
+
+def _signatures(data: Bytes, marks: Places, sums: NDArray[np.uint16]) -> tuple[Places, Places, Places, Places]:
+    found = []
+    for length, size_type in HEADERS.items():
+        start = marks[marks + length <= data.size]
+        start = start[data[start + 1] == length]
+        start = start[sums[start + length - 2] - sums[start] + np.uint16(START) == word(data, start + length - 2)]
+        columns = np.arange(4, 4 + np.dtype(size_type).itemsize)
+        size = data[start[:, None] + columns].view(size_type)[:, 0].astype(np.int64)
+        begin = start + length
+        whole = begin + size <= data.size
+        start, begin, size = start[whole], begin[whole], size[whole]
+        last = np.where(size % 2, data[np.maximum(begin + size, 1) - 1], 0).astype(np.uint16) * np.uint16(256)
+        holds = sums[begin + size // 2 * 2] - sums[begin] + np.uint16(START) + last == word(data, begin - 4)
+        found.append(np.stack([data[start + 2], start, begin, begin + size])[:, holds].astype(np.int64))
+    both = np.concatenate(found, axis=1)
+    kind, start, begin, end = both[:, np.argsort(both[1], kind="stable")]
+    return kind, start, begin, end
+
+
+def _older(data: Bytes, marks: Places, sums: NDArray[np.uint16]) -> tuple[Places, Places, Places, Places]:
+    start = marks[marks + SHORTEST <= data.size]
+    end = start + 2 * word(data, start + 2).astype(np.int64)
+    whole = (end >= start + SHORTEST) & (end <= data.size)
+    start, end = start[whole], end[whole]
+    holds = sums[end - 2] - sums[start] + np.uint16(START) == word(data, end - 2)
+    start, end = start[holds], end[holds]
+    return data[start + 1].astype(np.int64), start, start, end
+
+
+def _one_after_the_other(start: Places, end: Places) -> Bools:
+    """Tell records that begin where none before has not ended: a chance sum inside another is no record."""
+    kept = np.ones(len(start), dtype=bool)
+    after = 0
+    for first in np.flatnonzero(start[1:] < end[:-1]).tolist():
+        if first >= after:
+            after = first + int(np.searchsorted(start[first:], end[first]))
+            kept[first + 1 : after] = False
+    return kept
+
+
+def _alike(data: Bytes, marks: Places, start: Places) -> int:
+    """Count marks whose first four bytes are those of a record of the file."""
+    heads = [data[at[at + 4 <= data.size][:, None] + np.arange(4)].copy().view("<u4")[:, 0] for at in (marks, start)]
+    return int(np.isin(heads[0], heads[1]).sum())

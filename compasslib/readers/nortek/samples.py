@@ -1,0 +1,47 @@
+"""What a Nortek file recorded, in either of the two formats: fields with units, nothing turned to the earth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from compasslib.core.records import Flags
+from compasslib.core.types import Bools, Floats
+from compasslib.readers.nortek.packets import Places
+
+EARTH, INSTRUMENT, BEAM = 0, 1, 2  # as both formats number them
+MISSING_COUNT = -32768
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Samples in the order of the file; n of them, m cells."""
+
+    offset: Places  # (n,) in the file, bytes
+    time_s: Floats  # (n,) since 1970-01-01 by the instrument's clock; NaN where impossible
+    heading_deg: Floats  # (n,) of the x axis
+    pitch_deg: Floats  # (n,) x axis up
+    roll_deg: Floats  # (n,) y axis, which is port on an up-looker, up
+    pressure_dbar: Floats  # (n,) NaN without a sensor
+    temperature_c: Floats  # (n,)
+    supply_voltage: Floats  # (n,) volts
+    velocity: Floats  # (n, m, 2 or 3) m/s: east and north (earth), else x, y, z of the head
+    quality: Flags  # (n, m)
+    heading_quality: Flags  # (n,)
+    looks_up: Bools  # (n,) the instrument's own word
+    sideways: Bools  # (n,) it lay on its side by its own word
+    bin_range_m: tuple[float, ...]  # (m,) vertical distance from the head; 0 for a point meter
+    recorded: int  # EARTH, INSTRUMENT or BEAM; beams are combined already
+    beam_angle_deg: float  # from the vertical; 0 for a point meter
+    serial: str
+    declination_deg: float = 0.0  # that the instrument added to its headings
+    average_s: float = 0.0  # over which a sample is a mean; its time is the beginning
+    magnetometer: Floats | None = None  # (n, 3) counts along x, y, z
+    counts: dict[str, int] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()  # sentences for the report
+
+
+def axes_of(matrix: Floats) -> Floats:
+    """Return the rows of x, y and z, (3, k), of a matrix from beams to axes; of two estimates of z their mean."""
+    return matrix if len(matrix) == 3 else np.vstack([matrix[:2], matrix[2:].mean(axis=0)])

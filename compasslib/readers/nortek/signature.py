@@ -1,0 +1,247 @@
+"""The Signature's velocity records (ad2cp): averages, or bursts where it made no averages.
+
+Read are records of data format 3. Bottom track, a fifth beam, altimeter and echo sounder are passed over and counted.
+Byte numbers count from the record's contents. The text records of the file give the heads' matrices and the declination
+that was set. Source: Nortek, Integrators Guide AD2CP (2017), 6.1 and 6.6.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from compasslib.core.errors import InputError
+from compasslib.core.records import BAD, GOOD, MISSING, Flags
+from compasslib.core.types import Floats
+from compasslib.readers.mmp.scan_clock import civil
+from compasslib.readers.nortek.packets import Bytes, Packets, Places
+from compasslib.readers.nortek.samples import BEAM, EARTH, INSTRUMENT, MISSING_COUNT, Samples, axes_of
+
+BURST, AVERAGE, TEXT = 0x15, 0x16, 0xA0
+NAMES = {BURST: "bursts", AVERAGE: "averages"}
+SECTIONS = {BURST: "BURST", AVERAGE: "AVG"}  # how the text calls them
+FORMAT = 3
+# Bits of the configuration: which sensors were valid, and which blocks follow the head.
+PRESSURE, TEMPERATURE, COMPASS, TILT, VELOCITY, AMPLITUDE, CORRELATION = 1, 2, 4, 8, 32, 64, 128
+BLOCKS = (
+    (0x0100, 8),
+    (0x0400, 20),
+    (0x0200, None),
+    (0x0800, None),
+    (0x1000, 64),
+)  # before percent good, and their bytes
+PERCENT_GOOD = 0x2000
+CENTIMETRES = 0x02  # bit of the status: the blanking's unit
+SIDEWAYS, DOWN = (0, 1, 2, 3), 5  # codes of the orientation: X up, X down, Y up, Y down; Z down
+LEAST_CORRELATION, LEAST_PERCENT_GOOD = 50, 25  # percent; Nortek advises the first, the second is that of PD0 here
+USUAL_SLANT_DEG = 25.0
+_HEAD = np.dtype(
+    {
+        "names": [
+            *("format", "offset", "configuration", "serial", "clock", "fraction", "temperature", "pressure"),
+            *("heading", "pitch", "roll", "layout", "cell", "blanking", "battery", "magnetometer", "scale", "status"),
+        ],
+        "formats": [
+            *("u1", "u1", "<u2", "<u4", "6u1", "<u2", "<i2", "<u4"),
+            *("<u2", "<i2", "<i2", "<u2", "<u2", "<u2", "<u2", "3<i2", "i1", "<u4"),
+        ],
+        "offsets": [0, 1, 2, 4, 8, 14, 18, 20, 24, 26, 28, 30, 32, 34, 38, 40, 58, 68],
+        "itemsize": 76,
+    }
+)
+_SAME = (0, 1, 2, 3, 30, 31, 32, 33, 34, 35)  # bytes that are equal in records of one configuration
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """What all records of one configuration share."""
+
+    offset: int  # of the velocities
+    cells: int
+    beams: int
+    coordinates: int
+    configuration: int
+
+    @property
+    def bytes_needed(self) -> int:
+        each = 2 + bool(self.configuration & AMPLITUDE) + bool(self.configuration & CORRELATION)
+        return self.offset + each * self.beams * self.cells
+
+
+def samples(found: Packets) -> Samples:
+    """Return what a Signature recorded.
+
+    Raises:
+        InputError: no velocities of data format 3, beams without their matrix, or other than three or four beams.
+    """
+    text = _text(found)
+    kind = next((kind for kind in (AVERAGE, BURST) if (found.kind == kind).any()), None)
+    if kind is None:
+        there = ", ".join(f"{k:02X}" for k in np.unique(found.kind).tolist())
+        advice = "export its velocities, or give them as a table"
+        raise InputError(str(found.path), expected="averages or bursts", found=f"records {there}", advice=advice)
+    mine = _of_one_configuration(found, of_kind := np.flatnonzero(found.kind == kind))
+    rows = found.rows(mine)
+    head = np.ascontiguousarray(rows[:, : _HEAD.itemsize]).view(_HEAD)[:, 0]
+    layout = _layout(found, rows, head[0])
+    raw = _velocity(rows, layout, head["scale"])
+    velocity = _in_axes(found, raw, layout, _matrix(text, SECTIONS[kind]))
+    counts = {"other_configurations": len(of_kind) - len(mine), "other_kinds": _others(found, kind)}
+    return Samples(
+        offset=found.start[mine],
+        **_sensors(head),
+        velocity=velocity,
+        quality=_quality(rows, layout, velocity),
+        bin_range_m=_ranges(head[0], layout.cells),
+        recorded=layout.coordinates,
+        beam_angle_deg=_setting(text, "BEAMCFGLIST", "THETA", USUAL_SLANT_DEG),
+        serial=str(head["serial"][0] or ""),
+        declination_deg=_setting(text, "GETUSER", "DECL", 0.0),
+        average_s=_setting(text, "GETAVG", "AI", 0.0) if kind == AVERAGE else 0.0,
+        magnetometer=head["magnetometer"] * 1.0,
+        counts=counts,
+        notes=tuple(_notes(found, kind, counts)),
+    )
+
+
+def _text(found: Packets) -> str:
+    at = np.flatnonzero(found.kind == TEXT)
+    parts = [found.data[found.begin[k] + 1 : found.end[k]].tobytes() for k in at]
+    return "\n".join(part.decode("latin-1") for part in parts)
+
+
+def _setting(text: str, section: str, name: str, usual: float) -> float:
+    found = re.search(rf"^{section},.*?\b{name}=(-?\d+\.?\d*)", text, re.MULTILINE)
+    return float(found[1]) if found else usual
+
+
+def _matrix(text: str, section: str) -> Floats | None:
+    """Return the matrix from beams to axes that the text gives for averages or bursts, (k, k)."""
+    line = re.search(rf"^GETXF{section},ROWS=(\d),COLS=(\d),(.*)$", text, re.MULTILINE)
+    if line is None:
+        return None
+    numbers = [float(value) for value in re.findall(r"M\d\d=(-?\d+\.\d+)", line[3])]
+    shape = int(line[1]), int(line[2])
+    return np.array(numbers).reshape(shape) if len(numbers) == shape[0] * shape[1] else None
+
+
+def _of_one_configuration(found: Packets, at: Places) -> Places:
+    """Return those records that have the most frequent configuration."""
+    size = found.end[at] - found.begin[at]
+    long = at[size >= _HEAD.itemsize]
+    if not len(long):
+        advice = "export its velocities, or give them as a table"
+        raise InputError(str(found.path), expected="velocity records", found="shorter ones", advice=advice)
+    same = found.data[found.begin[long][:, None] + np.array(_SAME)]
+    key = np.column_stack([same, (found.end[long] - found.begin[long])[:, None].view(np.uint8)])
+    _, which, count = np.unique(key, axis=0, return_inverse=True, return_counts=True)
+    return long[which.ravel() == count.argmax()]
+
+
+def _layout(found: Packets, rows: Bytes, head: Any) -> _Layout:
+    bits = int(head["layout"])
+    layout = _Layout(int(head["offset"]), bits & 1023, bits >> 12, bits >> 10 & 3, int(head["configuration"]))
+    expected = f"velocities in data format {FORMAT} of three or four beams"
+    shown = f"data format {head['format']}, {layout.beams} beams, {layout.cells} cells"
+    fits = layout.bytes_needed <= rows.shape[1] and layout.offset >= _HEAD.itemsize
+    whole = bool(layout.configuration & VELOCITY) and layout.cells > 0 and layout.coordinates <= BEAM and fits
+    if head["format"] != FORMAT or layout.beams not in (3, 4) or not whole:
+        advice = "export its velocities, or give them as a table"
+        raise InputError(str(found.path), expected=expected, found=shown, advice=advice)
+    return layout
+
+
+def _velocity(rows: Bytes, layout: _Layout, scale: Any) -> Floats:
+    stop = layout.offset + 2 * layout.beams * layout.cells
+    counts = np.ascontiguousarray(rows[:, layout.offset : stop]).view("<i2").reshape(len(rows), layout.beams, -1)
+    velocity = counts / 10.0 ** -scale.astype(float)[:, None, None]
+    velocity[counts == MISSING_COUNT] = np.nan
+    return np.moveaxis(velocity, 1, 2)
+
+
+def _in_axes(found: Packets, raw: Floats, layout: _Layout, matrix: Floats | None) -> Floats:
+    if layout.coordinates == EARTH:
+        return raw[..., :2]
+    if layout.coordinates == INSTRUMENT:
+        return raw @ axes_of(np.eye(layout.beams)).T
+    if matrix is None or matrix.shape[1] != layout.beams:
+        expected = f"the matrix of its {layout.beams} beams among the text records (GETXFAVG, GETXFBURST)"
+        shown = "none" if matrix is None else f"one of {matrix.shape[1]}"
+        advice = "take the instrument's own file from its first byte on"
+        raise InputError(str(found.path), expected=expected, found=shown, advice=advice)
+    return raw @ axes_of(matrix).T
+
+
+def _sensors(head: Any) -> dict[str, Any]:
+    valid = head["configuration"]
+    year, month, day, hour, minute, second = head["clock"].astype(np.int64).T
+    heading = np.where((valid & COMPASS) > 0, head["heading"] / 100.0, np.nan)
+    heading = np.where(heading < 360.0, heading, np.nan)
+    orientation = head["status"] >> 25 & 7
+
+    def known(bit: int, values: Any) -> Floats:
+        return np.where((valid & bit) > 0, values, np.nan)
+
+    return {
+        "time_s": civil((year + 1900, month + 1, day), (hour, minute, second)) + head["fraction"] / 10000.0,
+        "heading_deg": heading,
+        "heading_quality": np.where(np.isnan(heading), MISSING, GOOD).astype(np.int8),
+        "pitch_deg": known(TILT, head["pitch"] / 100.0),
+        "roll_deg": known(TILT, head["roll"] / 100.0),
+        "pressure_dbar": known(PRESSURE, head["pressure"] / 1000.0),
+        "temperature_c": known(TEMPERATURE, head["temperature"] / 100.0),
+        "supply_voltage": head["battery"] / 10.0,
+        "looks_up": orientation != DOWN,
+        "sideways": np.isin(orientation, SIDEWAYS),
+    }
+
+
+def _ranges(head: Any, cells: int) -> tuple[float, ...]:
+    """Return the middles of the cells: the blanking and as many cells as their number."""
+    blanking = float(head["blanking"]) / (100.0 if head["status"] & CENTIMETRES else 1000.0)
+    return tuple((blanking + float(head["cell"]) / 1000.0 * (1.0 + np.arange(cells))).tolist())
+
+
+def _quality(rows: Bytes, layout: _Layout, velocity: Floats) -> Flags:
+    bad = np.zeros(velocity.shape[:2], dtype=bool)
+    correlation, percent = _places(layout)
+    if correlation is not None:
+        block = rows[:, correlation : correlation + layout.beams * layout.cells]
+        bad |= block.reshape(len(rows), layout.beams, -1).min(axis=1) < LEAST_CORRELATION
+    if percent is not None and percent + layout.cells <= rows.shape[1]:
+        bad |= rows[:, percent : percent + layout.cells] < LEAST_PERCENT_GOOD
+    flags = np.where(bad, BAD, GOOD)
+    return np.where(np.isnan(velocity).any(axis=-1), MISSING, flags).astype(np.int8)
+
+
+def _places(layout: _Layout) -> tuple[int | None, int | None]:
+    """Return where the correlations and the percent good begin, None where they are absent."""
+    each = layout.beams * layout.cells
+    at = layout.offset + 2 * each + (each if layout.configuration & AMPLITUDE else 0)
+    correlation = at if layout.configuration & CORRELATION else None
+    at += each if layout.configuration & CORRELATION else 0
+    for bit, size in BLOCKS:
+        if layout.configuration & bit:
+            if size is None:  # of raw echoes: as long as its own head says, and not found in averages
+                return correlation, None
+            at += size
+    return correlation, at if layout.configuration & PERCENT_GOOD else None
+
+
+def _others(found: Packets, kind: int) -> int:
+    return int(np.sum((found.kind != kind) & (found.kind != TEXT)))
+
+
+def _notes(found: Packets, kind: int, counts: dict[str, int]) -> Iterator[str]:
+    name = found.path.name
+    if counts["other_kinds"]:
+        shown = f"{name}: the {NAMES[kind]} were read; {counts['other_kinds']} records of other kinds"
+        bursts = int(np.sum(found.kind == BURST)) if kind == AVERAGE else 0
+        yield f"{shown}{f', {bursts} of them bursts,' if bursts else ''} were passed over."
+    if counts["other_configurations"]:
+        shown = f"{name}: {counts['other_configurations']} {NAMES[kind]} of another configuration than most"
+        yield f"{shown} were left out."
