@@ -15,6 +15,16 @@ from compasslib import readers
 from compasslib.config import paths, values
 from compasslib.config.values import iso, problem, shown
 
+
+def _form(value: Any) -> str:
+    offered = readers.names()
+    if value not in offered:
+        raise problem(
+            expected=f"{', '.join(offered[:-1])} or {offered[-1]}", advice=values.nearest(str(value), offered)
+        )
+    return str(value)
+
+
 Number = Annotated[float, BeforeValidator(values.number)]
 Count = Annotated[int, BeforeValidator(values.count)]
 Switch = Annotated[bool, BeforeValidator(values.switch)]
@@ -31,7 +41,7 @@ Delimiter = Annotated[str, BeforeValidator(values.delimiter)]
 Decimal = Annotated[str, BeforeValidator(values.decimal)]
 Zone = Annotated[str, BeforeValidator(values.zone)]
 Missing = Annotated[tuple[str, ...], BeforeValidator(values.missing)]
-Form = Annotated[str, BeforeValidator(values.form)]
+Form = Annotated[str, BeforeValidator(_form)]
 Reference = Annotated[Literal["magnetic", "true"], BeforeValidator(values.unquoted_true)]
 
 TABLES = ("table", "acm_table")

@@ -14,8 +14,6 @@ from typing import Any, Literal
 
 from pydantic_core import PydanticCustomError
 
-from compasslib import readers
-
 NAME_WORDS = "1 to 64 letters, digits, '_', '.' and '-', the first a letter or digit"
 VELOCITY_SETS = (("east", "north"), ("speed", "direction"), ("x", "y", "heading"))
 SWAPPED = "check the sign and the order of latitude and longitude"
@@ -140,14 +138,6 @@ def name(value: Any) -> str:
     if match := _REPEATED.search(value):
         expected = f"a name that does not end in {_REPEATS} repeats of one piece ({match[1][:_SHOWN]})"
         raise problem(expected=expected, advice="shorten it")
-    return str(value)
-
-
-def form(value: Any) -> str:
-    """Return the name of a raw format that is read here, by the house or by a plug-in."""
-    offered = readers.names()
-    if value not in offered:
-        raise problem(expected=f"{', '.join(offered[:-1])} or {offered[-1]}", advice=nearest(str(value), offered))
     return str(value)
 
 
