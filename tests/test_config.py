@@ -165,6 +165,7 @@ def test_every_key_but_eight_has_a_default(cruise: Path) -> None:
             "declination_applied": None, "heading_alignment": None, "clock_offset_seconds": 0.0,
             "clock_drift_seconds": 0.0, "pressure_offset": 0.0, "direction_reference": "magnetic", "exclude": (),
             "attributes": {}, "columns": None, "pressure_files": (), "start_offset_seconds": 0.0,
+            "bin_size": None, "first_bin": None,
         }},
         "attributes": {}, "fit": {"method": "exact", "name": None, "tilt": False},
         "diagnose": {"enabled": True, "apply": True, "min_effect_deg": 0.5}, "covariates": {},
@@ -380,8 +381,8 @@ BAD_LINES = [
     ("attributes: {a b: c}", "attributes: expected attribute names of letters, digits and '_', found 'a b'; write for example ship"),
     ("covariates: {obs: {format: iaga2002, files: raw/obs/*.hor}}", "covariates.obs.files: expected an existing file, found no file that matches raw/obs/*.hor; put it there or correct the path, relative to the cruise folder"),
     ("covariates: {a b: {format: iaga2002, files: raw/obs/*.min}}", "covariates.a b: expected 1 to 64 letters, digits, '_', '.' and '-', the first a letter or digit, found 'a b'; write for example EG4"),
-    ("    format: PD0", "instruments.top.format: expected pd0, acm_table, mmp_acm or table, found 'PD0'; write for example format: pd0"),
-    ("    format: tabel", "instruments.top.format: expected pd0, acm_table, mmp_acm or table, found 'tabel'; write table"),
+    ("    format: PD0", "instruments.top.format: expected pd0, acm_table, mmp_acm, table, netcdf, rdi_text or pd12, found 'PD0'; write for example format: pd0"),
+    ("    format: tabel", "instruments.top.format: expected pd0, acm_table, mmp_acm, table, netcdf, rdi_text or pd12, found 'tabel'; write table"),
     ("    files: raw/EG4/no.000", "instruments.top.files: expected an existing file, found no file raw/EG4/no.000; put it there or correct the path, relative to the cruise folder"),
     ("    files: raw/EG4/*.001", "instruments.top.files: expected an existing file, found no file that matches raw/EG4/*.001; put it there or correct the path, relative to the cruise folder"),
     ("    files: raw/EG4", "instruments.top.files: expected a file, found the folder raw/EG4; write raw/EG4/* for all files in it"),
@@ -393,7 +394,10 @@ BAD_LINES = [
     ("    depth: -100", "instruments.top.depth: expected metres from 0 to 12000, found -100; write it positive, in metres"),
     ("    depth: 1000", "instruments.top.depth: expected metres from 0 to the water depth, 894, found 1000; correct one of the two"),
     ("    orientation: upward", "instruments.top.orientation: expected up or down, found 'upward'; write for example orientation: up"),
-    ("    heading: 3", "instruments.top.heading: expected a key out of format, files, depth, orientation, declination_applied, heading_alignment, clock_offset_seconds, clock_drift_seconds, pressure_offset, direction_reference, exclude, attributes, columns, pressure_files, start_offset_seconds, found the unknown 'heading'; delete it, or indent it below the key that it belongs to"),
+    ("    bin_size: 16", "instruments.top.bin_size: expected this key only with format pd12, found it with format pd0; delete it or correct the format"),
+    ("    format: netcdf\n    columns: {speed: s, direction: d}", "instruments.top.columns.speed: expected this role only with tables, found it with format netcdf; delete it"),
+    ("    format: mmp_acm\n    columns: {range: r}", "instruments.top.columns.range: expected this role only with format netcdf, found it with format mmp_acm; delete it"),
+    ("    heading: 3", "instruments.top.heading: expected a key out of format, files, depth, orientation, declination_applied, heading_alignment, clock_offset_seconds, clock_drift_seconds, pressure_offset, direction_reference, exclude, attributes, columns, pressure_files, start_offset_seconds, bin_size, first_bin, found the unknown 'heading'; delete it, or indent it below the key that it belongs to"),
     ("    pressure_offset: 2 dbar", "instruments.top.pressure_offset: expected dbar from -12000 to 12000, found '2 dbar'; write 2 without the unit"),
     ("    exclude: {from: 2007-10-01, to: 2007-10-02}", "instruments.top.exclude: expected a list of windows, found a mapping; write for example exclude: [{from: 2007-10-01, to: 2007-10-02, why: fouled}]"),
     ("    exclude: [2007-10-01]", "instruments.top.exclude[0]: expected a mapping, found '2007-10-01'; write below it keys out of from, to, why"),
@@ -411,8 +415,8 @@ BAD_COLUMNS = [
     ("{time: t, east: u, north: u}", "columns.north: expected a column of its own, found 'u', which east has already; correct one of the two"),
     ("{time: t, east: 1, north: v}", "columns.east: expected the header of a column (speed), found 1; write it in quotes: '1'"),
     ("{time: t, east: u, north: v, scale: 0}", "columns.scale: expected a factor to m/s above 0, at most 1000, found 0; write for example scale: 0.01"),
-    ("{time: t, east: u, north: v, tilt: w}", "columns.tilt: expected a key out of time, depth, pressure, east, north, speed, direction, x, y, heading, tilt_x, tilt_y, temperature, scale, found the unknown 'tilt'; write tilt_y"),
-    ("[time_utc, u, v]", "columns: expected a mapping, found a list; write below it keys out of time, depth, pressure, east, north, speed, direction, x, y, heading, tilt_x, tilt_y, temperature, scale"),
+    ("{time: t, east: u, north: v, tilt: w}", "columns.tilt: expected a key out of time, depth, pressure, east, north, speed, direction, x, y, heading, tilt_x, tilt_y, temperature, range, scale, found the unknown 'tilt'; write tilt_y"),
+    ("[time_utc, u, v]", "columns: expected a mapping, found a list; write below it keys out of time, depth, pressure, east, north, speed, direction, x, y, heading, tilt_x, tilt_y, temperature, range, scale"),
 ]  # fmt: skip
 
 BAD_FILES = [
@@ -492,9 +496,27 @@ def test_a_bad_line_of_the_options(cruise: Path, line: str, expected: str) -> No
 
 
 @pytest.mark.parametrize(
+    ("given", "line"),
+    [
+        (
+            "",
+            "orientation: expected up or down, which pd12 does not tell, found nothing; add for example orientation: up",
+        ),
+        (
+            "orientation: up, bin_size: 16,",
+            "first_bin: expected metres above 0, at most 1000, which pd12 does not tell, found nothing; add for example first_bin: 24.7",
+        ),
+    ],
+)
+def test_what_pd12_does_not_tell_is_asked_for(cruise: Path, given: str, line: str) -> None:
+    write(cruise, MOORING_FILE, SHORTEST.replace("format: pd0,", f"format: pd12, {given}"))
+    assert message(cruise) == f"{MOORING_FILE}: instruments.top.{line}"
+
+
+@pytest.mark.parametrize(
     ("line", "key", "allowed", "form"),
     [
-        ("columns: {time: t}", "columns", "table or acm_table or mmp_acm", "pd0"),
+        ("columns: {time: t}", "columns", "table or acm_table or mmp_acm or netcdf", "pd0"),
         ("pressure_files: raw/EG4/deep.csv", "pressure_files", "mmp_acm", "pd0"),
         ("start_offset_seconds: 4", "start_offset_seconds", "mmp_acm", "pd0"),
         ("heading_alignment: 4", "heading_alignment", "pd0", "mmp_acm"),
