@@ -18,7 +18,10 @@ from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
+import netcdf_layouts
 import numpy as np
+import pd12_files
+import rdi_text_files
 import yaml
 from iaga_files import series
 from iaga_files import write as write_observatory
@@ -29,8 +32,9 @@ from compasslib.config import cruise as config
 from compasslib.core.errors import InputError
 from compasslib.core.records import PROBABLY_GOOD, EarthField, Record
 from compasslib.preparation import deployment, overlap
-from compasslib.readers import iaga2002, nmea, table
+from compasslib.readers import iaga2002, nmea, pd12, rdi_text, table
 from compasslib.readers.mmp import acm
+from compasslib.readers.netcdf import reader as netcdf
 from compasslib.readers.pd0 import reader
 from compasslib.simulation import mmp
 
@@ -157,6 +161,15 @@ def _mmp(path: Path) -> Record:
     return _through(acm.read([path], pressure_files=(), start_offset_seconds=0.0))
 
 
+def _netcdf(path: Path) -> Record:
+    told = {"orientation": None, "declination_applied": None, "direction_reference": "magnetic"}
+    return _through(replace(netcdf.read([path], columns=None, **told), serial_number=""))
+
+
+def _pd12(path: Path) -> Record:
+    return _through(pd12.read([path], orientation="up", bin_size=20.0, first_bin=24.7))
+
+
 def _through(record: Record) -> Record:
     """Take a record on to the pairs: what parses must not stop the later stages."""
     for values in (record.east, record.north, record.heading_deg, record.time_s):
@@ -183,6 +196,7 @@ def kinds(folder: Path) -> dict[str, Kind]:
     """
     rng = np.random.default_rng(0)
     write_observatory(folder / "obs.min", series(4))
+    netcdf_layouts.write(folder / "a.nc", "imos_magnetic")
     scans = _scans(rng)
     mmp.write_text(folder / "acm.txt", METER, scans)
     mmp.write_binary(folder / "acm.dat", METER, scans)
@@ -200,6 +214,11 @@ def kinds(folder: Path) -> dict[str, Kind]:
         "mmp binary": Kind((folder / "acm.dat").read_bytes(), _mmp),
         "nmea0183": Kind(_log(), lambda path: nmea.read([path])),
         "iaga2002": Kind((folder / "obs.min").read_bytes(), lambda path: iaga2002.read([path])),
+        "netcdf": Kind((folder / "a.nc").read_bytes(), _netcdf),
+        "rdi_text": Kind(
+            rdi_text_files.export().encode(), lambda path: _through(rdi_text.read([path], orientation=None))
+        ),
+        "pd12": Kind(_telemetry(rng), _pd12, _good),
         "yaml": _yaml(folder),
     }
 
@@ -218,6 +237,16 @@ def _ensembles(rng: np.random.Generator) -> list[bytes]:
         )
         for i in range(40)
     ]
+
+
+def _telemetry(rng: np.random.Generator) -> bytes:
+    profiles = rng.integers(-400, 400, (40, 4, 4)).tolist()
+    return pd12_files.framed(
+        [
+            pd12_files.ensemble(i + 1, START + timedelta(hours=i), float(rng.uniform(0, 359)), profile)
+            for i, profile in enumerate(profiles)
+        ]
+    )
 
 
 def _scans(rng: np.random.Generator) -> Any:

@@ -164,7 +164,8 @@ def test_every_key_but_eight_has_a_default(cruise: Path) -> None:
             "format": "pd0", "files": ("raw/EG4/top.000",), "depth": None, "orientation": None,
             "declination_applied": None, "heading_alignment": None, "clock_offset_seconds": 0.0,
             "clock_drift_seconds": 0.0, "pressure_offset": 0.0, "direction_reference": "magnetic", "exclude": (),
-            "attributes": {}, "columns": None, "pressure_files": (), "start_offset_seconds": 0.0, "delimiter": None, "decimal": None,
+            "attributes": {}, "columns": None, "pressure_files": (), "start_offset_seconds": 0.0,
+            "bin_size": None, "first_bin": None, "delimiter": None, "decimal": None,
             "time_format": None, "timezone": None, "missing": (), "skip_rows": None,
         }},
         "attributes": {}, "fit": {"method": "exact", "name": None, "tilt": False},
@@ -407,8 +408,8 @@ BAD_LINES = [
     ("    timezone: CET", "instruments.top.timezone: expected UTC or an offset such as '+02:00', found 'CET'; write for example timezone: '+02:00'"),
     ("    missing: [[1]]", "instruments.top.missing: expected a list of numbers or texts that stand for nothing, found a list; write for example missing: [-99.9, ----]"),
     ("    skip_rows: -1", "instruments.top.skip_rows: expected a whole number from 0 to 100000 of lines above the header, found -1; write for example skip_rows: 3"),
-    ("    format: PD0", "instruments.top.format: expected pd0, table, acm_table, mmp_acm or nortek, found 'PD0'; write for example format: pd0"),
-    ("    format: tabel", "instruments.top.format: expected pd0, table, acm_table, mmp_acm or nortek, found 'tabel'; write table"),
+    ("    format: PD0", "instruments.top.format: expected pd0, table, acm_table, mmp_acm, netcdf, rdi_text, pd12 or nortek, found 'PD0'; write for example format: pd0"),
+    ("    format: tabel", "instruments.top.format: expected pd0, table, acm_table, mmp_acm, netcdf, rdi_text, pd12 or nortek, found 'tabel'; write table"),
     ("    files: raw/EG4/no.000", "instruments.top.files: expected an existing file, found no file raw/EG4/no.000; put it there or correct the path, relative to the cruise folder"),
     ("    files: raw/EG4/*.001", "instruments.top.files: expected an existing file, found no file that matches raw/EG4/*.001; put it there or correct the path, relative to the cruise folder"),
     ("    files: raw/EG4", "instruments.top.files: expected a file, found the folder raw/EG4; write raw/EG4/* for all files in it"),
@@ -420,7 +421,10 @@ BAD_LINES = [
     ("    depth: -100", "instruments.top.depth: expected metres from 0 to 12000, found -100; write it positive, in metres"),
     ("    depth: 1000", "instruments.top.depth: expected metres from 0 to the water depth, 894, found 1000; correct one of the two"),
     ("    orientation: upward", "instruments.top.orientation: expected up or down, found 'upward'; write for example orientation: up"),
-    ("    heading: 3", "instruments.top.heading: expected a key out of format, files, depth, orientation, declination_applied, heading_alignment, clock_offset_seconds, clock_drift_seconds, pressure_offset, direction_reference, exclude, attributes, columns, pressure_files, start_offset_seconds, delimiter, decimal, time_format, timezone, missing, skip_rows, found the unknown 'heading'; delete it, or indent it below the key that it belongs to"),
+    ("    heading: 3", "instruments.top.heading: expected a key out of format, files, depth, orientation, declination_applied, heading_alignment, clock_offset_seconds, clock_drift_seconds, pressure_offset, direction_reference, exclude, attributes, columns, pressure_files, start_offset_seconds, bin_size, first_bin, delimiter, decimal, time_format, timezone, missing, skip_rows, found the unknown 'heading'; delete it, or indent it below the key that it belongs to"),
+    ("    bin_size: 16", "instruments.top.bin_size: expected this key only with format pd12, found it with format pd0; delete it or correct the format"),
+    ("    format: netcdf\n    columns: {speed: s, direction: d}", "instruments.top.columns.speed: expected this role only with tables, found it with format netcdf; delete it"),
+    ("    format: mmp_acm\n    columns: {range: r}", "instruments.top.columns.range: expected this role only with format netcdf, found it with format mmp_acm; delete it"),
     ("    pressure_offset: 2 dbar", "instruments.top.pressure_offset: expected dbar from -12000 to 12000, found '2 dbar'; write 2 without the unit"),
     ("    exclude: {from: 2007-10-01, to: 2007-10-02}", "instruments.top.exclude: expected a list of windows, found a mapping; write for example exclude: [{from: 2007-10-01, to: 2007-10-02, why: fouled}]"),
     ("    exclude: [2007-10-01]", "instruments.top.exclude[0]: expected a mapping, found '2007-10-01'; write below it keys out of from, to, why"),
@@ -440,8 +444,8 @@ BAD_COLUMNS = [
     ("{time: t, east: u, north: u}", "columns.north: expected a column of its own, found 'u', which east has already; correct one of the two"),
     ("{time: t, east: 1, north: v}", "columns.east: expected the header of a column (speed), found 1; write it in quotes: '1'"),
     ("{time: t, east: u, north: v, scale: 0}", "columns.scale: expected a factor to m/s above 0, at most 1000, found 0; write for example scale: 0.01"),
-    ("{time: t, east: u, north: v, tilt: w}", "columns.tilt: expected a key out of time, date, clock, depth, pressure, east, north, speed, direction, x, y, heading, tilt_x, tilt_y, temperature, scale, found the unknown 'tilt'; write tilt_y"),
-    ("[time_utc, u, v]", "columns: expected a mapping, found a list; write below it keys out of time, date, clock, depth, pressure, east, north, speed, direction, x, y, heading, tilt_x, tilt_y, temperature, scale"),
+    ("{time: t, east: u, north: v, tilt: w}", "columns.tilt: expected a key out of time, date, clock, depth, pressure, east, north, speed, direction, x, y, heading, tilt_x, tilt_y, temperature, range, scale, found the unknown 'tilt'; write tilt_y"),
+    ("[time_utc, u, v]", "columns: expected a mapping, found a list; write below it keys out of time, date, clock, depth, pressure, east, north, speed, direction, x, y, heading, tilt_x, tilt_y, temperature, range, scale"),
 ]  # fmt: skip
 
 BAD_FILES = [
@@ -521,9 +525,27 @@ def test_a_bad_line_of_the_options(cruise: Path, line: str, expected: str) -> No
 
 
 @pytest.mark.parametrize(
+    ("given", "line"),
+    [
+        (
+            "",
+            "orientation: expected up or down, which pd12 does not tell, found nothing; add for example orientation: up",
+        ),
+        (
+            "orientation: up, bin_size: 16,",
+            "first_bin: expected metres above 0, at most 1000, which pd12 does not tell, found nothing; add for example first_bin: 24.7",
+        ),
+    ],
+)
+def test_what_pd12_does_not_tell_is_asked_for(cruise: Path, given: str, line: str) -> None:
+    write(cruise, MOORING_FILE, SHORTEST.replace("format: pd0,", f"format: pd12, {given}"))
+    assert message(cruise) == f"{MOORING_FILE}: instruments.top.{line}"
+
+
+@pytest.mark.parametrize(
     ("line", "key", "allowed", "form"),
     [
-        ("columns: {time: t}", "columns", "table or acm_table or mmp_acm", "pd0"),
+        ("columns: {time: t}", "columns", "table or acm_table or mmp_acm or netcdf", "pd0"),
         ("pressure_files: raw/EG4/deep.csv", "pressure_files", "mmp_acm", "pd0"),
         ("start_offset_seconds: 4", "start_offset_seconds", "mmp_acm", "pd0"),
         ("heading_alignment: 4", "heading_alignment", "pd0", "mmp_acm"),

@@ -22,6 +22,7 @@ JUNK = np.random.default_rng(5).integers(0, 256, 300, dtype=np.uint8).tobytes()
 TEXT = b"This is a letter about a mooring, and no recording of anything at all.\n" * 60
 REAL = {
     "pd0": "pd0/eh2_20060530_20060717_0007m.000",
+    "pd12": "moored/papa_node59p1.dat",
     "mmp text": "acm/mmp_global_A0000001.TXT",
     "mmp binary": "acm/mmp_global_A0000001.DAT",
     "nmea0183": "swing/2010-11-03.Taiohae.nmea",
@@ -74,22 +75,25 @@ FAULTS: dict[str, Callable[[bytes], bytes]] = {
     "packed": lambda data: b"\x1f\x8b\x08\x00" + JUNK,
 }
 # Written files: which fault each reader sees through (R) and which it refuses (X).
-KINDS = ("pd0", "table", "acm_table", "mmp text", "mmp binary", "nmea0183", "iaga2002")
+KINDS = (
+    *("pd0", "table", "acm_table", "mmp text", "mmp binary", "nmea0183", "iaga2002"),
+    *("netcdf", "rdi_text", "pd12"),
+)
 MATRIX = {
-    "cut":             "R R R R R R R",
-    "a flipped byte":  "R X X R R R R",
-    "a wrong length":  "R X X R R R R",
-    "missing bytes":   "R X X R R R R",
-    "junk in front":   "R X X R R R X",
-    "junk inside":     "R X X R R R R",
-    "junk at the end": "R X X R R R R",
-    "a tail of FF":    "R X X R R R R",
-    "a tail of 00":    "R R R R R R R",
-    "twice":           "R X X R R R R",
-    "reversed":        "R X X R X R X",
-    "empty":           "X X X X X X X",
-    "text":            "X X X X X X X",
-    "packed":          "X X X X X X X",
+    "cut":             "R R R R R R R X R R",
+    "a flipped byte":  "R X X R R R R R X R",
+    "a wrong length":  "R X X R R R R X X R",
+    "missing bytes":   "R X X R R R R X X R",
+    "junk in front":   "R X X R R R X X X R",
+    "junk inside":     "R X X R R R R X X R",
+    "junk at the end": "R X X R R R R R X R",
+    "a tail of FF":    "R X X R R R R R X R",
+    "a tail of 00":    "R R R R R R R R X R",
+    "twice":           "R X X R R R R R X R",
+    "reversed":        "R X X R X R X X X X",
+    "empty":           "X X X X X X X X X X",
+    "text":            "X X X X X X X X X X",
+    "packed":          "X X X X X X X X X X",
 }  # fmt: skip
 TOUCHED = ("a flipped byte", "a wrong length", "missing bytes", "junk inside")  # may change a row without a checksum
 
@@ -208,6 +212,7 @@ def genuine(name: str, path: Path) -> fuzz.Kind:
     """Return the first part of a genuine file, cut as a full disk would cut it."""
     readers = {
         "pd0": (fuzz._pd0, fuzz._good),
+        "pd12": (fuzz._pd12, fuzz._good),
         "mmp text": (fuzz._mmp, SCAN),
         "mmp binary": (fuzz._mmp, SCAN),
         "nmea0183": (lambda file: nmea.read([file]), COURSE),

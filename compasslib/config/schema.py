@@ -290,6 +290,15 @@ class Instrument(TableKeys):
         return self
 
     @model_validator(mode="after")
+    def _roles_of_this_format(self) -> Self:
+        netcdf = self.format == "netcdf"
+        for role in ("speed", "direction", "x", "y") if netcdf else ("range",):
+            if self.columns is not None and getattr(self.columns, role):
+                expected = f"this role only with {'tables' if netcdf else 'format netcdf'}"
+                raise problem(f"columns.{role}", expected, f"it with format {self.format}", "delete it")
+        return self
+
+    @model_validator(mode="after")
     def _what_the_file_cannot_tell(self) -> Self:
         for name in NEEDED.get(self.format, ()):
             if getattr(self, name) is None:

@@ -27,8 +27,9 @@ SPEEDS = {"mm/s": 0.001, "cm/s": 0.01, "m/s": 1.0}
 MISSING_TEXT = ("", "-32768", "32768")
 SINCE_1980 = 80  # years of two digits: WinADCP's are of 1980 to 2079
 BEAM_ANGLE_DEG = 20.0  # of every WorkHorse and Long Ranger
-FIRST_BIN = re.compile(r"1st Bin Range \(m\)[\s=\",]*([\d.]+)")
-BIN_SIZE = re.compile(r"Bin Size \(m\)[\s=\",]*([\d.]+)")
+NUMBER = re.compile(r"[-+]?(\d{1,9}\.?\d*|\.\d+)", re.ASCII)
+FIRST_BIN = re.compile(r"1st Bin Range \(m\)[\s=\",]*(\d{1,4}\.?\d*)\b(?!\.)")
+BIN_SIZE = re.compile(r"Bin Size \(m\)[\s=\",]*(\d{1,4}\.?\d*)\b(?!\.)")
 EXPORT = "export the series as text with WinADCP, names and units in the header, or give the PD0 file: format: pd0"
 
 
@@ -135,11 +136,11 @@ def _kind(lines: Sequence[str], data: bytes) -> str:
 
 def _column(table: _Table, place: int) -> Floats:
     texts = [row[place] for row in table.rows]
-    try:
-        return np.array([np.nan if text in MISSING_TEXT else float(text) for text in texts])
-    except ValueError as error:
+    wrong = next((text for text in texts if text not in MISSING_TEXT and not NUMBER.fullmatch(text)), None)
+    if wrong is not None:
         where = f"{table.path}: column {table.names[place]}"
-        raise InputError(where, expected="numbers", found=error, advice="mend or remove the line") from None
+        raise InputError(where, expected="numbers", found=repr(wrong), advice="mend or remove the line")
+    return np.array([np.nan if text in MISSING_TEXT else float(text) for text in texts])
 
 
 def _series(table: _Table, name: str, n: int) -> Floats:

@@ -255,16 +255,24 @@ def _bins(file: File, n: int, m: int, orientation: str | None) -> _Bins:
         return _Bins(np.zeros((1, 1)), orientation == "up", _cell_or_instrument(file, depth, n))
     distance = find(file, "range", (file.bins,), (file.time, file.bins))
     if distance is not None:
-        ranges = np.atleast_2d(values(file, "range", distance))
+        ranges = _known(file, distance, np.atleast_2d(values(file, "range", distance)))
         sign = "down" if np.nanmax(ranges) <= 0.0 else "up" if distance.name in SIGNED else None
         return _Bins(np.abs(ranges), _looks_up(file, orientation, sign), depth)
     cells = find(file, "cell_depth", (file.bins,), (file.time, file.bins))
     if cells is None:
         advice = "name one in the mooring file: columns: {range: NAME} (from the transducer) or {depth: NAME}"
         raise file.refuse(file.bins, "distances or depths of the bins", ", ".join(file.nc.variables), advice)
-    below = np.atleast_2d(values(file, "cell_depth", cells))
+    below = _known(file, cells, np.atleast_2d(values(file, "cell_depth", cells)))
     below = -below if file.text("positive", cells) == "up" or np.nanmax(below) <= 0.0 else below
     return _by_depths(file, below, _nominal(file, depth), orientation)
+
+
+def _known(file: File, variable: netCDF4.Variable, places: Floats) -> Floats:
+    if not np.isfinite(places).any(axis=0).all():
+        raise file.refuse(
+            variable.name, "a number for every bin", "bins without any", "name another variable in columns"
+        )
+    return places
 
 
 def _cell_or_instrument(file: File, depth: Floats, n: int) -> Floats:

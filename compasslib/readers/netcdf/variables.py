@@ -196,8 +196,8 @@ def values(file: File, role: str, variable: netCDF4.Variable, part: tuple[str, i
 
 def numbers(variable: netCDF4.Variable) -> Floats:
     """Return unpacked values, NaN where they are fill values or outside the valid range."""
-    data = np.ma.filled(np.ma.asarray(variable[...]).astype(float), np.nan)
     with np.errstate(invalid="ignore"):
+        data = np.ma.filled(np.ma.asarray(variable[...]).astype(float), np.nan)
         return np.where(np.abs(data) < LARGEST, data, np.nan)
 
 
@@ -231,19 +231,24 @@ def flags(file: File, variable: netCDF4.Variable) -> Flags | None:
     quality = _flag_variable(file, variable)
     if quality is None:
         return None
-    raw = np.ma.filled(np.ma.asarray(quality[...]), 0)
-    raw = raw.astype("U1") if raw.dtype.kind == "S" else raw
-    raw = arranged(
-        file, quality, np.where(raw == "", "0", raw).astype(int) if raw.dtype.kind == "U" else raw.astype(int)
-    )
+    raw = np.nan_to_num(arranged(file, quality, _numeric(quality)), nan=float(NOT_CHECKED), posinf=-1.0, neginf=-1.0)
     table = _flag_table(file, quality)
-    strange = sorted({int(value) for value in np.unique(raw)} - table.keys())
+    strange = [value for value in np.unique(raw).tolist() if value not in table]
     if strange:
-        file.notes.append(f"{quality.name}: flags {strange} have no meaning and count as probably bad.")
+        shown = ", ".join(f"{value:g}" for value in strange[:5])
+        file.notes.append(f"{quality.name}: flags {shown} have no meaning and count as probably bad.")
     result = np.full(raw.shape, PROBABLY_BAD, dtype=np.int8)
     for value, flag in table.items():
         result[raw == value] = flag
     return result
+
+
+def _numeric(quality: netCDF4.Variable) -> Floats:
+    """Return flags as numbers; older files hold a character each."""
+    if np.issubdtype(quality.dtype, np.number):
+        return numbers(quality)
+    text = np.ma.filled(np.ma.asarray(quality[...]), b"0").astype("U1")
+    return np.where(np.char.isdigit(text), text, "0").astype(float)
 
 
 def _flag_variable(file: File, variable: netCDF4.Variable) -> netCDF4.Variable | None:
