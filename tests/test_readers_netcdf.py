@@ -261,7 +261,7 @@ def test_two_files_are_joined_in_order_of_time_and_other_bins_are_refused(tmp_pa
 def test_what_cannot_be_read_is_refused_in_a_line_that_says_what_to_do(tmp_path):
     path = tmp_path / "a.nc"
     path.write_bytes(b"not a netCDF file at all")
-    assert "a whole netCDF file" in refused(path)
+    assert "expected a netCDF file, found a text" in refused(path)
     with netCDF4.Dataset(path, "w") as nc:
         nc.createGroup("Data")
     assert "groups Data" in refused(path)
