@@ -28,9 +28,9 @@ MISSING_TEXT = ("", "-32768", "32768")
 NO_BIAS = "A text export does not tell a heading bias EB: none was taken out but for declination_applied."
 SINCE_1980 = 80  # years of two digits: WinADCP's are of 1980 to 2079
 BEAM_ANGLE_DEG = 20.0  # of every WorkHorse and Long Ranger
-NUMBER = re.compile(r"[-+]?(\d{1,9}\.?\d*|\.\d+)", re.ASCII)
-FIRST_BIN = re.compile(r"1st Bin Range \(m\)[\s=\",]*(\d{1,4}\.?\d*)\b(?!\.)")
-BIN_SIZE = re.compile(r"Bin Size \(m\)[\s=\",]*(\d{1,4}\.?\d*)\b(?!\.)")
+NUMBER = re.compile(r"[-+]?(\d{1,9}(\.\d*)?|\.\d+)", re.ASCII)
+FIRST_BIN = re.compile(r"1st Bin Range \(m\)[\s=\",]*(\d{1,4}(?:\.\d*)?)(?![\d.])")
+BIN_SIZE = re.compile(r"Bin Size \(m\)[\s=\",]*(\d{1,4}(?:\.\d*)?)(?![\d.])")
 EXPORT = "export the series as text with WinADCP, names and units in the header, or give the PD0 file: format: pd0"
 
 
