@@ -20,7 +20,7 @@ def ensemble(
     size = 34 + 2 * 4 * len(bins)
     head = struct.pack("<2sHIBBB", b"\x6e\x7f", size, number, 0, 50, 40)
     head += struct.pack("<HBBBBBB", when.year, when.month, when.day, when.hour, when.minute, when.second, 0)
-    head += struct.pack("<HhhhiBBB", round(100 * heading), -157, 13, 365, 490_332, components, first, len(bins))
+    head += struct.pack("<HhhhiBBB", round(100 * heading) % 36000, -157, 13, 365, 490_332, components, first, len(bins))
     body = head + b"".join(struct.pack(f"<{len(bins)}h", *component) for component in zip(*bins, strict=True))
     return body + struct.pack("<H", sum(body) & 0xFFFF)
 

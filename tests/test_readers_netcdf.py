@@ -78,6 +78,7 @@ def test_oceansites_is_from_true_north_and_its_flags_and_depths_count(tmp_path):
     assert (record.quality[3, 2], record.quality[4, 2], record.quality[5, 2]) == (BAD, PROBABLY_GOOD, GOOD)
     close(record.bin_depth_m(), np.broadcast_to(100.0 - truth.range_m, east.shape), 1e-5)
     assert record.looks_up and record.direction_reference == "true" and np.isnan(record.heading_deg).all()
+    assert not any("Headings" in line for line in record.warnings)  # it has none to leave out
 
 
 @pytest.mark.parametrize("name", ["RDI_withBT.000", "03160000.000", "adp_12.000"])
@@ -243,6 +244,30 @@ def test_the_column_map_counts_before_names(tmp_path):
     record = read(tmp_path / "a.nc", columns={"east": "along", "heading": "compass", "scale": 1.0})
     close(record.east, truth.east)
     assert np.isfinite(record.heading_deg).sum() == layouts.N - 1
+
+
+def test_standard_names_count_before_names_that_look_right_and_two_are_asked_about(tmp_path):
+    truth = layouts.truth()
+    with layout(tmp_path, "stglib") as nc:
+        nc.renameVariable("u_1205", "along")
+        layouts.put(nc, "u", ("z", "time"), 9.0 * truth.east, units="m s-1")
+    close(read(tmp_path / "a.nc").east, truth.east)
+    with netCDF4.Dataset(tmp_path / "a.nc", "a") as nc:
+        layouts.put(nc, "again", ("z", "time"), truth.east, units="m s-1", standard_name="eastward_sea_water_velocity")
+    assert "columns: {east: along}" in refused(tmp_path / "a.nc")
+
+
+def test_a_point_meter_has_one_bin_and_its_depth(tmp_path):
+    truth = layouts.truth()
+    with netCDF4.Dataset(tmp_path / "a.nc", "w") as nc:
+        layouts.dimensions(nc, TIME=layouts.N, DEPTH=1)
+        layouts.put(nc, "TIME", ("TIME",), truth.time_s, units="seconds since 1970-01-01")
+        layouts.put(nc, "DEPTH", ("DEPTH",), np.array([120.0]), units="m", standard_name="depth", positive="down")
+        for name, values in (("UCUR_MAG", truth.east[:, 0]), ("VCUR_MAG", truth.north[:, 0])):
+            layouts.put(nc, name, ("TIME", "DEPTH"), values, units="m/s")
+    record = read(tmp_path / "a.nc")
+    close(record.east, truth.east[:, :1])
+    assert not record.bin_range_m.any() and (record.depth_m == 120.0).all()
 
 
 def test_two_files_are_joined_in_order_of_time_and_other_bins_are_refused(tmp_path):

@@ -80,7 +80,8 @@ def test_what_is_wrong_is_told_in_a_line(tmp_path, old, new, line):
 
 def test_a_last_line_that_was_cut_is_left_out_and_said(tmp_path):
     record = read(tmp_path / "a.txt", export()[:-40])
-    assert len(record.time_s) == ROWS - 1 and record.counts["rows_cut"] == 1 and len(record.warnings) == 1
+    assert len(record.time_s) == ROWS - 1 and record.counts["rows_cut"] == 1
+    assert any("cut short" in line for line in record.warnings)
 
 
 def test_winrivers_output_is_named(tmp_path):

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from compasslib.core.errors import InputError
 from compasslib.core.records import GOOD, MISSING, Record
 from compasslib.core.types import Floats
+from compasslib.readers.mmp.scan_files import contents
 from compasslib.readers.pd0.currents import true_pitch
 from compasslib.readers.pd0.fields import hundredths, seconds_of
 
@@ -35,7 +36,10 @@ FOUR = 0x0F  # components: a bit each for east, north, up and error; the high ha
 LONGEST = HEADER.itemsize + 2 * 4 * 255 + 2  # bytes, sum included
 NONE = -32768
 BEAM_ANGLE_DEG = 20.0  # of every WorkHorse and Long Ranger
-COORDINATES = "PD12 does not tell its coordinates: its velocities were taken as east and north by the recorded heading."
+COORDINATES = (
+    "PD12 tells neither coordinates nor heading bias: velocities were taken as east and north by the recorded heading, "
+    "without a bias but for declination_applied."
+)
 
 
 def read(paths: Sequence[Path], *, orientation: str, bin_size: float, first_bin: float) -> Record:
@@ -87,7 +91,7 @@ def _frames(paths: Sequence[Path]) -> tuple[list[bytes], dict[str, int]]:
     files = []
     counts = dict.fromkeys(("bytes_total", "bytes_skipped", "damaged", "escaped", "no_reply", "repeated"), 0)
     for path in paths:
-        data = _bytes(path)
+        data = contents(Path(path))
         found = list(_of_file(data))
         whole = [frame for frame, _ in found if frame]
         counts["bytes_total"] += len(data)
@@ -129,17 +133,9 @@ def _whole(data: bytes) -> bytes:
     return data[:size] if sum(data[:size]) & 0xFFFF == int.from_bytes(data[size : size + 2], "little") else b""
 
 
-def _bytes(path: Path) -> bytes:
-    try:
-        return Path(path).read_bytes()
-    except OSError as error:
-        found = error.strerror or type(error).__name__
-        raise InputError(str(path), expected="a readable file", found=found, advice="check the path") from None
-
-
 def _refuse(where: str, paths: Sequence[Path], heads: NDArray[np.void], counts: dict[str, int]) -> None:
     if not len(heads):
-        beginning = _bytes(paths[0])[:16] if paths else b""
+        beginning = contents(paths[0])[:16] if paths else b""
         found = f"{counts['damaged']} that are damaged in a file that begins with {beginning!r}"
         advice = "check that format: pd12 and the file belong together"
         raise InputError(where, expected="PD12 ensembles (6E 7F) with their checksum", found=found, advice=advice)

@@ -25,11 +25,12 @@ from compasslib.readers.pd0.fields import seconds_of
 CLOCK = ("YR", "MO", "DA", "HH", "MM", "SS", "HH")  # the second HH: hundredths
 SPEEDS = {"mm/s": 0.001, "cm/s": 0.01, "m/s": 1.0}
 MISSING_TEXT = ("", "-32768", "32768")
+NO_BIAS = "A text export does not tell a heading bias EB: none was taken out but for declination_applied."
 SINCE_1980 = 80  # years of two digits: WinADCP's are of 1980 to 2079
 BEAM_ANGLE_DEG = 20.0  # of every WorkHorse and Long Ranger
-NUMBER = re.compile(r"[-+]?(\d{1,9}\.?\d*|\.\d+)", re.ASCII)
-FIRST_BIN = re.compile(r"1st Bin Range \(m\)[\s=\",]*(\d{1,4}\.?\d*)\b(?!\.)")
-BIN_SIZE = re.compile(r"Bin Size \(m\)[\s=\",]*(\d{1,4}\.?\d*)\b(?!\.)")
+NUMBER = re.compile(r"[-+]?(\d{1,9}(\.\d*)?|\.\d+)", re.ASCII)
+FIRST_BIN = re.compile(r"1st Bin Range \(m\)[\s=\",]*(\d{1,4}(?:\.\d*)?)(?![\d.])")
+BIN_SIZE = re.compile(r"Bin Size \(m\)[\s=\",]*(\d{1,4}(?:\.\d*)?)(?![\d.])")
 EXPORT = "export the series as text with WinADCP, names and units in the header, or give the PD0 file: format: pd0"
 
 
@@ -88,7 +89,7 @@ def _of_file(table: _Table, orientation: str | None) -> Record:
         looks_up=_looks_up(table, orientation),
         beam_angle_deg=BEAM_ANGLE_DEG,
         counts={"rows": n + table.cut, "rows_cut": table.cut} | missing,
-        warnings=("the last line was cut short and left out",) * table.cut,
+        warnings=(NO_BIAS, *["the last line was cut short and left out"] * table.cut),
     )
 
 

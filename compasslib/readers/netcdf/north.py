@@ -44,7 +44,7 @@ class Turn:
 def told(file: File, east: netCDF4.Variable, heading: netCDF4.Variable | None) -> North:
     """Return what the file says of the north of its velocities and headings."""
     word, degrees, why = _of_velocity(file, east)
-    in_heading = degrees
+    in_heading = np.zeros(()) if heading is None else degrees
     if heading is not None:
         own = file.attribute("compass_correction_applied", of=heading)
         in_heading = np.asarray(float(own)) if own is not None else in_heading

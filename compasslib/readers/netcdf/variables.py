@@ -147,13 +147,13 @@ def find(file: File, role: str, *dimensions: tuple[str | None, ...]) -> netCDF4.
     spec = ROLES[role]
     wanted = {name.lstrip("-") for name in spec.standard}
     named = [n for n, v in fitting.items() if file.text("standard_name", v) in wanted]
-    for name in spec.names:
-        if name in fitting and (name in named or not _means_another(file, fitting[name], wanted)):
-            return fitting[name]
-    if len(named) > 1:
+    known = [name for name in spec.names if name in fitting]
+    likely = [name for name in known if name in named] or named
+    if len(named) > 1 and likely is named:
         advice = f"name one of them in the mooring file: columns: {{{role}: {named[0]}}}"
         raise file.refuse(role, "one variable by its standard name", ", ".join(named), advice)
-    return fitting[named[0]] if named else None
+    likely = likely or [name for name in known if not _means_another(file, fitting[name], wanted)]
+    return fitting[likely[0]] if likely else None
 
 
 def spans(variable: netCDF4.Variable) -> set[str]:
