@@ -6,8 +6,8 @@ import warnings
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import nortek_encoder as encoder
+import numpy as np
 import pytest
 from nortek_encoder import BEAM, ENU, XYZ, Sample
 from sea import SHARED
