@@ -20,9 +20,11 @@ PROJECT = Path(__file__).resolve().parents[1]
 CONTRACT = SHARED.parent / "tools/check_contract.py"
 
 
-def snakemake(folder: Path, *options: str, project: Path = PROJECT) -> subprocess.CompletedProcess:
+def snakemake(
+    folder: Path, *options: str, project: Path = PROJECT, beside: Path | None = None
+) -> subprocess.CompletedProcess:
     command = [sys.executable, "-m", "snakemake", "--snakefile", str(project / "Snakefile"), "--directory", str(folder)]
-    environment = os.environ | {"PYTHONPATH": str(project)}
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(map(str, (project, *beside)))}
     whole = [*command, "--cores", "2", *options]
     return subprocess.run(whole, capture_output=True, text=True, check=False, env=environment, cwd=folder)
 

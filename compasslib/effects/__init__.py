@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import fields
+from functools import cache
 
 from compasslib.effects.composed import COMPOSED, BeamGain, PivotFriction, Pressure, VelocityBias
 from compasslib.effects.earth import DeclinationError, FieldDisturbance, SecularVariation
@@ -76,7 +77,7 @@ from compasslib.effects.water import (
     VeerWithSpeed,
 )
 
-__all__ = ["CATALOGUE", "COMPOSED", "SIDES", "SLOW_WATER", "TERMS", "Scene", "Term", "meanings", "side_of"]
+__all__ = ["CATALOGUE", "COMPOSED", "SIDES", "SLOW_WATER", "Scene", "Term", "all_terms", "meanings", "side_of"]
 
 # Roughly in the order in which they act, the forms of an effect together; other packages' come after them.
 CATALOGUE: tuple[type[Term], ...] = (
@@ -131,9 +132,18 @@ CATALOGUE: tuple[type[Term], ...] = (
     ClockDrift,
 )
 
-TERMS = (*CATALOGUE, *of_plugins([term.name for term in CATALOGUE]))
 SLOW_WATER = "current_shear_slow"  # no term: it stands in the noise, and in sets as the rival of what changes slowly
-SIDES = {term.name: term.side for term in TERMS} | {SLOW_WATER: "water"}  # what each effect acts on
+SIDES = {term.name: term.side for term in CATALOGUE} | {SLOW_WATER: "water"}  # what each effect acts on
+
+
+@cache
+def all_terms() -> tuple[type[Term], ...]:
+    """Return the catalogue and what other packages add, which is looked for when it is first asked for.
+
+    Raises:
+        InputError: an effect of another package that cannot be taken.
+    """
+    return (*CATALOGUE, *of_plugins(SIDES))
 
 
 def side_of(effect: str) -> str:
@@ -145,10 +155,10 @@ def side_of(effect: str) -> str:
     if effect.startswith(COMPOSED):
         acts_on = effect.removeprefix(COMPOSED).split("/")[0]
         return "water" if acts_on.startswith("flow") else "clock" if acts_on == "clock" else "compass"
-    return SIDES[effect]
+    return SIDES[effect] if effect in SIDES else {term.name: term.side for term in all_terms()}[effect]
 
 
 def meanings(effect: str) -> dict[str, str]:
     """Return what an effect's parameters are, by their names, without the details behind a comma."""
-    terms = [term for term in TERMS if term.name == effect]
-    return {one.name: re.split("[,;]", one.metadata["meaning"])[0] for term in terms for one in fields(term)}
+    forms = [term for term in all_terms() if term.name == effect]
+    return {one.name: re.split("[,;]", one.metadata["meaning"])[0] for form in forms for one in fields(form)}

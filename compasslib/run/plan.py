@@ -374,7 +374,7 @@ def plan(cruise: Cruise, scripts: Path) -> Plan:
             simulate, or an effect of another package that cannot be taken.
     """
     if plugins.declared(plugins.EFFECTS):
-        import_module("compasslib.effects")  # which looks at them; else no job's business here
+        import_module("compasslib.effects").all_terms()  # looks at them before any work
     for name, mooring in cruise.moorings.items():
         file = cruise.mooring_files[name]
         if cruise.options.demonstration and name not in SIMULATED:

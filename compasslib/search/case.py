@@ -12,7 +12,7 @@ from compasslib.core.records import EarthField, Pairs
 from compasslib.core.types import Floats
 from compasslib.deviation import likelihood, model
 from compasslib.deviation.model import Fit
-from compasslib.effects import TERMS, Scene, Term, composition
+from compasslib.effects import Scene, Term, all_terms, composition
 from compasslib.effects.composition import Simulation
 from compasslib.effects.iron import Heeling
 from compasslib.search import covariates
@@ -144,7 +144,7 @@ def testable(scene: Scene, reference_magnetic: bool) -> tuple[tuple[type[Term], 
         reference_magnetic: whether the trusted instrument has a compass too.
     """
     terms, missing = [], []
-    for term in TERMS:
+    for term in all_terms():
         if "mooring" not in term.recordings or term.acts_on == "time":
             continue
         absent = [name for name in term.needs if name not in scene.departures]

@@ -141,7 +141,7 @@ def _applied(content: Mapping[str, Any]) -> Applied:
     from compasslib.effects.composition import Simulation
     from compasslib.search.applied import Applied
 
-    forms, terms = {term.__name__: term for term in physics.TERMS}, []
+    forms, terms = {term.__name__: term for term in physics.all_terms()}, []
     for entry in content["terms"]:
         values = {name: value for name, value in entry.items() if name not in ("effect", "form")}
         form = forms[entry["form"]] if entry["form"] in forms else composed.of_name(entry["effect"])

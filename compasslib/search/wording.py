@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from compasslib.effects import COMPOSED, SLOW_WATER, TERMS, meanings, side_of
+from compasslib.effects import COMPOSED, SLOW_WATER, all_terms, meanings, side_of
 from compasslib.effects.composed import FORMS
 
 VERDICTS = {
@@ -72,8 +72,8 @@ PHYSICS = {
     "clock_drift": "the two clocks drift apart",
     "large_deviation": "the deviation is too large for the small-angle series; the exact compass fits",
 }
-PHYSICS |= {term.name: term.words for term in TERMS if term.words}
-WHERE |= {term.name: term.needs for term in TERMS if term.words and term.needs}
+PHYSICS |= {term.name: term.words for term in all_terms() if term.words}
+WHERE |= {term.name: term.needs for term in all_terms() if term.words and term.needs}
 LEAST_P = 0.001  # the smallest that the drawn blocks can show
 TIME_TREND = "a battery change, or the end of its discharge"
 WIDER = "wider headings, or the field modulus of the magnetometer"

@@ -1,0 +1,145 @@
+"""Formats and effects of other packages: the one of docs/plugins.md, built, installed and run; names that are taken."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from sea import cruise
+from test_workflow import PROJECT, change, snakemake
+
+from compasslib import effects, readers
+from compasslib.config import cruise as config
+from compasslib.core import plugins
+from compasslib.core.errors import InputError
+
+PIP = shutil.which("pip")  # of any Python: it installs for this one
+PAGE = (PROJECT / "docs/plugins.md").read_text()
+
+
+def blocks(language: str) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
+
+
+def install(folder: Path) -> Path:
+    """Build and install the package of the page, and return the folder to import it from."""
+    if PIP is None:
+        pytest.skip("pip is not there")
+    source, there = folder / "source", folder / "site"
+    source.mkdir()
+    (source / "tiltmeter.py").write_text("\n".join(blocks("python")))
+    (source / "pyproject.toml").write_text(blocks("toml")[0])
+    how = ["--no-deps", "--no-build-isolation", "--no-index", "--no-compile", "--target", str(there)]
+    command = [PIP, "--python", sys.executable, "--disable-pip-version-check", "install", *how, str(source)]
+    subprocess.run(command, check=True, capture_output=True)
+    return there
+
+
+def as_tiltmeter(folder: Path) -> None:
+    """Write the trusted table of a mooring anew in the plug-in's format."""
+    table = np.genfromtxt(folder / "raw/M1/deep.csv", delimiter=",", names=True, dtype=None, encoding="ascii")
+    east, north = table["u_cm_s"], table["v_cm_s"]
+    speed, towards = np.hypot(east, north), np.degrees(np.arctan2(east, north)) % 360.0
+    rows = [f"{t[:19]};{s:.3f};{d:.3f};4.5" for t, s, d in zip(table["time_utc"], speed, towards, strict=True)]
+    (folder / "raw/M1/deep.txt").write_text("\n".join(rows) + "\n")
+    path = folder / "config/moorings/M1.yaml"
+    instruments = yaml.safe_load(path.read_text())["instruments"]
+    change(path, instruments=instruments | yaml.safe_load(blocks("yaml")[0])["instruments"])
+
+
+def test_the_package_of_the_page_is_built_installed_and_runs_a_mooring(tmp_path):
+    folder = cruise(tmp_path / "cruise", n=200)
+    as_tiltmeter(folder)
+    with pytest.raises(InputError, match=r"expected pd0, table, acm_table, mmp_acm or nortek, found 'tiltmeter'"):
+        config.load(folder)
+    there, results = install(tmp_path), folder / "results"
+    ran = snakemake(folder, beside=(there,))
+    assert ran.returncode == 0, ran.stdout + ran.stderr
+    pairs = json.loads((results / "M1/deviation.json").read_text())["n_pairs"]
+    assert pairs > 150
+    entities = json.loads((results / "ro-crate-metadata.json").read_text())["@graph"]
+    assert [one["softwareVersion"] for one in entities if one.get("name") == "tiltmeter"] == ["0.1"]
+    page = (results / "report.html").read_text()
+    assert "with tiltmeter 0.1" in page and "Read by tiltmeter 0.1" in page
+
+    with (there / "tiltmeter.py").open("a") as module:
+        module.write("# another way of reading\n")
+    said = snakemake(folder, "--dry-run", "--quiet", "progress", beside=(there,)).stdout
+    jobs = re.findall(r"rule (\w+):\n(?:    .*\n)*?    wildcards: (.*)", said)
+    assert [of for rule, of in jobs if rule == "read"] == ["mooring=M1, role=deep"]
+    assert "diagnose" in dict(jobs)
+
+
+def declare(folder: Path, monkeypatch, group: str, name: str, value: str, package: str = "tiltmeter") -> None:
+    """Put the metadata of a package on the path, as an installation leaves it."""
+    there = folder / f"{package}-0.1.dist-info"
+    there.mkdir(parents=True)
+    (there / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {package}\nVersion: 0.1\n")
+    (there / "entry_points.txt").write_text(f"[{group}]\n{name} = {value}\n")
+    (folder / "tiltmeter.py").write_text("\n".join(blocks("python")))
+    monkeypatch.syspath_prepend(str(folder))
+    for known in (plugins.declared, effects.all_terms):
+        known.cache_clear()
+
+
+@pytest.fixture(autouse=True)
+def _forget():
+    yield
+    sys.modules.pop("tiltmeter", None)
+    for known in (plugins.declared, effects.all_terms):
+        known.cache_clear()
+
+
+@pytest.mark.parametrize(
+    ("group", "name", "value", "words"),
+    [
+        (plugins.READERS, "pd0", "tiltmeter:read", "expected a name that compasslib does not use, found 'pd0'"),
+        (plugins.EFFECTS, "heeling", "tiltmeter:ClampCreep", "expected a name that compasslib does not use"),
+        (plugins.EFFECTS, "other", "tiltmeter:ClampCreep", "expected a Term whose name is 'other', found <class"),
+        (plugins.EFFECTS, "clamp_creep", "tiltmeter:absent", "expected an importable plug-in, found AttributeError"),
+    ],
+)
+def test_a_name_that_is_taken_and_a_plug_in_that_is_none_are_refused_in_one_line(
+    tmp_path, monkeypatch, group, name, value, words
+):
+    declare(tmp_path, monkeypatch, group, name, value)
+    with pytest.raises(InputError) as caught:
+        readers.names() if group == plugins.READERS else effects.all_terms()
+    assert str(caught.value).startswith("tiltmeter 0.1: ") and words in str(caught.value)
+
+
+def test_two_packages_cannot_share_a_name(tmp_path, monkeypatch):
+    for package in ("tiltmeter", "other"):
+        declare(tmp_path / package, monkeypatch, plugins.READERS, "tiltmeter", "tiltmeter:read", package)
+    with pytest.raises(InputError, match=r"expected a name that other 0\.1 does not use, found 'tiltmeter'"):
+        readers.names()
+
+
+def test_an_effect_of_a_package_comes_after_the_catalogue_with_its_side_and_its_words(tmp_path, monkeypatch):
+    assert effects.all_terms() == effects.CATALOGUE
+    declare(tmp_path, monkeypatch, plugins.EFFECTS, "clamp_creep", "tiltmeter:ClampCreep")
+    *own, creep = effects.all_terms()
+    assert tuple(own) == effects.CATALOGUE and creep.name == "clamp_creep"
+    assert effects.side_of("clamp_creep") == "compass"
+    assert effects.meanings("clamp_creep") == {"deg_root_year": "turn in the first year"}
+
+
+def test_a_reader_s_keys_are_its_keyword_only_parameters_and_it_must_return_a_record(tmp_path, monkeypatch):
+    declare(tmp_path, monkeypatch, plugins.READERS, "tiltmeter", "tiltmeter:read")
+    found = readers.of("tiltmeter")
+    assert found.keys == ("orientation",) and not found.takes_declination
+    assert re.fullmatch(r"tiltmeter 0\.1 \(tiltmeter, sha256 [0-9a-f]{12}\)", found.plugin)
+    (tmp_path / "deep.txt").write_text("2007-09-04T00:00:00;12.3;90;4.5\n")
+    record = readers.read("tiltmeter", [tmp_path / "deep.txt"], {"orientation": "up", "columns": None})
+    assert record.east[0, 0] == pytest.approx(0.123) and record.looks_up
+    assert record.warnings == (f"Read by {found.plugin}.",)
+    sys.modules["tiltmeter"].read = lambda paths: {}
+    with pytest.raises(InputError, match="expected a Record, found dict"):
+        readers.read("tiltmeter", [tmp_path / "deep.txt"], {})
