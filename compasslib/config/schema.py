@@ -13,6 +13,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_valida
 
 from compasslib.config import paths, values
 from compasslib.config.values import iso, problem, shown
+from compasslib.readers import TABLE_KEYS
 
 Number = Annotated[float, BeforeValidator(values.number)]
 Count = Annotated[int, BeforeValidator(values.count)]
@@ -33,7 +34,6 @@ Missing = Annotated[tuple[str, ...], BeforeValidator(values.missing)]
 Reference = Annotated[Literal["magnetic", "true"], BeforeValidator(values.unquoted_true)]
 
 TABLES = ("table", "acm_table")
-TABLE_KEYS = ("delimiter", "decimal", "time_format", "timezone", "missing", "skip_rows")
 # Keys that mean something for some formats only: with others they would be silently without effect.
 ONLY_FOR = {
     "columns": (*TABLES, "mmp_acm"),

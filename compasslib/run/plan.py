@@ -18,7 +18,7 @@ from compasslib.config import calibrations
 from compasslib.config.cruise import CALIBRATIONS, CONFIG, Cruise
 from compasslib.config.schema import Instrument, Mooring
 from compasslib.core.errors import InputError
-from compasslib.readers import FORMATS
+from compasslib.readers import FORMATS, TABLE_KEYS
 from compasslib.run.stopped import Stopped
 from compasslib.search import kinds
 
@@ -79,7 +79,8 @@ class Moorings:
     def reader_settings(self, wildcards: Any) -> dict[str, Any]:
         """Return the keys of one instrument that its reader takes."""
         instrument = self._instrument(wildcards)
-        keys = FORMATS[instrument.format].keys
+        unset = {key for key in TABLE_KEYS if key not in instrument.model_fields_set}
+        keys = [key for key in FORMATS[instrument.format].keys if key not in unset]
         numbered = {"serial_number": self._serial_number(wildcards)} if "serial_number" in keys else {}
         return _plain(instrument, [key for key in keys if key not in numbered]) | numbered
 
