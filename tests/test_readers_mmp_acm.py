@@ -532,17 +532,18 @@ def test_a_pressure_file_of_another_kind_is_refused(tmp_path, content, found):
     [
         (
             "5.9.2007,3",
-            "row 1 below the header, time: expected an ISO time like 2007-09-04T00:00:00Z, found '5.9.2007'",
+            "line 2, time: expected dates in which day and month can be told apart, found '5.9.2007', and no row "
+            "with a number above 12; write time_format",
         ),
-        ("2007-09-05,1\n2007-09-06", "row 2 below the header, pressure: expected a number, found a row of 1 cells"),
-        ("2007-09-05,deep", "row 1 below the header, pressure: expected a number, found 'deep'"),
+        ("2007-09-05,1\n2007-09-06", "line 3, pressure: expected a number or nothing, found a line of 1 cells; mend"),
+        ("2007-09-05,deep", "line 2, pressure: expected a number or nothing, found 'deep'; mend or remove the line"),
     ],
 )
 def test_a_table_that_cannot_be_read_is_refused_with_its_row(tmp_path, content, expected):
     path = written(tmp_path, "p.csv", f"time,pressure\n{content}\n")
     with pytest.raises(InputError) as error:
         mmp_pressure.load([path])
-    assert str(error.value) == f"{path}: {expected}; mend or remove the row"
+    assert str(error.value).startswith(f"{path}: {expected}")
 
 
 def test_a_ctd_file_without_times_is_refused(tmp_path):

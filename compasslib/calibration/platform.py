@@ -31,14 +31,15 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
 
     Args:
         files: CSV files with the magnetic reference direction and the recorded heading, degrees.
-        settings: ``columns``, ``withhold``, ``table_step_deg``, ``budget``, ``uncertainty``; ``mounting_deg``, how far
-            clockwise of the bench's direction the instrument stood; ``declination_deg`` of the place.
+        settings: ``columns``, ``withhold``, the keys of tables, ``table_step_deg``, ``budget``, ``uncertainty``;
+            ``mounting_deg``, how far clockwise of the bench's direction the instrument stood;
+            ``declination_deg`` of the place.
 
     Raises:
         InputError: a file cannot be read, a column is absent or is not in degrees, headings run against each other, or
             a constant of a quarter turn and more is not settled by ``mounting_deg``.
     """
-    columns = readings.read(files, settings, required=ROLES)
+    columns, notes = readings.read(files, settings, required=ROLES)
     readings.check_degrees(columns, files)
     known = np.isfinite(columns["reference_deg"] + columns["recorded_deg"])
     mounting = settings.get("mounting_deg")
@@ -56,7 +57,7 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
     return replace(
         found,
         details={**found.details, "doubts": misfits},
-        warnings=(*_left_out(int(np.sum(~known))), *found.warnings, *misfits, *_missing(rows)),
+        warnings=(*notes, *_left_out(int(np.sum(~known))), *found.warnings, *misfits, *_missing(rows)),
     )
 
 

@@ -1,4 +1,4 @@
-"""Columns of a calibration's CSV files, by role; what is to be withheld is not even looked at."""
+"""Columns of a calibration's text tables, by role; what is to be withheld is not even looked at."""
 
 from __future__ import annotations
 
@@ -19,12 +19,13 @@ ADVICE = "correct columns in the calibration's file"
 
 def read(
     files: Sequence[str | Path], settings: Mapping[str, Any], *, required: Sequence[str], optional: Sequence[str] = ()
-) -> dict[str, Floats]:
-    """Return columns by role, files one after the other; an optional one only where every file has it.
+) -> tuple[dict[str, Floats], tuple[str, ...]]:
+    """Return columns by role, files one after the other, an optional one only where every file has it; and notes.
 
     Args:
-        files: CSV files with a header line.
-        settings: ``columns`` gives headers that differ from the roles, ``withhold`` roles or headers to leave out.
+        files: tables with a header line.
+        settings: ``columns`` gives headers that differ from the roles, ``withhold`` roles or headers to leave out, and
+            the keys of ``cells.Layout`` how they are written.
         required: roles that must be there.
         optional: roles that may be.
 
@@ -33,7 +34,8 @@ def read(
     """
     paths, withheld = [Path(file) for file in files], set(settings.get("withhold") or ())
     header = {role: (settings.get("columns") or {}).get(role, role) for role in (*required, *optional)}
-    names = [set(cells.header_of(path)) for path in paths]
+    layout = cells.Layout.of(settings)
+    names = [set(cells.header_of(path, [header[role] for role in required], layout)) for path in paths]
     _refuse_unknown(withheld, set(header), set.union(*names), paths)
     _refuse_withheld(required, header, withheld)
     wanted = {
@@ -41,8 +43,8 @@ def read(
         for role, name in header.items()
         if role in required or (not {role, name} & withheld and all(name in there for there in names))
     }
-    parts = [cells.columns_of(path, wanted, ADVICE) for path in paths]
-    return {role: np.concatenate([part[role] for part in parts]) for role in wanted}
+    tables = [cells.table_of(path, wanted, ADVICE, layout) for path in paths]
+    return {role: np.concatenate([one.columns[role] for one in tables]) for role in wanted}, cells.said(tables)
 
 
 def check_degrees(columns: Mapping[str, Floats], files: Sequence[str | Path]) -> None:

@@ -14,7 +14,6 @@ from compasslib.config import values
 from compasslib.config.schema import (
     CLOCK_HEADER,
     DATE_HEADER,
-    TABLE_KEYS,
     Declination,
     Files,
     Name,
@@ -26,6 +25,7 @@ from compasslib.config.schema import (
     key,
 )
 from compasslib.config.values import problem, shown
+from compasslib.readers import TABLE_KEYS
 
 HEADS = 2  # on one frame
 

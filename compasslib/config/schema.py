@@ -14,6 +14,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_valida
 from compasslib import readers
 from compasslib.config import paths, values
 from compasslib.config.values import iso, problem, shown
+from compasslib.readers import TABLE_KEYS
 
 
 def _form(value: Any) -> str:
@@ -45,7 +46,6 @@ Form = Annotated[str, BeforeValidator(_form)]
 Reference = Annotated[Literal["magnetic", "true"], BeforeValidator(values.unquoted_true)]
 
 TABLES = ("table", "acm_table")
-TABLE_KEYS = ("delimiter", "decimal", "time_format", "timezone", "missing", "skip_rows")
 # Keys that mean something for some formats only: with others they would be silently without effect.
 ONLY_FOR = {
     "columns": (*TABLES, "mmp_acm", "netcdf"),

@@ -46,11 +46,12 @@ class Format:
         return "declination_applied" in self.keys
 
 
+TABLE_KEYS = ("delimiter", "decimal", "time_format", "timezone", "missing", "skip_rows")  # of any text table
 FORMATS = {
     "pd0": Format("pd0.reader", ("orientation", "declination_applied", "heading_alignment", "serial_number")),
-    "table": Format("table", ("columns",)),
-    "acm_table": Format("table", ("columns",)),
-    "mmp_acm": Format("mmp.acm", ("pressure_files", "start_offset_seconds")),
+    "table": Format("table", ("columns", *TABLE_KEYS)),
+    "acm_table": Format("table", ("columns", *TABLE_KEYS)),
+    "mmp_acm": Format("mmp.acm", ("pressure_files", "start_offset_seconds", *TABLE_KEYS)),
     "netcdf": Format("netcdf.reader", ("columns", "orientation", "declination_applied", "direction_reference")),
     "rdi_text": Format("rdi_text", ("orientation",)),
     "pd12": Format("pd12", ("orientation", "bin_size", "first_bin")),

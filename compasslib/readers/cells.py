@@ -1,8 +1,11 @@
-"""The cells of comma-separated files with a header line: columns of numbers and times, nothing else.
+"""Text tables with a header line: columns of numbers and times, nothing else.
+
+What parts the cells, decimal commas, lines above the header, units below it, packing and encoding are recognised where
+there is one way to read them, and said in ``Table.notes``; the rest is refused in a line that names the key of the YAML
+file (``Layout``) that settles it. The header is the first line that holds every column that is asked for.
 
 A line that holds more or fewer cells than the header, or a word where a number belongs, ends the reading in one line:
 cells that have moved are numbers too. Only a last line without its end may be cut; it is left out and counted.
-The checks of raw text, for strange bytes and endless lines, serve the other text formats too.
 """
 
 from __future__ import annotations
@@ -10,162 +13,399 @@ from __future__ import annotations
 import csv
 import io
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from compasslib.core.errors import InputError
 from compasslib.core.types import Floats
+from compasslib.readers import times
+from compasslib.readers.plain import LONGEST_LINE, of_lines, strange, text_of
+
+__all__ = ["LONGEST_LINE", "Layout", "Lines", "Table", "columns_of", "header_of", "of_lines", "strange"]
 
 MISSING_TEXT = frozenset({"", "nan", "na", "n/a", "null", "none", "-"})
 COLUMN_MAP = "correct columns in the mooring file"
 TIMES = ("time", "time_utc")  # roles that hold times
+APART = ("date", "clock")  # roles that hold the two parts of one
 LARGEST = 1e30  # no measurement in any unit; its square still is a number
-TIME_FORM = "an ISO time like 2007-09-04T00:00:00Z"
+NUMBER_FORM = "a number or nothing"
+MEND = "mend or remove the line"
+DELIMITERS = {"\t": "tabs", ";": "semicolons", ",": "commas", " ": "blanks"}  # in the order in which they are tried
+SEARCHED = 400  # lines among which the header is looked for
+MOST_UNITS = 2  # lines of units or the like below a header
+DIGITS = tuple("+-.0123456789")  # with which cells of data begin
+MARKS = "#%"  # of a comment
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
-_CLOCK = r"[T ]\d\d(?::\d\d(?::\d\d(?:\.\d{1,9})?)?)?"
-_TIME = re.compile(rf"(\d{{4}}-\d\d-\d\d(?:{_CLOCK})?)(?:Z| ?UTC|([+-])([01]\d):?([0-5]\d))?", re.ASCII)
-LONGEST_LINE = 2**20  # bytes; a table of 10,000 columns has fewer
-_TEXT = bytes([*range(9, 14), *range(32, 127)])
+_PLAIN = re.compile(r"[0-9eE+\-.\n]*")
+_WITH_COMMA = re.compile(r"[-+]?\d*,\d+(?:[eE][-+]?\d+)?", re.ASCII)
+_THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}(?:,\d{3})+", re.ASCII)
+_UNIT = re.compile(r"(?=.*[^\W\d_]|.*%|.*°)(?!.*\d\d)[^\n]{1,40}|", re.DOTALL)  # metres, cm s-1, [°C], %
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What the YAML file says on how a table is written, None where it does not."""
+
+    delimiter: str | None = None  # the character
+    decimal: str | None = None  # the character
+    time_format: str | None = None  # strptime, or a scale of ``times.SCALES``
+    timezone: str | None = None  # UTC or +02:00
+    missing: tuple[str, ...] = ()
+    skip_rows: int | None = None  # lines above the header
+
+    @classmethod
+    def of(cls, settings: Mapping[str, Any]) -> Layout:
+        """Return the layout among the settings of a file."""
+        given = {field.name: settings.get(field.name) for field in fields(cls)}
+        return cls(**(given | {"missing": tuple(given["missing"] or ())}))
+
+
+NOTHING_SAID = Layout()
 
 
 @dataclass(frozen=True)
 class Lines:
-    """The lines of a table that are not empty and no comments."""
+    """The lines of a table that are not empty and no comments; cells of rows are not stripped."""
 
     header: list[str]
-    rows: list[tuple[int, list[str]]]  # number of the line, cells
+    rows: list[list[str]]
+    numbers: Sequence[int]  # of each row's line in the file
     cut: int = 0  # last lines that were left out
+    notes: tuple[str, ...] = ()  # what was recognised
 
 
-def columns_of(path: Path, headers: Mapping[str, str], advice: str = COLUMN_MAP) -> dict[str, Floats]:
+@dataclass(frozen=True)
+class Table:
+    """Columns of a table by role."""
+
+    columns: dict[str, Floats]  # times as UTC seconds since 1970, nothing as NaN
+    rows: int
+    cut: int
+    notes: tuple[str, ...]  # what was recognised, in words
+
+
+def columns_of(
+    path: Path, headers: Mapping[str, str], advice: str = COLUMN_MAP, layout: Layout = NOTHING_SAID
+) -> dict[str, Floats]:
     """Return columns of one table, times as UTC seconds since 1970, nothing as NaN.
 
     Args:
-        headers: role -> header; the roles ``time`` and ``time_utc`` hold times, all others numbers.
+        headers: role -> header; ``time`` and ``time_utc`` hold times, ``date`` and ``clock`` the two parts of one,
+            which becomes ``time``; all others numbers.
 
     Raises:
-        InputError: the file or a column is absent, or a time or number cannot be read.
+        InputError: the file or a column is absent, or a time or number cannot be read in one way only.
     """
-    return columns_in(path, lines_of(path), headers, advice)
+    return table_of(path, headers, advice, layout).columns
 
 
-def columns_in(path: Path, lines: Lines, headers: Mapping[str, str], advice: str = COLUMN_MAP) -> dict[str, Floats]:
+def table_of(path: Path, headers: Mapping[str, str], advice: str = COLUMN_MAP, layout: Layout = NOTHING_SAID) -> Table:
+    """Return the same with what was recognised and lost; arguments and errors as for ``columns_of``."""
+    return table_in(path, lines_of(path, headers.values(), layout), headers, advice, layout)
+
+
+def table_in(path: Path, lines: Lines, headers: Mapping[str, str], advice: str, layout: Layout) -> Table:
     """Return columns of the lines of one table; arguments and errors as for ``columns_of``."""
-    names = lines.header
     for role, header in headers.items():
-        if names.count(header) != 1:
+        if lines.header.count(header) != 1:
             raise InputError(
                 f"{path}: column {header!r} ({role})",
                 expected="one of the file's columns",
-                found=", ".join(names) or "an empty file",
+                found=", ".join(lines.header) or "an empty file",
                 advice=advice,
             )
-    return {role: _parsed(path, lines, names.index(header), role, header) for role, header in headers.items()}
+    if {*APART} <= {*headers} and {*TIMES} & {*headers}:
+        expected, advice = "a time, or date and clock apart", "keep one of the two under columns"
+        raise InputError(f"{path}: columns", expected=expected, found="all three", advice=advice)
+    places = {role: lines.header.index(header) for role, header in headers.items()}
+    lines, units = _without_units(lines, list(places.values()))
+    _refuse_long(path, lines)
+    timed = [role for role in places if role in (*TIMES, *APART)]
+    columns, said = _times_in(path, lines, {role: places[role] for role in timed}, layout)
+    texts = {role: _column(path, lines, place, role) for role, place in places.items() if role not in timed}
+    decimal, by_comma = _decimal(path, texts, headers, layout)
+    for role, cells in texts.items():
+        columns[role], row = _numbers(cells, decimal, layout.missing)
+        if row is not None:
+            _refuse_line(path, f"{lines.numbers[row]}, {headers[role]}", NUMBER_FORM, repr(cells[row]))
+    notes = (*lines.notes, *["units below the header"] * units, *["decimal commas"] * by_comma, *filter(None, [said]))
+    return Table(columns, len(lines.rows), lines.cut, notes)
 
 
-def header_of(path: Path) -> list[str]:
+def clock_apart(headers: Mapping[str, str], withheld: Collection[str] = ()) -> dict[str, str]:
+    """Return the headers of date and clock where both are named and neither is withheld."""
+    apart = {role: headers[role] for role in APART if headers.get(role)}
+    return apart if len(apart) == len(APART) and not {*apart, *apart.values(), *TIMES} & set(withheld) else {}
+
+
+def said(tables: Iterable[Table]) -> tuple[str, ...]:
+    """Return the sentences on what was recognised in tables, each once."""
+    return tuple(dict.fromkeys(f"the table was read with {', '.join(one.notes)}" for one in tables if one.notes))
+
+
+def header_of(path: Path, needed: Iterable[str], layout: Layout = NOTHING_SAID) -> list[str]:
     """Return the names of a table's columns, none for an empty file.
 
-    Raises:
-        InputError: the file cannot be read.
-    """
-    return lines_of(path).header
-
-
-def lines_of(path: Path) -> Lines:
-    """Return the header and the rows of a table, cells stripped, comments left out.
+    Args:
+        needed: names that the header holds.
 
     Raises:
         InputError: the file cannot be read.
     """
-    try:
-        text = of_lines(path).decode("utf-8-sig")
-        reader = csv.reader(io.StringIO(text, newline=""))
-        listed = [(reader.line_num, [cell.strip() for cell in row]) for row in reader]
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise InputError(
-            str(path), expected="a readable CSV file in UTF-8", found=error, advice="check path and format"
-        ) from None
-    rows = [(line, row) for line, row in listed if any(row) and not row[0].startswith("#")]
-    header = rows[0][1] if rows else []
-    cut = (
-        bool(rows[1:])
-        and not text.endswith(("\n", "\r"))
-        and _is_cut(rows[-1][1], [row for _, row in rows[1:-1]], header)
-    )
-    return Lines(header, rows[1 : len(rows) - cut], int(cut))
+    return lines_of(path, needed, layout).header
 
 
-def strange(data: bytes) -> int:
-    """Return how many bytes are neither printable ASCII nor space between words and lines."""
-    return len(data.translate(None, _TEXT))
+def lines_of(path: Path, needed: Iterable[str], layout: Layout = NOTHING_SAID) -> Lines:
+    """Return the header and the rows of a table, comments left out.
 
-
-def of_lines(path: Path) -> bytes:
-    """Return the bytes of a text file, after a look that it has lines.
+    Args:
+        needed: names that the header holds; where no line does the first is taken for it.
 
     Raises:
-        InputError: it cannot be read, or a line of it is longer than any instrument's.
+        InputError: the file cannot be read.
     """
-    blocks = []
+    wanted = set(needed)
+    found = lines_fitting(path, lambda names: wanted <= set(names), layout)
+    assert found is not None  # any line fits in the end
+    return found
+
+
+def lines_fitting(
+    path: Path,
+    fits: Callable[[Sequence[str]], bool],
+    layout: Layout = NOTHING_SAID,
+    *,
+    delimiters: Iterable[str] = DELIMITERS,
+    must: bool = False,
+) -> Lines | None:
+    """Return the lines of a table whose header fits.
+
+    Args:
+        fits: whether names may be those of the header.
+        delimiters: that are tried, in this order.
+        must: None is returned where no line fits, else the first is the header.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
+    read = text_of(path)
+    raw = list(io.StringIO(read.text, newline=""))
+    skipped = min(layout.skip_rows or 0, len(raw))
+    meant = range(skipped, min(skipped + SEARCHED, len(raw)))
+    first = next((k for k in range(skipped, len(raw)) if _holds(raw[k])), skipped)
+    places = meant if layout.skip_rows is None else [first]
+    tried = [layout.delimiter] if layout.delimiter else list(delimiters)
+    begin, delimiter = next(filter(None, (_header(raw, places, one, fits) for one in tried)), (None, ""))
+    if begin is None and must:
+        return None
+    if begin is None:
+        begin, delimiter = first, layout.delimiter or _usual(raw[first : first + 1])
+    lines = _below(path, raw, begin, delimiter, ended=read.text.endswith(("\n", "\r")))
+    above = sum(map(_holds, raw[skipped:begin]))
+    said = [f"cells between {DELIMITERS[delimiter]}"] * (delimiter != "," and layout.delimiter is None)
+    said += [f"{above} line{'s' * (above > 1)} above the header"] * (above > 0)
+    return replace(lines, notes=(*read.notes, *said))
+
+
+def _header(
+    raw: Sequence[str], places: Iterable[int], delimiter: str, fits: Callable[[Sequence[str]], bool]
+) -> tuple[int, str] | None:
+    """Return the first line that fits, and the delimiter; none below rows of numbers, which nothing may pass over."""
+    for k in places:
+        row = _parted(raw[k], delimiter) if k < len(raw) and _holds(raw[k]) else []
+        if row and fits(row):
+            return k, delimiter
+        if len(row) > 1 and all(cell[:1] in DIGITS for cell in row):
+            return None
+    return None
+
+
+def _holds(line: str) -> bool:
+    return bool(line.strip(" \t\r\n,;")) and line.lstrip()[0] not in MARKS
+
+
+def _parted(line: str, delimiter: str) -> list[str]:
     try:
-        with Path(path).open("rb") as stream:
-            while block := stream.read(LONGEST_LINE):
-                if len(block) == LONGEST_LINE and not (b"\n" in block or b"\r" in block):
-                    expected, found = f"lines of less than {LONGEST_LINE} bytes", "a longer one"
-                    raise InputError(str(path), expected=expected, found=found, advice="check that it is a text file")
-                blocks.append(block)
-    except OSError as error:
-        found = error.strerror or type(error).__name__
-        raise InputError(str(path), expected="a readable file", found=found, advice="check the path") from None
-    return b"".join(blocks)
+        return [
+            cell.strip()
+            for cell in (line.split() if delimiter == " " else next(csv.reader([line], delimiter=delimiter)))
+        ]
+    except csv.Error:
+        return []
 
 
-def _parsed(path: Path, lines: Lines, column: int, role: str, header: str) -> Floats:
-    parse = _time if role in TIMES else _number
-    expected = TIME_FORM if role in TIMES else "a number or nothing"
-    values = np.empty(len(lines.rows))
-    for i, (line, row) in enumerate(lines.rows):
-        if any(row[len(lines.header) :]):
-            _refuse_line(path, line, f"{len(lines.header)} cells as in the header", f"a line of {len(row)} cells")
+def _usual(lines: Sequence[str]) -> str:
+    """Return what parts a line into most cells; blanks only where nothing else does."""
+    counts = {one: line.count(one) for line in lines for one in (",", ";", "\t")}
+    return max(counts, key=lambda one: counts[one]) if any(counts.values()) else "," if not lines else " "
+
+
+def _below(path: Path, raw: list[str], begin: int, delimiter: str, *, ended: bool) -> Lines:
+    """Return the header in one line and the rows below it."""
+    if delimiter == " ":
+        listed = [line.split() for line in raw[begin:]]
+    else:
+        reader = csv.reader(raw[begin:], delimiter=delimiter)
         try:
-            values[i] = parse(row[column])
-        except (ValueError, IndexError):
-            found = repr(row[column]) if column < len(row) else f"a line of {len(row)} cells"
-            _refuse_line(path, f"{line}, {header}", expected, found)
-    return values
+            listed = list(reader)
+        except csv.Error as error:
+            raise InputError(
+                str(path), expected="a readable CSV file", found=error, advice="check path and format"
+            ) from None
+        if len(listed) < reader.line_num:
+            _refuse_quote(path, raw, begin, delimiter)
+    filled = [k for k, row in enumerate(listed) if row and (row[0].strip() or any(map(str.strip, row)))]
+    kept = [k for k in filled if listed[k][0].lstrip()[:1] not in MARKS or not listed[k][0].strip()]
+    if not kept:
+        return Lines([], [], [])
+    header, rows = [cell.strip() for cell in listed[kept[0]]], [listed[k] for k in kept[1:]]
+    rows = _with_clocks(header, rows) if delimiter == " " else rows
+    cut = bool(rows) and not ended and _is_cut(rows[-1], rows[:-1], header)
+    return Lines(header, rows[: len(rows) - cut], [begin + k + 1 for k in kept[1:]], int(cut))
 
 
-def _time(text: str) -> float:
-    match = _TIME.fullmatch(text.replace("/", "-"))
-    if not match:
-        raise ValueError(text)
-    date, sign, hours, minutes = match.groups(default="0")
-    ahead_s = (60 * int(hours) + int(minutes)) * (-60.0 if sign == "-" else 60.0)  # +02:00: local time is ahead of UTC
-    return float(np.datetime64(date.replace(" ", "T"), "us").astype(np.int64)) / 1e6 - ahead_s
+def _refuse_quote(path: Path, raw: list[str], begin: int, delimiter: str) -> None:
+    """Refuse a cell that goes on in the next line: a stray quotation mark would swallow rows."""
+    reader = csv.reader(raw[begin:], delimiter=delimiter)
+    line = next(k for k, _ in enumerate(reader, 1) if reader.line_num > k) + begin
+    _refuse_line(path, line, "cells that end in their line", "a quotation mark that is not closed")
 
 
-def _number(text: str) -> float:
-    if text.lower() in MISSING_TEXT:
-        return float("nan")
-    if not (_NUMBER.fullmatch(text) and abs(value := float(text)) < LARGEST):
-        raise ValueError(text)
-    return value
+def _with_clocks(header: Sequence[str], rows: list[list[str]]) -> list[list[str]]:
+    """Return rows between blanks with date and clock in one cell, where every row has one cell more than the header."""
+    if not rows or any(len(row) != len(header) + 1 for row in rows):
+        return rows
+    k = next((k for k, cell in enumerate(rows[0]) if k and ":" in cell), 0)
+    if not k or not all(":" in row[k] for row in rows):
+        return rows
+    return [[*row[: k - 1], f"{row[k - 1]} {row[k]}", *row[k + 1 :]] for row in rows]
 
 
-def _refuse_line(path: Path, line: int | str, expected: str, found: str) -> None:
-    raise InputError(f"{path}: line {line}", expected=expected, found=found, advice="mend or remove the line") from None
+def _without_units(lines: Lines, places: Sequence[int]) -> tuple[Lines, bool]:
+    """Return the lines without those of units below the header: words in every column, where rows hold numbers."""
+    count = 0
+    for row in lines.rows[:MOST_UNITS]:
+        cells = [row[k].strip() for k in places if k < len(row)]
+        words = [cell for cell in cells if cell.lower() not in MISSING_TEXT]
+        if not words or len(cells) < len(places) or not all(map(_UNIT.fullmatch, words)):
+            break
+        count += 1
+    return replace(lines, rows=lines.rows[count:], numbers=lines.numbers[count:]), count > 0
+
+
+def _refuse_long(path: Path, lines: Lines) -> None:
+    n = len(lines.header)
+    if max(map(len, lines.rows), default=0) <= n:
+        return
+    long = [k for k, row in enumerate(lines.rows) if any(cell.strip() for cell in row[n:])]
+    if long:
+        advice = MEND
+        if len(long) == len(lines.rows) > 1:
+            advice = "if commas are decimals they cannot part cells too: export with semicolons, or write delimiter"
+        found = f"a line of {len(lines.rows[long[0]])} cells"
+        _refuse_line(path, lines.numbers[long[0]], f"{n} cells as in the header", found, advice)
+
+
+def _column(path: Path, lines: Lines, place: int, role: str) -> list[str]:
+    if min(map(len, lines.rows), default=place + 1) <= place:
+        row = next(k for k, row in enumerate(lines.rows) if len(row) <= place)
+        expected = times.TIME_FORM if role in (*TIMES, *APART) else NUMBER_FORM
+        where, found = f"{lines.numbers[row]}, {lines.header[place]}", f"a line of {len(lines.rows[row])} cells"
+        _refuse_line(path, where, expected, found)
+    return [row[place].strip() for row in lines.rows]
+
+
+def _decimal(
+    path: Path, texts: Mapping[str, list[str]], headers: Mapping[str, str], layout: Layout
+) -> tuple[str, bool]:
+    """Return the character before decimals, and whether it was recognised as a comma.
+
+    Raises:
+        InputError: cells hold points and commas, or commas that could part thousands.
+    """
+    if layout.decimal:
+        return layout.decimal, False
+    numbers = [(role, cell) for role, cells in texts.items() for cell in cells if "," in cell and _comma(cell)]
+    if not numbers:
+        return ".", False
+    expected, advice = "numbers with decimals behind points", "write decimal: comma or decimal: point"
+    point = next((cell for cells in texts.values() for cell in cells if "." in cell and _NUMBER.fullmatch(cell)), None)
+    if point is not None or all(_THOUSANDS.fullmatch(cell) for _, cell in numbers):
+        role, cell = numbers[0]
+        found = repr(cell) + (f" beside {point!r}" if point else ", which may be thousands")
+        raise InputError(f"{path}: column {headers[role]!r}", expected=expected, found=found, advice=advice)
+    return ",", True
+
+
+def _comma(cell: str) -> bool:
+    return bool(_WITH_COMMA.fullmatch(cell) or _THOUSANDS.fullmatch(cell))
+
+
+def _numbers(cells: list[str], decimal: str, missing: Sequence[str]) -> tuple[Floats, int | None]:
+    """Return cells as numbers, (n,), NaN for nothing, and the first row that holds something else."""
+    turned = [cell.replace(",", ".") if "." not in cell else f"{cell}?" for cell in cells] if decimal == "," else cells
+    words = MISSING_TEXT | {text.lower() for text in missing}
+    try:
+        if not _PLAIN.fullmatch("\n".join(turned)):
+            raise ValueError
+        values = np.fromiter(map(float, turned), dtype=float, count=len(turned))
+        sound = bool((np.abs(values) < LARGEST).all())
+    except ValueError:
+        sound = False
+    if not sound:
+        values = np.full(len(cells), np.nan)
+        for row, (cell, text) in enumerate(zip(cells, turned, strict=True)):
+            if cell.lower() in words:
+                continue
+            if not (_NUMBER.fullmatch(text) and abs(value := float(text)) < LARGEST):
+                return values, row
+            values[row] = value
+    for text in (text.replace(",", ".") for text in missing):
+        values[values == float(text) if _NUMBER.fullmatch(text) else np.isnan(values)] = np.nan
+    return values, None
+
+
+def _times_in(path: Path, lines: Lines, places: Mapping[str, int], layout: Layout) -> tuple[dict[str, Floats], str]:
+    """Return the times of a table by their role, date and clock together, and what was recognised."""
+    texts = {role: (_column(path, lines, place, role), lines.header[place]) for role, place in places.items()}
+    if set(APART) <= set(texts):
+        (dates, date), (clocks, clock) = (texts[role] for role in APART)
+        texts = {"time": ([f"{one} {other}" for one, other in zip(dates, clocks, strict=True)], f"{date} and {clock}")}
+    found, said = {}, ""
+    for role, (cells, header) in texts.items():
+        numbers = partial(_as_numbers, cells, layout)
+        try:
+            found[role], said = times.seconds(cells, numbers, form=layout.time_format, zone=layout.timezone)
+        except times.Unreadable as error:
+            line = "" if error.row is None else f"line {lines.numbers[error.row]}, "
+            advice = error.advice or f"{MEND}; {times.SETTLE} for another form"
+            where = f"{path}: {line}{header}"
+            raise InputError(where, expected=error.expected, found=error.found, advice=advice) from None
+    return found, said
+
+
+def _as_numbers(cells: list[str], layout: Layout) -> Floats | None:
+    """Return times as numbers, None where a cell is none; a comma is a decimal one, as thousands part no time."""
+    by_comma = layout.decimal is None and any("," in cell for cell in cells)
+    values, row = _numbers(cells, "," if by_comma else layout.decimal or ".", ())
+    return values if row is None else None
+
+
+def _refuse_line(path: Path, line: int | str, expected: str, found: str, advice: str = MEND) -> None:
+    raise InputError(f"{path}: line {line}", expected=expected, found=found, advice=advice) from None
 
 
 def _is_cut(last: list[str], others: list[list[str]], header: list[str]) -> bool:
     """Return whether a last line without its end lacks cells, or its last cell decimals that all others have."""
     if len(last) < len(header) or not others:
         return len(last) < len(header)
-    return _decimals(last[-1]) < min((_decimals(row[-1]) for row in others if row[-1]), default=0)
+    return _decimals(last[-1]) < min((_decimals(row[-1]) for row in others if row[-1].strip()), default=0)
 
 
 def _decimals(cell: str) -> int:
-    return len(cell.partition(".")[2])
+    return len(cell.strip().replace(",", ".").partition(".")[2])

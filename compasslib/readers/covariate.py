@@ -10,7 +10,7 @@ import numpy as np
 
 from compasslib.core.errors import InputError
 from compasslib.core.types import Floats
-from compasslib.readers.cells import columns_of
+from compasslib.readers.cells import Layout, columns_of
 
 
 def series(covariate: Mapping[str, Any]) -> tuple[Floats, Floats]:
@@ -28,7 +28,7 @@ def series(covariate: Mapping[str, Any]) -> tuple[Floats, Floats]:
     headers = {role: header for role, header in covariate["columns"].items() if header is not None}
     paths = [Path(file) for file in covariate["files"]]
     advice = "correct columns of the covariate in the mooring file"
-    parts = [columns_of(path, headers, advice) for path in paths]
+    parts = [columns_of(path, headers, advice, Layout.of(covariate)) for path in paths]
     time_s, value = (np.concatenate([part[role] for part in parts]) for role in ("time", "value"))
     known = np.isfinite(time_s) & np.isfinite(value)
     time_s, first, which = np.unique(time_s[known], return_index=True, return_inverse=True)

@@ -7,13 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from compasslib.core import angles
 from compasslib.core.records import GOOD, MISSING, Record
 from compasslib.core.types import Bools, Floats
-from compasslib.readers.cells import columns_in, lines_of
+from compasslib.readers.cells import COLUMN_MAP, Layout, Table, said, table_of
 
 CURRENTS = ("east", "north", "x", "y", "speed")  # roles that hold speeds
 UNORDERED = 0.1  # share of steps back in time that makes a table one in no order
@@ -32,19 +33,21 @@ LOSSES = {
 }
 
 
-def read(paths: Sequence[Path], *, columns: Mapping[str, str | float]) -> Record:
+def read(paths: Sequence[Path], *, columns: Mapping[str, str | float], **layout: Any) -> Record:
     """Return the series of one or several tables, in the order given.
 
     Args:
-        columns: role -> header: time; depth or pressure; east+north, speed+direction, or x+y+heading (x forward, y to
-            port); tilt_x, tilt_y, temperature; ``scale`` turns velocities into m/s.
+        columns: role -> header: time, or date and clock; depth or pressure; east+north, speed+direction, or x+y+heading
+            (x forward, y to port); tilt_x, tilt_y, temperature; ``scale`` turns velocities into m/s.
+        **layout: how the files are written, keys of ``cells.Layout``.
 
     Raises:
         InputError: a file or a column is absent, or a time or number cannot be read.
     """
     scale = float(columns.get("scale", 1.0))
     headers = {role: str(header) for role, header in columns.items() if role != "scale" and header is not None}
-    table, counts = _cleaned(*_joined(paths, headers))
+    files = [table_of(path, headers, COLUMN_MAP, Layout.of(layout)) for path in paths]
+    table, counts = _cleaned(*_joined(files))
     table = _in_order(table)
     samples = _Samples(table.pop("time"))
     n, m = len(samples.first), int(samples.bin.max(initial=0)) + 1
@@ -68,16 +71,16 @@ def read(paths: Sequence[Path], *, columns: Mapping[str, str | float]) -> Record
         heading_quality=np.where(np.isfinite(heading), GOOD, MISSING).astype(np.int8),
         looks_up=False,
         counts=counts | {"velocities_missing": int(np.sum(~np.isfinite(east + north)))},
-        warnings=tuple(f"{counts[key]} {text}" for key, text in LOSSES.items() if counts[key]),
+        warnings=(*said(files), *(f"{counts[key]} {text}" for key, text in LOSSES.items() if counts[key])),
     )
 
 
-def _joined(paths: Sequence[Path], headers: Mapping[str, str]) -> tuple[dict[str, Floats], dict[str, int]]:
-    files = [(path, lines_of(path)) for path in paths]
-    tables = [columns_in(path, lines, headers) for path, lines in files]
-    tables.sort(key=lambda table: float(np.nanmin(table["time"], initial=np.inf)))  # listed in any order
-    rows, cut = sum(len(lines.rows) for _, lines in files), sum(lines.cut for _, lines in files)
-    return {role: np.concatenate([t[role] for t in tables]) for role in headers}, {"rows": rows + cut, "rows_cut": cut}
+def _joined(files: Sequence[Table]) -> tuple[dict[str, Floats], dict[str, int]]:
+    # Listed in any order.
+    tables = sorted((one.columns for one in files), key=lambda table: float(np.nanmin(table["time"], initial=np.inf)))
+    rows, cut = sum(one.rows for one in files), sum(one.cut for one in files)
+    joined = {role: np.concatenate([table[role] for table in tables]) for role in tables[0]}
+    return joined, {"rows": rows + cut, "rows_cut": cut}
 
 
 def _cleaned(table: dict[str, Floats], counts: dict[str, int]) -> tuple[dict[str, Floats], dict[str, int]]:

@@ -88,7 +88,8 @@ class Moorings:
     def reader_settings(self, wildcards: Any) -> dict[str, Any]:
         """Return the keys of one instrument that its reader takes."""
         instrument = self._instrument(wildcards)
-        keys = readers.of(instrument.format).keys
+        unset = {key for key in readers.TABLE_KEYS if key not in instrument.model_fields_set}
+        keys = [key for key in readers.of(instrument.format).keys if key not in unset]
         numbered = {"serial_number": self._serial_number(wildcards)} if "serial_number" in keys else {}
         return _plain(instrument, [key for key in keys if key not in numbered]) | numbered
 

@@ -100,11 +100,10 @@ def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Log:
     withhold = set(settings.get("withhold") or ())
     if reader := {"mmp_acm": read_acm}.get(str(settings.get("format"))):
         return reader(paths, withhold)
-    wanted = _wanted(paths, settings.get("columns") or {}, withhold)
-    tables = [
-        cells.columns_of(path, wanted, advice="name it under columns in the calibration's file") for path in paths
-    ]
-    columns = {role: np.concatenate([t[role] for t in tables]) for role in wanted}
+    names, layout = settings.get("columns") or {}, cells.Layout.of(settings)
+    wanted = _wanted(paths, names, withhold, layout)
+    read = [cells.table_of(path, wanted, ABSENT, layout) for path in paths]
+    columns = {role: np.concatenate([one.columns[role] for one in read]) for role in read[0].columns}
     empty = [
         role
         for role, v in columns.items()
@@ -113,7 +112,9 @@ def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Log:
     columns = {role: values for role, values in columns.items() if role not in empty}
     good = np.all([np.isfinite(columns[role]) for role in columns if role not in ("time", "temperature")], axis=0)
     columns = {role: values[good] for role, values in columns.items()}
-    warnings = [f"{int((~good).sum())} of {good.size} rows lack a number and are left out."] if not good.all() else []
+    warnings = list(cells.said(read))
+    if not good.all():
+        warnings.append(f"{int((~good).sum())} of {good.size} rows lack a number and are left out.")
     z = columns.get("z")
     if z is not None and z.size and np.ptp(z) == 0.0:
         warnings.append(f"Column z is {z[0]:g} throughout: the sensor is stuck and the column is not used.")
@@ -144,10 +145,13 @@ def _spikes(raw: Floats) -> NDArray[np.bool_]:
     return np.any((np.abs(raw - middle) > reach) & (reach > 0.0), axis=1)
 
 
-def _wanted(paths: Sequence[Path], names: Mapping[str, str], withhold: set[str]) -> dict[str, str]:
-    """Return role -> header of the columns that are there, x and y in any case."""
-    there = set.intersection(*(set(cells.header_of(path)) for path in paths))
-    found = {}
+def _wanted(
+    paths: Sequence[Path], names: Mapping[str, str], withhold: set[str], layout: cells.Layout
+) -> dict[str, str]:
+    """Return role -> header of the columns that are there, x and y in any case, and of a clock apart where named."""
+    needed = [names.get(axis) or axis for axis in "xy"]
+    there = set.intersection(*(set(cells.header_of(path, needed, layout)) for path in paths))
+    found = cells.clock_apart(names, withhold)
     for role, usual in {**ROLES, "time": TIME, "temperature": TEMPERATURE}.items():
         named = names.get(role, names.get(usual))
         header = usual if named is None else named

@@ -157,7 +157,7 @@ def _middle(latitude: Floats, longitude: Floats) -> tuple[float, float]:
 
 
 def _tables(paths: list[Path], settings: Mapping[str, Any]) -> Observations:
-    tables = [_columns(path, settings) for path in paths]
+    tables, notes = zip(*(_columns(path, settings) for path in paths), strict=True)
     roles = set(tables[0]).intersection(*tables)
     columns = {role: np.concatenate([t[role] for t in tables]) for role in roles}
     empty = np.full(columns["compass_deg"].shape, np.nan)
@@ -173,15 +173,18 @@ def _tables(paths: list[Path], settings: Mapping[str, Any]) -> Observations:
         turn_deg_s=np.zeros(empty.shape),
         steady_turn_deg_s=np.zeros(empty.shape),
         settled_deg=columns["compass_deg"],
-        warnings=("both true_deg and cog_deg are there: the true heading is used, the course is not",) if both else (),
+        warnings=(
+            *dict.fromkeys(note for said in notes for note in said),
+            *["both true_deg and cog_deg are there: the true heading is used, the course is not"] * both,
+        ),
     )
 
 
-def _columns(path: Path, settings: Mapping[str, Any]) -> dict[str, Floats]:
-    """Return the columns of one table by role; what is withheld is not looked at."""
+def _columns(path: Path, settings: Mapping[str, Any]) -> tuple[dict[str, Floats], tuple[str, ...]]:
+    """Return the columns of one table by role, and notes; what is withheld is not looked at."""
     mapped, withheld = settings.get("columns") or {}, set(settings.get("withhold") or ())
-    names = cells.header_of(path)
-    headers = {role: str(mapped.get(role) or role) for role in ROLES}
+    layout, headers = cells.Layout.of(settings), {role: str(mapped.get(role) or role) for role in ROLES}
+    names = cells.header_of(path, [headers["compass_deg"]], layout)
     wanted = {role: header for role, header in headers.items() if not {role, header} & withheld}
     for role, header in wanted.items():
         if header not in names and (mapped.get(role) or role == "compass_deg"):
@@ -189,10 +192,12 @@ def _columns(path: Path, settings: Mapping[str, Any]) -> dict[str, Floats]:
     there = {role: header for role, header in wanted.items() if header in names}
     if not {"cog_deg", "true_deg"} & set(there):
         raise _absent(path, "column of the course over ground (cog_deg) or of the true heading (true_deg)", names)
-    parsed = cells.columns_of(path, there)
+    table = cells.table_of(path, there | cells.clock_apart(mapped, withheld), layout=layout)
+    parsed = {"time_utc" if role == "time" else role: column for role, column in table.columns.items()}
     for role in (role for role in parsed if role != "time_utc"):
         _bounded(path, f"column {there[role]!r} ({role})", parsed[role], BOUNDS[role.rpartition("_")[2]])
-    return {role: angles.wrap360(values) if role.endswith("_deg") else values for role, values in parsed.items()}
+    turned = {role: angles.wrap360(values) if role.endswith("_deg") else values for role, values in parsed.items()}
+    return turned, cells.said([table])
 
 
 def _bounded(path: Path, what: str, values: Floats, bounds: tuple[float, float]) -> None:

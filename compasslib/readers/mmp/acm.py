@@ -14,8 +14,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,6 +25,7 @@ from compasslib.core import angles
 from compasslib.core.errors import InputError
 from compasslib.core.records import GOOD, MISSING, PROBABLY_BAD, Record
 from compasslib.core.types import Bools, Floats
+from compasslib.readers.cells import Layout
 from compasslib.readers.mmp import pressure, scan_clock, scan_files
 from compasslib.readers.mmp.pressure import Companion, Start
 from compasslib.readers.mmp.rows import UNKNOWN
@@ -84,7 +86,9 @@ class HeadingComparison:
         return notes
 
 
-def read(paths: Sequence[Path], *, pressure_files: Sequence[str | Path], start_offset_seconds: float | None) -> Record:
+def read(
+    paths: Sequence[Path], *, pressure_files: Sequence[str | Path], start_offset_seconds: float | None, **layout: Any
+) -> Record:
     """Return one record from files in the order given, currents turned by the recorded magnetic heading.
 
     Pitch is TX (forward up) and roll is TY (port up), as the logger's own rule for the heading takes them.
@@ -94,14 +98,16 @@ def read(paths: Sequence[Path], *, pressure_files: Sequence[str | Path], start_o
         pressure_files: companion E or C files or tables; may be empty, then the depth is unknown.
         start_offset_seconds: first scan minus profile start, for scans without a clock. A profile starts when its A
             or E file says that the sensors were turned on, else with the first row of its E file or table.
+        **layout: how tables of pressure are written, keys of ``cells.Layout``.
 
     Raises:
         InputError: a file that cannot be read or is none of these, or scans whose time nothing tells.
     """
     scans = scan_files.load(paths)
-    companion = pressure.load([Path(file) for file in pressure_files or ()])
+    companion = pressure.load([Path(file) for file in pressure_files or ()], Layout.of(layout))
     series = _timed(scans, companion, start_offset_seconds or 0.0)
-    return _record(series, companion, known_depth=bool(pressure_files))
+    record = _record(series, companion, known_depth=bool(pressure_files))
+    return replace(record, warnings=(*record.warnings, *companion.notes))
 
 
 def logged_heading(field: Floats, tilt_x_deg: ArrayLike, tilt_y_deg: ArrayLike) -> Floats:

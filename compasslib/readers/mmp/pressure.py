@@ -9,18 +9,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 
 from compasslib.core.errors import InputError
 from compasslib.core.types import Floats
+from compasslib.readers.cells import Layout, Lines, lines_fitting, said, table_in
 from compasslib.readers.mmp.rows import UNKNOWN, Form, ProfileBlock, Text, blocks, parse
 from compasslib.readers.mmp.scan_clock import civil
 from compasslib.readers.mmp.scan_files import contents, is_text
 from compasslib.readers.recognition import recognise
 
+NOTHING_SAID = Layout()
 TIMES = ("time_utc", "time", "datetime", "date_time", "timestamp", "date")
 PRESSURES = ("pressure_dbar", "pressure", "pres", "dbar", "p_dbar")
 PROFILES = ("profile", "profile_number")
@@ -52,6 +53,7 @@ class Companion:
     pressure_dbar: Floats  # (c,)
     starts: tuple[Start, ...]  # in order of time
     damaged: int = 0  # rows left out
+    notes: tuple[str, ...] = ()  # how tables were read
 
     def at(self, time_s: Floats) -> Floats:
         """Return the pressure at other times, NaN where no two near samples enclose one.
@@ -91,15 +93,16 @@ class _PressureSeries:
     starts: tuple[Start, ...]
     damaged: int = 0
     clocked: bool = True
+    notes: tuple[str, ...] = ()
 
 
-def load(paths: Sequence[Path]) -> Companion:
+def load(paths: Sequence[Path], layout: Layout = NOTHING_SAID) -> Companion:
     """Return the pressure of all files together.
 
     Raises:
         InputError: a file that cannot be read or is none of these.
     """
-    series = [_one(path) for path in paths]
+    series = [_one(path, layout) for path in paths]
     clocked = _together([each for each in series if each.clocked])
     return _together([each if each.clocked else _beside(each, clocked) for each in series])
 
@@ -111,7 +114,8 @@ def _together(series: Sequence[_PressureSeries]) -> Companion:
     known = np.isfinite(time) & np.isfinite(pressure)
     time, first = np.unique(time[known], return_index=True)
     starts = sorted((start for each in series for start in each.starts), key=lambda start: start.on_s)
-    return Companion(time, pressure[known][first], tuple(starts), sum(each.damaged for each in series))
+    notes = tuple(dict.fromkeys(note for each in series for note in each.notes))
+    return Companion(time, pressure[known][first], tuple(starts), sum(each.damaged for each in series), notes)
 
 
 def _beside(series: _PressureSeries, clocked: Companion) -> _PressureSeries:
@@ -122,14 +126,13 @@ def _beside(series: _PressureSeries, clocked: Companion) -> _PressureSeries:
     return _PressureSeries(series.time_s[alone], series.pressure_dbar[alone], starts, series.damaged, clocked=False)
 
 
-def _one(path: Path) -> _PressureSeries:
+def _one(path: Path, layout: Layout) -> _PressureSeries:
     data = contents(path)
+    if lines := _lines(path, layout):
+        return _table(path, lines, layout)
     if not is_text(data):
         advice, known = "unpack the profiler's binary files with the maker's unpacker", recognise(path)
         raise InputError(str(path), expected=EXPECTED, found=known.name if known else "a binary file", advice=advice)
-    columns = _header(data)
-    if columns:
-        return _table(path, data, columns)
     text = parse(data, lambda form: form[1] > DBAR_OF_C)
     if text.form is None:
         first = data.strip().split(b"\n")[0][:60].decode("latin-1").strip()
@@ -174,56 +177,38 @@ def _start(block: ProfileBlock, time_s: Floats) -> Start:
     return Start(block.number, on, block.off_s)
 
 
-def _header(data: bytes) -> dict[str, int]:
-    """Return the columns of a table by their meaning; none where the file is no table."""
-    line = next((line for line in data[:4096].splitlines() if line.strip()), b"")
-    names = [name.lower() for name in _cells(line.decode("utf-8-sig", "replace"))]
+def _lines(path: Path, layout: Layout) -> Lines | None:
+    """Return the lines of a table, None where the file is none."""
+    try:
+        return lines_fitting(path, lambda names: bool(_columns(names)), layout, delimiters=",;\t", must=True)
+    except InputError:  # a binary file
+        return None
+
+
+def _columns(names: Sequence[str]) -> dict[str, str]:
+    """Return the headers of a table by their meaning, none where time or pressure is not among them."""
+    header = {name.lower(): name for name in names}
     wanted = {"time": TIMES, "pressure": PRESSURES, "profile": PROFILES}
-    found = {role: names.index(name) for role, given in wanted.items() for name in reversed(given) if name in names}
-    return found if "time" in found and "pressure" in found else {}
+    found = {role: header[name] for role, given in wanted.items() for name in reversed(given) if name in header}
+    if {"date", "time"} <= set(header) and found["time"] == header["time"]:
+        found |= {"date": header["date"], "clock": found.pop("time")}
+    return found if "pressure" in found and {"time", "clock"} & set(found) else {}
 
 
-def _table(path: Path, data: bytes, columns: dict[str, int]) -> _PressureSeries:
-    lines = [line for line in data.decode("utf-8-sig", "replace").splitlines() if line.strip(" \t,")]
-    rows = [_cells(line) for line in lines[1:]]
-    time_s, pressure = (_column(path, rows, columns[role], role) for role in ("time", "pressure"))
-    number = np.full(len(rows), float(UNKNOWN))
+def _table(path: Path, lines: Lines, layout: Layout) -> _PressureSeries:
+    table = table_in(path, lines, _columns(lines.header), "correct the header", layout)
+    time_s, pressure = table.columns["time"], table.columns["pressure"]
+    number = np.full(table.rows, float(UNKNOWN))
     step = np.diff(time_s)
     new = np.append(True, step > _bridge(step))[: len(time_s)]  # after a pause
-    if "profile" in columns:
-        number = _column(path, rows, columns["profile"], "profile")
-        new = np.append(True, np.diff(number) != 0)[: len(rows)]
+    if "profile" in table.columns:
+        number = table.columns["profile"]
+        new = np.append(True, np.diff(number) != 0)[: len(number)]
     begins = np.flatnonzero(new & np.isfinite(number))
-    return _PressureSeries(time_s, pressure, tuple(Start(int(number[k]), float(time_s[k]), np.nan) for k in begins))
-
-
-def _cells(line: str) -> list[str]:
-    # Not by the csv module: one stray quotation mark would swallow all rows up to the next.
-    return [cell.strip().strip('"').strip() for cell in line.split(",")]
+    starts = tuple(Start(int(number[k]), float(time_s[k]), np.nan) for k in begins)
+    return _PressureSeries(time_s, pressure, starts, damaged=table.cut, notes=said([table]))
 
 
 def _bridge(step: Floats) -> float:
     usual = float(np.median(step)) if len(step) else 0.0
     return min(max(BRIDGED_S, BRIDGED_STEPS * usual), BRIDGED_AT_MOST_S)
-
-
-def _column(path: Path, rows: Sequence[Sequence[str]], column: int, role: str) -> Floats:
-    convert, expected = (_time, "an ISO time like 2007-09-04T00:00:00Z") if role == "time" else (_number, "a number")
-    values = np.empty(len(rows))
-    for k, row in enumerate(rows):
-        try:
-            values[k] = convert(row[column])
-        except (ValueError, IndexError):
-            found = repr(row[column]) if column < len(row) else f"a row of {len(row)} cells"
-            where = f"{path}: row {k + 1} below the header, {role}"
-            raise InputError(where, expected=expected, found=found, advice="mend or remove the row") from None
-    return values
-
-
-def _time(cell: str) -> float:
-    moment = datetime.fromisoformat(cell)
-    return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
-
-
-def _number(cell: str) -> float:
-    return float(cell) if cell else float("nan")

@@ -1,0 +1,314 @@
+"""Cells that hold times to UTC seconds: what can be read in one way only is recognised, all else needs ``time_format``.
+
+All rows of a column are of one form. A day and a month in figures are told apart by a value above 12 alone, which every
+row must agree with; the order of the rows is held against the result. Numbers are recognised by their size: seconds and
+milliseconds since 1970, MATLAB's days since the year 0, years with a fraction of their own length.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from compasslib.core.types import Bools, Floats
+
+TIME_FORM = "an ISO time like 2007-09-04T00:00:00Z"
+SETTLE = "write time_format, for example '%d/%m/%Y %H:%M'"
+DAY_S = 86400.0
+DATENUM_1970, EXCEL_1970 = 719529.0, 25569.0  # the first of January 1970 in MATLAB's and in Excel's days
+YEARS = (1950, 2100)  # of times in text without an ISO form
+FIRST_S, LAST_S = 315532800.0, 1893456000.0  # 1980 to 2030: numbers of times that are recognised
+MONTHS = (
+    *("january", "february", "march", "april", "may", "june"),
+    *("july", "august", "september", "october", "november", "december"),
+)
+
+_CLOCK = (
+    r"(?:[T ] *(?P<H>\d{1,2})(?::(?P<M>\d\d)(?::(?P<S>\d\d(?:[.,]\d{1,9})?))?)?(?: ?(?P<half>[AaPp])\.?[Mm]\.?)?)?"
+    r"(?:Z| ?UTC| ?GMT| ?(?P<zone>[+-](?:0\d|1[0-4])(?::?[0-5]\d)))?"
+)
+_FORMS = {
+    "iso": r"(?P<y>\d{4})[-/.](?P<m>\d{1,2})[-/.](?P<d>\d{1,2})",
+    "compact": r"(?P<y>19[5-9]\d|20\d\d)(?P<m>\d\d)(?P<d>\d\d)",
+    "figures": r"(?P<a>\d{1,2})(?P<part>[-/. ])(?P<b>\d{1,2})(?P=part)(?P<y>\d{4})",
+    "name": r"(?P<d>\d{1,2})[-/. ]?(?P<name>[A-Za-z]{3,9})[-/., ]{0,2}(?P<y>\d{4})",
+    "name first": r"(?P<name>[A-Za-z]{3,9})[-. ]{0,2}(?P<d>\d{1,2})[-, ]{1,2}(?P<y>\d{4})",
+    "year and name": r"(?P<y>\d{4})[-/ ]?(?P<name>[A-Za-z]{3,9})[-/ ]?(?P<d>\d{1,2})",
+}
+_PATTERNS = {form: re.compile(date + _CLOCK, re.ASCII) for form, date in _FORMS.items()}
+_PATTERNS["run together"] = re.compile(
+    _FORMS["compact"] + r"[T ]?(?P<H>\d\d)(?P<M>\d\d)(?P<S>\d\d)?(?:Z| ?(?P<zone>[+-]\d\d:?\d\d))?", re.ASCII
+)
+_ISO = re.compile(r"\d{4}-\d\d-\d\d(?:[T ]\d\d(?::\d\d(?::\d\d(?:\.\d{1,6})?)?)?)?Z?", re.ASCII)
+_SHORT_YEAR = re.compile(r"\d{1,2}[-/. ](?:\d{1,2}|[A-Za-z]{3,9})[-/. ]\d\d(?:[T ].*)?", re.ASCII)
+_ZONE_NAME = re.compile(r".*\d ?(?:[AaPp]\.?[Mm]\.? )? ?([A-Z]{2,5}\d?)", re.ASCII)
+
+
+class Unreadable(Exception):
+    """A cell or a column of times that cannot be read.
+
+    Args:
+        row: its number from 0, None where it is the column as a whole.
+    """
+
+    def __init__(self, row: int | None, found: str, expected: str = TIME_FORM, advice: str = ""):
+        super().__init__(found)
+        self.row, self.found, self.expected, self.advice = row, found, expected, advice
+
+
+@dataclass(frozen=True)
+class _Fields:
+    """What stands in the cells of one form, (n,) each."""
+
+    year: Floats
+    month: Floats
+    day: Floats
+    hour: Floats
+    minute: Floats
+    second: Floats
+    zone_s: Floats  # NaN where the cell names none
+
+
+def seconds(
+    cells: Sequence[str], numbers: Callable[[], Floats | None], *, form: str | None = None, zone: str | None = None
+) -> tuple[Floats, str]:
+    """Return UTC seconds since 1970 of cells, (n,), and what was recognised, empty for ISO.
+
+    Args:
+        cells: stripped.
+        numbers: gives the same as numbers, None where they are none.
+        form: a strptime format, or a scale: epoch, epoch_ms, datenum, decimal_year, excel.
+        zone: of cells that name none, UTC or as +02:00.
+
+    Raises:
+        Unreadable: a cell is no such time, or could be more than one.
+    """
+    ahead_s = 0.0 if zone in (None, "UTC") else _offset_s(str(zone))
+    if form is None and all(map(_ISO.fullmatch, cells)):
+        return _iso(cells) - (ahead_s if not any(cell.endswith("Z") for cell in cells) else _torn(cells, ahead_s)), ""
+    if form in SCALES:
+        return _scaled(str(form), cells, numbers()) - ahead_s, ""
+    if form is not None:
+        return _by_format(cells, form, ahead_s), ""
+    fields, said = _recognised(cells)
+    if fields is None:
+        scale = _scale(cells, numbers())
+        return _scaled(scale, cells, numbers()) - ahead_s, f"times as {SCALES[scale][1]}"
+    time_s = _civil(cells, fields)
+    return time_s - _ahead_s(cells, fields.zone_s, zone, ahead_s), said
+
+
+def _torn(cells: Sequence[str], ahead_s: float) -> Floats:
+    """Return how far each cell's clock is ahead of UTC where some end in Z, s."""
+    if not ahead_s:
+        return np.zeros(len(cells))
+    row = next(k for k, cell in enumerate(cells) if cell.endswith("Z"))
+    raise Unreadable(row, repr(cells[row]), "times without a zone beside timezone", "correct or delete timezone")
+
+
+def _iso(cells: Sequence[str]) -> Floats:
+    try:
+        bare = np.array([cell.rstrip("Z") for cell in cells], dtype="datetime64[us]")
+    except ValueError:
+        row = next(k for k, cell in enumerate(cells) if not _exists(cell))
+        raise Unreadable(row, repr(cells[row])) from None
+    return bare.astype(np.int64) / 1e6
+
+
+def _exists(cell: str) -> bool:
+    try:
+        np.datetime64(cell.rstrip("Z"))
+    except ValueError:
+        return False
+    return True
+
+
+def _offset_s(zone: str) -> float:
+    digits = zone[1:].replace(":", "").ljust(4, "0")
+    return (60 * int(digits[:2]) + int(digits[2:])) * (-60.0 if zone[0] == "-" else 60.0)
+
+
+# Numbers that are times.
+
+SCALES: dict[str, tuple[Callable[[Floats], Floats], str]] = {
+    "epoch": (lambda x: x, "seconds since 1970"),
+    "epoch_ms": (lambda x: x / 1e3, "milliseconds since 1970"),
+    "datenum": (lambda x: np.round((x - DATENUM_1970) * DAY_S, 3), "MATLAB's datenum"),
+    "excel": (lambda x: np.round((x - EXCEL_1970) * DAY_S, 3), "Excel's days"),
+    "decimal_year": (lambda x: _of_years(x), "years with a fraction of their own length"),
+}
+
+
+def _of_years(years: Floats) -> Floats:
+    whole = np.floor(years)
+    begin, end = ((whole + k - 1970.0).astype("datetime64[Y]").astype("datetime64[s]").astype(float) for k in (0, 1))
+    return np.round(begin + (years - whole) * (end - begin), 3)
+
+
+def _scaled(scale: str, cells: Sequence[str], values: Floats | None) -> Floats:
+    if values is None or not np.isfinite(values).all():
+        row = next((k for k, cell in enumerate(cells) if values is None or not np.isfinite(values[k])), 0)
+        raise Unreadable(
+            row, repr(cells[row]), f"a number ({SCALES[scale][1]})", "mend the line or correct time_format"
+        )
+    with np.errstate(invalid="ignore", over="ignore"):
+        low, high = (np.datetime64(f"{year}-01-01", "s").astype(float) for year in (YEARS[0], YEARS[1] + 1))
+        possible = values if scale != "decimal_year" else np.clip(values, 1.0, 9999.0)
+        time_s = SCALES[scale][0](possible)
+    beyond = np.flatnonzero(~((time_s >= low) & (time_s < high)))
+    if len(beyond):
+        row, expected = int(beyond[0]), f"{SCALES[scale][1]} between {YEARS[0]} and {YEARS[1]}"
+        raise Unreadable(row, repr(cells[row]), expected, "mend the line or correct time_format")
+    return time_s
+
+
+def _scale(cells: Sequence[str], values: Floats | None) -> str:
+    """Return the one scale on which all numbers are times of instruments."""
+    if values is None or not np.isfinite(values).all() or not len(values):
+        row = next((k for k, cell in enumerate(cells) if values is None or not np.isfinite(values[k])), 0)
+        row = next((k for k, cell in enumerate(cells) if not _NUMBERLIKE.fullmatch(cell)), row)
+        if _SHORT_YEAR.fullmatch(cells[row]):
+            raise Unreadable(
+                row, repr(cells[row]), "years of four figures", "write time_format, for example '%d/%m/%y'"
+            )
+        if named := _ZONE_NAME.fullmatch(cells[row]):
+            advice = "take the name out, and write timezone where it is not UTC"
+            raise Unreadable(row, repr(cells[row]), f"UTC or an offset instead of {named[1]}", advice)
+        raise Unreadable(row, repr(cells[row]))
+    fraction = bool(np.any(values != np.floor(values)))
+    for scale in ("epoch", "epoch_ms", "datenum", "decimal_year"):
+        if not fraction and scale in ("datenum", "decimal_year"):
+            continue  # whole ones may be anything, dates written together too
+        low, high = {"decimal_year": (1980.0, 2030.0), "datenum": (723181.0, 741444.0)}.get(
+            scale, (FIRST_S, LAST_S) if scale == "epoch" else (FIRST_S * 1e3, LAST_S * 1e3)
+        )
+        if np.all((values >= low) & (values < high)):
+            return scale
+    advice = "write time_format: epoch, epoch_ms, datenum, decimal_year or excel"
+    raise Unreadable(None, f"numbers from {np.min(values):.10g} to {np.max(values):.10g}", "times", advice)
+
+
+_NUMBERLIKE = re.compile(r"[-+]?\d*[.,]?\d+(?:[eE][-+]?\d+)?", re.ASCII)
+
+
+# Times in words and figures.
+
+
+def _by_format(cells: Sequence[str], form: str, ahead_s: float) -> Floats:
+    import pandas as pd  # only for a format that somebody gives: its import takes longer than the table
+
+    try:
+        found = pd.to_datetime(pd.Index(cells, dtype=object), format=form, errors="coerce", utc=True)
+    except ValueError as error:
+        raise Unreadable(None, repr(form), "a strptime format", f"correct time_format ({error})") from None
+    lost = np.flatnonzero(found.isna())
+    if len(lost):
+        row = int(lost[0])
+        raise Unreadable(row, repr(cells[row]), f"a time like {form}", "mend the line or correct time_format")
+    time_s = found.to_numpy(dtype="datetime64[us]").astype(np.int64) / 1e6
+    return time_s - (0.0 if "%z" in form else ahead_s)
+
+
+def _recognised(cells: Sequence[str]) -> tuple[_Fields | None, str]:
+    """Return the fields of the form that the first cell has, None where it has none, and what that is."""
+    form = next((form for form, pattern in _PATTERNS.items() if cells and pattern.fullmatch(cells[0])), None)
+    if form is None:
+        return None, ""
+    matches = list(map(_PATTERNS[form].fullmatch, cells))
+    if None in matches:
+        row = matches.index(None)
+        expected = TIME_FORM if form == "iso" else f"a time like {cells[0]!r}, as in the first row"
+        raise Unreadable(row, repr(cells[row]), expected, "" if form == "iso" else f"mend the line, or {SETTLE}")
+    names = list(_PATTERNS[form].groupindex)
+    found = dict(zip(names, zip(*(match.groups() for match in matches if match), strict=True), strict=True))
+    n = len(cells)
+    column = {name: _floats(found[name], n) for name in ("y", "m", "d", "a", "b", "H", "M", "S") if name in found}
+    said = {"iso": "", "compact": "dates as yyyymmdd", "run together": "times as yyyymmddhhmm"}.get(form, "")
+    if form == "figures":
+        column["d"], column["m"], said = _day_and_month(cells, column["a"], column["b"], column["y"])
+    if "name" in found:
+        column["m"], said = _months(cells, found["name"]), "months by their names"
+    hour = _hours(cells, column.get("H", np.zeros(n)), found.get("half", (None,) * n))
+    zones = [np.nan if zone is None else _offset_s(zone) for zone in found["zone"]] if any(found["zone"]) else []
+    zone_s = np.array(zones) if zones else np.full(n, np.nan)
+    zone_s[np.isnan(zone_s) & np.array([cell[-1] in "ZCT" for cell in cells])] = 0.0  # Z, UTC, GMT
+    zero = np.zeros(n)
+    return (
+        _Fields(column["y"], column["m"], column["d"], hour, column.get("M", zero), column.get("S", zero), zone_s),
+        said,
+    )
+
+
+def _floats(texts: Sequence[str | None], n: int) -> Floats:
+    return np.fromiter((float(text.replace(",", ".")) if text else 0.0 for text in texts), dtype=float, count=n)
+
+
+def _months(cells: Sequence[str], names: Sequence[str]) -> Floats:
+    number = {name: k for k, long in enumerate(MONTHS, 1) for name in (long, long[:3])} | {"sept": 9}
+    row = next((k for k, name in enumerate(names) if name.lower() not in number), None)
+    if row is not None:
+        advice = "write the months in figures or in English"
+        raise Unreadable(row, repr(cells[row]), "an English name of a month", advice)
+    return np.array([float(number[name.lower()]) for name in names])
+
+
+def _hours(cells: Sequence[str], hour: Floats, half: Sequence[str | None]) -> Floats:
+    """Return hours of 24 from those of 12 with AM or PM."""
+    if not any(half):
+        return hour
+    row = next((k for k, letter in enumerate(half) if not letter or not 1 <= hour[k] <= 12), None)
+    if row is not None:
+        raise Unreadable(row, repr(cells[row]), "an hour from 1 to 12 with AM or PM, as in other rows")
+    return hour % 12.0 + 12.0 * np.array([letter in "pP" for letter in half if letter])
+
+
+def _day_and_month(cells: Sequence[str], a: Floats, b: Floats, year: Floats) -> tuple[Floats, Floats, str]:
+    """Return days and months of dates in figures, and what settles which is which.
+
+    Raises:
+        Unreadable: no row settles it, rows settle it in both ways, or the times would go back by days.
+    """
+    first, second = np.flatnonzero(a > 12.0), np.flatnonzero(b > 12.0)
+    expected = "dates in which day and month can be told apart"
+    if len(first) and len(second):
+        row = int(max(first[0], second[0]))
+        raise Unreadable(row, f"{cells[row]!r} beside {cells[int(min(first[0], second[0]))]!r}", expected, SETTLE)
+    if not len(first) and not len(second) and (a != b).any():
+        row = int(np.flatnonzero(a != b)[0])
+        advice = "write time_format: '%d/%m/%Y ...' or '%m/%d/%Y ...' with the file's own signs"
+        raise Unreadable(row, f"{cells[row]!r}, and no row with a number above 12", expected, advice)
+    day, month, which, settles = (b, a, "month first", second) if len(second) else (a, b, "day first", first)
+    order = np.diff(year * 372.0 + month * 31.0 + day)
+    if (order < 0.0).any() and (order > 0.0).any():
+        back = int(np.flatnonzero(order * np.sign(np.sum(np.sign(order)) or 1.0) < 0.0)[0]) + 1
+        found = f"{cells[back]!r} behind {cells[back - 1]!r}, which goes back if it is {which}"
+        raise Unreadable(back, found, expected, SETTLE)
+    return day, month, f"dates {which}" + (f" ({cells[settles[0]]} settles it)" if len(settles) else "")
+
+
+def _civil(cells: Sequence[str], at: _Fields) -> Floats:
+    """Return seconds since 1970 of fields; dates and hours that do not exist are refused."""
+    months = ((at.year - 1970.0) * 12.0 + np.clip(at.month, 1.0, 12.0) - 1.0).astype(np.int64).astype("datetime64[M]")
+    days = months.astype("datetime64[D]") + (at.day - 1.0).astype("timedelta64[D]")
+    wrong: Bools = (days.astype("datetime64[M]") != months) | (at.month < 1.0) | (at.month > 12.0)
+    wrong |= (at.hour > 23.0) | (at.minute > 59.0) | (at.second >= 60.0)
+    if wrong.any():
+        row = int(np.flatnonzero(wrong)[0])
+        raise Unreadable(row, repr(cells[row]))
+    clock_us = np.round((at.hour * 3600.0 + at.minute * 60.0 + at.second) * 1e6)
+    return (days.astype("datetime64[us]").astype(np.int64) + clock_us) / 1e6
+
+
+def _ahead_s(cells: Sequence[str], zone_s: Floats, zone: str | None, ahead_s: float) -> Floats:
+    """Return how far each cell's clock is ahead of UTC: by its own offset, else by the zone that is given."""
+    own = np.isfinite(zone_s)
+    bare = np.flatnonzero(~own)
+    if len(bare) and np.any(zone_s[own] != 0.0) and zone is None:
+        raise Unreadable(int(bare[0]), repr(cells[bare[0]]), "an offset from UTC as in other rows", "write timezone")
+    if zone is not None and np.any(zone_s[own] != ahead_s):
+        row = int(np.flatnonzero(own & (zone_s != ahead_s))[0])
+        raise Unreadable(row, repr(cells[row]), f"times at {zone}, as timezone says", "correct or delete timezone")
+    return np.where(own, zone_s, ahead_s)
