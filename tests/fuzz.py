@@ -25,6 +25,7 @@ import rdi_text_files
 import yaml
 from iaga_files import series
 from iaga_files import write as write_observatory
+from nortek_encoder import ENU, Sample, configuration, older, signature, text
 from pd0_encoder import START, ensemble
 from sea import cruise
 
@@ -35,6 +36,7 @@ from compasslib.preparation import deployment, overlap
 from compasslib.readers import iaga2002, nmea, pd12, rdi_text, table
 from compasslib.readers.mmp import acm
 from compasslib.readers.netcdf import reader as netcdf
+from compasslib.readers.nortek import reader as nortek
 from compasslib.readers.pd0 import reader
 from compasslib.simulation import mmp
 
@@ -157,6 +159,10 @@ def _table(columns: dict[str, Any]) -> Callable[[Path], Record]:
     return read
 
 
+def _nortek(path: Path) -> Record:
+    return _through(nortek.read([path]))
+
+
 def _mmp(path: Path) -> Record:
     return _through(acm.read([path], pressure_files=(), start_offset_seconds=0.0))
 
@@ -178,7 +184,7 @@ def _through(record: Record) -> Record:
     settled = deployment.settle(record, **SETTLED, latitude=60.0, nominal_depth=100.0)
     if (np.diff(settled.time_s) <= 0).any() or len(settled.quality) != len(settled.time_s):
         raise Wrong("times that do not rise")
-    overlap.find(settled, [replace(settled, north=settled.north + 0.01)], FIELD, overlap.Rules())
+    overlap.find(settled, [replace(settled, north=settled.north + 0.01, serial_number="")], FIELD, overlap.Rules())
     return record
 
 
@@ -212,6 +218,8 @@ def kinds(folder: Path) -> dict[str, Kind]:
         "acm_table": Kind(b"t,h,x,y\n" + body.encode(), _table(BODY)),
         "mmp text": Kind((folder / "acm.txt").read_bytes(), _mmp),
         "mmp binary": Kind((folder / "acm.dat").read_bytes(), _mmp),
+        "nortek": Kind(_samples(rng, older), _nortek, _good),
+        "ad2cp": Kind(_samples(rng, signature, 4), _nortek, _good),
         "nmea0183": Kind(_log(), lambda path: nmea.read([path])),
         "iaga2002": Kind((folder / "obs.min").read_bytes(), lambda path: iaga2002.read([path])),
         "netcdf": Kind((folder / "a.nc").read_bytes(), _netcdf),
@@ -247,6 +255,14 @@ def _telemetry(rng: np.random.Generator) -> bytes:
             for i, profile in enumerate(profiles)
         ]
     )
+
+
+def _samples(rng: np.random.Generator, written: Callable[..., bytes], beams: int = 3) -> bytes:
+    velocities = rng.integers(-400, 400, (40, beams, 4)) / 1000.0
+    samples = [Sample(k, v, float(k), minutes=60.0, begin=START) for k, v in enumerate(velocities)]
+    if written is older:
+        return configuration(ENU, 4) + b"".join(map(older, samples))
+    return text() + b"".join(signature(sample, ENU) for sample in samples)
 
 
 def _scans(rng: np.random.Generator) -> Any:

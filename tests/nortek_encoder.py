@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 
@@ -32,10 +31,11 @@ class Sample:
     magnetometer: tuple[int, int, int] = (120, -340, 410)
     correlation: np.ndarray | None = None
     extra: dict[str, int] = field(default_factory=dict)
+    begin: datetime = START
 
     @property
     def time(self) -> datetime:
-        return START + timedelta(minutes=self.minutes * self.k)
+        return self.begin + timedelta(minutes=self.minutes * self.k)
 
 
 def checksum(block: bytes) -> int:
@@ -129,7 +129,3 @@ def signature(sample: Sample, coordinates: int = BEAM, kind: int = 0x16) -> byte
 def _status(sample: Sample) -> int:
     orientation = sample.extra.get("orientation", 5 if sample.down else 4)
     return orientation << 25 | 2  # the blanking in centimetres
-
-
-def joined(parts: Sequence[bytes]) -> bytes:
-    return b"".join(parts)

@@ -21,7 +21,7 @@ CONTRACT = SHARED.parent / "tools/check_contract.py"
 
 
 def snakemake(
-    folder: Path, *options: str, project: Path = PROJECT, beside: Path | None = None
+    folder: Path, *options: str, project: Path = PROJECT, beside: tuple[Path, ...] = ()
 ) -> subprocess.CompletedProcess:
     command = [sys.executable, "-m", "snakemake", "--snakefile", str(project / "Snakefile"), "--directory", str(folder)]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(map(str, (project, *beside)))}

@@ -104,7 +104,7 @@ def samples(found: Packets) -> Samples:
         average_s=_setting(text, "GETAVG", "AI", 0.0) if kind == AVERAGE else 0.0,
         magnetometer=head["magnetometer"] * 1.0,
         counts=counts,
-        notes=tuple(_notes(found, kind, counts)),
+        notes=tuple(_notes(found, kind, counts, "GETUSER," in text)),
     )
 
 
@@ -236,8 +236,10 @@ def _others(found: Packets, kind: int) -> int:
     return int(np.sum((found.kind != kind) & (found.kind != TEXT)))
 
 
-def _notes(found: Packets, kind: int, counts: dict[str, int]) -> Iterator[str]:
+def _notes(found: Packets, kind: int, counts: dict[str, int], tells_declination: bool) -> Iterator[str]:
     name = found.path.name
+    if not tells_declination:
+        yield f"{name}: its text does not tell whether a declination was set; declination_applied settles it."
     if counts["other_kinds"]:
         shown = f"{name}: the {NAMES[kind]} were read; {counts['other_kinds']} records of other kinds"
         bursts = int(np.sum(found.kind == BURST)) if kind == AVERAGE else 0
