@@ -184,7 +184,7 @@ def pipe(folder: Path) -> None:
 # What is done, what the summary or the one line must say.
 FAULTS: dict[str, tuple[Spoil, str]] = {
     "instruments swapped": (said(compromised="deep", reference="top"), "compromised instrument has no usable heading"),
-    "files swapped": (said(top__files=str(DEEP)), "expected PD0 ensembles"),
+    "files swapped": (said(top__files=str(DEEP)), "expected an RDI PD0 file, found a text table; write format: table"),
     "declination of the wrong sign": (said(declination=23.6), "off IGRF"),
     "declination taken out of one that has none": (
         said(deep__declination_applied=-23.6),
@@ -247,14 +247,14 @@ FAULTS: dict[str, tuple[Spoil, str]] = {
     "bins of no length": (profiles(0, 12, bytes(2)), "1600 velocities flagged: bins of no length"),
     "the other way up": (said(top__orientation="down"), "400 of 400 ensembles say that they looked up; down counts"),
     "another recording of the same days behind": (another_deployment, "the clock was set back 1 times"),
-    "a packed file": (bytes_of(TOP, gzip.compress), "a file that begins with b'\\x1f\\x8b"),
+    "a packed file": (bytes_of(TOP, gzip.compress), "found a gzip file that holds an RDI PD0 file; unpack it"),
     "a pipe": (pipe, "found raw/M1/top.000, a pipe, a device or a link that leads nowhere"),
-    "semicolons": (bytes_of(DEEP, lambda data: data.replace(b",", b";")), "expected one of the file's columns"),
+    "semicolons": (bytes_of(DEEP, lambda data: data.replace(b",", b";")), "cells between semicolons"),
     "decimal commas": (
         bytes_of(DEEP, lambda data: re.sub(rb"(\d+)\.(\d+)", rb"\1,\2", data)),
         "line 2: expected 4 cells as in the header",
     ),
-    "Latin-1": (bytes_of(DEEP, lambda data: b"# Ger\xe4t\n" + data), "expected a readable CSV file in UTF-8"),
+    "Latin-1": (bytes_of(DEEP, lambda data: b"# Ger\xe4t\n" + data), "Latin-1"),
     "numbers beyond all measure": (table(lambda i, row: [*row[:2], "1e308", "1e308"]), "expected a number or nothing"),
     "a table given again inside itself": (
         lambda folder: (folder / DEEP).write_text((folder / DEEP).read_text() * 2),

@@ -61,13 +61,16 @@ def test_what_cannot_be_read_stops_its_mooring_alone_and_mended_it_is_taken_up(c
     assert ran.returncode != 0 and "Traceback" not in ran.stderr
     said = sorted(errors(ran.stderr))
     assert len(said) == 2 and said[0].startswith("error: calibration bench: raw/cal/bench.csv: line 2")
-    assert said[1].startswith("error: mooring BAD: raw/BAD/top.000: expected PD0")
+    assert said[1].startswith("error: mooring BAD: raw/BAD/top.000: expected an RDI PD0 file")
     table = rows(copied)
     assert [table[name]["verdict"] for name in ("BAD", "CARRIED", "GOOD")] == ["stopped", "stopped", "insufficient"]
     assert list(table) == ["BAD", "CARRIED", "GOOD"] and table["BAD"]["warnings"] in said[1]
     assert table["CARRIED"]["warnings"].startswith("it needs calibration bench, which was stopped: raw/cal/bench.csv")
     page = (copied / "results/report.html").read_text()
-    assert "Of the moorings: 1 insufficient, 2 stopped." in page and page.count("raw/BAD/top.000: expected PD0") == 2
+    assert (
+        "Of the moorings: 1 insufficient, 2 stopped." in page
+        and page.count("raw/BAD/top.000: expected an RDI PD0 file") == 2
+    )
     failed = {
         one["name"]: one
         for one in page_of(copied)["@graph"]

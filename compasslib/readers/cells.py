@@ -145,7 +145,9 @@ def clock_apart(headers: Mapping[str, str], withheld: Collection[str] = ()) -> d
 
 def said(tables: Iterable[Table]) -> tuple[str, ...]:
     """Return the sentences on what was recognised in tables, each once."""
-    return tuple(dict.fromkeys(f"the table was read with {', '.join(one.notes)}" for one in tables if one.notes))
+    return tuple(
+        dict.fromkeys(f"the table was read as it is written: {', '.join(one.notes)}" for one in tables if one.notes)
+    )
 
 
 def header_of(path: Path, needed: Iterable[str], layout: Layout = NOTHING_SAID) -> list[str]:
