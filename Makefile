@@ -1,11 +1,11 @@
-# Needs Python 3.11 or later with pip, and make; everything else goes into .venv: make run PYTHON=python3.13
+# Needs Python 3.11 or later, and make; everything else goes into .venv: make run PYTHON=python3.13
 PYTHON ?= $(firstword $(foreach name,python3.11 python3.12 python3.13 python3,$(shell command -v $(name))))
 CRUISE ?= .
 CORES ?= all
 SEED ?= 7
 N ?= 24
 BIN := .venv/bin
-PIP := $(PYTHON) -m pip --python $(BIN)/python --disable-pip-version-check install
+PIP := $(BIN)/python -m pip --disable-pip-version-check install
 
 SNAKEMAKE := $(BIN)/snakemake --workflow-profile workflow/profiles/default --snakefile Snakefile --directory "$(CRUISE)" --cores $(CORES)
 
@@ -16,7 +16,7 @@ install: .venv/run  ## the pinned environment
 .venv/test: requirements/test.txt pyproject.toml
 # Compiled on all cores, where pip would take one. What the tests need holds what a run needs.
 .venv/run .venv/test: .venv/%:
-	test -x $(BIN)/python || $(PYTHON) -m venv --without-pip .venv
+	test -x $(BIN)/pip || $(PYTHON) -m venv .venv
 	$(PIP) --no-compile --requirement requirements/$*.txt
 	$(PIP) --no-deps --no-build-isolation --quiet --editable .
 	-$(BIN)/python -m compileall -q -j 0 .venv/lib compasslib
