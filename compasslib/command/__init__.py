@@ -71,6 +71,14 @@ def _parser() -> argparse.ArgumentParser:
     check = commands.add_parser("check", help="are config and raw files usable? Nothing is run")
     check.add_argument("cruise", metavar="CRUISE", nargs="?", default=".", help="cruise folder (default: this one)")
 
+    init = commands.add_parser("init", help="draft config and YAML files from what exports hold")
+    init.add_argument("files", metavar="FILE", nargs="+", help="exports, or folders of them; one folder a mooring")
+    init.add_argument("--into", default=".", metavar="CRUISE", help="cruise folder (default: this one)")
+    init.add_argument("--name", help="all instruments are of this mooring (default: one mooring a folder)")
+    init.add_argument("--latitude", type=float, help="degrees north")
+    init.add_argument("--longitude", type=float, help="degrees east, west negative")
+    init.add_argument("--water-depth", type=float, help="m")
+
     correct = commands.add_parser("correct", help="correct one mooring in this process, without Snakemake")
     correct.add_argument("mooring", metavar="MOORING", help="its name")
     correct.add_argument("--cruise", default=".", help="cruise folder (default: this one)")

@@ -1,0 +1,130 @@
+"""Which column of a table is what, by the words of its header: for drafts alone, which a person looks through."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from compasslib.readers import cells
+
+SPEEDS = {"mm": 0.001, "cm": 0.01, "m": 1.0}  # a second, in m/s
+_SPEED = re.compile(r"(?:^|[\W_])(mm|cm|m)[\W_]*(?:/|p|per)?[\W_]*s(?:ec|econd)?(?:\W*-?1)?\W*$")
+_UNIT = re.compile(
+    r"[\[(][^\])]*[\])]|_(?:m|metres?|deg|degrees?|dbar|c|degc|utc|gmt|kn|knots|nt|ut|counts)$|°|\s+utc$"
+)
+_FLOW = r"(?:velocity|vel|current|cur|comp|component|water)?"
+_WORDS = {
+    "time": r"(?:date)?_?times?|timestamp|date_?and_?time|utc|t|datenum|matlab_?(?:time|datenum)|epoch|unix_?time|juld",
+    "date": r"date|day|datum",
+    "clock": r"time|clock|hour|hhmmss|time_of_day",
+    "depth": r"depth|dep|instrument_?depth",
+    "pressure": r"pressure|press|pres|p",
+    "east": rf"u|ue|ve|ew|{_FLOW}_?east(?:ward|ern)?_?{_FLOW}|ucur|ewct|evel",
+    "north": rf"v|vn|ns|{_FLOW}_?north(?:ward|ern)?_?{_FLOW}|vcur|nsct|nvel",
+    "speed": r"(?:current|horizontal|water)?_?(?:speed|spd|magnitude|velocity|vel)|hcsp|abs_?speed",
+    "direction": r"(?:current|horizontal|water|flow)?_?(?:direction|dir|dirn)|hcdt",
+    "x": r"x|vx|vel(?:ocity)?_?x|x_?vel(?:ocity)?",
+    "y": r"y|vy|vel(?:ocity)?_?y|y_?vel(?:ocity)?",
+    "heading": r"heading|head|hdg|compass|yaw",
+    "tilt_x": r"pitch|tilt_?x|tx",
+    "tilt_y": r"roll|tilt_?y|ty",
+    "temperature": r"(?:water_?)?temp(?:erature)?",
+}
+_BENCH = {
+    "reference_deg": r"reference|ref|bench|platform|table|set|true|known",
+    "recorded_deg": r"recorded|rec|compass|heading|hdg|instrument|measured|read(?:ing)?",
+}
+_SWING = {
+    "compass_deg": r"compass|heading|hdg|hdm|magnetic_?heading",
+    "cog_deg": r"cog|course(?:_?over_?ground)?|track",
+    "speed_kn": r"sog|speed(?:_?over_?ground)?",
+    "time_utc": _WORDS["time"],
+}
+_MAGNETOMETER = {axis: rf"(?:mag(?:netometer)?|field|b|h|m)?_?{axis}" for axis in "xyz"} | {
+    "pitch_deg": _WORDS["tilt_x"],
+    "roll_deg": _WORDS["tilt_y"],
+    "heading_deg": _WORDS["heading"],
+    "time_utc": _WORDS["time"],
+    "temperature_c": _WORDS["temperature"],
+}
+_ABOUT = ("date", "clock", "depth", "pressure", "heading", "tilt_x", "tilt_y", "temperature")
+_FLOWS = (("east", "north"), ("speed", "direction"), ("x", "y", "heading"))
+# What a table is, the words of its columns, and those that it must have, in the order in which they are tried.
+_TABLES: tuple[tuple[str, Mapping[str, str], tuple[str, ...]], ...] = (
+    ("swing", _SWING, ("compass_deg", "cog_deg")),
+    ("platform", _BENCH, ("reference_deg", "recorded_deg")),
+    ("magnetometer", _MAGNETOMETER, ("x", "y", "z")),
+)
+
+
+@dataclass(frozen=True)
+class Meaning:
+    """What a table probably is."""
+
+    kind: str  # instrument | platform | swing | magnetometer | series
+    columns: dict[str, str]  # role -> header
+    scale: float | None = None  # to m/s, None where the headers do not tell
+
+
+def meaning(path: Path) -> Meaning | None:
+    """Return what a table probably is, None where its header does not tell.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    lines = cells.lines_fitting(path, lambda names: of_header(names) is not None, must=True)
+    return of_header(lines.header) if lines else None
+
+
+def of_header(names: Sequence[str]) -> Meaning | None:
+    """Return what a table with such a header probably is, None where it does not tell.
+
+    >>> of_header(["Date/Time", "Vel East [cm/s]", "Vel North [cm/s]", "Depth (m)"]).columns["east"]
+    'Vel East [cm/s]'
+    """
+    columns = _roles(names, _WORDS)
+    if "date" in columns and not {"time", "clock"} & set(columns):
+        columns["time"] = columns.pop("date")
+    timed = "time" in columns or {"date", "clock"} <= set(columns)
+    flow = next((roles for roles in _FLOWS if timed and set(roles) <= set(columns)), None)
+    if flow and not ("x" in flow and _roles(names, {"z": _MAGNETOMETER["z"]})):
+        if {"date", "clock"} <= set(columns):
+            columns.pop("time", None)
+        clock = ("time",) if "time" in columns else ()
+        kept = {role: columns[role] for role in (*clock, *flow, *_ABOUT) if role in columns}
+        if clock:
+            kept = {role: header for role, header in kept.items() if role not in ("date", "clock")}
+        return Meaning("instrument", kept, _scale(columns[role] for role in flow))
+    for kind, words, must in _TABLES:
+        found = _roles(names, words)
+        if set(must) <= set(found):
+            return Meaning(kind, found)
+    others = [name for name in names if name not in columns.values()]
+    return Meaning("series", {"time": columns["time"], "value": others[0]}) if timed and len(others) == 1 else None
+
+
+def _roles(names: Iterable[str], words: Mapping[str, str]) -> dict[str, str]:
+    """Return the header of each role, the first that has its words, none twice."""
+    plain = {name: _plain(name) for name in names}
+    found: dict[str, str] = {}
+    for role, pattern in words.items():
+        free = (name for name in plain if role == "clock" or name not in found.values())
+        match = next((name for name in free if re.fullmatch(pattern, plain[name])), None)
+        if match is not None:
+            found[role] = match
+    if found.get("clock") == found.get("time") and "date" not in found:
+        found.pop("clock", None)
+    return found
+
+
+def _plain(name: str) -> str:
+    """Return a header without its unit, in small letters, what parts its words as one sign."""
+    bare = _SPEED.sub("", _UNIT.sub("", name.strip().lower()).strip())
+    return re.sub(r"[\W_]+", "_", bare).strip("_")
+
+
+def _scale(headers: Iterable[str]) -> float | None:
+    units = {match[1] for header in headers if (match := _SPEED.search(re.sub(r"[\])]", "", header.lower())))}
+    return SPEEDS[units.pop()] if len(units) == 1 else None
