@@ -15,6 +15,7 @@ from compasslib.run import guard, plan, running
 from compasslib.run.plan import FIGURES
 
 try:
+    guard.refuse_config(config)
     guard.enter(Path.cwd(), Path(workflow.basedir))
     CRUISE = load(Path.cwd())
     PLAN = plan.plan(CRUISE, Path(workflow.basedir) / "workflow/scripts")
@@ -23,8 +24,6 @@ try:
 except InputError as error:
     logger.error(f"error: {error}")
     sys.exit(1)
-
-ENVIRONMENT = "workflow/envs/compasslib.yaml"
 
 
 wildcard_constraints:
@@ -58,8 +57,6 @@ rule read:
         deployment=MOORINGS.deployment,
         series=MOORINGS.series,
         code=MOORINGS.reader_code,
-    conda:
-        ENVIRONMENT
     log:
         "results/{mooring}/logs/read_{role}.log",
     benchmark:
@@ -82,8 +79,6 @@ rule overlap:
         place=MOORINGS.place_and_declination,
         rules=MOORINGS.pairing_rules,
         code=MOORINGS.code("overlap.py"),
-    conda:
-        ENVIRONMENT
     log:
         "results/{mooring}/logs/overlap.log",
     benchmark:
@@ -106,8 +101,6 @@ rule fit:
         code=MOORINGS.code("fit.py"),
     wildcard_constraints:
         mooring=plan.only(MOORINGS.by_pairs()),
-    conda:
-        ENVIRONMENT
     log:
         "results/{mooring}/logs/fit.log",
     benchmark:
@@ -131,8 +124,6 @@ rule diagnose:
     params:
         options=MOORINGS.diagnose,
         code=MOORINGS.code("diagnose.py"),
-    conda:
-        ENVIRONMENT
     log:
         "results/{mooring}/logs/diagnose.log",
     benchmark:
@@ -157,8 +148,6 @@ rule correct:
         attributes=MOORINGS.attributes,
         sources=MOORINGS.all_raw_files,
         code=MOORINGS.code("correct.py"),
-    conda:
-        ENVIRONMENT
     log:
         "results/{mooring}/logs/correct.log",
     benchmark:
@@ -179,8 +168,6 @@ rule assess:
         assessment="results/{mooring}/assessment.json",
     params:
         code=MOORINGS.code("assess.py"),
-    conda:
-        ENVIRONMENT
     log:
         "results/{mooring}/logs/assess.log",
     benchmark:
@@ -199,8 +186,6 @@ rule compare:
     priority: -1  # it fills the cores that others leave
     params:
         code=MOORINGS.code("compare.py"),
-    conda:
-        ENVIRONMENT
     log:
         "results/{mooring}/logs/compare.log",
     benchmark:
@@ -230,8 +215,6 @@ rule figures:
         pictures="results/{mooring}/work/pictures.json",
     params:
         code=MOORINGS.code("figures.py"),
-    conda:
-        ENVIRONMENT
     log:
         "results/{mooring}/logs/figures.log",
     benchmark:
@@ -252,8 +235,6 @@ rule summary:
         order=list(CRUISE.moorings),
         stopped=PLAN.reasons,
         code=MOORINGS.code("summary.py"),
-    conda:
-        ENVIRONMENT
     log:
         "results/logs/summary.log",
     benchmark:
@@ -277,8 +258,6 @@ rule report:
         calibrations=PLAN.calibration_names,
         stopped=PLAN.reasons,
         code=MOORINGS.code("report.py"),
-    conda:
-        ENVIRONMENT
     log:
         "results/logs/report.log",
     benchmark:

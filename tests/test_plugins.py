@@ -7,6 +7,7 @@ import re
 import shutil
 import subprocess
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,7 @@ from compasslib.config import cruise as config
 from compasslib.core import plugins
 from compasslib.core.errors import InputError
 
-PIP = shutil.which("pip")  # of any Python: it installs for this one
+PIP = [sys.executable, "-m", "pip"] if find_spec("pip") else [shutil.which("pip"), "--python", sys.executable]
 PAGE = (PROJECT / "docs/plugins.md").read_text()
 
 
@@ -30,14 +31,14 @@ def blocks(language: str) -> list[str]:
 
 def install(folder: Path) -> Path:
     """Build and install the package of the page, and return the folder to import it from."""
-    if PIP is None:
+    if PIP[0] is None:
         pytest.skip("pip is not there")
     source, there = folder / "source", folder / "site"
     source.mkdir()
     (source / "tiltmeter.py").write_text("\n".join(blocks("python")))
     (source / "pyproject.toml").write_text(blocks("toml")[0])
     how = ["--no-deps", "--no-build-isolation", "--no-index", "--no-compile", "--target", str(there)]
-    command = [PIP, "--python", sys.executable, "--disable-pip-version-check", "install", *how, str(source)]
+    command = [*PIP, "--disable-pip-version-check", "install", *how, str(source)]
     subprocess.run(command, check=True, capture_output=True)
     return there
 

@@ -58,6 +58,11 @@ def done(tmp_path_factory):
     return folder
 
 
+def test_settings_on_snakemake_s_command_line_are_refused(tmp_path):
+    ran = snakemake(cruise(tmp_path, n=5), "--config", "fit=von_appen")
+    assert ran.returncode and "--config: expected settings in the cruise's YAML files alone, found fit" in ran.stderr
+
+
 def test_it_keeps_the_contract(done):
     if not CONTRACT.exists():
         pytest.skip("no ../shared/tools")

@@ -7,7 +7,7 @@ import os
 import re
 import stat
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from compasslib.archive.files import HALF_WRITTEN
@@ -36,6 +36,21 @@ def enter(cruise: Path, project: Path) -> None:
         os.environ.setdefault(name, value)  # the jobs', which are processes of their own
     _keep_code_out(cruise, project)
     _refuse_profiles(cruise, project)
+
+
+def refuse_config(config: Mapping[str, object]) -> None:
+    """Refuse settings of Snakemake's own, which would change nothing here and stand in no archive.
+
+    Args:
+        config: what ``--config`` and ``--configfile`` gave.
+
+    Raises:
+        InputError: there is one.
+    """
+    if config:
+        expected, found = "settings in the cruise's YAML files alone", ", ".join(map(str, config))
+        advice = "write it into config/config.yaml, or into the mooring's file, and run again"
+        raise InputError("--config", expected=expected, found=found, advice=advice)
 
 
 def refuse_links(folders: Sequence[str]) -> None:

@@ -14,8 +14,6 @@ rule calibrate:
         kind=CALIBRATIONS.kind,
         settings=CALIBRATIONS.settings,
         code=plan.hashed(CALIBRATIONS.modules),
-    conda:
-        "../envs/compasslib.yaml"
     log:
         "results/calibrations/{calibration}/logs/calibrate.log",
     benchmark:
@@ -37,8 +35,6 @@ rule diagnose_calibration:
         settings=CALIBRATIONS.settings,
         options=CALIBRATIONS.diagnose(),
         code=plan.hashed(CALIBRATIONS.diagnosis_modules),
-    conda:
-        "../envs/compasslib.yaml"
     log:
         "results/calibrations/{calibration}/logs/diagnose.log",
     benchmark:
@@ -61,8 +57,6 @@ rule diagnosis_figure:
         ),
     params:
         code=MOORINGS.code("diagnosis_figure.py"),
-    conda:
-        "../envs/compasslib.yaml"
     log:
         "results/calibrations/{calibration}/logs/diagnosis_figure.log",
     benchmark:
@@ -95,8 +89,6 @@ for KIND in KINDS:
             code=plan.hashed(CALIBRATIONS.figure_modules),
         wildcard_constraints:
             calibration=plan.only(CALIBRATIONS.of_kind(KIND)),
-        conda:
-            "../envs/compasslib.yaml"
         log:
             "results/calibrations/{calibration}/logs/figures.log",
         benchmark:
@@ -118,8 +110,6 @@ rule carry:
         code=MOORINGS.code("carry.py"),
     wildcard_constraints:
         mooring=plan.only(MOORINGS.by_calibration()),
-    conda:
-        "../envs/compasslib.yaml"
     log:
         "results/{mooring}/logs/fit.log",
     benchmark:

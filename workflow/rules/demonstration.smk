@@ -13,8 +13,6 @@ for NAME in SIMULATED:
             name=NAME,
             seed=CRUISE.options.seed,
             code=MOORINGS.code("simulate.py"),
-        conda:
-            "../envs/compasslib.yaml"
         log:
             f"results/{NAME}/logs/simulate.log",
         benchmark:

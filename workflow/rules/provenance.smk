@@ -13,8 +13,6 @@ rule provenance:
         attributes=CRUISE.options.attributes,
         stopped=PLAN.stopped_of,
         code=MOORINGS.code("provenance.py"),
-    conda:
-        "../envs/compasslib.yaml"
     log:
         "results/logs/provenance.log",
     benchmark:
@@ -25,8 +23,6 @@ rule provenance:
 
 rule verify:
     """The manifest against the files; no input, so that nothing is made anew before it is looked at."""
-    conda:
-        "../envs/compasslib.yaml"
     log:
         "results/logs/verify.log",
     script:
@@ -48,8 +44,6 @@ rule check_conventions:
         conventions="results/{mooring}/conventions.json",
     params:
         code=MOORINGS.code("conventions.py", provenance.installed("compliance-checker")),
-    conda:
-        "../envs/compasslib.yaml"
     log:
         "results/{mooring}/logs/conventions.log",
     benchmark:
