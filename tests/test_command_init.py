@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+import netCDF4
+import netcdf_layouts
 import pytest
 import yaml
 from bench import readings, write_table
@@ -72,6 +74,16 @@ def test_a_bench_s_table_is_a_calibration(tmp_path, capsys):
     assert yaml.safe_load(text)["kind"] == "platform"
     capsys.readouterr()
     assert main(["check", str(tmp_path / "new")]) == 0 and "aqd: platform" in capsys.readouterr().out
+
+
+def test_a_netcdf_file_tells_its_place_and_keeps_its_own_word_on_north(tmp_path):
+    netcdf_layouts.write(tmp_path / "imos.nc", "imos_magnetic")
+    with netCDF4.Dataset(tmp_path / "imos.nc", "a") as nc:
+        nc.setncatts({"geospatial_lat_min": 65.3, "geospatial_lon_min": -33.0, "water_depth": 894.0})
+    assert main(["init", str(tmp_path / "imos.nc"), "--into", str(tmp_path / "new"), "--name", "X"]) == 0
+    told = draft(tmp_path / "new", "X")
+    assert (told["latitude"], told["longitude"], told["water_depth"]) == (65.3, -33.0, 894.0)
+    assert "declination_applied" not in told["instruments"]["imos"]
 
 
 def test_nothing_to_draft_from_is_one_line(tmp_path, capsys):

@@ -7,7 +7,7 @@ import re
 import sys
 from argparse import Namespace
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -160,7 +160,14 @@ def _told(form: str, files: Sequence[Path], root: Path, table: headers.Meaning |
         record = readers.read(form, files, settings)
     except InputError as error:
         return Told(form, inside, keys, trouble=str(error))
-    return _of_record(form, inside, keys, record)
+    told = _of_record(form, inside, keys, record)
+    if form != "netcdf":
+        return told
+    from compasslib.readers.netcdf import place
+
+    where = place.of(files[0])
+    both = (where["latitude"], where["longitude"]) if {"latitude", "longitude"} <= set(where) else None
+    return replace(told, place=both, water_depth_m=where.get("water_depth"))
 
 
 def _of_record(form: str, files: tuple[str, ...], keys: Mapping[str, object], record: Record) -> Told:

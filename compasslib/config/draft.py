@@ -163,6 +163,8 @@ def _directions(told: Told) -> list[str]:
     if told.direction_reference is None:
         ask = f"{DECIDE} or true, where the directions hold the declination"
         return [*lines, _line("direction_reference", "magnetic", ask, indent=4)]
+    if told.format == "netcdf":  # a number here would stand in place of the file's own word
+        return [*lines, "    # the declination that the file says is in its directions is taken out\n"]
     if told.heading_bias_deg:
         return [*lines, f"    # the file's heading bias or declination, {told.heading_bias_deg:+.2f}, is taken out\n"]
     ask = f"{DECIDE} degrees east that are in the directions already; the files tell of none"
