@@ -1,0 +1,168 @@
+"""Tables as people have them: one truth written in many ways, by name and drawn by seed."""
+
+from __future__ import annotations
+
+import gzip
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import numpy as np
+
+N, STEP_S, START = 60, 10800, datetime(2012, 3, 8, tzinfo=UTC)
+MONTHS = ("Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec")
+DATENUM_OF_1970, EXCEL_OF_1970, DAY_S = 719529.0, 25569.0, 86400.0
+
+
+def _year(t: datetime) -> str:
+    begin, end = (datetime(t.year + k, 1, 1, tzinfo=UTC) for k in (0, 1))
+    return f"{t.year + (t - begin) / (end - begin):.9f}"
+
+
+# How a time is written; of those with two cells the parts stand in two columns.
+TIMES: dict[str, Callable[[datetime], str | tuple[str, str]]] = {
+    "iso": lambda t: f"{t:%Y-%m-%d %H:%M:%S}",
+    "iso_z": lambda t: f"{t:%Y-%m-%dT%H:%M:%SZ}",
+    "offset": lambda t: f"{t + timedelta(hours=2):%Y-%m-%dT%H:%M:%S}+02:00",
+    "slashes": lambda t: f"{t:%Y/%m/%d %H:%M}",
+    "compact": lambda t: f"{t:%Y%m%dT%H%M%S}",
+    "day_first": lambda t: f"{t:%d/%m/%Y %H:%M:%S}",
+    "day_first_dots": lambda t: f"{t:%d.%m.%Y %H:%M}",
+    "month_first": lambda t: f"{t:%m/%d/%Y %H:%M:%S}",
+    "month_first_pm": lambda t: f"{t:%m/%d/%Y %I:%M:%S %p}",
+    "month_name": lambda t: f"{t:%d}-{MONTHS[t.month - 1]}-{t:%Y %H:%M:%S}",
+    "apart": lambda t: (f"{t:%Y-%m-%d}", f"{t:%H:%M:%S}"),
+    "apart_day_first": lambda t: (f"{t:%d/%m/%Y}", f"{t:%H:%M}"),
+    "datenum": lambda t: f"{t.timestamp() / DAY_S + DATENUM_OF_1970:.8f}",
+    "excel": lambda t: f"{t.timestamp() / DAY_S + EXCEL_OF_1970:.8f}",
+    "epoch": lambda t: f"{t.timestamp():.0f}",
+    "epoch_ms": lambda t: f"{1000 * t.timestamp():.0f}",
+    "decimal_year": _year,
+}
+DAY_OR_MONTH = ("day_first", "day_first_dots", "month_first", "month_first_pm", "apart_day_first")
+SURE_S = 2.0  # what the coarsest of these forms resolves
+
+
+@dataclass(frozen=True)
+class Form:
+    """How a table is written."""
+
+    time: str = "iso"
+    delimiter: str = ","
+    decimal: str = "."
+    preamble: int = 0
+    units: bool = False
+    comments: bool = False
+    fill: str = ""
+    encoding: str = "utf-8"
+    packed: bool = False
+    ending: str = "\n"
+    quoted: bool = False
+    few_days: bool = False  # every day of the month below 13
+    keys: tuple[tuple[str, object], ...] = ()  # of the YAML file
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What the table holds."""
+
+    time_s: np.ndarray
+    east: np.ndarray
+    north: np.ndarray
+
+
+VARIANTS: dict[str, Form] = {
+    **{name: Form(time=name) for name in TIMES},
+    "semicolon": Form(delimiter=";"),
+    "tab": Form(delimiter="\t"),
+    "semicolon, decimal comma": Form(delimiter=";", decimal=","),
+    "tab, decimal comma, day first": Form(delimiter="\t", decimal=",", time="day_first_dots"),
+    "preamble": Form(preamble=4),
+    "unit row": Form(units=True),
+    "preamble and unit row": Form(preamble=3, units=True, delimiter=";"),
+    "comments": Form(comments=True),
+    "gz": Form(packed=True),
+    "UTF-16": Form(encoding="utf-16"),
+    "Latin-1": Form(encoding="latin-1", units=True),
+    "byte order mark": Form(encoding="utf-8-sig"),
+    "CRLF": Form(ending="\r\n"),
+    "quoted": Form(quoted=True),
+    "quoted decimal comma": Form(quoted=True, decimal=",", delimiter=";"),
+    "fill NaN": Form(fill="NaN"),
+    "fill -999 named": Form(fill="-999", keys=(("missing", ("-999",)),)),
+    "fill word named": Form(fill="bad", keys=(("missing", ("bad",)),)),
+    "rows skipped": Form(preamble=5, keys=(("skip_rows", 5),)),
+    "ambiguous day and month": Form(time="day_first", few_days=True),
+    "excel, settled": Form(time="excel", keys=(("time_format", "excel"),)),
+    "ambiguous, settled": Form(time="day_first", few_days=True, keys=(("time_format", "%d/%m/%Y %H:%M:%S"),)),
+}
+
+
+def drawn(seed: int, n: int) -> dict[str, Form]:
+    """Return n forms by seed."""
+    rng = np.random.default_rng(seed)
+    return {f"drawn {k}": _drawn(rng) for k in range(n)}
+
+
+def _drawn(rng: np.random.Generator) -> Form:
+    delimiter = str(rng.choice([",", ";", "\t"]))
+    return Form(
+        time=str(rng.choice(list(TIMES))),
+        delimiter=delimiter,
+        decimal="." if delimiter == "," else str(rng.choice([".", ","])),
+        preamble=int(rng.integers(0, 5)),
+        units=bool(rng.random() < 0.4),
+        comments=bool(rng.random() < 0.3),
+        fill=str(rng.choice(["", "NaN", "NA", "null"])),
+        encoding=str(rng.choice(["utf-8", "utf-16", "latin-1", "utf-8-sig"])),
+        packed=bool(rng.random() < 0.2),
+        ending=str(rng.choice(["\n", "\r\n"])),
+        quoted=bool(rng.random() < 0.2),
+        few_days=bool(rng.random() < 0.2),
+    )
+
+
+def ambiguous(form: Form) -> bool:
+    """Return whether nobody can tell the times without a key: the day from the month, or days from what begin."""
+    return not form.keys and (form.time == "excel" or (form.few_days and form.time in DAY_OR_MONTH))
+
+
+def write(path: Path, form: Form) -> tuple[Truth, dict[str, object]]:
+    """Write the table; return what it holds, and the settings of its reader."""
+    rng = np.random.default_rng(5)
+    step = 1800 if form.few_days else STEP_S
+    times = [START + timedelta(seconds=step * k) for k in range(N)]
+    east, north = np.round(rng.normal(0.0, 20.0, (2, N)), 2)
+    lost = np.zeros(N, dtype=bool)
+    lost[[7, 23]] = True
+    apart = isinstance(TIMES[form.time](times[0]), tuple)
+    names = [*(("Datum", "Uhr") if apart else ("Zeit",)), "U", "V", "Tiefe"]
+    rows = [
+        [*_cells(form, t), *_numbers(form, u, v, gone)] for t, u, v, gone in zip(times, east, north, lost, strict=True)
+    ]
+    units = [*(["UTC"] * (1 + apart)), "cm/s", "cm/s", "m"]
+    mark = '"' if form.quoted else ""
+    lines = [
+        form.delimiter.join(f"{mark}{cell}{mark}" for cell in row) for row in [names, *[units] * form.units, *rows]
+    ]
+    above = [f"Current meter {k}: Gerät of the cruise" for k in range(form.preamble)]
+    text = form.ending.join([*above, *["# exported by a program"] * form.comments, *lines, ""])
+    data = text.encode(form.encoding)
+    path.write_bytes(gzip.compress(data) if form.packed else data)
+    clock = {"date": "Datum", "clock": "Uhr"} if apart else {"time": "Zeit"}
+    columns = {**clock, "east": "U", "north": "V", "depth": "Tiefe", "scale": 0.01}
+    values = (np.where(lost, np.nan, 0.01 * x) for x in (east, north))
+    return Truth(np.array([t.timestamp() for t in times]), *values), {"columns": columns, **dict(form.keys)}
+
+
+def _cells(form: Form, time: datetime) -> tuple[str, ...]:
+    cells = TIMES[form.time](time)
+    texts = (cells,) if isinstance(cells, str) else cells
+    number = form.time in ("datenum", "excel", "decimal_year")
+    return tuple(text.replace(".", form.decimal) for text in texts) if number else texts
+
+
+def _numbers(form: Form, u: float, v: float, lost: bool) -> tuple[str, str, str]:
+    texts = (form.fill, form.fill) if lost else (f"{u:.2f}", f"{v:.2f}")
+    return (*(x if lost else x.replace(".", form.decimal) for x in texts), f"12{form.decimal}5")  # type: ignore[return-value]
