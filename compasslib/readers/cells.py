@@ -35,6 +35,7 @@ APART = ("date", "clock")  # roles that hold the two parts of one
 LARGEST = 1e30  # no measurement in any unit; its square still is a number
 NUMBER_FORM = "a number or nothing"
 MEND = "mend or remove the line"
+LONGEST_WORD = 20  # that may stand for nothing
 DELIMITERS = {"\t": "tabs", ";": "semicolons", ",": "commas", " ": "blanks"}  # in the order in which they are tried
 SEARCHED = 400  # lines among which the header is looked for
 MOST_UNITS = 2  # lines of units or the like below a header
@@ -117,7 +118,7 @@ def table_in(path: Path, lines: Lines, headers: Mapping[str, str], advice: str, 
                 f"{path}: column {header!r} ({role})",
                 expected="one of the file's columns",
                 found=", ".join(lines.header) or "an empty file",
-                advice=advice,
+                advice=_or_key(advice, layout),
             )
     if {*APART} <= {*headers} and {*TIMES} & {*headers}:
         expected, advice = "a time, or date and clock apart", "keep one of the two under columns"
@@ -132,9 +133,17 @@ def table_in(path: Path, lines: Lines, headers: Mapping[str, str], advice: str, 
     for role, cells in texts.items():
         columns[role], row = _numbers(cells, decimal, layout.missing)
         if row is not None:
-            _refuse_line(path, f"{lines.numbers[row]}, {headers[role]}", NUMBER_FORM, repr(cells[row]))
+            word = f", or write missing: [{cells[row]!r}]" if len(cells[row]) <= LONGEST_WORD else ""
+            to_do = "correct decimal" if layout.decimal else f"{MEND}{word}"
+            _refuse_line(path, f"{lines.numbers[row]}, {headers[role]}", NUMBER_FORM, repr(cells[row]), to_do)
     notes = (*lines.notes, *["units below the header"] * units, *["decimal commas"] * by_comma, *filter(None, [said]))
     return Table(columns, len(lines.rows), lines.cut, notes)
+
+
+def _or_key(advice: str, layout: Layout) -> str:
+    """Return what to do about a column that is not there, first the keys that may have hidden it."""
+    given = [key for key in ("skip_rows", "delimiter") if getattr(layout, key) is not None]
+    return f"correct {' or '.join(given)}, else {advice}" if given else advice
 
 
 def clock_apart(headers: Mapping[str, str], withheld: Collection[str] = ()) -> dict[str, str]:
