@@ -1,5 +1,7 @@
 """Tables as people have them, by name and drawn by seed: read right, refused by the key that settles it, or wrong.
 
+Then genuine files by formats that are not theirs: is the right one named?
+
 python benchmarks/tables.py [SEED] [N]
 """
 
@@ -12,10 +14,22 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
 import tables
+from sea import SHARED
 
 from compasslib import readers
 from compasslib.core.errors import InputError
 from compasslib.readers import TABLE_KEYS
+
+GENUINE = {
+    "pd0/adp_12.000": "pd0",
+    "moored/aqd9330.aqd": "nortek",
+    "moored/papa_node59p1.dat": "pd12",
+    "acm/mmp_global_A0000001.DAT": "mmp_acm",
+    "acm/mmp_global_A0000001.TXT": "mmp_acm",
+    "cruise_eh2/raw/E0/deep.csv": "table",
+    "vectors.json": "",  # none reads it
+}
+FORMATS = ("pd0", "nortek", "pd12", "mmp_acm", "table", "netcdf", "rdi_text")
 
 
 def outcome(path: Path, form: tables.Form) -> str:
@@ -33,6 +47,25 @@ def outcome(path: Path, form: tables.Form) -> str:
     return "right" if right else "WRONG"
 
 
+def wrong_formats() -> None:
+    """Print what is said of genuine files that are read by a format which is not theirs."""
+    lines = []
+    for name, right in GENUINE.items():
+        for form in FORMATS:
+            if form == right or not (path := SHARED / name).is_file():
+                continue
+            settings = {"columns": {"time": "t", "east": "u", "north": "v"}, "orientation": "up"}
+            settings |= {"bin_size": 1.0, "first_bin": 1.0, "direction_reference": "magnetic"}
+            try:
+                readers.read(form, [path], settings)
+                lines.append((False, f"{name} as {form}: READ"))
+            except InputError as error:
+                lines.append((f"write format: {right}" in str(error) or right == "", str(error)))
+    for told, line in lines:
+        print(" " if told else "!", line.removeprefix(str(SHARED))[:170])
+    print(f"{len(lines)} wrong formats: {sum(told for told, _ in lines)} name the right one")
+
+
 def main(seed: int = 1, n: int = 40) -> None:
     """Print each table's outcome, and how many there are of each kind."""
     forms = {**tables.VARIANTS, **tables.drawn(seed, n)}
@@ -42,7 +75,8 @@ def main(seed: int = 1, n: int = 40) -> None:
             found = outcome(Path(folder, "table.csv"), form)
             counts[found.split(":")[0].split(", ")[0].split(" line")[0]] += 1
             print(f"{name:32s} {found[:150]}")
-    print(f"{len(forms)} tables: " + ", ".join(f"{k} {what}" for what, k in counts.items()))
+        print(f"{len(forms)} tables: " + ", ".join(f"{k} {what}" for what, k in counts.items()))
+        wrong_formats()
 
 
 if __name__ == "__main__":
