@@ -47,6 +47,8 @@ NAMES = [
     "reference_beams",
     "reference_bias",
     "pressure",
+    "moving_iron",
+    "tilt_offset",
     "pivot_friction",
     "beam_gain",
     "velocity_bias",

@@ -146,7 +146,7 @@ def test_a_series_becomes_a_moorings_covariate(tmp_path):
     storm = np.where((hours >= 0) & (hours < 30), 2.0, 0.0)
     path = write(tmp_path / "a.hor", added(made, storm), "HDZF")
     at = np.arange(START_S - 5 * DAY_S, START_S + 50 * DAY_S, HOUR_S) + 600.0
-    found = observatory.covariate([path], at)
+    found, _ = observatory.covariates([path], at)
     assert np.isnan(found[at < START_S]).all() and np.isnan(found[at > START_S + 40.1 * DAY_S]).all()
     inside = (at > START_S + 20 * DAY_S + HOUR_S) & (at < START_S + 21 * DAY_S)
     assert np.median(found[inside]) == pytest.approx(2.0, abs=0.1)
@@ -179,7 +179,7 @@ def moored(share: float, *, magnetic: bool):
     world = sea.make(1, wide=True, noise_deg=8.0, n=6000)
     begin = float(np.datetime64("2003-03-01T00:30", "s").astype(float))
     time_s = begin + HOUR_S * np.arange(6000)
-    departure = observatory.covariate([REAL / "esk2003dhor.hor"], time_s)
+    departure, _ = observatory.covariates([REAL / "esk2003dhor.hor"], time_s)
     moved = share * np.nan_to_num(departure)
     gamma = sea.compass(replace(world, heading=world.heading - moved)) + world.rng.normal(0.0, 0.5, 6000)
     upper = sea.turned(world.flow, sea.wrap(gamma - world.heading))

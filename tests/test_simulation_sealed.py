@@ -183,3 +183,25 @@ def test_the_observatory_is_written_as_data_centres_do(ground, tmp_path):
     fields = lines[13].split()
     assert np.rad2deg(np.arctan2(float(fields[4]), float(fields[3]))) == pytest.approx(-20.0, abs=1e-3)
     assert float(fields[6]) == pytest.approx(50000.0)
+
+
+def test_tilts_that_are_off_bring_the_vertical_field_into_the_horizontal(ground, here):
+    for made in (planting.tilt_offset, planting.tilts_by_temperature):
+        effect = made(rng(), here)
+        off, bare = turned(ground, effect)
+        horizontal, vertical = ground.field.at(ground.stamp_s)[1:]
+        heading, pitch, roll = (np.deg2rad(x) for x in (bare.heading_deg, *effect.tilts_deg.T))
+        # Levelled by pitch too large by p and roll by r: Z p forward, -Z r to starboard.
+        expected = -np.rad2deg(vertical / horizontal * (pitch * np.sin(heading) - roll * np.cos(heading)))
+        assert np.corrcoef(off, expected)[0, 1] > 0.97 and 0.8 < np.std(off) / np.std(expected) < 1.2
+
+
+def test_a_storm_reaches_the_mooring_by_both_components_of_the_observatory(ground, here):
+    storm = planting.vector_disturbance(rng(), here)
+    across, along = np.rad2deg(storm.observed_nt.T / planting.OBSERVED_NT)
+    terms = storm.parameters
+    assert storm.north_deg == pytest.approx(terms["across"] * across + terms["along"] * along)
+    index = planting.storm_index(rng(), here.time_s)
+    swing = planting.unseen_disturbance(rng(), index, 0.02)
+    stormy = index > 60.0
+    assert np.std(swing[stormy]) > 0.02 * 30 and np.std(swing[~stormy]) < 0.02 * 60

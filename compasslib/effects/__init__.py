@@ -20,8 +20,22 @@ import re
 from dataclasses import fields
 from functools import cache
 
-from compasslib.effects.composed import COMPOSED, BeamGain, PivotFriction, Pressure, VelocityBias
-from compasslib.effects.earth import DeclinationError, FieldDisturbance, SecularVariation
+from compasslib.effects.composed import (
+    COMPOSED,
+    BeamGain,
+    IronMovedByPitch,
+    IronMovedByRoll,
+    PivotFriction,
+    Pressure,
+    VelocityBias,
+)
+from compasslib.effects.earth import (
+    DeclinationError,
+    FieldDisturbance,
+    IndexedDisturbance,
+    SecularVariation,
+    VectorDisturbance,
+)
 from compasslib.effects.iron import (
     BatteryChange,
     HardIron,
@@ -42,6 +56,8 @@ from compasslib.effects.reading import (
     Octantal,
     Sextantal,
     StuckTilt,
+    TemperatureOfTilt,
+    TiltOffset,
     TiltUncompensated,
 )
 from compasslib.effects.short import (
@@ -91,14 +107,20 @@ CATALOGUE: tuple[type[Term], ...] = (
     HardIronStep,
     BatteryChange,
     Pressure,
+    IronMovedByPitch,
+    IronMovedByRoll,
     LargeDeviation,
     FieldDisturbance,
+    VectorDisturbance,
+    IndexedDisturbance,
     SecularVariation,
     DeclinationError,
     TemperatureOfField,
     TemperatureOfReading,
+    TemperatureOfTilt,
     SupplyVoltageOfField,
     SupplyVoltageOfReading,
+    TiltOffset,
     TiltUncompensated,
     Levelled,
     StuckTilt,

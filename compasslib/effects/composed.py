@@ -363,6 +363,8 @@ def composed(acts_on: str, driver: str, form: str, *, name: str = "") -> type[Co
 
 # What is common enough to have a name.
 Pressure = composed("field_horizontal", "depth", "linear", name="pressure")
+IronMovedByPitch = composed("field_horizontal", "pitch", "linear", name="moving_iron")
+IronMovedByRoll = composed("field_horizontal", "roll", "linear", name="moving_iron")
 PivotFriction = composed("reading", "turn_rate", "sign", name="pivot_friction")
 BeamGain = composed("flow_gain", "time", "always", name="beam_gain")
 VelocityBias = composed("flow_offset", "time", "always", name="velocity_bias")

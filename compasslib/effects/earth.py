@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
+from compasslib.core import angles
 from compasslib.core.types import Floats
 from compasslib.effects.term import Scene, Term, parameter
 
@@ -43,6 +44,41 @@ class FieldDisturbance(Term):
     def act(self, x: Floats, scene: Scene) -> Floats:
         """Return the direction of magnetic north with the disturbance."""
         return x + self.share * scene.departures["declination_observatory"]
+
+
+@dataclass(frozen=True)
+class VectorDisturbance(Term):
+    """Magnetic north moves by shares of both horizontal components that an observatory recorded."""
+
+    name: ClassVar[str] = "field_disturbance"
+    acts_on: ClassVar = "north"
+    literature: ClassVar[str] = "(dE cos D - dN sin D)/H, a transfer term for either component; east positive"
+    needs: ClassVar[tuple[str, ...]] = ("declination_observatory", "horizontal_observatory")
+
+    across: float = parameter("1", "of the observatory's variation across its magnetic north, over H", 1.0)
+    along: float = parameter("1", "of that along it, over H", 1.0)
+
+    def act(self, x: Floats, scene: Scene) -> Floats:
+        """Return the direction of magnetic north with the disturbance."""
+        turned, lengthened = (scene.departures[name] for name in self.needs)
+        return x + self.across * turned + self.along * lengthened
+
+
+@dataclass(frozen=True)
+class IndexedDisturbance(Term):
+    """Magnetic north is the less sure, the larger a global index of storms: its course is not known."""
+
+    name: ClassVar[str] = "field_disturbance"
+    found_by: ClassVar[str] = "directions that scatter more where the index is larger"
+    acts_on: ClassVar = "north"
+    literature: ClassVar[str] = "standard deviation c ap/H (Bartels 1957 for ap); either way"
+    needs: ClassVar[tuple[str, ...]] = ("storm_index",)
+
+    nT_ap: float = parameter("nT", "across magnetic north, one standard deviation a unit of ap", 5.0, least=0.0)
+
+    def act(self, x: Floats, scene: Scene) -> Floats:
+        """Return the direction of magnetic north one standard deviation off."""
+        return x + self.nT_ap * scene.departures["storm_index"] / scene.horizontal_nT / angles.DEGREE
 
 
 # Declination error: a wrong number in the metadata.

@@ -182,6 +182,52 @@ class TiltUncompensated(Term):
         return (1.0 - self.share) * x + self.share * np.einsum("nji,nj->ni", level, x)
 
 
+# A tilt sensor whose zero is off, always or with the temperature: the earth's vertical field comes into the horizontal.
+
+OFF_DEG_K = 0.1  # usual of a tilt sensor
+
+
+def _levelled_off(x: Floats, scene: Scene, pitch_deg: Floats | float, roll_deg: Floats | float) -> Floats:
+    """Return the field that, levelled by the tilts as they were given, is off as by tilts that are too large."""
+    right = compass.levelling(scene.pitch_deg - pitch_deg, scene.roll_deg - roll_deg)
+    return np.einsum("nji,njk,nk->ni", right, scene.levelling, x)
+
+
+@dataclass(frozen=True)
+class TemperatureOfTilt(Term):
+    """The zero of the tilt sensor shifts with temperature, and the compass levels by it."""
+
+    name: ClassVar[str] = "temperature"
+    stage: ClassVar = "sensor"
+    literature: ClassVar[str] = "Z k (T - T0)/H, nearly a field forward and to starboard; tilts given minus true"
+    needs: ClassVar[tuple[str, ...]] = ("temperature",)
+
+    pitch_deg_K: float = parameter("degrees/K", "of the pitch", 0.2, usual=OFF_DEG_K)
+    roll_deg_K: float = parameter("degrees/K", "of the roll", 0.2, usual=OFF_DEG_K)
+
+    def act(self, x: Floats, scene: Scene) -> Floats:
+        """Return the field that the levelling turns as wrong tilts do."""
+        warm = scene.departures["temperature"]
+        return _levelled_off(x, scene, self.pitch_deg_K * warm, self.roll_deg_K * warm)
+
+
+@dataclass(frozen=True)
+class TiltOffset(Term):
+    """The tilts are off by constants, and the compass levels by them."""
+
+    name: ClassVar[str] = "tilt_offset"
+    stage: ClassVar = "sensor"
+    literature: ClassVar[str] = "Z (offset)/H, in B and C of von Appen 2015, eq. (1), but for what the lean changes"
+    found_by: ClassVar[str] = "vertical velocities that follow the flow in the body, or a level deck"
+
+    pitch_deg: float = parameter("degrees", "pitch given minus true", 0.2)
+    roll_deg: float = parameter("degrees", "roll given minus true", 0.2)
+
+    def act(self, x: Floats, scene: Scene) -> Floats:
+        """Return the field that the levelling turns as wrong tilts do."""
+        return _levelled_off(x, scene, self.pitch_deg, self.roll_deg)
+
+
 # A tilt sensor that sticks: the compass levels with the wrong tilt.
 
 

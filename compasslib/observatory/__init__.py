@@ -1,7 +1,7 @@
 """An observatory's declination against a model of the field: slow level, quiet day, storms, the constant of its rocks.
 
-``compare`` is the entry for calibration and diagnosis, ``covariate`` that for a mooring. Ten quiet days 0.3 degrees off
-the model, with a storm on the fifth:
+``compare`` is the entry for calibration and diagnosis, ``covariates`` that for a mooring. Ten quiet days 0.3 degrees
+off the model, with a storm on the fifth:
 
 >>> import numpy as np
 >>> from compasslib import observatory
@@ -26,7 +26,7 @@ from compasslib.observatory.variations import (
     HOUR_S,
     WINDOW_S,
     Storm,
-    covariate,
+    covariates,
     daily_curve_at,
     departure,
     hourly_median,
@@ -45,7 +45,7 @@ __all__ = [
     "Storm",
     "check",
     "compare",
-    "covariate",
+    "covariates",
     "daily_curve_at",
     "departure",
     "field_of",

@@ -68,11 +68,29 @@ def departure(series: FieldSeries, time_s: Floats) -> Floats:
     Args:
         time_s: (n,), UTC seconds.
     """
-    known = np.isfinite(series.declination_deg)
-    own, declination = series.time_s[known], series.declination_deg[known]
+    known = np.flatnonzero(np.isfinite(series.declination_deg))
+    first = series.declination_deg[known[0]] if len(known) else 0.0
+    return _from_slow_course(series.time_s, angles.difference(series.declination_deg, first), time_s)
+
+
+def lengthening(series: FieldSeries, time_s: Floats) -> Floats:
+    """Return the same of the horizontal field along magnetic north, over its own strength, (n,) degrees.
+
+    Elsewhere, where magnetic north points otherwise, it is across the needle.
+
+    Args:
+        time_s: (n,), UTC seconds.
+    """
+    off = _from_slow_course(series.time_s, series.horizontal_nT, time_s)
+    return np.asarray(off / (np.nanmedian(series.horizontal_nT) if np.isfinite(off).any() else 1.0) / angles.DEGREE)
+
+
+def _from_slow_course(every_s: Floats, every: Floats, time_s: Floats) -> Floats:
+    """Return hourly means of a series minus the median of the 27 days around, (n,), NaN where unknown."""
+    known = np.isfinite(every)
+    own, off = every_s[known], every[known]
     if not len(own):
         return np.full(len(time_s), np.nan)
-    off = angles.difference(declination, declination[0])
     first, last = (np.searchsorted(own, time_s + side) for side in (-HOUR_S / 2.0, HOUR_S / 2.0))
     total = np.concatenate([[0.0], np.cumsum(off)])
     step = float(np.median(np.diff(own))) if len(own) > 1 else HOUR_S
@@ -81,8 +99,8 @@ def departure(series: FieldSeries, time_s: Floats) -> Floats:
     return np.asarray(mean - _slow_course(own, off, time_s))
 
 
-def covariate(files: Sequence[str | Path], time_s: Floats) -> Floats:
-    """Return what the files of an observatory give a mooring's search for ``field_disturbance``, as ``departure``.
+def covariates(files: Sequence[str | Path], time_s: Floats) -> tuple[Floats, Floats]:
+    """Return what the files of an observatory give a mooring's search: across and along its magnetic north, degrees.
 
     Args:
         files: IAGA-2002 files of one observatory.
@@ -91,7 +109,8 @@ def covariate(files: Sequence[str | Path], time_s: Floats) -> Floats:
     Raises:
         InputError: a file cannot be read.
     """
-    return departure(iaga2002.read(files), time_s)
+    series = iaga2002.read(files)
+    return departure(series, time_s), lengthening(series, time_s)
 
 
 def daily_curve_at(curve_deg: Floats, time_s: Floats) -> Floats:

@@ -23,6 +23,7 @@ TIDES_H = (12.4206, 12.0, 12.6583, 23.9345, 25.8193)  # periods of M2, S2, N2, K
 LEAST = 1e-9  # of a column, rounding aside: sampled exactly twice a day the tide of the sun is a constant
 TIDES_FOLLOWED_S = 3 * 3600.0  # sampling that still follows them
 ALIKE = "both compasses feel it alike: it cancels in the difference of their directions"
+LEVELLED = "constant errors of the tilts turn as iron does: B and C of the fitted curve hold them"
 CONSTANT = "a constant error is the same as A, a mean veer of the water and a turned mount"
 TRUSTED_STILL = "the trusted instrument's file has no heading that varies"
 ABSENT = {
@@ -30,6 +31,8 @@ ABSENT = {
     "supply_voltage": "no supply voltage that varies was logged",
     "battery_number": "the supply voltage shows no change of battery",
     "declination_observatory": "no observatory series given",
+    "horizontal_observatory": "no observatory series given",
+    "storm_index": "no observatory series given",
     "separation": "the distance between the two layers does not vary",
     "depth": "the depth does not vary",
     "lean_pitch": "the tilts do not stick for ten days, or nothing shows how the instrument leaned then",
@@ -150,13 +153,15 @@ def testable(scene: Scene, reference_magnetic: bool) -> tuple[tuple[type[Term], 
         absent = [name for name in term.needs if name not in scene.departures]
         if term.name == "declination_error":
             missing.append((term.name, CONSTANT))
+        elif term.name == "tilt_offset":
+            missing.append((term.name, LEVELLED))
         elif term.acts_on == "north" and reference_magnetic:
             missing.append((term.name, ALIKE))
         elif absent:
             missing.append((term.name, ABSENT.get(absent[0], f"no {absent[0].replace('_', ' ')} was logged")))
         elif term.name in ("heeling", "tilt_uncompensated") and np.ptp(scene.pitch_deg) + np.ptp(scene.roll_deg) == 0.0:
             missing.append((term.name, "no tilt that varies was logged"))
-        else:
+        elif not term.found_by:
             terms.append(term)
     return tuple(terms), tuple(dict.fromkeys(missing))
 

@@ -20,9 +20,9 @@ from compasslib.search import stuck
 DAY_S, HOUR_S = 86400.0, 3600.0
 NEAR_CELLS = 2  # whose mean is the water at the instrument
 FEWEST_VALUES = 5  # different values below which a covariate says nothing
-OBSERVATORY = "declination_observatory"
-LISTED = ("temperature", "supply_voltage", "depth", "speed", OBSERVATORY, *stuck.LEANS)  # any other is a channel
-QUIET = (OBSERVATORY, *stuck.LEANS)  # departures: what is missing counts as none
+OBSERVATORY = ("declination_observatory", "horizontal_observatory")
+LISTED = ("temperature", "supply_voltage", "depth", "speed", *OBSERVATORY, *stuck.LEANS)  # any other is a channel
+QUIET = (*OBSERVATORY, *stuck.LEANS)  # departures: what is missing counts as none
 FROM_ZERO = stuck.LEANS  # departures whose zero means something
 BATTERY_JUMP = 0.3  # of its whole range: a supply voltage that rises by more within a day was given a new battery
 FEWEST_AROUND = 100  # samples that tell the weights
@@ -31,6 +31,11 @@ AROUND = (2, 3, 4, 5, 6, 7)  # samples before and after; the nearest may share t
 FAINTEST = 0.03  # of the harmonics' largest combination: what an arc of flow hardly tells apart is not scaled up
 CLIPPED_RAD = 0.6  # of the angle between two directions, for its memory: slow water may point anywhere
 FLOW = ("flow_east", "flow_north", "flow_sine2", "flow_cosine2")
+# ap of every third of Kp, from 0 to 9 (Bartels 1957)
+AP_OF_KP = np.array([
+    0, 2, 3, 4, 5, 6, 7, 9, 12, 15, 18, 22, 27, 32, 39, 48, 56, 67, 80, 94, 111, 132, 154, 179, 207, 236, 300, 400.0
+])  # fmt: skip
+HIGHEST_KP = 9.0
 SPEED_SPAN_S, SLOWEST_M_S = 6 * 3600.0, 0.03  # of the speed by which a constant velocity turns a direction
 NEIGHBOUR_S = 1.5 * HOUR_S  # neighbours farther apart say nothing of a rate
 
@@ -57,7 +62,7 @@ def logged(record: Record, observatory_files: Sequence[str], at: Pairs | None = 
     if observatory_files:
         from compasslib import observatory  # only where one is named
 
-        series[OBSERVATORY] = observatory.covariate(observatory_files, record.time_s)
+        series |= zip(OBSERVATORY, observatory.covariates(observatory_files, record.time_s), strict=True)
     where = slice(None) if at is None else np.searchsorted(record.time_s, at.time_s)
     return {name: column[where] for name, column in series.items() if np.isfinite(column).any()}
 
@@ -166,6 +171,8 @@ def departures(
     if "reference_heading" in covariates:
         for name, wave in zip(("sine", "cosine"), angles.sin_cos(covariates["reference_heading"]), strict=True):
             result[f"reference_{name}"] = wave - wave.mean()
+    if (index := storm_index(covariates)) is not None:
+        result["storm_index"] = index
     if "pitch" in result or "roll" in result:
         result["tilt"] = np.hypot.reduce([covariates[x] for x in ("pitch", "roll") if x in covariates])
         result["tilt"] = result["tilt"] - references["tilt"]
@@ -174,6 +181,20 @@ def departures(
         if number[-1] > 0:
             result["battery_number"] = number
     return result
+
+
+def storm_index(covariates: Mapping[str, Floats]) -> Floats | None:
+    """Return the index ap of storms that was given, or as a given Kp has it; None where neither was, (n,).
+
+    Args:
+        covariates: by name, of which ``ap`` and ``kp`` count; tenths of Kp are known by values beyond its highest.
+    """
+    if "ap" in covariates:
+        return np.maximum(covariates["ap"], 0.0)
+    if "kp" not in covariates:
+        return None
+    kp = covariates["kp"] / (10.0 if covariates["kp"].max() > HIGHEST_KP else 1.0)
+    return np.interp(3.0 * kp, np.arange(len(AP_OF_KP)), AP_OF_KP)
 
 
 def rate(angle_deg: Floats, time_s: Floats) -> Floats:

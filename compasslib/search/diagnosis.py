@@ -26,6 +26,7 @@ from compasslib.search import (
     scan,
     sectors,
     show,
+    storms,
     verdict,
     wording,
 )
@@ -200,8 +201,10 @@ def _judged(case: Case, options: Options) -> Diagnosis:
         rest = _left(found.state, options)
     state = found.state
     every = findings.of_terms(found)
-    stands = [one for one in every if one.rms_effect_deg >= options.min_effect_deg]
-    small = [(one.effect, one.rms_effect_deg) for one in every if one.rms_effect_deg < options.min_effect_deg]
+    stormy = storms.of(state, options.alarm)
+    both = every if stormy is None else [*every, stormy]
+    stands = [one for one in both if one.rms_effect_deg >= options.min_effect_deg]
+    small = [(one.effect, one.rms_effect_deg) for one in both if one.rms_effect_deg < options.min_effect_deg]
     ordered = tuple(sorted(stands, key=lambda one: -one.rms_effect_deg))
     names = [one.named for one in ordered]
     unexplained = _unexplained(state, rest.worth[0] if rest.worth else None, heap, options.min_effect_deg, names)
@@ -221,7 +224,7 @@ def _judged(case: Case, options: Options) -> Diagnosis:
         why=_why(detectable, options.min_effect_deg),
         detectable_deg=detectable,
         threshold={"omnibus": rest.threshold},
-        sides=found.posterior.sides,
+        sides=_with("compass", found.posterior.sides) if stormy in ordered else found.posterior.sides,
         noise=inference.noise_of(found),
         experiments=experiments.of(found) if verdict_of(ordered, unexplained) == "ambiguous" else (),
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from compasslib.core.types import Floats
 from compasslib.deviation import exact, von_appen
 from compasslib.deviation.forms import EXACT, SeriesInCorrect
 from compasslib.deviation.model import Fit, nearest_root, observed_heading
-from compasslib.effects import COMPOSED, Term
+from compasslib.effects import COMPOSED, Term, composition
 from compasslib.effects.composed import Composed
 from compasslib.search import covariates, folds, grammar, model, show, stuck, verdict, wording
 from compasslib.search.baseline import State
@@ -27,7 +27,6 @@ from compasslib.search.show import BinnedResidual, HeldOut
 from compasslib.search.verdict import Finding, Parameter, Unexplained, Where
 from compasslib.stats import robust, whitening
 
-OBSERVATORY = "declination_observatory"
 RANGE = (0.05, 0.95)  # quantiles of a covariate that tell where an effect lives
 NOTHING = 1e-6  # standard error of a parameter that nothing depends on, in any unit
 OUTSIDE = 2.5  # standard errors by which a bin leaves the band
@@ -219,8 +218,11 @@ def lives(state: State, term: Term) -> Where:
 def _span(state: State, term: Term) -> tuple[float, float]:
     """Return when an effect acts: a storm has dates, everything else lasts."""
     time_s = state.case.scene.time_s
-    if OBSERVATORY in term.needs:
-        return observatory.strongest_disturbance(time_s, state.case.scene.departures[OBSERVATORY])
+    if set(covariates.OBSERVATORY) & set(term.needs):
+        moved = np.broadcast_to(
+            composition.north(replace(state.simulation, terms=(term,)), state.case.scene), time_s.shape
+        )
+        return observatory.strongest_disturbance(time_s, moved)
     if isinstance(term, Composed):
         return term.span(float(time_s[0]), float(time_s[-1]))
     if set(stuck.LEANS) <= set(term.needs):

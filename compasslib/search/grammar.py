@@ -33,7 +33,8 @@ VALUES = ("temperature", "depth", "speed", "pitch", "roll", "tilt", "voltage")
 OF_VALUE = ("linear", "quadratic", "threshold", "saturating", "lagged", "memory", "latch")
 OF_TIME = ("linear", "quadratic", "step", "box", "ramp", "decay", "growth")
 LISTED = {  # what the catalogue has under a name of its own
-    "field_horizontal": {"time/linear", "time/step", "temperature/linear", "depth/linear", "voltage/linear"},
+    "field_horizontal": {"time/linear", "time/step", "temperature/linear", "depth/linear", "voltage/linear",
+                         "pitch/linear", "roll/linear"},
     "reading": {"time/linear", "time/step", "temperature/linear", "voltage/linear", "turn_rate/linear",
                 "turn_rate/sign"},
     "flow_direction": {"speed/linear", "depth/linear"},

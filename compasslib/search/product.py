@@ -70,8 +70,10 @@ def of(fit: Fit, diagnosis: Diagnosis) -> Product:
 
 def _left(diagnosis: Diagnosis) -> float:
     """Return the visible size of what bends the compass, or may, and does not enter the product, rms degrees."""
-    kept_out = () if diagnosis.applied else diagnosis.findings  # an average holds what may not be as well
-    sizes = [one.rms_effect_deg for one in kept_out if not one.applied and one.of_compass]
+    kept_out = [one for one in diagnosis.findings if not one.applied]
+    if diagnosis.applied:  # an average holds what may not be as well, but for storms whose course nobody knows
+        kept_out = [one for one in kept_out if one.side == "compass"]
+    sizes = [one.rms_effect_deg for one in kept_out if one.of_compass]
     sizes += [] if diagnosis.unexplained is None else [diagnosis.unexplained.rms_effect_deg]
     return float(np.hypot.reduce(sizes)) if sizes else 0.0
 

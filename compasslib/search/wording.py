@@ -17,6 +17,7 @@ VERDICTS = {
 WHERE = {
     "heeling": ("pitch", "roll"),
     "tilt_uncompensated": ("pitch", "roll"),
+    "moving_iron": ("pitch", "roll"),
     "temperature": ("temperature",),
     "supply_voltage": ("supply_voltage",),
     "sextantal": ("heading",),
@@ -31,7 +32,7 @@ WHERE = {
 UNITS = {
     "heading": "degrees", "pitch": "degrees", "roll": "degrees", "depth": "m", "separation": "m", "speed": "m/s",
     "temperature": "degrees C", "supply_voltage": "V or counts", "hour_of_day": "h", "time": "",
-    "declination_observatory": "degrees", "reference_heading": "degrees",
+    "declination_observatory": "degrees", "horizontal_observatory": "degrees", "reference_heading": "degrees",
     "transmit_current": "counts", "heading_spread": "degrees", "echo": "counts",
 }  # fmt: skip
 TURN = "turn_by_"  # what the name of the turn by an effect begins with, degrees
@@ -48,7 +49,7 @@ PHYSICS = {
     "hard_iron_drift": "the hard iron beside the compass drifts with time",
     "hard_iron_step": "the hard iron beside the compass changed at once",
     "battery_change": "another battery came with other iron",
-    "temperature": "the compass depends on temperature",
+    "temperature": "the compass, its iron or the zero of its tilts depends on temperature",
     "supply_voltage": "the compass depends on its supply voltage",
     "sextantal": "the reading has a third harmonic of the recorded heading (sextantal deviation)",
     "octantal": "the reading has a fourth harmonic of the recorded heading (octantal deviation)",
@@ -63,6 +64,8 @@ PHYSICS = {
     "reference_beams": "the beams of the trusted instrument are of unequal gain",
     "reference_bias": "a constant velocity in its own frame is in what the trusted instrument measures",
     "field_disturbance": "magnetic north moves as the observatory has it, most of all on these dates",
+    "moving_iron": "iron moves beside the compass as the instrument leans, a battery or a cable",
+    "tilt_offset": "the tilts that the compass levels with are off by constants",
     "pressure": "the iron beside the compass, or the compass, feels the pressure",
     "pivot_friction": "the compass sticks on its pivot and stays behind on the side that it comes from",
     "beam_gain": "the beam pairs of this instrument are of unequal gain, which turns the current and no heading",
@@ -98,7 +101,11 @@ SEPARATED_BY: dict[frozenset[str], str] = {
             ("temperature", other)
             for other in ("compass_drift", "hard_iron_drift", "hard_iron_step", "heading_slip", "supply_voltage")
         ],
-        "the magnetometer's three axes with tilt": [("heeling", "tilt_uncompensated")],
+        "the magnetometer's three axes with tilt": [
+            ("heeling", "tilt_uncompensated"),
+            ("heeling", "moving_iron"),
+            ("moving_iron", "tilt_uncompensated"),
+        ],
     }.items()
     for pair in pairs
 }

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from compasslib.simulation.series import Floats
 
 YEAR_S = 365.25 * 86400.0
-AS_THEY_ARE = ("date_s", "share_of_observatory")  # parameters that do not grow with the size
+AS_THEY_ARE = ("date_s", "share_of_observatory", "across", "along")  # parameters that do not grow with the size
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +52,8 @@ class Effect:
     gain: float = 0.0  # of the trusted instrument's forward beam pair, beyond the other's
     bias_m_s: complex = 0.0  # starboard + i forward, in what the trusted instrument measures
     north_deg: Floats | None = None  # (n,) by which magnetic north lies east of where it should
+    observed_nt: Floats | None = None  # (n, 2) what an observatory saw across and along magnetic north; else as here
+    tilts_deg: Floats | None = None  # (n, 2) added to the pitch and roll that the sensors give
     lag_s: float = 0.0
     unlevelled: float = 0.0  # share of the levelling that is left out
     stuck_from_s: float | None = None  # date from which the inclinometers stick
@@ -79,6 +81,8 @@ def scaled(effect: Effect, size: float) -> Effect:
         reading=None if plain is None else lambda gamma: size * plain(gamma),
         veer_deg=_times(effect.veer_deg, size),
         north_deg=_times(effect.north_deg, size),
+        observed_nt=_times(effect.observed_nt, size),
+        tilts_deg=_times(effect.tilts_deg, size),
         trusted=None if trusted is None else lambda heading: size * trusted(heading),
         gain=size * effect.gain,
         bias_m_s=size * effect.bias_m_s,

@@ -339,6 +339,9 @@ def effect(world: World, name: str) -> Effect:
     if name == "hard_iron_step":
         made = flat(step, "")
         return Effect(made.parameters | date, made.extra)
+    if name == "moving_iron":
+        lean, unit = ((world.tilt[0], "pitch"), (world.tilt[1], "roll"))[int(coin)]
+        return flat((lean - lean.mean()) / 5.0, f"_{unit}")
     if name == "temperature":
         return flat(warm, "_K") if coin else shift(warm, "deg_K")
     if name == "supply_voltage":

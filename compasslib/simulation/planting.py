@@ -22,6 +22,7 @@ EVERY = 3  # hours: the size of an effect needs no more
 ITERATIONS = 12
 STEADIEST = 0.2  # slope of the recorded over the correct heading below which a deviation is not blown up further
 UNIT_NT = 200.0
+OBSERVED_NT = 14000.0  # horizontal field of an observatory
 
 # Iron and magnetometer: what is added to the field in the body frame.
 
@@ -58,6 +59,28 @@ def battery_change(rng: np.random.Generator, here: Circumstances) -> Effect:
     date = float(here.time_s[1 + int(np.argmax(np.diff(here.supply_counts)))])
     made = _horizontal(rng, "battery_change", steps(here.time_s, date).astype(float), "")
     return Effect(made.name, made.parameters, body_nt=made.body_nt)
+
+
+def moving_iron(rng: np.random.Generator, here: Circumstances) -> Effect:
+    """Return a battery that hangs in its straps, so that its field in the body follows the pitch, or the roll."""
+    lean, of = (here.pitch_deg, "_pitch") if rng.random() < 0.5 else (here.roll_deg, "_roll")
+    return _horizontal(rng, "moving_iron", (lean - lean.mean()) / 5.0, of)
+
+
+def tilts_by_temperature(rng: np.random.Generator, here: Circumstances) -> Effect:
+    """Return tilt sensors whose zeros follow the temperature; the compass levels by what they give."""
+    angle, warm = rng.uniform(0.0, 2.0 * np.pi), here.temperature_c - here.temperature_c.mean()
+    pitch, roll = 0.2 * np.cos(angle), 0.2 * np.sin(angle)
+    parameters = {"pitch_deg_K": float(pitch), "roll_deg_K": float(roll)}
+    return Effect("temperature", parameters, tilts_deg=np.column_stack([pitch * warm, roll * warm]))
+
+
+def tilt_offset(rng: np.random.Generator, here: Circumstances) -> Effect:
+    """Return tilt sensors that were screwed on at an angle."""
+    angle = rng.uniform(0.0, 2.0 * np.pi)
+    pitch, roll = 2.0 * np.cos(angle), 2.0 * np.sin(angle)
+    off = np.ones((here.time_s.size, 2)) * [pitch, roll]
+    return Effect("tilt_offset", {"pitch_deg": float(pitch), "roll_deg": float(roll)}, tilts_deg=off)
 
 
 def _horizontal(rng: np.random.Generator, name: str, series: Floats, unit: str) -> Effect:
@@ -124,6 +147,38 @@ def disturbed_north(rng: np.random.Generator, time_s: Floats) -> Floats:
         since = (time_s - begin) / DAY_S
         activity += np.where(since > 0.0, rng.lognormal(0.0, 0.6) * np.exp(-since / 0.8), 0.0)
     return swing + activity * red_noise(rng, time_s.size, memory=2.0, deviation=1.0)
+
+
+def vector_disturbance(rng: np.random.Generator, here: Circumstances) -> Effect:
+    """Return storms that reach the mooring turned: rock that conducts there, and another magnetic north."""
+    across, along = (disturbed_north(rng, here.time_s) for _ in range(2))
+    terms = {"across": float(rng.uniform(0.4, 1.2)), "along": float(rng.uniform(0.4, 1.2) * rng.choice([-1.0, 1.0]))}
+    north = terms["across"] * across + terms["along"] * along
+    observed = OBSERVED_NT * np.deg2rad(np.column_stack([across, along]))
+    return Effect("field_disturbance", terms, north_deg=north, observed_nt=observed)
+
+
+def storm_index(rng: np.random.Generator, time_s: Floats) -> Floats:
+    """Return an index as ap is, one value for three hours: quiet, and some thirty storms a year, (n,).
+
+    Args:
+        time_s: UTC seconds, an hour apart, (n,).
+    """
+    index = np.repeat(4.0 + rng.gamma(2.0, 2.0, time_s.size // 3 + 1), 3)[: time_s.size]
+    for begin in rng.uniform(time_s[0], time_s[-1], 30):
+        since = (time_s - begin) / DAY_S
+        index += np.where(since > 0.0, 30.0 * rng.lognormal(0.0, 0.8) * np.exp(-since / 0.8), 0.0)
+    return index.clip(0.0, 400.0)
+
+
+def unseen_disturbance(rng: np.random.Generator, index: Floats, size_deg: float) -> Floats:
+    """Return the swing of magnetic north in storms of which only an index is known, degrees east, (n,).
+
+    Args:
+        index: as ap, hourly, (n,).
+        size_deg: standard deviation for one unit of the index.
+    """
+    return size_deg * index * red_noise(rng, index.size, memory=3.0, deviation=1.0)
 
 
 def _clock(rng: np.random.Generator, name: str, parameters: dict[str, float], ahead_s: Floats) -> Effect:
@@ -285,7 +340,9 @@ CATALOGUED: dict[str, tuple[Maker, ...]] = {
     "hard_iron_drift": (hard_iron_drift,),
     "hard_iron_step": (hard_iron_step,),
     "battery_change": (battery_change,),
-    "temperature": (temperature, temperature_of_reading),
+    "temperature": (temperature, temperature_of_reading, tilts_by_temperature),
+    "moving_iron": (moving_iron,),
+    "tilt_offset": (tilt_offset,),
     "supply_voltage": (supply_voltage, voltage_of_reading),
     "sextantal": (sextantal,),
     "octantal": (octantal,),
@@ -297,7 +354,7 @@ CATALOGUED: dict[str, tuple[Maker, ...]] = {
     "current_veer": (veer_with_speed, veer_with_depth, veer_with_direction),
     "clock_offset": (clock_offset,),
     "clock_drift": (clock_drift,),
-    "field_disturbance": (field_disturbance,),
+    "field_disturbance": (field_disturbance, vector_disturbance),
 }
 AT_REFERENCE: dict[str, Maker] = {
     made.__name__: made for made in (reference_deviation, reference_slip, reference_beams, reference_bias)

@@ -44,10 +44,10 @@ def read(ground: Ground, effects: Sequence[Effect], time_s: Floats, rng: np.rand
     heading, *steady = _attitude(ground, times)
     true = (steady[0] + wobble[0], steady[1] + wobble[1])
     sensed = _sensed(ground, times, wobble, stepped=rng is not None)
-    sensed = _stuck(effects, times, sensed)
+    sensed = _off(effects, _stuck(effects, times, sensed))
     # A compass that is late levels with the tilt of its own moment.
     late = times - sum(one.lag_s for one in effects)
-    own = _stuck(effects, late, _sensed(ground, late, wobble, stepped=rng is not None))
+    own = _off(effects, _stuck(effects, late, _sensed(ground, late, wobble, stepped=rng is not None)))
     gamma = _compass(ground, effects, late, tilts=(wobble, own), stepped=rng is not None)
     noise = 0.0 if rng is None else rng.normal(0.0, NOISE_DEG, time_s.size)
     return Reading(
@@ -79,6 +79,11 @@ def _stuck(effects: Sequence[Effect], times: Floats, sensed: tuple[Floats, Float
         row, later = int(np.searchsorted(times[:, 0], date)), times >= date
         sensed = (np.where(later, sensed[0][row, 0], sensed[0]), np.where(later, sensed[1][row, 0], sensed[1]))
     return sensed
+
+
+def _off(effects: Sequence[Effect], sensed: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
+    off = total(effects, "tilts_deg", np.zeros((len(sensed[0]), 2)))
+    return sensed[0] + off[:, :1], sensed[1] + off[:, 1:]
 
 
 def _compass(

@@ -182,6 +182,9 @@ def _write_deep(ground: Ground, effects: Sequence[Effect], raw: Path, export: Ex
 
 def _write_observatory(ground: Ground, effects: Sequence[Effect], path: Path) -> None:
     declination, horizontal, vertical = ground.field.at(ground.stamp_s)
-    swung = declination + total(effects, "north_deg", np.zeros(ground.stamp_s.size))
+    seen = total(effects, "observed_nt", np.zeros((ground.stamp_s.size, 2)))
+    here = [one for one in effects if one.observed_nt is None]
+    swung = declination + total(here, "north_deg", np.zeros(ground.stamp_s.size))
+    swung, horizontal = swung + np.rad2deg(seen[:, 0] / horizontal), horizontal + seen[:, 1]
     place = (ground.latitude_deg, ground.longitude_deg)
     observatory.write(path, ground.stamp_s, (swung, horizontal, vertical), place)
