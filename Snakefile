@@ -5,7 +5,7 @@ from pathlib import Path
 
 from snakemake.logging import logger
 
-sys.path.insert(0, str(workflow.basedir))  # before a folder of the same name where this is started
+sys.path.insert(0, str(workflow.current_basedir))  # before a folder of the same name where this is started
 
 from compasslib.archive import provenance
 from compasslib.calibration import KINDS
@@ -16,9 +16,9 @@ from compasslib.run.plan import FIGURES
 
 try:
     guard.refuse_config(config)
-    guard.enter(Path.cwd(), Path(workflow.basedir))
+    guard.enter(Path.cwd(), Path(workflow.current_basedir))
     CRUISE = load(Path.cwd())
-    PLAN = plan.plan(CRUISE, Path(workflow.basedir) / "workflow/scripts")
+    PLAN = plan.plan(CRUISE, Path(workflow.current_basedir) / "workflow/scripts")
     MOORINGS, CALIBRATIONS = PLAN.moorings, PLAN.calibrations
     SIMULATED = running.prepare(workflow, PLAN)
 except InputError as error:

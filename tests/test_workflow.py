@@ -31,7 +31,10 @@ def snakemake(
 
 def planned(folder: Path, project: Path = PROJECT) -> set[tuple[str, str]]:
     """Return (rule, mooring) of the jobs that would run now."""
-    said = snakemake(folder, "--dry-run", "--quiet", "progress", project=project).stdout
+    return jobs_in(snakemake(folder, "--dry-run", "--quiet", "progress", project=project).stdout)
+
+
+def jobs_in(said: str) -> set[tuple[str, str]]:
     jobs = re.findall(r"rule (\w+):\n((?:    .*\n)+)", said)
     return {(rule, (re.search(r"mooring=(\w+)", text) or ["", ""])[1]) for rule, text in jobs if rule != "all"}
 
@@ -55,6 +58,7 @@ def done(tmp_path_factory):
     folder = two(tmp_path_factory.mktemp("cruise"))
     ran = snakemake(folder)
     assert ran.returncode == 0, ran.stderr
+    (folder / "screen").write_text(ran.stderr)
     return folder
 
 
@@ -69,6 +73,26 @@ def test_it_keeps_the_contract(done):
     without = "calibrations"
     checked = subprocess.run([sys.executable, CONTRACT, done, "--without", without], capture_output=True, text=True)
     assert checked.returncode == 0, checked.stdout
+
+
+EACH = ("overlap", "fit", "diagnose", "assess", "compare", "correct", "figures")
+
+
+def test_the_screen_has_a_line_a_stage_with_the_time_left_and_the_warnings_at_the_end(done):
+    said = (done / "screen").read_text().splitlines()
+    found = [re.fullmatch(r"\[ ?(\d+)/20(, \d+ (?:s|min) left)?\] (.+?): (.+)", line) for line in said]
+    shown = [line for line in found if line]
+    assert [int(line[1]) for line in shown] == list(range(1, 21))
+    assert all(line[2] for line in shown[2:-1]) and not shown[-1][2]
+    of_moorings = [f"{name} {stage}" for name in ("M1", "ALONE") for stage in ("read top", *EACH)]
+    assert sorted(line[3] for line in shown) == sorted(
+        [*of_moorings, "M1 read deep", "summary", "report", "provenance"]
+    )
+    assert next(line[4] for line in shown if line[3] == "M1 overlap").startswith("1200 overlapping pairs")
+    # Beside them: two lines before the Snakefile is read, the jobs in one, where the log is, and the warnings.
+    tail = said[said.index("Warnings: 2") + 1 :]
+    assert sorted(line.partition(" pitch")[0] for line in tail) == ["  ALONE top: warning:", "  M1 top: warning:"]
+    assert len(said) <= len(shown) + len(tail) + 6
 
 
 def test_headings_are_corrected_and_the_summary_says_how_well(done):
@@ -100,7 +124,12 @@ def test_raw_data_are_never_written_to(done):
 
 def test_a_declination_re_runs_one_mooring_from_the_stage_that_uses_it(done):
     change(done / "config/moorings/M1.yaml", declination=-22.0)
-    assert planned(done) == {
+    said = snakemake(done, "--dry-run", "--quiet", "progress").stdout
+    assert [line for line in said.splitlines() if re.match(r"(M1|ALONE|summary)\b", line)] == [
+        "M1 overlap and 6 more: declination was null, is -22.0",
+        "summary, report, provenance: config/moorings/M1.yaml changed",
+    ]
+    assert jobs_in(said) == {
         ("overlap", "M1"),
         ("fit", "M1"),
         ("diagnose", "M1"),
@@ -136,6 +165,47 @@ def test_an_edited_module_re_runs_what_uses_it_and_nothing_else(done, tmp_path):
         "report",
         "provenance",
     }
+
+
+MODULE = """
+module compass:
+    snakefile: "{project}/Snakefile"
+    {keys}
+
+use rule * from compass as compass_*
+
+rule rows:
+    default_target: True
+    input: "results/summary.csv"
+    output: "rows.txt"
+    shell: "wc -l < {{input}} > {{output}}"
+"""
+
+
+def as_module(folder: Path, keys: str = "", *options: str) -> subprocess.CompletedProcess:
+    (folder / "Snakefile").write_text(MODULE.format(project=PROJECT, keys=keys))
+    quiet = ("--quiet", "host", "rules", "reason")
+    command = [sys.executable, "-m", "snakemake", "--cores", "2", *options, *quiet]
+    return subprocess.run(command, capture_output=True, text=True, check=False, cwd=folder)
+
+
+def test_another_workflow_uses_it_as_a_module(done, tmp_path):
+    """Its folder is the cruise: what is there stands, what is missing is made, and its own rule comes after."""
+    folder = shutil.copytree(done, tmp_path / "c")
+    before = (folder / "results/M1/assessment.json").read_bytes()
+    (folder / "results/M1/assessment.json").unlink()
+    ran = as_module(folder)
+    assert ran.returncode == 0, ran.stderr
+    assert (folder / "rows.txt").read_text().strip() == "3"
+    assert (folder / "results/M1/assessment.json").read_bytes() == before
+    shown = [line.partition("] ")[2].partition(":")[0] for line in ran.stderr.splitlines() if line.startswith("[")]
+    assert shown == ["M1 assess", "M1 correct", "summary", "rows"]
+
+
+def test_a_module_whose_results_would_stand_elsewhere_is_refused(tmp_path):
+    ran = as_module(cruise(tmp_path / "c", n=5), 'prefix: "there"', "--dry-run")
+    expected = "error: module: expected results in the folder of the run, found a prefix"
+    assert ran.returncode != 0 and expected in ran.stderr + ran.stdout and "Traceback" not in ran.stderr
 
 
 def test_every_file_is_the_same_in_another_folder_on_one_core(done, tmp_path):

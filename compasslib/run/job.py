@@ -7,7 +7,7 @@ import json
 import os
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -21,9 +21,10 @@ def job(snakemake: Any, stage: Callable[..., None]) -> None:
     """Run one stage with what its rule names: the wildcards in order, then inputs, outputs and parameters by name.
 
     What the rule does not name is there for the order of the jobs alone, and its parameter ``code`` to run it again.
-    ``say`` is a line on stderr and in the job's log; an error of the input becomes such a line and exit 1. A job that
-    ends well leaves what it read and wrote beside its log, NAME.json beside NAME.log; one whose input cannot be used
-    leaves the reason, NAME.stopped. What it reads must be what the jobs before it wrote.
+    ``say`` is a line in the job's log, of which ``lines`` shows one; an error of the input becomes such a line, on
+    stderr too, and exit 1. A job that ends well leaves what it read and wrote beside its log, NAME.json beside
+    NAME.log; one whose input cannot be used leaves the reason, NAME.stopped. What it reads must be what the jobs before
+    it wrote.
 
     Args:
         snakemake: what Snakemake gives its scripts; its log is written anew.
@@ -44,16 +45,17 @@ def _log(snakemake: Any) -> Iterator[Callable[[str], None]]:
     with _opened(log) as stream:
 
         def say(line: str) -> None:
-            # Text and newline in one write, so that jobs side by side do not tear each other's lines.
-            print(f"{line}\n", end="", file=sys.stderr, flush=True)
-            with suppress(OSError):  # a full disk must not hide what was said
+            try:
                 print(line, file=stream, flush=True)
+            except OSError:  # a full disk must not hide what was said
+                _on_screen(line)
 
         try:
             yield say
         except InputError as error:
             stopped.leave(snakemake, error)
-            say(f"error: {of}{error}")
+            say(line := f"error: {of}{error}")
+            _on_screen(line)
             sys.exit(1)
         except Exception as error:  # whatever the program missed: the mooring is stopped by it, the traceback stays
             stopped.leave(snakemake, error)
@@ -84,4 +86,9 @@ def _opened(log: Path) -> TextIO:
             left.unlink(missing_ok=True)
         return log.open("w", encoding="utf-8")
     except OSError:
-        return Path(os.devnull).open("w", encoding="utf-8")
+        return os.fdopen(os.dup(sys.stderr.fileno()), "w", encoding="utf-8")
+
+
+def _on_screen(line: str) -> None:
+    # Text and newline in one write, so that jobs side by side do not tear each other's lines.
+    print(f"{line}\n", end="", file=sys.stderr, flush=True)

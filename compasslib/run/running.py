@@ -8,21 +8,22 @@ from __future__ import annotations
 
 import os
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from snakemake.exceptions import WorkflowError  # type: ignore[import-untyped]
 from snakemake.logging import logger  # type: ignore[import-untyped]
 
 from compasslib.core.errors import InputError
-from compasslib.run import guard, ledger, stopped
+from compasslib.run import guard, ledger, lines, reasons, stopped
 from compasslib.run.plan import MANIFEST, REPORT, SUMMARY, Plan
 
 METADATA = f"{guard.SNAKEMAKES}/metadata"  # what Snakemake remembers of each file: parameters and code
-OF_ALL = {"all", "summary", "report", "provenance", SUMMARY, REPORT, MANIFEST}  # targets that wait for every mooring
+# Targets that wait for every mooring; the rules of a module are called by its name before theirs.
+OF_ALL = {"all", "summary", "report", "provenance", SUMMARY, REPORT, MANIFEST}
 
 
-@dataclass(frozen=True)
+@dataclass
 class Run:
     """Snakemake's own two steps, and what is done around them."""
 
@@ -30,31 +31,37 @@ class Run:
     plan: Plan
     execute_plainly: Any
     build_plainly: Any
+    known: ledger.KnownHashes = field(default_factory=ledger.seen)
+    shown: lines.Lines | None = None
 
     def build(self) -> None:
         """Plan the jobs; what the records deny is made again, whatever its time says."""
-        known, made = ledger.seen(), frozenset(self.plan.everything())
+        self.known, made = ledger.seen(), frozenset(self.plan.everything())
         names = ["", *stopped.folders(self.plan.cruise)]
         if any(os.scandir(METADATA)):
-            self.workflow.dag.forcefiles |= ledger.stale(made, names, known)
+            self.workflow.dag.forcefiles |= ledger.stale(made, names, self.known)
         else:  # deleted or left behind: nobody knows by what settings and code the results were made
             self.workflow.dag.forcefiles |= {file for file in made if os.path.exists(file)}
         self.build_plainly()
         if not self.workflow.dryrun:
-            known.keep()
+            self.known.keep()
 
     def execute(self, **settings: Any) -> None:
         """Run the jobs, and what is left to run of the others where some had to be stopped."""
         kind = settings["executor_plugin"].common_settings
         if kind.dryrun_exec or kind.touch_exec:
             self.execute_plainly(**settings)
+            if kind.dryrun_exec:
+                self._say_why()
             return
         self._begin()
         try:
-            self.execute_plainly(**settings)
+            self._pass(settings)
         except WorkflowError:
             self._without_stopped(settings)
             raise
+        finally:
+            self._say_again()
 
     def _begin(self) -> None:
         self.workflow.execution_settings.keep_going = True
@@ -67,19 +74,44 @@ class Run:
             logger.error(f"error: {error}")
             sys.exit(1)
 
+    def _pass(self, settings: dict[str, Any]) -> None:
+        try:
+            self.execute_plainly(**settings)
+        finally:
+            if self.shown:
+                self.shown.gather()
+
     def _without_stopped(self, settings: dict[str, Any]) -> None:
         while self._whole_run() and self.plan.stopped.look(self.plan.cruise):
             self._tell()
             try:
-                self.execute_plainly(**settings)
+                self._pass(settings)
             except WorkflowError as error:
                 logger.error(str(error))
+
+    def _say_why(self) -> None:
+        stages = {rule.name: k for k, rule in enumerate(self.workflow.rules)}
+        ours = [job for job in lines.jobs(self.workflow).values() if lines.ours(job)]
+        ours.sort(key=lambda job: (stages[job.rule.name], job.log[0]))
+        for line in reasons.lines({lines.label(job): job for job in ours}, self.known):
+            logger.info(line)
+
+    def _say_again(self) -> None:
+        """Say at the end what was warned of and who was stopped, which has long left the screen."""
+        if self.shown:
+            self.shown.close()
+        self.plan.stopped.look(self.plan.cruise)
+        named = {"mooring": self.plan.stopped.moorings, "calibration": self.plan.stopped.calibrations}
+        errors = [f"  {kind} {name}: {why}" for kind, whys in named.items() for name, why in whys.items()]
+        if errors:
+            logger.info("\n".join([f"Stopped: {len(errors)}", *errors]))
 
     def _whole_run(self) -> bool:
         """Return whether all was tried, rather than the run broken off, and wanted that waits for every mooring."""
         scheduler, targets = getattr(self.workflow, "scheduler", None), self.workflow.dag_settings.targets
         broken_off = scheduler is None or scheduler._user_kill or scheduler.running or scheduler.open_jobs
-        return not broken_off and (not targets or not OF_ALL.isdisjoint(targets))
+        of_all = any(target in OF_ALL or target.endswith(tuple(f"_{rule}" for rule in OF_ALL)) for target in targets)
+        return not broken_off and (not targets or of_all)
 
     def _tell(self) -> None:
         reasons = self.plan.stopped
@@ -96,14 +128,18 @@ def prepare(workflow: Any, plan: Plan) -> dict[str, list[str]]:
         plan: what the rules need; in a job of a cluster it learns what was stopped.
 
     Raises:
-        InputError: the run would write through a link or over a raw file.
+        InputError: the run would write through a link, over a raw file, or elsewhere than into the cruise's folder.
     """
     cruise = plan.cruise
+    moved = workflow.modifier.path_modifier
+    if moved.prefix or moved.modifies_prefixes:
+        advice = "start the workflow that uses this one with --directory CRUISE, and leave prefix: out"
+        raise InputError("module", expected="results in the folder of the run", found="a prefix", advice=advice)
     if workflow.exec_mode.name != "DEFAULT":  # a job on a cluster: what it may do was looked at where it came from
         plan.stopped.look(cruise)
         return guard.simulated_names(cruise)
     guard.refuse_links(stopped.folders(cruise))
-    run = Run(workflow, plan, workflow.execute, workflow._build_dag)
+    run = Run(workflow, plan, workflow.execute, workflow._build_dag, shown=lines.show(workflow))
     workflow.execute, workflow._build_dag = run.execute, run.build
     files = guard.to_simulate(cruise, ledger.seen())
     for name in cruise.moorings if cruise.options.demonstration else ():

@@ -15,7 +15,7 @@ if TYPE_CHECKING:  # every job imports this room, none the configuration
     from compasslib.config.cruise import Cruise
 
 ENDING = ".stopped"
-CHECKS = ("check_conventions", "verify")  # they judge products, which stand whatever they find
+CHECKS = ("conventions", "verify")  # by their logs: they judge products, which stand whatever they find
 CALIBRATIONS = "calibrations"
 
 
@@ -59,16 +59,16 @@ def leave(job: Any, error: Exception) -> None:
     Args:
         job: the object ``snakemake`` of its script.
     """
-    rule = str(job.rule)
+    log = Path(job.log[0])
     of_machine = isinstance(error, (Passing, MemoryError)) or (isinstance(error, OSError) and error.errno in _MACHINE)
-    if of_machine or rule in CHECKS or not named(job.wildcards):
+    if of_machine or log.stem in CHECKS or not named(job.wildcards):
         return
     known = isinstance(error, InputError)
-    line = str(error) if known else f"an error of this program in {rule}, {type(error).__name__}: {error}; report it"
+    what = f"an error of this program in {log.stem}, {type(error).__name__}: {error}; report it"
+    line = str(error) if known else what
     with suppress(OSError):
-        Path(job.log[0]).with_suffix(ENDING).write_text(
-            " ".join(line.split()) + "\n", encoding="utf-8", errors="backslashreplace"
-        )
+        text = " ".join(line.split()) + "\n"
+        log.with_suffix(ENDING).write_text(text, encoding="utf-8", errors="backslashreplace")
 
 
 _MACHINE = (errno.ENOSPC, errno.EDQUOT, errno.ENOMEM, errno.EROFS, errno.EIO, errno.EMFILE, errno.ENFILE, errno.ESTALE)
