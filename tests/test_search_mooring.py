@@ -44,9 +44,22 @@ def test_nothing_is_found_where_nothing_was_left_out():
     assert found.verdict == "consistent" and not found.findings and found.unexplained is None
     assert found.experiments == ()
     assert not any(one.compass for one in found.applied)
-    assert 0.2 < found.detectable_deg["sextantal"] < 4.0 and found.why.startswith("Nine times in ten")
+    assert 0.2 < found.detectable_deg["sextantal"] < 4.0 and found.why.startswith("Detection limits (90 % power): ")
     told = dict(found.not_testable)
-    assert "feel it alike" in told["field_disturbance"] and "same as A" in told["declination_error"]
+    assert "both compasses alike" in told["field_disturbance"] and "separated from A" in told["declination_error"]
+    assert "current_veer" in found.detectable_deg and not told.keys() & found.detectable_deg.keys()
+
+
+def test_no_effect_is_both_tested_and_not_testable(two):
+    """The record of a diagnosis holds that itself, so that no path to one can say both."""
+    _, found = two
+    tested = {*found.detectable_deg, *(one.effect for one in found.findings)}
+    every = tuple((name, "no series") for name in [*tested, "field_disturbance"])
+    again = replace(found, not_testable=every)
+    assert again.not_testable == (("field_disturbance", "no series"),)
+    limited = replace(verdict.insufficient("", every), detectable_deg={"field_disturbance": 1.0})
+    assert limited.not_testable == every[:-1]
+    assert [one["effect"] for one in again.to_json()["not_testable"]] == ["field_disturbance"]
 
 
 def test_what_an_effect_turns_is_seen_along_what_it_foretells(two):

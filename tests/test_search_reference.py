@@ -48,5 +48,5 @@ def test_a_large_step_is_put_where_it_belongs_or_left_open(tmp_path, effect):
     first = found["findings"][0]
     assert effect in (first["effect"], *first["alternatives"])
     if first["effect"] != effect:
-        assert found["verdict"] == "ambiguous" and "second trusted instrument" in found["separated_by"]
+        assert found["verdict"] == "ambiguous" and "second reference" in found["separated_by"]
     assert np.mean(share < 1.0) > 0.9

@@ -22,25 +22,25 @@ WOBBLE_HOURS = 6.0  # tilts faster than this are mostly the sensor's and the wav
 TIDES_H = (12.4206, 12.0, 12.6583, 23.9345, 25.8193)  # periods of M2, S2, N2, K1, O1
 LEAST = 1e-9  # of a column, rounding aside: sampled exactly twice a day the tide of the sun is a constant
 TIDES_FOLLOWED_S = 3 * 3600.0  # sampling that still follows them
-ALIKE = "both compasses feel it alike: it cancels in the difference of their directions"
-LEVELLED = "constant errors of the tilts turn as iron does: B and C of the fitted curve hold them"
-CONSTANT = "a constant error is the same as A, a mean veer of the water and a turned mount"
-TRUSTED_STILL = "the trusted instrument's file has no heading that varies"
+ALIKE = "it acts on both compasses alike and cancels in the difference of their directions"
+LEVELLED = "constant errors of the tilts turn the heading as iron does: B and C of the fitted curve contain them"
+CONSTANT = "a constant declination error cannot be separated from A, a mean directional shear or a mounting offset"
+TRUSTED_STILL = "the reference's file has no heading that varies"
 ABSENT = {
     "temperature": "no temperature that varies was logged",
     "supply_voltage": "no supply voltage that varies was logged",
-    "battery_number": "the supply voltage shows no change of battery",
+    "battery_number": "the supply voltage shows no battery change",
     "declination_observatory": "no observatory series given",
     "horizontal_observatory": "no observatory series given",
     "storm_index": "no observatory series given",
     "separation": "the distance between the two layers does not vary",
     "depth": "the depth does not vary",
-    "lean_pitch": "the tilts do not stick for ten days, or nothing shows how the instrument leaned then",
-    "flow_east": "the pairs stand too far apart in time to foretell the flow's direction from the hours before",
+    "lean_pitch": "the tilts are never stuck for ten days, or nothing shows how the instrument leaned then",
+    "flow_east": "the pairs are too far apart in time to predict the flow's direction from the hours before",
     "reference_sine": TRUSTED_STILL,
-    "reference_flow_sine": f"{TRUSTED_STILL}, or the pairs stand too far apart in time",
-    "reference_flow_sine2": f"{TRUSTED_STILL}, or the pairs stand too far apart in time",
-    "exact_minus_series": "the simulation is the exact compass already",
+    "reference_flow_sine": f"{TRUSTED_STILL}, or the pairs are too far apart in time",
+    "reference_flow_sine2": f"{TRUSTED_STILL}, or the pairs are too far apart in time",
+    "exact_minus_series": "the fit is the exact compass already",
 }
 
 

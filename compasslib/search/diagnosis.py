@@ -150,11 +150,11 @@ def _repaired(pairs: Pairs, fit: Fit, clock: ClockError) -> tuple[Repair | None,
         found = findings.of_clock(pairs, again, (fit, freed), clock)
         if freed.fitted and not any(one.held_out.refuted for one in found):
             return Repair(again, freed, found), ()
-    why = "too few pairs are left with it" if short else "held-out directions agree less with it"
+    why = "too few pairs are left once corrected" if short else "held-out directions then agree less"
     hours = clock.ahead_s(pairs.time_s)[[0, -1]] / clocks.HOUR_S
     warning = (
-        f"by the speeds the two clocks are {hours[0]:+.1f} h apart at the begin and {hours[1]:+.1f} h at the end, but "
-        f"{why}: nothing was put right; check clocks, time zones and dates of both"
+        f"by the speeds the two clocks differ by {hours[0]:+.1f} h at the start and {hours[1]:+.1f} h at the end, but "
+        f"{why}: nothing was corrected; check clocks, time zones and dates of both"
     )
     return None, (warning,)
 
@@ -178,12 +178,12 @@ def judge(case: Case, options: Options) -> Diagnosis:
     """Return the diagnosis of any recording that is held against its simulation."""
     none = np.zeros(case.nuisance.shape[1])
     if (usable := baseline.usable(case, case.simulation, none)) < FEWEST:
-        why = f"{usable} of {len(case)} pairs show on which branch of the compass they are; {FEWEST} are needed"
+        why = f"the branch of the compass is known for {usable} of {len(case)} pairs; {FEWEST} are needed"
         return verdict.insufficient(why, case.not_testable)
     try:
         return _judged(case, options)
     except baseline.Lost as lost:  # from the beginning, or once refitted
-        return verdict.insufficient(f"{lost}; there is nothing to hold the compass against", case.not_testable)
+        return verdict.insufficient(f"{lost}; there is nothing to compare the compass with", case.not_testable)
 
 
 def _judged(case: Case, options: Options) -> Diagnosis:
@@ -232,12 +232,12 @@ def _judged(case: Case, options: Options) -> Diagnosis:
 
 def _too_little(pairs: Pairs, fit: Fit) -> str:
     if not fit.fitted:
-        return f"there is no simulation to hold the recording against: {fit.why}"
+        return f"no compass was fitted: {fit.why}"
     days = float(np.ptp(pairs.time_s)) / 86400.0 if len(pairs) else 0.0
     if len(pairs) < FEWEST or days < SHORTEST_DAYS:
         return (
             f"{len(pairs)} overlapping pairs over {days:.0f} days; at least {FEWEST} over {SHORTEST_DAYS:.0f} days are "
-            "needed to tell left-out physics from the water"
+            "needed to separate unmodelled effects from the water"
         )
     return ""
 
@@ -309,14 +309,14 @@ def _unexplained(
 
 
 def _why(detectable: Mapping[str, float], min_effect_deg: float) -> str:
-    """Return in a sentence how small an effect this record would have shown."""
+    """Return the detection limits in a sentence."""
     sizes = sorted((max(size, min_effect_deg), name) for name, size in detectable.items())
     if not sizes:
         return ""
     (best, first), (worst, last) = sizes[0], sizes[-1]
     return (
-        f"Nine times in ten this record would show {first.replace('_', ' ')} of {best:.1f} degrees rms or more and "
-        f"{last.replace('_', ' ')} of {worst:.1f}; the other effects lie between."
+        f"Detection limits (90 % power): {best:.1f}° rms ({first.replace('_', ' ')}) to {worst:.1f}° rms "
+        f"({last.replace('_', ' ')})."
     )
 
 

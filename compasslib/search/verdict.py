@@ -98,7 +98,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class Unexplained:
-    """A mismatch that is proven and that nothing in the catalogue fits."""
+    """A mismatch that is established and that nothing in the catalogue fits."""
 
     covariates: tuple[str, ...]
     where: Where
@@ -151,6 +151,12 @@ class Diagnosis:
     threshold: Mapping[str, float] = field(default_factory=dict)  # scores that noise alone hardly exceeds
     warnings: tuple[str, ...] = ()  # sentences for the summary
     experiments: tuple[tuple[str, float], ...] = ()  # what to observe, and the chance that one name is left then
+
+    def __post_init__(self) -> None:
+        """Keep an effect that was judged in any of its forms from standing among those that could not be tested."""
+        judged = {*self.detectable_deg, *(finding.effect for finding in self.findings)}
+        kept = tuple(one for one in self.not_testable if one[0] not in judged)
+        object.__setattr__(self, "not_testable", kept)
 
     def to_json(self) -> dict[str, Any]:
         """Return diagnosis.json."""

@@ -8,11 +8,11 @@ from compasslib.effects import COMPOSED, SLOW_WATER, all_terms, meanings, side_o
 from compasslib.effects.composed import FORMS
 
 VERDICTS = {
-    "consistent": "simulation and recording agree",
-    "explained": "what was left out is found",
-    "ambiguous": "a mismatch is proven, its cause cannot be told apart",
-    "unexplained": "a mismatch is proven and nothing in the catalogue fits",
-    "insufficient": "too little to judge",
+    "consistent": "no compass error beyond the fitted deviation was detected",
+    "explained": "the mismatch is attributed",
+    "ambiguous": "a mismatch is established, several causes fit it",
+    "unexplained": "a mismatch is established, nothing in the catalogue fits it",
+    "insufficient": "too little data to judge",
 }
 WHERE = {
     "heeling": ("pitch", "roll"),
@@ -44,33 +44,33 @@ UNITS_OF_CALIBRATIONS = UNITS | {
 }
 PHYSICS = {
     "heeling": "the compass tilts over iron along its own vertical (heeling error)",
-    "tilt_uncompensated": "the compass does not level its reading for tilt",
-    "stuck_tilt": "the tilt sensors stick, and the compass levels with what they showed last",
+    "tilt_uncompensated": "the reading is not compensated for tilt",
+    "stuck_tilt": "the tilt sensors are stuck, and the compass is compensated with their last values",
     "hard_iron_drift": "the hard iron beside the compass drifts with time",
-    "hard_iron_step": "the hard iron beside the compass changed at once",
-    "battery_change": "another battery came with other iron",
+    "hard_iron_step": "the hard iron beside the compass changed in a step",
+    "battery_change": "a battery was changed, and with it the iron beside the compass",
     "temperature": "the compass, its iron or the zero of its tilts depends on temperature",
     "supply_voltage": "the compass depends on its supply voltage",
     "sextantal": "the reading has a third harmonic of the recorded heading (sextantal deviation)",
     "octantal": "the reading has a fourth harmonic of the recorded heading (octantal deviation)",
-    "heading_slip": "the mount turned: the compass reads another angle from then on",
+    "heading_slip": "the mount turned: all headings are off by a constant from then on",
     "compass_drift": "the compass drifts with time",
-    "compass_lag": "the compass lags behind when the instrument turns",
-    "current_veer": "the water itself veers between the two depths",
-    SLOW_WATER: "the water of the two depths differs for weeks, and no instrument is at fault",
+    "compass_lag": "the compass lags when the instrument turns",
+    "current_veer": "directional shear of the water between the two depths",
+    SLOW_WATER: "slowly changing shear of the water between the two depths; no instrument is at fault",
     "mooring_motion": "the mooring's own motion is in the measured current",
-    "reference_deviation": "the trusted compass has a deviation of its own",
-    "reference_slip": "the trusted directions changed at once: its mount slipped, or iron came or went beside it",
-    "reference_beams": "the beams of the trusted instrument are of unequal gain",
-    "reference_bias": "a constant velocity in its own frame is in what the trusted instrument measures",
-    "field_disturbance": "magnetic north moves as the observatory has it, most of all on these dates",
-    "moving_iron": "iron moves beside the compass as the instrument leans, a battery or a cable",
-    "tilt_offset": "the tilts that the compass levels with are off by constants",
-    "pressure": "the iron beside the compass, or the compass, feels the pressure",
-    "pivot_friction": "the compass sticks on its pivot and stays behind on the side that it comes from",
-    "beam_gain": "the beam pairs of this instrument are of unequal gain, which turns the current and no heading",
-    "velocity_bias": "a constant velocity in its own frame is in what this instrument measures, as by ringing",
-    "secular_variation": "magnetic north drifts beyond the declination that was applied",
+    "reference_deviation": "the compass of the reference has a deviation of its own",
+    "reference_slip": "the directions of the reference have a step: its mount slipped, or iron came or went beside it",
+    "reference_beams": "the beams of the reference are of unequal gain",
+    "reference_bias": "the velocities of the reference have a constant offset in its own frame",
+    "field_disturbance": "magnetic north moved as the observatory recorded it, most of all on these dates",
+    "moving_iron": "iron beside the compass moves as the instrument leans, a battery or a cable",
+    "tilt_offset": "the tilts by which the compass is compensated have constant errors",
+    "pressure": "the iron beside the compass, or the compass, depends on pressure",
+    "pivot_friction": "the compass sticks on its pivot and stops short of each heading, on the side that it comes from",
+    "beam_gain": "the beam pairs of this instrument are of unequal gain, which turns currents and no heading",
+    "velocity_bias": "the velocities of this instrument have a constant offset in its own frame, as by ringing",
+    "secular_variation": "magnetic north drifts more than the declination that was applied",
     "clock_offset": "the two clocks differ",
     "clock_drift": "the two clocks drift apart",
     "large_deviation": "the deviation is too large for the small-angle series; the exact compass fits",
@@ -109,13 +109,13 @@ SEPARATED_BY: dict[frozenset[str], str] = {
     }.items()
     for pair in pairs
 }
-WATER_OR_COMPASS = "a second trusted instrument, or a swing of the compass on land: {} lives in the water, {} does not"
-TRUSTED_OR_NOT = "a second trusted instrument (reference as a list), or a swing of either compass on land"
-OTHERWISE = "a record in which {} and {} do not go together"
+WATER_OR_COMPASS = "a second reference, or a swing of the compass on land: {} is in the water, {} is not"
+TRUSTED_OR_NOT = "a second reference (reference as a list), or a swing of either compass on land"
+OTHERWISE = "a record in which {} and {} vary independently"
 
 
 def separated_by(effect: str, alternatives: Sequence[str]) -> str:
-    """Return what observation would tell effects apart, one sentence a pair that cannot be.
+    """Return what observation would separate effects, one sentence a pair.
 
     Args:
         effect: the effect that fits best.
@@ -157,11 +157,11 @@ def finding(
     known = meanings(effect)
     numbers = "".join(f"; {known.get(name, name)} {_interval(*one)}" for name, one in fitted.items())
     physics = physics or PHYSICS.get(effect, effect)
-    begin = f"{where}: {physics}. It turns the heading by {size_deg:.1f} degrees rms{numbers}."
+    begin = f"{where}: {physics}. Size {size_deg:.1f}° rms{numbers}."
     before, after, p = proof
     chance = f"p = {p:.2g}" if p > LEAST_P else f"p < {LEAST_P:g}"
-    shown = f" On days that were not fitted the residual goes from {before:.2f} to {after:.2f} degrees rms ({chance})."
-    others = f" This record cannot tell it from {_listed(alternatives)}." if alternatives else ""
+    shown = f" On held-out days the residual goes from {before:.2f}° to {after:.2f}° rms ({chance})."
+    others = f" This record cannot separate it from {_listed(alternatives)}." if alternatives else ""
     return begin + shown + others
 
 
@@ -174,7 +174,7 @@ ACTED_ON = {
     "lobe4": "the fourth harmonic of the compass's reading",
     "flow_gain": "the gain of one beam pair over the other's",
     "flow_offset": "a velocity that is added in the instrument's frame",
-    "flow_direction": "the veer of the water between the two depths",
+    "flow_direction": "the directional shear of the water between the two depths",
 }
 
 
@@ -206,8 +206,8 @@ def unexplained(where: str, size_deg: float, named: Sequence[str]) -> str:
     """
     beside = f" beyond {_listed(named)}" if named else ""
     return (
-        f"Simulation and recording differ{beside} {where}, by {size_deg:.1f} degrees rms. "
-        "No effect of the catalogue explains it; what it does to the heading is in the curve."
+        f"Recording and simulation differ{beside} {where}, by {size_deg:.1f}° rms. "
+        "No effect of the catalogue fits; the curve shows how the heading is turned."
     )
 
 

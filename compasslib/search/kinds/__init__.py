@@ -19,7 +19,7 @@ KINDS: dict[str, str] = {
     "two_heads": "compasslib.search.kinds.two_heads",
     "declination": "compasslib.search.kinds.declination",
 }
-DISABLED = "the search for left-out physics is switched off: diagnose: {enabled: false}"
+DISABLED = "the search for unmodelled effects is switched off: diagnose: {enabled: false}"
 
 
 def diagnose(

@@ -21,9 +21,9 @@ PHYSICS = {
     "soft_iron": "a part that the earth's field magnetises distorts it (soft iron)",
     "mounting_offset": "the heading is turned by a constant from the magnetometer's axes",
     "water_drift": "the water carries the vessel sideways, so that its track over ground is not its heading",
-    "tilt_uncompensated": "the recorded heading is levelled for tilt, the simulated one is not",
+    "tilt_uncompensated": "the recorded heading is compensated for tilt, the simulated one is not",
     "clock_offset": "the two clocks differ",
-    "course_lag": "the course over ground comes late: the receiver filters it, and a hull slides on in a turn",
+    "course_lag": "the course over ground lags: the receiver filters it, and a hull slides on in a turn",
 }
 SEPARATED_BY = {
     frozenset(pair): how
@@ -82,12 +82,12 @@ def finding(
     )
     numbers = ", ".join(f"{name} {value}{unit} (95 %)" for name, value, unit in each)
     physics = PHYSICS.get(effect) or wording.PHYSICS.get(effect, effect.replace("_", " "))
-    begin = f"{what[0].upper()}{what[1:]}, {where}: {physics}. It is worth {size_deg:.2g} degrees rms; {numbers}."
+    begin = f"{what[0].upper()}{what[1:]}, {where}: {physics}. Size {size_deg:.2g}° rms; {numbers}."
     shown = (
-        f" On stretches that were not fitted the residual goes from {proof.rms_before_deg:.3g} to "
-        f"{proof.rms_after_deg:.3g} degrees rms (p = {proof.p_value:.2g})."
+        f" On held-out stretches the residual goes from {proof.rms_before_deg:.3g}° to "
+        f"{proof.rms_after_deg:.3g}° rms (p = {proof.p_value:.2g})."
     )
-    others = f" This recording cannot tell it from {_listed(alternatives)}." if alternatives else ""
+    others = f" This recording cannot separate it from {_listed(alternatives)}." if alternatives else ""
     return begin + shown + others
 
 
@@ -116,7 +116,7 @@ def place(covariate: str, low: float, high: float, clocked: bool) -> str:
 
 
 def separated_by(effect: str, alternatives: Sequence[str]) -> str:
-    """Return what observation would tell effects apart.
+    """Return what observation would separate effects.
 
     Args:
         effect: the effect that fits best.
@@ -137,9 +137,9 @@ def why(found: Sequence[Finding], left: Unexplained | None, compared: Sequence[s
     if left is not None:
         return left.text
     if not found:
-        return f"Nothing beyond noise is left in {_listed(compared, ' and ')}."
+        return f"The residual of {_listed(compared, ' and ')} is noise."
     names = [finding.effect.replace("_", " ") for finding in found]
-    return f"What the simulation leaves is put down to {_listed(names, ' and ')}."
+    return f"The residual is attributed to {_listed(names, ' and ')}."
 
 
 def _listed(names: Sequence[str], last: str = " or ") -> str:
