@@ -524,13 +524,13 @@ def test_every_unit_is_one_of_udunits(tmp_path, corrected_nc):
 @pytest.mark.parametrize(
     ("turned", "expected"),
     [
-        (16.0, "about once the declination (+18): the trusted directions have it twice"),
-        (-20.5, "with the other sign: the trusted directions lack it"),
+        (16.0, "about once the declination (+18): the directions of the reference have it twice"),
+        (-20.5, "with the other sign: the directions of the reference lack it"),
         (35.0, "about twice the declination (+18): it was applied with the wrong sign"),
         (-38.0, "with the other sign: it was applied with the wrong sign"),
         (178.0, "half a turn"),
-        (27.0, "a turned mount or a mistake"),
-        (-60.0, "a turned mount or a mistake"),
+        (27.0, "a mounting offset or a mistake"),
+        (-60.0, "a mounting offset or a mistake"),
     ],
 )
 def test_a_constant_that_is_the_declination_is_said_in_these_words(turned, expected):

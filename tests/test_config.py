@@ -343,7 +343,7 @@ def test_the_readme_names_every_key() -> None:
     models = [m for m in named if isinstance(m, type) and issubclass(m, schema.Section)]
     keys = {key for model in models for key in schema.allowed_keys(model)}
     assert [key for key in sorted(keys) if f"`{key}`" not in text] == []
-    pages = text, (ROOT / "README.md").read_text()
+    pages = text, (ROOT / "docs/reference/formats.md").read_text()
     assert [form for form in readers.FORMATS if any(f"`{form}`" not in page for page in pages)] == []
 
 
@@ -380,7 +380,7 @@ BAD_LINES = [
     ("name: proof", "name: expected a name other than calibrations, compasses, proof, logs, benchmarks, summary.csv, report.html, ro-crate-metadata.json, which results/ holds for other things, found 'proof'; rename the mooring"),
     ("compromised: tpo", "compromised: expected an instrument of this mooring (top, deep), found 'tpo'; write one of these names"),
     ("reference: bottom", "reference: expected an instrument of this mooring (top, deep), found 'bottom'; write one of these names"),
-    ("reference: top", "reference: expected another instrument than compromised, found 'top'; name the trusted instrument, or delete reference where there is none"),
+    ("reference: top", "reference: expected another instrument than compromised, found 'top'; name the reference instrument, or delete reference where there is none"),
     ("latitud: 65", "latitud: expected a key out of name, latitude, longitude, water_depth, start, end, declination, compromised, reference, instruments, attributes, fit, diagnose, covariates, found the unknown 'latitud'; write latitude"),
     ("fit: {method: von_appen, tilt: true}", "fit.tilt: expected it only with method: exact, found it with von_appen; delete it"),
     ("fit: {method: exakt}", "fit.method: expected exact, von_appen or calibration, found 'exakt'; write exact"),

@@ -153,7 +153,7 @@ def test_a_clock_that_is_hours_days_or_a_month_off_is_put_right_and_said(hours):
     upper, lower = instruments()
     found = overlap.clocks(upper, [late(lower, hours)], Rules())
     assert set(found.ahead_h) == {hours}
-    said = f"the trusted clock is {abs(hours)} h {'ahead of' if hours > 0 else 'behind'} the compromised one"
+    said = f"the clock of the reference is {abs(hours)} h {'ahead of' if hours > 0 else 'behind'} the affected one"
     assert said in found.warnings[0]
     pairs, right = (
         overlap.find(upper, [one], NORTH_FIELD, Rules(), clocks)

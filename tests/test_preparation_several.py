@@ -106,7 +106,7 @@ def test_a_step_is_dated():
 def test_of_two_that_disagree_the_first_stands_alone():
     found, *_ = trio(7, {"mid": -10.0})
     every = several.joined(found[:2], NAMES[:2])
-    assert "cannot be told" in every.warnings[0] and set(every.reference_index) == {0}
+    assert "cannot be determined" in every.warnings[0] and set(every.reference_index) == {0}
 
 
 def test_a_list_runs_through_the_pipeline_and_stands_in_overlap_nc(tmp_path):

@@ -183,26 +183,29 @@ def pipe(folder: Path) -> None:
 
 # What is done, what the summary or the one line must say.
 FAULTS: dict[str, tuple[Spoil, str]] = {
-    "instruments swapped": (said(compromised="deep", reference="top"), "compromised instrument has no usable heading"),
+    "instruments swapped": (said(compromised="deep", reference="top"), "affected instrument has no usable heading"),
     "files swapped": (said(top__files=str(DEEP)), "expected an RDI PD0 file, found a text table; write format: table"),
     "declination of the wrong sign": (said(declination=23.6), "off IGRF"),
     "declination taken out of one that has none": (
         said(deep__declination_applied=-23.6),
-        "with the other sign: the trusted directions lack it",
+        "with the other sign: the directions of the reference lack it",
     ),
     "a magnetic reference called true": (
         said(deep__direction_reference="true"),
-        "with the other sign: the trusted directions lack it",
+        "with the other sign: the directions of the reference lack it",
     ),
     "one recording given twice": (given_twice, "recorded the same velocities: one recording was given twice"),
     "cm/s called mm/s": (said(deep__columns__scale=0.0001), "check the unit and scale"),
     "cm/s called m/s": (said(deep__columns__scale=1.0), "velocities flagged: faster than 5 m/s"),
     "east and north negative": (
         table(lambda i, row: [*row[:2], f"{-float(row[2])}", f"{-float(row[3])}"]),
-        "deny the correction",
+        "refute the correction",
     ),
-    "unrelated water": (unrelated, "held-out pairs deny the correction"),
-    "trusted clock off by three days": (said(deep__clock_offset_seconds=259200), "held-out pairs deny the correction"),
+    "unrelated water": (unrelated, "held-out pairs refute the correction"),
+    "trusted clock off by three days": (
+        said(deep__clock_offset_seconds=259200),
+        "held-out pairs refute the correction",
+    ),
     "clock set back in mid record": (clock(lambda i: i % 250), "the clock was set back 1 times"),
     "clock set to 2000 in mid record": (
         clock(lambda i: i if i < 150 else i - 67_000),
@@ -216,13 +219,16 @@ FAULTS: dict[str, tuple[Spoil, str]] = {
         table(lambda i, r: [r[0], "505.0", *r[2:]]),
         "505 m never varies",
     ),
-    "a year of NaN": (table(lambda i, row: [*row[:2], "NaN", "NaN"]), "the trusted instrument has no usable velocity"),
+    "a year of NaN": (
+        table(lambda i, row: [*row[:2], "NaN", "NaN"]),
+        "reference instrument has no usable velocity",
+    ),
     "all velocities missing": (profiles(2, 2, struct.pack("<h", -32768) * 16), "has no usable velocity"),
     "30 m/s": (profiles(2, 2, struct.pack("<h", 30000) * 16), "velocities flagged: faster than 5 m/s"),
     "all under the noise": (table(lambda i, row: [*row[:2], f"0.{i % 9}1", "-0.2"]), "their directions are noise"),
     "fillers": (
         table(lambda i, row: row if i % 4 else [*row[:2], "-99.9", "-99.9"]),
-        "100 speeds of nothing but nines",
+        "100 fill values (speeds of nines only)",
     ),
     "a frozen current meter": (
         table(lambda i, row: row if i < 90 else [*row[:2], "12.34", "5.67"]),
@@ -231,7 +237,7 @@ FAULTS: dict[str, tuple[Spoil, str]] = {
     "a frozen compass": (profiles(1, 18, struct.pack("<H", 12000)), "120.00 degrees all the time"),
     "frozen tilts": (lambda folder: None, "the tilt sensor is stuck"),
     "a meter that shows one velocity": (table(lambda i, row: [*row[:2], "5.0", "5.0"]), "the same to the last digit"),
-    "velocities of zero": (profiles(2, 2, bytes(32)), "compromised instrument has velocities of zero only"),
+    "velocities of zero": (profiles(2, 2, bytes(32)), "affected instrument has velocities of zero only"),
     "a longitude that lost its sign": (longitude_without_sign, "the fit holds a constant of -3"),
     "headings around one for eight days, then alive": (
         headings(lambda i, each: 12000 + i % 7 if i < 200 else logged(each)),
@@ -243,7 +249,7 @@ FAULTS: dict[str, tuple[Spoil, str]] = {
     ),
     "tilted by 90 degrees": (profiles(1, 20, struct.pack("<hh", 9000, 0)), "1600 velocities flagged: tilted too far"),
     "a beam that is dead": (three_beams, "1600 of 1600 currents come from three beams"),
-    "all pings rejected": (percent_good, "compromised instrument has no usable velocity"),
+    "all pings rejected": (percent_good, "affected instrument has no usable velocity"),
     "bins of no length": (profiles(0, 12, bytes(2)), "1600 velocities flagged: bins of no length"),
     "the other way up": (said(top__orientation="down"), "400 of 400 ensembles say that they looked up; down counts"),
     "another recording of the same days behind": (another_deployment, "the clock was set back 1 times"),

@@ -181,7 +181,7 @@ def test_the_numbers_are_those_of_the_results(done, document):
     alone = shown[shown.index(ALONE) :]
     assert alone[1] == "insufficient" and alone[5] == f"0.0{words.SPACE}%" and alone[6] == alone[7] == words.UNKNOWN
     text = " ".join(one.text for one in document.all("p", "li"))
-    assert "Too little to judge." in text and rows[ALONE]["warnings"].split(" | ")[0][1:40] in text
+    assert "Too little data to judge." in text and rows[ALONE]["warnings"].split(" | ")[0][1:40] in text
 
 
 def test_the_same_results_give_the_same_bytes(done, monkeypatch):

@@ -93,4 +93,4 @@ def test_the_p_value_of_a_clear_gain_is_small_and_of_none_is_not():
 def test_what_would_tell_pairs_apart_is_said():
     told = wording.separated_by("supply_voltage", ("compass_drift",))
     assert "supply_voltage or compass_drift" in told and "battery change" in told
-    assert "lives in the water" in wording.separated_by("current_veer", ("sextantal",))
+    assert "is in the water" in wording.separated_by("current_veer", ("sextantal",))

@@ -103,26 +103,26 @@ RECORD = {
 }
 
 # ----------------------------------------------------------------------------------------------- pairs, by their fields
-_BY_RECORDED = "velocity of the compromised instrument, by its recorded heading plus declination"
-_OF_TRUSTED = "velocity of the trusted instrument"
+_BY_RECORDED = "velocity of the affected instrument, by its recorded heading plus declination"
+_OF_TRUSTED = "velocity of the reference"
 
 PAIRS = {
     "time_s": _SECONDS,
-    "heading_deg": Variable("HEADING", "heading of the compromised compass", "degree", reference=MAGNETIC),
+    "heading_deg": Variable("HEADING", "heading of the affected compass", "degree", reference=MAGNETIC),
     "pitch_deg": RECORD["pitch_deg"],
     "roll_deg": RECORD["roll_deg"],
     "upper_east": Variable("UPPER_UCUR", f"eastward {_BY_RECORDED}", "m s-1", EASTWARD, reference=TRUE),
     "upper_north": Variable("UPPER_VCUR", f"northward {_BY_RECORDED}", "m s-1", NORTHWARD, reference=TRUE),
     "lower_east": Variable("LOWER_UCUR", f"eastward {_OF_TRUSTED}", "m s-1", EASTWARD, reference=TRUE),
     "lower_north": Variable("LOWER_VCUR", f"northward {_OF_TRUSTED}", "m s-1", NORTHWARD, reference=TRUE),
-    "upper_depth_m": Variable("UPPER_DEPTH", "depth of the compromised velocity", "m", "depth", also=SEA_LEVEL),
-    "lower_depth_m": Variable("LOWER_DEPTH", "depth of the trusted velocity", "m", "depth", also=SEA_LEVEL),
+    "upper_depth_m": Variable("UPPER_DEPTH", "depth of the affected velocity", "m", "depth", also=SEA_LEVEL),
+    "lower_depth_m": Variable("LOWER_DEPTH", "depth of the reference velocity", "m", "depth", also=SEA_LEVEL),
     "separation_minutes": Variable("SEPARATION_MINUTES", "time, lower minus upper velocity", "minute"),
     "declination_deg": Variable("DECLINATION", "magnetic declination, east positive", "degree"),
 }
 PAIRS_PERHAPS = {  # only where there are such
-    "lower_heading_deg": Variable("LOWER_HEADING", "heading of the trusted compass", "degree", reference=MAGNETIC),
-    "reference_index": Variable("REFERENCE_INDEX", "trusted instrument of the pair", dtype="i1", fill=None),
+    "lower_heading_deg": Variable("LOWER_HEADING", "heading of the reference compass", "degree", reference=MAGNETIC),
+    "reference_index": Variable("REFERENCE_INDEX", "reference of the pair", dtype="i1", fill=None),
 }
 REFERENCE_INDEX = PAIRS_PERHAPS["reference_index"].name
 SEPARATION_METRES = Variable("SEPARATION_METRES", "depth, lower minus upper velocity", "m")

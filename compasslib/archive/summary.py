@@ -30,13 +30,14 @@ COLUMNS = (
 STOPPED = "stopped"  # the verdict of a mooring without results, as its files cannot be used
 LARGE_CONSTANT_DEG, SURE_SIGMAS = 10.0, 2.0
 NEAR_DEG = 4.0  # mounts and mean veers make as much
-# By how many declinations the trusted directions lie too far clockwise, or the affected headings are too small.
+# By how many declinations the reference's directions lie too far clockwise, or the affected headings are too small.
 MISTAKES = {
-    1: "about once the declination ({:+.0f}): the trusted directions have it twice, being true already "
+    1: "about once the declination ({:+.0f}): the directions of the reference have it twice, being true already "
     "(direction_reference, declination_applied), or it was taken off the affected headings, which had none "
     "(declination_applied)",
-    -1: "about once the declination ({:+.0f}) with the other sign: the trusted directions lack it, being magnetic "
-    "(direction_reference, declination_applied), or the affected headings have it already (declination_applied)",
+    -1: "about once the declination ({:+.0f}) with the other sign: the directions of the reference lack it, being "
+    "magnetic (direction_reference, declination_applied), or the affected headings have it already "
+    "(declination_applied)",
     2: "about twice the declination ({:+.0f}): it was applied with the wrong sign (declination_applied, longitude)",
     -2: "about twice the declination ({:+.0f}) with the other sign: it was applied with the wrong sign "
     "(declination_applied, longitude)",
@@ -126,8 +127,8 @@ def _unexplained(found: Mapping[str, Any]) -> list[str]:
     if not left:
         return []
     return [
-        f"a mismatch of {left['rms_effect_deg']:.1f} degrees rms {left['where']['text']} is unexplained and not "
-        "corrected; it stands in the uncertainty"
+        f"a mismatch of {left['rms_effect_deg']:.1f}° rms {left['where']['text']} is unexplained and not "
+        "corrected; it is included in the uncertainty"
     ]
 
 
@@ -158,7 +159,7 @@ def _constant(fit: Mapping[str, Any], field: Mapping[str, Any], taken_out: Mappi
     if mistake := "; or ".join([*biases, *filter(None, [_mistake(turned, sigma, declination)])]):
         return [first + mistake]
     return [
-        f"{first}a turned mount or a mistake: declination is {declination:+.0f} here; check its sign, that of the "
+        f"{first}a mounting offset or a mistake: declination is {declination:+.0f} here; check its sign, that of the "
         "longitude, direction_reference and declination_applied"
     ]
 

@@ -130,7 +130,7 @@ def _title(name: str, mooring: Mooring) -> str:
 
 def _row(role: str, mooring: Mooring, record: Record) -> tuple[str, ...]:
     one, time_s = mooring.instruments[role], record.time_s
-    what = "corrected" if role == mooring.compromised else "trusted"
+    what = "affected" if role == mooring.compromised else "reference"
     if not len(time_s):
         return (role, what, one.format, "0", *[""] * (len(HEAD) - 4))
     steps = np.diff(time_s)

@@ -130,7 +130,7 @@ def _window(told: Told) -> list[str]:
 def _reference(names: Sequence[str]) -> list[str]:
     if not names:
         return ["# reference: none that overlaps in time; without one only a calibration can correct\n"]
-    return [_line("reference", list(names) if len(names) > 1 else names[0], f"{DECIDE} trusted, away from iron")]
+    return [_line("reference", list(names) if len(names) > 1 else names[0], f"{DECIDE} the one away from iron")]
 
 
 def _instrument(name: str, told: Told) -> list[str]:

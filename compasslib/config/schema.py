@@ -357,8 +357,8 @@ class Mooring(Section):
     start_s: Time = key(_TIME_WORDS, "2007-09-04T00:00:00Z", alias="start")
     end_s: Time = key(_TIME_WORDS, "2008-10-04T00:00:00Z", alias="end")
     declination: Declination = key("auto, or degrees east from -180 to 180", "auto", "auto")
-    compromised: Name = key("the name of the instrument to correct", "top")
-    reference: Names = key("the name of the trusted instrument, or a list of names", "deep", ())
+    compromised: Name = key("the name of the affected instrument, which is corrected", "top")
+    reference: Names = key("the name of the reference instrument, or a list of names", "deep", ())
     instruments: dict[Name, Instrument] = key("a mapping of names to instruments", "{top: {format: pd0, ...}}")
     attributes: Attributes = key(_ATTRIBUTES_WORDS, "{project: My Project}", {})
     fit: FitOptions = key("a mapping", "{method: exact}", FitOptions())
@@ -403,7 +403,7 @@ class Mooring(Section):
                 there = ", ".join(self.instruments) or "none"
                 raise problem(role, f"an instrument of this mooring ({there})", shown(name), "write one of these names")
         if self.compromised in self.reference:
-            advice = "name the trusted instrument, or delete reference where there is none"
+            advice = "name the reference instrument, or delete reference where there is none"
             raise problem("reference", "another instrument than compromised", shown(self.compromised), advice)
         if twice := [name for name in self.reference if self.reference.count(name) > 1]:
             raise problem("reference", "each name once", f"{shown(twice[0])} twice", "delete one of the two")

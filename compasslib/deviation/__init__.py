@@ -102,8 +102,8 @@ def _soft_without_measure(fit: Fit) -> str:
     if size - SURE_SIGMAS * sigma < MOST_SOFT:
         return ""
     return (
-        f"the fit needs soft iron of {size:.0%} of the earth's field, which no instrument has, so that all headings "
-        "are flagged doubtful; check columns, signs and directions of both instruments"
+        f"the fit needs soft iron of {size:.0%} of the earth's field, more than any instrument has, so that all "
+        "headings are flagged doubtful; check columns, signs and directions of both instruments"
     )
 
 
@@ -119,8 +119,8 @@ def _impossible(fit: Fit, record: Record) -> str:
     if possible.mean() > 1.0 - MOST_IMPOSSIBLE:
         return ""
     return (
-        f"the compass of the fit cannot have recorded {1.0 - possible.mean():.0%} of the headings that it recorded, so "
-        "that all are flagged doubtful; check columns, signs and units of both instruments, or the calibration"
+        f"the fitted compass cannot have recorded {1.0 - possible.mean():.0%} of the headings in the file, so that "
+        "all are flagged doubtful; check columns, signs and units of both instruments, or the calibration"
     )
 
 
@@ -142,8 +142,8 @@ def log_line(name: str, fit: Fit) -> str:
         return f"{name}: no deviation fitted: {fit.why}"
     unit = " degrees" if fit.method == "von_appen" else ""
     letters = ", ".join(f"{k} {x:+.3f}" for k, x in zip("ABCDE", fit.coefficients, strict=True))
-    kind = "folded" if fit.folded else "full circle"
+    kind = "two-valued" if fit.folded else "full circle"
     heeling = f", heeling K {fit.heeling:+.3f}" if fit.tilted else ""
-    residual = f", residual {fit.residual_rms_deg:.1f} degrees rms" if np.isfinite(fit.residual_rms_deg) else ""
+    residual = f", residual {fit.residual_rms_deg:.1f}° rms" if np.isfinite(fit.residual_rms_deg) else ""
     first = f"{name}: {fit.method} {letters}{unit}{heeling}; {kind}{residual}"
     return "\n".join([first, *(f"{name}: warning: {warning}" for warning in fit.warnings)])

@@ -141,11 +141,11 @@ def _refuted(after: dict[str, Any], others_deg: float | None) -> str:
     if after["n"] < FEWEST_TO_REFUTE:
         return ""
     check = "so that all headings are flagged doubtful; check instruments, clocks, columns, signs and units"
-    rms = f"held-out pairs deny the correction: directions still differ by {after['rms_deg']:.0f} degrees rms"
+    rms = f"held-out pairs refute the correction: directions still differ by {after['rms_deg']:.0f}° rms"
     if after["rms_deg"] > REFUTED_DEG:
-        return f"{rms} (unrelated ones by 104), {check}"
+        return f"{rms} (unrelated ones by 104°), {check}"
     if others_deg is not None and SCATTERED_DEG < after["rms_deg"] >= others_deg:
-        return f"{rms}, and from those of other days by {others_deg:.0f}, {check}"
+        return f"{rms}, and by {others_deg:.0f}° from those of other days, {check}"
     return ""
 
 
@@ -157,8 +157,8 @@ def _worse(before: dict[str, Any], after: dict[str, Any]) -> str:
     if after["rms_deg"] - before["rms_deg"] <= SURE_SIGMAS * sigma:
         return ""
     return (
-        f"on held-out pairs directions differ by {after['rms_deg']:.0f} degrees rms after the correction and by "
-        f"{before['rms_deg']:.0f} before: it makes them worse, and all headings are flagged doubtful; look for a time "
+        f"on held-out pairs directions differ by {after['rms_deg']:.0f}° rms after the correction and by "
+        f"{before['rms_deg']:.0f}° before: it makes them worse, and all headings are flagged doubtful; look for a time "
         "when the compass was wrong"
     )
 
@@ -173,8 +173,8 @@ def _misread(pairs: Pairs, fit: Fit, after: dict[str, Any]) -> str:
     if best > FAR_BETTER * own:
         return ""
     return (
-        f"after the correction half the directions differ by {own:.0f} degrees or more, and by {best:.0f} where the "
-        "trusted instrument's components are exchanged, turned by a right angle or signed otherwise, so that all "
+        f"after the correction half the directions differ by {own:.0f}° or more, and by {best:.0f}° where the "
+        "components of the reference are exchanged, turned by a right angle or signed otherwise, so that all "
         "headings are flagged doubtful; check its columns and signs"
     )
 
@@ -198,8 +198,8 @@ def log_line(name: str, verdict: dict[str, Any]) -> str:
     if not after["n"]:
         return f"{name}: nothing to assess ({before['n']} pairs, none corrected)"
     line = (
-        f"{name}: upper minus lower direction {before['rms_deg']:.1f} degrees rms before, {after['rms_deg']:.1f} "
-        f"after, on {after['n']} of {before['n']} pairs, each held out from its fit"
+        f"{name}: upper minus lower direction {before['rms_deg']:.1f}° rms before, {after['rms_deg']:.1f}° after, "
+        f"on {after['n']} of {before['n']} pairs, each held out from its fit"
     )
     return f"{line}\n{name}: warning: {verdict['refuted']}" if verdict["refuted"] else line
 

@@ -245,8 +245,8 @@ def _unrelated(found: Windows, stated: Path) -> Clocks:
     if len(found.upper) < LONG_H or (alike > RELATED and _score(found, stated) > RELATED_SIGMAS):
         return Clocks()
     warning = (
-        f"the speeds of the two instruments have nothing in common (correlation {alike:.2f}), wherever within "
-        f"{found.lags[-1] // DAY_H} days their clocks stand: check that both files are of this mooring and this year"
+        f"the speeds of the two instruments are uncorrelated ({alike:.2f}) at any clock offset within "
+        f"{found.lags[-1] // DAY_H} days: check that both files are of this mooring and this year"
     )
     return Clocks(warnings=(warning,))
 
@@ -254,8 +254,8 @@ def _unrelated(found: Windows, stated: Path) -> Clocks:
 def _with_warning(found: Windows, best: Path, stated: Path) -> Clocks:
     first, second = (float(found.along(path).sum()) for path in (best, stated))
     warning = (
-        f"by the speeds of the water the trusted clock may be {_in_words(best)} the compromised one "
-        f"(correlation {first:.2f}, with the clocks as set {second:.2f}): not surely, and nothing was put right; "
+        f"by the speeds of the water the clock of the reference may be {_in_words(best)} the affected one "
+        f"(correlation {first:.2f}, with the clocks as set {second:.2f}): not surely, and nothing was corrected; "
         "check clock_offset_seconds, time zone and date of both, and their files"
     )
     return Clocks(warnings=(warning,))
@@ -265,9 +265,9 @@ def _to_correct(found: Windows, best: Path) -> Clocks:
     """Return a clock that the windows prove, to be put right."""
     nodes = _nodes(found, best)
     warning = (
-        f"by the speeds of the water the trusted clock is {_in_words(best)} the compromised one "
-        f"(correlation {found.along(best).sum():.2f}); pairs were made after putting that right: check "
-        "clock_offset_seconds, time zone and date of both, for speeds do not tell which of the two is wrong"
+        f"by the speeds of the water the clock of the reference is {_in_words(best)} the affected one "
+        f"(correlation {found.along(best).sum():.2f}); pairs were made after correcting it: check "
+        "clock_offset_seconds, time zone and date of both, as speeds do not show which of the two is wrong"
     )
     return Clocks(tuple(time for time, _ in nodes), tuple(hours for _, hours in nodes), (warning,))
 
@@ -278,7 +278,7 @@ def _in_words(path: Path) -> str:
         return f"{abs(lags[0])} h {'ahead of' if lags[0] > 0 else 'behind'}"
     if path.set_at:
         return "first " + ", then ".join(f"{lag:+d} h" for lag in lags) + " ahead of"
-    return f"{lags[0]:+d} h at the begin and {lags[-1]:+d} h at the end ahead of"
+    return f"{lags[0]:+d} h at the start and {lags[-1]:+d} h at the end ahead of"
 
 
 def _nodes(found: Windows, path: Path) -> list[tuple[float, float]]:

@@ -225,8 +225,8 @@ def _surprise(off_m_s: float, upper: Record, depth_m: Floats, trusted: Complexes
         f"; they agree best with the water {abs(shift):.0f} m {'below' if shift > 0 else 'above'} it" if shift else ""
     )
     return (
-        f"the trusted instrument's speeds differ by {100.0 * off_m_s:.1f} cm/s rms from those predicted at its depth, "
-        f"far more than the profile lets expect{where}: check depths, clocks and units of both"
+        f"the speeds of the reference differ by {100.0 * off_m_s:.1f} cm/s rms from those predicted at its depth, "
+        f"far more than expected from the profile{where}: check depths, clocks and units of both"
     )
 
 
@@ -318,7 +318,7 @@ def _absent(upper: Record, trusted: Sequence[Record]) -> list[str]:
     reasons = [
         f"the {name} instrument {why}"
         for name, why in zip(
-            ("compromised", "trusted"),
+            ("affected", "reference"),
             (_unusable(upper, heading=True), _unusable(trusted[0], heading=False)),
             strict=True,
         )
@@ -362,11 +362,9 @@ def _refuse_other_frame(pairs: Pairs) -> None:
     others = {(sign, k): _spread(lower + sign * upper + k * heading) for sign, k in OTHER_FRAMES}
     best = min(others, key=lambda which: others[which])
     if len(heading) >= ENOUGH and others[best] * CLEARER < plain:
-        found = f"directions that agree with the trusted ones only where they are {OTHER_FRAMES[best]}"
+        found = f"directions that agree with those of the reference only where they are {OTHER_FRAMES[best]}"
         advice = "check coordinates (EX), orientation, and east and north of both instruments"
-        raise InputError(
-            "compromised instrument", expected="velocities as the file has them", found=found, advice=advice
-        )
+        raise InputError("affected instrument", expected="velocities as the file has them", found=found, advice=advice)
 
 
 def _velocities(pairs: Pairs) -> tuple[tuple[Floats, Floats], tuple[Floats, Floats]]:

@@ -137,5 +137,5 @@ def _reason(own: CellSeries, shared: bool, off_m: float) -> str:
     why = "whose water every pair already holds" if shared else f"given {off_m:.0f} m from their depth"
     return (
         "the two instruments recorded the same velocities: one recording was given twice, and no pair counts (those "
-        f"of the trusted one are the compromised one's {which}, {why})"
+        f"of the reference are {which} of the affected one, {why})"
     )

@@ -118,11 +118,11 @@ def _agreeing(each: Sequence[Pairs], names: Sequence[str]) -> tuple[list[int], l
     against = [sum(k in pair for pair in wrong) for k in range(count)]
     worst = int(np.argmax(against))
     rest = [k for k in range(count) if k != worst]
-    texts = [f"the trusted instruments {names[a]} and {names[b]} {how}" for (a, b), how in wrong.items()]
+    texts = [f"the references {names[a]} and {names[b]} {how}" for (a, b), how in wrong.items()]
     if count > 2 and against[worst] == len(wrong) and against[worst] > 1:
         return rest, [f"{'; '.join(texts)}: {names[worst]} is left out, as the others agree"]
     return [0], [
-        f"{'; '.join(texts)}: whose fault it is cannot be told, and {names[0]}, named first in reference, is used alone"
+        f"{'; '.join(texts)}: which is wrong cannot be determined; {names[0]}, first in reference, is used alone"
     ]
 
 

@@ -28,7 +28,7 @@ LOSSES = {
     "rows_repeated": "rows repeat time and depth of another and were left out",
     "rows_contradict": "rows repeat time and depth of another with other values; none of them was used",
     "directions_impossible": "headings or directions are no angles and count as missing",
-    "fillers": "speeds of nothing but nines count as missing",
+    "fillers": "fill values (speeds of nines only) count as missing",
     "fill_values": "velocities hold a value that stands far more often than those beside it and count as missing",
 }
 
