@@ -9,13 +9,14 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check install
 
 SNAKEMAKE := $(BIN)/snakemake --workflow-profile workflow/profiles/default --snakefile Snakefile --directory "$(CRUISE)" --cores $(CORES)
 
-.PHONY: install slurm run verify check-archive test check bench accuracy proof clean lock
+.PHONY: install slurm run verify check-archive test check bench accuracy proof docs clean lock
 
 install: .venv/run  ## the pinned environment
 .venv/run: requirements/run.txt pyproject.toml
 .venv/test: requirements/test.txt pyproject.toml
-# Compiled on all cores, where pip would take one. What the tests need holds what a run needs.
-.venv/run .venv/test: .venv/%:
+.venv/docs: requirements/docs.txt pyproject.toml
+# Compiled on all cores, where pip would take one. What the tests and the documentation need holds what a run needs.
+.venv/run .venv/test .venv/docs: .venv/%:
 	test -x $(BIN)/pip || $(PYTHON) -m venv .venv
 	$(PIP) --no-compile --requirement requirements/$*.txt
 	$(PIP) --no-deps --no-build-isolation --quiet --editable .
@@ -53,9 +54,13 @@ accuracy: run .venv/test  ## the long measurements of how right the results are
 proof: install  ## sealed moorings by SEED, N of them, scored: results/proof/scorecard.md
 	$(BIN)/python -m benchmarks.proof --seed $(SEED) --count $(N)
 
+docs: .venv/docs  ## the documentation as a site, built without a network: build/docs/index.html
+	$(BIN)/sphinx-build --fail-on-warning --keep-going --quiet docs build/docs
+
 lock:  ## newest versions into requirements/, with hashes; needs pip-tools
-	for kind in run test; do \
-	  extras="--extra workflow"; test $$kind = run || extras="$$extras --extra test"; \
+	for kind in run test docs; do \
+	  extras="--extra workflow"; test $$kind = run || extras="$$extras --extra $$kind"; \
+	  test $$kind != docs || extras="$$extras --constraint requirements/test.txt"; \
 	  pip-compile --upgrade $$extras --all-build-deps --allow-unsafe --generate-hashes --no-annotate --strip-extras \
 	    --no-emit-index-url --no-emit-trusted-host --no-emit-find-links -o requirements/$$kind.txt pyproject.toml; \
 	done

@@ -1,4 +1,4 @@
-"""Corrected headings against known ones, for both methods: the table of the README.
+"""Corrected headings against known ones, for both methods: the table of docs/background/accuracy.md.
 
     python benchmarks/accuracy.py            the demonstration cruise, after make run
     python benchmarks/accuracy.py CRUISE     any cruise folder with truth/NAME.csv or truth_NAME.csv

@@ -1,4 +1,4 @@
-"""The pages for users: their Python runs, their links lead somewhere, their commands exist."""
+"""The pages for users: their Python runs, their YAML is allowed, links and commands exist; the site builds."""
 
 from __future__ import annotations
 
@@ -17,14 +17,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from test_architecture import APART, ROOMS
 
 from compasslib.command import _parser
+from compasslib.config.cruise import load
 from compasslib.core import angles
 
 PROJECT = Path(__file__).resolve().parents[1]
-NAMES = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "docs/library.md", "config/README.md", "tests/README.md")
-PAGES = [PROJECT / name for name in NAMES]
+NAMES = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "config/README.md", "tests/README.md")
+SITE = sorted((PROJECT / "docs").rglob("*.md"))
+PAGES = [PROJECT / name for name in NAMES] + [page for page in SITE if page.parent.parent.name != "proof"]
+LIBRARY, PLUGINS = PROJECT / "docs/howto/library.md", PROJECT / "docs/howto/plugins.md"
+WITH_YAML = [PROJECT / "README.md", *sorted((PROJECT / "docs/howto").glob("*.md"))]
+MOST_WORDS = 1500  # of the README: what is longer is read by nobody
 
 
 def blocks(page: Path, language: str) -> list[str]:
@@ -38,7 +44,7 @@ def test_the_library_page_runs_and_the_ten_lines_correct_a_record(tmp_path):
         " sigma=product.heading_uncertainty_deg, t=truth.time_s, true=truth.heading_deg, read=truth.recorded_deg,"
         " again=corrected.heading_corrected_deg, weak=compass.inverse(weak, recorded))"
     )
-    code = "\n".join([*blocks(PROJECT / "docs/library.md", "python"), check])
+    code = "\n".join([*blocks(LIBRARY, "python"), check])
     ran = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert ran.returncode == 0, ran.stderr
     seen = np.load(tmp_path / "seen.npz")
@@ -59,17 +65,93 @@ def test_each_room_shows_a_worked_example(room, tmp_path, monkeypatch):
     assert ran.attempted > 1 and not ran.failed
 
 
-def test_the_readme_shows_the_same_ten_lines():
-    ten = next(block for block in blocks(PROJECT / "docs/library.md", "python") if "correction.correct(" in block)
-    assert ten in blocks(PROJECT / "README.md", "python")
+def test_one_record_takes_ten_lines():
+    ten = next(block for block in blocks(LIBRARY, "python") if "correction.correct(" in block)
     statements = [line for line in ten.splitlines() if line and not line.startswith((" ", ")", "from", "import"))]
     assert len(statements) <= 10
 
 
+def test_python_stands_on_pages_whose_code_is_run():
+    """That of plugins.md is installed and run by test_plugins.py."""
+    assert {page for page in PAGES if blocks(page, "python")} == {LIBRARY, PLUGINS}
+
+
+def test_the_readme_can_be_read_to_its_end():
+    assert len((PROJECT / "README.md").read_text().split()) <= MOST_WORDS
+
+
+@pytest.mark.parametrize("page", WITH_YAML, ids=lambda page: page.stem)
+def test_the_yaml_of_a_page_is_a_cruise(page, tmp_path):
+    """Blocks that are whole files, with empty raw files beside them: every key and value is allowed."""
+    wrote = {}
+    for block in blocks(page, "yaml"):
+        keys = yaml.safe_load(block)
+        if "kind" in keys:
+            wrote["config/calibrations/aqd.yaml"] = block
+            wrote["config/calibrations/before.yaml"] = re.sub(r"^compare_with.*", "", block, flags=re.MULTILINE)
+        elif "name" in keys:
+            wrote[f"config/moorings/{keys['name']}.yaml"] = block
+    raw = re.findall(r"raw/[\w/.*-]+", " ".join(wrote.values()))
+    options = {
+        "config/config.yaml": "moorings: config/moorings\n" if "config/moorings" in str(wrote) else "moorings: []\n"
+    }
+    for name, text in (options | wrote | {path.replace("*", "any"): "" for path in raw}).items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text)
+    cruise = load(tmp_path)
+    assert len(cruise.moorings) + len(cruise.calibrations) == len(wrote)
+
+
+def anchors(page: Path) -> set[str]:
+    """The names of a page's headings, as GitHub and the site make them."""
+    text = re.sub(r"^```.*?^```", "", page.read_text(), flags=re.MULTILINE | re.DOTALL)
+    plain = (re.sub(r"[^\w\- ]", "", heading.lower()) for heading in re.findall(r"^#+ (.*)$", text, re.MULTILINE))
+    return {heading.strip().replace(" ", "-") for heading in plain}
+
+
+def of_included(page: Path) -> Path:
+    """The page itself, or the file that it shows."""
+    shown = re.match(r"```{include} (\S+)", page.read_text()) if page.suffix == ".md" else None
+    return (page.parent / shown[1]).resolve() if shown else page
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(PROJECT)))
-def test_links_lead_to_files_of_the_project(page):
-    for target in re.findall(r"\]\((?!https?://|#)([^)#]+)", page.read_text()):
-        assert (page.parent / target).exists(), target
+def test_links_lead_to_files_and_headings_of_the_project(page):
+    text = re.sub(r"^```(?!{).*?^```", "", page.read_text(), flags=re.MULTILINE | re.DOTALL)
+    for target in re.findall(r"\]\((?!https?://)([^)\s]+)\)", text):
+        path, _, anchor = target.partition("#")
+        led = of_included((page.parent / path).resolve()) if path else page
+        assert led.exists(), target
+        assert not anchor or anchor in anchors(led), target
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory) -> Path:
+    """The site as ``make docs`` builds it; a link within it that leads nowhere is a warning, and a warning ends it."""
+    if any(importlib.util.find_spec(name) is None for name in ("sphinx", "furo", "myst_parser")):
+        pytest.skip("no Sphinx: make docs installs it")
+    folder = tmp_path_factory.mktemp("site")
+    command = [sys.executable, "-m", "sphinx", "--fail-on-warning", "--quiet", PROJECT / "docs", folder]
+    built = subprocess.run([*map(str, command)], capture_output=True, text=True, check=False)
+    assert built.returncode == 0, built.stderr
+    return folder
+
+
+def test_the_site_asks_for_nothing_from_elsewhere(site):
+    pages = sorted(site.rglob("*.html"))
+    assert len(pages) >= len(SITE)
+    for page in pages:
+        text = page.read_text()
+        loaded = re.findall(r"<(?:script|img|iframe)[^>]*\bsrc=\"([^\"]*)|<link[^>]*\bhref=\"([^\"]*)", text)
+        assert not [one for pair in loaded for one in pair if re.match(r"\w+:|//", one)], page
+    for sheet in site.rglob("*.css"):
+        assert not re.search(r"@import|url\([\"']?(?:https?:)?//", sheet.read_text()), sheet
+
+
+def test_the_site_shows_every_link_and_the_docstrings(site):
+    assert not [page for page in site.rglob("*.html") if 'class="xref myst"' in page.read_text()]  # what led nowhere
+    assert "compasslib.deviation.fit" in (site / "reference/modules.html").read_text()
+    assert "water_depth" in (site / "reference/keys.html").read_text()
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(PROJECT)))

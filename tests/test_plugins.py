@@ -1,4 +1,4 @@
-"""Formats and effects of other packages: the one of docs/plugins.md, built, installed and run; names that are taken."""
+"""Formats and effects of other packages: that of docs/howto/plugins.md, built and run; names that are taken."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from compasslib.core import plugins
 from compasslib.core.errors import InputError
 
 PIP = [sys.executable, "-m", "pip"] if find_spec("pip") else [shutil.which("pip"), "--python", sys.executable]
-PAGE = (PROJECT / "docs/plugins.md").read_text()
+PAGE = (PROJECT / "docs/howto/plugins.md").read_text()
 
 
 def blocks(language: str) -> list[str]:

@@ -1,7 +1,7 @@
 """Readers and effects of other packages, by the entry points that those declare; the house's own tables come first.
 
-A package names each under ``compasslib.readers`` or ``compasslib.effects`` in its pyproject.toml; docs/plugins.md shows
-one. Only names and versions are looked at before one is used.
+A package names each under ``compasslib.readers`` or ``compasslib.effects`` in its pyproject.toml; docs/howto/plugins.md
+shows one. Only names and versions are looked at before one is used.
 """
 
 from __future__ import annotations

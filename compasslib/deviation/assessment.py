@@ -44,6 +44,10 @@ READINGS: tuple[Callable[[Complexes], Complexes], ...] = (  # of east + i north:
 # From this rms on directions of other days must agree less: where a mean flow rules, unrelated ones scatter by as much.
 SCATTERED_DEG, OTHER_DAYS, FEWEST_OF_OTHER_DAYS = 35.0, 12, 200
 SURE_SIGMAS = 2.0  # of a growth of the rms
+SERIES = {
+    "series_in_correct": "the Fourier series in correct heading",
+    "series_in_recorded": "the Fourier series in recorded heading",
+}
 WATER = ("mean_of_bins", "predicted")  # by the profile: rms of one component at the trusted depth
 FORM_PAIRS = 1500  # as many pairs, evenly taken, tell the forms apart; more only take longer
 
@@ -212,10 +216,14 @@ def forms_line(name: str, compared: dict[str, Any] | None) -> str:
     """
     if compared is None:
         return f"{name}: forms of the curve not compared (no exact fit, or too few pairs)"
-    scores = (
-        f"{form} {score['minus_exact']:+.3f} ± {score['minus_exact_sigma']:.3f}" for form, score in compared.items()
-    )
-    return f"{name}: mean log score a held-out pair, minus the exact compass's: {', '.join(scores)}"
+    return "\n".join(f"{name}: cross-validation: {_beside_exact(series, compared[series])}" for series in SERIES)
+
+
+def _beside_exact(series: str, score: dict[str, Any]) -> str:
+    """Return how a series predicts held-out pairs, beside the exact compass."""
+    difference, sigma = score["minus_exact"], score["minus_exact_sigma"]
+    how = "as well as" if abs(difference) < SURE_SIGMAS * sigma else "worse than" if difference < 0.0 else "better than"
+    return f"{SERIES[series]} predicts {how} the exact compass ({difference:+.3f} ± {sigma:.3f} per pair)"
 
 
 def _agreement(east: Floats, north: Floats, pairs: Pairs) -> dict[str, Any]:

@@ -25,5 +25,5 @@ def _term(name: str, point: plugins.EntryPoint) -> type[Term]:
     term = plugins.loaded(point)
     if isinstance(term, type) and issubclass(term, Term) and getattr(term, "name", "") == name:
         return term
-    where, advice = f"{plugins.package(point)}: {point.value}", "mend the plug-in; docs/plugins.md shows one"
+    where, advice = f"{plugins.package(point)}: {point.value}", "mend the plug-in; docs/howto/plugins.md shows one"
     raise InputError(where, expected=f"a Term whose name is {name!r}", found=repr(term), advice=advice)

@@ -110,6 +110,6 @@ def _of_plugin(form: str, plugin: str, paths: Sequence[Path], keys: Mapping[str,
     point = plugins.points(plugins.READERS, FORMATS)[form]
     record = plugins.loaded(point)(paths, **keys)
     if not isinstance(record, Record):
-        found, advice = type(record).__name__, "mend the plug-in; docs/plugins.md shows one"
+        found, advice = type(record).__name__, "mend the plug-in; docs/howto/plugins.md shows one"
         raise InputError(f"{plugin}: {point.value}", expected="a Record", found=found, advice=advice)
     return replace(record, warnings=(f"Read by {plugin}.", *record.warnings))

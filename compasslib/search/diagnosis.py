@@ -313,11 +313,12 @@ def _why(detectable: Mapping[str, float], min_effect_deg: float) -> str:
     sizes = sorted((max(size, min_effect_deg), name) for name, size in detectable.items())
     if not sizes:
         return ""
-    (best, first), (worst, last) = sizes[0], sizes[-1]
-    return (
-        f"Detection limits (90 % power): {best:.1f}° rms ({first.replace('_', ' ')}) to {worst:.1f}° rms "
-        f"({last.replace('_', ' ')})."
+    (best, first), (worst, last) = (
+        (f"{size:.1f}° rms", name.replace("_", " ")) for size, name in (sizes[0], sizes[-1])
     )
+    if best == worst:
+        return f"Detection limit (90 % power): {best} for every effect that was tried."
+    return f"Detection limits (90 % power): {best} ({first}) to {worst} ({last})."
 
 
 def _curves(
