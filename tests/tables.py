@@ -1,4 +1,4 @@
-"""Tables as people have them: one truth written in many ways, by name and drawn by seed."""
+"""Tables as people have them: one truth written in many ways, by name and drawn by seed, and read as each kind."""
 
 from __future__ import annotations
 
@@ -9,6 +9,11 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import numpy as np
+
+from compasslib import readers
+from compasslib.calibration.magnetometer import log
+from compasslib.core.errors import InputError
+from compasslib.readers import covariate
 
 N, STEP_S, START = 60, 10800, datetime(2012, 3, 8, tzinfo=UTC)
 MONTHS = ("Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec")
@@ -95,6 +100,8 @@ VARIANTS: dict[str, Form] = {
     "rows skipped": Form(preamble=5, keys=(("skip_rows", 5),)),
     "ambiguous day and month": Form(time="day_first", few_days=True),
     "excel, settled": Form(time="excel", keys=(("time_format", "excel"),)),
+    "decimal comma beside comma": Form(decimal=","),
+    "decimal comma beside comma, settled": Form(decimal=",", fill="NaN", keys=(("delimiter", ","), ("decimal", ","))),
     "ambiguous, settled": Form(time="day_first", few_days=True, keys=(("time_format", "%d/%m/%Y %H:%M:%S"),)),
 }
 
@@ -123,13 +130,65 @@ def _drawn(rng: np.random.Generator) -> Form:
     )
 
 
-def ambiguous(form: Form) -> bool:
-    """Return whether nobody can tell the times without a key: the day from the month, or days from what begin."""
-    return not form.keys and (form.time == "excel" or (form.few_days and form.time in DAY_OR_MONTH))
+def settled_by(form: Form) -> str:
+    """Return the key without which nobody can read a table: day or month, days since when, which comma parts cells."""
+    if form.keys:
+        return ""
+    if form.time == "excel" or (form.few_days and form.time in DAY_OR_MONTH):
+        return "time_format"
+    return "delimiter: comma and decimal: comma" if form.decimal == form.delimiter else ""
+
+
+# As what a table is read: an instrument's currents, one in its own frame, a series, and a magnetometer's calibration.
+KINDS: dict[str, dict[str, object]] = {
+    "table": {"east": "U", "north": "V", "depth": "Tiefe", "scale": 0.01},
+    "acm_table": {"x": "U", "y": "V", "heading": "Tiefe", "scale": 0.01},
+    "covariate": {"value": "U"},
+    "calibration": {"x": "U", "y": "V"},
+}
+
+
+def outcome(path: Path, form: Form, kind: str = "table") -> str:
+    """Write a table and read it as one kind: ``right``, ``WRONG``, or ``refused: `` and the reader's line."""
+    truth, settings = write(path, form)
+    columns = {**settings["columns"], **KINDS[kind]}  # type: ignore[dict-item]
+    try:
+        found = _read(path, kind, settings | {"columns": columns})
+    except InputError as error:
+        return f"refused: {str(error).removeprefix(str(path))}"
+    known = _as(kind, truth)
+    same = len(found.time_s) == len(known.time_s) and np.abs(found.time_s - known.time_s).max() < SURE_S
+    pairs = ((found.east, known.east), (found.north, known.north))
+    right = same and all(np.allclose(one, other, rtol=0.0, atol=1e-9, equal_nan=True) for one, other in pairs)
+    return "right" if right else "WRONG"
+
+
+def _read(path: Path, kind: str, settings: dict[str, object]) -> Truth:
+    if kind == "covariate":
+        time_s, value = covariate.series({"files": [path], **settings})
+        return Truth(time_s, value, value)
+    if kind == "calibration":
+        logged = log.read([path], settings)
+        return Truth(logged.time_s, *logged.raw[:, :2].T)
+    record = readers.read(kind, [path], settings)
+    return Truth(record.time_s, record.east[:, 0], record.north[:, 0])
+
+
+def _as(kind: str, truth: Truth) -> Truth:
+    """Return what a kind makes of the table: x forward along the heading of 12.5 degrees, y to port."""
+    if kind == "table":
+        return truth
+    if kind == "acm_table":
+        sin, cos = np.sin(np.deg2rad(12.5)), np.cos(np.deg2rad(12.5))
+        x, y = truth.east, truth.north
+        return Truth(truth.time_s, x * sin - y * cos, x * cos + y * sin)
+    known = np.isfinite(truth.east)
+    u, v = 100.0 * truth.east[known], 100.0 * truth.north[known]
+    return Truth(truth.time_s[known], u, u if kind == "covariate" else v)
 
 
 def write(path: Path, form: Form) -> tuple[Truth, dict[str, object]]:
-    """Write the table; return what it holds, and the settings of its reader."""
+    """Write the table; return what it holds, and the settings of its reader, of the columns only the times."""
     rng = np.random.default_rng(5)
     step = 1800 if form.few_days else STEP_S
     times = [START + timedelta(seconds=step * k) for k in range(N)]
@@ -151,9 +210,8 @@ def write(path: Path, form: Form) -> tuple[Truth, dict[str, object]]:
     data = text.encode(form.encoding)
     path.write_bytes(gzip.compress(data) if form.packed else data)
     clock = {"date": "Datum", "clock": "Uhr"} if apart else {"time": "Zeit"}
-    columns = {**clock, "east": "U", "north": "V", "depth": "Tiefe", "scale": 0.01}
     values = (np.where(lost, np.nan, 0.01 * x) for x in (east, north))
-    return Truth(np.array([t.timestamp() for t in times]), *values), {"columns": columns, **dict(form.keys)}
+    return Truth(np.array([t.timestamp() for t in times]), *values), {"columns": clock, **dict(form.keys)}
 
 
 def _cells(form: Form, time: datetime) -> tuple[str, ...]:

@@ -44,6 +44,7 @@ MARKS = "#%"  # of a comment
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 _PLAIN = re.compile(r"[0-9eE+\-.\n]*")
 _WITH_COMMA = re.compile(r"[-+]?\d*,\d+(?:[eE][-+]?\d+)?", re.ASCII)
+_WHOLE = re.compile(r"[-+]?\d+", re.ASCII)
 _THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}(?:,\d{3})+", re.ASCII)
 _UNIT = re.compile(r"(?=.*[^\W\d_]|.*%|.*°)(?!.*\d\d)[^\n]{1,40}|", re.DOTALL)  # metres, cm s-1, [°C], %
 
@@ -125,6 +126,7 @@ def table_in(path: Path, lines: Lines, headers: Mapping[str, str], advice: str, 
         raise InputError(f"{path}: columns", expected=expected, found="all three", advice=advice)
     places = {role: lines.header.index(header) for role, header in headers.items()}
     lines, units = _without_units(lines, list(places.values()))
+    lines = _rejoined(path, lines) if (layout.delimiter, layout.decimal) == (",", ",") else lines
     _refuse_long(path, lines)
     timed = [role for role in places if role in (*TIMES, *APART)]
     columns, said = _times_in(path, lines, {role: places[role] for role in timed}, layout)
@@ -309,6 +311,26 @@ def _without_units(lines: Lines, places: Sequence[int]) -> tuple[Lines, bool]:
     return replace(lines, rows=lines.rows[count:], numbers=lines.numbers[count:]), count > 0
 
 
+def _rejoined(path: Path, lines: Lines) -> Lines:
+    """Return the lines with the halves of numbers together, where commas part cells and decimals: all have decimals.
+
+    Raises:
+        InputError: a number has none, so that nobody can tell which halves belong together.
+    """
+    n, rows = len(lines.header), list(lines.rows)
+    for k, row in enumerate(rows):
+        if len(row) <= n:  # numbers between quotation marks
+            continue
+        halves = iter(row)
+        whole = [f"{cell.strip()},{next(halves, '')}" if _WHOLE.fullmatch(cell.strip()) else cell for cell in halves]
+        if len(whole) != n or not all("," not in cell or _WITH_COMMA.fullmatch(cell) for cell in whole):
+            expected, found = "decimals in every number, as commas part cells too", ",".join(row)
+            advice = "write every number with decimals, or export with semicolons and write delimiter: semicolon"
+            _refuse_line(path, lines.numbers[k], expected, found, advice)
+        rows[k] = whole
+    return replace(lines, rows=rows)
+
+
 def _refuse_long(path: Path, lines: Lines) -> None:
     n = len(lines.header)
     if max(map(len, lines.rows), default=0) <= n:
@@ -317,7 +339,7 @@ def _refuse_long(path: Path, lines: Lines) -> None:
     if long:
         advice = MEND
         if len(long) == len(lines.rows) > 1:
-            advice = "if commas are decimals they cannot part cells too: export with semicolons, or write delimiter"
+            advice = "if commas are decimals too, write delimiter: comma and decimal: comma, else correct delimiter"
         found = f"a line of {len(lines.rows[long[0]])} cells"
         _refuse_line(path, lines.numbers[long[0]], f"{n} cells as in the header", found, advice)
 

@@ -105,7 +105,7 @@ def _table(path: Path) -> _Table:
             str(path),
             expected="a WinADCP text export: 1st Bin Range, Bin Size, and headers Ens YR MO DA HH MM SS",
             found=_kind(lines, data),
-            advice=EXPORT,
+            advice=f"{EXPORT}; of another text table write format: table",
         )
     names, units, bins = (cells[at + k] if len(cells) > at + k else [] for k in range(3))
     numbered = [(k, row) for k, row in enumerate(cells[at + 3 :], at + 4) if any(row)]
