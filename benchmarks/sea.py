@@ -21,7 +21,7 @@ from scipy.signal import coherence, welch
 from compasslib import readers
 from compasslib.core import angles
 from compasslib.core.records import Record
-from compasslib.plots.page import BLUE, GREEN, VERMILION, page
+from compasslib.plots.page import BLUE, GREEN, VERMILION, WIDE_IN, page
 from compasslib.preparation import deployment
 from compasslib.preparation import water as prediction
 from compasslib.simulation import demonstration
@@ -165,7 +165,7 @@ def gain_by_period(record: Record, gap: int) -> tuple[np.ndarray, np.ndarray] | 
 
 def draw(found: dict[str, Record], path: Path) -> None:
     """Draw the page."""
-    with page(path, "Water between the bins of one instrument: two real profiles and the simulated sea", 5.0) as figure:
+    with page(path, 5.2, width_in=WIDE_IN) as figure:
         panels = figure.subplots(2, 3)
         for name, record in found.items():
             style = {"color": COLOURS[name], "marker": "o", "markersize": 3.0, "label": name}

@@ -164,7 +164,7 @@ def test_explain_tells_the_verdict_the_share_and_what_it_cannot_tell(runs, capsy
     told = capsys.readouterr().out
     diagnosis = json.loads((runs / "old/M1/diagnosis.json").read_text())
     assert told.splitlines()[0] == f"M1: {diagnosis['verdict']}"
-    assert "100.0\N{NO-BREAK SPACE}% of the 600 samples have a corrected heading." in told
+    assert "All headings are corrected, with a median uncertainty of" in told
     assert re.search(r"Uncertainty of the heading \(1σ\): median \d+\.\d°, 95th percentile \d+\.\d°", told)
     assert "What it cannot tell" in told and "Not testable: stuck tilt." in told
     assert max(map(len, told.splitlines())) <= 100
@@ -197,6 +197,12 @@ def test_explain_tells_findings_and_warnings(copied, capsys):
         assert said in told, said
     assert "field down: 2100\N{NO-BREAK SPACE}±\N{NO-BREAK SPACE}140\N{NO-BREAK SPACE}nT" in told
     assert "What would decide: A swing at a tilt." in told
+    figure = copied / "figures/diagnosis.png"
+    assert "Drawn in" not in told
+    figure.parent.mkdir()
+    figure.touch()
+    assert main(["explain", "M1", "--cruise", str(copied.parents[1])]) == 0
+    assert f"Drawn in {figure}" in capsys.readouterr().out
 
 
 def rewrite(file: Path, **keys: object) -> None:

@@ -19,25 +19,27 @@ from matplotlib.text import Text
 from PIL import Image
 from scipy.signal import lfilter
 
+from compasslib.archive import currents as archive_currents
+from compasslib.archive import files as archive_files
 from compasslib.core import angles, compass
 from compasslib.core.errors import InputError
 from compasslib.core.records import BAD, GOOD, Corrected, EarthField, Pairs, Record, take
 from compasslib.deviation import correction, model, von_appen
 from compasslib.deviation.likelihood import CELLS
 from compasslib.deviation.model import Fit
-from compasslib.plots import agreement, deviation, diagnosis, timeline
+from compasslib.plots import agreement, currents, deviation, diagnosis, timeline
 from compasslib.plots import curves as plots_curves
 from compasslib.plots.curves import BACKWARDS, GIVEN_UP, INVERTED
 from compasslib.plots.page import DPI, WIDTH_IN
 
 START_S, SAMPLES = 1188864000.0, 700
 UNFOLDED, FOLDED = [0.02, 0.3, 0.1, 0.03, -0.02], [0.0, -1.1, 0.7, 0.03, -0.02]
-DRAWN = ("deviation", "histograms", "scatter", "timeline")
+DRAWN = ("deviation", "progressive", "roses", "scatter", "sticks", "timeline")
 
 
 @dataclass(frozen=True)
 class Mooring:
-    """What the four figures of one mooring are drawn from."""
+    """What the figures of one mooring are drawn from."""
 
     pairs: Pairs
     fit: Fit
@@ -45,11 +47,27 @@ class Mooring:
 
     def draw(self, figure: str, path) -> None:
         if figure == "deviation":
-            deviation.deviation(path, self.pairs, self.fit, "EG4")
+            deviation.deviation(path, self.pairs, self.fit)
         elif figure == "timeline":
-            timeline.timeline(path, self.product, self.pairs, "EG4")
+            timeline.timeline(path, self.product, self.pairs)
+        elif figure == "scatter":
+            agreement.scatter(path, self.pairs, self.product)
         else:
-            getattr(agreement, figure)(path, self.pairs, self.product, "EG4", method=self.fit.method)
+            self.draw_water(figure, path)
+
+    def draw_water(self, figure: str, path) -> None:
+        time_s, heading = self.product.record.time_s, self.product.record.heading_deg
+        velocities = (
+            self.product.east_recorded + 1j * self.product.north_recorded,
+            self.product.east + 1j * self.product.north,
+        )
+        flows = [archive_currents.Flow(time_s, velocity[:, 0]) for velocity in velocities]
+        shown, reference = archive_currents.Currents(96.0, *flows), archive_currents.of_reference(self.pairs)
+        if figure == "roses":
+            headings = {"recorded": heading, "corrected": self.product.heading_corrected_deg}
+            currents.roses(path, shown, reference, headings)
+        else:
+            getattr(currents, figure)(path, currents.averaged(shown, reference))
 
 
 def overlaps(coefficients) -> Pairs:
@@ -144,10 +162,16 @@ SPECIAL = [
     ("too few pairs", "deviation"),
     ("too few pairs", "scatter"),
     ("fit from elsewhere", "deviation"),
-    ("nothing recorded", "histograms"),
+    ("nothing recorded", "roses"),
+    ("nothing recorded", "sticks"),
+    ("nothing recorded", "progressive"),
     ("nothing recorded", "timeline"),
     ("one sample", "timeline"),
+    ("one sample", "sticks"),
     ("no sample", "timeline"),
+    ("no sample", "sticks"),
+    ("no sample", "progressive"),
+    ("no sample", "roses"),
 ]
 
 
@@ -194,9 +218,14 @@ def words(figure: Figure) -> str:
     return " ".join(text.get_text().replace("\n", " ") for text in figure.findobj(Text) if text.get_visible())
 
 
+def sentences(figure: Figure) -> list[str]:
+    """Return the texts that are more than a name, a label or a number: those belong into the caption."""
+    return [text.get_text() for text in figure.findobj(Text) if text.get_visible() and text.get_text().endswith(".")]
+
+
 def boxes(figure: Figure):
-    """Return where the title, the legends and each panel with its labels stand, pixels."""
-    artists = [figure._suptitle, *figure.legends, *figure.axes]
+    """Return where the legends and each panel with its labels stand, pixels."""
+    artists = [*figure.legends, *figure.axes]
     return [artist.get_tightbbox(figure.canvas.get_renderer()) for artist in artists]
 
 
@@ -231,19 +260,27 @@ def test_a_diagnosis_is_whole_and_legible_and_its_axes_have_the_units_of_its_sen
     for name, draw, unit in (("a", diagnosis.of_mooring, "m/s"), ("b", diagnosis.of_calibration, "kn")):
         path = tmp_path / name / "diagnosis.png"
         path.parent.mkdir()
-        page = saved(lambda draw=draw, path=path: draw(path, content, "EG1"))
+        page = saved(lambda draw=draw, path=path: draw(path, content))
         check_page(path, page)
         labels = [axes.get_xlabel() for axes in page.axes]
         assert any("eading (°)" in label for label in labels) and any(f"({unit})" in label for label in labels)
 
 
 def check_page(path, page):
-    """Hold a file and its page to what a two-column paper asks: size, letters, nothing clipped, nothing overlapping."""
+    """Hold a figure to what a column of print and a phone ask: size, letters, words for its axes, nothing clipped.
+
+    At 360 pixels of a phone its letters are 8 points of 3.5 inches: 10 pixels and more.
+    """
     pixels = imread(path)
     assert pixels.shape[1] == round(WIDTH_IN * DPI)
     assert pixels[..., :3].min() < 0.5 < pixels[..., :3].mean()
     assert not [file for file in path.parent.iterdir() if file.suffix != ".png"]
     assert all(text.get_fontsize() >= 8.0 for text in page.findobj(Text) if text.get_text())
+    assert not sentences(page) and page._suptitle is None
+    named = [axes for axes in page.axes if any(label.get_text() for label in axes.get_xticklabels())]
+    assert all(
+        axes.get_xlabel() or page._supxlabel or axes.get_shared_x_axes().get_siblings(axes)[1:] for axes in named
+    )
     standing = boxes(page)
     for i, box in enumerate(standing):
         assert box.x0 >= -1 and box.y0 >= -1 and box.x1 <= page.bbox.x1 + 1 and box.y1 <= page.bbox.y1 + 1
@@ -288,30 +325,56 @@ def test_failure_leaves_the_older_figure(moorings, monkeypatch, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("kind", "figure", "sentence"),
+    ("kind", "figure", "word"),
     [
-        ("no fit and no pairs", "deviation", "No curve was fitted: no overlapping pairs."),
-        ("no fit and no pairs", "deviation", "There is neither a pair nor a curve to show."),
-        ("no fit and no pairs", "histograms", "No pairs: there is no trusted measurement near enough to compare."),
-        ("no fit and no pairs", "scatter", "No pairs: there is no trusted measurement near enough to compare."),
-        ("no fit and no pairs", "timeline", "No heading could be corrected: no usable deviation model covers them."),
-        ("no fit and no pairs", "timeline", "no trusted instrument overlaps"),
-        ("too few pairs", "deviation", "No curve was fitted: 7 overlapping pairs, at least 30 are needed."),
-        ("too few pairs", "scatter", "No pair could be corrected."),
-        ("fit from elsewhere", "deviation", "No pairs: the curve comes from elsewhere"),
-        ("nothing recorded", "histograms", "No heading was recorded."),
-        ("nothing recorded", "timeline", "The instrument's depth is not known."),
-        ("no sample", "timeline", "The instrument recorded nothing inside the deployment."),
-        ("folded", "deviation", "each for two correct ones."),
-        ("folded", "deviation", "EG4: compass deviation, headings to magnetic north (exact compass)"),
-        ("published and folded", "deviation", "Only recorded headings from"),
-        ("published and folded", "timeline", "headings could not be corrected."),
-        ("published and folded", "scatter", "(series of von Appen 2015)"),
+        ("no fit and no pairs", "deviation", "no data"),
+        ("no fit and no pairs", "scatter", "no pairs"),
+        ("no fit and no pairs", "timeline", "none"),
+        ("no fit and no pairs", "sticks", "Recorded"),
+        ("too few pairs", "scatter", "no pairs"),
+        ("nothing recorded", "roses", "no data"),
+        ("nothing recorded", "timeline", "unknown"),
+        ("no sample", "timeline", "no data"),
+        ("no sample", "progressive", "no data"),
     ],
 )
-def test_figure_says_what_there_is_not(kind, figure, sentence, gallery):
+def test_a_panel_without_data_says_so_in_a_word(kind, figure, word, gallery):
     _, page = gallery.show(kind, figure)
-    assert sentence in words(page)
+    assert word in words(page)
+
+
+def test_sticks_and_ways_are_the_mean_currents():
+    """One knot to the east for a day is 44 km; what is missing in one is in none of the ways."""
+    time_s = START_S + 3600.0 * np.arange(96.0)
+    east = np.full(96, 0.514444 + 0.0j)
+    gap = np.where(np.arange(96) < 24, np.nan, 1j * east.real)
+    shown = archive_currents.Currents(50.0, archive_currents.Flow(time_s, east), archive_currents.Flow(time_s, gap))
+    drawn = currents.averaged(shown, archive_currents.Flow(np.zeros(0), np.zeros(0, complex)))
+    assert drawn.hours == 1.0 and set(drawn.means) == {"recorded", "corrected"}
+    ways = currents.ways(drawn)
+    assert ways["recorded"][-1] == pytest.approx(3 * 44448.0, rel=1e-4) and len(ways["recorded"]) == 73
+    assert ways["corrected"][-1] == pytest.approx(3j * 44448.0, rel=1e-4)
+    before, after = shown.mean
+    assert before == pytest.approx(0.514444) and after == pytest.approx(0.514444j)
+    assert archive_currents.span_of_means(np.array([0.0, 400 * 86400.0])) == 24.0
+
+
+def test_the_bin_that_is_shown_is_the_nearest_with_enough_samples(tmp_path, moorings):
+    """Of three bins, the nearest loses a fifth: the second is shown."""
+    one = moorings["unfolded"].product
+    quality = np.ones((SAMPLES, 3), dtype=np.int8)
+    quality[: SAMPLES // 5, 0] = BAD
+    with archive_files.new(tmp_path / "c.nc") as nc:
+        nc.createDimension("TIME", SAMPLES)
+        nc.createDimension("BIN", 3)
+        nc.createVariable("TIME", "f8", "TIME")[:] = one.record.time_s / 86400.0 + 7305.0
+        for k, name in enumerate(("UCUR", "VCUR", "UCUR_RECORDED", "VCUR_RECORDED", "DEPTH")):
+            values = np.broadcast_to(10.0 * k + np.arange(3.0), (SAMPLES, 3))
+            nc.createVariable(name, "f8", ("TIME", "BIN"))[:] = values
+            nc.createVariable(f"{name}_QC", "i1", ("TIME", "BIN"))[:] = quality
+    shown = archive_currents.of_product(tmp_path / "c.nc")
+    assert shown.depth_m == 41.0 and shown.mean == (21.0 + 31.0j, 1.0 + 11.0j)
+    np.testing.assert_allclose(shown.recorded.time_s, one.record.time_s, atol=1e-5)
 
 
 def test_pyplot_is_not_imported():

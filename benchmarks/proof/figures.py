@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.proof import score, tally
-from compasslib.plots.page import BLUE, GREEN, GREY, ORANGE, page
+from compasslib.plots.page import BLUE, GREEN, GREY, ORANGE, WIDE_IN, page
 
 
 def write(folder: Path, made: dict[str, Any]) -> None:
@@ -30,7 +30,9 @@ def naming(path: Path, confusion: dict[str, dict[str, int]]) -> None:
     planted = list(confusion)
     table = np.array([[confusion[a].get(b, 0) for b in said] for a in planted])
     share = table / np.maximum(table.sum(axis=1, keepdims=True), 1)
-    with page(path, "What was named first, by what was planted", 1.6 + 0.24 * len(planted)) as figure:
+    with page(
+        path, 1.8 + 0.24 * len(planted), width_in=WIDE_IN, title="What was named first, by what was planted"
+    ) as figure:
         axes = figure.subplots()
         axes.imshow(share, cmap="Blues", vmin=0.0, vmax=1.4, aspect="auto")
         for i, j in zip(*np.nonzero(table), strict=True):
@@ -46,8 +48,9 @@ def power(path: Path, bins: Sequence[dict[str, Any]]) -> None:
     Args:
         bins: counts by size.
     """
-    note = "Bars are 95 % intervals (Clopper and Pearson); n is the number of moorings."
-    with page(path, "Single effects seen and named, by visible size", 2.6, [note]) as figure:
+    title = "Single effects seen and named, by visible size\n"
+    title += "Bars are 95 % intervals (Clopper and Pearson); n is the number of moorings."
+    with page(path, 2.9, width_in=WIDE_IN, title=title) as figure:
         axes = figure.subplots()
         for key, colour, shift in (("seen", GREY, -0.08), ("named", BLUE, 0.08)):
             middle = np.array([one[key] / one["count"] for one in bins])
@@ -66,9 +69,9 @@ def headings(path: Path, rows: Sequence[dict[str, Any]]) -> None:
     some = sorted(some, key=lambda row: (row["kind"] not in score.KNOWN, row["before_deg"]))
     known = sum(row["kind"] in score.KNOWN for row in some)
     at = np.arange(len(some))
-    note = "Left of the line effects of the catalogue, right of it all others; each by the error before. "
-    note += "Where no orange dot is seen nothing was applied."
-    with page(path, "True error of the heading", 2.8, [note]) as figure:
+    title = "True error of the heading\nLeft of the line effects of the catalogue, right of it all others; each by the "
+    title += "error before.\nWhere no orange dot is seen nothing was applied."
+    with page(path, 3.3, width_in=WIDE_IN, title=title) as figure:
         axes = figure.subplots()
         before, after, oracle = (np.array([row[k] for row in some]) for k in ("before_deg", "after_deg", "oracle_deg"))
         axes.vlines(at, np.minimum(before, after), np.maximum(before, after), color=GREY, linewidth=0.6)

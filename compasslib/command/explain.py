@@ -10,6 +10,7 @@ from pathlib import Path
 from compasslib.archive import summary
 from compasslib.command import folders
 from compasslib.report import found, mooring, results
+from compasslib.report.captions import of_diagnosis
 from compasslib.report.results import MooringResults
 from compasslib.report.section import ReportedFinding
 
@@ -49,6 +50,8 @@ def lines_of(read: MooringResults) -> list[str]:
     lines += ["", *_wrapped(f"{name}: {value}" for name, value in facts)]
     for finding in found.findings(read.diagnosis, product=True):
         lines += ["", *_finding(finding)]
+    if (figure := read.folder / "figures/diagnosis.png").exists():
+        lines += ["", f"Drawn in {figure}", *_wrapped([of_diagnosis(read.diagnosis)])]
     for title, sentences in (("What it cannot tell", found.cannot_tell(read.diagnosis)), ("Warnings", warnings)):
         lines += ["", title, *_wrapped(sentences)] if sentences else []
     return lines

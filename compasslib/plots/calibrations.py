@@ -25,7 +25,7 @@ from compasslib.core import angles, compass
 from compasslib.core.types import Floats
 from compasslib.deviation import von_appen
 from compasslib.plots.curves import beside
-from compasslib.plots.page import BLACK, GREEN, GREY, ORANGE, PURPLE, SKY, degrees, legend, page, say
+from compasslib.plots.page import BLACK, GREEN, GREY, ORANGE, PURPLE, SKY, WIDE_IN, degrees, empty, legend, page
 
 NAMES = {
     "smith": ("Smith's five terms", GREEN),
@@ -35,8 +35,9 @@ NAMES = {
 }
 POINT: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 3.5, "color": BLACK, "markeredgewidth": 0}
 BAND: dict[str, Any] = {"color": GREEN, "alpha": 0.22, "linewidth": 0}
+EDGE: dict[str, Any] = {"color": GREY, "linewidth": 1.0, "linestyle": (0, (4, 2))}
 MOST_BARS = 100  # points that still have a bar of their own
-RECORDED, DEVIATION = "Recorded heading γ (° magnetic)", "Deviation Δ = β − γ (°)"
+RECORDED, DEVIATION = "Recorded heading γ (° magnetic)", "Deviation β − γ (°)"
 
 
 def draw(figure: str, path: str | Path, shown: Page) -> None:
@@ -55,20 +56,15 @@ def draw(figure: str, path: str | Path, shown: Page) -> None:
 
 def deviation(path: str | Path, shown: Page) -> None:
     """Draw what was observed, the curve with its 95 % band, and the other curves that were tried."""
-    content = shown.content
-    with page(
-        path, f"{content['name']}: deviation of a compass, kind {content['kind']}", 3.6, _notes(content)
-    ) as figure:
-        axes = figure.subplots()
-        handles = deviation_panel(axes, shown)
-        legend(figure, handles, columns=2)
+    with page(path, 3.9) as figure:
+        legend(figure, deviation_panel(figure.subplots(), shown), columns=1)
 
 
 def deviation_panel(axes: Axes, shown: Page) -> list[Artist]:
     """Draw points, band and curves into a panel and return what its legend explains."""
     curves = {name: _curve(name, model, shown) for name, model in _models(shown.content).items()}
     if not (curves or shown.table.heading_deg.size or "deviation_deg" in shown.points):
-        say(axes, "There is neither a reading nor a curve of deviation to show.")
+        empty(axes, "no readings")
         return []
     handles = [*_draw_points(axes, shown), *_draw_band(axes, shown), *_draw_curves(axes, curves, shown)]
     chosen = curves.get(shown.content["model"], (np.zeros(0),) * 2)[1]
@@ -76,7 +72,6 @@ def deviation_panel(axes: Axes, shown: Page) -> list[Artist]:
     line = np.concatenate([chosen, shown.table.deviation_deg - half, shown.table.deviation_deg + half])
     axes.axhline(0.0, color=BLACK, linewidth=0.6)
     degrees(axes.xaxis, (0.0, 360.0))
-    axes.set_xticks(np.arange(0.0, 361.0, 45.0))
     axes.set_ylim(_limits(shown.points.get("deviation_deg", np.zeros(0)), line))
     axes.set(xlabel=RECORDED, ylabel=DEVIATION)
     return handles
@@ -84,45 +79,33 @@ def deviation_panel(axes: Axes, shown: Page) -> list[Artist]:
 
 def residuals(path: str | Path, shown: Page) -> None:
     """Draw what the curve leaves at each reading, with the expanded uncertainty beside it."""
-    content = shown.content
-    with page(path, f"{content['name']}: residuals of {_model_name(content)}", 2.8, _notes(content)) as figure:
+    with page(path, 2.6) as figure:
         axes = figure.subplots()
         off, recorded = shown.points.get("residual_deg"), shown.points.get("recorded_deg")
         if off is None or recorded is None or not np.isfinite(off).any():
-            say(axes, "There is no curve, and so nothing that it leaves.")
+            empty(axes, "no curve")
             return
         axes.plot(recorded, off, **_point(len(off)))
-        expanded = content["uncertainty"]["expanded_deg"] or 0.0
+        expanded = shown.content["uncertainty"]["expanded_deg"] or 0.0
         for edge in (-expanded, expanded):
-            axes.axhline(edge, color=GREY, linewidth=1.0, linestyle=(0, (4, 2)))
+            axes.axhline(edge, **EDGE)
         axes.axhline(0.0, color=BLACK, linewidth=0.6)
         degrees(axes.xaxis, (0.0, 360.0))
-        axes.set_xticks(np.arange(0.0, 361.0, 45.0))
         axes.set(xlabel=RECORDED, ylabel="Observed minus curve (°)")
-        marks = [Line2D([], [], **POINT, label=f"{len(off)} readings, {angles.rms(off):.2f}° rms")]
-        edges = Line2D(
-            [], [], color=GREY, linewidth=1.0, linestyle=(0, (4, 2)), label=f"expanded uncertainty ±{expanded:.2f}°"
-        )
-        legend(figure, [*marks, edges])
+        readings = Line2D([], [], **POINT, label=f"{len(off)} readings")
+        legend(figure, [readings, Line2D([], [], **EDGE, label="expanded uncertainty (k = 2)")])
 
 
 def certificate(path: str | Path, shown: Page) -> None:
     """Draw one page to keep with the instrument: curve, table, coefficients, uncertainty, date and place."""
     title = f"{shown.content['name']}: calibration of a compass, kind {shown.content['kind']}"
     text, high = writing(shown), CURVE_IN
-    with page(path, title, high + LEGEND_IN + text.height_in) as figure:
+    with page(path, high + LEGEND_IN + text.height_in, width_in=WIDE_IN, title=title) as figure:
         curve, below = figure.subplots(2, 1, height_ratios=(high, text.height_in))
         handles = deviation_panel(curve, shown)
         if handles:
             curve.legend(handles=handles, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, borderaxespad=0.2)
         write(below, text)
-
-
-def _notes(content: Mapping[str, Any]) -> list[str]:
-    if content["why"]:
-        return [f"No curve: {sentence(content['why'])}"]
-    compared = content.get("comparison") or {}
-    return [compared["text"]] if compared.get("text") else []
 
 
 def _model_name(content: Mapping[str, Any]) -> str:

@@ -15,9 +15,8 @@ from matplotlib.patches import Patch
 
 from compasslib.calibration.result import Calibration
 from compasslib.core.types import Floats
-from compasslib.plots.page import BLACK, GREEN, GREY, ORANGE, SKY, VERMILION, legend, page, say
+from compasslib.plots.page import BLACK, DAY_S, GREEN, GREY, ORANGE, SKY, VERMILION, empty, legend, page
 
-DAY_S = 86400.0  # matplotlib counts time in days since 1970
 WITHIN = 1.96
 GAP = 3.0  # times the usual step at which a line is broken
 MOST_DAYS = 10  # of a longer record the quiet day would be a smear
@@ -29,21 +28,21 @@ BAND: dict[str, Any] = {"color": GREEN, "alpha": 0.25, "linewidth": 0}
 
 def series(path: str | Path, found: Calibration, name: str) -> None:
     """Draw the declination with the model, the model plus the constant, and the quiet day on top of it."""
-    with page(path, _title(name, found, "declination"), 4.4, _notes(found)) as figure:
+    with page(path, 4.6) as figure:
         panels = figure.subplots(2, 1, height_ratios=(1.5, 1.0))
         if not found.points:
-            _empty(panels, found)
+            for axes in panels:
+                empty(axes)
             return
         top, day = panels
         points, constant = found.points, found.details["constant_deg"]
-        top.set_title("(a) declination, east positive")
         _line(top, points, points["declination_deg"], **LINE)
         _line(top, points, points["model_deg"], color=GREY, linewidth=1.2, linestyle=(0, (4, 2)))
         shown = bool(found.details["quiet_day"]) and found.details["days"] <= MOST_DAYS
         if shown:
             _line(top, points, points["model_deg"] + constant + points["quiet_day_deg"], color=SKY, linewidth=1.0)
         _line(top, points, points["model_deg"] + constant, color=GREEN, linewidth=1.2)
-        _finish(top, found, "Declination (°)")
+        _finish(top, found, "Declination (° east)")
         _quiet_day(day, found)
         model = found.model.removesuffix(" plus a constant")
         sigma = WITHIN * found.details["constant_sigma_deg"]
@@ -53,68 +52,43 @@ def series(path: str | Path, found: Calibration, name: str) -> None:
             Line2D([], [], color=GREEN, label=f"{model} {constant:+.3f}° ± {sigma:.3f}° (95 %)"),
         ]
         handles += [Line2D([], [], color=SKY, label="the same with the quiet day")] if shown else []
-        legend(figure, handles + _storm_handle(found), columns=3)
+        legend(figure, handles + _storm_handle(found), columns=1)
 
 
 def disturbance(path: str | Path, found: Calibration, name: str) -> None:
     """Draw what constant, slow level and quiet day leave, with the band of 95 % of its calm hours."""
-    with page(path, _title(name, found, "what the simulation leaves"), 4.4, _notes(found)) as figure:
+    with page(path, 4.4) as figure:
         panels = figure.subplots(2, 1)
         if not found.points:
-            _empty(panels, found)
+            for axes in panels:
+                empty(axes)
             return
         points = found.points
-        panels[0].set_title("(a) observed minus model and constant, and the slow level in it")
-        panels[1].set_title("(b) without slow level and quiet day")
         _line(panels[0], points, points["residual_deg"], **LINE)
         _line(panels[0], points, points["level_deg"] - found.details["constant_deg"], color=ORANGE, linewidth=1.2)
         _line(panels[1], points, points["disturbance_deg"], **LINE)
         calm = points["disturbance_deg"][points["storm"] == 0.0]
         half = float(np.quantile(np.abs(calm), 0.95)) if calm.size else 0.0
         panels[1].axhspan(-half, half, **BAND)
-        _finish(panels[0], found, "Residual (°)")
-        _finish(panels[1], found, "Disturbance (°)")
+        _finish(panels[0], found, "Observed minus model\nand constant (°)")
+        _finish(panels[1], found, "Without slow level\nand quiet day (°)")
         if window := _around_the_largest(found):
             panels[1].set_xlim(window)
-            panels[1].set_title("(b) without slow level and quiet day, around the largest storm")
         figure.align_ylabels(panels)
         handles: list[Artist] = [Line2D([], [], label="means of ten minutes, or the samples", **LINE)]
         handles.append(Line2D([], [], color=ORANGE, label="slow level"))
         handles.append(Patch(label=f"95 % of the calm: ±{half:.2f}°", **BAND))
-        legend(figure, handles + _storm_handle(found), columns=2)
-
-
-def _title(name: str, found: Calibration, what: str) -> str:
-    station = found.details.get("station", "")
-    span = f", {found.details['from'][:10]} to {found.details['to'][:10]}" if "from" in found.details else ""
-    return f"{name}: {what} of {station}{span}"
-
-
-def _notes(found: Calibration) -> list[str]:
-    if found.why:
-        return [f"No constant: {found.why}."]
-    return [] if found.details["quiet_day"] else ["No quiet day is known: daily variation stands in the disturbance."]
-
-
-def _empty(panels: Any, found: Calibration) -> None:
-    for axes in panels:
-        say(axes, found.why, characters=70)
+        legend(figure, handles + _storm_handle(found), columns=1)
 
 
 def _quiet_day(axes: Axes, found: Calibration) -> None:
     quiet = found.details["quiet_day"]
-    axes.set_title("(b) quiet day")
     if quiet is None:
-        say(axes, "No quiet day is known.", characters=70)
+        empty(axes, "no quiet day")
         return
-    axes.set_title(f"(b) quiet day: {_days(quiet['days'])}, amplitude {quiet['amplitude_deg']:.2f}°")
     axes.plot(np.arange(24) + 0.5, np.array(quiet["by_hour_deg"]), color=SKY, marker="o", markersize=3)
     axes.axhline(0.0, color=BLACK, linewidth=0.6)
     axes.set(xlim=(0, 24), xticks=range(0, 25, 3), xlabel="Hour (UTC)", ylabel="Quiet day (°)")
-
-
-def _days(count: int) -> str:
-    return f"median of {count} days" if count > 1 else "one day alone"
 
 
 def _line(axes: Axes, points: Mapping[str, Floats], values: Floats, **look: Any) -> None:
@@ -128,11 +102,11 @@ def _line(axes: Axes, points: Mapping[str, Floats], values: Floats, **look: Any)
 def _finish(axes: Axes, found: Calibration, label: str) -> None:
     for storm in found.details["storms"]:
         axes.axvspan(*(_day(storm[end]) for end in ("from", "to")), **STORM)
-    locator = AutoDateLocator(minticks=3, maxticks=10)
+    locator = AutoDateLocator(minticks=3, maxticks=6)
     axes.xaxis.set_major_locator(locator)
     axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))
     axes.set_ylabel(label)
-    axes.set_xlabel("Time (UTC)")
+    axes.set_xlabel("Date (UTC)")
     axes.margins(x=0.01)
 
 

@@ -10,11 +10,11 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from compasslib.core import angles
 from compasslib.core.records import Pairs
 from compasslib.core.types import Floats
 from compasslib.deviation import model
@@ -29,11 +29,10 @@ from compasslib.plots.page import (
     SKY,
     VERMILION,
     degrees,
+    empty,
     legend,
     page,
-    say,
     span_of,
-    title_of,
 )
 
 STRETCH_COLOURS = {GIVEN_UP: VERMILION, INVERTED: GREEN, BACKWARDS: BLUE}
@@ -46,10 +45,10 @@ RING: dict[str, Any] = {**POINT, "color": BLACK, "markerfacecolor": "white", "ma
 # Von Appen 2015, Fig. 5: amplitude B in degrees; the fourth is the largest that can be inverted all round.
 WHOLE_DEG = float(np.rad2deg(1.0))
 THEORY = {0.0: BLACK, 20.0: SKY, 45.0: BLUE, WHOLE_DEG: GREEN, 90.0: ORANGE, 135.0: VERMILION}
-CORRECT, RECORDS, DEVIATES = "Correct heading β (°)", "Recorded heading γ (°)", "Deviation Δ = β − γ (°)"
+CORRECT, RECORDS, DEVIATES = "Correct β (°)", "Recorded γ (°)", "Deviation β − γ (°)"
 
 
-def deviation(path: str | Path, pairs: Pairs, fit: Fit, name: str) -> None:
+def deviation(path: str | Path, pairs: Pairs, fit: Fit) -> None:
     """Draw deviation against correct heading, and recorded against correct heading both ways (von Appen's Figs 6, 7).
 
     Axes hold the curve and 98 % of the pairs.
@@ -62,26 +61,26 @@ def deviation(path: str | Path, pairs: Pairs, fit: Fit, name: str) -> None:
     begin = emptiest(heading)
     curve = curves.curve(fit, begin, heading) if fit.fitted else None
     beta, delta = curves.observed(pairs, curve, begin)
-    title = title_of(name, "compass deviation, headings to magnetic north", fit.method)
-    with page(path, title, 3.1, _fit_notes(pairs, fit)) as figure:
-        panels = figure.subplots(1, 3)
+    handles = _deviation_handles(pairs, fit, curve)
+    with page(path, 4.0 + 0.16 * len(handles)) as figure:
+        panels = _three(figure)
         _deviation_axes(panels, (beta, delta), curve, begin)
         if not (len(pairs) or curve):
             for axes in panels:
-                say(axes, "There is neither a pair nor a curve to show.", characters=24)
+                empty(axes)
             return
         _draw_points(panels, beta, delta, _faded(*model.speeds(pairs)))
         _draw_identity(panels)
         if curve is not None:
             _draw_curve(panels, curve)
             _draw_inverse(panels[2], fit, curve)
-        legend(figure, _deviation_handles(pairs, fit, curve))
+        legend(figure, handles, columns=1)
 
 
 def theory(path: str | Path) -> None:
     """Draw deviations B sin β of growing amplitude, solid where they can be inverted (von Appen 2015, Fig. 5)."""
-    with page(path, "Deviation Δ = B sin β: solid where it can be inverted, dashed elsewhere", 3.0) as figure:
-        panels = figure.subplots(1, 3)
+    with page(path, 4.4) as figure:
+        panels = _three(figure)
         for amplitude, colour in THEORY.items():
             fit = Fit("von_appen", 0, coefficients=np.array([0.0, amplitude, 0.0, 0.0, 0.0]))
             curve = curves.curve(fit, -180.0, [])
@@ -92,19 +91,12 @@ def theory(path: str | Path) -> None:
             degrees(axes.yaxis, (-180.0, 180.0), signed=True)
         _name_panels(panels)
         handles = [Line2D([], [], color=colour, label=f"B = {b:.3g}°") for b, colour in THEORY.items()]
-        legend(figure, handles, columns=6)
+        legend(figure, handles, columns=3)
 
 
-def _fit_notes(pairs: Pairs, fit: Fit) -> list[str]:
-    if not fit.fitted:
-        return [f"No curve was fitted: {fit.why or 'the fit gives no reason'}."]
-    notes = [] if len(pairs) else ["No pairs: the curve comes from elsewhere, no measurement of this mooring shows it."]
-    if not (fit.folded and fit.recorded_range_deg):
-        return notes
-    span = "° to ".join(f"{float(angles.wrap360(round(end))):.0f}" for end in fit.recorded_range_deg) + "°"
-    if fit.method == "von_appen":
-        return [*notes, f"Only recorded headings from {span} are inverted."]
-    return [*notes, f"The compass only shows headings from {span}, each for two correct ones."]
+def _three(figure: Figure) -> list[Axes]:
+    """Return a wide panel above two narrow ones."""
+    return list(figure.subplot_mosaic([["a", "a"], ["b", "c"]]).values())
 
 
 def _deviation_axes(
@@ -122,9 +114,9 @@ def _deviation_axes(
 
 
 def _name_panels(panels: Sequence[Axes]) -> None:
-    panels[0].set(title="(a) β → Δ", xlabel=CORRECT, ylabel=DEVIATES)
-    panels[1].set(title="(b) β → γ", xlabel=CORRECT, ylabel=RECORDS)
-    panels[2].set(title="(c) γ → β", xlabel=RECORDS, ylabel=CORRECT)
+    panels[0].set(xlabel="Correct heading β (°)", ylabel=DEVIATES)
+    panels[1].set(xlabel=CORRECT, ylabel=RECORDS)
+    panels[2].set(xlabel=RECORDS, ylabel=CORRECT)
 
 
 def _faded(upper_speed: Floats, lower_speed: Floats) -> NDArray[np.floating]:

@@ -16,9 +16,21 @@ from compasslib.calibration.result import Calibration
 from compasslib.core import angles
 from compasslib.core.types import Floats
 from compasslib.deviation import von_appen
-from compasslib.plots.page import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILION, degrees, legend, page, say
+from compasslib.plots.page import (
+    BLACK,
+    BLUE,
+    DAY_S,
+    GREEN,
+    GREY,
+    MAGNETIC,
+    ORANGE,
+    VERMILION,
+    degrees,
+    empty,
+    legend,
+    page,
+)
 
-DAY_S = 86400.0  # matplotlib counts time in days since 1970
 DRAWN = 8_000
 WITHIN = 1.96
 STRETCHES = 40
@@ -26,18 +38,14 @@ POINT: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 1.6, "mar
 MEAN: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 3.5, "color": BLACK, "markeredgewidth": 0}
 BAND: dict[str, Any] = {"color": GREEN, "alpha": 0.25, "linewidth": 0}
 SINGLE, STRETCH_MEANS = "single differences", "mean of a stretch"
-NOTHING = "There is nothing to compare."
 
 
 def difference(path: str | Path, found: Calibration, name: str) -> None:
     """Draw what b must add to agree with a, by b's recorded heading, and what the series leaves of it."""
-    title = f"{name}: difference of the compasses of two heads, a turned by the offset minus b"
-    with page(path, title, 4.6, _notes(found)) as figure:
+    with page(path, 4.4) as figure:
         panels = figure.subplots(2, 1, sharex=True, height_ratios=(2.0, 1.0))
-        panels[0].set_title("(a) deviation, points and fitted curve with its 95 % band")
-        panels[1].set_title("(b) what the curve leaves: points and means of 10° with 95 %")
         if not found.points or found.table is None:
-            _empty(panels, found)
+            _empty(panels)
             return
         heading, thin = found.points["recorded_b_deg"], _thin(found)
         panels[0].plot(heading[thin], found.points["deviation_deg"][thin], **POINT)
@@ -50,7 +58,6 @@ def difference(path: str | Path, found: Calibration, name: str) -> None:
         panels[1].set_ylabel("Residual (°)")
         panels[1].set_xlabel("Recorded heading of b (° magnetic)")
         degrees(panels[1].xaxis, (0.0, 360.0))
-        panels[1].set_xticks(range(0, 361, 45))
         figure.align_ylabels(panels)
         terms = f"fit of {found.model.split(': ')[-1]}" if found.coefficients.size else "offset only"
         curve = Line2D([], [], color=GREEN, label=terms)
@@ -59,19 +66,17 @@ def difference(path: str | Path, found: Calibration, name: str) -> None:
 
 def tilt_check(path: str | Path, found: Calibration, name: str) -> None:
     """Draw b's tilts against a's, turned into b's body by one rotation, and the angle that is left along time."""
-    notes = [found.details["frame"]["text"]] if "frame" in found.details else _notes(found)
-    with page(path, f"{name}: do the tilts of two heads belong to one rigid frame?", 5.0, notes) as figure:
+    with page(path, 4.2) as figure:
         panels = figure.subplot_mosaic([["pitch", "roll"], ["left", "left"]], height_ratios=(2.0, 1.0))
         if "frame" not in found.details:
-            _empty(list(panels.values()), found)
+            _empty(list(panels.values()))
             return
         turned = _turned_tilts(found)
         for key, here in (("pitch", turned[0]), ("roll", turned[1])):
             _against(panels[key], key, here, found)
         _along(panels["left"], found, found.points["tilt_residual_deg"])
         panels["left"].set_ylim(bottom=0.0)
-        panels["left"].set_ylabel("Angle left (°)")
-        panels["left"].set_title("(c) angle between what points down by b and by a, turned")
+        panels["left"].set_ylabel("Angle between\nthe downs (°)")
         one = Line2D([], [], color=BLACK, linewidth=0.8, label="equal")
         mean = Line2D([], [], label=STRETCH_MEANS, **MEAN)
         legend(figure, [Line2D([], [], label="samples", **POINT), one, mean])
@@ -79,10 +84,10 @@ def tilt_check(path: str | Path, found: Calibration, name: str) -> None:
 
 def along_time(path: str | Path, found: Calibration, name: str) -> None:
     """Draw the offset between the heads along time, and how the frame turned."""
-    with page(path, f"{name}: heading of b minus heading of a along time", 4.6, _notes(found)) as figure:
+    with page(path, 4.8) as figure:
         panels = figure.subplots(2, 1, sharex=True, height_ratios=(1.6, 1.0))
         if not found.points or "frame" not in found.details:
-            _empty(panels, found)
+            _empty(panels)
             return
         offset = found.details["offset_deg"]
         # Without the heading-dependent part: what is left should be level.
@@ -93,28 +98,21 @@ def along_time(path: str | Path, found: Calibration, name: str) -> None:
             near = offset + float(angles.difference(found.details["offset_from_tilts_deg"], offset))
             handles.append(_level(panels[0], near, found.details["offset_from_tilts_sigma_deg"], "tilts", ORANGE))
         panels[0].set_xlabel("")
-        panels[0].set_ylabel("Offset of b from a (°)")
-        out = "the fitted heading-dependent part taken out" if found.coefficients.size else "nothing taken out"
-        panels[0].set_title(f"(a) offset, {out}")
-        panels[1].set_title("(b) recorded headings, magnetic")
+        panels[0].set_ylabel("Offset of b\nfrom a (°)")
         thin, days = _thin(found), found.points["time_s"] / DAY_S
         for key, colour in (("a", BLUE), ("b", VERMILION)):
             line = {**POINT, "color": colour, "label": f"head {key}", "markersize": 2.0}
             handles += panels[1].plot(days[thin], found.points[f"recorded_{key}_deg"][thin], **line)
         degrees(panels[1].yaxis, (0.0, 360.0))
-        panels[1].set_ylabel("Heading (°)")
+        panels[1].set_ylabel(f"Recorded heading\n{MAGNETIC}")
         _dates(panels[1])
         figure.align_ylabels(panels)
-        legend(figure, handles, columns=3)
+        legend(figure, handles, columns=1)
 
 
-def _notes(found: Calibration) -> list[str]:
-    return [f"No coefficients: {found.why}."] if found.why else []
-
-
-def _empty(panels: Any, found: Calibration) -> None:
+def _empty(panels: Any) -> None:
     for axes in panels:
-        say(axes, found.why or NOTHING, characters=70)
+        empty(axes)
 
 
 def _thin(found: Calibration) -> slice:
@@ -177,7 +175,6 @@ def _against(axes: Axes, key: str, turned: Floats, found: Calibration) -> None:
     axes.set(xlim=ends, ylim=ends, aspect="equal")
     axes.set_xlabel(f"{key.capitalize()} of a, turned (°)")
     axes.set_ylabel(f"{key.capitalize()} of b (°)")
-    axes.set_title(f"({'a' if key == 'pitch' else 'b'}) {key}")
 
 
 def _along(axes: Axes, found: Calibration, values: Floats) -> None:
@@ -199,7 +196,7 @@ def _level(axes: Axes, value: float, sigma: float, source: str, colour: str) -> 
 
 
 def _dates(axes: Axes) -> None:
-    locator = AutoDateLocator(maxticks=8)
+    locator = AutoDateLocator(maxticks=6)
     axes.xaxis.set_major_locator(locator)
     axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))
-    axes.set_xlabel("Time by b's clock (UTC)")
+    axes.set_xlabel("Date by b's clock (UTC)")

@@ -16,7 +16,7 @@ from compasslib.calibration.result import Calibration
 from compasslib.core import angles, compass
 from compasslib.core.types import Floats
 from compasslib.deviation import von_appen
-from compasslib.plots.page import BLACK, CORRECTED, GREEN, RECORDED, VERMILION, degrees, legend, page, say, title_of
+from compasslib.plots.page import BLACK, CORRECTED, GREEN, RECORDED, VERMILION, degrees, empty, legend, page
 
 TURN_DEG = np.arange(0.0, 361.0, 1.0)
 SECTOR_DEG, FEWEST_IN_SECTOR = 10.0, 3
@@ -27,25 +27,20 @@ BAND: dict[str, Any] = {"color": GREEN, "alpha": 0.25, "linewidth": 0}
 def magnetometer(path: str | Path, calibration: Calibration, name: str) -> None:
     """Draw readings before and after, the modulus against the heading, and what to add to a recorded heading."""
     if not calibration.points:
-        with page(path, title_of(name, "magnetometer, nothing fitted", ""), 1.5) as figure:
-            say(figure.subplots(), calibration.why, characters=80)
+        with page(path, 1.0) as figure:
+            empty(figure.subplots(), "nothing fitted")
         return
-    with page(path, title_of(name, f"magnetometer, {calibration.model}", ""), 6.2, _notes(calibration)) as figure:
-        panels = figure.subplots(2, 2)
+    with page(path, 6.6) as figure:
+        panels = list(figure.subplot_mosaic([["a", "b"], ["c", "c"], ["d", "d"]], height_ratios=(1.1, 1, 1)).values())
         if calibration.details["field_is"] == "horizontal":
-            _level_plane(panels[0, 0], calibration)
-            _third_axis(panels[0, 1], calibration)
+            _level_plane(panels[0], calibration)
+            _third_axis(panels[1], calibration)
         else:
-            _plane(panels[0, 0], calibration, ("x", "y"), letter="a")
-            _plane(panels[0, 1], calibration, ("x", "z"), letter="b")
-        _modulus(panels[1, 0], calibration)
-        _heading(panels[1, 1], calibration)
+            _plane(panels[0], calibration, ("x", "y"))
+            _plane(panels[1], calibration, ("x", "z"))
+        _modulus(panels[2], calibration)
+        _heading(panels[3], calibration)
         _explain(figure, calibration)
-
-
-def _notes(calibration: Calibration) -> list[str]:
-    undetermined = ", ".join(calibration.details["undetermined"])
-    return [note for note in (calibration.why, undetermined and f"Not determined: {undetermined}.") if note]
 
 
 def _level_plane(axes: Axes, calibration: Calibration) -> None:
@@ -59,18 +54,17 @@ def _level_plane(axes: Axes, calibration: Calibration) -> None:
     for field, colour in ((fitted, VERMILION), (size * angles.phasor(TURN_DEG), BLACK)):
         axes.plot(field.real, -field.imag, color=colour, linewidth=1.0)
     _square(axes)
-    axes.set(title="(a) horizontal field, file's unit", xlabel="Forward", ylabel="Starboard")
+    axes.set(xlabel="Forward (file's unit)", ylabel="Starboard (file's unit)")
 
 
 def _third_axis(axes: Axes, calibration: Calibration) -> None:
     points = calibration.points
-    axes.set_title("(b) z, not calibrated")
     if "z" not in points:
-        say(axes, "There is no z.")
+        empty(axes, "no z")
         return
     axes.plot(points["recorded_deg"], points["z"], **DOT, color=RECORDED, alpha=_alpha(len(points["z"])))
     degrees(axes.xaxis, (0.0, 360.0))
-    axes.set(xlabel="Recorded heading γ (°)", ylabel="z, file's unit")
+    axes.set(xlabel="Recorded heading γ (°)", ylabel="z (file's unit)")
 
 
 def _square(axes: Axes) -> None:
@@ -79,7 +73,7 @@ def _square(axes: Axes) -> None:
     axes.set_aspect("equal", adjustable="datalim")
 
 
-def _plane(axes: Axes, calibration: Calibration, names: tuple[str, str], *, letter: str) -> None:
+def _plane(axes: Axes, calibration: Calibration, names: tuple[str, str]) -> None:
     """Draw the readings in a plane, with the outline of the fitted ellipsoid and of the sphere it becomes."""
     points = calibration.points
     for ending, colour in (("", RECORDED), ("_corrected", CORRECTED)):
@@ -87,7 +81,7 @@ def _plane(axes: Axes, calibration: Calibration, names: tuple[str, str], *, lett
     for outline, colour in zip(_outlines(calibration.details, names), (VERMILION, BLACK), strict=True):
         axes.plot(*outline, color=colour, linewidth=1.0)
     _square(axes)
-    axes.set(title=f"({letter}) {names[0]} and {names[1]}, file's unit", xlabel=names[0], ylabel=names[1])
+    axes.set(xlabel=f"{names[0]} (file's unit)", ylabel=f"{names[1]} (file's unit)")
 
 
 def _outlines(details: Mapping[str, Any], names: tuple[str, str]) -> tuple[Floats, Floats]:
@@ -103,7 +97,7 @@ def _modulus(axes: Axes, calibration: Calibration) -> None:
     """Draw the modulus over its mean, against the heading where there is one."""
     points, details = calibration.points, calibration.details
     axes.axhline(0.0, color=BLACK, linewidth=0.7)
-    axes.set(title=f"(c) {details['field_is']} modulus", ylabel="Modulus off its mean (%)")
+    axes.set_ylabel(f"{details['field_is'].capitalize()} modulus\noff its mean (%)")
     for column, heading, colour in (
         ("modulus", "recorded_deg", RECORDED),
         ("modulus_corrected", "corrected_deg", CORRECTED),
@@ -130,13 +124,12 @@ def _sector_means(heading: Floats, values: Floats) -> tuple[Floats, Floats]:
 
 def _heading(axes: Axes, calibration: Calibration) -> None:
     """Draw what to add to a recorded heading: readings, exact curve with its 95 % band, five-term series."""
-    axes.set_title("(d) correction of the heading")
     points, table = calibration.points, calibration.table
     if "recorded_deg" in points:
         recorded, deviation = points["recorded_deg"], points["deviation_deg"]
         axes.plot(recorded, deviation, **DOT, color=CORRECTED, alpha=_alpha(len(recorded)))
     elif table is None:
-        say(axes, "The dip is not known: no heading can be computed.")
+        empty(axes, "dip unknown")
         return
     if table is not None:
         heading, value, sigma = (np.append(v, v[0]) for v in (table.heading_deg, table.deviation_deg, table.sigma_deg))
@@ -147,7 +140,7 @@ def _heading(axes: Axes, calibration: Calibration) -> None:
         axes.plot(TURN_DEG, series, color=BLACK, linestyle=(0, (2.5, 1.5)), linewidth=1.0)
     axes.axhline(0.0, color=BLACK, linewidth=0.7)
     degrees(axes.xaxis, (0.0, 360.0))
-    axes.set(xlabel="Recorded heading γ (°)", ylabel="Deviation Δ = β − γ (°)")
+    axes.set(xlabel="Recorded heading γ (°)", ylabel="Deviation β − γ (°)")
 
 
 def _alpha(n: int) -> float:
@@ -168,4 +161,4 @@ def _explain(figure: Figure, calibration: Calibration) -> None:
             Patch(**BAND, label="95 % band"),
             dashed,
         ]
-    legend(figure, handles, columns=4)
+    legend(figure, handles)

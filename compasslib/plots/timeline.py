@@ -9,10 +9,8 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
-from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, StepPatch
-from matplotlib.ticker import FixedFormatter, FixedLocator
 from numpy.typing import NDArray
 
 from compasslib.core.records import PROBABLY_BAD, Corrected, Pairs
@@ -20,62 +18,53 @@ from compasslib.core.types import Floats
 from compasslib.plots.curves import emptiest, placed
 from compasslib.plots.page import (
     BLACK,
-    BLUE,
+    CORRECTED,
+    DAY_S,
     GREEN,
-    GREY,
     MAGNETIC,
     PURPLE,
+    RECORDED,
     SKY,
+    dates,
     degrees,
+    empty,
     legend,
     page,
-    product_notes,
-    say,
-    title_of,
 )
 
-DAY_S = 86400.0  # matplotlib counts time in days since 1970
 DRAWN = 12_000  # samples; of a longer record every second, third, ... is drawn
 POINT: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 1.2, "markeredgewidth": 0}
 SLICES = 60  # of the strip, where the record is too short for days
 GUESS = 0.75  # a branch less probable is drawn as a guess
-TITLES = (
-    "(a) recorded heading",
-    "(b) corrected heading and its standard deviation",
-    "(c) share of the samples",
-    "(d) depth of the instrument",
-)
 SURE, DOUBTFUL, GUESSED, LOST = 0, 1, 2, 3
 KINDS = {
-    SURE: ("corrected (flags 1, 2)", BLUE),
+    SURE: ("corrected (flags 1, 2)", CORRECTED),
     DOUBTFUL: (f"doubtful (flag 3), probability ≥ {GUESS:g}", SKY),
     GUESSED: (f"doubtful (flag 3), probability < {GUESS:g}", PURPLE),
     LOST: ("not corrected (flag 4)", BLACK),
 }
 
 
-def timeline(path: str | Path, product: Corrected, pairs: Pairs, name: str, *, method: str = "") -> None:
+def timeline(path: str | Path, product: Corrected, pairs: Pairs) -> None:
     """Draw recorded and corrected headings, how sure they are, and the instrument's depth, along time.
 
     Args:
         product: the corrected record, perhaps without corrected headings.
         pairs: overlapping measurements, perhaps none.
-        method: of the correction, for the title.
     """
-    with page(path, title_of(name, "the record along time", method), 6.05, product_notes(product)) as figure:
-        panels = figure.subplots(4, 1, sharex=True, height_ratios=(3.0, 3.0, 0.8, 1.6))
-        for axes, title in zip(panels, TITLES, strict=True):
-            axes.set_title(title)
-        if not len(product.record.time_s):
+    time_s = product.record.time_s
+    with page(path, 5.6) as figure:
+        panels = figure.subplots(4, 1, sharex=True, height_ratios=(3.0, 3.0, 1.0, 1.4))
+        if not len(time_s):
             for axes in panels:
-                say(axes, "The instrument recorded nothing inside the deployment.", characters=80)
+                empty(axes)
             return
         kind = kinds(product)
         _headings(panels[0], panels[1], product, kind)
         _strip(panels[2], product, pairs, kind)
         _depth(panels[3], product)
-        _dates(panels[3], product.record.time_s)
-        legend(figure, _handles(kind, pairs), columns=3)
+        dates(panels[3], (float(time_s[0]), float(time_s[-1])))
+        legend(figure, _handles(kind, pairs), columns=1)
         figure.align_ylabels(panels)
 
 
@@ -95,19 +84,17 @@ def _headings(above: Axes, below: Axes, product: Corrected, kind: NDArray[np.int
     begin = emptiest(np.concatenate([record.heading_deg, corrected]))
     some = np.arange(len(kind)) % (1 + len(kind) // DRAWN) == 0
     day = record.time_s / DAY_S
-    for here, colour in ((kind != LOST, GREY), (kind == LOST, BLACK)):
+    for here, colour in ((kind != LOST, RECORDED), (kind == LOST, BLACK)):
         above.plot(day[here & some], placed(record.heading_deg[here & some], begin), color=colour, **POINT)
     _band(below, day[some], placed(corrected[some], begin), product.heading_uncertainty_deg[some], begin)
     for k in (SURE, DOUBTFUL, GUESSED):
         here = (kind == k) & some
         below.plot(day[here], placed(corrected[here], begin), color=KINDS[k][1], **POINT)
-    for axes in (above, below):
+    for axes, name, drawn in ((above, "Recorded", record.heading_deg), (below, "Corrected", corrected)):
         degrees(axes.yaxis, (begin, begin + 360.0))
-        axes.set_ylabel(f"Heading\n{MAGNETIC}")
-    if not np.isfinite(record.heading_deg).any():
-        say(above, "No heading was recorded.", characters=80, hide_x=False)
-    if not np.isfinite(corrected).any():
-        say(below, "No heading could be corrected.", characters=80, hide_x=False)
+        axes.set_ylabel(f"{name} heading\n{MAGNETIC}")
+        if not np.isfinite(drawn).any():
+            axes.annotate("none", (0.5, 0.5), xycoords="axes fraction", ha="center")
 
 
 def _band(axes: Axes, day: Floats, heading: Floats, sigma: Floats, begin: float) -> None:
@@ -117,7 +104,7 @@ def _band(axes: Axes, day: Floats, heading: Floats, sigma: Floats, begin: float)
         seen = (high > begin) & (low < begin + 360.0)  # of the other turns few reach into this one
         ends = np.stack([np.stack([day, low], axis=1), np.stack([day, high], axis=1)], axis=1)[seen]
         # Axes.vlines masks every line by itself and takes ten times as long.
-        axes.add_collection(LineCollection(list(ends), colors=BLUE, alpha=0.12, linewidths=0.7), autolim=False)
+        axes.add_collection(LineCollection(list(ends), colors=CORRECTED, alpha=0.12, linewidths=0.7), autolim=False)
 
 
 def _strip(axes: Axes, product: Corrected, pairs: Pairs, kind: NDArray[np.int_]) -> None:
@@ -131,7 +118,7 @@ def _strip(axes: Axes, product: Corrected, pairs: Pairs, kind: NDArray[np.int_])
         bottom = top
     overlaps = np.histogram(pairs.time_s, edges)[0] > 0
     _step(axes, edges, 112.0, np.where(overlaps, 135.0, 112.0), GREEN)
-    axes.set(ylim=(0.0, 140.0), yticks=[0.0, 100.0], ylabel="(%)")
+    axes.set(ylim=(0.0, 140.0), yticks=[0.0, 100.0], ylabel="Samples\n(%)")
 
 
 def _step(axes: Axes, edges: Floats, bottom: Any, top: Floats, colour: str) -> None:
@@ -156,7 +143,7 @@ def _depth(axes: Axes, product: Corrected) -> None:
     time_s, depth = product.record.time_s, product.record.depth_m
     axes.set_ylabel("Depth\n(m)")
     if not np.isfinite(depth).any():
-        say(axes, "The instrument's depth is not known.", characters=80, hide_x=False)
+        axes.annotate("unknown", (0.5, 0.5), xycoords="axes fraction", ha="center")
         return
     step = np.diff(time_s, prepend=time_s[0])
     gaps = np.flatnonzero(step > 5.0 * np.median(step))
@@ -167,26 +154,11 @@ def _depth(axes: Axes, product: Corrected) -> None:
     axes.set_ylim((shallow + deep) / 2.0 + half, (shallow + deep) / 2.0 - half)
 
 
-def _dates(axes: Axes, time_s: Floats) -> None:
-    locator = AutoDateLocator(minticks=4, maxticks=14)
-    pad = max(0.005 * float(time_s[-1] - time_s[0]), 1.0)
-    axes.set_xlim((time_s[0] - pad) / DAY_S, (time_s[-1] + pad) / DAY_S)
-    locator.set_axis(axes.xaxis)
-    ticks, words = locator(), ConciseDateFormatter(locator)
-    labels = FixedFormatter(words.format_ticks(ticks))
-    labels.set_offset_string(words.get_offset())
-    # Sought and worded once, not at each look of the layout.
-    axes.xaxis.set(major_locator=FixedLocator(ticks), major_formatter=labels)
-    axes.set_xlabel("UTC")
-
-
 def _handles(kind: NDArray[np.int_], pairs: Pairs) -> list[Artist]:
     """Explain the kinds that occur, and the overlaps where there are any."""
     handles: list[Artist] = [Patch(color=KINDS[k][1], label=KINDS[k][0]) for k in KINDS if (kind == k).any()]
     if (kind >= 0).any() and (kind != LOST).any():
-        handles.insert(0, Line2D([], [], linestyle="", marker="o", markersize=3, color=GREY, markeredgewidth=0))
+        handles.insert(0, Line2D([], [], linestyle="", marker="o", markersize=3, color=RECORDED, markeredgewidth=0))
         handles[0].set_label("recorded")
-        handles.append(Patch(color=BLUE, alpha=0.25, linewidth=0, label="one standard deviation"))
-    if len(pairs):
-        return [*handles, Patch(color=GREEN, label="trusted instrument overlaps")]
-    return [*handles, Patch(color="none", label="no trusted instrument overlaps")]
+        handles.append(Patch(color=CORRECTED, alpha=0.25, linewidth=0, label="one standard deviation"))
+    return [*handles, *([Patch(color=GREEN, label="reference overlaps")] if len(pairs) else [])]

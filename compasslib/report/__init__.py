@@ -14,6 +14,8 @@ Numbers as the page writes them, each with its uncertainty:
 
 from __future__ import annotations
 
+import base64
+import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,12 +23,13 @@ from typing import Any
 
 from compasslib.archive import netcdf, provenance
 from compasslib.archive.summary import STOPPED
-from compasslib.report import calibration, figures, mooring, results, section, words
-from compasslib.report.results import CalibrationResults
+from compasslib.report import calibration, chart, figures, mooring, results, section, words
+from compasslib.report.results import MooringResults
 from compasslib.report.section import Overview, ReportSection
 from compasslib.search.wording import VERDICTS
 
-MOORINGS = "All moorings (rms: current direction above minus below, the water's own veer included)"
+MOORINGS = "All moorings; rms: direction of the current minus the reference's, on pairs held out from the fit"
+CALIBRATIONS = "All calibrations"
 NONE_STOPPED: Mapping[str, Mapping[str, str]] = {"moorings": {}, "calibrations": {}}
 TEMPLATES = Path(__file__).resolve().parent / "templates"
 
@@ -41,7 +44,8 @@ class Report:
     calibrations: Overview
     software: str
     date: str
-    linked: int  # sections whose figures are not in the page
+    map: chart.Chart | None = None
+    small: bool = False  # whether there are too many sections for whole pictures
 
     def counts(self) -> str:
         """Return the first sentences: how many there are, and what was found."""
@@ -73,29 +77,25 @@ def gather(
     """
     root = Path(root)
     rows = results.rows(root / "summary.csv") if moorings else {}
-    moored = [results.of_mooring(name, root, rows[name], site["roles"]) for name, site in moorings.items()]
-    calibrated = [results.of_calibration(name, root) for name in calibrations]
-    embedded = figures.chosen([*(one.diagnosis["verdict"] for one in moored), *(_verdict(one) for one in calibrated)])
-    sections = [
-        mooring.section(one, root, moorings[one.name], embed=embed)
-        for one, embed in zip(moored, embedded[: len(moored)], strict=True)
-    ]
-    others = [
-        calibration.section(one, root, embed=embed)
-        for one, embed in zip(calibrated, embedded[len(moored) :], strict=True)
-    ]
+    small = len(moorings) + len(calibrations) > figures.MOST_SECTIONS
+    sections, stations = [], []
+    for name, site in moorings.items():  # one after the other: a record of each is in memory
+        one = results.of_mooring(name, root, rows[name], site["roles"])
+        sections.append(mooring.section(one, root, site, small=small))
+        stations.append(_station(one, site))
+    others = [calibration.section(results.of_calibration(name, root), root, small=small) for name in calibrations]
     sections = [*_stopped("mooring", stopped["moorings"], mooring.HEADER), *sections]
     others = [*_stopped("calibration", stopped["calibrations"], calibration.HEADER), *others]
+    named = [str(attributes[key]) for key in ("project",) if key in attributes]
     return Report(
-        title=": ".join(
-            ["Compass deviations corrected", *(str(attributes[k]) for k in ("project",) if k in attributes)]
-        ),
+        title=": ".join(["Compass deviations corrected", *named]),
         attributes=tuple((words.plain(name), str(value)) for name, value in attributes.items()),
         moorings=Overview(MOORINGS, mooring.HEADER, sections),
-        calibrations=Overview("All calibrations", calibration.HEADER, others),
+        calibrations=Overview(CALIBRATIONS, calibration.HEADER, others),
         software=provenance.software(),
         date=provenance.date_created(),
-        linked=embedded.count(False),
+        map=chart.chart(stations),
+        small=small,
     )
 
 
@@ -107,7 +107,9 @@ def write(path: str | Path, report: Report) -> None:
     made = jinja2.Environment(
         loader=loader, autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
-    text = made.get_template("report.html").render(report=report, most=figures.MOST_SECTIONS)
+    style = (TEMPLATES / "style.css").read_text(encoding="utf-8")
+    known = base64.b64encode(hashlib.sha256(style.encode()).digest()).decode()  # the one style that a browser may use
+    text = made.get_template("report.html").render(report=report, style=style, style_hash=known)
     with netcdf.replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
@@ -122,5 +124,5 @@ def _stopped(part: str, reasons: Mapping[str, str], header: Sequence[str]) -> li
     return [section.stopped(part, name, why, header) for name, why in reasons.items()]
 
 
-def _verdict(one: CalibrationResults) -> str:
-    return str(one.diagnosis["verdict"]) if one.diagnosis else ""
+def _station(one: MooringResults, site: Mapping[str, Any]) -> chart.Station:
+    return chart.Station(one.name, site["latitude"], site["longitude"], one.headings.corrected > 0, *one.currents.mean)

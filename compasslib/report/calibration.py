@@ -7,11 +7,10 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from compasslib.report import figures, found, words
-from compasslib.report.mooring import of_diagnosis
+from compasslib.report import answer, figures, found, words
+from compasslib.report.captions import of_diagnosis
 from compasslib.report.results import CalibrationResults
-from compasslib.report.section import Cell, ReportSection, ReportTable
-from compasslib.search.wording import VERDICTS
+from compasslib.report.section import ReportSection, ReportTable
 
 HEADER = (
     "Calibration",
@@ -35,14 +34,16 @@ LETTERS = ("A", "B", "C", "D", "E")
 AXES = ("x", "y", "z")
 
 
-def section(results: CalibrationResults, root: Path, *, embed: bool) -> ReportSection:
+def section(results: CalibrationResults, root: Path, *, small: bool) -> ReportSection:
     """Return one calibration's section.
 
     Args:
-        embed: whether its figures come into the page.
+        small: whether the page has too many sections for whole pictures.
     """
     content, diagnosis = results.content, results.diagnosis
-    drawn = alternatives(content, diagnosis)
+    drawn = figures.of_folder(results.folder, root, captions(content, diagnosis), small=small)
+    findings = found.findings(diagnosis, product=False) if diagnosis else ()
+    beside = ("diagnosis",) if findings else ()
     links = tuple((f, figures.relative(results.folder / f, root)) for f in FILES if (results.folder / f).exists())
     return ReportSection(
         name=results.name,
@@ -50,28 +51,28 @@ def section(results: CalibrationResults, root: Path, *, embed: bool) -> ReportSe
         verdict=diagnosis["verdict"] if diagnosis else "",
         summary=_summary(content, diagnosis),
         facts=_facts(content),
-        findings=found.findings(diagnosis, product=False) if diagnosis else (),
+        found=tuple(drawn.pop(name) for name in beside if name in drawn),
+        findings=findings,
         cannot_tell=(*_cannot_tell(content), *(found.cannot_tell(diagnosis) if diagnosis else ())),
         warnings=tuple(content["warnings"]),
+        first=tuple(drawn.values()),
         tables=(*_tables(content), *(found.hypotheses(diagnosis) if diagnosis else ()), *_deviations(results)),
-        figures=figures.of_folder(results.folder, root, drawn, embed=embed),
         links=links,
         cells=_cells(results),
     )
 
 
 def _summary(content: Mapping[str, Any], diagnosis: Mapping[str, Any] | None) -> tuple[str, ...]:
-    texts = []
-    if diagnosis:
-        texts = [words.sentence(text) for text in (VERDICTS[diagnosis["verdict"]], diagnosis.get("why", "")) if text]
+    beyond = f"; {answer.what_was_found(diagnosis)}" if diagnosis else ""
+    reasons = [diagnosis.get("why", "")] if diagnosis and diagnosis["verdict"] == "insufficient" else []
+    later = (*(words.sentence(why) for why in reasons if why), *_texts(content))
     if content["why"]:
-        return (*texts, words.sentence(content["why"]), *_texts(content))
+        return (words.sentence(f"no curve was fitted: {content['why']}"), *later)
     expanded = content["uncertainty"]["expanded_deg"]
-    sure = f" The expanded uncertainty of a deviation is {words.degrees(expanded, 2)} (k = 2)." if expanded else ""
-    readings = words.plural(content["n"], "reading")
+    sure = f"; the expanded uncertainty of a deviation is {words.degrees(expanded, 2)} (k = 2)" if expanded else ""
     spread = f" in {content['coverage']} of 36 sectors of 10°" if content["coverage"] else ""
-    first = f"{readings}{spread}, model {words.plain(content['model'])}.{sure}"
-    return (*texts, first, *_texts(content))
+    readings = f"{words.plural(content['n'], 'reading')}{spread}, model {words.plain(content['model'])}"
+    return (f"{readings}{sure}{beyond}.", *later)
 
 
 def _texts(content: Mapping[str, Any]) -> Iterator[str]:
@@ -171,7 +172,6 @@ def _cardinal(content: Mapping[str, Any]) -> tuple[ReportTable, ...]:
             "By the eight points (Moncunill Marimón et al. 2023)",
             ("", "Value"),
             tuple(single),
-            folded="By the eight points",
         ),
     )
 
@@ -209,37 +209,34 @@ def _deviations(results: CalibrationResults) -> tuple[ReportTable, ...]:
             "Deviation and its standard uncertainty by recorded heading",
             ("Recorded", "Deviation", "1σ"),
             rows,
-            folded="Table of deviations",
         ),
     )
 
 
-def _cells(results: CalibrationResults) -> tuple[Cell, ...]:
+def _cells(results: CalibrationResults) -> tuple[str, ...]:
     content, diagnosis = results.content, results.diagnosis
-    residual, expanded = content["residual_rms_deg"], content["uncertainty"]["expanded_deg"]
-    verdict = diagnosis["verdict"] if diagnosis else ("no calibration" if content["why"] else "not searched")
     return (
-        Cell(results.name, results.name),
-        Cell(KINDS.get(content["kind"], content["kind"]), content["kind"]),
-        Cell(words.count(content["n"]), content["n"]),
-        Cell(words.count(content["coverage"]), content["coverage"]),
-        Cell(words.degrees(residual, 2), residual),
-        Cell(words.degrees(expanded, 2), expanded),
-        Cell(verdict, verdict),
-        Cell(words.count(len(content["warnings"])), len(content["warnings"])),
+        results.name,
+        KINDS.get(content["kind"], content["kind"]),
+        words.count(content["n"]),
+        words.count(content["coverage"]),
+        words.degrees(content["residual_rms_deg"], 2),
+        words.degrees(content["uncertainty"]["expanded_deg"], 2),
+        diagnosis["verdict"] if diagnosis else ("no calibration" if content["why"] else "not searched"),
+        words.count(len(content["warnings"])),
     )
 
 
-# What each figure of a calibration shows, in words and numbers, for whoever cannot see it.
+# What each figure of a calibration shows, in words and numbers.
 
 
-def alternatives(content: Mapping[str, Any], diagnosis: Mapping[str, Any] | None) -> dict[str, Callable[[], str]]:
+def captions(content: Mapping[str, Any], diagnosis: Mapping[str, Any] | None) -> dict[str, Callable[[], str]]:
     """Return the texts by the figures' names, each made where it is asked for.
 
     Args:
         diagnosis: diagnosis.json; None where there is none.
     """
-    captions = {
+    texts = {
         "deviation": lambda: _deviation(content),
         "residuals": lambda: _residuals(content),
         "certificate": lambda: _certificate(content),
@@ -253,7 +250,7 @@ def alternatives(content: Mapping[str, Any], diagnosis: Mapping[str, Any] | None
         "disturbance": lambda: _disturbance(content),
         "along_time": lambda: f"Headings of both instruments along time and their difference. {_offset(content)}",
     }
-    return captions | ({"diagnosis": lambda: of_diagnosis(diagnosis)} if diagnosis else {})
+    return texts | ({"diagnosis": lambda: of_diagnosis(diagnosis)} if diagnosis else {})
 
 
 def _deviation(content: Mapping[str, Any]) -> str:

@@ -1,8 +1,8 @@
-"""Figures of the results inside the page: palette pictures at their own size, in only so many sections."""
+"""Figures of the results inside the page: with a palette, and on a page of many sections small and few."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from urllib.parse import quote
 
@@ -10,14 +10,16 @@ from compasslib.archive import pictures
 from compasslib.archive.pictures import Picture
 from compasslib.report.section import Figure
 
-MOST_SECTIONS = 50  # whose figures stand in the page: about 20 MB; those of a thousand moorings would be 400 MB
+MOST_SECTIONS = 50  # whose figures stand in the page whole; those of a thousand moorings would be 400 MB
 NOTHING: Picture = ("", (0, 0))
 TITLES = {
+    "sticks": "Currents along time",
+    "progressive": "Progressive vectors",
+    "roses": "Directions before and after",
+    "diagnosis": "What the residual shows",
     "deviation": "Deviation of the compass",
-    "histograms": "Headings and directions before and after",
-    "scatter": "Upper against lower current direction",
-    "timeline": "The record along time",
-    "diagnosis": "Search for left-out physics",
+    "scatter": "Direction against the reference",
+    "timeline": "Headings along time",
     "residuals": "What the curve leaves",
     "certificate": "Certificate",
     "magnetometer": "Magnetometer readings before and after",
@@ -28,34 +30,21 @@ TITLES = {
     "series": "Declination of the observatory",
     "disturbance": "Disturbances of the field",
 }
+LINKED = ("certificate",)  # a page to keep with the instrument, whose numbers stand in the tables
 
 
-def of_folder(
-    folder: Path, root: Path, alternatives: Mapping[str, Callable[[], str]], *, embed: bool
-) -> tuple[Figure, ...]:
-    """Return the figures of one mooring or calibration in the order of ``TITLES``, others after them.
+def of_folder(folder: Path, root: Path, captions: Mapping[str, Callable[[], str]], *, small: bool) -> dict[str, Figure]:
+    """Return the figures of one mooring or calibration by name, in the order of ``TITLES``, others after them.
 
     Args:
         folder: its results; the figures are the PNG files of its folder ``figures``.
-        alternatives: what each figure shows, by its name.
-        embed: whether the pictures come into the page.
+        captions: what each figure shows, by its name.
+        small: whether the page has too many sections for whole pictures.
     """
     order = {name: k for k, name in enumerate(TITLES)}
     paths = sorted(folder.glob("figures/*.png"), key=lambda p: (order.get(p.stem, len(order)), p.stem))
-    made = pictures.read(folder) if embed else {}
-    shown = {path: (made.get(path.stem) or pictures.embedded(path)) if embed else NOTHING for path in paths}
-    return tuple(_figure(path, root, alternatives.get(path.stem), shown[path]) for path in paths)
-
-
-def chosen(verdicts: Sequence[str]) -> list[bool]:
-    """Return which sections show their figures in the page: all, or the first that are not merely consistent.
-
-    Args:
-        verdicts: of the sections in the order of the page; empty for a section that has none.
-    """
-    urgent = sorted(range(len(verdicts)), key=lambda k: (verdicts[k] == "consistent", k))
-    kept = set(urgent[:MOST_SECTIONS])
-    return [k in kept for k in range(len(verdicts))]
+    made = pictures.read(folder, small=small)
+    return {path.stem: _figure(path, root, captions.get(path.stem), _picture(path, made, small)) for path in paths}
 
 
 def relative(path: Path, root: Path) -> str:
@@ -63,8 +52,15 @@ def relative(path: Path, root: Path) -> str:
     return quote(path.relative_to(root).as_posix())
 
 
-def _figure(path: Path, root: Path, alternative: Callable[[], str] | None, shown: Picture) -> Figure:
+def _picture(path: Path, made: Mapping[str, Picture], small: bool) -> Picture:
+    if path.stem in made:
+        return made[path.stem]
+    if path.stem in LINKED or small:
+        return NOTHING
+    return pictures.embedded(path)
+
+
+def _figure(path: Path, root: Path, caption: Callable[[], str] | None, shown: Picture) -> Figure:
     title = TITLES.get(path.stem, path.stem.replace("_", " ").capitalize())
-    described = alternative() if alternative else f"{title}; its numbers stand beside it in this section."
     picture, size = shown
-    return Figure(title, described, relative(path, root), picture, *size)
+    return Figure(title, caption() if caption else "", relative(path, root), picture, *size)

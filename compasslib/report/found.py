@@ -12,7 +12,7 @@ from compasslib.report.section import ReportedFinding, ReportTable
 
 SIDES = {
     "compass": "the compass",
-    "reference": "the trusted instrument",
+    "reference": "the reference",
     "water": "the water",
     "clock": "the clocks",
 }
@@ -41,11 +41,12 @@ def cannot_tell(diagnosis: Mapping[str, Any]) -> tuple[str, ...]:
     texts = [f"What would decide: {words.sentence(words.plain(part))}" for part in decide]
     chances = [f"{one['what']}: {words.percent(one['probability'])}" for one in diagnosis.get("experiments") or []]
     texts += [f"Chance that one name is left after it: {words.listed(chances)}."] if chances else []
+    texts += [words.sentence(diagnosis.get("why", ""))] * (diagnosis["verdict"] != "insufficient")
     texts += _slow_water(diagnosis.get("noise") or {})
     texts += _not_testable(diagnosis)
     small = [_small(one) for one in diagnosis.get("negligible", [])]
     texts += [f"Too small to matter: {words.listed(small)}."] if small else []
-    return tuple(texts)
+    return tuple(filter(None, texts))
 
 
 def _slow_water(noise: Mapping[str, Mapping[str, float]]) -> list[str]:
@@ -93,11 +94,7 @@ def hypotheses(diagnosis: Mapping[str, Any]) -> tuple[ReportTable, ...]:
         for one in tried
     )
     caption = "Each effect tried alone: log of how much likelier it makes the recording; probability that it acts"
-    return (
-        (ReportTable(caption, ("", "Log evidence", "Size", "Probability"), rows, folded="Effects that were tried"),)
-        if rows
-        else ()
-    )
+    return (ReportTable(caption, ("", "Log evidence", "Size", "Probability"), rows),) if rows else ()
 
 
 def _small(one: Mapping[str, Any]) -> str:

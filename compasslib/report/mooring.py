@@ -3,74 +3,65 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from compasslib.core import angles
-from compasslib.report import figures, found, words
+from compasslib.report import answer, figures, found, words
+from compasslib.report.captions import captions
 from compasslib.report.results import Headings, MooringResults
-from compasslib.report.section import Cell, ReportSection, ReportTable
-from compasslib.search.wording import VERDICTS
+from compasslib.report.section import ReportSection, ReportTable
 
+CURRENTS = ("sticks", "progressive", "roses")
 HEADER = (
-    "Mooring",
-    "Verdict",
-    "Effects found",
-    "Method",
-    "Pairs",
-    "Corrected",
-    "Uncertainty",
-    "Rms before",
-    "Rms after",
-    "Largest deviation",
-    "Folded",
-    "Warnings",
+    *("Mooring", "Verdict", "Found", "Method", "Pairs", "Corrected", "Uncertainty", "Rms before", "Rms after"),
+    *("Largest deviation", "Folded", "Warnings"),
 )
 FILES = ("corrected.nc", "overlap.nc", "deviation.json", "diagnosis.json", "assessment.json", "figures", "logs")
 LETTERS = ("A", "B", "C", "D", "E")
 
 
-def section(results: MooringResults, root: Path, site: Mapping[str, Any], *, embed: bool) -> ReportSection:
+def section(results: MooringResults, root: Path, site: Mapping[str, Any], *, small: bool) -> ReportSection:
     """Return one mooring's section.
 
     Args:
         site: latitude, longitude, water_depth_m, instruments (role and what it is).
-        embed: whether its figures come into the page.
+        small: whether the page has too many sections for whole pictures.
     """
-    verdict = results.diagnosis["verdict"]
-    drawn = alternatives(results)
+    drawn = figures.of_folder(results.folder, root, captions(results), small=small)
+    findings = found.findings(results.diagnosis, product=True)
+    beside = ("diagnosis",) if findings else ()  # else it stands with the other figures
     return ReportSection(
         name=results.name,
         anchor=f"mooring-{results.name}",
-        verdict=verdict,
+        verdict=results.diagnosis["verdict"],
         summary=sentences(results),
+        to_do=answer.to_do(results),
         facts=_facts(results, site),
-        findings=found.findings(results.diagnosis, product=True),
+        first=tuple(drawn.pop(name) for name in CURRENTS if name in drawn),
+        found=tuple(drawn.pop(name) for name in beside if name in drawn),
+        findings=findings,
         cannot_tell=found.cannot_tell(results.diagnosis),
         warnings=tuple(warning for warning in results.row["warnings"].split(" | ") if warning),
+        figures=tuple(drawn.values()),
         tables=(
             *_agreement(results.assessment),
             *_coefficients(results.fit),
             *found.hypotheses(results.diagnosis),
             *_inputs(results.inputs),
         ),
-        figures=figures.of_folder(results.folder, root, drawn, embed=embed),
         links=tuple((file, figures.relative(results.folder / file, root)) for file in FILES),
         cells=_cells(results),
     )
 
 
 def sentences(results: MooringResults) -> tuple[str, ...]:
-    """Return what comes first of one mooring: its verdict, why, and the share that is corrected."""
-    head, why = results.headings, results.diagnosis.get("why", "")
-    texts = [words.sentence(VERDICTS[results.diagnosis["verdict"]])]
-    texts += [words.sentence(why)] if why else []
-    share = words.percent(head.corrected / head.n if head.n else None)
-    texts.append(f"{share} of the {words.count(head.n)} samples have a corrected heading.")
-    if results.fit["why"] and results.fit["why"] != why:
-        texts.append(words.sentence(results.fit["why"]))
-    return tuple(texts)
+    """Return what comes first of one mooring: the answer, how far it is from the reference, and why not."""
+    first, searched = answer.answer(results), results.diagnosis
+    reasons = dict.fromkeys((results.fit["why"], searched.get("why", "") * (searched["verdict"] == "insufficient")))
+    texts = (first, answer.agreement(results.assessment), *(words.sentence(why) for why in reasons if why not in first))
+    return tuple(text for text in texts if text)
 
 
 def _water(errors: Mapping[str, float] | None) -> list[tuple[str, str]]:
@@ -177,7 +168,7 @@ def _agreement(assessment: Mapping[str, Any]) -> tuple[ReportTable, ...]:
     if not assessment["before"]["n"]:
         return ()
     days = words.significant(assessment["held_out"]["block_days"], 2)
-    caption = f"Upper minus lower current direction, each pair held out from the fit (blocks of {days} days)"
+    caption = f"Direction of the current minus the reference's, each pair held out from the fit (blocks of {days} days)"
     header = ("", "Pairs", "Mean", "Rms", "Median absolute", "Vector correlation")
     return (ReportTable(caption, header, tuple((name, *_compared(one)) for name, one in rows)),)
 
@@ -205,10 +196,7 @@ def _coefficients(fit: Mapping[str, Any]) -> tuple[ReportTable, ...]:
     rows = tuple((name, *_lettered(c, v, u)) for (name, c, v), u in zip(columns, units, strict=False))
     kind = "" if unit else ", dimensionless"
     pairs = f"{words.plural(fit['n_pairs'], 'pair')}, worth {words.number(fit['n_effective'], 0)} independent ones"
-    caption = (
-        f"Coefficients of the deviation ± 1σ{kind} ({pairs}; residual {words.degrees(fit['residual_rms_deg'])} rms)"
-    )
-    return (ReportTable(caption, ("", *LETTERS), rows),)
+    return (ReportTable(f"Coefficients of the deviation ± 1σ{kind} ({pairs})", ("", *LETTERS), rows),)
 
 
 def _lettered(coefficients: Mapping[str, float], covariance: Any, unit: str) -> tuple[str, ...]:
@@ -228,138 +216,21 @@ def _inputs(inputs: Mapping[str, Mapping[str, int]]) -> tuple[ReportTable, ...]:
     )
     none = ", ".join(words.plain(name) for name in names if name not in seen)
     caption = "Inputs: what was read, skipped and flagged" + (f"; none of: {none}" if none else "")
-    return (ReportTable(caption, ("", *inputs), rows, folded="Inputs: what was read, skipped and flagged"),)
+    return (ReportTable(caption, ("", *inputs), rows),)
 
 
-def _cells(results: MooringResults) -> tuple[Cell, ...]:
+def _cells(results: MooringResults) -> tuple[str, ...]:
     row, head = results.row, results.headings
-    before, after, largest = (_number(row[f"{key}_deg"]) for key in ("rms_before", "rms_after", "max_deviation"))
-    effects = [words.plain(effect) for effect in row["effects"].split()]
-    warnings = len([warning for warning in row["warnings"].split(" | ") if warning])
-    share = head.corrected / head.n if head.n else 0.0
-    sigma = head.sigma_deg[0] if head.corrected else None
+    keys = ("rms_before_deg", "rms_after_deg", "max_deviation_deg")
     return (
-        Cell(results.name, results.name),
-        Cell(row["verdict"], _order(row["verdict"])),
-        Cell(", ".join(effects) or "none", ", ".join(effects) or None),
-        Cell(row["method"], row["method"]),
-        Cell(words.count(int(row["n_pairs"])), int(row["n_pairs"])),
-        Cell(words.percent(share), share),
-        Cell(words.degrees(sigma), sigma),
-        Cell(words.degrees(before), before),
-        Cell(words.degrees(after), after),
-        Cell(words.degrees(largest), largest),
-        Cell("yes" if row["folded"] == "True" else "no", row["folded"]),
-        Cell(words.count(warnings), warnings),
+        results.name,
+        row["verdict"],
+        ", ".join(words.plain(effect) for effect in row["effects"].split()) or "none",
+        row["method"],
+        words.count(int(row["n_pairs"])),
+        words.percent(head.corrected / head.n if head.n else 0.0),
+        words.degrees(head.sigma_deg[0]),
+        *(words.degrees(float(row[key]) if row[key] else None) for key in keys),
+        "yes" if row["folded"] == "True" else "no",
+        words.count(len([warning for warning in row["warnings"].split(" | ") if warning])),
     )
-
-
-def _number(text: str) -> float | None:
-    return float(text) if text else None
-
-
-def _order(verdict: str) -> str:
-    """Return what a verdict is sorted by, what agrees first."""
-    return str(list(VERDICTS).index(verdict))
-
-
-# What each figure of a mooring shows, in words and numbers, for whoever cannot see it.
-
-
-def alternatives(results: MooringResults) -> dict[str, Callable[[], str]]:
-    """Return the texts by the figures' names, each made where it is asked for."""
-    return {
-        "deviation": lambda: _deviation(results),
-        "histograms": lambda: _histograms(results),
-        "scatter": lambda: _scatter(results),
-        "timeline": lambda: _timeline(results),
-        "diagnosis": lambda: of_diagnosis(results.diagnosis),
-    }
-
-
-def _deviation(results: MooringResults) -> str:
-    fit = results.product
-    if not fit["coefficients"]:
-        return "Deviation against heading: no curve, because nothing was fitted."
-    method = words.METHODS.get(fit["method"], fit["method"])
-    seen = (
-        "each recorded heading stands for two correct ones"
-        if fit["folded"]
-        else "each recorded heading stands for one correct one"
-    )
-    residual = f", residual {words.degrees(fit['residual_rms_deg'])} rms" if fit["n_pairs"] else ""
-    return (
-        f"Three panels: deviation against correct heading, recorded against correct heading, and back. Curve of the "
-        f"{method} with its 95 % band and {words.plural(fit['n_pairs'], 'pair')}{residual}. The largest deviation of "
-        f"the record is {words.degrees(results.headings.largest_deviation_deg)}; {seen}."
-    )
-
-
-def _histograms(results: MooringResults) -> str:
-    head = results.headings
-    spans = [f"Nine in ten recorded headings lie {_span(head.recorded_span_deg)}"]
-    spans.append(
-        f"nine in ten corrected headings {_span(head.corrected_span_deg)}" if head.corrected else "none is corrected"
-    )
-    return (
-        "Histograms per 10° of headings (left) and of current directions of the pairs (right), recorded, corrected and "
-        f"trusted. {', '.join(spans)}."
-    )
-
-
-def _span(span: tuple[float, float]) -> str:
-    if not math.isfinite(span[0]):
-        return "nowhere"
-    return f"from {words.degrees(span[0], 0)} clockwise to {words.degrees(span[1], 0)}"
-
-
-def _scatter(results: MooringResults) -> str:
-    before, after = results.assessment["before"], results.assessment["after"]
-    if not before["n"]:
-        return "No pairs: there is no trusted measurement near enough to compare."
-    text = "Current direction of the upper against the lower instrument, recorded and corrected. On held-out pairs the "
-    text += f"difference is {words.degrees(before['rms_deg'])} rms before ({words.plural(before['n'], 'pair')})"
-    if not after["n"]:
-        return f"{text}; none could be corrected."
-    return f"{text} and {words.degrees(after['rms_deg'])} after ({words.plural(after['n'], 'pair')})."
-
-
-def _timeline(results: MooringResults) -> str:
-    head = results.headings
-    if not head.n:
-        return "The record along time: there is no sample inside the deployment."
-    shares = [words.percent(k / head.n) for k in (head.corrected, head.doubtful, head.n - head.corrected)]
-    attributes = head.attributes
-    span = {"from": attributes["time_coverage_start"], "to": attributes["time_coverage_end"]}
-    sigma = f" The uncertainty is {words.degrees(head.sigma_deg[0])} (1σ, median)." if head.corrected else ""
-    return (
-        f"Recorded and corrected heading, share of samples and depth from {words.days(span)}: {shares[0]} corrected "
-        f"({shares[1]} doubtful), {shares[2]} not corrected.{sigma}"
-    )
-
-
-def of_diagnosis(diagnosis: Mapping[str, Any]) -> str:
-    """Return what the figure of a diagnosis shows.
-
-    Args:
-        diagnosis: content of diagnosis.json.
-    """
-    texts = [f"Residual in bins along {words.plain(one['covariate'])}: {_largest(one)}." for one in _curves(diagnosis)]
-    verdict = words.sentence(f"{diagnosis['verdict']}: {VERDICTS[diagnosis['verdict']]}")
-    return " ".join([verdict, *(texts or ["There is no residual to show."])])
-
-
-def _curves(diagnosis: Mapping[str, Any]) -> Sequence[Mapping[str, Any]]:
-    left = diagnosis["unexplained"]["curves"] if diagnosis["unexplained"] else []
-    curves = {one["covariate"]: one for one in [*left, *diagnosis.get("curves", [])]}
-    return [one for one in curves.values() if len(one["centre"]) > 1]
-
-
-def _largest(curve: Mapping[str, Any]) -> str:
-    """Return the largest binned residual before and after; a bin that holds no number is passed over."""
-    before, after = (
-        max((abs(x) for x in curve[key] if x is not None), default=None) for key in ("before_deg", "after_deg")
-    )
-    if before == after:
-        return f"at most {words.degrees(after)} from zero"
-    return f"at most {words.degrees(before)} from zero by the fit alone, {words.degrees(after)} with what was found"

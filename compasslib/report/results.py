@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from compasslib.archive import netcdf, summary
+from compasslib.archive import currents, netcdf, summary
+from compasslib.archive.currents import Currents
 from compasslib.archive.files import get, opened
 from compasslib.core import angles
 from compasslib.core.records import PROBABLY_BAD
@@ -46,6 +47,7 @@ class MooringResults:
     diagnosis: Mapping[str, Any]
     assessment: Mapping[str, Any]
     headings: Headings
+    currents: Currents  # of the bin that is shown
     inputs: Mapping[str, Mapping[str, int]]  # counts of each instrument
 
     @property
@@ -73,8 +75,9 @@ def of_mooring(name: str, root: Path, row: Mapping[str, str], roles: Iterable[st
         netcdf.read_json(folder / f"{file}.json") for file in ("deviation", "diagnosis", "assessment")
     )
     inputs = {path.stem: netcdf.read_counts(path) for path in summary.records(folder, roles)}
-    product = _headings(folder / "corrected.nc")
-    return MooringResults(name, folder, row, fit, diagnosis, assessment, product, inputs)
+    product = folder / "corrected.nc"
+    shown = currents.of_product(product)
+    return MooringResults(name, folder, row, fit, diagnosis, assessment, _headings(product), shown, inputs)
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""What the report says, before it is HTML: the same parts for a mooring and for a calibration.
+"""What the report says, before it is HTML: the same parts for a mooring, a compass and a calibration.
 
 Texts are plain; whatever stands in them is escaped when the page is made.
 """
@@ -10,21 +10,12 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
-class Cell:
-    """One cell of the overview: what is read, and what it is sorted by."""
-
-    text: str
-    key: float | str | None = None  # None sorts last, whichever way
-
-
-@dataclass(frozen=True)
 class ReportTable:
     """A small table; the first column names its rows."""
 
     caption: str
     header: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
-    folded: str = ""  # the line that opens it; open from the start where there is none
 
 
 @dataclass(frozen=True)
@@ -32,7 +23,7 @@ class Figure:
     """A figure of the results."""
 
     title: str
-    alternative: str  # what it shows, in words and numbers
+    caption: str  # what it shows, in words and numbers
     href: str  # the file, relative to the page
     data: str = ""  # the picture itself as a data URI; empty where it is only linked
     width: int = 0  # pixels of the data
@@ -51,42 +42,49 @@ class ReportedFinding:
 
 @dataclass(frozen=True)
 class ReportSection:
-    """One mooring or one calibration."""
+    """One mooring, compass or calibration."""
 
     name: str
     anchor: str
     verdict: str  # a word of search.wording.VERDICTS, or empty
-    summary: tuple[str, ...]  # sentences: the verdict and what else comes first
+    summary: tuple[str, ...]  # sentences; the first is the answer, and stands on the top of the page too
     facts: tuple[tuple[str, str], ...]
+    to_do: tuple[str, ...] = ()  # sentences: what is left to the reader
+    first: tuple[Figure, ...] = ()  # what is looked for first: currents before and after
+    found: tuple[Figure, ...] = ()  # beside the findings
     findings: tuple[ReportedFinding, ...] = ()
     cannot_tell: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
+    figures: tuple[Figure, ...] = ()  # all others
     tables: tuple[ReportTable, ...] = ()
-    figures: tuple[Figure, ...] = ()
     links: tuple[tuple[str, str], ...] = ()  # text, address relative to the page
-    cells: tuple[Cell, ...] = ()  # its row in the overview
+    cells: tuple[str, ...] = ()  # its row in the overview
 
 
 def stopped(part: str, name: str, why: str, header: Sequence[str]) -> ReportSection:
     """Return the section of a mooring or calibration that has no results."""
-    known = {"Verdict": Cell("stopped", "stopped"), "Warnings": Cell("1", 1)}
-    why_stopped = f"It was stopped, as a file of it cannot be used, and has no results: {why}."
+    known = {"Verdict": "stopped", "Warnings": "1"}
     return ReportSection(
         name=name,
         anchor=f"{part}-{name}",
         verdict="stopped",
-        summary=(why_stopped,),
-        facts=(("Results", "none"),),
-        warnings=(why,),
+        summary=(f"There are no results, as a file cannot be used: {why.rstrip('.')}.",),
+        facts=(),
+        to_do=("Mend or replace that file and run again; what is done already is not done twice.",),
         links=(("logs", f"{'calibrations/' * (part == 'calibration')}{name}/logs"),),
-        cells=(Cell(name, name), *(known.get(column, Cell("", None)) for column in header[1:])),
+        cells=(name, *(known.get(column, "") for column in header[1:])),
     )
 
 
 @dataclass(frozen=True)
 class Overview:
-    """The sortable table of all moorings or of all calibrations."""
+    """All moorings, compasses or calibrations, and the table that holds them against each other."""
 
     caption: str
     header: tuple[str, ...]
     sections: Sequence[ReportSection]
+
+    @property
+    def table(self) -> ReportTable:
+        """Return one row each."""
+        return ReportTable(self.caption, self.header, tuple(one.cells for one in self.sections))

@@ -6,6 +6,8 @@ import math
 from collections.abc import Mapping
 from datetime import datetime
 
+from compasslib.core import angles
+
 UNKNOWN = "\N{EN DASH}"
 MINUS, SPACE = "\N{MINUS SIGN}", "\N{NO-BREAK SPACE}"
 METHODS = {
@@ -79,6 +81,28 @@ def percent(share: float | None) -> str:
     if text == "0.0" and share > 0.0:
         text = "<0.1"
     return f"{text}{SPACE}%"
+
+
+def chance(probability: float) -> str:
+    """Return a probability as whole percent; certainty is never said.
+
+    Args:
+        probability: from 0 to 1.
+    """
+    text = f"{100.0 * probability:.0f}"
+    return {"100": ">99", "0": "<1"}.get(text, text) + f"{SPACE}%"
+
+
+def current(velocity: complex) -> str:
+    """Return a current as its speed and where it goes.
+
+    Args:
+        velocity: east + i north, m/s.
+    """
+    if not math.isfinite(abs(velocity)):
+        return UNKNOWN
+    towards = angles.direction(velocity.real, velocity.imag)
+    return f"{number(100.0 * abs(velocity))}{SPACE}cm/s towards {degrees(float(towards), 0)}"
 
 
 def count(value: int | None) -> str:

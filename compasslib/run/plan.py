@@ -26,7 +26,7 @@ from compasslib.search import kinds
 DEPLOYMENT_KEYS = ("pressure_offset", "clock_offset_seconds", "clock_drift_seconds", "direction_reference")
 EFFECTS = str(provenance.PROJECT / "compasslib/effects/__init__.py")
 METHODS = ("exact", "von_appen", "calibration")
-FIGURES = ("deviation", "diagnosis", "histograms", "scatter", "timeline")
+FIGURES = ("deviation", "diagnosis", "progressive", "roses", "scatter", "sticks", "timeline")
 MADE = (
     *("corrected.nc", "assessment.json", "forms.json", "deviation.json", "diagnosis.json", "overlap.nc"),
     *("wide/overlap.nc", "work/field.json", "work/fit.json", "work/pictures.json"),

@@ -10,5 +10,5 @@ from compasslib.plots import diagnosis as hypotheses
 
 def run(name: str, /, *, diagnosis: str, figure: str, say: Callable[[str], None]) -> None:
     """Draw where the mismatch lives, before and after, and the ranked hypotheses."""
-    hypotheses.of_calibration(figure, read_json(diagnosis), name)
+    hypotheses.of_calibration(figure, read_json(diagnosis))
     say(f"{name}: figure of the diagnosis")

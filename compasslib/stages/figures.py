@@ -1,13 +1,14 @@
-"""Draw one mooring: the equivalents of von Appen's Figs 6 to 9, and the record along time."""
+"""Draw one mooring: currents before and after, diagnosis, von Appen's Figs 6, 7 and 9, the record along time."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from compasslib.archive import netcdf
+from compasslib.archive import currents, netcdf
 from compasslib.archive import pictures as small
-from compasslib.plots import agreement, timeline
+from compasslib.plots import agreement, curves, timeline
+from compasslib.plots import currents as water
 from compasslib.plots import deviation as curve
 from compasslib.plots import diagnosis as hypotheses
 from compasslib.preparation import several
@@ -27,12 +28,16 @@ def run(
 ) -> None:
     """Draw each figure, by its file's name, and write small ones for the page."""
     both, corrected = several.together(netcdf.read_pairs(pairs)), netcdf.read_corrected(product, velocities=False)
-    fit = products.from_json(netcdf.read_json(deviation)).fit
+    shown, reference = currents.of_product(product), currents.of_reference(both)
+    averaged = water.averaged(shown, reference)
+    headings = {"recorded": curves.usable_headings(corrected), "corrected": corrected.heading_corrected_deg}
     to = {Path(figure).stem: figure for figure in figures}
-    curve.deviation(to["deviation"], both, fit, mooring)
-    hypotheses.of_mooring(to["diagnosis"], netcdf.read_json(diagnosis), mooring)
-    agreement.histograms(to["histograms"], both, corrected, mooring, method=fit.method)
-    agreement.scatter(to["scatter"], both, corrected, mooring, method=fit.method)
-    timeline.timeline(to["timeline"], corrected, both, mooring, method=fit.method)
+    water.sticks(to["sticks"], averaged)
+    water.progressive(to["progressive"], averaged)
+    water.roses(to["roses"], shown, reference, headings)
+    hypotheses.of_mooring(to["diagnosis"], netcdf.read_json(diagnosis))
+    curve.deviation(to["deviation"], both, products.from_json(netcdf.read_json(deviation)).fit)
+    agreement.scatter(to["scatter"], both, corrected)
+    timeline.timeline(to["timeline"], corrected, both)
     small.write(pictures, figures)
     say(f"{mooring}: {len(figures)} figures")

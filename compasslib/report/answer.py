@@ -1,0 +1,97 @@
+"""The answer that a reader comes for: are the currents right now, how sure, what was found, and what is left to do."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from compasslib.report import words
+from compasslib.report.results import Headings, MooringResults
+
+
+def answer(results: MooringResults) -> str:
+    """Return one sentence: corrected share, uncertainty, size of the deviation, what was found and how probably."""
+    head = results.headings
+    if not head.corrected:
+        why = results.fit["why"] or results.diagnosis.get("why", "") or "no usable deviation model covers them"
+        return words.sentence(f"no heading is corrected: {why}")
+    share = f"{words.percent(head.corrected / head.n)} of the" if head.corrected < head.n else "All"
+    sigma, largest = words.degrees(head.sigma_deg[0]), words.degrees(head.largest_deviation_deg, 0)
+    return (
+        f"{share} headings are corrected, with a median uncertainty of {sigma} (1σ); the compass deviated by up to "
+        f"{largest}; {what_was_found(results.diagnosis)}."
+    )
+
+
+def what_was_found(diagnosis: Mapping[str, Any]) -> str:
+    """Return a clause on what the search found beyond the fitted deviation, with its probability.
+
+    Args:
+        diagnosis: content of diagnosis.json.
+    """
+    texts = [_places(one) for one in diagnosis["findings"]]
+    if left := diagnosis["unexplained"]:
+        texts.append(f"a mismatch of {words.degrees(left['rms_effect_deg'])} rms that nothing explains")
+    if texts:
+        return f"beyond the fitted deviation there is {words.listed(texts)}"
+    if diagnosis["verdict"] == "insufficient":
+        return "the record does not tell whether there is more than the fitted deviation"
+    none = (diagnosis.get("sides") or {}).get("none")
+    sure = f" (probability {words.chance(none)})" if none is not None else ""
+    return f"no error beyond the fitted deviation was detected{sure}"
+
+
+def _places(finding: Mapping[str, Any]) -> str:
+    """Return the names that may fill one finding's place, each with its probability."""
+    chances = {finding["effect"]: finding.get("probability"), **(finding.get("alternatives_probability") or {})}
+    if composed := finding.get("composition"):
+        chances = {f"composed:{'/'.join(composed.values())}": chances.pop(finding["effect"]), **chances}
+    names = [
+        words.plain(name) + (f" (probability {words.chance(chances[name])})" if chances.get(name) is not None else "")
+        for name in dict.fromkeys([*chances, *finding["alternatives"]])
+    ]
+    return " or ".join(names)
+
+
+def agreement(assessment: Mapping[str, Any]) -> str:
+    """Return the one sentence on how far the currents are from the reference's, before and after; empty without pairs.
+
+    Args:
+        assessment: content of assessment.json.
+    """
+    before, after = assessment["before"], assessment["after"]
+    if not before["n"]:
+        return ""
+    first, second = (words.with_sigma(one["rms_deg"], one["rms_deg_sigma"], "°") for one in (before, after))
+    then = f", {second} rms after" if after["n"] else "; none of them could be corrected"
+    return (
+        f"Direction of the current minus the reference's, on {words.plural(before['n'], 'pair')} held out from the "
+        f"fit: {first} rms before{then}. The shear of the water and the noise of both instruments are in it, so that "
+        "it never goes to zero."
+    )
+
+
+def to_do(results: MooringResults) -> tuple[str, ...]:
+    """Return what is left to the reader, in sentences."""
+    head, warnings = results.headings, [one for one in results.row["warnings"].split(" | ") if one]
+    texts = [*_of_headings(head)]
+    decide = words.listed([words.plain(part) for part in (results.diagnosis["separated_by"] or "").split("; ") if part])
+    texts += [f"To settle what was found: {words.sentence(decide)}"] if decide else []
+    texts += [f"Read the {words.plural(len(warnings), 'warning')} below."] if warnings else []
+    return tuple(texts) or ("Nothing: UCUR and VCUR of corrected.nc are the currents to use.",)
+
+
+WIDE_DEG = 20.0  # an uncertainty beyond which a direction says little
+
+
+def _of_headings(head: Headings) -> list[str]:
+    if not head.corrected:
+        return ["Give the mooring a reference that overlaps, or a calibration (fit: {method: calibration, name: ...})."]
+    doubtful, lost = (words.percent(n / head.n) for n in (head.doubtful, head.n - head.corrected))
+    texts = [
+        f"{doubtful} of the headings are doubtful (flag 3), as two fit the reading: leave them out where a wrong one "
+        "would harm."
+    ] * bool(head.doubtful)
+    if head.sigma_deg[0] > WIDE_DEG:
+        texts.append("The uncertainty of the headings is large: do not rest on directions that need a smaller one.")
+    return [*texts, f"{lost} of the headings are missing (flag 4)."] if head.corrected < head.n else texts

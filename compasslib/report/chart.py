@@ -1,0 +1,166 @@
+"""The map of the moorings: positions and mean currents before and after, as numbers that a template draws."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from compasslib.core import angles
+from compasslib.report import words
+
+WIDTH, HEIGHT, MARGIN = 360.0, 300.0, (76.0, 12.0, 12.0, 38.0)  # of the drawing; left, right, top, bottom
+LEAST_DEG = 0.02  # from south to north
+TICKS = 4  # about so many along each axis
+STEPS = (1.0, 2.0, 5.0, 10.0)
+ARROW = 44.0  # length of the largest mean current
+LETTER, LINE = 6.6, 12.0  # size of a letter of a label
+BESIDE = ((7.0, 4.0, "start"), (-7.0, 4.0, "end"), (0.0, -8.0, "middle"), (0.0, 17.0, "middle"))
+ANCHORS = {"start": 0.0, "end": 1.0, "middle": 0.5}
+Box = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True)
+class Station:
+    """One mooring on the map."""
+
+    name: str
+    latitude: float
+    longitude: float
+    corrected: bool = False
+    recorded_mean: complex = complex("nan")  # east + i north, m/s
+    corrected_mean: complex = complex("nan")
+
+
+@dataclass(frozen=True)
+class Label:
+    """A text at a point of the drawing."""
+
+    x: float
+    y: float
+    text: str
+    anchor: str = "middle"  # start | middle | end
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A mooring in the drawing: its point, its means as lines from there, and its label where there is room."""
+
+    x: float
+    y: float
+    station: Station
+    tips: tuple[tuple[str, float, float], ...]  # recorded or corrected, and where its line ends
+    label: Label | None = None
+
+
+@dataclass(frozen=True)
+class Chart:
+    """All that the map draws."""
+
+    box: Box  # x, y, width, height
+    marks: Sequence[Mark]
+    across: Sequence[Label]  # ticks
+    up: Sequence[Label]
+    said: str  # what it shows, in words
+    arrow: tuple[float, str] | None  # length and text of the scale; None where no current is drawn
+
+
+def chart(stations: Sequence[Station]) -> Chart | None:
+    """Return the map of the moorings, a degree of longitude as long as it is there; None where there are none."""
+    if not stations:
+        return None
+    left, right, top, bottom = MARGIN
+    middle = float(angles.mean([one.longitude for one in stations]))
+    east = [float(angles.difference(one.longitude, middle)) for one in stations]
+    north = [one.latitude for one in stations]
+    shrink = max(float(angles.sin_cos((min(north) + max(north)) / 2.0)[1]), 0.05)
+    wide, high = (max(max(x) - min(x), LEAST_DEG) * 1.5 for x in (east, north))
+    scale = min((WIDTH - left - right) / (wide * shrink), (HEIGHT - top - bottom) / high)
+    box = (left, top, WIDTH - left - right, HEIGHT - top - bottom)
+    centre = ((min(east) + max(east)) / 2.0, (min(north) + max(north)) / 2.0)
+
+    def x_of(degrees: float) -> float:
+        return round(box[0] + box[2] / 2.0 + (degrees - centre[0]) * shrink * scale, 1)
+
+    def y_of(degrees: float) -> float:
+        return round(box[1] + box[3] / 2.0 - (degrees - centre[1]) * scale, 1)
+
+    fastest = max((abs(x) for s in stations for x in _means(s)), default=0.0)
+    unit = _below(100.0 * fastest) if fastest else 0.0  # cm/s
+    marks = [_mark(one, (x_of(x), y_of(one.latitude)), fastest) for one, x in zip(stations, east, strict=True)]
+    half = (box[2] / (2.0 * shrink * scale), box[3] / (2.0 * scale))
+    across = _ticks(centre[0] + middle, half[0], lambda d: x_of(d - middle), ("E", "W"))
+    up = _ticks(centre[1], half[1], y_of, ("N", "S"))
+    return Chart(
+        box=box,
+        marks=_labelled(marks, box),
+        across=[Label(at, box[1] + box[3] + 14.0, text) for at, text in across],
+        up=[Label(box[0] - 5.0, at + 4.0, text, "end") for at, text in up],
+        said=f"Map of {words.plural(len(stations), 'mooring')}, the mean current of one bin drawn before and after.",
+        arrow=(round(ARROW * unit / (100.0 * fastest), 1), f"{unit:g}{words.SPACE}cm/s") if fastest else None,
+    )
+
+
+def _means(station: Station) -> list[complex]:
+    return [mean for mean in (station.recorded_mean, station.corrected_mean) if math.isfinite(abs(mean))]
+
+
+def _mark(station: Station, at: tuple[float, float], fastest: float) -> Mark:
+    named = (("recorded", station.recorded_mean), ("corrected", station.corrected_mean))
+    tips = tuple(
+        (kind, round(at[0] + ARROW * mean.real / fastest, 1), round(at[1] - ARROW * mean.imag / fastest, 1))
+        for kind, mean in named
+        if math.isfinite(abs(mean)) and fastest
+    )
+    return Mark(*at, station, tips)
+
+
+def _below(value: float) -> float:
+    """Return the largest of 1, 2, 5, 10, ... that is not above a value."""
+    power = 10.0 ** math.floor(math.log10(value))
+    return max(step * power for step in STEPS if step * power <= value * (1.0 + 1e-9))
+
+
+def _ticks(
+    centre: float, half: float, place: Callable[[float], float], sides: tuple[str, str]
+) -> list[tuple[float, str]]:
+    """Return places and texts of round degrees along an axis."""
+    step = _below(2.0 * half / TICKS * 1.5)
+    digits = max(-math.floor(math.log10(step)), 0)
+    first = math.ceil((centre - half) / step)
+    count = math.floor((centre + half) / step) - first + 1
+    degrees = [(first + k) * step for k in range(count)]
+    shown = [(d, float(angles.wrap180(d)) if sides[0] == "E" else d) for d in degrees]
+    return [(place(d), f"{abs(said):.{digits}f}° {sides[said < 0]}") for d, said in shown]
+
+
+def _labelled(marks: Iterable[Mark], box: Box) -> list[Mark]:
+    """Give each mooring its name where it lies over no other name, no point and no edge; else none."""
+    marks = list(marks)
+    taken = [(one.x - 5.0, one.y - 5.0, one.x + 5.0, one.y + 5.0) for one in marks]
+    result = []
+    for k, one in enumerate(marks):
+        places = [Label(one.x + dx, one.y + dy, one.station.name, anchor) for dx, dy, anchor in BESIDE]
+        free = [each for each in places if _inside(_around(each), box) and not _hits(_around(each), taken, k)]
+        taken += [_around(free[0])] if free else []
+        result.append(Mark(one.x, one.y, one.station, one.tips, free[0] if free else None))
+    return result
+
+
+def _around(label: Label) -> Box:
+    """Return the corners of a label."""
+    left = label.x - ANCHORS[label.anchor] * LETTER * len(label.text)
+    return left, label.y - LINE + 3.0, left + LETTER * len(label.text), label.y + 3.0
+
+
+def _inside(corners: Box, box: Box) -> bool:
+    x, y, wide, high = box
+    return corners[0] >= x and corners[1] >= y and corners[2] <= x + wide and corners[3] <= y + high
+
+
+def _hits(corners: Box, taken: Sequence[Box], own: int) -> bool:
+    x0, y0, x1, y1 = corners
+    others = np.array([one for k, one in enumerate(taken) if k != own]).reshape(-1, 4)
+    return bool(np.any((others[:, 0] < x1) & (others[:, 2] > x0) & (others[:, 1] < y1) & (others[:, 3] > y0)))
