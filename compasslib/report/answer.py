@@ -62,11 +62,11 @@ def agreement(assessment: Mapping[str, Any]) -> str:
     before, after = assessment["before"], assessment["after"]
     if not before["n"]:
         return ""
-    first, second = (words.with_sigma(one["rms_deg"], one["rms_deg_sigma"], "°") for one in (before, after))
-    then = f", {second} rms after" if after["n"] else "; none of them could be corrected"
+    rms = [words.with_sigma(one["rms_deg"], one["rms_deg_sigma"], "°") for one in (before, after) if one["n"]]
+    then = f", {rms[1]} rms after" if after["n"] else "; none of them could be corrected"
     return (
         f"Direction of the current minus the reference's, on {words.plural(before['n'], 'pair')} held out from the "
-        f"fit: {first} rms before{then}. The shear of the water and the noise of both instruments are in it, so that "
+        f"fit: {rms[0]} rms before{then}. The shear of the water and the noise of both instruments are in it, so that "
         "it never goes to zero."
     )
 
