@@ -20,12 +20,13 @@ import pytest
 import yaml
 from test_architecture import APART, ROOMS
 
+import compasslib
 from compasslib.command import _parser
 from compasslib.config.cruise import load
 from compasslib.core import angles
 
 PROJECT = Path(__file__).resolve().parents[1]
-NAMES = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "config/README.md", "tests/README.md")
+NAMES = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "paper.md", "config/README.md", "tests/README.md")
 SITE = sorted((PROJECT / "docs").rglob("*.md"))
 PAGES = [PROJECT / name for name in NAMES] + [page for page in SITE if page.parent.parent.name != "proof"]
 LIBRARY, PLUGINS = PROJECT / "docs/howto/library.md", PROJECT / "docs/howto/plugins.md"
@@ -74,6 +75,22 @@ def test_one_record_takes_ten_lines():
 def test_python_stands_on_pages_whose_code_is_run():
     """That of plugins.md is installed and run by test_plugins.py."""
     assert {page for page in PAGES if blocks(page, "python")} == {LIBRARY, PLUGINS}
+
+
+def test_citation_and_codemeta_speak_of_this_version_by_one_name():
+    cited, meta = (yaml.safe_load((PROJECT / name).read_text()) for name in ("CITATION.cff", "codemeta.json"))
+    assert cited["version"] == meta["version"] == compasslib.__version__
+    assert [one["name"] for one in cited["authors"]] == [one["name"] for one in meta["author"]]
+    head = yaml.safe_load((PROJECT / "paper.md").read_text().split("---")[1])
+    assert [one["name"] for one in head["authors"]] == [one["name"] for one in cited["authors"]]
+    newest = re.search(r"^## (\S+)", (PROJECT / "CHANGELOG.md").read_text(), re.MULTILINE)
+    assert newest and newest[1] == compasslib.__version__
+
+
+def test_the_paper_cites_what_its_bibliography_has():
+    keys = re.findall(r"^@\w+{(\w+),", (PROJECT / "paper.bib").read_text(), re.MULTILINE)
+    cited = set(re.findall(r"@(\w+)", (PROJECT / "paper.md").read_text().split("---", 2)[2]))
+    assert len(keys) == len(set(keys)) and set(keys) == cited
 
 
 def test_the_readme_can_be_read_to_its_end():
