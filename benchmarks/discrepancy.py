@@ -2,7 +2,7 @@
 
     python benchmarks/discrepancy.py 100 1                 100 moorings of each kind by seed 1
     python benchmarks/discrepancy.py 300 1 --kind null     one kind: null, single, two, unknown, control, clock
-    python benchmarks/discrepancy.py 100 1 --rows PATH     also one line of JSON a mooring
+    python benchmarks/discrepancy.py 100 1 --rows PATH     also one line of JSON a mooring; a cut run goes on
 
 The world is compasslib/simulation/pairs.py; visible sizes are what five refitted coefficients leave there. One core.
 """
@@ -141,6 +141,22 @@ def against_oracle(drawn, fit, field, found) -> dict:
         "error_before": error(fits.nearest_root(level, drawn.heading), drawn),
         "error_oracle": error(oracle.heading_deg, drawn),
     }  # fmt: skip
+    made, bare = corrected(drawn, fit, field, found)
+    off = angles.difference(made.heading_deg, drawn.heading)
+    result |= {"error_after": angles.rms(off), "error_plain": error(bare.heading_deg, drawn)}
+    result["covered"] = float(np.nanmean(np.abs(off) < 1.96 * made.sigma_deg))
+    result["z"] = [
+        (one.parameters[name].value - value) / one.parameters[name].sigma
+        for one in found.findings
+        if one.effect in drawn.truth and not one.alternatives
+        for name, value in drawn.truth[one.effect].items()
+        if name in one.parameters
+    ]
+    return result
+
+
+def corrected(drawn, fit, field, found) -> tuple:
+    """Return the headings as the search has them corrected, and by the fit alone."""
     pairs, zero = drawn.pairs, np.zeros(len(drawn.pairs))
     readings = correction.readings_of(pairs)
     record = SimpleNamespace(
@@ -151,19 +167,26 @@ def against_oracle(drawn, fit, field, found) -> dict:
     series = {**drawn.covariates, "depth": pairs.upper_depth_m, "speed": speed}
     at = product.along(product.of(fit, found), record, field, series)
     made = correction.headings(readings, fit if found.fit is None else found.fit, pairs, at)
-    off, bare = (
-        angles.difference(x.heading_deg, drawn.heading) for x in (made, correction.headings(readings, fit, pairs))
-    )
-    result |= {"error_after": angles.rms(off), "error_plain": angles.rms(bare)}
-    result["covered"] = float(np.nanmean(np.abs(off) < 1.96 * made.sigma_deg))
-    result["z"] = [
-        (one.parameters[name].value - value) / one.parameters[name].sigma
-        for one in found.findings
-        if one.effect in drawn.truth and not one.alternatives
-        for name, value in drawn.truth[one.effect].items()
-        if name in one.parameters
-    ]
-    return result
+    return made, correction.headings(readings, fit, pairs)
+
+
+def resumed(file: Path | None, run: dict, wanted, measure) -> list[dict]:
+    """Return a row for each wanted (kind, index): as a file of this run has it, or made and added to the file."""
+    made = [json.loads(text) for text in file.read_text().splitlines()] if file and file.exists() else []
+    if any(row.get(key) != value for row in made for key, value in run.items()):
+        sys.exit(f"{file}: expected rows of {run}, found those of another run; name another file")
+    known = {(row["kind"], row["index"]): row for row in made}
+    for count, (kind, index) in enumerate(wanted, 1):
+        if (kind, index) in known:
+            continue
+        row = json.loads(json.dumps(run | measure(kind, index), default=float))
+        known[kind, index] = row
+        if file:
+            with file.open("a") as stream:
+                stream.write(json.dumps(row) + "\n")
+        print(f"\r{kind} {index + 1}, {count} of {len(wanted)}", end="", file=sys.stderr, flush=True)
+    print(file=sys.stderr)
+    return [known[one] for one in wanted]
 
 
 def true_term(name: str, values: dict[str, float]):
@@ -352,17 +375,12 @@ def main() -> None:
     parser.add_argument("seed", type=int, nargs="?", default=1)
     parser.add_argument("--kind", choices=KINDS)
     parser.add_argument("--red", action="store_true", help="the water of the two depths differs for days to seasons")
-    parser.add_argument("--rows", type=Path, help="file that a line of JSON a mooring is added to")
+    parser.add_argument("--rows", type=Path, help="file with a line of JSON a mooring; what is in it is not made again")
     asked = parser.parse_args()
-    rows = []
-    for kind in KINDS if asked.kind is None else (asked.kind,):
-        for index in range(asked.count):
-            rows.append(measure(kind, index, asked.seed, red=asked.red))
-            print(f"\r{kind} {index + 1} of {asked.count}", end="", file=sys.stderr)
-            if asked.rows:
-                with asked.rows.open("a") as stream:
-                    stream.write(json.dumps(rows[-1], default=float) + "\n")
-    print(file=sys.stderr)
+    kinds = KINDS if asked.kind is None else (asked.kind,)
+    wanted = [(kind, index) for kind in kinds for index in range(asked.count)]
+    run = {"seed": asked.seed, "red": asked.red}
+    rows = resumed(asked.rows, run, wanted, lambda kind, index: measure(kind, index, asked.seed, red=asked.red))
     sys.exit(0 if report(rows) else 1)
 
 

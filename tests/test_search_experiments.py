@@ -39,3 +39,11 @@ def test_a_series_that_only_falls_goes_on_and_others_come_back():
     falling, season = 40.0 - 0.004 * time_s, np.sin(time_s / 30.0)
     np.testing.assert_allclose(experiments._continued(falling, time_s, 1000.0), falling - 4.0)
     np.testing.assert_array_equal(experiments._continued(season, time_s, 1000.0), season)
+
+
+def test_one_name_is_left_where_the_verdict_would_have_it():
+    """A name is sure whatever else may stand beside it; an even contest leaves two, a probable nothing is not sure."""
+    names = [(), ("heeling",), ("current_veer", "heeling"), ("temperature",)]
+    draws = np.array([[0.0, 0.6, 0.38, 0.02], [0.0, 0.5, 0.0, 0.5], [0.8, 0.2, 0.0, 0.0], [0.97, 0.03, 0.0, 0.0]]).T
+    each = [experiments._one_name(names, draws[:, k : k + 1]) for k in range(4)]
+    assert each == [1.0, 0.0, 0.0, 1.0] and experiments._one_name(names, draws) == 0.5

@@ -21,7 +21,7 @@ from compasslib.search import inference
 from compasslib.search.baseline import State
 from compasslib.search.evidence import Hypothesis
 from compasslib.search.inference import Inference
-from compasslib.search.posterior import SURE
+from compasslib.search.posterior import MOST_TERMS, SURE
 
 LEAST, MOST = 0.002, 40  # probability of the hypotheses that are weighed, and how many
 DRAWS, SEED = 400, 7
@@ -79,23 +79,55 @@ class Model:
         return np.repeat(np.asarray(chosen, dtype=bool), np.diff(self.ends))
 
 
+@dataclass(frozen=True)
+class Prospects:
+    """What could be observed, and the likely hypotheses with what the recording tells of their unknowns."""
+
+    model: Model
+    weighed: _Weighed
+    names: list[tuple[str, ...]]  # effects of each hypothesis
+    probability: Floats  # (h,) of each now
+    observations: dict[str, Rows]
+
+    def chance(self, what: str) -> float:
+        """Return the probability that an observation leaves one name."""
+        return self.weighed.decided(self.observations[what], self.names, self.probability)
+
+    def after(self, what: str, seen: Floats) -> float:
+        """Tell by 1 or 0 whether an observation that was made left one name.
+
+        Args:
+            seen: observed minus foretold without terms, in units of its noise, (m,).
+        """
+        rows = self.observations[what]
+        own = rows.free.T @ rows.free + np.diag(rows.precision)
+        pulled = rows.known.T @ seen - (rows.free.T @ rows.known).T @ np.linalg.solve(own, rows.free.T @ seen)
+        return _one_name(self.names, self.weighed.updated(rows.information, pulled[:, None], self.probability))
+
+
 def of(found: Inference) -> tuple[tuple[str, float], ...]:
     """Return observations and the probability that each leaves one name, the best first."""
+    if (ahead := prospects(found)) is None:
+        return ()
+    return tuple(sorted(((what, ahead.chance(what)) for what in ahead.observations), key=lambda one: -one[1]))
+
+
+def prospects(found: Inference) -> Prospects | None:
+    """Return what could be observed of a recording, None where there is nothing to tell apart."""
     posterior = found.posterior
     order = np.argsort(-posterior.probability)[:MOST]
     kept = [int(i) for i in order if posterior.probability[i] >= LEAST]
     hypotheses = [posterior.hypotheses[i] for i in kept]
     numbers = sorted({k for one in hypotheses for k in one})
     if posterior.candidates.slow is None or not numbers:
-        return ()
+        return None
     model = _model(found, numbers)
     water = found.posterior.water_of(found.chosen)
     variance = np.zeros(model.slow) if water is None else posterior.candidates.slow.variances(water)
     weighed = _Weighed(model, variance, [tuple(numbers.index(k) for k in one) for one in hypotheses])
-    names = [posterior.names[i] for i in kept]
     probability = posterior.probability[kept] / posterior.probability[kept].sum()
-    each = [(what, weighed.decided(rows, names, probability)) for what, rows in _observations(model, variance)]
-    return tuple(sorted(each, key=lambda one: -one[1]))
+    names = [posterior.names[i] for i in kept]
+    return Prospects(model, weighed, names, probability, dict(_observations(model, variance)))
 
 
 def _model(found: Inference, numbers: Sequence[int]) -> Model:
@@ -207,7 +239,7 @@ def _swing(model: Model) -> Rows:
 def _strength(model: Model) -> Rows:
     """The length of the field in the body; what depends on heading alone it does not tell, its scale being unknown."""
     scene, simulation = model.state.case.scene, model.state.simulation
-    heading = np.where(np.isfinite(model.state.heading_deg), model.state.heading_deg, model.state.case.recorded_deg)
+    heading = known_heading(model.state)
     earth = composition.earth_in_body(scene, heading - composition.north(simulation, scene))
 
     def length(term: Term | None) -> Floats:
@@ -222,13 +254,23 @@ def _strength(model: Model) -> Rows:
             (length(term.at(values)) - bare) / step if on_field else 0.0 * bare
             for values, step in zip(moved, term.steps(), strict=True)
         ]
-    daily = np.sqrt(min(float(np.median(np.diff(scene.time_s))) / STRENGTH_S, 1.0))
-    unit = daily / STRENGTH_NT
+    unit = strength_unit(scene.time_s)
     rest = np.zeros((len(heading), model.rows.shape[1] - model.own))
     turning = [wave for k in (1.0, 2.0) for wave in angles.sin_cos(k * heading)]
     free = np.column_stack([np.ones(len(heading)), *turning]) * unit
     known = np.concatenate([np.column_stack(columns) * model.usual * unit, rest], axis=1)
     return Rows(known, free, np.full(free.shape[1], ANYTHING))
+
+
+def known_heading(state: State) -> Floats:
+    """Return the headings of a simulation, the recorded one where it has none, (n,) degrees."""
+    return np.where(np.isfinite(state.heading_deg), state.heading_deg, state.case.recorded_deg)
+
+
+def strength_unit(time_s: Floats) -> float:
+    """Return what makes a logged field strength one of noise of unit variance without memory, 1/nT."""
+    spacing = float(np.median(np.diff(time_s)))
+    return float(np.sqrt(min(spacing / (2.0 * STRENGTH_S), 1.0))) / STRENGTH_NT
 
 
 class _Weighed:
@@ -267,9 +309,19 @@ class _Weighed:
             middle = cho_solve((lower, True), self.score[at])[:, None]
             drawn = middle + solve_triangular(lower.T, rng.normal(size=(len(at), len(mine))))
             shown[:, mine] += told[:, at] @ drawn
-        log = np.log(probability)[:, None] + np.array([self._gained(h, told, shown) for h in range(len(names))])
+        return _one_name(names, self.updated(told, shown, probability))
+
+    def updated(self, told: Floats, shown: Floats, probability: Floats) -> Floats:
+        """Return the probability of each hypothesis once something was shown, (h, d).
+
+        Args:
+            told: information of the observation.
+            shown: its pull on the recording's unknowns, (p + q + b, d).
+            probability: of each hypothesis before, (h,).
+        """
+        log = np.log(probability)[:, None] + np.array([self._gained(h, told, shown) for h in range(len(probability))])
         after = np.exp(log - log.max(axis=0))
-        return _one_name(names, after / after.sum(axis=0))
+        return np.asarray(after / after.sum(axis=0))
 
     def _gained(self, h: int, told: Floats, shown: Floats) -> Floats:
         """Return the log probability of what is shown under a hypothesis, up to a constant of what is shown, (d,)."""
@@ -284,8 +336,22 @@ class _Weighed:
 
 
 def _one_name(names: Sequence[tuple[str, ...]], probability: Floats) -> float:
-    """Return how often one set of effects is sure, given the probabilities of each hypothesis, (h, d)."""
-    sums: dict[tuple[str, ...], Floats] = {}
-    for one, row in zip(names, probability, strict=True):
-        sums[one] = sums.get(one, 0.0) + row
-    return float(np.mean(np.max(list(sums.values()), axis=0) >= SURE))
+    """Return how often each place that is filled has one sure name, or none is filled surely, as verdicts have it.
+
+    Args:
+        names: effects of each hypothesis.
+        probability: of each hypothesis in each draw, (h, d).
+    """
+    count = np.array([len(one) for one in names])
+    most = sum((probability[count >= k].sum(axis=0) > 0.5).astype(int) for k in range(1, MOST_TERMS + 1))
+    sets = list(dict.fromkeys(names))
+    each = np.array([probability[[other == one for other in names]].sum(axis=0) for one in sets])
+    chosen = np.argmax(np.where(np.array([len(one) for one in sets])[:, None] == most, each, -1.0), axis=0)
+    acting = {
+        effect: probability[[effect in one for one in names]].sum(axis=0)
+        for effect in {x for one in names for x in one}
+    }
+    sure = [
+        each[k] >= SURE if not one else np.all([acting[x] >= SURE for x in one], axis=0) for k, one in enumerate(sets)
+    ]
+    return float(np.mean(np.array(sure)[chosen, np.arange(probability.shape[1])]))

@@ -233,6 +233,22 @@ def iron(rng: np.random.Generator) -> dict[str, Floats]:
     return {"soft": soft, "hard": strength * np.array([np.cos(angle), np.sin(angle), 0.0])}
 
 
+def in_body(world: World, extra: Floats | None = None) -> Floats:
+    """Return the field at the compass, forward, starboard and down in the tilted body, (3, n) nT.
+
+    Args:
+        extra: beside iron and earth, (3, n) nT.
+    """
+    h, z = world.earth
+    cb, sb = np.cos(world.heading * RAD), np.sin(world.heading * RAD)
+    x, y, d = h * cb, -h * sb, np.full(len(cb), z)  # level: forward, starboard, down
+    (pc, ps), (rc, rs) = (((np.cos(a * RAD)), np.sin(a * RAD)) for a in world.tilt)
+    # into the tilted body: pitch first, then roll
+    x, d = pc * x - ps * d, ps * x + pc * d
+    y, d = rc * y + rs * d, -rs * y + rc * d
+    return np.asarray(world.soft @ np.array([x, y, d]) + h * world.hard[:, None] + (0 if extra is None else extra))
+
+
 def compass(
     world: World,
     *,
@@ -246,14 +262,7 @@ def compass(
         extra: a field in the body frame, (3, n) nT.
         offset: added to the reading, a function of it.
     """
-    h, z = world.earth
-    cb, sb = np.cos(world.heading * RAD), np.sin(world.heading * RAD)
-    x, y, d = h * cb, -h * sb, np.full(len(cb), z)  # level: forward, starboard, down
-    (pc, ps), (rc, rs) = (((np.cos(a * RAD)), np.sin(a * RAD)) for a in world.tilt)
-    # into the tilted body: pitch first, then roll
-    x, d = pc * x - ps * d, ps * x + pc * d
-    y, d = rc * y + rs * d, -rs * y + rc * d
-    m = world.soft @ np.array([x, y, d]) + h * world.hard[:, None] + (0 if extra is None else extra)
+    m = in_body(world, extra)
     (pc, ps), (rc, rs) = ((np.cos(a * RAD), np.sin(a * RAD)) for a in world.sensed)
     y, d = rc * m[1] - rs * m[2], rs * m[1] + rc * m[2]
     x = pc * m[0] + ps * d
