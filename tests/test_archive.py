@@ -106,6 +106,16 @@ def make_record(n: int = 200, m: int = 6, **other: object) -> Record:
     return Record(**said | other)
 
 
+def measured(n: int = 200, m: int = 6) -> dict:
+    """Return what a PD0 file has beside the currents, as parts of a record."""
+    rng = np.random.default_rng(3)
+    up, error = rng.normal(0, 0.05, (2, n, m)).astype(np.float32)
+    error[::5, :1] = np.nan
+    counts = {name: rng.integers(0, 256, (n, m, 4), dtype=np.uint8) for name in ("echo", "correlation", "percent_good")}
+    profiles = {"up": up, "error_velocity": error, **counts}
+    return {"profiles": profiles, "pressure_dbar": rng.normal(100, 1, n), "recorded_in": "earth"}
+
+
 def make_product(n: int = 200, m: int = 6, *, uncorrectable: int = 20, **other: object) -> records.Corrected:
     record = make_record(n, m, **other)
     deviation = 25 * angles.sin_cos(record.heading_deg)[0]
@@ -286,6 +296,29 @@ def test_what_else_was_logged_comes_back(tmp_path):
     np.testing.assert_array_equal(records.take(back, slice(198, None)).channels["turbidity"], [198.0, np.nan])
 
 
+def test_what_the_velocities_came_with_comes_back_row_by_row(tmp_path):
+    record = make_record(**measured())
+    few = record.profiles["echo"].astype(np.int16)
+    few[3] = -1  # as where some ensembles lack the block
+    record = dataclasses.replace(record, profiles={**record.profiles, "echo": few})
+    netcdf.write_record(tmp_path / "r.nc", record)
+    assert netcdf.read_record(tmp_path / "r.nc").profiles == {}  # few stages need them, and they are many
+    back = dataclasses.replace(record, profiles=netcdf.read_profiles(tmp_path / "r.nc"))
+    some = records.take(back, slice(2, 7))
+    assert list(some.profiles) == list(records.PROFILES)
+    for name, values in record.profiles.items():
+        np.testing.assert_array_equal(some.profiles[name], values[2:7], err_msg=name)
+        assert some.profiles[name].dtype == values.dtype
+
+
+def test_files_of_one_instrument_keep_what_all_of_them_hold():
+    one, other = make_record(5, **measured(5)), make_record(7, **measured(7), time_s=1.2e9 + np.arange(7.0))
+    less = {name: values for name, values in other.profiles.items() if name != "echo"}
+    both = records.joined([dataclasses.replace(other, profiles=less), one])
+    assert sorted(both.profiles) == ["correlation", "error_velocity", "percent_good", "up"]
+    np.testing.assert_array_equal(both.profiles["up"], np.concatenate([one.profiles["up"], less["up"]]))
+
+
 def test_every_field_of_the_records_has_its_entry_in_the_table():
     record, pairs = make_record(), make_pairs()
     for one, table in ((record, layout.RECORD), (pairs, layout.PAIRS | layout.PAIRS_PERHAPS)):
@@ -351,6 +384,44 @@ def test_the_names_and_shapes_of_the_contract(corrected_nc):
         for name, variable in nc.variables.items():
             for other in getattr(variable, "ancillary_variables", "").split():
                 assert other in nc.variables, f"{name} names {other}"
+
+
+def test_the_product_holds_what_was_measured_and_nothing_else(tmp_path):
+    product = make_product(**measured())
+    record, told = product.record, PROCESSING | {"declination_source": "IGRF"}
+    netcdf.write_corrected(tmp_path / "c.nc", product, site=SITE, attributes=USUAL, processing=told)
+    with netCDF4.Dataset(tmp_path / "c.nc") as nc:
+        for key, name in layout.PROFILES.items():
+            values = nc[name][:].filled(np.nan) if nc[name].dtype.kind == "f" else nc[name][:]
+            expected = record.profiles[key]
+            np.testing.assert_array_equal(np.moveaxis(values, 0, 2) if values.ndim == 3 else values, expected)
+        assert nc["ECHO_INTENSITY"].dimensions == ("BEAM", "TIME", "BIN") and nc["WCUR"].dimensions == ("TIME", "BIN")
+        assert (nc["ERROR_VELOCITY_QC"][::5, 0] == MISSING).all() and nc["PERCENT_GOOD"].recorded_in == "earth"
+        np.testing.assert_array_equal(nc["WCUR_QC"][:], record.quality)
+        np.testing.assert_array_equal(nc["PRES"][:], record.pressure_dbar)
+        left = angles.difference(nc["HEADING_CORRECTED"][:] + nc["DECLINATION"][:], nc["HEADING_TRUE"][:])
+        assert np.abs(left).max() < 1e-9 and (nc["HEADING_TRUE_QC"][:] == nc["HEADING_CORRECTED_QC"][:]).all()
+        for name in layout.BY_DECLINATION:
+            assert (
+                nc[name].declination_model.startswith("IGRF-14")
+                and nc[name].declination_degrees.tolist() == [-17.5] * 2
+            )
+            assert nc[name].declination_date == "2007-09-05T13:46:40Z/2007-09-08T08:06:40Z"
+    with netCDF4.Dataset(write(tmp_path / "without.nc")) as nc:
+        assert {*layout.PERHAPS, "BEAM"} & {*nc.variables} == {"TEMPERATURE"} and "HEADING_TRUE" in nc.variables
+
+
+def test_a_decade_in_pieces_is_written_as_in_one(tmp_path):
+    product = make_product(**measured())
+    parts = [
+        dataclasses.replace(records.take(product, some), record=records.take(product.record, some))
+        for some in (slice(0, 70), slice(70, 200))
+    ]
+    write(tmp_path / "one.nc", product), write(tmp_path / "two.nc", parts)
+    with netCDF4.Dataset(tmp_path / "one.nc") as one, netCDF4.Dataset(tmp_path / "two.nc") as two:
+        for name in one.variables:
+            np.testing.assert_array_equal(one[name][...], two[name][...], err_msg=name)
+            assert str(one[name].__dict__) == str(two[name].__dict__)
 
 
 def test_headings_stay_below_360_and_differ_by_the_deviation(tmp_path):

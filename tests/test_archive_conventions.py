@@ -9,7 +9,7 @@ from pathlib import Path
 import netCDF4
 import numpy as np
 import pytest
-from test_archive import PROCESSING, USUAL, make_pairs, make_product, make_record, write
+from test_archive import PROCESSING, USUAL, make_pairs, make_product, make_record, measured, write
 
 from compasslib.archive import conventions, layout, netcdf
 from compasslib.archive import conventions as oceansites
@@ -29,7 +29,7 @@ HISTORY = {"history": PROCESSING["history"]}
 
 @pytest.fixture(scope="module")
 def corrected(tmp_path_factory) -> Path:
-    return write(tmp_path_factory.mktemp("archive") / "corrected.nc")
+    return write(tmp_path_factory.mktemp("archive") / "corrected.nc", make_product(**measured()))
 
 
 @pytest.fixture
@@ -50,7 +50,7 @@ def checked(path: Path, checker: str) -> list[str]:
 @pytest.mark.filterwarnings("ignore")  # the checker's own
 @pytest.mark.parametrize("m", [6, 1])
 def test_the_checker_has_no_remark_on_cf(tmp_path, offline, m):
-    assert checked(write(tmp_path / "c.nc", make_product(200, m)), "cf:1.8") == []
+    assert checked(write(tmp_path / "c.nc", make_product(200, m, **measured(200, m))), "cf:1.8") == []
 
 
 @pytest.mark.filterwarnings("ignore")
@@ -62,7 +62,7 @@ def test_the_newest_cf_would_be_kept_as_well(corrected, offline):
 @pytest.mark.filterwarnings("ignore")
 def test_the_checker_has_no_remark_on_pairs_and_records(tmp_path, offline):
     netcdf.write_pairs(tmp_path / "overlap.nc", make_pairs(), attributes=HISTORY)
-    netcdf.write_record(tmp_path / "top.nc", make_record(), attributes=HISTORY)
+    netcdf.write_record(tmp_path / "top.nc", make_record(**measured()), attributes=HISTORY)
     for file in ("overlap.nc", "top.nc"):
         assert checked(tmp_path / file, "cf:1.8") == [], file
 

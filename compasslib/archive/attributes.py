@@ -22,6 +22,7 @@ Attributes = dict[str, str | int | float]
 
 CONVENTIONS = "CF-1.8, ACDD-1.3, OceanSITES-1.4"
 NOT_GIVEN = "not given"
+DECLINATION = {"IGRF": "IGRF-14 at sea level, along time", "metadata": "a constant given in the mooring's YAML file"}
 DATES = ("date_created", "date_modified", "date_issued", "date_metadata_modified")
 ASKED_FOR = (
     "institution",
@@ -122,6 +123,26 @@ def sensor_attributes(attributes: Attributes, looks_up: bool) -> Attributes:
     }
     given = {key: value for key, value in attributes.items() if key.startswith("sensor_")}
     return named | given | {"sensor_orientation": "upward" if looks_up else "downward"}
+
+
+def declination_attributes(attributes: Attributes, time_s: Floats, degrees: tuple[float, float]) -> dict[str, object]:
+    """Return which declination a variable holds, and of which date.
+
+    Args:
+        attributes: global ones; ``declination_source`` counts.
+        time_s: (n,) time of the samples, UTC seconds since 1970.
+        degrees: at the first and at the last sample, east positive.
+    """
+    if not len(time_s):
+        return {}
+    source = str(attributes.get("declination_source", NOT_GIVEN))
+    known = DECLINATION.get(source, source)
+    return {
+        "declination_model": known,
+        "declination_date": f"{iso_time(time_s[0])}/{iso_time(time_s[-1])}",
+        "declination_degrees": np.array(degrees),
+        "declination_comment": "Degrees east of true north at the two dates; in between by the variable DECLINATION.",
+    }
 
 
 def plain(attributes: Mapping[str, object]) -> Attributes:

@@ -250,7 +250,7 @@ def _names(nc: netCDF4.Dataset) -> Remarks:
             yield f"variable {name} is not named in capitals"
         if name in NAMES and _attribute(variable, "standard_name") != NAMES[name]:
             yield f"{name}:standard_name is not {NAMES[name]}"
-        if "TIME" in variable.dimensions[1:]:
+        if "TIME" in [other for other in variable.dimensions if other != layout.BEAM.name][1:]:  # CF 2.4: to the left
             yield f"{name}: TIME is not the first of its dimensions"
         if not _attribute(variable, "long_name"):
             yield f"{name}:long_name is missing"

@@ -8,7 +8,7 @@ import math
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -16,7 +16,7 @@ import netCDF4
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from compasslib.archive.layout import BIN, FILL, Variable
+from compasslib.archive.layout import BEAM, BIN, FILL, Variable
 from compasslib.core.errors import InputError, Passing
 
 HALF_WRITTEN = ".compasslib-part"  # ends the name of a file that is being written; nobody else names one so
@@ -136,13 +136,15 @@ def put(
         variable: its entry in the table.
         values: its values, in the shape of its dimensions or of the piece.
         level: of the compression; none at 0.
-        rows: the piece along the first dimension; all where absent.
+        rows: the piece along TIME; all where absent.
     """
     values = np.asarray(values)
     if variable.fill is not None:
         values = np.where(np.isfinite(values), values, variable.fill)
     made = nc[variable.name] if variable.name in nc.variables else _created(nc, variable, level)
-    made[... if rows is None else rows] = values
+    made[... if rows is None else tuple(rows if name == "TIME" else slice(None) for name in variable.dimensions)] = (
+        values
+    )
 
 
 def _created(nc: netCDF4.Dataset, variable: Variable, level: Literal[0, 1, 4]) -> netCDF4.Variable:
@@ -170,6 +172,34 @@ def put_bins(nc: netCDF4.Dataset, bins: int, looks_up: bool) -> None:
     """
     away = {"positive": "up" if looks_up else "down"}
     put(nc, replace(BIN, also={**BIN.also, **away}), np.arange(1, bins + 1))
+
+
+def put_beams(nc: netCDF4.Dataset, beams: int) -> None:
+    """Write the numbers of the beams, where there are any."""
+    if beams:
+        nc.createDimension(BEAM.name, beams)
+        put(nc, BEAM, np.arange(1, beams + 1))
+
+
+@dataclass(frozen=True)
+class Stored:
+    """A variable of a file, whose rows are read when they are asked for."""
+
+    path: str
+    name: str
+
+    def __getitem__(self, which: slice | NDArray[Any], /) -> NDArray[Any]:
+        """Return some rows, beams along the last axis, NaN where a number with a fraction is missing.
+
+        Raises:
+            InputError: the file is absent or damaged.
+        """
+        with opened(self.path) as nc:
+            values = np.asarray(nc[self.name][which] if nc[self.name].ndim < 3 else nc[self.name][:, which])
+        values = np.moveaxis(values, 0, 2) if values.ndim == 3 else values
+        if values.dtype.kind == "f":
+            values[values == FILL] = np.nan
+        return values
 
 
 def get(nc: netCDF4.Dataset, name: str, bins: int | None = None) -> NDArray[Any]:

@@ -12,7 +12,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from compasslib.core.records import PROFILES as PROFILE_KEYS
+
 FILL = 99999.0
+ABSENT = -1  # of counts
 FLAG_VALUES = np.array([0, 1, 2, 3, 4, 7, 8, 9], dtype=np.int8)
 FLAG_MEANINGS = (
     "unknown good_data probably_good_data potentially_correctable_bad_data bad_data "
@@ -21,6 +24,7 @@ FLAG_MEANINGS = (
 NOMINAL = 7  # "not observed but reported": the flag of what comes from metadata or a model
 
 SERIES, BINS = ("TIME",), ("TIME", "BIN")
+BEAMS = ("BEAM", *BINS)  # CF 2.4: what is neither time nor place stands to the left
 MAGNETIC, TRUE = "magnetic north", "true north"
 EASTWARD, NORTHWARD = "eastward_sea_water_velocity", "northward_sea_water_velocity"
 PITCH, ROLL = "platform_pitch_fore_up", "platform_roll_starboard_down"
@@ -75,9 +79,10 @@ def quality_of(variable: Variable) -> Variable:
 BIN = Variable(
     "BIN", "number of the bin, counted from the transducer", "1", "", ("BIN",), "i4", fill=None, also={"axis": "Z"}
 )
+BEAM = Variable("BEAM", "number of the beam, as the instrument counts them", "1", "", ("BEAM",), "i4", fill=None)
 _SECONDS = Variable("TIME", "time", "seconds since 1970-01-01T00:00:00Z", "time", fill=None, also={"axis": "T"})
 
-NOT_STORED = {"echo_range_m", "channels"}  # of a record: used up when its deployment is settled; one variable each
+NOT_STORED = {"echo_range_m", "channels", "profiles"}  # of a record: used up at its deployment; one variable each
 CHANNEL = "CHANNEL_"  # what their names begin with
 
 
@@ -191,6 +196,14 @@ def _current(name: str, how: str, comment: str, ancillary: tuple[str, ...] = ())
     )
 
 
+def _counts(name: str, what: str, standard_name: str, comment: str, *, units: str = "1") -> Variable:
+    # The classic model of netCDF knows no unsigned byte: the high byte is nothing but zeros, and compresses away.
+    unchecked = {"QC_indicator": "unknown"}
+    return Variable(
+        *(name, what, units, standard_name, BEAMS, "i2"), valid=(0, 255), comment=comment, fill=ABSENT, also=unchecked
+    )
+
+
 _TABLE = (
     Variable(
         "INSTRUMENT_DEPTH",
@@ -264,6 +277,16 @@ _TABLE = (
     _current("VCUR_RECORDED", "by the recorded heading", _RECORDED, ("HEADING", "DECLINATION")),
     replace(_current("UCUR_UNCERTAINTY", "uncertainty of UCUR", _ONE_SIGMA), valid=(0.0, 10.0)),
     replace(_current("VCUR_UNCERTAINTY", "uncertainty of VCUR", _ONE_SIGMA), valid=(0.0, 10.0)),
+    Variable(
+        "HEADING_TRUE",
+        "heading of the instrument from true north, corrected for magnetic deviation",
+        "degree",
+        "platform_orientation",
+        valid=(0.0, 360.0),
+        reference=TRUE,
+        comment="Clockwise; HEADING_CORRECTED + DECLINATION. " + _NOT_CORRECTED,
+        ancillary=("HEADING_CORRECTED_UNCERTAINTY", "DECLINATION"),
+    ),
     Variable("PITCH", "pitch", "degree", PITCH, valid=(-180.0, 180.0), comment="Forward up. " + _RANGE_ONLY),
     Variable("ROLL", "roll", "degree", ROLL, valid=(-180.0, 180.0), comment="Starboard down. " + _RANGE_ONLY),
     Variable(
@@ -274,6 +297,55 @@ _TABLE = (
         valid=(-5.0, 45.0),
         comment=_RANGE_ONLY,
         also={"units_metadata": "temperature: on_scale"},
+    ),
+    Variable(
+        "PRES",
+        "pressure at the instrument",
+        "dbar",
+        "sea_water_pressure",
+        valid=(-10.0, 12000.0),
+        comment="By the instrument's sensor, which is usually set to zero in air; pressure_offset is subtracted. "
+        + _RANGE_ONLY,
+    ),
+    Variable(
+        "WCUR",
+        "upward velocity of the water",
+        "m s-1",
+        "upward_sea_water_velocity",
+        BINS,
+        "f4",
+        valid=(-10.0, 10.0),
+        comment="As measured; no heading changes it.",
+    ),
+    Variable(
+        "ERROR_VELOCITY",
+        "error velocity, the misfit of four beams",
+        "m s-1",
+        "indicative_error_from_multibeam_acoustic_doppler_velocity_profiler_in_sea_water",
+        BINS,
+        "f4",
+        valid=(-10.0, 10.0),
+        comment="As measured; velocities from three beams have none.",
+    ),
+    _counts(
+        "ECHO_INTENSITY",
+        "intensity of the echo of each beam",
+        "signal_intensity_from_multibeam_acoustic_doppler_velocity_sensor_in_sea_water",
+        "Counts of the instrument, of some 0.45 dB (RDI) or 0.5 dB (Nortek).",
+    ),
+    _counts(
+        "CORRELATION",
+        "correlation of the pings of each beam",
+        "beam_consistency_indicator_from_multibeam_acoustic_doppler_velocity_profiler_in_sea_water",
+        "Counts of 255 (RDI), or percent (Nortek).",
+    ),
+    _counts(
+        "PERCENT_GOOD",
+        "share of the pings that were good",
+        "proportion_of_acceptable_signal_returns_from_acoustic_instrument_in_sea_water",
+        "RDI: of each beam where recorded_in is beam; else the shares of solutions from three beams, of those rejected "
+        "by their error velocity, of more than one bad beam, and of solutions from four beams.",
+        units="percent",
     ),
 )
 # ACDD's word for what a variable is; all others are physicalMeasurement.
@@ -294,6 +366,28 @@ CORRECTED = {
     )
     for variable in _TABLE
 }
-COORDINATES = {SERIES: "TIME LATITUDE LONGITUDE INSTRUMENT_DEPTH", BINS: "TIME LATITUDE LONGITUDE DEPTH"}
+_OF_BINS = "TIME LATITUDE LONGITUDE DEPTH"
+COORDINATES = {SERIES: "TIME LATITUDE LONGITUDE INSTRUMENT_DEPTH", BINS: _OF_BINS, BEAMS: _OF_BINS}
+# What a record's ``profiles`` are called.
+PROFILES = dict(
+    zip(PROFILE_KEYS, ("WCUR", "ERROR_VELOCITY", "ECHO_INTENSITY", "CORRELATION", "PERCENT_GOOD"), strict=True)
+)
+PERHAPS = ("TEMPERATURE", "PRES", *PROFILES.values())  # only where they were measured
+BY_DECLINATION = ("DECLINATION", "HEADING_TRUE", "UCUR", "VCUR", "UCUR_RECORDED", "VCUR_RECORDED")
 # What the compromised instrument measures, and what therefore carries its make and number.
-SENSED = ("HEADING", "PITCH", "ROLL", "TEMPERATURE", "UCUR", "VCUR", "UCUR_RECORDED", "VCUR_RECORDED")
+SENSED = ("HEADING", "PITCH", "ROLL", "UCUR", "VCUR", "UCUR_RECORDED", "VCUR_RECORDED", *PERHAPS)
+
+
+def profile(name: str, kind: str, beams: bool) -> Variable:
+    """Return the variable of one of a record's ``profiles``, between two stages.
+
+    Args:
+        name: its key.
+        kind: of numbers: ``f4``; or ``u1`` of the raw file, for which CF 1.8 has no type but a byte's bits, and ``i2``.
+        beams: whether it has a value a beam.
+    """
+    own, dimensions = CORRECTED[PROFILES[name]], BEAMS if beams else BINS
+    if kind == "u1":
+        bits = {**own.also, "_Unsigned": "true"}
+        return replace(own, dtype="i1", fill=None, valid=None, dimensions=dimensions, also=bits)
+    return replace(own, dtype=kind, dimensions=dimensions)

@@ -6,16 +6,37 @@ import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import Any
 
 import netCDF4
 import numpy as np
+from numpy.typing import NDArray
 
 from compasslib.archive import layout
-from compasslib.archive.attributes import Site, global_attributes, plain, sensor_attributes
-from compasslib.archive.files import get, new, opened, put, put_bins, read_attribute, read_json, replacing, write_json
+from compasslib.archive.attributes import (
+    Attributes,
+    Site,
+    declination_attributes,
+    global_attributes,
+    plain,
+    sensor_attributes,
+)
+from compasslib.archive.files import (
+    Stored,
+    get,
+    new,
+    opened,
+    put,
+    put_beams,
+    put_bins,
+    read_attribute,
+    read_json,
+    replacing,
+    write_json,
+)
 from compasslib.archive.layout import Variable, quality_of
 from compasslib.core import angles
-from compasslib.core.records import BAD, MISSING, PROBABLY_GOOD, Corrected, Flags, Pairs, Record
+from compasslib.core.records import BAD, MISSING, PROBABLY_GOOD, Corrected, Flags, Pairs, Record, Rows
 from compasslib.core.types import Floats
 
 __all__ = [
@@ -24,6 +45,7 @@ __all__ = [
     "read_counts",
     "read_json",
     "read_pairs",
+    "read_profiles",
     "read_record",
     "read_warnings",
     "replacing",
@@ -52,10 +74,24 @@ def write_record(path: str | Path, record: Record, *, attributes: Mapping[str, o
                 nc.setncattr(field.name, json.dumps(value, default=lambda number: number.item()))
         for name, series in record.channels.items():
             put(nc, layout.channel(name, record.channel_units.get(name, "1")), series, level=0)
+        put_beams(nc, _beams(record))
+        for name, profile in record.profiles.items():
+            values = _beams_first(profile[:])
+            put(nc, layout.profile(name, values.dtype.str[1:], values.ndim == 3), values, level=0)
+
+
+def _beams_first(values: NDArray[Any]) -> NDArray[Any]:
+    return np.moveaxis(values, 2, 0) if values.ndim == 3 else values
+
+
+def _beams(record: Record) -> int:
+    """Return how many beams the profiles tell apart, 0 where none does."""
+    shapes = [profile[:1].shape for profile in record.profiles.values()]
+    return max((shape[2] for shape in shapes if len(shape) == 3), default=0)
 
 
 def read_record(path: str | Path, *, velocities: bool = True) -> Record:
-    """Return a record that ``write_record`` wrote.
+    """Return a record that ``write_record`` wrote, without its profiles: they are many and few need them.
 
     Args:
         velocities: whether its bins are wanted; else it comes without any.
@@ -69,11 +105,21 @@ def read_record(path: str | Path, *, velocities: bool = True) -> Record:
         arrays = {"bin_range_m": _shared(get(nc, layout.RECORD["bin_range_m"].name, bins))}
         arrays |= {name: get(nc, one.name, bins) for name, one in layout.RECORD.items() if name not in arrays}
         others = {field.name for field in fields(Record)} - set(layout.RECORD) - layout.NOT_STORED
-        rest = {name: json.loads(nc.getncattr(name)) for name in others}
+        rest = {name: json.loads(nc.getncattr(name)) for name in others & {*nc.ncattrs(), "counts", "warnings"}}
         rest["channels"] = {
             name.removeprefix(layout.CHANNEL): get(nc, name) for name in nc.variables if name.startswith(layout.CHANNEL)
         }
     return Record(**arrays | rest | {"warnings": tuple(rest["warnings"])})
+
+
+def read_profiles(path: str | Path) -> dict[str, Rows]:
+    """Return the profiles of a record that ``write_record`` wrote; their rows are read when they are asked for.
+
+    Raises:
+        InputError: the file is absent, damaged or something else.
+    """
+    with opened(path) as nc:
+        return {key: Stored(str(path), name) for key, name in layout.PROFILES.items() if name in nc.variables}
 
 
 def _shared(bin_range_m: Floats) -> Floats:
@@ -149,7 +195,7 @@ def read_pairs(path: str | Path) -> Pairs:
 
 DAYS_1950_TO_1970 = 7305.0
 TIME_DECIMALS = 5  # of seconds; days since 1950 in float64 resolve 0.3 microseconds
-Column = tuple[Floats, Flags | None]  # values, and flags where there are any
+Column = tuple[NDArray[Any], Flags | None]  # values, and flags where there are any
 Columns = dict[str, Column]
 
 
@@ -179,15 +225,17 @@ def write_corrected(
         attributes=whole.instrument | dict(attributes or {}),
         processing=processing or {},
     )
-    sensor, end = sensor_attributes(attributes, whole.looks_up), 0
+    of_sensor = dict.fromkeys(layout.SENSED, sensor_attributes(attributes, whole.looks_up) | whole.recorded_in)
+    of_model = dict.fromkeys(layout.BY_DECLINATION, declination_attributes(attributes, whole.time_s, whole.declination))
+    end = 0
     with new(path, "NETCDF4_CLASSIC") as nc:
         nc.setncatts(attributes)
         _put_coordinates(nc, whole, site)
         for piece in pieces:
             begin, end = end, end + len(piece.record.time_s)
             for name, column in _columns(piece, whole).items():
-                of_sensor = sensor if name in layout.SENSED else {}
-                _put_placed(nc, layout.CORRECTED[name], column, of_sensor, slice(begin, end))
+                told = of_sensor.get(name, {}) | of_model.get(name, {})
+                _put_placed(nc, _of_beams(layout.CORRECTED[name], column[0]), column, told, slice(begin, end))
 
 
 @dataclass(frozen=True)
@@ -200,19 +248,26 @@ class _Whole:
     depths_m: Floats  # least and greatest of the measurements in each piece that has any
     nominal_depth: bool
     headings: tuple[int, int]  # recorded, corrected
-    temperatures: int
+    declination: tuple[float, float]  # first and last, degrees
+    measured: tuple[str, ...]  # of the variables that are there only where they were measured
+    beams: int
+    recorded_in: Attributes  # attribute of what the instrument measured
     instrument: dict[str, str]  # what its files tell of it
 
 
 def _seen(pieces: Iterable[Corrected]) -> _Whole:
-    times, instrument, depths, counts = [], [], [], np.zeros(3, dtype=int)
+    times, instrument, depths, counts = [], [], [], np.zeros(4, dtype=int)
+    declination: list[float] = []
     for piece in pieces:
         record = piece.record
         times.append(record.time_s)
         instrument += _ends(record.depth_m)
         depths += _ends(record.bin_depth_m())
-        counts += [_count(each) for each in (record.heading_deg, piece.heading_corrected_deg, record.temperature_c)]
-    recorded, corrected, temperatures = counts.tolist()
+        declination += piece.declination_deg[[0, -1]].tolist() if len(piece.declination_deg) else []
+        several = (record.heading_deg, piece.heading_corrected_deg, record.temperature_c, record.pressure_dbar)
+        counts += [_count(each) for each in several]
+    recorded, corrected, *series = counts.tolist()
+    perhaps = [name for name, count in zip(("TEMPERATURE", "PRES"), series, strict=True) if count]
     return _Whole(
         time_s=np.concatenate(times),
         bins=record.east.shape[1],
@@ -221,7 +276,10 @@ def _seen(pieces: Iterable[Corrected]) -> _Whole:
         # A measured depth varies; one that does not was written down, not observed.
         nominal_depth=len(set(instrument)) == 1,
         headings=(recorded, corrected),
-        temperatures=temperatures,
+        declination=(declination[0], declination[-1]) if declination else (np.nan, np.nan),
+        measured=(*perhaps, *(layout.PROFILES[name] for name in record.profiles)),
+        beams=_beams(record),
+        recorded_in={"recorded_in": record.recorded_in} if record.recorded_in else {},
         instrument={"serial_number": record.serial_number} if record.serial_number else {},
     )
 
@@ -235,7 +293,7 @@ def _ends(values: Floats) -> list[float]:
 def read_corrected(path: str | Path, *, velocities: bool = True) -> Corrected:
     """Return the product that ``write_corrected`` wrote, for looking at it.
 
-    The record inside has no pressure, no supply voltage, no counts and no warnings, and its velocities are the recorded
+    The record inside has no supply voltage, no profiles, no counts and no warnings, and its velocities are the recorded
     ones from true north.
 
     Args:
@@ -276,7 +334,7 @@ def _record_of(nc: netCDF4.Dataset, bins: int | None) -> Record:
         heading_deg=get(nc, "HEADING"),
         pitch_deg=get(nc, "PITCH"),
         roll_deg=get(nc, "ROLL"),
-        pressure_dbar=unknown,
+        pressure_dbar=get(nc, "PRES") if "PRES" in nc.variables else unknown,
         depth_m=depth,
         temperature_c=get(nc, "TEMPERATURE") if "TEMPERATURE" in nc.variables else unknown,
         supply_voltage=unknown,
@@ -291,6 +349,7 @@ def _columns(product: Corrected, whole: _Whole) -> Columns:
     record, nominal = product.record, whole.nominal_depth
     depth, instrument_depth = record.bin_depth_m(), record.depth_m
     corrected = _kept(product.heading_corrected_quality, product.heading_corrected_deg, BAD)
+    true = angles.wrap360(product.heading_corrected_deg + product.declination_deg)
     columns: Columns = {
         "DEPTH": (depth, _judged("DEPTH", depth, nominal)),
         "INSTRUMENT_DEPTH": (instrument_depth, _judged("INSTRUMENT_DEPTH", instrument_depth, nominal)),
@@ -306,11 +365,16 @@ def _columns(product: Corrected, whole: _Whole) -> Columns:
         "VCUR_RECORDED": (product.north_recorded, _kept(record.quality, product.north_recorded, MISSING)),
         "UCUR_UNCERTAINTY": (product.velocity_uncertainty, None),
         "VCUR_UNCERTAINTY": (product.velocity_uncertainty, None),
+        "HEADING_TRUE": (true, _kept(product.heading_corrected_quality, true, BAD)),
         "PITCH": (record.pitch_deg, _judged("PITCH", record.pitch_deg)),
         "ROLL": (record.roll_deg, _judged("ROLL", record.roll_deg)),
     }
-    if whole.temperatures:
-        columns["TEMPERATURE"] = (record.temperature_c, _judged("TEMPERATURE", record.temperature_c))
+    series = {"TEMPERATURE": record.temperature_c, "PRES": record.pressure_dbar}
+    columns |= {name: (values, _judged(name, values)) for name, values in series.items() if name in whole.measured}
+    for name, profile in record.profiles.items():
+        values = profile[:]
+        flags = _kept(record.quality, values, MISSING) if values.dtype.kind == "f" else None
+        columns[layout.PROFILES[name]] = (_beams_first(values), flags)
     return columns
 
 
@@ -338,13 +402,23 @@ def _put_coordinates(nc: netCDF4.Dataset, whole: _Whole, site: Site) -> None:
         nc.createDimension(dimension, size)
     put(nc, layout.TIME, whole.time_s / 86400.0 + DAYS_1950_TO_1970)
     put_bins(nc, bins, whole.looks_up)
+    put_beams(nc, whole.beams)
     put(nc, layout.LATITUDE, site.latitude)
     put(nc, layout.LONGITUDE, site.signed_longitude())
     put(nc, layout.STATION, name)
 
 
+def _of_beams(variable: Variable, values: NDArray[Any]) -> Variable:
+    """Return a variable of counts without the dimension of beams where a value is one for all of them."""
+    return (
+        replace(variable, dimensions=layout.BINS)
+        if variable.dimensions == layout.BEAMS and values.ndim == 2
+        else variable
+    )
+
+
 def _put_placed(
-    nc: netCDF4.Dataset, variable: Variable, column: Column, sensor: Mapping[str, object], rows: slice
+    nc: netCDF4.Dataset, variable: Variable, column: Column, told: Mapping[str, object], rows: slice
 ) -> None:
     """Write a piece of one variable and of its flags, with where it was measured."""
     values, flags = column
@@ -352,7 +426,7 @@ def _put_placed(
     placed = {} if variable.name in coordinates.split() else {"coordinates": coordinates}
     quality = quality_of(variable)
     ancillary = variable.ancillary if flags is None else (quality.name, *variable.ancillary)
-    described = replace(variable, ancillary=ancillary, also={**variable.also, **placed, **sensor})
+    described = replace(variable, ancillary=ancillary, also={**variable.also, **placed, **told})
     put(nc, described, values, level=4, rows=rows)
     if flags is not None:
         flagged = replace(quality, also={**quality.also, "coordinates": coordinates})

@@ -90,6 +90,12 @@ def _parser() -> argparse.ArgumentParser:
     explain.add_argument("mooring", metavar="MOORING", help="its name, or the folder of its results")
     explain.add_argument("--cruise", default=".", help="cruise folder (default: this one)")
 
+    export = commands.add_parser("export", help="a corrected record in the form that others read")
+    export.add_argument("mooring", metavar="MOORING", help="its name")
+    export.add_argument("--cruise", default=".", help="cruise folder (default: this one)")
+    export.add_argument("--to", required=True, choices=("csv", "mat", "pd0", "oceansites"), help="the form")
+    export.add_argument("--into", metavar="FOLDER", help="folder of the files (default: CRUISE/export)")
+
     diff = commands.add_parser("diff", help="what changed between two runs, mooring by mooring")
     for place in ("old", "new"):
         diff.add_argument(place, metavar=place.upper(), help="cruise folder, folder of results, or of one mooring's")

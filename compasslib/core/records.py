@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,9 +22,19 @@ if TYPE_CHECKING:
 
 Flags = NDArray[np.int8]
 Series = TypeVar("Series", bound="DataclassInstance")
+_BY_NAME = ("channels", "profiles")  # fields of a record that hold arrays by name
 
 # OceanSITES reference table 2, the values that are used.
 NOT_CHECKED, GOOD, PROBABLY_GOOD, PROBABLY_BAD, BAD, MISSING = 0, 1, 2, 3, 4, 9
+# Upward and error velocity, and of each beam the intensity of its echo, its correlation and its percent good.
+PROFILES = ("up", "error_velocity", "echo", "correlation", "percent_good")
+
+
+class Rows(Protocol):
+    """An array, or what gives its rows when they are asked for."""
+
+    def __getitem__(self, which: Any, /) -> Any:
+        """Return some of the rows."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +65,10 @@ class Record:
     serial_number: str = ""  # the instrument's, where its files tell it
     channels: Mapping[str, Floats] = field(default_factory=dict)  # (n,) each: what else was logged, NaN where missing
     channel_units: Mapping[str, str] = field(default_factory=dict)
+    # What the velocities came with, by the keys of ``PROFILES``: (n, m) m/s, NaN where missing, or (n, m, beams) counts
+    # in the integers of the file, -1 where missing.
+    profiles: Mapping[str, Rows] = field(default_factory=dict)
+    recorded_in: str = ""  # beam | instrument | ship | earth, where the files tell it
     echo_range_m: Floats | None = None  # (n, 2) of a boundary, and of the last water heard; for the deployment alone
     counts: dict[str, int] = field(default_factory=dict)  # what was read, skipped and flagged, for the report
     warnings: tuple[str, ...] = ()  # sentences for the report
@@ -166,8 +180,9 @@ def take(series: Series, which: NDArray[Any] | slice) -> Series:
         which: positions, a mask or a slice.
     """
     columns: dict[str, Any] = {k: column[which] for k, column in vars(series).items() if isinstance(column, np.ndarray)}
-    if channels := getattr(series, "channels", None):
-        columns["channels"] = {name: column[which] for name, column in channels.items()}
+    for several in _BY_NAME:
+        if found := getattr(series, several, None):
+            columns[several] = {name: column[which] for name, column in found.items()}
     return replace(series, **columns)
 
 
@@ -187,8 +202,11 @@ def joined(records: Sequence[Record]) -> Record:
         raise InputError("files", expected="parts of one recording", found=found or "none", advice=advice)
     columns = {name: column for name, column in vars(ordered[0]).items() if isinstance(column, np.ndarray)}
     together: dict[str, Any] = {name: np.concatenate([getattr(one, name) for one in ordered]) for name in columns}
-    common = set.intersection(*(set(one.channels) for one in ordered))
-    together["channels"] = {name: np.concatenate([one.channels[name] for one in ordered]) for name in sorted(common)}
+    for several in _BY_NAME:
+        each = [getattr(one, several) for one in ordered]
+        shapes = {name: {one[name].shape[1:] if name in one else None for one in each} for name in sorted(each[0])}
+        alike = [name for name, found in shapes.items() if len(found) == 1]
+        together[several] = {name: np.concatenate([one[name] for one in each]) for name in alike}
     counts = {key: sum(one.counts.get(key, 0) for one in ordered) for key in ordered[0].counts}
     warnings = tuple(dict.fromkeys(line for one in ordered for line in one.warnings))
     return replace(ordered[0], **together, counts=counts, warnings=warnings)

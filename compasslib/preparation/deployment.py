@@ -55,14 +55,15 @@ def settle(
         declination_applied: degrees that the export's directions already hold, taken out.
         exclude: windows (from, to) known to be bad, UTC seconds.
     """
-    drifted = clock_drift_seconds * np.clip((record.time_s - start_s) / (end_s - start_s), 0.0, 1.0)
-    utc = record.time_s - clock_offset_seconds - drifted
-    record = _inside(replace(record, time_s=utc, direction_reference=direction_reference), start_s, end_s)
+    time_s = utc(record.time_s, (start_s, end_s), clock_offset_seconds, clock_drift_seconds)
+    pressure = record.pressure_dbar - pressure_offset
+    record = replace(record, time_s=time_s, direction_reference=direction_reference, pressure_dbar=pressure)
+    record = _inside(record, start_s, end_s)
     if declination_applied:
         east, north = angles.turn(record.east, record.north, -declination_applied)
         known, turned = np.isfinite(record.heading_deg), angles.wrap360(record.heading_deg - declination_applied)
         record = replace(record, east=east, north=north, heading_deg=np.where(known, turned, np.nan))
-    depth, source = _depth(record, nominal_depth, pressure_offset, latitude)
+    depth, source = _depth(record, nominal_depth, latitude)
     given = record.depth_m
     record = _noted(replace(record, depth_m=depth), _depth_warnings(depth, source, nominal_depth, water_depth))
     record = _noted(record, _unused_depth(given, source, nominal_depth))
@@ -71,6 +72,18 @@ def settle(
     record = plausibility.flagged(record, water_depth)
     record = check_orientation(record, water_depth)
     return _flag_windows(_flag_boundaries(record, water_depth), exclude)
+
+
+def utc(time_s: Floats, deployed: tuple[float, float], offset_s: float, drift_s: float) -> Floats:
+    """Return UTC of times by the instrument's clock, (n,) seconds since 1970.
+
+    Args:
+        deployed: start and end, UTC.
+        offset_s: instrument clock minus UTC at start.
+        drift_s: the same at end, minus the offset.
+    """
+    start_s, end_s = deployed
+    return time_s - offset_s - drift_s * np.clip((time_s - start_s) / (end_s - start_s), 0.0, 1.0)
 
 
 def log_line(name: str, role: str, record: Record) -> str:
@@ -159,7 +172,7 @@ def _as_slice(place: NDArray[np.intp]) -> NDArray[np.intp] | slice:
     return slice(int(place[0]), int(place[-1]) + 1)
 
 
-def _depth(record: Record, nominal: float | None, offset: float, latitude: float) -> tuple[Floats, str]:
+def _depth(record: Record, nominal: float | None, latitude: float) -> tuple[Floats, str]:
     """Take the pressure where it varies, else the depth field where it varies, else the metadata.
 
     A table of profiles counts its bins from the depth of the first (no profiler measures at its own transducer): there
@@ -167,9 +180,8 @@ def _depth(record: Record, nominal: float | None, offset: float, latitude: float
     """
     several = record.bin_range_m.shape[1] > 1 and bool((record.bin_range_m[:, 0] == 0.0).all())
     of_bins = several and bool(np.isfinite(record.depth_m).all())
-    pressure = record.pressure_dbar - offset
-    if _varies(pressure):
-        return _filled(_depth_of(pressure, latitude)), "pressure"
+    if _varies(record.pressure_dbar):
+        return _filled(_depth_of(record.pressure_dbar, latitude)), "pressure"
     if _varies(record.depth_m) or of_bins:
         return _filled(record.depth_m), "depth field"
     if nominal is not None:

@@ -212,12 +212,18 @@ def _fast_water(record: Record) -> Bools:
 
 def _stuck_velocity(record: Record) -> Bools:
     """Tell samples whose velocities repeat those before them in all bins; still water, all zero, is not looked at."""
-    east, north = np.nan_to_num(record.east), np.nan_to_num(record.north)
-    same = ((east[1:] == east[:-1]) & (north[1:] == north[:-1])).all(axis=1)
-    same &= ((east[1:] != 0.0) | (north[1:] != 0.0)).any(axis=1)
+    # One component after the other: a decade's copies of both would not fit beside each other.
+    (same_east, some_east), (same_north, some_north) = (_repeats(of) for of in (record.east, record.north))
+    same = same_east & same_north & (some_east | some_north)
     if same.all() and len(record.time_s) > ENOUGH:
         return np.ones(len(record.time_s), dtype=bool)
     return _stuck(same, record.time_s)
+
+
+def _repeats(velocity: Floats) -> tuple[Bools, Bools]:
+    """Tell samples that repeat the one before in all bins, and those that are not all zero, (n - 1,) each."""
+    known = np.nan_to_num(velocity)
+    return np.asarray((known[1:] == known[:-1]).all(axis=1)), np.asarray(known[1:].any(axis=1))
 
 
 def _stuck(same: Bools, time_s: Floats) -> Bools:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from compasslib.archive import netcdf, provenance
@@ -37,11 +38,12 @@ def run(
         InputError: an observatory's file cannot be read.
     """
     own, along = netcdf.read_record(record), earthfield.from_json(netcdf.read_json(field))
+    whole = replace(own, profiles=netcdf.read_profiles(record))
     made_by = product.from_json(netcdf.read_json(deviation))
     at = product.along(made_by, own, along, covariates.logged(own, observatory))
     unmodelled_deg = correction.unmodelled(bool(netcdf.read_json(assessment)["refuted"]), made_by.left_deg)
     made = correction.in_pieces(
-        own, made_by.fit, along, several.together(netcdf.read_pairs(pairs)), at, unmodelled_deg=unmodelled_deg
+        whole, made_by.fit, along, several.together(netcdf.read_pairs(pairs)), at, unmodelled_deg=unmodelled_deg
     )
     netcdf.write_corrected(
         corrected,

@@ -8,7 +8,7 @@ known answers.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -55,22 +55,29 @@ def looks_up(ensembles: Ensembles, choices: Choices) -> Mask:
     return ensembles.looks_up if word is None else np.full(len(ensembles), word == "up")
 
 
-def currents(ensembles: Ensembles, choices: Choices) -> tuple[Floats, Floats, int]:
-    """Return (east, north), (n, m) m/s to magnetic north, and how many of them come from three beams.
+@dataclass(frozen=True, eq=False)
+class Currents:
+    """Velocities from magnetic north, NaN where missing; n ensembles of m cells."""
 
-    Args:
-        ensembles: n ensembles of m cells, in any mixture of coordinates.
-    """
+    east: Floats  # (n, m) m/s
+    north: Floats
+    up: Floats
+    error: Floats  # (n, m) m/s; three beams have none
+    three_beam: int  # how many come from three beams
+
+
+def currents(ensembles: Ensembles, choices: Choices) -> Currents:
+    """Return the currents of ensembles in any mixture of coordinates."""
     codes = np.unique(ensembles.coordinates)
     if len(codes) == 1:
         return _TURNS[int(codes[0])](ensembles, choices)
-    east, north = np.full((2, *ensembles.velocity.shape[:2]), np.nan)
-    count = 0
+    whole, count = np.full((4, *ensembles.velocity.shape[:2]), np.nan), 0
     for code in codes:
         mine = ensembles.coordinates == code
-        east[mine], north[mine], more = _TURNS[int(code)](chosen(ensembles, mine), choices)
-        count += more
-    return east, north, count
+        part = _TURNS[int(code)](chosen(ensembles, mine), choices)
+        whole[:, mine] = part.east, part.north, part.up, part.error
+        count += part.three_beam
+    return Currents(whole[0], whole[1], whole[2], whole[3], count)
 
 
 def quality(ensembles: Ensembles, east: Floats, north: Floats) -> Flags:
@@ -157,7 +164,7 @@ def true_pitch(tilt1_deg: ArrayLike, tilt2_deg: ArrayLike) -> Floats:
 
 
 def instrument_to_earth(
-    xyz: tuple[Floats, Floats, Floats], heading_deg: Floats, tilt1_deg: Floats, tilt2_deg: Floats, looks_up: ArrayLike
+    xyz: Sequence[Floats], heading_deg: Floats, tilt1_deg: Floats, tilt2_deg: Floats, looks_up: ArrayLike
 ) -> tuple[Floats, Floats, Floats]:
     """Return (east, north, up), to the north that the heading refers to.
 
@@ -194,26 +201,25 @@ def _column(per_sample: ArrayLike, like: Floats) -> Floats:
     return values.reshape(values.shape + (1,) * (like.ndim - values.ndim)) if values.ndim else values
 
 
-def _from_beams(ensembles: Ensembles, choices: Choices) -> tuple[Floats, Floats, int]:
+def _from_beams(ensembles: Ensembles, choices: Choices) -> Currents:
     beams, solved = three_beam(ensembles.velocity)
     angle, convex = ensembles.beam_angle_deg[:, None], ensembles.convex[:, None]
-    x, y, z, _ = beams_to_instrument(beams, angle, convex)
-    east, north = _with_tilts(ensembles, choices, (x, y, z), magnetic_heading(ensembles, choices))
-    return east, north, int(solved.sum())
+    *xyz, error = beams_to_instrument(beams, angle, convex)
+    turned = _with_tilts(ensembles, choices, xyz, magnetic_heading(ensembles, choices))
+    return Currents(*turned, np.where(solved, np.nan, error), int(solved.sum()))
 
 
 def _with_tilts(
-    ensembles: Ensembles, choices: Choices, xyz: tuple[Floats, Floats, Floats], heading_deg: Floats
-) -> tuple[Floats, Floats]:
+    ensembles: Ensembles, choices: Choices, xyz: Sequence[Floats], heading_deg: Floats
+) -> tuple[Floats, Floats, Floats]:
     up = looks_up(ensembles, choices)
-    east, north, _ = instrument_to_earth(xyz, heading_deg, ensembles.tilt1_deg, ensembles.tilt2_deg, up)
-    return east, north
+    return instrument_to_earth(xyz, heading_deg, ensembles.tilt1_deg, ensembles.tilt2_deg, up)
 
 
-def _from_instrument(ensembles: Ensembles, choices: Choices) -> tuple[Floats, Floats, int]:
-    x, y, z, _ = np.moveaxis(ensembles.velocity, -1, 0)
-    east, north = _with_tilts(ensembles, choices, (x, y, z), magnetic_heading(ensembles, choices))
-    return east, north, _without_error_velocity(ensembles)
+def _from_instrument(ensembles: Ensembles, choices: Choices) -> Currents:
+    *xyz, error = np.moveaxis(ensembles.velocity, -1, 0)
+    turned = _with_tilts(ensembles, choices, xyz, magnetic_heading(ensembles, choices))
+    return Currents(*turned, error, _without_error_velocity(ensembles))
 
 
 def _without_error_velocity(ensembles: Ensembles) -> int:
@@ -222,28 +228,26 @@ def _without_error_velocity(ensembles: Ensembles) -> int:
     return int(np.sum(missing[..., 3] & ~missing[..., 0]))
 
 
-def _from_ship(ensembles: Ensembles, choices: Choices) -> tuple[Floats, Floats, int]:
+def _from_ship(ensembles: Ensembles, choices: Choices) -> Currents:
     """Turn by the recorded heading only, as EA has turned these axes to where the heading points."""
-    x, y, z, _ = np.moveaxis(ensembles.velocity, -1, 0)
+    x, y, z, error = np.moveaxis(ensembles.velocity, -1, 0)
     heading = angles.wrap360(ensembles.heading_deg - heading_bias(ensembles, choices))
-    east, north = ship_to_earth(x, y, heading)
+    turned = [*ship_to_earth(x, y, heading), z]
     if not ensembles.tilts_used.all():
-        tilted = _with_tilts(ensembles, choices, (x, y, z), heading)
-        level = ensembles.tilts_used[:, None]
-        east, north = np.where(level, east, tilted[0]), np.where(level, north, tilted[1])
-    return east, north, _without_error_velocity(ensembles)
+        tilted, level = _with_tilts(ensembles, choices, (x, y, z), heading), ensembles.tilts_used[:, None]
+        turned = [np.where(level, one, other) for one, other in zip(turned, tilted, strict=True)]
+    return Currents(turned[0], turned[1], turned[2], error, _without_error_velocity(ensembles))
 
 
-def _from_earth(ensembles: Ensembles, choices: Choices) -> tuple[Floats, Floats, int]:
+def _from_earth(ensembles: Ensembles, choices: Choices) -> Currents:
     """Turn back by the heading bias, which the instrument turned its velocities by as well."""
     bias = heading_bias(ensembles, choices)
-    east, north = ensembles.velocity[..., 0].copy(), ensembles.velocity[..., 1].copy()
-    if bias.any():
-        east, north = angles.turn(east, north, -bias[:, None])
-    return east, north, _without_error_velocity(ensembles)
+    east, north, up, error = np.moveaxis(ensembles.velocity, -1, 0)
+    east, north = angles.turn(east, north, -bias[:, None]) if bias.any() else (east.copy(), north.copy())
+    return Currents(east, north, up, error, _without_error_velocity(ensembles))
 
 
-_TURNS: dict[int, Callable[[Ensembles, Choices], tuple[Floats, Floats, int]]] = {
+_TURNS: dict[int, Callable[[Ensembles, Choices], Currents]] = {
     BEAM: _from_beams,
     INSTRUMENT: _from_instrument,
     SHIP: _from_ship,

@@ -7,7 +7,7 @@ zero at the identifier of the block. Source: RDI, WorkHorse Commands and Output 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any, TypeVar
 
@@ -21,9 +21,10 @@ T = TypeVar("T", bound=np.generic)
 
 BEAM, INSTRUMENT, SHIP, EARTH = 0, 1, 2, 3  # bits 4 and 3 of EX
 VELOCITY, CORRELATION, ECHO, PERCENT_GOOD = 0x0100, 0x0200, 0x0300, 0x0400
+COUNTS = {"echo": (ECHO, 1), "correlation": (CORRELATION, 2), "percent_good": (PERCENT_GOOD, 4)}  # block, bit
 FIRST_YEAR, LAST_YEAR = 1980, 2079  # what two digits can say; anything else is a damaged clock
 
-_MISSING = -32768
+MISSING_COUNT = -32768
 _FIXED = np.dtype(
     {
         "names": [
@@ -68,6 +69,7 @@ class Ensembles:
     correlation: Bytes  # (n, m, 4) counts, 0 where the block is absent
     echo: Bytes  # (n, m, 4) intensity, counts, 0 where the block is absent
     percent_good: Bytes  # (n, m, 4), 0 where the block is absent
+    blocks: Bytes  # (n,) which of the last three are there, by the bits of ``COUNTS``
     pressure_dbar: Floats  # (n,) NaN without a sensor
     depth_m: Floats  # (n,) of the transducer
     temperature_c: Floats  # (n,)
@@ -109,6 +111,27 @@ class LeftOut:
         return self.without_velocity + self.bad_dates + self.not_of_four_beams
 
 
+@dataclass(frozen=True, eq=False)
+class Leaders:
+    """What the leaders of some ensembles say of their headings, (n,) each."""
+
+    time_s: Floats  # since 1970-01-01 by the instrument's clock, NaN where impossible
+    heading_deg: Floats  # heading bias EB included; NaN outside [0, 360)
+    heading_bias_deg: Floats  # EB
+    coordinates: Bytes  # BEAM, INSTRUMENT, SHIP or EARTH
+
+
+def leaders_of(run: EnsembleRun) -> Leaders:
+    """Return what the leaders of a run say of its headings, also where ``decode_runs`` leaves it out."""
+    found = _from_fixed(run.rows, run.layout) | _from_variable(run.rows, run.layout)
+    return Leaders(**{one.name: found[one.name] for one in fields(Leaders)})
+
+
+def has_velocities(layout: Layout) -> bool:
+    """Return whether its ensembles hold velocities of four beams or components, and nothing else where these stand."""
+    return _has_profile(layout, VELOCITY) and _of_four_beams(layout)
+
+
 def decode_runs(runs: Sequence[EnsembleRun]) -> tuple[Ensembles, LeftOut]:
     """Return the ensembles of some runs in their order, and how many of them are left out.
 
@@ -146,17 +169,56 @@ def joined(parts: Sequence[Ensembles]) -> Ensembles:
     return Ensembles(**{f.name: stacked([getattr(part, f.name) for part in parts], most) for f in fields(Ensembles)})
 
 
-def stacked(parts: Sequence[NDArray[T]], cells: int, fill: float | None = None) -> NDArray[T]:
-    """Return arrays one after the other, those of two or more axes padded along the second.
+class Grown:
+    """Arrays by name that grow along their ensembles: many pieces would leave holes in memory as they are joined."""
+
+    def __init__(self, size: int) -> None:
+        """Begin without any.
+
+        Args:
+            size: bytes of all files.
+        """
+        self._size, self._used, self._whole = size, 0, dict[str, NDArray[Any]]()
+
+    def __len__(self) -> int:
+        return self._used
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        return self._whole[name][: self._used]
+
+    def add(self, columns: Mapping[str, NDArray[Any]], fill: Mapping[str, int], size: int) -> None:
+        """Add a piece, (k, m, ...) each; fewer or more bins than before are padded.
+
+        Args:
+            fill: what stands in the padding; NaN, or 0 for integers, where absent.
+            size: bytes of the piece: they tell how many ensembles the files hold. Room that is not filled costs none.
+        """
+        more = len(next(iter(columns.values())))
+        end = self._used + more
+        for name, part in columns.items():
+            whole = self._whole.get(name, part[:0])
+            cells, padding = max(whole.shape[1], part.shape[1]), fill.get(name, np.nan if part.dtype.kind == "f" else 0)
+            if end > len(whole) or cells > whole.shape[1]:
+                room = max(end, 2 * len(whole) if len(whole) else more * self._size // size)
+                wider = np.empty((room, cells, *part.shape[2:]), dtype=part.dtype)
+                wider[: self._used, : whole.shape[1]] = whole[: self._used]
+                wider[: self._used, whole.shape[1] :] = padding
+                whole = self._whole[name] = wider
+            whole[self._used : end, : part.shape[1]] = part
+            whole[self._used : end, part.shape[1] :] = padding
+        self._used = end
+
+
+def stacked(parts: Sequence[NDArray[T]], cells: int) -> NDArray[T]:
+    """Return arrays one after the other, those of two or more axes padded along the second with NaN, or 0 for integers.
 
     Args:
         parts: arrays of equal type, (n_i,) or (n_i, m_i, ...).
-        fill: what stands in the padding; NaN, or 0 for integers, where absent.
     """
     if parts[0].ndim == 1:
         return np.concatenate(parts)
     whole = np.empty((sum(len(part) for part in parts), cells, *parts[0].shape[2:]), dtype=parts[0].dtype)
-    padding = fill if fill is not None else np.nan if whole.dtype.kind == "f" else 0
+    padding = np.nan if whole.dtype.kind == "f" else 0
     at = 0
     for part in parts:
         whole[at : at + len(part), : part.shape[1]] = part
@@ -186,6 +248,7 @@ def _decoded(layout: Layout, runs: Sequence[EnsembleRun]) -> Ensembles:
         correlation=_bytes_of_cells(rows, layout, CORRELATION),
         echo=_bytes_of_cells(rows, layout, ECHO),
         percent_good=_bytes_of_cells(rows, layout, PERCENT_GOOD),
+        blocks=np.full(len(rows), sum(bit for block, bit in COUNTS.values() if _has_profile(layout, block)), np.uint8),
         **_from_fixed(rows, layout),
         **_from_variable(rows, layout),
     )
@@ -220,7 +283,7 @@ def _velocity(rows: Bytes, layout: Layout) -> Floats:
     counts = _profile(rows, layout, VELOCITY).view("<i2")
     # Divided, not multiplied by 0.001, so that 123 mm/s is the number nearest to 0.123.
     velocity = counts / 1000.0
-    np.copyto(velocity, np.nan, where=counts == _MISSING)
+    np.copyto(velocity, np.nan, where=counts == MISSING_COUNT)
     return velocity.reshape(len(rows), layout.cells, 4)
 
 
@@ -286,7 +349,7 @@ def _from_variable(rows: Bytes, layout: Layout) -> dict[str, Any]:
 
 def hundredths(counts: NDArray[np.int16]) -> Floats:
     """Return hundredths as whole numbers count them, NaN where nothing was measured."""
-    return np.where(counts == _MISSING, np.nan, counts / 100.0)
+    return np.where(counts == MISSING_COUNT, np.nan, counts / 100.0)
 
 
 def _seconds(clock: Bytes, clock_2000: Bytes, century: Bytes) -> Floats:

@@ -13,11 +13,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from compasslib.core.errors import InputError
-from compasslib.core.records import BAD, GOOD, MISSING, Flags, Record
+from compasslib.core.records import BAD, GOOD, MISSING, Record
 from compasslib.core.types import Floats
 from compasslib.readers.pd0 import consistency
 from compasslib.readers.pd0.account import FileReport, counts_of, faces_up, lost_ensembles, warnings_of
@@ -30,7 +32,7 @@ from compasslib.readers.pd0.currents import (
     quality,
     true_pitch,
 )
-from compasslib.readers.pd0.fields import Ensembles, LeftOut, decode_runs, joined, stacked
+from compasslib.readers.pd0.fields import COUNTS, Ensembles, Grown, LeftOut, decode_runs, joined
 from compasslib.readers.pd0.frames import CHUNK_BYTES, Skipped, frames
 
 BOUNDARY_COUNTS = 50  # above the least echo before it; 0.45 dB a count
@@ -54,9 +56,6 @@ class _Water:
     """The part of a piece that the record keeps."""
 
     leaders: Ensembles  # without their profiles
-    east: Floats
-    north: Floats
-    quality: Flags
     echo_range_m: Floats
     echo_near: Floats  # (n,) counts
     three_beam: int
@@ -114,9 +113,11 @@ def read_reporting(paths: Sequence[Path], choices: Choices) -> tuple[Record, tup
         found = repr(choices.orientation)
         raise InputError("orientation", expected="up or down", found=found, advice="write orientation: up")
     # Downloads may be listed in any order.
-    files = sorted((_file(path, choices) for path in paths), key=lambda each: each[0][0].leaders.time_s[0])
-    reports = [report for _, report in files]
-    return _record([part for of_file, _ in files for part in of_file], reports, choices), tuple(reports)
+    ordered = sorted(paths, key=_first_time) if len(paths) > 1 else paths
+    grown = Grown(sum(Path(path).stat().st_size for path in paths if Path(path).is_file()))
+    files = [_file(path, choices, grown) for path in ordered]
+    reports = tuple(report for _, report in files)
+    return _record([part for of_file, _ in files for part in of_file], grown, reports, choices), reports
 
 
 def echo_ranges(ensembles: Ensembles) -> Floats:
@@ -162,21 +163,28 @@ def _refuse_empty(path: str | Path, pieces: Sequence[_DecodedChunk]) -> None:
     raise InputError(str(path), expected="PD0 ensembles (7F 7F) with velocities", found=found, advice=advice)
 
 
-def _file(path: str | Path, choices: Choices) -> tuple[list[_Water], FileReport]:
-    """Read one file piece by piece, so that the profiles of a piece are gone before the next is there."""
+def _first_time(path: str | Path) -> float:
+    pieces = (piece.ensembles for piece in _pieces(path))
+    return next((float(ensembles.time_s[0]) for ensembles in pieces if len(ensembles)), np.inf)
+
+
+def _file(path: str | Path, choices: Choices, grown: Grown) -> tuple[list[_Water], FileReport]:
+    """Read one file piece by piece, so that the ensembles of a piece are gone before the next is there."""
     bare: list[_DecodedChunk] = []
     water: list[_Water] = []
+    begin = len(grown)
     for piece in _pieces(path):
         bare.append(replace(piece, ensembles=_leaders(piece.ensembles)))
         if len(piece.ensembles):
             consistency.refuse_alignment(str(path), piece.ensembles, choices.heading_alignment)
-            water.append(_turned(piece.ensembles, choices))
+            water.append(_turned(piece.ensembles, piece.size, choices, grown))
     _refuse_empty(path, bare)
     cells = np.sum([part.of_other_coordinates for part in water], axis=0)
     consistency.refuse_coordinates(str(path), joined([part.leaders for part in water]), *cells.tolist())
     if not any(part.has_percent_good for part in water):
         # Nobody has filled the block: it says nothing about the velocities.
-        water = [replace(part, quality=np.where(part.quality == BAD, GOOD, part.quality)) for part in water]
+        flags = grown["quality"][begin:]
+        flags[flags == BAD] = GOOD
     return water, _report(path, bare, sum(part.three_beam for part in water))
 
 
@@ -185,17 +193,16 @@ def _leaders(ensembles: Ensembles) -> Ensembles:
     return replace(ensembles, velocity=none, correlation=no_bytes, echo=no_bytes, percent_good=no_bytes)
 
 
-def _turned(ensembles: Ensembles, choices: Choices) -> _Water:
-    east, north, three_beam = currents(ensembles, choices)
-    flags = quality(ensembles, east, north)
+def _turned(ensembles: Ensembles, size: int, choices: Choices, grown: Grown) -> _Water:
+    flow = currents(ensembles, choices)
+    columns = {"east": flow.east, "north": flow.north, "quality": quality(ensembles, flow.east, flow.north)}
+    columns |= {"up": flow.up.astype(np.float32), "error_velocity": flow.error.astype(np.float32)}
+    grown.add(columns | {name: getattr(ensembles, name) for name in COUNTS}, {"quality": MISSING}, size)
     return _Water(
         leaders=_leaders(ensembles),
-        east=east,
-        north=north,
-        quality=flags,
         echo_range_m=echo_ranges(ensembles),
         echo_near=_echo_near(ensembles),
-        three_beam=three_beam,
+        three_beam=flow.three_beam,
         has_percent_good=bool(ensembles.percent_good.any()),
         of_other_coordinates=of_other_coordinates(ensembles),
     )
@@ -222,21 +229,20 @@ def _report(path: str | Path, pieces: Sequence[_DecodedChunk], three_beam: int) 
     )
 
 
-def _record(water: Sequence[_Water], reports: Sequence[FileReport], choices: Choices) -> Record:
+def _record(water: Sequence[_Water], grown: Grown, reports: Sequence[FileReport], choices: Choices) -> Record:
     leaders = joined([part.leaders for part in water])
     where = ", ".join(report.path for report in reports)
     consistency.refuse(where, leaders)
     serial = consistency.serial_number(where, leaders, choices.serial_number)
     flags, stray, notes = consistency.stray(leaders)
     heading = magnetic_heading(leaders, choices)
-    cells = int(leaders.cells.max())
-    known = {"velocities": sum(int(np.isfinite(part.east).sum()) for part in water)}
+    known = {"velocities": int(np.isfinite(grown["east"]).sum())}
     counts = counts_of(reports, leaders, heading, choices) | stray | known
     return Record(
         time_s=leaders.time_s,
-        east=stacked([part.east for part in water], cells),
-        north=stacked([part.north for part in water], cells),
-        bin_range_m=_bin_range(leaders, cells),
+        east=grown["east"],
+        north=grown["north"],
+        bin_range_m=_bin_range(leaders, int(leaders.cells.max())),
         heading_deg=heading,
         pitch_deg=true_pitch(leaders.tilt1_deg, leaders.tilt2_deg),
         roll_deg=leaders.tilt2_deg,
@@ -250,7 +256,9 @@ def _record(water: Sequence[_Water], reports: Sequence[FileReport], choices: Cho
             "echo": np.concatenate([part.echo_near for part in water]),
         },
         channel_units={"transmit_current": "count", "heading_spread": "degree", "echo": "count"},
-        quality=np.maximum(stacked([part.quality for part in water], cells, fill=MISSING), flags[:, None]),
+        profiles=_profiles(grown, leaders),
+        recorded_in=_in_words(leaders),
+        quality=np.maximum(grown["quality"], flags[:, None]),
         heading_quality=np.where(np.isnan(heading), MISSING, flags).astype(np.int8),
         looks_up=faces_up(leaders, choices),
         beam_angle_deg=_most_frequent(leaders.beam_angle_deg),
@@ -261,6 +269,24 @@ def _record(water: Sequence[_Water], reports: Sequence[FileReport], choices: Cho
         counts=counts,
         warnings=(*warnings_of(reports, leaders, counts, choices), *notes),
     )
+
+
+def _profiles(grown: Grown, leaders: Ensembles) -> dict[str, NDArray[Any]]:
+    """Return what the velocities came with where there is any of it; counts that some ensembles lack become -1."""
+    found = {name: grown[name] for name in ("up", "error_velocity") if np.isfinite(grown[name]).any()}
+    beyond = np.arange(grown["east"].shape[1]) >= leaders.cells[:, None]
+    for name, (_, bit) in COUNTS.items():
+        counts, absent = grown[name], (leaders.blocks & bit) == 0
+        if not counts.any():  # nobody has filled the block
+            continue
+        lacking = beyond | absent[:, None]
+        found[name] = np.where(lacking[..., None], np.int16(-1), counts) if lacking.any() else counts
+    return found
+
+
+def _in_words(leaders: Ensembles) -> str:
+    codes = np.unique(leaders.coordinates)
+    return consistency.COORDINATES[int(codes[0])] if len(codes) == 1 else "several"
 
 
 def _bin_range(leaders: Ensembles, cells: int) -> Floats:

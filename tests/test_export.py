@@ -1,0 +1,283 @@
+"""compass export: read back by pandas, scipy, xarray, mhkit and our own reader; and a raw file with other headings."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import warnings
+from pathlib import Path
+
+import netCDF4
+import numpy as np
+import pytest
+from pd0_encoder import ensemble
+from sea import SHARED, START, cruise
+from test_archive import PROCESSING, USUAL
+from test_workflow import change
+
+from compasslib.archive import export, netcdf
+from compasslib.command import main
+from compasslib.core import angles, records
+from compasslib.core.records import MISSING, Corrected
+from compasslib.preparation import deployment
+from compasslib.readers.pd0 import reader, rewrite
+from compasslib.readers.pd0.frames import frames
+from compasslib.stages import pipeline
+
+EH2 = SHARED / "pd0/eh2_20060530_20060717_0007m.000"
+READ = {"declination_applied": None, "heading_alignment": None}
+BEAM, INSTRUMENT, SHIP, EARTH = 0b00111, 0b01111, 0b10111, 0b11111  # EX
+
+
+def deviation(heading_deg):
+    return 25.0 * angles.sin_cos(heading_deg)[0] - 3.0
+
+
+def turn(leaders):
+    return np.where(leaders.heading_deg < 300.0, deviation(leaders.heading_deg), np.nan)
+
+
+@pytest.fixture(scope="module")
+def world(tmp_path_factory) -> Path:
+    """A cruise whose deployment begins five hours after its raw file, its clock two minutes off, and its product."""
+    folder = cruise(tmp_path_factory.mktemp("cruise"), n=80)
+    top = {"format": "pd0", "files": "raw/M1/top.000", "depth": 100, "orientation": "up", "clock_offset_seconds": 120}
+    deep = {"format": "table", "files": "raw/M1/deep.csv", "depth": 105}
+    deep["columns"] = {"time": "time_utc", "depth": "depth_m", "east": "u_cm_s", "north": "v_cm_s", "scale": 0.01}
+    begin = START.replace(hour=5).strftime("%Y-%m-%dT%H:%M:%SZ")
+    change(folder / "config/moorings/M1.yaml", start=begin, instruments={"top": top, "deep": deep})
+    pipeline.process(folder, "M1", folder / "corrected/M1")
+    return folder
+
+
+def exported(capsys, world: Path, form: str, into: Path) -> list[Path]:
+    assert main(["export", "M1", "--cruise", str(world), "--to", form, "--into", str(into)]) == 0
+    return [Path(line) for line in capsys.readouterr().out.split()]
+
+
+def refused(capsys, *words: str) -> str:
+    assert main(["export", *words]) == 1
+    out, err = capsys.readouterr()
+    assert out == "" and err.startswith("error: ") and err.count("\n") == 1
+    return err
+
+
+# ------------------------------------------------------------------------------------------------- tables and archives
+def test_pandas_reads_the_table_in_one_go(world, tmp_path, capsys):
+    pandas = pytest.importorskip("pandas")
+    table, sidecar = exported(capsys, world, "csv", tmp_path)
+    read = pandas.read_csv(table, parse_dates=["TIME"])
+    with netCDF4.Dataset(world / "corrected/M1/corrected.nc") as nc:
+        n, m = nc["UCUR"].shape
+        assert len(read) == n * m and read.TIME.iloc[0] == pandas.Timestamp("2007-09-04T05:58:00Z")
+        wide = {
+            name: read[name].to_numpy().reshape(n, m)
+            for name in ("UCUR", "HEADING_TRUE", "CORRELATION_3", "UCUR_QC")
+        }
+        # The table has seven digits.
+        np.testing.assert_allclose(wide["UCUR"], nc["UCUR"][:].filled(np.nan), rtol=1e-6)
+        np.testing.assert_allclose(wide["HEADING_TRUE"][:, 1], nc["HEADING_TRUE"][:].filled(np.nan), rtol=1e-6)
+        np.testing.assert_array_equal(wide["CORRELATION_3"], nc["CORRELATION"][2])
+        np.testing.assert_array_equal(wide["UCUR_QC"], nc["UCUR_QC"][:])
+        told = json.loads(sidecar.read_text())
+        assert {name: told["columns"][name]["units"] for name in ("UCUR", "HEADING_TRUE")} == {
+            "UCUR": "m s-1",
+            "HEADING_TRUE": "degree",
+        }
+        assert told["for_all_rows"]["LATITUDE"] == 65.3333 and told["attributes"]["id"] == nc.id
+        columns = {column.rsplit("_", 1)[0] if column[-1].isdigit() else column for column in read.columns}
+        assert columns == set(told["columns"])
+
+
+def test_scipy_reads_the_structures(world, tmp_path, capsys):
+    from scipy.io import loadmat
+
+    (file,) = exported(capsys, world, "mat", tmp_path / "a")
+    read = loadmat(file, simplify_cells=True)
+    with netCDF4.Dataset(world / "corrected/M1/corrected.nc") as nc:
+        assert set(read["data"]) == {*nc.variables, "DATENUM"} == set(read["units"]) == set(read["long_name"])
+        for name in ("UCUR", "HEADING_CORRECTED_UNCERTAINTY", "CORRELATION", "ERROR_VELOCITY_QC", "DEPTH"):
+            np.testing.assert_array_equal(read["data"][name], np.ma.filled(nc[name][:].astype(float), np.nan), name)
+            assert read["units"][name] == getattr(nc[name], "units", "1")
+        assert read["attributes"]["id"] == nc.id and read["data"]["STATION"] == "M1"
+        days = np.datetime64("2007-09-04T05:58") - np.datetime64("0000-01-01")  # day 1 of MATLAB
+    assert read["data"]["DATENUM"][0] == pytest.approx(days / np.timedelta64(1, "D") + 1.0, abs=1e-8)
+    assert exported(capsys, world, "mat", tmp_path / "b")[0].read_bytes() == file.read_bytes()
+
+
+def test_oceansites_is_the_same_file_under_its_name(world, tmp_path, capsys):
+    xarray = pytest.importorskip("xarray")
+    (file,) = exported(capsys, world, "oceansites", tmp_path)
+    assert file.name == "OS_M1_200709_D_compass-corrected.nc"
+    assert file.read_bytes() == (world / "corrected/M1/corrected.nc").read_bytes()
+    with xarray.open_dataset(file, decode_cf=True) as data:
+        assert {"TIME", "BIN", "BEAM", "DEPTH", "LATITUDE", "LONGITUDE"} <= set(data.coords)
+        for name in ("UCUR", "WCUR", "CORRELATION", "HEADING_TRUE"):
+            assert data[name].attrs["units"] and data[name].dims[-1] == ("TIME" if name == "HEADING_TRUE" else "BIN")
+
+
+@pytest.mark.parametrize("form", ["csv", "mat", "pd0", "oceansites"])
+def test_nothing_is_written_over(world, tmp_path, capsys, form):
+    first, *_ = exported(capsys, world, form, tmp_path)
+    first.write_bytes(b"mine")
+    line = refused(capsys, "M1", "--cruise", str(world), "--to", form, "--into", str(tmp_path))
+    assert f"{first.name}: expected a file that is not there yet" in line and first.read_bytes() == b"mine"
+
+
+# ----------------------------------------------------------------------------------------------------------------- PD0
+def test_our_reader_gives_the_corrected_headings_back(world, tmp_path, capsys):
+    file, sidecar = exported(capsys, world, "pd0", tmp_path)
+    assert file.name == "M1_top_corrected.000" and sidecar.name == "M1_top_corrected.000.json"
+    back = reader.read([file], orientation="up", **READ)
+    product = netcdf.read_corrected(world / "corrected/M1/corrected.nc")
+    at = np.searchsorted(back.time_s - 120.0, product.record.time_s)
+    assert len(back.time_s) == 80 and len(at) == 74
+    off = angles.difference(back.heading_deg[at], product.heading_corrected_deg)
+    assert np.abs(off).max() <= 0.005 + 1e-9  # a count is 0.01 degrees
+    east, north = angles.turn(back.east[at], back.north[at], product.declination_deg[:, None])
+    assert max(np.abs(east - product.east).max(), np.abs(north - product.north).max()) < 0.001  # a count is 1 mm/s
+    outside = np.setdiff1d(np.arange(80), at)
+    assert np.isnan(back.heading_deg[outside]).all() and (back.quality[outside] == MISSING).all()
+    told = json.loads(sidecar.read_text())
+    assert told["ensembles"] == {"corrected": 74, "without_heading": 6}
+    assert told["original"]["sha256"] in str(netCDF4.Dataset(world / "corrected/M1/corrected.nc").history)
+
+
+@pytest.mark.parametrize("change_it", ["raw", "clock", "mooring", "format"])
+def test_other_files_or_settings_than_the_products_are_refused(world, tmp_path, capsys, change_it):
+    import shutil
+
+    copied, name = Path(shutil.copytree(world, tmp_path / "c")), "M1"
+    yaml_file = copied / "config/moorings/M1.yaml"
+    if change_it == "raw":
+        (copied / "raw/M1/top.000").write_bytes((copied / "raw/M1/top.000").read_bytes() + b"more")
+    if change_it == "clock":
+        yaml_file.write_text(yaml_file.read_text().replace("clock_offset_seconds: 120", "clock_offset_seconds: 60"))
+    if change_it == "mooring":
+        (copied / "corrected/M1").rename(copied / "corrected/M2")
+        name = "M2"
+    if change_it == "format":
+        yaml_file.write_text(yaml_file.read_text().replace("compromised: top\nreference: deep", "compromised: deep"))
+    expected = {
+        "raw": "raw/M1/top.000: expected the raw file behind",
+        "clock": "found none for 74; clock or reader settings have changed since: run the cruise again",
+        "mooring": "M2: expected a mooring of the cruise (M1)",
+        "format": "M1: deep: expected raw files in PD0, found table; export it to csv, mat or oceansites",
+    }
+    said = refused(capsys, name, "--cruise", str(copied), "--to", "pd0", "--into", str(tmp_path / "out"))
+    assert expected[change_it] in said and not list((tmp_path / "out").glob("*"))
+
+
+@pytest.mark.parametrize(("ex", "turned"), [(BEAM, False), (INSTRUMENT, False), (SHIP, False), (EARTH, True)])
+def test_only_heading_checksum_and_earth_velocities_change(tmp_path, ex, turned):
+    counts = [[100 * k, -50, 7, 3] for k in range(1, 4)] + [[-32768] * 4]
+    raw = b"".join(
+        ensemble(counts, fixed={"ex": ex, "eb": 700}, number=k, heading=heading)
+        for k, heading in enumerate((0, 8999, 35999, 36001))
+    )
+    (tmp_path / "raw.000").write_bytes(raw)
+    said = rewrite.rewrite(tmp_path / "raw.000", tmp_path / "new.000", turn)
+    old, new = (
+        np.concatenate([run.rows for chunk in frames(file) for run in chunk.runs])
+        for file in (tmp_path / "raw.000", tmp_path / "new.000")
+    )
+    assert (said.corrected, said.flagged, said.skipped) == (2, 2, ())
+    layout = next(run.layout for chunk in frames(tmp_path / "new.000") for run in chunk.runs)
+    heading, velocity = layout.blocks[0x80][0] + 18, layout.blocks[0x100][0] + 2
+    may = np.zeros(old.shape[1], dtype=bool)
+    may[[heading, heading + 1, -2, -1]] = True
+    flows = np.zeros_like(may)
+    flows[velocity : velocity + 32] = True
+    assert (old[:, ~(may | flows)] == new[:, ~(may | flows)]).all()
+    assert (old[:2, flows] == new[:2, flows]).all() == (not turned)
+    assert (new[2:, flows].copy().view("<i2") == -32768).all()
+    assert new[:, heading : heading + 2].copy().view("<u2").ravel().tolist() == [35700, 11199, 65535, 65535]
+    if turned:
+        east, north = angles.turn(np.array([100.0, 200.0, 300.0]), -50.0, deviation(89.99))
+        got = new[1, flows].copy().view("<i2").reshape(4, 4)
+        np.testing.assert_array_equal(got[:3, :2], np.rint(np.stack([east, north], axis=1)))
+        assert (got[:3, 2:] == [7, 3]).all() and (got[3] == -32768).all()
+
+
+def test_speeds_that_the_format_cannot_hold_become_bad(tmp_path):
+    (tmp_path / "raw.000").write_bytes(ensemble([[32000, 32000, 0, 0]], heading=4000))
+    rewrite.rewrite(tmp_path / "raw.000", tmp_path / "new.000", lambda leaders: np.full(1, 45.0))
+    assert np.isnan(reader.decode(tmp_path / "new.000").velocity).all()
+
+
+def by_mhkit(path: Path):
+    mhkit = pytest.importorskip("mhkit.dolfyn")
+    with contextlib.redirect_stdout(io.StringIO()), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return mhkit.read(str(path))
+
+
+@pytest.mark.skipif(not EH2.exists(), reason="needs the recordings beside the project")
+def test_a_genuine_file_with_other_headings_reads_by_mhkit_and_by_us(tmp_path):
+    new = tmp_path / "eh2.000"
+    said = rewrite.rewrite(EH2, new, turn)
+    old, back = (reader.read([file], orientation="down", **READ) for file in (EH2, new))
+    assert said.corrected + said.flagged == len(old.time_s) == len(back.time_s) and len(said.skipped) > 0
+    by = turn(old)
+    kept = np.isfinite(by)
+    expected = angles.wrap360(old.heading_deg + by)[kept]
+    assert np.abs(angles.difference(back.heading_deg[kept], expected)).max() <= 0.005 + 1e-9
+    east, _ = angles.turn(old.east[kept], old.north[kept], by[kept][:, None])
+    assert np.nanmax(np.abs(back.east[kept] - east)) <= 0.0005 + 1e-9 and np.isnan(back.east[~kept]).all()
+    assert back.counts["bytes_skipped"] == 0  # what was damaged is left out
+    seen = by_mhkit(new)
+    n = len(seen.time)  # mhkit leaves the last ensemble out
+    np.testing.assert_allclose(seen.heading.values[kept[:n]], expected[: kept[:n].sum()], atol=0.0051)
+    # mhkit's are in float32.
+    for found, expected in ((seen.vel[0], back.east), (seen.vel[1], back.north), (seen.vel[2], back.profiles["up"])):
+        np.testing.assert_allclose(found.values.T, expected[:n], atol=1e-5)
+    np.testing.assert_array_equal(
+        np.moveaxis(seen.prcnt_gd.values, 0, 2).swapaxes(0, 1), old.profiles["percent_good"][:n]
+    )
+
+
+@pytest.mark.skipif(not EH2.exists(), reason="needs the recordings beside the project")
+def test_a_genuine_record_goes_through_every_form(tmp_path):
+    """The genuine record under an invented deviation: tables and archives of 27 bins and a pressure."""
+    from scipy.io import loadmat
+
+    days = [np.datetime64(f"2006-06-{day:02d}").astype("M8[s]").astype(float) for day in (1, 8)]
+    record = deployment.settle(
+        reader.read([EH2], orientation="down", **READ),
+        **{"start_s": days[0], "end_s": days[1], "water_depth": 45.5, "latitude": 47.5977, "nominal_depth": 7.0},
+    )
+    made = _product(record)
+    source = tmp_path / "corrected.nc"
+    netcdf.write_corrected(source, made, site=netcdf.Site("E0", 47.6, -124.6), attributes=USUAL, processing=PROCESSING)
+    export.to_csv(source, tmp_path / "E0.csv", tmp_path / "E0.csv.json")
+    export.to_mat(source, tmp_path / "E0.mat")
+    read = pytest.importorskip("pandas").read_csv(tmp_path / "E0.csv")
+    data = loadmat(tmp_path / "E0.mat", simplify_cells=True)["data"]
+    n, m = made.east.shape
+    assert m == 27 and len(read) == n * m > 4000
+    for key, name in (("up", "WCUR"), ("error_velocity", "ERROR_VELOCITY")):
+        np.testing.assert_array_equal(data[name], record.profiles[key])
+        np.testing.assert_allclose(read[name].to_numpy().reshape(n, m), record.profiles[key], rtol=1e-6)
+    np.testing.assert_array_equal(read.CORRELATION_2.to_numpy().reshape(n, m), record.profiles["correlation"][..., 1])
+    np.testing.assert_array_equal(data["ECHO_INTENSITY"], np.moveaxis(record.profiles["echo"], 2, 0))
+
+
+def _product(record: records.Record) -> Corrected:
+    by, n = deviation(record.heading_deg), len(record.time_s)
+    east, north = angles.turn(record.east, record.north, by[:, None])
+    return Corrected(
+        record=record,
+        heading_corrected_deg=angles.wrap360(record.heading_deg + by),
+        heading_uncertainty_deg=np.ones(n),
+        heading_corrected_quality=np.ones(n, np.int8),
+        deviation_deg=by,
+        branch_probability=np.ones(n),
+        declination_deg=np.zeros(n),
+        east=east,
+        north=north,
+        east_recorded=record.east,
+        north_recorded=record.north,
+        velocity_uncertainty=np.hypot(east, north) * 0.02,
+        velocity_quality=record.quality,
+    )
