@@ -72,8 +72,7 @@ def test_pandas_reads_the_table_in_one_go(world, tmp_path, capsys):
         n, m = nc["UCUR"].shape
         assert len(read) == n * m and read.TIME.iloc[0] == pandas.Timestamp("2007-09-04T05:58:00Z")
         wide = {
-            name: read[name].to_numpy().reshape(n, m)
-            for name in ("UCUR", "HEADING_TRUE", "CORRELATION_3", "UCUR_QC")
+            name: read[name].to_numpy().reshape(n, m) for name in ("UCUR", "HEADING_TRUE", "CORRELATION_3", "UCUR_QC")
         }
         # The table has seven digits.
         np.testing.assert_allclose(wide["UCUR"], nc["UCUR"][:].filled(np.nan), rtol=1e-6)

@@ -14,9 +14,9 @@ import netCDF4
 import netcdf_layouts as layouts
 import numpy as np
 import pytest
-from netcdf_layouts import DECLINATION
+from netcdf_layouts import DECLINATION, M, N
 from sea import SHARED
-from test_archive import make_product, write
+from test_archive import make_product, measured, write
 
 from compasslib import readers
 from compasslib.core import angles
@@ -110,6 +110,11 @@ def test_what_mhkit_writes_is_what_the_pd0_reader_reads(tmp_path, name):
         known = np.isfinite(record.east)  # dolfyn does not solve for currents from three beams
         close(record.east[known], own.east[:n][known], 1e-5)
         close(record.north[known], own.north[:n][known], 1e-5)
+        close(record.profiles["up"][known], own.profiles["up"][:n][known], 1e-5)
+        assert set(record.profiles) == set(own.profiles)
+        for key in {"echo", "correlation", "percent_good"} & set(own.profiles):
+            np.testing.assert_array_equal(record.profiles[key], own.profiles[key][:n])
+            assert record.profiles[key].dtype == np.uint8
         assert np.nanmax(np.abs(angles.difference(record.heading_deg, own.heading_deg[:n]))) < 1e-4
         for field in ("time_s", "pitch_deg", "roll_deg", "depth_m", "temperature_c", "bin_range_m"):
             close(getattr(record, field), getattr(own, field)[:n], 1e-4)
@@ -118,7 +123,7 @@ def test_what_mhkit_writes_is_what_the_pd0_reader_reads(tmp_path, name):
 
 
 def test_our_own_product_comes_back_as_the_record_it_was_made_of(tmp_path):
-    product = make_product(60, 4)
+    product = make_product(60, 4, **measured(60, 4))
     write(tmp_path / "a.nc", product)
     record, own = read(tmp_path / "a.nc"), product.record
     east, north = angles.turn(product.east_recorded, product.north_recorded, -product.declination_deg[:, None])
@@ -127,10 +132,28 @@ def test_our_own_product_comes_back_as_the_record_it_was_made_of(tmp_path):
     close(record.time_s, own.time_s, 1e-4)
     close(record.bin_depth_m(), own.bin_depth_m(), 1e-4)
     assert record.looks_up == own.looks_up
+    close(record.pressure_dbar, own.pressure_dbar, 1e-9)
+    for key, values in own.profiles.items():
+        np.testing.assert_array_equal(record.profiles[key], values)
     np.testing.assert_allclose(angles.difference(record.heading_deg, own.heading_deg), 0.0, atol=1e-9)
     assert (record.quality == MISSING).tolist() == (np.isnan(product.east_recorded)).tolist()
     kept = read(tmp_path / "a.nc", direction_reference="true", columns={"east": "UCUR", "north": "VCUR"})
     close(kept.east, product.east, 2e-6)
+
+
+def test_counts_of_each_beam_are_found_by_imos_names_and_what_is_not_clear_is_left_out(tmp_path):
+    layouts.write(tmp_path / "a.nc", "imos_magnetic")
+    counts = np.arange(N * M * 4).reshape(N, M, 4) % 200
+    counts[5, 2, 1] = -1
+    with netCDF4.Dataset(tmp_path / "a.nc", "a") as nc:
+        for beam in range(4):
+            made = nc.createVariable(f"ABSIC{beam + 1}", "i2", ("TIME", "HEIGHT_ABOVE_SENSOR"), fill_value=-1)
+            made[:] = counts[..., beam]
+        nc.createVariable("WCUR", "f4", ("TIME", "HEIGHT_ABOVE_SENSOR")).units = "furlong fortnight-1"
+        nc.createVariable("CMAG1", "f4", ("TIME", "HEIGHT_ABOVE_SENSOR"))[:] = 1.0
+    record = read(tmp_path / "a.nc")
+    assert list(record.profiles) == ["echo"]
+    np.testing.assert_array_equal(record.profiles["echo"], counts)
 
 
 NORTHS = [  # layout, attributes dropped, settings, and what the line names, or how the velocities come out turned

@@ -119,6 +119,13 @@ def test_profiles_agree_with_mhkit_in_all_coordinates(tmp_path, coordinates, dow
             velocity = theirs[f"vel{tag}"].values
             assert np.abs(record.east[at] - velocity[0].T).max() < 5e-6
             assert np.abs(record.north[at] - velocity[1].T).max() < 5e-6
+            up = velocity[2:].mean(axis=0) if tag else velocity[2]  # the Signature's two
+            assert np.abs(record.profiles["up"][at] - up.T).max() < 5e-6
+        half_decibels = 2.0 if tag else 1.0
+        amplitude = half_decibels * theirs[f"amp{tag}"].values.transpose(2, 1, 0)
+        np.testing.assert_array_equal(record.profiles["echo"][at], amplitude)
+        if tag:
+            np.testing.assert_array_equal(record.profiles["correlation"], theirs["corr_avg"].values.transpose(2, 1, 0))
 
 
 @pytest.mark.parametrize("down", [False, True])

@@ -120,8 +120,9 @@ def test_a_file_of_beams_gives_the_known_answers(tmp_path: Path) -> None:
         angles_ = {name: round(100 * case[name]) for name in ("heading", "tilt1", "tilt2")}
         fixed = {"ex": EX[BEAM], "up": case["facing"] == "up"}
         record = read(written(tmp_path, ensemble([beams], fixed=fixed, **angles_), name=f"{i}.000"))
-        east, north, _ = case["east_north_up"]
-        np.testing.assert_allclose([record.east[0, 0], record.north[0, 0]], [east, north], atol=1e-6)
+        flow = [record.east[0, 0], record.north[0, 0], record.profiles["up"][0, 0]]
+        np.testing.assert_allclose(flow, case["east_north_up"], atol=1e-6)
+        np.testing.assert_allclose(record.profiles["error_velocity"][0, 0], case["error"], atol=1e-6)
         assert record.looks_up == (case["facing"] == "up") and record.beam_angle_deg == 20.0
 
 

@@ -39,6 +39,8 @@ def read(path: Path, *parts: bytes, **settings: Any) -> Record:
 def test_ensembles_come_back_from_any_frame(tmp_path, wrapped):
     record = read(tmp_path / "a.dat", wrapped(series()))
     np.testing.assert_array_equal(np.stack([record.east, record.north], axis=2), PROFILES[..., :2] / 1000.0)
+    for k, name in ((2, "up"), (3, "error_velocity")):
+        np.testing.assert_array_equal(record.profiles[name], (PROFILES[..., k] / 1000.0).astype(np.float32))
     np.testing.assert_array_equal(record.time_s, START.timestamp() + 7200.0 * np.arange(80))
     np.testing.assert_allclose(angles.difference(record.heading_deg, 43.0 * np.arange(80)), 0.0, atol=1e-9)
     np.testing.assert_allclose(record.bin_range_m[7], [24.7, 44.7, 64.7])

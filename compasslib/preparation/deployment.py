@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,7 +59,7 @@ def settle(
     time_s = utc(record.time_s, (start_s, end_s), clock_offset_seconds, clock_drift_seconds)
     pressure = record.pressure_dbar - pressure_offset
     record = replace(record, time_s=time_s, direction_reference=direction_reference, pressure_dbar=pressure)
-    record = _inside(record, start_s, end_s)
+    record = _with_measured(_inside(record, start_s, end_s))
     if declination_applied:
         east, north = angles.turn(record.east, record.north, -declination_applied)
         known, turned = np.isfinite(record.heading_deg), angles.wrap360(record.heading_deg - declination_applied)
@@ -144,6 +145,17 @@ def _inside(record: Record, start_s: float, end_s: float) -> Record:
     if repeated:
         notes.append(f"{repeated} samples repeat a time and were left out")
     return _noted(replace(take(record, _as_slice(place[first])), counts=counts), notes)
+
+
+def _with_measured(record: Record) -> Record:
+    """Return the record without profiles that hold nothing."""
+    every = ((name, profile[:]) for name, profile in record.profiles.items())
+    held = {name: values for name, values in every if _holds(values)}
+    return replace(record, profiles=held)
+
+
+def _holds(values: NDArray[Any]) -> bool:
+    return bool((np.isfinite(values) if values.dtype.kind == "f" else values > 0).any())
 
 
 def _deduplicated(record: Record, place: NDArray[np.intp]) -> NDArray[np.intp]:

@@ -60,7 +60,7 @@ def read(paths: Sequence[Path], *, orientation: str, bin_size: float, first_bin:
     time_s = _times(heads)
     dated = np.isfinite(time_s)
     frames, heads, time_s = [f for f, d in zip(frames, dated, strict=True) if d], heads[dated], time_s[dated]
-    east, north = _velocities(frames, heads)
+    east, north, up, error = _velocities(frames, heads)
     counts |= {"bad_dates": int(np.sum(~dated)), "ensembles": len(heads), "lost": _lost(heads["number"])}
     heading = np.where(heads["heading"] < 36000, heads["heading"] / 100.0, np.nan)
     known = np.isfinite(east + north)
@@ -81,6 +81,7 @@ def read(paths: Sequence[Path], *, orientation: str, bin_size: float, first_bin:
         heading_quality=np.where(np.isnan(heading), MISSING, GOOD).astype(np.int8),
         looks_up=orientation == "up",
         beam_angle_deg=BEAM_ANGLE_DEG,
+        profiles={"up": up.astype(np.float32), "error_velocity": error.astype(np.float32)},
         counts=counts | {"velocities_missing": int(np.sum(~known)), "heading_missing": int(np.isnan(heading).sum())},
         warnings=_warnings(counts),
     )
@@ -150,16 +151,15 @@ def _times(heads: NDArray[np.void]) -> Floats:
     return seconds_of(heads["year"].astype(np.int64), np.column_stack(clock))
 
 
-def _velocities(frames: Sequence[bytes], heads: NDArray[np.void]) -> tuple[Floats, Floats]:
-    """Return east and north, m/s, padded where ensembles have fewer bins than the longest."""
-    pair = np.full((2, len(frames), int(heads["bins"].max(initial=1))), np.nan)
+def _velocities(frames: Sequence[bytes], heads: NDArray[np.void]) -> Floats:
+    """Return east, north, up and error, (4, n, m) m/s, padded where ensembles have fewer bins than the longest."""
+    flow = np.full((4, len(frames), int(heads["bins"].max(initial=1))), np.nan)
     for bins in np.unique(heads["bins"]):
         mine = heads["bins"] == bins
         sent = b"".join(f[HEADER.itemsize :] for f, m in zip(frames, mine, strict=True) if m)
-        east, north, _, _ = np.moveaxis(np.frombuffer(sent, "<i2").reshape(-1, 4, bins), 1, 0)
-        for values, into in ((east, pair[0]), (north, pair[1])):
-            into[mine, :bins] = np.where(values == NONE, np.nan, values / 1000.0)
-    return pair[0], pair[1]
+        counts = np.moveaxis(np.frombuffer(sent, "<i2").reshape(-1, 4, bins), 1, 0)
+        flow[:, mine, :bins] = np.where(counts == NONE, np.nan, counts / 1000.0)
+    return flow
 
 
 def _ranges(heads: NDArray[np.void], bins: int, bin_size: float, first_bin: float) -> Floats:

@@ -23,6 +23,7 @@ from compasslib.readers.pd0.currents import true_pitch
 from compasslib.readers.pd0.fields import seconds_of
 
 CLOCK = ("YR", "MO", "DA", "HH", "MM", "SS", "HH")  # the second HH: hundredths
+VERTICAL = {"Ver": "up", "Err": "error_velocity"}
 SPEEDS = {"mm/s": 0.001, "cm/s": 0.01, "m/s": 1.0}
 MISSING_TEXT = ("", "-32768", "32768")
 NO_BIAS = "A text export does not tell a heading bias EB: none was taken out but for declination_applied."
@@ -88,6 +89,7 @@ def _of_file(table: _Table, orientation: str | None) -> Record:
         heading_quality=np.where(np.isnan(heading), MISSING, GOOD).astype(np.int8),
         looks_up=_looks_up(table, orientation),
         beam_angle_deg=BEAM_ANGLE_DEG,
+        profiles=_profiles(table, east.shape),
         counts={"rows": n + table.cut, "rows_cut": table.cut} | missing,
         warnings=(NO_BIAS, *["the last line was cut short and left out"] * table.cut),
     )
@@ -188,6 +190,16 @@ def _currents(table: _Table) -> tuple[Floats, Floats, Floats]:
     there = " ".join(dict.fromkeys(table.names))
     expected = "columns Eas and Nor, or Mag and Dir, of the same bins"
     raise InputError(str(table.path), expected=expected, found=there, advice=EXPORT)
+
+
+def _profiles(table: _Table, shape: tuple[int, ...]) -> dict[str, Floats]:
+    """Return upward and error velocities where they were exported for the same bins, (n, m) m/s."""
+    found = {}
+    for name, key in VERTICAL.items():
+        places = table.places(name)
+        if len(places) == shape[1] and (unit := table.units[places[0]]) in SPEEDS:
+            found[key] = SPEEDS[unit] * np.column_stack([_column(table, k) for k in places]).astype(np.float32)
+    return found
 
 
 def _looks_up(table: _Table, orientation: str | None) -> bool:

@@ -17,7 +17,7 @@ from compasslib.core import angles
 from compasslib.core.errors import InputError
 from compasslib.core.records import GOOD, MISSING, Flags, Record, joined
 from compasslib.core.types import Floats
-from compasslib.readers.netcdf import north, times
+from compasslib.readers.netcdf import north, profiles, times
 from compasslib.readers.netcdf.variables import File, find, flags, spans, values
 from compasslib.readers.pd0.currents import true_pitch
 
@@ -125,6 +125,7 @@ def _record(
         direction_reference=reference,
         heading_bias_deg=float(np.median(turn.heading)) if turn.heading is not None else 0.0,
         serial_number=str(file.attribute("serial_number", "serialnum", "instrument_serial_number") or ""),
+        profiles=profiles.of_file(file, east.shape, order),
         counts=_counts(east, quality, heading, len(time_s)),
         warnings=tuple(f"{path.name}: {note}" for note in file.notes),
     )

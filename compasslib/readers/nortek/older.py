@@ -17,7 +17,7 @@ from compasslib.core.records import BAD, GOOD, MISSING
 from compasslib.core.types import Floats
 from compasslib.readers.mmp.scan_clock import FIRST_YEAR, civil
 from compasslib.readers.nortek.packets import Bytes, Packets
-from compasslib.readers.nortek.samples import BEAM, EARTH, MISSING_COUNT, Samples
+from compasslib.readers.nortek.samples import BEAM, EARTH, MISSING_COUNT, Samples, by_beam
 
 USER, HEAD, HARDWARE = 0x00, 0x04, 0x05
 VELOCITY = {0x01: 30, 0x81: 40, 0x21: 30, 0x20: 118, 0x24: 118}  # identifier: byte at which the velocities begin
@@ -66,6 +66,7 @@ def samples(found: Packets) -> Samples:
     sensors = np.ascontiguousarray(rows[:, : _SENSORS.itemsize]).view(_SENSORS)[:, 0]
     velocity = _velocity(rows[:, first : first + 6 * cells], sensors["status"])
     recorded = int(_number(user, 32))
+    up = velocity[..., 2] if recorded == EARTH else None
     if recorded == EARTH:
         velocity = velocity[..., :2]
     elif recorded == BEAM:
@@ -82,6 +83,8 @@ def samples(found: Packets) -> Samples:
         serial=_serial(found),
         average_s=float(_number(user, 16)),
         magnetometer=rows[:, magnetometer : magnetometer + 6].copy().view("<i2") * 1.0 if magnetometer else None,
+        up=up,
+        profiles={"echo": by_beam(rows, first + 2 * BEAMS * cells, BEAMS, cells)},
         counts={
             "diagnostic_samples": int(np.sum(found.kind == DIAGNOSTIC)),
             "other_lengths": int(of_kind.sum()) - len(rows),

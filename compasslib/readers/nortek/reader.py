@@ -20,7 +20,7 @@ from compasslib.core.records import MISSING, Record, take
 from compasslib.core.types import Bools, Floats
 from compasslib.readers.nortek import older, signature
 from compasslib.readers.nortek.packets import Packets, packets
-from compasslib.readers.nortek.samples import EARTH, Samples
+from compasslib.readers.nortek.samples import BEAM, EARTH, Samples
 from compasslib.readers.pd0.account import FEW_DISAGREE, RANGES_SHOWN
 from compasslib.readers.pd0.consistency import ADVICE, same_number
 
@@ -57,7 +57,7 @@ def read(
     applied = whole.declination_deg if declination_applied is None else float(declination_applied)
     looks_up = whole.looks_up if orientation is None else np.full(len(whole.time_s), orientation == "up")
     heading = angles.wrap360(whole.heading_deg - applied)
-    east, north = _currents(whole, heading, looks_up, applied)
+    east, north, upward = _currents(whole, heading, looks_up, applied)
     up = bool(np.mean(looks_up) > 0.5)
     counts = _counts(files, whole, heading, up)
     return Record(
@@ -78,6 +78,8 @@ def read(
         beam_angle_deg=whole.beam_angle_deg,
         heading_bias_deg=applied,
         serial_number=serial,
+        profiles={"up": upward.astype(np.float32), **whole.profiles},
+        recorded_in={EARTH: "earth", BEAM: "beam"}.get(whole.recorded, "instrument"),
         counts=counts,
         warnings=(*_of_files(files), *_of_settings(whole, counts, declination_applied, up)),
     )
@@ -114,6 +116,8 @@ def _joined(where: str, parts: Sequence[Samples]) -> Samples:
                 raise InputError(where, expected=expected, found=shown, advice=ADVICE)
     columns = [name for name, value in vars(first).items() if isinstance(value, np.ndarray)]
     joined: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in columns}
+    alike = [name for name in first.profiles if all(name in part.profiles for part in parts)]
+    joined["profiles"] = {name: np.concatenate([part.profiles[name] for part in parts]) for name in alike}
     notes = tuple(note for part in parts for note in part.notes)
     counts = {name: sum(part.counts[name] for part in parts) for name in first.counts}
     return replace(first, **joined, notes=notes, counts=counts) if len(parts) > 1 else first
@@ -128,22 +132,24 @@ def _refuse_sideways(where: str, whole: Samples, orientation: str | None) -> Non
         )
 
 
-def _currents(whole: Samples, heading_deg: Floats, looks_up: Bools, applied_deg: float) -> tuple[Floats, Floats]:
-    """Return (east, north), (n, m) m/s to magnetic north.
+def _currents(
+    whole: Samples, heading_deg: Floats, looks_up: Bools, applied_deg: float
+) -> tuple[Floats, Floats, Floats]:
+    """Return (east, north, up), (n, m) m/s to magnetic north.
 
     Args:
         heading_deg: magnetic, (n,).
         looks_up: (n,).
         applied_deg: declination inside the recorded earth velocities.
     """
-    if whole.recorded == EARTH:
+    if whole.up is not None:
         east, north = whole.velocity[..., 0], whole.velocity[..., 1]
-        return angles.turn(east, north, -applied_deg) if applied_deg else (east, north)
+        return *(angles.turn(east, north, -applied_deg) if applied_deg else (east, north)), whole.up
     side = np.where(looks_up, -1.0, 1.0)[:, None]
     x, y, z = np.moveaxis(whole.velocity, -1, 0)
     level = compass.levelling(whole.pitch_deg, whole.roll_deg)  # of forward, starboard and down
-    forward, starboard, _ = np.moveaxis(level @ np.stack([x, side * y, side * z], axis=1), 1, 0)
-    return angles.turn(starboard, forward, heading_deg[:, None])
+    forward, starboard, down = np.moveaxis(level @ np.stack([x, side * y, side * z], axis=1), 1, 0)
+    return *angles.turn(starboard, forward, heading_deg[:, None]), -down
 
 
 def _counts(files: Sequence[tuple[Packets, Samples]], whole: Samples, heading_deg: Floats, up: bool) -> dict[str, int]:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from compasslib.core.records import Flags
 from compasslib.core.types import Bools, Floats
-from compasslib.readers.nortek.packets import Places
+from compasslib.readers.nortek.packets import Bytes, Places
 
 EARTH, INSTRUMENT, BEAM = 0, 1, 2  # as both formats number them
 MISSING_COUNT = -32768
@@ -38,8 +39,19 @@ class Samples:
     declination_deg: float = 0.0  # that the instrument added to its headings
     average_s: float = 0.0  # over which a sample is a mean; its time is the beginning
     magnetometer: Floats | None = None  # (n, 3) counts along x, y, z
+    up: Floats | None = None  # (n, m) m/s, where velocities were recorded as the earth's
+    profiles: Mapping[str, Bytes] = field(default_factory=dict)  # (n, m, beams) or (n, m), as the record's
     counts: dict[str, int] = field(default_factory=dict)
     notes: tuple[str, ...] = ()  # sentences for the report
+
+
+def by_beam(rows: Bytes, at: int, beams: int, cells: int) -> Bytes:
+    """Return bytes of which the records hold those of one beam after those of another, (n, cells, beams).
+
+    Args:
+        at: where the first stands in the record.
+    """
+    return np.moveaxis(rows[:, at : at + beams * cells].reshape(len(rows), beams, cells), 1, 2).copy()
 
 
 def axes_of(matrix: Floats) -> Floats:

@@ -19,7 +19,7 @@ from compasslib.core.records import BAD, GOOD, MISSING, Flags
 from compasslib.core.types import Floats
 from compasslib.readers.mmp.scan_clock import civil
 from compasslib.readers.nortek.packets import Bytes, Packets, Places
-from compasslib.readers.nortek.samples import BEAM, EARTH, INSTRUMENT, MISSING_COUNT, Samples, axes_of
+from compasslib.readers.nortek.samples import BEAM, EARTH, INSTRUMENT, MISSING_COUNT, Samples, axes_of, by_beam
 
 BURST, AVERAGE, TEXT = 0x15, 0x16, 0xA0
 NAMES = {BURST: "bursts", AVERAGE: "averages"}
@@ -103,6 +103,8 @@ def samples(found: Packets) -> Samples:
         declination_deg=_setting(text, "GETUSER", "DECL", 0.0),
         average_s=_setting(text, "GETAVG", "AI", 0.0) if kind == AVERAGE else 0.0,
         magnetometer=head["magnetometer"] * 1.0,
+        up=raw[..., 2:].mean(axis=-1) if layout.coordinates == EARTH else None,
+        profiles=_profiles(rows, layout),
         counts=counts,
         notes=tuple(_notes(found, kind, counts, "GETUSER," in text)),
     )
@@ -208,14 +210,25 @@ def _ranges(head: Any, cells: int) -> tuple[float, ...]:
 
 def _quality(rows: Bytes, layout: _Layout, velocity: Floats) -> Flags:
     bad = np.zeros(velocity.shape[:2], dtype=bool)
-    correlation, percent = _places(layout)
-    if correlation is not None:
-        block = rows[:, correlation : correlation + layout.beams * layout.cells]
-        bad |= block.reshape(len(rows), layout.beams, -1).min(axis=1) < LEAST_CORRELATION
-    if percent is not None and percent + layout.cells <= rows.shape[1]:
-        bad |= rows[:, percent : percent + layout.cells] < LEAST_PERCENT_GOOD
+    found = _profiles(rows, layout)
+    if "correlation" in found:
+        bad |= found["correlation"].min(axis=2) < LEAST_CORRELATION
+    if "percent_good" in found:
+        bad |= found["percent_good"] < LEAST_PERCENT_GOOD
     flags = np.where(bad, BAD, GOOD)
     return np.where(np.isnan(velocity).any(axis=-1), MISSING, flags).astype(np.int8)
+
+
+def _profiles(rows: Bytes, layout: _Layout) -> dict[str, Bytes]:
+    """Return amplitudes, correlations and percent good, those that the records hold."""
+    correlation, percent = _places(layout)
+    amplitude = layout.offset + 2 * layout.beams * layout.cells if layout.configuration & AMPLITUDE else None
+    blocks = {"echo": amplitude, "correlation": correlation}
+    shape = layout.beams, layout.cells
+    found = {name: by_beam(rows, at, *shape) for name, at in blocks.items() if at is not None}
+    if percent is not None and percent + layout.cells <= rows.shape[1]:
+        found["percent_good"] = rows[:, percent : percent + layout.cells].copy()
+    return found
 
 
 def _places(layout: _Layout) -> tuple[int | None, int | None]:

@@ -273,7 +273,7 @@ def _record(water: Sequence[_Water], grown: Grown, reports: Sequence[FileReport]
 
 def _profiles(grown: Grown, leaders: Ensembles) -> dict[str, NDArray[Any]]:
     """Return what the velocities came with where there is any of it; counts that some ensembles lack become -1."""
-    found = {name: grown[name] for name in ("up", "error_velocity") if np.isfinite(grown[name]).any()}
+    found = {name: grown[name] for name in ("up", "error_velocity")}
     beyond = np.arange(grown["east"].shape[1]) >= leaders.cells[:, None]
     for name, (_, bit) in COUNTS.items():
         counts, absent = grown[name], (leaders.blocks & bit) == 0
