@@ -47,8 +47,20 @@ def test_depth_comes_from_pressure_then_depth_field_then_metadata(pressure, fiel
 
 def test_pressure_offset_is_subtracted():
     given = replace(record(HOUR * np.arange(11)), pressure_dbar=np.linspace(101.0, 201.0, 11))
-    depth = [deployment.settle(given, **SETTINGS, pressure_offset=offset).depth_m[0] for offset in (0.0, 10.0)]
-    assert depth[0] - depth[1] == pytest.approx(9.9, abs=0.1)
+    settled = [deployment.settle(given, **SETTINGS, pressure_offset=offset) for offset in (0.0, 10.0)]
+    assert settled[0].depth_m[0] - settled[1].depth_m[0] == pytest.approx(9.9, abs=0.1)
+    np.testing.assert_allclose(settled[0].pressure_dbar - settled[1].pressure_dbar, 10.0)
+
+
+def test_profiles_that_hold_nothing_inside_the_deployment_are_left_out():
+    given = record(HOUR * np.arange(-3, 9))
+    shape = given.east.shape
+    up, counts = np.full(shape, np.nan, np.float32), np.zeros((*shape, 4), np.uint8)
+    up[1], error = 0.1, np.full(shape, 0.02, np.float32)  # upward velocities before the deployment alone
+    settled = deployment.settle(
+        replace(given, profiles={"up": up, "error_velocity": error, "echo": counts}), **SETTINGS
+    )
+    assert list(settled.profiles) == ["error_velocity"] and settled.profiles["error_velocity"].shape[0] == 9
 
 
 def test_bins_above_the_surface_and_in_the_side_lobes_are_flagged():
