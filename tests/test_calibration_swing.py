@@ -118,7 +118,7 @@ def test_one_speed_cannot_tell_the_water_from_b_and_c(tmp_path):
     found = swing.calibrate([written(tmp_path, **at_sea())], SURE)
     drift = found.details["drift"]
     assert drift["separable"] is False
-    assert "set and drift are not told from B and C" in drift["text"]
+    assert "set and drift cannot be separated from B and C" in drift["text"]
     assert abs(drift["correlation"]["B_north"]) > 0.95
     assert np.all(sigmas(found)[1:3] > 3.0)  # 57.3 x 0.5 kn / 6 kn is 4.8
     assert np.all(sigmas(found)[[0, 3, 4]] < 0.75)  # second order of 1 kn at 6 kn

@@ -59,7 +59,7 @@ def test_speeds_that_vary_show_the_water(tmp_path):
 def test_one_circle_at_one_speed_cannot_tell_the_water_from_b_and_c(tmp_path):
     found = swung(tmp_path, replace(BOAT, plan=ONE_CIRCLE, speeds_vary=False, water_kn=WATER_KN))
     assert (found.verdict, found.findings) == ("insufficient", ())
-    assert "not told from B and C" in dict(found.not_testable)["water_drift"]
+    assert "cannot be separated from B and C" in dict(found.not_testable)["water_drift"]
     assert "two speeds" in (found.separated_by or "")
 
 

@@ -199,7 +199,7 @@ def _sentence(name: str, cycle: Mapping[str, Any], p_value: float) -> str:
         else "it is too small on one side to have a phase"
     )
     chance = f"p = {p_value:.2g}" if p_value >= LEAST_CHANCE else f"p < {LEAST_CHANCE}"
-    difference = "differ" if p_value < SURE else "are not told apart"
+    difference = "differ" if p_value < SURE else "do not differ significantly"
     return (
         f"This calibration and {name} {difference} ({chance}). The one-cycle part goes from {size['before']:.2f} to "
         f"{size['after']:.2f} degrees, by {size['difference']:+.2f} ± {2 * size['sigma']:.2f} (k = 2); {moved}."

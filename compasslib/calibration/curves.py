@@ -151,7 +151,7 @@ def _shift(fits: Mapping[str, FittedSeries | str], chosen: FittedSeries, common_
     value = unit * float(series_fit.coefficients[0])
     sigma = float(np.hypot(unit * np.sqrt(series_fit.covariance[0, 0]), common_deg))
     proven = abs(value) > 2.0 * sigma
-    judged = "is left over" if proven else "is not told from none"
+    judged = "is significant" if proven else "is not significant"
     text = (
         f"A constant shift of {value:+.2f} ± {2.0 * sigma:.2f} degrees (k = 2) {judged}; "
         "it may be of the compass, its mounting or the reference direction."
@@ -201,7 +201,7 @@ def _few(readings: BenchReadings, settings: BenchReadings, chosen: FittedSeries)
     if len(settings) < ENOUGH_HEADINGS:
         warnings.append(
             f"{len(settings)} headings leave {chosen.dof} degrees of freedom: the uncertainty is widened by Student's "
-            f"t, and third and fourth harmonics can be neither proven nor excluded; {SWING}"
+            f"t, and third and fourth harmonics cannot be tested; {SWING}"
         )
     return warnings
 

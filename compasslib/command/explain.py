@@ -52,7 +52,7 @@ def lines_of(read: MooringResults) -> list[str]:
         lines += ["", *_finding(finding)]
     if (figure := read.folder / "figures/diagnosis.png").exists():
         lines += ["", f"Drawn in {figure}", *_wrapped([of_diagnosis(read.diagnosis)])]
-    for title, sentences in (("What it cannot tell", found.cannot_tell(read.diagnosis)), ("Warnings", warnings)):
+    for title, sentences in (("Limits of this record", found.cannot_tell(read.diagnosis)), ("Warnings", warnings)):
         lines += ["", title, *_wrapped(sentences)] if sentences else []
     return lines
 

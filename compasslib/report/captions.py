@@ -106,8 +106,8 @@ def of_diagnosis(diagnosis: Mapping[str, Any]) -> str:
     texts = [f"Residual along {words.plain(one['covariate'])}: {_largest(one)}." for one in _curves(diagnosis)]
     if not texts:
         return "There is no residual to show."
-    proven = " Below: the residual on days that were not fitted." * bool(diagnosis["findings"])
-    return f"What the fit leaves, in bins; grey holds what noise alone leaves. {' '.join(texts)}{proven}"
+    proven = " Below: the residual on held-out days." * bool(diagnosis["findings"])
+    return f"Residual of the fit, in bins; grey: 95 % of what noise alone gives. {' '.join(texts)}{proven}"
 
 
 def _curves(diagnosis: Mapping[str, Any]) -> Sequence[Mapping[str, Any]]:

@@ -20,7 +20,7 @@ TITLES = {
     "deviation": "Deviation of the compass",
     "scatter": "Direction against the reference",
     "timeline": "Headings along time",
-    "residuals": "What the curve leaves",
+    "residuals": "Residuals of the curve",
     "certificate": "Certificate",
     "magnetometer": "Magnetometer readings before and after",
     "swing": "The swing",

@@ -40,12 +40,12 @@ def cannot_tell(diagnosis: Mapping[str, Any]) -> tuple[str, ...]:
     decide = [part for part in (diagnosis["separated_by"] or "").split("; ") if part]
     texts = [f"What would decide: {words.sentence(words.plain(part))}" for part in decide]
     chances = [f"{one['what']}: {words.percent(one['probability'])}" for one in diagnosis.get("experiments") or []]
-    texts += [f"Chance that one name is left after it: {words.listed(chances)}."] if chances else []
+    texts += [f"Probability that a further observation leaves one effect: {words.listed(chances)}."] if chances else []
     texts += [words.sentence(diagnosis.get("why", ""))] * (diagnosis["verdict"] != "insufficient")
     texts += _slow_water(diagnosis.get("noise") or {})
     texts += _not_testable(diagnosis)
     small = [_small(one) for one in diagnosis.get("negligible", [])]
-    texts += [f"Too small to matter: {words.listed(small)}."] if small else []
+    texts += [f"Negligible: {words.listed(small)}."] if small else []
     return tuple(filter(None, texts))
 
 
@@ -55,10 +55,10 @@ def _slow_water(noise: Mapping[str, Mapping[str, float]]) -> list[str]:
         return []
     veer, days, shear = (noise[name] for name in ("slow_rms_deg", "slow_memory_days", "slow_shear_m_s"))
     return [
-        "What changes as slowly and as little as the water between the two depths: its veer is taken for "
-        f"{words.with_sigma(veer['value'], veer['sigma'], '°')} rms with a memory of "
-        f"{words.number(days['value'], 0)} days, its shear for {words.number(100.0 * shear['value'])} cm/s; "
-        "both are in the uncertainty."
+        "Slow changes of the water between the two depths: directional shear "
+        f"{words.with_sigma(veer['value'], veer['sigma'], '°')} rms with a memory of {words.number(days['value'], 0)} "
+        f"days, velocity shear {words.number(100.0 * shear['value'])} cm/s. Compass errors that change as slowly and "
+        "as little cannot be separated from them; both are included in the uncertainty."
     ]
 
 
@@ -93,7 +93,7 @@ def hypotheses(diagnosis: Mapping[str, Any]) -> tuple[ReportTable, ...]:
         )
         for one in tried
     )
-    caption = "Each effect tried alone: log of how much likelier it makes the recording; probability that it acts"
+    caption = "Each effect tried alone: log likelihood ratio with size and date integrated out, posterior probability"
     return (ReportTable(caption, ("", "Log evidence", "Size", "Probability"), rows),) if rows else ()
 
 

@@ -71,7 +71,7 @@ def _water(errors: Mapping[str, float] | None) -> list[tuple[str, str]]:
     mean, predicted = (f"{words.significant(100.0 * errors[name], 2)} cm/s" for name in ("mean_of_bins", "predicted"))
     return [
         (
-            "Water at the trusted depth",
+            "Water at the depth of the reference",
             f"by the profile {predicted} rms off the prediction, {mean} off the mean of the bins",
         )
     ]

@@ -193,7 +193,7 @@ def hanging(state: State, heap: Heap, named: Sequence[str]) -> Unexplained:
     low, high = (heap.recorded_deg + side * heap.width_deg / 2.0 for side in (-1.0, 1.0))
     place = where(state.case, "heading", (low, high))
     time_s = state.case.scene.time_s
-    places_text = f"{place.text}, where the compass hangs: its readings heap up at {heap.recorded_deg:.0f} degrees"
+    places_text = f"{place.text}, where the compass sticks: its readings accumulate at {heap.recorded_deg:.0f}°"
     text = wording.unexplained(places_text, heap.rms_deg, named)
     curves = (show.curve(state, state, "heading"),)
     return Unexplained(("heading",), place, (float(time_s[0]), float(time_s[-1])), heap.rms_deg, curves, text)

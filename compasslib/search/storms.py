@@ -109,7 +109,7 @@ def _finding(state: State, size: Parameter, rms_deg: float, proof: HeldOut) -> F
     first, last = (verdict.stamp(one)[:10] for one in span)
     text = (
         f"W{place.text[1:]}, most of all from {first} to {last}: {PHYSICS}. Directions scatter with it by "
-        f"{rms_deg:.1f} degrees rms, {size.value:.2g} ± {1.96 * size.sigma:.1g} nT (95 %) for one unit of ap; "
+        f"{rms_deg:.1f}° rms, {size.value:.2g} ± {1.96 * size.sigma:.1g} nT (95 %) for one unit of ap; "
         f"the index at other dates does as well {proof.p_value:.1%} of the time. Nothing is corrected by it."
     )
     name, side = IndexedDisturbance.name, IndexedDisturbance.side

@@ -127,9 +127,9 @@ def _sentence(swing: Swing, water: tuple[float, float, str], left: float, sigma:
             f"(± {np.max(sigma[DRIFT]):.2f}). A steady leeway by wind would look the same."
         )
     return (
-        f"With {ratio} set and drift are not told from B and C: to first order they are one function of the heading. "
-        f"B and C carry ± {sigma[1]:.1f}° and ± {sigma[2]:.1f}°; A, D and E do not suffer. A visual mark, the sun, a "
-        "log of the speed through the water, or each heading at two speeds would tell them apart."
+        f"With {ratio} set and drift cannot be separated from B and C: to first order they are one function of the "
+        f"heading. B and C carry ± {sigma[1]:.1f}° and ± {sigma[2]:.1f}°; A, D and E do not suffer. A visual mark, the sun, "
+        "a log of the speed through the water, or each heading at two speeds would separate them."
     )
 
 
@@ -157,7 +157,7 @@ def _of_headings(swing: Swing, series: SwingFit) -> list[str]:
         warnings.append(
             f"{distinct} headings carry at most {distinct} coefficients, {TERMS} of which are taken"
             f"{': sin 4 of the heading is not seen at all' if distinct == 8 else ''}; "
-            f"third and fourth harmonics cannot be proven or ruled out. To know, {REMEDY}"
+            f"third and fourth harmonics cannot be tested. To test them, {REMEDY}"
         )
     if distinct < len(recorded) < 100:
         warnings.append(

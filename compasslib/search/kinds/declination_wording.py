@@ -34,7 +34,7 @@ def why(compared: FieldComparison, source: str, findings: Sequence[Finding]) -> 
         f"{compared.constant_deg:+.3f} ± {1.96 * compared.constant_sigma_deg:.3f} degrees (95 %)"
     )
     quiet = f", quiet day from {compared.quiet_days} days" if compared.quiet_days else ", no quiet day known"
-    agree = "" if findings else "; nothing that matters is left"
+    agree = "" if findings else "; the residual is negligible"
     return begin + quiet + agree
 
 
@@ -48,10 +48,10 @@ def storm(found: Storm, compared: FieldComparison, proof: HeldOut, more: int) ->
     others = f" {more} smaller storms are not listed." if more else ""
     return (
         f"From {verdict.stamp(found.begin_s)} to {verdict.stamp(found.end_s)} a disturbance of the earth's field moves "
-        f"magnetic north by {found.rms_deg:.2f} degrees rms in its disturbed hours, {found.worst_deg:.2f} in its worst "
-        f"three; highest minus lowest declination is {found.range_deg:.1f} degrees.{quiet} The model of it is the "
-        f"recorded course itself: between stretches left out it goes from {proof.rms_before_deg:.2f} to "
-        f"{proof.rms_after_deg:.2f} degrees rms (p = {proof.p_value:.3g}); it foretells no other day or place.{others}"
+        f"magnetic north by {found.rms_deg:.2f}° rms in its disturbed hours, {found.worst_deg:.2f}° in its worst "
+        f"three; highest minus lowest declination is {found.range_deg:.1f}°.{quiet} The model of it is the "
+        f"recorded course itself: on held-out stretches the residual goes from {proof.rms_before_deg:.2f}° to "
+        f"{proof.rms_after_deg:.2f}° rms (p = {proof.p_value:.3g}); it predicts no other day or place.{others}"
     )
 
 
@@ -63,7 +63,7 @@ def daily(amplitude_deg: float, size_deg: float, days: int) -> str:
         days: quiet days that it comes from.
     """
     return (
-        f"Every day magnetic north swings by {amplitude_deg:.2f} degrees to either side, {size_deg:.2f} degrees rms: "
+        f"Every day magnetic north swings by {amplitude_deg:.2f}° to either side, {size_deg:.2f}° rms: "
         f"the daily variation, by the median of {days} quiet days."
     )
 
@@ -76,7 +76,7 @@ def constant(compared: FieldComparison, most_deg: float, source: str, alternativ
     """
     model = "IGRF" if source == "IGRF" else "the given declination"
     begin = (
-        f"The declination stands off {model} by {compared.constant_deg:+.2f} ± "
+        f"The declination differs from {model} by {compared.constant_deg:+.2f} ± "
         f"{1.96 * compared.constant_sigma_deg:.2f} degrees (95 %) at all times; "
         f"rocks make up to {most_deg:.1f}."
     )
@@ -92,11 +92,11 @@ def jump(found: tuple[float, float], sigma_deg: float, proof: HeldOut, alternati
         found: date, and degrees that the declination rises by.
         proof: on days left out.
     """
-    others = f" This record cannot tell it from {_listed(alternatives)}." if alternatives else ""
+    others = f" This record cannot separate it from {_listed(alternatives)}." if alternatives else ""
     return (
         f"From {verdict.stamp(found[0])} on the declination is {found[1]:+.2f} ± {1.96 * sigma_deg:.2f} degrees (95 %) "
         f"off what it was: the baseline jumped, as where a sensor turned. The residual goes from "
-        f"{proof.rms_before_deg:.2f} to {proof.rms_after_deg:.2f} degrees rms (p = {proof.p_value:.3g}).{others}"
+        f"{proof.rms_before_deg:.2f}° to {proof.rms_after_deg:.2f}° rms (p = {proof.p_value:.3g}).{others}"
     )
 
 
@@ -107,12 +107,12 @@ def trend(slope: Parameter, one: Finding, model_slope: float | None, alternative
         slope: degrees a year.
         model_slope: IGRF's own where the trend is that, degrees a year.
     """
-    as_model = "" if model_slope is None else f" IGRF has {model_slope:+.3f} there: the given number stands still."
-    others = f" This record cannot tell it from {_listed(alternatives)}." if alternatives else ""
+    as_model = "" if model_slope is None else f" IGRF has {model_slope:+.3f} there: the given declination is constant."
+    others = f" This record cannot separate it from {_listed(alternatives)}." if alternatives else ""
     return (
         f"The declination moves by {slope.value:+.3f} ± {1.96 * slope.sigma:.3f} degrees a year (95 %) beyond the "
-        f"simulation, {one.rms_effect_deg:.2f} degrees rms over the record.{as_model} On days that were not fitted the "
-        f"residual goes from {one.held_out.rms_before_deg:.2f} to {one.held_out.rms_after_deg:.2f} degrees rms "
+        f"simulation, {one.rms_effect_deg:.2f}° rms over the record.{as_model} On held-out days the "
+        f"residual goes from {one.held_out.rms_before_deg:.2f}° to {one.held_out.rms_after_deg:.2f}° rms "
         f"(p = {one.held_out.p_value:.3g}).{others}"
     )
 
@@ -124,7 +124,7 @@ def restless(size_deg: float) -> str:
         size_deg: its middle rms over three hours.
     """
     return (
-        f"The declination is restless at all times, by {size_deg:.2f} degrees rms over three hours in the middle of "
+        f"The declination is restless at all times, by {size_deg:.2f}° rms over three hours in the middle of "
         "the record: the ordinary weather of a station in the auroral zone, or noise of the recording. No storm stands "
         "out."
     )

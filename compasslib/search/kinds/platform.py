@@ -121,8 +121,8 @@ def too_few(headings: int, seen: Points, why: str = "") -> str:
     sizes = {k: _harmonic(seen.recorded_deg, left, k) for k in (3, 4)}
     return (
         f"{headings} headings carry at most {headings} coefficients and five are the curve's: what those leave "
-        f"({angles.rms(left):.1f} degrees rms) lies in the third ({sizes[3]:.1f}) and fourth harmonics "
-        f"({sizes[4]:.1f} degrees rms, each fitted alone), sextantal and octantal; neither can be proven; {SWING}"
+        f"({angles.rms(left):.1f}° rms) is in the third ({sizes[3]:.1f}) and fourth harmonics "
+        f"({sizes[4]:.1f}° rms, each fitted alone), sextantal and octantal; neither can be tested; {SWING}"
     )
 
 

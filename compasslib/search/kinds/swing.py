@@ -38,7 +38,7 @@ from compasslib.search.recordings.search import NamedEffects
 from compasslib.search.recordings.testing import TestedColumns
 from compasslib.search.verdict import Diagnosis, Finding, Parameter
 
-CONFOUNDED = "set and drift of the water are one function of the heading with B and C where speeds do not vary"
+CONFOUNDED = "set and drift of the water cannot be separated from B and C where speeds do not vary"
 
 
 def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: Options) -> Diagnosis:
@@ -184,9 +184,9 @@ def _chosen(series: FittedTerms, exact: FittedTerms) -> FittedTerms:
 WATER_DRIFT = "water_drift"
 SEEN = 0.3  # share of a column that the curve must leave for it to be tested
 NO_SPEED = "no speeds over ground were logged: what a drift does to the course is not known"
-ONE_CLOCK = "courses and headings stand in one log, by one clock"
+ONE_CLOCK = "courses and headings are in one log, by one clock"
 ONE_WAY = "the ship turned one way only, so that a delay is a constant like A; swing to both sides"
-CONSTANT = "a constant of the course is the same as A of the curve"
+CONSTANT = "a constant of the course cannot be separated from A of the curve"
 NO_SENSOR = "the log carries no temperature, voltage or tilt"
 
 

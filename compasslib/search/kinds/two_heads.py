@@ -46,9 +46,9 @@ FARTHER_S = 86400.0  # clocks are looked for so far apart where the headings hav
 IRON = {"hard_iron": (slice(1, 3), "BC"), "soft_iron": (slice(3, 5), "DE")}
 WHICH = "which of the two heads is wrong: a third compass, or a swing of either head"
 UNTESTED = (
-    ("declination_error", "a constant of either compass is the same as the angle of the mounting"),
-    ("field_disturbance", "both compasses feel it alike: it cancels in their difference"),
-    ("secular_variation", "both compasses feel it alike: it cancels in their difference"),
+    ("declination_error", "a constant of either compass cannot be separated from the mounting angle"),
+    ("field_disturbance", "it acts on both compasses alike and cancels in their difference"),
+    ("secular_variation", "it acts on both compasses alike and cancels in their difference"),
     ("temperature", "the heads' temperatures are those of the same water"),
 )
 
@@ -104,7 +104,7 @@ def judge(a: Motion, b: Motion, *, farthest_s: float, field: Mapping[str, float]
         return verdict.insufficient(why, UNTESTED)
     if (off := _scatter(aligned.found)) > heads.UNRELATED_DEG:
         why = (
-            f"b's headings do not follow a's ({off:.0f} degrees rms about any turn), and no difference of the clocks "
+            f"b's headings do not follow a's ({off:.0f}° rms about any turn), and no difference of the clocks "
             "up to a day makes them: the heads do not stand on one frame, or did not measure together"
         )
         return verdict.insufficient(why, UNTESTED)
