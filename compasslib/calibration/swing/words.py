@@ -128,8 +128,8 @@ def _sentence(swing: Swing, water: tuple[float, float, str], left: float, sigma:
         )
     return (
         f"With {ratio} set and drift cannot be separated from B and C: to first order they are one function of the "
-        f"heading. B and C carry ± {sigma[1]:.1f}° and ± {sigma[2]:.1f}°; A, D and E do not suffer. A visual mark, the sun, "
-        "a log of the speed through the water, or each heading at two speeds would separate them."
+        f"heading. B and C carry ± {sigma[1]:.1f}° and ± {sigma[2]:.1f}°; A, D and E do not suffer. A visual mark, the "
+        "sun, a log of the speed through the water, or each heading at two speeds would separate them."
     )
 
 
