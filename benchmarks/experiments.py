@@ -25,7 +25,7 @@ from compasslib.core.records import Pairs, take
 from compasslib.deviation.model import nearest_root
 from compasslib.effects import Scene, composition
 from compasslib.preparation import several
-from compasslib.search import experiments
+from compasslib.search import experiments, model
 from compasslib.search.diagnosis import Options, diagnose
 from compasslib.search.inference import Inference
 from compasslib.search.posterior import SURE
@@ -88,7 +88,7 @@ def swung(found: Inference, drawn: sea.Drawn, rng: np.random.Generator) -> np.nd
 
     mark, noise = rng.normal(0.0, 3.0), rng.normal(0.0, experiments.SWUNG_DEG, len(heading))
     recorded = sea.compass(deck, extra=extra, offset=offset)
-    bare = replace(found.state.simulation, terms=())
+    bare = model.refit(found.state, []).simulation  # what the hypotheses' terms are counted beside
     h, z = (np.full(len(heading), nT) for nT in (drawn.horizontal, drawn.vertical))
     scene = Scene(0.0 * heading, h, z, *none, 0.0)
     foretold = nearest_root(composition.headings(bare, scene, recorded), heading)
@@ -108,10 +108,9 @@ def strength(found: Inference, drawn: sea.Drawn, rng: np.random.Generator) -> np
     extra = sum((size * part.extra for part, size in drawn.parts if part.extra is not None), np.zeros((3, 2 * HALF)))
     noise = sea.red(rng, HALF, experiments.STRENGTH_S / sea.HOUR_S, experiments.STRENGTH_NT)
     logged = np.linalg.norm(sea.in_body(drawn.world, extra), axis=0)[:HALF] + noise
-    scene, simulation = found.state.case.scene, found.state.simulation
-    north = composition.north(simulation, scene)
+    scene, north = found.state.case.scene, composition.north(found.state.simulation, found.state.case.scene)
     earth = composition.earth_in_body(scene, experiments.known_heading(found.state) - north)
-    bare = np.linalg.norm(composition.sensed_field(replace(simulation, terms=()), scene, earth), axis=1)
+    bare = np.linalg.norm(composition.sensed_field(model.refit(found.state, []).simulation, scene, earth), axis=1)
     return (logged - bare) * experiments.strength_unit(scene.time_s)
 
 

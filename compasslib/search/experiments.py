@@ -7,6 +7,7 @@ Raiffa and Schlaifer, Applied Statistical Decision Theory, 1961).
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -14,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve, cholesky, solve_triangular
 
-from compasslib.core import angles
 from compasslib.core.types import Floats
 from compasslib.effects import Scene, Term, composition
 from compasslib.search import inference
@@ -29,6 +29,7 @@ ANYTHING = 1e-6  # prior precision of what is free, in units of one sample's
 DAY_S = 86400.0
 COURSES, SWUNG_DEG = 24, 1.0  # headings of a swing, and the error of each
 STRENGTH_NT, STRENGTH_S = 50.0, DAY_S  # error of a field strength, the earth's own changes with it, and its memory
+SOFT_NT = 100.0  # a unit of what constant soft iron makes
 TREND = 0.9  # correlation with time from which a series is taken to go on as it did
 SHARED = 0.5  # of a pair's noise: the affected instrument's own, which a second trusted one sees alike
 
@@ -97,7 +98,7 @@ class Prospects:
         """Tell by 1 or 0 whether an observation that was made left one name.
 
         Args:
-            seen: observed minus foretold without terms, in units of its noise, (m,).
+            seen: observed minus foretold by the compass that was refitted without terms, in units of its noise, (m,).
         """
         rows = self.observations[what]
         own = rows.free.T @ rows.free + np.diag(rows.precision)
@@ -237,27 +238,28 @@ def _swing(model: Model) -> Rows:
 
 
 def _strength(model: Model) -> Rows:
-    """The length of the field in the body; what depends on heading alone it does not tell, its scale being unknown."""
+    """The length of the field in the body; constant iron in all three axes is free, a heading tells only its ratios."""
     scene, simulation = model.state.case.scene, model.state.simulation
     heading = known_heading(model.state)
     earth = composition.earth_in_body(scene, heading - composition.north(simulation, scene))
 
-    def length(term: Term | None) -> Floats:
-        terms = simulation.terms if term is None else (term, *simulation.terms)
-        return np.linalg.norm(composition.sensed_field(replace(simulation, terms=terms), scene, earth), axis=1)
+    def sensed(*terms: Term) -> Floats:
+        return composition.sensed_field(replace(simulation, terms=(*terms, *simulation.terms)), scene, earth)
 
-    bare, columns = length(None), []
+    body, columns = sensed(), []
+    bare = np.linalg.norm(body, axis=1)
     for term in model.terms:
         moved = [term.values + step * unit for step, unit in zip(term.steps(), np.eye(len(term.steps())), strict=True)]
         on_field = term.acts_on == "field"
         columns += [
-            (length(term.at(values)) - bare) / step if on_field else 0.0 * bare
+            (np.linalg.norm(sensed(term.at(values)), axis=1) - bare) / step if on_field else 0.0 * bare
             for values, step in zip(moved, term.steps(), strict=True)
         ]
     unit = strength_unit(scene.time_s)
     rest = np.zeros((len(heading), model.rows.shape[1] - model.own))
-    turning = [wave for k in (1.0, 2.0) for wave in angles.sin_cos(k * heading)]
-    free = np.column_stack([np.ones(len(heading)), *turning]) * unit
+    hard = body / bare[:, None]
+    soft = [body[:, i] * hard[:, j] / SOFT_NT for i, j in itertools.combinations_with_replacement(range(3), 2)]
+    free = np.column_stack([hard, *soft]) * unit
     known = np.concatenate([np.column_stack(columns) * model.usual * unit, rest], axis=1)
     return Rows(known, free, np.full(free.shape[1], ANYTHING))
 
