@@ -3,6 +3,8 @@
     python benchmarks/discrepancy.py 100 1                 100 moorings of each kind by seed 1
     python benchmarks/discrepancy.py 300 1 --kind null     one kind: null, single, two, unknown, control, clock
     python benchmarks/discrepancy.py 100 1 --rows PATH     also one line of JSON a mooring; a cut run goes on
+    python benchmarks/discrepancy.py 110 1 --kind single --rows A --listed B
+                           the same again without compositions (rows in B), side by side: what the larger search costs
 
 The world is compasslib/simulation/pairs.py; visible sizes are what five refitted coefficients leave there. One core.
 """
@@ -27,7 +29,7 @@ from compasslib.deviation import correction
 from compasslib.deviation import model as fits
 from compasslib.deviation.model import Fit
 from compasslib.effects import CATALOGUE, SIDES
-from compasslib.search import baseline, model, product
+from compasslib.search import baseline, grammar, model, product
 from compasslib.search.case import mooring_case
 from compasslib.search.diagnosis import Options, diagnose
 from compasslib.simulation import pairs as sea
@@ -42,6 +44,7 @@ SIZES = {
     "clock": (0.0,),
     "null": (0.0,),
 }
+LOST = 0.03  # share of listed effects that the search for compositions may cost
 SINGLES = tuple(x for x in sea.SINGLES if sea.FAMILIES[x] != "clock")
 PRODUCT = (
     "heeling",
@@ -170,12 +173,17 @@ def corrected(drawn, fit, field, found) -> tuple:
     return made, correction.headings(readings, fit, pairs)
 
 
-def resumed(file: Path | None, run: dict, wanted, measure) -> list[dict]:
-    """Return a row for each wanted (kind, index): as a file of this run has it, or made and added to the file."""
+def rows_of(file: Path | None, run: dict) -> list[dict]:
+    """Return the rows that a file of this run holds; none where it is absent."""
     made = [json.loads(text) for text in file.read_text().splitlines()] if file and file.exists() else []
     if any(row.get(key) != value for row in made for key, value in run.items()):
         sys.exit(f"{file}: expected rows of {run}, found those of another run; name another file")
-    known = {(row["kind"], row["index"]): row for row in made}
+    return made
+
+
+def resumed(file: Path | None, run: dict, wanted, measure) -> list[dict]:
+    """Return a row for each wanted (kind, index): as a file of this run has it, or made and added to the file."""
+    known = {(row["kind"], row["index"]): row for row in rows_of(file, run)}
     for count, (kind, index) in enumerate(wanted, 1):
         if (kind, index) in known:
             continue
@@ -187,6 +195,52 @@ def resumed(file: Path | None, run: dict, wanted, measure) -> list[dict]:
         print(f"\r{kind} {index + 1}, {count} of {len(wanted)}", end="", file=sys.stderr, flush=True)
     print(file=sys.stderr)
     return [known[one] for one in wanted]
+
+
+def resampled(each: np.ndarray) -> np.ndarray:
+    """Return the 95 % interval of a mean, by resampling the moorings."""
+    drawn = each[np.random.default_rng(0).integers(0, len(each), (4000, len(each)))].mean(axis=1)
+    return np.quantile(drawn, [0.025, 0.975])
+
+
+def without_compositions(measure, *asked, **options) -> dict:
+    """Return a row of the search that knows the catalogue only."""
+    screen, grammar.screen = grammar.screen, lambda state: []
+    try:
+        return measure(*asked, **options)
+    finally:
+        grammar.screen = screen
+
+
+def side_by_side(rows: list[dict], listed: list[dict]) -> bool:
+    """Print what the search for compositions costs listed effects; False where the interval excludes 3 points."""
+    good, both = True, {(row["kind"], row["index"]): row for row in listed}
+    print(
+        "\n| one effect | n | listed only | with compositions | lost, points (95 %) | target |\n|---|---|---|---|---|---|"
+    )
+    pairs = [(row, both[row["kind"], row["index"]]) for row in rows if row["kind"] == "single"]
+    for told, what in (
+        (detected, "the true side at least 1/2"),
+        (covered, "truth in the set"),
+        (alone, "it alone named"),
+    ):
+        for size in (*SIZES["single"], None):
+            some = [one for one in pairs if size in (None, one[0]["size"])]
+            if not some:
+                continue
+            now, before = (np.array([told(row) for row in each], dtype=float) for each in zip(*some, strict=True))
+            low, high = resampled(before - now)
+            good &= size is not None or told is not detected or low <= LOST
+            print(
+                f"| {what}, {size or 'all'} | {len(some)} | {100 * before.mean():.1f} % | {100 * now.mean():.1f} % | "
+                f"{100 * (before - now).mean():.1f} ({100 * low:.1f} to {100 * high:.1f}) | <= {100 * LOST:.0f} |"
+            )
+    return bool(good)
+
+
+def alone(row: dict) -> bool:
+    """Tell whether the truth is the only name."""
+    return [list(row["truth"])] == row["sets"] and row["left"] is None
 
 
 def true_term(name: str, values: dict[str, float]):
@@ -376,12 +430,18 @@ def main() -> None:
     parser.add_argument("--kind", choices=KINDS)
     parser.add_argument("--red", action="store_true", help="the water of the two depths differs for days to seasons")
     parser.add_argument("--rows", type=Path, help="file with a line of JSON a mooring; what is in it is not made again")
+    parser.add_argument("--listed", type=Path, help="file for rows of the same moorings searched without compositions")
     asked = parser.parse_args()
     kinds = KINDS if asked.kind is None else (asked.kind,)
     wanted = [(kind, index) for kind in kinds for index in range(asked.count)]
     run = {"seed": asked.seed, "red": asked.red}
     rows = resumed(asked.rows, run, wanted, lambda kind, index: measure(kind, index, asked.seed, red=asked.red))
-    sys.exit(0 if report(rows) else 1)
+    good = report(rows)
+    if asked.listed:
+        again = resumed(asked.listed, run | {"listed": True}, wanted, lambda kind, index: without_compositions(
+            measure, kind, index, asked.seed, red=asked.red))  # fmt: skip
+        good &= side_by_side(rows, again)
+    sys.exit(0 if good else 1)
 
 
 if __name__ == "__main__":

@@ -2,15 +2,22 @@
 
     python benchmarks/reach.py 110 71                 110 moorings with one and 110 with two effects by seed 71
     python benchmarks/reach.py 110 71 --red           the same where the water of the two depths differs for seasons
+    python benchmarks/reach.py 110 71 --red --kind single --rows REACH --engine ROWS
+                                                      beside what the engine detected, by effect and size of the veer
 
 Every effect is tested as if all but its size were known: its pattern, the other effect, its date, the water's noise and
 that noise's memory. The five coefficients and the other effect's size are refitted. No search that knows less can do
-better. The moorings are those of benchmarks/discrepancy.py, and nothing of the engine is used.
+better. The moorings are those of benchmarks/discrepancy.py, and nothing of the engine is used; ROWS are the rows of
+such a run by the same seed. REACH gets one line of JSON a mooring, from which a cut run goes on.
+Exits 1 where the interval of the engine's shortfall lies above 5 points.
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
+import sys
+from pathlib import Path
 
 import discrepancy as bench
 import numpy as np
@@ -19,6 +26,8 @@ from scipy.stats import chi2, ncx2, norm
 from compasslib.simulation import pairs as sea
 
 INDEPENDENT = 17  # scores that the highest of a search of the catalogue amounts to, as its draws of the noise tell
+VEERS_DEG = (0.0, 1.0, 2.0, 4.0, 8.1)  # edges of the sizes of slow veer
+MISSED = 0.05  # share of the singles that the engine may miss beyond what any search does
 KNOWN, SEARCHED = norm.isf(0.01), norm.isf(1.0 - 0.99 ** (1.0 / INDEPENDENT))  # for 1 % of false alarms
 
 
@@ -81,20 +90,24 @@ def power(square: float, freedom: int, score: float) -> float:
     return float(ncx2.sf(chi2.isf(norm.sf(score), freedom), freedom, max(square, 1e-9)))
 
 
-def row(kind: str, index: int, seed: int, *, red: bool) -> tuple[float, dict[str, tuple[float, float]]]:
+def row(kind: str, index: int, seed: int, *, red: bool) -> dict:
     """Return the size asked for, and the power for each effect, of a known and of a searched hypothesis."""
     drawn, wanted = bench.draw(kind, index, seed, red=red)
     freedom = {name: len(set(values) - {"date_s"}) for name, values in drawn.truth.items()}
-    found = noncentrality(drawn)
-    return max(wanted.values()), {
-        name: tuple(power(square, freedom[name], score) for score in (KNOWN, SEARCHED))
-        for name, square in found.items()
+    slow = drawn.world.slow_water
+    power_of = {
+        name: [power(square, freedom[name], score) for score in (KNOWN, SEARCHED)]
+        for name, square in noncentrality(drawn).items()
     }
+    return {
+        "kind": kind, "index": index, "size": max(wanted.values()), "power": power_of, "visible": drawn.visible_deg,
+        "veer_deg": 0.0 if slow is None else slow.veer_deg,
+    }  # fmt: skip
 
 
-def report(kind: str, rows: list[tuple[float, dict[str, tuple[float, float]]]]) -> None:
+def report(kind: str, rows: list[dict]) -> None:
     for size in bench.SIZES[kind]:
-        some = [each for wanted, each in rows if wanted == size]
+        some = [row["power"] for row in rows if row["size"] == size]
         if not some:
             continue
         both = np.mean([np.prod(list(each.values()), axis=0) for each in some], axis=0)
@@ -108,16 +121,70 @@ def text(share) -> str:
     return " | ".join(f"{100 * x:.0f} %" for x in share)
 
 
+# Beside the engine.
+
+
+def beside(rows: list[dict], found: list[dict]) -> bool:
+    """Print the engine's detections beside the reach of any search; False where it falls short by too much."""
+    engine = {row["index"]: row for row in found if row["kind"] == "single"}
+    joined = [(row, engine[row["index"]]) for row in rows if row["kind"] == "single" and row["index"] in engine]
+    for row, own in joined:
+        if set(row["power"]) != set(own["truth"]) or not np.isclose(row["size"], own["size"]):
+            sys.exit(f"index {row['index']}: expected {list(row['power'])}, the engine's row has {list(own['truth'])}")
+    joined = [both for both in joined if all(both[0]["visible"][x] > 0.8 * both[0]["size"] for x in both[0]["power"]
+                                             if x in sea.STRONGEST)]  # fmt: skip
+    print(
+        "\n| one effect | n | known beforehand | found by a search | the engine (95 %) | short by, points (95 %) |"
+        "\n|---|---|---|---|---|---|"
+    )
+    good = []
+    for size in bench.SIZES["single"]:
+        some = [both for both in joined if both[0]["size"] == size]
+        good.append(compared(f"{size}, all", some))
+        for low, high in itertools.pairwise(VEERS_DEG):
+            compared(f"{size}, slow veer {low:g} to {high:g}",
+                     [both for both in some if low <= both[0]["veer_deg"] < high])  # fmt: skip
+        for name in bench.SINGLES:
+            compared(f"{size}, {name}", [both for both in some if name in both[0]["power"]])
+    return all(good)
+
+
+def compared(what: str, joined: list[tuple[dict, dict]]) -> bool:
+    """Print one line; False where the interval of what the engine misses beyond any search lies above the target."""
+    if not joined:
+        return True
+    reach = np.array([next(iter(row["power"].values())) for row, _ in joined])
+    seen = np.array([bench.detected(own) for _, own in joined])
+    each = reach[:, 1] - seen
+    low, high = bench.resampled(each)
+    missed = "" if low <= MISSED else ", MISSED"
+    own = [100.0 * x for x in bench.interval(seen)]
+    engine = f"{100 * seen.mean():.0f} % ({own[0]:.0f}-{own[1]:.0f})"
+    print(
+        f"| {what} | {len(joined)} | {text(reach.mean(axis=0))} | {engine} | "
+        f"{100 * each.mean():.0f} ({100 * low:.0f} to {100 * high:.0f}){missed} |"
+    )
+    return low <= MISSED
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("count", type=int, nargs="?", default=44, help="moorings of each kind (default 44)")
     parser.add_argument("seed", type=int, nargs="?", default=1)
     parser.add_argument("--kind", choices=("single", "two"), action="append")
     parser.add_argument("--red", action="store_true", help="the water of the two depths differs for days to seasons")
+    parser.add_argument("--rows", type=Path, help="file with a line of JSON a mooring; what is in it is not made again")
+    parser.add_argument("--engine", type=Path, help="rows of discrepancy.py, by the same seed")
     asked = parser.parse_args()
+    kinds, run = asked.kind or ("single", "two"), {"seed": asked.seed, "red": asked.red}
+    wanted = [(kind, index) for kind in kinds for index in range(asked.count)]
+    rows = bench.resumed(asked.rows, run, wanted, lambda kind, index: row(kind, index, asked.seed, red=asked.red))
     print("\n| planted, 1 % of false alarms | known beforehand | found by a search |\n|---|---|---|")
-    for kind in asked.kind or ("single", "two"):
-        report(kind, [row(kind, index, asked.seed, red=asked.red) for index in range(asked.count)])
+    for kind in kinds:
+        report(kind, [one for one in rows if one["kind"] == kind])
+    if asked.engine is not None:
+        found = bench.rows_of(asked.engine, run)
+        sys.exit(0 if beside(rows, found) else 1)
 
 
 if __name__ == "__main__":
