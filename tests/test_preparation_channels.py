@@ -4,10 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from test_archive import make_record
 
 from compasslib.core.errors import InputError
+from compasslib.core.records import MAGNETOMETER
 from compasslib.preparation import channels
+from compasslib.search import covariates
 
 HEADER = "when,ntu\n"
 
@@ -34,3 +37,33 @@ def test_a_series_of_another_year_is_refused_in_one_line(record, tmp_path):
     rows = [(record.time_s[0] + 4e7 + 3600.0 * k, k) for k in range(5)]
     with pytest.raises(InputError, match=r"t\.csv: expected values of turbidity while .*found 2008-12-.*check times"):
         channels.beside(record, given(tmp_path / "t.csv", rows))
+
+
+def with_magnetometer(n=600, strength=lambda t: 1.0):
+    """Return a record under iron of its own: a field of 500 counts and a dip of 60 degrees, seen from all headings."""
+    rng = np.random.default_rng(3)
+    record = replace(make_record(n), time_s=1189000000.0 + 3600.0 * np.arange(n))
+    heading, pitch, roll = rng.uniform(0.0, 360.0, n), *rng.normal(0.0, 2.0, (2, n))
+    attitude = Rotation.from_euler("ZYX", np.column_stack([heading, pitch, roll]), degrees=True)
+    earth = attitude.inv().apply([250.0, 0.0, 433.0]).T  # forward, starboard, down
+    axes = strength(record.time_s) * earth + [[40.0], [-25.0], [60.0]] + rng.normal(0.0, 1.0, (3, n))
+    series = dict(zip(MAGNETOMETER, axes, strict=True))
+    tilts = {"heading_deg": heading, "pitch_deg": pitch, "roll_deg": roll}
+    return replace(record, **tilts, channels=series, channel_units=dict.fromkeys(series, "count"))
+
+
+def test_the_instruments_magnetometer_tells_when_the_field_changed_and_not_where_it_pointed():
+    step = channels.witnessed(with_magnetometer(strength=lambda t: np.where(t > np.median(t), 1.02, 1.0)))
+    seen = step.channels["field_strength"]
+    assert np.mean(seen[300:]) - np.mean(seen[:300]) == pytest.approx(1.8, abs=0.3)  # of 2: a tenth of it is fixed iron
+    assert f"saw the field's strength change by {np.std(seen):.2f} % rms" in step.warnings[-1]
+    still = channels.witnessed(with_magnetometer()).channels["field_strength"]
+    assert np.std(still) < 0.3
+    drivers = covariates.logged(step, [])
+    assert "field_strength" in drivers and not set(MAGNETOMETER) & set(drivers)
+
+
+def test_a_record_without_a_magnetometer_or_with_one_of_zeros_stays_as_it_is(record):
+    assert channels.witnessed(record) is record
+    dead = replace(with_magnetometer(), channels=dict.fromkeys(MAGNETOMETER, np.zeros(600)))
+    assert channels.witnessed(dead) is dead

@@ -13,7 +13,7 @@ from nortek_encoder import BEAM, ENU, XYZ, Sample
 from sea import SHARED
 
 from compasslib.core.errors import InputError
-from compasslib.core.records import BAD, GOOD
+from compasslib.core.records import BAD, GOOD, MAGNETOMETER
 from compasslib.readers.nortek import reader
 from compasslib.readers.nortek.packets import packets
 
@@ -126,6 +126,8 @@ def test_profiles_agree_with_mhkit_in_all_coordinates(tmp_path, coordinates, dow
         np.testing.assert_array_equal(record.profiles["echo"][at], amplitude)
         if tag:
             np.testing.assert_array_equal(record.profiles["correlation"], theirs["corr_avg"].values.transpose(2, 1, 0))
+        axes = [record.channels[axis][0] for axis in MAGNETOMETER] if tag else [*record.channels]
+        assert axes == ([120.0, -340.0, 410.0] if tag else [])
 
 
 @pytest.mark.parametrize("down", [False, True])

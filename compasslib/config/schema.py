@@ -62,7 +62,7 @@ KNOWN_SERIES = (
     *("heading", "time", "pitch", "roll", "tilt", "depth", "separation", "speed", "temperature", "voltage"),
     *("supply_voltage", "hour", "hour_of_day", "tide", "turn_rate", "battery_number", "flow_direction"),
     *("reference_heading", "transmit_current", "heading_spread", "echo", "observatory", "declination_observatory"),
-    *("horizontal_observatory", "storm_index"),
+    *("horizontal_observatory", "storm_index", "field_strength", "magnetometer_x", "magnetometer_y", "magnetometer_z"),
 )
 # Other things that stand in results/; a file system may not tell capitals.
 RESERVED = (

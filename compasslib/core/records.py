@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
 Flags = NDArray[np.int8]
+MAGNETOMETER = ("magnetometer_x", "magnetometer_y", "magnetometer_z")  # channels in the instrument's axes, counts
 Series = TypeVar("Series", bound="DataclassInstance")
 _BY_NAME = ("channels", "profiles")  # fields of a record that hold arrays by name
 

@@ -1,4 +1,4 @@
-"""Other series beside a record: what a user gives is brought to the instrument's times."""
+"""Other series beside a record: what a user gives at the instrument's times, and what its own magnetometer saw."""
 
 from __future__ import annotations
 
@@ -8,11 +8,14 @@ from typing import Any
 
 import numpy as np
 
+from compasslib.core import angles
 from compasslib.core.errors import InputError
-from compasslib.core.records import Record
+from compasslib.core.records import MAGNETOMETER, Record
 from compasslib.core.types import Floats
 from compasslib.readers import covariate
 
+FIELD_STRENGTH = "field_strength"
+FEWEST = 100  # samples of a magnetometer beside heading and tilt
 LONGEST_GAP = 3.0  # usual steps of the series over which it is read between two values
 
 
@@ -28,6 +31,36 @@ def beside(record: Record, series: Mapping[str, Mapping[str, Any]]) -> Record:
     found = {name: _at(record, name, one) for name, one in series.items()}
     units = {name: str(one["unit"] or "1") for name, one in series.items()}
     return replace(record, channels={**record.channels, **found}, channel_units={**record.channel_units, **units})
+
+
+def witnessed(record: Record) -> Record:
+    """Return a record with the change of the field's strength, percent, where the instrument logged its magnetometer.
+
+    What follows the heading, twice the heading or the tilts is taken off: it is iron and scales at the sensor, which a
+    fit of the headings knows already. The axes themselves are the heading once more.
+    """
+    if not set(MAGNETOMETER) <= set(record.channels):
+        return record
+    size = np.linalg.norm([record.channels[axis] for axis in MAGNETOMETER], axis=0)
+    waves = [wave for k in (1.0, 2.0) for wave in angles.sin_cos(k * record.heading_deg)]
+    columns = np.column_stack([np.ones(len(size)), *waves, record.pitch_deg, record.roll_deg])
+    known = np.isfinite(size + columns.sum(axis=1))
+    if known.sum() < FEWEST or not np.any(size[known]):
+        return record
+    percent = 100.0 * size / np.median(size[known])
+    percent = np.where(
+        known, percent - columns @ np.linalg.lstsq(columns[known], percent[known], rcond=None)[0], np.nan
+    )
+    note = (
+        f"Beyond what follows heading and tilt, its own magnetometer saw the field's strength change by "
+        f"{np.nanstd(percent):.2f} % rms; the search looks along it for effects."
+    )
+    return replace(
+        record,
+        channels={**record.channels, FIELD_STRENGTH: percent},
+        channel_units={**record.channel_units, FIELD_STRENGTH: "percent"},
+        warnings=(*record.warnings, note),
+    )
 
 
 def _at(record: Record, name: str, one: Mapping[str, Any]) -> Floats:

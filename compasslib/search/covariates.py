@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib.core import angles
-from compasslib.core.records import Pairs, Record
+from compasslib.core.records import MAGNETOMETER, Pairs, Record
 from compasslib.core.types import Floats
 from compasslib.deviation import model
 from compasslib.preparation import overlap
@@ -57,7 +57,7 @@ def logged(record: Record, observatory_files: Sequence[str], at: Pairs | None = 
         "supply_voltage": record.supply_voltage,
         "depth": record.depth_m,
         "speed": np.abs(velocity),
-        **record.channels,
+        **{name: channel for name, channel in record.channels.items() if name not in MAGNETOMETER},
     } | stuck.leans(record)
     if observatory_files:
         from compasslib import observatory  # only where one is named

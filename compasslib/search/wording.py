@@ -33,7 +33,7 @@ UNITS = {
     "heading": "degrees", "pitch": "degrees", "roll": "degrees", "depth": "m", "separation": "m", "speed": "m/s",
     "temperature": "degrees C", "supply_voltage": "V or counts", "hour_of_day": "h", "time": "",
     "declination_observatory": "degrees", "horizontal_observatory": "degrees", "reference_heading": "degrees",
-    "transmit_current": "counts", "heading_spread": "degrees", "echo": "counts",
+    "transmit_current": "counts", "heading_spread": "degrees", "echo": "counts", "field_strength": "percent",
 }  # fmt: skip
 TURN = "turn_by_"  # what the name of the turn by an effect begins with, degrees
 UNITS_OF_CALIBRATIONS = UNITS | {

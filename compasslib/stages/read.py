@@ -52,4 +52,4 @@ def record_of(
 ) -> Record:
     """Return the record of one instrument; arguments and errors as for ``run``."""
     read = readers.read(form, [Path(file) for file in raw], reader)
-    return channels.beside(deployments.settle(read, **deployment), series)
+    return channels.beside(channels.witnessed(deployments.settle(read, **deployment)), series)

@@ -16,7 +16,7 @@ import numpy as np
 
 from compasslib.core import angles, compass
 from compasslib.core.errors import InputError
-from compasslib.core.records import MISSING, Record, take
+from compasslib.core.records import MAGNETOMETER, MISSING, Record, take
 from compasslib.core.types import Bools, Floats
 from compasslib.readers.nortek import older, signature
 from compasslib.readers.nortek.packets import Packets, packets
@@ -60,6 +60,7 @@ def read(
     east, north, upward = _currents(whole, heading, looks_up, applied)
     up = bool(np.mean(looks_up) > 0.5)
     counts = _counts(files, whole, heading, up)
+    field = {} if whole.magnetometer is None else dict(zip(MAGNETOMETER, whole.magnetometer.T, strict=True))
     return Record(
         time_s=whole.time_s,
         east=east,
@@ -80,6 +81,8 @@ def read(
         serial_number=serial,
         profiles={"up": upward.astype(np.float32), **whole.profiles},
         recorded_in={EARTH: "earth", BEAM: "beam"}.get(whole.recorded, "instrument"),
+        channels=field,
+        channel_units=dict.fromkeys(field, "count"),
         counts=counts,
         warnings=(*_of_files(files), *_of_settings(whole, counts, declination_applied, up)),
     )
