@@ -29,4 +29,4 @@ def run(
     rows.sort(key=lambda row: order.index(row["name"]))
     table.write(summary, rows)
     say(table.table(rows))
-    say(f"{summary}: {len(rows)} moorings")
+    say(f"{summary}: {len(rows)} mooring{'s' * (len(rows) != 1)}")
