@@ -117,11 +117,15 @@ def roses(path: str | Path, shown: Currents, reference: Flow, headings: Mapping[
     """
     flows = {"recorded": shown.recorded, "corrected": shown.corrected, "reference": reference}
     towards = {name: angles.direction(flow.velocity.real, flow.velocity.imag) for name, flow in flows.items()}
+    handles: dict[str, Any] = {name: Line2D([], [], color=colour, label=name) for name, colour in COLOURS.items()}
+    handles["reference"] = Patch(color=REFERENCE, alpha=0.5, linewidth=0, label="reference")
     with page(path, 2.45) as figure:
+        seen: set[str] = set()
         for k, (title, series) in enumerate((("Current towards", towards), ("Heading (magnetic)", headings))):
-            _rose(figure, k, title, {name: angle for name, angle in series.items() if np.isfinite(angle).any()})
-        handles: list[Any] = [Line2D([], [], color=COLOURS[name], label=name) for name in ("recorded", "corrected")]
-        legend(figure, [*handles, Patch(color=REFERENCE, alpha=0.5, linewidth=0, label="reference")], columns=3)
+            known = {name: angle for name, angle in series.items() if np.isfinite(angle).any()}
+            _rose(figure, k, title, known)
+            seen |= set(known)
+        legend(figure, [handle for name, handle in handles.items() if name in seen], columns=3)
 
 
 def _rose(figure: Figure, place: int, title: str, series: Mapping[str, Floats]) -> None:

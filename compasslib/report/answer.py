@@ -8,6 +8,8 @@ from typing import Any
 from compasslib.report import words
 from compasslib.report.results import Headings, MooringResults
 
+WIDE_DEG = 20.0  # an uncertainty beyond which a direction says little
+
 
 def answer(results: MooringResults) -> str:
     """Return one sentence: corrected share, uncertainty, size of the deviation, what was found and how probably."""
@@ -17,8 +19,9 @@ def answer(results: MooringResults) -> str:
         return words.sentence(f"no heading is corrected: {why}")
     share = f"{words.percent(head.corrected / head.n)} of the" if head.corrected < head.n else "All"
     sigma, largest = words.degrees(head.sigma_deg[0]), words.degrees(head.largest_deviation_deg, 0)
+    but = "but with" if head.sigma_deg[0] > WIDE_DEG else "with"
     return (
-        f"{share} headings are corrected, with a median uncertainty of {sigma} (1σ); the compass deviated by up to "
+        f"{share} headings are corrected, {but} a median uncertainty of {sigma} (1σ); the compass deviated by up to "
         f"{largest}; {what_was_found(results.diagnosis)}."
     )
 
@@ -79,9 +82,6 @@ def to_do(results: MooringResults) -> tuple[str, ...]:
     texts += [f"To settle what was found: {words.sentence(decide)}"] if decide else []
     texts += [f"Read the {words.plural(len(warnings), 'warning')} below."] if warnings else []
     return tuple(texts) or ("Nothing: UCUR and VCUR of corrected.nc are the currents to use.",)
-
-
-WIDE_DEG = 20.0  # an uncertainty beyond which a direction says little
 
 
 def _of_headings(head: Headings) -> list[str]:

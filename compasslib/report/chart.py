@@ -13,10 +13,11 @@ from compasslib.report import words
 
 WIDTH, HEIGHT, MARGIN = 360.0, 300.0, (76.0, 12.0, 12.0, 38.0)  # of the drawing; left, right, top, bottom
 LEAST_DEG = 0.02  # from south to north
-TICKS = 4  # about so many along each axis
+TICKS = 3  # about so many along each axis
 STEPS = (1.0, 2.0, 5.0, 10.0)
 ARROW = 44.0  # length of the largest mean current
 LETTER, LINE = 6.6, 12.0  # size of a letter of a label
+DOT, ALONG = 4.0, (0.4, 0.7, 1.0)  # half the room of a point; where along a line there is one
 BESIDE = ((7.0, 4.0, "start"), (-7.0, 4.0, "end"), (0.0, -8.0, "middle"), (0.0, 17.0, "middle"))
 ANCHORS = {"start": 0.0, "end": 1.0, "middle": 0.5}
 Box = tuple[float, float, float, float]
@@ -137,13 +138,20 @@ def _ticks(
 
 
 def _labelled(marks: Iterable[Mark], box: Box) -> list[Mark]:
-    """Give each mooring its name where it lies over no other name, no point and no edge; else none."""
+    """Give each mooring its name where it lies over no other name, no point, no line and no edge; else none."""
     marks = list(marks)
-    taken = [(one.x - 5.0, one.y - 5.0, one.x + 5.0, one.y + 5.0) for one in marks]
+    points = [(one.x, one.y) for one in marks]
+    points += [
+        (one.x + share * (x - one.x), one.y + share * (y - one.y))
+        for one in marks
+        for _, x, y in one.tips
+        for share in ALONG
+    ]
+    taken = [(x - DOT, y - DOT, x + DOT, y + DOT) for x, y in points]
     result = []
-    for k, one in enumerate(marks):
+    for one in marks:
         places = [Label(one.x + dx, one.y + dy, one.station.name, anchor) for dx, dy, anchor in BESIDE]
-        free = [each for each in places if _inside(_around(each), box) and not _hits(_around(each), taken, k)]
+        free = [each for each in places if _inside(_around(each), box) and not _hits(_around(each), taken)]
         taken += [_around(free[0])] if free else []
         result.append(Mark(one.x, one.y, one.station, one.tips, free[0] if free else None))
     return result
@@ -160,7 +168,7 @@ def _inside(corners: Box, box: Box) -> bool:
     return corners[0] >= x and corners[1] >= y and corners[2] <= x + wide and corners[3] <= y + high
 
 
-def _hits(corners: Box, taken: Sequence[Box], own: int) -> bool:
+def _hits(corners: Box, taken: Sequence[Box]) -> bool:
     x0, y0, x1, y1 = corners
-    others = np.array([one for k, one in enumerate(taken) if k != own]).reshape(-1, 4)
+    others = np.array(taken)
     return bool(np.any((others[:, 0] < x1) & (others[:, 2] > x0) & (others[:, 1] < y1) & (others[:, 3] > y0)))

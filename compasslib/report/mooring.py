@@ -14,6 +14,7 @@ from compasslib.report.results import Headings, MooringResults
 from compasslib.report.section import ReportSection, ReportTable
 
 CURRENTS = ("sticks", "progressive", "roses")
+OF_PAIRS = ("diagnosis", "deviation", "scatter")  # empty where there is neither a pair nor a curve
 HEADER = (
     *("Mooring", "Verdict", "Found", "Method", "Pairs", "Corrected", "Uncertainty", "Rms before", "Rms after"),
     *("Largest deviation", "Folded", "Warnings"),
@@ -30,6 +31,8 @@ def section(results: MooringResults, root: Path, site: Mapping[str, Any], *, sma
         small: whether the page has too many sections for whole pictures.
     """
     drawn = figures.of_folder(results.folder, root, captions(results), small=small)
+    if not (results.fit["n_pairs"] or results.product["coefficients"]):
+        drawn = {name: one for name, one in drawn.items() if name not in OF_PAIRS}
     findings = found.findings(results.diagnosis, product=True)
     beside = ("diagnosis",) if findings else ()  # else it stands with the other figures
     return ReportSection(
@@ -57,9 +60,10 @@ def section(results: MooringResults, root: Path, site: Mapping[str, Any], *, sma
 
 
 def sentences(results: MooringResults) -> tuple[str, ...]:
-    """Return what comes first of one mooring: the answer, how far it is from the reference, and why not."""
-    first, searched = answer.answer(results), results.diagnosis
-    reasons = dict.fromkeys((results.fit["why"], searched.get("why", "") * (searched["verdict"] == "insufficient")))
+    """Return what comes first of one mooring: the answer, how far it is from the reference, and why not more."""
+    first, fit = answer.answer(results), results.fit["why"]
+    searched = results.diagnosis.get("why", "") if results.diagnosis["verdict"] == "insufficient" else ""
+    reasons = [fit, "" if fit and fit in searched else searched]
     texts = (first, answer.agreement(results.assessment), *(words.sentence(why) for why in reasons if why not in first))
     return tuple(text for text in texts if text)
 

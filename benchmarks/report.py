@@ -1,0 +1,83 @@
+"""How large the report is, and how soon a browser shows it, for few and for many moorings.
+
+    python benchmarks/report.py                      after make run; Chromium is needed
+    python benchmarks/report.py --picture docs/report.png
+
+The moorings of the demonstration cruise are repeated until there are enough. Times are medians of five openings.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+import time
+from dataclasses import replace
+from itertools import cycle, islice
+from pathlib import Path
+from statistics import median
+
+PROJECT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(PROJECT / "tests"))
+
+import browser  # noqa: E402
+
+from compasslib import report  # noqa: E402
+from compasslib.config.cruise import load  # noqa: E402
+from compasslib.report import chart, figures  # noqa: E402
+from compasslib.run import plan  # noqa: E402
+
+COUNTS, OPENINGS = (7, 50, 200), 5
+PAINTED = "performance.getEntriesByName('first-contentful-paint')[0].startTime"
+
+
+def repeated(made: report.Report, count: int) -> report.Report:
+    """Return a report with its moorings again and again, each a little to the east of the last."""
+    rounds = zip(islice(cycle(made.moorings.sections), count), range(count), strict=False)
+    sections = [replace(one, name=f"{one.name}.{k}", anchor=f"{one.anchor}.{k}") for one, k in rounds]
+    stations = [
+        replace(mark.station, name=one.name, longitude=mark.station.longitude + 0.1 * (k // len(made.map.marks)))
+        for k, (mark, one) in enumerate(zip(islice(cycle(made.map.marks), count), sections, strict=True))
+    ]
+    cells = [replace(one, cells=(one.name, *one.cells[1:])) for one in sections]
+    return replace(made, moorings=replace(made.moorings, sections=cells), map=chart.chart(stations))
+
+
+def main() -> None:
+    """Print a line a count, or write the picture of the page's top."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--picture", type=Path, help="write a picture of the page instead")
+    asked = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder, browser.chromium(Path(folder) / "profile") as chromium:
+        if asked.picture:
+            chromium.open(PROJECT / "results/report.html", 1200, 1500)
+            chromium.picture(asked.picture, whole=False)
+            return
+        print("moorings   size, MB   first paint, ms   loaded, ms   written, s")
+        for count in COUNTS:
+            print(measured(chromium, Path(folder) / f"{count}.html", count))
+
+
+def measured(chromium: browser.Page, path: Path, count: int) -> str:
+    """Return the line of one count."""
+    figures.MOST_SECTIONS, most = (0 if count > figures.MOST_SECTIONS else figures.MOST_SECTIONS), figures.MOST_SECTIONS
+    begin = time.perf_counter()
+    described = plan.Moorings(load(PROJECT), PROJECT / "workflow/scripts").described()
+    made = report.gather(PROJECT / "results", attributes={}, moorings=described, calibrations=[])
+    figures.MOST_SECTIONS = most
+    report.write(path, repeated(made, count))
+    written = time.perf_counter() - begin
+    times = [opened(chromium, path) for _ in range(OPENINGS)]
+    paint, loaded = (median(column) for column in zip(*times, strict=True))
+    return f"{count:8d} {path.stat().st_size / 1e6:10.1f} {paint:17.0f} {loaded:12.0f} {written:12.1f}"
+
+
+def opened(chromium: browser.Page, path: Path) -> tuple[float, float]:
+    """Return when a page was painted first, and when it was whole, milliseconds."""
+    chromium.open(path)
+    chromium.ask("new Promise(done => requestAnimationFrame(() => setTimeout(done, 50)))")
+    return chromium.ask(PAINTED), chromium.ask("performance.timing.loadEventEnd - performance.timing.navigationStart")
+
+
+if __name__ == "__main__":
+    main()
