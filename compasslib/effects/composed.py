@@ -217,13 +217,20 @@ class Composed(Term):
         """
         _, driver, form = self.composition
         if driver == "heading":
-            assert reading_deg is not None
-            return FORMS[form].series(self, reading_deg, scene.time_s)
+            return self.made(scene, reading_deg)
         stored: dict[Any, Floats] = scene.__dict__.setdefault("composed", {})  # many derivatives at one place
         key = (driver, form, *(getattr(self, name) for name, _ in FORMS[form].places))
         if key not in stored:
-            stored[key] = FORMS[form].series(self, driven(scene, driver), scene.time_s)
+            stored[key] = self.made(scene)
         return stored[key]
+
+    def made(self, scene: Scene, reading_deg: Floats | None = None) -> Floats:
+        """Return the same, made anew."""
+        _, driver, form = self.composition
+        if driver != "heading":
+            return FORMS[form].series(self, driven(scene, driver), scene.time_s)
+        assert reading_deg is not None
+        return FORMS[form].series(self, reading_deg, scene.time_s)
 
     @property
     def placed(self) -> bool:

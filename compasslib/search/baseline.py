@@ -76,7 +76,14 @@ class State:
         Args:
             columns_deg: (n, k), degrees a unit.
         """
-        white = self.whitener(np.nan_to_num(columns_deg, posinf=0.0, neginf=0.0))
+        return self.bare(self.whitener(np.nan_to_num(columns_deg, posinf=0.0, neginf=0.0)))
+
+    def bare(self, white: Floats) -> Floats:
+        """Return whitened columns, the base projected out, (n, k).
+
+        Args:
+            white: (n, k).
+        """
         basis = self.basis.astype(white.dtype)
         return white - basis @ (basis.T @ white)
 

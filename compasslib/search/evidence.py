@@ -80,6 +80,24 @@ class Candidates:
         """Return the products beside slow water of one kind, none where absent."""
         return beside(self.information, self.score, len(self.usual), self.slow, water, free=self.free)
 
+    def only(self, some: Sequence[int]) -> Candidates:
+        """Return some of the candidates beside the same slow water."""
+        count = np.array([len(self.parts[k]) for k in some], dtype=int)
+        own = np.concatenate([np.zeros(0, dtype=np.intp), *(self.parts[k] for k in some)])
+        at = np.concatenate([own, np.arange(len(self.usual), len(self.score))])
+        return replace(
+            self,
+            groups=[self.groups[k] for k in some],
+            parts=np.split(np.arange(len(own)), np.cumsum(count)[:-1]) if len(count) else [],
+            usual=self.usual[own],
+            information=self.information[np.ix_(at, at)],
+            score=self.score[at],
+            visible=self.visible[np.ix_(own, own)],
+            uneven=self.uneven[list(some)],
+            white=self.white[:, at],
+            shares=[self.shares[k] for k in some],
+        )
+
     def on(self, some: NDArray[np.bool_]) -> Candidates:
         """Return the same by some of the samples only, (n,), the base fitted anew."""
         white = np.concatenate([self.white[some], self.base[some].astype(np.float32)], axis=1)

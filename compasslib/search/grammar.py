@@ -8,7 +8,8 @@ what is acted on, the drivers, their forms and their places (description length)
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -18,6 +19,7 @@ from compasslib.effects.composed import (
     ACTED_ON,
     DAY_S,
     DRIVERS,
+    FORMS,
     LOBES,
     TIDE_S,
     Composed,
@@ -49,7 +51,7 @@ SECTORS, REACHES_DEG = 24, (20.0, 40.0)
 AROUND = (-0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75)  # steps, or powers of 2, between the places that are tried
 MOST, MOST_OF_KIND, MOST_RIVALS = 40, 3, 8
 SEEN = 5  # different values of a driver below which it says nothing
-MOST_NUMBERS = 3_000_000  # of columns that are held at once, which sets the memory of long records
+MOST_NUMBERS = 1_500_000  # of columns that are held at once, which sets the memory of long records
 
 
 @dataclass(frozen=True)
@@ -66,26 +68,26 @@ def screen(state: State) -> list[Found]:
     """Return the compositions that would make what a simulation leaves likeliest, each with its share of the odds."""
     if state.case.kind != "mooring":
         return []
-    scene, reading = state.case.scene, state.case.recorded_deg
-    acted = [name for name in ACTED_ON if _acts(name, state)]
+    acted = {
+        name: columns.of_term(state, composed(name, "time", "always")()).columns
+        for name in ACTED_ON
+        if _acts(name, state)
+    }
+    places = _places(state.case.scene, state.case.channels)
+    forms = {name: Counter(one[0] for one in places if _nameless(name, *one)) for name in acted}
     tried: list[tuple[float, Found]] = []
-    for name in acted:
-        bare = columns.of_term(state, composed(name, "time", "always")()).columns
-        every = list(_terms(name, scene, (*VALUES, *state.case.channels)))
-        drivers = {term.composition[1] for term in every}
-        forms = {driver: {t.composition[2] for t in every if t.composition[1] == driver} for driver in drivers}
-        places: dict[tuple[str, str, str], int] = {}
-        for term in every:
-            places[term.composition] = places.get(term.composition, 0) + 1
-        series = [term.series(scene, reading) for term in every]
-        size = max(MOST_NUMBERS // (len(bare) * bare.shape[1]), 1)
-        batches = (series[k : k + size] for k in range(0, len(series), size))
-        gains = [gain for batch in batches for gain in _gains(state, bare, batch)]
-        for term, (gain, usual) in zip(every, gains, strict=True):
-            _, driver, _ = term.composition
-            count = len(acted) * len(drivers) * len(forms[driver]) * places[term.composition]
-            tried.append((gain - float(np.log(count)), Found(term, -float(np.log(count)), usual)))
-    scene.__dict__.pop("composed", None)  # hundreds of series: what is kept is few
+    for batch in _batches(state, places):
+        for name, bare in acted.items():
+            own = [k for k, (driver, form, _) in enumerate(batch.places) if _nameless(name, driver, form)]
+            if not own:
+                continue
+            gains, usual = _gains(state, bare, batch.only(own))
+            for k, gain, expected in zip(own, gains, usual, strict=True):
+                driver, form, at = batch.places[k]
+                alike = forms[name][driver] * len(places[driver, form])
+                log_count = float(np.log(len(acted) * len(forms[name]) * alike))
+                term = placed(composed(name, driver, form), *at)
+                tried.append((gain - log_count, Found(term, -log_count, expected)))
     return _best(tried)
 
 
@@ -156,54 +158,60 @@ def _acts(name: str, state: State) -> bool:
     return all(one in state.case.scene.departures for one in ACTED_ON[name].needs)
 
 
-def _gains(state: State, bare: Floats, series: list[Floats]) -> list[tuple[float, Floats]]:
-    """Return the log evidence of each composition alone, its sizes integrated over, and what they usually are.
+@dataclass(frozen=True)
+class Batch:
+    """Drivers in a form at a place, and the series that each makes, m of c columns."""
+
+    places: list[tuple[str, str, tuple[float, ...]]]
+    series: Floats  # (n, m, c) float32
+    square: Floats  # (n, m, c)
+
+    def only(self, some: Sequence[int]) -> Batch:
+        """Return some of them."""
+        if len(some) == len(self.places):
+            return self
+        return Batch([self.places[k] for k in some], self.series[:, some], self.square[:, some])
+
+
+def _batches(state: State, places: Mapping[tuple[str, str], Sequence[tuple[float, ...]]]) -> Iterator[Batch]:
+    """Return every driver in every form at every place, together those that have as many columns each."""
+    scene, most = state.case.scene, max(MOST_NUMBERS // len(state.case), 1)
+    for _, alike in itertools.groupby(places, key=lambda one: len(FORMS[one[1]].suffixes)):
+        every = [(*one, at) for one in alike for at in places[one]]
+        for own in (every[k : k + most] for k in range(0, len(every), most)):
+            terms = [placed(composed("reading", driver, form), *at) for driver, form, at in own]
+            makers = [term.series if term.composition[2] == "memory" else term.made for term in terms]  # slow: kept
+            series = np.stack([make(scene, state.case.recorded_deg) for make in makers], axis=1)
+            yield Batch(own, series.astype(np.float32), series**2)
+
+
+def _gains(state: State, bare: Floats, batch: Batch) -> tuple[list[float], Floats]:
+    """Return the log evidence of each composition alone, its sizes integrated over, and what they usually are, (m, k).
 
     Args:
         bare: derivative of the heading by what is acted on, (n, p).
-        series: of each composition, (n, c).
     """
-    made, expected = [], []
-    for one in series:
-        both = (bare[:, :, None] * one[:, None, :]).reshape(len(bare), -1).astype(np.float32)
-        turn = np.sqrt(np.mean(both.astype(float) ** 2, axis=0))
-        usual = USUAL_DEG / np.maximum(turn, 1e-9)
-        made.append(both * usual.astype(np.float32))
-        expected.append(usual)
-    white = state.projected(np.concatenate(made, axis=1)) * np.float32(state.response / state.sigma)
-    pulls = white.T @ (state.innovation / state.sigma).astype(np.float32)
-    result, at = [], 0
-    for usual in expected:
-        width = len(usual)
-        own, pull = white[:, at : at + width], pulls[at : at + width].astype(float)
-        information = np.eye(width) + (own.T @ own).astype(float)
-        gain = 0.5 * pull @ np.linalg.solve(information, pull) - 0.5 * np.linalg.slogdet(information)[1]
-        result.append((float(gain), usual))
-        at += width
-    return result
+    n, m, c = batch.series.shape
+    turn = ((bare**2).T @ batch.square.reshape(n, -1) / n) ** 0.5
+    usual = USUAL_DEG / np.maximum(turn, 1e-9).reshape(-1, m, c).transpose(1, 0, 2).reshape(m, -1)
+    standard = (bare / state.whitener.width_deg[:, None] * state.response / state.sigma).astype(np.float32)
+    made = standard[:, None, :, None] * batch.series[:, :, None, :]
+    white = state.bare(state.whitener.filtered(made.reshape(n, -1)))
+    pull = (white.T @ (state.innovation / state.sigma).astype(np.float32)).reshape(m, -1) * usual
+    products = np.array([part.T @ part for part in np.split(white, m, axis=1)])
+    lower = np.linalg.cholesky(products * usual[:, :, None] * usual[:, None, :] + np.eye(usual.shape[1]))
+    half = np.linalg.solve(lower, pull[:, :, None])[:, :, 0]
+    gains = 0.5 * np.sum(half**2, axis=1) - np.log(np.einsum("mkk->mk", lower)).sum(axis=1)
+    return gains.tolist(), usual
 
 
-def _terms(name: str, scene: Scene, values: Sequence[str]) -> Iterator[Composed]:
-    """Return every composition of what is acted on with what the recording has, at every place."""
-    listed = LISTED.get(name, set())
-    there = [one for one in values if _varies(scene, one)]
-    for driver, form in [*itertools.product(there, OF_VALUE), *(("time", form) for form in OF_TIME)]:
-        if f"{driver}/{form}" in listed or (driver == "time" and name == "flow_direction"):
-            continue  # what the water does along time stands in the noise
-        kind = composed(name, driver, form)
-        yield from (placed(kind, *at) for at in _places(scene, driver, form))
-    if _varies(scene, "turn_rate") and "turn_rate/sign" not in listed:
-        yield composed(name, "turn_rate", "sign")()
-    for period_s in (DAY_S, DAY_S / 2.0):
-        yield placed(composed(name, "hour", "periodic"), period_s)
-    yield placed(composed(name, "tide", "periodic"), TIDE_S)
-    if name == "reading":
-        kind = composed(name, "heading", "bump")
-        yield from (placed(kind, 360.0 / SECTORS * k, reach) for k in range(SECTORS) for reach in REACHES_DEG)
-    joined = [one for one in there if one in VALUES and one != "tilt"]
-    for first, second in itertools.combinations(sorted([*joined, "time"]), 2):
-        if name not in LOBES:
-            yield composed(name, f"{first}*{second}", "linear")()
+def _nameless(name: str, driver: str, form: str) -> bool:
+    """Tell whether a driver and a form compose with what is acted on, and the catalogue has no name for it."""
+    if driver == "heading":
+        return name == "reading"
+    if driver == "time" and name == "flow_direction":
+        return False  # what the water does along time stands in the noise
+    return f"{driver}/{form}" not in LISTED.get(name, set()) and not ("*" in driver and name in LOBES)
 
 
 def _varies(scene: Scene, driver: str) -> bool:
@@ -211,7 +219,27 @@ def _varies(scene: Scene, driver: str) -> bool:
     return name in scene.departures and len(np.unique(scene.departures[name][:: max(len(scene) // 500, 1)])) >= SEEN
 
 
-def _places(scene: Scene, driver: str, form: str) -> list[tuple[float, ...]]:
+def _places(scene: Scene, channels: Iterable[str]) -> dict[tuple[str, str], list[tuple[float, ...]]]:
+    """Return every driver that the recording has with every form, and the places at which it is tried.
+
+    Args:
+        channels: series that have no name of their own here.
+    """
+    there = [one for one in (*VALUES, *channels) if _varies(scene, one)]
+    joined = [one for one in there if one in VALUES and one != "tilt"]
+    alone = [*itertools.product(there, OF_VALUE), *(("time", form) for form in OF_TIME)]
+    if _varies(scene, "turn_rate"):
+        alone.append(("turn_rate", "sign"))
+    pairs = [(f"{a}*{b}", "linear") for a, b in itertools.combinations(sorted([*joined, "time"]), 2)]
+    return {
+        **{one: _places_of(scene, *one) for one in (*alone, *pairs)},
+        ("hour", "periodic"): [(DAY_S,), (DAY_S / 2.0,)],
+        ("tide", "periodic"): [(TIDE_S,)],
+        ("heading", "bump"): [(360.0 / SECTORS * k, reach) for k in range(SECTORS) for reach in REACHES_DEG],
+    }
+
+
+def _places_of(scene: Scene, driver: str, form: str) -> list[tuple[float, ...]]:
     """Return the places at which a form is tried."""
     time_s, x = scene.time_s, driven(scene, driver)
     span, width = float(np.ptp(time_s)), float(np.std(x))

@@ -27,6 +27,7 @@ NINE_IN_TEN = 1.28  # normal score of it
 NEIGHBOURS = 3  # dates that do about as well as the right one
 FAR = 8.0  # natural units below the best at which a hypothesis, or a kind of water, is left out
 MOST_PAIRS, MOST_TRIPLES, JOINED, MOST_WATERS = 150, 60, 12, 40
+LIKELY = 25  # effects, in calm and in rough water, beside which every kind of water is tried
 
 
 @dataclass(frozen=True)
@@ -173,10 +174,13 @@ def weigh(candidates: Candidates, alarm: float, waters: Sequence[Water | None]) 
         return log_joint(candidates, hypotheses, [waters[i] for i in some], best) + prior(hypotheses)
 
     alone: list[Hypothesis] = [(), *((k,) for k in range(len(candidates.groups)))]
-    table = scored(alone, range(len(waters)))
+    calm_and_rough = scored(alone, sorted({0, len(waters) - 1}))
+    some = sorted({int(k) for row in calm_and_rough[:, 1:] for k in np.argsort(-row)[:LIKELY]})
+    few: list[Hypothesis] = [(), *((k,) for k in some)]
+    table = log_joint(candidates.only(some), [(), *((k,) for k in range(len(some)))], waters) + prior(few)
     kept = _nearest(table.max(axis=1), MOST_WATERS)
     modes = sorted({int(np.argmax(table.max(axis=1))), int(np.argmax(table[:, 0]))})
-    best = alone[int(np.argmax(table[modes].max(axis=0)))]
+    best = few[int(np.argmax(table[modes].max(axis=0)))]
     near = _nearest_of(candidates, itertools.combinations(range(len(candidates.groups)), 2), MOST_PAIRS, scored, modes)
     near += _nearest_of(candidates, _joined(candidates, near[:JOINED]), MOST_TRIPLES, scored, modes)
     every = [*alone, *near]
@@ -228,7 +232,8 @@ def log_joint(
 
 def likeliest_water(candidates: Candidates, waters: Sequence[Water | None]) -> Water | None:
     """Return the slow water that makes a recording of no effect likeliest."""
-    scores = [0.0 if one is None else candidates.beside(one).log_likelihood + one.log_prior for one in waters]
+    none = candidates.only([])
+    scores = [0.0 if one is None else none.beside(one).log_likelihood + one.log_prior for one in waters]
     return waters[int(np.argmax(scores))]
 
 

@@ -22,7 +22,7 @@ RIDGE = 1e-3  # keeps the filter steady where gaps leave the autocorrelation rou
 WIDTH_BINS = 12
 NARROWEST = 0.25  # least width as a share of the middle one
 ANYWHERE_DEG = robust.SIGMA_PER_MAD * 90.0  # robust width of directions that point anywhere
-CHUNK = 64
+CHUNK = 32
 LONGEST = 512  # samples over which a filter's memory is followed
 THINNEST = 1e-6  # share of a group's largest direction below which a direction is taken for absorbed by the base
 TREND_S, TREND_LENGTHS = 10 * 86400.0, 10  # least spacing of the knots of what is slow, and in lengths of the filter
@@ -66,15 +66,15 @@ class Whitener:
         Args:
             standard: already divided by the widths, (n, k).
         """
-        lags = len(self.filter) - 1
+        lags, width = len(self.filter) - 1, standard.shape[1]
         chunks = -(-(int(self.slot[-1]) + 1) // CHUNK)
-        grid = np.zeros((lags + chunks * CHUNK, standard.shape[1]), dtype=standard.dtype)
+        grid = np.zeros((lags + chunks * CHUNK, width), dtype=standard.dtype)
         grid[lags + self.slot] = standard
         band = np.zeros((CHUNK, CHUNK + lags), dtype=standard.dtype)
         for i in range(CHUNK):
             band[i, i : i + lags + 1] = self.filter[::-1]
-        parts = [band @ grid[i * CHUNK : i * CHUNK + CHUNK + lags] for i in range(chunks)]
-        filtered = np.concatenate(parts)[self.slot]
+        windows = np.lib.stride_tricks.sliding_window_view(grid, CHUNK + lags, axis=0)[::CHUNK].transpose(0, 2, 1)
+        filtered = (band @ windows).reshape(-1, width)[self.slot]
         return filtered if self.louder is None else self.louder.quietened(filtered)
 
 
