@@ -59,7 +59,7 @@ def test_good_clocks_and_sparse_pairs_are_not_named():
 
 def test_harmonics_of_a_narrow_sector_leave_no_combination_that_a_few_samples_tell():
     heading = np.random.default_rng(0).normal(120.0, 34.0, 8000)
-    harmonics = columns._periodic(heading, range(7, columns.TEETH + 1))
+    harmonics = columns.periodic(heading, range(7, columns.TEETH + 1))
     kept = columns._well_seen(harmonics)
     bare, seen = (np.sum(whitening.directions(x) ** 2, axis=1).max() for x in (harmonics, kept))  # leverage of a sample
     assert seen < 0.1 < 0.9 < bare and kept.shape[1] >= 10

@@ -11,7 +11,7 @@ from compasslib.core.types import Floats
 from compasslib.deviation import model
 from compasslib.deviation.likelihood import FREEDOM
 from compasslib.deviation.model import Fit
-from compasslib.stats import robust
+from compasslib.stats import blocks, robust
 
 BLOCK_S = 5 * 86400.0  # longer than the memory of the currents' veer
 FEWEST_BLOCKS = 12
@@ -44,7 +44,7 @@ def covariance(scores: Floats, precision: Floats, fit: Fit, pairs: Pairs, effect
     along_time = _jackknife(scores, information, pairs, effective)
     inverse = np.linalg.inv(information)
     octant = _flow_octant(fit, pairs)
-    sums = np.stack([np.bincount(octant, column, OCTANTS) for column in scores.T], axis=1)
+    sums = blocks.sums(scores, octant)
     across = inverse @ (sums.T @ sums) @ inverse * OCTANTS / (OCTANTS - 1)
     locked = inverse @ (scores.T @ _locked_veer(fit, pairs))
     return along_time + positive_part(across - along_time) + np.outer(locked, locked)
@@ -59,25 +59,20 @@ def _locked_veer(fit: Fit, pairs: Pairs) -> Floats:
     excursion = angles.sin_cos(heading - angles.mean(heading, weight))[0]
     excursion = excursion - np.average(excursion, weights=weight)
     excursion = excursion / max(np.sqrt(np.average(excursion**2, weights=weight)), 1e-6)
-    veer = WAKE_LOCKED_VEER * robust.SIGMA_PER_MAD * float(np.median(np.abs(left))) * excursion
+    veer = WAKE_LOCKED_VEER * robust.width(left) * excursion
     return (FREEDOM + 1.0) * left / (FREEDOM * width**2 + left**2) * veer
 
 
 def _jackknife(scores: Floats, information: Floats, pairs: Pairs, effective: float) -> Floats:
-    """Return the covariance by leaving out each block of days, by one Newton step from the whole fit.
+    """Return the covariance by leaving out each block of days, or by how many pairs count where there are few.
 
-    It is the estimator CR3 of Bell and McCaffrey (Survey Methodology 28, 169, 2002), which does not flatter itself
-    when there are few blocks. The information is the scores' outer product: it stays positive where the record hardly
-    determines a coefficient.
+    The information is the scores' outer product: it stays positive where the record hardly determines a coefficient.
     """
-    block = np.floor((pairs.time_s - pairs.time_s[0]) / BLOCK_S).astype(int)
-    blocks = np.unique(block)
-    if len(blocks) < FEWEST_BLOCKS:
+    block = blocks.of_span(pairs.time_s, BLOCK_S)
+    if len(np.unique(block)) < FEWEST_BLOCKS:
         apart = MOST_A_DAY * float(np.ptp(pairs.time_s)) / 86400.0 + float(np.ptp(pairs.upper_depth_m)) / LAYER_M
         return np.asarray(np.linalg.inv(information) * len(pairs) / max(min(effective, apart) - 5.0, 3.0))
-    parts = [scores[block == b] for b in blocks]
-    steps = np.array([np.linalg.solve(information - part.T @ part, part.sum(axis=0)) for part in parts])
-    return np.asarray(steps.T @ steps * (len(blocks) - 1) / len(blocks))
+    return blocks.jackknife(scores, scores, block, information)
 
 
 def _flow_octant(fit: Fit, pairs: Pairs) -> NDArray[np.intp]:

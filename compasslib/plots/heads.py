@@ -11,7 +11,7 @@ from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from compasslib.calibration.heads.motion import blocks, down, lean, tilts
+from compasslib.calibration.heads.motion import down, lean, tilts
 from compasslib.calibration.result import Calibration
 from compasslib.core import angles
 from compasslib.core.types import Floats
@@ -30,6 +30,7 @@ from compasslib.plots.page import (
     legend,
     page,
 )
+from compasslib.stats import blocks
 
 DRAWN = 8_000
 WITHIN = 1.96
@@ -137,7 +138,7 @@ def _sector_means(axes: Axes, found: Calibration) -> None:
     residual = found.points["residual_deg"][kept]
     sector = (found.points["recorded_b_deg"][kept] / 10.0).astype(int)
     # A stretch of time counts once in a sector: samples that follow each other are not independent.
-    visit = np.unique(36 * blocks(found.points["time_s"], STRETCHES)[kept] + sector, return_inverse=True)
+    visit = np.unique(36 * blocks.in_time(found.points["time_s"], STRETCHES)[kept] + sector, return_inverse=True)
     means = np.bincount(visit[1], residual) / np.bincount(visit[1])
     place = visit[0] - 36 * (visit[0] // 36)
     count = np.bincount(place, minlength=36)
@@ -181,7 +182,7 @@ def _along(axes: Axes, found: Calibration, values: Floats) -> None:
     time, thin = found.points["time_s"], _thin(found)
     axes.plot(time[thin] / DAY_S, values[thin], **POINT)
     kept = found.points["kept"] > 0
-    stretch = blocks(time, STRETCHES)
+    stretch = blocks.in_time(time, STRETCHES)
     for k in np.unique(stretch[kept]):
         mine = kept & (stretch == k)
         axes.plot(time[mine].mean() / DAY_S, values[mine].mean(), **MEAN)

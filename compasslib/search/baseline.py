@@ -84,8 +84,7 @@ class State:
         Args:
             white: (n, k).
         """
-        basis = self.basis.astype(white.dtype)
-        return white - basis @ (basis.T @ white)
+        return whitening.without(white, self.basis.astype(white.dtype))
 
     def visible(self, columns_deg: Floats) -> Floats:
         """Return columns with what the base can take of them taken, (n, k) degrees: by the widths, not whitened.

@@ -68,20 +68,25 @@ def omnibus(state: State) -> list[Group]:
     """Return splines and thresholds of each covariate, harmonics and hats of the heading, and products."""
     found, groups = state.case.covariates, []
     heading = state.case.recorded_deg
-    groups += [Group("heading", hats, covariates=("heading",)) for hats in _heading_hats(heading)]
+    each = [
+        periodic(heading, range(3, 7)),
+        heading_hats(heading, HEADING_HAT_DEG, FEWEST_IN_HAT),
+        periodic(heading, range(7, TEETH + 1)),
+    ]
+    groups += [Group("heading", hats, covariates=("heading",)) for hats in each]
     for name, column in found.items():
         if name in PERIODS:
-            groups.append(Group(name, _periodic(360.0 / PERIODS[name] * column, range(1, 4)), covariates=(name,)))
+            groups.append(Group(name, periodic(360.0 / PERIODS[name] * column, range(1, 4)), covariates=(name,)))
         elif name == "time":
-            groups += [Group(name, _hats(column, k), covariates=(name,)) for k in TIME_KNOTS]
+            groups += [Group(name, hats(column, k), covariates=(name,)) for k in TIME_KNOTS]
             groups += [*waves(column), *spells(state)]
-            tides = [_periodic(360.0 * column / (3600.0 * hours), range(1, 2)) for hours in TIDES_H]
+            tides = [periodic(360.0 * column / (3600.0 * hours), range(1, 2)) for hours in TIDES_H]
             groups += [Group(name, tide, covariates=(name,)) for tide in tides]
         elif name != "heading" and name not in stuck.LEANS:
-            groups.append(Group(name, _hats(column, KNOTS), covariates=(name,)))
+            groups.append(Group(name, hats(column, KNOTS), covariates=(name,)))
             groups += [Group(name, step, covariates=(name,)) for step in _steps(column)]
-    linear = {name: _standard(found[name]) for name in LINEAR if name in found}
-    turning = np.column_stack([np.ones(len(heading)), _periodic(heading, range(1, 4))])
+    linear = {name: standard(found[name]) for name in LINEAR if name in found}
+    turning = np.column_stack([np.ones(len(heading)), periodic(heading, range(1, 4))])
     for name, column in linear.items():
         groups.append(Group(f"heading x {name}", turning * column[:, None], covariates=("heading", name)))
     for (a, x), (b, y) in itertools.combinations(linear.items(), 2):
@@ -93,7 +98,7 @@ def omnibus(state: State) -> list[Group]:
 def waves(time_s: Floats) -> list[Group]:
     """Return one wave a group: what swings with one period is faint among all knots."""
     turns = 360.0 * (time_s - time_s[0]) / np.ptp(time_s)
-    each = [_periodic(turns, range(k, k + 1)) for k in range(1, int(np.ptp(time_s) / SHORTEST_WAVE_S) + 1)]
+    each = [periodic(turns, range(k, k + 1)) for k in range(1, int(np.ptp(time_s) / SHORTEST_WAVE_S) + 1)]
     return [Group("time", wave, covariates=("time",)) for wave in each]
 
 
@@ -111,16 +116,17 @@ def _derivative(state: State, term: Term) -> Floats:
     return np.where(np.isfinite(columns), columns, 0.0)
 
 
-def _heading_hats(heading_deg: Floats) -> list[Floats]:
-    """Return low harmonics, all harmonics up to the teeth's, and hats over the sectors that occur."""
-    centres = np.arange(0.0, 360.0, HEADING_HAT_DEG)
-    away = np.abs(angles.difference(heading_deg[:, None], centres)) / HEADING_HAT_DEG
+def heading_hats(heading_deg: Floats, width_deg: float, fewest: float) -> Floats:
+    """Return hats over the sectors that occur, (n, k).
+
+    Args:
+        width_deg: of a sector.
+        fewest: readings in one.
+    """
+    centres = np.arange(0.0, 360.0, width_deg)
+    away = np.abs(angles.difference(heading_deg[:, None], centres)) / width_deg
     hats = np.maximum(1.0 - away, 0.0)
-    return [
-        _periodic(heading_deg, range(3, 7)),
-        hats[:, hats.sum(axis=0) >= FEWEST_IN_HAT],
-        _periodic(heading_deg, range(7, TEETH + 1)),
-    ]
+    return hats[:, hats.sum(axis=0) >= fewest]
 
 
 def _well_seen(columns_deg: Floats) -> Floats:
@@ -135,11 +141,12 @@ def _well_seen(columns_deg: Floats) -> Floats:
     return np.asarray(unit @ vectors[:, values > FAINTEST * values[-1]] * np.sqrt(len(unit)))
 
 
-def _periodic(angle_deg: Floats, harmonics: range) -> Floats:
+def periodic(angle_deg: Floats, harmonics: range) -> Floats:
+    """Return sine and cosine of some multiples of an angle, (n, 2 k)."""
     return np.column_stack([x for k in harmonics for x in angles.sin_cos(k * angle_deg)])
 
 
-def _hats(x: Floats, count: int) -> Floats:
+def hats(x: Floats, count: int) -> Floats:
     """Return hat functions on knots at even quantiles, (n, k)."""
     knots = np.unique(np.quantile(x, np.linspace(0.0, 1.0, count)))
     if len(knots) < 2:
@@ -158,5 +165,6 @@ def _bent(x: Floats) -> tuple[Floats, Floats]:
     return x, x**2 - np.mean(x**2)
 
 
-def _standard(x: Floats) -> Floats:
+def standard(x: Floats) -> Floats:
+    """Return a series over its standard deviation, without far outliers, (n,)."""
     return np.clip((x - np.mean(x)) / np.std(x), -4.0, 4.0)

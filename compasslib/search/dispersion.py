@@ -9,6 +9,7 @@ from compasslib.core import angles
 from compasslib.core.types import Floats
 from compasslib.search import baseline
 from compasslib.search.baseline import State
+from compasslib.stats import blocks
 from compasslib.stats.whitening import directions
 
 BLOCK_S = 10 * 86400.0
@@ -48,21 +49,10 @@ def uneven(state: State, basis: Floats) -> float:
     Args:
         basis: the group's whitened columns, orthonormal, (n, k).
     """
-    sums, starts = of_blocks(state, basis, CLUSTER_S)
-    return float(np.sum(sums**2)) / basis.shape[1] / state.sigma**2 * len(starts) / max(len(starts) - 1, 1)
-
-
-def of_blocks(state: State, basis: Floats, span_s: float) -> tuple[Floats, NDArray[np.intp]]:
-    """Return the score of each block of days, (b, k), the group's own fit taken out, and where the blocks begin.
-
-    Args:
-        basis: the group's whitened columns, orthonormal, (n, k).
-        span_s: length of a block, seconds.
-    """
+    block = blocks.of_span(state.case.scene.time_s, CLUSTER_S)
     left = state.innovation - basis @ (basis.T @ state.innovation)
-    time_s = state.case.scene.time_s
-    starts = np.unique(np.floor((time_s - time_s[0]) / span_s), return_index=True)[1]
-    return np.add.reduceat(basis * left[:, None], starts, axis=0), starts
+    sums = blocks.sums(basis * left[:, None], block)
+    return float(np.sum(sums**2)) / basis.shape[1] / state.sigma**2 * len(sums) / max(len(sums) - 1, 1)
 
 
 def slow(state: State, every: Floats, begins: NDArray[np.intp], freedom: Floats) -> Floats:

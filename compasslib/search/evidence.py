@@ -20,17 +20,18 @@ from scipy.linalg import solve_triangular
 from compasslib.core.types import Floats
 from compasslib.effects import Term, composition
 from compasslib.effects.term import USUAL_DEG
-from compasslib.search import columns, dispersion
+from compasslib.search import columns
 from compasslib.search.baseline import State
 from compasslib.search.columns import Group
 from compasslib.search.grammar import Found
 from compasslib.search.noise import Slow, Water
+from compasslib.stats import blocks
 from compasslib.stats.whitening import directions
 
 Hypothesis = tuple[int, ...]  # numbers of candidates
 
 ALIKE = 4  # power of what two groups have in common, by which they share their noise
-BLOCK_S, BLOCKS = 3 * 86400.0, 10.0  # longer than the memory that the filter leaves; trust in the middle, in blocks
+BLOCK_S = 3 * 86400.0  # longer than the memory that the filter leaves
 ANYTHING = 1e6  # variance of what is free, in units of one sample's
 FAINT = 1e-3  # of a wave of slow water: variance over that of white noise below which it is left out
 
@@ -235,20 +236,15 @@ def unevenness(state: State, groups: Sequence[Group]) -> Floats:
     """
     ends = np.cumsum([0, *(group.columns.shape[1] for group in groups)])
     white = state.projected(np.concatenate([group.columns for group in groups], axis=1, dtype=np.float32))
-    own, blocks = np.ones(len(groups)), np.ones(len(groups))
-    bases: list[Floats] = []
+    own, count = np.ones(len(groups)), np.ones(len(groups))
+    bases, block = [], blocks.of_span(state.case.scene.time_s, BLOCK_S)
     for k, (a, b) in enumerate(itertools.pairwise(ends)):
-        basis = directions(white[:, a:b])
-        bases.append(basis)
-        if not basis.shape[1]:
-            continue
-        basis = basis.astype(float)
-        sums, starts = dispersion.of_blocks(state, basis, BLOCK_S)
-        weight = np.add.reduceat(np.sum(basis**2, axis=1), starts) / basis.shape[1]
-        own[k] = np.sum(sums**2) / basis.shape[1] / state.sigma**2 / max(1.0 - float(np.sum(weight**2)), 0.1)
-        blocks[k] = 1.0 / float(np.sum(weight**2))
-    middle = float(np.median(own))
-    return np.asarray(_as_neighbours(bases, blocks * own + BLOCKS * middle) / _as_neighbours(bases, blocks + BLOCKS))
+        bases.append(directions(white[:, a:b]))
+        if bases[k].shape[1]:
+            own[k], count[k] = blocks.unevenness(bases[k].astype(float), state.innovation, block, state.sigma**2)
+    trust = blocks.TRUST
+    held = _as_neighbours(bases, count * own + trust * float(np.median(own)))
+    return np.asarray(held / _as_neighbours(bases, count + trust))
 
 
 def _as_neighbours(bases: Sequence[Floats], each: Floats) -> Floats:

@@ -13,8 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from compasslib.core.types import Floats
-from compasslib.stats import arma
+from compasslib.stats import arma, robust
 from compasslib.stats.arma import Ints, orthonormal
+from compasslib.stats.blocks import sums
 
 CLIP = 2.5  # residuals count no more than this many standard deviations (Huber)
 FEWEST_ROBUST = 30
@@ -72,7 +73,7 @@ def spread(rows: Floats, noise: SwingNoise, blocks: Ints | None) -> Floats:
     """
     if blocks is None:
         return rows.T @ rows
-    summed = _summed(rows, blocks)
+    summed = sums(rows, blocks)
     return noise.level * summed.T @ arma.correlation(noise.phi, noise.theta, arma.lags_between(len(summed))) @ summed
 
 
@@ -94,7 +95,7 @@ def _shape(residual: Floats, speed_kn: Floats | None) -> tuple[Floats, Floats]:
     best, found = np.inf, (residual, residual)
     for equal_kn in SLOW_KN if speed_kn is not None else SLOW_KN[:1]:
         shape = np.hypot(1.0, equal_kn * slowness)
-        scale = np.median(np.abs(residual / shape)) / 0.6745 + 1e-9
+        scale = robust.width(residual / shape) + 1e-9
         clipped = np.clip(residual, -CLIP * scale * shape, CLIP * scale * shape)
         loss = float(np.sum(np.log(shape)) + 0.5 * len(shape) * np.log(np.mean((clipped / shape) ** 2) + 1e-18))
         if loss < best:
@@ -118,8 +119,4 @@ def _correlated(noise: SwingNoise, means: Floats, columns: Floats) -> SwingNoise
 
 def _means(values: Floats, blocks: Ints) -> Floats:
     count = np.bincount(blocks)
-    return _summed(values, blocks) / (count if values.ndim == 1 else count[:, None])
-
-
-def _summed(rows: Floats, blocks: Ints) -> Floats:
-    return np.add.reduceat(rows, np.flatnonzero(np.diff(blocks, prepend=-1)), axis=0)
+    return sums(values, blocks) / (count if values.ndim == 1 else count[:, None])

@@ -74,7 +74,7 @@ class Whitener:
         for i in range(CHUNK):
             band[i, i : i + lags + 1] = self.filter[::-1]
         windows = np.lib.stride_tricks.sliding_window_view(grid, CHUNK + lags, axis=0)[::CHUNK].transpose(0, 2, 1)
-        filtered = (band @ windows).reshape(-1, width)[self.slot]
+        filtered = (band @ windows).reshape(chunks * CHUNK, width)[self.slot]
         return filtered if self.louder is None else self.louder.quietened(filtered)
 
 
@@ -203,6 +203,11 @@ def orthonormal(columns: Floats, least: float = 1e-5) -> Floats:
         return np.zeros((len(columns), 0))
     left, size, _ = np.linalg.svd(columns[:, scale > 0] / scale[scale > 0], full_matrices=False)
     return left[:, size > least * size[0]]
+
+
+def without(columns: Floats, basis: Floats) -> Floats:
+    """Return columns without what an orthonormal basis, (n, b), can take of them, (n, ...)."""
+    return columns - basis @ (basis.T @ columns)
 
 
 def directions(white: Floats) -> Floats:

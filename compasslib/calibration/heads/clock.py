@@ -14,8 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from compasslib.calibration.heads.motion import GapSpline, Motion, blocks, small_sample, step
+from compasslib.calibration.heads.motion import GapSpline, Motion, step
 from compasslib.core.types import Complexes, Floats
+from compasslib.stats import blocks
 
 LEAST_CORRELATION = 0.3  # of rates that move together; 5 / sqrt(n) for short records
 # Fisher's z by which the tilts must agree better at a lag of their own, in its errors; samples that count once in it;
@@ -213,7 +214,7 @@ def _solved(signal: _Signal, start: Floats, middle_s: float) -> tuple[Floats, Fl
             break
     curvature, parts = _sums(signal, found, middle_s)
     inverse = np.linalg.inv(curvature)
-    widened = small_sample(STRETCHES, len(start)) ** 2 * STRETCHES / (STRETCHES - len(start))
+    widened = blocks.student(STRETCHES - len(start)) ** 2 * STRETCHES / (STRETCHES - len(start))
     floor = np.diag([FLOOR_S, FLOOR_S / max(float(np.ptp(signal.time_s)), 1.0)][: len(start)]) ** 2
     return found, inverse @ (parts.T @ parts) @ inverse * widened + floor
 
@@ -227,7 +228,7 @@ def _sums(signal: _Signal, parameters: Floats, middle_s: float) -> tuple[Floats,
     second = np.real(np.conj(turned) * signal.other.at(at, 2))
     known = np.isfinite(first) & np.isfinite(second)
     columns, first, second = columns[:, known], first[known], second[known]
-    stretch = blocks(signal.time_s, STRETCHES)[known]
+    stretch = blocks.in_time(signal.time_s, STRETCHES)[known]
     parts = np.stack([np.bincount(stretch, first * column, STRETCHES) for column in columns], axis=1)
     return np.asarray((columns * second) @ columns.T), np.asarray(parts, dtype=float)
 

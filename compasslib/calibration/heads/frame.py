@@ -14,10 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib.calibration.heads.motion import blocks, down, independent, tilts
+from compasslib.calibration.heads.motion import down, independent, tilts
 from compasslib.core import angles, compass
 from compasslib.core.types import Complexes, Floats
-from compasslib.stats import autocorrelation
+from compasslib.stats import autocorrelation, blocks
 
 STRETCHES = 30  # in which the residual is looked at
 RIGID_DEG = 0.5  # rms of the difference of two inclinometers by their makers' word
@@ -56,7 +56,7 @@ def fit(time_s: Floats, lean_a: Complexes, lean_b: Complexes) -> Frame:
     offset, sigma = twist(rotation), _twist_sigma(time_s, lean_a, lean_b, rotation)
     proper, mirrored, variation = _correlations(lean_a, lean_b)
     rms = float(np.sqrt(np.mean(residual**2)))
-    verdict, text = _verdict(rms, variation, proper, mirrored, residual, blocks(time_s, STRETCHES))
+    verdict, text = _verdict(rms, variation, proper, mirrored, residual, blocks.in_time(time_s, STRETCHES))
     determined = variation >= STILL_DEG and verdict in ("rigid", "doubtful")
     return Frame(
         rotation=rotation,
@@ -125,7 +125,7 @@ def _twist_sigma(time_s: Floats, lean_a: Complexes, lean_b: Complexes, rotation:
     back = (b @ rotation)[:, :2] @ np.array([1.0, 1.0j])
     aside = np.imag(np.conj(lean_a - lean_a.mean()) * (back - lean_a))
     count, widened = independent(autocorrelation.effective_number(aside - aside.mean(), time_s))
-    stretch = blocks(time_s, count)
+    stretch = blocks.in_time(time_s, count)
     parts = [b[stretch == k].T @ a[stretch == k] for k in np.unique(stretch)]
     whole = np.sum(parts, axis=0)
     away = angles.difference([twist(_rotation(whole - part)) for part in parts], twist(rotation))

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from compasslib.core import angles
 from compasslib.core.records import BAD, Record
 from compasslib.core.types import Complexes, Floats
+from compasslib.stats import blocks
 
 STEEPEST_TILT = 45.0  # degrees: on deck, or fallen
 MOST_STRETCHES, LEAST_STRETCHES, SAMPLES_IN_STRETCH = 16, 5, 40.0
@@ -152,12 +153,6 @@ def tilts(lean: Complexes) -> tuple[Floats, Floats]:
     return pitch, angles.wrap180(angles.direction(y, z))
 
 
-def blocks(time_s: Floats, count: int) -> NDArray[np.intp]:
-    """Return which of some equal stretches of time each sample lies in, (n,)."""
-    share = (time_s - time_s[0]) / max(float(np.ptp(time_s)), 1e-9)
-    return np.minimum((share * count).astype(np.intp), count - 1)
-
-
 def independent(effective: float, parameters: int = 1) -> tuple[int, float]:
     """Return into how many stretches a record is cut, and by how much the variance between them is widened.
 
@@ -169,18 +164,7 @@ def independent(effective: float, parameters: int = 1) -> tuple[int, float]:
     """
     count = int(np.clip(effective / SAMPLES_IN_STRETCH, LEAST_STRETCHES, MOST_STRETCHES))
     shared = 1.0 - 0.5 / max(effective / count, 1.0)
-    return count, small_sample(count, parameters) ** 2 / shared
-
-
-def small_sample(count: int, parameters: int = 1) -> float:
-    """Return by how much a standard deviation from few stretches is widened so that 1.96 of it hold 95 %.
-
-    Args:
-        count: independent stretches.
-    """
-    from scipy.special import stdtrit
-
-    return float(stdtrit(max(count - parameters, 1), 0.975) / 1.959964)
+    return count, blocks.student(count - parameters) ** 2 / shared
 
 
 def _rate(time_s: Floats, values: NDArray) -> GapSpline:

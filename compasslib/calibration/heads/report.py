@@ -11,11 +11,12 @@ from compasslib.calibration.heads import clock as heads_clock
 from compasslib.calibration.heads import series as heads_series
 from compasslib.calibration.heads.clock import ClockDifference
 from compasslib.calibration.heads.frame import Frame
-from compasslib.calibration.heads.motion import LEAST_STRETCHES, Compared, blocks, step, tilts
+from compasslib.calibration.heads.motion import LEAST_STRETCHES, Compared, step, tilts
 from compasslib.calibration.heads.series import HeadingDifference
 from compasslib.calibration.result import Source
 from compasslib.core import angles
 from compasslib.core.types import Floats
+from compasslib.stats import blocks, robust
 
 SIGMAS, LEAST_CONSTANT_DEG = 2.0, 1.0
 RARE_S = 600.0
@@ -207,12 +208,12 @@ def _of_sampling(pairs: Compared, clock: ClockDifference, series: HeadingDiffere
 
 def _slip(time_s: Floats, series: HeadingDifference) -> list[str]:
     """Return the sentence on a step of the offset, if there is one far beyond what neighbouring stretches differ by."""
-    stretch = blocks(time_s, SLIP_STRETCHES)[series.kept]
+    stretch = blocks.in_time(time_s, SLIP_STRETCHES)[series.kept]
     count = np.bincount(stretch, minlength=SLIP_STRETCHES)
     if count.min() == 0:
         return []
     mean = -np.bincount(stretch, series.residual_deg[series.kept], SLIP_STRETCHES) / count
-    noise = float(np.median(np.abs(np.diff(mean)))) / 0.6745 / np.sqrt(2.0)
+    noise = robust.width(np.diff(mean)) / np.sqrt(2.0)
     splits = np.arange(2, SLIP_STRETCHES - 1)
     steps = np.array([mean[k:].mean() - mean[:k].mean() for k in splits])
     sigma = noise * np.sqrt(1.0 / splits + 1.0 / (SLIP_STRETCHES - splits))

@@ -11,12 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib.calibration.heads.motion import blocks, independent
+from compasslib.calibration.heads.motion import independent
 from compasslib.calibration.result import DeviationTable
 from compasslib.core import angles
 from compasslib.core.types import Floats
 from compasslib.deviation import von_appen
-from compasslib.stats import autocorrelation, robust
+from compasslib.stats import autocorrelation, blocks, robust
 
 SETS = {5: "A, B, C, D, E", 3: "A, B, C", 1: "A"}  # terms of the series by their number
 # A coefficient's variance over what full coverage would give it. With 10, three terms need about 160 degrees and five
@@ -67,7 +67,8 @@ def fit(time_s: Floats, recorded_deg: Floats, difference_deg: Floats, rate_sigma
     residual = difference_deg - columns @ coefficients
     effective = autocorrelation.effective_number(residual[kept], time_s[kept])
     count, widened = independent(effective)
-    covariance = _jackknife(columns[kept], residual[kept], blocks(time_s, count)[kept]) * widened
+    rows, pulls = columns[kept], columns[kept] * residual[kept][:, None]
+    covariance = blocks.jackknife(rows, pulls, blocks.in_time(time_s, count)[kept], rows.T @ rows) * widened
     solver = np.linalg.pinv(columns[kept])
     by_clock, leak = solver @ rate_sigma_deg[kept], solver @ others[kept]
     sampling = covariance + np.outer(by_clock, by_clock)
@@ -172,18 +173,6 @@ def _robust(columns: Floats, difference: Floats) -> tuple[Floats, NDArray[np.boo
             break
         kept = now
     return coefficients, kept
-
-
-def _jackknife(columns: Floats, residual: Floats, stretch: NDArray[np.intp]) -> Floats:
-    """Return the covariance by leaving out each stretch (CR3 of Bell and McCaffrey 2002)."""
-    information = columns.T @ columns
-    steps = []
-    for k in np.unique(stretch):
-        part = columns[stretch == k]
-        steps.append(np.linalg.lstsq(information - part.T @ part, part.T @ residual[stretch == k], rcond=None)[0])
-    moved = np.array(steps)
-    count = len(moved)
-    return np.asarray(moved.T @ moved) * (count - 1) / count
 
 
 def _structure(recorded: Floats, residual: Floats, effective: float) -> float:

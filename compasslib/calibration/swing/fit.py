@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from compasslib.core.types import Floats
 from compasslib.stats import swing_noise
 from compasslib.stats.arma import orthonormal
+from compasslib.stats.blocks import student
 from compasslib.stats.swing_noise import SwingNoise, spread
 
 ROUNDS, STEPS = 4, 3
-NORMAL_95 = 1.959964
 KNOWN = 2.0  # the data know a parameter that they tell twice as well as the prior
 
 
@@ -64,17 +64,6 @@ def solve(blocks: Sequence[Block], mean: Floats, sigma: Floats, start: Floats) -
             stacked = np.vstack([*rows.values(), prior])
             parameters = parameters - np.linalg.lstsq(stacked[:, :-1], stacked[:, -1])[0]
     return _solution(blocks, parameters, sigma, noises)
-
-
-def student(dof: float) -> float:
-    """Return by how much a standard deviation from few residuals must grow for 1.96 of it to hold 95 %.
-
-    Args:
-        dof: degrees of freedom.
-    """
-    from scipy.special import stdtrit
-
-    return float(stdtrit(max(dof, 1.0), 0.975)) / NORMAL_95
 
 
 def _noises(

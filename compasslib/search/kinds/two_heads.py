@@ -34,7 +34,7 @@ from compasslib.search.recordings.channel import Channel, thinned
 from compasslib.search.recordings.search import NamedEffects
 from compasslib.search.show import HeldOut
 from compasslib.search.verdict import Diagnosis, Finding, Parameter, Where
-from compasslib.stats import robust, whitening
+from compasslib.stats import blocks, robust, whitening
 
 TERMS: tuple[type[Term], ...] = (
     Sextantal, Octantal, HeadingSlip, Drift, Delay, HardIronStep, IronDrift, Heeling,
@@ -219,7 +219,7 @@ def _proof(aligned: Aligned) -> HeldOut:
     before, after = (np.array([left[name][t] for t in same]) for name in ("before", "after"))
     width = max(robust.width(before), fitting.FINEST_DEG)
     squares = [np.minimum(np.abs(x) / width, fitting.CLIP) ** 2 for x in (before, after)]
-    block = motion.blocks(np.array(same), fitting.MOST_BLOCKS)
+    block = blocks.in_time(np.array(same), fitting.MOST_BLOCKS)
     return show.judged((squares[0] - squares[1]) / 2.0, block, (angles.rms(before), angles.rms(after)))
 
 
@@ -227,7 +227,7 @@ def _about_others(off_deg: Floats, time_s: Floats) -> Floats:
     """Return differences about the mean of the other half of the stretches, (n,) degrees."""
     if not len(off_deg):
         return off_deg
-    left, odd = np.array(off_deg), motion.blocks(time_s, fitting.MOST_BLOCKS) % 2 == 1
+    left, odd = np.array(off_deg), blocks.in_time(time_s, fitting.MOST_BLOCKS) % 2 == 1
     for out in (odd, ~odd):
         left[out] = angles.difference(off_deg[out], float(angles.mean(off_deg[~out] if (~out).any() else off_deg)))
     return left

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib.calibration.heads.motion import blocks, small_sample
+from compasslib.core import angles
 from compasslib.core.types import Floats
 from compasslib.effects.term import Term
 from compasslib.search.recordings.channel import Channel
-from compasslib.stats import arma, robust, whitening
+from compasslib.stats import arma, blocks, robust, whitening
 from compasslib.stats.autocorrelation import effective_number
 
 ROUNDS, CLOSE_ENOUGH, LONGEST_STEP = 12, 1e-3, 12.0
@@ -62,8 +62,7 @@ class FittedTerms:
         Args:
             columns: (n, k).
         """
-        basis = whitening.orthonormal(self.columns)
-        return columns - basis @ (basis.T @ columns)
+        return whitening.without(columns, whitening.orthonormal(self.columns))
 
 
 def fit(
@@ -149,7 +148,7 @@ def stretches(fitted: FittedTerms) -> NDArray[np.intp]:
         return np.arange(len(channel))
     order = np.arange(len(channel), dtype=float)
     count = int(np.clip(effective(fitted) / SAMPLES_IN_BLOCK, FEWEST_BLOCKS, MOST_BLOCKS))
-    return blocks(order, count)
+    return blocks.in_time(order, count)
 
 
 def effective(fitted: FittedTerms) -> float:
@@ -172,13 +171,12 @@ def covariance(fitted: FittedTerms) -> Floats:
     columns, residual, block = fitted.columns, fitted.clipped, stretches(fitted)
     inverse = whitening.inverse(columns.T @ columns)
     free = max(len(residual) - columns.shape[1], 1)
-    plain = inverse * fitted.square / free * small_sample(free + 1) ** 2
+    plain = inverse * fitted.square / free * blocks.student(free) ** 2
     if fitted.channel.independent:
         return plain
-    scores = columns * residual[:, None]
-    sums = np.stack([np.bincount(block, column) for column in scores.T], axis=1)
+    sums = blocks.sums(columns * residual[:, None], block)
     count = len(sums)
-    robust = inverse @ (sums.T @ sums) @ inverse * count / (count - 1) * small_sample(count) ** 2
+    robust = inverse @ (sums.T @ sums) @ inverse * count / (count - 1) * blocks.student(count - 1) ** 2
     share = np.sqrt(np.maximum(np.diag(robust) / np.maximum(np.diag(plain), 1e-300), 1.0))
     rule = fitted.channel.rule_deg**2 * len(residual) * np.diag(np.diag(inverse))
     return plain * np.outer(share, share) + rule
@@ -191,5 +189,4 @@ def effect_deg(fitted: FittedTerms, k: int) -> float:
     rest = [term for j, term in enumerate(fitted.terms) if j != k]
     without = fitted.channel.residual(fitted.base, tuple(rest)) - fitted.residual_deg
     others = whitening.orthonormal(np.delete(fitted.columns, np.arange(own.start, own.stop), axis=1))
-    left = without - others @ (others.T @ without)
-    return float(np.sqrt(np.mean(left**2)))
+    return angles.rms(whitening.without(without, others))

@@ -17,14 +17,13 @@ from compasslib.effects.term import USUAL_DEG
 from compasslib.search.recordings import fitting
 from compasslib.search.recordings.channel import Channel
 from compasslib.search.recordings.fitting import FittedTerms
-from compasslib.stats import arma, whitening
+from compasslib.stats import arma, blocks, whitening
 
 Law = tuple[float, float]  # autoregressive and moving-average coefficient
 
 LAWS: tuple[Law, ...] = tuple((float(p), float(t)) for p in arma.PHI for t in arma.THETA if t >= -p)
 WHITE: tuple[Law, ...] = ((0.0, 0.0),)
 STEADY, TINY = 1e-6, 1e-20  # what keeps an inverse steady; square below which a column is none
-BLOCKS = 10.0  # trust in even noise, in blocks
 
 
 @dataclass(frozen=True)
@@ -97,10 +96,8 @@ def gains(fitted: FittedTerms, law: Law, columns: Floats) -> Floats:
     """
     n, places, count = columns.shape
     base = whitening.orthonormal(arma.filtered(fitted.columns, law))
-    left = arma.filtered(fitted.clipped[:, None], law)[:, 0]
-    left = left - base @ (base.T @ left)
-    white = arma.filtered(columns.reshape(n, -1), law)
-    white = (white - base @ (base.T @ white)).reshape(n, places, count)
+    left = whitening.without(arma.filtered(fitted.clipped[:, None], law)[:, 0], base)
+    white = whitening.without(arma.filtered(columns.reshape(n, -1), law), base).reshape(n, places, count)
     total = max(float(left @ left) + _excess(fitted) / arma.first_variance(law), _floor(fitted.channel))
     length = np.sqrt(np.maximum(np.einsum("ngp,ngp->gp", white, white), TINY))
     pull = np.einsum("ngp,n->gp", white, left) / length
@@ -122,20 +119,14 @@ def uneven(fitted: FittedTerms, law: Law, groups: list[Floats]) -> float:
     if channel.independent or not groups:
         return 1.0
     base = whitening.orthonormal(arma.filtered(fitted.columns, law))
-    left = arma.filtered(fitted.clipped[:, None], law)[:, 0]
-    left = left - base @ (base.T @ left)
+    left = whitening.without(arma.filtered(fitted.clipped[:, None], law)[:, 0], base)
     variance = max(float(left @ left), _floor(channel)) / _freedom(channel)
     block, ratios = fitting.stretches(fitted), []
     for group in groups:
-        white = arma.filtered(group, law)
-        white = whitening.orthonormal(white - base @ (base.T @ white))
-        if not white.shape[1]:
-            continue
-        bare = left - white @ (white.T @ left)
-        sums = np.stack([np.bincount(block, column) for column in (white * bare[:, None]).T], axis=1)
-        held = float(np.sum((np.bincount(block, np.sum(white**2, axis=1)) / white.shape[1]) ** 2))
-        ratio = float(np.sum(sums**2)) / white.shape[1] / variance / max(1.0 - held, 0.1)
-        ratios.append((ratio / held + BLOCKS) / (1.0 / held + BLOCKS))
+        white = whitening.orthonormal(whitening.without(arma.filtered(group, law), base))
+        if white.shape[1]:
+            ratio, count = blocks.unevenness(white, left, block, variance)
+            ratios.append((count * ratio + blocks.TRUST) / (count + blocks.TRUST))
     constant = arma.filtered(np.ones((len(channel), 1)), law)
     middle = float(np.quantile(ratios, 0.5)) if ratios else 1.0
     return max(middle, 1.0) + channel.rule_deg**2 * float(np.sum(constant**2)) / variance
@@ -146,8 +137,7 @@ def _fit(fitted: FittedTerms, law: Law) -> tuple[float, Floats]:
     count = len(fitted.base)
     white = arma.filtered(np.column_stack([fitted.columns, fitted.clipped]), law)
     free = whitening.orthonormal(white[:, :count])
-    left, own = white[:, -1], white[:, count:-1]
-    left, own = left - free @ (free.T @ left), own - free @ (free.T @ own)
+    left, own = (whitening.without(part, free) for part in (white[:, -1], white[:, count:-1]))
     square = max(float(left @ left) + _excess(fitted) / arma.first_variance(law), _floor(fitted.channel))
     return square, own.T @ own / (square / _freedom(fitted.channel))
 

@@ -9,15 +9,15 @@ from math import erfc, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib.core import angles
 from compasslib.core.types import Floats
+from compasslib.search import columns
 from compasslib.search.recordings import fitting
 from compasslib.search.recordings.fitting import FittedTerms
 from compasslib.search.scan import normal_score
 from compasslib.stats import arma, whitening
 
 REPEATS = 400
-HATS, HEADING_HATS, FEWEST_IN_HAT = 8, 24, 5
+HEADING_HAT_DEG, FEWEST_IN_HAT = 15.0, 5
 FAINT = 0.2  # of the largest direction of a group of splines
 SHARE_OF_FREEDOM = 3  # an omnibus group has no more columns than this part of the independent samples
 
@@ -47,14 +47,15 @@ def omnibus(now: FittedTerms) -> list[TestedColumns]:
     most = int(worth) // SHARE_OF_FREEDOM
     heading, groups = found.get("heading"), []
     if heading is not None:
-        groups = [TestedColumns("heading", _periodic(heading, range(3, 7)), ("heading",))]
-        groups.append(TestedColumns("heading", _heading_hats(heading), ("heading",)))
+        groups = [TestedColumns("heading", columns.periodic(heading, range(3, 7)), ("heading",))]
+        hats = columns.heading_hats(heading, HEADING_HAT_DEG, FEWEST_IN_HAT)
+        groups.append(TestedColumns("heading", hats, ("heading",)))
     for name, column in found.items():
         if name == "heading" or np.ptp(column) == 0.0:
             continue
-        groups.append(TestedColumns(name, _hats(column, min(HATS, max(3, most // 2))), (name,)))
+        groups.append(TestedColumns(name, columns.hats(column, min(columns.KNOTS, max(3, most // 2))), (name,)))
         if heading is not None:
-            both = _periodic(heading, range(1, 3)) * _standard(column)[:, None]
+            both = columns.periodic(heading, range(1, 3)) * columns.standard(column)[:, None]
             groups.append(TestedColumns(f"heading x {name}", both, ("heading", name)))
     return [group for group in groups if 0 < group.columns.shape[1] <= most]
 
@@ -93,7 +94,7 @@ def directions(group: TestedColumns, base: Floats) -> Floats:
     Args:
         base: orthonormal, (n, b).
     """
-    return whitening.orthonormal(_without(group.columns, base), FAINT)
+    return whitening.orthonormal(whitening.without(group.columns, base), FAINT)
 
 
 def _tested(
@@ -135,32 +136,6 @@ def _gains(rows: Floats, every: Floats, begins: NDArray[np.intp], base: Floats) 
     return -rows.shape[1] * np.log(np.maximum(1.0 - taken / np.maximum(total, 1e-300), 1e-12))
 
 
-def _without(columns: Floats, base: Floats) -> Floats:
-    return columns - base @ (base.T @ columns)
-
-
 def _lives(columns: Floats, basis: Floats, base: Floats) -> bool:
     """Tell whether the base leaves more than rounding of a group."""
-    return float(np.linalg.norm(_without(columns, base))) > 1e-6 * max(float(np.linalg.norm(columns)), 1e-300)
-
-
-def _periodic(angle_deg: Floats, harmonics: range) -> Floats:
-    return np.column_stack([x for k in harmonics for x in angles.sin_cos(k * angle_deg)])
-
-
-def _heading_hats(heading_deg: Floats) -> Floats:
-    width = 360.0 / HEADING_HATS
-    away = np.abs(angles.difference(heading_deg[:, None], width * np.arange(HEADING_HATS))) / width
-    hats = np.maximum(1.0 - away, 0.0)
-    return hats[:, hats.sum(axis=0) >= FEWEST_IN_HAT]
-
-
-def _hats(x: Floats, count: int) -> Floats:
-    knots = np.unique(np.quantile(x, np.linspace(0.0, 1.0, count)))
-    if len(knots) < 2:
-        return np.zeros((len(x), 0))
-    return np.column_stack([np.interp(x, knots, row) for row in np.eye(len(knots))])
-
-
-def _standard(x: Floats) -> Floats:
-    return np.clip((x - np.mean(x)) / np.std(x), -4.0, 4.0)
+    return float(np.linalg.norm(whitening.without(columns, base))) > 1e-6 * max(float(np.linalg.norm(columns)), 1e-300)
