@@ -16,10 +16,9 @@ import numpy as np
 
 from compasslib.core import angles
 from compasslib.core.types import Floats
-from compasslib.effects.term import YEAR_S, Scene, Side, Stage, Term, parameter, place
+from compasslib.effects.term import HOUR_S, YEAR_S, Scene, Side, Stage, Term, parameter, place
 
 COMPOSED = "composed:"
-DAY_S, HOUR_S = 86400.0, 3600.0
 TIDE_S = 12.4206 * HOUR_S
 STEEPEST = 0.2  # least plausible slope of a reading with lobes
 

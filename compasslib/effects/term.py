@@ -21,7 +21,7 @@ from compasslib.core.types import Floats
 Side = Literal["compass", "reference", "water", "clock"]
 Stage = Literal["surroundings", "sensor", "readout", "clock"]
 
-YEAR_S = 365.25 * 86400.0
+HOUR_S, DAY_S, YEAR_S = 3600.0, 86400.0, 365.25 * 86400.0
 USUAL_DEG = 4.0  # turn of the heading, rms, that an effect usually makes where its physics sets no size
 READINGS = ("mooring", "platform", "swing", "magnetometer", "two_heads")  # recordings of a compass
 

@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 from compasslib.core.records import Pairs, take
 from compasslib.core.types import Floats
 from compasslib.deviation import model
-from compasslib.effects.term import YEAR_S
+from compasslib.effects.term import HOUR_S, YEAR_S
 from compasslib.stats import whitening
 
-HOUR_S = 3600.0
 LEAST_HOURS = 0.3  # real water delays by less
 WINDOWS, FEWEST_IN_WINDOW = 16, 100
 LONGEST_HOURS = 12.0

@@ -14,10 +14,10 @@ from compasslib.core import angles
 from compasslib.core.records import MAGNETOMETER, Pairs, Record
 from compasslib.core.types import Floats
 from compasslib.deviation import model
+from compasslib.effects.term import DAY_S, HOUR_S
 from compasslib.preparation import overlap
 from compasslib.search import stuck
 
-DAY_S, HOUR_S = 86400.0, 3600.0
 NEAR_CELLS = 2  # whose mean is the water at the instrument
 FEWEST_VALUES = 5  # different values below which a covariate says nothing
 OBSERVATORY = ("declination_observatory", "horizontal_observatory")

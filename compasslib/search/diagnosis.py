@@ -11,6 +11,7 @@ from compasslib import deviation
 from compasslib.core.records import EarthField, Pairs, take
 from compasslib.core.types import Floats
 from compasslib.deviation.model import Fit
+from compasslib.effects.term import HOUR_S
 from compasslib.effects.water import VeerWithDirection
 from compasslib.search import (
     applied,
@@ -151,7 +152,7 @@ def _repaired(pairs: Pairs, fit: Fit, clock: ClockError) -> tuple[Repair | None,
         if freed.fitted and not any(one.held_out.refuted for one in found):
             return Repair(again, freed, found), ()
     why = "too few pairs are left once corrected" if short else "held-out directions then agree less"
-    hours = clock.ahead_s(pairs.time_s)[[0, -1]] / clocks.HOUR_S
+    hours = clock.ahead_s(pairs.time_s)[[0, -1]] / HOUR_S
     warning = (
         f"by the speeds the two clocks differ by {hours[0]:+.1f} h at the start and {hours[1]:+.1f} h at the end, but "
         f"{why}: nothing was corrected; check clocks, time zones and dates of both"
@@ -211,7 +212,7 @@ def _judged(case: Case, options: Options) -> Diagnosis:
     detectable = posterior.detectable(found.posterior)
     bare = model.refit(state, []) if state.simulation.terms else state
     return Diagnosis(
-        verdict=verdict_of(ordered, unexplained),
+        verdict=verdict.of(ordered, unexplained),
         findings=ordered,
         unexplained=unexplained,
         separated_by="; ".join(wording.separated_by(f.named, f.alternatives) for f in ordered if f.alternatives)
@@ -226,7 +227,7 @@ def _judged(case: Case, options: Options) -> Diagnosis:
         threshold={"omnibus": rest.threshold},
         sides=_with("compass", found.posterior.sides) if stormy in ordered else found.posterior.sides,
         noise=inference.noise_of(found),
-        experiments=experiments.of(found) if verdict_of(ordered, unexplained) == "ambiguous" else (),
+        experiments=experiments.of(found) if verdict.of(ordered, unexplained) == "ambiguous" else (),
     )
 
 
@@ -242,26 +243,13 @@ def _too_little(pairs: Pairs, fit: Fit) -> str:
     return ""
 
 
-def verdict_of(found: Sequence[Finding], unexplained: Unexplained | None) -> str:
-    """Return the verdict that findings and an unexplained rest amount to.
-
-    Args:
-        unexplained: what nothing explains, or None.
-    """
-    if unexplained is not None:
-        return "unexplained"
-    if not found:
-        return "consistent"
-    return "ambiguous" if any(finding.alternatives for finding in found) else "explained"
-
-
 def _joined(first: Sequence[Finding], rest: Diagnosis) -> Diagnosis:
     """Return the diagnosis with findings that were made before the search, strongest first."""
     if not first:
         return rest
     found = tuple(sorted((*first, *rest.findings), key=lambda one: -one.rms_effect_deg))
     return replace(
-        rest, findings=found, verdict=verdict_of(found, rest.unexplained), sides=_with(first[0].side, rest.sides)
+        rest, findings=found, verdict=verdict.of(found, rest.unexplained), sides=_with(first[0].side, rest.sides)
     )
 
 

@@ -7,13 +7,11 @@ from numpy.typing import NDArray
 
 from compasslib.core import angles
 from compasslib.core.types import Floats
-from compasslib.search import baseline
+from compasslib.search import baseline, show
 from compasslib.search.baseline import State
 from compasslib.stats import blocks
 from compasslib.stats.whitening import directions
 
-BLOCK_S = 10 * 86400.0
-CLUSTER_S = 2 * 86400.0  # longer than the memory that the filter leaves
 REPEATS = 300
 SLOW, WEEKLY = (400.0, 14.0), (14.0, 5.0)  # longest and shortest periods, days
 FEWEST_WAVES = 8
@@ -30,7 +28,7 @@ def resampled(state: State, seed: int, repeats: int = REPEATS) -> Floats:
     innovation = (state.innovation - trend @ (trend.T @ state.innovation))[counts].astype(np.float32)
     rng, n = np.random.default_rng(seed), len(innovation)
     step = float(np.median(np.diff(state.case.scene.time_s)))
-    length = int(np.clip(BLOCK_S / step, 5, max(n // 10, 5)))
+    length = int(np.clip(show.BLOCK_S / step, 5, max(n // 10, 5)))
     blocks = -(-n // length)
     begin = rng.integers(0, n, (repeats, blocks))
     sign = rng.choice([-1.0, 1.0], (repeats, blocks)).astype(np.float32)
@@ -49,7 +47,7 @@ def uneven(state: State, basis: Floats) -> float:
     Args:
         basis: the group's whitened columns, orthonormal, (n, k).
     """
-    block = blocks.of_span(state.case.scene.time_s, CLUSTER_S)
+    block = blocks.of_span(state.case.scene.time_s, show.MEMORY_S)
     left = state.innovation - basis @ (basis.T @ state.innovation)
     sums = blocks.sums(basis * left[:, None], block)
     return float(np.sum(sums**2)) / basis.shape[1] / state.sigma**2 * len(sums) / max(len(sums) - 1, 1)

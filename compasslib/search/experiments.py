@@ -17,16 +17,15 @@ from scipy.linalg import cho_solve, cholesky, solve_triangular
 
 from compasslib.core.types import Floats
 from compasslib.effects import Scene, Term, composition
+from compasslib.effects.term import DAY_S
 from compasslib.search import inference
 from compasslib.search.baseline import State
-from compasslib.search.evidence import Hypothesis
+from compasslib.search.evidence import ANYTHING, Hypothesis
 from compasslib.search.inference import Inference
 from compasslib.search.posterior import MOST_TERMS, SURE
 
 LEAST, MOST = 0.002, 40  # probability of the hypotheses that are weighed, and how many
 DRAWS, SEED = 400, 7
-ANYTHING = 1e-6  # prior precision of what is free, in units of one sample's
-DAY_S = 86400.0
 COURSES, SWUNG_DEG = 24, 1.0  # headings of a swing, and the error of each
 STRENGTH_NT, STRENGTH_S = 50.0, DAY_S  # error of a field strength, the earth's own changes with it, and its memory
 SOFT_NT = 100.0  # a unit of what constant soft iron makes
@@ -212,7 +211,7 @@ def _second(model: Model, variance: Floats) -> Rows:
     known += [(1.0 - SHARED) * compass, -SHARED * nuisances]
     some, veer = variance > 0.0, compass[:, :1]  # a constant veer looks like A
     free = np.concatenate([slow[:, some], veer, nuisances], axis=1)
-    precision = np.concatenate([1.0 / variance[some], np.full(free.shape[1] - int(some.sum()), ANYTHING)])
+    precision = np.concatenate([1.0 / variance[some], np.full(free.shape[1] - int(some.sum()), 1.0 / ANYTHING)])
     return Rows(np.concatenate(known, axis=1) / new, free / new, precision)
 
 
@@ -234,7 +233,7 @@ def _swing(model: Model) -> Rows:
     base = np.zeros((COURSES, model.rows.shape[1] - model.own))
     base[:, model.slow : model.slow + 5] = composition.derivative(model.state.simulation, deck, heading)[:, :5]
     known = np.concatenate([own, np.nan_to_num(base)], axis=1) / SWUNG_DEG
-    return Rows(known, np.ones((COURSES, 1)) / SWUNG_DEG, np.full(1, ANYTHING))
+    return Rows(known, np.ones((COURSES, 1)) / SWUNG_DEG, np.full(1, 1.0 / ANYTHING))
 
 
 def _strength(model: Model) -> Rows:
@@ -261,7 +260,7 @@ def _strength(model: Model) -> Rows:
     soft = [body[:, i] * hard[:, j] / SOFT_NT for i, j in itertools.combinations_with_replacement(range(3), 2)]
     free = np.column_stack([hard, *soft]) * unit
     known = np.concatenate([np.column_stack(columns) * model.usual * unit, rest], axis=1)
-    return Rows(known, free, np.full(free.shape[1], ANYTHING))
+    return Rows(known, free, np.full(free.shape[1], 1.0 / ANYTHING))
 
 
 def known_heading(state: State) -> Floats:
@@ -284,7 +283,7 @@ class _Weighed:
         rest = np.concatenate([model.own + some, np.arange(model.own + model.slow, len(information))])
         known = np.full(len(rest), 0.0)
         known[: len(some)] = 1.0 / variance[some]
-        known[len(some) :] = ANYTHING * np.diag(information)[rest[len(some) :]] + ANYTHING
+        known[len(some) :] = 1.0 / ANYTHING * np.diag(information)[rest[len(some) :]] + 1.0 / ANYTHING
         self.score = model.score
         self.index, self.precision = [], []
         for one in hypotheses:

@@ -16,6 +16,7 @@ from compasslib.deviation.forms import EXACT, SeriesInCorrect
 from compasslib.deviation.model import Fit, nearest_root, observed_heading
 from compasslib.effects import COMPOSED, Term, composition
 from compasslib.effects.composed import Composed
+from compasslib.effects.term import DAY_S
 from compasslib.search import covariates, folds, grammar, model, show, stuck, verdict, wording
 from compasslib.search.baseline import State
 from compasslib.search.case import Case
@@ -25,14 +26,12 @@ from compasslib.search.inference import Inference
 from compasslib.search.sectors import Heap
 from compasslib.search.show import BinnedResidual, HeldOut
 from compasslib.search.verdict import Finding, Parameter, Unexplained, Where
-from compasslib.stats import robust, whitening
+from compasslib.stats import blocks, robust, whitening
 
-RANGE = (0.05, 0.95)  # quantiles of a covariate that tell where an effect lives
 NOTHING = 1e-6  # standard error of a parameter that nothing depends on, in any unit
 OUTSIDE = 2.5  # standard errors by which a bin leaves the band
 PAIRS = 1000  # of the exact compass against the series: as many, evenly taken, tell the curves apart
 SURE = 0.01
-DAY_S = 86400.0
 
 
 def of_terms(found: Inference) -> list[Finding]:
@@ -201,7 +200,7 @@ def hanging(state: State, heap: Heap, named: Sequence[str]) -> Unexplained:
 
 def where(case: Case, name: str, span: tuple[float, float] | None = None) -> Where:
     """Return a range of a covariate, by default the one that it covers."""
-    low, high = span or tuple(np.quantile(case.covariates[name], RANGE).tolist())
+    low, high = span or tuple(np.quantile(case.covariates[name], show.RANGE).tolist())
     if name != "time":
         return Where(name, low, high, wording.place(name, low, high))
     return Where(name, low, high, f"from {verdict.stamp(low)[:10]} to {verdict.stamp(high)[:10]}")
@@ -276,7 +275,7 @@ def of_exact_compass(pairs: Pairs, fit: Fit, series: Fit, min_effect_deg: float)
 def _by_blocks(pairs: Pairs, fit: Fit, series: Fit) -> HeldOut:
     """Return the gain of the exact compass over the best series on blocks that neither was fitted to."""
     some = take(pairs, np.arange(0, len(pairs), max(1, len(pairs) // PAIRS)))
-    block = np.floor((some.time_s - some.time_s[0]) / show.BLOCK_S).astype(int)
+    block = blocks.of_span(some.time_s, show.BLOCK_S)
     scores = [
         exact.held_out_scores(form, some, block % 2, near) for form, near in ((SeriesInCorrect(), None), (EXACT, fit))
     ]

@@ -18,9 +18,8 @@ from compasslib.search import posterior, show
 from compasslib.search.baseline import State
 from compasslib.search.inference import Inference
 from compasslib.search.show import HeldOut
-from compasslib.stats import whitening
+from compasslib.stats import blocks, whitening
 
-FOLDS = 5
 LIKELY = 1e-4  # probability below which a hypothesis is not weighed again
 MOST, MOST_WATERS = 200, 12
 
@@ -34,11 +33,9 @@ def proof(found: Inference, k: int) -> HeldOut:
     state, term = found.state, found.state.simulation.terms[k]
     time_s = state.case.scene.time_s
     share = (term.date - time_s[0]) / np.ptp(time_s) if term.dated() else 0.5
-    lasting = 1.0 / FOLDS < share < 1.0 - 1.0 / FOLDS
-    block = np.floor((time_s - time_s[0]) / show.BLOCK_S).astype(int)
-    fold = (
-        np.minimum((time_s - time_s[0]) / np.ptp(time_s) * FOLDS, FOLDS - 1).astype(int) if lasting else block % FOLDS
-    )
+    lasting = 1.0 / show.FOLDS < share < 1.0 - 1.0 / show.FOLDS
+    block = blocks.of_span(time_s, show.BLOCK_S)
+    fold = blocks.in_time(time_s, show.FOLDS) if lasting else block % show.FOLDS
     each, rms_deg = _on_others(state, k, fold)
     anew = _chosen_anew(found, {term.name, *found.slots[k].alternatives}, fold)
     method = "fifths" if lasting else "within_event"

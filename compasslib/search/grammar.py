@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -17,18 +17,16 @@ import numpy as np
 from compasslib.core.types import Floats
 from compasslib.effects.composed import (
     ACTED_ON,
-    DAY_S,
     DRIVERS,
     FORMS,
     LOBES,
-    TIDE_S,
     Composed,
     composed,
     driven,
     placed,
 )
-from compasslib.effects.term import USUAL_DEG, Scene
-from compasslib.search import columns
+from compasslib.effects.term import DAY_S, USUAL_DEG, Scene
+from compasslib.search import columns, covariates
 from compasslib.search.baseline import State
 
 VALUES = ("temperature", "depth", "speed", "pitch", "roll", "tilt", "voltage")
@@ -50,7 +48,6 @@ DATES, EDGES, LIVES = 30, 13, (0.04, 0.12, 0.35)  # dates tried, begins and ends
 SECTORS, REACHES_DEG = 24, (20.0, 40.0)
 AROUND = (-0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75)  # steps, or powers of 2, between the places that are tried
 MOST, MOST_OF_KIND, MOST_RIVALS = 40, 3, 8
-SEEN = 5  # different values of a driver below which it says nothing
 MOST_NUMBERS = 1_500_000  # of columns that are held at once, which sets the memory of long records
 
 
@@ -216,7 +213,10 @@ def _nameless(name: str, driver: str, form: str) -> bool:
 
 def _varies(scene: Scene, driver: str) -> bool:
     name = DRIVERS[driver][0] if driver in DRIVERS else driver
-    return name in scene.departures and len(np.unique(scene.departures[name][:: max(len(scene) // 500, 1)])) >= SEEN
+    if name not in scene.departures:
+        return False
+    some = scene.departures[name][:: max(len(scene) // 500, 1)]
+    return len(np.unique(some)) >= covariates.FEWEST_VALUES
 
 
 def _places(scene: Scene, channels: Iterable[str]) -> dict[tuple[str, str], list[tuple[float, ...]]]:

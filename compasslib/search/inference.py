@@ -14,6 +14,7 @@ import numpy as np
 from compasslib.core.types import Floats
 from compasslib.effects import COMPOSED, Term, composition
 from compasslib.effects.composed import Composed
+from compasslib.effects.term import HOUR_S
 from compasslib.search import baseline, columns, evidence, grammar, model, noise, posterior
 from compasslib.search.baseline import State
 from compasslib.search.evidence import Candidates, Hypothesis
@@ -23,7 +24,6 @@ from compasslib.search.noise import Slow, Water
 from compasslib.search.posterior import BesideWater, Slot
 from compasslib.stats import whitening
 
-HOUR_S = 3600.0
 SLOW: Mapping[str, Callable[[Water], float]] = {
     "slow_rms_deg": lambda water: water.veer.size,
     "slow_memory_days": lambda water: water.veer.memory_days,

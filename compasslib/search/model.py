@@ -14,7 +14,7 @@ from compasslib.effects import Term
 from compasslib.search import baseline, columns
 from compasslib.search.baseline import State
 from compasslib.search.columns import Group
-from compasslib.stats import whitening
+from compasslib.stats import robust, whitening
 from compasslib.stats.whitening import Whitener
 
 ROUNDS = 4
@@ -136,7 +136,7 @@ def gained(before: State, after: State) -> float:
     whitener = before.whitener
     lost, width = ~np.isfinite(after.residual_deg), whitener.width_deg
     first, second = (whitening.clipped(np.nan_to_num(x.residual_deg), width) for x in (before, after))
-    second = np.where(lost, np.minimum(whitening.CLIP, 90.0 / width), second)
+    second = np.where(lost, np.minimum(robust.CLIP, 90.0 / width), second)
     moved = angles.difference(np.nan_to_num(before.residual_deg), np.nan_to_num(after.residual_deg)) / width
     ends = [_left(x, whitener, standard) for x, standard in ((before, first), (after, second))]
     way = whitener.filtered(np.where(lost, first - second, moved)[:, None])[:, 0]

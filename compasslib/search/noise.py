@@ -14,12 +14,12 @@ import numpy as np
 
 from compasslib.core import angles
 from compasslib.core.types import Floats
+from compasslib.effects.term import DAY_S
 from compasslib.search import covariates
 from compasslib.search.baseline import State
 from compasslib.search.case import Case
 from compasslib.stats.whitening import Louder
 
-DAY_S = 86400.0
 SHORTEST_DAYS = 8.0  # period below which the filter holds the memory
 MOST_WAVES = 120  # of a process: those of sixteen months; of longer records only what is slower
 SPEED_SPAN_S, SLOWEST_M_S = 12 * 3600.0, 0.03

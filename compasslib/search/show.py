@@ -19,9 +19,12 @@ from compasslib.deviation import von_appen
 from compasslib.deviation.model import Fit
 from compasslib.search import wording
 from compasslib.search.baseline import State
-from compasslib.stats import whitening
+from compasslib.stats import blocks, robust
 
-BLOCK_S = 10 * 86400.0
+BLOCK_S = 10 * 86400.0  # longer than any memory of the water that a filter leaves
+FOLDS = 5  # parts of a recording that are left out in turn
+RANGE = (0.05, 0.95)  # quantiles of a covariate that tell where an effect lives
+FARTHEST = 3.0  # robust widths beyond which a residual counts no more
 REPEATS = 1000
 PROVEN = 0.05  # p-value on held-out days above which a finding does not touch the product
 WORSE = 1.1  # growth of the rms that is no chance of weights: the score, which is judged, clips outliers
@@ -80,7 +83,7 @@ def left_out(pairs: Pairs, fit: Fit) -> Floats:
     Args:
         fit: to all of them.
     """
-    block = np.floor((pairs.time_s - pairs.time_s[0]) / BLOCK_S).astype(int)
+    block = blocks.of_span(pairs.time_s, BLOCK_S)
     observed, left = fits.observed_heading(pairs), np.full(len(pairs), LOST_DEG)
     for out in (block % 2 == 0, block % 2 == 1):
         again = deviation.fit(fit.method, take(pairs, ~out), fit)
@@ -103,9 +106,21 @@ def compared(before_deg: Floats, after_deg: Floats, width_deg: Floats, time_s: F
         after_deg: the same after.
         width_deg: width of the residual, (n,), degrees.
     """
-    block = np.floor((time_s - time_s[0]) / BLOCK_S).astype(int)
+    block = blocks.of_span(time_s, BLOCK_S)
     sizes = [np.abs(angles.wrap180(np.nan_to_num(left))) / width_deg for left in (before_deg, after_deg)]
-    squares = [np.minimum(size, whitening.CLIP) ** 2 for size in sizes]
+    squares = [np.minimum(size, robust.CLIP) ** 2 for size in sizes]
+    return judged((squares[0] - squares[1]) / 2.0, block, (angles.rms(before_deg), angles.rms(after_deg)))
+
+
+def improved(before_deg: Floats, after_deg: Floats, width_deg: float, block: NDArray[np.intp]) -> HeldOut:
+    """Return by how much a residual of one width became smaller, what is far off counting no more than near.
+
+    Args:
+        before_deg: (n,).
+        after_deg: (n,).
+        block: number of the block of each, (n,).
+    """
+    squares = [np.minimum(np.abs(left) / width_deg, FARTHEST) ** 2 for left in (before_deg, after_deg)]
     return judged((squares[0] - squares[1]) / 2.0, block, (angles.rms(before_deg), angles.rms(after_deg)))
 
 
@@ -117,7 +132,7 @@ def judged(each: Floats, block: NDArray[np.intp], rms_deg: tuple[float, float]) 
         block: number of the block of each, (n,).
         rms_deg: of the residual, before and after.
     """
-    sums = np.bincount(block, each)[np.bincount(block) > 0]
+    sums = blocks.sums(each, block)
     drawn = np.random.default_rng(0).choice(sums, (REPEATS, len(sums))).sum(axis=1)
     low, high = np.quantile(drawn, [0.025, 0.975])
     share = float((np.sum(drawn <= 0.0) + 1) / (REPEATS + 1))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
@@ -206,6 +206,19 @@ def when(span_s: tuple[float, float] | None) -> dict[str, str] | None:
     if span_s is None:
         return None
     return {"from": stamp(span_s[0]), "to": stamp(span_s[1])}
+
+
+def of(found: Sequence[Finding], unexplained: Unexplained | None) -> str:
+    """Return the verdict that findings and an unexplained rest amount to.
+
+    Args:
+        unexplained: what nothing explains, or None.
+    """
+    if unexplained is not None:
+        return "unexplained"
+    if not found:
+        return "consistent"
+    return "ambiguous" if any(finding.alternatives for finding in found) else "explained"
 
 
 def stamp(time_s: float) -> str:

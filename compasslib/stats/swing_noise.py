@@ -17,7 +17,6 @@ from compasslib.stats import arma, robust
 from compasslib.stats.arma import Ints, orthonormal
 from compasslib.stats.blocks import sums
 
-CLIP = 2.5  # residuals count no more than this many standard deviations (Huber)
 FEWEST_ROBUST = 30
 SLOW_KN = np.concatenate([[0.0], np.geomspace(0.3, 30.0, 14)])  # speeds at which both parts of the scatter are equal
 TINY = 1e-3  # degrees of scatter; no compass reads finer, and what agrees to the last digit was copied
@@ -85,7 +84,7 @@ def clip(residual: Floats, noise: SwingNoise) -> Floats:
     """
     if len(residual) < FEWEST_ROBUST:
         return residual
-    bound = CLIP * noise.sigma
+    bound = robust.CLIP * noise.sigma
     return np.clip(residual, -bound, bound)
 
 
@@ -96,7 +95,7 @@ def _shape(residual: Floats, speed_kn: Floats | None) -> tuple[Floats, Floats]:
     for equal_kn in SLOW_KN if speed_kn is not None else SLOW_KN[:1]:
         shape = np.hypot(1.0, equal_kn * slowness)
         scale = robust.width(residual / shape) + 1e-9
-        clipped = np.clip(residual, -CLIP * scale * shape, CLIP * scale * shape)
+        clipped = np.clip(residual, -robust.CLIP * scale * shape, robust.CLIP * scale * shape)
         loss = float(np.sum(np.log(shape)) + 0.5 * len(shape) * np.log(np.mean((clipped / shape) ** 2) + 1e-18))
         if loss < best:
             best, found = loss, (scale * shape, clipped)

@@ -16,7 +16,6 @@ from compasslib.core import angles
 from compasslib.core.types import Floats
 from compasslib.stats import autocorrelation, robust
 
-CLIP = 2.5  # Huber's clip, in widths
 ORDER, SAMPLES_PER_LAG = 24, 40  # a day of hourly correlation; no more lags than the record can carry
 RIDGE = 1e-3  # keeps the filter steady where gaps leave the autocorrelation rough
 WIDTH_BINS = 12
@@ -135,7 +134,7 @@ def clipped(residual_deg: Floats, width_deg: Floats) -> Floats:
     known = np.isfinite(width_deg)
     near = angles.wrap180(np.where(known, residual_deg, 0.0))
     folded = np.where(np.abs(near) > 90.0, np.sign(near) * 180.0 - near, near)
-    return np.clip(folded / width_deg, -CLIP, CLIP)
+    return np.clip(folded / width_deg, -robust.CLIP, robust.CLIP)
 
 
 def response(residual_deg: Floats, width_deg: Floats) -> float:
@@ -147,7 +146,7 @@ def response(residual_deg: Floats, width_deg: Floats) -> float:
     """
     weight = width_deg**-2.0
     falls = np.where(np.abs(angles.wrap180(np.where(weight > 0.0, residual_deg, 0.0))) > 90.0, -1.0, 1.0)
-    return float(np.average(falls * (np.abs(clipped(residual_deg, width_deg)) < CLIP), weights=weight))
+    return float(np.average(falls * (np.abs(clipped(residual_deg, width_deg)) < robust.CLIP), weights=weight))
 
 
 def memory(fitted: Whitener) -> float:

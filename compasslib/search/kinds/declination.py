@@ -21,7 +21,7 @@ from compasslib.core.records import EarthField, FieldSeries
 from compasslib.core.types import Floats
 from compasslib.observatory import FieldComparison, Storm
 from compasslib.readers import iaga2002
-from compasslib.search import diagnosis, show, verdict
+from compasslib.search import show, verdict
 from compasslib.search.diagnosis import Options
 from compasslib.search.kinds import declination_slow, declination_wording
 from compasslib.search.show import HeldOut
@@ -29,7 +29,6 @@ from compasslib.search.verdict import Diagnosis, Finding, Parameter, Unexplained
 
 MOST_STORMS = 5  # findings; smaller ones are counted in the text of the last
 LEFT_OUT_S = 600.0  # stretches of a storm that are left out in turn
-FOLDS = 5
 FEWEST_DAYS = 5  # that a quiet-day curve must come from to be held against days left out
 
 
@@ -74,7 +73,7 @@ def judge(series: FieldSeries, field: EarthField, options: Options) -> Diagnosis
     rest = _always_disturbed(compared, limit) or slow.unexplained
     ordered = tuple(sorted(found, key=lambda one: -one.rms_effect_deg))
     return Diagnosis(
-        verdict=diagnosis.verdict_of(ordered, rest),
+        verdict=verdict.of(ordered, rest),
         findings=ordered,
         unexplained=rest,
         separated_by=declination_wording.separated_by(ordered),
@@ -213,8 +212,8 @@ def _by_folds(off_deg: Floats, time_s: Floats, *, daily: bool = False) -> HeldOu
     day = np.floor(time_s / observatory.DAY_S).astype(int)
     unit = day if day[-1] > day[0] else np.floor(time_s / observatory.HOUR_S).astype(int)
     left = np.array(off_deg)
-    for fold in range(FOLDS):
-        out = unit % FOLDS == fold
+    for fold in range(show.FOLDS):
+        out = unit % show.FOLDS == fold
         if not out.any() or out.all():
             continue
         simulated = np.full(int(out.sum()), float(np.median(off_deg[~out])))

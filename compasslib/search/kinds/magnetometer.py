@@ -191,7 +191,7 @@ def _tilted_instead(log: Log, choice: Choice, body: Floats, field: Mapping[str, 
     if not log.has_z and field is not None:
         vertical = choice.scale * abs(field["vertical_nT"]) / field["horizontal_nT"]
     hard = choice.scale * float(np.hypot(*choice.fitted.iron()[0][:2]))
-    needed = float(np.arctan2(hard, max(vertical, 1e-12))) * DEGREES_A_RADIAN
+    needed = float(np.arctan2(hard, max(vertical, 1e-12))) / angles.DEGREE
     return ("tilt_uncompensated",) if not vertical or needed < LEVEL_TILT_DEG else ()
 
 
@@ -216,7 +216,6 @@ def _working(
 
 MOST_SAMPLES = 2500
 WOBBLE_SAMPLES = 31  # tilts faster than this are mostly accelerations
-DEGREES_A_RADIAN = 1.0 / angles.DEGREE
 
 
 @dataclass(frozen=True)
@@ -253,7 +252,7 @@ class OfModulus:
     def __call__(self, base: Floats, terms: tuple[Term, ...]) -> Floats:
         """Return observed minus simulated modulus, (n,) degrees."""
         modulus = ellipsoid.modulus(freed(self.field_nT, terms, self.scene), self.down)
-        return DEGREES_A_RADIAN * (modulus / self.strength_nT - 1.0) - base[0] - self.wobble @ base[1:]
+        return (modulus / self.strength_nT - 1.0) / angles.DEGREE - base[0] - self.wobble @ base[1:]
 
 
 def freed(field_nT: Floats, terms: Sequence[Term], scene: Scene) -> Floats:
@@ -289,7 +288,7 @@ def tilt_wobble(log: Log, field_nT: Floats, down: Floats, strength_nT: float) ->
     for by_pitch, by_roll in pairs:
         fast = by_pitch * _fast(log.pitch_deg) + by_roll * _fast(log.roll_deg)
         moved = compass.levelling(log.pitch_deg + by_pitch * fast, log.roll_deg + by_roll * fast)[:, 2, :]
-        columns.append(DEGREES_A_RADIAN * (ellipsoid.modulus(field_nT, moved) - modulus) / strength_nT)
+        columns.append((ellipsoid.modulus(field_nT, moved) - modulus) / strength_nT / angles.DEGREE)
     return np.stack(columns, axis=1)
 
 

@@ -25,7 +25,7 @@ from compasslib.effects.short import Drift, IronDrift
 from compasslib.effects.term import Term
 from compasslib.search import show, verdict
 from compasslib.search.diagnosis import Options
-from compasslib.search.recordings import curve, report, search, wording
+from compasslib.search.recordings import curve, report, search, testing, wording
 from compasslib.search.recordings.channel import Channel
 from compasslib.search.show import HeldOut
 from compasslib.search.verdict import Diagnosis, Finding
@@ -146,7 +146,6 @@ def _untested() -> tuple[tuple[str, str], ...]:
 
 # Whether a bench's deviation is too large for the five-term series: against the exact compass, which has five too.
 
-REPEATS, FOLDS = 400, 5
 LEAST_SQUARES = 1e-12  # squared degrees: readings that a curve holds to the last digit prefer none
 CLEARLY = 6.0  # twice the log likelihood by which the series must be better to stand for the compass
 
@@ -172,8 +171,8 @@ def findings(seen: Points, min_effect_deg: float, alarm: float) -> list[Finding]
 
 def _held_out(seen: Points, scale_deg: float) -> HeldOut:
     """Return the gain of the exact compass over the series on readings that neither was fitted to."""
-    fold, left = np.arange(len(seen)) % FOLDS, np.full((2, len(seen)), np.nan)
-    for k in range(FOLDS):
+    fold, left = np.arange(len(seen)) % show.FOLDS, np.full((2, len(seen)), np.nan)
+    for k in range(show.FOLDS):
         both = _residuals(seen, fold != k)
         if both is not None:
             left[:, fold == k] = np.stack(both)[:, fold == k]
@@ -220,9 +219,9 @@ def _probability(seen: Points, ratio: float) -> float:
         return 1.0
     scatter = float(np.sqrt(np.sum(solution.residual_deg**2) / (len(seen) - 5)))
     drawn = 0
-    for _ in range(REPEATS):
+    for _ in range(testing.REPEATS):
         deviation = von_appen.design(seen.recorded_deg) @ solution.coefficients
         again = series.Points(seen.recorded_deg, deviation + rng.normal(0.0, scatter, len(seen)), seen.weight)
         left = _residuals(again)
         drawn += left is not None and _ratio(again, left) >= ratio
-    return (drawn + 1) / (REPEATS + 1)
+    return (drawn + 1) / (testing.REPEATS + 1)

@@ -15,8 +15,7 @@ from compasslib.core import angles, compass
 from compasslib.core.types import Floats
 from compasslib.deviation import von_appen
 from compasslib.effects.iron import HardIronStep
-from compasslib.effects.reading import HeadingSlip, Octantal, Sextantal
-from compasslib.effects.short import Drift, IronDrift
+from compasslib.effects.short import IronDrift
 from compasslib.effects.swing import (
     ClocksApart,
     FilteredCourse,
@@ -66,7 +65,6 @@ def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: 
 # her speed through the water that is a second comparison: it shows set and drift, and has no compass in it.
 
 
-READOUT: tuple[type[Term], ...] = (Sextantal, Octantal, HeadingSlip, Drift)
 FIELD: tuple[type[Term], ...] = (HardIronStep, IronDrift)
 WATER: tuple[type[Term], ...] = (SetAndDrift, TidalSetAndDrift)
 DELAYS: tuple[type[Term], ...] = (FilteredCourse, LateCourse, LateReading)
@@ -75,7 +73,6 @@ OFTEN_S = 10.0  # a log has a sample more often than that
 FEWEST_STRETCHES = 24
 VARIED = 0.1  # share of the mean speed by which speeds must vary to show the zero of a ship's log beside its scale
 LOG_STEP = 0.02  # of a log's scale, and of its zero in m/s
-CLEARLY = 6.0  # twice the log likelihood by which the series must be better to stand for the compass
 COURSE, TRUE = "courses over ground", "true headings"
 SPEED = "the speed over ground against that through the water"
 
@@ -107,7 +104,7 @@ def diagnose_log(
     known = replace(by_speed, left=()) if by_speed is not None and by_speed.fitted.terms else None
     fits = _bases(track, over, settings, made, known)
     before = _chosen(*fits)
-    terms = READOUT + (FIELD if before is fits[1] else ()) + DELAYS
+    terms = platform.READOUT + (FIELD if before is fits[1] else ()) + DELAYS
     terms += () if one_clock else (ClocksApart,)
     terms += WATER if track.has_speed and known is None else ()
     channel = replace(before.channel, terms=terms)
@@ -176,7 +173,7 @@ def _channel(track: Track, over: Stretches, residual: Forward, *, start: Floats,
 def _chosen(series: FittedTerms, exact: FittedTerms) -> FittedTerms:
     """Return the exact compass, and the series where that is clearly nearer."""
     gained = fitting.effective(series) * np.log(exact.square / series.square)
-    return series if gained > CLEARLY else exact
+    return series if gained > platform.CLEARLY else exact
 
 
 # What the search of a swing's log says of water and delays, found or not, and what it cannot test.
@@ -251,10 +248,9 @@ def too_large(bare: FittedTerms, exact: FittedTerms, options: Options) -> list[F
     if not tested or tested[0].p_value > options.alarm:
         return []
     block = fitting.stretches(exact)
-    folds = min(report.FOLDS, block.max() + 1)
+    folds = min(show.FOLDS, block.max() + 1)
     left = [report.left_out(one, exact.terms, block, folds) for one in (series, exact)]
-    squares = [np.minimum(np.abs(one) / exact.scale_deg, fitting.CLIP) ** 2 for one in left]
-    proof = show.judged((squares[0] - squares[1]) / 2.0, block, (angles.rms(left[0]), angles.rms(left[1])))
+    proof = show.improved(left[0], left[1], exact.scale_deg, block)
     return [] if proof.refuted else [wording.large(angles.rms(apart), proof, series.channel.what)]
 
 

@@ -24,7 +24,6 @@ from compasslib.stats import robust
 
 Filter = Callable[[Floats], Floats]
 
-DEGREES_A_RADIAN = 1.0 / angles.DEGREE
 STRETCH_S, MOST_STRETCHES = 20.0, 150  # a helmsman's swing about the course is over in that time
 FULL = 0.25  # of the usual number of samples that a stretch needs
 WIDE = 4.0  # robust widths from its stretch's median beyond which a sample is an outlier
@@ -157,7 +156,7 @@ class BySpeed:
         """Return observed minus simulated speed over the mean speed, (k,) degrees; base is the log's scale and zero."""
         through = self.ground_m_s - water(terms, self.scene)
         off = np.hypot(through[:, 0], through[:, 1]) - base[0] * self.logged_m_s - base[1]
-        return self.over.mean(DEGREES_A_RADIAN * off / float(np.mean(np.hypot(*self.ground_m_s.T))))
+        return self.over.mean(off / angles.DEGREE / float(np.mean(np.hypot(*self.ground_m_s.T))))
 
 
 def _of_course(term: Term) -> bool:

@@ -194,7 +194,7 @@ def _of_clock(aligned: Aligned, min_effect_deg: float) -> list[Finding]:
         size = min(angles.rms(pairs.rate_deg_s * error_s), max(proof.rms_before_deg, min_effect_deg))
         if abs(value) <= SURE_SIGMAS * sigma or size < min_effect_deg:
             continue
-        low, high = (float(x) for x in np.quantile(pairs.rate_deg_s, report.RANGE))
+        low, high = (float(x) for x in np.quantile(pairs.rate_deg_s, show.RANGE))
         place = Where("turn_rate", low, high, wording.place("turn_rate", low, high, True))
         text = wording.finding(
             effect, alone, where=place.text, parameters={name: (value, sigma, unit)}, size_deg=size, proof=proof,
@@ -218,9 +218,8 @@ def _proof(aligned: Aligned) -> HeldOut:
         return HeldOut(rms_deg["before"], rms_deg["after"], 0.0, (0.0, 0.0), 1.0)
     before, after = (np.array([left[name][t] for t in same]) for name in ("before", "after"))
     width = max(robust.width(before), fitting.FINEST_DEG)
-    squares = [np.minimum(np.abs(x) / width, fitting.CLIP) ** 2 for x in (before, after)]
     block = blocks.in_time(np.array(same), fitting.MOST_BLOCKS)
-    return show.judged((squares[0] - squares[1]) / 2.0, block, (angles.rms(before), angles.rms(after)))
+    return show.improved(before, after, width, block)
 
 
 def _about_others(off_deg: Floats, time_s: Floats) -> Floats:

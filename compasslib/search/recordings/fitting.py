@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from compasslib.core import angles
 from compasslib.core.types import Floats
 from compasslib.effects.term import Term
+from compasslib.search import show
 from compasslib.search.recordings.channel import Channel
 from compasslib.stats import arma, blocks, robust, whitening
 from compasslib.stats.autocorrelation import effective_number
 
 ROUNDS, CLOSE_ENOUGH, LONGEST_STEP = 12, 1e-3, 12.0
-CLIP = 3.0  # robust widths
 FINEST_DEG = 1e-4  # no heading is known better
 MOST_BLOCKS, FEWEST_BLOCKS, SAMPLES_IN_BLOCK = 40, 10, 5.0
 PROBE = 0.02  # of a step, for differences
@@ -38,7 +38,7 @@ class FittedTerms:
         """Return the residual, clipped where samples are many enough to know a width, (n,)."""
         if self.channel.independent:
             return self.residual_deg
-        return np.clip(self.residual_deg, -CLIP * self.scale_deg, CLIP * self.scale_deg)
+        return np.clip(self.residual_deg, -show.FARTHEST * self.scale_deg, show.FARTHEST * self.scale_deg)
 
     @property
     def square(self) -> float:
@@ -133,7 +133,7 @@ def _split(channel: Channel, theta: Floats, terms: tuple[Term, ...]) -> tuple[Fl
 def _step(now: FittedTerms, steps: Floats, keep: NDArray[np.bool_]) -> Floats:
     """Return the weighted least-squares step in the parameters' own steps; directions that nothing determines stay."""
     size = np.maximum(np.abs(now.residual_deg), 1e-300)
-    weight = np.sqrt(np.minimum(1.0, CLIP * now.scale_deg / size)) * keep
+    weight = np.sqrt(np.minimum(1.0, show.FARTHEST * now.scale_deg / size)) * keep
     if now.channel.independent:
         weight = keep.astype(float)
     columns = now.columns * steps

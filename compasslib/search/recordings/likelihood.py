@@ -14,6 +14,7 @@ import numpy as np
 
 from compasslib.core.types import Floats
 from compasslib.effects.term import USUAL_DEG
+from compasslib.search import show
 from compasslib.search.recordings import fitting
 from compasslib.search.recordings.channel import Channel
 from compasslib.search.recordings.fitting import FittedTerms
@@ -144,7 +145,7 @@ def _fit(fitted: FittedTerms, law: Law) -> tuple[float, Floats]:
 
 def _excess(fitted: FittedTerms) -> float:
     """Return what clipped samples add to the squares by Huber's law: what is left out for a while is not free."""
-    clip = fitting.CLIP * fitted.scale_deg
+    clip = show.FARTHEST * fitted.scale_deg
     beyond = np.maximum(np.abs(fitted.residual_deg) - clip, 0.0) * (not fitted.channel.independent)
     return float(2.0 * clip * np.sum(beyond))
 

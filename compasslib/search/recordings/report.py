@@ -22,8 +22,7 @@ from compasslib.search.show import BinnedResidual, HeldOut
 from compasslib.search.verdict import Diagnosis, Finding, Parameter, Ranked, Unexplained, Where
 from compasslib.stats import arma, robust
 
-FOLDS, BINS, FEWEST_IN_BIN = 5, 18, 5
-RANGE = (0.05, 0.95)
+BINS, FEWEST_IN_BIN = 18, 5
 OUTSIDE = 3.0  # standard errors by which a bin leaves the band
 
 
@@ -97,11 +96,9 @@ def held_out_base(fitted: FittedTerms, part: slice) -> HeldOut:
 def _compared(less: FittedTerms, fitted: FittedTerms, terms: Sequence[Term]) -> HeldOut:
     """Return the gain of a fit over one with fewer parameters on held-out stretches."""
     block = fitting.stretches(fitted)
-    folds = min(FOLDS, block.max() + 1) if not fitted.channel.independent else block.max() + 1
+    folds = min(show.FOLDS, block.max() + 1) if not fitted.channel.independent else block.max() + 1
     before, after = left_out(less, terms, block, folds), left_out(fitted, fitted.terms, block, folds)
-    scale = max(robust.width(before), fitting.FINEST_DEG)
-    squares = [np.minimum(np.abs(left) / scale, fitting.CLIP) ** 2 for left in (before, after)]
-    return show.judged((squares[0] - squares[1]) / 2.0, block, (angles.rms(before), angles.rms(after)))
+    return show.improved(before, after, max(robust.width(before), fitting.FINEST_DEG), block)
 
 
 def left_out(fitted: FittedTerms, terms: Sequence[Term], block: NDArray[np.intp], folds: int) -> Floats:
@@ -171,7 +168,7 @@ def where(channel: Channel, name: str, fitted: FittedTerms) -> Where:
         fitted: whose residual is looked at.
     """
     column, shown = channel.covariates[name], curve(fitted, fitted, name)
-    low, high = (float(x) for x in np.quantile(column, RANGE))
+    low, high = (float(x) for x in np.quantile(column, show.RANGE))
     far = np.abs(shown.before_deg) > OUTSIDE * shown.sigma_deg
     if far.any() and not far.all() and len(shown.centre) > 1:
         half = float(np.median(np.diff(shown.centre))) / 2.0
@@ -266,7 +263,7 @@ def diagnosis(
     if separated_by and any(f.side == "compass" for f in found):
         phrases.append(separated_by)
     return Diagnosis(
-        verdict=_verdict(found, open_),
+        verdict=verdict.of(found, open_),
         findings=found,
         unexplained=open_,
         separated_by="; ".join(dict.fromkeys(phrases)) or None,
@@ -319,14 +316,6 @@ def _once(every: Sequence[Finding]) -> tuple[Finding, ...]:
             both = tuple(name for name in same.alternatives if name in one.alternatives)
             kept[one.effect] = replace(same, alternatives=both, text=f"{same.text} A second comparison shows it too.")
     return tuple(kept.values())
-
-
-def _verdict(found: Sequence[Finding], left: Unexplained | None) -> str:
-    if left is not None:
-        return "unexplained"
-    if not found:
-        return "consistent"
-    return "ambiguous" if any(finding.alternatives for finding in found) else "explained"
 
 
 def _curves(

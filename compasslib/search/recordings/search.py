@@ -14,7 +14,7 @@ import numpy as np
 
 from compasslib.core.types import Floats
 from compasslib.effects.term import Term
-from compasslib.search import posterior
+from compasslib.search import posterior, show
 from compasslib.search.posterior import FAR, MOST_TERMS, SURE, Hypothesis, Posterior, Slot
 from compasslib.search.recordings import fitting, likelihood, local, testing
 from compasslib.search.recordings.channel import Channel
@@ -185,7 +185,7 @@ def _finer(fitted: FittedTerms) -> FittedTerms:
 
 def _square_at(fitted: FittedTerms, last: Term) -> float:
     residual = fitted.channel.residual(fitted.base, (*fitted.terms[:-1], last))
-    return float(np.sum(np.minimum(np.abs(residual), fitting.CLIP * fitted.scale_deg) ** 2))
+    return float(np.sum(np.minimum(np.abs(residual), show.FARTHEST * fitted.scale_deg) ** 2))
 
 
 def _left(now: FittedTerms, alarm: float) -> tuple[tuple[TestedEffect, float], ...]:
