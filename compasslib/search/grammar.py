@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -20,6 +20,7 @@ from compasslib.effects.composed import (
     DRIVERS,
     FORMS,
     LOBES,
+    TIDE_S,
     Composed,
     composed,
     driven,
