@@ -21,7 +21,7 @@ from compasslib.search.case import Case
 from compasslib.stats import whitening
 from compasslib.stats.whitening import Whitener
 
-ROUNDS = 2
+ROUNDS = 2  # of widths and fit
 FEWEST = 50  # samples that show where they are, below which there is nothing to examine
 TINY = 1e-12  # of any unit: a parameter of which nothing is expected
 STIFFEST = 1e-4  # prior precision of a baseline column in whitened units, against columns that hardly vary

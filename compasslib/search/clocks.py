@@ -18,14 +18,14 @@ from compasslib.effects.term import HOUR_S, YEAR_S
 from compasslib.stats import whitening
 
 LEAST_HOURS = 0.3  # real water delays by less
-WINDOWS, FEWEST_IN_WINDOW = 16, 100
-LONGEST_HOURS = 12.0
+WINDOWS, FEWEST_IN_WINDOW = 16, 100  # in which the clocks are compared
+LONGEST_HOURS = 12.0  # time zones; beyond, tides repeat
 SLOW_HOURS = 12.0  # half of the running mean that is taken off
 SIGMAS = 4.0  # normal score of what is named
 CLOSE = 10.0
 # Delay between the instruments that is no clock: water that arrives at one depth later (0.21 h in a real record of one
 # instrument with one clock), stamps at the begin, middle or end of an average. Assumed.
-DELAY_SIGMA_H = 0.1
+DELAY_SIGMA_H = 0.1  # delay of real water itself, over a whole record
 CLEAREST = 0.2  # correlation of the speeds below which a window says nothing
 
 

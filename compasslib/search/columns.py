@@ -17,13 +17,13 @@ from compasslib.search.case import TIDES_H
 
 DATE_STEP_S, DATE_MARGIN = 10 * 86400.0, 0.04  # dates of steps that are tried, and how near to the ends
 THRESHOLDS = (0.07, 0.13, 0.2, 0.35, 0.5, 0.65, 0.8, 0.87, 0.93)  # quantiles beyond which an effect may set in
-KNOTS = 8
-HEADING_HAT_DEG, FEWEST_IN_HAT = 6.0, 30
+KNOTS = 8  # of a covariate's splines: what the omnibus sees
+HEADING_HAT_DEG, FEWEST_IN_HAT = 6.0, 30  # sectors that the omnibus sees, and readings in one
 TEETH = 24  # highest harmonic of the recorded heading
-TIME_KNOTS, SHORTEST_WAVE_S = (12, 36), 20 * 86400.0
+TIME_KNOTS, SHORTEST_WAVE_S = (12, 36), 20 * 86400.0  # changes that the omnibus sees
 SPELL, SPELL_STEP_S, SPELLS = "spell", 5 * 86400.0, (4, 6, 8, 12, 18)  # weeks in which the reading is off, in steps
 FAINTEST = 1e-2  # of the power of the best seen combination of splines or harmonics
-PERIODS = {"hour_of_day": 24.0, "reference_heading": 360.0}
+PERIODS = {"hour_of_day": 24.0, "reference_heading": 360.0}  # of what goes round
 LINEAR = ("time", "temperature", "depth", "pitch", "roll", "speed", "supply_voltage")  # of the products
 
 

@@ -35,7 +35,7 @@ FLOW = ("flow_east", "flow_north", "flow_sine2", "flow_cosine2")
 AP_OF_KP = np.array([
     0, 2, 3, 4, 5, 6, 7, 9, 12, 15, 18, 22, 27, 32, 39, 48, 56, 67, 80, 94, 111, 132, 154, 179, 207, 236, 300, 400.0
 ])  # fmt: skip
-HIGHEST_KP = 9.0
+HIGHEST_KP = 9.0  # of its scale
 SPEED_SPAN_S, SLOWEST_M_S = 6 * 3600.0, 0.03  # of the speed by which a constant velocity turns a direction
 NEIGHBOUR_S = 1.5 * HOUR_S  # neighbours farther apart say nothing of a rate
 

@@ -42,7 +42,7 @@ from compasslib.search.show import BinnedResidual
 from compasslib.search.verdict import Diagnosis, Finding, Unexplained
 from compasslib.stats import whitening
 
-FEWEST, SHORTEST_DAYS = 200, 20.0
+FEWEST, SHORTEST_DAYS = 200, 20.0  # below which an effect is not told from the water
 MOST_PAIRS = 20_000  # hourly pairs of two years; of more, every second, third, ... is searched, to hold memory
 OMNIBUS = 1.0 / 3.0  # of the alarm: splines and products feign more than the draws of the noise show
 

@@ -12,9 +12,9 @@ from compasslib.search.baseline import State
 from compasslib.stats import blocks
 from compasslib.stats.whitening import directions
 
-REPEATS = 300
+REPEATS = 300  # draws of noise, which set how well the alarm of the omnibus is known
 SLOW, WEEKLY = (400.0, 14.0), (14.0, 5.0)  # longest and shortest periods, days
-FEWEST_WAVES = 8
+FEWEST_WAVES = 8  # below which their mean power is not known within a half
 TRIMMED, MEAN_OF_TRIMMED = 0.95, 0.759  # share of the smallest of chi-squared values that are kept, and their mean
 
 

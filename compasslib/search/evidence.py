@@ -276,9 +276,6 @@ class Groups:
         return {type(group.term): part for group, part in parts if group.term is not None}
 
 
-NO_GROUPS = Groups([], np.zeros(0), [])
-
-
 def drawn(view: State, composed: Sequence[Found]) -> Groups:
     """Return every effect of the catalogue that can be tested, and compositions.
 

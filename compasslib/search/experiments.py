@@ -25,7 +25,7 @@ from compasslib.search.inference import Inference
 from compasslib.search.posterior import MOST_TERMS, SURE
 
 LEAST, MOST = 0.002, 40  # probability of the hypotheses that are weighed, and how many
-DRAWS, SEED = 400, 7
+DRAWS, SEED = 400, 7  # a probability of a half within 2.5 %
 COURSES, SWUNG_DEG = 24, 1.0  # headings of a swing, and the error of each
 STRENGTH_NT, STRENGTH_S = 50.0, DAY_S  # error of a field strength, the earth's own changes with it, and its memory
 SOFT_NT = 100.0  # a unit of what constant soft iron makes

@@ -31,7 +31,7 @@ from compasslib.stats import blocks, robust, whitening
 NOTHING = 1e-6  # standard error of a parameter that nothing depends on, in any unit
 OUTSIDE = 2.5  # standard errors by which a bin leaves the band
 PAIRS = 1000  # of the exact compass against the series: as many, evenly taken, tell the curves apart
-SURE = 0.01
+SURE = 0.01  # p-value
 
 
 def of_terms(found: Inference) -> list[Finding]:

@@ -21,7 +21,7 @@ from compasslib.search.show import HeldOut
 from compasslib.stats import blocks, whitening
 
 LIKELY = 1e-4  # probability below which a hypothesis is not weighed again
-MOST, MOST_WATERS = 200, 12
+MOST, MOST_WATERS = 200, 12  # hypotheses and kinds of water that are weighed again: seconds only
 
 
 def proof(found: Inference, k: int) -> HeldOut:

@@ -41,14 +41,14 @@ LISTED = {  # what the catalogue has under a name of its own
     "flow_direction": {"speed/linear", "depth/linear"},
 }  # fmt: skip
 THRESHOLDS = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.85, 0.9, 0.93, 0.96)  # quantiles of the driver
-CENTRES = (0.2, 0.5, 0.8)
-LATCHES = (0.98, 0.995)
+CENTRES = (0.2, 0.5, 0.8)  # quantiles of the driver, of what saturates
+LATCHES = (0.98, 0.995)  # quantiles that a driver exceeds rarely
 SCALES, WIDTHS = (0.3, 1.0), (1.0, 2.5)  # of the driver's standard deviation
-LAGS_S = (0.5 * DAY_S, 3 * DAY_S, 15 * DAY_S)
+LAGS_S = (0.5 * DAY_S, 3 * DAY_S, 15 * DAY_S)  # time constants, of a sphere's warming to a month of the sea
 DATES, EDGES, LIVES = 30, 13, (0.04, 0.12, 0.35)  # dates tried, begins and ends, lives in shares of the record
-SECTORS, REACHES_DEG = 24, (20.0, 40.0)
+SECTORS, REACHES_DEG = 24, (20.0, 40.0)  # of what acts around one heading
 AROUND = (-0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75)  # steps, or powers of 2, between the places that are tried
-MOST, MOST_OF_KIND, MOST_RIVALS = 40, 3, 8
+MOST, MOST_OF_KIND, MOST_RIVALS = 40, 3, 8  # compositions that are weighed: seconds
 MOST_NUMBERS = 1_500_000  # of columns that are held at once, which sets the memory of long records
 
 

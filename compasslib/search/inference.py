@@ -33,7 +33,7 @@ STEADY = 1e-8  # share of what is known of a column that keeps its inverse stead
 MUCH_VEER_DEG, PLAIN = 1.4, 50.0  # slow veer that may hide an effect; its log evidence but for it: water feigns half
 MOST_BEGINNINGS, CHARGE = 4, 5.0  # effects that are tried so, and what each of their parameters must gain
 MOST_SURE = 1.4  # log odds of one of two views that contradict each other: neither counts for less than a fifth
-MOST_ROUNDS = 5
+MOST_ROUNDS = 5  # of standing elsewhere and looking again: seconds
 LEAST_WEIGHT = 0.05  # probability below which a hypothesis does not enter the product
 
 
@@ -239,7 +239,7 @@ def _begun(state: State, whole: Candidates, waters: Sequence[Water | None]) -> S
 
 def _only_water(state: State, slow: Slow) -> Candidates:
     """Return slow water beside a state, and no candidates."""
-    return evidence.gathered(state, slow, evidence.NO_GROUPS, np.ones(1))
+    return evidence.gathered(state, slow, evidence.Groups([], np.zeros(0), []), np.ones(1))
 
 
 def _likelihood(state: State, slow: Slow | None, water: Water | None) -> float:

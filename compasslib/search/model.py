@@ -17,10 +17,10 @@ from compasslib.search.columns import Group
 from compasslib.stats import robust, whitening
 from compasslib.stats.whitening import Whitener
 
-ROUNDS = 4
+ROUNDS = 4  # of refitting, at most
 HALVED = 4  # times that the sizes of terms are halved before a compass is given up
 LONGEST_STEP = 12.0  # in the parameters' own steps of about a degree
-CLOSE_ENOUGH = 0.02
+CLOSE_ENOUGH = 0.02  # degrees, roughly, of a step that is the last
 WORSE = 1.5  # growth of the residual at which a step is not taken
 DAMPING = 1e-4  # of whitened columns of length one: waves of the tides, sampled twice a day, stand for a constant too
 NEARBY_S, FINE_S = 12 * 86400.0, 86400.0  # reach and spacing of the finer search of a date

@@ -22,9 +22,9 @@ from compasslib.stats.whitening import Louder
 
 SHORTEST_DAYS = 8.0  # period below which the filter holds the memory
 MOST_WAVES = 120  # of a process: those of sixteen months; of longer records only what is slower
-SPEED_SPAN_S, SLOWEST_M_S = 12 * 3600.0, 0.03
-VEER_DEG, VEER_DAYS = (0.7, 1.4, 2.8, 5.6, 11.0), (5.0, 15.0, 45.0, 135.0)
-SHEAR_M_S, SHEAR_DAYS = (0.003, 0.007, 0.017, 0.04, 0.1), (3.0, 15.0, 75.0)
+SPEED_SPAN_S, SLOWEST_M_S = 12 * 3600.0, 0.03  # of the speed by which shear turns a direction
+VEER_DEG, VEER_DAYS = (0.7, 1.4, 2.8, 5.6, 11.0), (5.0, 15.0, 45.0, 135.0)  # sizes and memories that are summed over
+SHEAR_M_S, SHEAR_DAYS = (0.003, 0.007, 0.017, 0.04, 0.1), (3.0, 15.0, 75.0)  # the same
 QUIET = 0.05  # variance over white below which a direction is as it is
 USUAL_VEER_DEG, USUAL_SHEAR_M_S = 3.0, 0.02  # of half a Cauchy law, beforehand: two depths of real water
 

@@ -17,7 +17,7 @@ from compasslib.search.evidence import Candidates, Hypothesis, Products
 from compasslib.search.noise import Water
 from compasslib.stats import whitening
 
-MOST_TERMS = 3
+MOST_TERMS = 3  # that a hypothesis may have: seconds
 SIDES_IN_ORDER = ("compass", "clock", "reference", "water")
 SURE = 0.95  # probability that a set of names holds
 # Odds beforehand of one effect, over the alarm that is asked for; they set how often records of nothing get a name.
@@ -26,7 +26,7 @@ FURTHER = 0.5  # by how much an effect is likelier where there is another
 NINE_IN_TEN = 1.28  # normal score of it
 NEIGHBOURS = 3  # dates that do about as well as the right one
 FAR = 8.0  # natural units below the best at which a hypothesis, or a kind of water, is left out
-MOST_PAIRS, MOST_TRIPLES, JOINED, MOST_WATERS = 150, 60, 12, 40
+MOST_PAIRS, MOST_TRIPLES, JOINED, MOST_WATERS = 150, 60, 12, 40  # kept of each: seconds and memory
 LIKELY = 25  # effects, in calm and in rough water, beside which every kind of water is tried
 
 

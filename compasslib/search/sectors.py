@@ -15,7 +15,7 @@ from compasslib.core.types import Floats
 from compasslib.search.baseline import State
 from compasslib.search.case import Case
 
-BIN_DEG = 2.0
+BIN_DEG = 2.0  # width of the cells in which readings heap up
 NEAREST, FARTHEST = 2, 8  # bins on either side that foretell the one between
 BLOCK_S = 5 * 86400.0  # a sphere stays where it is for days
 SIGMAS = 5.0  # by the scatter from block to block

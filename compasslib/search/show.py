@@ -25,10 +25,10 @@ BLOCK_S = 10 * 86400.0  # longer than any memory of the water that a filter leav
 FOLDS = 5  # parts of a recording that are left out in turn
 RANGE = (0.05, 0.95)  # quantiles of a covariate that tell where an effect lives
 FARTHEST = 3.0  # robust widths beyond which a residual counts no more
-REPEATS = 1000
+REPEATS = 1000  # draws of blocks, which set the smallest p-value
 PROVEN = 0.05  # p-value on held-out days above which a finding does not touch the product
 WORSE = 1.1  # growth of the rms that is no chance of weights: the score, which is judged, clips outliers
-BINS, FEWEST_IN_BIN = 18, 10
+BINS, FEWEST_IN_BIN = 18, 10  # of a figure's curve
 LOST_DEG = 90.0  # residual of a heading that a fit cannot give
 MEMORY_S = 2 * 86400.0  # the residual's own memory, for the error of a bin
 

@@ -14,7 +14,7 @@ from compasslib import observatory
 from compasslib.core import angles
 from compasslib.core.types import Floats
 from compasslib.effects.earth import IndexedDisturbance
-from compasslib.search import verdict
+from compasslib.search import show, verdict
 from compasslib.search.baseline import State
 from compasslib.search.case import ALIKE
 from compasslib.search.show import HeldOut
@@ -22,8 +22,7 @@ from compasslib.search.verdict import Finding, Parameter, Where
 
 SIZES_NT = np.geomspace(0.3, 100.0, 24)  # across magnetic north for one unit of ap
 SHIFTS, NEAREST_S, STEP_S = 400, 5 * 86400.0, 3600.0  # dates at which the index is tried; storms last for days
-CLIP = 3.0  # in widths, beyond which a direction says no more
-BLOCKS = 12
+BLOCKS = 12  # parts of a record by which the excess is proven
 STORMY = 0.9  # quantile of the index from which it is stormy
 PHYSICS = "magnetic north is unsteady where the index of storms is high; its course only an observatory could tell"
 
@@ -88,7 +87,7 @@ def of(state: State, alarm: float) -> Finding | None:
     known = np.isfinite(width) & np.isfinite(state.residual_deg)
     index = scene.departures["storm_index"] / scene.horizontal_nT / angles.DEGREE
     time_s, unit = scene.time_s[known], index[known]
-    standard = np.clip(state.residual_deg[known] / width[known], -CLIP, CLIP)
+    standard = np.clip(state.residual_deg[known] / width[known], -show.FARTHEST, show.FARTHEST)
     scatter = _Scatter(standard**2, (unit / width[known]) ** 2)
     if not unit.any() or (chance := scatter.chance(time_s)) > alarm:
         return None

@@ -13,7 +13,7 @@ from compasslib.preparation import overlap
 LEANS = ("lean_pitch", "lean_roll")  # names of the series, degrees
 SHORTEST_S, FEWEST = 10 * 86400.0, 100  # of a stretch without any change, and of moving tilts beside it
 LEARNT = 0.25  # share of the moving tilts' variance that the flow must explain
-CELLS = 2
+CELLS = 2  # whose mean is the water at the instrument
 
 
 def leans(record: Record) -> dict[str, Floats]:

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from compasslib.core.types import Floats
 
-NORMAL_95 = 1.959964
+NORMAL_95 = 1.959964  # quantile of the normal law
 TRUST = 10.0  # blocks of even noise that a group's own blocks are held against
 
 

@@ -17,7 +17,7 @@ from compasslib.stats import arma, robust
 from compasslib.stats.arma import Ints, orthonormal
 from compasslib.stats.blocks import sums
 
-FEWEST_ROBUST = 30
+FEWEST_ROBUST = 30  # residuals from which a median tells a width within a fifth
 SLOW_KN = np.concatenate([[0.0], np.geomspace(0.3, 30.0, 14)])  # speeds at which both parts of the scatter are equal
 TINY = 1e-3  # degrees of scatter; no compass reads finer, and what agrees to the last digit was copied
 LIKELIHOOD_TOLERANCE = 0.125  # of log likelihood: half a standard error

@@ -18,10 +18,10 @@ from compasslib.stats import autocorrelation, robust
 
 ORDER, SAMPLES_PER_LAG = 24, 40  # a day of hourly correlation; no more lags than the record can carry
 RIDGE = 1e-3  # keeps the filter steady where gaps leave the autocorrelation rough
-WIDTH_BINS = 12
+WIDTH_BINS = 12  # of slowness, along which the water's scatter is followed
 NARROWEST = 0.25  # least width as a share of the middle one
 ANYWHERE_DEG = robust.SIGMA_PER_MAD * 90.0  # robust width of directions that point anywhere
-CHUNK = 32
+CHUNK = 32  # samples filtered at once: speed only
 LONGEST = 512  # samples over which a filter's memory is followed
 THINNEST = 1e-6  # share of a group's largest direction below which a direction is taken for absorbed by the base
 TREND_S, TREND_LENGTHS = 10 * 86400.0, 10  # least spacing of the knots of what is slow, and in lengths of the filter

@@ -32,8 +32,8 @@ from compasslib.stats import robust
 Jumps = tuple[tuple[float, float], ...]  # (date, degrees that the series rises by)
 
 HOURS_OF_YEARS = 3.0  # a longer record is searched by days
-DAILY_HARMONICS = range(1, 5)
-PRECISION_DEG = 0.01
+DAILY_HARMONICS = range(1, 5)  # of the quiet day
+PRECISION_DEG = 0.01  # least width of what is left: of a published declination
 NEAR_S = 3 * observatory.DAY_S  # reach of the finer search of a jump's date
 LEAST_SIDE_S = 3 * observatory.HOUR_S  # of either level of a jump in a short record
 LEAST_AFTER_S = observatory.DAY_S  # of a level that no storm keeps

@@ -39,11 +39,10 @@ from compasslib.effects.term import Scene, Term
 from compasslib.search import covariates as covariates_of
 from compasslib.search import verdict
 from compasslib.search.diagnosis import Options
-from compasslib.search.recordings import report, search
+from compasslib.search.recordings import curve, report, search
 from compasslib.search.recordings.channel import Channel, thinned
 from compasslib.search.verdict import Diagnosis
 
-WORKING_NT = 20000.0  # strength that the readings are scaled to where the earth's field is unknown
 LEVEL_TILT_DEG = 15.0  # of a log without tilts that still counts as level
 FEWEST_TURN_DEG = 5.0  # headings that vary less hold nothing against anything
 # How a logger levels and rounds is known to this: a 3D-ACM by its cosine rule, a Signature500 by the full rotation.
@@ -197,7 +196,7 @@ def _tilted_instead(log: Log, choice: Choice, body: Floats, field: Mapping[str, 
 
 def _strength(field: Mapping[str, float] | None, level: bool) -> float:
     if field is None:
-        return WORKING_NT
+        return curve.PLACELESS_NT
     return field["horizontal_nT"] if level else float(np.hypot(field["horizontal_nT"], field["vertical_nT"]))
 
 
@@ -214,7 +213,7 @@ def _working(
 
 # Forward models of a magnetometer's log: the heading of its axes and their modulus, with terms of physics between.
 
-MOST_SAMPLES = 2500
+MOST_SAMPLES = 2500  # seconds a search takes
 WOBBLE_SAMPLES = 31  # tilts faster than this are mostly accelerations
 
 

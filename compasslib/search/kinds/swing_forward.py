@@ -176,8 +176,8 @@ def water(terms: tuple[Term, ...], scene: Scene) -> Floats:
 
 KNOT_M_S = 1852.0 / 3600.0
 LEAST_WATER_KN = 0.5  # of a ship's log that turns
-SECOND = 1.0
-SMOOTHED_S = 30.0
+SECOND = 1.0  # s: spacing of the grid on which courses are filtered
+SMOOTHED_S = 30.0  # of a ship's log, whose ticks are coarse: longer than a swell, shorter than a turn
 MOSTLY = 0.5  # share of the samples that a ship's log must have
 
 

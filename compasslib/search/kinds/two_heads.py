@@ -40,8 +40,8 @@ TERMS: tuple[type[Term], ...] = (
     Sextantal, Octantal, HeadingSlip, Drift, Delay, HardIronStep, IronDrift, Heeling,
 )  # fmt: skip
 LAGS_S = (-8.0, -4.0, -2.0, -1.0, 1.0, 2.0, 4.0, 8.0)  # where the fit of a lag begins: a swing has several minima
-MOST_SAMPLES = 2000
-SURE_SIGMAS = 4.0
+MOST_SAMPLES = 2000  # seconds a search takes
+SURE_SIGMAS = 4.0  # named where noise alone does it 1 time in 16,000
 FARTHER_S = 86400.0  # clocks are looked for so far apart where the headings have nothing to do with each other
 IRON = {"hard_iron": (slice(1, 3), "BC"), "soft_iron": (slice(3, 5), "DE")}
 WHICH = "which of the two heads is wrong: a third compass, or a swing of either head"

@@ -16,9 +16,9 @@ from compasslib.search.recordings.channel import Channel
 from compasslib.stats import arma, blocks, robust, whitening
 from compasslib.stats.autocorrelation import effective_number
 
-ROUNDS, CLOSE_ENOUGH, LONGEST_STEP = 12, 1e-3, 12.0
+ROUNDS, CLOSE_ENOUGH, LONGEST_STEP = 12, 1e-3, 12.0  # of refitting; steps in about a degree
 FINEST_DEG = 1e-4  # no heading is known better
-MOST_BLOCKS, FEWEST_BLOCKS, SAMPLES_IN_BLOCK = 40, 10, 5.0
+MOST_BLOCKS, FEWEST_BLOCKS, SAMPLES_IN_BLOCK = 40, 10, 5.0  # longer than the memory, and enough to tell a scatter
 PROBE = 0.02  # of a step, for differences
 
 

@@ -21,7 +21,7 @@ EDGES, NEAR_EDGES = (40, 120), 9  # begins and ends of a while, in a long record
 SHORT = 250  # samples
 
 SECTORS, REACHES_DEG = 36, (15.0, 25.0, 40.0)  # where an error at a few headings is tried, and how far it reaches
-FINER_DEG = (-8.0, -4.0, 0.0, 4.0, 8.0)
+FINER_DEG = (-8.0, -4.0, 0.0, 4.0, 8.0)  # about the best sector
 FEWEST = 3  # samples in either
 
 

@@ -22,7 +22,7 @@ from compasslib.search.show import BinnedResidual, HeldOut
 from compasslib.search.verdict import Diagnosis, Finding, Parameter, Ranked, Unexplained, Where
 from compasslib.stats import arma, robust
 
-BINS, FEWEST_IN_BIN = 18, 5
+FEWEST_IN_BIN = 5  # of a figure's curve
 OUTSIDE = 3.0  # standard errors by which a bin leaves the band
 
 
@@ -201,10 +201,10 @@ def since(channel: Channel, date_s: float) -> Where:
 def curve(before: FittedTerms, after: FittedTerms, name: str) -> BinnedResidual:
     """Return the residual in bins of a covariate, with and without terms, and the standard error of each bin."""
     column = before.channel.covariates[name]
-    count = int(np.clip(len(column) // 4, 4, BINS))
+    count = int(np.clip(len(column) // 4, 4, show.BINS))
     edges = np.unique(np.quantile(column, np.linspace(0.0, 1.0, count + 1)))
     if name == "heading":
-        edges = np.linspace(0.0, 360.0, min(2 * BINS, 2 * count) + 1)
+        edges = np.linspace(0.0, 360.0, min(2 * show.BINS, 2 * count) + 1)
     bins = np.clip(np.searchsorted(edges, column, side="right") - 1, 0, len(edges) - 2)
     there = np.bincount(bins, minlength=len(edges) - 1)
     least = 1 if before.channel.independent or before.channel.remembered else FEWEST_IN_BIN

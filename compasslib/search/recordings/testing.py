@@ -16,8 +16,8 @@ from compasslib.search.recordings.fitting import FittedTerms
 from compasslib.search.scan import normal_score
 from compasslib.stats import arma, whitening
 
-REPEATS = 400
-HEADING_HAT_DEG, FEWEST_IN_HAT = 15.0, 5
+REPEATS = 400  # draws of noise, which set how well a p-value of 1 % is known
+HEADING_HAT_DEG, FEWEST_IN_HAT = 15.0, 5  # sectors that the omnibus sees, and readings in one
 FAINT = 0.2  # of the largest direction of a group of splines
 SHARE_OF_FREEDOM = 3  # an omnibus group has no more columns than this part of the independent samples
 
