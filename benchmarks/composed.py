@@ -20,6 +20,7 @@ from pathlib import Path
 
 import discrepancy as bench
 import numpy as np
+import targets
 
 from compasslib.effects import COMPOSED, side_of
 from compasslib.search.diagnosis import Options, diagnose
@@ -96,14 +97,13 @@ def main() -> None:
     if own:
         excess = [max(row["error_before"] - row["error_without"], 0.1) for row in own]
         gained = [row["error_before"] - row["error_after"] for row in own]
-        bench.line(
-            "excess of heading error taken off, all together", f"{100 * sum(gained) / sum(excess):.0f} %", ">= 60 %"
-        )
-        bench.line(
-            "headings within 95 %", f"{100 * np.mean([row['covered'] for row in own]):.1f} % ({len(own)})", ">= 90 %"
-        )
-    seconds = [row["seconds"] for row in rows]
-    bench.line("seconds a mooring: median, most", f"{np.median(seconds):.1f}, {max(seconds):.1f}", "<= 10")
+        lacks = np.array(gained) - 0.6 * np.array(excess)
+        line = targets.mean("heading error taken off beyond 60 % of its excess, degrees", lacks, least=0.0)
+        covers = [row["covered"] for row in own]
+        within = targets.mean("headings within 95 %", covers, least=0.9, unit=" %", times=100.0)
+        good += [bench.told(line), bench.told(within)]
+    seconds = float(np.median([row["seconds"] for row in rows]))
+    good.append(bench.told(targets.limit("seconds a mooring, median", seconds, most=10.0)))
     sys.exit(0 if all(good) else 1)
 
 

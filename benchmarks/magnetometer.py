@@ -13,6 +13,7 @@ from collections import defaultdict
 from pathlib import Path
 
 import numpy as np
+import targets
 
 PROJECT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(PROJECT), str(PROJECT / "tests")]
@@ -74,8 +75,21 @@ def errors(true, found):
     return z | {"heading": wrapped(off) / found.table.sigma_deg, "series": series}
 
 
-def coverage(draws: int) -> None:
-    print(f"\nShare of truths inside the 95 % interval, {draws} draws; target 93 to 97 %")
+def within(what: str, *z: np.ndarray) -> targets.Measured:
+    """Return the share inside the 95 % interval beside its target, what belongs together counted together.
+
+    Args:
+        z: errors in their own standard errors, one array a draw; of a single array each is a draw.
+    """
+    draws = z[0] if len(z) == 1 else z
+    shares = [float(np.mean(np.abs(one) < 1.96)) for one in draws]
+    return targets.mean(f"inside 95 %: {what}", shares, least=0.93, most=0.97, unit=" %", times=100.0)
+
+
+def coverage(draws: int) -> list[targets.Measured]:
+    """Print coverage by scenario, and return it beside its targets."""
+    lines: list[targets.Measured] = []
+    print(f"\nShare of truths inside the 95 % interval, {draws} draws")
     print("| scenario | hard iron | soft iron | heading every 10° | B to E | model | refused |")
     print("|---|---|---|---|---|---|---|")
     with tempfile.TemporaryDirectory() as folder:
@@ -87,12 +101,14 @@ def coverage(draws: int) -> None:
                 refused += found.table is None
                 for kind, value in {} if found.table is None else errors(true, found).items():
                     z[kind].append(value)
+            lines += [within(f"{name}, {kind}", *v) for kind, v in z.items()]
             shares = [f"{100 * np.mean(np.abs(np.concatenate(v)) < 1.96):.1f} %" for v in z.values()]
             chosen = max(models, key=lambda k: models[k])
             print(f"| {name} | {' | '.join(shares)} | {chosen} {models[chosen]} of {draws} | {refused} |", flush=True)
+    return lines
 
 
-def mounting(draws: int) -> None:
+def mounting(draws: int) -> list[targets.Measured]:
     """Print coverage of the three angles from magnetometer to instrument, with tilts and a correct heading logged."""
     rng, z = np.random.default_rng(8), []
     with tempfile.TemporaryDirectory() as folder:
@@ -107,8 +123,8 @@ def mounting(draws: int) -> None:
             found = magnetometer.calibrate([path], {}).details["misalignment_deg"]
             back = np.rad2deg([askew[1, 2] - askew[2, 1], askew[2, 0] - askew[0, 2], askew[0, 1] - askew[1, 0]]) / 2.0
             z.append([(angle["value"] - b) / angle["sigma"] for angle, b in zip(found.values(), back, strict=True)])
-    shares = 100.0 * np.mean(np.abs(np.array(z)) < 1.96, axis=0)
-    print(f"\nMounting of 3° rms, angles about forward, starboard, vertical inside 95 %: {np.round(shares, 1)} %")
+    names = ("forward", "starboard", "vertical")
+    return [within(f"mounting of 3° rms about {name}", col) for name, col in zip(names, np.array(z).T, strict=True)]
 
 
 def bias(draws: int) -> None:
@@ -175,5 +191,4 @@ if __name__ == "__main__":
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 400
     real()
     bias(count)
-    mounting(count)
-    coverage(count)
+    sys.exit(targets.report([*mounting(count), *coverage(count)]))

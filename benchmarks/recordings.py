@@ -11,6 +11,7 @@ with an effect concealed from the simulation or a column withheld. Declinations 
 from __future__ import annotations
 
 import argparse
+import sys
 import tempfile
 import time
 from collections import Counter
@@ -19,6 +20,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import targets
 from recordings_real import real
 
 from compasslib.calibration import heads as heads_of
@@ -134,10 +136,11 @@ def errors(found: Diagnosis, effect: str, truth: dict[str, float]) -> list[float
     return [(one.parameters[k].value - truth[k]) / one.parameters[k].sigma for one in own for k in truth]
 
 
-def row(kind: str, case: str, count: int, first: int) -> None:
-    """Print what is said of recordings with one effect."""
+def row(kind: str, case: str, count: int, first: int) -> list[bool]:
+    """Print what is said of recordings with one effect; return for which of them something false was said."""
     make, effect = KINDS[kind][0], case.split(",")[0]
     tally, off, begin = Counter[str](), list[float](), time.process_time()
+    false = []
     for seed in range(first, first + count):
         found, truth = make(np.random.default_rng(seed), case)
         names = {one.effect for one in found.findings}
@@ -148,6 +151,7 @@ def row(kind: str, case: str, count: int, first: int) -> None:
         tally["other"] += bool(wrong)
         tally["unexplained"] += found.verdict == "unexplained"
         tally["insufficient"] += found.verdict == "insufficient"
+        false.append(bool(wrong) or found.unexplained is not None)
         if wrong or found.unexplained:
             left = found.unexplained.covariates if found.unexplained else ()
             tally[f"  {kind} {case or 'null'} seed {seed}: {', '.join((*wrong, *left))}"] += 1
@@ -157,6 +161,7 @@ def row(kind: str, case: str, count: int, first: int) -> None:
     print(f"| {kind} | {case or 'none'} | {count} | {' | '.join(shares)} | {z} | {spent:.1f} |", flush=True)
     for key in (key for key in tally if key.startswith(" ")):
         print(f"<!-- {key.strip()} -->")
+    return false
 
 
 def main() -> None:
@@ -165,15 +170,19 @@ def main() -> None:
     parser.add_argument("--kind", choices=(*KINDS, "real"))
     parser.add_argument("--first", type=int, default=1, help="seed of the first recording")
     asked = parser.parse_args()
+    lines: list[targets.Measured] = []
     kinds = [asked.kind] if asked.kind else [*KINDS, "real"]
     if kinds != ["real"]:
         print(HEAD + "\n|" + "---|" * (HEAD.count("|") - 1))
     for kind in (kind for kind in kinds if kind != "real"):
         for case in ("", *KINDS[kind][1]):
             few = max(asked.recordings // NULLS_EACH, 1)
-            row(kind, case, few if case else asked.recordings, asked.first)
+            said = row(kind, case, few if case else asked.recordings, asked.first)
+            if not case:
+                lines.append(targets.share(f"{kind}, nothing planted: named or unexplained", said, most=0.01))
     if "real" in kinds:
         print(real())
+    sys.exit(targets.report(lines))
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import numpy as np
-from scipy.stats import beta
+import targets
 
 from compasslib.archive import netcdf
 from compasslib.core import angles
@@ -61,12 +61,6 @@ def measured(job: tuple[int, int]) -> dict:
     }
 
 
-def interval(count: int, n: int) -> tuple[float, float]:
-    """Return the 95 % interval of a share (Clopper and Pearson)."""
-    low = beta.ppf(0.025, count, n - count + 1) if count else 0.0
-    return float(low), float(beta.ppf(0.975, count + 1, n - count)) if count < n else 1.0
-
-
 def report(rows: Sequence[dict]) -> int:
     """Print the table, and return the exit status."""
     print("| fault | n | seen | named with its side | put on the affected compass alone | heading, rms | within 95 % |")
@@ -76,10 +70,8 @@ def report(rows: Sequence[dict]) -> int:
         counts = " | ".join(str(sum(row[key] for row in some)) for key in ("seen", "named", "alone"))
         rms, within = (np.mean([row[key] for row in some]) for key in ("rms", "within"))
         print(f"| {fault} | {len(some)} | {counts} | {rms:.2f}° | {within:.0%} |")
-    alone = sum(row["alone"] for row in rows)
-    low, high = interval(alone, len(rows))
-    print(f"put on the affected compass alone: {alone} of {len(rows)} ({low:.1%} to {high:.1%}), target {MOST:.0%}")
-    return int(low > MOST)
+    alone = targets.share("put on the affected compass alone", (row["alone"] for row in rows), most=MOST)
+    return targets.report([alone])
 
 
 def main() -> int:
