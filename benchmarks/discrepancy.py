@@ -215,9 +215,7 @@ def without_compositions(measure, *asked, **options) -> dict:
 def side_by_side(rows: list[dict], listed: list[dict]) -> bool:
     """Print what the search for compositions costs listed effects; False where the interval excludes 3 points."""
     good, both = True, {(row["kind"], row["index"]): row for row in listed}
-    print(
-        "\n| one effect | n | listed only | with compositions | lost, points (95 %) | target |\n|---|---|---|---|---|---|"
-    )
+    print("\n| one effect | n | listed only | with compositions | lost, points (95 %) | target |\n" + "|---" * 6 + "|")
     pairs = [(row, both[row["kind"], row["index"]]) for row in rows if row["kind"] == "single"]
     for told, what in (
         (detected, "the true side at least 1/2"),
@@ -256,6 +254,12 @@ def share(values) -> str:
     """Return a share with its n and 95 % interval."""
     held = [bool(one) for one in values]
     return targets.text_of(sum(held), len(held))
+
+
+def interval(values) -> tuple[float, float]:
+    """Return the 95 % interval of a share."""
+    held = [bool(one) for one in values]
+    return targets.interval(sum(held), len(held))
 
 
 def held(what: str, values, *, most: float = 1.0, least: float = 0.0) -> bool:
