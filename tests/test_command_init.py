@@ -118,10 +118,13 @@ def test_a_header_that_tells_too_little_tells_nothing(header):
 
 @pytest.mark.skipif(not DATA.is_dir(), reason=f"{DATA} is not there")
 def test_real_exports_are_drafted_with_what_they_tell(tmp_path, capsys):
-    files = [str(DATA / name) for name in ("moored/aqd9330.aqd", "cruise_eh2/raw/E0/top.000")]
+    names = ("moored/aqd9330.aqd", "cruise_eh2/raw/E0/top.000", "observatory/esk1980dhor.hor")
+    files = [str(DATA / name) for name in names]
     assert main(["init", *files, "--into", str(tmp_path / "new"), "--name", "X", *PLACE]) == 0
     told = draft(tmp_path / "new", "X")
     aquadopp, workhorse = told["instruments"]["aqd9330"], told["instruments"]["top"]
     assert aquadopp["format"] == "nortek" and aquadopp["attributes"] == {"serial_number": "AQD 9330"}
     assert workhorse["orientation"] == "down" and told["start"] == "2006-05-30T19:00:00Z"
     assert told["compromised"] == "top" and "reference" not in told  # no time in common
+    hourly = yaml.safe_load((tmp_path / "new/config/calibrations/esk1980dhor.yaml").read_text())
+    assert hourly["latitude"] == 65.3333  # as said: its header has none

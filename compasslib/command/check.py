@@ -151,7 +151,13 @@ def _span(seconds: float) -> str:
 def _depths(depth_m: Floats) -> str:
     known = depth_m[np.isfinite(depth_m)]
     low, high = np.quantile(known, [0.01, 0.99]) if len(known) else (np.nan, np.nan)
-    return "unknown" if not len(known) else f"{low:.0f} m" if round(low) == round(high) else f"{low:.0f}-{high:.0f} m"
+    return (
+        "unknown"
+        if not len(known)
+        else f"{round(low)} m"
+        if round(low) == round(high)
+        else f"{round(low)}-{round(high)} m"
+    )
 
 
 def _sectors(heading_deg: Floats) -> str:

@@ -18,7 +18,7 @@ from compasslib.config.draft import Place, Told
 from compasslib.core.errors import InputError
 from compasslib.core.records import Record
 from compasslib.core.types import Floats
-from compasslib.readers import headers, recognition
+from compasslib.readers import headers, iaga2002, recognition
 
 LEFT_OUT = ("config", "results")  # folders of a cruise that hold no exports
 NAMELESS = ("raw", "data", "exports", "")  # folders whose name tells no mooring
@@ -40,6 +40,7 @@ SILENT = ("table", "acm_table", "mmp_acm")  # formats that never tell to which n
 class Found:
     """What stands in the files, sorted by what it is to be."""
 
+    place: Place  # what the person said
     instruments: dict[str, dict[str, Told]] = field(default_factory=dict)  # mooring -> name -> what is told
     calibrations: dict[str, str] = field(default_factory=dict)  # name -> text
     series: dict[str, dict[str, object]] = field(default_factory=dict)  # covariates by name
@@ -54,8 +55,8 @@ def run(asked: Namespace) -> int:
     """
     root = Path(asked.into)
     paths = _given(asked.files)
-    found = _sorted(paths, root, asked.name)
     place = Place(asked.latitude, asked.longitude, asked.water_depth)
+    found = _sorted(paths, root, asked.name, Found(place))
     texts = {
         f"config/moorings/{name}.yaml": draft.mooring(name, told, found.series, place)
         for name, told in found.instruments.items()
@@ -99,8 +100,7 @@ def _links(paths: Iterable[Path], root: Path) -> dict[Path, Path]:
     return {link: path for link, path in ends.items() if not os.path.lexists(link)}
 
 
-def _sorted(paths: Sequence[Path], root: Path, name: str | None) -> Found:
-    found = Found()
+def _sorted(paths: Sequence[Path], root: Path, name: str | None, found: Found) -> Found:
     tables: dict[Path, headers.Meaning | None] = {}
     groups: dict[tuple[str, str, str], list[Path]] = {}
     for path in paths:
@@ -134,16 +134,33 @@ def _aside(path: Path, root: Path, form: str, table: headers.Meaning | None, fou
     file, name = _inside(path, root), _free(_name(path.stem), found.calibrations)
     if form == "iaga2002":
         found.series["declination_observatory"] = {"format": form, "files": [file]}
-        found.calibrations[name] = draft.calibration("declination", {"file": file}, {})
+        place, comments = ({}, {}) if _tells_place(path) else _place(found.place, "degrees, of the observatory")
+        found.calibrations[name] = draft.calibration("declination", {"file": file, **place}, comments)
     elif form == "nmea0183":
         found.calibrations[name] = draft.calibration("swing", {"file": file, "format": form}, {})
     elif table and table.kind == "series":
         found.series[_name(table.columns["value"])] = {"format": "table", "files": file, "columns": table.columns}
     elif table:
         columns = {role: header for role, header in table.columns.items() if role != header}
-        keys = {"file": file, **({"columns": columns} if columns else {}), "latitude": None, "longitude": None}
-        ask = f"{draft.DECIDE} degrees, where it was done; needed to carry it to a mooring, as the date is"
-        found.calibrations[name] = draft.calibration(table.kind, keys | {"date": None}, {"latitude": ask})
+        where = "degrees, where it was done; needed to carry it to a mooring, as the date is"
+        place, comments = _place(found.place, where)
+        keys = {"file": file, **({"columns": columns} if columns else {}), **place, "date": None}
+        found.calibrations[name] = draft.calibration(table.kind, keys, comments)
+
+
+def _place(said: Place, where: str) -> tuple[dict[str, object], dict[str, str]]:
+    """Return the keys of a calibration's place as the person said it, and the question where none was said."""
+    unsaid = None in (said.latitude, said.longitude)
+    keys: dict[str, object] = {"latitude": said.latitude, "longitude": said.longitude}
+    return keys, {"latitude": f"{draft.DECIDE} {where}"} if unsaid else {}
+
+
+def _tells_place(path: Path) -> bool:
+    try:
+        series = iaga2002.read([path])
+    except InputError:
+        return True  # a check refuses it in its own words
+    return bool(np.isfinite(series.latitude + series.longitude))
 
 
 def _told(form: str, files: Sequence[Path], root: Path, table: headers.Meaning | None, paths: Sequence[Path]) -> Told:
