@@ -164,6 +164,7 @@ def test_every_key_but_eight_has_a_default(cruise: Path) -> None:
             "format": "pd0", "files": ("raw/EG4/top.000",), "depth": None, "orientation": None,
             "declination_applied": None, "heading_alignment": None, "clock_offset_seconds": 0.0,
             "clock_drift_seconds": 0.0, "pressure_offset": 0.0, "direction_reference": "magnetic", "exclude": (),
+            "compass": None, "sphere": None,
             "attributes": {}, "columns": None, "pressure_files": (), "start_offset_seconds": 0.0,
             "bin_size": None, "first_bin": None, "delimiter": None, "decimal": None,
             "time_format": None, "timezone": None, "missing": (), "skip_rows": None,
@@ -421,7 +422,7 @@ BAD_LINES = [
     ("    depth: -100", "instruments.top.depth: expected metres from 0 to 12000, found -100; write it positive, in metres"),
     ("    depth: 1000", "instruments.top.depth: expected metres from 0 to the water depth, 894, found 1000; correct one of the two"),
     ("    orientation: upward", "instruments.top.orientation: expected up or down, found 'upward'; write for example orientation: up"),
-    ("    heading: 3", "instruments.top.heading: expected a key out of format, files, depth, orientation, declination_applied, heading_alignment, clock_offset_seconds, clock_drift_seconds, pressure_offset, direction_reference, exclude, attributes, columns, pressure_files, start_offset_seconds, bin_size, first_bin, delimiter, decimal, time_format, timezone, missing, skip_rows, found the unknown 'heading'; delete it, or indent it below the key that it belongs to"),
+    ("    heading: 3", "instruments.top.heading: expected a key out of format, files, depth, orientation, declination_applied, heading_alignment, clock_offset_seconds, clock_drift_seconds, pressure_offset, direction_reference, exclude, compass, sphere, attributes, columns, pressure_files, start_offset_seconds, bin_size, first_bin, delimiter, decimal, time_format, timezone, missing, skip_rows, found the unknown 'heading'; delete it, or indent it below the key that it belongs to"),
     ("    bin_size: 16", "instruments.top.bin_size: expected this key only with format pd12, found it with format pd0; delete it or correct the format"),
     ("    format: netcdf\n    columns: {speed: s, direction: d}", "instruments.top.columns.speed: expected this role only with tables, found it with format netcdf; delete it"),
     ("    format: mmp_acm\n    columns: {range: r}", "instruments.top.columns.range: expected this role only with format netcdf, found it with format mmp_acm; delete it"),
@@ -628,6 +629,27 @@ def test_two_moorings_whose_names_differ_in_capitals_alone_are_refused(cruise: P
     write(cruise, "config/moorings/M1.yaml", SHORTEST)
     write(cruise, "config/moorings/m1.yaml", SHORTEST.replace("M1", "m1"))
     assert "found 'm1', which config/moorings/M1.yaml has already in other letters" in message(cruise)
+
+
+SECOND = SHORTEST.replace("name: M1", "name: M2").replace("top.000}", "top.000, compass: wh1}")
+
+
+@pytest.mark.parametrize(
+    ("second", "expected"),
+    [
+        (SECOND, "instruments.top.compass: expected a compass that is in one place from 2007-09-04T00:00:00Z to 2008-10-04T00:00:00Z, found wh1 at EG4 (top), 2007-09-04T00:00:00Z to 2008-10-04T00:00:00Z; correct the dates, or give one of the two compasses another name"),
+        (SECOND.replace("wh1", "WH1"), "instruments.top.compass: expected a name that no other has in other letters, found 'WH1', and EG4 (top) has wh1; write both alike, or rename one"),
+        (SECOND + "fit: {method: calibration, name: aqd}\n", "fit.method: expected another method beside compass: wh1, by which calibrations of it come in already, found 'calibration'; delete fit here, and write compass: wh1 in the calibration's file"),
+    ],
+)
+def test_a_compass_is_in_one_place_at_a_time(cruise: Path, second: str, expected: str) -> None:
+    write(cruise, MOORING_FILE, MOORING.replace("    depth: 100 ", "    compass: wh1\n    depth: 100 "))
+    write(cruise, "config/moorings/M2.yaml", second)
+    place = "latitude: 1\nlongitude: 1\ndate: 2001-01-01\n"
+    write(cruise, "config/calibrations/aqd.yaml", f"kind: platform\nfile: raw/EG4/top.000\n{place}")
+    assert message(cruise) == f"config/moorings/M2.yaml: {expected}"
+    write(cruise, "config/moorings/M2.yaml", SECOND.replace("2007-", "2008-1").replace("10-04", "12-04").replace("2008-109-04", "2008-10-04"))
+    assert config.load(cruise).moorings["M2"].instruments["top"].compass == "wh1"
 
 
 @pytest.mark.parametrize("name", [b"a\xff.000", b"a\n.000", "a\u202e.000".encode()])

@@ -108,7 +108,7 @@ BAD = [
     ("file: raw/cal/aqd.csv\n", "kind: expected platform, swing, magnetometer, declination or two_heads, found nothing; add for example kind: platform"),
     ("kind: platform\n", "file: expected a path, a list of paths or a glob, relative to the cruise folder, found nothing; add for example file: raw/cal/aqd.csv"),
     ("kind: platform\nfile: raw/cal/no.csv\n", "file: expected an existing file, found no file raw/cal/no.csv; put it there or correct the path, relative to the cruise folder"),
-    (EXAMPLE + "depth: 3\n", "depth: expected a key out of kind, file, declination, latitude, longitude, date, withhold, table_step_deg, compare_with, format, columns, mounting_deg, budget, uncertainty, delimiter, decimal, time_format, timezone, missing, skip_rows, found the unknown 'depth'; delete it, or indent it below the key that it belongs to"),
+    (EXAMPLE + "depth: 3\n", "depth: expected a key out of kind, file, declination, latitude, longitude, date, withhold, table_step_deg, compare_with, compass, sphere, format, columns, mounting_deg, budget, uncertainty, delimiter, decimal, time_format, timezone, missing, skip_rows, found the unknown 'depth'; delete it, or indent it below the key that it belongs to"),
     (EXAMPLE.replace("48.4", "98.4"), "latitude: expected a number from -90 to 90, found 98.4; check the sign and the order of latitude and longitude"),
     (EXAMPLE.replace("latitude: 48.4\n", ""), "latitude: expected latitude beside longitude, found nothing; add latitude or delete longitude"),
     (EXAMPLE.replace("2022-09-29", "29.9.2022"), "date: expected a date or UTC time from 1980 to 2100, found '29.9.2022'; write for example date: 2022-09-29"),

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from compasslib import calibration as calibrations
+from compasslib.config import compasses
 from compasslib.config import cruise as config
 from compasslib.config.cruise import CALIBRATIONS
 from compasslib.config.schema import Mooring
@@ -75,6 +76,8 @@ def run(asked: Namespace) -> int:
             mistakes += seen.mistakes
     counts = ((cruise.moorings, "mooring"), (cruise.calibrations, "calibration"))
     ready = " and ".join(_counted(len(names), noun) for names, noun in counts if names)
+    for one in compasses.suggestions(cruise.moorings):
+        print(one)
     for one in mistakes:
         print(f"error: {one}", file=sys.stderr)
     print(f"{ready or 'nothing'}: ready" if not mistakes else "", end="\n" * (not mistakes))

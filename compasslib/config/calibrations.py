@@ -28,6 +28,8 @@ from compasslib.config.values import problem, shown
 from compasslib.readers import TABLE_KEYS
 
 HEADS = 2  # on one frame
+BETWEEN = ("compare_with", "compass", "sphere")  # keys that join a calibration to others: nothing to its own kind
+OF_ONE_COMPASS = ("platform", "swing", "magnetometer")  # kinds that tell the iron of one compass
 
 
 def _csv(value: Any) -> Any:
@@ -93,11 +95,24 @@ class CalibrationFile(KindKey):
     withhold: tuple[Text, ...] = key("a list of column names", "[heading_deg]", ())
     table_step_deg: Literal[10, 15] = key("10 or 15", "10", 10)
     compare_with: Name | None = key("the NAME of another file in config/calibrations", "before", None)
+    compass: Name | None = key("a name that all records of one compass carry", "wh8104", None)
+    sphere: Name | None = key("a name that all records in one sphere or frame carry", "sphere3", None)
 
     @property
     def placed(self) -> bool:
         """Whether the earth's field at the calibration is known, which carries it to a mooring."""
         return None not in (self.latitude, self.longitude, self.date_s)
+
+    @model_validator(mode="after")
+    def _a_compass_is_somewhere(self) -> Self:
+        for name in ("compass", "sphere"):
+            if getattr(self, name) is not None and self.kind not in OF_ONE_COMPASS:
+                expected = f"this key only with kind {', '.join(OF_ONE_COMPASS[:-1])} or {OF_ONE_COMPASS[-1]}"
+                raise problem(name, expected, f"it with kind {self.kind}", "delete it")
+        if self.compass is not None and not self.placed:
+            expected = f"latitude, longitude and date beside compass: {self.compass}, to carry its iron elsewhere"
+            raise problem("compass", expected, "none", "add them")
+        return self
 
     @model_validator(mode="after")
     def _position_is_whole(self) -> Self:
@@ -256,7 +271,7 @@ MODELS: dict[str, type[CalibrationFile]] = {
 def settings(file: CalibrationFile) -> dict[str, Any]:
     """Return what a kind is given: every key but those of the files, columns and keys of tables as far as given."""
     unset = {key for key in TABLE_KEYS if key not in file.model_fields_set}
-    plain = file.model_dump(mode="json", exclude={"kind", "files", "compare_with"} | unset)
+    plain = file.model_dump(mode="json", exclude={"kind", "files", *BETWEEN} | unset)
     columns = {role: header for role, header in plain.get("columns", {}).items() if header is not None}
     return {**plain, "columns": columns}
 

@@ -14,6 +14,7 @@ import yaml
 from pydantic import BaseModel, ValidationError
 from pydantic_core import PydanticCustomError
 
+from compasslib.config import compasses
 from compasslib.config.calibrations import MODELS, CalibrationFile, KindKey, check_comparisons
 from compasslib.config.paths import RawFolder
 from compasslib.config.schema import CruiseOptions, Mooring, allowed_keys
@@ -64,9 +65,11 @@ def load(cruise: Path, refuse: Callable[[InputError], None] = _raise) -> Cruise:
         except InputError as mistake:
             refuse(mistake)
     calibrations = _calibrations(cruise, place, refuse)
+    stays = compasses.calibrated(calibrations)
     for name, mooring in list(moorings.items()):
         try:
             _refuse_nowhere(mooring.fit.name, calibrations, files[name])
+            compasses.refuse_overlap(name, mooring, files[name], stays)
         except InputError as mistake:
             refuse(mistake)
             del moorings[name], files[name]

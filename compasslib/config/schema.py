@@ -274,6 +274,8 @@ class Instrument(TableKeys):
     pressure_offset: Number = key("dbar from -12000 to 12000", "0", 0.0, ge=-12000, le=12000)
     direction_reference: Reference = key("magnetic or true", "magnetic", "magnetic")
     exclude: tuple[Exclusion, ...] = key("a list of windows", "[{from: 2007-10-01, to: 2007-10-02, why: fouled}]", ())
+    compass: Name | None = key("a name that all records of one compass carry", "wh8104", None)
+    sphere: Name | None = key("a name that all records in one sphere or frame carry", "sphere3", None)
     attributes: Attributes = key(_ATTRIBUTES_WORDS, "{serial_number: 1234}", {})
     columns: Columns | None = key("a mapping", "{time: time_utc, east: u_m_s, north: v_m_s}", None)
     pressure_files: Files = key(_FILES_WORDS, "raw/EG4/C*.TXT", ())
@@ -407,6 +409,15 @@ class Mooring(Section):
             raise problem("reference", "another instrument than compromised", shown(self.compromised), advice)
         if twice := [name for name in self.reference if self.reference.count(name) > 1]:
             raise problem("reference", "each name once", f"{shown(twice[0])} twice", "delete one of the two")
+        return self
+
+    @model_validator(mode="after")
+    def _compass_is_not_calibrated_twice(self) -> Self:
+        name = self.instruments[self.compromised].compass
+        if name is not None and self.fit.method == "calibration":
+            advice = f"delete fit here, and write compass: {name} in the calibration's file"
+            expected = f"another method beside compass: {name}, by which calibrations of it come in already"
+            raise problem("fit.method", expected, shown("calibration"), advice)
         return self
 
     @model_validator(mode="after")
