@@ -1,6 +1,7 @@
-"""The README's pictures, made by the code that it describes.
+"""The pictures of the README and of docs, made by the code that they describe.
 
     python benchmarks/pictures.py            after make run
+    python benchmarks/pictures.py CRUISE     those of the tutorial, of its cruise once run
 
 docs/currents.png shows the currents of EG4 of the demonstration cruise before and after, docs/eg4_deviation.png and
 docs/eg4_scatter.png are other figures of it; docs/diagnosis.png is the diagnosis of a simulated year with two effects,
@@ -11,6 +12,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -25,7 +27,14 @@ from compasslib.stages import pipeline
 PROJECT = Path(__file__).resolve().parents[1]
 CURRENTS = ("sticks", "progressive", "roses")
 OF_EG4 = {"deviation.png": "eg4_deviation.png", "scatter.png": "eg4_scatter.png"}
+OF_TUTORIAL = ("sticks", "progressive", "deviation", "scatter")
 LEFT_OUT = {"temperature": 2.5, "sextantal": 2.0}  # visible degrees, rms
+
+
+def of_tutorial(cruise: Path) -> None:
+    """Copy the figures of the tutorial's mooring."""
+    for name in OF_TUTORIAL:
+        shutil.copyfile(cruise / f"results/E1/figures/{name}.png", PROJECT / f"docs/tutorial/{name}.png")
 
 
 def main() -> None:
@@ -51,4 +60,4 @@ def beside(path: Path, figures: Sequence[Path]) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    of_tutorial(Path(sys.argv[1])) if len(sys.argv) > 1 else main()

@@ -46,7 +46,7 @@ SCATTERED_DEG, OTHER_DAYS, FEWEST_OF_OTHER_DAYS = 35.0, 12, 200
 SURE_SIGMAS = 2.0  # of a growth of the rms
 SERIES = {
     "series_in_correct": "the Fourier series in correct heading",
-    "series_in_recorded": "the Fourier series in recorded heading",
+    "series_in_recorded": "that in recorded heading",
 }
 WATER = ("mean_of_bins", "predicted")  # by the profile: rms of one component at the trusted depth
 FORM_PAIRS = 1500  # as many pairs, evenly taken, tell the forms apart; more only take longer
@@ -216,14 +216,15 @@ def forms_line(name: str, compared: dict[str, Any] | None) -> str:
     """
     if compared is None:
         return f"{name}: forms of the curve not compared (no exact fit, or too few pairs)"
-    return "\n".join(f"{name}: cross-validation: {_beside_exact(series, compared[series])}" for series in SERIES)
+    judged = [f"{words} predicts {_judged(compared[series])}" for series, words in SERIES.items()]
+    return f"{name}: cross-validation: {', '.join(judged)}, in log score per pair"
 
 
-def _beside_exact(series: str, score: dict[str, Any]) -> str:
+def _judged(score: dict[str, Any]) -> str:
     """Return how a series predicts held-out pairs, beside the exact compass."""
     difference, sigma = score["minus_exact"], score["minus_exact_sigma"]
     how = "as well as" if abs(difference) < SURE_SIGMAS * sigma else "worse than" if difference < 0.0 else "better than"
-    return f"{SERIES[series]} predicts {how} the exact compass ({difference:+.3f} ± {sigma:.3f} per pair)"
+    return f"{how} the exact compass ({difference:+.3f} ± {sigma:.3f})"
 
 
 def _agreement(east: Floats, north: Floats, pairs: Pairs) -> dict[str, Any]:
