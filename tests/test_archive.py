@@ -604,12 +604,15 @@ def test_every_unit_is_one_of_udunits(tmp_path, corrected_nc):
         (-60.0, "a mounting offset or a mistake"),
     ],
 )
-def test_a_constant_that_is_the_declination_is_said_in_these_words(turned, expected):
+def test_a_constant_that_is_the_declination_is_said_in_these_words(tmp_path, turned, expected):
     """The trusted directions lie so far too much clockwise: A = tan of it, as the exact compass has it."""
     fit = {"unit": "1", "folded": False, "covariance": np.diag(np.full(5, 0.01**2)).tolist()}
     fit |= {"coefficients": {"A": float(np.tan(np.deg2rad(turned)))}}
     if abs(turned) > 90.0:  # only the series, in degrees, can be turned by more than a quarter
         fit |= {"unit": "degrees", "coefficients": {"A": turned}, "covariance": np.eye(5).tolist()}
+    netcdf.write_json(tmp_path / "deviation.json", fit)
+    netcdf.write_json(tmp_path / "work/field.json", {"declination_deg": [18.0, 18.1]})
+    assert [expected in one for one in summary.constant(tmp_path, [])] == [True]
     (said,) = summary._constant(fit, {"declination_deg": [18.0, 18.1]}, {"top": 0.0, "deep": 45.0})
     assert expected in said and said.startswith("the fit holds a constant of ") and "EB" not in said
     (said,) = summary._constant(fit, {"declination_deg": [0.0, 0.1]}, {"top": turned + 1.0, "deep": 0.0})

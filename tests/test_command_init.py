@@ -33,7 +33,12 @@ def test_a_folder_of_exports_becomes_a_cruise_that_is_ready(tmp_path, capsys):
     assert {"east", "north", "time", "scale"} <= set(mooring["instruments"]["deep"]["columns"])
     assert (new / "raw/M1/top.000").resolve() == made / "raw/M1/top.000"
     capsys.readouterr()
-    assert main(["check", str(new)]) == 0 and "2 moorings: ready" in capsys.readouterr().out
+    assert main(["check", str(new)]) == 0
+    said = capsys.readouterr().out
+    assert "2 moorings: ready" in said and "M1.yaml: 6 values still to decide" in said
+    path = new / "config/moorings/M1.yaml"
+    path.write_text(path.read_text().replace("DECIDE:", ""))
+    assert main(["check", str(new)]) == 0 and "M1.yaml: " not in capsys.readouterr().out
 
 
 def test_what_the_files_cannot_tell_is_asked_and_refused_until_it_is_decided(tmp_path, capsys):

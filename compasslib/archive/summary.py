@@ -70,6 +70,12 @@ def row(name: str, folder: str | Path, roles: Iterable[str] | None = None) -> di
     }
 
 
+def constant(folder: Path, roles: Iterable[str] | None) -> list[str]:
+    """Return what a large constant between a mooring's instruments may be; nothing where it is none."""
+    fit, field = (netcdf.read_json(folder / file) for file in ("deviation.json", "work/field.json"))
+    return _constant(fit, field, _taken_out(records(folder, roles)))
+
+
 def row_of_stopped(name: str, why: str) -> dict[str, Any]:
     """Return the row of a mooring that was stopped: no numbers, the verdict ``stopped`` and the reason as a warning."""
     return dict.fromkeys(COLUMNS, None) | {"name": name, "verdict": STOPPED, "warnings": why}

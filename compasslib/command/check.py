@@ -17,6 +17,7 @@ import numpy as np
 from compasslib import calibration as calibrations
 from compasslib.config import compasses
 from compasslib.config import cruise as config
+from compasslib.config import draft
 from compasslib.config.cruise import CALIBRATIONS
 from compasslib.config.schema import Mooring
 from compasslib.core import earthfield
@@ -108,8 +109,14 @@ def _mooring(name: str, planned: plan.Plan) -> Seen:
             lines += _of_pairs(name, rules, [records[role] for role in roles])
         except InputError as error:
             mistakes.append(f"{name}: {error}")
+    lines += _undecided(cruise.root, cruise.mooring_files[name])
     lines += [f"  ! {role}: {text}" for role, record in records.items() for text in record.warnings]
     return Seen(tuple(lines), tuple(mistakes))
+
+
+def _undecided(root: Path, file: str) -> list[str]:
+    count = draft.decisions((root / file).read_text("utf-8"))
+    return [f"  ! {file}: {_counted(count, 'value')} still to decide; a run takes what is written"] * bool(count)
 
 
 def _calibration(name: str, planned: plan.Plan) -> Seen:
