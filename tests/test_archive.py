@@ -7,6 +7,7 @@ import datetime
 import hashlib
 import json
 import time
+from pathlib import Path
 
 import netCDF4
 import numpy as np
@@ -15,7 +16,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from compasslib.archive import attributes as archive_attributes
-from compasslib.archive import layout, netcdf, summary
+from compasslib.archive import layout, netcdf, page, summary
 from compasslib.core import angles, records
 from compasslib.core.errors import InputError
 from compasslib.core.records import BAD, GOOD, MISSING, PROBABLY_GOOD, Pairs, Record
@@ -407,8 +408,14 @@ def test_the_product_holds_what_was_measured_and_nothing_else(tmp_path):
                 and nc[name].declination_degrees.tolist() == [-17.5] * 2
             )
             assert nc[name].declination_date == "2007-09-05T13:46:40Z/2007-09-08T08:06:40Z"
+        assert {name for name in layout.CORRECTED if f"{name}_QC" in nc.variables} == set(layout.FLAGGED)
     with netCDF4.Dataset(write(tmp_path / "without.nc")) as nc:
         assert {*layout.PERHAPS, "BEAM"} & {*nc.variables} == {"TEMPERATURE"} and "HEADING_TRUE" in nc.variables
+
+
+def test_the_table_of_the_product_s_page_is_not_stale():
+    page_file = Path(__file__).resolve().parents[1] / "docs/reference/product.md"
+    assert page.table() in page_file.read_text(), "replace its table by what python -m compasslib.archive.page prints"
 
 
 def test_a_decade_in_pieces_is_written_as_in_one(tmp_path):

@@ -23,7 +23,7 @@ from compasslib import calibration
 from compasslib.archive import calibrations, summary
 from compasslib.calibration import content
 from compasslib.calibration.curves import BenchReadings
-from compasslib.command import folders, main, versions
+from compasslib.command import _parser, folders, main, versions
 from compasslib.stages import pipeline
 
 DIAGNOSED = {
@@ -68,7 +68,19 @@ def test_help_names_the_commands_and_imports_nothing_heavy():
         "    print([m for m in ('numpy', 'pydantic', 'yaml', 'netCDF4', 'scipy') if m in sys.modules])\n"
     )
     ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert all(name in ran.stdout for name in ("check", "correct", "explain", "diff")) and ran.stdout.endswith("[]\n")
+    assert all(
+        name in ran.stdout for name in ("check", "correct", "explain", "export", "diff")
+    ) and ran.stdout.endswith("[]\n")
+
+
+@pytest.mark.parametrize("name", ["check", "init", "correct", "explain", "export", "diff"])
+def test_help_of_each_command_ends_with_an_example_that_it_takes(capsys, name):
+    with pytest.raises(SystemExit) as ended:
+        main([name, "--help"])
+    told = capsys.readouterr().out.rstrip().splitlines()
+    assert ended.value.code == 0 and told[-2] == "example:"
+    words = told[-1].split()
+    assert words[:2] == ["compass", name] and _parser().parse_args(words[1:]).command == name
 
 
 def test_help_costs_less_than_a_fifth_of_a_second():
@@ -108,6 +120,8 @@ def test_check_says_what_each_mooring_has(tmp_path, capsys):
     ]
     assert "  with deep: 5 pairs over 0 days, 10.2 m apart, " in lines[5]
     assert any("no reference, so nothing is corrected" in line for line in lines) and lines[-1] == "2 moorings: ready"
+    told = lines.index("3 warnings:")
+    assert [line.split(":")[0] for line in lines[told + 1 : -1]] == ["  M1 top", "  M1 deep", "  M2 top"]
     assert not (folder / "results").exists()
 
 
@@ -145,6 +159,9 @@ def test_correct_writes_beside_the_workflow_s_results(tmp_path, capsys):
     assert main(["correct", "M1", "--cruise", str(folder)]) == 0
     out, err = capsys.readouterr()
     assert out.strip() == str(folder / "corrected/M1") and "60 of 60 headings corrected" in err
+    stages, warnings = re.split(r"\d+ warnings?:\n", err)
+    assert "warning" not in stages and all(line.startswith("  M1") for line in warnings.splitlines())
+    assert "  M1 top: pitch and roll never change: " in warnings
     assert main(["explain", "M1", "--cruise", str(folder)]) == 0
     assert "M1: insufficient" in capsys.readouterr().out
     assert "expected a folder that is not there yet" in refused(capsys, "correct", "M1", "--cruise", str(folder))

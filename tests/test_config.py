@@ -637,9 +637,18 @@ SECOND = SHORTEST.replace("name: M1", "name: M2").replace("top.000}", "top.000, 
 @pytest.mark.parametrize(
     ("second", "expected"),
     [
-        (SECOND, "instruments.top.compass: expected a compass that is in one place from 2007-09-04T00:00:00Z to 2008-10-04T00:00:00Z, found wh1 at EG4 (top), 2007-09-04T00:00:00Z to 2008-10-04T00:00:00Z; correct the dates, or give one of the two compasses another name"),
-        (SECOND.replace("wh1", "WH1"), "instruments.top.compass: expected a name that no other has in other letters, found 'WH1', and EG4 (top) has wh1; write both alike, or rename one"),
-        (SECOND + "fit: {method: calibration, name: aqd}\n", "fit.method: expected another method beside compass: wh1, by which calibrations of it come in already, found 'calibration'; delete fit here, and write compass: wh1 in the calibration's file"),
+        (
+            SECOND,
+            "instruments.top.compass: expected a compass that is in one place from 2007-09-04T00:00:00Z to 2008-10-04T00:00:00Z, found wh1 at EG4 (top), 2007-09-04T00:00:00Z to 2008-10-04T00:00:00Z; correct the dates, or give one of the two compasses another name",
+        ),
+        (
+            SECOND.replace("wh1", "WH1"),
+            "instruments.top.compass: expected a name that no other has in other letters, found 'WH1', and EG4 (top) has wh1; write both alike, or rename one",
+        ),
+        (
+            SECOND + "fit: {method: calibration, name: aqd}\n",
+            "fit.method: expected another method beside compass: wh1, by which calibrations of it come in already, found 'calibration'; delete fit here, and write compass: wh1 in the calibration's file",
+        ),
     ],
 )
 def test_a_compass_is_in_one_place_at_a_time(cruise: Path, second: str, expected: str) -> None:
@@ -648,7 +657,11 @@ def test_a_compass_is_in_one_place_at_a_time(cruise: Path, second: str, expected
     place = "latitude: 1\nlongitude: 1\ndate: 2001-01-01\n"
     write(cruise, "config/calibrations/aqd.yaml", f"kind: platform\nfile: raw/EG4/top.000\n{place}")
     assert message(cruise) == f"config/moorings/M2.yaml: {expected}"
-    write(cruise, "config/moorings/M2.yaml", SECOND.replace("2007-", "2008-1").replace("10-04", "12-04").replace("2008-109-04", "2008-10-04"))
+    write(
+        cruise,
+        "config/moorings/M2.yaml",
+        SECOND.replace("2007-", "2008-1").replace("10-04", "12-04").replace("2008-109-04", "2008-10-04"),
+    )
     assert config.load(cruise).moorings["M2"].instruments["top"].compass == "wh1"
 
 

@@ -19,11 +19,14 @@ import signal
 import sys
 from collections.abc import Sequence
 from importlib import import_module
+from typing import Any
 
 from compasslib import __version__
 from compasslib.core.errors import InputError
 
 FAILED, INTERRUPTED = 1, 130
+FORMS = ("csv", "mat", "pd0", "oceansites")  # of compass export
+AS_WRITTEN = argparse.RawDescriptionHelpFormatter
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -68,10 +71,15 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"compass {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
-    check = commands.add_parser("check", help="are config and raw files usable? Nothing is run")
+    check = _command(commands, "check", "are config and raw files usable? Nothing is run", "my_cruise")
     check.add_argument("cruise", metavar="CRUISE", nargs="?", default=".", help="cruise folder (default: this one)")
 
-    init = commands.add_parser("init", help="draft config and YAML files from what exports hold")
+    init = _command(
+        commands,
+        "init",
+        "draft config and YAML files from what exports hold",
+        "exports/EG4 --into my_cruise --latitude 65.33 --longitude -32.96 --water-depth 894",
+    )
     init.add_argument("files", metavar="FILE", nargs="+", help="exports, or folders of them; one folder a mooring")
     init.add_argument("--into", default=".", metavar="CRUISE", help="cruise folder (default: this one)")
     init.add_argument("--name", help="all instruments are of this mooring (default: one mooring a folder)")
@@ -79,24 +87,44 @@ def _parser() -> argparse.ArgumentParser:
     init.add_argument("--longitude", type=float, help="degrees east, west negative")
     init.add_argument("--water-depth", type=float, help="m")
 
-    correct = commands.add_parser("correct", help="correct one mooring in this process, without Snakemake")
+    correct = _command(
+        commands, "correct", "correct one mooring in this process, without Snakemake", "EG4 --cruise my_cruise"
+    )
     correct.add_argument("mooring", metavar="MOORING", help="its name")
     correct.add_argument("--cruise", default=".", help="cruise folder (default: this one)")
     correct.add_argument(
         "--into", metavar="FOLDER", help="new folder of its results (default: CRUISE/corrected/MOORING)"
     )
 
-    explain = commands.add_parser("explain", help="the diagnosis of one mooring in words")
+    explain = _command(commands, "explain", "the diagnosis of one mooring in words", "EG4 --cruise my_cruise")
     explain.add_argument("mooring", metavar="MOORING", help="its name, or the folder of its results")
     explain.add_argument("--cruise", default=".", help="cruise folder (default: this one)")
 
-    export = commands.add_parser("export", help="a corrected record in the form that others read")
+    export = _command(
+        commands,
+        "export",
+        "a corrected record in the form that others read",
+        "EG4 --cruise my_cruise --to pd0 --into to_deposit",
+    )
     export.add_argument("mooring", metavar="MOORING", help="its name")
     export.add_argument("--cruise", default=".", help="cruise folder (default: this one)")
-    export.add_argument("--to", required=True, choices=("csv", "mat", "pd0", "oceansites"), help="the form")
+    export.add_argument(
+        "--to",
+        required=True,
+        choices=FORMS,
+        help="csv: a row a sample and bin; mat: MATLAB's structures; pd0: the raw file with corrected headings; "
+        "oceansites: corrected.nc under its OceanSITES name",
+    )
     export.add_argument("--into", metavar="FOLDER", help="folder of the files (default: CRUISE/export)")
 
-    diff = commands.add_parser("diff", help="what changed between two runs, mooring by mooring")
+    diff = _command(commands, "diff", "what changed between two runs, mooring by mooring", "results_before my_cruise")
     for place in ("old", "new"):
         diff.add_argument(place, metavar=place.upper(), help="cruise folder, folder of results, or of one mooring's")
     return parser
+
+
+def _command(commands: Any, name: str, what: str, example: str) -> argparse.ArgumentParser:
+    made: argparse.ArgumentParser = commands.add_parser(
+        name, help=what, description=what, epilog=f"example:\n  compass {name} {example}", formatter_class=AS_WRITTEN
+    )
+    return made

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from compasslib import calibration as calibrations
+from compasslib.command import gathered
 from compasslib.config import compasses
 from compasslib.config import cruise as config
 from compasslib.config import draft
@@ -55,15 +56,17 @@ class Seen:
 
     lines: tuple[str, ...]
     mistakes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
 
 
 def run(asked: Namespace) -> int:
-    """Print what each mooring and calibration has, and every mistake; return 1 where there is one.
+    """Print what each mooring and calibration has, then all warnings and every mistake; return 1 where there is one.
 
     Raises:
         InputError: config/config.yaml cannot be used.
     """
     wrong: list[InputError] = []
+    warnings: list[str] = []
     cruise = config.load(Path(asked.cruise), wrong.append)
     planned = plan.plan(cruise, Path())
     mistakes = [str(one) for first in wrong for one in (first, *first.others)]
@@ -75,10 +78,12 @@ def run(asked: Namespace) -> int:
         for seen in pool.map(_opened, *zip(*((job, name, planned) for job, name in jobs), strict=True)) if jobs else ():
             print("\n".join(seen.lines), flush=True)
             mistakes += seen.mistakes
+            warnings += seen.warnings
     counts = ((cruise.moorings, "mooring"), (cruise.calibrations, "calibration"))
     ready = " and ".join(_counted(len(names), noun) for names, noun in counts if names)
     for one in compasses.suggestions(cruise.moorings):
         print(one)
+    gathered.tell(warnings, sys.stdout)
     for one in mistakes:
         print(f"error: {one}", file=sys.stderr)
     print(f"{ready or 'nothing'}: ready" if not mistakes else "", end="\n" * (not mistakes))
@@ -96,7 +101,7 @@ def _mooring(name: str, planned: plan.Plan) -> Seen:
     cruise, rules = planned.cruise, planned.moorings
     mooring, roles = cruise.moorings[name], rules.roles([name])[name]
     records: dict[str, Record] = {}
-    mistakes, rows = [], [HEAD]
+    mistakes, warnings, rows = [], list[str](), [HEAD]
     for role in roles:
         try:
             record = records[role] = read.record_of(**reading(rules, Job(name, role)))
@@ -106,17 +111,18 @@ def _mooring(name: str, planned: plan.Plan) -> Seen:
     lines = [_title(name, mooring), *_table(rows)]
     if not mistakes:
         try:
-            lines += _of_pairs(name, rules, [records[role] for role in roles])
+            pairs = _of_pairs(name, rules, [records[role] for role in roles])
+            lines, warnings = [*lines, *pairs.lines], [*pairs.warnings]
         except InputError as error:
             mistakes.append(f"{name}: {error}")
-    lines += _undecided(cruise.root, cruise.mooring_files[name])
-    lines += [f"  ! {role}: {text}" for role, record in records.items() for text in record.warnings]
-    return Seen(tuple(lines), tuple(mistakes))
+    of_records = (f"{name} {role}: {text}" for role, record in records.items() for text in record.warnings)
+    undecided = _undecided(cruise.root, cruise.mooring_files[name])
+    return Seen(tuple(lines), tuple(mistakes), (*undecided, *of_records, *warnings))
 
 
 def _undecided(root: Path, file: str) -> list[str]:
     count = draft.decisions((root / file).read_text("utf-8"))
-    return [f"  ! {file}: {_counted(count, 'value')} still to decide; a run takes what is written"] * bool(count)
+    return [f"{file}: {_counted(count, 'value')} still to decide; a run takes what is written"] * bool(count)
 
 
 def _calibration(name: str, planned: plan.Plan) -> Seen:
@@ -183,25 +189,26 @@ def _directions(record: Record, applied: float | None) -> str:
     return f"magnetic, {applied:+.2f} taken out" if applied else "magnetic, none taken out"
 
 
-def _of_pairs(name: str, rules: plan.Moorings, records: Sequence[Record]) -> list[str]:
+def _of_pairs(name: str, rules: plan.Moorings, records: Sequence[Record]) -> Seen:
     job = Job(name)
     along = earthfield.along_time(**rules.place_and_declination(job))
     east = np.quantile(along.declination_deg, [0.0, 1.0])
     lines = [f"  declination {east[0]:+.2f} to {east[1]:+.2f} degrees ({along.source})"]
+    warnings = [f"{name}: {text}" for text in along.warnings]
     asked = overlap.Rules(**rules.pairing_rules(job) | {"predict": False})
     for role, trusted in zip(rules.roles([name])[name][1:], records[1:], strict=True):
         clocks = overlap.clocks(records[0], [trusted], asked)
-        lines.append(f"  with {role}: {_pairs(overlap.find(records[0], [trusted], along, asked, clocks))}")
-    return lines
+        pairs = overlap.find(records[0], [trusted], along, asked, clocks)
+        lines.append(f"  with {role}: {_pairs(pairs)}")
+        warnings += [f"{name} with {role}: {text}" for text in pairs.warnings]
+    return Seen(tuple(lines), warnings=tuple(warnings))
 
 
 def _pairs(pairs: Pairs) -> str:
     if not len(pairs):
-        return "no pairs" + "".join(f"; {text}" for text in pairs.warnings)
+        return "no pairs"
     days, apart = np.ptp(pairs.time_s) / DAY_S, np.median(np.abs(pairs.lower_depth_m - pairs.upper_depth_m))
-    return f"{len(pairs)} pairs over {days:.0f} days, {apart:.1f} m apart, {_sectors(pairs.heading_deg)}" + "".join(
-        f"; {text}" for text in pairs.warnings
-    )
+    return f"{len(pairs)} pairs over {days:.0f} days, {apart:.1f} m apart, {_sectors(pairs.heading_deg)}"
 
 
 def _table(rows: Iterable[tuple[str, ...]]) -> list[str]:

@@ -13,7 +13,7 @@ import numpy as np
 from compasslib.archive import export, provenance
 from compasslib.archive.files import opened, read_series, replacing, write_json
 from compasslib.archive.netcdf import DAYS_1950_TO_1970, TIME_DECIMALS
-from compasslib.command import folders
+from compasslib.command import folders, gathered
 from compasslib.config import cruise as config
 from compasslib.core import angles
 from compasslib.core.errors import InputError
@@ -90,12 +90,16 @@ def _pd0(asked: Namespace, source: Path, into: Path) -> list[Path]:
     product = _Product(asked.mooring, source, plan.plan(loaded, Path()).moorings)
     names = _names(asked.mooring, product.files)
     targets = _free(into, *names, *(f"{name}.json" for name in names))
+    flagged: list[str] = []
     with ExitStack() as whole:
         halves = [whole.enter_context(replacing(file)) for file in targets]
         for file, half, beside in zip(product.files, halves, halves[len(names) :], strict=False):
             became = rewrite.rewrite(loaded.root / file, half, product.turn)
             write_json(beside, product.note(file, became, half))
+            if became.flagged:
+                flagged.append(f"{file}: {became.flagged} ensembles have no corrected heading and were flagged")
         product.refuse_missing()
+    gathered.tell(flagged)
     return targets
 
 

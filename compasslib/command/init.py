@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import sys
 from argparse import Namespace
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -13,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from compasslib import readers
+from compasslib.command import gathered
 from compasslib.config import draft
 from compasslib.config.draft import Place, Told
 from compasslib.core.errors import InputError
@@ -61,13 +61,14 @@ def run(asked: Namespace) -> int:
         f"config/moorings/{name}.yaml": draft.mooring(name, told, found.series, place)
         for name, told in found.instruments.items()
     } | {f"config/calibrations/{name}.yaml": text for name, text in found.calibrations.items()}
-    for line in found.left:
-        print(f"left out: {line}", file=sys.stderr)
+    left = [f"left out: {line}" for line in found.left]
     if not texts:
+        gathered.tell(left)
         raise InputError(", ".join(asked.files), expected="exports of instruments", found="none", advice="name others")
     config = {"config/config.yaml": draft.CONFIG.format(moorings="config/moorings" if found.instruments else "[]")}
     _write(root, _links(paths, root), texts, {} if (root / "config/config.yaml").exists() else config)
     _say(root, texts)
+    gathered.tell(left)
     return 0
 
 
