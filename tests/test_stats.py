@@ -1,11 +1,11 @@
-"""Statistics: the minimiser, robust widths, correlated noise and its whitening."""
+"""Statistics: the minimiser, robust widths, blocks, correlated noise and its whitening."""
 
 import numpy as np
 import pytest
 
 from compasslib.core import angles
 from compasslib.simulation.pairs import red_from_rest as red_noise
-from compasslib.stats import arma, autocorrelation, bfgs, robust, whitening
+from compasslib.stats import arma, autocorrelation, bfgs, blocks, robust, whitening
 
 TIME_S = 1.19e9 + 3600.0 * np.arange(4000)
 
@@ -131,3 +131,26 @@ def test_filtered_noise_of_a_law_is_white():
     assert np.std(white) == pytest.approx(1.0, abs=0.02)
     assert abs(np.mean(white[1:] * white[:-1])) < 0.01
     np.testing.assert_allclose(np.sum(white**2, axis=0), np.sum(np.linalg.solve(root, drawn) ** 2, axis=0), rtol=0.01)
+
+
+def test_jackknife_is_that_of_refits_without_each_block():
+    rng = np.random.default_rng(5)
+    rows, block = rng.normal(size=(60, 3)), rng.integers(0, 6, 60)
+    observed = rows @ [1.0, -2.0, 0.5] + rng.normal(size=60)
+    whole = np.linalg.lstsq(rows, observed)[0]
+    pulls = rows * (observed - rows @ whole)[:, None]
+    moved = np.array([np.linalg.lstsq(rows[block != b], observed[block != b])[0] - whole for b in range(6)])
+    expected = moved.T @ moved * 5.0 / 6.0
+    np.testing.assert_allclose(blocks.jackknife(rows, pulls, block, rows.T @ rows), expected, rtol=1e-9)
+
+
+def test_blocks_that_are_alike_make_scores_uneven():
+    rng = np.random.default_rng(6)
+    block, basis = np.repeat(np.arange(200), 25), np.full((5000, 1), 5000**-0.5)
+    each, shared = rng.normal(size=5000), rng.normal(size=200)[block]
+    np.testing.assert_array_equal(blocks.sums(each[:, None], np.repeat([3, 0], 2500))[:, 0] != 0.0, [True, True])
+    ratio, count = blocks.unevenness(basis, each, block, 1.0)
+    assert count == pytest.approx(200.0)
+    assert ratio == pytest.approx(1.0, abs=0.3)  # three standard errors of 200 squares
+    ratio, _ = blocks.unevenness(basis, shared, block, 1.0)
+    assert ratio == pytest.approx(25.0, rel=0.3)
