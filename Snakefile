@@ -19,7 +19,7 @@ try:
     guard.enter(Path.cwd(), Path(workflow.current_basedir))
     CRUISE = load(Path.cwd())
     PLAN = plan.plan(CRUISE, Path(workflow.current_basedir) / "workflow/scripts")
-    MOORINGS, CALIBRATIONS = PLAN.moorings, PLAN.calibrations
+    MOORINGS, CALIBRATIONS, COMPASSES = PLAN.moorings, PLAN.calibrations, PLAN.compasses
     SIMULATED = running.prepare(workflow, PLAN)
 except InputError as error:
     logger.error(f"error: {error}")
@@ -29,6 +29,7 @@ except InputError as error:
 wildcard_constraints:
     mooring=plan.only(CRUISE.moorings),
     calibration=plan.only(CRUISE.calibrations),
+    compass=plan.only(COMPASSES.members),
     role="[A-Za-z0-9_.-]+",
 
 
@@ -124,6 +125,8 @@ rule diagnose:
     params:
         options=MOORINGS.diagnose,
         code=MOORINGS.code("diagnose.py"),
+    wildcard_constraints:
+        mooring=plan.only(COMPASSES.others),
     log:
         "results/{mooring}/logs/diagnose.log",
     benchmark:
@@ -249,6 +252,7 @@ rule report:
         PLAN.table,
         PLAN.of(*(f"figures/{figure}.png" for figure in FIGURES), "work/pictures.json"),
         PLAN.calibrated,
+        COMPASSES.shown,
         MOORINGS.templates(),
     output:
         page="results/report.html",
@@ -256,6 +260,7 @@ rule report:
         attributes=CRUISE.options.attributes,
         moorings=PLAN.described,
         calibrations=PLAN.calibration_names,
+        compasses=COMPASSES.listed,
         stopped=PLAN.reasons,
         code=MOORINGS.code("report.py"),
     log:
@@ -267,6 +272,7 @@ rule report:
 
 
 include: "workflow/rules/calibrations.smk"
+include: "workflow/rules/compasses.smk"
 include: "workflow/rules/provenance.smk"
 
 

@@ -12,7 +12,18 @@ LIBRARY = sorted((PROJECT / "compasslib").rglob("*.py"))
 SCRIPTS = sorted((PROJECT / "workflow/scripts").glob("*.py"))
 # From the ground up: a room imports from rooms before it, and from itself.
 ROOMS = [
-    *("core", "stats", "readers", "preparation", "observatory", "effects", "deviation", "calibration", "search"),
+    *(
+        "core",
+        "stats",
+        "readers",
+        "preparation",
+        "observatory",
+        "effects",
+        "deviation",
+        "calibration",
+        "search",
+        "joint",
+    ),
     *("config", "archive", "run", "plots", "report", "stages", "command"),
 ]
 FLOOR = {room: k for k, room in enumerate(ROOMS)}

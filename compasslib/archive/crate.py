@@ -25,7 +25,7 @@ from compasslib.core.errors import InputError
 FOLDER = "results"
 FILE = f"{FOLDER}/ro-crate-metadata.json"
 LOCK = "requirements/run.txt"
-RECORDS = ("logs/*.json", "*/logs/*.json", "calibrations/*/logs/*.json")  # below results/
+RECORDS = ("logs/*.json", "*/logs/*.json", "calibrations/*/logs/*.json", "compasses/*/logs/*.json")  # below results/
 PROFILE = "https://w3id.org/ro/wfrun/process/0.5"
 CONTEXT = ["https://w3id.org/ro/crate/1.1/context", "https://w3id.org/ro/terms/workflow-run/context"]
 FORMATS = {

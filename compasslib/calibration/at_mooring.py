@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -32,22 +33,28 @@ def carried(content: Mapping[str, Any], field: EarthField, record: Record, pairs
     if why:
         return Fit(METHOD, len(pairs), why=f"calibration {content['name']}: {why}")
     there = _carry(content, field)
-    folded = not compass.turns_full_circle(there.coefficients)
-    seen = Fit(METHOD, len(pairs), there.coefficients, there.covariance)
-    off = model.residual(seen, pairs)
+    noise = Noise(compass_deg=float(np.clip(content["residual_rms_deg"] or 0.0, LEAST_NOISE_DEG, MOST_NOISE_DEG)))
+    fit = Fit(METHOD, len(pairs), there.coefficients, there.covariance, noise=noise, warnings=_warnings(content, there))
+    return held_against(fit, record, pairs)
+
+
+def held_against(fit: Fit, record: Record, pairs: Pairs) -> Fit:
+    """Return a compass known beforehand with what the record shows of it; nothing is fitted.
+
+    Args:
+        fit: coefficients, covariance and noise.
+        record: the compromised instrument.
+        pairs: where a trusted instrument overlaps, perhaps none.
+    """
+    off = model.residual(fit, pairs)
     off, when = off[np.isfinite(off)], pairs.time_s[np.isfinite(off)]
-    return Fit(
-        method=METHOD,
-        n_pairs=len(pairs),
-        coefficients=there.coefficients,
-        covariance=there.covariance,
+    return replace(
+        fit,
         n_effective=autocorrelation.effective_number(off, when) if len(off) else 0.0,
         residual_rms_deg=angles.rms(off),
-        recorded_range_deg=compass.recorded_range(there.coefficients),
-        folded=folded,
-        noise=Noise(compass_deg=float(np.clip(content["residual_rms_deg"] or 0.0, LEAST_NOISE_DEG, MOST_NOISE_DEG))),
-        heading_density=_density(there.coefficients, record),
-        warnings=_warnings(content, there),
+        recorded_range_deg=compass.recorded_range(fit.coefficients),
+        folded=not compass.turns_full_circle(fit.coefficients),
+        heading_density=_density(fit.coefficients, record),
     )
 
 

@@ -18,6 +18,7 @@ from compasslib.deviation import likelihood, model, spread
 from compasslib.deviation.forms import EXACT, Form
 from compasslib.deviation.likelihood import CELL_DEG, COARSE, FINE, FREEDOM, Grid, Sample, widths
 from compasslib.deviation.model import Fit, Noise
+from compasslib.deviation.prior import Prior
 from compasslib.stats import autocorrelation, bfgs
 
 STRENGTHS = (0.0, 0.3, 0.6, 0.85, 1.1, 1.35, 1.7, 2.2)  # hard iron over the earth's horizontal field
@@ -48,8 +49,25 @@ def fit(pairs: Pairs, near: Fit | None = None) -> Fit:
     """
     if len(pairs) < model.FEWEST_PAIRS:
         return model.too_few("exact", len(pairs))
-    overlap = _overlap(pairs)
-    return _described(_maximised(overlap, EXACT, near), pairs, overlap)
+    overlap, prior = _overlap(pairs), None if near is None else near.prior
+    state = _maximised(overlap, EXACT, near)
+    if prior is None or near is None:
+        return _described(state, pairs, overlap)
+    counted = spread.repeated(pairs, _described(state, pairs, overlap).n_effective)
+    believed = replace(prior, precision=counted * prior.precision)
+    for _ in range(ROUNDS):
+        state = _improve(state, overlap, FINE, EXACT, believed=believed)
+    return replace(_described(state, pairs, overlap, believed), prior=prior)
+
+
+def beside(prior: Prior, pairs: Pairs) -> Fit:
+    """Return where a fit starts of which other records tell the compass: its A is that of the pairs' middle."""
+    bare = Fit("exact", len(pairs), prior.mean, heading_density=np.full(likelihood.CELLS, 1.0 / likelihood.CELLS))
+    off = model.residual(bare, pairs)
+    turned = np.where(np.isfinite(off), angles.phasor(off), 0.0).sum()
+    mean = prior.mean.copy()
+    mean[0] += 0.0 if prior.precision[0, 0] else np.clip(np.angle(turned), -0.5, 0.5)
+    return replace(bare, coefficients=mean, prior=prior)
 
 
 def held_out_scores(form: Form, pairs: Pairs, fold: NDArray[np.signedinteger], near: Fit | None = None) -> Floats:
@@ -151,17 +169,25 @@ def _at(fit: Fit) -> _State:
     return _State(np.append(fit.coefficients, np.log(fit.noise.compass_deg)), fit.noise, fit.heading_density)
 
 
-def _improve(state: _State, overlap: _Overlap, grid: Grid, form: Form, prior_width: Floats = PRIOR_WIDTH) -> _State:
+def _improve(
+    state: _State,
+    overlap: _Overlap,
+    grid: Grid,
+    form: Form,
+    prior_width: Floats = PRIOR_WIDTH,
+    *,
+    believed: Prior | None = None,
+) -> _State:
     """Climb with the scatter held, then fit the scatter and the headings' distribution with the compass held."""
     data = overlap.sample(state.noise, grid, form)
-    parameters, loss = _maximise(state.parameters, data, state.prior, grid, prior_width)
+    parameters, loss = _maximise(state.parameters, data, state.prior, grid, prior_width, believed=believed)
     prior = smoothed(likelihood.occupancy(parameters, data, state.prior, grid))
     return _State(parameters, _fit_noise(state.noise, overlap, parameters, prior, form), prior, loss)
 
 
-def _described(state: _State, pairs: Pairs, overlap: _Overlap) -> Fit:
+def _described(state: _State, pairs: Pairs, overlap: _Overlap, believed: Prior | None = None) -> Fit:
     data = overlap.sample(state.noise, FINE, EXACT)
-    parameters, _ = _maximise(state.parameters, data, state.prior, FINE)
+    parameters, _ = _maximise(state.parameters, data, state.prior, FINE, believed=believed)
     noise = replace(state.noise, compass_deg=float(np.exp(parameters[5])))
     scores = likelihood.scores(parameters, data, state.prior, FINE)[:, :5]
     bare = Fit("exact", len(pairs), parameters[:5], noise=noise)
@@ -171,7 +197,7 @@ def _described(state: _State, pairs: Pairs, overlap: _Overlap) -> Fit:
     effective = autocorrelation.effective_number(standard[known], pairs.time_s[known])
     return replace(
         bare,
-        covariance=spread.covariance(scores, PRIOR_WIDTH[:5] ** -2.0, bare, pairs, effective),
+        covariance=spread.covariance(scores, PRIOR_WIDTH[:5] ** -2.0, bare, pairs, effective, believed),
         n_effective=effective,
         residual_rms_deg=angles.rms(left),
         recorded_range_deg=compass.recorded_range(parameters[:5]),
@@ -187,22 +213,34 @@ def _iron(strength: float, towards_deg: float) -> Floats:
 
 
 def _penalised(
-    parameters: Floats, data: Sample, prior: Floats, grid: Grid, prior_width: Floats = PRIOR_WIDTH
+    parameters: Floats, data: Sample, prior: Floats, grid: Grid, prior_width: Floats, believed: Prior | None
 ) -> tuple[float, Floats]:
-    """Return minus the log-likelihood and the weak priors' part, with gradient."""
+    """Return minus the log-likelihood and the priors' part, with gradient."""
     value, slopes = likelihood.value_and_gradient(parameters, data, prior, grid)
     pull = (parameters - PRIOR_CENTRE) / prior_width
-    return -value + 0.5 * float(pull @ pull), -slopes + pull / prior_width
+    loss, slopes = -value + 0.5 * float(pull @ pull), -slopes + pull / prior_width
+    if believed is not None:
+        off = parameters[:5] - believed.mean
+        loss, slopes[:5] = loss + 0.5 * float(off @ believed.precision @ off), slopes[:5] + believed.precision @ off
+    return loss, slopes
 
 
 def _maximise(
-    parameters: Floats, data: Sample, prior: Floats, grid: Grid, prior_width: Floats = PRIOR_WIDTH
+    parameters: Floats,
+    data: Sample,
+    prior: Floats,
+    grid: Grid,
+    prior_width: Floats = PRIOR_WIDTH,
+    *,
+    believed: Prior | None = None,
 ) -> tuple[Floats, float]:
     def loss(at: Floats) -> tuple[float, Floats]:
-        return _penalised(at, data, prior, grid, prior_width)
+        return _penalised(at, data, prior, grid, prior_width, believed)
 
     scores = likelihood.scores(parameters, data, prior, grid)
     curvature = scores.T @ scores + np.diag(prior_width**-2.0)
+    if believed is not None:
+        curvature[:5, :5] += believed.precision
     return bfgs.minimise(loss, parameters, PARAMETER_BOUNDS, STEPS, curvature)
 
 

@@ -11,6 +11,8 @@ import numpy as np
 from compasslib.core import angles, compass
 from compasslib.core.records import Pairs
 from compasslib.core.types import Floats
+from compasslib.deviation import prior as priors
+from compasslib.deviation.prior import Prior
 
 FEWEST_PAIRS = 30
 LETTERS = "ABCDE"
@@ -58,6 +60,7 @@ class Fit:
     heading_density: Floats = field(default_factory=_nothing)  # prior of the correct heading on its cells, sums to 1
     why: str = ""  # the reason, where nothing was fitted
     warnings: tuple[str, ...] = ()  # sentences for the report
+    prior: Prior | None = None  # what other records of the same compass told beforehand
 
     def to_json(self) -> dict[str, Any]:
         """Return deviation.json's content but for the share that is correctable."""
@@ -77,6 +80,7 @@ class Fit:
             "heading_density": self.heading_density.tolist(),
             "why": self.why,
             "warnings": self.warnings,
+            **({} if self.prior is None else {"prior": self.prior.to_json()}),
         }
 
     @property
@@ -108,6 +112,7 @@ def from_json(content: Mapping[str, Any]) -> Fit:
         heading_density=np.array(content["heading_density"], dtype=float),
         why=content["why"],
         warnings=tuple(content.get("warnings", ())),
+        prior=priors.from_json(content.get("prior")),
     )
 
 

@@ -11,6 +11,7 @@ from compasslib.core.types import Floats
 from compasslib.deviation import model
 from compasslib.deviation.likelihood import FREEDOM
 from compasslib.deviation.model import Fit
+from compasslib.deviation.prior import Prior
 from compasslib.stats import blocks, robust
 
 BLOCK_S = 5 * 86400.0  # longer than the memory of the currents' veer
@@ -27,7 +28,9 @@ STEEPEST = 1e3
 WAKE_LOCKED_VEER = 0.05
 
 
-def covariance(scores: Floats, precision: Floats, fit: Fit, pairs: Pairs, effective: float) -> Floats:
+def covariance(
+    scores: Floats, precision: Floats, fit: Fit, pairs: Pairs, effective: float, believed: Prior | None = None
+) -> Floats:
     """Return the covariance that holds for autocorrelated pairs and for water that veers by direction.
 
     Along time it is the jackknife over blocks of days. Across flow directions the scores of each octant are summed:
@@ -38,15 +41,21 @@ def covariance(scores: Floats, precision: Floats, fit: Fit, pairs: Pairs, effect
         scores: each pair's gradient of the log-likelihood, (n, p).
         precision: of the weak priors, (p,).
         fit: coefficients and noise of the exact compass.
+        believed: what other records tell, counted as often as the pairs repeat each other (``repeated``).
     """
     scores = np.clip(scores, -STEEPEST, STEEPEST)
     information = scores.T @ scores + np.diag(precision)
+    if believed is not None:
+        information[:5, :5] += believed.precision
     along_time = _jackknife(scores, information, pairs, effective)
     inverse = np.linalg.inv(information)
     octant = _flow_octant(fit, pairs)
     sums = blocks.sums(scores, octant)
     across = inverse @ (sums.T @ sums) @ inverse * OCTANTS / (OCTANTS - 1)
     locked = inverse @ (scores.T @ _locked_veer(fit, pairs))
+    few = len(np.unique(blocks.of_span(pairs.time_s, BLOCK_S))) < FEWEST_BLOCKS
+    if believed is not None and not few:  # with few, the inverse holds it already
+        along_time += repeated(pairs, effective) * inverse[:, :5] @ believed.precision @ inverse[:5]
     return along_time + positive_part(across - along_time) + np.outer(locked, locked)
 
 
@@ -70,9 +79,19 @@ def _jackknife(scores: Floats, information: Floats, pairs: Pairs, effective: flo
     """
     block = blocks.of_span(pairs.time_s, BLOCK_S)
     if len(np.unique(block)) < FEWEST_BLOCKS:
-        apart = MOST_A_DAY * float(np.ptp(pairs.time_s)) / 86400.0 + float(np.ptp(pairs.upper_depth_m)) / LAYER_M
-        return np.asarray(np.linalg.inv(information) * len(pairs) / max(min(effective, apart) - 5.0, 3.0))
+        return np.asarray(np.linalg.inv(information) * len(pairs) / independent(pairs, effective))
     return blocks.jackknife(scores, scores, block, information)
+
+
+def independent(pairs: Pairs, effective: float) -> float:
+    """Return how many pairs count, what they are fitted with taken off."""
+    apart = MOST_A_DAY * float(np.ptp(pairs.time_s)) / 86400.0 + float(np.ptp(pairs.upper_depth_m)) / LAYER_M
+    return max(min(effective, apart) - 5.0, 3.0)
+
+
+def repeated(pairs: Pairs, effective: float) -> float:
+    """Return how many pairs there are for each independent one."""
+    return len(pairs) / independent(pairs, effective)
 
 
 def _flow_octant(fit: Fit, pairs: Pairs) -> NDArray[np.intp]:

@@ -18,6 +18,7 @@ from compasslib.core.records import Pairs
 from compasslib.core.types import Floats
 from compasslib.deviation import exact, model, spread
 from compasslib.deviation.model import Fit
+from compasslib.deviation.prior import Prior
 
 STEPS = 8
 HEELING_PRIOR = 0.5  # width of the weak prior of K: vertical iron of half the horizontal field
@@ -87,8 +88,10 @@ def fit(pairs: Pairs, level: Fit, dip_ratio: float) -> Fit:
     at = np.append(level.coefficients, 0.0)
     value, scores = _scores(at, pairs, level, dip_ratio)
     precision = np.append(exact.PRIOR_WIDTH[:5] ** -2.0, HEELING_PRIOR**-2.0)
+    believed, told, expected = _believed(pairs, level)
     for _ in range(STEPS):
-        step = np.linalg.solve(scores.T @ scores + np.diag(precision), scores.sum(axis=0) - precision * at)
+        pull = scores.sum(axis=0) - precision * at - told @ (at - expected)
+        step = np.linalg.solve(scores.T @ scores + np.diag(precision) + told, pull)
         tried, (better, new) = at + step, _scores(at + step, pairs, level, dip_ratio)
         while better < value and np.abs(step).max() > 1e-4:
             step = step / 2.0
@@ -97,8 +100,20 @@ def fit(pairs: Pairs, level: Fit, dip_ratio: float) -> Fit:
             break
         at, value, scores = tried, better, new
     found = replace(level, coefficients=at[:5], heeling=float(at[5]), dip_ratio=dip_ratio)
-    covariance = spread.covariance(scores, precision, found, _levelled(at, pairs, dip_ratio), level.n_effective)
+    levelled = _levelled(at, pairs, dip_ratio)
+    covariance = spread.covariance(scores, precision, found, levelled, level.n_effective, believed)
     return replace(found, covariance=covariance)
+
+
+def _believed(pairs: Pairs, level: Fit) -> tuple[Prior | None, Floats, Floats]:
+    """Return what other records tell as often as the pairs repeat each other; its precision and mean with K, (6,)."""
+    told, expected = np.zeros((6, 6)), np.zeros(6)
+    if level.prior is None:
+        return None, told, expected
+    counted = spread.repeated(pairs, level.n_effective)
+    believed = replace(level.prior, precision=counted * level.prior.precision)
+    told[:5, :5], expected[:5] = believed.precision, believed.mean
+    return believed, told, expected
 
 
 def _scores(at: Floats, pairs: Pairs, level: Fit, dip_ratio: float) -> tuple[float, Floats]:

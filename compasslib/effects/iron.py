@@ -104,6 +104,7 @@ class SupplyVoltageOfField(Term):
 
     name: ClassVar[str] = "supply_voltage"
     stage: ClassVar = "sensor"
+    instrument: ClassVar[bool] = True
     literature: ClassVar[str] = "stray field of the supply current; forward and starboard positive"
     needs: ClassVar[tuple[str, ...]] = ("supply_voltage",)
 
@@ -123,6 +124,7 @@ class SupplyVoltageOfReading(Term):
     name: ClassVar[str] = "supply_voltage"
     stage: ClassVar = "readout"
     acts_on: ClassVar = "reading"
+    instrument: ClassVar[bool] = True
     literature: ClassVar[str] = "reference voltage of the readout; clockwise positive"
     needs: ClassVar[tuple[str, ...]] = ("supply_voltage",)
 
@@ -143,6 +145,7 @@ class TemperatureOfField(Term):
     name: ClassVar[str] = "temperature"
     recordings: ClassVar[tuple[str, ...]] = ("mooring", "magnetometer")
     stage: ClassVar = "sensor"
+    instrument: ClassVar[bool] = True
     literature: ClassVar[str] = "zero shift of the magnetometer's axes; forward and starboard positive"
     needs: ClassVar[tuple[str, ...]] = ("temperature",)
 
@@ -163,6 +166,7 @@ class TemperatureOfReading(Term):
     recordings: ClassVar[tuple[str, ...]] = ("mooring", "magnetometer")
     stage: ClassVar = "readout"
     acts_on: ClassVar = "reading"
+    instrument: ClassVar[bool] = True
     literature: ClassVar[str] = "thermal drift of the readout; clockwise positive"
     needs: ClassVar[tuple[str, ...]] = ("temperature",)
 
@@ -182,6 +186,7 @@ class Heeling(Term):
 
     name: ClassVar[str] = "heeling"
     recordings: ClassVar[tuple[str, ...]] = ("mooring", "magnetometer", "two_heads")
+    instrument: ClassVar[bool] = True
     literature: ClassVar[str] = "physics page, section 4: n = T m, so tilt turns b_z into q; left out by von Appen 2015"
 
     b_z_nT: float = parameter("nT", "field down, induced part (S33 - S11) Z included", 1000.0, least=-25e3, most=25e3)

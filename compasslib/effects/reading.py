@@ -87,6 +87,7 @@ class Sextantal(Harmonic):
     name: ClassVar[str] = "sextantal"
     recordings: ClassVar[tuple[str, ...]] = READINGS
     order: ClassVar[float] = 3.0
+    instrument: ClassVar[bool] = True
     literature: ClassVar[str] = "Moncunill et al. 2023, section 5.3 (sextantal); clockwise positive"
 
 
@@ -100,6 +101,7 @@ class Octantal(Harmonic):
     name: ClassVar[str] = "octantal"
     recordings: ClassVar[tuple[str, ...]] = READINGS
     order: ClassVar[float] = 4.0
+    instrument: ClassVar[bool] = True
     literature: ClassVar[str] = "Moncunill et al. 2023, section 5.3 (octantal); clockwise positive"
 
 
@@ -153,6 +155,7 @@ class CompassLag(Term):
     name: ClassVar[str] = "compass_lag"
     stage: ClassVar = "readout"
     acts_on: ClassVar = "reading"
+    instrument: ClassVar[bool] = True
     literature: ClassVar[str] = "first order: reading minus lag times its rate of turn, clockwise positive"
     needs: ClassVar[tuple[str, ...]] = ("turn_rate",)
 
@@ -172,6 +175,7 @@ class TiltUncompensated(Term):
 
     name: ClassVar[str] = "tilt_uncompensated"
     stage: ClassVar = "sensor"
+    instrument: ClassVar[bool] = True
     literature: ClassVar[str] = "physics page, section 4: n = m instead of T m; 1 means no compensation at all"
 
     share: float = parameter("1", "of the levelling that is left out", 0.05, least=0.65, most=1.5)

@@ -98,6 +98,7 @@ class Term(ABC):
     recordings: ClassVar[tuple[str, ...]] = ("mooring",)  # whose search tests it
     words: ClassVar[str] = ""  # its physics in words; of the catalogue's own in compasslib/search/wording.py
     found_by: ClassVar[str] = ""  # what finds it apart from the search: a comparison that needs no forward model
+    instrument: ClassVar[bool] = False  # whether it is of the instrument itself, the same in every record of it
     evident: ClassVar[bool] = False  # whether what it needs is there only where it acts: only its size is asked for
 
     @abstractmethod

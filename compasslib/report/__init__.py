@@ -23,7 +23,7 @@ from typing import Any
 
 from compasslib.archive import netcdf, provenance
 from compasslib.archive.summary import STOPPED
-from compasslib.report import calibration, chart, figures, mooring, results, section, words
+from compasslib.report import calibration, chart, compass, figures, mooring, results, section, words
 from compasslib.report.results import MooringResults
 from compasslib.report.section import Overview, ReportSection
 from compasslib.search.wording import VERDICTS
@@ -42,6 +42,7 @@ class Report:
     attributes: tuple[tuple[str, str], ...]
     moorings: Overview
     calibrations: Overview
+    compasses: Overview
     software: str
     date: str
     map: chart.Chart | None = None
@@ -49,7 +50,7 @@ class Report:
 
     def counts(self) -> str:
         """Return the first sentences: how many there are, and what was found."""
-        parts = ((self.moorings, "mooring"), (self.calibrations, "calibration"))
+        parts = ((self.moorings, "mooring"), (self.calibrations, "calibration"), (self.compasses, "shared compass"))
         numbers = [words.plural(len(part.sections), noun) for part, noun in parts if part.sections]
         verdicts = [section.verdict for section in self.moorings.sections]
         known = (*VERDICTS, STOPPED)
@@ -63,6 +64,7 @@ def gather(
     attributes: Mapping[str, Any],
     moorings: Mapping[str, Mapping[str, Any]],
     calibrations: Sequence[str],
+    compasses: Sequence[str] = (),
     stopped: Mapping[str, Mapping[str, str]] = NONE_STOPPED,
 ) -> Report:
     """Return all that the page says.
@@ -92,6 +94,9 @@ def gather(
         attributes=tuple((words.plain(name), str(value)) for name, value in attributes.items()),
         moorings=Overview(MOORINGS, mooring.HEADER, sections),
         calibrations=Overview(CALIBRATIONS, calibration.HEADER, others),
+        compasses=Overview(
+            compass.CAPTION, compass.HEADER, [compass.section(name, root, small=small) for name in compasses]
+        ),
         software=provenance.software(),
         date=provenance.date_created(),
         map=chart.chart(stations),

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from compasslib.core import angles
-from compasslib.report import answer, figures, found, words
+from compasslib.report import answer, compass, figures, found, words
 from compasslib.report.captions import captions
 from compasslib.report.results import Headings, MooringResults
 from compasslib.report.section import ReportSection, ReportTable
@@ -65,7 +65,7 @@ def sentences(results: MooringResults) -> tuple[str, ...]:
     searched = results.diagnosis.get("why", "") if results.diagnosis["verdict"] == "insufficient" else ""
     reasons = [fit, "" if fit and fit in searched else searched]
     texts = (first, answer.agreement(results.assessment), *(words.sentence(why) for why in reasons if why not in first))
-    return tuple(text for text in texts if text)
+    return (*(text for text in texts if text), *compass.carried(results.fit))
 
 
 def _water(errors: Mapping[str, float] | None) -> list[tuple[str, str]]:

@@ -17,7 +17,7 @@ from compasslib.run.ledger import RESULTS, KnownHashes, simulated
 
 PROFILES = ("default", "profiles/default")  # where Snakemake looks in the folder that it is started in
 SNAKEMAKES, OWN_LOCK = ".snakemake", ".snakemake/compasslib.lock"
-BELOW = ("work", "wide", "figures", "logs", "benchmarks")  # in the folder of each mooring and calibration
+BELOW = ("work", "work/alone", "wide", "figures", "logs", "benchmarks")  # in the folder of each mooring and calibration
 # glibc gives large arrays back and takes the next one anew, page by page: a quarter of a simulated mooring's time, a
 # twentieth of an assessment's. Those under 32 MB stay with the process, which grows by some 10 MB.
 MEMORY = {"MALLOC_MMAP_THRESHOLD_": str(2**25), "MALLOC_TRIM_THRESHOLD_": str(2**26)}
@@ -157,7 +157,7 @@ def _written(folders: Sequence[str]) -> Iterator[str]:
     """Give the folders that a run writes into; a file in them is replaced, whatever it is a link to."""
     yield SNAKEMAKES
     yield from (str(path) for path in Path(SNAKEMAKES).glob("*"))
-    yield from (RESULTS, f"{RESULTS}/calibrations")
+    yield from (RESULTS, f"{RESULTS}/calibrations", f"{RESULTS}/compasses")
     for name in folders:
         yield f"{RESULTS}/{name}"
     yield from (f"{RESULTS}/{below}" for below in BELOW)

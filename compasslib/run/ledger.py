@@ -214,7 +214,7 @@ def _record(path: Path) -> Record:
 def _folder(path: str) -> str:
     """Return the folder of the mooring, of the calibration or of the cruise that a file of the results belongs to."""
     parts = path.split("/")
-    return "/".join(parts[: min(3 if parts[1] == "calibrations" else 2, len(parts) - 1)])
+    return "/".join(parts[: min(3 if parts[1] in ("calibrations", "compasses") else 2, len(parts) - 1)])
 
 
 def _has_inputs(record: Record) -> bool:

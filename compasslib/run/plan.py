@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -15,11 +15,12 @@ from typing import Any
 from compasslib import calibration, readers
 from compasslib.archive import provenance
 from compasslib.calibration import KINDS
-from compasslib.config import calibrations
+from compasslib.config import calibrations, compasses
 from compasslib.config.cruise import CALIBRATIONS, CONFIG, Cruise
 from compasslib.config.schema import Instrument, Mooring
 from compasslib.core import plugins
 from compasslib.core.errors import InputError
+from compasslib.run.compasses import Compasses
 from compasslib.run.stopped import Stopped
 from compasslib.search import kinds
 
@@ -194,7 +195,16 @@ class Moorings:
         """Return the YAML files behind each mooring and calibration, and under "" those behind the whole cruise."""
         moorings = {f"mooring {name}": [CONFIG, file] for name, file in self.cruise.mooring_files.items()}
         calibrations = {f"calibration {n}": [CONFIG, f"{CALIBRATIONS}/{n}.yaml"] for n in self.cruise.calibrations}
-        return {"": [CONFIG]} | moorings | calibrations
+        both = compasses.members(self.cruise.moorings, self.cruise.calibrations).items()
+        joined = {
+            f"compass {name}": [
+                CONFIG,
+                *(self.cruise.mooring_files[mooring] for mooring in of),
+                *(f"{CALIBRATIONS}/{calibration}.yaml" for calibration in given),
+            ]
+            for name, (of, given) in both
+        }
+        return {"": [CONFIG]} | moorings | calibrations | joined
 
     def described(self) -> dict[str, dict[str, Any]]:
         """Return place, dates and instruments of each mooring, for the report."""
@@ -293,7 +303,8 @@ class Plan:
 
     moorings: Moorings
     calibrations: Calibrations
-    stopped: Stopped = field(default_factory=Stopped)
+    compasses: Compasses
+    stopped: Stopped
 
     @property
     def cruise(self) -> Cruise:
@@ -347,13 +358,14 @@ class Plan:
         """Return the files from which the jobs' records lead back to all others."""
         checked = self.conventions(wildcards) if self.cruise.options.conventions.check else []
         page = [REPORT] if self.cruise.moorings or self.cruise.calibrations else []
-        return [*self.of(*LAST)(wildcards), *checked, *self.table(wildcards), *self.calibrated(wildcards), *page]
+        made = [*self.of(*LAST)(wildcards), *checked, *self.table(wildcards), *self.calibrated(wildcards)]
+        return [*made, *self.compasses.drawn(), *page]
 
     def everything(self, wildcards: Any = None) -> list[str]:
         """Return all files that a run makes, so that none which is missing goes unseen."""
         last = self.products(wildcards)
         each = [file for name, roles in self.roles(wildcards).items() for file in made(name, roles)]
-        return list(dict.fromkeys([*each, *last, *([MANIFEST] if last else [])]))
+        return list(dict.fromkeys([*each, *self.compasses.made(), *last, *([MANIFEST] if last else [])]))
 
     def _moorings(self) -> list[str]:
         return [name for name in self.cruise.moorings if name not in self.stopped.moorings]
@@ -384,7 +396,8 @@ def plan(cruise: Cruise, scripts: Path) -> Plan:
         _refuse(f"{file}: fit.method", mooring.fit.method, METHODS)
     for name, given in cruise.calibrations.items():
         _refuse(f"{CALIBRATIONS}/{name}.yaml: kind", given.kind, tuple(KINDS))
-    return Plan(Moorings(cruise, scripts), Calibrations(cruise, scripts))
+    stopped = Stopped()
+    return Plan(Moorings(cruise, scripts), Calibrations(cruise, scripts), Compasses(cruise, stopped), stopped)
 
 
 def hashed(modules: Callable[[Any], tuple[str, ...]]) -> Callable[[Any], str]:

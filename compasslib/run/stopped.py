@@ -16,7 +16,7 @@ if TYPE_CHECKING:  # every job imports this room, none the configuration
 
 ENDING = ".stopped"
 CHECKS = ("conventions", "verify")  # by their logs: they judge products, which stand whatever they find
-CALIBRATIONS = "calibrations"
+CALIBRATIONS, COMPASSES = "calibrations", "compasses"
 
 
 @dataclass
@@ -82,8 +82,11 @@ def forget(cruise: Cruise) -> None:
 
 
 def folders(cruise: Cruise) -> list[str]:
-    """Return the folders of all moorings' and calibrations' results."""
-    return [*cruise.moorings, *(f"{CALIBRATIONS}/{name}" for name in cruise.calibrations)]
+    """Return the folders of all moorings', calibrations' and compasses' results."""
+    named = [mooring.instruments[mooring.compromised].compass for mooring in cruise.moorings.values()]
+    named += [calibration.compass for calibration in cruise.calibrations.values()]
+    calibrated = (f"{CALIBRATIONS}/{name}" for name in cruise.calibrations)
+    return [*cruise.moorings, *calibrated, *(f"{COMPASSES}/{name}" for name in sorted({*filter(None, named)}))]
 
 
 def _left(names: Any, folder: str) -> dict[str, str]:

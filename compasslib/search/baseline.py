@@ -70,6 +70,20 @@ class State:
         ridge[5 : 5 + len(terms)] = terms
         return ridge
 
+    def told(self) -> tuple[Floats, Floats]:
+        """Return what other records of the compass tell of the base's columns: information (b, b) and score (b,)."""
+        information, score = np.zeros((self.base.shape[1],) * 2), np.zeros(self.base.shape[1])
+        if self.case.prior is not None:
+            information[:5, :5] = self.case.prior.precision
+            score[:5] = self.case.prior.precision @ self.case.prior.mean
+        at = 5
+        for term in self.simulation.terms:
+            own = slice(at, at + len(term.fitted()))
+            if type(term) in self.case.shared:
+                information[own, own], score[own] = self.case.shared[type(term)]
+            at = own.stop
+        return information, score
+
     def projected(self, columns_deg: Floats) -> Floats:
         """Return columns whitened, the base projected out, (n, k).
 

@@ -12,6 +12,7 @@ from compasslib.core.records import EarthField, Pairs
 from compasslib.core.types import Floats
 from compasslib.deviation import likelihood, model
 from compasslib.deviation.model import Fit
+from compasslib.deviation.prior import Prior
 from compasslib.effects import Scene, Term, all_terms, composition
 from compasslib.effects.composition import Simulation
 from compasslib.effects.iron import Heeling
@@ -44,6 +45,10 @@ ABSENT = {
 }
 
 
+# Information (k, k) and score (k,) of each term's parameters by other records of the same compass, in their units.
+Shared = Mapping[type[Term], tuple[Floats, Floats]]
+
+
 @dataclass(frozen=True)
 class Case:
     """One recording held against its simulation; n samples in the order of time."""
@@ -65,6 +70,8 @@ class Case:
     louder: Louder | None = None  # slow water, once it was learnt
     channels: Mapping[str, str] = field(default_factory=dict)  # units of other covariates, logged or given
     usual: Mapping[type[Term], Floats] = field(default_factory=dict)  # standard deviation expected of each parameter
+    prior: Prior | None = None  # what other records of the compass tell of A..E
+    shared: Shared = field(default_factory=dict)  # and of its effects
 
     def __len__(self) -> int:
         return len(self.recorded_deg)
@@ -107,6 +114,7 @@ def mooring_case(
         nuisance=_nuisance(pairs, scene, simulation),
         terms=terms,
         not_testable=missing,
+        prior=fit.prior,
         channels={
             name: (units or {}).get(name, "1") for name in logged if name in columns and name not in covariates.LISTED
         },

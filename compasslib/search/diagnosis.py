@@ -26,6 +26,7 @@ from compasslib.search import (
     posterior,
     scan,
     sectors,
+    sharing,
     show,
     storms,
     verdict,
@@ -33,7 +34,7 @@ from compasslib.search import (
 )
 from compasslib.search.applied import Applied, Member
 from compasslib.search.baseline import State
-from compasslib.search.case import Case, mooring_case
+from compasslib.search.case import Case, Shared, mooring_case
 from compasslib.search.clocks import ClockError
 from compasslib.search.columns import Group
 from compasslib.search.inference import Inference
@@ -55,6 +56,7 @@ class Options:
     apply: bool = True  # whether findings on the compass side are handed to the correction
     alarm: float = 0.006  # probability that noise alone gives a name, and that it gives an unexplained mismatch
     reference_magnetic: bool = True  # whether the trusted instrument has a compass too
+    tell: bool = False  # whether other records of the compass are to know what this one tells
 
 
 @dataclass(frozen=True)
@@ -101,6 +103,7 @@ def diagnose(
     *,
     wide: Pairs | None = None,
     units: Mapping[str, str] | None = None,
+    shared: Shared | None = None,
 ) -> Diagnosis:
     """Return what a mooring's overlap shows that its fitted compass does not hold.
 
@@ -109,6 +112,7 @@ def diagnose(
         fit: the configured fit, which is the simulation that is diagnosed.
         wide: pairs that may stand further apart, by which the clocks are compared; the pairs where absent.
         units: of logged series that have no name of their own here.
+        shared: what other records of the same compass tell of its effects; of its coefficients the fit holds it.
     """
     options = options or Options()
     wide = pairs if wide is None else wide
@@ -127,11 +131,12 @@ def diagnose(
         first += repair.findings
         pairs, exact = repair.pairs, repair.fit
     case = mooring_case(pairs, logged, exact, field, reference_magnetic=options.reference_magnetic, units=units)
+    case = replace(case, shared=shared or {})
     if repair is not None:
         case = _without_direction(case)
     if is_series:  # it was looked for already
         case = replace(case, not_testable=tuple(one for one in case.not_testable if one[0] != "large_deviation"))
-    found = replace(_joined(first, judge(case, options)), warnings=doubted)
+    found = replace(_joined(first, judge(case, options, exact)), warnings=doubted)
     if not options.apply:
         return replace(found, applied=(), findings=tuple(replace(one, applied=False) for one in found.findings))
     if is_series and not any(one.applied for one in found.findings):
@@ -162,7 +167,7 @@ def _repaired(pairs: Pairs, fit: Fit, clock: ClockError) -> tuple[Repair | None,
 
 def _near(fit: Fit) -> Fit | None:
     """Return what a fit without the clock's error starts from: anew, or a calibration that no pair changes."""
-    return fit if fit.method == "calibration" else None
+    return fit if fit.method == "calibration" or fit.prior is not None else None
 
 
 def _without_direction(case: Case) -> Case:
@@ -175,19 +180,23 @@ def _without_direction(case: Case) -> Case:
     )
 
 
-def judge(case: Case, options: Options) -> Diagnosis:
-    """Return the diagnosis of any recording that is held against its simulation."""
+def judge(case: Case, options: Options, fit: Fit | None = None) -> Diagnosis:
+    """Return the diagnosis of any recording that is held against its simulation.
+
+    Args:
+        fit: of the exact compass, where what the recording tells is asked for.
+    """
     none = np.zeros(case.nuisance.shape[1])
     if (usable := baseline.usable(case, case.simulation, none)) < FEWEST:
         why = f"the branch of the compass is known for {usable} of {len(case)} pairs; {FEWEST} are needed"
         return verdict.insufficient(why, case.not_testable)
     try:
-        return _judged(case, options)
+        return _judged(case, options, fit)
     except baseline.Lost as lost:  # from the beginning, or once refitted
         return verdict.insufficient(f"{lost}; there is nothing to compare the compass with", case.not_testable)
 
 
-def _judged(case: Case, options: Options) -> Diagnosis:
+def _judged(case: Case, options: Options, fit: Fit | None) -> Diagnosis:
     none = np.zeros(case.nuisance.shape[1])
     empty = baseline.examine(case, case.simulation, none)
     heap = sectors.heap(empty)
@@ -228,6 +237,7 @@ def _judged(case: Case, options: Options) -> Diagnosis:
         sides=_with("compass", found.posterior.sides) if stormy in ordered else found.posterior.sides,
         noise=inference.noise_of(found),
         experiments=experiments.of(found) if verdict.of(ordered, unexplained) == "ambiguous" else (),
+        told=sharing.of(found, fit) if options.tell and fit is not None else None,
     )
 
 

@@ -208,12 +208,18 @@ def gathered(view: State, slow: Slow | None, drawn: Groups, uneven: Floats) -> C
     white = view.projected(every) * np.float32(view.response / sigma)
     innovation = (view.innovation / sigma).astype(np.float32)
     seen = view.visible(own)
+    information, score = (white.T @ white).astype(float), (white.T @ innovation).astype(float)
+    for group, a, b in zip(groups, ends[:-1], ends[1:], strict=True):
+        if type(group.term) in view.case.shared:  # scores and information add
+            told, pulled = view.case.shared[type(group.term)]  # type: ignore[index]
+            information[a:b, a:b] += told * np.outer(usual[a:b], usual[a:b])
+            score[a:b] += pulled * usual[a:b]
     return Candidates(
         groups=groups,
         parts=[np.arange(a, b) for a, b in itertools.pairwise(ends)],
         usual=usual,
-        information=(white.T @ white).astype(float),
-        score=(white.T @ innovation).astype(float),
+        information=information,
+        score=score,
         visible=seen.T @ seen / len(seen),
         uneven=np.maximum(uneven / middle, 1.0),
         scatter=middle,

@@ -63,6 +63,7 @@ class Inference:
         score = white.T @ quiet.innovation / quiet.sigma / np.sqrt(found.candidates.scatter)
         known = STEADY * np.diag(information)[: len(scale)]
         ridge = np.diag(quiet.base_ridge * (quiet.response / quiet.sigma / scale) ** 2 + known)
+        ridge += quiet.told()[0] / np.outer(scale, scale)
         steps, covariances = [], []
         for water in found.waters:
             products = evidence.beside(information, score, len(scale), slow, water)

@@ -160,5 +160,11 @@ def _step(state: State) -> Floats:
     values = np.zeros(len(scale))
     values[5 : len(state.simulation.parameters)] = state.simulation.parameters[5:]
     pull = unit.T @ total / state.response - ridge * (values + state.shift) * scale
-    step = np.linalg.solve(unit.T @ unit + np.diag(DAMPING + ridge), pull)
+    precision = np.diag(DAMPING + ridge)
+    if state.case.prior is not None or state.case.shared:
+        values[:5] = state.simulation.coefficients
+        told, score = (x * (state.sigma / state.response) ** 2 for x in state.told())
+        precision += told / np.outer(scale, scale)
+        pull += (score - told @ (values + state.shift)) / scale
+    step = np.linalg.solve(unit.T @ unit + precision, pull)
     return np.asarray(step / scale + state.shift)

@@ -13,6 +13,7 @@ from compasslib.deviation.model import Fit
 
 if TYPE_CHECKING:  # a verdict without findings needs no search
     from compasslib.search.applied import Member
+    from compasslib.search.sharing import Told
     from compasslib.search.show import BinnedResidual, HeldOut
 
 
@@ -150,6 +151,7 @@ class Diagnosis:
     hypotheses: tuple[Ranked, ...] = ()  # the best first
     threshold: Mapping[str, float] = field(default_factory=dict)  # scores that noise alone hardly exceeds
     warnings: tuple[str, ...] = ()  # sentences for the summary
+    told: Told | None = None  # what other records of the same compass may learn from this one
     experiments: tuple[tuple[str, float], ...] = ()  # what to observe, and the chance that one name is left then
 
     def __post_init__(self) -> None:

@@ -153,16 +153,45 @@ def finding(
         proof: residual rms before and after on held-out days, degrees, and the p-value.
         physics: of an effect that nobody listed; that of the effect where empty.
     """
-    fitted = {name: one for name, one in parameters.items() if one[1] > 0.0}
-    known = meanings(effect)
-    numbers = "".join(f"; {known.get(name, name)} {_interval(*one)}" for name, one in fitted.items())
-    physics = physics or PHYSICS.get(effect, effect)
-    begin = f"{where}: {physics}. Size {size_deg:.1f}° rms{numbers}."
+    begin = _begun(effect, where, parameters, size_deg, physics)
     before, after, p = proof
     chance = f"p = {p:.2g}" if p > LEAST_P else f"p < {LEAST_P:g}"
     shown = f" On held-out days the residual goes from {before:.2f}° to {after:.2f}° rms ({chance})."
     others = f" This record cannot separate it from {_listed(alternatives)}." if alternatives else ""
     return begin + shown + others
+
+
+def shared(
+    effect: str,
+    alternatives: Sequence[str],
+    *,
+    where: str,
+    parameters: Mapping[str, tuple[float, float, str]],
+    size_deg: float,
+    gain: float,
+) -> str:
+    """Return two or three sentences on one finding that several records of a compass share.
+
+    Args:
+        parameters: value, standard error and unit by name.
+        size_deg: visible size, rms degrees.
+        gain: log score of each record predicted by the others, over that of nothing predicted.
+    """
+    begin = _begun(effect, where, parameters, size_deg)
+    shown = f" Each record predicted by the others gains {gain:.1f} in log score, all together."
+    others = f" These records cannot separate it from {_listed(alternatives)}." if alternatives else ""
+    return begin + shown + others
+
+
+def _begun(
+    effect: str, where: str, parameters: Mapping[str, tuple[float, float, str]], size_deg: float, physics: str = ""
+) -> str:
+    """Return where an effect is, what it is, how large, and its numbers with their intervals."""
+    fitted = {name: one for name, one in parameters.items() if one[1] > 0.0}
+    known = meanings(effect)
+    numbers = "".join(f"; {known.get(name, name)} {_interval(*one)}" for name, one in fitted.items())
+    physics = physics or PHYSICS.get(effect, effect)
+    return f"{where}: {physics}. Size {size_deg:.1f}° rms{numbers}."
 
 
 ACTED_ON = {

@@ -21,7 +21,7 @@ from compasslib.calibration import at_mooring
 from compasslib.config import cruise as config
 from compasslib.config.cruise import Cruise
 from compasslib.core.errors import InputError
-from compasslib.run import plan
+from compasslib.run import compasses, plan
 
 FILES = {
     "field": "work/field.json",
@@ -44,6 +44,7 @@ class Job:
     mooring: str = ""
     role: str = ""
     calibration: str = ""
+    compass: str = ""
 
 
 def process(
@@ -77,6 +78,20 @@ def run(cruise: Cruise, mooring: str, folder: Path, say: Callable[[str], None] =
         folder: of the mooring's results, absolute.
     """
     planned = plan.plan(cruise, Path())
+    given = _alone(planned, mooring, folder, say)
+    compass = planned.compasses.moorings.get(mooring)
+    if compass is None:
+        _do("diagnose", Job(mooring), given)
+    else:
+        made = _judged_alone(given, mooring, folder)
+        joined = _joined(planned, compass, mooring, folder, made)
+        _do("share", Job(mooring), given | {"joined": joined, "alone": [made["diagnosis"], made["deviation"]]})
+    for rule in ("assess", "compare", "correct"):
+        _do(rule, Job(mooring), given)
+
+
+def _alone(planned: plan.Plan, mooring: str, folder: Path, say: Callable[[str], None]) -> dict[str, Any]:
+    """Read one mooring, pair and fit it; return what all of its rules may name."""
     rules, job = planned.moorings, Job(mooring)
     used = [Job(mooring, role) for role in rules.roles([mooring])[mooring]]
     records = [str(folder / f"work/{each.role}.nc") for each in used]
@@ -99,10 +114,48 @@ def run(cruise: Cruise, mooring: str, folder: Path, say: Callable[[str], None] =
         _do("read", each, given | reading(rules, each) | {"record": record})
     _do("overlap", job, given | {"upper": records[0], "lower": records[1:]})
     if given["method"] == at_mooring.METHOD:
-        name = str(cruise.moorings[mooring].fit.name)
+        name = str(planned.cruise.moorings[mooring].fit.name)
         given["calibration"] = _calibrated(planned.calibrations, name, folder / "work/calibrations", say)
-    for rule in ("carry" if "calibration" in given else "fit", "diagnose", "assess", "compare", "correct"):
-        _do(rule, job, given)
+    _do("carry" if "calibration" in given else "fit", job, given)
+    return given
+
+
+def _judged_alone(given: Mapping[str, Any], mooring: str, folder: Path) -> dict[str, str]:
+    """Judge a record of a shared compass by itself; return what it shows and what others may learn from it."""
+    made = {name: str(folder / f"work/alone/{name}.json") for name in compasses.ALONE}
+    (folder / "work/alone").mkdir(parents=True, exist_ok=True)
+    _do("diagnose", Job(mooring), {**given, **made})
+    return made
+
+
+def _joined(planned: plan.Plan, compass: str, mooring: str, folder: Path, own: Mapping[str, str]) -> str:
+    """Join the records of a mooring's compass, the others made here and now, and return its compass.json.
+
+    What others cannot be used is left out, as the workflow does.
+    """
+    moorings, given = planned.compasses.members[compass]
+    there, say = folder / "work/compasses", lambda line: None
+    there.mkdir(parents=True, exist_ok=True)
+    summaries, calibrations = [], []
+    for other in moorings:
+        with suppress(InputError):
+            made = own if other == mooring else None
+            made = made or _judged_alone(_alone(planned, other, there / other, say), other, there / other)
+            summaries.append(made["summary"])
+    for name in given:
+        with suppress(InputError):
+            calibrations.append(_calibrated(planned.calibrations, name, folder / "work/calibrations", say))
+    files = {"joined": str(there / "compass.json"), "diagnosis": str(there / "diagnosis.json")}
+    job = Job(compass=compass)
+    rules = {
+        "summaries": summaries,
+        "calibrations": calibrations,
+        "spheres": planned.compasses.spheres(job),
+        "min_effect_deg": planned.cruise.options.diagnose.min_effect_deg,
+        "say": say,
+    }
+    _do("join", job, rules | files)
+    return files["joined"]
 
 
 def _do(rule: str, job: Job, given: Mapping[str, Any]) -> None:

@@ -15,6 +15,7 @@ def run(
     attributes: Mapping[str, Any],
     moorings: Mapping[str, Mapping[str, Any]],
     calibrations: Sequence[str],
+    compasses: Sequence[str],
     stopped: Mapping[str, Mapping[str, str]],
     say: Callable[[str], None],
 ) -> None:
@@ -24,7 +25,12 @@ def run(
         InputError: a file of the results is absent or damaged.
     """
     gathered = report.gather(
-        Path(page).parent, attributes=attributes, moorings=moorings, calibrations=calibrations, stopped=stopped
+        Path(page).parent,
+        attributes=attributes,
+        moorings=moorings,
+        calibrations=calibrations,
+        compasses=compasses,
+        stopped=stopped,
     )
     report.write(page, gathered)
     say(report.log_line(page, gathered))

@@ -1,0 +1,268 @@
+"""The iron of one compass by several records: what is the instrument's, what varies between deployments, who is odd.
+
+B and C of a deployment are (P + p)/H + c tan I and (Q + q)/H + f tan I, D and E are the instrument's: P, Q hard iron,
+c, f what the vertical field induces (physics page, section 3). p and q belong to sphere and battery: normal, of two
+sizes that are unknown, summed over a grid and what the records say of them (a linear mixed model; Searle, Casella and
+McCulloch, Variance Components, 1992). A is each record's own: its mount, its clamp, the mean veer of its water.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from compasslib.core import angles
+from compasslib.core.types import Floats
+from compasslib.deviation.prior import Prior
+from compasslib.joint.members import Member
+
+NAMES = ("P_nT", "Q_nT", "c", "f", "D", "E")
+OWN = np.arange(1, 5)  # B, C, D, E of A..E
+USUAL = np.array([6000.0, 6000.0, 0.05, 0.05, 0.1, 0.1])  # of NAMES, standard deviations beforehand
+SIZES_NT = np.array([10.0, 30.0, 60.0, 120.0, 240.0, 480.0, 960.0, 2000.0])  # of p and q between deployments
+USUAL_NT = 150.0  # of half a Cauchy law, beforehand: of a battery, and of a sphere
+SOFT = 0.002  # of D and E between deployments: batteries and spheres induce as well
+CLAMP_DEG = 2.0  # least spread of A between records, for one that has no reference
+SAME = 0.5  # probability beforehand that what is declared to be one compass is one
+APART = (2.0, 4.0, 8.0)  # standard deviations that another compass may be away, each as likely
+FITS = 0.5  # probability of the same compass below which a record is not averaged
+
+
+@dataclass(frozen=True)
+class Rejected:
+    """A record that does not fit the others."""
+
+    name: str
+    probability_same: float
+    sigmas: float  # how far it is from what the others expect of it
+    why: str
+
+
+@dataclass(frozen=True)
+class Mixture:
+    """A normal law a size of what varies between deployments; their weights sum to 1."""
+
+    weight: Floats  # (t,)
+    means: Floats  # (t, k)
+    covariances: Floats  # (t, k, k)
+
+    @property
+    def mean(self) -> Floats:
+        """The mean, (k,)."""
+        return np.asarray(self.weight @ self.means)
+
+    @property
+    def covariance(self) -> Floats:
+        """The covariance, (k, k)."""
+        off = self.means - self.mean
+        inner = np.einsum("t,tij->ij", self.weight, self.covariances)
+        return np.asarray(inner + (self.weight[:, None] * off).T @ off)
+
+
+@dataclass(frozen=True)
+class Joined:
+    """What the records of one compass tell together."""
+
+    members: tuple[Member, ...]
+    kept: tuple[str, ...]  # that fit each other, in their order
+    rejected: tuple[Rejected, ...]
+    same: dict[str, float]  # probability that each record is of the same compass, where another is there
+
+    @cached_property
+    def shared(self) -> Mixture:
+        """What the compass is, by NAMES."""
+        return _compass(self._those(self.kept))
+
+    @cached_property
+    def between_nT(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Sizes of sphere's and battery's iron between deployments, each with its standard error."""
+        sizes = np.array(_sizes())
+        weight = _weights(self._those(self.kept))
+        mean = weight @ sizes
+        sigma = np.sqrt(weight @ (sizes - mean) ** 2)
+        return (float(mean[0]), float(sigma[0])), (float(mean[1]), float(sigma[1]))
+
+    @property
+    def sigma_between_nT(self) -> float:
+        """How much the hard iron of two deployments varies about the compass's, in each direction."""
+        sphere, battery = self.between_nT
+        return float(np.hypot(sphere[0], battery[0]))
+
+    def others(self, name: str) -> tuple[str, ...]:
+        """Return the records that tell another what its compass is; none where it does not belong."""
+        if any(one.name == name for one in self.rejected):
+            return ()
+        return tuple(other for other in self.kept if other != name)
+
+    def prior(self, name: str) -> Prior | None:
+        """Return what the others tell of a record's A..E, None where they tell nothing."""
+        own = next(member for member in self.members if member.name == name)
+        others = self._those(self.others(name))
+        if not others:
+            return None
+        law = expected(own, others)
+        mean, precision = np.zeros(5), np.zeros((5, 5))
+        mean[OWN], precision[np.ix_(OWN, OWN)] = law.mean, np.linalg.inv(law.covariance)
+        if not own.tells:
+            mean[0], precision[0, 0] = _mounting(others)
+        return Prior(mean, precision)
+
+    def _those(self, names: Sequence[str]) -> list[Member]:
+        return [member for member in self.members if member.name in names]
+
+
+def join(members: Sequence[Member]) -> Joined:
+    """Return what records tell together, those that do not fit the others left out one by one, the worst first."""
+    kept, rejected = [member for member in members if member.tells], list[Rejected]()
+    same: dict[str, float] = {}
+    while len(kept) > 1:
+        tried = {one.name: is_same(one, [other for other in kept if other is not one]) for one in kept}
+        same.update({name: probability for name, (probability, _) in tried.items()})
+        worst = min(tried, key=lambda name: tried[name][0])
+        if tried[worst][0] >= FITS:
+            break
+        wrong = [worst] if len(kept) > 2 else list(tried)  # of two nobody can say which one is odd
+        rejected += [_rejected(name, *tried[name], [one for one in kept if one.name != name]) for name in wrong]
+        kept = [one for one in kept if one.name not in wrong]
+    return Joined(tuple(members), tuple(one.name for one in kept), tuple(rejected), same)
+
+
+def is_same(own: Member, others: Sequence[Member]) -> tuple[float, float]:
+    """Return the probability that a record is of the same compass as others, and by how many sigmas it is off.
+
+    Another compass is some standard deviations away in any direction: of records that are known well enough to be told
+    apart at all, that says more than what compasses there are.
+    """
+    law = expected(own, others)
+    spread = law.covariances + own.covariance[np.ix_(OWN, OWN)]
+    off = own.coefficients[OWN] - law.means
+    same = _log_sum(np.log(law.weight) + np.array([_log_normal(*one) for one in zip(off, spread, strict=True)]))
+    other = _log_sum(
+        np.array(
+            [
+                np.log(weight / len(APART)) + _log_normal(x, s * (1.0 + far**2))
+                for weight, x, s in zip(law.weight, off, spread, strict=True)
+                for far in APART
+            ]
+        )
+    )
+    odds = np.log(SAME / (1.0 - SAME)) + same - other
+    middle = law.covariance + own.covariance[np.ix_(OWN, OWN)]
+    away = own.coefficients[OWN] - law.mean
+    return float(1.0 / (1.0 + np.exp(-np.clip(odds, -700.0, 700.0)))), float(
+        np.sqrt(away @ np.linalg.solve(middle, away))
+    )
+
+
+def expected(own: Member, others: Sequence[Member]) -> Mixture:
+    """Return what others tell of B..E of one record, what varies between deployments included."""
+    seen, noise = _stacked(others)
+    design, here = np.concatenate([_design(other) for other in others]), _design(own)
+    told = np.diag(USUAL**2)
+    means, covariances, logs = [], [], []
+    for sizes in _sizes():
+        between = _between([*others, own], sizes)
+        whole = np.concatenate([design, here]) @ told @ np.concatenate([design, here]).T + between
+        k = len(seen)
+        inner, cross = whole[:k, :k] + noise, whole[k:, :k]
+        gain = np.linalg.solve(inner, cross.T).T
+        means.append(gain @ seen)
+        covariances.append(whole[k:, k:] - gain @ cross.T)
+        logs.append(_log_normal(seen, inner) + _log_prior(sizes))
+    return Mixture(_normed(np.array(logs)), np.array(means), np.array(covariances))
+
+
+def _compass(members: Sequence[Member]) -> Mixture:
+    """Return the posterior of NAMES by some records."""
+    seen, noise = _stacked(members)
+    design = np.concatenate([np.zeros((0, len(NAMES))), *(_design(member) for member in members)])
+    means, covariances, logs = [], [], []
+    for sizes in _sizes():
+        inner = noise + _between(members, sizes)
+        whole = inner + design @ np.diag(USUAL**2) @ design.T
+        weighted = np.linalg.solve(inner, design).T
+        covariance = np.linalg.inv(weighted @ design + np.diag(USUAL**-2.0))
+        covariances.append(covariance)
+        means.append(covariance @ weighted @ seen)
+        logs.append(_log_normal(seen, whole) + _log_prior(sizes))
+    return Mixture(_normed(np.array(logs)), np.array(means), np.array(covariances))
+
+
+def _weights(members: Sequence[Member]) -> Floats:
+    return _compass(members).weight
+
+
+def _design(member: Member) -> Floats:
+    """Return how B, C, D, E depend on NAMES at one place, (4, 6)."""
+    level, dip = 1.0 / member.horizontal_nT, member.vertical_nT / member.horizontal_nT
+    rows = np.zeros((4, 6))
+    rows[0, [0, 2]] = rows[1, [1, 3]] = level, dip
+    rows[2, 4] = rows[3, 5] = 1.0
+    return rows
+
+
+def _between(members: Sequence[Member], sizes: tuple[float, float]) -> Floats:
+    """Return the covariance of what varies between deployments, (4 m, 4 m); who shares a sphere shares its iron."""
+    of_sphere, of_battery = sizes
+    level = np.array([1.0 / member.horizontal_nT for member in members])
+    alike = np.array(
+        [[a is b or (a.sphere is not None and a.sphere == b.sphere) for b in members] for a in members], dtype=float
+    )
+    iron = (of_sphere**2 * alike + of_battery**2 * np.eye(len(members))) * np.outer(level, level)
+    return np.kron(iron, np.diag([1.0, 1.0, 0.0, 0.0])) + np.kron(
+        np.eye(len(members)), np.diag([0.0, 0.0, SOFT**2, SOFT**2])
+    )
+
+
+def _stacked(members: Sequence[Member]) -> tuple[Floats, Floats]:
+    seen = np.concatenate([np.zeros(0), *(member.coefficients[OWN] for member in members)])
+    noise = np.zeros((len(seen), len(seen)))
+    for k, member in enumerate(members):
+        noise[4 * k : 4 * k + 4, 4 * k : 4 * k + 4] = member.covariance[np.ix_(OWN, OWN)]
+    return seen, noise
+
+
+def _sizes() -> list[tuple[float, float]]:
+    return [(float(a), float(b)) for a, b in itertools.product(SIZES_NT, SIZES_NT)]
+
+
+def _log_prior(sizes: tuple[float, float]) -> float:
+    """Return the log weight of two sizes, on a grid even in their logarithms."""
+    return float(sum(np.log(size / USUAL_NT) - np.log1p((size / USUAL_NT) ** 2) for size in sizes))
+
+
+def _mounting(members: Sequence[Member]) -> tuple[float, float]:
+    """Return mean and precision of A for a record that cannot tell its own."""
+    values = np.array([member.coefficients[0] for member in members])
+    own = np.array([member.covariance[0, 0] for member in members])
+    least = (CLAMP_DEG * angles.DEGREE) ** 2
+    spread = max(float(np.var(values, ddof=1)) if len(values) > 1 else 0.0, least)
+    weight = 1.0 / (own + spread)
+    return float(weight @ values / weight.sum()), float(1.0 / (spread + 1.0 / weight.sum()))
+
+
+def _rejected(name: str, probability: float, sigmas: float, others: Sequence[Member]) -> Rejected:
+    against = ", ".join(other.name for other in others)
+    why = (
+        f"B to E are {sigmas:.1f} standard deviations from what {against} tell of this compass, iron that varies "
+        "between deployments counted: another compass, or iron that changed; it is not averaged"
+    )
+    return Rejected(name, probability, sigmas, why)
+
+
+def _log_normal(off: Floats, covariance: Floats) -> float:
+    sign_log = np.linalg.slogdet(2.0 * np.pi * covariance)[1]
+    return float(-0.5 * (off @ np.linalg.solve(covariance, off) + sign_log))
+
+
+def _log_sum(logs: Floats) -> float:
+    return float(logs.max() + np.log(np.exp(logs - logs.max()).sum()))
+
+
+def _normed(logs: Floats) -> Floats:
+    weight = np.exp(logs - logs.max())
+    return np.asarray(weight / weight.sum())

@@ -1,0 +1,294 @@
+"""Effects of the instrument that all its records share: their scores and information added, one amplitude for all.
+
+The priors, the odds and the water are those of a single record's search. A rival is always there: a season of the water
+that recurs at every deployment, of unknown size, so that what only goes with the season names nothing on the compass.
+Another is that each record has an effect of its own, or only one has it.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib.core.types import Floats
+from compasslib.effects import SLOW_WATER, Term
+from compasslib.joint.members import Member
+from compasslib.search import posterior, sharing
+from compasslib.search.posterior import Hypothesis, Posterior
+
+SEASONS_DEG = np.array([0.1, 0.5, 1.0, 2.0, 4.0, 8.0])  # sizes of a season of the water, rms
+USUAL_DEG = 2.0  # of half a Cauchy law, beforehand
+MOST_TERMS = 2
+STEPS = 5  # to the likeliest amplitudes beside every kind of water
+MOST_LOG = 700.0
+
+
+@dataclass(frozen=True)
+class Beside:
+    """One record's products in the columns of all effects and of the season, beside each kind of slow water."""
+
+    information: Floats  # (w, p + s, p + s)
+    score: Floats  # (w, p + s)
+    log_weight: Floats  # (w,)
+    uneven: Floats  # (p,)
+
+
+@dataclass(frozen=True)
+class Mode:
+    """Where the amplitudes of one hypothesis are likeliest."""
+
+    values: Floats  # (k + s,)
+    information: Floats  # (k + s, k + s) of the records alone
+    score: Floats  # (k + s,)
+    log_evidence: float
+
+
+@dataclass(frozen=True)
+class Amplitude:
+    """An effect that the records share."""
+
+    kind: type[Term]
+    values: Floats  # (k,) of the fitted parameters
+    covariance: Floats  # (k, k)
+    rms_effect_deg: float
+    probability: float
+    alternatives: dict[str, float]
+    each: dict[str, tuple[Floats, Floats]]  # values and standard errors by each record alone
+    gain: float  # log score of each record predicted by the others, over nothing predicted
+
+
+@dataclass(frozen=True)
+class SharedEffects:
+    """What the records of one compass show together."""
+
+    kinds: tuple[type[Term], ...]
+    records: tuple[str, ...]
+    found: tuple[Amplitude, ...]
+    acting: dict[str, float]  # probability that all records share it, of every effect
+    sides: dict[str, float]
+    season_deg: tuple[float, float]  # size of the season of the water, with its standard error
+
+
+class Evidence:
+    """The records of one compass on one scale, and how likely they are under a hypothesis."""
+
+    def __init__(self, members: Sequence[Member]):
+        self.members = [member for member in members if member.effects is not None]
+        forms = dict.fromkeys(form for member in self.members if member.effects for form in member.effects.forms)
+        self.kinds = tuple(sharing.kind_of(form) for form in forms)
+        ends = np.cumsum([0, *(len(kind.fitted()) for kind in self.kinds)])
+        self.parts = [np.arange(a, b) for a, b in itertools.pairwise(ends)]
+        self.count = int(ends[-1])
+        self.usual = self._usual(list(forms))
+        self.records = [self._record(member, list(forms)) for member in self.members]
+
+    def _usual(self, forms: list[str]) -> Floats:
+        found: list[list[Floats]] = [[] for _ in forms]
+        for member in self.members:
+            assert member.effects is not None
+            for form, part in _parts(member):
+                found[forms.index(form)].append(member.effects.usual[part])
+        return np.concatenate([np.zeros(0), *(np.median(each, axis=0) for each in found)])
+
+    def _record(self, member: Member, forms: list[str]) -> Beside:
+        effects = member.effects
+        assert effects is not None
+        own = np.concatenate([np.zeros(0, dtype=np.intp), *(self.parts[forms.index(f)] for f in effects.forms)])
+        at = np.append(own, self.count + np.arange(sharing.SEASONS))
+        unit = np.append(self.usual[own], np.ones(sharing.SEASONS))
+        size = self.count + sharing.SEASONS
+        information, score = np.zeros((len(effects.beside), size, size)), np.zeros((len(effects.beside), size))
+        for k, one in enumerate(effects.beside):
+            information[k][np.ix_(at, at)] = one.information * np.outer(unit, unit)
+            score[k, at] = one.score * unit
+        uneven = np.ones(self.count)
+        uneven[own] = effects.uneven
+        return Beside(information, score, np.array([one.log_likelihood for one in effects.beside]), uneven)
+
+    def columns(self, hypothesis: Hypothesis) -> NDArray[np.intp]:
+        """Return the columns of a hypothesis, those of the season after them."""
+        own = [self.parts[k] for k in hypothesis]
+        return np.concatenate([*own, self.count + np.arange(sharing.SEASONS)]).astype(np.intp)
+
+    def mode(self, hypothesis: Hypothesis, season_deg: float, some: Sequence[int]) -> Mode:
+        """Return the likeliest amplitudes by some of the records, and the evidence.
+
+        Args:
+            hypothesis: numbers of effects that these records share.
+            season_deg: size of the season of the water, rms.
+            some: numbers of records.
+        """
+        at, own = self.columns(hypothesis), sum(len(self.parts[k]) for k in hypothesis)
+        precision = np.ones(len(at))
+        precision[own:] = season_deg**-2.0
+        each = []
+        for j in some:
+            record = self.records[j]
+            uneven = float(record.uneven[at[:own]].max(initial=1.0))
+            each.append((record.information[:, at[:, None], at] / uneven, record.score[:, at] / uneven, record))
+        values: Floats = np.zeros(len(at))
+        for _ in range(STEPS):
+            information, score, logs = np.zeros((len(at),) * 2), np.zeros(len(at)), 0.0
+            for products, scores, record in each:
+                likely = record.log_weight + scores @ values - 0.5 * np.einsum("wij,i,j->w", products, values, values)
+                share = np.exp(likely - likely.max())
+                logs += float(likely.max() + np.log(share.sum()) - _log_sum(record.log_weight))
+                share /= share.sum()
+                information += np.einsum("w,wij->ij", share, products)
+                score += share @ scores
+            before, values = values, np.linalg.solve(information + np.diag(precision), score)
+        whole = information + np.diag(precision)
+        evidence = logs - 0.5 * float(precision @ before**2)
+        evidence += 0.5 * float(np.log(precision).sum() - np.linalg.slogdet(whole)[1])
+        return Mode(before, information, score, evidence)
+
+
+def infer(members: Sequence[Member], alarm: float) -> SharedEffects | None:
+    """Return the effects that records share, None where fewer than two were searched.
+
+    Args:
+        alarm: probability that noise alone is allowed to give a name, as of a single record.
+    """
+    seen = Evidence(members)
+    if len(seen.members) < 2 or not seen.kinds:
+        return None
+    forms = Counter(kind.name for kind in seen.kinds)
+    odds = [o - np.log(forms[k.name]) for o, k in zip(posterior.whole_odds(seen.kinds, alarm), seen.kinds, strict=True)]
+    every = range(len(seen.members))
+    hypotheses = [one for n in range(MOST_TERMS + 1) for one in itertools.combinations(range(len(seen.kinds)), n)]
+    hypotheses = [one for one in hypotheses if len({seen.kinds[k].name for k in one}) == len(one)]
+    season = -np.log1p((SEASONS_DEG / USUAL_DEG) ** 2) + np.log(SEASONS_DEG)
+    modes = [[seen.mode(one, float(size), every) for size in SEASONS_DEG] for one in hypotheses]
+    table = np.array([[mode.log_evidence for mode in row] for row in modes]) + season
+    prior = np.array([posterior.joint_odds([odds[k] for k in one]) for one in hypotheses])
+    shared = np.array([_log_sum(row) for row in table]) + prior
+    apart = np.array([_apart(seen, k, odds[k]) for k in range(len(seen.kinds))]) + shared[0]
+    logs = np.concatenate([shared, apart])
+    probability = np.exp(logs - _log_sum(logs))
+    found = Posterior([kind.name for kind in seen.kinds], hypotheses, probability[: len(hypotheses)], prior)
+    sizes = np.exp(table + prior[:, None] - _log_sum((table + prior[:, None]).ravel()))
+    middle = float(sizes.sum(axis=0) @ SEASONS_DEG)
+    spread = float(np.sqrt(sizes.sum(axis=0) @ (SEASONS_DEG - middle) ** 2))
+    best = found.best
+    at = hypotheses.index(best)
+    size = int(np.argmax(table[at]))
+    slots = found.slots(best, instead=SLOW_WATER)
+    amplitudes = tuple(
+        _amplitude(seen, best, place, modes[at][size], slot, float(SEASONS_DEG[size]))
+        for place, slot in enumerate(slots)
+    )
+    acting, on_compass = found.acting, float(found.probability[1:].sum())
+    return SharedEffects(
+        kinds=seen.kinds,
+        records=tuple(member.name for member in seen.members),
+        found=amplitudes,
+        acting=acting,
+        sides={"none": 1.0 - on_compass, "compass": on_compass, "clock": 0.0, "reference": 0.0, "water": 0.0},
+        season_deg=(middle, spread),
+    )
+
+
+def told_by(members: Sequence[Member], found: SharedEffects) -> dict[str, tuple[Floats, Floats]]:
+    """Return information and score of the effects that were found, by some records, in the parameters' units.
+
+    Args:
+        members: the others of the record that is to know it.
+    """
+    seen = Evidence(members)
+    result: dict[str, tuple[Floats, Floats]] = {}
+    for one in found.found:
+        if one.kind in seen.kinds:
+            own = seen.kinds.index(one.kind)
+            mode = seen.mode((own,), max(found.season_deg[0], float(SEASONS_DEG[0])), range(len(seen.members)))
+            k, usual = len(one.values), seen.usual[seen.parts[own]]
+            season = mode.information[k:, k:] + np.eye(sharing.SEASONS) * max(found.season_deg[0], 0.1) ** -2.0
+            gain = np.linalg.solve(season, mode.information[k:, :k]).T
+            information = mode.information[:k, :k] - gain @ mode.information[k:, :k]
+            score = mode.score[:k] - gain @ mode.score[k:]
+            result[one.kind.__name__] = (information / np.outer(usual, usual), score / usual)
+    return result
+
+
+def _apart(seen: Evidence, k: int, odds: float) -> float:
+    """Return the log odds that records have an effect each by itself, at least one, against none."""
+    each = [
+        odds + seen.mode((k,), float(SEASONS_DEG[0]), [j]).log_evidence - seen.mode((), 0.1, [j]).log_evidence
+        for j in range(len(seen.members))
+    ]
+    whole = float(np.sum(np.logaddexp(0.0, each)))
+    return whole + float(np.log(-np.expm1(-whole))) if whole > 0.0 else -MOST_LOG
+
+
+def _amplitude(
+    seen: Evidence, best: Hypothesis, place: int, mode: Mode, slot: posterior.Slot, season_deg: float
+) -> Amplitude:
+    k = best[place]
+    begin = sum(len(seen.parts[j]) for j in best[:place])
+    own = np.arange(begin, begin + len(seen.parts[k]))
+    precision = np.ones(len(mode.values))
+    precision[sum(len(seen.parts[j]) for j in best) :] = season_deg**-2.0
+    covariance, usual = np.linalg.inv(mode.information + np.diag(precision)), seen.usual[seen.parts[k]]
+    values = mode.values[own] * usual
+    each: dict[str, tuple[Floats, Floats]] = {}
+    for j, member in enumerate(seen.members):
+        alone = seen.mode((k,), season_deg, [j])
+        spread = np.linalg.inv(alone.information + np.diag(_precision(len(usual), season_deg)))
+        each[member.name] = (
+            alone.values[: len(usual)] * usual,
+            np.sqrt(np.diag(spread)[: len(usual)]) * usual,
+        )
+    return Amplitude(
+        kind=seen.kinds[k],
+        values=values,
+        covariance=covariance[np.ix_(own, own)] * np.outer(usual, usual),
+        rms_effect_deg=float(np.sqrt(values @ _visible(seen, k) @ values)),
+        probability=slot.probability,
+        alternatives=dict(slot.alternatives),
+        each=each,
+        gain=_predicted(seen, k, season_deg),
+    )
+
+
+def _precision(own: int, season_deg: float) -> Floats:
+    return np.append(np.ones(own), np.full(sharing.SEASONS, season_deg**-2.0))
+
+
+def _predicted(seen: Evidence, k: int, season_deg: float) -> float:
+    """Return the log score of each record with the amplitude that the others tell, over without, summed."""
+    every, total = range(len(seen.members)), 0.0
+    for j in every:
+        others = [i for i in every if i != j]
+        both, without = seen.mode((k,), season_deg, list(every)), seen.mode((), season_deg, list(every))
+        less, none = seen.mode((k,), season_deg, others), seen.mode((), season_deg, others)
+        total += both.log_evidence - less.log_evidence - (without.log_evidence - none.log_evidence)
+    return total
+
+
+def _visible(seen: Evidence, k: int) -> Floats:
+    """Return the mean products of an effect's visible columns over the records, square degrees."""
+    each = []
+    for member in seen.members:
+        assert member.effects is not None
+        each += [
+            member.effects.visible[np.ix_(part, part)]
+            for form, part in _parts(member)
+            if form == seen.kinds[k].__name__
+        ]
+    return np.asarray(np.mean(each, axis=0))
+
+
+def _parts(member: Member) -> list[tuple[str, NDArray[np.intp]]]:
+    assert member.effects is not None
+    ends = np.cumsum([0, *member.effects.parts])
+    return [
+        (form, np.arange(a, b)) for form, (a, b) in zip(member.effects.forms, itertools.pairwise(ends), strict=True)
+    ]
+
+
+def _log_sum(logs: Floats) -> float:
+    return float(logs.max() + np.log(np.exp(logs - logs.max()).sum()))

@@ -1,0 +1,158 @@
+"""One compass and its records: the iron that each shows beside what all show, and the curve that they share."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from compasslib.core import angles, compass
+from compasslib.core.types import Floats
+from compasslib.plots.page import BLUE, GREEN, GREY, MAGNETIC, VERMILION, degrees, legend, page, say
+
+FIGURES = ("coefficients", "curve")
+WITHIN = 1.96
+LETTERS = "ABCDE"
+IRON = (("P_nT", "c"), ("Q_nT", "f"))  # of B and C
+
+
+def draw(figure: str, path: str | Path, content: Mapping[str, Any]) -> None:
+    """Draw one of FIGURES."""
+    {"coefficients": coefficients, "curve": curve}[figure](path, content)
+
+
+def coefficients(path: str | Path, content: Mapping[str, Any]) -> None:
+    """Draw what each record shows of the iron, with its 95 % interval, beside what the compass has."""
+    deployments = [one for one in content["deployments"] if one["coefficients"]]
+    effects = content["effects"]
+    panels = [*"BCDE", *((one, k) for one in effects for k in range(len(one["values"])))]
+    rows = -(-len(panels) // 4)
+    height = rows * (0.9 + 0.2 * max(len(deployments), 1)) + 0.4
+    with page(path, f"{content['compass']}: what each record shows of the compass", height, _notes(content)) as figure:
+        for axes, panel in zip(figure.subplots(rows, 4, squeeze=False).flat, panels, strict=False):
+            if isinstance(panel, str):
+                _iron(axes, panel, deployments, content)
+            else:
+                _effect(axes, *panel)
+        for axes in figure.axes[len(panels) :]:
+            axes.set_visible(False)
+        legend(
+            figure,
+            [
+                Line2D([], [], color=BLUE, marker="o", label="a record alone, 95 %"),
+                Line2D([], [], color=VERMILION, marker="o", label="one that does not fit"),
+                Patch(color=GREEN, alpha=0.25, label="the compass, 95 %"),
+            ],
+        )
+
+
+def curve(path: str | Path, content: Mapping[str, Any]) -> None:
+    """Draw the deviation by correct heading of each record, and of the compass in the middle of their fields."""
+    deployments = [one for one in content["deployments"] if one["coefficients"]]
+    heading = np.arange(0.0, 360.5, 2.0)
+    with page(path, f"{content['compass']}: deviation curve", 2.8, _notes(content)) as figure:
+        axes = figure.subplots()
+        axes.set_xlabel(f"Correct heading {MAGNETIC}")
+        axes.set_ylabel("Deviation (°)")
+        degrees(axes.xaxis, (0.0, 360.0))
+        if not deployments:
+            say(axes, "No record determines the compass.", hide_x=False)
+            return
+        for one in deployments:
+            values = np.array([one["coefficients"][letter] for letter in LETTERS])
+            values[0] = 0.0
+            axes.plot(heading, _deviation(values, heading), color=BLUE if one["fits"] else VERMILION, linewidth=0.8)
+        if content["coefficients"]:
+            middle, spread = _shared_curve(content, deployments, heading)
+            axes.fill_between(
+                heading, middle - WITHIN * spread, middle + WITHIN * spread, color=GREEN, alpha=0.25, lw=0
+            )
+            axes.plot(heading, middle, color=GREEN)
+        axes.axhline(0.0, color=GREY, linewidth=0.5)
+        legend(
+            figure,
+            [
+                Line2D([], [], color=BLUE, linewidth=0.8, label="a record alone, without its A"),
+                Line2D([], [], color=VERMILION, linewidth=0.8, label="one that does not fit"),
+                Line2D([], [], color=GREEN, label="the compass in their mean field, 95 %"),
+            ],
+        )
+
+
+def _iron(axes: Axes, letter: str, deployments: list[dict[str, Any]], content: Mapping[str, Any]) -> None:
+    """Draw B and C as iron in nT, D and E as they are."""
+    hard = letter in "BC"
+    axes.set_title(f"{letter} times H (nT)" if hard else letter)
+    for k, one in enumerate(deployments):
+        unit = one["horizontal_nT"] if hard else 1.0
+        value, sigma = one["coefficients"][letter] * unit, one["sigma"][letter] * unit
+        axes.errorbar(
+            value, k, xerr=WITHIN * sigma, color=BLUE if one["fits"] else VERMILION, marker="o", markersize=3, lw=1.0
+        )
+        if content["coefficients"]:
+            middle, spread = _expected(letter, one, content)
+            axes.fill_betweenx([k - 0.35, k + 0.35], middle - WITHIN * spread, middle + WITHIN * spread, color=GREEN,
+                               alpha=0.25, lw=0)  # fmt: skip
+    _named(axes, [one["name"] for one in deployments])
+
+
+def _expected(letter: str, one: Mapping[str, Any], content: Mapping[str, Any]) -> tuple[float, float]:
+    """Return what the compass makes of a coefficient at a record's place, iron that varies between them included."""
+    names = list(content["coefficients"])
+    weight = np.zeros(len(names))
+    if letter in "BC":
+        iron, induced = IRON["BC".index(letter)]
+        weight[names.index(iron)], weight[names.index(induced)] = 1.0, one["vertical_nT"]
+    else:
+        weight[names.index(letter)] = 1.0
+    values, covariance = np.array(list(content["coefficients"].values())), np.array(content["covariance"])
+    between = content["sigma_between"] if letter in "BC" else 0.0
+    return float(weight @ values), float(np.sqrt(weight @ covariance @ weight + between**2))
+
+
+def _effect(axes: Axes, effect: Mapping[str, Any], k: int) -> None:
+    axes.set_title(
+        f"{effect['effect'].replace('_', ' ')}: {effect['parameters'][k]} ({effect['units'][k]})", fontsize=7
+    )
+    value, sigma = effect["values"][k], effect["sigma"][k]
+    axes.axvspan(value - WITHIN * sigma, value + WITHIN * sigma, color=GREEN, alpha=0.25, lw=0)
+    for row, one in enumerate(effect["each"].values()):
+        axes.errorbar(
+            one["values"][k], row, xerr=WITHIN * one["sigma"][k], color=BLUE, marker="o", markersize=3, lw=1.0
+        )
+    _named(axes, list(effect["each"]))
+
+
+def _named(axes: Axes, names: list[str]) -> None:
+    axes.set_yticks(range(len(names)), names, fontsize=7)
+    axes.set_ylim(len(names) - 0.5, -0.5)
+    axes.locator_params(axis="x", nbins=3)
+
+
+def _shared_curve(
+    content: Mapping[str, Any], deployments: list[dict[str, Any]], heading: Floats
+) -> tuple[Floats, Floats]:
+    """Return the deviation of the compass in the mean field and its standard error, (n,) each."""
+    fitting = [one for one in deployments if one["fits"]] or deployments
+    level, down = (float(np.mean([one[name] for one in fitting])) for name in ("horizontal_nT", "vertical_nT"))
+    design = np.zeros((5, 6))
+    design[1, [0, 2]] = design[2, [1, 3]] = 1.0 / level, down / level
+    design[3, 4] = design[4, 5] = 1.0
+    values = design @ np.array(list(content["coefficients"].values()))
+    covariance = design @ np.array(content["covariance"]) @ design.T
+    slope = compass.gradient(values, heading)
+    return _deviation(values, heading), np.sqrt(np.einsum("in,ij,jn->n", slope, covariance, slope))
+
+
+def _deviation(values: Floats, heading: Floats) -> Floats:
+    return angles.difference(heading, compass.recorded_heading(values, heading))
+
+
+def _notes(content: Mapping[str, Any]) -> list[str]:
+    return [f"{one['name']} does not fit the others (probability {one['probability_same']:.2g})."
+            for one in content["rejected"]]  # fmt: skip
