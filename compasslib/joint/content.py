@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from scipy.linalg import block_diag
 
+from compasslib.core.records import EarthField
 from compasslib.core.types import Floats
 from compasslib.deviation import prior as priors
 from compasslib.deviation.model import LETTERS
 from compasslib.deviation.prior import Prior
+from compasslib.effects.composition import Simulation
 from compasslib.joint import coefficients, effects
 from compasslib.joint.coefficients import NAMES, Joined
 from compasslib.joint.effects import Amplitude, SharedEffects
 from compasslib.joint.members import Member
-from compasslib.search import sharing, wording
+from compasslib.search import applied, sharing, wording
+from compasslib.search.applied import Applied
 from compasslib.search.case import Shared
+from compasslib.search.product import Product
 from compasslib.search.show import HeldOut
 from compasslib.search.verdict import Diagnosis, Finding, Parameter, Where, insufficient
 
@@ -60,6 +65,33 @@ def returned(content: Mapping[str, Any], mooring: str) -> Returned | None:
     prior = priors.from_json(block["prior"])
     assert prior is not None
     return Returned(content["compass"], tuple(block["from"]), content["sigma_between"], prior, told)
+
+
+def with_effects(made: Product, told: Returned, field: EarthField, logged: Mapping[str, Floats]) -> Product:
+    """Return what corrects a record that cannot be searched, with the effects that the others tell.
+
+    Args:
+        field: the earth's field along the deployment.
+        logged: series beside the record, by which an effect may change; one that it has not is left out.
+    """
+    terms, covariances = [], [made.fit.covariance[:5, :5]]
+    for kind, (information, score) in told.effects.items():
+        if all(name in logged or name in applied.FROM_RECORD for name in kind.needs):
+            covariance = np.linalg.inv(information)
+            terms.append(kind().at(covariance @ score))
+            covariances.append(covariance)
+    if not terms:
+        return made
+    needed = sorted({name for term in terms for name in term.needs})
+    references = {name: float(np.nanmean(logged[name])) for name in needed if name in logged}
+    known = Applied(
+        simulation=Simulation(made.fit.coefficients, float(np.mean(field.horizontal_nT)), tuple(terms)),
+        covariance=block_diag(*covariances),
+        references=references | {"time": float(field.time_s[0])},
+        logged=tuple(references),
+    )
+    names = tuple(term.name for term in terms)
+    return replace(made, effects=names, applied=(applied.Member(1.0, "+".join(names), known),))
 
 
 def joined(name: str, members: Sequence[Member], min_effect_deg: float) -> tuple[dict[str, Any], Diagnosis]:

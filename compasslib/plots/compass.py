@@ -13,7 +13,7 @@ from matplotlib.patches import Patch
 
 from compasslib.core import angles, compass
 from compasslib.core.types import Floats
-from compasslib.plots.page import BLUE, GREEN, GREY, MAGNETIC, VERMILION, degrees, legend, page, say
+from compasslib.plots.page import BLUE, GREEN, GREY, MAGNETIC, VERMILION, degrees, empty, legend, page
 
 FIGURES = ("coefficients", "curve")
 WITHIN = 1.96
@@ -33,7 +33,7 @@ def coefficients(path: str | Path, content: Mapping[str, Any]) -> None:
     panels = [*"BCDE", *((one, k) for one in effects for k in range(len(one["values"])))]
     rows = -(-len(panels) // 4)
     height = rows * (0.9 + 0.2 * max(len(deployments), 1)) + 0.4
-    with page(path, f"{content['compass']}: what each record shows of the compass", height, _notes(content)) as figure:
+    with page(path, height) as figure:
         for axes, panel in zip(figure.subplots(rows, 4, squeeze=False).flat, panels, strict=False):
             if isinstance(panel, str):
                 _iron(axes, panel, deployments, content)
@@ -55,13 +55,13 @@ def curve(path: str | Path, content: Mapping[str, Any]) -> None:
     """Draw the deviation by correct heading of each record, and of the compass in the middle of their fields."""
     deployments = [one for one in content["deployments"] if one["coefficients"]]
     heading = np.arange(0.0, 360.5, 2.0)
-    with page(path, f"{content['compass']}: deviation curve", 2.8, _notes(content)) as figure:
+    with page(path, 2.8) as figure:
         axes = figure.subplots()
         axes.set_xlabel(f"Correct heading {MAGNETIC}")
         axes.set_ylabel("Deviation (°)")
         degrees(axes.xaxis, (0.0, 360.0))
         if not deployments:
-            say(axes, "No record determines the compass.", hide_x=False)
+            empty(axes, "no record determines the compass")
             return
         for one in deployments:
             values = np.array([one["coefficients"][letter] for letter in LETTERS])
@@ -151,8 +151,3 @@ def _shared_curve(
 
 def _deviation(values: Floats, heading: Floats) -> Floats:
     return angles.difference(heading, compass.recorded_heading(values, heading))
-
-
-def _notes(content: Mapping[str, Any]) -> list[str]:
-    return [f"{one['name']} does not fit the others (probability {one['probability_same']:.2g})."
-            for one in content["rejected"]]  # fmt: skip

@@ -22,6 +22,7 @@ from compasslib.effects.composition import Simulation
 from compasslib.search import covariates
 
 FROM_TILT = ("pitch", "roll", "tilt")
+FROM_RECORD = (*FROM_TILT, "turn_rate")  # what every record has
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from compasslib.deviation.model import FEWEST_PAIRS, Fit
 from compasslib.joint import content
 from compasslib.joint.content import Returned
 from compasslib.preparation import several
-from compasslib.search import product
+from compasslib.search import covariates, product
 from compasslib.stages import diagnose
 
 
@@ -66,7 +66,11 @@ def run(
         configured = deviations.described(fitted, own)
     found = diagnose.search(near, series, fitted, along, options, wide=wide, units=units, shared=told.effects)
     text = carried_by(told, before, fitted)
-    applied = product.of(fitted, found).to_json()
+    made = product.of(fitted, found)
+    if found.fit is None and told.effects and options["enabled"] and options["apply"]:
+        logged = covariates.logged(netcdf.read_record(record), observatory)
+        made = content.with_effects(made, told, along, logged)
+    applied = made.to_json()
     netcdf.write_json(diagnosis, found.to_json())
     netcdf.write_json(deviation, configured | {"applied": applied, "shared": told.block(text)})
     say(f"{mooring}: {text}\n{found.log_line(mooring)}")
