@@ -42,11 +42,11 @@ class Report:
     attributes: tuple[tuple[str, str], ...]
     moorings: Overview
     calibrations: Overview
-    compasses: Overview
     software: str
     date: str
     map: chart.Chart | None = None
     small: bool = False  # whether there are too many sections for whole pictures
+    compasses: Overview = Overview(compass.CAPTION, compass.HEADER, ())
 
     def counts(self) -> str:
         """Return the first sentences: how many there are, and what was found."""
