@@ -31,6 +31,7 @@ from compasslib.search.wording import VERDICTS
 MOORINGS = "All moorings; rms: direction of the current minus the reference's, on pairs held out from the fit"
 CALIBRATIONS = "All calibrations"
 NONE_STOPPED: Mapping[str, Mapping[str, str]] = {"moorings": {}, "calibrations": {}}
+NO_COMPASSES = Overview(compass.CAPTION, compass.HEADER, ())
 TEMPLATES = Path(__file__).resolve().parent / "templates"
 
 
@@ -46,7 +47,7 @@ class Report:
     date: str
     map: chart.Chart | None = None
     small: bool = False  # whether there are too many sections for whole pictures
-    compasses: Overview = Overview(compass.CAPTION, compass.HEADER, ())
+    compasses: Overview = NO_COMPASSES
 
     def counts(self) -> str:
         """Return the first sentences: how many there are, and what was found."""
