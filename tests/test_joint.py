@@ -1,0 +1,140 @@
+"""Several records of one compass: iron that is shared, records that do not belong, effects by added evidence, priors."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from compasslib import deviation
+from compasslib.core.records import take
+from compasslib.deviation import exact
+from compasslib.deviation.prior import Prior
+from compasslib.joint import coefficients, content, effects
+from compasslib.joint.members import Member
+from compasslib.search import sharing
+from compasslib.search.evidence import Products
+from compasslib.search.sharing import Effects
+from compasslib.simulation import pairs as sea
+
+FIELDS = ((12000.0, 52000.0), (15000.0, 50000.0), (20000.0, 42000.0))
+IRON = np.array([900.0, -500.0, 0.01, -0.005, 0.02, 0.01])  # by coefficients.NAMES
+
+
+def member(name: str, field: tuple[float, float], *, sigma: float = 0.004, off: float = 0.0, rng=None, **keys) -> Member:
+    bare = Member(name, "mooring", None, *field, np.zeros(5), np.eye(5) * sigma**2)
+    there = coefficients._design(bare) @ IRON + (0.0 if rng is None else rng.normal(0.0, sigma, 4)) + off * sigma
+    return replace(bare, coefficients=np.append(0.01, there), **keys)
+
+
+def test_iron_scales_with_the_field_and_what_is_induced_with_the_dip():
+    joined = coefficients.join([member(f"M{k}", field, sigma=1e-4) for k, field in enumerate(FIELDS)])
+    sigma = np.sqrt(np.diag(joined.shared.covariance))
+    assert joined.kept == ("M0", "M1", "M2") and not joined.rejected
+    assert (np.abs(joined.shared.mean - IRON) < 2.0 * sigma).all()
+
+
+def test_what_others_tell_is_theirs_alone():
+    three = [member(f"M{k}", field) for k, field in enumerate(FIELDS)]
+    moved = [replace(three[0], coefficients=three[0].coefficients + 0.002), *three[1:]]
+    first, second = (coefficients.join(some) for some in (three, moved))
+    assert np.array_equal(first.prior("M0").mean, second.prior("M0").mean)
+    assert not np.array_equal(first.prior("M1").mean, second.prior("M1").mean)
+    assert first.prior("M0").precision[0].tolist() == [0.0] * 5  # A is never shared
+
+
+def test_a_record_without_pairs_takes_a_too_with_the_clamp_s_spread():
+    dumb = replace(member("M9", FIELDS[0]), coefficients=np.zeros(0), covariance=np.zeros(0))
+    prior = coefficients.join([member("M0", FIELDS[0]), member("M1", FIELDS[1]), dumb]).prior("M9")
+    sigma_deg = np.degrees(prior.precision[0, 0] ** -0.5)
+    assert prior.mean[0] == pytest.approx(0.01) and 2.0 < sigma_deg < 3.0
+
+
+def test_siblings_stay_and_strangers_are_told():
+    rng, odd, lost = np.random.default_rng(3), 0, 0
+    for _ in range(12):
+        three = [member(f"M{k}", field, rng=rng) for k, field in enumerate(FIELDS)]
+        lost += len(coefficients.join(three).rejected)
+        another = replace(three[0], coefficients=three[0].coefficients + [0.0, 0.15, -0.1, 0.02, 0.02])
+        odd += [one.name for one in coefficients.join([another, *three[1:]]).rejected] == ["M0"]
+    assert (odd, lost) == (12, 0)
+
+
+def test_of_two_that_disagree_neither_is_averaged():
+    two = [member("M0", FIELDS[0]), member("M1", FIELDS[1], off=60.0)]
+    joined = coefficients.join(two)
+    assert {one.name for one in joined.rejected} == {"M0", "M1"} and joined.prior("M0") is None
+    page, diagnosis = content.joined("wh1", two, 0.5)
+    assert page["coefficients"] is None and page["returned"] == {"M0": None, "M1": None}
+    assert diagnosis.verdict == "insufficient"
+
+
+def test_records_in_one_sphere_tell_more_of_each_other():
+    alone = [member(f"M{k}", FIELDS[0]) for k in range(3)]
+    together = [replace(one, sphere="s1") for one in alone]
+    widths = [np.linalg.det(coefficients.expected(some[0], some[1:]).covariance) for some in (alone, together)]
+    assert widths[1] < widths[0]
+
+
+def told(z: float, *, season: float = 0.0, forms: tuple[str, ...] = ("TemperatureOfReading",)) -> Effects:
+    """Return one effect seen at z standard errors, its column correlated with that of a season."""
+    size = len(forms) + sharing.SEASONS
+    information = np.eye(size) * 100.0
+    information[0, len(forms)] = information[len(forms), 0] = 100.0 * season
+    score = 10.0 * z * information[:, 0] / 100.0
+    ones = np.ones(len(forms))
+    return Effects(forms, tuple([1] * len(forms)), ones, ones, np.eye(len(forms)), (Products(information, score, 0.0),), 9.0, 900)
+
+
+@pytest.mark.parametrize(
+    ("scores", "season", "named"),
+    [
+        ((3.5, 3.5, 3.5), 0.0, True),  # none of them alone: the evidence of three adds
+        ((0.5, -0.5, 0.3), 0.0, False),
+        ((9.0, 0.0, 0.0), 0.0, False),  # one record's own
+        ((3.5, 3.5, 3.5), 0.999, False),  # recurs with the season of the water
+    ],
+)
+def test_an_effect_is_shared_where_evidence_adds_and_neither_one_record_nor_a_season_explains_it(scores, season, named):
+    members = [member(f"M{k}", FIELDS[k], effects=told(z, season=season)) for k, z in enumerate(scores)]
+    found = effects.infer(members, content.ALARM)
+    assert [one.kind.name for one in found.found] == ["temperature"] * named
+    if named:
+        assert found.found[0].values == pytest.approx([0.35], abs=0.01)
+        alone = effects.told_by(members[1:], found)["TemperatureOfReading"]
+        assert alone[1] / alone[0][0] == pytest.approx([0.35], abs=0.01)
+
+
+def test_a_summary_survives_its_file():
+    first = told(2.0)
+    again = sharing.from_json(first.to_json())
+    assert again.forms == first.forms and np.array_equal(again.beside[0].score, first.beside[0].score)
+
+
+TRUE = (0.02, 0.25, -0.1, 0.02, -0.01)
+
+
+@pytest.fixture(scope="module")
+def few_headings():
+    pairs, heading = sea.under_a_compass(TRUE, n=480, seed=4, spread=20.0)
+    return pairs, heading
+
+
+def test_a_short_record_gains_by_what_others_tell(few_headings):
+    pairs, _ = few_headings
+    alone = deviation.fit("exact", pairs)
+    precision = np.diag([0.0, *([0.01**-2.0] * 4)])
+    beside = deviation.fit("exact", pairs, exact.beside(Prior(np.array(TRUE), precision), pairs))
+    off = [np.abs(fit.coefficients - TRUE)[1:].max() for fit in (alone, beside)]
+    assert off[1] < 0.03 < off[0]
+    assert (np.sqrt(np.diag(beside.covariance))[1:] < 0.02).all()
+    assert np.array_equal(deviation.from_json(beside.to_json() | {"warnings": ()}).prior.mean, TRUE)
+
+
+def test_a_long_record_keeps_its_own(few_headings):
+    pairs, _ = sea.under_a_compass(TRUE, n=3000, seed=5)
+    alone = deviation.fit("exact", pairs)
+    vague = Prior(np.array([0.0, 0.1, 0.1, 0.0, 0.0]), np.diag([0.0, *([0.5**-2.0] * 4)]))
+    beside = deviation.fit("exact", take(pairs, slice(None)), exact.beside(vague, pairs))
+    assert np.abs(beside.coefficients - alone.coefficients).max() < 0.01
