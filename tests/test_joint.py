@@ -22,7 +22,9 @@ FIELDS = ((12000.0, 52000.0), (15000.0, 50000.0), (20000.0, 42000.0))
 IRON = np.array([900.0, -500.0, 0.01, -0.005, 0.02, 0.01])  # by coefficients.NAMES
 
 
-def member(name: str, field: tuple[float, float], *, sigma: float = 0.004, off: float = 0.0, rng=None, **keys) -> Member:
+def member(
+    name: str, field: tuple[float, float], *, sigma: float = 0.004, off: float = 0.0, rng=None, **keys
+) -> Member:
     bare = Member(name, "mooring", None, *field, np.zeros(5), np.eye(5) * sigma**2)
     there = coefficients._design(bare) @ IRON + (0.0 if rng is None else rng.normal(0.0, sigma, 4)) + off * sigma
     return replace(bare, coefficients=np.append(0.01, there), **keys)
@@ -84,7 +86,9 @@ def told(z: float, *, season: float = 0.0, forms: tuple[str, ...] = ("Temperatur
     information[0, len(forms)] = information[len(forms), 0] = 100.0 * season
     score = 10.0 * z * information[:, 0] / 100.0
     ones = np.ones(len(forms))
-    return Effects(forms, tuple([1] * len(forms)), ones, ones, np.eye(len(forms)), (Products(information, score, 0.0),), 9.0, 900)
+    return Effects(
+        forms, tuple([1] * len(forms)), ones, ones, np.eye(len(forms)), (Products(information, score, 0.0),), 9.0, 900
+    )
 
 
 @pytest.mark.parametrize(
