@@ -21,9 +21,11 @@ from test_workflow import PROJECT, change, snakemake
 import compasslib
 from compasslib import calibration
 from compasslib.archive import calibrations, summary
+from compasslib.archive.files import write_json
 from compasslib.calibration import content
 from compasslib.calibration.curves import BenchReadings
 from compasslib.command import _parser, folders, main, versions
+from compasslib.run import reasons
 from compasslib.stages import pipeline
 
 DIAGNOSED = {
@@ -385,6 +387,27 @@ def test_diff_between_versions_says_by_how_many_sigmas_and_which_entries_may_be_
     reason, *entries = why.splitlines()[2:]
     assert reason.startswith("headings and uncertainty changed; where YAML and raw files are the same, by one of these")
     assert entries == ["  0.2.0: The declination is that of the place, not of the next."]
+
+
+def test_diff_names_the_settings_and_raw_files_that_differ(tmp_path):
+    """Of jobs that both have: files that other jobs made, and a job that is new, say nothing of the YAML."""
+    read = {"rule": "read", "of": {"mooring": "M1", "role": "deep"}, "read": {"raw/M1/deep.csv": "a", "results/x": "1"}}
+    fit = {
+        "rule": "fit",
+        "of": {"mooring": "M1"},
+        "parameters": {"fit": {"method": "exact"}},
+        "read": {"results/y": "1"},
+    }
+    for side, depth, digest, more in (("old", 20.0, "a", {}), ("new", 16.2, "b", {"carry": fit})):
+        now = read | {"parameters": {"deployment": {"nominal_depth": depth}}}
+        now |= {"read": read["read"] | {"raw/M1/deep.csv": digest, "results/x": digest}}
+        for name, record in ({"read_deep": now, "fit": fit} | more).items():
+            write_json(tmp_path / side / f"logs/{name}.json", record)
+    assert reasons.between(tmp_path / "old", tmp_path / "new") == [
+        "deep: nominal_depth was 20.0, is 16.2",
+        "deep: raw/M1/deep.csv changed",
+    ]
+    assert reasons.between(tmp_path / "new", tmp_path / "new") == []
 
 
 def _software(folder: Path) -> str:

@@ -16,9 +16,8 @@ import numpy as np
 
 from compasslib import calibration as calibrations
 from compasslib.command import gathered
-from compasslib.config import compasses
+from compasslib.config import compasses, draft
 from compasslib.config import cruise as config
-from compasslib.config import draft
 from compasslib.config.cruise import CALIBRATIONS
 from compasslib.config.schema import Mooring
 from compasslib.core import earthfield

@@ -17,6 +17,7 @@ from compasslib.command.changes import SAME, coefficients, degrees, effects, fro
 from compasslib.core import angles
 from compasslib.core.types import Floats
 from compasslib.report import words
+from compasslib.run import reasons
 
 HEADER = (
     *("mooring", "true heading, rms", "largest", "in OLD's 1σ: median, 95 %, largest", "corrected", "flags"),
@@ -70,6 +71,7 @@ def run(asked: Namespace) -> int:
     calibrations = _rows(old.calibrations, new.calibrations, diff_calibrations.row)
     changed = [(HEADER, moorings), (diff_calibrations.HEADER, calibrations)]
     sections = [table(*one) for one in changed if any(one[1].values())]
+    sections += _settings(old.moorings, new.moorings, moorings)
     sections += _reasons(old.moorings, new.moorings, moorings)
     sections += diff_calibrations.reasons(old.calibrations, new.calibrations, calibrations)
     print("\n\n".join(sections) or _nothing(moorings, calibrations))
@@ -80,6 +82,13 @@ def _rows(old: Mapping[str, Path], new: Mapping[str, Path], row: Row) -> dict[st
     if len(old) == len(new) == 1:  # one folder against its copy of another name
         old = dict(zip(new, old.values(), strict=True))
     return {name: row(old.get(name), new.get(name)) for name in sorted({*old, *new})}
+
+
+def _settings(old: Mapping[str, Path], new: Mapping[str, Path], rows: Mapping[str, tuple[str, ...]]) -> list[str]:
+    """Return which settings and raw files of the changed moorings are others, where records of the jobs are there."""
+    both = {name: (old.get(name) or next(iter(old.values())), new[name]) for name, row in rows.items() if len(row) > 1}
+    lines = [f"  {name}: {text}" for name, sides in both.items() for text in reasons.between(*sides)]
+    return ["\n".join(["Settings and raw files that differ:", *lines])] if lines else []
 
 
 def _reasons(old: Mapping[str, Path], new: Mapping[str, Path], rows: Mapping[str, tuple[str, ...]]) -> list[str]:

@@ -37,6 +37,20 @@ def because(job: Any, known: KnownHashes) -> list[str]:
     return [*_settings(record, job), *_read(record, job, known), *_wrote(record, job, known)]
 
 
+def between(old: Path, new: Path) -> list[str]:
+    """Return in which settings and raw files two folders of results differ, by the records of their jobs."""
+    found: dict[str, None] = {}
+    for path in sorted((new / "logs").glob("*.json")):
+        before, after = _loaded(old / "logs" / path.name), _loaded(path)
+        role = f"{after['of']['role']}: " if "role" in after.get("of", {}) else ""
+        differ = _differing(before.get("parameters", {}), after.get("parameters", {})) if before and after else ()
+        found |= dict.fromkeys(f"{role}{text}" for text in differ)
+        was, now = before.get("read", {}), after.get("read", {})
+        other = (file for file in sorted(was.keys() & now.keys()) if not _made(file) and was[file] != now[file])
+        found |= dict.fromkeys(f"{role}{file} changed" for file in other)
+    return list(found)
+
+
 def _by_folder(jobs: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     found: dict[str, dict[str, Any]] = {}
     for label, job in jobs.items():
@@ -57,8 +71,12 @@ def _line(name: str, jobs: Mapping[str, Any], known: KnownHashes) -> str:
 
 
 def _record(job: Any) -> dict[str, Any]:
+    return _loaded(Path(job.log[0]).with_suffix(".json"))
+
+
+def _loaded(path: Path) -> dict[str, Any]:
     try:
-        return dict(json.loads(Path(job.log[0]).with_suffix(".json").read_bytes()))
+        return dict(json.loads(path.read_bytes()))
     except (OSError, ValueError, TypeError):
         return {}
 
@@ -66,7 +84,11 @@ def _record(job: Any) -> dict[str, Any]:
 def _settings(record: Mapping[str, Any], job: Any) -> Iterator[str]:
     now = json.loads(json.dumps(dict(job.params.items()), default=str))
     now.pop("code", None)
-    before, after = dict(_leaves(record.get("parameters", {}))), dict(_leaves(now))
+    yield from _differing(record.get("parameters", {}), now)
+
+
+def _differing(old: Mapping[str, Any], new: Mapping[str, Any]) -> Iterator[str]:
+    before, after = dict(_leaves(old)), dict(_leaves(new))
     for key in dict.fromkeys((*before, *after)):
         if before.get(key) != after.get(key):
             yield f"{key} was {_shown(before.get(key))}, is {_shown(after.get(key))}"
@@ -93,13 +115,17 @@ def _edited(job: Any) -> bool:
 
 def _read(record: Mapping[str, Any], job: Any, known: KnownHashes) -> Iterator[str]:
     before, now = record.get("read", {}), set(provenance.inputs(job))
-    for path in sorted(path for path in {*before, *now} if not path.startswith(f"{ledger.RESULTS}/")):
+    for path in sorted(path for path in {*before, *now} if not _made(path)):
         if path not in now:
             yield f"{path} is not read any more"
         elif path not in before:
             yield f"{path} is read too"
         elif known.sha256(path) != before[path]:
             yield f"{path} changed"
+
+
+def _made(path: str) -> bool:
+    return path.startswith(f"{ledger.RESULTS}/")
 
 
 def _wrote(record: Mapping[str, Any], job: Any, known: KnownHashes) -> Iterator[str]:
