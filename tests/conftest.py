@@ -1,9 +1,14 @@
 """One thread a worker: the tests run in parallel already, and small matrix products do not gain from more."""
 
 import os
+import sys
+from pathlib import Path
 
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(name, "1")
+
+# What a benchmark imports beside itself; last, as some of them are named like modules of the tests.
+sys.path.append(str(Path(__file__).resolve().parents[1] / "benchmarks"))
 
 # Files of few tests that run whole cruises, or minutes of fuzz: begun last, one would hold one core while others idle.
 LONGEST = (

@@ -27,7 +27,7 @@ def test_chances_are_stated_where_a_set_has_several_names(ambiguous):
 def test_what_an_observation_brings_of_its_own_takes_from_what_it_tells():
     rng = np.random.default_rng(3)
     known = rng.normal(size=(50, 2))
-    free = Rows(known, np.ones((50, 1)), np.full(1, ANYTHING)).information
+    free = Rows(known, np.ones((50, 1)), np.full(1, 1.0 / ANYTHING)).information
     centred = known - known.mean(axis=0)
     np.testing.assert_allclose(free, centred.T @ centred, rtol=1e-5)
     fixed = Rows(known, np.ones((50, 1)), np.full(1, 1e9)).information
