@@ -199,6 +199,20 @@ def test_only_heading_checksum_and_earth_velocities_change(tmp_path, ex, turned)
         assert (got[:3, 2:] == [7, 3]).all() and (got[3] == -32768).all()
 
 
+def test_the_bottom_track_turns_as_the_water_does(tmp_path):
+    track = bytearray(81)
+    for at, counts in ((0, [0x0600]), (24, [300, -40, 5, 1]), (50, [-32768, -32768, 5, 1])):
+        track[at : at + 2 * len(counts)] = np.array(counts).astype("<u2" if at == 0 else "<i2").tobytes()
+    raw = b"".join(ensemble([[300, -40, 5, 1]], number=k, heading=k * 4000, extra=[bytes(track)]) for k in (1, 8))
+    (tmp_path / "raw.000").write_bytes(raw)
+    rewrite.rewrite(tmp_path / "raw.000", tmp_path / "new.000", turn)
+    (run,) = (run for chunk in frames(tmp_path / "new.000") for run in chunk.runs)
+    at, water = run.layout.blocks[0x0600][0], run.layout.blocks[0x0100][0] + 2
+    moved, layer, seen = (run.rows[:, a : a + 8].copy().view("<i2").tolist() for a in (at + 24, at + 50, water))
+    assert moved == seen and moved[0] != [300, -40, 5, 1] and moved[1] == [-32768] * 4
+    assert layer == [[-32768, -32768, 5, 1], [-32768] * 4]
+
+
 def test_speeds_that_the_format_cannot_hold_become_bad(tmp_path):
     (tmp_path / "raw.000").write_bytes(ensemble([[32000, 32000, 0, 0]], heading=4000))
     rewrite.rewrite(tmp_path / "raw.000", tmp_path / "new.000", lambda leaders: np.full(1, 45.0))

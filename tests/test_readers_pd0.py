@@ -503,6 +503,17 @@ def test_percent_good_that_nobody_filled_says_nothing(tmp_path: Path) -> None:
     assert read(empty, filled).quality.tolist() == [[1, 1, 9]] * 2 + [[4, 4, 9], [1, 1, 9]]
 
 
+def test_counts_that_some_ensembles_lack_are_missing_there(tmp_path: Path) -> None:
+    first = ensemble(PROFILE, percent_good=[[0, 1, 2, 97]] * len(PROFILE), number=1)
+    later = ensemble(PROFILE[:-1], number=2, when=START + timedelta(hours=1))
+    profiles = read(written(tmp_path, first, later)).profiles
+    assert profiles["percent_good"][0].tolist() == [[0, 1, 2, 97]] * len(PROFILE)
+    assert (profiles["percent_good"][1] == -1).all() and "echo" not in profiles  # a block that no ensemble has
+    assert (profiles["correlation"][1, :-1] == [70, 71, 72, 73]).all() and (profiles["correlation"][1, -1] == -1).all()
+    whole = read(written(tmp_path, first, name="whole.000")).profiles
+    assert whole["percent_good"].dtype == whole["correlation"].dtype == np.uint8
+
+
 def test_percent_good_of_beams_is_the_smallest_of_those_used(tmp_path: Path) -> None:
     beams, good = (
         [[1, 2, 3, 4], [1, 2, 3, 4], [1, 2, 3, MISSING]],

@@ -33,7 +33,7 @@ INCOMPLETE = 1
 Row = Callable[[Path | None, Path | None], tuple[str, ...]]
 NEEDED = ("TIME", "HEADING_CORRECTED", "DECLINATION")
 # Follow from what stands in columns of its own.
-TURNED = ("HEADING_CORRECTED", "DEVIATION", "BRANCH_PROBABILITY", "UCUR", "VCUR")
+TURNED = ("HEADING_CORRECTED", "HEADING_TRUE", "DEVIATION", "BRANCH_PROBABILITY", "UCUR", "VCUR")
 SHOWN = (
     *(*DATES, "history", "software_version", "product_version"),
     *("correction_method", "correction_coefficients", "effects"),
