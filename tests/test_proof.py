@@ -1,70 +1,94 @@
-"""The sealed proof: locks that hold, scores that mean something, and the same card for the same seed."""
+"""The sealed proof: locks that hold, seeds nobody chose, scores that mean something, and the same card for a seed."""
 
 from __future__ import annotations
 
+import ast
 import json
 import re
+import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from benchmarks import targets
 from benchmarks.proof import __main__ as command
-from benchmarks.proof import measure, recordings, score, seal, tally
-from compasslib.simulation import draw
+from benchmarks.proof import measure, recordings, score, seal, standing, steps, tally
+from benchmarks.proof.world import compass, draw, families, records, scene, seas
+from benchmarks.proof.world.scene import Acts
+from compasslib.effects import CATALOGUE
 
 HOURS, SEED = 1300, 3
 FILES = ("scorecard.json", "scorecard.md", "scorecard.html", "seal.json", "left.json")
 
 
-def truth(kind: str, *names: str, rivals: tuple[str, ...] = ()) -> dict:
-    effects = [{"name": name, "visible_deg": 2.0, "parameters": {}} for name in names]
+def truth(kind: str, *names: str, rivals: tuple[str, ...] = (), real: bool = False) -> dict:
+    named = kind not in score.UNNAMED
+    effects = [{"name": f"a {name}", "right": [name] * named, "side": "compass", "visible_deg": 2.0} for name in names]
     errors = {"background_deg": 0.1, "five_deg": 1.0, "oracle_deg": 0.5}
-    return {"kind": kind, "effects": effects, "rivals": list(rivals), "wide": True, **errors}
+    where = {"wide": True, "water": "made", "real": real, "stands_in": False}
+    return {"kind": kind, "effects": effects, "rivals": list(rivals), **where, **errors}
 
 
-def said(*sets: tuple[str, ...], left: bool = False) -> dict:
-    findings = [{"effect": one[0], "alternatives": list(one[1:]), "parameters": {}} for one in sets]
-    unexplained = {"where": {"text": "along time"}, "rms_effect_deg": 1.0} if left else None
-    verdict = "unexplained" if left else "explained" if sets else "consistent"
-    return {"verdict": verdict, "findings": findings, "unexplained": unexplained}
+def said(*sets: tuple[str, ...], left: bool = False, side: str = "compass") -> dict:
+    found = score.said(*map(list, sets), left=left)
+    for one in found["findings"]:
+        one["side"] = side
+        if one["effect"].startswith("composed:"):
+            parts = one["effect"].removeprefix("composed:").split("/")
+            one |= {"effect": "composed", "composition": dict(zip(("acts_on", "driver", "form"), parts, strict=True))}
+    return found
 
 
 TRUTHS = [
-    truth("null"), truth("noisy"), truth("strange", "teeth"), truth("shifted", "temperature"),
-    truth("single", "heeling"), truth("pair", "heeling", "temperature"), truth("undecidable", "field_disturbance"),
+    truth("null"), truth("noisy"), truth("mirrored", real=True), truth("strange", "teeth"),
+    truth("shifted", "temperature"), truth("single", "heeling"), truth("pair", "heeling", "temperature"),
+    truth("undecidable", "field_disturbance"), truth("insufficient"),
     truth("undecidable", "supply_voltage", rivals=("compass_drift", "hard_iron_drift")),
 ]  # fmt: skip
 
 
 @pytest.fixture(scope="module")
-def proofs(tmp_path_factory):
-    """Two proofs by one seed in two places: two short moorings each, nothing else."""
-    folders = []
-    for _ in range(2):
-        folder = tmp_path_factory.mktemp("proof")
-        places = ["--work", str(folder / "work"), "--out", str(folder / "out"), "--no-published", "--no-recordings"]
-        given = ["--seed", str(SEED), "--count", "2", "--hours", str(HOURS), *places]
-        assert command.main(given) == 0
-        folders.append(folder)
-    return folders
+def proof(tmp_path_factory):
+    """A proof of two short moorings, nothing else."""
+    folder = tmp_path_factory.mktemp("proof")
+    assert command.main(asked(folder)) == 0
+    return folder
 
 
-def test_the_same_seed_gives_the_same_card(proofs):
-    for file in FILES:
-        first, second = ((folder / "out" / file).read_bytes() for folder in proofs)
-        assert first == second, file
-    card = json.loads((proofs[0] / "out/scorecard.json").read_text())
+def asked(folder: Path) -> list[str]:
+    places = ["--work", str(folder / "work"), "--out", str(folder / "out"), "--data", str(folder / "none")]
+    return [
+        *("--seed", str(SEED), "--count", "2", "--hours", str(HOURS), *places),
+        *("--no-published", "--no-recordings"),
+    ]
+
+
+def test_a_cut_run_goes_on_and_the_same_seed_gives_the_same_card(proof):
+    before = {file: (proof / "out" / file).read_bytes() for file in FILES}
+    for kept in ("results/P002", "locked/P002.json"):  # as a kill in the midst of drawing and running would
+        path = proof / "work" / kept
+        subprocess.run(["rm", "-r", path], check=True)
+    (proof / "work/sealed").unlink()
+    assert command.main(asked(proof)) == 0
+    assert {file: (proof / "out" / file).read_bytes() for file in FILES} == before
+    card = json.loads((proof / "out/scorecard.json").read_text())
     assert [row["name"] for row in card["moorings"]] == ["P001", "P002"]
-    assert {row["kind"] for row in card["moorings"]} == {"null", "single"}
     assert all(row["oracle_deg"] < 1.0 < row["recorded_deg"] for row in card["moorings"])
-    quiet, _ = sorted(card["moorings"], key=lambda row: row["kind"])
+    assert card["seal"]["engine"] == standing.engine() and card["seal"]["seed_of"] == "chosen by hand"
+    quiet = [row for row in card["moorings"] if row["kind"] == "null"]
     # Nothing to take out: the same fit made again, from where it ended.
-    assert quiet["sampled_deg"] == pytest.approx(quiet["before_deg"], abs=0.02)
+    assert all(row["sampled_deg"] == pytest.approx(row["before_deg"], abs=0.03) for row in quiet)
+
+
+def test_another_proof_does_not_go_on_in_a_folder(proof, capsys):
+    assert command.main([*asked(proof), "--hours", "1400"]) == 1
+    assert "holds another proof" in capsys.readouterr().err
 
 
 def scored(folder: Path) -> dict:
-    return command.write(folder / "out", folder / "work/cruise", folder / "work/locked")
+    return steps.write(folder / "out", folder / "work")
 
 
 def changed(path: Path, before: str, after: str) -> str:
@@ -78,15 +102,15 @@ def changed(path: Path, before: str, after: str) -> str:
     ("path", "key", "match"),
     [
         ("work/locked/P001.json", '"kind"', r"sealed before the run: P001\.json"),
-        ("work/cruise/results/P002/diagnosis.json", '"verdict"', r"the pipeline left: results/P002/diagnosis\.json"),
+        ("work/results/P002/diagnosis.json", '"verdict"', r"the pipeline left: results/P002/diagnosis\.json"),
     ],
 )
-def test_a_changed_truth_and_an_edited_verdict_are_refused(proofs, path, key, match):
-    text = changed(proofs[0] / path, key, key + " ")
+def test_a_changed_truth_and_an_edited_verdict_are_refused(proof, path, key, match):
+    text = changed(proof / path, key, key + " ")
     with pytest.raises(seal.Broken, match=match):
-        scored(proofs[0])
-    (proofs[0] / path).write_text(text)
-    scored(proofs[0])
+        scored(proof)
+    (proof / path).write_text(text)
+    scored(proof)
 
 
 def test_a_changed_list_and_an_absent_file_are_refused(tmp_path):
@@ -104,11 +128,53 @@ def test_a_changed_list_and_an_absent_file_are_refused(tmp_path):
         seal.check(tmp_path / "seal.json", folder, "changed")
 
 
-def test_a_perfect_tool_scores_perfectly_and_the_silly_ones_badly():
-    assert score.mean_points(TRUTHS, score.perfect) == 1.0
+def test_families_are_those_that_were_sealed(tmp_path):
+    assert standing.families() in (standing.PROJECT / "benchmarks/proof/families.sha256").read_text()
+    there = tmp_path / standing.SEALED
+    there.parent.mkdir(parents=True)
+    there.write_bytes((standing.PROJECT / standing.SEALED).read_bytes() + b"#")
+    (tmp_path / "benchmarks/proof/families.sha256").write_text(standing.families())
+    with pytest.raises(seal.Broken, match="is not what"):
+        standing.families(tmp_path)
+
+
+def test_a_seed_comes_of_commit_and_families_and_of_nothing_else(monkeypatch):
+    monkeypatch.setattr(standing, "commit", lambda revision: "c" * 40)
+    monkeypatch.setattr(standing, "families", lambda: "f" * 64)
+    printed = subprocess.run(
+        ["sha256sum"], input=f"{'c' * 40}\n{'f' * 64}\n", capture_output=True, text=True, check=True
+    )
+    assert standing.seed("HEAD") == int(printed.stdout[:8], 16)
+    assert str(standing.seed("HEAD")) in standing.explained("HEAD")
+
+
+def test_readme_says_when_the_card_that_it_leads_to_is_of_an_older_engine():
+    readme = (standing.PROJECT / "README.md").read_text()
+    name = re.search(r"docs/proof/([\w-]+)/scorecard\.md", readme)[1]
+    told = next(line for line in standing.cards() if line.startswith(f"{name}: "))
+    assert ("of an older engine" in " ".join(readme.split())) == ("of an older engine" in told), told
+
+
+def test_the_engine_has_one_hash_that_any_of_its_files_changes(tmp_path):
+    for room in standing.ENGINE:
+        (tmp_path / "compasslib" / room).mkdir(parents=True)
+        (tmp_path / "compasslib" / room / "one.py").write_text(room)
+    before = standing.engine(tmp_path)
+    (tmp_path / "compasslib/report").mkdir()
+    (tmp_path / "compasslib/report/page.py").write_text("words")
+    assert standing.engine(tmp_path) == before
+    (tmp_path / "compasslib/search/one.py").write_text("another")
+    assert standing.engine(tmp_path) != before
+
+
+def test_a_perfect_tool_scores_perfectly_and_who_does_not_look_badly():
+    diagnoses = {str(k): said(("heeling",)) for k in range(len(TRUTHS))}
+    truths = {str(k): one for k, one in enumerate(TRUTHS)}
+    mean = {name: one["all"] for name, one in tally.points(truths, diagnoses).items()}
+    assert mean["knows the truth"] == 1.0
     assert all(score.judge(one, score.perfect(one)) in ("right", "in the set") for one in TRUTHS)
-    assert score.mean_points(TRUTHS, score.always_unexplained) < 0.5
-    assert score.mean_points(TRUTHS, score.whole_catalogue) < 0.1
+    assert mean["always lists the whole catalogue"] < 0.1
+    assert max(value for name, value in mean.items() if name.startswith(("always", "never"))) < 0.5
 
 
 @pytest.mark.parametrize(
@@ -116,6 +182,10 @@ def test_a_perfect_tool_scores_perfectly_and_the_silly_ones_badly():
     [
         (truth("null"), said(), "right", 1.0),
         (truth("null"), said(("heeling",)), "false name", 0.0),
+        (truth("null"), said(("current_veer",), side="water"), "right", 1.0),
+        (truth("null"), said(("reference_slip",), side="reference"), "false name", 0.0),
+        (truth("reference"), said(("reference_deviation",), side="reference"), "right", 1.0),
+        (truth("null"), said() | {"verdict": "insufficient"}, "refused", 0.0),
         (truth("noisy"), said(left=True), "false alarm", 0.0),
         (truth("single", "heeling"), said(("heeling",)), "right", 1.0),
         (truth("single", "heeling"), said(("temperature", "heeling")), "in the set", 0.5),
@@ -123,13 +193,17 @@ def test_a_perfect_tool_scores_perfectly_and_the_silly_ones_badly():
         (truth("single", "heeling"), said(("octantal",)), "wrong name", 0.0),
         (truth("single", "heeling"), said(left=True), "unexplained", 0.0),
         (truth("single", "heeling"), said(), "missed", 0.0),
+        (truth("single", "temperature"), said(("composed:reading/temperature/linear",)), "right", 1.0),
+        (truth("single", "temperature"), said(("composed:reading/time/linear",)), "wrong name", 0.0),
         (truth("pair", "heeling", "temperature"), said(("heeling",)), "half", 0.5),
         (truth("strange", "teeth"), said(("octantal",)), "bare name", 0.0),
-        (truth("strange", "teeth"), said(("composed", "composed:lobe4/time/box")), "right", 1.0),
+        (truth("strange", "teeth"), said(("composed:lobe4/time/box",)), "right", 1.0),
         (truth("strange", "teeth"), said(("octantal",), left=True), "name beside", 0.5),
         (truth("undecidable", "supply_voltage"), said(("supply_voltage",)), "guessed", 0.0),
         (truth("undecidable", "supply_voltage"), said(("supply_voltage", "compass_drift")), "right", 1.0),
         (truth("undecidable", "field_disturbance"), said(("temperature",)), "wrong name", 0.0),
+        (truth("insufficient"), said() | {"verdict": "insufficient"}, "right", 1.0),
+        (truth("insufficient"), said(("heeling",)), "wrong name", 0.0),
     ],
 )
 def test_verdicts_are_judged(true, diagnosis, outcome, points):
@@ -137,40 +211,155 @@ def test_verdicts_are_judged(true, diagnosis, outcome, points):
     assert score.points(true, diagnosis) == pytest.approx(points)
 
 
-def test_errors_of_parameters_dates_and_gain():
-    true = truth("single", "hard_iron_step")
-    true["effects"][0]["parameters"] = {"b_x_nT": 400.0, "date_s": 1.0e9}
-    diagnosis = said(("hard_iron_step",))
-    diagnosis["findings"][0] |= {
-        "parameters": {"b_x_nT": {"value": 460.0, "sigma": 30.0}},
-        "when": {"from": "2001-09-10T01:46:40Z", "to": "2002-01-01T00:00:00Z"},  # a day after 1e9 s
-        "heldout": {"rms_before_deg": 10.0, "rms_after_deg": 9.9},
-    }
-    row = score.row(
-        "P001", true, diagnosis, {"before_deg": 2.0, "after_deg": 0.7, "sampled_deg": 0.3, "covered_95": 0.9}
+def test_the_whole_catalogue_is_whole():
+    assert {one.name for one in CATALOGUE} <= set(score.CATALOGUE)
+
+
+def test_who_lists_everything_loses_on_real_recordings_too():
+    for one in (*recordings.MOORINGS, *recordings.CALIBRATIONS):
+        true = recordings.truth_of(one)
+        assert score.points(true, score.perfect(true)) == 1.0
+        assert score.points(true, score.said(list(score.CATALOGUE))) < 0.1
+
+
+def test_probabilities_that_come_true_score_better_than_the_mere_share():
+    rng = np.random.default_rng(1)
+    stated = rng.uniform(size=400)
+    came = (rng.uniform(size=400) < stated).astype(float)
+    rows = [{"of_compass": [p, y], "of_names": [[p, y]]} for p, y in zip(stated, came, strict=True)]
+    good = tally.probabilities(rows)["a name that is given"]
+    assert good["brier"]["better"][0] > 0.0 and good["log"]["better"][0] > 0.0
+    assert good["brier"]["own"] == pytest.approx(np.mean((stated - came) ** 2))
+    assert sum(one["count"] for one in good["bins"]) == 400
+    swapped = [row | {"of_names": [[1.0 - p, y] for p, y in row["of_names"]]} for row in rows]
+    assert tally.probabilities(swapped)["a name that is given"]["brier"]["better"][1] < 0.0
+
+
+def test_a_stated_name_counts_as_right_where_what_was_planted_is_said_by_it():
+    finding = said(("heeling", "temperature", "octantal"))
+    finding["findings"][0] |= {"probability": 0.6, "alternatives_probability": {"temperature": 0.3, "octantal": 0.1}}
+    assert score.names(truth("single", "temperature"), finding) == [[0.3, 1.0], [0.6, 0.0], [0.1, 0.0]]
+    assert score.names(truth("null"), finding) == [[0.6, 0.0], [0.3, 0.0], [0.1, 0.0]]
+    finding["sides"] = {"none": 0.2, "compass": 0.7, "clock": 0.05, "water": 0.05}
+    assert score.at_fault(truth("single", "heeling"), finding) == [0.75, 1.0]
+    assert score.at_fault(truth("null"), finding) == [0.75, 0.0]
+
+
+def test_targets_are_missed_where_their_interval_excludes_them(capsys):
+    assert targets.interval(0, 10) == pytest.approx((0.0, 0.3085), abs=1e-4)  # tables of Clopper and Pearson
+    assert targets.interval(3, 10) == pytest.approx((0.0667, 0.6525), abs=1e-4)
+    few, many = ([True] * n + [False] * (9 * n) for n in (1, 30))
+    assert targets.share("few", few, most=0.02).held and not targets.share("many", many, most=0.02).held
+    assert targets.share("none", [], most=0.02).held
+    wide = np.tile([0.8, 1.0], 40)
+    assert targets.mean("covered", wide, least=0.88, most=0.97).held
+    assert not targets.mean("covered", wide, least=0.97).held
+    assert targets.mean("too few", wide[:4], least=0.97).held
+    assert targets.report([targets.share("few", few, most=0.02)]) == 0
+    assert targets.report([targets.share("many", many, most=0.02), targets.limit("s", 3.0, most=4.0)]) == 1
+    assert "| many | 10.0 % of 300 (6.8–14.0) | ≤ 2 %, MISSED |" in capsys.readouterr().out
+
+
+# The world.
+
+
+@pytest.fixture(scope="module")
+def here():
+    return seas.make(np.random.default_rng(4), seas.Weather(wide=True, hours=1500, battery="change"))
+
+
+@pytest.fixture(scope="module")
+def plain(here):
+    return compass.Meter(np.eye(3), np.zeros(3))
+
+
+def test_a_plain_compass_reads_the_heading_and_iron_leaves_nothing_that_five_coefficients_do_not_say(here, plain):
+    assert np.abs(scene.wrap(compass.read(here, plain, ()).recorded_deg - here.heading_deg)).max() < 1e-6
+    meter = compass.build(np.random.default_rng(2), here, 0.4)
+    assert np.hypot(*meter.hard_nt[:2]) == pytest.approx(0.4 * here.horizontal_nt.mean())
+    assert np.abs(scene.wrap(compass.read(here, meter, ()).recorded_deg - here.heading_deg)).max() > 10.0
+    assert np.std(compass.ideal(here, meter, ())) < 0.35  # below what is worth a name
+
+
+@pytest.mark.parametrize("family", (*families.NAMED, *families.STRANGE), ids=lambda one: one.name)
+def test_every_family_is_planted_as_large_as_wanted_or_as_is_believed(here, plain, family):
+    made = compass.plant(here, plain, family, 2.0, np.random.default_rng(3))
+    if family.sized and made.size < family.most:
+        assert made.visible_deg == pytest.approx(2.0, rel=0.1)
+    assert made.visible_deg > 0.2 and made.size <= family.most
+    assert set(family.right) <= set(score.CATALOGUE)
+    nothing = compass.visible_deg(here, plain, made.make(0.0)) if family.sized else 0.0
+    assert nothing == pytest.approx(0.0, abs=1e-9)
+
+
+def test_veer_turns_the_water_and_an_early_clock_finds_later_water(here, plain):
+    veer = Acts(veer_deg=10.0 * np.sin(np.arange(here.time_s.size)))
+    assert compass.visible_deg(here, plain, veer) == pytest.approx(10.0 / np.sqrt(2.0), rel=0.1)
+    assert compass.visible_deg(here, plain, Acts(ahead_s=np.full(here.time_s.size, 3600.0))) > 1.0
+    later = here.at(here.time_s[:-1] + 1800.0)
+    assert later.flow == pytest.approx(0.5 * (here.flow[1:] + here.flow[:-1]))
+
+
+def test_made_water_shears_the_more_the_farther(here):
+    apart = [np.sqrt(np.mean(np.abs(here.near - here.flow[:, k]) ** 2)) for k in (1, 3, 7)]
+    assert apart[0] < apart[1] < apart[2] and 0.005 < apart[0] < 0.1
+    series = seas.matern(np.random.default_rng(1), here.time_s, 24 * 3600.0)
+    assert series.std() == pytest.approx(1.0, abs=0.3)
+
+
+def profile(count: int = 2000) -> scene.Scene:
+    made = seas.make(np.random.default_rng(9), seas.Weather(wide=True, hours=count))
+    flow = made.flow.copy()
+    flow[5:9, 2] = np.nan
+    return replace(made, flow=flow, real=True)
+
+
+def test_a_record_is_cut_made_longer_and_mirrored_with_its_own_statistics():
+    one = records.Described("own", {"gaps": [1]}, Path())
+    base = profile()
+    cut = records.cut(np.random.default_rng(1), one, base)
+    assert cut.lower.size == base.time_s.size and np.isnan(cut.flow).any()
+    for k in range(2):  # both ways
+        long = records.longer(np.random.default_rng(k), cut, seas.Weather(hours=5000))
+        assert long.flow.shape == (5000, cut.flow.shape[1]) and np.isfinite(long.flow).all()
+        off = [np.sqrt(np.nanmean(np.abs(x.lower - x.near) ** 2)) for x in (cut, long)]
+        assert off[1] == pytest.approx(off[0], rel=0.5)  # of stretches chosen by chance
+    glass = records._mirrored(base)
+    port = scene.wrap(scene.towards(glass.near) - glass.declination_deg - glass.heading_deg)
+    starboard = scene.wrap(scene.towards(base.flow[:, -1]) - base.declination_deg - base.heading_deg)
+    assert np.nanmax(np.abs(scene.wrap(port + starboard))) < 1e-6
+
+
+def test_a_user_adds_a_record_by_a_file(tmp_path):
+    (tmp_path / "proof").mkdir()
+    (tmp_path / "proof/mine.yaml").write_text(
+        "format: table\nfiles: mine.csv\nlatitude: 50\nlongitude: -20\nwater_depth: 900\ndepth: 90\nlooks_up: true\n"
+        "start: 2010-01-01T00:00:00Z\nend: 2010-03-01T00:00:00Z\nstands_in_hours: 3\n"
+        "settings: {columns: {time: t, depth: z, east: u, north: v, scale: 0.01, heading: h}}\n"
     )
-    assert row["z"] == {"hard_iron_step.b_x_nT": 2.0} and row["dates_d"] == [1.0]
-    assert row["gain"] == pytest.approx((10.0**2 - 9.9**2) / 2.0**2)
-    numbers = tally.numbers([row])
-    found = numbers["headings"]["effects of the catalogue"]
-    assert found["near_oracle"] == 1.0 and found["near_sampled"] == 0.0
-
-
-def test_intervals_are_those_of_clopper_and_pearson():
-    assert score.limits(0, 10) == pytest.approx((0.0, 0.3085), abs=1e-4)  # their tables
-    assert score.limits(3, 10) == pytest.approx((0.0667, 0.6525), abs=1e-4)
-    assert score.limits(10, 10)[1] == 1.0
+    stamps = np.datetime_as_string(np.arange("2010-01-01T00", "2010-02-01T00", dtype="datetime64[h]"))
+    rows = (f"{t}:00:00Z,90,{10 + k % 7},{k % 5},{k % 360}\n" for k, t in enumerate(stamps))
+    (tmp_path / "mine.csv").write_text("t,z,u,v,h\n" + "".join(rows))
+    mine = next(one for one in records.described(tmp_path) if one.name == "mine")
+    assert mine.there and not any(one.there for one in records.described(tmp_path) if one.name != "mine")
+    whole = records.whole("mine", tmp_path)
+    cut = records.cut(np.random.default_rng(1), mine, whole)
+    assert whole.flow.shape == (744, 1) and np.abs(cut.lower[3:-3] - 0.5 * (cut.near[:-6] + cut.near[6:])).max() < 1e-6
 
 
 def test_a_proof_is_drawn_in_the_promised_shares():
-    drawn = draw.draw(1, 200)
-    kinds = [one.kind for one in drawn]
-    assert sum(kinds.count(kind) for kind in score.QUIET) == 50
-    assert kinds.count("undecidable") == 20 and kinds.count("strange") + kinds.count("shifted") == 40
-    assert {name for one in drawn for name in one.wanted} >= {*draw.SINGLES, *draw.UNNAMED}
-    sizes = [size for one in drawn if one.kind == "single" for size in one.wanted.values()]
-    assert min(sizes) >= 0.7 and max(sizes) <= 4.0
-    assert draw.draw(1, 200) == drawn != draw.draw(2, 200)
+    there = {"eh2": False, "papa": False, "aqd": True}
+    drawn = draw.draw(1, (200, 100), 8800, there)
+    made, real = ([one.kind for one in drawn if one.real is which] for which in (False, True))
+    assert sum(made.count(kind) for kind in score.QUIET) == 68 and made.count("undecidable") == 10
+    assert sum(real.count(kind) for kind in score.QUIET) == 34 and real.count("strange") == 18
+    named = {name for one in drawn for name, _ in one.wanted}
+    assert named == {one.name for one in (*families.NAMED, *families.STRANGE)}
+    sizes = [size for one in drawn if one.kind == "single" for _, size in one.wanted]
+    assert min(sizes) >= 0.8 and max(sizes) <= 4.5
+    waters = [{one.water for one in drawn if one.real is real} for real in (False, True)]
+    assert waters == [{"made", "eh2", "papa"}, {"eh2", "papa", "aqd"}]  # what only stands in is never made longer
+    assert draw.draw(1, (200, 100), 8800, there) == drawn != draw.draw(2, (200, 100), 8800, there)
 
 
 def test_a_reading_is_turned_back_by_the_coefficients_that_made_it():
@@ -182,18 +371,34 @@ def test_a_reading_is_turned_back_by_the_coefficients_that_made_it():
     assert np.abs(measure.turn(found, heading)).max() < 1e-6
 
 
-def test_only_drawing_knows_the_world_and_the_scorer_only_files():
+def test_the_world_knows_no_engine_and_the_scorer_only_files():
     folder = Path(command.__file__).parent
-    for path in folder.glob("*.py"):
-        used = set(re.findall(r"^(?:from|import) (compasslib[.\w]*)", path.read_text(), re.MULTILINE))
-        # The fit of the mooring without effects is by definition the library's own.
-        knowing = {"__main__": "compasslib.simulation", "figures": "compasslib.plots.page", "sampled": "compasslib"}
-        allowed = knowing.get(path.stem)
-        assert all(allowed is not None and name.startswith(allowed) for name in used), path.name
+    knowing = {
+        "world": ("compasslib.simulation", "compasslib.readers"),
+        "steps": ("compasslib.simulation.draw",),
+        "run": ("compasslib.stages",),
+        "figures": ("compasslib.plots.page",),
+        "bounds": ("compasslib",),  # fits of the library, by definition its own
+    }
+    for path in folder.rglob("*.py"):
+        place = "world" if path.parent.name == "world" else path.stem
+        for used in imported(path):
+            assert used.startswith(knowing.get(place, ())), f"{path.name}: {used}"
 
 
-def test_recordings_say_why_they_are_not_there(tmp_path, monkeypatch):
-    monkeypatch.setattr(recordings, "DATA", tmp_path)
-    lines = {line[0]: line for line in recordings.rows(tmp_path)}
-    assert "absent" in lines["E0"][-1] and "absent" in lines["signature500"][-1]
-    assert all(len(line) == len(recordings.COLUMNS) for line in lines.values())
+def imported(path: Path) -> set[str]:
+    """Return the modules of the library that a file imports."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("compasslib"):
+            module = str(node.module)
+            found |= {f"{module}.{one.name}" for one in node.names} if module.count(".") < 2 else {module}
+        elif isinstance(node, ast.Import):
+            found |= {one.name for one in node.names if one.name.startswith("compasslib")}
+    return found
+
+
+def test_recordings_say_why_they_are_not_there(tmp_path):
+    lines = {one["name"]: one for one in recordings.scored(tmp_path, tmp_path)}
+    assert "absent" in lines["E0"]["said"] and "absent" in lines["signature500"]["said"]
+    assert "it was not run" in lines["eight_headings"]["said"]

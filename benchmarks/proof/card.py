@@ -9,58 +9,31 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks.proof import recordings, score, tally
+from benchmarks import targets
+from benchmarks.proof import tally
 
-TOOLS = {
-    "this pipeline": None,
-    "always says unexplained": score.always_unexplained,
-    "always lists the whole catalogue": score.whole_catalogue,
-    "knows the truth": score.perfect,
-}
 DEFINITIONS = (
     "Visible size: rms of what five coefficients, fitted to the true headings, leave of an effect. "
-    "Oracle: those five coefficients with every effect known; what is left is the compass's own noise. "
-    "Five: the same without the effects known. Before: the configured fit alone, on the right branch. After: the "
-    "product. Sampled: what the configured fit, made again, leaves where every effect but a wrong clock was taken out "
-    "of readings and water. Oracle and five know the true headings; who has only the other instrument's currents can "
-    "at best come near sampled, the error that the water's own scatter makes. "
-    "Gain: variance that held-out days gave back over the planted one. Points: 1 for what a perfect tool "
-    "says, 1/n for a right name in a set of n, 0 for what is wrong."
+    "Points: 1 for what a perfect tool says, 1/n for a right name in a set of n, 0 for what is wrong or refused; a "
+    "composed description counts as the listed effect that acts at the same place by the same cause. Where nothing is "
+    "wrong with the compass, its water may be named. "
+    "Before: the configured fit alone, on the right branch. After: the product. Published: the published series on the "
+    "same pairs, where it gives a heading. Oracle: five coefficients fitted to the true headings with every effect "
+    "known; what is left is the compass's own noise. Five: the same without the effects known. Sampled: what the "
+    "configured fit, made again, leaves where every effect but a wrong clock was taken out of readings and water: what "
+    "the water's own scatter makes. Brackets are 95 % intervals: of shares by Clopper and Pearson, else by resampling "
+    "the moorings."
 )
+EVERYTHING = "always lists the whole catalogue"
 Table = tuple[str, list[str], list[list[str]]]
 
 
-def content(
-    sealed: dict[str, Any],
-    truths: Sequence[dict[str, Any]],
-    rows: Sequence[dict[str, Any]],
-    paper: dict[str, Any] | None,
-    concealed: Sequence[list[str]],
-) -> dict[str, Any]:
-    """Return all that the card says.
+def write(out: Path, made: dict[str, Any]) -> None:
+    """Write scorecard.json, .md and .html.
 
     Args:
-        truths: of all moorings.
-        paper: the case of the paper, where it was run.
-        concealed: real recordings with an effect concealed.
+        made: all that the card says.
     """
-    ours = sum(row["points"] for row in rows) / len(rows)
-    points = {name: ours if tool is None else score.mean_points(truths, tool) for name, tool in TOOLS.items()}
-    return {
-        "seal": {key: sealed[key] for key in ("seed", "count", "hours", "code", "sha256")},
-        "points": points,
-        "measures": tally.measures(rows),
-        "numbers": tally.numbers(rows),
-        "power": tally.power(rows),
-        "confusion": tally.confusion(rows),
-        "published": paper,
-        "recordings": list(concealed),
-        "moorings": list(rows),
-    }
-
-
-def write(out: Path, made: dict[str, Any]) -> None:
-    """Write scorecard.json, .md and .html."""
     out.mkdir(parents=True, exist_ok=True)
     (out / "scorecard.json").write_text(json.dumps(made, indent=1) + "\n")
     tables = [table for table in _tables(made) if table[2]]
@@ -68,71 +41,85 @@ def write(out: Path, made: dict[str, Any]) -> None:
     (out / "scorecard.html").write_text(_page(out / "figures", made, tables))
 
 
-def jobs(cruise: Path) -> dict[str, float]:
-    """Return the seconds that each rule took, all moorings together."""
-    total: dict[str, float] = {}
-    for path in sorted(cruise.glob("results/*/benchmarks/*.tsv")):
-        rule = path.stem.removesuffix("_top").removesuffix("_deep")
-        total[rule] = round(total.get(rule, 0.0) + float(path.read_text().splitlines()[1].split()[0]), 2)
-    return total
-
-
 def _heading(made: dict[str, Any]) -> str:
     seal = made["seal"]
-    title = f"# Sealed proof, seed {seal['seed']}, {seal['count']} moorings of {seal['hours']} hours"
-    return f"{title}\n\nTruth sealed as {seal['sha256']}, before {seal['code']} ran."
+    title = f"# Sealed proof, seed {seal['seed']}: {seal['count']} moorings in made water, {seal['real']} in real"
+    sealed = f"Truth sealed as {seal['sha256']}, before the pipeline ran. Seed: {seal['seed_of']}. "
+    sealed += f"Families of effects {seal['families']}. Engine {seal['engine']}. "
+    sealed += f"Made records last {seal['hours']} hours; real ones: {', '.join(seal['records']) or 'none was there'}."
+    return f"{title}\n\n{sealed}"
 
 
 def _tables(made: dict[str, Any]) -> list[Table]:
-    of_headings = ["moorings", "n", *tally.HEADINGS, "after ≤ sampled + 0.3°", "after ≤ oracle + 0.3°"]
+    of_headings = ["moorings", "n", *tally.HEADINGS, "after ≤ sampled + 0.3°", "worse than before by 0.1°"]
     of_headings += ["within stated 95 %"]
-    of_moorings = ["mooring", "kind", "planted (visible)", "named", "unexplained", "outcome", "points"]
+    of_moorings = ["mooring", "kind", "water", "planted (visible)", "named", "unexplained", "outcome", "points"]
     of_moorings += ["heading before, after, sampled, oracle", "why not named"]
     named = [[name, ", ".join(f"{x} {n}" for x, n in said.items())] for name, said in made["confusion"].items()]
+    scores = ["probability", "n", "share", "Brier score", "of the mere share", "better by", "log score", "of it", "by"]
+    concealed = ["recording", "concealed", "known", "said", "points", "best of those who do not look"]
     return [
-        ("Points", ["tool", "points"], [[name, f"{value:.2f}"] for name, value in made["points"].items()]),
-        ("Shares", ["measure", "share", "95 % interval"], [_share(one) for one in made["measures"]]),
-        ("Numbers", ["measure", "value"], _numbers(made["numbers"])),
-        ("Errors of the heading, rms", of_headings, _headings(made["numbers"]["headings"])),
-        ("Single effects by visible size", ["visible", "n", "seen", "named"], [_size(one) for one in made["power"]]),
+        ("Targets", ["measure", "value", "target"], [_goal(one) for one in made["goals"]]),
+        ("Points", ["tool", *tally.PLACES, "this pipeline is ahead by"], _points(made["points"])),
+        ("Shares", ["measure", *tally.PLACES], [_share(one) for one in made["measures"]]),
+        ("Probabilities", scores, _scores(made["probabilities"])),
+        ("Stated and came", ["probability", "stated", "came"], _came(made["probabilities"])),
+        ("Errors of the heading, rms", of_headings, _headings(made["headings"])),
+        ("Single effects by visible size", ["visible", "water", "n", "seen", "named"], list(map(_size, made["power"]))),
         ("What was named first", ["planted", "said"], named),
         ("The case of the paper, fitted by its method", ["measure", "value"], _paper(made["published"])),
-        ("Real recordings with an effect concealed", list(recordings.COLUMNS), made["recordings"]),
+        ("Real recordings with a cause concealed", concealed, _recordings(made["recordings"])),
         ("Every mooring", of_moorings, [_mooring(row) for row in made["moorings"]]),
+    ]  # fmt: skip
+
+
+def _goal(one: dict[str, Any]) -> list[str]:
+    return [one["what"], one["value"], f"{one['target']}{', MISSED' if one['missed'] else ''}"]
+
+
+def _points(tools: dict[str, Any]) -> list[list[str]]:
+    return [
+        [name, *(_text(one[place]) for place in tally.PLACES), _between(one["ahead"])] for name, one in tools.items()
+    ]
+
+
+def _share(one: dict[str, Any]) -> list[str]:
+    return [one["what"], *(targets.text_of(*one[place]) for place in tally.PLACES)]
+
+
+def _scores(stated: dict[str, Any]) -> list[list[str]]:
+    return [
+        [what, str(one["count"]), _percent(one["share"]), *_rule(one["brier"]), *_rule(one["log"])]
+        for what, one in stated.items()
+        if one["count"]
+    ]
+
+
+def _rule(one: dict[str, Any]) -> list[str]:
+    return [f"{one['own']:.3f}", f"{one['share']:.3f}", _between(one["better"])]
+
+
+def _came(stated: dict[str, Any]) -> list[list[str]]:
+    return [
+        [what, f"{100.0 * each['stated']:.1f} %", targets.text_of(each["hits"], each["count"])]
+        for what, one in stated.items()
+        if one["count"]
+        for each in one["bins"]
     ]
 
 
 def _size(one: dict[str, Any]) -> list[str]:
-    return [f"{one['from_deg']:g} to {one['to_deg']:g}°", *(str(one[key]) for key in ("count", "seen", "named"))]
-
-
-def _share(one: dict[str, Any]) -> list[str]:
-    low, high = (100.0 * x for x in one["interval"])
-    hits, count = one["hits"], one["count"]
-    return [one["what"], f"{hits} of {count} ({100.0 * hits / count:.0f} %)", f"{low:.0f} to {high:.0f} %"]
-
-
-def _numbers(found: dict[str, Any]) -> list[list[str]]:
-    z, clocks, dates, gain = found["z"], found["z_clocks"], found["dates"], found["gain"]
-    table = [
-        ["names in a set, mean", _text(found["names_in_a_set"])],
-        [f"errors of parameters in their own σ, clocks apart, rms (n = {z['count']})", _text(z["rms"])],
-        ["the same, share within 1.96", _text(z["within_196"])],
-        [f"the same of clocks, rms (n = {clocks['count']})", _text(clocks["rms"])],
-        [f"dates of steps, median error, days (n = {dates['count']})", _text(dates["median_d"])],
-        ["the same, largest", _text(dates["largest_d"])],
-        [f"held-out gain over the planted variance, median (n = {gain['count']})", _text(gain["median"])],
-    ]
-    return [line for line in table if line[1] != "–"]
+    counted = (str(one[key]) for key in ("place", "count", "seen", "named"))
+    return [f"{one['from_deg']:g} to {one['to_deg']:g}°", *counted]
 
 
 def _headings(groups: dict[str, dict[str, Any]]) -> list[list[str]]:
-    keys, shares = [f"{key}_deg" for key in tally.HEADINGS], ("near_sampled", "near_oracle", "covered_95")
+    keys, shares = [f"{key}_deg" for key in tally.HEADINGS], ("near_sampled", "worse", "covered_95")
     return [
-        [name, str(one["count"]), *(f"{one[key]:.2f}°" for key in keys), *(_percent(one[key]) for key in shares)]
+        [name, str(one["count"]), *(f"{_text(one[key])}°" for key in keys), *(_percent(one[key]) for key in shares)]
         for name, one in groups.items()
         if one["count"]
-    ]  # fmt: skip
+    ]
 
 
 def _paper(paper: dict[str, Any] | None) -> list[list[str]]:
@@ -156,13 +143,43 @@ def _errors(one: dict[str, Any]) -> str:
     return f"{_text(one['after_deg'])}°, {_text(one['median_deg'])}°"
 
 
+def _recordings(found: Sequence[dict[str, Any]]) -> list[list[str]]:
+    lines = []
+    for one in found:
+        own = _text(one["points"].get("this pipeline"))
+        lines.append([one["name"], one["concealed"], one["known"], one["said"], own, *_blind([one])])
+    some = [one for one in found if one["points"]]
+    if some:
+        own = _text(_over(some, "this pipeline"))
+        listed = f"; {_text(_over(some, EVERYTHING))} ({EVERYTHING})"
+        lines.append([f"all {len(some)}", "", "", "", own, _blind(some)[0] + listed])
+    return lines
+
+
+def _blind(found: Sequence[dict[str, Any]]) -> list[str]:
+    """Say what the best of those scores that do not look."""
+    names = [name for name in found[0]["points"] if name.startswith(("never", "always"))]
+    best = max(names, key=lambda name: _over(found, name), default="")
+    return [f"{_text(_over(found, best))} ({best})" if best else "–"]
+
+
+def _over(found: Sequence[dict[str, Any]], tool: str) -> float:
+    return sum(float(one["points"][tool]) for one in found) / len(found)
+
+
 def _mooring(row: dict[str, Any]) -> list[str]:
     planted = ", ".join(f"{n} {v:.1f}°" for n, v in zip(row["truth"], row["visible_deg"], strict=True)) or "–"
     named = "; ".join(" or ".join(one) for one in row["sets"]) or "–"
     left = "–" if row["unexplained"] is None else f"{row['unexplained'][1]:.1f}° {row['unexplained'][0]}"
     errors = ", ".join(_text(row[key]) for key in ("before_deg", "after_deg", "sampled_deg", "oracle_deg"))
     kind = f"{row['kind']}, {'wide' if row['wide'] else 'narrow'}"
-    return [row["name"], kind, planted, named, left, row["outcome"], _text(row["points"]), errors, row["why"] or "–"]
+    water = row["water"] if row["real"] or row["water"] == "made" else f"made of {row['water']}"
+    told = [planted, named, left, row["outcome"], _text(row["points"]), errors, row["why"] or "–"]
+    return [row["name"], kind, water, *told]
+
+
+def _between(interval: Sequence[float] | None) -> str:
+    return "{:+.3f} to {:+.3f}".format(*interval) if interval else "–"
 
 
 def _text(value: float | None) -> str:
@@ -180,9 +197,9 @@ def _markdown(table: Table) -> str:
 
 
 def _page(figures: Path, made: dict[str, Any], tables: Sequence[Table]) -> str:
-    title, sealed = _heading(made).removeprefix("# ").split("\n\n")
+    title, *sealed = _heading(made).removeprefix("# ").split("\n\n")
     images = [base64.b64encode(path.read_bytes()).decode() for path in sorted(figures.glob("*.png"))]
-    parts = [f"<h1>{html.escape(title)}</h1><p>{html.escape(sealed)}</p><p>{html.escape(DEFINITIONS)}</p>"]
+    parts = [f"<h1>{html.escape(title)}</h1>", *(f"<p>{html.escape(text)}</p>" for text in (*sealed, DEFINITIONS))]
     parts += [f'<p><img alt="figure" src="data:image/png;base64,{image}"></p>' for image in images]
     parts += [_html(table) for table in tables]
     style = "body{font:15px sans-serif;max-width:75em;margin:2em auto}table{border-collapse:collapse}"

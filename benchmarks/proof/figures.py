@@ -8,16 +8,18 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks import targets
 from benchmarks.proof import score, tally
 from compasslib.plots.page import BLUE, GREEN, GREY, ORANGE, WIDE_IN, page
 
 
 def write(folder: Path, made: dict[str, Any]) -> None:
-    """Draw naming.png, power.png and headings.png."""
+    """Draw naming.png, power.png, headings.png, and reliability.png."""
     folder.mkdir(parents=True, exist_ok=True)
     naming(folder / "naming.png", made["confusion"])
     power(folder / "power.png", made["power"])
     headings(folder / "headings.png", made["moorings"])
+    reliability(folder / "reliability.png", made["probabilities"])
 
 
 def naming(path: Path, confusion: dict[str, dict[str, int]]) -> None:
@@ -46,21 +48,46 @@ def power(path: Path, bins: Sequence[dict[str, Any]]) -> None:
     """Draw the share of single effects that were seen and named against their visible size.
 
     Args:
-        bins: counts by size.
+        bins: counts by size and water.
     """
     title = "Single effects seen and named, by visible size\n"
     title += "Bars are 95 % intervals (Clopper and Pearson); n is the number of moorings."
     with page(path, 2.9, width_in=WIDE_IN, title=title) as figure:
-        axes = figure.subplots()
-        for key, colour, shift in (("seen", GREY, -0.08), ("named", BLUE, 0.08)):
-            middle = np.array([one[key] / one["count"] for one in bins])
-            ends = np.array([score.limits(one[key], one["count"]) for one in bins]).reshape(-1, 2)
-            away = np.abs(ends.T - middle)
-            axes.errorbar(np.arange(len(bins)) + shift, middle, away, fmt="o", color=colour, label=key, capsize=2)
-        labels = [f"{_range(one)}\nn = {one['count']}" for one in bins]
-        axes.set_xticks(range(len(bins)), labels)
-        axes.set(xlabel="Visible size, rms (°)", ylabel="Share", ylim=(-0.03, 1.03))
-        axes.legend(loc="upper left", ncols=2, bbox_to_anchor=(0.0, 1.15))
+        panels = figure.subplots(1, 2, sharey=True)
+        for axes, place in zip(panels, ("made", "real"), strict=True):
+            some = [one for one in bins if one["place"] == place]
+            for key, colour, shift in (("seen", GREY, -0.08), ("named", BLUE, 0.08)):
+                _bars(axes, np.arange(len(some)) + shift, [(one[key], one["count"]) for one in some], colour, key)
+            axes.set_xticks(range(len(some)), [f"{_range(one)}\nn = {one['count']}" for one in some])
+            axes.set(xlabel=f"Visible size, {place} water, rms (°)", ylim=(-0.03, 1.03))
+        panels[0].set_ylabel("Share")
+        panels[0].legend(loc="upper left", ncols=2, bbox_to_anchor=(0.0, 1.15))
+
+
+def reliability(path: Path, stated: dict[str, Any]) -> None:
+    """Draw how often came true what was stated with some probability."""
+    title = "Stated probabilities and what came\n"
+    title += "Bars are 95 % intervals (Clopper and Pearson), beside them n. On the line what is stated comes true."
+    with page(path, 3.4, width_in=WIDE_IN, title=title) as figure:
+        panels = figure.subplots(1, 2, sharey=True)
+        for axes, (what, one) in zip(panels, stated.items(), strict=True):
+            axes.plot([0.0, 1.0], [0.0, 1.0], color=GREY, linewidth=0.6)
+            some = one.get("bins", [])
+            at = np.array([each["stated"] for each in some])
+            _bars(axes, at, [(each["hits"], each["count"]) for each in some], BLUE, what)
+            for x, each in zip(at, some, strict=True):
+                up = each["hits"] / each["count"]
+                side = {"ha": "left", "x": 0.02} if x < 0.9 else {"ha": "right", "x": -0.02}
+                axes.text(x + float(side["x"]), up, f"{each['count']}", ha=str(side["ha"]), va="bottom", fontsize=6)
+            axes.set(xlabel=f"Stated probability: {what}", xlim=(-0.04, 1.04), ylim=(-0.04, 1.04))
+        panels[0].set_ylabel("Share that came true")
+
+
+def _bars(axes: Any, at: np.ndarray, counts: Sequence[tuple[int, int]], colour: str, label: str) -> None:
+    if counts:
+        middle = np.array([hits / count for hits, count in counts])
+        ends = np.array([targets.interval(*each) for each in counts])
+        axes.errorbar(at, middle, np.abs(ends.T - middle), fmt="o", color=colour, label=label, capsize=2)
 
 
 def headings(path: Path, rows: Sequence[dict[str, Any]]) -> None:

@@ -17,27 +17,34 @@ EPOCH_DAYS = 7305.0  # from 1950 to 1970
 NEWTON_STEPS, LONGEST_STEP_DEG = 25, 20.0
 
 
-def results(cruise: Path, name: str) -> dict[str, Any]:
-    """Return diagnosis, deviation and assessment of a mooring."""
-    folder = cruise / "results" / name
-    return {what: json.loads((folder / f"{what}.json").read_text()) for what in ("diagnosis", "deviation")}
+def diagnosis(results: Path) -> dict[str, Any]:
+    """Return the diagnosis of a mooring; of one that stopped what says so.
+
+    Args:
+        results: folder of its results.
+    """
+    if (results / "stopped.txt").exists():
+        why = (results / "stopped.txt").read_text().strip()
+        return {"verdict": "stopped", "findings": [], "unexplained": None, "why": why}
+    found: dict[str, Any] = json.loads((results / "diagnosis.json").read_text())
+    return found
 
 
-def product(cruise: Path, name: str) -> dict[str, Floats]:
+def product(results: Path) -> dict[str, Floats]:
     """Return times and headings of a product, NaN where none."""
-    with netCDF4.Dataset(cruise / "results" / name / "corrected.nc") as nc:
+    with netCDF4.Dataset(results / "corrected.nc") as nc:
         names = ("TIME", "HEADING", "HEADING_CORRECTED", "HEADING_CORRECTED_UNCERTAINTY")
         days, recorded, corrected, sigma = (np.ma.filled(nc[each][:].astype(float), np.nan) for each in names)
     time_s = np.rint((days - EPOCH_DAYS) * 86400.0)
     return {"time_s": time_s, "recorded": recorded, "corrected": corrected, "sigma": sigma}
 
 
-def headings(cruise: Path, locked: Path, name: str, deviation: dict[str, Any]) -> dict[str, float | None]:
+def headings(results: Path, locked: Path, name: str, deviation: dict[str, Any]) -> dict[str, float | None]:
     """Return errors of the heading: recorded, by the configured fit, of the product.
 
     Before is the configured fit alone, on the branch that is nearest to the truth.
     """
-    made, (time_s, heading, recorded) = product(cruise, name), np.load(locked / f"{name}.npy")[:3]
+    made, (time_s, heading, recorded) = product(results), np.load(locked / f"{name}.npy")[:3]
     at = np.searchsorted(made["time_s"], time_s).clip(0, made["time_s"].size - 1)
     known = (made["time_s"][at] == time_s) & np.isfinite(heading)
     at, heading, recorded = at[known], heading[known], recorded[known]
@@ -49,7 +56,7 @@ def headings(cruise: Path, locked: Path, name: str, deviation: dict[str, Any]) -
         "recorded_deg": rms(turn(recorded, heading)),
         "before_deg": before,
         "after_deg": rms(after),
-        "share_corrected": float(good.mean()),
+        "share_corrected": float(good.mean()) if good.size else 0.0,
         "covered_95": float(np.mean(np.abs(after[good]) < 1.96 * made["sigma"][at][good])) if good.any() else None,
     }
 
@@ -74,18 +81,18 @@ def corrected_by(coefficients: dict[str, float], recorded_deg: Floats, near_deg:
     return np.rad2deg(heading)
 
 
-def published(cruise: Path, locked: Path, name: str) -> dict[str, Any]:
+def published(results: Path, locked: Path) -> dict[str, Any]:
     """Return what became of the case of the paper: how many headings are corrected, how well, by what."""
-    left, made = results(cruise, name), product(cruise, name)
+    left, made = diagnosis(results), product(results)
     with (locked / "published.csv").open() as stream:
         rows = list(csv.DictReader(stream))
     stamps = np.array([row["time_utc"].removesuffix("Z") for row in rows], dtype="datetime64[s]").astype(float)
     heading = np.array([float(row["heading_true_magnetic_deg"]) for row in rows])
     at = np.searchsorted(made["time_s"], stamps).clip(0, made["time_s"].size - 1)
     off = turn(made["corrected"][at], heading)
-    effects = [one["effect"] for one in left["diagnosis"]["findings"]]
+    effects = [one["effect"] for one in left["findings"]]
     return {
-        "verdict": left["diagnosis"]["verdict"],
+        "verdict": left["verdict"],
         "effects": effects,
         "share_corrected": float(np.isfinite(off).mean()),
         "after_deg": rms(off),
@@ -111,9 +118,3 @@ def rms(x: Floats) -> float | None:
     """
     finite = x[np.isfinite(x)]
     return float(np.sqrt(np.mean(finite**2))) if finite.size else None
-
-
-def software(cruise: Path, name: str) -> str:
-    """Return what a product says of the software that made it."""
-    with netCDF4.Dataset(cruise / f"results/{name}/corrected.nc") as nc:
-        return str(nc.software_version)

@@ -1,41 +1,105 @@
-"""Runs the ordinary pipeline on a cruise folder: the same Snakefile and rules, only the targets are chosen."""
+"""Runs the pipeline: moorings one by one through the workflow's stages, real recordings through the workflow itself.
+
+Both give the same bytes (tests/test_stages_pipeline.py); the first starts no interpreter for every stage.
+"""
 
 from __future__ import annotations
 
+import multiprocessing
 import os
+import shutil
 import subprocess
 import sys
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from pathlib import Path
+
+from compasslib.stages import pipeline
 
 PROJECT = Path(__file__).resolve().parents[2]
 SCORED = ("corrected.nc", "diagnosis.json", "deviation.json")
+KEPT = (*SCORED, "overlap.nc")
+TASKS = 20  # of a process before another takes its place, so that no memory piles up
+THREADS = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}  # a process has one core
 
 
-def targets(names: Sequence[str]) -> list[str]:
-    """Return the files of moorings that are scored; figures and the page are left out."""
-    return [f"results/{name}/{file}" for name in names for file in SCORED]
+def each(job: Callable[[str], str], names: Sequence[str], cores: int, what: str) -> None:
+    """Do one job for every mooring, on some cores, and say how far it is; a job that returns a word has failed.
+
+    Args:
+        what: is done, for those who wait.
+    """
+    begun, done, failed = time.monotonic(), 0, []
+    with _one_thread_each(), multiprocessing.get_context("spawn").Pool(cores, maxtasksperchild=TASKS) as pool:
+        for name, wrong in pool.imap_unordered(_Named(job), names):
+            done += 1
+            failed += [name] if wrong else []
+            left_s = (time.monotonic() - begun) / done * (len(names) - done)
+            said = f"{what}: {done} of {len(names)}, {left_s / 60.0:.0f} min left"
+            print(f"{said}{f', {name} stopped: {wrong}' if wrong else ''}", file=sys.stderr, flush=True)
+    if failed:
+        print(f"{what}: {len(failed)} stopped: {', '.join(failed)}", file=sys.stderr, flush=True)
 
 
-def pipeline(cruise: Path, wanted: Sequence[str], cores: int, *, strict: bool = True) -> str:
-    """Make files of a cruise and return what went wrong in a line, nothing where all went well.
+def process(cruise: Path, name: str, folder: Path) -> str:
+    """Correct one mooring, keep what is scored, and return why it stopped, nothing where it did not.
+
+    Args:
+        cruise: the mooring's own.
+        folder: of its results; what stopped leaves ``stopped.txt`` there.
+    """
+    try:
+        pipeline.process(cruise, name, folder)
+    except Exception as error:  # what stops one mooring is scored as that
+        folder.mkdir(parents=True, exist_ok=True)
+        wrong = f"{type(error).__name__}: {error}"
+        (folder / "stopped.txt").write_text(wrong + "\n")
+        return wrong
+    for path in folder.iterdir():
+        if path.is_dir():
+            shutil.rmtree(path)
+        elif path.name not in KEPT:
+            path.unlink()
+    return ""
+
+
+def workflow(cruise: Path, wanted: Sequence[str], cores: int) -> str:
+    """Make files of a cruise by Snakemake, as anyone would, and return what went wrong in a line.
 
     Args:
         wanted: the files, relative to it.
-        strict: whether a failure ends the proof; where not, what could not be made is absent.
-
-    Raises:
-        SystemExit: Snakemake failed; its last lines are told.
     """
     command = [sys.executable, "-m", "snakemake", "--snakefile", str(PROJECT / "Snakefile"), "--directory", str(cruise)]
     options = ["--workflow-profile", "none", "--cores", str(cores), "--keep-going", "--quiet", "rules", "progress"]
     path = os.pathsep.join(filter(None, (str(PROJECT), os.environ.get("PYTHONPATH"))))
-    threads = {"PYTHONPATH": path, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-    ran = subprocess.run(
-        [*command, *options, "--", *wanted], capture_output=True, text=True, check=False, env=os.environ | threads
-    )
-    if ran.returncode and strict:
-        sys.exit("the pipeline failed:\n" + ran.stderr[-3000:])
+    environment = os.environ | THREADS | {"PYTHONPATH": path}
+    whole = [*command, *options, "--", *wanted]
+    ran = subprocess.run(whole, capture_output=True, text=True, check=False, env=environment)
     said = [line.strip() for line in ran.stderr.splitlines() if line.strip()]
     errors = [line for line in said if "error: " in line or "Exception" in line]
     return (errors or said or ["no reason was given"])[0] if ran.returncode else ""
+
+
+class _Named:
+    """A job that says whose it was; a class, so that another process can be sent it."""
+
+    def __init__(self, job: Callable[[str], str]) -> None:
+        self.job = job
+
+    def __call__(self, name: str) -> tuple[str, str]:
+        return name, self.job(name)
+
+
+class _one_thread_each:
+    """Processes that begin meanwhile have one thread, so that they do not wait for each other's."""
+
+    def __enter__(self) -> None:
+        self.before = {key: os.environ.get(key) for key in THREADS}
+        os.environ.update(THREADS)
+
+    def __exit__(self, *_: object) -> None:
+        for key, value in self.before.items():
+            if value is None:
+                os.environ.pop(key, None)
+            else:
+                os.environ[key] = value

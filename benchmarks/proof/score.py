@@ -2,54 +2,95 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from datetime import datetime
+from collections import Counter
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
-QUIET = ("null", "noisy", "locked")  # nothing is planted
+QUIET = ("null", "noisy", "turned", "veering", "reference", "rolled", "mirrored")  # nothing is wrong with the compass
 UNNAMED = ("strange", "shifted")  # what is planted has no name that would be right
 KNOWN = ("single", "pair")
 CATALOGUE = (
     "heeling", "hard_iron_drift", "hard_iron_step", "battery_change", "temperature", "supply_voltage", "sextantal",
     "octantal", "heading_slip", "compass_drift", "compass_lag", "tilt_uncompensated", "stuck_tilt", "current_veer",
     "clock_offset", "clock_drift", "field_disturbance", "mooring_motion", "large_deviation", "declination_error",
+    "hard_iron", "soft_iron", "pressure", "secular_variation", "mounting_offset", "pivot_friction", "water_drift",
+    "course_lag", "beam_gain", "velocity_bias", "reference_deviation", "reference_slip", "reference_beams",
+    "reference_bias", "moving_iron", "tilt_offset",
 )  # fmt: skip
+LIKE = {"moving_iron": "heeling"}  # a magnet that swings with the lean does to a heading what vertical iron does
+FIELD = "field_forward field_starboard field_down"
+# What is composed says the same as a name where it acts at the same place and is driven by the same.
+SAME = {
+    "hard_iron_drift": (FIELD, "time"), "hard_iron_step": (FIELD, "time"), "battery_change": (FIELD, "time voltage"),
+    "temperature": (f"{FIELD} reading", "temperature"), "supply_voltage": (f"{FIELD} reading", "voltage"),
+    "heading_slip": ("reading", "time"), "compass_drift": ("reading", "time"), "sextantal": ("lobe3", "heading"),
+    "octantal": ("lobe4", "heading"), "current_veer": ("flow_direction", "speed depth flow_direction"),
+    "tilt_uncompensated": (FIELD, "pitch roll tilt"), "heeling": (FIELD, "pitch roll tilt"),
+    "compass_lag": ("reading", "turn_rate"), "field_disturbance": ("north", "observatory time"),
+}  # fmt: skip
 FEWEST_NAMES = 2  # in a set that doubts
-DAY_S = 86400.0
+WORST = 1e-4  # probability below which a forecast is not punished further
 
 
 def sets(diagnosis: dict[str, Any]) -> list[list[str]]:
-    """Return the names of each finding, the best first."""
-    return [[one["effect"], *one["alternatives"]] for one in diagnosis["findings"]]
+    """Return the names of each finding, the best first; what is composed is spelt out."""
+    return [[first(one), *one["alternatives"]] for one in diagnosis["findings"]]
+
+
+def first(finding: dict[str, Any]) -> str:
+    """Return the name of a finding, as an alternative would be written."""
+    made = finding.get("composition")
+    return f"composed:{made['acts_on']}/{made['driver']}/{made['form']}" if made else str(finding["effect"])
+
+
+def says(name: str, wanted: str) -> bool:
+    """Tell whether a name, perhaps a composed one, says what is wanted."""
+    if not name.startswith("composed:"):
+        return wanted in (name, LIKE.get(name))
+    acts, driver, _ = name.removeprefix("composed:").split("/")
+    places, drivers = SAME.get(wanted, ("", ""))
+    return acts in places.split() and driver in drivers.split()
+
+
+def right(name: str, effect: dict[str, Any]) -> bool:
+    """Tell whether a name is right for what was planted."""
+    return any(says(name, wanted) for wanted in effect["right"])
 
 
 def judge(truth: dict[str, Any], diagnosis: dict[str, Any]) -> str:
     """Return in a few words how a diagnosis stands to the truth."""
     named, left = sets(diagnosis), diagnosis["unexplained"] is not None
+    if truth["kind"] == "insufficient":
+        return "right" if diagnosis["verdict"] == "insufficient" else "wrong name" if named else "missed"
+    if diagnosis["verdict"] in ("insufficient", "stopped"):
+        return "refused"
     if truth["kind"] in QUIET:
-        return "false name" if named else "false alarm" if left else "right"
+        return "false name" if _accused(truth, diagnosis) else "false alarm" if left else "right"
     if not named and not left:
-        return "refused" if diagnosis["verdict"] == "insufficient" else "missed"
+        return "missed"
     if truth["kind"] in UNNAMED:
         listed = [each for each in named if not all(name.startswith("composed") for name in each)]
         told = left or len(listed) < len(named)  # what is composed says that no listed effect does it
         return "bare name" if not told else "name beside" if listed else "right"
-    if truth["kind"] == "undecidable":
-        return _doubt(truth, named, left)
-    return _name(truth, named)
+    return _doubt(truth, named, left) if truth["kind"] == "undecidable" else _name(truth, named)
+
+
+def _accused(truth: dict[str, Any], diagnosis: dict[str, Any]) -> bool:
+    """Tell whether compass or clock were blamed; water is never still, and a bent reference may be named."""
+    spared = {"water", "reference"} if truth["kind"] == "reference" else {"water"}
+    return any(one.get("side", "compass") not in spared for one in diagnosis["findings"])
 
 
 def _name(truth: dict[str, Any], named: list[list[str]]) -> str:
-    wanted = {one["name"] for one in truth["effects"]}
-    met = [wanted & set(each) for each in named]
-    found = set().union(*met)
+    found = [any(right(name, one) for each in named for name in each) for one in truth["effects"]]
+    met = [any(right(name, one) for one in truth["effects"] for name in each) for each in named]
     if not named:
         return "unexplained"
-    if not found:
+    if not any(found):
         return "wrong name"
-    if found != wanted:
+    if not all(found):
         return "half"
     if not all(met):
         return "one too many"
@@ -58,26 +99,29 @@ def _name(truth: dict[str, Any], named: list[list[str]]) -> str:
 
 def _doubt(truth: dict[str, Any], named: list[list[str]], left: bool) -> str:
     """Where nobody can know, a lone name is a guess, even the right one."""
-    wanted = {one["name"] for one in truth["effects"]}
-    holds = any(wanted & set(each) and len(each) >= FEWEST_NAMES for each in named)
-    if holds or (left and not named):
+    held = [each for each in named if any(right(name, one) for one in truth["effects"] for name in each)]
+    if any(len(each) >= FEWEST_NAMES for each in held) or (left and not named):
         return "right"
-    return "guessed" if wanted & {name for each in named for name in each} else "wrong name"
+    return "guessed" if held else "wrong name"
 
 
 def points(truth: dict[str, Any], diagnosis: dict[str, Any]) -> float:
     """Return 1 for what a perfect tool would say, less for every name too many, 0 for what is wrong."""
     outcome, named = judge(truth, diagnosis), sets(diagnosis)
-    if truth["kind"] in QUIET or truth["kind"] in UNNAMED:
+    if truth["kind"] in (*QUIET, *UNNAMED, "insufficient"):
         return {"right": 1.0, "name beside": 0.5}.get(outcome, 0.0)
     if truth["kind"] == "undecidable":
         if outcome != "right" or not named:
             return 0.0 if outcome != "right" else 0.5 if truth["rivals"] else 1.0
         return min(1.0, max(FEWEST_NAMES, 1 + len(truth["rivals"])) / sum(map(len, named)))
-    wanted = [one["name"] for one in truth["effects"]]
-    worth = [max((1.0 / len(each) for each in named if name in each), default=0.0) for name in wanted]
-    false = sum(not set(each) & set(wanted) for each in named)
+    wanted = truth["effects"]
+    worth = [max((_share(each, one) for each in named), default=0.0) for one in wanted]
+    false = sum(not any(right(name, one) for one in wanted for name in each) for each in named)
     return float(np.mean(worth)) * len(wanted) / (len(wanted) + false)
+
+
+def _share(names: list[str], effect: dict[str, Any]) -> float:
+    return sum(right(name, effect) for name in names) / len(names)
 
 
 def row(name: str, truth: dict[str, Any], diagnosis: dict[str, Any], heads: dict[str, Any]) -> dict[str, Any]:
@@ -86,19 +130,22 @@ def row(name: str, truth: dict[str, Any], diagnosis: dict[str, Any], heads: dict
     return {
         "name": name,
         "kind": truth["kind"],
+        "water": truth["water"],
+        "real": truth["real"],
+        "place": place(truth),
         "wide": truth["wide"],
         "truth": [one["name"] for one in truth["effects"]],
+        "right": [one["right"] for one in truth["effects"]],
         "visible_deg": [round(one["visible_deg"], 2) for one in truth["effects"]],
-        "background_deg": truth["background_deg"],
         "verdict": diagnosis["verdict"],
         "sets": sets(diagnosis),
+        "sides": diagnosis.get("sides", {}),
+        "found_sides": [one.get("side", "compass") for one in diagnosis["findings"]],
         "unexplained": None if left is None else [left["where"]["text"], round(left["rms_effect_deg"], 2)],
-        "negligible": [one["effect"] for one in diagnosis.get("negligible", [])],
         "outcome": judge(truth, diagnosis),
         "points": points(truth, diagnosis),
-        "z": _z(truth, diagnosis),
-        "dates_d": _dates(truth, diagnosis),
-        "gain": _gain(truth, diagnosis),
+        "of_compass": at_fault(truth, diagnosis),
+        "of_names": names(truth, diagnosis),
         "why": why(truth, diagnosis),
         "five_deg": truth["five_deg"],
         "oracle_deg": truth["oracle_deg"],
@@ -106,104 +153,110 @@ def row(name: str, truth: dict[str, Any], diagnosis: dict[str, Any], heads: dict
     }
 
 
+def place(truth: dict[str, Any]) -> str:
+    """Return what water a mooring is in, and whether its reference is a real one."""
+    if not truth["real"]:
+        return "made water"
+    return "reference stands in" if truth["stands_in"] else "real records"
+
+
+def at_fault(truth: dict[str, Any], diagnosis: dict[str, Any]) -> list[float] | None:
+    """Return the stated probability that compass or clock are at fault, and 1 where they are, else 0."""
+    sides = diagnosis.get("sides")
+    if not sides:
+        return None
+    stated = sides.get("compass", 0.0) + sides.get("clock", 0.0)
+    return [round(float(stated), 6), float(any(one["side"] in ("compass", "clock") for one in truth["effects"]))]
+
+
+def names(truth: dict[str, Any], diagnosis: dict[str, Any]) -> list[list[float]]:
+    """Return of every name that was given its stated probability, and 1 where it is right, else 0.
+
+    Where the water alone may differ, its names are right; those of a set that hold the truth together count together.
+    """
+    told = []
+    for one in diagnosis["findings"]:
+        stated = {first(one): one.get("probability", 1.0)} | one.get("alternatives_probability", {})
+        held = {name: _true(name, one, truth) for name in stated}
+        together = [p for name, p in stated.items() if held[name]]
+        told += [[round(float(min(sum(together), 1.0)), 6), 1.0]] if together else []
+        told += [[round(float(p), 6), 0.0] for name, p in stated.items() if not held[name]]
+    return told
+
+
+def _true(name: str, finding: dict[str, Any], truth: dict[str, Any]) -> bool:
+    if any(right(name, one) for one in truth["effects"]):
+        return True
+    if truth["kind"] in UNNAMED:
+        return name.startswith("composed")
+    return truth["kind"] in QUIET and not _accused(truth, {"findings": [finding]})
+
+
 def why(truth: dict[str, Any], diagnosis: dict[str, Any]) -> str:
     """Return what the diagnosis itself says of effects that it did not name."""
-    if diagnosis["verdict"] == "insufficient":
-        return str(diagnosis["why"])
-    named = {name for each in sets(diagnosis) for name in each}
+    if diagnosis["verdict"] in ("insufficient", "stopped"):
+        return str(diagnosis.get("why", ""))
+    given = [name for each in sets(diagnosis) for name in each]
     untested = {one["effect"]: one["why"] for one in diagnosis.get("not_testable", [])}
     small = {one["effect"]: one["rms_effect_deg"] for one in diagnosis.get("negligible", [])}
-    needed = diagnosis.get("detectable_deg", {})
-    said = []
-    for name in (name for name in _names(truth) if name not in named and truth["kind"] in (*KNOWN, "undecidable")):
-        if name in untested:
-            said.append(f"{name}: not testable, {untested[name]}")
-        elif name in small:
-            said.append(f"{name}: seen as {small[name]:.2f}°, too small to matter")
-        elif name in needed:
-            said.append(f"{name}: this record shows {needed[name]:.1f}° nine times in ten")
+    needed, said = diagnosis.get("detectable_deg", {}), []
+    for one in truth["effects"]:
+        if not any(right(name, one) for name in given):
+            for name in one["right"]:
+                if name in untested:
+                    said.append(f"{name}: not testable, {untested[name]}")
+                elif name in small:
+                    said.append(f"{name}: seen as {small[name]:.2f}°, too small to matter")
+                elif name in needed:
+                    said.append(f"{name}: this record shows {needed[name]:.1f}° nine times in ten")
     return "; ".join(said)
 
 
-def _names(truth: dict[str, Any]) -> list[str]:
-    return [one["name"] for one in truth["effects"]]
+# What others would say, who do not look, or do not judge.
+
+Tool = Callable[[dict[str, Any], dict[str, Any]], dict[str, Any]]
 
 
-def _matched(truth: dict[str, Any], diagnosis: dict[str, Any]) -> Iterable[tuple[dict[str, Any], dict[str, Any]]]:
-    """Give the planted effects with the finding that names them first."""
-    for one in truth["effects"]:
-        for finding in diagnosis["findings"]:
-            if finding["effect"] == one["name"]:
-                yield one, finding
-                break
+def said(*findings: list[str], left: bool = False) -> dict[str, Any]:
+    """Return a diagnosis that names sets of effects."""
+    found = [{"effect": one[0], "alternatives": list(one[1:]), "side": "compass"} for one in findings]
+    rest = {"where": {"text": "somewhere"}, "rms_effect_deg": 1.0} if left else None
+    verdict = "unexplained" if left else "explained" if found else "consistent"
+    return {"verdict": verdict, "findings": found, "unexplained": rest}
 
 
-def _z(truth: dict[str, Any], diagnosis: dict[str, Any]) -> dict[str, float]:
-    """Return errors of parameters in their own standard errors, where truth and finding speak of the same ones."""
-    result = {}
-    for one, finding in _matched(truth, diagnosis):
-        for name, value in one["parameters"].items():
-            got = finding["parameters"].get(name)
-            if name != "date_s" and got is not None and got["sigma"] > 0.0:
-                result[f"{one['name']}.{name}"] = (got["value"] - value) / got["sigma"]
-    return result
-
-
-def _dates(truth: dict[str, Any], diagnosis: dict[str, Any]) -> list[float]:
-    """Return by how many days the date of a step was missed."""
-    return [
-        (datetime.fromisoformat(finding["when"]["from"]).timestamp() - one["parameters"]["date_s"]) / DAY_S
-        for one, finding in _matched(truth, diagnosis)
-        if "date_s" in one["parameters"]
-    ]
-
-
-def _gain(truth: dict[str, Any], diagnosis: dict[str, Any]) -> float | None:
-    """Return the variance that held-out days gave back, over what was planted; compass and water only."""
-    planted = sum(one["visible_deg"] ** 2 for one in truth["effects"])
-    clocks = any(name.startswith("clock") for name in _names(truth))
-    if not diagnosis["findings"] or not planted or clocks or truth["kind"] not in KNOWN:
-        return None
-    proofs = [one["heldout"] for one in diagnosis["findings"]]
-    return float(sum(p["rms_before_deg"] ** 2 - p["rms_after_deg"] ** 2 for p in proofs) / planted)
-
-
-def always_unexplained(_: dict[str, Any]) -> dict[str, Any]:
-    """Return what a tool says that calls everything unexplained."""
-    left = {"where": {"text": "somewhere"}, "rms_effect_deg": 1.0}
-    return {"verdict": "unexplained", "findings": [], "unexplained": left}
-
-
-def whole_catalogue(_: dict[str, Any]) -> dict[str, Any]:
-    """Return what a tool says that lists every effect there is."""
-    finding = {"effect": CATALOGUE[0], "alternatives": list(CATALOGUE[1:]), "parameters": {}}
-    return {"verdict": "ambiguous", "findings": [finding], "unexplained": None}
+def seen(diagnosis: dict[str, Any]) -> bool:
+    """Tell whether anything was found."""
+    return bool(diagnosis["findings"]) or diagnosis["unexplained"] is not None
 
 
 def perfect(truth: dict[str, Any]) -> dict[str, Any]:
     """Return what a tool says that knows the truth."""
+    if truth["kind"] == "insufficient":
+        return said() | {"verdict": "insufficient"}
     if truth["kind"] in QUIET:
-        return {"verdict": "consistent", "findings": [], "unexplained": None}
+        return said()
     if truth["kind"] in UNNAMED or (truth["kind"] == "undecidable" and not truth["rivals"]):
-        return always_unexplained(truth)
-    findings = [{"effect": n, "alternatives": list(truth["rivals"]), "parameters": {}} for n in _names(truth)]
-    return {"verdict": "ambiguous" if truth["rivals"] else "explained", "findings": findings, "unexplained": None}
+        return said(left=True)
+    return said(*([one["right"][0], *truth["rivals"]] for one in truth["effects"]))
 
 
-def mean_points(truths: Sequence[dict[str, Any]], tool: Callable[[dict[str, Any]], dict[str, Any]]) -> float:
-    """Return the mean points of a tool that answers from the truth, or without looking.
+def tools(truths: Sequence[dict[str, Any]]) -> dict[str, Tool]:
+    """Return the tools that the pipeline is held against, by what they do.
 
     Args:
-        truths: of all moorings.
-        tool: from truth to diagnosis.
+        truths: of all moorings; the commonest name is known beforehand to who names without evidence.
     """
-    return float(np.mean([points(truth, tool(truth)) for truth in truths]))
-
-
-def limits(hits: int, count: int) -> tuple[float, float]:
-    """Return the 95 % interval of a share (Clopper and Pearson 1934)."""
-    from scipy.special import betaincinv
-
-    low = 0.0 if hits == 0 else float(betaincinv(hits, count - hits + 1, 0.025))
-    high = 1.0 if hits == count else float(betaincinv(hits + 1, count - hits, 0.975))
-    return low, high
+    effects = (each for one in truths if one["kind"] in KNOWN for each in one["effects"])
+    common = Counter(name for each in effects for name in each["right"])
+    name = common.most_common(1)[0][0] if common else CATALOGUE[0]
+    return {
+        "never names anything (so does the published method)": lambda truth, own: said(),
+        "always says unexplained": lambda truth, own: said(left=True),
+        f"always names the commonest effect, {name}": lambda truth, own: said([name]),
+        "always lists the whole catalogue": lambda truth, own: said(list(CATALOGUE)),
+        "sees what this pipeline sees, names nothing": lambda truth, own: said(left=seen(own)),
+        "sees what this pipeline sees, names the commonest": lambda truth, own: said(*[[name]] * seen(own)),
+        "this pipeline": lambda truth, own: own,
+        "knows the truth": lambda truth, own: perfect(truth),
+    }

@@ -1,4 +1,4 @@
-"""Counts the rows of a proof: shares with their intervals, sizes, errors."""
+"""Counts the rows of a proof: shares with their intervals, points, probabilities, errors of headings, targets."""
 
 from __future__ import annotations
 
@@ -9,61 +9,147 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks import targets
 from benchmarks.proof import score
+from benchmarks.targets import Measured
 
 Row = dict[str, Any]
+Truths = dict[str, dict[str, Any]]  # of moorings, by name; so diagnoses
 
 BINS_DEG = (0.0, 0.7, 1.0, 1.5, 2.0, 3.0, 99.0)
-NEAR_DEG = 0.3
-HEADINGS = ("before", "after", "sampled", "five", "oracle")
+EDGES = (0.0, 0.05, 0.2, 0.5, 0.8, 0.95, 1.001)  # of stated probabilities
+NEAR_DEG, WORSE_DEG = 0.3, 0.1
+HEADINGS = ("before", "after", "published", "sampled", "five", "oracle")
+COVERED = (0.93, 0.97)
+PLACES = ("all", "made water", "real records", "reference stands in")
 
 
 def measures(rows: Sequence[Row]) -> list[dict[str, Any]]:
-    """Return the table of shares: what, how many of how many, the 95 % interval."""
+    """Return the table of shares: what, and of all, made and real moorings how many of how many."""
+    return [
+        {"what": what} | {place: [int(sum(map(holds, some))), len(some)] for place, some in _places(chosen).items()}
+        for what, chosen, holds in _questions(rows)
+        if chosen
+    ]
+
+
+def _questions(rows: Sequence[Row]) -> list[tuple[str, list[Row], Callable[[Row], bool]]]:
     known = _of(rows, *score.KNOWN)
+    strange, shifted, doubt = (_of(rows, kind) for kind in ("strange", "shifted", "undecidable"))
     named = [row for row in known if row["sets"]]
     alone = [row for row in named if all(len(one) == 1 for one in row["sets"])]
-    strange, shifted, doubt = (_of(rows, kind) for kind in ("strange", "shifted", "undecidable"))
-    quiet, noisy, locked = (_of(rows, kind) for kind in score.QUIET)
-    table = [
-        _share("nothing planted: falsely named", quiet, lambda row: bool(row["sets"])),
-        _share("nothing planted: falsely unexplained", quiet, lambda row: row["outcome"] == "false alarm"),
-        _share("doubled noise: named or unexplained", noisy, lambda row: row["outcome"] != "right"),
-        _share("sphere turned by the lower water: named or unexplained", locked, lambda row: row["outcome"] != "right"),
-        _share("effects of the catalogue: seen", known, seen),
-        _share("all that was planted is among the names", known, covered),
-        _share("the same, of those where anything is named", named, covered),
-        _share("the same, of those where every name stands alone", alone, covered),
-        _share("a name that has nothing to do with it", named, has_false_name),
-        _share("unexplained beside the names", named, lambda row: row["unexplained"] is not None),
-        _share(
-            "out of the catalogue: unexplained or composed",
-            strange,
-            lambda row: row["outcome"] in ("right", "name beside"),
-        ),
-        _share("out of the catalogue: a bare name", strange, lambda row: row["outcome"] == "bare name"),
-        _share("shifted temperature: temperature named first", shifted, lambda row: "temperature" in _first(row)),
-        _share("shifted temperature: temperature among the names", shifted, lambda row: "temperature" in _every(row)),
-        _share("undecidable: doubt, with the truth in it", doubt, lambda row: row["outcome"] == "right"),
-        _share("undecidable: guessed", doubt, lambda row: row["outcome"] in ("guessed", "wrong name")),
-        _share("all: as a perfect tool would say", rows, lambda row: row["points"] == 1.0),
+    quiet = [(f"{QUIET[kind]}: compass or clock named", _of(rows, kind), falsely) for kind in score.QUIET]
+    told = ("right", "name beside")
+    return [
+        ("nothing wrong with the compass, all kinds: compass or clock named", _of(rows, *score.QUIET), falsely),
+        ("the same: unexplained, nothing named", _of(rows, *score.QUIET), lambda row: row["outcome"] == "false alarm"),
+        ("the same: the water named", _of(rows, *score.QUIET), lambda row: "water" in row["found_sides"]),
+        *quiet,
+        ("effects with a name: seen", known, seen),
+        ("all that was planted is among the names", known, covered),
+        ("the same, of those where anything is named", named, covered),
+        ("the same, of those where every name stands alone", alone, covered),
+        ("a finding that has nothing to do with it", named, lambda row: row["outcome"] == "one too many" or wrong(row)),
+        ("nobody listed it: unexplained or composed", strange, lambda row: row["outcome"] in told),
+        ("nobody listed it: a bare name", strange, lambda row: row["outcome"] == "bare name"),
+        ("temperature shifted in time: temperature named first", shifted, lambda row: "temperature" in _first(row)),
+        ("temperature shifted in time: a bare name", shifted, lambda row: row["outcome"] == "bare name"),
+        ("undecidable: doubt, with the truth in it", doubt, lambda row: row["outcome"] == "right"),
+        ("undecidable: guessed", doubt, lambda row: row["outcome"] in ("guessed", "wrong name")),
+        ("all: as a perfect tool would say", list(rows), lambda row: row["points"] == 1.0),
+        ("all: refused", list(rows), lambda row: row["outcome"] == "refused"),
     ]
-    return [one for one in table if one["count"]]
 
 
-def numbers(rows: Sequence[Row]) -> dict[str, Any]:
-    """Return sizes of sets, errors of parameters and dates, gains, and errors of headings."""
-    named = [row for row in _of(rows, *score.KNOWN) if row["sets"]]
-    z = {clocks: _errors(rows, clocks=clocks) for clocks in (False, True)}
-    dates = [abs(value) for row in rows for value in row["dates_d"]]
-    gains = [row["gain"] for row in rows if row["gain"] is not None]
+QUIET = {
+    "null": "nothing planted", "noisy": "doubled noise", "turned": "sphere that turns by itself",
+    "veering": "water that veers slowly, 2 to 4°", "reference": "trusted compass bent by 1 to 2°",
+    "rolled": "real record, its log shifted in time", "mirrored": "real record in a mirror",
+}  # fmt: skip
+
+
+def points(truths: Truths, diagnoses: Truths) -> dict[str, Any]:
+    """Return the mean points of every tool by place, and by how much this one is ahead, with its 95 % interval."""
+    made = {}
+    for name, tool in score.tools(list(truths.values())).items():
+        each = np.array([score.points(truths[k], tool(truths[k], diagnoses[k])) for k in truths])
+        where = np.array([score.place(one) for one in truths.values()])
+        made[name] = {"each": each, "all": _mean(each)} | {one: _mean(each[where == one]) for one in PLACES[1:]}
+    own = made["this pipeline"]["each"]
+    for one in made.values():
+        each = one.pop("each")
+        one["ahead"] = targets.resampled(own - each, lambda some: some.mean(axis=-1))
+    return made
+
+
+def probabilities(rows: Sequence[Row]) -> dict[str, Any]:
+    """Return how good stated probabilities are: Brier and log score beside those of the mere share, and the diagram."""
+    compass = [[row["of_compass"]] for row in rows if row["of_compass"]]
     return {
-        "names_in_a_set": _mean([len(one) for row in named for one in row["sets"]]),
-        "z": z[False],
-        "z_clocks": z[True],
-        "dates": {"count": len(dates), "median_d": _median(dates), "largest_d": max(dates, default=None)},
-        "gain": {"count": len(gains), "median": _median(gains)},
-        "headings": {group: _headings(some) for group, some in _groups(rows).items()},
+        "compass or clock at fault": _forecast(compass),
+        "a name that is given": _forecast([row["of_names"] for row in rows if row["of_names"]]),
+    }
+
+
+def _forecast(groups: Sequence[Sequence[Sequence[float]]]) -> dict[str, Any]:
+    """Score forecasts, those of one mooring together in an interval (Brier 1950; Good 1952)."""
+    if not groups:
+        return {"count": 0}
+    every = np.array([one for group in groups for one in group])
+    base = every[:, 1].mean()
+    brier = [np.array([((p - y) ** 2, (base - y) ** 2) for p, y in group]).sum(axis=0) for group in groups]
+    logs = [np.array([(_surprise(p, y), _surprise(base, y)) for p, y in group]).sum(axis=0) for group in groups]
+    counts = np.array([len(group) for group in groups], dtype=float)
+    return {
+        "count": len(every), "moorings": len(groups), "share": float(base),
+        "brier": _ratio(brier, counts), "log": _ratio(logs, counts), "bins": _bins(every),
+    }  # fmt: skip
+
+
+def _surprise(stated: float, came: float) -> float:
+    return float(-np.log(max(stated if came else 1.0 - stated, score.WORST)))
+
+
+def _ratio(pairs: Sequence[np.ndarray], counts: np.ndarray) -> dict[str, Any]:
+    """Return a mean score, that of the share alone, and by how much it is better, with its 95 % interval."""
+    own, base = np.array(pairs).T
+    gained = np.arange(len(own))
+    better = targets.resampled(gained, lambda some: (base - own)[some].sum(axis=-1) / counts[some].sum(axis=-1))
+    total = counts.sum()
+    return {"own": own.sum() / total, "share": base.sum() / total, "better": better}
+
+
+def _bins(every: np.ndarray) -> list[dict[str, Any]]:
+    stated, came = every.T
+    found = []
+    for low, high in itertools.pairwise(EDGES):
+        inside = (stated >= low) & (stated < high)
+        if inside.any():
+            hits, count = int(came[inside].sum()), int(inside.sum())
+            found.append({"stated": float(stated[inside].mean()), "hits": hits, "count": count})
+    return found
+
+
+def headings(rows: Sequence[Row]) -> dict[str, Any]:
+    """Return pooled errors of the heading: by the fit alone, of the product, by the published series, at best."""
+    known = _of(rows, *score.KNOWN)
+    groups = {
+        "nothing wrong with the compass": _of(rows, *score.QUIET),
+        "effects with a name": known,
+        "of these, seen": [row for row in known if seen(row)],
+        "nobody listed it": _of(rows, *score.UNNAMED),
+        **{place: some for place, some in _places(rows).items() if place in PLACES[1:]},
+    }
+    return {name: _pooled([row for row in some if _whole(row)]) for name, some in groups.items()}
+
+
+def _pooled(some: Sequence[Row]) -> dict[str, Any]:
+    return {
+        "count": len(some),
+        **{f"{key}_deg": _rms(row[f"{key}_deg"] for row in some) for key in HEADINGS},
+        "near_sampled": _mean([row["after_deg"] <= row["sampled_deg"] + NEAR_DEG for row in some]),
+        "worse": _mean([worse(row) for row in some]),
+        "covered_95": _mean([row["covered_95"] for row in some]),
     }
 
 
@@ -72,24 +158,79 @@ def power(rows: Sequence[Row]) -> list[dict[str, Any]]:
     single = _of(rows, "single")
     result = []
     for low, high in itertools.pairwise(BINS_DEG):
-        some = [row for row in single if low <= row["visible_deg"][0] < high]
-        if some:
-            part = {"from_deg": low, "to_deg": high, "count": len(some)}
-            result.append(part | {"seen": sum(map(seen, some)), "named": sum(map(covered, some))})
+        for place, real in (("made", False), ("real", True)):
+            some = [row for row in single if low <= row["visible_deg"][0] < high and row["real"] == real]
+            if some:
+                part = {"from_deg": low, "to_deg": high, "place": place, "count": len(some)}
+                result.append(part | {"seen": sum(map(seen, some)), "named": sum(map(covered, some))})
     return result
 
 
 def confusion(rows: Sequence[Row]) -> dict[str, dict[str, int]]:
     """Return by what was planted alone how often each name came first."""
     result: dict[str, Counter[str]] = {}
-    for row in _of(rows, "single", "undecidable", *score.UNNAMED):
-        planted = row["truth"][0] if row["kind"] not in score.UNNAMED else "(out of the catalogue)"
-        said = row["sets"][0][0] if row["sets"] else "(unexplained)" if row["unexplained"] else "(nothing)"
-        result.setdefault(planted, Counter())[said] += 1
-    for row in _of(rows, *score.QUIET):
-        said = row["sets"][0][0] if row["sets"] else "(unexplained)" if row["unexplained"] else "(nothing)"
-        result.setdefault("(nothing)", Counter())[said] += 1
+    for row in rows:
+        if row["kind"] != "pair":
+            planted = row["truth"][0] if row["truth"] else f"({row['kind']})"
+            said = row["sets"][0][0] if row["sets"] else "(unexplained)" if row["unexplained"] else "(nothing)"
+            said = "/".join(said.split("/")[:2]) if said.startswith("composed:") else said
+            result.setdefault(planted, Counter())[said] += 1
     return {name: dict(sorted(counts.items())) for name, counts in sorted(result.items())}
+
+
+def goals(rows: Sequence[Row], scored: dict[str, Any], stated: dict[str, Any]) -> list[Measured]:
+    """Return what is asked of the search, each beside what was measured.
+
+    Where a reference only stands in, its water is none that two instruments could measure: targets leave it out.
+
+    Args:
+        scored: of ``points``.
+        stated: of ``probabilities``.
+    """
+    rows = [row for row in rows if row["place"] != "reference stands in"]
+    quiet, known = _of(rows, *score.QUIET), _of(rows, *score.KNOWN)
+    named = [row for row in known if row["sets"]]
+    alone = [row for row in named if all(len(one) == 1 for one in row["sets"])]
+    strange, shifted, doubt = (_of(rows, kind) for kind in ("strange", "shifted", "undecidable"))
+    whole = [row for row in rows if _whole(row)]
+    shares = [
+        ("nothing wrong with the compass: compass or clock named", map(falsely, quiet), {"most": 0.02}),
+        (
+            "the same, real records alone",
+            (falsely(row) for row in quiet if row["place"] == "real records"),
+            {"most": 0.02},
+        ),
+        ("the same: unexplained", (row["outcome"] == "false alarm" for row in quiet), {"most": 0.02}),
+        ("anything named: all that was planted is among the names", map(covered, named), {"least": 0.95}),
+        ("every name stands alone: right", map(covered, alone), {"least": 0.95}),
+        ("nobody listed it: a bare name", (row["outcome"] == "bare name" for row in strange), {"most": 0.05}),
+        ("temperature shifted in time: named first", ("temperature" in _first(row) for row in shifted), {"most": 0.05}),
+        ("undecidable: guessed", (row["outcome"] in ("guessed", "wrong name") for row in doubt), {"most": 0.05}),
+        (f"heading worse than by the fit alone, by over {WORSE_DEG}°", map(worse, whole), {"most": 0.05}),
+    ]
+    found = [targets.share(what, values, **goal) for what, values, goal in shares]
+    covers = [row["covered_95"] for row in whole if row["covered_95"] is not None]
+    least, most = COVERED
+    if covers:
+        found.append(targets.mean("headings within their 95 %", covers, least=least, most=most, unit=" %", times=100.0))
+    found += [
+        _ahead(f"points ahead of: {tool}", one["ahead"])
+        for tool, one in scored.items()
+        if tool not in ("this pipeline", "knows the truth") and one["ahead"]
+    ]
+    found += [
+        _ahead(f"{what}: {rule} score better than the mere share's", one[rule]["better"])
+        for what, one in stated.items()
+        if one["count"]
+        for rule in ("brier", "log")
+        if one[rule]["better"]
+    ]
+    return [one for one in found if one.value != "–"]
+
+
+def _ahead(what: str, interval: Sequence[float]) -> Measured:
+    low, high = interval
+    return Measured(what, f"{low:+.3f} to {high:+.3f}", low, high, least=0.0, target="> 0")
 
 
 def seen(row: Row) -> bool:
@@ -97,70 +238,47 @@ def seen(row: Row) -> bool:
     return bool(row["sets"]) or row["unexplained"] is not None
 
 
+def falsely(row: Row) -> bool:
+    """Tell whether compass or clock were blamed where nothing was wrong with them."""
+    return row["outcome"] == "false name"
+
+
 def covered(row: Row) -> bool:
     """Tell whether all that was planted is among the names."""
-    return set(row["truth"]) <= _every(row)
+    return row["outcome"] in ("right", "in the set", "one too many")
 
 
-def has_false_name(row: Row) -> bool:
+def wrong(row: Row) -> bool:
     """Tell whether a finding holds nothing of what was planted."""
-    return any(not set(one) & set(row["truth"]) for one in row["sets"])
+    effects = [{"right": names} for names in row["right"]]
+    return any(not any(score.right(name, one) for one in effects for name in each) for each in row["sets"])
 
 
-def _errors(rows: Sequence[Row], *, clocks: bool) -> dict[str, Any]:
-    """Return errors of parameters in their own standard errors, of clocks or of all others."""
-    every = [(name, value) for row in rows for name, value in row["z"].items()]
-    z = [value for name, value in every if name.startswith("clock") == clocks]
-    return {"count": len(z), "rms": _rms(z), "within_196": _mean([abs(value) < 1.96 for value in z])}
+def worse(row: Row) -> bool:
+    """Tell whether the product's headings are worse than those of the fit alone."""
+    return row["after_deg"] > row["before_deg"] + WORSE_DEG
 
 
-def _groups(rows: Sequence[Row]) -> dict[str, list[Row]]:
-    known = _of(rows, *score.KNOWN)
-    return {
-        "nothing planted": _of(rows, *score.QUIET),
-        "effects of the catalogue": known,
-        "of these, seen": [row for row in known if seen(row)],
-        "out of the catalogue": _of(rows, *score.UNNAMED),
-    }
+def _whole(row: Row) -> bool:
+    return all(row[key] is not None for key in ("before_deg", "after_deg", "sampled_deg"))
 
 
-def _headings(rows: Sequence[Row]) -> dict[str, Any]:
-    """Return pooled errors of the heading: by the fit alone, of the product, and what nobody can beat."""
-    some = [row for row in rows if row["before_deg"] is not None and row["after_deg"] is not None]
-    near = {k: [row["after_deg"] <= row[f"{k}_deg"] + NEAR_DEG for row in some] for k in ("sampled", "oracle")}
-    return {
-        "count": len(some),
-        **{f"{key}_deg": _rms([row[f"{key}_deg"] for row in some]) for key in HEADINGS},
-        **{f"near_{key}": _mean(holds) for key, holds in near.items()},
-        "covered_95": _mean([row["covered_95"] for row in some]),
-    }
-
-
-def _share(what: str, rows: Sequence[Row], holds: Callable[[Row], bool]) -> dict[str, Any]:
-    hits = sum(map(holds, rows))
-    interval = list(score.limits(hits, len(rows))) if rows else None
-    return {"what": what, "hits": hits, "count": len(rows), "interval": interval}
+def _places(rows: Sequence[Row]) -> dict[str, list[Row]]:
+    return {place: [row for row in rows if place in ("all", row["place"])] for place in PLACES}
 
 
 def _of(rows: Iterable[Row], *kinds: str) -> list[Row]:
     return [row for row in rows if row["kind"] in kinds]
 
 
-def _every(row: Row) -> set[str]:
-    return {name for one in row["sets"] for name in one}
-
-
 def _first(row: Row) -> set[str]:
     return {one[0] for one in row["sets"]}
 
 
-def _mean(values: Sequence[float]) -> float | None:
+def _mean(values: Sequence[float] | np.ndarray) -> float | None:
     return float(np.mean(values)) if len(values) else None
 
 
-def _median(values: Sequence[float]) -> float | None:
-    return float(np.median(values)) if len(values) else None
-
-
-def _rms(values: Sequence[float]) -> float | None:
-    return float(np.sqrt(np.mean(np.square(values)))) if len(values) else None
+def _rms(values: Iterable[float | None]) -> float | None:
+    known = [value for value in values if value is not None]
+    return float(np.sqrt(np.mean(np.square(known)))) if known else None

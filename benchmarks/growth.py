@@ -1,0 +1,149 @@
+"""How time and memory grow: with the length of a record, the moorings of a cruise, and what there is to find.
+
+    python benchmarks/growth.py                  a quarter of an hour on one core
+    python benchmarks/growth.py --figure PNG     the curves as well
+
+CPU seconds are user and system of all processes; peaks are those of the largest. Each stands beside its ratio in the
+same run: the workflow beside one process that does the same steps, the whole beside the published method alone.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+import memory
+import numpy as np
+import page
+import targets
+from targets import Measured
+
+from compasslib.plots.page import BLUE, VERMILION
+from compasslib.plots.page import page as figure_of
+from compasslib.simulation import draw
+from compasslib.simulation.sealed import Wish
+
+YEARS, MOORINGS, HOURS = (0.1, 0.2), (1, 2), 1500
+EFFECTS = ((), ("heeling",), ("heeling", "temperature"))
+MOST_RATIO, STEEPEST = 1.5, 1.2  # workflow over one process; power of the length that time and memory grow by
+ONE_PROCESS = "import sys; from compasslib.stages import pipeline; pipeline.process(*sys.argv[1:])"
+
+
+def measured(*command: str) -> tuple[float, float]:
+    """Return CPU seconds of a command with its children, and the peak of its largest process, MB."""
+    environment = os.environ | {"PYTHONPATH": str(memory.PROJECT), "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    run = [sys.executable, "-c", memory.MEASURED, sys.executable, *command]
+    done = subprocess.run(run, capture_output=True, text=True, check=True, env=environment)
+    code, peak, cpu, said = json.loads(done.stdout)
+    if code:
+        raise SystemExit(said)
+    return cpu, peak
+
+
+def one_process(cruise: Path, name: str, *, published: bool = False) -> tuple[float, float]:
+    """Correct a mooring in one process; return CPU seconds and peak MB.
+
+    Args:
+        published: the published method alone, without diagnosis.
+    """
+    if published:
+        plain = {"fit": {"method": "von_appen"}, "diagnose": {"enabled": False}, "name": f"{name}P"}
+        path = cruise / f"config/moorings/{name}P.yaml"
+        path.write_text((cruise / f"config/moorings/{name}.yaml").read_text())
+        page.change(path, **plain)
+        name = f"{name}P"
+    with tempfile.TemporaryDirectory() as folder:
+        return measured("-c", ONE_PROCESS, str(cruise), name, str(Path(folder) / name))
+
+
+def by_length(folder: Path) -> tuple[list[tuple[float, ...]], list[Measured]]:
+    """Measure ever longer records of ten minutes and forty bins."""
+    rows = []
+    for years in YEARS:
+        cruise = folder / f"years{years:g}"
+        memory.write_cruise(cruise, years, np.random.default_rng(1))
+        whole, published = one_process(cruise, "M"), one_process(cruise, "M", published=True)
+        rows.append((years, *whole, *published, whole[0] / published[0]))
+    table("record, years", "CPU s, peak MB, published alone CPU s, peak MB, ratio of CPU", rows)
+    lengths, cpu, peak = np.array(rows).T[:3]
+    powers = [float(np.polyfit(np.log(lengths), np.log(series), 1)[0]) for series in (cpu, peak)]
+    names = ("CPU", "memory")
+    return rows, [
+        targets.limit(f"power of the length that {name} grows by", power, most=STEEPEST)
+        for name, power in zip(names, powers, strict=True)
+    ]
+
+
+def by_moorings(folder: Path) -> list[Measured]:
+    """Measure cruises of ever more moorings by the workflow, beside one process a mooring."""
+    rows = []
+    for count in MOORINGS:
+        cruise = folder / f"moorings{count}"
+        memory.write_cruise(cruise, YEARS[0], np.random.default_rng(1))
+        first = cruise / "config/moorings/M.yaml"
+        for k in range(1, count):
+            copy = first.with_name(f"M{k}.yaml")
+            copy.write_text(first.read_text())
+            page.change(copy, name=f"M{k}")
+        wanted = [f"results/{path.stem}/corrected.nc" for path in sorted(first.parent.glob("*.yaml"))]
+        alone = sum(one_process(cruise, path.stem)[0] for path in sorted(first.parent.glob("*.yaml")))
+        _, cpu, _ = page.snakemake(cruise, "--quiet", "all", "--", *wanted, cores=1)
+        rows.append((count, cpu, alone, cpu / alone))
+    table("moorings", "workflow CPU s, one process each CPU s, ratio", rows)
+    return [targets.limit("CPU of the workflow over one process's", rows[-1][-1], most=MOST_RATIO)]
+
+
+def by_effects(folder: Path) -> None:
+    """Measure moorings with none, one and two effects."""
+    rows = []
+    for k, names in enumerate(EFFECTS):
+        sealed = draw.Sealed(f"S{k}", "single", dict.fromkeys(names, 3.0), wish=Wish(wide=True, hours=HOURS), seed=3)
+        cruise, _ = draw.write_alone(sealed, folder / f"effects{k}")
+        rows.append((len(names), *one_process(cruise, sealed.name)))
+    table(f"effects of 3°, {HOURS} hourly ensembles", "CPU s, peak MB", rows)
+
+
+def table(first: str, others: str, rows: Sequence[tuple[float, ...]]) -> None:
+    """Print a table."""
+    heads = [first, *others.split(", ")]
+    print("\n| " + " | ".join(heads) + " |\n" + "|---" * len(heads) + "|")
+    for row in rows:
+        print("| " + " | ".join(f"{value:.3g}" for value in row) + " |", flush=True)
+
+
+def plot(rows: Sequence[tuple[float, ...]], path: Path) -> None:
+    """Draw time and memory against the length of the record."""
+    years, cpu, peak, published, published_peak, _ = np.array(rows).T
+    with figure_of(path, 2.6) as figure:
+        panels = figure.subplots(1, 2)
+        for axes, whole, alone, label in zip(
+            panels, (cpu, peak), (published, published_peak), ("CPU (s)", "Peak (MB)"), strict=True
+        ):
+            axes.plot(years, whole, "o-", color=BLUE, label="whole")
+            axes.plot(years, alone, "s--", color=VERMILION, label="published alone")
+            axes.set(xlabel="Record (years of 10 min)", ylabel=label, ylim=(0.0, None))
+        panels[0].legend()
+
+
+def main() -> int:
+    """Print the tables; 1 where a target is missed."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--figure", type=Path)
+    asked = parser.parse_args()
+    with tempfile.TemporaryDirectory() as name:
+        rows, lines = by_length(Path(name))
+        lines += by_moorings(Path(name))
+        by_effects(Path(name))
+    if asked.figure:
+        plot(rows, asked.figure)
+    return targets.report(lines)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,53 @@
+"""What fits of the library leave: the published method's, and the configured one's where nothing was planted.
+
+No judgement: the only bounds that need the library.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.proof import measure
+from compasslib.archive import netcdf
+from compasslib.core import angles
+from compasslib.core.records import take
+from compasslib.deviation import exact, model, von_appen
+
+
+def errors_deg(results: Path, locked: Path, name: str, deviation: dict[str, Any]) -> dict[str, float | None]:
+    """Return errors of the heading, rms degrees: by the published series, and by the fit where nothing was planted.
+
+    For the latter every effect is taken out of the readings and of the water of the very pairs that the pipeline found,
+    but for a wrong clock; the same fit is made again and corrects the readings without effects. The published series
+    is fitted to the same pairs as they are; readings that it discards are left out.
+    """
+    if not deviation.get("coefficients"):
+        return {"published_deg": None, "sampled_deg": None}
+    time_s, heading, recorded, plain, veer = np.load(locked / f"{name}.npy")
+    pairs = netcdf.read_pairs(results / "overlap.nc")
+    series = von_appen.fit(pairs)
+    published = von_appen.invert(series.coefficients, recorded)
+    at = np.searchsorted(time_s, pairs.time_s).clip(0, time_s.size - 1)
+    pairs, at = take(pairs, time_s[at] == pairs.time_s), at[time_s[at] == pairs.time_s]
+    upper = angles.turn(pairs.upper_east, pairs.upper_north, measure.turn(plain, recorded)[at])
+    lower = angles.turn(pairs.lower_east, pairs.lower_north, -veer[at])
+    freed = replace(
+        pairs,
+        heading_deg=plain[at],
+        upper_east=upper[0],
+        upper_north=upper[1],
+        lower_east=lower[0],
+        lower_north=lower[1],
+    )
+    fit = exact.fit(freed, model.from_json(deviation))
+    letters = dict(zip(model.LETTERS, fit.coefficients.tolist(), strict=True))
+    known = np.isfinite(heading)
+    sampled = measure.corrected_by(letters, plain[known], heading[known])
+    return {
+        "published_deg": measure.rms(measure.turn(published, heading)[known]),
+        "sampled_deg": measure.rms(measure.turn(sampled, heading[known])),
+    }

@@ -1,0 +1,96 @@
+"""Which code a card is of, and how its seed came about: hashes that anyone can make again."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import subprocess
+from pathlib import Path
+
+from benchmarks.proof import seal
+
+PROJECT = Path(__file__).resolve().parents[2]
+ENGINE = ("core", "stats", "preparation", "effects", "deviation", "search")  # rooms that decide what a card says
+SEALED = Path("benchmarks/proof/world/families.py")
+CARDS = PROJECT / "docs/proof"
+DIGITS = 12  # of a hash that are told
+
+
+def engine(project: Path = PROJECT) -> str:
+    """Return one hash of all files of the engine."""
+    folder = project / "compasslib"
+    files = [path for room in ENGINE for path in (folder / room).rglob("*.py")]
+    return seal.whole(seal.hashes(folder, files))
+
+
+def families(project: Path = PROJECT) -> str:
+    """Return the hash of the families of effects.
+
+    Raises:
+        seal.Broken: they are not what was sealed.
+    """
+    expected = (project / "benchmarks/proof/families.sha256").read_text().split()[0]
+    found = hashlib.sha256((project / SEALED).read_bytes()).hexdigest()
+    if found != expected:
+        raise seal.Broken(f"{SEALED} is not what families.sha256 sealed")
+    return expected
+
+
+def commit(revision: str = "HEAD") -> str:
+    """Return the hash of a commit.
+
+    Raises:
+        seal.Broken: this is no checkout, or it has no such commit.
+    """
+    ran = _git("rev-parse", "--verify", "--quiet", f"{revision}^{{commit}}")
+    if ran.returncode:
+        raise seal.Broken(f"{revision} is no commit of this checkout; give --seed instead")
+    return ran.stdout.strip()
+
+
+def check_out(revision: str) -> None:
+    """Hold the engine that would run against that of a commit.
+
+    Raises:
+        seal.Broken: they differ.
+    """
+    rooms = [f"compasslib/{room}" for room in ENGINE]
+    if _git("diff", "--quiet", commit(revision), "--", *rooms).returncode:
+        raise seal.Broken(f"the engine is not that of {revision}: check it out, or give --seed instead")
+
+
+def seed(revision: str = "HEAD") -> int:
+    """Return the seed that a commit and the sealed families make: nobody chose it."""
+    return int(hashlib.sha256(f"{commit(revision)}\n{families()}\n".encode()).hexdigest()[:8], 16)
+
+
+def explained(revision: str) -> str:
+    """Return how the seed of a commit comes about, for those who want to make it again."""
+    return "\n".join(
+        [
+            f"commit   {commit(revision)}",
+            f"families {families()}  (sha256 of {SEALED}, published before the code was frozen)",
+            "seed     the first 8 hexadecimal digits of the sha256 of both, each with an end of line:",
+            f'         printf "%s\\n" {commit(revision)} {families()} | sha256sum',
+            f"         {seed(revision)}",
+        ]
+    )
+
+
+def cards() -> list[str]:
+    """Return one sentence a card of record: of which engine it is, the newest first."""
+    told = []
+    for path in sorted(CARDS.glob("*/scorecard.json"), key=lambda each: each.parent.name, reverse=True):
+        own = json.loads(path.read_text())["seal"].get("engine", "")
+        name = path.parent.name
+        if own == engine():
+            told.append(f"{name}: of this engine ({own[:DIGITS]}).")
+        elif own:
+            told.append(f"{name}: of an older engine ({own[:DIGITS]}); it has not been made anew since.")
+        else:
+            told.append(f"{name}: of an older engine, and of the world that the search was built on.")
+    return told
+
+
+def _git(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(["git", "-C", str(PROJECT), *arguments], capture_output=True, text=True, check=False)

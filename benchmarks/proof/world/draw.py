@@ -1,0 +1,176 @@
+"""Draws the moorings of a proof by seed: of what kind, in which water, with what planted how large."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.proof.world import compass, export, families, records, seas
+from benchmarks.proof.world.export import Export, Mooring
+from benchmarks.proof.world.scene import Family, Scene
+from benchmarks.proof.world.seas import Weather
+
+# Nothing is planted in the first lines: what differs is the water, the sphere, the log, or the trusted instrument.
+MADE = {
+    "null": 0.14, "noisy": 0.05, "turned": 0.05, "veering": 0.05, "reference": 0.05,
+    "strange": 0.17, "shifted": 0.04, "undecidable": 0.05, "single": 0.30, "pair": 0.10,
+}  # fmt: skip
+REAL = {
+    "null": 0.14, "rolled": 0.10, "mirrored": 0.10, "strange": 0.18, "shifted": 0.05, "single": 0.34, "pair": 0.09,
+}  # fmt: skip
+SMALLEST_DEG, LARGEST_DEG, LARGEST_STORM_DEG = 0.8, 4.5, 1.8
+STRENGTHS = (0.05, 0.1, 0.2, 0.3, 0.45, 0.6)  # of the iron, over the earth's horizontal field
+UNDECIDABLE = {"supply_loop": ("compass_drift", "hard_iron_drift"), "magnetic_storms": ()}  # what nobody could tell
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """One mooring that is to be made."""
+
+    name: str
+    kind: str
+    water: str = "made"  # made, or the record that it is or comes of
+    real: bool = False  # whether the record stands as it is
+    wanted: tuple[tuple[str, float], ...] = ()  # families and their visible sizes, rms degrees
+    rivals: tuple[str, ...] = ()
+    weather: Weather = field(default_factory=Weather)
+    export: Export = field(default_factory=Export)
+    seed: int = 0
+
+    def random(self, purpose: str) -> np.random.Generator:
+        """Return the generator of one purpose on this mooring."""
+        return np.random.default_rng([self.seed, int.from_bytes(f"{self.name}/{purpose}".encode(), "big")])
+
+
+def draw(seed: int, counts: tuple[int, int], hours: int, there: dict[str, bool]) -> list[Drawn]:
+    """Return the moorings of one proof, made and real, in an order that tells nothing.
+
+    Args:
+        counts: of moorings in made water, and in that of records as they are.
+        hours: of each record in made water.
+        there: names of the real records, and whether the trusted instrument of each only stands in.
+    """
+    rng = np.random.default_rng([seed, 1])
+    turns = rng.integers(0, 1000, 2)
+    made = [
+        _one(seed, f"{letter}{place + 1:03d}", kind, int(turn) + k, (hours, there, letter == "R"))
+        for letter, shares, count, turn in zip("PR", (MADE, REAL), counts, turns, strict=True)
+        for k, (place, kind) in enumerate(zip(rng.permutation(count), _kinds(shares, count), strict=True))
+    ]
+    return sorted(made, key=lambda one: one.name)
+
+
+def write(one: Drawn, cruise: Path, locked: Path, data: Path, own: Path | None = None) -> None:
+    """Make one mooring: its files into a cruise, its truth elsewhere.
+
+    Args:
+        data: folder of recordings.
+        own: folder with descriptions of more.
+    """
+    scene = _scene(one, data, own)
+    record = next((each for each in records.described(data, own) if each.name == one.water), None)
+    meter = compass.build(one.random("compass"), scene, float(one.random("iron").choice(STRENGTHS)))
+    known = {each.name: each for each in (*families.NAMED, *families.STRANGE)}
+    planted = [compass.plant(scene, meter, known[name], size, one.random(name)) for name, size in one.wanted]
+    facts: dict[str, Any] = {
+        "kind": one.kind, "water": one.water, "real": one.real, "rivals": list(one.rivals), "wide": _wide(scene),
+        "stands_in": bool(record and record.stands_in),
+    }  # fmt: skip
+    export.write(Mooring(one.name, scene, meter, planted, one.export), one.seed, cruise, locked, facts)
+
+
+def _kinds(shares: dict[str, float], count: int) -> list[str]:
+    """Return the kinds, each as often as its share says, by largest remainders."""
+    exact = {kind: share * count for kind, share in shares.items()}
+    whole = {kind: int(x) for kind, x in exact.items()}
+    order = sorted(exact, key=lambda kind: whole[kind] - exact[kind])
+    for kind in order[: count - sum(whole.values())]:
+        whole[kind] += 1
+    return [kind for kind, n in whole.items() for _ in range(n)]
+
+
+def _one(seed: int, name: str, kind: str, turn: int, how: tuple[int, dict[str, bool], bool]) -> Drawn:
+    hours, there, real = how
+    one = Drawn(name, kind, seed=seed, real=real)
+    rng = one.random("draw")
+    size = float(np.exp(rng.uniform(np.log(SMALLEST_DEG), np.log(LARGEST_DEG))))
+    # Half of the made moorings are records made longer, where there are any with two instruments' water.
+    records_of = [record for record, stands_in in there.items() if real or not stands_in]
+    water = records_of[turn % len(records_of)] if records_of and (real or rng.random() < 0.5) else "made"
+    wanted, rivals = _wanted(kind, turn, size, real=real, rng=rng)
+    names = [family for family, _ in wanted]
+    needs = {need for each in families.NAMED if each.name in names for need in each.needs}
+    battery = "line" if rivals else "change" if "battery" in needs or rng.random() < 0.15 else "knee"
+    weather = Weather(
+        hours=hours, wide=bool(rng.random() < 0.4), noise=2.0 if kind == "noisy" else 1.0, battery=battery,
+        veer_deg=float(rng.uniform(2.0, 4.0)) if kind == "veering" else 0.8, spinning=kind == "turned",
+    )  # fmt: skip
+    seen = "observatory" in needs and kind != "undecidable"
+    storm = "magnetic_storms" in names
+    made = Export(
+        table=bool(storm or rng.random() < 0.5), true_north=bool(storm or real), observatory=seen,
+        shift=float(rng.uniform(0.2, 0.8)) if kind in ("shifted", "rolled") else 0.0, noise=weather.noise,
+        by_ping=bool(rng.random() < 0.6), lost_beam=float(rng.uniform(0.1, 0.6)) if rng.random() < 0.2 else 0.0,
+        fouling=float(rng.uniform(0.2, 0.6)) if rng.random() < 0.3 else 0.0,
+        reference_deg=float(rng.uniform(1.0, 2.0)) if kind == "reference" else float(rng.uniform(0.0, 0.3)),
+    )  # fmt: skip
+    if kind == "reference":
+        made = replace(made, table=False)
+        water = "made"
+    return replace(one, water=water, wanted=wanted, rivals=rivals, weather=weather, export=made)
+
+
+def _wanted(
+    kind: str, turn: int, size: float, *, real: bool, rng: np.random.Generator
+) -> tuple[tuple[tuple[str, float], ...], tuple[str, ...]]:
+    """Return families with their sizes, and what nobody could tell from them."""
+    named = [each for each in families.NAMED if not (real and _needs_more(each))]
+    strange = families.STRANGE
+    if kind == "single":
+        one = named[turn % len(named)]
+        return ((one.name, min(size, LARGEST_STORM_DEG) if one.name == "magnetic_storms" else size),), ()
+    if kind == "pair":
+        while True:
+            first, second = (named[int(k)] for k in rng.choice(len(named), 2, replace=False))
+            apart = not set(first.right) & set(second.right) and first.sized and second.sized
+            if apart and "observatory" not in (*first.needs, *second.needs):
+                return ((first.name, max(size, 1.3)), (second.name, max(size, 1.3))), ()
+    if kind == "strange":
+        return ((strange[turn % len(strange)].name, size),), ()
+    if kind == "shifted":
+        return (((("warm_steel", "warm_zero")[turn % 2]), size),), ()
+    if kind == "undecidable":
+        name = tuple(UNDECIDABLE)[turn % 2]
+        return ((name, LARGEST_STORM_DEG if name == "magnetic_storms" else max(size, 1.5)),), UNDECIDABLE[name]
+    return (), ()
+
+
+def _needs_more(family: Family) -> bool:
+    """Tell whether a real record as it is lacks what a family needs: a storm's observatory, another battery, a knee."""
+    return bool(family.needs) or family.name == "supply_loop"
+
+
+def _scene(one: Drawn, data: Path, own: Path | None) -> Scene:
+    rng = one.random("scene")
+    if one.water == "made":
+        return seas.make(rng, one.weather)
+    known = next(each for each in records.described(data, own) if each.name == one.water)
+    scene = records.cut(rng, known, records.whole(one.water, data, own), mirrored=one.kind == "mirrored")
+    if not one.real:
+        return records.longer(rng, scene, one.weather)
+    count = min(scene.time_s.size, one.weather.hours)
+    begin = int(rng.integers(0, scene.time_s.size - count + 1))
+    return _part(scene, slice(begin, begin + count))
+
+
+def _part(scene: Scene, some: slice) -> Scene:
+    n = scene.time_s.size
+    return replace(scene, **{k: v[some] for k, v in vars(scene).items() if np.shape(v)[:1] == (n,) and k != "range_m"})
+
+
+def _wide(scene: Scene) -> bool:
+    """Tell whether the headings go round the circle."""
+    return bool(np.abs(np.exp(1j * np.deg2rad(scene.heading_deg)).mean()) < 0.6)

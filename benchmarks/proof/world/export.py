@@ -1,0 +1,238 @@
+"""Writes a mooring as its instruments give it, raw exports and YAML, and apart from them the truth."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from benchmarks.proof.world import compass
+from benchmarks.proof.world.compass import Meter, Planted, Read
+from benchmarks.proof.world.scene import Acts, Complexes, Floats, Scene, bridged, turned, wrap
+from compasslib.simulation import observatory, pd0
+from compasslib.simulation.adcp import inclinometers
+from compasslib.simulation.pd0 import Ensembles, Setup
+
+NOISE_M_S, LOWER_NOISE_M_S, SUPPLY_NOISE, TEMPERATURE_NOISE_K = 0.012, 0.012, 0.5, 0.02
+GAPS, LONGEST_GAP = 3, 30  # ensembles that are lost
+LOST_BEAM_NOISE = 1.8  # of a solution by three beams
+WIDEST_CELLS = 2.5  # farther than that no pair is made
+DEEP_CELLS, DEEP_FIRST_M = 3, 2.5
+
+
+@dataclass(frozen=True)
+class Export:
+    """In which form the files are, and what is wrong with their instruments beside the compass."""
+
+    table: bool = False  # the trusted instrument's currents come as a table, without its heading
+    true_north: bool = False  # and count from true north
+    observatory: bool = False  # an observatory's series lies beside
+    shift: float = 0.0  # share of the record by which the logged temperature and voltage are rolled round
+    noise: float = 1.0
+    by_ping: bool = True  # each ping is turned by its own heading; else their mean by the mean heading
+    lost_beam: float = 0.0  # share of the record from whose end a beam is missing
+    fouling: float = 0.0  # share of the range that is lost by the end
+    reference_deg: float = 0.0  # deviation of the trusted compass
+
+
+@dataclass(frozen=True, eq=False)
+class Mooring:
+    """All that is known of one mooring."""
+
+    name: str
+    scene: Scene
+    meter: Meter
+    planted: Sequence[Planted]
+    export: Export
+
+    @property
+    def effects(self) -> list[Acts]:
+        """What is planted."""
+        return [one.acts for one in self.planted]
+
+    def random(self, purpose: str, seed: int) -> np.random.Generator:
+        """Return the generator of one purpose on this mooring."""
+        return np.random.default_rng([seed, int.from_bytes(f"{self.name}/{purpose}".encode(), "big")])
+
+
+def write(made: Mooring, seed: int, cruise: Path, locked: Path, facts: dict[str, Any]) -> None:
+    """Write raw files and YAML, a cruise of its own; last, elsewhere, the truth.
+
+    Args:
+        seed: of the noise.
+        facts: what the truth says beside what is measured here.
+    """
+    raw = cruise / "raw" / made.name
+    raw.mkdir(parents=True, exist_ok=True)
+    scene, count = made.scene, made.scene.time_s.size
+    ahead = compass.total(made.effects, "ahead_s", count)
+    seen = scene.at(scene.time_s - ahead) if ahead.any() else scene
+    read = compass.read(seen, made.meter, made.effects, made.random("readings", seed))
+    kept = _kept(made, seed)
+    _write_top(made, seed, raw / "top.000", seen, read, kept)
+    _write_deep(made, seed, raw)
+    if made.export.observatory:
+        swung = scene.declination_deg + compass.total(made.effects, "north_deg", count)
+        field = (swung, scene.horizontal_nt, scene.vertical_nt)
+        observatory.write(raw / "observatory.min", scene.time_s, field, scene.place[:2])
+    (cruise / "config/moorings").mkdir(parents=True, exist_ok=True)
+    settings = {"moorings": "config/moorings", "overlap": {"max_metres": max(20.0, WIDEST_CELLS * _cell(scene))}}
+    for path, text in (("config", settings), (f"moorings/{made.name}", _described(made))):
+        (cruise / f"config/{path}.yaml").write_text(yaml.safe_dump(text, sort_keys=False))
+    bare = compass.read(seen, made.meter, compass.clocks(made.planted), made.random("readings", seed))
+    _lock(made, read, bare, kept, (locked, facts))
+
+
+def _lock(made: Mooring, read: Read, bare: Read, kept: NDArray[np.bool_], where: tuple[Path, dict[str, Any]]) -> None:
+    locked, facts = where
+    veer = compass.total(made.effects, "veer_deg", made.scene.time_s.size)
+    series = (made.scene.time_s, read.heading_deg, read.recorded_deg, bare.recorded_deg, veer)
+    np.save(locked / f"{made.name}.npy", np.stack(series)[:, kept])
+    effects = [
+        {
+            "name": one.family.name,
+            "right": list(one.family.right),
+            "side": one.family.side,
+            "visible_deg": round(one.visible_deg, 4),
+        }
+        for one in made.planted
+    ]
+    errors = {
+        "five_deg": float(np.std(compass.left_deg(read.recorded_deg, read.heading_deg))),
+        "oracle_deg": float(np.std(compass.left_deg(bare.recorded_deg, bare.heading_deg))),
+        "background_deg": float(np.std(compass.ideal(made.scene, made.meter, ()))),
+    }
+    (locked / f"{made.name}.json").write_text(json.dumps(facts | {"effects": effects} | errors, indent=1) + "\n")
+
+
+def _kept(made: Mooring, seed: int) -> NDArray[np.bool_]:
+    rng, count = made.random("gaps", seed), made.scene.time_s.size
+    kept = np.ones(count, dtype=bool)
+    for begin, length in zip(rng.integers(0, count, GAPS), rng.integers(1, LONGEST_GAP, GAPS), strict=True):
+        kept[begin : begin + length] = False
+    return kept
+
+
+def _write_top(made: Mooring, seed: int, path: Path, seen: Scene, read: Read, kept: NDArray[np.bool_]) -> None:
+    rng, export, scene = made.random("top", seed), made.export, made.scene
+    n, m = seen.flow.shape
+    flow = compass.ensemble(seen.flow, read, seen.declination_deg, by_ping=export.by_ping)
+    three = np.arange(n) >= n * (1.0 - export.lost_beam)
+    noise = (0.25 if scene.real else 1.0) * export.noise * NOISE_M_S * np.where(three, LOST_BEAM_NOISE, 1.0)
+    flow = flow + noise[:, None] * (rng.normal(size=(n, m)) + 1j * rng.normal(size=(n, m)))
+    reach = 1.0 - export.fouling * np.linspace(0.0, 1.0, n) ** 2
+    heard = (np.arange(m) < np.maximum(reach * m, 2.0)[:, None]) | (rng.random((n, m)) < 0.3)
+    flow = np.where(heard, flow, np.nan)
+    error = np.where(three[:, None], np.nan, rng.normal(0.0, NOISE_M_S, (n, m)))
+    velocity = np.stack([flow.real, flow.imag, rng.normal(0.0, 0.004, (n, m)), error], axis=-1)
+    good = np.isfinite(flow)[..., None] * np.where(three[:, None, None], [98, 0, 2, 0], [2, 0, 2, 96])
+    log = scene.at(scene.time_s)
+    warm, supply = (np.roll(x, round(export.shift * n)) for x in (log.temperature_c, log.supply))
+    pitch, roll = inclinometers(read.pitch_deg, read.roll_deg)
+    cells = np.ones((n, m, 4))
+    ensembles = Ensembles(
+        time_s=scene.time_s,
+        number=np.arange(n) + 1,
+        upside=np.full(n, scene.looks_up),
+        heading_deg=read.recorded_deg,
+        pitch_deg=pitch,
+        roll_deg=roll,
+        depth_m=scene.depth_m,
+        pressure_dbar=1.01 * scene.depth_m * (np.ptp(scene.depth_m) > 0.0),
+        temperature_c=warm + rng.normal(0.0, TEMPERATURE_NOISE_K, n),
+        supply_counts=np.clip(np.rint(supply + rng.normal(0.0, SUPPLY_NOISE, n)), 1, 255).astype(np.uint8),
+        velocity_m_s=velocity,
+        correlation=(110 * cells).astype(np.uint8),
+        echo=np.clip(120 + rng.normal(0.0, 2.0, (n, m, 4)), 0, 255).astype(np.uint8),
+        percent_good=good.astype(np.uint8),
+    )
+    whole = Ensembles(**{name: column[kept] for name, column in vars(ensembles).items()})
+    cell = _cell(scene)
+    pd0.write(path, _setup(m, cell, float(scene.range_m[0]), looks_up=scene.looks_up, serial=6100), whole)
+
+
+def _write_deep(made: Mooring, seed: int, raw: Path) -> None:
+    """Write what the trusted instrument gives; its own compass has a heading of its own."""
+    scene, export, rng = made.scene, made.export, made.random("deep", seed)
+    n = scene.time_s.size
+    flow = turned(scene.lower, compass.total(made.effects, "veer_deg", n))
+    noise = (0.0 if scene.real else 1.0) * export.noise * LOWER_NOISE_M_S
+    flow = flow + noise * (rng.normal(size=n) + 1j * rng.normal(size=n))
+    heading = 360.0 * np.cumsum(rng.normal(0.0, 0.012, n)) + rng.uniform(0.0, 360.0)
+    swung = compass.total(made.effects, "north_deg", n)
+    recorded = heading - swung + export.reference_deg * np.sin(np.deg2rad(heading + 40.0)) + rng.normal(0.0, 0.5, n)
+    if not export.true_north:
+        flow = turned(flow, wrap(recorded - heading) - scene.declination_deg)
+    known = np.isfinite(flow)
+    if export.table or scene.real:
+        _write_table(raw / "deep.csv", scene, flow, known)
+        return
+    velocity = np.zeros((n, DEEP_CELLS, 4))
+    velocity[..., 0], velocity[..., 1] = flow.real[:, None], flow.imag[:, None]
+    velocity[..., :2] += rng.normal(0.0, 0.3 * LOWER_NOISE_M_S, (n, DEEP_CELLS, 2))
+    ones, level = np.ones((n, DEEP_CELLS, 4), dtype=np.uint8), rng.normal(0.0, 0.3, (2, n))
+    depth = _lower_depth(scene) - DEEP_FIRST_M
+    ensembles = Ensembles(
+        scene.time_s, np.arange(n) + 1, np.zeros(n, dtype=bool), recorded % 360.0, 1.0 + level[0], level[1] - 0.7,
+        depth, 1.01 * depth, scene.temperature_c, np.full(n, 150, dtype=np.uint8), velocity, 110 * ones, 120 * ones,
+        np.array([2, 0, 2, 96], dtype=np.uint8) * ones,
+    )  # fmt: skip
+    pd0.write(raw / "deep.000", _setup(DEEP_CELLS, 2.0, DEEP_FIRST_M, looks_up=False, serial=6200), ensembles)
+
+
+def _write_table(path: Path, scene: Scene, flow: Complexes, known: NDArray[np.bool_]) -> None:
+    texts = np.datetime_as_string(scene.time_s[known].astype("datetime64[s]")).tolist()
+    columns = (_lower_depth(scene)[known], 100.0 * flow.real[known], 100.0 * flow.imag[known])
+    rows = zip(texts, *(column.tolist() for column in columns), strict=True)
+    lines = ["time_utc,depth_m,u_cm_s,v_cm_s\n", *("{}Z,{:.2f},{:.2f},{:.2f}\n".format(*row) for row in rows)]
+    path.write_text("".join(lines))
+
+
+def _lower_depth(scene: Scene) -> Floats:
+    return bridged(scene.depth_m + scene.below_m)
+
+
+def _cell(scene: Scene) -> float:
+    return float(scene.range_m[1] - scene.range_m[0]) if scene.range_m.size > 1 else 2.0
+
+
+def _setup(cells: int, cell_m: float, first_m: float, *, looks_up: bool, serial: int) -> Setup:
+    kilohertz = 75 if cell_m > 8.0 else 300
+    return Setup(kilohertz, looks_up, cells, cell_m, 0.8, first_m, compass.PINGS, "earth", serial)
+
+
+def _described(made: Mooring) -> dict[str, Any]:
+    scene, name, export = made.scene, made.name, made.export
+    ends = (scene.time_s[0], scene.time_s[-1] + scene.step_s)
+    first, last = (datetime.fromtimestamp(float(x), UTC).strftime("%Y-%m-%dT%H:%M:%SZ") for x in ends)
+    depths = [round(float(np.median(x)), 1) for x in (scene.depth_m, _lower_depth(scene))]
+    top = {"format": "pd0", "files": f"raw/{name}/top.000", "depth": depths[0]}
+    top["orientation"] = "up" if scene.looks_up else "down"
+    if export.table or scene.real:
+        deep: dict[str, Any] = {
+            "format": "table", "files": f"raw/{name}/deep.csv", "depth": depths[1],
+            "direction_reference": "true" if export.true_north else "magnetic",
+            "columns": {"time": "time_utc", "depth": "depth_m", "east": "u_cm_s", "north": "v_cm_s", "scale": 0.01},
+        }  # fmt: skip
+    else:
+        deep = {
+            "format": "pd0",
+            "files": f"raw/{name}/deep.000",
+            "depth": depths[1] - DEEP_FIRST_M,
+            "orientation": "down",
+        }
+    text: dict[str, Any] = {
+        "name": name, "latitude": scene.place[0], "longitude": scene.place[1], "water_depth": scene.place[2],
+        "start": first, "end": last, "declination": "auto", "compromised": "top", "reference": "deep",
+        "instruments": {"top": top, "deep": deep},
+    }  # fmt: skip
+    if export.observatory:
+        text["covariates"] = {"declination_observatory": {"format": "iaga2002", "files": f"raw/{name}/observatory.min"}}
+    return text

@@ -1,0 +1,209 @@
+"""Real records as scenes: water, headings and tilts of a genuine mooring, cut into two instruments, or made longer.
+
+A record is described by a YAML file: ``format``, ``files`` (from the folder of recordings) and ``settings`` as a
+mooring's instrument has them, ``latitude``, ``longitude``, ``water_depth``, ``depth``, ``start``, ``end``,
+``looks_up``. Of a profile ``bins`` says which are used and ``gaps`` how many cells lie between the bin that is the
+trusted instrument and the nearest of the other; of a point meter ``stands_in_hours`` before and after give a second
+one. ``every`` takes every so many samples, ``supply_counts`` is counts a volt, ``follows_pressure`` says that the depth
+is the pressure's. The bins share one compass: what they differ by is water.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from datetime import datetime
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from benchmarks.proof.world import seas
+from benchmarks.proof.world.scene import DAY_S, HOUR_S, Complexes, Floats, Scene, bridged, turned
+from compasslib import readers
+
+OURS = Path(__file__).resolve().parents[1] / "records"
+SUPPLY = 150.0  # counts, where a record has none
+FADE = 8  # samples in which one stretch goes over into the next
+MOST_BINS = 8
+BESIDE_M = 4.0  # by its word, to either side of a point meter
+BLOCK_DAYS = (4.0, 20.0)
+
+
+@dataclass(frozen=True)
+class Described:
+    """A record and how it is cut."""
+
+    name: str
+    keys: dict[str, Any]
+    data: Path
+
+    @property
+    def stands_in(self) -> bool:
+        """Whether it is a point meter alone, whose own samples stand in for a trusted instrument."""
+        return "stands_in_hours" in self.keys
+
+    @property
+    def there(self) -> bool:
+        """Whether its file is in the folder of recordings."""
+        return (self.data / str(self.keys["files"])).exists()
+
+
+def described(data: Path, own: Path | None = None) -> list[Described]:
+    """Return the records that are known, those of a user last.
+
+    Args:
+        data: folder of recordings; a folder ``proof`` in it may describe more.
+        own: another folder with descriptions.
+    """
+    folders = [folder for folder in (OURS, data / "proof", own) if folder is not None and folder.is_dir()]
+    return [
+        Described(path.stem, yaml.safe_load(path.read_text()), data)
+        for folder in folders
+        for path in sorted(folder.glob("*.yaml"))
+    ]
+
+
+@cache
+def whole(name: str, data: Path, own: Path | None = None) -> Scene:
+    """Return a record as it was, all bins that are used; the trusted instrument is not cut from it yet."""
+    one = next(each for each in described(data, own) if each.name == name)
+    keys = one.keys
+    record = readers.read(keys["format"], [data / keys["files"]], keys.get("settings", {}))
+    # A modem may send an ensemble twice, and late.
+    stamps, first_sent = np.unique(np.rint(record.time_s), return_index=True)
+    ends = [_seconds(keys[end]) for end in ("start", "end")]
+    inside = first_sent[(stamps >= ends[0]) & (stamps < ends[1])][:: keys.get("every", 1)]
+    first, last = keys.get("bins", (0, 1))
+    time, place = np.rint(record.time_s[inside]), (keys["latitude"], keys["longitude"], keys["water_depth"])
+    declination, horizontal, vertical = seas.earth(time, place)
+    good = record.quality[inside, first:last] == 1
+    flow = np.where(good, record.east[inside, first:last] + 1j * record.north[inside, first:last], np.nan)
+    if record.direction_reference == "magnetic":
+        flow = turned(flow, declination[:, None])
+    follows = keys.get("follows_pressure", False)
+    depth = bridged(record.pressure_dbar[inside]) if follows else np.full(time.size, float(keys["depth"]))
+    heading, pitch, roll = (_logged(x[inside], 0.0) for x in (record.heading_deg, record.pitch_deg, record.roll_deg))
+    warm = _logged(record.temperature_c[inside], 5.0)
+    supply = keys.get("supply_counts", 1.0) * _logged(record.supply_voltage[inside], SUPPLY)
+    ranges = np.nanmedian(np.abs(record.bin_range_m), axis=0)[first:last]
+    return Scene(
+        time, heading, pitch, roll, depth, warm, supply, flow, flow[:, 0], declination, horizontal, vertical, ranges,
+        place, looks_up=keys["looks_up"], step_s=float(np.median(np.diff(time))), real=True,
+    )  # fmt: skip
+
+
+def cut(rng: np.random.Generator, one: Described, scene: Scene, *, mirrored: bool = False) -> Scene:
+    """Return a record as two instruments: one bin is trusted, those beyond a gap are the compromised one.
+
+    Args:
+        mirrored: the trusted bin lies on the other side of them, and the whole world is seen in a mirror.
+    """
+    if mirrored:
+        scene = _mirrored(scene)
+    if one.stands_in:
+        span = HOUR_S * one.keys["stands_in_hours"]
+        lower = 0.5 * (scene.at(scene.time_s - span).lower + scene.at(scene.time_s + span).lower)
+        return replace(scene, lower=lower, below_m=BESIDE_M, range_m=np.array([BESIDE_M]))
+    gap = int(rng.choice(one.keys["gaps"]))
+    trusted = int(rng.integers(0, scene.range_m.size - gap - 3))
+    bins = slice(trusted + gap, trusted + gap + MOST_BINS)
+    away = float(scene.range_m[trusted])
+    return replace(
+        scene,
+        flow=scene.flow[:, bins],
+        lower=scene.flow[:, trusted],
+        range_m=scene.range_m[bins],
+        below_m=-away if scene.looks_up else away,
+    )
+
+
+def longer(rng: np.random.Generator, scene: Scene, weather: seas.Weather) -> Scene:
+    """Return a long scene with the statistics of a record: stretches of it in another order, or with random phases.
+
+    Stretches keep headings and tilts with their water; with random phases (the same for all bins, so that they stay as
+    coherent as they are) the sphere moves anew. Temperature and battery are made up.
+    """
+    step = HOUR_S * max(1.0, np.ceil(scene.step_s / HOUR_S))
+    even = scene.at(np.arange(scene.time_s[0], scene.time_s[-1], step))
+    columns = np.column_stack([*(bridged_flow(x) for x in even.flow.T), bridged_flow(even.lower)])
+    count = int(weather.hours * HOUR_S / step)
+    time = even.time_s[0] + DAY_S * int(rng.integers(0, 3000)) + step * np.arange(count)
+    stance = np.column_stack([np.exp(1j * np.deg2rad(even.heading_deg)), even.pitch_deg + 1j * even.roll_deg])
+    by_phase = weather.spinning or rng.random() < 0.5
+    if by_phase:
+        made = chained([_surrogate(rng, columns) for _ in range(1 + count // (len(columns) - FADE) + 1)], count)
+    else:
+        made = chained(_stretches(rng, np.column_stack([columns, stance]), count, step), count)
+    flow = made[:, : columns.shape[1]]
+    water = seas.Water(
+        time, flow[:, :-1], flow[:, -1], scene.range_m, scene.place, scene.looks_up, scene.below_m,
+        float(np.median(scene.depth_m)),
+    )  # fmt: skip
+    moved = seas.settled(rng, water, weather)
+    if by_phase:
+        return moved
+    heading, tilt = np.rad2deg(np.angle(made[:, -2])) % 360.0, made[:, -1]
+    return replace(moved, heading_deg=heading, pitch_deg=tilt.real, roll_deg=tilt.imag)
+
+
+def chained(parts: Sequence[Complexes], count: int) -> Complexes:
+    """Return parts one after the other, each fading into the next, (count, k)."""
+    ramp = (np.arange(FADE) + 0.5)[:, None] / FADE
+    made = np.zeros((count + 2 * max(map(len, parts)), parts[0].shape[1]), dtype=complex)
+    at = 0
+    for part in parts:
+        faded = part.copy()
+        faded[:FADE] *= ramp
+        faded[-FADE:] *= ramp[::-1]
+        made[at : at + len(part)] += faded
+        at += len(part) - FADE
+        if at >= count + FADE:
+            break
+    return made[FADE : FADE + count]
+
+
+def bridged_flow(flow: Complexes) -> Complexes:
+    """Return a current with its gaps bridged, (n,)."""
+    return np.asarray(bridged(flow.real) + 1j * bridged(flow.imag))
+
+
+def _stretches(rng: np.random.Generator, columns: Complexes, count: int, step_s: float) -> list[Complexes]:
+    parts, done = [], 0
+    while done < count + 2 * FADE:
+        length = min(int(rng.uniform(*BLOCK_DAYS) * DAY_S / step_s), len(columns) // 2)
+        begin = int(rng.integers(0, len(columns) - length))
+        parts.append(columns[begin : begin + length])
+        done += length - FADE
+    return parts
+
+
+def _surrogate(rng: np.random.Generator, columns: Complexes) -> Complexes:
+    """Return series with the same spectra and coherences and other phases, (n, k) (Prichard and Theiler 1994)."""
+    mean = columns.mean(axis=0)
+    turn = np.exp(2j * np.pi * rng.random(len(columns)))[:, None]
+    return np.asarray(np.fft.ifft(np.fft.fft(columns - mean, axis=0) * turn, axis=0) + mean)
+
+
+def _mirrored(scene: Scene) -> Scene:
+    """Return the scene in a mirror that stands north to south, upside down: east is west, the far bin the near one."""
+    flow = -np.conj(turned(scene.flow, -scene.declination_deg[:, None]))[:, ::-1]
+    return replace(
+        scene,
+        heading_deg=-scene.heading_deg % 360.0,
+        roll_deg=-scene.roll_deg,
+        flow=turned(flow, scene.declination_deg[:, None]),
+        lower=turned(-np.conj(turned(scene.lower, -scene.declination_deg)), scene.declination_deg),
+    )
+
+
+def _logged(series: Floats, otherwise: float) -> Floats:
+    known = np.isfinite(series)
+    return bridged(series) if known.any() else np.full(series.size, otherwise)
+
+
+def _seconds(text: str | datetime) -> float:
+    stamp = text if isinstance(text, datetime) else datetime.fromisoformat(str(text))
+    return stamp.timestamp()
