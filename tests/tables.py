@@ -92,6 +92,8 @@ VARIANTS: dict[str, Form] = {
     "Latin-1": Form(encoding="latin-1", units=True),
     "byte order mark": Form(encoding="utf-8-sig"),
     "CRLF": Form(ending="\r\n"),
+    "carriage returns alone": Form(ending="\r"),
+    "another character": Form(delimiter="|", keys=(("delimiter", "|"),)),
     "quoted": Form(quoted=True),
     "quoted decimal comma": Form(quoted=True, decimal=",", delimiter=";"),
     "fill NaN": Form(fill="NaN"),

@@ -96,7 +96,7 @@ def test_a_file_cut_anywhere_gives_what_was_whole(tmp_path, cut):
     [
         (b"no ensemble at all", "expected an RDI PD12 file, found a text"),
         (ensemble(1, START, 0.0, [[0] * 4]).replace(b"\x00", b"\x01"), "1 that are damaged"),
-        (b"", "begins with b''"),
+        (b"", "an empty file"),
     ],
 )
 def test_what_holds_none_is_refused(tmp_path, data, line):

@@ -97,6 +97,13 @@ def test_the_readers_own_words_stay_where_the_format_is_right_or_unknown(tmp_pat
             read("pd0", [path], {})
 
 
+def test_a_binary_file_that_was_copied_as_text_is_said(tmp_path):
+    path = tmp_path / "x"
+    path.write_bytes((b"\x7f\x7f\xae\x02\x00\x06\n" * 90).replace(b"\n", b"\r\n"))
+    with pytest.raises(InputError, match="found one copied as text: a carriage return stands before every line feed"):
+        read("pd0", [path], {})
+
+
 GENUINE = {
     "pd0/eh2_20060530_20060717_0007m.000": "pd0",
     "moored/aqd9330.aqd": "nortek",

@@ -137,24 +137,52 @@ def test_a_heading_that_is_no_angle_is_missing_and_so_is_its_current(tmp_path):
     assert record.counts["directions_impossible"] == 1
 
 
+def test_signs_and_blanks_of_typesetters_and_headers_of_further_pages_are_read(tmp_path):
+    text = "t,z,u,v\n2007-09-04\u00a000:00,1,\u22125,1\nt,z,u,v\n2007-09-04 01:00,1,5,1\n"
+    path = tmp_path / "deep.csv"
+    path.write_text(text, encoding="utf-8")
+    record = read("table", [path], {"columns": ROLES})
+    assert record.east[:, 0].tolist() == [-0.05, 0.05]
+    assert record.warnings == ("the table was read as it is written: 1 more header line",)
+
+
+@pytest.mark.parametrize(
+    ("cell", "advice"),
+    [
+        ("bad", "or write missing: ['bad']"),
+        ("1e35", "or write missing: ['1e35']"),
+        ("5%", "mend or remove the line"),
+        ("1,234.5", "export numbers without marks between thousands"),
+        ("1.234,5", "export numbers without marks between thousands"),
+    ],
+)
+def test_only_a_word_or_a_number_of_no_measurement_may_count_as_missing(tmp_path, cell, advice):
+    with pytest.raises(InputError) as caught:
+        read("table", table(tmp_path, f't,z,u,v\n2007-09-04,1,"{cell}",1\n2007-09-05,1,1.5,1\n'), {"columns": ROLES})
+    assert str(caught.value).endswith(advice)
+
+
 def test_a_time_with_its_offset_from_utc_is_taken_by_it(tmp_path):
     rows = ["2007-09-04T02:00:00+02:00", "2007-09-03T20:30-0430", "2007-09-04T02:00:00Z"]
     record = read("table", table(tmp_path, "t,z,u,v\n" + "".join(f"{t},1,1,1\n" for t in rows)), {"columns": ROLES})
     assert list(record.time_s - 1188864000.0) == [0.0, 3600.0, 7200.0]
 
 
-@pytest.mark.parametrize("order", ["newest first", "no order"])
+@pytest.mark.parametrize("order", ["newest first", "no order", "level by level"])
 def test_rows_in_another_order_are_the_same_record(tmp_path, order):
     stamps = np.arange("2007-09-04T00", "2007-09-05T00", dtype="datetime64[h]")
     rows = [f"{t}:00,{z},{k},{z}" for k, t in enumerate(stamps) for z in (10, 14)]
     plain = read("table", table(tmp_path, "\n".join(["t,z,u,v", *rows, ""])), {"columns": ROLES})
-    mixed = rows[::-1] if order == "newest first" else list(np.random.default_rng(1).permutation(rows))
+    by_level = sorted(rows, key=lambda row: row.split(",")[1])
+    drawn = list(np.random.default_rng(1).permutation(rows))
+    mixed = {"newest first": rows[::-1], "no order": drawn, "level by level": by_level}[order]
     again = read("table", table(tmp_path, "\n".join(["t,z,u,v", *mixed, ""])), {"columns": ROLES})
     assert (plain.time_s == again.time_s).all()
     for record in (plain, again):
         flow = record.east[np.arange(24)[:, None], np.argsort(record.bin_depth_m(), axis=1)]
         assert (flow == 0.01 * np.arange(24)[:, None]).all()
         assert sorted(record.bin_depth_m()[3]) == [10.0, 14.0]
+    assert any("all were put in order" in warning for warning in again.warnings) == (order == "no order")
 
 
 def test_a_few_steps_back_are_a_clock_and_stay_in_the_order_of_the_file(tmp_path):

@@ -41,11 +41,13 @@ SEARCHED = 400  # lines among which the header is looked for
 MOST_UNITS = 2  # lines of units or the like below a header
 DIGITS = tuple("+-.0123456789")  # with which cells of data begin
 MARKS = "#%"  # of a comment
+ALIKE = {0x2212: "-", 0xA0: " ", 0x202F: " "}  # the minus sign and blanks of typesetters
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 _PLAIN = re.compile(r"[0-9eE+\-.\n]*")
 _WITH_COMMA = re.compile(r"[-+]?\d*,\d+(?:[eE][-+]?\d+)?", re.ASCII)
 _WHOLE = re.compile(r"[-+]?\d+", re.ASCII)
 _THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}(?:,\d{3})+", re.ASCII)
+_PARTED = re.compile(r"[-+]?\d{1,3}(?:([,.' ])\d{3})+(?!\1)[.,]\d*|[-+]?\d{1,3}(?:[' ]\d{3})+", re.ASCII)
 _UNIT = re.compile(r"(?=.*[^\W\d_]|.*%|.*°)(?!.*\d\d)[^\n]{1,40}|", re.DOTALL)  # metres, cm s-1, [°C], %
 
 
@@ -114,12 +116,12 @@ def table_of(path: Path, headers: Mapping[str, str], advice: str = COLUMN_MAP, l
 def table_in(path: Path, lines: Lines, headers: Mapping[str, str], advice: str, layout: Layout) -> Table:
     """Return columns of the lines of one table; arguments and errors as for ``columns_of``."""
     for role, header in headers.items():
-        if lines.header.count(header) != 1:
+        if (times_there := lines.header.count(header)) != 1:
             raise InputError(
                 f"{path}: column {header!r} ({role})",
                 expected="one of the file's columns",
-                found=", ".join(lines.header) or "an empty file",
-                advice=_or_key(advice, layout),
+                found=f"{times_there} of that name" if times_there else ", ".join(lines.header) or "an empty file",
+                advice="give each column a name of its own in a copy" if times_there else _or_key(advice, layout),
             )
     if {*APART} <= {*headers} and {*TIMES} & {*headers}:
         expected, advice = "a time, or date and clock apart", "keep one of the two under columns"
@@ -135,11 +137,18 @@ def table_in(path: Path, lines: Lines, headers: Mapping[str, str], advice: str, 
     for role, cells in texts.items():
         columns[role], row = _numbers(cells, decimal, layout.missing)
         if row is not None:
-            word = f", or write missing: [{cells[row]!r}]" if len(cells[row]) <= LONGEST_WORD else ""
-            to_do = "correct decimal" if layout.decimal else f"{MEND}{word}"
+            to_do = "correct decimal" if layout.decimal else _mend(cells[row])
             _refuse_line(path, f"{lines.numbers[row]}, {headers[role]}", NUMBER_FORM, repr(cells[row]), to_do)
     notes = (*lines.notes, *["units below the header"] * units, *["decimal commas"] * by_comma, *filter(None, [said]))
     return Table(columns, len(lines.rows), lines.cut, notes)
+
+
+def _mend(cell: str) -> str:
+    """Return what to do about a cell that is no number: what holds digits may be one, and is not to be left out."""
+    if _PARTED.fullmatch(cell):
+        return "export numbers without marks between thousands"
+    word = len(cell) <= LONGEST_WORD and (_NUMBER.fullmatch(cell) or not any(map(str.isdigit, cell)))
+    return f"{MEND}, or write missing: [{cell!r}]" if word else MEND
 
 
 def _or_key(advice: str, layout: Layout) -> str:
@@ -218,11 +227,13 @@ def lines_fitting(
         return None
     if begin is None:
         begin, delimiter = first, layout.delimiter or _usual(raw[first : first + 1])
+    if any(mark in read.text for mark in map(chr, ALIKE)):
+        raw[begin + 1 :] = [line.translate(ALIKE) for line in raw[begin + 1 :]]
     lines = _below(path, raw, begin, delimiter, ended=read.text.endswith(("\n", "\r")))
     above = sum(map(_holds, raw[skipped:begin]))
-    said = [f"cells between {DELIMITERS[delimiter]}"] * (delimiter != "," and layout.delimiter is None)
+    said = [f"cells between {DELIMITERS.get(delimiter)}"] * (delimiter != "," and layout.delimiter is None)
     said += [f"{above} line{'s' * (above > 1)} above the header"] * (above > 0)
-    return replace(lines, notes=(*read.notes, *said))
+    return replace(lines, notes=(*read.notes, *said, *lines.notes))
 
 
 def _header(
@@ -276,10 +287,14 @@ def _below(path: Path, raw: list[str], begin: int, delimiter: str, *, ended: boo
     kept = [k for k in filled if listed[k][0].lstrip()[:1] not in MARKS or not listed[k][0].strip()]
     if not kept:
         return Lines([], [], [])
-    header, rows = [cell.strip() for cell in listed[kept[0]]], [listed[k] for k in kept[1:]]
+    header = [cell.strip() for cell in listed[kept[0]]]
+    again = {k for k in kept[1:] if [cell.strip() for cell in listed[k]] == header}  # of pages or files put together
+    kept = [k for k in kept if k not in again]
+    rows = [listed[k] for k in kept[1:]]
     rows = _with_clocks(header, rows) if delimiter == " " else rows
     cut = bool(rows) and not ended and _is_cut(rows[-1], rows[:-1], header)
-    return Lines(header, rows[: len(rows) - cut], [begin + k + 1 for k in kept[1:]], int(cut))
+    notes = (f"{len(again)} more header line{'s' * (len(again) > 1)}",) if again else ()
+    return Lines(header, rows[: len(rows) - cut], [begin + k + 1 for k in kept[1:]], int(cut), notes)
 
 
 def _refuse_quote(path: Path, raw: list[str], begin: int, delimiter: str) -> None:

@@ -137,7 +137,8 @@ def _whole(data: bytes) -> bytes:
 def _refuse(where: str, paths: Sequence[Path], heads: NDArray[np.void], counts: dict[str, int]) -> None:
     if not len(heads):
         beginning = contents(paths[0])[:16] if paths else b""
-        found = f"{counts['damaged']} that are damaged in a file that begins with {beginning!r}"
+        begins = f"a file that begins with {beginning!r}" if beginning else "an empty file"
+        found = f"{counts['damaged']} that are damaged in {begins}"
         advice = "check that format: pd12 and the file belong together"
         raise InputError(where, expected="PD12 ensembles (6E 7F) with their checksum", found=found, advice=advice)
     if (partial := (heads["components"] & FOUR) != FOUR).any():
@@ -184,6 +185,7 @@ def _warnings(counts: dict[str, int]) -> tuple[str, ...]:
         "repeated": "ensembles were sent more than once; each counts once",
         "bad_dates": "ensembles have an impossible date and were left out",
     }
-    whole = f"{counts['escaped']} of {counts['ensembles']} ensembles came with the modem's escapes, which were undone."
+    sent = counts["ensembles"] + counts["repeated"] + counts["bad_dates"]
+    whole = f"{counts['escaped']} of {sent} ensembles came with the modem's escapes, which were undone."
     lines = [f"{counts[key]} {text}." for key, text in said.items() if counts[key]]
     return (COORDINATES, *[whole] * bool(counts["escaped"]), *lines)

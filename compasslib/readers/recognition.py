@@ -35,6 +35,7 @@ READABLE = {
     "iaga2002": "an IAGA-2002 file",
     "nmea0183": "an NMEA 0183 log",
 }
+BINARY, LINE_FEEDS = ("pd0", "pd12", "nortek", "netcdf"), 20  # so many by chance never all follow a carriage return
 TEXTS = ("table", "acm_table", "csv", "rdi_text", "iaga2002", "nmea0183")
 ELSEWHERE = {
     "iaga2002": "name it under covariates as {format: iaga2002, files: ...}",
@@ -149,7 +150,21 @@ def naming(
                 expected = READABLE.get(form, f"a file of format {form}")
                 to_do = f"write format: {other.form}" if other.form in offered else advice or _advice(other)
                 raise InputError(str(path), expected=expected, found=other.name, advice=to_do) from None
+        if as_text := next((path for path in paths if form in BINARY and _copied_as_text(path)), None):
+            found = "one copied as text: a carriage return stands before every line feed"
+            to_do = "copy it again from the instrument in binary mode"
+            raise InputError(str(as_text), expected=READABLE[form], found=found, advice=to_do) from None
         raise error from None
+
+
+def _copied_as_text(path: str | Path) -> bool:
+    """Tell a file in which a carriage return stands before every line feed, of which bytes hold many by chance."""
+    try:
+        data = Path(path).read_bytes()
+    except OSError:
+        return False
+    feeds = data.count(b"\n")
+    return feeds >= LINE_FEEDS and feeds == data.count(b"\r\n")
 
 
 def _other(form: str, path: str | Path) -> Kind | None:

@@ -17,6 +17,7 @@ from compasslib.core.types import Bools, Floats
 from compasslib.readers.cells import COLUMN_MAP, Layout, Table, said, table_of
 
 CURRENTS = ("east", "north", "x", "y", "speed")  # roles that hold speeds
+BY_LEVEL = 0.75  # different times among runs of one time, below which a table lists one level after the other
 UNORDERED = 0.1  # share of steps back in time that makes a table one in no order
 FILL_SHARE, FEWEST_FILLS = 0.005, 10  # of the rows that hold one value
 FILL_TIMES, FILL_SIGMAS = 4.0, 6.0  # as often as the values beside it, and chance: rounding gives neighbours alike
@@ -29,6 +30,7 @@ LOSSES = {
     "rows_contradict": "rows repeat time and depth of another with other values; none of them was used",
     "directions_impossible": "headings or directions are no angles and count as missing",
     "fillers": "fill values (speeds of nines only) count as missing",
+    "rows_sorted": "rows stand earlier than the one before; all were put in order: check the form of the times",
     "fill_values": "velocities hold a value that stands far more often than those beside it and count as missing",
 }
 
@@ -48,7 +50,7 @@ def read(paths: Sequence[Path], *, columns: Mapping[str, str | float], **layout:
     headers = {role: str(header) for role, header in columns.items() if role != "scale" and header is not None}
     files = [table_of(path, headers, COLUMN_MAP, Layout.of(layout)) for path in paths]
     table, counts = _cleaned(*_joined(files))
-    table = _in_order(table)
+    table, counts["rows_sorted"] = _in_order(table)
     samples = _Samples(table.pop("time"))
     n, m = len(samples.first), int(samples.bin.max(initial=0)) + 1
     east, north = (_spread(scale * x, samples, (n, m)) for x in _east_north(table))
@@ -101,16 +103,20 @@ def _cleaned(table: dict[str, Floats], counts: dict[str, int]) -> tuple[dict[str
     }
 
 
-def _in_order(table: dict[str, Floats]) -> dict[str, Floats]:
-    """Return rows that are listed newest first, or in no order at all, in order of time.
+def _in_order(table: dict[str, Floats]) -> tuple[dict[str, Floats], int]:
+    """Return rows that are listed newest first, level by level, or in no order, in order of time; how many of the last.
 
     A few steps back are a clock that was set, and are left for the deployment to see.
     """
     steps = np.diff(table["time"])
-    if (steps < 0.0).sum() <= UNORDERED * (steps != 0.0).sum():
-        return table
+    back = int((steps < 0.0).sum())
+    groups = int((steps != 0.0).sum()) + 1
+    by_level = {"depth", "pressure"} & set(table) and len(np.unique(table["time"])) <= BY_LEVEL * groups
+    mixed = back > UNORDERED * (groups - 1)
+    if not back or not (mixed or by_level):
+        return table, 0
     order = np.argsort(table["time"], kind="stable")
-    return {role: column[order] for role, column in table.items()}
+    return {role: column[order] for role, column in table.items()}, back if mixed and (steps > 0.0).any() else 0
 
 
 def _no_angle(degrees: Floats) -> Bools:
