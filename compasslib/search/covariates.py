@@ -21,8 +21,8 @@ from compasslib.search import stuck
 NEAR_CELLS = 2  # whose mean is the water at the instrument
 FEWEST_VALUES = 5  # different values below which a covariate says nothing
 OBSERVATORY = ("declination_observatory", "horizontal_observatory")
-INDICES = ("ap", "kp")  # of storms: they tell how far magnetic north swings, and never whereto, so that they drive nothing
-LISTED = ("temperature", "supply_voltage", "depth", "speed", *OBSERVATORY, *INDICES, *stuck.LEANS)  # others are channels
+INDICES = ("ap", "kp")  # of storms: how far magnetic north swings, and never whereto, so that they drive nothing
+LISTED = ("temperature", "supply_voltage", "depth", "speed", *OBSERVATORY, *INDICES, *stuck.LEANS)  # else: a channel
 QUIET = (*OBSERVATORY, *stuck.LEANS)  # departures: what is missing counts as none
 FROM_ZERO = stuck.LEANS  # departures whose zero means something
 BATTERY_JUMP = 0.3  # of its whole range: a supply voltage that rises by more within a day was given a new battery
