@@ -30,7 +30,8 @@ from compasslib.deviation.model import Fit
 from compasslib.plots import agreement, currents, deviation, diagnosis, timeline
 from compasslib.plots import curves as plots_curves
 from compasslib.plots.curves import BACKWARDS, GIVEN_UP, INVERTED
-from compasslib.plots.page import DPI, WIDTH_IN
+from compasslib.plots.page import BLACK, DPI, WIDTH_IN
+from compasslib.report import captions
 
 START_S, SAMPLES = 1188864000.0, 700
 UNFOLDED, FOLDED = [0.02, 0.3, 0.1, 0.03, -0.02], [0.0, -1.1, 0.7, 0.03, -0.02]
@@ -264,6 +265,27 @@ def test_a_diagnosis_is_whole_and_legible_and_its_axes_have_the_units_of_its_sen
         check_page(path, page)
         labels = [axes.get_xlabel() for axes in page.axes]
         assert any("eading (°)" in label for label in labels) and any(f"({unit})" in label for label in labels)
+
+
+def test_a_diagnosis_draws_each_effect_and_the_held_out_days(tmp_path):
+    """Two composed effects have a panel each, their turn on the line of equality, and a row of held-out days."""
+    turns = [residuals("turn_by_composed", -3.0, 3.0), residuals("turn_by_composed", -1.0, 1.0)]
+    proof = {"rms_before_deg": 4.0, "rms_after_deg": 3.0, "p_value": 0.001}
+    made_of = [{"acts_on": "reading", "driver": driver, "form": "quadratic"} for driver in ("depth", "tilt")]
+    found = [
+        {"effect": "composed", "side": "compass", "alternatives": [], "text": "", "heldout": proof, "composition": one}
+        for one in made_of
+    ]
+    content = {"verdict": "explained", "findings": found, "unexplained": None, "curves": turns}
+    page = saved(lambda: diagnosis.of_mooring(tmp_path / "d.png", content))
+    check_page(tmp_path / "d.png", page)
+    first, second, held_out = page.axes
+    for axes, reach in ((first, 3.0), (second, 1.0)):
+        (line,) = (one for one in axes.lines if one.get_color() == BLACK)
+        np.testing.assert_allclose(line.get_ydata(), np.linspace(-reach, reach, 12))
+    assert [text.get_text() for text in held_out.get_yticklabels()] == ["composed,\nby depth", "composed,\nby tilt"]
+    said = captions.of_diagnosis(content)
+    assert "p_linear·x + p_square·x² (x: depth minus its mean)" in said and "held-out days" in said
 
 
 def check_page(path, page):

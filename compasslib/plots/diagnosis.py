@@ -6,6 +6,7 @@ what the same does on days that were not fitted, and for a calibration how well 
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from statistics import NormalDist
@@ -19,7 +20,7 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from compasslib.core.types import Floats
 from compasslib.plots.page import BLACK, CORRECTED, GREY, RECORDED, VERMILION, dates, degrees, empty, legend, page
-from compasslib.search.wording import TURN, UNITS, UNITS_OF_CALIBRATIONS, plain
+from compasslib.search.wording import TURN, UNITS, UNITS_OF_CALIBRATIONS, plain, residuals
 
 HOUR_S = 3600.0
 MOST_PANELS, MOST_BARS = 6, 10
@@ -44,7 +45,7 @@ def of_mooring(path: str | Path, found: Mapping[str, Any]) -> None:
     Args:
         found: content of diagnosis.json.
     """
-    curves = residuals(found)
+    curves = residuals(found)[:MOST_PANELS]
     _draw(path, found, curves, (NAMES, UNITS), _simultaneous(sum(len(curve["centre"]) for curve in curves)))
 
 
@@ -54,19 +55,8 @@ def of_calibration(path: str | Path, found: Mapping[str, Any]) -> None:
     Args:
         found: content of diagnosis.json.
     """
-    curves = [_since_the_begin(curve) for curve in residuals(found)]
+    curves = [_since_the_begin(curve) for curve in residuals(found)[:MOST_PANELS]]
     _draw(path, found, curves, (NAMES_OF_CALIBRATIONS, UNITS_OF_CALIBRATIONS), None)
-
-
-def residuals(found: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """Return the binned residuals that are drawn: of what stays unexplained first, each covariate once.
-
-    Args:
-        found: content of diagnosis.json.
-    """
-    left = found["unexplained"]["curves"] if found["unexplained"] else []
-    every = {(one["covariate"], one.get("compared", "")): one for one in [*left, *found.get("curves", [])]}
-    return [one for one in every.values() if len(one["centre"]) > 1][:MOST_PANELS]
 
 
 def _draw(
@@ -152,14 +142,17 @@ def _held_out(axes: Axes, findings: Sequence[Mapping[str, Any]]) -> None:
     axes.hlines(place, before, after, color=BLACK, linewidth=1.0)
     axes.plot(before, place, **BEFORE)
     axes.plot(after, place, **AFTER)
-    axes.set_yticks(place, [_short(one["effect"]) for one in findings])
+    axes.set_yticks(place, [_short(one) for one in findings])
     axes.set(ylim=(-0.7, len(findings) - 0.3), xlabel="Rms residual on held-out days (°)")
     axes.xaxis.set_major_locator(MaxNLocator(4))
     axes.margins(x=0.15)
 
 
-def _short(effect: str) -> str:
-    return plain(effect).replace(" ", "\n", 1) if len(plain(effect)) > 12 else plain(effect)
+def _short(finding: Mapping[str, Any]) -> str:
+    """Return a finding's name in two short lines."""
+    if composed := finding.get("composition"):
+        return f"composed,\nby {composed['driver'].replace('_', ' ')}"
+    return "\n".join(textwrap.wrap(plain(finding["effect"]), 14))
 
 
 def _ranking(axes: Axes, ranked: Sequence[Mapping[str, Any]], named: Sequence[str]) -> None:

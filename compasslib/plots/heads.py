@@ -200,4 +200,4 @@ def _dates(axes: Axes) -> None:
     locator = AutoDateLocator(maxticks=6)
     axes.xaxis.set_major_locator(locator)
     axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))
-    axes.set_xlabel("Date by b's clock (UTC)")
+    axes.set_xlabel("b's clock (UTC)")

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from compasslib.archive import currents
+from compasslib.effects.composed import formula
 from compasslib.report import words
 from compasslib.report.results import MooringResults
+from compasslib.search.wording import residuals
 
 
 def captions(results: MooringResults) -> dict[str, Callable[[], str]]:
@@ -103,17 +105,13 @@ def of_diagnosis(diagnosis: Mapping[str, Any]) -> str:
     Args:
         diagnosis: content of diagnosis.json.
     """
-    texts = [f"Residual along {words.plain(one['covariate'])}: {_largest(one)}." for one in _curves(diagnosis)]
+    texts = [f"Residual along {words.plain(one['covariate'])}: {_largest(one)}." for one in residuals(diagnosis)]
     if not texts:
         return "There is no residual to show."
-    proven = " Below: the residual on held-out days." * bool(diagnosis["findings"])
-    return f"Residual of the fit, in bins; grey: 95 % of what noise alone gives. {' '.join(texts)}{proven}"
-
-
-def _curves(diagnosis: Mapping[str, Any]) -> Sequence[Mapping[str, Any]]:
-    left = diagnosis["unexplained"]["curves"] if diagnosis["unexplained"] else []
-    curves = {one["covariate"]: one for one in [*left, *diagnosis.get("curves", [])]}
-    return [one for one in curves.values() if len(one["centre"]) > 1]
+    texts += ["Below: the residual on held-out days."] * bool(diagnosis["findings"])
+    composed = [one["composition"] for one in diagnosis["findings"] if one.get("composition")]
+    texts += [f"Composed, on {words.plain(one['acts_on'])}: {formula(**one)}." for one in composed]
+    return f"Residual of the fit, in bins; grey: 95 % of what noise alone gives. {' '.join(texts)}"
 
 
 def _largest(curve: Mapping[str, Any]) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 from compasslib.effects import COMPOSED, SLOW_WATER, all_terms, meanings, side_of
 from compasslib.effects.composed import FORMS
@@ -244,6 +245,18 @@ def place(covariate: str, low: float, high: float) -> str:
     """Return the range of a covariate in words."""
     name = covariate.replace("_", " ")
     return f"along {name} from {low:.3g} to {high:.3g} {UNITS.get(covariate, '')}".rstrip()
+
+
+def residuals(diagnosis: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """Return the binned residuals to look at: of what stays unexplained first, which stands for its covariate alone.
+
+    Args:
+        diagnosis: content of diagnosis.json.
+    """
+    left = diagnosis["unexplained"]["curves"] if diagnosis["unexplained"] else []
+    taken = {one["covariate"] for one in left}
+    others = [one for one in diagnosis.get("curves", []) if one["covariate"] not in taken]
+    return [one for one in [*left, *others] if len(one["centre"]) > 1]
 
 
 def plain(effect: str) -> str:
