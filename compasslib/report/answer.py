@@ -32,11 +32,12 @@ def what_was_found(diagnosis: Mapping[str, Any]) -> str:
     Args:
         diagnosis: content of diagnosis.json.
     """
-    texts = [_places(one) for one in diagnosis["findings"]]
+    named = [_places(one) for one in diagnosis["findings"]]
+    texts = [f"an effect is attributed to {', another to '.join(named)}"] if named else []
     if left := diagnosis["unexplained"]:
-        texts.append(f"a mismatch of {words.degrees(left['rms_effect_deg'])} rms that nothing explains")
+        texts.append(f"a mismatch of {words.degrees(left['rms_effect_deg'])} rms is unexplained")
     if texts:
-        return f"beyond the fitted deviation there is {words.listed(texts)}"
+        return f"beyond the fitted deviation {words.listed(texts)}"
     if diagnosis["verdict"] == "insufficient":
         return "the record does not tell whether there is more than the fitted deviation"
     none = (diagnosis.get("sides") or {}).get("none")
@@ -79,7 +80,7 @@ def to_do(results: MooringResults) -> tuple[str, ...]:
     head, warnings = results.headings, [one for one in results.row["warnings"].split(" | ") if one]
     texts = [*_of_headings(head)]
     decide = words.listed([words.plain(part) for part in (results.diagnosis["separated_by"] or "").split("; ") if part])
-    texts += [f"To settle what was found: {words.sentence(decide)}"] if decide else []
+    texts += [f"To settle which effect it is: {decide.rstrip('.')}."] if decide else []
     texts += [f"Read the {words.plural(len(warnings), 'warning')} below."] if warnings else []
     return tuple(texts) or ("Nothing: UCUR and VCUR of corrected.nc are the currents to use.",)
 

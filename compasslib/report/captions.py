@@ -105,20 +105,23 @@ def of_diagnosis(diagnosis: Mapping[str, Any]) -> str:
     Args:
         diagnosis: content of diagnosis.json.
     """
-    texts = [f"Residual along {words.plain(one['covariate'])}: {_largest(one)}." for one in residuals(diagnosis)]
-    if not texts:
+    shown = residuals(diagnosis)
+    if not shown:
         return "There is no residual to show."
+    texts = ["Residual of the fit, in bins; grey: 95 % of what noise alone gives."]
+    alone = " by the fit alone, and with what was found" * any(one["before_deg"] != one["after_deg"] for one in shown)
+    largest = [f"{words.plain(one['covariate'])} {_largest(one)}" for one in shown]
+    texts += [f"Largest in a bin{alone}: along {', '.join(largest)}."]
     texts += ["Below: the residual on held-out days."] * bool(diagnosis["findings"])
     composed = [one["composition"] for one in diagnosis["findings"] if one.get("composition")]
     texts += [f"Composed, on {words.plain(one['acts_on'])}: {formula(**one)}." for one in composed]
-    return f"Residual of the fit, in bins; grey: 95 % of what noise alone gives. {' '.join(texts)}"
+    return " ".join(texts)
 
 
 def _largest(curve: Mapping[str, Any]) -> str:
     """Return the largest binned residual before and after; a bin that holds no number is passed over."""
-    before, after = (
-        max((abs(x) for x in curve[key] if x is not None), default=None) for key in ("before_deg", "after_deg")
-    )
-    if before == after:
-        return f"at most {words.degrees(after)} from zero"
-    return f"at most {words.degrees(before)} from zero by the fit alone, {words.degrees(after)} with what was found"
+    ends = [
+        words.degrees(max((abs(x) for x in curve[key] if x is not None), default=None))
+        for key in ("before_deg", "after_deg")
+    ]
+    return ends[0] if curve["before_deg"] == curve["after_deg"] else f"{ends[0]} and {ends[1]}"
