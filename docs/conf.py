@@ -19,4 +19,6 @@ python_maximum_signature_line_length = 90
 html_theme = "furo"
 html_title = f"compasslib {version}"
 html_show_copyright = False
+html_static_path = ["_static"]
+html_css_files = ["wide.css"]
 html_copy_source = False  # nor a date: the same pages for the same sources

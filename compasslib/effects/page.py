@@ -8,7 +8,7 @@ from itertools import groupby
 
 from compasslib.effects import CATALOGUE, Term
 
-HEAD = """# The catalogue of left-out physics
+HEAD = """# The catalogue of unmodelled effects
 
 Made from `compasslib/effects/` by `python -m compasslib.effects.page`; a test fails where it is stale. Effects act in
 this order. *Side* says what an effect may change: only those of the compass enter the corrected headings.
