@@ -376,7 +376,7 @@ PERHAPS = ("TEMPERATURE", "PRES", *PROFILES.values())  # only where they were me
 _UNFLAGGED = ("BRANCH_PROBABILITY", "UCUR_UNCERTAINTY", "VCUR_UNCERTAINTY")
 FLAGGED = tuple(name for name, one in CORRECTED.items() if name not in _UNFLAGGED and "QC_indicator" not in one.also)
 BY_DECLINATION = ("DECLINATION", "HEADING_TRUE", "UCUR", "VCUR", "UCUR_RECORDED", "VCUR_RECORDED")
-# What the compromised instrument measures, and what therefore carries its make and number.
+# What the affected instrument measures, and what therefore carries its make and number.
 SENSED = ("HEADING", "PITCH", "ROLL", "UCUR", "VCUR", "UCUR_RECORDED", "VCUR_RECORDED", *PERHAPS)
 
 

@@ -26,8 +26,8 @@ def carried(content: Mapping[str, Any], field: EarthField, record: Record, pairs
 
     Args:
         field: the earth's field along the deployment.
-        record: the compromised instrument.
-        pairs: where a trusted instrument overlaps; they are counted and held against it, nothing is fitted to them.
+        record: the affected instrument.
+        pairs: where a reference overlaps; they are counted and held against it, nothing is fitted to them.
     """
     why = _unusable(content)
     if why:
@@ -43,8 +43,8 @@ def held_against(fit: Fit, record: Record, pairs: Pairs) -> Fit:
 
     Args:
         fit: coefficients, covariance and noise.
-        record: the compromised instrument.
-        pairs: where a trusted instrument overlaps, perhaps none.
+        record: the affected instrument.
+        pairs: where a reference overlaps, perhaps none.
     """
     off = model.residual(fit, pairs)
     off, when = off[np.isfinite(off)], pairs.time_s[np.isfinite(off)]

@@ -71,7 +71,7 @@ def _compasses(mooring: Mooring) -> list[tuple[str, str]]:
 def members(
     moorings: Mapping[str, Mooring], calibrations: Mapping[str, CalibrationFile]
 ) -> dict[str, tuple[list[str], list[str]]]:
-    """Return the moorings whose compromised compass it is, and the calibrations, of each compass, in their orders."""
+    """Return the moorings whose affected compass it is, and the calibrations, of each compass, in their orders."""
     found: dict[str, tuple[list[str], list[str]]] = {}
     for name, mooring in moorings.items():
         if (compass := mooring.instruments[mooring.compromised].compass) is not None:
@@ -83,7 +83,7 @@ def members(
 
 
 def suggestions(moorings: Mapping[str, Mooring]) -> list[str]:
-    """Return a line for each serial number that several moorings' compromised instruments carry without ``compass``."""
+    """Return a line for each serial number that several moorings' affected instruments carry without ``compass``."""
     numbers: dict[str, list[str]] = {}
     for name, mooring in moorings.items():
         instrument = mooring.instruments[mooring.compromised]

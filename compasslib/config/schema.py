@@ -160,7 +160,7 @@ class FitOptions(Section):
 
 
 class Diagnose(Section):
-    """Whether left-out physics is searched for, and what is done with what is found."""
+    """Whether unmodelled effects is searched for, and what is done with what is found."""
 
     enabled: Switch = key("true or false", "true", True)
     apply: Switch = key("true or false", "true", True)
@@ -327,7 +327,7 @@ class CovariateColumns(Section):
 
 
 class Covariate(TableKeys):
-    """A series that the search for left-out physics may use: an observatory's, or any column of a table."""
+    """A series that the search for unmodelled effects may use: an observatory's, or any column of a table."""
 
     format: Literal["iaga2002", "table"] = key("iaga2002 or table", "iaga2002")
     files: Files = key(_FILES_WORDS, "raw/obs/*.min")

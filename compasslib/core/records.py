@@ -92,10 +92,10 @@ class Readings:
 
 @dataclass(frozen=True)
 class Pairs:
-    """Overlapping measurements of the compromised (upper) and the trusted (lower) instrument, true east and north."""
+    """Overlapping measurements of the affected (upper) instrument and the reference (lower), true east and north."""
 
     time_s: Floats  # (n,)
-    heading_deg: Floats  # (n,) recorded by the compromised compass, magnetic
+    heading_deg: Floats  # (n,) recorded by the affected compass, magnetic
     pitch_deg: Floats  # (n,)
     roll_deg: Floats  # (n,)
     upper_east: Floats  # (n,) m/s, by the recorded heading plus declination
@@ -106,8 +106,8 @@ class Pairs:
     lower_depth_m: Floats  # (n,)
     separation_minutes: Floats  # (n,) lower minus upper
     declination_deg: Floats  # (n,)
-    lower_heading_deg: Floats | None = None  # (n,) by the trusted compass, NaN where missing; None where it logs none
-    reference_index: Flags | None = None  # (n,) whose pair it is, where there are several trusted instruments
+    lower_heading_deg: Floats | None = None  # (n,) by the reference's compass, NaN if missing; None if none is logged
+    reference_index: Flags | None = None  # (n,) whose pair it is, where there are several references
     reference_names: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     # By the profile, rms of one component, m/s: the water's difference of the published mean, and of what is predicted.
@@ -132,7 +132,7 @@ class EarthField:
 
 @dataclass(frozen=True)
 class Corrected:
-    """The product: what one compromised instrument recorded, and the same corrected.
+    """The product: what one affected instrument recorded, and the same corrected.
 
     Headings are to magnetic north, velocities to true east and north.
     """

@@ -68,7 +68,7 @@ def correctable_fraction(fit: Fit, record: Record) -> float:
 
     Args:
         fit: the model, perhaps without coefficients.
-        record: the compromised instrument.
+        record: the affected instrument.
     """
     usable = np.isfinite(record.heading_deg) & (record.heading_quality < BAD)
     recorded = record.heading_deg[usable]
@@ -88,7 +88,7 @@ def implausible(fit: Fit, record: Record) -> str:
 
     Args:
         fit: the model, perhaps without coefficients.
-        record: the compromised instrument.
+        record: the affected instrument.
     """
     return _soft_without_measure(fit) or _impossible(fit, record)
 
@@ -129,7 +129,7 @@ def described(fit: Fit, record: Record) -> dict[str, Any]:
 
     Args:
         fit: the model, perhaps without coefficients.
-        record: the compromised instrument.
+        record: the affected instrument.
     """
     said = tuple(sentence for sentence in (implausible(fit, record),) if sentence)
     fraction = correctable_fraction(fit, record)

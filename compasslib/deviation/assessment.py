@@ -48,7 +48,7 @@ SERIES = {
     "series_in_correct": "the Fourier series in correct heading",
     "series_in_recorded": "that in recorded heading",
 }
-WATER = ("mean_of_bins", "predicted")  # by the profile: rms of one component at the trusted depth
+WATER = ("mean_of_bins", "predicted")  # by the profile: rms of one component at the reference's depth
 FORM_PAIRS = 1500  # as many pairs, evenly taken, tell the forms apart; more only take longer
 
 
@@ -132,7 +132,7 @@ def assess(pairs: Pairs, fit: Fit, plain: Pairs | None = None) -> dict[str, Any]
 
 
 def _of_other_days(east: Floats, north: Floats, pairs: Pairs) -> float | None:
-    """Return the least rms of corrected directions against trusted ones of other days, None for few pairs."""
+    """Return the least rms of corrected directions against the reference's of other days, None for few pairs."""
     if len(pairs) < FEWEST_OF_OTHER_DAYS:
         return None
     upper, lower = angles.direction(east, north), angles.direction(pairs.lower_east, pairs.lower_north)
@@ -168,7 +168,7 @@ def _worse(before: dict[str, Any], after: dict[str, Any]) -> str:
 
 
 def _misread(pairs: Pairs, fit: Fit, after: dict[str, Any]) -> str:
-    """Say where another reading of the trusted instrument's components agrees far better, nothing where none does."""
+    """Say where another reading of the reference's components agrees far better, nothing where none does."""
     if fit.method != EXACT.name or after["n"] < FEWEST_FOR_FORMS or after["rms_deg"] <= DOUBTED_DEG:
         return ""
     some = take(pairs, np.arange(0, len(pairs), max(1, len(pairs) // FORM_PAIRS)))

@@ -3,7 +3,7 @@
 Where iron is stronger than the earth's horizontal field each recorded heading has two correct ones. The correct heading
 is a hidden state on a circle of cells. It moves little from sample to sample; when the instrument turns, the water that
 it sees turns against it, because currents change slowly: the right branch keeps the water steady, the wrong one turns
-it twice. The wake prefers some headings, the compass must record what it recorded, and the trusted instrument agrees
+it twice. The wake prefers some headings, the compass must record what it recorded, and the reference agrees
 where it overlaps. Forward and backward passes give the distribution of the heading at every sample.
 """
 
@@ -57,7 +57,7 @@ def decide(readings: Readings, along: Along, fit: Fit, seen: NDArray[np.intp], s
         readings: what the compass recorded, n samples.
         along: the compass at each of them.
         fit: the fitted exact compass, for its noise and the headings' distribution.
-        seen: samples at which the trusted instrument overlaps, (k,).
+        seen: samples at which the reference overlaps, (k,).
         scatter: density of its observed heading on the cells, (k, CELLS).
     """
     roots = along.roots()

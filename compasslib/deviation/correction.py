@@ -1,4 +1,4 @@
-"""Corrected headings and velocities with their uncertainty, for every sample of the compromised instrument."""
+"""Corrected headings and velocities with their uncertainty, for every sample of the affected instrument."""
 
 from __future__ import annotations
 
@@ -62,9 +62,9 @@ def correct(
     """Return the corrected record; headings that cannot be corrected are NaN with flag 4.
 
     Args:
-        record: the compromised instrument inside the deployment.
+        record: the affected instrument inside the deployment.
         fit: the deviation model, perhaps without coefficients.
-        pairs: where the trusted instrument overlaps.
+        pairs: where the reference overlaps.
         at: the compass at each sample, where more acted on it than the fit holds.
         unmodelled_deg: standard deviation of what the fit is known to lack, see ``unmodelled``.
     """
@@ -181,7 +181,7 @@ def _left_out_by_tilt(readings: Readings) -> Floats:
 
 
 def readings_of(pairs: Pairs) -> Readings:
-    """Return what the compromised compass recorded at the overlaps."""
+    """Return what the affected compass recorded at the overlaps."""
     water = in_body_frame(pairs.upper_east, pairs.upper_north, pairs.heading_deg)
     return Readings(pairs.time_s, pairs.heading_deg, pairs.pitch_deg, pairs.roll_deg, water)
 
@@ -198,10 +198,10 @@ def in_body_frame(east: Floats, north: Floats, recorded_deg: Floats) -> Complexe
 
 
 def readings_of_record(record: Record) -> Readings:
-    """Return what the compromised compass recorded, headings that are flagged bad left out.
+    """Return what the affected compass recorded, headings that are flagged bad left out.
 
     Args:
-        record: the compromised instrument.
+        record: the affected instrument.
     """
     heading = np.where(record.heading_quality < BAD, record.heading_deg, np.nan)
     return Readings(record.time_s, heading, record.pitch_deg, record.roll_deg, _water(record))

@@ -155,7 +155,7 @@ def north(simulation: Simulation, scene: Scene) -> Floats | float:
 
 
 def veer(simulation: Simulation, scene: Scene) -> Floats | float:
-    """Return the veer of the trusted instrument's water from the other's, (n,) degrees or 0."""
+    """Return the veer of the reference's water from the other's, (n,) degrees or 0."""
     return _total(simulation, scene, "water")
 
 
@@ -165,7 +165,7 @@ def derivative(
     """Return how the predicted heading moves by each parameter while the recorded one is held, (n, p) degrees a unit.
 
     For the compass it is -(d gamma / d parameter) / (d gamma / d beta): the recorded heading is conditioned on. The
-    water's veer counts as it is, because it moves what the trusted instrument shows.
+    water's veer counts as it is, because it moves what the reference shows.
 
     Args:
         heading_deg: correct magnetic headings, (n,), degrees.

@@ -92,7 +92,7 @@ class DeclinationError(Term):
     recordings: ClassVar[tuple[str, ...]] = ("mooring", "declination")
     found_by: ClassVar[str] = "an observatory's mean against the model"
     acts_on: ClassVar = "north"
-    literature: ClassVar[str] = "von Appen 2015, eq. (2): the same as A, a mean veer and a turned mount; east positive"
+    literature: ClassVar[str] = "von Appen 2015, eq. (2): inseparable from A, mean shear and mounting; east positive"
 
     error_deg: float = parameter("degrees", "true minus applied declination", 1.0)
 

@@ -1,4 +1,4 @@
-"""What turns the comparison and not the compass: water between the two depths, the trusted instrument, clocks."""
+"""What turns the comparison and not the compass: water between the two depths, the reference, clocks."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ USUAL_DEG = 15.0
 
 @dataclass(frozen=True)
 class VeerWithSpeed(Term):
-    """The lower water veers from the upper one the more, the faster it flows."""
+    """The directional shear between the two depths grows with the speed of the flow."""
 
     name: ClassVar[str] = "current_veer"
     side: ClassVar = "water"
@@ -23,7 +23,7 @@ class VeerWithSpeed(Term):
     literature: ClassVar[str] = "von Appen 2015, appendix, assumes none; lower minus upper direction, clockwise"
     needs: ClassVar[tuple[str, ...]] = ("speed",)
 
-    deg_s_m: float = parameter("degrees/(m/s)", "veer by speed", 5.0)
+    deg_s_m: float = parameter("degrees/(m/s)", "directional shear by speed", 5.0)
 
     def act(self, x: Floats, scene: Scene) -> Floats:
         """Return the veer."""
@@ -32,7 +32,7 @@ class VeerWithSpeed(Term):
 
 @dataclass(frozen=True)
 class VeerWithSeparation(Term):
-    """The lower water veers from the upper one in proportion to the metres between them."""
+    """The directional shear is in proportion to the metres between the two depths."""
 
     name: ClassVar[str] = "current_veer"
     side: ClassVar = "water"
@@ -40,7 +40,7 @@ class VeerWithSeparation(Term):
     literature: ClassVar[str] = "Ekman's spiral, linear over few metres; lower minus upper direction, clockwise"
     needs: ClassVar[tuple[str, ...]] = ("separation",)
 
-    deg_m: float = parameter("degrees/m", "veer by metres of separation", 1.0)
+    deg_m: float = parameter("degrees/m", "directional shear by metres of separation", 1.0)
 
     def act(self, x: Floats, scene: Scene) -> Floats:
         """Return the veer."""
@@ -49,15 +49,15 @@ class VeerWithSeparation(Term):
 
 @dataclass(frozen=True)
 class VeerWithDepth(Term):
-    """The lower water veers from the upper one as the pair is blown down to other water."""
+    """The directional shear changes as the pair is blown down to other water."""
 
     name: ClassVar[str] = "current_veer"
     side: ClassVar = "water"
     acts_on: ClassVar = "water"
-    literature: ClassVar[str] = "veer of the water column, linear in depth; lower minus upper direction, clockwise"
+    literature: ClassVar[str] = "directional shear of the water column, linear in depth; lower minus upper, clockwise"
     needs: ClassVar[tuple[str, ...]] = ("depth",)
 
-    deg_100m: float = parameter("degrees/100 m", "veer by depth", 1.0)
+    deg_100m: float = parameter("degrees/100 m", "directional shear by depth", 1.0)
 
     def act(self, x: Floats, scene: Scene) -> Floats:
         """Return the veer."""
@@ -66,7 +66,7 @@ class VeerWithDepth(Term):
 
 @dataclass(frozen=True)
 class VeerWithDirection(Term):
-    """The lower water veers from the upper one by another angle for each direction of the flow."""
+    """The directional shear differs by direction of the flow."""
 
     name: ClassVar[str] = "current_veer"
     side: ClassVar = "water"
@@ -105,12 +105,12 @@ class MooringMotion(Term):
         return x + self.m_s2_m2 * scene.departures["excursion_turn"]
 
 
-# Faults of the trusted instrument: its own compass, and what its beams make of the water.
+# Faults of the reference: its own compass, and what its beams make of the water.
 
 
 @dataclass(frozen=True)
 class OfReference(Term):
-    """The trusted directions are turned: what it does stands where a veer of the water would."""
+    """The reference's directions are turned: what it does stands where a veer of the water would."""
 
     side: ClassVar = "reference"
     acts_on: ClassVar = "water"
@@ -118,13 +118,13 @@ class OfReference(Term):
 
 @dataclass(frozen=True)
 class ReferenceDeviation(OfReference):
-    """The trusted compass has a deviation of its own."""
+    """The reference's compass has a deviation of its own."""
 
     name: ClassVar[str] = "reference_deviation"
     literature: ClassVar[str] = "B and C of von Appen 2015, eq. (1), by its own heading; reading minus true"
     needs: ClassVar[tuple[str, ...]] = ("reference_sine", "reference_cosine")
 
-    sine_deg: float = parameter("degrees", "times the sine of the trusted heading", 1.0)
+    sine_deg: float = parameter("degrees", "times the sine of the reference's heading", 1.0)
     cosine_deg: float = parameter("degrees", "times its cosine", 1.0)
 
     def act(self, x: Floats, scene: Scene) -> Floats:
@@ -135,12 +135,12 @@ class ReferenceDeviation(OfReference):
 
 @dataclass(frozen=True)
 class ReferenceSlip(OfReference):
-    """The trusted directions are shifted from a date on: its mount slipped, or its iron changed."""
+    """The reference's directions are shifted from a date on: its mount slipped, or its iron changed."""
 
     name: ClassVar[str] = "reference_slip"
-    literature: ClassVar[str] = "a step of the trusted directions; clockwise positive"
+    literature: ClassVar[str] = "a step of the reference's directions; clockwise positive"
 
-    offset_deg: float = parameter("degrees", "of the trusted directions after the date", 1.0, usual=10.0)
+    offset_deg: float = parameter("degrees", "of the reference's directions after the date", 1.0, usual=10.0)
     date_s: float = date()
 
     def act(self, x: Floats, scene: Scene) -> Floats:
@@ -150,13 +150,13 @@ class ReferenceSlip(OfReference):
 
 @dataclass(frozen=True)
 class ReferenceBeams(OfReference):
-    """One beam pair of the trusted instrument gives larger velocities than the other."""
+    """One beam pair of the reference gives larger velocities than the other."""
 
     name: ClassVar[str] = "reference_beams"
     literature: ClassVar[str] = "-(gain/2) sin 2(flow - heading), first order; forward over starboard gain less one"
     needs: ClassVar[tuple[str, ...]] = ("reference_flow_sine2",)
 
-    gain: float = parameter("1", "forward over starboard gain of the trusted beams, less one", 0.035)
+    gain: float = parameter("1", "forward over starboard gain of the reference's beams, less one", 0.035)
 
     def act(self, x: Floats, scene: Scene) -> Floats:
         """Return the veer."""
@@ -165,7 +165,7 @@ class ReferenceBeams(OfReference):
 
 @dataclass(frozen=True)
 class ReferenceBias(OfReference):
-    """A constant velocity in its own frame is added to what the trusted instrument measures, as by ringing."""
+    """A constant velocity in its own frame is added to what the reference measures, as by ringing."""
 
     name: ClassVar[str] = "reference_bias"
     literature: ClassVar[str] = "(bias/speed) sin(angle of the bias - angle of the flow), first order"
@@ -185,7 +185,7 @@ class ReferenceBias(OfReference):
 
 @dataclass(frozen=True)
 class ClockOffset(Term):
-    """The compromised instrument's clock is ahead of the trusted one's by a constant."""
+    """The affected instrument's clock is ahead of the reference's by a constant."""
 
     name: ClassVar[str] = "clock_offset"
     side: ClassVar = "clock"
@@ -195,7 +195,7 @@ class ClockOffset(Term):
     recordings: ClassVar[tuple[str, ...]] = ("mooring", "two_heads")
     found_by: ClassVar[str] = "speeds or tilts of both, which have no compass in them"
 
-    hours: float = parameter("h", "compromised minus trusted clock", 0.3)
+    hours: float = parameter("h", "affected minus reference clock", 0.3)
 
     def act(self, x: Floats, scene: Scene) -> Floats:
         """Return the clock's error, seconds."""
@@ -207,7 +207,7 @@ class ClockOffset(Term):
 
 @dataclass(frozen=True)
 class ClockDrift(Term):
-    """The compromised instrument's clock gains on the trusted one's."""
+    """The affected instrument's clock gains on the reference's."""
 
     name: ClassVar[str] = "clock_drift"
     side: ClassVar = "clock"
@@ -217,7 +217,7 @@ class ClockDrift(Term):
     recordings: ClassVar[tuple[str, ...]] = ("mooring", "two_heads")
     found_by: ClassVar[str] = "speeds or tilts of both, which have no compass in them"
 
-    hours_year: float = parameter("h/year", "gain of the compromised clock", 0.3)
+    hours_year: float = parameter("h/year", "gain of the affected clock", 0.3)
 
     def act(self, x: Floats, scene: Scene) -> Floats:
         """Return the clock's error, seconds."""

@@ -108,7 +108,7 @@ def _band(axes: Axes, day: Floats, heading: Floats, sigma: Floats, begin: float)
 
 
 def _strip(axes: Axes, product: Corrected, pairs: Pairs, kind: NDArray[np.int_]) -> None:
-    """Draw the share of each kind day by day, and above it the days on which the trusted instrument overlaps."""
+    """Draw the share of each kind day by day, and above it the days on which the reference overlaps."""
     edges = slices(product.record.time_s)
     counts = [np.histogram(product.record.time_s[kind == k], edges)[0] for k in KINDS]
     tops = 100.0 * np.cumsum(counts, axis=0) / np.maximum(np.sum(counts, axis=0), 1)

@@ -3,7 +3,7 @@
 Speeds without their slow part are multiplied in windows of days at every hour's lag. A lag is accepted where it beats
 the clocks as stated, and every other lag with its tidal aliases, by more than the windows' own scatter. Clocks
 that drift, or that were set in between, are looked for alike. Errors of a few hours between hourly records are left to
-the search for left-out physics, which reads them more finely and names them.
+the search for unmodelled effects, which reads them more finely and names them.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ CLIP, QUIET = 3.0, 0.2  # of speeds over their scatter of days, which counts as 
 SIGMAS, SIGMAS_WARNED = 4.0, 2.0  # normal score of a lag that is accepted, and of one that is reported
 NEAR_H = 6  # shoulders of a peak; the next tidal alias is 12 hours away
 AS_STATED_H = 1  # water that arrives at one depth later delays by less
-SEARCHED_H, DENSE_S = 6, 2 * HOUR_S  # what the search for left-out physics reads finely
+SEARCHED_H, DENSE_S = 6, 2 * HOUR_S  # what the search for unmodelled effects reads finely
 SPAN = 5  # windows of ten days together
 CHANGE = 8.0  # what setting a clock costs, in the scatter of that many windows: two lags of 2000 gain less by chance
 FEWEST_SHARE = 0.3  # of hours that meet at a lag, below which its products count for less
@@ -47,15 +47,15 @@ class Speeds:
 
 @dataclass(frozen=True)
 class Clocks:
-    """By how much the trusted clock is ahead of the compromised one, as far as it is to be corrected."""
+    """By how much the reference's clock is ahead of the affected one, as far as it is to be corrected."""
 
-    time_s: tuple[float, ...] = (0.0,)  # by the compromised clock, linear between
+    time_s: tuple[float, ...] = (0.0,)  # by the affected clock, linear between
     ahead_h: tuple[float, ...] = (0.0,)
     warnings: tuple[str, ...] = ()
     one_recording: str = ""  # why both records are one, and no pair counts
 
     def aligned(self, record: Record) -> Record:
-        """Return the trusted record by the compromised clock, without hours that a clock set back counted twice."""
+        """Return the reference's record by the affected clock, without hours that a clock set back counted twice."""
         if not any(self.ahead_h):
             return record
         time_s = record.time_s
@@ -67,7 +67,7 @@ class Clocks:
 
 @dataclass(frozen=True)
 class Path:
-    """A lag for each of w windows, hours by which the trusted clock is ahead."""
+    """A lag for each of w windows, hours by which the reference's clock is ahead."""
 
     hours: Hours  # (w,)
     set_at: bool = False  # whether it changes because a clock was set, and not by its drift
@@ -78,7 +78,7 @@ class Windows:
     """Products of the two speeds in each of w windows at each of k lags."""
 
     upper: Floats  # (n,) each hour's speed without its slow part, 0 where none
-    lower: Floats  # (n,) by the trusted clock
+    lower: Floats  # (n,) by the reference's clock
     edges: Hours  # (w + 1,) of the windows among the hours
     first_s: float  # the first hour
     products: Floats  # (w, k), whose sum is the correlation
@@ -107,7 +107,7 @@ def compare(upper: Speeds, lower: Speeds) -> Clocks:
     """Return what the speeds say of the clocks.
 
     Args:
-        upper: of the compromised instrument.
+        upper: of the affected instrument.
     """
     if not (len(upper.time_s) and len(lower.time_s)) or (found := _windows(upper, lower)) is None:
         return Clocks()

@@ -1,8 +1,8 @@
-"""Pairs: where the compromised and the trusted instrument measured nearly the same water at nearly the same time.
+"""Pairs: where affected instrument and reference measured nearly the same water at nearly the same time.
 
-The rules are those of von Appen 2015, section 2 and appendix: the mean of the first bins at the compromised instrument,
-the bins of the trusted one nearest to it, less than 20 minutes and 20 m apart, on an hourly grid. Where it may be, the
-mean gives way to what the whole profile predicts of the water at the trusted depth (``water``). Pairs that betray a
+The rules are those of von Appen 2015, section 2 and appendix: the mean of the first bins at the affected instrument,
+the bins of the reference nearest to it, less than 20 minutes and 20 m apart, on an hourly grid. Where it may be, the
+mean gives way to what the whole profile predicts of the water at the reference's depth (``water``). Pairs that betray a
 mistake, as one record given twice, another frame or another unit, are refused or come with a warning.
 """
 
@@ -48,7 +48,7 @@ class Rules:
     max_minutes: float = 20.0
     max_metres: float = 20.0
     bins: int = 2
-    predict: bool = False  # the water at the trusted depth from the profile, instead of the mean of these bins
+    predict: bool = False  # the water at the reference's depth from the profile, instead of the mean of these bins
     grid_minutes: float = 60.0
     grid_tolerance_minutes: float = 30.0
 
@@ -73,8 +73,8 @@ def clocks(upper: Record, trusted: Sequence[Record], rules: Rules) -> Clocks:
     """Return how far the two instruments' clocks are apart, and whether both records are one, by speeds of the water.
 
     Args:
-        upper: the compromised instrument inside the deployment.
-        trusted: the trusted instrument inside the deployment, or nothing.
+        upper: the affected instrument inside the deployment.
+        trusted: the reference inside the deployment, or nothing.
     """
     if not (trusted and len(upper.time_s) and len(trusted[0].time_s)):
         return Clocks()
@@ -88,11 +88,11 @@ def clocks(upper: Record, trusted: Sequence[Record], rules: Rules) -> Clocks:
 def find(
     upper: Record, trusted: Sequence[Record], field: EarthField, rules: Rules, clocks: Clocks | None = None
 ) -> Pairs:
-    """Return the overlapping measurements on the grid, both to true north; none where there is no trusted instrument.
+    """Return the overlapping measurements on the grid, both to true north; none where there is no reference.
 
     Args:
-        upper: the compromised instrument inside the deployment.
-        trusted: the trusted instrument inside the deployment, or nothing.
+        upper: the affected instrument inside the deployment.
+        trusted: the reference inside the deployment, or nothing.
     """
     clocks = clocks or Clocks()
     recorded = upper
@@ -163,8 +163,8 @@ def checked(pairs: Pairs, upper: Record, trusted: Sequence[Record]) -> Pairs:
     """Return pairs with warnings of what is wrong with them.
 
     Args:
-        upper: the compromised instrument inside the deployment.
-        trusted: the trusted one, or nothing.
+        upper: the affected instrument inside the deployment.
+        trusted: the reference, or nothing.
 
     Raises:
         InputError: both carry one serial number, or the velocities of one are in another frame than stated.
@@ -197,7 +197,7 @@ def identical(pairs: Pairs) -> str:
 
 
 def _predicted(pairs: Pairs, upper: Record, depth_m: Floats, bins: int) -> Pairs:
-    """Return pairs with the water at the trusted depth as the profile predicts it, the same where it cannot."""
+    """Return pairs with the water at the reference's depth as the profile predicts it, the same where it cannot."""
     found = water.predict(upper, depth_m, bins)
     if found is None:
         return pairs
@@ -219,7 +219,7 @@ def _predicted(pairs: Pairs, upper: Record, depth_m: Floats, bins: int) -> Pairs
 
 
 def _surprise(off_m_s: float, upper: Record, depth_m: Floats, trusted: Complexes) -> str:
-    """Say that the trusted speeds are not those of the water at their depth, and of which depth they are."""
+    """Say that the reference's speeds are not those of the water at their depth, and of which depth they are."""
     shift = water.depth_of_speeds(upper, depth_m, np.abs(trusted))
     where = (
         f"; they agree best with the water {abs(shift):.0f} m {'below' if shift > 0 else 'above'} it" if shift else ""
@@ -236,7 +236,7 @@ def _gridded(upper: Record, rules: Rules) -> Record:
 
 
 def _trusted_cell(time_s: Floats, depth: Floats, lower: Record, sphere: Floats, rules: Rules) -> Point:
-    """Return the trusted instrument's cell nearest to the sphere, or to the affected bins; dense series averaged."""
+    """Return the reference's cell nearest to the sphere, or to the affected bins; dense series averaged."""
     if not len(lower.time_s):
         return Point(np.zeros(0), np.zeros(0, dtype=complex), np.zeros(0))
     known = np.isfinite(depth)
@@ -263,7 +263,7 @@ def _block_averaged(point: Point, block_s: float) -> Point:
 
 
 def _heading(lower: Record, time_s: Floats, tolerance_s: float) -> Floats | None:
-    """Return the trusted compass's heading at given times, None where it logs none that varies."""
+    """Return the reference's compass's heading at given times, None where it logs none that varies."""
     known = np.isfinite(lower.heading_deg) & (lower.heading_quality <= PROBABLY_GOOD)
     if not known.any() or not len(time_s):
         return None
@@ -273,7 +273,7 @@ def _heading(lower: Record, time_s: Floats, tolerance_s: float) -> Floats | None
 
 
 def _sphere(upper: Record, lower: Record) -> Floats:
-    """Return the depth of the compromised instrument at the trusted one's times, (k,)."""
+    """Return the depth of the affected instrument at the reference's times, (k,)."""
     return interpolate(upper.time_s, upper.depth_m, lower.time_s, tolerance_s=np.inf)
 
 
@@ -349,7 +349,7 @@ def _unusable(record: Record, *, heading: bool) -> str:
 
 
 def _refuse_other_frame(pairs: Pairs) -> None:
-    """Refuse directions that agree with the trusted ones only when the heading is added, taken away or mirrored.
+    """Refuse directions that agree with the reference's only when the heading is added, taken away or mirrored.
 
     No iron does that: a compass that goes round shows its deviation about the true heading. Where the water runs one
     way, or the compass hardly turns, nothing can be decided.

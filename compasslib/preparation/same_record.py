@@ -1,4 +1,4 @@
-"""Whether the trusted record is the compromised one's own: its bins again, rounded, rescaled, averaged or shifted.
+"""Whether the reference's record is the affected one's own: its bins again, rounded, rescaled, averaged or shifted.
 
 Two instruments never agree to a millimetre a second, whatever their compasses: pings and the water between them differ.
 Speeds know no compass. A deeper cell of the same profiler, given at its own depth, is water of its own and passes.
@@ -38,7 +38,7 @@ class CellSeries:
 
 @dataclass(frozen=True)
 class Matched:
-    """Some of the trusted velocities, and where the compromised record was measured hours before and after."""
+    """Some of the reference's velocities, and where the affected record was measured hours before and after."""
 
     velocity: Complexes  # (k,)
     place: NDArray[np.intp]  # (k, lags)
@@ -47,10 +47,10 @@ class Matched:
 
 
 def one_recording(upper: Record, lower: Record, bins: int) -> str:
-    """Return why the trusted record is the compromised one's own, nothing where it is not.
+    """Return why the reference's record is the affected one's own, nothing where it is not.
 
     Args:
-        upper: the compromised instrument on the grid of the pairs.
+        upper: the affected instrument on the grid of the pairs.
         bins: how many of the nearest bins are averaged for a pair.
     """
     if len(upper.time_s) < FEWEST or len(lower.time_s) < FEWEST:

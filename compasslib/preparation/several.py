@@ -1,4 +1,4 @@
-"""Several trusted instruments: held against each other, and taken together where they agree.
+"""Several references: held against each other, and taken together where they agree.
 
 Each gives pairs of its own, with the water predicted at its own depth. At one time the affected compass turns all of
 them alike, so that their mean turns as each does; they are weighted by how much their speeds, which no compass turns,
@@ -30,13 +30,13 @@ AVERAGED = (
 
 
 def joined(each: Sequence[Pairs], names: Sequence[str]) -> Pairs:
-    """Return the pairs of all trusted instruments that agree, by time, with what is to be said of the others.
+    """Return the pairs of all references that agree, by time, with what is to be said of the others.
 
     Where three or more are there, one that disagrees with all others, which agree, is left out; where two disagree,
     nobody can tell whose fault it is, and the first, which the mooring's file names first, stands alone.
 
     Args:
-        each: by trusted instrument, perhaps none of some.
+        each: by reference, perhaps none of some.
         names: of the instruments.
     """
     if len(each) == 1:
@@ -57,7 +57,7 @@ def joined(each: Sequence[Pairs], names: Sequence[str]) -> Pairs:
 
 
 def together(pairs: Pairs) -> Pairs:
-    """Return pairs of which no two are of one time: those of several trusted instruments become their weighted mean."""
+    """Return pairs of which no two are of one time: those of several references become their weighted mean."""
     if pairs.reference_index is None:
         return pairs
     if not len(pairs):
@@ -91,7 +91,7 @@ def _columns(pairs: Pairs) -> list[str]:
 
 
 def _weights(missed: Floats) -> Floats:
-    """Return the weight of each trusted instrument at each time, (t, k), not below 0, for the least noise together.
+    """Return the weight of each reference at each time, (t, k), not below 0, for the least noise together.
 
     Args:
         missed: predicted minus trusted speed, (t, k), NaN where an instrument has no pair.
@@ -109,7 +109,7 @@ def _weights(missed: Floats) -> Floats:
 
 
 def _agreeing(each: Sequence[Pairs], names: Sequence[str]) -> tuple[list[int], list[str]]:
-    """Return which trusted instruments are used, and what is said of those that disagree."""
+    """Return which references are used, and what is said of those that disagree."""
     count = len(each)
     off = {(a, b): _apart(each[a], each[b]) for a in range(count) for b in range(a + 1, count)}
     wrong = {pair: found for pair, found in off.items() if found is not None}
@@ -127,7 +127,7 @@ def _agreeing(each: Sequence[Pairs], names: Sequence[str]) -> tuple[list[int], l
 
 
 def _apart(one: Pairs, other: Pairs) -> str | None:
-    """Return how the directions of two trusted instruments differ beyond what the profile shows of the water.
+    """Return how the directions of two references differ beyond what the profile shows of the water.
 
     None where they do not, or where too little is there. The predictions at their two depths share the affected
     compass: their difference is the water's alone.

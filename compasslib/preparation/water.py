@@ -1,4 +1,4 @@
-"""The water at the trusted instrument's depth, predicted from the affected instrument's own profile at the same time.
+"""The water at the reference's depth, predicted from the affected instrument's own profile at the same time.
 
 Weights follow from how the velocities of two bins differ with their distance (best linear unbiased prediction as of
 Bretherton, Davis & Fandry 1976; ordinary kriging). Differences of one instrument's bins have one length however its
@@ -19,7 +19,7 @@ NEAREST = 4  # bins that a prediction is made of
 LOOKED_AT, REACH = 8, 10.0  # bins next to the sphere that the structure is learnt from; cells between two of them
 FEWEST, FEWEST_BINS = 100, 4  # differences of two bins; bins, as two distances alone do not tell how layers decorrelate
 LEAST_GOOD = 0.9  # of the share of the best bin: what is often bad, as near a boundary, is not trusted when it is good
-STEP = 0.1  # cells; nearer distances to the trusted instrument share their weights
+STEP = 0.1  # cells; nearer distances to the reference share their weights
 LENGTHS = (2.0, 4.0, 8.0, 16.0, 32.0, 64.0)  # cells over which layers decorrelate
 POWERS = (1.0, 2.0)  # at short distance: layers that are rough, and sheared evenly
 CLEARLY = 0.5  # of the mean square
@@ -67,7 +67,7 @@ class Structure:
 
 @dataclass(frozen=True)
 class Prediction:
-    """The water at the trusted instrument's depth, as the profile has it; turned as the profile is."""
+    """The water at the reference's depth, as the profile has it; turned as the profile is."""
 
     velocity: Complexes  # (n,) m/s, NaN where no bin is good
     expected_m_s: float  # rms error of one component by the structure, median over the samples
@@ -105,7 +105,7 @@ def predict(record: Record, depth_m: Floats, bins: int, learnt: Structure | None
 
     Args:
         record: of the affected instrument.
-        depth_m: of the trusted instrument's cell at each sample, (n,).
+        depth_m: of the reference's cell at each sample, (n,).
         bins: how many the published mean takes, for comparison.
         learnt: the record's structure, where it is known already.
     """
@@ -141,12 +141,12 @@ def predict(record: Record, depth_m: Floats, bins: int, learnt: Structure | None
 
 
 def depth_of_speeds(record: Record, depth_m: Floats, speed_m_s: Floats) -> float:
-    """Return how much deeper than stated the water has the trusted speeds, m; 0 where none does clearly better.
+    """Return how much deeper than stated the water has the reference's speeds, m; 0 where none does clearly better.
 
     Only depths that the profile covers are tried, one cell after the other: beyond it a prediction is vague everywhere.
 
     Args:
-        depth_m: of the trusted instrument's cell, (n,).
+        depth_m: of the reference's cell, (n,).
     """
     bins = record.bin_depth_m()
     away = np.median(bins, axis=0) - float(np.median(depth_m))
@@ -159,7 +159,7 @@ def depth_of_speeds(record: Record, depth_m: Floats, speed_m_s: Floats) -> float
 
 
 def denied_by_speeds(time_s: Floats, mean: Complexes, predicted: Complexes, trusted: Complexes) -> bool:
-    """Tell whether the trusted instrument's speeds agree clearly less with the prediction than with the published mean.
+    """Tell whether the reference's speeds agree clearly less with the prediction than with the published mean.
 
     Speeds do not turn: where a depth is wrong or the layers are not alike, they show it without any heading.
 

@@ -69,7 +69,7 @@ def sentences(results: MooringResults) -> tuple[str, ...]:
 
 
 def _water(errors: Mapping[str, float] | None) -> list[tuple[str, str]]:
-    """Return how far the water at the trusted depth is expected to be from what stands for it, if that is known."""
+    """Return how far the water at the reference's depth is expected to be from what stands for it, if that is known."""
     if not errors:
         return []
     mean, predicted = (f"{words.significant(100.0 * errors[name], 2)} cm/s" for name in ("mean_of_bins", "predicted"))

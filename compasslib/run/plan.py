@@ -133,7 +133,7 @@ class Moorings:
         return _record(wildcards.mooring, self._mooring(wildcards).compromised)
 
     def reference(self, wildcards: Any) -> list[str]:
-        """Return the records of the trusted instruments; none where the mooring has none."""
+        """Return the records of the references; none where the mooring has none."""
         return [_record(wildcards.mooring, role) for role in self._mooring(wildcards).reference]
 
     def records(self, wildcards: Any) -> list[str]:
@@ -153,7 +153,7 @@ class Moorings:
         return bool(self._mooring(wildcards).fit.tilt)
 
     def diagnose(self, wildcards: Any) -> dict[str, Any]:
-        """Return what may be chosen about the search for left-out physics in one mooring."""
+        """Return what may be chosen about the search for unmodelled effects in one mooring."""
         mooring = self._mooring(wildcards)
         trusted = [mooring.instruments[name].direction_reference for name in mooring.reference]
         magnetic = not trusted or "magnetic" in trusted
@@ -211,7 +211,7 @@ class Moorings:
         return {name: _described(mooring) for name, mooring in self.cruise.moorings.items()}
 
     def _serial_number(self, wildcards: Any) -> str | None:
-        """Return what the metadata say, the mooring's attributes being the compromised instrument's."""
+        """Return what the metadata say, the mooring's attributes being the affected instrument's."""
         own = self._instrument(wildcards).attributes
         known = self.attributes(wildcards) if wildcards.role == self._mooring(wildcards).compromised else own
         return next((str(known[key]) for key in ("serial_number", "sensor_serial_number") if key in known), None)

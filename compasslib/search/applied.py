@@ -43,7 +43,7 @@ class Applied:
         *,
         field: EarthField,
     ) -> Scene:
-        """Return in what samples of the compromised instrument were made; what is missing counts as the reference.
+        """Return in what samples of the affected instrument were made; what is missing counts as the reference.
 
         Args:
             time_s: (n,) increasing, UTC seconds.

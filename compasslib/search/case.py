@@ -56,8 +56,8 @@ class Case:
     kind: str  # mooring | platform | swing | magnetometer | declination | two_heads
     simulation: Simulation  # what the recording is held against
     scene: Scene  # in what it was made, with the departures that terms need
-    recorded_deg: Floats  # (n,) heading that the compromised compass gave
-    observed_deg: Floats  # (n,) heading that the trusted side shows
+    recorded_deg: Floats  # (n,) heading that the affected compass gave
+    observed_deg: Floats  # (n,) heading that the reference's side shows
     slowness: Floats  # (n,) what widens the scatter, 1/speed; 0 where nothing does
     expected_deg: (
         Floats  # (n,) width of the scatter as the fit has it; two headings nearer than a few are not told apart
@@ -90,7 +90,7 @@ def mooring_case(
 
     Args:
         logged: other series at their times, (n,) each.
-        reference_magnetic: whether the trusted instrument has a compass too.
+        reference_magnetic: whether the reference has a compass too.
         units: of series that have no name of their own here; 1 where absent.
     """
     columns = covariates.of_pairs(pairs, logged)
@@ -152,7 +152,7 @@ def testable(scene: Scene, reference_magnetic: bool) -> tuple[tuple[type[Term], 
     """Return the terms that a mooring's record can be tested for, and which not with the reason.
 
     Args:
-        reference_magnetic: whether the trusted instrument has a compass too.
+        reference_magnetic: whether the reference has a compass too.
     """
     terms, missing = [], []
     for term in all_terms():

@@ -31,7 +31,7 @@ CLEAREST = 0.2  # correlation of the speeds below which a window says nothing
 
 @dataclass(frozen=True)
 class ClockError:
-    """By how much the compromised clock is ahead of the trusted one, hours: offset at the beginning, and drift."""
+    """By how much the affected clock is ahead of the reference, hours: offset at the beginning, and drift."""
 
     offset_h: float = 0.0
     drift_h_year: float = 0.0
@@ -119,9 +119,9 @@ def _clear(value: float, sigma: float, freedom: int) -> bool:
 
 
 def repaired(pairs: Pairs, clock: ClockError) -> Pairs:
-    """Return the pairs with the trusted instrument read at the compromised one's true times.
+    """Return the pairs with the reference read at the affected one's true times.
 
-    A compromised clock that is ahead stamps too late: its sample belongs to an earlier one of the trusted instrument.
+    A affected clock that is ahead stamps too late: its sample belongs to an earlier one of the reference.
     """
     wanted = pairs.time_s - clock.ahead_s(pairs.time_s)
     stamped, one = np.unique(pairs.time_s + 60.0 * pairs.separation_minutes, return_index=True)

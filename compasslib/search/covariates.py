@@ -45,7 +45,7 @@ def logged(record: Record, observatory_files: Sequence[str], at: Pairs | None = 
     """Return the series beside heading and tilt, those that hold anything, (n,) each.
 
     Args:
-        record: the compromised instrument.
+        record: the affected instrument.
         observatory_files: IAGA-2002 files of one observatory, perhaps none.
         at: overlaps at whose times they are wanted; at every sample of the record where absent.
 

@@ -55,7 +55,7 @@ class Options:
     min_effect_deg: float = 0.5  # visible size, rms, below which a mismatch does not matter
     apply: bool = True  # whether findings on the compass side are handed to the correction
     alarm: float = 0.006  # probability that noise alone gives a name, and that it gives an unexplained mismatch
-    reference_magnetic: bool = True  # whether the trusted instrument has a compass too
+    reference_magnetic: bool = True  # whether the reference has a compass too
     tell: bool = False  # whether other records of the compass are to know what this one tells
 
 

@@ -30,7 +30,7 @@ COURSES, SWUNG_DEG = 24, 1.0  # headings of a swing, and the error of each
 STRENGTH_NT, STRENGTH_S = 50.0, DAY_S  # error of a field strength, the earth's own changes with it, and its memory
 SOFT_NT = 100.0  # a unit of what constant soft iron makes
 TREND = 0.9  # correlation with time from which a series is taken to go on as it did
-SHARED = 0.5  # of a pair's noise: the affected instrument's own, which a second trusted one sees alike
+SHARED = 0.5  # of a pair's noise: the affected instrument's own, which a second reference sees alike
 
 
 @dataclass(frozen=True)

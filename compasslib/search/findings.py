@@ -130,7 +130,7 @@ def of_clock(before: Pairs, after: Pairs, fits: tuple[Fit, Fit], clock: ClockErr
     """Return the findings on the clocks, with what re-pairing does to the residual of fits that have not seen it.
 
     Args:
-        after: pairs with the trusted instrument read at the true times.
+        after: pairs with the reference read at the true times.
     """
     same = kept(before, after)
     moved = angles.difference(observed_heading(after), observed_heading(before)[same])

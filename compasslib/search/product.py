@@ -59,7 +59,7 @@ class Product:
 
 
 def of(fit: Fit, diagnosis: Diagnosis) -> Product:
-    """Return what is to correct the record after the search for left-out physics."""
+    """Return what is to correct the record after the search for unmodelled effects."""
     left_deg = _left(diagnosis)
     if diagnosis.fit is None:
         return Product(fit, left_deg=left_deg)
@@ -100,7 +100,7 @@ def plain(product: Product, pairs: Pairs, record: Record, field: EarthField, ser
 
     Args:
         pairs: overlapping measurements, at times of the record.
-        record: the compromised instrument.
+        record: the affected instrument.
         series: what was logged besides at the record's samples.
     """
     when = np.searchsorted(record.time_s, pairs.time_s)
@@ -118,7 +118,7 @@ def along(product: Product, record: Record, field: EarthField, series: Series) -
     """Return the compass at every sample of the record, None where the fit by itself says it.
 
     Args:
-        record: the compromised instrument.
+        record: the affected instrument.
         series: what was logged besides, (n,) each, see ``covariates.logged``.
     """
     if not product.applied:

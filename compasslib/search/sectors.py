@@ -59,7 +59,7 @@ def heap(state: State) -> Heap | None:
 
 
 def outside(case: Case, heap: Heap) -> Floats:
-    """Return the headings that the trusted side shows, NaN where the reading hangs, (n,) degrees.
+    """Return the headings that the reference's side shows, NaN where the reading hangs, (n,) degrees.
 
     Args:
         heap: where its readings heap up.

@@ -23,7 +23,7 @@ def leans(record: Record) -> dict[str, Floats]:
     healthy part of the record shows of lean against flow tells the tilt when the sensor no longer does.
 
     Args:
-        record: the compromised instrument.
+        record: the affected instrument.
     """
     if not np.isfinite(record.pitch_deg + record.roll_deg).any():
         return {}

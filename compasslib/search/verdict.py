@@ -68,14 +68,14 @@ class Finding:
 
     @property
     def of_compass(self) -> bool:
-        """Whether it acts on the compromised compass, or may."""
+        """Whether it acts on the affected compass, or may."""
         from compasslib.effects import side_of  # only where something was found: the whole catalogue comes with it
 
         return "compass" in {self.side, *(side_of(name) for name in self.alternatives)}
 
     @property
     def beside_compass(self) -> bool:
-        """Whether it surely does not act on the compromised compass."""
+        """Whether it surely does not act on the affected compass."""
         return not self.of_compass
 
     def to_json(self) -> dict[str, Any]:

@@ -46,11 +46,11 @@ class Effect:
     body_nt: Floats | None = None  # (n, 3) added in the body frame
     reading: Callable[[Floats], Floats] | None = None  # added to readings (n, k), degrees
     veer_deg: Floats | None = None  # (n,) lower minus upper direction, clockwise
-    ahead_s: Floats | None = None  # (n,) by which the compromised clock is ahead of the trusted one
+    ahead_s: Floats | None = None  # (n,) by which the affected clock is ahead of the reference
     wrong_clock: str = "top"  # whose clock that is
-    trusted: Callable[[Floats], Floats] | None = None  # added to the trusted compass's headings (n,), degrees
-    gain: float = 0.0  # of the trusted instrument's forward beam pair, beyond the other's
-    bias_m_s: complex = 0.0  # starboard + i forward, in what the trusted instrument measures
+    trusted: Callable[[Floats], Floats] | None = None  # added to the reference's compass's headings (n,), degrees
+    gain: float = 0.0  # of the reference's forward beam pair, beyond the other's
+    bias_m_s: complex = 0.0  # starboard + i forward, in what the reference measures
     north_deg: Floats | None = None  # (n,) by which magnetic north lies east of where it should
     observed_nt: Floats | None = None  # (n, 2) what an observatory saw across and along magnetic north; else as here
     tilts_deg: Floats | None = None  # (n, 2) added to the pitch and roll that the sensors give

@@ -192,7 +192,7 @@ def make(
     share = rng.uniform(0.15, 0.5)
     memory = np.exp(rng.uniform(np.log(6), np.log(24)))
     reds = red(rng, n, memory, kick * np.sqrt(share)) + 1j * red(rng, n, memory, kick * np.sqrt(share))
-    lower_share = rng.uniform(0.3, 0.7)  # of the white part, on the trusted instrument
+    lower_share = rng.uniform(0.3, 0.7)  # of the white part, on the reference
     white = kick * np.sqrt((1 - share) / 2) * (rng.standard_t(6, (2, 2, n)) / np.sqrt(1.5)) * np.sqrt(2)
     up = np.sqrt(1 - lower_share) * (white[0, 0] + 1j * white[0, 1])
     down = np.sqrt(lower_share) * (white[1, 0] + 1j * white[1, 1])
@@ -321,7 +321,7 @@ class Effect:
     extra: Floats | None = None  # (3, n) nT
     offset: Callable[[Floats], Floats] | None = None  # function of the reading, degrees
     veer: Floats | None = None  # (n,) degrees, lower minus upper
-    clock: Floats | None = None  # (n,) hours by which the compromised clock is ahead
+    clock: Floats | None = None  # (n,) hours by which the affected clock is ahead
 
 
 def effect(world: World, name: str) -> Effect:
@@ -466,7 +466,7 @@ def planted(world: World, wanted: dict[str, float], made: Mapping[str, Effect] |
     gamma, veer, clock = combined(world, parts)
     gamma = gamma + world.rng.normal(0, 0.5, gamma.size)
     lower = turned(world.flow + world.difference, veer)
-    # the compromised clock is ahead: what it stamps t happened at t - ahead, when the trusted one showed t - ahead
+    # the affected clock is ahead: what it stamps t happened at t - ahead, when the reference showed t - ahead
     # but is paired as t; so the lower value paired with it is later than the upper one by that
     lower = at_hours(lower, world.hours + clock)
     upper = turned(world.flow, wrap(gamma - world.heading))

@@ -235,7 +235,7 @@ def stuck_tilt(rng: np.random.Generator, here: Circumstances) -> Effect:
     return Effect("stuck_tilt", {"date_s": date}, stuck_from_s=date)
 
 
-# Effects of the trusted instrument.
+# Effects of the reference.
 
 
 def reference_deviation(rng: np.random.Generator, here: Circumstances) -> Effect:
@@ -246,19 +246,19 @@ def reference_deviation(rng: np.random.Generator, here: Circumstances) -> Effect
 
 
 def reference_slip(rng: np.random.Generator, here: Circumstances) -> Effect:
-    """Return a trusted instrument that turned in its clamp on one day."""
+    """Return a reference that turned in its clamp on one day."""
     date = _date(rng, here)
     shift = steps(here.time_s, date).astype(float)
     return Effect("reference_slip", {"offset_deg": 1.0, "date_s": date}, trusted=lambda heading: shift)
 
 
 def reference_beams(rng: np.random.Generator, here: Circumstances) -> Effect:
-    """Return a trusted instrument whose forward beam pair gives too much."""
+    """Return a reference whose forward beam pair gives too much."""
     return Effect("reference_beams", {"gain": 0.035}, gain=0.035)
 
 
 def reference_bias(rng: np.random.Generator, here: Circumstances) -> Effect:
-    """Return a trusted instrument that measures a constant velocity of its own, as by ringing."""
+    """Return a reference that measures a constant velocity of its own, as by ringing."""
     bias = complex(0.003 * np.exp(1j * rng.uniform(0.0, 2.0 * np.pi)))
     return Effect("reference_bias", {"starboard_m_s": bias.real, "forward_m_s": bias.imag}, bias_m_s=bias)
 
@@ -450,13 +450,13 @@ def background_deg(ground: Ground) -> float:
 
 def _ideal(ground: Ground, effects: Sequence[Effect]) -> Floats:
     made = readings.read(ground, effects, ground.stamp_s)
-    # Water that veers clockwise at the trusted instrument looks like a compass that reads too little.
+    # Water that veers clockwise at the reference looks like a compass that reads too little.
     seen = made.recorded_deg - total(effects, "veer_deg", np.zeros(ground.stamp_s.size)) - _at_trusted(ground, effects)
     return left_deg(seen[::EVERY], made.heading_deg[::EVERY])
 
 
 def _at_trusted(ground: Ground, effects: Sequence[Effect]) -> Floats:
-    """Return by how much faults of the trusted instrument turn its directions, clockwise, degrees."""
+    """Return by how much faults of the reference turn its directions, clockwise, degrees."""
     heading = sealed.trusted_heading(ground)
     turned = sum((one.trusted(heading) for one in effects if one.trusted is not None), np.zeros(heading.size))
     true = heading + ground.field.at(ground.stamp_s)[0]

@@ -31,7 +31,7 @@ class Reading:
 
 
 def read(ground: Ground, effects: Sequence[Effect], time_s: Floats, rng: np.random.Generator | None = None) -> Reading:
-    """Return the readings of the compromised compass.
+    """Return the readings of the affected compass.
 
     Args:
         effects: what is planted in it, at the same ensembles.

@@ -79,7 +79,7 @@ def make(seed: int, name: str, wish: Wish) -> Ground:
 
 
 def circumstances(ground: Ground) -> Circumstances:
-    """Return in what the compromised instrument stands at the full hours."""
+    """Return in what the affected instrument stands at the full hours."""
     motion, grid = ground.motion, ground.currents.time_s
     flow = sea.velocity(ground.currents, grid, motion.sphere_depth_m)
     columns = (
@@ -102,7 +102,7 @@ def circumstances(ground: Ground) -> Circumstances:
 
 
 def trusted_heading(ground: Ground) -> Floats:
-    """Return the correct heading of the trusted instrument at the full hours: it turns by itself, degrees, (n,)."""
+    """Return the correct heading of the reference at the full hours: it turns by itself, degrees, (n,)."""
     rng = ground.random("deep heading")
     return circle(180.0 + red_noise(rng, ground.stamp_s.size, memory=30.0, deviation=120.0))
 

@@ -27,7 +27,7 @@ class Export:
     """In which form a mooring's files are."""
 
     deep: str = "pd0"  # pd0 or table
-    true_referenced: bool = False  # the trusted instrument knows true north; only as a table
+    true_referenced: bool = False  # the reference knows true north; only as a table
     observatory: bool = False  # whether an observatory's series lies beside
     temperature_late_d: float = 0.0  # days by which the logged temperature is not that of its time
     coordinates: str = "earth"
@@ -35,7 +35,7 @@ class Export:
 
 @dataclass(frozen=True, eq=False)
 class Written:
-    """What the compromised compass should have given at the samples that were kept, (m,) each."""
+    """What the affected compass should have given at the samples that were kept, (m,) each."""
 
     time_s: Floats  # as it was stamped
     heading_deg: Floats  # correct, magnetic; NaN where the compass was stuck and no model can know it
@@ -82,7 +82,7 @@ def _top_stance(ground: Ground, effects: Sequence[Effect]) -> Stance:
 
 
 def _deep_stance(ground: Ground, effects: Sequence[Effect]) -> Stance:
-    """Return how the trusted instrument hangs under the sphere: its compass is clean."""
+    """Return how the reference hangs under the sphere: its compass is clean."""
     rng = ground.random("deep compass")
     time = ground.stamp_s + DEEP_SAMPLE_S - _ahead(ground, effects, "deep")
     sphere = np.interp(time, ground.motion.time_s, ground.motion.sphere_depth_m)

@@ -1,4 +1,4 @@
-"""Search for left-out physics: what the fit leaves, and the compass that is to correct the record."""
+"""Search for unmodelled effects: what the fit leaves, and the compass that is to correct the record."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Search one calibration for left-out physics."""
+"""Search one calibration for unmodelled effects."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ def run(
 
     Args:
         upper: record of the instrument to correct.
-        lower: records of the trusted ones, perhaps none.
+        lower: records of the references, perhaps none.
         observatory: IAGA-2002 files of one observatory, perhaps none.
         place: arguments of ``earthfield.along_time``.
 

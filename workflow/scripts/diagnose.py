@@ -1,4 +1,4 @@
-"""Search for left-out physics: pairs, fit, record, field -> results/MOORING/{diagnosis,deviation}.json."""
+"""Search for unmodelled effects: pairs, fit, record, field -> results/MOORING/{diagnosis,deviation}.json."""
 
 from compasslib.run.job import job
 from compasslib.stages import diagnose

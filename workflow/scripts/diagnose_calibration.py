@@ -1,4 +1,4 @@
-"""Search one calibration for left-out physics: raw readings -> results/calibrations/NAME/diagnosis.json."""
+"""Search one calibration for unmodelled effects: raw readings -> results/calibrations/NAME/diagnosis.json."""
 
 from compasslib.run.job import job
 from compasslib.stages import diagnose_calibration
