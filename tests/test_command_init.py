@@ -35,7 +35,7 @@ def test_a_folder_of_exports_becomes_a_cruise_that_is_ready(tmp_path, capsys):
     capsys.readouterr()
     assert main(["check", str(new)]) == 0
     said = capsys.readouterr().out
-    assert "2 moorings: ready" in said and "M1.yaml: 6 values still to decide" in said
+    assert "2 moorings: ready" in said and "M1.yaml: 8 values still to decide" in said
     path = new / "config/moorings/M1.yaml"
     path.write_text(path.read_text().replace("DECIDE:", ""))
     assert main(["check", str(new)]) == 0 and "M1.yaml: " not in capsys.readouterr().out

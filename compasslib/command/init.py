@@ -201,6 +201,7 @@ def _of_record(form: str, files: tuple[str, ...], keys: Mapping[str, object], re
         bins=record.east.shape[1],
         has_compass=bool(np.isfinite(record.heading_deg).any()),
         depth_m=depth if depth > 0.0 else np.nan,
+        depth_range_m=float(np.ptp(np.quantile(level[inside], [0.01, 0.99]))) if inside.any() else np.nan,
         looks_up=record.looks_up if form in ("pd0", "nortek", "netcdf", "rdi_text") else None,
         heading_bias_deg=record.heading_bias_deg,
         direction_reference=north,

@@ -21,6 +21,7 @@ WHO = {
     None: "the one whose compass is beside iron",
     True: "the one whose compass is beside iron; taken: it has a compass and most bins",
 }
+STILL_M = 0.3  # tide and weather move an instrument's depth by more
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,7 @@ class Told:
     bins: int = 0
     has_compass: bool = False
     depth_m: float = math.nan
+    depth_range_m: float = math.nan  # of 98 % of the depths
     looks_up: bool | None = None
     heading_bias_deg: float | None = None  # taken out by the reader; None: the format does not tell
     direction_reference: str | None = None  # true where the files say so; None: they do not tell
@@ -150,6 +152,11 @@ def _instrument(name: str, told: Told) -> list[str]:
 def _depth(told: Told) -> list[str]:
     if math.isnan(told.depth_m):
         return [_line("depth", None, f"{DECIDE} m, of the transducer; the files do not tell", indent=4)]
+    if told.depth_range_m < STILL_M:
+        doubt = (
+            f"{DECIDE} m, recorded with no change beyond {told.depth_range_m:.2g}: entered, or its pressure is stuck"
+        )
+        return [_line("depth", round(told.depth_m, 1), doubt, indent=4)]
     return [_line("depth", round(told.depth_m, 1), "m, the median of what it recorded", indent=4)]
 
 
