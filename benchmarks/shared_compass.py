@@ -1,0 +1,237 @@
+"""Several records of one compass, scored on simulated redeployments: what they share, who is odd, what short ones gain.
+
+    python benchmarks/shared_compass.py 40 1              40 sets of three deployments of each kind by seed 1
+    python benchmarks/shared_compass.py 40 1 --kind null  one kind: shared, null, season, siblings, short
+    python benchmarks/shared_compass.py 40 1 --every 2    a sample every 2 hours; 4 where absent
+
+The world is compasslib/simulation/redeployed.py; the sets of ``siblings`` and ``short`` are fitted, not searched. One core,
+and the exit status is 1 where a 95 % interval excludes its target. Seeds are to be drawn after the code is frozen.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from dataclasses import replace
+
+import numpy as np
+from discrepancy import field_of, fitted, held, line, share
+from scipy.stats import chi2, ncx2
+
+from compasslib import deviation
+from compasslib.core import angles
+from compasslib.core.records import take
+from compasslib.deviation import correction, exact
+from compasslib.deviation import model as fits
+from compasslib.joint import coefficients, content
+from compasslib.joint.coefficients import OWN
+from compasslib.joint.members import Member
+from compasslib.search.diagnosis import Options, diagnose
+from compasslib.simulation import redeployed
+from compasslib.simulation.pairs import Drawn
+
+KINDS = ("shared", "null", "season", "siblings", "short")
+EFFECTS = ("sextantal", "octantal", "temperature", "heeling", "supply_voltage")
+SIZE_DEG, SEASON_DEG, BETWEEN_NT = 0.8, 4.0, (30.0, 100.0, 300.0)
+FAR = (2.0, 3.0, 4.0, 6.0)  # standard deviations between two compasses
+SHORT_H, COVERED_DEG = 20 * 24, 90.0
+
+
+def thinned(drawn: Drawn, every: int) -> Drawn:
+    some = slice(None, None, every)
+    series = {name: column[some] for name, column in drawn.covariates.items()}
+    return replace(drawn, pairs=take(drawn.pairs, some), covariates=series, heading=drawn.heading[some])
+
+
+def searched(name: str, drawn: Drawn) -> tuple[Member, list[str]]:
+    """Return what a record tells, and the effects that it names alone."""
+    fit, field = fitted(drawn), field_of(drawn)
+    found = diagnose(drawn.pairs, drawn.covariates, fit, field, Options(tell=True))
+    names = [one.effect for one in found.findings if one.probability >= 0.5 and one.side == "compass"]
+    if found.told is None:
+        return fitted_only(name, drawn), names
+    told = found.told
+    return Member(
+        name, "mooring", None, drawn.horizontal, drawn.vertical, told.coefficients, told.covariance, told.effects
+    ), names
+
+
+def fitted_only(name: str, drawn: Drawn) -> Member:
+    fit = fitted(drawn)
+    return Member(name, "mooring", None, drawn.horizontal, drawn.vertical, fit.coefficients, fit.covariance)
+
+
+def of_shared(index: int, seed: int, kind: str, every: int) -> dict:
+    """Return one set of three records that share an effect, nothing, or a season of the water."""
+    name = EFFECTS[index % len(EFFECTS)]
+    keys = {"shared": {"shared": (name, SIZE_DEG)}, "season": {"season_deg": SEASON_DEG}, "null": {}}[kind]
+    drawn = redeployed.deployments(own(seed, kind, index), **keys)
+    each = [searched(f"M{k}", thinned(one, every)) for k, one in enumerate(drawn)]
+    _, found = content.joined("compass", [one for one, _ in each], 0.5)
+    sizes = [one.visible_deg.get(name, 0.0) for one in drawn]
+    return {
+        "kind": kind,
+        "effect": name if kind == "shared" else None,
+        "alone": [names for _, names in each],
+        "named": [one.effect for one in found.findings],
+        "sets": [[one.effect, *one.alternatives] for one in found.findings],
+        "visible": sizes,
+        "z": [
+            (one.parameters[key].value - value) / one.parameters[key].sigma
+            for one in found.findings
+            for key, value in drawn[0].truth.get(one.effect, {}).items()
+            if key in one.parameters
+        ],
+    }
+
+
+def truth(drawn: Drawn) -> np.ndarray:
+    """Return B..E of a level compass with the iron of the world."""
+    world = drawn.world
+    soft, (h, z) = world.soft, world.earth
+    scale = (soft[0, 0] + soft[1, 1]) / 2.0
+    iron = (world.hard[:2] * h + soft[:2, 2] * z) / (scale * h)
+    return np.array([*iron, (soft[0, 0] - soft[1, 1]) / 2.0 / scale, (soft[0, 1] + soft[1, 0]) / 2.0 / scale])
+
+
+def of_siblings(index: int, seed: int, every: int) -> dict:
+    """Return one set of three: who is rejected, as it is and with one moved away, and whether priors hold the truth."""
+    rng = np.random.default_rng(own(seed, "siblings", index))
+    drawn = redeployed.deployments(own(seed, "siblings", index), between_nT=BETWEEN_NT[index % len(BETWEEN_NT)])
+    members = [fitted_only(f"M{k}", thinned(one, every)) for k, one in enumerate(drawn)]
+    joined = coefficients.join(members)
+    inside = []
+    for one, member in zip(drawn, members, strict=True):
+        law = coefficients.expected(member, [other for other in members if other is not member])
+        off = np.abs(truth(one) - law.mean) / np.sqrt(np.diag(law.covariance))
+        inside.append(float(np.mean(off < 1.96)))
+    swapped = {}
+    for far in FAR:
+        law = coefficients.expected(members[0], members[1:])
+        spread = law.covariance + members[0].covariance[np.ix_(OWN, OWN)]
+        toward = rng.normal(size=4)
+        moved = members[0].coefficients.copy()
+        moved[OWN] += np.linalg.cholesky(spread) @ (far * toward / np.linalg.norm(toward))
+        odd = coefficients.join([replace(members[0], coefficients=moved), *members[1:]]).rejected
+        swapped[far] = [one.name for one in odd] == ["M0"]
+    return {"kind": "siblings", "rejected": len(joined.rejected), "inside": inside, "swapped": swapped}
+
+
+def of_short(index: int, seed: int, every: int) -> dict:
+    """Return the headings of a short record that covers a quarter of the circle, alone and with two siblings."""
+    drawn = redeployed.deployments(own(seed, "short", index))
+    whole, siblings = drawn[0], [fitted_only(f"M{k}", thinned(one, every)) for k, one in enumerate(drawn[1:], 1)]
+    record, pairs = whole.pairs, take(whole.pairs, slice(0, SHORT_H))
+    middle = angles.mean(whole.heading[:SHORT_H])
+    kept = np.abs(angles.difference(whole.heading[:SHORT_H], middle)) < COVERED_DEG / 2.0
+    pairs = take(pairs, np.flatnonzero(kept))
+    bare = Member("M0", "mooring", None, whole.horizontal, whole.vertical, np.zeros(0), np.zeros(0))
+    prior = coefficients.join([bare, *siblings]).prior("M0")
+    if prior is None:
+        return {"kind": "short", "alone": np.nan, "both": np.nan}
+    alone = deviation.fit("exact", pairs)
+    free = replace(prior, precision=prior.precision * np.outer([0, 1, 1, 1, 1], [0, 1, 1, 1, 1]))
+    both = deviation.fit("exact", pairs, exact.beside(free, pairs))
+    row = {"kind": "short", "pairs": len(pairs)}
+    some = take(record, slice(0, None, every))
+    for name, fit in (("alone", alone), ("both", both)):
+        made = correction.headings(correction.readings_of(some), fit, pairs)
+        off = angles.difference(made.heading_deg, whole.heading[::every])
+        row[name] = angles.rms(off[np.isfinite(off)])
+        row[f"{name}_covered"] = float(np.nanmean(np.abs(off) < 1.96 * made.sigma_deg))
+    none = fits.Fit("calibration", 0, prior.mean, np.linalg.inv(prior.precision), heading_density=both.heading_density)
+    made = correction.headings(correction.readings_of(some), none, take(record, slice(0, 0)))
+    off = angles.difference(made.heading_deg, whole.heading[::every])
+    row |= {"none": angles.rms(off), "none_covered": float(np.nanmean(np.abs(off) < 1.96 * made.sigma_deg))}
+    return row
+
+
+def own(seed: int, kind: str, index: int) -> int:
+    return 10_000 * seed + 1000 * KINDS.index(kind) + index
+
+
+def mean(values) -> tuple[float, float, float]:
+    """Return a mean with its 95 % interval, by drawing sets anew."""
+    each = np.array([value for value in values if np.isfinite(value)])
+    drawn = np.random.default_rng(0).choice(each, (2000, len(each))).mean(axis=1)
+    return float(each.mean()), *map(float, np.quantile(drawn, [0.025, 0.975]))
+
+
+def covered(what: str, values) -> bool:
+    values = list(values)
+    middle, low, high = mean(values)
+    good = low <= 0.97 and high >= 0.93
+    text = f"{100 * middle:.1f} % ({100 * low:.1f}-{100 * high:.1f}), n = {len(values)}"
+    line(what, text, "93-97 %" if good else "93-97 %, MISSED")
+    return good
+
+
+def report(rows: list[dict]) -> bool:
+    """Print the score; False where a target is outside its interval."""
+    kind = {name: [row for row in rows if row["kind"] == name] for name in KINDS}
+    print("\n| measure | value | target |\n|---|---|---|")
+    good = []
+    if shared := kind["shared"]:
+        what = f"three records that share {SIZE_DEG} degrees: named on the compass"
+        good.append(held(what, (r["effect"] in r["named"] for r in shared), least=0.85))
+        line("the same: among the names", share(any(r["effect"] in s for s in r["sets"]) for r in shared))
+        line("the same: named by a record alone", share(r["effect"] in names for r in shared for names in r["alone"]))
+        line("the same: another effect named", share(bool({*r["named"]} - {r["effect"]}) for r in shared))
+        for name in EFFECTS:
+            line(f"- {name}", share(name in r["named"] for r in shared if r["effect"] == name))
+        z = [z for r in shared for z in r["z"]]
+        good.append(covered("amplitudes within their 95 % interval", (abs(x) < 1.96 for x in z)))
+    if nulls := kind["null"]:
+        good.append(held("three records of nothing: an effect named", (bool(r["named"]) for r in nulls), most=0.01))
+    if season := kind["season"]:
+        what = f"a season of the water of {SEASON_DEG:g} degrees in all three: an effect named"
+        good.append(held(what, (bool(r["named"]) for r in season), most=0.01))
+        line("the same: named by a record alone", share(bool(names) for r in season for names in r["alone"]))
+    if siblings := kind["siblings"]:
+        each = [k < r["rejected"] for r in siblings for k in range(3)]
+        good.append(held("real siblings rejected", each, most=0.02))
+        for far in FAR:
+            values = [r["swapped"][far] for r in siblings]
+            best = f"{100 * ncx2.sf(chi2.isf(0.02, 4), 4, far**2):.0f} % by a test of B..E that rejects 2 % of siblings"
+            if far == 4.0:
+                good.append(held(f"another compass {far:g} sigma away: told", values, least=0.95))
+            line(f"another compass {far:g} sigma away: told", share(values), best)
+        good.append(
+            covered("B..E within the 95 % interval that the others tell", (x for r in siblings for x in r["inside"]))
+        )
+    if short := kind["short"]:
+        for name, words in (("alone", "alone"), ("both", "with two siblings"), ("none", "by siblings, no reference")):
+            middle, low, high = mean(r[name] for r in short)
+            text = f"{middle:.2f} ({low:.2f}-{high:.2f}), n = {len(short)}"
+            line(f"headings of 20 days that cover {COVERED_DEG:.0f} degrees, {words}: error, rms degrees", text)
+            good.append(
+                covered(f"the same, {words}: within 95 %", (r[f"{name}_covered"] for r in short)) or name == "alone"
+            )
+        line("the same: better with siblings than alone", share(r["both"] < r["alone"] for r in short))
+    return all(good)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("count", type=int, nargs="?", default=30, help="sets of each kind (default 30)")
+    parser.add_argument("seed", type=int, nargs="?", default=1)
+    parser.add_argument("--kind", choices=KINDS)
+    parser.add_argument("--every", type=int, default=4, help="hours from one sample to the next (default 4)")
+    asked = parser.parse_args()
+    rows, begin = [], time.process_time()
+    for kind in KINDS if asked.kind is None else (asked.kind,):
+        for index in range(asked.count):
+            if kind == "siblings":
+                rows.append(of_siblings(index, asked.seed, asked.every))
+            elif kind == "short":
+                rows.append(of_short(index, asked.seed, asked.every))
+            else:
+                rows.append(of_shared(index, asked.seed, kind, asked.every))
+            print(f"\r{kind} {index + 1} of {asked.count}", end="", file=sys.stderr)
+    print(f"\n{time.process_time() - begin:.0f} s of one core", file=sys.stderr)
+    sys.exit(0 if report(rows) else 1)
+
+
+if __name__ == "__main__":
+    main()
