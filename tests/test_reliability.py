@@ -461,7 +461,7 @@ def test_a_results_folder_without_room_or_rights_is_one_line_and_leaves_nothing_
     assert chain.run(folder)["error"] is None
 
 
-@pytest.mark.parametrize(("room", "file"), [("150k", "work/deep.nc"), ("280k", "overlap.nc"), ("450k", "corrected.nc")])
+@pytest.mark.parametrize(("room", "file"), [("200k", "work/deep.nc"), ("280k", "overlap.nc"), ("450k", "corrected.nc")])
 def test_a_disk_that_fills_up_at_any_stage_is_one_line_and_with_room_the_results_are_the_same(
     sound, tmp_path, room, file
 ):
