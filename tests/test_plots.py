@@ -235,11 +235,6 @@ def test_figure_is_whole_and_legible(kind, figure, gallery):
     check_page(*gallery.show(kind, figure))
 
 
-def test_theory_is_whole_and_legible(tmp_path):
-    path = tmp_path / "theory.png"
-    check_page(path, saved(lambda: deviation.theory(path)))
-
-
 def residuals(covariate: str, low: float, high: float) -> dict:
     """Return a binned residual as diagnosis.json has it."""
     centre = np.linspace(low, high, 12)

@@ -1,15 +1,16 @@
-"""Figures for a paper, each one PNG; this room alone knows matplotlib.
+"""Figures for the report and for a paper, each one PNG; this room alone knows matplotlib.
 
-Figures 5 to 9 of von Appen 2015, the record along time, the diagnosis, and those of calibrations. A figure appears
-whole or not at all, and the same data give the same bytes.
-
-The curves of von Appen 2015, Fig. 2, as one file:
+Currents before and after, the equivalents of Figures 6 to 9 of von Appen 2015, the diagnosis, and those of calibrations.
+A figure appears whole or not at all, and the same data give the same bytes.
 
 >>> from pathlib import Path
 >>> from tempfile import TemporaryDirectory
->>> from compasslib.plots import deviation
+>>> from compasslib.plots.page import CORRECTED, degrees, page
 >>> with TemporaryDirectory() as folder:
-...     deviation.theory(Path(folder, "theory.png"))
+...     with page(Path(folder, "heading.png"), 1.5) as figure:
+...         axes = figure.subplots()
+...         _ = axes.plot([0.0, 360.0], [0.0, 5.0], color=CORRECTED)
+...         degrees(axes.xaxis, (0.0, 360.0))
 ...     [path.name for path in Path(folder).iterdir()]
-['theory.png']
+['heading.png']
 """

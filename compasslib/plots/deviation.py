@@ -1,4 +1,4 @@
-"""How much a compass deviates: fitted to a mooring (von Appen 2015, Figs 6 and 7) and in theory (Fig. 5)."""
+"""How much a compass deviates, as fitted to a mooring (von Appen 2015, Figs 6 and 7)."""
 
 from __future__ import annotations
 
@@ -25,8 +25,6 @@ from compasslib.plots.page import (
     BLACK,
     BLUE,
     GREEN,
-    ORANGE,
-    SKY,
     VERMILION,
     degrees,
     empty,
@@ -42,9 +40,6 @@ WHOLE_STRETCH = {INVERTED: "fit, invertible"}
 BAND: dict[str, Any] = {"color": GREEN, "alpha": 0.25, "linewidth": 0}
 POINT: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 2.5, "color": "#333333", "markeredgewidth": 0}
 RING: dict[str, Any] = {**POINT, "color": BLACK, "markerfacecolor": "white", "markeredgewidth": 0.7}
-# Von Appen 2015, Fig. 5: amplitude B in degrees; the fourth is the largest that can be inverted all round.
-WHOLE_DEG = float(np.rad2deg(1.0))
-THEORY = {0.0: BLACK, 20.0: SKY, 45.0: BLUE, WHOLE_DEG: GREEN, 90.0: ORANGE, 135.0: VERMILION}
 CORRECT, RECORDS, DEVIATES = "Correct β (°)", "Recorded γ (°)", "Deviation β − γ (°)"
 
 
@@ -75,23 +70,6 @@ def deviation(path: str | Path, pairs: Pairs, fit: Fit) -> None:
             _draw_curve(panels, curve)
             _draw_inverse(panels[2], fit, curve)
         legend(figure, handles, columns=1)
-
-
-def theory(path: str | Path) -> None:
-    """Draw deviations B sin β of growing amplitude, solid where they can be inverted (von Appen 2015, Fig. 5)."""
-    with page(path, 4.4) as figure:
-        panels = _three(figure)
-        for amplitude, colour in THEORY.items():
-            fit = Fit("von_appen", 0, coefficients=np.array([0.0, amplitude, 0.0, 0.0, 0.0]))
-            curve = curves.curve(fit, -180.0, [])
-            for stretch, line in ((INVERTED, "-"), (GIVEN_UP, (0, (2.5, 1.5)))):
-                _along(panels, curve, stretch, color=colour, linestyle=line)
-        for axes in panels:
-            degrees(axes.xaxis, (-180.0, 180.0), signed=True)
-            degrees(axes.yaxis, (-180.0, 180.0), signed=True)
-        _name_panels(panels)
-        handles = [Line2D([], [], color=colour, label=f"B = {b:.3g}°") for b, colour in THEORY.items()]
-        legend(figure, handles, columns=3)
 
 
 def _three(figure: Figure) -> list[Axes]:
