@@ -2,6 +2,7 @@
 
     python benchmarks/accuracy.py            the demonstration cruise, after make run
     python benchmarks/accuracy.py CRUISE     any cruise folder with truth/NAME.csv or truth_NAME.csv
+    python benchmarks/accuracy.py --product  what stands in the cruise's results, search included, and nothing else
 
 The cruise is run with every mooring by ``exact``, by ``exact`` with tilt and by ``von_appen``, beside the original,
 which stays as it is. Where a mooring has no truth its own recorded headings are taken for it (it was right).
@@ -85,6 +86,13 @@ def line(source: Path, folder: Path, name: str, method: str) -> str:
     return f"| {name} | {method} | " + " | ".join(numbers) + " |"
 
 
+def product(source: Path) -> None:
+    """Print the table of the results that are there."""
+    print(HEAD + "\n" + "|---" * HEAD.count(" |") + "|")
+    for path in sorted((source / "config/moorings").glob("*.yaml")):
+        print(line(source, source, path.stem, "product"))
+
+
 def main(source: Path) -> None:
     if not (source / "raw").is_dir():
         sys.exit(f"{source}: no raw files; run make run first, or name a cruise folder")
@@ -98,4 +106,5 @@ def main(source: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]) if len(sys.argv) > 1 else PROJECT)
+    folders = [Path(word) for word in sys.argv[1:] if word != "--product"]
+    (product if "--product" in sys.argv else main)(folders[0] if folders else PROJECT)
