@@ -4,15 +4,17 @@
     python benchmarks/shared_compass.py 40 1 --kind null  one kind: shared, null, season, siblings, short
     python benchmarks/shared_compass.py 40 1 --every 2    a sample every 2 hours; 4 where absent
 
-The world is compasslib/simulation/redeployed.py; the sets of ``siblings`` and ``short`` are fitted, not searched. One core,
+The world is compasslib/simulation/redeployed.py; sets of ``siblings`` and ``short`` are fitted, not searched. One core,
 and the exit status is 1 where a 95 % interval excludes its target. Seeds are to be drawn after the code is frozen.
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
 import sys
 import time
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -205,11 +207,19 @@ def report(rows: list[dict]) -> bool:
             middle, low, high = mean(r[name] for r in short)
             text = f"{middle:.2f} ({low:.2f}-{high:.2f}), n = {len(short)}"
             line(f"headings of 20 days that cover {COVERED_DEG:.0f} degrees, {words}: error, rms degrees", text)
-            good.append(
-                covered(f"the same, {words}: within 95 %", (r[f"{name}_covered"] for r in short)) or name == "alone"
-            )
+            inside = [r[f"{name}_covered"] for r in short]
+            if name == "both":
+                good.append(covered(f"the same, {words}: within 95 %", inside))
+            else:  # alone the weak priors rule; without a reference the clamp's spread, which this world has not
+                line(f"the same, {words}: within 95 %", f"{100 * np.mean(inside):.1f} %")
         line("the same: better with siblings than alone", share(r["both"] < r["alone"] for r in short))
     return all(good)
+
+
+def measure(kind: str, index: int, seed: int, every: int) -> dict:
+    if kind == "siblings":
+        return of_siblings(index, seed, every)
+    return of_short(index, seed, every) if kind == "short" else of_shared(index, seed, kind, every)
 
 
 def main() -> None:
@@ -220,14 +230,9 @@ def main() -> None:
     parser.add_argument("--every", type=int, default=4, help="hours from one sample to the next (default 4)")
     asked = parser.parse_args()
     rows, begin = [], time.process_time()
-    for kind in KINDS if asked.kind is None else (asked.kind,):
-        for index in range(asked.count):
-            if kind == "siblings":
-                rows.append(of_siblings(index, asked.seed, asked.every))
-            elif kind == "short":
-                rows.append(of_short(index, asked.seed, asked.every))
-            else:
-                rows.append(of_shared(index, asked.seed, kind, asked.every))
+    with suppress(KeyboardInterrupt):  # what was measured until then is told
+        for kind, index in itertools.product(KINDS if asked.kind is None else (asked.kind,), range(asked.count)):
+            rows.append(measure(kind, index, asked.seed, asked.every))
             print(f"\r{kind} {index + 1} of {asked.count}", end="", file=sys.stderr)
     print(f"\n{time.process_time() - begin:.0f} s of one core", file=sys.stderr)
     sys.exit(0 if report(rows) else 1)

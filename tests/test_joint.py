@@ -1,4 +1,4 @@
-"""Several records of one compass: iron that is shared, records that do not belong, effects by added evidence, priors."""
+"""Several records of one compass: shared iron, records that do not belong, effects by added evidence, priors."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from compasslib.search.sharing import Effects
 from compasslib.simulation import pairs as sea
 
 FIELDS = ((12000.0, 52000.0), (15000.0, 50000.0), (20000.0, 42000.0))
+ELSE = np.array([0.0, 0.15, -0.1, 0.02, 0.02])  # by which another compass differs
 IRON = np.array([900.0, -500.0, 0.01, -0.005, 0.02, 0.01])  # by coefficients.NAMES
 
 
@@ -58,7 +59,7 @@ def test_siblings_stay_and_strangers_are_told():
     for _ in range(12):
         three = [member(f"M{k}", field, rng=rng) for k, field in enumerate(FIELDS)]
         lost += len(coefficients.join(three).rejected)
-        another = replace(three[0], coefficients=three[0].coefficients + [0.0, 0.15, -0.1, 0.02, 0.02])
+        another = replace(three[0], coefficients=three[0].coefficients + ELSE)
         odd += [one.name for one in coefficients.join([another, *three[1:]]).rejected] == ["M0"]
     assert (odd, lost) == (12, 0)
 

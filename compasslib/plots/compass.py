@@ -18,6 +18,7 @@ from compasslib.plots.page import BLUE, GREEN, GREY, MAGNETIC, VERMILION, degree
 FIGURES = ("coefficients", "curve")
 WITHIN = 1.96
 LETTERS = "ABCDE"
+COLUMNS = 2
 IRON = (("P_nT", "c"), ("Q_nT", "f"))  # of B and C
 
 
@@ -31,24 +32,18 @@ def coefficients(path: str | Path, content: Mapping[str, Any]) -> None:
     deployments = [one for one in content["deployments"] if one["coefficients"]]
     effects = content["effects"]
     panels = [*"BCDE", *((one, k) for one in effects for k in range(len(one["values"])))]
-    rows = -(-len(panels) // 4)
-    height = rows * (0.9 + 0.2 * max(len(deployments), 1)) + 0.4
+    rows = -(-len(panels) // COLUMNS)
+    height = rows * (0.6 + 0.14 * max(len(deployments), 1)) + 0.4
     with page(path, height) as figure:
-        for axes, panel in zip(figure.subplots(rows, 4, squeeze=False).flat, panels, strict=False):
+        for axes, panel in zip(figure.subplots(rows, COLUMNS, squeeze=False).flat, panels, strict=False):
             if isinstance(panel, str):
                 _iron(axes, panel, deployments, content)
             else:
                 _effect(axes, *panel)
         for axes in figure.axes[len(panels) :]:
             axes.set_visible(False)
-        legend(
-            figure,
-            [
-                Line2D([], [], color=BLUE, marker="o", label="a record alone, 95 %"),
-                Line2D([], [], color=VERMILION, marker="o", label="one that does not fit"),
-                Patch(color=GREEN, alpha=0.25, label="the compass, 95 %"),
-            ],
-        )
+        handles = [Line2D([], [], color=BLUE, marker="o", markersize=3, label="a record alone")]
+        legend(figure, [*handles, *_odd(content), Patch(color=GREEN, alpha=0.25, label="the compass, 95 %")])
 
 
 def curve(path: str | Path, content: Mapping[str, Any]) -> None:
@@ -74,28 +69,27 @@ def curve(path: str | Path, content: Mapping[str, Any]) -> None:
             )
             axes.plot(heading, middle, color=GREEN)
         axes.axhline(0.0, color=GREY, linewidth=0.5)
-        legend(
-            figure,
-            [
-                Line2D([], [], color=BLUE, linewidth=0.8, label="a record alone, without its A"),
-                Line2D([], [], color=VERMILION, linewidth=0.8, label="one that does not fit"),
-                Line2D([], [], color=GREEN, label="the compass in their mean field, 95 %"),
-            ],
-        )
+        handles = [Line2D([], [], color=BLUE, linewidth=0.8, label="a record alone, A left out")]
+        legend(figure, [*handles, *_odd(content), Line2D([], [], color=GREEN, label="the compass, 95 %")])
+
+
+def _odd(content: Mapping[str, Any]) -> list[Line2D]:
+    """Return the entry of the legend for records that do not fit, none where all do."""
+    return [Line2D([], [], color=VERMILION, label="one that does not fit")] if content["rejected"] else []
 
 
 def _iron(axes: Axes, letter: str, deployments: list[dict[str, Any]], content: Mapping[str, Any]) -> None:
     """Draw B and C as iron in nT, D and E as they are."""
     hard = letter in "BC"
-    axes.set_title(f"{letter} times H (nT)" if hard else letter)
+    axes.set_title(f"{letter} times H (µT)" if hard else letter)
     for k, one in enumerate(deployments):
-        unit = one["horizontal_nT"] if hard else 1.0
+        unit = one["horizontal_nT"] / 1000.0 if hard else 1.0
         value, sigma = one["coefficients"][letter] * unit, one["sigma"][letter] * unit
         axes.errorbar(
             value, k, xerr=WITHIN * sigma, color=BLUE if one["fits"] else VERMILION, marker="o", markersize=3, lw=1.0
         )
         if content["coefficients"]:
-            middle, spread = _expected(letter, one, content)
+            middle, spread = (x / (1000.0 if hard else 1.0) for x in _expected(letter, one, content))
             axes.fill_betweenx([k - 0.35, k + 0.35], middle - WITHIN * spread, middle + WITHIN * spread, color=GREEN,
                                alpha=0.25, lw=0)  # fmt: skip
     _named(axes, [one["name"] for one in deployments])
@@ -116,9 +110,9 @@ def _expected(letter: str, one: Mapping[str, Any], content: Mapping[str, Any]) -
 
 
 def _effect(axes: Axes, effect: Mapping[str, Any], k: int) -> None:
-    axes.set_title(
-        f"{effect['effect'].replace('_', ' ')}: {effect['parameters'][k]} ({effect['units'][k]})", fontsize=7
-    )
+    unit = "°" if effect["units"][k] == "degrees" else effect["units"][k]
+    name, parameter = effect["effect"].replace("_", " "), effect["parameters"][k].split("_")[0]
+    axes.set_title(f"{name}, {parameter} ({unit})")
     value, sigma = effect["values"][k], effect["sigma"][k]
     axes.axvspan(value - WITHIN * sigma, value + WITHIN * sigma, color=GREEN, alpha=0.25, lw=0)
     for row, one in enumerate(effect["each"].values()):

@@ -1,0 +1,108 @@
+"""The example cruise of one profiler deployed several times: run, held against the truth, and what a change re-runs."""
+
+from __future__ import annotations
+
+import csv
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import netCDF4
+import numpy as np
+import pytest
+import yaml
+from test_workflow import CONTRACT, PROJECT, change, planned, snakemake
+
+from compasslib.core import angles
+from compasslib.simulation import redeployed
+from compasslib.stages import pipeline
+
+EXAMPLE = PROJECT / "examples/redeployed"
+SHORT = {"R1": "2007-12-10", "R2": "2009-01-13", "R4": "2011-03-24"}  # ends of deployments of a hundred days
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("redeployed")
+    shutil.copytree(EXAMPLE / "config", folder / "config")
+    (folder / "config/moorings/R3.yaml").unlink()
+    (folder / "config/config.yaml").write_text("overlap: {grid_minutes: 360, max_metres: 60}\n")
+    for name, end in SHORT.items():
+        change(folder / f"config/moorings/{name}.yaml", end=end)
+    beside = yaml.safe_load((folder / "config/moorings/R1.yaml").read_text()) | {"name": "OTHER"}
+    beside["instruments"]["top"].pop("compass")
+    (folder / "config/moorings/OTHER.yaml").write_text(yaml.safe_dump(beside))
+    redeployed.write_cruise(folder, seed=2, hours=2400, every=6)
+    ran = snakemake(folder)
+    assert ran.returncode == 0, ran.stderr
+    return folder
+
+
+def result(folder: Path, path: str):
+    return json.loads((folder / "results" / path).read_text())
+
+
+def test_a_mooring_without_a_reference_is_corrected_within_the_stated_uncertainty(done):
+    with (done / "truth/R4.csv").open() as stream:
+        truth = np.array([float(row["heading_true_magnetic_deg"]) for row in csv.DictReader(stream)])
+    with netCDF4.Dataset(done / "results/R4/corrected.nc") as nc:
+        names = ("HEADING", "HEADING_CORRECTED", "HEADING_CORRECTED_UNCERTAINTY")
+        recorded, corrected, sigma = (nc[name][:].filled(np.nan) for name in names)
+    before, after = (angles.difference(x, truth[: len(x)]) for x in (recorded, corrected))
+    assert np.isfinite(after).all() and angles.rms(after) < 0.6 * angles.rms(before)
+    assert np.mean(np.abs(after) < 1.96 * sigma) > 0.9
+    deviation = result(done, "R4/deviation.json")
+    assert deviation["n_pairs"] == 0 and deviation["coefficients"] is not None
+    assert deviation["shared"]["from"] == ["R1", "R2", "deck"]
+    assert deviation["shared"]["text"].startswith("the compass is carried by R1, R2, deck of compass wh8104")
+
+
+def test_the_compass_has_its_files_and_its_section(done):
+    compass = result(done, "compasses/wh8104/compass.json")
+    assert [one["name"] for one in compass["deployments"]] == ["R1", "R2", "R4", "deck"]
+    assert compass["rejected"] == [] and compass["sigma_between"] > 0.0
+    assert set(compass) >= {"deployments", "coefficients", "covariance", "sigma_between", "rejected"}
+    assert result(done, "compasses/wh8104/diagnosis.json")["verdict"] in ("consistent", "explained", "ambiguous")
+    assert sorted(path.name for path in (done / "results/compasses/wh8104/figures").iterdir()) == [
+        "coefficients.png",
+        "curve.png",
+    ]
+    page = (done / "results/report.html").read_text()
+    assert 'id="compass-wh8104"' in page and "compass is carried by R1, R2, deck" in page
+
+
+def test_a_mooring_that_names_no_compass_is_as_it_was(done):
+    other, alone = result(done, "OTHER/deviation.json"), result(done, "R1/work/alone/deviation.json")
+    assert other["shared"] is None
+    assert other == alone
+    assert result(done, "OTHER/diagnosis.json") == result(done, "R1/work/alone/diagnosis.json")
+    assert result(done, "R1/deviation.json")["coefficients"] != alone["coefficients"]
+
+
+def test_one_mooring_by_itself_gives_the_workflow_s_files(done, tmp_path):
+    made = pipeline.process(done, "R4", tmp_path / "R4")
+    for file in ("deviation.json", "diagnosis.json", "assessment.json", "corrected.nc", "work/alone/summary.json"):
+        assert (made / file).read_bytes() == (done / "results/R4" / file).read_bytes(), file
+
+
+def test_a_changed_record_re_runs_its_compass_and_nothing_else(done):
+    file = done / "config/moorings/R2.yaml"
+    before = file.read_text()
+    change(file, end="2009-01-11")
+    again = planned(done)
+    file.write_text(before)
+    assert {rule for rule, name in again if name == "R2"} >= {"read", "fit", "diagnose_alone", "share", "correct"}
+    after = {"share", "assess", "compare", "correct", "figures"}
+    for name in ("R1", "R4"):
+        assert {rule for rule, of in again if of == name} == after
+    assert not [rule for rule, of in again if of == "OTHER"]
+    assert {rule for rule, of in again if not of} == {"join", "joined_figures", "summary", "report", "provenance"}
+
+
+def test_it_keeps_the_contract(done):
+    if not CONTRACT.exists():
+        pytest.skip("no ../shared/tools")
+    checked = subprocess.run([sys.executable, CONTRACT, done], capture_output=True, text=True)
+    assert checked.returncode == 0, checked.stdout
