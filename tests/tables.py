@@ -167,7 +167,7 @@ def outcome(path: Path, form: Form, kind: str = "table") -> str:
 
 def _read(path: Path, kind: str, settings: dict[str, object]) -> Truth:
     if kind == "covariate":
-        time_s, value = covariate.series({"files": [path], **settings})
+        time_s, value, _ = covariate.series({"files": [path], **settings})
         return Truth(time_s, value, value)
     if kind == "calibration":
         logged = log.read([path], settings)

@@ -30,7 +30,13 @@ def test_a_series_is_read_between_its_values_and_not_in_its_gaps(record, tmp_pat
     rows = [(begin - 1800.0 * k, 2.0 * k) for k in (-1, -2, -3)] + [(begin + 9 * 1800.0, 18.0)]
     found = channels.beside(record, given(tmp_path / "t.csv", rows))
     np.testing.assert_array_equal(found.channels["turbidity"], [np.nan, -4.0, np.nan, np.nan, np.nan, np.nan])
-    assert found.channel_units == {"turbidity": "NTU"}
+    assert found.channel_units == {"turbidity": "NTU"} and found.warnings == record.warnings
+    table = tmp_path / "t.csv"
+    table.write_text(table.read_text().replace(",", ";"))
+    again = channels.beside(
+        record, {"turbidity": {**given(tmp_path / "u.csv", rows)["turbidity"], "files": [str(table)]}}
+    )
+    assert again.warnings[-1] == "turbidity: the table was read as it is written: cells between semicolons"
 
 
 def test_a_series_of_another_year_is_refused_in_one_line(record, tmp_path):

@@ -12,7 +12,7 @@ def test_a_covariate_is_its_rows_in_the_order_of_time_without_gaps_and_contradic
     (tmp_path / "a.csv").write_text(text)
     (tmp_path / "b.csv").write_text("at,A\n2007-09-04T01:00Z,1\n2007-09-04T02:00Z,9\n")
     files = [str(tmp_path / name) for name in ("a.csv", "b.csv")]
-    time_s, value = series({"files": files, "columns": {"time": "at", "value": "A", "date": None}})
+    time_s, value, _ = series({"files": files, "columns": {"time": "at", "value": "A", "date": None}})
     assert ((time_s - 1188864000.0) / 3600.0).tolist() == [1.0, 3.0] and value.tolist() == [1.0, 3.0]
 
 

@@ -28,9 +28,14 @@ def beside(record: Record, series: Mapping[str, Mapping[str, Any]]) -> Record:
     Raises:
         InputError: a table cannot be read, or holds nothing at the record's times.
     """
-    found = {name: _at(record, name, one) for name, one in series.items()}
+    read = {name: _at(record, name, one) for name, one in series.items()}
     units = {name: str(one["unit"] or "1") for name, one in series.items()}
-    return replace(record, channels={**record.channels, **found}, channel_units={**record.channel_units, **units})
+    return replace(
+        record,
+        channels={**record.channels, **{name: values for name, (values, _) in read.items()}},
+        channel_units={**record.channel_units, **units},
+        warnings=(*record.warnings, *(f"{name}: {note}" for name, (_, notes) in read.items() for note in notes)),
+    )
 
 
 def witnessed(record: Record) -> Record:
@@ -63,8 +68,8 @@ def witnessed(record: Record) -> Record:
     )
 
 
-def _at(record: Record, name: str, one: Mapping[str, Any]) -> Floats:
-    time_s, value = covariate.series(one)
+def _at(record: Record, name: str, one: Mapping[str, Any]) -> tuple[Floats, tuple[str, ...]]:
+    time_s, value, notes = covariate.series(one)
     at = interpolated(record.time_s, time_s, value)
     if len(at) and not np.isfinite(at).any():
         span = " to ".join(str(np.datetime64(int(t), "s")) for t in time_s[[0, -1]])
@@ -74,7 +79,7 @@ def _at(record: Record, name: str, one: Mapping[str, Any]) -> Floats:
             found=span,
             advice="check times and columns, or delete the covariate",
         )
-    return at
+    return at, notes
 
 
 def interpolated(at_s: Floats, time_s: Floats, value: Floats) -> Floats:

@@ -10,11 +10,11 @@ import numpy as np
 
 from compasslib.core.errors import InputError
 from compasslib.core.types import Floats
-from compasslib.readers.cells import Layout, columns_of
+from compasslib.readers.cells import Layout, said, table_of
 
 
-def series(covariate: Mapping[str, Any]) -> tuple[Floats, Floats]:
-    """Return the UTC seconds since 1970, increasing, and the values of a covariate's table, (n,) each and finite.
+def series(covariate: Mapping[str, Any]) -> tuple[Floats, Floats, tuple[str, ...]]:
+    """Return UTC seconds since 1970, increasing, and values of a covariate's table, (n,) each and finite; and notes.
 
     Of rows that share a time the first counts where all agree, none where they differ.
 
@@ -28,8 +28,8 @@ def series(covariate: Mapping[str, Any]) -> tuple[Floats, Floats]:
     headers = {role: header for role, header in covariate["columns"].items() if header is not None}
     paths = [Path(file) for file in covariate["files"]]
     advice = "correct columns of the covariate in the mooring file"
-    parts = [columns_of(path, headers, advice, Layout.of(covariate)) for path in paths]
-    time_s, value = (np.concatenate([part[role] for part in parts]) for role in ("time", "value"))
+    parts = [table_of(path, headers, advice, Layout.of(covariate)) for path in paths]
+    time_s, value = (np.concatenate([part.columns[role] for part in parts]) for role in ("time", "value"))
     known = np.isfinite(time_s) & np.isfinite(value)
     time_s, first, which = np.unique(time_s[known], return_index=True, return_inverse=True)
     values = value[known]
@@ -39,4 +39,4 @@ def series(covariate: Mapping[str, Any]) -> tuple[Floats, Floats]:
         raise InputError(
             where, expected="rows with a time and a value", found=found, advice="check columns and missing"
         )
-    return time_s[~torn], values[first][~torn]
+    return time_s[~torn], values[first][~torn], said(parts)
