@@ -1,6 +1,6 @@
 """Figures for the report and for a paper, each one PNG; this room alone knows matplotlib.
 
-Currents before and after, the equivalents of Figures 6 to 9 of von Appen 2015, the diagnosis, and those of calibrations.
+Currents before and after, Figures 6, 7 and 9 of von Appen 2015 anew, the diagnosis, and those of calibrations.
 A figure appears whole or not at all, and the same data give the same bytes.
 
 >>> from pathlib import Path
