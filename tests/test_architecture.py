@@ -111,3 +111,15 @@ def test_no_download_address_and_no_module_too_long():
         assert path.read_text().count("\n") <= 500, path
     for path in (PROJECT / "requirements").glob("*.txt"):
         assert not re.search(r"https?://|--index|--find-links|@ ", path.read_text()), path
+
+
+def test_what_is_installed_into_one_environment_is_pinned_alike():
+    pins = [
+        dict(re.findall(r"^([\w.-]+)==(\S+)", (PROJECT / f"requirements/{kind}.txt").read_text(), re.MULTILINE))
+        for kind in ("run", "test", "docs")
+    ]
+    run, test, docs = pins
+    assert {name: test[name] for name in run} == run == {name: docs[name] for name in run}
+    assert {name: docs[name] for name in docs.keys() & test.keys()} == {
+        name: test[name] for name in docs.keys() & test.keys()
+    }
