@@ -129,7 +129,7 @@ def test_random_headings_are_flagged_said_and_not_used(share, kept_deg):
     left = np.where(found.heading_quality == GOOD, angles.difference(given.heading_deg, true), np.nan)
     assert np.sqrt(np.nanmean(left**2)) < kept_deg
     assert np.mean(found.heading_quality[at] > GOOD) > 0.85 and np.mean(found.heading_quality[~at] > GOOD) < 0.12
-    assert any("stand off those before and after as nothing turns in running water" in said for said in found.warnings)
+    assert any("differ from those before and after by more than an instrument turns" in said for said in found.warnings)
 
 
 def test_a_few_in_a_row_that_come_back_are_flagged():

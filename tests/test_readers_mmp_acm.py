@@ -399,7 +399,7 @@ def test_without_a_sample_rate_the_switching_times_tell_it_or_it_is_assumed(tmp_
     files = [written(tmp_path, f"A{k}.TXT", t.split("ACM+")[0]) for k, t in enumerate(silent, 101)]
     assumed = read(*files, pressure=(written(tmp_path, "eng.csv", table),))
     assert np.diff(assumed.time_s)[:9] == pytest.approx(0.5)
-    assert any("no file tells the sample rate of 2 profiles: 2 Hz was assumed" in w for w in assumed.warnings)
+    assert any("no file states the sample rate of 2 profiles: 2 Hz was assumed" in w for w in assumed.warnings)
 
 
 def test_scans_whose_time_nothing_tells_are_refused(tmp_path):

@@ -70,7 +70,7 @@ def test_two_that_have_nothing_in_common_are_said_and_neither_is_believed_more(t
 
     record = read(changed(tmp_path, change))
     assert (record.heading_quality == GOOD).all() and record.counts["heading_off_magnetometer"] > 50
-    assert about(record)[0].endswith("one of the two is wrong, and nothing tells which")
+    assert about(record)[0].endswith("one of the two is wrong, which is unknown")
 
 
 @pytest.mark.parametrize("name", [TEXT, BINARY])

@@ -119,10 +119,10 @@ def _heading_warnings(counts: dict[str, int], values: Floats, known: int) -> lis
         shown = " or ".join(f"{value:.2f}" for value in values)
         notes.append(f"{fill} headings flagged: they read {shown} degrees, a fill value far off {off}")
     if wild:
-        notes.append(f"{wild} of {known} headings flagged: they stand off {off} as nothing turns in running water")
+        notes.append(f"{wild} of {known} headings flagged: they differ from {off} by more than an instrument turns")
     if unsure:
         notes.append(
-            f"{unsure} headings doubted, as they stand off {off} like the wild ones, and others may hide in turns"
+            f"{unsure} headings are doubtful: they differ from {off} like the wild ones, and others may hide in turns"
         )
     return notes
 

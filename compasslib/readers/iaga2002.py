@@ -253,7 +253,7 @@ def _warnings(counts: Mapping[str, int]) -> tuple[str, ...]:
     texts = {
         "damaged": "rows are damaged, or their date and day of the year disagree; they are left out",
         "fillers": "rows hold a value that stands for a missing one beside 88888 and 99999; it is not used",
-        "stuck": "rows stand still for a day and longer, as no field does; they are not used",
+        "stuck": "rows do not vary for a day and longer, as no field does; they are not used",
         "repeated": "rows repeat an instant; the first of each counts",
         "contradicting": "rows repeat an instant with another declination: two versions of the data are mixed",
         "missing": "rows have no declination",

@@ -30,8 +30,8 @@ LOSSES = {
     "rows_contradict": "rows repeat time and depth of another with other values; none of them was used",
     "directions_impossible": "headings or directions are no angles and count as missing",
     "fillers": "fill values (speeds of nines only) count as missing",
-    "rows_sorted": "rows stand earlier than the one before; all were put in order: check the form of the times",
-    "fill_values": "velocities hold a value that stands far more often than those beside it and count as missing",
+    "rows_sorted": "rows are earlier than the one before; all were put in order: check the form of the times",
+    "fill_values": "velocities are fill values (one value far more often than its neighbours) and count as missing",
 }
 
 

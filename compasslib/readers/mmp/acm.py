@@ -76,7 +76,7 @@ class HeadingComparison:
             f"{number} of {self.known} logged headings stand more than {OFF_DEG:g} degrees off those of HX HY HZ TX TY"
         )
         if not self.agrees:
-            return [f"{apart}: one of the two is wrong, and nothing tells which"]
+            return [f"{apart}: one of the two is wrong, which is unknown"]
         notes = [f"{apart} and were flagged"] if number else []
         if abs(self.constant_deg) > OFF_DEG:
             constant = (
@@ -257,7 +257,7 @@ def _starts(scans: Scans, companion: Companion, offset: float, rate: Floats) -> 
     if any(a.number != b.number for a, b in zip(own, starts, strict=True) if np.isfinite(b.on_s)):
         notes.append("profiles and their starts in pressure_files have no common numbers and were matched in order")
     if assumed:
-        notes.append(f"no file tells the sample rate of {assumed} profiles: {USUAL_HZ:g} Hz was assumed")
+        notes.append(f"no file states the sample rate of {assumed} profiles: {USUAL_HZ:g} Hz was assumed")
     return begin, np.where(np.isfinite(rate), rate, USUAL_HZ), notes
 
 

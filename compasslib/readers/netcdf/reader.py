@@ -317,7 +317,7 @@ def _backwards(ranges: Floats) -> bool:
 def _beam_angle(file: File, bins: int) -> float:
     found = file.attribute("beam_angle", "RDI_Beam_Angle", "TRDI_Beam_Angle")
     if found is None and bins > 1:
-        file.notes.append("The file does not tell the angle of the beams: bins that side lobes reach are not flagged.")
+        file.notes.append("The file does not state the angle of the beams: bins that side lobes reach are not flagged.")
     return float(np.asarray(found).ravel()[0]) if found is not None else 0.0
 
 

@@ -275,7 +275,7 @@ def _flag_table(file: File, quality: netCDF4.Variable) -> dict[int, int]:
         else np.atleast_1d([] if stated is None else stated).tolist()
     )
     if len(listed) != len(words) or not words[0]:
-        file.notes.append(f"{quality.name} does not tell its flags' meanings: those of OceanSITES count.")
+        file.notes.append(f"{quality.name} does not state what its flags mean: those of OceanSITES are assumed.")
         return dict(enumerate(OCEANSITES))
     found = {
         int(v): next((flag for word, flag in FLAG_WORDS if word in w), None) for v, w in zip(listed, words, strict=True)
