@@ -115,12 +115,12 @@ def _mooring(name: str, planned: plan.Plan) -> Seen:
         except InputError as error:
             mistakes.append(f"{name}: {error}")
     of_records = (f"{name} {role}: {text}" for role, record in records.items() for text in record.warnings)
-    undecided = _undecided(cruise.root, cruise.mooring_files[name])
+    undecided = _undecided(cruise.mooring_files[name])
     return Seen(tuple(lines), tuple(mistakes), (*undecided, *of_records, *warnings))
 
 
-def _undecided(root: Path, file: str) -> list[str]:
-    count = draft.decisions((root / file).read_text("utf-8"))
+def _undecided(file: str) -> list[str]:
+    count = draft.decisions(Path(file).read_text("utf-8"))
     return [f"{file}: {_counted(count, 'value')} still to decide; a run takes what is written"] * bool(count)
 
 
