@@ -29,7 +29,7 @@ from compasslib.plots.page import page as figure_of
 from compasslib.simulation import draw
 from compasslib.simulation.sealed import Wish
 
-YEARS, MOORINGS, HOURS = (0.1, 0.2), (1, 2), 1500
+YEARS, MOORINGS, HOURS = (0.25, 0.5, 1.0, 2.0), (1, 2, 4), 4000
 EFFECTS = ((), ("heeling",), ("heeling", "temperature"))
 MOST_RATIO, STEEPEST = 1.5, 1.2  # workflow over one process; power of the length that time and memory grow by
 ONE_PROCESS = "import sys; from compasslib.stages import pipeline; pipeline.process(*sys.argv[1:])"
