@@ -143,3 +143,8 @@ def test_a_long_record_keeps_its_own(few_headings):
     vague = Prior(np.array([0.0, 0.1, 0.1, 0.0, 0.0]), np.diag([0.0, *([0.5**-2.0] * 4)]))
     beside = deviation.fit("exact", take(pairs, slice(None)), exact.beside(vague, pairs))
     assert np.abs(beside.coefficients - alone.coefficients).max() < 0.01
+
+
+def test_an_amplitude_that_no_such_effect_has_names_nothing():
+    members = [member(f"M{k}", FIELDS[k], effects=told(3.5, forms=("TiltUncompensated",))) for k in range(3)]
+    assert effects.infer(members, content.ALARM).found == ()  # a share of 0.35; least plausible is 0.65

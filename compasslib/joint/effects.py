@@ -147,6 +147,16 @@ class Evidence:
         evidence += 0.5 * float(np.log(precision).sum() - np.linalg.slogdet(whole)[1])
         return Mode(before, information, score, evidence)
 
+    def plausible(self, hypothesis: Hypothesis, mode: Mode) -> bool:
+        """Tell whether the amplitudes of a hypothesis are such as its effects have."""
+        at = 0
+        for k in hypothesis:
+            part = self.parts[k]
+            if not self.kinds[k]().at(mode.values[at : at + len(part)] * self.usual[part]).plausible:
+                return False
+            at += len(part)
+        return True
+
 
 def infer(members: Sequence[Member], alarm: float) -> SharedEffects | None:
     """Return the effects that records share, None where fewer than two were searched.
@@ -166,6 +176,8 @@ def infer(members: Sequence[Member], alarm: float) -> SharedEffects | None:
     modes = [[seen.mode(one, float(size), every) for size in SEASONS_DEG] for one in hypotheses]
     table = np.array([[mode.log_evidence for mode in row] for row in modes]) + season
     prior = np.array([posterior.joint_odds([odds[k] for k in one]) for one in hypotheses])
+    likeliest = [row[int(np.argmax(logs))] for row, logs in zip(modes, table, strict=True)]
+    table[[not seen.plausible(one, mode) for one, mode in zip(hypotheses, likeliest, strict=True)]] = -MOST_LOG
     shared = np.array([_log_sum(row) for row in table]) + prior
     apart = np.array([_apart(seen, k, odds[k]) for k in range(len(seen.kinds))]) + shared[0]
     logs = np.concatenate([shared, apart])
