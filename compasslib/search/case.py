@@ -23,6 +23,7 @@ WOBBLE_HOURS = 6.0  # tilts faster than this are mostly the sensor's and the wav
 TIDES_H = (12.4206, 12.0, 12.6583, 23.9345, 25.8193)  # periods of M2, S2, N2, K1, O1
 LEAST = 1e-9  # of a column, rounding aside: sampled exactly twice a day the tide of the sun is a constant
 TIDES_FOLLOWED_S = 3 * 3600.0  # sampling that still follows them
+SEEN = 0.1  # standard deviation of a wave of the tide: one that stands nearly still is a mean shear, and A's
 ALIKE = "it acts on both compasses alike and cancels in the difference of their directions"
 LEVELLED = "constant errors of the tilts turn the heading as iron does: B and C of the fitted curve contain them"
 CONSTANT = "a constant declination error cannot be separated from A, a mean directional shear or a mounting offset"
@@ -195,12 +196,15 @@ def _nuisance(pairs: Pairs, scene: Scene, simulation: Simulation) -> Floats:
 def _tides(time_s: Floats) -> Floats:
     """Return waves of the tides where they are sampled too rarely to be followed, else none, (n, k).
 
-    A profiler that passes twice a day sees the tides' veer as waves of weeks to a year.
+    A profiler that passes twice a day sees the tides' directional shear as waves of weeks to a year, and that of the
+    sun's tide as very nearly a constant. The mean of each wave is A's, as any mean shear is, and what hardly varies
+    beside it is left out: else nothing would be known of A.
     """
     if np.median(np.diff(time_s)) < TIDES_FOLLOWED_S:
         return np.zeros((len(time_s), 0))
     phase = 360.0 * (time_s - time_s[0])[:, None] / 3600.0 / np.array(TIDES_H)
-    return np.column_stack(angles.sin_cos(phase))
+    waves = np.column_stack(angles.sin_cos(phase))
+    return np.asarray((waves - waves.mean(axis=0))[:, waves.std(axis=0) > SEEN])
 
 
 def _running_mean(x: Floats, reach: int) -> Floats:
