@@ -222,7 +222,7 @@ def test_what_changed_is_told_a_line_a_file_and_ends_with_an_error(archive):
     assert code == 1 and sorted(line.split(":")[0] for line in said) == ["changed", "error", "missing", "new"]
     assert {"missing: raw/M1/deep.csv", "new: results/M1/notes.txt"} < set(said)
     assert any(line.startswith("changed: results/M1/corrected.nc (sha256 ") for line in said)
-    assert "expected 23 files as listed, found 3 that differ" in said[-1]
+    assert "expected 25 files as listed, found 3 that differ" in said[-1]
 
 
 @pytest.mark.parametrize("content", [None, "{}", "[1, 2]", "not JSON", '{"@graph": [{"@type": "File"}]}'])

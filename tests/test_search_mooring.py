@@ -225,7 +225,7 @@ def test_a_sector_in_which_the_compass_hangs_is_seen_in_the_histogram():
     east, north = angles.turn(drawn.pairs.upper_east, drawn.pairs.upper_north, shift)
     hung = replace(drawn.pairs, heading_deg=angles.wrap360(recorded + shift), upper_east=east, upper_north=north)
     found = diagnose(hung, drawn.covariates, fitted(drawn), field_of(drawn))
-    assert found.verdict == "unexplained" and not found.findings and "hangs" in found.unexplained.text
+    assert found.verdict == "unexplained" and not found.findings and "sticks" in found.unexplained.text
     where, size = found.unexplained.where, angles.rms(shift)
     assert where.covariate == "heading" and where.low < np.median(recorded) < where.high
     assert 0.7 * size < found.unexplained.rms_effect_deg < 1.4 * size

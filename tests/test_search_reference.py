@@ -38,7 +38,7 @@ def test_a_fault_of_the_trusted_instrument_is_named_with_its_side(tmp_path, effe
     first = found["findings"][0]
     assert effect in (first["effect"], *first["alternatives"])
     assert first["side"] == "reference" and not first["applied"]
-    assert "trusted" in first["text"]
+    assert "reference" in first["text"]
     assert angles.rms(error) < 2.0
 
 
