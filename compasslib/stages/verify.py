@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 
 from compasslib.archive import verification
@@ -13,4 +14,9 @@ def run(*, say: Callable[[str], None]) -> None:
     Raises:
         InputError: something differs, or there is no manifest.
     """
-    verification.verify(".", say)
+
+    def shown(line: str) -> None:
+        say(line)
+        print(line, file=sys.stderr)  # these lines are what was asked for
+
+    verification.verify(".", shown)
