@@ -8,7 +8,7 @@ from compasslib.core import angles
 from compasslib.core.records import take
 from compasslib.deviation import model as fits
 from compasslib.effects.term import YEAR_S
-from compasslib.search import clocks, columns, covariates, scan, show, wording
+from compasslib.search import case, clocks, columns, covariates, scan, show, wording
 from compasslib.stats import whitening
 
 TIME_S = 1.19e9 + 3600.0 * np.arange(4000)
@@ -63,6 +63,15 @@ def test_harmonics_of_a_narrow_sector_leave_no_combination_that_a_few_samples_te
     kept = columns._well_seen(harmonics)
     bare, seen = (np.sum(whitening.directions(x) ** 2, axis=1).max() for x in (harmonics, kept))  # leverage of a sample
     assert seen < 0.1 < 0.9 < bare and kept.shape[1] >= 10
+
+
+def test_tides_of_a_profiler_that_passes_twice_a_day_leave_the_constant_known():
+    twice_a_day = 1.2e9 + np.arange(700) * 12 * 3600.0 + np.random.default_rng(4).normal(0.0, 600.0, 700)
+    waves = case._tides(twice_a_day)
+    assert waves.shape[1] >= 8  # but for the sun's, which stand still
+    constant = np.ones(700)
+    told = waves @ np.linalg.lstsq(waves, constant, rcond=None)[0]
+    assert np.square(constant - told).mean() > 0.9  # near 0 they would stand for it
 
 
 def test_constant_covariates_are_left_out_and_gaps_filled():

@@ -29,7 +29,7 @@ CHATTER = (
     *("Some jobs were triggered by provenance", "Rules with provenance triggered jobs: "),
 )
 SAID_BY_THE_JOB = "returned non-zero exit status 1."  # its error is on the screen; one that was killed said nothing
-# How long a stage takes beside reading a record, for those that have not run yet: measured on the demonstration.
+# How long a stage takes beside reading a record, for those that have not run yet: a guess from small runs.
 USUAL = {"diagnose": 5.0, "figures": 2.0, "calibrate": 2.0, "diagnose_calibration": 5.0}
 
 
