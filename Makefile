@@ -5,6 +5,7 @@ CORES ?= all
 SEED ?= 7
 N ?= 24
 BIN := .venv/bin
+export OMP_NUM_THREADS ?= 1
 PIP := $(BIN)/python -m pip --disable-pip-version-check install
 
 SNAKEMAKE := $(BIN)/snakemake --workflow-profile workflow/profiles/default --snakefile Snakefile --directory "$(CRUISE)" --cores $(CORES)

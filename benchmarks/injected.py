@@ -32,7 +32,7 @@ import water
 from compasslib import deviation
 from compasslib.core import angles
 from compasslib.core.records import EarthField, Pairs, take
-from compasslib.deviation import correction
+from compasslib.deviation import assessment, correction
 from compasslib.effects import side_of
 from compasslib.preparation import overlap
 from compasslib.search import covariates
@@ -202,6 +202,7 @@ def errors(drawn: sea.Drawn, own: Seen, fit, field, found) -> dict[str, float]:
         "error_after": bench.error(made.heading_deg, drawn),
         "error_published": published(drawn, own),
         "error_level": angles.rms(level),
+        "refuted": bool(assessment.assess(drawn.pairs, fit)["refuted"]),
         "covered": float(np.nanmean(np.abs(off) < 1.96 * made.sigma_deg)),
         "centred": float(np.nanmean(np.abs(off - np.nanmean(off)) < 1.96 * made.sigma_deg)),
     }
@@ -312,8 +313,15 @@ def report(rows: list[dict]) -> bool:
 
 
 def headings(kind: str, rows: list[dict]) -> None:
-    """Print the errors of the headings, and how often they lie within 95 %."""
+    """Print the errors of the headings, and how often they lie within 95 %.
+
+    Where held-out pairs refute the fit the product flags every heading doubtful: those are counted, and left out.
+    """
     ways = ("recorded", "published", "plain", "after", "level")
+    for record in dict.fromkeys(row["record"] for row in rows):
+        own = [row["refuted"] for row in rows if row["record"] == record]
+        bench.line(f"{kind}, {record}: refuted by held-out pairs, all headings flagged", bench.share(own))
+    rows = [row for row in rows if not row["refuted"]]
     for record in (*dict.fromkeys(row["record"] for row in rows), "all") if rows else ():
         own = [row for row in rows if record in ("all", row["record"])]
         each = {way: np.array([row[f"error_{way}"] for row in own], dtype=float) for way in ways}
