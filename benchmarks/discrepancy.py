@@ -24,7 +24,7 @@ import targets
 
 from compasslib import deviation
 from compasslib.core import angles, compass
-from compasslib.core.records import EarthField
+from compasslib.core.records import EarthField, Pairs
 from compasslib.deviation import correction
 from compasslib.deviation import model as fits
 from compasslib.deviation.model import Fit
@@ -94,6 +94,10 @@ def _two(rng) -> list[str]:
         pair = rng.choice(sea.TWO, 2, replace=False).tolist()
         if sea.FAMILIES[pair[0]] != sea.FAMILIES[pair[1]]:
             return pair
+
+
+def of_house(drawn: sea.Drawn) -> Pairs:
+    return Pairs(**{name: value for name, value in vars(drawn.pairs).items() if name != "warnings"})
 
 
 def field_of(drawn: sea.Drawn) -> EarthField:

@@ -40,10 +40,6 @@ NONE_ON_DECK = ("compass_lag", "current_veer")
 INFERRED: list[Inference] = []  # of the recording that was judged last
 
 
-def of_house(drawn: sea.Drawn) -> Pairs:
-    return Pairs(**{name: value for name, value in vars(drawn.pairs).items() if name not in ("warnings",)})
-
-
 def judged(drawn: sea.Drawn, pairs: Pairs) -> Diagnosis:
     some = np.searchsorted(drawn.pairs.time_s, pairs.time_s)
     own = replace(drawn, pairs=pairs, heading=drawn.heading[some])
@@ -132,7 +128,7 @@ def measure(index: int, seed: int) -> dict:
     world = sea.make(own, wide=index % 3 == 2, slow_water=slow, n=2 * HALF)
     effect = bench.SINGLES[index % len(bench.SINGLES)]
     drawn = sea.planted(world, {effect: float(np.random.default_rng(own).choice([1.5, 3.0]))})
-    whole = of_house(drawn)
+    whole = bench.of_house(drawn)
     first = take(whole, np.arange(HALF))
     found = judged(drawn, first)
     row = {"index": index, "effect": effect, "verdict": found.verdict, "stated": [], "before": names(found)}
