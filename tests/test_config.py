@@ -643,7 +643,11 @@ SECOND = SHORTEST.replace("name: M1", "name: M2").replace("top.000}", "top.000, 
         ),
         (
             SECOND.replace("wh1", "WH1"),
-            "instruments.top.compass: expected a name that no other has in other letters, found 'WH1', and EG4 (top) has wh1; write both alike, or rename one",
+            "instruments.top.compass: expected a name that no other has in other letters, found 'WH1', and calibration aqd has wh1; write both alike, or rename one",
+        ),
+        (
+            SECOND.replace("M2", "aqd"),
+            "instruments.top.compass: expected another name of the mooring than of the compass's calibration, found aqd for both; rename one of the two",
         ),
         (
             SECOND + "fit: {method: calibration, name: aqd}\n",
@@ -655,7 +659,7 @@ def test_a_compass_is_in_one_place_at_a_time(cruise: Path, second: str, expected
     write(cruise, MOORING_FILE, MOORING.replace("    depth: 100 ", "    compass: wh1\n    depth: 100 "))
     write(cruise, "config/moorings/M2.yaml", second)
     place = "latitude: 1\nlongitude: 1\ndate: 2001-01-01\n"
-    write(cruise, "config/calibrations/aqd.yaml", f"kind: platform\nfile: raw/EG4/top.000\n{place}")
+    write(cruise, "config/calibrations/aqd.yaml", f"kind: platform\nfile: raw/EG4/top.000\ncompass: wh1\n{place}")
     assert message(cruise) == f"config/moorings/M2.yaml: {expected}"
     write(
         cruise,

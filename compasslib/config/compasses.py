@@ -37,7 +37,7 @@ def calibrated(calibrations: Mapping[str, CalibrationFile]) -> Stays:
 
 
 def refuse_overlap(name: str, mooring: Mooring, file: str, stays: Stays) -> None:
-    """Refuse a mooring whose compass was elsewhere at the time, or whose compass's name another has in other letters.
+    """Refuse a mooring whose compass was elsewhere at the time, or is confused with another by a name.
 
     Args:
         file: of this mooring.
@@ -57,6 +57,9 @@ def _refuse(where: str, compass: str, mooring: Mooring, other: Stay) -> None:
     if compass != other.compass:
         found, advice = f"{shown(compass)}, and {other.where} has {other.compass}", "write both alike, or rename one"
         raise InputError(where, expected="a name that no other has in other letters", found=found, advice=advice)
+    if other.where == f"calibration {mooring.name}":
+        expected, advice = "another name of the mooring than of the compass's calibration", "rename one of the two"
+        raise InputError(where, expected=expected, found=f"{mooring.name} for both", advice=advice)
     if other.begin_s < mooring.end_s and mooring.start_s < other.end_s:
         span = iso(other.begin_s) + (f" to {iso(other.end_s)}" if other.end_s > other.begin_s else "")
         expected = f"a compass that is in one place from {iso(mooring.start_s)} to {iso(mooring.end_s)}"
