@@ -209,7 +209,7 @@ def test_explain_tells_findings_and_warnings(copied, capsys):
     for said in (
         "M1: ambiguous",
         "Found: Heeling",
-        "Could also be: stuck tilt",
+        "Could also be: the tilt sensors are stuck, and the compass is compensated with their last values",
         "Size: 3.1° rms",
         "few pairs in spring",
     ):

@@ -25,7 +25,7 @@ from sea import cruise
 from test_workflow import change, snakemake
 from two_heads_files import cast
 
-from compasslib import report
+from compasslib import effects, report
 from compasslib.archive import calibrations, pictures
 from compasslib.archive.files import write_json
 from compasslib.calibration import content
@@ -249,7 +249,10 @@ def heeling(*alternatives: str) -> Found:
 def test_what_was_found_is_said_with_its_alternatives_parameters_and_proof():
     (told,) = found.findings(diagnosis("ambiguous", heeling("tilt_uncompensated")), product=True)
     facts = {name: value.replace(words.SPACE, " ") for name, value in told.facts}
-    assert (told.title, told.text, facts["Could also be"]) == ("Heeling", "It heels.", "tilt uncompensated")
+    assert (told.title, told.text, facts["Could also be"]) == (
+        *("Heeling", "It heels."),
+        "the reading is not compensated for tilt (tilt uncompensated)",
+    )
     assert facts["Side"] == "the compass" and facts["Size"] == "3.1° rms"
     assert facts["When"] == "4 Sep 2007 to 4 Oct 2008" and facts["Where"] == "Along pitch from 4 to 11 degrees."
     assert facts["Residual on held-out days"] == "11.90° before, 11.30° after rms (p ≤ 0.001)"
@@ -269,9 +272,26 @@ def test_what_stays_unexplained_is_said_and_what_would_decide():
         "Not testable: stuck tilt. No other sensor.",
     )
     assert answer.what_was_found(told).replace(words.SPACE, " ") == (
-        "beyond the fitted deviation an effect is attributed to heeling (probability >99 %) and a mismatch of 2.0° rms "
-        "is unexplained"
+        "found beyond the fitted deviation: the compass tilts over iron along its own vertical (heeling, probability "
+        ">99 %); a mismatch of 2.0° rms that is unexplained"
     )
+
+
+def test_every_effect_stands_in_the_answer_as_a_clause_of_physics_and_its_name_in_brackets():
+    for effect in effects.SIDES:
+        (clause,) = found.named({"effect": effect, "alternatives": []})
+        begun, name = clause.rstrip(")").split(" (")
+        assert name == words.plain(effect) and len(begun.split()) > 2 and begun != name
+    many = {**diagnosis("ambiguous", heeling("temperature", "pressure", "sextantal", "octantal")), "unexplained": None}
+    told = answer.what_was_found(many)
+    assert told.endswith("depends on pressure (pressure) or one of 2 others")
+    composed = {"acts_on": "field_down", "driver": "tilt", "form": "quadratic"}
+    several = {"effect": "composed", "alternatives": ["pressure"], "composition": composed, "probability": 0.6}
+    assert found.named(several | {"alternatives_probability": {"pressure": 0.35}}) == [
+        "a magnetic field along the instrument's vertical changing with the square of the tilt "
+        f"(probability 60{words.SPACE}%)",
+        f"the iron beside the compass, or the compass, depends on pressure (pressure, probability 35{words.SPACE}%)",
+    ]
 
 
 def test_what_cannot_be_tested_is_one_sentence_a_reason():

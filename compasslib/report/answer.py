@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from compasslib.report import words
+from compasslib.report import found, words
 from compasslib.report.results import Headings, MooringResults
 
 WIDE_DEG = 20.0  # an uncertainty beyond which a direction says little
+MOST_NAMES = 3  # of one effect in the answer; the finding has all of them
 
 
 def answer(results: MooringResults) -> str:
@@ -32,12 +33,11 @@ def what_was_found(diagnosis: Mapping[str, Any]) -> str:
     Args:
         diagnosis: content of diagnosis.json.
     """
-    named = [_places(one) for one in diagnosis["findings"]]
-    texts = [f"an effect is attributed to {', another to '.join(named)}"] if named else []
+    texts = [_first(found.named(one)) for one in diagnosis["findings"]]
     if left := diagnosis["unexplained"]:
-        texts.append(f"a mismatch of {words.degrees(left['rms_effect_deg'])} rms is unexplained")
+        texts.append(f"a mismatch of {words.degrees(left['rms_effect_deg'])} rms that is unexplained")
     if texts:
-        return f"beyond the fitted deviation {words.listed(texts)}"
+        return f"found beyond the fitted deviation: {'; '.join(texts)}"
     if diagnosis["verdict"] == "insufficient":
         return "the record does not tell whether there is more than the fitted deviation"
     none = (diagnosis.get("sides") or {}).get("none")
@@ -45,16 +45,9 @@ def what_was_found(diagnosis: Mapping[str, Any]) -> str:
     return f"no error beyond the fitted deviation was detected{sure}"
 
 
-def _places(finding: Mapping[str, Any]) -> str:
-    """Return the names that may fill one finding's place, each with its probability."""
-    chances = {finding["effect"]: finding.get("probability"), **(finding.get("alternatives_probability") or {})}
-    if composed := finding.get("composition"):
-        chances = {f"composed:{'/'.join(composed.values())}": chances.pop(finding["effect"]), **chances}
-    names = [
-        words.plain(name) + (f" (probability {words.chance(chances[name])})" if chances.get(name) is not None else "")
-        for name in dict.fromkeys([*chances, *finding["alternatives"]])
-    ]
-    return " or ".join(names)
+def _first(names: list[str]) -> str:
+    rest = len(names) - MOST_NAMES
+    return " or ".join([*names[:MOST_NAMES], *([f"one of {rest} others"] if rest > 1 else names[MOST_NAMES:])])
 
 
 def agreement(assessment: Mapping[str, Any]) -> str:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import Any
 
-from compasslib.effects import meanings
+from compasslib.effects import COMPOSED, meanings
 from compasslib.effects.composed import formula
 from compasslib.report import words
 from compasslib.report.section import ReportedFinding, ReportTable
+from compasslib.search import wording
+from compasslib.search.recordings.wording import PHYSICS
 
 SIDES = {
     "compass": "the compass",
@@ -17,6 +20,14 @@ SIDES = {
     "clock": "the clocks",
 }
 LEAST_P = 0.001  # the smallest that the drawn blocks can show
+CLAUSES = {
+    **PHYSICS,
+    **wording.PHYSICS,
+    "hard_iron": "iron near by adds a constant field",
+    "mounting_offset": "the mount turns all headings by a constant",
+    "declination_error": "the declination is off by a constant",
+    "field_disturbance": "magnetic north moved with storms or the daily variation",  # shown by a series, or an index
+}
 
 
 def findings(diagnosis: Mapping[str, Any], *, product: bool) -> tuple[ReportedFinding, ...]:
@@ -29,6 +40,22 @@ def findings(diagnosis: Mapping[str, Any], *, product: bool) -> tuple[ReportedFi
     texts = [_finding(one, product) for one in diagnosis["findings"]]
     left = diagnosis["unexplained"]
     return (*texts, _unexplained(left)) if left else tuple(texts)
+
+
+def named(finding: Mapping[str, Any]) -> list[str]:
+    """Return what may fill a finding's place, the best first: physics, and in brackets its name and probability."""
+    chances = {finding["effect"]: finding.get("probability"), **(finding.get("alternatives_probability") or {})}
+    if composed := finding.get("composition"):
+        chances = {f"{COMPOSED}{'/'.join(composed.values())}": chances.pop(finding["effect"]), **chances}
+    return [_named(name, chances.get(name)) for name in dict.fromkeys([*chances, *finding["alternatives"]])]
+
+
+def _named(name: str, chance: float | None) -> str:
+    sure = [] if chance is None else [f"probability {words.chance(chance)}"]
+    if name.startswith(COMPOSED):
+        return " ".join([words.plain(name), *(f"({each})" for each in sure)])
+    clause = re.split(r" \(|[;:]", CLAUSES.get(name, words.plain(name)))[0]
+    return f"{clause} ({', '.join([words.plain(name), *sure])})"
 
 
 def cannot_tell(diagnosis: Mapping[str, Any]) -> tuple[str, ...]:
@@ -102,21 +129,16 @@ def _small(one: Mapping[str, Any]) -> str:
 
 
 def _finding(one: Mapping[str, Any], product: bool) -> ReportedFinding:
-    chances = one.get("alternatives_probability") or {}
-    others = [
-        words.plain(effect) + (f" ({words.number(chances[effect], 2)})" if effect in chances else "")
-        for effect in one["alternatives"]
-    ]
     facts = [
         ("Side", SIDES.get(one["side"], one["side"])),
         *([("Probability", words.number(one["probability"], 2))] if "probability" in one else []),
-        ("Could also be", words.listed(others) if others else "nothing else of the catalogue"),
+        ("Could also be", "; ".join(named(one)[1:]) or "nothing else of the catalogue"),
         *_place(one),
         *([("Formula", formula(**one["composition"]))] if one.get("composition") else []),
         ("Residual on held-out days", _held_out(one["heldout"])),
         *([("In the product", "yes" if one["applied"] else "no")] if product else []),
     ]
-    name = f"composed:{'/'.join(one['composition'].values())}" if one.get("composition") else one["effect"]
+    name = f"{COMPOSED}{'/'.join(one['composition'].values())}" if one.get("composition") else one["effect"]
     title = words.plain(name)
     return ReportedFinding(title[0].upper() + title[1:], one["text"], tuple(facts), _parameters(one))
 

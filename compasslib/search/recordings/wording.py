@@ -81,8 +81,7 @@ def finding(
         for name, (v, s, unit) in parameters.items()
     )
     numbers = ", ".join(f"{name} {value}{unit} (95 %)" for name, value, unit in each)
-    physics = PHYSICS.get(effect) or wording.PHYSICS.get(effect, effect.replace("_", " "))
-    begin = f"{what[0].upper()}{what[1:]}, {where}: {physics}. Size {size_deg:.2g}° rms; {numbers}."
+    begin = f"{what[0].upper()}{what[1:]}, {where}: {_physics(effect)}. Size {size_deg:.2g}° rms; {numbers}."
     shown = (
         f" On held-out stretches the residual goes from {proof.rms_before_deg:.3g}° to "
         f"{proof.rms_after_deg:.3g}° rms (p = {proof.p_value:.2g})."
@@ -138,8 +137,11 @@ def why(found: Sequence[Finding], left: Unexplained | None, compared: Sequence[s
         return left.text
     if not found:
         return f"The residual of {_listed(compared, ' and ')} is noise."
-    names = [finding.effect.replace("_", " ") for finding in found]
-    return f"The residual is attributed to {_listed(names, ' and ')}."
+    return f"Found in the residual: {'; '.join(_physics(finding.effect) for finding in found)}."
+
+
+def _physics(effect: str) -> str:
+    return PHYSICS.get(effect) or wording.PHYSICS.get(effect, effect.replace("_", " "))
 
 
 def _listed(names: Sequence[str], last: str = " or ") -> str:
