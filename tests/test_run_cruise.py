@@ -71,6 +71,10 @@ def test_what_cannot_be_read_stops_its_mooring_alone_and_mended_it_is_taken_up(c
         "Of the moorings: 1 insufficient, 2 stopped." in page
         and page.count("raw/BAD/top.000: expected an RDI PD0 file") == 2
     )
+    assert (
+        page.count("<title>BAD</title></path>") == page.count("<title>GOOD</title></circle>") == 1
+        and "A cross:" in page
+    )
     failed = {
         one["name"]: one
         for one in page_of(copied)["@graph"]

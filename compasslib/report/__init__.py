@@ -73,7 +73,7 @@ def gather(
     Args:
         root: folder of the results, in which the page will stand.
         moorings: latitude, longitude, water_depth_m, start, end, instruments and their roles of each, by name.
-        stopped: why others have no results, by name, of ``moorings`` and of ``calibrations``.
+        stopped: why some have no results, by name, of ``moorings`` and of ``calibrations``.
 
     Raises:
         InputError: a file of the results is absent or damaged.
@@ -83,6 +83,9 @@ def gather(
     small = len(moorings) + len(calibrations) > figures.MOST_SECTIONS
     sections, stations = [], []
     for name, site in moorings.items():  # one after the other: a record of each is in memory
+        if name in stopped["moorings"]:
+            stations.append(chart.Station(name, site["latitude"], site["longitude"], stopped=True))
+            continue
         one = results.of_mooring(name, root, rows[name], site["roles"])
         sections.append(mooring.section(one, root, site, small=small))
         stations.append(_station(one, site))

@@ -33,6 +33,7 @@ class Station:
     corrected: bool = False
     recorded_mean: complex = complex("nan")  # east + i north, m/s
     corrected_mean: complex = complex("nan")
+    stopped: bool = False  # without results
 
 
 @dataclass(frozen=True)

@@ -325,9 +325,8 @@ class Plan:
         return self.moorings.roles(self._moorings())
 
     def described(self, wildcards: Any) -> dict[str, dict[str, Any]]:
-        """Return place, dates and instruments of each mooring."""
-        described = self.moorings.described()
-        return {name: described[name] for name in self._moorings()}
+        """Return place, dates and instruments of each mooring, those that were stopped among them."""
+        return self.moorings.described()
 
     def calibrated(self, wildcards: Any) -> list[str]:
         """Return all files of the calibrations."""
