@@ -77,6 +77,18 @@ def test_columns_of_slow_water_have_the_variance_of_its_size(lobes):
     assert 0.85 * 9.0 < np.mean(square) < 1.1 * 9.0
 
 
+def test_tides_that_differ_between_the_depths_turn_directions_as_their_waves_do(lobes):
+    drawn, found = lobes
+    slow, pairs = noise.of(found.state.case), drawn.pairs
+    waves = slow.columns[:, 3 * len(slow.frequency) :]
+    moon = np.sin(2.0 * np.pi * (pairs.time_s - pairs.time_s[0]) / 3600.0 / 12.4206)
+    still = angles.direction(pairs.lower_east, pairs.lower_north)
+    turned = angles.difference(angles.direction(pairs.lower_east + 0.01 * moon, pairs.lower_north), still)
+    fast = np.hypot(pairs.lower_east, pairs.lower_north) > 0.05
+    sizes, *_ = np.linalg.lstsq(waves[fast], turned[fast], rcond=None)
+    assert sizes[0] == pytest.approx(0.01, rel=0.3) and np.abs(sizes[1:]).max() < 0.003
+
+
 def test_days_that_were_left_out_confirm_what_is_there(lobes):
     _, found = lobes
     proof = folds.proof(found, 0)

@@ -189,11 +189,11 @@ def _nuisance(pairs: Pairs, scene: Scene, simulation: Simulation) -> Floats:
     heading = composition.headings(simulation, scene, pairs.heading_deg)[:, 0]
     noise = composition.derivative(vertical, wobble, heading, first=5) * scene.vertical_nT[:, None]
     turning = scene.departures["flow_turn"]
-    columns = np.column_stack([np.nan_to_num(noise), turning, turning * scene.years, _tides(scene.time_s)])
+    columns = np.column_stack([np.nan_to_num(noise), turning, turning * scene.years, _standing_tides(scene.time_s)])
     return columns[:, columns.std(axis=0) > LEAST]
 
 
-def _tides(time_s: Floats) -> Floats:
+def _standing_tides(time_s: Floats) -> Floats:
     """Return waves of the tides where they are sampled too rarely to be followed, else none, (n, k).
 
     A profiler that passes twice a day sees the tides' directional shear as waves of weeks to a year, and that of the
@@ -202,9 +202,13 @@ def _tides(time_s: Floats) -> Floats:
     """
     if np.median(np.diff(time_s)) < TIDES_FOLLOWED_S:
         return np.zeros((len(time_s), 0))
-    phase = 360.0 * (time_s - time_s[0])[:, None] / 3600.0 / np.array(TIDES_H)
-    waves = np.column_stack(angles.sin_cos(phase))
+    waves = tides(time_s)
     return np.asarray((waves - waves.mean(axis=0))[:, waves.std(axis=0) > SEEN])
+
+
+def tides(time_s: Floats) -> Floats:
+    """Return sine and cosine of the five largest tides, (n, 10)."""
+    return np.column_stack(angles.sin_cos(360.0 * (time_s - time_s[0])[:, None] / 3600.0 / np.array(TIDES_H)))
 
 
 def _running_mean(x: Floats, reach: int) -> Floats:

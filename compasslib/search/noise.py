@@ -1,8 +1,8 @@
-"""Slow water: its veer and its additive shear as Gaussian processes of unknown size and memory.
+"""Slow water and its tides: veer and additive shear as Gaussian processes of unknown size and memory.
 
 Directions of two depths differ by weeks of other water. A term of the compass that changes as slowly must be weighed
 against it in the same currency: both processes stand beside every hypothesis, and what may be their sizes and memories
-is summed over.
+is summed over. The ellipses of the tides differ between the depths too, and their waves stand beside both.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from compasslib.core.types import Floats
 from compasslib.effects.term import DAY_S
 from compasslib.search import covariates
 from compasslib.search.baseline import State
-from compasslib.search.case import Case
+from compasslib.search.case import Case, tides
 from compasslib.stats.whitening import Louder
 
 SHORTEST_DAYS = 8.0  # period below which the filter holds the memory
@@ -27,6 +27,7 @@ VEER_DEG, VEER_DAYS = (0.7, 1.4, 2.8, 5.6, 11.0), (5.0, 15.0, 45.0, 135.0)  # si
 SHEAR_M_S, SHEAR_DAYS = (0.003, 0.007, 0.017, 0.04, 0.1), (3.0, 15.0, 75.0)  # the same
 QUIET = 0.05  # variance over white below which a direction is as it is
 USUAL_VEER_DEG, USUAL_SHEAR_M_S = 3.0, 0.02  # of half a Cauchy law, beforehand: two depths of real water
+TIDE_SPAN_S = 3600.0  # of the speed by which a tide's shear, of USUAL_SHEAR_M_S a wave, turns a direction
 
 
 @dataclass(frozen=True)
@@ -65,7 +66,7 @@ class Water:
 class Slow:
     """Columns that slow water is made of, and what each kind of it makes of their coefficients."""
 
-    columns: Floats  # (n, q) degrees a unit: cosines of the veer, of eastward and of northward shear
+    columns: Floats  # (n, q) degrees a unit: cosines of the veer, of eastward and northward shear; waves of their tides
     frequency: Floats  # (k,) cycles a day, evenly spaced from 0
     kinds: int  # processes: 1, or 3 with the shear
 
@@ -73,7 +74,8 @@ class Slow:
         """Return the variance of each column's coefficient, (q,)."""
         step = float(self.frequency[1])
         each = [process.variances(self.frequency, step) for process in (water.veer, water.shear, water.shear)]
-        return np.concatenate(each[: self.kinds])
+        slow = np.concatenate(each[: self.kinds])
+        return np.concatenate([slow, np.full(self.columns.shape[1] - len(slow), USUAL_SHEAR_M_S**2)])
 
     def waters(self) -> list[Water]:
         """Return the kinds of water that are summed over."""
@@ -95,11 +97,21 @@ def of(case: Case) -> Slow | None:
     departures = case.scene.departures
     if "flow_east" not in departures or "speed" not in case.covariates:
         return Slow(waves, frequency, 1)
-    speed = covariates.running(case.covariates["speed"], time_s, SPEED_SPAN_S)
+    sheared = [_sheared(case, *one) for one in ((waves, SPEED_SPAN_S), (tides(time_s), TIDE_SPAN_S))]
+    return Slow(np.concatenate([waves, *sheared], axis=1), frequency, 3)
+
+
+def _sheared(case: Case, waves: Floats, span_s: float) -> Floats:
+    """Return by how many degrees eastward and northward shear of 1 m/s that goes as some waves turns directions.
+
+    Args:
+        waves: (n, k).
+        span_s: of the running mean of the speed.
+    """
+    speed = covariates.running(case.covariates["speed"], case.scene.time_s, span_s)
     slowness = 1.0 / np.maximum(speed, SLOWEST_M_S) / angles.DEGREE
-    east = waves * (departures["flow_north"] * slowness)[:, None]
-    north = -waves * (departures["flow_east"] * slowness)[:, None]
-    return Slow(np.concatenate([waves, east, north], axis=1), frequency, 3)
+    north, east = (case.scene.departures[name] * slowness for name in ("flow_north", "flow_east"))
+    return np.concatenate([waves * north[:, None], -waves * east[:, None]], axis=1)
 
 
 def louder(view: State, slow: Slow, water: Water) -> Louder | None:
