@@ -49,6 +49,13 @@ KINDS: dict[str, Kind] = {
 }
 FIGURES = ("deviation", "residuals", "certificate")  # every kind with a curve along the heading has these
 
+MODELS = {  # words for the curves along the heading
+    "smith": "Smith's five terms",
+    "exact": "exact compass",
+    "polynomial": "polynomial of degree 6",
+    "one_cycle": "one cycle",
+}
+
 
 def figures(kind: str) -> list[str]:
     """Return the names of a kind's figures."""

@@ -19,7 +19,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from compasslib.archive.calibrations import Page
-from compasslib.calibration import KINDS
+from compasslib.calibration import KINDS, MODELS
 from compasslib.calibration.result import LETTERS
 from compasslib.core import angles, compass
 from compasslib.core.types import Floats
@@ -27,12 +27,7 @@ from compasslib.deviation import von_appen
 from compasslib.plots.curves import beside
 from compasslib.plots.page import BLACK, GREEN, GREY, ORANGE, PURPLE, SKY, WIDE_IN, degrees, empty, legend, page
 
-NAMES = {
-    "smith": ("Smith's five terms", GREEN),
-    "exact": ("exact compass", SKY),
-    "polynomial": ("polynomial of degree 6", ORANGE),
-    "one_cycle": ("one cycle", PURPLE),
-}
+COLOURS = {"smith": GREEN, "exact": SKY, "polynomial": ORANGE, "one_cycle": PURPLE}
 POINT: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 3.5, "color": BLACK, "markeredgewidth": 0}
 BAND: dict[str, Any] = {"color": GREEN, "alpha": 0.22, "linewidth": 0}
 EDGE: dict[str, Any] = {"color": GREY, "linewidth": 1.0, "linestyle": (0, (4, 2))}
@@ -109,7 +104,7 @@ def certificate(path: str | Path, shown: Page) -> None:
 
 
 def _model_name(content: Mapping[str, Any]) -> str:
-    return NAMES.get(content["model"], (content["model"], BLACK))[0]
+    return MODELS.get(content["model"], str(content["model"]))
 
 
 def _models(content: Mapping[str, Any]) -> dict[str, dict[str, float]]:
@@ -177,8 +172,8 @@ def _draw_curves(axes: Axes, curves: Mapping[str, tuple[Floats, Floats]], shown:
     for name, (recorded, off) in curves.items():
         chosen = name == shown.content["model"]
         score = shown.content["models"][name]["left_out_rms_deg"]
-        label = f"{NAMES[name][0]}, {score:.2f}° left out" + (" (used)" if chosen else "")
-        look: dict[str, Any] = {"color": NAMES[name][1], "linewidth": 1.8 if chosen else 1.0}
+        label = f"{MODELS[name]}, {score:.2f}° left out" + (" (used)" if chosen else "")
+        look: dict[str, Any] = {"color": COLOURS[name], "linewidth": 1.8 if chosen else 1.0}
         look |= {} if chosen else {"linestyle": (0, (4, 1.5))}
         axes.plot(recorded, off, **look)
         handles.append(Line2D([], [], **look, label=label))
@@ -278,7 +273,7 @@ def _about(content: Mapping[str, Any]) -> list[str]:
         f"place       {where}",
         f"field       {strength}",
         f"readings    {content['n']} in {content['coverage']} of 36 sectors",
-        f"model       {textwrap.shorten(content['model'], MODEL_CHARACTERS, placeholder=' …')}",
+        f"model       {textwrap.shorten(_model_name(content), MODEL_CHARACTERS, placeholder=' …')}",
         f"residual    {_number(content['residual_rms_deg'], '.2f')}° rms",
     ]
 

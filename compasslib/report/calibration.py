@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from compasslib.calibration import MODELS
 from compasslib.report import answer, figures, found, words
 from compasslib.report.captions import of_diagnosis
 from compasslib.report.results import CalibrationResults
@@ -71,7 +72,7 @@ def _summary(content: Mapping[str, Any], diagnosis: Mapping[str, Any] | None) ->
     expanded = content["uncertainty"]["expanded_deg"]
     sure = f"; the expanded uncertainty of a deviation is {words.degrees(expanded, 2)} (k = 2)" if expanded else ""
     spread = f" in {content['coverage']} of 36 sectors of 10°" if content["coverage"] else ""
-    readings = f"{words.plural(content['n'], 'reading')}{spread}, model {words.plain(content['model'])}"
+    readings = f"{words.plural(content['n'], 'reading')}{spread}, model: {_model(content)}"
     return (f"{readings}{sure}{beyond}.", *later)
 
 
@@ -86,7 +87,7 @@ def _texts(content: Mapping[str, Any]) -> Iterator[str]:
 
 def _facts(content: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
     place = content["place"]
-    facts = [("Kind", KINDS.get(content["kind"], content["kind"])), ("Model", words.plain(content["model"]))]
+    facts = [("Kind", KINDS.get(content["kind"], content["kind"])), ("Model", _model(content))]
     if place["latitude"] is not None:
         facts.append(("Position", words.position(place["latitude"], place["longitude"])))
     facts += [("Date", place["date"])] if place["date"] else []
@@ -94,7 +95,8 @@ def _facts(content: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
         [("Declination", words.degrees(place["declination_deg"], 2))] if place["declination_deg"] is not None else []
     )
     if place["field"]:
-        facts.append(("Horizontal field", f"{words.number(place['field']['horizontal_nT'], 0)} nT"))
+        across, down = (words.number(place["field"][f"{axis}_nT"], 0) for axis in ("horizontal", "vertical"))
+        facts.append(("Earth's field", f"horizontal {across} nT, down {down} nT"))
     if content["residual_rms_deg"] is not None:
         facts.append(("Residual", f"{words.degrees(content['residual_rms_deg'], 2)} rms"))
     if content.get("constant_sigma_deg") is not None:
@@ -106,6 +108,10 @@ def _facts(content: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
         )
     made = f"{content.get('software', 'not given')}, {content.get('date_created', 'not dated')}"
     return (*facts, ("Made from", ", ".join(content.get("source_files", [])) or "not given"), ("Made by", made))
+
+
+def _model(content: Mapping[str, Any]) -> str:
+    return MODELS.get(content["model"], words.plain(content["model"]))
 
 
 def _cannot_tell(content: Mapping[str, Any]) -> tuple[str, ...]:
@@ -258,8 +264,8 @@ def _deviation(content: Mapping[str, Any]) -> str:
         return f"Deviation against recorded heading: {content['n']} readings, no curve."
     letters = ", ".join(f"{k} {words.number(x, 2)}" for k, x in content["coefficients"].items())
     return (
-        f"Deviation against recorded heading: {words.plural(content['n'], 'reading')}, the curve of model "
-        f"{words.plain(content['model'])} with its 95 % band. Coefficients in degrees: {letters}."
+        f"Deviation against recorded heading: {words.plural(content['n'], 'reading')}, the curve ("
+        f"{_model(content)}) with its 95 % band. Coefficients in degrees: {letters}."
     )
 
 
