@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import io
 import json
+import os
 import warnings
 from pathlib import Path
 
@@ -17,8 +18,11 @@ from test_archive import PROCESSING, USUAL
 from test_workflow import change
 
 from compasslib.archive import export, netcdf
+from compasslib.archive.files import HALF_WRITTEN
+from compasslib.command import export as export_command
 from compasslib.command import main
 from compasslib.core import angles, records
+from compasslib.core.errors import InputError
 from compasslib.core.records import MISSING, Corrected
 from compasslib.preparation import deployment
 from compasslib.readers.pd0 import reader, rewrite
@@ -122,6 +126,34 @@ def test_nothing_is_written_over(world, tmp_path, capsys, form):
     first.write_bytes(b"mine")
     line = refused(capsys, "M1", "--cruise", str(world), "--to", form, "--into", str(tmp_path))
     assert f"{first.name}: expected a file that is not there yet" in line and first.read_bytes() == b"mine"
+
+
+@pytest.mark.parametrize("form", ["csv", "pd0"])
+def test_what_a_killed_export_left_is_written_anew(world, tmp_path, capsys, monkeypatch, form):
+    """The data file gets its name after its note, so that none stands without; another's file is left alone."""
+    whole = exported(capsys, world, form, tmp_path / "whole")
+    named = []
+
+    def killed(half, target):
+        if target.name == whole[0].name:
+            raise SystemExit(9)
+        named.append(target)
+        half.rename(target)
+
+    for half in (f".{whole[1].name}.77{HALF_WRITTEN}", f"..{whole[0].name}.77{HALF_WRITTEN}.77{HALF_WRITTEN}"):
+        (tmp_path / half).write_bytes(b"half")
+    with monkeypatch.context() as patched, pytest.raises(SystemExit, match="9"):
+        patched.setattr(os, "replace", killed)
+        exported(capsys, world, form, tmp_path)
+    assert named[-1] == tmp_path / whole[1].name and not (tmp_path / whole[0].name).exists()
+    again = exported(capsys, world, form, tmp_path)
+    assert [file.read_bytes() for file in again] == [file.read_bytes() for file in whole]
+    assert {path.name for path in tmp_path.iterdir()} == {"whole", *(file.name for file in whole)}
+    for name in ("b", "b.json", "c"):
+        (tmp_path / name).touch()
+    assert export_command._free(tmp_path, "a", "b")
+    with pytest.raises(InputError, match="c: expected a file that is not there yet"):
+        export_command._free(tmp_path, "a", "c")
 
 
 # ----------------------------------------------------------------------------------------------------------------- PD0

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import glob
+import itertools
 from argparse import Namespace
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
@@ -11,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from compasslib.archive import export, provenance
-from compasslib.archive.files import opened, read_series, replacing, write_json
+from compasslib.archive.files import HALF_WRITTEN, opened, read_series, replacing, write_json
 from compasslib.archive.netcdf import DAYS_1950_TO_1970, TIME_DECIMALS
 from compasslib.command import folders, gathered
 from compasslib.config import cruise as config
@@ -54,9 +56,9 @@ def run(asked: Namespace) -> int:
 
 
 def _csv(asked: Namespace, source: Path, into: Path) -> list[Path]:
-    table, sidecar = _free(into, f"{source.parent.resolve().name}.csv", f"{source.parent.resolve().name}.csv.json")
-    export.to_csv(source, table, sidecar)
-    return [table, sidecar]
+    (table,) = _free(into, f"{source.parent.resolve().name}.csv")
+    export.to_csv(source, table, _note(table))
+    return [table, _note(table)]
 
 
 def _mat(asked: Namespace, source: Path, into: Path) -> list[Path]:
@@ -72,28 +74,38 @@ def _oceansites(asked: Namespace, source: Path, into: Path) -> list[Path]:
 
 
 def _free(into: Path, *names: str) -> list[Path]:
-    """Return files to write, none of which is there.
+    """Return files to write, none of which is there, and clear away the halves of an export that was killed.
+
+    A file gets its name after its note, the first file after all others: while that is missing, others with a note are
+    what a killed export left, and are written anew.
 
     Raises:
-        InputError: one is.
+        InputError: one is there.
     """
     files = [into / name for name in names]
-    if taken := next((file for file in files if file.exists()), None):
+    if taken := next((one for one in files if one.exists() and (files[0].exists() or not _note(one).exists())), None):
         advice = "delete it, or name another folder with --into"
         raise InputError(str(taken), expected="a file that is not there yet", found="it there", advice=advice)
+    for name, dots in itertools.product(names, (".", "..")):  # a half may be written by way of one of its own
+        for half in into.glob(f"{dots}{glob.escape(name)}.*{HALF_WRITTEN}"):
+            half.unlink(missing_ok=True)
     return files
+
+
+def _note(file: Path) -> Path:
+    return file.with_name(f"{file.name}.json")
 
 
 def _pd0(asked: Namespace, source: Path, into: Path) -> list[Path]:
     """Write each raw file with corrected headings, and beside it what it was and what became of it."""
     loaded = config.load(Path(asked.cruise))
     product = _Product(asked.mooring, source, plan.plan(loaded, Path()).moorings)
-    names = _names(asked.mooring, product.files)
-    targets = _free(into, *names, *(f"{name}.json" for name in names))
+    files = _free(into, *_names(asked.mooring, product.files))
+    targets = [*files, *map(_note, files)]
     flagged: list[str] = []
     with ExitStack() as whole:
         halves = [whole.enter_context(replacing(file)) for file in targets]
-        for file, half, beside in zip(product.files, halves, halves[len(names) :], strict=False):
+        for file, half, beside in zip(product.files, halves, halves[len(files) :], strict=False):
             became = rewrite.rewrite(loaded.root / file, half, product.turn)
             write_json(beside, product.note(file, became, half))
             if became.flagged:
