@@ -1,11 +1,15 @@
 """Statistics: the minimiser, robust widths, blocks, correlated noise and its whitening."""
 
+from __future__ import annotations
+
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
 
 from compasslib.core import angles
 from compasslib.simulation.pairs import red_from_rest as red_noise
-from compasslib.stats import arma, autocorrelation, bfgs, blocks, robust, whitening
+from compasslib.stats import arma, autocorrelation, bfgs, blocks, gauss_newton, robust, whitening
 
 TIME_S = 1.19e9 + 3600.0 * np.arange(4000)
 
@@ -22,6 +26,45 @@ def test_the_solver_finds_a_valley_and_a_bound():
     cut = np.array([(-np.inf, 0.5), (-np.inf, np.inf)])
     assert bfgs.minimise(valley, np.array([-1.2, 1.0]), free, 200)[0] == pytest.approx([1.0, 1.0], abs=1e-3)
     assert bfgs.minimise(valley, np.array([-1.2, 1.0]), cut, 200)[0] == pytest.approx([0.5, 0.25], abs=1e-3)
+
+
+@dataclass(frozen=True)
+class Root:
+    """The square root of 9 by x² − 9 = 0; the step is too long by a factor, and nothing is below a limit."""
+
+    x: float
+    too_long: float = 1.0
+    least: float = -np.inf
+
+    def step(self):
+        step = -self.too_long * (self.x**2 - 9.0) / (2.0 * self.x)
+        return np.array([step]), abs(step)
+
+    def moved(self, step):
+        x = self.x + float(step[0])
+        return None if x < self.least else Root(x, self.too_long, self.least)
+
+    def misfit(self, other):
+        return (other.x**2 - 9.0) ** 2 / max((self.x**2 - 9.0) ** 2, 1e-300)
+
+
+def test_gauss_and_newton_cut_and_halve_a_step_that_is_too_long():
+    def found(begin):
+        return gauss_newton.fit(begin, rounds=60, close=1e-9, worse=1.0).x
+
+    assert found(Root(1.0)) == pytest.approx(3.0, abs=1e-9)
+    assert found(Root(4.0, too_long=3.0)) == pytest.approx(3.0, abs=1e-6)
+    assert found(Root(4.0, too_long=3.0, least=2.9)) == pytest.approx(3.0, abs=1e-6)
+    assert gauss_newton.fit(Root(100.0), rounds=1, close=0.0, worse=1.0).x == 100.0 - gauss_newton.LONGEST
+
+
+def test_draws_of_noise_are_its_own_blocks_with_either_sign():
+    series = np.arange(1.0, 13.0)
+    drawn = blocks.drawn(series, 4, 50, seed=0)
+    steps = np.diff(drawn.reshape(50, 3, 4), axis=2)
+    assert drawn.shape == (50, 12)
+    assert np.all(np.isin(np.abs(steps), [1.0, 11.0]))  # 11 where a block goes on at the beginning
+    assert (drawn < 0.0).any() and (drawn > 0.0).any()
 
 
 def test_the_robust_width_is_that_of_normal_noise_whatever_the_outliers():

@@ -20,6 +20,8 @@ import re
 from dataclasses import fields
 from functools import cache
 
+from compasslib.core import plugins
+from compasslib.core.errors import InputError
 from compasslib.effects.composed import (
     COMPOSED,
     BeamGain,
@@ -47,7 +49,6 @@ from compasslib.effects.iron import (
     TemperatureOfField,
     TemperatureOfReading,
 )
-from compasslib.effects.plugged import of_plugins
 from compasslib.effects.reading import (
     CompassDrift,
     CompassLag,
@@ -163,9 +164,18 @@ def all_terms() -> tuple[type[Term], ...]:
     """Return the catalogue and what other packages add, which is looked for when it is first asked for.
 
     Raises:
-        InputError: an effect of another package that cannot be taken.
+        InputError: a name that is taken, or something else than an effect of the name that it is declared by.
     """
-    return (*CATALOGUE, *of_plugins(SIDES))
+    points = plugins.points(plugins.EFFECTS, SIDES)
+    return (*CATALOGUE, *(_of_plugin(name, point) for name, point in points.items()))
+
+
+def _of_plugin(name: str, point: plugins.EntryPoint) -> type[Term]:
+    term = plugins.loaded(point)
+    if isinstance(term, type) and issubclass(term, Term) and getattr(term, "name", "") == name:
+        return term
+    where, advice = f"{plugins.package(point)}: {point.value}", "mend the plug-in; docs/howto/plugins.md shows one"
+    raise InputError(where, expected=f"a Term whose name is {name!r}", found=repr(term), advice=advice)
 
 
 def side_of(effect: str) -> str:

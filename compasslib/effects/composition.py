@@ -14,7 +14,7 @@ import numpy as np
 
 from compasslib.core import angles, compass
 from compasslib.core.types import Floats
-from compasslib.effects.term import Scene, Term
+from compasslib.effects.term import Scene, Term, slices
 
 FLATTEST = 0.2  # least |d gamma / d beta| that is divided by: nearer to a fold nothing is linear
 PROBE_DEG = 0.01  # difference by heading
@@ -44,13 +44,9 @@ class Simulation:
         Args:
             parameters: in the order of ``parameters``, (p,).
         """
-        ends = np.cumsum([5, *(len(term.fitted()) for term in self.terms)])
-        parts = np.split(parameters, ends[:-1])
-        return replace(
-            self,
-            coefficients=parts[0],
-            terms=tuple(term.at(part) for term, part in zip(self.terms, parts[1:], strict=True)),
-        )
+        each = zip(self.terms, slices(self.terms, 5), strict=True)
+        terms = tuple(term.at(parameters[own]) for term, own in each)
+        return replace(self, coefficients=parameters[:5], terms=terms)
 
 
 def recorded_heading(simulation: Simulation, scene: Scene, heading_deg: Floats) -> Floats:

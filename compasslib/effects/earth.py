@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from compasslib.core import angles
 from compasslib.core.types import Floats
-from compasslib.effects.term import Scene, Term, parameter
+from compasslib.effects.term import Proportional, Scene, Term, parameter
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class SecularVariation(Term):
 
 
 @dataclass(frozen=True)
-class FieldDisturbance(Term):
+class FieldDisturbance(Proportional):
     """Magnetic north moves by a share of what an observatory recorded."""
 
     name: ClassVar[str] = "field_disturbance"
@@ -41,13 +41,9 @@ class FieldDisturbance(Term):
 
     share: float = parameter("1", "of the observatory's variation", 1.0)
 
-    def act(self, x: Floats, scene: Scene) -> Floats:
-        """Return the direction of magnetic north with the disturbance."""
-        return x + self.share * scene.departures["declination_observatory"]
-
 
 @dataclass(frozen=True)
-class VectorDisturbance(Term):
+class VectorDisturbance(Proportional):
     """Magnetic north moves by shares of both horizontal components that an observatory recorded."""
 
     name: ClassVar[str] = "field_disturbance"
@@ -57,11 +53,6 @@ class VectorDisturbance(Term):
 
     across: float = parameter("1", "of the observatory's variation across its magnetic north, over H", 1.0)
     along: float = parameter("1", "of that along it, over H", 1.0)
-
-    def act(self, x: Floats, scene: Scene) -> Floats:
-        """Return the direction of magnetic north with the disturbance."""
-        turned, lengthened = (scene.departures[name] for name in self.needs)
-        return x + self.across * turned + self.along * lengthened
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from compasslib.core.types import Floats
-from compasslib.effects.term import READINGS, Scene, Term, date, horizontal, parameter
+from compasslib.effects.term import READINGS, Proportional, Scene, Term, date, horizontal, parameter
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,7 @@ class SupplyVoltageOfField(Term):
 
 
 @dataclass(frozen=True)
-class SupplyVoltageOfReading(Term):
+class SupplyVoltageOfReading(Proportional):
     """The reading grows with the supply voltage."""
 
     name: ClassVar[str] = "supply_voltage"
@@ -129,10 +129,6 @@ class SupplyVoltageOfReading(Term):
     needs: ClassVar[tuple[str, ...]] = ("supply_voltage",)
 
     deg_V: float = parameter("degrees/V", "of the reading; V or counts as logged", 0.5)
-
-    def act(self, x: Floats, scene: Scene) -> Floats:
-        """Return the reading shifted by the supply voltage."""
-        return x + self.deg_V * scene.departures["supply_voltage"]
 
 
 # Temperature: the magnetometer's zero or the iron beside it change with it, or the reading does.
@@ -159,7 +155,7 @@ class TemperatureOfField(Term):
 
 
 @dataclass(frozen=True)
-class TemperatureOfReading(Term):
+class TemperatureOfReading(Proportional):
     """The reading grows with temperature."""
 
     name: ClassVar[str] = "temperature"
@@ -171,10 +167,6 @@ class TemperatureOfReading(Term):
     needs: ClassVar[tuple[str, ...]] = ("temperature",)
 
     deg_K: float = parameter("degrees/K", "of the reading", 1.0)
-
-    def act(self, x: Floats, scene: Scene) -> Floats:
-        """Return the reading shifted by temperature."""
-        return x + self.deg_K * scene.departures["temperature"]
 
 
 # Heeling error: iron along the instrument's own vertical turns into the horizontal when it tilts.

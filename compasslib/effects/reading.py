@@ -9,11 +9,11 @@ import numpy as np
 
 from compasslib.core import angles, compass
 from compasslib.core.types import Floats
-from compasslib.effects.term import READINGS, Scene, Term, date, parameter
+from compasslib.effects.term import READINGS, Proportional, Scene, Term, date, parameter
 
 
 @dataclass(frozen=True)
-class LargeDeviation(Term):
+class LargeDeviation(Proportional):
     """The reading is that of the exact compass, not that of the series."""
 
     name: ClassVar[str] = "large_deviation"
@@ -24,10 +24,6 @@ class LargeDeviation(Term):
     needs: ClassVar[tuple[str, ...]] = ("exact_minus_series",)
 
     share: float = parameter("1", "of the difference; 1 is the exact compass", 0.2)
-
-    def act(self, x: Floats, scene: Scene) -> Floats:
-        """Return the reading with the difference of the two compasses added."""
-        return x + self.share * scene.departures["exact_minus_series"]
 
 
 # A harmonic of the recorded heading: a readout or a calibration table with teeth.

@@ -7,8 +7,9 @@ in the order of their stages, on the field vector: deviations are never added.
 
 from __future__ import annotations
 
+import itertools
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any, ClassVar, Literal, Self
@@ -162,6 +163,26 @@ class Term(ABC):
     def at(self, values: Floats) -> Self:
         """Return the term with other values of the fitted parameters."""
         return replace(self, **dict(zip(self.fitted(), np.asarray(values, dtype=float).tolist(), strict=True)))
+
+
+@dataclass(frozen=True)
+class Proportional(Term):
+    """An effect that adds each parameter times the departure of a covariate, in the order of what it needs."""
+
+    def act(self, x: Floats, scene: Scene) -> Floats:
+        """Return what it acts on with the effect added."""
+        each = zip(self.fitted(), self.needs, strict=True)
+        return x + sum(getattr(self, own) * scene.departures[name] for own, name in each)
+
+
+def slices(terms: Iterable[Term | type[Term]], first: int = 0) -> list[slice]:
+    """Return where the fitted parameters of each term stand among those of all.
+
+    Args:
+        first: parameters before them.
+    """
+    ends = np.cumsum([first, *(len(term.fitted()) for term in terms)])
+    return [slice(int(a), int(b)) for a, b in itertools.pairwise(ends)]
 
 
 def horizontal(forward: Floats, starboard: Floats) -> Floats:

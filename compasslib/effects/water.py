@@ -7,14 +7,14 @@ from typing import ClassVar
 
 from compasslib.core import angles
 from compasslib.core.types import Floats
-from compasslib.effects.term import Scene, Term, date, parameter
+from compasslib.effects.term import Proportional, Scene, Term, date, parameter
 
 # In narrow headings the harmonics stand for each other, up to 60 degrees each. Real veer ran from +22 to -7 degrees.
 USUAL_DEG = 15.0
 
 
 @dataclass(frozen=True)
-class VeerWithSpeed(Term):
+class VeerWithSpeed(Proportional):
     """The directional shear between the two depths grows with the speed of the flow."""
 
     name: ClassVar[str] = "current_veer"
@@ -25,13 +25,9 @@ class VeerWithSpeed(Term):
 
     deg_s_m: float = parameter("degrees/(m/s)", "directional shear by speed", 5.0)
 
-    def act(self, x: Floats, scene: Scene) -> Floats:
-        """Return the veer."""
-        return x + self.deg_s_m * scene.departures["speed"]
-
 
 @dataclass(frozen=True)
-class VeerWithSeparation(Term):
+class VeerWithSeparation(Proportional):
     """The directional shear is in proportion to the metres between the two depths."""
 
     name: ClassVar[str] = "current_veer"
@@ -41,10 +37,6 @@ class VeerWithSeparation(Term):
     needs: ClassVar[tuple[str, ...]] = ("separation",)
 
     deg_m: float = parameter("degrees/m", "directional shear by metres of separation", 1.0)
-
-    def act(self, x: Floats, scene: Scene) -> Floats:
-        """Return the veer."""
-        return x + self.deg_m * scene.departures["separation"]
 
 
 @dataclass(frozen=True)
@@ -65,7 +57,7 @@ class VeerWithDepth(Term):
 
 
 @dataclass(frozen=True)
-class VeerWithDirection(Term):
+class VeerWithDirection(Proportional):
     """The directional shear differs by direction of the flow."""
 
     name: ClassVar[str] = "current_veer"
@@ -79,17 +71,12 @@ class VeerWithDirection(Term):
     sine2_deg: float = parameter("degrees", "times the sine of its double", 1.0, usual=USUAL_DEG)
     cosine2_deg: float = parameter("degrees", "times the cosine of its double", 1.0, usual=USUAL_DEG)
 
-    def act(self, x: Floats, scene: Scene) -> Floats:
-        """Return the veer."""
-        flow = (scene.departures[name] for name in self.needs)
-        return x + sum(size * part for size, part in zip(self.values, flow, strict=True))
-
 
 # Motion of the mooring: the sphere is carried to and fro as the flow changes.
 
 
 @dataclass(frozen=True)
-class MooringMotion(Term):
+class MooringMotion(Proportional):
     """The instrument's own velocity is missing from what it measures, across the flow while the lean turns."""
 
     name: ClassVar[str] = "mooring_motion"
@@ -99,10 +86,6 @@ class MooringMotion(Term):
     needs: ClassVar[tuple[str, ...]] = ("excursion_turn",)
 
     m_s2_m2: float = parameter("m/(m/s)^2", "excursion by speed squared", 200.0)
-
-    def act(self, x: Floats, scene: Scene) -> Floats:
-        """Return the veer; the departure is its degrees for an excursion of 1 m at 1 m/s."""
-        return x + self.m_s2_m2 * scene.departures["excursion_turn"]
 
 
 # Faults of the reference: its own compass, and what its beams make of the water.
@@ -117,7 +100,7 @@ class OfReference(Term):
 
 
 @dataclass(frozen=True)
-class ReferenceDeviation(OfReference):
+class ReferenceDeviation(OfReference, Proportional):
     """The reference's compass has a deviation of its own."""
 
     name: ClassVar[str] = "reference_deviation"
@@ -126,11 +109,6 @@ class ReferenceDeviation(OfReference):
 
     sine_deg: float = parameter("degrees", "times the sine of the reference's heading", 1.0)
     cosine_deg: float = parameter("degrees", "times its cosine", 1.0)
-
-    def act(self, x: Floats, scene: Scene) -> Floats:
-        """Return the veer."""
-        sine, cosine = (scene.departures[name] for name in self.needs)
-        return x + self.sine_deg * sine + self.cosine_deg * cosine
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from compasslib.core.types import Floats
 from compasslib.effects import SLOW_WATER, Term
+from compasslib.effects.term import slices
 from compasslib.joint.members import Member
 from compasslib.search import posterior, sharing
 from compasslib.search.posterior import Hypothesis, Posterior
@@ -81,9 +82,8 @@ class Evidence:
         self.members = [member for member in members if member.effects is not None]
         forms = dict.fromkeys(form for member in self.members if member.effects for form in member.effects.forms)
         self.kinds = tuple(sharing.kind_of(form) for form in forms)
-        ends = np.cumsum([0, *(len(kind.fitted()) for kind in self.kinds)])
-        self.parts = [np.arange(a, b) for a, b in itertools.pairwise(ends)]
-        self.count = int(ends[-1])
+        self.parts = [np.r_[own] for own in slices(self.kinds)]
+        self.count = sum(len(part) for part in self.parts)
         self.usual = self._usual(list(forms))
         self.records = [self._record(member, list(forms)) for member in self.members]
 

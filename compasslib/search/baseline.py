@@ -17,6 +17,7 @@ from compasslib.core.types import Floats
 from compasslib.deviation import branches, model
 from compasslib.effects import Term, composition
 from compasslib.effects.composition import Simulation
+from compasslib.effects.term import slices
 from compasslib.search.case import Case
 from compasslib.stats import whitening
 from compasslib.stats.whitening import Whitener
@@ -76,12 +77,9 @@ class State:
         if self.case.prior is not None:
             information[:5, :5] = self.case.prior.precision
             score[:5] = self.case.prior.precision @ self.case.prior.mean
-        at = 5
-        for term in self.simulation.terms:
-            own = slice(at, at + len(term.fitted()))
+        for term, own in zip(self.simulation.terms, slices(self.simulation.terms, 5), strict=True):
             if type(term) in self.case.shared:
                 information[own, own], score[own] = self.case.shared[type(term)]
-            at = own.stop
         return information, score
 
     def projected(self, columns_deg: Floats) -> Floats:

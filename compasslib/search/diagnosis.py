@@ -11,7 +11,7 @@ from compasslib import deviation
 from compasslib.core.records import EarthField, Pairs, take
 from compasslib.core.types import Floats
 from compasslib.deviation.model import Fit
-from compasslib.effects.term import HOUR_S
+from compasslib.effects.term import HOUR_S, slices
 from compasslib.effects.water import VeerWithDirection
 from compasslib.search import (
     applied,
@@ -350,11 +350,8 @@ def _compass(found: Inference, state: State) -> Applied | None:
     if not terms:
         return None
     estimate = found.estimate(state)
-    ends = 5 + np.cumsum([0, *(len(term.fitted()) for term in terms)])
-    own = [np.arange(5)]
-    for k, term in enumerate(terms):
-        own += [np.arange(ends[k], ends[k + 1])] if term.side == "compass" else []
-    index = np.concatenate(own)
+    places = zip(terms, slices(terms, 5), strict=True)
+    index = np.r_[:5, *(own for term, own in places if term.side == "compass")]
     simulation = replace(state.simulation, terms=tuple(term for term in terms if term.side == "compass"))
     means = covariates.references(state.case.covariates)
     needed = {name for term in simulation.terms for name in term.needs}

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from compasslib.core import angles
 from compasslib.core.types import Floats
+from compasslib.effects.term import slices
 from compasslib.search import posterior, show
 from compasslib.search.baseline import State
 from compasslib.search.inference import Inference
@@ -65,9 +66,8 @@ def _on_others(state: State, k: int, fold: NDArray[np.intp]) -> tuple[Floats, tu
     values = np.zeros(state.base.shape[1])
     parameters = state.simulation.parameters
     values[5 : len(parameters)] = parameters[5:]
-    ends = 5 + np.cumsum([0, *(len(term.fitted()) for term in state.simulation.terms)])
     own = np.zeros(len(values), dtype=bool)
-    own[ends[k] : ends[k + 1]] = True
+    own[slices(state.simulation.terms, 5)[k]] = True
     white = state.whitener(state.base)
     target = state.whitener.filtered(state.standard[:, None])[:, 0] / state.response + white @ values
     total = state.residual_deg + state.base @ values

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -11,15 +10,15 @@ import numpy as np
 from compasslib.core import angles
 from compasslib.core.types import Floats
 from compasslib.effects import Term
+from compasslib.effects.term import slices
 from compasslib.search import baseline, columns
-from compasslib.search.baseline import State
+from compasslib.search.baseline import TINY, State
 from compasslib.search.columns import Group
-from compasslib.stats import robust, whitening
+from compasslib.stats import gauss_newton, robust, whitening
 from compasslib.stats.whitening import Whitener
 
 ROUNDS = 4  # of refitting, at most
 HALVED = 4  # times that the sizes of terms are halved before a compass is given up
-LONGEST_STEP = 12.0  # in the parameters' own steps of about a degree
 CLOSE_ENOUGH = 0.02  # degrees, roughly, of a step that is the last
 WORSE = 1.5  # growth of the residual at which a step is not taken
 DAMPING = 1e-4  # of whitened columns of length one: waves of the tides, sampled twice a day, stand for a constant too
@@ -36,29 +35,38 @@ class Estimate:
     @property
     def term_covariances(self) -> list[Floats]:
         """Covariance of each term's own parameters."""
-        ends = 5 + np.cumsum([0, *(len(term.fitted()) for term in self.state.simulation.terms)])
-        return [self.covariance[a:b, a:b] for a, b in itertools.pairwise(ends)]
+        return [self.covariance[own, own] for own in slices(self.state.simulation.terms, 5)]
 
 
 def refit(state: State, terms: Sequence[Term]) -> State:
     """Return the state with terms beside the compass, all fitted together by Gauss and Newton's steps."""
-    nuisance = state.nuisance
-    now = _begun(state, terms)
-    simulation = now.simulation
-    for _ in range(ROUNDS):
-        step, count = _step(now), len(simulation.parameters)
-        step *= min(1.0, LONGEST_STEP / max(np.max(np.abs(step[:count]) / simulation.steps), 1e-12))
-        simulation, nuisance = simulation.at(simulation.parameters + step[:count]), nuisance + step[count:]
+    begin = _Standing(_begun(state, terms))
+    return gauss_newton.fit(begin, rounds=ROUNDS, close=CLOSE_ENOUGH, worse=WORSE).state
+
+
+@dataclass(frozen=True)
+class _Standing:
+    """A state as a point of a fit."""
+
+    state: State
+
+    def step(self) -> tuple[Floats, float]:
+        """Return the step of all parameters; nuisances go along, however far."""
+        step, simulation = _step(self.state), self.state.simulation
+        return step, float(np.max(np.abs(step[: len(simulation.parameters)]) / simulation.steps))
+
+    def moved(self, step: Floats) -> _Standing | None:
+        """Return the state a step away, None where there is no such compass."""
+        state, count = self.state, len(self.state.simulation.parameters)
+        simulation = state.simulation.at(state.simulation.parameters + step[:count])
         try:
-            then = baseline.examine(state.case, simulation, nuisance)
-        except baseline.Lost:  # no such compass: what was reached before stands
-            break
-        if _size(then, now) > WORSE * _size(now, now):
-            break
-        now = then
-        if np.max(np.abs(step[:count]) / simulation.steps) < CLOSE_ENOUGH:
-            break
-    return now
+            return _Standing(baseline.examine(state.case, simulation, state.nuisance + step[count:]))
+        except baseline.Lost:
+            return None
+
+    def misfit(self, other: _Standing) -> float:
+        """Return the middle size of another state's residual over that of this, by the widths of this."""
+        return _size(other.state, self.state) / max(_size(self.state, self.state), TINY)
 
 
 def _begun(state: State, terms: Sequence[Term]) -> State:
@@ -108,9 +116,8 @@ def gains(state: State, groups: Sequence[Group]) -> Floats:
 
 def visible(state: State, k: int) -> Floats:
     """Return what of a fitted term's columns the compass and the nuisances cannot take, (n, k) degrees a unit."""
-    ends = 5 + np.cumsum([0, *(len(term.fitted()) for term in state.simulation.terms)])
-    others = np.column_stack([state.base[:, :5], state.base[:, ends[-1] :]])
-    own = state.base[:, ends[k] : ends[k + 1]]
+    own = state.base[:, slices(state.simulation.terms, 5)[k]]
+    others = np.column_stack([state.base[:, :5], state.base[:, len(state.simulation.parameters) :]])
     weight = 1.0 / state.whitener.width_deg
     taken, *_ = np.linalg.lstsq(others * weight[:, None], own * weight[:, None], rcond=1e-9)
     return np.asarray(own - others @ taken)

@@ -158,7 +158,7 @@ def finding(
     before, after, p = proof
     chance = f"p = {p:.2g}" if p > LEAST_P else f"p < {LEAST_P:g}"
     shown = f" On held-out days the residual goes from {before:.2f}° to {after:.2f}° rms ({chance})."
-    others = f" This record cannot separate it from {_listed(alternatives)}." if alternatives else ""
+    others = f" This record cannot separate it from {listed(alternatives)}." if alternatives else ""
     return begin + shown + others
 
 
@@ -180,7 +180,7 @@ def shared(
     """
     begin = _begun(effect, where, parameters, size_deg)
     shown = f" Each record predicted by the others gains {gain:.1f} in log score, all together."
-    others = f" These records cannot separate it from {_listed(alternatives)}." if alternatives else ""
+    others = f" These records cannot separate it from {listed(alternatives)}." if alternatives else ""
     return begin + shown + others
 
 
@@ -234,7 +234,7 @@ def unexplained(where: str, size_deg: float, named: Sequence[str]) -> str:
         size_deg: visible size, rms degrees.
         named: effects that stand beside it.
     """
-    beside = f" beyond {_listed(named)}" if named else ""
+    beside = f" beyond {listed(named)}" if named else ""
     return (
         f"Recording and simulation differ{beside} {where}, by {size_deg:.1f}° rms. "
         "No effect of the catalogue fits; the curve shows how the heading is turned."
@@ -266,6 +266,7 @@ def plain(effect: str) -> str:
     return effect.replace("_", " ")
 
 
-def _listed(names: Sequence[str]) -> str:
+def listed(names: Sequence[str], last: str = " or ") -> str:
+    """Return names to read, one after the other."""
     words = [plain(name) for name in names]
-    return " or ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
+    return last.join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)

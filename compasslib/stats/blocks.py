@@ -33,11 +33,31 @@ def sums(rows: Floats, block: NDArray[np.intp]) -> Floats:
     return np.add.reduceat(rows[order], np.flatnonzero(np.diff(block[order], prepend=-1)), axis=0)
 
 
+def scores(basis: Floats, residual: Floats, block: NDArray[np.intp]) -> Floats:
+    """Return the score of each block, (b, k): their squares are a sandwich by clusters.
+
+    The group's own fit is taken out of the residual (Liang and Zeger, Biometrika 73, 13, 1986).
+
+    Args:
+        basis: the group's columns, orthonormal, (n, k).
+        residual: (n,), in units of the columns' noise.
+    """
+    left = residual - basis @ (basis.T @ residual)
+    return sums(basis * left[:, None], block)
+
+
+def drawn(series: Floats, length: int, repeats: int, seed: int) -> Floats:
+    """Return draws of a series' own noise: blocks of it from other places, turned at random, (repeats, n)."""
+    rng, n = np.random.default_rng(seed), len(series)
+    count = -(-n // length)
+    begin = rng.integers(0, n, (repeats, count))
+    sign = rng.choice([-1.0, 1.0], (repeats, count)).astype(series.dtype)
+    windows = np.lib.stride_tricks.sliding_window_view(np.concatenate([series, series]), length)
+    return np.asarray((windows[begin] * sign[:, :, None]).reshape(repeats, -1)[:, :n])
+
+
 def unevenness(basis: Floats, residual: Floats, block: NDArray[np.intp], variance: float) -> tuple[float, float]:
     """Return what blocks make of a group's score over what even noise would, and in how many of them the group lives.
-
-    The group's own fit is taken out of the residual, and the scores of blocks are squared as they are (a sandwich by
-    clusters; Liang and Zeger, Biometrika 73, 13, 1986).
 
     Args:
         basis: the group's columns, orthonormal, (n, k).
@@ -45,10 +65,9 @@ def unevenness(basis: Floats, residual: Floats, block: NDArray[np.intp], varianc
         variance: of the residual, as if it were even.
     """
     k = basis.shape[1]
-    left = residual - basis @ (basis.T @ residual)
-    scores, held = sums(basis * left[:, None], block), sums(np.sum(basis**2, axis=1), block) / k
+    held = sums(np.sum(basis**2, axis=1), block) / k
     lives = float(np.sum(held**2))
-    return float(np.sum(scores**2)) / k / variance / max(1.0 - lives, 0.1), 1.0 / lives
+    return float(np.sum(scores(basis, residual, block) ** 2)) / k / variance / max(1.0 - lives, 0.1), 1.0 / lives
 
 
 def jackknife(rows: Floats, pulls: Floats, block: NDArray[np.intp], information: Floats) -> Floats:

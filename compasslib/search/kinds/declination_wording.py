@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from compasslib.observatory import FieldComparison, Storm
-from compasslib.search import verdict
+from compasslib.search import verdict, wording
 from compasslib.search.show import HeldOut
 from compasslib.search.verdict import Finding, Parameter
 
@@ -92,7 +92,7 @@ def jump(found: tuple[float, float], sigma_deg: float, proof: HeldOut, alternati
         found: date, and degrees that the declination rises by.
         proof: on days left out.
     """
-    others = f" This record cannot separate it from {_listed(alternatives)}." if alternatives else ""
+    others = f" This record cannot separate it from {wording.listed(alternatives)}." if alternatives else ""
     return (
         f"From {verdict.stamp(found[0])} on the declination is {found[1]:+.2f} ± {1.96 * sigma_deg:.2f} degrees (95 %) "
         f"off what it was: the baseline jumped, as where a sensor turned. The residual goes from "
@@ -108,7 +108,7 @@ def trend(slope: Parameter, one: Finding, model_slope: float | None, alternative
         model_slope: IGRF's own where the trend is that, degrees a year.
     """
     as_model = "" if model_slope is None else f" IGRF has {model_slope:+.3f} there: the given declination is constant."
-    others = f" This record cannot separate it from {_listed(alternatives)}." if alternatives else ""
+    others = f" This record cannot separate it from {wording.listed(alternatives)}." if alternatives else ""
     return (
         f"The declination moves by {slope.value:+.3f} ± {1.96 * slope.sigma:.3f} degrees a year (95 %) beyond the "
         f"simulation, {one.rms_effect_deg:.2f}° rms over the record.{as_model} On held-out days the "
@@ -128,7 +128,3 @@ def restless(size_deg: float) -> str:
         "the record: the ordinary weather of a station in the auroral zone, or noise of the recording. No storm stands "
         "out."
     )
-
-
-def _listed(names: Sequence[str]) -> str:
-    return " or ".join(name.replace("_", " ") for name in names)

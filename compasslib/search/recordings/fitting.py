@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from compasslib.core import angles
 from compasslib.core.types import Floats
-from compasslib.effects.term import Term
+from compasslib.effects.term import Term, slices
 from compasslib.search import show
 from compasslib.search.recordings.channel import Channel
-from compasslib.stats import arma, blocks, robust, whitening
+from compasslib.stats import arma, blocks, gauss_newton, robust, whitening
 from compasslib.stats.autocorrelation import effective_number
 
-ROUNDS, CLOSE_ENOUGH, LONGEST_STEP = 12, 1e-3, 12.0  # of refitting; steps in about a degree
+ROUNDS, CLOSE_ENOUGH = 12, 1e-3  # of refitting; a step in about degrees
 FINEST_DEG = 1e-4  # no heading is known better
 MOST_BLOCKS, FEWEST_BLOCKS, SAMPLES_IN_BLOCK = 40, 10, 5.0  # longer than the memory, and enough to tell a scatter
 PROBE = 0.02  # of a step, for differences
@@ -51,9 +51,8 @@ class FittedTerms:
         Args:
             order: number of each term, the first first.
         """
-        ends = len(self.base) + np.cumsum([0, *(len(term.fitted()) for term in self.terms)])
-        own = [self.columns[:, ends[k] : ends[k + 1]] for k in order]
-        columns = np.concatenate([self.columns[:, : len(self.base)], *own], axis=1)
+        places = slices(self.terms, len(self.base))
+        columns = self.columns[:, np.r_[: len(self.base), *(places[k] for k in order)]]
         return replace(self, terms=tuple(self.terms[k] for k in order), columns=columns)
 
     def projected(self, columns: Floats) -> Floats:
@@ -79,23 +78,35 @@ def fit(
     theta = np.concatenate([base, *(term.values for term in terms)])
     steps = np.concatenate([channel.steps, *(term.steps() for term in terms)])
     keep = np.ones(len(channel), dtype=bool) if use is None else use
-    best, least = _at(channel, theta, tuple(terms), steps), np.inf
-    theta_best = theta
-    for _ in range(ROUNDS):
-        now = _at(channel, theta, tuple(terms), steps)
-        square = float(np.sum(now.clipped[keep] ** 2))
-        if square > least * (1.0 + 1e-9):  # a step too long
-            theta = (theta + theta_best) / 2.0
-            continue
-        gained, best, least, theta_best = least - square, now, square, theta
-        if not len(steps):
-            break
-        step = _step(now, steps, keep)  # in the parameters' own steps
-        longest = float(np.max(np.abs(step)))
-        theta = theta + step * steps * min(1.0, LONGEST_STEP / max(longest, 1e-12))
-        if longest < CLOSE_ENOUGH or gained < 1e-9 * square:
-            break
-    return best
+    begin = _Standing(_at(channel, theta, tuple(terms), steps), theta, steps, keep)
+    if not len(steps):
+        return begin.fitted
+    return gauss_newton.fit(begin, rounds=ROUNDS, close=CLOSE_ENOUGH, worse=1.0 + gauss_newton.SETTLED).fitted
+
+
+@dataclass(frozen=True)
+class _Standing:
+    """A hypothesis as a point of a fit."""
+
+    fitted: FittedTerms
+    theta: Floats  # (b + p,)
+    steps: Floats  # (b + p,) of about a degree
+    keep: NDArray[np.bool_]  # (n,) samples that count
+
+    def step(self) -> tuple[Floats, float]:
+        """Return the step of all parameters."""
+        step = _step(self.fitted, self.steps, self.keep)  # in the parameters' own steps
+        return step * self.steps, float(np.max(np.abs(step)))
+
+    def moved(self, step: Floats) -> _Standing:
+        """Return the hypothesis a step away."""
+        theta = self.theta + step
+        return replace(self, fitted=_at(self.fitted.channel, theta, self.fitted.terms, self.steps), theta=theta)
+
+    def misfit(self, other: _Standing) -> float:
+        """Return the sum of the squares of another hypothesis over that of this."""
+        square, then = (float(np.sum(one.fitted.clipped[self.keep] ** 2)) for one in (self, other))
+        return then / max(square, 1e-300)
 
 
 def columns(now: FittedTerms, term: Term) -> Floats:
@@ -125,9 +136,9 @@ def _at(channel: Channel, theta: Floats, terms: tuple[Term, ...], steps: Floats)
 
 
 def _split(channel: Channel, theta: Floats, terms: tuple[Term, ...]) -> tuple[Floats, tuple[Term, ...]]:
-    ends = np.cumsum([len(channel.start), *(len(term.fitted()) for term in terms)])
-    parts = np.split(theta, ends[:-1])
-    return parts[0], tuple(term.at(part) for term, part in zip(terms, parts[1:], strict=True))
+    own = slices(terms, len(channel.start))
+    placed = tuple(term.at(theta[part]) for term, part in zip(terms, own, strict=True))
+    return theta[: len(channel.start)], placed
 
 
 def _step(now: FittedTerms, steps: Floats, keep: NDArray[np.bool_]) -> Floats:
@@ -184,9 +195,8 @@ def covariance(fitted: FittedTerms) -> Floats:
 
 def effect_deg(fitted: FittedTerms, k: int) -> float:
     """Return the visible size of a term: what no other parameter can take of it, rms degrees."""
-    ends = len(fitted.base) + np.cumsum([0, *(len(term.fitted()) for term in fitted.terms)])
-    own = slice(int(ends[k]), int(ends[k + 1]))
+    own = slices(fitted.terms, len(fitted.base))[k]
     rest = [term for j, term in enumerate(fitted.terms) if j != k]
     without = fitted.channel.residual(fitted.base, tuple(rest)) - fitted.residual_deg
-    others = whitening.orthonormal(np.delete(fitted.columns, np.arange(own.start, own.stop), axis=1))
+    others = whitening.orthonormal(np.delete(fitted.columns, own, axis=1))
     return angles.rms(whitening.without(without, others))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from compasslib.core import angles
 from compasslib.core.types import Floats
-from compasslib.effects.term import Term
+from compasslib.effects.term import Term, slices
 from compasslib.search import show, verdict
 from compasslib.search.posterior import Slot
 from compasslib.search.recordings import fitting, search, wording
@@ -69,8 +69,8 @@ def _chances(slot: Slot, channel: Channel) -> tuple[float, dict[str, float]]:
 
 
 def _parameters(fitted: FittedTerms, k: int, covariance: Floats) -> dict[str, Parameter]:
-    ends = len(fitted.base) + np.cumsum([0, *(len(term.fitted()) for term in fitted.terms)])
-    sigma, term = np.sqrt(np.maximum(np.diag(covariance), 0.0))[ends[k] :], fitted.terms[k]
+    own = slices(fitted.terms, len(fitted.base))[k]
+    sigma, term = np.sqrt(np.maximum(np.diag(covariance), 0.0))[own], fitted.terms[k]
     found = {}
     for j, name in enumerate(term.fitted()):
         factor, unit = fitted.channel.unit(term, j)

@@ -14,7 +14,7 @@ from compasslib.search import columns
 from compasslib.search.recordings import fitting
 from compasslib.search.recordings.fitting import FittedTerms
 from compasslib.search.scan import normal_score
-from compasslib.stats import arma, whitening
+from compasslib.stats import arma, blocks, whitening
 
 REPEATS = 400  # draws of noise, which set how well a p-value of 1 % is known
 HEADING_HAT_DEG, FEWEST_IN_HAT = 15.0, 5  # sectors that the omnibus sees, and readings in one
@@ -115,17 +115,12 @@ def draws(noise: FittedTerms, seed: int, repeats: int = REPEATS) -> Floats:
     Readings without memory are drawn from a normal distribution, and stretches of a short log by the law of their
     memory: a dozen of them hold no distribution of their own.
     """
-    rng, n = np.random.default_rng(seed), len(noise.channel)
     if noise.channel.independent:
-        return rng.normal(size=(repeats, n))
+        return np.random.default_rng(seed).normal(size=(repeats, len(noise.channel)))
     if noise.channel.remembered:
         return arma.draws(noise.clipped, noise.columns, seed, repeats)
     length = int(np.max(np.bincount(fitting.stretches(noise))))
-    count = -(-n // length)
-    begin, sign = rng.integers(0, n, (repeats, count)), rng.choice([-1.0, 1.0], (repeats, count))
-    series = noise.clipped - noise.clipped.mean()
-    windows = np.lib.stride_tricks.sliding_window_view(np.concatenate([series, series]), length)
-    return (windows[begin] * sign[:, :, None]).reshape(repeats, -1)[:, :n]
+    return blocks.drawn(noise.clipped - noise.clipped.mean(), length, repeats, seed)
 
 
 def _gains(rows: Floats, every: Floats, begins: NDArray[np.intp], base: Floats) -> Floats:

@@ -86,7 +86,7 @@ def finding(
         f" On held-out stretches the residual goes from {proof.rms_before_deg:.3g}° to "
         f"{proof.rms_after_deg:.3g}° rms (p = {proof.p_value:.2g})."
     )
-    others = f" This recording cannot separate it from {_listed(alternatives)}." if alternatives else ""
+    others = f" This recording cannot separate it from {wording.listed(alternatives)}." if alternatives else ""
     return begin + shown + others
 
 
@@ -136,14 +136,9 @@ def why(found: Sequence[Finding], left: Unexplained | None, compared: Sequence[s
     if left is not None:
         return left.text
     if not found:
-        return f"The residual of {_listed(compared, ' and ')} is noise."
+        return f"The residual of {wording.listed(compared, ' and ')} is noise."
     return f"Found in the residual: {'; '.join(_physics(finding.effect) for finding in found)}."
 
 
 def _physics(effect: str) -> str:
     return PHYSICS.get(effect) or wording.PHYSICS.get(effect, effect.replace("_", " "))
-
-
-def _listed(names: Sequence[str], last: str = " or ") -> str:
-    words = [name.replace("_", " ") for name in names]
-    return last.join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
