@@ -13,7 +13,6 @@ from __future__ import annotations
 import csv
 import re
 import shutil
-import subprocess
 import sys
 import tempfile
 from pathlib import Path
@@ -21,8 +20,10 @@ from pathlib import Path
 import netCDF4
 import numpy as np
 import yaml
+from runs import PROJECT, cost, snakemake
 
-PROJECT = Path(__file__).resolve().parent.parent
+from compasslib.core.angles import difference, rms
+
 METHODS = ("exact", "exact, tilt: true", "von_appen")
 HEAD = (
     "| mooring | method | share corrected | rms before | rms after | median after | stated 1σ | within 95 % | "
@@ -39,8 +40,7 @@ def run(source: Path, folder: Path, method: str) -> None:
         path.write_text(text.replace("demonstration: true", "demonstration: false"))
     settings = yaml.safe_load((folder / "config/config.yaml").read_text()) | {"diagnose": {"enabled": False}}
     (folder / "config/config.yaml").write_text(yaml.safe_dump(settings))  # the methods by themselves
-    command = [sys.executable, "-m", "snakemake", "--snakefile", PROJECT / "Snakefile", "--directory", folder]
-    subprocess.run([*map(str, command), "--cores", "2", "--quiet", "all", "--until", "correct"], check=True)
+    cost(snakemake(folder, "--quiet", "all", "--until", "correct"))
 
 
 def truth(source: Path, name: str, time_s: np.ndarray, recorded: np.ndarray) -> np.ndarray:
@@ -55,22 +55,13 @@ def truth(source: Path, name: str, time_s: np.ndarray, recorded: np.ndarray) -> 
     return np.array([known.get(int(t), np.nan) for t in time_s])
 
 
-def off(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    return (a - b + 180.0) % 360.0 - 180.0
-
-
-def rms(x: np.ndarray) -> float:
-    finite = x[np.isfinite(x)]
-    return float(np.sqrt(np.mean(finite**2))) if finite.size else float("nan")
-
-
 def line(source: Path, folder: Path, name: str, method: str) -> str:
     """Return one row of the table."""
     with netCDF4.Dataset(folder / "results" / name / "corrected.nc") as nc:
         names = ("TIME", "HEADING", "HEADING_CORRECTED", "HEADING_CORRECTED_UNCERTAINTY", "BRANCH_PROBABILITY")
         days, recorded, corrected, sigma, probability = (np.ma.filled(nc[v][:].astype(float), np.nan) for v in names)
     real = truth(source, name, np.rint((days - 7305.0) * 86400.0), recorded)
-    before, after = off(recorded, real), off(corrected, real)
+    before, after = difference(recorded, real), difference(corrected, real)
     known = np.isfinite(after)
     sure = known & (probability >= 0.95)
     numbers = [

@@ -10,10 +10,12 @@ standard uncertainties. It is to be 93 to 97 %. Exit status 1 where it is not.
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
+import targets
+from targets import Measured
 
 from compasslib.calibration import curves
 from compasslib.calibration.curves import BenchReadings
@@ -22,7 +24,7 @@ from compasslib.core import angles, compass
 from compasslib.deviation import von_appen
 
 GRADUATION_DEG, READING_DEG = 0.26, 0.4  # error of each setting of the bench; of each reading
-ALLOWED = (93.0, 97.0)
+ALLOWED = {"least": 0.93, "most": 0.97}
 
 
 @dataclass(frozen=True)
@@ -101,34 +103,30 @@ def misses(design: Design, true: np.ndarray, made: Calibration) -> tuple[np.ndar
     return coefficients, off / made.table.sigma_deg
 
 
-def covered(z: np.ndarray) -> float:
-    """Return the share within 95 % intervals, percent; NaN where nothing was stated."""
-    known = np.abs(z[np.isfinite(z)])
-    return float(100.0 * np.mean(known <= 1.96)) if known.size else float("nan")
-
-
-def run(design: Design, benches: int, seed: int, say: Callable[[str], None]) -> bool:
-    """Try one design and say how it went; True where the intervals hold what they promise."""
+def run(design: Design, benches: int, seed: int) -> list[Measured]:
+    """Try one design and print which models were used; return the shares beside their target."""
     rng = np.random.default_rng([seed, DESIGNS.index(design)])
-    coefficients, table, models = [], [], []
+    found: dict[str, list[float]] = {"coefficients": [], "table": []}
+    models = Counter[str]()
     for _ in range(benches):
         true, readings = bench(design, rng)
         made = curves.calibration("platform", readings)
-        for kept, z in zip((coefficients, table), misses(design, true, made), strict=True):
-            kept.append(z)
-        models.append(made.model)
-    shares = [covered(np.array(x)) for x in (coefficients, table)]
-    used = ", ".join(f"{name} {100 * models.count(name) / benches:.0f} %" for name in sorted(set(models)))
-    said = [f"{share:.1f} %" if np.isfinite(share) else "none stated" for share in shares]
-    say(f"| {design.name} | {said[0]} | {said[1]} | {used} |")
-    return all(np.isnan(share) or ALLOWED[0] <= share <= ALLOWED[1] for share in shares)
+        for shares, z in zip(found.values(), misses(design, true, made), strict=True):
+            known = np.abs(z[np.isfinite(z)])
+            shares += [float(np.mean(known <= 1.96))] if known.size else []  # of one bench they belong together
+        models[made.model] += 1
+    targets.line(design.name, ", ".join(f"{name} {n / benches:.0%}" for name, n in sorted(models.items())))
+    return [
+        targets.mean(f"{design.name}: {what} within 95 %", shares, **ALLOWED, unit=" %", times=100.0)
+        for what, shares in found.items()
+        if shares
+    ]
 
 
 def main(benches: int = 1000, seed: int = 2007) -> int:
-    """Print the table of all designs; 1 where one of them misses."""
-    print("| headings | coefficients within 95 % | table within 95 % | model used |\n|---|---|---|---|")
-    held = [run(design, benches, seed, print) for design in DESIGNS]
-    return 0 if all(held) else 1
+    """Print the tables of all designs; 1 where one of them misses."""
+    targets.head("headings", "model used")
+    return targets.report([one for design in DESIGNS for one in run(design, benches, seed)])
 
 
 if __name__ == "__main__":

@@ -13,7 +13,6 @@ from __future__ import annotations
 import argparse
 import hashlib
 import importlib.util
-import json
 import sys
 import time
 from pathlib import Path
@@ -86,12 +85,9 @@ def main() -> None:
     every, rows = families(asked.families), []
     print(f"{len(every)} families, sha256 {hashlib.sha256(asked.families.read_bytes()).hexdigest()}")
     for index in range(asked.moorings):
-        rows.append(measure(every, index, asked.seed, red=asked.red))
-        if asked.rows:
-            with asked.rows.open("a") as file:
-                file.write(json.dumps(rows[-1], default=str) + "\n")
-        print(f"\r{index + 1} of {asked.moorings}", end="", file=sys.stderr, flush=True)
-    print("\n| measure | value | target |\n|---|---|---|")
+        rows.append(targets.added(asked.rows, measure(every, index, asked.seed, red=asked.red)))
+        targets.progress(f"{index + 1} of {asked.moorings}")
+    targets.head("measure", "value", "target")
     good = [_of_size(rows, size) for size in (3.0, 1.5)]
     own = [row for row in rows if "covered" in row]
     if own:

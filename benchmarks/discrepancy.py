@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import argparse
 import itertools
-import json
 import sys
 import time
 from pathlib import Path
@@ -177,36 +176,6 @@ def corrected(drawn, fit, field, found) -> tuple:
     return made, correction.headings(readings, fit, pairs)
 
 
-def rows_of(file: Path | None, run: dict) -> list[dict]:
-    """Return the rows that a file of this run holds; none where it is absent."""
-    made = [json.loads(text) for text in file.read_text().splitlines()] if file and file.exists() else []
-    if any(row.get(key) != value for row in made for key, value in run.items()):
-        sys.exit(f"{file}: expected rows of {run}, found those of another run; name another file")
-    return made
-
-
-def resumed(file: Path | None, run: dict, wanted, measure) -> list[dict]:
-    """Return a row for each wanted (kind, index): as a file of this run has it, or made and added to the file."""
-    known = {(row["kind"], row["index"]): row for row in rows_of(file, run)}
-    for count, (kind, index) in enumerate(wanted, 1):
-        if (kind, index) in known:
-            continue
-        row = json.loads(json.dumps(run | measure(kind, index), default=float))
-        known[kind, index] = row
-        if file:
-            with file.open("a") as stream:
-                stream.write(json.dumps(row) + "\n")
-        print(f"\r{kind} {index + 1}, {count} of {len(wanted)}", end="", file=sys.stderr, flush=True)
-    print(file=sys.stderr)
-    return [known[one] for one in wanted]
-
-
-def resampled(each: np.ndarray) -> np.ndarray:
-    """Return the 95 % interval of a mean, by resampling the moorings."""
-    drawn = each[np.random.default_rng(0).integers(0, len(each), (4000, len(each)))].mean(axis=1)
-    return np.quantile(drawn, [0.025, 0.975])
-
-
 def without_compositions(measure, *asked, **options) -> dict:
     """Return a row of the search that knows the catalogue only."""
     screen, grammar.screen = grammar.screen, lambda state: []
@@ -219,7 +188,7 @@ def without_compositions(measure, *asked, **options) -> dict:
 def side_by_side(rows: list[dict], listed: list[dict]) -> bool:
     """Print what the search for compositions costs listed effects; False where the interval excludes 3 points."""
     good, both = True, {(row["kind"], row["index"]): row for row in listed}
-    print("\n| one effect | n | listed only | with compositions | lost, points (95 %) | target |\n" + "|---" * 6 + "|")
+    targets.head("one effect", "listed only, %", "with compositions, %", "lost, points", "target")
     pairs = [(row, both[row["kind"], row["index"]]) for row in rows if row["kind"] == "single"]
     for told, what in (
         (detected, "the true side at least 1/2"),
@@ -231,12 +200,10 @@ def side_by_side(rows: list[dict], listed: list[dict]) -> bool:
             if not some:
                 continue
             now, before = (np.array([told(row) for row in each], dtype=float) for each in zip(*some, strict=True))
-            low, high = resampled(before - now)
-            good &= size is not None or told is not detected or low <= LOST
-            print(
-                f"| {what}, {size or 'all'} | {len(some)} | {100 * before.mean():.1f} % | {100 * now.mean():.1f} % | "
-                f"{100 * (before - now).mean():.1f} ({100 * low:.1f} to {100 * high:.1f}) | <= {100 * LOST:.0f} |"
-            )
+            most = LOST if size is None and told is detected else np.inf
+            lost = targets.mean(f"{what}, {size or 'all'}", before - now, most=most, times=100.0)
+            targets.line(lost.what, f"{100 * before.mean():.1f}", f"{100 * now.mean():.1f}", lost.value, lost.verdict)
+            good &= lost.held
     return bool(good)
 
 
@@ -254,25 +221,13 @@ def error(heading, drawn) -> float:
     return angles.rms(angles.difference(heading, drawn.heading))
 
 
-def share(values) -> str:
-    """Return a share with its n and 95 % interval."""
-    held = [bool(one) for one in values]
-    return targets.text_of(sum(held), len(held))
-
-
-def interval(values) -> tuple[float, float]:
-    """Return the 95 % interval of a share."""
-    held = [bool(one) for one in values]
-    return targets.interval(sum(held), len(held))
-
-
 def held(what: str, values, *, most: float = 1.0, least: float = 0.0) -> bool:
     """Print a share beside its target; False where the interval excludes it."""
     return told(targets.share(what, values, least=least, most=most))
 
 
 def told(one: targets.Measured) -> bool:
-    """Print one line; False where its target is missed."""
+    """Print one line where there is something to tell; False where its target is missed."""
     line(one.what, one.value, one.verdict)
     return one.held
 
@@ -288,7 +243,7 @@ def covered(row: dict) -> bool:
 
 def line(what: str, value: str, target: str = "") -> None:
     if not value.startswith(("–", "nan")):
-        print(f"| {what} | {value} | {target} |", flush=True)
+        targets.line(what, value, target)
 
 
 def report(rows: list[dict]) -> bool:
@@ -296,18 +251,20 @@ def report(rows: list[dict]) -> bool:
     # Some effects stop at what is believable: what stays smaller than asked for is in no row for its size.
     rows = [r for r in rows if all(r["visible"][x] > 0.8 * r["size"] for x in r["truth"] if x in sea.STRONGEST)]
     kind = {name: [row for row in rows if row["kind"] == name] for name in KINDS}
-    print("\n| measure | value | target |\n|---|---|---|")
+    targets.head("measure", "value", "target")
     nulls = kind["null"]
     good = [
         held("nulls: P(compass) + P(clock) at least 1/2", map(accused, nulls), most=0.01),
         held("nulls called unexplained", (r["left"] is not None for r in nulls), most=0.02),
     ]
-    line("nulls with any name", share(bool(r["sets"]) for r in nulls))
+    line("nulls with any name", targets.share_of(bool(r["sets"]) for r in nulls))
     for size in SIZES["single"]:
         some = [r for r in kind["single"] if r["size"] == size]
         seen = [r for r in some if detected(r)]
         alone = [r for r in seen if len(r["sets"]) == 1 and len(r["sets"][0]) == 1 and r["left"] is None]
-        line(f"single {size}: P of the truth's side at least 1/2", share(map(detected, some)), "see reach.py")
+        line(
+            f"single {size}: P of the truth's side at least 1/2", targets.share_of(map(detected, some)), "see reach.py"
+        )
         good.append(held(f"single {size}: truth in the set, where detected", map(covered, seen), least=0.97))
         good.append(held(f"single {size}: right where one name is given", map(covered, alone), least=0.97))
         good.append(held(f"single {size}: family right where one name is given", map(family, alone), least=0.99))
@@ -315,21 +272,21 @@ def report(rows: list[dict]) -> bool:
             f"single {size}: names in a set, mean",
             f"{np.mean([sum(map(len, r['sets'])) for r in seen or [{'sets': []}]]):.2f}",
         )
-        line(f"single {size}: unexplained beside or instead", share(r["left"] is not None for r in some))
+        line(f"single {size}: unexplained beside or instead", targets.share_of(r["left"] is not None for r in some))
     reliability(nulls + kind["single"] + kind["two"])
     for name in SINGLES:
         some = [r for r in kind["single"] if name in r["truth"]]
         each = [[r for r in some if r["size"] == s] for s in SIZES["single"]]
         line(
             f"- {name}: detected at {SIZES['single']}",
-            ", ".join(share(map(detected, e)) for e in each),
+            ", ".join(targets.share_of(map(detected, e)) for e in each),
         )
     limited = [r for r in kind["single"] if "detectable" in r]  # what was named has no limit any more
     over = [r for r in limited if all(size >= r["detectable"].get(x, 0.0) for x, size in r["visible"].items())]
     good.append(held("at or above the stated limit, or named: named", map(covered, over), least=0.9))
     clock = kind["clock"]
-    line("clocks: named", share(covered(r) for r in clock), "")
-    line("clocks: nothing else named", share(len(r["sets"]) == 1 for r in clock if covered(r)), "")
+    line("clocks: named", targets.share_of(covered(r) for r in clock), "")
+    line("clocks: nothing else named", targets.share_of(len(r["sets"]) == 1 for r in clock if covered(r)), "")
     for size in SIZES["two"]:
         some = [r for r in kind["two"] if r["size"] == size]
         good.append(held(f"two effects, {size} each: set covers both", map(covered, some), least=0.9 * (size == 3.0)))
@@ -343,7 +300,7 @@ def report(rows: list[dict]) -> bool:
     good.append(held("shifted covariate: temperature named", named, most=0.05))
     line(
         "shifted covariate: temperature among the names",
-        share(any("temperature" in one for one in r["sets"]) for r in shifted),
+        targets.share_of(any("temperature" in one for one in r["sets"]) for r in shifted),
     )
     good.append(held("doubled noise: named", (bool(r["sets"]) for r in noisy), most=0.02))
     good.append(oracle(nulls, "nulls"))
@@ -384,7 +341,7 @@ def reliability(rows: list[dict]) -> None:
         some = [(p, right) for p, right in told if low <= p < high]
         if some:
             mean = np.mean([p for p, _ in some])
-            line(f"names given {100 * mean:.0f} % on average: right", share(right for _, right in some))
+            line(f"names given {100 * mean:.0f} % on average: right", targets.share_of(right for _, right in some))
 
 
 def oracle(rows: list[dict], what: str) -> bool:
@@ -404,7 +361,10 @@ def oracle(rows: list[dict], what: str) -> bool:
             ", ".join(f"{x:.2f}" for x in errors),
             "<= oracle + 0.3",
         )
-        line(f"after <= oracle + 0.3 ({name})", share(r["error_after"] <= r["error_oracle"] + 0.3 for r in some))
+        line(
+            f"after <= oracle + 0.3 ({name})",
+            targets.share_of(r["error_after"] <= r["error_oracle"] + 0.3 for r in some),
+        )
     for size in (1.5, 3.0):
         z = [z for r in rows if r["size"] == size and len(r["truth"]) == 1 for z in r["z"]]
         if z:
@@ -430,10 +390,10 @@ def main() -> None:
     kinds = KINDS if asked.kind is None else (asked.kind,)
     wanted = [(kind, index) for kind in kinds for index in range(asked.count)]
     run = {"seed": asked.seed, "red": asked.red}
-    rows = resumed(asked.rows, run, wanted, lambda kind, index: measure(kind, index, asked.seed, red=asked.red))
+    rows = targets.resumed(asked.rows, run, wanted, lambda kind, index: measure(kind, index, asked.seed, red=asked.red))
     good = report(rows)
     if asked.listed:
-        again = resumed(asked.listed, run | {"listed": True}, wanted, lambda kind, index: without_compositions(
+        again = targets.resumed(asked.listed, run | {"listed": True}, wanted, lambda kind, index: without_compositions(
             measure, kind, index, asked.seed, red=asked.red))  # fmt: skip
         good &= side_by_side(rows, again)
     sys.exit(0 if good else 1)

@@ -12,13 +12,13 @@ has one, or where nothing is there by 95 %. ROWS gets one line of JSON a mooring
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from dataclasses import replace
 from pathlib import Path
 
 import discrepancy as bench
 import numpy as np
+import targets
 
 from compasslib.core import angles
 from compasslib.core.records import Pairs, take
@@ -163,14 +163,12 @@ def main() -> None:
     parser.add_argument("seed", type=int)
     parser.add_argument("rows", type=Path)
     asked = parser.parse_args()
-    rows = [json.loads(line) for line in asked.rows.read_text().splitlines()] if asked.rows.exists() else []
+    rows = targets.rows_of(asked.rows, {})
     while sum(bool(row["stated"]) for row in rows) < asked.ambiguous and len(rows) < MOST:
-        rows.append(measure(len(rows), asked.seed))
-        with asked.rows.open("a") as file:
-            file.write(json.dumps(rows[-1]) + "\n")
-        print(f"\r{sum(bool(row['stated']) for row in rows)} of {asked.ambiguous}", end="", file=sys.stderr, flush=True)
+        rows.append(targets.added(asked.rows, measure(len(rows), asked.seed)))
+        targets.progress(f"{sum(bool(row['stated']) for row in rows)} of {asked.ambiguous}")
     print(f"\n{len(rows)} moorings, {sum(bool(row['stated']) for row in rows)} ambiguous")
-    print("| observation | n | stated | came | 95 % of what may come if the chances are right |\n|---|---|---|---|---|")
+    targets.head("observation", "n", "stated", "came", "95 % of what may come if the chances are right")
     sys.exit(0 if all([calibrated(rows, one) for one in OBSERVED]) else 1)  # noqa: C419  both are printed
 
 
@@ -186,8 +184,8 @@ def calibrated(rows: list[dict], begin: str) -> bool:
         drawn = (np.random.default_rng(1).random((4000, len(some))) < chances).mean(axis=1)
         between = np.quantile(drawn, [0.025, 0.975])
         good &= (low, high) != (0.0, 1.0) or bool(between[0] <= came.mean() <= between[1])
-        print(f"| {begin} ({low:.1f}-{high:.1f}) | {len(some)} | {chances.mean():.2f} | {came.mean():.2f} | "
-              f"{between[0]:.2f}-{between[1]:.2f} |")  # fmt: skip
+        numbers = f"{chances.mean():.2f}", f"{came.mean():.2f}", f"{between[0]:.2f}–{between[1]:.2f}"
+        targets.line(f"{begin} ({low:.1f}–{high:.1f})", len(some), *numbers)
     return good
 
 

@@ -29,12 +29,11 @@ from typing import Any
 import netCDF4
 import numpy as np
 import yaml
+from runs import DATA, PROJECT, cost, snakemake
 
 from compasslib.simulation import demonstration, draw, observatory, package, swing
 from compasslib.simulation.compass import earth_field
 
-PROJECT = Path(__file__).resolve().parent.parent
-DATA = PROJECT.parent / "shared/data"
 NEAR = 1e-9
 DIGITS = 6  # of numbers that are no heading and no velocity
 EXACT = re.compile(r"HEADING|DEVIATION|[UV]CUR|BRANCH|corrected_deg")
@@ -111,16 +110,6 @@ def _write_calibrations(cruise: Path) -> None:
     write("heads", {"kind": "two_heads", "file": ["raw/a.000", "raw/b.000"], "format": "pd0"})
 
 
-def _run(project: Path, *arguments: str) -> None:
-    path = os.pathsep.join(filter(None, (str(project), os.environ.get("PYTHONPATH"))))
-    environment = os.environ | {"PYTHONPATH": path, "OMP_NUM_THREADS": "1", "SOURCE_DATE_EPOCH": "0"}
-    ran = subprocess.run(
-        [sys.executable, *arguments], cwd=project, env=environment, capture_output=True, text=True, check=False
-    )
-    if ran.returncode:
-        raise SystemExit(ran.stderr[-4000:])
-
-
 def process(project: Path, raw: Path, into: Path) -> None:
     """Run the pipeline of one project on a copy of a cruise that links to its raw files."""
     if (into / "done").exists():
@@ -132,16 +121,7 @@ def process(project: Path, raw: Path, into: Path) -> None:
             there.parent.mkdir(parents=True, exist_ok=True)
             there.unlink(missing_ok=True)
             os.link(file, there)
-    options = [
-        "--snakefile",
-        str(project / "Snakefile"),
-        "--directory",
-        str(into),
-        "--cores",
-        str(os.cpu_count()),
-        "--quiet",
-    ]
-    _run(project, "-m", "snakemake", *options)
+    cost(snakemake(into, "--quiet", cores=os.cpu_count() or 1, project=project), project)
     (into / "done").touch()
 
 
@@ -239,6 +219,7 @@ def main() -> None:
     parser.add_argument("--kept", type=Path, help="folder that is kept")
     parser.add_argument("--shown", type=int, default=12, help="differences that are listed of each way")
     asked = parser.parse_args()
+    os.environ["SOURCE_DATE_EPOCH"] = "0"  # of both, whatever their commits
     with tempfile.TemporaryDirectory() as scratch:
         folder = (asked.kept or Path(scratch)).absolute()
         folder.mkdir(parents=True, exist_ok=True)

@@ -10,9 +10,6 @@ same run: the workflow beside one process that does the same steps, the whole be
 from __future__ import annotations
 
 import argparse
-import json
-import os
-import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
@@ -21,6 +18,7 @@ from pathlib import Path
 import memory
 import numpy as np
 import page
+import runs
 import targets
 from targets import Measured
 
@@ -33,17 +31,6 @@ YEARS, MOORINGS, HOURS = (0.25, 0.5, 1.0, 2.0), (1, 2, 4), 4000
 EFFECTS = ((), ("heeling",), ("heeling", "temperature"))
 MOST_RATIO, STEEPEST = 1.5, 1.2  # workflow over one process; power of the length that time and memory grow by
 ONE_PROCESS = "import sys; from compasslib.stages import pipeline; pipeline.process(*sys.argv[1:])"
-
-
-def measured(*command: str) -> tuple[float, float]:
-    """Return CPU seconds of a command with its children, and the peak of its largest process, MB."""
-    environment = os.environ | {"PYTHONPATH": str(memory.PROJECT), "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-    run = [sys.executable, "-c", memory.MEASURED, sys.executable, *command]
-    done = subprocess.run(run, capture_output=True, text=True, check=True, env=environment)
-    code, peak, cpu, said = json.loads(done.stdout)
-    if code:
-        raise SystemExit(said)
-    return cpu, peak
 
 
 def one_process(cruise: Path, name: str, *, published: bool = False) -> tuple[float, float]:
@@ -59,7 +46,8 @@ def one_process(cruise: Path, name: str, *, published: bool = False) -> tuple[fl
         page.change(path, **plain)
         name = f"{name}P"
     with tempfile.TemporaryDirectory() as folder:
-        return measured("-c", ONE_PROCESS, str(cruise), name, str(Path(folder) / name))
+        took = runs.cost([sys.executable, "-c", ONE_PROCESS, str(cruise), name, str(Path(folder) / name)])
+    return took.cpu_s, took.peak_mb
 
 
 def by_length(folder: Path) -> tuple[list[tuple[float, ...]], list[Measured]]:
@@ -93,7 +81,7 @@ def by_moorings(folder: Path) -> list[Measured]:
             page.change(copy, name=f"M{k}")
         wanted = [f"results/{path.stem}/corrected.nc" for path in sorted(first.parent.glob("*.yaml"))]
         alone = sum(one_process(cruise, path.stem)[0] for path in sorted(first.parent.glob("*.yaml")))
-        _, cpu, _ = page.snakemake(cruise, "--quiet", "all", "--", *wanted, cores=1)
+        cpu = runs.cost(runs.snakemake(cruise, "--quiet", "all", "--", *wanted, cores=1)).cpu_s
         rows.append((count, cpu, alone, cpu / alone))
     table("moorings", "workflow CPU s, one process each CPU s, ratio", rows)
     return [targets.limit("CPU of the workflow over one process's", rows[-1][-1], most=MOST_RATIO)]
@@ -111,10 +99,9 @@ def by_effects(folder: Path) -> None:
 
 def table(first: str, others: str, rows: Sequence[tuple[float, ...]]) -> None:
     """Print a table."""
-    heads = [first, *others.split(", ")]
-    print("\n| " + " | ".join(heads) + " |\n" + "|---" * len(heads) + "|")
+    targets.head(first, *others.split(", "))
     for row in rows:
-        print("| " + " | ".join(f"{value:.3g}" for value in row) + " |", flush=True)
+        targets.line(*(f"{value:.3g}" for value in row))
 
 
 def plot(rows: Sequence[tuple[float, ...]], path: Path) -> None:

@@ -25,6 +25,7 @@ from types import SimpleNamespace as Mooring
 
 import numpy as np
 import targets
+from runs import ONE_THREAD
 from scipy.optimize import least_squares
 from targets import Measured
 
@@ -46,7 +47,6 @@ UPPER_M, LOWER_M = -7.1, 11.6  # means of the two nearest bins of either instrum
 METER_M_S = 0.008  # noise of their mean, each component
 RATIO, SURE = 0.45, 0.95  # of errors that should be reached; probability from which a branch is called sure
 BINS = (*itertools.pairwise((0.5, 0.7, 0.9, 0.94, 0.96, 0.98, 0.99, 1.01)), (0.94, 0.96))
-ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
 
 def draw(index: int, seed: int, heeling: bool) -> Mooring:
@@ -155,9 +155,10 @@ def joined(told: list[Mooring], name: str) -> np.ndarray:
 
 
 def table(title: str, head: str, rows) -> None:
-    print(f"\n**{title}**\n\n| {head.replace(', ', ' | ')} |\n" + "|---" * (head.count(", ") + 1) + "|")
+    print(f"\n**{title}**")
+    targets.head(*head.split(", "))
     for row in rows:
-        print("| " + " | ".join(f"{x:.2f}" if isinstance(x, float) else str(x) for x in row) + " |", flush=True)
+        targets.line(*(f"{x:.2f}" if isinstance(x, float) else x for x in row))
 
 
 def overview(told: list[Mooring]) -> None:
@@ -324,7 +325,7 @@ def main() -> None:
     with multiprocessing.Pool(2) as pool:
         for one in pool.imap(measure, [(index, asked.seed, asked.heeling, asked.tilt) for index in range(asked.count)]):
             told.append(one)
-            print(f"\r{len(told)} of {asked.count}, {time.perf_counter() - begin:.0f} s", end="", file=sys.stderr)
+            targets.progress(f"{len(told)} of {asked.count}, {time.perf_counter() - begin:.0f} s")
     print(file=sys.stderr)
     overview(told)
     lines = [line for tell in (weak_iron, strong_iron, honesty, coefficients) for line in tell(told)]

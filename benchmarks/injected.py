@@ -27,6 +27,7 @@ from pathlib import Path
 
 import discrepancy as bench
 import numpy as np
+import targets
 import water
 
 from compasslib import deviation
@@ -254,22 +255,13 @@ def held(what: str, rows: list[dict], told, *, most: float = 1.0, least: float =
     """
     if not rows:
         return True
-    values = [bool(told(row)) for row in rows]
-    low, high = bench.interval(values)
-    windows = sorted({row["water"] for row in rows})
-    parts = [np.array([v for v, row in zip(values, rows, strict=True) if row["water"] == one]) for one in windows]
-    picked = np.random.default_rng(0).integers(0, len(parts), (2000, len(parts)))
-    sums, counts = (np.array([f(part) for part in parts], dtype=float) for f in (np.sum, len))
-    drawn = sums[picked].sum(axis=1) / counts[picked].sum(axis=1)
-    low, high = min(low, float(np.quantile(drawn, 0.025))), max(high, float(np.quantile(drawn, 0.975)))
-    good = low <= most and high >= least
-    target = f"<= {100 * most:g} %" if most < 1.0 else f">= {100 * least:g} %" if least else ""
-    text = f"{100 * np.mean(values):.1f} % of {len(values)} ({100 * low:.1f}-{100 * high:.1f})"
-    bench.line(what, text, target if good else f"{target}, MISSED")
+    values = [told(row) for row in rows]
+    plain = targets.share(what, values, least=least, most=most)
+    good = bench.told(targets.grouped(plain, values, [row["water"] for row in rows]))
     for record in dict.fromkeys(row["record"] for row in rows):
         own = [row for row in rows if row["record"] == record]
         note = "set on nothing" if record == LEFT_OUT else ""
-        bench.line(f"- {record}", bench.share(told(row) for row in own), note)
+        bench.line(f"- {record}", targets.share_of(told(row) for row in own), note)
     return good
 
 
@@ -283,7 +275,8 @@ def report(rows: list[dict]) -> bool:
     short = [row for row in rows if row["verdict"] == "insufficient"]
     rows = [row for row in rows if row["verdict"] != "insufficient"]
     rows = [r for r in rows if all(r["visible"][x] > 0.8 * r["size"] for x in r["truth"] if x in sea.STRONGEST)]
-    print(f"\n{len(rows)} recordings, {len(short)} too short\n\n| measure | value | target |\n|---|---|---|")
+    print(f"\n{len(rows)} recordings, {len(short)} too short")
+    targets.head("measure", "value", "target")
     of = {kind: [row for row in rows if row["kind"] == kind] for kind in KINDS}
     good = [
         held("nulls: a name on the compass's side", of["null"], named, most=0.02),
@@ -293,7 +286,7 @@ def report(rows: list[dict]) -> bool:
     ]
     for logged in LOGGED:
         some = [row for row in of["null"] if row["case"]["logged"] == logged]
-        bench.line(f"nulls, covariates {logged}: named on the compass's side", bench.share(map(named, some)))
+        bench.line(f"nulls, covariates {logged}: named on the compass's side", targets.share_of(map(named, some)))
     for size in bench.SIZES["single"]:
         some = [row for row in of["single"] if row["size"] == size]
         got = [row for row in some if bench.detected(row)]
@@ -320,7 +313,7 @@ def headings(kind: str, rows: list[dict]) -> None:
     ways = ("recorded", "published", "plain", "after", "level")
     for record in dict.fromkeys(row["record"] for row in rows):
         own = [row["refuted"] for row in rows if row["record"] == record]
-        bench.line(f"{kind}, {record}: refuted by held-out pairs, all headings flagged", bench.share(own))
+        bench.line(f"{kind}, {record}: refuted by held-out pairs, all headings flagged", targets.share_of(own))
     rows = [row for row in rows if not row["refuted"]]
     for record in (*dict.fromkeys(row["record"] for row in rows), "all") if rows else ():
         own = [row for row in rows if record in ("all", row["record"])]
@@ -332,14 +325,10 @@ def headings(kind: str, rows: list[dict]) -> None:
             text,
         )
         bench.line(f"{kind}, {record}: worse than by the fit alone by over 0.1 degree",
-                   bench.share(row["error_after"] > row["error_plain"] + 0.1 for row in own))  # fmt: skip
-        drawn = np.random.default_rng(0).choice([row["covered"] for row in own], (2000, len(own))).mean(axis=1)
-        low, high = np.quantile(drawn, [0.025, 0.975])
-        both = [100 * np.mean([row[name] for row in own]) for name in ("covered", "centred")]
-        bench.line(
-            f"{kind}, {record}: headings within 95 %, n = {len(own)}; the same without their mean error",
-            f"{both[0]:.1f} % ({100 * low:.1f}-{100 * high:.1f}); {both[1]:.1f} %",
-        )
+                   targets.share_of(row["error_after"] > row["error_plain"] + 0.1 for row in own))  # fmt: skip
+        both = [100.0 * np.array([row[name] for row in own]) for name in ("covered", "centred")]
+        told = f"{targets.middle(both[0], np.mean, unit=' %')}; {both[1].mean():.1f} %"
+        bench.line(f"{kind}, {record}: headings within 95 %; the same without their mean error", told)
 
 
 def main() -> None:
@@ -361,7 +350,7 @@ def main() -> None:
     kinds = KINDS if asked.kind is None else (asked.kind,)
     wanted = [(kind, index) for kind in kinds for index in range(asked.count)]
     run = {"seed": asked.seed, "records": records, "gap": asked.gap}
-    rows = bench.resumed(
+    rows = targets.resumed(
         asked.rows, run, wanted, lambda kind, index: measure(kind, index, asked.seed, records, asked.gap)
     )
     sys.exit(0 if report(rows) else 1)

@@ -9,7 +9,6 @@ is started plainly then, and a new cruise begins. Logs and benchmarks, which hol
 
 from __future__ import annotations
 
-import hashlib
 import os
 import random
 import shutil
@@ -20,31 +19,23 @@ import tempfile
 import time
 from pathlib import Path
 
-PROJECT = Path(__file__).resolve().parent.parent
+from runs import PROJECT, environment, hashes, snakemake
+
 sys.path.insert(0, str(PROJECT / "tests"))
-from sea import cruise  # noqa: E402
+from sea import cruise
 
 OPTIONS = "{diagnose: {enabled: false}, fit: {method: von_appen}}\n"
 MOST = 8  # kills of one cruise
 
 
-def command(folder: Path) -> list[str]:
-    whole = [sys.executable, "-m", "snakemake", "--snakefile", PROJECT / "Snakefile", "--directory", folder]
-    return [*map(str, whole), "--cores", "2"]
-
-
 def started(folder: Path) -> subprocess.Popen:
-    quiet = subprocess.DEVNULL
-    environment = os.environ | {"PYTHONPATH": str(PROJECT)}
-    return subprocess.Popen(
-        command(folder), cwd=PROJECT, env=environment, stdout=quiet, stderr=quiet, start_new_session=True
-    )
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    return subprocess.Popen(snakemake(folder), cwd=PROJECT, env=environment(), start_new_session=True, **quiet)
 
 
-def hashes(folder: Path) -> dict[str, str]:
-    files = [path for path in sorted(folder.rglob("*")) if path.is_file()]
-    kept = [path for path in files if not {"logs", "benchmarks"} & set(path.parts)]
-    return {str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in kept}
+def left(folder: Path) -> dict[str, str]:
+    """Return the hashes of what does not hold times."""
+    return hashes(folder, "logs", "benchmarks")
 
 
 def killed(folder: Path, after_s: float) -> bool:
@@ -77,8 +68,8 @@ def main(kills: int, seed: int) -> None:
                 done += 1
             assert started(folder).wait() == 0, "a plain restart after a kill failed"
             ends += 1
-            different += hashes(folder / "results") != hashes(whole / "results")
-            raw_changed += hashes(folder / "raw") != hashes(whole / "raw")
+            different += left(folder / "results") != left(whole / "results")
+            raw_changed += left(folder / "raw") != left(whole / "raw")
             shutil.rmtree(folder)
             print(
                 f"{done} kills, {ends} cruises ended, {different} differ, {raw_changed} with raw data touched",

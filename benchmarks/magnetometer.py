@@ -14,16 +14,14 @@ from pathlib import Path
 
 import numpy as np
 import targets
+from runs import DATA
 
-PROJECT = Path(__file__).resolve().parent.parent
-sys.path[:0] = [str(PROJECT), str(PROJECT / "tests")]
+from compasslib.calibration import magnetometer
+from compasslib.calibration.magnetometer import ellipsoid
+from compasslib.deviation import von_appen
+from compasslib.simulation import iron
 
-from compasslib.calibration import magnetometer  # noqa: E402
-from compasslib.calibration.magnetometer import ellipsoid  # noqa: E402
-from compasslib.deviation import von_appen  # noqa: E402
-from compasslib.simulation import iron  # noqa: E402
-
-REAL = PROJECT.parent / "shared/data/magnetometer"
+REAL = DATA / "magnetometer"
 SCENARIOS = {
     "over the sphere, white noise 1 %": {"n": 1500},
     "over the sphere, red noise 1 %, memory 0.9": {"n": 1500, "memory": 0.9},
@@ -90,8 +88,7 @@ def coverage(draws: int) -> list[targets.Measured]:
     """Print coverage by scenario, and return it beside its targets."""
     lines: list[targets.Measured] = []
     print(f"\nShare of truths inside the 95 % interval, {draws} draws")
-    print("| scenario | hard iron | soft iron | heading every 10° | B to E | model | refused |")
-    print("|---|---|---|---|---|---|---|")
+    targets.head("scenario", "hard iron", "soft iron", "heading every 10°", "B to E", "model", "refused")
     with tempfile.TemporaryDirectory() as folder:
         for name, settings in SCENARIOS.items():
             rng, z, models, refused = np.random.default_rng(20), defaultdict(list), defaultdict(int), 0
@@ -104,7 +101,7 @@ def coverage(draws: int) -> list[targets.Measured]:
             lines += [within(f"{name}, {kind}", *v) for kind, v in z.items()]
             shares = [f"{100 * np.mean(np.abs(np.concatenate(v)) < 1.96):.1f} %" for v in z.values()]
             chosen = max(models, key=lambda k: models[k])
-            print(f"| {name} | {' | '.join(shares)} | {chosen} {models[chosen]} of {draws} | {refused} |", flush=True)
+            targets.line(name, *shares, f"{chosen} {models[chosen]} of {draws}", refused)
     return lines
 
 
@@ -132,7 +129,7 @@ def bias(draws: int) -> None:
     print(
         "\nMean error over its standard error, 9 parameters of the ellipsoid: rms and largest; 1 and about 2.5 expected"
     )
-    print("| noise | plain algebraic fit | adjusted |\n|---|---|---|")
+    targets.head("noise", "plain algebraic fit", "adjusted")
     for noise in (0.01, 0.03, 0.1):
         rng, plain, adjusted = np.random.default_rng(7), [], []
         true = iron.some(rng)
@@ -150,7 +147,7 @@ def bias(draws: int) -> None:
             z = np.abs(off.mean(axis=0)) / (off.std(axis=0) / np.sqrt(draws))
             share = np.max(np.abs(off.mean(axis=0)) / off.std(axis=0))
             cells.append(f"{np.sqrt(np.mean(z**2)):.1f}, {z.max():.1f} (bias at most {share:.2f} σ of one fit)")
-        print(f"| {100 * noise:.0f} % | {' | '.join(cells)} |", flush=True)
+        targets.line(f"{100 * noise:.0f} %", *cells)
 
 
 def _symmetric(root: np.ndarray) -> np.ndarray:

@@ -7,34 +7,25 @@ The record is simple (a tide and a slow current, mild iron): only its length cou
 
 from __future__ import annotations
 
-import json
-import os
-import subprocess
 import sys
 import tempfile
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+import runs
 import targets
 import yaml
 
 from compasslib.core import angles, compass
 from compasslib.simulation import pd0
 
-PROJECT = Path(__file__).resolve().parent.parent
 START_S, YEAR_S, STEP_S, CELLS = 1_262_304_000, 31_557_600, 600, 40  # from 2010-01-01
 LIMIT_MB = 1536
 IRON = (0.01, 0.2, -0.1, 0.02, 0.01)
 SETUP = pd0.Setup(300, True, CELLS, 2.0, 1.76, 4.0, 30, "earth", 1)
 STAGES = ("work/top.nc", "work/deep.nc", "overlap.nc", "work/fit.json", "diagnosis.json", "corrected.nc")
 STAGES = (*STAGES, "assessment.json", "figures/timeline.png")
-MEASURED = """
-import json, resource, subprocess, sys
-code = subprocess.run(sys.argv[1:], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
-used = resource.getrusage(resource.RUSAGE_CHILDREN)
-print(json.dumps([code.returncode, used.ru_maxrss / 1024, used.ru_utime + used.ru_stime, code.stderr[-2000:]]))
-"""
 
 
 def write_cruise(folder: Path, years: float, rng: np.random.Generator) -> None:
@@ -93,31 +84,18 @@ def ensembles(time_s: np.ndarray, east: np.ndarray, north: np.ndarray, rng: np.r
     )  # fmt: skip
 
 
-def stage(folder: Path, target: str) -> tuple[float, float]:
-    """Run one stage; return peak memory of its largest process (MB) and CPU seconds, Snakemake's share included."""
-    command = [sys.executable, "-m", "snakemake", "--snakefile", str(PROJECT / "Snakefile"), "--directory", str(folder)]
-    command += ["--cores", "1", "--quiet", "all", "--", f"results/M/{target}"]
-    environment = os.environ | {"PYTHONPATH": str(PROJECT)}
-    run = [sys.executable, "-c", MEASURED, *command]
-    done = subprocess.run(run, capture_output=True, text=True, check=True, cwd=PROJECT, env=environment)
-    code, peak, cpu, said = json.loads(done.stdout)
-    if code:
-        raise SystemExit(f"{target}: {said}")
-    return peak, cpu
-
-
 def main(years: float, folder: Path) -> int:
     """Write the record, run it stage by stage, print the table; 1 where a stage takes more than ten years may."""
     if not (folder / "raw").exists():
         write_cruise(folder, years, np.random.default_rng(1))
     size = (folder / "raw/top.000").stat().st_size / 1e6
     print(f"{years:g} years, {round(years * YEAR_S / STEP_S)} ensembles of {CELLS} bins, {size:.0f} MB of PD0\n")
-    print("| up to | peak MB | CPU s |\n|---|---|---|")
+    targets.head("up to", "peak MB", "CPU s")
     peaks = []
     for target in STAGES:
-        peak, cpu = stage(folder, target)
-        peaks.append(peak)
-        print(f"| {target} | {peak:.0f} | {cpu:.1f} |", flush=True)
+        took = runs.cost(runs.snakemake(folder, "--quiet", "all", "--", f"results/M/{target}", cores=1))
+        peaks.append(took.peak_mb)
+        targets.line(target, f"{took.peak_mb:.0f}", f"{took.cpu_s:.1f}")
     return targets.report([targets.limit("largest peak, MB", max(peaks), most=LIMIT_MB)])
 
 

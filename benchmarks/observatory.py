@@ -9,9 +9,10 @@ from __future__ import annotations
 import argparse
 import time
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
+import targets
+from runs import DATA
 from scipy.signal import lfilter
 
 from compasslib import observatory
@@ -22,7 +23,7 @@ from compasslib.search.kinds import declination
 
 HOUR_S, DAY_S = 3600.0, 86400.0
 PLACES = ((55.3, -3.2), (48.0, 2.3), (65.4, 26.6), (40.1, -105.2), (-35.3, 149.4))
-REAL = Path(__file__).resolve().parents[1] / "../shared/data/observatory"
+REAL = DATA / "observatory"
 QUIET_DEG = 0.3  # largest three-hourly disturbance of a null; what is larger is no null
 KINDS = ("null", "null_gaps", "storm", "trend", "jump", "swing", "constant")
 
@@ -110,18 +111,15 @@ def measure(kind, days, step_s, size, count, seed):
         if date is not None and name in names:
             late += [(one.when_s[0] - date) / HOUR_S for one in found.findings if one.effect == name][:1]
     dated = f", date off by {np.median(np.abs(late)):.1f} h (median)" if late else ""
-    print(
-        f"| {kind} | {days} d, {step_s / 60:.0f} min | {size} | {count} | {named / count:.1%} | {right / count:.1%} | "
-        f"{alone / count:.1%} | {rest / count:.1%} | {np.median(spent):.2f} s{dated} |",
-        flush=True,
-    )
+    shares = (targets.text_of(held, count) for held in (named, right, alone, rest))
+    targets.line(kind, f"{days} d, {step_s / 60:.0f} min", size, *shares, f"{np.median(spent):.2f} s{dated}")
 
 
 def constants():
     """Hold the constants of parts of real years against the whole year's."""
     from compasslib.readers import iaga2002
 
-    print("\n| year | days | parts | rms error | stated 1 sigma | within 95 % |\n|---|---|---|---|---|---|")
+    targets.head("year", "days", "rms error", "stated 1 sigma", "within 95 %, parts that overlap")
     for path in sorted(REAL.glob("*.hor")):
         series = iaga2002.read([path])
         field = earthfield.along_time(55.3, -3.2, series.time_s[0], series.time_s[-1])
@@ -134,9 +132,8 @@ def constants():
                 held.append(observatory.compare(part, field, limit_deg=0.5))
             off = np.array([one.constant_deg - whole for one in held])
             sigma = np.array([one.constant_sigma_deg for one in held])
-            within = np.mean(np.abs(off) <= 1.96 * sigma)
-            row = f"{len(off)} | {np.sqrt(np.mean(off**2)):.4f} | {np.median(sigma):.4f} | {within:.1%} |"
-            print(f"| {path.stem} | {days} | {row}")
+            within = targets.share_of(np.abs(off) <= 1.96 * sigma)
+            targets.line(path.stem, days, f"{np.sqrt(np.mean(off**2)):.4f}", f"{np.median(sigma):.4f}", within)
 
 
 def main() -> None:
@@ -145,11 +142,7 @@ def main() -> None:
     parser.add_argument("seed", type=int, nargs="?", default=1)
     parser.add_argument("--kind", choices=KINDS)
     asked = parser.parse_args()
-    print(
-        "| kind | record | size | n | named | truth in the set | truth alone | unexplained | time |\n"
-        + "|---" * 9
-        + "|"
-    )
+    targets.head("kind", "record", "size", "named", "truth in the set", "truth alone", "unexplained", "time")
     for kind in KINDS if asked.kind is None else (asked.kind,):
         null = kind.startswith("null")
         records = ((1, 60.0), (3, 60.0), (60, 3600.0), (365, 3600.0))

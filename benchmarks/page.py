@@ -8,8 +8,8 @@ them less than the clock. The cruise is the demonstration's, simulated anew in a
 
 from __future__ import annotations
 
+import ast
 import csv
-import os
 import re
 import resource
 import shutil
@@ -21,33 +21,20 @@ from collections import defaultdict
 from collections.abc import Callable
 from pathlib import Path
 
-import jobs
 import numpy as np
+import runs
 import targets
 import yaml
+from runs import PROJECT
 from targets import Measured
 
 from compasslib.core import angles
 from compasslib.deviation import von_appen
 
-PROJECT = Path(__file__).resolve().parent.parent
+SCRIPTS = PROJECT / "workflow/scripts"
 FLEETS = (1, 10, 100)
 EDITED = "EG5"
 LIMITS = {"whole": 60.0, "without": 25.0, "edit": 12.0, "nothing": 3.0}
-
-
-def snakemake(folder: Path, *options: str, cores: int = 2) -> tuple[float, float, str]:
-    """Run the workflow; return seconds by the clock, CPU seconds, and what it said."""
-    command = [sys.executable, "-m", "snakemake", "--snakefile", str(PROJECT / "Snakefile"), "--directory", str(folder)]
-    before, begun = resource.getrusage(resource.RUSAGE_CHILDREN), time.monotonic()
-    environment = os.environ | {"PYTHONPATH": str(PROJECT)}
-    whole = [*command, "--cores", str(cores), *options]
-    done = subprocess.run(whole, capture_output=True, text=True, check=False, env=environment)
-    if done.returncode:
-        raise SystemExit(done.stderr[-3000:])
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    return time.monotonic() - begun, cpu, done.stdout + done.stderr
 
 
 def fresh(folder: Path) -> Path:
@@ -71,16 +58,35 @@ def walls(cruise: Path) -> dict[str, list[float]]:
     return found
 
 
+def took(folder: Path, *options: str) -> tuple[float, float]:
+    """Run the workflow; return seconds by the clock and CPU seconds."""
+    return runs.cost(runs.snakemake(folder, *options))[:2]
+
+
+def cpu_of(code: str) -> float:
+    """Return the CPU seconds that a fresh interpreter takes for some code."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=PROJECT)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+def imports_of(script: Path) -> str:
+    """Return the import lines of a script."""
+    lines = [ast.unparse(n) for n in ast.parse(script.read_text()).body if isinstance(n, ast.Import | ast.ImportFrom)]
+    return "\n".join(lines)
+
+
 def of_cruise(temporary: Path) -> tuple[str, list[Measured]]:
     """Time the whole cruise, the same without diagnosis and figures, an edit, and nothing to do."""
     whole, bare = fresh(temporary / "whole"), fresh(temporary / "bare")
     change(bare / "config/config.yaml", diagnose={"enabled": False})
-    rows = [("whole cruise, diagnosis and figures", *snakemake(whole)[:2], LIMITS["whole"])]
+    rows = [("whole cruise, diagnosis and figures", *took(whole), LIMITS["whole"])]
     parts = walls(whole)
-    rows.append(("without: to summary.csv", *snakemake(bare, "--", "results/summary.csv")[:2], LIMITS["without"]))
+    rows.append(("without: to summary.csv", *took(bare, "--", "results/summary.csv"), LIMITS["without"]))
     change(whole / f"config/moorings/{EDITED}.yaml", declination=-20.5)
-    rows.append((f"{EDITED}'s declination edited", *snakemake(whole)[:2], LIMITS["edit"]))
-    rows.append(("nothing to do", *snakemake(whole)[:2], LIMITS["nothing"]))
+    rows.append((f"{EDITED}'s declination edited", *took(whole), LIMITS["edit"]))
+    rows.append(("nothing to do", *took(whole), LIMITS["nothing"]))
     first = rows[0][1]
     lines = ["| run, two cores | s by the clock | budget s | CPU s | of the whole |", "|---|---|---|---|---|"]
     lines += [f"| {name} | {s:.1f} | {limit:.0f} | {cpu:.1f} | {s / first:.2f} |" for name, s, cpu, limit in rows]
@@ -98,11 +104,11 @@ def of_cruise(temporary: Path) -> tuple[str, list[Measured]]:
 
 def of_imports() -> str:
     """Time what each job imports, in fresh interpreters."""
-    bare = min(jobs.cpu_of("pass") for _ in range(3))
+    bare = min(cpu_of("pass") for _ in range(3))
     lines = ["| job | imports, CPU s | of numpy's |", "|---|---|---|"]
-    numpy = min(jobs.cpu_of("import numpy") for _ in range(3)) - bare
-    for script in sorted(jobs.SCRIPTS.glob("*.py")):
-        seconds = min(jobs.cpu_of(jobs.imports_of(script)) for _ in range(3)) - bare
+    numpy = min(cpu_of("import numpy") for _ in range(3)) - bare
+    for script in sorted(SCRIPTS.glob("*.py")):
+        seconds = min(cpu_of(imports_of(script)) for _ in range(3)) - bare
         lines.append(f"| {script.stem} | {seconds:.2f} | {seconds / numpy:.1f} |")
     return "\n".join(lines)
 
@@ -151,10 +157,10 @@ def of_fleets(temporary: Path) -> str:
     lines = ["| moorings | jobs | planning, CPU s | ms a job |", "|---|---|---|---|"]
     for count in FLEETS:
         folder = fleet(temporary / f"fleet{count}", count)
-        _, cpu, said = snakemake(folder, "--dry-run", "--quiet", "rules")
-        found = re.search(r"^total\s+(\d+)", said, re.MULTILINE)
+        took = runs.cost(runs.snakemake(folder, "--dry-run", "--quiet", "rules"))
+        found = re.search(r"^total\s+(\d+)", took.said, re.MULTILINE)
         planned = int(found[1]) if found else 0
-        lines.append(f"| {count} | {planned} | {cpu:.1f} | {1e3 * cpu / max(planned, 1):.0f} |")
+        lines.append(f"| {count} | {planned} | {took.cpu_s:.1f} | {1e3 * took.cpu_s / max(planned, 1):.0f} |")
     return "\n".join(lines)
 
 
@@ -174,9 +180,8 @@ def fleet(folder: Path, count: int) -> Path:
 
 def said_by(*command: str) -> str:
     """Return what another benchmark prints, as it stands."""
-    environment = os.environ | {"PYTHONPATH": str(PROJECT)}
     run = [sys.executable, *command]
-    done = subprocess.run(run, capture_output=True, text=True, check=False, env=environment, cwd=PROJECT)
+    done = subprocess.run(run, capture_output=True, text=True, check=False, env=runs.environment(), cwd=PROJECT)
     return done.stdout or f"Not measured: {(done.stderr.splitlines() or ['no reason'])[-1]}\n"
 
 
@@ -187,7 +192,7 @@ def main(output: Path) -> int:
         sections = {
             "The demonstration cruise": cruise,
             "Imports of the jobs": of_imports(),
-            "PD0 against mhkit and plain reading": f"```\n{said_by('benchmarks/pd0_throughput.py')}```",
+            "Readers against mhkit and plain reading": said_by("benchmarks/throughput.py"),
             "The published series against curve_fit": of_fits(),
             "Planning 1, 10 and 100 moorings": of_fleets(Path(name)),
             "Memory of one year at 10 minutes, 40 bins": said_by("benchmarks/memory.py", "1"),

@@ -21,6 +21,7 @@ from pathlib import Path
 
 import discrepancy as bench
 import numpy as np
+import targets
 from scipy.stats import chi2, ncx2, norm
 
 from compasslib.simulation import pairs as sea
@@ -133,10 +134,7 @@ def beside(rows: list[dict], found: list[dict]) -> bool:
             sys.exit(f"index {row['index']}: expected {list(row['power'])}, the engine's row has {list(own['truth'])}")
     joined = [both for both in joined if all(both[0]["visible"][x] > 0.8 * both[0]["size"] for x in both[0]["power"]
                                              if x in sea.STRONGEST)]  # fmt: skip
-    print(
-        "\n| one effect | n | known beforehand | found by a search | the engine (95 %) | short by, points (95 %) |"
-        "\n|---|---|---|---|---|---|"
-    )
+    targets.head("one effect", "known beforehand", "found by a search", "the engine", "short by, points", "target")
     good = []
     for size in bench.SIZES["single"]:
         some = [both for both in joined if both[0]["size"] == size]
@@ -155,16 +153,9 @@ def compared(what: str, joined: list[tuple[dict, dict]]) -> bool:
         return True
     reach = np.array([next(iter(row["power"].values())) for row, _ in joined])
     seen = np.array([bench.detected(own) for _, own in joined])
-    each = reach[:, 1] - seen
-    low, high = bench.resampled(each)
-    missed = "" if low <= MISSED else ", MISSED"
-    own = [100.0 * x for x in bench.interval(seen)]
-    engine = f"{100 * seen.mean():.0f} % ({own[0]:.0f}-{own[1]:.0f})"
-    print(
-        f"| {what} | {len(joined)} | {text(reach.mean(axis=0))} | {engine} | "
-        f"{100 * each.mean():.0f} ({100 * low:.0f} to {100 * high:.0f}){missed} |"
-    )
-    return low <= MISSED
+    short = targets.mean(what, reach[:, 1] - seen, most=MISSED, times=100.0)
+    targets.line(what, text(reach.mean(axis=0)), targets.share_of(seen), short.value, short.verdict)
+    return short.held
 
 
 def main() -> None:
@@ -178,12 +169,12 @@ def main() -> None:
     asked = parser.parse_args()
     kinds, run = asked.kind or ("single", "two"), {"seed": asked.seed, "red": asked.red}
     wanted = [(kind, index) for kind in kinds for index in range(asked.count)]
-    rows = bench.resumed(asked.rows, run, wanted, lambda kind, index: row(kind, index, asked.seed, red=asked.red))
-    print("\n| planted, 1 % of false alarms | known beforehand | found by a search |\n|---|---|---|")
+    rows = targets.resumed(asked.rows, run, wanted, lambda kind, index: row(kind, index, asked.seed, red=asked.red))
+    targets.head("planted, 1 % of false alarms", "known beforehand", "found by a search")
     for kind in kinds:
         report(kind, [one for one in rows if one["kind"] == kind])
     if asked.engine is not None:
-        found = bench.rows_of(asked.engine, run)
+        found = targets.rows_of(asked.engine, run)
         sys.exit(0 if beside(rows, found) else 1)
 
 

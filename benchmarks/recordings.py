@@ -120,8 +120,8 @@ KINDS: dict[str, tuple[Callable[[np.random.Generator, str], Made], tuple[str, ..
     ),
 }
 HEAD = (
-    "| kind | effect | recordings | in the set | named alone and right | other names | unexplained | insufficient | "
-    "z rms (numbers) | CPU s |"
+    *("kind", "effect", "in the set", "named alone and right", "other names", "unexplained", "insufficient"),
+    *("z rms (numbers)", "CPU s"),
 )
 
 
@@ -156,9 +156,9 @@ def row(kind: str, case: str, count: int, first: int) -> list[bool]:
             left = found.unexplained.covariates if found.unexplained else ()
             tally[f"  {kind} {case or 'null'} seed {seed}: {', '.join((*wrong, *left))}"] += 1
     spent = (time.process_time() - begin) / count
-    shares = [f"{tally[key] / count:.1%}" for key in ("set", "alone", "other", "unexplained", "insufficient")]
+    shares = [targets.text_of(tally[key], count) for key in ("set", "alone", "other", "unexplained", "insufficient")]
     z = f"{np.sqrt(np.mean(np.square(off))):.2f} ({len(off)})" if off else "-"
-    print(f"| {kind} | {case or 'none'} | {count} | {' | '.join(shares)} | {z} | {spent:.1f} |", flush=True)
+    targets.line(kind, case or "none", *shares, z, f"{spent:.1f}")
     for key in (key for key in tally if key.startswith(" ")):
         print(f"<!-- {key.strip()} -->")
     return false
@@ -173,7 +173,7 @@ def main() -> None:
     lines: list[targets.Measured] = []
     kinds = [asked.kind] if asked.kind else [*KINDS, "real"]
     if kinds != ["real"]:
-        print(HEAD + "\n|" + "---|" * (HEAD.count("|") - 1))
+        targets.head(*HEAD)
     for kind in (kind for kind in kinds if kind != "real"):
         for case in ("", *KINDS[kind][1]):
             few = max(asked.recordings // NULLS_EACH, 1)

@@ -5,13 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from runs import DATA
 
 from compasslib.search import kinds
 from compasslib.search.diagnosis import Options
 from compasslib.search.kinds import platform
 from compasslib.search.verdict import Diagnosis, Finding
 
-DATA = Path(__file__).resolve().parents[2] / "shared/data"
 ACM, SIGNATURE = "acm/mmp_global_A0000001.TXT", "magnetometer/signature500.csv"
 MMP, NMEA = {"format": "mmp_acm"}, {"format": "nmea0183"}
 # What is concealed, kind, file, settings.

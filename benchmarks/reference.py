@@ -63,13 +63,12 @@ def measured(job: tuple[int, int]) -> dict:
 
 def report(rows: Sequence[dict]) -> int:
     """Print the table, and return the exit status."""
-    print("| fault | n | seen | named with its side | put on the affected compass alone | heading, rms | within 95 % |")
-    print("|---|---|---|---|---|---|---|")
+    targets.head("fault", "seen", "named with its side", "on the affected compass alone", "heading, rms", "within 95 %")
     for fault in [*dict.fromkeys(row["fault"] for row in rows), "all"]:
         some = [row for row in rows if fault in (row["fault"], "all")]
-        counts = " | ".join(str(sum(row[key] for row in some)) for key in ("seen", "named", "alone"))
+        counts = (targets.share_of(row[key] for row in some) for key in ("seen", "named", "alone"))
         rms, within = (np.mean([row[key] for row in some]) for key in ("rms", "within"))
-        print(f"| {fault} | {len(some)} | {counts} | {rms:.2f}° | {within:.0%} |")
+        targets.line(fault, *counts, f"{rms:.2f}°", f"{within:.0%}")
     alone = targets.share("put on the affected compass alone", (row["alone"] for row in rows), most=MOST)
     return targets.report([alone])
 

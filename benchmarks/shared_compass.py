@@ -18,7 +18,8 @@ from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
-from discrepancy import field_of, fitted, held, line, share
+import targets
+from discrepancy import field_of, fitted, held, line, told
 from scipy.stats import chi2, ncx2
 
 from compasslib import deviation
@@ -131,7 +132,7 @@ def of_short(index: int, seed: int, every: int) -> dict:
     bare = Member("M0", "mooring", None, whole.horizontal, whole.vertical, np.zeros(0), np.zeros(0))
     prior = coefficients.join([bare, *siblings]).prior("M0")
     if prior is None:
-        return {"kind": "short", "alone": np.nan, "both": np.nan}
+        return {"kind": "short"}
     alone = deviation.fit("exact", pairs)
     free = replace(prior, precision=prior.precision * np.outer([0, 1, 1, 1, 1], [0, 1, 1, 1, 1]))
     both = deviation.fit("exact", pairs, exact.beside(free, pairs))
@@ -153,35 +154,27 @@ def own(seed: int, kind: str, index: int) -> int:
     return 10_000 * seed + 1000 * KINDS.index(kind) + index
 
 
-def mean(values) -> tuple[float, float, float]:
-    """Return a mean with its 95 % interval, by drawing sets anew."""
-    each = np.array([value for value in values if np.isfinite(value)])
-    drawn = np.random.default_rng(0).choice(each, (2000, len(each))).mean(axis=1)
-    return float(each.mean()), *map(float, np.quantile(drawn, [0.025, 0.975]))
-
-
 def covered(what: str, values) -> bool:
-    values = list(values)
-    middle, low, high = mean(values)
-    good = low <= 0.97 and high >= 0.93
-    text = f"{100 * middle:.1f} % ({100 * low:.1f}-{100 * high:.1f}), n = {len(values)}"
-    line(what, text, "93-97 %" if good else "93-97 %, MISSED")
-    return good
+    covers = [float(one) for one in values]
+    return told(targets.mean(what, covers, least=0.93, most=0.97, unit=" %", times=100.0))
 
 
 def report(rows: list[dict]) -> bool:
     """Print the score; False where a target is outside its interval."""
     kind = {name: [row for row in rows if row["kind"] == name] for name in KINDS}
-    print("\n| measure | value | target |\n|---|---|---|")
+    targets.head("measure", "value", "target")
     good = []
     if shared := kind["shared"]:
         what = f"three records that share {SIZE_DEG} degrees: named on the compass"
         good.append(held(what, (r["effect"] in r["named"] for r in shared), least=0.85))
-        line("the same: among the names", share(any(r["effect"] in s for s in r["sets"]) for r in shared))
-        line("the same: named by a record alone", share(r["effect"] in names for r in shared for names in r["alone"]))
-        line("the same: another effect named", share(bool({*r["named"]} - {r["effect"]}) for r in shared))
+        line("the same: among the names", targets.share_of(any(r["effect"] in s for s in r["sets"]) for r in shared))
+        line(
+            "the same: named by a record alone",
+            targets.share_of(r["effect"] in names for r in shared for names in r["alone"]),
+        )
+        line("the same: another effect named", targets.share_of(bool({*r["named"]} - {r["effect"]}) for r in shared))
         for name in EFFECTS:
-            line(f"- {name}", share(name in r["named"] for r in shared if r["effect"] == name))
+            line(f"- {name}", targets.share_of(name in r["named"] for r in shared if r["effect"] == name))
         z = [z for r in shared for z in r["z"]]
         good.append(covered("amplitudes within their 95 % interval", (abs(x) < 1.96 for x in z)))
     if nulls := kind["null"]:
@@ -189,7 +182,7 @@ def report(rows: list[dict]) -> bool:
     if season := kind["season"]:
         what = f"a season of the water of {SEASON_DEG:g} degrees in all three: an effect named"
         good.append(held(what, (bool(r["named"]) for r in season), most=0.01))
-        line("the same: named by a record alone", share(bool(names) for r in season for names in r["alone"]))
+        line("the same: named by a record alone", targets.share_of(bool(names) for r in season for names in r["alone"]))
     if siblings := kind["siblings"]:
         each = [k < r["rejected"] for r in siblings for k in range(3)]
         good.append(held("real siblings rejected", each, most=0.02))
@@ -198,21 +191,20 @@ def report(rows: list[dict]) -> bool:
             best = f"{100 * ncx2.sf(chi2.isf(0.02, 4), 4, far**2):.0f} % by a test of B..E that rejects 2 % of siblings"
             if far == 4.0:
                 good.append(held(f"another compass {far:g} sigma away: told", values, least=0.95))
-            line(f"another compass {far:g} sigma away: told", share(values), best)
+            line(f"another compass {far:g} sigma away: told", targets.share_of(values), best)
         good.append(
             covered("B..E within the 95 % interval that the others tell", (x for r in siblings for x in r["inside"]))
         )
-    if short := kind["short"]:
+    if short := [row for row in kind["short"] if "pairs" in row]:
         for name, words in (("alone", "alone"), ("both", "with two siblings"), ("none", "by siblings, no reference")):
-            middle, low, high = mean(r[name] for r in short)
-            text = f"{middle:.2f} ({low:.2f}-{high:.2f}), n = {len(short)}"
-            line(f"headings of 20 days that cover {COVERED_DEG:.0f} degrees, {words}: error, rms degrees", text)
+            error = targets.middle(np.array([r[name] for r in short]), np.mean)
+            line(f"headings of 20 days that cover {COVERED_DEG:.0f} degrees, {words}: error, rms degrees", error)
             inside = [r[f"{name}_covered"] for r in short]
             if name == "both":
                 good.append(covered(f"the same, {words}: within 95 %", inside))
             else:  # alone the weak priors rule; without a reference the clamp's spread, which this world has not
                 line(f"the same, {words}: within 95 %", f"{100 * np.mean(inside):.1f} %")
-        line("the same: better with siblings than alone", share(r["both"] < r["alone"] for r in short))
+        line("the same: better with siblings than alone", targets.share_of(r["both"] < r["alone"] for r in short))
     return all(good)
 
 
@@ -233,7 +225,7 @@ def main() -> None:
     with suppress(KeyboardInterrupt):  # what was measured until then is told
         for kind, index in itertools.product(KINDS if asked.kind is None else (asked.kind,), range(asked.count)):
             rows.append(measure(kind, index, asked.seed, asked.every))
-            print(f"\r{kind} {index + 1} of {asked.count}", end="", file=sys.stderr)
+            targets.progress(f"{kind} {index + 1} of {asked.count}")
     print(f"\n{time.process_time() - begin:.0f} s of one core", file=sys.stderr)
     sys.exit(0 if report(rows) else 1)
 

@@ -7,18 +7,16 @@ Needs what ``tests/slurm.py`` starts: Debian's slurm-wlm and munge, make slurm, 
 
 from __future__ import annotations
 
-import hashlib
 import os
 import shutil
-import subprocess
 import sys
 import tempfile
-import time
 from pathlib import Path
 
-PROJECT = Path(__file__).resolve().parent.parent
+from runs import PROJECT, cost, hashes, snakemake
+
 sys.path.insert(0, str(PROJECT / "tests"))
-import slurm  # noqa: E402
+import slurm
 
 
 def demonstration(folder: Path) -> Path:
@@ -26,32 +24,14 @@ def demonstration(folder: Path) -> Path:
     return folder
 
 
-def seconds(folder: Path, *options: str) -> float:
-    """Return what one run of the workflow takes by the clock."""
-    command = [sys.executable, "-m", "snakemake", "--snakefile", PROJECT / "Snakefile", "--directory", folder]
-    begun = time.monotonic()
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(PROJECT), os.environ.get("PYTHONPATH", "")])}
-    done = subprocess.run([*command, *options], env=environment, capture_output=True, text=True, check=False)
-    if done.returncode:
-        raise SystemExit(done.stderr[-4000:])
-    return time.monotonic() - begun
-
-
-def hashes(folder: Path) -> dict[str, str]:
-    """Return the SHA-256 of raw files, truth and results; benchmarks alone hold times."""
-    files = [path for part in ("raw", "truth", "results") for path in sorted((folder / part).rglob("*"))]
-    kept = [path for path in files if path.is_file() and path.parent.name != "benchmarks"]
-    return {str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in kept}
-
-
 def main(scratch: Path) -> int:
     if slurm.missing():
         raise SystemExit(slurm.missing())
     here, there = (demonstration(scratch / name) for name in ("here", "there"))
-    alone = seconds(here, "--cores", str(os.cpu_count()))
+    alone = cost(snakemake(here, cores=os.cpu_count() or 1)).wall_s
     with slurm.cluster(scratch / "slurm"):
-        queued = seconds(there, *slurm.OPTIONS)
-    first, second = hashes(here), hashes(there)
+        queued = cost(snakemake(there, *slurm.OPTIONS, cores=None)).wall_s
+    first, second = (hashes(folder, "config", ".snakemake", "benchmarks") for folder in (here, there))
     names = sorted(first.keys() | second.keys())
     differ = [name for name in names if first.get(name) != second.get(name)]
     print(f"on this machine {alone:.0f} s, by Slurm {queued:.0f} s, {os.cpu_count()} cores each")

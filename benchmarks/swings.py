@@ -10,10 +10,13 @@ from __future__ import annotations
 
 import argparse
 import csv
+import sys
 import tempfile
 from pathlib import Path
 
 import numpy as np
+import targets
+from runs import DATA
 
 from compasslib.calibration import swing
 from compasslib.core import angles
@@ -24,7 +27,7 @@ TRUTH_SIGMA = np.array([1.0, 5.0, 5.0, 2.0, 1.0])
 DECLINATION_DEG, DECLINATION_SIGMA_DEG = 3.0, 0.4
 WIDEST_DRIFT_KN, OUTLIERS = 1.0, 0.004
 TABLE_DEG = np.arange(0.0, 360.0, 10.0)
-REAL = Path(__file__).resolve().parents[2] / "shared/data/swing/2010-11-03.Taiohae.nmea"
+REAL = DATA / "swing/2010-11-03.Taiohae.nmea"
 Row = dict[str, np.ndarray]
 
 
@@ -74,7 +77,7 @@ def headings(rng: np.random.Generator, n: int, truth: np.ndarray) -> Row:
     ground = speed * np.exp(1j * np.deg2rad(90.0 - beta - DECLINATION_DEG)) + disc(rng, WIDEST_DRIFT_KN)
     course = angles.direction(ground.real, ground.imag) + rng.normal(0.0, 0.7, n)
     gamma = recorded(truth, beta) + rng.normal(0.0, 0.7, n)
-    return {"compass_deg": gamma, "cog_deg": course, "speed_kn": np.abs(ground)}
+    return {"compass_deg": angles.wrap360(gamma), "cog_deg": angles.wrap360(course), "speed_kn": np.abs(ground)}
 
 
 def plan(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
@@ -113,7 +116,8 @@ def log(rng: np.random.Generator, truth: np.ndarray, with_log: bool) -> Row:
     course = np.where(rng.uniform(size=n) < OUTLIERS, course + rng.uniform(-90.0, 90.0, n), course)
     gamma = np.rint(recorded(truth, beta) + rng.normal(0.0, 0.5, n))
     times = np.datetime64("2021-05-24T11:00:00") + np.arange(n).astype("timedelta64[s]")
-    columns = {"compass_deg": gamma, "cog_deg": course, "speed_kn": np.round(np.abs(ground), 1), "time_utc": times}
+    columns = {"compass_deg": angles.wrap360(gamma), "cog_deg": angles.wrap360(course)}
+    columns |= {"speed_kn": np.round(np.abs(ground), 1), "time_utc": times}
     if with_log:
         columns["water_speed_kn"] = np.round(speed * rng.normal(1.0, 0.05) + 0.1 * alike(rng, n, 5.0), 1)
     return columns
@@ -148,32 +152,27 @@ def measured(index: int, seed: int, folder: Path) -> dict[str, object]:
     }
 
 
-def within(z: np.ndarray) -> str:
-    """Return the share inside 95 %, percent."""
-    return f"{100.0 * np.mean(np.abs(z) <= 1.96):5.1f}"
-
-
-def table(results: list[dict[str, object]]) -> str:
-    """Return coverage by kind."""
-    lines = [
-        "| kind | swings | told | A | B | C | D | E | table | rms error A..E (°) | stated (°) | water told | n_eff |"
-    ]
-    lines.append("|" + "---|" * 13)
+def report(results: list[dict[str, object]]) -> list[targets.Measured]:
+    """Print coverage by kind; return it with its intervals, what belongs to one swing counted together."""
+    lines = []
+    targets.head(
+        "kind", "told", "% of A, B, C, D, E within 95 %", "rms error A..E (°)", "stated (°)", "water told", "n_eff"
+    )
     for kind in (*KINDS, "all"):
         mine = [r for r in results if kind in ("all", r["kind"])]
         told = [r for r in mine if "off" in r]
         if not told:
             continue
-        off, error, sigma = (np.stack([r[key] for r in told]) for key in ("off", "error", "sigma"))
+        off, error, sigma, table = (np.stack([r[key] for r in told]) for key in ("off", "error", "sigma", "table"))
         size, stated = (" ".join(f"{x:.2f}" for x in np.sqrt(np.mean(y**2, axis=0))) for y in (error, sigma))
-        shares = " | ".join(within(off[:, k]) for k in range(5))
-        curves = within(np.stack([r["table"] for r in told]))
-        water = f"{100.0 * np.mean([r['separable'] for r in told]):.0f} %"
+        letters = " ".join(f"{100 * x:.1f}" for x in np.mean(np.abs(off) <= 1.96, axis=0))
+        water = targets.share_of(r["separable"] for r in told)
         effective = f"{np.median([r['effective'] for r in told]):.0f} of {np.median([r['n'] for r in told]):.0f}"
-        lines.append(
-            f"| {kind} | {len(mine)} | {len(told)} | {shares} | {curves} | {size} | {stated} | {water} | {effective} |"
-        )
-    return "\n".join(lines)
+        targets.line(kind, f"{len(told)} of {len(mine)}", letters, size, stated, water, effective)
+        for what, z in (("coefficients", off), ("table", table)):
+            inside = np.mean(np.abs(z) <= 1.96, axis=1)
+            lines.append(targets.mean(f"{kind}: {what} within 95 %", inside, unit=" %", times=100.0))
+    return lines
 
 
 def real() -> str:
@@ -199,9 +198,9 @@ def main() -> None:
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         results = [measured(k, given.seed, Path(folder)) for k in range(given.swings)]
-    print("Share (%) of true values inside the stated 95 %:")
-    print(table(results))
+    status = targets.report(report(results))
     print(real())
+    sys.exit(status)
 
 
 if __name__ == "__main__":

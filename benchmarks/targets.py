@@ -1,12 +1,16 @@
-"""What a benchmark measured beside what it should be: one place for shares, their intervals and the exit status.
+"""What a benchmark measured beside what it should be: rows that a cut run left, shares, intervals, the exit status.
 
 A target is missed where the 95 % interval excludes it; a script that misses one ends with status 1.
 """
 
 from __future__ import annotations
 
+import json
+import sys
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.stats import binomtest
@@ -52,6 +56,12 @@ def text_of(hits: int, count: int) -> str:
     return f"{100 * hits / count:.1f} % of {count} ({100 * low:.1f}–{100 * high:.1f})"
 
 
+def share_of(values: Iterable[object]) -> str:
+    """Return the share of cases that hold with its n and 95 % interval."""
+    held = [bool(one) for one in values]
+    return text_of(sum(held), len(held))
+
+
 def share(what: str, values: Iterable[object], *, least: float = 0.0, most: float = 1.0) -> Measured:
     """Return a share beside its target.
 
@@ -63,6 +73,25 @@ def share(what: str, values: Iterable[object], *, least: float = 0.0, most: floa
     held = [bool(one) for one in values]
     low, high = interval(sum(held), len(held)) if held else (0.0, 1.0)
     return Measured(what, text_of(sum(held), len(held)), low, high, least, most, _said(least, most, " %", 100.0))
+
+
+def grouped(plain: Measured, values: Sequence[object], groups: Sequence[object]) -> Measured:
+    """Return a share by the wider of its interval and that of resampling groups of cases that depend on each other.
+
+    Args:
+        plain: the share as of independent cases.
+        values: of each case, whether it holds.
+        groups: of each case, what it shares with others.
+    """
+    if not values:
+        return plain
+    held, group = np.array([bool(one) for one in values]), np.unique(np.array(groups), return_inverse=True)[1]
+    sums, counts = np.bincount(group, held), np.bincount(group)
+    picked = np.random.default_rng(0).integers(0, len(sums), (DRAWS, len(sums)))
+    ends = np.quantile(sums[picked].sum(axis=1) / counts[picked].sum(axis=1), [0.025, 0.975]).tolist()
+    low, high = min(plain.low, ends[0]), max(plain.high, ends[1])
+    value = f"{100 * held.mean():.1f} % of {len(held)} ({100 * low:.1f}–{100 * high:.1f})"
+    return replace(plain, value=value, low=low, high=high)
 
 
 def mean(
@@ -80,11 +109,23 @@ def mean(
         unit: that is printed behind numbers.
         times: factor of the numbers that are printed.
     """
-    found = resampled(np.asarray(values, dtype=float), lambda some: some.mean(axis=-1))
-    low, high = found or (-np.inf, np.inf)
-    between = f"{times * low:.3g} to {times * high:.3g}" if found else "too few for an interval"
-    told = f"{times * np.mean(values):.3g}{unit} of {len(values)} ({between})"
+    each = np.asarray(values, dtype=float)
+    low, high = resampled(each, lambda some: some.mean(axis=-1)) or (-np.inf, np.inf)
+    told = middle(times * each, np.mean, unit=unit)
     return Measured(what, told, low, high, least, most, _said(least, most, unit, times))
+
+
+def middle(values: np.ndarray, of: Callable[..., Any] = np.median, *, unit: str = "") -> str:
+    """Return a statistic with its n and the 95 % interval that resampling the cases gives it.
+
+    Args:
+        of: the statistic, a function of numpy that takes ``axis``.
+    """
+    if not len(values):
+        return "–"
+    found = resampled(values, lambda some: of(some, axis=-1))
+    between = f"{found[0]:.3g} to {found[1]:.3g}" if found else "too few for an interval"
+    return f"{of(values):.3g}{unit} of {len(values)} ({between})"
 
 
 def limit(what: str, value: float, *, most: float, unit: str = "") -> Measured:
@@ -108,10 +149,63 @@ def resampled(values: np.ndarray, of: Callable[[np.ndarray], np.ndarray], seed: 
 
 def report(lines: Sequence[Measured]) -> int:
     """Print a table, and return the exit status: 1 where a target is missed."""
-    print("\n| measure | value | target |\n|---|---|---|")
-    for one in lines:
-        print(f"| {one.what} | {one.value} | {one.verdict} |", flush=True)
-    return int(not all(one.held for one in lines))
+    head("measure", "value", "target")
+    missed = [one for one in lines if not told(one)]
+    return int(bool(missed))
+
+
+def told(one: Measured) -> bool:
+    """Print one line; False where its target is missed."""
+    line(one.what, one.value, one.verdict)
+    return one.held
+
+
+def head(*names: str) -> None:
+    """Print the head of a table."""
+    print()
+    line(*names)
+    print("|---" * len(names) + "|")
+
+
+def line(*cells: object) -> None:
+    """Print a line of a table."""
+    print(f"| {' | '.join(map(str, cells))} |", flush=True)
+
+
+def rows_of(file: Path | None, run: dict[str, Any]) -> list[dict[str, Any]]:
+    """Return the rows that a file of this run holds; none where it is absent."""
+    made = [json.loads(text) for text in file.read_text().splitlines()] if file and file.exists() else []
+    if any(row.get(key) != value for row in made for key, value in run.items()):
+        sys.exit(f"{file}: expected rows of {run}, found those of another run; name another file")
+    return made
+
+
+def added(file: Path | None, row: dict[str, Any]) -> dict[str, Any]:
+    """Return a row as it is read again, and add it to the file."""
+    text = json.dumps(row, default=float)
+    if file:
+        with file.open("a") as stream:
+            stream.write(text + "\n")
+    made: dict[str, Any] = json.loads(text)
+    return made
+
+
+def resumed(
+    file: Path | None, run: dict[str, Any], wanted: Sequence[tuple[str, int]], measure: Callable[[str, int], Any]
+) -> list[dict[str, Any]]:
+    """Return a row for each wanted (kind, index): as a file of this run has it, or made and added to the file."""
+    known = {(row["kind"], row["index"]): row for row in rows_of(file, run)}
+    for count, (kind, index) in enumerate(wanted, 1):
+        if (kind, index) not in known:
+            known[kind, index] = added(file, run | measure(kind, index))
+            progress(f"{kind} {index + 1}, {count} of {len(wanted)}")
+    print(file=sys.stderr)
+    return [known[one] for one in wanted]
+
+
+def progress(text: str) -> None:
+    """Say how far a run is, over what was said before."""
+    print(f"\r{text}", end="", file=sys.stderr, flush=True)
 
 
 def _said(least: float, most: float, unit: str, times: float) -> str:

@@ -15,9 +15,10 @@ import sys
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
+import targets
+from runs import DATA
 
 from compasslib import deviation, readers
 from compasslib.core import angles, compass
@@ -26,7 +27,6 @@ from compasslib.deviation import model
 from compasslib.preparation import deployment, overlap
 from compasslib.preparation import water as prediction
 
-DATA = Path(__file__).resolve().parents[1] / "../shared/data"
 DEPTHS, GAPS = range(8), (1, 2, 4)  # bins that are the trusted instrument, and cells between it and the nearest one
 IRON = {
     "weak": (0.0, 0.2, -0.1, 0.02, 0.01),
@@ -151,13 +151,6 @@ def cases() -> Iterator[Case]:
         yield from (Case(record, depth, gap) for gap in gaps for depth in DEPTHS)
 
 
-def interval(values: np.ndarray, seed: int = 1) -> str:
-    """Return the median with its 95 % interval, by resampling the cases."""
-    draws = np.median(np.random.default_rng(seed).choice(values, (4000, len(values))), axis=1)
-    low, high = np.quantile(draws, [0.025, 0.975])
-    return f"{np.median(values):.2f} ({low:.2f} to {high:.2f}, n = {len(values)})"
-
-
 def main() -> None:
     """Print both tables."""
     parser = argparse.ArgumentParser()
@@ -168,18 +161,17 @@ def main() -> None:
         sys.exit(0)
     with ProcessPoolExecutor(asked.cores) as pool:
         reduced, errors = list(pool.map(noise, every)), list(pool.map(heading_error, every))
-    print(
-        "| record | gap, cells | noise across the flow falls, % | stated / real rms | ratio of heading errors | worst |"
+    targets.head(
+        "record", "gap, cells", "noise across the flow falls, %", "stated / real rms", "heading errors", "worst"
     )
-    print("|---|---|---|---|---|---|")
     for record, gap in dict.fromkeys((one.record, one.gap) for one in every):
         some = [k for k, one in enumerate(every) if (one.record, one.gap) == (record, gap)]
         falls = np.array([reduced[k][0] for k in some])
         stated = np.array([reduced[k][1] / reduced[k][2] for k in some])
         ratio = np.array([after / before for k in some for _, before, after in errors[k]])
-        print(f"| {record} | {gap} | {interval(falls)} | {interval(stated)} | {interval(ratio)} | {ratio.max():.2f} |")
+        targets.line(record, gap, *map(targets.middle, (falls, stated, ratio)), f"{ratio.max():.2f}")
     ratio = np.array([after / before for one in errors for _, before, after in one])
-    print(f"\nAll: ratio of the errors of the fitted headings {interval(ratio)}, worst {ratio.max():.2f}")
+    print(f"\nAll: ratio of the errors of the fitted headings {targets.middle(ratio)}, worst {ratio.max():.2f}")
     for name in IRON:
         each = np.array([(before, after) for one in errors for iron, before, after in one if iron == name])
         print(f"{name}: {np.median(each[:, 0]):.2f} -> {np.median(each[:, 1]):.2f} degrees in the median")

@@ -26,11 +26,12 @@ from typing import Any
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+sys.path.append(str(Path(__file__).resolve().parents[1]))  # last: attacks has a calibrations of its own
 
 import calibrations
 import cruises
 import moorings
+import targets
 
 from compasslib.core.errors import InputError
 
@@ -67,7 +68,7 @@ def _mooring(case: dict[str, Any], bases: Path, names: list[str], scratch: Path)
     for turn in range(len(names)):  # the first base in turn that the attack goes with
         base = names[(case["base"] + turn) % len(names)]
         cruise = cruises.Cruise.copy(bases, base, scratch / f"cruise{turn}")
-        done = attack(cruise, rng)
+        done = moorings.spoil(attack, cruise, rng)
         if done is not None:
             break
     cruise.save()
@@ -157,9 +158,7 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--only", help="one attack")
     asked = parser.parse_args()
-    rows = (
-        [json.loads(line) for line in asked.rows.read_text().splitlines()] if asked.rows and asked.rows.exists() else []
-    )
+    rows = targets.rows_of(asked.rows, {})
     with tempfile.TemporaryDirectory() as folder, ProcessPoolExecutor(asked.workers) as pool:
         bases = Path(folder)
         names = cruises.build(bases)
@@ -169,11 +168,8 @@ def main() -> None:
         done = {(row["kind"], tuple(row["seed"])) for row in rows}
         cases = [c for c in cases if (c["kind"], tuple(c["seed"])) not in done and asked.only in (None, c["attack"])]
         for k, row in enumerate(pool.map(safely, cases, [bases] * len(cases), [names] * len(cases))):
-            rows.append(row)
-            print(f"\r{k + 1} of {len(cases)}", end="", file=sys.stderr, flush=True)
-            if asked.rows:
-                with asked.rows.open("a") as stream:
-                    stream.write(json.dumps(row, default=float) + "\n")
+            rows.append(targets.added(asked.rows, row))
+            targets.progress(f"{k + 1} of {len(cases)}")
     print(file=sys.stderr)
     sys.exit(1 if report(rows) else 0)
 

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import yaml
+from runs import DATA
 
 from compasslib.archive import netcdf, summary
 from compasslib.core.errors import InputError
@@ -22,7 +23,7 @@ from compasslib.simulation.sealed import Wish
 from compasslib.simulation.sealed_files import Export
 from compasslib.stages import pipeline
 
-REAL = Path(__file__).resolve().parents[2] / ".." / "shared" / "data" / "cruise_eh2"
+REAL = DATA / "cruise_eh2"
 HOUR_S = 3600.0
 # Two simulated years with the reference as a table and as PD0, one whose profiler logs beams, and a real record.
 SIMULATED = {

@@ -1,6 +1,7 @@
 """What can be wrong with a mooring's metadata, clocks, tables and PD0 files, and what may differ and be right.
 
-Each attack draws its numbers, spoils the cruise, and says what it did; None where it does not go with a base.
+Each attack draws its numbers, spoils the cruise, and says what it did; None where it does not go with a base, as those
+of OF_TABLES with one whose reference is no table.
 """
 
 from __future__ import annotations
@@ -123,9 +124,7 @@ def reference_clock_set(cruise: Cruise, rng: np.random.Generator) -> str:
     return f"the reference's clock {hours:+g} h from {share:.0%} of the record on"
 
 
-def day_and_month(cruise: Cruise, rng: np.random.Generator) -> str | None:
-    if not cruise.deep_is_table:
-        return None
+def day_and_month(cruise: Cruise, rng: np.random.Generator) -> str:
     time = pd.DatetimeIndex(stamps(cruise.times(cruise.table())))
     swapped = [t.replace(day=t.month, month=t.day) if t.day <= 12 else t for t in time]
     cruise.table()["time_utc"] = [t.strftime("%Y-%m-%dT%H:%M:%SZ") for t in swapped]
@@ -135,18 +134,14 @@ def day_and_month(cruise: Cruise, rng: np.random.Generator) -> str | None:
 # Tables
 
 
-def filler(cruise: Cruise, rng: np.random.Generator) -> str | None:
-    if not cruise.deep_is_table:
-        return None
+def filler(cruise: Cruise, rng: np.random.Generator) -> str:
     frame, value, share = cruise.table(), float(rng.choice([-9.99, 999.0, 9999.0, -32768.0, 0.0, 99.99])), 0.0
     share = float(rng.uniform(0.01, 0.3))
     frame.loc[rng.random(len(frame)) < share, ["u_cm_s", "v_cm_s"]] = value
     return f"{share:.0%} of the reference's speeds are {value:g}"
 
 
-def mirrored(cruise: Cruise, rng: np.random.Generator) -> str | None:
-    if not cruise.deep_is_table:
-        return None
+def mirrored(cruise: Cruise, rng: np.random.Generator) -> str:
     frame, how = cruise.table(), str(rng.choice(["exchanged", "east", "north", "from"]))
     east, north = frame["u_cm_s"].copy(), frame["v_cm_s"].copy()
     if how == "exchanged":
@@ -156,16 +151,12 @@ def mirrored(cruise: Cruise, rng: np.random.Generator) -> str | None:
     return f"the reference's components: {how}"
 
 
-def wrong_scale(cruise: Cruise, rng: np.random.Generator) -> str | None:
-    if not cruise.deep_is_table:
-        return None
+def wrong_scale(cruise: Cruise, rng: np.random.Generator) -> str:
     cruise.deep["columns"]["scale"] = float(rng.choice([1.0, 0.001, 0.0254, 0.5144]))
     return f"scale: {cruise.deep['columns']['scale']}"
 
 
-def units_change(cruise: Cruise, rng: np.random.Generator) -> str | None:
-    if not cruise.deep_is_table:
-        return None
+def units_change(cruise: Cruise, rng: np.random.Generator) -> str:
     frame, begin, end = cruise.table(), *sorted(rng.uniform(0, 1, 2))
     inside = (np.arange(len(frame)) > begin * len(frame)) & (np.arange(len(frame)) < end * len(frame))
     factor = float(rng.choice([100.0, 10.0, -1.0]))
@@ -173,9 +164,7 @@ def units_change(cruise: Cruise, rng: np.random.Generator) -> str | None:
     return f"the reference's speeds times {factor:g} in {inside.mean():.0%} of the record"
 
 
-def stuck_reference(cruise: Cruise, rng: np.random.Generator) -> str | None:
-    if not cruise.deep_is_table:
-        return None
+def stuck_reference(cruise: Cruise, rng: np.random.Generator) -> str:
     frame, share = cruise.table(), float(rng.uniform(0.1, 0.9))
     begin = int(rng.uniform(0, 1 - share) * len(frame))
     frame.loc[begin : begin + int(share * len(frame)), ["u_cm_s", "v_cm_s"]] = frame.loc[
@@ -184,9 +173,7 @@ def stuck_reference(cruise: Cruise, rng: np.random.Generator) -> str | None:
     return f"the reference gives one value in {share:.0%} of the record"
 
 
-def stuck_vane(cruise: Cruise, rng: np.random.Generator) -> str | None:
-    if not cruise.deep_is_table:
-        return None
+def stuck_vane(cruise: Cruise, rng: np.random.Generator) -> str:
     frame, share = cruise.table(), float(rng.uniform(0.2, 1.0))
     speed = np.hypot(frame["u_cm_s"], frame["v_cm_s"])
     held = np.arange(len(frame)) < share * len(frame)
@@ -359,34 +346,26 @@ def backwards(cruise: Cruise, rng: np.random.Generator) -> str:
 # What may differ and be right
 
 
-def shuffled_columns(cruise: Cruise, rng: np.random.Generator) -> str | None:
-    if not cruise.deep_is_table:
-        return None
+def shuffled_columns(cruise: Cruise, rng: np.random.Generator) -> str:
     frame = cruise.table()
     frame["remark"] = "ok"
     cruise.opened["table"] = frame[list(rng.permutation(frame.columns))]
     return "columns in another order, one more"
 
 
-def shuffled_rows(cruise: Cruise, rng: np.random.Generator) -> str | None:
-    if not cruise.deep_is_table:
-        return None
+def shuffled_rows(cruise: Cruise, rng: np.random.Generator) -> str:
     cruise.opened["table"] = cruise.table().sample(frac=1.0, random_state=int(rng.integers(1000)))
     return "rows in another order"
 
 
-def zone(cruise: Cruise, rng: np.random.Generator) -> str | None:
-    if not cruise.deep_is_table:
-        return None
+def zone(cruise: Cruise, rng: np.random.Generator) -> str:
     hours = int(rng.choice([-8, -5, 2, 5, 11]))
     local = stamps(cruise.times(cruise.table()) + hours * HOUR_S)
     cruise.table()["time_utc"] = np.char.add(np.char.rstrip(local, "Z"), f"{hours:+03d}:00")
     return f"times with {hours:+03d}:00 said"
 
 
-def other_unit(cruise: Cruise, rng: np.random.Generator) -> str | None:
-    if not cruise.deep_is_table:
-        return None
+def other_unit(cruise: Cruise, rng: np.random.Generator) -> str:
     factor = float(rng.choice([10.0, 1.0]))
     cruise.table()[["u_cm_s", "v_cm_s"]] *= factor
     cruise.deep["columns"]["scale"] = 0.01 / factor
@@ -489,9 +468,7 @@ def linked_raw(cruise: Cruise, rng: np.random.Generator) -> str:
     return "the raw file is a link"
 
 
-def table_text(cruise: Cruise, rng: np.random.Generator) -> str | None:
-    if not cruise.deep_is_table:
-        return None
+def table_text(cruise: Cruise, rng: np.random.Generator) -> str:
     path, how = cruise.path("deep"), str(rng.choice(["CRLF", "BOM", "quotes", "spaces"]))
     text = path.read_text()
     text = {"CRLF": text.replace("\n", "\r\n"), "BOM": "\ufeff" + text, "spaces": text.replace(",", ", ")}.get(
@@ -512,9 +489,7 @@ def doubled(cruise: Cruise, rng: np.random.Generator) -> str:
     return f"{again} ensembles twice, as where two downloads join"
 
 
-def noisier(cruise: Cruise, rng: np.random.Generator) -> str | None:
-    if not cruise.deep_is_table:
-        return None
+def noisier(cruise: Cruise, rng: np.random.Generator) -> str:
     frame = cruise.table()
     frame[["u_cm_s", "v_cm_s"]] = np.round(frame[["u_cm_s", "v_cm_s"]], 0 if rng.random() < 0.5 else 1)
     return "the reference rounded"
@@ -540,3 +515,12 @@ HARMLESS: tuple[Attack, ...] = (
     east_longitude, declination_told, other_layout, right_serial, linked_raw, table_text, doubled, noisier,
     half_as_often,
 )  # fmt: skip
+OF_TABLES = frozenset((
+    day_and_month, filler, mirrored, wrong_scale, units_change, stuck_reference, stuck_vane, shuffled_columns,
+    shuffled_rows, zone, other_unit, table_text, noisier,
+))  # fmt: skip
+
+
+def spoil(attack: Attack, cruise: Cruise, rng: np.random.Generator) -> str | None:
+    """Return what an attack did; None where it does not go with this base."""
+    return None if attack in OF_TABLES and not cruise.deep_is_table else attack(cruise, rng)

@@ -1,0 +1,63 @@
+"""Runs of the workflow that benchmarks time, kill and compare: what they cost, and the hashes of what they left."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+PROJECT = Path(__file__).resolve().parent.parent
+DATA = PROJECT.parent / "shared/data"
+ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+# In a process of its own, whose only child's resources are those of the command.
+MEASURED = """
+import json, resource, subprocess, sys, time
+begun = time.monotonic()
+done = subprocess.run(sys.argv[1:], capture_output=True, text=True)
+wall, used = time.monotonic() - begun, resource.getrusage(resource.RUSAGE_CHILDREN)
+took = [wall, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024]
+print(json.dumps([done.returncode, done.stdout + done.stderr, *took]))
+"""
+
+
+class Cost(NamedTuple):
+    """What a command took: seconds by the clock, CPU seconds and the peak of its largest process, MB; what it said."""
+
+    wall_s: float
+    cpu_s: float
+    peak_mb: float
+    said: str
+
+
+def environment(project: Path = PROJECT) -> dict[str, str]:
+    """Return the environment in which jobs import one project's library."""
+    path = os.pathsep.join(filter(None, (str(project), os.environ.get("PYTHONPATH"))))
+    return os.environ | ONE_THREAD | {"PYTHONPATH": path}
+
+
+def snakemake(folder: Path, *options: object, cores: int | None = 2, project: Path = PROJECT) -> list[str]:
+    """Return the command that runs the workflow on a cruise; without ``cores`` options say where."""
+    where = ("--snakefile", project / "Snakefile", "--directory", folder, *(("--cores", cores) if cores else ()))
+    return [sys.executable, "-m", "snakemake", *map(str, (*where, *options))]
+
+
+def cost(command: Sequence[str], project: Path = PROJECT) -> Cost:
+    """Run a command; a run that fails ends the benchmark with what it said."""
+    run = [sys.executable, "-c", MEASURED, *command]
+    done = subprocess.run(run, capture_output=True, text=True, check=True, env=environment(project), cwd=project)
+    code, said, *took = json.loads(done.stdout)
+    if code:
+        raise SystemExit(said[-4000:])
+    return Cost(*took, said)
+
+
+def hashes(folder: Path, *without: str) -> dict[str, str]:
+    """Return the SHA-256 of all files, those below a folder of a given name left out."""
+    files = [path for path in sorted(folder.rglob("*")) if path.is_file()]
+    kept = [path for path in files if not {*without} & set(path.relative_to(folder).parts)]
+    return {str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in kept}

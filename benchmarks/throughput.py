@@ -1,0 +1,127 @@
+"""Throughput of the readers against mhkit's and against reading the bytes alone, all in one run.
+
+    python benchmarks/throughput.py [file.000]
+
+PD0 is the good ensembles of a moored WorkHorse, repeated to some 60 MB in a temporary folder; mhkit, which is slow and
+keeps everything it reads, gets a smaller piece of the same. Nortek is a genuine Aquadopp where ../shared/data has it,
+an AWAC and a Signature written by the tests' encoder; netCDF is what mhkit makes of the small PD0 file.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import logging
+import sys
+import tempfile
+import time
+import warnings
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import targets
+from runs import DATA, PROJECT
+
+sys.path.append(str(PROJECT / "tests"))
+
+import nortek_encoder as encoder
+
+from compasslib import readers
+from compasslib.readers.pd0.frames import frames
+from compasslib.readers.pd0.reader import decode
+
+RAW, AQUADOPP = DATA / "pd0/eh2_20060530_20060717_0007m.000", DATA / "moored/aqd9330.aqd"
+KEYS = {
+    "pd0": {"orientation": "down", "declination_applied": None, "heading_alignment": None},
+    "nortek": {},
+    "netcdf": {"columns": None, "orientation": None, "declination_applied": None, "direction_reference": "magnetic"},
+}
+MEGABYTES, MHKIT_COPIES, REPEATS = 60, 2, 5
+SAMPLES, CELLS = 2000, 40
+
+
+def good_bytes(path: Path) -> bytes:
+    """Return the good ensembles of a file, back to back."""
+    return b"".join(run.rows.tobytes() for chunk in frames(path) for run in chunk.runs)
+
+
+def speed(path: Path, action: Callable[[Path], object], repeats: int = REPEATS) -> float:
+    """Return MB/s of the fastest of some repetitions."""
+    fastest = float("inf")
+    for _ in range(repeats):
+        begun = time.perf_counter()
+        action(path)
+        fastest = min(fastest, time.perf_counter() - begun)
+    return path.stat().st_size / 1e6 / fastest
+
+
+def by_mhkit(path: Path) -> object:
+    """Read with mhkit, its messages kept off the screen."""
+    from mhkit import dolfyn  # type: ignore[import-untyped]
+
+    with contextlib.redirect_stdout(io.StringIO()), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return dolfyn.load(str(path)).load().close() if path.suffix == ".nc" else dolfyn.read(str(path))
+
+
+def library(path: Path) -> float | str:
+    """Return mhkit's speed, or how it fails."""
+    try:
+        by_mhkit(path)  # its imports and its index are not its speed
+        return speed(path, by_mhkit, 1)
+    except Exception as error:
+        return f"fails: {type(error).__name__}"
+
+
+def written(folder: Path) -> list[Path]:
+    """Write profiles of an AWAC and of a Signature along their beams."""
+    rng = np.random.default_rng(1)
+    samples = [encoder.Sample(k, rng.integers(-900, 900, (4, CELLS)) / 1000.0) for k in range(SAMPLES)]
+    of_three = [encoder.older(replace(sample, velocity=sample.velocity[:3])) for sample in samples]
+    files = {
+        "awac.wpr": encoder.configuration(encoder.BEAM, CELLS) + b"".join(of_three),
+        "signature.ad2cp": encoder.text() + b"".join(map(encoder.signature, samples)),
+    }
+    for name, data in files.items():
+        (folder / name).write_bytes(data)
+    return [folder / name for name in files]
+
+
+def as_netcdf(path: Path) -> Path:
+    """Return what mhkit makes of a raw file."""
+    from mhkit import dolfyn
+
+    made = path.with_suffix(".nc")
+    with contextlib.redirect_stdout(io.StringIO()), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        dolfyn.save(by_mhkit(path), str(made))
+    return made
+
+
+def main(raw: Path) -> None:
+    """Make the files, time each way of reading them, print the table."""
+    logging.disable(logging.CRITICAL)
+    good = good_bytes(raw)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        large, small = folder / "large.000", folder / "small.000"
+        large.write_bytes(good * max(1, round(MEGABYTES * 1e6 / len(good))))
+        small.write_bytes(good * MHKIT_COPIES)
+        nortek = written(folder)
+        if AQUADOPP.exists():  # mhkit writes beside what it reads
+            nortek.append(folder / AQUADOPP.name)
+            nortek[-1].write_bytes(AQUADOPP.read_bytes())
+        targets.head("file", "MB", "here, MB/s", "mhkit, MB/s", "times mhkit", "of plain reading")
+        cases = [("pd0", large, small), *(("nortek", one, one) for one in nortek)]
+        for kind, path, other in [*cases, ("netcdf", made := as_netcdf(small), made)]:
+            ours = speed(path, lambda one, kind=kind: readers.read(kind, [one], KEYS[kind]))
+            theirs, plain = library(other), speed(path, Path.read_bytes)
+            told = (f"{theirs:.1f}", f"{ours / theirs:.1f}") if isinstance(theirs, float) else (theirs, "–")
+            targets.line(path.name, f"{path.stat().st_size / 1e6:.1f}", f"{ours:.1f}", *told, f"{ours / plain:.3f}")
+        print(f"\nPD0 by decode() alone, currents not turned: {speed(large, decode):.1f} MB/s")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else RAW)
