@@ -15,9 +15,9 @@ from urllib.parse import unquote
 import netCDF4
 import pytest
 from bench import readings, write_calibration
+from launch import PROJECT, copied_project, snakemake
 from sea import cruise
 from snakemake.iocontainers import Namedlist
-from test_workflow import PROJECT, snakemake
 
 from compasslib.archive import crate, provenance, verification
 from compasslib.config import cruise as config
@@ -318,8 +318,7 @@ def commit(folder: Path) -> str:
 @pytest.fixture
 def copied(tmp_path):
     """A copy of the library outside any checkout."""
-    shutil.copytree(PROJECT / "compasslib", tmp_path / "held/compasslib", ignore=shutil.ignore_patterns("__pycache__"))
-    return tmp_path / "held"
+    return copied_project(tmp_path / "held", "compasslib")
 
 
 def test_outside_a_checkout_the_modules_hash_and_the_first_day_of_1970_stand(copied):

@@ -1,23 +1,19 @@
 """The same Snakefile through Slurm, by its profile alone: the results are those of a local run, bit for bit."""
 
-import os
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 import slurm
+from launch import command, environment
 from sea import cruise
 
-PROJECT = Path(__file__).resolve().parents[1]
 COMPARED = ("corrected.nc", "overlap.nc", "deviation.json", "diagnosis.json", "assessment.json")
 
 
 def started(folder: Path, *options: str) -> subprocess.Popen:
-    command = [sys.executable, "-m", "snakemake", "--snakefile", PROJECT / "Snakefile", "--directory", folder]
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(PROJECT), os.environ.get("PYTHONPATH", "")])}
-    quiet, said = subprocess.DEVNULL, subprocess.PIPE
-    return subprocess.Popen([*command, *options], stdout=quiet, stderr=said, text=True, env=environment, cwd=folder)
+    quiet, said, whole = subprocess.DEVNULL, subprocess.PIPE, [*command(folder), *options]
+    return subprocess.Popen(whole, stdout=quiet, stderr=said, text=True, env=environment(), cwd=folder)
 
 
 def ended(run: subprocess.Popen) -> None:

@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 import yaml
 from bench import MILD, readings, ring, write_table
+from launch import PROJECT, change, copied_project, environment, snakemake
 from sea import cruise
-from test_workflow import PROJECT, change, snakemake
 
 import compasslib
 from compasslib import calibration
@@ -107,9 +107,7 @@ def test_a_wrong_command_line_is_status_2(capsys, words):
 
 def test_check_says_what_each_mooring_has(tmp_path, capsys):
     folder = cruise(tmp_path, ("M1", "M2"), n=5)
-    alone = yaml.safe_load((folder / "config/moorings/M2.yaml").read_text())
-    del alone["reference"]
-    (folder / "config/moorings/M2.yaml").write_text(yaml.safe_dump(alone))
+    change(folder / "config/moorings/M2.yaml", reference=None)
     assert main(["check", str(folder)]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == "M1: 65.3333 N 32.9550 W, 2007-09-04 to 2007-09-04, by exact"
@@ -332,8 +330,7 @@ def test_diff_tells_what_it_cannot_compare(runs, copied, capsys):
 def versions_of(tmp_path_factory) -> Path:
     """One cruise by this library, and by a copy of it called 0.1.0 that turned all by 2° and knew tilt's error less."""
     folder = cruise(tmp_path_factory.mktemp("versions"), n=300)
-    copy = tmp_path_factory.mktemp("library")
-    shutil.copytree(PROJECT / "compasslib", copy / "compasslib", ignore=shutil.ignore_patterns("__pycache__"))
+    copy = copied_project(tmp_path_factory.mktemp("library"), "compasslib")
     for file, now, then in (
         ("__init__.py", compasslib.__version__, "0.1.0"),
         (
@@ -347,8 +344,7 @@ def versions_of(tmp_path_factory) -> Path:
         assert now in text
         (copy / "compasslib" / file).write_text(text.replace(now, then))
     code = "import sys; from compasslib.stages import pipeline; pipeline.process(sys.argv[1], 'M1', sys.argv[2])"
-    environment = os.environ | {"PYTHONPATH": str(copy)}
-    subprocess.run([sys.executable, "-c", code, folder, folder / "old/M1"], check=True, env=environment, cwd=copy)
+    subprocess.run([sys.executable, "-c", code, folder, folder / "old/M1"], check=True, env=environment(copy), cwd=copy)
     pipeline.process(folder, "M1", folder / "new/M1")
     return folder
 

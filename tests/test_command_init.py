@@ -10,8 +10,8 @@ import netcdf_layouts
 import pytest
 import yaml
 from bench import readings, write_table
+from launch import PROJECT
 from sea import cruise
-from test_workflow import PROJECT
 
 from compasslib.command import main
 from compasslib.readers import headers

@@ -8,7 +8,6 @@ import importlib.util
 import os
 import re
 import shlex
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -18,6 +17,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from launch import copied_project
 from test_architecture import APART, ROOMS
 
 import compasslib
@@ -189,9 +189,7 @@ def installed(tmp_path_factory) -> Path:
     if importlib.util.find_spec("setuptools") is None:
         pytest.skip("no setuptools: the wheel cannot be built")
     source, target = tmp_path_factory.mktemp("source"), tmp_path_factory.mktemp("installed")
-    shutil.copytree(PROJECT / "compasslib", source / "compasslib", ignore=shutil.ignore_patterns("__pycache__"))
-    for file in ("pyproject.toml", "README.md", "LICENSE"):
-        shutil.copy(PROJECT / file, source)
+    copied_project(source, "compasslib", "pyproject.toml", "README.md", "LICENSE")
     build = "from setuptools.build_meta import build_wheel; print(build_wheel('.'))"
     made = subprocess.run([sys.executable, "-c", build], cwd=source, capture_output=True, text=True, check=False)
     assert made.returncode == 0, made.stderr

@@ -12,7 +12,7 @@ from pathlib import Path
 import netCDF4
 import numpy as np
 import pytest
-from test_workflow import CONTRACT, PROJECT, change, snakemake
+from launch import PROJECT, change, keeps_contract, snakemake
 
 from compasslib.core import angles
 from compasslib.preparation import deployment
@@ -80,11 +80,7 @@ def test_pairs_held_out_agree_better_after_the_correction(done):
 
 
 def test_it_keeps_the_contract(done):
-    if not CONTRACT.exists():
-        pytest.skip("no ../shared/tools")
-    without = "diagnosis,report,calibrations"
-    checked = subprocess.run([sys.executable, CONTRACT, done, "--without", without], capture_output=True, text=True)
-    assert checked.returncode == 0, checked.stdout
+    keeps_contract(done)
 
 
 def test_with_the_rules_of_a_mooring_there_is_nothing_to_fit(done, tmp_path):

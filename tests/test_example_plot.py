@@ -8,8 +8,8 @@ import sys
 
 import numpy as np
 import pytest
+from launch import PROJECT
 from test_archive import make_product, write
-from test_workflow import PROJECT
 
 GREY, GREEN = (153, 153, 153), (44, 160, 44)  # its colours of recorded and corrected sticks
 

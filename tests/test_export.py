@@ -12,10 +12,10 @@ from pathlib import Path
 import netCDF4
 import numpy as np
 import pytest
+from launch import change
 from pd0_encoder import ensemble
 from sea import SHARED, START, cruise
 from test_archive import PROCESSING, USUAL
-from test_workflow import change
 
 from compasslib.archive import export, netcdf
 from compasslib.archive.files import HALF_WRITTEN

@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from launch import PROJECT, change, snakemake
 from sea import cruise
-from test_workflow import PROJECT, change, snakemake
 
 from compasslib import effects, readers
 from compasslib.config import cruise as config

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 import re
 import shutil
@@ -19,15 +18,14 @@ import chain
 import numpy as np
 import pytest
 import yaml
+from launch import PROJECT, command, environment, hashes, snakemake
 from pd0_encoder import assemble
 from sea import START, cruise
 
 from compasslib.archive.files import HALF_WRITTEN
 from compasslib.config.cruise import load
 from compasslib.core import angles
-from compasslib.core.errors import InputError
 
-PROJECT = Path(__file__).resolve().parents[1]
 HOURS = 400
 YAML, TOP, DEEP = Path("config/moorings/M1.yaml"), Path("raw/M1/top.000"), Path("raw/M1/deep.csv")
 SET = START.replace(tzinfo=None)
@@ -314,36 +312,6 @@ def test_a_sound_cruise_is_not_warned_of(whole):
     assert left == [] and whole["share_corrected"] == 1.0
 
 
-HOSTILE = {
-    "aliases": ("latitude: 65.3333", "latitude: &a [x, x]\nbomb: [*a, *a]", "without anchors"),
-    "a tag": ("latitude: 65.3333", "latitude: !!python/object/apply:os.system [id]", "without tags"),
-    "nesting": ("latitude: 65.3333", f"latitude: {'[' * 5000}", "deeper nesting"),
-    "not a number": ("latitude: 65.3333", "latitude: .nan", "latitude: expected a number"),
-    "infinity": ("water_depth: 894", "water_depth: .inf", "water_depth: expected"),
-    "a huge number": ("water_depth: 894", f"water_depth: {'9' * 5000}", "water_depth: expected"),
-    "a huge exponent": ("water_depth: 894", "water_depth: 1.0e999", "water_depth: expected"),
-    "climbing": ("raw/M1/top.000", "raw/../../../etc/passwd", "a path inside the cruise folder"),
-    "absolute": ("raw/M1/top.000", "/etc/passwd", "a path inside the cruise folder"),
-    "home": ("raw/M1/top.000", "~/x", "a path inside the cruise folder"),
-    "braces": ("raw/M1/top.000", "'raw/{mooring}/top.000'", "a path without braces"),
-    "a shell in the name": ("name: M1", "name: M1;touch x", "name: expected 1 to 64 letters"),
-    "a folder in the name": ("name: M1", "name: ../M1", "name: expected 1 to 64 letters"),
-    "HTML in the name": ("name: M1", "name: <script>alert(1)</script>", "name: expected 1 to 64 letters"),
-}
-
-
-@pytest.mark.parametrize("what", HOSTILE)
-def test_hostile_yaml_is_refused_in_one_line(sound, tmp_path, what):
-    old, new, expected = HOSTILE[what]
-
-    def spoil(folder: Path) -> None:
-        (folder / YAML).write_text((folder / YAML).read_text().replace(old, new, 1))
-
-    with pytest.raises(InputError) as caught:
-        load(spoilt(sound, tmp_path, spoil))
-    assert expected in str(caught.value) and "\n" not in str(caught.value) and len(str(caught.value)) < 500
-
-
 def test_a_link_out_of_the_cruise_is_the_users_own_and_a_loop_of_links_ends(sound, tmp_path):
     folder = spoilt(sound, tmp_path, said(top__files="raw/**/*.000"))
     outside = shutil.move(folder / TOP, tmp_path / "elsewhere.000")
@@ -372,29 +340,14 @@ def test_a_huge_count_in_a_header_costs_no_memory(sound, tmp_path, count):
     assert "raw/M1/top.000: expected" in found["error"]
 
 
-def snakemake(folder: Path, *options: str, start: Path = PROJECT) -> subprocess.CompletedProcess:
-    # -P: as the command snakemake, which unlike python -m does not look for modules in the folder it is started in.
-    command = [sys.executable, "-P", "-m", "snakemake", "--snakefile", str(PROJECT / "Snakefile")]
-    command += ["--directory", str(folder)]
-    environment = os.environ | {"PYTHONPATH": str(PROJECT)}
-    whole = [*command, "--cores", "2", *options]
-    return subprocess.run(whole, capture_output=True, text=True, check=False, env=environment, cwd=start)
-
-
 def test_no_code_of_a_cruise_folder_is_run_wherever_the_run_is_started(sound, tmp_path):
     folder = spoilt(sound, tmp_path, lambda there: None)
     bomb = f"open({str(tmp_path / 'pwned')!r}, 'w')\n"
-    for name in (
-        "compasslib/__init__.py",
-        "netCDF4.py",
-        "gsw.py",
-        "scipy.py",
-        "pandas.py",
-        ".snakemake/scripts/gsw.py",
-    ):
+    modules = ("netCDF4.py", "gsw.py", "scipy.py", "pandas.py")
+    for name in ("compasslib/__init__.py", *modules, ".snakemake/scripts/gsw.py"):
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_text(bomb)
-    ran = snakemake(folder, "results/M1/work/top.nc", start=folder)
+    ran = snakemake(folder, "results/M1/work/top.nc")
     assert ran.returncode == 0 and not (tmp_path / "pwned").exists(), ran.stderr
 
 
@@ -402,14 +355,9 @@ def test_no_code_of_a_cruise_folder_is_run_wherever_the_run_is_started(sound, tm
 def test_a_profile_in_a_cruise_folder_is_refused(sound, tmp_path, name):
     folder = spoilt(sound, tmp_path, lambda there: (there / name).mkdir(parents=True))
     (folder / name / "config.yaml").write_text("default-resources: {mem_mb: 1}\n")
-    ran = snakemake(folder, "--dry-run", start=folder)
+    ran = snakemake(folder, "--dry-run")
     assert ran.returncode != 0 and not (folder / "results").exists()
     assert f"{name}: expected no profile of Snakemake in a cruise folder" in ran.stdout + ran.stderr
-
-
-def hashes(folder: Path, *left_out: str) -> dict[str, str]:
-    files = [path for path in sorted(folder.rglob("*")) if path.is_file() and not set(path.parts) & set(left_out)]
-    return {str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
 
 
 def test_a_killed_run_is_taken_up_and_ends_as_one_that_was_not(sound, tmp_path):
@@ -417,16 +365,8 @@ def test_a_killed_run_is_taken_up_and_ends_as_one_that_was_not(sound, tmp_path):
     killed, whole = (spoilt(sound, tmp_path / name, lambda there: None) for name in "ab")
     raw = hashes(killed / "raw")
     wanted = "results/M1/overlap.nc"
-    command = [sys.executable, "-m", "snakemake", "--snakefile", PROJECT / "Snakefile", "--directory", killed]
-    environment = os.environ | {"PYTHONPATH": str(PROJECT)}
-    running = subprocess.Popen(
-        [*map(str, command), "--cores", "1", wanted],
-        env=environment,
-        cwd=PROJECT,
-        start_new_session=True,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "start_new_session": True}
+    running = subprocess.Popen([*command(killed), "--cores", "1", wanted], env=environment(), cwd=killed, **quiet)
     while not list((killed / "results/M1/work").glob("*.nc")) and running.poll() is None:
         time.sleep(0.02)
     os.killpg(running.pid, signal.SIGKILL)
@@ -495,9 +435,10 @@ def without_rights(folder: Path) -> str:
     if not shutil.which("setpriv") or subprocess.run([*give_up, "true"], check=False).returncode:
         pytest.skip("this user may read everything")
     code = f"import chain, pathlib; print(chain.run(pathlib.Path({str(folder)!r}))['error'])"
-    command = [*give_up, sys.executable, "-c", code]
-    environment = os.environ | {"PYTHONPATH": f"{PROJECT}:{PROJECT / 'tests'}"}
-    return subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout
+    into = environment(PROJECT, PROJECT / "tests")
+    return subprocess.run(
+        [*give_up, sys.executable, "-c", code], env=into, capture_output=True, text=True, check=True
+    ).stdout
 
 
 def test_the_table_of_faults_names_tests_that_exist():

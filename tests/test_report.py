@@ -7,6 +7,7 @@ import csv
 import hashlib
 import json
 import re
+import shutil
 from dataclasses import fields, is_dataclass, replace
 from itertools import combinations, pairwise
 from pathlib import Path
@@ -17,12 +18,11 @@ import netCDF4
 import numpy as np
 import page
 import pytest
-import yaml
 from bench import readings, ring, write_calibration
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from launch import change, snakemake
 from sea import cruise
-from test_workflow import change, snakemake
 from two_heads_files import cast
 
 from compasslib import effects, report
@@ -49,9 +49,8 @@ OUTSIDE = r"(?:src|href|action|poster|srcset)\s*=\s*[\"']?\s*(?:https?:)?//|url\
 def done(tmp_path_factory):
     """A processed cruise: a mooring, one without a trusted instrument, two calibrations; markup in every attribute."""
     folder = cruise(tmp_path_factory.mktemp("cruise"), ("M1",), n=600)
-    alone = yaml.safe_load((folder / "config/moorings/M1.yaml").read_text()) | {"name": ALONE}
-    del alone["reference"]
-    (folder / "config/moorings/A.yaml").write_text(yaml.safe_dump(alone))
+    shutil.copy(folder / "config/moorings/M1.yaml", folder / "config/moorings/A.yaml")
+    change(folder / "config/moorings/A.yaml", name=ALONE, reference=None)
     change(folder / "config/moorings/M1.yaml", attributes={"instrument": HOSTILE, "serial_number": "<b>1</b>"})
     change(folder / "config/config.yaml", attributes={"project": HOSTILE, "institution": "Fjord & Søn <i>"})
     write_calibration(folder, "bench", readings(), budget="le_menn")

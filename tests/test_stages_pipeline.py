@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 import yaml
+from launch import change, snakemake
 from sea import cruise
-from test_workflow import change, snakemake
 
 from compasslib.archive import netcdf
 from compasslib.core.errors import InputError

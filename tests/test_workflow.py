@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 import shutil
 import subprocess
@@ -14,41 +13,13 @@ import netCDF4
 import numpy as np
 import pytest
 import yaml
-from sea import SHARED, cruise
-
-PROJECT = Path(__file__).resolve().parents[1]
-CONTRACT = SHARED.parent / "tools/check_contract.py"
-
-
-def snakemake(
-    folder: Path, *options: str, project: Path = PROJECT, beside: tuple[Path, ...] = ()
-) -> subprocess.CompletedProcess:
-    command = [sys.executable, "-m", "snakemake", "--snakefile", str(project / "Snakefile"), "--directory", str(folder)]
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(map(str, (project, *beside)))}
-    whole = [*command, "--cores", "2", *options]
-    return subprocess.run(whole, capture_output=True, text=True, check=False, env=environment, cwd=folder)
-
-
-def planned(folder: Path, project: Path = PROJECT) -> set[tuple[str, str]]:
-    """Return (rule, mooring) of the jobs that would run now."""
-    return jobs_in(snakemake(folder, "--dry-run", "--quiet", "progress", project=project).stdout)
-
-
-def jobs_in(said: str) -> set[tuple[str, str]]:
-    jobs = re.findall(r"rule (\w+):\n((?:    .*\n)+)", said)
-    return {(rule, (re.search(r"mooring=(\w+)", text) or ["", ""])[1]) for rule, text in jobs if rule != "all"}
-
-
-def change(path: Path, **keys: object) -> None:
-    path.write_text(yaml.safe_dump(yaml.safe_load(path.read_text()) | keys, sort_keys=False))
+from launch import PROJECT, change, copied_project, hashes, jobs_in, keeps_contract, planned, snakemake
+from sea import cruise
 
 
 def two(folder: Path) -> Path:
     """Write a cruise of a mooring and one without a trusted instrument, each with a recording of its own."""
-    cruise(folder, ("M1", "ALONE"))
-    alone = yaml.safe_load((folder / "config/moorings/ALONE.yaml").read_text())
-    del alone["reference"]
-    (folder / "config/moorings/ALONE.yaml").write_text(yaml.safe_dump(alone))
+    change(cruise(folder, ("M1", "ALONE")) / "config/moorings/ALONE.yaml", reference=None)
     return folder
 
 
@@ -68,14 +39,13 @@ def test_settings_on_snakemake_s_command_line_are_refused(tmp_path):
 
 
 def test_it_keeps_the_contract(done):
-    if not CONTRACT.exists():
-        pytest.skip("no ../shared/tools")
-    without = "calibrations"
-    checked = subprocess.run([sys.executable, CONTRACT, done, "--without", without], capture_output=True, text=True)
-    assert checked.returncode == 0, checked.stdout
+    keeps_contract(done, "--without", "calibrations")
 
 
-EACH = ("overlap", "fit", "diagnose", "assess", "compare", "correct", "figures")
+EACH, OF_ALL = (
+    ("overlap", "fit", "diagnose", "assess", "compare", "correct", "figures"),
+    ("summary", "report", "provenance"),
+)
 
 
 def test_the_screen_has_a_line_a_stage_with_the_time_left_and_the_warnings_at_the_end(done):
@@ -129,42 +99,16 @@ def test_a_declination_re_runs_one_mooring_from_the_stage_that_uses_it(done):
         "M1 overlap and 6 more: declination was null, is -22.0",
         "summary, report, provenance: config/moorings/M1.yaml changed",
     ]
-    assert jobs_in(said) == {
-        ("overlap", "M1"),
-        ("fit", "M1"),
-        ("diagnose", "M1"),
-        ("correct", "M1"),
-        ("assess", "M1"),
-        ("compare", "M1"),
-        ("figures", "M1"),
-        ("summary", ""),
-        ("report", ""),
-        ("provenance", ""),
-    }
+    assert jobs_in(said) == {*((rule, "M1") for rule in EACH), *((rule, "") for rule in OF_ALL)}
     change(done / "config/moorings/M1.yaml", declination="auto")
     assert planned(done) == {("provenance", "")}  # the manifest holds the file's hash, and it has a line more
 
 
 def test_an_edited_module_re_runs_what_uses_it_and_nothing_else(done, tmp_path):
-    """In a copy of the project, so that the tests beside this one see no half-edited library."""
-    project = tmp_path / "project"
-    for part in ("compasslib", "workflow"):
-        shutil.copytree(PROJECT / part, project / part, ignore=shutil.ignore_patterns("__pycache__"))
-    shutil.copy(PROJECT / "Snakefile", project)
+    project = copied_project(tmp_path / "project", "compasslib", "workflow", "Snakefile")
     with (project / "compasslib/preparation/overlap.py").open("a") as stream:
         stream.write("# a comment\n")
-    assert {rule for rule, _ in planned(done, project=project)} == {
-        "overlap",
-        "fit",
-        "diagnose",
-        "correct",
-        "assess",
-        "compare",
-        "figures",
-        "summary",
-        "report",
-        "provenance",
-    }
+    assert {rule for rule, _ in planned(done, project=project)} == {*EACH, *OF_ALL}
 
 
 MODULE = """
@@ -213,8 +157,8 @@ def test_every_file_is_the_same_in_another_folder_on_one_core(done, tmp_path):
     again = two(tmp_path / "again")
     ran = snakemake(again, "--cores", "1")
     assert ran.returncode == 0, ran.stderr
-    first, second = results(done), results(again)
-    assert sorted(first) == sorted(second) and "results/ro-crate-metadata.json" in first
+    first, second = (hashes(folder / "results", "benchmarks") for folder in (done, again))
+    assert sorted(first) == sorted(second) and "ro-crate-metadata.json" in first
     assert [name for name in first if first[name] != second[name]] == []
 
 
@@ -228,11 +172,6 @@ def test_conventions_are_checked_by_name_or_in_every_run_where_the_options_say_s
     change(folder / "config/config.yaml", conventions={"check": True})
     # The manifest lists what was checked.
     assert planned(folder) == {("check_conventions", "ALONE"), ("provenance", "")}
-
-
-def results(folder: Path) -> dict[str, bytes]:
-    files = [path for path in (folder / "results").rglob("*") if path.is_file() and path.parent.name != "benchmarks"]
-    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}
 
 
 def test_a_missing_raw_file_stops_before_any_work_and_is_never_simulated(tmp_path):
@@ -252,17 +191,6 @@ def test_a_bad_key_is_one_line_on_stderr_and_in_the_log(tmp_path):
     assert ran.returncode != 0 and line in ran.stderr and "Traceback" not in ran.stderr
     logs = [log.read_text() for log in (folder / ".snakemake/log").glob("*.log")]
     assert any(line in log for log in logs)
-
-
-def test_a_damaged_raw_file_is_one_line_and_the_other_mooring_goes_on(tmp_path):
-    folder = cruise(tmp_path / "c", ("M1", "M2"), n=400)
-    (folder / "raw/M1/top.000").write_text("not a recording\n" * 100)
-    ran = snakemake(folder, "--keep-going", "--until", "correct")
-    assert ran.returncode != 0 and "Traceback" not in ran.stderr
-    said = [line for line in ran.stderr.splitlines() if line.startswith("error:")]
-    assert len(said) == 1 and said[0].startswith("error: mooring M1: raw/M1/top.000: ")
-    assert (folder / "results/M2/corrected.nc").exists() and not (folder / "results/M1/work/top.nc").exists()
-    assert said[0] in (folder / "results/M1/logs/read_top.log").read_text()
 
 
 def test_a_cruise_without_moorings_is_nothing_to_do(tmp_path):

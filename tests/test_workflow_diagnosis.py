@@ -10,7 +10,7 @@ import netCDF4
 import numpy as np
 import pytest
 import yaml
-from test_workflow import CONTRACT, snakemake
+from launch import CONTRACT, snakemake
 
 from compasslib.core import angles
 from compasslib.simulation import pairs as world

@@ -1,0 +1,84 @@
+"""Cruises run through Snakemake as a user runs them, and what a run leaves."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+from sea import SHARED
+
+PROJECT = Path(__file__).resolve().parents[1]
+CONTRACT = SHARED.parent / "tools/check_contract.py"
+
+
+def command(folder: Path, project: Path = PROJECT) -> list[str]:
+    """Return Snakemake's command; -P: as ``snakemake`` itself, which looks for no modules where it is started."""
+    return [
+        sys.executable,
+        *("-P", "-m", "snakemake", "--snakefile"),
+        f"{project / 'Snakefile'}",
+        "--directory",
+        f"{folder}",
+    ]
+
+
+def environment(*beside: Path) -> dict[str, str]:
+    """Return the environment in which jobs import the library of the first folder, and what else is given."""
+    return os.environ | {"PYTHONPATH": os.pathsep.join(map(str, beside or (PROJECT,)))}
+
+
+def snakemake(
+    folder: Path, *options: str, project: Path = PROJECT, beside: tuple[Path, ...] = ()
+) -> subprocess.CompletedProcess:
+    whole, into = [*command(folder, project), "--cores", "2", *options], environment(project, *beside)
+    return subprocess.run(whole, capture_output=True, text=True, check=False, env=into, cwd=folder)
+
+
+def planned(folder: Path, project: Path = PROJECT) -> set[tuple[str, str]]:
+    """Return (rule, mooring or calibration) of the jobs that would run now."""
+    return jobs_in(snakemake(folder, "--dry-run", "--quiet", "progress", project=project).stdout)
+
+
+def jobs_in(said: str) -> set[tuple[str, str]]:
+    jobs = re.findall(r"rule (\w+):\n((?:    .*\n)+)", said)
+    named = {(rule, (re.search(r"(?:mooring|calibration)=(\w+)", text) or ["", ""])[1]) for rule, text in jobs}
+    return {job for job in named if job[0] != "all"}
+
+
+def keeps_contract(folder: Path, *options: str) -> None:
+    """Hold the results of a cruise against the contract's own checker, where it is there."""
+    if not CONTRACT.exists():
+        pytest.skip("no ../shared/tools")
+    checked = subprocess.run([sys.executable, CONTRACT, folder, *options], capture_output=True, text=True, check=False)
+    assert checked.returncode == 0, checked.stdout
+
+
+def change(path: Path, **keys: object) -> None:
+    """Set keys of a YAML file; None takes a key out."""
+    content = yaml.safe_load(path.read_text()) | keys
+    path.write_text(
+        yaml.safe_dump({key: value for key, value in content.items() if value is not None}, sort_keys=False)
+    )
+
+
+def copied_project(into: Path, *parts: str) -> Path:
+    """Return a copy of parts of the project, to be edited while other tests use the project itself."""
+    for part in parts:
+        if (PROJECT / part).is_dir():
+            shutil.copytree(PROJECT / part, into / part, ignore=shutil.ignore_patterns("__pycache__"))
+        else:
+            shutil.copy(PROJECT / part, into)
+    return into
+
+
+def hashes(folder: Path, *left_out: str) -> dict[str, str]:
+    """Return the SHA-256 of every file, those below a folder of a given name left out."""
+    files = [path for path in sorted(folder.rglob("*")) if path.is_file() and not set(path.parts) & set(left_out)]
+    return {str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
