@@ -157,8 +157,8 @@ def of_fleets(temporary: Path) -> str:
     lines = ["| moorings | jobs | planning, CPU s | ms a job |", "|---|---|---|---|"]
     for count in FLEETS:
         folder = fleet(temporary / f"fleet{count}", count)
-        took = runs.cost(runs.snakemake(folder, "--dry-run", "--quiet", "rules"))
-        found = re.search(r"^total\s+(\d+)", took.said, re.MULTILINE)
+        took = runs.cost(runs.snakemake(folder, "--dry-run"))
+        found = re.search(r"^(\d+) jobs:", took.said, re.MULTILINE)
         planned = int(found[1]) if found else 0
         lines.append(f"| {count} | {planned} | {took.cpu_s:.1f} | {1e3 * took.cpu_s / max(planned, 1):.0f} |")
     return "\n".join(lines)

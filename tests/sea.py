@@ -7,6 +7,7 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import numpy as np
+import pytest
 import yaml
 from pd0_encoder import ensemble
 
@@ -17,6 +18,13 @@ SHARED = Path(__file__).resolve().parents[1] / ".." / "shared" / "data"
 START = datetime.fromtimestamp(world.BEGIN_S, UTC)
 MILD = (0.02, 0.3, 0.1, 0.03, -0.02)
 FOLDED = (0.0, -1.1, 0.7, 0.02, -0.01)
+
+
+def real(name: str) -> Path:
+    """Return a genuine recording; the test skips where it is absent."""
+    if not (SHARED / name).exists():
+        pytest.skip(f"{name} is not in ../shared/data")
+    return SHARED / name
 
 
 def pairs(coefficients=MILD, **drawn) -> tuple[Pairs, np.ndarray]:

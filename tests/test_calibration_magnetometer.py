@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from sea import real
 
 from compasslib.calibration import magnetometer
 from compasslib.calibration.magnetometer import ellipsoid, heading
@@ -14,14 +15,7 @@ from compasslib.core.errors import InputError
 from compasslib.plots.magnetometer import magnetometer as draw
 from compasslib.simulation import iron
 
-SHARED = Path(__file__).resolve().parents[2] / "shared/data/magnetometer"
 SAFE = 4.5  # standard deviations: a fixed seed's draw of a few tens of numbers stays inside unless something is wrong
-
-
-def real(name: str) -> Path:
-    if not (SHARED / name).exists():
-        pytest.skip(f"{name} is not in ../shared/data")
-    return SHARED / name
 
 
 def field_of(true: iron.Iron) -> dict[str, float]:
@@ -49,7 +43,7 @@ def rng():
 
 
 def test_signature500_has_the_published_harmonics_and_no_vertical_offset():
-    found = magnetometer.calibrate([real("signature500.csv")], {})
+    found = magnetometer.calibrate([real("magnetometer/signature500.csv")], {})
     before, after = (found.details["harmonics_percent"][when] for when in ("before", "after"))
     assert before["first"] == pytest.approx(22.6, abs=0.1)  # ten readings in breaking waves are left out
     assert np.rad2deg(before["first"] / 100.0) == pytest.approx(12.9, abs=0.06)
@@ -64,12 +58,12 @@ def test_signature500_has_the_published_harmonics_and_no_vertical_offset():
 
 
 def test_signature500_correction_makes_the_modulus_constant_by_the_published_share():
-    residual = magnetometer.calibrate([real("signature500.csv")], {}).details["modulus_residual_percent"]
+    residual = magnetometer.calibrate([real("magnetometer/signature500.csv")], {}).details["modulus_residual_percent"]
     assert residual["after"] < 0.5 * residual["before"]
 
 
 def test_hmc5883l_needs_the_whole_ellipsoid():
-    found = magnetometer.calibrate([real("hmc5883l_sphere.csv")], {})
+    found = magnetometer.calibrate([real("magnetometer/hmc5883l_sphere.csv")], {})
     assert found.model == "ellipsoid"
     assert found.details["modulus_residual_percent"]["after"] <= 0.4604  # published 0.46 %
     assert found.details["scores"]["sphere"] > 5.0 > 1.0 > found.details["scores"]["ellipsoid"]
@@ -79,7 +73,9 @@ def test_hmc5883l_needs_the_whole_ellipsoid():
 def test_an_accelerometer_is_recognised():
     columns = {"x": "ax", "y": "ay", "z": "az"}
     for withhold in ([], ["pitch_deg"]):
-        found = magnetometer.calibrate([real("signature500.csv")], {"columns": columns, "withhold": withhold})
+        found = magnetometer.calibrate(
+            [real("magnetometer/signature500.csv")], {"columns": columns, "withhold": withhold}
+        )
         assert "this is gravity" in found.why and found.details["hard_iron"] is None
 
 
@@ -447,7 +443,7 @@ def test_what_fixed_iron_does_not_make_is_a_doubt(tmp_path, rng, change, said):
 
 @pytest.mark.parametrize("name", ["signature500", "hmc5883l_sphere"])
 def test_real_logs_have_no_counts_beyond_their_scale_and_no_doubts(name):
-    made = magnetometer.calibrate([real(f"{name}.csv")], {})
+    made = magnetometer.calibrate([real(f"magnetometer/{name}.csv")], {})
     assert made.details["doubts"] == []
     assert not any("scale" in said or "stuck" in said for said in made.warnings)
 

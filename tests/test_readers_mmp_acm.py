@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from sea import real
 
 from compasslib import readers
 from compasslib.config.cruise import load
@@ -23,19 +24,11 @@ from compasslib.run import plan as plans
 from compasslib.simulation import demonstration, mmp, profiler, water
 from compasslib.simulation.demonstration import DEPLOYED_S
 
-SHARED = Path(__file__).resolve().parents[1] / ".." / "shared" / "data"
 TEXT, BINARY = "acm/mmp_global_A0000001.TXT", "acm/mmp_global_A0000001.DAT"
 METER = mmp.Acm(1405, "ML1405-01D", 65.27, -32.88, rate_hz=2.0)
 ON_S, PROFILE_S = 1189000000, 43200
 HEAD, ROW = 279, 47
 FEW = settings(max_examples=150, deadline=None, derandomize=True)
-
-
-def real(name: str) -> Path:
-    path = SHARED / name
-    if not path.exists():
-        pytest.skip(f"{name} is not in ../shared/data")
-    return path
 
 
 def read(*paths: Path, pressure: tuple[Path, ...] = (), offset: float = 0.0) -> Record:
@@ -620,32 +613,6 @@ def test_a_flipped_byte_costs_a_scan_or_changes_one(sound, at, octet, form):
     assert 89 <= accounted(record) <= 91
 
 
-@FEW
-@given(data=st.data())
-def test_many_flipped_bytes_leave_the_other_scans_alone(sound, data):
-    folder, files = sound
-    form = data.draw(st.sampled_from(["text", "binary"]))
-    content, truth = files[form]
-    places = data.draw(st.lists(st.integers(0, len(content) - 1), min_size=2, max_size=12))
-    flipped = bytearray(content)
-    for place in places:
-        flipped[place] ^= data.draw(st.integers(1, 255))
-    record = read(written(folder, "flipped", bytes(flipped)))
-    assert foreign(record, truth) <= len(places)
-
-
-@FEW
-@given(garbage=st.binary(max_size=400))
-def test_garbage_is_refused_in_one_line(sound, garbage):
-    path = written(sound[0], "garbage", garbage)
-    with pytest.raises(InputError) as error:
-        read(path)
-    assert "\n" not in str(error.value)
-    with pytest.raises(InputError) as error:
-        mmp_pressure.load([path])
-    assert "\n" not in str(error.value)
-
-
 def test_a_damaged_header_does_not_cost_its_profile(sound):
     folder, files = sound
     data, truth = files["binary"]
@@ -745,15 +712,6 @@ def test_a_file_of_another_kind_is_refused(tmp_path, content, found):
     message = str(error.value)
     assert message.startswith(f"{path}: {EXPECTED}, {found}")
     assert "\n" not in message
-
-
-def test_a_folder_a_missing_file_and_no_file_are_refused(tmp_path):
-    for path, found in ((tmp_path, "Is a directory"), (tmp_path / "none", "No such file or directory")):
-        with pytest.raises(InputError) as error:
-            read(path)
-        assert str(error.value) == f"{path}: expected a readable file, found {found}; check the path"
-    with pytest.raises(InputError, match="files: expected unpacked ASCII or binary scans"):
-        read()
 
 
 def test_a_meter_whose_compass_is_dead_has_no_heading_and_no_current(tmp_path):

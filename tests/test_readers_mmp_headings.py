@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_readers_mmp_acm import BINARY, TEXT, logged, read, real, text_file
+from sea import real
+from test_readers_mmp_acm import BINARY, TEXT, logged, read, text_file
 
 from compasslib.core.records import GOOD, PROBABLY_BAD
 from compasslib.readers.mmp import scan_files

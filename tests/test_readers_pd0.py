@@ -21,6 +21,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from pd0_encoder import MISSING, START, assemble, ensemble, fixed_leader, variable_leader
+from sea import real
 
 from compasslib.core import angles
 from compasslib.core.errors import InputError
@@ -29,7 +30,6 @@ from compasslib.readers.pd0 import currents, frames
 from compasslib.readers.pd0 import reader as pd0
 from compasslib.readers.pd0.fields import BEAM, EARTH, INSTRUMENT, SHIP, Ensembles
 
-SHARED = Path(__file__).resolve().parents[1] / ".." / "shared" / "data"
 EH2 = "eh2_20060530_20060717_0007m.000"
 GOOD_ENSEMBLES = {
     EH2: 3265,
@@ -41,13 +41,6 @@ GOOD_ENSEMBLES = {
 }
 PROFILE = [[100, 200, 30, 4], [110, -210, 31, 5], [MISSING] * 4]
 EX = {BEAM: 0b00111, INSTRUMENT: 0b01111, SHIP: 0b10111, EARTH: 0b11111}
-
-
-def real(name: str) -> Path:
-    path = SHARED / name
-    if not path.exists():
-        pytest.skip(f"{name} is not in ../shared/data")
-    return path
 
 
 def series(count: int, **choices: Any) -> list[bytes]:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from bench import MILD, readings, ring, write_table
+from sea import real
 from two_heads_files import TURNED, cast, rewritten
 
 from compasslib.archive.files import write_json
@@ -26,16 +27,9 @@ from compasslib.search.verdict import VERDICTS, Diagnosis
 from compasslib.simulation import recordings as drawn
 from compasslib.simulation import swing
 
-DATA = Path(__file__).resolve().parents[2] / "shared/data"
 OPTIONS = Options()
 MM = np.array([-1.177, 2.023, -8.377, -4.279, 3.620, 14.721, 5.624, 15.123])
-ACM = DATA / "acm/mmp_global_A0000001.TXT"
-
-
-def real(name: str) -> Path:
-    if not (DATA / name).exists():
-        pytest.skip(f"no real recording {name} beside the repository")
-    return DATA / name
+ACM = "acm/mmp_global_A0000001.TXT"
 
 
 def magnetometer(path: Path, **settings: object) -> Diagnosis:
@@ -100,8 +94,7 @@ def test_three_headings_say_why(tmp_path):
 
 
 def test_the_profilers_compass_is_levelled():
-    real("acm/mmp_global_A0000001.TXT")
-    found = magnetometer(ACM, format="mmp_acm")
+    found = magnetometer(real(ACM), format="mmp_acm")
     assert (found.verdict, names(found)) == ("explained", ["tilt_uncompensated"])
     proof = found.findings[0].held_out
     assert proof.rms_before_deg == pytest.approx(7.82, abs=0.05) and proof.rms_after_deg < 0.1
@@ -110,16 +103,14 @@ def test_the_profilers_compass_is_levelled():
 
 
 def test_binary_and_text_of_the_same_profile_agree():
-    real("acm/mmp_global_A0000001.DAT")
-    text, binary = (magnetometer(ACM.with_suffix(end), format="mmp_acm") for end in (".TXT", ".DAT"))
+    text, binary = (magnetometer(real(ACM).with_suffix(end), format="mmp_acm") for end in (".TXT", ".DAT"))
     assert names(text) == names(binary)
     share = [one.findings[0].parameters["share"].value for one in (text, binary)]
     assert share[0] == pytest.approx(share[1], abs=0.005)  # the text has two decimals of a tilt
 
 
 def test_without_tilts_the_name_is_refused():
-    real("acm/mmp_global_A0000001.TXT")
-    found = magnetometer(ACM, format="mmp_acm", withhold=["TX", "TY"])
+    found = magnetometer(real(ACM), format="mmp_acm", withhold=["TX", "TY"])
     assert found.verdict in ("unexplained", "ambiguous")
     assert all("tilt_uncompensated" in one.alternatives for one in found.findings)
     assert (
@@ -128,16 +119,14 @@ def test_without_tilts_the_name_is_refused():
 
 
 def test_without_heading_and_strength_there_is_nothing_to_compare():
-    real("acm/mmp_global_A0000001.TXT")
-    found = magnetometer(ACM, format="mmp_acm", withhold=["HDNG"])
+    found = magnetometer(real(ACM), format="mmp_acm", withhold=["HDNG"])
     assert found.verdict == "insufficient"
     assert "direction cosines" in found.why and "no heading was logged" in found.why
 
 
 def test_an_unknown_column_of_the_profiler_is_refused():
-    real("acm/mmp_global_A0000001.TXT")
     with pytest.raises(InputError, match="withhold"):
-        log.read([ACM], {"format": "mmp_acm", "withhold": ["TZ"]})
+        log.read([real(ACM)], {"format": "mmp_acm", "withhold": ["TZ"]})
 
 
 @pytest.mark.parametrize("withhold", [[], ["heading_deg"]])

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import ast
 import json
-import re
-import struct
 import sys
 import warnings
 from dataclasses import replace
@@ -15,6 +13,10 @@ import numpy as np
 import pytest
 import yaml
 
+from compasslib.readers.mmp import scan_files
+from compasslib.readers.pd0 import currents
+from compasslib.readers.pd0.fields import BEAM, EARTH
+from compasslib.readers.pd0.reader import decode
 from compasslib.simulation import adcp, compass, demonstration, pd0, water
 from compasslib.simulation.demonstration import DEPLOYED_S, MOORINGS, RECOVERED_S
 
@@ -44,30 +46,6 @@ def wrap(angle_deg):
 
 def middle(angle_deg):
     return np.rad2deg(np.angle(np.exp(1j * np.deg2rad(angle_deg)).mean()))
-
-
-def ensembles(path):
-    """Read a PD0 file with six blocks an ensemble, all alike, as rows of bytes and a few decoded columns."""
-    octets = np.fromfile(path, dtype=np.uint8)
-    size = struct.unpack("<H", octets[2:4].tobytes())[0] + 2
-    rows = octets.reshape(-1, size)
-    offsets = rows[0, 6:18].view("<u2").astype(int)
-    leader = rows[:, offsets[1] :]
-    velocity = np.ascontiguousarray(rows[:, offsets[2] + 2 : offsets[3]]).view("<i2").reshape(len(rows), -1, 4)
-
-    def column(at, kind):
-        return np.ascontiguousarray(leader[:, at : at + 2]).view(kind)[:, 0]
-
-    return {
-        "rows": rows,
-        "fixed": rows[:, offsets[0] : offsets[1]],
-        "number": column(2, "<u2") + 65536 * leader[:, 11].astype(int),
-        "clock": leader[:, 57:65],
-        "heading": column(18, "<u2") / 100,
-        "pitch": column(20, "<i2") / 100,
-        "roll": column(22, "<i2") / 100,
-        "velocity": np.where(velocity == -32768, np.nan, velocity / 1000),
-    }
 
 
 def truth(cruise, name):
@@ -204,15 +182,17 @@ def test_the_strong_iron_keeps_the_recorded_headings_of_eg4_within_110_degrees(w
     assert np.ptp(wrap(stance.heading_deg[stance.in_water] - 232.0)) > 150.0
 
 
-@pytest.mark.parametrize("file", ["EG3/top.000", "EG4/deep.000"])
-def test_every_ensemble_has_its_checksum_and_its_number(cruise, file):
-    found = ensembles(cruise / "raw" / file)
-    rows = found["rows"]
-    assert np.array_equal(rows[:, :-2].sum(axis=1) & 0xFFFF, rows[:, -2:].copy().view("<u2")[:, 0])
-    assert np.array_equal(np.diff(found["number"]), np.ones(len(rows) - 1))
-    assert found["clock"][0].tolist() == [20, 7, 9, 3, 0, {"EG3": 0, "EG4": 2}[file[:3]], 0, 0]
-    assert found["fixed"][100, 4] == {"EG3": 0b1100_1010, "EG4": 0b0100_1000}[file[:3]]
-    assert found["fixed"][100, 25] == {"EG3": 0b00111, "EG4": 0b11111}[file[:3]]
+@pytest.mark.parametrize(
+    ("file", "clock", "setup"),
+    [("EG3/top.000", "00:00", (True, 300.0, True, BEAM)), ("EG4/deep.000", "00:02", (False, 75.0, True, EARTH))],
+)
+def test_every_ensemble_is_whole_and_has_its_number(cruise, file, clock, setup):
+    found, size = decode(cruise / "raw" / file), (cruise / "raw" / file).stat().st_size
+    assert np.array_equal(found.offset, size // len(found) * np.arange(len(found))) and size % len(found) == 0
+    assert np.array_equal(np.diff(found.number), np.ones(len(found) - 1))
+    assert found.time_s[0] == np.datetime64(f"2007-09-03T{clock}").astype("datetime64[s]").astype(float)
+    said = (found.looks_up, found.frequency_khz, found.convex, found.coordinates)
+    assert tuple(column[100] for column in said) == setup
 
 
 def test_ensemble_numbers_beyond_sixteen_bits_are_carried():
@@ -231,40 +211,35 @@ def test_mhkit_reads_what_was_written(cruise):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         read = dolfyn.read(str(path), nens=200)
-    ours = ensembles(path)
-    assert np.allclose(read.heading, ours["heading"][:200], atol=0.006)
+    ours = decode(path)
+    assert np.allclose(read.heading, ours.heading_deg[:200], atol=0.006)
     assert np.allclose(read.range, adcp.ranges(demonstration.spec_of("EG2").top.setup), atol=0.01)
     theirs = np.moveaxis(read.vel.values, 0, -1)
     theirs = theirs if theirs.shape[0] == 200 else np.swapaxes(theirs, 0, 1)
     assert np.isfinite(theirs[30:, :15]).all()
-    assert np.allclose(theirs, ours["velocity"][:200], atol=0.001, equal_nan=True)
+    assert np.allclose(theirs, ours.velocity[:200], atol=0.001, equal_nan=True)
 
 
 def test_a_recording_in_earth_coordinates_is_turned_by_its_own_compass(cruise):
     seconds, true = truth(cruise, "EG2")
-    found = ensembles(cruise / "raw" / "EG2" / "top.000")
+    found = decode(cruise / "raw" / "EG2" / "top.000")
     wet = slice(24, 24 + len(seconds))
-    recorded = found["velocity"][wet, :2, :2].mean(axis=1)
-    turn = wrap(true["heading_true_magnetic_deg"] - found["heading"][wet]) - 23.4
+    recorded = found.velocity[wet, :2, :2].mean(axis=1)
+    turn = wrap(true["heading_true_magnetic_deg"] - found.heading_deg[wet]) - 23.4
     corrected = (recorded[:, 0] + 1j * recorded[:, 1]) * np.exp(-1j * np.deg2rad(turn))
     assert_is_the_current(corrected, true, bias=0.002, scatter=0.02)
 
 
 def test_a_recording_in_beam_coordinates_knows_nothing_of_the_compass(cruise):
     seconds, true = truth(cruise, "EG3")
-    found = ensembles(cruise / "raw" / "EG3" / "top.000")
+    found = decode(cruise / "raw" / "EG3" / "top.000")
     wet = slice(24, 24 + len(seconds))
-    beams = found["velocity"][wet, :2].mean(axis=1)
-    s, c = np.sin(np.deg2rad(20)), np.cos(np.deg2rad(20))
-    x, y = (beams[:, 0] - beams[:, 1]) / (2 * s), (beams[:, 3] - beams[:, 2]) / (2 * s)
-    z = beams.sum(axis=1) / (4 * c)
-    roll = np.deg2rad(found["roll"][wet]) + np.pi
-    pitch = np.arctan(np.tan(np.deg2rad(found["pitch"][wet])) * np.cos(roll - np.pi))
-    # Across the heading, and along it, in the level frame; then to true north by the correct heading.
-    level_x = x * np.cos(roll) + z * np.sin(roll)
-    level_y = x * np.sin(pitch) * np.sin(roll) + y * np.cos(pitch) - z * np.sin(pitch) * np.cos(roll)
-    turn = np.deg2rad(true["heading_true_magnetic_deg"] - 23.4)
-    corrected = (level_x + 1j * level_y) * np.exp(-1j * turn)
+    beams = found.velocity[wet, :2].mean(axis=1)
+    x, y, z, _ = currents.beams_to_instrument(beams, 20.0)
+    heading = true["heading_true_magnetic_deg"] - 23.4
+    tilts = found.tilt1_deg[wet], found.tilt2_deg[wet]
+    east, north, _ = currents.instrument_to_earth((x, y, z), heading, *tilts, True)
+    corrected = east + 1j * north
     assert_is_the_current(corrected, true, bias=0.002, scatter=0.02)
 
 
@@ -275,72 +250,10 @@ def assert_is_the_current(found, true, *, bias, scatter):
 
 
 def test_hours_on_deck_have_no_velocity(cruise):
-    found = ensembles(cruise / "raw" / "EG2" / "top.000")
-    assert np.isnan(found["velocity"][:24]).all()
-    assert np.isnan(found["velocity"][-24:]).all()
-    assert (np.abs(found["roll"][:24]) > 45).all()
-
-
-LINES = [
-    r"Sample rate: 1\.0000 Hz", r"", r" Profile \d+", r"   MM-DD-YYYY HH:MM:SS     HDNG .* VPGH",
-    r"   \d\d-\d\d-20\d\d \d\d:\d\d:\d\d( +-?\d+\.\d+){10}",
-    r"   \d\d-\d\d-20\d\d \d\d:\d\d:\d\d( +-?\d+\.?\d*){4,5}",
-    r"  ACM turned o(n|ff) at \d\d/\d\d/20\d\d \d\d:\d\d:\d\d", r"ACM\+ Header Contents:", r"[\w]+ *: .*",
-]  # fmt: skip
-PROFILE, ROW, PARTIAL = 2, 4, 5
-
-
-def read_text(path):
-    """Read the ASCII file line by line: profile, time and ten values of whole rows; the number of partial rows."""
-    patterns = [re.compile(line) for line in LINES]
-    profile, partial, rows = 0, 0, []
-    for line in path.read_bytes().decode("ascii").split("\r\n")[:-1]:
-        kind = next((k for k, pattern in enumerate(patterns) if pattern.fullmatch(line)), None)
-        assert kind is not None, line
-        if kind == PROFILE:
-            profile = int(line.split()[1])
-        elif kind == ROW:
-            date, clock, *values = line.split()
-            stamp = f"{date[6:]}-{date[:5]}T{clock}"
-            rows.append((profile, stamp, *map(float, values)))
-        partial += kind == PARTIAL
-    numbers = np.array([row[0] for row in rows])
-    seconds = np.array([row[1] for row in rows], dtype="datetime64[s]").astype(float)
-    return numbers, seconds, np.array([row[2:] for row in rows]), partial
-
-
-def read_binary(path):
-    octets, begin, parts = path.read_bytes(), 0, []
-    kind = np.dtype([("clock", "u1", (3,)), ("date", "u1", (2,)), ("year", "<u2"), ("values", "<f4", (10,))])
-    while begin < len(octets):
-        (length,) = struct.unpack_from(">I", octets, begin)
-        assert octets[begin + 4 + 275 : begin + 4 + 279] == b"DATA"
-        records = np.frombuffer(octets, kind, (length - 279) // 47, begin + 4 + 279)
-        assert (length - 279) % 47 == 0
-        on, off = struct.unpack_from(">II", octets, begin + 4 + length)
-        parts.append((on, off, records))
-        begin += length + 12
-    assert begin == len(octets)
-    return parts
-
-
-def earth_velocity(values):
-    heading, ab, ef = values[:, 0], values[:, 6], values[:, 8]
-    x, y = (-ab - ef) / np.sqrt(2), (ab - ef) / np.sqrt(2)
-    return (x + 1j * y) / 100 * np.exp(1j * np.deg2rad(90 - heading + 23.4))
-
-
-@pytest.fixture(scope="module")
-def unpacked(cruise):
-    number, seconds, values, partial = read_text(cruise / "raw" / "EG5" / "acm.txt")
-    first = np.append(True, np.diff(number) > 0)
-    return {
-        "all": number,
-        "partial": partial,
-        "number": number[~first],
-        "time": seconds[~first],
-        "values": values[~first],
-    }
+    found = decode(cruise / "raw" / "EG2" / "top.000")
+    assert np.isnan(found.velocity[:24]).all()
+    assert np.isnan(found.velocity[-24:]).all()
+    assert (np.abs(found.tilt2_deg[:24]) > 45).all()
 
 
 @pytest.fixture(scope="module")
@@ -352,53 +265,22 @@ def engineering(cruise):
     return seconds, rows["pressure_dbar"]
 
 
-def test_the_unpacked_acm_file_is_read_line_by_line(unpacked):
-    assert np.array_equal(np.unique(unpacked["all"]), np.arange(1, 793))
-    assert unpacked["partial"] == 792 // 97
-    assert (np.diff(unpacked["time"]) > 0).all()
-
-
-def test_the_acm_obeys_its_loggers_rule(unpacked):
-    heading, tx, ty, hx, hy, hz = unpacked["values"][:, :6].T
-    tx, ty = np.deg2rad(tx), np.deg2rad(ty)
-    x, y = hx * np.cos(tx) - hz * np.sin(tx), hy * np.cos(ty) - hz * np.sin(ty)
-    # Four decimals of the cosines and two of the tilts are worth up to 0.03 degrees where the field is this steep.
-    assert np.abs(wrap(np.rad2deg(np.arctan2(y, x)) - heading)).max() < 0.04
-    assert np.abs(hx**2 + hy**2 + hz**2 - 1).max() < 2e-4
-
-
-def test_the_acm_measures_the_current_near_its_bumper_unless_the_profiler_is_stuck(cruise, unpacked, engineering):
+def test_the_profiler_is_stuck_at_times_and_its_climb_shows_in_the_path_outside_the_wake(cruise, engineering):
+    """That currents and depths come back stands in test_readers_mmp_acm.py."""
+    scans = scan_files.load([cruise / "raw/EG5/acm.txt"])
+    assert len(scans.blocks) == 792 and scans.damaged == 792 // 97
+    sound = scans.place > 0
+    time_s, values = scans.clock_s[sound], scans.values[sound]
     times, true = truth(cruise, "EG5")
-    depth = np.interp(unpacked["time"], *engineering) / 1.01
-    hour = np.searchsorted(times, unpacked["time"] - 1800.0)
-    near = np.abs(depth - true["depth_m"][hour]) < 15.0
-    lost = 1 - np.unique(unpacked["number"][near]).size / 792
-    assert 0.05 < lost < 0.3
-    current = (true["east_true_m_s"] + 1j * true["north_true_m_s"])[hour]
-    wrong = (earth_velocity(unpacked["values"]) - current)[near]
-    assert abs(wrong.mean()) < 0.01
-    assert 0.04 < wrong.std() < 0.08  # shear, turbulence, and the minutes between the two
-
-
-def test_the_acm_shows_its_own_climb_in_the_path_outside_the_wake(unpacked, engineering):
+    depth = np.interp(time_s, *engineering) / 1.01
+    near = np.abs(depth - true["depth_m"][np.searchsorted(times, time_s - 1800.0)]) < 15.0
+    assert 0.05 < 1 - np.unique(scans.profile[sound][near]).size / 792 < 0.3
     seconds, dbar = engineering
-    sinking = np.interp(unpacked["time"], seconds[:-1], np.diff(dbar) / np.diff(seconds))
-    x = -(unpacked["values"][:, 6] + unpacked["values"][:, 8]) / np.sqrt(2)
+    sinking = np.interp(time_s, seconds[:-1], np.diff(dbar) / np.diff(seconds))
+    x = -(values[:, 6] + values[:, 8]) / np.sqrt(2)
     up, down = (np.abs(sinking - speed) < 0.02 for speed in (-0.25, 0.25))
-    assert np.median((x - np.sqrt(2) * unpacked["values"][:, 9])[up]) == pytest.approx(-25.0, abs=0.5)
-    assert np.median((-x + np.sqrt(2) * unpacked["values"][:, 7])[down]) == pytest.approx(25.0, abs=0.5)
-
-
-def test_the_binary_acm_file_is_a_chain_of_whole_profiles(cruise):
-    profiles = read_binary(cruise / "raw" / "EG6" / "acm.dat")
-    assert len(profiles) > 780
-    for on, off, records in profiles:
-        clock = records["clock"].astype(int)
-        day = np.datetime64(f"{records['year'][0]}-{records['date'][0, 0]:02}-{records['date'][0, 1]:02}").astype(int)
-        begin = day * 86400 + clock[0] @ (3600, 60, 1)
-        assert 5 <= begin - on <= 10
-        assert off - begin == len(records)
-        assert np.isfinite(records["values"]).all()
+    assert np.median((x - np.sqrt(2) * values[:, 9])[up]) == pytest.approx(-25.0, abs=0.5)
+    assert np.median((-x + np.sqrt(2) * values[:, 7])[down]) == pytest.approx(25.0, abs=0.5)
 
 
 def test_files_stay_small_enough(cruise):

@@ -19,7 +19,7 @@ from sea import cruise
 
 def two(folder: Path) -> Path:
     """Write a cruise of a mooring and one without a trusted instrument, each with a recording of its own."""
-    change(cruise(folder, ("M1", "ALONE")) / "config/moorings/ALONE.yaml", reference=None)
+    change(cruise(folder, ("M1", "ALONE"), n=600) / "config/moorings/ALONE.yaml", reference=None)
     return folder
 
 
@@ -58,7 +58,7 @@ def test_the_screen_has_a_line_a_stage_with_the_time_left_and_the_warnings_at_th
     assert sorted(line[3] for line in shown) == sorted(
         [*of_moorings, "M1 read deep", "summary", "report", "provenance"]
     )
-    assert next(line[4] for line in shown if line[3] == "M1 overlap").startswith("1200 overlapping pairs")
+    assert next(line[4] for line in shown if line[3] == "M1 overlap").startswith("600 overlapping pairs")
     # Beside them: two lines before the Snakefile is read, the jobs in one, where the log is, and the warnings.
     tail = said[said.index("Warnings: 2") + 1 :]
     assert sorted(line.partition(" pitch")[0] for line in tail) == ["  ALONE top: warning:", "  M1 top: warning:"]
@@ -67,7 +67,7 @@ def test_the_screen_has_a_line_a_stage_with_the_time_left_and_the_warnings_at_th
 
 def test_headings_are_corrected_and_the_summary_says_how_well(done):
     with netCDF4.Dataset(done / "results/M1/corrected.nc") as nc:
-        assert nc["UCUR"].shape == (1200, 4)
+        assert nc["UCUR"].shape == (600, 4)
         assert np.isfinite(nc["HEADING_CORRECTED"][:].filled(np.nan)).all()
     rows = (done / "results/summary.csv").read_text().splitlines()
     assert [row.split(",")[0] for row in rows] == ["name", "ALONE", "M1"]
