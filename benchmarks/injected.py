@@ -327,7 +327,7 @@ def headings(kind: str, rows: list[dict]) -> None:
         bench.line(f"{kind}, {record}: worse than by the fit alone by over 0.1 degree",
                    targets.share_of(row["error_after"] > row["error_plain"] + 0.1 for row in own))  # fmt: skip
         both = [100.0 * np.array([row[name] for row in own]) for name in ("covered", "centred")]
-        told = f"{targets.middle(both[0], np.mean, unit=' %')}; {both[1].mean():.1f} %"
+        told = f"{targets.middle(both[0], np.mean, unit=' %', fewest=5)}; {both[1].mean():.1f} %"
         bench.line(f"{kind}, {record}: headings within 95 %; the same without their mean error", told)
 
 

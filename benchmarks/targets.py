@@ -115,15 +115,16 @@ def mean(
     return Measured(what, told, low, high, least, most, _said(least, most, unit, times))
 
 
-def middle(values: np.ndarray, of: Callable[..., Any] = np.median, *, unit: str = "") -> str:
+def middle(values: np.ndarray, of: Callable[..., Any] = np.median, *, unit: str = "", fewest: int = FEWEST) -> str:
     """Return a statistic with its n and the 95 % interval that resampling the cases gives it.
 
     Args:
         of: the statistic, a function of numpy that takes ``axis``.
+        fewest: cases of which it tells one.
     """
     if not len(values):
         return "–"
-    found = resampled(values, lambda some: of(some, axis=-1))
+    found = resampled(values, lambda some: of(some, axis=-1), fewest=fewest)
     between = f"{found[0]:.3g} to {found[1]:.3g}" if found else "too few for an interval"
     return f"{of(values):.3g}{unit} of {len(values)} ({between})"
 
@@ -133,14 +134,16 @@ def limit(what: str, value: float, *, most: float, unit: str = "") -> Measured:
     return Measured(what, f"{value:.3g}{unit}", value, value, most=most, target=_said(-np.inf, most, unit, 1.0))
 
 
-def resampled(values: np.ndarray, of: Callable[[np.ndarray], np.ndarray], seed: int = 1) -> tuple[float, float] | None:
+def resampled(
+    values: np.ndarray, of: Callable[[np.ndarray], np.ndarray], seed: int = 1, *, fewest: int = FEWEST
+) -> tuple[float, float] | None:
     """Return the 95 % interval of a statistic by resampling the cases (Efron 1979), None of too few.
 
     Args:
         values: (n,), finite.
         of: the statistic along the last axis.
     """
-    if values.size < FEWEST:
+    if values.size < fewest:
         return None
     drawn = of(np.random.default_rng(seed).choice(values, (DRAWS, values.size)))
     low, high = np.quantile(drawn, [0.025, 0.975])

@@ -162,14 +162,20 @@ def main() -> None:
     with ProcessPoolExecutor(asked.cores) as pool:
         reduced, errors = list(pool.map(noise, every)), list(pool.map(heading_error, every))
     targets.head(
-        "record", "gap, cells", "noise across the flow falls, %", "stated / real rms", "heading errors", "worst"
+        "record",
+        "gap, cells",
+        "noise across the flow falls, %",
+        "stated / real rms",
+        "ratio of heading errors",
+        "worst",
     )
     for record, gap in dict.fromkeys((one.record, one.gap) for one in every):
         some = [k for k, one in enumerate(every) if (one.record, one.gap) == (record, gap)]
         falls = np.array([reduced[k][0] for k in some])
         stated = np.array([reduced[k][1] / reduced[k][2] for k in some])
         ratio = np.array([after / before for k in some for _, before, after in errors[k]])
-        targets.line(record, gap, *map(targets.middle, (falls, stated, ratio)), f"{ratio.max():.2f}")
+        middles = (targets.middle(values, fewest=len(DEPTHS)) for values in (falls, stated, ratio))
+        targets.line(record, gap, *middles, f"{ratio.max():.2f}")
     ratio = np.array([after / before for one in errors for _, before, after in one])
     print(f"\nAll: ratio of the errors of the fitted headings {targets.middle(ratio)}, worst {ratio.max():.2f}")
     for name in IRON:
