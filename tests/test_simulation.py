@@ -17,7 +17,7 @@ from compasslib.readers.mmp import scan_files
 from compasslib.readers.pd0 import currents
 from compasslib.readers.pd0.fields import BEAM, EARTH
 from compasslib.readers.pd0.reader import decode
-from compasslib.simulation import adcp, compass, demonstration, pd0, water
+from compasslib.simulation import adcp, compass, demonstration, pairs, pd0, water
 from compasslib.simulation.demonstration import DEPLOYED_S, MOORINGS, RECOVERED_S
 
 HERE = Path(__file__).parent
@@ -287,3 +287,14 @@ def test_files_stay_small_enough(cruise):
     for name in WRITTEN:
         size = sum((cruise / "raw" / file).stat().st_size for file in demonstration.raw_files(name))
         assert size < 32e6, name
+
+
+def test_water_stays_where_it_is_when_samples_are_missing():
+    """Real records have gaps: the reference's water of a sample is that of its own time, not of its number."""
+    whole = pairs.make(3, n=400)
+    kept = np.flatnonzero(np.arange(400) % 7 != 3)
+    some = {name: x[..., kept] for name, x in vars(whole).items() if np.ndim(x) and np.shape(x)[-1] == 400}
+    drawn = pairs.planted(replace(whole, **some), {})
+    lower = (whole.flow + whole.difference)[kept]
+    assert len(drawn.pairs) == len(kept)
+    assert np.allclose(drawn.pairs.lower_east + 1j * drawn.pairs.lower_north, lower)

@@ -99,6 +99,11 @@ class World:
         """Hours since the first sample, (n,)."""
         return (self.time_s - self.time_s[0]) / HOUR_S
 
+    def later(self, z: Complexes, hours: Floats) -> Complexes:
+        """Return a series at the samples' times some hours on, (n,); samples may be missing."""
+        when = self.hours + hours
+        return np.interp(when, self.hours, z.real) + 1j * np.interp(when, self.hours, z.imag)
+
     @property
     def between(self) -> Complexes:
         """The flow midway between the instruments, by which the water veers: their noise does not turn the water."""
@@ -433,18 +438,12 @@ def visible(world: World, part: Effect, size: float) -> float:
         return float(np.std(left - bare))
     if part.clock is not None:
         lower = world.flow + world.difference
-        late = at_hours(lower, world.hours - size * part.clock)
+        late = world.later(lower, -size * part.clock)
         move = wrap(towards(late) - towards(lower))
         return 1.4826 * float(np.median(np.abs(move)))
     gamma, *_ = combined(world, [(part, size)])
     left, _ = five_term_residual(gamma, world.heading)
     return float(np.std(left - bare))
-
-
-def at_hours(z: Complexes, hours: Floats) -> Complexes:
-    """Return a complex hourly series at other hours."""
-    own = np.arange(len(z))
-    return np.interp(hours, own, z.real) + 1j * np.interp(hours, own, z.imag)
 
 
 def planted(world: World, wanted: dict[str, float], made: Mapping[str, Effect] | None = None) -> Drawn:
@@ -468,7 +467,7 @@ def planted(world: World, wanted: dict[str, float], made: Mapping[str, Effect] |
     lower = turned(world.flow + world.difference, veer)
     # the affected clock is ahead: what it stamps t happened at t - ahead, when the reference showed t - ahead
     # but is paired as t; so the lower value paired with it is later than the upper one by that
-    lower = at_hours(lower, world.hours + clock)
+    lower = world.later(lower, clock)
     upper = turned(world.flow, wrap(gamma - world.heading))
     zero = np.zeros(gamma.size)
     pitch, roll = world.sensed
