@@ -291,7 +291,7 @@ def test_files_stay_small_enough(cruise):
 
 def test_water_stays_where_it_is_when_samples_are_missing():
     """Real records have gaps: the reference's water of a sample is that of its own time, not of its number."""
-    whole = pairs.make(3, n=400)
+    whole = pairs.make(3, wide=True, n=400)
     kept = np.flatnonzero(np.arange(400) % 7 != 3)
     some = {name: x[..., kept] for name, x in vars(whole).items() if np.ndim(x) and np.shape(x)[-1] == 400}
     drawn = pairs.planted(replace(whole, **some), {})
