@@ -67,7 +67,7 @@ def test_harmonics_of_a_narrow_sector_leave_no_combination_that_a_few_samples_te
 
 def test_tides_of_a_profiler_that_passes_twice_a_day_leave_the_constant_known():
     twice_a_day = 1.2e9 + np.arange(700) * 12 * 3600.0 + np.random.default_rng(4).normal(0.0, 600.0, 700)
-    waves = case._tides(twice_a_day)
+    waves = case._standing_tides(twice_a_day)
     assert waves.shape[1] >= 8  # but for the sun's, which stand still
     constant = np.ones(700)
     told = waves @ np.linalg.lstsq(waves, constant, rcond=None)[0]
