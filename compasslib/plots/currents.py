@@ -140,6 +140,8 @@ def _rose(figure: Figure, place: int, title: str, series: Mapping[str, Floats]) 
     axes.yaxis.set_major_locator(MaxNLocator(3, integer=True))
     axes.yaxis.set_major_formatter("{x:.0f} %")
     axes.grid(linewidth=0.4)
+    quarters = np.sum([curves.sectors(x, 0.0) for x in series.values()] or [np.zeros(36)], axis=0).reshape(4, -1)
+    axes.set_rlabel_position(45.0 + 90.0 * float(np.argmin(quarters.max(axis=1))))  # where nothing hides its numbers
     axes.set_xlabel(f"{title}\n(% per 10°)")
     if not series:
         axes.set_yticks([])

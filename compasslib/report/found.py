@@ -131,7 +131,7 @@ def _small(one: Mapping[str, Any]) -> str:
 def _finding(one: Mapping[str, Any], product: bool) -> ReportedFinding:
     facts = [
         ("Side", SIDES.get(one["side"], one["side"])),
-        *([("Probability", words.number(one["probability"], 2))] if "probability" in one else []),
+        *([("Probability", words.chance(one["probability"]))] if "probability" in one else []),
         ("Could also be", "; ".join(named(one)[1:]) or "nothing else of the catalogue"),
         *_place(one),
         *([("Formula", formula(**one["composition"]))] if one.get("composition") else []),

@@ -17,7 +17,7 @@ CURRENTS = ("sticks", "progressive", "roses")
 OF_PAIRS = ("diagnosis", "deviation", "scatter")  # empty where there is neither a pair nor a curve
 HEADER = (
     *("Mooring", "Verdict", "Found", "Method", "Pairs", "Corrected", "Uncertainty", "Rms before", "Rms after"),
-    *("Largest deviation", "Folded", "Warnings"),
+    *("Largest deviation", "Two-valued", "Warnings"),
 )
 FILES = ("corrected.nc", "overlap.nc", "deviation.json", "diagnosis.json", "assessment.json", "figures", "logs")
 LETTERS = ("A", "B", "C", "D", "E")

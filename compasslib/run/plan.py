@@ -435,7 +435,7 @@ def _refuse(where: str, found: str, offered: Sequence[str]) -> None:
 
 
 def _described(mooring: Mooring) -> dict[str, Any]:
-    roles = {"compromised": [mooring.compromised], "trusted": mooring.reference}
+    roles = {"affected": [mooring.compromised], "reference": mooring.reference}
     texts = {
         role: ", ".join(_instrument_text(name, mooring.instruments[name]) for name in names) or "none"
         for role, names in roles.items()
