@@ -52,6 +52,19 @@ def test_what_is_there_is_the_likeliest_and_acts_on_its_side(lobes):
     assert found.posterior.sides["compass"] > 0.99 and not found.slots[0].alternatives
 
 
+def test_a_name_that_is_left_of_a_hypothesis_stands_in_its_water(lobes):
+    """Names are taken back after the weighing: what stays need not be among the hypotheses that were kept."""
+    _, found = lobes
+    whole = found.posterior
+    pair = next(one for one in whole.hypotheses if len(one) == 2)
+    without = replace(
+        whole,
+        hypotheses=[pair if one == pair[:1] else one for one in whole.hypotheses],
+    )
+    assert pair[:1] not in without.hypotheses
+    assert without.water_of(pair[:1]) in without.waters
+
+
 def test_a_smaller_alarm_takes_names_away():
     _, found = inferred({"octantal": 1.0}, 8)
     _, careful = inferred({"octantal": 1.0}, 8, alarm=1e-15)

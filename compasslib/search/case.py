@@ -38,7 +38,10 @@ ABSENT = {
     "separation": "the distance between the two layers does not vary",
     "depth": "the depth does not vary",
     "lean_pitch": "the tilts are never stuck for ten days, or nothing shows how the instrument leaned then",
-    "flow_east": "the pairs are too far apart in time to predict the flow's direction from the hours before",
+    **dict.fromkeys(
+        ("flow_east", "body_flow_sine", "body_flow_sine2"),
+        "the pairs are too far apart in time to predict the flow's direction from the hours before",
+    ),
     "reference_sine": TRUSTED_STILL,
     "reference_flow_sine": f"{TRUSTED_STILL}, or the pairs are too far apart in time",
     "reference_flow_sine2": f"{TRUSTED_STILL}, or the pairs are too far apart in time",

@@ -140,8 +140,10 @@ class BesideWater(Posterior):
         return np.asarray(self.by_water.sum(axis=1))
 
     def water_of(self, hypothesis: Hypothesis) -> Water | None:
-        """Return the likeliest slow water beside a hypothesis."""
-        return self.waters[int(np.argmax(self.by_water[:, self.hypotheses.index(hypothesis)]))]
+        """Return the likeliest slow water beside a hypothesis, or beside those that hold it where it was not kept."""
+        own = [k for k, one in enumerate(self.hypotheses) if one == hypothesis]
+        own = own or [k for k, one in enumerate(self.hypotheses) if set(hypothesis) <= set(one)]
+        return self.waters[int(np.argmax(self.by_water[:, own].sum(axis=1)))]
 
     def places(self, chosen: Hypothesis) -> list[Slot]:
         """Return what may stand in the place of each effect of a hypothesis, slow water where none does."""
