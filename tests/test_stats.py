@@ -26,6 +26,8 @@ def test_the_solver_finds_a_valley_and_a_bound():
     cut = np.array([(-np.inf, 0.5), (-np.inf, np.inf)])
     assert bfgs.minimise(valley, np.array([-1.2, 1.0]), free, 200)[0] == pytest.approx([1.0, 1.0], abs=1e-3)
     assert bfgs.minimise(valley, np.array([-1.2, 1.0]), cut, 200)[0] == pytest.approx([0.5, 0.25], abs=1e-3)
+    flat = np.zeros((2, 2))  # a curvature that tells nothing is begun anew, no error
+    assert bfgs.minimise(valley, np.array([-1.2, 1.0]), free, 200, flat)[0] == pytest.approx([1.0, 1.0], abs=1e-3)
 
 
 @dataclass(frozen=True)

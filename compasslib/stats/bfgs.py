@@ -43,7 +43,11 @@ def minimise(
         if not free.any() or np.abs(gradient[free]).max() < GRADIENT_TOLERANCE:
             break
         direction = np.zeros(len(at))
-        direction[free] = -np.linalg.solve(hessian[np.ix_(free, free)], gradient[free])
+        try:
+            direction[free] = -np.linalg.solve(hessian[np.ix_(free, free)], gradient[free])
+        except np.linalg.LinAlgError:  # singular by rounding: begun anew down the gradient
+            unscaled, hessian = True, np.eye(len(at)) * max(float(np.linalg.norm(gradient)), GRADIENT_TOLERANCE)
+            direction[free] = -gradient[free] / hessian[0, 0]
         tried, lower, new = _line_search(loss, at, value, gradient, direction, bounds)
         decrease, step, change = value - lower, tried - at, new - gradient
         if decrease <= 0.0:
