@@ -5,6 +5,7 @@ CORES ?= all
 SEED ?= 7
 N ?= 24
 BIN := .venv/bin
+# Jobs and tests run side by side: a second thread of linear algebra in each only waits for the others.
 export OMP_NUM_THREADS ?= 1
 PIP := $(BIN)/python -m pip --disable-pip-version-check install
 

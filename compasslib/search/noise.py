@@ -97,11 +97,11 @@ def of(case: Case) -> Slow | None:
     departures = case.scene.departures
     if "flow_east" not in departures or "speed" not in case.covariates:
         return Slow(waves, frequency, 1)
-    sheared = [_sheared(case, *one) for one in ((waves, SPEED_SPAN_S), (tides(time_s), TIDE_SPAN_S))]
-    return Slow(np.concatenate([waves, *sheared], axis=1), frequency, 3)
+    each = [sheared(case, *one) for one in ((waves, SPEED_SPAN_S), (tides(time_s), TIDE_SPAN_S))]
+    return Slow(np.concatenate([waves, *each], axis=1), frequency, 3)
 
 
-def _sheared(case: Case, waves: Floats, span_s: float) -> Floats:
+def sheared(case: Case, waves: Floats, span_s: float) -> Floats:
     """Return by how many degrees eastward and northward shear of 1 m/s that goes as some waves turns directions.
 
     Args:

@@ -19,7 +19,7 @@ from compasslib.deviation import spread
 from compasslib.deviation.model import Fit
 from compasslib.effects import Term, all_terms, composition
 from compasslib.effects.term import YEAR_S
-from compasslib.search import covariates, evidence, inference, noise
+from compasslib.search import evidence, inference, noise
 from compasslib.search.case import Case
 from compasslib.search.evidence import Products
 from compasslib.search.inference import Inference
@@ -172,11 +172,8 @@ def seasons(case: Case) -> Floats:
     departures = case.scene.departures
     if "flow_east" not in departures or "speed" not in case.covariates:
         return np.concatenate([waves, np.zeros_like(waves)], axis=1)
-    speed = covariates.running(case.covariates["speed"], case.scene.time_s, noise.SPEED_SPAN_S)
-    slowness = SHEAR_M_S_DEG / np.maximum(speed, noise.SLOWEST_M_S) / angles.DEGREE
-    few = waves[:, : len(HARMONICS)]
-    east, north = (few * (departures[name] * slowness)[:, None] for name in ("flow_north", "flow_east"))
-    return np.concatenate([waves, east, -north], axis=1)
+    shear = noise.sheared(case, waves[:, : len(HARMONICS)], noise.SPEED_SPAN_S)
+    return np.concatenate([waves, SHEAR_M_S_DEG * shear], axis=1)
 
 
 def kind_of(form: str) -> type[Term]:

@@ -36,7 +36,7 @@ def minimise(
     value, gradient = loss(at)
     unscaled = hessian is None
     if hessian is None:
-        hessian = np.eye(len(at)) * max(float(np.linalg.norm(gradient)), GRADIENT_TOLERANCE)
+        hessian = _even(gradient)
     for _ in range(steps):
         active = ((at <= bounds[:, 0]) & (gradient > 0.0)) | ((at >= bounds[:, 1]) & (gradient < 0.0))
         free = ~active
@@ -46,7 +46,7 @@ def minimise(
         try:
             direction[free] = -np.linalg.solve(hessian[np.ix_(free, free)], gradient[free])
         except np.linalg.LinAlgError:  # singular by rounding: begun anew down the gradient
-            unscaled, hessian = True, np.eye(len(at)) * max(float(np.linalg.norm(gradient)), GRADIENT_TOLERANCE)
+            unscaled, hessian = True, _even(gradient)
             direction[free] = -gradient[free] / hessian[0, 0]
         tried, lower, new = _line_search(loss, at, value, gradient, direction, bounds)
         decrease, step, change = value - lower, tried - at, new - gradient
@@ -59,6 +59,11 @@ def minimise(
         if decrease <= LOSS_TOLERANCE * max(abs(value), 1.0):
             break
     return at, value
+
+
+def _even(gradient: Floats) -> Floats:
+    """Return the Hessian by which a first step down the gradient has a length of one."""
+    return np.eye(len(gradient)) * max(float(np.linalg.norm(gradient)), GRADIENT_TOLERANCE)
 
 
 def _line_search(
