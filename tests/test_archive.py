@@ -147,14 +147,14 @@ def make_pairs(n: int = 50) -> Pairs:
     arrays = [
         field.name
         for field in dataclasses.fields(Pairs)
-        if field.name not in ("time_s", "warnings", "expected_m_s", "reference_index", "reference_names")
+        if field.name not in ("time_s", "warnings", "expected_m_s", "veer_deg", "reference_index", "reference_names")
     ]
     values: dict = {name: rng.normal(10, 1, n) for name in arrays}
     values |= {"reference_index": np.arange(n, dtype=np.int8) % 2, "reference_names": ("deep", "mid")}
     if n:
         values["pitch_deg"][0] = np.nan
     values["time_s"] = 1189000000.0 + 3600.0 * np.arange(n)
-    return Pairs(**values, warnings=("few pairs to the north",), expected_m_s=(0.046, 0.031))
+    return Pairs(**values, warnings=("few pairs to the north",), expected_m_s=(0.046, 0.031), veer_deg=1.5)
 
 
 def same(one: object, other: object, *, rtol: float = 0.0, atol: float = 0.0) -> None:

@@ -162,6 +162,7 @@ def write_pairs(path: str | Path, pairs: Pairs, *, attributes: Mapping[str, obje
         nc.setncattr("warnings", json.dumps(pairs.warnings))
         if pairs.expected_m_s is not None:
             nc.setncattr("water_error_of_mean_and_of_prediction_m_s", np.array(pairs.expected_m_s))
+        nc.setncattr("water_turned_for_good_deg", pairs.veer_deg)
         nc.createDimension("TIME", len(pairs))
         for name, variable in layout.PAIRS.items():
             put(nc, variable, getattr(pairs, name))
@@ -186,9 +187,11 @@ def read_pairs(path: str | Path) -> Pairs:
         arrays = {name: get(nc, variable.name) for name, variable in (layout.PAIRS | there).items()}
         errors = getattr(nc, "water_error_of_mean_and_of_prediction_m_s", None)
         expected = None if errors is None else (float(errors[0]), float(errors[1]))
+        veer_deg = float(getattr(nc, "water_turned_for_good_deg", 0.0))
         names = nc[layout.REFERENCE_INDEX].flag_meanings.split() if "reference_index" in there else []
         warnings = tuple(json.loads(nc.getncattr("warnings")))
-        return Pairs(**arrays, reference_names=tuple(names), warnings=warnings, expected_m_s=expected)
+        known = {"warnings": warnings, "expected_m_s": expected, "veer_deg": veer_deg}
+        return Pairs(**arrays, reference_names=tuple(names), **known)
 
 
 # corrected.nc in and out: CF, ACDD and OceanSITES, written in pieces along time, so that a decade fits in memory.

@@ -112,6 +112,7 @@ class Pairs:
     warnings: tuple[str, ...] = ()
     # By the profile, rms of one component, m/s: the water's difference of the published mean, and of what is predicted.
     expected_m_s: tuple[float, float] | None = None
+    veer_deg: float = 0.0  # by how much the water may be turned from the prediction for the whole record, 1 sigma
 
     def __len__(self) -> int:
         return len(self.time_s)

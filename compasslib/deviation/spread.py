@@ -35,7 +35,8 @@ def covariance(
 
     Along time it is the jackknife over blocks of days. Across flow directions the scores of each octant are summed:
     real water veers between two depths differently for each direction of flow, for months, which no block of days
-    shows. What the octants vary beyond the blocks is added, and an allowance for veer that follows the heading.
+    shows. What the octants vary beyond the blocks is added, and so is what the profile tells of water turned for good;
+    then an allowance for veer that follows the heading.
 
     Args:
         scores: each pair's gradient of the log-likelihood, (n, p).
@@ -52,24 +53,35 @@ def covariance(
     octant = _flow_octant(fit, pairs)
     sums = blocks.sums(scores, octant)
     across = inverse @ (sums.T @ sums) @ inverse * OCTANTS / (OCTANTS - 1)
-    locked = inverse @ (scores.T @ _locked_veer(fit, pairs))
+    by_degree = _by_degree(fit, pairs)
+    turned = inverse @ (scores.T @ by_degree) * pairs.veer_deg
+    locked = inverse @ (scores.T @ (by_degree * _locked_veer(fit, pairs)))
     few = len(np.unique(blocks.of_span(pairs.time_s, BLOCK_S))) < FEWEST_BLOCKS
     if believed is not None and not few:  # with few, the inverse holds it already
         along_time += repeated(pairs, effective) * inverse[:, :5] @ believed.precision @ inverse[:5]
-    return along_time + positive_part(across - along_time) + np.outer(locked, locked)
+    shown = along_time + positive_part(across - along_time)
+    return shown + positive_part(np.outer(turned, turned) - shown) + np.outer(locked, locked)
+
+
+def _by_degree(fit: Fit, pairs: Pairs) -> Floats:
+    """Return what a degree of veer does to each pair's log-likelihood, (n,)."""
+    left = np.nan_to_num(model.residual(fit, pairs))
+    return (FREEDOM + 1.0) * left / (FREEDOM * _width(fit, pairs) ** 2 + left**2)
+
+
+def _width(fit: Fit, pairs: Pairs) -> Floats:
+    """Return the noise of each pair's direction, degrees, (n,)."""
+    return fit.noise.width_deg(*(np.maximum(speed, 1e-3) for speed in model.speeds(pairs)))
 
 
 def _locked_veer(fit: Fit, pairs: Pairs) -> Floats:
-    """Return what veer in step with the heading does to each pair's log-likelihood, one standard deviation, (n,)."""
-    left = np.nan_to_num(model.residual(fit, pairs))
-    width = fit.noise.width_deg(*(np.maximum(speed, 1e-3) for speed in model.speeds(pairs)))
-    weight = width**-2.0
+    """Return veer in step with the heading at each pair, one standard deviation, degrees, (n,)."""
+    left, weight = np.nan_to_num(model.residual(fit, pairs)), _width(fit, pairs) ** -2.0
     heading = angles.wrap360(model.observed_heading(pairs) - left)
     excursion = angles.sin_cos(heading - angles.mean(heading, weight))[0]
     excursion = excursion - np.average(excursion, weights=weight)
     excursion = excursion / max(np.sqrt(np.average(excursion**2, weights=weight)), 1e-6)
-    veer = WAKE_LOCKED_VEER * robust.width(left) * excursion
-    return (FREEDOM + 1.0) * left / (FREEDOM * width**2 + left**2) * veer
+    return WAKE_LOCKED_VEER * robust.width(left) * excursion
 
 
 def _jackknife(scores: Floats, information: Floats, pairs: Pairs, effective: float) -> Floats:

@@ -214,6 +214,7 @@ def _predicted(pairs: Pairs, upper: Record, depth_m: Floats, bins: int) -> Pairs
         upper_east=velocity.real,
         upper_north=velocity.imag,
         expected_m_s=(found.published_m_s, found.expected_m_s),
+        veer_deg=found.veer_deg,
         warnings=pairs.warnings + notes,
     )
 

@@ -53,6 +53,7 @@ def joined(each: Sequence[Pairs], names: Sequence[str]) -> Pairs:
         reference_names=tuple(names),
         warnings=(*said, *notes),
         expected_m_s=_expected([each[k] for k in there]),
+        veer_deg=float(np.average([each[k].veer_deg for k in there], weights=[max(len(each[k]), 1) for k in there])),
     )
 
 

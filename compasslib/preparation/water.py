@@ -4,6 +4,10 @@ Weights follow from how the velocities of two bins differ with their distance (b
 Bretherton, Davis & Fandry 1976; ordinary kriging). Differences of one instrument's bins have one length however its
 heading errs, so that nothing needs to be known of the compass. Weights are real and add up to one: the prediction turns
 with the heading as a single bin does, and water that is the same in all bins stays as it is.
+
+Directions also turn with depth, for days and for the whole record, which real weights do not follow. The profile
+shows by how much: its bins are predicted in the same way from those beyond them, and of how far the nearest is off a
+share is taken from the prediction, as learnt between bins as far apart. What may be left for good is stated.
 """
 
 from __future__ import annotations
@@ -12,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from compasslib.core import angles
 from compasslib.core.records import GOOD, NOT_CHECKED, PROBABLY_GOOD, Record
 from compasslib.core.types import Bools, Complexes, Floats
 
@@ -24,6 +29,9 @@ LENGTHS = (2.0, 4.0, 8.0, 16.0, 32.0, 64.0)  # cells over which layers decorrela
 POWERS = (1.0, 2.0)  # at short distance: layers that are rough, and sheared evenly
 CLEARLY = 0.5  # of the mean square
 BLOCK_S, SURE = 2 * 86400.0, 2.0  # speeds are alike from hour to hour; standard errors that are no chance
+VEER_S = 2 * 86400.0  # turning that lasts as long is followed
+MOST_WINDOWS = 8  # places in the profile that it is learnt from, those next to the reference
+HALF_A_CELL, LEAST_M_S = 0.51, 1e-6
 LEAST_NOISE = 0.02  # of the difference of two neighbours: no velocity is measured without noise
 
 
@@ -72,6 +80,7 @@ class Prediction:
     velocity: Complexes  # (n,) m/s, NaN where no bin is good
     expected_m_s: float  # rms error of one component by the structure, median over the samples
     published_m_s: float  # the same of the mean of the nearest bins
+    veer_deg: float  # by how much it may be turned for the whole record, 1 sigma; 0 where the profile cannot tell
 
 
 def good(record: Record) -> Bools:
@@ -137,7 +146,8 @@ def predict(record: Record, depth_m: Floats, bins: int, learnt: Structure | None
     if not known.any():
         return None
     expected, published = np.sqrt(np.median(errors[inverse.ravel()], axis=0) / 2.0).tolist()
-    return Prediction(velocity, expected, published)
+    turned, veer_deg = _veer(record, np.nanmedian(away[known], axis=0), learnt)
+    return Prediction(velocity * angles.phasor(-turned), expected, published, veer_deg)
 
 
 def depth_of_speeds(record: Record, depth_m: Floats, speed_m_s: Floats) -> float:
@@ -171,6 +181,63 @@ def denied_by_speeds(time_s: Floats, mean: Complexes, predicted: Complexes, trus
     block = np.unique(np.floor(time_s / BLOCK_S), return_inverse=True)[1]
     worse = np.bincount(block, off[1] - off[0])
     return bool(worse.sum() > SURE * np.sqrt(np.sum(worse**2)))
+
+
+def _veer(record: Record, away_m: Floats, learnt: Structure) -> tuple[Floats, float]:
+    """Return by how much a prediction is turned at each sample, (n,), and how far it may still be for good, degrees.
+
+    Where the profile is too short to show it over the whole distance, it is stated as it grows over a shorter one.
+
+    Args:
+        away_m: of each bin from the depth that is predicted, (m,).
+    """
+    nothing = np.zeros(len(record.time_s))
+    nearest_m = float(away_m[np.nanargmin(np.abs(away_m))])
+    beyond = max(round(abs(nearest_m) / learnt.cell_m), 1)
+    for nearer in range(beyond):
+        closer_m = np.sign(nearest_m) * nearer * learnt.cell_m
+        off = _windows(record, away_m - closer_m, learnt)
+        if len(off):
+            break
+    else:
+        return nothing, 0.0
+    block = np.unique(np.floor(record.time_s / VEER_S), return_inverse=True)[1]
+    sums = np.array([np.bincount(block, one.real) + 1j * np.bincount(block, one.imag) for one in off])
+    slow, weight = angles.wrap180(angles.argument(sums)), np.abs(sums)
+    lasting = np.average(slow, axis=1, weights=np.maximum(weight, LEAST_M_S))
+    if nearer or len(off) <= beyond:
+        return nothing, float(np.sqrt(np.mean(lasting**2))) * beyond / (beyond - nearer)
+    near, far = slice(None, -beyond), slice(beyond, None)
+    both = np.minimum(weight[near], weight[far])
+    like = np.sum(both * slow[near] * slow[far]) / max(np.sum(both * slow[far] ** 2), LEAST_M_S)
+    share = float(np.clip(like, 0.0, 1.0))
+    middle = np.bincount(block, record.time_s) / np.bincount(block)
+    # Few windows tell little of what is left: one more counts, of which nothing is followed.
+    left = np.append(lasting[near] - share * lasting[far], np.sqrt(np.mean(lasting**2)))
+    return share * np.interp(record.time_s, middle, slow[0]), float(np.sqrt(np.mean(left**2)))
+
+
+def _windows(record: Record, away_m: Floats, learnt: Structure) -> Complexes:
+    """Return predictions of bins from those beyond them, over the bins' directions, (k, n) m/s, 0 where one is bad.
+
+    The bins that predict one lie from it as those next to the reference lie from the reference. Nearest comes first.
+    """
+    usable = good(record)
+    share = usable.mean(axis=0)
+    sound = np.flatnonzero((share >= LEAST_GOOD * share.max(initial=0.0)) & np.isfinite(away_m))
+    order = sound[np.argsort(np.abs(away_m[sound]))]
+    pattern = away_m[order[:NEAREST]]
+    velocity = np.where(usable, record.east + 1j * record.north, 0.0)
+    found = []
+    for target in order[:MOST_WINDOWS].tolist():
+        wanted = away_m[target] + pattern
+        which = sound[np.argmin(np.abs(away_m[sound] - wanted[:, None]), axis=1)]
+        if target in which or np.any(np.abs(away_m[which] - wanted) > HALF_A_CELL * learnt.cell_m):
+            continue
+        predicted = velocity[:, which] @ learnt.weights(away_m[which] - away_m[target])
+        direction = velocity[:, target] / np.maximum(np.abs(velocity[:, target]), LEAST_M_S)
+        found.append(np.where(usable[:, [target, *which]].all(axis=1), predicted * np.conj(direction), 0.0))
+    return np.array(found)
 
 
 def _squared(difference: Complexes) -> float:
