@@ -188,7 +188,9 @@ def draw(case: Case, own: Seen, kind: str, turn: int, seed: int) -> tuple[sea.Dr
         wanted = dict.fromkeys(pair, size)
     elif kind == "unknown":
         wanted = {unknown[turn % len(unknown)]: size}
-    return replace(sea.planted(here, wanted), covariates=own.logged), max(wanted.values(), default=0.0)
+    drawn = sea.planted(here, wanted)
+    pairs = replace(drawn.pairs, veer_deg=own.pairs.veer_deg)
+    return replace(drawn, pairs=pairs, covariates=own.logged), max(wanted.values(), default=0.0)
 
 
 def errors(drawn: sea.Drawn, own: Seen, fit, field, found) -> dict[str, float]:

@@ -50,6 +50,7 @@ class Pairs:
     declination_deg: Floats
     lower_heading_deg: Floats | None = None
     warnings: tuple[str, ...] = ()
+    veer_deg: float = 0.0  # what is known of it, 1 sigma: the lower water turned from the upper for good
 
     def __len__(self) -> int:
         return len(self.time_s)
