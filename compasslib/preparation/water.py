@@ -205,15 +205,17 @@ def _veer(record: Record, away_m: Floats, learnt: Structure) -> tuple[Floats, fl
     sums = np.array([np.bincount(block, one.real) + 1j * np.bincount(block, one.imag) for one in off])
     slow, weight = angles.wrap180(angles.argument(sums)), np.abs(sums)
     lasting = np.average(slow, axis=1, weights=np.maximum(weight, LEAST_M_S))
-    if nearer or len(off) <= beyond:
+    if nearer or len(off) == 1:
         return nothing, float(np.sqrt(np.mean(lasting**2))) * beyond / (beyond - nearer)
-    near, far = slice(None, -beyond), slice(beyond, None)
+    apart = min(beyond, len(off) - 1)
+    near, far = slice(None, -apart), slice(apart, None)
     both = np.minimum(weight[near], weight[far])
     like = np.sum(both * slow[near] * slow[far]) / max(np.sum(both * slow[far] ** 2), LEAST_M_S)
-    share = float(np.clip(like, 0.0, 1.0))
+    like = float(np.clip(like, 0.0, 1.0))
+    share = like ** (beyond / apart)  # as of layers that forget evenly with depth
     middle = np.bincount(block, record.time_s) / np.bincount(block)
     # Few windows tell little of what is left: one more counts, of which nothing is followed.
-    left = np.append(lasting[near] - share * lasting[far], np.sqrt(np.mean(lasting**2)))
+    left = np.append(lasting[near] - like * lasting[far], np.sqrt(np.mean(lasting**2)))
     return share * np.interp(record.time_s, middle, slow[0]), float(np.sqrt(np.mean(left**2)))
 
 
