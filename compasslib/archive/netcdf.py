@@ -184,14 +184,13 @@ def read_pairs(path: str | Path) -> Pairs:
     """
     with opened(path) as nc:
         there = {name: each for name, each in layout.PAIRS_PERHAPS.items() if each.name in nc.variables}
-        arrays = {name: get(nc, variable.name) for name, variable in (layout.PAIRS | there).items()}
+        values: dict[str, Any] = {name: get(nc, variable.name) for name, variable in (layout.PAIRS | there).items()}
         errors = getattr(nc, "water_error_of_mean_and_of_prediction_m_s", None)
         expected = None if errors is None else (float(errors[0]), float(errors[1]))
-        veer_deg = float(getattr(nc, "water_turned_for_good_deg", 0.0))
         names = nc[layout.REFERENCE_INDEX].flag_meanings.split() if "reference_index" in there else []
         warnings = tuple(json.loads(nc.getncattr("warnings")))
-        known = {"warnings": warnings, "expected_m_s": expected, "veer_deg": veer_deg}
-        return Pairs(**arrays, reference_names=tuple(names), **known)
+        values |= {"warnings": warnings, "expected_m_s": expected, "reference_names": tuple(names)}
+        return Pairs(**values, veer_deg=float(getattr(nc, "water_turned_for_good_deg", 0.0)))
 
 
 # corrected.nc in and out: CF, ACDD and OceanSITES, written in pieces along time, so that a decade fits in memory.
