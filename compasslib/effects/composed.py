@@ -293,7 +293,9 @@ class Composed(Term):
 
     @property
     def plausible(self) -> bool:
-        """Whether a reading that is off at some headings still turns with the field everywhere."""
+        """Whether values are as physics has them, and a reading that is off at some headings turns with the field."""
+        if not super().plausible:
+            return False
         reach = float(getattr(self, "reach_deg", np.inf))
         return 1.0 - np.pi / 2.0 * float(np.abs(self.values).max()) / max(reach, 1e-9) > STEEPEST
 
@@ -339,11 +341,15 @@ def _per(base: str, unit: str, power: float) -> str:
 
 
 @cache
-def composed(acts_on: str, driver: str, form: str, *, name: str = "") -> type[Composed]:
+def composed(
+    acts_on: str, driver: str, form: str, *, name: str = "", least: float = -np.inf, most: float = np.inf
+) -> type[Composed]:
     """Return the class of the terms that are composed of three words.
 
     Args:
         name: of the effect, where physics has one for it.
+        least: no plausible value of its parameters is below it.
+        most: none is above it.
     """
     acted, shape = ACTED_ON[acts_on], FORMS[form]
     unit = " ".join(DRIVERS[one][1] if one in DRIVERS else one for one in driver.split("*"))
@@ -351,7 +357,7 @@ def composed(acts_on: str, driver: str, form: str, *, name: str = "") -> type[Co
     for own, base, step in acted.parameters:
         for suffix, power in zip(shape.suffixes, shape.powers, strict=True):
             per = _per(base, unit, power)
-            members.append((f"{own}{suffix}", float, parameter(per, f"{own} part", step)))
+            members.append((f"{own}{suffix}", float, parameter(per, f"{own} part", step, least=least, most=most)))
     members += [(n, float, place(unit if u == "of the driver" else u)) for n, u in shape.places]
     space = {
         "name": name or f"{COMPOSED}{acts_on}/{driver}/{form}",
@@ -368,11 +374,12 @@ def composed(acts_on: str, driver: str, form: str, *, name: str = "") -> type[Co
 
 
 # What is common enough to have a name.
+LARGEST_GAIN = 0.15  # of one beam pair over the other's: beyond it beams are broken, and no velocity is
 Pressure = composed("field_horizontal", "depth", "linear", name="pressure")
 IronMovedByPitch = composed("field_horizontal", "pitch", "linear", name="moving_iron")
 IronMovedByRoll = composed("field_horizontal", "roll", "linear", name="moving_iron")
-PivotFriction = composed("reading", "turn_rate", "sign", name="pivot_friction")
-BeamGain = composed("flow_gain", "time", "always", name="beam_gain")
+PivotFriction = composed("reading", "turn_rate", "sign", name="pivot_friction", most=0.0)  # it holds back
+BeamGain = composed("flow_gain", "time", "always", name="beam_gain", least=-LARGEST_GAIN, most=LARGEST_GAIN)
 VelocityBias = composed("flow_offset", "time", "always", name="velocity_bias")
 
 

@@ -155,7 +155,7 @@ class CompassLag(Term):
     literature: ClassVar[str] = "first order: reading minus lag times its rate of turn, clockwise positive"
     needs: ClassVar[tuple[str, ...]] = ("turn_rate",)
 
-    lag_s: float = parameter("s", "time by which the reading is late", 300.0)
+    lag_s: float = parameter("s", "time by which the reading is late", 300.0, least=0.0)
 
     def act(self, x: Floats, scene: Scene) -> Floats:
         """Return the late reading."""
