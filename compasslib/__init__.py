@@ -1,3 +1,3 @@
 """Correction of compass deviations in moored current records."""
 
-__version__ = "0.2.0"
+__version__ = "1.0.0"

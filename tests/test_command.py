@@ -349,10 +349,10 @@ def versions_of(tmp_path_factory) -> Path:
     return folder
 
 
-CHANGES = """# Changes
-## 0.3.0
+CHANGES = f"""# Changes
+## 99.0.0
 * Not yet. *(headings)*
-## 0.2.0
+## {compasslib.__version__}
 * The declination is that of the place,
   not of the next. *(headings, verdict)*
 * Faster.
@@ -382,7 +382,7 @@ def test_diff_between_versions_says_by_how_many_sigmas_and_which_entries_may_be_
     ]
     reason, *entries = why.splitlines()[2:]
     assert reason.startswith("headings and uncertainty changed; where YAML and raw files are the same, by one of these")
-    assert entries == ["  0.2.0: The declination is that of the place, not of the next."]
+    assert entries == [f"  {compasslib.__version__}: The declination is that of the place, not of the next."]
 
 
 def test_diff_names_the_settings_and_raw_files_that_differ(tmp_path):
@@ -414,11 +414,11 @@ def _software(folder: Path) -> str:
 @pytest.mark.parametrize(
     ("old", "new", "changed", "entries"),
     [
-        ("0.1.0 (a)", "0.2.0 (b)", {"calibration:swing"}, ["Swings.", "Calibrations."]),
-        ("0.2.0 (b)", "0.1.0 (a)", {"calibration:platform"}, ["Calibrations."]),
+        ("0.1.0 (a)", f"{compasslib.__version__} (b)", {"calibration:swing"}, ["Swings.", "Calibrations."]),
+        (f"{compasslib.__version__} (b)", "0.1.0 (a)", {"calibration:platform"}, ["Calibrations."]),
         ("0.1.0 (a)", "0.1.0 (b)", {"flags"}, ["The first."]),
-        ("0.1.0 (a)", "0.3.0 (b)", {"headings"}, ["Not yet.", "The declination"]),
-        ("0.1.0 (a)", "0.2.0 (b)", {"coefficients"}, []),
+        ("0.1.0 (a)", "99.0.0 (b)", {"headings"}, ["Not yet.", "The declination"]),
+        ("0.1.0 (a)", f"{compasslib.__version__} (b)", {"coefficients"}, []),
     ],
 )
 def test_the_entries_between_two_versions_that_touch_what_changed(tmp_path, old, new, changed, entries):
