@@ -108,7 +108,7 @@ def running(tmp_path):
 def test_a_run_that_is_terminated_leaves_nothing(running):
     folder, process = running
     process.terminate()
-    assert process.wait() == 130 and "interrupted; nothing was written" in process.stderr.read()
+    assert process.wait() == 130 and "interrupted; no file is left half written" in process.stderr.read()
     assert list((folder / "corrected").iterdir()) == []
 
 

@@ -47,7 +47,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except OSError as error:
         return _closed() if isinstance(error, BrokenPipeError) else _failed(f"error: {error}", FAILED)
     except KeyboardInterrupt:
-        return _failed("error: interrupted; nothing was written", INTERRUPTED)
+        return _failed("error: interrupted; no file is left half written", INTERRUPTED)
     return status
 
 
