@@ -124,8 +124,8 @@ def as_trusted(record: Record, depth: int) -> Record:
     return replace(one, depth_m=one.bin_depth_m()[:, 0], bin_range_m=0.0 * one.bin_range_m, serial_number=None)
 
 
-def heading_error(case: Case) -> list[tuple[str, float, float]]:
-    """Return for each iron the rms error of the corrected headings without and with the prediction, degrees."""
+def heading_error(case: Case) -> list[tuple[str, float, float, float]]:
+    """Return for each iron the rms error of headings without and with the prediction, degrees, and A's over its σ."""
     record = profile(case.record)
     trusted = as_trusted(record, case.depth)
     field = EarthField(record.time_s[[0, -1]], *(np.zeros((4, 2))))
@@ -138,7 +138,8 @@ def heading_error(case: Case) -> list[tuple[str, float, float]]:
             fit = deviation.fit("exact", pairs)
             heading = model.nearest_root(compass.inverse(fit.coefficients, top.heading_deg), record.heading_deg)
             errors.append(angles.rms(angles.difference(heading, record.heading_deg)[np.isfinite(heading)]))
-        result.append((name, *errors))
+        off = fit.coefficients[0] - coefficients[0]
+        result.append((name, *errors, float(off / np.sqrt(fit.covariance[0, 0]))))
     return result
 
 
@@ -168,18 +169,20 @@ def main() -> None:
         "stated / real rms",
         "ratio of heading errors",
         "worst",
+        "A off, over its σ, rms",
     )
     for record, gap in dict.fromkeys((one.record, one.gap) for one in every):
         some = [k for k, one in enumerate(every) if (one.record, one.gap) == (record, gap)]
         falls = np.array([reduced[k][0] for k in some])
         stated = np.array([reduced[k][1] / reduced[k][2] for k in some])
-        ratio = np.array([after / before for k in some for _, before, after in errors[k]])
+        ratio = np.array([after / before for k in some for _, before, after, _ in errors[k]])
+        sure = float(np.sqrt(np.mean([off**2 for k in some for *_, off in errors[k]])))
         middles = (targets.middle(values, fewest=len(DEPTHS)) for values in (falls, stated, ratio))
-        targets.line(record, gap, *middles, f"{ratio.max():.2f}")
-    ratio = np.array([after / before for one in errors for _, before, after in one])
+        targets.line(record, gap, *middles, f"{ratio.max():.2f}", f"{sure:.2f}")
+    ratio = np.array([after / before for one in errors for _, before, after, _ in one])
     print(f"\nAll: ratio of the errors of the fitted headings {targets.middle(ratio)}, worst {ratio.max():.2f}")
     for name in IRON:
-        each = np.array([(before, after) for one in errors for iron, before, after in one if iron == name])
+        each = np.array([(before, after) for one in errors for iron, before, after, _ in one if iron == name])
         print(f"{name}: {np.median(each[:, 0]):.2f} -> {np.median(each[:, 1]):.2f} degrees in the median")
 
 

@@ -19,6 +19,7 @@ from launch import PROJECT, copied_project, snakemake
 from sea import cruise
 from snakemake.iocontainers import Namedlist
 
+from compasslib import __version__
 from compasslib.archive import crate, provenance, verification
 from compasslib.config import cruise as config
 from compasslib.config import schema, values
@@ -323,7 +324,10 @@ def copied(tmp_path):
 
 def test_outside_a_checkout_the_modules_hash_and_the_first_day_of_1970_stand(copied):
     software, date, source = told(copied)
-    assert software.startswith("compasslib 0.") and f"no checkout, modules sha256 {_modules(copied)[:12]}" in software
+    assert (
+        software.startswith(f"compasslib {__version__} ")
+        and f"no checkout, modules sha256 {_modules(copied)[:12]}" in software
+    )
     assert date == "1970-01-01T00:00:00Z" and source == "nothing: no checkout, and SOURCE_DATE_EPOCH is not set"
     assert told(copied, SOURCE_DATE_EPOCH="1700000000")[1:] == ["2023-11-14T22:13:20Z", "SOURCE_DATE_EPOCH"]
 
@@ -375,7 +379,7 @@ def test_where_git_cannot_tell_the_date_s_source_says_why(copied, harm, why):
     if harm == "HEAD":
         (copied / ".git/HEAD").unlink()
     software, date, source = told(copied, **({"PATH": "/nowhere"} if harm == "git" else {}))
-    assert software.startswith("compasslib 0.") and "(commit unknown, modules sha256 " in software
+    assert software.startswith(f"compasslib {__version__} ") and "(commit unknown, modules sha256 " in software
     assert date == "1970-01-01T00:00:00Z" and source.startswith(f"nothing: {why}")
 
 

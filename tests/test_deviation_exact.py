@@ -1,5 +1,7 @@
 """The latent-heading fit: gradients, recovery on both sides of the fold, honesty on a null."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from sea import FOLDED, MILD, pairs
@@ -67,6 +69,14 @@ def test_a_null_record_stays_null_within_its_uncertainty():
     fit = exact.fit(seen)
     assert np.abs(fit.coefficients / np.sqrt(np.diag(fit.covariance))).max() < 3.5
     assert fit.noise.floor_deg < 12.0 and not fit.folded
+
+
+def test_water_that_may_be_turned_for_good_makes_a_as_unsure_and_the_rest_no_surer():
+    seen, _ = pairs((0, 0, 0, 0, 0), n=6000, seed=9, spread=60.0)
+    sure, unsure = (exact.fit(replace(seen, veer_deg=size)) for size in (0.0, 5.0))
+    assert unsure.coefficients == pytest.approx(sure.coefficients)
+    before, after = (np.rad2deg(np.sqrt(np.diag(fit.covariance)[:5])) for fit in (sure, unsure))
+    assert before[0] < 1.5 and after[0] == pytest.approx(5.0, rel=0.2) and np.all(after > 0.999 * before)
 
 
 def test_outliers_do_not_move_it():

@@ -9,10 +9,10 @@ import pytest
 from compasslib.core import angles, compass
 from compasslib.deviation import tilt
 from compasslib.effects import CATALOGUE, Scene, composition, page, short
-from compasslib.effects.composed import composed, of_name, placed
+from compasslib.effects.composed import BeamGain, PivotFriction, composed, of_name, placed
 from compasslib.effects.composition import Simulation
 from compasslib.effects.iron import Heeling, TemperatureOfField
-from compasslib.effects.reading import Octantal, Sextantal, TiltUncompensated
+from compasslib.effects.reading import CompassLag, Octantal, Sextantal, TiltUncompensated
 from compasslib.search import case
 
 NAMES = [
@@ -261,3 +261,12 @@ def test_every_form_that_says_mooring_is_tried_in_one():
 def test_the_page_of_the_catalogue_is_not_stale():
     page_file = Path(__file__).resolve().parents[1] / "docs/physics.md"
     assert page_file.read_text() == page.page(), "run python -m compasslib.effects.page > docs/physics.md"
+
+
+@pytest.mark.parametrize(
+    ("kind", "possible", "impossible"),
+    [(CompassLag, 300.0, -300.0), (PivotFriction, -2.0, 2.0), (BeamGain, 0.1, 0.3), (BeamGain, -0.1, -0.3)],
+)
+def test_what_no_instrument_does_is_not_plausible(kind, possible, impossible):
+    """A reading does not lead, friction does not drive on, beams whose gains part by a third give no velocity."""
+    assert kind(possible).plausible and not kind(impossible).plausible

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -23,14 +24,18 @@ def write(folder: Path, made: dict[str, Any]) -> None:
 
 
 def naming(path: Path, confusion: dict[str, dict[str, int]]) -> None:
-    """Draw what was said first against what was planted.
+    """Draw what was said first against what was planted; compositions by what they act on alone.
 
     Args:
         confusion: counts by planted and said.
     """
-    said = sorted({name for counts in confusion.values() for name in counts})
     planted = list(confusion)
-    table = np.array([[confusion[a].get(b, 0) for b in said] for a in planted])
+    counts = {a: Counter[str]() for a in planted}
+    for a in planted:
+        for b, count in confusion[a].items():
+            counts[a][b.split("/")[0]] += count
+    said = sorted({name for own in counts.values() for name in own})
+    table = np.array([[counts[a][b] for b in said] for a in planted])
     share = table / np.maximum(table.sum(axis=1, keepdims=True), 1)
     with page(
         path, 1.8 + 0.24 * len(planted), width_in=WIDE_IN, title="What was named first, by what was planted"
@@ -39,7 +44,7 @@ def naming(path: Path, confusion: dict[str, dict[str, int]]) -> None:
         axes.imshow(share, cmap="Blues", vmin=0.0, vmax=1.4, aspect="auto")
         for i, j in zip(*np.nonzero(table), strict=True):
             axes.text(j, i, str(table[i, j]), ha="center", va="center")
-        axes.set_xticks(range(len(said)), [_words(name) for name in said], rotation=45, ha="right")
+        axes.set_xticks(range(len(said)), [_words(name) for name in said], rotation=90)
         axes.set_yticks(range(len(planted)), [_words(name) for name in planted])
         axes.set(xlabel="Said first", ylabel="Planted")
 
