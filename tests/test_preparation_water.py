@@ -145,6 +145,24 @@ def test_a_profile_too_short_to_follow_the_turning_states_it(bins):
     assert 2.0 < found.veer_deg < 20.0
 
 
+@pytest.mark.parametrize(("bins", "apart"), [(2, 1.0), (3, 1.0), (8, 1.0), (8, 2.0), (8, 0.5)])
+def test_the_mean_of_bins_states_how_far_it_may_be_turned(bins, apart):
+    """Wherever the reference stands, between two cells as well; water that does not turn is stated as hardly turned."""
+    stated = []
+    for by_cell in (0.0, 4.0):
+        top, trusted, _ = seen((0.0,) * 5, layers(3, bins=bins + 2) * angles.phasor(by_cell * np.arange(bins + 2)))
+        away = (trusted.bin_depth_m() - top.bin_depth_m()[:, :1]) * apart / 2.0  # of two cells
+        stated.append(water.turned_for_good(top, top.bin_depth_m()[:, 0] + away[:, 0], 2))
+    still, turning = stated
+    assert still < 2.5 and 0.5 < turning / (4.0 * max(apart, 1.0)) < 3.0
+
+
+def test_one_cell_cannot_tell_how_far_it_may_be_turned():
+    top, trusted, _ = seen((0.0,) * 5, layers(3, bins=3))
+    few = replace(top, **{name: getattr(top, name)[:, :1] for name in ("east", "north", "bin_range_m", "quality")})
+    assert water.turned_for_good(few, trusted.bin_depth_m()[:, 0], 2) == 0.0
+
+
 def test_bins_that_are_bad_are_left_out_and_without_a_profile_it_is_the_mean_of_the_bins():
     top, trusted, _ = seen(MILD, layers(9))
     wild = np.where(np.arange(HOURS) % 3 == 0, 5.0, 0.0)[:, None] * (np.arange(BINS) == 2)

@@ -321,7 +321,9 @@ def test_a_record_is_cut_made_longer_and_mirrored_with_its_own_statistics():
     assert cut.lower.size == base.time_s.size and np.isnan(cut.flow).any()
     for k in range(2):  # both ways
         long = records.longer(np.random.default_rng(k), cut, seas.Weather(hours=5000))
-        assert long.flow.shape == (5000, cut.flow.shape[1]) and np.isfinite(long.flow).all()
+        assert long.flow.shape[1] == cut.flow.shape[1] and np.isfinite(long.flow).all()
+        assert len(np.unique(long.flow[:, 0])) == len(long.flow)  # no water comes twice
+        assert len(long.flow) == 5000 if len(long.flow) > len(cut.flow) else 0.95 * len(cut.flow) < len(long.flow)
         off = [np.sqrt(np.nanmean(np.abs(x.lower - x.near) ** 2)) for x in (cut, long)]
         assert off[1] == pytest.approx(off[0], rel=0.5)  # of stretches chosen by chance
     glass = records._mirrored(base)

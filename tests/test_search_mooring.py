@@ -214,6 +214,19 @@ def test_water_that_veers_frees_the_fit_and_turns_no_heading():
     roots = [compass.inverse(c, drawn.pairs.heading_deg) for c in (product.fit.coefficients, freed)]
     before, after = (angles.rms(angles.difference(fits.nearest_root(x, drawn.heading), drawn.heading)) for x in roots)
     assert after < 0.5 * before
+    assert [one.weight for one in found.applied] == pytest.approx([0.5, 0.5], abs=0.1)  # half believed
+    assert found.applied[1].compass is None and found.applied[1].effect == "none"
+
+
+def test_what_is_named_of_the_water_takes_half_of_the_weight_and_leaves_what_bends_the_compass():
+    _, found = seen({"hard_iron_step": 4.0, "current_veer": 4.0}, seed=14)
+    assert {finding.side for finding in found.findings} == {"compass", "water"}
+    weights = {frozenset(one.effect.split("+")): one.weight for one in found.applied}
+    assert weights[frozenset({"hard_iron_step", "current_veer"})] == pytest.approx(
+        weights[frozenset({"hard_iron_step"})], abs=0.1
+    )
+    bent = {type(term).__name__ for one in found.applied for term in one.compass.simulation.terms}
+    assert bent == {"HardIronStep"}
 
 
 def test_a_sector_in_which_the_compass_hangs_is_seen_in_the_histogram():

@@ -115,9 +115,12 @@ def find(
         columns = tuple(column[nothing] for column in (velocity, other, depth, other_depth, minutes))
         return replace(_assemble(take(upper, nothing), lower, field, columns, nothing), warnings=(reason,))
     found = checked(found, recorded, list(trusted))
-    if not (rules.predict and len(found)):
+    if not len(found):
         return found
-    return _predicted(found, take(upper, keep), other_depth[keep], rules.bins)
+    paired, at_m = take(upper, keep), other_depth[keep]
+    if rules.predict and (predicted := _predicted(found, paired, at_m, rules.bins)) is not None:
+        return predicted
+    return replace(found, veer_deg=water.turned_for_good(paired, at_m, rules.bins))
 
 
 def log_line(name: str, pairs: Pairs) -> str:
@@ -196,16 +199,16 @@ def identical(pairs: Pairs) -> str:
     return "the two instruments recorded the same velocities: one recording was given twice, and no pair counts"
 
 
-def _predicted(pairs: Pairs, upper: Record, depth_m: Floats, bins: int) -> Pairs:
-    """Return pairs with the water at the reference's depth as the profile predicts it, the same where it cannot."""
+def _predicted(pairs: Pairs, upper: Record, depth_m: Floats, bins: int) -> Pairs | None:
+    """Return pairs with the water at the reference's depth as the profile predicts it, None where it cannot."""
     found = water.predict(upper, depth_m, bins)
     if found is None:
-        return pairs
+        return None
     predicted = _to_true(found.velocity, upper, pairs.declination_deg)
     mean, trusted = (east + 1j * north for east, north in _velocities(pairs))
     known = np.isfinite(predicted) & (np.abs(predicted) > 0.0)
     if water.denied_by_speeds(pairs.time_s[known], mean[known], predicted[known], trusted[known]):
-        return pairs
+        return None
     velocity = np.where(known, predicted, mean)
     off = float(np.sqrt(np.mean((np.abs(predicted[known]) - np.abs(trusted[known])) ** 2)))
     notes = () if off < SURPRISE * max(found.expected_m_s, NOISE_M_S) else (_surprise(off, upper, depth_m, trusted),)

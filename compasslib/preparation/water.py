@@ -12,6 +12,8 @@ share is taken from the prediction, as learnt between bins as far apart. What ma
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,6 +34,7 @@ BLOCK_S, SURE = 2 * 86400.0, 2.0  # speeds are alike from hour to hour; standard
 VEER_S = 2 * 86400.0  # turning that lasts as long is followed
 MOST_WINDOWS = 8  # places in the profile that it is learnt from, those next to the reference
 HALF_A_CELL, LEAST_M_S = 0.51, 1e-6
+OUTWARD = 0.05  # cells by which bins half a cell off are looked for farther away, not nearer
 LEAST_NOISE = 0.02  # of the difference of two neighbours: no velocity is measured without noise
 
 
@@ -146,7 +149,7 @@ def predict(record: Record, depth_m: Floats, bins: int, learnt: Structure | None
     if not known.any():
         return None
     expected, published = np.sqrt(np.median(errors[inverse.ravel()], axis=0) / 2.0).tolist()
-    turned, veer_deg = _veer(record, np.nanmedian(away[known], axis=0), learnt)
+    turned, veer_deg = _veer(record, np.nanmedian(away[known], axis=0), learnt.cell_m, learnt.weights, NEAREST)
     return Prediction(velocity * angles.phasor(-turned), expected, published, veer_deg)
 
 
@@ -183,20 +186,42 @@ def denied_by_speeds(time_s: Floats, mean: Complexes, predicted: Complexes, trus
     return bool(worse.sum() > SURE * np.sqrt(np.sum(worse**2)))
 
 
-def _veer(record: Record, away_m: Floats, learnt: Structure) -> tuple[Floats, float]:
+def turned_for_good(record: Record, depth_m: Floats, bins: int) -> float:
+    """Return how far the mean of the nearest bins may be turned from the reference's water for good, 1 sigma, degrees.
+
+    As ``Prediction.veer_deg`` says it of a prediction.
+
+    Args:
+        depth_m: of the reference's cell at each sample, (n,).
+        bins: how many the mean takes.
+    """
+    away_m = np.median(record.bin_depth_m() - depth_m[:, None], axis=0)
+    cells_m = np.diff(np.sort(away_m[np.isfinite(away_m)]))
+    if not np.any(cells_m > 0.0):
+        return 0.0
+    cell_m = float(np.median(cells_m[cells_m > 0.0]))
+    return _veer(record, away_m, cell_m, lambda bins_m: np.full(len(bins_m), 1.0 / len(bins_m)), bins)[1]
+
+
+def _veer(
+    record: Record, away_m: Floats, cell_m: float, weights: Callable[[Floats], Floats], bins: int
+) -> tuple[Floats, float]:
     """Return by how much a prediction is turned at each sample, (n,), and how far it may still be for good, degrees.
 
-    Where the profile is too short to show it over the whole distance, it is stated as it grows over a shorter one.
+    Where the profile is too short to show it over the whole distance, it is stated as it grows over a shorter one;
+    where it is too short for as many bins, by what fewer would make of it.
 
     Args:
         away_m: of each bin from the depth that is predicted, (m,).
+        weights: of bins by their distances from the predicted depth.
+        bins: that the prediction is made of.
     """
     nothing = np.zeros(len(record.time_s))
     nearest_m = float(away_m[np.nanargmin(np.abs(away_m))])
-    beyond = max(round(abs(nearest_m) / learnt.cell_m), 1)
-    for nearer in range(beyond):
-        closer_m = np.sign(nearest_m) * nearer * learnt.cell_m
-        off = _windows(record, away_m - closer_m, learnt)
+    beyond = max(round(abs(nearest_m) / cell_m), 1)
+    for count, nearer in itertools.product(range(bins, 0, -1), range(beyond)):
+        closer_m = np.sign(nearest_m) * nearer * cell_m
+        off = _windows(record, away_m - closer_m, cell_m, weights, count)
         if len(off):
             break
     else:
@@ -205,7 +230,7 @@ def _veer(record: Record, away_m: Floats, learnt: Structure) -> tuple[Floats, fl
     sums = np.array([np.bincount(block, one.real) + 1j * np.bincount(block, one.imag) for one in off])
     slow, weight = angles.wrap180(angles.argument(sums)), np.abs(sums)
     lasting = np.average(slow, axis=1, weights=np.maximum(weight, LEAST_M_S))
-    if nearer or len(off) == 1:
+    if nearer or count < bins or len(off) == 1:
         return nothing, float(np.sqrt(np.mean(lasting**2))) * beyond / (beyond - nearer)
     apart = min(beyond, len(off) - 1)
     near, far = slice(None, -apart), slice(apart, None)
@@ -219,7 +244,9 @@ def _veer(record: Record, away_m: Floats, learnt: Structure) -> tuple[Floats, fl
     return share * np.interp(record.time_s, middle, slow[0]), float(np.sqrt(np.mean(left**2)))
 
 
-def _windows(record: Record, away_m: Floats, learnt: Structure) -> Complexes:
+def _windows(
+    record: Record, away_m: Floats, cell_m: float, weights: Callable[[Floats], Floats], count: int
+) -> Complexes:
     """Return predictions of bins from those beyond them, over the bins' directions, (k, n) m/s, 0 where one is bad.
 
     The bins that predict one lie from it as those next to the reference lie from the reference. Nearest comes first.
@@ -228,15 +255,19 @@ def _windows(record: Record, away_m: Floats, learnt: Structure) -> Complexes:
     share = usable.mean(axis=0)
     sound = np.flatnonzero((share >= LEAST_GOOD * share.max(initial=0.0)) & np.isfinite(away_m))
     order = sound[np.argsort(np.abs(away_m[sound]))]
-    pattern = away_m[order[:NEAREST]]
+    pattern = away_m[order[:count]]
+    pattern += np.sign(pattern) * OUTWARD * cell_m
     velocity = np.where(usable, record.east + 1j * record.north, 0.0)
     found = []
     for target in order[:MOST_WINDOWS].tolist():
         wanted = away_m[target] + pattern
-        which = sound[np.argmin(np.abs(away_m[sound] - wanted[:, None]), axis=1)]
-        if target in which or np.any(np.abs(away_m[which] - wanted) > HALF_A_CELL * learnt.cell_m):
+        others = sound[sound != target]
+        if not len(others):
+            break
+        which = others[np.argmin(np.abs(away_m[others] - wanted[:, None]), axis=1)]
+        if len(np.unique(which)) < len(which) or np.any(np.abs(away_m[which] - wanted) > HALF_A_CELL * cell_m):
             continue
-        predicted = velocity[:, which] @ learnt.weights(away_m[which] - away_m[target])
+        predicted = velocity[:, which] @ weights(away_m[which] - away_m[target])
         direction = velocity[:, target] / np.maximum(np.abs(velocity[:, target]), LEAST_M_S)
         found.append(np.where(usable[:, [target, *which]].all(axis=1), predicted * np.conj(direction), 0.0))
     return np.array(found)

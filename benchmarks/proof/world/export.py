@@ -175,8 +175,9 @@ def _write_deep(made: Mooring, seed: int, raw: Path) -> None:
         _write_table(raw / "deep.csv", scene, flow, known)
         return
     velocity = np.zeros((n, DEEP_CELLS, 4))
-    velocity[..., 0], velocity[..., 1] = flow.real[:, None], flow.imag[:, None]
-    velocity[..., :2] += rng.normal(0.0, 0.3 * LOWER_NOISE_M_S, (n, DEEP_CELLS, 2))
+    velocity[:, 0, 0], velocity[:, 0, 1] = flow.real, flow.imag
+    velocity[:, 0, :2] += rng.normal(0.0, 0.3 * LOWER_NOISE_M_S, (n, 2))
+    velocity[:, 1:] = np.nan  # the water is known at one depth, and other cells would put it where it was not
     ones, level = np.ones((n, DEEP_CELLS, 4), dtype=np.uint8), rng.normal(0.0, 0.3, (2, n))
     depth = _lower_depth(scene) - DEEP_FIRST_M
     ensembles = Ensembles(

@@ -121,26 +121,28 @@ def cut(rng: np.random.Generator, one: Described, scene: Scene, *, mirrored: boo
 
 
 def longer(rng: np.random.Generator, scene: Scene, weather: seas.Weather) -> Scene:
-    """Return a long scene with the statistics of a record: stretches of it in another order, or with random phases.
+    """Return a scene with the statistics of a record: its stretches in another order, or a longer one by random phases.
 
-    Stretches keep headings and tilts with their water; with random phases (the same for all bins, so that they stay as
-    coherent as they are) the sphere moves anew. Temperature and battery are made up.
+    Stretches keep headings and tilts with their water, and none comes twice: water that repeats to the last millimetre
+    a second is nowhere. With random phases (the same for all bins, so that they stay as coherent as they are) the
+    sphere moves anew. Temperature and battery are made up.
     """
     step = HOUR_S * max(1.0, np.ceil(scene.step_s / HOUR_S))
     even = scene.at(np.arange(scene.time_s[0], scene.time_s[-1], step))
     columns = np.column_stack([*(bridged_flow(x) for x in even.flow.T), bridged_flow(even.lower)])
     count = int(weather.hours * HOUR_S / step)
-    time = even.time_s[0] + DAY_S * int(rng.integers(0, 3000)) + step * np.arange(count)
+    begin_s = even.time_s[0] + DAY_S * int(rng.integers(0, 3000))
     stance = np.column_stack([np.exp(1j * np.deg2rad(even.heading_deg)), even.pitch_deg + 1j * even.roll_deg])
     by_phase = weather.spinning or rng.random() < 0.5
     if by_phase:
         made = chained([_surrogate(rng, columns) for _ in range(1 + count // (len(columns) - FADE) + 1)], count)
     else:
-        made = chained(_stretches(rng, np.column_stack([columns, stance]), count, step), count)
+        parts = _stretches(rng, np.column_stack([columns, stance]), step)
+        made = chained(parts, min(count, sum(len(part) - FADE for part in parts) - FADE))
     flow = made[:, : columns.shape[1]]
     water = seas.Water(
-        time, flow[:, :-1], flow[:, -1], scene.range_m, scene.place, scene.looks_up, scene.below_m,
-        float(np.median(scene.depth_m)),
+        begin_s + step * np.arange(len(made)), flow[:, :-1], flow[:, -1], scene.range_m, scene.place, scene.looks_up,
+        scene.below_m, float(np.median(scene.depth_m)),
     )  # fmt: skip
     moved = seas.settled(rng, water, weather)
     if by_phase:
@@ -170,14 +172,14 @@ def bridged_flow(flow: Complexes) -> Complexes:
     return np.asarray(bridged(flow.real) + 1j * bridged(flow.imag))
 
 
-def _stretches(rng: np.random.Generator, columns: Complexes, count: int, step_s: float) -> list[Complexes]:
-    parts, done = [], 0
-    while done < count + 2 * FADE:
-        length = min(int(rng.uniform(*BLOCK_DAYS) * DAY_S / step_s), len(columns) // 2)
-        begin = int(rng.integers(0, len(columns) - length))
-        parts.append(columns[begin : begin + length])
-        done += length - FADE
-    return parts
+def _stretches(rng: np.random.Generator, columns: Complexes, step_s: float) -> list[Complexes]:
+    """Return a record in stretches of some days, each once, in another order."""
+    shortest, longest = (int(days * DAY_S / step_s) for days in BLOCK_DAYS)
+    ends = [0]
+    while len(columns) - ends[-1] >= shortest + longest:
+        ends.append(ends[-1] + int(rng.integers(shortest, longest)))
+    parts = np.split(columns, ends[1:])
+    return [parts[k] for k in rng.permutation(len(parts))]
 
 
 def _surrogate(rng: np.random.Generator, columns: Complexes) -> Complexes:
