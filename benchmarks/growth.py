@@ -91,7 +91,7 @@ def by_effects(folder: Path) -> None:
     """Measure moorings with none, one and two effects."""
     rows = []
     for k, names in enumerate(EFFECTS):
-        sealed = draw.Sealed(f"S{k}", "single", dict.fromkeys(names, 3.0), wish=Wish(wide=True, hours=HOURS), seed=3)
+        sealed = draw.Sealed(f"S{k}", dict.fromkeys(names, 3.0), wish=Wish(wide=True, hours=HOURS), seed=3)
         cruise, _ = draw.write_alone(sealed, folder / f"effects{k}")
         rows.append((len(names), *one_process(cruise, sealed.name)))
     table(f"effects of 3°, {HOURS} hourly ensembles", "CPU s, peak MB", rows)

@@ -43,7 +43,7 @@ def main() -> None:
         shutil.copyfile(PROJECT / "results/EG4/figures" / name, PROJECT / "docs" / kept)
     beside(PROJECT / "docs/currents.png", [PROJECT / f"results/EG4/figures/{name}.png" for name in CURRENTS])
     with tempfile.TemporaryDirectory() as folder:
-        one = draw.Sealed("D1", "pair", LEFT_OUT, wish=Wish(wide=True), seed=4)
+        one = draw.Sealed("D1", LEFT_OUT, wish=Wish(wide=True), seed=4)
         cruise, _ = draw.write_alone(one, Path(folder))
         made = pipeline.process(cruise, "D1", Path(folder) / "results", print)
         found = json.loads((made / "diagnosis.json").read_text())

@@ -40,7 +40,7 @@ def measured(job: tuple[int, int]) -> dict:
     seed, k = job
     effect, size = FAULTS[k % len(FAULTS)]
     with tempfile.TemporaryDirectory() as folder:
-        one = draw.Sealed(f"R{k:03d}", "single", {effect: size}, wish=Wish(wide=k // len(FAULTS) % 2 == 0), seed=seed)
+        one = draw.Sealed(f"R{k:03d}", {effect: size}, wish=Wish(wide=k // len(FAULTS) % 2 == 0), seed=seed)
         cruise, locked = draw.write_alone(one, Path(folder))
         results = pipeline.process(cruise, one.name, Path(folder) / "results")
         found = json.loads((results / "diagnosis.json").read_text())

@@ -18,7 +18,7 @@ HOURS = 5000
 
 def processed(tmp_path, effect, *, wide, seed=11, size_deg=3.0):
     """Return diagnosis.json and the corrected headings' errors, in degrees and in their own 95 % intervals."""
-    one = draw.Sealed("R1", "single", {effect: size_deg}, wish=Wish(wide=wide, hours=HOURS), seed=seed)
+    one = draw.Sealed("R1", {effect: size_deg}, wish=Wish(wide=wide, hours=HOURS), seed=seed)
     cruise, locked = draw.write_alone(one, tmp_path)
     folder = pipeline.process(cruise, "R1", tmp_path / "results")
     product = netcdf.read_corrected(folder / "corrected.nc")

@@ -15,7 +15,7 @@ from compasslib.effects.reading import TemperatureOfTilt
 from compasslib.search import baseline, covariates, model, storms
 from compasslib.search.case import mooring_case
 from compasslib.simulation import pairs as world
-from compasslib.simulation import planting
+from compasslib.simulation.series import DAY_S, red_noise
 
 HOURS, WEAK_NT = 5000, (5000.0, 55000.0)  # the earth's field near the magnetic pole
 
@@ -33,6 +33,31 @@ def swung(drawn, north_deg):
     east, north = angles.turn(pairs.upper_east, pairs.upper_north, -north_deg)
     heading = angles.wrap360(pairs.heading_deg - north_deg)
     return replace(drawn, pairs=replace(pairs, heading_deg=heading, upper_east=east, upper_north=north))
+
+
+def disturbed_north(rng, time_s):
+    """Return the swing of magnetic north, degrees east, (n,): a daily tide and some thirty storms a year."""
+    day = 2.0 * np.pi * (time_s / DAY_S - 0.55)
+    swing = 0.08 * np.sin(day) + 0.04 * np.sin(2.0 * day)
+    activity = 0.05 * np.ones(time_s.size)
+    for begin in rng.uniform(time_s[0], time_s[-1], 30):
+        since = (time_s - begin) / DAY_S
+        activity += np.where(since > 0.0, rng.lognormal(0.0, 0.6) * np.exp(-since / 0.8), 0.0)
+    return swing + activity * red_noise(rng, time_s.size, memory=2.0, deviation=1.0)
+
+
+def storm_index(rng, time_s):
+    """Return an index as ap is, one value for three hours: quiet, and some thirty storms a year, (n,)."""
+    index = np.repeat(4.0 + rng.gamma(2.0, 2.0, time_s.size // 3 + 1), 3)[: time_s.size]
+    for begin in rng.uniform(time_s[0], time_s[-1], 30):
+        since = (time_s - begin) / DAY_S
+        index += np.where(since > 0.0, 30.0 * rng.lognormal(0.0, 0.8) * np.exp(-since / 0.8), 0.0)
+    return index.clip(0.0, 400.0)
+
+
+def unseen_disturbance(rng, index, size_deg):
+    """Return the swing of magnetic north in storms of which only an index is known, degrees east, (n,)."""
+    return size_deg * index * red_noise(rng, index.size, memory=3.0, deviation=1.0)
 
 
 @pytest.fixture(scope="module")
@@ -64,7 +89,7 @@ def test_tilts_that_shift_with_temperature_turn_as_those_of_the_other_simulation
 
 def test_both_components_of_an_observatory_tell_a_storm_that_came_turned(polar):
     rng = np.random.default_rng(2)
-    across, along = (20.0 * planting.disturbed_north(rng, polar.pairs.time_s) for _ in range(2))
+    across, along = (20.0 * disturbed_north(rng, polar.pairs.time_s) for _ in range(2))
     state = state_of(
         swung(polar, 0.5 * across - 0.8 * along), dict(zip(covariates.OBSERVATORY, (across, along), strict=True))
     )
@@ -74,9 +99,9 @@ def test_both_components_of_an_observatory_tell_a_storm_that_came_turned(polar):
 
 def test_an_index_names_storms_whose_course_nobody_saw_and_corrects_nothing(polar):
     rng = np.random.default_rng(3)
-    index = planting.storm_index(rng, polar.pairs.time_s)
+    index = storm_index(rng, polar.pairs.time_s)
     size_deg = np.rad2deg(8.0 / WEAK_NT[0])
-    stormy = swung(polar, planting.unseen_disturbance(rng, index, size_deg))
+    stormy = swung(polar, unseen_disturbance(rng, index, size_deg))
     found = storms.of(state_of(stormy, {"ap": index}), 0.006)
     size = found.parameters["nT_ap"]
     assert (found.effect, found.side, found.applied) == ("field_disturbance", "compass", False)

@@ -43,7 +43,7 @@ def build(folder: Path) -> list[str]:
         cruise = folder / name
         (cruise / "config").mkdir(parents=True, exist_ok=True)
         (cruise / "config/config.yaml").write_text("moorings: config/moorings\n")
-        draw.write(draw.Sealed("M", "null", wish=wish, export=export, seed=seed), cruise, folder / "truth")
+        draw.write(draw.Sealed("M", wish=wish, export=export, seed=seed), cruise, folder / "truth")
         time_s, heading_deg, *_ = np.load(folder / "truth/M.npy")
         np.save(folder / f"{name}.npy", np.stack([time_s, heading_deg]))
         names.append(name)

@@ -47,7 +47,6 @@ class Stance:
     in_water: NDArray[np.bool_]
     gain: float = 0.0  # of the forward beam pair, beyond the other's
     bias_m_s: complex = 0.0  # starboard + i forward, in every bin
-    veer_deg: Floats | None = None  # by which the water here veers from that of the climate, clockwise
 
 
 def ranges(setup: Setup) -> Floats:
@@ -90,14 +89,7 @@ def measure(rng: np.random.Generator, adcp: Adcp, stance: Stance, water: Water, 
 def near_bins(setup: Setup, stance: Stance, water: Water, bins: int = 2) -> Complexes:
     """Return the current in the mean of the first bins as the beams have it, true east + i north, m/s, (n,)."""
     depth = _bin_depths(setup, stance)[:, :bins]
-    return _flawed(stance, _flow(stance, water, depth)).mean(axis=1)
-
-
-def _flow(stance: Stance, water: Water, depth_m: Floats) -> Complexes:
-    """Return the current at depths of (n, ...), true east + i north, m/s."""
-    lift = (slice(None), *(None,) * (depth_m.ndim - 1))
-    flow = sea.velocity(water, stance.time_s, depth_m)
-    return flow if stance.veer_deg is None else clockwise(flow, stance.veer_deg[lift])
+    return _flawed(stance, sea.velocity(water, stance.time_s, depth)).mean(axis=1)
 
 
 def _bin_depths(setup: Setup, stance: Stance) -> Floats:
@@ -110,7 +102,7 @@ def _velocity(rng: np.random.Generator, adcp: Adcp, stance: Stance, water: Water
     if adcp.setup.coordinates == "beam":
         return _beams(adcp.setup, stance, water) + _normal(rng, stance, noise * np.sqrt(2) * np.sin(SPREAD))
     depth = _bin_depths(adcp.setup, stance)
-    flow = _flawed(stance, _flow(stance, water, depth))
+    flow = _flawed(stance, sea.velocity(water, stance.time_s, depth))
     # From true to magnetic north, and on by as much as the compass is wrong.
     wrong = stance.recorded_deg - stance.heading_deg - stance.declination_deg
     flow = clockwise(flow, wrong[:, None])
@@ -143,7 +135,7 @@ def _beams(setup: Setup, stance: Stance, water: Water) -> Floats:
     slant = ranges(setup) / np.cos(SPREAD)
     # Away from the head is up where the unit vector towards it points down.
     depth = stance.depth_m[:, None, None] + slant[None, :, None] * head[:, None, 2, :]
-    flow = clockwise(_flow(stance, water, depth), -stance.declination_deg[:, None, None])
+    flow = clockwise(sea.velocity(water, stance.time_s, depth), -stance.declination_deg[:, None, None])
     return flow.real * head[:, None, 0, :] + flow.imag * head[:, None, 1, :]
 
 

@@ -1,4 +1,4 @@
-"""What can be planted in a mooring: one record an effect, by what it does to field, reading, water or clock.
+"""What can be planted in a mooring: one record an effect, by what it does to field, reading or reference.
 
 An effect stands at the ensembles of one instrument; it has unit size until it is scaled.
 """
@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from compasslib.simulation.series import Floats
 
-YEAR_S = 365.25 * 86400.0
-AS_THEY_ARE = ("date_s", "share_of_observatory", "across", "along")  # parameters that do not grow with the size
+AS_THEY_ARE = ("date_s",)  # parameters that do not grow with the size
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,16 +24,7 @@ class Circumstances:
     heading_deg: Floats  # correct, magnetic
     pitch_deg: Floats
     roll_deg: Floats
-    depth_m: Floats
     temperature_c: Floats
-    supply_counts: Floats
-    speed_m_s: Floats
-    flow_deg: Floats  # direction towards which the water flows
-
-    @property
-    def years(self) -> Floats:
-        """Years since the first ensemble."""
-        return (self.time_s - self.time_s[0]) / YEAR_S
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,24 +35,10 @@ class Effect:
     parameters: dict[str, float] = field(default_factory=dict)
     body_nt: Floats | None = None  # (n, 3) added in the body frame
     reading: Callable[[Floats], Floats] | None = None  # added to readings (n, k), degrees
-    veer_deg: Floats | None = None  # (n,) lower minus upper direction, clockwise
-    ahead_s: Floats | None = None  # (n,) by which the affected clock is ahead of the reference
-    wrong_clock: str = "top"  # whose clock that is
     trusted: Callable[[Floats], Floats] | None = None  # added to the reference's compass's headings (n,), degrees
     gain: float = 0.0  # of the reference's forward beam pair, beyond the other's
     bias_m_s: complex = 0.0  # starboard + i forward, in what the reference measures
-    north_deg: Floats | None = None  # (n,) by which magnetic north lies east of where it should
-    observed_nt: Floats | None = None  # (n, 2) what an observatory saw across and along magnetic north; else as here
-    tilts_deg: Floats | None = None  # (n, 2) added to the pitch and roll that the sensors give
-    lag_s: float = 0.0
-    unlevelled: float = 0.0  # share of the levelling that is left out
-    stuck_from_s: float | None = None  # date from which the inclinometers stick
     size: float = 1.0
-
-    @property
-    def grows(self) -> bool:
-        """Whether its size can be chosen; clocks, stuck sensors and a missing levelling are as they are."""
-        return self.ahead_s is None and self.stuck_from_s is None and self.unlevelled == 0.0
 
 
 def scaled(effect: Effect, size: float) -> Effect:
@@ -71,22 +47,15 @@ def scaled(effect: Effect, size: float) -> Effect:
     Args:
         size: factor.
     """
-    if not effect.grows:
-        return effect
     plain, trusted = effect.reading, effect.trusted
     return replace(
         effect,
         parameters={k: v if k in AS_THEY_ARE else size * v for k, v in effect.parameters.items()},
-        body_nt=_times(effect.body_nt, size),
+        body_nt=None if effect.body_nt is None else size * effect.body_nt,
         reading=None if plain is None else lambda gamma: size * plain(gamma),
-        veer_deg=_times(effect.veer_deg, size),
-        north_deg=_times(effect.north_deg, size),
-        observed_nt=_times(effect.observed_nt, size),
-        tilts_deg=_times(effect.tilts_deg, size),
         trusted=None if trusted is None else lambda heading: size * trusted(heading),
         gain=size * effect.gain,
         bias_m_s=size * effect.bias_m_s,
-        lag_s=size * effect.lag_s,
         size=size,
     )
 
@@ -107,7 +76,3 @@ def steps(time_s: Floats, date_s: float) -> NDArray[np.bool_]:
         time_s: UTC seconds, (n,).
     """
     return np.asarray(time_s >= date_s)
-
-
-def _times(series: Floats | None, size: float) -> Floats | None:
-    return None if series is None else size * series

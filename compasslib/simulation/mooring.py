@@ -34,7 +34,6 @@ class Rig:
     wobble_deg: float  # standard deviation of the heading about it at 25 cm/s
     rest_pitch_deg: float  # lean in still water, from how the instrument is clamped
     rest_roll_deg: float
-    wake_below_m: float = 0.0  # whose water turns the sphere: that at its own depth, or below it
 
 
 @dataclass(frozen=True)
@@ -55,7 +54,7 @@ def make_motion(seed: int, name: str, rig: Rig, water: Water, *, declination_deg
         declination_deg: east positive; headings are magnetic.
     """
     depth = blow_down(rig, water)
-    flow = sea.velocity(water, water.time_s, depth + rig.wake_below_m)
+    flow = sea.velocity(water, water.time_s, depth)
     magnetic_deg = direction(flow) - declination_deg
     heading = wake_heading(
         stream(seed, name, "heading"),

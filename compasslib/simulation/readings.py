@@ -44,11 +44,7 @@ def read(ground: Ground, effects: Sequence[Effect], time_s: Floats, rng: np.rand
     heading, *steady = _attitude(ground, times)
     true = (steady[0] + wobble[0], steady[1] + wobble[1])
     sensed = _sensed(ground, times, wobble, stepped=rng is not None)
-    sensed = _off(effects, _stuck(effects, times, sensed))
-    # A compass that is late levels with the tilt of its own moment.
-    late = times - sum(one.lag_s for one in effects)
-    own = _off(effects, _stuck(effects, late, _sensed(ground, late, wobble, stepped=rng is not None)))
-    gamma = _compass(ground, effects, late, tilts=(wobble, own), stepped=rng is not None)
+    gamma = _compass(ground, effects, times, tilts=(wobble, sensed), stepped=rng is not None)
     noise = 0.0 if rng is None else rng.normal(0.0, NOISE_DEG, time_s.size)
     return Reading(
         _middle(heading),
@@ -74,18 +70,6 @@ def _sensed(ground: Ground, times: Floats, wobble: Floats, *, stepped: bool) -> 
     return sensed[0], sensed[1]
 
 
-def _stuck(effects: Sequence[Effect], times: Floats, sensed: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
-    for date in (one.stuck_from_s for one in effects if one.stuck_from_s is not None):
-        row, later = int(np.searchsorted(times[:, 0], date)), times >= date
-        sensed = (np.where(later, sensed[0][row, 0], sensed[0]), np.where(later, sensed[1][row, 0], sensed[1]))
-    return sensed
-
-
-def _off(effects: Sequence[Effect], sensed: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
-    off = total(effects, "tilts_deg", np.zeros((len(sensed[0]), 2)))
-    return sensed[0] + off[:, :1], sensed[1] + off[:, 1:]
-
-
 def _compass(
     ground: Ground,
     effects: Sequence[Effect],
@@ -98,15 +82,13 @@ def _compass(
     wobble, sensed = tilts
     heading, pitch, roll = _attitude(ground, times)
     _, horizontal, vertical = ground.field.at(times)
-    turn = np.deg2rad(heading - total(effects, "north_deg", np.zeros(len(times)))[:, None])
+    turn = np.deg2rad(heading)
     level = np.stack([horizontal * np.cos(turn), -horizontal * np.sin(turn), vertical], axis=-1)
     body = np.einsum("nkji,nkj->nki", tilting(pitch + wobble[0], roll + wobble[1]), level)
     beside = total(effects, "body_nt", np.zeros((len(times), 3)))[:, None, :]
     given = magnetometer.felt(ground.meter, body, beside, stepped=stepped)
     levelled = np.einsum("nkij,nkj->nki", tilting(*sensed), given)
-    left_out = sum(one.unlevelled for one in effects)
-    flat = (1.0 - left_out) * levelled + left_out * given
-    gamma = np.rad2deg(np.arctan2(-flat[..., 1], flat[..., 0]))
+    gamma = np.rad2deg(np.arctan2(-levelled[..., 1], levelled[..., 0]))
     added = [one.reading(gamma) for one in effects if one.reading is not None]
     return np.asarray(gamma + sum(added, np.zeros(gamma.shape)))
 

@@ -1,4 +1,4 @@
-"""Moorings of the sealed proof: a sea, a rig, a magnetometer and a battery, drawn anew for each name and seed."""
+"""Moorings with known truth: a sea, a rig, a magnetometer and a battery, drawn anew for each name and seed."""
 
 from __future__ import annotations
 
@@ -12,12 +12,11 @@ from compasslib.simulation.compass import Field
 from compasslib.simulation.effects import Circumstances
 from compasslib.simulation.magnetometer import Magnetometer
 from compasslib.simulation.mooring import Motion, Rig
-from compasslib.simulation.series import DAY_S, HOUR_S, Floats, circle, direction, red_noise, stream
+from compasslib.simulation.series import DAY_S, HOUR_S, Floats, circle, red_noise, stream
 from compasslib.simulation.water import Climate, Water
 
 FIRST_S = 1.1676e9  # January 2007
 MARGIN_S = 6 * HOUR_S
-LOWER_M = 10.0  # below the sphere
 STRENGTHS = (0.05, 0.1, 0.2, 0.35, 0.55)  # of the iron, over the earth's horizontal field
 WIDE = Climate(mean_m_s=0.12, tide_m_s=0.16, red_m_s=0.10, cyclone_m_s=0.15)
 NARROW = Climate(mean_m_s=0.30, tide_m_s=0.08, red_m_s=0.06, cyclone_m_s=0.30)
@@ -28,10 +27,7 @@ class Wish:
     """What a mooring is to be like."""
 
     wide: bool = False  # headings round the circle, or some seventy degrees of it
-    battery: str = "knee"  # knee: an end of discharge; line: none; change: a new battery midway
-    noise: float = 1.0  # of water and instruments, times the usual
     hours: int = 8800
-    turned_by_lower: bool = False  # whether the sphere turns with the water below it, or with that around it
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,11 +64,10 @@ def make(seed: int, name: str, wish: Wish) -> Ground:
     field = compass.earth_field(latitude, longitude, span)
     currents = _currents(seed, name, wish, site=(latitude, depth), span_s=span, along_deg=float(rng.uniform(0, 360)))
     declination, horizontal, vertical = (float(x.mean()) for x in field.at(stamps))
-    rig = replace(_rig(rng, depth), wake_below_m=LOWER_M if wish.turned_by_lower else 0.0)
-    motion = mooring.make_motion(seed, name, rig, currents, declination_deg=declination)
+    motion = mooring.make_motion(seed, name, _rig(rng, depth), currents, declination_deg=declination)
     meter = magnetometer.build(rng, (horizontal, vertical), float(rng.choice(STRENGTHS)))
     temperature = _temperature(stream(seed, name, "temperature"), motion)
-    supply = _supply(stream(seed, name, "supply"), wish.battery, currents.time_s, temperature)
+    supply = _supply(stream(seed, name, "supply"), currents.time_s, temperature)
     return Ground(
         seed, name, wish, latitude, longitude, depth, field, currents, motion, meter, temperature, supply, stamps
     )  # fmt: skip
@@ -80,25 +75,9 @@ def make(seed: int, name: str, wish: Wish) -> Ground:
 
 def circumstances(ground: Ground) -> Circumstances:
     """Return in what the affected instrument stands at the full hours."""
-    motion, grid = ground.motion, ground.currents.time_s
-    flow = sea.velocity(ground.currents, grid, motion.sphere_depth_m)
-    columns = (
-        motion.heading_deg, motion.pitch_deg, motion.roll_deg, motion.sphere_depth_m, ground.temperature_c,
-        ground.supply_counts, flow.real, flow.imag,
-    )  # fmt: skip
-    heading, pitch, roll, depth, warm, volts, east, north = (np.interp(ground.stamp_s, grid, x) for x in columns)
-    here = east + 1j * north
-    return Circumstances(
-        time_s=ground.stamp_s,
-        heading_deg=heading,
-        pitch_deg=pitch,
-        roll_deg=roll,
-        depth_m=depth,
-        temperature_c=warm,
-        supply_counts=volts,
-        speed_m_s=np.abs(here),
-        flow_deg=direction(here),
-    )
+    motion = ground.motion
+    columns = motion.heading_deg, motion.pitch_deg, motion.roll_deg, ground.temperature_c
+    return Circumstances(ground.stamp_s, *(np.interp(ground.stamp_s, motion.time_s, x) for x in columns))
 
 
 def trusted_heading(ground: Ground) -> Floats:
@@ -114,7 +93,7 @@ def _currents(
     climate = replace(WIDE if wish.wide else NARROW, along_deg=along_deg)
     made = sea.make_water(seed, name, climate, site=site, span_s=span_s)
     speed = np.abs(made.surface + made.column)
-    return replace(made, layers=made.layers.times(wish.noise * (0.6 + speed / 0.6)))
+    return replace(made, layers=made.layers.times(0.6 + speed / 0.6))
 
 
 def _rig(rng: np.random.Generator, depth_m: float) -> Rig:
@@ -129,14 +108,9 @@ def _temperature(rng: np.random.Generator, motion: Motion) -> Floats:
     return np.asarray(4.0 + season + weather - 0.4 * (motion.sphere_depth_m - 100.0) / 100.0)
 
 
-def _supply(rng: np.random.Generator, battery: str, time_s: Floats, temperature_c: Floats) -> Floats:
-    """Return the transmit voltage in counts: falling in a line, with an end of discharge, or with a new battery."""
+def _supply(rng: np.random.Generator, time_s: Floats, temperature_c: Floats) -> Floats:
+    """Return the transmit voltage in counts: falling in a line, with an end of discharge."""
     used = (time_s - time_s[0]) / (time_s[-1] - time_s[0])
     drain = rng.uniform(12.0, 22.0)
-    if battery == "line":
-        return np.asarray(166.0 - drain * used)
     warm = 0.4 * (temperature_c - temperature_c.mean())
-    if battery == "change":
-        change = rng.uniform(0.4, 0.7)
-        return np.asarray(166.0 - 1.6 * drain * np.where(used < change, used, used - change) + warm)
     return np.asarray(166.0 - drain * used - rng.uniform(7.0, 14.0) * used**6 + warm)

@@ -1,4 +1,4 @@
-"""Writes a mooring of the sealed proof: raw exports of both instruments, and apart from them the correct headings."""
+"""Writes a mooring with known truth: raw exports of both instruments, and apart from them the correct headings."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib.simulation import adcp, observatory, pd0, readings, sealed
+from compasslib.simulation import adcp, pd0, readings, sealed
 from compasslib.simulation.adcp import Adcp, Stance
-from compasslib.simulation.effects import Effect, total
+from compasslib.simulation.effects import Effect
 from compasslib.simulation.pd0 import Ensembles, Setup
 from compasslib.simulation.sealed import Ground
-from compasslib.simulation.series import DAY_S, HOUR_S, Floats, circle, clockwise, red_noise, white_vector
+from compasslib.simulation.series import Floats, circle, clockwise, red_noise, white_vector
 
 DEEP_BELOW_M, DEEP_SAMPLE_S = 4.0, 180.0
 TOP_NOISE_M_S, DEEP_NOISE_M_S, SOURCE_NOISE_COUNTS, TEMPERATURE_NOISE_K = 0.014, 0.02, 0.5, 0.02
@@ -27,9 +27,6 @@ class Export:
     """In which form a mooring's files are."""
 
     deep: str = "pd0"  # pd0 or table
-    true_referenced: bool = False  # the reference knows true north; only as a table
-    observatory: bool = False  # whether an observatory's series lies beside
-    temperature_late_d: float = 0.0  # days by which the logged temperature is not that of its time
     coordinates: str = "earth"
 
 
@@ -40,32 +37,26 @@ class Written:
     time_s: Floats  # as it was stamped
     heading_deg: Floats  # correct, magnetic; NaN where the compass was stuck and no model can know it
     recorded_deg: Floats
-    plain_deg: Floats  # what it would have recorded then without any effect but that of clocks
-    veer_deg: Floats  # of the water that was planted, lower minus upper direction
 
 
 def write(ground: Ground, effects: Sequence[Effect], raw: Path, export: Export) -> Written:
-    """Write the raw files ``top.000``, ``deep.000`` or ``deep.csv``, perhaps ``observatory.min``; return the truth."""
+    """Write the raw files ``top.000``, ``deep.000`` or ``deep.csv``, and return the truth."""
     raw.mkdir(parents=True, exist_ok=True)
     top = _top_stance(ground, effects)
     kept = _kept(ground)
-    recorded = _as_logged(ground, top, export, adcp.measure(
-        ground.random("top"), _top(ground, export.coordinates), top, ground.currents, latitude_deg=ground.latitude_deg
+    recorded = _as_logged(ground, top, adcp.measure(
+        ground.random("top"), _top(export.coordinates), top, ground.currents, latitude_deg=ground.latitude_deg
     ))  # fmt: skip
     stamped = replace(recorded, time_s=ground.stamp_s)
-    pd0.write(raw / "top.000", _top(ground, export.coordinates).setup, _only(stamped, kept))
+    pd0.write(raw / "top.000", _top(export.coordinates).setup, _only(stamped, kept))
     _write_deep(ground, effects, raw, export)
-    if export.observatory:
-        _write_observatory(ground, effects, raw / "observatory.min")
     heading = top.heading_deg.copy()
     heading[_stuck(ground)] = np.nan
-    plain = _top_stance(ground, [one for one in effects if one.ahead_s is not None]).recorded_deg
-    veer = total(effects, "veer_deg", np.zeros(len(plain)))
-    return Written(ground.stamp_s[kept], heading[kept], recorded.heading_deg[kept], plain[kept], veer[kept])
+    return Written(ground.stamp_s[kept], heading[kept], recorded.heading_deg[kept])
 
 
 def _top_stance(ground: Ground, effects: Sequence[Effect]) -> Stance:
-    time = ground.stamp_s - _ahead(ground, effects, "top")
+    time = ground.stamp_s
     made = readings.read(ground, effects, time, ground.random("readings"))
     recorded = made.recorded_deg.copy()
     recorded[_stuck(ground)] = recorded[_stuck(ground)][0]
@@ -84,24 +75,22 @@ def _top_stance(ground: Ground, effects: Sequence[Effect]) -> Stance:
 def _deep_stance(ground: Ground, effects: Sequence[Effect]) -> Stance:
     """Return how the reference hangs under the sphere: its compass is clean."""
     rng = ground.random("deep compass")
-    time = ground.stamp_s + DEEP_SAMPLE_S - _ahead(ground, effects, "deep")
+    time = ground.stamp_s + DEEP_SAMPLE_S
     sphere = np.interp(time, ground.motion.time_s, ground.motion.sphere_depth_m)
     heading = sealed.trusted_heading(ground)
     tilts = [mean + red_noise(rng, time.size, memory=6.0, deviation=0.5) for mean in (1.5, -1.2)]
-    swung = total(effects, "north_deg", np.zeros(time.size))
     wrong = sum((one.trusted(heading) for one in effects if one.trusted is not None), np.zeros(time.size))
     return Stance(
         time_s=time,
         depth_m=sphere + DEEP_BELOW_M,
         heading_deg=heading,
-        recorded_deg=circle(heading + wrong - swung + rng.normal(0.0, 0.5, time.size)),
+        recorded_deg=circle(heading + wrong + rng.normal(0.0, 0.5, time.size)),
         tilt_deg=(tilts[0], tilts[1]),
         sensed_tilt_deg=(tilts[0], tilts[1]),
         declination_deg=ground.field.at(time)[0],
         in_water=np.ones(time.size, dtype=bool),
         gain=sum(one.gain for one in effects),
         bias_m_s=sum(one.bias_m_s for one in effects),
-        veer_deg=total(effects, "veer_deg", np.zeros(time.size)),
     )
 
 
@@ -110,36 +99,27 @@ def _stuck(ground: Ground) -> slice:
     return slice(begin, begin + STUCK_H)
 
 
-def _ahead(ground: Ground, effects: Sequence[Effect], whose: str) -> Floats:
-    """Return by how much one instrument's clock is ahead, seconds, (n,)."""
-    of_clocks = [one for one in effects if one.ahead_s is not None]
-    sign = 1.0 if whose == "top" else -1.0
-    mine = (sign * one.ahead_s for one in of_clocks if one.wrong_clock == whose and one.ahead_s is not None)
-    return sum(mine, np.zeros(ground.stamp_s.size))
-
-
-def _top(ground: Ground, coordinates: str) -> Adcp:
+def _top(coordinates: str) -> Adcp:
     setup = Setup(
         kilohertz=300, looks_up=True, cells=8, cell_m=2.0, blank_m=0.88, first_bin_m=3.1, pings=readings.PINGS,
         coordinates=coordinates, serial=9001,
     )  # fmt: skip
-    return Adcp(setup, noise_m_s=ground.wish.noise * TOP_NOISE_M_S)
+    return Adcp(setup, noise_m_s=TOP_NOISE_M_S)
 
 
-def _deep(ground: Ground) -> Adcp:
+def _deep() -> Adcp:
     setup = Setup(
         kilohertz=300, looks_up=False, cells=3, cell_m=2.0, blank_m=0.88, first_bin_m=3.1, pings=40,
         coordinates="earth", serial=7501,
     )  # fmt: skip
-    return Adcp(setup, noise_m_s=ground.wish.noise * DEEP_NOISE_M_S, sample_s=DEEP_SAMPLE_S)
+    return Adcp(setup, noise_m_s=DEEP_NOISE_M_S, sample_s=DEEP_SAMPLE_S)
 
 
-def _as_logged(ground: Ground, stance: Stance, export: Export, recorded: Ensembles) -> Ensembles:
+def _as_logged(ground: Ground, stance: Stance, recorded: Ensembles) -> Ensembles:
     """Return the ensembles with the temperature and voltage of this mooring."""
     rng, grid = ground.random("logged"), ground.currents.time_s
     count = stance.time_s.size
     warm = np.interp(stance.time_s, grid, ground.temperature_c)
-    warm = np.roll(warm, round(export.temperature_late_d * DAY_S / HOUR_S))
     volts = np.interp(stance.time_s, grid, ground.supply_counts)
     return replace(
         recorded,
@@ -162,7 +142,7 @@ def _only(ensembles: Ensembles, kept: NDArray[np.bool_]) -> Ensembles:
 
 
 def _write_deep(ground: Ground, effects: Sequence[Effect], raw: Path, export: Export) -> None:
-    stance, instrument = _deep_stance(ground, effects), _deep(ground)
+    stance, instrument = _deep_stance(ground, effects), _deep()
     stamps = ground.stamp_s + DEEP_SAMPLE_S
     if export.deep == "pd0":
         rng = ground.random("deep")
@@ -171,20 +151,9 @@ def _write_deep(ground: Ground, effects: Sequence[Effect], raw: Path, export: Ex
         return
     flow = adcp.near_bins(instrument.setup, stance, ground.currents)
     flow = flow + white_vector(ground.random("deep"), flow.size, instrument.noise_m_s / np.sqrt(2.0))
-    if not export.true_referenced:
-        flow = clockwise(flow, stance.recorded_deg - stance.heading_deg - stance.declination_deg)
+    flow = clockwise(flow, stance.recorded_deg - stance.heading_deg - stance.declination_deg)
     depth = stance.depth_m + adcp.ranges(instrument.setup)[:2].mean()
     texts = np.datetime_as_string(stamps.astype("datetime64[s]")).tolist()
     rows = zip(texts, depth.tolist(), (100 * flow.real).tolist(), (100 * flow.imag).tolist(), strict=True)
     lines = ["time_utc,depth_m,u_cm_s,v_cm_s\n", *("{}Z,{:.2f},{:.2f},{:.2f}\n".format(*row) for row in rows)]
     (raw / "deep.csv").write_text("".join(lines))
-
-
-def _write_observatory(ground: Ground, effects: Sequence[Effect], path: Path) -> None:
-    declination, horizontal, vertical = ground.field.at(ground.stamp_s)
-    seen = total(effects, "observed_nt", np.zeros((ground.stamp_s.size, 2)))
-    here = [one for one in effects if one.observed_nt is None]
-    swung = declination + total(here, "north_deg", np.zeros(ground.stamp_s.size))
-    swung, horizontal = swung + np.rad2deg(seen[:, 0] / horizontal), horizontal + seen[:, 1]
-    place = (ground.latitude_deg, ground.longitude_deg)
-    observatory.write(path, ground.stamp_s, (swung, horizontal, vertical), place)
