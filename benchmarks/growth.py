@@ -2,6 +2,7 @@
 
     python benchmarks/growth.py                  a quarter of an hour on one core
     python benchmarks/growth.py --figure PNG     the curves as well
+    python benchmarks/growth.py --plan           only what it takes to plan fleets, of up to 1000 moorings
 
 CPU seconds are user and system of all processes; peaks are those of the largest. Each stands beside its ratio in the
 same run: the workflow beside one process that does the same steps, the whole beside the published method alone.
@@ -27,7 +28,7 @@ from compasslib.plots.page import page as figure_of
 from compasslib.simulation import draw
 from compasslib.simulation.sealed import Wish
 
-YEARS, MOORINGS, HOURS = (0.25, 0.5, 1.0, 2.0), (1, 2, 4), 4000
+YEARS, MOORINGS, FLEETS, HOURS = (0.25, 0.5, 1.0, 2.0), (1, 2, 4), (10, 100, 1000), 4000
 EFFECTS = ((), ("heeling",), ("heeling", "temperature"))
 MOST_RATIO, STEEPEST = 1.5, 1.2  # workflow over one process; power of the length that time and memory grow by
 ONE_PROCESS = "import sys; from compasslib.stages import pipeline; pipeline.process(*sys.argv[1:])"
@@ -68,19 +69,33 @@ def by_length(folder: Path) -> tuple[list[tuple[float, ...]], list[Measured]]:
     ]
 
 
+def fleet(cruise: Path, count: int, years: float) -> list[str]:
+    """Write a cruise of equal moorings and return their names."""
+    memory.write_cruise(cruise, years, np.random.default_rng(1))
+    first = cruise / "config/moorings/M.yaml"
+    for k in range(1, count):
+        first.with_name(f"M{k}.yaml").write_text(first.read_text().replace("name: M\n", f"name: M{k}\n"))
+    return sorted(path.stem for path in first.parent.glob("*.yaml"))
+
+
+def by_plan(folder: Path) -> None:
+    """Measure what the workflow takes to plan ever larger fleets."""
+    rows = []
+    for count in FLEETS:
+        fleet(folder / f"fleet{count}", count, 0.02)
+        took = runs.cost(runs.snakemake(folder / f"fleet{count}", "--dry-run", "--quiet", "all"))
+        rows.append((count, took.cpu_s, took.peak_mb, 1000.0 * took.cpu_s / count))
+    table("moorings planned", "CPU s, peak MB, CPU ms a mooring", rows)
+
+
 def by_moorings(folder: Path) -> list[Measured]:
     """Measure cruises of ever more moorings by the workflow, beside one process a mooring."""
     rows = []
     for count in MOORINGS:
         cruise = folder / f"moorings{count}"
-        memory.write_cruise(cruise, YEARS[0], np.random.default_rng(1))
-        first = cruise / "config/moorings/M.yaml"
-        for k in range(1, count):
-            copy = first.with_name(f"M{k}.yaml")
-            copy.write_text(first.read_text())
-            page.change(copy, name=f"M{k}")
-        wanted = [f"results/{path.stem}/corrected.nc" for path in sorted(first.parent.glob("*.yaml"))]
-        alone = sum(one_process(cruise, path.stem)[0] for path in sorted(first.parent.glob("*.yaml")))
+        names = fleet(cruise, count, YEARS[0])
+        wanted = [f"results/{name}/corrected.nc" for name in names]
+        alone = sum(one_process(cruise, name)[0] for name in names)
         cpu = runs.cost(runs.snakemake(cruise, "--quiet", "all", "--", *wanted, cores=1)).cpu_s
         rows.append((count, cpu, alone, cpu / alone))
     table("moorings", "workflow CPU s, one process each CPU s, ratio", rows)
@@ -122,8 +137,12 @@ def main() -> int:
     """Print the tables; 1 where a target is missed."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--figure", type=Path)
+    parser.add_argument("--plan", action="store_true")
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
+        by_plan(Path(name))
+        if asked.plan:
+            return 0
         rows, lines = by_length(Path(name))
         lines += by_moorings(Path(name))
         by_effects(Path(name))
