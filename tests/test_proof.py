@@ -226,7 +226,9 @@ def test_probabilities_that_come_true_score_better_than_the_mere_share():
     rng = np.random.default_rng(1)
     stated = rng.uniform(size=400)
     came = (rng.uniform(size=400) < stated).astype(float)
-    rows = [{"of_compass": [p, y], "of_names": [[p, y]]} for p, y in zip(stated, came, strict=True)]
+    rows = [
+        {"place": "made water", "of_compass": [p, y], "of_names": [[p, y]]} for p, y in zip(stated, came, strict=True)
+    ]
     good = tally.probabilities(rows)["a name that is given"]
     assert good["brier"]["better"][0] > 0.0 and good["log"]["better"][0] > 0.0
     assert good["brier"]["own"] == pytest.approx(np.mean((stated - came) ** 2))

@@ -262,6 +262,13 @@ def test_an_effect_beyond_a_rare_depth_is_no_veer_in_proportion_to_depth():
     assert {one.composition["driver"] for one in found.findings} == {"depth"}
 
 
+def test_what_is_too_small_to_matter_counts_on_no_side():
+    _, found = seen({"octantal": 3.0})
+    assert [one.effect for one in found.findings] == ["octantal"] and found.sides["compass"] > 0.9
+    _, small = seen({"octantal": 3.0}, min_effect_deg=9.0)
+    assert small.verdict == "consistent" and "octantal" in dict(small.negligible) and small.sides["none"] > 0.9
+
+
 def test_what_wanders_is_no_slip_and_a_slip_is_one():
     _, found = seen({"wander": 3.5}, seed=4)
     assert not found.findings and found.sides["none"] > 0.5

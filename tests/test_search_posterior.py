@@ -38,7 +38,7 @@ def iron():
 def test_probabilities_add_up(lobes, iron):
     for _, found in (lobes, iron):
         assert found.posterior.probability.sum() == pytest.approx(1.0)
-        assert sum(found.posterior.sides.values()) == pytest.approx(1.0)
+        assert sum(found.posterior.sides().values()) == pytest.approx(1.0)
         assert found.posterior.water_probability.sum() == pytest.approx(1.0)
         for slot in found.slots:
             total = slot.probability + sum(slot.alternatives.values())
@@ -49,7 +49,7 @@ def test_probabilities_add_up(lobes, iron):
 def test_what_is_there_is_the_likeliest_and_acts_on_its_side(lobes):
     drawn, found = lobes
     assert [slot.effect for slot in found.slots] == list(drawn.truth)
-    assert found.posterior.sides["compass"] > 0.99 and not found.slots[0].alternatives
+    assert found.posterior.sides()["compass"] > 0.99 and not found.slots[0].alternatives
 
 
 def test_a_name_that_is_left_of_a_hypothesis_stands_in_its_water(lobes):
@@ -68,12 +68,12 @@ def test_a_name_that_is_left_of_a_hypothesis_stands_in_its_water(lobes):
 def test_a_smaller_alarm_takes_names_away():
     _, found = inferred({"octantal": 1.0}, 8)
     _, careful = inferred({"octantal": 1.0}, 8, alarm=1e-15)
-    assert found.slots and not careful.slots and careful.posterior.sides["none"] > 0.9
+    assert found.slots and not careful.slots and careful.posterior.sides()["none"] > 0.9
 
 
 def test_slow_water_is_the_rival_of_a_change_that_hardly_shows():
     _, found = inferred({"compass_drift": 3.0}, 6, n=4000)
-    sides = found.posterior.sides
+    sides = found.posterior.sides()
     if found.slots:
         assert found.slots[0].alternatives.get(SLOW_WATER, 0.0) == pytest.approx(sides["none"], abs=0.06)
     else:

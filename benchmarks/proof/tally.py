@@ -83,7 +83,11 @@ def points(truths: Truths, diagnoses: Truths) -> dict[str, Any]:
 
 
 def probabilities(rows: Sequence[Row]) -> dict[str, Any]:
-    """Return how good stated probabilities are: Brier and log score beside those of the mere share, and the diagram."""
+    """Return how good stated probabilities are: Brier and log score beside those of the mere share, and the diagram.
+
+    Where a reference only stands in they are left out, as by all targets.
+    """
+    rows = [row for row in rows if row["place"] != PLACES[-1]]
     compass = [[row["of_compass"]] for row in rows if row["of_compass"]]
     return {
         "compass or clock at fault": _forecast(compass),

@@ -239,9 +239,10 @@ def _veer(
     like = float(np.clip(like, 0.0, 1.0))
     share = like ** (beyond / apart)  # as of layers that forget evenly with depth
     middle = np.bincount(block, record.time_s) / np.bincount(block)
+    between = angles.wrap180(angles.argument(np.interp(record.time_s, middle, angles.phasor(slow[0]))))
     # Few windows tell little of what is left: one more counts, of which nothing is followed.
     left = np.append(lasting[near] - like * lasting[far], np.sqrt(np.mean(lasting**2)))
-    return share * np.interp(record.time_s, middle, slow[0]), float(np.sqrt(np.mean(left**2)))
+    return share * between, float(np.sqrt(np.mean(left**2)))
 
 
 def _windows(

@@ -38,6 +38,7 @@ from compasslib.search.case import Case, Shared, mooring_case
 from compasslib.search.clocks import ClockError
 from compasslib.search.columns import Group
 from compasslib.search.inference import Inference
+from compasslib.search.posterior import Slot
 from compasslib.search.sectors import Heap
 from compasslib.search.show import BinnedResidual
 from compasslib.search.verdict import Diagnosis, Finding, Unexplained
@@ -205,7 +206,7 @@ def _judged(case: Case, options: Options, fit: Fit | None) -> Diagnosis:
         empty = baseline.examine(outside, case.simulation, none)  # what hangs tells nothing of terms, and feigns some
     empty = model.refit(empty, [])  # where the record, its memory counted, has compass and nuisances
     found = inference.infer(empty, options.alarm)
-    rest = _left(found.state, options)
+    rest, told = _left(found.state, options), found.slots
     if rest.worth and found.chosen:
         found = _without_stand_ins(empty, found, rest.curve, options)
         rest = _left(found.state, options)
@@ -216,6 +217,7 @@ def _judged(case: Case, options: Options, fit: Fit | None) -> Diagnosis:
     stands = [one for one in both if one.rms_effect_deg >= options.min_effect_deg]
     small = [(one.effect, one.rms_effect_deg) for one in both if one.rms_effect_deg < options.min_effect_deg]
     ordered = tuple(sorted(stands, key=lambda one: -one.rms_effect_deg))
+    sides = _sides(found, told, [slot for slot, one in zip(found.slots, every, strict=True) if one in stands])
     names = [one.named for one in ordered]
     unexplained = _unexplained(state, rest.worth[0] if rest.worth else None, heap, options.min_effect_deg, names)
     detectable = posterior.detectable(found.posterior)
@@ -234,7 +236,7 @@ def _judged(case: Case, options: Options, fit: Fit | None) -> Diagnosis:
         why=_why(detectable, options.min_effect_deg),
         detectable_deg=detectable,
         threshold={"omnibus": rest.threshold},
-        sides=_with("compass", found.posterior.sides) if stormy in ordered else found.posterior.sides,
+        sides=_with("compass", sides) if stormy in ordered else sides,
         noise=inference.noise_of(found),
         experiments=experiments.of(found) if verdict.of(ordered, unexplained) == "ambiguous" else (),
         told=sharing.of(found, fit) if options.tell and fit is not None else None,
@@ -261,6 +263,20 @@ def _joined(first: Sequence[Finding], rest: Diagnosis) -> Diagnosis:
     return replace(
         rest, findings=found, verdict=verdict.of(found, rest.unexplained), sides=_with(first[0].side, rest.sides)
     )
+
+
+def _sides(found: Inference, told: Sequence[Slot], stands: Sequence[Slot]) -> dict[str, float]:
+    """Return the probability of each side: what is too small to matter or was taken back counts as nothing.
+
+    Args:
+        told: what may fill each place that the search found.
+        stands: the places that are findings.
+    """
+    fallen, kept = (
+        {name for slot in slots for name in (slot.effect, *slot.alternatives)}
+        for slots in ([slot for slot in told if slot not in stands], stands)
+    )
+    return found.posterior.sides(fallen - kept)
 
 
 def _with(side: str, sides: Mapping[str, float]) -> dict[str, float]:

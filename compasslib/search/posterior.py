@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -62,12 +62,15 @@ class Posterior:
             sums.update(dict.fromkeys(names, probability))
         return dict(sums)
 
-    @property
-    def sides(self) -> dict[str, float]:
-        """Probability of each side; a hypothesis of several is put on the first of SIDES_IN_ORDER."""
+    def sides(self, dropped: Collection[str] = ()) -> dict[str, float]:
+        """Return the probability of each side; a hypothesis of several is put on the first of SIDES_IN_ORDER.
+
+        Args:
+            dropped: names of effects that count as nothing.
+        """
         sums = dict.fromkeys(("none", *SIDES_IN_ORDER), 0.0)
         for names, probability in zip(self.names, self.probability.tolist(), strict=True):
-            own = {side_of(name) for name in names}
+            own = {side_of(name) for name in names if name not in dropped}
             sums[next((side for side in SIDES_IN_ORDER if side in own), "none")] += probability
         return sums
 

@@ -29,6 +29,7 @@ SUPPLY = 150.0  # counts, where a record has none
 FADE = 8  # samples in which one stretch goes over into the next
 MOST_BINS = 8
 BESIDE_M = 4.0  # by its word, to either side of a point meter
+FELT_M, FELT_S = 16.0, 3 * HOUR_S  # of bins, and of time, over which a profiler's noise is averaged away
 BLOCK_DAYS = (4.0, 20.0)
 
 
@@ -144,7 +145,7 @@ def longer(rng: np.random.Generator, scene: Scene, weather: seas.Weather) -> Sce
         begin_s + step * np.arange(len(made)), flow[:, :-1], flow[:, -1], scene.range_m, scene.place, scene.looks_up,
         scene.below_m, float(np.median(scene.depth_m)),
     )  # fmt: skip
-    moved = seas.settled(rng, water, weather)
+    moved = seas.settled(rng, water, weather, _felt(water, step))
     if by_phase:
         return moved
     heading, tilt = np.rad2deg(np.angle(made[:, -2])) % 360.0, made[:, -1]
@@ -170,6 +171,13 @@ def chained(parts: Sequence[Complexes], count: int) -> Complexes:
 def bridged_flow(flow: Complexes) -> Complexes:
     """Return a current with its gaps bridged, (n,)."""
     return np.asarray(bridged(flow.real) + 1j * bridged(flow.imag))
+
+
+def _felt(water: seas.Water, step_s: float) -> Complexes:
+    """Return what a sphere feels of recorded water, (n,): not the profiler's noise, which each bin has anew."""
+    near = water.flow[:, water.range_m <= water.range_m.min() + FELT_M].mean(axis=1)
+    ones = np.ones(max(int(FELT_S / step_s), 1))
+    return np.asarray(np.convolve(near, ones, "same") / np.convolve(np.ones(near.size), ones, "same"))
 
 
 def _stretches(rng: np.random.Generator, columns: Complexes, step_s: float) -> list[Complexes]:

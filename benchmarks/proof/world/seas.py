@@ -60,12 +60,16 @@ def make(rng: np.random.Generator, weather: Weather) -> Scene:
     flow = column[:, None] + shear
     veer = weather.veer_deg * matern(rng, time, rng.uniform(15.0, 60.0) * DAY_S)
     water = Water(time, flow[:, :-1], turned(flow[:, -1], veer), ranges, place, below_m=below)
-    return settled(rng, water, weather)
+    return settled(rng, water, weather, flow[:, 0])
 
 
-def settled(rng: np.random.Generator, water: Water, weather: Weather) -> Scene:
-    """Return a scene whose sphere moves in given water."""
-    time, near = water.time_s, water.flow[:, 0]
+def settled(rng: np.random.Generator, water: Water, weather: Weather, near: Complexes) -> Scene:
+    """Return a scene whose sphere moves in given water.
+
+    Args:
+        near: flow that the sphere feels, (n,); without the noise of any instrument.
+    """
+    time = water.time_s
     declination, horizontal, vertical = earth(time, water.place)
     speed, way, step = np.abs(near), towards(near) - declination, float(np.median(np.diff(time)))
     heading = _spinning(rng, time) if weather.spinning else _wake(rng, way, speed, step)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -272,7 +272,7 @@ def diagnosis(
         why=wording.why(found, open_, [part.fitted.channel.what for part in parts]),
         curves=_curves(parts, found, open_),
         hypotheses=_ranked(parts),
-        sides=_sides(parts),
+        sides=_sides(parts, _told(one for one in every if one not in stands) - _told(found)),
         noise=_noise(parts),
     )
 
@@ -294,9 +294,17 @@ def _ranked(parts: Sequence[NamedEffects]) -> tuple[Ranked, ...]:
     return tuple(sorted(best.values(), key=lambda one: -one.score))
 
 
-def _sides(parts: Sequence[NamedEffects]) -> dict[str, float]:
-    """Return the probability of each side: of the comparison that shows most."""
-    return min((part.found.sides for part in parts), key=lambda sides: sides["none"], default={})
+def _told(some: Iterable[Finding]) -> set[str]:
+    return {name for one in some for name in (one.effect, *one.alternatives)}
+
+
+def _sides(parts: Sequence[NamedEffects], fallen: Collection[str]) -> dict[str, float]:
+    """Return the probability of each side: of the comparison that shows most.
+
+    Args:
+        fallen: names that are no findings; they count as nothing.
+    """
+    return min((part.found.sides(fallen) for part in parts), key=lambda sides: sides["none"], default={})
 
 
 def _noise(parts: Sequence[NamedEffects]) -> dict[str, tuple[float, float]]:
