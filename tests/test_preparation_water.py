@@ -157,6 +157,16 @@ def test_the_mean_of_bins_states_how_far_it_may_be_turned(bins, apart):
     assert still < 2.5 and 0.5 < turning / (4.0 * max(apart, 1.0)) < 3.0
 
 
+def test_a_turning_that_passes_180_degrees_is_followed_the_short_way():
+    hours = np.arange(HOURS)
+    turn = np.where(hours // (water.VEER_S / 3600.0) % 2 == 0, 170.0, 190.0)
+    flow = 0.3 * np.exp(1j * np.deg2rad(turn[:, None] * np.arange(6)))
+    top = instrument(flow, CELL_M, heading_deg=np.zeros(HOURS))
+    away = CELL_M * np.arange(1, 7)
+    turned, _ = water._veer(top, away, CELL_M, lambda bins_m: np.full(len(bins_m), 1.0 / len(bins_m)), 1)
+    assert np.abs(turned).min() > 150.0
+
+
 def test_one_cell_cannot_tell_how_far_it_may_be_turned():
     top, trusted, _ = seen((0.0,) * 5, layers(3, bins=3))
     few = replace(top, **{name: getattr(top, name)[:, :1] for name in ("east", "north", "bin_range_m", "quality")})

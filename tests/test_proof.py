@@ -233,6 +233,7 @@ def test_probabilities_that_come_true_score_better_than_the_mere_share():
     assert good["brier"]["better"][0] > 0.0 and good["log"]["better"][0] > 0.0
     assert good["brier"]["own"] == pytest.approx(np.mean((stated - came) ** 2))
     assert sum(one["count"] for one in good["bins"]) == 400
+    assert tally.probabilities([*rows, rows[0] | {"place": tally.PLACES[-1]}])["a name that is given"]["count"] == 400
     swapped = [row | {"of_names": [[1.0 - p, y] for p, y in row["of_names"]]} for row in rows]
     assert tally.probabilities(swapped)["a name that is given"]["brier"]["better"][1] < 0.0
 

@@ -85,7 +85,7 @@ def points(truths: Truths, diagnoses: Truths) -> dict[str, Any]:
 def probabilities(rows: Sequence[Row]) -> dict[str, Any]:
     """Return how good stated probabilities are: Brier and log score beside those of the mere share, and the diagram.
 
-    Where a reference only stands in they are left out, as by all targets.
+    Where a reference only stands in they are left out, as of all shares that have a target.
     """
     rows = [row for row in rows if row["place"] != PLACES[-1]]
     compass = [[row["of_compass"]] for row in rows if row["of_compass"]]

@@ -142,7 +142,7 @@ def made_with(fit: Mapping[str, Any]) -> str:
     product = words.METHODS.get(applied["method"], applied["method"])
     text += f"; the product is made by the {product}"
     beside = words.listed([words.plain(effect) for effect in applied["accounted_for"]])
-    text += f", fitted beside {beside}; names of water and reference are believed by half" if beside else ""
+    text += f", fitted beside {beside} (by half what is named of water or reference)" if beside else ""
     effects = words.listed([words.plain(effect) for effect in applied["effects"]])
     return f"{text} with what was found on its side ({effects})" if effects else text
 
