@@ -30,7 +30,8 @@ from compasslib.deviation.model import Fit
 from compasslib.effects import CATALOGUE, SIDES
 from compasslib.search import baseline, grammar, model, product
 from compasslib.search.case import mooring_case
-from compasslib.search.diagnosis import Options, diagnose
+from compasslib.search.comparison import Options
+from compasslib.search.kinds.mooring import diagnose
 from compasslib.simulation import pairs as sea
 
 WATER = ("current_veer", "mooring_motion", "current_shear_slow")  # right where nothing was put in

@@ -26,8 +26,9 @@ from compasslib.deviation.model import nearest_root
 from compasslib.effects import Scene, composition
 from compasslib.preparation import several
 from compasslib.search import experiments, model
-from compasslib.search.diagnosis import Options, diagnose
+from compasslib.search.comparison import Options
 from compasslib.search.inference import Inference
+from compasslib.search.kinds.mooring import diagnose
 from compasslib.search.posterior import SURE
 from compasslib.search.verdict import Diagnosis
 from compasslib.simulation import pairs as sea

@@ -37,7 +37,8 @@ from compasslib.deviation import assessment, correction
 from compasslib.effects import side_of
 from compasslib.preparation import overlap
 from compasslib.search import covariates
-from compasslib.search.diagnosis import Options, diagnose
+from compasslib.search.comparison import Options
+from compasslib.search.kinds.mooring import diagnose
 from compasslib.simulation import pairs as sea
 
 KINDS = ("null", "single", "two", "unknown")

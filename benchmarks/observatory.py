@@ -18,7 +18,7 @@ from scipy.signal import lfilter
 from compasslib import observatory
 from compasslib.core import earthfield
 from compasslib.core.records import FieldSeries
-from compasslib.search.diagnosis import Options
+from compasslib.search.comparison import Options
 from compasslib.search.kinds import declination
 
 HOUR_S, DAY_S = 3600.0, 86400.0

@@ -28,7 +28,7 @@ from compasslib.calibration.heads import motion as motions
 from compasslib.calibration.magnetometer.log import Log
 from compasslib.core import angles
 from compasslib.search import kinds as diagnoses
-from compasslib.search.diagnosis import Options
+from compasslib.search.comparison import Options
 from compasslib.search.kinds import magnetometer, platform, two_heads
 from compasslib.search.verdict import Diagnosis
 from compasslib.simulation import package, swing

@@ -8,7 +8,7 @@ import numpy as np
 from runs import DATA
 
 from compasslib.search import kinds
-from compasslib.search.diagnosis import Options
+from compasslib.search.comparison import Options
 from compasslib.search.kinds import platform
 from compasslib.search.verdict import Diagnosis, Finding
 

@@ -30,7 +30,8 @@ from compasslib.deviation import model as fits
 from compasslib.joint import coefficients, content
 from compasslib.joint.coefficients import OWN
 from compasslib.joint.members import Member
-from compasslib.search.diagnosis import Options, diagnose
+from compasslib.search.comparison import Options
+from compasslib.search.kinds.mooring import diagnose
 from compasslib.simulation import redeployed
 from compasslib.simulation.pairs import Drawn
 

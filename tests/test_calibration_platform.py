@@ -22,7 +22,7 @@ from compasslib.core.errors import InputError
 from compasslib.core.records import EarthField
 from compasslib.deviation import transfer
 from compasslib.search import kinds
-from compasslib.search.diagnosis import Options
+from compasslib.search.comparison import Options
 
 HOME = {"horizontal_nT": 21299.0, "vertical_nT": 42888.0, "declination_deg": -0.68}
 SEA = EarthField(*(np.array([x, x]) for x in (1.2e9, -23.5, 11980.0, 52078.0, -23.5)))

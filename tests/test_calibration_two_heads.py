@@ -24,7 +24,7 @@ from compasslib.core.errors import InputError
 from compasslib.plots import calibrations as plots_calibrations
 from compasslib.plots import heads as figures
 from compasslib.search import kinds
-from compasslib.search.diagnosis import Options
+from compasslib.search.comparison import Options
 from compasslib.simulation import package
 from compasslib.simulation.package import Head, Sea
 

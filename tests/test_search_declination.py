@@ -14,8 +14,9 @@ from compasslib import deviation, observatory
 from compasslib.core import earthfield
 from compasslib.core.errors import InputError
 from compasslib.core.records import EarthField, Pairs
-from compasslib.search.diagnosis import Options, diagnose
+from compasslib.search.comparison import Options
 from compasslib.search.kinds import declination
+from compasslib.search.kinds.mooring import diagnose
 from compasslib.simulation import pairs as sea
 
 REAL = SHARED / "observatory"

@@ -8,7 +8,7 @@ from compasslib.core import angles
 from compasslib.core.records import take
 from compasslib.deviation import model as fits
 from compasslib.effects.term import YEAR_S
-from compasslib.search import case, clocks, columns, covariates, scan, show, wording
+from compasslib.search import case, clocks, columns, covariates, omnibus, show, wording
 from compasslib.stats import whitening
 
 TIME_S = 1.19e9 + 3600.0 * np.arange(4000)
@@ -19,13 +19,13 @@ TIME_S = 1.19e9 + 3600.0 * np.arange(4000)
 )
 def test_the_normal_score_is_that_of_the_table(freedom, statistic, expected):
     # Quantiles of chi squared at 0.999, 0.999 and 0.99; the approximation is good to a tenth.
-    assert scan.normal_score(np.array([statistic]), np.array([freedom]))[0] == pytest.approx(expected, abs=0.1)
+    assert omnibus.normal_score(np.array([statistic]), np.array([freedom]))[0] == pytest.approx(expected, abs=0.1)
 
 
 def test_the_threshold_is_that_of_many_normals():
     highest = np.random.default_rng(5).normal(size=(300, 100)).max(axis=1)
     none = np.zeros(0)
-    threshold = scan.Tested([], none, none, none, highest).threshold(0.01)
+    threshold = omnibus.Tested([], none, none, none, highest).threshold(0.01)
     # The highest of 100 normals exceeds 3.72 once in a hundred; 300 draws tell how many there are within 6 %.
     assert threshold == pytest.approx(3.72, abs=0.05)
 
@@ -59,7 +59,7 @@ def test_good_clocks_and_sparse_pairs_are_not_named():
 
 def test_harmonics_of_a_narrow_sector_leave_no_combination_that_a_few_samples_tell():
     heading = np.random.default_rng(0).normal(120.0, 34.0, 8000)
-    harmonics = columns.periodic(heading, range(7, columns.TEETH + 1))
+    harmonics = omnibus.periodic(heading, range(7, columns.TEETH + 1))
     kept = columns._well_seen(harmonics)
     bare, seen = (np.sum(whitening.directions(x) ** 2, axis=1).max() for x in (harmonics, kept))  # leverage of a sample
     assert seen < 0.1 < 0.9 < bare and kept.shape[1] >= 10

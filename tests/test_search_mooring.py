@@ -16,10 +16,12 @@ from compasslib.archive.files import read_json, write_json
 from compasslib.core import angles, compass
 from compasslib.core.records import GOOD, EarthField, Pairs, Record, take
 from compasslib.deviation import model as fits
-from compasslib.search import baseline, clocks, covariates, findings, show, stuck, verdict
+from compasslib.search import baseline, clocks, covariates, long_record, show, stuck, verdict
 from compasslib.search import product as products
 from compasslib.search.case import mooring_case
-from compasslib.search.diagnosis import Options, diagnose
+from compasslib.search.comparison import Options
+from compasslib.search.kinds import mooring
+from compasslib.search.kinds.mooring import diagnose
 from compasslib.simulation import demonstration
 from compasslib.simulation import pairs as world
 from compasslib.simulation.pairs import red_from_rest as red_noise
@@ -79,7 +81,7 @@ def test_bins_of_nothing_lie_as_far_off_as_their_errors_say():
         drawn = world.planted(world.make(seed, wide=True, n=HOURS), {})
         case = mooring_case(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
         state = baseline.examine(case, case.simulation, np.zeros(case.nuisance.shape[1]))
-        curves = [show.curve(state, state, name) for name in ("time", "heading", "speed", "supply_voltage")]
+        curves = [long_record.curve(state, state, name) for name in ("time", "heading", "speed", "supply_voltage")]
         far += [curve.after_deg / curve.sigma_deg for curve in curves]
     far = np.abs(np.concatenate(far))
     # Some 250 bins, which share their days: 5 % are expected beyond 1.96, one in a thousand beyond 3.3.
@@ -93,7 +95,7 @@ def test_headings_without_a_true_one_have_no_bin():
     lost = (drawn.pairs.heading_deg >= 60.0) & (drawn.pairs.heading_deg < 80.0)
     width = np.where(lost, np.inf, state.whitener.width_deg)
     folded = replace(state, whitener=replace(state.whitener, width_deg=width))
-    all_round, without = (show.curve(state, x, "heading") for x in (state, folded))
+    all_round, without = (long_record.curve(state, x, "heading") for x in (state, folded))
     assert set(all_round.centre) - set(without.centre) == {65.0, 75.0} and without.sigma_deg.max() < 30.0
 
 
@@ -161,7 +163,7 @@ def test_a_compass_that_does_not_level_is_told_from_iron_that_heels():
 def test_a_series_fitted_to_iron_stronger_than_the_field_is_too_small_a_model():
     sample, _ = pairs(FOLDED, n=1200, seed=3)
     exact, series = deviation.fit("exact", sample), deviation.fit("von_appen", sample)
-    (finding,) = findings.of_exact_compass(sample, exact, series, 0.5)
+    (finding,) = mooring.of_exact_compass(sample, exact, series, 0.5)
     assert (finding.effect, finding.side, finding.applied) == ("large_deviation", "compass", True)
     assert finding.held_out.p_value < 0.01 and finding.rms_effect_deg > 5.0
     ones = np.ones(2)
@@ -356,13 +358,13 @@ def test_a_finding_that_held_out_days_deny_is_none():
 def test_the_rms_of_a_large_deviation_is_that_of_pairs_the_fits_have_not_seen():
     seen, _ = pairs(FOLDED, n=2000, seed=3)
     exact, series = (deviation.fit(method, seen) for method in ("exact", "von_appen"))
-    (finding,) = findings.of_exact_compass(seen, exact, series, 0.5)
+    (finding,) = mooring.of_exact_compass(seen, exact, series, 0.5)
     some = take(seen, np.arange(0, len(seen), 2))
-    assert finding.held_out.rms_after_deg == angles.rms(show.left_out(some, exact))
+    assert finding.held_out.rms_after_deg == angles.rms(mooring.left_out(some, exact))
     # A stretch by itself: the other half knows nothing of it.
     first = np.arange(len(seen)) < 240
     turned = replace(seen, heading_deg=angles.wrap360(seen.heading_deg + 60.0 * first))
-    left = show.left_out(turned, deviation.fit("exact", take(seen, ~first)))
+    left = mooring.left_out(turned, deviation.fit("exact", take(seen, ~first)))
     assert angles.rms(left[first]) > 2.5 * angles.rms(left[~first])
 
 

@@ -18,11 +18,11 @@ from compasslib.core import angles, compass
 from compasslib.core.errors import InputError
 from compasslib.effects import CATALOGUE
 from compasslib.search import kinds
-from compasslib.search.diagnosis import Options
+from compasslib.search.comparison import Options
 from compasslib.search.kinds import magnetometer as magnetometers
 from compasslib.search.kinds import platform
-from compasslib.search.recordings import search
-from compasslib.search.recordings.channel import Channel
+from compasslib.search.short_record import search
+from compasslib.search.short_record.channel import Channel
 from compasslib.search.verdict import VERDICTS, Diagnosis
 from compasslib.simulation import recordings as drawn
 from compasslib.simulation import swing
@@ -236,10 +236,10 @@ def test_every_form_of_the_catalogue_is_tried_where_it_says(monkeypatch, tmp_pat
     tried: dict[type, set[str]] = {}
     kind = ""
 
-    def noted(channel: Channel, *, alarm: float) -> search.NamedEffects:
+    def noted(channel: Channel, options: Options) -> search.NamedEffects:
         for term in channel.terms:
             tried.setdefault(term, set()).add(kind)
-        return searched(channel, alarm=alarm)
+        return searched(channel, options)
 
     searched = search.search
     monkeypatch.setattr(search, "search", noted)

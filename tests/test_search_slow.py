@@ -9,7 +9,7 @@ import pytest
 from test_search_mooring import field_of, fitted
 
 from compasslib.core import angles
-from compasslib.search.diagnosis import diagnose
+from compasslib.search.kinds.mooring import diagnose
 from compasslib.simulation import pairs as world
 
 HOURS, MEMORY_H = 6000, 480.0

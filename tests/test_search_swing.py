@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from compasslib.search import kinds
-from compasslib.search.diagnosis import Options
+from compasslib.search.comparison import Options
 from compasslib.search.kinds import swing_forward
 from compasslib.search.verdict import Diagnosis
 from compasslib.simulation import recordings, swing

@@ -134,8 +134,8 @@ def test_a_calibration_depends_on_its_own_kind_and_on_the_curves(done):
     modules = {_module(path) for path in rules.diagnosis_modules(SimpleNamespace(calibration="bench"))}
     assert {
         "search.kinds.platform",
-        "search.recordings.fitting",
-        "search.recordings.search",
+        "search.short_record.fitting",
+        "search.short_record.search",
         "effects.reading",
     } <= modules
     assert not modules & {"search.kinds.two_heads", "calibration.magnetometer.choice", "plots.timeline"}

@@ -39,7 +39,7 @@ class FieldDisturbance(Proportional):
     literature: ClassVar[str] = "declination of an observatory minus its quiet value; east positive"
     needs: ClassVar[tuple[str, ...]] = ("declination_observatory",)
 
-    share: float = parameter("1", "of the observatory's variation", 1.0)
+    share: float = parameter("1", "share of the observatory's variation", 1.0)
 
 
 @dataclass(frozen=True)
@@ -51,8 +51,8 @@ class VectorDisturbance(Proportional):
     literature: ClassVar[str] = "(dE cos D - dN sin D)/H, a transfer term for either component; east positive"
     needs: ClassVar[tuple[str, ...]] = ("declination_observatory", "horizontal_observatory")
 
-    across: float = parameter("1", "of the observatory's variation across its magnetic north, over H", 1.0)
-    along: float = parameter("1", "of that along it, over H", 1.0)
+    across: float = parameter("1", "share of the observatory's variation across its magnetic north, over H", 1.0)
+    along: float = parameter("1", "share of its variation along magnetic north, over H", 1.0)
 
 
 @dataclass(frozen=True)

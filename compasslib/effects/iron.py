@@ -108,8 +108,8 @@ class SupplyVoltageOfField(Term):
     literature: ClassVar[str] = "stray field of the supply current; forward and starboard positive"
     needs: ClassVar[tuple[str, ...]] = ("supply_voltage",)
 
-    b_x_nT_V: float = parameter("nT/V", "forward; V or counts as logged", 100.0)
-    b_y_nT_V: float = parameter("nT/V", "to starboard; V or counts as logged", 100.0)
+    b_x_nT_V: float = parameter("nT/V", "field forward; V or counts as logged", 100.0)
+    b_y_nT_V: float = parameter("nT/V", "field to starboard; V or counts as logged", 100.0)
 
     def act(self, x: Floats, scene: Scene) -> Floats:
         """Return the field with the supply's added."""
@@ -128,7 +128,7 @@ class SupplyVoltageOfReading(Proportional):
     literature: ClassVar[str] = "reference voltage of the readout; clockwise positive"
     needs: ClassVar[tuple[str, ...]] = ("supply_voltage",)
 
-    deg_V: float = parameter("degrees/V", "of the reading; V or counts as logged", 0.5)
+    deg_V: float = parameter("degrees/V", "change of the reading; V or counts as logged", 0.5)
 
 
 # Temperature: the magnetometer's zero or the iron beside it change with it, or the reading does.
@@ -145,8 +145,8 @@ class TemperatureOfField(Term):
     literature: ClassVar[str] = "zero shift of the magnetometer's axes; forward and starboard positive"
     needs: ClassVar[tuple[str, ...]] = ("temperature",)
 
-    b_x_nT_K: float = parameter("nT/K", "forward", 200.0)
-    b_y_nT_K: float = parameter("nT/K", "to starboard", 200.0)
+    b_x_nT_K: float = parameter("nT/K", "field forward", 200.0)
+    b_y_nT_K: float = parameter("nT/K", "field to starboard", 200.0)
 
     def act(self, x: Floats, scene: Scene) -> Floats:
         """Return the field with the shift by temperature."""
@@ -166,7 +166,7 @@ class TemperatureOfReading(Proportional):
     literature: ClassVar[str] = "thermal drift of the readout; clockwise positive"
     needs: ClassVar[tuple[str, ...]] = ("temperature",)
 
-    deg_K: float = parameter("degrees/K", "of the reading", 1.0)
+    deg_K: float = parameter("degrees/K", "change of the reading", 1.0)
 
 
 # Heeling error: iron along the instrument's own vertical turns into the horizontal when it tilts.

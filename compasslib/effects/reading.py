@@ -23,7 +23,7 @@ class LargeDeviation(Proportional):
     literature: ClassVar[str] = "Le Menn et al. 2023, eq. (4), against von Appen 2015, eq. (1), its first order"
     needs: ClassVar[tuple[str, ...]] = ("exact_minus_series",)
 
-    share: float = parameter("1", "of the difference; 1 is the exact compass", 0.2)
+    share: float = parameter("1", "share of the difference; 1 is the exact compass", 0.2)
 
 
 # A harmonic of the recorded heading: a readout or a calibration table with teeth.
@@ -40,8 +40,8 @@ class Harmonic(Term):
     stage: ClassVar = "readout"
     acts_on: ClassVar = "reading"
 
-    sine_deg: float = parameter("degrees", "times the sine", 1.0)
-    cosine_deg: float = parameter("degrees", "times the cosine", 1.0)
+    sine_deg: float = parameter("degrees", "sine part", 1.0)
+    cosine_deg: float = parameter("degrees", "cosine part", 1.0)
 
     @property
     def plausible(self) -> bool:
@@ -113,7 +113,7 @@ class CompassDrift(Term):
     acts_on: ClassVar = "reading"
     literature: ClassVar[str] = "A of von Appen 2015, eq. (1), linear in time; reading clockwise positive"
 
-    deg_year: float = parameter("degrees/year", "of the reading", 1.0, usual=10.0)
+    deg_year: float = parameter("degrees/year", "drift of the reading", 1.0, usual=10.0)
 
     def act(self, x: Floats, scene: Scene) -> Floats:
         """Return the reading with what has drifted by then."""
@@ -133,7 +133,7 @@ class HeadingSlip(Term):
     acts_on: ClassVar = "reading"
     literature: ClassVar[str] = "a step of A in von Appen 2015, eq. (1); reading clockwise positive"
 
-    offset_deg: float = parameter("degrees", "of the reading after the date", 1.0, usual=10.0)
+    offset_deg: float = parameter("degrees", "turn of the reading after the date", 1.0, usual=10.0)
     date_s: float = date()
 
     def act(self, x: Floats, scene: Scene) -> Floats:
@@ -174,7 +174,7 @@ class TiltUncompensated(Term):
     instrument: ClassVar[bool] = True
     literature: ClassVar[str] = "physics page, section 4: n = m instead of T m; 1 means no compensation at all"
 
-    share: float = parameter("1", "of the levelling that is left out", 0.05, least=0.65, most=1.5)
+    share: float = parameter("1", "share of the levelling that is left out", 0.05, least=0.65, most=1.5)
 
     def act(self, x: Floats, scene: Scene) -> Floats:
         """Return the field that, levelled rightly, gives what is left without levelling."""
@@ -202,8 +202,8 @@ class TemperatureOfTilt(Term):
     literature: ClassVar[str] = "Z k (T - T0)/H, nearly a field forward and to starboard; tilts given minus true"
     needs: ClassVar[tuple[str, ...]] = ("temperature",)
 
-    pitch_deg_K: float = parameter("degrees/K", "of the pitch", 0.2, usual=OFF_DEG_K)
-    roll_deg_K: float = parameter("degrees/K", "of the roll", 0.2, usual=OFF_DEG_K)
+    pitch_deg_K: float = parameter("degrees/K", "change of the pitch", 0.2, usual=OFF_DEG_K)
+    roll_deg_K: float = parameter("degrees/K", "change of the roll", 0.2, usual=OFF_DEG_K)
 
     def act(self, x: Floats, scene: Scene) -> Floats:
         """Return the field that the levelling turns as wrong tilts do."""
@@ -241,7 +241,7 @@ class StuckTilt(Term):
     needs: ClassVar[tuple[str, ...]] = ("lean_pitch", "lean_roll")
     evident: ClassVar[bool] = True  # a sensor that shows one value for weeks
 
-    share: float = parameter("1", "of the foretold lean", 0.05, least=0.3, most=2.0)
+    share: float = parameter("1", "share of the predicted lean", 0.05, least=0.3, most=2.0)
 
     def act(self, x: Floats, scene: Scene) -> Floats:
         """Return the field of the leaning body in place of that of the body as the tilts have it."""

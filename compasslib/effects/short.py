@@ -63,7 +63,7 @@ class Drift(Term):
     acts_on: ClassVar = "reading"
     literature: ClassVar[str] = "a trend of A in von Appen 2015, eq. (1); reading clockwise positive"
 
-    deg_record: float = parameter("degrees over the record", "of the reading", 1.0)
+    deg_record: float = parameter("degrees over the record", "drift of the reading", 1.0)
 
     def act(self, x: Floats, scene: Scene) -> Floats:
         """Return the reading with the drift."""
@@ -78,8 +78,8 @@ class IronDrift(Term):
     recordings: ClassVar[tuple[str, ...]] = SHORT
     literature: ClassVar[str] = "Poisson's P and Q, a trend in time; forward and starboard positive"
 
-    b_x_nT: float = parameter("nT over the record", "forward", 200.0)
-    b_y_nT: float = parameter("nT over the record", "to starboard", 200.0)
+    b_x_nT: float = parameter("nT over the record", "change forward", 200.0)
+    b_y_nT: float = parameter("nT over the record", "change to starboard", 200.0)
 
     def act(self, x: Floats, scene: Scene) -> Floats:
         """Return the field with the drift."""
@@ -127,8 +127,8 @@ class LevelSoftIron(Term):
     recordings: ClassVar[tuple[str, ...]] = ("magnetometer",)
     literature: ClassVar[str] = "(a - e)/2 and (d + b)/2 of Poisson; Le Menn et al. 2023, eq. (1)"
 
-    stretch: float = parameter("1", "(a - e)/2, forward against starboard", 0.02, least=-0.8, most=0.8)
-    shear: float = parameter("1", "(d + b)/2", 0.02, least=-0.8, most=0.8)
+    stretch: float = parameter("1", "stretch, (a - e)/2, forward against starboard", 0.02, least=-0.8, most=0.8)
+    shear: float = parameter("1", "shear, (d + b)/2", 0.02, least=-0.8, most=0.8)
 
     def act(self, x: Floats, scene: Scene) -> Floats:
         """Return the field with the induced one added."""
@@ -144,11 +144,13 @@ class SoftIronInSpace(Term):
     recordings: ClassVar[tuple[str, ...]] = ("magnetometer",)
     literature: ClassVar[str] = "Le Menn et al. 2023, eqs. (1), (2): an ellipsoid shows the symmetric part alone"
 
-    stretch: float = parameter("1", "(xx - yy)/2", 0.02, least=-0.8, most=0.8)
-    vertical: float = parameter("1", "zz minus the mean of xx and yy, over 1.5", 0.02, least=-0.8, most=0.8)
-    xy: float = parameter("1", "forward by starboard", 0.02, least=-0.8, most=0.8)
-    xz: float = parameter("1", "forward by down", 0.02, least=-0.8, most=0.8)
-    yz: float = parameter("1", "starboard by down", 0.02, least=-0.8, most=0.8)
+    stretch: float = parameter("1", "stretch, (xx - yy)/2, forward against starboard", 0.02, least=-0.8, most=0.8)
+    vertical: float = parameter(
+        "1", "vertical stretch, zz minus the mean of xx and yy, over 1.5", 0.02, least=-0.8, most=0.8
+    )
+    xy: float = parameter("1", "shear between forward and starboard", 0.02, least=-0.8, most=0.8)
+    xz: float = parameter("1", "shear between forward and down", 0.02, least=-0.8, most=0.8)
+    yz: float = parameter("1", "shear between starboard and down", 0.02, least=-0.8, most=0.8)
 
     def act(self, x: Floats, scene: Scene) -> Floats:
         """Return the field with the induced one added."""
@@ -164,9 +166,10 @@ class Levelled(Term):
     name: ClassVar[str] = "tilt_uncompensated"
     recordings: ClassVar[tuple[str, ...]] = ("magnetometer",)
     stage: ClassVar = "sensor"
+    words: ClassVar[str] = "the recorded heading is compensated for tilt, the simulated one is not"
     literature: ClassVar[str] = "physics page, section 4: n = T m instead of m; 1 means that all levelling was left out"
 
-    share: float = parameter("1", "of the levelling that the simulation lacks", 0.05, least=0.5, most=1.5)
+    share: float = parameter("1", "share of the levelling that the simulation lacks", 0.05, least=0.5, most=1.5)
 
     def act(self, x: Floats, scene: Scene) -> Floats:
         """Return the field, partly levelled."""

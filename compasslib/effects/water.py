@@ -66,10 +66,10 @@ class VeerWithDirection(Proportional):
     literature: ClassVar[str] = "steering by topography, two harmonics; lower minus upper direction, clockwise"
     needs: ClassVar[tuple[str, ...]] = ("flow_east", "flow_north", "flow_sine2", "flow_cosine2")
 
-    sine_deg: float = parameter("degrees", "times the sine of the flow's direction", 1.0, usual=USUAL_DEG)
-    cosine_deg: float = parameter("degrees", "times its cosine", 1.0, usual=USUAL_DEG)
-    sine2_deg: float = parameter("degrees", "times the sine of its double", 1.0, usual=USUAL_DEG)
-    cosine2_deg: float = parameter("degrees", "times the cosine of its double", 1.0, usual=USUAL_DEG)
+    sine_deg: float = parameter("degrees", "part with the sine of the flow's direction", 1.0, usual=USUAL_DEG)
+    cosine_deg: float = parameter("degrees", "part with its cosine", 1.0, usual=USUAL_DEG)
+    sine2_deg: float = parameter("degrees", "part with the sine of its double", 1.0, usual=USUAL_DEG)
+    cosine2_deg: float = parameter("degrees", "part with the cosine of its double", 1.0, usual=USUAL_DEG)
 
 
 # Motion of the mooring: the sphere is carried to and fro as the flow changes.
@@ -107,8 +107,8 @@ class ReferenceDeviation(OfReference, Proportional):
     literature: ClassVar[str] = "B and C of von Appen 2015, eq. (1), by its own heading; reading minus true"
     needs: ClassVar[tuple[str, ...]] = ("reference_sine", "reference_cosine")
 
-    sine_deg: float = parameter("degrees", "times the sine of the reference's heading", 1.0)
-    cosine_deg: float = parameter("degrees", "times its cosine", 1.0)
+    sine_deg: float = parameter("degrees", "part with the sine of the reference's heading", 1.0)
+    cosine_deg: float = parameter("degrees", "part with its cosine", 1.0)
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,7 @@ class ReferenceSlip(OfReference):
     name: ClassVar[str] = "reference_slip"
     literature: ClassVar[str] = "a step of the reference's directions; clockwise positive"
 
-    offset_deg: float = parameter("degrees", "of the reference's directions after the date", 1.0, usual=10.0)
+    offset_deg: float = parameter("degrees", "turn of the reference's directions after the date", 1.0, usual=10.0)
     date_s: float = date()
 
     def act(self, x: Floats, scene: Scene) -> Floats:

@@ -11,7 +11,6 @@ from compasslib.effects.composed import formula
 from compasslib.report import words
 from compasslib.report.section import ReportedFinding, ReportTable
 from compasslib.search import wording
-from compasslib.search.recordings.wording import PHYSICS
 
 SIDES = {
     "compass": "the compass",
@@ -21,7 +20,6 @@ SIDES = {
 }
 LEAST_P = 0.001  # the smallest that the drawn blocks can show
 CLAUSES = {
-    **PHYSICS,
     **wording.PHYSICS,
     "hard_iron": "iron near by adds a constant field",
     "mounting_offset": "the mount turns all headings by a constant",

@@ -1,4 +1,4 @@
-"""A recording, its simulation and what was logged beside it: all that the search needs; made of a mooring's overlap."""
+"""A long record, its simulation and what was logged beside it: all that the search needs; made of an overlap."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from compasslib.effects import Scene, Term, all_terms, composition
 from compasslib.effects.composition import Simulation
 from compasslib.effects.iron import Heeling
 from compasslib.search import covariates
+from compasslib.search.comparison import Comparison
 from compasslib.stats.whitening import Louder
 
 WOBBLE_HOURS = 6.0  # tilts faster than this are mostly the sensor's and the waves'
@@ -53,11 +54,10 @@ ABSENT = {
 Shared = Mapping[type[Term], tuple[Floats, Floats]]
 
 
-@dataclass(frozen=True)
-class Case:
-    """One recording held against its simulation; n samples in the order of time."""
+@dataclass(frozen=True, kw_only=True)
+class Case(Comparison):
+    """A recording of weeks or years held against its simulation; n samples in the order of time."""
 
-    kind: str  # mooring | platform | swing | magnetometer | declination | two_heads
     simulation: Simulation  # what the recording is held against
     scene: Scene  # in what it was made, with the departures that terms need
     recorded_deg: Floats  # (n,) heading that the affected compass gave
@@ -67,18 +67,12 @@ class Case:
         Floats  # (n,) width of the scatter as the fit has it; two headings nearer than a few are not told apart
     )
     precision_deg: float  # noise of the recorded heading itself
-    covariates: Mapping[str, Floats]  # (n,) each; what the omnibus tests look along
     nuisance: Floats  # (n, k) columns that are fitted and never named
-    terms: tuple[type[Term], ...]  # that can be tested here
-    not_testable: tuple[tuple[str, str], ...] = ()  # (effect, why)
+    in_water: bool = True  # whether slow water of two depths may stand between both sides
     louder: Louder | None = None  # slow water, once it was learnt
-    channels: Mapping[str, str] = field(default_factory=dict)  # units of other covariates, logged or given
     usual: Mapping[type[Term], Floats] = field(default_factory=dict)  # standard deviation expected of each parameter
     prior: Prior | None = None  # what other records of the compass tell of A..E
     shared: Shared = field(default_factory=dict)  # and of its effects
-
-    def __len__(self) -> int:
-        return len(self.recorded_deg)
 
 
 def mooring_case(
@@ -106,7 +100,7 @@ def mooring_case(
     terms, missing = testable(scene, reference_magnetic)
     upper, lower = model.speeds(pairs)
     return Case(
-        kind="mooring",
+        time_s=pairs.time_s,
         simulation=simulation,
         scene=scene,
         recorded_deg=pairs.heading_deg,
@@ -119,7 +113,7 @@ def mooring_case(
         terms=terms,
         not_testable=missing,
         prior=fit.prior,
-        channels={
+        units={
             name: (units or {}).get(name, "1") for name in logged if name in columns and name not in covariates.LISTED
         },
     )

@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from compasslib.core import angles
 from compasslib.core.types import Floats
 from compasslib.effects import Term, composition
 from compasslib.effects.reading import HeadingSlip
 from compasslib.search import stuck
 from compasslib.search.baseline import State
 from compasslib.search.case import TIDES_H
+from compasslib.search.omnibus import KNOTS, Group, hats, heading_hats, periodic, standard
 
 DATE_STEP_S, DATE_MARGIN = 10 * 86400.0, 0.04  # dates of steps that are tried, and how near to the ends
 THRESHOLDS = (0.07, 0.13, 0.2, 0.35, 0.5, 0.65, 0.8, 0.87, 0.93)  # quantiles beyond which an effect may set in
-KNOTS = 8  # of a covariate's splines: what the omnibus sees
 HEADING_HAT_DEG, FEWEST_IN_HAT = 6.0, 30  # sectors that the omnibus sees, and readings in one
 TEETH = 24  # highest harmonic of the recorded heading
 TIME_KNOTS, SHORTEST_WAVE_S = (12, 36), 20 * 86400.0  # changes that the omnibus sees
@@ -25,16 +24,6 @@ SPELL, SPELL_STEP_S, SPELLS = "spell", 5 * 86400.0, (4, 6, 8, 12, 18)  # weeks i
 FAINTEST = 1e-2  # of the power of the best seen combination of splines or harmonics
 PERIODS = {"hour_of_day": 24.0, "reference_heading": 360.0}  # of what goes round
 LINEAR = ("time", "temperature", "depth", "pitch", "roll", "speed", "supply_voltage")  # of the products
-
-
-@dataclass(frozen=True)
-class Group:
-    """Columns that are tested together, (n, k) degrees a unit."""
-
-    name: str  # effect, or covariates joined by x
-    columns: Floats
-    term: Term | None = None  # at zero size, its date set
-    covariates: tuple[str, ...] = ()
 
 
 def of_term(state: State, term: Term) -> Group:
@@ -116,19 +105,6 @@ def _derivative(state: State, term: Term) -> Floats:
     return np.where(np.isfinite(columns), columns, 0.0)
 
 
-def heading_hats(heading_deg: Floats, width_deg: float, fewest: float) -> Floats:
-    """Return hats over the sectors that occur, (n, k).
-
-    Args:
-        width_deg: of a sector.
-        fewest: readings in one.
-    """
-    centres = np.arange(0.0, 360.0, width_deg)
-    away = np.abs(angles.difference(heading_deg[:, None], centres)) / width_deg
-    hats = np.maximum(1.0 - away, 0.0)
-    return hats[:, hats.sum(axis=0) >= fewest]
-
-
 def _well_seen(columns_deg: Floats) -> Floats:
     """Return combinations of columns without those that only a few samples at the edge of what occurs would tell.
 
@@ -141,20 +117,6 @@ def _well_seen(columns_deg: Floats) -> Floats:
     return np.asarray(unit @ vectors[:, values > FAINTEST * values[-1]] * np.sqrt(len(unit)))
 
 
-def periodic(angle_deg: Floats, harmonics: range) -> Floats:
-    """Return sine and cosine of some multiples of an angle, (n, 2 k)."""
-    return np.column_stack([x for k in harmonics for x in angles.sin_cos(k * angle_deg)])
-
-
-def hats(x: Floats, count: int) -> Floats:
-    """Return hat functions on knots at even quantiles, (n, k)."""
-    knots = np.unique(np.quantile(x, np.linspace(0.0, 1.0, count)))
-    if len(knots) < 2:
-        return np.zeros((len(x), 0))
-    eye = np.eye(len(knots))
-    return np.column_stack([np.interp(x, knots, row) for row in eye])
-
-
 def _steps(x: Floats) -> list[Floats]:
     """Return what sets in beyond a threshold, each alone: where a covariate has a long tail, hats do not turn there."""
     return [(x > threshold)[:, None].astype(float) for threshold in np.unique(np.quantile(x, THRESHOLDS))]
@@ -163,8 +125,3 @@ def _steps(x: Floats) -> list[Floats]:
 def _bent(x: Floats) -> tuple[Floats, Floats]:
     """Return a standardised series and its square's departure."""
     return x, x**2 - np.mean(x**2)
-
-
-def standard(x: Floats) -> Floats:
-    """Return a series over its standard deviation, without far outliers, (n,)."""
-    return np.clip((x - np.mean(x)) / np.std(x), -4.0, 4.0)

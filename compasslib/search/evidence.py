@@ -22,17 +22,17 @@ from compasslib.effects import Term, composition
 from compasslib.effects.term import USUAL_DEG
 from compasslib.search import columns
 from compasslib.search.baseline import State
-from compasslib.search.columns import Group
 from compasslib.search.grammar import Found
 from compasslib.search.noise import Slow, Water
+from compasslib.search.omnibus import Group
+from compasslib.search.posterior import Hypothesis
 from compasslib.stats import blocks
 from compasslib.stats.whitening import directions
-
-Hypothesis = tuple[int, ...]  # numbers of candidates
 
 ALIKE = 4  # power of what two groups have in common, by which they share their noise
 BLOCK_S = 3 * 86400.0  # longer than the memory that the filter leaves
 ANYTHING = 1e6  # variance of what is free, in units of one sample's
+ROUNDING = 1e-6  # share of what is known of a column that single precision may lose where the base is fitted anew
 FAINT = 1e-3  # of a wave of slow water: variance over that of white noise below which it is left out
 
 
@@ -103,6 +103,8 @@ class Candidates:
         """Return the same by some of the samples only, (n,), the base fitted anew."""
         white = np.concatenate([self.white[some], self.base[some].astype(np.float32)], axis=1)
         information = (white.T @ white).astype(float)
+        own = np.arange(len(self.score))
+        information[own, own] += ROUNDING * np.diag(self.information)
         score = (white.T @ self.innovation[some]).astype(float)
         return replace(self, information=information, score=score, free=self.base.shape[1])
 

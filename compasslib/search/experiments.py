@@ -20,9 +20,9 @@ from compasslib.effects import Scene, Term, composition
 from compasslib.effects.term import DAY_S
 from compasslib.search import inference
 from compasslib.search.baseline import State
-from compasslib.search.evidence import ANYTHING, Hypothesis
+from compasslib.search.evidence import ANYTHING
 from compasslib.search.inference import Inference
-from compasslib.search.posterior import MOST_TERMS, SURE
+from compasslib.search.posterior import MOST_TERMS, SURE, Hypothesis
 
 LEAST, MOST = 0.002, 40  # probability of the hypotheses that are weighed, and how many
 DRAWS, SEED = 400, 7  # a probability of a half within 2.5 %

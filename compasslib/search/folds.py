@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from compasslib.core import angles
 from compasslib.core.types import Floats
 from compasslib.effects.term import slices
-from compasslib.search import posterior, show
+from compasslib.search import show, weighing
 from compasslib.search.baseline import State
 from compasslib.search.inference import Inference
 from compasslib.search.show import HeldOut
@@ -53,7 +53,7 @@ def _chosen_anew(found: Inference, names: set[str], fold: NDArray[np.intp]) -> f
     waters = [whole.waters[i] for i in np.argsort(-whole.water_probability)[:MOST_WATERS]]
 
     def logs(kept: NDArray[np.bool_]) -> Floats:
-        joint = posterior.log_joint(whole.candidates.on(kept), hypotheses, waters) + prior
+        joint = weighing.log_joint(whole.candidates.on(kept), hypotheses, waters) + prior
         return np.array([np.logaddexp.reduce(joint.ravel()), np.logaddexp.reduce(joint[:, without].ravel())])
 
     everything = logs(np.ones(len(fold), dtype=bool))

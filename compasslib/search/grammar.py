@@ -64,14 +64,14 @@ class Found:
 
 def screen(state: State) -> list[Found]:
     """Return the compositions that would make what a simulation leaves likeliest, each with its share of the odds."""
-    if state.case.kind != "mooring":
+    if not state.case.in_water:
         return []
     acted = {
         name: columns.of_term(state, composed(name, "time", "always")()).columns
         for name in ACTED_ON
         if _acts(name, state)
     }
-    places = _places(state.case.scene, state.case.channels)
+    places = _places(state.case.scene, state.case.units)
     forms = {name: Counter(one[0] for one in places if _nameless(name, *one)) for name in acted}
     tried: list[tuple[float, Found]] = []
     for batch in _batches(state, places):

@@ -15,13 +15,14 @@ from compasslib.core.types import Floats
 from compasslib.effects import COMPOSED, Term, composition
 from compasslib.effects.composed import Composed
 from compasslib.effects.term import HOUR_S
-from compasslib.search import baseline, columns, evidence, grammar, model, noise, posterior
+from compasslib.search import baseline, columns, evidence, grammar, model, noise, weighing
 from compasslib.search.baseline import State
-from compasslib.search.evidence import Candidates, Hypothesis
+from compasslib.search.evidence import Candidates
 from compasslib.search.grammar import Found
 from compasslib.search.model import Estimate
 from compasslib.search.noise import Slow, Water
-from compasslib.search.posterior import BesideWater, Slot
+from compasslib.search.posterior import Hypothesis, Slot
+from compasslib.search.weighing import BesideWater
 from compasslib.stats import whitening
 
 SLOW: Mapping[str, Callable[[Water], float]] = {
@@ -121,7 +122,7 @@ class Inference:
         weights: dict[frozenset[type], float] = {}
         best: dict[frozenset[type], tuple[float, Hypothesis]] = {}
         for one, p in told:
-            compass = tuple(k for k in one if self.state.case.kind != "mooring" or _of_compass(groups[k].term))
+            compass = tuple(k for k in one if not self.state.case.in_water or _of_compass(groups[k].term))
             half = p if compass == one else p * BELIEVED
             for hypothesis, weight in ((one, half), (compass, p - half)):
                 kinds = _kinds([groups[k].term for k in hypothesis])
@@ -157,7 +158,7 @@ def infer(empty: State, alarm: float) -> Inference:
     stood = {_kinds(state.simulation.terms): state}
     for _ in range(MOST_ROUNDS):
         candidates, view = _gathered(state, slow, composed)
-        found = posterior.weigh(candidates, alarm, waters)
+        found = weighing.weigh(candidates, alarm, waters)
         best = found.best
         kinds = _kinds([candidates.groups[k].term for k in best])
         if _same_terms(state, candidates, best):
@@ -168,7 +169,7 @@ def infer(empty: State, alarm: float) -> Inference:
             candidates, _ = _gathered(state, slow, composed)
             likelier = (model.gained(other, state) - model.gained(state, other)) / 2.0 / candidates.scatter
             share = 1.0 / (1.0 + np.exp(-np.clip(likelier, -MOST_SURE, MOST_SURE)))
-            found = posterior.mixed(posterior.weigh(candidates, alarm, waters), found, share)
+            found = weighing.mixed(weighing.weigh(candidates, alarm, waters), found, share)
             best = found.best
             if not _same_terms(state, candidates, best):
                 state = model.refit(state, candidates.terms(candidates.beside(found.water_of(best)), best))
@@ -230,7 +231,7 @@ def _begun(state: State, whole: Candidates, waters: Sequence[Water | None]) -> S
     the recording likeliest is begun with.
     """
     slow, quiet = whole.slow, whole.beside(None)
-    water = posterior.likeliest_water(whole, waters)
+    water = weighing.likeliest_water(whole, waters)
     if slow is not None and (water is None or water.veer.size < MUCH_VEER_DEG):
         return _beside(state, state, slow, water)
     alone = whole.log_evidence(quiet, whole.tried([(k,) for k in range(len(whole.groups))]))
@@ -240,7 +241,7 @@ def _begun(state: State, whole: Candidates, waters: Sequence[Water | None]) -> S
     tried: list[tuple[float, State, Water | None]] = [(_likelihood(state, slow, water), state, water)]
     for k in [k for k in best.values() if alone[k] > PLAIN][:MOST_BEGINNINGS]:
         grown = model.refit(state, whole.terms(quiet, (k,)))
-        own = None if slow is None else posterior.likeliest_water(_only_water(grown, slow), waters)
+        own = None if slow is None else weighing.likeliest_water(_only_water(grown, slow), waters)
         charge = CHARGE * len(whole.parts[k]) + np.log(
             sum(group.name == whole.groups[k].name for group in whole.groups)
         )

@@ -13,7 +13,7 @@ from compasslib.effects import Term
 from compasslib.effects.term import slices
 from compasslib.search import baseline, columns
 from compasslib.search.baseline import TINY, State
-from compasslib.search.columns import Group
+from compasslib.search.omnibus import Group
 from compasslib.stats import gauss_newton, robust, whitening
 from compasslib.stats.whitening import Whitener
 

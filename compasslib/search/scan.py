@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +11,7 @@ from compasslib.core import angles
 from compasslib.core.types import Floats
 from compasslib.search import baseline, columns, show
 from compasslib.search.baseline import State
-from compasslib.search.columns import Group
+from compasslib.search.omnibus import Group, Tested, normal_score
 from compasslib.stats import blocks
 from compasslib.stats.whitening import directions, inverse
 
@@ -21,27 +20,6 @@ SLOW, WEEKLY = (400.0, 14.0), (14.0, 5.0)  # longest and shortest periods, days
 FEWEST_WAVES = 8  # below which their mean power is not known within a half
 TRIMMED, MEAN_OF_TRIMMED = 0.95, 0.759  # share of the smallest of chi-squared values that are kept, and their mean
 DATE_HANDICAP = 0.4  # score taken off each of many dates, so that they do not raise the bar for the other terms
-
-
-@dataclass(frozen=True)
-class Tested:
-    """Groups of columns with their statistics under the data and under the record's own noise."""
-
-    groups: list[Group]
-    freedom: Floats  # (g,) directions of each group
-    inflation: Floats  # (g,) mean statistic of the noise over the freedom
-    score: Floats  # (g,) normal score of each group's statistic
-    highest: Floats  # (r,) highest normal score of each draw of the noise
-
-    def threshold(self, alarm: float) -> float:
-        """Return the score that noise exceeds anywhere with a given probability, as the highest of some normal scores.
-
-        To how many independent ones the draws of the noise amount is fitted by likelihood. Gumbel's law, the limit
-        of very many, is reached too slowly: it lets 2 in 1000 pass where it says 6.
-        """
-        from scipy.special import log_ndtr, ndtri_exp  # 0.2 s that jobs which only correct do not pay
-
-        return float(ndtri_exp(np.log1p(-alarm) * -np.mean(log_ndtr(self.highest))))
 
 
 def test(state: State, groups: Sequence[Group], seed: int = 0) -> Tested:
@@ -79,17 +57,6 @@ def solved(state: State, group: Group) -> tuple[Floats, Floats]:
     white = state.projected(group.columns)
     inverted = inverse(white.T @ white)
     return inverted @ (white.T @ state.innovation) / state.response, inverted * (state.sigma / state.response) ** 2
-
-
-def normal_score(statistic: Floats, freedom: Floats) -> Floats:
-    """Return the normal score of a chi-squared statistic (Wilson and Hilferty, PNAS 17, 684, 1931).
-
-    Args:
-        statistic: (..., g).
-        freedom: (g,).
-    """
-    spread = 2.0 / (9.0 * freedom)
-    return (np.cbrt(np.maximum(statistic, 0.0) / freedom) - 1.0 + spread) / np.sqrt(spread)
 
 
 def _resampled(state: State, seed: int, repeats: int = REPEATS) -> Floats:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from compasslib.effects import COMPOSED, SLOW_WATER, all_terms, meanings, side_of
 from compasslib.effects.composed import FORMS
+from compasslib.search.verdict import stamp
 
 VERDICTS = {
     "consistent": "no compass error beyond the fitted deviation was detected",
@@ -29,6 +30,13 @@ WHERE = {
     "reference_deviation": ("reference_heading",),
     "reference_beams": ("reference_heading",),
     "reference_bias": ("speed",),
+    "hard_iron": ("heading",),
+    "soft_iron": ("heading",),
+    "mounting_offset": ("heading",),
+    "water_drift": ("heading",),
+    "compass_lag": ("turn_rate",),
+    "clock_offset": ("turn_rate",),
+    "course_lag": ("turn_rate",),
 }  # every other effect lives along time
 UNITS = {
     "heading": "degrees", "pitch": "degrees", "roll": "degrees", "depth": "m", "separation": "m", "speed": "m/s",
@@ -75,9 +83,15 @@ PHYSICS = {
     "clock_offset": "the two clocks differ",
     "clock_drift": "the two clocks drift apart",
     "large_deviation": "the deviation is too large for the small-angle series; the exact compass fits",
+    "hard_iron": "a magnetised part that turns with the instrument adds a constant field (hard iron)",
+    "soft_iron": "a part that the earth's field magnetises distorts it (soft iron)",
+    "mounting_offset": "the heading is turned by a constant from the magnetometer's axes",
+    "water_drift": "the water carries the vessel sideways, so that its track over ground is not its heading",
+    "course_lag": "the course over ground lags: the receiver filters it, and a hull slides on in a turn",
 }
-PHYSICS |= {term.name: term.words for term in all_terms() if term.words}
+PHYSICS = {term.name: term.words for term in all_terms() if term.words} | PHYSICS
 WHERE |= {term.name: term.needs for term in all_terms() if term.words and term.needs}
+OF_DAYS_S = 10 * 86400.0  # length of a record above which its dates are days
 LEAST_P = 0.001  # the smallest that the drawn blocks can show
 TIME_TREND = "a battery change, or the end of its discharge"
 WIDER = "wider headings, or the field modulus of the magnetometer"
@@ -110,25 +124,49 @@ SEPARATED_BY: dict[frozenset[str], str] = {
     }.items()
     for pair in pairs
 }
+SEPARATED_ON_LAND = {
+    frozenset(pair): how
+    for pair, how in {
+        ("hard_iron", "tilt_uncompensated"): "logged tilts: a mean tilt in the vertical field looks like hard iron",
+        ("soft_iron", "tilt_uncompensated"): "logged tilts: a tilt that goes with the heading stretches the circle",
+        ("mounting_offset", "tilt_uncompensated"): "logged tilts",
+        ("heading_slip", "tilt_uncompensated"): "logged tilts",
+        ("mounting_offset", "declination_error"): "the declination that the instrument was set to",
+        ("sextantal", "octantal"): "a swing of 16 to 24 headings all round",
+        ("compass_lag", "clock_offset"): "tilts of both heads that change with time: they have no compass in them",
+        ("heading_slip", "hard_iron_step"): "headings all round on both sides of the date",
+        ("heading_slip", "compass_drift"): "the same headings read again, more often and in another order",
+        ("water_drift", "sextantal"): "each heading at two speeds, or a log of the speed through the water",
+        ("water_drift", "octantal"): "each heading at two speeds, or a log of the speed through the water",
+        ("water_drift", "heading_slip"): "the first headings swung again at the end",
+        ("water_drift", "compass_drift"): "the first headings swung again at the end",
+        ("water_drift", "hard_iron_step"): "the first headings swung again, each at two speeds",
+        ("water_drift", "hard_iron_drift"): "the first headings swung again, each at two speeds",
+        ("course_lag", "clock_offset"): "headings and courses logged by one clock",
+    }.items()
+}  # of calibrations, before what separates in a mooring
 WATER_OR_COMPASS = "a second reference, or a swing of the compass on land: {} is in the water, {} is not"
 TRUSTED_OR_NOT = "a second reference (reference as a list), or a swing of either compass on land"
 OTHERWISE = "a record in which {} and {} vary independently"
 
 
-def separated_by(effect: str, alternatives: Sequence[str]) -> str:
+def separated_by(effect: str, alternatives: Sequence[str], *, on_land: bool = False) -> str:
     """Return what observation would separate effects, one sentence a pair.
 
     Args:
         effect: the effect that fits best.
+        on_land: whether the recording is that of a calibration.
     """
     pairs = [(effect, other) for other in alternatives]
-    phrases = dict.fromkeys(_pair(*pair) for pair in pairs)
+    phrases = dict.fromkeys(_pair(*pair, on_land=on_land) for pair in pairs)
     return "; ".join(phrases)
 
 
-def _pair(a: str, b: str) -> str:
+def _pair(a: str, b: str, *, on_land: bool) -> str:
     first, second = (plain(name) if name.startswith(COMPOSED) else name for name in (a, b))
     both = f"{first} or {second}: "
+    if on_land and (how := SEPARATED_ON_LAND.get(frozenset((a, b)))):
+        return both + how
     if len([name for name in (a, b) if name.startswith("reference_")]) == 1:
         return both + TRUSTED_OR_NOT
     if (side_of(a) == "water") != (side_of(b) == "water"):
@@ -145,6 +183,7 @@ def finding(
     size_deg: float,
     proof: tuple[float, float, float],
     physics: str = "",
+    what: str = "",
 ) -> str:
     """Return two or three sentences on one finding.
 
@@ -152,12 +191,14 @@ def finding(
         parameters: value, standard error and unit by name.
         size_deg: visible size, rms degrees.
         proof: residual rms before and after on held-out days, degrees, and the p-value.
-        physics: of an effect that nobody listed; that of the effect where empty.
+        physics: in words; that of the effect where empty.
+        what: is compared, where a recording holds more than one comparison.
     """
-    begin = _begun(effect, where, parameters, size_deg, physics)
+    begin = _begun(effect, f"{what}, {where}" if what else where, parameters, size_deg, physics)
     before, after, p = proof
     chance = f"p = {p:.2g}" if p > LEAST_P else f"p < {LEAST_P:g}"
-    shown = f" On held-out days the residual goes from {before:.2f}° to {after:.2f}° rms ({chance})."
+    stretches = "stretches" if what else "days"
+    shown = f" On held-out {stretches} the residual goes from {before:.2f}° to {after:.2f}° rms ({chance})."
     others = f" This record cannot separate it from {listed(alternatives)}." if alternatives else ""
     return begin + shown + others
 
@@ -192,7 +233,8 @@ def _begun(
     known = meanings(effect)
     numbers = "".join(f"; {known.get(name, name)} {_interval(*one)}" for name, one in fitted.items())
     physics = physics or PHYSICS.get(effect, effect)
-    return f"{where}: {physics}. Size {size_deg:.1f}° rms{numbers}."
+    size = f"{size_deg:.1f}" if size_deg >= 1.0 else f"{size_deg:.2g}"
+    return f"{where[0].upper()}{where[1:]}: {physics}. Size {size}° rms{numbers}."
 
 
 ACTED_ON = {
@@ -241,10 +283,41 @@ def unexplained(where: str, size_deg: float, named: Sequence[str]) -> str:
     )
 
 
-def place(covariate: str, low: float, high: float) -> str:
-    """Return the range of a covariate in words."""
-    name = covariate.replace("_", " ")
-    return f"along {name} from {low:.3g} to {high:.3g} {UNITS.get(covariate, '')}".rstrip()
+def place(covariate: str, low: float, high: float, *, on_land: bool = False, clocked: bool = True) -> str:
+    """Return the range of a covariate in words.
+
+    Args:
+        clocked: whether time is UTC.
+    """
+    if covariate == "time" and clocked:
+        return f"from {moment(low, high - low)} to {moment(high, high - low)}"
+    units = UNITS_OF_CALIBRATIONS if on_land else UNITS
+    return f"along {covariate.replace('_', ' ')} from {low:.3g} to {high:.3g} {units.get(covariate, '')}".rstrip()
+
+
+def moment(time_s: float, span_s: float) -> str:
+    """Return an instant in words: its day where a record lasts for weeks, else its second.
+
+    Args:
+        time_s: UTC seconds since 1970.
+        span_s: of the record.
+    """
+    return stamp(time_s)[:10] if span_s > OF_DAYS_S else stamp(time_s)
+
+
+def why(effects: Iterable[str], left: str, compared: Sequence[str]) -> str:
+    """Return what the verdict rests on, one sentence.
+
+    Args:
+        effects: that were found.
+        left: what is said of what has no name, empty where there is nothing.
+        compared: what was, in words.
+    """
+    if left:
+        return left
+    if causes := [PHYSICS.get(effect, plain(effect)) for effect in effects]:
+        return f"Found in the residual: {'; '.join(causes)}."
+    return f"The residual of {listed(compared, ' and ')} is noise."
 
 
 def residuals(diagnosis: Mapping[str, Any]) -> list[Mapping[str, Any]]:

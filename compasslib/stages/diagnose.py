@@ -81,14 +81,15 @@ def search(
     units: Mapping[str, str],
     shared: Shared | None = None,
 ) -> Diagnosis:
-    """Return what the pairs show that the fit does not hold; arguments as of ``search.diagnosis.diagnose``.
+    """Return what the pairs show that the fit does not hold; arguments as of ``search.kinds.mooring.diagnose``.
 
     Args:
         wide: the file of pairs that may stand further apart.
     """
     if not options["enabled"]:
         return verdict.insufficient(DISABLED)
-    from compasslib.search.diagnosis import Options, diagnose
+    from compasslib.search.comparison import Options
+    from compasslib.search.kinds.mooring import diagnose
 
     chosen = Options(**{name: value for name, value in options.items() if name != "enabled"})
     far = several.together(netcdf.read_pairs(wide))

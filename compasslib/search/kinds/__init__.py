@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:  # the Snakefile needs the table only
-    from compasslib.search.diagnosis import Options
+    from compasslib.search.comparison import Options
     from compasslib.search.verdict import Diagnosis
 
 # Each module's diagnose(files, settings, options) returns the Diagnosis; a kind is imported only by its own job.
@@ -50,7 +50,7 @@ def chosen(settings: Mapping[str, Any]) -> Options | None:
     Args:
         settings: ``enabled``, ``apply`` and ``min_effect_deg`` of config.yaml.
     """
-    from compasslib.search.diagnosis import Options
+    from compasslib.search.comparison import Options
 
     if not settings["enabled"]:
         return None

@@ -22,7 +22,7 @@ from compasslib.core.types import Floats
 from compasslib.observatory import FieldComparison, Storm
 from compasslib.readers import iaga2002
 from compasslib.search import show, verdict
-from compasslib.search.diagnosis import Options
+from compasslib.search.comparison import Options
 from compasslib.search.kinds import declination_slow, declination_wording
 from compasslib.search.show import HeldOut
 from compasslib.search.verdict import Diagnosis, Finding, Parameter, Unexplained, Where

@@ -21,13 +21,13 @@ from compasslib.effects.earth import SecularVariation
 from compasslib.effects.reading import HeadingSlip
 from compasslib.effects.term import YEAR_S
 from compasslib.observatory import FieldComparison
-from compasslib.search import diagnosis, show, verdict
+from compasslib.search import long_record, show, verdict
 from compasslib.search.case import Case
-from compasslib.search.diagnosis import Options
+from compasslib.search.comparison import Options
 from compasslib.search.kinds import declination_wording
 from compasslib.search.show import BinnedResidual
 from compasslib.search.verdict import Finding, Parameter, Unexplained, Where
-from compasslib.stats import robust
+from compasslib.stats import blocks, robust
 
 Jumps = tuple[tuple[float, float], ...]  # (date, degrees that the series rises by)
 
@@ -71,7 +71,7 @@ def judge(compared: FieldComparison, series: FieldSeries, model: EarthField, opt
     limit = options.min_effect_deg
     large = _large_jumps(compared, limit)
     level = observatory.compare(without(series, tuple(one[1] for one in large)), model, limit_deg=limit)
-    found = diagnosis.judge(case(level, model), options)
+    found = long_record.judge(case(level, model), options)
     dates = {id(one): _dated(level, one) for one in found.findings if one.effect == "heading_slip"}
     drifts = any(one.effect == "secular_variation" for one in found.findings)
     matter = [one[0] for one in large if one[0].rms_effect_deg >= limit]
@@ -109,7 +109,7 @@ def case(compared: FieldComparison, model: EarthField) -> Case:
     hour = 15.0 * (time_s / observatory.HOUR_S % 24.0)
     waves = [x for k in DAILY_HARMONICS for x in angles.sin_cos(k * hour)] if step < observatory.DAY_S else []
     return Case(
-        kind="declination",
+        time_s=time_s,
         simulation=Simulation(np.zeros(5), float(h[0])),
         scene=Scene(time_s, h, z, still, still, float(time_s[0])),
         recorded_deg=still,
@@ -120,17 +120,18 @@ def case(compared: FieldComparison, model: EarthField) -> Case:
         covariates={"time": time_s},
         nuisance=np.column_stack(waves) if waves else np.zeros((n, 0)),
         terms=(SecularVariation, HeadingSlip),
+        in_water=False,
     )
 
 
 def _too_short(compared: FieldComparison) -> str:
     days = float(np.ptp(compared.time_s)) / observatory.DAY_S
     hours = len(np.unique(np.floor(compared.time_s / observatory.HOUR_S)))
-    if days >= diagnosis.SHORTEST_DAYS and hours >= diagnosis.FEWEST:
+    if days >= long_record.SHORTEST_DAYS and hours >= long_record.FEWEST:
         return ""
     return (
-        f"the series has {hours} hours over {days:.0f} days; {diagnosis.FEWEST} hours over "
-        f"{diagnosis.SHORTEST_DAYS:.0f} days are needed for what is slow"
+        f"the series has {hours} hours over {days:.0f} days; {long_record.FEWEST} hours over "
+        f"{long_record.SHORTEST_DAYS:.0f} days are needed for what is slow"
     )
 
 
@@ -158,7 +159,7 @@ def _of_pieces(compared: FieldComparison, series: FieldSeries, model: EarthField
     if size < limit_deg:
         return Slow(not_testable=missing, negligible=(("secular_variation", size),))
     bare, left = (x - np.median(x) for x in (off, off - slope * years))
-    proof = show.compared(bare, left, np.full(len(off), angles.rms(left)), compared.time_s)
+    proof = show.improved(bare, left, angles.rms(left), blocks.of_span(compared.time_s, show.BLOCK_S))
     span = (float(compared.time_s[0]), float(compared.time_s[-1]))
     place = Where("time", *span, f"from {verdict.stamp(span[0])} to {verdict.stamp(span[1])}")
     parameters = {"deg_year": Parameter(slope, sigma, "degrees/year")}

@@ -37,10 +37,10 @@ from compasslib.effects.short import (
 )
 from compasslib.effects.term import Scene, Term
 from compasslib.search import covariates as covariates_of
-from compasslib.search import verdict
-from compasslib.search.diagnosis import Options
-from compasslib.search.recordings import curve, report, search
-from compasslib.search.recordings.channel import Channel, thinned
+from compasslib.search import diagnosis, verdict
+from compasslib.search.comparison import Options
+from compasslib.search.short_record import curve, outcome, search
+from compasslib.search.short_record.channel import Channel, thinned
 from compasslib.search.verdict import Diagnosis
 
 LEVEL_TILT_DEG = 15.0  # of a log without tilts that still counts as level
@@ -82,8 +82,7 @@ def judge(log: Log, *, field: Mapping[str, float] | None, options: Options) -> D
         parts.append(_of_modulus(log, axes, choice, field))
     if not no_heading:
         parts.append(_of_heading(log, axes, field))
-    named = [search.search(part, alarm=options.alarm) for part in parts]
-    return report.diagnosis(named, min_effect_deg=options.min_effect_deg, not_testable=missing)
+    return diagnosis.of([outcome.of(search.search(part, options)) for part in parts], options, not_testable=missing)
 
 
 def _choice(log: Log) -> tuple[Choice, str]:

@@ -23,10 +23,10 @@ from compasslib.effects.iron import HardIronStep
 from compasslib.effects.reading import HeadingSlip, Octantal, Sextantal
 from compasslib.effects.short import Drift, IronDrift
 from compasslib.effects.term import Term
-from compasslib.search import show, verdict
-from compasslib.search.diagnosis import Options
-from compasslib.search.recordings import curve, report, search, testing, wording
-from compasslib.search.recordings.channel import Channel
+from compasslib.search import diagnosis, findings, show, verdict
+from compasslib.search.comparison import Options
+from compasslib.search.short_record import curve, outcome, scan, search
+from compasslib.search.short_record.channel import Channel
 from compasslib.search.show import HeldOut
 from compasslib.search.verdict import Diagnosis, Finding
 
@@ -70,11 +70,11 @@ def judge(
     folds = isinstance(exact, FittedSeries) and isinstance(smith, str)
     if not isinstance(exact, FittedSeries) and not isinstance(smith, FittedSeries):
         return verdict.insufficient(why or f"no curve passes near the readings ({smith})", _untested())
-    first = findings(seen, options.min_effect_deg, options.alarm) if isinstance(exact, FittedSeries) else []
+    first = too_large(seen, options.min_effect_deg, options.alarm) if isinstance(exact, FittedSeries) else []
     by_series = not folds and not first and series_fits_better(seen)
     channel = _channel(correct_deg, recorded_deg, field, exact if not by_series else None)
-    named = search.search(channel, alarm=options.alarm)
-    return report.diagnosis([named], min_effect_deg=options.min_effect_deg, beside=first, not_testable=_untested())
+    told = outcome.of(search.search(channel, options))
+    return diagnosis.of([told], options, beside=first, not_testable=_untested())
 
 
 def _channel(
@@ -150,7 +150,7 @@ LEAST_SQUARES = 1e-12  # squared degrees: readings that a curve holds to the las
 CLEARLY = 6.0  # twice the log likelihood by which the series must be better to stand for the compass
 
 
-def findings(seen: Points, min_effect_deg: float, alarm: float) -> list[Finding]:
+def too_large(seen: Points, min_effect_deg: float, alarm: float) -> list[Finding]:
     """Return the finding that the exact compass fits where the series does not, or none.
 
     The likelihood ratio is held against benches drawn from the series itself.
@@ -166,7 +166,7 @@ def findings(seen: Points, min_effect_deg: float, alarm: float) -> list[Finding]
     if size < min_effect_deg or _probability(seen, _ratio(seen, left)) > alarm:
         return []
     proof = _held_out(seen, max(angles.rms(left[1]), 1e-3))
-    return [] if proof.refuted else [wording.large(size, proof, "the five-term series")]
+    return [] if proof.refuted else [findings.large_deviation(size, proof, what="the five-term series")]
 
 
 def _held_out(seen: Points, scale_deg: float) -> HeldOut:
@@ -219,9 +219,9 @@ def _probability(seen: Points, ratio: float) -> float:
         return 1.0
     scatter = float(np.sqrt(np.sum(solution.residual_deg**2) / (len(seen) - 5)))
     drawn = 0
-    for _ in range(testing.REPEATS):
+    for _ in range(scan.REPEATS):
         deviation = von_appen.design(seen.recorded_deg) @ solution.coefficients
         again = series.Points(seen.recorded_deg, deviation + rng.normal(0.0, scatter, len(seen)), seen.weight)
         left = _residuals(again)
         drawn += left is not None and _ratio(again, left) >= ratio
-    return (drawn + 1) / (testing.REPEATS + 1)
+    return (drawn + 1) / (scan.REPEATS + 1)

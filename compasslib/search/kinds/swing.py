@@ -25,16 +25,16 @@ from compasslib.effects.swing import (
     TidalSetAndDrift,
 )
 from compasslib.effects.term import Term
-from compasslib.search import show, verdict
-from compasslib.search.diagnosis import Options
+from compasslib.search import diagnosis, findings, show, verdict
+from compasslib.search.comparison import Options
 from compasslib.search.kinds import platform
 from compasslib.search.kinds import swing_forward as forward
 from compasslib.search.kinds.swing_forward import KNOT_M_S, ByCourse, BySpeed, Stretches, Track, read
-from compasslib.search.recordings import curve, fitting, report, search, testing, wording
-from compasslib.search.recordings.channel import Channel, Forward
-from compasslib.search.recordings.fitting import FittedTerms
-from compasslib.search.recordings.search import NamedEffects
-from compasslib.search.recordings.testing import TestedColumns
+from compasslib.search.omnibus import Group
+from compasslib.search.short_record import curve, fitting, outcome, scan, search
+from compasslib.search.short_record.channel import Channel, Forward
+from compasslib.search.short_record.fitting import FittedTerms
+from compasslib.search.short_record.search import NamedEffects
 from compasslib.search.verdict import Diagnosis, Finding, Parameter
 
 CONFOUNDED = "set and drift of the water cannot be separated from B and C where speeds do not vary"
@@ -101,18 +101,22 @@ def diagnose_log(
     if len(over) < FEWEST_STRETCHES:
         return verdict.insufficient(too_short(len(over), FEWEST_STRETCHES))
     by_speed = _by_speed(track, over, settings, options)
-    known = replace(by_speed, left=()) if by_speed is not None and by_speed.fitted.terms else None
+    known = (
+        replace(by_speed, rest=replace(by_speed.rest, strong=()))
+        if by_speed is not None and by_speed.fitted.terms
+        else None
+    )
     fits = _bases(track, over, settings, made, known)
     before = _chosen(*fits)
     terms = platform.READOUT + (FIELD if before is fits[1] else ()) + DELAYS
     terms += () if one_clock else (ClocksApart,)
     terms += WATER if track.has_speed and known is None else ()
     channel = replace(before.channel, terms=terms)
-    named = search.search(channel, alarm=options.alarm)
+    named = search.search(channel, options)
     beside = too_large(fits[0], named.fitted, options) if before is fits[1] else []
-    found = report.diagnosis(
-        [named] if known is None else [named, known],
-        min_effect_deg=options.min_effect_deg,
+    found = diagnosis.of(
+        [outcome.of(one) for one in ((named,) if known is None else (named, known))],
+        options,
         beside=beside,
         not_testable=untested(made, named.fitted, one_clock=one_clock),
     )
@@ -133,7 +137,7 @@ def _by_speed(track: Track, over: Stretches, settings: Mapping[str, Any], option
     zero = LOG_STEP if np.std(means) > VARIED * np.mean(means) else 0.0  # a step of 0 holds a parameter
     channel = _channel(track, own, by_speed, start=np.array([1.0, 0.0]), steps=np.array([LOG_STEP, zero]))
     channel = replace(channel, what=SPEED, terms=WATER, reads=False, field_unit=unit)
-    return search.search(channel, alarm=options.alarm)
+    return search.search(channel, options)
 
 
 def _bases(
@@ -244,14 +248,14 @@ def too_large(bare: FittedTerms, exact: FittedTerms, options: Options) -> list[F
     apart = series.residual_deg - exact.residual_deg
     if angles.rms(apart) < options.min_effect_deg or exact.square >= series.square:
         return []
-    tested = testing.test(series, exact, [TestedColumns("large_deviation", apart[:, None])])
-    if not tested or tested[0].p_value > options.alarm:
+    tested = scan.test(series, exact, [Group("large_deviation", apart[:, None])])
+    if not tested.groups or tested.score[0] <= tested.threshold(options.alarm):
         return []
     block = fitting.stretches(exact)
     folds = min(show.FOLDS, block.max() + 1)
-    left = [report.left_out(one, exact.terms, block, folds) for one in (series, exact)]
+    left = [outcome.left_out(one, exact.terms, block, folds) for one in (series, exact)]
     proof = show.improved(left[0], left[1], exact.scale_deg, block)
-    return [] if proof.refuted else [wording.large(angles.rms(apart), proof, series.channel.what)]
+    return [] if proof.refuted else [findings.large_deviation(angles.rms(apart), proof, what=series.channel.what)]
 
 
 def _beyond_series(coefficients: Floats) -> float:

@@ -27,11 +27,11 @@ from compasslib.effects.iron import HardIronStep, Heeling
 from compasslib.effects.reading import HeadingSlip, Octantal, Sextantal
 from compasslib.effects.short import Delay, Drift, IronDrift, moving
 from compasslib.effects.term import Term
-from compasslib.search import show, verdict
-from compasslib.search.diagnosis import Options
-from compasslib.search.recordings import curve, fitting, report, search, wording
-from compasslib.search.recordings.channel import Channel, thinned
-from compasslib.search.recordings.search import NamedEffects
+from compasslib.search import diagnosis, show, verdict, wording
+from compasslib.search.comparison import Options
+from compasslib.search.short_record import curve, fitting, outcome, search
+from compasslib.search.short_record.channel import Channel, thinned
+from compasslib.search.short_record.search import NamedEffects
 from compasslib.search.show import HeldOut
 from compasslib.search.verdict import Diagnosis, Finding, Parameter, Where
 from compasslib.stats import blocks, robust, whitening
@@ -109,14 +109,14 @@ def judge(a: Motion, b: Motion, *, farthest_s: float, field: Mapping[str, float]
         )
         return verdict.insufficient(why, UNTESTED)
     channel = _channel(aligned, a, field)
-    named = search.search(channel, alarm=options.alarm)
+    named = search.search(channel, options)
     rigid = replace(channel, steps=channel.steps * (np.arange(5) == 0))
     named = replace(named, before=fitting.fit(rigid, ()))
     beside = [*_of_clock(aligned, options.min_effect_deg), *_of_iron(named, options.min_effect_deg)]
     clock = () if aligned.clock.found else (("clock_offset", "headings and tilts hardly change together"),)
-    return report.diagnosis(
-        [named],
-        min_effect_deg=options.min_effect_deg,
+    return diagnosis.of(
+        [outcome.of(named)],
+        options,
         beside=beside,
         not_testable=(*UNTESTED, *clock),
         separated_by=WHICH,
@@ -195,9 +195,10 @@ def _of_clock(aligned: Aligned, min_effect_deg: float) -> list[Finding]:
         if abs(value) <= SURE_SIGMAS * sigma or size < min_effect_deg:
             continue
         low, high = (float(x) for x in np.quantile(pairs.rate_deg_s, show.RANGE))
-        place = Where("turn_rate", low, high, wording.place("turn_rate", low, high, True))
+        place = Where("turn_rate", low, high, wording.place("turn_rate", low, high, on_land=True))
         text = wording.finding(
-            effect, alone, where=place.text, parameters={name: (value, sigma, unit)}, size_deg=size, proof=proof,
+            effect, alone, where=place.text, parameters={name: (value, sigma, unit)}, size_deg=size,
+            proof=(proof.rms_before_deg, proof.rms_after_deg, proof.p_value),
             what="the clock of b against that of a",
         )  # fmt: skip
         span = (float(pairs.time_s[0]), float(pairs.time_s[-1]))
@@ -249,11 +250,17 @@ def _of_iron(named: NamedEffects, min_effect_deg: float) -> list[Finding]:
             f"{letter}_deg": Parameter(float(unit * v), float(s), "degrees")
             for letter, v, s in zip(letters, values, sigma, strict=True)
         }
-        place = report.where(fitted.channel, "heading", fitted)
-        proof, size = report.held_out_base(fitted, part), float(np.sqrt(square))
+        place = fitted.channel.outside(outcome.curve(fitted, fitted, "heading"))
+        proof, size = outcome.held_out_base(fitted, part), float(np.sqrt(square))
         printed = {name: (p.value, p.sigma, p.unit) for name, p in parameters.items()}
         text = wording.finding(
-            effect, (), where=place.text, parameters=printed, size_deg=size, proof=proof, what=fitted.channel.what
+            effect,
+            (),
+            where=place.text,
+            parameters=printed,
+            size_deg=size,
+            proof=(proof.rms_before_deg, proof.rms_after_deg, proof.p_value),
+            what=fitted.channel.what,
         )
         span = (float(fitted.channel.time_s[0]), float(fitted.channel.time_s[-1]))
         found.append(Finding(effect, "compass", (), place, span, parameters, size, proof, text))

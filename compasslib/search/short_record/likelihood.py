@@ -15,9 +15,9 @@ import numpy as np
 from compasslib.core.types import Floats
 from compasslib.effects.term import USUAL_DEG
 from compasslib.search import show
-from compasslib.search.recordings import fitting
-from compasslib.search.recordings.channel import Channel
-from compasslib.search.recordings.fitting import FittedTerms
+from compasslib.search.short_record import fitting
+from compasslib.search.short_record.channel import Channel
+from compasslib.search.short_record.fitting import FittedTerms
 from compasslib.stats import arma, blocks, whitening
 
 Law = tuple[float, float]  # autoregressive and moving-average coefficient

@@ -12,7 +12,7 @@ from compasslib.core import angles
 from compasslib.core.types import Floats
 from compasslib.effects.term import Term, slices
 from compasslib.search import show
-from compasslib.search.recordings.channel import Channel
+from compasslib.search.short_record.channel import Channel
 from compasslib.stats import arma, blocks, gauss_newton, robust, whitening
 from compasslib.stats.autocorrelation import effective_number
 

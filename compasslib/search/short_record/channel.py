@@ -1,7 +1,7 @@
-"""One comparison inside a recording: what was recorded, and a forward model of it that takes terms of physics.
+"""A comparison whose hypotheses are each refitted in its forward model.
 
-A mooring's search is made for a year of hours. Recordings here have 16 readings or 20,000, noise of 0.01 degrees or 5,
-and effects a thousand times the noise: each hypothesis is refitted in its forward model instead of linearised.
+A long record is weighed by slopes. Recordings here have 16 readings or 20,000, noise of 0.01 degrees or 5,
+and effects a thousand times the noise.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from compasslib.core.types import Floats
 from compasslib.effects.term import Term
+from compasslib.search.comparison import Comparison
 
 
 class Forward(Protocol):
@@ -23,18 +24,13 @@ class Forward(Protocol):
     def __call__(self, base: Floats, terms: tuple[Term, ...]) -> Floats: ...
 
 
-@dataclass(frozen=True)
-class Channel:
-    """A recording held against its simulation; n samples in the order of time."""
+@dataclass(frozen=True, kw_only=True)
+class Channel(Comparison):
+    """A short recording held against its simulation; n samples in the order of time."""
 
-    what: str  # is compared, in words
     residual: Forward
     start: Floats  # (b,) base parameters of the simulation, before any fit
     steps: Floats  # (b,) a change of each that turns the heading by very roughly a degree
-    time_s: Floats  # (n,) increasing: UTC seconds, or the number of the reading where there is no clock
-    clocked: bool
-    terms: tuple[type[Term], ...]  # that can be tested
-    covariates: Mapping[str, Floats]  # (n,) each; what the omnibus tests look along
     confused: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # effect -> effects that look the same here
     field_unit: tuple[float, str] = (1.0, "nT")  # for one nT of the forward model, and its name
     starts: Mapping[str, tuple[float, ...]] = field(default_factory=dict)  # effect -> values of its first parameter
@@ -42,9 +38,6 @@ class Channel:
     independent: bool = False  # readings whose errors have no memory
     remembered: bool = False  # means over stretches whose memory is known by its law, not by its own blocks
     reads: bool = True  # whether what is compared is a reading of a compass
-
-    def __len__(self) -> int:
-        return len(self.time_s)
 
     def unit(self, term: Term, k: int) -> tuple[float, str]:
         """Return by what a parameter is multiplied for people, and its unit."""

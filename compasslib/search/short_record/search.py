@@ -8,24 +8,23 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
 from compasslib.core.types import Floats
 from compasslib.effects.term import Term
-from compasslib.search import posterior, show
+from compasslib.search import omnibus, posterior, show
+from compasslib.search.comparison import Options
+from compasslib.search.omnibus import Rest
 from compasslib.search.posterior import FAR, MOST_TERMS, SURE, Hypothesis, Posterior, Slot
-from compasslib.search.recordings import fitting, likelihood, local, testing
-from compasslib.search.recordings.channel import Channel
-from compasslib.search.recordings.fitting import FittedTerms
-from compasslib.search.recordings.likelihood import Evidence
-from compasslib.search.recordings.local import LOCAL
-from compasslib.search.recordings.testing import TestedEffect
-from compasslib.stats import whitening
+from compasslib.search.short_record import fitting, likelihood, local, scan
+from compasslib.search.short_record.channel import Channel
+from compasslib.search.short_record.fitting import FittedTerms
+from compasslib.search.short_record.likelihood import Evidence
+from compasslib.search.short_record.local import LOCAL
 
 LIKELIER = 5.0  # odds of an effect over those of a mooring's: what is swung is suspect, and a name must be surer here
-WORTH_SAYING = 0.1  # of the size that matters: less is not even listed
 MOST_PARENTS = 6  # hypotheses that are extended by one more effect
 MOST_PLACES = 3  # at which a term is refitted
 PARAMETER = 1.0  # what a parameter costs at least, in log evidence: what is not tried could not pay for more
@@ -49,7 +48,7 @@ class NamedEffects:
     found: Posterior
     slots: tuple[Slot, ...]
     alone: dict[str, tuple[float, float]]  # log evidence and visible size of each effect, alone
-    left: tuple[tuple[TestedEffect, float], ...] = ()  # omnibus groups that stay significant, with their visible sizes
+    rest: Rest  # what it leaves
 
 
 @dataclass
@@ -157,19 +156,17 @@ class Search:
         return sizes
 
 
-def search(channel: Channel, *, alarm: float) -> NamedEffects:
-    """Return the terms that the comparison calls for, each with all that may stand in its place.
-
-    Args:
-        alarm: probability that noise alone gives a name, and that it gives an unexplained mismatch.
-    """
-    made = Search(channel, alarm)
+def search(channel: Channel, options: Options) -> NamedEffects:
+    """Return the terms that the comparison calls for, each with all that may stand in its place."""
+    made = Search(channel, options.alarm)
     made.run()
     found = made.posterior()
     chosen = found.of_at_least(SURE)
     fitted = made.tried[chosen].fitted
     slots = tuple(found.slots(chosen, instead=None))
-    return NamedEffects(made.tried[()].fitted, fitted, found, slots, made.alone(), _left(fitted, alarm))
+    tested = scan.test(fitted, fitted, scan.groups(fitted), seed=99)
+    rest = omnibus.rest(tested, options.alarm, partial(scan.size_of, fitted), options.min_effect_deg)
+    return NamedEffects(made.tried[()].fitted, fitted, found, slots, made.alone(), rest)
 
 
 def _finer(fitted: FittedTerms) -> FittedTerms:
@@ -186,17 +183,3 @@ def _finer(fitted: FittedTerms) -> FittedTerms:
 def _square_at(fitted: FittedTerms, last: Term) -> float:
     residual = fitted.channel.residual(fitted.base, (*fitted.terms[:-1], last))
     return float(np.sum(np.minimum(np.abs(residual), show.FARTHEST * fitted.scale_deg) ** 2))
-
-
-def _left(now: FittedTerms, alarm: float) -> tuple[tuple[TestedEffect, float], ...]:
-    """Return what the omnibus tests still find, the surest first."""
-    tested = testing.test(now, now, testing.omnibus(now), seed=99)
-    sure = sorted((one for one in tested if one.p_value < alarm / len(tested)), key=lambda one: one.p_value)
-    return tuple((one, _size(now, one)) for one in sure)
-
-
-def _size(now: FittedTerms, one: TestedEffect) -> float:
-    seen = testing.directions(one.group, whitening.orthonormal(now.columns))
-    pull, n = seen.T @ now.clipped, len(now.channel)
-    noise = one.inflation * seen.shape[1] * now.square / n
-    return float(np.sqrt(max(float(pull @ pull) - noise, 0.0) / n))

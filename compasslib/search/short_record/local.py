@@ -11,9 +11,9 @@ import numpy as np
 from compasslib.core.types import Floats
 from compasslib.effects.composed import hat
 from compasslib.effects.term import Scene, Term, parameter, place
-from compasslib.search.recordings import fitting
-from compasslib.search.recordings.channel import Channel
-from compasslib.search.recordings.fitting import FittedTerms
+from compasslib.search.short_record import fitting
+from compasslib.search.short_record.channel import Channel
+from compasslib.search.short_record.fitting import FittedTerms
 
 DATES, MARGIN = 150, 0.06  # of steps that are tried, and how near to the ends
 FINER = 24  # dates around the best of those that were tried
