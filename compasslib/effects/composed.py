@@ -16,7 +16,7 @@ import numpy as np
 
 from compasslib.core import angles
 from compasslib.core.types import Floats
-from compasslib.effects.term import HOUR_S, YEAR_S, Scene, Side, Stage, Term, parameter, place
+from compasslib.effects.term import HOUR_S, Scene, Side, Stage, Term, parameter, place
 
 COMPOSED = "composed:"
 TIDE_S = 12.4206 * HOUR_S
@@ -109,10 +109,6 @@ def _play(x: Floats, width: float) -> Floats:
 def _since_above(x: Floats, threshold: float) -> Floats:
     """Return 1 from the first time on that a driver exceeds a threshold, (n,)."""
     return np.maximum.accumulate((x > threshold).astype(float)) if len(x) else x
-
-
-def _years(term: Any, time_s: Floats) -> Floats:
-    return (time_s - term.begin_s) / YEAR_S
 
 
 THRESHOLD = (("threshold", "of the driver"),)

@@ -17,6 +17,7 @@ from compasslib.core.types import Floats
 from compasslib.effects.term import Scene, Term, slices
 
 FLATTEST = 0.2  # least |d gamma / d beta| that is divided by: nearer to a fold nothing is linear
+COMPASS_STEPS = np.full(5, 0.02)  # of A..E: very roughly a degree
 PROBE_DEG = 0.01  # difference by heading
 
 
@@ -36,7 +37,7 @@ class Simulation:
     @property
     def steps(self) -> Floats:
         """For each parameter a change that turns the heading by very roughly a degree, (p,)."""
-        return np.concatenate([np.full(5, 0.02), *(term.steps() for term in self.terms)])
+        return np.concatenate([COMPASS_STEPS, *(term.steps() for term in self.terms)])
 
     def at(self, parameters: Floats) -> Simulation:
         """Return the same with other parameters.

@@ -14,14 +14,16 @@ from compasslib.deviation import likelihood, model
 from compasslib.deviation.model import Fit
 from compasslib.deviation.prior import Prior
 from compasslib.effects import Scene, Term, all_terms, composition
+from compasslib.effects.composed import TIDE_S
 from compasslib.effects.composition import Simulation
 from compasslib.effects.iron import Heeling
+from compasslib.effects.term import HOUR_S
 from compasslib.search import covariates
 from compasslib.search.comparison import Comparison
 from compasslib.stats.whitening import Louder
 
 WOBBLE_HOURS = 6.0  # tilts faster than this are mostly the sensor's and the waves'
-TIDES_H = (12.4206, 12.0, 12.6583, 23.9345, 25.8193)  # periods of M2, S2, N2, K1, O1
+TIDES_H = (TIDE_S / HOUR_S, 12.0, 12.6583, 23.9345, 25.8193)  # periods of M2, S2, N2, K1, O1
 LEAST = 1e-9  # of a column, rounding aside: sampled exactly twice a day the tide of the sun is a constant
 TIDES_FOLLOWED_S = 3 * 3600.0  # sampling that still follows them
 SEEN = 0.1  # standard deviation of a wave of the tide: one that stands nearly still is a mean shear, and A's

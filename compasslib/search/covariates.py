@@ -18,7 +18,6 @@ from compasslib.effects.term import DAY_S, HOUR_S
 from compasslib.preparation import overlap
 from compasslib.search import stuck
 
-NEAR_CELLS = 2  # whose mean is the water at the instrument
 FEWEST_VALUES = 5  # different values below which a covariate says nothing
 OBSERVATORY = ("declination_observatory", "horizontal_observatory")
 INDICES = ("ap", "kp")  # of storms: how far magnetic north swings, and never whereto, so that they drive nothing
@@ -52,7 +51,7 @@ def logged(record: Record, observatory_files: Sequence[str], at: Pairs | None = 
     Raises:
         InputError: an observatory's file cannot be read.
     """
-    velocity, _ = overlap.near_bins(record, np.zeros(len(record.time_s)), NEAR_CELLS)
+    velocity, _ = overlap.near_bins(record, np.zeros(len(record.time_s)), stuck.NEAR_CELLS)
     series = {
         "temperature": record.temperature_c,
         "supply_voltage": record.supply_voltage,

@@ -22,7 +22,7 @@ from compasslib.stats.whitening import Louder
 
 SHORTEST_DAYS = 8.0  # period below which the filter holds the memory
 MOST_WAVES = 120  # of a process: those of sixteen months; of longer records only what is slower
-SPEED_SPAN_S, SLOWEST_M_S = 12 * 3600.0, 0.03  # of the speed by which shear turns a direction
+SPEED_SPAN_S = 12 * 3600.0  # of the speed by which shear turns a direction
 VEER_DEG, VEER_DAYS = (0.7, 1.4, 2.8, 5.6, 11.0), (5.0, 15.0, 45.0, 135.0)  # sizes and memories that are summed over
 SHEAR_M_S, SHEAR_DAYS = (0.003, 0.007, 0.017, 0.04, 0.1), (3.0, 15.0, 75.0)  # the same
 QUIET = 0.05  # variance over white below which a direction is as it is
@@ -109,7 +109,7 @@ def sheared(case: Case, waves: Floats, span_s: float) -> Floats:
         span_s: of the running mean of the speed.
     """
     speed = covariates.running(case.covariates["speed"], case.scene.time_s, span_s)
-    slowness = 1.0 / np.maximum(speed, SLOWEST_M_S) / angles.DEGREE
+    slowness = 1.0 / np.maximum(speed, covariates.SLOWEST_M_S) / angles.DEGREE
     north, east = (case.scene.departures[name] * slowness for name in ("flow_north", "flow_east"))
     return np.concatenate([waves * north[:, None], -waves * east[:, None]], axis=1)
 

@@ -16,12 +16,13 @@ from compasslib.effects.composed import Composed
 
 Hypothesis = tuple[int, ...]  # numbers of candidates
 
+LIKELIER_THAN_NOT = 0.5  # probability that there are so many effects, from which so many are named
 MOST_TERMS = 3  # that a hypothesis may have: seconds
 SIDES_IN_ORDER = ("compass", "clock", "reference", "water")
 SURE = 0.95  # probability that a set of names holds
 # Odds beforehand of one effect, over the alarm that is asked for; they set how often records of nothing get a name.
 ODDS, ODDS_OF_WATER, ODDS_OF_COMPOSED = 2.0, 20.0, 2.0  # the last of all compositions together
-FURTHER = 0.5  # by how much an effect is likelier where there is another
+FURTHER = 0.5  # by which the odds of an effect are multiplied where there is another
 FAR = 8.0  # natural units below the best at which a hypothesis, or a kind of water, is left out
 
 
@@ -72,7 +73,7 @@ class Posterior:
     @property
     def best(self) -> Hypothesis:
         """The likeliest hypothesis of as many effects as there are at least as probably as not."""
-        return self.of_at_least(0.5)
+        return self.of_at_least(LIKELIER_THAN_NOT)
 
     def of_at_least(self, sure: float) -> Hypothesis:
         """Return the likeliest hypothesis of as many effects as there are at least.

@@ -19,7 +19,7 @@ REPEATS = 300  # draws of noise, which set how well the alarm of the omnibus is 
 SLOW, WEEKLY = (400.0, 14.0), (14.0, 5.0)  # longest and shortest periods, days
 FEWEST_WAVES = 8  # below which their mean power is not known within a half
 TRIMMED, MEAN_OF_TRIMMED = 0.95, 0.759  # share of the smallest of chi-squared values that are kept, and their mean
-DATE_HANDICAP = 0.4  # score taken off each of many dates, so that they do not raise the bar for the other terms
+DATE_HANDICAP = 0.4  # score taken off each of many spells, so that they do not raise the bar for the other groups
 
 
 def test(state: State, groups: Sequence[Group], seed: int = 0) -> Tested:

@@ -21,7 +21,7 @@ from compasslib.search.show import HeldOut
 from compasslib.search.verdict import Finding, Parameter, Where
 
 SIZES_NT = np.geomspace(0.3, 100.0, 24)  # across magnetic north for one unit of ap
-SHIFTS, NEAREST_S, STEP_S = 400, 5 * 86400.0, 3600.0  # dates at which the index is tried; storms last for days
+SHIFTS, NEAREST_S = 400, 5 * 86400.0  # dates at which the index is tried; storms last for days
 BLOCKS = 12  # parts of a record by which the excess is proven
 STORMY = 0.9  # quantile of the index from which it is stormy
 PHYSICS = "magnetic north is unsteady where the index of storms is high; its course only an observatory could tell"

@@ -11,9 +11,9 @@ from compasslib.core.types import Floats
 from compasslib.preparation import overlap
 
 LEANS = ("lean_pitch", "lean_roll")  # names of the series, degrees
+NEAR_CELLS = 2  # whose mean is the water at the instrument
 SHORTEST_S, FEWEST = 10 * 86400.0, 100  # of a stretch without any change, and of moving tilts beside it
 LEARNT = 0.25  # share of the moving tilts' variance that the flow must explain
-CELLS = 2  # whose mean is the water at the instrument
 
 
 def leans(record: Record) -> dict[str, Floats]:
@@ -60,7 +60,7 @@ def longest_still(record: Record) -> slice:
 
 def _flow(record: Record) -> tuple[Floats, NDArray[np.bool_]]:
     """Return powers of the flow along and across the instrument, (n, 5), and where it is known, (n,)."""
-    velocity, _ = overlap.near_bins(record, np.zeros(len(record.time_s)), CELLS)
+    velocity, _ = overlap.near_bins(record, np.zeros(len(record.time_s)), NEAR_CELLS)
     sine, cosine = angles.sin_cos(record.heading_deg)
     along, across = velocity.imag * cosine + velocity.real * sine, velocity.real * cosine - velocity.imag * sine
     speed = np.abs(velocity)

@@ -16,7 +16,7 @@ Ints = NDArray[np.int_]
 PHI = np.concatenate([[0.0], 1.0 - np.geomspace(0.85, 0.05, 14)])  # autoregressive coefficients that are tried
 THETA = np.array([0.0, -0.2, -0.4, -0.6, -0.8])  # moving-average coefficients that are tried
 FEWEST_DOF = 3.0  # of Student's law, which has a variance from there
-LIKELIHOOD_RANGE = 20.0  # units of log likelihood beyond which a model is never drawn
+LIKELIHOOD_RANGE = 20.0  # units of log likelihood beyond which a model is hardly ever drawn
 RANK_TOLERANCE = 1e-6  # of the largest direction
 
 

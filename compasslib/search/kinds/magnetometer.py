@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import savgol_filter
 
 from compasslib.calibration.magnetometer import choice as magnetometer_choice
 from compasslib.calibration.magnetometer import counts, ellipsoid
@@ -44,6 +45,7 @@ from compasslib.search.short_record.channel import Channel, thinned
 from compasslib.search.verdict import Diagnosis
 
 LEVEL_TILT_DEG = 15.0  # of a log without tilts that still counts as level
+DELAYED_BY = (7, 3)  # readings and order of the polynomial through which a delay is looked up
 FEWEST_TURN_DEG = 5.0  # headings that vary less hold nothing against anything
 # How a logger levels and rounds is known to this: a 3D-ACM by its cosine rule, a Signature500 by the full rotation.
 RULE_DEG = 0.03
@@ -248,9 +250,10 @@ class OfModulus:
     wobble: Floats  # (n, k) what the noise of the tilt sensor makes of the modulus, a share of it
 
     def __call__(self, base: Floats, terms: tuple[Term, ...]) -> Floats:
-        """Return observed minus simulated modulus, (n,) degrees."""
-        modulus = ellipsoid.modulus(freed(self.field_nT, terms, self.scene), self.down)
-        return (modulus / self.strength_nT - 1.0) / angles.DEGREE - base[0] - self.wobble @ base[1:]
+        """Return observed minus simulated modulus, (n,) degrees; base begins with what the axes' scale is too large."""
+        scaled = self.field_nT * (1.0 - base[0] * angles.DEGREE)  # with it the iron is in the unit of the field
+        modulus = ellipsoid.modulus(freed(scaled, terms, self.scene), self.down)
+        return (modulus / self.strength_nT - 1.0) / angles.DEGREE - self.wobble @ base[1:]
 
 
 def freed(field_nT: Floats, terms: Sequence[Term], scene: Scene) -> Floats:
@@ -317,9 +320,12 @@ def scene_of(log: Log, simulated_deg: Floats, body: Floats) -> tuple[Scene, dict
     departures = {name: column - column.mean() for name, column in columns.items() if name == "temperature"}
     departures["turn_rate"] = rate[some]
     one, at = np.ones(len(some)), time_s[some]
+    # A projection on cubics: whatever the delay, the difference of two of its values keeps the noise of the axes as it
+    # is. Between single readings it falls at half a step, and delays are drawn there.
+    smooth = savgol_filter(turned, *DELAYED_BY)
 
     def ahead(seconds: float) -> Floats:
-        return np.interp(at + seconds, time_s, turned) - turned[some]
+        return np.interp(at + seconds, time_s, smooth) - smooth[some]
 
     scene = moving(Scene(at, one, one, pitch[some], roll[some], float(time_s[0]), departures), ahead)
     scene.__dict__["levelling"] = log.levelling()[some]  # by the log's own rule, where the cached property keeps it

@@ -32,6 +32,7 @@ from compasslib.stats import blocks, robust, whitening
 MOST_PAIRS = 20_000  # hourly pairs of two years; of more, every second, third, ... is searched, to hold memory
 PAIRS = 1000  # of the exact compass against the series: as many, evenly taken, tell the curves apart
 SURE = 0.01  # p-value
+MOST_LOST = 0.02  # share of headings that the series may leave without a root and still be large enough a model
 
 
 @dataclass(frozen=True)
@@ -190,7 +191,7 @@ def of_exact_compass(pairs: Pairs, fit: Fit, series: Fit, min_effect_deg: float)
     by_exact = nearest_root(compass.inverse(fit.coefficients, pairs.heading_deg), observed)
     by_series = von_appen.invert(series.coefficients, pairs.heading_deg)
     size, lost = angles.rms(angles.difference(by_exact, by_series)), float(np.mean(~np.isfinite(by_series)))
-    if not (size >= min_effect_deg or lost > 0.02):
+    if not (size >= min_effect_deg or lost > MOST_LOST):
         return []
     proof = _by_blocks(pairs, fit, series)
     if proof.p_value > SURE or proof.refuted:

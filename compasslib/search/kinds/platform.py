@@ -19,6 +19,7 @@ from compasslib.calibration.series import SMITH, FittedSeries, Points
 from compasslib.core import angles, compass
 from compasslib.core.types import Floats
 from compasslib.deviation import von_appen
+from compasslib.effects.composition import COMPASS_STEPS
 from compasslib.effects.iron import HardIronStep
 from compasslib.effects.reading import HeadingSlip, Octantal, Sextantal
 from compasslib.effects.short import Drift, IronDrift
@@ -87,7 +88,7 @@ def _channel(
         form, start, steps, terms = (
             curve.Compass(correct_deg, recorded_deg, scene),
             exact.coefficients,
-            curve.STEPS,
+            COMPASS_STEPS,
             TERMS,
         )
     else:

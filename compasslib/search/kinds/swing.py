@@ -14,6 +14,7 @@ from compasslib.calibration.result import Calibration
 from compasslib.core import angles, compass
 from compasslib.core.types import Floats
 from compasslib.deviation import von_appen
+from compasslib.effects.composition import COMPASS_STEPS
 from compasslib.effects.iron import HardIronStep
 from compasslib.effects.short import IronDrift
 from compasslib.effects.swing import (
@@ -151,7 +152,7 @@ def _bases(
     by_course = ByCourse(free, seen.course_deg, track.declination_deg, track.reading, scene, False, over)
     by_exact = replace(by_course, exact=True)
     series = _channel(track, over, by_course, start=made.coefficients, steps=np.ones(len(made.coefficients)))
-    exact = _channel(track, over, by_exact, start=made.exact, steps=curve.STEPS)
+    exact = _channel(track, over, by_exact, start=made.exact, steps=COMPASS_STEPS)
     return tuple(fitting.fit(replace(one, field_unit=unit), ()) for one in (series, exact))  # type: ignore[return-value]
 
 
@@ -183,7 +184,7 @@ def _chosen(series: FittedTerms, exact: FittedTerms) -> FittedTerms:
 # What the search of a swing's log says of water and delays, found or not, and what it cannot test.
 
 WATER_DRIFT = "water_drift"
-SEEN = 0.3  # share of a column that the curve must leave for it to be tested
+SEEN = 0.3  # share of a delay's column that the curve must leave, or it is listed as what cannot be tested
 NO_SPEED = "no speeds over ground were logged: what a drift does to the course is not known"
 ONE_CLOCK = "courses and headings are in one log, by one clock"
 ONE_WAY = "the ship turned one way only, so that a delay is a constant like A; swing to both sides"

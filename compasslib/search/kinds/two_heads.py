@@ -23,6 +23,7 @@ from compasslib.calibration.heads.motion import Compared, Motion
 from compasslib.core import angles
 from compasslib.core.errors import InputError
 from compasslib.core.types import Floats
+from compasslib.effects.composition import COMPASS_STEPS
 from compasslib.effects.iron import HardIronStep, Heeling
 from compasslib.effects.reading import HeadingSlip, Octantal, Sextantal
 from compasslib.effects.short import Delay, Drift, IronDrift, moving
@@ -166,7 +167,7 @@ def _channel(aligned: Aligned, a: Motion, field: Mapping[str, float] | None) -> 
         what="the heading of b against that of a, rigidly turned",
         residual=curve.Compass(correct[some], recorded, scene),
         start=np.zeros(5),
-        steps=curve.STEPS,
+        steps=COMPASS_STEPS,
         time_s=time_s,
         clocked=True,
         terms=TERMS,

@@ -16,7 +16,6 @@ from compasslib.effects.term import Scene, Term
 
 # Without a place the field is of this strength, and the iron is in percent of it.
 PLACELESS_NT, PERCENT = 20000.0, (100.0 / 20000.0, "% of the horizontal field")
-STEPS = np.full(5, 0.02)  # of A..E: very roughly a degree
 
 
 @dataclass(frozen=True)
