@@ -13,7 +13,7 @@ from compasslib.effects.composed import BeamGain, PivotFriction, composed, of_na
 from compasslib.effects.composition import Simulation
 from compasslib.effects.iron import Heeling, TemperatureOfField
 from compasslib.effects.reading import CompassLag, Octantal, Sextantal, TiltUncompensated
-from compasslib.search import case
+from compasslib.search import case, wording
 
 NAMES = [
     "hard_iron",
@@ -270,3 +270,10 @@ def test_the_page_of_the_catalogue_is_not_stale():
 def test_what_no_instrument_does_is_not_plausible(kind, possible, impossible):
     """A reading does not lead, friction does not drive on, beams whose gains part by a third give no velocity."""
     assert kind(possible).plausible and not kind(impossible).plausible
+
+
+def test_every_effect_says_its_physics_and_is_told_from_effects_that_there_are():
+    names = {term.name for term in CATALOGUE}
+    assert names <= wording.PHYSICS.keys()
+    for term in CATALOGUE:
+        assert set(term.told_from) <= names - {term.name}, term.__name__

@@ -338,12 +338,20 @@ def _per(base: str, unit: str, power: float) -> str:
 
 @cache
 def composed(
-    acts_on: str, driver: str, form: str, *, name: str = "", least: float = -np.inf, most: float = np.inf
+    acts_on: str,
+    driver: str,
+    form: str,
+    *,
+    name: str = "",
+    words: str = "",
+    least: float = -np.inf,
+    most: float = np.inf,
 ) -> type[Composed]:
     """Return the class of the terms that are composed of three words.
 
     Args:
         name: of the effect, where physics has one for it.
+        words: its physics, where it has a name.
         least: no plausible value of its parameters is below it.
         most: none is above it.
     """
@@ -361,22 +369,36 @@ def composed(
         "stage": acted.stage,
         "acts_on": acted.acts_on,
         "needs": (*needs(driver), *acted.needs),
+        "words": words,
         "composition": (acts_on, driver, form),
         "__doc__": f"{acts_on.replace('_', ' ').capitalize()}, {shape.words.format(driver.replace('_', ' '))}.",
         "__module__": __name__,
     }
-    words = "".join(word.capitalize() for part in (acts_on, *driver.split("*"), form) for word in part.split("_"))
-    return make_dataclass(words, members, bases=(Composed,), frozen=True, namespace=space)
+    title = "".join(word.capitalize() for part in (acts_on, *driver.split("*"), form) for word in part.split("_"))
+    return make_dataclass(title, members, bases=(Composed,), frozen=True, namespace=space)
 
 
 # What is common enough to have a name.
 LARGEST_GAIN = 0.15  # of one beam pair over the other's: beyond it beams are broken, and no velocity is
-Pressure = composed("field_horizontal", "depth", "linear", name="pressure")
-IronMovedByPitch = composed("field_horizontal", "pitch", "linear", name="moving_iron")
-IronMovedByRoll = composed("field_horizontal", "roll", "linear", name="moving_iron")
-PivotFriction = composed("reading", "turn_rate", "sign", name="pivot_friction", most=0.0)  # it holds back
-BeamGain = composed("flow_gain", "time", "always", name="beam_gain", least=-LARGEST_GAIN, most=LARGEST_GAIN)
-VelocityBias = composed("flow_offset", "time", "always", name="velocity_bias")
+MOVES = "iron beside the compass moves as the instrument leans, a battery or a cable"
+Pressure = composed(
+    "field_horizontal", "depth", "linear", name="pressure",
+    words="the iron beside the compass, or the compass, depends on pressure",
+)  # fmt: skip
+IronMovedByPitch = composed("field_horizontal", "pitch", "linear", name="moving_iron", words=MOVES)
+IronMovedByRoll = composed("field_horizontal", "roll", "linear", name="moving_iron", words=MOVES)
+PivotFriction = composed(
+    "reading", "turn_rate", "sign", name="pivot_friction", most=0.0,  # it holds back
+    words="the compass sticks on its pivot and stops short of each heading, on the side that it comes from",
+)  # fmt: skip
+BeamGain = composed(
+    "flow_gain", "time", "always", name="beam_gain", least=-LARGEST_GAIN, most=LARGEST_GAIN,
+    words="the beam pairs of this instrument are of unequal gain, which turns currents and no heading",
+)  # fmt: skip
+VelocityBias = composed(
+    "flow_offset", "time", "always", name="velocity_bias",
+    words="the velocities of this instrument have a constant offset in its own frame, as by ringing",
+)  # fmt: skip
 
 
 def of_name(effect: str) -> type[Composed]:

@@ -15,6 +15,7 @@ class SecularVariation(Term):
     """Magnetic north drifts faster than the declination that was applied says."""
 
     name: ClassVar[str] = "secular_variation"
+    words: ClassVar[str] = "magnetic north drifts more than the declination that was applied"
     recordings: ClassVar[tuple[str, ...]] = ("mooring", "declination")
     acts_on: ClassVar = "north"
     literature: ClassVar[str] = "IGRF's rate of change; east positive"
@@ -34,6 +35,7 @@ class FieldDisturbance(Proportional):
     """Magnetic north moves by a share of what an observatory recorded."""
 
     name: ClassVar[str] = "field_disturbance"
+    words: ClassVar[str] = "magnetic north moved as the observatory recorded it, most of all on these dates"
     recordings: ClassVar[tuple[str, ...]] = ("mooring", "declination")
     acts_on: ClassVar = "north"
     literature: ClassVar[str] = "declination of an observatory minus its quiet value; east positive"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -16,6 +17,11 @@ class HardIron(Term):
     """A constant field in the body frame is added."""
 
     name: ClassVar[str] = "hard_iron"
+    words: ClassVar[str] = "a magnetised part that turns with the instrument adds a constant field (hard iron)"
+    shows_along: ClassVar[tuple[str, ...]] = ("heading",)
+    told_from: ClassVar[Mapping[str, str]] = {
+        "tilt_uncompensated": "logged tilts: a mean tilt in the vertical field looks like hard iron"
+    }
     literature: ClassVar[str] = "Poisson's P, Q, R; Le Menn et al. 2023, eq. (1); forward, starboard, down positive"
     recordings: ClassVar[tuple[str, ...]] = ("magnetometer",)  # elsewhere B and C of the fitted curve hold it
 
@@ -39,6 +45,12 @@ class HardIronStep(Term):
     """A horizontal field in the body frame is there from a date on."""
 
     name: ClassVar[str] = "hard_iron_step"
+    words: ClassVar[str] = "the hard iron beside the compass changed in a step"
+    told_from: ClassVar[Mapping[str, str]] = {
+        "heading_slip": "headings all round on both sides of the date, or the field modulus of the magnetometer",
+        "compass_drift": "wider headings, or the field modulus of the magnetometer",
+        "hard_iron_drift": "more records around the date",
+    }
     recordings: ClassVar[tuple[str, ...]] = READINGS
     literature: ClassVar[str] = "Poisson's P and Q, a step in time; forward and starboard positive"
 
@@ -59,6 +71,11 @@ class HardIronDrift(Term):
     """A horizontal field in the body frame grows with time."""
 
     name: ClassVar[str] = "hard_iron_drift"
+    words: ClassVar[str] = "the hard iron beside the compass drifts with time"
+    told_from: ClassVar[Mapping[str, str]] = {
+        "compass_drift": "wider headings, or the field modulus of the magnetometer",
+        "heading_slip": "wider headings, or the field modulus of the magnetometer",
+    }
     literature: ClassVar[str] = "Poisson's P and Q, linear in time; forward and starboard positive"
 
     b_x_nT_year: float = parameter("nT/year", "rate forward", 200.0, usual=USUAL_NT)
@@ -77,6 +94,7 @@ class BatteryChange(Term):
     """A horizontal field in the body frame is there from each jump of the supply voltage on; every jump has its own."""
 
     name: ClassVar[str] = "battery_change"
+    words: ClassVar[str] = "a battery was changed, and with it the iron beside the compass"
     literature: ClassVar[str] = "Poisson's P and Q, a step with each battery; forward and starboard positive"
     needs: ClassVar[tuple[str, ...]] = ("battery_number",)
 
@@ -103,6 +121,14 @@ class SupplyVoltageOfField(Term):
     """A horizontal field in the body frame grows with the supply voltage."""
 
     name: ClassVar[str] = "supply_voltage"
+    words: ClassVar[str] = "the compass depends on its supply voltage"
+    shows_along: ClassVar[tuple[str, ...]] = ("supply_voltage",)
+    told_from: ClassVar[Mapping[str, str]] = {
+        "hard_iron_drift": "a battery change, or the end of its discharge",
+        "compass_drift": "a battery change, or the end of its discharge",
+        "hard_iron_step": "more records around the date",
+        "heading_slip": "more records around the date",
+    }
     stage: ClassVar = "sensor"
     instrument: ClassVar[bool] = True
     literature: ClassVar[str] = "stray field of the supply current; forward and starboard positive"
@@ -139,6 +165,15 @@ class TemperatureOfField(Term):
     """A horizontal field in the body frame grows with temperature."""
 
     name: ClassVar[str] = "temperature"
+    words: ClassVar[str] = "the compass, its iron or the zero of its tilts depends on temperature"
+    shows_along: ClassVar[tuple[str, ...]] = ("temperature",)
+    told_from: ClassVar[Mapping[str, str]] = {
+        "compass_drift": "a year more, with another course of the temperature",
+        "hard_iron_drift": "a year more, with another course of the temperature",
+        "hard_iron_step": "a year more, with another course of the temperature",
+        "heading_slip": "a year more, with another course of the temperature",
+        "supply_voltage": "a year more, with another course of the temperature",
+    }
     recordings: ClassVar[tuple[str, ...]] = ("mooring", "magnetometer")
     stage: ClassVar = "sensor"
     instrument: ClassVar[bool] = True
@@ -177,6 +212,12 @@ class Heeling(Term):
     """A constant field along the body's vertical is added; the levelling brings it into the heading."""
 
     name: ClassVar[str] = "heeling"
+    words: ClassVar[str] = "the compass tilts over iron along its own vertical (heeling error)"
+    shows_along: ClassVar[tuple[str, ...]] = ("pitch", "roll")
+    told_from: ClassVar[Mapping[str, str]] = {
+        "tilt_uncompensated": "the magnetometer's three axes with tilt",
+        "moving_iron": "the magnetometer's three axes with tilt",
+    }
     recordings: ClassVar[tuple[str, ...]] = ("mooring", "magnetometer", "two_heads")
     instrument: ClassVar[bool] = True
     literature: ClassVar[str] = "physics page, section 4: n = T m, so tilt turns b_z into q; left out by von Appen 2015"

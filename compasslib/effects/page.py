@@ -33,6 +33,7 @@ def _form(form: type[Term]) -> str:
         f"* source: {form.literature}",
         *([f"* needs: {', '.join(form.needs)}"] if form.needs else []),
         *(f"* `{f.name}`, {f.metadata['unit']}: {f.metadata['meaning']}" for f in fields(form)),
+        *(f"* told from {other} by: {how}" for other, how in form.told_from.items()),
     ]
     return lines[0] + "\n\n" + "\n".join(lines[1:]) + "\n"
 

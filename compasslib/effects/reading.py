@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -17,6 +18,8 @@ class LargeDeviation(Proportional):
     """The reading is that of the exact compass, not that of the series."""
 
     name: ClassVar[str] = "large_deviation"
+    words: ClassVar[str] = "the deviation is too large for the small-angle series; the exact compass fits"
+    shows_along: ClassVar[tuple[str, ...]] = ("heading",)
     recordings: ClassVar[tuple[str, ...]] = ("mooring", "platform", "swing")
     found_by: ClassVar[str] = "exact compass and series, each fitted"
     acts_on: ClassVar = "reading"
@@ -81,6 +84,9 @@ class Sextantal(Harmonic):
     """The reading is shifted by the third harmonic of what the compass would have recorded."""
 
     name: ClassVar[str] = "sextantal"
+    words: ClassVar[str] = "the reading has a third harmonic of the recorded heading (sextantal deviation)"
+    shows_along: ClassVar[tuple[str, ...]] = ("heading",)
+    told_from: ClassVar[Mapping[str, str]] = {"octantal": "wider headings, or a swing of 16 to 24 headings all round"}
     recordings: ClassVar[tuple[str, ...]] = READINGS
     order: ClassVar[float] = 3.0
     instrument: ClassVar[bool] = True
@@ -95,6 +101,8 @@ class Octantal(Harmonic):
     """The reading is shifted by the fourth harmonic of what the compass would have recorded."""
 
     name: ClassVar[str] = "octantal"
+    words: ClassVar[str] = "the reading has a fourth harmonic of the recorded heading (octantal deviation)"
+    shows_along: ClassVar[tuple[str, ...]] = ("heading",)
     recordings: ClassVar[tuple[str, ...]] = READINGS
     order: ClassVar[float] = 4.0
     instrument: ClassVar[bool] = True
@@ -109,6 +117,7 @@ class CompassDrift(Term):
     """The reading drifts with time."""
 
     name: ClassVar[str] = "compass_drift"
+    words: ClassVar[str] = "the compass drifts with time"
     stage: ClassVar = "readout"
     acts_on: ClassVar = "reading"
     literature: ClassVar[str] = "A of von Appen 2015, eq. (1), linear in time; reading clockwise positive"
@@ -128,6 +137,11 @@ class HeadingSlip(Term):
     """The reading is shifted from a date on: a step in A."""
 
     name: ClassVar[str] = "heading_slip"
+    words: ClassVar[str] = "the mount turned: all headings are off by a constant from then on"
+    told_from: ClassVar[Mapping[str, str]] = {
+        "compass_drift": "more readings around the date, or the same headings read again in another order",
+        "tilt_uncompensated": "logged tilts",
+    }
     recordings: ClassVar[tuple[str, ...]] = (*READINGS, "declination")
     stage: ClassVar = "readout"
     acts_on: ClassVar = "reading"
@@ -149,6 +163,11 @@ class CompassLag(Term):
     """The reading is what the heading was some time before."""
 
     name: ClassVar[str] = "compass_lag"
+    words: ClassVar[str] = "the compass lags when the instrument turns"
+    shows_along: ClassVar[tuple[str, ...]] = ("turn_rate",)
+    told_from: ClassVar[Mapping[str, str]] = {
+        "clock_offset": "tilts of both heads that change with time: they have no compass in them"
+    }
     stage: ClassVar = "readout"
     acts_on: ClassVar = "reading"
     instrument: ClassVar[bool] = True
@@ -170,6 +189,9 @@ class TiltUncompensated(Term):
     """A share of the levelling is left out."""
 
     name: ClassVar[str] = "tilt_uncompensated"
+    words: ClassVar[str] = "the reading is not compensated for tilt"
+    shows_along: ClassVar[tuple[str, ...]] = ("pitch", "roll")
+    told_from: ClassVar[Mapping[str, str]] = {"moving_iron": "the magnetometer's three axes with tilt"}
     stage: ClassVar = "sensor"
     instrument: ClassVar[bool] = True
     literature: ClassVar[str] = "physics page, section 4: n = m instead of T m; 1 means no compensation at all"
@@ -216,6 +238,7 @@ class TiltOffset(Term):
     """The tilts are off by constants, and the compass levels by them."""
 
     name: ClassVar[str] = "tilt_offset"
+    words: ClassVar[str] = "the tilts by which the compass is compensated have constant errors"
     stage: ClassVar = "sensor"
     literature: ClassVar[str] = "Z (offset)/H, in B and C of von Appen 2015, eq. (1), but for what the lean changes"
     found_by: ClassVar[str] = "vertical velocities that follow the flow in the body, or a level deck"
@@ -236,6 +259,7 @@ class StuckTilt(Term):
     """While the tilts stick, the compass levels without the lean that the flow then gave the instrument."""
 
     name: ClassVar[str] = "stuck_tilt"
+    words: ClassVar[str] = "the tilt sensors are stuck, and the compass is compensated with their last values"
     stage: ClassVar = "sensor"
     literature: ClassVar[str] = "physics page, section 4: n = T(stuck) m; 1: all of the lean that the flow foretells"
     needs: ClassVar[tuple[str, ...]] = ("lean_pitch", "lean_roll")

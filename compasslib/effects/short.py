@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -91,6 +91,12 @@ class MountingOffset(Term):
     """The heading is counted from another direction than the axes."""
 
     name: ClassVar[str] = "mounting_offset"
+    words: ClassVar[str] = "the heading is turned by a constant from the magnetometer's axes"
+    shows_along: ClassVar[tuple[str, ...]] = ("heading",)
+    told_from: ClassVar[Mapping[str, str]] = {
+        "tilt_uncompensated": "logged tilts",
+        "declination_error": "the declination that the instrument was set to",
+    }
     recordings: ClassVar[tuple[str, ...]] = ("magnetometer",)
     stage: ClassVar = "readout"
     acts_on: ClassVar = "reading"
@@ -124,6 +130,11 @@ class LevelSoftIron(Term):
     """Soft iron as the modulus of a level turn shows it: what stretches the circle to an ellipse."""
 
     name: ClassVar[str] = "soft_iron"
+    words: ClassVar[str] = "a part that the earth's field magnetises distorts it (soft iron)"
+    shows_along: ClassVar[tuple[str, ...]] = ("heading",)
+    told_from: ClassVar[Mapping[str, str]] = {
+        "tilt_uncompensated": "logged tilts: a tilt that goes with the heading stretches the circle"
+    }
     recordings: ClassVar[tuple[str, ...]] = ("magnetometer",)
     literature: ClassVar[str] = "(a - e)/2 and (d + b)/2 of Poisson; Le Menn et al. 2023, eq. (1)"
 

@@ -6,6 +6,7 @@ course the reading stands that belongs to it, (n,) seconds. A filter acts on the
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -26,6 +27,16 @@ class SetAndDrift(Term):
     """The water carries the ship; it keeps its set and drift."""
 
     name: ClassVar[str] = "water_drift"
+    words: ClassVar[str] = "the water carries the vessel sideways, so that its track over ground is not its heading"
+    shows_along: ClassVar[tuple[str, ...]] = ("heading",)
+    told_from: ClassVar[Mapping[str, str]] = {
+        "sextantal": "each heading at two speeds, or a log of the speed through the water",
+        "octantal": "each heading at two speeds, or a log of the speed through the water",
+        "heading_slip": "the first headings swung again at the end",
+        "compass_drift": "the first headings swung again at the end",
+        "hard_iron_step": "the first headings swung again, each at two speeds",
+        "hard_iron_drift": "the first headings swung again, each at two speeds",
+    }
     recordings: ClassVar[tuple[str, ...]] = ("swing",)
     side: ClassVar = "water"
     acts_on: ClassVar = "velocity"
@@ -82,6 +93,9 @@ class LateCourse(Term):
     """The course over ground is that of some time before: a receiver's filter, a hull that slides on in a turn."""
 
     name: ClassVar[str] = "course_lag"
+    words: ClassVar[str] = "the course over ground lags: the receiver filters it, and a hull slides on in a turn"
+    shows_along: ClassVar[tuple[str, ...]] = ("turn_rate",)
+    told_from: ClassVar[Mapping[str, str]] = {"clock_offset": "headings and courses logged by one clock"}
     recordings: ClassVar[tuple[str, ...]] = ("swing",)
     side: ClassVar = "reference"
     stage: ClassVar = "readout"

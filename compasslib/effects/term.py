@@ -97,7 +97,9 @@ class Term(ABC):
     literature: ClassVar[str]
     needs: ClassVar[tuple[str, ...]] = ()  # covariates without which it cannot be tested
     recordings: ClassVar[tuple[str, ...]] = ("mooring",)  # whose search tests it
-    words: ClassVar[str] = ""  # its physics in words; of the catalogue's own in compasslib/search/wording.py
+    words: ClassVar[str] = ""  # its physics in words, of all forms of an effect on the first
+    shows_along: ClassVar[tuple[str, ...]] = ()  # covariates along which it shows, on the first form; empty: time
+    told_from: ClassVar[Mapping[str, str]] = {}  # by the name of another effect: what observation separates the two
     found_by: ClassVar[str] = ""  # what finds it apart from the search: a comparison that needs no forward model
     instrument: ClassVar[bool] = False  # whether it is of the instrument itself, the same in every record of it
     evident: ClassVar[bool] = False  # whether what it needs is there only where it acts: only its size is asked for

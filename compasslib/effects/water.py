@@ -18,6 +18,8 @@ class VeerWithSpeed(Proportional):
     """The directional shear between the two depths grows with the speed of the flow."""
 
     name: ClassVar[str] = "current_veer"
+    words: ClassVar[str] = "directional shear of the water between the two depths"
+    shows_along: ClassVar[tuple[str, ...]] = ("speed", "separation", "depth")
     side: ClassVar = "water"
     acts_on: ClassVar = "water"
     literature: ClassVar[str] = "von Appen 2015, appendix, assumes none; lower minus upper direction, clockwise"
@@ -80,6 +82,8 @@ class MooringMotion(Proportional):
     """The instrument's own velocity is missing from what it measures, across the flow while the lean turns."""
 
     name: ClassVar[str] = "mooring_motion"
+    words: ClassVar[str] = "the mooring's own motion is in the measured current"
+    shows_along: ClassVar[tuple[str, ...]] = ("speed",)
     side: ClassVar = "water"
     acts_on: ClassVar = "water"
     literature: ClassVar[str] = "excursion proportional to speed squared; true minus measured direction, clockwise"
@@ -104,6 +108,8 @@ class ReferenceDeviation(OfReference, Proportional):
     """The reference's compass has a deviation of its own."""
 
     name: ClassVar[str] = "reference_deviation"
+    words: ClassVar[str] = "the compass of the reference has a deviation of its own"
+    shows_along: ClassVar[tuple[str, ...]] = ("reference_heading",)
     literature: ClassVar[str] = "B and C of von Appen 2015, eq. (1), by its own heading; reading minus true"
     needs: ClassVar[tuple[str, ...]] = ("reference_sine", "reference_cosine")
 
@@ -116,6 +122,9 @@ class ReferenceSlip(OfReference):
     """The reference's directions are shifted from a date on: its mount slipped, or its iron changed."""
 
     name: ClassVar[str] = "reference_slip"
+    words: ClassVar[str] = (
+        "the directions of the reference have a step: its mount slipped, or iron came or went beside it"
+    )
     literature: ClassVar[str] = "a step of the reference's directions; clockwise positive"
 
     offset_deg: float = parameter("degrees", "turn of the reference's directions after the date", 1.0, usual=10.0)
@@ -131,6 +140,8 @@ class ReferenceBeams(OfReference):
     """One beam pair of the reference gives larger velocities than the other."""
 
     name: ClassVar[str] = "reference_beams"
+    words: ClassVar[str] = "the beams of the reference are of unequal gain"
+    shows_along: ClassVar[tuple[str, ...]] = ("reference_heading",)
     literature: ClassVar[str] = "-(gain/2) sin 2(flow - heading), first order; forward over starboard gain less one"
     needs: ClassVar[tuple[str, ...]] = ("reference_flow_sine2",)
 
@@ -146,6 +157,8 @@ class ReferenceBias(OfReference):
     """A constant velocity in its own frame is added to what the reference measures, as by ringing."""
 
     name: ClassVar[str] = "reference_bias"
+    words: ClassVar[str] = "the velocities of the reference have a constant offset in its own frame"
+    shows_along: ClassVar[tuple[str, ...]] = ("speed",)
     literature: ClassVar[str] = "(bias/speed) sin(angle of the bias - angle of the flow), first order"
     needs: ClassVar[tuple[str, ...]] = ("reference_flow_sine", "reference_flow_cosine")
 
@@ -166,6 +179,8 @@ class ClockOffset(Term):
     """The affected instrument's clock is ahead of the reference's by a constant."""
 
     name: ClassVar[str] = "clock_offset"
+    words: ClassVar[str] = "the two clocks differ"
+    shows_along: ClassVar[tuple[str, ...]] = ("turn_rate",)
     side: ClassVar = "clock"
     stage: ClassVar = "clock"
     acts_on: ClassVar = "time"
@@ -188,6 +203,7 @@ class ClockDrift(Term):
     """The affected instrument's clock gains on the reference's."""
 
     name: ClassVar[str] = "clock_drift"
+    words: ClassVar[str] = "the two clocks drift apart"
     side: ClassVar = "clock"
     stage: ClassVar = "clock"
     acts_on: ClassVar = "time"

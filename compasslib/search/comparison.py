@@ -96,7 +96,7 @@ class Comparison:
 
     def lives(self, term: Term) -> str:
         """Return the covariate along which an effect lives: of those known to go with it the one that varies most."""
-        listed = wording.WHERE.get(term.name, term.needs if isinstance(term, Composed) else ("time",))
+        listed = term.needs if isinstance(term, Composed) else wording.WHERE.get(term.name, ("time",))
         known = [name for name in listed if name in self.covariates]
         known = [name for name in known if name in term.needs] or known
         known = known or [name for name in ("time", "reading") if name in self.covariates] or list(self.covariates)

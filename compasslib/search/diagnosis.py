@@ -40,8 +40,7 @@ def of(
     sides = min((_sides(part, stands) for part in parts), key=lambda one: one["none"], default={})
     for one in beside:
         sides = surely(one.side, sides) if one in found else sides
-    on_land = any(part.comparison.what for part in parts)
-    phrases = [wording.separated_by(f.named, f.alternatives, on_land=on_land) for f in found if f.alternatives]
+    phrases = [wording.separated_by(f.named, f.alternatives) for f in found if f.alternatives]
     if separated_by and any(one.side == "compass" for one in found):
         phrases.append(separated_by)
     compared = [part.comparison.what for part in parts]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from compasslib.effects import COMPOSED, SLOW_WATER, all_terms, meanings, side_of
+from compasslib.effects import CATALOGUE, COMPOSED, SLOW_WATER, all_terms, meanings, side_of
 from compasslib.effects.composed import FORMS
 from compasslib.search.verdict import stamp
 
@@ -16,28 +16,6 @@ VERDICTS = {
     "unexplained": "a mismatch is established, nothing in the catalogue fits it",
     "insufficient": "too little data to judge",
 }
-WHERE = {
-    "heeling": ("pitch", "roll"),
-    "tilt_uncompensated": ("pitch", "roll"),
-    "moving_iron": ("pitch", "roll"),
-    "temperature": ("temperature",),
-    "supply_voltage": ("supply_voltage",),
-    "sextantal": ("heading",),
-    "octantal": ("heading",),
-    "large_deviation": ("heading",),
-    "current_veer": ("speed", "separation", "depth"),
-    "mooring_motion": ("speed",),
-    "reference_deviation": ("reference_heading",),
-    "reference_beams": ("reference_heading",),
-    "reference_bias": ("speed",),
-    "hard_iron": ("heading",),
-    "soft_iron": ("heading",),
-    "mounting_offset": ("heading",),
-    "water_drift": ("heading",),
-    "compass_lag": ("turn_rate",),
-    "clock_offset": ("turn_rate",),
-    "course_lag": ("turn_rate",),
-}  # every other effect lives along time
 UNITS = {
     "heading": "degrees", "pitch": "degrees", "roll": "degrees", "depth": "m", "separation": "m", "speed": "m/s",
     "temperature": "degrees C", "supply_voltage": "V or counts", "hour_of_day": "h", "time": "",
@@ -51,127 +29,42 @@ UNITS_OF_CALIBRATIONS = UNITS | {
     "vertical_field": "of its mean",
     "reading": "",
 }
-PHYSICS = {
-    "heeling": "the compass tilts over iron along its own vertical (heeling error)",
-    "tilt_uncompensated": "the reading is not compensated for tilt",
-    "stuck_tilt": "the tilt sensors are stuck, and the compass is compensated with their last values",
-    "hard_iron_drift": "the hard iron beside the compass drifts with time",
-    "hard_iron_step": "the hard iron beside the compass changed in a step",
-    "battery_change": "a battery was changed, and with it the iron beside the compass",
-    "temperature": "the compass, its iron or the zero of its tilts depends on temperature",
-    "supply_voltage": "the compass depends on its supply voltage",
-    "sextantal": "the reading has a third harmonic of the recorded heading (sextantal deviation)",
-    "octantal": "the reading has a fourth harmonic of the recorded heading (octantal deviation)",
-    "heading_slip": "the mount turned: all headings are off by a constant from then on",
-    "compass_drift": "the compass drifts with time",
-    "compass_lag": "the compass lags when the instrument turns",
-    "current_veer": "directional shear of the water between the two depths",
-    SLOW_WATER: "slowly changing shear of the water between the two depths; no instrument is at fault",
-    "mooring_motion": "the mooring's own motion is in the measured current",
-    "reference_deviation": "the compass of the reference has a deviation of its own",
-    "reference_slip": "the directions of the reference have a step: its mount slipped, or iron came or went beside it",
-    "reference_beams": "the beams of the reference are of unequal gain",
-    "reference_bias": "the velocities of the reference have a constant offset in its own frame",
-    "field_disturbance": "magnetic north moved as the observatory recorded it, most of all on these dates",
-    "moving_iron": "iron beside the compass moves as the instrument leans, a battery or a cable",
-    "tilt_offset": "the tilts by which the compass is compensated have constant errors",
-    "pressure": "the iron beside the compass, or the compass, depends on pressure",
-    "pivot_friction": "the compass sticks on its pivot and stops short of each heading, on the side that it comes from",
-    "beam_gain": "the beam pairs of this instrument are of unequal gain, which turns currents and no heading",
-    "velocity_bias": "the velocities of this instrument have a constant offset in its own frame, as by ringing",
-    "secular_variation": "magnetic north drifts more than the declination that was applied",
-    "clock_offset": "the two clocks differ",
-    "clock_drift": "the two clocks drift apart",
-    "large_deviation": "the deviation is too large for the small-angle series; the exact compass fits",
-    "hard_iron": "a magnetised part that turns with the instrument adds a constant field (hard iron)",
-    "soft_iron": "a part that the earth's field magnetises distorts it (soft iron)",
-    "mounting_offset": "the heading is turned by a constant from the magnetometer's axes",
-    "water_drift": "the water carries the vessel sideways, so that its track over ground is not its heading",
-    "course_lag": "the course over ground lags: the receiver filters it, and a hull slides on in a turn",
+# Of each effect the words of its first form; those of an effect of another package are along what it needs.
+PHYSICS = {term.name: term.words for term in reversed(all_terms()) if term.words} | {
+    SLOW_WATER: "slowly changing shear of the water between the two depths; no instrument is at fault"
 }
-PHYSICS = {term.name: term.words for term in all_terms() if term.words} | PHYSICS
-WHERE |= {term.name: term.needs for term in all_terms() if term.words and term.needs}
+WHERE = {term.name: term.needs for term in all_terms() if term not in CATALOGUE and term.needs} | {
+    term.name: term.shows_along for term in all_terms() if term.shows_along
+}  # every other effect lives along time
+SEPARATED_BY = {frozenset((term.name, other)): how for term in all_terms() for other, how in term.told_from.items()}
 OF_DAYS_S = 10 * 86400.0  # length of a record above which its dates are days
 LEAST_P = 0.001  # the smallest that the drawn blocks can show
-TIME_TREND = "a battery change, or the end of its discharge"
-WIDER = "wider headings, or the field modulus of the magnetometer"
-SEPARATED_BY: dict[frozenset[str], str] = {
-    frozenset(pair): how
-    for how, pairs in {
-        TIME_TREND: [("supply_voltage", "hard_iron_drift"), ("supply_voltage", "compass_drift")],
-        WIDER: [
-            ("hard_iron_step", "heading_slip"),
-            ("hard_iron_drift", "compass_drift"),
-            ("hard_iron_drift", "heading_slip"),
-            ("hard_iron_step", "compass_drift"),
-        ],
-        "wider headings, or a swing of 16 to 24 headings": [("sextantal", "octantal")],
-        "more records around the date": [
-            ("hard_iron_step", "hard_iron_drift"),
-            ("heading_slip", "compass_drift"),
-            ("supply_voltage", "hard_iron_step"),
-            ("supply_voltage", "heading_slip"),
-        ],
-        "a year more, with another course of the temperature": [
-            ("temperature", other)
-            for other in ("compass_drift", "hard_iron_drift", "hard_iron_step", "heading_slip", "supply_voltage")
-        ],
-        "the magnetometer's three axes with tilt": [
-            ("heeling", "tilt_uncompensated"),
-            ("heeling", "moving_iron"),
-            ("moving_iron", "tilt_uncompensated"),
-        ],
-    }.items()
-    for pair in pairs
-}
-SEPARATED_ON_LAND = {
-    frozenset(pair): how
-    for pair, how in {
-        ("hard_iron", "tilt_uncompensated"): "logged tilts: a mean tilt in the vertical field looks like hard iron",
-        ("soft_iron", "tilt_uncompensated"): "logged tilts: a tilt that goes with the heading stretches the circle",
-        ("mounting_offset", "tilt_uncompensated"): "logged tilts",
-        ("heading_slip", "tilt_uncompensated"): "logged tilts",
-        ("mounting_offset", "declination_error"): "the declination that the instrument was set to",
-        ("sextantal", "octantal"): "a swing of 16 to 24 headings all round",
-        ("compass_lag", "clock_offset"): "tilts of both heads that change with time: they have no compass in them",
-        ("heading_slip", "hard_iron_step"): "headings all round on both sides of the date",
-        ("heading_slip", "compass_drift"): "the same headings read again, more often and in another order",
-        ("water_drift", "sextantal"): "each heading at two speeds, or a log of the speed through the water",
-        ("water_drift", "octantal"): "each heading at two speeds, or a log of the speed through the water",
-        ("water_drift", "heading_slip"): "the first headings swung again at the end",
-        ("water_drift", "compass_drift"): "the first headings swung again at the end",
-        ("water_drift", "hard_iron_step"): "the first headings swung again, each at two speeds",
-        ("water_drift", "hard_iron_drift"): "the first headings swung again, each at two speeds",
-        ("course_lag", "clock_offset"): "headings and courses logged by one clock",
-    }.items()
-}  # of calibrations, before what separates in a mooring
 WATER_OR_COMPASS = "a second reference, or a swing of the compass on land: {} is in the water, {} is not"
 TRUSTED_OR_NOT = "a second reference (reference as a list), or a swing of either compass on land"
 OTHERWISE = "a record in which {} and {} vary independently"
 
 
-def separated_by(effect: str, alternatives: Sequence[str], *, on_land: bool = False) -> str:
+def separated_by(effect: str, alternatives: Sequence[str]) -> str:
     """Return what observation would separate effects, one sentence a pair.
 
     Args:
         effect: the effect that fits best.
-        on_land: whether the recording is that of a calibration.
     """
     pairs = [(effect, other) for other in alternatives]
-    phrases = dict.fromkeys(_pair(*pair, on_land=on_land) for pair in pairs)
+    phrases = dict.fromkeys(_pair(*pair) for pair in pairs)
     return "; ".join(phrases)
 
 
-def _pair(a: str, b: str, *, on_land: bool) -> str:
+def _pair(a: str, b: str) -> str:
     first, second = (plain(name) if name.startswith(COMPOSED) else name for name in (a, b))
     both = f"{first} or {second}: "
-    if on_land and (how := SEPARATED_ON_LAND.get(frozenset((a, b)))):
+    if how := SEPARATED_BY.get(frozenset((a, b))):
         return both + how
     if len([name for name in (a, b) if name.startswith("reference_")]) == 1:
         return both + TRUSTED_OR_NOT
     if (side_of(a) == "water") != (side_of(b) == "water"):
         return both + WATER_OR_COMPASS.format(*((first, second) if side_of(a) == "water" else (second, first)))
-    return both + SEPARATED_BY.get(frozenset((a, b)), OTHERWISE.format(first, second))
+    return both + OTHERWISE.format(first, second)
 
 
 def finding(

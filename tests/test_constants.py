@@ -1,0 +1,57 @@
+"""Every number of the search that has a name stands in docs/background/constants.md, under the error that it sets."""
+
+import ast
+import re
+from pathlib import Path
+
+PROJECT = Path(__file__).resolve().parents[1]
+PAGE = PROJECT / "docs/background/constants.md"
+ROOT = PROJECT / "compasslib"
+ENGINE = [
+    *ROOT.glob("search/**/*.py"),
+    *ROOT.glob("stats/*.py"),
+    ROOT / "effects/term.py",
+    ROOT / "effects/composed.py",
+]
+LONGEST = 40  # of a value as the page shows it
+
+
+def numbers(path: Path) -> dict[tuple[str, str], str]:
+    """Return the value of each constant with a number in it, by name and module."""
+    source, found = path.read_text(), {}
+    for node in ast.parse(source).body:
+        if not isinstance(node, ast.Assign | ast.AnnAssign) or node.value is None:
+            continue
+        target, value = (node.targets[0] if isinstance(node, ast.Assign) else node.target), node.value
+        together = isinstance(target, ast.Tuple) and isinstance(value, ast.Tuple)
+        each = zip(target.elts, value.elts, strict=True) if together else [(target, value)]
+        for name, one in each:
+            if re.fullmatch(r"_?[A-Z][A-Z0-9_]*", getattr(name, "id", "")) and any(map(is_number, ast.walk(one))):
+                text = re.sub(r"\s#\s.*$", "", ast.get_source_segment(source, one), flags=re.MULTILINE)
+                found[name.id, str(path.relative_to(ROOT))] = shown(" ".join(text.split()))
+    return found
+
+
+def is_number(node: ast.AST) -> bool:
+    return isinstance(node, ast.Constant) and isinstance(node.value, int | float) and not isinstance(node.value, bool)
+
+
+def shown(text: str) -> str:
+    return text if len(text) <= LONGEST else text[: LONGEST - 3] + "..."
+
+
+def test_the_page_holds_every_constant_of_the_search_with_its_value():
+    row = r"^\| `(\w+)` \| `([\w/]+\.py)` \| `(.+)` \| (.+) \|$"
+    told = {(name, module): value for name, module, value, _ in re.findall(row, PAGE.read_text(), re.MULTILINE)}
+    there = {key: value for path in ENGINE for key, value in numbers(path).items()}
+    assert there.keys() - told.keys() == set(), "say in docs/background/constants.md which error they set"
+    assert told.keys() - there.keys() == set(), "gone: take them from docs/background/constants.md"
+    assert {key for key, value in there.items() if value != told[key]} == set(), "their values changed"
+
+
+def test_the_page_counts_what_it_lists():
+    text = PAGE.read_text()
+    sections = text.split("\n## ")[1:]
+    listed = {part.split("\n")[0]: part.count("\n| `") for part in sections}
+    counted = {title: int(count) for title, count in re.findall(r"^\| ([A-Z][\w ]+) \| (\d+) \|$", text, re.MULTILINE)}
+    assert counted == listed and f"The {sum(listed.values())} numbers" in text
