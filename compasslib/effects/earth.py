@@ -82,6 +82,7 @@ class DeclinationError(Term):
     """Magnetic north lies elsewhere than the declination that was applied says, by the same angle always."""
 
     name: ClassVar[str] = "declination_error"
+    words: ClassVar[str] = "the declination is off by a constant"
     recordings: ClassVar[tuple[str, ...]] = ("mooring", "declination")
     found_by: ClassVar[str] = "an observatory's mean against the model"
     acts_on: ClassVar = "north"

@@ -23,7 +23,6 @@ CLAUSES = {
     **wording.PHYSICS,
     "hard_iron": "iron near by adds a constant field",
     "mounting_offset": "the mount turns all headings by a constant",
-    "declination_error": "the declination is off by a constant",
     "field_disturbance": "magnetic north moved with storms or the daily variation",  # shown by a series, or an index
 }
 
