@@ -9,8 +9,9 @@ from runs import DATA
 
 from compasslib.search import kinds
 from compasslib.search.comparison import Options
+from compasslib.search.finding import Finding
 from compasslib.search.kinds import platform
-from compasslib.search.verdict import Diagnosis, Finding
+from compasslib.search.verdict import Diagnosis
 
 ACM, SIGNATURE = "acm/mmp_global_A0000001.TXT", "magnetometer/signature500.csv"
 MMP, NMEA = {"format": "mmp_acm"}, {"format": "nmea0183"}

@@ -34,9 +34,10 @@ from compasslib.core.errors import InputError
 from compasslib.plots import heads
 from compasslib.report import answer, chart, figures, found, mooring, words
 from compasslib.report.section import Figure, Overview, ReportedFinding, ReportSection, ReportTable, stopped
+from compasslib.search.finding import Finding as Found
+from compasslib.search.finding import Parameter, Unexplained, Where
 from compasslib.search.show import HeldOut
-from compasslib.search.verdict import Diagnosis, Parameter, Unexplained, Where
-from compasslib.search.verdict import Finding as Found
+from compasslib.search.verdict import Diagnosis
 from compasslib.simulation.package import Sea
 
 HOSTILE = """<script>document.title = 'broken'</script><img src=x onerror="document.title='broken'"> & "quoted" 'so'"""

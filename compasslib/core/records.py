@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import numpy as np
@@ -212,3 +213,12 @@ def joined(records: Sequence[Record]) -> Record:
     counts = {key: sum(one.counts.get(key, 0) for one in ordered) for key in ordered[0].counts}
     warnings = tuple(dict.fromkeys(line for one in ordered for line in one.warnings))
     return replace(ordered[0], **together, counts=counts, warnings=warnings)
+
+
+def stamp(time_s: float) -> str:
+    """Return an instant as ISO 8601.
+
+    Args:
+        time_s: UTC seconds since 1970.
+    """
+    return datetime.fromtimestamp(round(time_s), UTC).strftime("%Y-%m-%dT%H:%M:%SZ")

@@ -22,9 +22,10 @@ from compasslib.joint.members import Member
 from compasslib.search import applied, sharing, wording
 from compasslib.search.applied import Applied
 from compasslib.search.case import Shared
+from compasslib.search.finding import Finding, Parameter, Where
 from compasslib.search.product import Product
 from compasslib.search.show import HeldOut
-from compasslib.search.verdict import Diagnosis, Finding, Parameter, Where, insufficient
+from compasslib.search.verdict import Diagnosis, insufficient
 
 ALARM = 0.006  # as of a single record
 

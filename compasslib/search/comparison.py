@@ -16,9 +16,9 @@ from compasslib.core.types import Floats
 from compasslib.effects import Term
 from compasslib.effects.composed import Composed
 from compasslib.search import show, wording
+from compasslib.search.finding import Finding, Ranked, Unexplained, Where
 from compasslib.search.posterior import Posterior, Slot
 from compasslib.search.show import BinnedResidual
-from compasslib.search.verdict import Finding, Ranked, Unexplained, Where
 
 OUTSIDE = 2.5  # standard errors by which a bin leaves the band
 

@@ -7,8 +7,9 @@ from dataclasses import replace
 
 from compasslib.search import verdict, wording
 from compasslib.search.comparison import Options, Outcome
+from compasslib.search.finding import Finding, Ranked, Unexplained
 from compasslib.search.posterior import Slot
-from compasslib.search.verdict import Diagnosis, Finding, Ranked, Unexplained
+from compasslib.search.verdict import Diagnosis
 
 WORTH_SAYING = 0.1  # of the size that matters: less is not even listed
 

@@ -8,8 +8,8 @@ from compasslib.effects import COMPOSED, Term
 from compasslib.effects.composed import Composed
 from compasslib.search import wording
 from compasslib.search.comparison import Comparison
+from compasslib.search.finding import Finding, Parameter, Where
 from compasslib.search.show import HeldOut
-from compasslib.search.verdict import Finding, Parameter, Where
 
 
 def of_term(

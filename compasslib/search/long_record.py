@@ -40,11 +40,12 @@ from compasslib.search.applied import Applied, Member
 from compasslib.search.baseline import State
 from compasslib.search.case import Case
 from compasslib.search.comparison import Options, Outcome
+from compasslib.search.finding import Finding, Parameter, Unexplained
 from compasslib.search.inference import Inference
 from compasslib.search.omnibus import Group, Rest
 from compasslib.search.sectors import Heap
 from compasslib.search.show import BinnedResidual
-from compasslib.search.verdict import Diagnosis, Finding, Parameter, Unexplained
+from compasslib.search.verdict import Diagnosis
 from compasslib.search.wording import TURN
 from compasslib.stats import whitening
 

@@ -12,13 +12,14 @@ import numpy as np
 
 from compasslib import observatory
 from compasslib.core import angles
+from compasslib.core.records import stamp
 from compasslib.core.types import Floats
 from compasslib.effects.earth import IndexedDisturbance
-from compasslib.search import show, verdict
+from compasslib.search import show
 from compasslib.search.baseline import State
 from compasslib.search.case import ALIKE
+from compasslib.search.finding import Finding, Parameter, Where
 from compasslib.search.show import HeldOut
-from compasslib.search.verdict import Finding, Parameter, Where
 
 SIZES_NT = np.geomspace(0.3, 100.0, 24)  # across magnetic north for one unit of ap
 SHIFTS, NEAREST_S = 400, 5 * 86400.0  # dates at which the index is tried; storms last for days
@@ -105,7 +106,7 @@ def _finding(state: State, size: Parameter, rms_deg: float, proof: HeldOut) -> F
     low, high = np.quantile(index, [STORMY, 1.0]).tolist()
     span = observatory.strongest_disturbance(time_s, index)
     place = Where("storm_index", low, high, f"where ap is {low:.0f} to {high:.0f}")
-    first, last = (verdict.stamp(one)[:10] for one in span)
+    first, last = (stamp(one)[:10] for one in span)
     text = (
         f"W{place.text[1:]}, most of all from {first} to {last}: {PHYSICS}. Directions scatter with it by "
         f"{rms_deg:.1f}° rms, {size.value:.2g} ± {1.96 * size.sigma:.1g} nT (95 %) for one unit of ap; "

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from compasslib.core.records import stamp
 from compasslib.effects import CATALOGUE, COMPOSED, SLOW_WATER, all_terms, meanings, side_of
 from compasslib.effects.composed import FORMS
-from compasslib.search.verdict import stamp
 
 VERDICTS = {
     "consistent": "no compass error beyond the fitted deviation was detected",

@@ -17,15 +17,16 @@ from numpy.typing import NDArray
 
 from compasslib import observatory
 from compasslib.core import angles
-from compasslib.core.records import EarthField, FieldSeries
+from compasslib.core.records import EarthField, FieldSeries, stamp
 from compasslib.core.types import Floats
 from compasslib.observatory import FieldComparison, Storm
 from compasslib.readers import iaga2002
 from compasslib.search import show, verdict
 from compasslib.search.comparison import Options
+from compasslib.search.finding import Finding, Parameter, Unexplained, Where
 from compasslib.search.kinds import declination_slow, declination_wording
 from compasslib.search.show import HeldOut
-from compasslib.search.verdict import Diagnosis, Finding, Parameter, Unexplained, Where
+from compasslib.search.verdict import Diagnosis
 
 MOST_STORMS = 5  # findings; smaller ones are counted in the text of the last
 LEFT_OUT_S = 600.0  # stretches of a storm that are left out in turn
@@ -180,7 +181,7 @@ def _finding(
     size: tuple[float, HeldOut],
     text: str,
 ) -> Finding:
-    place = Where("time", *span, f"from {verdict.stamp(span[0])} to {verdict.stamp(span[1])}")
+    place = Where("time", *span, f"from {stamp(span[0])} to {stamp(span[1])}")
     return Finding(effect, "compass", alternatives, place, span, parameters, size[0], size[1], text)
 
 
@@ -234,6 +235,6 @@ def _always_disturbed(compared: FieldComparison, limit_deg: float) -> Unexplaine
     if compared.ordinary_deg < limit_deg:
         return None
     span = _span(compared)
-    place = Where("time", *span, f"from {verdict.stamp(span[0])} to {verdict.stamp(span[1])}")
+    place = Where("time", *span, f"from {stamp(span[0])} to {stamp(span[1])}")
     text = declination_wording.restless(compared.ordinary_deg)
     return Unexplained(("time",), place, span, compared.ordinary_deg, (), text)

@@ -13,7 +13,7 @@ import numpy as np
 
 from compasslib import observatory
 from compasslib.core import angles
-from compasslib.core.records import EarthField, FieldSeries
+from compasslib.core.records import EarthField, FieldSeries, stamp
 from compasslib.core.types import Floats
 from compasslib.effects import Scene
 from compasslib.effects.composition import Simulation
@@ -21,12 +21,12 @@ from compasslib.effects.earth import SecularVariation
 from compasslib.effects.reading import HeadingSlip
 from compasslib.effects.term import YEAR_S
 from compasslib.observatory import FieldComparison
-from compasslib.search import long_record, show, verdict
+from compasslib.search import long_record, show
 from compasslib.search.case import Case
 from compasslib.search.comparison import Options
+from compasslib.search.finding import Finding, Parameter, Unexplained, Where
 from compasslib.search.kinds import declination_wording
 from compasslib.search.show import BinnedResidual
-from compasslib.search.verdict import Finding, Parameter, Unexplained, Where
 from compasslib.stats import blocks, robust
 
 Jumps = tuple[tuple[float, float], ...]  # (date, degrees that the series rises by)
@@ -161,7 +161,7 @@ def _of_pieces(compared: FieldComparison, series: FieldSeries, model: EarthField
     bare, left = (x - np.median(x) for x in (off, off - slope * years))
     proof = show.improved(bare, left, angles.rms(left), blocks.of_span(compared.time_s, show.BLOCK_S))
     span = (float(compared.time_s[0]), float(compared.time_s[-1]))
-    place = Where("time", *span, f"from {verdict.stamp(span[0])} to {verdict.stamp(span[1])}")
+    place = Where("time", *span, f"from {stamp(span[0])} to {stamp(span[1])}")
     parameters = {"deg_year": Parameter(slope, sigma, "degrees/year")}
     made = Finding("secular_variation", "compass", ("heading_slip",), place, span, parameters, size, proof, "")
     return Slow((_worded(made, series, model, None),), not_testable=(*missing, ("declination_error", DRIFTS)))
@@ -272,7 +272,7 @@ def _jump(compared: FieldComparison, jump: tuple[float, float], sigma_deg: float
     width = max(angles.rms(left), PRECISION_DEG)
     proof = show.judged((bare**2 - left**2) / (2.0 * width**2), block, (angles.rms(bare), angles.rms(left)))
     share = float(np.mean(after))
-    place = Where("time", date, last, f"from {verdict.stamp(date)} on")
+    place = Where("time", date, last, f"from {stamp(date)} on")
     return Finding(
         effect="heading_slip",
         side="compass",

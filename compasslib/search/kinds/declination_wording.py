@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from compasslib.core.records import stamp
 from compasslib.observatory import FieldComparison, Storm
-from compasslib.search import verdict, wording
+from compasslib.search import wording
+from compasslib.search.finding import Finding, Parameter
 from compasslib.search.show import HeldOut
-from compasslib.search.verdict import Finding, Parameter
 
 SEPARATED_BY = {
     "compass_drift": "absolute measurements of the declination at the station, or its definitive data",
@@ -47,7 +48,7 @@ def storm(found: Storm, compared: FieldComparison, proof: HeldOut, more: int) ->
     quiet = "" if compared.quiet_days else " No quiet day is known: daily variation is part of it."
     others = f" {more} smaller storms are not listed." if more else ""
     return (
-        f"From {verdict.stamp(found.begin_s)} to {verdict.stamp(found.end_s)} a disturbance of the earth's field moves "
+        f"From {stamp(found.begin_s)} to {stamp(found.end_s)} a disturbance of the earth's field moves "
         f"magnetic north by {found.rms_deg:.2f}° rms in its disturbed hours, {found.worst_deg:.2f}° in its worst "
         f"three; highest minus lowest declination is {found.range_deg:.1f}°.{quiet} The model of it is the "
         f"recorded course itself: on held-out stretches the residual goes from {proof.rms_before_deg:.2f}° to "
@@ -94,7 +95,7 @@ def jump(found: tuple[float, float], sigma_deg: float, proof: HeldOut, alternati
     """
     others = f" This record cannot separate it from {wording.listed(alternatives)}." if alternatives else ""
     return (
-        f"From {verdict.stamp(found[0])} on the declination is {found[1]:+.2f} ± {1.96 * sigma_deg:.2f} degrees (95 %) "
+        f"From {stamp(found[0])} on the declination is {found[1]:+.2f} ± {1.96 * sigma_deg:.2f} degrees (95 %) "
         f"off what it was: the baseline jumped, as where a sensor turned. The residual goes from "
         f"{proof.rms_before_deg:.2f}° to {proof.rms_after_deg:.2f}° rms (p = {proof.p_value:.3g}).{others}"
     )

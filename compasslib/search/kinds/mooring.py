@@ -24,9 +24,10 @@ from compasslib.search import applied, clocks, diagnosis, findings, long_record,
 from compasslib.search.case import Case, Shared, mooring_case
 from compasslib.search.clocks import ClockError, kept
 from compasslib.search.comparison import Options
+from compasslib.search.finding import Finding, Parameter, Where
 from compasslib.search.long_record import FEWEST, SHORTEST_DAYS
 from compasslib.search.show import HeldOut
-from compasslib.search.verdict import Diagnosis, Finding, Parameter, Where
+from compasslib.search.verdict import Diagnosis
 from compasslib.stats import blocks, robust, whitening
 
 MOST_PAIRS = 20_000  # hourly pairs of two years; of more, every second, third, ... is searched, to hold memory

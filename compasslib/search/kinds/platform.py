@@ -26,10 +26,11 @@ from compasslib.effects.short import Drift, IronDrift
 from compasslib.effects.term import Term
 from compasslib.search import diagnosis, findings, show, verdict
 from compasslib.search.comparison import Options
+from compasslib.search.finding import Finding
 from compasslib.search.short_record import curve, outcome, scan, search
 from compasslib.search.short_record.channel import Channel
 from compasslib.search.show import HeldOut
-from compasslib.search.verdict import Diagnosis, Finding
+from compasslib.search.verdict import Diagnosis
 
 FEWEST_HEADINGS = 12  # nine coefficients up to the fourth harmonic, and three degrees of freedom
 READOUT: tuple[type[Term], ...] = (Sextantal, Octantal, HeadingSlip, Drift)

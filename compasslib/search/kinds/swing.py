@@ -28,6 +28,7 @@ from compasslib.effects.swing import (
 from compasslib.effects.term import Term
 from compasslib.search import diagnosis, findings, show, verdict
 from compasslib.search.comparison import Options
+from compasslib.search.finding import Finding, Parameter
 from compasslib.search.kinds import platform
 from compasslib.search.kinds import swing_forward as forward
 from compasslib.search.kinds.swing_forward import KNOT_M_S, ByCourse, BySpeed, Stretches, Track, read
@@ -36,7 +37,7 @@ from compasslib.search.short_record import curve, fitting, outcome, scan, search
 from compasslib.search.short_record.channel import Channel, Forward
 from compasslib.search.short_record.fitting import FittedTerms
 from compasslib.search.short_record.search import NamedEffects
-from compasslib.search.verdict import Diagnosis, Finding, Parameter
+from compasslib.search.verdict import Diagnosis
 
 CONFOUNDED = "set and drift of the water cannot be separated from B and C where speeds do not vary"
 

@@ -30,11 +30,12 @@ from compasslib.effects.short import Delay, Drift, IronDrift, moving
 from compasslib.effects.term import Term
 from compasslib.search import diagnosis, show, verdict, wording
 from compasslib.search.comparison import Options
+from compasslib.search.finding import Finding, Parameter, Where
 from compasslib.search.short_record import curve, fitting, outcome, search
 from compasslib.search.short_record.channel import Channel, thinned
 from compasslib.search.short_record.search import NamedEffects
 from compasslib.search.show import HeldOut
-from compasslib.search.verdict import Diagnosis, Finding, Parameter, Where
+from compasslib.search.verdict import Diagnosis
 from compasslib.stats import blocks, robust, whitening
 
 TERMS: tuple[type[Term], ...] = (

@@ -13,6 +13,7 @@ from compasslib.core.types import Floats
 from compasslib.effects.term import Term, slices
 from compasslib.search import findings, show
 from compasslib.search.comparison import Outcome
+from compasslib.search.finding import Finding, Parameter, Ranked, Unexplained, Where
 from compasslib.search.posterior import Slot
 from compasslib.search.short_record import fitting
 from compasslib.search.short_record.channel import Channel
@@ -20,7 +21,6 @@ from compasslib.search.short_record.fitting import FittedTerms
 from compasslib.search.short_record.local import LOCAL
 from compasslib.search.short_record.search import NamedEffects
 from compasslib.search.show import BinnedResidual, HeldOut
-from compasslib.search.verdict import Finding, Parameter, Ranked, Unexplained, Where
 from compasslib.stats import arma, robust
 
 FEWEST_IN_BIN = 5  # of a figure's curve
