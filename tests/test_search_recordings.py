@@ -75,6 +75,7 @@ def test_a_mount_that_slips_half_way_is_told_from_the_heading():
 def test_strong_iron_is_too_large_for_the_series(strength):
     found = bench(lambda g: 0.0 * g, 36, iron=(0.02, strength, 0.1, 0.03, -0.02))
     assert (found.verdict, names(found)) == ("explained", ["large_deviation"])
+    assert found.sides["compass"] > 0.9, "a finding that was made apart from the search counts"
     assert found.findings[0].held_out.rms_after_deg < found.findings[0].held_out.rms_before_deg
 
 
@@ -257,3 +258,16 @@ def test_every_form_of_the_catalogue_is_tried_where_it_says(monkeypatch, tmp_pat
     for term in (term for term in CATALOGUE if not term.found_by):
         assert set(term.recordings) - {"mooring", "declination"} == tried.get(term, set()), term.__name__
     assert set(tried) <= set(CATALOGUE)
+
+
+@pytest.mark.parametrize(
+    ("effect", "seed"), [("hard_iron_step", 903), ("hard_iron_step", 907), ("temperature", 903), ("compass_lag", 902)]
+)
+def test_a_log_of_strong_iron_or_a_late_heading_is_off_by_no_more_than_it_says(effect, seed):
+    """Logs that were off by five, six, five and three standard errors, where the scale and the delay were pulled."""
+    truth = drawn.log(np.random.default_rng(seed), effect).truth
+    field = {"horizontal_nT": drawn.H_NT, "vertical_nT": drawn.Z_NT}
+    found = magnetometers.judge(axes_of(effect, seed), field=field, options=OPTIONS)
+    (own,) = (one for one in found.findings if one.effect == effect)
+    off = [(own.parameters[name].value - value) / own.parameters[name].sigma for name, value in truth.items()]
+    assert max(np.abs(off)) < 2.6
