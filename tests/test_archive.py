@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import ast
 import dataclasses
 import datetime
 import hashlib
 import json
+import re
 import time
 from pathlib import Path
 
@@ -16,7 +18,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from compasslib.archive import attributes as archive_attributes
-from compasslib.archive import layout, netcdf, page, summary
+from compasslib.archive import files, layout, netcdf, page, summary
 from compasslib.core import angles, records
 from compasslib.core.errors import InputError
 from compasslib.core.records import BAD, GOOD, MISSING, PROBABLY_GOOD, Pairs, Record
@@ -225,7 +227,7 @@ def test_broken_json_is_told_in_one_line(tmp_path, content):
         path.write_bytes(content)
     with pytest.raises(
         InputError,
-        match=r"deviation\.json: expected a JSON file, found .*; delete it where it stands, and the next run",
+        match=r"deviation\.json: expected a JSON file, found .*; run the cruise again, which makes it anew",
     ):
         netcdf.read_json(path)
 
@@ -274,6 +276,31 @@ def test_a_damaged_file_is_told_in_one_line(tmp_path, corrected_nc, read, damage
             nc.createDimension("TIME", 3)
     with pytest.raises(InputError, match=r"damaged\.nc: expected a whole netCDF file that this program wrote, found "):
         read(path)
+
+
+@pytest.mark.parametrize("error", [ValueError, TypeError, KeyError, IndexError, AttributeError])
+def test_an_error_of_the_code_that_reads_a_file_is_not_called_damage(corrected_nc, error):
+    with pytest.raises(error, match="a mistake"), files.opened(corrected_nc):
+        raise error("a mistake")
+
+
+@pytest.mark.parametrize("read", [lambda nc: nc["NO_SUCH"], lambda nc: nc.getncattr("no_such")])
+def test_a_missing_variable_or_attribute_is_told_in_one_line(corrected_nc, read):
+    with pytest.raises(InputError, match=r"expected a whole netCDF file"), files.opened(corrected_nc) as nc:
+        read(nc)
+
+
+def test_no_message_about_files_advises_to_delete_them():
+    said = [
+        (path.name, node.value)
+        for room in ("archive", "command", "run", "stages", "report", "plots")
+        for path in (Path(files.__file__).parents[1] / room).glob("*.py")
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.Constant)
+        and isinstance(node.value, str)
+        and re.search(r"\bdelete (it|the)", node.value)
+    ]
+    assert said == []
 
 
 # -------------------------------------------------------------------------------------------------------- round trips

@@ -6,15 +6,18 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import yaml
-from launch import change, snakemake
+from launch import change, environment, snakemake
 from sea import cruise
+from threadpoolctl import threadpool_info, threadpool_limits
 
+from compasslib import deviation
 from compasslib.archive import netcdf
 from compasslib.core.errors import InputError
-from compasslib.stages import pipeline
+from compasslib.stages import assess, pipeline
 
 OF_THE_RUN = ("logs", "benchmarks")  # times, and who wrote what
 BENCH = {"kind": "platform", "file": "raw/bench.csv", "latitude": 65.0, "longitude": -33.0, "date": "2007-08-01"}
@@ -56,6 +59,41 @@ def test_the_products_are_the_workflow_s_to_the_last_bit(processed, tmp_path, mo
         assert (there / file).read_bytes() == other.read_bytes(), file
 
 
+def threads_of_linear_algebra() -> set[int]:
+    return {library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"}
+
+
+def test_stages_and_the_library_take_one_thread_and_give_the_others_back(processed, tmp_path, monkeypatch):
+    seen: dict[str, set[int]] = {}
+
+    def fit(*_):
+        seen["library"] = threads_of_linear_algebra()
+        return SimpleNamespace(fitted=False)
+
+    monkeypatch.setitem(deviation.METHODS, "exact", fit)
+    monkeypatch.setattr(assess, "run", lambda *_, **__: seen.update(stage=threads_of_linear_algebra()))
+    with threadpool_limits(2, user_api="blas"):
+        pipeline._do("assess", pipeline.Job("M1"), {})
+        deviation.fit("exact", None)
+        assert threads_of_linear_algebra() == {2}
+    assert seen == {"stage": {1}, "library": {1}}
+
+
+def test_a_library_that_is_loaded_within_takes_one_thread_too():
+    """In a process of its own, as a variable of the environment counts only where a library is loaded."""
+    code = (
+        "from compasslib.core.threads import single_threaded\n"
+        "import os, numpy, threadpoolctl\n"
+        "with single_threaded():\n"
+        "    import scipy.linalg\n"
+        "    found = [library['num_threads'] for library in threadpoolctl.threadpool_info()]\n"
+        "print(len(found) > 1, set(found), 'OMP_NUM_THREADS' in os.environ)\n"
+    )
+    free = {name: value for name, value in environment().items() if not name.endswith("_NUM_THREADS")}
+    ran = subprocess.run([sys.executable, "-c", code], env=free, capture_output=True, text=True, check=True)
+    assert ran.stdout == "True {1} False\n"
+
+
 def test_the_working_folder_is_left_as_it_was(processed, tmp_path, monkeypatch):
     monkeypatch.chdir(processed.parent)
     change(processed / "config/config.yaml", diagnose={"enabled": False})
@@ -75,7 +113,7 @@ def test_a_damaged_raw_file_leaves_nothing(tmp_path):
     ("mooring", "into", "line"),
     [
         ("M9", "new", r"M9: expected a mooring of \S+ \(M1\), found another name; write one of these names"),
-        ("M1", ".", "expected a folder that is not there yet, found it there; delete it or name another folder"),
+        ("M1", ".", "expected a folder that is not there yet, found it there; name another folder, or move"),
         ("M1", "c/results/M1", "expected a folder outside the workflow's results, found one inside; name another"),
     ],
 )

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import yaml
 from launch import PROJECT, change, copied_project, hashes, jobs_in, keeps_contract, planned, snakemake
-from sea import cruise
+from sea import cruise, real
 
 
 def two(folder: Path) -> Path:
@@ -172,6 +172,16 @@ def test_conventions_are_checked_by_name_or_in_every_run_where_the_options_say_s
     change(folder / "config/config.yaml", conventions={"check": True})
     # The manifest lists what was checked.
     assert planned(folder) == {("check_conventions", "ALONE"), ("provenance", "")}
+
+
+def test_conventions_are_kept_by_a_real_mooring_with_a_profile_and_a_reference(tmp_path):
+    """What ``make check-archive`` runs, on files that hold all that a real overlap leaves in them."""
+    folder = Path(shutil.copytree(real("cruise_eh2"), tmp_path / "c"))
+    for name in ("E0", "E2"):
+        (folder / f"config/moorings/{name}.yaml").unlink()
+    (folder / "config/config.yaml").write_text("{moorings: config/moorings, diagnose: {enabled: false}}\n")
+    ran = snakemake(folder, "conventions")
+    assert ran.returncode == 0 and "4 netCDF files: no remark by" in ran.stderr, ran.stderr
 
 
 def test_a_missing_raw_file_stops_before_any_work_and_is_never_simulated(tmp_path):

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from compasslib.archive.files import read_json, replacing, write_json
+from compasslib.archive.files import MAKE_ANEW, read_json, replacing, write_json
 from compasslib.calibration import content
 from compasslib.calibration.result import Calibration, DeviationTable
 from compasslib.core.errors import InputError
@@ -106,11 +106,10 @@ def _read_csv(path: str | Path) -> dict[str, Floats]:
             names, *rows = list(csv.reader(stream)) or [[]]
         columns = [np.array([float(row[k] or "nan") for row in rows]) for k in range(len(names))]
     except (OSError, ValueError, IndexError) as error:
-        advice = "delete it where it stands, and the next run makes it again"
         raise InputError(
             str(path),
             expected="a table that this program wrote",
             found=f"{type(error).__name__}: {error}",
-            advice=advice,
+            advice=MAKE_ANEW,
         ) from error
     return dict(zip(names, columns, strict=True))

@@ -60,7 +60,7 @@ def remarks(path: str | Path) -> list[str]:
 def not_given(path: str | Path) -> list[str]:
     """Return the global attributes of corrected.nc that the conventions ask for and the YAML files do not give."""
     with opened(path) as nc:
-        return [name for name in nc.ncattrs() if nc.getncattr(name) == NOT_GIVEN]
+        return [name for name in nc.ncattrs() if str(nc.getncattr(name)) == NOT_GIVEN]
 
 
 def checked(path: str | Path, checker: str) -> list[str]:

@@ -76,7 +76,7 @@ def lineage(known: Mapping[str, Record], products: Iterable[str]) -> dict[str, R
 
 
 def _refuse_foreign(path: str) -> None:
-    expected, advice = "the file that its job wrote", "delete it, and the next run makes it again"
+    expected, advice = "the file that its job wrote", "move it away, and the next run makes it anew"
     raise InputError(path, expected=expected, found="another, or no record of it", advice=advice)
 
 

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from compasslib.archive.layout import BEAM, BIN, FILL, Variable
 from compasslib.core.errors import InputError, Passing
 
+MAKE_ANEW = "run the cruise again, which makes it anew, or restore it from a copy"  # a result that cannot be read
 HALF_WRITTEN = ".compasslib-part"  # ends the name of a file that is being written; nobody else names one so
 SIGNIFICANT_DIGITS = 10  # of floats in JSON
 CHUNK = 4096  # samples
@@ -90,7 +91,7 @@ def _jsonable(value: Any) -> Any:
 
 
 def _unusable(path: str | Path, expected: str, error: Exception) -> InputError:
-    advice = "delete it where it stands, and the next run makes it again"
+    advice = MAKE_ANEW
     return Passing(str(path), expected=expected, found=f"{type(error).__name__}: {error}", advice=advice)
 
 
@@ -107,18 +108,28 @@ def new(path: str | Path, form: Literal["NETCDF4", "NETCDF4_CLASSIC"] = "NETCDF4
 
 @contextmanager
 def opened(path: str | Path) -> Iterator[netCDF4.Dataset]:
-    """Give a netCDF file to read.
+    """Open a netCDF file of the results for reading.
 
     Raises:
-        InputError: the file is absent or damaged, or the block asks for what it does not hold.
+        InputError: the file is absent or damaged, or lacks a variable or an attribute that the block reads.
     """
-    # The library answers damage with any of these, a missing variable with IndexError.
     try:
         with netCDF4.Dataset(path) as nc:
             nc.set_auto_mask(False)
             yield nc
-    except (OSError, RuntimeError, LookupError, AttributeError, ValueError, TypeError) as error:
+    except (OSError, RuntimeError, LookupError, AttributeError, ValueError) as error:
+        if not _from_netcdf(error):
+            raise
         raise _unusable(path, "a whole netCDF file that this program wrote", error) from error
+
+
+def _from_netcdf(error: Exception) -> bool:
+    """Tell an error of the file from one of the code that reads it."""
+    if isinstance(error, IndexError):  # of a missing variable
+        return " not found in " in str(error)
+    if isinstance(error, AttributeError):  # of a missing attribute
+        return str(error).startswith("NetCDF: ")
+    return isinstance(error, (OSError, RuntimeError, UnicodeDecodeError, json.JSONDecodeError))
 
 
 def put(
@@ -139,7 +150,7 @@ def put(
         rows: the piece along TIME; all where absent.
     """
     values = np.asarray(values)
-    if variable.fill is not None:
+    if variable.fill is not None and values.dtype.kind == "f":  # integers are finite, and an unsigned one holds no -1
         values = np.where(np.isfinite(values), values, variable.fill)
     made = nc[variable.name] if variable.name in nc.variables else _created(nc, variable, level)
     made[... if rows is None else tuple(rows if name == "TIME" else slice(None) for name in variable.dimensions)] = (

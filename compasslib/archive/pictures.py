@@ -7,7 +7,7 @@ import io
 from collections.abc import Iterable
 from pathlib import Path
 
-from compasslib.archive.files import read_json, write_json
+from compasslib.archive.files import MAKE_ANEW, read_json, write_json
 from compasslib.core.errors import InputError
 
 FILE = "work/pictures.json"  # in the folder of a mooring's results
@@ -29,8 +29,7 @@ def embedded(path: str | Path, *, small: bool = False) -> Picture:
         with Image.open(path) as image:
             whole = image.convert("RGB")
     except (OSError, SyntaxError, ValueError) as error:
-        advice = "delete it, and the next run makes it again"
-        raise InputError(str(path), expected="a whole PNG", found=error, advice=advice) from error
+        raise InputError(str(path), expected="a whole PNG", found=error, advice=MAKE_ANEW) from error
     if small:
         whole = whole.resize((SMALL_PIXELS, round(SMALL_PIXELS * whole.height / whole.width)), Image.Resampling.BOX)
     colours, method = (SMALL_COLOURS, Image.Quantize.MEDIANCUT) if small else (COLOURS, Image.Quantize.FASTOCTREE)

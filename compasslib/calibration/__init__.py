@@ -24,6 +24,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from compasslib.core.threads import single_threaded
 from compasslib.readers import recognition
 
 if TYPE_CHECKING:  # the Snakefile needs the table only
@@ -62,6 +63,7 @@ def figures(kind: str) -> list[str]:
     return [*(FIGURES if KINDS[kind].by_heading else ()), *KINDS[kind].figures]
 
 
+@single_threaded()
 def calibrate(kind: str, files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calibration:
     """Return the result of one calibration.
 

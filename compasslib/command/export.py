@@ -84,7 +84,7 @@ def _free(into: Path, *names: str) -> list[Path]:
     """
     files = [into / name for name in names]
     if taken := next((one for one in files if one.exists() and (files[0].exists() or not _note(one).exists())), None):
-        advice = "delete it, or name another folder with --into"
+        advice = "name another folder with --into, or move that file away"
         raise InputError(str(taken), expected="a file that is not there yet", found="it there", advice=advice)
     for name, dots in itertools.product(names, (".", "..")):  # a half may be written by way of one of its own
         for half in into.glob(f"{dots}{glob.escape(name)}.*{HALF_WRITTEN}"):

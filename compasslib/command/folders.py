@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from compasslib.archive import netcdf
+from compasslib.archive.files import MAKE_ANEW
 from compasslib.config.schema import RESERVED
 from compasslib.core.errors import InputError
 
@@ -146,6 +147,5 @@ def content(file: Path) -> dict[str, Any]:
     keys = next(keys for name, keys in KEYS.items() if file.match(name))
     absent = [key for key in keys if not isinstance(read, dict) or key not in read]
     if absent:
-        advice = "delete it and run the cruise again"
-        raise InputError(str(file), expected=f"the key {absent[0]}", found="none", advice=advice)
+        raise InputError(str(file), expected=f"the key {absent[0]}", found="none", advice=MAKE_ANEW)
     return dict(read)

@@ -261,7 +261,7 @@ def _free(name: str, taken: Iterable[str]) -> str:
 def _write(root: Path, links: Mapping[Path, Path], texts: Mapping[str, str], config: Mapping[str, str]) -> None:
     for file in texts:
         if (root / file).exists():
-            advice = "delete it, draft with another --name, or into another folder with --into"
+            advice = "draft with another --name or into another folder with --into, or move that file away"
             raise InputError(str(root / file), expected="no such file yet", found="one", advice=advice)
     for link, path in links.items():
         link.parent.mkdir(parents=True, exist_ok=True)

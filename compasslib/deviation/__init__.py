@@ -27,6 +27,7 @@ import numpy as np
 
 from compasslib.core import compass
 from compasslib.core.records import BAD, Pairs, Record
+from compasslib.core.threads import single_threaded
 from compasslib.deviation import exact, tilt, von_appen
 from compasslib.deviation.model import Fit, from_json
 
@@ -51,6 +52,7 @@ METHODS: dict[str, Callable[[Pairs, Fit | None], Fit]] = {
 }
 
 
+@single_threaded()
 def fit(method: str, pairs: Pairs, near: Fit | None = None, *, dip_ratio: float = 0.0) -> Fit:
     """Return a deviation model fitted to overlapping measurements.
 

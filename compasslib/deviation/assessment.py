@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from compasslib import deviation
 from compasslib.core import angles
 from compasslib.core.records import Pairs, take
+from compasslib.core.threads import single_threaded
 from compasslib.core.types import Complexes, Floats
 from compasslib.deviation import correction, exact, model
 from compasslib.deviation.forms import EXACT, FORMS
@@ -71,6 +72,7 @@ def held_out_headings(pairs: Pairs, fit: Fit) -> Floats:
     return heading
 
 
+@single_threaded()
 def compare_forms(pairs: Pairs, fit: Fit) -> dict[str, Any] | None:
     """Return how well each form of the curve predicts pairs that it has not seen, against the exact compass.
 
@@ -106,6 +108,7 @@ def _against(score: Floats, exact_score: Floats, block: NDArray[np.int_]) -> dic
     return {"mean_log_score": float(score.mean()), "minus_exact": float(gain.mean()), "minus_exact_sigma": spread}
 
 
+@single_threaded()
 def assess(pairs: Pairs, fit: Fit, plain: Pairs | None = None) -> dict[str, Any]:
     """Return assessment.json: direction difference upper minus lower, before and after.
 

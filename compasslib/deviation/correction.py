@@ -23,6 +23,7 @@ from compasslib.core.records import (
     Record,
     take,
 )
+from compasslib.core.threads import single_threaded
 from compasslib.core.types import Complexes, Floats
 from compasslib.deviation import along, branches, likelihood, model, von_appen
 from compasslib.deviation.along import Along, Averaged
@@ -56,6 +57,7 @@ class Pieces:
             yield _turned(take(self.record, some), take(self.decision, some), self.field)
 
 
+@single_threaded()
 def correct(
     record: Record, fit: Fit, field: EarthField, pairs: Pairs, at: Along | None = None, *, unmodelled_deg: float = 0.0
 ) -> Corrected:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from compasslib.core import angles, earthfield
 from compasslib.core.errors import InputError
 from compasslib.core.records import PROBABLY_GOOD, EarthField, Pairs, Record, take
+from compasslib.core.threads import single_threaded
 from compasslib.core.types import Complexes, Floats
 from compasslib.preparation import clock_offset, same_record, water
 from compasslib.preparation.clock_offset import Clocks, Speeds
@@ -85,6 +86,7 @@ def clocks(upper: Record, trusted: Sequence[Record], rules: Rules) -> Clocks:
     return replace(found, one_recording=same_record.one_recording(upper, found.aligned(trusted[0]), rules.bins))
 
 
+@single_threaded()
 def find(
     upper: Record, trusted: Sequence[Record], field: EarthField, rules: Rules, clocks: Clocks | None = None
 ) -> Pairs:

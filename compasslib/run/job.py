@@ -14,6 +14,7 @@ from typing import Any, TextIO
 from compasslib.archive import provenance
 from compasslib.archive.files import replacing
 from compasslib.core.errors import InputError
+from compasslib.core.threads import single_threaded
 from compasslib.run import ledger, stopped
 
 
@@ -34,7 +35,8 @@ def job(snakemake: Any, stage: Callable[..., None]) -> None:
     """
     parts = (snakemake.input, snakemake.output, snakemake.params)
     named = {name: value for part in parts for name, value in part.items() if name != "code"}
-    with _log(snakemake) as say, _recorded(snakemake, Path(snakemake.log[0]).with_suffix(".json")):
+    record = Path(snakemake.log[0]).with_suffix(".json")
+    with _log(snakemake) as say, _recorded(snakemake, record), single_threaded():
         stage(*snakemake.wildcards, **named, say=say)
 
 

@@ -21,6 +21,7 @@ from compasslib.calibration import at_mooring
 from compasslib.config import cruise as config
 from compasslib.config.cruise import Cruise
 from compasslib.core.errors import InputError
+from compasslib.core.threads import single_threaded
 from compasslib.run import compasses, plan
 
 FILES = {
@@ -162,7 +163,8 @@ def _do(rule: str, job: Job, given: Mapping[str, Any]) -> None:
     """Run the stage of a rule with what it takes by name, as the workflow does; only then is it imported."""
     stage = import_module(f"compasslib.stages.{rule}").run
     wildcards = [name for name in vars(job).values() if name]
-    stage(*wildcards, **{name: given[name] for name in signature(stage).parameters if name in given})
+    with single_threaded():
+        stage(*wildcards, **{name: given[name] for name in signature(stage).parameters if name in given})
 
 
 def reading(rules: plan.Moorings, job: Job) -> dict[str, Any]:
@@ -192,7 +194,7 @@ def _refuse_taken(folder: Path, results: Path) -> None:
         expected, advice = "a folder outside the workflow's results", "name another folder"
         raise InputError(str(folder), expected=expected, found="one inside", advice=advice)
     if folder.exists():
-        advice = "delete it or name another folder"
+        advice = "name another folder, or move that one away"
         raise InputError(str(folder), expected="a folder that is not there yet", found="it there", advice=advice)
 
 

@@ -7,6 +7,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from compasslib.core.threads import single_threaded
+
 if TYPE_CHECKING:  # the Snakefile needs the table only
     from compasslib.search.comparison import Options
     from compasslib.search.verdict import Diagnosis
@@ -22,6 +24,7 @@ KINDS: dict[str, str] = {
 DISABLED = "the search for unmodelled effects is switched off: diagnose: {enabled: false}"
 
 
+@single_threaded()
 def diagnose(
     kind: str, files: Sequence[str | Path], settings: Mapping[str, Any], options: Options | None = None
 ) -> Diagnosis:

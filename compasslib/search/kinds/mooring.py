@@ -14,6 +14,7 @@ import numpy as np
 from compasslib import deviation
 from compasslib.core import angles, compass
 from compasslib.core.records import EarthField, Pairs, take
+from compasslib.core.threads import single_threaded
 from compasslib.core.types import Floats
 from compasslib.deviation import exact, von_appen
 from compasslib.deviation.forms import EXACT, SeriesInCorrect
@@ -45,6 +46,7 @@ class Repair:
     findings: list[Finding]
 
 
+@single_threaded()
 def diagnose(
     pairs: Pairs,
     logged: Mapping[str, Floats],
