@@ -111,9 +111,10 @@ rule fit:
 
 
 rule diagnose:
-    """Pairs and fit -> what physics the fit leaves out, and the compass that is to correct the record."""
+    """Pairs and fit -> what physics the fit leaves out, the compass that corrects the record, and how well it does."""
     input:
         record=MOORINGS.compromised,
+        references=MOORINGS.reference,
         pairs="results/{mooring}/overlap.nc",
         wide="results/{mooring}/wide/overlap.nc",
         fit="results/{mooring}/work/fit.json",
@@ -122,6 +123,7 @@ rule diagnose:
     output:
         diagnosis="results/{mooring}/diagnosis.json",
         deviation="results/{mooring}/deviation.json",
+        assessment="results/{mooring}/assessment.json",
     params:
         options=MOORINGS.diagnose,
         code=MOORINGS.code("diagnose.py"),
@@ -141,7 +143,6 @@ rule correct:
         record=MOORINGS.compromised,
         pairs="results/{mooring}/overlap.nc",
         deviation="results/{mooring}/deviation.json",
-        assessment="results/{mooring}/assessment.json",
         field="results/{mooring}/work/field.json",
         observatory=MOORINGS.observatory,
     output:
@@ -157,26 +158,6 @@ rule correct:
         "results/{mooring}/benchmarks/correct.tsv"
     script:
         "workflow/scripts/correct.py"
-
-
-rule assess:
-    """Pairs -> agreement of the two instruments before and after, on pairs held out from the fit."""
-    input:
-        record=MOORINGS.compromised,
-        pairs="results/{mooring}/overlap.nc",
-        deviation="results/{mooring}/deviation.json",
-        field="results/{mooring}/work/field.json",
-        observatory=MOORINGS.observatory,
-    output:
-        assessment="results/{mooring}/assessment.json",
-    params:
-        code=MOORINGS.code("assess.py"),
-    log:
-        "results/{mooring}/logs/assess.log",
-    benchmark:
-        "results/{mooring}/benchmarks/assess.tsv"
-    script:
-        "workflow/scripts/assess.py"
 
 
 rule compare:

@@ -18,7 +18,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from compasslib.archive import attributes as archive_attributes
-from compasslib.archive import files, layout, netcdf, page, summary
+from compasslib.archive import files, layout, netcdf, page
 from compasslib.core import angles, records
 from compasslib.core.errors import InputError
 from compasslib.core.records import BAD, GOOD, MISSING, PROBABLY_GOOD, Pairs, Record
@@ -624,30 +624,3 @@ def test_every_unit_is_one_of_udunits(tmp_path, corrected_nc):
         with netCDF4.Dataset(path) as nc:
             for variable in nc.variables.values():
                 units.Unit(getattr(variable, "units", "1"))  # raises ValueError for one that is not
-
-
-@pytest.mark.parametrize(
-    ("turned", "expected"),
-    [
-        (16.0, "about once the declination (+18): the directions of the reference have it twice"),
-        (-20.5, "with the other sign: the directions of the reference lack it"),
-        (35.0, "about twice the declination (+18): it was applied with the wrong sign"),
-        (-38.0, "with the other sign: it was applied with the wrong sign"),
-        (178.0, "half a turn"),
-        (27.0, "a mounting offset or a mistake"),
-        (-60.0, "a mounting offset or a mistake"),
-    ],
-)
-def test_a_constant_that_is_the_declination_is_said_in_these_words(tmp_path, turned, expected):
-    """The trusted directions lie so far too much clockwise: A = tan of it, as the exact compass has it."""
-    fit = {"unit": "1", "folded": False, "covariance": np.diag(np.full(5, 0.01**2)).tolist()}
-    fit |= {"coefficients": {"A": float(np.tan(np.deg2rad(turned)))}}
-    if abs(turned) > 90.0:  # only the series, in degrees, can be turned by more than a quarter
-        fit |= {"unit": "degrees", "coefficients": {"A": turned}, "covariance": np.eye(5).tolist()}
-    netcdf.write_json(tmp_path / "deviation.json", fit)
-    netcdf.write_json(tmp_path / "work/field.json", {"declination_deg": [18.0, 18.1]})
-    assert [expected in one for one in summary.constant(tmp_path, [])] == [True]
-    (said,) = summary._constant(fit, {"declination_deg": [18.0, 18.1]}, {"top": 0.0, "deep": 45.0})
-    assert expected in said and said.startswith("the fit holds a constant of ") and "EB" not in said
-    (said,) = summary._constant(fit, {"declination_deg": [0.0, 0.1]}, {"top": turned + 1.0, "deep": 0.0})
-    assert f"the heading bias EB of {turned + 1.0:+.1f} that was taken out of the directions of top" in said

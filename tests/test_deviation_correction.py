@@ -11,7 +11,7 @@ from compasslib import deviation
 from compasslib.archive import netcdf
 from compasslib.core import angles
 from compasslib.core.records import BAD, GOOD, MISSING, PROBABLY_BAD, EarthField, Pairs, Record, take
-from compasslib.deviation import along, assessment, branches, correction, exact, likelihood, model, von_appen
+from compasslib.deviation import along, assessment, branches, correction, doubts, exact, likelihood, model, von_appen
 
 
 def record_of(seen: Pairs) -> Record:
@@ -210,8 +210,8 @@ def test_no_heading_is_good_where_the_reference_is_read_wrongly(iron, mistake):
     fit, record = exact.fit(wrong), record_of(wrong)
     said = deviation.implausible(fit, record) or assessment.assess(wrong, fit)["refuted"]
     assert "flagged doubtful" in said
-    unmodelled_deg = correction.unmodelled(bool(said), 0.0)
-    product = correction.correct(record, fit, field_of(wrong), wrong, unmodelled_deg=unmodelled_deg)
+    denied = [doubts.whole_record(doubts.KNOWS_NOTHING_DEG, said)]
+    product = correction.correct(record, fit, field_of(wrong), wrong, doubts=denied)
     assert (product.heading_corrected_quality >= PROBABLY_BAD).all()
     assert (product.heading_uncertainty_deg > 100.0).all()
 

@@ -235,7 +235,7 @@ FAULTS: dict[str, tuple[Spoil, str]] = {
     "frozen tilts": (lambda folder: None, "the tilt sensor is stuck"),
     "a meter that shows one velocity": (table(lambda i, row: [*row[:2], "5.0", "5.0"]), "the same to the last digit"),
     "velocities of zero": (profiles(2, 2, bytes(32)), "affected instrument has velocities of zero only"),
-    "a longitude that lost its sign": (longitude_without_sign, "the fit holds a constant of -3"),
+    "a longitude that lost its sign": (longitude_without_sign, "differ by a constant of -3"),
     "headings around one for eight days, then alive": (
         headings(lambda i, each: 12000 + i % 7 if i < 200 else logged(each)),
         "199 headings flagged: the compass stood still",

@@ -17,7 +17,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 from compasslib import deviation
 from compasslib.archive import netcdf
 from compasslib.core.errors import InputError
-from compasslib.stages import assess, pipeline
+from compasslib.stages import compare, pipeline
 
 OF_THE_RUN = ("logs", "benchmarks")  # times, and who wrote what
 BENCH = {"kind": "platform", "file": "raw/bench.csv", "latitude": 65.0, "longitude": -33.0, "date": "2007-08-01"}
@@ -71,9 +71,9 @@ def test_stages_and_the_library_take_one_thread_and_give_the_others_back(process
         return SimpleNamespace(fitted=False)
 
     monkeypatch.setitem(deviation.METHODS, "exact", fit)
-    monkeypatch.setattr(assess, "run", lambda *_, **__: seen.update(stage=threads_of_linear_algebra()))
+    monkeypatch.setattr(compare, "run", lambda *_, **__: seen.update(stage=threads_of_linear_algebra()))
     with threadpool_limits(2, user_api="blas"):
-        pipeline._do("assess", pipeline.Job("M1"), {})
+        pipeline._do("compare", pipeline.Job("M1"), {})
         deviation.fit("exact", None)
         assert threads_of_linear_algebra() == {2}
     assert seen == {"stage": {1}, "library": {1}}

@@ -43,16 +43,16 @@ def test_it_keeps_the_contract(done):
 
 
 EACH, OF_ALL = (
-    ("overlap", "fit", "diagnose", "assess", "compare", "correct", "figures"),
+    ("overlap", "fit", "diagnose", "compare", "correct", "figures"),
     ("summary", "report", "provenance"),
 )
 
 
 def test_the_screen_has_a_line_a_stage_with_the_time_left_and_the_warnings_at_the_end(done):
     said = (done / "screen").read_text().splitlines()
-    found = [re.fullmatch(r"\[ ?(\d+)/20(, \d+ (?:s|min) left)?\] (.+?): (.+)", line) for line in said]
+    found = [re.fullmatch(r"\[ ?(\d+)/18(, \d+ (?:s|min) left)?\] (.+?): (.+)", line) for line in said]
     shown = [line for line in found if line]
-    assert [int(line[1]) for line in shown] == list(range(1, 21))
+    assert [int(line[1]) for line in shown] == list(range(1, 19))
     assert all(line[2] for line in shown[2:-1]) and not shown[-1][2]
     of_moorings = [f"{name} {stage}" for name in ("M1", "ALONE") for stage in ("read top", *EACH)]
     assert sorted(line[3] for line in shown) == sorted(
@@ -143,7 +143,7 @@ def test_another_workflow_uses_it_as_a_module(done, tmp_path):
     assert (folder / "rows.txt").read_text().strip() == "3"
     assert (folder / "results/M1/assessment.json").read_bytes() == before
     shown = [line.partition("] ")[2].partition(":")[0] for line in ran.stderr.splitlines() if line.startswith("[")]
-    assert shown == ["M1 assess", "M1 correct", "summary", "rows"]
+    assert shown == ["M1 diagnose", "M1 compare", "M1 correct", "M1 figures", "summary", "rows"]
 
 
 def test_a_module_whose_results_would_stand_elsewhere_is_refused(tmp_path):

@@ -167,6 +167,12 @@ class Diagnose(Section):
     min_effect_deg: Number = key("degrees from 0 to 180", "0.5", 0.5, ge=0, le=180)
 
 
+class Confirmed(Section):
+    """What the owner of a mooring states to be real, so that it is not taken for a mistake."""
+
+    constant: Switch = key("true or false", "true", False)
+
+
 class Conventions(Section):
     """Whether each run holds its products against CF, ACDD and OceanSITES."""
 
@@ -365,6 +371,7 @@ class Mooring(Section):
     attributes: Attributes = key(_ATTRIBUTES_WORDS, "{project: My Project}", {})
     fit: FitOptions = key("a mapping", "{method: exact}", FitOptions())
     diagnose: Diagnose = key("a mapping", "{apply: true}", Diagnose())
+    confirmed: Confirmed = key("a mapping", "{constant: true}", Confirmed())
     covariates: dict[Name, Covariate] = key("a mapping of names to series", "{obs: {format: iaga2002, ...}}", {})
 
     @property

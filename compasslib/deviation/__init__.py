@@ -34,7 +34,7 @@ from compasslib.deviation.model import Fit, from_json
 __all__ = ["METHODS", "Fit", "described", "fit", "from_json", "implausible", "log_line"]
 
 BEYOND = 5.0  # compass noises beyond the fold at which a reading is no noise any more
-MOST_SOFT, SURE_SIGMAS = 0.3, 2.0  # D and E together; spheres and frames induce a few per cent
+SURE_SIGMAS = 2.0
 MOST_IMPOSSIBLE = 0.25  # readings that a model which holds cannot have recorded: outliers are fewer
 
 
@@ -101,7 +101,7 @@ def _soft_without_measure(fit: Fit) -> str:
     soft = fit.coefficients[3:5]
     size = float(np.hypot(*soft))
     sigma = float(np.sqrt(soft @ fit.covariance[3:5, 3:5] @ soft)) / max(size, 1e-12)
-    if size - SURE_SIGMAS * sigma < MOST_SOFT:
+    if size - SURE_SIGMAS * sigma < exact.MOST_SOFT:
         return ""
     return (
         f"the fit needs soft iron of {size:.0%} of the earth's field, more than any instrument has, so that all "

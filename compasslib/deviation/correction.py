@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,6 +28,7 @@ from compasslib.core.types import Complexes, Floats
 from compasslib.deviation import along, branches, likelihood, model, von_appen
 from compasslib.deviation.along import Along, Averaged
 from compasslib.deviation.branches import Decision
+from compasslib.deviation.doubts import KNOWS_NOTHING_DEG, Doubt, along_time, whole_record
 from compasslib.deviation.model import Fit
 
 Flags = NDArray[np.int8]
@@ -39,7 +40,6 @@ SURE = 0.95  # a branch less probable than this is flagged: the record cannot te
 # H, or one of 1 % induced where Z is four times H, each turn the compass by some 0.2 degrees along either axis.
 LEFT_OUT_BY_TILT = 0.08
 UNKNOWN_TILT_DEG = 5.0  # assumed where no tilt was recorded (von Appen 2015: typically 5)
-KNOWS_NOTHING_DEG = 360.0 / np.sqrt(12.0)  # standard deviation of a heading that may be anything
 DECLINATION_SIGMA_DEG = 0.5  # assumed of a main-field model at high latitude; crust and storms are left out
 
 
@@ -59,7 +59,14 @@ class Pieces:
 
 @single_threaded()
 def correct(
-    record: Record, fit: Fit, field: EarthField, pairs: Pairs, at: Along | None = None, *, unmodelled_deg: float = 0.0
+    record: Record,
+    fit: Fit,
+    field: EarthField,
+    pairs: Pairs,
+    at: Along | None = None,
+    *,
+    unmodelled_deg: float = 0.0,
+    doubts: Sequence[Doubt] = (),
 ) -> Corrected:
     """Return the corrected record; headings that cannot be corrected are NaN with flag 4.
 
@@ -68,24 +75,36 @@ def correct(
         fit: the deviation model, perhaps without coefficients.
         pairs: where the reference overlaps.
         at: the compass at each sample, where more acted on it than the fit holds.
-        unmodelled_deg: standard deviation of what the fit is known to lack, see ``unmodelled``.
+        unmodelled_deg: standard deviation of what the fit is known to lack.
+        doubts: stretches whose headings are flagged doubtful and less certain.
     """
-    return _turned(record, _decided(record, fit, pairs, at, unmodelled_deg), field)
+    return _turned(record, _decided(record, fit, pairs, at, unmodelled_deg, doubts), field)
 
 
 def in_pieces(
-    record: Record, fit: Fit, field: EarthField, pairs: Pairs, at: Along | None = None, *, unmodelled_deg: float = 0.0
+    record: Record,
+    fit: Fit,
+    field: EarthField,
+    pairs: Pairs,
+    at: Along | None = None,
+    *,
+    unmodelled_deg: float = 0.0,
+    doubts: Sequence[Doubt] = (),
 ) -> Pieces:
     """Return what ``correct`` does of the same arguments, in pieces along time: a decade's velocities fit in memory."""
-    return Pieces(record, _decided(record, fit, pairs, at, unmodelled_deg), field)
+    return Pieces(record, _decided(record, fit, pairs, at, unmodelled_deg, doubts), field)
 
 
-def _decided(record: Record, fit: Fit, pairs: Pairs, at: Along | None, unmodelled_deg: float) -> Decision:
+def _decided(
+    record: Record, fit: Fit, pairs: Pairs, at: Along | None, unmodelled_deg: float, doubts: Sequence[Doubt]
+) -> Decision:
     decision = headings(readings_of_record(record), fit, pairs, at)
-    unmodelled_deg = KNOWS_NOTHING_DEG if deviation.implausible(fit, record) else unmodelled_deg
-    sigma = np.minimum(np.hypot(decision.sigma_deg, unmodelled_deg), KNOWS_NOTHING_DEG)
-    probability = np.minimum(decision.probability, 0.0) if unmodelled_deg >= KNOWS_NOTHING_DEG else decision.probability
-    return replace(decision, sigma_deg=sigma, probability=probability)
+    if why := deviation.implausible(fit, record):
+        doubts = (*doubts, whole_record(KNOWS_NOTHING_DEG, why))
+    doubted, doubted_deg = along_time(doubts, record.time_s)
+    sigma = np.sqrt(decision.sigma_deg**2 + unmodelled_deg**2 + doubted_deg**2)
+    probability = np.where(doubted, np.minimum(decision.probability, 0.0), decision.probability)
+    return replace(decision, sigma_deg=np.minimum(sigma, KNOWS_NOTHING_DEG), probability=probability)
 
 
 def _turned(record: Record, decision: Decision, field: EarthField) -> Corrected:
@@ -110,16 +129,6 @@ def _turned(record: Record, decision: Decision, field: EarthField) -> Corrected:
         velocity_uncertainty=np.hypot(east, north) * angles.turned_share(direction_sigma)[:, None],
         velocity_quality=_velocity_quality(record, quality),
     )
-
-
-def unmodelled(refuted: bool, left_deg: float) -> float:
-    """Return the standard deviation of what a fit is known to lack, degrees.
-
-    Args:
-        refuted: whether pairs held out from the fit deny it; then headings may be anything, and are flagged.
-        left_deg: visible size of what the search saw and the product does not correct, rms degrees.
-    """
-    return KNOWS_NOTHING_DEG if refuted else left_deg
 
 
 def log_line(name: str, product: Pieces) -> str:

@@ -25,6 +25,8 @@ STRENGTHS = (0.0, 0.3, 0.6, 0.85, 1.1, 1.35, 1.7, 2.2)  # hard iron over the ear
 DIRECTIONS_DEG = np.arange(0.0, 360.0, 22.5)
 START_PAIRS, START_COUNT, START_KEPT, START_ROUNDS = 900, 5, 2, 2
 START_NOISE, START_COMPASS_DEG = Noise(floor_deg=10.0, slow_deg_m_s=2.0, outliers=0.02), 6.0
+MOST_SOFT = 0.3  # D and E together; spheres and frames induce a few per cent
+TURNS_DEG = (-60.0, -40.0, -20.0, 20.0, 40.0, 60.0)  # of all readings, that these begin with
 ROUNDS, STEPS, NOISE_PAIRS = 2, 40, 1000
 # Weak beliefs that only matter where the record says nothing: centre and width of A..E and log(compass noise / degree).
 PRIOR_CENTRE = np.zeros(6)
@@ -90,10 +92,30 @@ def held_out_scores(form: Form, pairs: Pairs, fold: NDArray[np.signedinteger], n
 
 
 def _maximised(overlap: _Overlap, form: Form, near: Fit | None) -> _State:
-    state = _start(overlap, form) if near is None else _at(near)
+    state = _refined(_start(overlap, form) if near is None else _at(near), overlap, form)
+    soft = float(np.hypot(*state.parameters[3:5]))
+    if near is not None or form is not EXACT or soft < MOST_SOFT:
+        return state
+    # More soft iron than an instrument has stands for something else: where a compass is two-valued, for readings that
+    # are all turned by one angle.
+    turned = [_refined(_start_turned(overlap, angle, form), overlap, form) for angle in TURNS_DEG]
+    return min([state, *turned], key=lambda each: each.loss)
+
+
+def _refined(state: _State, overlap: _Overlap, form: Form) -> _State:
     for _ in range(ROUNDS):
         state = _improve(state, overlap, FINE, form)
     return state
+
+
+def _start_turned(overlap: _Overlap, angle_deg: float, form: Form) -> _State:
+    """Start from readings that an angle was added to: q e^{i angle} is q with other coefficients, up to a factor."""
+    start = _start(replace(overlap, recorded_deg=angles.wrap360(overlap.recorded_deg - angle_deg)), form)
+    turn = angles.phasor(angle_deg) / float(angles.sin_cos(angle_deg)[1])
+    a, b, c, d, e = start.parameters[:5]
+    u, p, v = (1.0 - 1j * a) * turn, (b - 1j * c) * turn, (d - 1j * e) * turn
+    scaled = np.array([-u.imag, p.real, -p.imag, v.real, -v.imag]) / u.real
+    return replace(start, parameters=np.append(scaled, start.parameters[5]))
 
 
 def _overlap(pairs: Pairs) -> _Overlap:

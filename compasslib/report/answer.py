@@ -13,7 +13,7 @@ MOST_NAMES = 3  # of one effect in the answer; the finding has all of them
 
 
 def answer(results: MooringResults) -> str:
-    """Return one sentence: corrected share, uncertainty, size of the deviation, what was found and how probably."""
+    """Return what is probably wrong, if anything is; then share corrected, uncertainty, deviation and findings."""
     head = results.headings
     if not head.corrected:
         why = results.fit["why"] or results.diagnosis.get("why", "") or "no usable deviation model covers them"
@@ -21,10 +21,12 @@ def answer(results: MooringResults) -> str:
     share = f"{words.percent(head.corrected / head.n)} of the" if head.corrected < head.n else "All"
     sigma, largest = words.degrees(head.sigma_deg[0]), words.degrees(head.largest_deviation_deg, 0)
     but = "but with" if head.sigma_deg[0] > WIDE_DEG else "with"
-    return (
+    corrected = (
         f"{share} headings are corrected, {but} a median uncertainty of {sigma} (1σ); the compass deviated by up to "
         f"{largest}; {what_was_found(results.diagnosis)}."
     )
+    reasons = [words.sentence(doubt["why"]) for doubt in results.fit["applied"].get("doubts", ())]
+    return " ".join([*reasons, corrected])
 
 
 def what_was_found(diagnosis: Mapping[str, Any]) -> str:
@@ -83,8 +85,7 @@ def _of_headings(head: Headings) -> list[str]:
         return ["Give the mooring a reference that overlaps, or a calibration (fit: {method: calibration, name: ...})."]
     doubtful, lost = (words.percent(n / head.n) for n in (head.doubtful, head.n - head.corrected))
     texts = [
-        f"{doubtful} of the headings are doubtful (flag 3), as two fit the reading: leave them out where a wrong one "
-        "would harm."
+        f"{doubtful} of the headings are doubtful (flag 3): leave them out where a wrong one would harm."
     ] * bool(head.doubtful)
     if head.sigma_deg[0] > WIDE_DEG:
         texts.append("The uncertainty of the headings is large: do not rest on directions that need a smaller one.")

@@ -132,7 +132,7 @@ def _finding(one: Mapping[str, Any], product: bool) -> ReportedFinding:
         ("Could also be", "; ".join(named(one)[1:]) or "nothing else of the catalogue"),
         *_place(one),
         *([("Formula", formula(**one["composition"]))] if one.get("composition") else []),
-        ("Residual on held-out days", _held_out(one["heldout"])),
+        *([("Residual on held-out days", _held_out(one["heldout"]))] if one["heldout"] else []),
         *([("In the product", "yes" if one["applied"] else "no")] if product else []),
     ]
     name = f"{COMPOSED}{'/'.join(one['composition'].values())}" if one.get("composition") else one["effect"]

@@ -11,7 +11,7 @@ from compasslib.config.cruise import Cruise
 from compasslib.run.stopped import Stopped
 
 FIGURES = ("coefficients", "curve")
-ALONE = ("diagnosis", "deviation", "summary")  # of each mooring whose compass has a name
+ALONE = ("diagnosis", "deviation", "assessment", "summary")  # of each mooring whose compass has a name
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from compasslib.core.records import stamp
-from compasslib.search.show import BinnedResidual, HeldOut
+from compasslib.search.show import UNTESTED, BinnedResidual, HeldOut
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Finding:
     when_s: tuple[float, float] | None  # None where the recording has no clock
     parameters: Mapping[str, Parameter]
     rms_effect_deg: float
-    held_out: HeldOut
+    held_out: HeldOut  # ``show.UNTESTED`` where the finding rests on the configuration, not on a search
     text: str
     applied: bool = False  # whether it enters the corrected headings
     probability: float = 1.0  # that this effect is what is there
@@ -80,7 +80,7 @@ class Finding:
             "when": when(self.when_s),
             "parameters": {name: vars(one) for name, one in self.parameters.items()},
             "rms_effect_deg": self.rms_effect_deg,
-            "heldout": self.held_out.to_json(),
+            "heldout": None if self.held_out is UNTESTED else self.held_out.to_json(),
             "applied": self.applied,
             "text": self.text,
             **({} if self.composition is None else {"composition": dict(self.composition)}),

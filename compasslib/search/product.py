@@ -14,10 +14,12 @@ import numpy as np
 from compasslib.core import angles, compass
 from compasslib.core.records import BAD, EarthField, Pairs, Readings, Record, take
 from compasslib.core.types import Floats
-from compasslib.deviation import model
+from compasslib.deviation import doubts, model
 from compasslib.deviation.along import Along
 from compasslib.deviation.along import of_fit as along_of_fit
+from compasslib.deviation.doubts import Doubt
 from compasslib.deviation.model import Fit
+from compasslib.search.show import UNTESTED
 
 if TYPE_CHECKING:  # the jobs that correct need no search
     from compasslib.search.applied import Applied, Member
@@ -36,6 +38,7 @@ class Product:
     applied: tuple[Member, ...] = ()  # compasses whose average it is, the chosen one first; none: the fit by itself
     accounted: tuple[str, ...] = ()  # of clocks and water: the fit is freed of them, headings are not touched
     left_deg: float = 0.0  # visible size of what was seen and is not corrected, rms
+    doubts: tuple[Doubt, ...] = ()  # stretches whose headings are flagged doubtful
 
     @property
     def searched(self) -> bool:
@@ -55,6 +58,7 @@ class Product:
             if self.applied
             else 0.0,
             "uncorrected_deg": self.left_deg,
+            "doubts": [doubt.to_json() for doubt in self.doubts],
         }
 
 
@@ -70,7 +74,7 @@ def of(fit: Fit, diagnosis: Diagnosis) -> Product:
 
 def _left(diagnosis: Diagnosis) -> float:
     """Return the visible size of what bends the compass, or may, and does not enter the product, rms degrees."""
-    kept_out = [one for one in diagnosis.findings if not one.applied]
+    kept_out = [one for one in diagnosis.findings if not one.applied and one.held_out is not UNTESTED]
     if diagnosis.applied:  # an average holds what may not be as well, but for storms whose course nobody knows
         kept_out = [one for one in kept_out if one.side == "compass"]
     sizes = [one.rms_effect_deg for one in kept_out if one.of_compass]
@@ -83,14 +87,15 @@ def from_json(content: Mapping[str, Any]) -> Product:
     from compasslib.search.applied import Member
 
     block = content["applied"]
+    left_deg, stretches = block["uncorrected_deg"], doubts.from_json(block.get("doubts", ()))
     if block["fit"] is None:
-        return Product(model.from_json(content), left_deg=block["uncorrected_deg"])
+        return Product(model.from_json(content), left_deg=left_deg, doubts=stretches)
     applied = tuple(
         Member(one["weight"], one["effect"], None if one["compass"] is None else _applied(one["compass"]))
         for one in block["compasses"]
     )
     fit, effects, accounted = model.from_json(block["fit"]), tuple(block["effects"]), tuple(block["accounted_for"])
-    return Product(fit, effects, applied, accounted, block["uncorrected_deg"])
+    return Product(fit, effects, applied, accounted, left_deg, stretches)
 
 
 def plain(product: Product, pairs: Pairs, record: Record, field: EarthField, series: Series) -> Pairs:

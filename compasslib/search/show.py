@@ -56,6 +56,9 @@ class HeldOut:
         }
 
 
+UNTESTED = HeldOut(np.nan, np.nan, np.nan, (np.nan, np.nan), np.nan)
+
+
 @dataclass(frozen=True)
 class BinnedResidual:
     """The residual along one covariate, before and after; what the fitted compass can take of it is taken."""

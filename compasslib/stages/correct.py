@@ -19,7 +19,6 @@ def run(
     record: str,
     pairs: str,
     deviation: str,
-    assessment: str,
     field: str,
     observatory: Sequence[str],
     corrected: str,
@@ -41,9 +40,14 @@ def run(
     whole = replace(own, profiles=netcdf.read_profiles(record))
     made_by = product.from_json(netcdf.read_json(deviation))
     at = product.along(made_by, own, along, covariates.logged(own, observatory))
-    unmodelled_deg = correction.unmodelled(bool(netcdf.read_json(assessment)["refuted"]), made_by.left_deg)
     made = correction.in_pieces(
-        whole, made_by.fit, along, several.together(netcdf.read_pairs(pairs)), at, unmodelled_deg=unmodelled_deg
+        whole,
+        made_by.fit,
+        along,
+        several.together(netcdf.read_pairs(pairs)),
+        at,
+        unmodelled_deg=made_by.left_deg,
+        doubts=made_by.doubts,
     )
     netcdf.write_corrected(
         corrected,

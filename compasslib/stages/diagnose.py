@@ -1,8 +1,9 @@
-"""Search for unmodelled effects: what the fit leaves, and the compass that is to correct the record."""
+"""Search for unmodelled effects, assess the correction, and judge the mooring as a whole."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,10 +12,13 @@ from compasslib import deviation as deviations
 from compasslib.archive import netcdf
 from compasslib.core import earthfield
 from compasslib.core.records import EarthField, Pairs
-from compasslib.core.types import Floats
+from compasslib.deviation import assessment as assessments
+from compasslib.deviation import constant
 from compasslib.deviation.model import Fit
 from compasslib.preparation import several
-from compasslib.search import covariates, product, verdict
+from compasslib.search import conclusion, covariates, verdict
+from compasslib.search.conclusion import Conclusion
+from compasslib.search.product import Product
 
 if TYPE_CHECKING:  # only where it searches: half of what its job imports
     from compasslib.search.case import Shared
@@ -27,6 +31,7 @@ def run(
     mooring: str,
     *,
     record: str,
+    references: Sequence[str],
     pairs: str,
     wide: str,
     fit: str,
@@ -34,13 +39,15 @@ def run(
     observatory: Sequence[str],
     diagnosis: str,
     deviation: str,
+    assessment: str,
     options: Mapping[str, Any],
     say: Callable[[str], None],
     summary: str = "",
 ) -> None:
-    """Write the diagnosis, and the fit with what was found and is applied.
+    """Write the diagnosis, the fit with what was found and is applied, and the agreement with the reference.
 
     Args:
+        references: records of the reference instruments, perhaps none.
         wide: pairs that may stand further apart, from which the shear of the water is learnt.
         observatory: IAGA-2002 files of one observatory, perhaps none.
         options: of the mooring's diagnosis.
@@ -50,50 +57,72 @@ def run(
         InputError: an observatory's file cannot be read.
     """
     near, along = several.together(netcdf.read_pairs(pairs)), earthfield.from_json(netcdf.read_json(field))
-    series, units = logged(record, observatory, near)
     configured = netcdf.read_json(fit)
     fitted = deviations.from_json(configured)
-    found = search(near, series, fitted, along, {**options, "tell": bool(summary)}, wide=wide, units=units)
-    netcdf.write_json(diagnosis, found.to_json())
-    netcdf.write_json(deviation, configured | {"applied": product.of(fitted, found).to_json(), "shared": None})
+    told = {**options, "tell": bool(summary)}
+    made = judged(
+        near, along, configured, fitted, record=record, references=references, observatory=observatory, wide=wide,
+        options=told,
+    )  # fmt: skip
+    netcdf.write_json(diagnosis, made.diagnosis.to_json())
+    netcdf.write_json(deviation, configured | {"applied": made.product.to_json(), "shared": None})
+    netcdf.write_json(assessment, made.assessment)
     if summary:
-        netcdf.write_json(summary, _summary(mooring, near, fitted, along, found))
-    say(found.log_line(mooring))
+        netcdf.write_json(summary, _summary(mooring, near, fitted, along, made.diagnosis))
+    say(f"{made.diagnosis.log_line(mooring)}\n{assessments.log_line(mooring, made.assessment)}")
 
 
-def logged(record: str, observatory: Sequence[str], near: Pairs) -> tuple[dict[str, Floats], dict[str, str]]:
-    """Return what was logged beside the pairs, and the units of series that have no name of their own.
-
-    The record by itself is not kept: its velocities are a third of the memory.
-    """
-    own = netcdf.read_record(record)
-    return covariates.logged(own, observatory, at=near), dict(own.channel_units)
-
-
-def search(
+def judged(
     near: Pairs,
-    series: Mapping[str, Floats],
-    fitted: Fit,
     along: EarthField,
-    options: Mapping[str, Any],
+    configured: Mapping[str, Any],
+    fitted: Fit,
     *,
+    record: str,
+    references: Sequence[str],
+    observatory: Sequence[str],
     wide: str,
-    units: Mapping[str, str],
+    options: Mapping[str, Any],
     shared: Shared | None = None,
-) -> Diagnosis:
-    """Return what the pairs show that the fit does not hold; arguments as of ``search.kinds.mooring.diagnose``.
+    with_effects: Callable[[Product, bool], Product] = lambda made, searched: made,
+) -> Conclusion:
+    """Search the pairs of a mooring and judge it as a whole; other arguments as of ``run`` and ``conclude``.
 
     Args:
-        wide: the file of pairs that may stand further apart.
+        configured: content of the fit's file.
+        shared: what other records of the same compass tell of its effects.
     """
-    if not options["enabled"]:
-        return verdict.insufficient(DISABLED)
-    from compasslib.search.comparison import Options
-    from compasslib.search.kinds.mooring import diagnose
+    series = covariates.logged(netcdf.read_record(record), observatory)
+    own = netcdf.read_record(record, velocities=False)  # they are a third of the memory
+    fixed = None
+    if not options["constant_confirmed"]:
+        biases = {Path(file).stem: netcdf.read_heading_bias(file) for file in (record, *references)}
+        fixed = constant.of_fit(fitted, near, float(np.mean(along.declination_deg)), biases)
 
-    chosen = Options(**{name: value for name, value in options.items() if name != "enabled"})
-    far = several.together(netcdf.read_pairs(wide))
-    return diagnose(near, series, fitted, along, chosen, wide=far, units=units, shared=shared)
+    def search(some: Pairs) -> Diagnosis:
+        if not options["enabled"]:
+            return verdict.insufficient(DISABLED)
+        from compasslib.search.comparison import Options
+        from compasslib.search.kinds.mooring import diagnose
+
+        apart = ("enabled", "constant_confirmed")
+        chosen = Options(**{name: value for name, value in options.items() if name not in apart})
+        at = np.searchsorted(own.time_s, some.time_s)
+        logged = {name: column[at] for name, column in series.items()}
+        far = several.together(netcdf.read_pairs(wide))
+        return diagnose(some, logged, fitted, along, chosen, wide=far, units=dict(own.channel_units), shared=shared)
+
+    return conclusion.conclude(
+        search,
+        near,
+        own,
+        along,
+        series,
+        fit=fitted,
+        constant=fixed,
+        calibration=(configured.get("calibration") or {}).get("name", ""),
+        with_effects=with_effects,
+    )
 
 
 def _summary(mooring: str, near: Pairs, fitted: Fit, along: EarthField, found: Diagnosis) -> dict[str, Any]:

@@ -86,8 +86,9 @@ def run(cruise: Cruise, mooring: str, folder: Path, say: Callable[[str], None] =
     else:
         made = _judged_alone(given, mooring, folder)
         joined = _joined(planned, compass, mooring, folder, made)
-        _do("share", Job(mooring), given | {"joined": joined, "alone": [made["diagnosis"], made["deviation"]]})
-    for rule in ("assess", "compare", "correct"):
+        alone = [made[name] for name in ("diagnosis", "deviation", "assessment")]
+        _do("share", Job(mooring), given | {"joined": joined, "alone": alone})
+    for rule in ("compare", "correct"):
         _do(rule, Job(mooring), given)
 
 
@@ -98,6 +99,7 @@ def _alone(planned: plan.Plan, mooring: str, folder: Path, say: Callable[[str], 
     records = [str(folder / f"work/{each.role}.nc") for each in used]
     given = {name: str(folder / file) for name, file in FILES.items()} | {
         "record": records[0],
+        "references": records[1:],
         "observatory": rules.observatory(job),
         "place": rules.place_and_declination(job),
         "rules": rules.pairing_rules(job),

@@ -13,12 +13,14 @@ from compasslib.archive import netcdf
 from compasslib.calibration import at_mooring
 from compasslib.core import earthfield
 from compasslib.core.records import EarthField, Pairs, Record
+from compasslib.deviation import assessment as assessments
 from compasslib.deviation import exact
 from compasslib.deviation.model import FEWEST_PAIRS, Fit
 from compasslib.joint import content
 from compasslib.joint.content import Returned
 from compasslib.preparation import several
-from compasslib.search import covariates, product
+from compasslib.search import covariates
+from compasslib.search.product import Product
 from compasslib.stages import diagnose
 
 
@@ -28,6 +30,7 @@ def run(
     joined: str,
     alone: Sequence[str],
     record: str,
+    references: Sequence[str],
     pairs: str,
     wide: str,
     fit: str,
@@ -35,6 +38,7 @@ def run(
     observatory: Sequence[str],
     diagnosis: str,
     deviation: str,
+    assessment: str,
     options: Mapping[str, Any],
     tilt: bool,
     say: Callable[[str], None],
@@ -43,7 +47,7 @@ def run(
 
     Args:
         joined: compass.json.
-        alone: diagnosis.json and deviation.json as the record has them alone.
+        alone: diagnosis.json, deviation.json and assessment.json as the record has them alone.
         wide: pairs that may stand further apart, from which the shear of the water is learnt.
         tilt: whether pitch and roll enter the fit.
 
@@ -54,26 +58,40 @@ def run(
     if told is None:
         netcdf.write_json(diagnosis, netcdf.read_json(alone[0]))
         netcdf.write_json(deviation, netcdf.read_json(alone[1]))
+        netcdf.write_json(assessment, netcdf.read_json(alone[2]))
         say(f"{mooring}: no other record of its compass belongs to it; as it is alone")
         return
     near, along = several.together(netcdf.read_pairs(pairs)), earthfield.from_json(netcdf.read_json(field))
-    series, units = diagnose.logged(record, observatory, near)
     before = deviations.from_json(configured)
-    fitted = before
+    fitted, own = before, netcdf.read_record(record, velocities=False)
     if before.method != "von_appen":
-        own = netcdf.read_record(record, velocities=False)
         fitted = beside_others(told, near, along, own, tilt=tilt)
         configured = deviations.described(fitted, own)
-    found = diagnose.search(near, series, fitted, along, options, wide=wide, units=units, shared=told.effects)
+
+    def with_effects(made: Product, searched: bool) -> Product:
+        if searched or not (told.effects and options["enabled"] and options["apply"]):
+            return made
+        return content.with_effects(made, told, along, covariates.logged(netcdf.read_record(record), observatory))
+
+    made = diagnose.judged(
+        near,
+        along,
+        configured,
+        fitted,
+        record=record,
+        references=references,
+        observatory=observatory,
+        wide=wide,
+        options=options,
+        shared=told.effects,
+        with_effects=with_effects,
+    )
     text = carried_by(told, before, fitted)
-    made = product.of(fitted, found)
-    if found.fit is None and told.effects and options["enabled"] and options["apply"]:
-        logged = covariates.logged(netcdf.read_record(record), observatory)
-        made = content.with_effects(made, told, along, logged)
-    applied = made.to_json()
-    netcdf.write_json(diagnosis, found.to_json())
-    netcdf.write_json(deviation, configured | {"applied": applied, "shared": told.block(text)})
-    say(f"{mooring}: {text}\n{found.log_line(mooring)}")
+    netcdf.write_json(diagnosis, made.diagnosis.to_json())
+    netcdf.write_json(deviation, configured | {"applied": made.product.to_json(), "shared": told.block(text)})
+    netcdf.write_json(assessment, made.assessment)
+    lines = text, made.diagnosis.log_line(mooring), assessments.log_line(mooring, made.assessment)
+    say("\n".join([f"{mooring}: {lines[0]}", *lines[1:]]))
 
 
 def beside_others(told: Returned, pairs: Pairs, field: EarthField, record: Record, *, tilt: bool) -> Fit:

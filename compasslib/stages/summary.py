@@ -28,8 +28,5 @@ def run(
     rows += [table.row_of_stopped(name, why) for name, why in stopped["moorings"].items()]
     rows.sort(key=lambda row: order.index(row["name"]))
     table.write(summary, rows)
-    for name, used in roles.items():  # what no other job has said
-        for text in table.constant(results / name, used):
-            say(f"{name}: warning: {text}")
     say(table.table(rows))
     say(f"{summary}: {len(rows)} mooring{'s' * (len(rows) != 1)}")

@@ -5,6 +5,7 @@ rule diagnose_alone:
     """As diagnose, of a record whose compass has others: what it shows alone, and what they may learn from it."""
     input:
         record=MOORINGS.compromised,
+        references=MOORINGS.reference,
         pairs="results/{mooring}/overlap.nc",
         wide="results/{mooring}/wide/overlap.nc",
         fit="results/{mooring}/work/fit.json",
@@ -13,6 +14,7 @@ rule diagnose_alone:
     output:
         diagnosis="results/{mooring}/work/alone/diagnosis.json",
         deviation="results/{mooring}/work/alone/deviation.json",
+        assessment="results/{mooring}/work/alone/assessment.json",
         summary="results/{mooring}/work/alone/summary.json",
     params:
         options=MOORINGS.diagnose,
@@ -51,8 +53,9 @@ rule share:
     """As diagnose, with what the other records of the compass tell beforehand."""
     input:
         joined=COMPASSES.joined,
-        alone=multiext("results/{mooring}/work/alone/", "diagnosis.json", "deviation.json"),
+        alone=multiext("results/{mooring}/work/alone/", "diagnosis.json", "deviation.json", "assessment.json"),
         record=MOORINGS.compromised,
+        references=MOORINGS.reference,
         pairs="results/{mooring}/overlap.nc",
         wide="results/{mooring}/wide/overlap.nc",
         fit="results/{mooring}/work/fit.json",
@@ -61,6 +64,7 @@ rule share:
     output:
         diagnosis="results/{mooring}/diagnosis.json",
         deviation="results/{mooring}/deviation.json",
+        assessment="results/{mooring}/assessment.json",
     params:
         options=MOORINGS.diagnose,
         tilt=MOORINGS.tilt,

@@ -1,0 +1,153 @@
+"""Stretches of a record that disagree with the reference in another way than the rest of the record does.
+
+Part of a record may be repeated, stuck, taken out of the water, or measured by another compass. The observed heading
+minus the corrected one is described window by window: its mean, its dependence on the corrected heading, its scatter,
+and how often the compass cannot have recorded what it did. A window that lies far outside the other windows is
+doubtful, whatever the fit to the whole record says.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib.core import angles
+from compasslib.core.records import Pairs, stamp, take
+from compasslib.core.types import Bools, Floats
+from compasslib.deviation import model
+from compasslib.deviation.doubts import KNOWS_NOTHING_DEG, Doubt
+from compasslib.deviation.model import Fit
+
+LENGTH_S, FEWEST_PAIRS = 5 * 86400.0, 40  # of a window: several days of water, and enough pairs for four numbers
+FEWEST_WINDOWS = 6  # from which the others tell what is usual
+# Robust standard deviations beyond which a window is far off the others: turn, dependence, log scatter, share lost.
+# Real water between two depths turned for five days by 7, and turned with the heading by 7.5 (eh2).
+FAR = np.array([9.0, 9.0, 4.0, 6.0])
+GROWS = 0.5  # of these, for a window beside one that is far off
+# Least spread between windows: mean turn and heading dependence in degrees, logarithm of the scatter, share lost.
+LEAST_SPREAD = np.array([4.0, 3.0, 3.0, 0.2, 0.03])
+# Least departure that matters, in the same units; the heading dependence as the length of its two components.
+LEAST_TURN_DEG, LEAST_DEPENDENCE_DEG, LEAST_LOG_SCATTER, LEAST_LOST = 20.0, 10.0, 0.5, 0.25
+CLIP = 4.0  # widths beyond which a residual counts no more: slow water may point anywhere
+
+
+@dataclass(frozen=True)
+class Windows:
+    """What each of k windows shows."""
+
+    first: NDArray[np.intp]  # (k,) index of the first pair
+    last: NDArray[np.intp]  # (k,) index of the last pair
+    features: Floats  # (k, 5) mean turn, sine and cosine of the corrected heading (degrees), log scatter, share lost
+    rms_deg: Floats  # (k,) of the residual
+
+
+def doubtful(pairs: Pairs, fit: Fit) -> tuple[Doubt, ...]:
+    """Find the windows of a record that the rest of it does not foretell.
+
+    Args:
+        pairs: overlapping measurements as the compass of the fit would have recorded them.
+        fit: the exact compass.
+    """
+    if not fit.fitted or fit.method == "von_appen" or len(pairs) < FEWEST_WINDOWS * FEWEST_PAIRS:
+        return ()
+    windows = _described(pairs, fit)
+    far = _far(windows)
+    usual = float(np.median(windows.rms_deg[~far])) if (~far).any() else 0.0
+    return tuple(_doubts(pairs, windows, far, usual))
+
+
+def inside(doubts: tuple[Doubt, ...], time_s: Floats) -> Bools:
+    """Tell which instants lie in a doubted stretch, (n,)."""
+    return np.any([(time_s >= one.from_s) & (time_s <= one.to_s) for one in doubts] or [np.zeros(len(time_s), bool)], 0)
+
+
+def _described(pairs: Pairs, fit: Fit) -> Windows:
+    residual = model.residual(fit, pairs)
+    lost = ~np.isfinite(residual)
+    width = fit.noise.width_deg(*model.speeds(pairs))
+    heading = model.observed_heading(pairs) - np.where(lost, 0.0, residual)
+    ends = [_features(some, residual, lost, width, heading) for some in _cut(pairs.time_s)]
+    first, last = (np.array([some[k] for some in _cut(pairs.time_s)]) for k in (0, -1))
+    rms = [angles.rms(np.where(lost[some], KNOWS_NOTHING_DEG, residual[some])) for some in _cut(pairs.time_s)]
+    return Windows(first, last, np.array(ends), np.array(rms))
+
+
+def _cut(time_s: Floats) -> list[NDArray[np.intp]]:
+    """Return the pairs of each window: as many windows of LENGTH_S as hold enough pairs on the average."""
+    span = float(np.ptp(time_s))
+    length = max(LENGTH_S, span * FEWEST_PAIRS / len(time_s))
+    number = np.floor((time_s - time_s[0]) / length).astype(int)
+    cut = [np.flatnonzero(number == k) for k in range(number[-1] + 1)]
+    return [some for some in cut if len(some) >= FEWEST_PAIRS // 2]
+
+
+def _features(some: NDArray[np.intp], residual: Floats, lost: Bools, width: Floats, heading: Floats) -> list[float]:
+    known = some[~lost[some]]
+    if len(known) < FEWEST_PAIRS // 4:
+        return [0.0, 0.0, 0.0, 0.0, float(lost[some].mean())]
+    weight = 1.0 / width[known] ** 2
+    turn = float(angles.argument(np.sum(weight * angles.phasor(residual[known]))))
+    left = angles.difference(residual[known], turn)
+    sine, cosine = angles.sin_cos(heading[known])
+    design = np.column_stack([np.ones(len(known)), sine, cosine])
+    # The prior keeps a window of one heading from telling a turn as a dependence on heading.
+    normal = (design.T * weight) @ design + np.diag([0.0, 1.0, 1.0]) / 30.0**2
+    bounded = np.clip(left, -CLIP * width[known], CLIP * width[known])
+    fitted = np.linalg.solve(normal, (design.T * weight) @ bounded)
+    scatter = np.clip((left - design @ fitted) / width[known], -CLIP, CLIP)
+    turn = float(angles.wrap180(turn + fitted[0]))
+    return [turn, fitted[1], fitted[2], 0.5 * float(np.log(np.mean(scatter**2) + 1e-6)), float(lost[some].mean())]
+
+
+def _far(windows: Windows) -> Bools:
+    """Tell which windows lie far outside the others and differ by an amount that matters, (k,)."""
+    features = windows.features
+    if len(features) < FEWEST_WINDOWS:
+        return np.zeros(len(features), dtype=bool)
+    off = features - np.median(features, axis=0)
+    off[:, 0] = angles.wrap180(off[:, 0])
+    spread = np.maximum(1.4826 * np.median(np.abs(off), axis=0), LEAST_SPREAD)
+    z = off / spread
+    matters = np.column_stack([
+        np.abs(off[:, 0]) > LEAST_TURN_DEG,
+        np.hypot(off[:, 1], off[:, 2]) > LEAST_DEPENDENCE_DEG,
+        off[:, 3] > LEAST_LOG_SCATTER,
+        off[:, 4] > LEAST_LOST,
+    ])  # fmt: skip
+    departure = np.column_stack([np.abs(z[:, 0]), np.hypot(z[:, 1], z[:, 2]), z[:, 3], z[:, 4]]) / FAR
+    return _grown(*(np.asarray((matters & (departure > least)).any(axis=1)) for least in (1.0, GROWS)))
+
+
+def _grown(far: Bools, near: Bools) -> Bools:
+    """Return the windows that are far off, with those beside them that are nearly so: a stretch begins in a window."""
+    for _ in range(len(far)):
+        grown = far | (near & (np.append(far[1:], False) | np.append(False, far[:-1])))
+        if (grown == far).all():
+            break
+        far = grown
+    return far
+
+
+def _doubts(pairs: Pairs, windows: Windows, far: Bools, usual_deg: float) -> Iterator[Doubt]:
+    """Give a doubt for each run of neighbouring windows that are far off."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], far.astype(int), [0]])))
+    for begin, end in zip(edges[::2], edges[1::2], strict=True):
+        n = len(far)
+        from_s = pairs.time_s[windows.first[begin]] if begin else -np.inf
+        to_s = pairs.time_s[windows.last[end - 1]] if end < n else np.inf
+        rms = float(np.sqrt(np.mean(windows.rms_deg[begin:end] ** 2)))
+        sigma = float(min(np.sqrt(max(rms**2 - usual_deg**2, LEAST_DEPENDENCE_DEG**2)), KNOWS_NOTHING_DEG))
+        shown = [stamp(float(pairs.time_s[k])) for k in (windows.first[begin], windows.last[end - 1])]
+        why = (
+            f"from {shown[0]} to {shown[1]} directions differ from the reference by {rms:.0f}° rms and by "
+            f"{usual_deg:.0f}° in the rest of the record: the compass, the record or the reference was another then"
+        )
+        yield Doubt(float(from_s), float(to_s), sigma, why)
+
+
+def without(pairs: Pairs, doubts: tuple[Doubt, ...]) -> Pairs:
+    """Return the pairs outside the doubted stretches."""
+    return take(pairs, ~inside(doubts, pairs.time_s))

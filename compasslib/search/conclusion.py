@@ -1,0 +1,130 @@
+"""What a mooring's diagnosis, its product and the agreement with the reference come to together.
+
+A search names what bends the compass where the record as a whole is sound. Whether it is sound is judged here, so that
+verdict, flags and uncertainty agree: a constant that a mistake in the configuration explains, stretches that disagree
+with the rest, and a correction that held-out pairs deny.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from compasslib import deviation
+from compasslib.core.records import EarthField, Pairs, Record
+from compasslib.deviation import assessment, windows
+from compasslib.deviation.constant import Constant
+from compasslib.deviation.doubts import KNOWS_NOTHING_DEG, Doubt, whole_record
+from compasslib.deviation.model import Fit
+from compasslib.search import product, verdict
+from compasslib.search.finding import Finding, Parameter, Unexplained, Where
+from compasslib.search.product import Product, Series
+from compasslib.search.show import UNTESTED
+from compasslib.search.verdict import Diagnosis
+
+UNSETTLED = (
+    "headings are flagged doubtful and the angle is included in their uncertainty until the configuration is "
+    "corrected, or confirmed: {constant: true} states that the constant is real"
+)
+SIDES = ("none", "compass", "clock", "reference", "water")
+
+
+@dataclass(frozen=True)
+class Conclusion:
+    """What is said of a mooring, and what corrects it."""
+
+    diagnosis: Diagnosis
+    product: Product
+    assessment: dict[str, Any]
+
+
+def of_constant(constant: Constant, pairs: Pairs) -> Diagnosis:
+    """Return the diagnosis of a mooring whose constant a mistake in the configuration explains.
+
+    Nothing else is attributed until the constant is settled.
+    """
+    span = (float(pairs.time_s[0]), float(pairs.time_s[-1]))
+    p = constant.probability
+    others = {"mounting_offset": 1.0 - p} if constant.effect == "declination_error" else {}
+    finding = Finding(
+        effect=constant.effect,
+        side="compass",
+        alternatives=tuple(others),
+        where=Where("time", *span, "throughout the record"),
+        when_s=span,
+        parameters={"constant_deg": Parameter(constant.angle_deg, constant.sigma_deg, "°")},
+        rms_effect_deg=abs(constant.angle_deg),
+        held_out=UNTESTED,
+        text=f"{constant.text[0].upper()}{constant.text[1:]}. {UNSETTLED[0].upper()}{UNSETTLED[1:]}.",
+        probability=p,
+        alternatives_probability=others,
+    )
+    return Diagnosis(
+        "ambiguous",
+        findings=(finding,),
+        separated_by="the configuration checked against the deployment's log, or the mount's angle measured",
+        why=constant.text,
+        sides=dict.fromkeys(SIDES, 0.0) | {"compass": p, "none": 1.0 - p},
+        warnings=(f"{constant.text}; {UNSETTLED}",),
+    )
+
+
+def conclude(
+    search: Callable[[Pairs], Diagnosis],
+    pairs: Pairs,
+    record: Record,
+    field: EarthField,
+    series: Series,
+    *,
+    fit: Fit,
+    constant: Constant | None,
+    calibration: str = "",
+    with_effects: Callable[[Product, bool], Product] = lambda made, searched: made,
+) -> Conclusion:
+    """Judge a mooring as a whole.
+
+    Args:
+        search: the search for unmodelled effects, of pairs.
+        series: what was logged besides at the record's samples.
+        fit: the configured fit.
+        constant: between the instruments, where it is not confirmed.
+        calibration: name of the calibration that corrects the mooring, if one does.
+        with_effects: puts effects that other records of the compass know into a product, given whether it comes from
+            a search.
+    """
+    questioned = constant is not None and bool(constant.effect)
+    found = of_constant(constant, pairs) if constant is not None and questioned else search(pairs)
+    made = with_effects(product.of(fit, found), found.fit is not None)
+    plain = product.plain(made, pairs, record, field, series)
+    doubts = windows.doubtful(plain, made.fit)
+    agreement = assessment.assess(pairs, made.fit, plain)
+    if why := agreement["refuted"] or deviation.implausible(made.fit, record):
+        why = f"calibration {calibration}: {why}" if calibration else why
+        found = replace(verdict.insufficient(why, found.not_testable), warnings=found.warnings)
+        made = replace(made, doubts=(whole_record(KNOWS_NOTHING_DEG, why),))
+    elif constant is not None and questioned:
+        made = replace(made, doubts=(whole_record(abs(constant.angle_deg), constant.text), *doubts))
+    elif doubts:
+        found = _unexplained(found, doubts, pairs)
+        made = replace(made, doubts=doubts)
+    if constant is not None and not questioned and constant.text:
+        found = replace(found, warnings=(*found.warnings, constant.text))
+    return Conclusion(found, made, agreement)
+
+
+def _unexplained(found: Diagnosis, doubts: tuple[Doubt, ...], pairs: Pairs) -> Diagnosis:
+    """Return the diagnosis with the stretches that disagree with the rest as what it does not explain."""
+    worst = max(doubts, key=lambda doubt: doubt.sigma_deg)
+    first, last = float(pairs.time_s[0]), float(pairs.time_s[-1])
+    span = (max(worst.from_s, first), min(worst.to_s, last))
+    inside = windows.inside(doubts, pairs.time_s)
+    size = float(np.sqrt(np.mean(np.where(inside, worst.sigma_deg**2, 0.0))))
+    text = f"{worst.why[0].upper()}{worst.why[1:]}. The headings there are flagged doubtful."
+    left = Unexplained(("time",), Where("time", *span, worst.why.partition(" directions")[0]), span, size, (), text)
+    warnings = tuple(doubt.why for doubt in doubts)
+    if found.verdict == "insufficient":
+        return replace(found, warnings=(*warnings, *found.warnings))
+    return replace(found, verdict="unexplained", unexplained=left, why=text, warnings=(*warnings, *found.warnings))

@@ -1,0 +1,139 @@
+"""Constants that a mistake explains, stretches that disagree with the rest, and what both do to the product."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sea import FOLDED, MILD, pairs
+from test_deviation_correction import field_of, record_of
+
+from compasslib.core import angles
+from compasslib.core.records import GOOD, PROBABLY_BAD, Pairs
+from compasslib.deviation import constant, correction, doubts, exact, windows
+from compasslib.deviation.model import Fit
+
+DECLINATION_DEG, SIGMA_DEG = 18.0, 1.3
+
+
+def fitted(angle_deg: float, sigma_deg: float = SIGMA_DEG) -> Fit:
+    a = np.tan(np.deg2rad(angle_deg))
+    covariance = np.diag(np.full(5, np.deg2rad(sigma_deg) ** 2))
+    return Fit("exact", 1000, np.array([a, 0.3, 0.1, 0.0, 0.0]), covariance)
+
+
+def series(angle_deg: float) -> Fit:
+    return Fit("von_appen", 1000, np.array([angle_deg, 3.0, 1.0, 0.0, 0.0]), np.diag(np.full(5, SIGMA_DEG**2)))
+
+
+@pytest.fixture(scope="module")
+def some() -> Pairs:
+    return pairs(n=50)[0]
+
+
+@pytest.mark.parametrize(
+    ("fit", "effect", "words"),
+    [
+        (fitted(18.9), "declination_error", "equal to the declination (+18.0°): the directions of the reference hold"),
+        (fitted(-17.0), "declination_error", "equal to minus the declination (+18.0°): the directions of the ref"),
+        (fitted(35.0), "declination_error", "equal to twice the declination (+18.0°): it was applied with the wrong"),
+        (fitted(-37.5), "declination_error", "equal to minus twice the declination"),
+        (series(178.5), "mounting_offset", "half a turn: the instrument is mounted backwards"),
+        (fitted(27.0), "", "a mounting offset or a mistake; check declination"),
+        (fitted(-60.0), "", "a mounting offset or a mistake; check declination"),
+        (fitted(4.5, 0.3), "", ""),  # as mounts make it
+        (fitted(18.0, 5.0), "", "a mounting offset or a mistake"),  # 3.6 of its standard errors
+        (fitted(18.0, 12.0), "", ""),
+    ],
+)
+def test_a_constant_is_questioned_where_a_mistake_explains_it_and_an_ordinary_one_hardly_does(some, fit, effect, words):
+    found = constant.of_fit(fit, some, DECLINATION_DEG)
+    assert found.effect == effect and (words in found.text if words else not found.text)
+    assert found.probability > 10.0 / 11.0 if effect else found.probability == 0.0
+
+
+def test_a_small_declination_is_told_from_an_ordinary_constant_by_the_odds(some):
+    """6° within 1°: 12 to 1 against a normal constant of 4°; within 2.9° of it, 3 to 1."""
+    assert constant.of_fit(fitted(6.0, 1.0), some, 6.0).effect == "declination_error"
+    assert constant.of_fit(fitted(6.0, 1.4), some, 8.7).effect == ""
+
+
+def test_a_heading_bias_that_was_subtracted_is_named_with_its_instrument(some):
+    found = constant.of_fit(fitted(-45.5), some, DECLINATION_DEG, {"top": 0.0, "deep": 45.0})
+    assert found.effect == "declination_error"
+    assert "EB of +45.0° that was subtracted from the directions of deep" in found.text
+
+
+def turned(seen: Pairs, side: str, angle_deg: float) -> Pairs:
+    """Return pairs whose upper or lower velocities are turned clockwise."""
+    names = (f"{side}_east", f"{side}_north")
+    velocity = angles.turn(*(getattr(seen, name) for name in names), angle_deg)
+    return replace(seen, **dict(zip(names, velocity, strict=True)))
+
+
+def test_of_a_calibration_made_elsewhere_the_mean_residual_is_the_constant():
+    seen, _ = pairs(MILD, n=1500, seed=3)
+    carried = replace(exact.fit(seen), method="calibration")
+    found = constant.of_fit(carried, turned(seen, "lower", 18.0), DECLINATION_DEG)
+    assert found.effect == "declination_error" and found.angle_deg == pytest.approx(18.0, abs=3.0)
+
+
+@pytest.mark.parametrize("angle_deg", [-36.0, 24.0])
+def test_a_two_valued_compass_whose_readings_are_all_turned_is_fitted_by_its_constant(angle_deg):
+    """From starts without a constant it ends in soft iron of 60 %, as no instrument has."""
+    seen, _ = pairs(FOLDED, n=3000, seed=5)
+    wrong = replace(turned(seen, "upper", angle_deg), heading_deg=angles.wrap360(seen.heading_deg + angle_deg))
+    fit = exact.fit(wrong)
+    assert float(angles.wrap180(angles.direction(fit.coefficients[0], 1.0))) == pytest.approx(-angle_deg, abs=4.0)
+    assert np.hypot(*fit.coefficients[3:5]) < exact.MOST_SOFT
+
+
+# ------------------------------------------------------------------------------------------------------------- windows
+def spoilt(seen: Pairs, some: slice) -> Pairs:
+    """Return pairs of which some have the profiler's record of another time: its headings and velocities."""
+    other = (np.arange(len(seen))[some] + 900) % len(seen)
+    at = np.arange(len(seen))
+    at[some] = other
+    return replace(
+        seen, heading_deg=seen.heading_deg[at], upper_east=seen.upper_east[at], upper_north=seen.upper_north[at]
+    )
+
+
+@pytest.mark.parametrize("iron", [MILD, FOLDED], ids=["mild", "folded"])
+@pytest.mark.parametrize("some", [slice(0, 240), slice(1000, 1400), slice(2600, 3000)], ids=["first", "middle", "last"])
+def test_a_stretch_repeated_from_elsewhere_is_doubted_with_its_dates_and_the_rest_is_not(iron, some):
+    seen, _ = pairs(iron, n=3000, seed=21)
+    wrong = spoilt(seen, some)
+    found = windows.doubtful(wrong, exact.fit(wrong))
+    inside = windows.inside(found, wrong.time_s)
+    assert inside[some].mean() > 0.6 and np.delete(inside, np.arange(3000)[some]).mean() < 0.1
+    assert all(doubt.sigma_deg >= 10.0 and "directions differ from the reference" in doubt.why for doubt in found)
+
+
+@pytest.mark.parametrize("iron", [MILD, FOLDED], ids=["mild", "folded"])
+@pytest.mark.parametrize("seed", range(4))
+def test_a_sound_record_has_no_doubtful_stretch(iron, seed):
+    seen, _ = pairs(iron, n=3000, seed=seed)
+    assert windows.doubtful(seen, exact.fit(seen)) == ()
+
+
+def test_doubts_lower_the_flag_and_widen_the_uncertainty_there_and_nowhere_else():
+    seen, _ = pairs(MILD, n=600, seed=2)
+    record, fit = record_of(seen), exact.fit(seen)
+    stretch = doubts.Doubt(float(record.time_s[100]), float(record.time_s[199]), 20.0, "for a test")
+    plain, doubted = (correction.correct(record, fit, field_of(seen), seen, doubts=said) for said in ((), (stretch,)))
+    inside = np.zeros(len(record.time_s), dtype=bool)
+    inside[100:200] = True
+    assert (doubted.heading_corrected_quality[inside] == PROBABLY_BAD).all()
+    assert (doubted.heading_corrected_quality[~inside] == GOOD).all()
+    np.testing.assert_array_equal(doubted.heading_corrected_deg, plain.heading_corrected_deg)
+    np.testing.assert_allclose(
+        doubted.heading_uncertainty_deg[inside], np.hypot(plain.heading_uncertainty_deg[inside], 20.0)
+    )
+    np.testing.assert_array_equal(doubted.heading_uncertainty_deg[~inside], plain.heading_uncertainty_deg[~inside])
+
+
+def test_doubts_come_back_from_deviation_json():
+    every = (doubts.Doubt(1.2e9, 1.3e9, 12.0, "why"), doubts.whole_record(30.0, "all of it"))
+    assert doubts.from_json([doubt.to_json() for doubt in every]) == every
