@@ -6,6 +6,7 @@ the report says in HTML what it shows.
 
 from __future__ import annotations
 
+import re
 import textwrap
 import warnings
 from collections.abc import Iterator, Sequence
@@ -37,6 +38,7 @@ Limits = tuple[float, float]
 
 WIDTH_IN, WIDE_IN, DPI = 3.5, 7.0, 200  # one column of print, and two
 LINE_IN = 0.16  # height of a line of a name
+WORD_IN = 1.8  # widest word of a title
 LETTERS = FontProperties(family="DejaVu Sans", size=8.0)
 COLLAPSED = "constrained_layout not applied"  # matplotlib's warning where labels leave a panel no room
 DAY_S = 86400.0  # matplotlib counts time in days since 1970
@@ -110,19 +112,21 @@ def _letter_panels(figure: Figure) -> None:
 
 
 def _wrap_labels(figure: Figure) -> None:
-    """Break titles and names of axes into lines that end at the edge of the page."""
+    """Break titles and names of axes into lines that end at the edge of the page, and words that have no gap."""
     for axes in figure.axes:
         for text in (axes.title, axes._left_title, axes.xaxis.label, axes.yaxis.label):  # type: ignore[attr-defined]
+            text.set_text(re.sub(r"\S+", lambda word: wrapped(word[0], WORD_IN), text.get_text()))
             text.set_wrap(True)
 
 
 def wrapped(text: str, width_in: float) -> str:
     """Break a text into lines no wider than a width, words only where they must be."""
-    for characters in range(max(len(text), 1), 0, -1):
-        lines = textwrap.wrap(text, characters)
-        if all(_width_in(line) <= width_in for line in lines):
-            break
-    return "\n".join(lines)
+    if _width_in(text) <= width_in:
+        return text
+    tries = (textwrap.wrap(text, characters) for characters in range(len(text), 0, -1))
+    return "\n".join(
+        next(lines for lines in tries if max(map(_width_in, lines)) <= width_in or len(lines) == len(text))
+    )
 
 
 def _width_in(line: str) -> float:
