@@ -33,6 +33,7 @@ from compasslib import deviation
 from compasslib.core import angles, compass
 from compasslib.core.records import Pairs, Readings, take
 from compasslib.deviation import correction, model, von_appen
+from compasslib.plots.page import BLUE, GREY, VERMILION, WIDE_IN, legend, page
 from compasslib.simulation import compass as needle
 from compasslib.simulation import demonstration, mooring, water
 from compasslib.simulation.series import HOUR_S, clockwise, stream, white_vector
@@ -288,29 +289,27 @@ def clock(seed: int, heeling: bool) -> Measured:
 
 def plot(told: list[Mooring], path: Path) -> None:
     """Draw heading rms by iron strength for both methods: each mooring a point, the medians a line."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(9.0, 6.8), layout="constrained")
-    panels, place = figure.subplots(2, 2, sharex=True, sharey=True), np.arange(len(STRENGTHS))
+    place = np.arange(len(STRENGTHS))
     methods = (
-        ("published_deg", "von Appen (2015), where it corrects", "#D55E00", "s", 0.12),
-        ("error_deg", "compasslib exact, every heading", "#0072B2", "o", -0.12),
+        ("published_deg", "von Appen (2015), where it corrects", VERMILION, "s", 0.12),
+        ("error_deg", "compasslib exact, every heading", BLUE, "o", -0.12),
     )
-    for (overlap, spread), axes in zip(itertools.product(OVERLAPS, SPREADS), panels.flat, strict=True):
-        for name, label, color, marker, shift in methods:
-            y = [[rms(getattr(one, name)) for one in those(told, s, overlap, spread)] for s in STRENGTHS]
-            x = np.repeat(place, [len(part) for part in y])
-            axes.plot(x + shift, np.concatenate(y), marker, color=color, markersize=4, alpha=0.5, markeredgewidth=0)
-            axes.plot(place + shift, [median(part) for part in y], marker=marker, color=color, label=label)
-        axes.set(yscale="log", ylim=(0.3, 200.0), title=f"overlaps {overlap}, {spread} headings")
-        axes.set_xticks(place, [f"{strength:g}" for strength in STRENGTHS])
-        axes.set_yticks(ticks := [0.5, 1, 2, 5, 10, 20, 50, 100], [f"{tick:g}" for tick in ticks])
-        axes.grid(alpha=0.3)
-        axes.axvspan(5.5, 9.5, color="#8C8C8C", alpha=0.15, linewidth=0, label="two roots")
-    figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3, fontsize=9)
-    figure.supxlabel("hard iron over the earth's horizontal field")
-    figure.supylabel("error of the corrected heading, degrees rms")
-    figure.savefig(path, dpi=150, metadata={"Software": None})
+    with page(path, 5.4, width_in=WIDE_IN) as figure:
+        panels = figure.subplots(2, 2, sharex=True, sharey=True)
+        for (overlap, spread), axes in zip(itertools.product(OVERLAPS, SPREADS), panels.flat, strict=True):
+            for name, label, color, marker, shift in methods:
+                y = [[rms(getattr(one, name)) for one in those(told, s, overlap, spread)] for s in STRENGTHS]
+                x = np.repeat(place, [len(part) for part in y])
+                axes.plot(x + shift, np.concatenate(y), marker, color=color, markersize=3, alpha=0.5, markeredgewidth=0)
+                axes.plot(place + shift, [median(part) for part in y], marker, linestyle="-", color=color, label=label)
+            axes.set(yscale="log", ylim=(0.3, 200.0), title=f"Overlaps {overlap}, {spread} headings")
+            axes.set_xticks(place, [f"{strength:g}" for strength in STRENGTHS])
+            axes.set_yticks(ticks := [0.5, 1, 2, 5, 10, 20, 50, 100], [f"{tick:g}" for tick in ticks])
+            axes.grid(alpha=0.3)
+            axes.axvspan(5.5, 9.5, color=GREY, alpha=0.15, linewidth=0, label="two-valued compass")
+        legend(figure, panels[0, 0].get_legend_handles_labels()[0], columns=3)
+        figure.supxlabel("Hard iron over the earth's horizontal field", fontsize=8.0)
+        figure.supylabel("Error of the corrected heading, rms (°)", fontsize=8.0)
 
 
 def main() -> None:

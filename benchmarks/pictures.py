@@ -1,53 +1,175 @@
-"""The pictures of the README and of docs, made by the code that they describe.
+"""Make the pictures of README and docs anew, each by the code that draws it.
 
-    python benchmarks/pictures.py            after make run
-    python benchmarks/pictures.py CRUISE     those of the tutorial, of its cruise once run
+    python benchmarks/pictures.py                  all of them, some ten minutes
+    python benchmarks/pictures.py sea diagnosis    those of these makers
+    python benchmarks/pictures.py --from CRUISE demonstration    of a cruise that has been run already
 
-docs/currents.png shows the currents of EG4 of the demonstration cruise before and after, docs/eg4_deviation.png and
-docs/eg4_scatter.png are other figures of it; docs/diagnosis.png is the diagnosis of a simulated year with two effects,
-drawn by the workflow's own code. The picture of the page is made by benchmarks/report.py --picture docs/report.png.
+docs/pictures.json records of each picture its SHA-256 and that of the code that draws it; tests/test_docs.py compares
+both. Some stand apart: docs/headings.png comes with its tables, within the hour, from benchmarks/headings.py --figure
+docs/headings.png; docs/report.png needs Chromium; the tutorial needs its own cruise, --from CRUISE tutorial. The sea
+needs ../shared/data.
 """
 
 from __future__ import annotations
 
+import argparse
+import ast
+import hashlib
 import json
+import os
 import shutil
+import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from PIL import Image
 
-from compasslib.plots import diagnosis
-from compasslib.simulation import draw
-from compasslib.simulation.sealed import Wish
-from compasslib.stages import pipeline
-
 PROJECT = Path(__file__).resolve().parents[1]
+DOCS, RECORD = PROJECT / "docs", PROJECT / "docs/pictures.json"
 CURRENTS = ("sticks", "progressive", "roses")
-OF_EG4 = {"deviation.png": "eg4_deviation.png", "scatter.png": "eg4_scatter.png"}
-OF_TUTORIAL = ("sticks", "progressive", "deviation", "scatter")
-LEFT_OUT = {"temperature": 2.5, "sextantal": 2.0}  # visible degrees, rms
+LEFT_OUT = {"temperature": 2.5, "sextantal": 2.0}  # effects of the diagnosis, visible degrees rms
+DRAWN = ("page", "curves")  # modules of plots behind every figure of a mooring
 
 
-def of_tutorial(cruise: Path) -> None:
-    """Copy the figures of the tutorial's mooring."""
-    for name in OF_TUTORIAL:
-        shutil.copyfile(cruise / f"results/E1/figures/{name}.png", PROJECT / f"docs/tutorial/{name}.png")
+@dataclass(frozen=True)
+class Maker:
+    """What makes some of the pictures."""
+
+    make: Callable[[Path], None]  # from the folder of a cruise once run, or an empty one
+    pictures: Sequence[str]  # below docs
+    code: Sequence[str]  # files that draw them, below the project; patterns
+    cruise: str = ""  # folder of the cruise to run first, below the project
 
 
-def main() -> None:
-    """Copy the demonstration's figures, and draw a diagnosis."""
-    for name, kept in OF_EG4.items():
-        shutil.copyfile(PROJECT / "results/EG4/figures" / name, PROJECT / "docs" / kept)
-    beside(PROJECT / "docs/currents.png", [PROJECT / f"results/EG4/figures/{name}.png" for name in CURRENTS])
-    with tempfile.TemporaryDirectory() as folder:
-        one = draw.Sealed("D1", LEFT_OUT, wish=Wish(wide=True), seed=4)
-        cruise, _ = draw.write_alone(one, Path(folder))
-        made = pipeline.process(cruise, "D1", Path(folder) / "results", print)
-        found = json.loads((made / "diagnosis.json").read_text())
-        diagnosis.of_mooring(PROJECT / "docs/diagnosis.png", found)
+def demonstration(cruise: Path) -> None:
+    """EG4 of the demonstration cruise before and after, and the top of the report."""
+    figures = cruise / "results/EG4/figures"
+    beside(DOCS / "currents.png", [figures / f"{name}.png" for name in CURRENTS])
+    for name in ("deviation", "scatter"):
+        shutil.copyfile(figures / f"{name}.png", DOCS / f"eg4_{name}.png")
+
+
+def report(cruise: Path) -> None:
+    """The top of the demonstration's report, as Chromium shows it."""
+    sys.path.insert(0, str(PROJECT / "tests"))
+    import browser
+
+    with tempfile.TemporaryDirectory() as folder, browser.chromium(Path(folder)) as chromium:
+        chromium.open(cruise / "results/report.html", 1200, 1500)
+        chromium.picture(DOCS / "report.png", whole=False)
+
+
+def tutorial(cruise: Path) -> None:
+    """The mooring of the tutorial."""
+    for name in ("sticks", "progressive", "deviation", "scatter"):
+        shutil.copyfile(cruise / f"results/E1/figures/{name}.png", DOCS / f"tutorial/{name}.png")
+
+
+def redeployed(cruise: Path) -> None:
+    """One compass by all its records."""
+    shutil.copyfile(cruise / "results/compasses/wh8104/figures/coefficients.png", DOCS / "redeployed.png")
+
+
+def diagnosis(folder: Path) -> None:
+    """The diagnosis of a simulated year with two effects."""
+    from compasslib.plots import diagnosis as figure
+    from compasslib.simulation import draw
+    from compasslib.simulation.sealed import Wish
+    from compasslib.stages import pipeline
+
+    cruise, _ = draw.write_alone(draw.Sealed("D1", LEFT_OUT, wish=Wish(wide=True), seed=4), folder)
+    made = pipeline.process(cruise, "D1", folder / "results", print)
+    figure.of_mooring(DOCS / "diagnosis.png", json.loads((made / "diagnosis.json").read_text()))
+
+
+def sea(folder: Path) -> None:
+    """Water between bins."""
+    import sea as measured
+
+    measured.draw(measured.profiles(), DOCS / "sea.png")
+
+
+def plots(*names: str) -> list[str]:
+    """Return modules of plots that draw figures of a mooring."""
+    return [f"compasslib/plots/{name}.py" for name in (*DRAWN, *names)]
+
+
+MAKERS = {
+    "demonstration": Maker(
+        demonstration,
+        ("currents.png", "eg4_deviation.png", "eg4_scatter.png"),
+        [*plots("currents", "deviation", "agreement"), "compasslib/simulation/demonstration.py"],
+        cruise=".",
+    ),
+    "report": Maker(
+        report, ("report.png",), ["compasslib/report/templates/*", "compasslib/report/chart.py"], cruise="."
+    ),
+    "tutorial": Maker(
+        tutorial,
+        [f"tutorial/{name}.png" for name in ("sticks", "progressive", "deviation", "scatter")],
+        plots("currents", "deviation", "agreement"),
+    ),
+    "redeployed": Maker(
+        redeployed,
+        ("redeployed.png",),
+        [*plots("compass"), "compasslib/simulation/redeployed.py", "examples/redeployed/config/**/*.yaml"],
+        cruise="examples/redeployed",
+    ),
+    "diagnosis": Maker(diagnosis, ("diagnosis.png",), [*plots("diagnosis"), "compasslib/simulation/draw.py"]),
+    "sea": Maker(sea, ("sea.png",), ["compasslib/plots/page.py", "benchmarks/sea.py"]),
+}
+
+
+def code(patterns: Iterable[str]) -> str:
+    """Return one SHA-256 of files; comments, docstrings and the form of Python files do not count.
+
+    Raises:
+        FileNotFoundError: a pattern finds no file.
+    """
+    whole = hashlib.sha256()
+    for pattern in patterns:
+        files = sorted(PROJECT.glob(pattern))
+        if not files:
+            raise FileNotFoundError(f"benchmarks/pictures.py: no file {pattern} in the project")
+        for path in files:
+            whole.update(statements(path.read_text()).encode() if path.suffix == ".py" else path.read_bytes())
+    return whole.hexdigest()
+
+
+def statements(text: str) -> str:
+    """Return what a Python file does, without comments and docstrings."""
+    tree = ast.parse(text)
+    for node in ast.walk(tree):
+        body = getattr(node, "body", None)
+        if isinstance(body, list):
+            node.body = [one for one in body if not (isinstance(one, ast.Expr) and isinstance(one.value, ast.Constant))]
+    return ast.dump(tree)
+
+
+def record(maker: Maker) -> dict[str, dict[str, str]]:
+    """Return the hashes of a maker's pictures and of the code that draws them."""
+    drawn = code(maker.code)
+    return {
+        name: {"picture": hashlib.sha256((DOCS / name).read_bytes()).hexdigest(), "code": drawn}
+        for name in maker.pictures
+    }
+
+
+def run(cruise: str, folder: Path) -> Path:
+    """Run a cruise of the project in a folder of its own."""
+    source = PROJECT / cruise
+    for name in ("config", "raw"):
+        if (source / name).exists():
+            shutil.copytree(source / name, folder / name)
+    if (source / "make.py").exists():
+        subprocess.run([sys.executable, source / "make.py", folder], check=True)
+    snakemake = [sys.executable, "-P", "-m", "snakemake", "--workflow-profile", PROJECT / "workflow/profiles/default"]
+    snakemake += ["--snakefile", PROJECT / "Snakefile", "--directory", folder, "--cores", "all"]
+    subprocess.run(snakemake, check=True, env=os.environ | {"PYTHONPATH": str(PROJECT), "OMP_NUM_THREADS": "1"})
+    return folder
 
 
 def beside(path: Path, figures: Sequence[Path]) -> None:
@@ -59,5 +181,30 @@ def beside(path: Path, figures: Sequence[Path]) -> None:
     whole.save(path, compress_level=9)
 
 
+def main() -> None:
+    """Make pictures, and record them."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("makers", nargs="*", help=f"of {', '.join(MAKERS)}; all where none is named")
+    parser.add_argument("--from", dest="cruise", type=Path, help="a cruise that has been run already, of one maker")
+    asked = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        ready: dict[str, Path] = {}
+        for name in asked.makers or MAKERS:
+            maker, own = MAKERS[name], Path(folder) / name
+            own.mkdir()
+            if name == "report" and not shutil.which("chromium"):
+                print("report: left as it is, there is no Chromium")
+                continue
+            if name == "tutorial" and not asked.cruise:
+                print("tutorial: left as it is, its cruise is not given: --from CRUISE tutorial")
+                continue
+            if asked.cruise or not maker.cruise:
+                ready[maker.cruise] = asked.cruise or own
+            maker.make(ready.get(maker.cruise) or ready.setdefault(maker.cruise, run(maker.cruise, own)))
+            known = json.loads(RECORD.read_text()) if RECORD.exists() else {}
+            RECORD.write_text(json.dumps(known | record(maker), indent=1, sort_keys=True) + "\n")
+            print(f"{name}: {', '.join(maker.pictures)}")
+
+
 if __name__ == "__main__":
-    of_tutorial(Path(sys.argv[1])) if len(sys.argv) > 1 else main()
+    main()

@@ -7,6 +7,12 @@ from pathlib import Path
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(name, "1")
 
+# A warning raised while something is drawn is an error in jobs of the workflow and in commands too: pytest's own filter
+# ends at this process.
+PLOTS = Path(__file__).resolve().parents[1] / "compasslib/plots"
+drawing = [f"error:::compasslib.plots.{module.stem}" for module in sorted(PLOTS.glob("[a-z]*.py"))]
+os.environ["PYTHONWARNINGS"] = ",".join(filter(None, [os.environ.get("PYTHONWARNINGS"), *drawing]))
+
 # What a benchmark imports beside itself; last, as some of them are named like modules of the tests.
 sys.path.append(str(Path(__file__).resolve().parents[1] / "benchmarks"))
 

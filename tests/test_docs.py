@@ -5,6 +5,7 @@ from __future__ import annotations
 import doctest
 import importlib
 import importlib.util
+import json
 import os
 import re
 import shlex
@@ -15,6 +16,7 @@ import zipfile
 from pathlib import Path
 
 import numpy as np
+import pictures
 import pytest
 import yaml
 from launch import copied_project
@@ -85,6 +87,40 @@ def test_citation_and_codemeta_speak_of_this_version_by_one_name():
     assert [one["name"] for one in head["authors"]] == [one["name"] for one in cited["authors"]]
     newest = re.search(r"^## (\S+)", (PROJECT / "CHANGELOG.md").read_text(), re.MULTILINE)
     assert newest and newest[1] == compasslib.__version__
+
+
+# An hour of measurements, a browser, and a cruise that the reader of the tutorial drafts step by step.
+TUTORIAL = pictures.MAKERS["tutorial"].pictures
+APART_FROM_THE_RECORD = {"headings.png", "report.png", *TUTORIAL}
+
+
+@pytest.mark.parametrize("name", pictures.MAKERS)
+def test_the_pictures_are_those_that_the_code_draws(name):
+    """By the hashes that benchmarks/pictures.py recorded when it made them; nothing is drawn here."""
+    maker, known = pictures.MAKERS[name], json.loads(pictures.RECORD.read_text())
+    for picture, hashes in pictures.record(maker).items():
+        if picture not in APART_FROM_THE_RECORD:
+            again = (
+                f"docs/{picture} is older than the code that draws it: .venv/bin/python benchmarks/pictures.py {name}"
+            )
+            assert known[picture] == hashes, f"docs/{picture} is {again}"
+
+
+def test_every_picture_has_a_maker_and_is_shown():
+    made = {picture for maker in pictures.MAKERS.values() for picture in maker.pictures}
+    there = {
+        path.relative_to(pictures.DOCS).as_posix() for path in pictures.DOCS.rglob("*.png") if "proof" not in path.parts
+    }
+    assert made | APART_FROM_THE_RECORD == there
+    pages = " ".join(page.read_text() for page in PAGES)
+    assert not [picture for picture in there if Path(picture).name not in pages]
+
+
+def test_only_what_a_file_does_makes_a_picture_old():
+    before, after = '"""A."""\nx = 1  # one\n', '"""B."""\n\nx = (1)\n'
+    assert pictures.statements(before) == pictures.statements(after) != pictures.statements("x = 2\n")
+    with pytest.raises(FileNotFoundError, match=r"no file compasslib/plots/gone\.py"):
+        pictures.code(["compasslib/plots/gone.py"])
 
 
 def test_the_paper_cites_what_its_bibliography_has():

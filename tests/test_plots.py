@@ -5,7 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from dataclasses import dataclass, replace
-from itertools import product
+from itertools import pairwise, product
 
 import matplotlib
 import numpy as np
@@ -29,6 +29,7 @@ from compasslib.deviation.likelihood import CELLS
 from compasslib.deviation.model import Fit
 from compasslib.plots import agreement, currents, deviation, diagnosis, timeline
 from compasslib.plots import curves as plots_curves
+from compasslib.plots import page as plots_page
 from compasslib.plots.curves import BACKWARDS, GIVEN_UP, INVERTED
 from compasslib.plots.page import BLACK, DPI, WIDTH_IN
 from compasslib.report import captions
@@ -278,9 +279,94 @@ def test_a_diagnosis_draws_each_effect_and_the_held_out_days(tmp_path):
     for axes, reach in ((first, 3.0), (second, 1.0)):
         (line,) = (one for one in axes.lines if one.get_color() == BLACK)
         np.testing.assert_allclose(line.get_ydata(), np.linspace(-reach, reach, 12))
-    assert [text.get_text() for text in held_out.get_yticklabels()] == ["composed,\nby depth", "composed,\nby tilt"]
+    assert [text.get_text() for text in held_out.get_yticklabels()] == ["composed, by\ndepth", "composed, by tilt"]
     said = captions.of_diagnosis(content)
     assert "p_linear·x + p_square·x² (x: depth minus its mean)" in said and "held-out days" in said
+
+
+LONG = "the deviation of a compass whose gimbal sticks at the temperature of the water changing with the echo"
+WORD = "Hydrographic_mooring_of_the_year_2007_with_a_name_that_has_no_gap_anywhere"
+
+
+@pytest.mark.parametrize("name", ["sextantal", LONG, WORD])
+@pytest.mark.parametrize(("panels", "rows"), [(0, 1), (1, 1), (6, 14)])
+def test_panels_of_a_diagnosis_keep_their_size_whatever_the_names_are(tmp_path, name, panels, rows):
+    proof = {"rms_before_deg": 4.0, "rms_after_deg": 3.0, "p_value": 0.001}
+    found = [{"effect": name, "side": "compass", "alternatives": [], "text": "", "heldout": proof}] * rows
+    curves = [residuals(("heading", "speed", "time")[k % 3], 5.0, 355.0) | {"compared": name} for k in range(panels)]
+    ranked = [{"effect": name, "score": 3.0**k} for k in range(rows)]
+    content = {"verdict": "explained", "findings": found, "unexplained": None, "curves": curves, "hypotheses": ranked}
+    page = saved(lambda: diagnosis.of_calibration(tmp_path / "d.png", content))
+    check_page(tmp_path / "d.png", page)
+    sizes = [(axes.bbox.width, axes.bbox.height) for axes in page.axes]
+    assert min(wide for wide, _ in sizes) >= 0.45 * page.bbox.width
+    assert all(high >= 0.8 * DPI for _, high in sizes[:panels]) and all(high >= 0.1 * DPI for _, high in sizes)
+    renderer = page.canvas.get_renderer()
+    for axes in page.axes[panels:]:
+        names = [text.get_window_extent(renderer) for text in axes.get_yticklabels()]
+        assert not any(a.overlaps(b) for a, b in pairwise(sorted(names, key=lambda box: box.y0)))
+    for axes in page.axes:  # matplotlib's own box of a panel with its labels leaves out how wide these are
+        for text in (axes.title, axes._left_title, axes.xaxis.label):
+            box = text.get_window_extent(renderer)
+            assert box.x0 >= 0.0 and box.x1 <= page.bbox.width + 1.0
+
+
+def test_labels_without_room_are_an_error(tmp_path):
+    with (
+        pytest.raises(UserWarning, match="constrained_layout not applied"),
+        plots_page.page(tmp_path / "a.png", 1.0) as figure,
+    ):
+        figure.subplots().set_yticks([0.0], [3 * LONG])
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_warning_while_drawing_ends_a_process_that_a_test_starts():
+    code = "import warnings as w; w.warn_explicit('collapsed', UserWarning, 'page.py', 1, 'compasslib.plots.page')"
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, check=False)
+    assert ended.returncode == 1 and b"UserWarning: collapsed" in ended.stderr
+
+
+@pytest.mark.parametrize("covariate", ["heading", "time", "speed"])
+@pytest.mark.parametrize("draw", [diagnosis.of_mooring, diagnosis.of_calibration])
+def test_nothing_is_drawn_where_there_are_no_data(tmp_path, draw, covariate):
+    """Bins from 5 to 95 and from 265 to 355: neither band nor effect spans the 170 between."""
+    scale = {"heading": 1.0, "time": 86400.0, "speed": 0.01}[covariate]
+    curve = residuals(covariate, 5.0, 355.0)
+    curve["centre"] = (scale * np.r_[5.0:96.0:18.0, 265.0:356.0:18.0]).tolist()
+    content = {"verdict": "explained", "findings": [], "unexplained": None, "curves": [curve]}
+    (axes,) = saved(lambda: draw(tmp_path / "d.png", content)).axes
+    drawn = scale / {"time": 86400.0 if draw is diagnosis.of_mooring else 3600.0}.get(covariate, 1.0)
+    begin = drawn * 5.0 if covariate == "time" and draw is diagnosis.of_calibration else 0.0
+    bars = [(bar.get_x() + begin, bar.get_x() + begin + bar.get_width()) for bar in axes.patches]
+    assert len(bars) == 12 and not any(high > drawn * 121.0 and low < drawn * 239.0 for low, high in bars)
+    (effect,) = (line for line in axes.lines if line.get_color() == BLACK)
+    assert np.isnan(effect.get_ydata()).sum() == 1 and np.isnan(effect.get_ydata()[6])
+
+
+@pytest.mark.parametrize("span_s", np.geomspace(2.0, 4e8, 60))
+def test_dates_of_records_of_any_length(span_s):
+    axes = Figure(figsize=(3.5, 2.0)).subplots()
+    plots_page.dates(axes, (START_S, START_S + span_s))
+    assert 2 <= len(axes.get_xticks()) <= 7
+
+
+def test_a_whole_turn_ends_in_360_and_any_other_in_its_heading():
+    for limits, labels in (((0.0, 360.0), "0 90 180 270 360"), ((-180.0, 180.0), "180 270 0 90 180")):
+        axes = Figure().subplots()
+        plots_page.degrees(axes.xaxis, limits)
+        axes.figure.draw_without_rendering()
+        shown = [text.get_text() for text in axes.get_xticklabels() if limits[0] <= text.get_position()[0] <= limits[1]]
+        assert shown == labels.split()
+
+
+def test_directions_are_counted_and_compared_in_their_panels(gallery):
+    before, after = (axes.get_title("left") for axes in gallery.show("unfolded", "scatter")[1].axes[:2])
+    lower, upper, corrected = plots_curves.directions(SMALL, gallery.moorings["unfolded"].product)
+    for title, name, above in ((before, "(a) recorded", upper), (after, "(b) corrected", corrected)):
+        off = angles.difference(above, lower)
+        mean = float(angles.wrap180(angles.mean(off)))
+        said = f"{name}, n = {SAMPLES}\nmean {mean:+.1f}°, rms {np.sqrt(np.mean(off**2)):.1f}°"
+        assert title == said.replace("-", "\N{MINUS SIGN}")
 
 
 def check_page(path, page):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from bench import FOLDED, readings, ring
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 from matplotlib.image import imread
 from matplotlib.text import Annotation
 
@@ -13,7 +14,7 @@ from compasslib.archive.calibrations import Page
 from compasslib.calibration import FIGURES, budget, content, curves
 from compasslib.calibration.curves import BenchReadings
 from compasslib.calibration.result import Calibration, DeviationTable
-from compasslib.plots import calibrations
+from compasslib.plots import calibrations, compass
 from compasslib.plots import calibrations as plots_certificate
 from compasslib.plots.page import DPI, WIDE_IN, WIDTH_IN
 
@@ -56,17 +57,63 @@ def test_every_figure_of_every_outcome_is_a_whole_page_and_the_same_twice(tmp_pa
     assert image.shape[1] == round(width_in * DPI) and image[..., :3].std() > 0.02
 
 
+NAMES = (
+    "R1",
+    "Hydrographic mooring of the year 2007, deployed twice",
+    "Name_of_a_mooring_that_has_no_gap_anywhere_2007",
+)
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("count", [1, 14])
+def test_panels_of_a_shared_compass_keep_their_size_whatever_its_records_are_called(tmp_path, name, count):
+    letters = dict.fromkeys("ABCDE", 0.05)
+    field = {"horizontal_nT": 2e4, "vertical_nT": 4e4}
+    names = [f"{name} {k}" for k in range(count)]
+    records = [{"name": one, "coefficients": letters, "sigma": letters, "fits": True} | field for one in names]
+    each = {one: {"values": [2.0, 3.0], "sigma": [0.5, 0.5]} for one in names}
+    effect = {"effect": "temperature", "parameters": ["cos_deg", "sin_deg"], "units": ["degrees"] * 2, "each": each}
+    effect |= {"values": [2.0, 3.0], "sigma": [0.2, 0.2]}
+    shared = {
+        "coefficients": dict.fromkeys(("P_nT", "Q_nT", "c", "f", "D", "E"), 0.01),
+        "covariance": np.eye(6).tolist(),
+    }
+    content = {"deployments": records, "effects": [effect], "rejected": [], "sigma_between": 0.0} | shared
+    figure = drawn(lambda: compass.draw("coefficients", tmp_path / "a.png", content))
+    panels = [axes for axes in figure.axes if axes.get_visible()]
+    assert len(panels) == 6 and all(a.bbox.width >= 0.3 * figure.bbox.width for a in panels)
+    assert all(a.bbox.height >= max(0.3, 0.12 * count) * DPI for a in panels)
+    labels = [text.get_window_extent(figure.canvas.get_renderer()) for text in panels[0].get_yticklabels()]
+    assert len(labels) == count and not any(a.overlaps(b) for k, a in enumerate(labels) for b in labels[:k])
+    assert all(text.get_fontsize() >= 8.0 for text in panels[0].get_yticklabels())
+
+
+@pytest.mark.parametrize("figure", FIGURES)
 @pytest.mark.parametrize("case", CASES)
-def test_the_writing_of_a_certificate_stays_on_the_page_and_its_parts_apart(tmp_path, case, monkeypatch):
-    drawn, save = [], FigureCanvasAgg.draw
+def test_panels_of_a_calibration_keep_their_size(tmp_path, case, figure):
+    panels = drawn(lambda: calibrations.draw(figure, tmp_path / "a.png", page(case))).axes
+    assert all(min(axes.bbox.size) >= 0.8 * DPI for axes in panels)
+    headings = [axes for axes in panels if axes.get_xlim() == (0.0, 360.0)]
+    assert all(axes.get_xticklabels()[-1].get_text() == "360" for axes in headings)
+
+
+def drawn(draw) -> Figure:
+    """Return the figure behind a page."""
+    pages, save = [], FigureCanvasAgg.draw
 
     def keep(canvas, *arguments, **named):
-        drawn.append(canvas.figure)
+        pages.append(canvas.figure)
         save(canvas, *arguments, **named)
 
-    monkeypatch.setattr(FigureCanvasAgg, "draw", keep)
-    calibrations.certificate(tmp_path / "a.png", page(case))
-    figure = drawn[0]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(FigureCanvasAgg, "draw", keep)
+        draw()
+    return pages[0]
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_the_writing_of_a_certificate_stays_on_the_page_and_its_parts_apart(tmp_path, case):
+    figure = drawn(lambda: calibrations.certificate(tmp_path / "a.png", page(case)))
     figure.draw_without_rendering()
     boxes = [
         text.get_window_extent()

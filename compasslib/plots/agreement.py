@@ -14,11 +14,12 @@ from matplotlib.colors import ListedColormap, LogNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator
 
+from compasslib.core import angles
 from compasslib.core.records import Corrected, Pairs
 from compasslib.core.types import Floats
 from compasslib.plots import curves
 from compasslib.plots.curves import emptiest, placed
-from compasslib.plots.page import BLACK, TRUE, degrees, empty, page
+from compasslib.plots.page import BLACK, TRUE, degrees, empty, page, signed
 
 HEXAGONS = 40  # across a panel: 9 degrees each
 COUNTS = ListedColormap(colormaps["viridis_r"](np.linspace(0.1, 1.0, 256)))  # its palest end is lost on white
@@ -36,7 +37,7 @@ def scatter(path: str | Path, pairs: Pairs, product: Corrected) -> None:
     """
     lower, upper, corrected = curves.directions(pairs, product)
     begin = emptiest(lower)
-    with page(path, 2.5) as figure:
+    with page(path, 2.7) as figure:
         panels = figure.subplots(1, 2, sharey=True)
         drawn = [
             _agreement(panels[0], "recorded", (lower, upper), begin),
@@ -55,6 +56,10 @@ def _agreement(axes: Axes, title: str, xy: tuple[Floats, Floats], begin: float) 
     if not known.any():
         empty(axes, "no pairs")
         return None
+    off = angles.difference(xy[1], xy[0])[known]
+    axes.set_title(
+        f"{title}, n = {off.size}\nmean {signed(float(angles.wrap180(angles.mean(off))))}°, rms {angles.rms(off):.1f}°"
+    )
     lower, upper = (placed(angle[known], begin) for angle in xy)
     hexagons = axes.hexbin(
         lower, upper, gridsize=HEXAGONS, extent=(*limits, *limits), mincnt=1, cmap=COUNTS, linewidths=0.1

@@ -159,7 +159,7 @@ def _draw_band(axes: Axes, shown: Page) -> list[Artist]:
     if shown.content["model"] == "polynomial":  # it jumps at north
         heading, middle, half = heading[:-1], middle[:-1], half[:-1]
     axes.fill_between(heading, middle - half, middle + half, **BAND)
-    return [Patch(**BAND, label="95 % band, budget included")]
+    return [Patch(**BAND, label="95 % interval, budget included")]
 
 
 def _draw_curves(axes: Axes, curves: Mapping[str, tuple[Floats, Floats]], shown: Page) -> list[Artist]:
@@ -172,7 +172,7 @@ def _draw_curves(axes: Axes, curves: Mapping[str, tuple[Floats, Floats]], shown:
     for name, (recorded, off) in curves.items():
         chosen = name == shown.content["model"]
         score = shown.content["models"][name]["left_out_rms_deg"]
-        label = f"{MODELS[name]}, {score:.2f}° left out" + (" (used)" if chosen else "")
+        label = f"{MODELS[name]}, cross-validated rms {score:.2f}°" + (" (used)" if chosen else "")
         look: dict[str, Any] = {"color": COLOURS[name], "linewidth": 1.8 if chosen else 1.0}
         look |= {} if chosen else {"linestyle": (0, (4, 1.5))}
         axes.plot(recorded, off, **look)

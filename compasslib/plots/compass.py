@@ -13,12 +13,13 @@ from matplotlib.patches import Patch
 
 from compasslib.core import angles, compass
 from compasslib.core.types import Floats
-from compasslib.plots.page import BLUE, GREEN, GREY, MAGNETIC, VERMILION, degrees, empty, legend, page
+from compasslib.plots.page import BLUE, GREEN, GREY, MAGNETIC, VERMILION, Rows, degrees, empty, legend, page
 
 FIGURES = ("coefficients", "curve")
 WITHIN = 1.96
 LETTERS = "ABCDE"
 COLUMNS = 2
+NAMES_IN, LEAST_IN = 0.8, 0.4  # width of the records' names, and the least height of a panel
 IRON = (("P_nT", "c"), ("Q_nT", "f"))  # of B and C
 
 
@@ -33,13 +34,15 @@ def coefficients(path: str | Path, content: Mapping[str, Any]) -> None:
     effects = content["effects"]
     panels = [*"BCDE", *((one, k) for one in effects for k in range(len(one["values"])))]
     rows = -(-len(panels) // COLUMNS)
-    height = rows * (0.6 + 0.14 * max(len(deployments), 1)) + 0.4
-    with page(path, height) as figure:
-        for axes, panel in zip(figure.subplots(rows, COLUMNS, squeeze=False).flat, panels, strict=False):
+    names = Rows([one["name"] for one in deployments], NAMES_IN)
+    with page(path, rows * (0.65 + max(names.height_in, LEAST_IN)) + 0.6) as figure:
+        for axes, panel in zip(figure.subplots(rows, COLUMNS, squeeze=False, sharey=True).flat, panels, strict=False):
             if isinstance(panel, str):
-                _iron(axes, panel, deployments, content)
+                _iron(axes, panel, deployments, content, names)
             else:
-                _effect(axes, *panel)
+                _effect(axes, names, *panel)
+            axes.locator_params(axis="x", nbins=3)
+        names.name(figure.axes[0])
         for axes in figure.axes[len(panels) :]:
             axes.set_visible(False)
         handles = [Line2D([], [], color=BLUE, marker="o", markersize=3, label="a record alone")]
@@ -78,11 +81,11 @@ def _odd(content: Mapping[str, Any]) -> list[Line2D]:
     return [Line2D([], [], color=VERMILION, label="one that does not fit")] if content["rejected"] else []
 
 
-def _iron(axes: Axes, letter: str, deployments: list[dict[str, Any]], content: Mapping[str, Any]) -> None:
+def _iron(axes: Axes, letter: str, deployments: list[dict[str, Any]], content: Mapping[str, Any], names: Rows) -> None:
     """Draw B and C as iron in nT, D and E as they are."""
     hard = letter in "BC"
     axes.set_title(f"{letter} times H (µT)" if hard else letter)
-    for k, one in enumerate(deployments):
+    for k, one in zip(names.places, deployments, strict=True):
         unit = one["horizontal_nT"] / 1000.0 if hard else 1.0
         value, sigma = one["coefficients"][letter] * unit, one["sigma"][letter] * unit
         axes.errorbar(
@@ -92,7 +95,6 @@ def _iron(axes: Axes, letter: str, deployments: list[dict[str, Any]], content: M
             middle, spread = (x / (1000.0 if hard else 1.0) for x in _expected(letter, one, content))
             axes.fill_betweenx([k - 0.35, k + 0.35], middle - WITHIN * spread, middle + WITHIN * spread, color=GREEN,
                                alpha=0.25, lw=0)  # fmt: skip
-    _named(axes, [one["name"] for one in deployments])
 
 
 def _expected(letter: str, one: Mapping[str, Any], content: Mapping[str, Any]) -> tuple[float, float]:
@@ -109,23 +111,17 @@ def _expected(letter: str, one: Mapping[str, Any], content: Mapping[str, Any]) -
     return float(weight @ values), float(np.sqrt(weight @ covariance @ weight + between**2))
 
 
-def _effect(axes: Axes, effect: Mapping[str, Any], k: int) -> None:
+def _effect(axes: Axes, names: Rows, effect: Mapping[str, Any], k: int) -> None:
     unit = "°" if effect["units"][k] == "degrees" else effect["units"][k]
     name, parameter = effect["effect"].replace("_", " "), effect["parameters"][k].split("_")[0]
     axes.set_title(f"{name}, {parameter} ({unit})")
     value, sigma = effect["values"][k], effect["sigma"][k]
     axes.axvspan(value - WITHIN * sigma, value + WITHIN * sigma, color=GREEN, alpha=0.25, lw=0)
-    for row, one in enumerate(effect["each"].values()):
+    place = dict(zip(names.names, names.places, strict=True))
+    for name, one in effect["each"].items():
         axes.errorbar(
-            one["values"][k], row, xerr=WITHIN * one["sigma"][k], color=BLUE, marker="o", markersize=3, lw=1.0
+            one["values"][k], place[name], xerr=WITHIN * one["sigma"][k], color=BLUE, marker="o", markersize=3, lw=1.0
         )
-    _named(axes, list(effect["each"]))
-
-
-def _named(axes: Axes, names: list[str]) -> None:
-    axes.set_yticks(range(len(names)), names, fontsize=7)
-    axes.set_ylim(len(names) - 0.5, -0.5)
-    axes.locator_params(axis="x", nbins=3)
 
 
 def _shared_curve(

@@ -24,7 +24,7 @@ from compasslib.plots.page import CORRECTED, DAY_S, RECORDED, REFERENCE, dates, 
 
 COLOURS = {"recorded": RECORDED, "corrected": CORRECTED, "reference": REFERENCE}
 LINES: dict[str, dict[str, Any]] = {name: {"color": colour} for name, colour in COLOURS.items()}
-LINES["reference"] |= {"linestyle": "--"}  # it often lies on the corrected one
+LINES["reference"] |= {"linewidth": 3.0, "alpha": 0.6, "zorder": 1.5}  # the corrected one often lies on it
 CM, KM = 100.0, 1e-3
 STICK: dict[str, Any] = {
     "angles": "uv", "scale_units": "y", "scale": 1.0, "units": "inches", "width": 0.007,
@@ -65,14 +65,16 @@ def sticks(path: str | Path, drawn: Averaged) -> None:
         if not drawn.means:
             empty(panels[0])
             return
-        most = CM * max(float(np.nanmax(np.abs(mean))) for mean in drawn.means.values())
+        north = CM * np.concatenate([[0.0], *(mean.imag for mean in drawn.means.values())])
+        low, high = float(np.nanmin(north)), float(np.nanmax(north))
+        room = max(0.05 * (high - low), 0.5)
         for axes, (name, mean) in zip(panels, drawn.means.items(), strict=True):
             there = np.isfinite(mean)
             u, v = CM * mean[there].real, CM * mean[there].imag
             axes.quiver(drawn.middle_s[there] / DAY_S, np.zeros(u.shape), u, v, color=COLOURS[name], **STICK)
             axes.axhline(0.0, color=COLOURS[name], linewidth=0.5)
             axes.set_ylabel(f"{name.capitalize()}\n(cm/s)")
-            axes.set_ylim(-1.05 * most, 1.05 * most)
+            axes.set_ylim(low - room, high + room)
             axes.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
         half_s = drawn.hours * HOUR_S / 2.0
         dates(panels[-1], (drawn.middle_s[0] - half_s, drawn.middle_s[-1] + half_s))

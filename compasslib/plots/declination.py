@@ -9,13 +9,26 @@ from typing import Any
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from compasslib.calibration.result import Calibration
 from compasslib.core.types import Floats
-from compasslib.plots.page import BLACK, DAY_S, GREEN, GREY, ORANGE, SKY, VERMILION, empty, legend, page
+from compasslib.plots.page import (
+    BLACK,
+    DAY_S,
+    GREEN,
+    GREY,
+    ORANGE,
+    SKY,
+    VERMILION,
+    Limits,
+    dates,
+    empty,
+    legend,
+    page,
+    signed,
+)
 
 WITHIN = 1.96
 GAP = 3.0  # times the usual step at which a line is broken
@@ -28,30 +41,32 @@ BAND: dict[str, Any] = {"color": GREEN, "alpha": 0.25, "linewidth": 0}
 
 def series(path: str | Path, found: Calibration, name: str) -> None:
     """Draw the declination with the model, the model plus the constant, and the quiet day on top of it."""
-    with page(path, 4.6) as figure:
-        panels = figure.subplots(2, 1, height_ratios=(1.5, 1.0))
+    quiet = found.details["quiet_day"] if found.points else None
+    with page(path, 4.8 if quiet else 3.2) as figure:
+        top, *below = figure.subplots(2 if quiet else 1, 1, squeeze=False, height_ratios=(1.5, 1.0) if quiet else None)[
+            :, 0
+        ]
         if not found.points:
-            for axes in panels:
-                empty(axes)
+            empty(top)
             return
-        top, day = panels
         points, constant = found.points, found.details["constant_deg"]
         _line(top, points, points["declination_deg"], **LINE)
         _line(top, points, points["model_deg"], color=GREY, linewidth=1.2, linestyle=(0, (4, 2)))
-        shown = bool(found.details["quiet_day"]) and found.details["days"] <= MOST_DAYS
+        shown = bool(quiet) and found.details["days"] <= MOST_DAYS
         if shown:
             _line(top, points, points["model_deg"] + constant + points["quiet_day_deg"], color=SKY, linewidth=1.0)
         _line(top, points, points["model_deg"] + constant, color=GREEN, linewidth=1.2)
         _finish(top, found, "Declination (° east)")
-        _quiet_day(day, found)
+        for axes in below:
+            _quiet_day(axes, found.details["quiet_day"])
         model = found.model.removesuffix(" plus a constant")
         sigma = WITHIN * found.details["constant_sigma_deg"]
         handles: list[Artist] = [
             Line2D([], [], label="observed", **LINE),
             Line2D([], [], color=GREY, linestyle=(0, (4, 2)), label=model),
-            Line2D([], [], color=GREEN, label=f"{model} {constant:+.3f}° ± {sigma:.3f}° (95 %)"),
+            Line2D([], [], color=GREEN, label=f"{model} {signed(constant, '+.3f')}° ± {sigma:.3f}° (95 %)"),
         ]
-        handles += [Line2D([], [], color=SKY, label="the same with the quiet day")] if shown else []
+        handles += [Line2D([], [], color=SKY, label="with the quiet-day variation")] if shown else []
         legend(figure, handles + _storm_handle(found), columns=1)
 
 
@@ -71,21 +86,15 @@ def disturbance(path: str | Path, found: Calibration, name: str) -> None:
         half = float(np.quantile(np.abs(calm), 0.95)) if calm.size else 0.0
         panels[1].axhspan(-half, half, **BAND)
         _finish(panels[0], found, "Observed minus model\nand constant (°)")
-        _finish(panels[1], found, "Without slow level\nand quiet day (°)")
-        if window := _around_the_largest(found):
-            panels[1].set_xlim(window)
+        _finish(panels[1], found, "Without slow level\nand quiet day (°)", _around_the_largest(found))
         figure.align_ylabels(panels)
-        handles: list[Artist] = [Line2D([], [], label="means of ten minutes, or the samples", **LINE)]
+        handles: list[Artist] = [Line2D([], [], label="observed, 10-minute means or samples", **LINE)]
         handles.append(Line2D([], [], color=ORANGE, label="slow level"))
-        handles.append(Patch(label=f"95 % of the calm: ±{half:.2f}°", **BAND))
+        handles.append(Patch(label=f"95 % range of calm hours: ±{half:.2f}°", **BAND))
         legend(figure, handles + _storm_handle(found), columns=1)
 
 
-def _quiet_day(axes: Axes, found: Calibration) -> None:
-    quiet = found.details["quiet_day"]
-    if quiet is None:
-        empty(axes, "no quiet day")
-        return
+def _quiet_day(axes: Axes, quiet: Mapping[str, Any]) -> None:
     axes.plot(np.arange(24) + 0.5, np.array(quiet["by_hour_deg"]), color=SKY, marker="o", markersize=3)
     axes.axhline(0.0, color=BLACK, linewidth=0.6)
     axes.set(xlim=(0, 24), xticks=range(0, 25, 3), xlabel="Hour (UTC)", ylabel="Quiet day (°)")
@@ -99,15 +108,14 @@ def _line(axes: Axes, points: Mapping[str, Floats], values: Floats, **look: Any)
     axes.plot(np.insert(time, ends, time[ends]) / DAY_S, np.insert(values, ends, np.nan), **look)
 
 
-def _finish(axes: Axes, found: Calibration, label: str) -> None:
+def _finish(axes: Axes, found: Calibration, label: str, window: Limits | None = None) -> None:
     for storm in found.details["storms"]:
         axes.axvspan(*(_day(storm[end]) for end in ("from", "to")), **STORM)
-    locator = AutoDateLocator(minticks=3, maxticks=6)
-    axes.xaxis.set_major_locator(locator)
-    axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))
     axes.set_ylabel(label)
-    axes.set_xlabel("Date (UTC)")
     axes.margins(x=0.01)
+    if window:
+        axes.set_xlim(window)
+    dates(axes)
 
 
 def _day(stamp: str) -> float:
@@ -122,7 +130,7 @@ def _storm_handle(found: Calibration) -> list[Artist]:
     return [Patch(label=f"storm: {len(storms)}, largest range {largest['range_deg']:.1f}°", **STORM)]
 
 
-def _around_the_largest(found: Calibration) -> tuple[float, float] | None:
+def _around_the_largest(found: Calibration) -> Limits | None:
     storms = found.details["storms"]
     if not storms or np.ptp(found.points["time_s"]) < 3.0 * ZOOM_DAYS * DAY_S:
         return None

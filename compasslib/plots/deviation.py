@@ -34,8 +34,8 @@ from compasslib.plots.page import (
 )
 
 STRETCH_COLOURS = {GIVEN_UP: VERMILION, INVERTED: GREEN, BACKWARDS: BLUE}
-PUBLISHED_STRETCHES = {INVERTED: "fit, inverted", GIVEN_UP: "fit, given up"}
-FOLDED_STRETCHES = {INVERTED: "fit, compass turns with the instrument", BACKWARDS: "fit, compass turns backwards"}
+PUBLISHED_STRETCHES = {INVERTED: "fit, invertible", GIVEN_UP: "fit, not invertible"}
+FOLDED_STRETCHES = {INVERTED: "fit, reading turns with the instrument", BACKWARDS: "fit, reading turns backwards"}
 WHOLE_STRETCH = {INVERTED: "fit, invertible"}
 BAND: dict[str, Any] = {"color": GREEN, "alpha": 0.25, "linewidth": 0}
 POINT: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 2.5, "color": "#333333", "markeredgewidth": 0}
@@ -87,7 +87,7 @@ def _deviation_axes(
     for axes, x in zip(panels, (heading, heading, recorded), strict=True):
         degrees(axes.xaxis, x)
     for axes, y in zip(panels, (span_of(delta, line[0]), recorded, heading), strict=True):
-        degrees(axes.yaxis, y, signed=axes is panels[0])
+        degrees(axes.yaxis, y, as_is=axes is panels[0])
     _name_panels(panels)
 
 
@@ -153,7 +153,7 @@ def _draw_inverse(axes: Axes, fit: Fit, curve: DeviationByHeading) -> None:
 def _deviation_handles(pairs: Pairs, fit: Fit, curve: DeviationByHeading | None) -> list[Artist]:
     handles: list[Artist] = []
     if len(pairs):
-        handles.append(Line2D([], [], **POINT, label=f"{len(pairs)} pairs, pale where slow"))
+        handles.append(Line2D([], [], **POINT, label=f"{len(pairs)} pairs, paler at low speed"))
     handles.append(Line2D([], [], color=BLACK, linewidth=0.7, label="no deviation"))
     if curve is None:
         return handles
@@ -163,5 +163,5 @@ def _deviation_handles(pairs: Pairs, fit: Fit, curve: DeviationByHeading | None)
             handles.append(Line2D([], [], color=STRETCH_COLOURS[stretch], label=text))
     if np.isfinite(curve.sigma_deg).any():
         handles.append(Patch(**BAND, label="95 % band of the fit"))
-    text = "lookup table" if fit.method == "von_appen" else "inverse in closed form"
+    text = "correction by lookup table" if fit.method == "von_appen" else "correction, exact inverse"
     return [*handles, Line2D([], [], **RING, label=text)]

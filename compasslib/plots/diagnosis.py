@@ -6,7 +6,6 @@ what the same does on days that were not fitted, and for a calibration how well 
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from statistics import NormalDist
@@ -16,15 +15,18 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.ticker import FuncFormatter, MaxNLocator
+from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator
 
 from compasslib.core.types import Floats
-from compasslib.plots.page import BLACK, CORRECTED, GREY, RECORDED, VERMILION, dates, degrees, empty, legend, page
+from compasslib.plots.page import BLACK, CORRECTED, GREY, RECORDED, VERMILION, Rows, dates, degrees, empty, legend, page
 from compasslib.search.wording import TURN, UNITS, UNITS_OF_CALIBRATIONS, plain, residuals
 
 HOUR_S = 3600.0
 MOST_PANELS, MOST_BARS = 6, 10
-PANEL_IN, BAR_IN = 1.7, 0.17
+GAP = 2.5  # times the usual distance of neighbouring bins, above which there are no data between two
+PANEL_IN, AXIS_IN = 1.9, 0.6  # of a panel, and of the axis below one of rows
+MOST_POWERS = 3  # labelled on a logarithmic axis
+LOG_FROM = 10.0  # log evidence above which its axis is logarithmic
 NAMES = {
     "heading": "Recorded heading", "time": "", "separation": "Distance of the two layers",
     "speed": "Speed of the upper water", "hour_of_day": "Hour of the day, UTC",
@@ -73,19 +75,20 @@ def _draw(
         reach: of the band, standard errors; each curve's own where absent.
     """
     proven = [one for one in found["findings"] if one.get("heldout")]
-    ranked = found.get("hypotheses", [])[:MOST_BARS] if reach is None else []
-    heights = [PANEL_IN] * len(curves) + [0.5 + BAR_IN * len(rows) for rows in (proven, ranked) if rows]
+    ranked = [one for one in found.get("hypotheses", []) if one["score"] > 0.0][:MOST_BARS] if reach is None else []
+    short, full = Rows([_short(one) for one in proven]), Rows([plain(one["effect"]) for one in ranked])
+    heights = [PANEL_IN] * len(curves) + [AXIS_IN + rows.height_in for rows in (short, full) if rows.names]
     with page(path, sum(heights or [1.0]) + 0.4) as figure:
         panels = list(figure.subplots(max(len(heights), 1), 1, height_ratios=heights or None, squeeze=False)[:, 0])
         if not heights:
-            empty(panels[0])
+            empty(panels[0], "no effect identified")
         for curve in curves:
             _residual(panels.pop(0), curve, _label(curve["covariate"], *said), reach)
         if proven:
-            _held_out(panels.pop(0), proven)
+            _held_out(panels.pop(0), proven, short)
         if ranked:
-            _ranking(panels.pop(0), ranked, [one["effect"] for one in found["findings"]])
-        legend(figure, _handles(found["findings"]) if curves or proven else [])
+            _ranking(panels.pop(0), ranked, full, [one["effect"] for one in found["findings"]])
+        legend(figure, _handles(found["findings"], curves) if curves or proven else [])
 
 
 def _since_the_begin(curve: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -96,17 +99,22 @@ def _since_the_begin(curve: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def _residual(axes: Axes, curve: Mapping[str, Any], label: str, reach: float | None) -> None:
-    """Draw the binned residual before and after, what was found between them, and what noise alone may leave."""
+    """Draw the binned residual before and after, the identified effect between them, and the range of noise.
+
+    Nothing is drawn between neighbouring bins that lie apart: there are no data.
+    """
     x, before, after, sigma = _columns(curve)
     covariate = curve["covariate"]
     if covariate == "time" and reach is not None:
         dates(axes, (x[0], x[-1]))
         x = x / 86400.0
-    half = (reach or _simultaneous(len(x))) * sigma
-    axes.fill_between(x, -half, half, **BAND)
+    half, (low, high) = (reach or _simultaneous(len(x))) * sigma, _extents(x)
+    axes.bar(low, 2.0 * half, high - low, -half, align="edge", **BAND)
     axes.axhline(0.0, color=GREY, linewidth=0.6)
     if np.any(before != after):
-        axes.plot(x, x if covariate.startswith(TURN) else before - after, **EFFECT)
+        apart = np.flatnonzero(np.diff(x) > GAP * np.median(np.diff(x))) + 1
+        effect = x if covariate.startswith(TURN) else before - after
+        axes.plot(np.insert(x, apart, np.nan), np.insert(effect, apart, np.nan), **EFFECT)
         axes.plot(x, before, **BEFORE)
     axes.plot(x, after, **AFTER)
     axes.set_ylabel("Residual (°)")
@@ -117,8 +125,19 @@ def _residual(axes: Axes, curve: Mapping[str, Any], label: str, reach: float | N
         degrees(axes.xaxis, (0.0, 360.0))
 
 
+def _extents(centre: Floats) -> tuple[Floats, Floats]:
+    """Return where each bin begins and ends, (n,) each: half-way to its neighbours, and less far into a gap."""
+    step = np.diff(centre)
+    half = np.minimum(step, GAP * np.median(step)) / 2.0
+    edge = np.median(step) / 2.0
+    return centre - np.insert(half, 0, edge), centre + np.append(half, edge)
+
+
 def _columns(curve: Mapping[str, Any]) -> tuple[Floats, ...]:
-    return tuple(np.array(curve[key], dtype=float) for key in ("centre", "before_deg", "after_deg", "sigma_deg"))
+    """Return centre, residual before and after, and standard error of each bin, (n,) each, by rising centre."""
+    names = ("centre", "before_deg", "after_deg", "sigma_deg")
+    columns = np.array([curve[name] for name in names], dtype=float)
+    return tuple(columns[:, np.argsort(columns[0], kind="stable")])
 
 
 def _label(covariate: str, names: Mapping[str, str], units: Mapping[str, str]) -> str:
@@ -135,45 +154,46 @@ def _simultaneous(bins: int) -> float:
     return NormalDist().inv_cdf(0.5 + 0.5 * 0.95 ** (1.0 / max(bins, 1)))
 
 
-def _held_out(axes: Axes, findings: Sequence[Mapping[str, Any]]) -> None:
+def _held_out(axes: Axes, findings: Sequence[Mapping[str, Any]], rows: Rows) -> None:
     """Draw the residual on days that were not fitted, without and with each finding."""
-    place = np.arange(len(findings))[::-1]
     before, after = ([one["heldout"][f"rms_{key}_deg"] for one in findings] for key in ("before", "after"))
-    axes.hlines(place, before, after, color=BLACK, linewidth=1.0)
-    axes.plot(before, place, **BEFORE)
-    axes.plot(after, place, **AFTER)
-    axes.set_yticks(place, [_short(one) for one in findings])
-    axes.set(ylim=(-0.7, len(findings) - 0.3), xlabel="Rms residual on held-out days (°)")
+    axes.hlines(rows.places, before, after, color=BLACK, linewidth=1.0)
+    axes.plot(before, rows.places, **BEFORE)
+    axes.plot(after, rows.places, **AFTER)
+    rows.name(axes)
+    axes.set_xlabel("Rms residual, held-out data (°)")
     axes.xaxis.set_major_locator(MaxNLocator(4))
     axes.margins(x=0.15)
 
 
 def _short(finding: Mapping[str, Any]) -> str:
-    """Return a finding's name in two short lines."""
+    """Return a finding's name, short."""
     if composed := finding.get("composition"):
-        return f"composed,\nby {composed['driver'].replace('_', ' ')}"
-    return "\n".join(textwrap.wrap(plain(finding["effect"]), 14))
+        return f"composed, by {composed['driver'].replace('_', ' ')}"
+    return plain(finding["effect"])
 
 
-def _ranking(axes: Axes, ranked: Sequence[Mapping[str, Any]], named: Sequence[str]) -> None:
+def _ranking(axes: Axes, ranked: Sequence[Mapping[str, Any]], rows: Rows, named: Sequence[str]) -> None:
     """Draw how well each effect does alone; those that were named in the end stand out."""
-    place = np.arange(len(ranked))[::-1]
     colours = [VERMILION if one["effect"] in named else GREY for one in ranked]
-    axes.barh(place, [max(one["score"], 0.0) for one in ranked], color=colours, height=0.7)
-    axes.set_xscale("symlog", linthresh=10.0)
+    most = max(one["score"] for one in ranked)
+    axes.barh(rows.places, [one["score"] for one in ranked], color=colours, height=0.7)
+    if most > LOG_FROM:
+        axes.set_xscale("symlog", linthresh=LOG_FROM)
+        powers = np.arange(1, int(np.log10(most)) + 1)
+        axes.xaxis.set_major_locator(FixedLocator([0.0, *10.0 ** powers[:: -(-len(powers) // MOST_POWERS)]]))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
-    axes.set_yticks(place, [plain(one["effect"]) for one in ranked])
-    axes.set_xlabel("Log evidence alone")
-    axes.set_xlim(0.0, max(10.0, 1.1 * max(one["score"] for one in ranked)))
+    rows.name(axes)
+    axes.set_xlabel("Log evidence of each effect alone")
+    axes.set_xlim(0.0, max(LOG_FROM, 1.1 * most))
 
 
-def _handles(findings: Sequence[Mapping[str, Any]]) -> list[Any]:
-    band = Patch(**BAND, label="noise alone, 95 %")
-    if not any(one["effect"] != "large_deviation" for one in findings):
-        return [Line2D([], [], **AFTER, label="residual of the fit"), band]
-    return [
+def _handles(findings: Sequence[Mapping[str, Any]], curves: Sequence[Any]) -> list[Any]:
+    band = [Patch(**BAND, label="95 % range of noise")] if curves else []
+    if not findings:
+        return [Line2D([], [], **AFTER, label="residual of the fit"), *band]
+    handles = [
         Line2D([], [], **BEFORE, label="fit alone"),
-        Line2D([], [], **AFTER, label="with what was found"),
-        Line2D([], [], **EFFECT, label="what was found"),
-        band,
+        Line2D([], [], **AFTER, label="identified effects included"),
     ]
+    return [*handles, *([Line2D([], [], **EFFECT, label="identified effect")] if curves else []), *band]

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
@@ -25,10 +24,12 @@ from compasslib.plots.page import (
     MAGNETIC,
     ORANGE,
     VERMILION,
+    dates,
     degrees,
     empty,
     legend,
     page,
+    signed,
 )
 from compasslib.stats import blocks
 
@@ -36,9 +37,10 @@ DRAWN = 8_000
 WITHIN = 1.96
 STRETCHES = 40
 POINT: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 1.6, "markeredgewidth": 0, "color": GREY}
+SHOWN: dict[str, Any] = POINT | {"markersize": 3.0}  # in a legend
 MEAN: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 3.5, "color": BLACK, "markeredgewidth": 0}
 BAND: dict[str, Any] = {"color": GREEN, "alpha": 0.25, "linewidth": 0}
-SINGLE, STRETCH_MEANS = "single differences", "mean of a stretch"
+SINGLE, STRETCH_MEANS = "single samples", "block means"
 
 
 def difference(path: str | Path, found: Calibration, name: str) -> None:
@@ -62,7 +64,7 @@ def difference(path: str | Path, found: Calibration, name: str) -> None:
         figure.align_ylabels(panels)
         terms = f"fit of {found.model.split(': ')[-1]}" if found.coefficients.size else "offset only"
         curve = Line2D([], [], color=GREEN, label=terms)
-        legend(figure, [Line2D([], [], label=SINGLE, **POINT), curve, Patch(label="95 % of the curve", **BAND)])
+        legend(figure, [Line2D([], [], label=SINGLE, **SHOWN), curve, Patch(label="95 % of the curve", **BAND)])
 
 
 def tilt_check(path: str | Path, found: Calibration, name: str) -> None:
@@ -77,10 +79,10 @@ def tilt_check(path: str | Path, found: Calibration, name: str) -> None:
             _against(panels[key], key, here, found)
         _along(panels["left"], found, found.points["tilt_residual_deg"])
         panels["left"].set_ylim(bottom=0.0)
-        panels["left"].set_ylabel("Angle between\nthe downs (°)")
+        panels["left"].set_ylabel("Angle between\nverticals (°)")
         one = Line2D([], [], color=BLACK, linewidth=0.8, label="equal")
         mean = Line2D([], [], label=STRETCH_MEANS, **MEAN)
-        legend(figure, [Line2D([], [], label="samples", **POINT), one, mean])
+        legend(figure, [Line2D([], [], label=SINGLE, **SHOWN), one, mean])
 
 
 def along_time(path: str | Path, found: Calibration, name: str) -> None:
@@ -93,7 +95,7 @@ def along_time(path: str | Path, found: Calibration, name: str) -> None:
         offset = found.details["offset_deg"]
         # Without the heading-dependent part: what is left should be level.
         _along(panels[0], found, offset - found.points["residual_deg"])
-        handles = [Line2D([], [], label=SINGLE, **POINT), Line2D([], [], label=STRETCH_MEANS, **MEAN)]
+        handles = [Line2D([], [], label=SINGLE, **SHOWN), Line2D([], [], label=STRETCH_MEANS, **MEAN)]
         handles.append(_level(panels[0], offset, found.details["offset_sigma_deg"], "headings", BLUE))
         if found.details["offset_from_tilts_deg"] is not None:
             near = offset + float(angles.difference(found.details["offset_from_tilts_deg"], offset))
@@ -102,11 +104,11 @@ def along_time(path: str | Path, found: Calibration, name: str) -> None:
         panels[0].set_ylabel("Offset of b\nfrom a (°)")
         thin, days = _thin(found), found.points["time_s"] / DAY_S
         for key, colour in (("a", BLUE), ("b", VERMILION)):
-            line = {**POINT, "color": colour, "label": f"head {key}", "markersize": 2.0}
-            handles += panels[1].plot(days[thin], found.points[f"recorded_{key}_deg"][thin], **line)
+            panels[1].plot(days[thin], found.points[f"recorded_{key}_deg"][thin], **{**POINT, "color": colour})
+            handles.append(Line2D([], [], **{**SHOWN, "color": colour}, label=f"head {key}"))
         degrees(panels[1].yaxis, (0.0, 360.0))
         panels[1].set_ylabel(f"Recorded heading\n{MAGNETIC}")
-        _dates(panels[1])
+        _by_clock(panels[1])
         figure.align_ylabels(panels)
         legend(figure, handles, columns=1)
 
@@ -187,17 +189,15 @@ def _along(axes: Axes, found: Calibration, values: Floats) -> None:
         mine = kept & (stretch == k)
         axes.plot(time[mine].mean() / DAY_S, values[mine].mean(), **MEAN)
     _limits(axes, values)
-    _dates(axes)
+    _by_clock(axes)
 
 
 def _level(axes: Axes, value: float, sigma: float, source: str, colour: str) -> Line2D:
     axes.axhspan(value - WITHIN * sigma, value + WITHIN * sigma, color=colour, alpha=0.25, linewidth=0)
-    label = f"by {source}: {value:.2f}° ± {WITHIN * sigma:.2f}° (95 %)"
+    label = f"offset by {source}: {signed(value, '.2f')}° ± {WITHIN * sigma:.2f}° (95 %)"
     return axes.axhline(value, color=colour, linewidth=1.0, label=label)
 
 
-def _dates(axes: Axes) -> None:
-    locator = AutoDateLocator(maxticks=6)
-    axes.xaxis.set_major_locator(locator)
-    axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))
+def _by_clock(axes: Axes) -> None:
+    dates(axes)
     axes.set_xlabel("b's clock (UTC)")

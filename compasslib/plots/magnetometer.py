@@ -30,8 +30,11 @@ def magnetometer(path: str | Path, calibration: Calibration, name: str) -> None:
         with page(path, 1.0) as figure:
             empty(figure.subplots(), "nothing fitted")
         return
-    with page(path, 6.6) as figure:
-        panels = list(figure.subplot_mosaic([["a", "b"], ["c", "c"], ["d", "d"]], height_ratios=(1.1, 1, 1)).values())
+    points, rows = calibration.points, ["ab", "cc"]
+    if "recorded_deg" in points or calibration.table is not None:  # the correction needs the dip, or headings
+        rows += ["dd"]
+    with page(path, 2.2 * len(rows)) as figure:
+        panels = list(figure.subplot_mosaic("\n".join(rows), height_ratios=(1.1, 1, 1)[: len(rows)]).values())
         if calibration.details["field_is"] == "horizontal":
             _level_plane(panels[0], calibration)
             _third_axis(panels[1], calibration)
@@ -39,7 +42,8 @@ def magnetometer(path: str | Path, calibration: Calibration, name: str) -> None:
             _plane(panels[0], calibration, ("x", "y"))
             _plane(panels[1], calibration, ("x", "z"))
         _modulus(panels[2], calibration)
-        _heading(panels[3], calibration)
+        if len(panels) > 3:
+            _heading(panels[3], calibration)
         _explain(figure, calibration)
 
 
@@ -128,9 +132,6 @@ def _heading(axes: Axes, calibration: Calibration) -> None:
     if "recorded_deg" in points:
         recorded, deviation = points["recorded_deg"], points["deviation_deg"]
         axes.plot(recorded, deviation, **DOT, color=CORRECTED, alpha=_alpha(len(recorded)))
-    elif table is None:
-        empty(axes, "dip unknown")
-        return
     if table is not None:
         heading, value, sigma = (np.append(v, v[0]) for v in (table.heading_deg, table.deviation_deg, table.sigma_deg))
         heading[-1] = 360.0

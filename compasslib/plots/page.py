@@ -6,8 +6,13 @@ the report says in HTML what it shows.
 
 from __future__ import annotations
 
+import re
+import textwrap
+import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +22,11 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis, XAxis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
+from matplotlib.dates import DAILY, HOURLY, MINUTELY, MONTHLY, SECONDLY, AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties
 from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.textpath import text_to_path
 from matplotlib.ticker import FixedFormatter, FixedLocator, FuncFormatter, MultipleLocator
 from PIL import Image
 
@@ -30,6 +37,10 @@ from compasslib.core.types import Floats
 Limits = tuple[float, float]
 
 WIDTH_IN, WIDE_IN, DPI = 3.5, 7.0, 200  # one column of print, and two
+LINE_IN = 0.16  # height of a line of a name
+WORD_IN = 1.8  # widest word of a title
+LETTERS = FontProperties(family="DejaVu Sans", size=8.0)
+COLLAPSED = "constrained_layout not applied"  # matplotlib's warning where labels leave a panel no room
 DAY_S = 86400.0  # matplotlib counts time in days since 1970
 DEFLATE = 3  # of the PNG: half the time of the usual 6, and without the alpha channel still fewer bytes
 # Colours that the colour-blind can tell apart (Okabe and Ito 2008).
@@ -63,8 +74,13 @@ MAGNETIC, TRUE = "(° magnetic)", "(° true)"
 def page(path: str | Path, height_in: float, *, width_in: float = WIDTH_IN, title: str = "") -> Iterator[Figure]:
     """Give an empty figure that becomes a PNG once the block has ended well, the same bytes for the same drawing.
 
+    Panels get letters where there are several; titles and names of axes that are too long are broken into lines.
+
     Args:
         title: of a figure that is handed on by itself.
+
+    Raises:
+        UserWarning: the labels leave a panel no room.
     """
     with matplotlib.rc_context():
         matplotlib.rcdefaults()  # a user's own matplotlibrc does not count
@@ -75,8 +91,12 @@ def page(path: str | Path, height_in: float, *, width_in: float = WIDTH_IN, titl
         if title:
             figure.suptitle(title)
         yield figure
+        _letter_panels(figure)
+        _wrap_labels(figure)
         # What savefig does, without its first drawing of all artists, which serves the layout alone.
-        layout.execute(figure)
+        with warnings.catch_warnings():
+            warnings.filterwarnings("error", COLLAPSED)
+            layout.execute(figure)
         figure.set_layout_engine("none")
         canvas.draw()
         pixels = np.asarray(canvas.buffer_rgba())[..., :3]  # the page is opaque
@@ -84,17 +104,82 @@ def page(path: str | Path, height_in: float, *, width_in: float = WIDTH_IN, titl
             Image.fromarray(np.ascontiguousarray(pixels)).save(temporary, "PNG", dpi=(DPI, DPI), compress_level=DEFLATE)
 
 
-def dates(axes: Axes, span_s: Limits, *, most: int = 6) -> None:
+def _letter_panels(figure: Figure) -> None:
+    """Put (a), (b), … before the titles of the panels, where there are several."""
+    panels = [axes for axes in figure.axes if axes.get_visible() and axes.axison and axes.get_label() != "<colorbar>"]
+    for letter, axes in zip("abcdefghijklmnopqrstuvwxyz", panels if len(panels) > 1 else (), strict=False):
+        axes.set_title(f"({letter}) {axes.get_title('left')}".rstrip())
+
+
+def _wrap_labels(figure: Figure) -> None:
+    """Break titles and names of axes into lines that end at the edge of the page, and words that have no gap."""
+    for axes in figure.axes:
+        for text in (axes.title, axes._left_title, axes.xaxis.label, axes.yaxis.label):  # type: ignore[attr-defined]
+            text.set_text(re.sub(r"\S+", lambda word: wrapped(word[0], WORD_IN), text.get_text()))
+            text.set_wrap(True)
+
+
+def wrapped(text: str, width_in: float) -> str:
+    """Break a text into lines no wider than a width, words only where they must be."""
+    if _width_in(text) <= width_in:
+        return text
+    tries = (textwrap.wrap(text, characters) for characters in range(len(text), 0, -1))
+    return "\n".join(
+        next(lines for lines in tries if max(map(_width_in, lines)) <= width_in or len(lines) == len(text))
+    )
+
+
+def _width_in(line: str) -> float:
+    return float(text_to_path.get_text_width_height_descent(line, LETTERS, ismath=False)[0]) / 72.0
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Rows of a panel from the top down, each as high as the lines of its name."""
+
+    names: Sequence[str]
+    width_in: float = 1.1  # of the longest line
+
+    @cached_property
+    def wrapped(self) -> list[str]:
+        """The names in lines."""
+        return [wrapped(name, self.width_in) for name in self.names]
+
+    @cached_property
+    def _ends(self) -> Floats:
+        return np.cumsum([0.0, *(1.0 + name.count("\n") for name in self.wrapped)])
+
+    @property
+    def places(self) -> Floats:
+        """The middle of each row, lines from the top, (n,)."""
+        return (self._ends[1:] + self._ends[:-1]) / 2.0
+
+    @property
+    def height_in(self) -> float:
+        """The height of the panel without its axis."""
+        return LINE_IN * float(self._ends[-1])
+
+    def name(self, axes: Axes) -> None:
+        """Write the names beside the vertical axis."""
+        axes.set_yticks(self.places, self.wrapped, multialignment="right")
+        axes.set_ylim(float(self._ends[-1]), 0.0)
+
+
+def dates(axes: Axes, span_s: Limits | None = None, *, most: int = 6) -> None:
     """Set limits and ticks of a horizontal axis in days since 1970.
 
     Args:
-        span_s: first and last time, seconds since 1970.
+        span_s: first and last time, seconds since 1970; the limits stay where absent.
         most: ticks, at most.
     """
-    first, last = span_s
-    pad = max(0.01 * (last - first), 1.0)
-    axes.set_xlim((first - pad) / DAY_S, (last + pad) / DAY_S)
+    if span_s is not None:
+        first, last = span_s
+        pad = max(0.01 * (last - first), 1.0)
+        axes.set_xlim((first - pad) / DAY_S, (last + pad) / DAY_S)
     locator = AutoDateLocator(minticks=3, maxticks=most)
+    # Its own steps end where those of the next unit are still too few, and it warns: at 2.5 to 3 hours or years.
+    longest = {SECONDLY: 60, MINUTELY: 60, HOURLY: 24, DAILY: 31, MONTHLY: 12}
+    locator.intervald |= {unit: [*locator.intervald[unit], step] for unit, step in longest.items()}
     locator.set_axis(axes.xaxis)
     ticks, words = locator(), ConciseDateFormatter(locator)
     labels = FixedFormatter(words.format_ticks(ticks))
@@ -104,12 +189,12 @@ def dates(axes: Axes, span_s: Limits, *, most: int = 6) -> None:
     axes.set_xlabel("Date (UTC)")
 
 
-def degrees(axis: Axis, limits: Limits, *, signed: bool = False) -> None:
-    """Set limits and ticks of an axis in degrees; headings are labelled 0 to 359 on whichever turn they stand.
+def degrees(axis: Axis, limits: Limits, *, as_is: bool = False) -> None:
+    """Set limits and ticks of an axis in degrees; headings are labelled 0 to 359, and 360 at the end of a turn from 0.
 
     Args:
         limits: degrees.
-        signed: label deviations as they are.
+        as_is: label deviations as they are.
     """
     span = limits[1] - limits[0]
     step = 90.0 if span > 150.0 else 45.0 if span > 110.0 else 30.0 if span > 75.0 else 15.0
@@ -118,15 +203,17 @@ def degrees(axis: Axis, limits: Limits, *, signed: bool = False) -> None:
     else:
         axis.axes.set_ylim(limits)
     axis.set_major_locator(MultipleLocator(step))
-    axis.set_major_formatter(FuncFormatter(_signed if signed else _heading))
+    whole_turn = limits == (0.0, 360.0)
+    axis.set_major_formatter(FuncFormatter(lambda x, _: signed(x, ".0f") if as_is else _heading(x, whole_turn)))
 
 
-def _signed(x: float, _: object) -> str:
-    return f"{x:.0f}".replace("-", "\N{MINUS SIGN}")
+def signed(x: float, form: str = "+.1f") -> str:
+    """Format a number with the minus sign of print."""
+    return f"{x:{form}}".replace("-", "\N{MINUS SIGN}")
 
 
-def _heading(x: float, _: object) -> str:
-    return f"{float(angles.wrap360(round(x))):.0f}"
+def _heading(x: float, whole_turn: bool) -> str:
+    return "360" if whole_turn and x == 360.0 else f"{float(angles.wrap360(round(x))):.0f}"
 
 
 def span_of(points: Floats, line: Floats, *, least: float = 60.0) -> Limits:

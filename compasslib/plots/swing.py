@@ -62,10 +62,10 @@ def _level(axes: Axes, values: Floats) -> None:
 
 def _handles(result: Calibration) -> list[Any]:
     drift = result.details.get("drift")
-    seen = "courses, water taken off" if drift else "true headings"
+    seen = "courses corrected for drift" if drift else "true headings"
     return [
         Line2D([], [], color="#333333", marker="o", linestyle="", markersize=3, label=seen),
-        Line2D([], [], color=BLUE, label="series, least squares"),
-        Patch(color=BLUE, alpha=0.2, linewidth=0, label="95 %"),
+        Line2D([], [], color=BLUE, label="fitted series"),
+        Patch(color=BLUE, alpha=0.2, linewidth=0, label="95 % of the fit"),
         Line2D([], [], color=VERMILION, linewidth=0.8, linestyle="--", label="4° (ISO 25862)"),
     ]

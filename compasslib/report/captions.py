@@ -108,11 +108,13 @@ def of_diagnosis(diagnosis: Mapping[str, Any]) -> str:
     shown = residuals(diagnosis)
     if not shown:
         return "There is no residual to show."
-    texts = ["Residual of the fit, in bins; grey: 95 % of what noise alone gives."]
-    alone = " by the fit alone, and with what was found" * any(one["before_deg"] != one["after_deg"] for one in shown)
+    texts = ["Residual of the fit, in bins; grey: 95 % range of noise."]
+    alone = " by the fit alone, and with the identified effects" * any(
+        one["before_deg"] != one["after_deg"] for one in shown
+    )
     largest = [f"{words.plain(one['covariate'])} {_largest(one)}" for one in shown]
     texts += [f"Largest in a bin{alone}: along {', '.join(largest)}."]
-    texts += ["Below: the residual on held-out days."] * bool(diagnosis["findings"])
+    texts += ["Below: the residual on held-out data."] * bool(diagnosis["findings"])
     composed = [one["composition"] for one in diagnosis["findings"] if one.get("composition")]
     texts += [f"Composed, on {words.plain(one['acts_on'])}: {formula(**one)}." for one in composed]
     return " ".join(texts)
