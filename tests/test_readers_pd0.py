@@ -309,10 +309,10 @@ def test_random_damage_never_stops_the_reader_and_every_byte_is_accounted_for(tm
 @pytest.mark.parametrize("filler", [b"\x7f", b"\xff", b"\x00", b"\x7f\x7f\x46\x00\x00\x01\x08\x00"])
 def test_hostile_fillers_take_no_longer_than_their_length(filler: bytes, tmp_path: Path) -> None:
     path = written(tmp_path, filler * (6_000_000 // len(filler)))
-    begun = time.perf_counter()
+    begun = time.process_time()
     starts, skipped = framed(path)
     # Linear: about half a second for 6 MB where every byte is a candidate; quadratic would take hours.
-    assert time.perf_counter() - begun < 8.0
+    assert time.process_time() - begun < 8.0
     assert starts == [] and len(skipped) == 1
     with pytest.raises(InputError, match="expected PD0 ensembles"):
         read(path)
@@ -321,9 +321,9 @@ def test_hostile_fillers_take_no_longer_than_their_length(filler: bytes, tmp_pat
 def test_alternating_layouts_and_damage_stay_linear(tmp_path: Path) -> None:
     short, long, broken = ensemble(PROFILE[:1]), ensemble(PROFILE), ensemble(PROFILE)[:-1] + b"\0"
     path = written(tmp_path, (short + long + broken) * 3000)
-    begun = time.perf_counter()
+    begun = time.process_time()
     record = read(path)
-    assert time.perf_counter() - begun < 8.0
+    assert time.process_time() - begun < 8.0
     assert np.isfinite(record.east[0::2, 1:2]).sum() == 0 and np.isfinite(record.east[1::2, :2]).all()
     assert record.counts["ensembles"] == 6000 and record.counts["damaged"] == 3000
     assert record.counts["configurations"] == 2

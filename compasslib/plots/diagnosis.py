@@ -113,8 +113,10 @@ def _residual(axes: Axes, curve: Mapping[str, Any], label: str, reach: float | N
     axes.axhline(0.0, color=GREY, linewidth=0.6)
     if np.any(before != after):
         apart = np.flatnonzero(np.diff(x) > GAP * np.median(np.diff(x))) + 1
-        effect = x if covariate.startswith(TURN) else before - after
-        axes.plot(np.insert(x, apart, np.nan), np.insert(effect, apart, np.nan), **EFFECT)
+        if covariate.startswith(TURN):  # the line of equality, which needs no data
+            axes.plot(x, x, **EFFECT)
+        else:
+            axes.plot(np.insert(x, apart, np.nan), np.insert(before - after, apart, np.nan), **EFFECT)
         axes.plot(x, before, **BEFORE)
     axes.plot(x, after, **AFTER)
     axes.set_ylabel("Residual (°)")
