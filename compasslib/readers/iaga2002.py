@@ -37,6 +37,7 @@ STEPS_OFF = 8.0  # of the middle step between neighbours: so far a filler stands
 STUCK_S, FEWEST_STUCK = 86400.0, 24  # no declination stands still for a day, whatever its resolution
 CONTRADICTION = 0.01  # of F: what pillars of one observatory differ by is a tenth of it
 LEAST_F_NT = 10000.0  # a smaller F is a difference of two instruments
+NO_BASELINE_DEG, NO_BASELINE_SHARE = 0.3, 0.02  # of a variation about zero: its declination, its horizontal part of F
 SAME_DEG = 0.1  # between two rows of one instant
 
 
@@ -168,7 +169,10 @@ def _stuck(column: Floats, time_s: Floats) -> NDArray[np.bool_]:
 
 
 def _refuse_contradiction(one: _File) -> None:
-    """Refuse a declination beyond a turn, and an intensity that is not that of the components beside it."""
+    """Refuse a declination beyond a turn, and an intensity that is not that of the components beside it.
+
+    Of a variation without its baseline the scalar F says nothing: it passes as where F is absent.
+    """
     beyond = ~_within_a_turn(one.values.get("D", np.zeros(1)))
     if np.mean(beyond) > MOST_WRONG:
         found = f"{one.values['D'][beyond][0]:g}; seconds of arc, or another component, in its column"
@@ -181,10 +185,17 @@ def _refuse_contradiction(one: _File) -> None:
     known = np.isfinite(total + made)
     if not known.any() or (middle := float(np.median(total[known]))) < LEAST_F_NT:
         return
-    if np.abs(np.median((made - total)[known])) > CONTRADICTION * middle:
+    if np.abs(np.median((made - total)[known])) > CONTRADICTION * middle and not _lacks_baseline(one, middle):
         expected = f"F as {', '.join(names)} make it, {np.median(made[known]):.0f} nT"
         advice = "a component has another unit, or stands in another's column"
         raise _refused(one.path, expected, f"{middle:.0f} nT", advice)
+
+
+def _lacks_baseline(one: _File, total_nT: float) -> bool:
+    """Tell components that vary about zero in declination or in the horizontal field, beside a scalar F."""
+    declination, horizontal, _ = (column[np.isfinite(column)] for column in _field(one.values))
+    about_zero = len(declination) > 0 and abs(float(np.median(declination))) < NO_BASELINE_DEG
+    return about_zero or (len(horizontal) > 0 and float(np.median(horizontal)) < NO_BASELINE_SHARE * total_nT)
 
 
 def _within_a_turn(minutes: Floats) -> NDArray[np.bool_]:
