@@ -562,6 +562,31 @@ def test_beams_whose_percent_good_a_converter_filled_are_read(filled: list[int],
         read(written(tmp_path, *earth))
 
 
+# ---------------------------------------------------------------------------------------------------------- times
+
+
+@pytest.mark.parametrize(
+    ("pings", "between", "half"),
+    [(60, (1, 0, 0), 1800), (120, (0, 1, 0), 60), (180, (0, 1, 50), 135), (50, (0, 1, 0), 0), (90, (1, 0, 0), 0)],
+    ids=["an hour", "two minutes", "four and a half", "under two minutes", "longer than the ensembles are apart"],
+)
+def test_times_that_begin_a_long_average_are_said(
+    pings: int, between: tuple[int, ...], half: int, tmp_path: Path
+) -> None:
+    fixed = {"pings": pings, "between_pings": between}
+    said = (
+        f"Each sample is the mean of {2 * half} s from its time on: its middle is {half} s later; "
+        f"clock_offset_seconds: -{half} moves it there."
+    )
+    assert read(written(tmp_path, *series(30, fixed=fixed))).warnings == (said,) * (half > 0)
+
+
+def test_a_genuine_layout_of_hourly_means_is_said_to_begin_them() -> None:
+    assert (
+        "the mean of 3600 s from its time on: its middle is 1800 s" in read(real("wild/pd0_hour_means.000")).warnings[0]
+    )
+
+
 # ------------------------------------------------------------------------------- configurations and coordinates
 
 

@@ -18,13 +18,12 @@ from compasslib.core import angles, compass
 from compasslib.core.errors import InputError
 from compasslib.core.records import MAGNETOMETER, MISSING, Record, take
 from compasslib.core.types import Bools, Floats
+from compasslib.readers.averages import describe_averages
 from compasslib.readers.nortek import older, signature
 from compasslib.readers.nortek.packets import Packets, packets
 from compasslib.readers.nortek.samples import BEAM, EARTH, Samples
 from compasslib.readers.pd0.account import FEW_DISAGREE, RANGES_SHOWN
 from compasslib.readers.pd0.consistency import ADVICE, same_number
-
-LONG_AVERAGE_S = 120.0  # whose middle lies a minute after its time
 
 
 def read(
@@ -198,9 +197,4 @@ def _of_settings(whole: Samples, counts: dict[str, int], stated: float | None, u
         yield f"{counts['orientation_disagrees']} of {n} samples say that it looked {other}; {word} counts{effect}."
     if counts["heading_missing"]:
         yield f"{counts['heading_missing']} of {n} samples have no valid heading."
-    if whole.average_s >= LONG_AVERAGE_S:
-        half = whole.average_s / 2.0
-        yield (
-            f"Each sample is the mean of {whole.average_s:g} s from its time on: its middle is {half:g} s later; "
-            f"clock_offset_seconds: {-half:g} moves it there."
-        )
+    yield from describe_averages(whole.average_s, whole.time_s)

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from compasslib.core.types import Floats
+from compasslib.readers.averages import describe_averages
 from compasslib.readers.pd0.currents import Choices, looks_up
 from compasslib.readers.pd0.fields import EARTH, SHIP, Ensembles, LeftOut
 from compasslib.readers.pd0.frames import Places, Skipped
@@ -168,7 +169,7 @@ def _of_configuration(leaders: Ensembles, counts: dict[str, int], choices: Choic
         )
     if np.isnan(leaders.beam_angle_deg).any():
         lines.append("Some ensembles do not say their beam angle; beam velocities of theirs cannot be used.")
-    return lines
+    return [*lines, *describe_averages(float(np.median(leaders.average_s)), leaders.time_s)]
 
 
 def _configurations(leaders: Ensembles) -> int:

@@ -28,11 +28,14 @@ MISSING_COUNT = -32768
 _FIXED = np.dtype(
     {
         "names": [
-            *("system", "beams", "cells", "cell_cm", "blank_cm", "ex", "ea", "eb", "sensors", "bin1_cm"),
-            *("board", "serial", "beam_angle"),
+            *("system", "beams", "cells", "pings", "cell_cm", "blank_cm", "between_pings", "ex", "ea", "eb"),
+            *("sensors", "bin1_cm", "board", "serial", "beam_angle"),
         ],
-        "formats": ["<u2", "u1", "u1", "<u2", "<u2", "u1", "<i2", "<i2", "u1", "<u2", "<i8", "<u4", "u1"],
-        "offsets": [4, 8, 9, 12, 14, 25, 26, 28, 31, 32, 42, 54, 58],
+        "formats": [
+            *("<u2", "u1", "u1", "<u2", "<u2", "<u2", "3u1", "u1", "<i2", "<i2"),
+            *("u1", "<u2", "<i8", "<u4", "u1"),
+        ],
+        "offsets": [4, 8, 9, 10, 12, 14, 22, 25, 26, 28, 31, 32, 42, 54, 58],
         "itemsize": 59,
     }
 )
@@ -91,6 +94,7 @@ class Ensembles:
     frequency_khz: Floats  # (n,)
     heading_alignment_deg: Floats  # (n,) EA
     heading_bias_deg: Floats  # (n,) EB
+    average_s: Floats  # (n,) that the pings of an ensemble take, by their number and the time between them
 
     def __len__(self) -> int:
         return len(self.number)
@@ -323,6 +327,7 @@ def _from_fixed(rows: Bytes, layout: Layout) -> dict[str, Any]:
         "frequency_khz": _FREQUENCIES_KHZ[system & 7],
         "heading_alignment_deg": leader["ea"] / 100.0,
         "heading_bias_deg": leader["eb"] / 100.0,
+        "average_s": leader["pings"] * (leader["between_pings"] @ [60.0, 1.0, 0.01]),
     }
 
 
