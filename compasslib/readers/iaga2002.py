@@ -19,12 +19,14 @@ from compasslib.core.errors import InputError
 from compasslib.core.records import FieldSeries
 from compasslib.core.types import Floats
 from compasslib.readers import cells, recognition
+from compasslib.readers.damage import refuse_mostly_damaged
 
 MISSING = 88888.0  # and 99999; nothing on earth is as large
 LABEL_ENDS = 24  # column before which a header's label stands
 MINUTES = 60.0  # of arc in a degree
 CELL = r"(?:\s+|(?=[+-]))([+-]?\d+\.?\d*)"  # a sign may stand against the number before
 ROW = re.compile(r"(\d{4})-(\d\d)-(\d\d)\s+(\d\d):(\d\d):(\d\d(?:\.\d*)?)\s+(\d{1,3})" + CELL * 4 + r"\s*\|?\s*")
+DATED = re.compile(r"\d{4}-\d\d-\d\d\s")  # rows, damaged or not; headers may stand between those of joined files
 ADVICE = "give IAGA-2002 files of one observatory"
 SETS = ("D", "XY")  # components of which either gives the declination
 KILOMETRE_DEG = 0.01  # by which the positions of one station may differ between files
@@ -109,6 +111,8 @@ def _file(path: Path) -> _File:
     matches = [match.groups() for line in rows if (match := ROW.fullmatch(line))]
     numbers = np.array(matches, dtype=float).reshape(-1, 7 + len(letters))
     time_s, sound = _instants(numbers[:, :7])
+    lost = sum(bool(DATED.match(line)) for line in rows) - int(sound.sum())
+    refuse_mostly_damaged(path, "rows", damaged=lost, whole=int(sound.sum()))
     if not sound.any():
         raise _refused(path, "rows of date, time, day of year and four numbers", f"{len(rows)} rows, none of them so")
     _refuse_too_large(path, numbers[sound, 7:])

@@ -18,6 +18,7 @@ from compasslib.core import angles, compass
 from compasslib.core.errors import InputError
 from compasslib.core.records import MAGNETOMETER, MISSING, Record, take
 from compasslib.core.types import Bools, Floats
+from compasslib.readers import telemetry
 from compasslib.readers.averages import describe_averages
 from compasslib.readers.nortek import older, signature
 from compasslib.readers.nortek.packets import Packets, packets
@@ -170,6 +171,8 @@ def _counts(files: Sequence[tuple[Packets, Samples]], whole: Samples, heading_de
 def _of_files(files: Sequence[tuple[Packets, Samples]]) -> Iterator[str]:
     for found, samples in files:
         name, counts = found.path.name, samples.counts
+        if found.escaped:
+            yield f"{name} {telemetry.UNDONE}; places are those of the bytes after that."
         if found.skipped:
             yield (
                 f"{name}: {found.bytes_skipped} of {found.data.size} bytes belong to no good record and were skipped; "
