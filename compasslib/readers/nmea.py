@@ -172,7 +172,7 @@ def _sentences(paths: Sequence[Path], counts: Counter[str], wanted: Sequence[str
         content = _content(path)
         counts["strange_bytes"] += cells.strange(content)
         of_wanted = Counter[bool]()
-        for line, text in zip(line_number, content.decode("ascii", errors="replace").splitlines(), strict=False):
+        for text, line in zip(content.decode("ascii", errors="replace").splitlines(), line_number, strict=False):
             start = text.rfind("$")
             if start < 0:
                 continue
