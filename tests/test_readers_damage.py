@@ -6,7 +6,9 @@ recorded; the others too, unless a byte was changed inside a row.
 
 from __future__ import annotations
 
+import gzip
 import re
+import tracemalloc
 from collections.abc import Callable
 from dataclasses import replace
 from datetime import datetime
@@ -15,13 +17,15 @@ from pathlib import Path
 import fuzz
 import numpy as np
 import pd0_encoder
+import pd12_files
 import pytest
+from pd0_encoder import START
 from sea import SHARED, real
 
 from compasslib import readers
 from compasslib.core.errors import InputError
 from compasslib.core.records import Record
-from compasslib.readers import FORMATS, iaga2002, nmea
+from compasslib.readers import FORMATS, bounds, iaga2002, nmea, plain
 
 JUNK = np.random.default_rng(5).integers(0, 256, 300, dtype=np.uint8).tobytes()
 TEXT = b"This is a letter about a mooring, and no recording of anything at all.\n" * 60
@@ -354,3 +358,37 @@ def genuine(name: str, path: Path) -> fuzz.Kind:
     }
     read, rows = readers[name]
     return fuzz.Kind(path.read_bytes()[:REAL_BYTES], read, rows)
+
+
+@pytest.mark.parametrize(
+    ("name", "packed"), [("table", True), ("table", False), ("iaga2002", True), ("nmea0183", False)]
+)
+def test_a_text_larger_than_the_bound_is_refused_before_memory_is_taken(kinds, tmp_path, monkeypatch, name, packed):
+    """The bound itself is 256 MB: 3 MB of gzip may be 1 GB of lines."""
+    data = kinds[name].whole + b"\n" * (bounds.MEGABYTE - len(kinds[name].whole))
+    path = tmp_path / "large.csv"
+    path.write_bytes(gzip.compress(data) if packed else data)
+    monkeypatch.setattr(bounds, "LARGEST_TEXT", bounds.MEGABYTE)
+    kinds[name].read(path)
+    path.write_bytes(gzip.compress(data * 300) if packed else data * 3)
+    monkeypatch.setattr(plain, "LONGEST_LINE", bounds.MEGABYTE // 4)
+    tracemalloc.start()
+    found = r"found 0\.\d MB that unpack to over 1 MB" if packed else r"found 3\.0 MB"
+    with pytest.raises(InputError, match=rf"large.csv: expected a text of up to 1 MB, {found}; export means"):
+        kinds[name].read(path)
+    assert tracemalloc.get_traced_memory()[1] < 3 * bounds.MEGABYTE
+    tracemalloc.stop()
+
+
+@pytest.mark.parametrize("name", ["pd0", "pd12"])
+def test_one_profile_of_many_cells_does_not_widen_all_others_without_bound(tmp_path, monkeypatch, name):
+    monkeypatch.setattr(bounds, "LARGEST_ARRAYS", bounds.MEGABYTE // 4)
+    if name == "pd0":
+        parts = [pd0_encoder.ensemble([[1, 2, 3, 4]], number=k + 1) for k in range(400)]
+        parts.append(pd0_encoder.ensemble([[1, 2, 3, 4]] * 250, number=401))
+    else:
+        parts = [pd12_files.ensemble(k + 1, START, 10.0, [[1, 2, 3, 4]]) for k in range(400)]
+        parts.append(pd12_files.ensemble(401, START, 10.0, [[1, 2, 3, 4]] * 250))
+    with pytest.raises(InputError, match=r"sent.dat: expected profiles that take up to .* declares 250 cells"):
+        of_record(name, b"".join(parts), tmp_path)
+    assert of_record(name, b"".join(parts[:-1]), tmp_path).east.shape == (400, 1)

@@ -21,6 +21,7 @@ from compasslib.core import angles
 from compasslib.core.errors import InputError
 from compasslib.core.types import Floats
 from compasslib.readers import cells
+from compasslib.readers.bounds import refuse_large_text
 from compasslib.readers.damage import refuse_mostly_damaged
 
 HEADINGS, COURSES = ("HDG", "HDM"), ("RMC", "VTG")
@@ -191,6 +192,7 @@ def _sentences(paths: Sequence[Path], counts: Counter[str], wanted: Sequence[str
 
 def _content(path: Path) -> bytes:
     try:
+        refuse_large_text(Path(path), Path(path).stat().st_size)
         return Path(path).read_bytes()
     except OSError as error:
         raise InputError(str(path), expected="a readable NMEA 0183 log", found=error, advice="check the path") from None

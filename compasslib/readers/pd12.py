@@ -20,6 +20,7 @@ from compasslib.core.errors import InputError
 from compasslib.core.records import GOOD, MISSING, Record
 from compasslib.core.types import Floats
 from compasslib.readers import telemetry
+from compasslib.readers.bounds import refuse_large_arrays
 from compasslib.readers.damage import refuse_mostly_damaged
 from compasslib.readers.mmp.scan_files import contents
 from compasslib.readers.pd0.currents import true_pitch
@@ -62,6 +63,8 @@ def read(paths: Sequence[Path], *, orientation: str, bin_size: float, first_bin:
     time_s = _times(heads)
     dated = np.isfinite(time_s)
     frames, heads, time_s = [f for f, d in zip(frames, dated, strict=True) if d], heads[dated], time_s[dated]
+    widest = int(heads["bins"].max(initial=1))
+    refuse_large_arrays(where, 4 * 8 * len(heads) * widest, counts["bytes_total"], widest)
     east, north, up, error = _velocities(frames, heads)
     counts |= {"bad_dates": int(np.sum(~dated)), "ensembles": len(heads), "lost": _lost(heads["number"])}
     heading = np.where(heads["heading"] < 36000, heads["heading"] / 100.0, np.nan)

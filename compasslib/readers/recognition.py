@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from compasslib.core.errors import InputError, Passing
+from compasslib.readers.bounds import TooLarge
 
 HEAD_BYTES = 65536
 TEXT_SHARE = 0.98  # of a text's bytes are printable
@@ -142,7 +143,7 @@ def naming(
     """
     try:
         yield
-    except Passing:
+    except (Passing, TooLarge):
         raise
     except InputError as error:
         for path in paths:

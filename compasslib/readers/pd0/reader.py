@@ -115,7 +115,8 @@ def read_reporting(paths: Sequence[Path], choices: Choices) -> tuple[Record, tup
         raise InputError("orientation", expected="up or down", found=found, advice="write orientation: up")
     # Downloads may be listed in any order.
     ordered = sorted(paths, key=_first_time) if len(paths) > 1 else paths
-    grown = Grown(sum(Path(path).stat().st_size for path in paths if Path(path).is_file()))
+    where = ", ".join(map(str, paths))
+    grown = Grown(where, sum(Path(path).stat().st_size for path in paths if Path(path).is_file()))
     files = [_file(path, choices, grown) for path in ordered]
     reports = tuple(report for _, report in files)
     return _record([part for of_file, _ in files for part in of_file], grown, reports, choices), reports
