@@ -19,13 +19,13 @@ def refuse_large_text(path: Path, size: int) -> None:
     """Refuse a text of more than 256 MB.
 
     Args:
-        size: bytes of the text, of a packed file those unpacked so far.
+        size: bytes of the text that are there so far.
 
     Raises:
         TooLarge: it is larger.
     """
     if size > LARGEST_TEXT:
-        stored = Path(path).stat().st_size
+        stored = path.stat().st_size
         unpacked = f" that unpack to over {LARGEST_TEXT // MEGABYTE} MB" if stored < size else ""
         raise TooLarge(
             str(path),

@@ -5,7 +5,6 @@ from __future__ import annotations
 import gzip
 import zlib
 from dataclasses import dataclass
-from os import SEEK_END
 from pathlib import Path
 
 from compasslib.core.errors import InputError
@@ -41,8 +40,6 @@ def of_lines(path: Path) -> bytes:
     try:
         with Path(path).open("rb") as raw:
             packed = raw.read(len(PACKED)) == PACKED
-            if not packed:
-                refuse_large_text(path, raw.seek(0, SEEK_END))
             raw.seek(0)
             stream = gzip.GzipFile(fileobj=raw) if packed else raw
             while block := stream.read(LONGEST_LINE):
@@ -50,7 +47,7 @@ def of_lines(path: Path) -> bytes:
                     expected, found = f"lines of less than {LONGEST_LINE} bytes", "a longer one"
                     raise InputError(str(path), expected=expected, found=found, advice="check that it is a text file")
                 size += len(block)
-                refuse_large_text(path, size)
+                refuse_large_text(Path(path), size)
                 blocks.append(block)
     except (gzip.BadGzipFile, EOFError, zlib.error) as error:
         advice = "copy it again, or unpack it as far as it goes"
