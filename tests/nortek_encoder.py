@@ -56,13 +56,20 @@ def record(kind: int, contents: bytes) -> bytes:
 
 
 def configuration(
-    coordinates: int, cells: int, *, serial: str = "WPR 1234", khz: int = 1000, average_s: int = 60, blanking: int = 20
+    coordinates: int,
+    cells: int,
+    *,
+    serial: str = "WPR 1234",
+    khz: int = 1000,
+    average_s: int = 60,
+    blanking: int = 20,
+    beams: int = 3,
 ) -> bytes:
     hardware = serial.ljust(14).encode() + bytes(24) + b"3.36"
     matrix = np.rint(TRANSFORM * 4096).astype("<i2").tobytes()
     head = struct.pack("<HHH12s", 0x0F, khz, 0, b"WAV 55") + bytes(8) + matrix + bytes(150) + bytes(22)
     head += struct.pack("<H", 3)
-    first = struct.pack("<9H", 34, blanking, 44, 512, 512, 60, average_s, 3, 0)
+    first = struct.pack("<9H", 34, blanking, 44, 512, 512, 60, average_s, beams, 0)
     second = struct.pack("<HHHHHHHHH", 0, 0, 0, 0, 1, coordinates, cells, 256, 600)
     user = first + second + b"NORTEK" + bytes(508 - 2 - 4 - 36 - 6)
     return record(0x05, hardware) + record(0x04, head) + record(0x00, user[: 512 - 6])
@@ -94,13 +101,13 @@ def packet(kind: int, contents: bytes) -> bytes:
     return head + struct.pack("<H", checksum(head)) + contents
 
 
-def text(declination: float = 0.0) -> bytes:
+def text(declination: float = 0.0, average_s: int = 60) -> bytes:
     rows = ",".join(f"M{i + 1}{j + 1}={SIGNATURE[i, j]:.4f}" for i in range(4) for j in range(4))
     lines = [
         'GETCLOCKSTR,TIME="2016-03-04 05:06:07"',
         'ID,STR="Signature500",SN=100123',
         "GETPLAN,MIAVG=600,AVG=1,DIAVG=0,VD=0,MV=10,SA=35.0,BURST=0",
-        'GETAVG,NC=5,CS=1.00,BD=0.50,CY="BEAM",PL=0.0,AI=60,DF=3,NPING=30,NB=4,BW="BROAD"',
+        f'GETAVG,NC=5,CS=1.00,BD=0.50,CY="BEAM",PL=0.0,AI={average_s},DF=3,NPING=30,NB=4,BW="BROAD"',
         "GETBURST,NC=5,CS=1.00,BD=0.50,DF=3,SR=1.0,NB=4",
         f"GETXFAVG,ROWS=4,COLS=4,{rows}",
         f"GETXFBURST,ROWS=4,COLS=4,{rows}",

@@ -25,16 +25,19 @@ def fixed_leader(
     sensors: int = 0b0011_1101,
     beam_angle: int | None = 20,
     beams: int = 4,
+    pings: int = 10,
+    between_pings: Sequence[int] = (0, 0, 0),
     serial: int = 0,
     board: bytes = bytes(8),
     length: int = 59,
     identifier: int = 0x0000,
 ) -> bytes:
-    """Return a fixed leader; system 300 kHz, 20 degrees; cut to ``length``."""
+    """Return a fixed leader; system 300 kHz, 20 degrees; minutes, seconds, hundredths between pings; cut."""
     system = 0x4102 | (0x80 if up else 0) | (0x08 if convex else 0)
     block = bytearray(59)
     struct.pack_into("<HBBH", block, 0, identifier, 50, 36, system)
-    struct.pack_into("<BBHHH", block, 8, beams, cells, 10, cell_cm, blank_cm)
+    struct.pack_into("<BBHHH", block, 8, beams, cells, pings, cell_cm, blank_cm)
+    block[22:25] = bytes(between_pings)
     struct.pack_into("<BhhBBH", block, 25, ex, ea, eb, 0x7D, sensors, bin1_cm)
     block[42:50] = board
     struct.pack_into("<I", block, 54, serial)

@@ -6,17 +6,26 @@ recorded; the others too, unless a byte was changed inside a row.
 
 from __future__ import annotations
 
+import gzip
+import re
+import tracemalloc
 from collections.abc import Callable
 from dataclasses import replace
+from datetime import datetime
 from pathlib import Path
 
 import fuzz
 import numpy as np
+import pd0_encoder
+import pd12_files
 import pytest
-from sea import SHARED
+from pd0_encoder import START
+from sea import SHARED, real
 
+from compasslib import readers
 from compasslib.core.errors import InputError
-from compasslib.readers import FORMATS, iaga2002, nmea
+from compasslib.core.records import Record
+from compasslib.readers import FORMATS, bounds, iaga2002, nmea, plain
 
 JUNK = np.random.default_rng(5).integers(0, 256, 300, dtype=np.uint8).tobytes()
 TEXT = b"This is a letter about a mooring, and no recording of anything at all.\n" * 60
@@ -185,6 +194,131 @@ def test_a_file_of_each_other_kind_is_refused(kinds, tmp_path, name):
             assert tried(kinds[name], kinds[other].whole, tmp_path) is None, other
 
 
+BINARY = ("pd0", "nortek", "ad2cp", "mmp binary")
+
+
+def escaped(data: bytes) -> bytes:
+    """What a controller of inductive modems sends for a file's bytes."""
+    return data.replace(b"\x18", b"\x18\x58").replace(b"\x2b", b"\x18\x6b")
+
+
+def framed(data: bytes, instrument: bytes = b"WA1236822") -> bytes:
+    return b"\x01%s_%04XH51F7BD60_CA_C5F6\x02%s\x03" % (instrument, len(data), escaped(data))
+
+
+def of_record(name: str, data: bytes, folder: Path) -> Record:
+    path = folder / "sent.dat"
+    path.write_bytes(data)
+    form = {"mmp binary": "mmp_acm", "ad2cp": "nortek"}.get(name, name)
+    settings = {"orientation": "up", "bin_size": 20.0, "first_bin": 24.7} if name == "pd12" else {"pressure_files": ()}
+    return readers.read(form, [path], settings)
+
+
+@pytest.mark.parametrize("name", BINARY)
+def test_escapes_of_a_modem_are_undone_for_every_binary_format(kinds, tmp_path, name):
+    """Of a file between others' frames too, and cut inside a pair."""
+    whole = kinds[name].whole
+    assert whole.count(b"\x18") + whole.count(b"\x2b") > 4
+    expected = _array(of_record(name, whole, tmp_path))
+    other = b"".join(framed(b"21.1493,06.51\r\n", b"CT1236822") for _ in range(20))
+    for sent in (escaped(whole), other + framed(whole) + other, framed(whole) + other + b"\x18"):
+        record = of_record(name, sent, tmp_path)
+        np.testing.assert_array_equal(_array(record), expected)
+        assert any("escapes" in line and "were undone" in line for line in record.warnings)
+
+
+def _array(record: Record) -> np.ndarray:
+    return np.column_stack([record.time_s, record.heading_deg, record.pitch_deg, record.east, record.north])
+
+
+def test_pairs_in_a_clean_file_are_no_escapes(tmp_path):
+    """A heading of 274.16 degrees is 18 6B in a file, and 225.52 degrees 18 58."""
+    for heading in (27416, 22552):
+        parts = [pd0_encoder.ensemble([[1, 2, 3, 4]], number=k + 1, heading=heading) for k in range(9)]
+        record = of_record("pd0", b"".join(parts), tmp_path)
+        assert record.heading_deg.tolist() == [heading / 100] * 9 and record.warnings == ()
+
+
+def test_profiles_of_several_frames_and_instruments_come_back(kinds, tmp_path):
+    """Frames that are damaged cost their scans; a profile in two frames, or sent twice, is read once."""
+    whole = kinds["mmp binary"].whole
+    first, second = whole[: len(whole) // 2], whole[len(whole) // 2 :]
+    expected = _array(of_record("mmp binary", whole, tmp_path))
+    parted = framed(first[:700]) + framed(b"21.1493", b"CT1236822") + framed(first[700:]) + framed(second)
+    np.testing.assert_array_equal(_array(of_record("mmp binary", parted + framed(second), tmp_path)), expected)
+    record = of_record("mmp binary", framed(first) + framed(second, b"WA1236820"), tmp_path)
+    np.testing.assert_array_equal(_array(record), expected)
+    assert any("holds frames of 2 instruments, WA1236822 and WA1236820" in line for line in record.warnings)
+    torn = framed(first)[:-300] + framed(second)
+    found = _array(of_record("mmp binary", torn, tmp_path))
+    assert 29 <= len(found) < len(expected) and {*map(tuple, found[-29:])} <= {*map(tuple, expected)}
+
+
+def test_a_genuine_files_escapes_and_frames_are_undone(tmp_path):
+    """Three profiles, of 39, 42 and 36 scans by the lengths of their frames; the first scan of each is aliased."""
+    record = of_record("mmp binary", real("wild/acm_sio_escapes.dat").read_bytes(), tmp_path)
+    assert len(record.time_s) == 38 + 41 + 35 and record.counts["damaged_rows"] == 0
+    assert np.abs(np.hypot(record.east, record.north)).max() < 0.2
+    assert record.time_s[[0, -1]].astype("datetime64[s]").tolist() == [
+        datetime(2013, 7, 30, 11, 3, 36),
+        datetime(2013, 7, 31, 8, 57, 46),
+    ]
+
+
+CHECKED = ("pd0", "pd12", "nortek", "ad2cp", "mmp binary", "mmp text", "nmea0183", "iaga2002")
+
+
+def spoilt(name: str, data: bytes, share: float) -> bytes:
+    """A file in which two bytes are wrong in a share of the records, spread over it."""
+    starts, inside = {
+        "pd0": (rb"\x7f\x7f", 40), "pd12": (rb"n\x7f", 40), "nortek": (rb"\xa5\x20", 40),
+        "ad2cp": (rb"\xa5\x0a\x16", 40),
+        "mmp text": (rb"(?m)^ +\d\d-", 30), "nmea0183": (rb"\$", 8), "iaga2002": (rb"(?m)^\d{4}-", 30),
+        "mmp binary": (rb"(?s)(?<=\xd7\x07.{40}).{3}[\x01-\x0c][\x01-\x1f](?=\xd7\x07)", 4),
+    }[name]  # fmt: skip
+    at = [match.start() + inside for match in re.finditer(starts, data)]
+    copy = bytearray(data)
+    for k in np.unique(np.linspace(0, len(at) - 1, round(share * len(at))).astype(int)):
+        copy[at[k] : at[k] + 2] = b"~~"
+    return bytes(copy)
+
+
+@pytest.mark.parametrize("name", CHECKED)
+def test_a_file_of_which_over_half_is_damaged_is_refused(kinds, tmp_path, name):
+    data = kinds[name].whole
+    path = tmp_path / "damaged"
+    path.write_bytes(spoilt(name, data, 0.7))
+    with pytest.raises(
+        InputError, match=r"damaged: expected .* of which most are whole, found \d+ of \d+ that are dam"
+    ):
+        kinds[name].read(path)
+    path.write_bytes(spoilt(name, data, 0.3))
+    assert len(kinds[name].rows(kinds[name].read(path))) > 0
+
+
+@pytest.mark.parametrize("name", [name for name in CHECKED if name not in ("mmp binary", "mmp text")])
+def test_other_bytes_between_records_are_no_damage(kinds, tmp_path, name):
+    """Chance pairs of marks, other instruments' lines and headers; five times as much as there are records."""
+    rng = np.random.default_rng(8)
+    data = kinds[name].whole
+    if name in ("nmea0183", "iaga2002"):
+        junk = b"\r\n".join([b" Station Name  21.1493, 6.5150, 36.9 |", b"$PXYZ,1,2,3", b"16 Nov 2013 21:00:00"] * 99)
+        lines = data.split(b"\n")
+        sent = b"\n".join([*lines[:-21], junk, *lines[-21:]])
+    else:
+        other = rng.integers(0, 256, 5 * len(data), dtype=np.uint8)
+        marks = rng.integers(0, len(other) - 9, 400)
+        mark = {"pd0": b"\x7f\x7f", "pd12": b"n\x7f", "nortek": b"\xa5\x20", "ad2cp": b"\xa5\x0a"}[name]
+        for k, octet in enumerate(mark):
+            other[marks + k] = octet
+        sent = data + other.tobytes()
+    (tmp_path / "mixed").write_bytes(sent)
+    (tmp_path / "whole").write_bytes(data)
+    assert kinds[name].rows(kinds[name].read(tmp_path / "whole")) <= kinds[name].rows(
+        kinds[name].read(tmp_path / "mixed")
+    )
+
+
 @pytest.mark.parametrize("name", ["nmea0183", "iaga2002"])
 def test_cut_at_every_byte_of_its_last_rows(kinds, tmp_path, name):
     """The other readers' own tests cut them at every byte."""
@@ -224,3 +358,37 @@ def genuine(name: str, path: Path) -> fuzz.Kind:
     }
     read, rows = readers[name]
     return fuzz.Kind(path.read_bytes()[:REAL_BYTES], read, rows)
+
+
+@pytest.mark.parametrize(
+    ("name", "packed"), [("table", True), ("table", False), ("iaga2002", True), ("nmea0183", False)]
+)
+def test_a_text_larger_than_the_bound_is_refused_before_memory_is_taken(kinds, tmp_path, monkeypatch, name, packed):
+    """The bound itself is 256 MB: 3 MB of gzip may be 1 GB of lines."""
+    data = kinds[name].whole + b"\n" * (bounds.MEGABYTE - len(kinds[name].whole))
+    path = tmp_path / "large.csv"
+    path.write_bytes(gzip.compress(data) if packed else data)
+    monkeypatch.setattr(bounds, "LARGEST_TEXT", bounds.MEGABYTE)
+    kinds[name].read(path)
+    path.write_bytes(gzip.compress(data * 300) if packed else data * 3)
+    monkeypatch.setattr(plain, "LONGEST_LINE", bounds.MEGABYTE // 4)
+    tracemalloc.start()
+    found = r"found 0\.\d MB that unpack to over 1 MB" if packed else r"found 3\.0 MB"
+    with pytest.raises(InputError, match=rf"large.csv: expected a text of up to 1 MB, {found}; export means"):
+        kinds[name].read(path)
+    assert tracemalloc.get_traced_memory()[1] < 3 * bounds.MEGABYTE
+    tracemalloc.stop()
+
+
+@pytest.mark.parametrize("name", ["pd0", "pd12"])
+def test_one_profile_of_many_cells_does_not_widen_all_others_without_bound(tmp_path, monkeypatch, name):
+    monkeypatch.setattr(bounds, "LARGEST_ARRAYS", bounds.MEGABYTE // 4)
+    if name == "pd0":
+        parts = [pd0_encoder.ensemble([[1, 2, 3, 4]], number=k + 1) for k in range(400)]
+        parts.append(pd0_encoder.ensemble([[1, 2, 3, 4]] * 250, number=401))
+    else:
+        parts = [pd12_files.ensemble(k + 1, START, 10.0, [[1, 2, 3, 4]]) for k in range(400)]
+        parts.append(pd12_files.ensemble(401, START, 10.0, [[1, 2, 3, 4]] * 250))
+    with pytest.raises(InputError, match=r"sent.dat: expected profiles that take up to .* declares 250 cells"):
+        of_record(name, b"".join(parts), tmp_path)
+    assert of_record(name, b"".join(parts[:-1]), tmp_path).east.shape == (400, 1)

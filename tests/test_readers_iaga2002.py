@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from iaga_files import header, rows, series, write
-from sea import SHARED
+from sea import SHARED, real
 
+from compasslib import observatory
 from compasslib.core.errors import InputError
 from compasslib.readers import iaga2002
 
@@ -136,6 +137,31 @@ def test_components_that_contradict_each_other_are_refused(tmp_path, letters, ed
     path = edited(tmp_path, series(3), letters, edit)
     with pytest.raises(InputError, match=said):
         iaga2002.read([path])
+
+
+@pytest.mark.parametrize(("letters", "about_zero"), [("HDZF", (1,)), ("DHZF", (0, 1)), ("XYZF", (0, 1, 2))])
+def test_a_variation_without_baseline_gets_the_same_sentence_with_f_and_without(tmp_path, letters, about_zero):
+    """It serves as a covariate, whose level does not count, and as no declination."""
+
+    def varying(cells):
+        for column in about_zero:
+            cells[:, column] -= np.round(np.median(cells[:, column]))
+        cells[:, 3] += 600.0  # a pillar of its own
+
+    said = []
+    for columns in (letters, letters[:3] + "G"):
+        found = iaga2002.read([edited(tmp_path, series(3), columns, varying)])
+        assert np.isfinite(found.declination_deg).all()
+        with pytest.raises(InputError) as error:
+            observatory.check(found, (found.latitude, found.longitude))
+        said.append(str(error.value))
+    assert said[0] == said[1] and "a variation about zero: the baseline is missing" in said[0]
+
+
+def test_a_genuine_variation_without_baseline_is_called_one():
+    found = iaga2002.read([real("wild/iaga_variation_hdzf.min")])
+    with pytest.raises(InputError, match="a variation about zero: the baseline is missing"):
+        observatory.check(found, (found.latitude, found.longitude))
 
 
 def test_what_a_file_says_against_itself_is_said(tmp_path):

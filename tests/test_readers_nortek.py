@@ -10,7 +10,7 @@ import nortek_encoder as encoder
 import numpy as np
 import pytest
 from nortek_encoder import BEAM, ENU, XYZ, Sample
-from sea import SHARED
+from sea import SHARED, real
 
 from compasslib.core.errors import InputError
 from compasslib.core.records import BAD, GOOD, MAGNETOMETER
@@ -262,3 +262,31 @@ def test_a_damaged_clock_costs_its_sample(tmp_path):
     data = of_older(samples[:2]) + encoder.record(0x20, b"\xff" + wrong[1:]) + b"".join(map(encoder.older, samples[3:]))
     record = read(tmp_path, data)
     assert len(record.time_s) == 4 and "1 good samples have an impossible date and were left out" in record.warnings[0]
+
+
+@pytest.mark.parametrize(("apart_min", "said"), [(6.0, 1), (5.99, 1), (1 / 60, 0), (3.0, 0)])
+@pytest.mark.parametrize("name", ["meter.ad2cp", "meter.wpr"])
+def test_only_samples_an_average_apart_are_called_averages(tmp_path, name, apart_min, said):
+    """A Signature writes the single pings of its averages in records of the same kind."""
+    samples = drawn(4 if name == "meter.ad2cp" else 3, minutes=apart_min)
+    if name == "meter.ad2cp":
+        data = encoder.text(average_s=360) + b"".join(encoder.signature(sample, ENU) for sample in samples)
+    else:
+        data = of_older(samples, average_s=360)
+    assert sum("the mean of 360 s" in line for line in read(tmp_path, data, name).warnings) == said
+
+
+def test_genuine_single_pings_of_averages_are_not_called_averages():
+    record = reader.read([real("wild/sig100_raw_avg_8.ad2cp")])
+    assert np.allclose(np.diff(record.time_s), 1.0, atol=1e-3) and record.warnings == ()
+
+
+@pytest.mark.parametrize(("beams", "said"), [(2, "found 2 beams, which are level"), (1, "found 1 beam;")])
+def test_level_beams_are_named(tmp_path, beams, said):
+    data = of_older([replace(s, velocity=s.velocity[:beams]) for s in drawn(cells=30)], beams=beams)
+    assert said in refused(tmp_path, data) and "expected 3 slanted beams" in refused(tmp_path, data)
+
+
+def test_a_genuine_awac_of_two_level_beams_is_named():
+    with pytest.raises(InputError, match=r"expected 3 slanted beams, found 2 beams, .* write format: table"):
+        reader.read([real("wild/h_awac_two_beams.wpr")])

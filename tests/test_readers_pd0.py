@@ -541,6 +541,52 @@ def test_coordinates_that_percent_good_contradicts_are_refused(
     ).warnings
 
 
+@pytest.mark.parametrize("towards", range(0, 360, 15))
+@pytest.mark.parametrize("told", [EARTH, SHIP, INSTRUMENT])
+def test_percent_good_filled_with_100_is_no_proof_of_beams(towards: int, told: int, tmp_path: Path) -> None:
+    """A current of one direction, most of all to NW and SE, where east + north is about 0 in the whole record."""
+    rng = np.random.default_rng(towards)
+    speed = rng.uniform(50.0, 600.0, (60, 3))
+    level = [speed * getattr(np, of)(np.deg2rad(towards)) for of in ("sin", "cos")]
+    velocity = np.rint([*level, *rng.normal(0.0, [[[4.0]], [[8.0]]], (2, 60, 3))]).astype(int)
+    parts = [ensemble(rows, fixed={"ex": EX[told]}, percent_good=[[100] * 4] * 3) for rows in velocity.T.swapaxes(0, 1)]
+    assert np.isfinite(read(written(tmp_path, *parts)).east).sum() == 180
+
+
+@pytest.mark.parametrize("filled", [[25] * 4, [0, 0, 0, 100], [100, 0, 0, 0]])
+def test_beams_whose_percent_good_a_converter_filled_are_read(filled: list[int], tmp_path: Path) -> None:
+    parts = [ensemble([[327, -294, -265, 241]] * 3, fixed={"ex": EX[BEAM]}, percent_good=[filled] * 3)] * 40
+    assert np.isfinite(read(written(tmp_path, *parts)).east).all()
+    earth = [ensemble([[327, 294, -5, 11]] * 3, fixed={"ex": EX[BEAM]}, percent_good=[[0, 0, 0, 100]] * 3)] * 40
+    with pytest.raises(InputError, match="columns that add up to 100"):
+        read(written(tmp_path, *earth))
+
+
+# ---------------------------------------------------------------------------------------------------------- times
+
+
+@pytest.mark.parametrize(
+    ("pings", "between", "half"),
+    [(60, (1, 0, 0), 1800), (120, (0, 1, 0), 60), (180, (0, 1, 50), 135), (50, (0, 1, 0), 0), (90, (1, 0, 0), 0)],
+    ids=["an hour", "two minutes", "four and a half", "under two minutes", "longer than the ensembles are apart"],
+)
+def test_times_that_begin_a_long_average_are_said(
+    pings: int, between: tuple[int, ...], half: int, tmp_path: Path
+) -> None:
+    fixed = {"pings": pings, "between_pings": between}
+    said = (
+        f"Each sample is the mean of {2 * half} s from its time on: its middle is {half} s later; "
+        f"clock_offset_seconds: -{half} moves it there."
+    )
+    assert read(written(tmp_path, *series(30, fixed=fixed))).warnings == (said,) * (half > 0)
+
+
+def test_a_genuine_layout_of_hourly_means_is_said_to_begin_them() -> None:
+    assert (
+        "the mean of 3600 s from its time on: its middle is 1800 s" in read(real("wild/pd0_hour_means.000")).warnings[0]
+    )
+
+
 # ------------------------------------------------------------------------------- configurations and coordinates
 
 

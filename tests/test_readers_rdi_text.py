@@ -84,6 +84,13 @@ def test_a_last_line_that_was_cut_is_left_out_and_said(tmp_path):
     assert any("cut short" in line for line in record.warnings)
 
 
+def test_times_that_begin_a_long_average_are_said(tmp_path):
+    """120 pings, 5 s apart, an hour from ensemble to ensemble; a minute apart they would not fit."""
+    for apart, half in (("00:05.00", 300), ("00:01.00", 60), ("00:00.50", 0), ("01:00.00", 0)):
+        warnings = read(tmp_path / "a.txt", export().replace("00:05.00", apart)).warnings
+        assert any(f"its middle is {half} s later" in line for line in warnings) == (half > 0), apart
+
+
 def test_winrivers_output_is_named(tmp_path):
     leader = "a note\nanother\n50 25 10 40 1 100 5\n13 7 24 1 26 16 5 1 1 -1.5 0.1 90.3 3.6\n"
     assert "ASCII output of WinRiver" in refused(tmp_path / "a.txt", leader)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from netCDF4 import Dataset
 from scipy.io import savemat
-from sea import SHARED
+from sea import SHARED, real
 
 from compasslib import calibration
 from compasslib.core.errors import InputError
@@ -36,7 +36,7 @@ WRITTEN = [
     (b"\xa5\x0a\xa0\x10" + bytes(range(60)), "a Nortek ad2cp file"),
     (b"\xa5\x05\x18\x00AQD 9330" + bytes(40), "a Nortek file (aqd, prf, wpr or vec)"),
     (b"n\x7f\x02\x01" + bytes(range(60)), "an RDI PD12 file"),
-    (b"7F7F940200061200" * 9, "an RDI file written as hexadecimal text"),
+    (b"7F7F940200061200" * 9, "an RDI PD0 file written as hexadecimal text; turn the digits into bytes"),
     (workbook(), "an Excel workbook"),
     (archive(), "a zip archive"),
     (gzip.compress(b"\x7f\x7f\xae\x02\x00\x06" * 9), "a gzip file that holds an RDI PD0 file"),
@@ -63,6 +63,48 @@ def test_a_wrong_file_is_named_in_one_line(tmp_path, content, name):
         read("pd0", [path], {})
     line = str(caught.value)
     assert line.startswith(f"{path}: expected an RDI PD0 file, found {name}") and "\n" not in line and "; " in line
+
+
+SENT = {
+    "pd0": (bytes.fromhex("7f7f940200061200") * 9, "an RDI PD0 file"),
+    "pd12": (b"n\x7f\x02\x01" + bytes(range(200, 255)), "an RDI PD12 file"),
+    "nortek": (b"\xa5\x05\x18\x00AQD 9330" + bytes(range(200, 240)), "a Nortek file (aqd, prf, wpr or vec)"),
+    "mmp_acm": ((bytes(range(180, 200)) * 14)[:279] + b"DATA" + bytes(60), "a Falmouth 3D-ACM's binary file"),
+}
+STAMPS = ("2013/07/24 01:26:16.123 ", "[2013-07-24 01:26:16] ", "01:26:16;", "2013/07/24 01:26:16.123 [adcpt:DLOGP1]: ")
+
+
+@pytest.mark.parametrize("form", SENT)
+@pytest.mark.parametrize("between", ["", " "])
+def test_hexadecimal_text_behind_time_stamps_is_named_with_what_to_do(tmp_path, form, between):
+    """The names are those of what the digits stand for, in lines of any length."""
+    data, name = SENT[form]
+    for k, stamp in enumerate((*STAMPS, "")):
+        lines = [
+            f"{stamp}{data[i : i + 30].hex(*filter(None, [between])).upper()}" for i in range(0, len(data) - 19, 30)
+        ]
+        head = ["2013/07/24 01:26:15.001 [adcpt:DLOGP1]:Instrument Started"] * (k == 0)
+        (tmp_path / "sent").write_text("\r\n".join([*head, *lines]))
+        for other in ("pd0", "table"):
+            with pytest.raises(InputError) as caught:
+                read(other, [tmp_path / "sent"], {"columns": {"time": "t", "east": "u", "north": "v"}})
+            said = f"found {name} written as hexadecimal text{' behind time stamps' * bool(stamp)}; turn the digits "
+            assert said in str(caught.value), stamp
+            assert str(caught.value).endswith(f"(xxd -r -p) and write format: {form}")
+
+
+def test_scans_behind_a_loggers_time_stamps_are_named(tmp_path):
+    row = "  09-04-2007 12:00:15   228.67    -0.87    -2.34   -0.0818   -0.4171    0.2452    -12.38     17.99      8.52"
+    for stamp in ("2013/07/24 01:26:16.123 ", "2013-07-24T01:26:16Z,", "[2013-07-24 01:26:16]"):
+        (tmp_path / "sent").write_text(f"{stamp}{row}    -3.41\r\n" * 30)
+        with pytest.raises(
+            InputError, match=r"behind a logger's time stamps; take the logger's time stamps off: a row"
+        ):
+            read("mmp_acm", [tmp_path / "sent"], {"pressure_files": ()})
+
+
+def test_a_file_of_a_modems_frames_is_known():
+    assert recognise(real("wild/acm_sio_escapes.dat")).form == "mmp_acm"
 
 
 def test_files_that_libraries_write_are_known(tmp_path):

@@ -239,3 +239,33 @@ def test_rounded_currents_and_stalled_rotors_hold_no_fill_value(tmp_path, digits
     text = _hours(np.where(stalled, 0.0, east), np.where(stalled, 0.0, north))
     record = read("table", table(tmp_path, text), {"columns": ROLES})
     assert record.counts["fill_values"] == 0 and record.warnings == ()
+
+
+@pytest.mark.parametrize(
+    ("header", "row"),
+    [
+        ("t,u,v", '"{}",{},{}'),
+        ("t u v", '"{}" {} {}'),
+        ("t u v", "'{}' {} {}"),
+        ('"t" "u" "v"', '"{}" "{}" "{}"'),
+        ("t, u, v", ' "{}", {}, {}'),
+        ("t,u,v", '"""{}""",{},{}'),
+        ("t\tu\tv", "'{}'\t{}\t{}"),
+        ("t;u;v", "\u201c{}\u201d;{};{}"),
+        ("t,u,v", '=" {}",{},{}'),
+    ],
+)
+def test_times_between_quotation_marks_are_read(tmp_path, header, row):
+    lines = [header, *(row.format(f"2007-09-04 {h:02d}:00:00", h / 10, -h / 10) for h in range(24))]
+    (tmp_path / "a.csv").write_text("\n".join(lines) + "\n")
+    record = read("table", [tmp_path / "a.csv"], {"columns": {"time": "t", "east": "u", "north": "v"}})
+    np.testing.assert_array_equal(record.time_s, 1188864000.0 + 3600.0 * np.arange(24))
+    np.testing.assert_array_equal(record.east[:, 0], np.arange(24) / 10)
+
+
+def test_quotation_marks_of_a_time_format_count(tmp_path):
+    (tmp_path / "a.csv").write_text("t,u,v\n" + "".join(f"'04.09.07 {h:02d}',1.0,2.0\n" for h in range(24)))
+    columns = {"time": "t", "east": "u", "north": "v"}
+    for form in ("'%d.%m.%y %H'", "%d.%m.%y %H"):
+        record = read("table", [tmp_path / "a.csv"], {"columns": columns, "time_format": form})
+        np.testing.assert_array_equal(record.time_s, 1188864000.0 + 3600.0 * np.arange(24))

@@ -42,6 +42,8 @@ MOST_UNITS = 2  # lines of units or the like below a header
 DIGITS = tuple("+-.0123456789")  # with which cells of data begin
 MARKS = "#%"  # of a comment
 ALIKE = {0x2212: "-", 0xA0: " ", 0x202F: " "}  # the minus sign and blanks of typesetters
+QUOTES = " \t=\"'\u201c\u201d\u2018\u2019"  # around a time, where a table was exported twice or for a spreadsheet
+_WORD = re.compile(r'"[^"\n]*"|\S+')
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 _PLAIN = re.compile(r"[0-9eE+\-.\n]*")
 _WITH_COMMA = re.compile(r"[-+]?\d*,\d+(?:[eE][-+]?\d+)?", re.ASCII)
@@ -255,12 +257,19 @@ def _holds(line: str) -> bool:
 
 def _parted(line: str, delimiter: str) -> list[str]:
     try:
-        return [
-            cell.strip()
-            for cell in (line.split() if delimiter == " " else next(csv.reader([line], delimiter=delimiter)))
-        ]
+        return [cell.strip() for cell in (_words(line) if delimiter == " " else next(_csv([line], delimiter)))]
     except csv.Error:
         return []
+
+
+def _csv(lines: Iterable[str], delimiter: str) -> Any:
+    """Part lines into cells; a quotation mark may stand behind blanks."""
+    return csv.reader(lines, delimiter=delimiter, skipinitialspace=True)
+
+
+def _words(line: str) -> list[str]:
+    """Part a line at blanks that are not between quotation marks."""
+    return line.split() if '"' not in line else [cell.strip('"') for cell in _WORD.findall(line)]
 
 
 def _usual(lines: Sequence[str]) -> str:
@@ -272,9 +281,9 @@ def _usual(lines: Sequence[str]) -> str:
 def _below(path: Path, raw: list[str], begin: int, delimiter: str, *, ended: bool) -> Lines:
     """Return the header in one line and the rows below it."""
     if delimiter == " ":
-        listed = [line.split() for line in raw[begin:]]
+        listed = [_words(line) for line in raw[begin:]]
     else:
-        reader = csv.reader(raw[begin:], delimiter=delimiter)
+        reader = _csv(raw[begin:], delimiter)
         try:
             listed = list(reader)
         except csv.Error as error:
@@ -299,7 +308,7 @@ def _below(path: Path, raw: list[str], begin: int, delimiter: str, *, ended: boo
 
 def _refuse_quote(path: Path, raw: list[str], begin: int, delimiter: str) -> None:
     """Refuse a cell that goes on in the next line: a stray quotation mark would swallow rows."""
-    reader = csv.reader(raw[begin:], delimiter=delimiter)
+    reader = _csv(raw[begin:], delimiter)
     line = next(k for k, _ in enumerate(reader, 1) if reader.line_num > k) + begin
     _refuse_line(path, line, "cells that end in their line", "a quotation mark that is not closed")
 
@@ -420,7 +429,11 @@ def _numbers(cells: list[str], decimal: str, missing: Sequence[str]) -> tuple[Fl
 
 def _times_in(path: Path, lines: Lines, places: Mapping[str, int], layout: Layout) -> tuple[dict[str, Floats], str]:
     """Return the times of a table by their role, date and clock together, and what was recognised."""
-    texts = {role: (_column(path, lines, place, role), lines.header[place]) for role, place in places.items()}
+    around = "".join({*QUOTES} - {*(layout.time_format or "")})  # a format may hold them
+    texts = {
+        role: ([cell.strip(around) for cell in _column(path, lines, place, role)], lines.header[place])
+        for role, place in places.items()
+    }
     if set(APART) <= set(texts):
         (dates, date), (clocks, clock) = (texts[role] for role in APART)
         texts = {"time": ([f"{one} {other}" for one, other in zip(dates, clocks, strict=True)], f"{date} and {clock}")}

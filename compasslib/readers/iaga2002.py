@@ -19,12 +19,14 @@ from compasslib.core.errors import InputError
 from compasslib.core.records import FieldSeries
 from compasslib.core.types import Floats
 from compasslib.readers import cells, recognition
+from compasslib.readers.damage import refuse_mostly_damaged
 
 MISSING = 88888.0  # and 99999; nothing on earth is as large
 LABEL_ENDS = 24  # column before which a header's label stands
 MINUTES = 60.0  # of arc in a degree
 CELL = r"(?:\s+|(?=[+-]))([+-]?\d+\.?\d*)"  # a sign may stand against the number before
 ROW = re.compile(r"(\d{4})-(\d\d)-(\d\d)\s+(\d\d):(\d\d):(\d\d(?:\.\d*)?)\s+(\d{1,3})" + CELL * 4 + r"\s*\|?\s*")
+DATED = re.compile(r"\d{4}-\d\d-\d\d\s")  # rows, damaged or not; headers may stand between those of joined files
 ADVICE = "give IAGA-2002 files of one observatory"
 SETS = ("D", "XY")  # components of which either gives the declination
 KILOMETRE_DEG = 0.01  # by which the positions of one station may differ between files
@@ -37,6 +39,7 @@ STEPS_OFF = 8.0  # of the middle step between neighbours: so far a filler stands
 STUCK_S, FEWEST_STUCK = 86400.0, 24  # no declination stands still for a day, whatever its resolution
 CONTRADICTION = 0.01  # of F: what pillars of one observatory differ by is a tenth of it
 LEAST_F_NT = 10000.0  # a smaller F is a difference of two instruments
+NO_BASELINE_DEG, NO_BASELINE_SHARE = 0.3, 0.02  # of a variation about zero: its declination, its horizontal part of F
 SAME_DEG = 0.1  # between two rows of one instant
 
 
@@ -108,6 +111,8 @@ def _file(path: Path) -> _File:
     matches = [match.groups() for line in rows if (match := ROW.fullmatch(line))]
     numbers = np.array(matches, dtype=float).reshape(-1, 7 + len(letters))
     time_s, sound = _instants(numbers[:, :7])
+    lost = sum(bool(DATED.match(line)) for line in rows) - int(sound.sum())
+    refuse_mostly_damaged(path, "rows", damaged=lost, whole=int(sound.sum()))
     if not sound.any():
         raise _refused(path, "rows of date, time, day of year and four numbers", f"{len(rows)} rows, none of them so")
     _refuse_too_large(path, numbers[sound, 7:])
@@ -168,7 +173,10 @@ def _stuck(column: Floats, time_s: Floats) -> NDArray[np.bool_]:
 
 
 def _refuse_contradiction(one: _File) -> None:
-    """Refuse a declination beyond a turn, and an intensity that is not that of the components beside it."""
+    """Refuse a declination beyond a turn, and an intensity that is not that of the components beside it.
+
+    Of a variation without its baseline the scalar F says nothing: it passes as where F is absent.
+    """
     beyond = ~_within_a_turn(one.values.get("D", np.zeros(1)))
     if np.mean(beyond) > MOST_WRONG:
         found = f"{one.values['D'][beyond][0]:g}; seconds of arc, or another component, in its column"
@@ -181,10 +189,17 @@ def _refuse_contradiction(one: _File) -> None:
     known = np.isfinite(total + made)
     if not known.any() or (middle := float(np.median(total[known]))) < LEAST_F_NT:
         return
-    if np.abs(np.median((made - total)[known])) > CONTRADICTION * middle:
+    if np.abs(np.median((made - total)[known])) > CONTRADICTION * middle and not _lacks_baseline(one, middle):
         expected = f"F as {', '.join(names)} make it, {np.median(made[known]):.0f} nT"
         advice = "a component has another unit, or stands in another's column"
         raise _refused(one.path, expected, f"{middle:.0f} nT", advice)
+
+
+def _lacks_baseline(one: _File, total_nT: float) -> bool:
+    """Tell components that vary about zero in declination or in the horizontal field, beside a scalar F."""
+    declination, horizontal, _ = (column[np.isfinite(column)] for column in _field(one.values))
+    about_zero = len(declination) > 0 and abs(float(np.median(declination))) < NO_BASELINE_DEG
+    return about_zero or (len(horizontal) > 0 and float(np.median(horizontal)) < NO_BASELINE_SHARE * total_nT)
 
 
 def _within_a_turn(minutes: Floats) -> NDArray[np.bool_]:

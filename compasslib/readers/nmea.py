@@ -10,6 +10,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,8 @@ from compasslib.core import angles
 from compasslib.core.errors import InputError
 from compasslib.core.types import Floats
 from compasslib.readers import cells
+from compasslib.readers.bounds import refuse_large_text
+from compasslib.readers.damage import refuse_mostly_damaged
 
 HEADINGS, COURSES = ("HDG", "HDM"), ("RMC", "VTG")
 PAIRED_S = 2.5  # a heading further in time from its course is not paired
@@ -75,10 +78,11 @@ def read(paths: Sequence[Path], *, heading: str = "HDG", course: str = "RMC") ->
         course: sentence of the course over ground, ``RMC`` or ``VTG`` (which takes the time of RMC).
 
     Raises:
-        InputError: a file cannot be read, or nothing in it can be paired.
+        InputError: a file cannot be read, over half of its headings and courses are damaged, or nothing in it can be
+            paired.
     """
     counts: Counter[str] = Counter()
-    fixes, seen = _collected(_sentences(paths, counts), counts, (heading, course))
+    fixes, seen = _collected(_sentences(paths, counts, (heading, course)), counts, (heading, course))
     if not (fixes and seen[heading]):
         raise InputError(
             ", ".join(map(str, paths)),
@@ -160,28 +164,35 @@ def _timed(fixes: list[_Fix], clock: list[tuple[int, float]]) -> list[_Fix]:
     return [_Fix(fix.line, time_s, *list(vars(fix).values())[2:]) for fix, time_s in zip(fixes, known, strict=True)]
 
 
-def _sentences(paths: Sequence[Path], counts: Counter[str]) -> Iterator[tuple[int, Any]]:
-    """Yield (running line number, sentence) of all that are whole."""
+def _sentences(paths: Sequence[Path], counts: Counter[str], wanted: Sequence[str]) -> Iterator[tuple[int, Any]]:
+    """Yield (running line number, sentence) of all that are whole; of other sentences any number may be damaged."""
     import pynmea2
 
-    contents = [_content(path) for path in paths]
-    counts["strange_bytes"] = sum(cells.strange(content) for content in contents)
-    texts = [text for content in contents for text in content.decode("ascii", errors="replace").splitlines()]
-    for line, text in enumerate(texts):
-        start = text.rfind("$")
-        if start < 0:
-            continue
-        try:
-            yield line, pynmea2.parse(text[start:].strip(), check=True)
-            counts["read"] += 1
-        except pynmea2.SentenceTypeError:
-            counts["other"] += 1
-        except (pynmea2.ParseError, ValueError):
-            counts["damaged"] += 1
+    line_number = count()
+    for path in paths:
+        content = _content(path)
+        counts["strange_bytes"] += cells.strange(content)
+        of_wanted = Counter[bool]()
+        for text, line in zip(content.decode("ascii", errors="replace").splitlines(), line_number, strict=False):
+            start = text.rfind("$")
+            if start < 0:
+                continue
+            whole = True
+            try:
+                yield line, pynmea2.parse(text[start:].strip(), check=True)
+                counts["read"] += 1
+            except pynmea2.SentenceTypeError:
+                counts["other"] += 1
+            except (pynmea2.ParseError, ValueError):
+                counts["damaged"] += 1
+                whole = False
+            of_wanted[whole] += text[start + 3 : start + 6] in wanted
+        refuse_mostly_damaged(path, " and ".join(wanted), damaged=of_wanted[False], whole=of_wanted[True])
 
 
 def _content(path: Path) -> bytes:
     try:
+        refuse_large_text(Path(path), Path(path).stat().st_size)
         return Path(path).read_bytes()
     except OSError as error:
         raise InputError(str(path), expected="a readable NMEA 0183 log", found=error, advice="check the path") from None

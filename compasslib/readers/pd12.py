@@ -19,6 +19,9 @@ from numpy.typing import NDArray
 from compasslib.core.errors import InputError
 from compasslib.core.records import GOOD, MISSING, Record
 from compasslib.core.types import Floats
+from compasslib.readers import telemetry
+from compasslib.readers.bounds import refuse_large_arrays
+from compasslib.readers.damage import refuse_mostly_damaged
 from compasslib.readers.mmp.scan_files import contents
 from compasslib.readers.pd0.currents import true_pitch
 from compasslib.readers.pd0.fields import hundredths, seconds_of
@@ -60,6 +63,8 @@ def read(paths: Sequence[Path], *, orientation: str, bin_size: float, first_bin:
     time_s = _times(heads)
     dated = np.isfinite(time_s)
     frames, heads, time_s = [f for f, d in zip(frames, dated, strict=True) if d], heads[dated], time_s[dated]
+    widest = int(heads["bins"].max(initial=1))
+    refuse_large_arrays(where, 4 * 8 * len(heads) * widest, counts["bytes_total"], widest)
     east, north, up, error = _velocities(frames, heads)
     counts |= {"bad_dates": int(np.sum(~dated)), "ensembles": len(heads), "lost": _lost(heads["number"])}
     heading = np.where(heads["heading"] < 36000, heads["heading"] / 100.0, np.nan)
@@ -94,11 +99,13 @@ def _frames(paths: Sequence[Path]) -> tuple[list[bytes], dict[str, int]]:
     for path in paths:
         data = contents(Path(path))
         found = list(_of_file(data))
-        whole = [frame for frame, _ in found if frame]
+        whole = [frame for frame, _, _ in found if frame]
         counts["bytes_total"] += len(data)
         counts["bytes_skipped"] += len(data) - sum(len(frame) + 2 for frame in whole)
         counts["damaged"] += len(found) - len(whole)
-        counts["escaped"] += sum(escaped for _, escaped in found)
+        failed = sum(declared and not frame for frame, _, declared in found)
+        refuse_mostly_damaged(path, "PD12 ensembles", damaged=failed, whole=len(whole))
+        counts["escaped"] += sum(escaped for _, escaped, _ in found)
         counts["no_reply"] += data.count(b"<ERROR type='FAILED'")
         files.append(whole)
     files.sort(key=lambda frames: int.from_bytes(frames[0][4:8], "little") if frames else 0)
@@ -107,31 +114,41 @@ def _frames(paths: Sequence[Path]) -> tuple[list[bytes], dict[str, int]]:
     return once, counts | {"repeated": len(frames) - len(once)}
 
 
-def _of_file(data: bytes) -> Iterator[tuple[bytes, bool]]:
-    """Give each ensemble without its sum, nothing where it is damaged, and whether it had escapes."""
+def _of_file(data: bytes) -> Iterator[tuple[bytes, bool, bool]]:
+    """Give each ensemble without its sum, nothing where it is damaged, if it had escapes, and if its head is right.
+
+    A head whose length is that of its bins and components is an ensemble's; others are chance pairs of its mark.
+    """
     end = 0
     for mark in re.finditer(MARK, data):
         start = mark.start()
         if start < end:
             continue
-        frame = _whole(data[start : start + LONGEST])
+        sent = data[start : start + LONGEST]
+        frame, declared = _whole(sent), _declares(sent)
         escaped = not frame
         if escaped:
-            sent = data[start : start + 2 * LONGEST]
-            frame = _whole(sent.replace(b"\x18\x6b", b"\x2b").replace(b"\x18\x58", b"\x18"))
+            sent = telemetry.unescape(data[start : start + 2 * LONGEST])
+            frame, declared = _whole(sent), declared or _declares(sent)
         end = start + len(frame)
-        yield frame, escaped and bool(frame)
+        yield frame, escaped and bool(frame), declared
 
 
 def _whole(data: bytes) -> bytes:
     """Return the ensemble that stands at the beginning, without its sum; nothing where length or sum are not right."""
+    if not _declares(data):
+        return b""
+    size = int.from_bytes(data[2:4], "little")
+    return data[:size] if sum(data[:size]) & 0xFFFF == int.from_bytes(data[size : size + 2], "little") else b""
+
+
+def _declares(data: bytes) -> bool:
+    """Return whether an ensemble's head stands at the beginning, and as many bytes as it says."""
     size = int.from_bytes(data[2:4], "little")
     if not HEADER.itemsize <= size <= len(data) - 2:
-        return b""
+        return False
     *_, components, _, bins = np.frombuffer(data, HEADER, 1)[0].item()
-    if size != HEADER.itemsize + 2 * bins * (components & FOUR).bit_count():
-        return b""
-    return data[:size] if sum(data[:size]) & 0xFFFF == int.from_bytes(data[size : size + 2], "little") else b""
+    return size == HEADER.itemsize + 2 * bins * (components & FOUR).bit_count()
 
 
 def _refuse(where: str, paths: Sequence[Path], heads: NDArray[np.void], counts: dict[str, int]) -> None:

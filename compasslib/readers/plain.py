@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from compasslib.core.errors import InputError
+from compasslib.readers.bounds import refuse_large_text
 
 LONGEST_LINE = 2**20  # bytes; a table of 10,000 columns has fewer
 PACKED = b"\x1f\x8b"
@@ -33,9 +34,9 @@ def of_lines(path: Path) -> bytes:
     """Return the bytes of a text file, unpacked, after a look that it has lines.
 
     Raises:
-        InputError: it cannot be read, or a line of it is longer than any instrument's.
+        InputError: it cannot be read, is too large, or a line of it is longer than any instrument's.
     """
-    blocks = []
+    blocks, size = [], 0
     try:
         with Path(path).open("rb") as raw:
             packed = raw.read(len(PACKED)) == PACKED
@@ -45,6 +46,8 @@ def of_lines(path: Path) -> bytes:
                 if len(block) == LONGEST_LINE and not (b"\n" in block or b"\r" in block):
                     expected, found = f"lines of less than {LONGEST_LINE} bytes", "a longer one"
                     raise InputError(str(path), expected=expected, found=found, advice="check that it is a text file")
+                size += len(block)
+                refuse_large_text(Path(path), size)
                 blocks.append(block)
     except (gzip.BadGzipFile, EOFError, zlib.error) as error:
         advice = "copy it again, or unpack it as far as it goes"

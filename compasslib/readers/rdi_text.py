@@ -18,6 +18,7 @@ from compasslib.core import angles
 from compasslib.core.errors import InputError
 from compasslib.core.records import GOOD, MISSING, Record, joined
 from compasslib.core.types import Floats
+from compasslib.readers.averages import describe_averages
 from compasslib.readers.cells import of_lines, strange
 from compasslib.readers.pd0.currents import true_pitch
 from compasslib.readers.pd0.fields import seconds_of
@@ -32,6 +33,8 @@ BEAM_ANGLE_DEG = 20.0  # of every WorkHorse and Long Ranger
 NUMBER = re.compile(r"[-+]?(\d{1,9}(\.\d*)?|\.\d+)", re.ASCII)
 FIRST_BIN = re.compile(r"1st Bin Range \(m\)[\s=\",]*(\d{1,4}(?:\.\d*)?)(?![\d.])")
 BIN_SIZE = re.compile(r"Bin Size \(m\)[\s=\",]*(\d{1,4}(?:\.\d*)?)(?![\d.])")
+PINGS = re.compile(r"Pings/Ens[\s=\",]*(\d{1,5})(?![\d.])")
+BETWEEN_PINGS = re.compile(r"Time/Ping[\s=\",]*(\d{1,2}):(\d\d(?:\.\d*)?)(?![\d.:])")
 EXPORT = "export the series as text with WinADCP, names and units in the header, or give the PD0 file: format: pd0"
 
 
@@ -46,6 +49,7 @@ class _Table:
     rows: list[list[str]]
     first_bin: float
     bin_size: float
+    average_s: float  # that the pings of an ensemble take, 0 where the preamble does not say
     cut: int
 
     def places(self, name: str) -> list[int]:
@@ -91,7 +95,11 @@ def _of_file(table: _Table, orientation: str | None) -> Record:
         beam_angle_deg=BEAM_ANGLE_DEG,
         profiles=_profiles(table, east.shape),
         counts={"rows": n + table.cut, "rows_cut": table.cut} | missing,
-        warnings=(NO_BIAS, *["the last line was cut short and left out"] * table.cut),
+        warnings=(
+            NO_BIAS,
+            *["the last line was cut short and left out"] * table.cut,
+            *describe_averages(table.average_s, time_s),
+        ),
     )
 
 
@@ -122,7 +130,10 @@ def _table(path: Path) -> _Table:
                 found=f"a line of {len(row)} cells",
                 advice="mend or remove the line",
             )
-    return _Table(path, names[:width], units, bins, [row for _, row in rows], float(first[1]), float(size[1]), cut)
+    pings, between = PINGS.search(text[:10000]), BETWEEN_PINGS.search(text[:10000])
+    average_s = int(pings[1]) * (60.0 * int(between[1]) + float(between[2])) if pings and between else 0.0
+    kept = [row for _, row in rows]
+    return _Table(path, names[:width], units, bins, kept, float(first[1]), float(size[1]), average_s, cut)
 
 
 def _kind(lines: Sequence[str], data: bytes) -> str:

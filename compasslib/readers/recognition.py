@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from compasslib.core.errors import InputError, Passing
+from compasslib.readers.bounds import TooLarge
 
 HEAD_BYTES = 65536
 TEXT_SHARE = 0.98  # of a text's bytes are printable
@@ -65,7 +66,6 @@ KINDS = (
     _kind("a file of nothing but zeros", None, rb"\0+\Z", "copy or export it again"),
     _kind("an RDI PD0 file", "pd0", rb"\x7f\x7f..\0"),
     _kind("an RDI PD12 file", "pd12", rb"n\x7f.[\0-\x0f]|.*<SampleData [^>]*>n\x7f"),
-    _kind("an RDI file written as hexadecimal text", None, rb"\s*7[Ff]7[Ff][0-9A-Fa-f\s]{40}", "turn it to binary"),
     _kind("a Nortek ad2cp file", "nortek", rb"\xa5[\x0a\x0c][\x15-\x2f\xa0]."),
     _kind("a Nortek file (aqd, prf, wpr or vec)", "nortek", rb"\xa5(\x05\x18\0|\x04\x70\0|\0\0\x01)"),
     _kind("a MATLAB 7.3 file", None, rb"MATLAB 7\.3 MAT-file"),
@@ -81,7 +81,7 @@ KINDS = (
     _kind("an image", None, rb"\x89PNG|\xff\xd8\xff|GIF8[79]a|II\*\0|MM\0\*|BM....\0\0\0\0", EXPORT),
     _kind("an SQLite database (RBR's .rsk is one)", None, rb"SQLite format 3\0"),
     _kind("a Parquet file", None, rb"PAR1"),
-    _kind("a Falmouth 3D-ACM's binary file", "mmp_acm", rb".{279}DATA"),
+    _kind("a Falmouth 3D-ACM's binary file", "mmp_acm", rb"(?:\x01[A-Z]{2}\d{7}_[^\x02]{21}\x02.{279,320}|.{279})DATA"),
     _kind("an IAGA-2002 file", "iaga2002", rb"\s*Format\s+IAGA-2002"),
     _kind("a web page", None, rb"(?i)\s*(?:<!doctype html|<html)", EXPORT),
     _kind("an XML file", None, rb"\s*<\?xml", EXPORT),
@@ -89,6 +89,13 @@ KINDS = (
     _kind("a JSON file", None, rb"\s*[{\[]\s*[\"{\[]"),
     _kind("a Sea-Bird file (cnv or hex)", None, rb"\s*\* ?Sea-?Bird"),
     _kind("an NMEA 0183 log", "nmea0183", rb"(?:[^\n]*\n){0,3}[^\n]{0,40}[$!][A-Z]{2}[A-Z0-9]{3},[^\n]*\*[0-9A-F]{2}"),
+    _kind(
+        "scans of a Falmouth 3D-ACM behind a logger's time stamps",
+        None,
+        rb"(?:[^\n]*\n){0,40}?[^\n]{0,40}\d[^\n]{0,9}[\s,;>\]]\d\d([-/])\d\d\1\d{4} \d\d:\d\d:\d\d"
+        rb"(?:[ \t,]+-?\d+\.\d+){10}\s",
+        "take the logger's time stamps off: a row begins with the meter's own (MM-DD-YYYY HH:MM:SS)",
+    ),
     _kind("unpacked scans of a Falmouth 3D-ACM", "mmp_acm", rb"(?:[^\n]*\n){0,12}[^\n]*\bHDNG[\s,]+TX[\s,]+TY\b"),
     _kind(
         "a text export of RDI's programs",
@@ -100,6 +107,7 @@ KINDS = (
 TABLE = _kind("a text table", "table", rb"")
 PROSE = _kind("a text without columns", None, rb"", EXPORT)
 _ROW = re.compile(rb"\s*\"?[-+.]?\d[^\n]*[,;\t ]")  # begins with a number, and more stands behind it
+_DIGITS = re.compile(rb"(?<![0-9A-Za-z.:])(?:[0-9A-Fa-f]{40,}|(?:[0-9A-Fa-f]{2} ){19,}[0-9A-Fa-f]{2})")
 _PLAIN = bytes([*range(9, 14), *range(32, 127), *range(0xA0, 0xFF)])
 
 
@@ -142,7 +150,7 @@ def naming(
     """
     try:
         yield
-    except Passing:
+    except (Passing, TooLarge):
         raise
     except InputError as error:
         for path in paths:
@@ -184,9 +192,27 @@ def _of(head: bytes) -> Kind | None:
     found = next((kind for kind in KINDS if kind.holds.match(head)), None)
     if found:
         return found
+    if hexadecimal := _hexadecimal(head):
+        return hexadecimal
     if head[:2] in (b"\xff\xfe", b"\xfe\xff") and (b"\n\0" in head or b"\0\n" in head):
         return TABLE  # in UTF-16
     if len(head.translate(None, _PLAIN)) > (1.0 - TEXT_SHARE) * len(head):
         return None
     lines = [line for line in head.splitlines() if line.strip()]
     return TABLE if 2 * sum(bool(_ROW.match(line)) for line in lines) >= len(lines) else PROSE
+
+
+def _hexadecimal(head: bytes) -> Kind | None:
+    """Return what binary file a text of hexadecimal digits stands for, None where few lines hold a long row of them."""
+    lines = [line for line in head.splitlines() if line.strip()]
+    rows = [(line, row[0]) for line in lines if (row := _DIGITS.search(line))]
+    digits = b"".join(row.replace(b" ", b"") for _, row in rows)
+    if 2 * len(rows) <= len(lines) or digits.isdigit():
+        return None
+    octets = bytes.fromhex(digits[: len(digits) // 2 * 2].decode())
+    binary = next((kind for kind in KINDS if kind.form in (*BINARY, "mmp_acm") and kind.holds.match(octets)), None)
+    name = binary.name if binary else "a binary file"
+    stamped = any(b":" in line[: line.find(row)] for line, row in rows)
+    advice = f"turn the digits{' behind the stamps' * stamped} into bytes (xxd -r -p)"
+    advice += f" and write format: {binary.form}" if binary else ""
+    return Kind(f"{name} written as hexadecimal text{' behind time stamps' * stamped}", None, _DIGITS, advice)

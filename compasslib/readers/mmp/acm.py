@@ -366,7 +366,7 @@ def _counts(series: TimedScans, companion: Companion, keep: Bools) -> dict[str, 
 
 
 def _losses(scans: Scans, counts: dict[str, int], known_depth: bool, remote: int) -> list[str]:
-    notes = []
+    notes = [*scans.notes]
     if scans.damaged:
         notes.append(f"{scans.damaged} damaged rows were left out ({_listed(scans.damaged_files)})")
     if scans.strange:

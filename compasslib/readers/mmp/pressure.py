@@ -16,6 +16,7 @@ import numpy as np
 from compasslib.core.errors import InputError
 from compasslib.core.types import Floats
 from compasslib.readers.cells import Layout, Lines, lines_fitting, said, table_in
+from compasslib.readers.damage import refuse_mostly_damaged
 from compasslib.readers.mmp.rows import UNKNOWN, Form, ProfileBlock, Text, blocks, parse
 from compasslib.readers.mmp.scan_clock import civil
 from compasslib.readers.mmp.scan_files import contents, is_text
@@ -155,6 +156,7 @@ def _with_old_stamp(text: Text) -> Text:
 
 def _rows(path: Path, text: Text) -> _PressureSeries:
     profiles, _, damaged = blocks(text, path)
+    refuse_mostly_damaged(path, "rows of pressure", damaged=damaged - text.foreign, whole=len(text.offset))
     stamped = text.form is not None and text.form[0]
     time_s = text.time_s if stamped else np.concatenate([_laid_out(path, block) for block in profiles])
     dbar = text.values[:, DBAR_OF_E if stamped else DBAR_OF_C]

@@ -38,6 +38,7 @@ for _characters, _kind in (
 ):  # fmt: skip
     _KIND[list(_characters)] = _kind
 _DATE, _TIME = (np.array(digits) for digits in ((0, 1, 3, 4, 6, 7, 8, 9), (0, 1, 3, 4, 6, 7)))
+NEAR_WORDS = 1  # that a row has more or less where a character is lost or added
 PAUSE_S = 60.0  # rows without header lines further apart, or going back as much, belong to different profiles
 UNKNOWN = -1  # number of a profile that nothing names
 _WORDS = re.compile(
@@ -63,6 +64,7 @@ class Text:
     values: Floats  # (r, k)
     damaged: Ints  # offsets of lines of numbers that are no rows
     lines: tuple[tuple[int, bytes], ...]  # offset and words of the lines that are no numbers
+    foreign: int = 0  # damaged lines whose numbers are too many or too few for a row with a character lost or added
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,6 +159,7 @@ def parse(data: bytes, wanted: Callable[[Form], bool]) -> Text:
     pieces: list[_RowChunk] = []
     damaged: list[Ints] = []
     lines: list[tuple[int, bytes]] = []
+    foreign = 0
     for start, octets in _chunks(data):
         kind = _KIND[octets]
         begins, ends, present = _lines(octets, kind)
@@ -168,12 +171,13 @@ def parse(data: bytes, wanted: Callable[[Form], bool]) -> Text:
         fits = np.zeros(len(begins), dtype=bool)
         fits[numeric] = False if form is None else (stamped == form[0]) & (tokens == form[1] + 2 * stamped)
         lost = begins[numeric & ~fits]
+        foreign += int(np.sum(np.abs(tokens - form[1] - 2 * form[0]) > NEAR_WORDS)) if form else 0
         if form and fits.any():
             piece, bad = _row_chunk(octets, form, begins[fits], ends[fits])
             pieces.append(replace(piece, offset=start + piece.offset))
             lost = np.append(lost, bad)
         damaged.append(start + lost)
-    return _regular(form, pieces, damaged, lines)
+    return replace(_regular(form, pieces, damaged, lines), foreign=foreign)
 
 
 def blocks(text: Text, path: Path) -> tuple[list[ProfileBlock], Ints, int]:

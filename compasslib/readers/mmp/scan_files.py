@@ -19,7 +19,8 @@ import numpy as np
 
 from compasslib.core.errors import InputError
 from compasslib.core.types import Bools, Floats
-from compasslib.readers import cells
+from compasslib.readers import cells, telemetry
+from compasslib.readers.damage import refuse_mostly_damaged
 from compasslib.readers.mmp import rows
 from compasslib.readers.mmp.rows import UNKNOWN, ProfileBlock
 from compasslib.readers.mmp.scan_clock import Ints, civil, misplaced
@@ -37,6 +38,7 @@ RECORD = np.dtype(
 )
 LENGTH_BYTES, TAIL_BYTES = 4, 8
 FRONT_BYTES = LENGTH_BYTES + HEADER_BYTES
+DAY_S, LONGEST_S = 86400.0, 30 * 86400.0  # a profiler turns its meter on before a profile, which lasts hours
 NO_SPEED = 1e-30  # cm/s: a float of which zeros took all but its first bytes
 LIKENESS = 0.8  # share of the bytes that a header has in common with the file's first; the settings do not change
 
@@ -54,6 +56,7 @@ class Scans:
     damaged_files: tuple[str, ...]
     empty_files: tuple[str, ...]
     strange: int = 0  # bytes of text files that are no text, and were passed over
+    notes: tuple[str, ...] = ()  # sentences on how files were read
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +68,7 @@ class BinaryScans:
     time_s: Floats  # (r,) whole seconds
     values: Floats  # (r, 10)
     damaged: int  # records that are no scans
+    failed: int  # of these, those of profiles that are recognised, neither filled up nor moved by lost bytes
 
 
 @dataclass(frozen=True)
@@ -123,7 +127,7 @@ def _parsed_binary(data: bytes) -> BinaryScans:
     places: list[Ints] = [np.zeros(0, dtype=np.int64)]
     times: list[Floats] = [np.zeros(0)]
     values: list[Floats] = [np.zeros((0, RECORD["values"].shape[0]))]
-    damaged, begin = 0, 0
+    damaged, failed, begin = 0, 0, 0
     for span in _spans(data):
         damaged += span.torn + span.records
         if span.records:
@@ -135,17 +139,32 @@ def _parsed_binary(data: bytes) -> BinaryScans:
             places.append(np.flatnonzero(good))
             times.append(time_s[good])
             values.append(records["values"][good].astype(float))
+            failed += _count_failed(data, span, records, good)
             damaged, begin = damaged - kept, begin + kept
-    return BinaryScans(blocks, np.concatenate(places), np.concatenate(times), np.concatenate(values), damaged)
+    return BinaryScans(blocks, np.concatenate(places), np.concatenate(times), np.concatenate(values), damaged, failed)
+
+
+def _count_failed(data: bytes, span: _Span, records: np.ndarray, good: Bools) -> int:
+    """Count the records of a profile that fail, without fillings of one byte and what is whole but moved."""
+    octets = records[~good].view(np.uint8).reshape(-1, RECORD.itemsize)
+    failed = int((octets != octets[:, :1]).any(axis=1).sum())
+    if failed <= good.sum():
+        return failed
+    for phase in range(1, RECORD.itemsize):
+        count = (span.end - span.begin - phase) // RECORD.itemsize
+        _, whole = _times(np.frombuffer(data, dtype=RECORD, count=count, offset=span.begin + phase))
+        failed -= int(np.sum(whole[:-1] & whole[1:] & ~good[: count - 1]))
+    return max(failed, 0)
 
 
 def _one(path: Path) -> Scans:
-    data = contents(path)
-    if _precedes_record(data, FRONT_BYTES) or _marks(data):
+    data, notes = _from_modem(path, contents(path))
+    if _is_binary(data):
         binary = _parsed_binary(data)
         number = rows.number_in_name(path) if len(binary.blocks) == 1 else UNKNOWN
         blocks = [ProfileBlock(**(vars(block) | {"number": number})) for block in binary.blocks]
-        return _scans(path, blocks, binary.place, binary.time_s, binary.values, binary.damaged)
+        scans = _scans(path, blocks, binary.place, binary.time_s, binary.values, binary.damaged, binary.failed)
+        return replace(scans, notes=notes)
     text = rows.parse(data if is_text(data) else b"", lambda form: form in (STAMPED, BARE))
     if data.strip() and text.form is None and not rows.has_statements(text):
         found = f"a file that begins with {data[:24]!r}"
@@ -154,16 +173,63 @@ def _one(path: Path) -> Scans:
     values = text.values if text.form == STAMPED else np.full((len(text.offset), len(COLUMNS)), np.nan)
     if text.form == BARE:
         values[:, 1:] = text.values
-    return replace(_scans(path, found_blocks, place, text.time_s, values, damaged), strange=cells.strange(data))
+    scans = _scans(path, found_blocks, place, text.time_s, values, damaged, damaged - text.foreign)
+    return replace(scans, strange=cells.strange(data))
+
+
+def _is_binary(data: bytes) -> bool:
+    return _precedes_record(data, FRONT_BYTES) or bool(_marks(data))
+
+
+def _from_modem(path: Path, data: bytes) -> tuple[bytes, tuple[str, ...]]:
+    """Return the profiles of a file that came through a modem as the meter wrote them, and what was undone.
+
+    Other instruments' frames are left out, and so is a profile that was sent once more. What holds no more scans
+    without frames and escapes than with them stays as it is.
+    """
+    profiles: list[list[bytes]] = []
+    last: dict[str, list[bytes]] = {}  # of each instrument
+    for payload in telemetry.payloads(data):
+        if _is_binary(payload.data):
+            profiles.append(last.setdefault(payload.instrument, []))
+            last[payload.instrument] = profiles[-1] = [payload.data]
+        elif payload.instrument in last:  # the rest of its last profile
+            last[payload.instrument].append(payload.data)
+    undone = telemetry.may_be_escaped(data)
+    sent = b"".join(dict.fromkeys(b"".join(parts) for parts in profiles))
+    sent = sent or (telemetry.unescape(data) if undone else b"")
+    if not sent or _count_scans(sent) <= _count_scans(data):
+        return data, ()
+    notes = [f"{path.name} {telemetry.UNDONE}"] * undone
+    if len(last) > 1:
+        names = " and ".join(last)
+        notes.append(
+            f"{path.name} holds frames of {len(last)} instruments, {names}: give those of each as its own file"
+        )
+    return sent, tuple(notes)
+
+
+def _count_scans(data: bytes) -> int:
+    return len(_parsed_binary(data).time_s) if _is_binary(data) else 0
 
 
 def _scans(
-    path: Path, blocks: Sequence[ProfileBlock], place: Ints, clock_s: Floats, values: Floats, damaged: int
+    path: Path, blocks: Sequence[ProfileBlock], place: Ints, clock_s: Floats, values: Floats, damaged: int, failed: int
 ) -> Scans:
-    """Leave out what no meter can log."""
+    """Leave out what no meter can log.
+
+    Args:
+        damaged: rows or records that are no scans.
+        failed: of these, those that are recognised as such.
+
+    Raises:
+        InputError: more fail than are whole.
+    """
     profile = np.repeat(np.arange(len(blocks)), [block.end - block.begin for block in blocks])
     good = _possible(values) & ~misplaced(clock_s, profile)
-    damaged += int(np.sum(~good))
+    impossible = int(np.sum(~good))
+    refuse_mostly_damaged(path, "scans", damaged=failed + impossible, whole=len(good) - impossible)
+    damaged += impossible
     return Scans(
         clock_s=clock_s[good],
         values=values[good],
@@ -200,6 +266,7 @@ def _joined(parts: Sequence[Scans]) -> Scans:
         damaged_files=tuple(file for part in parts for file in part.damaged_files),
         empty_files=tuple(file for part in parts for file in part.empty_files),
         strange=sum(part.strange for part in parts),
+        notes=tuple(note for part in parts for note in part.notes),
     )
 
 
@@ -258,11 +325,14 @@ def _spans(data: bytes) -> Iterator[_Span]:
 
 
 def _span(data: bytes, mark: int, limit: int, *, last: bool) -> _Span:
-    """Return the records behind a header: as many as its length says, unless the next header says otherwise."""
+    """Return the records behind a header: as many as its length says, unless what follows says otherwise.
+
+    A profiler that sends every so many scans of a profile leaves the length of the whole in front of them.
+    """
     length = int.from_bytes(data[mark - FRONT_BYTES : mark - HEADER_BYTES], "big")
     stated = (length - HEADER_BYTES) // RECORD.itemsize if _whole(length) else -1
     fit, odd = divmod(limit - mark - TAIL_BYTES, RECORD.itemsize)
-    if odd == 0 and fit >= 0 and (stated <= fit or not last):
+    if odd == 0 and fit >= 0 and (stated <= fit or not last or _ends_in_times(data, mark, limit - TAIL_BYTES)):
         return _Span(mark, limit, fit, limit - TAIL_BYTES)
     end = mark + stated * RECORD.itemsize
     if stated >= 0 and end + TAIL_BYTES <= limit:
@@ -271,6 +341,13 @@ def _span(data: bytes, mark: int, limit: int, *, last: bool) -> _Span:
         return _Span(mark, limit, stated)
     fit, odd = divmod(limit - mark, RECORD.itemsize)
     return _Span(mark, limit, fit, torn=int(odd > 0))
+
+
+def _ends_in_times(data: bytes, begin: int, tail: int) -> bool:
+    """Return whether times of switching on and off stand there, near the record that stands first."""
+    first_s, good = _times(np.frombuffer(data, dtype=RECORD, count=int(tail > begin), offset=begin))
+    on, off = np.frombuffer(data, ">u4", 2, tail).astype(float)
+    return bool(good.any()) and abs(on - first_s[0]) < DAY_S and on <= off < on + LONGEST_S
 
 
 def _filled_up(data: bytes, span: _Span, records: np.ndarray, good: Bools) -> Bools:

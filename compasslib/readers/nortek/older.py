@@ -60,9 +60,7 @@ def samples(found: Packets) -> Samples:
     rows, first = found.rows(mine), VELOCITY[kind]
     cells = 1 if kind in POINT else int(_number(user, 34))
     if usual < first + BEAMS * cells * 3 + 2 or not cells:
-        shown = f"{usual} bytes for {cells} cells"
-        advice = "the configuration is of another recording: give each as a file of its own"
-        raise InputError(str(found.path), expected="records that hold their cells", found=shown, advice=advice)
+        raise _unlike_configuration(found, usual, first, cells, int(_number(user, 18)))
     sensors = np.ascontiguousarray(rows[:, : _SENSORS.itemsize]).view(_SENSORS)[:, 0]
     velocity = _velocity(rows[:, first : first + 6 * cells], sensors["status"])
     recorded = int(_number(user, 32))
@@ -117,6 +115,18 @@ def _kind(found: Packets) -> int:
     advice = "give its velocities as a table" if meant else "give each recording as a file of its own"
     kinds = "velocities of an Aquadopp, an Aquadopp profiler or an AWAC"
     raise InputError(str(found.path), expected=kinds, found=shown, advice=advice)
+
+
+def _unlike_configuration(found: Packets, size: int, first: int, cells: int, beams: int) -> InputError:
+    """Say why records of some bytes, velocities from ``first`` on, do not hold the cells of three beams."""
+    if beams != BEAMS and size in (whole := first + beams * cells * 3 + 2, whole + whole % 2):
+        level = ", which are level, as of an AWAC that looks sideways" if beams == 2 else ""
+        shown, expected = f"{beams} beam{'s' * (beams > 1)}{level}", f"{BEAMS} slanted beams"
+        advice = "export its velocities with Nortek's program and write format: table"
+    else:
+        shown, expected = f"{size} bytes for {cells} cells", "records that hold their cells"
+        advice = "the configuration is of another recording: give each as a file of its own"
+    return InputError(str(found.path), expected=expected, found=shown, advice=advice)
 
 
 def _number(block: Bytes, at: int) -> np.uint16:

@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 
 from compasslib.core.errors import InputError
 from compasslib.core.types import Bools
+from compasslib.readers import telemetry
+from compasslib.readers.damage import refuse_mostly_damaged
 
 Bytes = NDArray[np.uint8]
 Places = NDArray[np.int64]
@@ -38,6 +40,7 @@ class Packets:
     end: Places  # (k,) of the record
     start: Places  # (k,) of the record
     damaged: int  # places that begin like one of these records and whose checksum fails
+    escaped: bool = False  # the data came with a modem's escapes, which were undone
 
     @cached_property
     def skipped(self) -> list[tuple[int, int]]:
@@ -68,14 +71,16 @@ def packets(path: str | Path) -> Packets:
     """Return the records of a file, of the Signature's format where it holds one of them.
 
     Raises:
-        InputError: the file cannot be read, or holds no record of either format.
+        InputError: the file cannot be read, holds no record of either format, or more damaged ones than whole ones.
     """
     data = _bytes(Path(path))
-    marks = np.flatnonzero(data == SYNC)
-    sums = _running_sums(data)
-    found, signature = _signatures(data, marks, sums), True
-    if not len(found[0]):
-        found, signature = _older(data, marks, sums), False
+    marks, found, signature = _found(data)
+    escaped = False
+    if telemetry.may_be_escaped(data[: telemetry.SAMPLE_BYTES].tobytes()):
+        undone = np.frombuffer(telemetry.unescape(data.tobytes()), dtype=np.uint8)
+        other = _found(undone)
+        escaped = len(other[1][0]) > len(found[0])
+        data, (marks, found, signature) = (undone, other) if escaped else (data, (marks, found, signature))
     if not len(found[0]):
         beginning = data[:16].tobytes()
         shown = f"a file that begins with {beginning!r}" if beginning else "an empty file"
@@ -85,7 +90,17 @@ def packets(path: str | Path) -> Packets:
     kind, start, begin, end = (column[apart] for column in found)
     inside = np.searchsorted(start, marks, "right") - 1
     between = marks[(inside < 0) | (marks >= end[inside])]
-    return Packets(Path(path), data, signature, kind, begin, end, start, _alike(data, between, start))
+    damaged = _alike(data, between, start)
+    refuse_mostly_damaged(path, "Nortek records", damaged=damaged, whole=len(kind))
+    return Packets(Path(path), data, signature, kind, begin, end, start, damaged, escaped)
+
+
+def _found(data: Bytes) -> tuple[Places, tuple[Places, Places, Places, Places], bool]:
+    """Find where A5 stands, kind, start, begin and end of records that may overlap, and if they are the Signature's."""
+    marks = np.flatnonzero(data == SYNC)
+    sums = _running_sums(data)
+    found = _signatures(data, marks, sums)
+    return (marks, found, True) if len(found[0]) else (marks, _older(data, marks, sums), False)
 
 
 def word(data: Bytes, at: Places) -> NDArray[np.uint16]:

@@ -18,13 +18,13 @@ from compasslib.core import angles, compass
 from compasslib.core.errors import InputError
 from compasslib.core.records import MAGNETOMETER, MISSING, Record, take
 from compasslib.core.types import Bools, Floats
+from compasslib.readers import telemetry
+from compasslib.readers.averages import describe_averages
 from compasslib.readers.nortek import older, signature
 from compasslib.readers.nortek.packets import Packets, packets
 from compasslib.readers.nortek.samples import BEAM, EARTH, Samples
 from compasslib.readers.pd0.account import FEW_DISAGREE, RANGES_SHOWN
 from compasslib.readers.pd0.consistency import ADVICE, same_number
-
-LONG_AVERAGE_S = 120.0  # whose middle lies a minute after its time
 
 
 def read(
@@ -171,6 +171,8 @@ def _counts(files: Sequence[tuple[Packets, Samples]], whole: Samples, heading_de
 def _of_files(files: Sequence[tuple[Packets, Samples]]) -> Iterator[str]:
     for found, samples in files:
         name, counts = found.path.name, samples.counts
+        if found.escaped:
+            yield f"{name} {telemetry.UNDONE}; places are those of the bytes after that."
         if found.skipped:
             yield (
                 f"{name}: {found.bytes_skipped} of {found.data.size} bytes belong to no good record and were skipped; "
@@ -198,9 +200,4 @@ def _of_settings(whole: Samples, counts: dict[str, int], stated: float | None, u
         yield f"{counts['orientation_disagrees']} of {n} samples say that it looked {other}; {word} counts{effect}."
     if counts["heading_missing"]:
         yield f"{counts['heading_missing']} of {n} samples have no valid heading."
-    if whole.average_s >= LONG_AVERAGE_S:
-        half = whole.average_s / 2.0
-        yield (
-            f"Each sample is the mean of {whole.average_s:g} s from its time on: its middle is {half:g} s later; "
-            f"clock_offset_seconds: {-half:g} moves it there."
-        )
+    yield from describe_averages(whole.average_s, whole.time_s)

@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from compasslib.core.types import Floats
+from compasslib.readers import telemetry
+from compasslib.readers.averages import describe_averages
 from compasslib.readers.pd0.currents import Choices, looks_up
 from compasslib.readers.pd0.fields import EARTH, SHIP, Ensembles, LeftOut
 from compasslib.readers.pd0.frames import Places, Skipped
@@ -30,6 +32,7 @@ class FileReport:
     three_beam: int  # currents solved from three beams, by this reader or by the instrument
     lost: int  # ensembles missing by their numbers where bytes were skipped
     skipped: tuple[Skipped, ...]
+    escaped: bool = False  # the bytes came with a modem's escapes, which were undone
 
     @property
     def bytes_skipped(self) -> int:
@@ -93,7 +96,7 @@ def warnings_of(
 
 def _of_file(report: FileReport) -> list[str]:
     name = Path(report.path).name
-    lines = []
+    lines = [f"{name} {telemetry.UNDONE}; places are those of the bytes after that."] * report.escaped
     if report.skipped:
         belong = f"{name}: {report.bytes_skipped} of {report.bytes_total} bytes belong to no good ensemble"
         lines.append(f"{belong} and were skipped{_damage(report)}.")
@@ -168,7 +171,7 @@ def _of_configuration(leaders: Ensembles, counts: dict[str, int], choices: Choic
         )
     if np.isnan(leaders.beam_angle_deg).any():
         lines.append("Some ensembles do not say their beam angle; beam velocities of theirs cannot be used.")
-    return lines
+    return [*lines, *describe_averages(float(np.median(leaders.average_s)), leaders.time_s)]
 
 
 def _configurations(leaders: Ensembles) -> int:

@@ -71,7 +71,7 @@ def refuse_coordinates(where: str, leaders: Ensembles, other: int, decisive: int
     """Refuse a file whose cells are not in the coordinates of EX.
 
     Args:
-        other: cells that contradict EX by their percent good.
+        other: cells that contradict EX by their percent good and velocities.
 
     Raises:
         InputError: most of them do.

@@ -100,10 +100,12 @@ def quality(ensembles: Ensembles, east: Floats, north: Floats) -> Flags:
 
 
 def of_other_coordinates(ensembles: Ensembles) -> tuple[int, int]:
-    """Return how many cells contradict the coordinates that EX tells, and how many could, of some ensembles.
+    """Count the cells that contradict the coordinates of EX, and the cells that could, in some of the ensembles.
 
     Percent good has a column a beam in beam coordinates; in others its columns part all pings, and add up to 100.
-    Beams, too, agree on their error velocity.
+    Converters also fill it (all 100, or 100 in one column), so that the velocities decide with it. Beams measure the
+    same vertical flow in both pairs, and a horizontal flow in each: b1 + b2 - b3 - b4 is small beside b1 - b2 and
+    beside b3 - b4. East and north of a flow to NW or SE look like one such pair, never like both.
 
     Args:
         ensembles: n ensembles of m cells.
@@ -112,10 +114,11 @@ def of_other_coordinates(ensembles: Ensembles) -> tuple[int, int]:
     percent, velocity = ensembles.percent_good[some], ensembles.velocity[some]
     total = percent.sum(axis=-1, dtype=np.int16)
     decisive = (total > 0) & np.isfinite(velocity).all(axis=-1)
-    parts = np.abs(total - ALL_PINGS) <= PINGS_ROUNDED
+    filled = (percent == percent[..., :1]).all(axis=-1) | np.isin(percent, (0, ALL_PINGS)).all(axis=-1)
     b1, b2, b3, b4 = np.moveaxis(velocity, -1, 0)
-    agree = 2.0 * np.abs(b1 + b2 - b3 - b4) < np.abs(b1 - b2) + np.abs(b3 - b4)
-    beams = (total > ALL_PINGS + TWO_BEAMS) & agree
+    apart, first, second = (np.abs(each) for each in (b1 + b2 - b3 - b4, b1 - b2, b3 - b4))
+    beams = (total > ALL_PINGS + TWO_BEAMS) & (2.0 * apart < np.minimum(first, second))
+    parts = (np.abs(total - ALL_PINGS) <= PINGS_ROUNDED) & (~filled | (2.0 * apart > first + second))
     other = np.where((ensembles.coordinates[some] == BEAM)[:, None], parts, beams)
     return int(np.sum(other & decisive)), int(np.sum(decisive))
 

@@ -9,12 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
+from math import prod
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from compasslib.core.types import Floats
+from compasslib.readers.bounds import refuse_large_arrays
 from compasslib.readers.pd0.frames import FIXED_LEADERS, VARIABLE_LEADERS, Bytes, EnsembleRun, Layout, Places
 
 T = TypeVar("T", bound=np.generic)
@@ -28,11 +30,14 @@ MISSING_COUNT = -32768
 _FIXED = np.dtype(
     {
         "names": [
-            *("system", "beams", "cells", "cell_cm", "blank_cm", "ex", "ea", "eb", "sensors", "bin1_cm"),
-            *("board", "serial", "beam_angle"),
+            *("system", "beams", "cells", "pings", "cell_cm", "blank_cm", "between_pings", "ex", "ea", "eb"),
+            *("sensors", "bin1_cm", "board", "serial", "beam_angle"),
         ],
-        "formats": ["<u2", "u1", "u1", "<u2", "<u2", "u1", "<i2", "<i2", "u1", "<u2", "<i8", "<u4", "u1"],
-        "offsets": [4, 8, 9, 12, 14, 25, 26, 28, 31, 32, 42, 54, 58],
+        "formats": [
+            *("<u2", "u1", "u1", "<u2", "<u2", "<u2", "3u1", "u1", "<i2", "<i2"),
+            *("u1", "<u2", "<i8", "<u4", "u1"),
+        ],
+        "offsets": [4, 8, 9, 10, 12, 14, 22, 25, 26, 28, 31, 32, 42, 54, 58],
         "itemsize": 59,
     }
 )
@@ -91,6 +96,7 @@ class Ensembles:
     frequency_khz: Floats  # (n,)
     heading_alignment_deg: Floats  # (n,) EA
     heading_bias_deg: Floats  # (n,) EB
+    average_s: Floats  # (n,) that the pings of an ensemble take, by their number and the time between them
 
     def __len__(self) -> int:
         return len(self.number)
@@ -172,12 +178,14 @@ def joined(parts: Sequence[Ensembles]) -> Ensembles:
 class Grown:
     """Arrays by name that grow along their ensembles: many pieces would leave holes in memory as they are joined."""
 
-    def __init__(self, size: int) -> None:
+    def __init__(self, where: str, size: int) -> None:
         """Begin without any.
 
         Args:
+            where: names of all files.
             size: bytes of all files.
         """
+        self._where = where
         self._size, self._used, self._whole = size, 0, dict[str, NDArray[Any]]()
 
     def __len__(self) -> int:
@@ -192,9 +200,15 @@ class Grown:
         Args:
             fill: what stands in the padding; NaN, or 0 for integers, where absent.
             size: bytes of the piece: they tell how many ensembles the files hold. Room that is not filled costs none.
+
+        Raises:
+            InputError: the padded bins would take far more memory than the files hold.
         """
         more = len(next(iter(columns.values())))
         end = self._used + more
+        widest = max(part.shape[1] for part in (*columns.values(), *self._whole.values()))
+        each = sum(part.dtype.itemsize * prod(part.shape[2:]) for part in columns.values())
+        refuse_large_arrays(self._where, end * widest * each, self._size, widest)
         for name, part in columns.items():
             whole = self._whole.get(name, part[:0])
             cells, padding = max(whole.shape[1], part.shape[1]), fill.get(name, np.nan if part.dtype.kind == "f" else 0)
@@ -323,6 +337,7 @@ def _from_fixed(rows: Bytes, layout: Layout) -> dict[str, Any]:
         "frequency_khz": _FREQUENCIES_KHZ[system & 7],
         "heading_alignment_deg": leader["ea"] / 100.0,
         "heading_bias_deg": leader["eb"] / 100.0,
+        "average_s": leader["pings"] * (leader["between_pings"] @ [60.0, 1.0, 0.01]),
     }
 
 

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib.core.errors import InputError
+from compasslib.readers import telemetry
 
 Bytes: TypeAlias = NDArray[np.uint8]
 Places: TypeAlias = NDArray[np.int64]
@@ -63,6 +64,7 @@ class Skipped:
     length: int
     reason: str
     damaged: int  # places among them that begin like a whole ensemble and whose checksum fails
+    failed: int = 0  # of these, those with the table of an ensemble and its fixed leader: no chance pairs of 7F
 
 
 @dataclass(frozen=True)
@@ -109,7 +111,8 @@ def frames(path: str | PathLike[str], chunk_bytes: int = CHUNK_BYTES) -> Iterato
 def _joined(before: Skipped | None, after: Skipped) -> Skipped:
     if before is None:
         return after
-    return replace(before, length=before.length + after.length, damaged=before.damaged + after.damaged)
+    added = {name: getattr(before, name) + getattr(after, name) for name in ("length", "damaged", "failed")}
+    return replace(before, **added)
 
 
 def _named(skipped: Skipped, begun: bool) -> Skipped:
@@ -118,14 +121,35 @@ def _named(skipped: Skipped, begun: bool) -> Skipped:
 
 def _scanned(path: str | PathLike[str], chunk_bytes: int) -> Iterator[tuple[list[EnsembleRun | Skipped], bool]]:
     offset, tail, last = 0, b"", False
+    undo = is_escaped(path)
     with _opened(path) as file:
         while not last:
             piece = _read(file, path, chunk_bytes)
+            while undo and piece.endswith(telemetry.ESCAPE) and (more := _read(file, path, 1)):
+                piece += more
+            piece = telemetry.unescape(piece) if undo else piece
             last = not piece
             data = np.frombuffer(tail + piece, dtype=np.uint8)
             items, used = _scan(data, offset, last)
             yield items, last
             offset, tail = offset + used, data[used:].tobytes()
+
+
+def is_escaped(path: str | PathLike[str]) -> bool:
+    """Return whether the file came with a modem's escapes: without them more of its first ensembles are whole.
+
+    Raises:
+        InputError: the file cannot be opened or read.
+    """
+    with _opened(path) as file:
+        sample = _read(file, path, telemetry.SAMPLE_BYTES)
+    return telemetry.may_be_escaped(sample) and _whole(telemetry.unescape(sample)) > _whole(sample)
+
+
+def _whole(data: bytes) -> int:
+    """Count the good ensembles of some bytes."""
+    items, _ = _scan(np.frombuffer(data, dtype=np.uint8), 0, True)
+    return sum(len(item.rows) for item in items if isinstance(item, EnsembleRun))
 
 
 def _opened(path: str | PathLike[str]) -> BinaryIO:
@@ -163,7 +187,7 @@ def _scan(data: Bytes, offset: int, last: bool) -> tuple[list[EnsembleRun | Skip
             stop = _next_start(data, start, candidates, last)
             if stop == start:
                 break
-            items.append(_skip(candidates, start, stop, offset))
+            items.append(_skip(data, candidates, start, stop, offset))
         start = stop
     return items, start
 
@@ -278,11 +302,19 @@ def _next_start(data: Bytes, start: int, candidates: _Candidates, last: bool) ->
     return undecided
 
 
-def _skip(candidates: _Candidates, start: int, stop: int, offset: int) -> Skipped:
+def _skip(data: Bytes, candidates: _Candidates, start: int, stop: int, offset: int) -> Skipped:
     first, end = np.searchsorted(candidates.failed, [start, stop])
+    failed = int(np.sum(_has_table(data, candidates.failed[first:end])))
     reason = NO_ENSEMBLE
     if first < end and candidates.failed[first] == start:
         reason = CHECKSUM
     elif start in candidates.cut:
         reason = PAST_THE_END
-    return Skipped(offset + start, stop - start, reason, int(end - first))
+    return Skipped(offset + start, stop - start, reason, int(end - first), failed)
+
+
+def _has_table(data: Bytes, at: Places) -> NDArray[np.bool_]:
+    """Tell places whose table of offsets leads to a fixed leader right behind it."""
+    leader = 6 + 2 * data[at + 5].astype(np.int64)
+    fits = (_pair(data, at + 6) == leader) & (leader + 2 <= _pair(data, at + 2))
+    return fits & np.isin(_pair(data, at + np.where(fits, leader, 0)), FIXED_LEADERS)

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from compasslib.core.errors import InputError
 from compasslib.core.records import BAD, GOOD, MISSING, Record
 from compasslib.core.types import Floats
+from compasslib.readers.damage import refuse_mostly_damaged
 from compasslib.readers.pd0 import consistency
 from compasslib.readers.pd0.account import FileReport, counts_of, faces_up, lost_ensembles, warnings_of
 from compasslib.readers.pd0.currents import (
@@ -33,7 +34,7 @@ from compasslib.readers.pd0.currents import (
     true_pitch,
 )
 from compasslib.readers.pd0.fields import COUNTS, Ensembles, Grown, LeftOut, decode_runs, joined
-from compasslib.readers.pd0.frames import CHUNK_BYTES, Skipped, frames
+from compasslib.readers.pd0.frames import CHUNK_BYTES, Skipped, frames, is_escaped
 
 BOUNDARY_COUNTS = 50  # above the least echo before it; 0.45 dB a count
 HEARD_COUNTS = 15  # above the least echo of the ensemble, which is the noise of the receiver or more
@@ -114,7 +115,8 @@ def read_reporting(paths: Sequence[Path], choices: Choices) -> tuple[Record, tup
         raise InputError("orientation", expected="up or down", found=found, advice="write orientation: up")
     # Downloads may be listed in any order.
     ordered = sorted(paths, key=_first_time) if len(paths) > 1 else paths
-    grown = Grown(sum(Path(path).stat().st_size for path in paths if Path(path).is_file()))
+    where = ", ".join(map(str, paths))
+    grown = Grown(where, sum(Path(path).stat().st_size for path in paths if Path(path).is_file()))
     files = [_file(path, choices, grown) for path in ordered]
     reports = tuple(report for _, report in files)
     return _record([part for of_file, _ in files for part in of_file], grown, reports, choices), reports
@@ -179,6 +181,9 @@ def _file(path: str | Path, choices: Choices, grown: Grown) -> tuple[list[_Water
             consistency.refuse_alignment(str(path), piece.ensembles, choices.heading_alignment)
             water.append(_turned(piece.ensembles, piece.size, choices, grown))
     _refuse_empty(path, bare)
+    kept = sum(len(piece.ensembles) + int(piece.left_out) for piece in bare)
+    failed = sum(each.failed for piece in bare for each in piece.skipped)
+    refuse_mostly_damaged(path, "PD0 ensembles", damaged=failed, whole=kept)
     cells = np.sum([part.of_other_coordinates for part in water], axis=0)
     consistency.refuse_coordinates(str(path), joined([part.leaders for part in water]), *cells.tolist())
     if not any(part.has_percent_good for part in water):
@@ -226,6 +231,7 @@ def _report(path: str | Path, pieces: Sequence[_DecodedChunk], three_beam: int) 
         three_beam=three_beam,
         lost=lost_ensembles(offset, number, skipped),
         skipped=skipped,
+        escaped=is_escaped(path),
     )
 
 
