@@ -46,7 +46,7 @@ _PATTERNS["run together"] = re.compile(
     _FORMS["compact"] + r"[T ]?(?P<H>\d\d)(?P<M>\d\d)(?P<S>\d\d)?(?:Z| ?(?P<zone>[+-]\d\d:?\d\d))?", re.ASCII
 )
 _SINCE = re.compile(
-    r"(?:(?P<y>[+-]?\d{1,4})-(?P<m>\d{1,2})-(?P<d>\d{1,2})|(?P<packed>\d{8}))"
+    r"(?:(?P<packed>\d{8})|(?P<y>[+-]?\d{1,4})(?:(?P<part>[-/])(?P<m>\d{1,2})(?:(?P=part)(?P<d>\d{1,2}))?)?)"
     r"(?:(?: *T| +) *(?P<H>\d{1,2})(?::(?P<M>\d{1,2})(?::(?P<S>\d{1,2}(?:\.\d*)?))?)?"
     r" *(?:Z|UTC|GMT|(?P<zone>(?:[+-]| +[+-]?)\d{1,2}(?::?\d\d)?))?| *(?:Z|UTC|GMT))?",
     re.ASCII | re.IGNORECASE,
@@ -158,7 +158,7 @@ def origin_s(text: str, calendar: str) -> float:
     if (found := _SINCE.fullmatch(" ".join(text.split()))) is None:
         raise unreadable
     packed, clock = found["packed"], [float(found[part] or 0.0) for part in "HMS"]
-    date = (packed[:4], packed[4:6], packed[6:]) if packed else (found["y"], found["m"], found["d"])
+    date = (packed[:4], packed[4:6], packed[6:]) if packed else (found["y"], found["m"] or 1, found["d"] or 1)
     digits = re.sub(r"[^\d]", "", found["zone"] or "")
     hours, minutes = (int(digits[:-2]), int(digits[-2:])) if len(digits) > 2 else (int(digits or 0), 0)
     if clock[0] > 23.0 or clock[1] > 59.0 or clock[2] >= 60.0 or hours > FARTHEST_ZONE_H or minutes > 59:

@@ -277,7 +277,7 @@ def _of_all_components(file: File, role: str) -> netCDF4.Variable | None:
     if named and (not fitting or fitting[0].name != named[0]):
         return None
     others = [name for name in times.DOLFYN if name in file.nc.variables and name != fitting[0].name] if fitting else []
-    if others and not named:
+    if others and not named and not file.columns.get("time"):
         file.note(
             f"{fitting[0].name} was read; {others[0]} is another series of the same instrument, which columns: "
             f"{{time: time{others[0].removeprefix('vel')}}} reads instead."

@@ -81,7 +81,7 @@ ROLES = {
     ),
     "cell_depth": Role(("DEPTH", "bin_depth", "depth", "DEPTHS", "DEPH"), ("depth",), LENGTH),
 }
-SPARE_BYTES = 16 * 2**20  # that a variable may take in memory, however small the file
+SPARE_BYTES = 32 * 2**20  # that a variable may take in memory, however small the file
 GROWTH = 200  # bytes in memory for each of the file; currents are compressed to a tenth, flags beside them further
 MOST_BYTES = 4 * 2**30  # of a variable
 NUMBER_BYTES = 8
@@ -224,10 +224,15 @@ def refuse_size(path: Path, variable: netCDF4.Variable) -> None:
         InputError: it would take more memory than ``MOST_BYTES``, or than a file of this size accounts for.
     """
     size = path.stat().st_size
-    declared, allowed = NUMBER_BYTES * math.prod(variable.shape), min(MOST_BYTES, max(SPARE_BYTES, GROWTH * size))
+    stored = variable.chunking()  # a chunk is unpacked whole
+    chunk = [int(size) for size in stored] if isinstance(stored, list) else []
+    width = variable.dtype.itemsize if isinstance(variable.dtype, np.dtype) else NUMBER_BYTES
+    declared = max(NUMBER_BYTES * math.prod(variable.shape), width * math.prod(chunk) if chunk else 0)
+    allowed = min(MOST_BYTES, max(SPARE_BYTES, GROWTH * size))
     if declared <= allowed:
         return
     shape = " x ".join(f"{name} {n}" for name, n in zip(variable.dimensions, variable.shape, strict=True))
+    shape += f", in chunks of {' x '.join(map(str, chunk))}" if chunk else ""
     advice = "copy what was measured into a file without what was never written"
     if allowed == MOST_BYTES:
         advice = "split it along time and list the parts under files"
