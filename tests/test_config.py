@@ -17,6 +17,8 @@ from compasslib import readers
 from compasslib.config import calibrations, schema, values
 from compasslib.config import cruise as config
 from compasslib.core.errors import InputError
+from compasslib.run import plan
+from compasslib.stages.pipeline import Job
 
 ROOT = Path(__file__).resolve().parents[1]
 MOORING_FILE = "config/moorings/EG4.yaml"
@@ -548,6 +550,20 @@ def test_a_bad_line_of_the_options(cruise: Path, line: str, expected: str) -> No
 def test_what_pd12_does_not_tell_is_asked_for(cruise: Path, given: str, line: str) -> None:
     write(cruise, MOORING_FILE, SHORTEST.replace("format: pd0,", f"format: pd12, {given}"))
     assert message(cruise) == f"{MOORING_FILE}: instruments.top.{line}"
+
+
+def test_headings_and_velocities_of_each_format_may_hold_different_declinations(cruise: Path) -> None:
+    both = "declination_applied: {heading: 0, velocity: -17.4}"
+    for form, taken in (("pd0", True), ("rdi_text", False)):
+        write(cruise, MOORING_FILE, SHORTEST.replace("format: pd0,", f"format: {form}, {both},"))
+        rules, job = plan.plan(config.load(cruise), Path()).moorings, Job("M1", "top")
+        assert rules.place_and_declination(job)["applied"] == {"top (velocity)": -17.4}
+        inside = {"heading": 0.0, "velocity": -17.4}
+        assert rules.deployment(job)["declination_applied"] == (0.0 if taken else inside)
+        assert rules.reader_settings(job).get("declination_applied") == (inside if taken else None)
+    columns = "depth: 10, columns: {time: t, x: u, y: v, heading: h}"
+    write(cruise, MOORING_FILE, SHORTEST.replace("format: pd0,", f"format: acm_table, {columns}, {both},"))
+    assert "declination_applied: expected one number, as these velocities are turned by the headings" in message(cruise)
 
 
 @pytest.mark.parametrize(
