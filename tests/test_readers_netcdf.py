@@ -533,6 +533,14 @@ def test_rows_of_several_cells_are_no_point_meter(tmp_path):
         for name in ("UCUR_MAG", "VCUR_MAG"):
             layouts.put(nc, name, ("OBSERVATION",), np.linspace(0.0, 0.2, N), units="m s-1")
     assert "40 of 60 times repeated at another depth" in refused(tmp_path / "a.nc")
+    with netCDF4.Dataset(tmp_path / "a.nc", "a") as nc:
+        layouts.dimensions(nc, INSTRUMENT=2)
+        layouts.put(nc, "count", ("INSTRUMENT",), np.array([20, 40]), sample_dimension="OBSERVATION")
+    assert "found 2 in one, by count" in refused(tmp_path / "a.nc")
+    with netCDF4.Dataset(tmp_path / "a.nc", "a") as nc:
+        nc["count"].delncattr("sample_dimension")
+        layouts.put(nc, "index", ("OBSERVATION",), np.arange(N) % 2, instance_dimension="INSTRUMENT")
+    assert "found 2 in one, by index" in refused(tmp_path / "a.nc")
 
 
 @pytest.mark.parametrize(
