@@ -565,6 +565,12 @@ def test_headings_and_velocities_may_hold_different_declinations(tmp_path):
     off = angles.difference(record.heading_deg, truth.heading_deg)
     close(off[np.isfinite(off)], np.full(N - 1, DECLINATION - 3.0), 1e-4)
     assert (record.heading_bias_deg, record.velocity_bias_deg) == (3.0, DECLINATION)
+    with layout(tmp_path, "imos_true") as nc:
+        nc["HEADING"].compass_correction_applied = 0.0  # the file says so; the mooring file knows better
+    for stated, inside in (({"heading": 3.0, "velocity": DECLINATION}, 3.0), (DECLINATION, 0.0)):
+        record = read(tmp_path / "a.nc", declination_applied=stated)
+        off = angles.difference(record.heading_deg, truth.heading_deg)
+        close(off[np.isfinite(off)], np.full(N - 1, DECLINATION - inside), 1e-4)
     layouts.write(tmp_path / "a.nc", "stglib")
     kept = read(
         tmp_path / "a.nc", direction_reference="true", declination_applied={"heading": DECLINATION, "velocity": 0}
