@@ -314,6 +314,19 @@ def test_a_record_comes_back(tmp_path, n, m):
     same(netcdf.read_record(tmp_path / "r.nc"), netcdf.read_record(tmp_path / "r2.nc"))
 
 
+@pytest.mark.parametrize(
+    ("biases", "expected"),
+    [
+        ({}, {"r": 0.0}),
+        ({"heading_bias_deg": 3.0}, {"r": 3.0}),
+        ({"heading_bias_deg": 3.0, "velocity_bias_deg": 0.0}, {"r (headings)": 3.0, "r (velocities)": 0.0}),
+    ],
+)
+def test_what_was_taken_out_of_headings_and_of_velocities_is_kept_apart(tmp_path, biases, expected):
+    netcdf.write_record(tmp_path / "r.nc", make_record(**biases))
+    assert netcdf.taken_out([tmp_path / "r.nc"]) == expected
+
+
 def test_what_else_was_logged_comes_back(tmp_path):
     turbidity = np.append(np.arange(199.0), np.nan)
     record = make_record(channels={"turbidity": turbidity}, channel_units={"turbidity": "NTU"})

@@ -17,6 +17,8 @@ from compasslib import readers
 from compasslib.config import calibrations, schema, values
 from compasslib.config import cruise as config
 from compasslib.core.errors import InputError
+from compasslib.run import plan
+from compasslib.stages.pipeline import Job
 
 ROOT = Path(__file__).resolve().parents[1]
 MOORING_FILE = "config/moorings/EG4.yaml"
@@ -166,7 +168,7 @@ def test_every_key_but_eight_has_a_default(cruise: Path) -> None:
             "clock_drift_seconds": 0.0, "pressure_offset": 0.0, "direction_reference": "magnetic", "exclude": (),
             "compass": None, "sphere": None,
             "attributes": {}, "columns": None, "pressure_files": (), "start_offset_seconds": 0.0,
-            "bin_size": None, "first_bin": None, "delimiter": None, "decimal": None,
+            "bin_size": None, "first_bin": None, "flags": None, "delimiter": None, "decimal": None,
             "time_format": None, "timezone": None, "missing": (), "skip_rows": None,
         }},
         "attributes": {}, "fit": {"method": "exact", "name": None, "tilt": False},
@@ -425,7 +427,11 @@ BAD_LINES = [
     ("    depth: -100", "instruments.top.depth: expected metres from 0 to 12000, found -100; write it positive, in metres"),
     ("    depth: 1000", "instruments.top.depth: expected metres from 0 to the water depth, 894, found 1000; correct one of the two"),
     ("    orientation: upward", "instruments.top.orientation: expected up or down, found 'upward'; write for example orientation: up"),
-    ("    heading: 3", "instruments.top.heading: expected a key out of format, files, depth, orientation, declination_applied, heading_alignment, clock_offset_seconds, clock_drift_seconds, pressure_offset, direction_reference, exclude, compass, sphere, attributes, columns, pressure_files, start_offset_seconds, bin_size, first_bin, delimiter, decimal, time_format, timezone, missing, skip_rows, found the unknown 'heading'; delete it, or indent it below the key that it belongs to"),
+    ("    heading: 3", "instruments.top.heading: expected a key out of format, files, depth, orientation, declination_applied, heading_alignment, clock_offset_seconds, clock_drift_seconds, pressure_offset, direction_reference, exclude, compass, sphere, attributes, columns, pressure_files, start_offset_seconds, bin_size, first_bin, flags, delimiter, decimal, time_format, timezone, missing, skip_rows, found the unknown 'heading'; delete it, or indent it below the key that it belongs to"),
+    ("    declination_applied: {heading: 3}", "instruments.top.declination_applied: expected degrees from -180 to 180, or {heading: degrees, velocity: degrees}, found heading; write both, for example {heading: 0, velocity: -17.4}"),
+    ("    declination_applied: {heading: 3, velocity: 181}", "instruments.top.declination_applied: expected degrees from -180 to 180, or {heading: degrees, velocity: degrees}, found a mapping; write for example declination_applied: 0"),
+    ("    format: netcdf\n    flags: {good: [1], bad: ['1']}", "instruments.top.flags: expected each meaning once, found '1' twice; delete one of the two"),
+    ("    format: netcdf\n    flags: {}", "instruments.top.flags: expected good, bad or unchecked, found none of them; write for example {bad: [side_lobe]}"),
     ("    bin_size: 16", "instruments.top.bin_size: expected this key only with format pd12, found it with format pd0; delete it or correct the format"),
     ("    format: netcdf\n    columns: {speed: s, direction: d}", "instruments.top.columns.speed: expected this role only with tables, found it with format netcdf; delete it"),
     ("    format: mmp_acm\n    columns: {range: r}", "instruments.top.columns.range: expected this role only with format netcdf, found it with format mmp_acm; delete it"),
@@ -448,8 +454,8 @@ BAD_COLUMNS = [
     ("{time: t, east: u, north: u}", "columns.north: expected a column of its own, found 'u', which east has already; correct one of the two"),
     ("{time: t, east: 1, north: v}", "columns.east: expected the header of a column (speed), found 1; write it in quotes: '1'"),
     ("{time: t, east: u, north: v, scale: 0}", "columns.scale: expected a factor to m/s above 0, at most 1000, found 0; write for example scale: 0.01"),
-    ("{time: t, east: u, north: v, tilt: w}", "columns.tilt: expected a key out of time, date, clock, depth, pressure, east, north, speed, direction, x, y, heading, tilt_x, tilt_y, temperature, range, scale, found the unknown 'tilt'; write tilt_y"),
-    ("[time_utc, u, v]", "columns: expected a mapping, found a list; write below it keys out of time, date, clock, depth, pressure, east, north, speed, direction, x, y, heading, tilt_x, tilt_y, temperature, range, scale"),
+    ("{time: t, east: u, north: v, tilt: w}", "columns.tilt: expected a key out of time, date, clock, depth, pressure, east, north, speed, direction, x, y, heading, tilt_x, tilt_y, temperature, flag, range, scale, found the unknown 'tilt'; write tilt_y"),
+    ("[time_utc, u, v]", "columns: expected a mapping, found a list; write below it keys out of time, date, clock, depth, pressure, east, north, speed, direction, x, y, heading, tilt_x, tilt_y, temperature, flag, range, scale"),
 ]  # fmt: skip
 
 BAD_FILES = [
@@ -546,13 +552,28 @@ def test_what_pd12_does_not_tell_is_asked_for(cruise: Path, given: str, line: st
     assert message(cruise) == f"{MOORING_FILE}: instruments.top.{line}"
 
 
+def test_headings_and_velocities_of_each_format_may_hold_different_declinations(cruise: Path) -> None:
+    both = "declination_applied: {heading: 0, velocity: -17.4}"
+    for form, taken in (("pd0", True), ("rdi_text", False)):
+        write(cruise, MOORING_FILE, SHORTEST.replace("format: pd0,", f"format: {form}, {both},"))
+        rules, job = plan.plan(config.load(cruise), Path()).moorings, Job("M1", "top")
+        assert rules.place_and_declination(job)["applied"] == {"top (velocity)": -17.4}
+        inside = {"heading": 0.0, "velocity": -17.4}
+        assert rules.deployment(job)["declination_applied"] == (0.0 if taken else inside)
+        assert rules.reader_settings(job).get("declination_applied") == (inside if taken else None)
+    columns = "depth: 10, columns: {time: t, x: u, y: v, heading: h}"
+    write(cruise, MOORING_FILE, SHORTEST.replace("format: pd0,", f"format: acm_table, {columns}, {both},"))
+    assert "declination_applied: expected one number, as these velocities are turned by the headings" in message(cruise)
+
+
 @pytest.mark.parametrize(
     ("line", "key", "allowed", "form"),
     [
         ("columns: {time: t}", "columns", "table or acm_table or mmp_acm or netcdf", "pd0"),
         ("pressure_files: raw/EG4/deep.csv", "pressure_files", "mmp_acm", "pd0"),
         ("start_offset_seconds: 4", "start_offset_seconds", "mmp_acm", "pd0"),
-        ("heading_alignment: 4", "heading_alignment", "pd0", "mmp_acm"),
+        ("heading_alignment: 4", "heading_alignment", "pd0 or netcdf", "mmp_acm"),
+        ("flags: {good: [1]}", "flags", "table or acm_table or netcdf", "pd0"),
     ],
 )
 def test_a_key_of_another_format(cruise: Path, line: str, key: str, allowed: str, form: str) -> None:

@@ -93,6 +93,11 @@ def test_applied_declination_is_turned_back():
     settled = deployment.settle(given, **SETTINGS, declination_applied=18.0)
     assert settled.heading_deg == pytest.approx(347.0)
     assert np.rad2deg(np.arctan2(settled.east, settled.north)) == pytest.approx(-18.0)
+    settled = deployment.settle(given, **SETTINGS, declination_applied={"heading": 18.0, "velocity": 0.0})
+    assert settled.heading_deg == pytest.approx(347.0) and settled.north == pytest.approx(0.2)
+    settled = deployment.settle(given, **SETTINGS, declination_applied={"heading": 0.0, "velocity": 18.0})
+    assert settled.heading_deg == pytest.approx(5.0)
+    assert np.rad2deg(np.arctan2(settled.east, settled.north)) == pytest.approx(-18.0)
 
 
 def test_a_clock_that_was_set_back_leaves_out_what_follows_and_shuffles_nothing():

@@ -15,13 +15,16 @@ import netcdf_layouts as layouts
 import numpy as np
 import pytest
 from netcdf_layouts import DECLINATION, M, N
-from sea import SHARED
+from sea import SHARED, real
 from test_archive import make_product, measured, write
 
+from benchmarks import netcdf_layouts as drawn_layouts
 from compasslib import readers
 from compasslib.core import angles
 from compasslib.core.errors import InputError
 from compasslib.core.records import BAD, GOOD, MISSING, NOT_CHECKED, PROBABLY_BAD, PROBABLY_GOOD, Record
+from compasslib.readers.flags import MEANINGS, flag_of
+from compasslib.readers.times import Unreadable, origin_s
 
 SILENT = {"columns": None, "orientation": None, "declination_applied": None, "direction_reference": "magnetic"}
 
@@ -342,3 +345,273 @@ def test_the_absolute_pressure_of_imos_loses_the_atmosphere(tmp_path):
         nc["PRES"].standard_name = "sea_water_pressure"
     record = read(tmp_path / "a.nc")
     close(record.pressure_dbar, layouts.truth().pressure_dbar - 10.1325)
+
+
+def test_drawn_layouts_are_read_as_they_were_drawn_and_as_a_plain_reading_has_them(tmp_path):
+    found = [lines for _, lines in drawn_layouts.layouts(47, 40, tmp_path)]
+    assert found == [[]] * 40
+
+
+TRUE_UP = {"direction_reference": "true", "orientation": "up"}
+WILD = [  # file, settings, and what the refusal or a warning names, and how many velocities have which flag
+    ("netcdf_flag_words_good", TRUE_UP, "UCUR_QC: the meaning of the flags low_percent_good (8 samples), side_lobe",
+     {0: 8, 1: 8, 3: 32}),
+    ("netcdf_flag_words_good", TRUE_UP | {"flags": {"bad": ["compass_error", "side_lobe", "sensor_broken", "2"]}}, "",
+     {0: 8, 1: 8, 4: 32}),
+    ("netcdf_flags_per_time", TRUE_UP, "", {1: 72, 4: 72}),
+    ("netcdf_seadatanet_flag0", TRUE_UP, "", {0: 48}),
+    ("netcdf_scalar_ancillary", TRUE_UP, "", {1: 48}),
+    ("netcdf_scalar_ancillary", {"orientation": "up"}, "-17.37 degrees of declination were taken out", {1: 48}),
+    ("imos_aggregated_rows", TRUE_UP, "the series of one instrument, found 3 in one, by instrument_index", None),
+    ("mhkit_ea45", {}, "give heading_alignment", None),
+    ("mhkit_ea45", {"heading_alignment": 45.0}, "heading_alignment of 45 degrees was added", {1: 1024, 9: 96}),
+    ("mhkit_vel_avg", {}, "", {1: 144}),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "settings", "said", "flags"), WILD)
+def test_files_of_others_that_were_misread(name, settings, said, flags):
+    path = real(f"wild/{name}.nc")
+    if flags is None:
+        assert said in refused(path, **settings)
+        return
+    record = read(path, **settings)
+    counted = zip(*np.unique(record.quality, return_counts=True), strict=True)
+    assert {int(flag): int(n) for flag, n in counted} == flags
+    assert said in " ".join(record.warnings) and ("not known" in " ".join(record.warnings)) == (
+        "not known" in said or "meaning" in said
+    )
+
+
+def test_an_averaged_series_of_mhkit_has_its_own_headings_and_the_offset_of_cf_counts():
+    record = read(real("wild/mhkit_vel_avg.nc"))
+    assert np.isfinite(record.heading_deg).all() and record.bin_range_m[0, 0] == pytest.approx(6.0, abs=4.0)
+    time = read(real("wild/netcdf_time_offset_one_digit.nc"), **TRUE_UP).time_s[0]
+    assert np.datetime64(int(time), "s") == np.datetime64("1992-10-08T21:15:42")
+
+
+def test_single_pings_and_their_means_in_one_file_are_told_apart(tmp_path):
+    truth = layouts.truth()
+    with netCDF4.Dataset(tmp_path / "a.nc", "w") as nc:
+        nc.setncatts({"coord_sys": "earth", "orientation": "up", "beam_angle": 20.0})
+        layouts.dimensions(nc, dir=3, time=N, range=M, time_avg=N - 10, range_avg=M - 1)
+        labels = nc.createVariable("dir", str, ("dir",))
+        labels[:] = np.array(["E", "N", "U"], dtype=object)
+        for suffix, n, m, sign in (("", N, M, 1.0), ("_avg", N - 10, M - 1, -1.0)):
+            along, deep = f"time{suffix}", f"range{suffix}"
+            layouts.put(nc, along, (along,), truth.time_s[:n] + 100.0 * (sign < 0), units="seconds since 1970-01-01")
+            layouts.put(nc, deep, (deep,), truth.range_m[:m], units="m")
+            layouts.put(nc, f"heading{suffix}", (along,), truth.heading_deg[:n], units="degree")
+            flow = nc.createVariable(f"vel{suffix}", "f8", ("dir", deep, along))
+            flow.units = "m s-1"
+            flow[:] = sign * np.stack([truth.east.T, truth.north.T, truth.east.T])[:, :m, :n]
+    record = read(tmp_path / "a.nc")
+    assert record.east.shape == (N, M) and "columns: {time: time_avg} reads instead" in " ".join(record.warnings)
+    for columns in ({"time": "time_avg"}, {"time": "time_avg", "east": "vel_avg"}):
+        means = read(tmp_path / "a.nc", columns=columns)
+        close(means.east, -truth.east[: N - 10, : M - 1])
+        close(means.profiles["up"], means.east, 1e-6)
+        assert np.isfinite(means.heading_deg).sum() == N - 11 and not any("instead" in line for line in means.warnings)
+
+
+@pytest.mark.parametrize(
+    "word", ["compass_error", "not_bad", "low_percent_good", "no_good", "passed_by", "goodness", "badly_missing"]
+)
+def test_a_word_that_holds_a_known_one_is_not_known(word):
+    assert flag_of("1", word, {}) is None and {flag_of("1", known.upper(), {}) for known in MEANINGS} == {
+        0,
+        1,
+        2,
+        3,
+        4,
+        9,
+    }
+
+
+MASKS = [  # attributes, value and its flag; what is named
+    ({"flag_masks": [1, 2, 4], "flag_meanings": "suspect fail side_lobe"},
+     {0: 0, 1: 3, 2: 4, 3: 4, 4: 3, 6: 4, 8: 3}, "side_lobe ("),
+    ({"flag_masks": [1, 2], "flag_meanings": "good fail"}, {0: 3, 1: 1, 2: 4, 3: 4}, " 0 ("),
+    ({"flag_masks": [1, 2, -128], "flag_meanings": "pass not_evaluated fail"}, {1: 1, 3: 0, -127: 4}, ""),
+    ({"flag_masks": [3, 3, 3, 12, 12], "flag_values": [1, 2, 3, 4, 8], "flag_meanings": "pass suspect fail pass fail"},
+     {5: 1, 6: 3, 7: 4, 9: 4, 1: 1, 13: 3, 0: 3}, " 13 ("),
+    ({"flag_masks": "1b, 2b", "flag_meanings": "suspect fail"}, {1: 3, 2: 4, 0: 0}, ""),
+    ({"flag_values": [0, 1, 2], "flag_meanings": "raw accepted rejected"}, {0: 3, 1: 3, 2: 3}, "raw ("),
+    ({"flag_values": [1, 2], "flag_meanings": "good bad"}, {1: 1, 2: 4, 5: 3}, " 5 ("),
+    ({"flag_meanings": "good bad"}, {1: 3, 0: 3}, " 0 ("),
+    ({"conventions": "Argo reference table 2"}, {1: 1, 4: 4, 8: 2, 6: 3}, " 6 ("),
+    ({"sdn_conventions_urn": "SDN:L20::"}, {48: 0, 49: 1, 52: 4, 65: 3, 57: 9}, ""),
+    ({"long_name": "WOCE quality flag"}, {1: 0, 2: 1, 3: 3}, ""),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("attributes", "expected", "named"), MASKS)
+def test_flags_are_read_in_each_form_of_cf_and_what_is_unknown_is_named(tmp_path, attributes, expected, named):
+    with layout(tmp_path, "stglib") as nc:
+        quality = nc.createVariable("u_1205_QC", "i1", ("time",))
+        quality.setncatts({key: np.array(v, "i1") if isinstance(v, list) else v for key, v in attributes.items()})
+        values = np.resize(np.array([*expected], "i1"), N)
+        quality[:] = values
+    record = read(tmp_path / "a.nc")
+    assert record.quality[1:, 0].tolist() == [expected[int(value)] for value in values[1:]]
+    said = [line for line in record.warnings if "is not known" in line]
+    assert bool(said) == bool(named) and named in " ".join(said) and all("flags: {" in line for line in said)
+
+
+def test_flags_of_time_of_tests_and_of_other_series_count_and_those_of_nothing_are_said(tmp_path):
+    words = {"flag_values": np.array([1, 4], "i1"), "flag_meanings": "good_data bad_data"}
+    with layout(tmp_path, "stglib") as nc:
+        layouts.dimensions(nc, test=3)
+        for name, dimensions, at in (
+            ("time_QC", ("time",), 7),
+            ("P_1_qc", ("time",), 8),
+            ("Ptch_1216_QC", ("time",), 9),
+            ("lonely", ("time",), 10),
+            ("tests", ("time", "test"), (11, 2)),
+        ):
+            flags = np.ones([nc.dimensions[one].size for one in dimensions], "i1")
+            flags[at] = 4
+            layouts.put(nc, name, dimensions, flags, **words)
+        nc["u_1205"].ancillary_variables = "tests nothing_there z"
+    record = read(tmp_path / "a.nc")
+    assert np.flatnonzero((record.quality == BAD).all(axis=1)).tolist() == [7, 11]
+    assert np.flatnonzero(record.heading_quality == BAD).tolist() == [7]
+    assert np.isnan(record.pressure_dbar).nonzero()[0].tolist() == [8]
+    assert np.isnan(record.pitch_deg).nonzero()[0].tolist() == [9]
+    assert any("Flags lonely belong to no variable" in line for line in record.warnings)
+    with netCDF4.Dataset(tmp_path / "a.nc", "a") as nc:
+        layouts.dimensions(nc, other=4)
+        layouts.put(nc, "apart", ("time", "other"), np.ones((N, 4), "i1"), **words)
+        nc["u_1205"].ancillary_variables = "apart"
+    assert "apart: expected flags along time, z" in refused(tmp_path / "a.nc")
+    with netCDF4.Dataset(tmp_path / "a.nc", "a") as nc:
+        layouts.put(nc, "all_in_one", ("time",), np.full(N, 4, "i1"), standard_name="aggregate_quality_flag", **words)
+        nc["u_1205"].ancillary_variables = "apart all_in_one"
+    assert (read(tmp_path / "a.nc").quality[1:] == BAD).all()
+
+
+ORIGINS = [  # what stands behind "since", calendar, and UTC
+    ("1992-10-8 15:15:42.5 -6:00", "standard", "1992-10-08T21:15:42.5"),
+    ("1970-01-01 0", "standard", "1970-01-01"),
+    ("1992/10/8", "standard", "1992-10-08"),
+    ("1992-10", "standard", "1992-10-01"),
+    ("2007-09-04T00:00:00+00:00", "standard", "2007-09-04"),
+    ("2007-09-04T12:00:00.000 +0530", "standard", "2007-09-04T06:30"),
+    ("2007-09-04 12:00 -330", "standard", "2007-09-04T15:30"),
+    ("20070904 12 utc", "standard", "2007-09-04T12:00"),
+    ("1-1-1 00:00:0.0", "standard", "0000-12-30"),
+    ("-4713-01-01T00:00:00Z", "julian", "-4713-11-24"),
+    ("1970-01-01 00:00:00 EST", "standard", None),
+    ("1970-01-01 00:00:00 +15:00", "standard", None),
+    ("1970-02-30", "standard", None),
+    ("0000-01-01", "standard", None),
+    ("1970-01-01 24:00", "standard", None),
+    ("1970-01-01 00:00:00 and more", "standard", None),
+]
+
+
+@pytest.mark.parametrize(("text", "calendar", "utc"), ORIGINS)
+def test_the_origin_of_a_unit_of_time_is_read_whole_or_not_at_all(text, calendar, utc):
+    if utc is None:
+        with pytest.raises(Unreadable):
+            origin_s(text, calendar)
+    else:
+        assert origin_s(text, calendar) == np.datetime64(utc, "ms").astype(np.int64) / 1e3
+
+
+def test_a_zone_by_name_is_refused_in_a_line_that_names_the_units(tmp_path):
+    with layout(tmp_path, "imos_magnetic") as nc:
+        nc["TIME"].units = "days since 1950-01-01 00:00:00 EST"
+    assert "TIME: units: expected a date, a time of day and an offset from UTC" in refused(tmp_path / "a.nc")
+
+
+def test_rows_of_several_cells_are_no_point_meter(tmp_path):
+    with netCDF4.Dataset(tmp_path / "a.nc", "w") as nc:
+        layouts.dimensions(nc, OBSERVATION=N)
+        layouts.put(nc, "TIME", ("OBSERVATION",), np.arange(N) // 3 * 3600.0, units="seconds since 2007-09-04")
+        layouts.put(nc, "DEPTH", ("OBSERVATION",), 20.0 + 4.0 * (np.arange(N) % 3), units="m")
+        for name in ("UCUR_MAG", "VCUR_MAG"):
+            layouts.put(nc, name, ("OBSERVATION",), np.linspace(0.0, 0.2, N), units="m s-1")
+    assert "40 of 60 times repeated at another depth" in refused(tmp_path / "a.nc")
+    with netCDF4.Dataset(tmp_path / "a.nc", "a") as nc:
+        layouts.dimensions(nc, INSTRUMENT=2)
+        layouts.put(nc, "count", ("INSTRUMENT",), np.array([20, 40]), sample_dimension="OBSERVATION")
+    assert "found 2 in one, by count" in refused(tmp_path / "a.nc")
+    with netCDF4.Dataset(tmp_path / "a.nc", "a") as nc:
+        nc["count"].delncattr("sample_dimension")
+        layouts.put(nc, "index", ("OBSERVATION",), np.arange(N) % 2, instance_dimension="INSTRUMENT")
+    assert "found 2 in one, by index" in refused(tmp_path / "a.nc")
+
+
+@pytest.mark.parametrize(
+    ("attribute", "value"), [("heading_alignment", np.int16(4500)), ("heading_misalign_deg", 45.0)]
+)
+def test_a_heading_alignment_that_stands_in_a_file_is_asked_about(tmp_path, attribute, value):
+    plain = layouts.write(tmp_path / "a.nc", "imos_magnetic")
+    assert "expected one that is not 0" in refused(tmp_path / "a.nc", heading_alignment=45.0)
+    with layout(tmp_path, "imos_magnetic") as nc:
+        (nc["HEADING_MAG"] if attribute == "heading_alignment" else nc).setncattr(attribute, value)
+    assert "found 45 degrees; give heading_alignment" in refused(tmp_path / "a.nc")
+    for stated in (0.0, 45.0):
+        record = read(tmp_path / "a.nc", heading_alignment=stated)
+        assert np.nanmax(np.abs(angles.difference(record.heading_deg, plain.heading_deg + stated))) < 1e-4
+        close(record.east, plain.east)
+
+
+def test_headings_and_velocities_may_hold_different_declinations(tmp_path):
+    truth = layouts.write(tmp_path / "a.nc", "epic")
+    record = read(tmp_path / "a.nc", declination_applied={"heading": 3.0, "velocity": DECLINATION})
+    close(record.east, truth.east)
+    off = angles.difference(record.heading_deg, truth.heading_deg)
+    close(off[np.isfinite(off)], np.full(N - 1, DECLINATION - 3.0), 1e-4)
+    assert (record.heading_bias_deg, record.velocity_bias_deg) == (3.0, DECLINATION)
+    with layout(tmp_path, "imos_true") as nc:
+        nc["HEADING"].compass_correction_applied = 0.0  # the file says so; the mooring file knows better
+    for stated, inside in (({"heading": 3.0, "velocity": DECLINATION}, 3.0), (DECLINATION, 0.0)):
+        record = read(tmp_path / "a.nc", declination_applied=stated)
+        off = angles.difference(record.heading_deg, truth.heading_deg)
+        close(off[np.isfinite(off)], np.full(N - 1, DECLINATION - inside), 1e-4)
+    layouts.write(tmp_path / "a.nc", "stglib")
+    kept = read(
+        tmp_path / "a.nc", direction_reference="true", declination_applied={"heading": DECLINATION, "velocity": 0}
+    )
+    off = angles.difference(kept.heading_deg, truth.heading_deg)
+    close(off[np.isfinite(off)], np.zeros(N - 1), 1e-4)
+    assert "delete one of the two" in refused(
+        tmp_path / "a.nc", direction_reference="true", declination_applied={"heading": 0, "velocity": 5.0}
+    )
+
+
+@pytest.mark.parametrize("of", ["velocity", "flags", "labels"])
+@pytest.mark.parametrize("unlimited", [False, True])
+def test_what_a_file_declares_is_held_against_its_size_before_memory_is_taken(tmp_path, of, unlimited):
+    """15 GiB and more in some kB: variables that nobody wrote, compressed and in chunks, fixed and unlimited."""
+    path = tmp_path / "a.nc"
+    with netCDF4.Dataset(path, "w") as nc:
+        nc.createDimension("time", None if unlimited else 2000)
+        layouts.dimensions(nc, bin=1_000_000 if of == "velocity" else 4, dir=2_100_000_000 if of == "labels" else 3)
+        nc.createVariable("time", "f8", ("time",)).units = "hours since 2007-09-04"
+        nc["time"][:] = np.arange(2000.0)
+        layouts.dimensions(nc, beam=300_000)
+        if of == "labels":
+            nc.coord_sys = "earth"
+            nc.createVariable("dir", "i1", ("dir",), zlib=True)
+            nc.createVariable("vel", "f4", ("dir", "bin", "time"), zlib=True, chunksizes=(1, 4, 100)).units = "m s-1"
+        for name in () if of == "labels" else ("UCUR_MAG", "VCUR_MAG"):
+            nc.createVariable(name, "f4", ("time", "bin"), zlib=True, chunksizes=(10, 4)).units = "m s-1"
+        if of == "flags":
+            nc.createVariable("UCUR_MAG_QC", "i1", ("time", "bin", "beam"), zlib=True, chunksizes=(10, 4, 100))
+    assert path.stat().st_size < 40_000
+    name = {"velocity": "UCUR_MAG", "flags": "UCUR_MAG_QC", "labels": "dir"}[of]
+    said = refused(path, orientation="up")
+    assert f"{name}: expected at most 32 MiB of values, as the file has" in said and "GiB declared" in said
+    assert "copy what was measured" in said
+
+
+def test_a_chunk_that_would_be_unpacked_whole_is_held_against_the_size_too(tmp_path):
+    with netCDF4.Dataset(tmp_path / "a.nc", "w") as nc:
+        nc.createDimension("time", None)
+        time = nc.createVariable("time", "i1", ("time",), zlib=True, chunksizes=(2**30,))
+        time.units = "hours since 2007-09-04"
+        nc.createVariable("UCUR_MAG", "f4", ("time",))[:] = np.zeros(5)
+    assert "1 GiB declared (time 5, in chunks of 1073741824)" in refused(tmp_path / "a.nc")

@@ -162,6 +162,16 @@ def test_a_declination_that_was_set_is_taken_out_unless_the_metadata_know_better
         assert np.allclose(back, plain.north + 1j * plain.east)
 
 
+def test_headings_and_earth_velocities_may_hold_different_declinations(tmp_path):
+    samples = drawn(4)
+    plain = read(tmp_path, of_signature(samples, ENU))
+    record = read(
+        tmp_path, of_signature(samples, ENU, declination=12.5), declination_applied={"heading": 3, "velocity": 0}
+    )
+    assert np.allclose((record.heading_deg + 3.0) % 360.0, plain.heading_deg) and (record.east == plain.east).all()
+    assert (record.heading_bias_deg, record.velocity_bias_deg) == (3.0, 0.0)
+
+
 def test_what_the_instrument_itself_doubts_is_flagged(tmp_path):
     samples = drawn(3, n=4)
     samples[1] = replace(samples[1], extra={"error": 0x01})  # compass

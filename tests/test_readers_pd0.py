@@ -774,6 +774,22 @@ def test_declination_applied_is_used_in_place_of_the_bias(tmp_path: Path) -> Non
     assert read(path, declination_applied=20.005).warnings == ()
 
 
+@pytest.mark.parametrize("coordinates", [BEAM, EARTH])
+def test_headings_and_earth_velocities_may_hold_different_declinations(coordinates: int, tmp_path: Path) -> None:
+    path = written(tmp_path, ensemble(PROFILE, fixed={"ex": EX[coordinates], "eb": 2000}, heading=1000))
+    whole, apart = (read(path, declination_applied=said) for said in (20.0, {"heading": 20.0, "velocity": 0.0}))
+    assert apart.heading_deg.tolist() == whole.heading_deg.tolist() == [350.0]
+    if coordinates == BEAM:  # the headings turn them
+        np.testing.assert_array_equal(apart.east, whole.east)
+        assert apart.velocity_bias_deg == 20.0
+        with pytest.raises(InputError, match="velocity: 0, as velocities are not in earth coordinates"):
+            read(path, declination_applied={"heading": 20.0, "velocity": 5.0})
+    else:
+        np.testing.assert_allclose([apart.east[0, 0], apart.north[0, 0]], [0.1, 0.2])
+        assert (apart.heading_bias_deg, apart.velocity_bias_deg) == (20.0, 0.0)
+        assert "{heading: 20, velocity: 0} degrees was taken out of the headings" in apart.warnings[0]
+
+
 def test_heading_alignment_is_refused_unless_it_is_told_how_to_take_it(tmp_path: Path) -> None:
     path = written(tmp_path, ensemble(PROFILE, fixed={"ea": 4500, "ex": EX[INSTRUMENT]}, heading=35000))
     with pytest.raises(InputError) as caught:

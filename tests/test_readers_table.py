@@ -71,6 +71,23 @@ def test_binary_and_missing_files_are_said(tmp_path):
 ROWS = "t,z,u,v\n" + "".join(f"2007-09-04T0{i}:00:00Z,100.5,{i}1.25,-{i}.75\n" for i in range(5))
 
 
+@pytest.mark.parametrize(
+    ("cells", "flags", "expected", "said"),
+    [
+        (("good_data", "Bad_data", ""), None, [1, 4, 0], ""),
+        (("1", "4", "1"), None, [3, 3, 3], "column q: the meaning of the flags 1 (2 samples), 4 (1 samples)"),
+        (("1", "4", "7"), {"good": ["1"], "bad": ["4"]}, [1, 4, 3], "flags 7 (1 samples)"),
+        (("ok", "side lobe", "ok"), {"good": ["ok"], "bad": ["side_lobe"]}, [1, 4, 1], ""),
+    ],
+)
+def test_flags_in_a_column_are_taken_by_known_words_or_the_key(tmp_path, cells, flags, expected, said):
+    text = "t,u,v,q\n" + "".join(f"2007-09-04T0{k}:00:00Z,1,2,{cell}\n" for k, cell in enumerate(cells))
+    columns = {"time": "t", "east": "u", "north": "v", "flag": "q"}
+    record = read("table", table(tmp_path, text), {"columns": columns, "flags": flags})
+    assert record.quality.ravel().tolist() == expected
+    assert (said in " ".join(record.warnings)) and ("not known" in " ".join(record.warnings)) == bool(said)
+
+
 def test_a_table_cut_anywhere_loses_its_last_row_and_nothing_else(tmp_path):
     whole = read("table", table(tmp_path, ROWS), {"columns": ROLES})
     for cut in range(ROWS.index("\n2007-09-04T01") + 1, len(ROWS)):  # one row alone does not tell its decimals

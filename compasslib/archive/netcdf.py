@@ -145,10 +145,21 @@ def read_warnings(path: str | Path) -> list[str]:
     return warnings
 
 
-def read_heading_bias(path: str | Path) -> float:
-    """Return the heading bias that was taken out of a record's directions, 0 in those of an older version."""
-    with opened(path) as nc:
-        return float(json.loads(getattr(nc, "heading_bias_deg", "0")))
+def taken_out(paths: Iterable[str | Path]) -> dict[str, float]:
+    """Return by record the degrees that were taken out of its headings and velocities, apart where they differ.
+
+    Records of an older version know one number, or none, which is 0.
+    """
+    found: dict[str, float] = {}
+    for path in map(Path, paths):
+        with opened(path) as nc:
+            heading = float(json.loads(getattr(nc, "heading_bias_deg", "0")))
+            velocity = json.loads(getattr(nc, "velocity_bias_deg", "null"))
+        if velocity in (None, heading):
+            found[path.stem] = heading
+        else:
+            found |= {f"{path.stem} (headings)": heading, f"{path.stem} (velocities)": float(velocity)}
+    return found
 
 
 def write_pairs(path: str | Path, pairs: Pairs, *, attributes: Mapping[str, object] | None = None) -> None:

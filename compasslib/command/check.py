@@ -21,6 +21,7 @@ from compasslib.config import cruise as config
 from compasslib.config.cruise import CALIBRATIONS
 from compasslib.config.schema import Mooring
 from compasslib.core import earthfield
+from compasslib.core.declination import Applied, applied
 from compasslib.core.errors import InputError
 from compasslib.core.records import BAD, Pairs, Record
 from compasslib.core.types import Floats
@@ -150,11 +151,11 @@ def _row(role: str, mooring: Mooring, record: Record) -> tuple[str, ...]:
         return (role, what, one.format, "0", *[""] * (len(HEAD) - 4))
     steps = np.diff(time_s)
     usual = float(np.median(steps)) if len(steps) else np.nan
-    seen = record.heading_quality < BAD
+    seen, inside = record.heading_quality < BAD, applied(one.declination_applied)
     return (
         role, what, one.format, f"{len(time_s)}", _span(usual), f"{int(np.sum(steps > GAP * usual))}",
         *(f"{datetime.fromtimestamp(t, UTC):%Y-%m-%d %H:%M}" for t in time_s[[0, -1]]), _depths(record.depth_m),
-        f"{record.east.shape[1]}", _sectors(record.heading_deg[seen]), _directions(record, one.declination_applied),
+        f"{record.east.shape[1]}", _sectors(record.heading_deg[seen]), _directions(record, inside),
     )  # fmt: skip
 
 
@@ -180,12 +181,17 @@ def _sectors(heading_deg: Floats) -> str:
     return f"{len(np.unique(known // SECTOR_DEG))} of {SECTORS} sectors" if len(known) else "none"
 
 
-def _directions(record: Record, applied: float | None) -> str:
+def _directions(record: Record, inside: Applied | None) -> str:
     if record.direction_reference == "true":
         return "true"
+    if record.velocity_bias_deg not in (None, record.heading_bias_deg):
+        of_each = f"{record.heading_bias_deg:+.2f} of headings and {record.velocity_bias_deg:+.2f} of velocities"
+        return f"magnetic, {of_each} taken out"
     if record.heading_bias_deg:
         return f"magnetic, heading bias {record.heading_bias_deg:+.2f} taken out"
-    return f"magnetic, {applied:+.2f} taken out" if applied else "magnetic, none taken out"
+    if inside is None or not any(inside):
+        return "magnetic, none taken out"
+    return f"magnetic, {inside if inside.differs else format(inside.heading, '+.2f')} taken out"
 
 
 def _of_pairs(name: str, rules: plan.Moorings, records: Sequence[Record]) -> Seen:

@@ -18,6 +18,7 @@ from compasslib.archive.netcdf import DAYS_1950_TO_1970, TIME_DECIMALS
 from compasslib.command import folders, gathered
 from compasslib.config import cruise as config
 from compasslib.core import angles
+from compasslib.core.declination import applied
 from compasslib.core.errors import InputError
 from compasslib.core.records import PROBABLY_BAD
 from compasslib.core.types import Floats
@@ -159,11 +160,11 @@ class _Product:
         """Return corrected minus recorded heading of each ensemble, NaN where there is none, (k,) degrees."""
         if not len(self._time_s):
             return np.full(len(leaders.time_s), np.nan)
-        settled, applied = self._deployment, self._reader["declination_applied"]
+        settled, stated = self._deployment, applied(self._reader["declination_applied"])
         deployed = settled["start_s"], settled["end_s"]
         utc = deployment.utc(leaders.time_s, deployed, settled["clock_offset_seconds"], settled["clock_drift_seconds"])
         at = np.minimum(np.searchsorted(self._time_s, utc - SAME_TIME_S), len(self._time_s) - 1)
-        bias = leaders.heading_bias_deg if applied is None else applied
+        bias = leaders.heading_bias_deg if stated is None else stated.heading
         magnetic = leaders.heading_deg - bias + (self._reader["heading_alignment"] or 0.0)
         with np.errstate(invalid="ignore"):
             same = np.abs(self._time_s[at] - utc) <= SAME_TIME_S

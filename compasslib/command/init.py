@@ -203,7 +203,7 @@ def _of_record(form: str, files: tuple[str, ...], keys: Mapping[str, object], re
         depth_m=depth if depth > 0.0 else np.nan,
         depth_range_m=float(np.ptp(np.quantile(level[inside], [0.01, 0.99]))) if inside.any() else np.nan,
         looks_up=record.looks_up if form in ("pd0", "nortek", "netcdf", "rdi_text") else None,
-        heading_bias_deg=record.heading_bias_deg,
+        heading_bias_deg=record.heading_bias_deg or record.velocity_bias_deg,
         direction_reference=north,
         speed=float(np.nanmedian(speed)) if np.isfinite(speed).any() else np.nan,
         serial_number=record.serial_number,

@@ -14,7 +14,9 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_valida
 from compasslib import readers
 from compasslib.config import paths, values
 from compasslib.config.values import iso, problem, shown
+from compasslib.core.declination import applied
 from compasslib.readers import TABLE_KEYS
+from compasslib.readers.flags import normal
 
 
 def _form(value: Any) -> str:
@@ -42,6 +44,7 @@ Delimiter = Annotated[str, BeforeValidator(values.delimiter)]
 Decimal = Annotated[str, BeforeValidator(values.decimal)]
 Zone = Annotated[str, BeforeValidator(values.zone)]
 Missing = Annotated[tuple[str, ...], BeforeValidator(values.missing)]
+DeclinationApplied = Annotated[float | dict[str, float], BeforeValidator(values.declination_applied)]
 Form = Annotated[str, BeforeValidator(_form)]
 Reference = Annotated[Literal["magnetic", "true"], BeforeValidator(values.unquoted_true)]
 
@@ -51,7 +54,8 @@ ONLY_FOR = {
     "columns": (*TABLES, "mmp_acm", "netcdf"),
     "pressure_files": ("mmp_acm",),
     "start_offset_seconds": ("mmp_acm",),
-    "heading_alignment": ("pd0",),
+    "heading_alignment": ("pd0", "netcdf"),
+    "flags": (*TABLES, "netcdf"),
     "bin_size": ("pd12",),
     "first_bin": ("pd12",),
     **dict.fromkeys(TABLE_KEYS, (*TABLES, "mmp_acm")),  # a profiler's pressure may stand in a table
@@ -231,6 +235,7 @@ class Columns(Section):
     tilt_x: Text | None = _header("degrees", "tilt_x_deg")
     tilt_y: Text | None = _header("degrees", "tilt_y_deg")
     temperature: Text | None = _header("degrees Celsius", "temperature_c")
+    flag: Text | None = _header("quality flags, tables only", "qc")
     range: Text | None = _header("metres from the transducer, netcdf only", "bindist")
     scale: Number = key("a factor to m/s above 0, at most 1000", "0.01", 1.0, gt=0, le=1000)
 
@@ -266,6 +271,23 @@ class TableKeys(Section):
     )
 
 
+class FlagMeanings(Section):
+    """What the quality flags of a file mean, where they stand in no known vocabulary."""
+
+    good: Missing = key("a list of meanings or values of flags", "[accepted, 1]", ())
+    bad: Missing = key("a list of meanings or values of flags", "[side_lobe, 4]", ())
+    unchecked: Missing = key("a list of meanings or values of flags", "[raw, 0]", ())
+
+    @model_validator(mode="after")
+    def _each_means_one_thing(self) -> Self:
+        named = [normal(item) for _, items in self for item in items]
+        if not named:
+            raise problem(None, "good, bad or unchecked", "none of them", "write for example {bad: [side_lobe]}")
+        if twice := [item for item in named if named.count(item) > 1]:
+            raise problem(None, "each meaning once", f"{shown(twice[0])} twice", "delete one of the two")
+        return self
+
+
 class Instrument(TableKeys):
     """One instrument of a mooring and the files that it left."""
 
@@ -273,7 +295,9 @@ class Instrument(TableKeys):
     files: Files = key(_FILES_WORDS, "raw/EG4/top.000")
     depth: Number | None = key("metres from 0 to 12000", "100", None, "write it positive, in metres", ge=0, le=12000)
     orientation: Literal["up", "down"] | None = key("up or down", "up", None)
-    declination_applied: Number | None = _degrees(180)
+    declination_applied: DeclinationApplied | None = key(
+        "degrees from -180 to 180, or {heading: degrees, velocity: degrees}", "0", None
+    )
     heading_alignment: Number | None = _degrees(360)
     clock_offset_seconds: Number = _seconds()
     clock_drift_seconds: Number = _seconds()
@@ -288,6 +312,7 @@ class Instrument(TableKeys):
     start_offset_seconds: Number = _seconds()
     bin_size: Number | None = key("metres above 0, at most 100", "16", None, gt=0, le=100)
     first_bin: Number | None = key("metres above 0, at most 1000", "24.7", None, gt=0, le=1000)
+    flags: FlagMeanings | None = key("a mapping", "{good: [accepted], bad: [side_lobe, 4]}", None)
 
     @model_validator(mode="after")
     def _keys_of_this_format(self) -> Self:
@@ -301,10 +326,19 @@ class Instrument(TableKeys):
     @model_validator(mode="after")
     def _roles_of_this_format(self) -> Self:
         netcdf = self.format == "netcdf"
-        for role in ("speed", "direction", "x", "y") if netcdf else ("range",):
+        for role in ("speed", "direction", "x", "y", "flag") if netcdf else ("range",):
             if self.columns is not None and getattr(self.columns, role):
                 expected = f"this role only with {'tables' if netcdf else 'format netcdf'}"
                 raise problem(f"columns.{role}", expected, f"it with format {self.format}", "delete it")
+        return self
+
+    @model_validator(mode="after")
+    def _velocities_turned_by_the_heading(self) -> Self:
+        inside = applied(self.declination_applied)
+        turned = self.format == "mmp_acm" or bool(self.columns and self.columns.x)
+        if inside is not None and inside.differs and turned:
+            expected = "one number, as these velocities are turned by the headings"
+            raise problem("declination_applied", expected, f"{inside}", f"write {inside.heading:g}")
         return self
 
     @model_validator(mode="after")

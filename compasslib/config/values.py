@@ -237,6 +237,18 @@ def zone(value: Any) -> str:
     return f"{match[1]}{match[2]}:{match[3] or '00'}"
 
 
+def declination_applied(value: Any) -> float | dict[str, float]:
+    """Return degrees that the directions of a file hold, one number or one for headings and one for velocities."""
+    parts = dict(value) if isinstance(value, dict) else {"": value}
+    if isinstance(value, dict) and {*parts} != {"heading", "velocity"}:
+        given = ", ".join(map(str, parts)) or "an empty mapping"
+        raise problem(found=given, advice="write both, for example {heading: 0, velocity: -17.4}")
+    degrees = {name: number(part) for name, part in parts.items()}
+    if any(abs(one) > 180.0 for one in degrees.values()):
+        raise problem()
+    return degrees if isinstance(value, dict) else degrees[""]
+
+
 def missing(value: Any) -> tuple[str, ...]:
     """Return the words and numbers that stand for nothing in a table, of a single one too."""
     listed = value if isinstance(value, list | tuple) else [value]

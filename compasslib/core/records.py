@@ -63,7 +63,8 @@ class Record:
     looks_up: bool = True
     beam_angle_deg: float = 0.0  # from the vertical; 0 for a meter without slanted beams
     direction_reference: str = "magnetic"  # magnetic | true
-    heading_bias_deg: float = 0.0  # that was taken out of the file's headings and directions
+    heading_bias_deg: float = 0.0  # that was taken out of the file's headings
+    velocity_bias_deg: float | None = None  # the same of its velocities, None: as of the headings
     serial_number: str = ""  # the instrument's, where its files tell it
     channels: Mapping[str, Floats] = field(default_factory=dict)  # (n,) each: what else was logged, NaN where missing
     channel_units: Mapping[str, str] = field(default_factory=dict)

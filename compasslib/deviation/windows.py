@@ -24,11 +24,11 @@ from compasslib.deviation.model import Fit
 LENGTH_S, FEWEST_PAIRS = 5 * 86400.0, 40  # of a window: several days of water, and enough pairs for four numbers
 FEWEST_WINDOWS = 6  # from which the others tell what is usual
 # Robust standard deviations beyond which a window is far off the others: turn, dependence, log scatter, share lost.
-# Real water between two depths turned for five days by 7, and turned with the heading by 7.5 (eh2).
-FAR = np.array([9.0, 9.0, 4.0, 6.0])
+# Real water between two depths turned for five days by 28°, and with the heading by 30° (eh2): 6 of them.
+FAR = np.array([8.0, 8.0, 3.0, 6.0])
 GROWS = 0.5  # of these, for a window beside one that is far off
 # Least spread between windows: mean turn and heading dependence in degrees, logarithm of the scatter, share lost.
-LEAST_SPREAD = np.array([4.0, 3.0, 3.0, 0.2, 0.03])
+LEAST_SPREAD = np.array([5.0, 5.0, 5.0, 0.2, 0.03])
 # Least departure that matters, in the same units; the heading dependence as the length of its two components.
 LEAST_TURN_DEG, LEAST_DEPENDENCE_DEG, LEAST_LOG_SCATTER, LEAST_LOST = 20.0, 10.0, 0.5, 0.25
 CLIP = 4.0  # widths beyond which a residual counts no more: slow water may point anywhere

@@ -7,7 +7,7 @@ lobes first, in the bin at h cos(beam angle), and by the beams themselves in the
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib.core import angles
+from compasslib.core.declination import Applied, applied
 from compasslib.core.records import BAD, MISSING, Record, take
 from compasslib.core.types import Bools, Floats
 from compasslib.preparation import plausibility, timestamps
@@ -39,7 +40,7 @@ def settle(
     pressure_offset: float = 0.0,
     clock_offset_seconds: float = 0.0,
     clock_drift_seconds: float = 0.0,
-    declination_applied: float = 0.0,
+    declination_applied: float | Mapping[str, float] = 0.0,
     exclude: Sequence[tuple[float, float]] = (),
 ) -> Record:
     """Return the record inside the deployment, on UTC, its depth known, its unusable values flagged.
@@ -53,17 +54,15 @@ def settle(
         direction_reference: ``magnetic`` or ``true``, what the export's directions refer to.
         pressure_offset: dbar, subtracted.
         clock_offset_seconds: instrument clock minus UTC at start.
-        declination_applied: degrees that the export's directions already hold, taken out.
+        declination_applied: degrees that the export's directions already hold, of both or of headings and velocities
+            apart, taken out.
         exclude: windows (from, to) known to be bad, UTC seconds.
     """
     time_s = utc(record.time_s, (start_s, end_s), clock_offset_seconds, clock_drift_seconds)
     pressure = record.pressure_dbar - pressure_offset
     record = replace(record, time_s=time_s, direction_reference=direction_reference, pressure_dbar=pressure)
     record = _with_measured(_inside(record, start_s, end_s))
-    if declination_applied:
-        east, north = angles.turn(record.east, record.north, -declination_applied)
-        known, turned = np.isfinite(record.heading_deg), angles.wrap360(record.heading_deg - declination_applied)
-        record = replace(record, east=east, north=north, heading_deg=np.where(known, turned, np.nan))
+    record = _unrotated(record, applied(declination_applied) or Applied(0.0, 0.0))
     depth, source = _depth(record, nominal_depth, latitude)
     given = record.depth_m
     record = _noted(replace(record, depth_m=depth), _depth_warnings(depth, source, nominal_depth, water_depth))
@@ -73,6 +72,17 @@ def settle(
     record = plausibility.flagged(record, water_depth)
     record = check_orientation(record, water_depth)
     return _flag_windows(_flag_boundaries(record, water_depth), exclude)
+
+
+def _unrotated(record: Record, inside: Applied) -> Record:
+    """Return the record without the declination inside its velocities and headings."""
+    if inside.velocity:
+        east, north = angles.turn(record.east, record.north, -inside.velocity)
+        record = replace(record, east=east, north=north)
+    if inside.heading:
+        known, turned = np.isfinite(record.heading_deg), angles.wrap360(record.heading_deg - inside.heading)
+        record = replace(record, heading_deg=np.where(known, turned, np.nan))
+    return record
 
 
 def utc(time_s: Floats, deployed: tuple[float, float], offset_s: float, drift_s: float) -> Floats:

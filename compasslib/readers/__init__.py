@@ -49,10 +49,13 @@ class Format:
 TABLE_KEYS = ("delimiter", "decimal", "time_format", "timezone", "missing", "skip_rows")  # of any text table
 FORMATS = {
     "pd0": Format("pd0.reader", ("orientation", "declination_applied", "heading_alignment", "serial_number")),
-    "table": Format("table", ("columns", *TABLE_KEYS)),
-    "acm_table": Format("table", ("columns", *TABLE_KEYS)),
+    "table": Format("table", ("columns", "flags", *TABLE_KEYS)),
+    "acm_table": Format("table", ("columns", "flags", *TABLE_KEYS)),
     "mmp_acm": Format("mmp.acm", ("pressure_files", "start_offset_seconds", *TABLE_KEYS)),
-    "netcdf": Format("netcdf.reader", ("columns", "orientation", "declination_applied", "direction_reference")),
+    "netcdf": Format(
+        "netcdf.reader",
+        ("columns", "orientation", "declination_applied", "direction_reference", "heading_alignment", "flags"),
+    ),
     "rdi_text": Format("rdi_text", ("orientation",)),
     "pd12": Format("pd12", ("orientation", "bin_size", "first_bin")),
     "nortek": Format("nortek.reader", ("orientation", "declination_applied", "serial_number")),

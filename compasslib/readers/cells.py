@@ -13,17 +13,20 @@ from __future__ import annotations
 import csv
 import io
 import re
+from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
 from compasslib.core.errors import InputError
+from compasslib.core.records import NOT_CHECKED, PROBABLY_BAD
 from compasslib.core.types import Floats
-from compasslib.readers import times
+from compasslib.readers import flags, times
 from compasslib.readers.plain import LONGEST_LINE, of_lines, strange, text_of
 
 __all__ = ["LONGEST_LINE", "Layout", "Lines", "Table", "columns_of", "header_of", "of_lines", "strange"]
@@ -31,6 +34,8 @@ __all__ = ["LONGEST_LINE", "Layout", "Lines", "Table", "columns_of", "header_of"
 MISSING_TEXT = frozenset({"", "nan", "na", "n/a", "null", "none", "-"})
 COLUMN_MAP = "correct columns in the mooring file"
 TIMES = ("time", "time_utc")  # roles that hold times
+FLAG = "flag"  # the role of quality flags: words or values
+NO_MEANINGS: Mapping[str, int] = MappingProxyType({})
 APART = ("date", "clock")  # roles that hold the two parts of one
 LARGEST = 1e30  # no measurement in any unit; its square still is a number
 NUMBER_FORM = "a number or nothing"
@@ -93,6 +98,7 @@ class Table:
     rows: int
     cut: int
     notes: tuple[str, ...]  # what was recognised, in words
+    unknown_flags: str = ""  # the sentence about flags that nobody knows
 
 
 def columns_of(
@@ -110,13 +116,30 @@ def columns_of(
     return table_of(path, headers, advice, layout).columns
 
 
-def table_of(path: Path, headers: Mapping[str, str], advice: str = COLUMN_MAP, layout: Layout = NOTHING_SAID) -> Table:
-    """Return the same with what was recognised and lost; arguments and errors as for ``columns_of``."""
-    return table_in(path, lines_of(path, headers.values(), layout), headers, advice, layout)
+def table_of(
+    path: Path,
+    headers: Mapping[str, str],
+    advice: str = COLUMN_MAP,
+    layout: Layout = NOTHING_SAID,
+    meanings: Mapping[str, int] = NO_MEANINGS,
+) -> Table:
+    """Return the same with what was recognised and lost; arguments and errors as for ``columns_of``.
+
+    Args:
+        meanings: of the flags in a column ``flag``, see ``flags.given``.
+    """
+    return table_in(path, lines_of(path, headers.values(), layout), headers, advice, layout, meanings)
 
 
-def table_in(path: Path, lines: Lines, headers: Mapping[str, str], advice: str, layout: Layout) -> Table:
-    """Return columns of the lines of one table; arguments and errors as for ``columns_of``."""
+def table_in(
+    path: Path,
+    lines: Lines,
+    headers: Mapping[str, str],
+    advice: str,
+    layout: Layout,
+    meanings: Mapping[str, int] = NO_MEANINGS,
+) -> Table:
+    """Return columns of the lines of one table; arguments and errors as for ``table_of``."""
     for role, header in headers.items():
         if (times_there := lines.header.count(header)) != 1:
             raise InputError(
@@ -135,6 +158,9 @@ def table_in(path: Path, lines: Lines, headers: Mapping[str, str], advice: str, 
     timed = [role for role in places if role in (*TIMES, *APART)]
     columns, said = _times_in(path, lines, {role: places[role] for role in timed}, layout)
     texts = {role: _column(path, lines, place, role) for role, place in places.items() if role not in timed}
+    unknown = ""
+    if FLAG in texts:
+        columns[FLAG], unknown = _flags(f"{path.name}: column {headers[FLAG]}", texts.pop(FLAG), meanings)
     decimal, by_comma = _decimal(path, texts, headers, layout)
     for role, cells in texts.items():
         columns[role], row = _numbers(cells, decimal, layout.missing)
@@ -142,7 +168,17 @@ def table_in(path: Path, lines: Lines, headers: Mapping[str, str], advice: str, 
             to_do = "correct decimal" if layout.decimal else _mend(cells[row])
             _refuse_line(path, f"{lines.numbers[row]}, {headers[role]}", NUMBER_FORM, repr(cells[row]), to_do)
     notes = (*lines.notes, *["units below the header"] * units, *["decimal commas"] * by_comma, *filter(None, [said]))
-    return Table(columns, len(lines.rows), lines.cut, notes)
+    return Table(columns, len(lines.rows), lines.cut, notes, unknown)
+
+
+def _flags(where: str, cells: Sequence[str], meanings: Mapping[str, int]) -> tuple[Floats, str]:
+    """Return OceanSITES flags of cells that hold meanings or values, and the sentence about those that nobody knows."""
+    counts = Counter(cells)
+    known = {cell: NOT_CHECKED if not cell else flags.flag_of(cell, cell, meanings) for cell in counts}
+    unknown = {cell: counts[cell] for cell, flag in known.items() if flag is None}
+    codes = {cell: PROBABLY_BAD if flag is None else flag for cell, flag in known.items()}
+    found = np.array([codes[cell] for cell in cells], dtype=float)
+    return found, flags.asked(where, unknown) if unknown else ""
 
 
 def _mend(cell: str) -> str:
@@ -167,9 +203,9 @@ def clock_apart(headers: Mapping[str, str], withheld: Collection[str] = ()) -> d
 
 def said(tables: Iterable[Table]) -> tuple[str, ...]:
     """Return the sentences on what was recognised in tables, each once."""
-    return tuple(
-        dict.fromkeys(f"the table was read as it is written: {', '.join(one.notes)}" for one in tables if one.notes)
-    )
+    listed = [*tables]
+    read = [f"the table was read as it is written: {', '.join(one.notes)}" for one in listed if one.notes]
+    return tuple(dict.fromkeys([*read, *(one.unknown_flags for one in listed if one.unknown_flags)]))
 
 
 def header_of(path: Path, needed: Iterable[str], layout: Layout = NOTHING_SAID) -> list[str]:

@@ -14,6 +14,7 @@ import numpy as np
 from compasslib.core import angles
 from compasslib.core.records import GOOD, MISSING, Record
 from compasslib.core.types import Bools, Floats
+from compasslib.readers import flags as vocabularies
 from compasslib.readers.cells import COLUMN_MAP, Layout, Table, said, table_of
 
 CURRENTS = ("east", "north", "x", "y", "speed")  # roles that hold speeds
@@ -35,12 +36,19 @@ LOSSES = {
 }
 
 
-def read(paths: Sequence[Path], *, columns: Mapping[str, str | float], **layout: Any) -> Record:
+def read(
+    paths: Sequence[Path],
+    *,
+    columns: Mapping[str, str | float],
+    flags: Mapping[str, Sequence[object]] | None = None,
+    **layout: Any,
+) -> Record:
     """Return the series of one or several tables, in the order given.
 
     Args:
         columns: role -> header: time, or date and clock; depth or pressure; east+north, speed+direction, or x+y+heading
-            (x forward, y to port); tilt_x, tilt_y, temperature; ``scale`` turns velocities into m/s.
+            (x forward, y to port); tilt_x, tilt_y, temperature; flag; ``scale`` turns velocities into m/s.
+        flags: good, bad and unchecked -> meanings or values of flags that stand in no known vocabulary.
         **layout: how the files are written, keys of ``cells.Layout``.
 
     Raises:
@@ -48,12 +56,14 @@ def read(paths: Sequence[Path], *, columns: Mapping[str, str | float], **layout:
     """
     scale = float(columns.get("scale", 1.0))
     headers = {role: str(header) for role, header in columns.items() if role != "scale" and header is not None}
-    files = [table_of(path, headers, COLUMN_MAP, Layout.of(layout)) for path in paths]
+    known = vocabularies.given(flags)
+    files = [table_of(path, headers, COLUMN_MAP, Layout.of(layout), known) for path in paths]
     table, counts = _cleaned(*_joined(files))
     table, counts["rows_sorted"] = _in_order(table)
     samples = _Samples(table.pop("time"))
     n, m = len(samples.first), int(samples.bin.max(initial=0)) + 1
     east, north = (_spread(scale * x, samples, (n, m)) for x in _east_north(table))
+    quality = np.full((n, m), GOOD) if "flag" not in table else _spread(table["flag"], samples, (n, m))
     series = {role: values[samples.first] for role, values in table.items()}
     empty = np.full(n, np.nan)
     heading = series.get("heading", empty)
@@ -69,7 +79,7 @@ def read(paths: Sequence[Path], *, columns: Mapping[str, str | float], **layout:
         depth_m=series.get("depth", empty),
         temperature_c=series.get("temperature", empty),
         supply_voltage=empty,
-        quality=np.where(np.isfinite(east + north), GOOD, MISSING).astype(np.int8),
+        quality=np.where(np.isfinite(east + north), quality, MISSING).astype(np.int8),
         heading_quality=np.where(np.isfinite(heading), GOOD, MISSING).astype(np.int8),
         looks_up=False,
         counts=counts | {"velocities_missing": int(np.sum(~np.isfinite(east + north)))},

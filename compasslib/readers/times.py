@@ -8,6 +8,7 @@ milliseconds since 1970, MATLAB's days since the year 0, years with a fraction o
 from __future__ import annotations
 
 import re
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -19,6 +20,8 @@ TIME_FORM = "an ISO time like 2007-09-04T00:00:00Z"
 SETTLE = "write time_format, for example '%d/%m/%Y %H:%M'"
 DAY_S = 86400.0
 DATENUM_1970, EXCEL_1970 = 719529.0, 25569.0  # the first of January 1970 in MATLAB's and in Excel's days
+JULIAN_DAY_1970 = 2440588  # of the noon of the first of January 1970
+FARTHEST_ZONE_H = 14  # of the inhabited earth
 YEARS = (1950, 2100)  # of times in text without an ISO form
 FIRST_S, LAST_S = 315532800.0, 1893456000.0  # 1980 to 2030: numbers of times that are recognised
 MONTHS = (
@@ -41,6 +44,12 @@ _FORMS = {
 _PATTERNS = {form: re.compile(date + _CLOCK, re.ASCII) for form, date in _FORMS.items()}
 _PATTERNS["run together"] = re.compile(
     _FORMS["compact"] + r"[T ]?(?P<H>\d\d)(?P<M>\d\d)(?P<S>\d\d)?(?:Z| ?(?P<zone>[+-]\d\d:?\d\d))?", re.ASCII
+)
+_SINCE = re.compile(
+    r"(?:(?P<packed>\d{8})|(?P<y>[+-]?\d{1,4})(?:(?P<part>[-/])(?P<m>\d{1,2})(?:(?P=part)(?P<d>\d{1,2}))?)?)"
+    r"(?:(?: *T| +) *(?P<H>\d{1,2})(?::(?P<M>\d{1,2})(?::(?P<S>\d{1,2}(?:\.\d*)?))?)?"
+    r" *(?:Z|UTC|GMT|(?P<zone>(?:[+-]| +[+-]?)\d{1,2}(?::?\d\d)?))?| *(?:Z|UTC|GMT))?",
+    re.ASCII | re.IGNORECASE,
 )
 _ISO = re.compile(r"\d{4}-\d\d-\d\d(?:[T ]\d\d(?::\d\d(?::\d\d(?:\.\d{1,6})?)?)?)?Z?", re.ASCII)
 _SHORT_YEAR = re.compile(r"\d{1,2}[-/. ](?:\d{1,2}|[A-Za-z]{3,9})[-/. ]\d\d(?:[T ].*)?", re.ASCII)
@@ -129,6 +138,40 @@ def _exists(cell: str) -> bool:
 def _offset_s(zone: str) -> float:
     digits = zone[1:].replace(":", "").ljust(4, "0")
     return (60 * int(digits[:2]) + int(digits[2:])) * (-60.0 if zone[0] == "-" else 60.0)
+
+
+def origin_s(text: str, calendar: str) -> float:
+    """Return the instant that a unit such as "days since" counts from, UTC seconds since 1970.
+
+    Args:
+        text: what follows "since" by CF 4.4 and UDUNITS: a date, the time of day where it is not 0 h, and the offset
+            from UTC where it is not UTC, as in 1992-10-8 15:15:42.5 -6:00.
+        calendar: standard, proleptic_gregorian or julian.
+
+    Raises:
+        Unreadable: it is none, or holds more than that.
+    """
+    import cftime
+
+    advice = "write for example days since 1950-01-01 00:00:00 +00:00"
+    unreadable = Unreadable(None, repr(text), "a date, a time of day and an offset from UTC", advice)
+    if (found := _SINCE.fullmatch(" ".join(text.split()))) is None:
+        raise unreadable
+    packed, clock = found["packed"], [float(found[part] or 0.0) for part in "HMS"]
+    date = (packed[:4], packed[4:6], packed[6:]) if packed else (found["y"], found["m"] or 1, found["d"] or 1)
+    digits = re.sub(r"[^\d]", "", found["zone"] or "")
+    hours, minutes = (int(digits[:-2]), int(digits[-2:])) if len(digits) > 2 else (int(digits or 0), 0)
+    if clock[0] > 23.0 or clock[1] > 59.0 or clock[2] >= 60.0 or hours > FARTHEST_ZONE_H or minutes > 59:
+        raise unreadable
+    year_zero = calendar == "proleptic_gregorian"
+    try:
+        with warnings.catch_warnings():  # of years before the first
+            warnings.simplefilter("ignore", cftime.CFWarning)
+            day = cftime.datetime(*map(int, date), calendar=calendar, has_year_zero=year_zero).toordinal()
+    except ValueError:
+        raise unreadable from None
+    ahead_s = 60.0 * (60 * hours + minutes) * (-1.0 if "-" in (found["zone"] or "") else 1.0)
+    return (day - JULIAN_DAY_1970) * DAY_S + 3600.0 * clock[0] + 60.0 * clock[1] + clock[2] - ahead_s
 
 
 # Numbers that are times.

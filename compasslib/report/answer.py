@@ -84,9 +84,9 @@ def _of_headings(head: Headings) -> list[str]:
     if not head.corrected:
         return ["Give the mooring a reference that overlaps, or a calibration (fit: {method: calibration, name: ...})."]
     doubtful, lost = (words.percent(n / head.n) for n in (head.doubtful, head.n - head.corrected))
-    texts = [
-        f"{doubtful} of the headings are doubtful (flag 3): leave them out where a wrong one would harm."
-    ] * bool(head.doubtful)
+    texts = [f"{doubtful} of the headings are doubtful (flag 3): leave them out where a wrong one would harm."] * bool(
+        head.doubtful
+    )
     if head.sigma_deg[0] > WIDE_DEG:
         texts.append("The uncertainty of the headings is large: do not rest on directions that need a smaller one.")
     return [*texts, f"{lost} of the headings are missing (flag 4)."] if head.corrected < head.n else texts

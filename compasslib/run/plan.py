@@ -19,6 +19,7 @@ from compasslib.config import calibrations, compasses
 from compasslib.config.cruise import CALIBRATIONS, CONFIG, Cruise
 from compasslib.config.schema import Instrument, Mooring
 from compasslib.core import plugins
+from compasslib.core.declination import applied
 from compasslib.core.errors import InputError
 from compasslib.run.compasses import Compasses
 from compasslib.run.stopped import Stopped
@@ -98,28 +99,34 @@ class Moorings:
         """Return what turns one instrument's series into its record inside the deployment."""
         mooring, instrument = self._mooring(wildcards), self._instrument(wildcards)
         # Some readers take it out themselves: a PD0 file may hold it as heading bias.
-        applied = 0.0 if readers.of(instrument.format).takes_declination else instrument.declination_applied or 0.0
+        taken = readers.of(instrument.format).takes_declination
+        inside = 0.0 if taken else instrument.declination_applied or 0.0
         return _plain(instrument, DEPLOYMENT_KEYS) | {
             "start_s": mooring.start_s,
             "end_s": mooring.end_s,
             "water_depth": mooring.water_depth,
             "latitude": mooring.latitude,
             "nominal_depth": instrument.depth,
-            "declination_applied": applied,
+            "declination_applied": inside,
             "exclude": [(window.from_s, window.to_s) for window in instrument.exclude],
         }
 
     def place_and_declination(self, wildcards: Any) -> dict[str, Any]:
         """Return position, dates and declination of one mooring."""
         mooring = self._mooring(wildcards)
-        applied = {role: mooring.instruments[role].declination_applied for role in _roles(mooring)}
+        inside = {
+            f"{role} ({part})" if one.differs else role: degrees
+            for role in _roles(mooring)
+            if (one := applied(mooring.instruments[role].declination_applied)) is not None
+            for part, degrees in one._asdict().items()
+        }
         return {
             "latitude": mooring.latitude,
             "longitude": mooring.longitude,
             "start_s": mooring.start_s,
             "end_s": mooring.end_s,
             "declination": None if mooring.declination == "auto" else mooring.declination,
-            "applied": {role: degrees for role, degrees in applied.items() if degrees},
+            "applied": {name: degrees for name, degrees in inside.items() if degrees},
         }
 
     def pairing_rules(self, wildcards: Any) -> dict[str, Any]:

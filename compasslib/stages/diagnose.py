@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -96,7 +95,7 @@ def judged(
     own = netcdf.read_record(record, velocities=False)  # they are a third of the memory
     fixed = None
     if not options["constant_confirmed"]:
-        biases = {Path(file).stem: netcdf.read_heading_bias(file) for file in (record, *references)}
+        biases = netcdf.taken_out((record, *references))
         fixed = constant.of_fit(fitted, near, float(np.mean(along.declination_deg)), biases)
 
     def search(some: Pairs) -> Diagnosis:

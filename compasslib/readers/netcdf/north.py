@@ -14,11 +14,16 @@ from dataclasses import dataclass
 import netCDF4
 import numpy as np
 
+from compasslib.core.declination import Applied
 from compasslib.core.types import Floats
 from compasslib.readers.netcdf.variables import File, find, values
 
 MAGNETIC, TRUE = "magnetic", "true"
 STGLIB = re.compile(r"[Rr]otating heading and horizontal velocities by ([-+]?[\d.]+) degrees")
+# Such as IMOS' compass_correction_applied, EPIC's magnetic_variation_applied, WHOI's magnetic_correction_applied.
+APPLIED = re.compile(r"(?=.*(?:compass|magnetic|magvar|declination)).*_applied")
+ALIGNMENTS = {"heading_misalign_deg": 1.0, "heading_alignment": 0.01}  # of dolfyn; of ADCPy and stglib, degrees of one
+ALIGNMENTS |= {"TRDI_Heading_Alignment_Hundredths_of_Deg": 0.01, "TRDI_Heading_Alignment_Hundredths_of_Deg.": 0.01}
 SAME_DEG = 0.01
 WHICH = "write direction_reference: true, or declination_applied: DEGREES where the declination is to be taken out"
 
@@ -46,13 +51,13 @@ def told(file: File, east: netCDF4.Variable, heading: netCDF4.Variable | None) -
     word, degrees, why = _of_velocity(file, east)
     in_heading = np.zeros(()) if heading is None else degrees
     if heading is not None:
-        own = file.attribute("compass_correction_applied", of=heading)
-        in_heading = np.asarray(float(own)) if own is not None else in_heading
+        own = [_number(file.attribute(name, of=heading)) for name in filter(APPLIED.fullmatch, heading.ncattrs())]
+        in_heading = next((np.asarray(degrees) for degrees in own if degrees is not None), in_heading)
         in_heading = np.zeros(()) if MAGNETIC in _words(file, heading) else in_heading
     return North(word, degrees, in_heading, why)
 
 
-def settled(file: File, north: North, reference: str, applied: float | None) -> Turn:
+def settled(file: File, north: North, reference: str, applied: Applied | None) -> Turn:
     """Return what is to be taken out, by the file's words and the mooring file's; what was decided is noted.
 
     Args:
@@ -82,16 +87,46 @@ def settled(file: File, north: North, reference: str, applied: float | None) -> 
     return Turn(degrees, degrees if north.heading_degrees is None else north.heading_degrees)
 
 
-def _stated(file: File, north: North, reference: str, applied: float) -> Turn:
-    if applied and (reference == TRUE or north.word == MAGNETIC):
+def alignment(file: File, heading: netCDF4.Variable | None, stated: float | None) -> float:
+    """Return the degrees to add to headings for the instrument's heading alignment EA.
+
+    Args:
+        stated: ``heading_alignment`` of the mooring file.
+
+    Raises:
+        InputError: the file tells an EA and the mooring file does not say how to take it, or the other way round.
+    """
+    if heading is None:
+        return 0.0
+    holders = [(name, holder) for name in ALIGNMENTS for holder in (heading, None)]
+    told = ((name, _number(file.attribute(name, of=holder))) for name, holder in holders)
+    name, found = next(((name, x) for name, x in told if x), ("heading alignment EA", 0.0))
+    degrees = found * ALIGNMENTS.get(name, 1.0)
+    if stated is None and degrees:
+        advice = "give heading_alignment: degrees to add to the file's heading to get beam 3's, or 0 to ignore EA"
+        raise file.refuse(name, "a heading alignment EA of 0 degrees", f"{degrees:g} degrees", advice)
+    if stated and not degrees:
+        expected = f"one that is not 0, as heading_alignment is {stated:g}"
+        advice = "delete heading_alignment: it only says how to take an EA that the file holds"
+        raise file.refuse(name, expected, "none", advice)
+    if degrees:
+        added = f"heading_alignment of {stated or 0.0:g} degrees was added to the headings"
+        file.note(f"{added}; {name} is {degrees:g} degrees.")
+    return stated or 0.0
+
+
+def _stated(file: File, north: North, reference: str, applied: Applied) -> Turn:
+    if applied.velocity and (reference == TRUE or north.word == MAGNETIC):
         said = "direction_reference: true" if reference == TRUE else north.why
         advice = "delete one of the two" if reference == TRUE else "delete declination_applied"
-        raise file.refuse("directions", f"no declination_applied beside {said}", f"{applied:g}", advice)
-    if north.degrees is not None and np.any(np.abs(north.degrees - applied) > SAME_DEG):
+        raise file.refuse("directions", f"no declination_applied beside {said}", str(applied), advice)
+    if north.degrees is not None and np.any(np.abs(north.degrees - applied.velocity) > SAME_DEG):
         found = f"although {north.why} says {_shown(north.degrees)}"
-        file.notes.append(f"declination_applied of {applied:g} degrees was taken out of the directions, {found}.")
+        file.notes.append(f"declination_applied of {applied} degrees was taken out of the directions, {found}.")
+    if applied.differs:
+        return Turn(np.asarray(applied.velocity), np.asarray(applied.heading))
     magnetic = north.heading_degrees is not None and north.word == TRUE and not np.any(north.heading_degrees)
-    return Turn(np.asarray(applied), np.asarray(0.0 if magnetic else applied))
+    return Turn(np.asarray(applied.velocity), np.asarray(0.0 if magnetic else applied.heading))
 
 
 def _kept_true(file: File, north: North) -> Turn:
@@ -103,15 +138,17 @@ def _kept_true(file: File, north: North) -> Turn:
     if north.heading_degrees is None:
         file.notes.append(
             "Headings are left out, as the file does not tell the declination in them; declination_applied: DEGREES, "
-            "beside direction_reference: magnetic, takes it out of headings and velocities."
+            "beside direction_reference: magnetic, takes it out of headings and velocities, declination_applied: "
+            "{heading: DEGREES, velocity: 0} out of headings alone."
         )
     return Turn(np.zeros(()), north.heading_degrees)
 
 
 def _of_velocity(file: File, east: netCDF4.Variable) -> tuple[str, Floats | None, str]:
-    for name, holder in (("compass_correction_applied", east), ("magnetic_variation_applied", None)):
-        if (found := _number(file.attribute(name, of=holder))) is not None:
-            return (TRUE if found else MAGNETIC), np.asarray(found), f"{name} {found:g}"
+    for holder in (east, file.nc):
+        for name in filter(APPLIED.fullmatch, map(str.lower, holder.ncattrs())):
+            if (found := _number(file.attribute(name, of=holder))) is not None:
+                return (TRUE if found else MAGNETIC), np.asarray(found), f"{name} {found:g}"
     if rotated := STGLIB.findall(file.text("history")):
         return TRUE, np.asarray(float(rotated[-1])), "stglib's history"
     if file.attribute("coord_sys") is not None:  # dolfyn turns by declination alone, and says so

@@ -8,6 +8,7 @@ import netCDF4
 import numpy as np
 
 from compasslib.core.types import Floats
+from compasslib.readers.netcdf.variables import refuse_size
 
 NAMES = {  # variables of one value, or attributes: OceanSITES, IMOS (imos-toolbox), EPIC (stglib), dolfyn
     "latitude": ("LATITUDE", "latitude", "lat", "geospatial_lat_min"),
@@ -19,14 +20,15 @@ NAMES = {  # variables of one value, or attributes: OceanSITES, IMOS (imos-toolb
 def of(path: Path) -> dict[str, float]:
     """Return latitude, longitude and water depth (m), those that the file tells as one finite number."""
     with netCDF4.Dataset(path) as nc:
-        found = {
-            key: next(filter(np.isfinite, (_number(nc, n) for n in names)), np.nan) for key, names in NAMES.items()
-        }
+        each = {key: [_number(path, nc, name) for name in names] for key, names in NAMES.items()}
+    found = {key: next(filter(np.isfinite, numbers), np.nan) for key, numbers in each.items()}
     return {key: float(value) for key, value in found.items() if np.isfinite(value)}
 
 
-def _number(nc: netCDF4.Dataset, name: str) -> float:
+def _number(path: Path, nc: netCDF4.Dataset, name: str) -> float:
     """Return a variable's or an attribute's one number, NaN without one."""
+    if name in nc.variables:
+        refuse_size(path, nc.variables[name])
     value = nc.variables[name][...] if name in nc.variables else getattr(nc, name, np.nan)
     try:
         values: Floats = np.unique(np.ma.filled(np.ma.asarray(value, dtype=float), np.nan))

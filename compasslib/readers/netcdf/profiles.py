@@ -49,10 +49,10 @@ def _velocity(file: File, key: str) -> Floats | None:
     if variable is not None and (flow := _arranged(file, variable)) is not None and flow.ndim == 2:
         factor = SPEED.get(str(getattr(variable, "units", "")).lower())
         return None if factor is None else factor * flow
-    velocity = file.nc.variables.get("vel")
+    velocity = file.nc.variables.get(f"vel{file.suffix}")
     if velocity is None or "dir" not in velocity.dimensions:
         return None
-    labels = [str(label) for label in file.nc.variables["dir"][:]]
+    labels = file.labels("dir")
     label = next((one for one in AMONG[key] if one in labels), None)
     every = _arranged(file, velocity, "dir")
     return None if label is None or every is None else every[..., labels.index(label)]
@@ -60,7 +60,7 @@ def _velocity(file: File, key: str) -> Floats | None:
 
 def _counts(file: File, names: tuple[str, ...]) -> Floats | None:
     """Return counts, (n, m, beams) or (n, m), NaN where missing."""
-    for name in names:
+    for name in (*(f"{name}{file.suffix}" for name in names if file.suffix), *names):
         several = [name.format(beam) for beam in range(1, 5)] if "{}" in name else [name]
         there = [file.nc.variables[one] for one in several if one in file.nc.variables]
         each = [one for variable in there if (one := _arranged(file, variable, *BEAMS)) is not None]
@@ -83,7 +83,7 @@ def _arranged(file: File, variable: netCDF4.Variable, *last: str) -> Floats | No
     if not np.issubdtype(variable.dtype, np.number) or {*long} - {*wanted} or file.time not in variable.dimensions:
         return None
     own = [name for name in wanted if name in variable.dimensions]
-    data = numbers(variable)
+    data = numbers(file, variable)
     apart = [k for k, name in enumerate(variable.dimensions) if name not in own]
     data = data.transpose([*(variable.dimensions.index(name) for name in own), *apart])
     data = data.reshape([variable.shape[variable.dimensions.index(name)] for name in own])

@@ -14,18 +14,38 @@ import netCDF4
 import numpy as np
 
 from compasslib.core import angles
+from compasslib.core.declination import Applied, applied
 from compasslib.core.errors import InputError
-from compasslib.core.records import GOOD, MISSING, Flags, Record, joined
+from compasslib.core.records import GOOD, MISSING, PROBABLY_BAD, Flags, Record, joined
 from compasslib.core.types import Floats
-from compasslib.readers.netcdf import north, profiles, times
-from compasslib.readers.netcdf.variables import File, find, flags, spans, values
+from compasslib.readers import flags as vocabularies
+from compasslib.readers.netcdf import flags, north, profiles, times
+from compasslib.readers.netcdf.variables import File, find, spans, values
 from compasslib.readers.pd0.currents import true_pitch
 
 ATMOSPHERE_DBAR = 10.1325  # IMOS' PRES is absolute
 DEEPEST_DBAR = 12000.0  # MHKiT writes a pressure below that of air as 2^32
 SIGNED = ("HEIGHT_ABOVE_SENSOR",)  # positive up
 NOMINAL = ("nominal_instrument_depth", "instrument_nominal_depth", "nominal_sensor_depth")
+COMPONENTS = "dir"  # dolfyn's dimension of one variable that holds all components
+ROWS = 0.1  # share of times that repeat at another depth, from which on rows are those of several cells
+SERIAL_NUMBERS = ("serial_number", "serialnum", "instrument_serial_number")
+ONE_INSTRUMENT = (
+    "write the rows of one instrument as a table with time and depth (format: table): rows of one time are its bins"
+)
 ADVICE = "check that format: netcdf and the file belong together"
+
+
+@dataclass(frozen=True)
+class _Settings:
+    """What the mooring file says of one instrument; None leaves it to the file."""
+
+    columns: Mapping[str, Any]
+    meanings: Mapping[str, int]  # of flags
+    orientation: str | None
+    reference: str
+    declination: Applied | None
+    alignment: float | None
 
 
 @dataclass(frozen=True)
@@ -52,8 +72,10 @@ def read(
     *,
     columns: Mapping[str, str | float | None] | None,
     orientation: str | None,
-    declination_applied: float | None,
+    declination_applied: float | Mapping[str, float] | None,
     direction_reference: str,
+    heading_alignment: float | None = None,
+    flags: Mapping[str, Sequence[object]] | None = None,
 ) -> Record:
     """Return what one instrument's files hold, in order of time, currents from the north of ``direction_reference``.
 
@@ -62,19 +84,22 @@ def read(
         orientation: up or down; the file's own word where None.
         declination_applied: degrees inside headings and velocities, instead of what the file says.
         direction_reference: magnetic or true.
+        heading_alignment: degrees added to headings; needed where the file tells a heading alignment EA that is not 0.
+        flags: good, bad and unchecked -> meanings or values of flags that stand in no known vocabulary.
 
     Raises:
         InputError: a file that cannot be read, or does not tell what is where, in which unit or from which north.
     """
     named = {role: name for role, name in (columns or {}).items() if name is not None}
-    settings = (orientation, direction_reference, declination_applied)
-    return joined([_of_file(Path(path), named, settings) for path in paths])
+    declination, meanings = applied(declination_applied), vocabularies.given(flags)
+    settings = _Settings(named, meanings, orientation, direction_reference, declination, heading_alignment)
+    return joined([_of_file(Path(path), settings) for path in paths])
 
 
-def _of_file(path: Path, columns: Mapping[str, Any], settings: tuple[str | None, str, float | None]) -> Record:
+def _of_file(path: Path, settings: _Settings) -> Record:
     try:
         with netCDF4.Dataset(path) as nc:
-            return _record(path, nc, columns, settings)
+            return _record(path, nc, settings)
     except (
         OSError,
         RuntimeError,
@@ -90,48 +115,54 @@ def _of_file(path: Path, columns: Mapping[str, Any], settings: tuple[str | None,
         raise InputError(str(path), expected="a whole netCDF file", found=found, advice=ADVICE) from None
 
 
-def _record(
-    path: Path, nc: netCDF4.Dataset, columns: Mapping[str, Any], settings: tuple[str | None, str, float | None]
-) -> Record:
-    orientation, reference, applied = settings
-    file, time_s = _opened(path, nc, columns)
+def _record(path: Path, nc: netCDF4.Dataset, settings: _Settings) -> Record:
+    file, time_s, of_time = _opened(path, nc, settings)
     water = _velocities(file)
     file = _with_bins(file, water.variable)
     heading_variable = find(file, "heading", (file.time,))
-    turn = north.settled(file, north.told(file, water.variable, heading_variable), reference, applied)
+    reference, n = settings.reference, len(time_s)
+    turn = north.settled(file, north.told(file, water.variable, heading_variable), reference, settings.declination)
     east, northward = _turned(water, turn)
-    heading = _series(file, "heading", len(time_s), heading_variable)
-    heading = np.full(len(time_s), np.nan) if turn.heading is None else _wrapped(heading - turn.heading)
-    bins = _bins(file, len(time_s), east.shape[1], orientation)
-    quality = np.where(np.isfinite(east + northward), water.quality, MISSING).astype(np.int8)
-    of_heading = GOOD if heading_variable is None or (own := flags(file, heading_variable)) is None else own
+    alignment = north.alignment(file, heading_variable, settings.alignment)
+    heading = _series(file, "heading", n, heading_variable) + alignment
+    heading = np.full(n, np.nan) if turn.heading is None else _wrapped(heading - turn.heading)
+    bins = _bins(file, n, east.shape[1], settings.orientation)
+    _refuse_rows(file, time_s, bins)
+    quality = vocabularies.worst([water.quality, of_time[:, None]])
+    quality = np.where(np.isfinite(east + northward), quality, MISSING).astype(np.int8)
+    own = None if heading_variable is None else flags.of_variable(file, heading_variable)
+    of_heading = vocabularies.worst([GOOD if own is None else own, of_time])
     order = slice(None, None, -1) if _backwards(bins.range_m) else slice(None)
+    flags.note_unlinked(file)
     return Record(
         time_s=time_s,
         east=east[:, order],
         north=northward[:, order],
         bin_range_m=np.broadcast_to(bins.range_m[:, order], east.shape),
         heading_deg=heading,
-        pitch_deg=_pitch(file, len(time_s)),
-        roll_deg=_series(file, "tilt_y", len(time_s)),
-        pressure_dbar=_pressure(file, len(time_s)),
+        pitch_deg=_pitch(file, n),
+        roll_deg=_measured(file, "tilt_y", n),
+        pressure_dbar=_pressure(file, n),
         depth_m=bins.depth_m,
-        temperature_c=_series(file, "temperature", len(time_s)),
-        supply_voltage=np.full(len(time_s), np.nan),
+        temperature_c=_measured(file, "temperature", n),
+        supply_voltage=np.full(n, np.nan),
         quality=quality[:, order],
         heading_quality=np.where(np.isnan(heading), MISSING, of_heading).astype(np.int8),
         looks_up=bins.looks_up,
         beam_angle_deg=_beam_angle(file, east.shape[1]),
         direction_reference=reference,
         heading_bias_deg=float(np.median(turn.heading)) if turn.heading is not None else 0.0,
-        serial_number=str(file.attribute("serial_number", "serialnum", "instrument_serial_number") or ""),
+        velocity_bias_deg=float(np.median(turn.velocity)),
+        serial_number=str(file.attribute(*SERIAL_NUMBERS, f"SerialNum{file.suffix}") or ""),
         profiles=profiles.of_file(file, east.shape, order),
-        counts=_counts(east, quality, heading, len(time_s)),
+        counts=_counts(east, quality, heading, n),
         warnings=tuple(f"{path.name}: {note}" for note in file.notes),
     )
 
 
-def _opened(path: Path, nc: netCDF4.Dataset, columns: Mapping[str, Any]) -> tuple[File, Floats]:
+def _opened(path: Path, nc: netCDF4.Dataset, settings: _Settings) -> tuple[File, Floats, Flags]:
+    """Return the file with its dimension of time, the times, and the flags of those that are bad."""
+    columns = settings.columns
     if nc.groups and not nc.variables:
         advice = "write the group with the velocities as a file of its own"
         raise InputError(
@@ -149,11 +180,38 @@ def _opened(path: Path, nc: netCDF4.Dataset, columns: Mapping[str, Any]) -> tupl
             f"{path}: time", expected="a variable with a unit such as days since", found=found, advice=advice
         )
     long = [name for name in time.dimensions if nc.dimensions[name].size > 1] or list(time.dimensions[:1])
-    file = File(path, nc, dict(columns), long[0] if long else "")
+    file = File(path, nc, dict(columns), settings.meanings, time=long[0] if long else "")
     if len(long) != 1:
         found = f"dimensions ({', '.join(time.dimensions)})"
         raise file.refuse(time.name, "one dimension", found, "write one series a file, not bursts")
-    return file, times.seconds(file, time)
+    _refuse_several(file)
+    time_s, of_time = times.seconds(file, time), flags.of_variable(file, time)
+    bad = np.full(len(time_s), GOOD) if of_time is None else np.where(of_time < PROBABLY_BAD, GOOD, of_time)
+    return file, time_s, bad.astype(np.int8)
+
+
+def _refuse_several(file: File) -> None:
+    """Refuse the series of several instruments or cells one after the other: CF's ragged arrays (9.3.3 and 9.3.4)."""
+    for variable in file.nc.variables.values():
+        instances = file.text("instance_dimension", variable) if variable.dimensions == (file.time,) else ""
+        instances = instances or (
+            variable.dimensions[0] if file.text("sample_dimension", variable) == file.time and variable.ndim else ""
+        )
+        n = file.nc.dimensions[instances].size if instances in file.nc.dimensions else 0
+        if n > 1:
+            found = f"{n} in one, by {variable.name}"
+            raise file.refuse(file.time, "the series of one instrument", found, ONE_INSTRUMENT)
+
+
+def _refuse_rows(file: File, time_s: Floats, bins: _Bins) -> None:
+    """Refuse cells that stand as rows of one series, each with its own depth at a time that repeats."""
+    if file.bins is not None or bins.depth_m.size < 2:
+        return
+    order = np.lexsort((bins.depth_m, time_s))
+    again = (np.diff(time_s[order]) == 0.0) & (np.diff(bins.depth_m[order]) > 0.0)
+    if again.sum() > ROWS * len(time_s):
+        found = f"{int(again.sum())} of {len(time_s)} times repeated at another depth"
+        raise file.refuse(file.time, "one row a time", found, ONE_INSTRUMENT)
 
 
 def _with_bins(file: File, variable: netCDF4.Variable) -> File:
@@ -162,7 +220,8 @@ def _with_bins(file: File, variable: netCDF4.Variable) -> File:
     named = file.nc.variables.get(str(columns.get("depth")))
     if named is not None and bins in named.dimensions:
         columns["cell_depth"] = columns.pop("depth")
-    return replace(file, bins=bins, columns=columns)
+    suffix = variable.name.removeprefix("vel") if COMPONENTS in variable.dimensions else ""
+    return replace(file, bins=bins, columns=columns, suffix=suffix)
 
 
 def _bin_dimension(file: File, variable: netCDF4.Variable) -> str | None:
@@ -181,11 +240,10 @@ def _velocities(file: File) -> _Water:
         for role, (variable, part) in zip(("east", "north"), parts, strict=True)
     )
     n = file.nc.dimensions[file.time].size
-    known = [
-        f for variable, part in parts if part is None and (f := flags(_with_bins(file, variable), variable)) is not None
-    ]
-    worst = np.maximum.reduce(known) if known else np.full(east.shape, GOOD)
-    return _Water(east.reshape(n, -1), northward.reshape(n, -1), worst.reshape(n, -1).astype(np.int8), parts[0][0])
+    each = [flags.of_variable(_with_bins(file, variable), variable, part) for variable, part in parts]
+    known = [one for one in each if one is not None] or [np.full(east.shape, GOOD)]
+    worst = vocabularies.worst(known).reshape(n, -1)
+    return _Water(east.reshape(n, -1), northward.reshape(n, -1), worst, parts[0][0])
 
 
 def _component(file: File, role: str) -> tuple[netCDF4.Variable, tuple[str, int] | None]:
@@ -194,12 +252,10 @@ def _component(file: File, role: str) -> tuple[netCDF4.Variable, tuple[str, int]
     Raises:
         InputError: none is found.
     """
-    velocity = file.nc.variables.get("vel")
-    if velocity is not None and not file.columns.get(role) and "dir" in velocity.dimensions:
-        labels = [str(label) for label in file.nc.variables["dir"][:]]
-        letter = role[0].upper()
-        if letter in labels:
-            return velocity, ("dir", labels.index(letter))
+    if (velocity := _of_all_components(file, role)) is not None:
+        labels = file.labels(COMPONENTS)
+        if role[0].upper() in labels:
+            return velocity, (COMPONENTS, labels.index(role[0].upper()))
     lengths = [(file.time, name) for name in file.nc.dimensions if name != file.time]
     found = find(file, role, *lengths, (file.time,))
     if found is None:
@@ -207,8 +263,26 @@ def _component(file: File, role: str) -> tuple[netCDF4.Variable, tuple[str, int]
         advice = (
             f"name it in the mooring file: columns: {{{role}: NAME}}; beam velocities need the instrument's own file"
         )
+        if velocity is not None:
+            advice = f"{velocity.name} has no components E and N: save the file after rotate2(ds, 'earth')"
         raise file.refuse(role, f"a variable of the {role}ward velocity", there, advice)
     return found, None
+
+
+def _of_all_components(file: File, role: str) -> netCDF4.Variable | None:
+    """Return dolfyn's variable of all components: the one that the column map names, else the first along time."""
+    named = [name for name in (file.columns.get(role), file.columns.get("east"), file.columns.get("north")) if name]
+    there = [file.nc.variables[name] for name in (*named[:1], *times.DOLFYN) if name in file.nc.variables]
+    fitting = [one for one in there if {COMPONENTS, file.time} <= {*one.dimensions}]
+    if named and (not fitting or fitting[0].name != named[0]):
+        return None
+    others = [name for name in times.DOLFYN if name in file.nc.variables and name != fitting[0].name] if fitting else []
+    if others and not named and not file.columns.get("time"):
+        file.note(
+            f"{fitting[0].name} was read; {others[0]} is another series of the same instrument, which columns: "
+            f"{{time: time{others[0].removeprefix('vel')}}} reads instead."
+        )
+    return fitting[0] if fitting else None
 
 
 def _turned(water: _Water, turn: north.Turn) -> tuple[Floats, Floats]:
@@ -227,15 +301,26 @@ def _series(file: File, role: str, n: int, variable: netCDF4.Variable | None = N
     return np.full(n, np.nan) if variable is None else np.broadcast_to(values(file, role, variable), n).astype(float)
 
 
+def _measured(file: File, role: str, n: int, variable: netCDF4.Variable | None = None) -> Floats:
+    """Return a series without the values that its flags call bad, which is noted."""
+    variable = find(file, role, (file.time,)) if variable is None else variable
+    series = _series(file, role, n, variable)
+    known = None if variable is None else flags.of_variable(file, variable)
+    if variable is None or known is None or not (bad := (known >= PROBABLY_BAD) & np.isfinite(series)).any():
+        return series
+    file.note(f"{variable.name}: {int(bad.sum())} values are flagged and count as missing.")
+    return np.where(bad, np.nan, series)
+
+
 def _pitch(file: File, n: int) -> Floats:
     """Return the pitch; what dolfyn keeps of a TRDI is the sensor's, which hangs inside the roll."""
-    pitch = _series(file, "tilt_x", n)
+    pitch = _measured(file, "tilt_x", n)
     return true_pitch(pitch, _series(file, "tilt_y", n)) if file.text("inst_make") == "TRDI" else pitch
 
 
 def _pressure(file: File, n: int) -> Floats:
     variable = find(file, "pressure", (file.time,))
-    pressure = _series(file, "pressure", n, variable)
+    pressure = _measured(file, "pressure", n, variable)
     if wrong := int(np.sum(np.abs(pressure) > DEEPEST_DBAR)):
         file.notes.append(f"{wrong} pressures lie beyond {DEEPEST_DBAR:g} dbar and count as missing.")
         pressure = np.where(np.abs(pressure) > DEEPEST_DBAR, np.nan, pressure)
@@ -251,7 +336,7 @@ def _bins(file: File, n: int, m: int, orientation: str | None) -> _Bins:
     Raises:
         InputError: neither is there, or nobody tells which way the instrument looks.
     """
-    depth = _series(file, "depth", n)
+    depth = _measured(file, "depth", n)
     if m == 1 or file.bins is None:
         return _Bins(np.zeros((1, 1)), orientation == "up", _cell_or_instrument(file, depth, n))
     distance = find(file, "range", (file.bins,), (file.time, file.bins))

@@ -6,7 +6,7 @@ product; standard names are CF's. Dimensions are told by their names, never by t
 
 from __future__ import annotations
 
-import re
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,9 +14,9 @@ from typing import Any
 
 import netCDF4
 import numpy as np
+from numpy.typing import NDArray
 
 from compasslib.core.errors import InputError
-from compasslib.core.records import BAD, GOOD, MISSING, NOT_CHECKED, PROBABLY_BAD, PROBABLY_GOOD, Flags
 from compasslib.core.types import Floats
 
 LARGEST = 1e30  # EPIC fills with 1e35
@@ -81,25 +81,11 @@ ROLES = {
     ),
     "cell_depth": Role(("DEPTH", "bin_depth", "depth", "DEPTHS", "DEPH"), ("depth",), LENGTH),
 }
-FLAG_WORDS = (  # the first that a meaning holds
-    *(("miss", MISSING), ("not_eval", NOT_CHECKED), ("no_qc", NOT_CHECKED), ("unknown", NOT_CHECKED)),
-    *(("correctable", PROBABLY_BAD), ("probably_bad", PROBABLY_BAD), ("suspect", PROBABLY_BAD)),
-    *(("questionable", PROBABLY_BAD), ("bad", BAD), ("fail", BAD), ("spike", BAD), ("probably_good", PROBABLY_GOOD)),
-    *(("good", GOOD), ("pass", GOOD), ("ok", GOOD), ("chang", PROBABLY_GOOD), ("interpol", PROBABLY_GOOD)),
-    *(("nominal", PROBABLY_GOOD), ("not_used", NOT_CHECKED)),
-)
-OCEANSITES = (
-    NOT_CHECKED,
-    GOOD,
-    PROBABLY_GOOD,
-    PROBABLY_BAD,
-    BAD,
-    PROBABLY_GOOD,
-    BAD,
-    PROBABLY_GOOD,
-    PROBABLY_GOOD,
-    MISSING,
-)
+SPARE_BYTES = 32 * 2**20  # that a variable may take in memory, however small the file
+GROWTH = 200  # bytes in memory for each of the file; currents are compressed to a tenth, flags beside them further
+MOST_BYTES = 4 * 2**30  # of a variable
+NUMBER_BYTES = 8
+UNITS = ("B", "KiB", "MiB", "GiB", "TiB", "PiB")
 
 
 @dataclass(frozen=True)
@@ -109,9 +95,16 @@ class File:
     path: Path
     nc: netCDF4.Dataset
     columns: Mapping[str, Any]  # role -> name, of the mooring file
-    time: str  # name of the dimension
+    meanings: Mapping[str, int] = field(default_factory=dict)  # of flags, by the mooring file
+    suffix: str = ""  # that dolfyn adds to the names of an averaged series, with its underscore
+    time: str = ""  # name of the dimension
     bins: str | None = None
     notes: list[str] = field(default_factory=list)
+
+    def note(self, sentence: str) -> None:
+        """Note a sentence once."""
+        if sentence not in self.notes:
+            self.notes.append(sentence)
 
     def attribute(self, *names: str, of: Any = None) -> Any:
         """Return the first of these attributes that is there, of the file or of a variable; None without one."""
@@ -123,6 +116,11 @@ class File:
         """Return an attribute as text, empty where there is none."""
         found = self.attribute(name, of=of)
         return "" if found is None else str(found)
+
+    def labels(self, dimension: str) -> list[str]:
+        """Return the names of the places along a dimension."""
+        refuse_size(self.path, self.nc.variables[dimension])
+        return [str(label) for label in self.nc.variables[dimension][:]]
 
     def refuse(self, variable: str, expected: str, found: object, advice: str) -> InputError:
         """Return the error of a variable."""
@@ -149,7 +147,8 @@ def find(file: File, role: str, *dimensions: tuple[str | None, ...]) -> netCDF4.
     spec = ROLES[role]
     wanted = {name.lstrip("-") for name in spec.standard}
     named = [n for n, v in fitting.items() if file.text("standard_name", v) in wanted]
-    known = [name for name in spec.names if name in fitting]
+    names = [*(f"{name}{file.suffix}" for name in spec.names if file.suffix), *spec.names]
+    known = [name for name in names if name in fitting]
     likely = [name for name in known if name in named] or named
     if len(named) > 1 and likely is named:
         advice = f"name one of them in the mooring file: columns: {{{role}: {named[0]}}}"
@@ -177,7 +176,7 @@ def values(file: File, role: str, variable: netCDF4.Variable, part: tuple[str, i
     Raises:
         InputError: units that are not known.
     """
-    data = arranged(file, variable, numbers(variable), part)
+    data = arranged(file, variable, numbers(file, variable), part)
     spec, unit = ROLES[role], file.text("units", variable).strip()
     factor = spec.units.get(unit.lower())
     scale = float(file.columns.get("scale") or 1.0)
@@ -196,11 +195,55 @@ def values(file: File, role: str, variable: netCDF4.Variable, part: tuple[str, i
     return factor * data - (273.15 if spec.units is TEMPERATURE and unit.lower() in KELVIN else 0.0)
 
 
-def numbers(variable: netCDF4.Variable) -> Floats:
-    """Return unpacked values, NaN where they are fill values or outside the valid range."""
+def numbers(file: File, variable: netCDF4.Variable) -> Floats:
+    """Return unpacked values, NaN where they are fill values or outside the valid range.
+
+    Raises:
+        InputError: see ``refuse_size``.
+    """
+    refuse_size(file.path, variable)
     with np.errstate(invalid="ignore"):
         data = np.ma.filled(np.ma.asarray(variable[...]).astype(float), np.nan)
         return np.where(np.abs(data) < LARGEST, data, np.nan)
+
+
+def raw(file: File, variable: netCDF4.Variable) -> NDArray[Any]:
+    """Return values as they stand in the file, fill values too; errors as for ``numbers``."""
+    refuse_size(file.path, variable)
+    variable.set_auto_maskandscale(False)
+    variable.set_auto_chartostring(False)
+    return np.asarray(variable[...])
+
+
+def refuse_size(path: Path, variable: netCDF4.Variable) -> None:
+    """Refuse to read a variable that declares far more values than its file can have been given.
+
+    A file declares any number of values in a few bytes: what was never written is not stored, and reads as fill values.
+
+    Raises:
+        InputError: it would take more memory than ``MOST_BYTES``, or than a file of this size accounts for.
+    """
+    size = path.stat().st_size
+    stored = variable.chunking()  # a chunk is unpacked whole
+    chunk = [int(size) for size in stored] if isinstance(stored, list) else []
+    width = variable.dtype.itemsize if isinstance(variable.dtype, np.dtype) else NUMBER_BYTES
+    declared = max(NUMBER_BYTES * math.prod(variable.shape), width * math.prod(chunk) if chunk else 0)
+    allowed = min(MOST_BYTES, max(SPARE_BYTES, GROWTH * size))
+    if declared <= allowed:
+        return
+    shape = " x ".join(f"{name} {n}" for name, n in zip(variable.dimensions, variable.shape, strict=True))
+    shape += f", in chunks of {' x '.join(map(str, chunk))}" if chunk else ""
+    advice = "copy what was measured into a file without what was never written"
+    if allowed == MOST_BYTES:
+        advice = "split it along time and list the parts under files"
+    expected = f"at most {_shown(allowed)} of values, as the file has {_shown(size)}"
+    where = f"{path}: {variable.name}"
+    raise InputError(where, expected=expected, found=f"{_shown(declared)} declared ({shape})", advice=advice)
+
+
+def _shown(size: float) -> str:
+    power = min(int(math.log2(max(size, 1.0)) // 10), len(UNITS) - 1)
+    return f"{size / 1024**power:.3g} {UNITS[power]}"
 
 
 def arranged(file: File, variable: netCDF4.Variable, data: Any, part: tuple[str, int] | None = None) -> Any:
@@ -223,61 +266,3 @@ def arranged(file: File, variable: netCDF4.Variable, data: Any, part: tuple[str,
     return data.transpose([*(names.index(name) for name in own), *apart]).reshape(
         [data.shape[names.index(n)] for n in own]
     )
-
-
-def flags(file: File, variable: netCDF4.Variable) -> Flags | None:
-    """Return the OceanSITES flags of a variable by its flag variable, None where it has none.
-
-    A flag without meanings counts as OceanSITES' and IMOS' reference table, which is said.
-    """
-    quality = _flag_variable(file, variable)
-    if quality is None:
-        return None
-    raw = np.nan_to_num(arranged(file, quality, _numeric(quality)), nan=float(NOT_CHECKED), posinf=-1.0, neginf=-1.0)
-    table = _flag_table(file, quality)
-    strange = [value for value in np.unique(raw).tolist() if value not in table]
-    if strange:
-        shown = ", ".join(f"{value:g}" for value in strange[:5])
-        file.notes.append(f"{quality.name}: flags {shown} have no meaning and count as probably bad.")
-    result = np.full(raw.shape, PROBABLY_BAD, dtype=np.int8)
-    for value, flag in table.items():
-        result[raw == value] = flag
-    return result
-
-
-def _numeric(quality: netCDF4.Variable) -> Floats:
-    """Return flags as numbers; older files hold a character each."""
-    if np.issubdtype(quality.dtype, np.number):
-        return numbers(quality)
-    text = np.ma.filled(np.ma.asarray(quality[...]), b"0").astype("U1")
-    return np.where(np.char.isdigit(text), text, "0").astype(float)
-
-
-def _flag_variable(file: File, variable: netCDF4.Variable) -> netCDF4.Variable | None:
-    names = [*file.text("ancillary_variables", variable).split()]
-    suffixes = ("_QC", "_quality_control", "_qc", "_SEADATANET_QC")
-    names = [
-        name
-        for name in names
-        if "flag" in file.text("standard_name", file.nc.variables.get(name) or file.nc) or name.endswith(suffixes)
-    ]
-    names += [variable.name + suffix for suffix in suffixes]
-    fits = (file.nc.variables[name] for name in names if name in file.nc.variables)
-    return next((one for one in fits if spans(one) == spans(variable)), None)
-
-
-def _flag_table(file: File, quality: netCDF4.Variable) -> dict[int, int]:
-    words = re.split(r"[\s,;]+", file.text("flag_meanings", quality).strip().lower())
-    stated = file.attribute("flag_values", of=quality)
-    listed = (
-        re.findall(r"-?\d+", stated)
-        if isinstance(stated, str)
-        else np.atleast_1d([] if stated is None else stated).tolist()
-    )
-    if len(listed) != len(words) or not words[0]:
-        file.notes.append(f"{quality.name} does not state what its flags mean: those of OceanSITES are assumed.")
-        return dict(enumerate(OCEANSITES))
-    found = {
-        int(v): next((flag for word, flag in FLAG_WORDS if word in w), None) for v, w in zip(listed, words, strict=True)
-    }
-    return {value: flag for value, flag in found.items() if flag is not None}

@@ -7,7 +7,7 @@ up-looker; y and z point the other way on a down-looker. Source: Nortek, transfo
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from compasslib.core import angles, compass
+from compasslib.core.declination import Applied, applied
 from compasslib.core.errors import InputError
 from compasslib.core.records import MAGNETOMETER, MISSING, Record, take
 from compasslib.core.types import Bools, Floats
@@ -31,7 +32,7 @@ def read(
     paths: Sequence[Path],
     *,
     orientation: str | None = None,
-    declination_applied: float | None = None,
+    declination_applied: float | Mapping[str, float] | None = None,
     serial_number: str | None = None,
 ) -> Record:
     """Return one record from files in order of their first times, currents turned by the recorded magnetic heading.
@@ -54,10 +55,12 @@ def read(
     whole = _joined(where, [samples for _, samples in files])
     serial = same_number(where, whole.serial, serial_number)
     _refuse_sideways(where, whole, orientation)
-    applied = whole.declination_deg if declination_applied is None else float(declination_applied)
+    stated = applied(declination_applied)
+    inside = Applied(whole.declination_deg, whole.declination_deg) if stated is None else stated
+    _refuse_rotation(where, whole, inside)
     looks_up = whole.looks_up if orientation is None else np.full(len(whole.time_s), orientation == "up")
-    heading = angles.wrap360(whole.heading_deg - applied)
-    east, north, upward = _currents(whole, heading, looks_up, applied)
+    heading = angles.wrap360(whole.heading_deg - inside.heading)
+    east, north, upward = _currents(whole, heading, looks_up, inside.velocity)
     up = bool(np.mean(looks_up) > 0.5)
     counts = _counts(files, whole, heading, up)
     field = {} if whole.magnetometer is None else dict(zip(MAGNETOMETER, whole.magnetometer.T, strict=True))
@@ -77,14 +80,15 @@ def read(
         heading_quality=np.where(np.isnan(heading), MISSING, whole.heading_quality).astype(np.int8),
         looks_up=up,
         beam_angle_deg=whole.beam_angle_deg,
-        heading_bias_deg=applied,
+        heading_bias_deg=inside.heading,
+        velocity_bias_deg=inside.heading if whole.up is None else inside.velocity,
         serial_number=serial,
         profiles={"up": upward.astype(np.float32), **whole.profiles},
         recorded_in={EARTH: "earth", BEAM: "beam"}.get(whole.recorded, "instrument"),
         channels=field,
         channel_units=dict.fromkeys(field, "count"),
         counts=counts,
-        warnings=(*_of_files(files), *_of_settings(whole, counts, declination_applied, up)),
+        warnings=(*_of_files(files), *_of_settings(whole, counts, stated, up)),
     )
 
 
@@ -155,6 +159,13 @@ def _currents(
     return *angles.turn(starboard, forward, heading_deg[:, None]), -down
 
 
+def _refuse_rotation(where: str, whole: Samples, inside: Applied) -> None:
+    """Refuse degrees inside velocities that hold no north: only earth coordinates were rotated apart from headings."""
+    if inside.velocity and inside.differs and whole.up is None:
+        expected = "velocity: 0, as velocities are not in earth coordinates and are turned by the headings"
+        raise InputError(f"{where}: declination_applied", expected=expected, found=inside, advice="correct it")
+
+
 def _counts(files: Sequence[tuple[Packets, Samples]], whole: Samples, heading_deg: Floats, up: bool) -> dict[str, int]:
     found = [packets for packets, _ in files]
     return whole.counts | {
@@ -187,13 +198,13 @@ def _of_files(files: Sequence[tuple[Packets, Samples]]) -> Iterator[str]:
         yield from samples.notes
 
 
-def _of_settings(whole: Samples, counts: dict[str, int], stated: float | None, up: bool) -> Iterator[str]:
+def _of_settings(whole: Samples, counts: dict[str, int], stated: Applied | None, up: bool) -> Iterator[str]:
     n = len(whole.time_s)
     if stated is None and whole.declination_deg:
         yield f"The declination of {whole.declination_deg:g} degrees that was set was taken out of the headings."
-    elif stated is not None and stated != whole.declination_deg:
+    elif stated is not None and {*stated} != {whole.declination_deg}:
         says = f"the file tells {whole.declination_deg:g}" if whole.declination_deg else "the file tells none"
-        yield f"declination_applied of {stated:g} degrees was taken out of the headings; {says}."
+        yield f"declination_applied of {stated} degrees was taken out of the headings; {says}."
     if counts["orientation_disagrees"] > FEW_DISAGREE * n:
         word, other = ("up", "down") if up else ("down", "up")
         effect = " though its velocities are turned already" if whole.recorded == EARTH else ""

@@ -133,9 +133,9 @@ def _of_headings(leaders: Ensembles, counts: dict[str, int], choices: Choices) -
     written = _list(biases)
     if applied is None and biases.any():
         lines.append(f"The file's heading bias EB of {written} degrees was taken out of the headings.")
-    if applied is not None and (abs(biases - applied) > _BIAS_TOLERANCE_DEG).any():
+    if applied is not None and (np.abs(np.subtract.outer(biases, applied)) > _BIAS_TOLERANCE_DEG).any():
         lines.append(
-            f"declination_applied of {applied:g} degrees was taken out of the headings, "
+            f"declination_applied of {applied} degrees was taken out of the headings, "
             f"although the file's heading bias EB is {written} degrees."
         )
     if leaders.heading_alignment_deg.any() and choices.heading_alignment is not None:

@@ -11,6 +11,7 @@ from collections import Counter
 import numpy as np
 from numpy.typing import NDArray
 
+from compasslib.core.declination import Applied
 from compasslib.core.errors import InputError
 from compasslib.core.records import BAD, GOOD, PROBABLY_BAD, Flags
 from compasslib.core.types import Floats
@@ -113,6 +114,20 @@ def refuse_alignment(where: str, leaders: Ensembles, stated: float | None) -> No
             found=" and ".join(f"{value:g} degrees" for value in sorted(written)),
             advice="delete heading_alignment: it only says how to take an EA that the file holds",
         )
+
+
+def refuse_rotation(where: str, leaders: Ensembles, stated: Applied | None) -> None:
+    """Refuse degrees inside velocities that hold no north: only earth coordinates were rotated apart from headings.
+
+    Args:
+        stated: ``declination_applied`` of the metadata.
+
+    Raises:
+        InputError: velocities in beam, instrument or ship coordinates are said to hold degrees of their own.
+    """
+    if stated is not None and stated.velocity and stated.differs and (leaders.coordinates != EARTH).any():
+        expected = "velocity: 0, as velocities are not in earth coordinates and are turned by the headings"
+        raise InputError(f"{where}: declination_applied", expected=expected, found=stated, advice="correct it")
 
 
 def serial_number(where: str, leaders: Ensembles, stated: str | None) -> str:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from compasslib.core import angles
+from compasslib.core.declination import Applied
 from compasslib.core.records import BAD, GOOD, MISSING, Flags
 from compasslib.core.types import Floats
 from compasslib.readers.pd0.fields import BEAM, EARTH, INSTRUMENT, SHIP, Ensembles, chosen
@@ -32,7 +33,7 @@ class Choices:
     """What the metadata say about a recording; None leaves it to the file."""
 
     orientation: str | None = None  # up | down
-    declination_applied: float | None = None  # degrees inside the recorded headings, instead of EB
+    declination_applied: Applied | None = None  # inside recorded headings and earth velocities, instead of EB
     heading_alignment: float | None = None  # degrees from the recorded heading to that of beam 3
     serial_number: str | None = None
 
@@ -40,7 +41,13 @@ class Choices:
 def heading_bias(ensembles: Ensembles, choices: Choices) -> Floats:
     """Return the degrees that stand inside the recorded headings, (n,): EB, unless the metadata know better."""
     applied = choices.declination_applied
-    return ensembles.heading_bias_deg if applied is None else np.full(len(ensembles), float(applied))
+    return ensembles.heading_bias_deg if applied is None else np.full(len(ensembles), applied.heading)
+
+
+def velocity_bias(ensembles: Ensembles, choices: Choices) -> Floats:
+    """Return the degrees that were taken out of velocities, (n,): those of the headings, but for earth coordinates."""
+    bias, applied = heading_bias(ensembles, choices), choices.declination_applied
+    return bias if applied is None else np.where(ensembles.coordinates == EARTH, applied.velocity, bias)
 
 
 def magnetic_heading(ensembles: Ensembles, choices: Choices) -> Floats:
@@ -244,7 +251,7 @@ def _from_ship(ensembles: Ensembles, choices: Choices) -> Currents:
 
 def _from_earth(ensembles: Ensembles, choices: Choices) -> Currents:
     """Turn back by the heading bias, which the instrument turned its velocities by as well."""
-    bias = heading_bias(ensembles, choices)
+    bias = velocity_bias(ensembles, choices)
     east, north, up, error = np.moveaxis(ensembles.velocity, -1, 0)
     east, north = angles.turn(east, north, -bias[:, None]) if bias.any() else (east.copy(), north.copy())
     return Currents(east, north, up, error, _without_error_velocity(ensembles))

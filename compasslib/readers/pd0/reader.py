@@ -10,7 +10,7 @@ it (in two genuine moored records by 80 to 160 counts). A layer of animals rises
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from compasslib.core.declination import applied
 from compasslib.core.errors import InputError
 from compasslib.core.records import BAD, GOOD, MISSING, Record
 from compasslib.core.types import Floats
@@ -32,6 +33,7 @@ from compasslib.readers.pd0.currents import (
     of_other_coordinates,
     quality,
     true_pitch,
+    velocity_bias,
 )
 from compasslib.readers.pd0.fields import COUNTS, Ensembles, Grown, LeftOut, decode_runs, joined
 from compasslib.readers.pd0.frames import CHUNK_BYTES, Skipped, frames, is_escaped
@@ -82,7 +84,7 @@ def read(
     paths: Sequence[Path],
     *,
     orientation: str | None,
-    declination_applied: float | None,
+    declination_applied: float | Mapping[str, float] | None,
     heading_alignment: float | None,
     serial_number: str | None = None,
 ) -> Record:
@@ -99,7 +101,8 @@ def read(
         InputError: a file that cannot be read, holds no ensemble or other than four beams, a serial number of another
             instrument, or EA and ``heading_alignment`` that do not go together.
     """
-    return read_reporting(paths, Choices(orientation, declination_applied, heading_alignment, serial_number))[0]
+    choices = Choices(orientation, applied(declination_applied), heading_alignment, serial_number)
+    return read_reporting(paths, choices)[0]
 
 
 def read_reporting(paths: Sequence[Path], choices: Choices) -> tuple[Record, tuple[FileReport, ...]]:
@@ -179,6 +182,7 @@ def _file(path: str | Path, choices: Choices, grown: Grown) -> tuple[list[_Water
         bare.append(replace(piece, ensembles=_leaders(piece.ensembles)))
         if len(piece.ensembles):
             consistency.refuse_alignment(str(path), piece.ensembles, choices.heading_alignment)
+            consistency.refuse_rotation(str(path), piece.ensembles, choices.declination_applied)
             water.append(_turned(piece.ensembles, piece.size, choices, grown))
     _refuse_empty(path, bare)
     kept = sum(len(piece.ensembles) + int(piece.left_out) for piece in bare)
@@ -270,6 +274,7 @@ def _record(water: Sequence[_Water], grown: Grown, reports: Sequence[FileReport]
         beam_angle_deg=_most_frequent(leaders.beam_angle_deg),
         direction_reference="magnetic",
         heading_bias_deg=_most_frequent(heading_bias(leaders, choices)),
+        velocity_bias_deg=_most_frequent(velocity_bias(leaders, choices)),
         serial_number=serial,
         echo_range_m=np.concatenate([part.echo_range_m for part in water]),
         counts=counts,

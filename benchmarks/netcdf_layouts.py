@@ -1,0 +1,381 @@
+"""NetCDF layouts drawn by seed, read by the reader and independently of it.
+
+    python benchmarks/netcdf_layouts.py SEED [COUNT=60]
+
+A layout draws the form, the vocabulary and the dimensions of its flags, the unit of its time, how its velocities are
+packed and the order of its dimensions. Three readings are compared by value: what was drawn, a plain reading with
+netCDF4, the standard library and the rules of CF 3.5 written down once more below, and ours. The status is 1 where one
+of them differs.
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta, timezone
+from pathlib import Path
+from typing import Any
+
+import netCDF4
+import numpy as np
+from numpy.typing import NDArray
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path[:0] = [str(ROOT)]
+
+from compasslib import readers  # noqa: E402
+from compasslib.core.errors import InputError  # noqa: E402
+from compasslib.core.records import Record  # noqa: E402
+
+COUNT = 60
+Values = NDArray[Any]
+
+# Value, word and OceanSITES flag of each vocabulary, by hand from their documents; 3 where nobody can know.
+MANUAL_14 = "0 unknown 0,1 good_data 1,2 probably_good_data 2,3 potentially_correctable_bad_data 3,4 bad_data 4"
+MANUAL_12 = (
+    "0 no_qc_performed 0,1 good_data 1,2 probably_good_data 2,3 bad_data_that_are_potentially_correctable 3,"
+    "4 bad_data 4"
+)
+IODE = (
+    "0 No_QC_performed 0,1 Good_data 1,2 Probably_good_data 2,3 Bad_data_that_are_potentially_correctable 3,"
+    "4 Bad_data 4"
+)
+L20 = (
+    "0 no_quality_control 0,1 good_value 1,2 probably_good_value 2,3 probably_bad_value 3,4 bad_value 4,"
+    "5 changed_value 2,6 value_below_detection 3,7 value_in_excess 3,8 interpolated_value 2,"
+    "A value_phenomenon_uncertain 3"
+)
+VOCABULARIES = {
+    "OceanSITES 1.4": f"{MANUAL_14},7 nominal_value 2,8 interpolated_value 2",
+    "OceanSITES 1.2": f"{MANUAL_12},5 value_changed 2,7 nominal_value 2,8 interpolated_value 2",
+    "IMOS": f"{IODE},5 Value_changed 2,8 Interpolated_values 2",
+    "Argo": f"{IODE},5 Value_changed 2,8 Estimated_value 2",
+    "SeaDataNet": L20,
+    "QARTOD": "1 PASS 1,2 NOT_EVALUATED 0,3 SUSPECT 3,4 FAIL 4",
+    "QARTOD long": "1 pass 1,2 not_evaluated 0,3 suspect_or_of_high_interest 3,4 fail 4",
+    "WOCE": "1 not_calibrated 0,2 acceptable_measurement 1,3 questionable_measurement 3,4 bad_measurement 4",
+    "own words": "0 raw 3,1 good 1,2 low_percent_good 3,3 side_lobe 3,4 compass_error 3,5 not_bad 3",
+    "own words and key": "0 raw 0,1 accepted 1,2 low_percent_good 4,3 side_lobe 4,4 bad 4",
+}
+OWN_KEY = {"good": ["accepted"], "bad": ["low_percent_good", "Side-Lobe"], "unchecked": ["raw"]}
+ORDER = [1, 2, 0, 3, 4, 9]  # from best to worst
+FORMS = ("values", "values in text", "characters", "codes of characters", "masks", "masks and values", "unstated")
+SHARED = "one of both"
+PLACES = ("time, bin", "bin, time", "time", "bin", "none", "time, beam", "time, bin, station", SHARED)
+PACKINGS = ("float32", "float64", "int16", "int16 and valid range", "int32")
+DATES = ((1992, 10, 8, "1992-10-8"), (1950, 1, 1, "1950-01-01"), (1970, 1, 1, "1970-1-1"), (2000, 2, 29, "20000229"))
+CLOCKS = (
+    (0.0, ""),
+    (45000.0, " 12:30"),
+    (21600.0, "T06:00:00"),
+    (54942.5, " 15:15:42.5"),
+    (0.0, " 0:0:0"),
+    (7200.0, " 2"),
+)
+ZONES = (
+    *((0, ""), (0, "Z"), (0, " UTC"), (0, " +00:00"), (-360, " -6:00"), (330, " +5:30"), (330, " +0530")),
+    *((-180, "-03"), (0, " 0:00"), (-360, " -600"), (60, " 1:00"), (0, " gmt")),
+)
+UNITS = {"days": 86400.0, "d": 86400.0, "hours": 3600.0, "hrs": 3600.0, "minutes": 60.0, "Seconds": 1.0, "ms": 1e-3}
+NAMES = (("UCUR", "VCUR"), ("EWCT", "NSCT"), ("u_1205", "v_1206"), ("u", "v"), ("along", "across"))
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """What a file was made to hold."""
+
+    kinds: Mapping[str, str]  # what was drawn of each choice
+    settings: Mapping[str, Any]  # of the reader
+    time_s: Values
+    range_m: Values  # nearest first
+    east: Values  # (n, m), NaN where missing
+    north: Values
+    flags: Values  # (n, m) OceanSITES'
+    unknown: frozenset[str]  # meanings that have to be named
+
+
+def draw(path: Path, rng: np.random.Generator) -> Drawn:
+    """Write one layout and return what it was made to hold."""
+    n, m = int(rng.integers(8, 40)), int(rng.integers(2, 9))
+    one_of = {"form": FORMS, "vocabulary": list(VOCABULARIES), "flags along": PLACES, "packing": PACKINGS}
+    kinds = {name: str(rng.choice(choices)) for name, choices in one_of.items()}
+    kinds |= {"order": str(rng.choice(["time, bin", "bin, time"])), "bins": str(rng.choice(["outwards", "inwards"]))}
+    if kinds["form"] == "unstated" and kinds["vocabulary"].startswith("own"):
+        kinds["form"] = "values"
+    if kinds["form"] == "codes of characters":
+        kinds["vocabulary"] = "SeaDataNet"
+    if kinds["vocabulary"] == "SeaDataNet" and kinds["form"] in ("values", "values in text"):
+        kinds["form"] = "characters"
+    names = NAMES[rng.integers(len(NAMES))]
+    turned = slice(None) if kinds["bins"] == "outwards" else slice(None, None, -1)
+    range_m = 4.0 + 3.0 * np.arange(m)
+    with netCDF4.Dataset(path, "w") as nc:
+        for name, size in (("time", n), ("bin", m), ("station", 1), ("beam", 4)):
+            nc.createDimension(name, size)
+        time_s, kinds["time"] = _write_time(nc, rng, n)
+        nc.createVariable("bindist", "f8", ("bin",))[:] = range_m[turned]
+        nc["bindist"].units = "m"
+        flows, flags, unknown = [], [], set[str]()
+        for name, word in zip(names, ("eastward", "northward"), strict=True):
+            flows.append(_write_flow(nc, rng, name, kinds, (n, m)))
+            nc[name].setncatts({"units": "m s-1", "standard_name": f"{word}_sea_water_velocity"})
+            nc[name].ancillary_variables = quality = f"{name}_QC" if kinds["flags along"] != SHARED else "both_flag"
+            if quality not in nc.variables:
+                codes, words = _write_flags(nc, rng, quality, kinds, (n, m))
+                flags.append(codes)
+                unknown |= words
+    settings = {"columns": None, "orientation": "up", "declination_applied": None, "direction_reference": "true"}
+    settings |= {"flags": OWN_KEY if kinds["vocabulary"] == "own words and key" else None}
+    east, north = (flow[:, turned] for flow in flows)
+    worst = np.where(np.isnan(flows[0] + flows[1]), 9, _worst(flags))[:, turned]
+    return Drawn(kinds, settings, time_s, range_m, east, north, worst, frozenset(unknown))
+
+
+def _worst(flags: Sequence[Values]) -> Values:
+    return np.array(ORDER)[np.max([np.argsort(np.array([*ORDER, 5, 6, 7, 8]))[one] for one in flags], axis=0)]
+
+
+def _write_time(nc: netCDF4.Dataset, rng: np.random.Generator, n: int) -> tuple[Values, str]:
+    year, month, day, date = DATES[rng.integers(len(DATES))]
+    clock_s, clock = CLOCKS[rng.integers(len(CLOCKS))]
+    minutes, zone = ZONES[rng.integers(len(ZONES))] if clock else (0, "")
+    if clock == " 2" and zone[:2] in (" 0", " 1"):
+        minutes, zone = 0, ""  # an hour and an offset without a sign: nobody writes that
+    unit = str(rng.choice(list(UNITS)))
+    time_s = 1.25e9 + 600.0 * np.cumsum(rng.integers(1, 5, n))
+    time = nc.createVariable("time", "f8", ("time",))
+    time.standard_name = "time"
+    if rng.uniform() < 0.1:
+        time.setncatts({"units": "days since -4713-01-01T00:00:00Z", "calendar": "julian"})
+        time[:] = time_s / 86400.0 + 2440588.0
+        return time_s, "Julian, SeaDataNet"
+    origin = datetime(year, month, day, tzinfo=timezone(timedelta(minutes=minutes))) + timedelta(seconds=clock_s)
+    origin_s = (origin.astimezone(UTC) - datetime(1970, 1, 1, tzinfo=UTC)).total_seconds()
+    time.units = f"{unit} since {date}{clock}{zone}"
+    time[:] = (time_s - origin_s) / UNITS[unit]
+    return time_s, f"offset {zone.strip()}" if minutes else "UTC"
+
+
+def _dimensions(kinds: Mapping[str, str]) -> tuple[str, ...]:
+    return ("time", "bin", "station") if kinds["order"] == "time, bin" else ("bin", "station", "time")
+
+
+def _write_flow(
+    nc: netCDF4.Dataset, rng: np.random.Generator, name: str, kinds: Mapping[str, str], shape: tuple[int, int]
+) -> Values:
+    flow = np.round(rng.normal(0.0, 0.3, shape), 3)
+    flow[rng.uniform(size=shape) < 0.05] = np.nan
+    form = kinds["packing"]
+    dtype = {"float32": "f4", "float64": "f8", "int32": "i4"}.get(form, "i2")
+    fill = 1e35 if dtype[0] == "f" else -9999
+    variable = nc.createVariable(name, dtype, _dimensions(kinds), fill_value=fill)
+    variable.set_auto_maskandscale(False)
+    raw = flow if dtype[0] == "f" else np.rint((flow - 0.1) / 0.001)
+    if dtype[0] == "i":
+        variable.setncatts({"scale_factor": 0.001, "add_offset": 0.1})
+    if form == "int16 and valid range":
+        variable.setncatts({"valid_range": np.array([-2000, 2000], "i2")})
+        raw[0, 0] = np.nan
+    beyond = 3000 if form == "int16 and valid range" else fill
+    raw = np.where(np.isnan(raw), beyond, raw)
+    written = raw if kinds["order"] == "time, bin" else raw.T
+    variable[...] = written.reshape(variable.shape).astype(dtype)
+    flow = np.where(raw == beyond, np.nan, flow)
+    return flow.astype("f4").astype("f8") if form == "float32" else flow
+
+
+def _write_flags(
+    nc: netCDF4.Dataset, rng: np.random.Generator, quality: str, kinds: Mapping[str, str], shape: tuple[int, int]
+) -> tuple[Values, set[str]]:
+    """Write one variable of flags; return them by time and bin, and the words that nobody can know."""
+    along = {
+        "time, bin": ("time", "bin"),
+        "bin, time": ("bin", "time"),
+        "time": ("time",),
+        "bin": ("bin",),
+        "none": (),
+        "time, beam": ("time", "beam"),
+        "time, bin, station": ("time", "bin", "station"),
+        SHARED: ("time", "bin"),
+    }[kinds["flags along"]]
+    entries = [tuple(entry.split()) for entry in VOCABULARIES[kinds["vocabulary"]].split(",")]
+    sizes = [nc.dimensions[dimension].size for dimension in along]
+    states = rng.integers(0, len(entries), sizes)
+    conditions = np.array([int(flag) for *_, flag in entries])
+    if kinds["form"] in ("masks", "masks and values"):
+        codes, used = _write_masks(nc, rng, quality, along, entries, kinds)
+    else:
+        _write_states(nc, quality, along, states, entries, kinds)
+        codes, used = conditions[states], {entries[k][1] for k in np.unique(states)}
+    known = {"good", "bad"} if kinds["vocabulary"].startswith("own") else {word for _, word, _ in entries}
+    unknown = set[str]() if kinds["vocabulary"] == "own words and key" else used - known
+    return _by_time_and_bin(codes, along, shape), unknown
+
+
+def _by_time_and_bin(codes: Values, along: tuple[str, ...], shape: tuple[int, int]) -> Values:
+    if "beam" in along:
+        codes, along = _worst(list(np.moveaxis(codes, -1, 0))), ("time",)
+    if "station" in along:
+        codes, along = codes[..., 0], ("time", "bin")
+    codes = codes.T if along == ("bin", "time") else codes[:, None] if along == ("time",) else codes
+    return np.broadcast_to(codes, shape)
+
+
+def _write_states(
+    nc: netCDF4.Dataset,
+    quality: str,
+    along: tuple[str, ...],
+    states: Values,
+    entries: Sequence[tuple[str, ...]],
+    kinds: Mapping[str, str],
+) -> None:
+    labels, words = [entry[0] for entry in entries], " ".join(entry[1] for entry in entries)
+    form = kinds["form"]
+    if form == "characters" or (form == "unstated" and kinds["vocabulary"] == "SeaDataNet"):
+        variable = nc.createVariable(quality, "S1", along)
+        variable[...] = np.array(labels, dtype="S1")[states]
+        listed: Any = " ".join(labels)
+    else:
+        numbers = np.array([ord(one) if form == "codes of characters" else int(one) for one in labels], dtype="i1")
+        variable = nc.createVariable(quality, "i1", along, fill_value=numbers[-1] if form == "values" else None)
+        variable.set_auto_maskandscale(False)
+        variable[...] = numbers[states]
+        listed = ", ".join(f"{one}b" for one in numbers) if form == "values in text" else numbers
+    if form == "unstated":
+        variable.conventions = f"{kinds['vocabulary'].split()[0]} reference table of flags"
+    else:
+        variable.setncatts({"flag_values": listed, "flag_meanings": words})
+
+
+def _write_masks(
+    nc: netCDF4.Dataset,
+    rng: np.random.Generator,
+    quality: str,
+    along: tuple[str, ...],
+    entries: Sequence[tuple[str, ...]],
+    kinds: Mapping[str, str],
+) -> tuple[Values, set[str]]:
+    """Write one bit a word, or two fields of three bits with a state each."""
+    sizes = [nc.dimensions[dimension].size for dimension in along]
+    variable = nc.createVariable(quality, "i2", along)
+    raw, codes, used = np.zeros(sizes, "i2"), np.zeros(sizes, "i8"), set[str]()
+    if kinds["form"] == "masks":
+        masks = [1 << k for k in range(len(entries))]
+        raw = np.bitwise_or.reduce(rng.choice(np.array(masks), (2, *sizes)))
+        for place in np.ndindex(*sizes):
+            holding = [entry for mask, entry in zip(masks, entries, strict=True) if raw[place] & mask]
+            codes[place] = max((int(flag) for *_, flag in holding), key=ORDER.index)
+            used |= {word for _, word, _ in holding}
+        stated = {"flag_masks": np.array(masks, "i2")}
+    else:
+        kept = entries[-7:]
+        fields = rng.integers(1, len(kept) + 1, (2, *sizes))
+        raw = fields[0] + 8 * fields[1]
+        for place in np.ndindex(*sizes):
+            holding = [kept[field[place] - 1] for field in fields]
+            codes[place] = max((int(flag) for *_, flag in holding), key=ORDER.index)
+            used |= {word for _, word, _ in holding}
+        masks = [7 * base for base in (1, 8) for _ in kept]
+        values = [base * (k + 1) for base in (1, 8) for k in range(len(kept))]
+        stated = {"flag_masks": np.array(masks, "i2"), "flag_values": np.array(values, "i2")}
+        entries = [*kept, *kept]
+    variable[...] = raw.astype("i2")
+    variable.setncatts(stated | {"flag_meanings": " ".join(entry[1] for entry in entries)})
+    return codes, used
+
+
+def plain(path: Path, drawn: Drawn) -> dict[str, Values]:
+    """Return velocities and flags of a layout read with netCDF4 alone, by its attributes."""
+    with netCDF4.Dataset(path) as nc:
+        names = [name for name in nc.variables if str(getattr(nc[name], "standard_name", "")).endswith("velocity")]
+        flows, flags = [], []
+        for name in names:
+            axes = [nc[name].dimensions.index(dimension) for dimension in ("time", "bin", "station")]
+            flows.append(np.ma.filled(nc[name][...].astype(float), np.nan).transpose(axes)[..., 0])
+            flags.append(_plain_flags(nc[nc[name].ancillary_variables], drawn, flows[-1].shape))
+        order = np.argsort(nc["bindist"][...])
+    missing = np.isnan(flows[0] + flows[1])
+    worst = np.where(missing, 9, _worst(flags))[:, order]
+    return {"east": flows[0][:, order], "north": flows[1][:, order], "flags": worst}
+
+
+def _plain_flags(quality: netCDF4.Variable, drawn: Drawn, shape: tuple[int, int]) -> Values:
+    entries = [entry.split() for entry in VOCABULARIES[drawn.kinds["vocabulary"]].split(",")]
+    flag_of = {word: int(flag) for _, word, flag in entries}
+    quality.set_auto_maskandscale(False)
+    quality.set_auto_chartostring(False)
+    raw = np.asarray(quality[...])
+    words = getattr(quality, "flag_meanings", " ".join(word for _, word, _ in entries)).split()
+    masks = getattr(quality, "flag_masks", None)
+    if masks is None:
+        if drawn.kinds["form"] == "codes of characters":
+            raw = np.array([chr(code) for code in raw.ravel()]).reshape(raw.shape)
+        labels = raw.astype("U3")
+        codes = np.zeros(raw.shape, dtype=int)
+        for (value, *_), word in zip(entries, words, strict=True):
+            codes[labels == value] = flag_of[word]
+    else:
+        states = getattr(quality, "flag_values", None)
+        every = []
+        for k, word in enumerate(words):
+            holds = (raw & masks[k]) == states[k] if states is not None else (raw & masks[k]) != 0
+            every.append(np.where(holds, flag_of[word], ORDER[0]))
+        codes = _worst(every)
+    return _by_time_and_bin(codes, quality.dimensions, shape)
+
+
+def differences(drawn: Drawn, other: Mapping[str, Values], record: Record) -> list[str]:
+    """Return what differs between the drawn layout, its plain reading and ours."""
+    ours = {"time_s": record.time_s, "east": record.east, "north": record.north, "flags": record.quality}
+    ours |= {"range_m": record.bin_range_m[0]}
+    found = []
+    for name, values in ours.items():
+        tolerance = {"time_s": 1e-3, "flags": 0.0}.get(name, 1e-6)
+        for whose, expected in (("drawn layout", getattr(drawn, name)), ("plain reading", other.get(name))):
+            if expected is None:
+                continue
+            if values.shape != expected.shape:
+                found.append(f"{name}: shape {values.shape} is not {expected.shape} of the {whose}")
+            elif wrong := int(np.sum(~np.isclose(values, expected, rtol=0.0, atol=tolerance, equal_nan=True))):
+                found.append(f"{name}: {wrong} of {values.size} values are not those of the {whose}")
+    said = " ".join(record.warnings)
+    found += [f"meaning {word!r} is not named" for word in sorted(drawn.unknown) if f"{word} (" not in said]
+    if not drawn.unknown and "is not known" in said:
+        found.append("a meaning that is known is asked about")
+    return found
+
+
+def layouts(seed: int, count: int, folder: Path) -> Iterator[tuple[Drawn, list[str]]]:
+    """Give drawn layouts, and what differs between the readings of each."""
+    for k in range(count):
+        path = folder / f"{k}.nc"
+        drawn = draw(path, np.random.default_rng([seed, k]))
+        try:
+            record = readers.read("netcdf", [path], drawn.settings)
+        except InputError as error:
+            yield drawn, [f"refused: {error}"]
+        else:
+            yield drawn, differences(drawn, plain(path, drawn), record)
+
+
+def main(seed: int, count: int = COUNT) -> int:
+    """Print by what was drawn how many layouts agree, and every difference."""
+    agree, drawn_of, missed = Counter[tuple[str, str]](), Counter[tuple[str, str]](), 0
+    with tempfile.TemporaryDirectory() as folder:
+        for k, (drawn, found) in enumerate(layouts(seed, count, Path(folder))):
+            drawn_of.update(drawn.kinds.items())
+            agree.update(drawn.kinds.items() if not found else ())
+            missed += bool(found)
+            for line in found:
+                print(f"layout {k} ({', '.join(drawn.kinds.values())}): {line}")
+    print(f"seed {seed}: {count - missed} of {count} layouts agree: drawn, plain reading and ours")
+    for (choice, kind), n in sorted(drawn_of.items()):
+        print(f"  {choice:<12} {kind:<22} {agree[choice, kind]} of {n}")
+    return int(missed > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main(*map(int, sys.argv[1:])))

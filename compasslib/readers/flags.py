@@ -1,0 +1,127 @@
+"""What quality flags mean: the exact words of known vocabularies, and the key ``flags`` of the mooring file.
+
+The vocabularies are those of OceanSITES (manual 1.2 to 1.4), IMOS, Argo (reference table 2), SeaDataNet (L20), QARTOD
+and WOCE (of CTDs). A word or a value that stands in none of them and not under ``flags`` has no
+meaning here; it is never taken for good.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from compasslib.core.records import BAD, GOOD, MISSING, NOT_CHECKED, PROBABLY_BAD, PROBABLY_GOOD, Flags
+
+ORDER = (GOOD, PROBABLY_GOOD, NOT_CHECKED, PROBABLY_BAD, BAD, MISSING)  # from best to worst
+SHOWN = 5  # meanings in a sentence
+KEYS = {"good": GOOD, "bad": BAD, "unchecked": NOT_CHECKED}  # of the mooring file's ``flags``
+_NOT_CHECKED_WORDS = (
+    "unknown no_qc no_qc_performed no_quality_control no_quality_control_performed not_evaluated not_checked unchecked "
+    "not_evaluated_or_unknown not_evaluated_not_available_or_unknown not_calibrated no_flag_assigned"
+)
+_GOOD_WORDS = "good good_data good_value pass passed acceptable acceptable_measurement good_measurement"
+_PROBABLY_GOOD_WORDS = (
+    "probably_good probably_good_data probably_good_value value_changed changed_value changed interpolated "
+    "interpolated_value interpolated_values estimated estimated_value nominal_value despiked interpolated_measurement "
+    "interpolated_over_interval_larger_than_2_dbar interpolated_over_a_pressure_interval_larger_than_2_dbar"
+)
+_PROBABLY_BAD_WORDS = (
+    "probably_bad probably_bad_data probably_bad_value potentially_correctable_bad_data suspect suspicious "
+    "bad_data_that_are_potentially_correctable bad_data_potentially_correctable suspect_or_of_high_interest "
+    "suspect_or_high_interest suspect_data questionable questionable_measurement value_below_detection value_in_excess "
+    "value_phenomenon_uncertain value_below_limit_of_quantification"
+)
+_BAD_WORDS = "bad bad_data bad_value bad_measurement fail failed"
+_MISSING_WORDS = "missing missing_data missing_value missing_values not_reported not_sampled"
+MEANINGS = {
+    word: flag
+    for flag, words in (
+        (NOT_CHECKED, _NOT_CHECKED_WORDS),
+        (GOOD, _GOOD_WORDS),
+        (PROBABLY_GOOD, _PROBABLY_GOOD_WORDS),
+        (PROBABLY_BAD, _PROBABLY_BAD_WORDS),
+        (BAD, _BAD_WORDS),
+        (MISSING, _MISSING_WORDS),
+    )
+    for word in words.split()
+}
+_COMMON = {"0": "no_qc_performed", "1": "good_data", "2": "probably_good_data", "3": "probably_bad", "4": "bad_data"}
+_COMMON |= {"5": "value_changed", "8": "interpolated_value", "9": "missing_value"}
+_L20 = _COMMON | {"6": "value_below_detection", "7": "value_in_excess", "A": "value_phenomenon_uncertain"}
+_L20 |= {"B": "nominal_value", "Q": "value_below_limit_of_quantification"}
+_QARTOD = {"1": "pass", "2": "not_evaluated", "3": "suspect", "4": "fail", "9": "missing_data"}
+_WOCE = {"1": "not_calibrated", "2": "acceptable_measurement", "3": "questionable_measurement", "4": "bad_measurement"}
+_WOCE |= {"5": "not_reported", "6": "interpolated_measurement", "7": "despiked", "9": "not_sampled"}
+# Vocabularies by a pattern of the text that names them: value to word, for flags that do not state their meanings.
+VOCABULARIES: tuple[tuple[str, str, Mapping[str, str]], ...] = (
+    ("OceanSITES", r"oceansites", _COMMON | {"7": "nominal_value"}),
+    ("SeaDataNet L20", r"seadatanet|sdn:l20", _L20),
+    ("QARTOD", r"qartod", _QARTOD),
+    ("WOCE", r"\bwoce", _WOCE),
+    ("Argo", r"\bargo\b", _COMMON),
+    ("IMOS", r"\bimos\b", _COMMON),
+)
+
+
+def given(key: Mapping[str, Iterable[object]] | None) -> dict[str, int]:
+    """Return the flag of each word or value under the mooring file's key ``flags``.
+
+    Args:
+        key: good, bad and unchecked -> meanings or values of the file.
+    """
+    return {normal(item): KEYS[name] for name, items in (key or {}).items() for item in items}
+
+
+def normal(word: object) -> str:
+    """Return a meaning or value in the spelling that all are compared in."""
+    return re.sub(r"[\s-]+", "_", str(word).strip().lower())
+
+
+def flag_of(value: str, word: str, stated: Mapping[str, int]) -> int | None:
+    """Return the OceanSITES flag of a value and its meaning, None where nobody knows it.
+
+    Args:
+        word: the meaning that the file states, empty without one.
+        stated: see ``given``; it counts before the vocabularies.
+    """
+    word, value = normal(word), normal(value)
+    return stated.get(word, stated.get(value, MEANINGS.get(word)))
+
+
+def vocabulary(*texts: str) -> tuple[str, Mapping[str, str]]:
+    """Return name and values of the vocabulary that the first of some texts names, nothing where none does."""
+    for text in texts:
+        for name, pattern, words in VOCABULARIES:
+            if re.search(pattern, text.lower()):
+                return name, words
+    return "", {}
+
+
+def worst(flags: Sequence[ArrayLike]) -> Flags:
+    """Return the worst of several flags, element by element; their shapes broadcast."""
+    rank = np.zeros(max(ORDER) + 1, dtype=np.int8)
+    rank[list(ORDER)] = np.arange(len(ORDER))
+    ranks = [rank[np.asarray(one)] for one in flags]
+    highest: Any = ranks[0]
+    for other in ranks[1:]:
+        highest = np.maximum(highest, other)
+    return np.array(ORDER, dtype=np.int8)[highest]
+
+
+def asked(where: str, unknown: Mapping[str, int]) -> str:
+    """Return the sentence about meanings that nobody knows.
+
+    Args:
+        where: the variable or column.
+        unknown: meaning, or value without one -> how many samples have it.
+    """
+    shown = ", ".join(f"{meaning} ({n} samples)" for meaning, n in list(unknown.items())[:SHOWN])
+    rest = f" and {len(unknown) - SHOWN} more" if len(unknown) > SHOWN else ""
+    return (
+        f"{where}: the meaning of the flags {shown}{rest} is not known, and they count as probably bad; say it in the "
+        f"mooring file, for example flags: {{bad: [{next(iter(unknown))}]}}, or under good or unchecked."
+    )

@@ -1,0 +1,222 @@
+"""The quality flags of a netCDF variable: which variables hold them, CF's three forms, and their dimensions.
+
+CF 3.5: ``flag_values`` lists states that exclude each other, ``flag_masks`` conditions of which several may hold, both
+together fields of bits with states each. Of several conditions, flag variables or components the worst counts.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial, reduce
+from operator import or_
+from typing import Any
+
+import netCDF4
+import numpy as np
+
+from compasslib.core.records import GOOD, NOT_CHECKED, PROBABLY_BAD, PROBABLY_GOOD, Flags
+from compasslib.readers import flags as vocabularies
+from compasslib.readers.netcdf.variables import File, raw, spans
+
+SUFFIXES = ("_SEADATANET_QC", "_quality_control", "_quality_flag", "_QC", "_flag", "_qc_agg", "_qartod_results")
+STATED = ("flag_values", "flag_masks", "flag_meanings")
+ROLLUP = "aggregate_quality_flag"  # CF's name of the one that sums up the others
+TESTS = "_TESTS"  # of this program's own product: which tests failed, beside the flag that counts
+NAMING = ("conventions", "quality_control_conventions", "sdn_conventions_urn", "references", "long_name", "comment")
+
+
+@dataclass(frozen=True)
+class _Known:
+    """What a value of a flag variable says, and the words in it that nobody knows."""
+
+    flag: int
+    unknown: tuple[str, ...] = ()
+
+
+def of_variable(file: File, variable: netCDF4.Variable, part: tuple[str, int] | None = None) -> Flags | None:
+    """Return the OceanSITES flags of a variable, along time and bins as far as it spans them; None without any.
+
+    Args:
+        part: a dimension of components and the place along it.
+
+    Raises:
+        InputError: flags along dimensions that the variable does not have.
+    """
+    found = [_placed(file, variable, flag, part) for flag in _variables(file, variable)]
+    return vocabularies.worst(found) if found else None
+
+
+def note_unlinked(file: File) -> None:
+    """Note flag variables along time that belong to no variable of the file."""
+    every = file.nc.variables
+    named = {name for variable in every.values() for name in _ancillary(file, variable)}
+    along = [name for name, variable in every.items() if file.time in spans(variable) and _states_flags(file, variable)]
+    alone = [name for name in along if name not in named and not _stem(name, every)]
+    if alone:
+        file.notes.append(
+            f"Flags {', '.join(alone[:5])} belong to no variable of the file and were not used; name them in the "
+            "ancillary_variables of what they are about."
+        )
+
+
+def _variables(file: File, variable: netCDF4.Variable) -> list[netCDF4.Variable]:
+    """Return the flag variables of a variable: those that it lists, and those that are named after it."""
+    every = file.nc.variables
+    listed = [name for name in _ancillary(file, variable) if _is_flag(file, name)]
+    listed += [name for name in every if _stem(name, (variable.name,))]
+    names = list(dict.fromkeys(listed))
+    summing = [name for name in names if ROLLUP in file.text("standard_name", every[name])]
+    counted = [name for name in names if not name.endswith(TESTS)]
+    return [every[name] for name in summing or counted or names]
+
+
+def _ancillary(file: File, variable: netCDF4.Variable) -> list[str]:
+    words = re.split(r"[\s,;]+", file.text("ancillary_variables", variable))
+    return [name for name in words if name in file.nc.variables]
+
+
+def _is_flag(file: File, name: str) -> bool:
+    return _states_flags(file, file.nc.variables[name]) or bool(re.search("|".join(SUFFIXES), name, re.IGNORECASE))
+
+
+def _states_flags(file: File, variable: netCDF4.Variable) -> bool:
+    stated = any(file.attribute(name, of=variable) is not None for name in STATED)
+    return stated or "flag" in file.text("standard_name", variable)
+
+
+def _stem(name: str, among: Any) -> str:
+    """Return the variable that a flag variable is named after, empty where it is none of some names."""
+    lower = name.lower()
+    stems = (name[: -len(suffix)] for suffix in SUFFIXES if lower.endswith(suffix.lower()))
+    return next((stem for stem in stems if stem in among), "")
+
+
+def _placed(file: File, variable: netCDF4.Variable, quality: netCDF4.Variable, part: tuple[str, int] | None) -> Flags:
+    """Return the flags of one flag variable along the dimensions of the variable that they are about."""
+    codes, names = _decoded(file, quality), list(quality.dimensions)
+    if part and part[0] in names:
+        codes = np.take(codes, part[1], axis=names.index(part[0]))
+        names.remove(part[0])
+    wanted = [name for name in (file.time, file.bins) if name in variable.dimensions]
+    other = [k for k, name in enumerate(names) if name not in wanted]
+    if any(codes.shape[k] > 1 for k in other):
+        _refuse_apart(file, variable, quality, wanted)
+    codes = codes.transpose([*(names.index(name) for name in wanted if name in names), *other])
+    own = [file.nc.dimensions[name].size if name in names else 1 for name in wanted]
+    codes = vocabularies.worst(list(np.moveaxis(codes.reshape([*own, -1]), -1, 0)))
+    return np.broadcast_to(codes, [file.nc.dimensions[name].size for name in wanted])
+
+
+def _refuse_apart(
+    file: File, variable: netCDF4.Variable, quality: netCDF4.Variable, wanted: Sequence[str | None]
+) -> None:
+    """Refuse flags along other dimensions than time, bins and, beside time, beams: the worst of beams counts."""
+    apart = [name for name in spans(quality) - {*wanted} if not re.search("beam|test|dir", name, re.IGNORECASE)]
+    if not apart and file.time in quality.dimensions:
+        return
+    found = f"dimensions ({', '.join(quality.dimensions)})"
+    advice = f"write them along those of {variable.name}, or take {quality.name} out of the file"
+    raise file.refuse(quality.name, f"flags along {', '.join(filter(None, wanted))}", found, advice)
+
+
+def _decoded(file: File, quality: netCDF4.Variable) -> Flags:
+    """Return the OceanSITES flag of each value of a flag variable, in its own shape; what is unknown is noted."""
+    values = raw(file, quality)
+    if values.dtype.kind in "SUO":
+        values = np.char.strip(np.array(np.ma.filled(values, ""), dtype=bytes if values.dtype.kind == "S" else str))
+        values = np.char.decode(values, "latin-1") if values.dtype.kind == "S" else values
+    distinct, where, counts = np.unique(values, return_inverse=True, return_counts=True)
+    meaning, unknown, empty = _reading(file, quality), Counter[str](), 0
+    codes = np.full(len(distinct), NOT_CHECKED, dtype=np.int8)
+    for k, (value, n) in enumerate(zip(distinct.tolist(), counts.tolist(), strict=True)):
+        if _is_empty(quality, value):
+            empty += n
+            continue
+        known = meaning(value)
+        codes[k] = known.flag
+        unknown.update(dict.fromkeys(known.unknown, n))
+    if empty:
+        file.note(f"{quality.name}: {empty} flags were never written; they count as not checked.")
+    if unknown:
+        file.note(vocabularies.asked(quality.name, unknown))
+    return codes[where].reshape(values.shape)
+
+
+def _is_empty(quality: netCDF4.Variable, value: Any) -> bool:
+    """Tell a value that nobody wrote: a blank, NaN, or a fill value to which no meaning is given."""
+    if value == "" or value != value:
+        return True
+    is_byte = (
+        not isinstance(quality.dtype, np.dtype) or quality.dtype.itemsize == 1
+    )  # of which every value may be meant
+    default = None if is_byte else netCDF4.default_fillvals.get(quality.dtype.str[1:])
+    fills = [getattr(quality, "_FillValue", default), getattr(quality, "missing_value", None)]
+    is_fill = any(np.asarray(fill).size == 1 and np.asarray(fill).item() == value for fill in fills if fill is not None)
+    return is_fill and _label(value) not in _listed(getattr(quality, "flag_values", None))
+
+
+def _reading(file: File, quality: netCDF4.Variable) -> Callable[[Any], _Known]:
+    """Return the function that tells what a value means, by the form in which the variable states it."""
+    words = [word for word in re.split(r"[\s,;]+", file.text("flag_meanings", quality).strip()) if word]
+    values, masks = (_listed(file.attribute(name, of=quality)) for name in ("flag_values", "flag_masks"))
+    is_number = isinstance(quality.dtype, np.dtype) and quality.dtype.kind in "iu"
+    if len(values) == 1 < len(words) == len(values[0]):
+        values = list(values[0])  # characters in one text
+    if words and is_number and len(masks) == len(words) and len(values) in (0, len(words)):
+        return partial(_by_masks, file, 8 * quality.dtype.itemsize, words, masks, values)
+    if words and len(values) == len(words):
+        table = dict(zip(values, words, strict=True))
+        if not is_number and all(map(str.isdigit, values)):  # characters by their codes
+            table = {chr(int(value)): word for value, word in table.items()} | table
+        return partial(_by_values, file, table)
+    own = [file.text(name, quality) for name in NAMING]
+    name, vocabulary = vocabularies.vocabulary(*own, quality.name, file.text("Conventions"), file.text("data_type"))
+    says = f"those of {name} are taken, which the file names." if name else "the file names no vocabulary."
+    file.note(f"{quality.name} does not state what its flags mean: {says}")
+    return partial(_by_values, file, {str(ord(value)): word for value, word in vocabulary.items()} | {**vocabulary})
+
+
+def _listed(stated: Any) -> list[str]:
+    """Return flag values or masks as texts, from an array, or from numbers or characters in one text."""
+    if stated is None:
+        return []
+    if isinstance(stated, str):
+        items = [item for item in re.split(r"[\s,;]+", stated.strip("[] ")) if item]
+        return [re.sub(r"^([-+]?\d+)[bBsSlLuU]+$", r"\1", item) for item in items]
+    return [_label(item) for item in np.atleast_1d(stated).tolist()]
+
+
+def _label(value: Any) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _by_values(file: File, words: Mapping[str, str], value: Any) -> _Known:
+    label = _label(value)
+    word = words.get(label, "")
+    flag = vocabularies.flag_of(label, word, file.meanings)
+    return _Known(PROBABLY_BAD, (word or label,)) if flag is None else _Known(flag)
+
+
+def _by_masks(
+    file: File, bits: int, words: Sequence[str], masks: Sequence[str], values: Sequence[str], value: Any
+) -> _Known:
+    """Tell what a field of bits means: of the conditions that hold, the worst counts."""
+    if (whole := file.meanings.get(_label(value))) is not None:
+        return _Known(whole)
+    number, *fields = (int(text) % 2**bits for text in (_label(value), *masks))
+    states = [int(text) % 2**bits for text in values] or fields
+    flag_of = {w: vocabularies.flag_of(mask, w, file.meanings) for w, mask in zip(words, masks, strict=True)}
+    pairs = zip(fields, states, strict=True)
+    holds = [number & mask == state if values else number & mask > 0 for mask, state in pairs]
+    holding = [word for word, is_so in zip(words, holds, strict=True) if is_so]
+    explained = reduce(or_, (mask for mask, is_so in zip(fields, holds, strict=True) if is_so), 0)
+    unknown = [word for word in holding if flag_of[word] is None]
+    if number & ~explained:
+        unknown.append(_label(value))  # bits without a meaning
+    if not holding and not unknown and {GOOD, PROBABLY_GOOD} & {*flag_of.values()}:
+        unknown.append(_label(value))  # one condition is that a value is good, and it does not hold
+    known = [flag for word in holding if (flag := flag_of[word]) is not None] or [NOT_CHECKED]
+    return _Known(int(vocabularies.worst([*known, *[PROBABLY_BAD] * bool(unknown)])), tuple(unknown))
