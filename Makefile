@@ -32,7 +32,7 @@ run: install  ## process a cruise: make run, or make run CRUISE=/data/my_cruise
 	$(SNAKEMAKE)
 
 verify: install  ## does an archive still hold what its manifest lists? make verify CRUISE=/data/my_cruise
-	$(BIN)/python -m compasslib.archive.verification "$(CRUISE)"
+	$(BIN)/compass verify "$(CRUISE)"
 
 check-archive: .venv/test  ## CF, ACDD and OceanSITES against a cruise's netCDF files
 	$(SNAKEMAKE) conventions

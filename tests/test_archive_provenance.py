@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import fcntl
 import json
 import os
 import shutil
@@ -196,8 +197,11 @@ def test_what_was_replaced_leads_nowhere_and_a_changed_product_is_refused(tmp_pa
 
 
 # ------------------------------------------------------------------------------------------------------------- verify
-def verify(folder: Path) -> tuple[int, list[str]]:
-    command = [sys.executable, "-m", "compasslib.archive.verification", str(folder)]
+COMPASS = "import sys; from compasslib.command import main; sys.exit(main())"
+
+
+def verify(folder: Path, *options: str) -> tuple[int, list[str]]:
+    command = [sys.executable, "-P", "-c", COMPASS, "verify", str(folder), *options]
     environment = os.environ | {"PYTHONPATH": str(PROJECT)}
     ran = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
     assert "Traceback" not in ran.stderr
@@ -220,13 +224,16 @@ def test_what_changed_is_told_a_line_a_file_and_ends_with_an_error(archive):
     (archive / "raw/M1/deep.csv").unlink()
     (archive / "results/M1/notes.txt").write_text("mine")
     code, said = verify(archive)
-    assert code == 1 and sorted(line.split(":")[0] for line in said) == ["changed", "error", "missing", "new"]
+    untold = "what is configured no more cannot be told"  # without all raw files
+    assert code == 1 and sorted(line.split(":")[0] for line in said) == ["changed", "error", "missing", "new", untold]
     assert {"missing: raw/M1/deep.csv", "new: results/M1/notes.txt"} < set(said)
     assert any(line.startswith("changed: results/M1/corrected.nc (sha256 ") for line in said)
     assert "expected 25 files as listed, found 3 that differ" in said[-1]
 
 
-@pytest.mark.parametrize("content", [None, "{}", "[1, 2]", "not JSON", '{"@graph": [{"@type": "File"}]}'])
+@pytest.mark.parametrize(
+    "content", [None, "{}", "[1, 2]", "not JSON", '{"@graph": [{"@type": "File"}]}', '{"@graph": []}']
+)
 def test_without_a_manifest_it_says_so(archive, content):
     (archive / crate.FILE).unlink()
     if content is not None:
@@ -241,7 +248,152 @@ def test_the_rule_says_the_same_and_makes_nothing_anew(archive):
     assert ran.returncode != 0 and "missing: results/M1/figures/scatter.png" in ran.stderr
     assert not (archive / "results/M1/figures/scatter.png").exists()
     with pytest.raises(InputError, match="found 1 that differ"):
-        verification.verify(archive, lambda line: None)
+        verification.verify(archive, None, lambda line: None)
+
+
+PLANTED = {
+    "in a new folder": "results/new/deep/x.csv",
+    "among the products": "results/M1/corrected2.nc",
+    "among the logs": "results/M1/logs/notes.txt",
+    "as a log of no stage": "results/M1/logs/evil.log",
+    "as a record that is none": "results/M1/logs/evil.json",
+    "among the benchmarks": "results/benchmarks/evil.tsv",
+    "as a file that the rules make by name": "results/M1/conventions.json",
+    "with a name that is no UTF-8": b"results/M1/caf\xe9.nc".decode(errors="surrogateescape"),
+    "with a line break in its name": "results/M1/a\nb.nc",
+}
+
+
+@pytest.mark.parametrize("where", PLANTED)
+def test_a_file_that_no_job_wrote_fails(archive, where):
+    path = archive / PLANTED[where]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text('{"planted": true}')
+    assert differing(archive) == [f"new: {PLANTED[where]}"]
+    if not where.startswith("with"):
+        return
+    code, said = verify(archive)
+    assert code == 1 and said[0] == f"new: {verification.escaped(PLANTED[where])}" and len(said) == 2
+    assert verify(archive, "--clear", "--yes")[0] == 0 and path.exists()
+
+
+@pytest.mark.parametrize("of", ["link to a file", "link to a folder", "folder that is a link"])
+def test_links_among_results_fail_even_where_the_content_is_right(archive, tmp_path, of):
+    product, outside = archive / "results/M1/corrected.nc", tmp_path / "outside"
+    outside.mkdir()
+    if of == "link to a file":
+        shutil.move(product, outside)
+        product.symlink_to(outside / "corrected.nc")
+    elif of == "link to a folder":
+        (archive / "results/M1/more").symlink_to(outside)
+    else:
+        shutil.move(archive / "results/M1", outside)
+        (archive / "results/M1").symlink_to(outside / "M1")
+    line = {"link to a folder": "new: results/M1/more"}.get(of, "changed: results/M1/corrected.nc (a link")
+    assert any(shown.startswith(line) for shown in differing(archive))
+
+
+ELSEWHERE = [
+    "/etc/passwd",
+    "../../x.nc",
+    "M1/../../../x.nc",
+    "%2e%2e/%2e%2e/x.nc",
+    "..%2f..%2fx.nc",
+    "file:///etc/passwd",
+]
+
+
+def differing(archive: Path) -> list[str]:
+    return verification.differences(archive, plan.plan(config.load(archive), PROJECT / "workflow/scripts").configured())
+
+
+def test_an_identifier_that_leads_elsewhere_fails(archive):
+    """In the file's own entity and wherever a job refers to it, its name left as it was or changed with it."""
+    text = (archive / crate.FILE).read_text()
+    assert differing(archive) == []
+    for identifier in (*ELSEWHERE, "https://example.org/x.nc", "./M1/corrected.nc", "M1/fit.nc"):
+        moved = text.replace('"M1/corrected.nc"', json.dumps(identifier))
+        alike = moved.replace('"name": "results/M1/corrected.nc"', f'"name": {json.dumps(unquote(identifier))}')
+        for page in (moved, alike):
+            (archive / crate.FILE).write_text(page)
+            assert f"elsewhere: {identifier}, which is no file of the cruise that a job read or wrote" in differing(
+                archive
+            )
+
+
+def without(page: dict, *kinds: str, name: str = "") -> dict:
+    kept = [entity for entity in page["@graph"] if entity["@type"] not in kinds or name not in entity["name"]]
+    return page | {"@graph": kept}
+
+
+@pytest.mark.parametrize(
+    ("kinds", "name", "line"),
+    [
+        (("File",), "corrected.nc", "elsewhere: M1/corrected.nc"),
+        (("File", "CreateAction"), "correct", "unlisted: results/M1/corrected.nc"),
+        (("CreateAction",), "", "elsewhere: M1/corrected.nc"),
+    ],
+)
+def test_what_is_taken_out_of_the_manifest_is_told(archive, kinds, name, line):
+    (archive / crate.FILE).write_text(json.dumps(without(page_of(archive), *kinds, name=name)))
+    assert any(shown.startswith(line) for shown in differing(archive))
+
+
+# ------------------------------------------------------------------------------ results of what is configured no more
+@pytest.fixture
+def renamed(archive):
+    """A cruise that was run as M1, and whose mooring and instrument were renamed and run again by name only."""
+    shutil.copytree(archive / "results/M1", archive / "results/OLD")
+    for path in (archive / "results/OLD/logs").glob("*.json"):
+        path.write_text(path.read_text().replace("results/M1/", "results/OLD/"))
+    for ending in ("log", "json"):
+        record = (archive / f"results/M1/logs/read_deep.{ending}").read_text().replace("work/deep", "work/lower")
+        (archive / f"results/M1/logs/read_lower.{ending}").write_text(record)
+    shutil.copy(archive / "results/M1/work/deep.nc", archive / "results/M1/work/lower.nc")
+    (archive / "results/OLD/logs/read_top.stopped").write_text("why\n")
+    return archive
+
+
+def tree(folder: Path) -> set[str]:
+    return {path.relative_to(folder).as_posix() for path in folder.rglob("*")}
+
+
+def test_results_of_what_is_configured_no_more_are_named_listed_and_removed_when_asked(renamed, processed):
+    code, said = verify(renamed)
+    old = sum(path.is_file() for path in (renamed / "results/OLD").rglob("*"))
+    lines = ["configured no more: results/M1, 3 files", f"configured no more: results/OLD, {old} files"]
+    assert code == 1 and said[:-1] == lines and "compass verify --clear shows and removes" in said[-1]
+
+    (renamed / "results/OLD/notes.txt").write_text("mine")
+    (renamed / "results/OLD/corrected.nc").write_text("edited by hand")
+    before = tree(renamed)
+    code, said = verify(renamed, "--clear")
+    kept = [f"kept: results/OLD/{name}, which no job wrote as it is" for name in ("corrected.nc", "notes.txt")]
+    assert code == 0 and tree(renamed) == before and said[-3:-1] == kept
+    assert said[-1] == f"{old + 2} files of what is configured no more; add --yes to remove them"
+
+    code, removed = verify(renamed, "--clear", "--yes")
+    assert code == 0 and [line.replace("would be ", "") for line in said[:-1]] == removed[:-1]
+    left = {"results/OLD", "results/OLD/notes.txt", "results/OLD/corrected.nc"}
+    assert tree(renamed) - tree(processed) - {".snakemake/compasslib.lock"} == left
+    assert tree(processed) <= tree(renamed)
+    shutil.rmtree(renamed / "results/OLD")
+    assert verify(renamed)[0] == 0 and verify(renamed, "--clear") == (0, ["0 files of what is configured no more"])
+
+
+def test_nothing_is_cleared_while_the_configuration_cannot_be_read_or_a_run_is_under_way(renamed):
+    before = tree(renamed)
+    with (renamed / ".snakemake/compasslib.lock").open("w") as held:
+        fcntl.flock(held, fcntl.LOCK_EX)
+        code, said = verify(renamed, "--clear", "--yes")
+    assert code == 1 and "expected one run at a time" in said[-1]
+    (renamed / "raw/M1/top.000").unlink()
+    code, said = verify(renamed, "--clear", "--yes")
+    assert code == 1 and len(said) == 1 and "config/moorings/M1.yaml: instruments.top.files" in said[0]
+    assert tree(renamed) | {"raw/M1/top.000"} == before
+    code, said = verify(renamed)
+    assert "missing: raw/M1/top.000" in said and not any(line.startswith("configured no more:") for line in said)
+    assert any(line.startswith("what is configured no more cannot be told: config/moorings/M1.yaml") for line in said)
 
 
 # ---------------------------------------------------------------------------------------------------------------- jobs

@@ -75,7 +75,7 @@ def test_help_names_the_commands_and_imports_nothing_heavy():
     ) and ran.stdout.endswith("[]\n")
 
 
-@pytest.mark.parametrize("name", ["check", "init", "correct", "explain", "export", "diff"])
+@pytest.mark.parametrize("name", ["check", "init", "correct", "explain", "export", "diff", "verify"])
 def test_help_of_each_command_ends_with_an_example_that_it_takes(capsys, name):
     with pytest.raises(SystemExit) as ended:
         main([name, "--help"])
@@ -95,7 +95,9 @@ def test_help_costs_less_than_a_fifth_of_a_second():
     assert min(cost() for _ in range(3)) < 0.2  # processor time: the machine may be busy; 0.02 to 0.05 s are usual
 
 
-@pytest.mark.parametrize("words", [[], ["mend"], ["correct"], ["diff", "a"], ["check", "--loud"]])
+@pytest.mark.parametrize(
+    "words", [[], ["mend"], ["correct"], ["diff", "a"], ["check", "--loud"], ["verify", "c", "--yes"]]
+)
 def test_a_wrong_command_line_is_status_2(capsys, words):
     with pytest.raises(SystemExit) as ended:
         main(words)

@@ -134,3 +134,16 @@ def test_real_exports_are_drafted_with_what_they_tell(tmp_path, capsys):
     assert told["compromised"] == "top" and "reference" not in told  # no time in common
     hourly = yaml.safe_load((tmp_path / "new/config/calibrations/esk1980dhor.yaml").read_text())
     assert hourly["latitude"] == 65.3333  # as said: its header has none
+
+
+@pytest.mark.parametrize("name", [b"t\xffop.000", b"t\nop.000"])
+def test_a_name_that_no_yaml_file_can_hold_is_left_out_and_told(tmp_path, capsys, name):
+    made, new = cruise(tmp_path / "made", n=50), tmp_path / "new"
+    os.rename(made / "raw/M1/top.000", os.fsencode(made / "raw/M1") + b"/" + name)
+    assert main(["init", str(made / "raw"), "--into", str(new), *PLACE]) == 0
+    said = capsys.readouterr()
+    told = [
+        line for line in (said.out + said.err).splitlines() if "rename it in UTF-8, without control characters" in line
+    ]
+    assert len(told) == 1 and "op.000" in told[0]
+    assert list(draft(new, "M1")["instruments"]) == ["deep"] and not [*new.rglob("*op.000")]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import re
 import shutil
@@ -17,6 +18,7 @@ from launch import PROJECT, change, snakemake
 from sea import cruise
 
 from compasslib import effects, readers
+from compasslib.command import main
 from compasslib.config import cruise as config
 from compasslib.core import plugins
 from compasslib.core.errors import InputError
@@ -114,6 +116,45 @@ def test_a_name_that_is_taken_and_a_plug_in_that_is_none_are_refused_in_one_line
     with pytest.raises(InputError) as caught:
         readers.names() if group == plugins.READERS else effects.all_terms()
     assert str(caught.value).startswith("tiltmeter 0.1: ") and words in str(caught.value)
+
+
+ENDS = ["SystemExit(0)", "SystemExit", "ValueError('bad')", "GeneratorExit", "type('Halt', (KeyboardInterrupt,), {})()"]
+
+
+@pytest.mark.parametrize("error", ENDS)
+def test_whatever_a_plug_in_raises_at_its_import_or_while_it_reads_is_one_line(tmp_path, monkeypatch, error):
+    declare(tmp_path, monkeypatch, plugins.READERS, "tiltmeter", "tiltmeter:read")
+    (tmp_path / "tiltmeter.py").write_text(f"def read(paths):\n    raise {error}\n")
+    with pytest.raises(InputError, match=r"^tiltmeter 0\.1: tiltmeter:read: expected a Record, found .*line 2\); mend"):
+        readers.read("tiltmeter", [tmp_path / "deep.txt"], {})
+    sys.modules.pop("tiltmeter")
+    (tmp_path / "tiltmeter.py").write_text(f"raise {error}\n")
+    importlib.invalidate_caches()
+    with pytest.raises(InputError, match=r"^tiltmeter 0\.1: .* expected an importable plug-in, found .*line 1\); mend"):
+        readers.of("tiltmeter")
+
+
+def test_an_interrupt_from_the_keyboard_is_no_error_of_a_plug_in(tmp_path, monkeypatch):
+    declare(tmp_path, monkeypatch, plugins.READERS, "tiltmeter", "tiltmeter:read")
+    (tmp_path / "tiltmeter.py").write_text("raise KeyboardInterrupt\n")
+    with pytest.raises(KeyboardInterrupt):
+        readers.of("tiltmeter")
+
+
+def test_a_plug_in_that_ends_the_program_with_status_0_stops_its_mooring_with_another(tmp_path, monkeypatch):
+    folder = cruise(tmp_path / "cruise", n=50)
+    as_tiltmeter(folder)
+    site = tmp_path / "site"
+    declare(site, monkeypatch, plugins.READERS, "tiltmeter", "tiltmeter:read")
+    for code, words in (
+        ("def read(paths, *, orientation=None):\n    raise SystemExit(0)\n", "expected a Record, found SystemExit: 0"),
+        ("raise SystemExit(0)\n", "expected an importable plug-in, found SystemExit: 0"),
+    ):
+        (site / "tiltmeter.py").write_text(code)
+        ran = snakemake(folder, "results/M1/work/deep.nc", beside=(PROJECT, site))
+        said = [line for line in ran.stderr.splitlines() if line.startswith("error: ")]
+        assert ran.returncode != 0 and len(said) == 1 and words in said[0] and "Traceback" not in ran.stderr, ran.stderr
+    assert main(["check", str(folder)]) == 1
 
 
 def test_two_packages_cannot_share_a_name(tmp_path, monkeypatch):

@@ -13,18 +13,21 @@ import time
 from collections.abc import Callable
 from datetime import datetime, timedelta
 from pathlib import Path
+from types import SimpleNamespace
 
 import chain
 import numpy as np
 import pytest
 import yaml
-from launch import PROJECT, command, environment, hashes, snakemake
+from launch import PROJECT, command, copied_project, environment, hashes, snakemake
 from pd0_encoder import assemble
 from sea import START, cruise
+from snakemake.iocontainers import Namedlist
 
 from compasslib.archive.files import HALF_WRITTEN
 from compasslib.config.cruise import load
 from compasslib.core import angles
+from compasslib.run.job import job
 
 HOURS = 400
 YAML, TOP, DEEP = Path("config/moorings/M1.yaml"), Path("raw/M1/top.000"), Path("raw/M1/deep.csv")
@@ -420,6 +423,79 @@ def test_a_disk_that_fills_up_at_any_stage_is_one_line_and_with_room_the_results
     finally:
         subprocess.run(["umount", "--lazy", str(results)], check=True)
         subprocess.run(["umount", "--lazy", str(raw)], check=False)
+
+
+def test_read_only_results_are_one_line_before_any_work(sound, tmp_path):
+    folder = spoilt(sound, tmp_path, lambda there: None)
+    if not mounted(folder / "results", "-t", "tmpfs", "-o", "ro", "tmpfs"):
+        pytest.skip("no right to mount a tmpfs")
+    try:
+        ran = snakemake(folder, "results/M1/work/top.nc")
+    finally:
+        subprocess.run(["umount", "--lazy", str(folder / "results")], check=True)
+    line = "error: results: expected the right to write here, found a read-only file system; give yourself that right"
+    assert ran.returncode != 0 and line in ran.stderr
+    assert "Traceback" not in ran.stderr and not list((folder / ".snakemake/scripts").glob("*"))
+
+
+def test_results_dated_in_the_future_wedge_nothing_and_raw_files_are_refused_in_one_line(sound, tmp_path):
+    folder = spoilt(sound, tmp_path, lambda there: None)
+    wanted, future = ("results/M1/overlap.nc",), time.time() + 1e6
+    assert snakemake(folder, *wanted).returncode == 0
+    for path in (folder / "results").rglob("*"):
+        os.utime(path, (future, future))
+    (folder / wanted[0]).unlink()
+    ran = snakemake(folder, *wanted)
+    assert ran.returncode == 0 and "M1 overlap:" in ran.stderr, ran.stderr
+    assert "dated in the future and as recorded: dated anew" in ran.stderr
+    assert not [p for p in (folder / "results/M1/work").glob("*.nc") if p.stat().st_mtime > time.time()]
+    assert "Nothing to be done" in snakemake(folder, *wanted).stderr
+
+    os.utime(folder / TOP, (future, future))
+    ran = snakemake(folder, *wanted)
+    said = [line for line in ran.stderr.splitlines() if "error" in line.lower()]
+    assert (
+        ran.returncode != 0 and len(said) == 1 and said[0].startswith(f"error: {TOP}: expected a date of change before")
+    )
+    assert (folder / TOP).stat().st_mtime > time.time()
+
+
+def test_a_killed_job_is_named_with_the_likely_cause_and_what_to_do(sound, tmp_path):
+    project = copied_project(tmp_path / "project", "compasslib", "workflow", "Snakefile")
+    stage = project / "compasslib/stages/read.py"
+    # Its parameters are those of the stage; the process ends itself as the kernel ends one that takes too much memory.
+    stage.write_text(stage.read_text() + "\n\ndef run(*_, **__):\n    import os\n\n    os.kill(os.getpid(), 9)\n")
+    ran = snakemake(spoilt(sound, tmp_path, lambda there: None), "results/M1/work/top.nc", project=project)
+    said = ran.stderr.splitlines()
+    assert ran.returncode != 0 and "Killed: 1" in said
+    line = said[said.index("Killed: 1") + 1]
+    assert line.startswith("  M1 read top: killed") and "memory ran out; run again with fewer --cores" in line
+    assert not list((tmp_path / "c/results").rglob("*.stopped"))
+
+
+ENDINGS = [
+    (MemoryError(), "ran out of memory; run again with fewer --cores", False),
+    (KeyboardInterrupt(), "was interrupted; run again", False),
+    (SystemExit(0), "an error of this program in fit, SystemExit: 0; report it", True),
+]
+
+
+@pytest.mark.parametrize(("error", "words", "stops"), ENDINGS)
+def test_a_job_that_runs_out_of_memory_or_is_ended_from_within_fails_in_one_line(tmp_path, capsys, error, words, stops):
+    parts = {part: Namedlist() for part in ("input", "output", "params")}
+    log = [str(tmp_path / "logs/fit.log")]
+    here = SimpleNamespace(rule="fit", log=log, wildcards=Namedlist(fromdict={"mooring": "M1"}), **parts)
+    (tmp_path / "logs").mkdir()
+
+    def stage(mooring, *, say):
+        raise error
+
+    with pytest.raises(SystemExit) as ended:
+        job(here, stage)
+    said = capsys.readouterr().err
+    assert ended.value.code == 1 and said.startswith("error: mooring M1: ") and words in said and said.count("\n") == 1
+    assert said == (tmp_path / "logs/fit.log").read_text()
+    assert (tmp_path / "logs/fit.stopped").exists() == stops and not (tmp_path / "logs/fit.json").exists()
 
 
 @pytest.mark.parametrize(("path", "expected"), [(TOP, "PD0"), (DEEP, "CSV")])

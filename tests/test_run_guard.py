@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -166,3 +167,23 @@ def test_a_file_that_was_not_asked_for_is_put_nowhere():
             (folder / file).write_text("simulated")
     assert Path(RAW[0]).read_text() == "simulated" and Path(RAW[1]).read_text() == "measured"
     assert [path.name for path in Path("raw").iterdir()] == ["EG1"]
+
+
+def test_an_input_dated_in_the_future_is_refused_by_the_clock_that_dates_the_files(there):
+    put(RAW[0])
+    now = guard.file_clock()
+    assert os.stat(RAW[0]).st_mtime <= now and not list(Path(".snakemake").iterdir())
+    guard.refuse_future([*RAW, "."], now)
+    os.utime(RAW[0], (now + 3600.0, now + 3600.0))
+    with pytest.raises(InputError, match=rf"{RAW[0]}: expected a date of change before now.*touch {RAW[0]}$"):
+        guard.refuse_future(RAW, now)
+
+
+def test_the_first_place_without_the_right_to_write_is_refused(there, monkeypatch):
+    put("results/M1/work/top.nc")
+    outputs = ["results/M1/work/top.nc", "results/M2/new/overlap.nc"]
+    guard.refuse_read_only(outputs)
+    for place in ("results/M1/work/top.nc", "results/M1/work", "results"):
+        monkeypatch.setattr(os, "access", lambda path, mode, place=place: path != place)
+        with pytest.raises(InputError, match=f"^{place}: expected the right to write here, found no right to write"):
+            guard.refuse_read_only(outputs)

@@ -149,3 +149,16 @@ def test_no_link_is_followed_when_orphans_are_deleted(chain, tmp_path):
     Path("results/M1/work/a.nc").unlink()
     ledger.clear_orphans("M1")
     assert (tmp_path / "elsewhere").read_bytes() == content and Path("results/M1/overlap.nc").is_symlink()
+
+
+def test_results_as_recorded_but_dated_in_the_future_are_dated_anew_and_no_others(chain, tmp_path):
+    now = os.stat("raw/a").st_mtime + 60.0
+    for path in [*MADE, "raw/a"]:
+        os.utime(path, (now + 1e6, now + 1e6))
+    Path("results/M1/corrected.nc").write_text("edited by hand")
+    os.utime("results/M1/corrected.nc", (now + 1e6, now + 1e6))
+    restored = ledger.restore_times(["M1"], ledger.seen(), now)
+    assert sorted(restored) == ["results/M1/overlap.nc", "results/M1/work/a.nc"]
+    assert [os.stat(path).st_mtime for path in restored] == [now, now]
+    assert ledger.is_future("raw/a", now) and ledger.is_future("results/M1/corrected.nc", now)
+    assert stale() == {"corrected.nc"} and ledger.restore_times(["M1"], ledger.seen(), now) == []

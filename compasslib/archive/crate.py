@@ -10,6 +10,7 @@ from __future__ import annotations
 import importlib.metadata
 import json
 import platform
+import posixpath
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -112,17 +113,46 @@ def listed(page: Mapping[str, Any]) -> dict[str, str]:
     return {entity["name"]: entity["sha256"] for entity in files}
 
 
+def misplaced(page: Mapping[str, Any]) -> dict[str, str]:
+    """Return what stands for a file and is none of the cruise that a job read or wrote, each with its identifier.
+
+    A file's identifier is that of the path that it is named by, letter for letter: no other leads to the same place.
+    """
+    files = {entity["@id"]: entity["name"] for entity in page["@graph"] if entity["@type"] == "File"}
+    used = {one for action in _actions(page) for part in ("object", "result") for one in _identifiers(action, part)}
+    wrong = {name: known for known, name in files.items() if known not in used or not _is_of(known, name)}
+    return wrong | {known: known for known in sorted(used - files.keys())}
+
+
+def has_failures(page: Mapping[str, Any]) -> bool:
+    """Return whether moorings or calibrations were stopped in the run of a crate."""
+    return any(action["actionStatus"].endswith("FailedActionStatus") for action in _actions(page))
+
+
 def written(page: Mapping[str, Any]) -> set[str]:
     """Return the files that jobs wrote, by their paths from the cruise folder."""
-    actions = [entity for entity in page["@graph"] if entity["@type"] == "CreateAction"]
-    results = (action.get("result", []) for action in actions)
-    return {_path(one["@id"]) for result in results for one in (result if isinstance(result, list) else [result])}
+    return {_path(identifier) for action in _actions(page) for identifier in _identifiers(action, "result")}
 
 
 def log_line(page: Mapping[str, Any]) -> str:
     """Return what the job says of the crate."""
     jobs = sum("result" in entity for entity in page["@graph"])
     return f"{FILE}: {len(listed(page))} files, {jobs} jobs"
+
+
+def _actions(page: Mapping[str, Any]) -> list[Entity]:
+    return [entity for entity in page["@graph"] if entity["@type"] == "CreateAction"]
+
+
+def _identifiers(action: Mapping[str, Any], part: str) -> list[str]:
+    given = action.get(part, [])
+    return [one["@id"] for one in (given if isinstance(given, list) else [given])]
+
+
+def _is_of(identifier: str, path: str) -> bool:
+    """Return whether an identifier is that of a path, and the path a plain one that stays in the cruise folder."""
+    plain = path.isprintable() and posixpath.normpath(path) == path and not path.startswith(("/", ".."))
+    return plain and identifier == _id(path)
 
 
 def _files(jobs: Mapping[str, Record], configuration: Mapping[str, Sequence[str]]) -> dict[str, str]:

@@ -1,77 +1,211 @@
-"""Is an archive what its manifest says? ``python -m compasslib.archive.verification CRUISE`` exits 1 where not."""
+"""Verification of an archive: files against the manifest, and results of what is configured no more."""
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable
-from pathlib import Path
+import json
+import os
+import re
+from collections import Counter
+from collections.abc import Callable, Collection, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 from compasslib.archive import crate, provenance
 from compasslib.archive.files import read_json
 from compasslib.core.errors import InputError
 
+FORMER = "configured no more: "
+CONVENTIONS = "conventions.json"  # may be made by name after the manifest
+PROJECT_FOLDERS = ("bench", "proof")  # of the project's own benchmarks, beside its demonstration cruise
+# What a job leaves beside its results, which no manifest lists: log, record, reason why it stopped, processor time.
+JOB_FILE = re.compile(
+    r"(?P<owner>results(?:/(?:calibrations|compasses))?(?:/[^/]+)?)/"
+    r"(?:logs/(?P<log>[^/]+)\.(?:log|json|stopped)|benchmarks/(?P<benchmark>[^/]+)\.tsv)"
+)
+STAGE = re.compile(
+    r"read_.+|overlap|fit|diagnose|diagnose_alone|correct|assess|compare|figures|conventions|simulate|calibrate"
+    r"|diagnosis_figure|join|summary|report|provenance|verify"
+)
 
-def differences(cruise: str | Path) -> list[str]:
-    """Return what differs from the manifest, a line a file: changed, missing, or new beside files that jobs wrote.
+
+@dataclass(frozen=True)
+class Results:
+    """The files below results/ of a cruise, by who wrote them; no link is followed."""
+
+    root: Path
+    configured: Collection[str] | None  # files that the rules make as the cruise is configured; None: unknown
+
+    @cached_property
+    def files(self) -> list[str]:
+        """Paths of all files and links from the cruise folder, the manifest apart."""
+        found: list[str] = []
+        for folder, folders, names in os.walk(self.root / crate.FOLDER):
+            place = Path(folder).relative_to(self.root)
+            if place == Path(crate.FOLDER) and self.root.resolve() == provenance.PROJECT:
+                folders[:] = [name for name in folders if name not in PROJECT_FOLDERS]
+            links = [name for name in folders if os.path.islink(Path(folder, name))]
+            found += [(place / name).as_posix() for name in (*names, *links)]
+        return sorted({*found} - {crate.FILE})
+
+    @cached_property
+    def records(self) -> dict[str, Mapping[str, str]]:
+        """SHA-256 by path of what each job wrote, by the path of its record; a damaged record is none."""
+        found: dict[str, Mapping[str, str]] = {}
+        for file in self.files:
+            if JOB_FILE.fullmatch(file) and file.endswith(".json"):
+                with suppress(OSError, ValueError, TypeError, KeyError):
+                    found[file] = dict(json.loads((self.root / file).read_bytes())["wrote"])
+        return found
+
+    @cached_property
+    def former(self) -> list[str]:
+        """Results of what is configured no more, as their jobs wrote them, and the logs and records of those jobs."""
+        if self.configured is None:
+            return []
+        configured = frozenset(self.configured)
+        return [file for file in self.files if file not in configured and self._is_former(file, configured)]
+
+    def of_job(self, file: str) -> bool:
+        """Whether a file is the log, record, reason or benchmark of a job."""
+        job = JOB_FILE.fullmatch(file)
+        if job is None or (self.root / file).is_symlink():
+            return False
+        named = STAGE.fullmatch(job["log"] or job["benchmark"]) and not file.endswith(".json")
+        return bool(named) or _record(job) in self.records
+
+    def as_written(self, file: str) -> bool:
+        """Whether a job wrote a file as it is."""
+        path = self.root / file
+        known = {wrote[file] for wrote in self.records.values() if file in wrote}
+        return bool(known) and not path.is_symlink() and path.is_file() and provenance.sha256(path) in known
+
+    def foreign(self, apart: Collection[str]) -> list[str]:
+        """Return the files that no job wrote as they are.
+
+        Args:
+            apart: files that need no look.
+        """
+        left = (file for file in self.files if file not in apart and not self.of_job(file))
+        return [file for file in left if not self.as_written(file)]
+
+    def clear(self) -> None:
+        """Delete the results of what is configured no more, and the folders that this leaves empty."""
+        folders = {folder for file in self.former for folder in PurePosixPath(file).parents[:-2]}
+        for file in self.former:
+            (self.root / file).unlink()
+        for folder in sorted(folders, key=lambda each: -len(each.parts)):
+            with suppress(OSError):  # something else is in it
+                (self.root / folder).rmdir()
+
+    def _is_former(self, file: str, configured: frozenset[str]) -> bool:
+        job = JOB_FILE.fullmatch(file)
+        if job is None or not self.of_job(file):
+            return job is None and self.as_written(file)
+        if made := [path for path in self.records.get(_record(job), ()) if path.startswith(f"{crate.FOLDER}/")]:
+            return configured.isdisjoint(made)
+        return not any(path.startswith(f"{job['owner']}/") for path in configured)
+
+
+def differences(cruise: str | Path, configured: Collection[str] | None) -> list[str]:
+    """Return what differs from the manifest, a line a file, and what is configured no more, a line a folder.
 
     Args:
         cruise: folder of the cruise; nothing in it is written to.
+        configured: files that the rules make as the cruise is configured; None where that is not known.
 
     Raises:
         InputError: there is no manifest, or it is none.
     """
     root = Path(cruise)
     page = _manifest(root)
-    known = crate.listed(page)
-    found = [line for path, listed in known.items() if (line := _difference(root, path, listed))]
-    folders = sorted({(root / path).parent for path in crate.written(page)})
-    beside = {file for folder in folders if folder.is_dir() for file in folder.iterdir() if file.is_file()}
-    new = sorted({file.relative_to(root).as_posix() for file in beside} - {*known, crate.FILE})
-    return found + [f"new: {path}" for path in new]
+    listed, misplaced, results = crate.listed(page), crate.misplaced(page), Results(root, configured)
+    foreign = [*results.foreign(listed), *_beside_raw_files(root, page, listed)]
+    apart = {*listed, *results.former, *foreign}
+    left = (file for file in results.files if file not in apart and not results.of_job(file))
+    unlisted = [file for file in left if not (crate.has_failures(page) or file.endswith(f"/{CONVENTIONS}"))]
+    former = Counter(_owner(file) for file in results.former)
+    return [
+        *(
+            f"elsewhere: {identifier}, which is no file of the cruise that a job read or wrote"
+            for identifier in misplaced.values()
+        ),
+        *(line for path, known in listed.items() if path not in misplaced and (line := _difference(root, path, known))),
+        *(f"new: {path}" for path in sorted(foreign)),
+        *(f"unlisted: {path}" for path in unlisted),
+        *(f"{FORMER}{folder}, {n} files" for folder, n in sorted(former.items())),
+    ]
 
 
-def verify(cruise: str | Path, say: Callable[[str], None]) -> None:
+def verify(cruise: str | Path, configured: Collection[str] | None, say: Callable[[str], None]) -> None:
     """Say what differs from the manifest, or that nothing does.
+
+    Args:
+        configured: as for ``differences``.
 
     Raises:
         InputError: something differs, or there is no manifest.
     """
-    found = differences(cruise)
+    found = differences(cruise, configured)
     for line in found:
-        say(line)
+        say(escaped(line))
     files = f"{len(crate.listed(_manifest(Path(cruise))))} files as listed"
     if found:
         advice = "restore them, or make run again if the change was meant"
+        if any(line.startswith(FORMER) for line in found):
+            advice += "; compass verify --clear shows and removes what is configured no more"
         raise InputError(crate.FILE, expected=files, found=f"{len(found)} that differ", advice=advice)
     say(f"{crate.FILE}: {files}")
 
 
+def escaped(path: str) -> str:
+    """Return a path as it can be printed: bytes that are no UTF-8, and control characters, as escapes."""
+    text = path.encode("utf-8", "backslashreplace").decode()
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
 def _manifest(root: Path) -> dict[str, Any]:
     page: dict[str, Any] = read_json(root / crate.FILE)
+    expected, advice = "a manifest that lists the files of a run", "make run writes it"
     try:
-        crate.listed(page), crate.written(page)
-    except (KeyError, TypeError) as error:
-        advice = "make run writes it"
-        raise InputError(str(root / crate.FILE), expected="a manifest", found=repr(error), advice=advice) from None
+        crate.written(page), crate.misplaced(page), crate.has_failures(page)
+        found = "" if crate.listed(page) else "no file listed"
+    except (KeyError, TypeError, AttributeError, ValueError) as error:
+        found = repr(error)
+    if found:
+        raise InputError(str(root / crate.FILE), expected=expected, found=found, advice=advice)
     return page
 
 
 def _difference(root: Path, path: str, listed: str) -> str:
-    if not (root / path).is_file():
+    place = root / path
+    if not place.is_file():
         return f"missing: {path}"
-    found = provenance.sha256(root / path)
+    if path.startswith(f"{crate.FOLDER}/") and any((root / part).is_symlink() for part in (path, *_folders(path))):
+        return f"changed: {path} (a link, or in a folder that is one)"
+    found = provenance.sha256(place)
     return "" if found == listed else f"changed: {path} (sha256 {found[:12]}, listed {listed[:12]})"
 
 
-def main() -> None:
-    """Verify the cruise that the command line names."""
-    try:
-        verify(sys.argv[1] if len(sys.argv) > 1 else ".", print)
-    except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
-        sys.exit(1)
+def _beside_raw_files(root: Path, page: Mapping[str, Any], listed: Collection[str]) -> list[str]:
+    """Return files that the manifest does not list, in folders outside results/ that a simulation wrote into."""
+    wrote = (path for path in crate.written(page) if path in listed and not path.startswith(f"{crate.FOLDER}/"))
+    folders = {(root / path).parent for path in wrote}
+    beside = (file for folder in folders if folder.is_dir() for file in folder.iterdir() if file.is_file())
+    return [path for file in beside if (path := file.relative_to(root).as_posix()) not in listed]
 
 
-if __name__ == "__main__":
-    main()
+def _record(job: re.Match[str]) -> str:
+    return f"{job['owner']}/logs/{job['log'] or job['benchmark']}.json"
+
+
+def _owner(file: str) -> str:
+    """Return the folder of the mooring, calibration or compass, or of the cruise, that a file belongs to."""
+    parts = PurePosixPath(file).parts[:-1]
+    return "/".join(parts[: 3 if parts[1:2] and parts[1] in ("calibrations", "compasses") else 2])
+
+
+def _folders(path: str) -> list[str]:
+    return [str(folder) for folder in PurePosixPath(path).parents[:-1]]

@@ -35,7 +35,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Args:
         arguments: words of the command line; those of this process where absent.
     """
-    asked = _parser().parse_args(arguments)
+    parser = _parser()
+    asked = parser.parse_args(arguments)
+    if asked.command == "verify" and asked.yes and not asked.clear:
+        parser.error("--yes goes with --clear")
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, _interrupted)  # as by Ctrl-C, so that nothing half made is left
     sys.stdout.reconfigure(errors="replace")  # type: ignore[union-attr]  # a terminal without the sign of degree
@@ -46,6 +49,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _failed(f"error: {error}", FAILED)
     except OSError as error:
         return _closed() if isinstance(error, BrokenPipeError) else _failed(f"error: {error}", FAILED)
+    except MemoryError:
+        return _failed("error: out of memory; close other programs, or use a machine with more", FAILED)
+    except SystemExit as error:  # from a package beside this one, perhaps with status 0
+        return _failed(f"error: a plug-in ended the program by SystemExit: {error}; mend or remove it", FAILED)
     except KeyboardInterrupt:
         return _failed("error: interrupted; no file is left half written", INTERRUPTED)
     return status
@@ -120,6 +127,11 @@ def _parser() -> argparse.ArgumentParser:
     diff = _command(commands, "diff", "what changed between two runs, mooring by mooring", "results_before my_cruise")
     for place in ("old", "new"):
         diff.add_argument(place, metavar=place.upper(), help="cruise folder, folder of results, or of one mooring's")
+
+    verify = _command(commands, "verify", "do the results still hold what their manifest lists?", "my_cruise")
+    verify.add_argument("cruise", metavar="CRUISE", nargs="?", default=".", help="cruise folder (default: this one)")
+    verify.add_argument("--clear", action="store_true", help="list results of what is configured no more instead")
+    verify.add_argument("--yes", action="store_true", help="with --clear: remove them")
     return parser
 
 

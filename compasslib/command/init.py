@@ -15,6 +15,7 @@ from compasslib import readers
 from compasslib.command import gathered
 from compasslib.config import draft
 from compasslib.config.draft import Place, Told
+from compasslib.config.values import shown
 from compasslib.core.errors import InputError
 from compasslib.core.records import Record
 from compasslib.core.types import Floats
@@ -54,13 +55,17 @@ def run(asked: Namespace) -> int:
         InputError: nothing can be drafted, or a file is there already.
     """
     root = Path(asked.into)
-    paths = _given(asked.files)
+    given = _given(asked.files)
+    paths = [path for path in given if _inside(path, root).isprintable()]  # a YAML file can name no other
     place = Place(asked.latitude, asked.longitude, asked.water_depth)
     found = _sorted(paths, root, asked.name, Found(place))
     texts = {
         f"config/moorings/{name}.yaml": draft.mooring(name, told, found.series, place)
         for name, told in found.instruments.items()
     } | {f"config/calibrations/{name}.yaml": text for name, text in found.calibrations.items()}
+    found.left += [
+        f"{shown(path.name)}: rename it in UTF-8, without control characters" for path in given if path not in paths
+    ]
     left = [f"left out: {line}" for line in found.left]
     if not texts:
         gathered.tell(left)

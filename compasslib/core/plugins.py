@@ -7,7 +7,9 @@ shows one. Only names and versions are looked at before one is used.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Collection
+import traceback
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
@@ -51,12 +53,30 @@ def loaded(point: EntryPoint) -> Any:
     Raises:
         InputError: it cannot be imported.
     """
-    try:
+    with refusing(point, "an importable plug-in"):
         return point.load()
-    except Exception as error:  # of somebody else's module, at its import: anything
-        shown = f"{type(error).__name__}: {error}"
+
+
+@contextmanager
+def refusing(point: EntryPoint, expected: str) -> Iterator[None]:
+    """Turn whatever a plug-in raises in the block into one line, ``SystemExit`` too; Ctrl-C stays what it is.
+
+    Raises:
+        InputError: the plug-in's own, or one that names package, error and the line of code that raised it.
+    """
+    try:
+        yield
+    except (InputError, MemoryError):
+        raise
+    except (
+        BaseException
+    ) as error:  # somebody else's code: anything, and SystemExit(0) would end a run as if it were done
+        if type(error) is KeyboardInterrupt:
+            raise
+        last = traceback.extract_tb(error.__traceback__)[-1]
+        shown = f"{type(error).__name__}: {error} ({Path(last.filename).name}, line {last.lineno})"
         where, advice = f"{package(point)}: {point.value}", "mend or remove the package"
-        raise InputError(where, expected="an importable plug-in", found=shown, advice=advice) from None
+        raise InputError(where, expected=expected, found=shown, advice=advice) from error
 
 
 def packages() -> tuple[str, ...]:

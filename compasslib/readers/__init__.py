@@ -83,7 +83,8 @@ def of(form: str) -> Format:
     if form in FORMATS:
         return FORMATS[form]
     point = plugins.points(plugins.READERS, FORMATS)[form]
-    parameters = signature(plugins.loaded(point)).parameters.values()
+    with plugins.refusing(point, "a function that reads files"):
+        parameters = signature(plugins.loaded(point)).parameters.values()
     keys = tuple(one.name for one in parameters if one.kind is one.KEYWORD_ONLY)
     return Format(point.module, keys, plugins.identity(point))
 
@@ -111,7 +112,8 @@ def _of_plugin(form: str, plugin: str, paths: Sequence[Path], keys: Mapping[str,
     from compasslib.core.records import Record
 
     point = plugins.points(plugins.READERS, FORMATS)[form]
-    record = plugins.loaded(point)(paths, **keys)
+    with plugins.refusing(point, "a Record"):
+        record = plugins.loaded(point)(paths, **keys)
     if not isinstance(record, Record):
         found, advice = type(record).__name__, "mend the plug-in; docs/howto/plugins.md shows one"
         raise InputError(f"{plugin}: {point.value}", expected="a Record", found=found, advice=advice)

@@ -5,15 +5,20 @@ from __future__ import annotations
 import fcntl
 import os
 import re
+import shlex
 import stat
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+import tempfile
+import time
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from datetime import UTC, datetime
 from pathlib import Path
 
 from compasslib.archive.files import HALF_WRITTEN
 from compasslib.config.cruise import Cruise
 from compasslib.core.errors import InputError
-from compasslib.run.ledger import RESULTS, KnownHashes, simulated
+from compasslib.run.ledger import RESULTS, KnownHashes, is_future, simulated
 
 PROFILES = ("default", "profiles/default")  # where Snakemake looks in the folder that it is started in
 SNAKEMAKES, OWN_LOCK = ".snakemake", ".snakemake/compasslib.lock"
@@ -66,6 +71,49 @@ def refuse_links(folders: Sequence[str]) -> None:
         if os.path.islink(path):
             advice = "put the cruise on the other disk and name it by --directory, or mount the disk there"
             raise InputError(path, expected="no link where results are written", found="one", advice=advice)
+
+
+def file_clock() -> float:
+    """Return the time, in seconds since 1970, by the clock that dates the files of the cruise: perhaps a server's."""
+    with suppress(OSError), tempfile.TemporaryFile(dir=SNAKEMAKES) as file:
+        return os.fstat(file.fileno()).st_mtime
+    return time.time()
+
+
+def refuse_future(paths: Iterable[str], now: float) -> None:
+    """Refuse an input dated in the future: Snakemake would make all that reads it again, and fail, in every run.
+
+    Args:
+        now: by ``file_clock``.
+
+    Raises:
+        InputError: at the first such file.
+    """
+    for path in paths:
+        if is_future(path, now):
+            date = datetime.fromtimestamp(os.stat(path).st_mtime, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+            present = datetime.fromtimestamp(now, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+            advice = (
+                f"set the clock of this machine if it is wrong, otherwise date the file anew: touch {shlex.quote(path)}"
+            )
+            raise InputError(path, expected=f"a date of change before now, {present}", found=date, advice=advice)
+
+
+def refuse_read_only(outputs: Iterable[str]) -> None:
+    """Refuse to begin where a result could not be written.
+
+    Raises:
+        InputError: at the first file or folder without the right to write.
+    """
+    for path in outputs:
+        place = path if os.path.lexists(path) else next(str(p) for p in Path(path).parents if os.path.lexists(p))
+        for needed in (place, os.path.dirname(place) or "."):
+            if not os.access(needed, os.W_OK):
+                found = "a read-only file system" if os.statvfs(needed).f_flag & os.ST_RDONLY else "no right to write"
+                advice = (
+                    "give yourself that right (chmod -R u+w), or copy the cruise to where you have it, and run again"
+                )
+                raise InputError(needed, expected="the right to write here", found=found, advice=advice)
 
 
 def alone() -> bool:

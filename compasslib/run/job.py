@@ -17,6 +17,11 @@ from compasslib.core.errors import InputError
 from compasslib.core.threads import single_threaded
 from compasslib.run import ledger, stopped
 
+_ENDED = {
+    True: "ran out of memory; run again with fewer --cores, so that fewer jobs share it, or on a machine with more",
+    False: "was interrupted; run again to take it up",
+}
+
 
 def job(snakemake: Any, stage: Callable[..., None]) -> None:
     """Run one stage with what its rule names: the wildcards in order, then inputs, outputs and parameters by name.
@@ -59,8 +64,16 @@ def _log(snakemake: Any) -> Iterator[Callable[[str], None]]:
             say(line := f"error: {of}{error}")
             _on_screen(line)
             sys.exit(1)
+        except (MemoryError, KeyboardInterrupt) as error:  # they say nothing about the input
+            say(line := f"error: {of}{log.stem} {_ENDED[isinstance(error, MemoryError)]}")
+            _on_screen(line)
+            sys.exit(1)
+        except SystemExit as error:  # from a package beside this one, perhaps with status 0
+            say(line := f"error: {of}{stopped.leave(snakemake, error)}")
+            _on_screen(line)
+            sys.exit(1)
         except Exception as error:  # whatever the program missed: the mooring is stopped by it, the traceback stays
-            stopped.leave(snakemake, error)
+            say(f"error: {of}{stopped.leave(snakemake, error)}")
             raise
         finally:
             gc.freeze()  # the process ends: to look all modules through for cycles is a twentieth of a small job

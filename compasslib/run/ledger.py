@@ -122,6 +122,35 @@ def stale(made: Collection[str], names: Iterable[str], known: KnownHashes) -> se
     return (again & set(made)) | {path for path in made if path not in recorded and os.path.lexists(path)}
 
 
+def restore_times(names: Iterable[str], known: KnownHashes, now: float) -> list[str]:
+    """Set results that are as recorded, but dated in the future, to the present; return their paths.
+
+    Snakemake fails each job that reads such a file, and takes no change for newer than it.
+
+    Args:
+        names: folders of results, see ``records``.
+        now: by the clock that dates the files, seconds since 1970.
+    """
+    restored = []
+    for path, digest in [item for record in records(names) for item in record["wrote"].items()]:
+        if is_future(path, now) and not os.path.islink(path) and known.sha256(path) == digest:
+            with suppress(OSError):
+                os.utime(path, (now, now))
+                restored.append(path)
+    return restored
+
+
+def is_future(path: str, now: float) -> bool:
+    """Return whether a file is dated after the present.
+
+    Args:
+        now: see ``restore_times``.
+    """
+    with suppress(OSError):
+        return os.stat(path).st_mtime > now
+    return False
+
+
 def looked_at(paths: Iterable[str]) -> dict[str, tuple[Signature, str]]:
     """Return signature and SHA-256 of each input of a job.
 

@@ -47,6 +47,20 @@ def ours(job: Any) -> bool:
     return bool(job.log) and job.log[0].startswith(f"{ledger.RESULTS}/")
 
 
+def is_silent(job: Any, begun: float) -> bool:
+    """Return whether a job ended without a record of what it made and without a word why, as one that was killed.
+
+    Args:
+        begun: when the run began, by the clock that dates its files, seconds since 1970.
+    """
+    log = Path(job.log[0])
+    try:
+        ran = log.stat().st_mtime >= begun and not log.with_suffix(".json").exists()
+    except FileNotFoundError:
+        return False
+    return ran and not any(line.startswith("error: ") for line in _log(job))
+
+
 def jobs(workflow: Any) -> dict[Any, Any]:
     """Return the jobs of a run that do something, by the number that Snakemake gives them."""
     return {job.jobid: job for job in workflow.dag.needrun_jobs(exclude_finished=False) if not job.is_norun}

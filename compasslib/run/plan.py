@@ -374,6 +374,21 @@ class Plan:
         each = [file for name, roles in self.roles(wildcards).items() for file in made(name, roles)]
         return list(dict.fromkeys([*each, *self.compasses.made(), *last, *([MANIFEST] if last else [])]))
 
+    def given(self) -> list[str]:
+        """Return what jobs are given: settings, raw files, scripts and templates of this software."""
+        settings = [file for files in self.moorings.configuration().values() for file in files]
+        moorings, calibrations = self.cruise.moorings.values(), self.cruise.calibrations.values()
+        instruments = [one for mooring in moorings for one in mooring.instruments.values()]
+        series = [one for mooring in moorings for one in mooring.covariates.values()]
+        raw = [file for one in instruments for file in (*one.files, *one.pressure_files)]
+        raw += [file for each in (series, calibrations) for one in each for file in one.files]
+        software = [*map(str, self.moorings.scripts.glob("*.py")), *self.moorings.templates()]
+        return list(dict.fromkeys([*settings, *raw, *software]))
+
+    def configured(self, wildcards: Any = None) -> list[str]:
+        """Return all files that the rules make, those that are made by name too."""
+        return [*self.everything(), *self.conventions(wildcards), MANIFEST]
+
     def _moorings(self) -> list[str]:
         return [name for name in self.cruise.moorings if name not in self.stopped.moorings]
 
@@ -391,10 +406,12 @@ def plan(cruise: Cruise, scripts: Path) -> Plan:
 
     Raises:
         InputError: a method that no fit offers, a kind of calibration that is not offered, a mooring that no rule can
-            simulate, or an effect of another package that cannot be taken.
+            simulate, or an effect or reader of another package that cannot be taken.
     """
     if plugins.declared(plugins.EFFECTS):
         import_module("compasslib.effects").all_terms()  # looks at them before any work
+    for form in {one.format for mooring in cruise.moorings.values() for one in mooring.instruments.values()}:
+        readers.of(form)  # imports another package's
     for name, mooring in cruise.moorings.items():
         file = cruise.mooring_files[name]
         if cruise.options.demonstration and name not in SIMULATED:

@@ -53,22 +53,23 @@ def named(wildcards: Any) -> str:
     return next((f"{kind} {named[kind]}: " for kind in ("mooring", "calibration") if kind in named), "")
 
 
-def leave(job: Any, error: Exception) -> None:
+def leave(job: Any, error: Exception | SystemExit) -> str:
     """Leave the reason beside the log of a mooring's or calibration's job, where it is not one of disk or memory.
 
     Args:
         job: the object ``snakemake`` of its script.
+
+    Returns:
+        The reason in one line.
     """
     log = Path(job.log[0])
-    of_machine = isinstance(error, (Passing, MemoryError)) or (isinstance(error, OSError) and error.errno in _MACHINE)
-    if of_machine or log.stem in CHECKS or not named(job.wildcards):
-        return
-    known = isinstance(error, InputError)
     what = f"an error of this program in {log.stem}, {type(error).__name__}: {error}; report it"
-    line = str(error) if known else what
-    with suppress(OSError):
-        text = " ".join(line.split()) + "\n"
-        log.with_suffix(ENDING).write_text(text, encoding="utf-8", errors="backslashreplace")
+    line = " ".join((str(error) if isinstance(error, InputError) else what).split())
+    of_machine = isinstance(error, Passing) or (isinstance(error, OSError) and error.errno in _MACHINE)
+    if not of_machine and log.stem not in CHECKS and named(job.wildcards):
+        with suppress(OSError):
+            log.with_suffix(ENDING).write_text(f"{line}\n", encoding="utf-8", errors="backslashreplace")
+    return line
 
 
 _MACHINE = (errno.ENOSPC, errno.EDQUOT, errno.ENOMEM, errno.EROFS, errno.EIO, errno.EMFILE, errno.ENFILE, errno.ESTALE)

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from compasslib.archive import verification
 
 
-def run(*, say: Callable[[str], None]) -> None:
+def run(*, configured: Sequence[str], say: Callable[[str], None]) -> None:
     """Say what differs from the manifest of the working folder, a line each.
+
+    Args:
+        configured: files that the rules make.
 
     Raises:
         InputError: something differs, or there is no manifest.
@@ -19,4 +22,4 @@ def run(*, say: Callable[[str], None]) -> None:
         say(line)
         print(line, file=sys.stderr)  # these lines are what was asked for
 
-    verification.verify(".", shown)
+    verification.verify(".", configured, shown)

@@ -23,6 +23,8 @@ rule provenance:
 
 rule verify:
     """The manifest against the files; no input, so that nothing is made anew before it is looked at."""
+    params:
+        configured=PLAN.configured,
     log:
         "results/logs/verify.log",
     script:
