@@ -1,177 +1,227 @@
-"""A campaign of mistakes with known truth: is a wrong heading ever flagged good without a word?
+"""A campaign of mistakes with known truth: is a wrong heading ever flagged good?
 
-    python benchmarks/attacks                        240 mistakes and 120 harmless changes by seed 1
-    python benchmarks/attacks 240 7 --rows rows.jsonl    by seed 7; a run that was cut goes on from its rows
+    python benchmarks/attacks                               300 mistakes and 150 harmless changes by seed 1
+    python benchmarks/attacks --kind local --count 60 --seed 7
+    python benchmarks/attacks --only local-heading_stuck-017    one case, or all of one attack
+    python benchmarks/attacks --library ../other --older ../main    of another checkout, beside an older one
+    python benchmarks/attacks --nulls 48 --older ../main    flags 1 that moorings with nothing wrong lose
 
-Each case is a copy of a cruise with known truth (three simulated years, and the real record of ../shared/data where it
-is there), or a calibration, spoilt in one place: metadata, clocks, tables, contents of PD0, readings. It is processed
-as ``compass correct`` does. *Silent wrong* is: headings flagged 1 with an rms error over 2 degrees and over twice the
-untouched one's, whose stated 95 % intervals hold under 85 % of the truth or whose errors pass 6 sigma more than once in
-100, and no warning that the untouched cruise had not. Of harmless changes those are counted that were refused, lost
-over 2 % of their good headings, or got a new warning. What no record can tell is listed apart: a constant between the
-two instruments is the same as A. Exit status 1 where anything was silently wrong.
+Each case is a copy of a mooring with known truth, or a calibration, spoilt in one place, and processed as
+``compass correct`` does. *Wrong* are headings flagged 1 with an rms error over 2 degrees and over twice the untouched
+one's, whose stated 95 % intervals hold under 85 % of the truth or whose errors pass 6 sigma more than once in 100.
+*Silent* is a wrong one without a warning, finding or verdict that the untouched one had not. *Called good* is a wrong
+one of which more than half of the headings that were flagged 1 still are, whatever was said. A harmless change *harms*
+where it is refused, costs over 1 % of the samples their flag 1, or gets a new warning. A constant between the
+instruments is told from A by no record: it counts, and is marked. Rows stay in ``--into`` by the content of the
+library, and a run that was cut goes on from them; wrong cases keep their cruise and results there. Name another folder
+where the attacks themselves were changed. Exit status 1 where anything was silent, called good, or ended in a traceback.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
+import hashlib
+import multiprocessing
+import os
 import sys
-import tempfile
 from collections import Counter
-from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict
+from collections.abc import Callable, Iterable
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 sys.path.append(str(Path(__file__).resolve().parents[1]))  # last: attacks has a calibrations of its own
 
-import calibrations
-import cruises
-import moorings
+import bases
+import cases
+import numpy as np
 import targets
+from runs import ONE_THREAD, PROJECT
 
-from compasslib.core.errors import InputError
-
-SHARES = {"mistake": (0.8, 0.2), "harmless": (0.8, 0.2)}  # of moorings, of calibrations
-LOST = 0.02
-# What no record can tell is counted apart: a constant between the instruments is A; a level log without a heading does
-# not show in which sense its axes stand, nor two columns of headings which of them is the compass.
-UNDECIDABLE = (": declination: ", "magnetometer: x of other sign", "magnetometer: axes exchanged", "columns exchanged")
+Row = dict[str, Any]
+WAYS = ("refused", "warned", "silent", "right")
 
 
-def draw(count: int, seed: int, kind: str, bases: list[str]) -> list[dict[str, Any]]:
-    """Return the cases: every attack in turn, so that none is drawn by chance alone."""
-    attacks = moorings.HARMFUL if kind == "mistake" else moorings.HARMLESS
-    whole = round(count * SHARES[kind][0])
-    cases = [
-        {"kind": kind, "attack": attacks[k % len(attacks)].__name__, "base": k // len(attacks), "seed": [seed, k]}
-        for k in range(whole)
-    ]
-    kinds = list(calibrations.SPOILERS)
-    return cases + [
-        {"kind": kind, "attack": kinds[k % 4], "base": -1, "seed": [seed, whole + k]} for k in range(count - whole)
-    ]
+def label(library: Path) -> str:
+    """Return the name of a checkout with a hash of its code."""
+    digest = hashlib.sha256()
+    for path in sorted((library / "compasslib").rglob("*.py")):
+        digest.update(path.read_bytes())
+    return f"{library.name}-{digest.hexdigest()[:10]}"
 
 
-def measure(case: dict[str, Any], bases: Path, names: list[str]) -> dict[str, Any]:
-    """Return one row: what was done and what came of it."""
-    with tempfile.TemporaryDirectory() as scratch:
-        row = _calibration(case, Path(scratch)) if case["base"] < 0 else _mooring(case, bases, names, Path(scratch))
-    return case | row
-
-
-def _mooring(case: dict[str, Any], bases: Path, names: list[str], scratch: Path) -> dict[str, Any]:
-    attack, rng = getattr(moorings, case["attack"]), np.random.default_rng(case["seed"])
-    for turn in range(len(names)):  # the first base in turn that the attack goes with
-        base = names[(case["base"] + turn) % len(names)]
-        cruise = cruises.Cruise.copy(bases, base, scratch / f"cruise{turn}")
-        done = moorings.spoil(attack, cruise, rng)
-        if done is not None:
-            break
-    cruise.save()
-    untouched = cruises.Outcome(**json.loads((bases / f"{base}.json").read_text()))
-    outcome = cruises.run(cruise, scratch / "made")
-    return _row(f"{base}: {done}", outcome, untouched, cruises.silent_wrong(outcome, untouched))
-
-
-def _calibration(case: dict[str, Any], scratch: Path) -> dict[str, Any]:
-    kind, (first, second) = case["attack"], case["seed"]
-    plain = calibrations.make(kind, [first, second, 0], scratch)
-    untouched = calibrations.run(plain, scratch / "plain")
-    made = calibrations.make(kind, [first, second, 0], scratch)
-    spoil = calibrations.SPOILERS[kind][1] if case["kind"] == "mistake" else calibrations.harmless
-    done = spoil(made, np.random.default_rng([first, second, 1]))
-    outcome = calibrations.run(made, scratch / "spoilt")
-    return _row(f"{kind}: {done}", outcome, untouched, calibrations.silent_wrong(outcome, untouched))
-
-
-def _row(done: str, outcome: cruises.Outcome, untouched: cruises.Outcome, wrong: bool) -> dict[str, Any]:
-    said = cruises.new_warnings(outcome, untouched)
-    hurt = bool(outcome.refused) or outcome.good < untouched.good - LOST or bool(said)
-    before = {"untouched_rms_deg": untouched.rms_deg, "untouched_covered": untouched.covered}
-    return {"done": done, "silent_wrong": wrong, "hurt": hurt, "said": said} | asdict(outcome) | before
-
-
-def untouched(bases: Path, base: str) -> None:
-    """Run a base as it is and keep the outcome."""
-    with tempfile.TemporaryDirectory() as scratch:
-        cruise = cruises.Cruise.copy(bases, base, Path(scratch) / "cruise")
-        made = Path(scratch) / "made"
-        cruises.keep_declination(cruise, cruises.pipeline.process(cruise.folder, "M", Path(scratch) / "first"))
-        (bases / f"{base}.json").write_text(json.dumps(asdict(cruises.run(cruise, made))))
-
-
-def safely(case: dict[str, Any], bases: Path, names: list[str]) -> dict[str, Any]:
-    """Return a row also of a case that ended in a traceback: that is a failure of its own."""
+def in_processes(library: Path, cores: int, work: Callable[..., Any], arguments: Iterable[tuple[Any, ...]]) -> list[Any]:
+    """Call a function in processes that import a library's code; return the results in the order of the arguments."""
+    sys.path.insert(0, str(library))  # a process that is spawned takes the path
     try:
-        return measure(case, bases, names)
-    except InputError:
-        raise
-    except Exception as error:  # what the campaign is to find, whatever it is
-        return case | {"done": case["attack"], "crashed": f"{type(error).__name__}: {error}"}
+        with ProcessPoolExecutor(cores, mp_context=multiprocessing.get_context("spawn")) as pool:
+            futures = [pool.submit(work, *each) for each in arguments]
+            for done, _ in enumerate(as_completed(futures), 1):
+                targets.progress(f"{work.__name__}: {done} of {len(futures)}   ")
+            print(file=sys.stderr)
+            return [future.result() for future in futures]
+    finally:
+        sys.path.remove(str(library))
 
 
-def report(rows: list[dict[str, Any]]) -> int:
-    """Print what came of all cases; return how many were silently wrong or crashed."""
-    crashed = [row for row in rows if "crashed" in row]
-    mistakes = [row for row in rows if row["kind"] == "mistake" and row not in crashed]
-    wrong = [row for row in mistakes if row["silent_wrong"]]
-    apart = [row for row in wrong if any(word in row["done"] for word in UNDECIDABLE)]
-    ways = Counter(_way(row) for row in mistakes)
-    print(f"mistakes: {len(mistakes)}; " + ", ".join(f"{way} {n}" for way, n in sorted(ways.items())))
-    for title, some in (("silently wrong", [r for r in wrong if r not in apart]), ("no record can tell", apart)):
-        print(f"{title}: {len(some)}")
-        for row in some:
-            shown = f"rms {row['rms_deg']:.1f} (untouched {row['untouched_rms_deg']:.1f}), covered {row['covered']:.2f}"
-            print(f"  {row['seed']} {row['done']}: {shown}, beyond 6 sigma {row['far']:.3f}, {row['verdict']}")
-    print(f"tracebacks: {len(crashed)}")
-    for row in crashed:
-        print(f"  {row['seed']} {row['done']}: {row['crashed'][:200]}")
-    harmless = [row for row in rows if row["kind"] == "harmless" and row not in crashed]
-    hurt = [row for row in harmless if row["hurt"]]
-    print(f"harmless changes: {len(harmless)}; flagged or refused {len(hurt)}")
-    for row in hurt:
-        print(f"  {row['seed']} {row['done']}: {(row['refused'] or '; '.join(row['said']) or 'flags')[:300]}")
-    return len(wrong) - len(apart) + len(crashed)
+def write_bases(wanted: list[bases.Base], into: Path, cores: int) -> None:
+    """Write, by this checkout's simulation, the moorings that are not there yet."""
+    absent = [base for base in wanted if not (into / f"{base.name}.npy").exists()]
+    if absent:
+        into.mkdir(parents=True, exist_ok=True)
+        in_processes(PROJECT, cores, bases.write, [(base, into) for base in absent])
 
 
-def _way(row: dict[str, Any]) -> str:
-    if row["silent_wrong"]:
-        return "silent wrong"
+def run(chosen: list[cases.Case], library: Path, into: Path, cores: int) -> list[Row]:
+    """Process cases by a library, those whose rows are there left out; return all rows."""
+    here, kept = into / label(library), into / "bases"
+    write_bases(bases.available(), kept, cores)
+    in_processes(library, cores, cases.untouched, [(base, kept, here / "untouched") for base in bases.available()])
+    return in_processes(library, cores, cases.attempt, [(case, kept, here / "cases") for case in chosen])
+
+
+def run_nulls(count: int, seed: int, libraries: list[Path], into: Path, cores: int) -> None:
+    """Process moorings with nothing wrong by a library and an older one, and print how many flags 1 were lost."""
+    wanted, kept = bases.nulls(count, seed), into / "bases"
+    write_bases(wanted, kept, cores)
+    folders = [into / label(library) / "nulls" for library in libraries]
+    for library, folder in zip(libraries, folders, strict=True):
+        in_processes(library, cores, cases.untouched, [(base, kept, folder) for base in wanted])
+    groups: dict[str, list[tuple[int, int]]] = {}
+    lost_of = {base.name: lost(*(folder / base.name / "made/errors.npz" for folder in folders)) for base in wanted}
+    for name, pair in lost_of.items():
+        groups.setdefault(name.rsplit("-", 1)[0].removeprefix("null-"), []).append(pair)
+    targets.head("nothing wrong", "moorings", "flags 1 with right headings before", "lost now", "moorings that lost over 1 %")
+    for name, pairs in [*sorted(groups.items()), ("all", list(lost_of.values()))]:
+        before, gone = (sum(pair[k] for pair in pairs) for k in (0, 1))
+        many = [pair for pair in pairs if pair[1] > cases.HARM * max(pair[0], 1)]
+        share = f"{gone / before:.2%}" if before else "–"
+        targets.line(name, len(pairs), before, f"{gone} ({share})", targets.text_of(len(many), len(pairs)))
+    for name, (before, gone) in lost_of.items():
+        if gone > cases.HARM * max(before, 1):
+            print(f"  {name}: {gone} of {before}; {folders[0] / name}")
+
+
+def lost(new: Path, old: Path) -> tuple[int, int]:
+    """Return how many samples an older library flagged 1 with right headings, and of how many of them no more so.
+
+    Right is an error within 3 sigma as the older one stated it, or within 2 degrees.
+    """
+    if not old.exists():
+        return 0, 0
+    with np.load(old) as before:
+        right = np.abs(before["error_deg"]) <= np.maximum(3.0 * before["sigma_deg"], 2.0)
+        kept = before["time_s"][(before["flag"] == 1) & right]
+    if not new.exists():
+        return len(kept), len(kept)
+    with np.load(new) as after:
+        still = after["time_s"][after["flag"] == 1]
+    return len(kept), int((~np.isin(kept, still)).sum())
+
+
+def way(row: Row) -> str:
+    """Return what came of a case in a word."""
+    if row.get("crashed"):
+        return "traceback"
     if row["refused"]:
         return "refused"
-    right = row["good"] and row["rms_deg"] <= max(cruises.MARGIN_DEG, cruises.TIMES * row["untouched_rms_deg"])
-    if right:
-        return "right"
-    return "warned" if row["said"] else "flagged or its uncertainty says so"
+    if row["wrong"]:
+        return "silent" if row["silent"] else "wrong, warned"
+    return "warned or flagged" if row["hurt"] else "right"
+
+
+def report(rows: list[Row]) -> int:
+    """Print what came of all cases; return how many were silent, called good or a traceback."""
+    crashed = [row for row in rows if row.get("crashed")]
+    mistakes = [row for row in rows if not row["harmless"] and row not in crashed]
+    bad = [row for row in mistakes if row["silent"] or row["called_good"]]
+    targets.head("mistakes", "n", "silent", "called good", "refused", "wrong, warned", "warned or flagged", "right")
+    for kind in [*dict.fromkeys(row["kind"] for row in mistakes), "all"]:
+        some = [row for row in mistakes if kind in (row["kind"], "all")]
+        ways = Counter(way(row) for row in some)
+        shares = [targets.share_of(row[key] for row in some) for key in ("silent", "called_good")]
+        others = [ways[key] for key in ("refused", "wrong, warned", "warned or flagged", "right")]
+        targets.line(kind, len(some), *shares, *others)
+    decidable = [row for row in mistakes if not row["undecidable"]]
+    print("\nwithout those that no record can tell:", end="")
+    for key in ("silent", "called_good"):
+        print(f" {key.replace('_', ' ')} {targets.share_of(row[key] for row in decidable)};", end="")
+    print(f"\n\nsilent or called good: {len(bad)}")
+    for row in sorted(bad, key=lambda row: row["name"]):
+        _print_bad(row)
+    print(f"\ntracebacks: {len(crashed)}")
+    for row in crashed:
+        print(f"  {row['name']}: {row['crashed'][:300]}; {row['folder']}")
+    harmless = [row for row in rows if row["harmless"] and row not in crashed]
+    for title, key in (("harm", "hurt"), ("of them fewer flags 1", "lost"), ("refused", "refused")):
+        print(f"\nharmless changes, {title}: {targets.share_of(row[key] for row in harmless)}", end="")
+    print()
+    for row in (row for row in harmless if row["hurt"]):
+        flags = f"flags 1 {row['untouched']['good']:.2f} -> {row['good']:.2f}; " if row["lost"] else ""
+        print(f"  {row['name']} on {row['on']}: {row['done']}: {flags}{(row['refused'] or ' | '.join(row['said']))[:300]}")
+    print(f"\n{sum(row['cpu_s'] for row in rows) / 60:.0f} CPU minutes")
+    return len(bad) + len(crashed)
+
+
+def _print_bad(row: Row) -> None:
+    words = [word for word in ("silent", "called_good", "undecidable") if row[word]]
+    before = row["untouched"]
+    print(
+        f"  {row['name']} on {row['on']}: {row['done']}\n"
+        f"    {', '.join(words).replace('_', ' ')}: rms {row['rms_deg']:.1f} (untouched {before['rms_deg']:.1f}), "
+        f"covered {row['covered']:.2f}, beyond 6 sigma {row['far']:.3f}, flag 1 {row['good']:.2f} "
+        f"({before['good']:.2f}), {row['verdict']} ({before['verdict']}) {' '.join(row['findings'])}\n"
+        f"    {row['folder']}"
+    )
+    for text in row["said"]:
+        print(f"    said: {text[:240]}")
+
+
+def compare(rows: list[Row], older: list[Row]) -> None:
+    """Print which cases came out otherwise than by an older library."""
+    before = {row["name"]: way(row) for row in older}
+    print("\nbefore -> now")
+    for row in rows:
+        if before.get(row["name"], way(row)) != way(row):
+            print(f"  {row['name']}: {before[row['name']]} -> {way(row)}")
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("count", type=int, nargs="?", default=240)
-    parser.add_argument("seed", type=int, nargs="?", default=1)
+    parser.add_argument("--count", type=int, default=300, help="mistakes")
     parser.add_argument("--harmless", type=int, help="harmless changes; half as many by default")
-    parser.add_argument("--rows", type=Path, help="JSON lines; kept, and taken up again")
-    parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--only", help="one attack")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--kind", action="append", choices=cases.KINDS, help="of this kind alone; may be given again")
+    parser.add_argument("--only", help="the case, or all cases of the attack, of this name")
+    parser.add_argument("--list", action="store_true", help="print the cases and end")
+    parser.add_argument("--library", type=Path, default=PROJECT, help="checkout whose code is measured")
+    parser.add_argument("--older", type=Path, help="checkout beside which it is set")
+    parser.add_argument("--nulls", type=int, help="process so many moorings with nothing wrong instead")
+    parser.add_argument("--into", type=Path, default=PROJECT / "results/attacks", help="folder of rows and wrong cases")
+    parser.add_argument("--cores", type=int, default=2)
     asked = parser.parse_args()
-    rows = targets.rows_of(asked.rows, {})
-    with tempfile.TemporaryDirectory() as folder, ProcessPoolExecutor(asked.workers) as pool:
-        bases = Path(folder)
-        names = cruises.build(bases)
-        list(pool.map(untouched, [bases] * len(names), names))
-        cases = draw(asked.count, asked.seed, "mistake", names)
-        cases += draw(asked.count // 2 if asked.harmless is None else asked.harmless, asked.seed + 1, "harmless", names)
-        done = {(row["kind"], tuple(row["seed"])) for row in rows}
-        cases = [c for c in cases if (c["kind"], tuple(c["seed"])) not in done and asked.only in (None, c["attack"])]
-        for k, row in enumerate(pool.map(safely, cases, [bases] * len(cases), [names] * len(cases))):
-            rows.append(targets.added(asked.rows, row))
-            targets.progress(f"{k + 1} of {len(cases)}")
-    print(file=sys.stderr)
-    sys.exit(1 if report(rows) else 0)
+    os.environ |= ONE_THREAD
+    libraries = [library.resolve() for library in (asked.library, asked.older) if library]
+    into = asked.into.resolve()
+    if asked.nulls:
+        if not asked.older:
+            parser.error("--nulls needs --older, a checkout to compare with")
+        run_nulls(asked.nulls, asked.seed, libraries, into, asked.cores)
+        return
+    drawn = cases.draw(asked.count, asked.count // 2 if asked.harmless is None else asked.harmless, asked.seed)
+    chosen = [
+        case
+        for case in drawn
+        if asked.only in (None, case.name, case.attack) and (not asked.kind or case.kind in asked.kind)
+    ]
+    if asked.list:
+        print("\n".join(f"{case.name} {'harmless' if case.harmless else case.kind}" for case in chosen))
+        return
+    rows, *older = (run(chosen, library, into, asked.cores) for library in libraries)
+    status = report(rows)
+    if older:
+        compare(rows, older[0])
+    sys.exit(1 if status else 0)
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import yaml
-from cruises import MARGIN_DEG, Outcome, new_warnings
+from cruises import MARGIN_DEG, Outcome
 
 from compasslib import calibration
 from compasslib.calibration import content
@@ -345,8 +345,8 @@ def make(kind: str, seed: list[int], folder: Path) -> Recording:
     return maker(rng, folder) if kind == "declination" else maker(rng)
 
 
-def silent_wrong(outcome: Outcome, untouched: Outcome) -> bool:
-    """Tell whether a table, or a constant, is wrong by more than it says, and nothing new was said.
+def is_wrong(outcome: Outcome, untouched: Outcome) -> bool:
+    """Whether a table, or a constant, is wrong by more than its stated uncertainty.
 
     A constant has one error: beyond 6 sigma, and above half a degree, as 2 degrees of a declination are a crime.
     """
@@ -355,4 +355,4 @@ def silent_wrong(outcome: Outcome, untouched: Outcome) -> bool:
     least = MARGIN_DEG if outcome.covered not in (0.0, 1.0) else min(MARGIN_DEG, 0.5)
     if outcome.rms_deg <= max(least, 2.0 * untouched.rms_deg):
         return False
-    return (outcome.covered < 0.85 or outcome.far > 0.01) and not new_warnings(outcome, untouched)
+    return outcome.covered < 0.85 or outcome.far > 0.01

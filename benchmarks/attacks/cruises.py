@@ -1,4 +1,4 @@
-"""Cruises with known truth that can be spoilt: four bases, their raw files as arrays, and what a run made of them."""
+"""Cruises with known truth that can be spoilt: their raw files as arrays, and what a run makes of them."""
 
 from __future__ import annotations
 
@@ -14,55 +14,20 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import yaml
-from runs import DATA
 
 from compasslib.archive import netcdf, summary
 from compasslib.core.errors import InputError
-from compasslib.simulation import draw
-from compasslib.simulation.sealed import Wish
-from compasslib.simulation.sealed_files import Export
 from compasslib.stages import pipeline
 
-REAL = DATA / "cruise_eh2"
 HOUR_S = 3600.0
-# Two simulated years with the reference as a table and as PD0, one whose profiler logs beams, and a real record.
-SIMULATED = {
-    "table": (2, Wish(), Export(deep="table")),
-    "pd0": (3, Wish(), Export(deep="pd0")),
-    "beam": (2, Wish(wide=True), Export(deep="pd0", coordinates="beam")),
-}
 HEADING, FIXED, VARIABLE, VELOCITY = 18, 0x0000, 0x0080, 0x0100
+BAD = -32768  # velocity of PD0 that is none
 MARGIN_DEG, TIMES, COVERED, FAR_SIGMAS, FAR_SHARE = 2.0, 2.0, 0.85, 6.0, 0.01  # what counts as wrong
+KEPT = 0.5  # share of the headings flagged 1 untouched that makes a wrong product one that is called good
 
 
-def build(folder: Path) -> list[str]:
-    """Write the bases, run each untouched, and return their names."""
-    (folder / "truth").mkdir(parents=True, exist_ok=True)
-    names = []
-    for name, (seed, wish, export) in SIMULATED.items():
-        cruise = folder / name
-        (cruise / "config").mkdir(parents=True, exist_ok=True)
-        (cruise / "config/config.yaml").write_text("moorings: config/moorings\n")
-        draw.write(draw.Sealed("M", wish=wish, export=export, seed=seed), cruise, folder / "truth")
-        time_s, heading_deg, *_ = np.load(folder / "truth/M.npy")
-        np.save(folder / f"{name}.npy", np.stack([time_s, heading_deg]))
-        names.append(name)
-    return names + ([_real(folder)] if REAL.is_dir() else [])
-
-
-def _real(folder: Path) -> str:
-    cruise = folder / "real"
-    (cruise / "config/moorings").mkdir(parents=True, exist_ok=True)
-    (cruise / "config/config.yaml").write_text("moorings: config/moorings\n")
-    shutil.copytree(REAL / "raw/E1", cruise / "raw/M", dirs_exist_ok=True)
-    for file in (cruise / "raw/M").iterdir():
-        file.chmod(0o644)
-    text = (REAL / "config/moorings/E1.yaml").read_text().replace("raw/E1", "raw/M").replace("name: E1", "name: M")
-    (cruise / "config/moorings/M.yaml").write_text(text)
-    truth = pd.read_csv(REAL / "truth_E1.csv")
-    time_s = pd.to_datetime(truth["time_utc"]).to_numpy().astype("datetime64[s]").astype(float)
-    np.save(folder / "real.npy", np.stack([time_s, truth["heading_true_magnetic_deg"].to_numpy()]))
-    return "real"
+class NotApplicableError(Exception):
+    """An attack that does not go with a base."""
 
 
 @dataclass
@@ -77,6 +42,7 @@ class Cruise:
     bases: Path
     opened: dict[str, Any] = field(default_factory=dict)
     true_north: bool = False  # whether the true heading is looked at, not the magnetic one
+    constant: bool = False  # whether the mistake is a constant between the instruments, which no record tells from A
 
     @classmethod
     def copy(cls, bases: Path, base: str, folder: Path) -> Cruise:
@@ -95,34 +61,87 @@ class Cruise:
         return self.settings["instruments"]["deep"]
 
     @property
+    def is_real(self) -> bool:
+        return self.base.startswith("real")
+
+    @property
     def deep_is_table(self) -> bool:
         return self.deep["format"] == "table"
 
     def path(self, role: str) -> Path:
         return self.folder / self.settings["instruments"][role]["files"]
 
+    def record(self, role: str = "top") -> Pd0 | Table:
+        """Return the samples of an instrument, to be changed in place."""
+        if role not in self.opened:
+            kind = Table if self.settings["instruments"][role]["format"] == "table" else Pd0
+            self.opened[role] = kind(self.path(role))
+        return self.opened[role]
+
     def pd0(self, role: str = "top") -> Pd0:
-        """Return the ensembles of an instrument, to be changed in place."""
-        return self.opened.setdefault(role, Pd0(self.path(role)))
+        """Return the ensembles of an instrument that logs PD0.
+
+        Raises:
+            NotApplicableError: it is a table.
+        """
+        made = self.record(role)
+        if not isinstance(made, Pd0):
+            raise NotApplicableError
+        return made
 
     def table(self) -> pd.DataFrame:
-        """Return the reference's table, to be changed in place."""
-        return self.opened.setdefault("table", pd.read_csv(self.path("deep")))
+        """Return the rows of a reference that is a table, to be changed in place.
+
+        Raises:
+            NotApplicableError: it is PD0.
+        """
+        made = self.record("deep")
+        if not isinstance(made, Table):
+            raise NotApplicableError
+        return made.frame
+
+    def set_table(self, frame: pd.DataFrame) -> None:
+        """Put other rows in the place of the reference's table."""
+        self.table()
+        self.opened["deep"].frame = frame
 
     def times(self, frame: pd.DataFrame) -> np.ndarray:
         """Return the seconds since 1970 of a table's rows."""
-        stamps = pd.to_datetime(frame["time_utc"].astype(str), utc=True, format="ISO8601").dt.tz_localize(None)
-        return stamps.to_numpy().astype("datetime64[ms]").astype(float) / 1000.0
+        return Table.times_of(frame)
 
     def shift(self, role: str, by_s: np.ndarray | float) -> None:
         """Set the clock of an instrument ahead."""
-        if role == "deep" and self.deep_is_table:
-            frame = self.table()
-            frame["time_utc"] = stamps(self.times(frame) + by_s)
-            return
-        self.pd0(role).shift(by_s)
+        self.record(role).shift(by_s)
         if role == "top":
             self.time_s = self.time_s + np.interp(self.time_s, *_along(self.time_s, by_s))
+
+    def truth_at(self, time_s: np.ndarray) -> np.ndarray:
+        """Return the correct magnetic heading at times of the affected instrument's clock, NaN where none is known."""
+        order = np.argsort(self.time_s, kind="stable")
+        known = self.time_s[order]
+        at = np.clip(np.searchsorted(known, time_s - 1.0), 0, len(known) - 1)
+        return np.where(np.abs(known[at] - time_s) < 2.0, self.heading_deg[order][at], np.nan)
+
+    def set_truth(self, heading_deg: np.ndarray) -> None:
+        """Say how the affected instrument really stood at its samples."""
+        self.time_s, self.heading_deg = self.record().time_s, heading_deg
+
+    def another(self) -> str:
+        """Return the name of a base with the same kinds of files that is another mooring.
+
+        Raises:
+            NotApplicableError: there is none.
+        """
+        others = {"pd0": "beam", "beam": "pd0", "plain": "strong", "weak": "plain", "fast": "weak", "strong": "fast"}
+        others |= {"profiler": "fast"}
+        if self.base not in others:
+            raise NotApplicableError
+        return others[self.base]
+
+    def record_of(self, base: str, role: str) -> Pd0 | Table:
+        """Return the samples of an instrument of another base."""
+        settings = yaml.safe_load((self.bases / base / "config/moorings/M.yaml").read_text())["instruments"][role]
+        return (Table if settings["format"] == "table" else Pd0)(self.bases / base / settings["files"])
 
     def declination_deg(self) -> float:
         """Return the declination that the untouched run used, its mean."""
@@ -136,10 +155,7 @@ class Cruise:
     def save(self) -> None:
         """Write everything that was opened, and the YAML file."""
         for role, content in self.opened.items():
-            if isinstance(content, Pd0):
-                content.save(self.path(role))
-            else:
-                content.to_csv(self.path("deep"), index=False, float_format="%.2f")
+            content.save(self.path(role))
         (self.folder / "config/moorings/M.yaml").write_text(yaml.safe_dump(self.settings, sort_keys=False))
 
 
@@ -151,6 +167,68 @@ def _along(time_s: np.ndarray, by_s: np.ndarray | float) -> tuple[np.ndarray, np
 def stamps(time_s: np.ndarray) -> np.ndarray:
     """Return times as text."""
     return np.char.add(np.datetime_as_string(np.rint(time_s).astype("datetime64[s]")), "Z")
+
+
+class Table:
+    """The rows of an instrument that is a table: time_utc, u_cm_s, v_cm_s, and heading_deg where it is the affected."""
+
+    def __init__(self, path: Path) -> None:
+        self.frame = pd.read_csv(path)
+
+    def __len__(self) -> int:
+        return len(self.frame)
+
+    @staticmethod
+    def times_of(frame: pd.DataFrame) -> np.ndarray:
+        """Return the seconds since 1970 of a table's rows."""
+        text = pd.to_datetime(frame["time_utc"].astype(str), utc=True, format="ISO8601").dt.tz_localize(None)
+        return text.to_numpy().astype("datetime64[ms]").astype(float) / 1000.0
+
+    @property
+    def time_s(self) -> np.ndarray:
+        return self.times_of(self.frame)
+
+    @property
+    def heading(self) -> np.ndarray:
+        return self.frame["heading_deg"].to_numpy(dtype=float)
+
+    def put_heading(self, values: np.ndarray) -> None:
+        """Write headings as they are, in whatever unit and range."""
+        self.frame["heading_deg"] = values
+
+    def set_heading(self, degrees: np.ndarray, where: Any = slice(None)) -> None:
+        new = self.heading.copy()
+        new[where] = np.mod(degrees, 360.0)
+        self.put_heading(new)
+
+    @property
+    def flow(self) -> np.ndarray:
+        """East + i north, mm/s, (n, 1)."""
+        return 10.0 * (self.frame["u_cm_s"] + 1j * self.frame["v_cm_s"]).to_numpy()[:, None]
+
+    @flow.setter
+    def flow(self, values: np.ndarray) -> None:
+        self.frame["u_cm_s"], self.frame["v_cm_s"] = values[:, 0].real / 10.0, values[:, 0].imag / 10.0
+
+    def turn(self, degrees: Any) -> None:
+        """Turn the velocities clockwise."""
+        self.flow = self.flow * np.exp(-1j * np.deg2rad(np.broadcast_to(degrees, len(self))))[:, None]
+
+    def shift(self, by_s: Any) -> None:
+        """Stamp the samples later."""
+        self.frame["time_utc"] = stamps(self.time_s + by_s)
+
+    def take(self, which: np.ndarray) -> None:
+        """Keep samples by mask or index."""
+        self.frame = self.frame[which] if which.dtype == bool else self.frame.iloc[which]
+
+    def copy_samples(self, of: Table, to: np.ndarray, source: np.ndarray) -> None:
+        """Write samples of a record over others, all but their times."""
+        columns = [name for name in self.frame.columns if name != "time_utc"]
+        self.frame.iloc[to, self.frame.columns.get_indexer(columns)] = of.frame[columns].to_numpy()[source]
+
+    def save(self, path: Path) -> None:
+        self.frame.to_csv(path, index=False, float_format="%.2f")
 
 
 class Pd0:
@@ -204,6 +282,56 @@ class Pd0:
         flat = values.astype("<i2").reshape(len(self), -1).view(np.uint8)
         self.rows[:, place : place + 8 * cells] = flat
 
+    @property
+    def is_beam(self) -> bool:
+        """Whether the velocities are along the beams, so that no compass has turned them."""
+        return not int(self.get(FIXED, 25, "u1")[0]) & 0b11000
+
+    @property
+    def flow(self) -> np.ndarray:
+        """East + i north, mm/s, (n, cells), NaN where bad.
+
+        Raises:
+            NotApplicableError: the velocities are along the beams.
+        """
+        if self.is_beam:
+            raise NotApplicableError
+        pair = self.velocity[..., :2].astype(float)
+        pair[(pair == BAD).any(-1)] = np.nan
+        return pair[..., 0] + 1j * pair[..., 1]
+
+    @flow.setter
+    def flow(self, values: np.ndarray) -> None:
+        pair = np.rint(np.stack([values.real, values.imag], axis=-1))
+        new = self.velocity.copy()
+        new[..., :2] = np.where(np.isfinite(pair).all(-1, keepdims=True), np.clip(pair, -32767, 32767), BAD)
+        self.velocity = new
+
+    def turn(self, degrees: Any) -> None:
+        """Turn velocities clockwise that a compass had turned; those along the beams stay."""
+        if not self.is_beam:
+            self.velocity = self.turned(degrees)
+
+    def take(self, which: np.ndarray) -> None:
+        """Keep ensembles by mask or index."""
+        self.rows = self.rows[which]
+
+    def copy_samples(self, of: Pd0, to: np.ndarray, source: np.ndarray) -> None:
+        """Write ensembles of a record over others, all but their times.
+
+        Raises:
+            NotApplicableError: they are of another length.
+        """
+        if of.size != self.size or of.is_beam != self.is_beam:
+            raise NotApplicableError
+        times = self.time_s
+        self.rows[to] = of.rows[source]
+        self.shift(times - self.time_s)
+
+    def put_heading(self, values: np.ndarray) -> None:
+        """Write headings as they are, in whatever unit and range, as sixteen bits."""
+        self.put(VARIABLE, HEADING, np.rint(100.0 * values).astype(np.int64) & 0xFFFF)
+
     def turned(self, degrees: Any) -> np.ndarray:
         """Return the earth velocities turned clockwise."""
         old = self.velocity.astype(float)
@@ -253,7 +381,7 @@ class Pd0:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a run made of a cruise."""
+    """What a run makes of a cruise."""
 
     refused: str = ""
     warnings: tuple[str, ...] = ()
@@ -262,33 +390,39 @@ class Outcome:
     far: float = 0.0  # share of their errors beyond 6 sigma
     good: float = 0.0  # share of all samples flagged 1
     verdict: str = ""
+    findings: tuple[str, ...] = ()  # their names
 
 
 def run(cruise: Cruise, into: Path) -> Outcome:
-    """Process a cruise as ``compass correct`` does, and hold it against the truth."""
+    """Process a cruise as ``compass correct`` does, and hold it against the truth.
+
+    The errors of all samples stay beside the results, in ``errors.npz``.
+    """
     try:
         made = pipeline.process(cruise.folder, cruise.settings["name"], into)
     except InputError as error:
         return Outcome(refused=str(error))
-    row = summary.row("M", made, [cruise.settings["compromised"], *filter(None, [cruise.settings.get("reference")])])
-    product = netcdf.read_corrected(made / "corrected.nc")
+    names = cruise.settings.get("reference") or []
+    roles = [cruise.settings["compromised"], *([names] if isinstance(names, str) else names)]
+    row = summary.row("M", made, roles)
     warnings = tuple(filter(None, str(row["warnings"]).split(" | ")))
-    return Outcome(warnings=warnings, verdict=str(row["verdict"]), **_scored(cruise, product))
+    findings = tuple(str(row["effects"]).split())
+    product = netcdf.read_corrected(made / "corrected.nc")
+    return Outcome(warnings=warnings, verdict=str(row["verdict"]), findings=findings, **_scored(cruise, product, into))
 
 
-def _scored(cruise: Cruise, product: Any) -> dict[str, float]:
-    time, order = product.record.time_s, np.argsort(cruise.time_s, kind="stable")
-    known = cruise.time_s[order]
-    at = np.clip(np.searchsorted(known, time - 1.0), 0, len(known) - 1)
-    truth = np.where(np.abs(known[at] - time) < 2.0, cruise.heading_deg[order][at], np.nan)
-    heading = product.heading_corrected_deg
+def _scored(cruise: Cruise, product: Any, into: Path) -> dict[str, float]:
+    time = product.record.time_s
+    truth, heading = cruise.truth_at(time), product.heading_corrected_deg
     if cruise.true_north:
         truth, heading = truth + _declination(cruise, time), heading + product.declination_deg
-    error = np.mod(heading - truth + 180.0, 360.0) - 180.0
-    looked = np.isfinite(error) & (product.heading_corrected_quality == 1)
+    error, sigma = np.mod(heading - truth + 180.0, 360.0) - 180.0, product.heading_uncertainty_deg
+    flag = product.heading_corrected_quality
+    np.savez_compressed(into / "errors.npz", time_s=time, error_deg=error, sigma_deg=sigma, flag=flag)
+    looked = np.isfinite(error) & (flag == 1)
     if not looked.any():
         return {"good": 0.0}
-    error, sigma = np.abs(error[looked]), product.heading_uncertainty_deg[looked]
+    error, sigma = np.abs(error[looked]), sigma[looked]
     return {
         "rms_deg": float(np.sqrt(np.mean(error**2))),
         "covered": float(np.mean(error <= 1.96 * sigma)),
@@ -314,18 +448,29 @@ def plain(text: str) -> str:
     return re.sub(r"[-+]?\d[\d.,:TZ%-]*", "#", text)
 
 
-def silent_wrong(outcome: Outcome, untouched: Outcome) -> bool:
-    """Tell whether headings flagged good are wrong, and nothing new was said."""
+def is_wrong(outcome: Outcome, untouched: Outcome) -> bool:
+    """Whether headings flagged 1 are wrong by more than their stated uncertainty."""
     if outcome.refused or not outcome.good or outcome.rms_deg <= max(MARGIN_DEG, TIMES * untouched.rms_deg):
         return False
-    honest = outcome.covered >= COVERED and outcome.far <= FAR_SHARE
-    return not honest and not new_warnings(outcome, untouched)
+    return outcome.covered < COVERED or outcome.far > FAR_SHARE
+
+
+def is_called_good(outcome: Outcome, untouched: Outcome) -> bool:
+    """Whether more than half of the headings that were flagged 1 untouched are wrong and still flagged 1."""
+    return is_wrong(outcome, untouched) and outcome.good > KEPT * untouched.good
 
 
 def new_warnings(outcome: Outcome, untouched: Outcome) -> list[str]:
-    """Return what is said of a spoilt cruise and was not said before."""
+    """Return what is said of a spoilt cruise and was not said before: warnings, names of findings, another verdict.
+
+    A verdict of ``consistent`` is no warning.
+    """
     before = {plain(text) for text in untouched.warnings}
-    return [text for text in outcome.warnings if plain(text) not in before]
+    new = [text for text in outcome.warnings if plain(text) not in before]
+    new += [f"finding {name}" for name in outcome.findings if name not in untouched.findings]
+    if outcome.verdict not in ("", "consistent", untouched.verdict):
+        new.append(f"verdict {outcome.verdict}")
+    return new
 
 
-Attack = Callable[[Cruise, np.random.Generator], str | None]  # what was done; None where it does not go with this base
+Attack = Callable[[Cruise, np.random.Generator], str]  # what was done; NotApplicableError where it goes with no such base

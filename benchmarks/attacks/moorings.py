@@ -1,7 +1,7 @@
 """What can be wrong with a mooring's metadata, clocks, tables and PD0 files, and what may differ and be right.
 
-Each attack draws its numbers, spoils the cruise, and says what it did; None where it does not go with a base, as those
-of OF_TABLES with one whose reference is no table.
+Each attack draws its numbers, spoils the cruise, and says what it did; it raises NotApplicableError where it does not go
+with a base.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import yaml
-from cruises import FIXED, HOUR_S, VARIABLE, Attack, Cruise, Pd0, stamps
+from cruises import FIXED, HOUR_S, VARIABLE, Attack, Cruise, NotApplicableError, Pd0, stamps
 
 CLOCK_HOURS = (0.5, 1, 2, 3, 6, 10, 12, 14, 18, 24, 30, 36, 48, 72, 168, 720)
 
@@ -30,7 +30,7 @@ def later(settings: dict[str, Any], key: str, days: float) -> None:
 
 
 def declination(cruise: Cruise, rng: np.random.Generator) -> str:
-    cruise.true_north = True
+    cruise.true_north, cruise.constant = True, True
     cruise.settings["declination"] = float(rng.choice([-16.0, 17.5, 170.0, -40.0, 8.0, 0.0]))
     return f"declination: {cruise.settings['declination']}"
 
@@ -63,9 +63,9 @@ def wrong_bottom(cruise: Cruise, rng: np.random.Generator) -> str:
     return f"water_depth: {cruise.settings['water_depth']:.0f}"
 
 
-def exchanged_roles(cruise: Cruise, rng: np.random.Generator) -> str | None:
+def exchanged_roles(cruise: Cruise, rng: np.random.Generator) -> str:
     if cruise.deep_is_table:
-        return None
+        raise NotApplicableError
     top, deep = cruise.top, cruise.deep
     top["files"], deep["files"] = deep["files"], top["files"]
     return "the two PD0 files exchanged"
@@ -184,10 +184,10 @@ def stuck_vane(cruise: Cruise, rng: np.random.Generator) -> str:
     return f"the reference's vane stuck in {share:.0%} of the record"
 
 
-def own_export(cruise: Cruise, rng: np.random.Generator) -> str | None:
+def own_export(cruise: Cruise, rng: np.random.Generator) -> str:
     """The reference is the affected instrument's own export."""
-    if not cruise.deep_is_table or cruise.base == "real":  # that one's reference is its own bins by design
-        return None
+    if not cruise.deep_is_table or cruise.is_real:  # that one's reference is its own bins by design
+        raise NotApplicableError
     top, how = cruise.pd0(), str(rng.choice(["rounded", "bins rolled", "averaged", "turned", "every second hour"]))
     flow = top.velocity.astype(float)[..., :2]
     flow[flow == -32768] = np.nan
@@ -198,34 +198,28 @@ def own_export(cruise: Cruise, rng: np.random.Generator) -> str | None:
             1,
         )
     keep = np.isfinite(near).all(1) & (np.arange(len(near)) % (2 if how.startswith("every") else 1) == 0)
-    cruise.opened["table"] = pd.DataFrame({
+    cruise.set_table(pd.DataFrame({
         "time_utc": stamps(top.time_s[keep]), "depth_m": top.get(VARIABLE, 16)[keep] / 10.0 + 4.0,
         "u_cm_s": np.round(near[keep, 0] / 10.0, 1), "v_cm_s": np.round(near[keep, 1] / 10.0, 1),
-    })  # fmt: skip
+    }))  # fmt: skip
     return f"the reference is the affected instrument's own export, {how}"
 
 
-def other_mooring(cruise: Cruise, rng: np.random.Generator) -> str | None:
+def other_mooring(cruise: Cruise, rng: np.random.Generator) -> str:
     """The reference's file is another mooring's, set to these dates."""
-    if cruise.base not in ("pd0", "beam"):
-        return None
-    other = {"pd0": "beam", "beam": "pd0"}[cruise.base]
-    strange = Pd0(cruise.bases / other / "raw/M/deep.000")
-    own = cruise.pd0("deep")
+    own, strange = cruise.record("deep"), cruise.record_of(cruise.another(), "deep")
     count = min(len(own), len(strange))
-    kept = own.time_s[:count]
-    own.rows = strange.rows[:count].copy()
-    own.starts = strange.starts
-    own.shift(kept - own.time_s)
+    own.take(np.arange(count))
+    own.copy_samples(strange, np.arange(count), np.arange(count))
     return "the reference's file is another mooring's"
 
 
 # PD0 contents
 
 
-def caught_by_glob(cruise: Cruise, rng: np.random.Generator) -> str | None:
-    if cruise.base == "real":
-        return None
+def caught_by_glob(cruise: Cruise, rng: np.random.Generator) -> str:
+    if cruise.is_real:
+        raise NotApplicableError
     other = Pd0(cruise.bases / cruise.base / "raw/M/top.000")
     turned, serial = float(rng.uniform(30, 330)), int(rng.integers(1000, 9000))
     half = len(other) // 2
@@ -241,21 +235,20 @@ def caught_by_glob(cruise: Cruise, rng: np.random.Generator) -> str | None:
     return f"another instrument's file, heading {turned:+.0f}, serial {serial}, caught by a glob"
 
 
-def serial_changes(cruise: Cruise, rng: np.random.Generator) -> str | None:
-    if cruise.base == "real":
-        return None
+def serial_changes(cruise: Cruise, rng: np.random.Generator) -> str:
+    if cruise.is_real:
+        raise NotApplicableError
     top, share, turned = cruise.pd0(), rng.uniform(0.2, 0.8), sign(rng) * float(rng.uniform(8, 40))
     after = np.arange(len(top)) > share * len(top)
     top.put(FIXED, 54, 1234, "<u4", after)
-    if cruise.base != "beam":
-        top.velocity = np.where(after[:, None, None], top.turned(turned), top.velocity)
+    top.turn(np.where(after, turned, 0.0))
     top.set_heading((top.heading + turned)[after], after)
     return f"the serial number changes at {share:.0%}, with {turned:+.0f} degrees of heading"
 
 
-def wrong_serial(cruise: Cruise, rng: np.random.Generator) -> str | None:
+def wrong_serial(cruise: Cruise, rng: np.random.Generator) -> str:
     if cruise.deep_is_table:
-        return None
+        raise NotApplicableError
     for role, number in (("top", 9001), ("deep", 7501)):
         cruise.settings["instruments"][role]["attributes"] = {
             "serial_number": int(number) if rng.random() < 0.5 else str(number)
@@ -283,8 +276,7 @@ def stuck_compass(cruise: Cruise, rng: np.random.Generator) -> str:
     begin = int(rng.uniform(0, 1 - share) * len(top))
     inside = (np.arange(len(top)) >= begin) & (np.arange(len(top)) < begin + share * len(top))
     turned = np.where(inside, top.heading[begin] - top.heading, 0.0)
-    if cruise.base != "beam":
-        top.velocity = top.turned(turned)
+    top.turn(turned)
     top.set_heading(np.full(inside.sum(), top.heading[begin]), inside)
     return f"the compass stuck in {share:.0%} of the record"
 
@@ -329,16 +321,14 @@ def slipped(cruise: Cruise, rng: np.random.Generator) -> str:
     """The whole compass reads otherwise from one day on, as after a change of instrument without a serial."""
     top, share, turned = cruise.pd0(), rng.uniform(0.2, 0.8), sign(rng) * float(rng.uniform(10, 120))
     after = np.arange(len(top)) > share * len(top)
-    if cruise.base != "beam":
-        top.velocity = np.where(after[:, None, None], top.turned(turned), top.velocity)
+    top.turn(np.where(after, turned, 0.0))
     top.set_heading((top.heading + turned)[after], after)
     return f"headings {turned:+.0f} degrees from {share:.0%} of the record on"
 
 
 def backwards(cruise: Cruise, rng: np.random.Generator) -> str:
     top = cruise.pd0()
-    if cruise.base != "beam":
-        top.velocity = top.turned(-2.0 * top.heading)
+    top.turn(-2.0 * top.heading)
     top.set_heading(-top.heading)
     return "headings counted anticlockwise"
 
@@ -349,12 +339,12 @@ def backwards(cruise: Cruise, rng: np.random.Generator) -> str:
 def shuffled_columns(cruise: Cruise, rng: np.random.Generator) -> str:
     frame = cruise.table()
     frame["remark"] = "ok"
-    cruise.opened["table"] = frame[list(rng.permutation(frame.columns))]
+    cruise.set_table(frame[list(rng.permutation(frame.columns))])
     return "columns in another order, one more"
 
 
 def shuffled_rows(cruise: Cruise, rng: np.random.Generator) -> str:
-    cruise.opened["table"] = cruise.table().sample(frac=1.0, random_state=int(rng.integers(1000)))
+    cruise.set_table(cruise.table().sample(frac=1.0, random_state=int(rng.integers(1000))))
     return "rows in another order"
 
 
@@ -435,9 +425,9 @@ def east_longitude(cruise: Cruise, rng: np.random.Generator) -> str:
     return "longitude from 0 to 360"
 
 
-def declination_told(cruise: Cruise, rng: np.random.Generator) -> str | None:
-    if not cruise.deep_is_table or cruise.base == "real":
-        return None
+def declination_told(cruise: Cruise, rng: np.random.Generator) -> str:
+    if not cruise.deep_is_table or cruise.is_real:
+        raise NotApplicableError
     frame, off = cruise.table(), round(cruise.declination_deg() + float(rng.uniform(-1.5, 1.5)), 1)
     flow = (frame["u_cm_s"] + 1j * frame["v_cm_s"]) * np.exp(-1j * np.deg2rad(off))
     frame["u_cm_s"], frame["v_cm_s"] = flow.to_numpy().real, flow.to_numpy().imag
@@ -453,8 +443,8 @@ def other_layout(cruise: Cruise, rng: np.random.Generator) -> str:
     return "keys in another order"
 
 
-def right_serial(cruise: Cruise, rng: np.random.Generator) -> str | None:
-    if cruise.base == "real":
+def right_serial(cruise: Cruise, rng: np.random.Generator) -> str:
+    if cruise.is_real:
         cruise.top["attributes"] = {"serial_number": str(int(rng.integers(1, 9999)))}
         return "a serial number where the file is too old to hold one"
     cruise.top["attributes"] = {"serial_number": [9001, "9001", "WHS9001", "09001"][int(rng.integers(4))]}
@@ -497,30 +487,28 @@ def noisier(cruise: Cruise, rng: np.random.Generator) -> str:
 
 def half_as_often(cruise: Cruise, rng: np.random.Generator) -> str:
     if cruise.deep_is_table:
-        cruise.opened["table"] = cruise.table().iloc[::2]
+        cruise.set_table(cruise.table().iloc[::2])
     else:
         cruise.pd0("deep").rows = cruise.pd0("deep").rows[::2]
     return "the reference every second hour only"
 
 
-HARMFUL: tuple[Attack, ...] = (
-    declination, years_off, upside_down, wrong_depth, wrong_bottom, exchanged_roles, told_clock, told_drift,
-    alignment, pressure_told, reference_clock, reference_clock, affected_clock, reference_clock_drifts,
-    reference_clock_set, day_and_month, filler, mirrored, wrong_scale, units_change, stuck_reference, stuck_vane,
-    own_export, other_mooring, caught_by_glob, serial_changes, wrong_serial, heading_values, heading_values,
-    stuck_compass, coordinates, five_beams, bias_in_file, tilts, slipped, backwards,
+METADATA: tuple[Attack, ...] = (
+    declination, years_off, upside_down, wrong_depth, wrong_bottom, exchanged_roles, told_clock, told_drift, alignment,
+    pressure_told,
+)  # fmt: skip
+CLOCKS: tuple[Attack, ...] = (
+    reference_clock, reference_clock, affected_clock, reference_clock_drifts, reference_clock_set, day_and_month,
+)  # fmt: skip
+TABLES: tuple[Attack, ...] = (
+    filler, mirrored, wrong_scale, units_change, stuck_reference, stuck_vane, own_export, other_mooring,
+)  # fmt: skip
+CONTENTS: tuple[Attack, ...] = (
+    caught_by_glob, serial_changes, wrong_serial, heading_values, stuck_compass, coordinates, five_beams, bias_in_file,
+    tilts, slipped, backwards,
 )  # fmt: skip
 HARMLESS: tuple[Attack, ...] = (
     shuffled_columns, shuffled_rows, zone, other_unit, split_files, longer_leader, gaps, on_deck, excluded, clock_told,
     east_longitude, declination_told, other_layout, right_serial, linked_raw, table_text, doubled, noisier,
     half_as_often,
 )  # fmt: skip
-OF_TABLES = frozenset((
-    day_and_month, filler, mirrored, wrong_scale, units_change, stuck_reference, stuck_vane, shuffled_columns,
-    shuffled_rows, zone, other_unit, table_text, noisier,
-))  # fmt: skip
-
-
-def spoil(attack: Attack, cruise: Cruise, rng: np.random.Generator) -> str | None:
-    """Return what an attack did; None where it does not go with this base."""
-    return None if attack in OF_TABLES and not cruise.deep_is_table else attack(cruise, rng)

@@ -1,0 +1,170 @@
+"""The moorings that a campaign spoils: simulated ones and a real record, of compasses from weak to two-valued."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import yaml
+from cruises import VARIABLE, Pd0, Table, stamps
+from runs import DATA
+
+from compasslib.simulation import draw, magnetometer, sealed, sealed_files
+from compasslib.simulation.sealed import Ground, Wish
+from compasslib.simulation.sealed_files import Export
+
+REAL = DATA / "cruise_eh2"
+REAL_MOORING, REAL_DAYS = "E0", 70  # the record as it was logged, by a compass without iron
+PLAIN_SHEAR = 0.25  # of plain water's differences between depths over those of the simulated sea
+
+
+@dataclass(frozen=True)
+class Base:
+    """One mooring by its seed.
+
+    Args:
+        strength: of the iron, over the earth's horizontal field; above 1 a reading has two headings.
+        water: structured (the simulated sea), plain (little shear, no veer) or real.
+        wide: whether the headings go round the circle.
+        deep: form of the reference, pd0 or table.
+        top: form of the affected instrument: pd0 in earth or beam coordinates, or a table.
+        every: samples of the reference of which one is kept, as of a profiler that passes twice a day.
+    """
+
+    name: str
+    seed: int
+    strength: float
+    water: str = "structured"
+    wide: bool = True
+    hours: int = 2160
+    deep: str = "table"
+    top: str = "earth"
+    every: int = 1
+
+
+BASES = (
+    Base("plain", 11, 0.05, water="plain"),
+    Base("weak", 12, 0.2, wide=False),
+    Base("fast", 13, 0.75),
+    Base("strong", 14, 1.3),
+    Base("pd0", 15, 0.35, hours=1680, deep="pd0"),
+    Base("beam", 16, 0.2, hours=1680, deep="pd0", top="beam"),
+    Base("profiler", 17, 0.35, hours=2880, every=12),
+    Base("text", 18, 0.35, top="table"),
+    Base("real", 19, 0.2, water="real"),
+    Base("real_strong", 20, 1.3, water="real"),
+)
+WATERS = ("plain", "structured", "real")
+STRENGTHS = {"weak": 0.2, "strong": 0.5, "fast": 0.75, "two-valued": 1.3}
+
+
+def nulls(count: int, seed: int) -> list[Base]:
+    """Return moorings with nothing wrong, every water with every strength in turn."""
+    kinds = [(water, name) for name in STRENGTHS for water in WATERS if water != "real" or REAL.is_dir()]
+    return [
+        Base(
+            f"null-{water}-{name}-{k}",
+            1000 * seed + k,
+            STRENGTHS[name],
+            water,
+            wide=k // len(kinds) % 2 == 0,
+            every=12 if k // len(kinds) % 4 == 3 else 1,
+        )
+        for k, (water, name) in enumerate(kinds[k % len(kinds)] for k in range(count))
+    ]
+
+
+def available() -> list[Base]:
+    """Return the bases; those of the real record only where it is there."""
+    return [base for base in BASES if base.water != "real" or REAL.is_dir()]
+
+
+def write(base: Base, folder: Path) -> None:
+    """Write a cruise of one mooring M, and beside it its times and correct headings."""
+    cruise = folder / base.name
+    shutil.rmtree(cruise, ignore_errors=True)
+    (cruise / "config").mkdir(parents=True)
+    (cruise / "config/config.yaml").write_text("moorings: config/moorings\n")
+    truth = _write_real(base, cruise) if base.water == "real" else _write_simulated(base, cruise)
+    if base.top == "table":
+        _write_top_as_table(cruise)
+    if base.every > 1:
+        path = cruise / "raw/M/deep.csv"
+        pd.read_csv(path).iloc[:: base.every].to_csv(path, index=False)
+    np.save(folder / f"{base.name}.npy", truth)
+
+
+def iron(base: Base) -> complex:
+    """Return the hard iron of the compass that reads the real record, over the horizontal field."""
+    return complex(base.strength * np.exp(1j * np.random.default_rng(base.seed).uniform(0.0, 2.0 * np.pi)))
+
+
+def read_by(iron_in_field: complex, heading_deg: np.ndarray) -> np.ndarray:
+    """Return what a level compass beside hard iron reads at correct headings, degrees."""
+    return np.mod(-np.rad2deg(np.angle(np.exp(-1j * np.deg2rad(heading_deg)) + iron_in_field)), 360.0)
+
+
+def _write_simulated(base: Base, cruise: Path) -> np.ndarray:
+    export = Export(deep=base.deep, coordinates="beam" if base.top == "beam" else "earth")
+    drawn = draw.Sealed("M", wish=Wish(wide=base.wide, hours=base.hours), export=export, seed=base.seed)
+    draw.write(drawn, cruise, cruise)  # for its YAML file; the compass is built below
+    (cruise / "M.npy").unlink()
+    ground = _with_iron(sealed.make(base.seed, "M", drawn.wish), base)
+    if base.water == "plain":
+        ground = replace(ground, currents=_plain(ground))
+    written = sealed_files.write(ground, [], cruise / "raw/M", export)
+    return np.stack([written.time_s, written.heading_deg])
+
+
+def _with_iron(ground: Ground, base: Base) -> Ground:
+    _, horizontal, vertical = (float(x.mean()) for x in ground.field.at(ground.stamp_s))
+    return replace(ground, meter=magnetometer.build(ground.random("iron"), (horizontal, vertical), base.strength))
+
+
+def _plain(ground: Ground) -> sealed.Water:
+    currents, level = ground.currents, np.full(ground.currents.time_s.size, PLAIN_SHEAR)
+    return replace(currents, layers=currents.layers.times(level), veer_deg_m=0.0 * currents.veer_deg_m)
+
+
+def _write_real(base: Base, cruise: Path) -> np.ndarray:
+    """Write the first weeks of the real record as a compass beside iron would have logged them."""
+    raw = cruise / "raw/M"
+    raw.mkdir(parents=True)
+    settings = yaml.safe_load((REAL / f"config/moorings/{REAL_MOORING}.yaml").read_text().replace("raw/E0", "raw/M"))
+    begin = pd.Timestamp(settings["start"])
+    settings |= {"name": "M", "end": (begin + pd.Timedelta(days=REAL_DAYS)).strftime("%Y-%m-%dT%H:%M:%SZ")}
+    (cruise / "config/moorings").mkdir()
+    (cruise / "config/moorings/M.yaml").write_text(yaml.safe_dump(settings, sort_keys=False))
+    last_s = begin.timestamp() + REAL_DAYS * 86400.0
+    top = Pd0(REAL / "raw/E0/top.000")
+    top.rows = top.rows[top.time_s <= last_s]
+    truth = top.heading
+    top.turn(read_by(iron(base), truth) - truth)
+    top.set_heading(read_by(iron(base), truth))
+    top.save(raw / "top.000")
+    frame = pd.read_csv(REAL / "raw/E0/deep.csv")
+    frame[Table.times_of(frame) <= last_s].to_csv(raw / "deep.csv", index=False)
+    return np.stack([top.time_s, truth])
+
+
+def _write_top_as_table(cruise: Path) -> None:
+    """Write the affected instrument's first bins as a table, with its headings, in the place of its PD0 file."""
+    top, path = Pd0(cruise / "raw/M/top.000"), cruise / "config/moorings/M.yaml"
+    flow = top.velocity[:, :2, :2].mean(axis=1) / 10.0
+    depth = top.get(VARIABLE, 16) / 10.0
+    columns = {"time_utc": stamps(top.time_s), "depth_m": depth, "u_cm_s": flow[:, 0], "v_cm_s": flow[:, 1]}
+    frame = pd.DataFrame(columns | {"heading_deg": top.heading})
+    frame.round(2).to_csv(cruise / "raw/M/top.csv", index=False)
+    (cruise / "raw/M/top.000").unlink()
+    settings = yaml.safe_load(path.read_text())
+    settings["instruments"]["top"] = {
+        "format": "table", "files": "raw/M/top.csv", "depth": 100, "direction_reference": "magnetic",
+        "columns": {
+            "time": "time_utc", "depth": "depth_m", "east": "u_cm_s", "north": "v_cm_s", "scale": 0.01,
+            "heading": "heading_deg",
+        },
+    }  # fmt: skip
+    path.write_text(yaml.safe_dump(settings, sort_keys=False))

@@ -1,0 +1,164 @@
+"""The cases of a campaign: which are drawn by a seed, and what comes of one, in a folder of its own."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import bases
+import calibrations
+import cruises
+import numpy as np
+from cruises import Cruise, NotApplicableError, Outcome
+from harmless import HARMLESS
+from headings import HEADINGS
+from identities import DECLINATION, IDENTITIES
+from local import LOCAL
+from moorings import CLOCKS, CONTENTS, METADATA, TABLES
+from references import REFERENCES
+
+HARM = 0.01  # share of the headings flagged 1 that a harmless change may cost
+MISTAKES: dict[str, tuple[cruises.Attack, ...]] = {
+    "declination": 2 * DECLINATION, "local": LOCAL, "headings": HEADINGS, "references": REFERENCES,
+    "identities": IDENTITIES, "metadata": METADATA, "clocks": CLOCKS, "tables": TABLES, "contents": CONTENTS,
+}  # fmt: skip
+CALIBRATIONS, HARMLESS_KIND = "calibrations", "harmless"
+KINDS = (*MISTAKES, CALIBRATIONS, HARMLESS_KIND)
+OF_CALIBRATIONS = 0.1  # share of the cases that are calibrations
+FIRST_BENCH = 100_000  # number of the first of them, so that their seeds are those of no mooring
+# What no record can tell: a constant is the same as A; a level log shows neither the sense of its axes nor which of two
+# columns is the compass.
+UNDECIDABLE = ("magnetometer: x of other sign", "magnetometer: axes exchanged", "columns exchanged")
+
+
+@dataclass(frozen=True)
+class Case:
+    """One case by its name; ``seed`` alone draws everything in it."""
+
+    name: str
+    kind: str
+    attack: str
+    base: int  # the base that is tried first; -1 for a calibration
+    seed: tuple[int, int]
+    harmless: bool = False
+
+
+def draw(mistakes: int, harmless: int, seed: int) -> list[Case]:
+    """Draw the cases of a campaign, those of any kind among the others so that the first of them stand for all."""
+    attacks = [(kind, attack.__name__) for kind, several in MISTAKES.items() for attack in several]
+    cases = _drawn(attacks, mistakes, seed, harmless=False)
+    return cases + _drawn([(HARMLESS_KIND, attack.__name__) for attack in HARMLESS], harmless, seed + 1, harmless=True)
+
+
+def _drawn(attacks: list[tuple[str, str]], count: int, seed: int, *, harmless: bool) -> list[Case]:
+    rng, benches = np.random.default_rng(seed), list(calibrations.SPOILERS)
+    of_benches, cases = round(OF_CALIBRATIONS * count), []
+    while len(cases) < count - of_benches:
+        for kind, attack in (attacks[k] for k in rng.permutation(len(attacks))):
+            k = len(cases)
+            name = f"{kind}-{attack}-{k:03d}"
+            cases.append(Case(name, kind, attack, int(rng.integers(100)), (seed, k), harmless))
+    cases = cases[: count - of_benches]
+    for k in range(of_benches):
+        attack, kind = benches[k % len(benches)], HARMLESS_KIND if harmless else CALIBRATIONS
+        cases.append(Case(f"{kind}-{attack}-{k:03d}", kind, attack, -1, (seed, FIRST_BENCH + k), harmless))
+    return [cases[k] for k in rng.permutation(len(cases))]
+
+
+def attempt(case: Case, kept: Path, into: Path) -> dict[str, Any]:
+    """Process one case unless its row is there; a traceback becomes a row too.
+
+    The folder of a case that is wrong, or that crashed, keeps the cruise and its results.
+
+    Args:
+        kept: folder of the bases.
+        into: folder of the cases.
+    """
+    folder, file = into / case.name, into / case.name / "row.json"
+    if file.exists():
+        return dict(json.loads(file.read_text()))
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    begun = time.process_time()
+    try:
+        row = _calibration(case, folder) if case.base < 0 else _mooring(case, kept, folder)
+    except Exception as error:  # what the campaign is to find, whatever it is
+        row = {"done": case.attack, "crashed": f"{type(error).__name__}: {error}"}
+    row = asdict(case) | row | {"cpu_s": time.process_time() - begun, "folder": str(folder)}
+    if not (row.get("crashed") or row.get("wrong") or row.get("hurt") and case.harmless):
+        for path in folder.iterdir():
+            shutil.rmtree(path)
+    file.write_text(json.dumps(row, default=float))
+    return dict(json.loads(file.read_text()))
+
+
+def untouched(base: bases.Base, kept: Path, into: Path) -> None:
+    """Process a base as it is and keep its outcome beside the cases of the same library."""
+    file = into / f"{base.name}.json"
+    if file.exists():
+        return
+    made, cruise = into / base.name / "made", Cruise.copy(kept, base.name, into / base.name / "cruise")
+    cruise.save()
+    outcome = cruises.run(cruise, made)
+    if not outcome.refused:
+        cruises.keep_declination(cruise, made)
+    file.write_text(json.dumps(asdict(outcome)))
+
+
+def outcome_of(base: str, into: Path) -> Outcome:
+    """Return the outcome of an untouched base."""
+    fields = json.loads((into / f"{base}.json").read_text())
+    return Outcome(**{k: tuple(v) if isinstance(v, list) else v for k, v in fields.items()})
+
+
+def applied(case: Case, kept: Path, folder: Path) -> tuple[Cruise, str]:
+    """Copy the first base in turn that an attack goes with, and spoil it."""
+    attack = next(a for a in MISTAKES.get(case.kind, HARMLESS) if a.__name__ == case.attack)
+    names = [base.name for base in bases.available()]
+    for turn in range(len(names)):
+        name = names[(case.base + turn) % len(names)]
+        cruise = Cruise.copy(kept, name, folder / "cruise")
+        try:
+            return cruise, attack(cruise, np.random.default_rng(case.seed))
+        except NotApplicableError:
+            shutil.rmtree(folder / "cruise")
+    raise LookupError(f"{case.attack} goes with no base")
+
+
+def _mooring(case: Case, kept: Path, folder: Path) -> dict[str, Any]:
+    cruise, done = applied(case, kept, folder)
+    cruise.save()
+    before = outcome_of(cruise.base, folder.parent.parent / "untouched")
+    outcome = cruises.run(cruise, folder / "made")
+    wrong, good = cruises.is_wrong(outcome, before), cruises.is_called_good(outcome, before)
+    return {"on": cruise.base} | _row(done, outcome, before, wrong=wrong, good=good, undecidable=cruise.constant)
+
+
+def _calibration(case: Case, folder: Path) -> dict[str, Any]:
+    kind, (first, second) = case.attack, case.seed
+    (folder / "cruise").mkdir()
+    plain = calibrations.make(kind, [first, second, 0], folder / "cruise")
+    before = calibrations.run(plain, folder / "plain")
+    made = calibrations.make(kind, [first, second, 0], folder / "cruise")
+    spoil = calibrations.harmless if case.harmless else calibrations.SPOILERS[kind][1]
+    done = spoil(made, np.random.default_rng([first, second, 1]))
+    outcome = calibrations.run(made, folder / "spoilt")
+    wrong = calibrations.is_wrong(outcome, before)
+    apart = any(word in f"{kind}: {done}" for word in UNDECIDABLE)
+    return {"on": kind} | _row(done, outcome, before, wrong=wrong, good=wrong, undecidable=apart)
+
+
+def _row(
+    done: str, outcome: Outcome, before: Outcome, *, wrong: bool, good: bool, undecidable: bool
+) -> dict[str, Any]:
+    said = cruises.new_warnings(outcome, before)
+    lost = outcome.good < before.good - HARM
+    return {
+        "done": done, "wrong": wrong, "silent": wrong and not said, "called_good": good, "undecidable": undecidable,
+        "hurt": bool(outcome.refused or lost or said), "lost": lost, "said": said,
+        "untouched": {key: getattr(before, key) for key in ("rms_deg", "covered", "good", "verdict")},
+    } | asdict(outcome)  # fmt: skip
