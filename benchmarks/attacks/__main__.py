@@ -13,8 +13,9 @@ one's, whose stated 95 % intervals hold under 85 % of the truth or whose errors 
 one of which more than half of the headings that were flagged 1 still are, whatever was said. A harmless change *harms*
 where it is refused, costs over 1 % of the samples their flag 1, or gets a new warning. A constant between the
 instruments is told from A by no record: it counts, and is marked. Rows stay in ``--into`` by the content of the
-library, and a run that was cut goes on from them; wrong cases keep their cruise and results there. Name another folder
-where the attacks themselves were changed. Exit status 1 where anything was silent, called good, or ended in a traceback.
+library, and a run that was cut goes on from them; wrong cases keep their cruise and results there. Name another
+folder where the attacks themselves were changed. Exit status 1 where anything was silent, called good, or ended in a
+traceback.
 """
 
 from __future__ import annotations
@@ -39,7 +40,6 @@ import targets
 from runs import ONE_THREAD, PROJECT
 
 Row = dict[str, Any]
-WAYS = ("refused", "warned", "silent", "right")
 
 
 def label(library: Path) -> str:
@@ -50,7 +50,9 @@ def label(library: Path) -> str:
     return f"{library.name}-{digest.hexdigest()[:10]}"
 
 
-def in_processes(library: Path, cores: int, work: Callable[..., Any], arguments: Iterable[tuple[Any, ...]]) -> list[Any]:
+def in_processes(
+    library: Path, cores: int, work: Callable[..., Any], arguments: Iterable[tuple[Any, ...]]
+) -> list[Any]:
     """Call a function in processes that import a library's code; return the results in the order of the arguments."""
     sys.path.insert(0, str(library))  # a process that is spawned takes the path
     try:
@@ -91,7 +93,7 @@ def run_nulls(count: int, seed: int, libraries: list[Path], into: Path, cores: i
     lost_of = {base.name: lost(*(folder / base.name / "made/errors.npz" for folder in folders)) for base in wanted}
     for name, pair in lost_of.items():
         groups.setdefault(name.rsplit("-", 1)[0].removeprefix("null-"), []).append(pair)
-    targets.head("nothing wrong", "moorings", "flags 1 with right headings before", "lost now", "moorings that lost over 1 %")
+    targets.head("nothing wrong", "moorings", "flags 1 with right headings", "lost now", "moorings that lost over 1 %")
     for name, pairs in [*sorted(groups.items()), ("all", list(lost_of.values()))]:
         before, gone = (sum(pair[k] for pair in pairs) for k in (0, 1))
         many = [pair for pair in pairs if pair[1] > cases.HARM * max(pair[0], 1)]
@@ -158,7 +160,8 @@ def report(rows: list[Row]) -> int:
     print()
     for row in (row for row in harmless if row["hurt"]):
         flags = f"flags 1 {row['untouched']['good']:.2f} -> {row['good']:.2f}; " if row["lost"] else ""
-        print(f"  {row['name']} on {row['on']}: {row['done']}: {flags}{(row['refused'] or ' | '.join(row['said']))[:300]}")
+        said = (row["refused"] or " | ".join(row["said"]))[:300]
+        print(f"  {row['name']} on {row['on']}: {row['done']}: {flags}{said}")
     print(f"\n{sum(row['cpu_s'] for row in rows) / 60:.0f} CPU minutes")
     return len(bad) + len(crashed)
 

@@ -89,7 +89,7 @@ def attempt(case: Case, kept: Path, into: Path) -> dict[str, Any]:
     except Exception as error:  # what the campaign is to find, whatever it is
         row = {"done": case.attack, "crashed": f"{type(error).__name__}: {error}"}
     row = asdict(case) | row | {"cpu_s": time.process_time() - begun, "folder": str(folder)}
-    if not (row.get("crashed") or row.get("wrong") or row.get("hurt") and case.harmless):
+    if not (row.get("crashed") or row.get("wrong") or (row.get("hurt") and case.harmless)):
         for path in folder.iterdir():
             shutil.rmtree(path)
     file.write_text(json.dumps(row, default=float))
@@ -152,9 +152,7 @@ def _calibration(case: Case, folder: Path) -> dict[str, Any]:
     return {"on": kind} | _row(done, outcome, before, wrong=wrong, good=wrong, undecidable=apart)
 
 
-def _row(
-    done: str, outcome: Outcome, before: Outcome, *, wrong: bool, good: bool, undecidable: bool
-) -> dict[str, Any]:
+def _row(done: str, outcome: Outcome, before: Outcome, *, wrong: bool, good: bool, undecidable: bool) -> dict[str, Any]:
     said = cruises.new_warnings(outcome, before)
     lost = outcome.good < before.good - HARM
     return {

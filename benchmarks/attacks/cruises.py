@@ -473,4 +473,4 @@ def new_warnings(outcome: Outcome, untouched: Outcome) -> list[str]:
     return new
 
 
-Attack = Callable[[Cruise, np.random.Generator], str]  # what was done; NotApplicableError where it goes with no such base
+Attack = Callable[[Cruise, np.random.Generator], str]  # says what it did; raises NotApplicableError

@@ -188,7 +188,8 @@ def tilt_noise(cruise: Cruise, rng: np.random.Generator) -> str:
     return "noise of 0.1 degrees in the tilts"
 
 
-HARMLESS: tuple[Attack, ...] = FORMS + (
+HARMLESS: tuple[Attack, ...] = (
+    *FORMS,
     dates_written, whole_days, every_second_sample, every_second_of_both, noise_of_headings, headings_to_tenths,
     headings_of_sign, depth_by_a_metre, bottom_by_metres, covariate, attributes, gaps_of_reference, one_gap, shorter,
     seconds_late, noise_of_velocities, few_wild_headings, declination_number, true_reference, right_calibration,

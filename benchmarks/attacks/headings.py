@@ -73,7 +73,8 @@ def stuck_bit(cruise: Cruise, rng: np.random.Generator) -> str:
 
 
 def octets(cruise: Cruise, rng: np.random.Generator) -> str:
-    top, how = cruise.record(), str(rng.choice(["bytes exchanged", "the low byte alone", "the high byte alone", "8 bits"]))
+    top = cruise.record()
+    how = str(rng.choice(["bytes exchanged", "the low byte alone", "the high byte alone", "8 bits"]))
     raw = np.rint(100 * top.heading).astype(np.uint16)
     new = {
         "bytes exchanged": raw.byteswap() / 100.0, "the low byte alone": (raw & 0xFF) / 100.0,
@@ -177,7 +178,8 @@ def tilts_of_sign(cruise: Cruise, rng: np.random.Generator) -> str:
     how = str(rng.choice(["pitch negative", "roll negative", "roll + 180", "both times 0.1"]))
     pitch, roll = (top.get(0x0080, k, "<i2").astype(int) for k in (20, 22))
     pitch = -pitch if how == "pitch negative" else pitch // 10 if "times" in how else pitch
-    roll = {"roll negative": -roll, "roll + 180": (roll + 36000) % 36000 - 18000, "both times 0.1": roll // 10}.get(how, roll)
+    turned = {"roll negative": -roll, "roll + 180": (roll + 36000) % 36000 - 18000, "both times 0.1": roll // 10}
+    roll = turned.get(how, roll)
     top.put(0x0080, 20, pitch, "<i2"), top.put(0x0080, 22, roll, "<i2")
     return f"tilts: {how}"
 

@@ -1,4 +1,4 @@
-"""Declinations applied twice or not at all, and one thing taken for another: files, roles, axes, units, calibrations."""
+"""Declinations applied twice or not at all, and one thing taken for another: files, axes, units, calibrations."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import pandas as pd
 import yaml
 from bases import read_by
 from cruises import FIXED, VARIABLE, Attack, Cruise, NotApplicableError, Pd0, Table
+from references import smoothed
 
 # Declination
 
@@ -88,8 +89,8 @@ def calibrated(cruise: Cruise, rng: np.random.Generator, correct: np.ndarray, re
     """Let a mooring be corrected by readings on a bench at its place and start."""
     folder = cruise.folder / "config/calibrations"
     folder.mkdir()
-    place = {key: cruise.settings[key] for key in ("latitude", "longitude")} | {"date": str(cruise.settings["start"])[:10]}
-    settings = place | {"kind": "platform", "file": "raw/k.csv"}
+    settings = {key: cruise.settings[key] for key in ("latitude", "longitude")}
+    settings |= {"date": str(cruise.settings["start"])[:10], "kind": "platform", "file": "raw/k.csv"}
     (folder / "K.yaml").write_text(yaml.safe_dump(settings))
     recorded = np.mod(recorded + rng.normal(0, 0.4, len(recorded)), 360.0)
     frame = pd.DataFrame({"reference_deg": correct, "recorded_deg": recorded})
@@ -115,8 +116,9 @@ def two_names(cruise: Cruise, rng: np.random.Generator) -> str:
         later["instruments"]["top"]["files"] = "raw/N/top.000"
         later["instruments"]["deep"]["clock_offset_seconds"] = -365 * 86400.0
     elif how.startswith("a half"):
-        text = [pd.Timestamp(span[0] + x * (span[1] - span[0]), unit="s").strftime("%Y-%m-%dT%H:%M:%SZ") for x in (0.4, 0.6)]
-        cruise.settings["end"], later["start"] = text[1], text[0]
+        begin, end = (pd.Timestamp(span[0] + x * (span[1] - span[0]), unit="s") for x in (0.4, 0.6))
+        cruise.settings["end"] = end.strftime("%Y-%m-%dT%H:%M:%SZ")
+        later["start"] = begin.strftime("%Y-%m-%dT%H:%M:%SZ")
     (cruise.folder / "config/moorings/N.yaml").write_text(yaml.safe_dump(later, sort_keys=False))
     return f"one mooring under two names, {how}"
 
@@ -170,8 +172,7 @@ def two_disagree(cruise: Cruise, rng: np.random.Generator) -> str:
     if how == "3 h late":
         wrong.shift(3 * 3600.0)
     elif how == "a running mean":
-        flow = wrong.flow
-        wrong.flow = np.stack([np.convolve(np.nan_to_num(flow[:, k]), np.ones(24) / 24, "same") for k in range(flow.shape[1])], 1)
+        wrong.flow = smoothed(wrong.flow, np.ones(24))
     elif how == "of other sign":
         wrong.flow = -wrong.flow
     else:
@@ -239,7 +240,8 @@ def scaled(cruise: Cruise, rng: np.random.Generator) -> str:
 
 
 def axes_mistaken(cruise: Cruise, rng: np.random.Generator) -> str:
-    role, how = str(rng.choice(["top", "top", "deep"])), str(rng.choice(["exchanged", "east negative", "north negative", "both negative"]))
+    role = str(rng.choice(["top", "top", "deep"]))
+    how = str(rng.choice(["exchanged", "east negative", "north negative", "both negative"]))
     record = cruise.record(role)
     flow = record.flow
     new = {

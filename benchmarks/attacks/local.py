@@ -89,7 +89,7 @@ def heading_stuck(cruise: Cruise, rng: np.random.Generator) -> str:
 
 
 def out_of_water(cruise: Cruise, rng: np.random.Generator) -> str:
-    """On deck inside the deployment that the metadata state: velocities are noise, the ship's iron turns the compass."""
+    """On deck inside the stated deployment: velocities are noise, the ship's iron turns the compass."""
     top, tells = cruise.pd0(), bool(rng.random() < 0.6)
     inside, where = stretch(rng, len(top))
     count, number = len(top), int(inside.sum())

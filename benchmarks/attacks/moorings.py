@@ -1,7 +1,7 @@
 """What can be wrong with a mooring's metadata, clocks, tables and PD0 files, and what may differ and be right.
 
-Each attack draws its numbers, spoils the cruise, and says what it did; it raises NotApplicableError where it does not go
-with a base.
+Each attack draws its numbers, spoils the cruise, and says what it did; it raises NotApplicableError where it does not
+go with a base.
 """
 
 from __future__ import annotations

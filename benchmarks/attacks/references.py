@@ -6,44 +6,43 @@ import numpy as np
 from cruises import HOUR_S, Attack, Cruise, NotApplicableError, Table
 
 
-def _step_s(time_s: np.ndarray) -> float:
-    return float(np.median(np.diff(time_s)))
-
-
-def _mean(flow: np.ndarray, samples: int, weights: np.ndarray | None = None) -> np.ndarray:
-    window = np.ones(samples) if weights is None else weights
+def smoothed(flow: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Return the weighted running mean of what is there, (n, cells)."""
     known = np.isfinite(flow)
-    total = [np.convolve(np.where(known[:, k], flow[:, k], 0), window, "same") for k in range(flow.shape[1])]
-    count = [np.convolve(known[:, k].astype(float), window, "same") for k in range(flow.shape[1])]
+    total = [np.convolve(column, weights, "same") for column in np.where(known, flow, 0.0).T]
+    count = [np.convolve(column, weights, "same") for column in known.astype(float).T]
     return np.where(known, np.stack(total, 1) / np.maximum(np.stack(count, 1), 1e-9), np.nan)
+
+
+def _samples(time_s: np.ndarray, hours: float) -> int:
+    return max(2, round(hours * HOUR_S / float(np.median(np.diff(time_s)))))
 
 
 def running_mean(cruise: Cruise, rng: np.random.Generator) -> str:
     deep, hours = cruise.record("deep"), float(rng.choice([3, 6, 12, 25, 48]))
-    deep.flow = _mean(deep.flow, max(2, round(hours * HOUR_S / _step_s(deep.time_s))))
+    deep.flow = smoothed(deep.flow, np.ones(_samples(deep.time_s, hours)))
     return f"the reference is a running mean of {hours:g} h"
 
 
 def trailing_mean(cruise: Cruise, rng: np.random.Generator) -> str:
     deep, hours = cruise.record("deep"), float(rng.choice([3, 6, 12, 24]))
-    samples = max(2, round(hours * HOUR_S / _step_s(deep.time_s)))
-    deep.flow = _mean(deep.flow, 2 * samples - 1, np.r_[np.zeros(samples - 1), np.ones(samples)])
+    samples = _samples(deep.time_s, hours)
+    deep.flow = smoothed(deep.flow, np.r_[np.zeros(samples - 1), np.ones(samples)])
     return f"the reference is the mean of the {hours:g} h before"
 
 
 def low_passed(cruise: Cruise, rng: np.random.Generator) -> str:
     deep, hours = cruise.record("deep"), float(rng.choice([6, 12, 30, 60]))
-    deviation = hours * HOUR_S / _step_s(deep.time_s) / 2.4
+    deviation = _samples(deep.time_s, hours) / 2.4
     reach = np.arange(-int(3 * deviation) - 1, int(3 * deviation) + 2)
-    deep.flow = _mean(deep.flow, 0, np.exp(-0.5 * (reach / max(deviation, 0.3)) ** 2))
+    deep.flow = smoothed(deep.flow, np.exp(-0.5 * (reach / deviation) ** 2))
     return f"the reference is low-passed at {hours:g} h"
 
 
 def detided(cruise: Cruise, rng: np.random.Generator) -> str:
     deep, hours = cruise.record("deep"), float(rng.choice([12, 25]))
     flow = deep.flow
-    mean = _mean(flow, max(2, round(hours * HOUR_S / _step_s(deep.time_s))))
-    deep.flow = flow - mean
+    deep.flow = flow - smoothed(flow, np.ones(_samples(deep.time_s, hours)))
     return f"the reference is what a mean of {hours:g} h leaves"
 
 
@@ -65,8 +64,8 @@ def long_gaps_filled(cruise: Cruise, rng: np.random.Generator) -> str:
     """Days without data were filled by straight lines."""
     deep, share = cruise.record("deep"), float(rng.choice([0.2, 0.5]))
     flow, at = deep.flow, np.arange(len(deep))
-    days = max(4, round(4 * 86400.0 / _step_s(deep.time_s)))
-    lost = np.random.default_rng(int(rng.integers(1 << 30))).random(len(deep) // days + 1)[at // days] < share
+    days = _samples(deep.time_s, 4 * 24.0)
+    lost = rng.random(len(deep) // days + 1)[at // days] < share
     known = at[~lost & np.isfinite(flow).all(1)]
     deep.flow = np.stack([np.interp(at, known, flow[known, k]) for k in range(flow.shape[1])], 1)
     return f"{lost.mean():.0%} of the reference is filled by straight lines over days"
@@ -86,8 +85,8 @@ def predicted(cruise: Cruise, rng: np.random.Generator) -> str:
     """The reference is a sum of tides that was fitted to it, with its mean."""
     deep = cruise.record("deep")
     flow, time = deep.flow, deep.time_s - deep.time_s[0]
-    turns = [np.exp(sign * 2j * np.pi * time / (period * HOUR_S)) for period in (12.42, 12.0, 23.93, 25.82) for sign in (1, -1)]
-    design = np.stack([np.ones(len(deep)), *turns], axis=1)
+    rate = 2j * np.pi / HOUR_S / np.array([12.42, 12.0, 23.93, 25.82])
+    design = np.exp(np.outer(time, [0.0, *rate, *-rate]))
     known = np.isfinite(flow).all(1)
     deep.flow = design @ np.linalg.lstsq(design[known], flow[known], rcond=None)[0]
     return "the reference is a prediction of tides"
