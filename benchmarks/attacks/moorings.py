@@ -220,13 +220,12 @@ def other_mooring(cruise: Cruise, rng: np.random.Generator) -> str:
 def caught_by_glob(cruise: Cruise, rng: np.random.Generator) -> str:
     if cruise.is_real:
         raise NotApplicableError
-    other = Pd0(cruise.bases / cruise.base / "raw/M/top.000")
+    own, other = cruise.pd0(), Pd0(cruise.path("top"))
     turned, serial = float(rng.uniform(30, 330)), int(rng.integers(1000, 9000))
     half = len(other) // 2
     other.rows = other.rows[half:]
     other.set_heading(other.heading + turned)
     other.put(FIXED, 54, serial, "<u4")
-    own = cruise.pd0()
     own.rows = own.rows[:half]
     (cruise.folder / "raw/M/top_b.000").write_bytes(other.octets())
     cruise.top["files"] = "raw/M/top*.000"
@@ -356,7 +355,7 @@ def zone(cruise: Cruise, rng: np.random.Generator) -> str:
 
 
 def other_unit(cruise: Cruise, rng: np.random.Generator) -> str:
-    factor = float(rng.choice([10.0, 1.0]))
+    factor = float(rng.choice([10.0, 100.0]))
     cruise.table()[["u_cm_s", "v_cm_s"]] *= factor
     cruise.deep["columns"]["scale"] = 0.01 / factor
     return f"speeds in another unit, scale {0.01 / factor:g} said"
