@@ -135,7 +135,7 @@ def _mooring(case: Case, kept: Path, folder: Path) -> dict[str, Any]:
     before = outcome_of(cruise.base, folder.parent.parent / "untouched")
     outcome = cruises.run(cruise, folder / "made")
     wrong, good = cruises.is_wrong(outcome, before), cruises.is_called_good(outcome, before)
-    return {"on": cruise.base} | _row(done, outcome, before, wrong=wrong, good=good, undecidable=cruise.constant)
+    return {"on": cruise.base} | _row(done, outcome, before, wrong=wrong, good=good, undecidable=cruise.undecidable)
 
 
 def _calibration(case: Case, folder: Path) -> dict[str, Any]:

@@ -42,7 +42,7 @@ class Cruise:
     bases: Path
     opened: dict[str, Any] = field(default_factory=dict)
     true_north: bool = False  # whether the true heading is looked at, not the magnetic one
-    constant: bool = False  # whether the mistake is a constant between the instruments, which no record tells from A
+    undecidable: bool = False  # whether no record can tell, as of a constant between the instruments, which is A too
 
     @classmethod
     def copy(cls, bases: Path, base: str, folder: Path) -> Cruise:

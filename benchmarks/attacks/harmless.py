@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pandas as pd
-from cruises import Attack, Cruise, NotApplicableError, Pd0, Table, stamps
+from cruises import VARIABLE, Attack, Cruise, NotApplicableError, Pd0, Table, stamps
 from identities import calibrated
 from local import log_heading
 from moorings import HARMLESS as FORMS
@@ -46,7 +46,7 @@ def noise_of_headings(cruise: Cruise, rng: np.random.Generator) -> str:
 
 
 def headings_to_tenths(cruise: Cruise, rng: np.random.Generator) -> str:
-    top, step = cruise.record(), float(rng.choice([0.1, 0.5, 1.0]))
+    top, step = cruise.record(), float(rng.choice([0.1, 0.25]))
     log_heading(cruise, step * np.rint(top.heading / step), np.ones(len(top), dtype=bool), turns=False)
     return f"headings rounded to {step:g} degrees"
 
@@ -125,13 +125,14 @@ def noise_of_velocities(cruise: Cruise, rng: np.random.Generator) -> str:
     return "noise of 3 mm/s in the reference"
 
 
-def few_wild_headings(cruise: Cruise, rng: np.random.Generator) -> str:
-    top, count = cruise.record(), int(rng.integers(1, 5))
-    at = rng.choice(len(top), count, replace=False)
-    new = top.heading.copy()
-    new[at] = rng.uniform(0, 360, count)
-    top.set_heading(new)
-    return f"{count} wild headings"
+def noise_of_depths(cruise: Cruise, rng: np.random.Generator) -> str:
+    deep = cruise.record("deep")
+    noise = rng.normal(0, 0.1, len(deep))
+    if isinstance(deep, Table):
+        deep.frame["depth_m"] += noise
+    else:
+        deep.put(VARIABLE, 16, deep.get(VARIABLE, 16) + np.rint(10 * noise).astype(int))
+    return "noise of 0.1 m in the depth of the reference"
 
 
 def declination_number(cruise: Cruise, rng: np.random.Generator) -> str:
@@ -183,8 +184,8 @@ def unused_instrument(cruise: Cruise, rng: np.random.Generator) -> str:
 def tilt_noise(cruise: Cruise, rng: np.random.Generator) -> str:
     top: Pd0 = cruise.pd0()
     for offset in (20, 22):
-        tilt = top.get(0x0080, offset, "<i2").astype(int)
-        top.put(0x0080, offset, tilt + np.rint(rng.normal(0, 10, len(top))).astype(int), "<i2")
+        tilt = top.get(VARIABLE, offset, "<i2").astype(int)
+        top.put(VARIABLE, offset, tilt + np.rint(rng.normal(0, 10, len(top))).astype(int), "<i2")
     return "noise of 0.1 degrees in the tilts"
 
 
@@ -192,6 +193,6 @@ HARMLESS: tuple[Attack, ...] = (
     *FORMS,
     dates_written, whole_days, every_second_sample, every_second_of_both, noise_of_headings, headings_to_tenths,
     headings_of_sign, depth_by_a_metre, bottom_by_metres, covariate, attributes, gaps_of_reference, one_gap, shorter,
-    seconds_late, noise_of_velocities, few_wild_headings, declination_number, true_reference, right_calibration,
+    seconds_late, noise_of_velocities, noise_of_depths, declination_number, true_reference, right_calibration,
     second_reference, unused_instrument, tilt_noise,
 )  # fmt: skip

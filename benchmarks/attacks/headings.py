@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from cruises import Attack, Cruise, Pd0
+from cruises import VARIABLE, Attack, Cruise, Pd0
 from local import log_heading, stretch
 
 
@@ -122,6 +122,7 @@ def corrected_already(cruise: Cruise, rng: np.random.Generator) -> str:
     truth = cruise.truth_at(top.time_s)
     inside, where = part(rng, len(top))
     log_heading(cruise, truth, inside & np.isfinite(truth), turns=False)
+    cruise.undecidable = bool(inside.all()) and not (isinstance(top, Pd0) and top.is_beam)
     return f"headings corrected already, velocities not, {where}"
 
 
@@ -130,7 +131,7 @@ def true_north(cruise: Cruise, rng: np.random.Generator) -> str:
     top, turns = cruise.record(), bool(rng.random() < 0.5)
     inside, where = part(rng, len(top))
     log_heading(cruise, top.heading + cruise.declination_deg(), inside, turns)
-    cruise.constant = bool(inside.all())
+    cruise.undecidable = bool(inside.all())
     return f"headings true, not magnetic{', velocities too' * turns}, {where}"
 
 
@@ -145,7 +146,7 @@ def half_turn(cruise: Cruise, rng: np.random.Generator) -> str:
     top, turns, angle = cruise.record(), bool(rng.random() < 0.5), float(rng.choice([180.0, 90.0, -90.0]))
     inside, where = part(rng, len(top))
     log_heading(cruise, top.heading + angle, inside, turns)
-    cruise.constant = bool(inside.all())
+    cruise.undecidable = bool(inside.all())
     return f"headings {angle:+.0f}{' with the velocities' * turns}, {where}"
 
 
@@ -176,11 +177,11 @@ def by_index(cruise: Cruise, rng: np.random.Generator) -> str:
 def tilts_of_sign(cruise: Cruise, rng: np.random.Generator) -> str:
     top: Pd0 = cruise.pd0()
     how = str(rng.choice(["pitch negative", "roll negative", "roll + 180", "both times 0.1"]))
-    pitch, roll = (top.get(0x0080, k, "<i2").astype(int) for k in (20, 22))
+    pitch, roll = (top.get(VARIABLE, k, "<i2").astype(int) for k in (20, 22))
     pitch = -pitch if how == "pitch negative" else pitch // 10 if "times" in how else pitch
     turned = {"roll negative": -roll, "roll + 180": (roll + 36000) % 36000 - 18000, "both times 0.1": roll // 10}
     roll = turned.get(how, roll)
-    top.put(0x0080, 20, pitch, "<i2"), top.put(0x0080, 22, roll, "<i2")
+    top.put(VARIABLE, 20, pitch, "<i2"), top.put(VARIABLE, 22, roll, "<i2")
     return f"tilts: {how}"
 
 

@@ -16,7 +16,7 @@ from references import smoothed
 
 
 def declination_sign(cruise: Cruise, rng: np.random.Generator) -> str:
-    cruise.true_north, cruise.constant = True, True
+    cruise.true_north, cruise.undecidable = True, True
     how = str(rng.choice(["the sign of the declination", "no declination", "the sign of the longitude"]))
     if how == "the sign of the longitude":
         cruise.settings["longitude"] = -float(cruise.settings["longitude"])
@@ -26,14 +26,14 @@ def declination_sign(cruise: Cruise, rng: np.random.Generator) -> str:
 
 
 def north_mistaken(cruise: Cruise, rng: np.random.Generator) -> str:
-    cruise.true_north, cruise.constant = True, True
+    cruise.true_north, cruise.undecidable = True, True
     now = cruise.deep.get("direction_reference", "magnetic")
     cruise.deep["direction_reference"] = {"magnetic": "true", "true": "magnetic"}[now]
     return f"the reference's directions called {cruise.deep['direction_reference']}"
 
 
 def declination_told(cruise: Cruise, rng: np.random.Generator) -> str:
-    cruise.true_north, cruise.constant = True, True
+    cruise.true_north, cruise.undecidable = True, True
     role, times = str(rng.choice(["top", "deep"])), float(rng.choice([-1.0, 1.0]))
     if cruise.settings["instruments"][role].get("direction_reference") == "true":
         role = "top"
@@ -52,13 +52,13 @@ def declination_applied(cruise: Cruise, rng: np.random.Generator) -> str:
         raise NotApplicableError
     after = np.arange(len(record)) >= share * len(record)
     record.turn(np.where(after, times * cruise.declination_deg(), 0.0))
-    cruise.constant = share == 0.0
+    cruise.undecidable = share == 0.0
     return f"{role}: velocities turned by {times:+.0f} declinations{f' from {share:.0%} on' * (share > 0)}"
 
 
 def bias_applied(cruise: Cruise, rng: np.random.Generator) -> str:
     """EB in the leader and in the file's numbers, in one of the two alone."""
-    cruise.true_north, cruise.constant = True, True
+    cruise.true_north, cruise.undecidable = True, True
     top, off, how = cruise.pd0(), cruise.declination_deg(), str(rng.choice(["in the leader alone", "in both, twice"]))
     top.put(FIXED, 28, round(100 * off), "<i2")
     if how == "in both, twice":
@@ -82,6 +82,7 @@ def calibration_of_another(cruise: Cruise, rng: np.random.Generator) -> str:
     calibrated(cruise, rng, correct, recorded)
     if not with_reference:
         cruise.settings.pop("reference")
+        cruise.undecidable = True
     return f"a calibration of another compass ({strength:g} H), {'with' if with_reference else 'without'} a reference"
 
 
@@ -146,7 +147,7 @@ def reference_twice(cruise: Cruise, rng: np.random.Generator) -> str:
         _second(cruise, again, f"deep{k + 2}")
     names = ["deep", *(f"deep{k + 2}" for k in range(copies))]
     cruise.settings["reference"] = names
-    cruise.constant = True
+    cruise.undecidable = True
     return f"one reference listed {copies + 1} times, turned by {angle:+.0f}"
 
 

@@ -30,7 +30,7 @@ def later(settings: dict[str, Any], key: str, days: float) -> None:
 
 
 def declination(cruise: Cruise, rng: np.random.Generator) -> str:
-    cruise.true_north, cruise.constant = True, True
+    cruise.true_north, cruise.undecidable = True, True
     cruise.settings["declination"] = float(rng.choice([-16.0, 17.5, 170.0, -40.0, 8.0, 0.0]))
     return f"declination: {cruise.settings['declination']}"
 
