@@ -50,8 +50,9 @@ class Case:
 def draw(mistakes: int, harmless: int, seed: int) -> list[Case]:
     """Draw the cases of a campaign, those of any kind among the others so that the first of them stand for all."""
     attacks = [(kind, attack.__name__) for kind, several in MISTAKES.items() for attack in several]
-    cases = _drawn(attacks, mistakes, seed, harmless=False)
-    return cases + _drawn([(HARMLESS_KIND, attack.__name__) for attack in HARMLESS], harmless, seed + 1, harmless=True)
+    right = [(HARMLESS_KIND, attack.__name__) for attack in HARMLESS]
+    cases = _drawn(attacks, mistakes, seed, harmless=False) + _drawn(right, harmless, seed + 1, harmless=True)
+    return [cases[k] for k in np.random.default_rng(seed).permutation(len(cases))]
 
 
 def _drawn(attacks: list[tuple[str, str]], count: int, seed: int, *, harmless: bool) -> list[Case]:
@@ -66,7 +67,7 @@ def _drawn(attacks: list[tuple[str, str]], count: int, seed: int, *, harmless: b
     for k in range(of_benches):
         attack, kind = benches[k % len(benches)], HARMLESS_KIND if harmless else CALIBRATIONS
         cases.append(Case(f"{kind}-{attack}-{k:03d}", kind, attack, -1, (seed, FIRST_BENCH + k), harmless))
-    return [cases[k] for k in rng.permutation(len(cases))]
+    return cases
 
 
 def attempt(case: Case, kept: Path, into: Path) -> dict[str, Any]:
