@@ -46,6 +46,7 @@ def test_an_attack_spoils_a_mooring(
     before, after = ({p.relative_to(f): p.read_bytes() for p in f.rglob("*") if p.is_file()} for f in _folders(cruise))
     assert done
     assert before != after
+    assert b"&id" not in after[Path("config/moorings/M.yaml")]  # an alias, which the schema refuses
 
 
 def _folders(cruise: cruises.Cruise) -> tuple[Path, Path]:

@@ -6,6 +6,7 @@ import json
 import re
 import shutil
 from collections.abc import Callable
+from copy import deepcopy
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
@@ -125,6 +126,13 @@ class Cruise:
     def set_truth(self, heading_deg: np.ndarray) -> None:
         """Say how the affected instrument really stood at its samples."""
         self.time_s, self.heading_deg = self.record().time_s, heading_deg
+
+    def add_reference(self, name: str, record: Pd0 | Table) -> None:
+        """Write a record beside the reference's and describe it as that is described."""
+        path = self.path("deep").with_stem(name)
+        record.save(path)
+        described = deepcopy(self.deep) | {"files": str(path.relative_to(self.folder))}
+        self.settings["instruments"][name] = described
 
     def another(self) -> str:
         """Return the name of a base with the same kinds of files that is another mooring.

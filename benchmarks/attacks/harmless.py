@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
+
 import numpy as np
 import pandas as pd
 from cruises import VARIABLE, Attack, Cruise, NotApplicableError, Pd0, Table, stamps
@@ -167,17 +169,15 @@ def right_calibration(cruise: Cruise, rng: np.random.Generator) -> str:
 
 def second_reference(cruise: Cruise, rng: np.random.Generator) -> str:
     """An independent second instrument of the same kind, as good as the first."""
-    path = cruise.path("deep").with_stem("deep2")
     again = type(cruise.record("deep"))(cruise.path("deep"))
     again.flow = again.flow + 14.0 * (rng.normal(size=again.flow.shape) + 1j * rng.normal(size=again.flow.shape))
-    again.save(path)
-    cruise.settings["instruments"]["deep2"] = dict(cruise.deep) | {"files": str(path.relative_to(cruise.folder))}
+    cruise.add_reference("deep2", again)
     cruise.settings["reference"] = ["deep", "deep2"]
     return "a second reference"
 
 
 def unused_instrument(cruise: Cruise, rng: np.random.Generator) -> str:
-    cruise.settings["instruments"]["spare"] = dict(cruise.deep)
+    cruise.settings["instruments"]["spare"] = deepcopy(cruise.deep)
     return "an instrument that nothing names"
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from copy import deepcopy
 from typing import Any
 
 import numpy as np
@@ -102,7 +103,7 @@ def calibrated(cruise: Cruise, rng: np.random.Generator, correct: np.ndarray, re
 def two_names(cruise: Cruise, rng: np.random.Generator) -> str:
     """The same files as two moorings of one compass: nothing is learnt twice."""
     cruise.top["compass"] = "wh1"
-    later = yaml.safe_load(yaml.safe_dump(cruise.settings))
+    later = deepcopy(cruise.settings)
     later["name"] = "N"
     how = str(rng.choice(["the same dates", "another year", "a half each, overlapping"]))
     span = cruise.span()
@@ -124,15 +125,6 @@ def two_names(cruise: Cruise, rng: np.random.Generator) -> str:
     return f"one mooring under two names, {how}"
 
 
-def _second(cruise: Cruise, record: Pd0 | Table, name: str = "deep2") -> None:
-    """Add an instrument whose file is written beside the reference's."""
-    path = cruise.path("deep").with_stem(name)
-    record.save(path)
-    cruise.settings["instruments"][name] = yaml.safe_load(yaml.safe_dump(cruise.deep)) | {
-        "files": str(path.relative_to(cruise.folder))
-    }
-
-
 def _copy(cruise: Cruise) -> Pd0 | Table:
     return type(cruise.record("deep"))(cruise.path("deep"))
 
@@ -144,7 +136,7 @@ def reference_twice(cruise: Cruise, rng: np.random.Generator) -> str:
     for k in range(copies):
         again = _copy(cruise)
         again.turn(angle)
-        _second(cruise, again, f"deep{k + 2}")
+        cruise.add_reference(f"deep{k + 2}", again)
     names = ["deep", *(f"deep{k + 2}" for k in range(copies))]
     cruise.settings["reference"] = names
     cruise.undecidable = True
@@ -162,7 +154,7 @@ def outvoted(cruise: Cruise, rng: np.random.Generator) -> str:
             wrong.flow = np.broadcast_to(wrong.flow[5], wrong.flow.shape)
         else:
             wrong.turn(40.0 if how.startswith("turned") else np.random.default_rng(k // 4).uniform(0, 360, len(wrong)))
-        _second(cruise, wrong, f"deep{k}")
+        cruise.add_reference(f"deep{k}", wrong)
     cruise.settings["reference"] = list(rng.permutation(["deep", "deep2", "deep3"]).tolist())
     return f"a right reference beside one {how} that is listed twice"
 
@@ -178,7 +170,7 @@ def two_disagree(cruise: Cruise, rng: np.random.Generator) -> str:
         wrong.flow = -wrong.flow
     else:
         wrong.turn(30.0)
-    _second(cruise, wrong)
+    cruise.add_reference("deep2", wrong)
     first = bool(rng.random() < 0.5)
     cruise.settings["reference"] = ["deep2", "deep"] if first else ["deep", "deep2"]
     return f"two references, the {'first' if first else 'second'} {how}"
@@ -188,7 +180,7 @@ def own_bins(cruise: Cruise, rng: np.random.Generator) -> str:
     """The second reference is the first's own bins, so that their noise is counted as independent."""
     again, noise = _copy(cruise), float(rng.choice([0.5, 2.0, 8.0]))
     again.flow = again.flow + noise * (rng.normal(size=again.flow.shape) + 1j * rng.normal(size=again.flow.shape))
-    _second(cruise, again)
+    cruise.add_reference("deep2", again)
     cruise.settings["reference"] = ["deep", "deep2"]
     return f"the reference's own bins as a second reference, {noise:g} mm/s apart"
 
@@ -197,7 +189,7 @@ def own_file(cruise: Cruise, rng: np.random.Generator) -> str:
     """The affected instrument is its own reference, under another name."""
     how = str(rng.choice(["the same file", "a copy", "a copy, 3 m deeper", "a copy, headings corrected"]))
     cruise.pd0()
-    settings: dict[str, Any] = yaml.safe_load(yaml.safe_dump(cruise.top))
+    settings: dict[str, Any] = deepcopy(cruise.top)
     if how != "the same file":
         copy = Pd0(cruise.path("top"))
         if "3 m" in how:
