@@ -2,6 +2,7 @@
 
     python benchmarks/attacks                               300 mistakes and 150 harmless changes by seed 1
     python benchmarks/attacks --kind local --count 60 --seed 7
+    python benchmarks/attacks --so-far                      what the rows of a run that goes on, or was cut, say
     python benchmarks/attacks --only local-heading_stuck-017    one case, or all of one attack
     python benchmarks/attacks --library ../other --older ../main    of another checkout, beside an older one
     python benchmarks/attacks --nulls 48 --older ../main    flags 1 that moorings with nothing wrong lose
@@ -22,6 +23,7 @@ from __future__ import annotations
 
 import argparse
 import hashlib
+import json
 import multiprocessing
 import os
 import sys
@@ -72,6 +74,12 @@ def write_bases(wanted: list[bases.Base], into: Path, cores: int) -> None:
     if absent:
         into.mkdir(parents=True, exist_ok=True)
         in_processes(PROJECT, cores, bases.write, [(base, into) for base in absent])
+
+
+def rows_so_far(chosen: list[cases.Case], library: Path, into: Path) -> list[Row]:
+    """Return the rows of a library that are there."""
+    files = [into / label(library) / "cases" / case.name / "row.json" for case in chosen]
+    return [json.loads(file.read_text()) for file in files if file.exists()]
 
 
 def run(chosen: list[cases.Case], library: Path, into: Path, cores: int) -> list[Row]:
@@ -196,6 +204,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--kind", action="append", choices=cases.KINDS, help="of this kind alone; may be given again")
     parser.add_argument("--only", help="the case, or all cases of the attack, of this name")
+    parser.add_argument("--so-far", action="store_true", help="report the rows that are there, process nothing")
     parser.add_argument("--list", action="store_true", help="print the cases and end")
     parser.add_argument("--library", type=Path, default=PROJECT, help="checkout whose code is measured")
     parser.add_argument("--older", type=Path, help="checkout beside which it is set")
@@ -220,7 +229,10 @@ def main() -> None:
     if asked.list:
         print("\n".join(f"{case.name} {'harmless' if case.harmless else case.kind}" for case in chosen))
         return
-    rows, *older = (run(chosen, library, into, asked.cores) for library in libraries)
+    if asked.so_far:
+        rows, *older = (rows_so_far(chosen, library, into) for library in libraries)
+    else:
+        rows, *older = (run(chosen, library, into, asked.cores) for library in libraries)
     status = report(rows)
     if older:
         compare(rows, older[0])

@@ -150,7 +150,7 @@ def _calibration(case: Case, folder: Path) -> dict[str, Any]:
     outcome = calibrations.run(made, folder / "spoilt")
     wrong = calibrations.is_wrong(outcome, before)
     apart = any(word in f"{kind}: {done}" for word in UNDECIDABLE)
-    return {"on": kind} | _row(done, outcome, before, wrong=wrong, good=wrong, undecidable=apart)
+    return {"on": kind} | _row(done, outcome, before, wrong=wrong, good=False, undecidable=apart)  # it has no flags
 
 
 def _row(done: str, outcome: Outcome, before: Outcome, *, wrong: bool, good: bool, undecidable: bool) -> dict[str, Any]:
