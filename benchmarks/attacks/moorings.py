@@ -399,9 +399,9 @@ def gaps(cruise: Cruise, rng: np.random.Generator) -> str:
 
 
 def on_deck(cruise: Cruise, rng: np.random.Generator) -> str:
-    days = float(rng.uniform(2, 20))
+    days = float(rng.uniform(0.5, 3))
     later(cruise.settings, "start", days), later(cruise.settings, "end", -days)
-    return f"{days:.0f} days before deployment and after recovery in the files"
+    return f"{days:.1f} days before deployment and after recovery in the files"
 
 
 def excluded(cruise: Cruise, rng: np.random.Generator) -> str:
