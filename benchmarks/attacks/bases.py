@@ -66,7 +66,7 @@ def nulls(count: int, seed: int) -> list[Base]:
     kinds = [(water, name) for name in STRENGTHS for water in WATERS if water != "real" or REAL.is_dir()]
     return [
         Base(
-            f"null-{water}-{name}-{k}",
+            f"null-{water}-{name}-{seed}.{k}",
             1000 * seed + k,
             STRENGTHS[name],
             water,
