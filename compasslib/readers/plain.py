@@ -64,7 +64,7 @@ def text_of(path: Path) -> Text:
     data = of_lines(path)
     with Path(path).open("rb") as raw:
         said = ("packed by gzip",) * (raw.read(len(PACKED)) == PACKED)
-    wide = _wide(data)
+    wide = utf16(data)
     try:
         if wide:
             return Text(data[: len(data) // 2 * 2].decode(wide), (*said, "in UTF-16"))
@@ -80,8 +80,8 @@ def text_of(path: Path) -> Text:
     return Text(data.decode("latin-1"), (*said, "in Latin-1"))
 
 
-def _wide(data: bytes) -> str | None:
-    """Return which UTF-16 a text is in, None where it is in none."""
+def utf16(data: bytes) -> str | None:
+    """Identify which UTF-16 a text is in, None where it is in none."""
     if data[:2] in (b"\xff\xfe", b"\xfe\xff") and (b"\n\0" in data or b"\0\n" in data):
         return "utf-16"
     low, high = data[:SAMPLE:2], data[1:SAMPLE:2]
