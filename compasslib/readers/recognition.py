@@ -23,7 +23,7 @@ from compasslib.core.errors import InputError, Passing
 from compasslib.readers.plain import utf16
 
 HEAD_BYTES = 65536
-SEARCHED_BYTES = 2**22  # in which records are looked for where the first bytes tell nothing
+SEARCHED_BYTES = 2**20  # in which records are looked for where the first bytes tell nothing
 TEXT_SHARE = 0.98  # of a text's bytes are printable
 READABLE = {
     "pd0": "an RDI PD0 file",
