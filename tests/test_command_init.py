@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import functools
-import operator
 import os
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
+import drafts
 import netCDF4
 import netcdf_layouts
 import numpy as np
 import pytest
 import yaml
 from bench import readings, write_table
+from drafts import log, sentences
 from launch import PROJECT
 from sea import cruise
 
@@ -115,20 +115,6 @@ def test_records_of_other_years_are_moorings_of_their_own_and_series_go_with_the
     assert set(early["instruments"]) == {"top", "deep"} and set(late["instruments"]) == {"later"}
     assert list(early["covariates"]) == ["pump2007_mA"] and list(late["covariates"]) == ["pump2011_mA"]
     assert "pump2015.csv: no instrument of M1 recorded at the time of this series" in capsys.readouterr().err
-
-
-def sentences(*bodies: str) -> str:
-    return "".join(f"${body}*{functools.reduce(operator.xor, body.encode()):02X}\r\n" for body in bodies)
-
-
-def log(heading: str | None, course: str, n: int = 72) -> str:
-    """Write an NMEA log of a full circle."""
-    bodies = []
-    for k in range(n):
-        bodies += [heading.format(5 * k)] if heading else []
-        bodies += [f"GPRMC,18{k // 60:02d}{k % 60:02d},A,0854.0,S,14006.0,W,5.0,{5 * k}.0,031110,10.7,E"]
-        bodies += [f"GPVTG,{5 * k}.0,T,,M,5.0,N,9.3,K"] if course == "VTG" else []
-    return sentences(*bodies)
 
 
 @pytest.mark.parametrize(
@@ -243,6 +229,12 @@ def test_real_exports_are_drafted_with_what_they_tell(tmp_path, capsys):
     assert workhorse["compromised"] == "top" and "reference" not in workhorse
     hourly = yaml.safe_load((tmp_path / "new/config/calibrations/esk1980dhor.yaml").read_text())
     assert hourly["latitude"] == 65.3333  # as said: its header has none
+
+
+@pytest.mark.parametrize("case", drafts.drawn(seed=7, n=12), ids=lambda case: case.name)
+def test_drawn_files_are_drafted_right_or_asked(case):
+    found, said = drafts.outcome(case)
+    assert found in ("right", "asked"), said
 
 
 WILD = {
