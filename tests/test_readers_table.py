@@ -239,3 +239,21 @@ def test_rounded_currents_and_stalled_rotors_hold_no_fill_value(tmp_path, digits
     text = _hours(np.where(stalled, 0.0, east), np.where(stalled, 0.0, north))
     record = read("table", table(tmp_path, text), {"columns": ROLES})
     assert record.counts["fill_values"] == 0 and record.warnings == ()
+
+
+@pytest.mark.parametrize("separator", [",", " ", "\t"])
+@pytest.mark.parametrize(("mark", "end"), [("'", "'"), ('"', '"'), ('="', '"')])
+def test_times_and_headers_in_quotation_marks_are_read(tmp_path, separator, mark, end):
+    path = tmp_path / "a.csv"
+    rows = [["t", "u", "v"], ["2007-09-04 00:00:00", "1", "2"], ["2007-09-04 01:00:00", "3", "4"]]
+    lines = [separator.join([f"{mark}{first}{end}", *others]) for first, *others in rows]
+    path.write_text("\n".join(lines) + "\n")
+    found = read("table", [path], {"columns": {"time": "t", "east": "u", "north": "v"}})
+    assert np.diff(found.time_s).tolist() == [3600.0] and found.east[:, 0].tolist() == [1.0, 3.0]
+
+
+def test_times_of_which_some_stand_in_quotation_marks_are_refused_by_their_cause(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text("t,u,v\n2007-09-04 00:00,1,2\n'2007-09-04 01:00',1,2\n")
+    with pytest.raises(InputError, match=r"line 3, t: .*; delete the quotation marks$"):
+        read("table", [path], {"columns": {"time": "t", "east": "u", "north": "v"}})

@@ -48,6 +48,7 @@ _WITH_COMMA = re.compile(r"[-+]?\d*,\d+(?:[eE][-+]?\d+)?", re.ASCII)
 _WHOLE = re.compile(r"[-+]?\d+", re.ASCII)
 _THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}(?:,\d{3})+", re.ASCII)
 _PARTED = re.compile(r"[-+]?\d{1,3}(?:([,.' ])\d{3})+(?!\1)[.,]\d*|[-+]?\d{1,3}(?:[' ]\d{3})+", re.ASCII)
+_QUOTED = re.compile(r"""=?(["'])(.*)\1""")  # as CSV knows none: single, between blanks, or with Excel's sign before
 _UNIT = re.compile(r"(?=.*[^\W\d_]|.*%|.*°)(?!.*\d\d)[^\n]{1,40}|", re.DOTALL)  # metres, cm s-1, [°C], %
 
 
@@ -255,12 +256,19 @@ def _holds(line: str) -> bool:
 
 def _parted(line: str, delimiter: str) -> list[str]:
     try:
-        return [
-            cell.strip()
-            for cell in (line.split() if delimiter == " " else next(csv.reader([line], delimiter=delimiter)))
-        ]
+        listed = line.split() if delimiter == " " else next(csv.reader([line], delimiter=delimiter))
+        return _names(listed)
     except csv.Error:
         return []
+
+
+def _names(row: Sequence[str]) -> list[str]:
+    return [_unquoted(cell.strip()) for cell in row]
+
+
+def _unquoted(cell: str) -> str:
+    match = _QUOTED.fullmatch(cell)
+    return match[2] if match else cell
 
 
 def _usual(lines: Sequence[str]) -> str:
@@ -287,8 +295,9 @@ def _below(path: Path, raw: list[str], begin: int, delimiter: str, *, ended: boo
     kept = [k for k in filled if listed[k][0].lstrip()[:1] not in MARKS or not listed[k][0].strip()]
     if not kept:
         return Lines([], [], [])
-    header = [cell.strip() for cell in listed[kept[0]]]
-    again = {k for k in kept[1:] if [cell.strip() for cell in listed[k]] == header}  # of pages or files put together
+    header = _names(listed[kept[0]])
+    # Of pages or files put together.
+    again = {k for k in kept[1:] if header[0] in listed[k][0] and _names(listed[k]) == header}
     kept = [k for k in kept if k not in again]
     rows = [listed[k] for k in kept[1:]]
     rows = _with_clocks(header, rows) if delimiter == " " else rows
@@ -365,7 +374,8 @@ def _column(path: Path, lines: Lines, place: int, role: str) -> list[str]:
         expected = times.TIME_FORM if role in (*TIMES, *APART) else NUMBER_FORM
         where, found = f"{lines.numbers[row]}, {lines.header[place]}", f"a line of {len(lines.rows[row])} cells"
         _refuse_line(path, where, expected, found)
-    return [row[place].strip() for row in lines.rows]
+    cells = [row[place].strip() for row in lines.rows]
+    return [_unquoted(cell) for cell in cells] if cells and _QUOTED.fullmatch(cells[0]) else cells
 
 
 def _decimal(
@@ -421,6 +431,7 @@ def _numbers(cells: list[str], decimal: str, missing: Sequence[str]) -> tuple[Fl
 def _times_in(path: Path, lines: Lines, places: Mapping[str, int], layout: Layout) -> tuple[dict[str, Floats], str]:
     """Return the times of a table by their role, date and clock together, and what was recognised."""
     texts = {role: (_column(path, lines, place, role), lines.header[place]) for role, place in places.items()}
+    form = layout.time_format and _unquoted(layout.time_format)
     if set(APART) <= set(texts):
         (dates, date), (clocks, clock) = (texts[role] for role in APART)
         texts = {"time": ([f"{one} {other}" for one, other in zip(dates, clocks, strict=True)], f"{date} and {clock}")}
@@ -428,10 +439,12 @@ def _times_in(path: Path, lines: Lines, places: Mapping[str, int], layout: Layou
     for role, (cells, header) in texts.items():
         numbers = partial(_as_numbers, cells, layout)
         try:
-            found[role], said = times.seconds(cells, numbers, form=layout.time_format, zone=layout.timezone)
+            found[role], said = times.seconds(cells, numbers, form=form, zone=layout.timezone)
         except times.Unreadable as error:
             line = "" if error.row is None else f"line {lines.numbers[error.row]}, "
-            advice = error.advice or f"{MEND}; {times.SETTLE} for another form"
+            quoted = error.row is not None and any(mark in cells[error.row] for mark in "\"'")
+            advice = "delete the quotation marks" if quoted else error.advice
+            advice = advice or f"{MEND}; {times.SETTLE} for another form"
             where = f"{path}: {line}{header}"
             raise InputError(where, expected=error.expected, found=error.found, advice=advice) from None
     return found, said
