@@ -51,7 +51,7 @@ def test_a_folder_of_exports_becomes_a_cruise_that_can_run_once_it_is_decided(tm
     monkeypatch.chdir(tmp_path)
     assert main(["check", "new"]) == 1  # by a path from where one stands
     out, err = capsys.readouterr()
-    asked = "start, end, instruments.deep.depth, instruments.deep.direction_reference"
+    asked = "start, end, instruments.top.depth, instruments.top.declination_applied, instruments.deep.depth"
     assert (
         f"M1.yaml: expected a value of every key, found 6 DECIDE entries; replace each DECIDE by a value: {asked}"
         in err

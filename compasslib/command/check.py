@@ -202,6 +202,7 @@ def _title(name: str, mooring: Mooring) -> str:
 
 
 def _row(name: str, part: str, instrument: Instrument, record: Record) -> tuple[str, ...]:
+    """Describe one record; without a part in a mooring its north is not decided yet."""
     time_s = record.time_s
     if not len(time_s):
         return (name, part, instrument.format, "0", *[""] * (len(HEAD) - 4))
@@ -212,7 +213,7 @@ def _row(name: str, part: str, instrument: Instrument, record: Record) -> tuple[
         name, part, instrument.format, f"{len(time_s)}", _span(usual), f"{int(np.sum(steps > GAP * usual))}",
         *(f"{datetime.fromtimestamp(t, UTC):%Y-%m-%d %H:%M}" for t in time_s[[0, -1]]), _depths(record.depth_m),
         f"{record.east.shape[1]}", _sectors(record.heading_deg[valid]),
-        _directions(record, instrument.declination_applied),
+        _directions(record, instrument.declination_applied) if part else "",
     )  # fmt: skip
 
 

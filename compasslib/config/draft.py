@@ -89,7 +89,8 @@ def mooring(name: str, drafted: Mooring, said: Place) -> str:
     Args:
         said: what the person knows.
     """
-    instruments = drafted.instruments
+    affected_first = sorted(drafted.instruments, key=lambda each: each != drafted.roles.affected)
+    instruments = {each: drafted.instruments[each] for each in affected_first}
     return "".join(
         [
             HEAD,
