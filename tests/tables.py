@@ -189,8 +189,12 @@ def _as(kind: str, truth: Truth) -> Truth:
     return Truth(truth.time_s[known], u, u if kind == "covariate" else v)
 
 
-def write(path: Path, form: Form) -> tuple[Truth, dict[str, object]]:
-    """Write the table; return what it holds, and the settings of its reader, of the columns only the times."""
+def write(path: Path, form: Form, headers: tuple[str, ...] = ()) -> tuple[Truth, dict[str, object]]:
+    """Write the table; return what it holds, and the settings of its reader, of the columns only the times.
+
+    Args:
+        headers: of time, or of date and clock, of east, north and depth.
+    """
     rng = np.random.default_rng(5)
     step = 1800 if form.few_days else STEP_S
     times = [START + timedelta(seconds=step * k) for k in range(N)]
@@ -198,7 +202,7 @@ def write(path: Path, form: Form) -> tuple[Truth, dict[str, object]]:
     lost = np.zeros(N, dtype=bool)
     lost[[7, 23]] = True
     apart = isinstance(TIMES[form.time](times[0]), tuple)
-    names = [*(("Datum", "Uhr") if apart else ("Zeit",)), "U", "V", "Tiefe"]
+    names = headers or [*(("Datum", "Uhr") if apart else ("Zeit",)), "U", "V", "Tiefe"]
     rows = [
         [*_cells(form, t), *_numbers(form, u, v, gone)] for t, u, v, gone in zip(times, east, north, lost, strict=True)
     ]
@@ -211,7 +215,7 @@ def write(path: Path, form: Form) -> tuple[Truth, dict[str, object]]:
     text = form.ending.join([*above, *["# exported by a program"] * form.comments, *lines, ""])
     data = text.encode(form.encoding)
     path.write_bytes(gzip.compress(data) if form.packed else data)
-    clock = {"date": "Datum", "clock": "Uhr"} if apart else {"time": "Zeit"}
+    clock = {"date": names[0], "clock": names[1]} if apart else {"time": names[0]}
     values = (np.where(lost, np.nan, 0.01 * x) for x in (east, north))
     return Truth(np.array([t.timestamp() for t in times]), *values), {"columns": clock, **dict(form.keys)}
 

@@ -106,6 +106,36 @@ def test_true_headings_without_noise_come_back(tmp_path):
     assert found.table.deviation_deg == pytest.approx(von_appen.predict(TRUTH, found.table.heading_deg), abs=1e-6)
 
 
+@pytest.mark.parametrize("declination", [10.7, -10.7])
+def test_headings_that_are_true_already_are_said_first(tmp_path, declination):
+    columns = at_sea(truth=np.array([0.0, 5.0, -3.0, 1.2, -0.5]), noise_deg=0.1)
+    true = written(tmp_path, **columns)
+    first = swing.calibrate([true], SURE | {"declination_deg": declination}).warnings[0]
+    assert f"minus the declination of {declination:+.1f}°: the recorded headings are probably true" in first
+    assert "write declination: 0" in first
+    advised = swing.calibrate([true], SURE | {"declination_deg": 0.0})
+    assert abs(advised.coefficients[0]) < 0.5 and "the declination" not in advised.warnings[0]
+    magnetic = written(tmp_path, **columns | {"compass_deg": angles.wrap360(columns["compass_deg"] - declination)})
+    right = swing.calibrate([magnetic], SURE | {"declination_deg": declination})
+    assert not any("minus the declination" in text for text in right.warnings)
+
+
+def test_a_wrong_sign_of_the_declination_is_said(tmp_path):
+    columns = at_sea(truth=np.array([0.0, 5.0, -3.0, 1.2, -0.5]), noise_deg=0.1)
+    path = written(tmp_path, **columns | {"compass_deg": angles.wrap360(columns["compass_deg"] - 8.0)})
+    found = swing.calibrate([path], SURE | {"declination_deg": -8.0})
+    assert "twice minus the declination of -8.0°: the declination probably has the wrong sign" in found.warnings[0]
+
+
+WILD = REAL.parents[1] / "wild/swing_hdg_holds_true.nmea"
+
+
+@pytest.mark.skipif(not WILD.exists(), reason="no ../shared/data")
+def test_a_log_whose_hdg_is_true_is_said_first():
+    found = swing.calibrate([WILD], {"format": "nmea0183"})
+    assert "minus the declination of +10.7°" in found.warnings[0] and "declination: 0" in found.warnings[0]
+
+
 def test_strong_iron_is_carried_by_the_exact_compass(tmp_path):
     iron, heading = np.array([0.02, 0.45, -0.2, 0.05, -0.03]), np.arange(0.0, 360.0, 10.0)
     path = written(tmp_path, compass_deg=compass.recorded_heading(iron, heading), true_deg=heading)

@@ -8,6 +8,7 @@ import re
 import shutil
 import subprocess
 import sys
+from copy import deepcopy
 from pathlib import Path
 
 import netCDF4
@@ -121,9 +122,12 @@ def test_check_says_what_each_mooring_has(tmp_path, capsys):
         "5",
     ]
     assert "  with deep: 5 pairs over 0 days, 10.2 m apart, " in lines[5]
-    assert any("no reference, so nothing is corrected" in line for line in lines) and lines[-1] == "2 moorings: ready"
-    told = lines.index("3 warnings:")
-    assert [line.split(":")[0] for line in lines[told + 1 : -1]] == ["  M1 top", "  M1 deep", "  M2 top"]
+    assert (
+        any("no reference, so nothing is corrected" in line for line in lines)
+        and lines[-1] == "2 moorings: can run, 0 problems"
+    )
+    told = lines.index("4 warnings:")
+    assert [line.split(":")[0] for line in lines[told + 1 : -1]] == ["  M1 top", "  M1 deep", "  M2 top", "  M2 deep"]
     assert not (folder / "results").exists()
 
 
@@ -134,8 +138,10 @@ def test_check_refuses_in_the_workflow_s_own_words(tmp_path, capsys, change_it):
         (folder / "raw/M1/top.000").unlink()
     else:
         change(folder / "config/moorings/M1.yaml", **yaml.safe_load(change_it))
-    line = refused(capsys, "check", str(folder))
-    assert "config/moorings/M1.yaml" in line and line.strip() in snakemake(folder).stderr
+    assert main(["check", str(folder)]) == 1
+    out, err = capsys.readouterr()
+    assert out.splitlines()[-1] == "cannot run, 1 problem" and "  deep " in out  # which can be opened
+    assert "config/moorings/M1.yaml" in err and err.strip() in snakemake(folder).stderr
 
 
 def test_check_opens_the_data_and_says_every_mistake(tmp_path, capsys):
@@ -146,6 +152,70 @@ def test_check_opens_the_data_and_says_every_mistake(tmp_path, capsys):
     out, err = capsys.readouterr()
     wrong = ("M1.yaml: latitude: expected", "M1.yaml: water_depth: expected", "M2: deep: raw/M2/deep.csv: column")
     assert all(text in line for text, line in zip(wrong, err.splitlines(), strict=True)) and "M3: 65" in out
+
+
+TABLE = {"format": "table", "files": "raw/M1/current.csv", "columns": {"time": "time", "value": "mA"}}
+
+
+def test_check_opens_what_is_listed_and_not_used(tmp_path, capsys):
+    folder = cruise(tmp_path, n=50)
+    path = folder / "config/moorings/M1.yaml"
+    told = yaml.safe_load(path.read_text())
+    later = deepcopy(told["instruments"]["deep"]) | {"files": "raw/M1/spare.csv"}
+    change(path, instruments=told["instruments"] | {"spare": later}, covariates={"pump": TABLE})
+    (folder / "raw/M1/spare.csv").write_text("no table\n")
+    (folder / "raw/M1/current.csv").write_text("time,mA\n2001-09-04T00:00:00Z,3\n2001-09-04T01:00:00Z,4\n")
+    assert main(["check", str(folder)]) == 1
+    out, err = capsys.readouterr()
+    assert "M1: spare: raw/M1/spare.csv: column" in err and "covariates.pump: no value inside the deployment" in err
+    assert "  pump: table, 2 values, 2001-09-04 00:00 to 2001-09-04 01:00" in out
+    assert out.splitlines()[-1] == "1 mooring: can run, 2 problems (stopped: M1)"
+    (folder / "raw/M1/current.csv").write_text("time,mA\nyesterday,3\n")
+    assert main(["check", str(folder)]) == 1 and "M1: covariates.pump: raw/M1/current.csv" in capsys.readouterr().err
+
+
+def test_check_counts_a_mooring_without_pairs_and_a_calibration_without_coefficients(tmp_path, capsys):
+    folder = cruise(tmp_path, n=50)
+    path = folder / "config/moorings/M1.yaml"
+    change(path, instruments=yaml.safe_load(path.read_text().replace("depth: 105", "depth: 400"))["instruments"])
+    table = (folder / "raw/M1/deep.csv").read_text()
+    (folder / "raw/M1/deep.csv").write_text(table.replace(",105.0,", ",400.0,"))
+    (folder / "config/calibrations").mkdir()
+    (folder / "config/calibrations/turn.yaml").write_text("kind: swing\nfile: raw/turn.csv\ndeclination: 3\n")
+    (folder / "raw/turn.csv").write_text("compass_deg,cog_deg\n10,20\n15,30\n20,40\n")
+    assert main(["check", str(folder)]) == 1
+    out, err = capsys.readouterr()
+    assert (
+        "  with deep: no pairs" in out and "M1: no pairs with deep, so nothing is corrected by it: no two veloc" in err
+    )
+    assert "turn.yaml: no coefficients: 3 headings cannot carry the five coefficients" in err
+    assert out.splitlines()[-1] == "1 mooring and 1 calibration: can run, 2 problems"
+
+
+def test_check_says_which_names_and_files_contradict(tmp_path, capsys):
+    folder = cruise(tmp_path, ("M1", "M2"), n=50)
+    for name in ("M1", "M2"):
+        path = folder / f"config/moorings/{name}.yaml"
+        told = yaml.safe_load(path.read_text())["instruments"]
+        again = {"again": deepcopy(told["deep"])} if name == "M1" else {}
+        numbered = {"compass": "wh1", "attributes": {"serial_number": f"WH-810{name[1]}"}}
+        year = {"M1": {}, "M2": {"start": "2009-09-04T00:00:00Z", "end": "2009-09-06T00:00:00Z"}}[name]
+        change(path, instruments={"top": told["top"] | numbered, "deep": told["deep"]} | again, **year)
+        (folder / f"raw/{name}/deep.csv").write_text((folder / f"raw/{name}/deep.csv").read_text())
+    assert main(["check", str(folder)]) == 1
+    err = capsys.readouterr().err
+    assert "M1: instruments deep and again are one record" in err
+    assert "compass wh1: serial number WH-8101 at M1 (top), WH-8102 at M2 (top): two instruments under one name" in err
+    assert "under two names" not in err
+    shutil.copy(folder / "raw/M1/top.000", folder / "raw/M2/top.000")
+    path = folder / "config/moorings/M2.yaml"
+    change(path, start="2007-09-04T00:00:00Z", end="2007-09-05T00:00:00Z")
+    path.write_text(path.read_text().replace("wh1", "wh2"))
+    assert main(["check", str(folder)]) == 1
+    assert (
+        "M1 and M2: one mooring under two names, as the files of the affected instrument are equal"
+        in capsys.readouterr().err
+    )
 
 
 def test_check_of_no_cruise(tmp_path, capsys):

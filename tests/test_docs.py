@@ -264,4 +264,7 @@ def test_the_wheel_works_without_the_checkout(installed, tmp_path):
     )
     ran = run_installed(installed, tmp_path, code)
     assert ran.returncode == 0, ran.stderr
-    assert ran.stdout.splitlines() == [f"True {installed / 'compasslib/__init__.py'}", "nothing: ready"]
+    assert ran.stdout.splitlines() == [
+        f"True {installed / 'compasslib/__init__.py'}",
+        "nothing to run: can run, 0 problems",
+    ]

@@ -2,9 +2,14 @@
 
 import gzip
 import io
+import struct
 import zipfile
+from datetime import datetime
 
+import nortek_encoder
 import numpy as np
+import pd0_encoder
+import pd12_files
 import pytest
 from netCDF4 import Dataset
 from scipy.io import savemat
@@ -50,6 +55,7 @@ WRITTEN = [
     (b"MATLAB 5.0 MAT-file, Platform: GLNXA64" + bytes(200), "a MATLAB file"),
     (b"Broadband 307.2 kHz\nPings/Ens = 45\nTime/Ping = 00:01.00\n", "a text export of RDI's programs"),
     (b"This is a letter about a mooring.\n" * 30, "a text without columns"),
+    (b"$PNORS,011626,010336,00000000,3EC40002,23.7*7B\r\n" * 9, "telemetry of a Nortek instrument"),
     (b"\0" * 5000, "a file of nothing but zeros"),
     (TABLE, "a text table"),
 ]
@@ -144,6 +150,55 @@ def test_a_binary_file_that_was_copied_as_text_is_said(tmp_path):
     path.write_bytes((b"\x7f\x7f\xae\x02\x00\x06\n" * 90).replace(b"\n", b"\r\n"))
     with pytest.raises(InputError, match="found one copied as text: a carriage return stands before every line feed"):
         read("pd0", [path], {})
+
+
+def acm_binary() -> bytes:
+    header = struct.pack(">I", 279 + 2 * 47) + bytes(275) + b"DATA"
+    return header + struct.pack("<3B2BH10f", 12, 30, 0, 9, 4, 2007, *[1.0] * 10) * 2 + bytes(8)
+
+
+RECORDS = {
+    "pd0": pd0_encoder.ensemble([[100, 200, 3, 2]] * 4),
+    "pd12": pd12_files.ensemble(1, datetime(2013, 7, 23), 90.0, [(100, 200, 3, 2)] * 4),
+    "nortek": nortek_encoder.record(5, bytes(42)) * 2,
+    "ad2cp": nortek_encoder.packet(0x16, bytes(range(90))) * 2,
+    "mmp_acm": acm_binary(),
+}
+BEFORE = {
+    "six bytes": bytes([0, 0, 181, 0, 0, 166]),
+    "banner": b"[BREAK Wakeup A]\r\nWorkHorse Broadband ADCP Version 16.30\r\n>CS\r\n",
+    "sentences": b"$GPZDA,101112.00,04,09,2007,00,00*66\r\n" * 3,
+    "marks of records": b"\x7f\x7f\x10\x00n\x7f\xa5\x05\x18\0DATA" * 30,
+    "zeros": bytes(70_000),
+}
+
+
+@pytest.mark.parametrize("form", RECORDS)
+@pytest.mark.parametrize("junk", BEFORE)
+def test_bytes_before_the_first_record_hide_nothing(tmp_path, form, junk):
+    path = tmp_path / "x"
+    path.write_bytes(BEFORE[junk] + RECORDS[form])
+    assert recognise(path).form == {"ad2cp": "nortek"}.get(form, form)
+
+
+def test_bytes_without_a_whole_record_are_not_known(tmp_path):
+    path = tmp_path / "x"
+    path.write_bytes(np.random.default_rng(0).integers(0, 256, 2**20, dtype=np.uint8).tobytes())
+    assert recognise(path) is None
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be"])
+def test_a_table_in_utf_16_is_known_without_its_mark(tmp_path, encoding):
+    path = tmp_path / "x"
+    path.write_bytes((TABLE * 9).decode().encode(encoding))
+    assert recognise(path).form == "table"
+
+
+@pytest.mark.parametrize("row", ["Sep 04 2007 12:00,1.0,2.0", "'2007-09-04',1.0,2.0", "M1;04.09.2007 12:00;1,0;2,0"])
+def test_a_table_is_known_by_its_rows_below_any_preamble(tmp_path, row):
+    path = tmp_path / "x"
+    path.write_text("\n".join(["A line about the instrument"] * 8 + ["time,u,v"] + [row] * 12))
+    assert recognise(path).form == "table"
 
 
 GENUINE = {

@@ -286,3 +286,14 @@ def test_quotation_marks_of_a_time_format_count(tmp_path):
     for form in ("'%d.%m.%y %H'", "%d.%m.%y %H"):
         record = read("table", [tmp_path / "a.csv"], {"columns": columns, "time_format": form})
         np.testing.assert_array_equal(record.time_s, 1188864000.0 + 3600.0 * np.arange(24))
+
+
+@pytest.mark.parametrize("separator", [",", " ", "\t"])
+@pytest.mark.parametrize(("mark", "end"), [("'", "'"), ('"', '"'), ('="', '"')])
+def test_times_and_headers_in_quotation_marks_are_read(tmp_path, separator, mark, end):
+    path = tmp_path / "a.csv"
+    rows = [["t", "u", "v"], ["2007-09-04 00:00:00", "1", "2"], ["2007-09-04 01:00:00", "3", "4"]]
+    lines = [separator.join([f"{mark}{first}{end}", *others]) for first, *others in rows]
+    path.write_text("\n".join(lines) + "\n")
+    found = read("table", [path], {"columns": {"time": "t", "east": "u", "north": "v"}})
+    assert np.diff(found.time_s).tolist() == [3600.0] and found.east[:, 0].tolist() == [1.0, 3.0]

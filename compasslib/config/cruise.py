@@ -6,6 +6,7 @@ import math
 import os
 import re
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar, get_args, get_origin
@@ -17,8 +18,8 @@ from pydantic_core import PydanticCustomError
 from compasslib.config import compasses
 from compasslib.config.calibrations import MODELS, CalibrationFile, KindKey, check_comparisons
 from compasslib.config.paths import RawFolder
-from compasslib.config.schema import CruiseOptions, Mooring, allowed_keys
-from compasslib.config.values import NAME_WORDS, nearest, shown
+from compasslib.config.schema import Covariate, CruiseOptions, Instrument, Mooring, allowed_keys
+from compasslib.config.values import DECIDE, NAME_WORDS, nearest, shown
 from compasslib.config.values import name as checked_name
 from compasslib.core.errors import InputError
 
@@ -38,6 +39,7 @@ class Cruise:
     moorings: dict[str, Mooring]  # by name, in the order of the file names
     mooring_files: dict[str, str]  # the YAML file of each, relative to the root
     calibrations: dict[str, CalibrationFile]  # by name, which is that of the file
+    refused_files: tuple[str, ...] = ()  # of moorings, left out for their mistakes
 
 
 def _raise(mistake: InputError) -> None:
@@ -57,7 +59,8 @@ def load(cruise: Path, refuse: Callable[[InputError], None] = _raise) -> Cruise:
     place = RawFolder(cruise, made_later=options.demonstration)
     moorings: dict[str, Mooring] = {}
     files: dict[str, str] = {}
-    for file in _mooring_files(cruise, options.moorings):
+    listed = _mooring_files(cruise, options.moorings)
+    for file in listed:
         try:
             mooring = _mooring(file, options, place)
             _refuse_taken(mooring.name, file, files)
@@ -73,7 +76,8 @@ def load(cruise: Path, refuse: Callable[[InputError], None] = _raise) -> Cruise:
         except InputError as mistake:
             refuse(mistake)
             del moorings[name], files[name]
-    return Cruise(cruise, options, moorings, files, calibrations)
+    refused = tuple(file for file in listed if file not in files.values())
+    return Cruise(cruise, options, moorings, files, calibrations, refused)
 
 
 def validate(model: type[Model], raw: dict[str, Any], file: str, place: RawFolder | None = None) -> Model:
@@ -83,12 +87,63 @@ def validate(model: type[Model], raw: dict[str, Any], file: str, place: RawFolde
         place: where raw files are looked for; not looked for where absent.
 
     Raises:
-        InputError: for an unknown key, else for the first value that cannot be used.
+        InputError: for values that are still to be decided, an unknown key, else the first value that cannot be used.
     """
+    open_keys = undecided(raw)
     try:
-        return model.model_validate(raw, context=place)
+        checked = model.model_validate(decided(raw), context=place)
     except ValidationError as error:
-        raise _explained(model, error, file) from None
+        mistakes = _explained(model, error, file)
+    else:
+        mistakes = []
+        if not open_keys:
+            return checked
+    told = [each for each in mistakes if not _holds_any(each.where.removeprefix(f"{file}: "), open_keys)]
+    first, *others = [_refuse_undecided(file, open_keys)] * bool(open_keys) + told
+    first.others = tuple(others)
+    raise first
+
+
+def valid_parts(cruise: Path, file: str) -> tuple[dict[str, Instrument], dict[str, Covariate]]:
+    """Validate each instrument and covariate of a mooring file by itself and leave out those with mistakes."""
+    try:
+        raw = decided(read(cruise, file, "name: EG4"))
+    except InputError:
+        return {}, {}
+    return _valid(Instrument, raw.get("instruments"), cruise), _valid(Covariate, raw.get("covariates"), cruise)
+
+
+def _valid(model: type[Model], listed: Any, cruise: Path) -> dict[str, Model]:
+    valid: dict[str, Model] = {}
+    for name, raw in listed.items() if isinstance(listed, dict) else ():
+        with suppress(ValidationError):
+            valid[name] = model.model_validate(raw, context=RawFolder(cruise, made_later=False))
+    return valid
+
+
+def undecided(raw: Any, place: str = "") -> list[str]:
+    """List the keys whose value is DECIDE, in the order of the file."""
+    if raw == DECIDE:
+        return [place]
+    below = raw.items() if isinstance(raw, dict) else ()
+    return [key for name, value in below for key in undecided(value, f"{place}.{name}".lstrip("."))]
+
+
+def decided(raw: Any) -> Any:
+    """Leave out the keys whose value is DECIDE."""
+    if not isinstance(raw, dict):
+        return raw
+    return {key: decided(value) for key, value in raw.items() if value != DECIDE}
+
+
+def _holds_any(place: str, keys: Sequence[str]) -> bool:
+    return any(f"{key}.".startswith(f"{place}.") for key in keys)
+
+
+def _refuse_undecided(file: str, keys: Sequence[str]) -> InputError:
+    found = f"{len(keys)} {DECIDE} {'entries' if len(keys) > 1 else 'entry'}"
+    advice = f"replace each {DECIDE} by a value: {', '.join(keys)}"
+    return InputError(file, expected="a value of every key", found=found, advice=advice)
 
 
 def _mooring_files(cruise: Path, moorings: str | Sequence[str]) -> list[str]:
@@ -186,15 +241,13 @@ def _refuse_taken(name: str, file: str, files: dict[str, str]) -> None:
             raise InputError(f"{file}: name", expected="a name of its own", found=found, advice="rename one of the two")
 
 
-def _explained(model: type[BaseModel], error: ValidationError, file: str) -> InputError:
-    """Return the first mistake of a file with the others, the spelling of keys first."""
+def _explained(model: type[BaseModel], error: ValidationError, file: str) -> list[InputError]:
+    """Explain each mistake of a file, the spelling of keys first."""
     every = sorted(error.errors(include_url=False), key=lambda e: e["type"] != "extra_forbidden")
     misspelt = {e["loc"][:-1] for e in every if e["type"] == "extra_forbidden"}
     # A misspelt key is also a missing one: the spelling is what helps.
     told = [e for e in every if e["type"] != "missing" or e["loc"][:-1] not in misspelt]
-    first, *others = (_mistake(model, one, file) for one in told or every)
-    first.others = tuple(others)
-    return first
+    return [_mistake(model, each, file) for each in told or every]
 
 
 def _mistake(model: type[BaseModel], first: Any, file: str) -> InputError:

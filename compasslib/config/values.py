@@ -14,6 +14,7 @@ from typing import Any, Literal
 
 from pydantic_core import PydanticCustomError
 
+DECIDE = "DECIDE"  # in a draft, the value of a key that a person must decide
 NAME_WORDS = "1 to 64 letters, digits, '_', '.' and '-', the first a letter or digit"
 VELOCITY_SETS = (("east", "north"), ("speed", "direction"), ("x", "y", "heading"))
 SWAPPED = "check the sign and the order of latitude and longitude"

@@ -17,6 +17,7 @@ class InputError(Exception):
         line = f"{where}: expected {expected}, found {_short(found, LONGEST_FOUND)}; {advice}"
         # A file's name may hold bytes that are no UTF-8: they are said as escapes.
         super().__init__(" ".join(line.split()).encode("utf-8", "backslashreplace").decode())
+        self.where = where
         self.others: tuple[InputError, ...] = ()  # further mistakes of the same file, for who wants to hear of all
 
 

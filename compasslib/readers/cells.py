@@ -26,7 +26,7 @@ import numpy as np
 from compasslib.core.errors import InputError
 from compasslib.core.records import NOT_CHECKED, PROBABLY_BAD
 from compasslib.core.types import Floats
-from compasslib.readers import flags, times
+from compasslib.readers import flags, plain, times
 from compasslib.readers.plain import LONGEST_LINE, of_lines, strange, text_of
 
 __all__ = ["LONGEST_LINE", "Layout", "Lines", "Table", "columns_of", "header_of", "of_lines", "strange"]
@@ -47,8 +47,6 @@ MOST_UNITS = 2  # lines of units or the like below a header
 DIGITS = tuple("+-.0123456789")  # with which cells of data begin
 MARKS = "#%"  # of a comment
 ALIKE = {0x2212: "-", 0xA0: " ", 0x202F: " "}  # the minus sign and blanks of typesetters
-QUOTES = " \t=\"'\u201c\u201d\u2018\u2019"  # around a time, where a table was exported twice or for a spreadsheet
-_WORD = re.compile(r'"[^"\n]*"|\S+')
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 _PLAIN = re.compile(r"[0-9eE+\-.\n]*")
 _WITH_COMMA = re.compile(r"[-+]?\d*,\d+(?:[eE][-+]?\d+)?", re.ASCII)
@@ -293,19 +291,11 @@ def _holds(line: str) -> bool:
 
 def _parted(line: str, delimiter: str) -> list[str]:
     try:
-        return [cell.strip() for cell in (_words(line) if delimiter == " " else next(_csv([line], delimiter)))]
+        return plain.without_quotes(
+            plain.split_words(line) if delimiter == " " else next(plain.split_rows([line], delimiter))
+        )
     except csv.Error:
         return []
-
-
-def _csv(lines: Iterable[str], delimiter: str) -> Any:
-    """Part lines into cells; a quotation mark may stand behind blanks."""
-    return csv.reader(lines, delimiter=delimiter, skipinitialspace=True)
-
-
-def _words(line: str) -> list[str]:
-    """Part a line at blanks that are not between quotation marks."""
-    return line.split() if '"' not in line else [cell.strip('"') for cell in _WORD.findall(line)]
 
 
 def _usual(lines: Sequence[str]) -> str:
@@ -317,23 +307,23 @@ def _usual(lines: Sequence[str]) -> str:
 def _below(path: Path, raw: list[str], begin: int, delimiter: str, *, ended: bool) -> Lines:
     """Return the header in one line and the rows below it."""
     if delimiter == " ":
-        listed = [_words(line) for line in raw[begin:]]
+        listed = [plain.split_words(line) for line in raw[begin:]]
     else:
-        reader = _csv(raw[begin:], delimiter)
+        reader = plain.split_rows(raw[begin:], delimiter)
         try:
             listed = list(reader)
         except csv.Error as error:
-            raise InputError(
-                str(path), expected="a readable CSV file", found=error, advice="check path and format"
-            ) from None
+            advice = "check path and format"
+            raise InputError(str(path), expected="a readable CSV file", found=error, advice=advice) from None
         if len(listed) < reader.line_num:
             _refuse_quote(path, raw, begin, delimiter)
     filled = [k for k, row in enumerate(listed) if row and (row[0].strip() or any(map(str.strip, row)))]
     kept = [k for k in filled if listed[k][0].lstrip()[:1] not in MARKS or not listed[k][0].strip()]
     if not kept:
         return Lines([], [], [])
-    header = [cell.strip() for cell in listed[kept[0]]]
-    again = {k for k in kept[1:] if [cell.strip() for cell in listed[k]] == header}  # of pages or files put together
+    header = plain.without_quotes(listed[kept[0]])
+    # Of pages or files put together.
+    again = {k for k in kept[1:] if header[0] in listed[k][0] and plain.without_quotes(listed[k]) == header}
     kept = [k for k in kept if k not in again]
     rows = [listed[k] for k in kept[1:]]
     rows = _with_clocks(header, rows) if delimiter == " " else rows
@@ -344,7 +334,7 @@ def _below(path: Path, raw: list[str], begin: int, delimiter: str, *, ended: boo
 
 def _refuse_quote(path: Path, raw: list[str], begin: int, delimiter: str) -> None:
     """Refuse a cell that goes on in the next line: a stray quotation mark would swallow rows."""
-    reader = _csv(raw[begin:], delimiter)
+    reader = plain.split_rows(raw[begin:], delimiter)
     line = next(k for k, _ in enumerate(reader, 1) if reader.line_num > k) + begin
     _refuse_line(path, line, "cells that end in their line", "a quotation mark that is not closed")
 
@@ -465,7 +455,7 @@ def _numbers(cells: list[str], decimal: str, missing: Sequence[str]) -> tuple[Fl
 
 def _times_in(path: Path, lines: Lines, places: Mapping[str, int], layout: Layout) -> tuple[dict[str, Floats], str]:
     """Return the times of a table by their role, date and clock together, and what was recognised."""
-    around = "".join({*QUOTES} - {*(layout.time_format or "")})  # a format may hold them
+    around = "".join({*plain.QUOTES} - {*(layout.time_format or "")})  # a format may hold them
     texts = {
         role: ([cell.strip(around) for cell in _column(path, lines, place, role)], lines.header[place])
         for role, place in places.items()
@@ -480,7 +470,9 @@ def _times_in(path: Path, lines: Lines, places: Mapping[str, int], layout: Layou
             found[role], said = times.seconds(cells, numbers, form=layout.time_format, zone=layout.timezone)
         except times.Unreadable as error:
             line = "" if error.row is None else f"line {lines.numbers[error.row]}, "
-            advice = error.advice or f"{MEND}; {times.SETTLE} for another form"
+            quoted = error.row is not None and any(mark in cells[error.row] for mark in "\"'")
+            advice = "delete the quotation marks" if quoted else error.advice
+            advice = advice or f"{MEND}; {times.SETTLE} for another form"
             where = f"{path}: {line}{header}"
             raise InputError(where, expected=error.expected, found=error.found, advice=advice) from None
     return found, said

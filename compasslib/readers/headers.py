@@ -9,20 +9,28 @@ from pathlib import Path
 
 from compasslib.readers import cells
 
+PRESSURE_ALONE = 3  # columns of a profiler's pressure, perhaps with temperature
 SPEEDS = {"mm": 0.001, "cm": 0.01, "m": 1.0}  # a second, in m/s
 _SPEED = re.compile(r"(?:^|[\W_])(mm|cm|m)[\W_]*(?:/|p|per)?[\W_]*s(?:ec|econd)?(?:\W*-?1)?\W*$")
 _UNIT = re.compile(
     r"[\[(][^\])]*[\])]|_(?:m|metres?|deg|degrees?|dbar|c|degc|utc|gmt|kn|knots|nt|ut|counts)$|°|\s+utc$"
 )
+_NORTH = {
+    "magnetic": r"deg[\W_]*m\b|\bmag(?:netic)?\b",
+    "true": r"deg[\W_]*t\b|\btrue\b",
+}  # to which a direction counts
 _FLOW = r"(?:velocity|vel|current|cur|comp|component|water)?"
 _WORDS = {
-    "time": r"(?:date)?_?times?|timestamp|date_?and_?time|utc|t|datenum|matlab_?(?:time|datenum)|epoch|unix_?time|juld",
+    "time": r"(?:(?:record|sampl(?:e|ing)|measurement|observation|ensemble|utc|gmt)_?)?(?:date)?_?times?"
+    r"(?:_?(?:utc|gmt))?"
+    r"|(?:record|sample|measurement)_?date|(?:record_)?time_?stamp|date_?and_?time|utc|t|datenum|matlab_?(?:time|datenum)"
+    r"|epoch|unix_?time|juld",
     "date": r"date|day|datum",
     "clock": r"time|clock|hour|hhmmss|time_of_day",
     "depth": r"depth|dep|instrument_?depth",
     "pressure": r"pressure|press|pres|p",
-    "east": rf"u|ue|ve|ew|{_FLOW}_?east(?:ward|ern)?_?{_FLOW}|ucur|ewct|evel",
-    "north": rf"v|vn|ns|{_FLOW}_?north(?:ward|ern)?_?{_FLOW}|vcur|nsct|nvel",
+    "east": rf"u|ue|ve|ew|vel(?:ocity)?_?e|{_FLOW}_?east(?:ward|ern)?_?{_FLOW}|ucur|ewct|evel",
+    "north": rf"v|vn|ns|vel(?:ocity)?_?n|{_FLOW}_?north(?:ward|ern)?_?{_FLOW}|vcur|nsct|nvel",
     "speed": r"(?:current|horizontal|water)?_?(?:speed|spd|magnitude|velocity|vel)|hcsp|abs_?speed",
     "direction": r"(?:current|horizontal|water|flow)?_?(?:direction|dir|dirn)|hcdt",
     "x": r"x|vx|vel(?:ocity)?_?x|x_?vel(?:ocity)?",
@@ -63,9 +71,10 @@ _TABLES: tuple[tuple[str, Mapping[str, str], tuple[str, ...]], ...] = (
 class Meaning:
     """What a table probably is."""
 
-    kind: str  # instrument | platform | swing | magnetometer | series
+    kind: str  # instrument | platform | swing | magnetometer | series | pressure
     columns: dict[str, str]  # role -> header
     scale: float | None = None  # to m/s, None where the headers do not tell
+    north: str | None = None  # magnetic or true, None where the headers do not tell
 
 
 def meaning(path: Path) -> Meaning | None:
@@ -74,8 +83,23 @@ def meaning(path: Path) -> Meaning | None:
     Raises:
         InputError: it cannot be read.
     """
-    lines = cells.lines_fitting(path, lambda names: of_header(names) is not None, must=True)
+    delimiters = list(cells.DELIMITERS)[: -1 if _is_delimited(path) else None]  # blanks may stand inside such names
+    lines = cells.lines_fitting(path, lambda names: of_header(names) is not None, must=True, delimiters=delimiters)
     return of_header(lines.header) if lines else None
+
+
+def _is_delimited(path: Path) -> bool:
+    """Tell whether a character other than a blank separates the cells of most lines, the same number in each."""
+
+    def names_columns(names: Sequence[str]) -> bool:
+        return len(names) > 1 and all(re.search(r"[^\W\d_]", name) for name in names)
+
+    for delimiter in cells.DELIMITERS.keys() - {" "}:
+        lines = cells.lines_fitting(path, names_columns, must=True, delimiters=[delimiter])
+        whole = [len(row) == len(lines.header) for row in lines.rows] if lines else []
+        if 2 * sum(whole) > len(whole):
+            return True
+    return False
 
 
 def of_header(names: Sequence[str]) -> Meaning | None:
@@ -96,11 +120,13 @@ def of_header(names: Sequence[str]) -> Meaning | None:
         kept = {role: columns[role] for role in (*clock, *flow, *_ABOUT) if role in columns}
         if clock:
             kept = {role: header for role, header in kept.items() if role not in ("date", "clock")}
-        return Meaning("instrument", kept, _scale(columns[role] for role in flow))
+        return Meaning("instrument", kept, _scale(columns[role] for role in flow), _north(columns, flow))
     for kind, words, must in _TABLES:
         found = _roles(names, words)
         if set(must) <= set(found):
             return Meaning(kind, found)
+    if timed and "pressure" in columns and len(names) <= PRESSURE_ALONE:
+        return Meaning("pressure", {role: columns[role] for role in ("time", "pressure") if role in columns})
     others = [name for name in names if name not in columns.values()]
     return Meaning("series", {"time": columns["time"], "value": others[0]}) if timed and len(others) == 1 else None
 
@@ -128,3 +154,10 @@ def _plain(name: str) -> str:
 def _scale(headers: Iterable[str]) -> float | None:
     units = {match[1] for header in headers if (match := _SPEED.search(re.sub(r"[\])]", "", header.lower())))}
     return SPEEDS[units.pop()] if len(units) == 1 else None
+
+
+def _north(columns: Mapping[str, str], flow: Iterable[str]) -> str | None:
+    """Identify the north of the directions, where the headers of currents and heading name one and no other."""
+    named = [columns[role].lower() for role in (*flow, "heading") if role in columns]
+    found = {north for north, words in _NORTH.items() for name in named if re.search(words, name)}
+    return found.pop() if len(found) == 1 else None

@@ -6,11 +6,12 @@ checksum do not count.
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from itertools import count
+from itertools import count, product
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,7 @@ from compasslib.readers.bounds import refuse_large_text
 from compasslib.readers.damage import refuse_mostly_damaged
 
 HEADINGS, COURSES = ("HDG", "HDM"), ("RMC", "VTG")
+USUAL = (HEADINGS[0], COURSES[0])
 PAIRED_S = 2.5  # a heading further in time from its course is not paired
 LOSSES = {
     "damaged": "damaged sentences (checksum absent or wrong, or cut short)",
@@ -92,6 +94,25 @@ def read(paths: Sequence[Path], *, heading: str = "HDG", course: str = "RMC") ->
         )
     log = _paired(fixes, seen, heading, counts)
     return NmeaLog(**log, counts=dict(counts), warnings=_losses(counts))
+
+
+def read_any(path: Path) -> tuple[dict[str, str], NmeaLog] | None:
+    """Read a log by the first sentences of heading and course that can be paired, None where it has none.
+
+    Returns:
+        What ``columns`` of a swing names, empty for the usual sentences, and the log.
+    """
+    content = _content(path)
+    named = [name for name in (*HEADINGS, *COURSES) if re.search(rb"\$[A-Z]{2}%s,[^,\s]" % name.encode(), content)]
+    for heading, course in product(HEADINGS, COURSES):
+        if not {heading, course} <= set(named):
+            continue
+        try:
+            log = read([path], heading=heading, course=course)
+        except InputError:
+            continue
+        return {"compass_deg": heading, "cog_deg": course} if (heading, course) != USUAL else {}, log
+    return None
 
 
 def _collected(

@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+import csv
 import gzip
+import re
 import zlib
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from compasslib.core.errors import InputError
 from compasslib.readers.bounds import refuse_large_text
 
 LONGEST_LINE = 2**20  # bytes; a table of 10,000 columns has fewer
 PACKED = b"\x1f\x8b"
+QUOTES = " \t=\"'\u201c\u201d\u2018\u2019"  # around a time, where a table was exported twice or for a spreadsheet
 SAMPLE = 4096  # bytes that tell UTF-16 without its mark
 _TEXT = bytes([*range(9, 14), *range(32, 127)])
 _LATIN = bytes([*range(0xA0, 0xFF)])  # no letter of a header is a control character or a filling of FF
+_WORD = re.compile(r'=?"[^"\n]*"|\S+')
 
 
 @dataclass(frozen=True)
@@ -67,7 +73,7 @@ def text_of(path: Path) -> Text:
     data = of_lines(path)
     with Path(path).open("rb") as raw:
         said = ("packed by gzip",) * (raw.read(len(PACKED)) == PACKED)
-    wide = _wide(data)
+    wide = utf16(data)
     try:
         if wide:
             return Text(data[: len(data) // 2 * 2].decode(wide), (*said, "in UTF-16"))
@@ -83,8 +89,8 @@ def text_of(path: Path) -> Text:
     return Text(data.decode("latin-1"), (*said, "in Latin-1"))
 
 
-def _wide(data: bytes) -> str | None:
-    """Return which UTF-16 a text is in, None where it is in none."""
+def utf16(data: bytes) -> str | None:
+    """Identify which UTF-16 a text is in, None where it is in none."""
     if data[:2] in (b"\xff\xfe", b"\xfe\xff") and (b"\n\0" in data or b"\0\n" in data):
         return "utf-16"
     low, high = data[:SAMPLE:2], data[1:SAMPLE:2]
@@ -92,3 +98,18 @@ def _wide(data: bytes) -> str | None:
         return None
     by = {"utf-16-le": high.count(0) / len(high) - low.count(0), "utf-16-be": low.count(0) / len(low) - high.count(0)}
     return next((name for name, share in by.items() if share > 0.9), None)
+
+
+def split_rows(lines: Iterable[str], delimiter: str) -> Any:
+    """Split lines into cells by a delimiter; a quotation mark may stand behind blanks."""
+    return csv.reader(lines, delimiter=delimiter, skipinitialspace=True)
+
+
+def split_words(line: str) -> list[str]:
+    """Split a line at blanks that are not between quotation marks."""
+    return line.split() if '"' not in line else [cell.strip('="') for cell in _WORD.findall(line)]
+
+
+def without_quotes(row: Sequence[str]) -> list[str]:
+    """Strip blanks and quotation marks from the cells of a row."""
+    return [cell.strip(QUOTES) for cell in row]

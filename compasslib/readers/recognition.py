@@ -12,6 +12,7 @@ Signature Principles (A5 0A); Unidata's NetCDF and HDF5 file formats; MAT-File F
 from __future__ import annotations
 
 import re
+import struct
 import zlib
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
@@ -20,8 +21,10 @@ from pathlib import Path
 
 from compasslib.core.errors import InputError, Passing
 from compasslib.readers.bounds import TooLarge
+from compasslib.readers.plain import utf16
 
 HEAD_BYTES = 65536
+SEARCHED_BYTES = 2**20  # in which records are looked for where the first bytes tell nothing
 TEXT_SHARE = 0.98  # of a text's bytes are printable
 READABLE = {
     "pd0": "an RDI PD0 file",
@@ -44,6 +47,7 @@ ELSEWHERE = {
 }
 CONVERT = "export it as a text table and write format: table"
 EXPORT = "give the file that the instrument or its program wrote"
+RECORDED = "give the file that the instrument recorded"
 UNPACK = "unpack it"
 
 
@@ -61,9 +65,10 @@ def _kind(name: str, form: str | None, holds: bytes, advice: str = CONVERT) -> K
     return Kind(name, form, re.compile(holds, re.DOTALL), advice)
 
 
+ZEROS = _kind("a file of nothing but zeros", None, rb"\0+\Z", "copy or export it again")
 KINDS = (
     _kind("an empty file", None, rb"\Z", "copy or export it again"),
-    _kind("a file of nothing but zeros", None, rb"\0+\Z", "copy or export it again"),
+    ZEROS,
     _kind("an RDI PD0 file", "pd0", rb"\x7f\x7f..\0"),
     _kind("an RDI PD12 file", "pd12", rb"n\x7f.[\0-\x0f]|.*<SampleData [^>]*>n\x7f"),
     _kind("a Nortek ad2cp file", "nortek", rb"\xa5[\x0a\x0c][\x15-\x2f\xa0]."),
@@ -82,13 +87,12 @@ KINDS = (
     _kind("an SQLite database (RBR's .rsk is one)", None, rb"SQLite format 3\0"),
     _kind("a Parquet file", None, rb"PAR1"),
     _kind("a Falmouth 3D-ACM's binary file", "mmp_acm", rb"(?:\x01[A-Z]{2}\d{7}_[^\x02]{21}\x02.{279,320}|.{279})DATA"),
-    _kind("an IAGA-2002 file", "iaga2002", rb"\s*Format\s+IAGA-2002"),
+    _kind("an IAGA-2002 file", "iaga2002", rb"[^\n]{0,999}Format\s+IAGA-2002"),
     _kind("a web page", None, rb"(?i)\s*(?:<!doctype html|<html)", EXPORT),
     _kind("an XML file", None, rb"\s*<\?xml", EXPORT),
     _kind("a text of a word processor (RTF)", None, rb"\{\\rtf", EXPORT),
     _kind("a JSON file", None, rb"\s*[{\[]\s*[\"{\[]"),
     _kind("a Sea-Bird file (cnv or hex)", None, rb"\s*\* ?Sea-?Bird"),
-    _kind("an NMEA 0183 log", "nmea0183", rb"(?:[^\n]*\n){0,3}[^\n]{0,40}[$!][A-Z]{2}[A-Z0-9]{3},[^\n]*\*[0-9A-F]{2}"),
     _kind(
         "scans of a Falmouth 3D-ACM behind a logger's time stamps",
         None,
@@ -98,6 +102,13 @@ KINDS = (
     ),
     _kind("unpacked scans of a Falmouth 3D-ACM", "mmp_acm", rb"(?:[^\n]*\n){0,12}[^\n]*\bHDNG[\s,]+TX[\s,]+TY\b"),
     _kind(
+        "telemetry of a Nortek instrument (NMEA sentences $PNOR...)",
+        None,
+        rb"(?:[^\n]*\n){0,20}[^\n]{0,40}\$PNOR",
+        RECORDED,
+    ),
+    _kind("an NMEA 0183 log", "nmea0183", rb"(?:[^\n]*\n){0,20}[^\n]{0,40}[$!][A-Z]{2}[A-Z0-9]{3},[^\n]*\*[0-9A-F]{2}"),
+    _kind(
         "a text export of RDI's programs",
         "rdi_text",
         rb"(?:[^\n]*\n){0,20}\s*(?:Pings/Ens|Time/Ping|First Ensemble (?:Date|Time)|1st Bin Range|Ensemble Interval)\b",
@@ -106,9 +117,15 @@ KINDS = (
 )
 TABLE = _kind("a text table", "table", rb"")
 PROSE = _kind("a text without columns", None, rb"", EXPORT)
-_ROW = re.compile(rb"\s*\"?[-+.]?\d[^\n]*[,;\t ]")  # begins with a number, and more stands behind it
 _DIGITS = re.compile(rb"(?<![0-9A-Za-z.:])(?:[0-9A-Fa-f]{40,}|(?:[0-9A-Fa-f]{2} ){19,}[0-9A-Fa-f]{2})")
 _PLAIN = bytes([*range(9, 14), *range(32, 127), *range(0xA0, 0xFF)])
+# What begins a record: of RDI, of older Nortek instruments, of an ad2cp file, and behind a header of a Falmouth 3D-ACM.
+_BINARY_RECORD = re.compile(
+    rb"(?=(?P<rdi>[n\x7f]\x7f)|(?P<older>\xa5(?:\x05\x18\0|\x04\x70\0|\0\0\x01))|(?P<ad2cp>\xa5[\x0a\x0c][\x15-\x2f\xa0])"
+    rb"|(?P<acm>DATA[\0-\x17][\0-;][\0-;][\x01-\x0c][\x01-\x1f](?:[\xbc-\xff]\x07|[\0-\x33]\x08)))",
+    re.DOTALL,
+)
+NORTEK_START = 0xB58C  # of a checksum's sum of words
 
 
 def recognise(path: str | Path) -> Kind | None:
@@ -120,10 +137,12 @@ def recognise(path: str | Path) -> Kind | None:
     try:
         with Path(path).open("rb") as file:
             head = file.read(HEAD_BYTES)
+            found = _of(head)
+            if found is None or found is ZEROS or (found.form in TEXTS and not _is_text(head)):
+                found = _of_record_in(head + file.read(SEARCHED_BYTES - len(head))) or found
     except OSError as error:
         reason = error.strerror or type(error).__name__
         raise InputError(str(path), expected="a readable file", found=reason, advice="check the path") from None
-    found = _of(head)
     if found is None or found.name != "a gzip file":
         return found
     try:
@@ -194,12 +213,13 @@ def _of(head: bytes) -> Kind | None:
         return found
     if hexadecimal := _hexadecimal(head):
         return hexadecimal
-    if head[:2] in (b"\xff\xfe", b"\xfe\xff") and (b"\n\0" in head or b"\0\n" in head):
-        return TABLE  # in UTF-16
-    if len(head.translate(None, _PLAIN)) > (1.0 - TEXT_SHARE) * len(head):
+    if wide := utf16(head):
+        head = head[: len(head) // 2 * 2].decode(wide, errors="replace").encode("latin-1", errors="replace")
+    if not _is_text(head):
         return None
     lines = [line for line in head.splitlines() if line.strip()]
-    return TABLE if 2 * sum(bool(_ROW.match(line)) for line in lines) >= len(lines) else PROSE
+    below = lines[len(lines) // 2 :]  # whatever stands above a table
+    return TABLE if 2 * sum(map(_is_row, below)) >= len(below) else PROSE
 
 
 def _hexadecimal(head: bytes) -> Kind | None:
@@ -216,3 +236,42 @@ def _hexadecimal(head: bytes) -> Kind | None:
     advice = f"turn the digits{' behind the stamps' * stamped} into bytes (xxd -r -p)"
     advice += f" and write format: {binary.form}" if binary else ""
     return Kind(f"{name} written as hexadecimal text{' behind time stamps' * stamped}", None, _DIGITS, advice)
+
+
+def _is_text(head: bytes) -> bool:
+    return len(head.translate(None, _PLAIN)) <= (1.0 - TEXT_SHARE) * len(head)
+
+
+def _is_row(line: bytes) -> bool:
+    """Tell a row of numbers in columns from words."""
+    digits, letters = len(re.findall(rb"\d", line)), len(re.findall(rb"[A-Za-z]", line))
+    return digits > letters and bool(re.search(rb"\S[,;|\t ]+\S", line))
+
+
+def _of_record_in(data: bytes) -> Kind | None:
+    """Identify a file by the first binary record in it whose checksum holds, whatever stands before."""
+    view = memoryview(data)
+    for mark in _BINARY_RECORD.finditer(data):
+        record, ad2cp = view[mark.start() :], bool(mark["ad2cp"])
+        if mark["acm"]:
+            return next(kind for kind in KINDS if kind.form == "mmp_acm")
+        if mark["rdi"] and _rdi_checksum_holds(record):
+            return next(kind for kind in KINDS if kind.form == ("pd12" if mark["rdi"][:1] == b"n" else "pd0"))
+        if not mark["rdi"] and _nortek_checksum_holds(record, header=ad2cp):
+            return next(kind for kind in KINDS if kind.form == "nortek" and ("ad2cp" in kind.name) == ad2cp)
+    return None
+
+
+def _rdi_checksum_holds(record: memoryview) -> bool:
+    size = int.from_bytes(record[2:4], "little")
+    stated = int.from_bytes(record[size : size + 2], "little")
+    return 4 < size <= len(record) - 2 and sum(record[:size]) & 0xFFFF == stated
+
+
+def _nortek_checksum_holds(record: memoryview, *, header: bool) -> bool:
+    """Tell whether the sum of a record's words, or of those of an ad2cp file's header, is its last word."""
+    size = record[1] if header else 2 * int.from_bytes(record[2:4], "little")
+    if size > len(record):
+        return False
+    *words, stated = struct.unpack(f"<{size // 2}H", record[:size])
+    return (sum(words) + NORTEK_START) & 0xFFFF == stated

@@ -92,7 +92,7 @@ class Moorings:
         instrument = self._instrument(wildcards)
         unset = {key for key in readers.TABLE_KEYS if key not in instrument.model_fields_set}
         keys = [key for key in readers.of(instrument.format).keys if key not in unset]
-        numbered = {"serial_number": self._serial_number(wildcards)} if "serial_number" in keys else {}
+        numbered = {"serial_number": self.serial_number(wildcards)} if "serial_number" in keys else {}
         return _plain(instrument, [key for key in keys if key not in numbered]) | numbered
 
     def deployment(self, wildcards: Any) -> dict[str, Any]:
@@ -218,7 +218,7 @@ class Moorings:
         """Return place, dates and instruments of each mooring, for the report."""
         return {name: _described(mooring) for name, mooring in self.cruise.moorings.items()}
 
-    def _serial_number(self, wildcards: Any) -> str | None:
+    def serial_number(self, wildcards: Any) -> str | None:
         """Return what the metadata say, the mooring's attributes being the affected instrument's."""
         own = self._instrument(wildcards).attributes
         known = self.attributes(wildcards) if wildcards.role == self._mooring(wildcards).compromised else own

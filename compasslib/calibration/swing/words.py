@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from compasslib.calibration.platform import ALIKE_DEG, DECLINATION_DEG
 from compasslib.calibration.swing import model
 from compasslib.calibration.swing.data import headings_of
 from compasslib.calibration.swing.fit import SwingFit
@@ -50,6 +51,7 @@ def warnings(swing: Swing, series: SwingFit, exact: SwingFit) -> tuple[str, ...]
     seen = swing.seen
     left_out = [f"left out: {n} {why}" for why, n in seen.left_out.items()]
     warnings = [
+        *_of_constant(swing, series),
         *left_out,
         *seen.warnings,
         *_of_headings(swing, series),
@@ -227,6 +229,25 @@ def _of_declination(swing: Swing) -> list[str]:
     if off < 0.5:
         return []
     return [f"the log states a declination of {stated:+.1f}°, {swing.declination_deg:+.1f}° is used"]
+
+
+def _of_constant(swing: Swing, series: SwingFit) -> list[str]:
+    """Say where A is minus the declination, once or twice: which of the two norths is then likely confused."""
+    constant, declination = float(series.parameters[0]), swing.declination_deg
+    near = max(2.0 * float(np.sqrt(series.covariance[0, 0])), ALIKE_DEG)
+    if min(abs(constant), abs(declination)) <= max(DECLINATION_DEG, near):
+        return []
+    confused = {
+        1.0: "the recorded headings are probably true already (HDG of some logs is), or the courses magnetic; if so, "
+        "write declination: 0",
+        2.0: "the declination probably has the wrong sign; if so, correct declination, or latitude and longitude",
+    }
+    begin = f"A is {constant:+.1f}°, which is"
+    return [
+        f"{begin} {'twice ' * (times == 2.0)}minus the declination of {declination:+.1f}°: {what}"
+        for times, what in confused.items()
+        if abs(float(angles.difference(constant, -times * declination))) < near
+    ]
 
 
 def _of_size(series: SwingFit, exact: SwingFit) -> list[str]:

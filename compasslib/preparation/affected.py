@@ -1,0 +1,104 @@
+"""Which of two compasses is affected: the error of a compass is a function of its own heading.
+
+The difference of the directions that two instruments measure is fitted with harmonics of one heading, and tried on
+stretches that were left out of the fit. Harmonics of the direction of the current are in the fit beforehand: headings
+follow the current, and water that turns with depth must not pass for a compass.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib.core import angles
+from compasslib.core.records import EarthField, Pairs, Record
+from compasslib.core.types import Floats
+from compasslib.preparation import overlap
+from compasslib.stats import blocks
+
+HARMONICS = (1, 2)  # of the deviation
+BLOCK_S = 5 * 86400.0  # longer than eddies and tides remember
+FEWEST_BLOCKS = 12  # below these the scatter of the blocks is not known
+FOLDS = 8
+FASTEST = 2.0  # median speeds beyond which a direction gains no weight
+LEAST_SHARE, LEAST_SIGMAS = 0.02, 5.0  # of the misfit that a heading must explain, and how surely
+DISTINCT = 4.0  # times the share that the other heading explains
+
+
+@dataclass(frozen=True)
+class Explained:
+    """The share of the misfit between two directions that a heading explains on data left out of the fit."""
+
+    share: float = 0.0
+    sigma: float = np.inf
+
+    @property
+    def significant(self) -> bool:
+        """Tell whether the share is neither small nor chance."""
+        return self.share > max(LEAST_SHARE, LEAST_SIGMAS * self.sigma)
+
+
+def compare(one: Record, other: Record) -> tuple[Explained, Explained] | None:
+    """Compute how much of the difference of directions each of two headings explains, None where too few pairs exist.
+
+    Args:
+        one: inside the deployment, depth known; as ``other``.
+    """
+    empty = np.zeros(2)
+    field = EarthField(np.array([0.0, 1.0]), empty, empty, empty, empty)  # a constant declination changes nothing
+    for upper, lower in ((one, other), (other, one)):
+        pairs = overlap.find(upper, [lower], field, overlap.Rules())
+        if not len(pairs) or pairs.lower_heading_deg is None:
+            continue
+        found = explained(pairs, pairs.heading_deg), explained(pairs, pairs.lower_heading_deg)
+        return found if upper is one else found[::-1]
+    return None
+
+
+def is_affected(own: Explained, others: Explained) -> bool:
+    """Tell whether a compass is the affected one of two."""
+    return own.significant and own.share > DISTINCT * max(others.share, 0.0)
+
+
+def explained(pairs: Pairs, heading_deg: Floats) -> Explained:
+    """Compute the share of the misfit that harmonics of a heading explain.
+
+    Args:
+        heading_deg: recorded, (n,), NaN where missing.
+    """
+    upper, lower = (
+        side[0] + 1j * side[1]
+        for side in ((pairs.upper_east, pairs.upper_north), (pairs.lower_east, pairs.lower_north))
+    )
+    turned = angles.argument(upper * np.conj(lower))
+    turned = angles.difference(turned, angles.mean(turned))
+    slower = np.minimum(np.abs(upper), np.abs(lower))
+    weight = np.minimum(slower / np.median(slower), FASTEST)
+    known = np.isfinite(turned) & np.isfinite(heading_deg) & (slower > 0.0)
+    block = blocks.of_span(pairs.time_s[known], BLOCK_S)
+    if len(np.unique(block)) < FEWEST_BLOCKS:
+        return Explained()
+    middle = angles.argument((upper / np.abs(upper) + lower / np.abs(lower))[known])
+    current = np.column_stack([np.ones(known.sum()), _harmonics(middle)])
+    both = np.column_stack([current, _harmonics(heading_deg[known])])
+    misfits = [_misfit(columns, turned[known], weight[known], block) for columns in (current, both)]
+    gain = 1.0 - misfits[1] / misfits[0]
+    return Explained(float(gain.mean()), float(gain.std(ddof=1) / np.sqrt(len(gain))))
+
+
+def _harmonics(angle_deg: Floats) -> Floats:
+    return np.column_stack([part for order in HARMONICS for part in angles.sin_cos(order * angle_deg)])
+
+
+def _misfit(columns: Floats, turned: Floats, weight: Floats, block: NDArray[np.intp]) -> Floats:
+    """Compute the mean misfit of each block by a fit to blocks of other folds, degrees."""
+    left = np.empty(len(turned))
+    for fold in range(FOLDS):
+        out = block % FOLDS == fold
+        rows = weight[~out, None]
+        coefficients = np.linalg.lstsq(rows * columns[~out], weight[~out] * turned[~out], rcond=1e-6)[0]
+        left[out] = weight[out] * np.abs(turned[out] - columns[out] @ coefficients)
+    _, place = np.unique(block, return_inverse=True)
+    return np.asarray(np.bincount(place, left) / np.bincount(place))

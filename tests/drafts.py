@@ -1,0 +1,270 @@
+"""Files as people have them, drawn by seed or genuine, and what ``compass init`` makes of each."""
+
+from __future__ import annotations
+
+import functools
+import gzip
+import operator
+import tempfile
+import zipfile
+from collections.abc import Callable, Mapping
+from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import dataclass
+from datetime import datetime
+from io import BytesIO, TextIOWrapper
+from pathlib import Path
+from typing import Any
+
+import iaga_files
+import netcdf_layouts
+import nortek_encoder
+import numpy as np
+import pd0_encoder
+import pd12_files
+import tables
+import yaml
+from sea import SHARED
+
+from compasslib import readers
+from compasslib.command import main
+from compasslib.config.cruise import decided, undecided
+from compasslib.core.errors import InputError
+
+# Headers of exports: of time, or of date and clock, of east, north and depth; and their factor to m/s, if they tell it.
+HEADERS: tuple[tuple[tuple[str, ...], float | None], ...] = (
+    (("Record Time", "East[cm/s]", "North[cm/s]", "Depth[m]"), 0.01),
+    (("Date Time", "Velocity East (m/s)", "Velocity North (m/s)", "Depth (m)"), 1.0),
+    (("DateTime", "Vel_E_mm_s", "Vel_N_mm_s", "Depth"), 0.001),
+    (("time_utc", "u_cm_s", "v_cm_s", "depth_m"), 0.01),
+    (("Time (UTC)", "Eastward velocity [m s-1]", "Northward velocity [m s-1]", "Depth [m]"), 1.0),
+    (("Timestamp", "VE", "VN", "Dep"), None),
+    (("Sample Time", "East Vel (cm/s)", "North Vel (cm/s)", "Instrument Depth (m)"), 0.01),
+    (("Date/Time", "Current East cm/s", "Current North cm/s", "depth"), 0.01),
+    (("Zeitpunkt", "Komponente A", "Komponente B", "Tiefe"), None),  # nobody can know
+)
+HEADERS_APART = (
+    (("Date", "Time", "East [cm/s]", "North [cm/s]", "Depth [m]"), 0.01),
+    (("Date", "Clock", "u", "v", "depth"), None),
+)
+JUNK = (b"", b"\0\0\xb5\0\0\xa6", b"[BREAK Wakeup A]\r\nWorkHorse\r\n>CS\r\n", bytes(5000), b"$GPZDA,1,2,3*00\r\n" * 4)
+
+
+@dataclass(frozen=True)
+class Case:
+    """A file, and what its draft must say: of an instrument, of a calibration, of a series, or that it is left out."""
+
+    name: str
+    write: Callable[[Path], Any]  # of a table its truth
+    format: str = ""
+    calibration: str = ""
+    left: str = ""  # a word of the line that says why
+    columns: Mapping[str, str] | None = None
+    scale: float | None = None
+
+
+def drawn(seed: int, n: int) -> list[Case]:
+    """Draw n files: half of them tables of currents, the others of every other kind in turn."""
+    rng = np.random.default_rng(seed)
+    others = list(OTHERS)
+    rng.shuffle(others)
+    return [_table(rng, k) if k % 2 else others[k // 2 % len(others)](rng) for k in range(n)]
+
+
+def genuine() -> list[Case]:
+    """List the genuine and wild files that are there."""
+    known = (
+        ("wild/pd0_junk_before.000", {"format": "pd0"}),
+        (
+            "wild/seaguard_tab.txt",
+            {"format": "table", "columns": {"time": "Record Time", "east": "East[cm/s]"}, "scale": 0.01},
+        ),
+        ("wild/nortek_pnors.nmea", {"left": "telemetry"}),
+        ("wild/swing_hdg_holds_true.nmea", {"calibration": "swing"}),
+        ("swing/2010-11-03.Taiohae.nmea", {"calibration": "swing"}),
+        ("pd0/eh2_20060530_20060717_0007m.000", {"format": "pd0"}),
+        ("moored/aqd9330.npz", {"left": "zip"}),
+        ("moored/papa_node59p1.dat", {"format": "pd12"}),
+        ("acm/mmp_global_A0000001.TXT", {"format": "mmp_acm"}),
+        ("acm/mmp_global_A0000001.DAT", {"format": "mmp_acm"}),
+        ("observatory/esk20031029dmin.min", {"calibration": "declination"}),
+        ("magnetometer/signature500.csv", {"calibration": "magnetometer"}),
+        (
+            "cruise_eh2/raw/E0/deep.csv",
+            {"format": "table", "columns": {"time": "time_utc", "east": "u_cm_s"}, "scale": 0.01},
+        ),
+        ("vectors.json", {"left": "JSON"}),
+    )
+    return [
+        Case(name, functools.partial(_copy, SHARED / name), **expected)
+        for name, expected in known
+        if (SHARED / name).is_file()
+    ]
+
+
+def outcome(case: Case) -> tuple[str, str]:
+    """Draft one file alone; return right, asked or wrong, and what was said or drafted."""
+    with tempfile.TemporaryDirectory() as folder:
+        path, new = Path(folder, "M", Path(case.name).name), Path(folder, "new")
+        path.parent.mkdir()
+        truth, said = case.write(path), TextIOWrapper(BytesIO(), write_through=True)
+        with redirect_stdout(said), redirect_stderr(said):
+            failed = main(["init", str(path), "--into", str(new)])
+        if failed:
+            told = said.buffer.getvalue().decode()
+            line = next((text for text in told.splitlines() if "left out" in text), told)
+            right = case.left and case.left in line
+            asked = case.format == "table" and "names no known columns" in line
+            return "right" if right else "asked" if asked else "wrong", line.strip()
+        texts = [yaml.safe_load(file.read_text()) for file in new.glob("config/*/*.yaml")]
+        found = texts[0]
+        if case.calibration:
+            return "right" if found.get("kind") == case.calibration else "wrong", str(found)
+        instrument = next(iter(found.get("instruments", {}).values()), {})
+        return _judged(case, instrument, truth, new), str(instrument)
+
+
+def _judged(case: Case, instrument: dict[str, Any], truth: Any, root: Path) -> str:
+    columns = dict(instrument.get("columns", {}))
+    scale = columns.pop("scale", None)
+    wrong = [role for role, header in (case.columns or {}).items() if columns.get(role) != header]
+    if case.left or instrument.get("format") != case.format or wrong or scale not in (case.scale, "DECIDE"):
+        return "wrong"
+    open_keys = {key.rpartition(".")[2] for key in undecided(instrument)} & {"scale", *readers.TABLE_KEYS}
+    if case.format != "table" or open_keys - {"scale"}:
+        return "asked" if open_keys else "right"
+    files = [root / file for file in [instrument["files"]]]
+    try:
+        record = readers.read("table", files, decided(instrument))
+    except InputError:
+        return "wrong"
+    if isinstance(truth, tables.Truth):
+        factor = 100.0 * (case.scale or 1.0)
+        same = len(record.time_s) == len(truth.time_s) and np.abs(record.time_s - truth.time_s).max() < tables.SURE_S
+        pairs = ((record.east, truth.east), (record.north, truth.north))
+        if not (same and all(np.allclose(a[:, 0], factor * b, atol=1e-9, equal_nan=True) for a, b in pairs)):
+            return "wrong"
+    return "asked" if open_keys else "right"
+
+
+def _table(rng: np.random.Generator, k: int) -> Case:
+    form = tables._drawn(rng)
+    apart = form.time.startswith("apart")
+    listed = HEADERS_APART if apart else HEADERS
+    headers, scale = listed[int(rng.integers(len(listed)))]
+    scale = None if form.units and scale is None else scale
+    roles = ("date", "clock") if apart else ("time",)
+    columns = dict(zip((*roles, "east", "north"), headers, strict=False))
+
+    def write(path: Path) -> tables.Truth:
+        return tables.write(path, form, headers)[0]
+
+    return Case(f"table{k}.{rng.choice(['csv', 'txt', 'dat'])}", write, format="table", columns=columns, scale=scale)
+
+
+def _binary(name: str, form: str, content: Callable[[], bytes]) -> Callable[[np.random.Generator], Case]:
+    def make(rng: np.random.Generator) -> Case:
+        data = JUNK[int(rng.integers(len(JUNK)))] + content()
+        return Case(name, lambda path: path.write_bytes(data), format=form)
+
+    return make
+
+
+def _plain(name: str, content: Callable[[], bytes], **expected: str) -> Callable[[np.random.Generator], Case]:
+    return lambda rng: Case(name, lambda path: path.write_bytes(content()), **expected)  # type: ignore[arg-type]
+
+
+def _samples() -> list[nortek_encoder.Sample]:
+    return [nortek_encoder.Sample(k, np.full((3, 4), 0.1 + 0.01 * k), heading=30.0 * k % 360.0) for k in range(12)]
+
+
+def _older() -> bytes:
+    return nortek_encoder.configuration(0, 4) + b"".join(nortek_encoder.older(each) for each in _samples())
+
+
+def _signature() -> bytes:
+    samples = [nortek_encoder.Sample(k, np.full((4, 4), 0.1), heading=30.0 * k % 360.0) for k in range(12)]
+    return nortek_encoder.text() + b"".join(nortek_encoder.signature(each) for each in samples)
+
+
+def _pd0() -> bytes:
+    hours = (datetime(2007, 9, 4 + k // 24, k % 24) for k in range(48))
+    cells = [[100, 200, 3, 2]] * 4
+    return b"".join(
+        pd0_encoder.ensemble(cells, number=k, when=when, heading=700 * k % 36000) for k, when in enumerate(hours, 1)
+    )
+
+
+def _pd12() -> bytes:
+    cells = [(100, 200, 3, 2)] * 4
+    return pd12_files.framed(
+        [pd12_files.ensemble(k, datetime(2013, 7, 23, k), 15.0 * k, cells) for k in range(1, 20)], escape=False
+    )
+
+
+def sentences(*bodies: str) -> str:
+    """Write NMEA 0183 sentences with their checksums."""
+    return "".join(f"${body}*{functools.reduce(operator.xor, body.encode()):02X}\r\n" for body in bodies)
+
+
+def log(heading: str | None, course: str = "RMC", n: int = 72) -> str:
+    """Write an NMEA log of a turn of n times 5 degrees."""
+    bodies = []
+    for k in range(n):
+        bodies += [heading.format(5 * k)] if heading else []
+        bodies += [f"GPRMC,18{k // 60:02d}{k % 60:02d},A,0854.0,S,14006.0,W,5.0,{5 * k}.0,031110,10.7,E"]
+        bodies += [f"GPVTG,{5 * k}.0,T,,M,5.0,N,9.3,K"] if course == "VTG" else []
+    return sentences(*bodies)
+
+
+def _archive(path: Path) -> None:
+    with zipfile.ZipFile(path, "w") as packed:
+        packed.writestr("top.000", "x")
+
+
+def _copy(source: Path, path: Path) -> None:
+    path.symlink_to(source)
+
+
+def _rows(header: str, row: Callable[[int], str]) -> Callable[[], bytes]:
+    return lambda: "\n".join([header, *map(row, range(36)), ""]).encode()
+
+
+OTHERS: tuple[Callable[[np.random.Generator], Case], ...] = (
+    _binary("top.000", "pd0", _pd0),
+    _binary("top.log", "pd0", _pd0),
+    _binary("modem.dat", "pd12", _pd12),
+    _binary("meter.prf", "nortek", _older),
+    _binary("meter.ad2cp", "nortek", _signature),
+    lambda rng: Case("adcp.nc", lambda path: netcdf_layouts.write(path, "imos_magnetic"), format="netcdf"),
+    lambda rng: Case("site.nc", lambda path: netcdf_layouts.write(path, "oceansites"), format="netcdf"),
+    _plain("turn.nmea", lambda: log("HCHDG,{}.0,,,10.7,E").encode(), calibration="swing"),
+    _plain("turn.log", lambda: log("HCHDM,{}.0,M", "VTG").encode(), calibration="swing"),
+    _plain("gnss.nmea", lambda: log(None).encode(), left="no magnetic heading"),
+    _plain("gyro.nmea", lambda: log("HEHDT,{}.0,T").encode(), left="no magnetic heading"),
+    _plain("transit.nmea", lambda: log("HCHDG,{}.0,,,10.7,E", n=20).encode(), left="no swing"),
+    _plain(
+        "dvl.txt", lambda: sentences(*["PNORC1,083013,132455,3,11.0,0.332,0.332,0.332"] * 9).encode(), left="telemetry"
+    ),
+    _plain(
+        "bench.csv", _rows("reference_deg,recorded_deg", lambda k: f"{10 * k},{10 * k + 2}"), calibration="platform"
+    ),
+    _plain("swing.csv", _rows("Compass,COG,SOG", lambda k: f"{10 * k},{10 * k + 2},5"), calibration="swing"),
+    _plain(
+        "mag.csv",
+        _rows("time_utc,x,y,z", lambda k: f"2007-09-04T00:00:{k:02d}Z,{k},{-k},9"),
+        calibration="magnetometer",
+    ),
+    _plain(
+        "ctd.csv", _rows("time,pressure_dbar", lambda k: f"2007-09-04T00:00:{k:02d}Z,{k}"), left="table of pressure"
+    ),
+    _plain("letter.txt", lambda: b"We moored it on Tuesday, in 800 m of water.\n" * 20, left="a text without columns"),
+    _plain("photo.png", lambda: b"\x89PNG\r\n\x1a\n" + bytes(99), left="an image"),
+    _plain("log.pdf", lambda: b"%PDF-1.7\n" + bytes(99), left="a PDF"),
+    _plain("old.mat", lambda: b"MATLAB 5.0 MAT-file, Platform: GLNXA64" + bytes(99), left="MATLAB"),
+    _plain("noise.bin", lambda: np.random.default_rng(1).bytes(5000), left="not known"),
+    _plain("none.000", lambda: b"", left="an empty file"),
+    _plain("erased.000", lambda: bytes(90_000), left="nothing but zeros"),
+    _plain("top.000.gz", lambda: gzip.compress(_pd0()), left="gzip file that holds an RDI PD0"),
+    lambda rng: Case("raw.zip", _archive, left="a zip archive"),
+    lambda rng: Case("mde.min", lambda path: iaga_files.write(path, iaga_files.series(2)), calibration="declination"),
+)
