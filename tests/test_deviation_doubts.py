@@ -9,10 +9,12 @@ import pytest
 from sea import FOLDED, MILD, pairs
 from test_deviation_correction import field_of, record_of
 
+from compasslib.calibration import at_mooring
 from compasslib.core import angles
 from compasslib.core.records import GOOD, PROBABLY_BAD, Pairs
 from compasslib.deviation import constant, correction, doubts, exact, windows
 from compasslib.deviation.model import Fit
+from compasslib.search import conclusion
 
 DECLINATION_DEG, SIGMA_DEG = 18.0, 1.3
 
@@ -137,3 +139,35 @@ def test_doubts_lower_the_flag_and_widen_the_uncertainty_there_and_nowhere_else(
 def test_doubts_come_back_from_deviation_json():
     every = (doubts.Doubt(1.2e9, 1.3e9, 12.0, "why"), doubts.whole_record(30.0, "all of it"))
     assert doubts.from_json([doubt.to_json() for doubt in every]) == every
+
+
+# ------------------------------------------------------------------------------------------------ steps, other faults
+def test_the_step_of_coarse_headings_is_in_their_uncertainty_where_they_are_coarse():
+    seen, heading = pairs(MILD, n=2000, seed=4)
+    record, fit = record_of(seen), exact.fit(seen)
+    part = np.arange(2000) < 1000
+    coarse = replace(record, heading_deg=np.where(part, 10.0 * np.floor(record.heading_deg / 10.0), record.heading_deg))
+    plain, found = (correction.correct(each, fit, field_of(seen), seen) for each in (record, coarse))
+    error = np.abs(angles.difference(found.heading_corrected_deg, heading))
+    assert np.mean(error[part] < 1.96 * found.heading_uncertainty_deg[part]) > 0.9
+    np.testing.assert_array_equal(found.heading_uncertainty_deg[~part], plain.heading_uncertainty_deg[~part])
+
+
+def test_a_calibration_of_another_compass_is_contradicted_and_its_own_is_not():
+    seen, _ = pairs(MILD, n=1500, seed=6)
+    own = replace(exact.fit(pairs(MILD, n=1500, seed=7)[0]), method="calibration")
+    other = replace(own, coefficients=own.coefficients + np.array([0.0, -0.2, 0.2, 0.0, 0.0]))
+    moved = replace(own, coefficients=own.coefficients + np.array([0.2, 0.0, 0.0, 0.0, 0.0]))
+    assert [bool(at_mooring.contradicted(fit, seen)) for fit in (own, moved, other)] == [False, False, True]
+
+
+def test_directions_that_agree_with_no_heading_doubt_the_record():
+    seen, _ = pairs(MILD, n=2000, seed=8)
+    at = np.arange(2000)
+    at[::12] = (at[::12] + 700) % 2000
+    wrong = replace(
+        seen, heading_deg=seen.heading_deg[at], upper_east=seen.upper_east[at], upper_north=seen.upper_north[at]
+    )
+    assert conclusion._outliers(exact.fit(seen)) == ()
+    (doubt,) = conclusion._outliers(exact.fit(wrong))
+    assert "disagree with the fitted compass altogether" in doubt.why and doubt.sigma_deg > 15.0

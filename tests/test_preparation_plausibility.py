@@ -155,9 +155,26 @@ def test_a_compass_that_turns_freely_or_is_coarse_is_left_alone():
     rng = np.random.default_rng(9)
     free = replace(wake_locked(2000), heading_deg=rng.uniform(0.0, 360.0, 2000).round(2))
     coarse = replace(wake_locked(2000), heading_deg=(wake_locked(2000).heading_deg / 5.0).round() * 5.0)
-    for given in (free, coarse):
+    for given, said in (
+        (free, []),
+        (coarse, ["headings step by 5 degrees: the step is included in their uncertainty"]),
+    ):
         found = plausibility.flagged(given, 500.0)
-        assert (found.heading_quality == GOOD).all() and found.warnings == ()
+        assert (found.heading_quality == GOOD).all() and list(found.warnings) == said
+
+
+def test_what_was_recorded_on_deck_is_doubted_by_its_own_depth_and_a_profiler_is_not():
+    n = 2000
+    sound = replace(wake_locked(n), depth_m=100.0 + np.random.default_rng(3).uniform(0.0, 20.0, n))
+    deck = np.arange(n) < 300
+    found = plausibility.flagged(replace(sound, depth_m=np.where(deck, 0.5, sound.depth_m)), 500.0)
+    assert (found.heading_quality[deck] >= PROBABLY_BAD).all() and (found.quality[deck] >= BAD).all()
+    assert (found.heading_quality[~deck] == GOOD).all() and found.counts[
+        "out_of_water"
+    ] == deck.sum() * found.quality.shape[1]
+    assert "300 samples between" in " ".join(found.warnings)
+    profiling = replace(sound, depth_m=60.0 - 55.0 * np.cos(np.arange(n) / 6.0))
+    assert "out_of_water" not in plausibility.flagged(profiling, 500.0).counts
 
 
 def test_all_of_it_reaches_summary_and_report(tmp_path):

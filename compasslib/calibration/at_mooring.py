@@ -18,6 +18,9 @@ from compasslib.deviation.transfer import Place, Transferred
 from compasslib.stats import autocorrelation
 
 METHOD = "calibration"
+HEADINGS_DEG = np.arange(0.0, 360.0, 5.0)
+FARTHEST = 36.0  # chi-square of four coefficients: by chance once in four million
+LEAST_CONTRADICTION_DEG = 5.0
 LEAST_NOISE_DEG, MOST_NOISE_DEG = 0.8, 8.0  # of a compass, as the decision between branches resolves it
 
 
@@ -55,6 +58,30 @@ def held_against(fit: Fit, record: Record, pairs: Pairs) -> Fit:
         recorded_range_deg=compass.recorded_range(fit.coefficients),
         folded=not compass.turns_full_circle(fit.coefficients),
         heading_density=_density(fit.coefficients, record),
+    )
+
+
+def contradicted(fit: Fit, pairs: Pairs) -> str:
+    """Return why a calibration cannot be that of the compass that the pairs show; nothing where it can.
+
+    A constant between the two is no reason: mounts and mean veers make one.
+
+    Args:
+        fit: the calibration as carried to the mooring.
+    """
+    own = exact.fit(pairs)
+    if not (fit.fitted and own.fitted):
+        return ""
+    iron, both = slice(1, 5), fit.covariance[:5, :5] + own.covariance[:5, :5]
+    off = own.coefficients[iron] - fit.coefficients[iron]
+    by_chance = float(off @ np.linalg.solve(both[iron, iron], off))
+    turned = [compass.recorded_heading(np.append(0.0, one.coefficients[iron]), HEADINGS_DEG) for one in (own, fit)]
+    size = angles.rms(angles.difference(*turned))
+    if by_chance < FARTHEST or size < LEAST_CONTRADICTION_DEG:
+        return ""
+    return (
+        f"it differs from the compass that the overlap with the reference shows by {size:.0f}° rms, more than the "
+        "uncertainty of both: it is of another compass, or the iron beside it changed"
     )
 
 

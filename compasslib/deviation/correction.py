@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import deviation
-from compasslib.core import angles, earthfield
+from compasslib.core import angles, compass, earthfield
 from compasslib.core.records import (
     BAD,
     GOOD,
@@ -30,6 +30,7 @@ from compasslib.deviation.along import Along, Averaged
 from compasslib.deviation.branches import Decision
 from compasslib.deviation.doubts import KNOWS_NOTHING_DEG, Doubt, along_time, whole_record
 from compasslib.deviation.model import Fit
+from compasslib.stats import resolution
 
 Flags = NDArray[np.int8]
 
@@ -102,9 +103,18 @@ def _decided(
     if why := deviation.implausible(fit, record):
         doubts = (*doubts, whole_record(KNOWS_NOTHING_DEG, why))
     doubted, doubted_deg = along_time(doubts, record.time_s)
-    sigma = np.sqrt(decision.sigma_deg**2 + unmodelled_deg**2 + doubted_deg**2)
+    rounded_deg = resolution.sigma(resolution.along(record.heading_deg)) * _stretch(fit, decision.heading_deg)
+    sigma = np.sqrt(decision.sigma_deg**2 + unmodelled_deg**2 + doubted_deg**2 + rounded_deg**2)
     probability = np.where(doubted, np.minimum(decision.probability, 0.0), decision.probability)
     return replace(decision, sigma_deg=np.minimum(sigma, KNOWS_NOTHING_DEG), probability=probability)
+
+
+def _stretch(fit: Fit, heading_deg: Floats) -> Floats:
+    """Return by how much an error of the recorded heading grows in the corrected one, (n,)."""
+    if not fit.fitted:
+        return np.ones(heading_deg.shape)
+    slope = (von_appen if fit.method == "von_appen" else compass).slope(fit.coefficients, heading_deg)
+    return 1.0 / np.maximum(np.abs(np.nan_to_num(slope, nan=1.0)), along.FLATTEST)
 
 
 def _turned(record: Record, decision: Decision, field: EarthField) -> Corrected:

@@ -10,13 +10,17 @@ from dataclasses import replace
 import numpy as np
 
 from compasslib.core import angles
-from compasslib.core.records import BAD, GOOD, PROBABLY_BAD, Flags, Record
+from compasslib.core.records import BAD, GOOD, PROBABLY_BAD, Flags, Record, stamp
 from compasslib.core.types import Bools, Floats
+from compasslib.stats import resolution
 
 FASTEST_CURRENT = 5.0  # m/s, beyond any ocean current
 STEEPEST_TILT = 45.0  # degrees, beyond what an instrument levels
 ABOVE_SURFACE_M = 10.0  # a pressure sensor that was not zeroed in air is off by less
 BELOW_BOTTOM = 1.2  # of the water depth; a charted one is rarely wrong by more
+# Shares of the depth that an instrument rarely exceeds: on deck, and where a moored one passes in hours at most.
+ON_DECK, BETWEEN, RARELY, LEAST_DEPTH_M = 0.2, 0.5, 0.01, 15.0
+COARSE_DEG = 2.0  # steps of the headings from which on they are mentioned
 FROZEN_SAMPLES, FROZEN_S = 12, 6 * 3600.0  # no water repeats itself to the last digit as often and as long
 STILL_DEG = 0.1  # from one sample to the next: the noise of a compass that no longer turns
 BY_CHANCE = 1e-3  # such runs expected of a series that repeats itself as often as the rest does
@@ -76,7 +80,29 @@ def _impossible(record: Record, water_depth: float) -> Record:
     heading = np.where(fallen & (record.heading_quality < BAD), PROBABLY_BAD, record.heading_quality)
     record = replace(record, heading_quality=heading.astype(np.int8))
     sentence = "the instrument's depth lies above the surface or below the bottom"
-    return mark(record, outside[:, None], BAD, "impossible_depth", sentence)
+    return _out_of_water(mark(record, outside[:, None], BAD, "impossible_depth", sentence))
+
+
+def _out_of_water(record: Record) -> Record:
+    """Flag what was recorded on deck, as the depth tells: near the surface, and seldom anywhere between it and below.
+
+    A profiler, whose depth runs through all levels, and a shallow instrument are not looked at.
+    """
+    deepest = float(np.nanpercentile(record.depth_m, 90.0)) if np.isfinite(record.depth_m).any() else 0.0
+    with np.errstate(invalid="ignore"):
+        on_deck = record.depth_m < ON_DECK * deepest
+        between = ~on_deck & (record.depth_m < BETWEEN * deepest)
+    if deepest < LEAST_DEPTH_M or between.mean() > RARELY or not on_deck.any():
+        return record
+    record = mark(record, on_deck[:, None], BAD, "out_of_water", None)
+    heading = np.where(on_deck & (record.heading_quality < PROBABLY_BAD), PROBABLY_BAD, record.heading_quality)
+    when = record.time_s[on_deck][[0, -1]]
+    note = (
+        f"{int(on_deck.sum())} samples between {stamp(when[0])} and {stamp(when[1])} lie out of the water by the "
+        "instrument's own depth: velocities are flagged bad and headings doubtful there; correct start and end of the "
+        "deployment"
+    )
+    return replace(record, heading_quality=heading.astype(np.int8), warnings=(*record.warnings, note))
 
 
 def _without_length(record: Record) -> Record:
@@ -278,6 +304,12 @@ def _constant_sensors(record: Record) -> Record:
     elif arc < NARROW_DEG:
         counts["heading_narrow"] = heading.size
         notes.append(f"all headings lie within {arc:.1f} degrees: they cannot tell a deviation from a constant")
+    steps = resolution.along(record.heading_deg)
+    if (coarse := steps >= COARSE_DEG).any():
+        share = "" if coarse.all() else f" in {coarse.mean():.0%} of the record"
+        notes.append(
+            f"headings step by {np.median(steps[coarse]):g} degrees{share}: the step is included in their uncertainty"
+        )
     stuck = (arc == 0.0) & (record.heading_quality < PROBABLY_BAD)
     quality = np.where(stuck, PROBABLY_BAD, record.heading_quality).astype(np.int8)
     warnings = record.warnings + tuple(notes)

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from compasslib import deviation
+from compasslib.calibration import at_mooring
 from compasslib.core.records import EarthField, Pairs, Record
 from compasslib.deviation import assessment, windows
 from compasslib.deviation.constant import Constant
@@ -29,6 +30,7 @@ UNSETTLED = (
     "headings are flagged doubtful and the angle is included in their uncertainty until the configuration is "
     "corrected, or confirmed: {constant: true} states that the constant is real"
 )
+MOST_OUTLIERS = 0.03  # share of directions that say nothing; of sound moorings, real water included, up to 0.006
 SIDES = ("none", "compass", "clock", "reference", "water")
 
 
@@ -101,18 +103,31 @@ def conclude(
     plain = product.plain(made, pairs, record, field, series)
     doubts = windows.doubtful(plain, made.fit)
     agreement = assessment.assess(pairs, made.fit, plain)
-    if why := agreement["refuted"] or deviation.implausible(made.fit, record):
+    denied = agreement["refuted"] or deviation.implausible(made.fit, record)
+    if why := denied or (at_mooring.contradicted(fit, pairs) if calibration else ""):
         why = f"calibration {calibration}: {why}" if calibration else why
         found = replace(verdict.insufficient(why, found.not_testable), warnings=found.warnings)
         made = replace(made, doubts=(whole_record(KNOWS_NOTHING_DEG, why),))
     elif constant is not None and questioned:
         made = replace(made, doubts=(whole_record(abs(constant.angle_deg), constant.text), *doubts))
-    elif doubts:
+    elif doubts := (*_outliers(fit), *doubts):
         found = _unexplained(found, doubts, pairs)
         made = replace(made, doubts=doubts)
     if constant is not None and not questioned and constant.text:
         found = replace(found, warnings=(*found.warnings, constant.text))
     return Conclusion(found, made, agreement)
+
+
+def _outliers(fit: Fit) -> tuple[Doubt, ...]:
+    """Doubt a record of which more directions than usual agree with no heading of the fitted compass."""
+    share = fit.noise.outliers
+    if fit.method != "exact" or share < MOST_OUTLIERS:
+        return ()
+    why = (
+        f"{share:.0%} of the directions disagree with the fitted compass altogether (usually under 1 %): part of the "
+        "headings, or of the reference, is of something else"
+    )
+    return (whole_record(KNOWS_NOTHING_DEG * float(np.sqrt(share)), why),)
 
 
 def _unexplained(found: Diagnosis, doubts: tuple[Doubt, ...], pairs: Pairs) -> Diagnosis:
@@ -123,7 +138,8 @@ def _unexplained(found: Diagnosis, doubts: tuple[Doubt, ...], pairs: Pairs) -> D
     inside = windows.inside(doubts, pairs.time_s)
     size = float(np.sqrt(np.mean(np.where(inside, worst.sigma_deg**2, 0.0))))
     text = f"{worst.why[0].upper()}{worst.why[1:]}. The headings there are flagged doubtful."
-    left = Unexplained(("time",), Where("time", *span, worst.why.partition(" directions")[0]), span, size, (), text)
+    place = "throughout the record" if np.isinf([worst.from_s, worst.to_s]).all() else worst.why.partition(" direc")[0]
+    left = Unexplained(("time",), Where("time", *span, place), span, size, (), text)
     warnings = tuple(doubt.why for doubt in doubts)
     if found.verdict == "insufficient":
         return replace(found, warnings=(*warnings, *found.warnings))
