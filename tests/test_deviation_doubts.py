@@ -156,7 +156,7 @@ def test_the_step_of_coarse_headings_is_in_their_uncertainty_where_they_are_coar
 def test_a_calibration_of_another_compass_is_contradicted_and_its_own_is_not():
     seen, _ = pairs(MILD, n=1500, seed=6)
     own = replace(exact.fit(pairs(MILD, n=1500, seed=7)[0]), method="calibration")
-    other = replace(own, coefficients=own.coefficients + np.array([0.0, -0.2, 0.2, 0.0, 0.0]))
+    other = replace(own, coefficients=own.coefficients + np.array([0.0, -1.0, 0.6, 0.0, 0.0]))
     moved = replace(own, coefficients=own.coefficients + np.array([0.2, 0.0, 0.0, 0.0, 0.0]))
     assert [bool(at_mooring.contradicted(fit, seen)) for fit in (own, moved, other)] == [False, False, True]
 
