@@ -6,15 +6,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from sea import FOLDED, MILD, pairs
+import yaml
+from sea import FOLDED, MILD, cruise, pairs
 from test_deviation_correction import field_of, record_of
 
+from compasslib.archive import netcdf
 from compasslib.calibration import at_mooring
 from compasslib.core import angles
 from compasslib.core.records import GOOD, PROBABLY_BAD, Pairs
 from compasslib.deviation import constant, correction, doubts, exact, windows
 from compasslib.deviation.model import Fit
 from compasslib.search import conclusion
+from compasslib.search.verdict import Diagnosis
+from compasslib.stages import pipeline
 
 DECLINATION_DEG, SIGMA_DEG = 18.0, 1.3
 
@@ -171,3 +175,54 @@ def test_directions_that_agree_with_no_heading_doubt_the_record():
     assert conclusion._outliers(exact.fit(seen)) == ()
     (doubt,) = conclusion._outliers(exact.fit(wrong))
     assert "disagree with the fitted compass altogether" in doubt.why and doubt.sigma_deg > 15.0
+
+
+# --------------------------------------------------------------------------------------------- verdict, flags and words
+def concluded(seen: Pairs, *, fit: Fit | None = None, fixed: constant.Constant | None = None, calibration: str = ""):
+    fit = exact.fit(seen) if fit is None else fit
+    found = Diagnosis("consistent")
+    return conclusion.conclude(
+        lambda _: found, seen, record_of(seen), field_of(seen), {}, fit=fit, constant=fixed, calibration=calibration
+    )
+
+
+def test_a_sound_mooring_keeps_the_verdict_of_the_search():
+    made = concluded(pairs(MILD, n=1500, seed=6)[0])
+    assert made.diagnosis == Diagnosis("consistent") and made.product.doubts == ()
+
+
+def test_a_doubtful_stretch_makes_the_verdict_unexplained_and_says_when():
+    wrong = spoilt(pairs(MILD, n=3000, seed=21)[0], slice(1000, 1400))
+    made = concluded(wrong)
+    assert made.diagnosis.verdict == "unexplained" and made.diagnosis.unexplained.where.covariate == "time"
+    begin, end = made.diagnosis.unexplained.when_s
+    assert wrong.time_s[900] < begin < wrong.time_s[1150] and wrong.time_s[1250] < end < wrong.time_s[1500]
+    assert any("directions differ from the reference" in warning for warning in made.diagnosis.warnings)
+
+
+def test_a_calibration_of_another_compass_is_insufficient_and_named():
+    seen, _ = pairs(MILD, n=1500, seed=6)
+    other = replace(exact.fit(seen), method="calibration", covariance=np.eye(5) * 1e-4)
+    other = replace(other, coefficients=np.array([0.0, -0.7, 0.7, 0.0, 0.0]))
+    made = concluded(seen, fit=other, calibration="bench")
+    assert made.diagnosis.verdict == "insufficient" and made.diagnosis.why.startswith("calibration bench: ")
+    assert made.product.doubts[0].sigma_deg == doubts.KNOWS_NOTHING_DEG
+
+
+@pytest.mark.parametrize("confirmed", [False, True])
+def test_a_declination_applied_twice_is_ambiguous_with_all_headings_flagged_unless_it_is_confirmed(tmp_path, confirmed):
+    folder = cruise(tmp_path / "c", n=1200)
+    settings = folder / "config/moorings/M1.yaml"
+    content = yaml.safe_load(settings.read_text())
+    content["instruments"]["top"]["declination_applied"] = -27.0
+    settings.write_text(yaml.safe_dump(content | {"confirmed": {"constant": confirmed}}))
+    made = pipeline.process(folder, "M1", tmp_path / "out")
+    diagnosis, product = netcdf.read_json(made / "diagnosis.json"), netcdf.read_corrected(made / "corrected.nc")
+    questioned = [finding["effect"] for finding in diagnosis["findings"]] == ["declination_error"]
+    assert questioned is not confirmed
+    if questioned:
+        assert diagnosis["verdict"] == "ambiguous" and diagnosis["findings"][0]["heldout"] is None
+        assert (product.heading_corrected_quality == PROBABLY_BAD).all()
+        assert (product.heading_uncertainty_deg > 20.0).all() and "equal to" in diagnosis["warnings"][0]
+    else:
+        assert (product.heading_corrected_quality == GOOD).mean() > 0.9

@@ -30,6 +30,7 @@ UNSETTLED = (
     "headings are flagged doubtful and the angle is included in their uncertainty until the configuration is "
     "corrected, or confirmed: {constant: true} states that the constant is real"
 )
+SURE = 0.95  # probability above which no other name is listed
 MOST_OUTLIERS = 0.03  # share of directions that say nothing; of sound moorings, real water included, up to 0.006
 SIDES = ("none", "compass", "clock", "reference", "water")
 
@@ -50,7 +51,7 @@ def of_constant(constant: Constant, pairs: Pairs) -> Diagnosis:
     """
     span = (float(pairs.time_s[0]), float(pairs.time_s[-1]))
     p = constant.probability
-    others = {"mounting_offset": 1.0 - p} if constant.effect == "declination_error" else {}
+    others = {"mounting_offset": 1.0 - p} if p < SURE else {}
     finding = Finding(
         effect=constant.effect,
         side="compass",
