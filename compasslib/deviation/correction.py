@@ -118,9 +118,11 @@ def _without_outliers(record: Record, decision: Decision, fit: Fit) -> tuple[Rec
     Where iron makes the compass turn much faster than the instrument, a right heading may be an outlier as it was
     recorded: there the corrected headings are judged, but for those whose branch is unsure, which are flagged anyway.
     """
-    with np.errstate(invalid="ignore"):
-        sure = np.where(decision.probability < SURE, np.nan, decision.heading_deg)
-    flags = plausibility.heading_outliers(record, sure if _slope(fit, np.arange(360.0)).max() > FAST else record.heading_deg)
+    judged = record.heading_deg
+    if _slope(fit, np.arange(360.0)).max() > FAST:
+        with np.errstate(invalid="ignore"):
+            judged = np.where(decision.probability < SURE, np.nan, decision.heading_deg)
+    flags = plausibility.heading_outliers(record, judged)
     columns = {name: np.where(flags == BAD, np.nan, column) for name, column in vars(decision).items()}
     return plausibility.with_headings_flagged(record, flags), Decision(**columns)
 
