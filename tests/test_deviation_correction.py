@@ -230,6 +230,21 @@ def test_a_reading_that_the_compass_cannot_have_made_is_flagged_and_not_guessed(
     )
 
 
+@pytest.mark.parametrize("strength", [0.1, 0.75, 0.95])
+def test_wild_headings_are_caught_and_right_ones_near_strong_iron_are_not(strength):
+    """A right one may be flagged that stands off both neighbours by half of what a wild one does: some 3 %."""
+    seen, _ = pairs((0.02, -0.86 * strength, 0.5 * strength, 0.02, -0.01), n=3000, seed=14)
+    rng = np.random.default_rng(6)
+    wild = rng.random(len(seen)) < 0.03
+    spikes = rng.choice([-1.0, 1.0], len(seen)) * rng.uniform(60.0, 180.0, len(seen))
+    record = record_of(replace(seen, heading_deg=angles.wrap360(seen.heading_deg + np.where(wild, spikes, 0.0))))
+    right = take(seen, ~wild)
+    product = correction.correct(record, exact.fit(right), field_of(seen), right)
+    flagged = product.heading_corrected_quality > GOOD
+    assert flagged[wild].mean() > 0.8 and flagged[~wild].mean() < 0.045
+    assert np.isnan(product.heading_corrected_deg[product.record.heading_quality == BAD]).all()
+
+
 def test_both_headings_stay_open_where_hardly_a_pair_shows_the_branch(folded):
     seen, heading, fit = folded
     told = replace(fit, noise=replace(fit.noise, floor_deg=60.0))  # scatter in which no two branches are apart

@@ -18,8 +18,8 @@ from compasslib import report
 from compasslib.archive import netcdf, summary
 from compasslib.config import cruise as config
 from compasslib.core import angles
-from compasslib.core.records import BAD, GOOD, PROBABLY_BAD
-from compasslib.preparation import deployment, plausibility
+from compasslib.core.records import BAD, GOOD, PROBABLY_BAD, EarthField
+from compasslib.preparation import deployment, overlap, plausibility
 from compasslib.readers.pd0 import reader
 from compasslib.report import words
 from compasslib.run import plan
@@ -132,6 +132,20 @@ def test_random_headings_are_flagged_said_and_not_used(share, kept_deg):
     assert any("differ from those before and after by more than an instrument turns" in said for said in found.warnings)
 
 
+def test_headings_of_the_compass_to_correct_are_counted_said_and_left_to_the_correction():
+    n, rng = 4000, np.random.default_rng(8)
+    at = rng.random(n) < 0.01
+    given, at, _ = wild(at, rng.uniform(0.0, 360.0, at.sum()), n)
+    given.heading_deg[::400] = 327.68
+    reference, affected = (plausibility.flagged(given, 500.0, affected=which) for which in (False, True))
+    assert affected.counts == reference.counts and affected.counts["heading_wild"] > 10
+    assert (affected.heading_quality[::400] == BAD).all() and (affected.heading_quality == BAD).sum() == 10
+    assert any("and they are judged by their corrected headings" in said for said in affected.warnings)
+    field = EarthField(given.time_s[[0, -1]], np.zeros(2), *np.full((3, 2), 12000.0))
+    paired = [overlap.find(one, [wake_locked(n)], field, overlap.Rules()) for one in (reference, affected)]
+    np.testing.assert_array_equal(paired[0].time_s, paired[1].time_s)
+
+
 def test_a_few_in_a_row_that_come_back_are_flagged():
     given, at, _ = wild(
         [40, 41, 42, 200, 201, 390, 391, 392, 393], [340.0, 341.0, 339.0, 10.0, 9.0, 5.0, 6.0, 7.0, 8.0], 600
@@ -175,6 +189,16 @@ def test_what_was_recorded_on_deck_is_doubted_by_its_own_depth_and_a_profiler_is
     assert "300 samples between" in " ".join(found.warnings)
     profiling = replace(sound, depth_m=60.0 - 55.0 * np.cos(np.arange(n) / 6.0))
     assert "out_of_water" not in plausibility.flagged(profiling, 500.0).counts
+
+
+def test_clean_headings_near_strong_iron_keep_their_flag_through_the_chain(tmp_path):
+    """At 0.86 of the horizontal field this compass turns up to seven times as far as its sphere: 11 % were flagged."""
+    folder = cruise(tmp_path / "c", coefficients=(0.02, 0.43, 0.74, 0.02, -0.01), n=1200)
+    (folder / "config/config.yaml").write_text("diagnose: {enabled: false}\n")
+    made = chain.run(folder)
+    assert made["error"] is None and made["counts"]["top"]["heading_wild"] > 60
+    assert (made["product"].heading_corrected_quality == GOOD).mean() > 0.999
+    assert (made["product"].velocity_quality <= GOOD).mean() > 0.999
 
 
 def test_all_of_it_reaches_summary_and_report(tmp_path):

@@ -30,11 +30,13 @@ from compasslib.deviation.along import Along, Averaged
 from compasslib.deviation.branches import Decision
 from compasslib.deviation.doubts import KNOWS_NOTHING_DEG, Doubt, along_time, whole_record
 from compasslib.deviation.model import Fit
+from compasslib.preparation import plausibility
 from compasslib.stats import resolution
 
 Flags = NDArray[np.int8]
 
 PIECE = 32_768  # samples whose velocities are turned at once: of forty bins, 10 MB an array
+FAST = 2.0  # times as fast as its instrument a compass may turn and its recorded headings still tell outliers
 AGREED = 0.9  # weight of compasses that agree below which a heading is flagged
 SURE = 0.95  # a branch less probable than this is flagged: the record cannot tell
 # An allowance, a degree of tilt, for what a level model leaves out: at 5 degrees a vertical field of the iron of 4 % of
@@ -79,7 +81,7 @@ def correct(
         unmodelled_deg: standard deviation of what the fit is known to lack.
         doubts: stretches whose headings are flagged doubtful and less certain.
     """
-    return _turned(record, _decided(record, fit, pairs, at, unmodelled_deg, doubts), field)
+    return _turned(*_decided(record, fit, pairs, at, unmodelled_deg, doubts), field)
 
 
 def in_pieces(
@@ -93,28 +95,43 @@ def in_pieces(
     doubts: Sequence[Doubt] = (),
 ) -> Pieces:
     """Return what ``correct`` does of the same arguments, in pieces along time: a decade's velocities fit in memory."""
-    return Pieces(record, _decided(record, fit, pairs, at, unmodelled_deg, doubts), field)
+    return Pieces(*_decided(record, fit, pairs, at, unmodelled_deg, doubts), field)
 
 
 def _decided(
     record: Record, fit: Fit, pairs: Pairs, at: Along | None, unmodelled_deg: float, doubts: Sequence[Doubt]
-) -> Decision:
-    decision = headings(readings_of_record(record), fit, pairs, at)
+) -> tuple[Record, Decision]:
+    record, decision = _without_outliers(record, headings(readings_of_record(record), fit, pairs, at), fit)
     if why := deviation.implausible(fit, record):
         doubts = (*doubts, whole_record(KNOWS_NOTHING_DEG, why))
     doubted, doubted_deg = along_time(doubts, record.time_s)
-    rounded_deg = resolution.sigma(resolution.along(record.heading_deg)) * _stretch(fit, decision.heading_deg)
+    slope = np.maximum(np.nan_to_num(_slope(fit, decision.heading_deg), nan=1.0), along.FLATTEST)
+    rounded_deg = resolution.sigma(resolution.along(record.heading_deg)) / slope
     sigma = np.sqrt(decision.sigma_deg**2 + unmodelled_deg**2 + doubted_deg**2 + rounded_deg**2)
     probability = np.where(doubted, np.minimum(decision.probability, 0.0), decision.probability)
-    return replace(decision, sigma_deg=np.minimum(sigma, KNOWS_NOTHING_DEG), probability=probability)
+    return record, replace(decision, sigma_deg=np.minimum(sigma, KNOWS_NOTHING_DEG), probability=probability)
 
 
-def _stretch(fit: Fit, heading_deg: Floats) -> Floats:
-    """Return by how much an error of the recorded heading grows in the corrected one, (n,)."""
+def _without_outliers(record: Record, decision: Decision, fit: Fit) -> tuple[Record, Decision]:
+    """Flag headings to which no instrument turned, and remove the decision where that is certain.
+
+    Where iron makes the compass turn much faster than the instrument, a right heading may be an outlier as it was
+    recorded: there the corrected headings are judged, but for those whose branch is unsure, which are flagged anyway.
+    """
+    judged = record.heading_deg
+    if _slope(fit, np.arange(360.0)).max() > FAST:
+        with np.errstate(invalid="ignore"):
+            judged = np.where(decision.probability < SURE, np.nan, decision.heading_deg)
+    flags = plausibility.heading_outliers(record, judged)
+    columns = {name: np.where(flags == BAD, np.nan, column) for name, column in vars(decision).items()}
+    return plausibility.with_headings_flagged(record, flags), Decision(**columns)
+
+
+def _slope(fit: Fit, heading_deg: Floats) -> Floats:
+    """Return how many times as fast as its instrument the compass turns, (n,); 1 without a fit."""
     if not fit.fitted:
         return np.ones(heading_deg.shape)
-    slope = (von_appen if fit.method == "von_appen" else compass).slope(fit.coefficients, heading_deg)
-    return 1.0 / np.maximum(np.abs(np.nan_to_num(slope, nan=1.0)), along.FLATTEST)
+    return np.abs((von_appen if fit.method == "von_appen" else compass).slope(fit.coefficients, heading_deg))
 
 
 def _turned(record: Record, decision: Decision, field: EarthField) -> Corrected:

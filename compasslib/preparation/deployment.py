@@ -42,6 +42,7 @@ def settle(
     clock_drift_seconds: float = 0.0,
     declination_applied: float | Mapping[str, float] = 0.0,
     exclude: Sequence[tuple[float, float]] = (),
+    affected: bool = False,
 ) -> Record:
     """Return the record inside the deployment, on UTC, its depth known, its unusable values flagged.
 
@@ -57,6 +58,7 @@ def settle(
         declination_applied: degrees that the export's directions already hold, of both or of headings and velocities
             apart, taken out.
         exclude: windows (from, to) known to be bad, UTC seconds.
+        affected: whether its compass is to be corrected.
     """
     time_s = utc(record.time_s, (start_s, end_s), clock_offset_seconds, clock_drift_seconds)
     pressure = record.pressure_dbar - pressure_offset
@@ -69,7 +71,7 @@ def settle(
     record = _noted(record, _unused_depth(given, source, nominal_depth))
     missing = ~(np.isfinite(record.east) & np.isfinite(record.north))
     record = replace(record, quality=np.where(missing, MISSING, record.quality).astype(np.int8))
-    record = plausibility.flagged(record, water_depth)
+    record = plausibility.flagged(record, water_depth, affected=affected)
     record = check_orientation(record, water_depth)
     return _flag_windows(_flag_boundaries(record, water_depth), exclude)
 

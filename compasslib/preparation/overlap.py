@@ -19,7 +19,7 @@ from compasslib.core.errors import InputError
 from compasslib.core.records import PROBABLY_GOOD, EarthField, Pairs, Record, take
 from compasslib.core.threads import single_threaded
 from compasslib.core.types import Complexes, Floats
-from compasslib.preparation import clock_offset, same_record, water
+from compasslib.preparation import clock_offset, plausibility, same_record, water
 from compasslib.preparation.clock_offset import Clocks, Speeds
 from compasslib.preparation.gridding import interpolate, nearest, on_grid
 
@@ -98,6 +98,7 @@ def find(
     """
     clocks = clocks or Clocks()
     recorded = upper
+    upper = plausibility.with_headings_flagged(upper, plausibility.heading_outliers(upper, upper.heading_deg))
     lower = clocks.aligned(trusted[0]) if trusted else take(upper, np.zeros(0, dtype=np.intp))
     tolerance_s = 60.0 * rules.grid_tolerance_minutes
     upper = _gridded(upper, rules)

@@ -38,15 +38,17 @@ BESIDE = 5  # distinct values on either side
 FILL_OFF_DEG = (5.0, 45.0)  # a jump to a fill value is longer than twice the typical step, within these
 
 
-def flagged(record: Record, water_depth: float) -> Record:
+def flagged(record: Record, water_depth: float, *, affected: bool = False) -> Record:
     """Return the record with impossible values flagged and counted, and warnings of sensors that are of no use.
 
     Args:
         record: n samples in order of time, depth known.
         water_depth: metres.
+        affected: whether its compass is to be corrected. Near strong iron a small turn changes the recorded heading by
+            much: its outliers are counted here, and judged by their corrected headings (``heading_outliers``).
     """
     record = _without_length(_impossible(record, water_depth))
-    record = _outlying_headings(record)
+    record = _outlying_headings(record, affected)
     if len(record.time_s) > FROZEN_SAMPLES:
         frozen = _stuck_velocity(record)[:, None]
         record = _stuck_heading(mark(record, frozen, BAD, "frozen_velocity", "the same to the last digit for hours"))
@@ -114,36 +116,58 @@ def _without_length(record: Record) -> Record:
     return mark(record, flat[:, None], BAD, "bins_without_length", "bins of no length, whose depths nothing tells")
 
 
-def _outlying_headings(record: Record) -> Record:
-    """Flag headings that are a fill value, or that no compass turned to between its neighbours."""
+def heading_outliers(record: Record, heading_deg: Floats) -> Flags:
+    """Flag headings to which no instrument turned between those before and after, (n,): good, probably bad or bad.
+
+    Args:
+        record: n samples; headings that it flags doubtful or bad are not judged.
+        heading_deg: to be judged, (n,), recorded or corrected, NaN where there is none.
+    """
+    known = np.isfinite(heading_deg) & (record.heading_quality < PROBABLY_BAD)
+    flags = np.full(known.shape, GOOD, dtype=np.int8)
+    flags[known] = _outliers(heading_deg[known], _fast_water(record)[known])
+    return flags
+
+
+def with_headings_flagged(record: Record, flags: Flags) -> Record:
+    """Return the record with headings flagged, and velocities doubtful that were turned by a bad one.
+
+    Args:
+        flags: of each heading, (n,); a worse one that it has already stays.
+    """
+    turned = (flags >= BAD)[:, None] & (record.quality <= GOOD)
+    quality = np.where(turned, PROBABLY_BAD, record.quality).astype(np.int8)
+    return replace(record, heading_quality=np.maximum(record.heading_quality, flags), quality=quality)
+
+
+def _outlying_headings(record: Record, affected: bool) -> Record:
+    """Flag headings that are a fill value, and outliers where the compass is not to be corrected."""
     known = np.flatnonzero(np.isfinite(record.heading_deg) & (record.heading_quality < PROBABLY_BAD))
     heading = record.heading_deg[known]
     values = _fill_values(heading) if len(known) >= ENOUGH else np.empty(0)
-    fill = np.isin(heading.round(2), values)
-    rest = known[~fill]
-    flags = _outliers(record.heading_deg[rest], _fast_water(record)[rest])
-    quality = record.heading_quality.copy()
-    quality[known[fill]], quality[rest] = BAD, np.maximum(quality[rest], flags)
-    counts = {"heading_fill": int(fill.sum())}
-    counts |= {
-        name: int(np.sum(flags == flag)) for name, flag in (("heading_wild", BAD), ("heading_unsure", PROBABLY_BAD))
-    }
-    warnings = _heading_warnings(counts, values, len(known))
-    # Velocities that were turned by such a heading are as wrong as it is.
-    wrong = (quality >= BAD) & (record.heading_quality < BAD)
-    turned = np.where(wrong[:, None] & (record.quality <= GOOD), PROBABLY_BAD, record.quality).astype(np.int8)
-    counted = record.counts | counts
-    return replace(
-        record, heading_quality=quality, quality=turned, counts=counted, warnings=(*record.warnings, *warnings)
-    )
+    fill = np.zeros(record.heading_deg.shape, dtype=np.int8)
+    fill[known[np.isin(heading.round(2), values)]] = BAD
+    filled = with_headings_flagged(record, fill)
+    flags = heading_outliers(filled, record.heading_deg)
+    numbers = {"heading_fill": fill == BAD, "heading_wild": flags == BAD, "heading_unsure": flags == PROBABLY_BAD}
+    counts = {name: int(np.sum(which)) for name, which in numbers.items()}
+    warnings = _heading_warnings(counts, values, len(known), affected)
+    record = filled if affected else with_headings_flagged(filled, flags)
+    return replace(record, counts=record.counts | counts, warnings=(*record.warnings, *warnings))
 
 
-def _heading_warnings(counts: dict[str, int], values: Floats, known: int) -> list[str]:
+def _heading_warnings(counts: dict[str, int], values: Floats, known: int, affected: bool) -> list[str]:
     fill, wild, unsure = counts.values()
     off, notes = "those before and after", []
     if fill:
         shown = " or ".join(f"{value:.2f}" for value in values)
         notes.append(f"{fill} headings flagged: they read {shown} degrees, a fill value far off {off}")
+    if affected and wild:
+        notes.append(
+            f"{wild} of {known} recorded headings, and perhaps {unsure} more, differ from {off} as by a fault or by a "
+            "compass near strong iron: the fit leaves them out, and they are judged by their corrected headings"
+        )
+        return notes
     if wild:
         notes.append(f"{wild} of {known} headings flagged: they differ from {off} by more than an instrument turns")
     if unsure:

@@ -109,6 +109,7 @@ class Moorings:
             "nominal_depth": instrument.depth,
             "declination_applied": inside,
             "exclude": [(window.from_s, window.to_s) for window in instrument.exclude],
+            "affected": wildcards.role == mooring.compromised,
         }
 
     def place_and_declination(self, wildcards: Any) -> dict[str, Any]:
