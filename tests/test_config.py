@@ -172,7 +172,7 @@ def test_every_key_but_eight_has_a_default(cruise: Path) -> None:
             "time_format": None, "timezone": None, "missing": (), "skip_rows": None,
         }},
         "attributes": {}, "fit": {"method": "exact", "name": None, "tilt": False},
-        "diagnose": {"enabled": True, "apply": True, "min_effect_deg": 0.5}, "covariates": {},
+        "diagnose": {"enabled": True, "apply": True, "min_effect_deg": 0.5}, "confirmed": {"constant": False}, "covariates": {},
     }  # fmt: skip
 
 
@@ -386,7 +386,7 @@ BAD_LINES = [
     ("compromised: tpo", "compromised: expected an instrument of this mooring (top, deep), found 'tpo'; write one of these names"),
     ("reference: bottom", "reference: expected an instrument of this mooring (top, deep), found 'bottom'; write one of these names"),
     ("reference: top", "reference: expected another instrument than compromised, found 'top'; name the reference instrument, or delete reference where there is none"),
-    ("latitud: 65", "latitud: expected a key out of name, latitude, longitude, water_depth, start, end, declination, compromised, reference, instruments, attributes, fit, diagnose, covariates, found the unknown 'latitud'; write latitude"),
+    ("latitud: 65", "latitud: expected a key out of name, latitude, longitude, water_depth, start, end, declination, compromised, reference, instruments, attributes, fit, diagnose, confirmed, covariates, found the unknown 'latitud'; write latitude"),
     ("fit: {method: von_appen, tilt: true}", "fit.tilt: expected it only with method: exact, found it with von_appen; delete it"),
     ("fit: {method: exakt}", "fit.method: expected exact, von_appen or calibration, found 'exakt'; write exact"),
     ("fit: exact", "fit: expected a mapping, found 'exact'; write below it keys out of method, name, tilt"),
@@ -485,7 +485,7 @@ BAD_FILES = [
     (b"name: Gr\xf6nland\n", "expected UTF-8 text, found other bytes at 8; save the file as UTF-8"),
     ("name: EG4\n".encode("utf-16"), "expected UTF-8 text, found other bytes at 0; save the file as UTF-8"),
     ("#" * 1_000_001, "expected at most 1000000 bytes, found 1000001; check that it is the YAML file and not data"),
-    ("<<: {name: EG4}\n", "<<: expected a key out of name, latitude, longitude, water_depth, start, end, declination, compromised, reference, instruments, attributes, fit, diagnose, covariates, found the unknown '<<'; delete it, or indent it below the key that it belongs to"),
+    ("<<: {name: EG4}\n", "<<: expected a key out of name, latitude, longitude, water_depth, start, end, declination, compromised, reference, instruments, attributes, fit, diagnose, confirmed, covariates, found the unknown '<<'; delete it, or indent it below the key that it belongs to"),
 ]  # fmt: skip
 
 BAD_OPTIONS = [

@@ -212,7 +212,15 @@ def test_commands_that_a_page_names_exist(page):
     text = page.read_text()
     targets = set(re.findall(r"^([a-z]+):", (PROJECT / "Makefile").read_text(), re.MULTILINE))
     assert set(re.findall(r"(?:`|^    )make ([a-z]+)", text, re.MULTILINE)) <= targets
-    assert set(re.findall(r"`compass ([a-z]+)`", text)) <= {"init", "check", "correct", "explain", "export", "diff"}
+    assert set(re.findall(r"`compass ([a-z]+)`", text)) <= {
+        "init",
+        "check",
+        "correct",
+        "explain",
+        "export",
+        "diff",
+        "verify",
+    }
     for words in re.findall(r"^    (?:\.venv/bin/)?compass ([^\n#]*)", text, re.MULTILINE):
         _parser().parse_args(shlex.split(words))
     for script in re.findall(r"\b(?:benchmarks|tests|examples|compasslib|workflow)/[\w/]*\w\.py\b", text):
