@@ -191,7 +191,7 @@ def test_what_was_replaced_leads_nowhere_and_a_changed_product_is_refused(tmp_pa
     assert list(crate.lineage(jobs, ["end"])) == ["first", "last"]
     Path("end").write_text("edited")
     with pytest.raises(
-        InputError, match=r"end: expected the file that its job wrote, found another, or no record of it; delete it"
+        InputError, match=r"end: expected the file that its job wrote, found another, or no record of it; move it away"
     ):
         crate.lineage(jobs, ["end"])
 
