@@ -364,7 +364,7 @@ def test_a_damaged_figure_is_one_line(done, tmp_path):
     folder.mkdir(parents=True)
     whole = (done / "results/M1/figures/scatter.png").read_bytes()
     (folder / "scatter.png").write_bytes(whole[: len(whole) // 2])
-    with pytest.raises(InputError, match=r"scatter.png: expected a whole PNG, found .*; delete it"):
+    with pytest.raises(InputError, match=r"scatter.png: expected a whole PNG, found .*; run the cruise again"):
         figures.of_folder(folder.parent, tmp_path, {}, small=False)
 
 
