@@ -281,7 +281,7 @@ def test_a_diagnosis_draws_each_effect_and_the_held_out_days(tmp_path):
         np.testing.assert_allclose(line.get_ydata(), np.linspace(-reach, reach, 12))
     assert [text.get_text() for text in held_out.get_yticklabels()] == ["composed, by\ndepth", "composed, by tilt"]
     said = captions.of_diagnosis(content)
-    assert "p_linear·x + p_square·x² (x: depth minus its mean)" in said and "held-out days" in said
+    assert "p_linear·x + p_square·x² (x: depth minus its mean)" in said and "held-out data" in said
 
 
 LONG = "the deviation of a compass whose gimbal sticks at the temperature of the water changing with the echo"

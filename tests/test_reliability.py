@@ -188,11 +188,11 @@ FAULTS: dict[str, tuple[Spoil, str]] = {
     "declination of the wrong sign": (said(declination=23.6), "off IGRF"),
     "declination taken out of one that has none": (
         said(deep__declination_applied=-23.6),
-        "with the other sign: the directions of the reference lack it",
+        "equal to minus the declination (-23.6°): the directions of the reference lack it",
     ),
     "a magnetic reference called true": (
         said(deep__direction_reference="true"),
-        "with the other sign: the directions of the reference lack it",
+        "equal to minus the declination (-23.6°): the directions of the reference lack it",
     ),
     "one recording given twice": (given_twice, "recorded the same velocities: one recording was given twice"),
     "cm/s called mm/s": (said(deep__columns__scale=0.0001), "check the unit and scale"),
