@@ -37,7 +37,7 @@ from compasslib.core.types import Floats
 Limits = tuple[float, float]
 
 WIDTH_IN, WIDE_IN, DPI = 3.5, 7.0, 200  # one column of print, and two
-LINE_IN = 0.165  # height of a line of a name
+LINE_IN = 0.16  # height of a line of a name
 WORD_IN = 1.8  # widest word of a title
 LETTERS = FontProperties(family="DejaVu Sans", size=8.0)
 COLLAPSED = "constrained_layout not applied"  # matplotlib's warning where labels leave a panel no room
