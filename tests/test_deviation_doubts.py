@@ -112,7 +112,7 @@ def test_a_stretch_repeated_from_elsewhere_is_doubted_with_its_dates_and_the_res
     seen, _ = pairs(iron, n=3000, seed=21)
     wrong = spoilt(seen, some)
     found = windows.doubtful(wrong, exact.fit(wrong))
-    inside = windows.inside(found, wrong.time_s)
+    inside, _ = doubts.along_time(found, wrong.time_s)
     assert inside[some].mean() > 0.6 and np.delete(inside, np.arange(3000)[some]).mean() < 0.1
     assert all(doubt.sigma_deg >= 10.0 and "directions differ from the reference" in doubt.why for doubt in found)
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib.core import angles
-from compasslib.core.records import Pairs, stamp, take
+from compasslib.core.records import Pairs, stamp
 from compasslib.core.types import Bools, Floats
 from compasslib.deviation import model
 from compasslib.deviation.doubts import KNOWS_NOTHING_DEG, Doubt
@@ -59,20 +59,16 @@ def doubtful(pairs: Pairs, fit: Fit) -> tuple[Doubt, ...]:
     return tuple(_doubts(pairs, windows, far, usual))
 
 
-def inside(doubts: tuple[Doubt, ...], time_s: Floats) -> Bools:
-    """Tell which instants lie in a doubted stretch, (n,)."""
-    return np.any([(time_s >= one.from_s) & (time_s <= one.to_s) for one in doubts] or [np.zeros(len(time_s), bool)], 0)
-
-
 def _described(pairs: Pairs, fit: Fit) -> Windows:
     residual = model.residual(fit, pairs)
     lost = ~np.isfinite(residual)
     width = fit.noise.width_deg(*model.speeds(pairs))
     heading = model.observed_heading(pairs) - np.where(lost, 0.0, residual)
-    ends = [_features(some, residual, lost, width, heading) for some in _cut(pairs.time_s)]
-    first, last = (np.array([some[k] for some in _cut(pairs.time_s)]) for k in (0, -1))
-    rms = [angles.rms(np.where(lost[some], KNOWS_NOTHING_DEG, residual[some])) for some in _cut(pairs.time_s)]
-    return Windows(first, last, np.array(ends), np.array(rms))
+    parts = _cut(pairs.time_s)
+    features = [_features(some, residual, lost, width, heading) for some in parts]
+    first, last = (np.array([some[k] for some in parts]) for k in (0, -1))
+    rms = [angles.rms(np.where(lost[some], KNOWS_NOTHING_DEG, residual[some])) for some in parts]
+    return Windows(first, last, np.array(features), np.array(rms))
 
 
 def _cut(time_s: Floats) -> list[NDArray[np.intp]]:
@@ -146,8 +142,3 @@ def _doubts(pairs: Pairs, windows: Windows, far: Bools, usual_deg: float) -> Ite
             f"{usual_deg:.0f}° in the rest of the record: the compass, the record or the reference was another then"
         )
         yield Doubt(float(from_s), float(to_s), sigma, why)
-
-
-def without(pairs: Pairs, doubts: tuple[Doubt, ...]) -> Pairs:
-    """Return the pairs outside the doubted stretches."""
-    return take(pairs, ~inside(doubts, pairs.time_s))

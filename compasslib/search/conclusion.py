@@ -18,7 +18,7 @@ from compasslib.calibration import at_mooring
 from compasslib.core.records import EarthField, Pairs, Record
 from compasslib.deviation import assessment, windows
 from compasslib.deviation.constant import Constant
-from compasslib.deviation.doubts import KNOWS_NOTHING_DEG, Doubt, whole_record
+from compasslib.deviation.doubts import KNOWS_NOTHING_DEG, Doubt, along_time, whole_record
 from compasslib.deviation.model import Fit
 from compasslib.search import product, verdict
 from compasslib.search.finding import Finding, Parameter, Unexplained, Where
@@ -111,7 +111,7 @@ def conclude(
         made = replace(made, doubts=(whole_record(KNOWS_NOTHING_DEG, why),))
     elif constant is not None and questioned:
         made = replace(made, doubts=(whole_record(abs(constant.angle_deg), constant.text), *doubts))
-    elif doubts := (*_outliers(fit), *doubts):
+    elif doubts := (*(() if made.effects else _outliers(fit)), *doubts):  # effects that are corrected explain outliers
         found = _unexplained(found, doubts, pairs)
         made = replace(made, doubts=doubts)
     if constant is not None and not questioned and constant.text:
@@ -136,7 +136,7 @@ def _unexplained(found: Diagnosis, doubts: tuple[Doubt, ...], pairs: Pairs) -> D
     worst = max(doubts, key=lambda doubt: doubt.sigma_deg)
     first, last = float(pairs.time_s[0]), float(pairs.time_s[-1])
     span = (max(worst.from_s, first), min(worst.to_s, last))
-    inside = windows.inside(doubts, pairs.time_s)
+    inside, _ = along_time(doubts, pairs.time_s)
     size = float(np.sqrt(np.mean(np.where(inside, worst.sigma_deg**2, 0.0))))
     text = f"{worst.why[0].upper()}{worst.why[1:]}. The headings there are flagged doubtful."
     place = "throughout the record" if np.isinf([worst.from_s, worst.to_s]).all() else worst.why.partition(" direc")[0]
