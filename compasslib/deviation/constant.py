@@ -102,9 +102,8 @@ def _measured(fit: Fit, pairs: Pairs) -> tuple[float, float] | None:
             return None
         n = autocorrelation.effective_number(residual[known], pairs.time_s[known])
         own = float(np.sqrt(fit.covariance[0, 0])) / angles.DEGREE
-        return float(angles.wrap180(angles.mean(residual[known]))), float(
-            np.hypot(own, angles.rms(residual[known]) / np.sqrt(n))
-        )
+        mean = float(angles.wrap180(angles.mean(residual[known])))
+        return mean, float(np.hypot(own, angles.rms(residual[known]) / np.sqrt(n)))
     a, sigma = float(fit.coefficients[0]), float(np.sqrt(fit.covariance[0, 0]))
     if fit.method == "von_appen":
         return float(angles.wrap180(a)), sigma
