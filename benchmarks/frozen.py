@@ -31,7 +31,8 @@ import numpy as np
 import yaml
 from runs import DATA, PROJECT, cost, snakemake
 
-from compasslib.simulation import demonstration, draw, observatory, package, swing
+from benchmarks.proof.world import draw
+from compasslib.simulation import demonstration, observatory, package, swing
 from compasslib.simulation.compass import earth_field
 
 NEAR = 1e-9
@@ -64,8 +65,8 @@ def write_raw(into: Path) -> list[str]:
         (into / cruise / "config").mkdir(parents=True, exist_ok=True)
         (into / cruise / "config/config.yaml").write_text(f"moorings: {moorings}\n")
     (into / "locked").mkdir(exist_ok=True)
-    for one in draw.draw(5, 24):
-        draw.write(one, into / "sealed", into / "locked")
+    for drawn in draw.draw(5, (24, 0), 2000, {}):
+        draw.write(drawn, into / "sealed", into / "locked", DATA)
     _write_calibrations(into / "calibrations")
     if "eh2" in names:
         for part in ("config", "raw"):

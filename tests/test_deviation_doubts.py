@@ -124,6 +124,33 @@ def test_a_sound_record_has_no_doubtful_stretch(iron, seed):
     assert windows.doubtful(seen, exact.fit(seen)) == ()
 
 
+def with_others(seen: Pairs, every: int) -> Pairs:
+    """Return pairs whose affected instrument's every k-th sample is that of another time."""
+    at = np.arange(len(seen))
+    at[::every] = (at[::every] + 900) % len(seen)
+    return replace(
+        seen, heading_deg=seen.heading_deg[at], upper_east=seen.upper_east[at], upper_north=seen.upper_north[at]
+    )
+
+
+@pytest.mark.parametrize("iron", [MILD, FOLDED], ids=["mild", "folded"])
+@pytest.mark.parametrize("every", [2, 3, 7, 12])
+def test_samples_of_another_record_at_every_kth_place_are_doubted_by_their_period(iron, every):
+    wrong = with_others(pairs(iron, n=3000, seed=22)[0], every)
+    first, *_ = windows.doubtful(wrong, exact.fit(wrong))
+    assert np.isinf(first.from_s) and first.sigma_deg > 20.0 and f"one in {every} differ" in first.why
+
+
+def test_an_hour_of_the_day_that_differs_is_told_by_its_hour():
+    seen, _ = pairs(MILD, n=3000, seed=23)
+    hour = np.rint(seen.time_s / 3600.0).astype(int) % 24
+    velocity = angles.turn(seen.upper_east, seen.upper_north, np.where(hour == 14, 50.0, 0.0))
+    first, *_ = windows.doubtful(
+        wrong := replace(seen, upper_east=velocity[0], upper_north=velocity[1]), exact.fit(wrong)
+    )
+    assert "those of 14:00 UTC differ" in first.why
+
+
 def test_doubts_lower_the_flag_and_widen_the_uncertainty_there_and_nowhere_else():
     seen, _ = pairs(MILD, n=600, seed=2)
     record, fit = record_of(seen), exact.fit(seen)
@@ -167,11 +194,7 @@ def test_a_calibration_of_another_compass_is_contradicted_and_its_own_is_not():
 
 def test_directions_that_agree_with_no_heading_doubt_the_record():
     seen, _ = pairs(MILD, n=2000, seed=8)
-    at = np.arange(2000)
-    at[::12] = (at[::12] + 700) % 2000
-    wrong = replace(
-        seen, heading_deg=seen.heading_deg[at], upper_east=seen.upper_east[at], upper_north=seen.upper_north[at]
-    )
+    wrong = with_others(seen, 12)
     assert conclusion._outliers(exact.fit(seen)) == ()
     (doubt,) = conclusion._outliers(exact.fit(wrong))
     assert "disagree with the fitted compass altogether" in doubt.why and doubt.sigma_deg > 15.0

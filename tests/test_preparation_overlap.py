@@ -248,3 +248,34 @@ def test_two_instruments_and_a_deeper_cell_told_at_its_own_depth_are_two_recordi
     near = meter(upper, u_near(upper) + np.random.default_rng(2).normal(0.0, 0.007, (1500, 2)) @ [1.0, 1.0j])
     for trusted in (lower, deeper, near):
         assert overlap.clocks(upper, [trusted], Rules()).one_recording == ""
+
+
+# -------------------------------------------------------------------------------------------------- variability
+def smoothed(velocity: np.ndarray, hours: int) -> np.ndarray:
+    return np.convolve(velocity, np.ones(hours) / hours, "same")
+
+
+def every_other(velocity: np.ndarray, hours: int) -> np.ndarray:
+    at = np.arange(velocity.size)
+    return np.interp(at, at[::hours], velocity[::hours])
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda flow: smoothed(flow, 12), "averaged, filtered or interpolated"),
+        (lambda flow: every_other(flow, 6), "averaged, filtered or interpolated"),
+        (lambda flow: flow - smoothed(flow, 25), "high-pass filtered"),
+        (lambda flow: flow[np.arange(flow.size) // 2 * 2], "repeat the one before"),
+        (lambda flow: flow[np.arange(flow.size) // 6 * 6], "repeat the one before"),
+        (lambda flow: flow, ""),
+    ],
+    ids=["running mean", "interpolated", "high-passed", "held for two", "held for six", "as measured"],
+)
+def test_a_reference_that_was_filtered_or_held_is_told_by_its_variability(change, words):
+    upper, lower = instruments(seed=5)
+    flow = change(lower.east[:, 0] + 1j * lower.north[:, 0])
+    east, north = (np.repeat(part[:, None], lower.east.shape[1], axis=1) for part in (flow.real, flow.imag))
+    pairs = overlap.find(upper, [replace(lower, east=east, north=north)], NORTH_FIELD, Rules())
+    said = [warning for warning in pairs.warnings if "reference's" in warning]
+    assert (len(said) == 1 and words in said[0]) if words else not said

@@ -805,6 +805,17 @@ def test_heading_alignment_is_refused_unless_it_is_told_how_to_take_it(tmp_path:
     assert "heading alignment EA is 45 degrees" in added.warnings[0]
 
 
+def test_headings_in_another_unit_are_refused_and_a_damaged_one_is_missing(tmp_path: Path) -> None:
+    def file(*headings: int) -> Path:
+        return written(tmp_path, *(ensemble(PROFILE, number=k + 1, heading=each) for k, each in enumerate(headings)))
+
+    gradians = [round(each * 100 / 0.9) for each in range(0, 360, 2)]
+    with pytest.raises(InputError, match=r"headings from 0 to 359.99 degrees.*found 18 of 180 of 360 degrees and more"):
+        read(file(*gradians))
+    kept = read(file(*(36500 if k == 7 else 65535 if k < 5 else 100 * k for k in range(150))))
+    assert kept.counts["heading_missing"] == 6 and np.isnan(kept.heading_deg[7])
+
+
 @pytest.mark.parametrize("written_ea", [(0, 0), (4500, 0), (4500, 3000)])
 def test_a_heading_alignment_that_the_file_does_not_bear_out_is_refused(
     written_ea: tuple[int, int], tmp_path: Path

@@ -1,9 +1,10 @@
-"""Stretches of a record that disagree with the reference in another way than the rest of the record does.
+"""Parts of a record that disagree with the reference in another way than the rest of the record does.
 
 Part of a record may be repeated, stuck, taken out of the water, or measured by another compass. The observed heading
 minus the corrected one is described window by window: its mean, its dependence on the corrected heading, its scatter,
 and how often the compass cannot have recorded what it did. A window that lies far outside the other windows is
-doubtful, whatever the fit to the whole record says.
+doubtful, whatever the fit to the whole record says. So is a record of which every k-th sample, or one hour of the day,
+differs from the others: two recordings were put together, or samples have another sample's time.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from compasslib.core import angles
 from compasslib.core.records import Pairs, stamp
 from compasslib.core.types import Bools, Floats
 from compasslib.deviation import model
-from compasslib.deviation.doubts import KNOWS_NOTHING_DEG, Doubt
+from compasslib.deviation.doubts import KNOWS_NOTHING_DEG, Doubt, whole_record
 from compasslib.deviation.model import Fit
 
 LENGTH_S, FEWEST_PAIRS = 5 * 86400.0, 40  # of a window: several days of water, and enough pairs for four numbers
@@ -31,6 +32,11 @@ GROWS = 0.5  # of these, for a window beside one that is far off
 LEAST_SPREAD = np.array([5.0, 5.0, 5.0, 0.2, 0.03])
 # Least departure that matters, in the same units; the heading dependence as the length of its two components.
 LEAST_TURN_DEG, LEAST_DEPENDENCE_DEG, LEAST_LOG_SCATTER, LEAST_LOST = 20.0, 10.0, 0.5, 0.25
+# Period and remainder of the index of samples that are compared with the others.
+INDICES = [(period, k) for period in (2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 24) for k in range(period)]
+# Least turn and log scatter of one index against the others, and excess of its rms; sound moorings 5°, 0.26.
+INDEX_TURN_DEG, INDEX_TURN_SIGMAS, INDEX_LOG_SCATTER, INDEX_RMS_DEG = 12.0, 6.0, 0.5, 15.0
+CLEARER = 1.5  # times more of a departure before a longer period is taken
 CLIP = 4.0  # widths beyond which a residual counts no more: slow water may point anywhere
 
 
@@ -44,8 +50,26 @@ class Windows:
     rms_deg: Floats  # (k,) of the residual
 
 
+@dataclass(frozen=True)
+class Residuals:
+    """Observed minus corrected headings of n pairs."""
+
+    residual_deg: Floats  # (n,) NaN where the compass cannot have recorded what it did
+    width_deg: Floats  # (n,) that is expected of each
+    heading_deg: Floats  # (n,) corrected
+
+    @property
+    def lost(self) -> Bools:
+        """(n,) where the compass cannot have recorded what it did."""
+        return np.isnan(self.residual_deg)
+
+    def rms_deg(self, some: NDArray[np.intp] | Bools) -> float:
+        """Compute the rms of some residuals; the lost ones count as directions that may be anything."""
+        return angles.rms(np.where(self.lost[some], KNOWS_NOTHING_DEG, self.residual_deg[some]))
+
+
 def doubtful(pairs: Pairs, fit: Fit) -> tuple[Doubt, ...]:
-    """Find the windows of a record that the rest of it does not foretell.
+    """Find the windows of a record, and the samples of one index, that the rest of it does not foretell.
 
     Args:
         pairs: overlapping measurements as the compass of the fit would have recorded them.
@@ -53,22 +77,58 @@ def doubtful(pairs: Pairs, fit: Fit) -> tuple[Doubt, ...]:
     """
     if not fit.fitted or fit.method == "von_appen" or len(pairs) < FEWEST_WINDOWS * FEWEST_PAIRS:
         return ()
-    windows = _described(pairs, fit)
+    residual = model.residual(fit, pairs)
+    heading = model.observed_heading(pairs) - np.nan_to_num(residual)
+    seen = Residuals(residual, fit.noise.width_deg(*model.speeds(pairs)), heading)
+    windows = _described(pairs.time_s, seen)
     far = _far(windows)
     usual = float(np.median(windows.rms_deg[~far])) if (~far).any() else 0.0
-    return tuple(_doubts(pairs, windows, far, usual))
+    return (*_by_index(pairs.time_s, seen), *_doubts(pairs, windows, far, usual))
 
 
-def _described(pairs: Pairs, fit: Fit) -> Windows:
-    residual = model.residual(fit, pairs)
-    lost = ~np.isfinite(residual)
-    width = fit.noise.width_deg(*model.speeds(pairs))
-    heading = model.observed_heading(pairs) - np.where(lost, 0.0, residual)
-    parts = _cut(pairs.time_s)
-    features = [_features(some, residual, lost, width, heading) for some in parts]
+def _by_index(time_s: Floats, seen: Residuals) -> tuple[Doubt, ...]:
+    """Doubt a record of which every k-th sample, or one hour of the day, differs most from the others."""
+    step_s = float(np.median(np.diff(time_s)))
+    index = np.rint(time_s / step_s).astype(int)
+    worst, why = 0.0, ""
+    for period, k in INDICES:
+        some = index % period == k
+        if min(some.sum(), (~some).sum()) < FEWEST_PAIRS:
+            continue
+        (turn, error, scatter), (others, _, usual) = (_turn_and_scatter(part, seen) for part in (some, ~some))
+        turn = abs(float(angles.difference(turn, others)))
+        rms, rest = (seen.rms_deg(part) for part in (some, ~some))
+        excess = float(np.sqrt(max(rms**2 - rest**2, 0.0)))
+        turned = turn > max(INDEX_TURN_DEG, INDEX_TURN_SIGMAS * error)
+        scattered = scatter - usual > INDEX_LOG_SCATTER and excess > INDEX_RMS_DEG
+        if (turned or scattered) and max(turn, excess) > CLEARER * worst:  # a longer period holds the shorter one
+            worst = max(turn, excess)
+            day = f"those of {k * step_s / 3600.0:02.0f}:00 UTC" if abs(period * step_s - 86400.0) < 1.0 else ""
+            why = (
+                f"of the hours paired with the reference, {day or f'one in {period}'} differ by {rms:.0f}° rms and the "
+                f"others by {rest:.0f}°: two recordings may have been put together in one instrument's file, or some "
+                "samples have the time of others"
+            )
+    return (whole_record(min(worst, KNOWS_NOTHING_DEG), why),) if why else ()
+
+
+def _turn_and_scatter(some: Bools, seen: Residuals) -> tuple[float, float, float]:
+    """Compute the mean residual of some pairs, its standard error (degrees) and the log of its scatter in widths."""
+    known = some & ~seen.lost
+    if known.sum() < FEWEST_PAIRS:
+        return np.nan, np.nan, np.nan
+    residual, width = seen.residual_deg[known], seen.width_deg[known]
+    turn = float(angles.argument(np.sum(angles.phasor(residual) / width**2)))
+    scatter = np.clip(angles.difference(residual, turn) / width, -CLIP, CLIP)
+    size = float(np.sqrt(np.mean(scatter**2) + 1e-6))
+    return turn, size / float(np.sqrt(np.sum(1.0 / width**2))), float(np.log(size))
+
+
+def _described(time_s: Floats, seen: Residuals) -> Windows:
+    parts = _cut(time_s)
+    features = [_features(some, seen) for some in parts]
     first, last = (np.array([some[k] for some in parts]) for k in (0, -1))
-    rms = [angles.rms(np.where(lost[some], KNOWS_NOTHING_DEG, residual[some])) for some in parts]
-    return Windows(first, last, np.array(features), np.array(rms))
+    return Windows(first, last, np.array(features), np.array([seen.rms_deg(some) for some in parts]))
 
 
 def _cut(time_s: Floats) -> list[NDArray[np.intp]]:
@@ -80,7 +140,8 @@ def _cut(time_s: Floats) -> list[NDArray[np.intp]]:
     return [some for some in cut if len(some) >= FEWEST_PAIRS // 2]
 
 
-def _features(some: NDArray[np.intp], residual: Floats, lost: Bools, width: Floats, heading: Floats) -> list[float]:
+def _features(some: NDArray[np.intp], seen: Residuals) -> list[float]:
+    residual, lost, width, heading = seen.residual_deg, seen.lost, seen.width_deg, seen.heading_deg
     known = some[~lost[some]]
     if len(known) < FEWEST_PAIRS // 4:
         return [0.0, 0.0, 0.0, 0.0, float(lost[some].mean())]

@@ -19,7 +19,7 @@ from compasslib.core.errors import InputError
 from compasslib.core.records import PROBABLY_GOOD, EarthField, Pairs, Record, take
 from compasslib.core.threads import single_threaded
 from compasslib.core.types import Complexes, Floats
-from compasslib.preparation import clock_offset, plausibility, same_record, water
+from compasslib.preparation import clock_offset, plausibility, same_record, variability, water
 from compasslib.preparation.clock_offset import Clocks, Speeds
 from compasslib.preparation.gridding import interpolate, nearest, on_grid
 
@@ -189,7 +189,7 @@ def checked(pairs: Pairs, upper: Record, trusted: Sequence[Record]) -> Pairs:
         )
     if min(speeds) < NOISE_M_S:
         notes.append(f"half of the pairs are slower than {min(speeds):.2g} m/s: their directions are noise")
-    return replace(pairs, warnings=pairs.warnings + tuple(notes))
+    return replace(pairs, warnings=(*pairs.warnings, *notes, *variability.warn_of_filtering(pairs, trusted[0])))
 
 
 def identical(pairs: Pairs) -> str:

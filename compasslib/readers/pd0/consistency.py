@@ -28,14 +28,14 @@ FOUR = "export its four slanted beams, or give the velocities as a table"
 
 
 def refuse(where: str, leaders: Ensembles) -> None:
-    """Refuse ensembles of two recordings, which would be shuffled into one.
+    """Refuse ensembles of two recordings, which would be shuffled into one, and headings that are no degrees.
 
     Args:
         leaders: n ensembles in the order of the files.
 
     Raises:
         InputError: two instruments, or one that looks up and one that looks down, or numbers of two recordings, or
-            other than four beams.
+            other than four beams, or more than STRAY of the headings beyond the circle.
     """
     for name, numbers in (("serial number", leaders.serial), ("processor board", leaders.board)):
         several = _often(numbers)
@@ -54,6 +54,11 @@ def refuse(where: str, leaders: Ensembles) -> None:
     if back > max(FEWEST_BACK, STRAY * len(leaders)):
         found = f"numbers that fall back {back} times while the clock goes on, as of two recordings mixed"
         raise InputError(where, expected="ensemble numbers that rise with time", found=found, advice=ADVICE)
+    beyond = int(leaders.beyond_circle.sum())
+    if beyond > max(FEWEST_BACK, STRAY * len(leaders)):
+        expected = "headings from 0 to 359.99 degrees, stored as hundredths"
+        found = f"{beyond} of {len(leaders)} of 360 degrees and more, as of gradians or another unit"
+        raise InputError(where, expected=expected, found=found, advice="take the file as the instrument recorded it")
 
 
 def refuse_columns(where: str, misfits: int, kept: int) -> None:

@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib.core.types import Floats
+from compasslib.core.types import Bools, Floats
 from compasslib.readers.bounds import refuse_large_arrays
 from compasslib.readers.pd0.frames import FIXED_LEADERS, VARIABLE_LEADERS, Bytes, EnsembleRun, Layout, Places
 
@@ -54,6 +54,7 @@ _VARIABLE = np.dtype(
 )
 _PRESSURE_STOP, _VOLTAGE_STOP, _BOARD_STOP, _SERIAL_STOP = 52, 36, 50, 58
 _ALL_ONES = 2**32 - 1
+NO_HEADING = 65535  # hundredths of a degree
 _PER_CELL = {VELOCITY: 8, CORRELATION: 4, ECHO: 4, PERCENT_GOOD: 4}  # bytes: four beams or components
 _RESERVED = 2  # bytes between the last block and the checksum
 _FREQUENCIES_KHZ = np.array([75.0, 150.0, 300.0, 600.0, 1200.0, 2400.0, 38.0, np.nan])
@@ -68,6 +69,7 @@ class Ensembles:
     number: Places  # (n,)
     time_s: Floats  # (n,) since 1970-01-01 by the instrument's clock
     heading_deg: Floats  # (n,) heading bias EB included; NaN outside [0, 360)
+    beyond_circle: Bools  # (n,) whether a heading is recorded that is 360 degrees or more
     tilt1_deg: Floats  # (n,) beam 3 up
     tilt2_deg: Floats  # (n,) starboard down
     velocity: Floats  # (n, m, 4) m/s
@@ -350,6 +352,7 @@ def _from_variable(rows: Bytes, layout: Layout) -> dict[str, Any]:
         "number": leader["number"] + 65536 * leader["number_high"].astype(np.int64),
         "time_s": _seconds(leader["clock"], leader["clock_2000"], leader["century"]),
         "heading_deg": np.where(heading < 360.0, heading, np.nan),
+        "beyond_circle": (heading >= 360.0) & (leader["heading"] != NO_HEADING),
         "tilt1_deg": hundredths(leader["tilt1"]),
         "tilt2_deg": hundredths(leader["tilt2"]),
         "temperature_c": hundredths(leader["temperature"]),

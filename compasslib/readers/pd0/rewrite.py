@@ -17,10 +17,18 @@ from numpy.typing import NDArray
 
 from compasslib.core import angles
 from compasslib.core.types import Bools, Floats
-from compasslib.readers.pd0.fields import EARTH, MISSING_COUNT, VELOCITY, Leaders, has_velocities, leaders_of
+from compasslib.readers.pd0.fields import (
+    EARTH,
+    MISSING_COUNT,
+    NO_HEADING,
+    VELOCITY,
+    Leaders,
+    has_velocities,
+    leaders_of,
+)
 from compasslib.readers.pd0.frames import VARIABLE_LEADERS, Bytes, EnsembleRun, Layout, Skipped, frames
 
-NO_HEADING, FULL_CIRCLE = 65535, 36000  # hundredths of a degree
+FULL_CIRCLE = 36000  # hundredths of a degree
 HEADING_AT = 18  # byte of the variable leader
 BOTTOM_TRACK, TRACKED = 0x0600, (24, 50)  # bytes at which its velocities stand, and those of the water's layer
 LARGEST = 32767  # mm/s that the format can hold
