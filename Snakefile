@@ -8,11 +8,11 @@ from snakemake.logging import logger
 sys.path.insert(0, str(workflow.current_basedir))  # before a folder of the same name where this is started
 
 from compasslib.archive import provenance
-from compasslib.calibration import KINDS
+from compasslib.calibrations import KINDS
 from compasslib.config.cruise import load
-from compasslib.core.errors import InputError
-from compasslib.run import guard, plan, running
-from compasslib.run.plan import FIGURES
+from compasslib.errors import InputError
+from compasslib.pipeline import guard, plan, running
+from compasslib.pipeline.plan import FIGURES
 
 try:
     guard.refuse_config(config)

@@ -22,7 +22,7 @@ import numpy as np
 import yaml
 from runs import PROJECT, cost, snakemake
 
-from compasslib.core.angles import difference, rms
+from compasslib.angles import difference, rms
 
 METHODS = ("exact", "exact, tilt: true", "von_appen")
 HEAD = (

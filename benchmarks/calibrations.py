@@ -17,10 +17,10 @@ import numpy as np
 import targets
 from targets import Measured
 
-from compasslib.calibration import curves
-from compasslib.calibration.curves import BenchReadings
-from compasslib.calibration.result import Calibration
-from compasslib.core import angles, compass
+from compasslib import angles, compass
+from compasslib.calibrations import curves
+from compasslib.calibrations.curves import BenchReadings
+from compasslib.calibrations.result import Calibration
 from compasslib.deviation import von_appen
 
 GRADUATION_DEG, READING_DEG = 0.26, 0.4  # error of each setting of the bench; of each reading

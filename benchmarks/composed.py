@@ -22,8 +22,8 @@ import numpy as np
 import targets
 
 from compasslib.effects import COMPOSED, side_of
-from compasslib.search.comparison import Options
-from compasslib.search.kinds.mooring import diagnose
+from compasslib.inference.comparison import Options
+from compasslib.inference.kinds.mooring import diagnose
 from compasslib.simulation import pairs as sea
 
 SIZES = (3.0, 3.0, 1.5)

@@ -21,17 +21,16 @@ from types import SimpleNamespace
 import numpy as np
 import targets
 
-from compasslib import deviation
-from compasslib.core import angles, compass
-from compasslib.core.records import EarthField, Pairs
+from compasslib import angles, compass, deviation
 from compasslib.deviation import correction
 from compasslib.deviation import model as fits
 from compasslib.deviation.model import Fit
 from compasslib.effects import CATALOGUE, SIDES
-from compasslib.search import baseline, grammar, model, product
-from compasslib.search.case import mooring_case
-from compasslib.search.comparison import Options
-from compasslib.search.kinds.mooring import diagnose
+from compasslib.inference import baseline, grammar, model, product
+from compasslib.inference.case import mooring_case
+from compasslib.inference.comparison import Options
+from compasslib.inference.kinds.mooring import diagnose
+from compasslib.records import EarthField, Pairs
 from compasslib.simulation import pairs as sea
 
 WATER = ("current_veer", "mooring_motion", "current_shear_slow")  # right where nothing was put in

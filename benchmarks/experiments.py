@@ -20,17 +20,17 @@ import discrepancy as bench
 import numpy as np
 import targets
 
-from compasslib.core import angles
-from compasslib.core.records import Pairs, take
+from compasslib import angles
 from compasslib.deviation.model import nearest_root
 from compasslib.effects import Scene, composition
+from compasslib.inference import experiments, model
+from compasslib.inference.comparison import Options
+from compasslib.inference.inference import Inference
+from compasslib.inference.kinds.mooring import diagnose
+from compasslib.inference.posterior import SURE
+from compasslib.inference.verdict import Diagnosis
 from compasslib.preparation import several
-from compasslib.search import experiments, model
-from compasslib.search.comparison import Options
-from compasslib.search.inference import Inference
-from compasslib.search.kinds.mooring import diagnose
-from compasslib.search.posterior import SURE
-from compasslib.search.verdict import Diagnosis
+from compasslib.records import Pairs, take
 from compasslib.simulation import pairs as sea
 
 HALF, MOST = 4000, 1000

@@ -29,9 +29,8 @@ sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 import netcdf_layouts as layouts  # noqa: E402
 from test_archive import make_product, write  # noqa: E402
 
-from compasslib import readers  # noqa: E402
-from compasslib.core import angles  # noqa: E402
-from compasslib.core.records import Record  # noqa: E402
+from compasslib import angles, readers  # noqa: E402
+from compasslib.records import Record  # noqa: E402
 
 DATA = ROOT / ".." / "shared" / "data"
 NETCDF = {"columns": None, "orientation": None, "declination_applied": None, "direction_reference": "magnetic"}

@@ -29,11 +29,10 @@ from runs import ONE_THREAD
 from scipy.optimize import least_squares
 from targets import Measured
 
-from compasslib import deviation
-from compasslib.core import angles, compass
-from compasslib.core.records import Pairs, Readings, take
+from compasslib import angles, compass, deviation
 from compasslib.deviation import correction, model, von_appen
 from compasslib.plots.page import BLUE, GREY, VERMILION, WIDE_IN, legend, page
+from compasslib.records import Pairs, Readings, take
 from compasslib.simulation import compass as needle
 from compasslib.simulation import demonstration, mooring, water
 from compasslib.simulation.series import HOUR_S, clockwise, stream, white_vector

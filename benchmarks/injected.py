@@ -30,15 +30,14 @@ import numpy as np
 import targets
 import water
 
-from compasslib import deviation
-from compasslib.core import angles
-from compasslib.core.records import EarthField, Pairs, take
+from compasslib import angles, deviation
 from compasslib.deviation import assessment, correction
 from compasslib.effects import side_of
+from compasslib.inference import covariates
+from compasslib.inference.comparison import Options
+from compasslib.inference.kinds.mooring import diagnose
 from compasslib.preparation import overlap
-from compasslib.search import covariates
-from compasslib.search.comparison import Options
-from compasslib.search.kinds.mooring import diagnose
+from compasslib.records import EarthField, Pairs, take
 from compasslib.simulation import pairs as sea
 
 KINDS = ("null", "single", "two", "unknown")

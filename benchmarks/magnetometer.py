@@ -16,8 +16,8 @@ import numpy as np
 import targets
 from runs import DATA
 
-from compasslib.calibration import magnetometer
-from compasslib.calibration.magnetometer import ellipsoid
+from compasslib.calibrations import magnetometer
+from compasslib.calibrations.magnetometer import ellipsoid
 from compasslib.deviation import von_appen
 from compasslib.simulation import iron
 

@@ -27,8 +27,8 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT)]
 
 from compasslib import readers  # noqa: E402
-from compasslib.core.errors import InputError  # noqa: E402
-from compasslib.core.records import Record  # noqa: E402
+from compasslib.errors import InputError  # noqa: E402
+from compasslib.records import Record  # noqa: E402
 
 COUNT = 60
 Values = NDArray[Any]

@@ -15,11 +15,10 @@ import targets
 from runs import DATA
 from scipy.signal import lfilter
 
-from compasslib import observatory
-from compasslib.core import earthfield
-from compasslib.core.records import FieldSeries
-from compasslib.search.comparison import Options
-from compasslib.search.kinds import declination
+from compasslib import earthfield, observatory
+from compasslib.inference.comparison import Options
+from compasslib.inference.kinds import declination
+from compasslib.records import FieldSeries
 
 HOUR_S, DAY_S = 3600.0, 86400.0
 PLACES = ((55.3, -3.2), (48.0, 2.3), (65.4, 26.6), (40.1, -105.2), (-35.3, 149.4))

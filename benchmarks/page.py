@@ -28,7 +28,7 @@ import yaml
 from runs import PROJECT
 from targets import Measured
 
-from compasslib.core import angles
+from compasslib import angles
 from compasslib.deviation import von_appen
 
 SCRIPTS = PROJECT / "workflow/scripts"

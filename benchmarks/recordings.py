@@ -23,14 +23,14 @@ import numpy as np
 import targets
 from recordings_real import real
 
-from compasslib.calibration import heads as heads_of
-from compasslib.calibration.heads import motion as motions
-from compasslib.calibration.magnetometer.log import Log
-from compasslib.core import angles
-from compasslib.search import kinds as diagnoses
-from compasslib.search.comparison import Options
-from compasslib.search.kinds import magnetometer, platform, two_heads
-from compasslib.search.verdict import Diagnosis
+from compasslib import angles
+from compasslib.calibrations import heads as heads_of
+from compasslib.calibrations.heads import motion as motions
+from compasslib.calibrations.magnetometer.log import Log
+from compasslib.inference import kinds as diagnoses
+from compasslib.inference.comparison import Options
+from compasslib.inference.kinds import magnetometer, platform, two_heads
+from compasslib.inference.verdict import Diagnosis
 from compasslib.simulation import package, swing
 from compasslib.simulation import recordings as drawn
 from compasslib.simulation.package import Head, Sea

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 from runs import DATA
 
-from compasslib.search import kinds
-from compasslib.search.comparison import Options
-from compasslib.search.finding import Finding
-from compasslib.search.kinds import platform
-from compasslib.search.verdict import Diagnosis
+from compasslib.inference import kinds
+from compasslib.inference.comparison import Options
+from compasslib.inference.finding import Finding
+from compasslib.inference.kinds import platform
+from compasslib.inference.verdict import Diagnosis
 
 ACM, SIGNATURE = "acm/mmp_global_A0000001.TXT", "magnetometer/signature500.csv"
 MMP, NMEA = {"format": "mmp_acm"}, {"format": "nmea0183"}

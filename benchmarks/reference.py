@@ -21,8 +21,8 @@ from pathlib import Path
 import numpy as np
 import targets
 
+from compasslib import angles
 from compasslib.archive import netcdf
-from compasslib.core import angles
 from compasslib.effects import SIDES
 from compasslib.simulation import draw
 from compasslib.simulation.sealed import Wish

@@ -22,16 +22,15 @@ import targets
 from discrepancy import field_of, fitted, held, line, told
 from scipy.stats import chi2, ncx2
 
-from compasslib import deviation
-from compasslib.core import angles
-from compasslib.core.records import take
+from compasslib import angles, deviation
 from compasslib.deviation import correction, exact
 from compasslib.deviation import model as fits
+from compasslib.inference.comparison import Options
+from compasslib.inference.kinds.mooring import diagnose
 from compasslib.joint import coefficients, content
 from compasslib.joint.coefficients import OWN
 from compasslib.joint.members import Member
-from compasslib.search.comparison import Options
-from compasslib.search.kinds.mooring import diagnose
+from compasslib.records import take
 from compasslib.simulation import redeployed
 from compasslib.simulation.pairs import Drawn
 

@@ -18,8 +18,8 @@ import numpy as np
 import targets
 from runs import DATA
 
-from compasslib.calibration import swing
-from compasslib.core import angles
+from compasslib import angles
+from compasslib.calibrations import swing
 from compasslib.deviation import von_appen
 
 KINDS = ("8 headings", "16 headings", "36 headings", "log", "log and ship's log")

@@ -17,7 +17,7 @@ import tables
 from sea import SHARED
 
 from compasslib import readers
-from compasslib.core.errors import InputError
+from compasslib.errors import InputError
 from compasslib.readers import TABLE_KEYS
 
 GENUINE = {

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 import targets
 
-from compasslib.calibration import heads
+from compasslib.calibrations import heads
 from compasslib.simulation import package
 from compasslib.simulation.package import Head, Sea
 

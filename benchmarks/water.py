@@ -20,12 +20,11 @@ import numpy as np
 import targets
 from runs import DATA
 
-from compasslib import deviation, readers
-from compasslib.core import angles, compass
-from compasslib.core.records import EarthField, Record
+from compasslib import angles, compass, deviation, readers
 from compasslib.deviation import model
 from compasslib.preparation import deployment, overlap
 from compasslib.preparation import water as prediction
+from compasslib.records import EarthField, Record
 
 DEPTHS, GAPS = range(8), (1, 2, 4)  # bins that are the trusted instrument, and cells between it and the nearest one
 IRON = {

@@ -8,7 +8,7 @@ from typing import Any
 
 from compasslib.archive import netcdf, summary
 from compasslib.config import cruise
-from compasslib.core.errors import InputError
+from compasslib.errors import InputError
 from compasslib.stages import pipeline
 
 

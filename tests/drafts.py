@@ -26,9 +26,9 @@ import yaml
 from sea import SHARED
 
 from compasslib import readers
-from compasslib.command import main
+from compasslib.cli import main
 from compasslib.config.cruise import decided, undecided
-from compasslib.core.errors import InputError
+from compasslib.errors import InputError
 
 # Headers of exports: of time, or of date and clock, of east, north and depth; and their factor to m/s, if they tell it.
 HEADERS: tuple[tuple[tuple[str, ...], float | None], ...] = (

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from compasslib.core import earthfield
-from compasslib.core.records import FieldSeries
+from compasslib import earthfield
+from compasslib.records import FieldSeries
 
 LATITUDE, LONGITUDE = 55.3, -3.2
 HOUR_S, DAY_S = 3600.0, 86400.0

@@ -15,7 +15,7 @@ import netCDF4
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib.core import angles
+from compasslib import angles
 
 N, M, START = 60, 5, 1_188_864_000.0  # 2007-09-04
 DECLINATION = -17.4

@@ -11,7 +11,7 @@ import pytest
 import yaml
 from pd0_encoder import ensemble
 
-from compasslib.core.records import Pairs
+from compasslib.records import Pairs
 from compasslib.simulation import pairs as world
 
 SHARED = Path(__file__).resolve().parents[1] / ".." / "shared" / "data"

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from compasslib import readers
-from compasslib.calibration.magnetometer import log
-from compasslib.core.errors import InputError
+from compasslib.calibrations.magnetometer import log
+from compasslib.errors import InputError
 from compasslib.readers import covariate
 
 N, STEP_S, START = 60, 10800, datetime(2012, 3, 8, tzinfo=UTC)

@@ -13,18 +13,18 @@ SCRIPTS = sorted((PROJECT / "workflow/scripts").glob("*.py"))
 # From the ground up: a room imports from rooms before it, and from itself.
 ROOMS = [
     *(
-        "core",
-        "stats",
+        "ground",  # the modules at the top
+        "statistics",
         "readers",
         "preparation",
         "observatory",
         "effects",
         "deviation",
-        "calibration",
-        "search",
+        "calibrations",
+        "inference",
         "joint",
     ),
-    *("config", "archive", "run", "plots", "report", "stages", "command"),
+    *("config", "archive", "pipeline", "plots", "report", "stages", "cli"),
 ]
 FLOOR = {room: k for k, room in enumerate(ROOMS)}
 APART = "simulation"  # the simulated world: nothing of the house is in it, and only the stage that writes it knows it
@@ -38,7 +38,8 @@ MODULES = {name_of(path): path for path in LIBRARY}
 
 
 def room_of(module: str) -> str:
-    return module.split(".")[1] if "." in module else ""
+    room = module.partition(".")[2].partition(".")[0]
+    return room if room in FLOOR or room == APART or not room else "ground"
 
 
 def imports(path: Path) -> Iterator[str]:

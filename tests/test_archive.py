@@ -17,11 +17,11 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from compasslib import angles, records
 from compasslib.archive import attributes as archive_attributes
 from compasslib.archive import files, layout, netcdf, page
-from compasslib.core import angles, records
-from compasslib.core.errors import InputError
-from compasslib.core.records import BAD, GOOD, MISSING, PROBABLY_GOOD, Pairs, Record
+from compasslib.errors import InputError
+from compasslib.records import BAD, GOOD, MISSING, PROBABLY_GOOD, Pairs, Record
 
 SITE = netcdf.Site("EG4", latitude=65.3333, longitude=-32.9550, water_depth_m=894.0)
 USUAL = {
@@ -291,7 +291,7 @@ def test_a_missing_variable_or_attribute_is_told_in_one_line(corrected_nc, read)
 
 
 def test_no_message_about_files_advises_to_delete_them():
-    rooms = ("archive", "command", "run", "stages", "report", "plots")
+    rooms = ("archive", "cli", "pipeline", "stages", "report", "plots")
     modules = [path for room in rooms for path in (Path(files.__file__).parents[1] / room).glob("*.py")]
     trees = [(path.name, ast.parse(path.read_text())) for path in modules]
     said = {(name, node.value) for name, tree in trees for node in ast.walk(tree) if isinstance(node, ast.Constant)}

@@ -13,7 +13,7 @@ from test_archive import PROCESSING, USUAL, make_pairs, make_product, make_recor
 
 from compasslib.archive import conventions, layout, netcdf
 from compasslib.archive import conventions as oceansites
-from compasslib.core.errors import InputError
+from compasslib.errors import InputError
 
 # No name of the CF table fits these: its orientation is from north, and it knows no deviation and no declination.
 WITHOUT_STANDARD_NAME = {

@@ -24,9 +24,9 @@ from compasslib import __version__
 from compasslib.archive import crate, provenance, verification
 from compasslib.config import cruise as config
 from compasslib.config import schema, values
-from compasslib.core.errors import InputError
-from compasslib.run import plan
-from compasslib.run.job import job
+from compasslib.errors import InputError
+from compasslib.pipeline import plan
+from compasslib.pipeline.job import job
 
 SAMPLES = 120
 
@@ -197,7 +197,7 @@ def test_what_was_replaced_leads_nowhere_and_a_changed_product_is_refused(tmp_pa
 
 
 # ------------------------------------------------------------------------------------------------------------- verify
-COMPASS = "import sys; from compasslib.command import main; sys.exit(main())"
+COMPASS = "import sys; from compasslib.cli import main; sys.exit(main())"
 
 
 def verify(folder: Path, *options: str) -> tuple[int, list[str]]:
@@ -499,7 +499,7 @@ def test_in_a_checkout_commit_and_date_stand_and_an_edit_is_told(copied):
     made = commit(copied)
     assert told(copied)[0].endswith(f"({made})")
     assert told(copied)[1:] == ["2024-02-03T04:05:06Z", "the commit of the software"]
-    with (copied / "compasslib/core/angles.py").open("a") as stream:
+    with (copied / "compasslib/angles.py").open("a") as stream:
         stream.write("# edited\n")
     assert told(copied)[0].endswith(f"({made}, edited since)")
 

@@ -16,8 +16,8 @@ import pytest
 from compasslib import readers
 from compasslib.config import calibrations, schema, values
 from compasslib.config import cruise as config
-from compasslib.core.errors import InputError
-from compasslib.run import plan
+from compasslib.errors import InputError
+from compasslib.pipeline import plan
 from compasslib.stages.pipeline import Job
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from compasslib.calibration import KINDS, budget
+from compasslib.calibrations import KINDS, budget
 from compasslib.config import calibrations
 from compasslib.config import cruise as config
-from compasslib.core.errors import InputError
-from compasslib.run import plan
+from compasslib.errors import InputError
+from compasslib.pipeline import plan
 
 FILE = "config/calibrations/aqd.yaml"
 # The example of design/interface.md.

@@ -8,8 +8,8 @@ PROJECT = Path(__file__).resolve().parents[1]
 PAGE = PROJECT / "docs/background/constants.md"
 ROOT = PROJECT / "compasslib"
 ENGINE = [
-    *ROOT.glob("search/**/*.py"),
-    *ROOT.glob("stats/*.py"),
+    *ROOT.glob("inference/**/*.py"),
+    *ROOT.glob("statistics/*.py"),
     ROOT / "effects/term.py",
     ROOT / "effects/composed.py",
 ]

@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 from sea import FOLDED, MILD, pairs
 
-from compasslib import deviation
+from compasslib import angles, deviation
 from compasslib.archive import netcdf
-from compasslib.core import angles
-from compasslib.core.records import BAD, GOOD, MISSING, PROBABLY_BAD, EarthField, Pairs, Record, take
 from compasslib.deviation import along, assessment, branches, correction, doubts, exact, likelihood, model, von_appen
+from compasslib.records import BAD, GOOD, MISSING, PROBABLY_BAD, EarthField, Pairs, Record, take
 
 
 def record_of(seen: Pairs) -> Record:

@@ -10,14 +10,14 @@ import yaml
 from sea import FOLDED, MILD, cruise, pairs
 from test_deviation_correction import field_of, record_of
 
+from compasslib import angles
 from compasslib.archive import netcdf
-from compasslib.calibration import at_mooring
-from compasslib.core import angles
-from compasslib.core.records import GOOD, PROBABLY_BAD, Pairs
+from compasslib.calibrations import at_mooring
 from compasslib.deviation import constant, correction, doubts, exact, windows
 from compasslib.deviation.model import Fit
-from compasslib.search import conclusion
-from compasslib.search.verdict import Diagnosis
+from compasslib.inference import conclusion
+from compasslib.inference.verdict import Diagnosis
+from compasslib.records import GOOD, PROBABLY_BAD, Pairs
 from compasslib.stages import pipeline
 
 DECLINATION_DEG, SIGMA_DEG = 18.0, 1.3

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from sea import FOLDED, MILD, pairs
 
-from compasslib.core import angles, compass
+from compasslib import angles, compass
 from compasslib.deviation import exact, likelihood, model
 from compasslib.deviation import exact as scatter
 from compasslib.deviation.forms import FORMS

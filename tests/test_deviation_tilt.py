@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from sea import FOLDED, MILD, pairs
 
-from compasslib import deviation
-from compasslib.core import angles, compass
+from compasslib import angles, compass, deviation
 from compasslib.deviation import correction, exact, tilt
 from compasslib.simulation.pairs import red_from_rest as red_noise
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from compasslib.core import compass
+from compasslib import compass
 from compasslib.deviation.transfer import Place, carry
 
 BREST, GREENLAND = Place(21000.0, 43000.0), Place(11980.0, 52078.0)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from sea import MILD, pairs
 
-from compasslib.core import angles
+from compasslib import angles
 from compasslib.deviation import von_appen
 
 

@@ -6,14 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from compasslib.core import angles, compass
+from compasslib import angles, compass
 from compasslib.deviation import tilt
 from compasslib.effects import CATALOGUE, Scene, composition, page, short
 from compasslib.effects.composed import BeamGain, PivotFriction, composed, of_name, placed
 from compasslib.effects.composition import Simulation
 from compasslib.effects.iron import Heeling, TemperatureOfField
 from compasslib.effects.reading import CompassLag, Octantal, Sextantal, TiltUncompensated
-from compasslib.search import case, wording
+from compasslib.inference import case, wording
 
 NAMES = [
     "hard_iron",

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from launch import PROJECT, change, keeps_contract, snakemake
 
-from compasslib.core import angles
+from compasslib import angles
 from compasslib.preparation import deployment
 from compasslib.readers import table
 from compasslib.stages import pipeline

@@ -13,7 +13,7 @@ import pytest
 import yaml
 from launch import PROJECT, change, keeps_contract, planned, snakemake
 
-from compasslib.core import angles
+from compasslib import angles
 from compasslib.simulation import redeployed
 from compasslib.stages import pipeline
 

@@ -17,16 +17,16 @@ from pd0_encoder import ensemble
 from sea import SHARED, START, cruise
 from test_archive import PROCESSING, USUAL
 
+from compasslib import angles, records
 from compasslib.archive import export, netcdf
 from compasslib.archive.files import HALF_WRITTEN
-from compasslib.command import export as export_command
-from compasslib.command import main
-from compasslib.core import angles, records
-from compasslib.core.errors import InputError
-from compasslib.core.records import MISSING, Corrected
+from compasslib.cli import export as export_command
+from compasslib.cli import main
+from compasslib.errors import InputError
 from compasslib.preparation import deployment
 from compasslib.readers.pd0 import reader, rewrite
 from compasslib.readers.pd0.frames import frames
+from compasslib.records import MISSING, Corrected
 from compasslib.stages import pipeline
 
 EH2 = SHARED / "pd0/eh2_20060530_20060717_0007m.000"

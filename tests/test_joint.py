@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from compasslib import deviation
-from compasslib.core.records import take
 from compasslib.deviation import exact
 from compasslib.deviation.prior import Prior
+from compasslib.inference import sharing
+from compasslib.inference.evidence import Products
+from compasslib.inference.sharing import Effects
 from compasslib.joint import coefficients, content, effects
 from compasslib.joint.members import Member
-from compasslib.search import sharing
-from compasslib.search.evidence import Products
-from compasslib.search.sharing import Effects
+from compasslib.records import take
 from compasslib.simulation import pairs as sea
 
 FIELDS = ((12000.0, 52000.0), (15000.0, 50000.0), (20000.0, 42000.0))

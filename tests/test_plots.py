@@ -19,19 +19,19 @@ from matplotlib.text import Text
 from PIL import Image
 from scipy.signal import lfilter
 
+from compasslib import angles, compass
 from compasslib.archive import currents as archive_currents
 from compasslib.archive import files as archive_files
-from compasslib.core import angles, compass
-from compasslib.core.errors import InputError
-from compasslib.core.records import BAD, GOOD, Corrected, EarthField, Pairs, Record, take
 from compasslib.deviation import correction, model, von_appen
 from compasslib.deviation.likelihood import CELLS
 from compasslib.deviation.model import Fit
+from compasslib.errors import InputError
 from compasslib.plots import agreement, currents, deviation, diagnosis, timeline
 from compasslib.plots import curves as plots_curves
 from compasslib.plots import page as plots_page
 from compasslib.plots.curves import BACKWARDS, GIVEN_UP, INVERTED
 from compasslib.plots.page import BLACK, DPI, WIDTH_IN
+from compasslib.records import BAD, GOOD, Corrected, EarthField, Pairs, Record, take
 from compasslib.report import captions
 
 START_S, SAMPLES = 1188864000.0, 700

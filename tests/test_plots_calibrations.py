@@ -11,9 +11,9 @@ from matplotlib.image import imread
 from matplotlib.text import Annotation
 
 from compasslib.archive.calibrations import Page
-from compasslib.calibration import FIGURES, budget, content, curves
-from compasslib.calibration.curves import BenchReadings
-from compasslib.calibration.result import Calibration, DeviationTable
+from compasslib.calibrations import FIGURES, budget, content, curves
+from compasslib.calibrations.curves import BenchReadings
+from compasslib.calibrations.result import Calibration, DeviationTable
 from compasslib.plots import calibrations, compass
 from compasslib.plots import calibrations as plots_certificate
 from compasslib.plots.page import DPI, WIDE_IN, WIDTH_IN

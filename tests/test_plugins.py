@@ -17,11 +17,10 @@ import yaml
 from launch import PROJECT, change, snakemake
 from sea import cruise
 
-from compasslib import effects, readers
-from compasslib.command import main
+from compasslib import effects, plugins, readers
+from compasslib.cli import main
 from compasslib.config import cruise as config
-from compasslib.core import plugins
-from compasslib.core.errors import InputError
+from compasslib.errors import InputError
 
 PIP = [sys.executable, "-m", "pip"] if find_spec("pip") else [shutil.which("pip"), "--python", sys.executable]
 PAGE = (PROJECT / "docs/howto/plugins.md").read_text()

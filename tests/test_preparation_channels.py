@@ -7,10 +7,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 from test_archive import make_record
 
-from compasslib.core.errors import InputError
-from compasslib.core.records import MAGNETOMETER
+from compasslib.errors import InputError
+from compasslib.inference import covariates
 from compasslib.preparation import channels
-from compasslib.search import covariates
+from compasslib.records import MAGNETOMETER
 
 HEADER = "when,ntu\n"
 

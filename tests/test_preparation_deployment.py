@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from test_preparation_overlap import HOUR, record
 
-from compasslib.core.records import BAD, GOOD
 from compasslib.preparation import deployment
+from compasslib.records import BAD, GOOD
 
 SETTINGS = {"start_s": 0.0, "end_s": 20 * HOUR, "water_depth": 500.0, "latitude": 65.0, "nominal_depth": 100.0}
 

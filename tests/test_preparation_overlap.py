@@ -7,11 +7,11 @@ import pytest
 import sea
 from sea import FOLDED, MILD, pairs
 
-from compasslib.core import angles
-from compasslib.core.errors import InputError
-from compasslib.core.records import BAD, GOOD, EarthField, Record
+from compasslib import angles
+from compasslib.errors import InputError
 from compasslib.preparation import clock_offset, gridding, overlap
 from compasslib.preparation.overlap import Rules
+from compasslib.records import BAD, GOOD, EarthField, Record
 from compasslib.simulation.pairs import red_from_rest as red_noise
 
 HOUR = 3600.0

@@ -14,15 +14,14 @@ from test_preparation_deployment import LONG, turning
 from test_preparation_overlap import HOUR
 from test_preparation_overlap import record as one_record
 
-from compasslib import report
+from compasslib import angles, report
 from compasslib.archive import netcdf, summary
 from compasslib.config import cruise as config
-from compasslib.core import angles
-from compasslib.core.records import BAD, GOOD, PROBABLY_BAD, EarthField
+from compasslib.pipeline import plan
 from compasslib.preparation import deployment, overlap, plausibility
 from compasslib.readers.pd0 import reader
+from compasslib.records import BAD, GOOD, PROBABLY_BAD, EarthField
 from compasslib.report import words
-from compasslib.run import plan
 
 N = 60
 

@@ -11,13 +11,12 @@ import yaml
 from sea import MILD
 from test_preparation_water import ALL_NEAR, CELL_M, FIELD, instrument, layers, seen
 
-from compasslib import deviation
+from compasslib import angles, compass, deviation
 from compasslib.archive import netcdf
-from compasslib.core import angles, compass
-from compasslib.core.errors import InputError
-from compasslib.core.records import take
 from compasslib.deviation import model
+from compasslib.errors import InputError
 from compasslib.preparation import overlap, several
+from compasslib.records import take
 from compasslib.stages import pipeline
 
 NAMES = ("low", "mid", "high")

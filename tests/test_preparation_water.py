@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 from sea import FOLDED, MILD, SHARED
 
-from compasslib import deviation, readers
-from compasslib.core import angles, compass
-from compasslib.core.records import BAD, EarthField, Record
+from compasslib import angles, compass, deviation, readers
 from compasslib.deviation import model
 from compasslib.preparation import overlap, water
 from compasslib.preparation.overlap import Rules
+from compasslib.records import BAD, EarthField, Record
 from compasslib.simulation.pairs import red_from_rest
 
 HOURS, CELL_M, BINS = 3000, 4.0, 12

@@ -163,7 +163,7 @@ def test_the_engine_has_one_hash_that_any_of_its_files_changes(tmp_path):
     (tmp_path / "compasslib/report").mkdir()
     (tmp_path / "compasslib/report/page.py").write_text("words")
     assert standing.engine(tmp_path) == before
-    (tmp_path / "compasslib/search/one.py").write_text("another")
+    (tmp_path / "compasslib/inference/one.py").write_text("another")
     assert standing.engine(tmp_path) != before
 
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from compasslib.core.errors import InputError
+from compasslib.errors import InputError
 from compasslib.readers.covariate import series
 
 

@@ -23,9 +23,9 @@ from pd0_encoder import START
 from sea import SHARED, real
 
 from compasslib import readers
-from compasslib.core.errors import InputError
-from compasslib.core.records import Record
+from compasslib.errors import InputError
 from compasslib.readers import FORMATS, bounds, iaga2002, nmea, plain
+from compasslib.records import Record
 
 JUNK = np.random.default_rng(5).integers(0, 256, 300, dtype=np.uint8).tobytes()
 TEXT = b"This is a letter about a mooring, and no recording of anything at all.\n" * 60

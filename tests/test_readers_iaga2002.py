@@ -10,7 +10,7 @@ from iaga_files import header, rows, series, write
 from sea import SHARED, real
 
 from compasslib import observatory
-from compasslib.core.errors import InputError
+from compasslib.errors import InputError
 from compasslib.readers import iaga2002
 
 REAL = SHARED / "observatory"

@@ -12,15 +12,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sea import real
 
-from compasslib import readers
+from compasslib import angles, readers
 from compasslib.config.cruise import load
-from compasslib.core import angles
-from compasslib.core.errors import InputError
-from compasslib.core.records import GOOD, MISSING, PROBABLY_BAD, Record
+from compasslib.errors import InputError
+from compasslib.pipeline import plan as plans
 from compasslib.readers.mmp import acm, scan_files
 from compasslib.readers.mmp import pressure as mmp_pressure
 from compasslib.readers.mmp import rows as mmp_rows
-from compasslib.run import plan as plans
+from compasslib.records import GOOD, MISSING, PROBABLY_BAD, Record
 from compasslib.simulation import demonstration, mmp, profiler, water
 from compasslib.simulation.demonstration import DEPLOYED_S
 

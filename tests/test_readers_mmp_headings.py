@@ -10,9 +10,9 @@ import pytest
 from sea import real
 from test_readers_mmp_acm import BINARY, TEXT, logged, read, text_file
 
-from compasslib.core.records import GOOD, PROBABLY_BAD
 from compasslib.readers.mmp import scan_files
 from compasslib.readers.mmp.acm import compare
+from compasslib.records import GOOD, PROBABLY_BAD
 
 
 def changed(folder: Path, change) -> Path:

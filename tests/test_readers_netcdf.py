@@ -19,12 +19,11 @@ from sea import SHARED, real
 from test_archive import make_product, measured, write
 
 from benchmarks import netcdf_layouts as drawn_layouts
-from compasslib import readers
-from compasslib.core import angles
-from compasslib.core.errors import InputError
-from compasslib.core.records import BAD, GOOD, MISSING, NOT_CHECKED, PROBABLY_BAD, PROBABLY_GOOD, Record
+from compasslib import angles, readers
+from compasslib.errors import InputError
 from compasslib.readers.flags import MEANINGS, flag_of
 from compasslib.readers.times import Unreadable, origin_s
+from compasslib.records import BAD, GOOD, MISSING, NOT_CHECKED, PROBABLY_BAD, PROBABLY_GOOD, Record
 
 SILENT = {"columns": None, "orientation": None, "declination_applied": None, "direction_reference": "magnetic"}
 

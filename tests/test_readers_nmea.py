@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from compasslib.core.errors import InputError
+from compasslib.errors import InputError
 
 pytest.importorskip("pynmea2", reason="pynmea2 is not installed")
 from compasslib.readers import nmea

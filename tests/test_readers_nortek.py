@@ -12,10 +12,10 @@ import pytest
 from nortek_encoder import BEAM, ENU, XYZ, Sample
 from sea import SHARED, real
 
-from compasslib.core.errors import InputError
-from compasslib.core.records import BAD, GOOD, MAGNETOMETER
+from compasslib.errors import InputError
 from compasslib.readers.nortek import reader
 from compasslib.readers.nortek.packets import packets
+from compasslib.records import BAD, GOOD, MAGNETOMETER
 
 GENUINE = SHARED / "moored/aqd9330.aqd"
 FIELDS = {"heading": "heading_deg", "pitch": "pitch_deg", "roll": "roll_deg", "pressure": "pressure_dbar"}

@@ -23,12 +23,12 @@ from numpy.typing import NDArray
 from pd0_encoder import MISSING, START, assemble, ensemble, fixed_leader, variable_leader
 from sea import real
 
-from compasslib.core import angles
-from compasslib.core.errors import InputError
-from compasslib.core.records import Record
+from compasslib import angles
+from compasslib.errors import InputError
 from compasslib.readers.pd0 import currents, frames
 from compasslib.readers.pd0 import reader as pd0
 from compasslib.readers.pd0.fields import BEAM, EARTH, INSTRUMENT, SHIP, Ensembles
+from compasslib.records import Record
 
 EH2 = "eh2_20060530_20060717_0007m.000"
 GOOD_ENSEMBLES = {

@@ -11,10 +11,9 @@ import pytest
 from pd12_files import ensemble, framed
 from sea import SHARED
 
-from compasslib import readers
-from compasslib.core import angles
-from compasslib.core.errors import InputError
-from compasslib.core.records import MISSING, Record
+from compasslib import angles, readers
+from compasslib.errors import InputError
+from compasslib.records import MISSING, Record
 
 START = datetime(2013, 7, 24, 1, 26, 16, tzinfo=UTC)  # 24 is 18 in hexadecimal, which is escaped
 RNG = np.random.default_rng(3)

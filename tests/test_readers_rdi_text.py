@@ -10,8 +10,8 @@ import pytest
 from rdi_text_files import BINS, CURRENTS, FIRST, HEADINGS, ROWS, SIZE, START, export
 
 from compasslib import readers
-from compasslib.core.errors import InputError
-from compasslib.core.records import MISSING, Record
+from compasslib.errors import InputError
+from compasslib.records import MISSING, Record
 
 
 def read(path: Path, text: str, orientation: str | None = None) -> Record:

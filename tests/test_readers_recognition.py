@@ -15,8 +15,8 @@ from netCDF4 import Dataset
 from scipy.io import savemat
 from sea import SHARED, real
 
-from compasslib import calibration
-from compasslib.core.errors import InputError
+from compasslib import calibrations
+from compasslib.errors import InputError
 from compasslib.readers import iaga2002, read
 from compasslib.readers.recognition import recognise
 
@@ -134,7 +134,7 @@ def test_every_reader_says_what_the_file_is_and_what_to_write(tmp_path):
     with pytest.raises(InputError, match="expected a text table, found an RDI PD0 file; write format: pd0"):
         read("table", [path], {"columns": {"time": "t", "east": "u", "north": "v"}})
     with pytest.raises(InputError, match="expected a text table, found an RDI PD0 file; correct file or kind"):
-        calibration.calibrate("platform", [path], {})
+        calibrations.calibrate("platform", [path], {})
 
 
 def test_the_readers_own_words_stay_where_the_format_is_right_or_unknown(tmp_path):

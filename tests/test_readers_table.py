@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from compasslib.core.errors import InputError
+from compasslib.errors import InputError
 from compasslib.readers import read
 
 ROLES = {"time": "t", "depth": "z", "east": "u", "north": "v", "scale": 0.01}

@@ -24,10 +24,10 @@ from pd0_encoder import assemble
 from sea import START, cruise
 from snakemake.iocontainers import Namedlist
 
+from compasslib import angles
 from compasslib.archive.files import HALF_WRITTEN
 from compasslib.config.cruise import load
-from compasslib.core import angles
-from compasslib.run.job import job
+from compasslib.pipeline.job import job
 
 HOURS = 400
 YAML, TOP, DEEP = Path("config/moorings/M1.yaml"), Path("raw/M1/top.000"), Path("raw/M1/deep.csv")

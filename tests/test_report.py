@@ -28,16 +28,16 @@ from two_heads_files import cast
 from compasslib import effects, report
 from compasslib.archive import calibrations, pictures
 from compasslib.archive.files import write_json
-from compasslib.calibration import content
-from compasslib.calibration import heads as two_heads
-from compasslib.core.errors import InputError
+from compasslib.calibrations import content
+from compasslib.calibrations import heads as two_heads
+from compasslib.errors import InputError
+from compasslib.inference.finding import Finding as Found
+from compasslib.inference.finding import Parameter, Unexplained, Where
+from compasslib.inference.show import HeldOut
+from compasslib.inference.verdict import Diagnosis
 from compasslib.plots import heads
 from compasslib.report import answer, chart, figures, found, mooring, words
 from compasslib.report.section import Figure, Overview, ReportedFinding, ReportSection, ReportTable, stopped
-from compasslib.search.finding import Finding as Found
-from compasslib.search.finding import Parameter, Unexplained, Where
-from compasslib.search.show import HeldOut
-from compasslib.search.verdict import Diagnosis
 from compasslib.simulation.package import Sea
 
 HOSTILE = """<script>document.title = 'broken'</script><img src=x onerror="document.title='broken'"> & "quoted" 'so'"""

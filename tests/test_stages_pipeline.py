@@ -16,7 +16,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 from compasslib import deviation
 from compasslib.archive import netcdf
-from compasslib.core.errors import InputError
+from compasslib.errors import InputError
 from compasslib.stages import compare, pipeline
 
 OF_THE_RUN = ("logs", "benchmarks")  # times, and who wrote what
@@ -82,7 +82,7 @@ def test_stages_and_the_library_take_one_thread_and_give_the_others_back(process
 def test_a_library_that_is_loaded_within_takes_one_thread_too():
     """In a process of its own, as a variable of the environment counts only where a library is loaded."""
     code = (
-        "from compasslib.core.threads import single_threaded\n"
+        "from compasslib.threads import single_threaded\n"
         "import os, numpy, threadpoolctl\n"
         "with single_threaded():\n"
         "    import scipy.linalg\n"
@@ -132,7 +132,7 @@ def half_done(folder: Path) -> list[Path]:
 def running(tmp_path):
     """A cruise whose `compass correct` is under way, and the process."""
     folder = cruise(tmp_path / "c", n=3000)
-    code = "import sys; from compasslib.command import main; sys.exit(main())"
+    code = "import sys; from compasslib.cli import main; sys.exit(main())"
     command = [sys.executable, "-c", code, "correct", "M1", "--cruise", str(folder)]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
     while process.poll() is None and not any((left / "work/top.nc").exists() for left in half_done(folder)):

@@ -16,10 +16,10 @@ from iaga_files import ROCKS_DEG, series, write
 from launch import PROJECT, change, keeps_contract, planned, snakemake
 from sea import cruise, pairs
 
+from compasslib import angles, earthfield
 from compasslib.config import cruise as config
-from compasslib.core import angles, earthfield
 from compasslib.deviation import transfer
-from compasslib.run import plan
+from compasslib.pipeline import plan
 
 AT_SEA = (0.02, 0.3, 0.1, 0.03, -0.02)
 SAMPLES = 600

@@ -12,7 +12,7 @@ import pytest
 import yaml
 from launch import CONTRACT, snakemake
 
-from compasslib.core import angles
+from compasslib import angles
 from compasslib.simulation import pairs as world
 
 HOURS = 4000

@@ -13,11 +13,11 @@ import pandas as pd
 import yaml
 from cruises import MARGIN_DEG, Outcome
 
-from compasslib import calibration
-from compasslib.calibration import content
-from compasslib.config import calibrations, cruise
-from compasslib.core import earthfield
-from compasslib.core.errors import InputError
+from compasslib import calibrations, earthfield
+from compasslib.calibrations import content
+from compasslib.config import calibrations as configured
+from compasslib.config import cruise
+from compasslib.errors import InputError
 from compasslib.simulation import observatory, swing
 from compasslib.simulation.compass import Iron
 
@@ -56,9 +56,9 @@ def run(made: Recording, folder: Path) -> Outcome:
     made.write(folder)
     try:
         given = cruise.load(folder).calibrations["K"]
-        settings = calibration.settled(calibrations.settings(given))
+        settings = calibrations.settled(configured.settings(given))
         files = [folder / file for file in given.files]
-        got = calibration.calibrate(str(given.kind), files, settings)
+        got = calibrations.calibrate(str(given.kind), files, settings)
     except InputError as error:
         return Outcome(refused=str(error))
     page = content.described("K", got, settings, {})

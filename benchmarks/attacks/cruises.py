@@ -17,7 +17,7 @@ import pandas as pd
 import yaml
 
 from compasslib.archive import netcdf, summary
-from compasslib.core.errors import InputError
+from compasslib.errors import InputError
 from compasslib.stages import pipeline
 
 HOUR_S = 3600.0

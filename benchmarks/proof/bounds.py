@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from benchmarks.proof import measure
+from compasslib import angles
 from compasslib.archive import netcdf
-from compasslib.core import angles
-from compasslib.core.records import take
 from compasslib.deviation import exact, model, von_appen
+from compasslib.records import take
 
 
 def errors_deg(results: Path, locked: Path, name: str, deviation: dict[str, Any]) -> dict[str, float | None]:

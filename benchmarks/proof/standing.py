@@ -10,7 +10,7 @@ from pathlib import Path
 from benchmarks.proof import seal
 
 PROJECT = Path(__file__).resolve().parents[2]
-ENGINE = ("core", "stats", "preparation", "effects", "deviation", "search")  # rooms that decide what a card says
+ENGINE = ("statistics", "preparation", "effects", "deviation", "inference")  # rooms that decide what a card says
 SEALED = Path("benchmarks/proof/world/families.py")
 CARDS = PROJECT / "docs/proof"
 DIGITS = 12  # of a hash that are told
@@ -19,7 +19,7 @@ DIGITS = 12  # of a hash that are told
 def engine(project: Path = PROJECT) -> str:
     """Return one hash of all files of the engine."""
     folder = project / "compasslib"
-    files = [path for room in ENGINE for path in (folder / room).rglob("*.py")]
+    files = [*folder.glob("*.py"), *(path for room in ENGINE for path in (folder / room).rglob("*.py"))]
     return seal.whole(seal.hashes(folder, files))
 
 
@@ -54,7 +54,7 @@ def check_out(revision: str) -> None:
     Raises:
         seal.Broken: they differ.
     """
-    rooms = [f"compasslib/{room}" for room in ENGINE]
+    rooms = ["compasslib/*.py", *(f"compasslib/{room}" for room in ENGINE)]
     if _git("diff", "--quiet", commit(revision), "--", *rooms).returncode:
         raise seal.Broken(f"the engine is not that of {revision}: check it out, or give --seed instead")
 

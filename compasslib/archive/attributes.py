@@ -14,9 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from compasslib import angles
 from compasslib.config import values
-from compasslib.core import angles
-from compasslib.core.types import Floats
+from compasslib.types import Floats
 
 Attributes = dict[str, str | int | float]
 

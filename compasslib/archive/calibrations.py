@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from compasslib.archive.files import MAKE_ANEW, read_json, replacing, write_json
-from compasslib.calibration import content
-from compasslib.calibration.result import Calibration, DeviationTable
-from compasslib.core.errors import InputError
-from compasslib.core.types import Floats
+from compasslib.calibrations import content
+from compasslib.calibrations.result import Calibration, DeviationTable
+from compasslib.errors import InputError
+from compasslib.types import Floats
 
 TABLE_COLUMNS = ("recorded_deg", "deviation_deg", "standard_uncertainty_deg")
 DIGITS = 10  # significant, of a point

@@ -14,7 +14,7 @@ import numpy as np
 from compasslib.archive import layout, provenance
 from compasslib.archive.attributes import NOT_GIVEN
 from compasslib.archive.files import opened
-from compasslib.core.errors import InputError
+from compasslib.errors import InputError
 
 CHECKER = "compliance_checker"
 CF, ACDD = "cf:1.8", "acdd:1.3"

@@ -17,11 +17,11 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote, unquote
 
+from compasslib import plugins
 from compasslib.archive import provenance
 from compasslib.archive.attributes import NOT_GIVEN
 from compasslib.archive.files import read_json
-from compasslib.core import plugins
-from compasslib.core.errors import InputError
+from compasslib.errors import InputError
 
 FOLDER = "results"
 FILE = f"{FOLDER}/ro-crate-metadata.json"

@@ -9,8 +9,8 @@ import numpy as np
 
 from compasslib.archive.files import get, opened
 from compasslib.archive.netcdf import DAYS_1950_TO_1970
-from compasslib.core.records import BAD, Pairs
-from compasslib.core.types import Complexes, Floats
+from compasslib.records import BAD, Pairs
+from compasslib.types import Complexes, Floats
 
 NEARLY_AS_MANY = 0.9  # of the samples that the fullest bin has: the nearest such bin is shown
 HOUR_S = 3600.0

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from compasslib.archive.layout import BEAM, BIN, FILL, Variable
-from compasslib.core.errors import InputError, Passing
+from compasslib.errors import InputError, Passing
 
 MAKE_ANEW = "run the cruise again, which makes it anew, or restore it from a copy"  # a result that cannot be read
 HALF_WRITTEN = ".compasslib-part"  # ends the name of a file that is being written; nobody else names one so

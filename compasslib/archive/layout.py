@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from compasslib.core.records import PROFILES as PROFILE_KEYS
+from compasslib.records import PROFILES as PROFILE_KEYS
 
 FILL = 99999.0
 ABSENT = -1  # of counts

@@ -12,6 +12,7 @@ import netCDF4
 import numpy as np
 from numpy.typing import NDArray
 
+from compasslib import angles
 from compasslib.archive import layout
 from compasslib.archive.attributes import (
     Attributes,
@@ -35,9 +36,8 @@ from compasslib.archive.files import (
     write_json,
 )
 from compasslib.archive.layout import Variable, quality_of
-from compasslib.core import angles
-from compasslib.core.records import BAD, MISSING, PROBABLY_GOOD, Corrected, Flags, Pairs, Record, Rows
-from compasslib.core.types import Floats
+from compasslib.records import BAD, MISSING, PROBABLY_GOOD, Corrected, Flags, Pairs, Record, Rows
+from compasslib.types import Floats
 
 __all__ = [
     "Site",

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from compasslib.archive.files import MAKE_ANEW, read_json, write_json
-from compasslib.core.errors import InputError
+from compasslib.errors import InputError
 
 FILE = "work/pictures.json"  # in the folder of a mooring's results
 COLOURS = 256  # of the palette: a third of the bytes, and nothing that a reader would see

@@ -14,13 +14,12 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from compasslib import __version__
-from compasslib.core import plugins
-from compasslib.core.errors import InputError
+from compasslib import __version__, plugins
+from compasslib.errors import InputError
 
 if TYPE_CHECKING:  # the Snakefile imports this room and needs no numbers
-    from compasslib.core.records import EarthField
-    from compasslib.search.product import Product
+    from compasslib.inference.product import Product
+    from compasslib.records import EarthField
 
 PROJECT = Path(__file__).resolve().parents[2]
 _IMPORT = re.compile(r"^ *(?:from (compasslib\S*) import (\([^)]*\)|.*)|import (compasslib[\w.]*))", re.MULTILINE)

@@ -15,7 +15,7 @@ from typing import Any
 
 from compasslib.archive import crate, provenance
 from compasslib.archive.files import read_json
-from compasslib.core.errors import InputError
+from compasslib.errors import InputError
 
 FORMER = "configured no more: "
 CONVENTIONS = "conventions.json"  # may be made by name after the manifest

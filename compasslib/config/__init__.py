@@ -5,7 +5,7 @@ A mistake is one line that says where, what was expected, what was found and, at
 >>> from pathlib import Path
 >>> from tempfile import TemporaryDirectory
 >>> from compasslib.config import cruise
->>> from compasslib.core.errors import InputError
+>>> from compasslib.errors import InputError
 >>> with TemporaryDirectory() as folder:
 ...     Path(folder, "config").mkdir()
 ...     _ = Path(folder, "config/config.yaml").write_text("moorings: []\\ndemonstraton: true\\n")

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from compasslib.config.calibrations import CalibrationFile
 from compasslib.config.schema import Mooring
 from compasslib.config.values import iso, shown
-from compasslib.core.errors import InputError
+from compasslib.errors import InputError
 
 SERIAL = ("serial_number", "sensor_serial_number")
 

@@ -21,7 +21,7 @@ from compasslib.config.paths import RawFolder
 from compasslib.config.schema import Covariate, CruiseOptions, Instrument, Mooring, allowed_keys
 from compasslib.config.values import DECIDE, NAME_WORDS, nearest, shown
 from compasslib.config.values import name as checked_name
-from compasslib.core.errors import InputError
+from compasslib.errors import InputError
 
 CONFIG = "config/config.yaml"
 CALIBRATIONS = "config/calibrations"

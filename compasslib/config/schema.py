@@ -14,7 +14,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_valida
 from compasslib import readers
 from compasslib.config import paths, values
 from compasslib.config.values import iso, problem, shown
-from compasslib.core.declination import applied
+from compasslib.declination import applied
 from compasslib.readers import TABLE_KEYS
 from compasslib.readers.flags import normal
 

@@ -4,8 +4,8 @@ Two hundred hours of water that both instruments measure, the upper one under a 
 
 >>> import numpy as np
 >>> from compasslib import deviation
->>> from compasslib.core import angles, compass
->>> from compasslib.core.records import Pairs
+>>> from compasslib import angles, compass
+>>> from compasslib.records import Pairs
 >>> rng, n = np.random.default_rng(1), 200
 >>> correct, flow = rng.uniform(0.0, 360.0, n), rng.uniform(0.0, 360.0, n)
 >>> recorded = compass.recorded_heading(np.array([0.0, 0.3, 0.0, 0.0, 0.0]), correct)
@@ -25,11 +25,11 @@ from typing import Any
 
 import numpy as np
 
-from compasslib.core import compass
-from compasslib.core.records import BAD, Pairs, Record
-from compasslib.core.threads import single_threaded
+from compasslib import compass
 from compasslib.deviation import exact, tilt, von_appen
 from compasslib.deviation.model import Fit, from_json
+from compasslib.records import BAD, Pairs, Record
+from compasslib.threads import single_threaded
 
 __all__ = ["METHODS", "Fit", "described", "fit", "from_json", "implausible", "log_line"]
 

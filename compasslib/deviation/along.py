@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from compasslib.core import angles, compass
-from compasslib.core.records import Readings
-from compasslib.core.types import Floats
+from compasslib import angles, compass
 from compasslib.deviation import model, tilt
 from compasslib.deviation.model import Fit
+from compasslib.records import Readings
+from compasslib.types import Floats
 
 PEAKS = 3.0  # standard errors by which two compasses are apart that do not agree
 FLATTEST = 0.3  # least slope that is divided by; at a fold the spread over both branches holds the rest

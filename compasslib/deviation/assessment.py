@@ -14,15 +14,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib import deviation
-from compasslib.core import angles
-from compasslib.core.records import Pairs, take
-from compasslib.core.threads import single_threaded
-from compasslib.core.types import Complexes, Floats
+from compasslib import angles, deviation
 from compasslib.deviation import correction, exact, model
 from compasslib.deviation.forms import EXACT, FORMS
 from compasslib.deviation.model import Fit
-from compasslib.stats import autocorrelation
+from compasslib.records import Pairs, take
+from compasslib.statistics import autocorrelation
+from compasslib.threads import single_threaded
+from compasslib.types import Complexes, Floats
 
 BLOCK_S = 10 * 86400.0
 FOLDS = 2

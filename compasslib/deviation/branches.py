@@ -16,13 +16,13 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib.core import angles, compass
-from compasslib.core.records import Readings
-from compasslib.core.types import Complexes, Floats
+from compasslib import angles, compass
 from compasslib.deviation import likelihood
 from compasslib.deviation.along import Along
 from compasslib.deviation.likelihood import CELL_CENTRES, CELLS, FINE, UNPREDICTED
 from compasslib.deviation.model import Fit
+from compasslib.records import Readings
+from compasslib.types import Complexes, Floats
 
 STEP_WIDTHS_DEG = (3.0, 6.0, 10.0, 16.0, 25.0, 40.0, 80.0)  # persistence of the heading that is tried
 WATER_CHANGES = (0.02, 0.035, 0.06, 0.1, 0.2, 10.0)  # change of the current over an interval that is tried, m/s

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from compasslib.core import angles
-from compasslib.core.records import Pairs
+from compasslib import angles
 from compasslib.deviation import model
 from compasslib.deviation.model import Fit
-from compasslib.stats import autocorrelation
+from compasslib.records import Pairs
+from compasslib.statistics import autocorrelation
 
 LEAST_DEG, LEAST_SIGMAS = 5.0, 4.0  # a smaller constant is not questioned
 NEAR_SIGMAS = 2.0  # within which it equals the angle of a mistake

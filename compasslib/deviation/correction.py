@@ -8,9 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib import deviation
-from compasslib.core import angles, compass, earthfield
-from compasslib.core.records import (
+from compasslib import angles, compass, deviation, earthfield
+from compasslib.deviation import along, branches, likelihood, model, von_appen
+from compasslib.deviation.along import Along, Averaged
+from compasslib.deviation.branches import Decision
+from compasslib.deviation.doubts import KNOWS_NOTHING_DEG, Doubt, along_time, whole_record
+from compasslib.deviation.model import Fit
+from compasslib.preparation import plausibility
+from compasslib.records import (
     BAD,
     GOOD,
     MISSING,
@@ -23,15 +28,9 @@ from compasslib.core.records import (
     Record,
     take,
 )
-from compasslib.core.threads import single_threaded
-from compasslib.core.types import Complexes, Floats
-from compasslib.deviation import along, branches, likelihood, model, von_appen
-from compasslib.deviation.along import Along, Averaged
-from compasslib.deviation.branches import Decision
-from compasslib.deviation.doubts import KNOWS_NOTHING_DEG, Doubt, along_time, whole_record
-from compasslib.deviation.model import Fit
-from compasslib.preparation import plausibility
-from compasslib.stats import resolution
+from compasslib.statistics import resolution
+from compasslib.threads import single_threaded
+from compasslib.types import Complexes, Floats
 
 Flags = NDArray[np.int8]
 

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from compasslib.core.records import stamp
-from compasslib.core.types import Bools, Floats
+from compasslib.records import stamp
+from compasslib.types import Bools, Floats
 
 KNOWS_NOTHING_DEG = 360.0 / np.sqrt(12.0)  # standard deviation of a heading that may be anything
 

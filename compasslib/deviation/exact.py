@@ -11,15 +11,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib.core import angles, compass
-from compasslib.core.records import Pairs
-from compasslib.core.types import Floats
+from compasslib import angles, compass
 from compasslib.deviation import likelihood, model, spread
 from compasslib.deviation.forms import EXACT, Form
 from compasslib.deviation.likelihood import CELL_DEG, COARSE, FINE, FREEDOM, Grid, Sample, widths
 from compasslib.deviation.model import Fit, Noise
 from compasslib.deviation.prior import Prior
-from compasslib.stats import autocorrelation, bfgs
+from compasslib.records import Pairs
+from compasslib.statistics import autocorrelation, bfgs
+from compasslib.types import Floats
 
 STRENGTHS = (0.0, 0.3, 0.6, 0.85, 1.1, 1.35, 1.7, 2.2)  # hard iron over the earth's horizontal field
 DIRECTIONS_DEG = np.arange(0.0, 360.0, 22.5)

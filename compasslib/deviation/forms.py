@@ -8,9 +8,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
-from compasslib.core import angles, compass
-from compasslib.core.types import Floats
+from compasslib import angles, compass
 from compasslib.deviation import von_appen
+from compasslib.types import Floats
 
 Sides = tuple[Floats, Floats]
 

@@ -19,10 +19,10 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib.core import angles
-from compasslib.core.types import Floats
+from compasslib import angles
 from compasslib.deviation.forms import EXACT, Form
 from compasslib.deviation.model import Noise
+from compasslib.types import Floats
 
 CELLS = 120  # of the heading's distribution and of the scatter, 3 degrees each
 CELL_DEG = 360.0 / CELLS

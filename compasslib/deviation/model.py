@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from compasslib.core import angles, compass
-from compasslib.core.records import Pairs
-from compasslib.core.types import Floats
+from compasslib import angles, compass
 from compasslib.deviation import prior as priors
 from compasslib.deviation.prior import Prior
+from compasslib.records import Pairs
+from compasslib.types import Floats
 
 FEWEST_PAIRS = 30
 LETTERS = "ABCDE"

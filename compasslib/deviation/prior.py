@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from compasslib.core.types import Floats
+from compasslib.types import Floats
 
 
 @dataclass(frozen=True)

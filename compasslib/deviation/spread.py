@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib.core import angles
-from compasslib.core.records import Pairs
-from compasslib.core.types import Floats
+from compasslib import angles
 from compasslib.deviation import model
 from compasslib.deviation.likelihood import FREEDOM
 from compasslib.deviation.model import Fit
 from compasslib.deviation.prior import Prior
-from compasslib.stats import blocks, robust
+from compasslib.records import Pairs
+from compasslib.statistics import blocks, robust
+from compasslib.types import Floats
 
 BLOCK_S = 5 * 86400.0  # longer than the memory of the currents' veer
 FEWEST_BLOCKS = 12

@@ -13,12 +13,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from compasslib.core import angles, compass
-from compasslib.core.records import Pairs
-from compasslib.core.types import Floats
+from compasslib import angles, compass
 from compasslib.deviation import exact, model, spread
 from compasslib.deviation.model import Fit
 from compasslib.deviation.prior import Prior
+from compasslib.records import Pairs
+from compasslib.types import Floats
 
 STEPS = 8
 HEELING_PRIOR = 0.5  # width of the weak prior of K: vertical iron of half the horizontal field

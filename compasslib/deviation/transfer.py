@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from compasslib.core.types import Floats
+from compasslib.types import Floats
 
 SEMICIRCULAR = (1, 2)  # B and C
 WEAKEST_NT = 5000.0  # below this horizontal field no correction is to be trusted (Le Menn et al. 2023)

@@ -9,12 +9,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from compasslib.core import angles
-from compasslib.core.records import Pairs
-from compasslib.core.types import Floats
+from compasslib import angles
 from compasslib.deviation import model
 from compasslib.deviation.model import Fit
-from compasslib.stats import autocorrelation
+from compasslib.records import Pairs
+from compasslib.statistics import autocorrelation
+from compasslib.types import Floats
 
 STEP_DEG = 0.25  # of the lookup table
 STARTS_DEG = (0.0, 30.0, 60.0, 90.0, 120.0)  # amplitudes of the semicircular part that are tried

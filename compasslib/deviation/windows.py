@@ -15,12 +15,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib.core import angles
-from compasslib.core.records import Pairs, stamp
-from compasslib.core.types import Bools, Floats
+from compasslib import angles
 from compasslib.deviation import model
 from compasslib.deviation.doubts import KNOWS_NOTHING_DEG, Doubt, whole_record
 from compasslib.deviation.model import Fit
+from compasslib.records import Pairs, stamp
+from compasslib.types import Bools, Floats
 
 LENGTH_S, FEWEST_PAIRS = 5 * 86400.0, 40  # of a window: several days of water, and enough pairs for four numbers
 FEWEST_WINDOWS = 6  # from which the others tell what is usual

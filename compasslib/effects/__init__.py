@@ -20,8 +20,7 @@ import re
 from dataclasses import fields
 from functools import cache
 
-from compasslib.core import plugins
-from compasslib.core.errors import InputError
+from compasslib import plugins
 from compasslib.effects.composed import (
     COMPOSED,
     BeamGain,
@@ -93,6 +92,7 @@ from compasslib.effects.water import (
     VeerWithSeparation,
     VeerWithSpeed,
 )
+from compasslib.errors import InputError
 
 __all__ = ["CATALOGUE", "COMPOSED", "SIDES", "SLOW_WATER", "Scene", "Term", "all_terms", "meanings", "side_of"]
 

@@ -14,9 +14,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from compasslib.core import angles
-from compasslib.core.types import Floats
+from compasslib import angles
 from compasslib.effects.term import HOUR_S, Scene, Side, Stage, Term, parameter, place
+from compasslib.types import Floats
 
 COMPOSED = "composed:"
 TIDE_S = 12.4206 * HOUR_S

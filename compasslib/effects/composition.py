@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from compasslib.core import angles, compass
-from compasslib.core.types import Floats
+from compasslib import angles, compass
 from compasslib.effects.term import Scene, Term, slices
+from compasslib.types import Floats
 
 FLATTEST = 0.2  # least |d gamma / d beta| that is divided by: nearer to a fold nothing is linear
 COMPASS_STEPS = np.full(5, 0.02)  # of A..E: very roughly a degree

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from compasslib.core import angles
-from compasslib.core.types import Floats
+from compasslib import angles
 from compasslib.effects.term import Proportional, Scene, Term, parameter
+from compasslib.types import Floats
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from compasslib.core.types import Floats
 from compasslib.effects.term import READINGS, Proportional, Scene, Term, date, horizontal, parameter
+from compasslib.types import Floats
 
 
 @dataclass(frozen=True)

@@ -8,9 +8,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from compasslib.core import angles, compass
-from compasslib.core.types import Floats
+from compasslib import angles, compass
 from compasslib.effects.term import READINGS, Proportional, Scene, Term, date, parameter
+from compasslib.types import Floats
 
 
 @dataclass(frozen=True)

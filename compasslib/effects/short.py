@@ -8,8 +8,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from compasslib.core.types import Floats
 from compasslib.effects.term import Scene, Term, horizontal, parameter
+from compasslib.types import Floats
 
 SHORT = ("platform", "swing", "magnetometer", "two_heads")
 

@@ -12,10 +12,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from compasslib.core import angles
-from compasslib.core.types import Floats
+from compasslib import angles
 from compasslib.effects.short import elapsed
 from compasslib.effects.term import Scene, Term, parameter
+from compasslib.types import Floats
 
 LATEST_S = 60.0
 REACH = 5.0  # time constants after which a filter has forgotten

@@ -16,8 +16,8 @@ from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 
-from compasslib.core import compass
-from compasslib.core.types import Floats
+from compasslib import compass
+from compasslib.types import Floats
 
 Side = Literal["compass", "reference", "water", "clock"]
 Stage = Literal["surroundings", "sensor", "readout", "clock"]

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from compasslib.core import angles
-from compasslib.core.types import Floats
+from compasslib import angles
 from compasslib.effects.term import Proportional, Scene, Term, date, parameter
+from compasslib.types import Floats
 
 # In narrow headings the harmonics stand for each other, up to 60 degrees each. Real veer ran from +22 to -7 degrees.
 USUAL_DEG = 15.0

@@ -15,10 +15,10 @@ from functools import cached_property
 
 import numpy as np
 
-from compasslib.core import angles
-from compasslib.core.types import Floats
+from compasslib import angles
 from compasslib.deviation.prior import Prior
 from compasslib.joint.members import Member
+from compasslib.types import Floats
 
 NAMES = ("P_nT", "Q_nT", "c", "f", "D", "E")
 OWN = np.arange(1, 5)  # B, C, D, E of A..E

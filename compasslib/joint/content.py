@@ -9,23 +9,23 @@ from typing import Any
 import numpy as np
 from scipy.linalg import block_diag
 
-from compasslib.core.records import EarthField
-from compasslib.core.types import Floats
 from compasslib.deviation import prior as priors
 from compasslib.deviation.model import LETTERS
 from compasslib.deviation.prior import Prior
 from compasslib.effects.composition import Simulation
+from compasslib.inference import applied, sharing, wording
+from compasslib.inference.applied import Applied
+from compasslib.inference.case import Shared
+from compasslib.inference.finding import Finding, Parameter, Where
+from compasslib.inference.product import Product
+from compasslib.inference.show import HeldOut
+from compasslib.inference.verdict import Diagnosis, insufficient
 from compasslib.joint import coefficients, effects
 from compasslib.joint.coefficients import NAMES, Joined
 from compasslib.joint.effects import Amplitude, SharedEffects
 from compasslib.joint.members import Member
-from compasslib.search import applied, sharing, wording
-from compasslib.search.applied import Applied
-from compasslib.search.case import Shared
-from compasslib.search.finding import Finding, Parameter, Where
-from compasslib.search.product import Product
-from compasslib.search.show import HeldOut
-from compasslib.search.verdict import Diagnosis, insufficient
+from compasslib.records import EarthField
+from compasslib.types import Floats
 
 ALARM = 0.006  # as of a single record
 

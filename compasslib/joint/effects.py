@@ -15,12 +15,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib.core.types import Floats
 from compasslib.effects import SLOW_WATER, Term
 from compasslib.effects.term import slices
+from compasslib.inference import posterior, sharing
+from compasslib.inference.posterior import Hypothesis, Posterior
 from compasslib.joint.members import Member
-from compasslib.search import posterior, sharing
-from compasslib.search.posterior import Hypothesis, Posterior
+from compasslib.types import Floats
 
 SEASONS_DEG = np.array([0.1, 0.5, 1.0, 2.0, 4.0, 8.0])  # sizes of a season of the water, rms
 USUAL_DEG = 2.0  # of half a Cauchy law, beforehand

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from compasslib.core.types import Floats
 from compasslib.deviation.model import LETTERS
-from compasslib.search import sharing
-from compasslib.search.sharing import Effects
+from compasslib.inference import sharing
+from compasslib.inference.sharing import Effects
+from compasslib.types import Floats
 
 
 def _unknown() -> Floats:

@@ -5,7 +5,7 @@ off the model, with a storm on the fifth:
 
 >>> import numpy as np
 >>> from compasslib import observatory
->>> from compasslib.core.records import EarthField, FieldSeries
+>>> from compasslib.records import EarthField, FieldSeries
 >>> time_s = np.arange(0.0, 10 * observatory.DAY_S, 60.0)
 >>> storm = np.where(np.abs(time_s - 4.5 * observatory.DAY_S) < 7200.0, 0.5 * np.sin(time_s / 600.0), 0.0)
 >>> declination, unknown = -4.7 + storm, np.full(time_s.shape, np.nan)

@@ -13,10 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib.core import angles, earthfield
-from compasslib.core.errors import InputError
-from compasslib.core.records import EarthField, FieldSeries
-from compasslib.core.types import Floats
+from compasslib import angles, earthfield
+from compasslib.errors import InputError
 from compasslib.observatory.variations import (
     DAY_S,
     HOUR_S,
@@ -27,6 +25,8 @@ from compasslib.observatory.variations import (
     measured,
     storms,
 )
+from compasslib.records import EarthField, FieldSeries
+from compasslib.types import Floats
 
 Flags = NDArray[np.bool_]
 

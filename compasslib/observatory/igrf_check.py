@@ -12,12 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
-from compasslib.core import angles, earthfield
-from compasslib.core.errors import InputError
-from compasslib.core.records import EarthField, FieldSeries
-from compasslib.core.types import Floats
+from compasslib import angles, earthfield
+from compasslib.errors import InputError
 from compasslib.observatory.variations import DAY_S
 from compasslib.readers import iaga2002
+from compasslib.records import EarthField, FieldSeries
+from compasslib.types import Floats
 
 CRUST_NT = 600.0  # field of rocks that is accepted; assumed, most stations have under 300
 SUSPECT_NT = 200.0  # from which a mistake that explains it several times better is reported

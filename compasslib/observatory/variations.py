@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib.core import angles, earthfield
-from compasslib.core.records import EarthField, FieldSeries
-from compasslib.core.types import Floats
+from compasslib import angles, earthfield
 from compasslib.readers import iaga2002
+from compasslib.records import EarthField, FieldSeries
+from compasslib.types import Floats
 
 Flags = NDArray[np.bool_]
 DAY_S, HOUR_S = 86400.0, 3600.0

@@ -14,12 +14,12 @@ from matplotlib.colors import ListedColormap, LogNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator
 
-from compasslib.core import angles
-from compasslib.core.records import Corrected, Pairs
-from compasslib.core.types import Floats
+from compasslib import angles
 from compasslib.plots import curves
 from compasslib.plots.curves import emptiest, placed
 from compasslib.plots.page import BLACK, TRUE, degrees, empty, page, signed
+from compasslib.records import Corrected, Pairs
+from compasslib.types import Floats
 
 HEXAGONS = 40  # across a panel: 9 degrees each
 COUNTS = ListedColormap(colormaps["viridis_r"](np.linspace(0.1, 1.0, 256)))  # its palest end is lost on white

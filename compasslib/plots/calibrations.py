@@ -18,14 +18,14 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from compasslib import angles, compass
 from compasslib.archive.calibrations import Page
-from compasslib.calibration import KINDS, MODELS
-from compasslib.calibration.result import LETTERS
-from compasslib.core import angles, compass
-from compasslib.core.types import Floats
+from compasslib.calibrations import KINDS, MODELS
+from compasslib.calibrations.result import LETTERS
 from compasslib.deviation import von_appen
 from compasslib.plots.curves import beside
 from compasslib.plots.page import BLACK, GREEN, GREY, ORANGE, PURPLE, SKY, WIDE_IN, degrees, empty, legend, page
+from compasslib.types import Floats
 
 COLOURS = {"smith": GREEN, "exact": SKY, "polynomial": ORANGE, "one_cycle": PURPLE}
 POINT: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 3.5, "color": BLACK, "markeredgewidth": 0}
@@ -39,7 +39,7 @@ def draw(figure: str, path: str | Path, shown: Page) -> None:
     """Draw one figure of a calibration.
 
     Args:
-        figure: a name of ``calibration.FIGURES``, or of the kind's own in ``calibration.KINDS``.
+        figure: a name of ``calibrations.FIGURES``, or of the kind's own in ``calibrations.KINDS``.
     """
     common = {"deviation": deviation, "residuals": residuals, "certificate": certificate}
     if figure in common:

@@ -11,9 +11,9 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from compasslib.core import angles, compass
-from compasslib.core.types import Floats
+from compasslib import angles, compass
 from compasslib.plots.page import BLUE, GREEN, GREY, MAGNETIC, VERMILION, Rows, degrees, empty, legend, page
+from compasslib.types import Floats
 
 FIGURES = ("coefficients", "curve")
 WITHIN = 1.96

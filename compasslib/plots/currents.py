@@ -15,12 +15,12 @@ from matplotlib.patches import Patch
 from matplotlib.projections.polar import PolarAxes
 from matplotlib.ticker import MaxNLocator
 
+from compasslib import angles
 from compasslib.archive import currents
 from compasslib.archive.currents import HOUR_S, Currents, Flow
-from compasslib.core import angles
-from compasslib.core.types import Complexes, Floats
 from compasslib.plots import curves
 from compasslib.plots.page import CORRECTED, DAY_S, RECORDED, REFERENCE, dates, empty, legend, page
+from compasslib.types import Complexes, Floats
 
 COLOURS = {"recorded": RECORDED, "corrected": CORRECTED, "reference": REFERENCE}
 LINES: dict[str, dict[str, Any]] = {name: {"color": colour} for name, colour in COLOURS.items()}

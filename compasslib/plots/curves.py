@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from compasslib.core import angles, compass
-from compasslib.core.records import BAD, Corrected, Pairs
-from compasslib.core.types import Floats
+from compasslib import angles, compass
 from compasslib.deviation import model, von_appen
 from compasslib.deviation.model import Fit
 from compasslib.preparation.gridding import nearest
+from compasslib.records import BAD, Corrected, Pairs
+from compasslib.types import Floats
 
 STEP_DEG = 0.25  # along a curve
 SECTOR_DEG = 10.0  # of a histogram

@@ -12,8 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from compasslib.calibration.result import Calibration
-from compasslib.core.types import Floats
+from compasslib.calibrations.result import Calibration
 from compasslib.plots.page import (
     BLACK,
     DAY_S,
@@ -29,6 +28,7 @@ from compasslib.plots.page import (
     page,
     signed,
 )
+from compasslib.types import Floats
 
 WITHIN = 1.96
 GAP = 3.0  # times the usual step at which a line is broken

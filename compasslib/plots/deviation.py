@@ -15,8 +15,6 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from compasslib.core.records import Pairs
-from compasslib.core.types import Floats
 from compasslib.deviation import model
 from compasslib.deviation.model import Fit
 from compasslib.plots import curves
@@ -32,6 +30,8 @@ from compasslib.plots.page import (
     page,
     span_of,
 )
+from compasslib.records import Pairs
+from compasslib.types import Floats
 
 STRETCH_COLOURS = {GIVEN_UP: VERMILION, INVERTED: GREEN, BACKWARDS: BLUE}
 PUBLISHED_STRETCHES = {INVERTED: "fit, invertible", GIVEN_UP: "fit, not invertible"}

@@ -17,9 +17,9 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator
 
-from compasslib.core.types import Floats
+from compasslib.inference.wording import TURN, UNITS, UNITS_OF_CALIBRATIONS, plain, residuals
 from compasslib.plots.page import BLACK, CORRECTED, GREY, RECORDED, VERMILION, Rows, dates, degrees, empty, legend, page
-from compasslib.search.wording import TURN, UNITS, UNITS_OF_CALIBRATIONS, plain, residuals
+from compasslib.types import Floats
 
 HOUR_S = 3600.0
 MOST_PANELS, MOST_BARS = 6, 10

@@ -10,10 +10,9 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from compasslib.calibration.heads.motion import down, lean, tilts
-from compasslib.calibration.result import Calibration
-from compasslib.core import angles
-from compasslib.core.types import Floats
+from compasslib import angles
+from compasslib.calibrations.heads.motion import down, lean, tilts
+from compasslib.calibrations.result import Calibration
 from compasslib.deviation import von_appen
 from compasslib.plots.page import (
     BLACK,
@@ -31,7 +30,8 @@ from compasslib.plots.page import (
     page,
     signed,
 )
-from compasslib.stats import blocks
+from compasslib.statistics import blocks
+from compasslib.types import Floats
 
 DRAWN = 8_000
 WITHIN = 1.96

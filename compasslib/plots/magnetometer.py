@@ -12,11 +12,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from compasslib.calibration.result import Calibration
-from compasslib.core import angles, compass
-from compasslib.core.types import Floats
+from compasslib import angles, compass
+from compasslib.calibrations.result import Calibration
 from compasslib.deviation import von_appen
 from compasslib.plots.page import BLACK, CORRECTED, GREEN, RECORDED, VERMILION, degrees, empty, legend, page
+from compasslib.types import Floats
 
 TURN_DEG = np.arange(0.0, 361.0, 1.0)
 SECTOR_DEG, FEWEST_IN_SECTOR = 10.0, 3

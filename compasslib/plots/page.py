@@ -30,9 +30,9 @@ from matplotlib.textpath import text_to_path
 from matplotlib.ticker import FixedFormatter, FixedLocator, FuncFormatter, MultipleLocator
 from PIL import Image
 
+from compasslib import angles
 from compasslib.archive.files import replacing
-from compasslib.core import angles
-from compasslib.core.types import Floats
+from compasslib.types import Floats
 
 Limits = tuple[float, float]
 

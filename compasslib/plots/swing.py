@@ -10,11 +10,11 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from compasslib.calibration.result import Calibration
-from compasslib.calibration.swing import nullify
-from compasslib.core.types import Floats
+from compasslib.calibrations.result import Calibration
+from compasslib.calibrations.swing import nullify
 from compasslib.deviation import von_appen
 from compasslib.plots.page import BLUE, GREY, VERMILION, degrees, empty, legend, page
+from compasslib.types import Floats
 
 TWO_SIGMA = nullify.TWO_SIGMA
 STEP_DEG = 1.0

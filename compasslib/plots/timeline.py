@@ -13,8 +13,6 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, StepPatch
 from numpy.typing import NDArray
 
-from compasslib.core.records import PROBABLY_BAD, Corrected, Pairs
-from compasslib.core.types import Floats
 from compasslib.plots.curves import emptiest, placed
 from compasslib.plots.page import (
     BLACK,
@@ -31,6 +29,8 @@ from compasslib.plots.page import (
     legend,
     page,
 )
+from compasslib.records import PROBABLY_BAD, Corrected, Pairs
+from compasslib.types import Floats
 
 DRAWN = 12_000  # samples; of a longer record every second, third, ... is drawn
 POINT: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 1.2, "markeredgewidth": 0}

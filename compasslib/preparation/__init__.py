@@ -5,7 +5,7 @@ Each record is cut to its deployment, checked and flagged; where two instruments
 >>> from pathlib import Path
 >>> from tempfile import TemporaryDirectory
 >>> from compasslib import readers
->>> from compasslib.core import earthfield
+>>> from compasslib import earthfield
 >>> from compasslib.preparation import deployment, overlap
 >>> where = {"start_s": 0.0, "end_s": 3 * 3600.0, "latitude": 66.5}
 >>> with TemporaryDirectory() as folder:

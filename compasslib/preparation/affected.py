@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib.core import angles
-from compasslib.core.records import EarthField, Pairs, Record
-from compasslib.core.types import Floats
+from compasslib import angles
 from compasslib.preparation import overlap
-from compasslib.stats import blocks
+from compasslib.records import EarthField, Pairs, Record
+from compasslib.statistics import blocks
+from compasslib.types import Floats
 
 HARMONICS = (1, 2)  # of the deviation
 BLOCK_S = 5 * 86400.0  # longer than eddies and tides remember

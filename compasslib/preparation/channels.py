@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from compasslib.core import angles
-from compasslib.core.errors import InputError
-from compasslib.core.records import MAGNETOMETER, Record
-from compasslib.core.types import Floats
+from compasslib import angles
+from compasslib.errors import InputError
 from compasslib.readers import covariate
+from compasslib.records import MAGNETOMETER, Record
+from compasslib.types import Floats
 
 FIELD_STRENGTH = "field_strength"
 FEWEST = 100  # samples of a magnetometer beside heading and tilt

@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib.core.records import Record, take
-from compasslib.core.types import Floats
+from compasslib.records import Record, take
+from compasslib.types import Floats
 
 Hours = NDArray[np.intp]
 

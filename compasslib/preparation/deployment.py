@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib.core import angles
-from compasslib.core.declination import Applied, applied
-from compasslib.core.records import BAD, MISSING, Record, take
-from compasslib.core.types import Bools, Floats
+from compasslib import angles
+from compasslib.declination import Applied, applied
 from compasslib.preparation import plausibility, timestamps
+from compasslib.records import BAD, MISSING, Record, take
+from compasslib.types import Bools, Floats
 
 MOVING_M = 0.2  # a depth that varies less than this (5th to 95th percentile) is a setting, not a measurement
 BEYOND = 1.05  # of the distance: tilts, depths and the speed of sound are known to that

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib.core.types import Floats
+from compasslib.types import Floats
 
 Indices = NDArray[np.intp]
 

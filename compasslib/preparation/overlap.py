@@ -14,14 +14,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib.core import angles, earthfield
-from compasslib.core.errors import InputError
-from compasslib.core.records import PROBABLY_GOOD, EarthField, Pairs, Record, take
-from compasslib.core.threads import single_threaded
-from compasslib.core.types import Complexes, Floats
+from compasslib import angles, earthfield
+from compasslib.errors import InputError
 from compasslib.preparation import clock_offset, plausibility, same_record, variability, water
 from compasslib.preparation.clock_offset import Clocks, Speeds
 from compasslib.preparation.gridding import interpolate, nearest, on_grid
+from compasslib.records import PROBABLY_GOOD, EarthField, Pairs, Record, take
+from compasslib.threads import single_threaded
+from compasslib.types import Complexes, Floats
 
 WIDER = 3.0  # times farther apart in depth, where pairs only compare the clocks
 DENSE_S = 300.0  # a series sampled faster than this is averaged first (a profiler passing its top)

@@ -9,10 +9,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from compasslib.core import angles
-from compasslib.core.records import BAD, GOOD, PROBABLY_BAD, Flags, Record, stamp
-from compasslib.core.types import Bools, Floats
-from compasslib.stats import resolution
+from compasslib import angles
+from compasslib.records import BAD, GOOD, PROBABLY_BAD, Flags, Record, stamp
+from compasslib.statistics import resolution
+from compasslib.types import Bools, Floats
 
 FASTEST_CURRENT = 5.0  # m/s, beyond any ocean current
 STEEPEST_TILT = 45.0  # degrees, beyond what an instrument levels

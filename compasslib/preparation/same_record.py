@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib.core.records import Record
-from compasslib.core.types import Complexes, Floats
 from compasslib.preparation.gridding import nearest
-from compasslib.stats import robust
+from compasslib.records import Record
+from compasslib.statistics import robust
+from compasslib.types import Complexes, Floats
 
 HOUR_S = 3600.0
 # Difference that no two instruments keep under, and the same as a share of a table's last digit.

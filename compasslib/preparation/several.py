@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from compasslib.core import angles
-from compasslib.core.records import Pairs, take
-from compasslib.core.types import Complexes, Floats
+from compasslib import angles
+from compasslib.records import Pairs, take
+from compasslib.types import Complexes, Floats
 
 BLOCK_S = 10 * 86400.0
 FEWEST_BLOCKS, FEWEST = 5, 100  # that both must have at the same times before they are held against each other

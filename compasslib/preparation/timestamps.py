@@ -11,8 +11,8 @@ from datetime import UTC, datetime
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib.core.records import Record
-from compasslib.core.types import Bools, Floats
+from compasslib.records import Record
+from compasslib.types import Bools, Floats
 
 SLACK_S = 3600.0  # steps back within this, or within SLACK_STEPS, are jitter, and order in time mends them
 SLACK_STEPS = 5.0

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from compasslib.core.records import Pairs, Record
-from compasslib.core.types import Floats
+from compasslib.records import Pairs, Record
+from compasslib.types import Floats
 
 SLOW_S = 2 * 86400.0  # lag with which the shortest is compared
 FEWEST = 50  # changes of which a mean square is taken

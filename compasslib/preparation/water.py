@@ -18,9 +18,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from compasslib.core import angles
-from compasslib.core.records import GOOD, NOT_CHECKED, PROBABLY_GOOD, Record
-from compasslib.core.types import Bools, Complexes, Floats
+from compasslib import angles
+from compasslib.records import GOOD, NOT_CHECKED, PROBABLY_GOOD, Record
+from compasslib.types import Bools, Complexes, Floats
 
 NEAREST = 4  # bins that a prediction is made of
 LOOKED_AT, REACH = 8, 10.0  # bins next to the sphere that the structure is learnt from; cells between two of them

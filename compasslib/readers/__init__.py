@@ -24,12 +24,12 @@ from inspect import signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from compasslib.core import plugins
-from compasslib.core.errors import InputError
+from compasslib import plugins
+from compasslib.errors import InputError
 from compasslib.readers import recognition
 
 if TYPE_CHECKING:  # the Snakefile needs the table only
-    from compasslib.core.records import Record
+    from compasslib.records import Record
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ def read(form: str, paths: Sequence[Path], settings: Mapping[str, Any]) -> Recor
 
 
 def _of_plugin(form: str, plugin: str, paths: Sequence[Path], keys: Mapping[str, Any]) -> Record:
-    from compasslib.core.records import Record
+    from compasslib.records import Record
 
     point = plugins.points(plugins.READERS, FORMATS)[form]
     with plugins.refusing(point, "a Record"):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from compasslib.core.types import Floats
+from compasslib.types import Floats
 
 LONG_AVERAGE_S = 120.0  # whose middle lies a minute after its time
 OVERLAP = 0.9  # of the time to the next sample that a mean takes at least; clocks are rounded to a second

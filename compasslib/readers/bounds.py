@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from compasslib.core.errors import InputError
+from compasslib.errors import InputError
 
 MEGABYTE = 1 << 20
 LARGEST_TEXT = 256 * MEGABYTE  # of one file, unpacked; a table of so much takes some 19 times as much memory

@@ -23,11 +23,11 @@ from typing import Any
 
 import numpy as np
 
-from compasslib.core.errors import InputError
-from compasslib.core.records import NOT_CHECKED, PROBABLY_BAD
-from compasslib.core.types import Floats
+from compasslib.errors import InputError
 from compasslib.readers import flags, plain, times
 from compasslib.readers.plain import LONGEST_LINE, of_lines, strange, text_of
+from compasslib.records import NOT_CHECKED, PROBABLY_BAD
+from compasslib.types import Floats
 
 __all__ = ["LONGEST_LINE", "Layout", "Lines", "Table", "columns_of", "header_of", "of_lines", "strange"]
 

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from compasslib.core.errors import InputError
-from compasslib.core.types import Floats
+from compasslib.errors import InputError
 from compasslib.readers.cells import Layout, said, table_of
+from compasslib.types import Floats
 
 
 def series(covariate: Mapping[str, Any]) -> tuple[Floats, Floats, tuple[str, ...]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from compasslib.core.errors import InputError
+from compasslib.errors import InputError
 
 
 def refuse_mostly_damaged(path: str | Path, records: str, *, damaged: int, whole: int) -> None:

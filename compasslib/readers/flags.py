@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from compasslib.core.records import BAD, GOOD, MISSING, NOT_CHECKED, PROBABLY_BAD, PROBABLY_GOOD, Flags
+from compasslib.records import BAD, GOOD, MISSING, NOT_CHECKED, PROBABLY_BAD, PROBABLY_GOOD, Flags
 
 ORDER = (GOOD, PROBABLY_GOOD, NOT_CHECKED, PROBABLY_BAD, BAD, MISSING)  # from best to worst
 SHOWN = 5  # meanings in a sentence

@@ -14,12 +14,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib.core import angles
-from compasslib.core.errors import InputError
-from compasslib.core.records import FieldSeries
-from compasslib.core.types import Floats
+from compasslib import angles
+from compasslib.errors import InputError
 from compasslib.readers import cells, recognition
 from compasslib.readers.damage import refuse_mostly_damaged
+from compasslib.records import FieldSeries
+from compasslib.types import Floats
 
 MISSING = 88888.0  # and 99999; nothing on earth is as large
 LABEL_ENDS = 24  # column before which a header's label stands

@@ -18,12 +18,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib.core import angles
-from compasslib.core.errors import InputError
-from compasslib.core.types import Floats
+from compasslib import angles
+from compasslib.errors import InputError
 from compasslib.readers import cells
 from compasslib.readers.bounds import refuse_large_text
 from compasslib.readers.damage import refuse_mostly_damaged
+from compasslib.types import Floats
 
 HEADINGS, COURSES = ("HDG", "HDM"), ("RMC", "VTG")
 USUAL = (HEADINGS[0], COURSES[0])

@@ -16,15 +16,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib.core.errors import InputError
-from compasslib.core.records import GOOD, MISSING, Record
-from compasslib.core.types import Floats
+from compasslib.errors import InputError
 from compasslib.readers import telemetry
 from compasslib.readers.bounds import refuse_large_arrays
 from compasslib.readers.damage import refuse_mostly_damaged
 from compasslib.readers.mmp.scan_files import contents
 from compasslib.readers.pd0.currents import true_pitch
 from compasslib.readers.pd0.fields import hundredths, seconds_of
+from compasslib.records import GOOD, MISSING, Record
+from compasslib.types import Floats
 
 MARK = b"\x6e\x7f"
 HEADER = np.dtype(

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from compasslib.core.errors import InputError
+from compasslib.errors import InputError
 from compasslib.readers.bounds import refuse_large_text
 
 LONGEST_LINE = 2**20  # bytes; a table of 10,000 columns has fewer

@@ -14,14 +14,14 @@ from pathlib import Path
 
 import numpy as np
 
-from compasslib.core import angles
-from compasslib.core.errors import InputError
-from compasslib.core.records import GOOD, MISSING, Record, joined
-from compasslib.core.types import Floats
+from compasslib import angles
+from compasslib.errors import InputError
 from compasslib.readers.averages import describe_averages
 from compasslib.readers.cells import of_lines, strange
 from compasslib.readers.pd0.currents import true_pitch
 from compasslib.readers.pd0.fields import seconds_of
+from compasslib.records import GOOD, MISSING, Record, joined
+from compasslib.types import Floats
 
 CLOCK = ("YR", "MO", "DA", "HH", "MM", "SS", "HH")  # the second HH: hundredths
 VERTICAL = {"Ver": "up", "Err": "error_velocity"}

@@ -19,7 +19,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from compasslib.core.errors import InputError, Passing
+from compasslib.errors import InputError, Passing
 from compasslib.readers.bounds import TooLarge
 from compasslib.readers.plain import utf16
 

@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from compasslib.core import angles
-from compasslib.core.records import GOOD, MISSING, Record
-from compasslib.core.types import Bools, Floats
+from compasslib import angles
 from compasslib.readers import flags as vocabularies
 from compasslib.readers.cells import COLUMN_MAP, Layout, Table, said, table_of
+from compasslib.records import GOOD, MISSING, Record
+from compasslib.types import Bools, Floats
 
 CURRENTS = ("east", "north", "x", "y", "speed")  # roles that hold speeds
 BY_LEVEL = 0.75  # different times among runs of one time, below which a table lists one level after the other

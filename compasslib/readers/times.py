@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from compasslib.core.types import Bools, Floats
+from compasslib.types import Bools, Floats
 
 TIME_FORM = "an ISO time like 2007-09-04T00:00:00Z"
 SETTLE = "write time_format, for example '%d/%m/%Y %H:%M'"

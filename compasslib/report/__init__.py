@@ -23,10 +23,10 @@ from typing import Any
 
 from compasslib.archive import netcdf, provenance
 from compasslib.archive.summary import STOPPED
+from compasslib.inference.wording import VERDICTS
 from compasslib.report import calibration, chart, compass, figures, mooring, results, section, words
 from compasslib.report.results import MooringResults
 from compasslib.report.section import Overview, ReportSection
-from compasslib.search.wording import VERDICTS
 
 MOORINGS = "All moorings; rms: direction of the current minus the reference's, on pairs held out from the fit"
 CALIBRATIONS = "All calibrations"

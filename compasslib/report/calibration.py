@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from compasslib.calibration import MODELS
+from compasslib.calibrations import MODELS
 from compasslib.report import answer, figures, found, words
 from compasslib.report.captions import of_diagnosis
 from compasslib.report.results import CalibrationResults

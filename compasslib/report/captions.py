@@ -8,9 +8,9 @@ from typing import Any
 
 from compasslib.archive import currents
 from compasslib.effects.composed import formula
+from compasslib.inference.wording import residuals
 from compasslib.report import words
 from compasslib.report.results import MooringResults
-from compasslib.search.wording import residuals
 
 
 def captions(results: MooringResults) -> dict[str, Callable[[], str]]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from compasslib.core import angles
+from compasslib import angles
 from compasslib.report import words
 
 WIDTH, HEIGHT, MARGIN = 360.0, 300.0, (76.0, 12.0, 12.0, 38.0)  # of the drawing; left, right, top, bottom

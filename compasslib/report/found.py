@@ -8,9 +8,9 @@ from typing import Any
 
 from compasslib.effects import COMPOSED, meanings
 from compasslib.effects.composed import formula
+from compasslib.inference import wording
 from compasslib.report import words
 from compasslib.report.section import ReportedFinding, ReportTable
-from compasslib.search import wording
 
 SIDES = {
     "compass": "the compass",

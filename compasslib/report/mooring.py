@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from compasslib.core import angles
+from compasslib import angles
 from compasslib.report import answer, compass, figures, found, words
 from compasslib.report.captions import captions
 from compasslib.report.results import Headings, MooringResults

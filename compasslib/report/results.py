@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
+from compasslib import angles
 from compasslib.archive import currents, netcdf, summary
 from compasslib.archive.currents import Currents
 from compasslib.archive.files import get, opened
-from compasslib.core import angles
-from compasslib.core.records import PROBABLY_BAD
-from compasslib.core.types import Floats
+from compasslib.records import PROBABLY_BAD
+from compasslib.types import Floats
 
 NAMED = ("instrument", "serial_number", "software_version", "date_created", "time_coverage_start", "time_coverage_end")
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from datetime import datetime
 
-from compasslib.core import angles
+from compasslib import angles
 
 UNKNOWN = "\N{EN DASH}"
 MINUS, SPACE = "\N{MINUS SIGN}", "\N{NO-BREAK SPACE}"
@@ -152,7 +152,7 @@ def plain(name: str) -> str:
         name: with underscores.
     """
     if name.startswith("composed:"):
-        from compasslib.search import wording  # only where nobody listed what was found
+        from compasslib.inference import wording  # only where nobody listed what was found
 
         return wording.plain(name)
     return name.replace("_", " ")

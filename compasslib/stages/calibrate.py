@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from compasslib import calibration as calibrations
+from compasslib import calibrations as calibrations
 from compasslib.archive import calibrations as archive
 from compasslib.archive import provenance
-from compasslib.calibration import content
+from compasslib.calibrations import content
 
 
 def run(

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from compasslib import deviation
+from compasslib import deviation, earthfield
 from compasslib.archive import netcdf
-from compasslib.calibration import at_mooring
-from compasslib.core import earthfield
+from compasslib.calibrations import at_mooring
 from compasslib.preparation import several
 
 

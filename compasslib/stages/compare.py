@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 from compasslib.archive import netcdf
 from compasslib.deviation import assessment
+from compasslib.inference import product
 from compasslib.preparation import several
-from compasslib.search import product
 
 
 def run(mooring: str, *, pairs: str, deviation: str, forms: str, say: Callable[[str], None]) -> None:

@@ -6,11 +6,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+from compasslib import earthfield
 from compasslib.archive import netcdf, provenance
-from compasslib.core import earthfield
 from compasslib.deviation import correction
+from compasslib.inference import covariates, product
 from compasslib.preparation import several
-from compasslib.search import covariates, product
 
 
 def run(

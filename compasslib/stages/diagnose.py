@@ -8,20 +8,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from compasslib import deviation as deviations
+from compasslib import earthfield
 from compasslib.archive import netcdf
-from compasslib.core import earthfield
-from compasslib.core.records import EarthField, Pairs
 from compasslib.deviation import assessment as assessments
 from compasslib.deviation import constant
 from compasslib.deviation.model import Fit
+from compasslib.inference import conclusion, covariates, verdict
+from compasslib.inference.conclusion import Conclusion
+from compasslib.inference.product import Product
 from compasslib.preparation import several
-from compasslib.search import conclusion, covariates, verdict
-from compasslib.search.conclusion import Conclusion
-from compasslib.search.product import Product
+from compasslib.records import EarthField, Pairs
 
 if TYPE_CHECKING:  # only where it searches: half of what its job imports
-    from compasslib.search.case import Shared
-    from compasslib.search.verdict import Diagnosis
+    from compasslib.inference.case import Shared
+    from compasslib.inference.verdict import Diagnosis
 
 DISABLED = "the search was switched off (diagnose: {enabled: false})"
 
@@ -101,8 +101,8 @@ def judged(
     def search(some: Pairs) -> Diagnosis:
         if not options["enabled"]:
             return verdict.insufficient(DISABLED)
-        from compasslib.search.comparison import Options
-        from compasslib.search.kinds.mooring import diagnose
+        from compasslib.inference.comparison import Options
+        from compasslib.inference.kinds.mooring import diagnose
 
         apart = ("enabled", "constant_confirmed")
         chosen = Options(**{name: value for name, value in options.items() if name not in apart})
@@ -125,8 +125,8 @@ def judged(
 
 
 def _summary(mooring: str, near: Pairs, fitted: Fit, along: EarthField, found: Diagnosis) -> dict[str, Any]:
+    from compasslib.inference import sharing
     from compasslib.joint import members
-    from compasslib.search import sharing
 
     told = found.told or sharing.of_fit(fitted)
     place = float(np.mean(along.horizontal_nT)), float(np.mean(along.vertical_nT))

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from compasslib.archive.files import write_json
-from compasslib.search import kinds
+from compasslib.inference import kinds
 
 
 def run(

@@ -7,12 +7,12 @@ from pathlib import Path
 
 from compasslib.archive import currents, netcdf
 from compasslib.archive import pictures as small
+from compasslib.inference import product as products
 from compasslib.plots import agreement, curves, timeline
 from compasslib.plots import currents as water
 from compasslib.plots import deviation as curve
 from compasslib.plots import diagnosis as hypotheses
 from compasslib.preparation import several
-from compasslib.search import product as products
 
 
 def run(

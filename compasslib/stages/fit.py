@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from compasslib import deviation
+from compasslib import deviation, earthfield
 from compasslib.archive import netcdf
-from compasslib.core import earthfield
 from compasslib.preparation import several
 
 

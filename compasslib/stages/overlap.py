@@ -6,9 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from compasslib import earthfield
 from compasslib import observatory as observatories
 from compasslib.archive import netcdf, provenance
-from compasslib.core import earthfield
 from compasslib.preparation import overlap, several
 
 

@@ -17,12 +17,12 @@ from inspect import signature
 from pathlib import Path
 from typing import Any
 
-from compasslib.calibration import at_mooring
+from compasslib.calibrations import at_mooring
 from compasslib.config import cruise as config
 from compasslib.config.cruise import Cruise
-from compasslib.core.errors import InputError
-from compasslib.core.threads import single_threaded
-from compasslib.run import compasses, plan
+from compasslib.errors import InputError
+from compasslib.pipeline import compasses, plan
+from compasslib.threads import single_threaded
 
 FILES = {
     "field": "work/field.json",

@@ -8,9 +8,9 @@ from typing import Any
 
 from compasslib import readers
 from compasslib.archive import netcdf, provenance
-from compasslib.core.records import Record
 from compasslib.preparation import channels
 from compasslib.preparation import deployment as deployments
+from compasslib.records import Record
 
 
 def run(

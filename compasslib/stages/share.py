@@ -9,18 +9,18 @@ from typing import Any
 import numpy as np
 
 from compasslib import deviation as deviations
+from compasslib import earthfield
 from compasslib.archive import netcdf
-from compasslib.calibration import at_mooring
-from compasslib.core import earthfield
-from compasslib.core.records import EarthField, Pairs, Record
+from compasslib.calibrations import at_mooring
 from compasslib.deviation import assessment as assessments
 from compasslib.deviation import exact
 from compasslib.deviation.model import FEWEST_PAIRS, Fit
+from compasslib.inference import covariates
+from compasslib.inference.product import Product
 from compasslib.joint import content
 from compasslib.joint.content import Returned
 from compasslib.preparation import several
-from compasslib.search import covariates
-from compasslib.search.product import Product
+from compasslib.records import EarthField, Pairs, Record
 from compasslib.stages import diagnose
 
 

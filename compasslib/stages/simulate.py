@@ -10,8 +10,8 @@ from pathlib import Path
 
 from compasslib.archive import provenance
 from compasslib.archive.files import HALF_WRITTEN, write_json
-from compasslib.core.errors import InputError
-from compasslib.run import ledger
+from compasslib.errors import InputError
+from compasslib.pipeline import ledger
 from compasslib.simulation import demonstration
 
 

@@ -1,6 +1,6 @@
 """Carry a calibration to a mooring: calibration.json and the mooring's field -> results/MOORING/work/fit.json."""
 
-from compasslib.run.job import job
+from compasslib.pipeline.job import job
 from compasslib.stages import carry
 
 job(snakemake, carry.run)

@@ -1,6 +1,6 @@
 """Compare forms of the curve on pairs held out from each: pairs, deviation -> results/MOORING/forms.json."""
 
-from compasslib.run.job import job
+from compasslib.pipeline.job import job
 from compasslib.stages import compare
 
 job(snakemake, compare.run)

@@ -1,6 +1,6 @@
 """Correct one instrument: record, pairs, deviation, assessment, field -> results/MOORING/corrected.nc."""
 
-from compasslib.run.job import job
+from compasslib.pipeline.job import job
 from compasslib.stages import correct
 
 job(snakemake, correct.run)

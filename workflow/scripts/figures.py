@@ -1,6 +1,6 @@
 """Draw one mooring: pairs, deviation, product -> results/MOORING/figures/*.png."""
 
-from compasslib.run.job import job
+from compasslib.pipeline.job import job
 from compasslib.stages import figures
 
 job(snakemake, figures.run)

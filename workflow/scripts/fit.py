@@ -1,6 +1,6 @@
 """Fit the deviation: pairs and the recorded headings -> results/MOORING/work/fit.json."""
 
-from compasslib.run.job import job
+from compasslib.pipeline.job import job
 from compasslib.stages import fit
 
 job(snakemake, fit.run)

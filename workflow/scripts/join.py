@@ -1,6 +1,6 @@
 """Join the records of one compass: summaries, calibrations -> results/compasses/NAME/{compass,diagnosis}.json."""
 
-from compasslib.run.job import job
+from compasslib.pipeline.job import job
 from compasslib.stages import join
 
 job(snakemake, join.run)

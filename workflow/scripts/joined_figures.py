@@ -1,6 +1,6 @@
 """Draw one compass: compass.json -> results/compasses/NAME/figures."""
 
-from compasslib.run.job import job
+from compasslib.pipeline.job import job
 from compasslib.stages import joined_figures
 
 job(snakemake, joined_figures.run)

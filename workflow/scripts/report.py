@@ -1,6 +1,6 @@
 """Write the report: all results -> results/report.html, one page that needs no network."""
 
-from compasslib.run.job import job
+from compasslib.pipeline.job import job
 from compasslib.stages import report
 
 job(snakemake, report.run)

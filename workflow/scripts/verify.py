@@ -1,6 +1,6 @@
 """Verify the archive: the files of the cruise -> what differs from its manifest, a line each."""
 
-from compasslib.run.job import job
+from compasslib.pipeline.job import job
 from compasslib.stages import verify
 
 job(snakemake, verify.run)

@@ -21,15 +21,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from compasslib.core import angles
-from compasslib.core.errors import InputError
-from compasslib.core.records import GOOD, MISSING, PROBABLY_BAD, Record
-from compasslib.core.types import Bools, Floats
+from compasslib import angles
+from compasslib.errors import InputError
 from compasslib.readers.cells import Layout
 from compasslib.readers.mmp import pressure, scan_clock, scan_files
 from compasslib.readers.mmp.pressure import Companion, Start
 from compasslib.readers.mmp.rows import UNKNOWN
 from compasslib.readers.mmp.scan_files import Scans
+from compasslib.records import GOOD, MISSING, PROBABLY_BAD, Record
+from compasslib.types import Bools, Floats
 
 USUAL_HZ = 2.0  # where neither file nor switching times tell the sample rate
 PARKED_S = 180.0  # a profiler rests at the end of its way before and after its engineering file's first and last row

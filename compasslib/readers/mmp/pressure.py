@@ -13,14 +13,14 @@ from pathlib import Path
 
 import numpy as np
 
-from compasslib.core.errors import InputError
-from compasslib.core.types import Floats
+from compasslib.errors import InputError
 from compasslib.readers.cells import Layout, Lines, lines_fitting, said, table_in
 from compasslib.readers.damage import refuse_mostly_damaged
 from compasslib.readers.mmp.rows import UNKNOWN, Form, ProfileBlock, Text, blocks, parse
 from compasslib.readers.mmp.scan_clock import civil
 from compasslib.readers.mmp.scan_files import contents, is_text
 from compasslib.readers.recognition import recognise
+from compasslib.types import Floats
 
 NOTHING_SAID = Layout()
 TIMES = ("time_utc", "time", "datetime", "date_time", "timestamp", "date")

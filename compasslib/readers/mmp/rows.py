@@ -22,8 +22,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib.core.types import Bools, Floats
 from compasslib.readers.mmp.scan_clock import FIRST_YEAR, LAST_YEAR, Ints, civil
+from compasslib.types import Bools, Floats
 
 Octets = NDArray[np.uint8]
 Form = tuple[bool, int]  # with a stamp; how many numbers

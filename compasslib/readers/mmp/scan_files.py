@@ -17,13 +17,13 @@ from pathlib import Path
 
 import numpy as np
 
-from compasslib.core.errors import InputError
-from compasslib.core.types import Bools, Floats
+from compasslib.errors import InputError
 from compasslib.readers import cells, telemetry
 from compasslib.readers.damage import refuse_mostly_damaged
 from compasslib.readers.mmp import rows
 from compasslib.readers.mmp.rows import UNKNOWN, ProfileBlock
 from compasslib.readers.mmp.scan_clock import Ints, civil, misplaced
+from compasslib.types import Bools, Floats
 
 COLUMNS = ("HDNG", "TX", "TY", "HX", "HY", "HZ", "VPAB", "VPCD", "VPEF", "VPGH")
 STAMPED, BARE = (True, 10), (False, 9)

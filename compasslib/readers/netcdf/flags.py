@@ -17,9 +17,9 @@ from typing import Any
 import netCDF4
 import numpy as np
 
-from compasslib.core.records import GOOD, NOT_CHECKED, PROBABLY_BAD, PROBABLY_GOOD, Flags
 from compasslib.readers import flags as vocabularies
 from compasslib.readers.netcdf.variables import File, raw, spans
+from compasslib.records import GOOD, NOT_CHECKED, PROBABLY_BAD, PROBABLY_GOOD, Flags
 
 SUFFIXES = ("_SEADATANET_QC", "_quality_control", "_quality_flag", "_QC", "_flag", "_qc_agg", "_qartod_results")
 STATED = ("flag_values", "flag_masks", "flag_meanings")

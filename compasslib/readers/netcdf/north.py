@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import netCDF4
 import numpy as np
 
-from compasslib.core.declination import Applied
-from compasslib.core.types import Floats
+from compasslib.declination import Applied
 from compasslib.readers.netcdf.variables import File, find, values
+from compasslib.types import Floats
 
 MAGNETIC, TRUE = "magnetic", "true"
 STGLIB = re.compile(r"[Rr]otating heading and horizontal velocities by ([-+]?[\d.]+) degrees")

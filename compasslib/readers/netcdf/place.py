@@ -7,8 +7,8 @@ from pathlib import Path
 import netCDF4
 import numpy as np
 
-from compasslib.core.types import Floats
 from compasslib.readers.netcdf.variables import refuse_size
+from compasslib.types import Floats
 
 NAMES = {  # variables of one value, or attributes: OceanSITES, IMOS (imos-toolbox), EPIC (stglib), dolfyn
     "latitude": ("LATITUDE", "latitude", "lat", "geospatial_lat_min"),

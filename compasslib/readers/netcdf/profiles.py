@@ -13,8 +13,8 @@ import netCDF4
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib.core.types import Floats
 from compasslib.readers.netcdf.variables import SPEED, File, numbers
+from compasslib.types import Floats
 
 VELOCITIES: Mapping[str, tuple[str, ...]] = {
     "up": ("WCUR", "w_1204", "vel_up", "up", "w"),

@@ -13,15 +13,15 @@ from typing import Any
 import netCDF4
 import numpy as np
 
-from compasslib.core import angles
-from compasslib.core.declination import Applied, applied
-from compasslib.core.errors import InputError
-from compasslib.core.records import GOOD, MISSING, PROBABLY_BAD, Flags, Record, joined
-from compasslib.core.types import Floats
+from compasslib import angles
+from compasslib.declination import Applied, applied
+from compasslib.errors import InputError
 from compasslib.readers import flags as vocabularies
 from compasslib.readers.netcdf import flags, north, profiles, times
 from compasslib.readers.netcdf.variables import File, find, spans, values
 from compasslib.readers.pd0.currents import true_pitch
+from compasslib.records import GOOD, MISSING, PROBABLY_BAD, Flags, Record, joined
+from compasslib.types import Floats
 
 ATMOSPHERE_DBAR = 10.1325  # IMOS' PRES is absolute
 DEEPEST_DBAR = 12000.0  # MHKiT writes a pressure below that of air as 2^32

@@ -5,9 +5,9 @@ from __future__ import annotations
 import netCDF4
 import numpy as np
 
-from compasslib.core.types import Floats
 from compasslib.readers.netcdf.variables import ROLES, File, arranged, numbers
 from compasslib.readers.times import Unreadable, origin_s
+from compasslib.types import Floats
 
 EPIC_DAY, EPIC_MS = "true julian day", "msec since 0:00 gmt"
 DOLFYN = ("vel", "vel_avg")  # all components in one variable; of a series of single pings, and of its means

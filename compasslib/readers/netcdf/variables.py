@@ -16,8 +16,8 @@ import netCDF4
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib.core.errors import InputError
-from compasslib.core.types import Floats
+from compasslib.errors import InputError
+from compasslib.types import Floats
 
 LARGEST = 1e30  # EPIC fills with 1e35
 SPEED = {"m s-1": 1.0, "m/s": 1.0, "m.s-1": 1.0, "meter second-1": 1.0, "meters per second": 1.0, "meters/second": 1.0}

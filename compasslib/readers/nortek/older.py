@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from compasslib.core import angles
-from compasslib.core.errors import InputError
-from compasslib.core.records import BAD, GOOD, MISSING
-from compasslib.core.types import Floats
+from compasslib import angles
+from compasslib.errors import InputError
 from compasslib.readers.mmp.scan_clock import FIRST_YEAR, civil
 from compasslib.readers.nortek.packets import Bytes, Packets
 from compasslib.readers.nortek.samples import BEAM, EARTH, MISSING_COUNT, Samples, by_beam
+from compasslib.records import BAD, GOOD, MISSING
+from compasslib.types import Floats
 
 USER, HEAD, HARDWARE = 0x00, 0x04, 0x05
 VELOCITY = {0x01: 30, 0x81: 40, 0x21: 30, 0x20: 118, 0x24: 118}  # identifier: byte at which the velocities begin

@@ -15,10 +15,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib.core.errors import InputError
-from compasslib.core.types import Bools
+from compasslib.errors import InputError
 from compasslib.readers import telemetry
 from compasslib.readers.damage import refuse_mostly_damaged
+from compasslib.types import Bools
 
 Bytes = NDArray[np.uint8]
 Places = NDArray[np.int64]

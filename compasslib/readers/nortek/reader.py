@@ -14,11 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from compasslib.core import angles, compass
-from compasslib.core.declination import Applied, applied
-from compasslib.core.errors import InputError
-from compasslib.core.records import MAGNETOMETER, MISSING, Record, take
-from compasslib.core.types import Bools, Floats
+from compasslib import angles, compass
+from compasslib.declination import Applied, applied
+from compasslib.errors import InputError
 from compasslib.readers import telemetry
 from compasslib.readers.averages import describe_averages
 from compasslib.readers.nortek import older, signature
@@ -26,6 +24,8 @@ from compasslib.readers.nortek.packets import Packets, packets
 from compasslib.readers.nortek.samples import BEAM, EARTH, Samples
 from compasslib.readers.pd0.account import FEW_DISAGREE, RANGES_SHOWN
 from compasslib.readers.pd0.consistency import ADVICE, same_number
+from compasslib.records import MAGNETOMETER, MISSING, Record, take
+from compasslib.types import Bools, Floats
 
 
 def read(

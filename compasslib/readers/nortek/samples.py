@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from compasslib.core.records import Flags
-from compasslib.core.types import Bools, Floats
 from compasslib.readers.nortek.packets import Bytes, Places
+from compasslib.records import Flags
+from compasslib.types import Bools, Floats
 
 EARTH, INSTRUMENT, BEAM = 0, 1, 2  # as both formats number them
 MISSING_COUNT = -32768

@@ -14,12 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from compasslib.core.errors import InputError
-from compasslib.core.records import BAD, GOOD, MISSING, Flags
-from compasslib.core.types import Floats
+from compasslib.errors import InputError
 from compasslib.readers.mmp.scan_clock import civil
 from compasslib.readers.nortek.packets import Bytes, Packets, Places
 from compasslib.readers.nortek.samples import BEAM, EARTH, INSTRUMENT, MISSING_COUNT, Samples, axes_of, by_beam
+from compasslib.records import BAD, GOOD, MISSING, Flags
+from compasslib.types import Floats
 
 BURST, AVERAGE, TEXT = 0x15, 0x16, 0xA0
 NAMES = {BURST: "bursts", AVERAGE: "averages"}

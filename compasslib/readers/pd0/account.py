@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
-from compasslib.core.types import Floats
 from compasslib.readers import telemetry
 from compasslib.readers.averages import describe_averages
 from compasslib.readers.pd0.currents import Choices, looks_up
 from compasslib.readers.pd0.fields import EARTH, SHIP, Ensembles, LeftOut
 from compasslib.readers.pd0.frames import Places, Skipped
+from compasslib.types import Floats
 
 RANGES_SHOWN = 20
 FEW_DISAGREE = 0.01  # of the ensembles: on deck and in the hand an instrument looks any way; they are counted only

@@ -11,11 +11,11 @@ from collections import Counter
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib.core.declination import Applied
-from compasslib.core.errors import InputError
-from compasslib.core.records import BAD, GOOD, PROBABLY_BAD, Flags
-from compasslib.core.types import Floats
+from compasslib.declination import Applied
+from compasslib.errors import InputError
 from compasslib.readers.pd0.fields import BEAM, EARTH, INSTRUMENT, SHIP, Ensembles
+from compasslib.records import BAD, GOOD, PROBABLY_BAD, Flags
+from compasslib.types import Floats
 
 STRAY = 0.01  # share of another instrument's ensembles that may be damage that met its checksum
 FEWEST_BACK = 10  # numbers may fall back where a recording begins anew

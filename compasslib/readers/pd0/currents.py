@@ -14,11 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from compasslib.core import angles
-from compasslib.core.declination import Applied
-from compasslib.core.records import BAD, GOOD, MISSING, Flags
-from compasslib.core.types import Floats
+from compasslib import angles
+from compasslib.declination import Applied
 from compasslib.readers.pd0.fields import BEAM, EARTH, INSTRUMENT, SHIP, Ensembles, chosen
+from compasslib.records import BAD, GOOD, MISSING, Flags
+from compasslib.types import Floats
 
 LEAST_PERCENT_GOOD = 25
 ALL_PINGS, PINGS_ROUNDED, TWO_BEAMS = 100, 4, 50  # percent

@@ -15,9 +15,9 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib.core.types import Bools, Floats
 from compasslib.readers.bounds import refuse_large_arrays
 from compasslib.readers.pd0.frames import FIXED_LEADERS, VARIABLE_LEADERS, Bytes, EnsembleRun, Layout, Places
+from compasslib.types import Bools, Floats
 
 T = TypeVar("T", bound=np.generic)
 

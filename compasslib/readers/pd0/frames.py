@@ -18,7 +18,7 @@ from typing import BinaryIO, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib.core.errors import InputError
+from compasslib.errors import InputError
 from compasslib.readers import telemetry
 
 Bytes: TypeAlias = NDArray[np.uint8]

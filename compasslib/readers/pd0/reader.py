@@ -18,10 +18,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib.core.declination import applied
-from compasslib.core.errors import InputError
-from compasslib.core.records import BAD, GOOD, MISSING, Record
-from compasslib.core.types import Floats
+from compasslib.declination import applied
+from compasslib.errors import InputError
 from compasslib.readers.damage import refuse_mostly_damaged
 from compasslib.readers.pd0 import consistency
 from compasslib.readers.pd0.account import FileReport, counts_of, faces_up, lost_ensembles, warnings_of
@@ -37,6 +35,8 @@ from compasslib.readers.pd0.currents import (
 )
 from compasslib.readers.pd0.fields import COUNTS, Ensembles, Grown, LeftOut, decode_runs, joined
 from compasslib.readers.pd0.frames import CHUNK_BYTES, Skipped, frames, is_escaped
+from compasslib.records import BAD, GOOD, MISSING, Record
+from compasslib.types import Floats
 
 BOUNDARY_COUNTS = 50  # above the least echo before it; 0.45 dB a count
 HEARD_COUNTS = 15  # above the least echo of the ensemble, which is the noise of the receiver or more

@@ -15,8 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib.core import angles
-from compasslib.core.types import Bools, Floats
+from compasslib import angles
 from compasslib.readers.pd0.fields import (
     EARTH,
     MISSING_COUNT,
@@ -27,6 +26,7 @@ from compasslib.readers.pd0.fields import (
     leaders_of,
 )
 from compasslib.readers.pd0.frames import VARIABLE_LEADERS, Bytes, EnsembleRun, Layout, Skipped, frames
+from compasslib.types import Bools, Floats
 
 FULL_CIRCLE = 36000  # hundredths of a degree
 HEADING_AT = 18  # byte of the variable leader

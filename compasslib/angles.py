@@ -1,0 +1,116 @@
+"""The only place where angles are wrapped, averaged, differenced, turned to and from components.
+
+Every angle is in degrees, clockwise from north (or from the forward direction), float64, in arrays of any shape that
+broadcast. A horizontal vector is the
+complex number ``east + i north`` where it must be one number.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from compasslib.types import Floats
+
+DEGREE = np.pi / 180.0  # in radians: the derivative of a sine by degrees
+
+
+def wrap360(angle_deg: ArrayLike) -> Floats:
+    """Return the angle in [0, 360)."""
+    angle = np.asarray(angle_deg, dtype=float)
+    wrapped = angle - 360.0 * np.floor(angle / 360.0)  # three times as fast as np.mod
+    # Rounding can leave the interval by a hair at either end, which is north.
+    return np.where((wrapped >= 360.0) | (wrapped < 0.0), 0.0, wrapped)
+
+
+def wrap180(angle_deg: ArrayLike) -> Floats:
+    """Return the angle in [-180, 180)."""
+    return wrap360(np.asarray(angle_deg, dtype=float) + 180.0) - 180.0
+
+
+def difference(a_deg: ArrayLike, b_deg: ArrayLike) -> Floats:
+    """Return a - b in [-180, 180)."""
+    return wrap180(np.asarray(a_deg, dtype=float) - np.asarray(b_deg, dtype=float))
+
+
+def phasor(angle_deg: ArrayLike) -> NDArray[np.complex128]:
+    """Return e^{i angle}."""
+    return np.exp(1j * np.deg2rad(np.asarray(angle_deg, dtype=float)))
+
+
+def argument(z: ArrayLike) -> Floats:
+    """Return arg z in [0, 360)."""
+    return wrap360(np.rad2deg(np.angle(np.asarray(z, dtype=complex))))
+
+
+def sin_cos(angle_deg: ArrayLike) -> tuple[Floats, Floats]:
+    """Return sine and cosine."""
+    radians = np.deg2rad(np.asarray(angle_deg, dtype=float))
+    return np.sin(radians), np.cos(radians)
+
+
+def direction(east: ArrayLike, north: ArrayLike) -> Floats:
+    """Return the direction towards which a vector points, degrees in [0, 360); NaN for the zero vector."""
+    east, north = np.asarray(east, dtype=float), np.asarray(north, dtype=float)
+    towards = wrap360(np.rad2deg(np.arctan2(east, north)))
+    return np.where((east == 0) & (north == 0), np.nan, towards)
+
+
+def chord(angle_deg: ArrayLike) -> Floats:
+    """Return the chord under an angle, scaled so that a small angle's chord is the angle itself, degrees."""
+    return 2.0 * sin_cos(np.asarray(angle_deg, dtype=float) / 2.0)[0] / DEGREE
+
+
+def components(speed: ArrayLike, towards_deg: ArrayLike) -> tuple[Floats, Floats]:
+    """Return (east, north) of a vector given by its length and the direction towards which it points."""
+    sine, cosine = sin_cos(towards_deg)
+    length = np.asarray(speed, dtype=float)
+    return length * sine, length * cosine
+
+
+def turn(east: ArrayLike, north: ArrayLike, by_deg: ArrayLike) -> tuple[Floats, Floats]:
+    """Return (east, north) of a vector turned clockwise, its length unchanged."""
+    sine, cosine = sin_cos(by_deg)
+    east, north = np.asarray(east, dtype=float), np.asarray(north, dtype=float)
+    return east * cosine + north * sine, north * cosine - east * sine
+
+
+def turned_share(angle_deg: ArrayLike) -> Floats:
+    """Return how much of a vector's length a standard deviation of its direction can move, at most all of it."""
+    return np.minimum(np.deg2rad(np.asarray(angle_deg, dtype=float)), 1.0)
+
+
+def mean(angle_deg: ArrayLike, weights: ArrayLike | None = None, axis: int | None = None) -> Floats:
+    """Return the circular mean in [0, 360), NaN angles left out; NaN where nothing is left.
+
+    Args:
+        weights: of the same shape; equal where absent.
+        axis: to average over; all of them where absent.
+    """
+    return argument(_resultant(angle_deg, weights, axis))
+
+
+def resultant_length(angle_deg: ArrayLike, weights: ArrayLike | None = None, axis: int | None = None) -> Floats:
+    """Return the mean resultant length, 1 where all angles agree and 0 where they cancel; NaN angles left out.
+
+    Args:
+        weights: of the same shape; equal where absent.
+        axis: to average over; all of them where absent.
+    """
+    return np.abs(_resultant(angle_deg, weights, axis))
+
+
+def rms(difference_deg: ArrayLike) -> float:
+    """Return the root mean square of differences, wrapped to [-180, 180), NaN left out; NaN where nothing is left."""
+    wrapped = wrap180(difference_deg)
+    finite = wrapped[np.isfinite(wrapped)]
+    return float(np.sqrt(np.mean(finite**2))) if finite.size else float("nan")
+
+
+def _resultant(angle_deg: ArrayLike, weights: ArrayLike | None, axis: int | None) -> NDArray[np.complex128]:
+    angle = np.asarray(angle_deg, dtype=float)
+    weight = np.isfinite(angle) * (np.ones(angle.shape) if weights is None else np.asarray(weights, dtype=float))
+    total = np.sum(weight, axis=axis)
+    summed = np.sum(weight * np.where(np.isfinite(angle), phasor(angle), 0.0), axis=axis)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.where(total > 0, summed / total, complex(np.nan, np.nan))

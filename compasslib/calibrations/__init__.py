@@ -1,0 +1,112 @@
+"""Calibrations that need no mooring; a table says which kinds there are. A kind is imported only by its own job.
+
+A compass turned on a bench, and the one cycle of its deviation:
+
+>>> from pathlib import Path
+>>> from tempfile import TemporaryDirectory
+>>> from compasslib import calibrations
+>>> from compasslib.angles import sin_cos
+>>> turned = range(0, 360, 15)
+>>> rows = [f"{heading},{heading - 4.0 * sin_cos(heading)[0]:.1f}" for heading in turned]
+>>> with TemporaryDirectory() as folder:
+...     path = Path(folder, "bench.csv")
+...     _ = path.write_text("\\n".join(["reference_deg,recorded_deg", *rows, ""]))
+...     bench = calibrations.calibrate("platform", [path], {})
+>>> round(float(bench.coefficients[1]), 1)  # B, degrees
+4.0
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from compasslib.readers import recognition
+from compasslib.threads import single_threaded
+
+if TYPE_CHECKING:  # the Snakefile needs the table only
+    from compasslib.calibrations.result import Calibration
+
+
+@dataclass(frozen=True)
+class Kind:
+    """Where a kind of calibration is made and drawn."""
+
+    module: str  # of this room; its calibrate(files, settings) returns the Calibration
+    figures: tuple[str, ...] = ()  # its own: functions (path, calibration, name) of plots/<module>.py
+    by_heading: bool = True  # whether it has a curve along the heading, and so the figures of one
+    formats: tuple[str, ...] = ("table",)  # of its files, the usual one first
+
+
+KINDS: dict[str, Kind] = {
+    "platform": Kind("platform"),
+    "magnetometer": Kind("magnetometer", figures=("magnetometer",), formats=("table", "mmp_acm")),
+    "swing": Kind("swing", figures=("swing",), formats=("table", "nmea0183")),
+    "declination": Kind("declination", figures=("series", "disturbance"), by_heading=False, formats=("iaga2002",)),
+    "two_heads": Kind("heads", figures=("difference", "tilt_check", "along_time"), formats=("pd0",)),
+}
+FIGURES = ("deviation", "residuals", "certificate")  # every kind with a curve along the heading has these
+
+MODELS = {  # words for the curves along the heading
+    "smith": "Smith's five terms",
+    "exact": "exact compass",
+    "polynomial": "polynomial of degree 6",
+    "one_cycle": "one cycle",
+}
+
+
+def figures(kind: str) -> list[str]:
+    """Return the names of a kind's figures."""
+    return [*(FIGURES if KINDS[kind].by_heading else ()), *KINDS[kind].figures]
+
+
+@single_threaded()
+def calibrate(kind: str, files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calibration:
+    """Return the result of one calibration.
+
+    Args:
+        files: raw files in the order of the YAML file.
+        settings: settled keys of the YAML file.
+
+    Raises:
+        InputError: a file that cannot be read.
+    """
+    from compasslib.calibrations.result import too_exact
+
+    offered, module = KINDS[kind].formats, import_module(f"compasslib.calibrations.{KINDS[kind].module}")
+    form = settings.get("format") or offered[0]
+    with recognition.naming(form, files, offered=offered, advice="correct file or kind in the calibration's file"):
+        made: Calibration = module.calibrate(files, settled(settings))
+    return replace(made, warnings=(*made.warnings, *too_exact(made.residual_rms_deg)))
+
+
+def settled(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Return settings with ``field`` and ``declination_deg``, as every kind takes them.
+
+    The field is a mapping of horizontal_nT, vertical_nT and declination_deg where latitude, longitude and date are
+    given, else None. The declination is the number given, else that of the field, else None.
+
+    Args:
+        settings: the keys of the YAML file with defaults filled in.
+
+    Raises:
+        InputError: the date lies outside the model of the earth's field.
+    """
+    given = settings.get("declination", "auto")
+    field = _field(settings, beyond=given not in (None, "auto"))
+    by_model = None if field is None else field["declination_deg"]
+    return {**settings, "field": field, "declination_deg": by_model if given in (None, "auto") else given}
+
+
+def _field(settings: Mapping[str, Any], *, beyond: bool) -> dict[str, float] | None:
+    latitude, longitude, date_s = (settings.get(key) for key in ("latitude", "longitude", "date_s"))
+    if latitude is None or longitude is None or date_s is None:
+        return None
+    from compasslib import earthfield  # only where a place is given
+
+    at = earthfield.covered_by_igrf(date_s) if beyond else date_s
+    declination, horizontal, vertical = (float(x[0]) for x in earthfield.igrf(latitude, longitude, at))
+    return {"horizontal_nT": horizontal, "vertical_nT": vertical, "declination_deg": declination}

@@ -1,0 +1,133 @@
+"""A calibration made elsewhere as the deviation model of a mooring, in the mooring's own field."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from compasslib import angles, compass
+from compasslib.calibrations.result import LETTERS, too_exact
+from compasslib.deviation import exact, likelihood, model, transfer
+from compasslib.deviation.model import Fit, Noise
+from compasslib.deviation.transfer import Place, Transferred
+from compasslib.records import BAD, EarthField, Pairs, Record
+from compasslib.statistics import autocorrelation
+from compasslib.types import Floats
+
+METHOD = "calibration"
+HEADINGS_DEG = np.arange(0.0, 360.0, 5.0)
+FARTHEST = 36.0  # chi-square of four coefficients: by chance once in four million
+LEAST_CONTRADICTION_DEG = 5.0
+LEAST_NOISE_DEG, MOST_NOISE_DEG = 0.8, 8.0  # of a compass, as the decision between branches resolves it
+
+
+def carried(content: Mapping[str, Any], field: EarthField, record: Record, pairs: Pairs) -> Fit:
+    """Return the exact compass of a calibration as it is at a mooring; without coefficients where that is unknown.
+
+    Args:
+        field: the earth's field along the deployment.
+        record: the affected instrument.
+        pairs: where a reference overlaps; they are counted and held against it, nothing is fitted to them.
+    """
+    why = _unusable(content)
+    if why:
+        return Fit(METHOD, len(pairs), why=f"calibration {content['name']}: {why}")
+    there = _carry(content, field)
+    noise = Noise(compass_deg=float(np.clip(content["residual_rms_deg"] or 0.0, LEAST_NOISE_DEG, MOST_NOISE_DEG)))
+    fit = Fit(METHOD, len(pairs), there.coefficients, there.covariance, noise=noise, warnings=_warnings(content, there))
+    return held_against(fit, record, pairs)
+
+
+def held_against(fit: Fit, record: Record, pairs: Pairs) -> Fit:
+    """Return a compass known beforehand with what the record shows of it; nothing is fitted.
+
+    Args:
+        fit: coefficients, covariance and noise.
+        record: the affected instrument.
+        pairs: where a reference overlaps, perhaps none.
+    """
+    off = model.residual(fit, pairs)
+    off, when = off[np.isfinite(off)], pairs.time_s[np.isfinite(off)]
+    return replace(
+        fit,
+        n_effective=autocorrelation.effective_number(off, when) if len(off) else 0.0,
+        residual_rms_deg=angles.rms(off),
+        recorded_range_deg=compass.recorded_range(fit.coefficients),
+        folded=not compass.turns_full_circle(fit.coefficients),
+        heading_density=_density(fit.coefficients, record),
+    )
+
+
+def contradicted(fit: Fit, pairs: Pairs) -> str:
+    """Return why a calibration cannot be that of the compass that the pairs show; nothing where it can.
+
+    A constant between the two is no reason: mounts and mean veers make one.
+
+    Args:
+        fit: the calibration as carried to the mooring.
+    """
+    own = exact.fit(pairs)
+    if not (fit.fitted and own.fitted):
+        return ""
+    iron, both = slice(1, 5), fit.covariance[:5, :5] + own.covariance[:5, :5]
+    off = own.coefficients[iron] - fit.coefficients[iron]
+    by_chance = float(off @ np.linalg.solve(both[iron, iron], off))
+    turned = [compass.recorded_heading(np.append(0.0, one.coefficients[iron]), HEADINGS_DEG) for one in (own, fit)]
+    size = angles.rms(angles.difference(*turned))
+    if by_chance < FARTHEST or size < LEAST_CONTRADICTION_DEG:
+        return ""
+    return (
+        f"it differs from the compass that the overlap with the reference shows by {size:.0f}° rms, more than the "
+        "uncertainty of both: it is of another compass, or the iron beside it changed"
+    )
+
+
+def origin(content: Mapping[str, Any], field: EarthField) -> dict[str, Any]:
+    """Return what deviation.json says of where the model comes from.
+
+    Args:
+        field: the earth's field along the deployment.
+    """
+    source: dict[str, Any] = {"name": content["name"], "kind": content["kind"], "place": content["place"]}
+    if not _unusable(content):
+        there = _carry(content, field)
+        ends = {"if_all_hard": there.if_all_hard, "if_all_induced": there.if_all_induced}
+        source |= {"coefficients": content["exact"]["coefficients"]}
+        source |= {name: dict(zip(LETTERS, values.tolist(), strict=True)) for name, values in ends.items()}
+    return {"calibration": source}
+
+
+def _unusable(content: Mapping[str, Any]) -> str:
+    if content["exact"] is None:
+        return content["why"] or "it has no coefficients of the exact compass, its headings do not determine them"
+    if not np.isfinite(np.array(content["exact"]["covariance"], dtype=float)).all():
+        return "its coefficients of the exact compass are not all determined"
+    if content["place"]["field"] is None:
+        return "its place or date is unknown, so that its coefficients cannot be carried to the mooring's field"
+    return ""
+
+
+def _carry(content: Mapping[str, Any], field: EarthField) -> Transferred:
+    given, home = content["exact"], content["place"]["field"]
+    covariance = np.array(given["covariance"], dtype=float)
+    # What a calibration's budget holds cannot be told from a turn of the whole compass at any one heading.
+    covariance[0, 0] += ((content["uncertainty"]["standard_deg"] or 0.0) * angles.DEGREE) ** 2
+    away = Place(float(np.mean(field.horizontal_nT)), float(np.mean(field.vertical_nT)))
+    at_home = Place(home["horizontal_nT"], home["vertical_nT"])
+    return transfer.carry([given["coefficients"][k] for k in LETTERS], covariance, at_home, away)
+
+
+def _density(coefficients: Floats, record: Record) -> Floats:
+    """Return how often each correct heading occurs by the record alone, both roots counted where there are two."""
+    recorded = record.heading_deg[np.isfinite(record.heading_deg) & (record.heading_quality < BAD)]
+    roots = compass.inverse(coefficients, recorded)
+    count = np.histogram(roots[np.isfinite(roots)], likelihood.CELLS, (0.0, 360.0))[0]
+    return exact.smoothed(1e-6 + count)
+
+
+def _warnings(content: Mapping[str, Any], there: Transferred) -> tuple[str, ...]:
+    warnings = (there.warning, *content.get("doubts", ()), *too_exact(content["residual_rms_deg"]))
+    return tuple(f"calibration {content['name']}: {warning}" for warning in warnings if warning)

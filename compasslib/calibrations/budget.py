@@ -1,0 +1,111 @@
+"""The uncertainty budget of a bench, by the Guide to the Expression of Uncertainty in Measurement.
+
+The rows are those of Le Menn et al. 2023, section 2. A row that is not given is absent, and the result says so. Their
+Tables 4 and 5 are printed as pictures: which distribution each row has is taken from the words of the text, and with
+their numbers the reference direction comes out at 0.95 degrees expanded where they print 0.90.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from compasslib.calibrations.result import COVERAGE_FACTOR, Source
+
+FIT_RESIDUAL, MAKER_ACCURACY = "fit_residual", "maker_accuracy_deg"
+LE_MENN = "le_menn"
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line that a budget may have."""
+
+    what: str
+    divisor: float  # from the number as it is given to a standard uncertainty
+    how: str  # what the number is
+    le_menn_deg: float | None = None  # as section 2 gives it
+
+
+STANDARD, EXPANDED = (1.0, "a standard uncertainty"), (2.0, "an expanded uncertainty, k = 2")
+AT_MOST = (float(np.sqrt(3.0)), "a largest error, uniform within it")
+TRIANGULAR = (float(np.sqrt(6.0)), "a maker's accuracy, triangular within it")
+
+ROWS: dict[str, Row] = {
+    "graduation_deg": Row("graduation of the reference directions", *STANDARD, 0.26),
+    "slope_deg": Row("slope of the bench", *AT_MOST, 0.18),
+    "ruggedness_deg": Row("ruggedness of the bench", *STANDARD, 0.15),
+    "protractor_deg": Row("protractor", *EXPANDED, 0.12),
+    # 60 nT of daily variation as the paper turns it to degrees. Across a field of 22000 nT it would be 0.16 degrees.
+    "field_deg": Row("changes of the field during the calibration", *AT_MOST, 0.45),
+    "declination_deg": Row("declination", *AT_MOST, 0.14),
+    "homogeneity_deg": Row("homogeneity of the field on the bench", *AT_MOST, 0.38),
+    MAKER_ACCURACY: Row("accuracy of the instrument as its maker states it", *TRIANGULAR),
+}
+
+
+def sources(given: Mapping[str, float | None], budget: str | None = None) -> tuple[Source, ...]:
+    """Return the rows of a budget, standard uncertainties.
+
+    Args:
+        given: row -> degrees, as ``ROWS`` describes them; None where absent.
+        budget: ``le_menn`` fills the rows that are not given with the numbers of that paper, where it has one.
+    """
+    rows = {name: _value(name, given, budget) for name in ROWS}
+    return tuple(_source(name, *value) for name, value in rows.items() if value is not None)
+
+
+def absent(made: tuple[Source, ...]) -> list[str]:
+    """Return the rows that a budget does not have."""
+    return [name for name in ROWS if name not in {source.name for source in made}]
+
+
+def residual(scatter_deg: float, dof: int) -> Source:
+    """Return the row that the fit itself makes.
+
+    Args:
+        scatter_deg: standard deviation of a reading about the curve, widened for few readings.
+        dof: degrees of freedom behind it.
+    """
+    return Source(FIT_RESIDUAL, scatter_deg, f"scatter about the curve, {dof} degrees of freedom, by Student's t")
+
+
+def combined(made: tuple[Source, ...]) -> float:
+    """Return the combined standard uncertainty, degrees; 0 of no rows.
+
+    Args:
+        made: rows, taken as independent.
+    """
+    return float(np.sqrt(sum(source.standard_deg**2 for source in made)))
+
+
+def common(made: tuple[Source, ...]) -> float:
+    """Return the combined standard uncertainty of the rows that may turn all headings alike, degrees.
+
+    Args:
+        made: rows; those of a single reading, the fit's residual and the maker's accuracy, are left out.
+    """
+    return combined(tuple(source for source in made if source.name not in (FIT_RESIDUAL, MAKER_ACCURACY)))
+
+
+def expanded(made: tuple[Source, ...]) -> float:
+    """Return the expanded uncertainty, degrees.
+
+    Args:
+        made: rows, taken as independent.
+    """
+    return COVERAGE_FACTOR * combined(made)
+
+
+def _value(name: str, given: Mapping[str, float | None], budget: str | None) -> tuple[float, bool] | None:
+    own, printed = given.get(name), ROWS[name].le_menn_deg
+    if own is not None:
+        return own, False
+    return (printed, True) if budget == LE_MENN and printed is not None else None
+
+
+def _source(name: str, value_deg: float, printed: bool) -> Source:
+    row = ROWS[name]
+    origin = "Le Menn et al. 2023, section 2" if printed else "given"
+    return Source(name, value_deg / row.divisor, f"{row.what}: {value_deg:g} degrees, {row.how} ({origin})")

@@ -1,0 +1,242 @@
+"""The clock of one head against that of the other: where the rates of tilt and heading agree best.
+
+Rates forget mounting angles and slow errors of either compass. The tilt's rate is a complex number that a turn about
+the vertical only turns, so the modulus of its correlation needs no mounting angle, and no compass has a part in it.
+The peak is found on a lattice and then as the zero of the correlation's derivative: the noises of two heads are
+independent and do not move it. Its uncertainty is that of sums over stretches of the record (a sandwich estimator).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from compasslib.calibrations.heads.motion import GapSpline, Motion, step
+from compasslib.statistics import blocks
+from compasslib.types import Complexes, Floats
+
+LEAST_CORRELATION = 0.3  # of rates that move together; 5 / sqrt(n) for short records
+# Fisher's z by which the tilts must agree better at a lag of their own, in its errors; samples that count once in it;
+# and a correlation above which more says nothing.
+CLEARER_SIGMAS, MEMORY, ALIKE = 5.0, 20.0, 0.999
+STRETCHES = 30
+RESOLUTION_S = 0.01 / np.sqrt(12.0)  # a PD0 clock counts hundredths
+FLOOR_S = 1e-4  # no clock is known better, whatever two equal files seem to say
+ROUNDS = 20
+DISAGREE_SIGMAS, DISAGREE_S = 4.0, 0.02  # from there on tilts and headings tell of different lags
+DRIFT_SIGMAS = 3.0  # a drift less sure is not applied
+STEADY = 1e-6  # of a rate: what varies by less is even
+DAY_S = 86400.0
+UNKNOWN = (float("nan"), float("nan"))
+
+
+@dataclass(frozen=True)
+class ClockDifference:
+    """b's clock minus a's, at the middle of the record, and how it grows."""
+
+    offset_s: float = 0.0
+    sigma_s: float = float("nan")
+    drift_s_per_day: float = 0.0
+    drift_sigma_s_per_day: float = float("nan")
+    drift_applied: bool = False
+    middle_s: float = 0.0  # by b's clock
+    tilt_correlation: float = 0.0  # of the rates, at the offset
+    heading_correlation: float = 0.0
+    from_tilts_s: tuple[float, float] = UNKNOWN  # offset and standard deviation
+    from_headings_s: tuple[float, float] = UNKNOWN
+    found: bool = False
+    warnings: tuple[str, ...] = ()
+
+    def by_a(self, time_s: Floats) -> Floats:
+        """Return instants of b's clock by a's clock, (n,).
+
+        Args:
+            time_s: by b's clock, (n,).
+        """
+        drift = self.drift_s_per_day / DAY_S if self.drift_applied else 0.0
+        return time_s - self.offset_s - drift * (time_s - self.middle_s)
+
+
+@dataclass(frozen=True)
+class _Signal:
+    """The same quantity by both heads: b's samples and a's curve."""
+
+    time_s: Floats  # (n,) by b's clock
+    value: Complexes  # (n,) of b
+    other: GapSpline  # of a
+
+    def turned(self, at_s: Floats) -> Complexes:
+        """Return b's samples, turned into a's frame.
+
+        Args:
+            at_s: their times by a's clock, (n,).
+        """
+        here = self.other.at(at_s)
+        known = np.isfinite(here)
+        along = np.sum(np.conj(self.value[known]) * here[known])
+        return self.value * along / max(abs(along), 1e-300)
+
+
+def find(a: Motion, b: Motion, farthest_s: float) -> ClockDifference:
+    """Return the offset of b's clock from a's, with drift; not ``found`` where nothing moves together.
+
+    Args:
+        a: motion of one head by its clock.
+        b: motion of the other by its own.
+        farthest_s: greatest offset that is sought.
+    """
+    least = max(LEAST_CORRELATION, 5.0 / np.sqrt(min(len(a.time_s), len(b.time_s))))
+    lag, correlation = _lattice_peak(a, b, farthest_s)
+    middle = float(b.time_s[0] + b.time_s[-1]) / 2.0
+    seen: dict[str, Any] = {"tilt_correlation": correlation["tilts"], "heading_correlation": correlation["headings"]}
+    use = {name: signal for name, signal in _signals(a, b).items() if correlation[name] >= least}
+    if not use:
+        warning = "tilts and headings of the two heads hardly change together: the clocks are taken as they stand"
+        return ClockDifference(middle_s=middle, warnings=(warning,), **seen)
+    alone = {name: _offset(*_solved(signal, np.array([lag]), middle)) for name, signal in use.items()}
+    apart = len(use) == 2 and _apart(*alone.values())
+    signals = [use["tilts"]] if apart else list(use.values())
+    return ClockDifference(
+        **_offset_and_drift(signals, lag, middle, float(np.ptp(b.time_s))),
+        middle_s=middle,
+        from_tilts_s=alone.get("tilts", UNKNOWN),
+        from_headings_s=alone.get("headings", UNKNOWN),
+        found=True,
+        warnings=_warnings(*alone.values()) if apart else (),
+        **seen,
+    )
+
+
+def _offset_and_drift(signals: Sequence[_Signal], lag: float, middle_s: float, span_s: float) -> dict[str, Any]:
+    """Return offset and drift as fields of a clock; a drift that is not sure is reported and not applied."""
+    value, covariance = _weighed([_solved(s, np.array([lag]), middle_s) for s in signals])
+    both, both_covariance = _weighed([_solved(s, np.array([value[0], 0.0]), middle_s) for s in signals])
+    drift, sigma = float(both[1]), float(np.sqrt(both_covariance[1, 1]))
+    applied = abs(drift) > DRIFT_SIGMAS * sigma and abs(drift) * span_s > RESOLUTION_S
+    offset = _offset(both, both_covariance) if applied else _offset(value, covariance)
+    return {
+        "offset_s": offset[0],
+        "sigma_s": offset[1],
+        "drift_s_per_day": drift * DAY_S,
+        "drift_sigma_s_per_day": sigma * DAY_S,
+        "drift_applied": applied,
+    }
+
+
+def _warnings(tilts: tuple[float, float], headings: tuple[float, float]) -> tuple[str, ...]:
+    return (
+        f"b's clock is {tilts[0]:+.3f} s from a's by the tilts and {headings[0]:+.3f} s by the headings: "
+        "one compass lags behind its tilt sensors; the tilts' is used",
+    )
+
+
+def _offset(value: Floats, covariance: Floats) -> tuple[float, float]:
+    return float(value[0]), float(np.sqrt(covariance[0, 0] + RESOLUTION_S**2))
+
+
+def _apart(one: tuple[float, float], other: tuple[float, float]) -> bool:
+    away = abs(one[0] - other[0])
+    return away > DISAGREE_S and away > DISAGREE_SIGMAS * float(np.hypot(one[1], other[1]))
+
+
+def _signals(a: Motion, b: Motion) -> dict[str, _Signal]:
+    return {
+        "tilts": _Signal(b.lean_rate.time_s, b.lean_rate.values, a.lean_rate),
+        "headings": _Signal(b.turn_rate.time_s, b.turn_rate.values.astype(complex), a.turn_rate),
+    }
+
+
+def _lattice_peak(a: Motion, b: Motion, farthest_s: float) -> tuple[float, dict[str, float]]:
+    """Return the lag at which the rates of tilts and headings correlate best, and both correlations there.
+
+    Where the tilts by themselves agree clearly better at another lag, theirs holds: a compass that lags has no say.
+    """
+    lattice = min(step(a.time_s), step(b.time_s))
+    begin = min(a.time_s[0], b.time_s[0])
+    end = max(a.time_s[-1], b.time_s[-1])
+    grid = np.arange(begin, end + lattice, lattice)
+    pairs = ((a.lean_rate, b.lean_rate), (a.turn_rate, b.turn_rate))
+    peaks = [_correlations(_on(one, grid), _on(other, grid)) for one, other in pairs]
+    squares = peaks[0] ** 2 + peaks[1] ** 2
+    place = np.arange(len(grid))
+    lags = lattice * np.where(place > len(grid) // 2, place - len(grid), place)
+    reachable = np.abs(lags) <= max(farthest_s, lattice / 2.0)
+    best = int(np.argmax(np.where(reachable, squares, -1.0)))
+    own = int(np.argmax(np.where(reachable, peaks[0], -1.0)))
+    clearer = np.arctanh(min(peaks[0][own], ALIKE)) - np.arctanh(min(peaks[0][best], ALIKE))
+    if abs(lags[own] - lags[best]) > 1.5 * lattice and clearer > CLEARER_SIGMAS * np.sqrt(MEMORY / len(b.time_s)):
+        best = own
+    return float(lags[best]), {"tilts": float(peaks[0][best]), "headings": float(peaks[1][best])}
+
+
+def _on(curve: GapSpline, grid: Floats) -> Complexes:
+    """Return a rate on a regular grid, its mean removed, zero where there is none."""
+    value = np.asarray(np.interp(grid, curve.time_s, curve.values), dtype=complex)
+    after = np.clip(np.searchsorted(curve.time_s, grid), 1, len(curve.time_s) - 1)
+    there = (grid >= curve.time_s[0]) & (grid <= curve.time_s[-1])
+    there &= curve.time_s[after] - curve.time_s[after - 1] <= 3.0 * step(curve.time_s)
+    apart = np.where(there, value - value[there].mean() if there.any() else 0.0, 0.0)
+    # A frame that turns evenly, or not at all, has no rate by which clocks could be compared: what is left is rounding.
+    steady = np.abs(apart).max(initial=0.0) <= STEADY * np.abs(value).max(initial=0.0)
+    return np.zeros_like(apart) if steady else apart
+
+
+def _correlations(one: Complexes, other: Complexes) -> Floats:
+    """Return the modulus of the correlation at every circular lag of a doubled grid, its first half kept."""
+    size = len(one)
+    product = np.conj(np.fft.fft(one, 2 * size)) * np.fft.fft(other, 2 * size)
+    whole = np.fft.ifft(product)
+    half = size // 2 + 1
+    kept = np.concatenate([whole[:half], whole[2 * size - (size - half) :]])
+    scale = float(np.sqrt(np.sum(np.abs(one) ** 2) * np.sum(np.abs(other) ** 2)))
+    return np.abs(kept) / max(scale, 1e-300)
+
+
+def _weighed(solutions: Sequence[tuple[Floats, Floats]]) -> tuple[Floats, Floats]:
+    """Return the mean of independent solutions, weighted by the inverse of their covariances, and its covariance."""
+    inverses = [np.linalg.inv(covariance) for _, covariance in solutions]
+    whole = np.linalg.inv(np.sum(inverses, axis=0))
+    parts = [inverse @ value for inverse, (value, _) in zip(inverses, solutions, strict=True)]
+    return np.asarray(whole @ np.sum(parts, axis=0)), np.asarray(whole)
+
+
+def _solved(signal: _Signal, start: Floats, middle_s: float) -> tuple[Floats, Floats]:
+    """Return offset (and slope, where two parameters begin) at which the correlation's derivative vanishes."""
+    found = start
+    for _ in range(ROUNDS):
+        curvature, parts = _sums(signal, found, middle_s)
+        change = -np.linalg.solve(curvature, parts.sum(axis=0))
+        found = found + change / max(1.0, 2.0 * abs(change[0]) / step(signal.time_s))
+        if abs(change[0]) < 1e-6:
+            break
+    curvature, parts = _sums(signal, found, middle_s)
+    inverse = np.linalg.inv(curvature)
+    widened = blocks.student(STRETCHES - len(start)) ** 2 * STRETCHES / (STRETCHES - len(start))
+    floor = np.diag([FLOOR_S, FLOOR_S / max(float(np.ptp(signal.time_s)), 1.0)][: len(start)]) ** 2
+    return found, inverse @ (parts.T @ parts) @ inverse * widened + floor
+
+
+def _sums(signal: _Signal, parameters: Floats, middle_s: float) -> tuple[Floats, Floats]:
+    """Return the correlation's curvature and each stretch's part of its gradient."""
+    columns = np.stack([np.ones_like(signal.time_s), signal.time_s - middle_s])[: len(parameters)]
+    at = signal.time_s - parameters @ columns
+    turned = signal.turned(at)
+    first = -np.real(np.conj(turned) * signal.other.at(at, 1))
+    second = np.real(np.conj(turned) * signal.other.at(at, 2))
+    known = np.isfinite(first) & np.isfinite(second)
+    columns, first, second = columns[:, known], first[known], second[known]
+    stretch = blocks.in_time(signal.time_s, STRETCHES)[known]
+    parts = np.stack([np.bincount(stretch, first * column, STRETCHES) for column in columns], axis=1)
+    return np.asarray((columns * second) @ columns.T), np.asarray(parts, dtype=float)
+
+
+def heading_error_deg(clock: ClockDifference, rate_deg_s: Floats) -> Floats:
+    """Return what an error of the clock by its standard deviation does to each difference of headings, degrees.
+
+    Args:
+        rate_deg_s: how fast the frame turns, (n,).
+    """
+    return rate_deg_s * (clock.sigma_s if np.isfinite(clock.sigma_s) else 0.0)

@@ -1,0 +1,346 @@
+"""The log of a magnetometer: its columns, what must be refused before any fit, and which way its axes point."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib import angles, compass
+from compasslib.errors import InputError
+from compasslib.readers import cells
+from compasslib.readers.mmp import acm, scan_clock, scan_files
+from compasslib.types import Floats
+
+ROLES = {"x": "x", "y": "y", "z": "z", "pitch": "pitch_deg", "roll": "roll_deg", "heading": "heading_deg"}
+TIME = "time_utc"
+TEMPERATURE = "temperature_c"
+COLUMNS = ("pitch_deg", "roll_deg", "heading_deg", "time_s", "temperature_c")
+ABSENT = "name it under columns in the calibration's file"
+FEWEST, FEWEST_DISTINCT = 50, 20
+# Modulus of an accelerometer's columns: g, m/s^2, counts of a 16-bit sensor of 2 g. Direction cosines have 1 too.
+GRAVITIES = {1.0: "1", 9.80665: "9.81", 16384.0: "16384"}
+SPIKE = 3.0  # half ranges
+UNIT = 2e-3  # rounding of a direction cosine
+GRAVITY_SHARE, LIKE_TILT = 0.02, 0.95
+MOST_SCATTER_DEG, ALIKE_DEG, BETTER = 40.0, 2.0, 0.9
+LEAST_TURN = 0.9  # mean resultant length above which logged headings say nothing on the axes
+COSINES = "The axes are direction cosines: the field's strength, which would show iron, is gone."
+NAMES = ("forward", "starboard", "down")
+OPPOSITES = ("aft", "port", "up")
+HEADERS = {"x": "HX", "y": "HY", "z": "HZ", "pitch_deg": "TX", "roll_deg": "TY", "heading_deg": "HDNG"}
+PLACES = {role: scan_files.COLUMNS.index(header) for role, header in HEADERS.items()}
+
+
+@dataclass(frozen=True)
+class Log:
+    """Readings in the order of the file, rows without a number left out; tilts and heading are None where absent."""
+
+    raw: Floats  # (n, 3) in the file's unit and axes; the third is 0 where there is none
+    has_z: bool
+    pitch_deg: Floats | None
+    roll_deg: Floats | None
+    heading_deg: Floats | None
+    time_s: Floats | None
+    left_out: int
+    warnings: tuple[str, ...] = ()
+    temperature_c: Floats | None = None
+    axis_by_axis: bool = False  # each tilt levels its own axis only, as the logger's own rule has it
+
+    @property
+    def tilted(self) -> bool:
+        """Whether tilts were logged."""
+        return self.pitch_deg is not None
+
+    def take(self, index: NDArray[np.bool_], *warnings: str) -> Log:
+        """Return some of the readings, by a mask (n,), with sentences on why."""
+        columns: dict[str, Any] = {
+            name: None if column is None else column[index] for name in COLUMNS for column in [getattr(self, name)]
+        }
+        left_out = self.left_out + int((~index).sum())
+        return replace(self, raw=self.raw[index], left_out=left_out, warnings=(*self.warnings, *warnings), **columns)
+
+    def levelling(self) -> Floats:
+        """Return the matrices that turn the body frame level, (n, 3, 3); the identity without tilts."""
+        if self.pitch_deg is None or self.roll_deg is None:
+            return np.broadcast_to(np.eye(3), (len(self.raw), 3, 3))
+        level = compass.levelling(self.pitch_deg, self.roll_deg)
+        if self.axis_by_axis:
+            sine, cosine = angles.sin_cos(self.pitch_deg)
+            level[:, 0] = np.column_stack([cosine, np.zeros_like(sine), sine])
+        return level
+
+
+@dataclass(frozen=True)
+class Axes:
+    """How the file's axes stand in the body frame (forward, starboard, down)."""
+
+    matrix: Floats  # (3, 3) body = matrix @ file
+    text: str
+    vertical_deg: float = float("nan")  # angle about the vertical from the axes' heading to the logged one
+    vertical_sigma_deg: float = float("nan")
+
+
+def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Log:
+    """Return the log in one or several files.
+
+    Args:
+        files: in the order of time.
+        settings: ``format`` (csv, mmp_acm), ``columns`` (role -> header) and ``withhold`` (roles or headers that must
+            not be seen).
+
+    Raises:
+        InputError: x or y is absent or withheld, or a cell is not a number.
+    """
+    paths = [Path(file) for file in files]
+    withhold = set(settings.get("withhold") or ())
+    if reader := {"mmp_acm": read_acm}.get(str(settings.get("format"))):
+        return reader(paths, withhold)
+    names, layout = settings.get("columns") or {}, cells.Layout.of(settings)
+    wanted = _wanted(paths, names, withhold, layout)
+    read = [cells.table_of(path, wanted, ABSENT, layout) for path in paths]
+    columns = {role: np.concatenate([one.columns[role] for one in read]) for role in read[0].columns}
+    empty = [
+        role
+        for role, v in columns.items()
+        if role not in ("x", "y", "time", "temperature") and not np.isfinite(v).any()
+    ]
+    columns = {role: values for role, values in columns.items() if role not in empty}
+    good = np.all([np.isfinite(columns[role]) for role in columns if role not in ("time", "temperature")], axis=0)
+    columns = {role: values[good] for role, values in columns.items()}
+    warnings = list(cells.said(read))
+    if not good.all():
+        warnings.append(f"{int((~good).sum())} of {good.size} rows lack a number and are left out.")
+    z = columns.get("z")
+    if z is not None and z.size and np.ptp(z) == 0.0:
+        warnings.append(f"Column z is {z[0]:g} throughout: the sensor is stuck and the column is not used.")
+        z = None
+    pitch, roll = columns.get("pitch"), columns.get("roll")
+    if (pitch is None) != (roll is None):
+        warnings.append("Only one of pitch and roll is there: tilts are not used.")
+    elif pitch is not None and roll is not None and not (pitch.any() or roll.any()):
+        warnings.append("All tilts are zero: they count as not logged, and the readings as level.")
+        pitch = roll = None
+    if z is None and pitch is not None:
+        warnings.append("Without z the tilts cannot be compensated: the readings count as level.")
+    if z is None or pitch is None or roll is None:
+        pitch = roll = None
+    raw = np.column_stack([columns["x"], columns["y"], np.zeros(len(columns["x"])) if z is None else z])
+    rest = columns.get("heading"), columns.get("time"), int((~good).sum()), tuple(warnings)
+    log = Log(raw, z is not None, pitch, roll, *rest, temperature_c=columns.get("temperature"))
+    spike = _spikes(raw)
+    return log.take(~spike, f"{spike.sum()} of {spike.size} readings are spikes and left out.") if spike.any() else log
+
+
+def _spikes(raw: Floats) -> NDArray[np.bool_]:
+    """Return which readings lie far outside the range of an axis that holds 98 % of them, (n,)."""
+    if not len(raw):
+        return np.zeros(0, dtype=bool)
+    low, high = np.percentile(raw, (1.0, 99.0), axis=0)
+    middle, reach = (low + high) / 2.0, SPIKE * (high - low) / 2.0
+    return np.any((np.abs(raw - middle) > reach) & (reach > 0.0), axis=1)
+
+
+def _wanted(
+    paths: Sequence[Path], names: Mapping[str, str], withhold: set[str], layout: cells.Layout
+) -> dict[str, str]:
+    """Return role -> header of the columns that are there, x and y in any case, and of a clock apart where named."""
+    needed = [names.get(axis) or axis for axis in "xy"]
+    there = set.intersection(*(set(cells.header_of(path, needed, layout)) for path in paths))
+    found = cells.clock_apart(names, withhold)
+    for role, usual in {**ROLES, "time": TIME, "temperature": TEMPERATURE}.items():
+        named = names.get(role, names.get(usual))
+        header = usual if named is None else named
+        if {role, usual, header} & withhold:
+            if role in ("x", "y"):
+                raise InputError(
+                    "withhold", expected="columns other than x and y", found=header, advice="take it off the list"
+                )
+        elif named not in (None, usual) or header in there or role in ("x", "y"):
+            found[role] = header
+    return found
+
+
+def cosines(log: Log) -> bool:
+    """Tell whether the readings are direction cosines: of one modulus, 1, whichever way they point."""
+    length = np.linalg.norm(log.raw, axis=1)
+    return log.has_z and bool(np.all(np.abs(length - 1.0) < UNIT))
+
+
+def refusal(log: Log) -> str:
+    """Return why the readings cannot be a magnetometer's log of a turning instrument; empty where they may be."""
+    raw = log.raw
+    if len(raw) < FEWEST:
+        return f"{len(raw)} readings, at least {FEWEST} are needed."
+    for k, name in enumerate("xy"):
+        if np.ptp(raw[:, k]) == 0.0:
+            return f"Column {name} is {raw[0, k]:g} throughout: the sensor is stuck, or the instrument did not turn."
+    distinct = len(np.unique(raw, axis=0))
+    if distinct < FEWEST_DISTINCT:
+        return f"Only {distinct} different readings in {len(raw)} rows: the record repeats itself."
+    return _gravity(log)
+
+
+def _gravity(log: Log) -> str:
+    """Return why the columns hold gravity: its modulus, or axes that follow the tilts and not the heading."""
+    length = np.linalg.norm(log.raw, axis=1)
+    mean = float(length.mean())
+    if not log.has_z or mean == 0.0:
+        return ""
+    if log.axis_by_axis and cosines(log):
+        return COSINES
+    constant = float(length.std()) < GRAVITY_SHARE * mean
+    for value, text in GRAVITIES.items():
+        if constant and abs(mean - value) < GRAVITY_SHARE * value:
+            also = " (or direction cosines, whose strength is gone)" if value == 1.0 else ""
+            return f"The modulus of x, y, z is {text} throughout: this is gravity, from an accelerometer{also}."
+    if log.tilted and _follows(log.raw, log.levelling()[:, 2, :]):
+        return "x and y follow pitch and roll, not the heading: this is gravity, from an accelerometer."
+    return ""
+
+
+def _follows(raw: Floats, down: Floats) -> bool:
+    if min(down[:, 0].std(), down[:, 1].std(), raw[:, 0].std(), raw[:, 1].std()) == 0.0:
+        return False
+    return all(abs(np.corrcoef(raw[:, k], down[:, k])[0, 1]) > LIKE_TILT for k in (0, 1))
+
+
+def level_heading(field: Floats, levelling: Floats) -> Floats:
+    """Return the heading that a tilt-compensated compass makes of readings, (n,) degrees.
+
+    Args:
+        field: body frame (forward, starboard, down), (n, 3), any unit.
+        levelling: matrices that turn the body frame level, (n, 3, 3).
+    """
+    north = np.einsum("nij,nj->ni", levelling[:, :2, :], field)
+    return angles.argument(north[:, 0] - 1j * north[:, 1])
+
+
+def axes(log: Log) -> tuple[Axes, list[str]]:
+    """Return how the axes stand: from the logged heading where it follows them, else x forward, y starboard, z down.
+
+    The heading fixes the quarter turn, the handedness and, with tilts, up or down; what is left over is the angle
+    about the vertical between magnetometer and instrument.
+
+    Returns:
+        The axes, and sentences on what was found.
+    """
+    assumed = Axes(np.eye(3), _text(np.eye(3)) + " (assumed)")
+    if log.heading_deg is None:
+        return assumed, ["No heading is logged: x is taken as forward, y as starboard, z as down."]
+    if float(angles.resultant_length(log.heading_deg)) > LEAST_TURN:
+        return assumed, ["The logged heading hardly turns: x is taken as forward, y as starboard, z as down."]
+    best, scatter, off = best_axes(log)
+    if scatter > MOST_SCATTER_DEG:
+        return assumed, [f"The logged heading does not follow the axes (scatter {scatter:.0f}°). {_text(np.eye(3))}."]
+    text = _text(best) + " (from the logged heading)"
+    if scatter > ALIKE_DEG:
+        doubt = f"The logged heading is not that of the raw axes (scatter {scatter:.1f}°): it is levelled or corrected."
+        return Axes(best, text), [f"{doubt} Coefficients here are for the heading of the raw axes."]
+    sigma = scatter / np.sqrt(min(len(log.raw), FEWEST))  # neighbours in time share their error
+    return Axes(about_down(off) @ best, text, off, sigma), []
+
+
+def best_axes(log: Log) -> tuple[Floats, float, float]:
+    """Return the signed permutation, the scatter and the mean of logged minus its heading, degrees."""
+    levelling, logged = log.levelling(), np.asarray(log.heading_deg)
+    best: Floats = np.eye(3)
+    least, mean = np.inf, 0.0
+    # Right-handed ones first; the others must be clearly better, or the tilts say nothing on up and down.
+    for y, z in ((1.0, 1.0), (-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0)):
+        matrix = np.diag([1.0, y, z])
+        for quarter in range(4):
+            turned = _quarter(quarter) @ matrix
+            off = angles.difference(logged, level_heading(log.raw @ turned.T, levelling))
+            centre = float(angles.wrap180(angles.mean(off)))
+            scatter = angles.rms(angles.difference(off, centre))
+            if abs(centre) <= 45.0 and scatter < BETTER * least:
+                best, least, mean = turned, scatter, centre
+    return best, float(least), mean
+
+
+def _quarter(k: int) -> Floats:
+    return np.round(about_down(90.0 * k))
+
+
+def about_down(angle_deg: float) -> Floats:
+    """Return the turn of the axes that adds an angle to their heading."""
+    s, c = (float(v) for v in angles.sin_cos(angle_deg))
+    return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def _text(matrix: Floats) -> str:
+    """Return where x, y, z point."""
+    words = []
+    for k, name in enumerate("xyz"):
+        axis = int(np.argmax(np.abs(matrix[:, k])))
+        words.append(f"{name} {NAMES[axis] if matrix[axis, k] > 0 else OPPOSITES[axis]}")
+    return ", ".join(words)
+
+
+# The compass of a Falmouth 3D-ACM as a magnetometer's log: direction cosines, tilts and the heading that it logged.
+
+
+def read_acm(paths: Sequence[Path], withhold: Collection[str]) -> Log:
+    """Return the log; the first scan of every profile is aliased and left out.
+
+    The axes are forward, port, up; TX lifts the first and TY the second, each axis by itself in the logger's own rule.
+
+    Args:
+        paths: A files, unpacked ASCII or binary.
+        withhold: roles or headers that must not be seen.
+
+    Raises:
+        InputError: a file cannot be read, or something unknown or needed is withheld.
+    """
+    seen = _seen(withhold)
+    scans = scan_files.load(paths)
+    values, aliased = scans.values, acm.aliased(scans)
+    keep = ~aliased & np.isfinite(values[:, 3:6]).all(axis=1)
+    columns = {role: values[keep, place] for role, place in PLACES.items() if role in seen}
+    tilts = [columns.get(role) for role in ("pitch_deg", "roll_deg")]
+    warnings = [f"{int(aliased.sum())} first scans of a profile are aliased and left out."]
+    if any(tilt is None for tilt in tilts):
+        tilts = [None, None]
+    elif scans.damaged:
+        warnings.append(f"{scans.damaged} damaged rows are left out.")
+    heading, z = columns.get("heading_deg"), columns.get("z")
+    if heading is not None and np.isnan(heading).any():
+        heading = None
+        warnings.append("The scans carry no heading.")
+    raw = np.column_stack([columns["x"], columns["y"], np.zeros(keep.sum()) if z is None else z])
+    return Log(
+        raw,
+        z is not None,
+        tilts[0] if z is not None else None,
+        tilts[1] if z is not None else None,
+        heading,
+        _times(scans)[keep] if TIME in seen else None,
+        int((~keep).sum()),
+        tuple(warnings),
+        axis_by_axis=True,
+    )
+
+
+def _seen(withhold: Collection[str]) -> set[str]:
+    """Return the roles that may be looked at."""
+    known = {*HEADERS, *HEADERS.values(), TIME}
+    if unknown := sorted(set(withhold) - known):
+        raise InputError(
+            "withhold", expected=f"columns of it ({', '.join(sorted(known))})", found=unknown[0], advice="correct it"
+        )
+    for role in ("x", "y"):
+        if {role, HEADERS[role]} & set(withhold):
+            raise InputError(
+                "withhold", expected="columns other than x and y", found=role, advice="take it off the list"
+            )
+    return {role for role, header in HEADERS.items() if not {role, header} & set(withhold)} | ({TIME} - set(withhold))
+
+
+def _times(scans: scan_files.Scans) -> Floats:
+    nominal = np.array([block.rate_hz for block in scans.blocks])
+    return scan_clock.spread(scans.clock_s, scans.profile, nominal[scans.profile])

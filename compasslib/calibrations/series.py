@@ -1,0 +1,268 @@
+"""Deviation curves through reference and recorded headings: one weighted least-squares solver, four forms.
+
+Three forms are series in the recorded heading: one cycle (Le Menn et al. 2023, eq. 3), Smith's five terms (their eq. 5
+with von Appen's letters: D goes with sin 2, E with cos 2) and a polynomial of degree six (eq. 7). The fourth is the
+exact compass of Evans and Smith, in ``exact_curve``. Each form is judged on headings that it has not seen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from compasslib import angles
+from compasslib.deviation import von_appen
+from compasslib.types import Floats
+
+SECTOR_DEG = 10.0
+CIRCLE_DEG = np.arange(0.0, 360.0, 5.0)
+# A curve that is vaguer than this anywhere on the circle, in scatters of one reading, is not determined.
+LOOSEST = 3.0
+POLYNOMIAL_DEGREE = 6
+FARTHEST_DEG = 10.0  # rms residual beyond which a curve is not one of these readings
+FEWEST_TO_CHOOSE = 3  # degrees of freedom; fewer choose by chance
+EXPANDED_SHARE = 0.9545  # what two standard deviations of a normal distribution hold
+BETTER_BY = 2.0  # standard errors
+
+
+@dataclass(frozen=True)
+class Points:
+    """Headings at which the deviation was observed, (n,) each."""
+
+    recorded_deg: Floats  # in [0, 360)
+    deviation_deg: Floats  # reference minus recorded, continuous about its mean
+    weight: Floats  # inverse variance in any unit
+
+    def __len__(self) -> int:
+        return len(self.recorded_deg)
+
+
+@dataclass(frozen=True)
+class LeastSquares:
+    """Least squares through points."""
+
+    coefficients: Floats  # (k,)
+    weight: Floats  # (n,) that were used
+    cofactor: Floats  # (k, k) covariance over the variance of a reading with weight 1
+    leverage: Floats  # (n,) diagonal of the hat matrix
+    residual_deg: Floats  # (n,) observed minus the form's, in what the form is fitted to
+
+
+@dataclass(frozen=True)
+class SeriesForm:
+    """A family of curves."""
+
+    name: str
+    letters: str  # of its coefficients
+    source: str
+    solve: Callable[[Points], LeastSquares | None]  # None where no curve of this form passes near the points
+    deviation: Callable[[Floats, Floats], Floats]  # coefficients (k,), recorded heading (n,) -> degrees (n,)
+    gradient: Callable[[Floats, Floats], Floats]  # the same -> derivative of the deviation by each coefficient (n, k)
+    around: Callable[[Floats], Floats]  # coefficients -> derivative of what is fitted, all round the circle (m, k)
+    steepness: Callable[[Floats, Points], Floats] | None = None  # d recorded / d correct, where that is fitted
+
+
+@dataclass(frozen=True)
+class FittedSeries:
+    """A form fitted to points."""
+
+    form: SeriesForm
+    coefficients: Floats  # (k,)
+    covariance: Floats  # (k, k), wide enough that two standard deviations hold 95.45 % for few readings too
+    residual_deg: Floats  # (n,) of the correct heading
+    left_out_deg: Floats  # (n,) the same by the curve through the other points
+    dof: int
+    scatter_deg: float  # standard deviation of a reading's correct heading about the curve, widened for few readings
+
+    @property
+    def score_deg(self) -> float:
+        """Return the rms error on points that were left out."""
+        return angles.rms(self.left_out_deg)
+
+    def deviation(self, recorded_deg: ArrayLike) -> Floats:
+        """Return the deviation at recorded headings, degrees; NaN where it is not a single one.
+
+        Args:
+            recorded_deg: recorded headings, (n,), degrees.
+        """
+        return self.form.deviation(self.coefficients, np.asarray(recorded_deg, dtype=float))
+
+    def sigma(self, recorded_deg: ArrayLike) -> Floats:
+        """Return the standard uncertainty of the deviation that the coefficients make, degrees.
+
+        Args:
+            recorded_deg: recorded headings, (n,), degrees.
+        """
+        by = self.form.gradient(self.coefficients, np.asarray(recorded_deg, dtype=float))
+        return np.sqrt(np.einsum("ni,ij,nj->n", by, self.covariance, by))
+
+
+def points(recorded_deg: ArrayLike, reference_deg: ArrayLike, weight: ArrayLike | None = None) -> Points:
+    """Return observed deviations, none of which jumps by 360 degrees beside the others.
+
+    Args:
+        recorded_deg: recorded headings, (n,), degrees.
+        reference_deg: correct magnetic headings, (n,), degrees.
+        weight: inverse variances, (n,); equal where absent.
+    """
+    recorded, off = angles.wrap360(recorded_deg), angles.difference(reference_deg, recorded_deg)
+    middle = angles.wrap180(angles.mean(off)) if off.size else 0.0
+    equal = np.ones(recorded.shape) if weight is None else np.asarray(weight, dtype=float)
+    return Points(recorded, middle + angles.difference(off, middle), equal)
+
+
+def coverage(recorded_deg: ArrayLike) -> int:
+    """Return how many sectors of ten degrees, of 36, hold a recorded heading.
+
+    Args:
+        recorded_deg: recorded headings, (n,), degrees.
+    """
+    return len(np.unique(np.floor(angles.wrap360(recorded_deg) / SECTOR_DEG)))
+
+
+def least_squares(columns: Floats, observed: Floats, weight: Floats) -> LeastSquares:
+    """Return the weighted least-squares coefficients.
+
+    Args:
+        columns: of the design, (n, k).
+        observed: what they are to make, (n,).
+        weight: inverse variances, (n,).
+    """
+    root = np.sqrt(weight)[:, None]
+    inverse = np.linalg.pinv(root * columns)
+    coefficients = inverse @ (root[:, 0] * observed)
+    leverage = np.einsum("ni,in->n", root * columns, inverse)
+    return LeastSquares(coefficients, weight, inverse @ inverse.T, leverage, observed - columns @ coefficients)
+
+
+def hidden(seen: Points) -> float:
+    """Return how much of a quadrantal deviation that is left out would appear in A, B or C, at most."""
+    columns = von_appen.design(seen.recorded_deg)
+    return float(np.max(np.abs(np.linalg.pinv(columns[:, :3]) @ columns[:, 3:])))
+
+
+def widening(dof: int) -> float:
+    """Return by how much a standard deviation estimated from few readings is to be widened.
+
+    Two widened standard deviations are Student's interval of 95.45 %, so that k = 2 holds what it says (GUM, annex G).
+
+    Args:
+        dof: degrees of freedom.
+    """
+    from scipy.special import stdtrit  # only where something is fitted
+
+    return float(stdtrit(dof, (1.0 + EXPANDED_SHARE) / 2.0)) / 2.0
+
+
+def fit(form: SeriesForm, seen: Points) -> FittedSeries | str:
+    """Return the curve of a form through points, or the reason why there is none.
+
+    Args:
+        seen: the points, each at a heading of its own.
+    """
+    needed = len(form.letters)
+    if len(seen) <= needed:
+        return f"{len(form.letters)} coefficients need at least {needed + 1} headings, there are {len(seen)}"
+    solution = form.solve(seen)
+    if solution is None:
+        return "no curve of this form passes near the points"
+    if _vagueness(form, seen, solution) > LOOSEST or np.max(solution.leverage) > 1.0 - 1e-6:
+        return "the headings do not determine it: they leave too wide a gap in the circle"
+    curve = _curve(form, seen, solution)
+    off = angles.rms(curve.residual_deg)
+    return curve if off <= FARTHEST_DEG else f"it misses the readings by {off:.0f} degrees rms"
+
+
+def choose(curves: Sequence[FittedSeries]) -> FittedSeries:
+    """Return the curve to use: the first, unless another one predicts left-out points better.
+
+    A form with more coefficients must be better by twice the standard error of the difference, one with as many just
+    better. One with fewer is not taken: it is contained in the first, and its uncertainty would forget what it leaves
+    out. Where hardly a degree of freedom is left nothing is chosen.
+
+    Args:
+        curves: fitted to the same points, the preferred one first.
+    """
+    best = curves[0]
+    for other in (curve for curve in curves[1:] if curve.dof <= best.dof and best.dof >= FEWEST_TO_CHOOSE):
+        gain = best.left_out_deg**2 - other.left_out_deg**2
+        same = len(other.form.letters) == len(best.form.letters)
+        needed = 0.0 if same else BETTER_BY * float(np.std(gain, ddof=1)) / np.sqrt(len(gain))
+        best = other if float(np.mean(gain)) > needed else best
+    return best
+
+
+def _curve(form: SeriesForm, seen: Points, solution: LeastSquares) -> FittedSeries:
+    dof = len(seen) - len(form.letters)
+    variance = widening(dof) ** 2 * float(np.sum(solution.weight * solution.residual_deg**2)) / dof
+    # A residual of the recorded heading is one of the correct heading over the steepness, with the other sign.
+    slope = -1.0 / form.steepness(solution.coefficients, seen) if form.steepness else np.ones(len(seen))
+    residual = slope * solution.residual_deg
+    return FittedSeries(
+        form=form,
+        coefficients=solution.coefficients,
+        covariance=variance * solution.cofactor,
+        residual_deg=residual,
+        left_out_deg=residual / (1.0 - solution.leverage),
+        dof=dof,
+        scatter_deg=widening(dof) * float(np.sqrt(_mean_square(residual, seen.weight) * len(seen) / dof)),
+    )
+
+
+def _mean_square(residual_deg: Floats, weight: Floats) -> float:
+    return float(np.sum(weight * residual_deg**2) / np.sum(weight))
+
+
+def _vagueness(form: SeriesForm, seen: Points, solution: LeastSquares) -> float:
+    """Return the curve's largest standard error on the circle over the scatter of one reading."""
+    by = form.around(solution.coefficients)
+    variance = np.einsum("ni,ij,nj->n", by, solution.cofactor, by) * np.mean(seen.weight)
+    return float(np.sqrt(np.max(variance)))
+
+
+def _series(name: str, letters: str, source: str, design: Callable[[Floats], Floats]) -> SeriesForm:
+    return SeriesForm(
+        name=name,
+        letters=letters,
+        source=source,
+        solve=lambda seen: least_squares(design(seen.recorded_deg), seen.deviation_deg, seen.weight),
+        deviation=lambda coefficients, recorded: design(recorded) @ coefficients,
+        gradient=lambda coefficients, recorded: design(recorded),
+        around=lambda coefficients: design(CIRCLE_DEG),
+    )
+
+
+def _powers(recorded_deg: Floats) -> Floats:
+    """Return powers of the recorded heading over 180 degrees, about south; eq. (7) as it stands cannot be solved."""
+    return np.vander(angles.wrap360(recorded_deg) / 180.0 - 1.0, POLYNOMIAL_DEGREE + 1, increasing=True)
+
+
+def published_polynomial(curve: FittedSeries) -> list[float]:
+    """Return A to G of eq. (7), degrees over powers of degrees.
+
+    Args:
+        curve: of the form ``POLYNOMIAL``.
+    """
+    powers = np.polynomial.Polynomial(curve.coefficients, [0.0, 360.0], [-1.0, 1.0]).convert().coef
+    return [*powers.tolist(), *[0.0] * (POLYNOMIAL_DEGREE + 1 - len(powers))]  # numpy drops the last ones that are 0
+
+
+ONE_CYCLE = _series("one_cycle", "ABC", "Le Menn et al. 2023, eq. (3)", lambda x: von_appen.design(x)[:, :3])
+SMITH = _series("smith", "ABCDE", "Le Menn et al. 2023, eq. (5)", von_appen.design)
+POLYNOMIAL = _series("polynomial", "ABCDEFG", "Le Menn et al. 2023, eq. (7)", _powers)
+
+
+def described(curve: FittedSeries) -> dict[str, Any]:
+    """Return one fitted form for calibration.json."""
+    coefficients = published_polynomial(curve) if curve.form is POLYNOMIAL else curve.coefficients.tolist()
+    return {
+        "coefficients": dict(zip(curve.form.letters, coefficients, strict=True)),
+        "left_out_rms_deg": curve.score_deg,
+        "residual_rms_deg": angles.rms(curve.residual_deg),
+        "dof": curve.dof,
+        "source": curve.form.source,
+    }

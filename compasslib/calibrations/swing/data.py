@@ -1,0 +1,313 @@
+"""What a swing observed: recorded headings and courses from a table or an NMEA log, and what was left out of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib import angles
+from compasslib.errors import InputError
+from compasslib.readers import cells, nmea
+from compasslib.types import Floats
+
+ROLES = ("compass_deg", "cog_deg", "true_deg", "speed_kn", "water_speed_kn", "time_utc")
+SENTENCES = {"compass_deg": "HDG", "cog_deg": "RMC"}  # what stands for a header in an NMEA log
+BOUNDS = {"deg": (-180.0, 360.0), "kn": (0.0, nmea.FASTEST_KN)}
+TURN_WINDOW_S = 20.0  # a receiver's filter and a compass card settle in this time
+BLOCK_S = 20.0  # over which residuals are averaged to find how alike they are
+STEADY_S = 60.0  # a helmsman's wandering about the course is over in that time
+APART_S = 30.0  # samples further apart do not hang together
+HEADING_GAP_DEG = 2.0  # headings less apart are one heading, repeated
+
+
+@dataclass(frozen=True)
+class SwingOptions:
+    """The keys of a swing's YAML file that only this kind has."""
+
+    min_speed_kn: float = 2.0  # fixes that are not faster are left out: slow courses over ground are noise
+    max_turn_deg_s: float = 1.0  # quicker turns, averaged over 20 s, are left out
+    max_lag_s: float = 10.0  # largest delay of the course behind the compass that is allowed
+    max_drift_kn: float = 1.0  # largest drift of the water that is allowed (MM section 7.3)
+    drift_ratio: float = 1.0 / 7.0  # the same over the ship's speed, for files without a speed
+    declination_sigma_deg: float | None = None  # standard uncertainty; by the field's strength where absent
+    visual: tuple[Mapping[str, Any], ...] = ()  # {compass_deg, true_deg}: heading for a mark of known true bearing
+    sun: tuple[Mapping[str, Any], ...] = ()  # {compass_deg, time_utc}: heading for the sun
+    visual_sigma_deg: float = 1.0  # standard uncertainty of such a heading
+    vessel_length_m: float | None = None
+    table_step_deg: float = 10.0  # 10 or 15
+
+    @classmethod
+    def of(cls, settings: Mapping[str, Any]) -> SwingOptions:
+        """Return the options that a calibration file gives, defaults where it is silent."""
+        given = {f.name: settings[f.name] for f in fields(cls) if settings.get(f.name) is not None}
+        marks: dict[str, Any] = {name: tuple(given.pop(name)) for name in ("visual", "sun") if name in given}
+        return cls(**given, **marks)
+
+
+@dataclass(frozen=True)
+class Observations:
+    """Recorded headings, each with the course that the ship made or the heading that it had."""
+
+    recorded_deg: Floats  # (n,) compass, magnetic
+    course_deg: Floats  # (n,) true north: over ground, or of the bow
+    over_ground: bool  # what course_deg is
+    speed_kn: Floats  # (n,) over ground, NaN where absent
+    water_speed_kn: Floats  # (n,) by the ship's log, NaN where absent
+    time_s: Floats  # (n,) UTC seconds since 1970, NaN where absent
+    turn_deg_s: Floats  # (n,) over the 20 s before, 0 without times
+    steady_turn_deg_s: Floats  # (n,) over the minute about it, quick turns left out; 0 without times
+    settled_deg: Floats  # (n,) recorded headings, means over 20 s
+    place: tuple[float, float] | None = None  # latitude, longitude, where the log has them
+    variation_deg: float = float("nan")  # declination that the log states
+    left_out: Mapping[str, int] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.recorded_deg)
+
+    @property
+    def timed(self) -> bool:
+        """Tell whether all observations carry their time."""
+        return bool(len(self) and np.isfinite(self.time_s).all())
+
+    def keep(self, good: NDArray[np.bool_], why: str) -> Observations:
+        """Return those that are good, the others counted.
+
+        Args:
+            good: (n,).
+        """
+        lost = int((~good).sum())
+        columns = {f.name: getattr(self, f.name)[good] for f in fields(self) if f.type == "Floats"}
+        return replace(self, **columns, left_out={**self.left_out, **({why: lost} if lost else {})})
+
+
+def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Observations:
+    """Return what the files hold, slow fixes and quick turns left out and counted.
+
+    Args:
+        files: CSV tables or NMEA 0183 logs.
+        settings: ``format``, ``columns``, ``withhold`` and the keys of ``SwingOptions``.
+
+    Raises:
+        InputError: a file, a column or a value cannot be read.
+    """
+    paths, options = [Path(file) for file in files], SwingOptions.of(settings)
+    reader = {"nmea0183": _logs}.get(str(settings.get("format")), _tables)
+    raw = reader(paths, settings)
+    known = raw.keep(np.isfinite(raw.recorded_deg + raw.course_deg), "without heading or course")
+    if known.over_ground and np.isfinite(known.speed_kn).any():
+        known = known.keep(known.speed_kn > options.min_speed_kn, f"not above {options.min_speed_kn:g} kn")
+    if not known.timed:
+        return known
+    order = np.argsort(known.time_s, kind="stable")
+    known = replace(known, **{f.name: getattr(known, f.name)[order] for f in fields(known) if f.type == "Floats"})
+    turned = np.cumsum(
+        np.append(known.recorded_deg[:1], angles.difference(known.recorded_deg[1:], known.recorded_deg[:-1]))
+    )
+    turn = _turn(known.time_s, turned)
+    slow = np.abs(turn) <= options.max_turn_deg_s
+    steady, settled = rate_and_heading(known.time_s, turned, slow)
+    known = replace(known, turn_deg_s=turn, steady_turn_deg_s=steady, settled_deg=angles.wrap360(settled))
+    return known.keep(slow, f"turning quicker than {options.max_turn_deg_s:g} degrees a second, or just after")
+
+
+def _turn(time_s: Floats, turned_deg: Floats) -> Floats:
+    """Return the rate of turn over the seconds before each sample; the earliest known one where there are too few."""
+    before = np.searchsorted(time_s, time_s - TURN_WINDOW_S, side="left")
+    lasted = time_s - time_s[before]
+    known = lasted >= TURN_WINDOW_S / 2.0
+    if not known.any():
+        return np.zeros(time_s.shape)
+    return np.interp(time_s, time_s[known], (turned_deg - turned_deg[before])[known] / lasted[known])
+
+
+def _logs(paths: list[Path], settings: Mapping[str, Any]) -> Observations:
+    named = {**SENTENCES, **(settings.get("columns") or {})}
+    log = nmea.read(paths, heading=str(named["compass_deg"]), course=str(named["cog_deg"]))
+    withheld = set(settings.get("withhold") or ())
+    over_ground = "true_deg" not in named
+    empty, places = np.full(log.time_s.shape, np.nan), np.isfinite(log.latitude + log.longitude)
+    return Observations(
+        recorded_deg=log.heading_deg,
+        course_deg=log.course_deg if over_ground else log.true_heading_deg,
+        over_ground=over_ground,
+        speed_kn=empty if "speed_kn" in withheld else log.speed_kn,
+        water_speed_kn=empty if "water_speed_kn" in withheld else log.water_speed_kn,
+        time_s=empty if "time_utc" in withheld else log.time_s,
+        turn_deg_s=np.zeros(log.time_s.shape),
+        steady_turn_deg_s=np.zeros(log.time_s.shape),
+        settled_deg=log.heading_deg,
+        place=_middle(log.latitude[places], log.longitude[places]) if places.any() else None,
+        variation_deg=float(np.median(log.variation_deg[np.isfinite(log.variation_deg)]))
+        if np.isfinite(log.variation_deg).any()
+        else float("nan"),
+        warnings=log.warnings,
+    )
+
+
+def _middle(latitude: Floats, longitude: Floats) -> tuple[float, float]:
+    """Return the median position, across the date line too."""
+    middle = longitude[0] + np.median(angles.difference(longitude, longitude[0]))
+    return float(np.median(latitude)), float(angles.wrap180(middle))
+
+
+def _tables(paths: list[Path], settings: Mapping[str, Any]) -> Observations:
+    tables, notes = zip(*(_columns(path, settings) for path in paths), strict=True)
+    roles = set(tables[0]).intersection(*tables)
+    columns = {role: np.concatenate([t[role] for t in tables]) for role in roles}
+    empty = np.full(columns["compass_deg"].shape, np.nan)
+    over_ground = "true_deg" not in columns
+    both = "true_deg" in columns and "cog_deg" in columns
+    return Observations(
+        recorded_deg=columns["compass_deg"],
+        course_deg=columns["cog_deg" if over_ground else "true_deg"],
+        over_ground=over_ground,
+        speed_kn=columns.get("speed_kn", empty),
+        water_speed_kn=columns.get("water_speed_kn", empty),
+        time_s=columns.get("time_utc", empty),
+        turn_deg_s=np.zeros(empty.shape),
+        steady_turn_deg_s=np.zeros(empty.shape),
+        settled_deg=columns["compass_deg"],
+        warnings=(
+            *dict.fromkeys(note for said in notes for note in said),
+            *["both true_deg and cog_deg are there: the true heading is used, the course is not"] * both,
+        ),
+    )
+
+
+def _columns(path: Path, settings: Mapping[str, Any]) -> tuple[dict[str, Floats], tuple[str, ...]]:
+    """Return the columns of one table by role, and notes; what is withheld is not looked at."""
+    mapped, withheld = settings.get("columns") or {}, set(settings.get("withhold") or ())
+    layout, headers = cells.Layout.of(settings), {role: str(mapped.get(role) or role) for role in ROLES}
+    names = cells.header_of(path, [headers["compass_deg"]], layout)
+    wanted = {role: header for role, header in headers.items() if not {role, header} & withheld}
+    for role, header in wanted.items():
+        if header not in names and (mapped.get(role) or role == "compass_deg"):
+            raise _absent(path, f"column {header!r} ({role})", names)
+    there = {role: header for role, header in wanted.items() if header in names}
+    if not {"cog_deg", "true_deg"} & set(there):
+        raise _absent(path, "column of the course over ground (cog_deg) or of the true heading (true_deg)", names)
+    table = cells.table_of(path, there | cells.clock_apart(mapped, withheld), layout=layout)
+    parsed = {"time_utc" if role == "time" else role: column for role, column in table.columns.items()}
+    for role in (role for role in parsed if role != "time_utc"):
+        _bounded(path, f"column {there[role]!r} ({role})", parsed[role], BOUNDS[role.rpartition("_")[2]])
+    turned = {role: angles.wrap360(values) if role.endswith("_deg") else values for role, values in parsed.items()}
+    return turned, cells.said([table])
+
+
+def _bounded(path: Path, what: str, values: Floats, bounds: tuple[float, float]) -> None:
+    beyond = values[(values < bounds[0]) | (values > bounds[1])]
+    if beyond.size:
+        raise InputError(
+            f"{path}: {what}",
+            expected=f"numbers from {bounds[0]:g} to {bounds[1]:g}, or nothing",
+            found=f"{beyond.size} beyond, {beyond[0]:g} first",
+            advice="check the column and its unit; leave cells without a reading empty",
+        )
+
+
+def _absent(path: Path, what: str, names: list[str]) -> InputError:
+    return InputError(
+        f"{path}: {what}",
+        expected="one of the file's columns",
+        found=", ".join(names) or "an empty file",
+        advice="correct columns in the calibration file",
+    )
+
+
+# Where in time and on the circle a swing's observations lie: blocks, means, rates of turn, headings.
+
+
+def smoothed(values: Floats, time_s: Floats, window_s: float) -> Floats:
+    """Return values averaged over a window about each, (n,); as they are where a time is not known.
+
+    Args:
+        values: (n,).
+        time_s: (n,) increasing.
+    """
+    if not np.isfinite(time_s).all():
+        return values
+    first = np.searchsorted(time_s, time_s - window_s / 2.0, side="left")
+    last = np.searchsorted(time_s, time_s + window_s / 2.0, side="right")
+    total = np.append(0.0, np.cumsum(values))
+    return (total[last] - total[first]) / (last - first)
+
+
+def rate_and_heading(time_s: Floats, turned_deg: Floats, slow: NDArray[np.bool_]) -> tuple[Floats, Floats]:
+    """Return the rate of turn, the slope over the minute about each, and headings averaged over 20 s, (n,) each.
+
+    Where less than 20 s hang together it is the rate over the minute about each sample, and the heading as it was. A
+    difference of readings would not do: a compass's noise stands in it and in the deviation, and looks like a delay.
+    Nor would single readings as the place on the curve: water and compass are alike only on the same headings.
+
+    Args:
+        time_s: (n,) increasing.
+        turned_deg: recorded headings, not wrapped, (n,).
+        slow: which are not in a quick turn, (n,).
+    """
+    apart = (np.diff(time_s) > APART_S) | (np.diff(slow.astype(int)) != 0)
+    ends = np.clip(np.stack([time_s - STEADY_S / 2.0, time_s + STEADY_S / 2.0]), time_s[0], time_s[-1])
+    rate = np.diff(np.interp(ends, time_s, turned_deg), axis=0)[0] / np.maximum(np.diff(ends, axis=0)[0], 1.0)
+    rate, mean = np.where(_often(time_s), rate, 0.0), turned_deg.copy()
+    for run in np.split(np.arange(len(time_s)), np.flatnonzero(apart) + 1):
+        if np.ptp(time_s[run]) >= BLOCK_S:
+            rate[run], mean[run] = _in_one_run(time_s[run] - time_s[run[0]], turned_deg[run])
+    return rate, mean
+
+
+def _in_one_run(since_s: Floats, turned_deg: Floats) -> tuple[Floats, Floats]:
+    """Return rate of turn and mean heading; near the ends the rate of the nearest minute that lies whole in the run."""
+    at, on, square, both = (
+        smoothed(x, since_s, STEADY_S)
+        for x in (since_s, turned_deg - turned_deg[0], since_s**2, since_s * (turned_deg - turned_deg[0]))
+    )
+    slope = (both - at * on) / np.maximum(square - at**2, 1.0)
+    half = min(STEADY_S, float(since_s[-1])) / 2.0
+    rate = np.interp(np.clip(since_s, half, since_s[-1] - half), since_s, slope)
+    return rate, smoothed(turned_deg, since_s, BLOCK_S) + rate * (since_s - smoothed(since_s, since_s, BLOCK_S))
+
+
+def _often(time_s: Floats) -> bool:
+    return bool(np.median(np.diff(time_s)) <= APART_S) if len(time_s) > 1 else False
+
+
+def since_middle(time_s: Floats) -> Floats:
+    """Return time from -1/2 to 1/2 of the swing, (n,); 0 where a time is not known.
+
+    Args:
+        time_s: (n,).
+    """
+    if not np.isfinite(time_s).all():
+        return np.zeros(time_s.shape)
+    first, last = time_s.min(), time_s.max()
+    return (time_s - (first + last) / 2.0) / max(last - first, 1.0)
+
+
+def blocks_of(time_s: Floats) -> NDArray[np.int_]:
+    """Return the number of each sample's block of 20 s, (n,), empty blocks not counted.
+
+    Args:
+        time_s: (n,) increasing.
+    """
+    block = np.floor((time_s - time_s[0]) / BLOCK_S)
+    return np.unique(block, return_inverse=True)[1]
+
+
+def headings_of(recorded_deg: Floats) -> NDArray[np.int_]:
+    """Return which heading each observation was taken on, (n,): repeated ones share a number.
+
+    Args:
+        recorded_deg: recorded headings, (n,).
+    """
+    order = np.argsort(recorded_deg, kind="stable")
+    first = np.append(0.0, np.diff(recorded_deg[order])) > HEADING_GAP_DEG
+    groups = np.empty(len(order), dtype=int)
+    groups[order] = np.cumsum(first)
+    if len(order) and recorded_deg[order[0]] + 360.0 - recorded_deg[order[-1]] <= HEADING_GAP_DEG:
+        groups[groups == groups.max()] = 0
+    return groups

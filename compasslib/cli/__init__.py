@@ -1,0 +1,142 @@
+"""The command ``compass``: what a user asks of a cruise on a terminal, without Snakemake.
+
+A room is imported only by the command that needs it, so that help and mistakes come at once.
+
+A mistake is one line on stderr, and exit status 1:
+
+>>> import subprocess, sys
+>>> asked = "import sys; from compasslib.cli import main; sys.exit(main(['check', 'nowhere']))"
+>>> ran = subprocess.run([sys.executable, "-c", asked], capture_output=True, text=True)
+>>> ran.returncode, ran.stderr.count("\\n")
+(1, 1)
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+from typing import Any
+
+from compasslib import __version__
+from compasslib.errors import InputError
+
+FAILED, INTERRUPTED = 1, 130
+FORMS = ("csv", "mat", "pd0", "oceansites")  # of compass export
+AS_WRITTEN = argparse.RawDescriptionHelpFormatter
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command and return the exit status: 0 done, 1 input that cannot be used, 2 a wrong command line.
+
+    Args:
+        arguments: words of the command line; those of this process where absent.
+    """
+    parser = _parser()
+    asked = parser.parse_args(arguments)
+    if asked.command == "verify" and asked.yes and not asked.clear:
+        parser.error("--yes goes with --clear")
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, _interrupted)  # as by Ctrl-C, so that nothing half made is left
+    sys.stdout.reconfigure(errors="replace")  # type: ignore[union-attr]  # a terminal without the sign of degree
+    try:
+        status: int = import_module(f"compasslib.cli.{asked.command}").run(asked)
+        sys.stdout.flush()
+    except InputError as error:
+        return _failed(f"error: {error}", FAILED)
+    except OSError as error:
+        return _closed() if isinstance(error, BrokenPipeError) else _failed(f"error: {error}", FAILED)
+    except MemoryError:
+        return _failed("error: out of memory; close other programs, or use a machine with more", FAILED)
+    except SystemExit as error:  # from a package beside this one, perhaps with status 0
+        return _failed(f"error: a plug-in ended the program by SystemExit: {error}; mend or remove it", FAILED)
+    except KeyboardInterrupt:
+        return _failed("error: interrupted; no file is left half written", INTERRUPTED)
+    return status
+
+
+def _interrupted(number: int, frame: object) -> None:
+    raise KeyboardInterrupt
+
+
+def _failed(line: str, status: int) -> int:
+    print(line, file=sys.stderr)
+    return status
+
+
+def _closed() -> int:
+    """End quietly where the reader of a pipe has gone, as ``compass explain M1 | head`` does."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return FAILED
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser("compass", description="Compass deviation of moored current records.")
+    parser.add_argument("--version", action="version", version=f"compass {__version__}")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+
+    check = _command(commands, "check", "are config and raw files usable? Nothing is run", "my_cruise")
+    check.add_argument("cruise", metavar="CRUISE", nargs="?", default=".", help="cruise folder (default: this one)")
+
+    init = _command(
+        commands,
+        "init",
+        "draft config and YAML files from what exports hold",
+        "exports/EG4 --into my_cruise --latitude 65.33 --longitude -32.96 --water-depth 894",
+    )
+    init.add_argument("files", metavar="FILE", nargs="+", help="exports, or folders of them; one folder a mooring")
+    init.add_argument("--into", default=".", metavar="CRUISE", help="cruise folder (default: this one)")
+    init.add_argument("--name", help="all instruments are of this mooring (default: one mooring a folder)")
+    init.add_argument("--latitude", type=float, help="degrees north")
+    init.add_argument("--longitude", type=float, help="degrees east, west negative")
+    init.add_argument("--water-depth", type=float, help="m")
+
+    correct = _command(
+        commands, "correct", "correct one mooring in this process, without Snakemake", "EG4 --cruise my_cruise"
+    )
+    correct.add_argument("mooring", metavar="MOORING", help="its name")
+    correct.add_argument("--cruise", default=".", help="cruise folder (default: this one)")
+    correct.add_argument(
+        "--into", metavar="FOLDER", help="new folder of its results (default: CRUISE/corrected/MOORING)"
+    )
+
+    explain = _command(commands, "explain", "the diagnosis of one mooring in words", "EG4 --cruise my_cruise")
+    explain.add_argument("mooring", metavar="MOORING", help="its name, or the folder of its results")
+    explain.add_argument("--cruise", default=".", help="cruise folder (default: this one)")
+
+    export = _command(
+        commands,
+        "export",
+        "a corrected record in the form that others read",
+        "EG4 --cruise my_cruise --to pd0 --into to_deposit",
+    )
+    export.add_argument("mooring", metavar="MOORING", help="its name")
+    export.add_argument("--cruise", default=".", help="cruise folder (default: this one)")
+    export.add_argument(
+        "--to",
+        required=True,
+        choices=FORMS,
+        help="csv: a row a sample and bin; mat: MATLAB's structures; pd0: the raw file with corrected headings; "
+        "oceansites: corrected.nc under its OceanSITES name",
+    )
+    export.add_argument("--into", metavar="FOLDER", help="folder of the files (default: CRUISE/export)")
+
+    diff = _command(commands, "diff", "what changed between two runs, mooring by mooring", "results_before my_cruise")
+    for place in ("old", "new"):
+        diff.add_argument(place, metavar=place.upper(), help="cruise folder, folder of results, or of one mooring's")
+
+    verify = _command(commands, "verify", "do the results still hold what their manifest lists?", "my_cruise")
+    verify.add_argument("cruise", metavar="CRUISE", nargs="?", default=".", help="cruise folder (default: this one)")
+    verify.add_argument("--clear", action="store_true", help="list results of what is configured no more instead")
+    verify.add_argument("--yes", action="store_true", help="with --clear: remove them")
+    return parser
+
+
+def _command(commands: Any, name: str, what: str, example: str) -> argparse.ArgumentParser:
+    made: argparse.ArgumentParser = commands.add_parser(
+        name, help=what, description=what, epilog=f"example:\n  compass {name} {example}", formatter_class=AS_WRITTEN
+    )
+    return made

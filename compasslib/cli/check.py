@@ -1,0 +1,290 @@
+"""``compass check``: opens every listed file, prints what each mooring has, and every problem; runs nothing."""
+
+from __future__ import annotations
+
+import os
+import sys
+from argparse import Namespace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import chdir
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+
+from compasslib import calibrations as calibrations
+from compasslib import earthfield, readers
+from compasslib.cli import gathered
+from compasslib.config import compasses, identity
+from compasslib.config import cruise as config
+from compasslib.config.cruise import CALIBRATIONS, Cruise
+from compasslib.config.schema import Covariate, Instrument, Mooring
+from compasslib.declination import Applied, applied
+from compasslib.errors import InputError
+from compasslib.pipeline import plan
+from compasslib.preparation import overlap
+from compasslib.readers import covariate as series_of
+from compasslib.readers import iaga2002
+from compasslib.readers.pd0.consistency import same_number
+from compasslib.records import BAD, Pairs, Record
+from compasslib.stages import read
+from compasslib.stages.pipeline import Job, reading
+from compasslib.types import Floats
+
+DAY_S = 86400.0
+SECTOR_DEG, SECTORS = 10.0, 36
+GAP = 3.0  # usual steps between two samples that make a gap
+STEPS = ((DAY_S, "d"), (3600.0, "h"), (60.0, "min"), (1.0, "s"))
+HEAD: tuple[str, ...] = (
+    "",
+    "",
+    "format",
+    "samples",
+    "every",
+    "gaps",
+    "from",
+    "to",
+    "depth",
+    "bins",
+    "headings",
+    "directions",
+)
+
+
+@dataclass(frozen=True)
+class Inspection:
+    """What the files of one mooring or calibration hold."""
+
+    lines: tuple[str, ...]
+    problems: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+    usable: bool = True  # whether a run makes a product of it
+    serials: Mapping[str, str] = field(default_factory=dict)  # that the files state, by instrument
+
+
+def run(asked: Namespace) -> int:
+    """Print what each mooring and calibration has, then all warnings and problems; return 1 where there is one.
+
+    Raises:
+        InputError: config/config.yaml cannot be used.
+    """
+    refused: list[InputError] = []
+    cruise = config.load(Path(asked.cruise), refused.append)
+    planned = plan.plan(cruise, Path())
+    problems = [str(each) for first in refused for each in (first, *first.others)]
+    jobs: list[tuple[Callable[[str, plan.Plan], Inspection], str]] = [
+        *((_mooring, name) for name in cruise.moorings),
+        *((_parts, file) for file in cruise.refused_files),
+        *((_calibration, name) for name in cruise.calibrations),
+    ]
+    if cruise.options.demonstration:
+        print("the demonstration's raw files are made by the run: not opened")
+        jobs = []
+    inspections, warnings = dict[str, Inspection](), list[str]()
+    with ProcessPoolExecutor(max(min(os.cpu_count() or 1, len(jobs)), 1)) as pool:
+        opened = pool.map(_inspect, *zip(*((job, name, planned) for job, name in jobs), strict=True)) if jobs else ()
+        for (_, name), found in zip(jobs, opened, strict=False):
+            print("\n".join(found.lines), flush=True)
+            inspections[name] = found
+            problems += found.problems
+            warnings += found.warnings
+    problems += identity.problems(cruise, {name: found.serials for name, found in inspections.items()})
+    for line in compasses.suggestions(cruise.moorings):
+        print(line)
+    gathered.tell(warnings, sys.stdout)
+    for line in problems:
+        print(f"error: {line}", file=sys.stderr)
+    print(_summary(cruise, bool(refused), inspections, len(problems)))
+    return int(bool(problems))
+
+
+def _summary(cruise: Cruise, refused: bool, inspections: Mapping[str, Inspection], n: int) -> str:
+    """Say what a run would use: nothing where the configuration has mistakes, else all whose files can be read."""
+    problems = _counted(n, "problem")
+    names = ((cruise.moorings, "mooring"), (cruise.calibrations, "calibration"))
+    if refused:
+        return f"cannot run, {problems}"
+    everything = " and ".join(_counted(len(each), noun) for each, noun in names if each) or "nothing to run"
+    stopped = [name for name, found in inspections.items() if not found.usable]
+    return f"{everything}: can run, {problems}" + (f" (stopped: {', '.join(stopped)})" if stopped else "")
+
+
+def _inspect(job: Callable[[str, plan.Plan], Inspection], name: str, planned: plan.Plan) -> Inspection:
+    with chdir(planned.cruise.root):
+        return job(name, planned)
+
+
+def _mooring(name: str, planned: plan.Plan) -> Inspection:
+    rules = planned.moorings
+    mooring, used = planned.cruise.moorings[name], rules.roles([name])[name]
+    records: dict[str, Record] = {}
+    problems, warnings, rows = list[str](), list[str](), [HEAD]
+    for role in (*used, *(other for other in mooring.instruments if other not in used)):
+        try:
+            record = records[role] = read.record_of(**reading(rules, Job(name, role)) | {"series": {}})
+            rows.append(_row(role, _part(role, mooring), mooring.instruments[role], record))
+            same_number(f"{name}: {role}", record.serial_number, rules.serial_number(Job(name, role)))
+        except InputError as error:
+            problems.append(f"{name}: {role}: {error}")
+    series, unusable = _covariates(name, mooring.covariates, (mooring.start_s, mooring.end_s))
+    lines, problems = [_title(name, mooring), *_table(rows), *series], problems + unusable
+    usable = records.keys() >= set(used) and not unusable
+    if usable:
+        pairs = _of_pairs(name, rules, [records[role] for role in used])
+        lines, problems, warnings = [*lines, *pairs.lines], [*problems, *pairs.problems], [*pairs.warnings]
+    of_records = (f"{name} {role}: {text}" for role, record in records.items() for text in record.warnings)
+    serials = {role: record.serial_number for role, record in records.items() if record.serial_number}
+    return Inspection(tuple(lines), tuple(problems), (*of_records, *warnings), usable, serials)
+
+
+def _parts(file: str, planned: plan.Plan) -> Inspection:
+    """Open the instruments and series of a mooring file that is not valid as a whole."""
+    instruments, series = config.valid_parts(Path(), file)
+    problems, rows = list[str](), [HEAD]
+    for name, instrument in instruments.items():
+        settings = instrument.model_dump(mode="json", include=instrument.model_fields_set)
+        try:
+            record = readers.read(instrument.format, [Path(each) for each in instrument.files], settings)
+            rows.append(_row(name, "", instrument, record))
+        except InputError as error:
+            problems.append(f"{file}: instruments.{name}: {error}")
+    lines, unusable = _covariates(file, series, (-np.inf, np.inf))
+    return Inspection((f"{file}: not valid yet", *_table(rows), *lines), (*problems, *unusable), usable=False)
+
+
+def _covariates(
+    where: str, series: Mapping[str, Covariate], deployment: tuple[float, float]
+) -> tuple[list[str], list[str]]:
+    """Open covariates; return a line for each, and the problems."""
+    lines, problems = [], []
+    for name, covariate in series.items():
+        paths = [Path(file) for file in covariate.files]
+        try:
+            if covariate.format == "table":
+                time_s = series_of.series(covariate.model_dump(exclude={"format"}))[0]
+            else:
+                time_s = iaga2002.read(paths).time_s
+        except InputError as error:
+            problems.append(f"{where}: covariates.{name}: {error}")
+            continue
+        span = " to ".join(f"{datetime.fromtimestamp(t, UTC):%Y-%m-%d %H:%M}" for t in time_s[[0, -1]])
+        lines.append(f"  {name}: {covariate.format}, {_counted(len(time_s), 'value')}, {span}")
+        if time_s[0] > deployment[1] or time_s[-1] < deployment[0]:
+            problems.append(f"{where}: covariates.{name}: no value inside the deployment; correct its files")
+    return lines, problems
+
+
+def _calibration(name: str, planned: plan.Plan) -> Inspection:
+    rules, job = planned.calibrations, Job(calibration=name)
+    try:
+        made = calibrations.calibrate(rules.kind(job), rules.raw_files(job), calibrations.settled(rules.settings(job)))
+    except InputError as error:
+        return Inspection((), (f"{CALIBRATIONS}/{name}.yaml: {error}",), usable=False)
+    unusable = [f"{CALIBRATIONS}/{name}.yaml: no coefficients: {made.why}"] if made.why else []
+    line = f"{name}: {rules.kind(job)}, {_counted(len(rules.raw_files(job)), 'file')}, {made.n} points"
+    return Inspection((line,), tuple(unusable))
+
+
+def _part(role: str, mooring: Mooring) -> str:
+    return "affected" if role == mooring.compromised else "reference" if role in mooring.reference else "not used"
+
+
+def _title(name: str, mooring: Mooring) -> str:
+    by = f"calibration {mooring.fit.name}" if mooring.fit.name else mooring.fit.method
+    place = f"{abs(mooring.latitude):.4f} {'NS'[mooring.latitude < 0]} "
+    west = mooring.longitude if mooring.longitude <= 180.0 else mooring.longitude - 360.0
+    place += f"{abs(west):.4f} {'EW'[west < 0]}"
+    also = "".join(f"; {series} ({one.format})" for series, one in mooring.covariates.items())
+    alone = "" if mooring.reference or mooring.fit.name else "; no reference, so nothing is corrected"
+    return f"{name}: {place}, {mooring.start:%Y-%m-%d} to {mooring.end:%Y-%m-%d}, by {by}{also}{alone}"
+
+
+def _row(name: str, part: str, instrument: Instrument, record: Record) -> tuple[str, ...]:
+    """Describe one record; without a part in a mooring its north is not decided yet."""
+    time_s = record.time_s
+    if not len(time_s):
+        return (name, part, instrument.format, "0", *[""] * (len(HEAD) - 4))
+    steps = np.diff(time_s)
+    usual = float(np.median(steps)) if len(steps) else np.nan
+    valid, inside = record.heading_quality < BAD, applied(instrument.declination_applied)
+    return (
+        name, part, instrument.format, f"{len(time_s)}", _span(usual), f"{int(np.sum(steps > GAP * usual))}",
+        *(f"{datetime.fromtimestamp(t, UTC):%Y-%m-%d %H:%M}" for t in time_s[[0, -1]]), _depths(record.depth_m),
+        f"{record.east.shape[1]}", _sectors(record.heading_deg[valid]),
+        _directions(record, inside) if part else "",
+    )  # fmt: skip
+
+
+def _span(seconds: float) -> str:
+    unit, name = next(((size, name) for size, name in STEPS if seconds >= size), STEPS[-1])
+    return f"{seconds / unit:.3g} {name}"
+
+
+def _depths(depth_m: Floats) -> str:
+    known = depth_m[np.isfinite(depth_m)]
+    low, high = np.quantile(known, [0.01, 0.99]) if len(known) else (np.nan, np.nan)
+    return (
+        "unknown"
+        if not len(known)
+        else f"{round(low)} m"
+        if round(low) == round(high)
+        else f"{round(low)}-{round(high)} m"
+    )
+
+
+def _sectors(heading_deg: Floats) -> str:
+    known = heading_deg[np.isfinite(heading_deg)]
+    return f"{len(np.unique(known // SECTOR_DEG))} of {SECTORS} sectors" if len(known) else "none"
+
+
+def _directions(record: Record, inside: Applied | None) -> str:
+    if record.direction_reference == "true":
+        return "true"
+    if record.velocity_bias_deg not in (None, record.heading_bias_deg):
+        of_each = f"{record.heading_bias_deg:+.2f} of headings and {record.velocity_bias_deg:+.2f} of velocities"
+        return f"magnetic, {of_each} taken out"
+    if record.heading_bias_deg:
+        return f"magnetic; heading bias {record.heading_bias_deg:+.2f} removed"
+    if inside is None or not any(inside):
+        return "magnetic; nothing removed"
+    return f"magnetic; declination {inside if inside.differs else format(inside.heading, '+.2f')} removed"
+
+
+def _of_pairs(name: str, rules: plan.Moorings, records: Sequence[Record]) -> Inspection:
+    job, problems = Job(name), []
+    try:
+        along = earthfield.along_time(**rules.place_and_declination(job))
+    except InputError as error:
+        return Inspection((), (f"{name}: {error}",))
+    east = np.quantile(along.declination_deg, [0.0, 1.0])
+    lines = [f"  declination {east[0]:+.2f} to {east[1]:+.2f} degrees ({along.source})"]
+    warnings = [f"{name}: {text}" for text in along.warnings]
+    asked = overlap.Rules(**rules.pairing_rules(job) | {"predict": False})
+    for role, reference in zip(rules.roles([name])[name][1:], records[1:], strict=True):
+        pairs = overlap.find(records[0], [reference], along, asked)
+        lines.append(f"  with {role}: {_pairs(pairs)}")
+        if len(pairs):
+            warnings += [f"{name} with {role}: {text}" for text in pairs.warnings]
+        else:
+            why = "; ".join(pairs.warnings) or "no samples near enough in time and depth"
+            problems.append(f"{name}: no pairs with {role}, so nothing is corrected by it: {why}")
+    return Inspection(tuple(lines), tuple(problems), tuple(warnings))
+
+
+def _pairs(pairs: Pairs) -> str:
+    if not len(pairs):
+        return "no pairs"
+    days, apart = np.ptp(pairs.time_s) / DAY_S, np.median(np.abs(pairs.lower_depth_m - pairs.upper_depth_m))
+    return f"{len(pairs)} pairs over {days:.0f} days, {apart:.1f} m apart, {_sectors(pairs.heading_deg)}"
+
+
+def _table(rows: Iterable[tuple[str, ...]]) -> list[str]:
+    rows = list(rows)
+    widths = [max(len(row[k]) for row in rows) for k in range(len(HEAD))]
+    return ["  " + "  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip() for row in rows]
+
+
+def _counted(n: int, noun: str) -> str:
+    return f"{n} {noun}{'s' * (n != 1)}"

@@ -1,0 +1,211 @@
+"""``compass export``: a mooring's corrected record in the form that others read, whole or not at all."""
+
+from __future__ import annotations
+
+import glob
+import itertools
+from argparse import Namespace
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from compasslib import angles
+from compasslib.archive import export, provenance
+from compasslib.archive.files import HALF_WRITTEN, opened, read_series, replacing, write_json
+from compasslib.archive.netcdf import DAYS_1950_TO_1970, TIME_DECIMALS
+from compasslib.cli import folders, gathered
+from compasslib.config import cruise as config
+from compasslib.declination import applied
+from compasslib.errors import InputError
+from compasslib.pipeline import plan
+from compasslib.preparation import deployment
+from compasslib.readers.pd0 import rewrite
+from compasslib.readers.pd0.fields import Leaders
+from compasslib.records import PROBABLY_BAD
+from compasslib.stages.pipeline import Job
+from compasslib.types import Floats
+
+SAME_TIME_S, SAME_HEADING_DEG = 0.001, 0.006  # of an ensemble and its sample: what rounding leaves
+HEADINGS = (
+    "Magnetic, as in the original: HEADING_CORRECTED, with the heading bias EB and the alignment EA that the original "
+    "holds. Read with the mooring's YAML file, or with any reader that knows EB, they are HEADING_CORRECTED."
+)
+VELOCITIES = (
+    "In earth coordinates turned clockwise by DEVIATION as the heading, bottom track included; along beams, in the "
+    "instrument's axes and in the ship's as they were. No velocity is flagged but by its heading."
+)
+WITHOUT = "Ensembles outside the deployment or without a corrected heading: velocities -32768, heading 655.35 degrees."
+
+
+def run(asked: Namespace) -> int:
+    """Write the files of one form and print their names.
+
+    Args:
+        asked: ``mooring``, ``cruise``, ``to`` and ``into``, the folder or None.
+
+    Raises:
+        InputError: there are no results, a file is there already, or the raw files are not those of the results.
+    """
+    source = folders.of_mooring(asked.cruise, asked.mooring) / "corrected.nc"
+    into = Path(asked.into or Path(asked.cruise) / "export")
+    for file in FORMS[asked.to](asked, source, into):
+        print(file)
+    return 0
+
+
+def _csv(asked: Namespace, source: Path, into: Path) -> list[Path]:
+    (table,) = _free(into, f"{source.parent.resolve().name}.csv")
+    export.to_csv(source, table, _note(table))
+    return [table, _note(table)]
+
+
+def _mat(asked: Namespace, source: Path, into: Path) -> list[Path]:
+    (file,) = _free(into, f"{source.parent.resolve().name}.mat")
+    export.to_mat(source, file)
+    return [file]
+
+
+def _oceansites(asked: Namespace, source: Path, into: Path) -> list[Path]:
+    (file,) = _free(into, export.oceansites_name(source))
+    export.to_oceansites(source, file)
+    return [file]
+
+
+def _free(into: Path, *names: str) -> list[Path]:
+    """Return files to write, none of which is there, and clear away the halves of an export that was killed.
+
+    A file gets its name after its note, the first file after all others: while that is missing, others with a note are
+    what a killed export left, and are written anew.
+
+    Raises:
+        InputError: one is there.
+    """
+    files = [into / name for name in names]
+    if taken := next((one for one in files if one.exists() and (files[0].exists() or not _note(one).exists())), None):
+        advice = "name another folder with --into, or move that file away"
+        raise InputError(str(taken), expected="a file that is not there yet", found="it there", advice=advice)
+    for name, dots in itertools.product(names, (".", "..")):  # a half may be written by way of one of its own
+        for half in into.glob(f"{dots}{glob.escape(name)}.*{HALF_WRITTEN}"):
+            half.unlink(missing_ok=True)
+    return files
+
+
+def _note(file: Path) -> Path:
+    return file.with_name(f"{file.name}.json")
+
+
+def _pd0(asked: Namespace, source: Path, into: Path) -> list[Path]:
+    """Write each raw file with corrected headings, and beside it what it was and what became of it."""
+    loaded = config.load(Path(asked.cruise))
+    product = _Product(asked.mooring, source, plan.plan(loaded, Path()).moorings)
+    files = _free(into, *_names(asked.mooring, product.files))
+    targets = [*files, *map(_note, files)]
+    flagged: list[str] = []
+    with ExitStack() as whole:
+        halves = [whole.enter_context(replacing(file)) for file in targets]
+        for file, half, beside in zip(product.files, halves, halves[len(files) :], strict=False):
+            became = rewrite.rewrite(loaded.root / file, half, product.turn)
+            write_json(beside, product.note(file, became, half))
+            if became.flagged:
+                flagged.append(f"{file}: {became.flagged} ensembles have no corrected heading and were flagged")
+        product.refuse_missing()
+    gathered.tell(flagged)
+    return targets
+
+
+def _names(mooring: str, files: Sequence[str]) -> list[str]:
+    """Return the names of corrected files, numbered where two raw ones have the same."""
+    paths = [Path(file) for file in files]
+    alike = len({path.name for path in paths}) < len(paths)
+    return [
+        f"{mooring}_{f'{k}_' if alike else ''}{path.stem}_corrected{path.suffix}" for k, path in enumerate(paths, 1)
+    ]
+
+
+class _Product:
+    """The corrected headings of one mooring, asked for by the ensembles of its raw files."""
+
+    def __init__(self, mooring: str, source: Path, rules: plan.Moorings) -> None:
+        """Read the headings.
+
+        Raises:
+            InputError: the mooring is not of the cruise, is no PD0, or its raw files are not those of the results.
+        """
+        if mooring not in rules.cruise.moorings:
+            expected = f"a mooring of the cruise ({', '.join(rules.cruise.moorings) or 'it has none'})"
+            raise InputError(mooring, expected=expected, found="another name", advice="write its name, and --cruise")
+        job = Job(mooring, rules.cruise.moorings[mooring].compromised)
+        if rules.form(job) != "pd0":
+            advice = "export it to csv, mat or oceansites"
+            raise InputError(
+                f"{mooring}: {job.role}", expected="raw files in PD0", found=rules.form(job), advice=advice
+            )
+        self.mooring, self.source, self.files = mooring, source, rules.raw_files(job)
+        self._reader, self._deployment = rules.reader_settings(job), rules.deployment(job)
+        names = ("TIME", "HEADING", "HEADING_CORRECTED", "HEADING_CORRECTED_QC")
+        time, self._recorded, self._corrected, self._flag = read_series(source, *names)
+        self._time_s = np.round((time - DAYS_1950_TO_1970) * 86400.0, TIME_DECIMALS)
+        self._found = np.zeros(len(time), dtype=bool)
+        self._hashes = {file: provenance.sha256(rules.cruise.root / file) for file in self.files}
+        with opened(source) as nc:
+            history = str(nc.getncattr("history"))
+        if other := next((file for file, known in self._hashes.items() if known not in history), None):
+            found, advice = "one that the results were not made from", "run the cruise again"
+            raise InputError(other, expected=f"the raw file behind {source}", found=found, advice=advice)
+
+    def turn(self, leaders: Leaders) -> Floats:
+        """Return corrected minus recorded heading of each ensemble, NaN where there is none, (k,) degrees."""
+        if not len(self._time_s):
+            return np.full(len(leaders.time_s), np.nan)
+        settled, stated = self._deployment, applied(self._reader["declination_applied"])
+        deployed = settled["start_s"], settled["end_s"]
+        utc = deployment.utc(leaders.time_s, deployed, settled["clock_offset_seconds"], settled["clock_drift_seconds"])
+        at = np.minimum(np.searchsorted(self._time_s, utc - SAME_TIME_S), len(self._time_s) - 1)
+        bias = leaders.heading_bias_deg if stated is None else stated.heading
+        magnetic = leaders.heading_deg - bias + (self._reader["heading_alignment"] or 0.0)
+        with np.errstate(invalid="ignore"):
+            same = np.abs(self._time_s[at] - utc) <= SAME_TIME_S
+            same &= np.abs(angles.difference(self._recorded[at], magnetic)) <= SAME_HEADING_DEG
+        self._found[at[same]] = True
+        return np.where(same, angles.difference(self._corrected[at], self._recorded[at]), np.nan)
+
+    def refuse_missing(self) -> None:
+        """Refuse to leave corrected headings out.
+
+        Raises:
+            InputError: no ensemble was found for some.
+        """
+        if lost := int(np.sum(np.isfinite(self._corrected) & ~self._found)):
+            expected = f"an ensemble for each corrected heading of {self.source}"
+            found, advice = f"none for {lost}", "clock or reader settings have changed since: run the cruise again"
+            raise InputError(", ".join(self.files), expected=expected, found=found, advice=advice)
+
+    def note(self, file: str, became: rewrite.Rewritten, written: Path) -> dict[str, Any]:
+        """Return what stands beside a file that was made of a raw one."""
+        left_out = [{"from": s.offset, "to": s.offset + s.length - 1, "why": s.reason} for s in became.skipped]
+        doubtful = int(np.sum(np.isfinite(self._corrected) & (self._flag == PROBABLY_BAD)))
+        return {
+            "mooring": self.mooring,
+            "sha256": provenance.sha256(written),
+            "original": {"file": file, "sha256": self._hashes[file]},
+            "product": {"file": self.source.name, "sha256": provenance.sha256(self.source)},
+            "software": provenance.software(),
+            "date_created": provenance.date_created(),
+            "headings": HEADINGS,
+            "velocities": VELOCITIES,
+            "without_heading": WITHOUT,
+            "ensembles": {"corrected": became.corrected, "without_heading": became.flagged},
+            "doubtful_headings_of_the_mooring": doubtful,
+            "bytes_of_the_original_left_out": left_out,
+        }
+
+
+FORMS: dict[str, Callable[[Namespace, Path, Path], list[Path]]] = {
+    "csv": _csv,
+    "mat": _mat,
+    "pd0": _pd0,
+    "oceansites": _oceansites,
+}

@@ -1,0 +1,474 @@
+"""``compass init``: a draft of config and YAML files from what exports hold; no file that is there is touched."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+from argparse import Namespace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+
+from compasslib import readers
+from compasslib.calibrations.swing import words
+from compasslib.cli import gathered
+from compasslib.config import draft
+from compasslib.config.draft import Drafted, Mooring, Place, Roles
+from compasslib.config.schema import KNOWN_SERIES
+from compasslib.config.values import shown
+from compasslib.errors import InputError
+from compasslib.preparation import affected as affected_compass
+from compasslib.preparation import deployment
+from compasslib.preparation.affected import Explained
+from compasslib.readers import covariate, headers, iaga2002, nmea, recognition
+from compasslib.records import Record
+from compasslib.types import Floats
+
+LEFT_OUT = ("config", "results")  # folders of a cruise that hold no exports
+NAMELESS = ("raw", "data", "exports", "")  # folders whose name tells no mooring
+MOORED_STEP_S = 60.0  # moored profilers average over longer; two that do not stand on one frame
+IN_WATER = 0.5  # of the median depth
+SHALLOWEST_M = 2.0  # a median depth that says anything
+SAME_DEPLOYMENT = 0.1  # of the shorter record, that two records of one deployment have in common
+DEEPEST_M = 12000.0  # a water depth that refuses no instrument, where none is known
+SECTOR_DEG = 10.0
+PIECE = re.compile(r"\.\d{3}$")  # of a PD0 file that was cut by its recorder
+SCANS, COMPANION = re.compile(r"A(\d{7})\.\w+$"), re.compile(r"[CE](\d{7})\.\w+$")  # of a moored profiler
+# What a format asks of a person; to draft, the files are read with these in place.
+PROVISIONAL: dict[str, dict[str, object]] = {
+    "pd12": {"orientation": "up", "bin_size": 1.0, "first_bin": 1.0},
+    "netcdf": {"direction_reference": "magnetic"},
+}
+ASKED = ("orientation", "bin_size", "first_bin")
+SILENT = ("table", "acm_table", "mmp_acm")  # formats that never tell to which north they count
+TO_CARRY = "where and when it was done: needed to carry it to a mooring"
+
+
+@dataclass(frozen=True)
+class Series:
+    """A covariate: its keys, and where and when it belongs."""
+
+    keys: Mapping[str, object]
+    mooring: str | None  # None: of all moorings
+    start_s: float
+    end_s: float
+
+
+@dataclass
+class Contents:
+    """What the files hold, sorted by what it is to be."""
+
+    place: Place  # what the person said
+    folders: dict[str, dict[str, Drafted]] = field(default_factory=dict)  # mooring or folder -> name -> instrument
+    records: dict[str, Record] = field(default_factory=dict)  # by the instrument's first file
+    calibrations: dict[str, str] = field(default_factory=dict)  # name -> text
+    series: dict[str, Series] = field(default_factory=dict)  # covariates by name
+    left: list[str] = field(default_factory=list)  # what has no place, and why
+
+
+def run(asked: Namespace) -> int:
+    """Write the drafts, say what a person must decide, and return 0.
+
+    Raises:
+        InputError: nothing can be drafted, or a file is there already.
+    """
+    root = Path(asked.into)
+    given = _given(asked.files)
+    paths = [path for path in given if _inside(path, root).isprintable()]  # a YAML file can name no other
+    place = Place(asked.latitude, asked.longitude, asked.water_depth)
+    contents = _sorted(paths, root, asked.name, Contents(place))
+    moorings = _moorings(contents)
+    texts = {
+        f"config/moorings/{name}.yaml": draft.mooring(name, drafted, place) for name, drafted in moorings.items()
+    } | {f"config/calibrations/{name}.yaml": text for name, text in contents.calibrations.items()}
+    contents.left += [
+        f"{shown(path.name)}: rename it in UTF-8, without control characters" for path in given if path not in paths
+    ]
+    left = [f"left out: {line}" for line in contents.left]
+    if not texts:
+        gathered.tell(left)
+        raise InputError(", ".join(asked.files), expected="exports of instruments", found="none", advice="name others")
+    config = {"config/config.yaml": draft.CONFIG.format(moorings="config/moorings" if moorings else "[]")}
+    _write(root, _links(paths, root), texts, {} if (root / "config/config.yaml").exists() else config)
+    _say(root, texts)
+    gathered.tell(left)
+    return 0
+
+
+def _given(files: Sequence[str]) -> list[Path]:
+    paths = []
+    for name in files:
+        path = Path(name)
+        if not path.exists():
+            raise InputError(name, expected="a file or a folder", found="nothing there", advice="correct the path")
+        paths += sorted(_below(path)) if path.is_dir() else [path]
+    return list(dict.fromkeys(paths))
+
+
+def _below(folder: Path) -> Iterable[Path]:
+    for top, folders, names in os.walk(folder):
+        folders[:] = [name for name in folders if name[0] != "." and not (Path(top) == folder and name in LEFT_OUT)]
+        yield from (Path(top, name) for name in names if name[0] != ".")
+
+
+def _inside(path: Path, root: Path) -> str:
+    """Return the path of a file from the cruise folder; one that stands elsewhere is linked to below raw/."""
+    whole, base = Path(os.path.abspath(path)), Path(os.path.abspath(root))
+    if whole.is_relative_to(base):
+        return whole.relative_to(base).as_posix()
+    return f"raw/{_name(whole.parent.name)}/{whole.name}"
+
+
+def _links(paths: Iterable[Path], root: Path) -> dict[Path, Path]:
+    ends = {root / _inside(path, root): Path(os.path.abspath(path)) for path in paths}
+    return {link: path for link, path in ends.items() if not os.path.lexists(link)}
+
+
+def _sorted(paths: Sequence[Path], root: Path, name: str | None, contents: Contents) -> Contents:
+    tables: dict[Path, headers.Meaning | None] = {}
+    groups: dict[tuple[str, str, str], list[Path]] = {}
+    for path in paths:
+        kind = recognition.recognise(path)
+        form = kind.form if kind else None
+        if COMPANION.search(path.name) and any(SCANS.search(other.name) for other in paths):
+            continue  # it goes with its scans
+        if form == "mmp_acm" and (text := path.with_suffix(".TXT")) in paths and text != path:
+            contents.left.append(f"{path}: its scans stand unpacked in {text.name}")
+            continue
+        if form == "table":
+            tables[path] = headers.meaning(path)
+        table, mooring = tables.get(path), name or _folder(path, root)
+        if form is None:
+            contents.left.append(f"{path}: {f'{kind.name}; {kind.advice}' if kind else 'its kind is not known'}")
+        elif form == "table" and table is None:
+            contents.left.append(f"{path}: a table whose header names no known columns; add it by hand with columns")
+        elif table and table.kind == "pressure":
+            continue  # it goes with scans, or is left out below
+        elif form in ("iaga2002", "nmea0183") or (table and table.kind != "instrument"):
+            _add_aside(path, root, form, table, mooring, contents)
+        else:
+            groups.setdefault((mooring, form, _stem(path, form)), []).append(path)
+    pressures = [path for path, table in tables.items() if table and table.kind == "pressure"]
+    with_scans = {files[0].parent for (_, form, _), files in groups.items() if form == "mmp_acm"}
+    advice = "name it under pressure_files of a profiler, or under covariates"
+    contents.left += [
+        f"{each}: a table of pressure alone; {advice}" for each in pressures if each.parent not in with_scans
+    ]
+    companions = [*pressures, *(path for path in paths if COMPANION.search(path.name))]
+    for (mooring, form, stem), files in groups.items():
+        beside = [path for path in companions if form == "mmp_acm" and path.parent == files[0].parent]
+        others = contents.folders.setdefault(mooring, {})
+        others[_free(stem, others)] = _drafted(form, files, root, tables.get(files[0]), beside, contents)
+    _join_heads(contents)
+    return contents
+
+
+def _add_aside(
+    path: Path, root: Path, form: str, table: headers.Meaning | None, mooring: str, contents: Contents
+) -> None:
+    """Add what is no instrument: a calibration's file, or a series beside the moorings."""
+    file, name = _inside(path, root), _free(_name(path.stem), contents.calibrations)
+    keys: dict[str, object]
+    if form == "iaga2002":
+        keys = {"format": form, "files": [file]}
+        contents.series["declination_observatory"] = Series(keys, None, -math.inf, math.inf)
+        place, comments = _place(contents.place, "of the observatory", draft.DECIDE)
+        place, comments = ({}, {}) if _tells_place(path) else (place, comments)
+        contents.calibrations[name] = draft.calibration("declination", {"file": file, **place}, comments)
+    elif form == "nmea0183":
+        _add_log(path, file, name, contents)
+    elif table and table.kind == "series":
+        _add_series(path, file, table, mooring, contents)
+    elif table:
+        columns = {role: header for role, header in table.columns.items() if role != header}
+        unknown = draft.DECIDE if table.kind == "swing" else None  # its courses are true, its compass magnetic
+        place, comments = _place(contents.place, TO_CARRY, unknown)
+        dated = {} if "time_utc" in table.columns and unknown else {"date": unknown}
+        keys = {"file": file, **({"columns": columns} if columns else {}), **place, **dated}
+        contents.calibrations[name] = draft.calibration(table.kind, keys, comments | {"date": TO_CARRY})
+
+
+def _add_log(path: Path, file: str, name: str, contents: Contents) -> None:
+    """Add a swing where a log holds magnetic headings and courses round the circle."""
+    found = nmea.read_any(path)
+    if found is None:
+        why = "no magnetic heading (HDG or HDM) beside a course (RMC or VTG)"
+        contents.left.append(f"{path}: an NMEA 0183 log with {why}: no swing")
+        return
+    columns, log = found
+    gap = words.widest_gap(log.heading_deg)
+    if gap > words.REFUSED_GAP_DEG:
+        contents.left.append(f"{path}: an NMEA 0183 log whose headings leave {gap:.0f}° of the circle empty: no swing")
+        return
+    keys = {"file": file, "format": "nmea0183", **({"columns": columns} if columns else {})}
+    contents.calibrations[name] = draft.calibration("swing", keys, {})
+
+
+def _add_series(path: Path, file: str, table: headers.Meaning, mooring: str, contents: Contents) -> None:
+    keys = {"format": "table", "files": file, "columns": table.columns}
+    try:
+        time_s, _, _ = covariate.series({"files": [path], "columns": table.columns})
+    except InputError as error:
+        asked = dict.fromkeys(_named_keys(error, readers.TABLE_KEYS), draft.DECIDE)
+        if not asked:
+            contents.left.append(str(error))
+            return
+        keys, time_s = keys | asked, np.array([-np.inf, np.inf])
+    name = _name(table.columns["value"])
+    name = f"{name}_logged" if name in KNOWN_SERIES else name
+    contents.series[_free(name, contents.series)] = Series(keys, mooring, float(time_s[0]), float(time_s[-1]))
+
+
+def _place(said: Place, why: str, unknown: str | None) -> tuple[dict[str, object], dict[str, str]]:
+    """Give the keys of a calibration's place as the person said it, else the question."""
+    if None in (said.latitude, said.longitude):
+        words_of = {"latitude": f"degrees north, {why}", "longitude": "degrees east, west negative"}
+        return {"latitude": unknown, "longitude": unknown}, words_of
+    return {"latitude": said.latitude, "longitude": said.longitude}, {}
+
+
+def _tells_place(path: Path) -> bool:
+    try:
+        series = iaga2002.read([path])
+    except InputError:
+        return True  # a check refuses it in its own words
+    return bool(np.isfinite(series.latitude + series.longitude))
+
+
+def _drafted(
+    form: str,
+    files: Sequence[Path],
+    root: Path,
+    table: headers.Meaning | None,
+    companions: Sequence[Path],
+    contents: Contents,
+) -> Drafted:
+    keys: dict[str, object] = {key: draft.DECIDE for key in ASKED if key in PROVISIONAL.get(form, {})}
+    if table:
+        keys["columns"] = {**table.columns, **({"scale": table.scale} if table.scale else {})}
+    if companions:
+        keys["pressure_files"] = [_inside(path, root) for path in companions]
+    settings = {**keys, **PROVISIONAL.get(form, {}), "pressure_files": companions}
+    inside = tuple(_inside(path, root) for path in files)
+    try:
+        record = readers.read(form, files, settings)
+    except InputError as error:
+        asked = dict.fromkeys(_named_keys(error, readers.of(form).keys), draft.DECIDE)
+        return Drafted(form, inside, keys | asked, trouble=str(error))
+    contents.records[inside[0]] = record
+    drafted = _of_record(form, inside, keys, record, table)
+    if form != "netcdf":
+        return drafted
+    from compasslib.readers.netcdf import place
+
+    where = place.of(files[0])
+    both = (where["latitude"], where["longitude"]) if {"latitude", "longitude"} <= set(where) else None
+    return replace(drafted, place=both, water_depth_m=where.get("water_depth"))
+
+
+def _named_keys(error: InputError, keys: Iterable[str]) -> list[str]:
+    """Find the keys that the advice of a refusal names."""
+    advice = str(error).rpartition("; ")[2] if "; " in str(error) else ""
+    return [key for key in keys if key != "columns" and re.search(rf"\b{key}\b", advice)]
+
+
+def _of_record(
+    form: str, files: tuple[str, ...], keys: Mapping[str, object], record: Record, table: headers.Meaning | None
+) -> Drafted:
+    start, end, surfaced = _in_water(record)
+    level = record.depth_m if np.isfinite(record.depth_m).any() else record.pressure_dbar
+    inside = (record.time_s >= start) & (record.time_s <= end) & np.isfinite(level)
+    depth = float(np.median(level[inside])) if inside.any() else np.nan
+    speed = np.hypot(record.east, record.north)
+    headings = record.heading_deg[np.isfinite(record.heading_deg)]
+    stated = table.north if table else None
+    return Drafted(
+        form, files, keys, "", start, end, surfaced,
+        step_s=float(np.median(np.diff(record.time_s))) if len(record.time_s) > 1 else np.nan,
+        bins=record.east.shape[1],
+        sectors=len(np.unique(headings // SECTOR_DEG)),
+        depth_m=depth if depth > 0.0 else np.nan,
+        depth_range_m=float(np.ptp(np.quantile(level[inside], [0.01, 0.99]))) if inside.any() else np.nan,
+        looks_up=record.looks_up if form in ("pd0", "nortek", "netcdf", "rdi_text") else None,
+        heading_bias_deg=None if form in SILENT else record.heading_bias_deg or record.velocity_bias_deg,
+        direction_reference=stated if form in SILENT else record.direction_reference,
+        speed=float(np.nanmedian(speed)) if np.isfinite(speed).any() else np.nan,
+        serial_number=record.serial_number,
+    )  # fmt: skip
+
+
+def _in_water(record: Record) -> tuple[float, float, bool]:
+    """Find the first and last time in the water, and whether pressure or depth tells them."""
+    times = record.time_s[np.isfinite(record.time_s)]
+    if not len(times):
+        return math.nan, math.nan, False
+    for level in (record.pressure_dbar, record.depth_m):
+        known = level[np.isfinite(level)]
+        if 2 * len(known) > len(level) and np.median(known) > SHALLOWEST_M and np.ptp(known) > SHALLOWEST_M:
+            deep: Floats = record.time_s[level > IN_WATER * np.median(known)]
+            return float(deep.min()), float(deep.max()), True
+    return float(times.min()), float(times.max()), False
+
+
+def _join_heads(contents: Contents) -> None:
+    """Take two quick PD0 profilers of one folder for two heads of one frame."""
+    for folder, instruments in list(contents.folders.items()):
+        quick = [each for each in instruments.values() if each.format == "pd0" and each.step_s < MOORED_STEP_S]
+        if len(quick) == len(instruments) == 2 and all(len(each.files) == 1 for each in quick):
+            files = [each.files[0] for each in quick]
+            place, comments = _place(contents.place, TO_CARRY, None)
+            comments |= {"file": "head a and head b: they sample too quickly to be moored", "date": TO_CARRY}
+            contents.calibrations[_free(folder, contents.calibrations)] = draft.calibration(
+                "two_heads", {"file": files, **place, "date": None}, comments
+            )
+            del contents.folders[folder]
+
+
+def _moorings(contents: Contents) -> dict[str, Mooring]:
+    """Make a mooring of the instruments of each folder that recorded at the same time."""
+    moorings: dict[str, Mooring] = {}
+    for folder, instruments in contents.folders.items():
+        groups = _deployments(instruments)
+        for group in groups:
+            start, end = (
+                edge(getattr(each, key) for each in group.values()) for edge, key in ((min, "start_s"), (max, "end_s"))
+            )
+            dated = len(groups) > 1 and math.isfinite(start)
+            name = _free(f"{folder}_{datetime.fromtimestamp(start, UTC):%Y}" if dated else folder, moorings)
+            series = {
+                key: each.keys
+                for key, each in contents.series.items()
+                if each.mooring in (None, folder) and not (each.end_s < start or each.start_s > end)
+            }
+            moorings[name] = Mooring(group, _roles(group, contents.records), series)
+        used = {key for mooring in moorings.values() for key in mooring.series}
+        contents.left += [
+            f"{each.keys['files']}: no instrument of {folder} recorded at the time of this series"
+            for key, each in contents.series.items()
+            if each.mooring == folder and key not in used
+        ]
+    return moorings
+
+
+def _deployments(instruments: Mapping[str, Drafted]) -> list[dict[str, Drafted]]:
+    """Separate instruments whose records have no time in common; one that could not be read goes with the others."""
+    groups: list[dict[str, Drafted]] = []
+    for name, each in instruments.items():
+        joined = [group for group in groups if any(_at_one_time(each, other) for other in group.values())]
+        groups = [group for group in groups if group not in joined]
+        groups.append({key: other for group in joined for key, other in group.items()} | {name: each})
+    unread = [group for group in groups if all(each.trouble for each in group.values())]
+    read = [group for group in groups if group not in unread]
+    return (
+        [read[0] | {key: each for group in unread for key, each in group.items()}] if len(read) == 1 else read + unread
+    )
+
+
+def _at_one_time(one: Drafted, other: Drafted) -> bool:
+    shorter = min(one.end_s - one.start_s, other.end_s - other.start_s)
+    overlap = draft.overlap_s(one, other)
+    return overlap >= max(SAME_DEPLOYMENT * shorter, 0.0)
+
+
+def _roles(instruments: Mapping[str, Drafted], records: Mapping[str, Record]) -> Roles:
+    """Identify the affected instrument: the only one with headings, or the one whose heading explains directions."""
+    turning = [name for name, each in instruments.items() if each.sectors]
+    unread = [name for name, each in instruments.items() if each.trouble]
+    affected, evidence = None, f"the instrument whose compass is near iron; {_seen(instruments)}"
+    if len(turning) == 1 and not unread:
+        affected, evidence = turning[0], "the only instrument with headings"
+    elif len(turning) > 1 and not unread:
+        affected, evidence = _by_directions(instruments, turning, records) or (affected, evidence)
+    others = [
+        name
+        for name, each in instruments.items()
+        if name != affected and (affected is None or _at_one_time(instruments[affected], each) or each.trouble)
+    ]
+    return Roles(affected, evidence, tuple(others) if len(instruments) > 1 else ())
+
+
+def _by_directions(
+    instruments: Mapping[str, Drafted], turning: Sequence[str], records: Mapping[str, Record]
+) -> tuple[str, str] | None:
+    """Compare every two compasses; the affected one's heading explains the difference of directions in all pairs."""
+    shares: dict[tuple[str, str], Explained] = {}
+    for one, other in combinations(turning, 2):
+        both = [_settled(instruments[name], records[instruments[name].files[0]]) for name in (one, other)]
+        if found := affected_compass.compare(*both):
+            shares[one, other], shares[other, one] = found
+    for name in turning:
+        pairs = [(shares[key], shares[key[::-1]], key[1]) for key in shares if key[0] == name]
+        if pairs and all(affected_compass.is_affected(own, others) for own, others, _ in pairs):
+            share = min(own.share for own, _, _ in pairs)
+            rest = " and ".join(f"{other}'s {max(others.share, 0.0):.0%}" for _, others, other in pairs)
+            return name, f"its heading explains {share:.0%} of the difference of directions, {rest}"
+    return None
+
+
+def _settled(drafted: Drafted, record: Record) -> Record:
+    return deployment.settle(
+        record,
+        start_s=drafted.start_s,
+        end_s=drafted.end_s,
+        water_depth=DEEPEST_M,
+        latitude=45.0,  # between pole and equator the depth of a pressure differs by 0.5 %
+        nominal_depth=None if math.isnan(drafted.depth_m) else drafted.depth_m,
+    )
+
+
+def _seen(instruments: Mapping[str, Drafted]) -> str:
+    """Say what each instrument recorded, as far as it may help to tell the affected one."""
+    words_of = []
+    for name, each in instruments.items():
+        depth = "" if math.isnan(each.depth_m) else f" at {each.depth_m:.0f} m"
+        read = f"{each.bins} bin{'s' * (each.bins != 1)}{depth}, headings in {each.sectors} of 36 sectors"
+        words_of.append(f"{name}: {'could not be read' if each.trouble else read}")
+    return "; ".join(words_of)
+
+
+def _folder(path: Path, root: Path) -> str:
+    """Name a mooring by the folder of its files, where that has a name of its own."""
+    folders = (path.absolute().parent.name, Path(os.path.abspath(root)).name)
+    return next((_name(name) for name in folders if name.lower() not in NAMELESS), "M1")
+
+
+def _stem(path: Path, form: str) -> str:
+    """Return what the files of one instrument have in common."""
+    if form == "mmp_acm":
+        return _name(SCANS.sub("", path.name).strip("_ ") if SCANS.search(path.name) else path.stem)
+    return _name(path.name.removesuffix(path.suffix) if form != "pd0" or PIECE.search(path.name) else path.stem)
+
+
+def _name(text: str) -> str:
+    """Return a text as a name may be written."""
+    return re.sub(r"[^A-Za-z0-9_.-]+", "_", text).lstrip("_.-")[:50].rstrip("_.-") or "unnamed"
+
+
+def _free(name: str, taken: Iterable[str]) -> str:
+    used = set(taken)
+    return next(one for k in range(1, 10000) if (one := name if k == 1 else f"{name}_{k}") not in used)
+
+
+def _write(root: Path, links: Mapping[Path, Path], texts: Mapping[str, str], config: Mapping[str, str]) -> None:
+    for file in texts:
+        if (root / file).exists():
+            advice = "draft with another --name or into another folder with --into, or move that file away"
+            raise InputError(str(root / file), expected="no such file yet", found="one", advice=advice)
+    for link, path in links.items():
+        link.parent.mkdir(parents=True, exist_ok=True)
+        link.symlink_to(path)
+    for file, text in {**texts, **config}.items():
+        (root / file).parent.mkdir(parents=True, exist_ok=True)
+        (root / file).write_text(text, encoding="utf-8")
+
+
+def _say(root: Path, texts: Mapping[str, str]) -> None:
+    for file, text in texts.items():
+        n = draft.decisions(text)
+        print(f"{root / file}: " + (f"{n} value{'s' * (n != 1)} to decide" if n else "nothing to decide"))
+    print(f"then: compass check {root}")

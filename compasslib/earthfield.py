@@ -1,0 +1,239 @@
+"""The earth's field by IGRF at one place along time, with a guard for dates that the model does not cover.
+
+The coefficients are those of the file in the package ppigrf; its own evaluation needs pandas, whose import costs
+fifty times what a mooring's field does. A test compares the two.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from compasslib import angles
+from compasslib.errors import InputError
+from compasslib.records import EarthField
+from compasslib.types import Floats
+
+FIRST_YEAR, LAST_YEAR = 1900, 2030  # IGRF-14
+DAY_S = 86400.0
+NODE_SPACING_S = 30 * DAY_S  # the field is linear in time within an epoch of five years
+DISAGREEMENT_DEG, APPLIED_DISAGREEMENT_DEG = 1.0, 2.0  # an instrument may be set up by a chart some years old
+RECOGNISED_DEG, RECOGNISED_SHARE = 0.5, 0.05  # of a mistake, from what it would give
+RADIUS_KM = 6371.2  # of the sphere that the coefficients belong to
+EQUATOR_KM, FLATTENING = 6378.137, 1.0 / 298.257223563  # WGS84
+NEAREST_POLE = 1e-9  # least sine of the colatitude: east has no meaning at the pole itself
+
+
+def igrf(latitude: float, longitude: float, time_s: ArrayLike) -> tuple[Floats, Floats, Floats]:
+    """Return declination (degrees east), horizontal and downward field (nT) at sea level.
+
+    Args:
+        time_s: UTC seconds since 1970, shape (k,).
+
+    Raises:
+        InputError: a date lies outside the model.
+    """
+    seconds = np.atleast_1d(np.asarray(time_s, dtype=float))
+    dates = [datetime.fromtimestamp(t, UTC).replace(tzinfo=None) for t in seconds[[0, -1]]]
+    for date in dates:
+        if not FIRST_YEAR <= date.year < LAST_YEAR:
+            raise InputError(
+                "earth's field",
+                expected=f"dates from {FIRST_YEAR} to {LAST_YEAR - 1}, which IGRF covers",
+                found=f"{date:%Y-%m-%d}",
+                advice="correct the dates, or write the declination in degrees: H and Z then are IGRF's last",
+            )
+    east, north, down = igrf_vector(latitude, longitude, seconds / DAY_S)
+    return angles.wrap180(angles.direction(east, north)), np.hypot(east, north), down
+
+
+def along_time(
+    latitude: float,
+    longitude: float,
+    start_s: float,
+    end_s: float,
+    declination: float | None = None,
+    applied: Mapping[str, float] | None = None,
+) -> EarthField:
+    """Return the field over a deployment; a given declination overrides the model's and is compared with it.
+
+    Args:
+        start_s: first instant, UTC seconds since 1970.
+        end_s: last instant, UTC seconds since 1970.
+        declination: degrees east from the metadata, or None for the model's.
+        applied: degrees that the files of instruments are said to hold already, by instrument.
+
+    Raises:
+        InputError: a date lies outside the model.
+    """
+    nodes = np.linspace(start_s, end_s, 2 + int((end_s - start_s) // NODE_SPACING_S))
+    covered = nodes if declination is None else covered_by_igrf(nodes)
+    model, horizontal, vertical = igrf(latitude, longitude, covered)
+    warnings = [
+        text
+        for name, degrees in (applied or {}).items()
+        for text in _disagreement(f"{name}: declination_applied", degrees, model, APPLIED_DISAGREEMENT_DEG)
+    ]
+    if declination is None:
+        return EarthField(nodes, model, horizontal, vertical, model, warnings=tuple(warnings))
+    return EarthField(
+        time_s=nodes,
+        declination_deg=np.full(nodes.shape, float(declination)),
+        horizontal_nT=horizontal,
+        vertical_nT=vertical,
+        model_declination_deg=model,
+        source="metadata",
+        warnings=(
+            *_disagreement("declination", declination, model, DISAGREEMENT_DEG),
+            *_beyond(covered, nodes),
+            *warnings,
+        ),
+    )
+
+
+def covered_by_igrf(time_s: ArrayLike) -> Floats:
+    """Return times, those that the model does not cover replaced by the nearest that it does, (k,).
+
+    Args:
+        time_s: UTC seconds since 1970.
+    """
+    ends = [datetime(year, 1, 1, tzinfo=UTC).timestamp() for year in (FIRST_YEAR, LAST_YEAR)]
+    return np.clip(np.atleast_1d(np.asarray(time_s, dtype=float)), ends[0], ends[1] - 1.0)
+
+
+def declination_at(field: EarthField, time_s: ArrayLike) -> Floats:
+    """Return the declination to use at given times, degrees east.
+
+    Args:
+        time_s: UTC seconds since 1970, shape (n,).
+    """
+    return np.interp(np.asarray(time_s, dtype=float), field.time_s, field.declination_deg)
+
+
+def dip_ratio(field: EarthField) -> float:
+    """Return Z/H, the mean over the deployment."""
+    return float(np.mean(field.vertical_nT / field.horizontal_nT))
+
+
+def from_json(content: Mapping[str, Any]) -> EarthField:
+    """Return the field that field.json holds."""
+    texts: dict[str, Any] = {"source": content["source"], "warnings": tuple(content["warnings"])}
+    series: dict[str, Any] = {key: np.array(value) for key, value in content.items() if key not in texts}
+    return EarthField(**series, **texts)
+
+
+def log_line(name: str, field: EarthField) -> str:
+    """Return the log line of the job that computes the field of a mooring."""
+    first, last = field.declination_deg[[0, -1]]
+    horizontal = field.horizontal_nT.mean()
+    line = f"{name}: declination {first:+.2f} to {last:+.2f} degrees ({field.source}), H {horizontal:.0f} nT"
+    return "\n".join([line, *(f"{name}: warning: {warning}" for warning in field.warnings)])
+
+
+def igrf_vector(latitude: float, longitude: float, days: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return the field to the east, north and down at sea level, (k,) nT each.
+
+    The potential's gradient in spherical coordinates (Alken et al., Earth Planets Space 73, 49, 2021, eq. 1), turned by
+    the angle between the sphere's vertical and the ellipsoid's.
+
+    Args:
+        latitude: degrees north, geodetic.
+        days: since 1970, within the model's years, (k,).
+    """
+    nodes, degree, order, values = _coefficients()
+    g_and_h = np.array([np.interp(days, nodes, row) for row in values])
+    latitude_there, radius_km = _on_the_sphere(latitude)
+    legendre, slope = _legendre(90.0 - latitude_there, int(degree.max()))
+    p, dp = legendre[degree, np.abs(order)], slope[degree, np.abs(order)]
+    sine, cosine = angles.sin_cos(np.abs(order) * longitude)
+    wave, turned = (np.where(order < 0, a, b) for a, b in ((sine, cosine), (cosine, -sine)))
+    fall = (RADIUS_KM / radius_km) ** (degree + 2)
+    across = max(float(angles.sin_cos(90.0 - latitude_there)[0]), NEAREST_POLE)
+    outward = ((degree + 1) * fall * p * wave) @ g_and_h
+    north = (fall * dp * wave) @ g_and_h
+    east = -(fall * np.abs(order) * p * turned / across) @ g_and_h
+    tilt_sine, tilt_cosine = angles.sin_cos(latitude - latitude_there)
+    return east, north * tilt_cosine - outward * tilt_sine, -outward * tilt_cosine - north * tilt_sine
+
+
+def _disagreement(name: str, degrees: float, model: Floats, tolerance_deg: float) -> list[str]:
+    """Say where a number is not the model's declination, and which mistake it looks like."""
+    off = angles.difference(degrees, model)
+    worst = float(off[np.argmax(np.abs(off))])
+    if abs(worst) <= tolerance_deg:
+        return []
+    return [
+        f"{name} {degrees:+.2f} degrees in the metadata is {worst:+.2f} degrees off IGRF ({model.mean():+.2f})"
+        f"{_mistake(degrees, float(model.mean()))}; check its sign, or write auto"
+    ]
+
+
+def _mistake(degrees: float, model: float) -> str:
+    """Return which mistake makes the one number of the other, or nothing."""
+    mistakes = {
+        ", which has the other sign": -model,
+        ", which it looks like in minutes of arc": 60.0 * model,
+        ", which it looks like in radians": model * angles.DEGREE,
+        ", of which it looks like the double": 2.0 * model,
+        ", of which it looks like the double with the other sign": -2.0 * model,
+    }
+    near = {
+        text: abs(degrees - value)
+        for text, value in mistakes.items()
+        if abs(degrees - value) <= max(RECOGNISED_DEG, RECOGNISED_SHARE * abs(value)) and abs(model) > RECOGNISED_DEG
+    }
+    return min(near, key=lambda text: near[text]) if near else ""
+
+
+def _beyond(covered: Floats, nodes: Floats) -> tuple[str, ...]:
+    if np.array_equal(covered, nodes):
+        return ()
+    return (f"IGRF ends with {LAST_YEAR - 1}: later H, Z and what the declination is held against are its last",)
+
+
+@cache
+def _coefficients() -> tuple[Floats, NDArray[np.intp], NDArray[np.intp], Floats]:
+    """Return days since 1970 of the epochs, degree and order (negative for sines) of each row, and the rows, nT."""
+    spec = find_spec("ppigrf")
+    folder = Path(str(spec.origin)).parent if spec else Path()
+    lines = (folder / "IGRF14.shc").read_text(encoding="ascii").splitlines()
+    numbers = [line.split() for line in lines if not line.startswith("#")][1:]
+    years = [f"{float(year):.0f}-01-01" for year in numbers[0]]
+    nodes = np.array(years, dtype="datetime64[D]").astype(float)
+    rows = np.array(numbers[1:], dtype=float)
+    return nodes, rows[:, 0].astype(int), rows[:, 1].astype(int), rows[:, 2:]
+
+
+def _on_the_sphere(latitude: float) -> tuple[float, float]:
+    """Return geocentric latitude (degrees) and distance from the centre (km) of a place on the ellipsoid."""
+    sine, cosine = angles.sin_cos(latitude)
+    squashed = (1.0 - FLATTENING) ** 2
+    normal = EQUATOR_KM / np.sqrt(cosine**2 + squashed * sine**2)
+    outward, upward = normal * cosine, normal * squashed * sine
+    return 90.0 - float(angles.direction(outward, upward)), float(np.hypot(outward, upward))
+
+
+def _legendre(colatitude_deg: float, degrees: int) -> tuple[Floats, Floats]:
+    """Return Schmidt's quasi-normalised functions and their derivatives by the colatitude, (degrees + 1,) * 2 each.
+
+    Recursions of Langel (in Jacobs, Geomagnetism, vol. 1, 1987, eq. 27).
+    """
+    s, c = angles.sin_cos(colatitude_deg)
+    p, dp = np.zeros((2, degrees + 1, degrees + 1))
+    p[0, 0] = 1.0
+    for n in range(1, degrees + 1):
+        step = np.sqrt(1.0 - 0.5 / n) if n > 1 else 1.0
+        p[n, n], dp[n, n] = step * s * p[n - 1, n - 1], step * (s * dp[n - 1, n - 1] + c * p[n - 1, n - 1])
+        m = np.arange(n)
+        root, before = np.sqrt(n**2 - m**2), np.sqrt((n - 1.0) ** 2 - m**2)
+        older = np.array([p[n - 2, :n], dp[n - 2, :n]]) if n > 1 else np.zeros((2, n))
+        p[n, :n] = ((2 * n - 1) * c * p[n - 1, :n] - before * older[0]) / root
+        dp[n, :n] = ((2 * n - 1) * (c * dp[n - 1, :n] - s * p[n - 1, :n]) - before * older[1]) / root
+    return p, dp

@@ -1,0 +1,353 @@
+"""What was logged beside the headings, as the search may use it; never anything derived from the lower direction alone.
+
+A regressor built from the lower direction shares its noise with the residual and alarms in every record.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib import angles
+from compasslib.deviation import model
+from compasslib.effects.term import DAY_S, HOUR_S
+from compasslib.inference import stuck
+from compasslib.preparation import overlap
+from compasslib.records import MAGNETOMETER, Pairs, Record
+from compasslib.types import Floats
+
+FEWEST_VALUES = 5  # different values below which a covariate says nothing
+OBSERVATORY = ("declination_observatory", "horizontal_observatory")
+INDICES = ("ap", "kp")  # of storms: how far magnetic north swings, and never whereto, so that they drive nothing
+LISTED = ("temperature", "supply_voltage", "depth", "speed", *OBSERVATORY, *INDICES, *stuck.LEANS)  # else: a channel
+QUIET = (*OBSERVATORY, *stuck.LEANS)  # departures: what is missing counts as none
+FROM_ZERO = stuck.LEANS  # departures whose zero means something
+BATTERY_JUMP = 0.3  # of its whole range: a supply voltage that rises by more within a day was given a new battery
+FEWEST_AROUND = 100  # samples that tell the weights
+SHEARING = 6  # samples to either side over which water shears and instruments' own noise averages out
+AROUND = (2, 3, 4, 5, 6, 7)  # samples before and after; the nearest may share the residual's noise
+FAINTEST = 0.03  # of the harmonics' largest combination: what an arc of flow hardly tells apart is not scaled up
+CLIPPED_RAD = 0.6  # of the angle between two directions, for its memory: slow water may point anywhere
+FLOW = ("flow_east", "flow_north", "flow_sine2", "flow_cosine2")
+# ap of every third of Kp, from 0 to 9 (Bartels 1957)
+AP_OF_KP = np.array([
+    0, 2, 3, 4, 5, 6, 7, 9, 12, 15, 18, 22, 27, 32, 39, 48, 56, 67, 80, 94, 111, 132, 154, 179, 207, 236, 300, 400.0
+])  # fmt: skip
+HIGHEST_KP = 9.0  # of its scale
+SPEED_SPAN_S, SLOWEST_M_S = 6 * 3600.0, 0.03  # of the speed by which a constant velocity turns a direction
+NEIGHBOUR_S = 1.5 * HOUR_S  # neighbours farther apart say nothing of a rate
+
+
+def logged(record: Record, observatory_files: Sequence[str], at: Pairs | None = None) -> dict[str, Floats]:
+    """Return the series beside heading and tilt, those that hold anything, (n,) each.
+
+    Args:
+        record: the affected instrument.
+        observatory_files: IAGA-2002 files of one observatory, perhaps none.
+        at: overlaps at whose times they are wanted; at every sample of the record where absent.
+
+    Raises:
+        InputError: an observatory's file cannot be read.
+    """
+    velocity, _ = overlap.near_bins(record, np.zeros(len(record.time_s)), stuck.NEAR_CELLS)
+    series = {
+        "temperature": record.temperature_c,
+        "supply_voltage": record.supply_voltage,
+        "depth": record.depth_m,
+        "speed": np.abs(velocity),
+        **{name: channel for name, channel in record.channels.items() if name not in MAGNETOMETER},
+    } | stuck.leans(record)
+    if observatory_files:
+        from compasslib import observatory  # only where one is named
+
+        series |= zip(OBSERVATORY, observatory.covariates(observatory_files, record.time_s), strict=True)
+    where = slice(None) if at is None else np.searchsorted(record.time_s, at.time_s)
+    return {name: column[where] for name, column in series.items() if np.isfinite(column).any()}
+
+
+def of_pairs(pairs: Pairs, logged: Mapping[str, Floats]) -> dict[str, Floats]:
+    """Return the covariates along which the residual is looked at, (n,) each; constants are left out.
+
+    Args:
+        logged: other series at their times, as ``temperature`` and ``supply_voltage``, (n,) each.
+    """
+    upper, _ = model.speeds(pairs)
+    every = {
+        "heading": pairs.heading_deg,
+        "time": pairs.time_s,
+        "pitch": pairs.pitch_deg,
+        "roll": pairs.roll_deg,
+        "depth": pairs.upper_depth_m,
+        "separation": pairs.lower_depth_m - pairs.upper_depth_m,
+        "speed": upper,
+        "hour_of_day": angles.wrap360(360.0 * (pairs.time_s / DAY_S)) / 15.0,
+    } | {
+        name: np.nan_to_num(column) if name in QUIET else as_used(name, column, pairs.time_s)
+        for name, column in logged.items()
+    }
+    if pairs.lower_heading_deg is not None:
+        every["reference_heading"] = pairs.lower_heading_deg
+    return {name: filled(column) for name, column in every.items() if varies(column)}
+
+
+def references(columns: Mapping[str, Floats]) -> dict[str, float]:
+    """Return what the departures of covariates count from, by name: their means, but for what is a departure itself.
+
+    Args:
+        columns: covariates, (n,) each.
+    """
+    means = {name: 0.0 if name in FROM_ZERO else float(np.mean(column)) for name, column in columns.items()}
+    leans = [columns[name] for name in ("pitch", "roll") if name in columns]
+    return means | ({"tilt": float(np.mean(np.hypot.reduce(leans)))} if leans else {})
+
+
+def as_used(name: str, column: Floats, time_s: Floats) -> Floats:
+    """Return a logged series as the search uses it: a supply voltage as its mean of a day, (n,).
+
+    Batteries change within days; what is faster is mostly the converter's count, and would hide that a voltage falls as
+    evenly as time goes.
+
+    Args:
+        column: (n,), NaN where missing.
+    """
+    return running(column, time_s, DAY_S) if name == "supply_voltage" and len(column) else column
+
+
+def running(column: Floats, time_s: Floats, span_s: float) -> Floats:
+    """Return the mean of a series over a span around each sample, (n,).
+
+    Args:
+        column: (n,), NaN where missing.
+        span_s: length of the span, seconds.
+    """
+    first, last = (np.searchsorted(time_s, time_s + half, "left") for half in (-span_s / 2.0, span_s / 2.0))
+    total, count = (
+        np.concatenate([[0.0], np.cumsum(x)]) for x in (np.nan_to_num(column), np.isfinite(column).astype(float))
+    )
+    known = count[last] - count[first]
+    return np.asarray(np.where(known > 0.0, (total[last] - total[first]) / np.maximum(known, 1.0), np.nan))
+
+
+def varies(column: Floats) -> bool:
+    """Tell whether a covariate is there for most samples and takes more than a few values.
+
+    Args:
+        column: (n,), NaN where missing.
+    """
+    known = column[np.isfinite(column)]
+    return 2 * len(known) > len(column) and len(np.unique(known)) >= FEWEST_VALUES
+
+
+def filled(column: Floats) -> Floats:
+    """Return a covariate with what is missing set to its middle value, which says nothing.
+
+    Args:
+        column: (n,), NaN where missing.
+    """
+    return np.where(np.isfinite(column), column, np.nanmedian(column))
+
+
+def departures(
+    pairs: Pairs, covariates: Mapping[str, Floats], references: Mapping[str, float], heading_deg: Floats
+) -> dict[str, Floats]:
+    """Return what the terms need: covariates minus their references, and rates, (n,) each.
+
+    Args:
+        covariates: as ``of_pairs`` gives them.
+        references: what is taken off, by name.
+        heading_deg: headings as the fit corrects them, (n,), degrees; NaN where it cannot.
+    """
+    result = {name: column - references.get(name, 0.0) for name, column in covariates.items()}
+    result["turn_rate"] = rate(pairs.heading_deg, pairs.time_s)
+    result |= _of_flow(pairs, np.nan_to_num(angles.difference(heading_deg, pairs.heading_deg)))
+    if "flow_east" in result:
+        upper, lower = (running(speed, pairs.time_s, SPEED_SPAN_S) for speed in model.speeds(pairs))
+        own = np.where(np.isfinite(heading_deg), heading_deg, pairs.heading_deg) + pairs.declination_deg
+        result |= _in_body(own, upper, result, "body")
+        if "reference_heading" in covariates:
+            result |= _in_body(covariates["reference_heading"] + pairs.declination_deg, lower, result, "reference")
+    if "reference_heading" in covariates:
+        for name, wave in zip(("sine", "cosine"), angles.sin_cos(covariates["reference_heading"]), strict=True):
+            result[f"reference_{name}"] = wave - wave.mean()
+    if (index := storm_index(covariates)) is not None:
+        result["storm_index"] = index
+    if "pitch" in result or "roll" in result:
+        result["tilt"] = np.hypot.reduce([covariates[x] for x in ("pitch", "roll") if x in covariates])
+        result["tilt"] = result["tilt"] - references["tilt"]
+    if "supply_voltage" in covariates:
+        number = battery_number(covariates["supply_voltage"])
+        if number[-1] > 0:
+            result["battery_number"] = number
+    return result
+
+
+def storm_index(covariates: Mapping[str, Floats]) -> Floats | None:
+    """Return the index ap of storms that was given, or as a given Kp has it; None where neither was, (n,).
+
+    Args:
+        covariates: by name, of which ``ap`` and ``kp`` count; tenths of Kp are known by values beyond its highest.
+    """
+    if "ap" in covariates:
+        return np.maximum(covariates["ap"], 0.0)
+    if "kp" not in covariates:
+        return None
+    kp = covariates["kp"] / (10.0 if covariates["kp"].max() > HIGHEST_KP else 1.0)
+    return np.interp(3.0 * kp, np.arange(len(AP_OF_KP)), AP_OF_KP)
+
+
+def rate(angle_deg: Floats, time_s: Floats) -> Floats:
+    """Return the rate of turn between the neighbours of each sample, (n,) degrees/s, 0 where they are too far.
+
+    Args:
+        angle_deg: (n,), degrees.
+    """
+    turn, apart = angles.difference(angle_deg[2:], angle_deg[:-2]), time_s[2:] - time_s[:-2]
+    result = np.zeros(len(time_s))
+    result[1:-1] = np.where(apart <= 2.0 * NEIGHBOUR_S, turn / apart, 0.0)
+    return result
+
+
+def battery_number(voltage: Floats) -> Floats:
+    """Return how many batteries were put in since the first, (n,): each makes the voltage rise and stay.
+
+    Args:
+        voltage: (n,), any unit.
+    """
+    window = min(24, len(voltage) // 8)
+    if window == 0:
+        return np.zeros(len(voltage))
+    smooth = np.median(np.lib.stride_tricks.sliding_window_view(voltage, window), axis=1)
+    rise = smooth[window:] - smooth[:-window]
+    least = BATTERY_JUMP * np.ptp(voltage)
+    number, last = np.zeros(len(voltage)), -len(voltage)
+    for at in np.flatnonzero((rise > least) & (rise >= _largest_near(rise, window))):
+        if at - last > window:  # whole counts rise alike from several neighbours: one battery all the same
+            number[at + window :] += 1.0
+        last = int(at)
+    return number
+
+
+def _largest_near(x: Floats, reach: int) -> Floats:
+    padded = np.pad(x, reach, constant_values=-np.inf)
+    return np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1).max(axis=1)
+
+
+def _of_flow(pairs: Pairs, deviation_deg: Floats) -> dict[str, Floats]:
+    """Return the flow's direction as the hours around tell it, and the turn of the mooring's excursion.
+
+    The noise of either instrument's direction is in the residual too. In the middle between them what shears over hours
+    cancels, in their mean weighted by what each one's own noise is what changes from sample to sample; and the noise of
+    the hours around is hardly in what the residual's filter leaves. What the hours around tell is less than what the
+    water does: it is scaled by how the direction follows it, as the first of two stages of least squares, so that a
+    veer by direction keeps its size.
+    """
+    upper = _complex(*angles.turn(pairs.upper_east, pairs.upper_north, deviation_deg))
+    lower = _complex(pairs.lower_east, pairs.lower_north)
+    share = _share_of_upper(upper, lower)
+    apart = upper - lower
+    both = (upper + lower) / 2.0 + (share - 0.5) * (apart - _smooth(apart))
+    around = _as_around(both, pairs.time_s)
+    memory = _memory(upper * np.conj(lower))
+    predicted = _predicted(_harmonics(both), _harmonics(around), memory)
+    lean = np.abs(upper) * upper
+    moved = np.zeros(len(pairs), dtype=complex)
+    span_s = pairs.time_s[2:] - pairs.time_s[:-2]
+    moved[1:-1] = np.where(span_s <= 2.0 * NEIGHBOUR_S, (lean[2:] - lean[:-2]) / span_s, 0.0)
+    across = -np.imag(moved * np.conj(upper)) / np.maximum(np.abs(upper), 0.02) ** 2 / angles.DEGREE
+    result = {"excursion_turn": across, "flow_turn": _turning(both, pairs.time_s)}
+    if np.any(predicted):
+        result |= dict(zip(FLOW, predicted.T, strict=True))
+    return result
+
+
+def _in_body(heading_deg: Floats, speed: Floats, of_flow: Mapping[str, Floats], whose: str) -> dict[str, Floats]:
+    """Return sine and cosine of the flow's angle in an instrument's body over its speed, and the sine of twice it.
+
+    Args:
+        heading_deg: to true north, (n,).
+        speed: as that instrument measured it, mean of some hours, (n,) m/s.
+        of_flow: the flow's direction as the hours around tell it.
+        whose: what the names begin with.
+    """
+    (sine, cosine), (sine2, cosine2) = (angles.sin_cos(k * heading_deg) for k in (1.0, 2.0))
+    east, north, flow_sine2, flow_cosine2 = (of_flow[name] for name in FLOW)
+    slow = np.maximum(speed, SLOWEST_M_S)
+    return {
+        f"{whose}_flow_sine": (east * cosine - north * sine) / slow,
+        f"{whose}_flow_cosine": (north * cosine + east * sine) / slow,
+        f"{whose}_flow_sine2": flow_sine2 * cosine2 - flow_cosine2 * sine2,
+    }
+
+
+def _smooth(flow: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    """Return the mean of the samples around each, fewer at the ends."""
+    reach = min(len(flow), 2 * SHEARING + 1)
+    return np.convolve(flow, np.ones(reach), "same") / np.convolve(np.ones(len(flow)), np.ones(reach), "same")
+
+
+def _harmonics(flow: NDArray[np.complex128]) -> Floats:
+    """Return sine and cosine of the flow's direction and of its double, (n, 4); 0 where it does not flow."""
+    size = np.abs(flow)
+    unit = np.where(size > 0.0, flow / np.where(size > 0.0, size, 1.0), 0.0)
+    return np.column_stack([unit.real, unit.imag, (unit**2).imag, -(unit**2).real])
+
+
+def _predicted(seen: Floats, around: Floats, memory: float) -> Floats:
+    """Return what the hours around tell of each harmonic that is seen, the residual's memory filtered out, (n, k)."""
+    x, z = (series[1:] - memory * series[:-1] for series in (seen, around))
+    known = np.any(around[1:], axis=1) & np.any(around[:-1], axis=1)
+    if not known.any():
+        return around
+    x, z = (series[known] - series[known].mean(axis=0) for series in (x, z))
+    shares, *_ = np.linalg.lstsq(z, x, rcond=FAINTEST)
+    told = around @ shares
+    return np.asarray(told + (np.mean(seen, axis=0) - np.mean(told, axis=0)))
+
+
+def _memory(product: NDArray[np.complex128]) -> float:
+    """Return the correlation of neighbours of the angle between the two directions."""
+    angle = np.clip(np.angle(product), -CLIPPED_RAD, CLIPPED_RAD)
+    angle = angle - angle.mean()
+    return float(np.clip(angle[1:] @ angle[:-1] / max(float(angle @ angle), 1e-12), 0.0, 1.0))
+
+
+def _share_of_upper(upper: NDArray[np.complex128], lower: NDArray[np.complex128]) -> float:
+    """Return the upper's weight in the mean whose noise the difference does not know: the lower's share of the noise.
+
+    Second differences of either series hold its own noise and what both have in common.
+    """
+    a, b = np.diff(upper, 2), np.diff(lower, 2)
+    common = float(np.real(np.mean(a * np.conj(b))))
+    own = [max(float(np.mean(np.abs(x) ** 2)) - common, 0.0) for x in (a, b)]
+    return own[1] / max(sum(own), 1e-12)
+
+
+def _turning(flow: NDArray[np.complex128], time_s: Floats) -> Floats:
+    """Return the rate at which the flow turns, from a straight line through five samples, degrees/h, 0 at gaps."""
+    result = np.zeros(len(flow))
+    five = np.lib.stride_tricks.sliding_window_view(flow, 5)
+    hours = np.lib.stride_tricks.sliding_window_view(time_s, 5) / HOUR_S
+    away = hours - hours.mean(axis=1, keepdims=True)
+    slope, middle = np.sum(away * five, axis=1) / np.sum(away**2, axis=1), five.mean(axis=1)
+    turn = -np.imag(slope * np.conj(middle)) / np.maximum(np.abs(middle), 0.02) ** 2 / angles.DEGREE
+    result[2:-2] = np.where(np.ptp(hours, axis=1) <= 4.5, turn, 0.0)
+    return result
+
+
+def _as_around(flow: NDArray[np.complex128], time_s: Floats) -> NDArray[np.complex128]:
+    """Return what samples some hours before and after tell of the flow, by least squares; 0 where they are missing."""
+    result, most = np.zeros(len(flow), dtype=complex), AROUND[-1]
+    inside = np.arange(most, len(flow) - most)
+    inside = inside[time_s[inside + most] - time_s[inside - most] <= (2 * most + 0.5) * HOUR_S]
+    if len(inside) > FEWEST_AROUND:
+        others = [flow[inside + side * apart] for apart in AROUND for side in (-1, 1)]
+        columns = np.column_stack([*others, np.ones(len(inside))])
+        weights, *_ = np.linalg.lstsq(columns, flow[inside], rcond=None)
+        result[inside] = columns @ weights
+    return result
+
+
+def _complex(east: Floats, north: Floats) -> NDArray[np.complex128]:
+    return np.asarray(east + 1j * north)

@@ -1,0 +1,358 @@
+"""What to measure next: the chance that an observation would leave one name.
+
+An observation is some further rows of the linear model in which the hypotheses were weighed. What it would show is
+drawn from each hypothesis by its probability, and the hypotheses are weighed anew with it (preposterior analysis;
+Raiffa and Schlaifer, Applied Statistical Decision Theory, 1961).
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_solve, cholesky, solve_triangular
+
+from compasslib.effects import Scene, Term, composition
+from compasslib.effects.term import DAY_S
+from compasslib.inference import inference
+from compasslib.inference.baseline import State
+from compasslib.inference.evidence import ANYTHING
+from compasslib.inference.inference import Inference
+from compasslib.inference.posterior import MOST_TERMS, SURE, Hypothesis
+from compasslib.types import Floats
+
+LEAST, MOST = 0.002, 40  # probability of the hypotheses that are weighed, and how many
+DRAWS, SEED = 400, 7  # a probability of a half within 2.5 %
+COURSES, SWUNG_DEG = 24, 1.0  # headings of a swing, and the error of each
+STRENGTH_NT, STRENGTH_S = 50.0, DAY_S  # error of a field strength, the earth's own changes with it, and its memory
+SOFT_NT = 100.0  # a unit of what constant soft iron makes
+TREND = 0.9  # correlation with time from which a series is taken to go on as it did
+SHARED = 0.5  # of a pair's noise: the affected instrument's own, which a second reference sees alike
+
+
+@dataclass(frozen=True)
+class Rows:
+    """What an observation adds to the linear model, in units of its noise; m rows."""
+
+    known: Floats  # (m, p + q + b) by candidates, slow water and base of the recording
+    free: Floats  # (m, f) by what it brings of its own
+    precision: Floats  # (f,) of that beforehand
+
+    @property
+    def information(self) -> Floats:
+        """What it tells of the recording's unknowns, (p + q + b, p + q + b)."""
+        cross = self.free.T @ self.known
+        own = self.free.T @ self.free + np.diag(self.precision)
+        return self.known.T @ self.known - cross.T @ np.linalg.solve(own, cross)
+
+
+@dataclass(frozen=True)
+class Model:
+    """The linear model of a recording: candidates of the likely hypotheses, slow water, compass and nuisances."""
+
+    state: State  # for slopes
+    view: State  # for whitening
+    scale: float  # that makes whitened columns those of noise of unit variance
+    terms: list[Term]
+    ends: NDArray[np.intp]  # of each term's columns
+    usual: Floats  # (p,)
+    rows: Floats  # (n, p + q + b)
+    slow: int  # columns of slow water
+    score: Floats  # (p + q + b,)
+
+    @property
+    def own(self) -> int:
+        """Columns of the candidates."""
+        return int(self.ends[-1])
+
+    def columns(self, scene: Scene, heading_deg: Floats) -> Floats:
+        """Return the candidates' slopes in another scene, in their usual sizes, (n, p) degrees."""
+        simulation = self.state.simulation
+        each = [composition.beside(simulation, scene, heading_deg, term) for term in self.terms]
+        return np.nan_to_num(np.concatenate(each, axis=1)) * self.usual
+
+    def of_terms(self, chosen: Sequence[bool]) -> NDArray[np.bool_]:
+        """Return which of the candidates' columns belong to some terms, (p,)."""
+        return np.repeat(np.asarray(chosen, dtype=bool), np.diff(self.ends))
+
+
+@dataclass(frozen=True)
+class Prospects:
+    """What could be observed, and the likely hypotheses with what the recording tells of their unknowns."""
+
+    model: Model
+    weighed: _Weighed
+    names: list[tuple[str, ...]]  # effects of each hypothesis
+    probability: Floats  # (h,) of each now
+    observations: dict[str, Rows]
+
+    def chance(self, what: str) -> float:
+        """Return the probability that an observation leaves one name."""
+        return self.weighed.decided(self.observations[what], self.names, self.probability)
+
+    def after(self, what: str, seen: Floats) -> float:
+        """Tell by 1 or 0 whether an observation that was made left one name.
+
+        Args:
+            seen: observed minus foretold by the compass that was refitted without terms, in units of its noise, (m,).
+        """
+        rows = self.observations[what]
+        own = rows.free.T @ rows.free + np.diag(rows.precision)
+        pulled = rows.known.T @ seen - (rows.free.T @ rows.known).T @ np.linalg.solve(own, rows.free.T @ seen)
+        return _one_name(self.names, self.weighed.updated(rows.information, pulled[:, None], self.probability))
+
+
+def of(found: Inference) -> tuple[tuple[str, float], ...]:
+    """Return observations and the probability that each leaves one name, the best first."""
+    if (ahead := prospects(found)) is None:
+        return ()
+    return tuple(sorted(((what, ahead.chance(what)) for what in ahead.observations), key=lambda one: -one[1]))
+
+
+def prospects(found: Inference) -> Prospects | None:
+    """Return what could be observed of a recording, None where there is nothing to tell apart."""
+    posterior = found.posterior
+    order = np.argsort(-posterior.probability)[:MOST]
+    kept = [int(i) for i in order if posterior.probability[i] >= LEAST]
+    hypotheses = [posterior.hypotheses[i] for i in kept]
+    numbers = sorted({k for one in hypotheses for k in one})
+    if posterior.candidates.slow is None or not numbers:
+        return None
+    model = _model(found, numbers)
+    water = found.posterior.water_of(found.chosen)
+    variance = np.zeros(model.slow) if water is None else posterior.candidates.slow.variances(water)
+    weighed = _Weighed(model, variance, [tuple(numbers.index(k) for k in one) for one in hypotheses])
+    probability = posterior.probability[kept] / posterior.probability[kept].sum()
+    names = [posterior.names[i] for i in kept]
+    return Prospects(model, weighed, names, probability, dict(_observations(model, variance)))
+
+
+def _model(found: Inference, numbers: Sequence[int]) -> Model:
+    candidates = found.posterior.candidates
+    view, half = inference.viewed(found.state)
+    groups = [candidates.groups[k] for k in numbers]
+    usual = np.concatenate([candidates.usual[candidates.parts[k]] for k in numbers])
+    assert candidates.slow is not None
+    own = np.concatenate([group.columns for group in groups], axis=1) * usual
+    even = np.sqrt(candidates.scatter * max((candidates.uneven[k] for k in found.chosen), default=1.0))
+    scale = 1.0 / view.sigma / even
+    every = np.nan_to_num(np.concatenate([own, candidates.slow.columns, view.base], axis=1))
+    rows = view.whitener(every) * view.response * scale
+    return Model(
+        state=half,
+        view=view,
+        scale=view.response * scale,
+        terms=[group.term for group in groups if group.term is not None],
+        ends=np.cumsum([0, *(group.columns.shape[1] for group in groups)]),
+        usual=usual,
+        rows=rows,
+        slow=candidates.slow.columns.shape[1],
+        score=rows.T @ (view.innovation * scale),
+    )
+
+
+def _observations(model: Model, variance: Floats) -> Iterator[tuple[str, Rows]]:
+    """Return what could be observed.
+
+    Args:
+        variance: of slow water's coefficients, (q,).
+    """
+    time_s = model.state.case.scene.time_s
+    days = float(np.ptp(time_s)) / DAY_S
+    yield f"another {days:.0f} days of the same mooring", _longer(model, variance)
+    yield "a second reference instrument at another depth, throughout", _second(model, variance)
+    yield f"a swing of {COURSES} headings after recovery, each to {SWUNG_DEG:.0f} degree", _swing(model)
+    if any(term.acts_on == "field" for term in model.terms):
+        yield f"the strength of the field logged beside the compass, to {STRENGTH_NT:.0f} nT", _strength(model)
+
+
+def _parts(model: Model) -> tuple[Floats, Floats, Floats]:
+    own, slow = model.own, model.own + model.slow
+    return model.rows[:, :own], model.rows[:, own:slow], model.rows[:, slow:]
+
+
+def _longer(model: Model, variance: Floats) -> Rows:
+    """As many pairs again, in water of their own that is as slow.
+
+    Headings and what was logged come back; what only rose or fell, as a battery does, goes on.
+    """
+    _, slow, base = _parts(model)
+    scene = model.state.case.scene
+    span = float(np.ptp(scene.time_s))
+    departures = {name: _continued(column, scene.time_s, span) for name, column in scene.departures.items()}
+    later = replace(scene, time_s=scene.time_s + span, departures=departures)
+    own = model.view.whitener(model.columns(later, model.state.heading_deg)) * model.scale
+    some = variance > 0.0
+    return Rows(np.concatenate([own, 0.0 * slow, base], axis=1), slow[:, some], 1.0 / variance[some])
+
+
+def _continued(column: Floats, time_s: Floats, span_s: float) -> Floats:
+    """Return what a series is expected to be a span later, (n,): the same, or further along if it is mostly a trend."""
+    spread = float(np.std(column))
+    if not spread:
+        return column
+    slope = float(np.cov(column, time_s, bias=True)[0, 1] / np.var(time_s))
+    return column + slope * span_s if abs(slope) * np.std(time_s) > TREND * spread else column
+
+
+def _second(model: Model, variance: Floats) -> Rows:
+    """As many pairs with water of another depth: of its noise that half is new which is not the affected instrument's.
+
+    What is known of that noise by the first reference is taken off: second minus a share of the first.
+    """
+    own, slow, base = _parts(model)
+    new = np.sqrt(1.0 - SHARED**2)
+    of_compass = model.of_terms([term.side in ("compass", "clock") for term in model.terms])
+    compass, nuisances = base[:, :5], base[:, 5:]
+    known = [own * np.where(of_compass, 1.0 - SHARED, -SHARED), -SHARED * slow]
+    known += [(1.0 - SHARED) * compass, -SHARED * nuisances]
+    some, veer = variance > 0.0, compass[:, :1]  # a constant veer looks like A
+    free = np.concatenate([slow[:, some], veer, nuisances], axis=1)
+    precision = np.concatenate([1.0 / variance[some], np.full(free.shape[1] - int(some.sum()), 1.0 / ANYTHING)])
+    return Rows(np.concatenate(known, axis=1) / new, free / new, precision)
+
+
+def _swing(model: Model) -> Rows:
+    """Headings all around on a level deck, with everything logged as usual; the mark on the mount may be off."""
+    scene, none = model.state.case.scene, np.zeros(COURSES)
+    deck = replace(
+        scene,
+        time_s=none + scene.time_s[-1],
+        horizontal_nT=none + float(np.mean(scene.horizontal_nT)),
+        vertical_nT=none + float(np.mean(scene.vertical_nT)),
+        pitch_deg=none,
+        roll_deg=none,
+        departures=dict.fromkeys(scene.departures, none),
+    )
+    heading = np.arange(COURSES) * 360.0 / COURSES
+    of_compass = model.of_terms([term.side == "compass" for term in model.terms])
+    own = model.columns(deck, heading) * of_compass
+    base = np.zeros((COURSES, model.rows.shape[1] - model.own))
+    base[:, model.slow : model.slow + 5] = composition.derivative(model.state.simulation, deck, heading)[:, :5]
+    known = np.concatenate([own, np.nan_to_num(base)], axis=1) / SWUNG_DEG
+    return Rows(known, np.ones((COURSES, 1)) / SWUNG_DEG, np.full(1, 1.0 / ANYTHING))
+
+
+def _strength(model: Model) -> Rows:
+    """The length of the field in the body; constant iron in all three axes is free, a heading tells only its ratios."""
+    scene, simulation = model.state.case.scene, model.state.simulation
+    heading = known_heading(model.state)
+    earth = composition.earth_in_body(scene, heading - composition.north(simulation, scene))
+
+    def sensed(*terms: Term) -> Floats:
+        return composition.sensed_field(replace(simulation, terms=(*terms, *simulation.terms)), scene, earth)
+
+    body, columns = sensed(), []
+    bare = np.linalg.norm(body, axis=1)
+    for term in model.terms:
+        moved = [term.values + step * unit for step, unit in zip(term.steps(), np.eye(len(term.steps())), strict=True)]
+        on_field = term.acts_on == "field"
+        columns += [
+            (np.linalg.norm(sensed(term.at(values)), axis=1) - bare) / step if on_field else 0.0 * bare
+            for values, step in zip(moved, term.steps(), strict=True)
+        ]
+    unit = strength_unit(scene.time_s)
+    rest = np.zeros((len(heading), model.rows.shape[1] - model.own))
+    hard = body / bare[:, None]
+    soft = [body[:, i] * hard[:, j] / SOFT_NT for i, j in itertools.combinations_with_replacement(range(3), 2)]
+    free = np.column_stack([hard, *soft]) * unit
+    known = np.concatenate([np.column_stack(columns) * model.usual * unit, rest], axis=1)
+    return Rows(known, free, np.full(free.shape[1], 1.0 / ANYTHING))
+
+
+def known_heading(state: State) -> Floats:
+    """Return the headings of a simulation, the recorded one where it has none, (n,) degrees."""
+    return np.where(np.isfinite(state.heading_deg), state.heading_deg, state.case.recorded_deg)
+
+
+def strength_unit(time_s: Floats) -> float:
+    """Return what makes a logged field strength one of noise of unit variance without memory, 1/nT."""
+    spacing = float(np.median(np.diff(time_s)))
+    return float(np.sqrt(min(spacing / (2.0 * STRENGTH_S), 1.0))) / STRENGTH_NT
+
+
+class _Weighed:
+    """Hypotheses with what the recording tells of their unknowns."""
+
+    def __init__(self, model: Model, variance: Floats, hypotheses: Sequence[Hypothesis]):
+        some = np.flatnonzero(variance > 0.0)
+        information = model.rows.T @ model.rows
+        rest = np.concatenate([model.own + some, np.arange(model.own + model.slow, len(information))])
+        known = np.full(len(rest), 0.0)
+        known[: len(some)] = 1.0 / variance[some]
+        known[len(some) :] = 1.0 / ANYTHING * np.diag(information)[rest[len(some) :]] + 1.0 / ANYTHING
+        self.score = model.score
+        self.index, self.precision = [], []
+        for one in hypotheses:
+            own = np.concatenate([np.zeros(0, dtype=int), *(np.arange(model.ends[k], model.ends[k + 1]) for k in one)])
+            at = np.concatenate([own, rest])
+            self.index.append(at)
+            self.precision.append(information[np.ix_(at, at)] + np.diag(np.concatenate([np.ones(len(own)), known])))
+
+    def decided(self, rows: Rows, names: Sequence[tuple[str, ...]], probability: Floats) -> float:
+        """Return the probability that an observation leaves one name.
+
+        Args:
+            names: effects of each hypothesis.
+            probability: of each now.
+        """
+        rng, told = np.random.default_rng(SEED), rows.information
+        values, vectors = np.linalg.eigh((told + told.T) / 2.0)
+        root = vectors * np.sqrt(np.maximum(values, 0.0))
+        true = rng.choice(len(names), DRAWS, p=probability)
+        shown = root @ rng.normal(size=(len(told), DRAWS))
+        for h in np.unique(true):
+            at, mine = self.index[h], np.flatnonzero(true == h)
+            lower = cholesky(self.precision[h], lower=True)
+            middle = cho_solve((lower, True), self.score[at])[:, None]
+            drawn = middle + solve_triangular(lower.T, rng.normal(size=(len(at), len(mine))))
+            shown[:, mine] += told[:, at] @ drawn
+        return _one_name(names, self.updated(told, shown, probability))
+
+    def updated(self, told: Floats, shown: Floats, probability: Floats) -> Floats:
+        """Return the probability of each hypothesis once something was shown, (h, d).
+
+        Args:
+            told: information of the observation.
+            shown: its pull on the recording's unknowns, (p + q + b, d).
+            probability: of each hypothesis before, (h,).
+        """
+        log = np.log(probability)[:, None] + np.array([self._gained(h, told, shown) for h in range(len(probability))])
+        after = np.exp(log - log.max(axis=0))
+        return np.asarray(after / after.sum(axis=0))
+
+    def _gained(self, h: int, told: Floats, shown: Floats) -> Floats:
+        """Return the log probability of what is shown under a hypothesis, up to a constant of what is shown, (d,)."""
+        at = self.index[h]
+        before = cholesky(self.precision[h], lower=True)
+        after = cholesky(self.precision[h] + told[np.ix_(at, at)], lower=True)
+        score = self.score[at]
+        pulled = solve_triangular(after, score[:, None] + shown[at], lower=True)
+        own = solve_triangular(before, score, lower=True)
+        volume = np.sum(np.log(np.diag(after))) - np.sum(np.log(np.diag(before)))
+        return np.asarray(0.5 * np.sum(pulled**2, axis=0) - 0.5 * own @ own - volume)
+
+
+def _one_name(names: Sequence[tuple[str, ...]], probability: Floats) -> float:
+    """Return how often each place that is filled has one sure name, or none is filled surely, as verdicts have it.
+
+    Args:
+        names: effects of each hypothesis.
+        probability: of each hypothesis in each draw, (h, d).
+    """
+    count = np.array([len(one) for one in names])
+    most = sum((probability[count >= k].sum(axis=0) > 0.5).astype(int) for k in range(1, MOST_TERMS + 1))
+    sets = list(dict.fromkeys(names))
+    each = np.array([probability[[other == one for other in names]].sum(axis=0) for one in sets])
+    chosen = np.argmax(np.where(np.array([len(one) for one in sets])[:, None] == most, each, -1.0), axis=0)
+    acting = {
+        effect: probability[[effect in one for one in names]].sum(axis=0)
+        for effect in {x for one in names for x in one}
+    }
+    sure = [
+        each[k] >= SURE if not one else np.all([acting[x] >= SURE for x in one], axis=0) for k, one in enumerate(sets)
+    ]
+    return float(np.mean(np.array(sure)[chosen, np.arange(probability.shape[1])]))

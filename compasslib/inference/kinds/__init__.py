@@ -1,0 +1,60 @@
+"""Recordings that are not moorings, held against their simulations; this table says which kinds there are."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from compasslib.threads import single_threaded
+
+if TYPE_CHECKING:  # the Snakefile needs the table only
+    from compasslib.inference.comparison import Options
+    from compasslib.inference.verdict import Diagnosis
+
+# Each module's diagnose(files, settings, options) returns the Diagnosis; a kind is imported only by its own job.
+KINDS: dict[str, str] = {
+    "platform": "compasslib.inference.kinds.platform",
+    "magnetometer": "compasslib.inference.kinds.magnetometer",
+    "swing": "compasslib.inference.kinds.swing",
+    "two_heads": "compasslib.inference.kinds.two_heads",
+    "declination": "compasslib.inference.kinds.declination",
+}
+DISABLED = "the search for unmodelled effects is switched off: diagnose: {enabled: false}"
+
+
+@single_threaded()
+def diagnose(
+    kind: str, files: Sequence[str | Path], settings: Mapping[str, Any], options: Options | None = None
+) -> Diagnosis:
+    """Return what a calibration's recording shows that its simulation does not hold.
+
+    Args:
+        files: raw files in the order of the YAML file.
+        settings: keys of the YAML file, settled or not.
+        options: what may be chosen; None where it is switched off.
+
+    Raises:
+        InputError: a file that cannot be read.
+    """
+    from compasslib import calibrations
+    from compasslib.inference import verdict
+
+    if options is None:
+        return verdict.insufficient(DISABLED)
+    made: Diagnosis = import_module(KINDS[kind]).diagnose(files, calibrations.settled(settings), options)
+    return made
+
+
+def chosen(settings: Mapping[str, Any]) -> Options | None:
+    """Return the options of a diagnosis, None where it is switched off.
+
+    Args:
+        settings: ``enabled``, ``apply`` and ``min_effect_deg`` of config.yaml.
+    """
+    from compasslib.inference.comparison import Options
+
+    if not settings["enabled"]:
+        return None
+    return Options(min_effect_deg=float(settings["min_effect_deg"]), apply=bool(settings["apply"]))

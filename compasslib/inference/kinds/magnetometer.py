@@ -1,0 +1,332 @@
+"""A magnetometer's log against an iron-free, level compass.
+
+Two comparisons. The logged heading against that of the axes as they stand shows what lies between them: levelling, iron
+taken off, a lag, a turned mount. The modulus of the axes against a constant shows iron, whatever heading was logged;
+its relative change times a radian is what iron does to a heading.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import savgol_filter
+
+from compasslib import angles, compass
+from compasslib.calibrations.magnetometer import choice as magnetometer_choice
+from compasslib.calibrations.magnetometer import counts, ellipsoid
+from compasslib.calibrations.magnetometer import log as magnetometer_log
+from compasslib.calibrations.magnetometer.choice import Choice
+from compasslib.calibrations.magnetometer.log import Log
+from compasslib.effects.iron import HardIron, HardIronStep, Heeling, TemperatureOfField, TemperatureOfReading
+from compasslib.effects.reading import HeadingSlip, Octantal, Sextantal
+from compasslib.effects.short import (
+    Delay,
+    Drift,
+    IronDrift,
+    LevelIron,
+    Levelled,
+    LevelSoftIron,
+    MountingOffset,
+    SoftIronInSpace,
+    moving,
+)
+from compasslib.effects.term import Scene, Term
+from compasslib.inference import covariates as covariates_of
+from compasslib.inference import diagnosis, verdict
+from compasslib.inference.comparison import Options
+from compasslib.inference.short_record import curve, outcome, search
+from compasslib.inference.short_record.channel import Channel, thinned
+from compasslib.inference.verdict import Diagnosis
+from compasslib.types import Floats
+
+LEVEL_TILT_DEG = 15.0  # of a log without tilts that still counts as level
+DELAYED_BY = (7, 3)  # readings and order of the polynomial through which a delay is looked up
+FEWEST_TURN_DEG = 5.0  # headings that vary less hold nothing against anything
+# How a logger levels and rounds is known to this: a 3D-ACM by its cosine rule, a Signature500 by the full rotation.
+RULE_DEG = 0.03
+NO_HEADING = "no heading was logged to hold that of the axes against"
+
+
+def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: Options) -> Diagnosis:
+    """Return what a magnetometer's log shows that an iron-free, level compass does not hold.
+
+    Args:
+        files: CSV files, or A files of a 3D-ACM.
+        settings: settled keys of the calibration's file.
+    """
+    log = counts.sound(magnetometer_log.read(files, settings))
+    return judge(log, field=settings.get("field"), options=options)
+
+
+def judge(log: Log, *, field: Mapping[str, float] | None, options: Options) -> Diagnosis:
+    """Return the diagnosis of a log.
+
+    Args:
+        field: the earth's field there, None where the place is unknown.
+    """
+    if len(log.raw) < magnetometer_log.FEWEST:
+        return verdict.insufficient(magnetometer_log.refusal(log))
+    choice, why_not = _choice(log)
+    axes, no_heading = _axes(log, choice)
+    missing = [("hard_iron", why_not)] if why_not else []
+    missing += [("tilt_uncompensated", "no tilts were logged")] if not log.tilted else []
+    missing += [("temperature", "no temperature that varies was logged")] if not warmed(log) else []
+    missing += [("compass_lag", no_heading)] if no_heading else []
+    if why_not and no_heading:
+        return verdict.insufficient(f"{why_not.rstrip('.')}, and {no_heading}", tuple(missing))
+    parts = []
+    if not why_not:
+        parts.append(_of_modulus(log, axes, choice, field))
+    if not no_heading:
+        parts.append(_of_heading(log, axes, field))
+    return diagnosis.of([outcome.of(search.search(part, options)) for part in parts], options, not_testable=missing)
+
+
+def _choice(log: Log) -> tuple[Choice, str]:
+    """Return the ellipsoid that the readings carry, or why their modulus says nothing of iron."""
+    if magnetometer_log.cosines(log):
+        return Choice(), magnetometer_log.COSINES
+    if why := magnetometer_log.refusal(log):
+        return Choice(why=why), why
+    choice = magnetometer_choice.choose(log, log.raw)
+    return choice, "" if choice.fitted is not None else choice.why
+
+
+def _axes(log: Log, choice: Choice) -> tuple[Floats, str]:
+    """Return how the axes stand, by the logged heading, and why it says nothing where it does not follow them.
+
+    A heading may have been freed of strong iron: the axes without it are tried too.
+    """
+    if log.heading_deg is None:
+        return np.eye(3), NO_HEADING
+    if angles.rms(angles.difference(log.heading_deg, float(angles.mean(log.heading_deg)))) < FEWEST_TURN_DEG:
+        return np.eye(3), f"the logged heading varies by less than {FEWEST_TURN_DEG:.0f} degrees rms"
+    tries = [magnetometer_log.best_axes(log)]
+    if choice.fitted is not None:
+        centre = choice.scale * choice.fitted.iron()[0][:3]
+        tries.append(magnetometer_log.best_axes(replace(log, raw=log.raw - centre)))
+    matrix, scatter, _ = min(tries, key=lambda one: one[1])
+    if scatter > magnetometer_log.MOST_SCATTER_DEG:
+        return matrix, f"the logged heading does not follow the axes (scatter {scatter:.0f} degrees)"
+    return matrix, ""
+
+
+def _of_heading(log: Log, axes: Floats, field: Mapping[str, float] | None) -> Channel:
+    body = log.raw @ axes.T
+    working, unit = _working(body, float(np.median(np.hypot(body[:, 0], body[:, 1]))), log, field)
+    simulated = angles.argument(body[:, 0] - 1j * body[:, 1])
+    scene, covariates, some, clocked = scene_of(log, simulated, body)
+    terms: tuple[type[Term], ...] = (MountingOffset, LevelIron, LevelSoftIron, Sextantal, Octantal, HeadingSlip, Drift)
+    if log.tilted:
+        terms = (Levelled, HardIron, *(term for term in terms if term is not LevelIron))
+    else:  # a tilt that was not logged takes any form along the heading
+        terms = (MountingOffset, LevelIron, HeadingSlip)
+    terms += (Delay,) if clocked else ()
+    terms += (TemperatureOfReading,) if warmed(log) else ()
+    unseen = {} if log.tilted else {term.name: ("tilt_uncompensated",) for term in terms if term is not Delay}
+    assert log.heading_deg is not None
+    return Channel(
+        what="the logged heading against that of the axes",
+        residual=OfHeading(working[some], log.heading_deg[some], scene),
+        start=np.zeros(0),
+        steps=np.zeros(0),
+        time_s=scene.time_s,
+        clocked=clocked,
+        terms=terms,
+        covariates=covariates,
+        rule_deg=RULE_DEG,
+        confused={**unseen, "mounting_offset": ("declination_error", *unseen.get("mounting_offset", ()))},
+        field_unit=unit,
+    )
+
+
+def _of_modulus(log: Log, axes: Floats, choice: Choice, field: Mapping[str, float] | None) -> Channel:
+    assert choice.readings is not None and choice.fitted is not None
+    body = log.raw @ axes.T
+    far = magnetometer_choice.far_off(choice)
+    if far.any():
+        log, body = log.take(~far), body[~far]
+    working, unit = _working(body, choice.scale, log, field, level=choice.level)
+    simulated = angles.argument(body[:, 0] - 1j * body[:, 1])
+    scene, covariates, some, clocked = scene_of(log, simulated, body)
+    level = choice.level
+    iron: tuple[type[Term], ...] = (LevelIron, LevelSoftIron) if level else (HardIron, SoftIronInSpace)
+    terms: tuple[type[Term], ...] = (*iron, HardIronStep, IronDrift)
+    terms += (TemperatureOfField,) if warmed(log) else ()
+    terms += (Heeling,) if level and log.tilted else ()
+    every = log.levelling()[:, 2, :] if level else np.zeros((len(working), 3))
+    down, strength = every[some], _strength(field, level)
+    wobble = tilt_wobble(log, working, every, strength)[some] if level and log.tilted else np.zeros((len(some), 0))
+    return Channel(
+        what="the modulus of the horizontal axes against a constant"
+        if level
+        else "the modulus of the axes against a constant",
+        residual=OfModulus(working[some], down, strength, scene, wobble),
+        start=np.zeros(1 + wobble.shape[1]),
+        steps=np.ones(1 + wobble.shape[1]),
+        time_s=scene.time_s,
+        clocked=clocked,
+        terms=terms,
+        reads=False,
+        covariates=covariates,
+        confused=dict.fromkeys(("hard_iron", "soft_iron"), _tilted_instead(log, choice, body, field)),
+        field_unit=unit,
+    )
+
+
+def _tilted_instead(log: Log, choice: Choice, body: Floats, field: Mapping[str, float] | None) -> tuple[str, ...]:
+    """Return tilt as what iron could also be where none was logged: a mean tilt in the vertical field, not too large.
+
+    A vertical field that is not known may be of any strength.
+    """
+    assert choice.fitted is not None
+    if not choice.level or log.tilted:
+        return ()
+    vertical = abs(float(body[:, 2].mean())) if log.has_z else 0.0
+    if not log.has_z and field is not None:
+        vertical = choice.scale * abs(field["vertical_nT"]) / field["horizontal_nT"]
+    hard = choice.scale * float(np.hypot(*choice.fitted.iron()[0][:2]))
+    needed = float(np.arctan2(hard, max(vertical, 1e-12))) / angles.DEGREE
+    return ("tilt_uncompensated",) if not vertical or needed < LEVEL_TILT_DEG else ()
+
+
+def _strength(field: Mapping[str, float] | None, level: bool) -> float:
+    if field is None:
+        return curve.PLACELESS_NT
+    return field["horizontal_nT"] if level else float(np.hypot(field["horizontal_nT"], field["vertical_nT"]))
+
+
+def _working(
+    body: Floats, scale: float, log: Log, field: Mapping[str, float] | None, *, level: bool = True
+) -> tuple[Floats, tuple[float, str]]:
+    """Return the readings scaled to nT, or near it where the earth's field is unknown, and the unit of iron."""
+    strength = _strength(field, level)
+    if field is not None and not magnetometer_log.cosines(log):
+        return body * (strength / scale), (1.0, "nT")
+    unit = "of the whole field" if magnetometer_log.cosines(log) else "in the file's unit"
+    return body * (strength / scale), (scale / strength, unit)
+
+
+# Forward models of a magnetometer's log: the heading of its axes and their modulus, with terms of physics between.
+
+MOST_SAMPLES = 2500  # seconds a search takes
+WOBBLE_SAMPLES = 31  # tilts faster than this are mostly accelerations
+
+
+@dataclass(frozen=True)
+class OfHeading:
+    """Logged heading minus that of the axes as they stand, taken through the terms."""
+
+    field_nT: Floats  # (n, 3) forward, starboard, down, scaled
+    logged_deg: Floats  # (n,)
+    scene: Scene
+
+    def __call__(self, base: Floats, terms: tuple[Term, ...]) -> Floats:
+        """Return observed minus simulated heading, (n,) degrees; iron is what the logged heading was freed of."""
+        field = self.field_nT
+        iron = [term for term in terms if term.acts_on == "field" and term.stage == "surroundings"]
+        field = freed(field, iron, self.scene)
+        for term in (term for term in terms if term.acts_on == "field" and term.stage == "sensor"):
+            field = term.act(field, self.scene)
+        reading = angles.argument(field[:, 0] - 1j * field[:, 1])
+        for term in (term for term in terms if term.acts_on == "reading"):
+            reading = term.act(reading, self.scene)
+        return angles.difference(self.logged_deg, reading)
+
+
+@dataclass(frozen=True)
+class OfModulus:
+    """The relative modulus of the axes, freed of iron, minus a constant, in degrees of what it does to a heading."""
+
+    field_nT: Floats  # (n, 3)
+    down: Floats  # (n, 3) zero in space
+    strength_nT: float
+    scene: Scene
+    wobble: Floats  # (n, k) what the noise of the tilt sensor makes of the modulus, a share of it
+
+    def __call__(self, base: Floats, terms: tuple[Term, ...]) -> Floats:
+        """Return observed minus simulated modulus, (n,) degrees; base begins with what the axes' scale is too large."""
+        scaled = self.field_nT * (1.0 - base[0] * angles.DEGREE)  # with it the iron is in the unit of the field
+        modulus = ellipsoid.modulus(freed(scaled, terms, self.scene), self.down)
+        return (modulus / self.strength_nT - 1.0) / angles.DEGREE - self.wobble @ base[1:]
+
+
+def freed(field_nT: Floats, terms: Sequence[Term], scene: Scene) -> Floats:
+    """Return the field without the iron that terms add: the inverse of their sum of a matrix and a vector.
+
+    Args:
+        field_nT: as read, (n, 3).
+        terms: that act on the field.
+    """
+    soft, zero = np.eye(3), np.zeros((len(field_nT), 3))
+    hard: Floats = np.zeros((len(field_nT), 3))
+    for term in terms:
+        none = term.act(zero, scene)
+        hard = hard + none
+        if term.name == "soft_iron":
+            soft = soft + np.stack([(term.act(zero + unit, scene) - unit)[0] for unit in np.eye(3)], axis=1)
+    return np.asarray((field_nT - hard) @ np.linalg.inv(soft).T)
+
+
+def warmed(log: Log) -> bool:
+    """Return whether a temperature that varies was logged."""
+    return log.temperature_c is not None and bool(np.isfinite(log.temperature_c).any() and np.nanstd(log.temperature_c))
+
+
+def tilt_wobble(log: Log, field_nT: Floats, down: Floats, strength_nT: float) -> Floats:
+    """Return what the fast part of each tilt does to the modulus, (n, 2) degrees.
+
+    Waves and handling accelerate the tilt sensor: what it then adds to the tilt stands in the modulus too.
+    """
+    modulus, pairs = ellipsoid.modulus(field_nT, down), ((1.0, 0.0), (0.0, 1.0))
+    assert log.pitch_deg is not None and log.roll_deg is not None
+    columns = []
+    for by_pitch, by_roll in pairs:
+        fast = by_pitch * _fast(log.pitch_deg) + by_roll * _fast(log.roll_deg)
+        moved = compass.levelling(log.pitch_deg + by_pitch * fast, log.roll_deg + by_roll * fast)[:, 2, :]
+        columns.append((ellipsoid.modulus(field_nT, moved) - modulus) / strength_nT / angles.DEGREE)
+    return np.stack(columns, axis=1)
+
+
+def _fast(x: Floats) -> Floats:
+    """Return a series without its running mean."""
+    span = min(WOBBLE_SAMPLES, len(x))
+    together = np.convolve(np.ones(len(x)), np.ones(span), "same")
+    return x - np.convolve(x, np.ones(span), "same") / together
+
+
+def scene_of(log: Log, simulated_deg: Floats, body: Floats) -> tuple[Scene, dict[str, Floats], NDArray[np.intp], bool]:
+    """Return in what the log was made and its covariates, thinned, which samples stay, and whether it has a clock."""
+    n = len(log.raw)
+    some = thinned(n, MOST_SAMPLES)
+    clocked = log.time_s is not None and bool(np.isfinite(log.time_s).all() and np.all(np.diff(log.time_s) > 0.0))
+    time_s = log.time_s if clocked and log.time_s is not None else np.arange(1.0, n + 1.0)
+    zero = np.zeros(n)
+    pitch, roll = (zero if tilt is None else tilt for tilt in (log.pitch_deg, log.roll_deg))
+    turned = np.cumsum(np.append(0.0, angles.difference(simulated_deg[1:], simulated_deg[:-1])))
+    rate = np.gradient(turned, time_s)
+    columns = {"heading": angles.wrap360(simulated_deg), "time" if clocked else "reading": time_s}
+    columns |= {"pitch": pitch, "roll": roll} if log.tilted else {}
+    columns |= {"turn_rate": rate} if clocked else {}
+    columns |= {"vertical_field": body[:, 2] / abs(body[:, 2].mean())} if log.has_z and body[:, 2].mean() else {}
+    if log.temperature_c is not None and warmed(log):
+        columns["temperature"] = covariates_of.filled(log.temperature_c)
+    columns = {name: column[some] for name, column in columns.items()}
+    departures = {name: column - column.mean() for name, column in columns.items() if name == "temperature"}
+    departures["turn_rate"] = rate[some]
+    one, at = np.ones(len(some)), time_s[some]
+    # A projection on cubics: whatever the delay, the difference of two of its values keeps the noise of the axes as it
+    # is. Between single readings it falls at half a step, and delays are drawn there.
+    smooth = savgol_filter(turned, *DELAYED_BY)
+
+    def ahead(seconds: float) -> Floats:
+        return np.interp(at + seconds, time_s, smooth) - smooth[some]
+
+    scene = moving(Scene(at, one, one, pitch[some], roll[some], float(time_s[0]), departures), ahead)
+    scene.__dict__["levelling"] = log.levelling()[some]  # by the log's own rule, where the cached property keeps it
+    return scene, columns, some, clocked

@@ -1,0 +1,229 @@
+"""A bench against the five-term series: whether the exact compass, or a harmonic, or a change half way, is missing.
+
+With fewer readings than a dozen headings the third and fourth harmonics cannot be proven: five coefficients and four
+more are nine, and noise needs some of its own. Then what is left is reported, and which headings to swing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib import angles, compass
+from compasslib.calibrations import curves, exact_curve, platform, series
+from compasslib.calibrations.exact_curve import EXACT
+from compasslib.calibrations.series import SMITH, FittedSeries, Points
+from compasslib.deviation import von_appen
+from compasslib.effects.composition import COMPASS_STEPS
+from compasslib.effects.iron import HardIronStep
+from compasslib.effects.reading import HeadingSlip, Octantal, Sextantal
+from compasslib.effects.short import Drift, IronDrift
+from compasslib.effects.term import Term
+from compasslib.inference import diagnosis, findings, show, verdict
+from compasslib.inference.comparison import Options
+from compasslib.inference.finding import Finding
+from compasslib.inference.short_record import curve, outcome, scan, search
+from compasslib.inference.short_record.channel import Channel
+from compasslib.inference.show import HeldOut
+from compasslib.inference.verdict import Diagnosis
+from compasslib.types import Floats
+
+FEWEST_HEADINGS = 12  # nine coefficients up to the fourth harmonic, and three degrees of freedom
+READOUT: tuple[type[Term], ...] = (Sextantal, Octantal, HeadingSlip, Drift)
+TERMS: tuple[type[Term], ...] = (*READOUT, HardIronStep, IronDrift)
+SWING = "swing 16 to 24 headings all round the circle"
+NO_CLOCK = "the readings carry no temperature, voltage or tilt"
+
+
+def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: Options) -> Diagnosis:
+    """Return what a bench shows that its fitted five-term series does not hold.
+
+    Args:
+        files: CSV files with reference and recorded headings.
+        settings: settled keys of the calibration's file.
+    """
+    made = platform.calibrate(files, settings)
+    if not len(made.points["recorded_deg"]):
+        return verdict.insufficient(made.why)
+    correct, recorded = made.points["reference_deg"], made.points["recorded_deg"]
+    return judge(correct, recorded, field=settings.get("field"), options=options, why=made.why)
+
+
+def judge(
+    correct_deg: Floats, recorded_deg: Floats, *, field: Mapping[str, float] | None, options: Options, why: str = ""
+) -> Diagnosis:
+    """Return the diagnosis of readings in the order in which they were taken.
+
+    Args:
+        correct_deg: directions of the bench, magnetic, (n,).
+        recorded_deg: what the compass showed, (n,).
+        field: the earth's field there, None where the place is unknown.
+        why: why no curve could be fitted, empty where one could.
+    """
+    headings = len(np.unique(np.round(angles.wrap360(correct_deg) / curves.SAME_HEADING_DEG)))
+    seen = series.points(recorded_deg, correct_deg)
+    if headings < FEWEST_HEADINGS:
+        return verdict.insufficient(too_few(headings, seen, why), _untested())
+    smith, exact = (series.fit(form, seen) for form in (SMITH, EXACT))
+    folds = isinstance(exact, FittedSeries) and isinstance(smith, str)
+    if not isinstance(exact, FittedSeries) and not isinstance(smith, FittedSeries):
+        return verdict.insufficient(why or f"no curve passes near the readings ({smith})", _untested())
+    first = too_large(seen, options.min_effect_deg, options.alarm) if isinstance(exact, FittedSeries) else []
+    by_series = not folds and not first and series_fits_better(seen)
+    channel = _channel(correct_deg, recorded_deg, field, exact if not by_series else None)
+    told = outcome.of(search.search(channel, options))
+    return diagnosis.of([told], options, beside=first, not_testable=_untested())
+
+
+def _channel(
+    correct_deg: Floats, recorded_deg: Floats, field: Mapping[str, float] | None, exact: FittedSeries | str | None
+) -> Channel:
+    number = np.arange(1.0, len(correct_deg) + 1.0)
+    scene, unit = curve.scene(number, field)
+    form: curve.Compass | curve.SmithSeries
+    if isinstance(exact, FittedSeries):
+        form, start, steps, terms = (
+            curve.Compass(correct_deg, recorded_deg, scene),
+            exact.coefficients,
+            COMPASS_STEPS,
+            TERMS,
+        )
+    else:
+        form, start, steps = curve.SmithSeries(correct_deg, recorded_deg, scene), np.zeros(5), np.ones(5)
+        terms = READOUT
+    return Channel(
+        what="the fitted curve against the bench",
+        residual=form,
+        start=start,
+        steps=steps,
+        time_s=number,
+        clocked=False,
+        terms=terms,
+        covariates={"heading": recorded_deg, "reading": number},
+        field_unit=unit,
+        independent=True,
+    )
+
+
+def too_few(headings: int, seen: Points, why: str = "") -> str:
+    """Return why readings at few headings prove nothing, and what to swing.
+
+    Args:
+        why: why no curve could be fitted, empty where one could.
+    """
+    if headings <= 5 or why:
+        return f"{why or f'{headings} headings determine no curve with anything to spare'}; {SWING}".replace(
+            f"{SWING}; {SWING}", SWING
+        )
+    left = angles.wrap180(seen.deviation_deg - von_appen.design(seen.recorded_deg) @ _five(seen))
+    sizes = {k: _harmonic(seen.recorded_deg, left, k) for k in (3, 4)}
+    return (
+        f"{headings} headings carry at most {headings} coefficients and five are the curve's: what those leave "
+        f"({angles.rms(left):.1f}° rms) is in the third ({sizes[3]:.1f}) and fourth harmonics "
+        f"({sizes[4]:.1f}° rms, each fitted alone), sextantal and octantal; neither can be tested; {SWING}"
+    )
+
+
+def _five(seen: Points) -> Floats:
+    return np.linalg.lstsq(von_appen.design(seen.recorded_deg), seen.deviation_deg, rcond=None)[0]
+
+
+def _harmonic(recorded_deg: Floats, left_deg: Floats, k: int) -> float:
+    """Return what one harmonic takes of a residual, the five terms refitted beside it, rms degrees."""
+    five, pair = von_appen.design(recorded_deg), np.column_stack(angles.sin_cos(k * recorded_deg))
+    after = (
+        left_deg
+        - np.column_stack([five, pair]) @ np.linalg.lstsq(np.column_stack([five, pair]), left_deg, rcond=1e-6)[0]
+    )
+    return float(np.sqrt(max(angles.rms(left_deg) ** 2 - angles.rms(after) ** 2, 0.0)))
+
+
+def _untested() -> tuple[tuple[str, str], ...]:
+    return tuple((effect, NO_CLOCK) for effect in ("temperature", "supply_voltage", "heeling"))
+
+
+# Whether a bench's deviation is too large for the five-term series: against the exact compass, which has five too.
+
+LEAST_SQUARES = 1e-12  # squared degrees: readings that a curve holds to the last digit prefer none
+CLEARLY = 6.0  # twice the log likelihood by which the series must be better to stand for the compass
+
+
+def too_large(seen: Points, min_effect_deg: float, alarm: float) -> list[Finding]:
+    """Return the finding that the exact compass fits where the series does not, or none.
+
+    The likelihood ratio is held against benches drawn from the series itself.
+
+    Args:
+        min_effect_deg: size below which the difference does not matter, rms.
+        alarm: probability of a name where the series holds.
+    """
+    left = _residuals(seen)
+    if left is None:
+        return []
+    size = angles.rms(left[0] - left[1])
+    if size < min_effect_deg or _probability(seen, _ratio(seen, left)) > alarm:
+        return []
+    proof = _held_out(seen, max(angles.rms(left[1]), 1e-3))
+    return [] if proof.refuted else [findings.large_deviation(size, proof, what="the five-term series")]
+
+
+def _held_out(seen: Points, scale_deg: float) -> HeldOut:
+    """Return the gain of the exact compass over the series on readings that neither was fitted to."""
+    fold, left = np.arange(len(seen)) % show.FOLDS, np.full((2, len(seen)), np.nan)
+    for k in range(show.FOLDS):
+        both = _residuals(seen, fold != k)
+        if both is not None:
+            left[:, fold == k] = np.stack(both)[:, fold == k]
+    known = np.isfinite(left).all(axis=0)
+    left = left[:, known]
+    squares = np.minimum(left**2, (10.0 * scale_deg) ** 2)
+    gains = (squares[0] - squares[1]) / (2.0 * scale_deg**2)
+    return show.judged(gains, np.flatnonzero(known), (angles.rms(left[0]), angles.rms(left[1])))
+
+
+def series_fits_better(seen: Points) -> bool:
+    """Tell whether the series stands for the compass better than the exact one does."""
+    left = _residuals(seen)
+    return left is None or _ratio(seen, left) < -CLEARLY
+
+
+def _residuals(seen: Points, fitted: NDArray[np.bool_] | None = None) -> tuple[Floats, Floats] | None:
+    """Return what the best series and the best exact compass (of some readings) leave of the correct heading, (n,)."""
+    some = (
+        seen if fitted is None else Points(seen.recorded_deg[fitted], seen.deviation_deg[fitted], seen.weight[fitted])
+    )
+    solved, five = exact_curve.solve(some), SMITH.solve(some)
+    if solved is None or five is None:
+        return None
+    by_series = angles.wrap180(seen.deviation_deg - von_appen.design(seen.recorded_deg) @ five.coefficients)
+    roots = compass.inverse(solved.coefficients, seen.recorded_deg)
+    off = angles.difference((seen.recorded_deg + seen.deviation_deg)[:, None], roots)
+    nearest = np.argmin(np.where(np.isfinite(off), np.abs(off), np.inf), axis=1)
+    by_exact = off[np.arange(len(off)), nearest]
+    slope = -1.0 / exact_curve.steepness(solved.coefficients, seen)
+    lost = slope * solved.residual_deg if fitted is None else np.full(len(seen), show.LOST_DEG)
+    return by_series, np.where(np.isfinite(by_exact), by_exact, lost)
+
+
+def _ratio(seen: Points, left: tuple[Floats, Floats]) -> float:
+    by_series, by_exact = (max(float(np.sum(each**2)), LEAST_SQUARES) for each in left)
+    return len(seen) * float(np.log(by_series / by_exact))
+
+
+def _probability(seen: Points, ratio: float) -> float:
+    """Return how often a bench that the series holds gives as large a ratio."""
+    solution, rng = SMITH.solve(seen), np.random.default_rng(7)
+    if solution is None:
+        return 1.0
+    scatter = float(np.sqrt(np.sum(solution.residual_deg**2) / (len(seen) - 5)))
+    drawn = 0
+    for _ in range(scan.REPEATS):
+        deviation = von_appen.design(seen.recorded_deg) @ solution.coefficients
+        again = series.Points(seen.recorded_deg, deviation + rng.normal(0.0, scatter, len(seen)), seen.weight)
+        left = _residuals(again)
+        drawn += left is not None and _ratio(again, left) >= ratio
+    return (drawn + 1) / (scan.REPEATS + 1)

@@ -1,0 +1,269 @@
+"""Two heads on one frame: b's heading against a's, rigidly turned.
+
+The clocks come first, and from the tilts, which have no compass in them. Then iron that only one of the heads feels
+(one and two cycles of the heading), and then the terms. Which head is wrong the difference cannot tell.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from compasslib import angles
+from compasslib.calibrations import heads
+from compasslib.calibrations.heads import clock as heads_clock
+from compasslib.calibrations.heads import frame as heads_frame
+from compasslib.calibrations.heads import motion
+from compasslib.calibrations.heads.clock import ClockDifference
+from compasslib.calibrations.heads.frame import Frame
+from compasslib.calibrations.heads.motion import Compared, Motion
+from compasslib.effects.composition import COMPASS_STEPS
+from compasslib.effects.iron import HardIronStep, Heeling
+from compasslib.effects.reading import HeadingSlip, Octantal, Sextantal
+from compasslib.effects.short import Delay, Drift, IronDrift, moving
+from compasslib.effects.term import Term
+from compasslib.errors import InputError
+from compasslib.inference import diagnosis, show, verdict, wording
+from compasslib.inference.comparison import Options
+from compasslib.inference.finding import Finding, Parameter, Where
+from compasslib.inference.short_record import curve, fitting, outcome, search
+from compasslib.inference.short_record.channel import Channel, thinned
+from compasslib.inference.short_record.search import NamedEffects
+from compasslib.inference.show import HeldOut
+from compasslib.inference.verdict import Diagnosis
+from compasslib.statistics import blocks, robust, whitening
+from compasslib.types import Floats
+
+TERMS: tuple[type[Term], ...] = (
+    Sextantal, Octantal, HeadingSlip, Drift, Delay, HardIronStep, IronDrift, Heeling,
+)  # fmt: skip
+LAGS_S = (-8.0, -4.0, -2.0, -1.0, 1.0, 2.0, 4.0, 8.0)  # where the fit of a lag begins: a swing has several minima
+MOST_SAMPLES = 2000  # seconds a search takes
+SURE_SIGMAS = 4.0  # named where noise alone does it 1 time in 16,000
+FARTHER_S = 86400.0  # clocks are looked for so far apart where the headings have nothing to do with each other
+IRON = {"hard_iron": (slice(1, 3), "BC"), "soft_iron": (slice(3, 5), "DE")}
+WHICH = "which of the two heads is wrong: a third compass, or a swing of either head"
+UNTESTED = (
+    ("declination_error", "a constant of either compass cannot be separated from the mounting angle"),
+    ("field_disturbance", "it acts on both compasses alike and cancels in their difference"),
+    ("secular_variation", "it acts on both compasses alike and cancels in their difference"),
+    ("temperature", "the heads' temperatures are those of the same water"),
+)
+
+
+@dataclass(frozen=True)
+class Aligned:
+    """Both heads, read at the same instants by the clocks as given, and as found."""
+
+    given: Compared
+    found: Compared
+    clock: ClockDifference  # beside what was given
+
+
+def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: Options) -> Diagnosis:
+    """Return what the difference of two heads shows that a rigid turn does not hold.
+
+    Args:
+        files: PD0 files of head a and of head b.
+        settings: settled keys of the calibration's file.
+
+    Raises:
+        InputError: not two files, or one that cannot be read.
+    """
+    if len(files) != heads.PAIR:
+        raise InputError("file", expected="two files", found=f"{len(files)}", advice="write file: [a.000, b.000]")
+    a, b = (heads.record(path, settings, k) for k, path in enumerate(files))
+    farthest = float(heads.given(settings, "max_clock_seconds", heads.FARTHEST_CLOCK_S))
+    start, end = settings.get("start_s"), settings.get("end_s")
+    known = float(heads.given(settings, "clock_offset_seconds", 0.0))
+    first = motion.motion(a, start, end)
+    reach = max(farthest, FARTHER_S)
+    window = [None if edge is None else edge + known + way * reach for edge, way in ((start, -1.0), (end, 1.0))]
+    second = motion.motion(b, *window)
+    second = replace(second, time_s=second.time_s - known)
+    if min(len(first.time_s), len(second.time_s)) < heads.FEWEST:
+        n = min(len(first.time_s), len(second.time_s))
+        return verdict.insufficient(f"a head has {n} usable samples, at least {heads.FEWEST} are needed", UNTESTED)
+    return judge(first, second, farthest_s=farthest, field=settings.get("field"), options=options)
+
+
+def judge(a: Motion, b: Motion, *, farthest_s: float, field: Mapping[str, float] | None, options: Options) -> Diagnosis:
+    """Return the diagnosis of two heads.
+
+    Args:
+        a: motion of one head by its own clock.
+        b: motion of the other, by its own clock freed of what is known of it.
+        farthest_s: greatest difference of the clocks that is looked for first.
+        field: the earth's field there, None where the place is unknown.
+    """
+    aligned = _aligned(a, b, farthest_s)
+    if len(aligned.found) < heads.FEWEST:
+        why = f"{len(aligned.found)} samples of both heads at the same time, at least {heads.FEWEST} are needed"
+        return verdict.insufficient(why, UNTESTED)
+    if (off := _scatter(aligned.found)) > heads.UNRELATED_DEG:
+        why = (
+            f"b's headings do not follow a's ({off:.0f}° rms about any turn), and no difference of the clocks "
+            "up to a day makes them: the heads do not stand on one frame, or did not measure together"
+        )
+        return verdict.insufficient(why, UNTESTED)
+    channel = _channel(aligned, a, field)
+    named = search.search(channel, options)
+    rigid = replace(channel, steps=channel.steps * (np.arange(5) == 0))
+    named = replace(named, before=fitting.fit(rigid, ()))
+    beside = [*_of_clock(aligned, options.min_effect_deg), *_of_iron(named, options.min_effect_deg)]
+    clock = () if aligned.clock.found else (("clock_offset", "headings and tilts hardly change together"),)
+    return diagnosis.of(
+        [outcome.of(named)],
+        options,
+        beside=beside,
+        not_testable=(*UNTESTED, *clock),
+        separated_by=WHICH,
+    )
+
+
+def _aligned(a: Motion, b: Motion, farthest_s: float) -> Aligned:
+    """Return both heads by the clocks; farther apart where the nearest agreement is none."""
+    given = heads.together(a, b, heads.given_clock(b, 0.0))
+    clock = heads_clock.find(a, b, farthest_s) if heads.overlap(a, b, farthest_s) else ClockDifference()
+    found = heads.together(a, b, clock)
+    if len(found) >= heads.FEWEST and _scatter(found) <= heads.UNRELATED_DEG:
+        return Aligned(given, found, clock)
+    farther = heads_clock.find(a, b, FARTHER_S)
+    again = heads.together(a, b, farther)
+    better = len(again) >= heads.FEWEST and _scatter(again) <= heads.UNRELATED_DEG
+    return Aligned(given, again, farther) if better else Aligned(given, found, clock)
+
+
+def _scatter(pairs: Compared) -> float:
+    """Return the rms of the difference about its mean, degrees."""
+    off = angles.difference(pairs.recorded_b, pairs.recorded_a)
+    return angles.rms(angles.difference(off, float(angles.mean(off))))
+
+
+def _turned(pairs: Compared) -> tuple[Floats, Frame]:
+    """Return the heading of b by a, turned by the middle difference."""
+    frame = heads_frame.fit(pairs.time_s, pairs.lean_a, pairs.lean_b)
+    offset = float(angles.mean(angles.difference(pairs.recorded_b, pairs.recorded_a)))
+    return heads.turned(pairs, offset, frame), frame
+
+
+def _channel(aligned: Aligned, a: Motion, field: Mapping[str, float] | None) -> Channel:
+    pairs = aligned.found
+    correct, _ = _turned(pairs)
+    some = thinned(len(pairs), MOST_SAMPLES)
+    pitch, roll = (tilt[some] for tilt in motion.tilts(pairs.lean_b))
+    time_s, rate, recorded = pairs.time_s[some], pairs.rate_deg_s[some], pairs.recorded_b[some]
+    scene, unit = curve.scene(time_s, field, tilt_deg=(pitch, roll), departures={"turn_rate": rate})
+    at = aligned.clock.by_a(time_s)
+
+    def turned(ahead_s: float) -> Floats:
+        return np.nan_to_num(a.heading.at(at + ahead_s) - a.heading.at(at))
+
+    scene = moving(scene, turned)
+    return Channel(
+        what="the heading of b against that of a, rigidly turned",
+        residual=curve.Compass(correct[some], recorded, scene),
+        start=np.zeros(5),
+        steps=COMPASS_STEPS,
+        time_s=time_s,
+        clocked=True,
+        terms=TERMS,
+        covariates={"heading": recorded, "time": time_s, "pitch": pitch, "roll": roll, "turn_rate": rate},
+        field_unit=unit,
+        starts={"compass_lag": LAGS_S},
+    )
+
+
+def _of_clock(aligned: Aligned, min_effect_deg: float) -> list[Finding]:
+    """Return the findings on the clocks: what is sure and turns the simulated heading by enough to matter."""
+    clock, pairs = aligned.clock, aligned.found
+    if not clock.found:
+        return []
+    grown = (pairs.time_s - clock.middle_s) / heads_clock.DAY_S * clock.drift_s_per_day * clock.drift_applied
+    numbers = {
+        "clock_offset": ("offset_s", clock.offset_s, clock.sigma_s, "s", np.full(len(pairs), clock.offset_s)),
+        "clock_drift": ("drift_s_day", clock.drift_s_per_day, clock.drift_sigma_s_per_day, "s/day", grown),
+    }
+    proof = _proof(aligned)
+    alone = () if np.isfinite(clock.from_tilts_s[0]) else ("compass_lag",)
+    found = []
+    for effect, (name, value, sigma, unit, error_s) in numbers.items():
+        # A long way by the rate of turn is no longer one: no more than the whole change of the simulation.
+        size = min(angles.rms(pairs.rate_deg_s * error_s), max(proof.rms_before_deg, min_effect_deg))
+        if abs(value) <= SURE_SIGMAS * sigma or size < min_effect_deg:
+            continue
+        low, high = (float(x) for x in np.quantile(pairs.rate_deg_s, show.RANGE))
+        place = Where("turn_rate", low, high, wording.place("turn_rate", low, high, on_land=True))
+        text = wording.finding(
+            effect, alone, where=place.text, parameters={name: (value, sigma, unit)}, size_deg=size,
+            proof=(proof.rms_before_deg, proof.rms_after_deg, proof.p_value),
+            what="the clock of b against that of a",
+        )  # fmt: skip
+        span = (float(pairs.time_s[0]), float(pairs.time_s[-1]))
+        parameters = {name: Parameter(value, sigma, unit)}
+        found.append(Finding(effect, "clock", alone, place, span, parameters, size, proof, text))
+    return found
+
+
+def _proof(aligned: Aligned) -> HeldOut:
+    """Return what the found clock does to the difference of the headings; the clock comes from rates, not from it."""
+    left, rms_deg = {}, {}
+    for name, pairs in (("before", aligned.given), ("after", aligned.found)):
+        off = _about_others(angles.difference(pairs.recorded_b, pairs.recorded_a), pairs.time_s)
+        rms_deg[name] = angles.rms(off) if len(off) >= heads.FEWEST else float("nan")
+        left[name] = dict(zip(pairs.time_s.tolist(), off, strict=True))
+    same = sorted(set(left["before"]) & set(left["after"]))
+    if len(same) < heads.FEWEST:
+        return HeldOut(rms_deg["before"], rms_deg["after"], 0.0, (0.0, 0.0), 1.0)
+    before, after = (np.array([left[name][t] for t in same]) for name in ("before", "after"))
+    width = max(robust.width(before), fitting.FINEST_DEG)
+    block = blocks.in_time(np.array(same), fitting.MOST_BLOCKS)
+    return show.improved(before, after, width, block)
+
+
+def _about_others(off_deg: Floats, time_s: Floats) -> Floats:
+    """Return differences about the mean of the other half of the stretches, (n,) degrees."""
+    if not len(off_deg):
+        return off_deg
+    left, odd = np.array(off_deg), blocks.in_time(time_s, fitting.MOST_BLOCKS) % 2 == 1
+    for out in (odd, ~odd):
+        left[out] = angles.difference(off_deg[out], float(angles.mean(off_deg[~out] if (~out).any() else off_deg)))
+    return left
+
+
+def _of_iron(named: NamedEffects, min_effect_deg: float) -> list[Finding]:
+    """Return iron that only one head feels: one and two cycles of the heading, which a rigid turn does not have."""
+    covariance, fitted, found = fitting.covariance(named.fitted), named.fitted, []
+    for effect, (part, letters) in IRON.items():
+        values, own = fitted.base[part], covariance[part, part]
+        seen = np.delete(fitted.columns, np.arange(part.start, part.stop), axis=1)
+        basis = whitening.orthonormal(seen)
+        columns = fitted.columns[:, part] - basis @ (basis.T @ fitted.columns[:, part])
+        square = float(np.mean((columns @ values) ** 2)) - float(np.sum((columns.T @ columns / len(columns)) * own))
+        sure = float(values @ np.linalg.pinv(own) @ values) > SURE_SIGMAS**2
+        if not sure or square < min_effect_deg**2:
+            continue
+        unit, sigma = 1.0 / angles.DEGREE, np.sqrt(np.diag(own)) / angles.DEGREE
+        parameters = {
+            f"{letter}_deg": Parameter(float(unit * v), float(s), "degrees")
+            for letter, v, s in zip(letters, values, sigma, strict=True)
+        }
+        place = fitted.channel.outside(outcome.curve(fitted, fitted, "heading"))
+        proof, size = outcome.held_out_base(fitted, part), float(np.sqrt(square))
+        printed = {name: (p.value, p.sigma, p.unit) for name, p in parameters.items()}
+        text = wording.finding(
+            effect,
+            (),
+            where=place.text,
+            parameters=printed,
+            size_deg=size,
+            proof=(proof.rms_before_deg, proof.rms_after_deg, proof.p_value),
+            what=fitted.channel.what,
+        )
+        span = (float(fitted.channel.time_s[0]), float(fitted.channel.time_s[-1]))
+        found.append(Finding(effect, "compass", (), place, span, parameters, size, proof, text))
+    return found

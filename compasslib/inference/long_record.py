@@ -1,0 +1,334 @@
+"""Records of weeks and years: hypotheses weighed by their slopes beside slow water, and the best refitted."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import fields, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib import observatory
+from compasslib.deviation.model import Fit
+from compasslib.effects import Term, composition
+from compasslib.effects.composed import Composed
+from compasslib.effects.term import DAY_S, slices
+from compasslib.inference import (
+    baseline,
+    columns,
+    covariates,
+    diagnosis,
+    experiments,
+    findings,
+    folds,
+    grammar,
+    inference,
+    model,
+    omnibus,
+    scan,
+    sectors,
+    sharing,
+    show,
+    storms,
+    stuck,
+    verdict,
+    weighing,
+)
+from compasslib.inference.applied import Applied, Member
+from compasslib.inference.baseline import State
+from compasslib.inference.case import Case
+from compasslib.inference.comparison import Options, Outcome
+from compasslib.inference.finding import Finding, Parameter, Unexplained
+from compasslib.inference.inference import Inference
+from compasslib.inference.omnibus import Group, Rest
+from compasslib.inference.sectors import Heap
+from compasslib.inference.show import BinnedResidual
+from compasslib.inference.verdict import Diagnosis
+from compasslib.inference.wording import TURN
+from compasslib.statistics import whitening
+from compasslib.types import Floats
+
+FEWEST, SHORTEST_DAYS = 200, 20.0  # below which an effect is not told from the water
+OMNIBUS = 1.0 / 3.0  # of the alarm: splines and products feign more than the draws of the noise show
+FEWEST_IN_BIN = 10  # of a figure's curve
+NOTHING = 1e-6  # standard error of a parameter that nothing depends on, in any unit
+
+
+def judge(case: Case, options: Options, fit: Fit | None = None) -> Diagnosis:
+    """Return the diagnosis of a long record that is held against its simulation.
+
+    Args:
+        fit: of the exact compass, where what the recording tells is asked for.
+    """
+    none = np.zeros(case.nuisance.shape[1])
+    if (usable := baseline.usable(case, case.simulation, none)) < FEWEST:
+        why = f"the branch of the compass is known for {usable} of {len(case)} pairs; {FEWEST} are needed"
+        return verdict.insufficient(why, case.not_testable)
+    try:
+        return _judged(case, options, fit)
+    except baseline.Lost as lost:  # from the beginning, or once refitted
+        return verdict.insufficient(f"{lost}; there is nothing to compare the compass with", case.not_testable)
+
+
+def _judged(case: Case, options: Options, fit: Fit | None) -> Diagnosis:
+    none = np.zeros(case.nuisance.shape[1])
+    empty = baseline.examine(case, case.simulation, none)
+    heap = sectors.heap(empty)
+    outside = case if heap is None else replace(case, observed_deg=sectors.outside(case, heap))
+    if heap is not None and baseline.usable(outside, case.simulation, none) >= FEWEST:
+        empty = baseline.examine(outside, case.simulation, none)  # what hangs tells nothing of terms, and feigns some
+    empty = model.refit(empty, [])  # where the record, its memory counted, has compass and nuisances
+    found = inference.infer(empty, options.alarm)
+    rest, told = _left(found.state, options), found.slots
+    if rest.worth and found.chosen:
+        found = _without_stand_ins(empty, found, rest.curve, options)
+        rest = _left(found.state, options)
+    back = {name for slot in told if slot not in found.slots for name in (slot.effect, *slot.alternatives)}
+    stormy = storms.of(found.state, options.alarm)
+    bare = model.refit(found.state, []) if found.state.simulation.terms else found.state
+    outcome = _outcome(found, bare, rest, heap)
+    seen = diagnosis.of(
+        [replace(outcome, taken_back=frozenset(back))],
+        options,
+        beside=[] if stormy is None else [stormy],
+        not_testable=case.not_testable,
+    )
+    detectable = weighing.detectable(found.posterior)
+    return replace(
+        seen,
+        applied=_applied(found) if options.apply else (),
+        covariance=found.estimate(bare).covariance[:5, :5],
+        why=_why(detectable, options.min_effect_deg),
+        detectable_deg=detectable,
+        threshold={"omnibus": rest.threshold},
+        experiments=experiments.of(found) if seen.verdict == "ambiguous" else (),
+        told=sharing.of(found, fit) if options.tell and fit is not None else None,
+    )
+
+
+def _outcome(found: Inference, bare: State, rest: Rest, heap: Heap | None) -> Outcome:
+    """Return what the search tells.
+
+    Args:
+        bare: the simulation without terms.
+        rest: what it leaves.
+    """
+    state, case = found.state, found.state.case
+    covariances = found.estimate(state).term_covariances
+    every = tuple(_finding(found, k, covariance) for k, covariance in enumerate(covariances))
+    named = [
+        one.named for one in sorted(every, key=lambda x: -x.rms_effect_deg) if one.rms_effect_deg >= rest.min_effect_deg
+    ]
+
+    def curves(some: Sequence[Finding], left: Unexplained | None) -> list[BinnedResidual]:
+        turns = [
+            turn(state, one.effect, model.visible(state, k) @ term.values)
+            for k, (term, one) in enumerate(zip(state.simulation.terms, every, strict=True))
+            if one in some
+        ]
+        names = dict.fromkeys(["heading", "time", *(one.where.covariate for one in some)])
+        return [*turns, *(curve(bare, state, name) for name in names if name in case.covariates)]
+
+    return Outcome(
+        comparison=case,
+        posterior=found.posterior,
+        findings=every,
+        slots=found.slots,
+        left=_unexplained(state, rest, heap, named),
+        small=rest.small,
+        curves=curves,
+        noise=inference.noise_of(found),
+    )
+
+
+def _without_stand_ins(empty: State, found: Inference, curve: Group, options: Options) -> Inference:
+    """Return what the recording tells without names that only stand for what nothing explains.
+
+    Args:
+        curve: what is left beside the names; free to be anything, it takes what they only stood for.
+    """
+    free = replace(empty.case, nuisance=np.column_stack([empty.case.nuisance, whitening.orthonormal(curve.columns)]))
+    zero = np.zeros(free.nuisance.shape[1])
+    beside = inference.infer(model.refit(baseline.examine(free, empty.simulation, zero), []), options.alarm)
+    kept = {type(term) for term in beside.state.simulation.terms}
+    return found.only([type(term) in kept or term.evident for term in found.state.simulation.terms])
+
+
+def _left(state: State, options: Options) -> Rest:
+    """Return what the omnibus tests find beside the terms of a simulation."""
+    tested = scan.test(state, columns.omnibus(state), seed=99)
+    return omnibus.rest(tested, options.alarm * OMNIBUS, partial(scan.size_of, state), options.min_effect_deg)
+
+
+def _unexplained(state: State, rest: Rest, heap: Heap | None, named: Sequence[str]) -> Unexplained | None:
+    """Return what nothing explains: what the mean residual shows, or a sector in which the compass hangs.
+
+    Args:
+        named: effects that stand beside it.
+    """
+    group, size = rest.worth[0] if rest.worth else (None, 0.0)
+    if heap is not None and heap.rms_deg > max(size, rest.min_effect_deg):
+        low, high = (heap.recorded_deg + side * heap.width_deg / 2.0 for side in (-1.0, 1.0))
+        place = state.case.where("heading", (low, high))
+        sticks = f", where the compass sticks: its readings accumulate at {heap.recorded_deg:.0f}°"
+        place = replace(place, text=place.text + sticks)
+        return state.case.unexplained([curve(state, state, "heading")], heap.rms_deg, named, place)
+    if group is None:
+        return None
+    return state.case.unexplained([curve(state, state, name) for name in group.covariates], size, named)
+
+
+def _finding(found: Inference, k: int, covariance: Floats) -> Finding:
+    state, slot = found.state, found.slots[k]
+    term, case = state.simulation.terms[k], state.case
+    sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    parameters = {
+        name: Parameter(float(value), float(s), case.unit(term, j)[1])
+        for j, (name, value, s) in enumerate(zip(term.fitted(), term.values, sigma, strict=True))
+        if value or s > NOTHING  # a third battery that never came has neither
+    }
+    if isinstance(term, Composed):
+        parameters |= _places(found, term)
+    span = _span(state, term)
+    one = findings.of_term(
+        case,
+        term,
+        {slot.effect: slot.probability} | {found.said(name): p for name, p in slot.alternatives.items()},
+        parameters,
+        size_deg=model.effect_deg(state, k, covariance),
+        proof=folds.proof(found, k),
+        place=case.where(case.lives(term)) if span == case.span_s else case.where("time", span),
+        span_s=span,
+    )
+    return replace(one, applied=term.side == "compass")
+
+
+def _places(found: Inference, term: Composed) -> dict[str, Parameter]:
+    """Return where along its driver a composition acts: dates are told apart, what is counted from a mean is not.
+
+    How sure a place is tell the probabilities of the other places that were tried, and the spacing between them.
+    """
+    case = found.state.case
+    groups, means = found.posterior.candidates.groups, covariates.references(case.covariates)
+    each = list(zip(found.posterior.hypotheses, found.posterior.probability.tolist(), strict=True))
+    alike = [(k, group.term) for k, group in enumerate(groups) if type(group.term) is type(term)]
+    tried = [(other, sum(p for one, p in each if k in one)) for k, other in alike]
+    weight = np.array([p for _, p in tried])
+    result = {}
+    for name, spacing in grammar.spacings(term, case.scene).items():
+        value = float(getattr(term, name))
+        off = np.array([float(getattr(other, name)) for other, _ in tried]) - value
+        sigma = float(np.sqrt(weight @ off**2 / max(float(weight.sum()), 1e-12) + spacing**2 / 12.0))
+        unit = case.driven(term, next(f.metadata["unit"] for f in fields(term) if f.name == name))
+        if name in ("threshold", "middle"):
+            value += sum(means.get(one, 0.0) for one in term.needs[:1])
+        in_days = unit == "s"
+        result[name.replace("_s", "_days") if in_days else name] = (
+            Parameter(value / DAY_S, sigma / DAY_S, "days") if in_days else Parameter(value, sigma, unit)
+        )
+    return result
+
+
+def _span(state: State, term: Term) -> tuple[float, float]:
+    """Return when an effect acts: a storm has dates, everything else lasts."""
+    scene, always = state.case.scene, state.case.span_s
+    if set(covariates.OBSERVATORY) & set(term.needs):
+        moved = composition.north(replace(state.simulation, terms=(term,)), scene)
+        return observatory.strongest_disturbance(scene.time_s, np.broadcast_to(moved, scene.time_s.shape))
+    if isinstance(term, Composed):
+        return term.span(*always)
+    if set(stuck.LEANS) <= set(term.needs):
+        leaning = np.flatnonzero(scene.departures[stuck.LEANS[0]])
+        return float(scene.time_s[leaning[0]]), float(scene.time_s[leaning[-1]])
+    return always
+
+
+def _why(detectable: Mapping[str, float], min_effect_deg: float) -> str:
+    """Return the detection limits in a sentence."""
+    sizes = sorted((max(size, min_effect_deg), name) for name, size in detectable.items())
+    if not sizes:
+        return ""
+    (best, first), (worst, last) = (
+        (f"{size:.1f}° rms", name.replace("_", " ")) for size, name in (sizes[0], sizes[-1])
+    )
+    if best == worst:
+        return f"Detection limit (90 % power): {best} for every effect that was tried."
+    return f"Detection limits (90 % power): {best} ({first}) to {worst} ({last})."
+
+
+def _applied(found: Inference) -> tuple[Member, ...]:
+    """Return the compasses that correct the record: each hypothesis with what stands on the compass side of it."""
+    return tuple(
+        Member(weight, "+".join(term.name for term in state.simulation.terms) or "none", _compass(found, state))
+        for weight, state in found.weighted
+    )
+
+
+def _compass(found: Inference, state: State) -> Applied | None:
+    """Return the compass of a state with the terms on its side; None where none stands: the fit by itself is that."""
+    terms = state.simulation.terms
+    if not terms:
+        return None
+    estimate = found.estimate(state)
+    places = zip(terms, slices(terms, 5), strict=True)
+    index = np.r_[:5, *(own for term, own in places if term.side == "compass")]
+    simulation = replace(state.simulation, terms=tuple(term for term in terms if term.side == "compass"))
+    means = covariates.references(state.case.covariates)
+    needed = {name for term in simulation.terms for name in term.needs}
+    return Applied(
+        simulation=simulation,
+        covariance=estimate.covariance[np.ix_(index, index)],
+        references={name: means[name] for name in {*needed & means.keys(), "time"}},
+        logged=tuple(sorted(needed & means.keys())),
+    )
+
+
+def curve(before: State, after: State, covariate: str) -> BinnedResidual:
+    """Return the residual in bins of a covariate, with and without the terms; what tells nothing is in no bin."""
+    x = before.case.covariates[covariate]
+    edges = np.unique(np.quantile(x, np.linspace(0.0, 1.0, show.BINS + 1)))
+    if covariate == "heading":
+        edges = np.arange(0.0, 361.0, 360.0 / (2 * show.BINS))
+    bins = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, len(edges) - 2)
+    finite = np.isfinite(before.whitener.width_deg) & np.isfinite(after.whitener.width_deg)
+    filled = np.flatnonzero(np.bincount(bins[finite], minlength=len(edges) - 1) >= FEWEST_IN_BIN)
+    (first, _), (second, sigma) = (_binned(state, bins, len(edges) - 1) for state in (before, after))
+    return BinnedResidual(
+        covariate, (edges[filled] + edges[filled + 1]) / 2.0, first[filled], second[filled], sigma[filled]
+    )
+
+
+def turn(state: State, effect: str, turned_deg: Floats) -> BinnedResidual:
+    """Return the residual in bins of the turn that a fitted effect foretells, without the effect and with it.
+
+    Where the effect is there, what it leaves out follows the line on which both are equal, however small it is.
+
+    Args:
+        turned_deg: by the effect, as far as the fitted compass cannot take it, (n,).
+    """
+    finite = np.isfinite(state.whitener.width_deg)
+    edges = np.unique(np.quantile(turned_deg[finite], np.linspace(0.0, 1.0, show.BINS // 2 + 1)))
+    bins = np.clip(np.searchsorted(edges, turned_deg, side="right") - 1, 0, len(edges) - 2)
+    count = len(edges) - 1
+    left, sigma = _binned(state, bins, count)
+    weight = np.where(finite, state.whitener.width_deg, np.inf) ** -2.0
+    middle = np.bincount(bins, weight * turned_deg, count) / np.maximum(np.bincount(bins, weight, count), 1e-300)
+    return BinnedResidual(f"{TURN}{effect}", middle, left + middle, left, sigma)
+
+
+def _binned(state: State, bins: NDArray[np.intp], count: int) -> tuple[Floats, Floats]:
+    """Return mean residual and its standard error in each bin, by width; blocks of days count as one each.
+
+    The error is never under what the blocks of all bins together make likely: the few of one bin may agree by chance,
+    and on nulls some bins then lay seven of their own standard errors off.
+    """
+    width = state.whitener.width_deg
+    weight, left = width**-2.0, state.standard * np.where(np.isfinite(width), width, 0.0)  # no root: no weight
+    total = np.maximum(np.bincount(bins, weight, count), 1e-12)
+    mean = np.bincount(bins, weight * left, count) / total
+    time_s = state.case.scene.time_s
+    block = np.floor((time_s - time_s[0]) / show.MEMORY_S).astype(int)
+    sums = np.bincount(block * count + bins, weight * (left - mean[bins]), (block[-1] + 1) * count)
+    own = np.sum(sums.reshape(-1, count) ** 2, axis=0)
+    return mean, np.sqrt(np.maximum(own, total * own.sum() / total.sum())) / total

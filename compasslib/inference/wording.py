@@ -1,0 +1,238 @@
+"""Sentences for an oceanographer: where, what physics, how large, how sure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from compasslib.effects import CATALOGUE, COMPOSED, SLOW_WATER, all_terms, meanings, side_of
+from compasslib.effects.composed import FORMS
+from compasslib.records import stamp
+
+VERDICTS = {
+    "consistent": "no compass error beyond the fitted deviation was detected",
+    "explained": "the mismatch is attributed",
+    "ambiguous": "a mismatch is established, several causes fit it",
+    "unexplained": "a mismatch is established, nothing in the catalogue fits it",
+    "insufficient": "too little data to judge",
+}
+UNITS = {
+    "heading": "degrees", "pitch": "degrees", "roll": "degrees", "depth": "m", "separation": "m", "speed": "m/s",
+    "temperature": "degrees C", "supply_voltage": "V or counts", "hour_of_day": "h", "time": "",
+    "declination_observatory": "degrees", "horizontal_observatory": "degrees", "reference_heading": "degrees",
+    "transmit_current": "counts", "heading_spread": "degrees", "echo": "counts", "field_strength": "percent",
+}  # fmt: skip
+TURN = "turn_by_"  # what the name of the turn by an effect begins with, degrees
+UNITS_OF_CALIBRATIONS = UNITS | {
+    "turn_rate": "degrees/s",
+    "speed": "kn",
+    "vertical_field": "of its mean",
+    "reading": "",
+}
+# Of each effect the words of its first form; those of an effect of another package are along what it needs.
+PHYSICS = {term.name: term.words for term in reversed(all_terms()) if term.words} | {
+    SLOW_WATER: "slowly changing shear of the water between the two depths; no instrument is at fault"
+}
+WHERE = {term.name: term.needs for term in all_terms() if term not in CATALOGUE and term.needs} | {
+    term.name: term.shows_along for term in all_terms() if term.shows_along
+}  # every other effect lives along time
+SEPARATED_BY = {frozenset((term.name, other)): how for term in all_terms() for other, how in term.told_from.items()}
+OF_DAYS_S = 10 * 86400.0  # length of a record above which its dates are days
+LEAST_P = 0.001  # the smallest that the drawn blocks can show
+WATER_OR_COMPASS = "a second reference, or a swing of the compass on land: {} is in the water, {} is not"
+TRUSTED_OR_NOT = "a second reference (reference as a list), or a swing of either compass on land"
+OTHERWISE = "a record in which {} and {} vary independently"
+
+
+def separated_by(effect: str, alternatives: Sequence[str]) -> str:
+    """Return what observation would separate effects, one sentence a pair.
+
+    Args:
+        effect: the effect that fits best.
+    """
+    pairs = [(effect, other) for other in alternatives]
+    phrases = dict.fromkeys(_pair(*pair) for pair in pairs)
+    return "; ".join(phrases)
+
+
+def _pair(a: str, b: str) -> str:
+    first, second = (plain(name) if name.startswith(COMPOSED) else name for name in (a, b))
+    both = f"{first} or {second}: "
+    if how := SEPARATED_BY.get(frozenset((a, b))):
+        return both + how
+    if len([name for name in (a, b) if name.startswith("reference_")]) == 1:
+        return both + TRUSTED_OR_NOT
+    if (side_of(a) == "water") != (side_of(b) == "water"):
+        return both + WATER_OR_COMPASS.format(*((first, second) if side_of(a) == "water" else (second, first)))
+    return both + OTHERWISE.format(first, second)
+
+
+def finding(
+    effect: str,
+    alternatives: Sequence[str],
+    *,
+    where: str,
+    parameters: Mapping[str, tuple[float, float, str]],
+    size_deg: float,
+    proof: tuple[float, float, float],
+    physics: str = "",
+    what: str = "",
+) -> str:
+    """Return two or three sentences on one finding.
+
+    Args:
+        parameters: value, standard error and unit by name.
+        size_deg: visible size, rms degrees.
+        proof: residual rms before and after on held-out days, degrees, and the p-value.
+        physics: in words; that of the effect where empty.
+        what: is compared, where a recording holds more than one comparison.
+    """
+    begin = _begun(effect, f"{what}, {where}" if what else where, parameters, size_deg, physics)
+    before, after, p = proof
+    chance = f"p = {p:.2g}" if p > LEAST_P else f"p < {LEAST_P:g}"
+    stretches = "stretches" if what else "days"
+    shown = f" On held-out {stretches} the residual goes from {before:.2f}° to {after:.2f}° rms ({chance})."
+    others = f" This record cannot separate it from {listed(alternatives)}." if alternatives else ""
+    return begin + shown + others
+
+
+def shared(
+    effect: str,
+    alternatives: Sequence[str],
+    *,
+    where: str,
+    parameters: Mapping[str, tuple[float, float, str]],
+    size_deg: float,
+    gain: float,
+) -> str:
+    """Return two or three sentences on one finding that several records of a compass share.
+
+    Args:
+        parameters: value, standard error and unit by name.
+        size_deg: visible size, rms degrees.
+        gain: log score of each record predicted by the others, over that of nothing predicted.
+    """
+    begin = _begun(effect, where, parameters, size_deg)
+    shown = f" Each record predicted by the others gains {gain:.1f} in log score, all together."
+    others = f" These records cannot separate it from {listed(alternatives)}." if alternatives else ""
+    return begin + shown + others
+
+
+def _begun(
+    effect: str, where: str, parameters: Mapping[str, tuple[float, float, str]], size_deg: float, physics: str = ""
+) -> str:
+    """Return where an effect is, what it is, how large, and its numbers with their intervals."""
+    fitted = {name: one for name, one in parameters.items() if one[1] > 0.0}
+    known = meanings(effect)
+    numbers = "".join(f"; {known.get(name, name)} {_interval(*one)}" for name, one in fitted.items())
+    physics = physics or PHYSICS.get(effect, effect)
+    size = f"{size_deg:.1f}" if size_deg >= 1.0 else f"{size_deg:.2g}"
+    return f"{where[0].upper()}{where[1:]}: {physics}. Size {size}° rms{numbers}."
+
+
+ACTED_ON = {
+    "field_forward": "a magnetic field along the instrument",
+    "field_starboard": "a magnetic field across the instrument",
+    "field_down": "a magnetic field along the instrument's vertical",
+    "reading": "the compass's reading",
+    "lobe3": "the third harmonic of the compass's reading",
+    "lobe4": "the fourth harmonic of the compass's reading",
+    "flow_gain": "the gain of one beam pair over the other's",
+    "flow_offset": "a velocity that is added in the instrument's frame",
+    "flow_direction": "the directional shear of the water between the two depths",
+}
+
+
+def of_composed(acts_on: str, driver: str, form: str) -> tuple[str, str]:
+    """Return in words what changes, and with what and how, for an effect that nobody listed."""
+    named = {
+        "voltage": "supply voltage",
+        "turn_rate": "rate of turn",
+        "hour": "day",
+        "tide": "tide (12.42 h)",
+        "heading_spread": "spread of the headings within a sample",
+    }
+    drives = " times ".join(named.get(one, one.replace("_", " ")) for one in driver.split("*"))
+    return ACTED_ON[acts_on], FORMS[form].words.format(f"the {drives}" if driver not in ("heading", "time") else drives)
+
+
+def _interval(value: float, sigma: float, unit: str) -> str:
+    """Return a number with its 95 % interval and its unit, without an exponent."""
+    text = f"{float(f'{value:.3g}'):g} ± {float(f'{1.96 * sigma:.2g}'):g}"
+    return f"{text} (95 %)" if unit == "1" else f"{text} {unit} (95 %)"
+
+
+def unexplained(where: str, size_deg: float, named: Sequence[str]) -> str:
+    """Return what is said of a mismatch that nothing in the catalogue fits.
+
+    Args:
+        size_deg: visible size, rms degrees.
+        named: effects that stand beside it.
+    """
+    beside = f" beyond {listed(named)}" if named else ""
+    return (
+        f"Recording and simulation differ{beside} {where}, by {size_deg:.1f}° rms. "
+        "No effect of the catalogue fits; the curve shows how the heading is turned."
+    )
+
+
+def place(covariate: str, low: float, high: float, *, on_land: bool = False, clocked: bool = True) -> str:
+    """Return the range of a covariate in words.
+
+    Args:
+        clocked: whether time is UTC.
+    """
+    if covariate == "time" and clocked:
+        return f"from {moment(low, high - low)} to {moment(high, high - low)}"
+    units = UNITS_OF_CALIBRATIONS if on_land else UNITS
+    return f"along {covariate.replace('_', ' ')} from {low:.3g} to {high:.3g} {units.get(covariate, '')}".rstrip()
+
+
+def moment(time_s: float, span_s: float) -> str:
+    """Return an instant in words: its day where a record lasts for weeks, else its second.
+
+    Args:
+        time_s: UTC seconds since 1970.
+        span_s: of the record.
+    """
+    return stamp(time_s)[:10] if span_s > OF_DAYS_S else stamp(time_s)
+
+
+def why(effects: Iterable[str], left: str, compared: Sequence[str]) -> str:
+    """Return what the verdict rests on, one sentence.
+
+    Args:
+        effects: that were found.
+        left: what is said of what has no name, empty where there is nothing.
+        compared: what was, in words.
+    """
+    if left:
+        return left
+    if causes := [PHYSICS.get(effect, plain(effect)) for effect in effects]:
+        return f"Found in the residual: {'; '.join(causes)}."
+    return f"The residual of {listed(compared, ' and ')} is noise."
+
+
+def residuals(diagnosis: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """Return the binned residuals to look at: of what stays unexplained first, which stands for its covariate alone.
+
+    Args:
+        diagnosis: content of diagnosis.json.
+    """
+    left = diagnosis["unexplained"]["curves"] if diagnosis["unexplained"] else []
+    taken = {one["covariate"] for one in left}
+    others = [one for one in diagnosis.get("curves", []) if one["covariate"] not in taken]
+    return [one for one in [*left, *others] if len(one["centre"]) > 1]
+
+
+def plain(effect: str) -> str:
+    """Return the name of an effect to read; a composed one, written composed:ACTS_ON/DRIVER/FORM, in words."""
+    if effect.startswith(COMPOSED):
+        return " changing ".join(of_composed(*effect.removeprefix(COMPOSED).split("/")))
+    return effect.replace("_", " ")
+
+
+def listed(names: Sequence[str], last: str = " or ") -> str:
+    """Return names to read, one after the other."""
+    words = [plain(name) for name in names]
+    return last.join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)

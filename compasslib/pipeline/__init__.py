@@ -1,0 +1,22 @@
+"""Around a run and around each job: what may be written, what was recorded, what was stopped.
+
+What a rule is given comes from ``plan``, which knows each key of the cruise and who needs it:
+
+>>> from pathlib import Path
+>>> from tempfile import TemporaryDirectory
+>>> from types import SimpleNamespace
+>>> from compasslib.config import cruise
+>>> from compasslib.pipeline import plan
+>>> with TemporaryDirectory() as folder:
+...     Path(folder, "config").mkdir()
+...     _ = Path(folder, "config/config.yaml").write_text("moorings: [config/M1.yaml]\\n")
+...     _ = Path(folder, "a.000").write_bytes(b"")
+...     _ = Path(folder, "config/M1.yaml").write_text(
+...         "{name: M1, latitude: 66.5, longitude: 0.4, water_depth: 517, start: 2014-07-16, end: 2014-10-09,"
+...         " compromised: top, instruments: {top: {format: pd0, files: a.000}}}")
+...     planned = plan.plan(cruise.load(Path(folder)), Path())
+>>> planned.moorings.raw_files(SimpleNamespace(mooring="M1", role="top"))
+['a.000']
+>>> planned.products(None)[0]
+'results/M1/corrected.nc'
+"""

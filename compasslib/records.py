@@ -1,0 +1,225 @@
+"""The frozen records that travel from room to room: names, units, shapes.
+
+n is the number of samples, m the number of bins. Times are UTC seconds since 1970-01-01. Directions say towards which
+the water flows. Nothing here computes; ``take`` picks samples, ``joined`` puts
+the files of one instrument together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib.errors import InputError
+from compasslib.types import Floats
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+Flags = NDArray[np.int8]
+MAGNETOMETER = ("magnetometer_x", "magnetometer_y", "magnetometer_z")  # channels in the instrument's axes, counts
+Series = TypeVar("Series", bound="DataclassInstance")
+_BY_NAME = ("channels", "profiles")  # fields of a record that hold arrays by name
+
+# OceanSITES reference table 2, the values that are used.
+NOT_CHECKED, GOOD, PROBABLY_GOOD, PROBABLY_BAD, BAD, MISSING = 0, 1, 2, 3, 4, 9
+# Upward and error velocity, and of each beam the intensity of its echo, its correlation and its percent good.
+PROFILES = ("up", "error_velocity", "echo", "correlation", "percent_good")
+
+
+class Rows(Protocol):
+    """An array, or what gives its rows when they are asked for."""
+
+    def __getitem__(self, which: Any, /) -> Any:
+        """Return some of the rows."""
+
+
+@dataclass(frozen=True)
+class Record:
+    """What one instrument measured, as a reader gives it or as the deployment leaves it.
+
+    The headings are as the compass recorded them, to magnetic north, without heading bias and without declination;
+    the velocities are turned by that same heading, or to true north where ``direction_reference`` is ``true``.
+    """
+
+    time_s: Floats  # (n,)
+    east: Floats  # (n, m) m/s
+    north: Floats  # (n, m) m/s
+    bin_range_m: Floats  # (n, m) vertical distance from the transducer, positive away from it; 0 for a point meter
+    heading_deg: Floats  # (n,) NaN where the instrument has none
+    pitch_deg: Floats  # (n,) forward up
+    roll_deg: Floats  # (n,) starboard down
+    pressure_dbar: Floats  # (n,) NaN where no sensor is fitted
+    depth_m: Floats  # (n,) the instrument's own depth field or a table's depth; after deployment: its depth
+    temperature_c: Floats  # (n,)
+    supply_voltage: Floats  # (n,) counts or volts, only its changes matter
+    quality: Flags  # (n, m) OceanSITES flag of each velocity
+    heading_quality: Flags  # (n,)
+    looks_up: bool = True
+    beam_angle_deg: float = 0.0  # from the vertical; 0 for a meter without slanted beams
+    direction_reference: str = "magnetic"  # magnetic | true
+    heading_bias_deg: float = 0.0  # that was taken out of the file's headings
+    velocity_bias_deg: float | None = None  # the same of its velocities, None: as of the headings
+    serial_number: str = ""  # the instrument's, where its files tell it
+    channels: Mapping[str, Floats] = field(default_factory=dict)  # (n,) each: what else was logged, NaN where missing
+    channel_units: Mapping[str, str] = field(default_factory=dict)
+    # What the velocities came with, by the keys of ``PROFILES``: (n, m) m/s, NaN where missing, or (n, m, beams) counts
+    # in the integers of the file, -1 where missing.
+    profiles: Mapping[str, Rows] = field(default_factory=dict)
+    recorded_in: str = ""  # beam | instrument | ship | earth, where the files tell it
+    echo_range_m: Floats | None = None  # (n, 2) of a boundary, and of the last water heard; for the deployment alone
+    counts: dict[str, int] = field(default_factory=dict)  # what was read, skipped and flagged, for the report
+    warnings: tuple[str, ...] = ()  # sentences for the report
+
+    def bin_depth_m(self) -> Floats:
+        """Return the depth of every bin at every sample, (n, m) metres, blow-down followed."""
+        return self.depth_m[:, None] + (-1.0 if self.looks_up else 1.0) * self.bin_range_m
+
+
+@dataclass(frozen=True)
+class Readings:
+    """What one compass recorded along time, and the water that its instrument saw: all that a heading is decided on."""
+
+    time_s: Floats  # (n,) increasing
+    heading_deg: Floats  # (n,) recorded, magnetic, NaN where missing
+    pitch_deg: Floats  # (n,) forward up
+    roll_deg: Floats  # (n,) starboard down
+    water: NDArray[np.complexfloating]  # (n,) speed times e^{i alpha}, alpha clockwise from forward, m/s; NaN: unknown
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """Overlapping measurements of the affected (upper) instrument and the reference (lower), true east and north."""
+
+    time_s: Floats  # (n,)
+    heading_deg: Floats  # (n,) recorded by the affected compass, magnetic
+    pitch_deg: Floats  # (n,)
+    roll_deg: Floats  # (n,)
+    upper_east: Floats  # (n,) m/s, by the recorded heading plus declination
+    upper_north: Floats
+    lower_east: Floats  # (n,) m/s
+    lower_north: Floats
+    upper_depth_m: Floats  # (n,)
+    lower_depth_m: Floats  # (n,)
+    separation_minutes: Floats  # (n,) lower minus upper
+    declination_deg: Floats  # (n,)
+    lower_heading_deg: Floats | None = None  # (n,) by the reference's compass, NaN if missing; None if none is logged
+    reference_index: Flags | None = None  # (n,) whose pair it is, where there are several references
+    reference_names: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+    # By the profile, rms of one component, m/s: the water's difference of the published mean, and of what is predicted.
+    expected_m_s: tuple[float, float] | None = None
+    veer_deg: float = 0.0  # by how much the water may be turned from the prediction for the whole record, 1 sigma
+
+    def __len__(self) -> int:
+        return len(self.time_s)
+
+
+@dataclass(frozen=True)
+class EarthField:
+    """The earth's field at one place along time, linear between its nodes."""
+
+    time_s: Floats  # (k,)
+    declination_deg: Floats  # (k,) east positive; the one to be used
+    horizontal_nT: Floats  # (k,)
+    vertical_nT: Floats  # (k,) down positive
+    model_declination_deg: Floats  # (k,) IGRF, also where the metadata give a number
+    source: str = "IGRF"
+    warnings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Corrected:
+    """The product: what one affected instrument recorded, and the same corrected.
+
+    Headings are to magnetic north, velocities to true east and north.
+    """
+
+    record: Record
+    heading_corrected_deg: Floats  # (n,) NaN where it cannot be corrected
+    heading_uncertainty_deg: Floats  # (n,) one standard deviation
+    heading_corrected_quality: Flags  # (n,)
+    deviation_deg: Floats  # (n,) corrected minus recorded heading
+    branch_probability: Floats  # (n,) of the corrected heading among those that give the same reading
+    declination_deg: Floats  # (n,) east positive
+    east: Floats  # (n, m) m/s, corrected
+    north: Floats
+    east_recorded: Floats  # (n, m) m/s, by the recorded heading plus declination
+    north_recorded: Floats
+    velocity_uncertainty: Floats  # (n, m) m/s, one standard deviation of either component
+    velocity_quality: Flags  # (n, m) of the corrected velocities
+
+
+@dataclass(frozen=True)
+class FieldSeries:
+    """What a magnetic observatory recorded; NaN where a value or a word of the header is missing."""
+
+    time_s: Floats  # (n,) increasing
+    declination_deg: Floats  # (n,) east positive
+    horizontal_nT: Floats  # (n,)
+    vertical_nT: Floats  # (n,) down positive
+    station: str  # its name, else its code
+    latitude: float  # degrees north
+    longitude: float  # degrees east
+    elevation_m: float
+    definitive: bool = False  # whether its baseline is final by its own word
+    counts: dict[str, int] = field(default_factory=dict)  # rows read, damaged, fillers, missing, repeated
+    warnings: tuple[str, ...] = ()
+    files: tuple[str, ...] = ()
+    origin: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, dtype=np.intp))  # (n,) which of the files
+
+    def __len__(self) -> int:
+        return len(self.time_s)
+
+
+def take(series: Series, which: NDArray[Any] | slice) -> Series:
+    """Return some of the samples of any record whose arrays run along them.
+
+    Args:
+        which: positions, a mask or a slice.
+    """
+    columns: dict[str, Any] = {k: column[which] for k, column in vars(series).items() if isinstance(column, np.ndarray)}
+    for several in _BY_NAME:
+        if found := getattr(series, several, None):
+            columns[several] = {name: column[which] for name, column in found.items()}
+    return replace(series, **columns)
+
+
+def joined(records: Sequence[Record]) -> Record:
+    """Return the records of one instrument's files as one, in order of their first times, counts added up.
+
+    Raises:
+        InputError: they do not have the same bins, orientation and north.
+    """
+    if len(records) == 1:
+        return records[0]
+    ordered = sorted(records, key=lambda one: float(np.nanmin(one.time_s, initial=np.inf)))
+    kinds = {(one.east.shape[1], one.looks_up, one.direction_reference, one.serial_number) for one in records}
+    if len(kinds) != 1:
+        found = " and ".join(f"{bins} bins looking {'up' if up else 'down'}" for bins, up, *_ in sorted(kinds))
+        advice = "give each recording as an instrument of its own"
+        raise InputError("files", expected="parts of one recording", found=found or "none", advice=advice)
+    columns = {name: column for name, column in vars(ordered[0]).items() if isinstance(column, np.ndarray)}
+    together: dict[str, Any] = {name: np.concatenate([getattr(one, name) for one in ordered]) for name in columns}
+    for several in _BY_NAME:
+        each = [getattr(one, several) for one in ordered]
+        shapes = {name: {one[name].shape[1:] if name in one else None for one in each} for name in sorted(each[0])}
+        alike = [name for name, found in shapes.items() if len(found) == 1]
+        together[several] = {name: np.concatenate([one[name] for one in each]) for name in alike}
+    counts = {key: sum(one.counts.get(key, 0) for one in ordered) for key in ordered[0].counts}
+    warnings = tuple(dict.fromkeys(line for one in ordered for line in one.warnings))
+    return replace(ordered[0], **together, counts=counts, warnings=warnings)
+
+
+def stamp(time_s: float) -> str:
+    """Return an instant as ISO 8601.
+
+    Args:
+        time_s: UTC seconds since 1970.
+    """
+    return datetime.fromtimestamp(round(time_s), UTC).strftime("%Y-%m-%dT%H:%M:%SZ")

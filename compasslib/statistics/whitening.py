@@ -1,0 +1,266 @@
+"""Residuals and columns made comparable: divided by their width, clipped, freed of their autocorrelation.
+
+Hourly currents are correlated over hours to days, and a test that ignores this finds something in every record. One
+autoregressive filter, fitted to the residual, is applied to residual and columns alike; what is missing counts as 0 in
+both, so that gaps cost a little power and no truth.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib import angles
+from compasslib.statistics import autocorrelation, robust
+from compasslib.types import Floats
+
+ORDER, SAMPLES_PER_LAG = 24, 40  # a day of hourly correlation; no more lags than the record can carry
+RIDGE = 1e-3  # keeps the filter steady where gaps leave the autocorrelation rough
+WIDTH_BINS = 12  # of slowness, along which the water's scatter is followed
+NARROWEST = 0.25  # least width as a share of the middle one
+ANYWHERE_DEG = robust.SIGMA_PER_MAD * 90.0  # robust width of directions that point anywhere
+CHUNK = 32  # samples filtered at once: speed only
+LONGEST = 512  # samples over which a filter's memory is followed
+THINNEST = 1e-6  # share of a group's largest direction below which a direction is taken for absorbed by the base
+TREND_S, TREND_LENGTHS = 10 * 86400.0, 10  # least spacing of the knots of what is slow, and in lengths of the filter
+NEAR = 4.0  # frequencies up to this many times that of what is slow are its neighbours
+
+
+@dataclass(frozen=True)
+class Louder:
+    """Directions in which the filtered noise is louder than white, by slow processes."""
+
+    basis: Floats  # (n, k) orthonormal, float32
+    keep: Floats  # (k,) of each direction's amplitude, so that it becomes white
+
+    def quietened(self, filtered: Floats) -> Floats:
+        """Return filtered columns with these directions as quiet as all others, (n, k)."""
+        basis = self.basis.astype(filtered.dtype)
+        return filtered - basis @ ((1.0 - self.keep).astype(filtered.dtype)[:, None] * (basis.T @ filtered))
+
+
+@dataclass(frozen=True)
+class Whitener:
+    """The filter and the widths of one record."""
+
+    slot: NDArray[np.intp]  # (n,) place of each sample on the even grid
+    filter: Floats  # (p + 1,) 1 and minus the autoregressive coefficients
+    width_deg: Floats  # (n,) infinite where a sample does not count
+    louder: Louder | None = None
+
+    def __call__(self, columns_deg: Floats) -> Floats:
+        """Return columns divided by the widths and filtered, (n, k).
+
+        Args:
+            columns_deg: (n, k), degrees.
+        """
+        width = self.width_deg.astype(np.promote_types(columns_deg.dtype, np.float32))  # of float32 no copy in float64
+        return self.filtered(columns_deg / width[:, None])
+
+    def filtered(self, standard: Floats) -> Floats:
+        """Return columns filtered, (n, k).
+
+        Args:
+            standard: already divided by the widths, (n, k).
+        """
+        lags, width = len(self.filter) - 1, standard.shape[1]
+        chunks = -(-(int(self.slot[-1]) + 1) // CHUNK)
+        grid = np.zeros((lags + chunks * CHUNK, width), dtype=standard.dtype)
+        grid[lags + self.slot] = standard
+        band = np.zeros((CHUNK, CHUNK + lags), dtype=standard.dtype)
+        for i in range(CHUNK):
+            band[i, i : i + lags + 1] = self.filter[::-1]
+        windows = np.lib.stride_tricks.sliding_window_view(grid, CHUNK + lags, axis=0)[::CHUNK].transpose(0, 2, 1)
+        filtered = (band @ windows).reshape(chunks * CHUNK, width)[self.slot]
+        return filtered if self.louder is None else self.louder.quietened(filtered)
+
+
+def whitener(residual_deg: Floats, width_deg: Floats, time_s: Floats) -> Whitener:
+    """Return the filter that takes the autocorrelation out of a residual.
+
+    A real drift must not pass for the water's correlation. What changes over weeks counts with the power of its
+    neighbours in frequency: were it taken out instead, the filter would leave half as much again of slow noise.
+
+    Args:
+        residual_deg: (n,), degrees.
+        width_deg: (n,), degrees, infinite where a sample does not count.
+    """
+    slot = slots(time_s)
+    standard = clipped(residual_deg, width_deg)
+    series, present = np.zeros(slot[-1] + 1), np.zeros(slot[-1] + 1)
+    counts, lags = np.isfinite(width_deg), order(len(time_s))
+    series[slot[counts]], present[slot[counts]] = standard[counts] - standard[counts].mean(), 1.0
+    together = np.maximum(autocorrelation.lagged(present, lags), 1.0)
+    correlation = _autocovariance(series, lags, 2.0 * spacing_s(time_s) / step_s(time_s)) / together
+    correlation = correlation / correlation[0] / (1.0 + RIDGE * (np.arange(lags + 1) > 0))
+    toeplitz = correlation[np.abs(np.subtract.outer(np.arange(lags), np.arange(lags)))]
+    coefficients = np.linalg.solve(toeplitz, correlation[1:]) if lags else np.zeros(0)
+    return Whitener(slot, np.append(1.0, -coefficients), width_deg)
+
+
+def spacing_s(time_s: Floats) -> float:
+    """Return the spacing of the knots that follow what changes over weeks, seconds."""
+    return max(TREND_LENGTHS * order(len(time_s)) * step_s(time_s), TREND_S)
+
+
+def step_s(time_s: Floats) -> float:
+    """Return the usual interval of samples, seconds."""
+    return float(np.median(np.diff(time_s)))
+
+
+def order(samples: int) -> int:
+    """Return the number of lags of the filter of a record."""
+    return min(ORDER, samples // SAMPLES_PER_LAG)
+
+
+def slots(time_s: Floats) -> NDArray[np.intp]:
+    """Return the place of each sample on an even grid of the usual interval, (n,)."""
+    apart = np.maximum(np.rint(np.diff(time_s) / step_s(time_s)).astype(np.intp), 1)
+    return np.concatenate([[0], np.cumsum(np.minimum(apart, 10 * ORDER))]).astype(np.intp)
+
+
+def clipped(residual_deg: Floats, width_deg: Floats) -> Floats:
+    """Return residuals over their widths, clipped, 0 where a sample does not count, (n,).
+
+    Beyond a right angle they fall again, to 0 at the opposite: slow water that points the other way is on neither side,
+    and must not leap from one to the other when a heading moves by a degree.
+
+    Args:
+        residual_deg: (n,), degrees.
+        width_deg: (n,), degrees.
+    """
+    known = np.isfinite(width_deg)
+    near = angles.wrap180(np.where(known, residual_deg, 0.0))
+    folded = np.where(np.abs(near) > 90.0, np.sign(near) * 180.0 - near, near)
+    return np.clip(folded / width_deg, -robust.CLIP, robust.CLIP)
+
+
+def response(residual_deg: Floats, width_deg: Floats) -> float:
+    """Return the share of a small shift that clipped residuals keep, each sample by what it tells.
+
+    Args:
+        residual_deg: (n,), degrees.
+        width_deg: (n,), degrees.
+    """
+    weight = width_deg**-2.0
+    falls = np.where(np.abs(angles.wrap180(np.where(weight > 0.0, residual_deg, 0.0))) > 90.0, -1.0, 1.0)
+    return float(np.average(falls * (np.abs(clipped(residual_deg, width_deg)) < robust.CLIP), weights=weight))
+
+
+def memory(fitted: Whitener) -> float:
+    """Return in how many samples the correlation that a filter takes out falls to 1/e."""
+    from scipy.signal import lfilter
+
+    pulse = lfilter([1.0], fitted.filter, np.arange(LONGEST) == 0)
+    lagged = autocorrelation.lagged(pulse, LONGEST // 2)
+    known = lagged / lagged[0]
+    below = int(np.argmax(known < np.exp(-1.0)))
+    return below - (np.exp(-1.0) - known[below]) / (known[below - 1] - known[below]) if below else float(LONGEST)
+
+
+def widths(residual_deg: Floats, slowness: Floats) -> Floats:
+    """Return the robust width of the residual, which grows with slowness, (n,) degrees.
+
+    Args:
+        residual_deg: (n,), degrees; NaN does not count and gets an infinite width.
+        slowness: (n,), of any unit.
+    """
+    known = np.isfinite(residual_deg)
+    size = np.abs(residual_deg[known])
+    edges = np.quantile(slowness[known], np.linspace(0.0, 1.0, WIDTH_BINS + 1))
+    bins = np.clip(np.searchsorted(edges, slowness[known], side="right") - 1, 0, WIDTH_BINS - 1)
+    filled = [b for b in range(WIDTH_BINS) if np.sum(bins == b) >= 5]
+    centre = np.array([np.median(slowness[known][bins == b]) for b in filled])
+    middle = np.array([robust.width(size[bins == b]) for b in filled])
+    middle = np.maximum(np.maximum.accumulate(middle), NARROWEST * np.median(middle))
+    width = np.interp(slowness, centre, middle) * _beyond(slowness, centre, middle)
+    return np.where(known, _on_circle(np.maximum(width, 1e-6)), np.inf)
+
+
+def inverse(gram: Floats) -> Floats:
+    """Return the inverse of a matrix of products of columns of any units; directions that vanish are left out.
+
+    Args:
+        gram: symmetric, (k, k).
+    """
+    scale = np.sqrt(np.where(np.diag(gram) > 0.0, np.diag(gram), 1.0))
+    outer = np.outer(scale, scale)
+    return np.asarray(np.linalg.pinv(gram / outer, rcond=1e-8, hermitian=True) / outer)
+
+
+def orthonormal(columns: Floats, least: float = 1e-5) -> Floats:
+    """Return an orthonormal basis of columns, those that hardly add anything left out, (n, k).
+
+    Args:
+        columns: (n, k).
+        least: size of a direction, over the largest, below which it is left out.
+    """
+    scale = np.linalg.norm(columns, axis=0)
+    if not np.any(scale > 0.0):
+        return np.zeros((len(columns), 0))
+    left, size, _ = np.linalg.svd(columns[:, scale > 0] / scale[scale > 0], full_matrices=False)
+    return left[:, size > least * size[0]]
+
+
+def without(columns: Floats, basis: Floats) -> Floats:
+    """Return columns without what an orthonormal basis, (n, b), can take of them, (n, ...)."""
+    return columns - basis @ (basis.T @ columns)
+
+
+def directions(white: Floats) -> Floats:
+    """Return an orthonormal basis of whitened columns, float32, (n, at most k).
+
+    Args:
+        white: whitened columns, (n, k).
+    """
+    scale = np.linalg.norm(white, axis=0)
+    unit = white[:, scale > 0] / scale[scale > 0]
+    if unit.shape[1] < 2:
+        return unit
+    values, vectors = np.linalg.eigh((unit.T @ unit).astype(float))
+    kept = values > max(THINNEST * values[-1], 1e-5)
+    return (unit @ (vectors[:, kept] / np.sqrt(values[kept])).astype(np.float32)).astype(np.float32)
+
+
+def _autocovariance(series: Floats, lags: int, slowest: float) -> Floats:
+    """Return the sums of a series times itself later, what is slow counted as its neighbours, (lags + 1,).
+
+    Args:
+        series: 0 where nothing was measured, (n,).
+        lags: the most steps.
+    """
+    size = 1 << (2 * len(series) - 1).bit_length()
+    power = np.abs(np.fft.rfft(series, size)) ** 2
+    slow = np.arange(len(power)) * slowest / size
+    near = (slow >= 1.0) & (slow < NEAR)
+    power[slow < 1.0] = power[near].mean() if near.any() else 0.0
+    return np.fft.irfft(power, size)[: lags + 1]
+
+
+def _beyond(slowness: Floats, centre: Floats, middle: Floats) -> Floats:
+    """Return the width over that of the fastest or slowest bin where the water is beyond their middles, else 1, (n,).
+
+    Width squared is a floor and what grows with slowness squared, as the fit's noise has it; both by least squares over
+    the faster half of the bins. What veers or heels does so where the water is fastest, and there it is seen best. The
+    slowest water goes where it rarely goes: a width too narrow there makes a veer of noise.
+    """
+    some = slice(0, max(len(centre) // 2, 2))
+    x, y = centre[some] ** 2, middle[some] ** 2
+    slower = np.maximum(slowness / max(centre[-1], 1e-12), 1.0)
+    if np.ptp(x) == 0.0:
+        return slower
+    growth = max(float(np.sum((x - x.mean()) * (y - y.mean())) / np.sum((x - x.mean()) ** 2)), 0.0)
+    floor = max(float(y.mean() - growth * x.mean()), NARROWEST**2 * float(y[0]))
+    square = np.minimum(slowness, centre[0]) ** 2
+    return np.asarray(slower * np.sqrt((floor + growth * square) / (floor + growth * centre[0] ** 2)))
+
+
+def _on_circle(width_deg: Floats) -> Floats:
+    """Return the width that a direction is worth: one that points anywhere tells nothing, however narrow it looks.
+
+    Of a wrapped normal law it follows what the score of the mean direction knows within a fifth.
+    """
+    with np.errstate(divide="ignore"):
+        return np.asarray(width_deg / np.maximum(1.0 - (width_deg / ANYWHERE_DEG) ** 2, 0.0))

@@ -1,0 +1,254 @@
+"""Curves through a bench's headings: recovery, published numbers, what too few headings are told."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from bench import FOLDED, MILD, readings, ring
+
+from compasslib import angles, compass
+from compasslib.calibrations import budget, curves, series
+from compasslib.calibrations.curves import BenchReadings
+from compasslib.calibrations.exact_curve import EXACT
+from compasslib.calibrations.series import ONE_CYCLE, POLYNOMIAL, SMITH, FittedSeries
+from compasslib.deviation import von_appen
+
+SERIES = np.array([0.6, 5.0, -3.0, 1.2, -0.7])  # degrees
+# Moncunill Marimón et al. 2023, section 5.3: deviations on N, NE, E, SE, S, SW, W, NW.
+EIGHT = np.array([-1.177, 2.023, -8.377, -4.279, 3.620, 14.721, 5.624, 15.123])
+
+
+def smith_bench(n: int = 36, noise_deg: float = 0.3, seed: int = 1) -> BenchReadings:
+    recorded = ring(n) + 3.0
+    noise = np.random.default_rng(seed).normal(0.0, noise_deg, n)
+    return BenchReadings(angles.wrap360(recorded + von_appen.predict(SERIES, recorded) + noise), recorded)
+
+
+def calibrated(read: BenchReadings, **keys):
+    return curves.calibration("platform", read, **keys)
+
+
+# --- the forms ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("form", [SMITH, EXACT, POLYNOMIAL, ONE_CYCLE], ids=lambda form: form.name)
+def test_every_form_has_the_derivative_that_it_says(form):
+    coefficients = np.array([0.02, 0.15, 0.1, 0.03, -0.02, 0.01, 0.02])[: len(form.letters)]
+    heading, step = np.arange(1.0, 360.0, 13.0), 1e-6
+    numeric = np.stack(
+        [
+            (form.deviation(coefficients + step * unit, heading) - form.deviation(coefficients, heading)) / step
+            for unit in np.eye(len(form.letters))
+        ],
+        axis=-1,
+    )
+    assert np.allclose(form.gradient(coefficients, heading), numeric, atol=1e-3)
+
+
+@pytest.mark.parametrize("form", [SMITH, EXACT, POLYNOMIAL], ids=lambda form: form.name)
+def test_a_left_out_residual_is_that_of_a_fit_without_the_point(form):
+    seen = series.points(smith_bench().recorded_deg, smith_bench().reference_deg)
+    whole = series.fit(form, seen)
+    k = 7
+    kept = np.arange(len(seen)) != k
+    without = series.fit(form, series.Points(seen.recorded_deg[kept], seen.deviation_deg[kept], seen.weight[kept]))
+    assert isinstance(whole, FittedSeries) and isinstance(without, FittedSeries)
+    alone = seen.deviation_deg[k] - without.deviation(seen.recorded_deg[[k]])[0]
+    # The hat matrix of the exact compass is that of its linearisation, whose slope differs by a few per cent.
+    assert whole.left_out_deg[k] == pytest.approx(alone, abs=1e-9 if form is not EXACT else 0.05)
+
+
+def test_the_exact_compass_is_found_to_the_last_digit_and_without_noise_leaves_nothing():
+    for true in (MILD, FOLDED, (0.1, 0.6, -0.2, 0.1, 0.05)):
+        made = calibrated(readings(ring(24), true, noise_deg=0.0))
+        assert np.allclose(made.exact, true, atol=1e-9) and made.residual_rms_deg < 1e-6
+
+
+def test_le_menn_4_has_a_cosine_in_its_denominator():
+    """Printed is a sine; with it the formula is not the compass of section 3 of the physics page."""
+    a, b, c, d, e = MILD
+    heading = np.arange(0.0, 360.0, 7.0)
+    (s, k), (s2, k2) = angles.sin_cos(heading), angles.sin_cos(2.0 * heading)
+    above = a + b * s + c * k + d * s2 + e * k2
+    true = angles.difference(heading, compass.recorded_heading(MILD, heading))
+    right, printed = (1.0 + b * x - c * s + d * k2 - e * s2 for x in (k, s))
+    assert np.allclose(angles.argument(right + 1j * above), angles.wrap360(true), atol=1e-9)
+    assert np.max(np.abs(angles.difference(angles.argument(printed + 1j * above), true))) > 1.0
+
+
+def test_le_menn_5_exchanges_the_letters_d_and_e():
+    made = calibrated(smith_bench(noise_deg=0.0))
+    assert np.allclose(made.coefficients, SERIES, atol=1e-9)
+    recorded = np.arange(0.0, 360.0, 10.0)
+    printed = SERIES[[0, 1, 2, 4, 3]]  # D with cos 2, E with sin 2
+    (s, k), (s2, k2) = angles.sin_cos(recorded), angles.sin_cos(2.0 * recorded)
+    a, b, c, d, e = printed
+    assert np.allclose(a + b * s + c * k + d * k2 + e * s2, von_appen.predict(made.coefficients, recorded))
+
+
+def test_the_polynomial_is_that_of_le_menn_7_and_jumps_at_north():
+    heading = np.arange(0.0, 360.0, 10.0)
+    deviation = -2.0 + 0.03 * heading + 1e-4 * heading**2
+    curve = series.fit(POLYNOMIAL, series.points(heading, heading + deviation))
+    assert isinstance(curve, FittedSeries)
+    assert np.allclose(series.published_polynomial(curve)[:3], [-2.0, 0.03, 1e-4], rtol=1e-6)
+    made = calibrated(BenchReadings(angles.wrap360(heading + deviation), heading))
+    assert made.model == "polynomial" and any("not periodic: it jumps by -23.8" in text for text in made.warnings)
+
+
+def test_the_five_term_series_leaves_4_05_degrees_of_the_published_eight_headings():
+    """Physics page, section 7: the structure is of third and fourth harmonics, which eight headings cannot prove."""
+    made = calibrated(BenchReadings(ring(8), angles.wrap360(ring(8) - EIGHT)))
+    smith = made.details["models"]["smith"]
+    assert smith["residual_rms_deg"] == pytest.approx(4.05, abs=0.005) and smith["dof"] == 3
+    assert any("third and fourth harmonics cannot be tested" in text for text in made.warnings)
+    assert made.sources[-1].standard_deg > 1.5 * 4.0  # Student's t with three degrees of freedom
+
+
+def test_series_against_polynomial_as_on_le_menns_bench():
+    """Section 6: 1.14 degrees expanded by the series, 1.66 by the polynomial.
+
+    With the scatter that 1.14 leaves beside the 0.90 of the reference, 0.35 degrees, and a deviation of 13 degrees,
+    which is not printed, come out 1.18 and 1.60 (with the 0.95 that the budget's rows make).
+    """
+    rng, rows = np.random.default_rng(2023), budget.sources({}, "le_menn")
+    expanded = []
+    for _ in range(20):
+        recorded = rng.uniform(0.0, 10.0) + ring()
+        deviation = von_appen.predict([0.5, 10.0, 8.0, 2.5, 1.0], recorded) + rng.normal(0.0, 0.35, 36)
+        fits = [series.fit(form, series.points(recorded, recorded + deviation)) for form in (SMITH, POLYNOMIAL)]
+        expanded.append([2.0 * np.hypot(budget.combined(rows), fit.scatter_deg) for fit in fits])
+    smith, polynomial = np.mean(expanded, axis=0)
+    assert smith == pytest.approx(1.14, abs=0.08)  # 0.95 for 0.90, and 31 degrees of freedom instead of many
+    assert polynomial == pytest.approx(1.66, abs=0.15) and polynomial > 1.2 * smith
+
+
+# --- how sure -------------------------------------------------------------------------------------------------------
+
+
+def test_two_widened_standard_deviations_are_students_interval():
+    assert series.widening(3) == pytest.approx(3.307 / 2.0, abs=1e-3)  # GUM, table G.2, p = 95.45 %
+    assert series.widening(1) == pytest.approx(13.97 / 2.0, abs=1e-2)
+    assert series.widening(10**6) == pytest.approx(1.0, abs=1e-4)
+
+
+@pytest.mark.parametrize("n", [36, 8])
+def test_stated_intervals_hold_the_truth(n):
+    """benchmarks/calibrations.py has more designs and 1000 benches of each."""
+    inside = []
+    for seed in range(120):
+        made = calibrated(smith_bench(n, seed=seed))
+        inside.append(np.abs(made.coefficients - SERIES) <= 1.96 * np.sqrt(np.diag(made.covariance)))
+    assert 0.92 <= np.mean(inside) <= 0.985  # 600 draws: two standard errors are 1.8 %
+
+
+def test_readings_repeated_at_one_setting_are_not_more_headings():
+    once = readings(ring(12), seed=3)
+    often = BenchReadings(np.repeat(once.reference_deg, 50), np.repeat(once.recorded_deg, 50))
+    first, second = calibrated(once), calibrated(often)
+    assert np.allclose(first.covariance, second.covariance) and second.n == 600
+    assert any("600 readings at 12 headings" in text for text in second.warnings)
+
+
+def test_the_exact_compass_is_chosen_where_the_iron_is_strong_and_the_series_where_it_is_one():
+    assert calibrated(readings(ring(), (0.0, 0.4, 0.2, 0.05, 0.0))).model == "exact"
+    recorded, noise = ring() + 3.0, np.random.default_rng(1).normal(0.0, 0.1, 36)
+    correct = angles.wrap360(recorded + von_appen.predict(4.0 * SERIES, recorded) + noise)
+    made = calibrated(BenchReadings(correct, recorded))
+    assert made.model == "smith" and "smith 0." in made.details["chosen_by"]
+    assert set(made.details["models"]) == {"smith", "exact", "polynomial", "one_cycle"}
+
+
+def test_a_table_every_ten_or_fifteen_degrees_with_what_all_headings_share():
+    made = calibrated(smith_bench(), table_step_deg=15.0)
+    assert len(made.table.heading_deg) == 24 and made.table.heading_deg[1] == 15.0
+    off = made.table.deviation_deg - von_appen.predict(SERIES, made.table.heading_deg)
+    assert np.all(np.abs(off) < 4.0 * made.table.sigma_deg)
+    rows = budget.sources({"graduation_deg": 3.0})
+    shared = calibrated(smith_bench(), sources=rows)
+    assert np.all(shared.table.sigma_deg > 3.0) and np.all(shared.table.sigma_deg < 3.1)
+    maker = calibrated(smith_bench(), sources=budget.sources({"maker_accuracy_deg": 6.0}))
+    assert np.all(maker.table.sigma_deg < 0.3)  # the maker's accuracy is one of a single reading
+
+
+def test_a_constant_shift_is_said_with_its_uncertainty():
+    shift = calibrated(smith_bench()).details["constant_shift"]
+    assert shift["differs_from_none"] and abs(shift["value_deg"] - SERIES[0]) < 3.0 * shift["sigma_deg"]
+    unsure = calibrated(smith_bench(), sources=budget.sources({"graduation_deg": 2.0})).details["constant_shift"]
+    assert not unsure["differs_from_none"] and "is not significant" in unsure["text"]
+
+
+# --- too few headings -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("settings", "why"),
+    [
+        ([], "no reading with both headings; swing 16 to 24"),
+        ([30.0], "one heading only: the deviation there is +"),
+        ([30.0, 30.0, 30.0], "one heading only: the deviation there is +"),
+        ([0.0, 120.0, 240.0], "3 headings in 3 of 36 sectors determine no curve (five terms: 5 coefficients need at"),
+        (
+            np.arange(0.0, 60.0, 5.0),
+            "12 headings in 6 of 36 sectors determine no curve (five terms: the headings do not",
+        ),
+    ],
+    ids=["none", "one", "one repeated", "three", "a sixth of the circle"],
+)
+def test_too_few_headings_are_refused_with_the_reason(settings, why):
+    made = calibrated(readings(settings))
+    assert made.why.startswith(why) and made.model == "none"
+    assert not made.coefficients.size and not made.exact.size and made.table is None
+    assert set(made.points) == {"reference_deg", "recorded_deg", "deviation_deg"}
+
+
+def test_four_headings_carry_one_cycle_and_say_what_stays_unknown():
+    made = calibrated(readings(ring(4)))
+    assert made.model == "one_cycle" and np.isfinite(made.coefficients[:3]).all()
+    assert np.isnan(made.coefficients[3:]).all() and np.isnan(made.covariance[3:]).all() and not made.exact.size
+    assert any("reduced to one cycle" in text and "D and E stay unknown" in text for text in made.warnings)
+    assert made.sources[-1].how.startswith("scatter about the curve, 1 degrees of freedom")
+
+
+def test_half_a_circle_is_refused_because_one_cycle_would_hide_a_quadrantal_deviation():
+    """A one-cycle fit there puts B at 11.3 ± 0.6 degrees where it is 8.6."""
+    made = calibrated(readings(np.arange(0.0, 180.0, 10.0)))
+    assert made.model == "none" and "would look like one cycle" in made.why
+
+
+def test_two_thirds_of_a_circle_carry_five_terms_and_the_gap_is_said():
+    made = calibrated(readings(np.arange(0.0, 240.0, 10.0)))
+    assert made.coefficients.size == 5 and any("no reading between recorded" in text for text in made.warnings)
+    gap, middle = made.table.sigma_deg[[30, 12]]
+    assert gap > 2.0 * middle
+
+
+def test_eight_headings_widen_and_sixteen_do_not_warn():
+    eight, sixteen = calibrated(readings(ring(8))), calibrated(readings(ring(16)))
+    assert any("8 headings leave 3 degrees of freedom" in text for text in eight.warnings)
+    assert sixteen.warnings == ()
+
+
+def test_a_compass_that_cannot_turn_full_circle_has_exact_coefficients_and_no_table():
+    made = calibrated(readings(ring(24), FOLDED))
+    assert made.model == "exact" and np.allclose(made.exact, FOLDED, atol=0.02)
+    assert not made.coefficients.size and np.isnan(made.table.deviation_deg).all()
+    assert any(text.startswith("the compass cannot turn full circle: it shows 16") for text in made.warnings)
+    assert made.details["models"]["one_cycle"]["why"].startswith("it misses the readings by 3")
+
+
+def test_a_blunder_is_pointed_at():
+    read = readings(ring(24), seed=2)
+    read.recorded_deg[5] += 9.0
+    warned = [text for text in calibrated(read).warnings if "far from the curve" in text]
+    assert len(warned) == 1 and f"{read.recorded_deg[5]:.0f} (" in warned[0]
+
+
+def test_an_offset_of_half_a_turn_does_not_tear_the_deviations_apart():
+    read = smith_bench()
+    made = calibrated(BenchReadings(angles.wrap360(read.reference_deg + 175.0), read.recorded_deg))
+    assert made.coefficients[0] == pytest.approx(175.6, abs=0.3) and made.residual_rms_deg < 0.5
+
+
+def test_coverage_counts_occupied_sectors():
+    assert series.coverage([]) == 0 and series.coverage([359.9, 0.0, 5.0, 9.9]) == 2 and series.coverage(ring()) == 36

@@ -1,0 +1,361 @@
+"""A bench's files, budget and comparisons, what calibration.json holds, and a calibration carried to a mooring."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from tempfile import mkdtemp
+
+import numpy as np
+import pytest
+from bench import FOLDED, MILD, readings, ring, write_table
+from sea import pairs
+from test_plots import record
+
+from compasslib import angles, calibrations, compass, deviation
+from compasslib.archive import calibrations as calibration_files
+from compasslib.archive import netcdf
+from compasslib.calibrations import at_mooring, budget, content, platform
+from compasslib.calibrations import content as comparison
+from compasslib.calibrations.curves import BenchReadings
+from compasslib.deviation import transfer
+from compasslib.errors import InputError
+from compasslib.inference import kinds
+from compasslib.inference.comparison import Options
+from compasslib.records import EarthField
+
+HOME = {"horizontal_nT": 21299.0, "vertical_nT": 42888.0, "declination_deg": -0.68}
+SEA = EarthField(*(np.array([x, x]) for x in (1.2e9, -23.5, 11980.0, 52078.0, -23.5)))
+
+
+def page(made, name="aqd", settings=None, earlier=None):
+    """Return calibration.json as a later job reads it."""
+    said = content.described(name, made, settings or {"field": HOME}, earlier or {})
+    path = Path(mkdtemp()) / "calibration.json"
+    netcdf.write_json(path, said)
+    return netcdf.read_json(path)
+
+
+def calibrated(tmp_path, read=None, **settings):
+    path = write_table(tmp_path / "aqd.csv", readings() if read is None else read)
+    return platform.calibrate([path], settings)
+
+
+# --- files ----------------------------------------------------------------------------------------------------------
+
+
+def test_columns_may_have_other_names_and_lines_without_a_heading_are_counted(tmp_path):
+    path = write_table(tmp_path / "aqd.csv", readings(ring(24)), names=("bench", "heading"))
+    path.write_text(path.read_text() + "3.0,\n,4.0\nnan,nan\n")
+    columns = {"reference_deg": "bench", "recorded_deg": "heading"}
+    made = platform.calibrate([path], {"columns": columns, "uncertainty": dict.fromkeys(budget.ROWS, 0.1)})
+    assert made.n == 24 and made.warnings == ("3 lines without both headings are left out",)
+
+
+def test_several_files_are_one_calibration_and_other_columns_are_ignored(tmp_path):
+    read = readings(ring(24))
+    halves = [BenchReadings(read.reference_deg[k::2], read.recorded_deg[k::2]) for k in (0, 1)]
+    paths = [write_table(tmp_path / f"{k}.csv", half) for k, half in enumerate(halves)]
+    assert platform.calibrate([str(path) for path in paths], {}).n == 24
+
+
+@pytest.mark.parametrize(
+    ("text", "settings", "said"),
+    [
+        ("a,b\n1,2\n", {}, "column 'reference_deg' (reference_deg): expected one of the file's columns, found a, b"),
+        ("", {}, "found an empty file; correct columns in the calibration's file"),
+        ("reference_deg,recorded_deg\n1,x\n", {}, "line 2, recorded_deg: expected a number or nothing, found 'x'"),
+        ("reference_deg,recorded_deg\n1,35999\n", {}, "recorded_deg: expected degrees, found 35999; turn the column"),
+        ("reference_deg,recorded_deg\n", {"withhold": ["tilt"]}, "withhold: expected columns of it (recorded_deg, ref"),
+        ("reference_deg,recorded_deg\n", {"withhold": ["recorded_deg"]}, "withhold: expected columns that the cal"),
+        (b"\xff\xfe\x00", {}, "expected a readable CSV file in UTF-8"),
+    ],
+    ids=["columns", "empty", "text", "unit", "unknown withheld", "needed withheld", "bytes"],
+)  # fmt: skip
+def test_a_file_that_cannot_be_used_is_one_line(tmp_path, text, settings, said):
+    path = tmp_path / "aqd.csv"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    with pytest.raises(InputError) as caught:
+        platform.calibrate([path], settings)
+    assert said in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_a_withheld_column_is_not_read(tmp_path):
+    path = write_table(tmp_path / "aqd.csv", readings(ring(16)))
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join([lines[0] + ",secret", *(line + ",not a number" for line in lines[1:])]))
+    assert platform.calibrate([path], {"withhold": ["secret"]}).n == 16
+
+
+# --- mistakes that parse ----------------------------------------------------------------------------------------------
+
+
+def on_bench(reference=lambda x: x, recorded=lambda x: x, n=36):
+    read = readings(ring(n))
+    return BenchReadings(reference(read.reference_deg), recorded(read.recorded_deg))
+
+
+@pytest.mark.parametrize(
+    ("read", "said"),
+    [
+        (on_bench(recorded=lambda x: 360.0 - x), "headings that run against each other"),
+        (on_bench(reference=lambda x: 360.0 - x, n=12), "headings that run against each other"),
+        (on_bench(np.deg2rad), "reference_deg in radians"),
+        (on_bench(np.deg2rad, np.deg2rad), "both columns in radians"),
+        (on_bench(recorded=lambda x: x / 0.9), "recorded_deg in gon"),
+        (on_bench(lambda x: x / 0.9, lambda x: x / 0.9), "both columns in gon"),
+    ],
+    ids=["recorded backwards", "reference backwards", "radians", "both in radians", "gon", "both in gon"],
+)
+def test_another_unit_or_sense_of_turning_is_refused_by_name(tmp_path, read, said):
+    with pytest.raises(InputError, match=f"a deviation curve can join, found {said}"):
+        calibrated(tmp_path, read)
+
+
+@pytest.mark.parametrize(("turn", "stood"), [(180.0, 180), (90.0, 90), (-90.0, 270)])
+def test_a_bench_read_from_another_side_is_refused_until_the_mounting_is_told(tmp_path, turn, stood):
+    read = on_bench(recorded=lambda x: angles.wrap360(x + turn))
+    with pytest.raises(InputError, match=f"write mounting_deg: {stood} if"):
+        calibrated(tmp_path, read)
+    told = calibrated(tmp_path, read, mounting_deg=float(stood))
+    assert told.coefficients[0] == pytest.approx(calibrated(tmp_path).coefficients[0], abs=0.2)
+    own = calibrated(tmp_path, read, mounting_deg=0.0)
+    assert abs(angles.difference(own.coefficients[0], -turn)) < 3.0 and own.details["doubts"] == []
+
+
+@pytest.mark.parametrize(
+    ("read", "declination", "said"),
+    [
+        (on_bench(lambda x: x - 23.5), -23.5, "constant of -22.4 degrees, which turns all headings alike"),
+        (on_bench(lambda x: x + 2.6), 3.8, "it is the declination, +3.8: reference_deg may be true"),
+        (on_bench(lambda x: np.roll(x, 1)), 0.0, "shifted by one setting of 10"),
+        (BenchReadings(on_bench().recorded_deg, on_bench().reference_deg), 0.0, "the columns are exchanged"),
+    ],
+    ids=["turned", "true", "shifted", "exchanged"],
+)
+def test_what_cannot_be_told_from_the_compass_s_own_is_a_doubt_that_goes_to_the_mooring(
+    tmp_path, read, declination, said
+):
+    made = calibrated(tmp_path, read, declination_deg=declination)
+    assert said in " ".join(made.warnings)
+    seen, _ = pairs()
+    told = at_mooring.carried(page(made), SEA, record(seen), seen).warnings
+    assert any(said in text and text.startswith("calibration aqd: ") for text in told)
+    assert calibrated(tmp_path, declination_deg=declination).details["doubts"] == []
+
+
+# --- budget ---------------------------------------------------------------------------------------------------------
+
+
+def test_le_menns_rows_make_their_reference_direction():
+    """0.90 degrees expanded in the paper, whose table is a picture: 0.95 by the distributions that its text names."""
+    rows = budget.sources({}, "le_menn")
+    assert budget.expanded(rows) == pytest.approx(0.90, rel=0.07) and "maker_accuracy_deg" not in {r.name for r in rows}
+    assert budget.absent(rows) == ["maker_accuracy_deg"]
+
+
+def test_own_rows_stand_before_the_papers_and_nothing_is_invented():
+    rows = {r.name: r for r in budget.sources({"graduation_deg": 0.1, "maker_accuracy_deg": 2.0, "slope_deg": None})}
+    assert set(rows) == {"graduation_deg", "maker_accuracy_deg"} and rows["graduation_deg"].standard_deg == 0.1
+    assert rows["maker_accuracy_deg"].standard_deg == pytest.approx(2.0 / 6.0**0.5)
+    mixed = {r.name: r for r in budget.sources({"graduation_deg": 0.1}, "le_menn")}
+    assert "(given)" in mixed["graduation_deg"].how and "Le Menn" in mixed["slope_deg"].how
+
+
+def test_the_expanded_uncertainty_is_twice_the_root_of_the_rows(tmp_path):
+    made = calibrated(tmp_path, budget="le_menn", uncertainty={"maker_accuracy_deg": 2.0})
+    said = page(made)["uncertainty"]
+    total = np.sqrt(sum(row["standard_deg"] ** 2 for row in said["rows"].values()))
+    assert said["expanded_deg"] == pytest.approx(2.0 * total) and set(said["rows"]) == {*budget.ROWS, "fit_residual"}
+    assert not any("budget" in text for text in made.warnings)
+    bare = calibrated(tmp_path)
+    assert set(page(bare)["uncertainty"]["rows"]) == {"fit_residual"}
+    assert any("the budget has no row graduation_deg" in text and "only the scatter" in text for text in bare.warnings)
+
+
+# --- what is written ------------------------------------------------------------------------------------------------
+
+
+def test_the_three_files_hold_what_was_found(tmp_path):
+    made = calibrated(tmp_path, table_step_deg=15)
+    paths = {name: tmp_path / "out" / file for name, file in
+             (("calibration", "calibration.json"), ("table", "table.csv"), ("points", "points.csv"))}  # fmt: skip
+    calibration_files.write(page=page(made), made=made, **paths)
+    back = calibration_files.read(**paths)
+    assert back.content["coefficients"]["A"] == pytest.approx(made.coefficients[0])
+    assert {"kind", "model", "covariance", "residual_rms_deg", "n", "coverage", "why", "warnings"} <= set(back.content)
+    assert (
+        np.allclose(back.table.deviation_deg, made.table.deviation_deg, atol=6e-4) and len(back.table.heading_deg) == 24
+    )
+    assert np.allclose(back.points["residual_deg"], made.points["residual_deg"], atol=1e-6)
+    assert (
+        (tmp_path / "out/table.csv").read_text().startswith("recorded_deg,deviation_deg,standard_uncertainty_deg\n0,")
+    )
+
+
+def test_a_refused_calibration_is_written_too(tmp_path):
+    made = calibrated(tmp_path, readings([10.0]), budget="le_menn")
+    paths = {name: tmp_path / f"{name}.x" for name in ("calibration", "table", "points")}
+    calibration_files.write(page=page(made), made=made, **paths)
+    back = calibration_files.read(**paths)
+    assert back.content["coefficients"] is None and back.content["uncertainty"]["expanded_deg"] is None
+    assert back.content["why"].startswith("one heading only") and not back.table.heading_deg.size
+    assert "no calibration: one heading only" in content.log_line(back.content)
+
+
+def test_a_damaged_table_is_one_line(tmp_path):
+    (tmp_path / "table.csv").write_text("recorded_deg\nx\n")
+    with pytest.raises(InputError, match="expected a table that this program wrote"):
+        calibrations.read_table(tmp_path / "table.csv")
+
+
+def test_details_of_a_kind_cannot_hide_what_every_kind_has(tmp_path):
+    made = replace(calibrated(tmp_path), details={"model": "mine"})
+    with pytest.raises(ValueError, match="model"):
+        page(made)
+
+
+def test_the_field_and_the_declination_come_from_place_and_date():
+    """H and Z of the physics page, section 3, at 65.3 N 33 W on 1 December 2007."""
+    place = {"latitude": 65.3, "longitude": -33.0, "date_s": 1196467200.0}
+    settled = calibrations.settled(place | {"declination": "auto"})
+    assert settled["field"]["horizontal_nT"] == pytest.approx(11980.0, abs=15.0)
+    assert settled["declination_deg"] == pytest.approx(-23.50, abs=0.05)
+    assert calibrations.settled(place | {"declination": 3.0})["declination_deg"] == 3.0
+    nowhere = calibrations.settled({"declination": "auto", "latitude": 65.3, "longitude": -33.0})
+    assert nowhere["field"] is None and nowhere["declination_deg"] is None
+
+
+def test_a_weak_field_is_warned_of(tmp_path):
+    said = page(calibrated(tmp_path), settings={"field": HOME | {"horizontal_nT": 3000.0}})
+    assert any("the horizontal field is 3000 nT; below 5000 nT" in text for text in said["warnings"])
+
+
+# --- comparison -----------------------------------------------------------------------------------------------------
+
+
+def turned(degrees: float):
+    """Return the iron of a battery pack that was turned in its place."""
+    p = (0.15 - 0.1j) * angles.phasor(degrees)
+    return (0.0, p.real, -p.imag, 0.0, 0.0)
+
+
+def test_a_pack_turned_by_ninety_degrees_moves_the_phase_by_ninety(tmp_path):
+    """Le Menn et al. 2023, section 3: a shift of 90 degrees where the pack was turned from south to west."""
+    before = page(calibrated(tmp_path, readings(coefficients=turned(0.0))), "before")
+    made = calibrated(tmp_path, readings(coefficients=turned(90.0), seed=2))
+    found = page(made, "after", earlier={"before": before})["comparison"]
+    phase, size = found["one_cycle"]["phase_deg"], found["one_cycle"]["amplitude_deg"]
+    assert found["differ"] and abs(abs(phase["shift"]) - 90.0) < 3.0 * phase["sigma"]
+    assert abs(size["difference"]) < 3.0 * size["sigma"]
+    assert set(found["difference"]) == set("ABCDE") and found["difference"]["B"]["z"] < -10.0
+    assert found["text"].startswith("This calibration and before differ (p < 0.001).")
+
+
+def test_the_same_compass_twice_is_told_from_itself_as_often_as_chance_has_it(tmp_path):
+    differ = []
+    for seed in range(100):
+        before = page(calibrated(tmp_path, readings(ring(12), seed=2 * seed)), "before")
+        after = calibrated(tmp_path, readings(ring(12), seed=2 * seed + 1))
+        differ.append(comparison.compare(after, before, "before")["differ"])
+    assert np.mean(differ) <= 0.12  # 5 % in 100 draws: three standard errors above
+
+
+def test_a_demagnetised_compass_has_no_phase_and_a_refused_one_is_not_compared(tmp_path):
+    before = page(calibrated(tmp_path), "before")
+    clean = calibrated(tmp_path, readings(coefficients=(0.0,) * 5, seed=4))
+    found = comparison.compare(clean, before, "before")
+    assert found["one_cycle"]["phase_deg"] is None and "too small on one side" in found["text"] and found["differ"]
+    refused = calibrated(tmp_path, readings([10.0]))
+    assert comparison.compare(refused, before, "before")["why"] == "this calibration has no coefficients"
+    assert comparison.compare(clean, page(refused), "bad")["why"] == "bad has no coefficients"
+
+
+def test_a_reduced_calibration_is_compared_by_what_both_have(tmp_path):
+    four = calibrated(tmp_path, readings(ring(4)))
+    assert set(comparison.compare(four, page(calibrated(tmp_path)), "whole")["difference"]) == set("ABC")
+
+
+# --- at a mooring ---------------------------------------------------------------------------------------------------
+
+
+def at_home(coefficients, share: float = 1.0) -> np.ndarray:
+    """Return a mooring's coefficients as they are on the bench, the share of hard iron given."""
+    away = transfer.Place(float(SEA.horizontal_nT[0]), float(SEA.vertical_nT[0]))
+    home = transfer.Place(HOME["horizontal_nT"], HOME["vertical_nT"])
+    ends = transfer.carry(coefficients, np.eye(5), away, home)
+    return share * ends.if_all_hard + (1.0 - share) * ends.if_all_induced
+
+
+@pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
+@pytest.mark.parametrize("at_sea", [(0.02, 0.3, 0.1, 0.03, -0.02), (0.0, -1.1, 0.7, 0.02, -0.01)])
+def test_headings_of_a_mooring_lie_within_what_the_carried_calibration_states(tmp_path, at_sea, share):
+    made = calibrated(tmp_path, readings(coefficients=at_home(at_sea, share)), budget="le_menn")
+    seen, heading = pairs(at_sea, n=700)
+    fit = at_mooring.carried(page(made), SEA, record(seen), seen)
+    assert fit.method == "calibration" and fit.folded == (not compass.turns_full_circle(at_sea))
+    off = (fit.coefficients - at_sea) / np.sqrt(np.diag(fit.covariance))
+    assert np.all(np.abs(off) < 2.5) and np.abs(off).max() > 0.01
+    assert fit.n_pairs == 700 and 0.0 < fit.residual_rms_deg < 60.0
+    assert fit.heading_density.sum() == pytest.approx(1.0)
+    assert fit.warnings[0].startswith("calibration aqd: B and C may be [")
+    assert deviation.from_json(fit.to_json()).warnings == fit.warnings
+    assert deviation.fit("calibration", seen, near=fit) is fit
+    origin = at_mooring.origin(page(made), SEA)["calibration"]
+    assert origin["name"] == "aqd" and abs(origin["if_all_hard"]["B"]) < abs(origin["if_all_induced"]["B"])
+    if not fit.folded:
+        found = compass.inverse(fit.coefficients, seen.heading_deg)[:, 0]
+        assert angles.rms(found - heading) < 6.0
+
+
+def test_a_folded_calibration_reaches_the_mooring_without_any_pair(tmp_path):
+    made = calibrated(tmp_path, readings(ring(24), FOLDED))
+    seen, _ = pairs((0.0, -1.1 * 1.78, 0.7 * 1.78, 0.02, -0.01), n=300)
+    none = replace(seen, **{k: v[:0] for k, v in vars(seen).items() if isinstance(v, np.ndarray)})
+    fit = at_mooring.carried(page(made), SEA, record(seen, 300), none)
+    assert fit.folded and fit.n_pairs == 0 and np.isnan(fit.residual_rms_deg)
+    assert "residual" not in deviation.log_line("M1", fit) and "warning: calibration aqd" in deviation.log_line(
+        "M1", fit
+    )
+
+
+@pytest.mark.parametrize(
+    ("read", "settings", "why"),
+    [
+        (readings([10.0]), {"field": HOME}, "calibration aqd: one heading only"),
+        (readings(ring(4)), {"field": HOME}, "calibration aqd: it has no coefficients of the exact compass"),
+        (readings(), {}, "calibration aqd: its place or date is unknown"),
+    ],
+    ids=["refused", "reduced", "no place"],
+)
+def test_what_cannot_be_carried_leaves_no_coefficients_and_says_why(tmp_path, read, settings, why):
+    seen, _ = pairs(MILD, n=50)
+    fit = at_mooring.carried(
+        page(calibrated(tmp_path, read), settings=settings or {"field": None}), SEA, record(seen), seen
+    )
+    assert not fit.fitted and fit.why.startswith(why) and fit.n_pairs == 50
+
+
+def test_the_budget_of_a_calibration_stands_in_the_mooring_s_uncertainty(tmp_path):
+    seen, _ = pairs(MILD, n=50)
+    wide, narrow = (
+        at_mooring.carried(page(calibrated(tmp_path, uncertainty={"graduation_deg": x})), SEA, record(seen, 50), seen)
+        for x in (3.0, 0.1)
+    )
+    assert np.sqrt(wide.covariance[0, 0]) / angles.DEGREE == pytest.approx(3.0, abs=0.1)
+    assert wide.covariance[0, 0] > 10.0 * narrow.covariance[0, 0]
+
+
+# ------------------------------------------------------------------------------------------------ too good to be true
+@pytest.mark.parametrize("constant", [0.0, 7.0, 72.0])
+@pytest.mark.parametrize("n", [8, 12, 16, 36, 72])
+def test_recorded_headings_that_are_the_reference_s_own_get_a_curve_and_a_warning(tmp_path, n, constant):
+    """A column that was copied leaves nothing of the readings; 36 of them were a traceback."""
+    path = write_table(tmp_path / "cal.csv", BenchReadings(ring(n), (ring(n) + constant) % 360.0))
+    made = calibrations.calibrate("platform", [path], {})
+    np.testing.assert_allclose(made.coefficients, [-constant, 0, 0, 0, 0], atol=1e-9)
+    assert any("leaves nothing of the readings, which no instrument does" in said for said in made.warnings)
+    found = kinds.diagnose("platform", [path], {}, Options())
+    assert found.verdict in ("consistent", "insufficient") and not found.findings
+    honest = write_table(tmp_path / "honest.csv", readings(ring(n)))
+    assert not any("leaves nothing" in said for said in calibrations.calibrate("platform", [honest], {}).warnings)

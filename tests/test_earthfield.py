@@ -1,0 +1,86 @@
+"""IGRF against the design page, its guard, and the metadata that override it."""
+
+from datetime import datetime
+
+import numpy as np
+import ppigrf
+import pytest
+
+from compasslib import calibrations, earthfield
+from compasslib.errors import InputError
+
+DECEMBER_2007, EG4 = 1196467200.0, (65.3, -33.0)
+
+
+def test_field_of_the_demonstration_cruise():
+    declination, horizontal, vertical = earthfield.igrf(*EG4, [DECEMBER_2007])
+    assert declination[0] == pytest.approx(-23.50, abs=0.005)
+    assert horizontal[0] == pytest.approx(11980, abs=1.0)
+    assert vertical[0] == pytest.approx(52078, abs=1.0)
+
+
+@pytest.mark.parametrize("place", [(65.3, -33.0), (-40.0, 170.0), (0.0, 0.0), (89.9, 10.0), (-80.0, -120.0)])
+def test_the_model_is_the_one_that_others_evaluate(place):
+    """Within 0.001 nT: the other evaluation goes back to the ellipsoid by a series."""
+    dates = [datetime(1901, 3, 1), datetime(1987, 6, 1), datetime(2007, 12, 1), datetime(2029, 12, 1)]
+    east, north, up = (np.ravel(x).astype(float) for x in ppigrf.igrf(place[1], place[0], 0.0, dates))
+    days = np.array([(date - datetime(1970, 1, 1)).total_seconds() / 86400.0 for date in dates])
+    assert np.array(earthfield.igrf_vector(*place, days)) == pytest.approx(np.array([east, north, -up]), abs=1e-3)
+
+
+def test_along_the_deployment_and_between_nodes():
+    field = earthfield.along_time(*EG4, 1188864000.0, 1223078400.0)
+    assert field.declination_deg[[0, -1]] == pytest.approx([-23.59, -23.22], abs=0.01)
+    middle = (field.time_s[3] + field.time_s[4]) / 2
+    exact = earthfield.igrf(*EG4, [middle])[0][0]
+    assert earthfield.declination_at(field, np.array([middle]))[0] == pytest.approx(exact, abs=1e-4)
+
+
+@pytest.mark.parametrize(("given", "warned"), [(-23.0, False), (23.4, True), (-24.8, True)])
+def test_a_given_number_overrides_and_a_disagreement_is_said(given, warned):
+    field = earthfield.along_time(*EG4, 1188864000.0, 1223078400.0, given)
+    assert (field.declination_deg == given).all() and field.source == "metadata"
+    assert bool(field.warnings) == warned
+    again = earthfield.from_json({k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in vars(field).items()})
+    assert again.warnings == field.warnings
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (23.4, "which has the other sign"),
+        (-0.408, "which it looks like in radians"),
+        (-1404.0, "which it looks like in minutes of arc"),
+        (-46.8, "of which it looks like the double"),
+        (-30.0, "off IGRF (-23.40); check its sign"),
+    ],
+)
+def test_the_mistake_in_a_given_declination_is_named(given, said):
+    assert said in earthfield.along_time(*EG4, 1188864000.0, 1223078400.0, given).warnings[0]
+
+
+@pytest.mark.parametrize(("applied", "warned"), [({"top": -22.0}, False), ({"top": 23.4}, True), ({}, False)])
+def test_a_declination_that_a_file_is_said_to_hold_is_held_against_the_model(applied, warned):
+    field = earthfield.along_time(*EG4, 1188864000.0, 1223078400.0, applied=applied)
+    assert field.source == "IGRF" and bool(field.warnings) == warned
+    assert not warned or field.warnings[0].startswith("top: declination_applied +23.40 degrees in the metadata is")
+
+
+def test_dates_outside_the_model_are_refused():
+    with pytest.raises(InputError, match="dates from 1900 to 2029, which IGRF covers, found 2031-01-01"):
+        earthfield.igrf(*EG4, [1924992000.0])
+
+
+def test_the_advice_for_dates_after_the_model_works():
+    """A declination in degrees needs the model for H and Z alone, which change by a thousandth a year."""
+    start_s, end_s = (datetime(year, 6, 1).timestamp() for year in (2029, 2031))
+    with pytest.raises(InputError, match="or write the declination in degrees"):
+        earthfield.along_time(*EG4, start_s, end_s)
+    field = earthfield.along_time(*EG4, start_s, end_s, -18.0)
+    assert (field.declination_deg == -18.0).all() and np.isfinite(field.horizontal_nT).all()
+    assert any("IGRF ends with 2029" in said for said in field.warnings)
+    assert not any("IGRF ends" in said for said in earthfield.along_time(*EG4, 1.6e9, 1.7e9, -20.0).warnings)
+    place = {"latitude": EG4[0], "longitude": EG4[1], "date_s": end_s}
+    assert calibrations.settled({**place, "declination": -18.0})["field"]["horizontal_nT"] > 1e4
+    with pytest.raises(InputError, match="found 2031-06-01"):
+        calibrations.settled({**place, "declination": "auto"})

@@ -1,0 +1,504 @@
+"""Half-year moorings of the benchmark's own world, from nothing left out to what the catalogue does not hold."""
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from sea import FOLDED, pairs
+
+from benchmarks import discrepancy as bench
+from benchmarks.discrepancy import field_of, fitted
+from compasslib import angles, compass, deviation
+from compasslib.archive.files import read_json, write_json
+from compasslib.deviation import model as fits
+from compasslib.inference import baseline, clocks, covariates, long_record, show, stuck, verdict
+from compasslib.inference import product as products
+from compasslib.inference.case import mooring_case
+from compasslib.inference.comparison import Options
+from compasslib.inference.kinds import mooring
+from compasslib.inference.kinds.mooring import diagnose
+from compasslib.records import GOOD, EarthField, Pairs, Record, take
+from compasslib.simulation import demonstration
+from compasslib.simulation import pairs as world
+from compasslib.simulation.pairs import red_from_rest as red_noise
+from compasslib.stages import pipeline
+
+ROOT = Path(__file__).resolve().parents[1]
+HOURS = 4000
+
+
+def seen(wanted, seed=1, **options):
+    drawn = world.planted(world.make(seed, wide=True, n=HOURS), wanted)
+    return drawn, diagnose(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn), Options(**options))
+
+
+@pytest.fixture(scope="module")
+def two():
+    return seen({"sextantal": 3.0, "temperature": 3.0}, seed=4)
+
+
+def test_nothing_is_found_where_nothing_was_left_out():
+    _, found = seen({})
+    assert found.verdict == "consistent" and not found.findings and found.unexplained is None
+    assert found.experiments == ()
+    assert not any(one.compass for one in found.applied)
+    assert 0.2 < found.detectable_deg["sextantal"] < 4.0 and found.why.startswith("Detection limits (90 % power): ")
+    told = dict(found.not_testable)
+    assert "both compasses alike" in told["field_disturbance"] and "separated from A" in told["declination_error"]
+    assert "current_veer" in found.detectable_deg and not told.keys() & found.detectable_deg.keys()
+
+
+def test_no_effect_is_both_tested_and_not_testable(two):
+    """The record of a diagnosis holds that itself, so that no path to one can say both."""
+    _, found = two
+    tested = {*found.detectable_deg, *(one.effect for one in found.findings)}
+    every = tuple((name, "no series") for name in [*tested, "field_disturbance"])
+    again = replace(found, not_testable=every)
+    assert again.not_testable == (("field_disturbance", "no series"),)
+    limited = replace(verdict.insufficient("", every), detectable_deg={"field_disturbance": 1.0})
+    assert limited.not_testable == every[:-1]
+    assert [one["effect"] for one in again.to_json()["not_testable"]] == ["field_disturbance"]
+
+
+def test_what_an_effect_turns_is_seen_along_what_it_foretells(two):
+    _, found = two
+    turns = [curve for curve in found.curves if curve.covariate.startswith("turn_by_")]
+    assert {curve.covariate for curve in turns} == {f"turn_by_{one.effect}" for one in found.findings}
+    for curve in turns:
+        assert np.all(np.diff(curve.centre) > 0.0) and np.ptp(curve.centre) > 4.0
+        slope = np.polyfit(curve.centre, curve.before_deg, 1)[0]
+        assert slope == pytest.approx(1.0, abs=0.15)
+        assert abs(np.polyfit(curve.centre, curve.after_deg, 1)[0]) < 0.15
+
+
+def test_bins_of_nothing_lie_as_far_off_as_their_errors_say():
+    far = []
+    for seed in range(4):
+        drawn = world.planted(world.make(seed, wide=True, n=HOURS), {})
+        case = mooring_case(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
+        state = baseline.examine(case, case.simulation, np.zeros(case.nuisance.shape[1]))
+        curves = [long_record.curve(state, state, name) for name in ("time", "heading", "speed", "supply_voltage")]
+        far += [curve.after_deg / curve.sigma_deg for curve in curves]
+    far = np.abs(np.concatenate(far))
+    # Some 250 bins, which share their days: 5 % are expected beyond 1.96, one in a thousand beyond 3.3.
+    assert 0.01 < np.mean(far > 1.96) < 0.1 and far.max() < 4.5
+
+
+def test_headings_without_a_true_one_have_no_bin():
+    drawn = world.planted(world.make(0, wide=True, n=HOURS), {})
+    case = mooring_case(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
+    state = baseline.examine(case, case.simulation, np.zeros(case.nuisance.shape[1]))
+    lost = (drawn.pairs.heading_deg >= 60.0) & (drawn.pairs.heading_deg < 80.0)
+    width = np.where(lost, np.inf, state.whitener.width_deg)
+    folded = replace(state, whitener=replace(state.whitener, width_deg=width))
+    all_round, without = (long_record.curve(state, x, "heading") for x in (state, folded))
+    assert set(all_round.centre) - set(without.centre) == {65.0, 75.0} and without.sigma_deg.max() < 30.0
+
+
+def test_two_effects_at_once_are_both_named_and_modelled(two):
+    drawn, found = two
+    assert found.verdict in ("explained", "ambiguous")
+    assert {finding.effect for finding in found.findings} == {"sextantal", "temperature"}
+    for finding in found.findings:
+        assert finding.held_out.p_value < 0.01 and finding.held_out.gain_interval[0] > 0.0
+        for name, value in drawn.truth[finding.effect].items():
+            if name in finding.parameters:  # within four of its own standard errors
+                assert abs(finding.parameters[name].value - value) < 4.0 * finding.parameters[name].sigma
+    sizes = [finding.rms_effect_deg for finding in found.findings]
+    assert sizes == sorted(sizes, reverse=True) and min(sizes) > 2.0
+
+
+def test_the_corrected_headings_lose_what_was_found(two):
+    drawn, found = two
+    sample, applied = drawn.pairs, found.applied[0].compass
+    tilt, recorded = (sample.pitch_deg, sample.roll_deg), sample.heading_deg
+    scene = applied.scene(sample.time_s, recorded, tilt, drawn.covariates, field=field_of(drawn))
+    at = applied.along(scene, recorded)
+    after = fits.nearest_root(at.roots(), drawn.heading)
+    level = compass.inverse(fitted(drawn).coefficients, recorded)
+    before = fits.nearest_root(level, drawn.heading)
+    error = [angles.rms(angles.difference(heading, drawn.heading)) for heading in (before, after)]
+    assert error[0] > 3.5 and error[1] < 1.5
+    sigma = at.sigma(after)
+    assert 0.2 < np.median(sigma) < 4.0
+
+
+def test_what_is_applied_is_no_surer_of_the_coefficients_than_the_fit(two):
+    _, found = two
+    more = found.applied[0].compass.covariance[:5, :5] - found.fit.covariance[:5, :5]
+    assert np.linalg.eigvalsh(more).min() > -1e-9 * np.trace(found.fit.covariance)
+
+
+def test_the_json_is_the_contracts(two, tmp_path):
+    _, found = two
+    write_json(tmp_path / "diagnosis.json", found.to_json())
+    told = read_json(tmp_path / "diagnosis.json")
+    assert set(told) >= {"verdict", "findings", "unexplained", "separated_by", "not_testable", "negligible"}
+    first = told["findings"][0]
+    keys = {"effect", "side", "alternatives", "where", "when", "parameters", "rms_effect_deg", "heldout", "text"}
+    assert set(first) >= keys and set(first["where"]) == {"covariate", "from", "to", "text"}
+    assert set(first["heldout"]) >= {"rms_before_deg", "rms_after_deg", "p_value"}
+    assert first["when"]["from"].endswith("Z") and json.dumps(told)
+    assert all(set(one) >= {"value", "sigma"} for one in first["parameters"].values())
+
+
+def test_a_compass_that_does_not_level_is_told_from_iron_that_heels():
+    sea = world.make(2, wide=True, n=HOURS)
+    recorded = world.compass(sea, uncompensated=True)
+    drawn = world.planted(sea, {})
+    east, north = angles.turn(sea.flow.real, sea.flow.imag, recorded - sea.heading)
+    heading = angles.wrap360(recorded)
+    drawn = replace(drawn, pairs=replace(drawn.pairs, heading_deg=heading, upper_east=east, upper_north=north))
+    found = diagnose(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
+    (finding,) = found.findings
+    assert finding.effect == "tilt_uncompensated"
+    share = finding.parameters["share"]
+    assert abs(share.value - 1.0) < 4.0 * share.sigma < 0.6
+
+
+def test_a_series_fitted_to_iron_stronger_than_the_field_is_too_small_a_model():
+    sample, _ = pairs(FOLDED, n=1200, seed=3)
+    exact, series = deviation.fit("exact", sample), deviation.fit("von_appen", sample)
+    (finding,) = mooring.of_exact_compass(sample, exact, series, 0.5)
+    assert (finding.effect, finding.side, finding.applied) == ("large_deviation", "compass", True)
+    assert finding.held_out.p_value < 0.01 and finding.rms_effect_deg > 5.0
+    ones = np.ones(2)
+    earth = EarthField(sample.time_s[[0, -1]], 0 * ones, 12000.0 * ones, 52000.0 * ones, 0 * ones)
+    found = diagnose(sample, {}, series, earth)
+    assert found.verdict == "explained" and found.fit is not None and found.fit.method == "exact"
+
+
+def test_what_nobody_listed_is_composed_and_corrects_the_record():
+    drawn, found = seen({"warm_sextantal": 4.0}, seed=3)
+    first = found.findings[0]
+    assert first.effect == "composed" and first.side == "compass" and first.applied
+    assert first.composition == {"acts_on": "lobe3", "driver": "temperature", "form": "linear"}
+    assert "the third harmonic of the compass's reading changes in proportion to the temp" in first.text
+    assert first.where.covariate == "temperature" and first.parameters["sine"].unit == "degrees/K"
+    assert first.probability + sum(first.alternatives_probability.values()) > 0.95
+    product = products.of(fitted(drawn), found)
+    again = products.from_json({"applied": json.loads(json.dumps(product.to_json()))})
+    assert again.applied[0].compass.simulation.terms == product.applied[0].compass.simulation.terms
+
+
+@pytest.mark.parametrize(
+    ("strange", "seed", "right"),
+    [
+        ("tilt_squared", 6, {("reading", "pitch", "quadratic")}),
+        ("hour", 7, {("reading", "hour", "periodic")}),
+        ("depth_threshold", 9, {("reading", "depth", "threshold")}),
+    ],
+)
+def test_a_composition_is_among_the_names_with_its_three_words(strange, seed, right):
+    _, found = seen({strange: 3.5}, seed=seed)
+    told = {tuple(one.removeprefix("composed:").split("/")) for one in sets(found)}
+    assert right <= told
+
+
+def sets(found):
+    """Return all names that a diagnosis holds for possible, a composed one as composed:ACTS_ON/DRIVER/FORM."""
+    return {name for one in found.findings for name in (one.named, *one.alternatives)}
+
+
+def test_water_that_veers_frees_the_fit_and_turns_no_heading():
+    drawn, found = seen({"current_veer": 4.0}, seed=14)
+    assert [finding.side for finding in found.findings] == ["water"]
+    assert not found.findings[0].applied and not found.applied[0].compass.simulation.terms
+    product = products.of(fitted(drawn), found)
+    assert product.effects == () and product.accounted == ("current_veer",) and product.left_deg == 0.0
+    again = products.from_json({"applied": json.loads(json.dumps(product.to_json()))})
+    assert again.accounted == product.accounted and again.left_deg == 0.0
+    freed = again.applied[0].compass.simulation.coefficients
+    roots = [compass.inverse(c, drawn.pairs.heading_deg) for c in (product.fit.coefficients, freed)]
+    before, after = (angles.rms(angles.difference(fits.nearest_root(x, drawn.heading), drawn.heading)) for x in roots)
+    assert after < 0.5 * before
+    assert [one.weight for one in found.applied] == pytest.approx([0.5, 0.5], abs=0.1)  # half believed
+    assert found.applied[1].compass is None and found.applied[1].effect == "none"
+
+
+def test_what_is_named_of_the_water_takes_half_of_the_weight_and_leaves_what_bends_the_compass():
+    _, found = seen({"hard_iron_step": 4.0, "current_veer": 4.0}, seed=14)
+    assert {finding.side for finding in found.findings} == {"compass", "water"}
+    weights = {frozenset(one.effect.split("+")): one.weight for one in found.applied}
+    assert weights[frozenset({"hard_iron_step", "current_veer"})] == pytest.approx(
+        weights[frozenset({"hard_iron_step"})], abs=0.1
+    )
+    bent = {type(term).__name__ for one in found.applied for term in one.compass.simulation.terms}
+    assert bent == {"HardIronStep"}
+
+
+def test_a_sector_in_which_the_compass_hangs_is_seen_in_the_histogram():
+    drawn = world.planted(world.make(3, wide=False, n=HOURS), {})
+    recorded = drawn.pairs.heading_deg
+    away = angles.difference(recorded, np.median(recorded))
+    shift = np.where(np.abs(away) < 8.0, -away, 0.0)
+    east, north = angles.turn(drawn.pairs.upper_east, drawn.pairs.upper_north, shift)
+    hung = replace(drawn.pairs, heading_deg=angles.wrap360(recorded + shift), upper_east=east, upper_north=north)
+    found = diagnose(hung, drawn.covariates, fitted(drawn), field_of(drawn))
+    assert found.verdict == "unexplained" and not found.findings and "sticks" in found.unexplained.text
+    where, size = found.unexplained.where, angles.rms(shift)
+    assert where.covariate == "heading" and where.low < np.median(recorded) < where.high
+    assert 0.7 * size < found.unexplained.rms_effect_deg < 1.4 * size
+
+
+def test_weeks_in_which_the_reading_was_off_are_not_two_faults_that_cancel():
+    _, found = seen({"episode": 4.0}, seed=1)
+    assert not found.findings
+
+
+def test_no_listed_effect_stands_for_what_is_none():
+    drawn = world.planted(world.make(2, wide=False, n=HOURS), {"sector": 3.5})
+    found = diagnose(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn), Options())
+    assert {one.effect for one in found.findings} <= {"composed"}
+    left = found.unexplained.covariates if found.unexplained else ()
+    assert "heading" in (*left, *(one.composition["driver"] for one in found.findings))
+
+
+def test_an_effect_beyond_a_rare_depth_is_no_veer_in_proportion_to_depth():
+    drawn = world.planted(world.make(6, wide=False, n=HOURS), {"depth_threshold": 3.5})
+    found = diagnose(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn), Options())
+    assert {one.composition["driver"] for one in found.findings} == {"depth"}
+
+
+def test_what_is_too_small_to_matter_counts_on_no_side():
+    _, found = seen({"octantal": 3.0})
+    assert [one.effect for one in found.findings] == ["octantal"] and found.sides["compass"] > 0.9
+    _, small = seen({"octantal": 3.0}, min_effect_deg=9.0)
+    assert small.verdict == "consistent" and "octantal" in dict(small.negligible) and small.sides["none"] > 0.9
+
+
+def test_what_wanders_is_no_slip_and_a_slip_is_one():
+    _, found = seen({"wander": 3.5}, seed=4)
+    assert not found.findings and found.sides["none"] > 0.5
+    _, found = seen({"heading_slip": 7.0}, seed=1)
+    assert "heading_slip" in {name for one in found.findings for name in (one.effect, *one.alternatives)}
+
+
+def test_of_two_harmonics_the_one_that_leaves_less_where_it_stands_is_chosen():
+    drawn, _ = bench.draw("single", 60, 70)  # narrow headings: the sextantal's columns at rest score higher
+    found = diagnose(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
+    assert set(drawn.truth) == {"octantal"}
+    assert [one.effect for one in found.findings] == ["octantal"] and found.unexplained is None
+
+
+def test_two_effects_that_hide_each_other_are_found_as_a_pair():
+    drawn, _ = bench.draw("two", 8, 9701)  # the best single score is 2.8, the threshold 3.5
+    found = diagnose(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
+    assert {one.effect for one in found.findings} == set(drawn.truth) == {"heeling", "current_veer"}
+
+
+def test_a_slip_is_among_the_names_beside_lobes():
+    drawn = world.planted(world.make(8, wide=True, n=8000), {"octantal": 1.5, "heading_slip": 2.5})
+    found = diagnose(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
+    assert "octantal" in {one.effect for one in found.findings} and len(found.findings) == 2
+    assert "heading_slip" in {name for one in found.findings for name in (one.effect, *one.alternatives)}
+
+
+def test_heeling_is_named_beside_water_that_veers_where_headings_are_narrow():
+    drawn, _ = bench.draw("two", 49, 9802)
+    found = diagnose(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
+    assert "heeling" in {one.effect for one in found.findings} <= set(drawn.truth)
+
+
+@pytest.mark.parametrize("own_m_s", [(0.02, 0.05), (0.05, 0.02)])
+def test_the_direction_of_the_flow_shares_no_noise_with_the_residual(own_m_s):
+    rng, n = np.random.default_rng(3), 20000
+    time_s, zero, turns = 3600.0 * np.arange(n), np.zeros(n), red_noise(rng, n, 50, 0.05)
+    shear = red_noise(rng, n, 12, 0.03)
+    upper, lower = (
+        turns + side * shear + rng.normal(0.0, own, n) for side, own in zip((-0.5, 0.5), own_m_s, strict=True)
+    )
+    east = zero + 0.3
+    sample = Pairs(time_s, zero, zero, zero, east, upper, east, lower, zero + 90.0, zero + 105.0, zero, zero)
+    told = covariates.departures(sample, {}, {}, zero)["flow_north"]
+    apart = [np.corrcoef(x, upper - lower)[0, 1] for x in (told, upper, lower, (upper + lower) / 2.0)]
+    assert abs(apart[0]) < 0.03 < 0.2 < np.min(np.abs(apart[1:]))  # 0.012 by chance, half as many being independent
+    assert np.corrcoef(told, turns)[0, 1] > 0.95
+
+
+def test_a_clock_is_on_its_own_side():
+    drawn, found = seen({"clock_offset": 1.0}, seed=5)
+    (finding,) = found.findings
+    assert (finding.effect, finding.side) == ("clock_offset", "clock") and not any(one.compass for one in found.applied)
+    hours = finding.parameters["hours"]
+    assert abs(hours.value - drawn.truth["clock_offset"]["hours"]) < 4.0 * hours.sigma
+
+
+def test_directions_read_between_samples_are_no_veer_of_the_water():
+    drawn, _ = bench.draw("clock", 4, 9903)
+    found = diagnose(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
+    assert [one.effect for one in found.findings] == ["clock_offset"]
+    untestable = {effect for effect, _ in found.not_testable}  # other forms of a veer may be within reach
+    assert ("current_veer" in untestable) != ("current_veer" in found.detectable_deg)
+
+
+@pytest.mark.parametrize("hours", [-9.0, 5.0])
+def test_a_clock_that_held_out_directions_deny_is_told_and_not_applied(monkeypatch, hours):
+    drawn = world.planted(world.make(5, wide=True, n=HOURS), {})
+    monkeypatch.setattr(clocks, "compare", lambda pairs: clocks.ClockError(hours, 0.0, 0.1, 0.1, True, False))
+    found = diagnose(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn), Options())
+    assert not [one for one in found.findings if one.side == "clock"]
+    assert "held-out directions then agree less" in found.warnings[0] and found.to_json()["warnings"]
+
+
+def test_a_finding_that_held_out_days_deny_is_none():
+    denied, weak, sure = (
+        show.HeldOut(7.7, 13.2, 0.3, (-9.0, 9.0), 0.52),
+        show.HeldOut(7.7, 7.8, 2.0, (-1.0, 5.0), 0.1),
+        show.HeldOut(7.7, 7.1, 30.0, (20.0, 40.0), 0.001),
+    )
+    assert denied.refuted and not weak.refuted and not sure.refuted
+    assert show.HeldOut(7.7, 7.6, -1.0, (-9.0, 3.0), 0.6).refuted
+
+
+def test_the_rms_of_a_large_deviation_is_that_of_pairs_the_fits_have_not_seen():
+    seen, _ = pairs(FOLDED, n=2000, seed=3)
+    exact, series = (deviation.fit(method, seen) for method in ("exact", "von_appen"))
+    (finding,) = mooring.of_exact_compass(seen, exact, series, 0.5)
+    some = take(seen, np.arange(0, len(seen), 2))
+    assert finding.held_out.rms_after_deg == angles.rms(mooring.left_out(some, exact))
+    # A stretch by itself: the other half knows nothing of it.
+    first = np.arange(len(seen)) < 240
+    turned = replace(seen, heading_deg=angles.wrap360(seen.heading_deg + 60.0 * first))
+    left = mooring.left_out(turned, deviation.fit("exact", take(seen, ~first)))
+    assert angles.rms(left[first]) > 2.5 * angles.rms(left[~first])
+
+
+def test_clocks_are_compared_by_pairs_further_apart_where_these_are_given():
+    drawn = world.planted(world.make(5, wide=True, n=HOURS), {"clock_offset": 1.0})
+    ahead = drawn.truth["clock_offset"]["hours"]
+    upper, lower = fits.speeds(drawn.pairs)
+    few = take(drawn.pairs, np.flatnonzero(np.abs(upper - lower) < np.quantile(np.abs(upper - lower), 0.6)))
+    near, every = clocks.compare(few), clocks.compare(drawn.pairs)
+    assert abs(every.offset_h - ahead) < 0.15 < abs(near.offset_h - ahead)
+    found = diagnose(few, {}, fitted(drawn), field_of(drawn), wide=drawn.pairs)
+    assert found.findings[0].parameters["hours"].value == pytest.approx(every.offset_h)
+
+
+def test_a_season_alone_is_no_proof_of_temperature():
+    drawn, _ = bench.draw("control", 8, 9802)  # its temperature was logged some months early
+    found = diagnose(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
+    assert found.findings and not any("temperature" in (one.effect, *one.alternatives) for one in found.findings)
+
+
+def leaning(stuck_from=None):
+    """Return a record whose tilts follow the flow, perhaps until they stick, and the true tilts."""
+    drawn = world.make(3, wide=True, n=HOURS)
+    east, north = drawn.flow.real, drawn.flow.imag
+    tilts = drawn.tilt.copy()
+    if stuck_from is not None:
+        tilts[:, stuck_from:] = tilts[:, stuck_from : stuck_from + 1]
+    none, shape = np.full(HOURS, np.nan), (HOURS, 1)
+    return Record(
+        drawn.time_s, east[:, None], north[:, None], np.ones(shape), drawn.heading % 360.0, *tilts, none, none + 100.0,
+        none, none, np.full(shape, GOOD, dtype=np.int8), np.full(HOURS, GOOD, dtype=np.int8),
+    ), drawn.tilt  # fmt: skip
+
+
+def test_tilts_that_stick_are_seen_and_the_flow_tells_the_lean():
+    record, true = leaning(stuck_from=HOURS // 2)
+    found = stuck.leans(record)
+    for name, recorded, tilt in zip(stuck.LEANS, (record.pitch_deg, record.roll_deg), true, strict=True):
+        assert not found[name][: HOURS // 2 - 1].any()
+        off = (recorded + found[name] - tilt)[HOURS // 2 :]
+        assert np.std(off) < 0.8 * np.std(tilt[HOURS // 2 :])  # one degree of it follows no flow
+    assert stuck.leans(leaning()[0]) == {}
+
+
+def test_a_larger_least_effect_makes_it_negligible_and_apply_false_leaves_the_product():
+    drawn, found = seen({"sextantal": 1.5}, seed=6, min_effect_deg=4.0)
+    assert found.verdict == "consistent" and "sextantal" in dict(found.negligible)
+    _, found = seen({"sextantal": 3.0}, seed=6, apply=False)
+    assert found.findings and not any(one.compass for one in found.applied)
+    assert drawn.truth
+
+
+def test_too_little_is_insufficient_and_says_how_much_is_needed():
+    drawn = world.planted(world.make(7, wide=True, n=1000), {})
+    fit = fitted(drawn)
+    few = take(drawn.pairs, np.arange(150))
+    found = diagnose(few, {}, fit, field_of(drawn))
+    assert found.verdict == "insufficient" and "150 overlapping pairs over 6 days" in found.why
+    nothing = fits.too_few("exact", 3)
+    assert "3 overlapping pairs" in diagnose(few, {}, nothing, field_of(drawn)).why
+
+
+def test_without_tilt_and_logs_it_says_what_cannot_be_tested():
+    drawn = world.planted(world.make(8, wide=True, n=2000), {})
+    flat = replace(drawn.pairs, pitch_deg=np.full(2000, np.nan), roll_deg=np.full(2000, np.nan))
+    found = diagnose(flat, {}, fitted(drawn), field_of(drawn))
+    told = dict(found.not_testable)
+    assert {"heeling", "tilt_uncompensated", "temperature", "supply_voltage", "battery_change"} <= set(told)
+    assert verdict.insufficient("x").to_json()["findings"] == []
+
+
+def test_a_storm_is_named_where_an_observatory_saw_it_and_the_trusted_instrument_has_no_compass():
+    sea = world.make(9, wide=True, n=HOURS)
+    storm = world.red(sea.rng, HOURS, 8, 3.0)  # declination at the observatory, east positive
+    quiet = world.planted(sea, {})
+    recorded = quiet.pairs.heading_deg - storm
+    east, north = angles.turn(quiet.pairs.upper_east, quiet.pairs.upper_north, -storm)
+    stormy = replace(quiet.pairs, heading_deg=angles.wrap360(recorded), upper_east=east, upper_north=north)
+    drawn = replace(quiet, pairs=stormy)
+    logged = drawn.covariates | {"declination_observatory": storm}
+    fit, field = fitted(drawn), field_of(drawn)
+    (finding,) = diagnose(stormy, logged, fit, field, Options(reference_magnetic=False)).findings
+    share = finding.parameters["share"]
+    assert finding.effect == "field_disturbance" and abs(share.value - 1.0) < 4.0 * share.sigma < 1.0
+    told = dict(diagnose(stormy, drawn.covariates, fit, field, Options(reference_magnetic=False)).not_testable)
+    assert told["field_disturbance"] == "no observatory series given"
+
+
+def test_columns_that_were_exchanged_leave_too_few_pairs_and_no_traceback():
+    """The mirror image of a current is a folded compass on the edge: nearly no pair shows on which branch it is."""
+    mirrored, _ = pairs(n=500, seed=10)
+    mirrored = replace(mirrored, lower_east=mirrored.lower_north, lower_north=mirrored.lower_east)
+    earth = EarthField(mirrored.time_s[[0, -1]], *np.full((4, 2), 12000.0))
+    found = diagnose(mirrored, {}, deviation.fit("exact", mirrored), earth)
+    assert found.verdict == "insufficient" and "the branch of the compass is known for" in found.why
+
+
+def test_a_battery_whose_counts_rise_alike_is_one_battery():
+    counts = np.r_[np.linspace(150.0, 120.0, 400), np.linspace(170.0, 140.0, 400)].round()
+    number = covariates.battery_number(counts)
+    assert number.max() == 1.0 and number[360] == 0.0 and number[440] == 1.0
+
+
+def test_each_battery_has_iron_of_its_own(monkeypatch):
+    """Two changes that were forced to be equal were explained by a temperature."""
+    hours = np.arange(6000)
+    first, second = hours >= 2000, hours >= 4000
+    volts = 150.0 - hours / 80.0 + 25.0 * first + 25.0 * second + np.random.default_rng(0).normal(0.0, 0.5, 6000)
+    steps = np.array([300.0 * first + 900.0 * second, -900.0 * first + 700.0 * second, 0.0 * hours])
+    iron = world.Effect({}, 1.3 * steps)
+    here = replace(world.make(9000, wide=True, n=6000), voltage=volts.round())
+    monkeypatch.setattr(world, "effect", lambda *asked: iron)
+    monkeypatch.setattr(world, "visible", lambda *asked: 1.0)
+    drawn = world.planted(here, {"battery_change": 1.0})
+    found = diagnose(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
+    (finding,) = found.findings
+    assert finding.effect == "battery_change" and finding.applied
+    sizes = {name: one.value / 1.3 for name, one in finding.parameters.items()}
+    assert list(sizes) == ["b_x_nT", "b_y_nT", "second_x_nT", "second_y_nT"]
+    # Of a horizontal field of some 12,000 nT, 200 nT turn the compass by a degree: the fit knows it to about that.
+    assert np.abs(np.array(list(sizes.values())) - [300.0, -900.0, 900.0, 700.0]).max() < 250.0
+
+
+def test_a_voltage_that_falls_evenly_is_a_drift_too_whatever_the_converter_counts():
+    drawn = world.planted(world.make(7, wide=True, n=HOURS), {"compass_drift": 3.0})
+    fall = 140.0 - 12.0 * np.arange(HOURS) / HOURS + np.random.default_rng(0).normal(0.0, 0.6, HOURS)
+    logged = drawn.covariates | {"supply_voltage": fall.round()}
+    found = diagnose(drawn.pairs, logged, fitted(drawn), field_of(drawn))
+    (finding,) = found.findings
+    assert {"compass_drift", "supply_voltage"} <= {finding.effect, *finding.alternatives}
+
+
+def test_tides_that_a_profiler_meets_twice_a_day_do_not_stand_for_a_constant(tmp_path):
+    # Two of the five waves are nearly constant there; the compass's own A was traded for them without bound.
+    shutil.copytree(ROOT / "config", tmp_path / "config")
+    demonstration.write_mooring("EG5", tmp_path / "raw", tmp_path / "truth.csv", 2007)
+    made = pipeline.process(tmp_path, "EG5", tmp_path / "EG5")
+    assert read_json(made / "diagnosis.json")["verdict"] == "consistent"

@@ -1,0 +1,148 @@
+"""A swing logged along time against the deviation curve alone: water, delays, harmonics, and what cannot be told."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from compasslib.inference import kinds
+from compasslib.inference.comparison import Options
+from compasslib.inference.kinds import swing_forward
+from compasslib.inference.verdict import Diagnosis
+from compasslib.simulation import recordings, swing
+from compasslib.simulation.compass import Iron
+from compasslib.simulation.swing import CIRCLES, LEGS, ONE_CIRCLE, Boat
+
+KNOT_M_S = 1852.0 / 3600.0
+WATER_KN = 0.8 * np.exp(0.6j)
+BOAT = Boat(plan=CIRCLES, minutes=25.0, leeway_deg=1.0, iron=Iron((1500.0, -900.0, 0.0)))
+TAIOHAE = Path(__file__).resolve().parents[2] / "shared/data/swing/2010-11-03.Taiohae.nmea"
+
+
+def table(path: Path, boat: Boat, seed: int = 1) -> Path:
+    made = swing.sail(np.random.default_rng(seed), boat, 5.0)
+    return recordings.written(made, path)
+
+
+def swung(folder: Path, boat: Boat, seed: int = 1, **settings: object) -> Diagnosis:
+    path = table(folder / "swing.csv", boat, seed)
+    return kinds.diagnose("swing", [path], {"declination": 5.0, **settings}, Options())
+
+
+def sets(found: Diagnosis) -> list[set[str]]:
+    return [{one.effect, *one.alternatives} for one in found.findings]
+
+
+def near(found: Diagnosis, **truth: float) -> None:
+    """Hold parameters of the first finding within four of their standard errors."""
+    for name, value in truth.items():
+        told = found.findings[0].parameters[name]
+        assert abs(told.value - value) < 4.0 * told.sigma, f"{name}: {told}"
+
+
+def test_the_curve_alone_is_consistent_where_the_water_stands_still(tmp_path):
+    found = swung(tmp_path, BOAT)
+    assert (found.verdict, found.findings) == ("consistent", ())
+    assert "do not show in the courses: less than" in found.why and "water_drift" not in dict(found.not_testable)
+
+
+def test_speeds_that_vary_show_the_water(tmp_path):
+    found = swung(tmp_path, replace(BOAT, water_kn=WATER_KN))
+    assert sets(found) == [{"water_drift"}] and found.findings[0].side == "water"
+    near(found, east_m_s=KNOT_M_S * WATER_KN.real, north_m_s=KNOT_M_S * WATER_KN.imag, drift_kn=0.8)
+    assert "The water sets" in found.findings[0].text
+
+
+def test_one_circle_at_one_speed_cannot_tell_the_water_from_b_and_c(tmp_path):
+    found = swung(tmp_path, replace(BOAT, plan=ONE_CIRCLE, speeds_vary=False, water_kn=WATER_KN))
+    assert (found.verdict, found.findings) == ("insufficient", ())
+    assert "cannot be separated from B and C" in dict(found.not_testable)["water_drift"]
+    assert "two speeds" in (found.separated_by or "")
+
+
+def test_a_ships_log_alone_tells_it_and_is_right_about_the_water(tmp_path):
+    found = swung(tmp_path, replace(BOAT, plan=ONE_CIRCLE, speeds_vary=False, water_kn=WATER_KN, log_scale=1.04))
+    assert sets(found) == [{"water_drift"}]
+    near(found, east_m_s=KNOT_M_S * WATER_KN.real, north_m_s=KNOT_M_S * WATER_KN.imag)
+    assert "through the water" in found.findings[0].text
+
+
+@pytest.mark.parametrize(
+    ("late", "names"),
+    [({"lag_s": 6.0}, {"compass_lag", "clock_offset"}), ({"clock_s": -9.0}, {"course_lag", "clock_offset"})],
+)
+def test_a_delay_has_its_sign_and_its_clock_stays_open(tmp_path, late, names):
+    found = swung(tmp_path, replace(BOAT, plan=LEGS, **late))
+    assert (found.verdict, sets(found)) == ("ambiguous", [names])
+    told = next(iter(found.findings[0].parameters.values()))
+    assert abs(abs(told.value) - abs(next(iter(late.values())))) < 4.0 * told.sigma
+
+
+def test_a_receivers_filter_is_no_fault_of_the_compass(tmp_path):
+    found = swung(tmp_path, replace(BOAT, plan=LEGS, filter_s=8.0))
+    assert len(found.findings) == 1 and "course_lag" in sets(found)[0] and "compass_lag" not in sets(found)[0]
+
+
+def test_lobes_of_the_compass_are_on_its_own_side(tmp_path):
+    found = swung(tmp_path, replace(BOAT, lobes=(3, 3.0, 40.0)))
+    assert sets(found) == [{"sextantal"}] and found.findings[0].side == "compass"
+    near(found, sine_deg=3.0 * np.cos(np.radians(40.0)), cosine_deg=3.0 * np.sin(np.radians(40.0)))
+
+
+def test_a_card_pulled_in_one_sector_is_not_called_lobes(tmp_path):
+    found = swung(tmp_path, replace(BOAT, hangs_deg=14.0, hangs_at_deg=200.0))
+    assert found.verdict == "unexplained" and not found.findings
+    place = found.unexplained.where
+    middle = 200.0 + 14.0  # of the readings, which are pulled by as much
+    assert place.covariate == "heading" and place.low < middle < place.high and place.high - place.low < 90.0
+    assert found.unexplained.rms_effect_deg > 1.0
+
+
+def test_a_while_astray_is_no_mount_that_slipped(tmp_path):
+    boat = replace(BOAT, plan=LEGS, minutes=40.0, astray=(-12.0, 0.3, 0.6))
+    found = swung(tmp_path, boat)
+    assert found.verdict == "unexplained" and "heading_slip" not in [one.effect for one in found.findings]
+    time_s = swing.sail(np.random.default_rng(1), boat, 5.0).time_s
+    truth = time_s[0] + np.array([0.3, 0.6]) * np.ptp(time_s)
+    np.testing.assert_allclose(found.unexplained.when_s, truth, atol=60.0)  # three stretches
+
+
+def test_a_short_log_is_refused_with_its_reason(tmp_path):
+    found = swung(tmp_path, replace(BOAT, minutes=6.0), max_turn_deg_s=9.0)
+    assert found.verdict == "insufficient" and "at least 24 are needed" in found.why
+
+
+def test_readings_far_apart_in_time_are_a_bench(tmp_path):
+    heading = np.arange(0, 360, 15)
+    noise = np.random.default_rng(5).normal(5.0, 0.4, len(heading))
+    rows = [f"{h},{h + noise[k]:.2f},2021-05-24T11:{k:02d}:00Z" for k, h in enumerate(heading)]
+    path = tmp_path / "readings.csv"
+    path.write_text("\n".join(["compass_deg,true_deg,time_utc", *rows]) + "\n")
+    assert kinds.diagnose("swing", [path], {"declination": 5.0}, Options()).verdict == "consistent"
+
+
+def test_the_real_log_shows_a_late_course_and_the_water():
+    if not TAIOHAE.exists():
+        pytest.skip(f"no real recording {TAIOHAE.name} beside the repository")
+    found = kinds.diagnose("swing", [TAIOHAE], {"format": "nmea0183"}, Options())
+    assert sets(found) == [{"course_lag"}, {"water_drift"}]
+    assert found.findings[0].held_out.rms_before_deg > 7.0 and found.findings[0].held_out.rms_after_deg < 2.0
+    assert found.findings[1].parameters["drift_kn"].value == pytest.approx(0.27, abs=0.1)
+    without = kinds.diagnose("swing", [TAIOHAE], {"format": "nmea0183", "withhold": ["water_speed_kn"]}, Options())
+    assert sets(without) == [{"course_lag"}] and "two speeds" in (without.separated_by or "")
+
+
+def test_stretches_leave_outliers_and_gaps_out():
+    time_s = np.concatenate([np.arange(600.0), 90000.0 + np.arange(600.0)])
+    off = np.random.default_rng(4).normal(5.0, 1.0, len(time_s))
+    off[100] = 80.0
+    over = swing_forward.without_outliers(time_s, off)
+    assert len(over) == 60 and over.number[100] == -1 and over.mean(off) == pytest.approx(np.full(60, 5.0), abs=1.2)
+
+
+def test_strong_iron_is_more_than_the_series_holds(tmp_path):
+    found = swung(tmp_path, replace(BOAT, iron=Iron((20000.0, 0.0, 0.0)), minutes=40.0))  # 0.8 of the field
+    assert [one.effect for one in found.findings] == ["large_deviation"]

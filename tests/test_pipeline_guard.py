@@ -1,0 +1,189 @@
+"""Nothing of a cruise folder is followed, swept or written over but what is provably the run's own."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from compasslib.archive import provenance
+from compasslib.archive.files import HALF_WRITTEN
+from compasslib.errors import InputError
+from compasslib.pipeline import guard, ledger
+from compasslib.stages import simulate as stage
+
+RAW = ["raw/EG1/top.000", "raw/EG1/deep.000"]
+TRUTH = "truth/EG1.csv"
+
+
+@pytest.fixture(autouse=True)
+def there(tmp_path, monkeypatch):
+    """An empty cruise folder beside another one's."""
+    for folder in ("cruise/.snakemake", "cruise/results/M1/logs", "other"):
+        (tmp_path / folder).mkdir(parents=True)
+    monkeypatch.chdir(tmp_path / "cruise")
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        *(f"results{below}" for below in ("", "/M1", "/M1/logs", "/M1/work", "/logs", "/calibrations")),
+        ".snakemake/locks",
+    ],
+)
+def test_a_link_where_results_are_written_is_refused(there, path):
+    place = Path(path)
+    place.rename(there / "moved") if place.exists() else place.parent.mkdir(exist_ok=True)
+    place.symlink_to(there / "other")
+    with pytest.raises(InputError, match=f"{path}: expected no link where results are written"):
+        guard.refuse_links(["M1"])
+
+
+def test_a_cruise_whose_raw_files_and_settings_are_links_is_not_refused(there):
+    for name in ("raw", "config"):
+        Path(name).symlink_to(there / "other")
+    Path("results/latest").symlink_to("M1")
+    guard.refuse_links(["M1", "M2", "calibrations/C1"])
+
+
+def test_only_what_was_half_written_here_is_swept(there):
+    kept = [".hidden", ".DS_Store.1", ".corrected.nc.99", "notes.txt", "0.input.lock"]
+    half = f".corrected.nc.99{HALF_WRITTEN}"
+    for name in (*kept, half):
+        Path("results/M1", name).write_text("x")
+        (there / "other" / name).write_text("x")
+    Path("results/M1/link").symlink_to(there / "other")
+    Path(f"results/M1/.linked.nc.9{HALF_WRITTEN}").symlink_to(there / "other/notes.txt")
+    guard.sweep()
+    assert not Path("results/M1", half).exists() and all(Path("results/M1", name).exists() for name in kept)
+    assert {path.name for path in (there / "other").iterdir()} == {*kept, half}
+
+
+def demonstration(files: dict[str, list[str]], *, on: bool = True) -> SimpleNamespace:
+    """Return what the guard looks at of a cruise."""
+    made = {
+        name: SimpleNamespace(instruments={"top": SimpleNamespace(files=listed, pressure_files=[])})
+        for name, listed in files.items()
+    }
+    there = {name: f"config/moorings/{name}.yaml" for name in files}
+    return SimpleNamespace(options=SimpleNamespace(demonstration=on), moorings=made, mooring_files=there)
+
+
+def may_write() -> bool:
+    return "EG1" in guard.to_simulate(demonstration({"EG1": RAW}), ledger.seen())
+
+
+def simulate(content: str = "simulated", stop_after: int = 3) -> None:
+    """Put the files in place, or be killed after some of them."""
+    for file in [*RAW, TRUTH]:
+        Path(file).unlink(missing_ok=True)  # as Snakemake does before a job
+    with stage.put("EG1", [*RAW, TRUTH][:stop_after]) as folder:
+        for file in [*RAW, TRUTH]:
+            (folder / file).parent.mkdir(parents=True, exist_ok=True)
+            (folder / file).write_text(content + file)
+
+
+def put(file: str, content: str = "measured") -> None:
+    Path(file).parent.mkdir(parents=True, exist_ok=True)
+    Path(file).write_text(content)
+
+
+def test_nothing_is_simulated_where_it_is_no_demonstration():
+    assert guard.to_simulate(demonstration({"EG1": RAW}, on=False), ledger.seen()) == {}
+
+
+def test_an_empty_place_and_the_simulations_own_files_may_be_written():
+    assert may_write()
+    simulate()
+    assert may_write() and Path(RAW[0]).read_text() == f"simulated{RAW[0]}"
+    simulate("by another seed")
+    assert may_write()
+
+
+def test_a_simulation_that_was_killed_half_way_knows_its_files_again():
+    simulate(stop_after=1)
+    assert Path(RAW[0]).exists() and not Path(RAW[1]).exists()
+    assert may_write()
+
+
+def test_files_written_before_there_was_a_memory_are_known_by_the_record_of_their_job(there):
+    for file in RAW:
+        put(file)
+    Path("results/EG1/logs").mkdir(parents=True)
+    Path("results/EG1/logs/simulate.json").write_text(json.dumps({"read": {}, "wrote": provenance.hashes(RAW)}))
+    assert may_write()
+
+
+@pytest.mark.parametrize("taken", [RAW[0], RAW[1], TRUTH])
+def test_a_measured_file_is_never_written_over(taken):
+    put(taken)
+    with pytest.raises(InputError, match=f"{taken}: expected what the simulation wrote, or nothing"):
+        may_write()
+
+
+def test_a_file_of_its_own_that_was_changed_since_is_another():
+    simulate()
+    put(RAW[0], "edited")
+    assert not may_write()  # all files are there: they are read as they are
+    Path(RAW[1]).unlink()
+    with pytest.raises(InputError, match="measured files are never written over"):
+        may_write()
+
+
+def test_measured_files_that_are_all_there_are_only_read():
+    for file in RAW:
+        put(file)
+    assert not may_write()
+
+
+def test_another_case_of_the_name_is_taken_for_the_file():
+    put("raw/EG1/TOP.000")
+    with pytest.raises(InputError, match=r"raw/EG1/top.000: expected what the simulation wrote"):
+        may_write()
+
+
+@pytest.mark.parametrize("link", ["raw", "raw/EG1", RAW[0], "truth"])
+def test_nothing_is_simulated_through_a_link(there, link):
+    Path(link).parent.mkdir(parents=True, exist_ok=True)
+    Path(link).symlink_to(there / "other" / "leads/nowhere")
+    with pytest.raises(InputError, match="expected what the simulation wrote, or nothing, found a file or link"):
+        may_write()
+
+
+def test_two_moorings_of_one_file_are_refused():
+    with pytest.raises(InputError, match=r"EG2.yaml: raw/EG1/top.000: expected a file of one simulated mooring"):
+        guard.to_simulate(demonstration({"EG1": RAW, "EG2": RAW[:1]}), ledger.seen())
+
+
+def test_a_file_that_was_not_asked_for_is_put_nowhere():
+    put(RAW[1])
+    with stage.put("EG1", RAW[:1]) as folder:
+        for file in RAW:
+            (folder / file).parent.mkdir(parents=True, exist_ok=True)
+            (folder / file).write_text("simulated")
+    assert Path(RAW[0]).read_text() == "simulated" and Path(RAW[1]).read_text() == "measured"
+    assert [path.name for path in Path("raw").iterdir()] == ["EG1"]
+
+
+def test_an_input_dated_in_the_future_is_refused_by_the_clock_that_dates_the_files(there):
+    put(RAW[0])
+    now = guard.file_clock()
+    assert os.stat(RAW[0]).st_mtime <= now and not list(Path(".snakemake").iterdir())
+    guard.refuse_future([*RAW, "."], now)
+    os.utime(RAW[0], (now + 3600.0, now + 3600.0))
+    with pytest.raises(InputError, match=rf"{RAW[0]}: expected a date of change before now.*touch {RAW[0]}$"):
+        guard.refuse_future(RAW, now)
+
+
+def test_the_first_place_without_the_right_to_write_is_refused(there, monkeypatch):
+    put("results/M1/work/top.nc")
+    outputs = ["results/M1/work/top.nc", "results/M2/new/overlap.nc"]
+    guard.refuse_read_only(outputs)
+    for place in ("results/M1/work/top.nc", "results/M1/work", "results"):
+        monkeypatch.setattr(os, "access", lambda path, mode, place=place: path != place)
+        with pytest.raises(InputError, match=f"^{place}: expected the right to write here, found no right to write"):
+            guard.refuse_read_only(outputs)
