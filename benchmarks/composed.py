@@ -24,7 +24,7 @@ import targets
 from compasslib.effects import COMPOSED, side_of
 from compasslib.inference.comparison import Options
 from compasslib.inference.kinds.mooring import diagnose
-from compasslib.simulation import pairs as sea
+from tests.world import pairs as sea
 
 SIZES = (3.0, 3.0, 1.5)
 LISTED = {"pressure": ("field_forward", "depth", "linear"), "pivot_friction": ("reading", "turn_rate", "sign")}

@@ -6,7 +6,7 @@
     python benchmarks/discrepancy.py 110 1 --kind single --rows A --listed B
                            the same again without compositions (rows in B), side by side: what the larger search costs
 
-The world is compasslib/simulation/pairs.py; visible sizes are what five refitted coefficients leave there. One core.
+The world is tests/world/pairs.py; visible sizes are what five refitted coefficients leave there. One core.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from compasslib.inference.case import mooring_case
 from compasslib.inference.comparison import Options
 from compasslib.inference.kinds.mooring import diagnose
 from compasslib.records import EarthField, Pairs
-from compasslib.simulation import pairs as sea
+from tests.world import pairs as sea
 
 WATER = ("current_veer", "mooring_motion", "current_shear_slow")  # right where nothing was put in
 KINDS = ("null", "single", "two", "unknown", "control", "clock")

@@ -31,7 +31,7 @@ from compasslib.inference.posterior import SURE
 from compasslib.inference.verdict import Diagnosis
 from compasslib.preparation import several
 from compasslib.records import Pairs, take
-from compasslib.simulation import pairs as sea
+from tests.world import pairs as sea
 
 HALF, MOST = 4000, 1000
 SWING, STRENGTH = "a swing", "the strength"

@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from compasslib.simulation.pairs import RAD, Effect, World, towards, wrap
+from tests.world.pairs import RAD, Effect, World, towards, wrap
 
 Right = frozenset[tuple[str, str, str]]
 Family = Callable[[World], tuple[Effect, Right]]

@@ -32,8 +32,9 @@ import yaml
 from runs import DATA, PROJECT, cost, snakemake
 
 from benchmarks.proof.world import draw
-from compasslib.simulation import demonstration, observatory, package, swing
-from compasslib.simulation.compass import earth_field
+from compasslib.demo import demonstration
+from compasslib.demo.compass import earth_field
+from tests.world import observatory, package, swing
 
 NEAR = 1e-9
 DIGITS = 6  # of numbers that are no heading and no velocity

@@ -23,10 +23,10 @@ import runs
 import targets
 from targets import Measured
 
+from compasslib.demo.sealed import Wish
 from compasslib.plots.page import BLUE, VERMILION
 from compasslib.plots.page import page as figure_of
-from compasslib.simulation import draw
-from compasslib.simulation.sealed import Wish
+from tests.world import draw
 
 YEARS, MOORINGS, FLEETS, HOURS = (0.25, 0.5, 1.0, 2.0), (1, 2, 4), (10, 100, 1000), 4000
 EFFECTS = ((), ("heeling",), ("heeling", "temperature"))

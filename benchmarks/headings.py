@@ -6,7 +6,7 @@
     python benchmarks/headings.py --heeling --tilt    the same, tilt in the fit as well
     python benchmarks/headings.py --figure PATH       also the figure (docs/headings.png)
 
-Currents, shear across the sphere and headings locked to the wake are those of compasslib.simulation; iron of random
+Currents, shear across the sphere and headings locked to the wake are those of compasslib.demo; iron of random
 direction and up to twice the earth's horizontal field stands beside the compass. The trusted instrument overlaps hourly
 or twice a day; every hour is to be corrected. The same seed draws the same moorings.
 """
@@ -30,12 +30,12 @@ from scipy.optimize import least_squares
 from targets import Measured
 
 from compasslib import angles, compass, deviation
+from compasslib.demo import compass as needle
+from compasslib.demo import demonstration, mooring, water
+from compasslib.demo.series import HOUR_S, clockwise, stream, white_vector
 from compasslib.deviation import correction, model, von_appen
 from compasslib.plots.page import BLUE, GREY, VERMILION, WIDE_IN, legend, page
 from compasslib.records import Pairs, Readings, take
-from compasslib.simulation import compass as needle
-from compasslib.simulation import demonstration, mooring, water
-from compasslib.simulation.series import HOUR_S, clockwise, stream, white_vector
 
 STRENGTHS = (0.0, 0.1, 0.2, 0.35, 0.6, 0.85, 1.1, 1.3, 1.6, 2.0)  # hard iron over the earth's horizontal field
 SPREADS, OVERLAPS = ("narrow", "wide"), ("hourly", "twice a day")

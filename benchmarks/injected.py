@@ -6,7 +6,7 @@
 
 The bins of one profile share their compass: what two differ by is water, and any name of a compass is false. One
 bin is the trusted instrument, those beyond a gap the affected one, whose headings an iron compass of
-compasslib/simulation/pairs.py reads again, with an effect or without. Records: eh2 (2 m cells, hourly), papa (20 m
+tests/world/pairs.py reads again, with an effect or without. Records: eh2 (2 m cells, hourly), papa (20 m
 cells, every 2 to 8 hours) and aqd9330, a point meter, of which the mean of the hours 3 h before and after stands for a
 second one; the tide is not in that mean. Windows are the whole record and its halves, quarters of aqd9330. In two nulls
 of three what was logged runs backwards, or is that of other weeks: it cannot be a cause. Where ROWS is given a line of
@@ -38,7 +38,7 @@ from compasslib.inference.comparison import Options
 from compasslib.inference.kinds.mooring import diagnose
 from compasslib.preparation import overlap
 from compasslib.records import EarthField, Pairs, take
-from compasslib.simulation import pairs as sea
+from tests.world import pairs as sea
 
 KINDS = ("null", "single", "two", "unknown")
 HOUR_S, DAY_S = 3600.0, 86400.0

@@ -19,7 +19,7 @@ from runs import DATA
 from compasslib.calibrations import magnetometer
 from compasslib.calibrations.magnetometer import ellipsoid
 from compasslib.deviation import von_appen
-from compasslib.simulation import iron
+from tests.world import iron
 
 REAL = DATA / "magnetometer"
 SCENARIOS = {

@@ -18,7 +18,7 @@ import targets
 import yaml
 
 from compasslib import angles, compass
-from compasslib.simulation import pd0
+from compasslib.demo import pd0
 
 START_S, YEAR_S, STEP_S, CELLS = 1_262_304_000, 31_557_600, 600, 40  # from 2010-01-01
 LIMIT_MB = 1536

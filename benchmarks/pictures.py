@@ -75,10 +75,10 @@ def redeployed(cruise: Path) -> None:
 
 def diagnosis(folder: Path) -> None:
     """The diagnosis of a simulated year with two effects."""
+    from compasslib.demo.sealed import Wish
     from compasslib.plots import diagnosis as figure
-    from compasslib.simulation import draw
-    from compasslib.simulation.sealed import Wish
     from compasslib.stages import pipeline
+    from tests.world import draw
 
     cruise, _ = draw.write_alone(draw.Sealed("D1", LEFT_OUT, wish=Wish(wide=True), seed=4), folder)
     made = pipeline.process(cruise, "D1", folder / "results", print)
@@ -101,7 +101,7 @@ MAKERS = {
     "demonstration": Maker(
         demonstration,
         ("currents.png", "eg4_deviation.png", "eg4_scatter.png"),
-        [*plots("currents", "deviation", "agreement"), "compasslib/simulation/demonstration.py"],
+        [*plots("currents", "deviation", "agreement"), "compasslib/demo/demonstration.py"],
         cruise=".",
     ),
     "report": Maker(
@@ -115,10 +115,10 @@ MAKERS = {
     "redeployed": Maker(
         redeployed,
         ("redeployed.png",),
-        [*plots("compass"), "compasslib/simulation/redeployed.py", "examples/redeployed/config/**/*.yaml"],
+        [*plots("compass"), "tests/world/redeployed.py", "examples/redeployed/config/**/*.yaml"],
         cruise="examples/redeployed",
     ),
-    "diagnosis": Maker(diagnosis, ("diagnosis.png",), [*plots("diagnosis"), "compasslib/simulation/draw.py"]),
+    "diagnosis": Maker(diagnosis, ("diagnosis.png",), [*plots("diagnosis"), "tests/world/draw.py"]),
     "sea": Maker(sea, ("sea.png",), ["compasslib/plots/page.py", "benchmarks/sea.py"]),
 }
 

@@ -24,7 +24,7 @@ import numpy as np
 import targets
 from scipy.stats import chi2, ncx2, norm
 
-from compasslib.simulation import pairs as sea
+from tests.world import pairs as sea
 
 INDEPENDENT = 17  # scores that the highest of a search of the catalogue amounts to, as its draws of the noise tell
 VEERS_DEG = (0.0, 1.0, 2.0, 4.0, 8.1)  # edges of the sizes of slow veer

@@ -2,7 +2,7 @@
 
     PYTHONPATH=. python benchmarks/recordings.py [RECORDINGS] [--kind platform|magnetometer|two_heads|swing|real]
 
-Nulls and recordings with one known effect are drawn anew (compasslib.simulation.recordings). A null that gets a name or
+Nulls and recordings with one known effect are drawn anew (tests.world.recordings). A null that gets a name or
 is called unexplained is a false alarm; at most 1 % is the target. A set is right where it holds the truth; parameters
 are right where their errors over their own standard errors have an rms of 0.9 to 1.1. Then the real recordings, each
 with an effect concealed from the simulation or a column withheld. Declinations are drawn in observatory.py.
@@ -31,10 +31,10 @@ from compasslib.inference import kinds as diagnoses
 from compasslib.inference.comparison import Options
 from compasslib.inference.kinds import magnetometer, platform, two_heads
 from compasslib.inference.verdict import Diagnosis
-from compasslib.simulation import package, swing
-from compasslib.simulation import recordings as drawn
-from compasslib.simulation.package import Head, Sea
-from compasslib.simulation.recordings import Truth
+from tests.world import package, swing
+from tests.world import recordings as drawn
+from tests.world.package import Head, Sea
+from tests.world.recordings import Truth
 
 OPTIONS = Options()
 Made = tuple[Diagnosis, Truth]

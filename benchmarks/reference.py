@@ -23,10 +23,10 @@ import targets
 
 from compasslib import angles
 from compasslib.archive import netcdf
+from compasslib.demo.sealed import Wish
 from compasslib.effects import SIDES
-from compasslib.simulation import draw
-from compasslib.simulation.sealed import Wish
 from compasslib.stages import pipeline
+from tests.world import draw
 
 FAULTS = (
     ("reference_deviation", 3.0), ("reference_slip", 3.0), ("reference_slip", 7.5), ("reference_beams", 2.0),

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 PROJECT = Path(__file__).resolve().parent.parent
+sys.path.append(str(PROJECT))  # for tests/world
 DATA = PROJECT.parent / "shared/data"
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 # In a process of its own, whose only child's resources are those of the command.

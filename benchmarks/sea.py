@@ -19,11 +19,11 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 from scipy.signal import coherence, welch
 
 from compasslib import angles, readers
+from compasslib.demo import demonstration
 from compasslib.plots.page import BLUE, GREEN, VERMILION, WIDE_IN, page
 from compasslib.preparation import deployment
 from compasslib.preparation import water as prediction
 from compasslib.records import Record
-from compasslib.simulation import demonstration
 
 COLOURS = {"eh2 (real, 2 m)": BLUE, "papa (real, 20 m)": GREEN, "EG4 (simulated, 4 m)": VERMILION}
 APART = 2  # cells between the two bins whose difference is looked at by speed and by period

@@ -4,7 +4,7 @@
     python benchmarks/shared_compass.py 40 1 --kind null  one kind: shared, null, season, siblings, short
     python benchmarks/shared_compass.py 40 1 --every 2    a sample every 2 hours; 4 where absent
 
-The world is compasslib/simulation/redeployed.py; sets of ``siblings`` and ``short`` are fitted, not searched. One core,
+The world is tests/world/redeployed.py; sets of ``siblings`` and ``short`` are fitted, not searched. One core,
 and the exit status is 1 where a 95 % interval excludes its target. Seeds are to be drawn after the code is frozen.
 """
 
@@ -31,8 +31,8 @@ from compasslib.joint import coefficients, content
 from compasslib.joint.coefficients import OWN
 from compasslib.joint.members import Member
 from compasslib.records import take
-from compasslib.simulation import redeployed
-from compasslib.simulation.pairs import Drawn
+from tests.world import redeployed
+from tests.world.pairs import Drawn
 
 KINDS = ("shared", "null", "season", "siblings", "short")
 EFFECTS = ("sextantal", "octantal", "temperature", "heeling", "supply_voltage")

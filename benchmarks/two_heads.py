@@ -19,8 +19,8 @@ import numpy as np
 import targets
 
 from compasslib.calibrations import heads
-from compasslib.simulation import package
-from compasslib.simulation.package import Head, Sea
+from tests.world import package
+from tests.world.package import Head, Sea
 
 WITHIN = 1.959964
 FALSE_ALARM = "called a slipped mount"

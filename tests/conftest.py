@@ -18,8 +18,18 @@ sys.path.append(str(Path(__file__).resolve().parents[1] / "benchmarks"))
 
 # Files of few tests that run whole cruises, or minutes of fuzz: begun last, one would hold one core while others idle.
 LONGEST = (
-    *("cluster", "fuzz", "proof", "workflow", "run_cruise", "report", "example", "reliability", "archive_provenance"),
-    *("search_mooring", "search_recordings", "docs"),
+    *(
+        "cluster",
+        "fuzz",
+        "proof",
+        "workflow",
+        "pipeline_cruise",
+        "report",
+        "example",
+        "reliability",
+        "archive_provenance",
+    ),
+    *("inference_mooring", "inference_recordings", "docs"),
 )
 
 

@@ -30,6 +30,7 @@ from pd0_encoder import START, ensemble
 from sea import cruise
 
 from compasslib.config import cruise as config
+from compasslib.demo import mmp
 from compasslib.errors import InputError
 from compasslib.preparation import deployment, overlap
 from compasslib.readers import iaga2002, nmea, pd12, rdi_text, table
@@ -38,7 +39,6 @@ from compasslib.readers.netcdf import reader as netcdf
 from compasslib.readers.nortek import reader as nortek
 from compasslib.readers.pd0 import reader
 from compasslib.records import PROBABLY_GOOD, EarthField, Record
-from compasslib.simulation import mmp
 
 METER = mmp.Acm(1405, "ML1405-01D", 65.27, -32.88, rate_hz=2.0)
 SLOWEST_S = 5.0  # CPU of one damaged file; a whole one takes 10 ms

@@ -12,7 +12,7 @@ import yaml
 from pd0_encoder import ensemble
 
 from compasslib.records import Pairs
-from compasslib.simulation import pairs as world
+from tests.world import pairs as world
 
 SHARED = Path(__file__).resolve().parents[1] / ".." / "shared" / "data"
 START = datetime.fromtimestamp(world.BEGIN_S, UTC)

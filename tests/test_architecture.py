@@ -27,7 +27,7 @@ ROOMS = [
     *("config", "archive", "pipeline", "plots", "report", "stages", "cli"),
 ]
 FLOOR = {room: k for k, room in enumerate(ROOMS)}
-APART = "simulation"  # the simulated world: nothing of the house is in it, and only the stage that writes it knows it
+APART = "demo"  # the simulated world: nothing of the house is in it, and only the stage that writes it knows it
 
 
 def name_of(path: Path) -> str:

@@ -25,8 +25,8 @@ from compasslib.inference import kinds
 from compasslib.inference.comparison import Options
 from compasslib.plots import calibrations as plots_calibrations
 from compasslib.plots import heads as figures
-from compasslib.simulation import package
-from compasslib.simulation.package import Head, Sea
+from tests.world import package
+from tests.world.package import Head, Sea
 
 NARROW = Sea(turns=0.0, wander_deg=14.0)
 EH2 = SHARED / "pd0/eh2_20060530_20060717_0007m.000"

@@ -9,7 +9,7 @@ from sea import FOLDED, MILD, pairs
 
 from compasslib import angles, compass, deviation
 from compasslib.deviation import correction, exact, tilt
-from compasslib.simulation.pairs import red_from_rest as red_noise
+from tests.world.pairs import red_from_rest as red_noise
 
 DIP = 4.35
 

@@ -14,8 +14,8 @@ import yaml
 from launch import PROJECT, change, keeps_contract, planned, snakemake
 
 from compasslib import angles
-from compasslib.simulation import redeployed
 from compasslib.stages import pipeline
+from tests.world import redeployed
 
 EXAMPLE = PROJECT / "examples/redeployed"
 SHORT = {"R1": "2007-12-10", "R2": "2009-01-13", "R4": "2011-03-24"}  # ends of deployments of a hundred days

@@ -16,7 +16,7 @@ from compasslib.inference.comparison import Options
 from compasslib.inference.kinds import declination
 from compasslib.inference.kinds.mooring import diagnose
 from compasslib.records import EarthField, Pairs
-from compasslib.simulation import pairs as sea
+from tests.world import pairs as sea
 
 REAL = SHARED / "observatory"
 real = pytest.mark.skipif(not REAL.is_dir(), reason="no observatory files in ../shared/data")

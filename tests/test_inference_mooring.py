@@ -13,6 +13,7 @@ from benchmarks import discrepancy as bench
 from benchmarks.discrepancy import field_of, fitted
 from compasslib import angles, compass, deviation
 from compasslib.archive.files import read_json, write_json
+from compasslib.demo import demonstration
 from compasslib.deviation import model as fits
 from compasslib.inference import baseline, clocks, covariates, long_record, show, stuck, verdict
 from compasslib.inference import product as products
@@ -21,10 +22,9 @@ from compasslib.inference.comparison import Options
 from compasslib.inference.kinds import mooring
 from compasslib.inference.kinds.mooring import diagnose
 from compasslib.records import GOOD, EarthField, Pairs, Record, take
-from compasslib.simulation import demonstration
-from compasslib.simulation import pairs as world
-from compasslib.simulation.pairs import red_from_rest as red_noise
 from compasslib.stages import pipeline
+from tests.world import pairs as world
+from tests.world.pairs import red_from_rest as red_noise
 
 ROOT = Path(__file__).resolve().parents[1]
 HOURS = 4000

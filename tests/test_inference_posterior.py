@@ -14,8 +14,8 @@ from compasslib.deviation.along import Along
 from compasslib.effects import SIDES, SLOW_WATER
 from compasslib.inference import baseline, folds, inference, model, noise
 from compasslib.inference.case import mooring_case
-from compasslib.simulation import pairs as world
 from compasslib.types import Floats
+from tests.world import pairs as world
 
 
 def inferred(wanted, seed, n=6000, alarm=0.006):

@@ -24,8 +24,8 @@ from compasslib.inference.kinds import platform
 from compasslib.inference.short_record import search
 from compasslib.inference.short_record.channel import Channel
 from compasslib.inference.verdict import VERDICTS, Diagnosis
-from compasslib.simulation import recordings as drawn
-from compasslib.simulation import swing
+from tests.world import recordings as drawn
+from tests.world import swing
 
 OPTIONS = Options()
 MM = np.array([-1.177, 2.023, -8.377, -4.279, 3.620, 14.721, 5.624, 15.123])

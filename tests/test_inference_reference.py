@@ -9,9 +9,9 @@ import pytest
 
 from compasslib import angles
 from compasslib.archive import netcdf
-from compasslib.simulation import draw
-from compasslib.simulation.sealed import Wish
+from compasslib.demo.sealed import Wish
 from compasslib.stages import pipeline
+from tests.world import draw
 
 HOURS = 5000
 

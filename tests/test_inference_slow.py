@@ -10,7 +10,7 @@ from test_search_mooring import field_of, fitted
 
 from compasslib import angles
 from compasslib.inference.kinds.mooring import diagnose
-from compasslib.simulation import pairs as world
+from tests.world import pairs as world
 
 HOURS, MEMORY_H = 6000, 480.0
 

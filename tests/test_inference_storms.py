@@ -7,6 +7,7 @@ import pytest
 
 from benchmarks.discrepancy import field_of, fitted
 from compasslib import angles
+from compasslib.demo.series import DAY_S, red_noise
 from compasslib.effects import Scene, composition
 from compasslib.effects.composed import IronMovedByPitch, IronMovedByRoll
 from compasslib.effects.composition import Simulation
@@ -14,8 +15,7 @@ from compasslib.effects.earth import VectorDisturbance
 from compasslib.effects.reading import TemperatureOfTilt
 from compasslib.inference import baseline, covariates, model, storms
 from compasslib.inference.case import mooring_case
-from compasslib.simulation import pairs as world
-from compasslib.simulation.series import DAY_S, red_noise
+from tests.world import pairs as world
 
 HOURS, WEAK_NT = 5000, (5000.0, 55000.0)  # the earth's field near the magnetic pole
 

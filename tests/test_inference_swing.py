@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from compasslib.demo.compass import Iron
 from compasslib.inference import kinds
 from compasslib.inference.comparison import Options
 from compasslib.inference.kinds import swing_forward
 from compasslib.inference.verdict import Diagnosis
-from compasslib.simulation import recordings, swing
-from compasslib.simulation.compass import Iron
-from compasslib.simulation.swing import CIRCLES, LEGS, ONE_CIRCLE, Boat
+from tests.world import recordings, swing
+from tests.world.swing import CIRCLES, LEGS, ONE_CIRCLE, Boat
 
 KNOT_M_S = 1852.0 / 3600.0
 WATER_KN = 0.8 * np.exp(0.6j)

@@ -16,7 +16,7 @@ from compasslib.inference.sharing import Effects
 from compasslib.joint import coefficients, content, effects
 from compasslib.joint.members import Member
 from compasslib.records import take
-from compasslib.simulation import pairs as sea
+from tests.world import pairs as sea
 
 FIELDS = ((12000.0, 52000.0), (15000.0, 50000.0), (20000.0, 42000.0))
 ELSE = np.array([0.0, 0.15, -0.1, 0.02, 0.02])  # by which another compass differs

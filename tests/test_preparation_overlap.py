@@ -12,7 +12,7 @@ from compasslib.errors import InputError
 from compasslib.preparation import clock_offset, gridding, overlap
 from compasslib.preparation.overlap import Rules
 from compasslib.records import BAD, GOOD, EarthField, Record
-from compasslib.simulation.pairs import red_from_rest as red_noise
+from tests.world.pairs import red_from_rest as red_noise
 
 HOUR = 3600.0
 NORTH_FIELD = EarthField(np.array([0.0, 1e9]), np.array([10.0, 10.0]), *(np.ones((3, 2)) * 12000.0))

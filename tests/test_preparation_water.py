@@ -11,7 +11,7 @@ from compasslib.deviation import model
 from compasslib.preparation import overlap, water
 from compasslib.preparation.overlap import Rules
 from compasslib.records import BAD, EarthField, Record
-from compasslib.simulation.pairs import red_from_rest
+from tests.world.pairs import red_from_rest
 
 HOURS, CELL_M, BINS = 3000, 4.0, 12
 FIELD = EarthField(np.array([0.0, 2e9]), np.zeros(2), *(np.ones((3, 2)) * 12000.0))

@@ -379,8 +379,8 @@ def test_a_reading_is_turned_back_by_the_coefficients_that_made_it():
 def test_the_world_knows_no_engine_and_the_scorer_only_files():
     folder = Path(command.__file__).parent
     knowing = {
-        "world": ("compasslib.simulation", "compasslib.readers"),
-        "steps": ("compasslib.simulation.draw",),
+        "world": ("compasslib.demo", "compasslib.readers"),
+        "steps": ("tests.world.draw",),
         "run": ("compasslib.stages",),
         "figures": ("compasslib.plots.page",),
         "bounds": ("compasslib",),  # fits of the library, by definition its own

@@ -14,14 +14,14 @@ from sea import real
 
 from compasslib import angles, readers
 from compasslib.config.cruise import load
+from compasslib.demo import demonstration, mmp, profiler, water
+from compasslib.demo.demonstration import DEPLOYED_S
 from compasslib.errors import InputError
 from compasslib.pipeline import plan as plans
 from compasslib.readers.mmp import acm, scan_files
 from compasslib.readers.mmp import pressure as mmp_pressure
 from compasslib.readers.mmp import rows as mmp_rows
 from compasslib.records import GOOD, MISSING, PROBABLY_BAD, Record
-from compasslib.simulation import demonstration, mmp, profiler, water
-from compasslib.simulation.demonstration import DEPLOYED_S
 
 TEXT, BINARY = "acm/mmp_global_A0000001.TXT", "acm/mmp_global_A0000001.DAT"
 METER = mmp.Acm(1405, "ML1405-01D", 65.27, -32.88, rate_hz=2.0)

@@ -38,7 +38,7 @@ from compasslib.inference.verdict import Diagnosis
 from compasslib.plots import heads
 from compasslib.report import answer, chart, figures, found, mooring, words
 from compasslib.report.section import Figure, Overview, ReportedFinding, ReportSection, ReportTable, stopped
-from compasslib.simulation.package import Sea
+from tests.world.package import Sea
 
 HOSTILE = """<script>document.title = 'broken'</script><img src=x onerror="document.title='broken'"> & "quoted" 'so'"""
 ALONE = ("ALONE." + "".join(f"WM{k}Q" for k in range(20)))[:64]  # as long and about as wide as a name may be

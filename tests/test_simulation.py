@@ -13,12 +13,13 @@ import numpy as np
 import pytest
 import yaml
 
+from compasslib.demo import adcp, compass, demonstration, pd0, water
+from compasslib.demo.demonstration import DEPLOYED_S, MOORINGS, RECOVERED_S
 from compasslib.readers.mmp import scan_files
 from compasslib.readers.pd0 import currents
 from compasslib.readers.pd0.fields import BEAM, EARTH
 from compasslib.readers.pd0.reader import decode
-from compasslib.simulation import adcp, compass, demonstration, pairs, pd0, water
-from compasslib.simulation.demonstration import DEPLOYED_S, MOORINGS, RECOVERED_S
+from tests.world import pairs
 
 HERE = Path(__file__).parent
 VECTORS = HERE.parent.parent / "shared" / "data" / "vectors.json"
@@ -63,7 +64,7 @@ def test_it_shares_no_code_with_the_analysis():
                 assert node.level == 0, f"{path.name}: relative import"
                 names = [node.module or ""]
             for name in names:
-                ours = name == "compasslib.simulation" or name.startswith("compasslib.simulation.")
+                ours = name == "compasslib.demo" or name.startswith("compasslib.demo.")
                 assert ours or name.split(".")[0] in allowed, f"{path.name} imports {name}"
 
 

@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from compasslib.simulation import magnetometer, observatory, planting, readings, sealed, sealed_files
-from compasslib.simulation.effects import scaled
-from compasslib.simulation.magnetometer import Ball, Magnet, Magnetometer
+from compasslib.demo import magnetometer, planting, readings, sealed, sealed_files
+from compasslib.demo.effects import scaled
+from compasslib.demo.magnetometer import Ball, Magnet, Magnetometer
+from tests.world import observatory
 
 PLAIN = Magnetometer((), Ball((9.0, 0.0, 0.0), 0.0), np.zeros((3, 3)), np.eye(3))
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from compasslib import angles
-from compasslib.simulation.pairs import red_from_rest as red_noise
 from compasslib.statistics import arma, autocorrelation, bfgs, blocks, gauss_newton, robust, whitening
+from tests.world.pairs import red_from_rest as red_noise
 
 TIME_S = 1.19e9 + 3600.0 * np.arange(4000)
 

@@ -13,7 +13,7 @@ import yaml
 from launch import CONTRACT, snakemake
 
 from compasslib import angles
-from compasslib.simulation import pairs as world
+from tests.world import pairs as world
 
 HOURS = 4000
 OPTIONS = {"FOUND": {}, "LEFT": {"apply": False}, "OFF": {"enabled": False}}

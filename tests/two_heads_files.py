@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from compasslib.simulation import package
-from compasslib.simulation.package import Head, Sea
+from tests.world import package
+from tests.world.package import Head, Sea
 
 START_S = 1.2e9
 SEA, PLAIN = Sea(), Head()

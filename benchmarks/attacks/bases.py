@@ -12,9 +12,10 @@ import yaml
 from cruises import VARIABLE, Pd0, Table, stamps
 from runs import DATA
 
-from compasslib.simulation import draw, magnetometer, sealed, sealed_files
-from compasslib.simulation.sealed import Ground, Wish
-from compasslib.simulation.sealed_files import Export
+from compasslib.demo import magnetometer, sealed, sealed_files
+from compasslib.demo.sealed import Ground, Wish
+from compasslib.demo.sealed_files import Export
+from tests.world import draw
 
 REAL = DATA / "cruise_eh2"
 REAL_MOORING, REAL_DAYS = "E0", 70  # the record as it was logged, by a compass without iron

@@ -17,9 +17,9 @@ from compasslib import calibrations, earthfield
 from compasslib.calibrations import content
 from compasslib.config import calibrations as configured
 from compasslib.config import cruise
+from compasslib.demo.compass import Iron
 from compasslib.errors import InputError
-from compasslib.simulation import observatory, swing
-from compasslib.simulation.compass import Iron
+from tests.world import observatory, swing
 
 PLACE = (48.4, -4.5)
 STATION = (58.0, -30.0)  # where the declination is no accident near zero

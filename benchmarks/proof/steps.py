@@ -11,7 +11,7 @@ from typing import Any
 
 from benchmarks.proof import bounds, card, figures, measure, run, score, seal, standing, tally
 from benchmarks.proof.world import draw, records
-from compasslib.simulation import draw as paper
+from tests.world import draw as paper
 
 
 def said(asked: argparse.Namespace) -> dict[str, Any]:

@@ -10,9 +10,9 @@ from pathlib import Path
 
 from compasslib.archive import provenance
 from compasslib.archive.files import HALF_WRITTEN, write_json
+from compasslib.demo import demonstration
 from compasslib.errors import InputError
 from compasslib.pipeline import ledger
-from compasslib.simulation import demonstration
 
 
 def run(*, raw: Sequence[str], truth: str, name: str, seed: int, say: Callable[[str], None]) -> None:

@@ -3,6 +3,6 @@
 import sys
 from pathlib import Path
 
-from compasslib.simulation import lowered
+from tests.world import lowered
 
 lowered.write_station(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).resolve().parent)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from benchmarks.proof.world.scene import Acts, Complexes, Family, Floats, Scene, towards, turned, wrap
-from compasslib.simulation.compass import tilting
+from compasslib.demo.compass import tilting
 
 PINGS = 3
 YAW_DEG, WOBBLE_DEG, NOISE_DEG = 1.2, 0.35, 0.4  # of pings about their ensemble; of its heading

@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 from benchmarks.proof.world import compass
 from benchmarks.proof.world.compass import Meter, Planted, Read
 from benchmarks.proof.world.scene import Acts, Complexes, Floats, Scene, bridged, turned, wrap
-from compasslib.simulation import observatory, pd0
-from compasslib.simulation.adcp import inclinometers
-from compasslib.simulation.pd0 import Ensembles, Setup
+from compasslib.demo import pd0
+from compasslib.demo.adcp import inclinometers
+from compasslib.demo.pd0 import Ensembles, Setup
+from tests.world import observatory
 
 NOISE_M_S, LOWER_NOISE_M_S, SUPPLY_NOISE, TEMPERATURE_NOISE_K = 0.012, 0.012, 0.5, 0.02
 GAPS, LONGEST_GAP = 3, 30  # ensembles that are lost

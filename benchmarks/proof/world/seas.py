@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.proof.world.scene import DAY_S, HOUR_S, Complexes, Floats, Scene, towards, turned
-from compasslib.simulation.compass import earth_field
+from compasslib.demo.compass import earth_field
 
 WAVES = 160
 CELLS, CELL_M, FIRST_M = 8, 2.0, 3.5

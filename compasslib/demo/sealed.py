@@ -6,14 +6,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from compasslib.simulation import compass, magnetometer, mooring
-from compasslib.simulation import water as sea
-from compasslib.simulation.compass import Field
-from compasslib.simulation.effects import Circumstances
-from compasslib.simulation.magnetometer import Magnetometer
-from compasslib.simulation.mooring import Motion, Rig
-from compasslib.simulation.series import DAY_S, HOUR_S, Floats, circle, red_noise, stream
-from compasslib.simulation.water import Climate, Water
+from compasslib.demo import compass, magnetometer, mooring
+from compasslib.demo import water as sea
+from compasslib.demo.compass import Field
+from compasslib.demo.effects import Circumstances
+from compasslib.demo.magnetometer import Magnetometer
+from compasslib.demo.mooring import Motion, Rig
+from compasslib.demo.series import DAY_S, HOUR_S, Floats, circle, red_noise, stream
+from compasslib.demo.water import Climate, Water
 
 FIRST_S = 1.1676e9  # January 2007
 MARGIN_S = 6 * HOUR_S

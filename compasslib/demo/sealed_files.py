@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib.simulation import adcp, pd0, readings, sealed
-from compasslib.simulation.adcp import Adcp, Stance
-from compasslib.simulation.effects import Effect
-from compasslib.simulation.pd0 import Ensembles, Setup
-from compasslib.simulation.sealed import Ground
-from compasslib.simulation.series import Floats, circle, clockwise, red_noise, white_vector
+from compasslib.demo import adcp, pd0, readings, sealed
+from compasslib.demo.adcp import Adcp, Stance
+from compasslib.demo.effects import Effect
+from compasslib.demo.pd0 import Ensembles, Setup
+from compasslib.demo.sealed import Ground
+from compasslib.demo.series import Floats, circle, clockwise, red_noise, white_vector
 
 DEEP_BELOW_M, DEEP_SAMPLE_S = 4.0, 180.0
 TOP_NOISE_M_S, DEEP_NOISE_M_S, SOURCE_NOISE_COUNTS, TEMPERATURE_NOISE_K = 0.014, 0.02, 0.5, 0.02

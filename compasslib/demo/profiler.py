@@ -14,12 +14,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib.simulation import water as sea
-from compasslib.simulation.compass import Field
-from compasslib.simulation.mmp import Scans
-from compasslib.simulation.mooring import NOMINAL_M, Motion, pressure
-from compasslib.simulation.series import HOUR_S, Complexes, Floats, circle, clockwise, direction
-from compasslib.simulation.water import Water
+from compasslib.demo import water as sea
+from compasslib.demo.compass import Field
+from compasslib.demo.mmp import Scans
+from compasslib.demo.mooring import NOMINAL_M, Motion, pressure
+from compasslib.demo.series import HOUR_S, Complexes, Floats, circle, clockwise, direction
+from compasslib.demo.water import Water
 
 SPEED_M_S = 0.25
 BUMPER_M = 2.0  # below the sphere

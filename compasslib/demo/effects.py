@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib.simulation.series import Floats
+from compasslib.demo.series import Floats
 
 AS_THEY_ARE = ("date_s",)  # parameters that do not grow with the size
 

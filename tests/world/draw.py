@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import yaml
 
-from compasslib.simulation import demonstration, planting, sealed, sealed_files
-from compasslib.simulation.sealed import Ground, Wish
-from compasslib.simulation.sealed_files import DEEP_SAMPLE_S, Export
+from compasslib.demo import demonstration, planting, sealed, sealed_files
+from compasslib.demo.sealed import Ground, Wish
+from compasslib.demo.sealed_files import DEEP_SAMPLE_S, Export
 
 PUBLISHED, SERIES = "EG4", "EG4_SERIES"  # with what is found applied, and the published product alone
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from compasslib.simulation.series import (
+from compasslib.demo.series import (
     DAY_S,
     HOUR_S,
     Complexes,

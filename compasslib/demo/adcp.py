@@ -11,11 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib.simulation import water as sea
-from compasslib.simulation.mooring import pressure
-from compasslib.simulation.pd0 import BEAM_ANGLE_DEG, Ensembles, Setup
-from compasslib.simulation.series import DAY_S, Complexes, Floats, clockwise
-from compasslib.simulation.water import Water
+from compasslib.demo import water as sea
+from compasslib.demo.mooring import pressure
+from compasslib.demo.pd0 import BEAM_ANGLE_DEG, Ensembles, Setup
+from compasslib.demo.series import DAY_S, Complexes, Floats, clockwise
+from compasslib.demo.water import Water
 
 ABSORPTION_DB_M = {75: 0.025, 300: 0.065}
 DB_PER_COUNT = 0.45

@@ -11,11 +11,11 @@ from pathlib import Path
 
 import numpy as np
 
-from compasslib.simulation import swing
-from compasslib.simulation.compass import Iron, tilting
-from compasslib.simulation.pairs import RAD, exact_compass
-from compasslib.simulation.series import Floats, circle
-from compasslib.simulation.swing import Boat, Passage
+from compasslib.demo.compass import Iron, tilting
+from compasslib.demo.series import Floats, circle
+from tests.world import swing
+from tests.world.pairs import RAD, exact_compass
+from tests.world.swing import Boat, Passage
 
 H_NT, Z_NT = 20000.0, 42000.0
 KNOT_M_S = 1852.0 / 3600.0

@@ -11,9 +11,9 @@ from math import sin
 
 import numpy as np
 
-from compasslib.simulation import water as sea
-from compasslib.simulation.series import HOUR_S, Floats, direction, red_noise, stream
-from compasslib.simulation.water import Water
+from compasslib.demo import water as sea
+from compasslib.demo.series import HOUR_S, Floats, direction, red_noise, stream
+from compasslib.demo.water import Water
 
 SEAWATER_KG_M3 = 1027.0
 SPHERE_DRAG_M2 = 0.9  # drag coefficient times area of the sphere with its gear

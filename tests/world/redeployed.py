@@ -10,10 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
-from compasslib.simulation import pairs as sea
-from compasslib.simulation.compass import earth_field
-from compasslib.simulation.pairs import Drawn, SlowWater, World
-from compasslib.simulation.series import Floats
+from compasslib.demo.compass import earth_field
+from compasslib.demo.series import Floats
+from tests.world import pairs as sea
+from tests.world.pairs import Drawn, SlowWater, World
 
 HOUR_S = 3600.0
 APART_S = 400 * 86400.0  # from the begin of one deployment to that of the next

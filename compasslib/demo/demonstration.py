@@ -7,15 +7,15 @@ from pathlib import Path
 
 import numpy as np
 
-from compasslib.simulation import adcp as sounder
-from compasslib.simulation import compass, mmp, mooring, pd0, profiler, water
-from compasslib.simulation.adcp import Adcp, Stance
-from compasslib.simulation.compass import Field, Iron
-from compasslib.simulation.mooring import Motion, Rig
-from compasslib.simulation.pd0 import Setup
-from compasslib.simulation.profiler import Profiler
-from compasslib.simulation.series import DAY_S, HOUR_S, Floats, circle, direction, red_noise, stream
-from compasslib.simulation.water import Climate, Water
+from compasslib.demo import adcp as sounder
+from compasslib.demo import compass, mmp, mooring, pd0, profiler, water
+from compasslib.demo.adcp import Adcp, Stance
+from compasslib.demo.compass import Field, Iron
+from compasslib.demo.mooring import Motion, Rig
+from compasslib.demo.pd0 import Setup
+from compasslib.demo.profiler import Profiler
+from compasslib.demo.series import DAY_S, HOUR_S, Floats, circle, direction, red_noise, stream
+from compasslib.demo.water import Climate, Water
 
 DEPLOYED_S, RECOVERED_S = 1188864000.0, 1223078400.0  # 4 September 2007 and 4 October 2008, 00:00 UTC
 ON_DECK_S = DAY_S

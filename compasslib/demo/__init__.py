@@ -7,7 +7,7 @@ A twelfth of a year under a sphere, as its instruments leave it, and the truth a
 
 >>> from pathlib import Path
 >>> from tempfile import TemporaryDirectory
->>> from compasslib.simulation import sealed, sealed_files
+>>> from compasslib.demo import sealed, sealed_files
 >>> mooring = sealed.make(3, "M1", sealed.Wish(hours=200, wide=True))
 >>> with TemporaryDirectory() as folder:
 ...     truth = sealed_files.write(mooring, [], Path(folder), sealed_files.Export())

@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 import numpy as np
 from numpy.typing import ArrayLike
 
-from compasslib.simulation.series import DAY_S, Floats, circle
+from compasslib.demo.series import DAY_S, Floats, circle
 
 NOISE_DEG = 0.5
 TILT_NOISE_DEG = 0.05  # of an average over an ensemble's pings; the vertical field turns it into heading noise

@@ -11,10 +11,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib.simulation import adcp, compass, pd0
-from compasslib.simulation.compass import Iron
-from compasslib.simulation.pd0 import Ensembles, Setup
-from compasslib.simulation.series import Floats, circle, red_noise, red_vector
+from compasslib.demo import adcp, compass, pd0
+from compasslib.demo.compass import Iron
+from compasslib.demo.pd0 import Ensembles, Setup
+from compasslib.demo.series import Floats, circle, red_noise, red_vector
 
 STEP_S = 0.1
 FIELD_NT = (22000.0, 40000.0)  # horizontal and vertical, of the middle latitudes

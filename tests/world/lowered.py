@@ -12,13 +12,14 @@ from pathlib import Path
 
 import numpy as np
 
-from compasslib.simulation import compass, package, pd0
-from compasslib.simulation import water as sea
-from compasslib.simulation.compass import Field, Iron
-from compasslib.simulation.mooring import pressure
-from compasslib.simulation.package import Head, Motion, Posture, Sea
-from compasslib.simulation.series import Complexes, Floats, clockwise, red_vector, stream, towards, white_vector
-from compasslib.simulation.water import Climate, Water
+from compasslib.demo import compass, pd0
+from compasslib.demo import water as sea
+from compasslib.demo.compass import Field, Iron
+from compasslib.demo.mooring import pressure
+from compasslib.demo.series import Complexes, Floats, clockwise, red_vector, stream, towards, white_vector
+from compasslib.demo.water import Climate, Water
+from tests.world import package
+from tests.world.package import Head, Motion, Posture, Sea
 
 NAME, LATITUDE_DEG, LONGITUDE_DEG, WATER_DEPTH_M = "LADCP1", 36.5, -13.2, 2300.0
 START_S = 1273233600.0  # 7 May 2010, 12:00 UTC: the frame enters the water

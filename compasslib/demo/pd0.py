@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib.simulation.series import Floats, circle
+from compasslib.demo.series import Floats, circle
 
 Counts = NDArray[np.uint8]
 

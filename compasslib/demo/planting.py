@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from compasslib.simulation import adcp, readings, sealed
-from compasslib.simulation import water as sea
-from compasslib.simulation.effects import Circumstances, Effect, scaled, steps
-from compasslib.simulation.sealed import Ground
-from compasslib.simulation.series import Complexes, Floats, clockwise
+from compasslib.demo import adcp, readings, sealed
+from compasslib.demo import water as sea
+from compasslib.demo.effects import Circumstances, Effect, scaled, steps
+from compasslib.demo.sealed import Ground
+from compasslib.demo.series import Complexes, Floats, clockwise
 
 # Unit sizes beyond which nobody would believe the effect.
 STRONGEST = {"heeling": 15.0, "sextantal": 9.0}

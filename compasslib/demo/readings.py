@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from compasslib.simulation import magnetometer
-from compasslib.simulation.compass import tilting
-from compasslib.simulation.effects import Effect, total
-from compasslib.simulation.sealed import Ground
-from compasslib.simulation.series import Floats, circle
+from compasslib.demo import magnetometer
+from compasslib.demo.compass import tilting
+from compasslib.demo.effects import Effect, total
+from compasslib.demo.sealed import Ground
+from compasslib.demo.series import Floats, circle
 
 PINGS, PING_S = 4, 90.0
 TILT_STEP_DEG = 180.0 / 4096.0  # twelve bits over half a circle

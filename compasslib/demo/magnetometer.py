@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from compasslib.simulation.series import Floats
+from compasslib.demo.series import Floats
 
 NT_M3_PER_A_M2 = 100.0  # mu0 / 4 pi, for fields in nT
 FULL_SCALE_NT = 50_000.0
