@@ -18,12 +18,12 @@ import targets
 import yaml
 
 from compasslib import angles, compass
-from compasslib.demo import pd0
+from compasslib.demo import adcp
 
 START_S, YEAR_S, STEP_S, CELLS = 1_262_304_000, 31_557_600, 600, 40  # from 2010-01-01
 LIMIT_MB = 1536
 IRON = (0.01, 0.2, -0.1, 0.02, 0.01)
-SETUP = pd0.Setup(300, True, CELLS, 2.0, 1.76, 4.0, 30, "earth", 1)
+SETUP = adcp.Setup(300, True, CELLS, 2.0, 1.76, 4.0, 30, "earth", 1)
 STAGES = ("work/top.nc", "work/deep.nc", "overlap.nc", "work/fit.json", "diagnosis.json", "corrected.nc")
 STAGES = (*STAGES, "assessment.json", "figures/timeline.png")
 
@@ -38,7 +38,7 @@ def write_cruise(folder: Path, years: float, rng: np.random.Generator) -> None:
         for begin, end in pairwise(edges):
             time_s = np.arange(begin, end, STEP_S)
             east, north = water(time_s)
-            top.write(pd0.encode(SETUP, ensembles(time_s, east, north, rng)).tobytes())
+            top.write(adcp.encode(SETUP, ensembles(time_s, east, north, rng)).tobytes())
             dates = (time_s * 1e9).astype("datetime64[ns]").astype("datetime64[s]").astype(str)
             noise = rng.normal(0.0, 0.01, (2, len(time_s)))
             rows = zip(dates, east + noise[0], north + noise[1], strict=True)
@@ -67,7 +67,7 @@ def water(time_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return flow.real, flow.imag
 
 
-def ensembles(time_s: np.ndarray, east: np.ndarray, north: np.ndarray, rng: np.random.Generator) -> pd0.Ensembles:
+def ensembles(time_s: np.ndarray, east: np.ndarray, north: np.ndarray, rng: np.random.Generator) -> adcp.Ensembles:
     """Return what a profiler records that turns with the water and sits near iron; declination 0."""
     n = len(time_s)
     heading = angles.direction(east, north) + rng.normal(0.0, 5.0, n)
@@ -78,7 +78,7 @@ def ensembles(time_s: np.ndarray, east: np.ndarray, north: np.ndarray, rng: np.r
     counts = np.full((n, CELLS, 4), 100, dtype=np.uint8)
     depth = 100.0 + 2.0 * np.hypot(east, north)
     level, steady = np.ones(n), np.full(n, 4.0)
-    return pd0.Ensembles(
+    return adcp.Ensembles(
         time_s, np.arange(n), np.ones(n, dtype=bool), recorded, level, level, depth, depth, steady,
         np.full(n, 150, dtype=np.uint8), velocity, counts, counts, counts,
     )  # fmt: skip

@@ -30,7 +30,7 @@ from pd0_encoder import START, ensemble
 from sea import cruise
 
 from compasslib.config import cruise as config
-from compasslib.demo import mmp
+from compasslib.demo import profiler
 from compasslib.errors import InputError
 from compasslib.preparation import deployment, overlap
 from compasslib.readers import iaga2002, nmea, pd12, rdi_text, table
@@ -40,7 +40,7 @@ from compasslib.readers.nortek import reader as nortek
 from compasslib.readers.pd0 import reader
 from compasslib.records import PROBABLY_GOOD, EarthField, Record
 
-METER = mmp.Acm(1405, "ML1405-01D", 65.27, -32.88, rate_hz=2.0)
+METER = profiler.Acm(1405, "ML1405-01D", 65.27, -32.88, rate_hz=2.0)
 SLOWEST_S = 5.0  # CPU of one damaged file; a whole one takes 10 ms
 COLUMNS = {"time": "t", "depth": "z", "east": "u", "north": "v", "scale": 0.01}
 BODY = {"time": "t", "x": "x", "y": "y", "heading": "h", "scale": 0.01}
@@ -204,8 +204,8 @@ def kinds(folder: Path) -> dict[str, Kind]:
     write_observatory(folder / "obs.min", series(4))
     netcdf_layouts.write(folder / "a.nc", "imos_magnetic")
     scans = _scans(rng)
-    mmp.write_text(folder / "acm.txt", METER, scans)
-    mmp.write_binary(folder / "acm.dat", METER, scans)
+    profiler.write_text(folder / "acm.txt", METER, scans)
+    profiler.write_binary(folder / "acm.dat", METER, scans)
     times = [f"{START + timedelta(hours=i):%Y-%m-%dT%H:%M:%SZ}" for i in range(40)]
     speeds = rng.normal(0, 20, (40, 2))
     rows = "".join(
@@ -271,7 +271,7 @@ def _scans(rng: np.random.Generator) -> Any:
     time_s = np.concatenate([on[k] + 15 + np.arange(n) // 2 for k, n in enumerate(sizes)])
     values = np.column_stack([rng.uniform(0, 359, 60), rng.normal(0, 2, (60, 2)), rng.normal(0, 0.4, (60, 3))])
     values = np.column_stack([values, rng.normal(0, 9, (60, 4))])
-    return mmp.Scans(1 + np.arange(2), sizes, on, on + 60, time_s, np.round(values, 4))
+    return profiler.Scans(1 + np.arange(2), sizes, on, on + 60, time_s, np.round(values, 4))
 
 
 def _log() -> bytes:

@@ -14,7 +14,7 @@ from sea import real
 
 from compasslib import angles, readers
 from compasslib.config.cruise import load
-from compasslib.demo import demonstration, mmp, profiler, water
+from compasslib.demo import demonstration, profiler, water
 from compasslib.demo.demonstration import DEPLOYED_S
 from compasslib.errors import InputError
 from compasslib.pipeline import plan as plans
@@ -24,7 +24,7 @@ from compasslib.readers.mmp import rows as mmp_rows
 from compasslib.records import GOOD, MISSING, PROBABLY_BAD, Record
 
 TEXT, BINARY = "acm/mmp_global_A0000001.TXT", "acm/mmp_global_A0000001.DAT"
-METER = mmp.Acm(1405, "ML1405-01D", 65.27, -32.88, rate_hz=2.0)
+METER = profiler.Acm(1405, "ML1405-01D", 65.27, -32.88, rate_hz=2.0)
 ON_S, PROFILE_S = 1189000000, 43200
 HEAD, ROW = 279, 47
 FEW = settings(max_examples=150, deadline=None, derandomize=True)
@@ -34,7 +34,7 @@ def read(*paths: Path, pressure: tuple[Path, ...] = (), offset: float = 0.0) -> 
     return acm.read(paths, pressure_files=pressure, start_offset_seconds=offset)
 
 
-def logged(sizes: tuple[int, ...] = (40, 40, 40), *, first_number: int = 1, rate: int = 2) -> mmp.Scans:
+def logged(sizes: tuple[int, ...] = (40, 40, 40), *, first_number: int = 1, rate: int = 2) -> profiler.Scans:
     """Profiles twelve hours apart, every scan with values of its own that obey the logger's rule."""
     rng = np.random.default_rng(len(sizes))
     profile = np.repeat(np.arange(len(sizes)), sizes)
@@ -47,16 +47,16 @@ def logged(sizes: tuple[int, ...] = (40, 40, 40), *, first_number: int = 1, rate
     values = np.column_stack([heading, *tilts, *field, *rng.uniform(-40, 40, (4, place.size))])
     on = ON_S + PROFILE_S * np.arange(len(sizes))
     time = on[profile] + 15 + place // rate
-    return mmp.Scans(first_number + np.arange(len(sizes)), np.array(sizes), on, on + 60, time, np.round(values, 4))
+    return profiler.Scans(first_number + np.arange(len(sizes)), np.array(sizes), on, on + 60, time, np.round(values, 4))
 
 
-def text_file(folder: Path, scans: mmp.Scans, name: str = "acm.txt") -> Path:
-    mmp.write_text(folder / name, METER, scans)
+def text_file(folder: Path, scans: profiler.Scans, name: str = "acm.txt") -> Path:
+    profiler.write_text(folder / name, METER, scans)
     return folder / name
 
 
-def binary_file(folder: Path, scans: mmp.Scans, name: str = "acm.dat") -> Path:
-    mmp.write_binary(folder / name, METER, scans)
+def binary_file(folder: Path, scans: profiler.Scans, name: str = "acm.dat") -> Path:
+    profiler.write_binary(folder / name, METER, scans)
     return folder / name
 
 
@@ -256,7 +256,7 @@ def test_profiles_in_one_file_or_in_many_text_or_binary_are_the_same(tmp_path):
     for k in range(3):
         own = np.repeat(np.arange(3), scans.size) == k
         parts = (scans.number[k : k + 1], scans.size[k : k + 1], scans.on_s[k : k + 1], scans.off_s[k : k + 1])
-        one = mmp.Scans(*parts, scans.time_s[own], scans.values[own])
+        one = profiler.Scans(*parts, scans.time_s[own], scans.values[own])
         single.append(text_file(tmp_path, one, f"A000000{k + 1}.TXT"))
     record = read(text)
     same_record(record, read(*single))
@@ -296,7 +296,7 @@ def test_exceptions_and_profiles_without_scans_are_tolerated(tmp_path):
 
 def test_a_decimated_file_is_read_by_its_clock_and_left_with_its_swing(tmp_path):
     scans = logged((40,))
-    rare = mmp.Scans(scans.number, scans.size, scans.on_s, scans.off_s, ON_S + 25 * np.arange(40), scans.values)
+    rare = profiler.Scans(scans.number, scans.size, scans.on_s, scans.off_s, ON_S + 25 * np.arange(40), scans.values)
     record = read(text_file(tmp_path, rare))
     assert any("shows 0.04 scans a second where the file says 2" in w for w in record.warnings)
     paths = np.round(scans.values[1:, 6:], 2) / 100.0
@@ -331,13 +331,13 @@ def test_scans_without_a_clock_of_the_real_file_get_its_times(tmp_path):
     assert record.counts["profiles_ascending"] == 1
 
 
-def bare_profiles(folder: Path, scans: mmp.Scans, *, said: bool) -> list[Path]:
+def bare_profiles(folder: Path, scans: profiler.Scans, *, said: bool) -> list[Path]:
     """One file a profile without a clock; the lines of switching on and off are left out where not said."""
     paths = []
     for k, number in enumerate(scans.number):
         own = np.repeat(np.arange(len(scans.number)), scans.size) == k
         parts = (scans.number[k : k + 1], scans.size[k : k + 1], scans.on_s[k : k + 1], scans.off_s[k : k + 1])
-        text = text_file(folder, mmp.Scans(*parts, scans.time_s[own], scans.values[own])).read_text()
+        text = text_file(folder, profiler.Scans(*parts, scans.time_s[own], scans.values[own])).read_text()
         text = text if said else "".join(line for line in text.splitlines(keepends=True) if "turned" not in line)
         paths.append(written(folder, f"A{number:07d}.TXT", without_clock(text)))
     return paths
@@ -733,9 +733,9 @@ def mooring(tmp_path_factory):
     span = (DEPLOYED_S, DEPLOYED_S + 50 * 86400.0)
     schedule = profiler.plan(world.random("profiler"), world.spec.deep, world.motion, span)
     scans = profiler.log(world.random("acm"), schedule, world.currents, world.motion, field=world.field)
-    meter = mmp.Acm(1405, "ML1405-01D", world.spec.latitude_deg, world.spec.longitude_deg)
-    mmp.write_text(folder / "acm.txt", meter, scans)
-    mmp.write_binary(folder / "acm.dat", meter, scans)
+    meter = profiler.Acm(1405, "ML1405-01D", world.spec.latitude_deg, world.spec.longitude_deg)
+    profiler.write_text(folder / "acm.txt", meter, scans)
+    profiler.write_binary(folder / "acm.dat", meter, scans)
     profiler.write_engineering(folder / "engineering.csv", schedule, world.motion, world.spec.latitude_deg)
     return folder, world, schedule, scans
 
@@ -746,7 +746,7 @@ def test_a_simulated_moorings_currents_and_depths_come_back(mooring, name):
     record = read(folder / name, pressure=(folder / "engineering.csv",))
     assert record.counts["profiles"] == record.counts["aliased_dropped"] == len(schedule.number)
     # The text's 97th profile ends in the middle of a row.
-    partial = int(name == "acm.txt" and len(schedule.number) >= mmp.PARTIAL_EVERY)
+    partial = int(name == "acm.txt" and len(schedule.number) >= profiler.PARTIAL_EVERY)
     assert record.counts["damaged_rows"] == partial
     assert accounted(record) == len(scans.time_s)
     assert record.counts["without_pressure"] == 0

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import yaml
 
-from compasslib.demo import adcp, compass, demonstration, pd0, water
+from compasslib.demo import adcp, compass, demonstration, water
 from compasslib.demo.demonstration import DEPLOYED_S, MOORINGS, RECOVERED_S
 from compasslib.readers.mmp import scan_files
 from compasslib.readers.pd0 import currents
@@ -201,7 +201,7 @@ def test_ensemble_numbers_beyond_sixteen_bits_are_carried():
     world = demonstration.make_world(spec, SEED)
     stance = demonstration.top_stance(world)
     made = adcp.measure(world.random("top"), spec.top, stance, world.currents, latitude_deg=spec.latitude_deg)
-    octets = pd0.encode(spec.top.setup, made)
+    octets = adcp.encode(spec.top.setup, made)
     number = octets[:, 79].astype(int) + 256 * octets[:, 80].astype(int) + 65536 * octets[:, 88].astype(int)
     assert number[-1] == 60001 + len(octets) - 1 > 65535
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from compasslib.demo import magnetometer, planting, readings, sealed, sealed_files
+from compasslib.demo import magnetometer, planting, sealed
 from compasslib.demo.effects import scaled
 from compasslib.demo.magnetometer import Ball, Magnet, Magnetometer
 from tests.world import observatory
@@ -31,8 +31,8 @@ def rng():
 
 def turned(ground, effect, meter=PLAIN):
     """Return by how much an effect turns the reading of a plain compass, degrees, and the reading."""
-    bare = readings.read(replace(ground, meter=meter), (), ground.stamp_s)
-    with_it = readings.read(replace(ground, meter=meter), (effect,), ground.stamp_s)
+    bare = sealed.read(replace(ground, meter=meter), (), ground.stamp_s)
+    with_it = sealed.read(replace(ground, meter=meter), (effect,), ground.stamp_s)
     return (with_it.recorded_deg - bare.recorded_deg + 180.0) % 360.0 - 180.0, bare
 
 
@@ -68,7 +68,7 @@ def test_iron_is_as_strong_as_wanted_and_readings_come_in_steps(ground):
 
 
 def test_a_plain_compass_reads_the_heading(ground):
-    made = readings.read(replace(ground, meter=PLAIN), (), ground.stamp_s)
+    made = sealed.read(replace(ground, meter=PLAIN), (), ground.stamp_s)
     off = (made.recorded_deg - made.heading_deg + 180.0) % 360.0 - 180.0
     assert np.abs(off).max() < 1e-6
 
@@ -126,7 +126,7 @@ def test_an_effect_is_planted_as_large_as_wanted(ground):
 
 def test_the_same_seed_gives_the_same_files(ground, tmp_path):
     for name in ("a", "b"):
-        sealed_files.write(ground, (), tmp_path / name, sealed_files.Export())
+        sealed.write(ground, (), tmp_path / name, sealed.Export())
     for file in ("top.000", "deep.000"):
         assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
 

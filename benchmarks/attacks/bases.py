@@ -12,9 +12,8 @@ import yaml
 from cruises import VARIABLE, Pd0, Table, stamps
 from runs import DATA
 
-from compasslib.demo import magnetometer, sealed, sealed_files
-from compasslib.demo.sealed import Ground, Wish
-from compasslib.demo.sealed_files import Export
+from compasslib.demo import magnetometer, sealed
+from compasslib.demo.sealed import Export, Ground, Wish
 from tests.world import draw
 
 REAL = DATA / "cruise_eh2"
@@ -116,7 +115,7 @@ def _write_simulated(base: Base, cruise: Path) -> np.ndarray:
     ground = _with_iron(sealed.make(base.seed, "M", drawn.wish), base)
     if base.water == "plain":
         ground = replace(ground, currents=_plain(ground))
-    written = sealed_files.write(ground, [], cruise / "raw/M", export)
+    written = sealed.write(ground, [], cruise / "raw/M", export)
     return np.stack([written.time_s, written.heading_deg])
 
 

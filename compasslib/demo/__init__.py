@@ -7,10 +7,10 @@ A twelfth of a year under a sphere, as its instruments leave it, and the truth a
 
 >>> from pathlib import Path
 >>> from tempfile import TemporaryDirectory
->>> from compasslib.demo import sealed, sealed_files
+>>> from compasslib.demo import sealed, sealed
 >>> mooring = sealed.make(3, "M1", sealed.Wish(hours=200, wide=True))
 >>> with TemporaryDirectory() as folder:
-...     truth = sealed_files.write(mooring, [], Path(folder), sealed_files.Export())
+...     truth = sealed.write(mooring, [], Path(folder), sealed.Export())
 ...     sorted(path.name for path in Path(folder).iterdir())
 ['deep.000', 'top.000']
 """

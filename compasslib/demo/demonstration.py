@@ -7,12 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
+from compasslib.demo import adcp, compass, mooring, profiler, water
 from compasslib.demo import adcp as sounder
-from compasslib.demo import compass, mmp, mooring, pd0, profiler, water
-from compasslib.demo.adcp import Adcp, Stance
+from compasslib.demo.adcp import Adcp, Setup, Stance
 from compasslib.demo.compass import Field, Iron
 from compasslib.demo.mooring import Motion, Rig
-from compasslib.demo.pd0 import Setup
 from compasslib.demo.profiler import Profiler
 from compasslib.demo.series import DAY_S, HOUR_S, Floats, circle, direction, red_noise, stream
 from compasslib.demo.water import Climate, Water
@@ -166,7 +165,7 @@ def _stance(
 
 def _write_adcp(path: Path, world: World, purpose: str, instrument: Adcp, stance: Stance) -> None:
     rng = world.random(purpose)
-    pd0.write(
+    adcp.write(
         path,
         instrument.setup,
         sounder.measure(rng, instrument, stance, world.currents, latitude_deg=world.spec.latitude_deg),
@@ -177,8 +176,8 @@ def _write_profiler(folder: Path, world: World, instrument: Profiler) -> None:
     spec, motion = world.spec, world.motion
     schedule = profiler.plan(world.random("profiler"), instrument, motion, (DEPLOYED_S, RECOVERED_S))
     scans = profiler.log(world.random("acm"), schedule, world.currents, motion, field=world.field)
-    meter = mmp.Acm(instrument.serial, f"ML{instrument.serial}-01D", spec.latitude_deg, spec.longitude_deg)
-    write = mmp.write_binary if instrument.binary else mmp.write_text
+    meter = profiler.Acm(instrument.serial, f"ML{instrument.serial}-01D", spec.latitude_deg, spec.longitude_deg)
+    write = profiler.write_binary if instrument.binary else profiler.write_text
     write(folder / _acm_file(instrument), meter, scans)
     profiler.write_engineering(folder / "engineering.csv", schedule, motion, spec.latitude_deg)
 

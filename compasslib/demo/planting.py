@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from compasslib.demo import adcp, readings, sealed
+from compasslib.demo import adcp, sealed
 from compasslib.demo import water as sea
 from compasslib.demo.effects import Circumstances, Effect, scaled, steps
 from compasslib.demo.sealed import Ground
@@ -157,7 +157,7 @@ def background_deg(ground: Ground) -> float:
 
 
 def _ideal(ground: Ground, effects: Sequence[Effect]) -> Floats:
-    made = readings.read(ground, effects, ground.stamp_s)
+    made = sealed.read(ground, effects, ground.stamp_s)
     seen = made.recorded_deg - _at_trusted(ground, effects)
     return left_deg(seen[::EVERY], made.heading_deg[::EVERY])
 

@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 import yaml
 
-from compasslib.demo import demonstration, planting, sealed, sealed_files
-from compasslib.demo.sealed import Ground, Wish
-from compasslib.demo.sealed_files import DEEP_SAMPLE_S, Export
+from compasslib.demo import demonstration, planting, sealed
+from compasslib.demo.sealed import DEEP_SAMPLE_S, Export, Ground, Wish
 
 PUBLISHED, SERIES = "EG4", "EG4_SERIES"  # with what is found applied, and the published product alone
 
@@ -32,7 +31,7 @@ def write(one: Sealed, cruise: Path, locked: Path) -> None:
     """Write one mooring's raw files and configuration, and elsewhere its times, correct and recorded headings."""
     ground = sealed.make(one.seed, one.name, one.wish)
     effects = [each.effect for each in planting.plant(ground, one.wanted)]
-    raw = sealed_files.write(ground, effects, cruise / "raw" / one.name, one.export)
+    raw = sealed.write(ground, effects, cruise / "raw" / one.name, one.export)
     _write_yaml(cruise / f"config/moorings/{one.name}.yaml", _described(one, ground))
     np.save(locked / f"{one.name}.npy", np.stack([raw.time_s, raw.heading_deg, raw.recorded_deg]))
 

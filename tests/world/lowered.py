@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from compasslib.demo import compass, pd0
+from compasslib.demo import adcp, compass
 from compasslib.demo import water as sea
 from compasslib.demo.compass import Field, Iron
 from compasslib.demo.mooring import pressure
@@ -83,7 +83,7 @@ def _seen(seed: int, motion: Motion, posture: Posture, water: Water, field: Fiel
 def _write_lowered(path: Path, posture: Posture, velocity: Floats) -> None:
     recorded = package.ensembles(posture, looks_up=False, velocity_m_s=velocity)
     recorded = replace(recorded, pressure_dbar=pressure(posture.depth_m, LATITUDE_DEG))
-    pd0.write(path, package.setup(looks_up=False, cells=CELLS), recorded)
+    adcp.write(path, package.setup(looks_up=False, cells=CELLS), recorded)
 
 
 def _write_ship(path: Path, rng: np.random.Generator, water: Water, span_s: tuple[float, float]) -> None:

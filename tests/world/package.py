@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib.demo import adcp, compass, pd0
+from compasslib.demo import adcp, compass
+from compasslib.demo.adcp import Ensembles, Setup
 from compasslib.demo.compass import Iron
-from compasslib.demo.pd0 import Ensembles, Setup
 from compasslib.demo.series import Floats, circle, red_noise, red_vector
 
 STEP_S = 0.1
@@ -188,7 +188,7 @@ def encoded(posture: Posture, *, looks_up: bool = False, mirrored: bool = False)
     pitch, roll = posture.sensed_deg
     posture = replace(posture, sensed_deg=(pitch, -roll)) if mirrored else posture
     # The orientation bit is set ensemble by ensemble.
-    return pd0.encode(setup(looks_up=looks_up), ensembles(posture, looks_up=looks_up)).tobytes()
+    return adcp.encode(setup(looks_up=looks_up), ensembles(posture, looks_up=looks_up)).tobytes()
 
 
 def _counts(shape: tuple[int, ...], value: int) -> NDArray[np.uint8]:

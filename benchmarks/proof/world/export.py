@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 from benchmarks.proof.world import compass
 from benchmarks.proof.world.compass import Meter, Planted, Read
 from benchmarks.proof.world.scene import Acts, Complexes, Floats, Scene, bridged, turned, wrap
-from compasslib.demo import pd0
-from compasslib.demo.adcp import inclinometers
-from compasslib.demo.pd0 import Ensembles, Setup
+from compasslib.demo import adcp
+from compasslib.demo.adcp import Ensembles, Setup, inclinometers
 from tests.world import observatory
 
 NOISE_M_S, LOWER_NOISE_M_S, SUPPLY_NOISE, TEMPERATURE_NOISE_K = 0.012, 0.012, 0.5, 0.02
@@ -156,7 +155,7 @@ def _write_top(made: Mooring, seed: int, path: Path, seen: Scene, read: Read, ke
     )
     whole = Ensembles(**{name: column[kept] for name, column in vars(ensembles).items()})
     cell = _cell(scene)
-    pd0.write(path, _setup(m, cell, float(scene.range_m[0]), looks_up=scene.looks_up, serial=6100), whole)
+    adcp.write(path, _setup(m, cell, float(scene.range_m[0]), looks_up=scene.looks_up, serial=6100), whole)
 
 
 def _write_deep(made: Mooring, seed: int, raw: Path) -> None:
@@ -186,7 +185,7 @@ def _write_deep(made: Mooring, seed: int, raw: Path) -> None:
         depth, 1.01 * depth, scene.temperature_c, np.full(n, 150, dtype=np.uint8), velocity, 110 * ones, 120 * ones,
         np.array([2, 0, 2, 96], dtype=np.uint8) * ones,
     )  # fmt: skip
-    pd0.write(raw / "deep.000", _setup(DEEP_CELLS, 2.0, DEEP_FIRST_M, looks_up=False, serial=6200), ensembles)
+    adcp.write(raw / "deep.000", _setup(DEEP_CELLS, 2.0, DEEP_FIRST_M, looks_up=False, serial=6200), ensembles)
 
 
 def _write_table(path: Path, scene: Scene, flow: Complexes, known: NDArray[np.bool_]) -> None:
