@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from test_search_mooring import seen
+from test_inference_mooring import seen
 
 from compasslib.inference import experiments
 from compasslib.inference.experiments import ANYTHING, Rows

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_search_mooring import field_of, fitted, seen
+from test_inference_mooring import field_of, fitted, seen
 
 from compasslib import angles
 from compasslib.deviation import along

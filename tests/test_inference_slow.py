@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_search_mooring import field_of, fitted
+from test_inference_mooring import field_of, fitted
 
 from compasslib import angles
 from compasslib.inference.kinds.mooring import diagnose

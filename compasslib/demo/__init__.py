@@ -7,7 +7,7 @@ A twelfth of a year under a sphere, as its instruments leave it, and the truth a
 
 >>> from pathlib import Path
 >>> from tempfile import TemporaryDirectory
->>> from compasslib.demo import sealed, sealed
+>>> from compasslib.demo import sealed
 >>> mooring = sealed.make(3, "M1", sealed.Wish(hours=200, wide=True))
 >>> with TemporaryDirectory() as folder:
 ...     truth = sealed.write(mooring, [], Path(folder), sealed.Export())
