@@ -29,8 +29,8 @@ sys.path.append(str(PROJECT / "tests"))
 import nortek_encoder as encoder
 
 from compasslib import readers
-from compasslib.readers.pd0.frames import frames
-from compasslib.readers.pd0.reader import decode
+from compasslib.readers.pd0 import decode
+from compasslib.readers.pd0.frames import iter_chunks
 
 RAW, AQUADOPP = DATA / "pd0/eh2_20060530_20060717_0007m.000", DATA / "moored/aqd9330.aqd"
 KEYS = {
@@ -44,7 +44,7 @@ SAMPLES, CELLS = 2000, 40
 
 def good_bytes(path: Path) -> bytes:
     """Return the good ensembles of a file, back to back."""
-    return b"".join(run.rows.tobytes() for chunk in frames(path) for run in chunk.runs)
+    return b"".join(run.rows.tobytes() for chunk in iter_chunks(path) for run in chunk.runs)
 
 
 def speed(path: Path, action: Callable[[Path], object], repeats: int = REPEATS) -> float:

@@ -33,11 +33,7 @@ from compasslib.config import cruise as config
 from compasslib.demo import profiler
 from compasslib.errors import InputError
 from compasslib.preparation import deployment, overlap
-from compasslib.readers import iaga2002, nmea, pd12, rdi_text, table
-from compasslib.readers.mmp import acm
-from compasslib.readers.netcdf import reader as netcdf
-from compasslib.readers.nortek import reader as nortek
-from compasslib.readers.pd0 import reader
+from compasslib.readers import iaga2002, mmp, netcdf, nmea, nortek, pd0, pd12, rdi_text, table
 from compasslib.records import PROBABLY_GOOD, EarthField, Record
 
 METER = profiler.Acm(1405, "ML1405-01D", 65.27, -32.88, rate_hz=2.0)
@@ -141,7 +137,7 @@ _DAMAGES = (_flip, _cut, _behead, _lose, _repeat, _junk, _nasty, _overwrite, _tu
 
 
 def _pd0(path: Path) -> Record:
-    record = reader.read([path], orientation=None, declination_applied=None, heading_alignment=None)
+    record = pd0.read([path], orientation=None, declination_applied=None, heading_alignment=None)
     if record.counts["bytes_total"] != path.stat().st_size:
         raise Wrong(f"{record.counts['bytes_total']} bytes accounted for of {path.stat().st_size}")
     return _through(record)
@@ -164,7 +160,7 @@ def _nortek(path: Path) -> Record:
 
 
 def _mmp(path: Path) -> Record:
-    return _through(acm.read([path], pressure_files=(), start_offset_seconds=0.0))
+    return _through(mmp.read([path], pressure_files=(), start_offset_seconds=0.0))
 
 
 def _netcdf(path: Path) -> Record:

@@ -13,7 +13,7 @@ import numpy as np
 from compasslib import readers
 from compasslib.calibrations.magnetometer import log
 from compasslib.errors import InputError
-from compasslib.readers import covariate
+from compasslib.readers import table
 
 N, STEP_S, START = 60, 10800, datetime(2012, 3, 8, tzinfo=UTC)
 MONTHS = ("Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec")
@@ -167,7 +167,7 @@ def outcome(path: Path, form: Form, kind: str = "table") -> str:
 
 def _read(path: Path, kind: str, settings: dict[str, object]) -> Truth:
     if kind == "covariate":
-        time_s, value, _ = covariate.series({"files": [path], **settings})
+        time_s, value, _ = table.read_series({"files": [path], **settings})
         return Truth(time_s, value, value)
     if kind == "calibration":
         logged = log.read([path], settings)

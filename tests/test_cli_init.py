@@ -208,13 +208,13 @@ def test_nothing_to_draft_from_is_one_line(tmp_path, capsys):
     ],
 )
 def test_a_table_s_meaning_is_told_by_its_header(header, kind, scale):
-    found = headers.of_header(header.split(","))
+    found = headers.guess_from_names(header.split(","))
     assert (found.kind, found.scale) == (kind, scale) and set(found.columns.values()) <= set(header.split(","))
 
 
 @pytest.mark.parametrize("header", ["foo,bar", "time,a,b", "u,v", "x,y,heading"])
 def test_a_header_that_tells_too_little_tells_nothing(header):
-    assert headers.of_header(header.split(",")) is None
+    assert headers.guess_from_names(header.split(",")) is None
 
 
 @pytest.mark.skipif(not DATA.is_dir(), reason=f"{DATA} is not there")

@@ -24,8 +24,9 @@ from compasslib.cli import export as export_command
 from compasslib.cli import main
 from compasslib.errors import InputError
 from compasslib.preparation import deployment
-from compasslib.readers.pd0 import reader, rewrite
-from compasslib.readers.pd0.frames import frames
+from compasslib.readers import pd0
+from compasslib.readers.pd0 import rewrite
+from compasslib.readers.pd0.frames import iter_chunks
 from compasslib.records import MISSING, Corrected
 from compasslib.stages import pipeline
 
@@ -164,7 +165,7 @@ def test_what_a_killed_export_left_is_written_anew(world, tmp_path, capsys, monk
 def test_our_reader_gives_the_corrected_headings_back(world, tmp_path, capsys):
     file, sidecar = exported(capsys, world, "pd0", tmp_path)
     assert file.name == "M1_top_corrected.000" and sidecar.name == "M1_top_corrected.000.json"
-    back = reader.read([file], orientation="up", **READ)
+    back = pd0.read([file], orientation="up", **READ)
     product = netcdf.read_corrected(world / "corrected/M1/corrected.nc")
     at = np.searchsorted(back.time_s - 120.0, product.record.time_s)
     assert len(back.time_s) == 80 and len(at) == 74
@@ -214,11 +215,11 @@ def test_only_heading_checksum_and_earth_velocities_change(tmp_path, ex, turned)
     (tmp_path / "raw.000").write_bytes(raw)
     said = rewrite.rewrite(tmp_path / "raw.000", tmp_path / "new.000", turn)
     old, new = (
-        np.concatenate([run.rows for chunk in frames(file) for run in chunk.runs])
+        np.concatenate([run.rows for chunk in iter_chunks(file) for run in chunk.runs])
         for file in (tmp_path / "raw.000", tmp_path / "new.000")
     )
     assert (said.corrected, said.flagged, said.skipped) == (2, 2, ())
-    layout = next(run.layout for chunk in frames(tmp_path / "new.000") for run in chunk.runs)
+    layout = next(run.layout for chunk in iter_chunks(tmp_path / "new.000") for run in chunk.runs)
     heading, velocity = layout.blocks[0x80][0] + 18, layout.blocks[0x100][0] + 2
     may = np.zeros(old.shape[1], dtype=bool)
     may[[heading, heading + 1, -2, -1]] = True
@@ -242,7 +243,7 @@ def test_the_bottom_track_turns_as_the_water_does(tmp_path):
     raw = b"".join(ensemble([[300, -40, 5, 1]], number=k, heading=k * 4000, extra=[bytes(track)]) for k in (1, 8))
     (tmp_path / "raw.000").write_bytes(raw)
     rewrite.rewrite(tmp_path / "raw.000", tmp_path / "new.000", turn)
-    (run,) = (run for chunk in frames(tmp_path / "new.000") for run in chunk.runs)
+    (run,) = (run for chunk in iter_chunks(tmp_path / "new.000") for run in chunk.runs)
     at, water = run.layout.blocks[0x0600][0], run.layout.blocks[0x0100][0] + 2
     moved, layer, seen = (run.rows[:, a : a + 8].copy().view("<i2").tolist() for a in (at + 24, at + 50, water))
     assert moved == seen and moved[0] != [300, -40, 5, 1] and moved[1] == [-32768] * 4
@@ -252,7 +253,7 @@ def test_the_bottom_track_turns_as_the_water_does(tmp_path):
 def test_speeds_that_the_format_cannot_hold_become_bad(tmp_path):
     (tmp_path / "raw.000").write_bytes(ensemble([[32000, 32000, 0, 0]], heading=4000))
     rewrite.rewrite(tmp_path / "raw.000", tmp_path / "new.000", lambda leaders: np.full(1, 45.0))
-    assert np.isnan(reader.decode(tmp_path / "new.000").velocity).all()
+    assert np.isnan(pd0.decode(tmp_path / "new.000").velocity).all()
 
 
 def by_mhkit(path: Path):
@@ -266,7 +267,7 @@ def by_mhkit(path: Path):
 def test_a_genuine_file_with_other_headings_reads_by_mhkit_and_by_us(tmp_path):
     new = tmp_path / "eh2.000"
     said = rewrite.rewrite(EH2, new, turn)
-    old, back = (reader.read([file], orientation="down", **READ) for file in (EH2, new))
+    old, back = (pd0.read([file], orientation="down", **READ) for file in (EH2, new))
     assert said.corrected + said.flagged == len(old.time_s) == len(back.time_s) and len(said.skipped) > 0
     by = turn(old)
     kept = np.isfinite(by)
@@ -293,7 +294,7 @@ def test_a_genuine_record_goes_through_every_form(tmp_path):
 
     days = [np.datetime64(f"2006-06-{day:02d}").astype("M8[s]").astype(float) for day in (1, 8)]
     record = deployment.settle(
-        reader.read([EH2], orientation="down", **READ),
+        pd0.read([EH2], orientation="down", **READ),
         **{"start_s": days[0], "end_s": days[1], "water_depth": 45.5, "latitude": 47.5977, "nominal_depth": 7.0},
     )
     made = _product(record)

@@ -113,7 +113,7 @@ def test_a_name_that_is_taken_and_a_plug_in_that_is_none_are_refused_in_one_line
 ):
     declare(tmp_path, monkeypatch, group, name, value)
     with pytest.raises(InputError) as caught:
-        readers.names() if group == plugins.READERS else effects.all_terms()
+        readers.format_names() if group == plugins.READERS else effects.all_terms()
     assert str(caught.value).startswith("tiltmeter 0.1: ") and words in str(caught.value)
 
 
@@ -130,14 +130,14 @@ def test_whatever_a_plug_in_raises_at_its_import_or_while_it_reads_is_one_line(t
     (tmp_path / "tiltmeter.py").write_text(f"raise {error}\n")
     importlib.invalidate_caches()
     with pytest.raises(InputError, match=r"^tiltmeter 0\.1: .* expected an importable plug-in, found .*line 1\); mend"):
-        readers.of("tiltmeter")
+        readers.get_format("tiltmeter")
 
 
 def test_an_interrupt_from_the_keyboard_is_no_error_of_a_plug_in(tmp_path, monkeypatch):
     declare(tmp_path, monkeypatch, plugins.READERS, "tiltmeter", "tiltmeter:read")
     (tmp_path / "tiltmeter.py").write_text("raise KeyboardInterrupt\n")
     with pytest.raises(KeyboardInterrupt):
-        readers.of("tiltmeter")
+        readers.get_format("tiltmeter")
 
 
 def test_a_plug_in_that_ends_the_program_with_status_0_stops_its_mooring_with_another(tmp_path, monkeypatch):
@@ -160,7 +160,7 @@ def test_two_packages_cannot_share_a_name(tmp_path, monkeypatch):
     for package in ("tiltmeter", "other"):
         declare(tmp_path / package, monkeypatch, plugins.READERS, "tiltmeter", "tiltmeter:read", package)
     with pytest.raises(InputError, match=r"expected a name that other 0\.1 does not use, found 'tiltmeter'"):
-        readers.names()
+        readers.format_names()
 
 
 def test_an_effect_of_a_package_comes_after_the_catalogue_with_its_side_and_its_words(tmp_path, monkeypatch):
@@ -174,7 +174,7 @@ def test_an_effect_of_a_package_comes_after_the_catalogue_with_its_side_and_its_
 
 def test_a_reader_s_keys_are_its_keyword_only_parameters_and_it_must_return_a_record(tmp_path, monkeypatch):
     declare(tmp_path, monkeypatch, plugins.READERS, "tiltmeter", "tiltmeter:read")
-    found = readers.of("tiltmeter")
+    found = readers.get_format("tiltmeter")
     assert found.keys == ("orientation",) and not found.takes_declination
     assert re.fullmatch(r"tiltmeter 0\.1 \(tiltmeter, sha256 [0-9a-f]{12}\)", found.plugin)
     (tmp_path / "deep.txt").write_text("2007-09-04T00:00:00;12.3;90;4.5\n")

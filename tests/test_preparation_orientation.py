@@ -12,7 +12,7 @@ from pd0_encoder import START, ensemble
 from sea import SHARED
 
 from compasslib.preparation import deployment
-from compasslib.readers.pd0 import reader
+from compasslib.readers import pd0
 
 CELLS, CELL_CM, BIN1_CM = 30, 400, 600
 NOISE = 45  # counts
@@ -51,7 +51,7 @@ def recorded(folder: Path, *blocks: bytes, n: int = 60, word: str = "up"):
         for i in range(n)
     ]
     (folder / "a.000").write_bytes(b"".join(each))
-    read = reader.read([folder / "a.000"], orientation=word, declination_applied=None, heading_alignment=None)
+    read = pd0.read([folder / "a.000"], orientation=word, declination_applied=None, heading_alignment=None)
     return deployment.settle(read, **SETTINGS)
 
 
@@ -109,7 +109,7 @@ def test_genuine_records_show_their_boundary_and_which_way_they_looked(name, wor
     path = SHARED / "pd0" / name
     if not path.exists():
         pytest.skip(f"{path} is not there")
-    read = reader.read([path], orientation=None, declination_applied=None, heading_alignment=None)
+    read = pd0.read([path], orientation=None, declination_applied=None, heading_alignment=None)
     settings = SETTINGS | {"nominal_depth": depth, "water_depth": bottom}
     settings |= {"start_s": read.time_s[0] + 43200.0 * (word == "down"), "end_s": read.time_s[-1]}
     right = deployment.settle(read, **settings)

@@ -19,7 +19,7 @@ from compasslib.archive import netcdf, summary
 from compasslib.config import cruise as config
 from compasslib.pipeline import plan
 from compasslib.preparation import deployment, overlap, plausibility
-from compasslib.readers.pd0 import reader
+from compasslib.readers import pd0
 from compasslib.records import BAD, GOOD, PROBABLY_BAD, EarthField
 from compasslib.report import words
 
@@ -159,7 +159,7 @@ def test_genuine_compasses_hold_no_outlier(name):
     files = [path for path in (SHARED / "pd0").glob("*") if path.name.startswith(name) and path.suffix != ".csv"]
     if not files:
         pytest.skip(f"no {SHARED}/pd0/{name}*")
-    read = reader.read(files, orientation=None, declination_applied=None, heading_alignment=None)
+    read = pd0.read(files, orientation=None, declination_applied=None, heading_alignment=None)
     found = plausibility.flagged(read, 1e5)
     assert not any(found.counts[key] for key in ("heading_fill", "heading_wild", "heading_unsure"))
 

@@ -24,7 +24,7 @@ from sea import SHARED, real
 
 from compasslib import readers
 from compasslib.errors import InputError
-from compasslib.readers import FORMATS, bounds, iaga2002, nmea, plain
+from compasslib.readers import FORMATS, files, iaga2002, nmea
 from compasslib.records import Record
 
 JUNK = np.random.default_rng(5).integers(0, 256, 300, dtype=np.uint8).tobytes()
@@ -365,24 +365,24 @@ def genuine(name: str, path: Path) -> fuzz.Kind:
 )
 def test_a_text_larger_than_the_bound_is_refused_before_memory_is_taken(kinds, tmp_path, monkeypatch, name, packed):
     """The bound itself is 256 MB: 3 MB of gzip may be 1 GB of lines."""
-    data = kinds[name].whole + b"\n" * (bounds.MEGABYTE - len(kinds[name].whole))
+    data = kinds[name].whole + b"\n" * (files.MEGABYTE - len(kinds[name].whole))
     path = tmp_path / "large.csv"
     path.write_bytes(gzip.compress(data) if packed else data)
-    monkeypatch.setattr(bounds, "LARGEST_TEXT", bounds.MEGABYTE)
+    monkeypatch.setattr(files, "LARGEST_TEXT", files.MEGABYTE)
     kinds[name].read(path)
     path.write_bytes(gzip.compress(data * 300) if packed else data * 3)
-    monkeypatch.setattr(plain, "LONGEST_LINE", bounds.MEGABYTE // 4)
+    monkeypatch.setattr(files, "LONGEST_LINE", files.MEGABYTE // 4)
     tracemalloc.start()
     found = r"found 0\.\d MB that unpack to over 1 MB" if packed else r"found 3\.0 MB"
     with pytest.raises(InputError, match=rf"large.csv: expected a text of up to 1 MB, {found}; export means"):
         kinds[name].read(path)
-    assert tracemalloc.get_traced_memory()[1] < 3 * bounds.MEGABYTE
+    assert tracemalloc.get_traced_memory()[1] < 3 * files.MEGABYTE
     tracemalloc.stop()
 
 
 @pytest.mark.parametrize("name", ["pd0", "pd12"])
 def test_one_profile_of_many_cells_does_not_widen_all_others_without_bound(tmp_path, monkeypatch, name):
-    monkeypatch.setattr(bounds, "LARGEST_ARRAYS", bounds.MEGABYTE // 4)
+    monkeypatch.setattr(files, "LARGEST_ARRAYS", files.MEGABYTE // 4)
     if name == "pd0":
         parts = [pd0_encoder.ensemble([[1, 2, 3, 4]], number=k + 1) for k in range(400)]
         parts.append(pd0_encoder.ensemble([[1, 2, 3, 4]] * 250, number=401))

@@ -129,7 +129,11 @@ def tenfold(column):
         ("XYZF", tenfold(1), "expected F as X, Y, Z make it"),
         ("XYZF", tenfold(0), "expected nT under 88888"),
         ("DHZF", lambda cells: cells.__imul__([1.0, 0.1, 1.0, 1.0]), "expected F as H, Z make it"),
-        ("DHZF", lambda cells: cells.__imul__([60.0, 1.0, 1.0, 1.0]), "expected D in minutes of arc, -10800 to 21600"),
+        (
+            "DHZF",
+            lambda cells: cells.__imul__([60.0, 1.0, 1.0, 1.0]),
+            "expected D in minutes of arc, -10800 to 21600",
+        ),
     ],
     ids=["Y tenfold", "X tenfold", "H a tenth", "D in seconds"],
 )

@@ -18,9 +18,10 @@ from compasslib.demo import demonstration, profiler, water
 from compasslib.demo.demonstration import DEPLOYED_S
 from compasslib.errors import InputError
 from compasslib.pipeline import plan as plans
-from compasslib.readers.mmp import acm, scan_files
+from compasslib.readers import mmp as acm
 from compasslib.readers.mmp import pressure as mmp_pressure
 from compasslib.readers.mmp import rows as mmp_rows
+from compasslib.readers.mmp import scans as mmp_scans
 from compasslib.records import GOOD, MISSING, PROBABLY_BAD, Record
 
 TEXT, BINARY = "acm/mmp_global_A0000001.TXT", "acm/mmp_global_A0000001.DAT"
@@ -162,7 +163,7 @@ def test_real_scans_are_half_a_second_apart():
 
 @pytest.mark.parametrize("name", [TEXT, BINARY])
 def test_the_loggers_rule_gives_the_recorded_heading(name):
-    values = scan_files.load([real(name)]).values[1:]
+    values = mmp_scans.read_scans([real(name)]).values[1:]
     heading = acm.logged_heading(values[:, 3:6], values[:, 1], values[:, 2])
     assert angles.rms(angles.difference(heading, values[:, 0])) < 0.05
 
@@ -182,10 +183,10 @@ def same_record(one: Record, other: Record) -> None:
 
 
 def test_the_swing_is_smaller_in_the_real_record_when_it_is_taken_out():
-    scans = scan_files.load([real(BINARY)])
+    scans = mmp_scans.read_scans([real(BINARY)])
     heading, (_, y) = scans.values[1:, 0], acm.instrument_axes(scans.values[1:, 6:] / 100.0)
     rate = acm.swing_rate(heading, np.full(len(y), 2.0), np.ones(len(y) - 1, dtype=bool))
-    quieter = acm.without_swing(y, rate)
+    quieter = acm.remove_swing(y, rate)
     # Two minutes: longer than a swing, shorter than the change of the current with depth.
     before, after = (np.std(v - np.convolve(v, np.ones(241) / 241, "same")) for v in (y, quieter))
     assert after < 0.93 * before
@@ -234,7 +235,7 @@ def test_a_meter_that_swings_in_still_water_measures_nothing(amplitude, period, 
     found = acm.swing_rate(amplitude * np.sin(phase) + 355.0, np.full(len(time), rate), joined)
     inner = np.s_[int(2 * rate) : -int(2 * rate)]
     # Over four seconds the mean of the swing's rate is less than its middle by sinc: 3 % at 30 s, more at the ends.
-    assert np.abs(acm.without_swing(y, found))[inner].max() < 0.031 * np.abs(y).max()
+    assert np.abs(acm.remove_swing(y, found))[inner].max() < 0.031 * np.abs(y).max()
 
 
 def test_no_swing_is_taken_out_across_a_gap_or_between_rare_scans():
@@ -682,7 +683,7 @@ def test_numbers_of_uneven_decimals_are_no_damage(tmp_path):
 
 def test_the_result_does_not_depend_on_how_much_is_read_at_a_time(tmp_path, monkeypatch):
     data = text_file(tmp_path, logged()).read_bytes()
-    wanted = scan_files.STAMPED.__eq__
+    wanted = mmp_scans.STAMPED.__eq__
     whole = mmp_rows.parse(data, wanted)
     monkeypatch.setattr(mmp_rows, "CHUNK_BYTES", 300)
     parts = mmp_rows.parse(data, wanted)

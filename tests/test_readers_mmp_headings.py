@@ -10,8 +10,8 @@ import pytest
 from sea import real
 from test_readers_mmp_acm import BINARY, TEXT, logged, read, text_file
 
-from compasslib.readers.mmp import scan_files
-from compasslib.readers.mmp.acm import compare
+from compasslib.readers.mmp import compare_headings
+from compasslib.readers.mmp import scans as mmp_scans
 from compasslib.records import GOOD, PROBABLY_BAD
 
 
@@ -76,11 +76,11 @@ def test_two_that_have_nothing_in_common_are_said_and_neither_is_believed_more(t
 
 @pytest.mark.parametrize("name", [TEXT, BINARY])
 def test_the_real_log_follows_its_magnetometer_and_a_planted_fault_is_found(name):
-    values = scan_files.load([real(name)]).values
+    values = mmp_scans.read_scans([real(name)]).values
     heading = values[:, 0].copy()
-    sound = compare(heading, values[:, 3:6], values[:, 1:3])
+    sound = compare_headings(heading, values[:, 3:6], values[:, 1:3])
     assert sound.known == 17917 and not sound.off.any() and sound.warnings() == []
     assert abs(sound.constant_deg) < 0.05  # the last digit of field and heading
     heading[3000:3100] = heading[2999]  # a compass that hangs for 50 s while the meter turns by up to 12.6 degrees
-    found = compare(heading, values[:, 3:6], values[:, 1:3])
+    found = compare_headings(heading, values[:, 3:6], values[:, 1:3])
     assert 75 < found.off[3000:3100].sum() == found.off.sum()  # 77 scans stand more than 2.2 degrees from there

@@ -22,7 +22,7 @@ from benchmarks import netcdf_layouts as drawn_layouts
 from compasslib import angles, readers
 from compasslib.errors import InputError
 from compasslib.readers.flags import MEANINGS, flag_of
-from compasslib.readers.times import Unreadable, origin_s
+from compasslib.readers.times import Unreadable, parse_origin
 from compasslib.records import BAD, GOOD, MISSING, NOT_CHECKED, PROBABLY_BAD, PROBABLY_GOOD, Record
 
 SILENT = {"columns": None, "orientation": None, "declination_applied": None, "direction_reference": "magnetic"}
@@ -513,9 +513,9 @@ ORIGINS = [  # what stands behind "since", calendar, and UTC
 def test_the_origin_of_a_unit_of_time_is_read_whole_or_not_at_all(text, calendar, utc):
     if utc is None:
         with pytest.raises(Unreadable):
-            origin_s(text, calendar)
+            parse_origin(text, calendar)
     else:
-        assert origin_s(text, calendar) == np.datetime64(utc, "ms").astype(np.int64) / 1e3
+        assert parse_origin(text, calendar) == np.datetime64(utc, "ms").astype(np.int64) / 1e3
 
 
 def test_a_zone_by_name_is_refused_in_a_line_that_names_the_units(tmp_path):

@@ -13,8 +13,8 @@ from nortek_encoder import BEAM, ENU, XYZ, Sample
 from sea import SHARED, real
 
 from compasslib.errors import InputError
-from compasslib.readers.nortek import reader
-from compasslib.readers.nortek.packets import packets
+from compasslib.readers import nortek
+from compasslib.readers.nortek.packets import find_packets
 from compasslib.records import BAD, GOOD, MAGNETOMETER
 
 GENUINE = SHARED / "moored/aqd9330.aqd"
@@ -44,7 +44,7 @@ def of_signature(samples: list[Sample], coordinates: int = BEAM, **said) -> byte
 def read(folder: Path, data: bytes, name: str = "meter.wpr", **keys):
     path = folder / name
     path.write_bytes(data)
-    return reader.read([path], **keys)
+    return nortek.read([path], **keys)
 
 
 def refused(folder: Path, data: bytes, **keys) -> str:
@@ -81,12 +81,12 @@ def turned(sample: Sample, down: bool) -> np.ndarray:
 
 @pytest.mark.skipif(not GENUINE.exists(), reason=f"{GENUINE} is not there")
 def test_a_genuine_aquadopp_is_read_as_by_an_independent_reader_and_every_byte_is_accounted_for():
-    record, known = reader.read([GENUINE], serial_number="9330"), np.load(GENUINE.with_suffix(".npz"))
+    record, known = nortek.read([GENUINE], serial_number="9330"), np.load(GENUINE.with_suffix(".npz"))
     assert (record.time_s == known["time"].astype("M8[s]").astype(float)).all()
     for theirs, ours in FIELDS.items():
         assert (getattr(record, ours) == known[theirs]).all(), theirs
     assert (np.column_stack([record.east, record.north]) == known["vel"][:, :2]).all()
-    found = packets(GENUINE)
+    found = find_packets(GENUINE)
     assert int((found.end - found.start).sum()) == GENUINE.stat().st_size == record.counts["bytes_total"]
     assert record.counts["diagnostic_samples"] == 20080 and record.counts["bytes_skipped"] == 0
     assert ((record.quality[:, 0] == BAD) == (known["status"] & 0x0C > 0)).all()  # on deck, tilted beyond the sensor
@@ -236,10 +236,10 @@ def test_two_files_are_one_record_in_order_of_time_where_they_belong_together(tm
     parts = {"b.wpr": of_older(samples[:10]), "a.wpr": of_older(samples[10:]), "c.wpr": of_older(drawn(cells=4))}
     for name, data in parts.items():
         (tmp_path / name).write_bytes(data)
-    whole = reader.read([tmp_path / "a.wpr", tmp_path / "b.wpr"])
+    whole = nortek.read([tmp_path / "a.wpr", tmp_path / "b.wpr"])
     assert (whole.time_s == read(tmp_path, of_older(samples)).time_s).all()
     with pytest.raises(InputError, match="expected files of one instrument in one configuration, found files that"):
-        reader.read([tmp_path / "a.wpr", tmp_path / "c.wpr"])
+        nortek.read([tmp_path / "a.wpr", tmp_path / "c.wpr"])
 
 
 def test_what_cannot_be_used_is_refused_in_one_line(tmp_path):
@@ -287,7 +287,7 @@ def test_only_samples_an_average_apart_are_called_averages(tmp_path, name, apart
 
 
 def test_genuine_single_pings_of_averages_are_not_called_averages():
-    record = reader.read([real("wild/sig100_raw_avg_8.ad2cp")])
+    record = nortek.read([real("wild/sig100_raw_avg_8.ad2cp")])
     assert np.allclose(np.diff(record.time_s), 1.0, atol=1e-3) and record.warnings == ()
 
 
@@ -299,4 +299,4 @@ def test_level_beams_are_named(tmp_path, beams, said):
 
 def test_a_genuine_awac_of_two_level_beams_is_named():
     with pytest.raises(InputError, match=r"expected 3 slanted beams, found 2 beams, .* write format: table"):
-        reader.read([real("wild/h_awac_two_beams.wpr")])
+        nortek.read([real("wild/h_awac_two_beams.wpr")])

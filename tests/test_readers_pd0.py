@@ -25,8 +25,8 @@ from sea import real
 
 from compasslib import angles
 from compasslib.errors import InputError
+from compasslib.readers import pd0
 from compasslib.readers.pd0 import currents, frames
-from compasslib.readers.pd0 import reader as pd0
 from compasslib.readers.pd0.fields import BEAM, EARTH, INSTRUMENT, SHIP, Ensembles
 from compasslib.records import Record
 
@@ -73,7 +73,7 @@ def framed(path: Path, chunk_bytes: int = frames.CHUNK_BYTES) -> tuple[list[int]
     starts: list[int] = []
     skipped: list[frames.Skipped] = []
     spans: list[tuple[int, int]] = []
-    for chunk in frames.frames(path, chunk_bytes):
+    for chunk in frames.iter_chunks(path, chunk_bytes):
         for run in chunk.runs:
             size = run.rows.shape[1]
             starts += [run.offset + size * i for i in range(len(run.rows))]
@@ -220,7 +220,7 @@ def test_mhkit_reads_the_same(name: str, tmp_path: Path) -> None:
     theirs = by_mhkit(path)
     if theirs is None:
         # A flipped byte, as in eh2, and mhkit gives the file up: then it gets the good ensembles alone.
-        theirs = by_mhkit(written(tmp_path, *(run.rows.tobytes() for c in frames.frames(path) for run in c.runs)))
+        theirs = by_mhkit(written(tmp_path, *(run.rows.tobytes() for c in frames.iter_chunks(path) for run in c.runs)))
     if theirs is None:
         pytest.skip(f"mhkit cannot read {name}, not even its good ensembles alone")
     ours, count = pd0.decode(path), theirs.sizes["time"]
@@ -843,7 +843,7 @@ def test_the_metadata_decide_which_way_is_up(tmp_path: Path) -> None:
 
 def test_files_that_begin_together_follow_each_other_in_the_order_given(tmp_path: Path) -> None:
     a, b = written(tmp_path, *series(2), name="a.000"), written(tmp_path, *series(3), b"tail", name="b.000")
-    record, reports = pd0.read_reporting([b, a], currents.Choices())
+    record, reports = pd0.read_with_reports([b, a], currents.Settings())
     assert np.diff(record.time_s).tolist() == [3600.0, 3600.0, -7200.0, 3600.0]
     assert [report.ensembles for report in reports] == [3, 2]
     assert [(Path(reports[0].path).name, each.length, each.reason) for each in reports[0].skipped] == [

@@ -15,10 +15,9 @@ import yaml
 
 from compasslib.demo import adcp, compass, demonstration, water
 from compasslib.demo.demonstration import DEPLOYED_S, MOORINGS, RECOVERED_S
-from compasslib.readers.mmp import scan_files
-from compasslib.readers.pd0 import currents
+from compasslib.readers.mmp import scans as mmp_scans
+from compasslib.readers.pd0 import currents, decode
 from compasslib.readers.pd0.fields import BEAM, EARTH
-from compasslib.readers.pd0.reader import decode
 from tests.world import pairs
 
 HERE = Path(__file__).parent
@@ -268,7 +267,7 @@ def engineering(cruise):
 
 def test_the_profiler_is_stuck_at_times_and_its_climb_shows_in_the_path_outside_the_wake(cruise, engineering):
     """That currents and depths come back stands in test_readers_mmp_acm.py."""
-    scans = scan_files.load([cruise / "raw/EG5/acm.txt"])
+    scans = mmp_scans.read_scans([cruise / "raw/EG5/acm.txt"])
     assert len(scans.blocks) == 792 and scans.damaged == 792 // 97
     sound = scans.place > 0
     time_s, values = scans.clock_s[sound], scans.values[sound]

@@ -128,7 +128,7 @@ def test_a_calibration_depends_on_its_own_kind_and_on_the_curves(done):
     rules = plan.plan(config.load(done), PROJECT / "workflow/scripts").calibrations
     modules = {_module(path) for path in rules.modules(SimpleNamespace(calibration="bench"))}
     assert {f"calibration.{name}" for name in ("platform", "curves", "exact_curve", "budget")} <= modules
-    assert {"core.earthfield", "readers.cells"} <= modules
+    assert {"core.earthfield", "readers.delimited"} <= modules
     others = ("calibration.swing", "calibration.magnetometer", "calibration.heads", "calibration.at_mooring")
     assert not modules & {*others, "plots.calibrations"}
     modules = {_module(path) for path in rules.diagnosis_modules(SimpleNamespace(calibration="bench"))}

@@ -24,7 +24,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from compasslib.readers import recognition
+from compasslib.readers import detect
 from compasslib.threads import single_threaded
 
 if TYPE_CHECKING:  # the Snakefile needs the table only
@@ -78,7 +78,7 @@ def calibrate(kind: str, files: Sequence[str | Path], settings: Mapping[str, Any
 
     offered, module = KINDS[kind].formats, import_module(f"compasslib.calibrations.{KINDS[kind].module}")
     form = settings.get("format") or offered[0]
-    with recognition.naming(form, files, offered=offered, advice="correct file or kind in the calibration's file"):
+    with detect.format_hints(form, files, offered=offered, advice="correct file or kind in the calibration's file"):
         made: Calibration = module.calibrate(files, settled(settings))
     return replace(made, warnings=(*made.warnings, *too_exact(made.residual_rms_deg)))
 

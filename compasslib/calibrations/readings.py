@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from compasslib.errors import InputError
-from compasslib.readers import cells
+from compasslib.readers import delimited
 from compasslib.types import Floats
 
 LARGEST_DEG = 720.0  # an angle beyond two turns is in another unit
@@ -25,7 +25,7 @@ def read(
     Args:
         files: tables with a header line.
         settings: ``columns`` gives headers that differ from the roles, ``withhold`` roles or headers to leave out, and
-            the keys of ``cells.Layout`` how they are written.
+            the keys of ``delimited.Layout`` how they are written.
         required: roles that must be there.
         optional: roles that may be.
 
@@ -34,8 +34,8 @@ def read(
     """
     paths, withheld = [Path(file) for file in files], set(settings.get("withhold") or ())
     header = {role: (settings.get("columns") or {}).get(role, role) for role in (*required, *optional)}
-    layout = cells.Layout.of(settings)
-    names = [set(cells.header_of(path, [header[role] for role in required], layout)) for path in paths]
+    layout = delimited.Layout.from_settings(settings)
+    names = [set(delimited.read_header(path, [header[role] for role in required], layout)) for path in paths]
     _refuse_unknown(withheld, set(header), set.union(*names), paths)
     _refuse_withheld(required, header, withheld)
     wanted = {
@@ -43,8 +43,10 @@ def read(
         for role, name in header.items()
         if role in required or (not {role, name} & withheld and all(name in there for there in names))
     }
-    tables = [cells.table_of(path, wanted, ADVICE, layout) for path in paths]
-    return {role: np.concatenate([one.columns[role] for one in tables]) for role in wanted}, cells.said(tables)
+    tables = [delimited.read_table(path, wanted, ADVICE, layout) for path in paths]
+    return {role: np.concatenate([one.columns[role] for one in tables]) for role in wanted}, delimited.table_notes(
+        tables
+    )
 
 
 def check_degrees(columns: Mapping[str, Floats], files: Sequence[str | Path]) -> None:

@@ -25,9 +25,8 @@ from compasslib.declination import Applied, applied
 from compasslib.errors import InputError
 from compasslib.pipeline import plan
 from compasslib.preparation import overlap
-from compasslib.readers import covariate as series_of
-from compasslib.readers import iaga2002
-from compasslib.readers.pd0.consistency import same_number
+from compasslib.readers import iaga2002, table
+from compasslib.readers.pd0.checks import match_serial_number
 from compasslib.records import BAD, Pairs, Record
 from compasslib.stages import read
 from compasslib.stages.pipeline import Job, reading
@@ -125,7 +124,7 @@ def _mooring(name: str, planned: plan.Plan) -> Inspection:
         try:
             record = records[role] = read.record_of(**reading(rules, Job(name, role)) | {"series": {}})
             rows.append(_row(role, _part(role, mooring), mooring.instruments[role], record))
-            same_number(f"{name}: {role}", record.serial_number, rules.serial_number(Job(name, role)))
+            match_serial_number(f"{name}: {role}", record.serial_number, rules.serial_number(Job(name, role)))
         except InputError as error:
             problems.append(f"{name}: {role}: {error}")
     series, unusable = _covariates(name, mooring.covariates, (mooring.start_s, mooring.end_s))
@@ -163,7 +162,7 @@ def _covariates(
         paths = [Path(file) for file in covariate.files]
         try:
             if covariate.format == "table":
-                time_s = series_of.series(covariate.model_dump(exclude={"format"}))[0]
+                time_s = table.read_series(covariate.model_dump(exclude={"format"}))[0]
             else:
                 time_s = iaga2002.read(paths).time_s
         except InputError as error:

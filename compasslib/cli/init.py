@@ -25,7 +25,8 @@ from compasslib.errors import InputError
 from compasslib.preparation import affected as affected_compass
 from compasslib.preparation import deployment
 from compasslib.preparation.affected import Explained
-from compasslib.readers import covariate, headers, iaga2002, nmea, recognition
+from compasslib.readers import detect, headers, iaga2002, nmea
+from compasslib.readers.table import read_series
 from compasslib.records import Record
 from compasslib.types import Floats
 
@@ -130,10 +131,10 @@ def _links(paths: Iterable[Path], root: Path) -> dict[Path, Path]:
 
 
 def _sorted(paths: Sequence[Path], root: Path, name: str | None, contents: Contents) -> Contents:
-    tables: dict[Path, headers.Meaning | None] = {}
+    tables: dict[Path, headers.GuessedTable | None] = {}
     groups: dict[tuple[str, str, str], list[Path]] = {}
     for path in paths:
-        kind = recognition.recognise(path)
+        kind = detect.detect_kind(path)
         form = kind.form if kind else None
         if COMPANION.search(path.name) and any(SCANS.search(other.name) for other in paths):
             continue  # it goes with its scans
@@ -141,7 +142,7 @@ def _sorted(paths: Sequence[Path], root: Path, name: str | None, contents: Conte
             contents.left.append(f"{path}: its scans stand unpacked in {text.name}")
             continue
         if form == "table":
-            tables[path] = headers.meaning(path)
+            tables[path] = headers.guess_columns(path)
         table, mooring = tables.get(path), name or _folder(path, root)
         if form is None:
             contents.left.append(f"{path}: {f'{kind.name}; {kind.advice}' if kind else 'its kind is not known'}")
@@ -169,7 +170,7 @@ def _sorted(paths: Sequence[Path], root: Path, name: str | None, contents: Conte
 
 
 def _add_aside(
-    path: Path, root: Path, form: str, table: headers.Meaning | None, mooring: str, contents: Contents
+    path: Path, root: Path, form: str, table: headers.GuessedTable | None, mooring: str, contents: Contents
 ) -> None:
     """Add what is no instrument: a calibration's file, or a series beside the moorings."""
     file, name = _inside(path, root), _free(_name(path.stem), contents.calibrations)
@@ -209,10 +210,10 @@ def _add_log(path: Path, file: str, name: str, contents: Contents) -> None:
     contents.calibrations[name] = draft.calibration("swing", keys, {})
 
 
-def _add_series(path: Path, file: str, table: headers.Meaning, mooring: str, contents: Contents) -> None:
+def _add_series(path: Path, file: str, table: headers.GuessedTable, mooring: str, contents: Contents) -> None:
     keys = {"format": "table", "files": file, "columns": table.columns}
     try:
-        time_s, _, _ = covariate.series({"files": [path], "columns": table.columns})
+        time_s, _, _ = read_series({"files": [path], "columns": table.columns})
     except InputError as error:
         asked = dict.fromkeys(_named_keys(error, readers.TABLE_KEYS), draft.DECIDE)
         if not asked:
@@ -244,7 +245,7 @@ def _drafted(
     form: str,
     files: Sequence[Path],
     root: Path,
-    table: headers.Meaning | None,
+    table: headers.GuessedTable | None,
     companions: Sequence[Path],
     contents: Contents,
 ) -> Drafted:
@@ -258,15 +259,15 @@ def _drafted(
     try:
         record = readers.read(form, files, settings)
     except InputError as error:
-        asked = dict.fromkeys(_named_keys(error, readers.of(form).keys), draft.DECIDE)
+        asked = dict.fromkeys(_named_keys(error, readers.get_format(form).keys), draft.DECIDE)
         return Drafted(form, inside, keys | asked, trouble=str(error))
     contents.records[inside[0]] = record
     drafted = _of_record(form, inside, keys, record, table)
     if form != "netcdf":
         return drafted
-    from compasslib.readers.netcdf import place
+    from compasslib.readers.netcdf.variables import read_position
 
-    where = place.of(files[0])
+    where = read_position(files[0])
     both = (where["latitude"], where["longitude"]) if {"latitude", "longitude"} <= set(where) else None
     return replace(drafted, place=both, water_depth_m=where.get("water_depth"))
 
@@ -278,7 +279,7 @@ def _named_keys(error: InputError, keys: Iterable[str]) -> list[str]:
 
 
 def _of_record(
-    form: str, files: tuple[str, ...], keys: Mapping[str, object], record: Record, table: headers.Meaning | None
+    form: str, files: tuple[str, ...], keys: Mapping[str, object], record: Record, table: headers.GuessedTable | None
 ) -> Drafted:
     start, end, surfaced = _in_water(record)
     level = record.depth_m if np.isfinite(record.depth_m).any() else record.pressure_dbar

@@ -16,11 +16,11 @@ from compasslib.config import paths, values
 from compasslib.config.values import iso, problem, shown
 from compasslib.declination import applied
 from compasslib.readers import TABLE_KEYS
-from compasslib.readers.flags import normal
+from compasslib.readers.flags import normalize
 
 
 def _form(value: Any) -> str:
-    offered = readers.names()
+    offered = readers.format_names()
     if value not in offered:
         raise problem(
             expected=f"{', '.join(offered[:-1])} or {offered[-1]}", advice=values.nearest(str(value), offered)
@@ -280,7 +280,7 @@ class FlagMeanings(Section):
 
     @model_validator(mode="after")
     def _each_means_one_thing(self) -> Self:
-        named = [normal(item) for _, items in self for item in items]
+        named = [normalize(item) for _, items in self for item in items]
         if not named:
             raise problem(None, "good, bad or unchecked", "none of them", "write for example {bad: [side_lobe]}")
         if twice := [item for item in named if named.count(item) > 1]:
@@ -318,7 +318,7 @@ class Instrument(TableKeys):
     def _keys_of_this_format(self) -> Self:
         for name, formats in ONLY_FOR.items():
             taken = name in self.model_fields_set
-            if taken and self.format not in formats and name not in readers.of(self.format).keys:
+            if taken and self.format not in formats and name not in readers.get_format(self.format).keys:
                 expected = f"this key only with format {' or '.join(formats)}"
                 raise problem(name, expected, f"it with format {self.format}", "delete it or correct the format")
         return self

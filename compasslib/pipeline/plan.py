@@ -58,7 +58,7 @@ class Moorings:
 
     def reader_code(self, wildcards: Any) -> str:
         """Return one hash of the library files behind the reading of one instrument, its own format's reader only."""
-        reader = readers.of(self._instrument(wildcards).format)
+        reader = readers.get_format(self._instrument(wildcards).format)
         return _code(provenance.sources(self.scripts / "read.py", f"compasslib.readers.{reader.module}"), reader.plugin)
 
     def raw_files(self, wildcards: Any) -> list[str]:
@@ -91,7 +91,7 @@ class Moorings:
         """Return the keys of one instrument that its reader takes."""
         instrument = self._instrument(wildcards)
         unset = {key for key in readers.TABLE_KEYS if key not in instrument.model_fields_set}
-        keys = [key for key in readers.of(instrument.format).keys if key not in unset]
+        keys = [key for key in readers.get_format(instrument.format).keys if key not in unset]
         numbered = {"serial_number": self.serial_number(wildcards)} if "serial_number" in keys else {}
         return _plain(instrument, [key for key in keys if key not in numbered]) | numbered
 
@@ -99,7 +99,7 @@ class Moorings:
         """Return what turns one instrument's series into its record inside the deployment."""
         mooring, instrument = self._mooring(wildcards), self._instrument(wildcards)
         # Some readers take it out themselves: a PD0 file may hold it as heading bias.
-        taken = readers.of(instrument.format).takes_declination
+        taken = readers.get_format(instrument.format).takes_declination
         inside = 0.0 if taken else instrument.declination_applied or 0.0
         return _plain(instrument, DEPLOYMENT_KEYS) | {
             "start_s": mooring.start_s,
@@ -412,7 +412,7 @@ def plan(cruise: Cruise, scripts: Path) -> Plan:
     if plugins.declared(plugins.EFFECTS):
         import_module("compasslib.effects").all_terms()  # looks at them before any work
     for form in {one.format for mooring in cruise.moorings.values() for one in mooring.instruments.values()}:
-        readers.of(form)  # imports another package's
+        readers.get_format(form)  # imports another package's
     for name, mooring in cruise.moorings.items():
         file = cruise.mooring_files[name]
         if cruise.options.demonstration and name not in SIMULATED:

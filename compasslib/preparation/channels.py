@@ -10,7 +10,7 @@ import numpy as np
 
 from compasslib import angles
 from compasslib.errors import InputError
-from compasslib.readers import covariate
+from compasslib.readers import table
 from compasslib.records import MAGNETOMETER, Record
 from compasslib.types import Floats
 
@@ -69,7 +69,7 @@ def witnessed(record: Record) -> Record:
 
 
 def _at(record: Record, name: str, one: Mapping[str, Any]) -> tuple[Floats, tuple[str, ...]]:
-    time_s, value, notes = covariate.series(one)
+    time_s, value, notes = table.read_series(one)
     at = interpolated(record.time_s, time_s, value)
     if len(at) and not np.isfinite(at).any():
         span = " to ".join(str(np.datetime64(int(t), "s")) for t in time_s[[0, -1]])

@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any
 
 from compasslib import plugins
 from compasslib.errors import InputError
-from compasslib.readers import recognition
+from compasslib.readers import detect
 
 if TYPE_CHECKING:  # the Snakefile needs the table only
     from compasslib.records import Record
@@ -48,21 +48,21 @@ class Format:
 
 TABLE_KEYS = ("delimiter", "decimal", "time_format", "timezone", "missing", "skip_rows")  # of any text table
 FORMATS = {
-    "pd0": Format("pd0.reader", ("orientation", "declination_applied", "heading_alignment", "serial_number")),
+    "pd0": Format("pd0", ("orientation", "declination_applied", "heading_alignment", "serial_number")),
     "table": Format("table", ("columns", "flags", *TABLE_KEYS)),
     "acm_table": Format("table", ("columns", "flags", *TABLE_KEYS)),
-    "mmp_acm": Format("mmp.acm", ("pressure_files", "start_offset_seconds", *TABLE_KEYS)),
+    "mmp_acm": Format("mmp", ("pressure_files", "start_offset_seconds", *TABLE_KEYS)),
     "netcdf": Format(
-        "netcdf.reader",
+        "netcdf",
         ("columns", "orientation", "declination_applied", "direction_reference", "heading_alignment", "flags"),
     ),
     "rdi_text": Format("rdi_text", ("orientation",)),
     "pd12": Format("pd12", ("orientation", "bin_size", "first_bin")),
-    "nortek": Format("nortek.reader", ("orientation", "declination_applied", "serial_number")),
+    "nortek": Format("nortek", ("orientation", "declination_applied", "serial_number")),
 }
 
 
-def names() -> tuple[str, ...]:
+def format_names() -> tuple[str, ...]:
     """Return the formats that are read here, those of other packages last.
 
     Raises:
@@ -71,11 +71,11 @@ def names() -> tuple[str, ...]:
     return (*FORMATS, *plugins.points(plugins.READERS, FORMATS))
 
 
-def of(form: str) -> Format:
+def get_format(form: str) -> Format:
     """Return a format; of a plug-in's ``read`` the keyword-only parameters are the keys of the instrument.
 
     Args:
-        form: one of ``names``.
+        form: one of ``format_names``.
 
     Raises:
         InputError: a plug-in that cannot be imported.
@@ -93,17 +93,17 @@ def read(form: str, paths: Sequence[Path], settings: Mapping[str, Any]) -> Recor
     """Return what an instrument recorded, by its own clock, nothing left out.
 
     Args:
-        form: one of ``names``.
+        form: one of ``format_names``.
         settings: the instrument's part of the mooring file.
 
     Raises:
         InputError: a file that cannot be read.
     """
-    found = of(form)
+    found = get_format(form)
     keys = {key: settings.get(key) for key in found.keys}
     if found.plugin:
         return _of_plugin(form, found.plugin, paths, keys)
-    with recognition.naming(form, paths, offered=FORMATS):
+    with detect.format_hints(form, paths, offered=FORMATS):
         record: Record = import_module(f"compasslib.readers.{found.module}").read(paths, **keys)
     return record
 

@@ -67,16 +67,16 @@ VOCABULARIES: tuple[tuple[str, str, Mapping[str, str]], ...] = (
 )
 
 
-def given(key: Mapping[str, Iterable[object]] | None) -> dict[str, int]:
+def parse_flag_settings(key: Mapping[str, Iterable[object]] | None) -> dict[str, int]:
     """Return the flag of each word or value under the mooring file's key ``flags``.
 
     Args:
         key: good, bad and unchecked -> meanings or values of the file.
     """
-    return {normal(item): KEYS[name] for name, items in (key or {}).items() for item in items}
+    return {normalize(item): KEYS[name] for name, items in (key or {}).items() for item in items}
 
 
-def normal(word: object) -> str:
+def normalize(word: object) -> str:
     """Return a meaning or value in the spelling that all are compared in."""
     return re.sub(r"[\s-]+", "_", str(word).strip().lower())
 
@@ -86,13 +86,13 @@ def flag_of(value: str, word: str, stated: Mapping[str, int]) -> int | None:
 
     Args:
         word: the meaning that the file states, empty without one.
-        stated: see ``given``; it counts before the vocabularies.
+        stated: see ``parse_flag_settings``; it counts before the vocabularies.
     """
-    word, value = normal(word), normal(value)
+    word, value = normalize(word), normalize(value)
     return stated.get(word, stated.get(value, MEANINGS.get(word)))
 
 
-def vocabulary(*texts: str) -> tuple[str, Mapping[str, str]]:
+def find_vocabulary(*texts: str) -> tuple[str, Mapping[str, str]]:
     """Return name and values of the vocabulary that the first of some texts names, nothing where none does."""
     for text in texts:
         for name, pattern, words in VOCABULARIES:
@@ -101,7 +101,7 @@ def vocabulary(*texts: str) -> tuple[str, Mapping[str, str]]:
     return "", {}
 
 
-def worst(flags: Sequence[ArrayLike]) -> Flags:
+def worst_flag(flags: Sequence[ArrayLike]) -> Flags:
     """Return the worst of several flags, element by element; their shapes broadcast."""
     rank = np.zeros(max(ORDER) + 1, dtype=np.int8)
     rank[list(ORDER)] = np.arange(len(ORDER))
@@ -112,7 +112,7 @@ def worst(flags: Sequence[ArrayLike]) -> Flags:
     return np.array(ORDER, dtype=np.int8)[highest]
 
 
-def asked(where: str, unknown: Mapping[str, int]) -> str:
+def describe_unknown_flags(where: str, unknown: Mapping[str, int]) -> str:
     """Return the sentence about meanings that nobody knows.
 
     Args:

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from compasslib.readers import cells
+from compasslib.readers import delimited
 
 PRESSURE_ALONE = 3  # columns of a profiler's pressure, perhaps with temperature
 SPEEDS = {"mm": 0.001, "cm": 0.01, "m": 1.0}  # a second, in m/s
@@ -68,7 +68,7 @@ _TABLES: tuple[tuple[str, Mapping[str, str], tuple[str, ...]], ...] = (
 
 
 @dataclass(frozen=True)
-class Meaning:
+class GuessedTable:
     """What a table probably is."""
 
     kind: str  # instrument | platform | swing | magnetometer | series | pressure
@@ -77,15 +77,17 @@ class Meaning:
     north: str | None = None  # magnetic or true, None where the headers do not tell
 
 
-def meaning(path: Path) -> Meaning | None:
+def guess_columns(path: Path) -> GuessedTable | None:
     """Return what a table probably is, None where its header does not tell.
 
     Raises:
         InputError: it cannot be read.
     """
-    delimiters = list(cells.DELIMITERS)[: -1 if _is_delimited(path) else None]  # blanks may stand inside such names
-    lines = cells.lines_fitting(path, lambda names: of_header(names) is not None, must=True, delimiters=delimiters)
-    return of_header(lines.header) if lines else None
+    delimiters = list(delimited.DELIMITERS)[: -1 if _is_delimited(path) else None]  # blanks may stand inside such names
+    lines = delimited.find_lines(
+        path, lambda names: guess_from_names(names) is not None, must=True, delimiters=delimiters
+    )
+    return guess_from_names(lines.header) if lines else None
 
 
 def _is_delimited(path: Path) -> bool:
@@ -94,18 +96,18 @@ def _is_delimited(path: Path) -> bool:
     def names_columns(names: Sequence[str]) -> bool:
         return len(names) > 1 and all(re.search(r"[^\W\d_]", name) for name in names)
 
-    for delimiter in cells.DELIMITERS.keys() - {" "}:
-        lines = cells.lines_fitting(path, names_columns, must=True, delimiters=[delimiter])
+    for delimiter in delimited.DELIMITERS.keys() - {" "}:
+        lines = delimited.find_lines(path, names_columns, must=True, delimiters=[delimiter])
         whole = [len(row) == len(lines.header) for row in lines.rows] if lines else []
         if 2 * sum(whole) > len(whole):
             return True
     return False
 
 
-def of_header(names: Sequence[str]) -> Meaning | None:
+def guess_from_names(names: Sequence[str]) -> GuessedTable | None:
     """Return what a table with such a header probably is, None where it does not tell.
 
-    >>> of_header(["Date/Time", "Vel East [cm/s]", "Vel North [cm/s]", "Depth (m)"]).columns["east"]
+    >>> guess_from_names(["Date/Time", "Vel East [cm/s]", "Vel North [cm/s]", "Depth (m)"]).columns["east"]
     'Vel East [cm/s]'
     """
     columns = _roles(names, _WORDS)
@@ -120,15 +122,15 @@ def of_header(names: Sequence[str]) -> Meaning | None:
         kept = {role: columns[role] for role in (*clock, *flow, *_ABOUT) if role in columns}
         if clock:
             kept = {role: header for role, header in kept.items() if role not in ("date", "clock")}
-        return Meaning("instrument", kept, _scale(columns[role] for role in flow), _north(columns, flow))
+        return GuessedTable("instrument", kept, _scale(columns[role] for role in flow), _north(columns, flow))
     for kind, words, must in _TABLES:
         found = _roles(names, words)
         if set(must) <= set(found):
-            return Meaning(kind, found)
+            return GuessedTable(kind, found)
     if timed and "pressure" in columns and len(names) <= PRESSURE_ALONE:
-        return Meaning("pressure", {role: columns[role] for role in ("time", "pressure") if role in columns})
+        return GuessedTable("pressure", {role: columns[role] for role in ("time", "pressure") if role in columns})
     others = [name for name in names if name not in columns.values()]
-    return Meaning("series", {"time": columns["time"], "value": others[0]}) if timed and len(others) == 1 else None
+    return GuessedTable("series", {"time": columns["time"], "value": others[0]}) if timed and len(others) == 1 else None
 
 
 def _roles(names: Iterable[str], words: Mapping[str, str]) -> dict[str, str]:

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from compasslib import angles
 from compasslib.errors import InputError
-from compasslib.readers import cells, recognition
-from compasslib.readers.damage import refuse_mostly_damaged
+from compasslib.readers import detect
+from compasslib.readers.files import read_text_bytes, refuse_mostly_damaged
 from compasslib.records import FieldSeries
 from compasslib.types import Floats
 
@@ -63,7 +63,7 @@ def read(paths: Sequence[str | Path]) -> FieldSeries:
     Raises:
         InputError: a file is not of this format, holds no rows or no declination, or is of another station.
     """
-    with recognition.naming("iaga2002", paths, advice=ADVICE):
+    with detect.format_hints("iaga2002", paths, advice=ADVICE):
         files = [_file(Path(path)) for path in paths]
     _one_station(files)
     parts = [np.array([one.time_s, *_field(one.values)]) for one in files]
@@ -97,7 +97,7 @@ def read(paths: Sequence[str | Path]) -> FieldSeries:
 
 
 def _file(path: Path) -> _File:
-    lines = cells.of_lines(path).decode("latin-1").splitlines()
+    lines = read_text_bytes(path).decode("latin-1").splitlines()
     begin = next((k for k, line in enumerate(lines) if line.startswith("DATE")), None)
     if begin is None or "IAGA-2002" not in "".join(lines[:1]).upper():
         found = "nothing" if not lines else repr(lines[0][:40])

@@ -20,9 +20,7 @@ from numpy.typing import NDArray
 
 from compasslib import angles
 from compasslib.errors import InputError
-from compasslib.readers import cells
-from compasslib.readers.bounds import refuse_large_text
-from compasslib.readers.damage import refuse_mostly_damaged
+from compasslib.readers.files import count_unprintable, refuse_large_text, refuse_mostly_damaged
 from compasslib.types import Floats
 
 HEADINGS, COURSES = ("HDG", "HDM"), ("RMC", "VTG")
@@ -192,7 +190,7 @@ def _sentences(paths: Sequence[Path], counts: Counter[str], wanted: Sequence[str
     line_number = count()
     for path in paths:
         content = _content(path)
-        counts["strange_bytes"] += cells.strange(content)
+        counts["strange_bytes"] += count_unprintable(content)
         of_wanted = Counter[bool]()
         for text, line in zip(content.decode("ascii", errors="replace").splitlines(), line_number, strict=False):
             start = text.rfind("$")

@@ -17,12 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib.errors import InputError
-from compasslib.readers import telemetry
-from compasslib.readers.bounds import refuse_large_arrays
-from compasslib.readers.damage import refuse_mostly_damaged
-from compasslib.readers.mmp.scan_files import contents
+from compasslib.readers import files
+from compasslib.readers.files import refuse_large_arrays, refuse_mostly_damaged
+from compasslib.readers.mmp.scans import contents
 from compasslib.readers.pd0.currents import true_pitch
-from compasslib.readers.pd0.fields import hundredths, seconds_of
+from compasslib.readers.pd0.fields import LAST_YEAR, hundredths
+from compasslib.readers.times import civil_seconds
 from compasslib.records import GOOD, MISSING, Record
 from compasslib.types import Floats
 
@@ -128,7 +128,7 @@ def _of_file(data: bytes) -> Iterator[tuple[bytes, bool, bool]]:
         frame, declared = _whole(sent), _declares(sent)
         escaped = not frame
         if escaped:
-            sent = telemetry.unescape(data[start : start + 2 * LONGEST])
+            sent = files.unescape(data[start : start + 2 * LONGEST])
             frame, declared = _whole(sent), declared or _declares(sent)
         end = start + len(frame)
         yield frame, escaped and bool(frame), declared
@@ -165,8 +165,8 @@ def _refuse(where: str, paths: Sequence[Path], heads: NDArray[np.void], counts: 
 
 
 def _times(heads: NDArray[np.void]) -> Floats:
-    clock = [heads[name].astype(np.int64) for name in ("month", "day", "hour", "minute", "second", "hundredths")]
-    return seconds_of(heads["year"].astype(np.int64), np.column_stack(clock))
+    names = ("year", "month", "day", "hour", "minute", "second", "hundredths")
+    return civil_seconds(*(heads[name].astype(np.int64) for name in names), last_year=LAST_YEAR)
 
 
 def _velocities(frames: Sequence[bytes], heads: NDArray[np.void]) -> Floats:

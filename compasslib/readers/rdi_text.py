@@ -16,10 +16,10 @@ import numpy as np
 
 from compasslib import angles
 from compasslib.errors import InputError
-from compasslib.readers.averages import describe_averages
-from compasslib.readers.cells import of_lines, strange
+from compasslib.readers.files import count_unprintable, read_text_bytes
 from compasslib.readers.pd0.currents import true_pitch
-from compasslib.readers.pd0.fields import seconds_of
+from compasslib.readers.pd0.fields import LAST_YEAR
+from compasslib.readers.times import civil_seconds, describe_averages
 from compasslib.records import GOOD, MISSING, Record, joined
 from compasslib.types import Floats
 
@@ -104,13 +104,13 @@ def _of_file(table: _Table, orientation: str | None) -> Record:
 
 
 def _table(path: Path) -> _Table:
-    data = of_lines(path)
+    data = read_text_bytes(path)
     text = data.decode("latin-1")
     lines = text.splitlines()
     cells = [[cell.strip().strip('"').strip() for cell in line.split("\t")] for line in lines]
     at = next((k for k, row in enumerate(cells[:100]) if row[:7] == ["Ens", *CLOCK[:6]]), None)
     first, size = FIRST_BIN.search(text[:10000]), BIN_SIZE.search(text[:10000])
-    if at is None or first is None or size is None or strange(data[:10000]):
+    if at is None or first is None or size is None or count_unprintable(data[:10000]):
         raise InputError(
             str(path),
             expected="a WinADCP text export: 1st Bin Range, Bin Size, and headers Ens YR MO DA HH MM SS",
@@ -170,7 +170,7 @@ def _times(table: _Table) -> Floats:
     clock = np.column_stack([*(_column(table, k) for k in range(1, 7)), later])
     whole = np.nan_to_num(clock, nan=-1.0).astype(np.int64)
     century = np.where(whole[:, 0] >= 1900, 0, np.where(whole[:, 0] >= SINCE_1980, 1900, 2000))
-    time_s = seconds_of(whole[:, 0] + century, whole[:, 1:])
+    time_s = civil_seconds(whole[:, 0] + century, *whole[:, 1:].T, last_year=LAST_YEAR)
     if (wrong := np.isnan(time_s)).any():
         where, found = f"{table.path}: time", " ".join(table.rows[int(np.argmax(wrong))][1:7])
         raise InputError(where, expected="YR MO DA HH MM SS", found=found, advice="mend or remove the line")

@@ -1,4 +1,4 @@
-"""Comma-separated tables with a header line: current meters and profiles that others have decoded already.
+"""Text tables with a header line: current meters and profiles that others have decoded already, and series along time.
 
 The column map of the mooring file says which column is what. Rows that share a time become the bins of one sample.
 """
@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 
 from compasslib import angles
+from compasslib.errors import InputError
 from compasslib.readers import flags as vocabularies
-from compasslib.readers.cells import COLUMN_MAP, Layout, Table, said, table_of
+from compasslib.readers.delimited import COLUMN_MAP, Layout, Table, read_table, table_notes
 from compasslib.records import GOOD, MISSING, Record
 from compasslib.types import Bools, Floats
 
@@ -49,15 +50,15 @@ def read(
         columns: role -> header: time, or date and clock; depth or pressure; east+north, speed+direction, or x+y+heading
             (x forward, y to port); tilt_x, tilt_y, temperature; flag; ``scale`` turns velocities into m/s.
         flags: good, bad and unchecked -> meanings or values of flags that stand in no known vocabulary.
-        **layout: how the files are written, keys of ``cells.Layout``.
+        **layout: how the files are written, keys of ``delimited.Layout``.
 
     Raises:
         InputError: a file or a column is absent, or a time or number cannot be read.
     """
     scale = float(columns.get("scale", 1.0))
     headers = {role: str(header) for role, header in columns.items() if role != "scale" and header is not None}
-    known = vocabularies.given(flags)
-    files = [table_of(path, headers, COLUMN_MAP, Layout.of(layout), known) for path in paths]
+    known = vocabularies.parse_flag_settings(flags)
+    files = [read_table(path, headers, COLUMN_MAP, Layout.from_settings(layout), known) for path in paths]
     table, counts = _cleaned(*_joined(files))
     table, counts["rows_sorted"] = _in_order(table)
     samples = _Samples(table.pop("time"))
@@ -83,7 +84,7 @@ def read(
         heading_quality=np.where(np.isfinite(heading), GOOD, MISSING).astype(np.int8),
         looks_up=False,
         counts=counts | {"velocities_missing": int(np.sum(~np.isfinite(east + north)))},
-        warnings=(*said(files), *(f"{counts[key]} {text}" for key, text in LOSSES.items() if counts[key])),
+        warnings=(*table_notes(files), *(f"{counts[key]} {text}" for key, text in LOSSES.items() if counts[key])),
     )
 
 
@@ -227,3 +228,32 @@ def _east_north(table: Mapping[str, Floats]) -> tuple[Floats, Floats]:
     if "speed" in table:
         return angles.components(table["speed"], table["direction"])
     return angles.turn(-table["y"], table["x"], table["heading"])
+
+
+def read_series(covariate: Mapping[str, Any]) -> tuple[Floats, Floats, tuple[str, ...]]:
+    """Return UTC seconds since 1970, increasing, and values of a covariate's table, (n,) each and finite; and notes.
+
+    Of rows that share a time the first counts where all agree, none where they differ.
+
+    Args:
+        covariate: its part of the mooring file, as ``Covariate.model_dump`` gives it: ``files``, ``columns`` (time or
+            date and clock, value) and the keys of tables.
+
+    Raises:
+        InputError: a file or a column is absent, a cell cannot be read, or no row holds both time and value.
+    """
+    headers = {role: header for role, header in covariate["columns"].items() if header is not None}
+    paths = [Path(file) for file in covariate["files"]]
+    advice = "correct columns of the covariate in the mooring file"
+    parts = [read_table(path, headers, advice, Layout.from_settings(covariate)) for path in paths]
+    time_s, value = (np.concatenate([part.columns[role] for part in parts]) for role in ("time", "value"))
+    known = np.isfinite(time_s) & np.isfinite(value)
+    time_s, first, which = np.unique(time_s[known], return_index=True, return_inverse=True)
+    values = value[known]
+    torn = np.bincount(which, values != values[first][which], minlength=len(time_s)) > 0
+    if torn.all():
+        where, found = ", ".join(str(path) for path in paths), "none"
+        raise InputError(
+            where, expected="rows with a time and a value", found=found, advice="check columns and missing"
+        )
+    return time_s[~torn], values[first][~torn], table_notes(parts)

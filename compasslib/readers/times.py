@@ -13,8 +13,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from compasslib.types import Bools, Floats
+
+Ints = NDArray[np.int64]
 
 TIME_FORM = "an ISO time like 2007-09-04T00:00:00Z"
 SETTLE = "write time_format, for example '%d/%m/%Y %H:%M'"
@@ -22,6 +25,7 @@ DAY_S = 86400.0
 DATENUM_1970, EXCEL_1970 = 719529.0, 25569.0  # the first of January 1970 in MATLAB's and in Excel's days
 JULIAN_DAY_1970 = 2440588  # of the noon of the first of January 1970
 FARTHEST_ZONE_H = 14  # of the inhabited earth
+FIRST_YEAR, LAST_YEAR = 1980, 2100  # of dates that instruments write as numbers
 YEARS = (1950, 2100)  # of times in text without an ISO form
 FIRST_S, LAST_S = 315532800.0, 1893456000.0  # 1980 to 2030: numbers of times that are recognised
 MONTHS = (
@@ -54,6 +58,8 @@ _SINCE = re.compile(
 _ISO = re.compile(r"\d{4}-\d\d-\d\d(?:[T ]\d\d(?::\d\d(?::\d\d(?:\.\d{1,6})?)?)?)?Z?", re.ASCII)
 _SHORT_YEAR = re.compile(r"\d{1,2}[-/. ](?:\d{1,2}|[A-Za-z]{3,9})[-/. ]\d\d(?:[T ].*)?", re.ASCII)
 _ZONE_NAME = re.compile(r".*\d ?(?:[AaPp]\.?[Mm]\.? )? ?([A-Z]{2,5}\d?)", re.ASCII)
+LONG_AVERAGE_S = 120.0  # whose middle lies a minute after its time
+OVERLAP = 0.9  # of the time to the next sample that a mean takes at least; clocks are rounded to a second
 
 
 class Unreadable(Exception):
@@ -140,7 +146,7 @@ def _offset_s(zone: str) -> float:
     return (60 * int(digits[:2]) + int(digits[2:])) * (-60.0 if zone[0] == "-" else 60.0)
 
 
-def origin_s(text: str, calendar: str) -> float:
+def parse_origin(text: str, calendar: str) -> float:
     """Return the instant that a unit such as "days since" counts from, UTC seconds since 1970.
 
     Args:
@@ -355,3 +361,48 @@ def _ahead_s(cells: Sequence[str], zone_s: Floats, zone: str | None, ahead_s: fl
         row = int(np.flatnonzero(own & (zone_s != ahead_s))[0])
         raise Unreadable(row, repr(cells[row]), f"times at {zone}, as timezone says", "correct or delete timezone")
     return np.where(own, zone_s, ahead_s)
+
+
+def describe_averages(average_s: float, time_s: Floats) -> tuple[str, ...]:
+    """Describe where the middle of averaged samples lies, if it is far from their times.
+
+    Samples that follow each other faster than an average takes are no averages, whatever was set: single pings.
+
+    Args:
+        average_s: over which a sample is said to be a mean, beginning at its time; 0 or NaN where unknown.
+        time_s: (n,) times of the samples in their order.
+    """
+    steps = np.diff(time_s)
+    steps = steps[steps > 0.0]
+    single = len(steps) > 0 and float(np.median(steps)) < OVERLAP * average_s
+    if not average_s >= LONG_AVERAGE_S or single:
+        return ()
+    half = average_s / 2.0
+    return (
+        f"Each sample is the mean of {average_s:g} s from its time on: its middle is {half:g} s later; "
+        f"clock_offset_seconds: -{half:g} moves it there.",
+    )
+
+
+def civil_seconds(
+    year: Ints,
+    month: Ints,
+    day: Ints,
+    hour: Ints,
+    minute: Ints,
+    second: Ints,
+    hundredths: Ints | int = 0,
+    *,
+    last_year: int = LAST_YEAR,
+) -> Floats:
+    """Convert dates and times of day, (n,) each, to UTC seconds since 1970; NaN where there is no such date or time."""
+    real = (year >= FIRST_YEAR) & (year <= last_year) & (month >= 1) & (month <= 12)
+    months = np.where(real, 12 * (year - 1970) + month - 1, 0)
+    first, following = (
+        m.astype("datetime64[M]").astype("datetime64[D]").astype(np.int64) for m in (months, months + 1)
+    )
+    real &= (day >= 1) & (day <= following - first)
+    for value, end in ((hour, 24), (minute, 60), (second, 60), (hundredths, 100)):
+        real &= (value >= 0) & (value < end)
+    seconds = 86400 * (first + day - 1) + 3600 * hour + 60 * minute + second
+    return np.where(real, seconds + hundredths / 100.0, np.nan)

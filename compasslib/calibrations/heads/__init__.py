@@ -25,7 +25,7 @@ from compasslib.calibrations.heads.motion import Compared, Motion
 from compasslib.calibrations.heads.series import HeadingDifference
 from compasslib.calibrations.result import Calibration
 from compasslib.errors import InputError
-from compasslib.readers.pd0 import reader
+from compasslib.readers import pd0
 from compasslib.records import Record
 from compasslib.types import Floats
 
@@ -95,7 +95,7 @@ def record(path: str | Path, settings: Mapping[str, Any], which: int) -> Record:
         value = settings.get(key)
         return value[which] if isinstance(value, list | tuple) else value
 
-    return reader.read(
+    return pd0.read(
         [Path(path)],
         orientation=of("orientation"),
         declination_applied=of("declination_applied"),

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from compasslib import angles, compass
 from compasslib.errors import InputError
-from compasslib.readers import cells
-from compasslib.readers.mmp import acm, scan_clock, scan_files
+from compasslib.readers import delimited
+from compasslib.readers.mmp import is_aliased
+from compasslib.readers.mmp import scans as mmp_scans
 from compasslib.types import Floats
 
 ROLES = {"x": "x", "y": "y", "z": "z", "pitch": "pitch_deg", "roll": "roll_deg", "heading": "heading_deg"}
@@ -33,7 +34,7 @@ COSINES = "The axes are direction cosines: the field's strength, which would sho
 NAMES = ("forward", "starboard", "down")
 OPPOSITES = ("aft", "port", "up")
 HEADERS = {"x": "HX", "y": "HY", "z": "HZ", "pitch_deg": "TX", "roll_deg": "TY", "heading_deg": "HDNG"}
-PLACES = {role: scan_files.COLUMNS.index(header) for role, header in HEADERS.items()}
+PLACES = {role: mmp_scans.COLUMNS.index(header) for role, header in HEADERS.items()}
 
 
 @dataclass(frozen=True)
@@ -100,9 +101,9 @@ def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Log:
     withhold = set(settings.get("withhold") or ())
     if reader := {"mmp_acm": read_acm}.get(str(settings.get("format"))):
         return reader(paths, withhold)
-    names, layout = settings.get("columns") or {}, cells.Layout.of(settings)
+    names, layout = settings.get("columns") or {}, delimited.Layout.from_settings(settings)
     wanted = _wanted(paths, names, withhold, layout)
-    read = [cells.table_of(path, wanted, ABSENT, layout) for path in paths]
+    read = [delimited.read_table(path, wanted, ABSENT, layout) for path in paths]
     columns = {role: np.concatenate([one.columns[role] for one in read]) for role in read[0].columns}
     empty = [
         role
@@ -112,7 +113,7 @@ def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Log:
     columns = {role: values for role, values in columns.items() if role not in empty}
     good = np.all([np.isfinite(columns[role]) for role in columns if role not in ("time", "temperature")], axis=0)
     columns = {role: values[good] for role, values in columns.items()}
-    warnings = list(cells.said(read))
+    warnings = list(delimited.table_notes(read))
     if not good.all():
         warnings.append(f"{int((~good).sum())} of {good.size} rows lack a number and are left out.")
     z = columns.get("z")
@@ -146,12 +147,12 @@ def _spikes(raw: Floats) -> NDArray[np.bool_]:
 
 
 def _wanted(
-    paths: Sequence[Path], names: Mapping[str, str], withhold: set[str], layout: cells.Layout
+    paths: Sequence[Path], names: Mapping[str, str], withhold: set[str], layout: delimited.Layout
 ) -> dict[str, str]:
     """Return role -> header of the columns that are there, x and y in any case, and of a clock apart where named."""
     needed = [names.get(axis) or axis for axis in "xy"]
-    there = set.intersection(*(set(cells.header_of(path, needed, layout)) for path in paths))
-    found = cells.clock_apart(names, withhold)
+    there = set.intersection(*(set(delimited.read_header(path, needed, layout)) for path in paths))
+    found = delimited.date_and_clock(names, withhold)
     for role, usual in {**ROLES, "time": TIME, "temperature": TEMPERATURE}.items():
         named = names.get(role, names.get(usual))
         header = usual if named is None else named
@@ -298,8 +299,8 @@ def read_acm(paths: Sequence[Path], withhold: Collection[str]) -> Log:
         InputError: a file cannot be read, or something unknown or needed is withheld.
     """
     seen = _seen(withhold)
-    scans = scan_files.load(paths)
-    values, aliased = scans.values, acm.aliased(scans)
+    scans = mmp_scans.read_scans(paths)
+    values, aliased = scans.values, is_aliased(scans)
     keep = ~aliased & np.isfinite(values[:, 3:6]).all(axis=1)
     columns = {role: values[keep, place] for role, place in PLACES.items() if role in seen}
     tilts = [columns.get(role) for role in ("pitch_deg", "roll_deg")]
@@ -341,6 +342,6 @@ def _seen(withhold: Collection[str]) -> set[str]:
     return {role for role, header in HEADERS.items() if not {role, header} & set(withhold)} | ({TIME} - set(withhold))
 
 
-def _times(scans: scan_files.Scans) -> Floats:
+def _times(scans: mmp_scans.Scans) -> Floats:
     nominal = np.array([block.rate_hz for block in scans.blocks])
-    return scan_clock.spread(scans.clock_s, scans.profile, nominal[scans.profile])
+    return mmp_scans.interpolate_clock(scans.clock_s, scans.profile, nominal[scans.profile])

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from compasslib import angles
 from compasslib.errors import InputError
-from compasslib.readers import cells, nmea
+from compasslib.readers import delimited, nmea
 from compasslib.types import Floats
 
 ROLES = ("compass_deg", "cog_deg", "true_deg", "speed_kn", "water_speed_kn", "time_utc")
@@ -183,8 +183,8 @@ def _tables(paths: list[Path], settings: Mapping[str, Any]) -> Observations:
 def _columns(path: Path, settings: Mapping[str, Any]) -> tuple[dict[str, Floats], tuple[str, ...]]:
     """Return the columns of one table by role, and notes; what is withheld is not looked at."""
     mapped, withheld = settings.get("columns") or {}, set(settings.get("withhold") or ())
-    layout, headers = cells.Layout.of(settings), {role: str(mapped.get(role) or role) for role in ROLES}
-    names = cells.header_of(path, [headers["compass_deg"]], layout)
+    layout, headers = delimited.Layout.from_settings(settings), {role: str(mapped.get(role) or role) for role in ROLES}
+    names = delimited.read_header(path, [headers["compass_deg"]], layout)
     wanted = {role: header for role, header in headers.items() if not {role, header} & withheld}
     for role, header in wanted.items():
         if header not in names and (mapped.get(role) or role == "compass_deg"):
@@ -192,12 +192,12 @@ def _columns(path: Path, settings: Mapping[str, Any]) -> tuple[dict[str, Floats]
     there = {role: header for role, header in wanted.items() if header in names}
     if not {"cog_deg", "true_deg"} & set(there):
         raise _absent(path, "column of the course over ground (cog_deg) or of the true heading (true_deg)", names)
-    table = cells.table_of(path, there | cells.clock_apart(mapped, withheld), layout=layout)
+    table = delimited.read_table(path, there | delimited.date_and_clock(mapped, withheld), layout=layout)
     parsed = {"time_utc" if role == "time" else role: column for role, column in table.columns.items()}
     for role in (role for role in parsed if role != "time_utc"):
         _bounded(path, f"column {there[role]!r} ({role})", parsed[role], BOUNDS[role.rpartition("_")[2]])
     turned = {role: angles.wrap360(values) if role.endswith("_deg") else values for role, values in parsed.items()}
-    return turned, cells.said([table])
+    return turned, delimited.table_notes([table])
 
 
 def _bounded(path: Path, what: str, values: Floats, bounds: tuple[float, float]) -> None:

@@ -14,15 +14,15 @@ from pathlib import Path
 import numpy as np
 
 from compasslib.errors import InputError
-from compasslib.readers.cells import Layout, Lines, lines_fitting, said, table_in
-from compasslib.readers.damage import refuse_mostly_damaged
+from compasslib.readers.delimited import Layout, Lines, find_lines, parse_table, table_notes
+from compasslib.readers.detect import detect_kind
+from compasslib.readers.files import refuse_mostly_damaged
 from compasslib.readers.mmp.rows import UNKNOWN, Form, ProfileBlock, Text, blocks, parse
-from compasslib.readers.mmp.scan_clock import civil
-from compasslib.readers.mmp.scan_files import contents, is_text
-from compasslib.readers.recognition import recognise
+from compasslib.readers.mmp.scans import contents, is_text
+from compasslib.readers.times import civil_seconds
 from compasslib.types import Floats
 
-NOTHING_SAID = Layout()
+DEFAULT_LAYOUT = Layout()
 TIMES = ("time_utc", "time", "datetime", "date_time", "timestamp", "date")
 PRESSURES = ("pressure_dbar", "pressure", "pres", "dbar", "p_dbar")
 PROFILES = ("profile", "profile_number")
@@ -97,7 +97,7 @@ class _PressureSeries:
     notes: tuple[str, ...] = ()
 
 
-def load(paths: Sequence[Path], layout: Layout = NOTHING_SAID) -> Companion:
+def load(paths: Sequence[Path], layout: Layout = DEFAULT_LAYOUT) -> Companion:
     """Return the pressure of all files together.
 
     Raises:
@@ -132,7 +132,7 @@ def _one(path: Path, layout: Layout) -> _PressureSeries:
     if lines := _lines(path, layout):
         return _table(path, lines, layout)
     if not is_text(data):
-        advice, known = "unpack the profiler's binary files with the maker's unpacker", recognise(path)
+        advice, known = "unpack the profiler's binary files with the maker's unpacker", detect_kind(path)
         raise InputError(str(path), expected=EXPECTED, found=known.name if known else "a binary file", advice=advice)
     text = parse(data, lambda form: form[1] > DBAR_OF_C)
     if text.form is None:
@@ -146,8 +146,8 @@ def _with_old_stamp(text: Text) -> Text:
     """Read six leading numbers as month, day, year, hour, minute, second where they are a date in every row."""
     if text.form is None or text.form[0] or text.form[1] < OLD_STAMP + DBAR_OF_E + 1:
         return text
-    month, day, year, hour, minute, second = text.values[:, :OLD_STAMP].astype(np.int64).T
-    time_s = civil((year, month, day), (hour, minute, second))
+    month, day, year, *clock = text.values[:, :OLD_STAMP].astype(np.int64).T
+    time_s = civil_seconds(year, month, day, *clock)
     if not np.isfinite(time_s).all():
         return text
     form: Form = (True, text.form[1] - OLD_STAMP)
@@ -182,7 +182,7 @@ def _start(block: ProfileBlock, time_s: Floats) -> Start:
 def _lines(path: Path, layout: Layout) -> Lines | None:
     """Return the lines of a table, None where the file is none."""
     try:
-        return lines_fitting(path, lambda names: bool(_columns(names)), layout, delimiters=",;\t", must=True)
+        return find_lines(path, lambda names: bool(_columns(names)), layout, delimiters=",;\t", must=True)
     except InputError:  # a binary file
         return None
 
@@ -198,7 +198,7 @@ def _columns(names: Sequence[str]) -> dict[str, str]:
 
 
 def _table(path: Path, lines: Lines, layout: Layout) -> _PressureSeries:
-    table = table_in(path, lines, _columns(lines.header), "correct the header", layout)
+    table = parse_table(path, lines, _columns(lines.header), "correct the header", layout)
     time_s, pressure = table.columns["time"], table.columns["pressure"]
     number = np.full(table.rows, float(UNKNOWN))
     step = np.diff(time_s)
@@ -208,7 +208,7 @@ def _table(path: Path, lines: Lines, layout: Layout) -> _PressureSeries:
         new = np.append(True, np.diff(number) != 0)[: len(number)]
     begins = np.flatnonzero(new & np.isfinite(number))
     starts = tuple(Start(int(number[k]), float(time_s[k]), np.nan) for k in begins)
-    return _PressureSeries(time_s, pressure, starts, damaged=table.cut, notes=said([table]))
+    return _PressureSeries(time_s, pressure, starts, damaged=table.cut, notes=table_notes([table]))
 
 
 def _bridge(step: Floats) -> float:

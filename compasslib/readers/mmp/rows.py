@@ -22,9 +22,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib.readers.mmp.scan_clock import FIRST_YEAR, LAST_YEAR, Ints, civil
+from compasslib.readers.times import FIRST_YEAR, LAST_YEAR, civil_seconds
 from compasslib.types import Bools, Floats
 
+Ints = NDArray[np.int64]
 Octets = NDArray[np.uint8]
 Form = tuple[bool, int]  # with a stamp; how many numbers
 CHUNK_BYTES = 1 << 21  # larger ones leave the cache and are slower
@@ -116,7 +117,7 @@ class _Rows:
         good = (sized & marks).all(axis=1) & ((digits >= 0) & (digits <= 9)).all(axis=1)
         pairs = 10 * digits[:, 0::2] + digits[:, 1::2]
         month, day, century, year, *hms = pairs.T
-        time_s = civil((100 * century + year, month, day), (hms[0], hms[1], hms[2]))
+        time_s = civil_seconds(100 * century + year, month, day, *hms)
         return time_s, good & np.isfinite(time_s)
 
     def _characters(self, column: int, count: int) -> Octets:

@@ -1,1 +1,493 @@
-"""NetCDF of others: OceanSITES, IMOS, EPIC, what dolfyn and stglib write, CF by standard names, and our own product."""
+"""A netCDF file to a record: variables by role, bins by their ranges or depths, north by the file's and our words.
+
+An HDF5 file without checksums of its own, which is the rule, does not tell a flipped byte among its values.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import netCDF4
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib import angles
+from compasslib.declination import Applied, applied
+from compasslib.errors import InputError
+from compasslib.readers import flags as vocabularies
+from compasslib.readers.netcdf import flags, reference, variables
+from compasslib.readers.netcdf.variables import SPEED, File, find, numbers, spans, values
+from compasslib.readers.pd0.currents import true_pitch
+from compasslib.records import GOOD, MISSING, PROBABLY_BAD, Flags, Record, joined
+from compasslib.types import Floats
+
+ATMOSPHERE_DBAR = 10.1325  # IMOS' PRES is absolute
+DEEPEST_DBAR = 12000.0  # MHKiT writes a pressure below that of air as 2^32
+SIGNED = ("HEIGHT_ABOVE_SENSOR",)  # positive up
+NOMINAL = ("nominal_instrument_depth", "instrument_nominal_depth", "nominal_sensor_depth")
+COMPONENTS = "dir"  # dolfyn's dimension of one variable that holds all components
+ROWS = 0.1  # share of times that repeat at another depth, from which on rows are those of several cells
+SERIAL_NUMBERS = ("serial_number", "serialnum", "instrument_serial_number")
+ONE_INSTRUMENT = (
+    "write the rows of one instrument as a table with time and depth (format: table): rows of one time are its bins"
+)
+ADVICE = "check that format: netcdf and the file belong together"
+VELOCITIES: Mapping[str, tuple[str, ...]] = {
+    "up": ("WCUR", "w_1204", "vel_up", "up", "w"),
+    "error_velocity": ("ERROR_VELOCITY", "ECUR", "Werr_1201", "Werr"),
+}
+AMONG = {"up": ("U", "U1"), "error_velocity": ("err",)}  # of dolfyn's one variable of all components
+COUNTS: Mapping[str, tuple[str, ...]] = {
+    "echo": ("ECHO_INTENSITY", "ABSIC{}", "amp"),
+    "correlation": ("CORRELATION", "CMAG{}", "corr"),
+    "percent_good": ("PERCENT_GOOD", "PERG{}", "prcnt_gd"),
+}
+BEAMS = ("BEAM", "beam")
+LARGEST = 255
+
+
+@dataclass(frozen=True)
+class _Settings:
+    """What the mooring file says of one instrument; None leaves it to the file."""
+
+    columns: Mapping[str, Any]
+    meanings: Mapping[str, int]  # of flags
+    orientation: str | None
+    reference: str
+    declination: Applied | None
+    alignment: float | None
+
+
+@dataclass(frozen=True)
+class _Water:
+    """The velocities of a file as they stand there."""
+
+    east: Floats  # (n, m) m/s
+    north: Floats
+    quality: Flags
+    variable: netCDF4.Variable  # of the east component
+
+
+@dataclass(frozen=True)
+class _Bins:
+    """Where the bins are."""
+
+    range_m: Floats  # (n, m) or (1, m)
+    looks_up: bool
+    depth_m: Floats  # (n,) of the instrument, or of its first bin where ranges begin there
+
+
+def read(
+    paths: Sequence[Path],
+    *,
+    columns: Mapping[str, str | float | None] | None,
+    orientation: str | None,
+    declination_applied: float | Mapping[str, float] | None,
+    direction_reference: str,
+    heading_alignment: float | None = None,
+    flags: Mapping[str, Sequence[object]] | None = None,
+) -> Record:
+    """Return what one instrument's files hold, in order of time, currents from the north of ``direction_reference``.
+
+    Args:
+        columns: role -> name of a variable, where names and standard names do not tell.
+        orientation: up or down; the file's own word where None.
+        declination_applied: degrees inside headings and velocities, instead of what the file says.
+        direction_reference: magnetic or true.
+        heading_alignment: degrees added to headings; needed where the file tells a heading alignment EA that is not 0.
+        flags: good, bad and unchecked -> meanings or values of flags that stand in no known vocabulary.
+
+    Raises:
+        InputError: a file that cannot be read, or does not tell what is where, in which unit or from which north.
+    """
+    named = {role: name for role, name in (columns or {}).items() if name is not None}
+    declination, meanings = applied(declination_applied), vocabularies.parse_flag_settings(flags)
+    settings = _Settings(named, meanings, orientation, direction_reference, declination, heading_alignment)
+    return joined([_of_file(Path(path), settings) for path in paths])
+
+
+def _of_file(path: Path, settings: _Settings) -> Record:
+    try:
+        with netCDF4.Dataset(path) as nc:
+            return _record(path, nc, settings)
+    except (
+        OSError,
+        RuntimeError,
+        UnicodeDecodeError,
+        IndexError,
+        KeyError,
+        ValueError,
+        AttributeError,
+        TypeError,
+    ) as error:
+        # The library answers damage with any of these.
+        found = f"{type(error).__name__}: {error}"
+        raise InputError(str(path), expected="a whole netCDF file", found=found, advice=ADVICE) from None
+
+
+def _record(path: Path, nc: netCDF4.Dataset, settings: _Settings) -> Record:
+    file, time_s, of_time = _opened(path, nc, settings)
+    water = _velocities(file)
+    file = _with_bins(file, water.variable)
+    heading_variable = find(file, "heading", (file.time,))
+    n = len(time_s)
+    turn = reference.resolve_north(
+        file, reference.stated_north(file, water.variable, heading_variable), settings.reference, settings.declination
+    )
+    east, northward = _turned(water, turn)
+    alignment = reference.heading_alignment(file, heading_variable, settings.alignment)
+    heading = _series(file, "heading", n, heading_variable) + alignment
+    heading = np.full(n, np.nan) if turn.heading is None else _wrapped(heading - turn.heading)
+    bins = _bins(file, n, east.shape[1], settings.orientation)
+    _refuse_rows(file, time_s, bins)
+    quality = vocabularies.worst_flag([water.quality, of_time[:, None]])
+    quality = np.where(np.isfinite(east + northward), quality, MISSING).astype(np.int8)
+    own = None if heading_variable is None else flags.of_variable(file, heading_variable)
+    of_heading = vocabularies.worst_flag([GOOD if own is None else own, of_time])
+    order = slice(None, None, -1) if _backwards(bins.range_m) else slice(None)
+    flags.note_unlinked(file)
+    return Record(
+        time_s=time_s,
+        east=east[:, order],
+        north=northward[:, order],
+        bin_range_m=np.broadcast_to(bins.range_m[:, order], east.shape),
+        heading_deg=heading,
+        pitch_deg=_pitch(file, n),
+        roll_deg=_measured(file, "tilt_y", n),
+        pressure_dbar=_pressure(file, n),
+        depth_m=bins.depth_m,
+        temperature_c=_measured(file, "temperature", n),
+        supply_voltage=np.full(n, np.nan),
+        quality=quality[:, order],
+        heading_quality=np.where(np.isnan(heading), MISSING, of_heading).astype(np.int8),
+        looks_up=bins.looks_up,
+        beam_angle_deg=_beam_angle(file, east.shape[1]),
+        direction_reference=settings.reference,
+        heading_bias_deg=float(np.median(turn.heading)) if turn.heading is not None else 0.0,
+        velocity_bias_deg=float(np.median(turn.velocity)),
+        serial_number=str(file.attribute(*SERIAL_NUMBERS, f"SerialNum{file.suffix}") or ""),
+        profiles=_profiles(file, east.shape, order),
+        counts=_counts(east, quality, heading, n),
+        warnings=tuple(f"{path.name}: {note}" for note in file.notes),
+    )
+
+
+def _opened(path: Path, nc: netCDF4.Dataset, settings: _Settings) -> tuple[File, Floats, Flags]:
+    """Return the file with its dimension of time, the times, and the flags of those that are bad."""
+    columns = settings.columns
+    if nc.groups and not nc.variables:
+        advice = "write the group with the velocities as a file of its own"
+        raise InputError(
+            str(path), expected="variables at the top", found=f"groups {', '.join(nc.groups)}", advice=advice
+        )
+    system = str(getattr(nc, "coord_sys", "earth"))
+    if system != "earth":
+        advice = "give the instrument's own file, or save it after rotate2(ds, 'earth')"
+        raise InputError(f"{path}: coord_sys", expected="earth", found=system, advice=advice)
+    time = variables.time_variable(columns.get("time"), nc)
+    if time is None:
+        found = ", ".join(nc.variables) or "no variables"
+        advice = "name it in the mooring file: columns: {time: NAME}"
+        raise InputError(
+            f"{path}: time", expected="a variable with a unit such as days since", found=found, advice=advice
+        )
+    long = [name for name in time.dimensions if nc.dimensions[name].size > 1] or list(time.dimensions[:1])
+    file = File(path, nc, dict(columns), settings.meanings, time=long[0] if long else "")
+    if len(long) != 1:
+        found = f"dimensions ({', '.join(time.dimensions)})"
+        raise file.refuse(time.name, "one dimension", found, "write one series a file, not bursts")
+    _refuse_several(file)
+    time_s, of_time = variables.seconds(file, time), flags.of_variable(file, time)
+    bad = np.full(len(time_s), GOOD) if of_time is None else np.where(of_time < PROBABLY_BAD, GOOD, of_time)
+    return file, time_s, bad.astype(np.int8)
+
+
+def _refuse_several(file: File) -> None:
+    """Refuse the series of several instruments or cells one after the other: CF's ragged arrays (9.3.3 and 9.3.4)."""
+    for variable in file.nc.variables.values():
+        instances = file.text("instance_dimension", variable) if variable.dimensions == (file.time,) else ""
+        instances = instances or (
+            variable.dimensions[0] if file.text("sample_dimension", variable) == file.time and variable.ndim else ""
+        )
+        n = file.nc.dimensions[instances].size if instances in file.nc.dimensions else 0
+        if n > 1:
+            found = f"{n} in one, by {variable.name}"
+            raise file.refuse(file.time, "the series of one instrument", found, ONE_INSTRUMENT)
+
+
+def _refuse_rows(file: File, time_s: Floats, bins: _Bins) -> None:
+    """Refuse cells that stand as rows of one series, each with its own depth at a time that repeats."""
+    if file.bins is not None or bins.depth_m.size < 2:
+        return
+    order = np.lexsort((bins.depth_m, time_s))
+    again = (np.diff(time_s[order]) == 0.0) & (np.diff(bins.depth_m[order]) > 0.0)
+    if again.sum() > ROWS * len(time_s):
+        found = f"{int(again.sum())} of {len(time_s)} times repeated at another depth"
+        raise file.refuse(file.time, "one row a time", found, ONE_INSTRUMENT)
+
+
+def _with_bins(file: File, variable: netCDF4.Variable) -> File:
+    """Return the file with its dimension of bins, and a depth of the column map that is that of cells as such."""
+    columns, bins = dict(file.columns), _bin_dimension(file, variable)
+    named = file.nc.variables.get(str(columns.get("depth")))
+    if named is not None and bins in named.dimensions:
+        columns["cell_depth"] = columns.pop("depth")
+    suffix = variable.name.removeprefix("vel") if COMPONENTS in variable.dimensions else ""
+    return replace(file, bins=bins, columns=columns, suffix=suffix)
+
+
+def _bin_dimension(file: File, variable: netCDF4.Variable) -> str | None:
+    components = {"dir", "beam", "earth", "inst"}
+    other = [name for name in variable.dimensions if name in spans(variable) - {file.time} - components]
+    if len(other) > 1:
+        found = ", ".join(f"{name} ({file.nc.dimensions[name].size})" for name in other)
+        raise file.refuse(variable.name, "one dimension beside time", found, "write one station a file")
+    return other[0] if other else None
+
+
+def _velocities(file: File) -> _Water:
+    parts = [_component(file, role) for role in ("east", "north")]
+    east, northward = (
+        values(_with_bins(file, variable), role, variable, part)
+        for role, (variable, part) in zip(("east", "north"), parts, strict=True)
+    )
+    n = file.nc.dimensions[file.time].size
+    each = [flags.of_variable(_with_bins(file, variable), variable, part) for variable, part in parts]
+    known = [one for one in each if one is not None] or [np.full(east.shape, GOOD)]
+    worst = vocabularies.worst_flag(known).reshape(n, -1)
+    return _Water(east.reshape(n, -1), northward.reshape(n, -1), worst, parts[0][0])
+
+
+def _component(file: File, role: str) -> tuple[netCDF4.Variable, tuple[str, int] | None]:
+    """Return the variable of a component, and where it stands in dolfyn's one variable of all three.
+
+    Raises:
+        InputError: none is found.
+    """
+    if (velocity := _of_all_components(file, role)) is not None:
+        labels = file.labels(COMPONENTS)
+        if role[0].upper() in labels:
+            return velocity, (COMPONENTS, labels.index(role[0].upper()))
+    lengths = [(file.time, name) for name in file.nc.dimensions if name != file.time]
+    found = find(file, role, *lengths, (file.time,))
+    if found is None:
+        there = ", ".join(file.nc.variables)
+        advice = (
+            f"name it in the mooring file: columns: {{{role}: NAME}}; beam velocities need the instrument's own file"
+        )
+        if velocity is not None:
+            advice = f"{velocity.name} has no components E and N: save the file after rotate2(ds, 'earth')"
+        raise file.refuse(role, f"a variable of the {role}ward velocity", there, advice)
+    return found, None
+
+
+def _of_all_components(file: File, role: str) -> netCDF4.Variable | None:
+    """Return dolfyn's variable of all components: the one that the column map names, else the first along time."""
+    named = [name for name in (file.columns.get(role), file.columns.get("east"), file.columns.get("north")) if name]
+    there = [file.nc.variables[name] for name in (*named[:1], *variables.DOLFYN) if name in file.nc.variables]
+    fitting = [one for one in there if {COMPONENTS, file.time} <= {*one.dimensions}]
+    if named and (not fitting or fitting[0].name != named[0]):
+        return None
+    others = (
+        [name for name in variables.DOLFYN if name in file.nc.variables and name != fitting[0].name] if fitting else []
+    )
+    if others and not named and not file.columns.get("time"):
+        file.note(
+            f"{fitting[0].name} was read; {others[0]} is another series of the same instrument, which columns: "
+            f"{{time: time{others[0].removeprefix('vel')}}} reads instead."
+        )
+    return fitting[0] if fitting else None
+
+
+def _turned(water: _Water, turn: reference.Turn) -> tuple[Floats, Floats]:
+    if not np.any(turn.velocity):
+        return water.east, water.north
+    by = turn.velocity[:, None] if turn.velocity.ndim else turn.velocity
+    return angles.turn(water.east, water.north, -by)
+
+
+def _wrapped(heading: Floats) -> Floats:
+    return np.where(np.isfinite(heading), angles.wrap360(heading), np.nan)
+
+
+def _series(file: File, role: str, n: int, variable: netCDF4.Variable | None = None) -> Floats:
+    variable = find(file, role, (file.time,)) if variable is None else variable
+    return np.full(n, np.nan) if variable is None else np.broadcast_to(values(file, role, variable), n).astype(float)
+
+
+def _measured(file: File, role: str, n: int, variable: netCDF4.Variable | None = None) -> Floats:
+    """Return a series without the values that its flags call bad, which is noted."""
+    variable = find(file, role, (file.time,)) if variable is None else variable
+    series = _series(file, role, n, variable)
+    known = None if variable is None else flags.of_variable(file, variable)
+    if variable is None or known is None or not (bad := (known >= PROBABLY_BAD) & np.isfinite(series)).any():
+        return series
+    file.note(f"{variable.name}: {int(bad.sum())} values are flagged and count as missing.")
+    return np.where(bad, np.nan, series)
+
+
+def _pitch(file: File, n: int) -> Floats:
+    """Return the pitch; what dolfyn keeps of a TRDI is the sensor's, which hangs inside the roll."""
+    pitch = _measured(file, "tilt_x", n)
+    return true_pitch(pitch, _series(file, "tilt_y", n)) if file.text("inst_make") == "TRDI" else pitch
+
+
+def _pressure(file: File, n: int) -> Floats:
+    variable = find(file, "pressure", (file.time,))
+    pressure = _measured(file, "pressure", n, variable)
+    if wrong := int(np.sum(np.abs(pressure) > DEEPEST_DBAR)):
+        file.notes.append(f"{wrong} pressures lie beyond {DEEPEST_DBAR:g} dbar and count as missing.")
+        pressure = np.where(np.abs(pressure) > DEEPEST_DBAR, np.nan, pressure)
+    if variable is None or variable.name != "PRES" or "IMOS" not in file.text("Conventions"):
+        return pressure
+    file.notes.append(f"PRES of IMOS is absolute: {ATMOSPHERE_DBAR} dbar of atmosphere were subtracted.")
+    return pressure - ATMOSPHERE_DBAR
+
+
+def _bins(file: File, n: int, m: int, orientation: str | None) -> _Bins:
+    """Return where the bins are, by their distance from the transducer, else by their depths.
+
+    Raises:
+        InputError: neither is there, or nobody tells which way the instrument looks.
+    """
+    depth = _measured(file, "depth", n)
+    if m == 1 or file.bins is None:
+        return _Bins(np.zeros((1, 1)), orientation == "up", _cell_or_instrument(file, depth, n))
+    distance = find(file, "range", (file.bins,), (file.time, file.bins))
+    if distance is not None:
+        ranges = _known(file, distance, np.atleast_2d(values(file, "range", distance)))
+        sign = "down" if np.nanmax(ranges) <= 0.0 else "up" if distance.name in SIGNED else None
+        return _Bins(np.abs(ranges), _looks_up(file, orientation, sign), depth)
+    cells = find(file, "cell_depth", (file.bins,), (file.time, file.bins))
+    if cells is None:
+        advice = "name one in the mooring file: columns: {range: NAME} (from the transducer) or {depth: NAME}"
+        raise file.refuse(file.bins, "distances or depths of the bins", ", ".join(file.nc.variables), advice)
+    below = _known(file, cells, np.atleast_2d(values(file, "cell_depth", cells)))
+    below = -below if file.text("positive", cells) == "up" or np.nanmax(below) <= 0.0 else below
+    return _by_depths(file, below, _nominal(file, depth), orientation)
+
+
+def _known(file: File, variable: netCDF4.Variable, places: Floats) -> Floats:
+    if not np.isfinite(places).any(axis=0).all():
+        raise file.refuse(
+            variable.name, "a number for every bin", "bins without any", "name another variable in columns"
+        )
+    return places
+
+
+def _cell_or_instrument(file: File, depth: Floats, n: int) -> Floats:
+    cell = find(file, "cell_depth", ())
+    return depth if np.isfinite(depth).any() or cell is None else np.abs(_series(file, "cell_depth", n, cell))
+
+
+def _by_depths(file: File, below: Floats, depth: Floats, orientation: str | None) -> _Bins:
+    """Return bins by their depths: ranges from the instrument's depth, else from that of the bin nearest to it."""
+    if np.isfinite(depth).any():
+        own = depth[:, None] if len(below) == len(depth) else np.full((1, 1), np.nanmedian(depth))
+        above = float(np.nanmedian(own - below))
+        looks_up = _looks_up(file, orientation, "up" if above > 0.0 else "down")
+        return _Bins((own - below) * (1.0 if looks_up else -1.0), looks_up, depth)
+    looks_up = _looks_up(file, orientation, None)
+    nearest = np.nanmax(below, axis=1) if looks_up else np.nanmin(below, axis=1)
+    return _Bins(np.abs(nearest[:, None] - below), looks_up, np.broadcast_to(nearest, len(depth)).astype(float))
+
+
+def _nominal(file: File, depth: Floats) -> Floats:
+    """Return the depth along time, else the one that the file states."""
+    scalar = file.nc.variables.get("NOMINAL_DEPTH")
+    stated = file.attribute(*NOMINAL) if scalar is None or scalar.size != 1 else float(scalar[...].item())
+    return depth if np.isfinite(depth).any() or stated is None else np.full(len(depth), float(stated))
+
+
+def _looks_up(file: File, orientation: str | None, by_sign: str | None) -> bool:
+    told = file.text("orientation").lower()
+    own = by_sign or ("up" if "up" in told else "down" if "down" in told else None)
+    if orientation and own and orientation != own:
+        file.notes.append(f"The file says that it looked {own}; {orientation} counts, as the metadata do.")
+    if not (orientation or own):
+        raise file.refuse("orientation", "up or down", "neither in the file", "write orientation: up or down")
+    return (orientation or own) == "up"
+
+
+def _backwards(ranges: Floats) -> bool:
+    return bool(ranges.shape[1] > 1 and np.nanmedian(np.diff(ranges, axis=1)) < 0.0)
+
+
+def _beam_angle(file: File, bins: int) -> float:
+    found = file.attribute("beam_angle", "RDI_Beam_Angle", "TRDI_Beam_Angle")
+    if found is None and bins > 1:
+        file.notes.append("The file does not state the angle of the beams: bins that side lobes reach are not flagged.")
+    return float(np.asarray(found).ravel()[0]) if found is not None else 0.0
+
+
+def _counts(east: Floats, quality: Flags, heading: Floats, n: int) -> dict[str, int]:
+    return {
+        "samples": n,
+        "velocities": int(np.isfinite(east).sum()),
+        "velocities_missing": int((quality == MISSING).sum()),
+        "velocities_flagged": int(((quality > 2) & (quality != MISSING)).sum()),
+        "heading_missing": int(np.isnan(heading).sum()),
+    }
+
+
+def _profiles(file: File, shape: tuple[int, ...], order: slice) -> dict[str, NDArray[Any]]:
+    """Return the profiles of a record.
+
+    Args:
+        shape: (n, m) of its velocities.
+        order: of its bins.
+    """
+    flows = {key: _velocity(file, key) for key in VELOCITIES}
+    found: dict[str, NDArray[Any]] = {key: flow.astype(np.float32) for key, flow in flows.items() if flow is not None}
+    counts = {key: _beam_counts(file, names) for key, names in COUNTS.items()}
+    found |= {key: _packed(values) for key, values in counts.items() if values is not None}
+    return {key: values[:, order] for key, values in found.items() if values.shape[:2] == shape}
+
+
+def _velocity(file: File, key: str) -> Floats | None:
+    variable = next((file.nc.variables[name] for name in VELOCITIES[key] if name in file.nc.variables), None)
+    if variable is not None and (flow := _arranged(file, variable)) is not None and flow.ndim == 2:
+        factor = SPEED.get(str(getattr(variable, "units", "")).lower())
+        return None if factor is None else factor * flow
+    velocity = file.nc.variables.get(f"vel{file.suffix}")
+    if velocity is None or "dir" not in velocity.dimensions:
+        return None
+    labels = file.labels("dir")
+    label = next((one for one in AMONG[key] if one in labels), None)
+    every = _arranged(file, velocity, "dir")
+    return None if label is None or every is None else every[..., labels.index(label)]
+
+
+def _beam_counts(file: File, names: tuple[str, ...]) -> Floats | None:
+    """Return counts, (n, m, beams) or (n, m), NaN where missing."""
+    for name in (*(f"{name}{file.suffix}" for name in names if file.suffix), *names):
+        several = [name.format(beam) for beam in range(1, 5)] if "{}" in name else [name]
+        there = [file.nc.variables[one] for one in several if one in file.nc.variables]
+        each = [one for variable in there if (one := _arranged(file, variable, *BEAMS)) is not None]
+        if len(each) == len(several):
+            return each[0] if len(each) == 1 else np.stack(each, axis=-1)
+    return None
+
+
+def _packed(values: Floats) -> NDArray[Any]:
+    """Return counts as the bytes that they were; -1 where missing."""
+    missing = ~((values >= 0) & (values <= LARGEST))
+    whole = np.where(missing, -1, np.rint(values)).astype(np.int16)
+    return whole if missing.any() else whole.astype(np.uint8)
+
+
+def _arranged(file: File, variable: netCDF4.Variable, *last: str) -> Floats | None:
+    """Return values by time, bin and a last dimension, those of one value gone; None where there are others."""
+    wanted = (file.time, file.bins, *last)
+    long = [name for name, size in zip(variable.dimensions, variable.shape, strict=True) if size > 1]
+    if not np.issubdtype(variable.dtype, np.number) or {*long} - {*wanted} or file.time not in variable.dimensions:
+        return None
+    own = [name for name in wanted if name in variable.dimensions]
+    data = numbers(file, variable)
+    apart = [k for k, name in enumerate(variable.dimensions) if name not in own]
+    data = data.transpose([*(variable.dimensions.index(name) for name in own), *apart])
+    data = data.reshape([variable.shape[variable.dimensions.index(name)] for name in own])
+    return data if file.bins in own else data[:, None]

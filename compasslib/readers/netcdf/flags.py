@@ -46,7 +46,7 @@ def of_variable(file: File, variable: netCDF4.Variable, part: tuple[str, int] | 
         InputError: flags along dimensions that the variable does not have.
     """
     found = [_placed(file, variable, flag, part) for flag in _variables(file, variable)]
-    return vocabularies.worst(found) if found else None
+    return vocabularies.worst_flag(found) if found else None
 
 
 def note_unlinked(file: File) -> None:
@@ -106,7 +106,7 @@ def _placed(file: File, variable: netCDF4.Variable, quality: netCDF4.Variable, p
         _refuse_apart(file, variable, quality, wanted)
     codes = codes.transpose([*(names.index(name) for name in wanted if name in names), *other])
     own = [file.nc.dimensions[name].size if name in names else 1 for name in wanted]
-    codes = vocabularies.worst(list(np.moveaxis(codes.reshape([*own, -1]), -1, 0)))
+    codes = vocabularies.worst_flag(list(np.moveaxis(codes.reshape([*own, -1]), -1, 0)))
     return np.broadcast_to(codes, [file.nc.dimensions[name].size for name in wanted])
 
 
@@ -141,7 +141,7 @@ def _decoded(file: File, quality: netCDF4.Variable) -> Flags:
     if empty:
         file.note(f"{quality.name}: {empty} flags were never written; they count as not checked.")
     if unknown:
-        file.note(vocabularies.asked(quality.name, unknown))
+        file.note(vocabularies.describe_unknown_flags(quality.name, unknown))
     return codes[where].reshape(values.shape)
 
 
@@ -173,7 +173,9 @@ def _reading(file: File, quality: netCDF4.Variable) -> Callable[[Any], _Known]:
             table = {chr(int(value)): word for value, word in table.items()} | table
         return partial(_by_values, file, table)
     own = [file.text(name, quality) for name in NAMING]
-    name, vocabulary = vocabularies.vocabulary(*own, quality.name, file.text("Conventions"), file.text("data_type"))
+    name, vocabulary = vocabularies.find_vocabulary(
+        *own, quality.name, file.text("Conventions"), file.text("data_type")
+    )
     says = f"those of {name} are taken, which the file names." if name else "the file names no vocabulary."
     file.note(f"{quality.name} does not state what its flags mean: {says}")
     return partial(_by_values, file, {str(ord(value)): word for value, word in vocabulary.items()} | {**vocabulary})
@@ -219,4 +221,4 @@ def _by_masks(
     if not holding and not unknown and {GOOD, PROBABLY_GOOD} & {*flag_of.values()}:
         unknown.append(_label(value))  # one condition is that a value is good, and it does not hold
     known = [flag for word in holding if (flag := flag_of[word]) is not None] or [NOT_CHECKED]
-    return _Known(int(vocabularies.worst([*known, *[PROBABLY_BAD] * bool(unknown)])), tuple(unknown))
+    return _Known(int(vocabularies.worst_flag([*known, *[PROBABLY_BAD] * bool(unknown)])), tuple(unknown))

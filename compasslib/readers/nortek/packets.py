@@ -8,7 +8,8 @@ costs no more than its length. Sources: Nortek, System Integrator Manual (2010),
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
@@ -16,9 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib.errors import InputError
-from compasslib.readers import telemetry
-from compasslib.readers.damage import refuse_mostly_damaged
-from compasslib.types import Bools
+from compasslib.readers import files
+from compasslib.readers.files import refuse_mostly_damaged
+from compasslib.records import Flags
+from compasslib.types import Bools, Floats
 
 Bytes = NDArray[np.uint8]
 Places = NDArray[np.int64]
@@ -26,6 +28,8 @@ Places = NDArray[np.int64]
 SYNC, START = 0xA5, 0xB58C
 SHORTEST = 8  # bytes of an older record: its head, one word and the sum
 HEADERS = {10: "<u2", 12: "<u4"}  # length of the Signature's: how it writes the size of the data
+EARTH, INSTRUMENT, BEAM = 0, 1, 2  # as both formats number them
+MISSING_COUNT = -32768
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +71,7 @@ class Packets:
         return np.lib.stride_tricks.sliding_window_view(self.data, length)[begin]
 
 
-def packets(path: str | Path) -> Packets:
+def find_packets(path: str | Path) -> Packets:
     """Return the records of a file, of the Signature's format where it holds one of them.
 
     Raises:
@@ -76,8 +80,8 @@ def packets(path: str | Path) -> Packets:
     data = _bytes(Path(path))
     marks, found, signature = _found(data)
     escaped = False
-    if telemetry.may_be_escaped(data[: telemetry.SAMPLE_BYTES].tobytes()):
-        undone = np.frombuffer(telemetry.unescape(data.tobytes()), dtype=np.uint8)
+    if files.looks_escaped(data[: files.SAMPLE_BYTES].tobytes()):
+        undone = np.frombuffer(files.unescape(data.tobytes()), dtype=np.uint8)
         other = _found(undone)
         escaped = len(other[1][0]) > len(found[0])
         data, (marks, found, signature) = (undone, other) if escaped else (data, (marks, found, signature))
@@ -170,3 +174,47 @@ def _alike(data: Bytes, marks: Places, start: Places) -> int:
     """Count marks whose first four bytes are those of a record of the file."""
     heads = [data[at[at + 4 <= data.size][:, None] + np.arange(4)].copy().view("<u4")[:, 0] for at in (marks, start)]
     return int(np.isin(heads[0], heads[1]).sum())
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Samples in the order of the file; n of them, m cells."""
+
+    offset: Places  # (n,) in the file, bytes
+    time_s: Floats  # (n,) since 1970-01-01 by the instrument's clock; NaN where impossible
+    heading_deg: Floats  # (n,) of the x axis
+    pitch_deg: Floats  # (n,) x axis up
+    roll_deg: Floats  # (n,) y axis, which is port on an up-looker, up
+    pressure_dbar: Floats  # (n,) NaN without a sensor
+    temperature_c: Floats  # (n,)
+    supply_voltage: Floats  # (n,) volts
+    velocity: Floats  # (n, m, 2 or 3) m/s: east and north (earth), else x, y, z of the head
+    quality: Flags  # (n, m)
+    heading_quality: Flags  # (n,)
+    looks_up: Bools  # (n,) the instrument's own word
+    sideways: Bools  # (n,) it lay on its side by its own word
+    bin_range_m: tuple[float, ...]  # (m,) vertical distance from the head; 0 for a point meter
+    recorded: int  # EARTH, INSTRUMENT or BEAM; beams are combined already
+    beam_angle_deg: float  # from the vertical; 0 for a point meter
+    serial: str
+    declination_deg: float = 0.0  # that the instrument added to its headings
+    average_s: float = 0.0  # over which a sample is a mean; its time is the beginning
+    magnetometer: Floats | None = None  # (n, 3) counts along x, y, z
+    up: Floats | None = None  # (n, m) m/s, where velocities were recorded as the earth's
+    profiles: Mapping[str, Bytes] = field(default_factory=dict)  # (n, m, beams) or (n, m), as the record's
+    counts: dict[str, int] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()  # sentences for the report
+
+
+def by_beam(rows: Bytes, at: int, beams: int, cells: int) -> Bytes:
+    """Return bytes of which the records hold those of one beam after those of another, (n, cells, beams).
+
+    Args:
+        at: where the first stands in the record.
+    """
+    return np.moveaxis(rows[:, at : at + beams * cells].reshape(len(rows), beams, cells), 1, 2).copy()
+
+
+def axes_of(matrix: Floats) -> Floats:
+    """Return the rows of x, y and z, (3, k), of a matrix from beams to axes; of two estimates of z their mean."""
+    return matrix if len(matrix) == 3 else np.vstack([matrix[:2], matrix[2:].mean(axis=0)])

@@ -15,9 +15,19 @@ from typing import Any
 import numpy as np
 
 from compasslib.errors import InputError
-from compasslib.readers.mmp.scan_clock import civil
-from compasslib.readers.nortek.packets import Bytes, Packets, Places
-from compasslib.readers.nortek.samples import BEAM, EARTH, INSTRUMENT, MISSING_COUNT, Samples, axes_of, by_beam
+from compasslib.readers.nortek.packets import (
+    BEAM,
+    EARTH,
+    INSTRUMENT,
+    MISSING_COUNT,
+    Bytes,
+    Packets,
+    Places,
+    Samples,
+    axes_of,
+    by_beam,
+)
+from compasslib.readers.times import civil_seconds
 from compasslib.records import BAD, GOOD, MISSING, Flags
 from compasslib.types import Floats
 
@@ -180,7 +190,7 @@ def _in_axes(found: Packets, raw: Floats, layout: _Layout, matrix: Floats | None
 
 def _sensors(head: Any) -> dict[str, Any]:
     valid = head["configuration"]
-    year, month, day, hour, minute, second = head["clock"].astype(np.int64).T
+    year, month, day, *clock = head["clock"].astype(np.int64).T
     heading = np.where((valid & COMPASS) > 0, head["heading"] / 100.0, np.nan)
     heading = np.where(heading < 360.0, heading, np.nan)
     orientation = head["status"] >> 25 & 7
@@ -189,7 +199,7 @@ def _sensors(head: Any) -> dict[str, Any]:
         return np.where((valid & bit) > 0, values, np.nan)
 
     return {
-        "time_s": civil((year + 1900, month + 1, day), (hour, minute, second)) + head["fraction"] / 10000.0,
+        "time_s": civil_seconds(year + 1900, month + 1, day, *clock) + head["fraction"] / 10000.0,
         "heading_deg": heading,
         "heading_quality": np.where(np.isnan(heading), MISSING, GOOD).astype(np.int8),
         "pitch_deg": known(TILT, head["pitch"] / 100.0),

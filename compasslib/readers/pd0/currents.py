@@ -29,7 +29,7 @@ _ERROR_SIGNS = np.array([1.0, 1.0, -1.0, -1.0])
 
 
 @dataclass(frozen=True)
-class Choices:
+class Settings:
     """What the metadata say about a recording; None leaves it to the file."""
 
     orientation: str | None = None  # up | down
@@ -38,25 +38,25 @@ class Choices:
     serial_number: str | None = None
 
 
-def heading_bias(ensembles: Ensembles, choices: Choices) -> Floats:
+def heading_bias(ensembles: Ensembles, choices: Settings) -> Floats:
     """Return the degrees that stand inside the recorded headings, (n,): EB, unless the metadata know better."""
     applied = choices.declination_applied
     return ensembles.heading_bias_deg if applied is None else np.full(len(ensembles), applied.heading)
 
 
-def velocity_bias(ensembles: Ensembles, choices: Choices) -> Floats:
+def velocity_bias(ensembles: Ensembles, choices: Settings) -> Floats:
     """Return the degrees that were taken out of velocities, (n,): those of the headings, but for earth coordinates."""
     bias, applied = heading_bias(ensembles, choices), choices.declination_applied
     return bias if applied is None else np.where(ensembles.coordinates == EARTH, applied.velocity, bias)
 
 
-def magnetic_heading(ensembles: Ensembles, choices: Choices) -> Floats:
+def magnetic_heading(ensembles: Ensembles, choices: Settings) -> Floats:
     """Return the heading of beam 3 as the compass recorded it, without heading bias, (n,) degrees."""
     alignment = choices.heading_alignment or 0.0
     return angles.wrap360(ensembles.heading_deg - heading_bias(ensembles, choices) + alignment)
 
 
-def looks_up(ensembles: Ensembles, choices: Choices) -> Mask:
+def looks_up(ensembles: Ensembles, choices: Settings) -> Mask:
     """Return the orientation of each ensemble, (n,): the metadata's, or where they are silent its own."""
     word = choices.orientation
     return ensembles.looks_up if word is None else np.full(len(ensembles), word == "up")
@@ -73,7 +73,7 @@ class Currents:
     three_beam: int  # how many come from three beams
 
 
-def currents(ensembles: Ensembles, choices: Choices) -> Currents:
+def compute_currents(ensembles: Ensembles, choices: Settings) -> Currents:
     """Return the currents of ensembles in any mixture of coordinates."""
     codes = np.unique(ensembles.coordinates)
     if len(codes) == 1:
@@ -106,7 +106,7 @@ def quality(ensembles: Ensembles, east: Floats, north: Floats) -> Flags:
     return np.where(np.isnan(east) | np.isnan(north), MISSING, flags).astype(np.int8)
 
 
-def of_other_coordinates(ensembles: Ensembles) -> tuple[int, int]:
+def contradicted_coordinates(ensembles: Ensembles) -> tuple[int, int]:
     """Count the cells that contradict the coordinates of EX, and the cells that could, in some of the ensembles.
 
     Percent good has a column a beam in beam coordinates; in others its columns part all pings, and add up to 100.
@@ -211,7 +211,7 @@ def _column(per_sample: ArrayLike, like: Floats) -> Floats:
     return values.reshape(values.shape + (1,) * (like.ndim - values.ndim)) if values.ndim else values
 
 
-def _from_beams(ensembles: Ensembles, choices: Choices) -> Currents:
+def _from_beams(ensembles: Ensembles, choices: Settings) -> Currents:
     beams, solved = three_beam(ensembles.velocity)
     angle, convex = ensembles.beam_angle_deg[:, None], ensembles.convex[:, None]
     *xyz, error = beams_to_instrument(beams, angle, convex)
@@ -220,13 +220,13 @@ def _from_beams(ensembles: Ensembles, choices: Choices) -> Currents:
 
 
 def _with_tilts(
-    ensembles: Ensembles, choices: Choices, xyz: Sequence[Floats], heading_deg: Floats
+    ensembles: Ensembles, choices: Settings, xyz: Sequence[Floats], heading_deg: Floats
 ) -> tuple[Floats, Floats, Floats]:
     up = looks_up(ensembles, choices)
     return instrument_to_earth(xyz, heading_deg, ensembles.tilt1_deg, ensembles.tilt2_deg, up)
 
 
-def _from_instrument(ensembles: Ensembles, choices: Choices) -> Currents:
+def _from_instrument(ensembles: Ensembles, choices: Settings) -> Currents:
     *xyz, error = np.moveaxis(ensembles.velocity, -1, 0)
     turned = _with_tilts(ensembles, choices, xyz, magnetic_heading(ensembles, choices))
     return Currents(*turned, error, _without_error_velocity(ensembles))
@@ -238,7 +238,7 @@ def _without_error_velocity(ensembles: Ensembles) -> int:
     return int(np.sum(missing[..., 3] & ~missing[..., 0]))
 
 
-def _from_ship(ensembles: Ensembles, choices: Choices) -> Currents:
+def _from_ship(ensembles: Ensembles, choices: Settings) -> Currents:
     """Turn by the recorded heading only, as EA has turned these axes to where the heading points."""
     x, y, z, error = np.moveaxis(ensembles.velocity, -1, 0)
     heading = angles.wrap360(ensembles.heading_deg - heading_bias(ensembles, choices))
@@ -249,7 +249,7 @@ def _from_ship(ensembles: Ensembles, choices: Choices) -> Currents:
     return Currents(turned[0], turned[1], turned[2], error, _without_error_velocity(ensembles))
 
 
-def _from_earth(ensembles: Ensembles, choices: Choices) -> Currents:
+def _from_earth(ensembles: Ensembles, choices: Settings) -> Currents:
     """Turn back by the heading bias, which the instrument turned its velocities by as well."""
     bias = velocity_bias(ensembles, choices)
     east, north, up, error = np.moveaxis(ensembles.velocity, -1, 0)
@@ -257,7 +257,7 @@ def _from_earth(ensembles: Ensembles, choices: Choices) -> Currents:
     return Currents(east, north, up, error, _without_error_velocity(ensembles))
 
 
-_TURNS: dict[int, Callable[[Ensembles, Choices], Currents]] = {
+_TURNS: dict[int, Callable[[Ensembles, Settings], Currents]] = {
     BEAM: _from_beams,
     INSTRUMENT: _from_instrument,
     SHIP: _from_ship,

@@ -15,8 +15,9 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib.readers.bounds import refuse_large_arrays
+from compasslib.readers.files import refuse_large_arrays
 from compasslib.readers.pd0.frames import FIXED_LEADERS, VARIABLE_LEADERS, Bytes, EnsembleRun, Layout, Places
+from compasslib.readers.times import FIRST_YEAR, civil_seconds
 from compasslib.types import Bools, Floats
 
 T = TypeVar("T", bound=np.generic)
@@ -24,7 +25,7 @@ T = TypeVar("T", bound=np.generic)
 BEAM, INSTRUMENT, SHIP, EARTH = 0, 1, 2, 3  # bits 4 and 3 of EX
 VELOCITY, CORRELATION, ECHO, PERCENT_GOOD = 0x0100, 0x0200, 0x0300, 0x0400
 COUNTS = {"echo": (ECHO, 1), "correlation": (CORRELATION, 2), "percent_good": (PERCENT_GOOD, 4)}  # block, bit
-FIRST_YEAR, LAST_YEAR = 1980, 2079  # what two digits can say; anything else is a damaged clock
+LAST_YEAR = 2079  # from FIRST_YEAR to here two digits of the year are unique; anything else is a damaged clock
 
 MISSING_COUNT = -32768
 _FIXED = np.dtype(
@@ -105,15 +106,15 @@ class Ensembles:
 
 
 @dataclass(frozen=True)
-class LeftOut:
+class DroppedCounts:
     """How many good ensembles were left out, and why."""
 
     without_velocity: int = 0
     bad_dates: int = 0
     not_of_four_beams: int = 0
 
-    def __add__(self, other: LeftOut) -> LeftOut:
-        return LeftOut(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(LeftOut)))
+    def __add__(self, other: DroppedCounts) -> DroppedCounts:
+        return DroppedCounts(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(DroppedCounts)))
 
     def __int__(self) -> int:
         return self.without_velocity + self.bad_dates + self.not_of_four_beams
@@ -129,7 +130,7 @@ class Leaders:
     coordinates: Bytes  # BEAM, INSTRUMENT, SHIP or EARTH
 
 
-def leaders_of(run: EnsembleRun) -> Leaders:
+def decode_leaders(run: EnsembleRun) -> Leaders:
     """Return what the leaders of a run say of its headings, also where ``decode_runs`` leaves it out."""
     found = _from_fixed(run.rows, run.layout) | _from_variable(run.rows, run.layout)
     return Leaders(**{one.name: found[one.name] for one in fields(Leaders)})
@@ -140,7 +141,7 @@ def has_velocities(layout: Layout) -> bool:
     return _has_profile(layout, VELOCITY) and _of_four_beams(layout)
 
 
-def decode_runs(runs: Sequence[EnsembleRun]) -> tuple[Ensembles, LeftOut]:
+def decode_runs(runs: Sequence[EnsembleRun]) -> tuple[Ensembles, DroppedCounts]:
     """Return the ensembles of some runs in their order, and how many of them are left out.
 
     Args:
@@ -160,7 +161,7 @@ def decode_runs(runs: Sequence[EnsembleRun]) -> tuple[Ensembles, LeftOut]:
         ensembles = chosen(ensembles, np.argsort(ensembles.offset))
     dated = np.isfinite(ensembles.time_s)
     bad_dates = int(np.sum(~dated))
-    left_out = LeftOut(without_velocity, bad_dates, not_of_four)
+    left_out = DroppedCounts(without_velocity, bad_dates, not_of_four)
     return (chosen(ensembles, dated) if bad_dates else ensembles), left_out
 
 
@@ -177,7 +178,7 @@ def joined(parts: Sequence[Ensembles]) -> Ensembles:
     return Ensembles(**{f.name: stacked([getattr(part, f.name) for part in parts], most) for f in fields(Ensembles)})
 
 
-class Grown:
+class GrowableArrays:
     """Arrays by name that grow along their ensembles: many pieces would leave holes in memory as they are joined."""
 
     def __init__(self, where: str, size: int) -> None:
@@ -376,23 +377,7 @@ def _seconds(clock: Bytes, clock_2000: Bytes, century: Bytes) -> Floats:
     c = np.where(newer[:, None], clock_2000, clock).astype(np.int64)
     two_digits = c[:, 0] + np.where(c[:, 0] < FIRST_YEAR - 1900, 2000, 1900)
     year = np.where(newer, 100 * century.astype(np.int64) + c[:, 0], two_digits)
-    return seconds_of(year, c[:, 1:])
-
-
-def seconds_of(year: NDArray[np.int64], clock: NDArray[np.int64]) -> Floats:
-    """Return seconds since 1970, NaN where there is no such date.
-
-    Args:
-        year: (n,) four digits.
-        clock: (n, 6) month, day, hour, minute, second, hundredths.
-    """
-    month_ok = (clock[:, 0] >= 1) & (clock[:, 0] <= 12) & (year >= FIRST_YEAR) & (year <= LAST_YEAR)
-    months = np.where(month_ok, 12 * (year - 1970) + clock[:, 0] - 1, 0)
-    first, following = (m.astype("M8[M]").astype("M8[D]").astype(np.int64) for m in (months, months + 1))
-    day_ok = (clock[:, 1] >= 1) & (clock[:, 1] <= following - first)
-    time_ok = ((clock[:, 2:] >= 0) & (clock[:, 2:] < [24, 60, 60, 100])).all(axis=1)
-    whole = 86400 * (first + clock[:, 1] - 1) + clock[:, 2:5] @ [3600, 60, 1]
-    return np.where(month_ok & day_ok & time_ok, whole + clock[:, 5] / 100.0, np.nan)
+    return civil_seconds(year, *c[:, 1:].T, last_year=LAST_YEAR)
 
 
 _NOTHING = Layout(b"", np.empty(0, np.int64), 124, 0, {0x0000: (0, 59), 0x0080: (59, 124), VELOCITY: (124, 124)})

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib.errors import InputError
-from compasslib.readers import telemetry
+from compasslib.readers import files
 
 Bytes: TypeAlias = NDArray[np.uint8]
 Places: TypeAlias = NDArray[np.int64]
@@ -84,7 +84,7 @@ class _Candidates:
     cut: Places  # the chunk ends before the ensemble does
 
 
-def frames(path: str | PathLike[str], chunk_bytes: int = CHUNK_BYTES) -> Iterator[Chunk]:
+def iter_chunks(path: str | PathLike[str], chunk_bytes: int = CHUNK_BYTES) -> Iterator[Chunk]:
     """Iterate over the ensembles of a file and the bytes that belong to none; together they are the whole file.
 
     Args:
@@ -125,9 +125,9 @@ def _scanned(path: str | PathLike[str], chunk_bytes: int) -> Iterator[tuple[list
     with _opened(path) as file:
         while not last:
             piece = _read(file, path, chunk_bytes)
-            while undo and piece.endswith(telemetry.ESCAPE) and (more := _read(file, path, 1)):
+            while undo and piece.endswith(files.ESCAPE) and (more := _read(file, path, 1)):
                 piece += more
-            piece = telemetry.unescape(piece) if undo else piece
+            piece = files.unescape(piece) if undo else piece
             last = not piece
             data = np.frombuffer(tail + piece, dtype=np.uint8)
             items, used = _scan(data, offset, last)
@@ -142,8 +142,8 @@ def is_escaped(path: str | PathLike[str]) -> bool:
         InputError: the file cannot be opened or read.
     """
     with _opened(path) as file:
-        sample = _read(file, path, telemetry.SAMPLE_BYTES)
-    return telemetry.may_be_escaped(sample) and _whole(telemetry.unescape(sample)) > _whole(sample)
+        sample = _read(file, path, files.SAMPLE_BYTES)
+    return files.looks_escaped(sample) and _whole(files.unescape(sample)) > _whole(sample)
 
 
 def _whole(data: bytes) -> int:

@@ -22,10 +22,10 @@ from compasslib.readers.pd0.fields import (
     NO_HEADING,
     VELOCITY,
     Leaders,
+    decode_leaders,
     has_velocities,
-    leaders_of,
 )
-from compasslib.readers.pd0.frames import VARIABLE_LEADERS, Bytes, EnsembleRun, Layout, Skipped, frames
+from compasslib.readers.pd0.frames import VARIABLE_LEADERS, Bytes, EnsembleRun, Layout, Skipped, iter_chunks
 from compasslib.types import Bools, Floats
 
 FULL_CIRCLE = 36000  # hundredths of a degree
@@ -57,10 +57,10 @@ def rewrite(source: str | Path, target: str | Path, turn: Turn) -> Rewritten:
     corrected, flagged = 0, 0
     skipped: list[Skipped] = []
     with Path(target).open("wb") as file:
-        for chunk in frames(source):
+        for chunk in iter_chunks(source):
             skipped += chunk.skipped
             for run in chunk.runs:
-                leaders = leaders_of(run)
+                leaders = decode_leaders(run)
                 by = turn(leaders) if has_velocities(run.layout) else np.full(len(run.rows), np.nan)
                 file.write(_turned(run, leaders, by).tobytes())
                 corrected, flagged = corrected + int(np.isfinite(by).sum()), flagged + int(np.isnan(by).sum())

@@ -18,7 +18,7 @@ from sea import SHARED, real
 from compasslib import calibrations
 from compasslib.errors import InputError
 from compasslib.readers import iaga2002, read
-from compasslib.readers.recognition import recognise
+from compasslib.readers.detect import detect_kind
 
 
 def workbook() -> bytes:
@@ -110,14 +110,14 @@ def test_scans_behind_a_loggers_time_stamps_are_named(tmp_path):
 
 
 def test_a_file_of_a_modems_frames_is_known():
-    assert recognise(real("wild/acm_sio_escapes.dat")).form == "mmp_acm"
+    assert detect_kind(real("wild/acm_sio_escapes.dat")).form == "mmp_acm"
 
 
 def test_files_that_libraries_write_are_known(tmp_path):
     Dataset(tmp_path / "a.nc", "w").close()
     Dataset(tmp_path / "b.nc", "w", format="NETCDF3_CLASSIC").close()
     savemat(tmp_path / "c.mat", {"u": np.zeros(3)})
-    named = [recognise(tmp_path / name).name for name in ("a.nc", "b.nc", "c.mat")]
+    named = [detect_kind(tmp_path / name).name for name in ("a.nc", "b.nc", "c.mat")]
     assert named == ["a netCDF-4 or HDF5 file", "a netCDF file", "a MATLAB file"]
 
 
@@ -178,27 +178,27 @@ BEFORE = {
 def test_bytes_before_the_first_record_hide_nothing(tmp_path, form, junk):
     path = tmp_path / "x"
     path.write_bytes(BEFORE[junk] + RECORDS[form])
-    assert recognise(path).form == {"ad2cp": "nortek"}.get(form, form)
+    assert detect_kind(path).form == {"ad2cp": "nortek"}.get(form, form)
 
 
 def test_bytes_without_a_whole_record_are_not_known(tmp_path):
     path = tmp_path / "x"
     path.write_bytes(np.random.default_rng(0).integers(0, 256, 2**20, dtype=np.uint8).tobytes())
-    assert recognise(path) is None
+    assert detect_kind(path) is None
 
 
 @pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be"])
 def test_a_table_in_utf_16_is_known_without_its_mark(tmp_path, encoding):
     path = tmp_path / "x"
     path.write_bytes((TABLE * 9).decode().encode(encoding))
-    assert recognise(path).form == "table"
+    assert detect_kind(path).form == "table"
 
 
 @pytest.mark.parametrize("row", ["Sep 04 2007 12:00,1.0,2.0", "'2007-09-04',1.0,2.0", "M1;04.09.2007 12:00;1,0;2,0"])
 def test_a_table_is_known_by_its_rows_below_any_preamble(tmp_path, row):
     path = tmp_path / "x"
     path.write_text("\n".join(["A line about the instrument"] * 8 + ["time,u,v"] + [row] * 12))
-    assert recognise(path).form == "table"
+    assert detect_kind(path).form == "table"
 
 
 GENUINE = {
@@ -217,4 +217,4 @@ GENUINE = {
 def test_genuine_files_are_known(name):
     if not (SHARED / name).exists():
         pytest.skip(f"{SHARED / name} is not there")
-    assert recognise(SHARED / name).form == GENUINE[name]
+    assert detect_kind(SHARED / name).form == GENUINE[name]

@@ -13,9 +13,8 @@ import numpy as np
 
 from compasslib import angles
 from compasslib.errors import InputError
-from compasslib.readers.mmp.scan_clock import FIRST_YEAR, civil
-from compasslib.readers.nortek.packets import Bytes, Packets
-from compasslib.readers.nortek.samples import BEAM, EARTH, MISSING_COUNT, Samples, by_beam
+from compasslib.readers.nortek.packets import BEAM, EARTH, MISSING_COUNT, Bytes, Packets, Samples, by_beam
+from compasslib.readers.times import FIRST_YEAR, civil_seconds
 from compasslib.records import BAD, GOOD, MISSING
 from compasslib.types import Floats
 
@@ -161,7 +160,7 @@ def _seconds(clock: Any) -> Floats:
     """Seconds since 1970 of minute, second, day, hour, year, month; NaN where impossible."""
     minute, second, day, hour, year, month = clock.astype(np.int64).T
     century = np.where(year < FIRST_YEAR - 1900, 2000, 1900)
-    return civil((century + year, month, day), (hour, minute, second))
+    return civil_seconds(century + year, month, day, hour, minute, second)
 
 
 def _quality(sensors: Any, velocity: Floats) -> dict[str, Any]:

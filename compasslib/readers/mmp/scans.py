@@ -18,11 +18,11 @@ from pathlib import Path
 import numpy as np
 
 from compasslib.errors import InputError
-from compasslib.readers import cells, telemetry
-from compasslib.readers.damage import refuse_mostly_damaged
+from compasslib.readers import files
+from compasslib.readers.files import refuse_mostly_damaged
 from compasslib.readers.mmp import rows
-from compasslib.readers.mmp.rows import UNKNOWN, ProfileBlock
-from compasslib.readers.mmp.scan_clock import Ints, civil, misplaced
+from compasslib.readers.mmp.rows import UNKNOWN, Ints, ProfileBlock
+from compasslib.readers.times import civil_seconds
 from compasslib.types import Bools, Floats
 
 COLUMNS = ("HDNG", "TX", "TY", "HX", "HY", "HZ", "VPAB", "VPCD", "VPEF", "VPGH")
@@ -41,6 +41,9 @@ FRONT_BYTES = LENGTH_BYTES + HEADER_BYTES
 DAY_S, LONGEST_S = 86400.0, 30 * 86400.0  # a profiler turns its meter on before a profile, which lasts hours
 NO_SPEED = 1e-30  # cm/s: a float of which zeros took all but its first bytes
 LIKENESS = 0.8  # share of the bytes that a header has in common with the file's first; the settings do not change
+MISPLACED_S = 2.0  # a clock that leaves its neighbours by more and comes back is a damaged one
+TRUSTED_RATE = 0.2  # a nominal rate is accepted where the clock shows it to within this share
+FEW = 10  # scans below which a clock of whole seconds shows no rate
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +85,7 @@ class _Span:
     torn: int = 0  # records in what cannot be separated
 
 
-def load(paths: Sequence[Path]) -> Scans:
+def read_scans(paths: Sequence[Path]) -> Scans:
     """Return the scans of several files, in the order given.
 
     Args:
@@ -118,7 +121,7 @@ def contents(path: Path) -> bytes:
 def is_text(data: bytes) -> bool:
     """Return whether a file is mostly made of printable characters, the filling of an erased store at its end apart."""
     sample = data[:65536].rstrip(b"\x00\xff")
-    return not data or cells.strange(sample) < (1.0 - TEXT_SHARE) * len(sample)
+    return not data or files.count_unprintable(sample) < (1.0 - TEXT_SHARE) * len(sample)
 
 
 def _parsed_binary(data: bytes) -> BinaryScans:
@@ -174,7 +177,7 @@ def _one(path: Path) -> Scans:
     if text.form == BARE:
         values[:, 1:] = text.values
     scans = _scans(path, found_blocks, place, text.time_s, values, damaged, damaged - text.foreign)
-    return replace(scans, strange=cells.strange(data))
+    return replace(scans, strange=files.count_unprintable(data))
 
 
 def _is_binary(data: bytes) -> bool:
@@ -189,18 +192,18 @@ def _from_modem(path: Path, data: bytes) -> tuple[bytes, tuple[str, ...]]:
     """
     profiles: list[list[bytes]] = []
     last: dict[str, list[bytes]] = {}  # of each instrument
-    for payload in telemetry.payloads(data):
+    for payload in files.payloads(data):
         if _is_binary(payload.data):
             profiles.append(last.setdefault(payload.instrument, []))
             last[payload.instrument] = profiles[-1] = [payload.data]
         elif payload.instrument in last:  # the rest of its last profile
             last[payload.instrument].append(payload.data)
-    undone = telemetry.may_be_escaped(data)
+    undone = files.looks_escaped(data)
     sent = b"".join(dict.fromkeys(b"".join(parts) for parts in profiles))
-    sent = sent or (telemetry.unescape(data) if undone else b"")
+    sent = sent or (files.unescape(data) if undone else b"")
     if not sent or _count_scans(sent) <= _count_scans(data):
         return data, ()
-    notes = [f"{path.name} {telemetry.UNDONE}"] * undone
+    notes = [f"{path.name} {files.ESCAPES_UNDONE}"] * undone
     if len(last) > 1:
         names = " and ".join(last)
         notes.append(
@@ -226,7 +229,7 @@ def _scans(
         InputError: more fail than are whole.
     """
     profile = np.repeat(np.arange(len(blocks)), [block.end - block.begin for block in blocks])
-    good = _possible(values) & ~misplaced(clock_s, profile)
+    good = _possible(values) & ~is_misplaced(clock_s, profile)
     impossible = int(np.sum(~good))
     refuse_mostly_damaged(path, "scans", damaged=failed + impossible, whole=len(good) - impossible)
     damaged += impossible
@@ -280,8 +283,7 @@ def _precedes_record(data: bytes, end: int) -> bool:
 
 def _times(records: np.ndarray) -> tuple[Floats, Bools]:
     number = {name: records[name].astype(np.int64) for name in ("year", "month", "day", "clock")}
-    hour, minute, second = number["clock"].T
-    time_s = civil((number["year"], number["month"], number["day"]), (hour, minute, second))
+    time_s = civil_seconds(number["year"], number["month"], number["day"], *number["clock"].T)
     return time_s, np.isfinite(time_s) & np.isfinite(records["values"]).all(axis=1)
 
 
@@ -364,3 +366,72 @@ def _block(data: bytes, span: _Span, begin: int, end: int) -> ProfileBlock:
     rate = float(np.frombuffer(data, "<f4", 1, span.begin - HEADER_BYTES + RATE_AT)[0])
     on, off = np.frombuffer(data, ">u4", 2, span.tail).astype(float) if span.tail >= 0 else (np.nan, np.nan)
     return ProfileBlock(begin, end, rate_hz=rate if 0 < rate < 100 else np.nan, on_s=float(on), off_s=float(off))
+
+
+def is_misplaced(clock_s: Floats, profile: Ints) -> Bools:
+    """Return where a single clock stands apart from both of its neighbours in the same profile.
+
+    Args:
+        clock_s: (r,) seconds; NaN is never misplaced.
+        profile: (r,) to which profile each scan belongs.
+    """
+    apart = np.zeros(len(clock_s), dtype=bool)
+    if len(clock_s) > 2:
+        step = np.where(np.diff(profile) == 0, np.diff(clock_s), 0.0)
+        with np.errstate(invalid="ignore"):
+            far = (np.abs(step[:-1]) > MISPLACED_S) & (np.abs(step[1:]) > MISPLACED_S)
+            apart[1:-1] = far & (step[:-1] * step[1:] < 0)
+    return apart
+
+
+def sample_rates(clock_s: Floats, profile: Ints, place: Ints, nominal_hz: Floats) -> Floats:
+    """Return each profile's sample rate: the nominal one, unless the clock shows another.
+
+    Args:
+        clock_s: (r,) whole seconds, NaN where there is no clock.
+        profile: (r,) to which profile each scan belongs, non-decreasing.
+        place: (r,) its place there, damaged scans counted.
+        nominal_hz: (p,) NaN where the file names none.
+    """
+    count = len(nominal_hz)
+    first, last = (np.searchsorted(profile, np.arange(count), side=side) for side in ("left", "right"))
+    known = np.flatnonzero(last - first > FEW)
+    begin, end = first[known], last[known] - 1
+    shown = np.full(count, np.nan)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        shown[known] = (place[end] - place[begin]) / (clock_s[end] - clock_s[begin])
+        contradicts = np.isfinite(shown) & ~(np.abs(shown / nominal_hz - 1.0) < TRUSTED_RATE)
+    return np.where(contradicts, shown, nominal_hz)
+
+
+def interpolate_clock(clock_s: Floats, profile: Ints, rate_hz: Floats) -> Floats:
+    """Return the clock with sub-seconds: scans that share a second are spread over it, in their order.
+
+    Args:
+        clock_s: (r,) whole seconds.
+        profile: (r,) to which profile each scan belongs.
+        rate_hz: (r,) sample rate as the file names it, NaN where it does not.
+    """
+    if not len(clock_s):
+        return clock_s
+    new = np.append(True, (np.diff(clock_s) != 0) | (np.diff(profile) != 0))
+    begins = np.flatnonzero(new)
+    group = np.cumsum(new) - 1
+    size = np.diff(np.append(begins, len(new)))[group]
+    return clock_s + (np.arange(len(new)) - begins[group]) / np.fmax(size, rate_hz)
+
+
+def follows_previous(clock_s: Floats, profile: Ints, place: Ints, rate_hz: Floats) -> Bools:
+    """Return whether each scan follows the one before without a gap, (r - 1,).
+
+    Args:
+        clock_s: (r,) whole seconds, NaN where there is no clock.
+        profile: (r,) to which profile each scan belongs.
+        place: (r,) its place there, damaged scans counted.
+        rate_hz: (r,) sample rate.
+    """
+    step = np.diff(clock_s)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        # Whole seconds hide up to one of them.
+        waited = (step < 0) | (step > 1.0 + 1.0 / rate_hz[1:])
+    return (np.diff(profile) == 0) & (np.diff(place) == 1) & ~waited

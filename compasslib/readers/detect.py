@@ -20,8 +20,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from compasslib.errors import InputError, Passing
-from compasslib.readers.bounds import TooLarge
-from compasslib.readers.plain import utf16
+from compasslib.readers.files import TooLarge, utf16
 
 HEAD_BYTES = 65536
 SEARCHED_BYTES = 2**20  # in which records are looked for where the first bytes tell nothing
@@ -128,7 +127,7 @@ _BINARY_RECORD = re.compile(
 NORTEK_START = 0xB58C  # of a checksum's sum of words
 
 
-def recognise(path: str | Path) -> Kind | None:
+def detect_kind(path: str | Path) -> Kind | None:
     """Return what a file is, None where nobody knows; of a gzip file with a known kind inside both are named.
 
     Raises:
@@ -154,7 +153,7 @@ def recognise(path: str | Path) -> Kind | None:
 
 
 @contextmanager
-def naming(
+def format_hints(
     form: str, paths: Sequence[str | Path], *, offered: Collection[str] = (), advice: str = ""
 ) -> Iterator[None]:
     """Say, where a reader refuses its files, which of them is of another kind and what reads that.
@@ -196,7 +195,7 @@ def _copied_as_text(path: str | Path) -> bool:
 
 def _other(form: str, path: str | Path) -> Kind | None:
     """Return what a file is where another format, or none, reads it."""
-    found = recognise(path)
+    found = detect_kind(path)
     if found is None or found.name == "an empty file" or (found in (TABLE, PROSE) and form in TEXTS):
         return None  # the reader's own words say more
     same = found.form is not None and READABLE.get(found.form) == READABLE.get(form)

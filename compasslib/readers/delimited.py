@@ -24,19 +24,17 @@ from typing import Any
 import numpy as np
 
 from compasslib.errors import InputError
-from compasslib.readers import flags, plain, times
-from compasslib.readers.plain import LONGEST_LINE, of_lines, strange, text_of
+from compasslib.readers import files, flags, times
+from compasslib.readers.files import read_text
 from compasslib.records import NOT_CHECKED, PROBABLY_BAD
 from compasslib.types import Floats
-
-__all__ = ["LONGEST_LINE", "Layout", "Lines", "Table", "columns_of", "header_of", "of_lines", "strange"]
 
 MISSING_TEXT = frozenset({"", "nan", "na", "n/a", "null", "none", "-"})
 COLUMN_MAP = "correct columns in the mooring file"
 TIMES = ("time", "time_utc")  # roles that hold times
 FLAG = "flag"  # the role of quality flags: words or values
 NO_MEANINGS: Mapping[str, int] = MappingProxyType({})
-APART = ("date", "clock")  # roles that hold the two parts of one
+DATE_AND_CLOCK = ("date", "clock")  # roles that hold the two parts of one
 LARGEST = 1e30  # no measurement in any unit; its square still is a number
 NUMBER_FORM = "a number or nothing"
 MEND = "mend or remove the line"
@@ -68,13 +66,13 @@ class Layout:
     skip_rows: int | None = None  # lines above the header
 
     @classmethod
-    def of(cls, settings: Mapping[str, Any]) -> Layout:
+    def from_settings(cls, settings: Mapping[str, Any]) -> Layout:
         """Return the layout among the settings of a file."""
         given = {field.name: settings.get(field.name) for field in fields(cls)}
         return cls(**(given | {"missing": tuple(given["missing"] or ())}))
 
 
-NOTHING_SAID = Layout()
+DEFAULT_LAYOUT = Layout()
 
 
 @dataclass(frozen=True)
@@ -99,8 +97,8 @@ class Table:
     unknown_flags: str = ""  # the sentence about flags that nobody knows
 
 
-def columns_of(
-    path: Path, headers: Mapping[str, str], advice: str = COLUMN_MAP, layout: Layout = NOTHING_SAID
+def read_columns(
+    path: Path, headers: Mapping[str, str], advice: str = COLUMN_MAP, layout: Layout = DEFAULT_LAYOUT
 ) -> dict[str, Floats]:
     """Return columns of one table, times as UTC seconds since 1970, nothing as NaN.
 
@@ -111,25 +109,25 @@ def columns_of(
     Raises:
         InputError: the file or a column is absent, or a time or number cannot be read in one way only.
     """
-    return table_of(path, headers, advice, layout).columns
+    return read_table(path, headers, advice, layout).columns
 
 
-def table_of(
+def read_table(
     path: Path,
     headers: Mapping[str, str],
     advice: str = COLUMN_MAP,
-    layout: Layout = NOTHING_SAID,
+    layout: Layout = DEFAULT_LAYOUT,
     meanings: Mapping[str, int] = NO_MEANINGS,
 ) -> Table:
-    """Return the same with what was recognised and lost; arguments and errors as for ``columns_of``.
+    """Return the same with what was recognised and lost; arguments and errors as for ``read_columns``.
 
     Args:
-        meanings: of the flags in a column ``flag``, see ``flags.given``.
+        meanings: of the flags in a column ``flag``, see ``flags.parse_flag_settings``.
     """
-    return table_in(path, lines_of(path, headers.values(), layout), headers, advice, layout, meanings)
+    return parse_table(path, read_lines(path, headers.values(), layout), headers, advice, layout, meanings)
 
 
-def table_in(
+def parse_table(
     path: Path,
     lines: Lines,
     headers: Mapping[str, str],
@@ -137,7 +135,7 @@ def table_in(
     layout: Layout,
     meanings: Mapping[str, int] = NO_MEANINGS,
 ) -> Table:
-    """Return columns of the lines of one table; arguments and errors as for ``table_of``."""
+    """Return columns of the lines of one table; arguments and errors as for ``read_table``."""
     for role, header in headers.items():
         if (times_there := lines.header.count(header)) != 1:
             raise InputError(
@@ -146,14 +144,14 @@ def table_in(
                 found=f"{times_there} of that name" if times_there else ", ".join(lines.header) or "an empty file",
                 advice="give each column a name of its own in a copy" if times_there else _or_key(advice, layout),
             )
-    if {*APART} <= {*headers} and {*TIMES} & {*headers}:
+    if {*DATE_AND_CLOCK} <= {*headers} and {*TIMES} & {*headers}:
         expected, advice = "a time, or date and clock apart", "keep one of the two under columns"
         raise InputError(f"{path}: columns", expected=expected, found="all three", advice=advice)
     places = {role: lines.header.index(header) for role, header in headers.items()}
     lines, units = _without_units(lines, list(places.values()))
     lines = _rejoined(path, lines) if (layout.delimiter, layout.decimal) == (",", ",") else lines
     _refuse_long(path, lines)
-    timed = [role for role in places if role in (*TIMES, *APART)]
+    timed = [role for role in places if role in (*TIMES, *DATE_AND_CLOCK)]
     columns, said = _times_in(path, lines, {role: places[role] for role in timed}, layout)
     texts = {role: _column(path, lines, place, role) for role, place in places.items() if role not in timed}
     unknown = ""
@@ -176,7 +174,7 @@ def _flags(where: str, cells: Sequence[str], meanings: Mapping[str, int]) -> tup
     unknown = {cell: counts[cell] for cell, flag in known.items() if flag is None}
     codes = {cell: PROBABLY_BAD if flag is None else flag for cell, flag in known.items()}
     found = np.array([codes[cell] for cell in cells], dtype=float)
-    return found, flags.asked(where, unknown) if unknown else ""
+    return found, flags.describe_unknown_flags(where, unknown) if unknown else ""
 
 
 def _mend(cell: str) -> str:
@@ -193,20 +191,20 @@ def _or_key(advice: str, layout: Layout) -> str:
     return f"correct {' or '.join(given)}, else {advice}" if given else advice
 
 
-def clock_apart(headers: Mapping[str, str], withheld: Collection[str] = ()) -> dict[str, str]:
+def date_and_clock(headers: Mapping[str, str], withheld: Collection[str] = ()) -> dict[str, str]:
     """Return the headers of date and clock where both are named and neither is withheld."""
-    apart = {role: headers[role] for role in APART if headers.get(role)}
-    return apart if len(apart) == len(APART) and not {*apart, *apart.values(), *TIMES} & set(withheld) else {}
+    apart = {role: headers[role] for role in DATE_AND_CLOCK if headers.get(role)}
+    return apart if len(apart) == len(DATE_AND_CLOCK) and not {*apart, *apart.values(), *TIMES} & set(withheld) else {}
 
 
-def said(tables: Iterable[Table]) -> tuple[str, ...]:
+def table_notes(tables: Iterable[Table]) -> tuple[str, ...]:
     """Return the sentences on what was recognised in tables, each once."""
     listed = [*tables]
     read = [f"the table was read as it is written: {', '.join(one.notes)}" for one in listed if one.notes]
     return tuple(dict.fromkeys([*read, *(one.unknown_flags for one in listed if one.unknown_flags)]))
 
 
-def header_of(path: Path, needed: Iterable[str], layout: Layout = NOTHING_SAID) -> list[str]:
+def read_header(path: Path, needed: Iterable[str], layout: Layout = DEFAULT_LAYOUT) -> list[str]:
     """Return the names of a table's columns, none for an empty file.
 
     Args:
@@ -215,10 +213,10 @@ def header_of(path: Path, needed: Iterable[str], layout: Layout = NOTHING_SAID) 
     Raises:
         InputError: the file cannot be read.
     """
-    return lines_of(path, needed, layout).header
+    return read_lines(path, needed, layout).header
 
 
-def lines_of(path: Path, needed: Iterable[str], layout: Layout = NOTHING_SAID) -> Lines:
+def read_lines(path: Path, needed: Iterable[str], layout: Layout = DEFAULT_LAYOUT) -> Lines:
     """Return the header and the rows of a table, comments left out.
 
     Args:
@@ -228,15 +226,15 @@ def lines_of(path: Path, needed: Iterable[str], layout: Layout = NOTHING_SAID) -
         InputError: the file cannot be read.
     """
     wanted = set(needed)
-    found = lines_fitting(path, lambda names: wanted <= set(names), layout)
+    found = find_lines(path, lambda names: wanted <= set(names), layout)
     assert found is not None  # any line fits in the end
     return found
 
 
-def lines_fitting(
+def find_lines(
     path: Path,
     fits: Callable[[Sequence[str]], bool],
-    layout: Layout = NOTHING_SAID,
+    layout: Layout = DEFAULT_LAYOUT,
     *,
     delimiters: Iterable[str] = DELIMITERS,
     must: bool = False,
@@ -251,7 +249,7 @@ def lines_fitting(
     Raises:
         InputError: the file cannot be read.
     """
-    read = text_of(path)
+    read = read_text(path)
     raw = list(io.StringIO(read.text, newline=""))
     skipped = min(layout.skip_rows or 0, len(raw))
     meant = range(skipped, min(skipped + SEARCHED, len(raw)))
@@ -291,8 +289,8 @@ def _holds(line: str) -> bool:
 
 def _parted(line: str, delimiter: str) -> list[str]:
     try:
-        return plain.without_quotes(
-            plain.split_words(line) if delimiter == " " else next(plain.split_rows([line], delimiter))
+        return files.without_quotes(
+            files.split_words(line) if delimiter == " " else next(files.split_rows([line], delimiter))
         )
     except csv.Error:
         return []
@@ -307,9 +305,9 @@ def _usual(lines: Sequence[str]) -> str:
 def _below(path: Path, raw: list[str], begin: int, delimiter: str, *, ended: bool) -> Lines:
     """Return the header in one line and the rows below it."""
     if delimiter == " ":
-        listed = [plain.split_words(line) for line in raw[begin:]]
+        listed = [files.split_words(line) for line in raw[begin:]]
     else:
-        reader = plain.split_rows(raw[begin:], delimiter)
+        reader = files.split_rows(raw[begin:], delimiter)
         try:
             listed = list(reader)
         except csv.Error as error:
@@ -321,9 +319,9 @@ def _below(path: Path, raw: list[str], begin: int, delimiter: str, *, ended: boo
     kept = [k for k in filled if listed[k][0].lstrip()[:1] not in MARKS or not listed[k][0].strip()]
     if not kept:
         return Lines([], [], [])
-    header = plain.without_quotes(listed[kept[0]])
+    header = files.without_quotes(listed[kept[0]])
     # Of pages or files put together.
-    again = {k for k in kept[1:] if header[0] in listed[k][0] and plain.without_quotes(listed[k]) == header}
+    again = {k for k in kept[1:] if header[0] in listed[k][0] and files.without_quotes(listed[k]) == header}
     kept = [k for k in kept if k not in again]
     rows = [listed[k] for k in kept[1:]]
     rows = _with_clocks(header, rows) if delimiter == " " else rows
@@ -334,7 +332,7 @@ def _below(path: Path, raw: list[str], begin: int, delimiter: str, *, ended: boo
 
 def _refuse_quote(path: Path, raw: list[str], begin: int, delimiter: str) -> None:
     """Refuse a cell that goes on in the next line: a stray quotation mark would swallow rows."""
-    reader = plain.split_rows(raw[begin:], delimiter)
+    reader = files.split_rows(raw[begin:], delimiter)
     line = next(k for k, _ in enumerate(reader, 1) if reader.line_num > k) + begin
     _refuse_line(path, line, "cells that end in their line", "a quotation mark that is not closed")
 
@@ -397,7 +395,7 @@ def _refuse_long(path: Path, lines: Lines) -> None:
 def _column(path: Path, lines: Lines, place: int, role: str) -> list[str]:
     if min(map(len, lines.rows), default=place + 1) <= place:
         row = next(k for k, row in enumerate(lines.rows) if len(row) <= place)
-        expected = times.TIME_FORM if role in (*TIMES, *APART) else NUMBER_FORM
+        expected = times.TIME_FORM if role in (*TIMES, *DATE_AND_CLOCK) else NUMBER_FORM
         where, found = f"{lines.numbers[row]}, {lines.header[place]}", f"a line of {len(lines.rows[row])} cells"
         _refuse_line(path, where, expected, found)
     return [row[place].strip() for row in lines.rows]
@@ -455,13 +453,13 @@ def _numbers(cells: list[str], decimal: str, missing: Sequence[str]) -> tuple[Fl
 
 def _times_in(path: Path, lines: Lines, places: Mapping[str, int], layout: Layout) -> tuple[dict[str, Floats], str]:
     """Return the times of a table by their role, date and clock together, and what was recognised."""
-    around = "".join({*plain.QUOTES} - {*(layout.time_format or "")})  # a format may hold them
+    around = "".join({*files.QUOTES} - {*(layout.time_format or "")})  # a format may hold them
     texts = {
         role: ([cell.strip(around) for cell in _column(path, lines, place, role)], lines.header[place])
         for role, place in places.items()
     }
-    if set(APART) <= set(texts):
-        (dates, date), (clocks, clock) = (texts[role] for role in APART)
+    if set(DATE_AND_CLOCK) <= set(texts):
+        (dates, date), (clocks, clock) = (texts[role] for role in DATE_AND_CLOCK)
         texts = {"time": ([f"{one} {other}" for one, other in zip(dates, clocks, strict=True)], f"{date} and {clock}")}
     found, said = {}, ""
     for role, (cells, header) in texts.items():

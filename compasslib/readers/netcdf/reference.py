@@ -46,7 +46,7 @@ class Turn:
     heading: Floats | None
 
 
-def told(file: File, east: netCDF4.Variable, heading: netCDF4.Variable | None) -> North:
+def stated_north(file: File, east: netCDF4.Variable, heading: netCDF4.Variable | None) -> North:
     """Return what the file says of the north of its velocities and headings."""
     word, degrees, why = _of_velocity(file, east)
     in_heading = np.zeros(()) if heading is None else degrees
@@ -57,7 +57,7 @@ def told(file: File, east: netCDF4.Variable, heading: netCDF4.Variable | None) -
     return North(word, degrees, in_heading, why)
 
 
-def settled(file: File, north: North, reference: str, applied: Applied | None) -> Turn:
+def resolve_north(file: File, north: North, reference: str, applied: Applied | None) -> Turn:
     """Return what is to be taken out, by the file's words and the mooring file's; what was decided is noted.
 
     Args:
@@ -87,7 +87,7 @@ def settled(file: File, north: North, reference: str, applied: Applied | None) -
     return Turn(degrees, degrees if north.heading_degrees is None else north.heading_degrees)
 
 
-def alignment(file: File, heading: netCDF4.Variable | None, stated: float | None) -> float:
+def heading_alignment(file: File, heading: netCDF4.Variable | None, stated: float | None) -> float:
     """Return the degrees to add to headings for the instrument's heading alignment EA.
 
     Args:

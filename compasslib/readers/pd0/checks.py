@@ -1,19 +1,27 @@
-"""Whether ensembles, whole one by one, also make one recording: one instrument, one run of numbers, one clock.
+"""Checks of the ensembles of a PD0 recording, which were whole one by one, and the account of what was left out.
 
-And whether it is the one of the metadata: a setting that contradicts them is refused, never guessed.
+Ensembles make one recording where they are of one instrument, one run of numbers and one clock. A setting of the
+metadata that contradicts them is refused, never guessed.
 """
 
 from __future__ import annotations
 
 import re
 from collections import Counter
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from compasslib.declination import Applied
 from compasslib.errors import InputError
-from compasslib.readers.pd0.fields import BEAM, EARTH, INSTRUMENT, SHIP, Ensembles
+from compasslib.readers import files
+from compasslib.readers.pd0.currents import Settings, looks_up
+from compasslib.readers.pd0.fields import BEAM, EARTH, INSTRUMENT, SHIP, DroppedCounts, Ensembles
+from compasslib.readers.pd0.frames import Places, Skipped
+from compasslib.readers.times import describe_averages
 from compasslib.records import BAD, GOOD, PROBABLY_BAD, Flags
 from compasslib.types import Floats
 
@@ -25,6 +33,10 @@ BEAMS = 4
 FEWEST_CELLS, MOST = 100, 0.5
 COORDINATES = {BEAM: "beam", INSTRUMENT: "instrument", SHIP: "ship", EARTH: "earth"}
 FOUR = "export its four slanted beams, or give the velocities as a table"
+RANGES_SHOWN = 20
+FEW_DISAGREE = 0.01  # of the ensembles: on deck and in the hand an instrument looks any way; they are counted only
+MOST_OF_THREE = 0.5  # of the currents; more than that solved from three beams is a beam that fails
+_BIAS_TOLERANCE_DEG = 0.01
 
 
 def refuse(where: str, leaders: Ensembles) -> None:
@@ -136,11 +148,11 @@ def refuse_rotation(where: str, leaders: Ensembles, stated: Applied | None) -> N
 
 
 def serial_number(where: str, leaders: Ensembles, stated: str | None) -> str:
-    """Return the instrument's serial number, empty where the file tells none; see ``same_number``."""
-    return same_number(where, str(next(iter(_often(leaders.serial)), "")), stated)
+    """Return the instrument's serial number, empty where the file tells none; see ``match_serial_number``."""
+    return match_serial_number(where, str(next(iter(_often(leaders.serial)), "")), stated)
 
 
-def same_number(where: str, found: str, stated: str | None) -> str:
+def match_serial_number(where: str, found: str, stated: str | None) -> str:
     """Return the serial number that a file tells.
 
     Args:
@@ -226,3 +238,173 @@ def _in_words(leaders: Ensembles, kind: int) -> str:
     facing = "up" if leaders.looks_up[first] else "down"
     khz, cells, size = leaders.frequency_khz[first], leaders.cells[first], leaders.cell_m[first]
     return f"of {khz:g} kHz with {cells} cells of {size:g} m looking {facing}"
+
+
+@dataclass(frozen=True)
+class FileReport:
+    """What one file held; ``skipped`` and the ensembles are all of its bytes."""
+
+    path: str
+    bytes_total: int
+    ensembles: int  # good, dated and with velocities of four beams
+    left_out: DroppedCounts
+    three_beam: int  # currents solved from three beams, by this reader or by the instrument
+    lost: int  # ensembles missing by their numbers where bytes were skipped
+    skipped: tuple[Skipped, ...]
+    escaped: bool = False  # the bytes came with a modem's escapes, which were undone
+
+    @property
+    def bytes_skipped(self) -> int:
+        """Bytes that belong to no good ensemble."""
+        return sum(each.length for each in self.skipped)
+
+    @property
+    def damaged(self) -> int:
+        """Places that begin like an ensemble and whose checksum fails; chance pairs of 7F are among them."""
+        return sum(each.damaged for each in self.skipped)
+
+
+def count_lost_ensembles(offset: Places, number: Places, skipped: Sequence[Skipped]) -> int:
+    """Return how many ensembles are missing by number where bytes were skipped between two good ones.
+
+    Args:
+        offset: (n,) where the good ones begin, bytes, ascending.
+        number: (n,) their numbers.
+    """
+    after = np.searchsorted(offset, [each.offset for each in skipped])
+    inside = after[(after > 0) & (after < len(offset))]
+    gaps = number[inside] - number[inside - 1] - 1
+    # Numbers fall back where a recording begins anew: then nothing is known.
+    return int(gaps[gaps > 0].sum())
+
+
+def summarize_counts(
+    reports: Sequence[FileReport], leaders: Ensembles, heading_deg: Floats, choices: Settings
+) -> dict[str, int]:
+    """Return the numbers that go into the record.
+
+    Args:
+        heading_deg: (n,) NaN where missing.
+    """
+    names = "ensembles damaged lost bytes_skipped bytes_total three_beam"
+    summed = {name: sum(getattr(report, name) for report in reports) for name in names.split()}
+    summed |= asdict(sum((report.left_out for report in reports), DroppedCounts()))
+    return summed | {
+        "orientation_disagrees": int(np.sum(leaders.looks_up != mostly_looks_up(leaders, choices))),
+        "heading_missing": int(np.isnan(heading_deg).sum()),
+        "configurations": _configurations(leaders),
+    }
+
+
+def mostly_looks_up(leaders: Ensembles, choices: Settings) -> bool:
+    """Return whether the instrument looks up: by the metadata, else by most of its ensembles."""
+    return bool(np.mean(looks_up(leaders, choices)) > 0.5)
+
+
+def describe_reading(
+    reports: Sequence[FileReport], leaders: Ensembles, counts: dict[str, int], choices: Settings
+) -> tuple[str, ...]:
+    """Return the warnings of the record.
+
+    Args:
+        counts: from ``summarize_counts``, and ``velocities``, how many are known.
+    """
+    of_files = [line for report in reports for line in _of_file(report)]
+    return (*of_files, *_of_headings(leaders, counts, choices), *_of_configuration(leaders, counts, choices))
+
+
+def _of_file(report: FileReport) -> list[str]:
+    name = Path(report.path).name
+    lines = [f"{name} {files.ESCAPES_UNDONE}; places are those of the bytes after that."] * report.escaped
+    if report.skipped:
+        belong = f"{name}: {report.bytes_skipped} of {report.bytes_total} bytes belong to no good ensemble"
+        lines.append(f"{belong} and were skipped{_damage(report)}.")
+        lines.append(f"{name}: skipped {_ranges(report.skipped)}.")
+    why = {
+        "hold no velocities": report.left_out.without_velocity,
+        "have an impossible date": report.left_out.bad_dates,
+        "hold other columns than those of four beams": report.left_out.not_of_four_beams,
+    }
+    lines += [f"{name}: {count} good ensembles {reason} and were left out." for reason, count in why.items() if count]
+    return lines
+
+
+def _damage(report: FileReport) -> str:
+    if not report.damaged:
+        return ""
+    return (
+        f"; {report.damaged} places in them begin like an ensemble and fail its checksum, chance pairs of 7F included, "
+        f"and by the ensemble numbers {report.lost} ensembles are lost"
+    )
+
+
+def _ranges(skipped: Sequence[Skipped]) -> str:
+    shown = [f"bytes {s.offset} to {s.offset + s.length - 1} ({s.reason})" for s in skipped[:RANGES_SHOWN]]
+    rest = skipped[RANGES_SHOWN:]
+    if rest:
+        shown.append(f"and {len(rest)} more ranges of {sum(s.length for s in rest)} bytes in all")
+    return ", ".join(shown)
+
+
+def _of_headings(leaders: Ensembles, counts: dict[str, int], choices: Settings) -> list[str]:
+    lines = []
+    biases, applied = np.unique(leaders.heading_bias_deg), choices.declination_applied
+    written = _list(biases)
+    if applied is None and biases.any():
+        lines.append(f"The file's heading bias EB of {written} degrees was taken out of the headings.")
+    if applied is not None and (np.abs(np.subtract.outer(biases, applied)) > _BIAS_TOLERANCE_DEG).any():
+        lines.append(
+            f"declination_applied of {applied} degrees was taken out of the headings, "
+            f"although the file's heading bias EB is {written} degrees."
+        )
+    if leaders.heading_alignment_deg.any() and choices.heading_alignment is not None:
+        found = _list(np.unique(leaders.heading_alignment_deg))
+        added = f"heading_alignment of {choices.heading_alignment:g} degrees was added to the headings"
+        lines.append(f"{added}; the file's heading alignment EA is {found} degrees.")
+    if counts["heading_missing"]:
+        lines.append(f"{counts['heading_missing']} of {len(leaders)} ensembles have no valid heading.")
+    return lines
+
+
+def _of_configuration(leaders: Ensembles, counts: dict[str, int], choices: Settings) -> list[str]:
+    lines = []
+    if counts["orientation_disagrees"] > FEW_DISAGREE * len(leaders):
+        word, other = ("up", "down") if mostly_looks_up(leaders, choices) else ("down", "up")
+        says = "the others do, and each was turned by its own" if choices.orientation is None else "the metadata do"
+        count = counts["orientation_disagrees"]
+        lines.append(f"{count} of {len(leaders)} ensembles say that they looked {other}; {word} counts, as {says}.")
+    if counts["three_beam"] > MOST_OF_THREE * counts["velocities"]:
+        shown = f"{counts['three_beam']} of {counts['velocities']} currents"
+        lines.append(f"{shown} come from three beams: one beam is dead or weak, and nothing checks the other three.")
+    if counts["configurations"] > 1:
+        count = counts["configurations"]
+        lines.append(
+            f"The recording holds {count} configurations; bins that one lacks are padded, each has its ranges."
+        )
+    level = ~leaders.tilts_used
+    if (level & (leaders.coordinates == EARTH)).any():
+        lines.append("Velocities in earth coordinates were turned by the instrument without its tilts.")
+    if (level & (leaders.coordinates == SHIP)).any():
+        lines.append(
+            "Velocities in ship coordinates were recorded without tilts; they were turned as the instrument's own."
+        )
+    if np.isnan(leaders.beam_angle_deg).any():
+        lines.append("Some ensembles do not say their beam angle; beam velocities of theirs cannot be used.")
+    return [*lines, *describe_averages(float(np.median(leaders.average_s)), leaders.time_s)]
+
+
+def _configurations(leaders: Ensembles) -> int:
+    """Count them; the distance of bin 1 follows the speed of sound by a centimetre and makes none."""
+    columns = (
+        *(leaders.cells, leaders.cell_m, leaders.blank_m, leaders.coordinates),
+        *(leaders.beam_angle_deg, leaders.frequency_khz),
+    )
+    table: Floats = np.stack([np.asarray(column, dtype=float) for column in columns], axis=1)
+    table = np.where(np.isnan(table), -1.0, table)
+    # Most ensembles equal the one before; only the others are worth sorting.
+    changes = np.any(table[1:] != table[:-1], axis=1)
+    return len(np.unique(table[np.r_[True, changes]], axis=0))
+
+
+def _list(values: Floats) -> str:
+    return " and ".join(f"{value:g}" for value in values[:5]) + (" and others" if len(values) > 5 else "")
