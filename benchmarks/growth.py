@@ -31,7 +31,7 @@ from tests.world import draw
 YEARS, MOORINGS, FLEETS, HOURS = (0.25, 0.5, 1.0, 2.0), (1, 2, 4), (10, 100, 1000), 4000
 EFFECTS = ((), ("heeling",), ("heeling", "temperature"))
 MOST_RATIO, STEEPEST = 1.5, 1.2  # workflow over one process; power of the length that time and memory grow by
-ONE_PROCESS = "import sys; from compasslib.stages import pipeline; pipeline.process(*sys.argv[1:])"
+ONE_PROCESS = "import sys; from compasslib.pipeline.process import process_mooring; process_mooring(*sys.argv[1:])"
 
 
 def one_process(cruise: Path, name: str, *, published: bool = False) -> tuple[float, float]:

@@ -76,12 +76,12 @@ def redeployed(cruise: Path) -> None:
 def diagnosis(folder: Path) -> None:
     """The diagnosis of a simulated year with two effects."""
     from compasslib.demo.sealed import Wish
+    from compasslib.pipeline.process import process_mooring
     from compasslib.plots import diagnosis as figure
-    from compasslib.stages import pipeline
     from tests.world import draw
 
     cruise, _ = draw.write_alone(draw.Sealed("D1", LEFT_OUT, wish=Wish(wide=True), seed=4), folder)
-    made = pipeline.process(cruise, "D1", folder / "results", print)
+    made = process_mooring(cruise, "D1", folder / "results", print)
     figure.of_mooring(DOCS / "diagnosis.png", json.loads((made / "diagnosis.json").read_text()))
 
 

@@ -25,7 +25,7 @@ from compasslib import angles
 from compasslib.archive import netcdf
 from compasslib.demo.sealed import Wish
 from compasslib.effects import SIDES
-from compasslib.stages import pipeline
+from compasslib.pipeline.process import process_mooring
 from tests.world import draw
 
 FAULTS = (
@@ -42,7 +42,7 @@ def measured(job: tuple[int, int]) -> dict:
     with tempfile.TemporaryDirectory() as folder:
         one = draw.Sealed(f"R{k:03d}", {effect: size}, wish=Wish(wide=k // len(FAULTS) % 2 == 0), seed=seed)
         cruise, locked = draw.write_alone(one, Path(folder))
-        results = pipeline.process(cruise, one.name, Path(folder) / "results")
+        results = process_mooring(cruise, one.name, Path(folder) / "results")
         found = json.loads((results / "diagnosis.json").read_text())
         product = netcdf.read_corrected(results / "corrected.nc")
         time_s, heading, *_ = np.load(locked / f"{one.name}.npy")

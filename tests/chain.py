@@ -9,13 +9,13 @@ from typing import Any
 from compasslib.archive import netcdf, summary
 from compasslib.config import cruise
 from compasslib.errors import InputError
-from compasslib.stages import pipeline
+from compasslib.pipeline.process import run_stages
 
 
 def run(folder: Path, name: str = "M1") -> dict[str, Any]:
     """Return what the chain says of a mooring: its row of the summary, its files, or ``error``, the one line.
 
-    Unlike ``pipeline.process`` it writes where the workflow does, over what stands there, and leaves what it wrote.
+    Unlike ``process_mooring`` it writes where the workflow does, over what stands there, and leaves what it wrote.
 
     Args:
         folder: the cruise.
@@ -25,7 +25,7 @@ def run(folder: Path, name: str = "M1") -> dict[str, Any]:
     results.mkdir(parents=True, exist_ok=True)
     try:
         with chdir(folder):
-            pipeline.run(cruise.load(Path()), name, results)
+            run_stages(cruise.load(Path()), name, results)
         return _told(results) | {"error": None}
     except InputError as error:
         return {"error": f"error: {error}"}

@@ -98,7 +98,8 @@ def test_scripts_are_one_call(path):
     tree, stage = ast.parse(path.read_text()), path.stem
     assert ast.get_docstring(tree) and path.read_text().count("\n") <= 15
     assert [type(node) for node in tree.body[1:-1]] == [ast.ImportFrom, ast.ImportFrom]
-    assert ast.unparse(tree.body[-1]) == f"job(snakemake, {stage}.run)"
+    assert tree.body[2].module.startswith("compasslib.stages.") and tree.body[2].names[0].name == stage
+    assert ast.unparse(tree.body[-1]) == f"job(snakemake, {stage})"
 
 
 def test_angles_are_turned_in_one_place():

@@ -28,7 +28,7 @@ from compasslib.calibrations import content
 from compasslib.calibrations.curves import BenchReadings
 from compasslib.cli import _parser, folders, main, versions
 from compasslib.pipeline import reasons
-from compasslib.stages import pipeline
+from compasslib.pipeline.process import process_mooring
 
 DIAGNOSED = {
     **{"verdict": "consistent", "findings": [], "unexplained": None},
@@ -49,9 +49,9 @@ def refused(capsys, *words: str) -> str:
 def runs(tmp_path_factory) -> Path:
     """A cruise, and two runs of its mooring: another declination in the later one."""
     folder = cruise(tmp_path_factory.mktemp("cruise"), n=600)
-    pipeline.process(folder, "M1", folder / "old/M1")
+    process_mooring(folder, "M1", folder / "old/M1")
     change(folder / "config/moorings/M1.yaml", declination=-22.0)
-    pipeline.process(folder, "M1", folder / "new/M1")
+    process_mooring(folder, "M1", folder / "new/M1")
     return folder
 
 
@@ -416,9 +416,9 @@ def versions_of(tmp_path_factory) -> Path:
         text = (copy / "compasslib" / file).read_text()
         assert now in text
         (copy / "compasslib" / file).write_text(text.replace(now, then))
-    code = "import sys; from compasslib.stages import pipeline; pipeline.process(sys.argv[1], 'M1', sys.argv[2])"
+    code = "import sys; from compasslib.pipeline.process import process_mooring as f; f(sys.argv[1], 'M1', sys.argv[2])"
     subprocess.run([sys.executable, "-c", code, folder, folder / "old/M1"], check=True, env=environment(copy), cwd=copy)
-    pipeline.process(folder, "M1", folder / "new/M1")
+    process_mooring(folder, "M1", folder / "new/M1")
     return folder
 
 

@@ -18,7 +18,7 @@ from compasslib.config import calibrations, schema, values
 from compasslib.config import cruise as config
 from compasslib.errors import InputError
 from compasslib.pipeline import plan
-from compasslib.stages.pipeline import Job
+from compasslib.pipeline.process import Wildcards
 
 ROOT = Path(__file__).resolve().parents[1]
 MOORING_FILE = "config/moorings/EG4.yaml"
@@ -556,7 +556,7 @@ def test_headings_and_velocities_of_each_format_may_hold_different_declinations(
     both = "declination_applied: {heading: 0, velocity: -17.4}"
     for form, taken in (("pd0", True), ("rdi_text", False)):
         write(cruise, MOORING_FILE, SHORTEST.replace("format: pd0,", f"format: {form}, {both},"))
-        rules, job = plan.plan(config.load(cruise), Path()).moorings, Job("M1", "top")
+        rules, job = plan.plan(config.load(cruise), Path()).moorings, Wildcards("M1", "top")
         assert rules.place_and_declination(job)["applied"] == {"top (velocity)": -17.4}
         inside = {"heading": 0.0, "velocity": -17.4}
         assert rules.deployment(job)["declination_applied"] == (0.0 if taken else inside)

@@ -17,8 +17,8 @@ from compasslib.deviation import constant, correction, doubts, exact, windows
 from compasslib.deviation.model import Fit
 from compasslib.inference import conclusion
 from compasslib.inference.verdict import Diagnosis
+from compasslib.pipeline.process import process_mooring
 from compasslib.records import GOOD, PROBABLY_BAD, Pairs
-from compasslib.stages import pipeline
 
 DECLINATION_DEG, SIGMA_DEG = 18.0, 1.3
 
@@ -239,7 +239,7 @@ def test_a_declination_applied_twice_is_ambiguous_with_all_headings_flagged_unle
     content = yaml.safe_load(settings.read_text())
     content["instruments"]["top"]["declination_applied"] = -27.0
     settings.write_text(yaml.safe_dump(content | {"confirmed": {"constant": confirmed}}))
-    made = pipeline.process(folder, "M1", tmp_path / "out")
+    made = process_mooring(folder, "M1", tmp_path / "out")
     diagnosis, product = netcdf.read_json(made / "diagnosis.json"), netcdf.read_corrected(made / "corrected.nc")
     questioned = [finding["effect"] for finding in diagnosis["findings"]] == ["declination_error"]
     assert questioned is not confirmed

@@ -15,9 +15,9 @@ import pytest
 from launch import PROJECT, change, keeps_contract, snakemake
 
 from compasslib import angles
+from compasslib.pipeline.process import process_mooring
 from compasslib.preparation import deployment
 from compasslib.readers import table
-from compasslib.stages import pipeline
 
 EXAMPLE = PROJECT / "examples/lowered_adcp"
 
@@ -86,7 +86,7 @@ def test_it_keeps_the_contract(done):
 def test_with_the_rules_of_a_mooring_there_is_nothing_to_fit(done, tmp_path):
     folder = shutil.copytree(done, tmp_path / "station")
     change(folder / "config/config.yaml", overlap={})
-    results = pipeline.process(folder, "LADCP1", tmp_path / "LADCP1")
+    results = process_mooring(folder, "LADCP1", tmp_path / "LADCP1")
     deviation = json.loads((results / "deviation.json").read_text())
     assert deviation["n_pairs"] < 5 and deviation["coefficients"] is None
 

@@ -14,7 +14,7 @@ import yaml
 from launch import PROJECT, change, keeps_contract, planned, snakemake
 
 from compasslib import angles
-from compasslib.stages import pipeline
+from compasslib.pipeline.process import process_mooring
 from tests.world import redeployed
 
 EXAMPLE = PROJECT / "examples/redeployed"
@@ -80,7 +80,7 @@ def test_a_mooring_that_names_no_compass_is_as_it_was(done):
 
 
 def test_one_mooring_by_itself_gives_the_workflow_s_files(done, tmp_path):
-    made = pipeline.process(done, "R4", tmp_path / "R4")
+    made = process_mooring(done, "R4", tmp_path / "R4")
     for file in ("deviation.json", "diagnosis.json", "assessment.json", "corrected.nc", "work/alone/summary.json"):
         assert (made / file).read_bytes() == (done / "results/R4" / file).read_bytes(), file
 

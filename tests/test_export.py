@@ -23,12 +23,12 @@ from compasslib.archive.files import HALF_WRITTEN
 from compasslib.cli import export as export_command
 from compasslib.cli import main
 from compasslib.errors import InputError
+from compasslib.pipeline.process import process_mooring
 from compasslib.preparation import deployment
 from compasslib.readers import pd0
 from compasslib.readers.pd0 import rewrite
 from compasslib.readers.pd0.frames import iter_chunks
 from compasslib.records import MISSING, Corrected
-from compasslib.stages import pipeline
 
 EH2 = SHARED / "pd0/eh2_20060530_20060717_0007m.000"
 READ = {"declination_applied": None, "heading_alignment": None}
@@ -52,7 +52,7 @@ def world(tmp_path_factory) -> Path:
     deep["columns"] = {"time": "time_utc", "depth": "depth_m", "east": "u_cm_s", "north": "v_cm_s", "scale": 0.01}
     begin = START.replace(hour=5).strftime("%Y-%m-%dT%H:%M:%SZ")
     change(folder / "config/moorings/M1.yaml", start=begin, instruments={"top": top, "deep": deep})
-    pipeline.process(folder, "M1", folder / "corrected/M1")
+    process_mooring(folder, "M1", folder / "corrected/M1")
     return folder
 
 

@@ -21,8 +21,8 @@ from compasslib.inference.case import mooring_case
 from compasslib.inference.comparison import Options
 from compasslib.inference.kinds import mooring
 from compasslib.inference.kinds.mooring import diagnose
+from compasslib.pipeline.process import process_mooring
 from compasslib.records import GOOD, EarthField, Pairs, Record, take
-from compasslib.stages import pipeline
 from tests.world import pairs as world
 from tests.world.pairs import red_from_rest as red_noise
 
@@ -500,5 +500,5 @@ def test_tides_that_a_profiler_meets_twice_a_day_do_not_stand_for_a_constant(tmp
     # Two of the five waves are nearly constant there; the compass's own A was traded for them without bound.
     shutil.copytree(ROOT / "config", tmp_path / "config")
     demonstration.write_mooring("EG5", tmp_path / "raw", tmp_path / "truth.csv", 2007)
-    made = pipeline.process(tmp_path, "EG5", tmp_path / "EG5")
+    made = process_mooring(tmp_path, "EG5", tmp_path / "EG5")
     assert read_json(made / "diagnosis.json")["verdict"] == "consistent"

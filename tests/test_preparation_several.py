@@ -15,9 +15,9 @@ from compasslib import angles, compass, deviation
 from compasslib.archive import netcdf
 from compasslib.deviation import model
 from compasslib.errors import InputError
+from compasslib.pipeline.process import process_mooring
 from compasslib.preparation import overlap, several
 from compasslib.records import take
-from compasslib.stages import pipeline
 
 NAMES = ("low", "mid", "high")
 
@@ -118,7 +118,7 @@ def test_a_list_runs_through_the_pipeline_and_stands_in_overlap_nc(tmp_path):
     said["reference"] = ["deep", "other"]
     file.write_text(yaml.safe_dump(said))
     lines = []
-    folder = pipeline.process(cruise, "M1", tmp_path / "out", lines.append)
+    folder = process_mooring(cruise, "M1", tmp_path / "out", lines.append)
     pairs = netcdf.read_pairs(folder / "overlap.nc")
     assert pairs.reference_names == ("deep", "other")
     assert np.bincount(pairs.reference_index).tolist() == [1200, 600]
@@ -128,4 +128,4 @@ def test_a_list_runs_through_the_pipeline_and_stands_in_overlap_nc(tmp_path):
     said["reference"] = ["deep", "deep"]
     file.write_text(yaml.safe_dump(said))
     with pytest.raises(InputError, match="each name once"):
-        pipeline.process(cruise, "M1", tmp_path / "again")
+        process_mooring(cruise, "M1", tmp_path / "again")

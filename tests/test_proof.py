@@ -381,7 +381,7 @@ def test_the_world_knows_no_engine_and_the_scorer_only_files():
     knowing = {
         "world": ("compasslib.demo", "compasslib.readers"),
         "steps": ("tests.world.draw",),
-        "run": ("compasslib.stages",),
+        "run": ("compasslib.pipeline.process",),
         "figures": ("compasslib.plots.page",),
         "bounds": ("compasslib",),  # fits of the library, by definition its own
     }

@@ -464,7 +464,7 @@ def test_a_killed_job_is_named_with_the_likely_cause_and_what_to_do(sound, tmp_p
     project = copied_project(tmp_path / "project", "compasslib", "workflow", "Snakefile")
     stage = project / "compasslib/stages/read.py"
     # Its parameters are those of the stage; the process ends itself as the kernel ends one that takes too much memory.
-    stage.write_text(stage.read_text() + "\n\ndef run(*_, **__):\n    import os\n\n    os.kill(os.getpid(), 9)\n")
+    stage.write_text(stage.read_text() + "\n\ndef read(*_, **__):\n    import os\n\n    os.kill(os.getpid(), 9)\n")
     ran = snakemake(spoilt(sound, tmp_path, lambda there: None), "results/M1/work/top.nc", project=project)
     said = ran.stderr.splitlines()
     assert ran.returncode != 0 and "Killed: 1" in said

@@ -17,7 +17,8 @@ from threadpoolctl import threadpool_info, threadpool_limits
 from compasslib import deviation
 from compasslib.archive import netcdf
 from compasslib.errors import InputError
-from compasslib.stages import compare, pipeline
+from compasslib.pipeline import process as processing
+from compasslib.stages import correct
 
 OF_THE_RUN = ("logs", "benchmarks")  # times, and who wrote what
 BENCH = {"kind": "platform", "file": "raw/bench.csv", "latitude": 65.0, "longitude": -33.0, "date": "2007-08-01"}
@@ -44,7 +45,7 @@ def processed(tmp_path_factory) -> Path:
 @pytest.mark.parametrize(("mooring", "refuted"), [("M1", False), ("M2", True)])
 def test_the_products_are_the_workflow_s_to_the_last_bit(processed, tmp_path, mooring, refuted):
     said: list[str] = []
-    there = pipeline.process(processed, mooring, tmp_path / "new/here", say=said.append)
+    there = processing.process_mooring(processed, mooring, tmp_path / "new/here", say=said.append)
     assert there == tmp_path / "new/here" and any("headings corrected" in line for line in said)
     assert bool(netcdf.read_json(there / "assessment.json")["refuted"]) is refuted
     files = {path.relative_to(there) for path in there.rglob("*") if path.is_file()}
@@ -71,9 +72,9 @@ def test_stages_and_the_library_take_one_thread_and_give_the_others_back(process
         return SimpleNamespace(fitted=False)
 
     monkeypatch.setitem(deviation.METHODS, "exact", fit)
-    monkeypatch.setattr(compare, "run", lambda *_, **__: seen.update(stage=threads_of_linear_algebra()))
+    monkeypatch.setattr(correct, "compare", lambda *_, **__: seen.update(stage=threads_of_linear_algebra()))
     with threadpool_limits(2, user_api="blas"):
-        pipeline._do("compare", pipeline.Job("M1"), {})
+        processing._do("compare", processing.Wildcards("M1"), {})
         deviation.fit("exact", None)
         assert threads_of_linear_algebra() == {2}
     assert seen == {"stage": {1}, "library": {1}}
@@ -97,7 +98,7 @@ def test_a_library_that_is_loaded_within_takes_one_thread_too():
 def test_the_working_folder_is_left_as_it_was(processed, tmp_path, monkeypatch):
     monkeypatch.chdir(processed.parent)
     change(processed / "config/config.yaml", diagnose={"enabled": False})
-    pipeline.process(processed.name, "M1", tmp_path / "here")
+    processing.process_mooring(processed.name, "M1", tmp_path / "here")
     assert Path.cwd() == processed.parent and (tmp_path / "here/corrected.nc").is_file()
 
 
@@ -105,7 +106,7 @@ def test_a_damaged_raw_file_leaves_nothing(tmp_path):
     folder = cruise(tmp_path / "c", n=50)
     (folder / "raw/M1/top.000").write_bytes(b"no recording" * 100)
     with pytest.raises(InputError, match=r"raw/M1/top\.000"):
-        pipeline.process(folder, "M1", tmp_path / "out/M1")
+        processing.process_mooring(folder, "M1", tmp_path / "out/M1")
     assert list((tmp_path / "out").iterdir()) == []
 
 
@@ -120,7 +121,7 @@ def test_a_damaged_raw_file_leaves_nothing(tmp_path):
 def test_what_is_refused(tmp_path, mooring, into, line):
     folder = cruise(tmp_path / "c", n=5)
     with pytest.raises(InputError, match=line):
-        pipeline.process(folder, mooring, tmp_path / into)
+        processing.process_mooring(folder, mooring, tmp_path / into)
     assert [path.name for path in tmp_path.iterdir()] == ["c"] and not (folder / "results").exists()
 
 
@@ -153,15 +154,15 @@ def test_a_run_that_is_terminated_leaves_nothing(running):
 def test_what_a_killed_run_left_goes_with_the_next_and_nothing_else_does(running):
     folder, process = running
     (living,) = half_done(folder)
-    pipeline._clear_after_a_kill(folder / "corrected/M1")
+    processing._clear_after_a_kill(folder / "corrected/M1")
     assert living.is_dir(), "another run is at work there"
     process.kill()
     process.wait()
     theirs = [folder / f"corrected/{name}" for name in (".M1.old", ".M1.compass-correct.mine", ".M2.compass-correct.x")]
     for other in theirs:
         other.mkdir()
-    (theirs[2] / pipeline.MARK).touch()
+    (theirs[2] / processing.MARK).touch()
     link = folder / "corrected/.M1.compass-correct.link"
     link.symlink_to(theirs[2])
-    pipeline._clear_after_a_kill(folder / "corrected/M1")
-    assert sorted(half_done(folder)) == sorted([*theirs, link]) and (theirs[2] / pipeline.MARK).exists()
+    processing._clear_after_a_kill(folder / "corrected/M1")
+    assert sorted(half_done(folder)) == sorted([*theirs, link]) and (theirs[2] / processing.MARK).exists()

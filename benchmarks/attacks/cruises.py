@@ -18,7 +18,7 @@ import yaml
 
 from compasslib.archive import netcdf, summary
 from compasslib.errors import InputError
-from compasslib.stages import pipeline
+from compasslib.pipeline.process import process_mooring
 
 HOUR_S = 3600.0
 HEADING, FIXED, VARIABLE, VELOCITY = 18, 0x0000, 0x0080, 0x0100
@@ -407,7 +407,7 @@ def run(cruise: Cruise, into: Path) -> Outcome:
     The errors of all samples stay beside the results, in ``errors.npz``.
     """
     try:
-        made = pipeline.process(cruise.folder, cruise.settings["name"], into)
+        made = process_mooring(cruise.folder, cruise.settings["name"], into)
     except InputError as error:
         return Outcome(refused=str(error))
     names = cruise.settings.get("reference") or []

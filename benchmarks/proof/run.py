@@ -14,7 +14,7 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from compasslib.stages import pipeline
+from compasslib.pipeline.process import process_mooring
 
 PROJECT = Path(__file__).resolve().parents[2]
 SCORED = ("corrected.nc", "diagnosis.json", "deviation.json")
@@ -49,7 +49,7 @@ def process(cruise: Path, name: str, folder: Path) -> str:
         folder: of its results; what stopped leaves ``stopped.txt`` there.
     """
     try:
-        pipeline.process(cruise, name, folder)
+        process_mooring(cruise, name, folder)
     except Exception as error:  # what stops one mooring is scored as that
         folder.mkdir(parents=True, exist_ok=True)
         wrong = f"{type(error).__name__}: {error}"

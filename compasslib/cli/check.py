@@ -24,12 +24,12 @@ from compasslib.config.schema import Covariate, Instrument, Mooring
 from compasslib.declination import Applied, applied
 from compasslib.errors import InputError
 from compasslib.pipeline import plan
+from compasslib.pipeline.process import Wildcards, read_settings
 from compasslib.preparation import overlap
 from compasslib.readers import iaga2002, table
 from compasslib.readers.pd0.checks import match_serial_number
 from compasslib.records import BAD, Pairs, Record
 from compasslib.stages import read
-from compasslib.stages.pipeline import Job, reading
 from compasslib.types import Floats
 
 DAY_S = 86400.0
@@ -122,9 +122,9 @@ def _mooring(name: str, planned: plan.Plan) -> Inspection:
     problems, warnings, rows = list[str](), list[str](), [HEAD]
     for role in (*used, *(other for other in mooring.instruments if other not in used)):
         try:
-            record = records[role] = read.record_of(**reading(rules, Job(name, role)) | {"series": {}})
+            record = records[role] = read.record_of(**read_settings(rules, Wildcards(name, role)) | {"series": {}})
             rows.append(_row(role, _part(role, mooring), mooring.instruments[role], record))
-            match_serial_number(f"{name}: {role}", record.serial_number, rules.serial_number(Job(name, role)))
+            match_serial_number(f"{name}: {role}", record.serial_number, rules.serial_number(Wildcards(name, role)))
         except InputError as error:
             problems.append(f"{name}: {role}: {error}")
     series, unusable = _covariates(name, mooring.covariates, (mooring.start_s, mooring.end_s))
@@ -176,7 +176,7 @@ def _covariates(
 
 
 def _calibration(name: str, planned: plan.Plan) -> Inspection:
-    rules, job = planned.calibrations, Job(calibration=name)
+    rules, job = planned.calibrations, Wildcards(calibration=name)
     try:
         made = calibrations.calibrate(rules.kind(job), rules.raw_files(job), calibrations.settled(rules.settings(job)))
     except InputError as error:
@@ -252,7 +252,7 @@ def _directions(record: Record, inside: Applied | None) -> str:
 
 
 def _of_pairs(name: str, rules: plan.Moorings, records: Sequence[Record]) -> Inspection:
-    job, problems = Job(name), []
+    job, problems = Wildcards(name), []
     try:
         along = earthfield.along_time(**rules.place_and_declination(job))
     except InputError as error:

@@ -7,7 +7,7 @@ from argparse import Namespace
 from pathlib import Path
 
 from compasslib.cli import gathered
-from compasslib.stages import pipeline
+from compasslib.pipeline.process import process_mooring
 
 
 def run(asked: Namespace) -> int:
@@ -27,7 +27,7 @@ def run(asked: Namespace) -> int:
         warnings.extend(more)
         print(*lines, sep="\n", file=sys.stderr, flush=True)
 
-    pipeline.process(asked.cruise, asked.mooring, folder, say)
+    process_mooring(asked.cruise, asked.mooring, folder, say)
     gathered.tell(warnings)
     print(folder)
     return 0

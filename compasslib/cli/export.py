@@ -21,11 +21,11 @@ from compasslib.config import cruise as config
 from compasslib.declination import applied
 from compasslib.errors import InputError
 from compasslib.pipeline import plan
+from compasslib.pipeline.process import Wildcards
 from compasslib.preparation import deployment
 from compasslib.readers.pd0 import rewrite
 from compasslib.readers.pd0.fields import Leaders
 from compasslib.records import PROBABLY_BAD
-from compasslib.stages.pipeline import Job
 from compasslib.types import Floats
 
 SAME_TIME_S, SAME_HEADING_DEG = 0.001, 0.006  # of an ensemble and its sample: what rounding leaves
@@ -137,7 +137,7 @@ class _Product:
         if mooring not in rules.cruise.moorings:
             expected = f"a mooring of the cruise ({', '.join(rules.cruise.moorings) or 'it has none'})"
             raise InputError(mooring, expected=expected, found="another name", advice="write its name, and --cruise")
-        job = Job(mooring, rules.cruise.moorings[mooring].compromised)
+        job = Wildcards(mooring, rules.cruise.moorings[mooring].compromised)
         if rules.form(job) != "pd0":
             advice = "export it to csv, mat or oceansites"
             raise InputError(

@@ -1,6 +1,6 @@
-"""The stages of the workflow, a module each: files in, files out, and one line that says what came of it.
+"""The stages of the workflow: files in, files out, and one line that says what came of it.
 
-A stage's ``run`` takes what its rule in the Snakefile names. The rule ``read``
+A stage is a function that takes what its rule in the Snakefile names. The rule ``read``
 makes the record of one instrument:
 
 >>> import tempfile
@@ -12,9 +12,9 @@ makes the record of one instrument:
 >>> when = {"start_s": 1405468800.0, "end_s": 1405555200.0}
 >>> where = {"water_depth": 517.0, "latitude": 66.5, "nominal_depth": 500.0, "direction_reference": "true"}
 >>> columns = {"time": "time", "depth": "depth", "east": "u", "north": "v"}
->>> read.run("M1", "deep", raw=[str(folder / "deep.csv")], record=str(folder / "deep.nc"), form="table",
+>>> read.read("M1", "deep", raw=[str(folder / "deep.csv")], record=str(folder / "deep.nc"), form="table",
 ...          reader={"columns": columns}, deployment=when | where, series={}, say=print)
 M1 deep: 24 samples of 1 bins (rows 24)
 
-``pipeline.process`` runs the stages of one mooring of a cruise, one after the other, without Snakemake.
+``pipeline.process.process_mooring`` runs the stages of one mooring of a cruise, one after the other, without Snakemake.
 """

@@ -1,4 +1,4 @@
-"""Correct one instrument: headings, velocities and their uncertainty in the archive's form."""
+"""Correct one instrument, and compare forms of the deviation curve on held-out pairs."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from typing import Any
 
 from compasslib import earthfield
 from compasslib.archive import netcdf, provenance
-from compasslib.deviation import correction
+from compasslib.deviation import assessment, correction
 from compasslib.inference import covariates, product
 from compasslib.preparation import several
 
 
-def run(
+def correct(
     mooring: str,
     *,
     record: str,
@@ -57,3 +57,11 @@ def run(
         processing=provenance.processing(made_by, along, sources),
     )
     say(correction.log_line(mooring, made))
+
+
+def compare(mooring: str, *, pairs: str, deviation: str, forms: str, say: Callable[[str], None]) -> None:
+    """Write which form predicts best; no other stage waits for it."""
+    made_by = product.from_json(netcdf.read_json(deviation))
+    compared = assessment.compare_forms(several.together(netcdf.read_pairs(pairs)), made_by.fit)
+    netcdf.write_json(forms, {"forms": compared})
+    say(assessment.forms_line(mooring, compared))

@@ -15,7 +15,7 @@ from compasslib.plots import diagnosis as hypotheses
 from compasslib.preparation import several
 
 
-def run(
+def figures(
     mooring: str,
     *,
     pairs: str,

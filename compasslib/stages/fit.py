@@ -1,4 +1,4 @@
-"""Fit the deviation model to the pairs."""
+"""Fit the deviation model to the pairs, or carry a calibration made elsewhere to the mooring."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ from collections.abc import Callable
 
 from compasslib import deviation, earthfield
 from compasslib.archive import netcdf
+from compasslib.calibrations import at_mooring
 from compasslib.preparation import several
 
 
-def run(
+def fit(
     mooring: str, *, record: str, pairs: str, field: str, fit: str, method: str, tilt: bool, say: Callable[[str], None]
 ) -> None:
     """Write the fit, and how often each heading occurs in the record that it is to correct.
@@ -21,3 +22,18 @@ def run(
     fitted = deviation.fit(method, several.together(netcdf.read_pairs(pairs)), dip_ratio=dip_ratio)
     netcdf.write_json(fit, deviation.described(fitted, netcdf.read_record(record, velocities=False)))
     say(deviation.log_line(mooring, fitted))
+
+
+def carry(
+    mooring: str, *, calibration: str, record: str, pairs: str, field: str, fit: str, say: Callable[[str], None]
+) -> None:
+    """Write the calibration's model as it is in the mooring's field.
+
+    Args:
+        pairs: they are held against it; nothing is fitted to them.
+    """
+    own, there = netcdf.read_record(record), earthfield.from_json(netcdf.read_json(field))
+    elsewhere = netcdf.read_json(calibration)
+    carried = at_mooring.carried(elsewhere, there, own, several.together(netcdf.read_pairs(pairs)))
+    netcdf.write_json(fit, deviation.described(carried, own) | at_mooring.origin(elsewhere, there))
+    say(deviation.log_line(mooring, carried))

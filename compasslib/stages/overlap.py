@@ -9,10 +9,11 @@ from typing import Any
 from compasslib import earthfield
 from compasslib import observatory as observatories
 from compasslib.archive import netcdf, provenance
-from compasslib.preparation import overlap, several
+from compasslib.preparation import overlap as rules_of_pairs
+from compasslib.preparation import several
 
 
-def run(
+def overlap(
     mooring: str,
     *,
     upper: str,
@@ -43,11 +44,11 @@ def run(
     above, below = netcdf.read_record(upper), [netcdf.read_record(file) for file in lower]
     # Named from the mooring's own folder, so that the file is the same wherever that stands.
     made = provenance.origin("pairs found", [upper, *lower], within=Path(pairs).parent)
-    asked = overlap.Rules(**rules)
+    asked = rules_of_pairs.Rules(**rules)
     each = [[one] for one in below] or [[]]
-    clocks = [overlap.clocks(above, one, asked) for one in each]
-    for file, by in ((wide, overlap.widened(asked)), (pairs, asked)):
-        found = [overlap.find(above, one, along, by, clock) for one, clock in zip(each, clocks, strict=True)]
+    clocks = [rules_of_pairs.clocks(above, one, asked) for one in each]
+    for file, by in ((wide, rules_of_pairs.widened(asked)), (pairs, asked)):
+        found = [rules_of_pairs.find(above, one, along, by, clock) for one, clock in zip(each, clocks, strict=True)]
         every = several.joined(found, [Path(one).stem for one in lower])
         netcdf.write_pairs(file, every, attributes=made)
-    say(overlap.log_line(mooring, every))
+    say(rules_of_pairs.log_line(mooring, every))

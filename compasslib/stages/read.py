@@ -13,7 +13,7 @@ from compasslib.preparation import deployment as deployments
 from compasslib.records import Record
 
 
-def run(
+def read(
     mooring: str,
     role: str,
     *,
@@ -50,6 +50,6 @@ def record_of(
     deployment: Mapping[str, Any],
     series: Mapping[str, Mapping[str, Any]],
 ) -> Record:
-    """Return the record of one instrument; arguments and errors as for ``run``."""
+    """Return the record of one instrument; arguments and errors as for ``read``."""
     read = readers.read(form, [Path(file) for file in raw], reader)
     return channels.beside(channels.witnessed(deployments.settle(read, **deployment)), series)

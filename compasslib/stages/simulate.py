@@ -15,7 +15,7 @@ from compasslib.errors import InputError
 from compasslib.pipeline import ledger
 
 
-def run(*, raw: Sequence[str], truth: str, name: str, seed: int, say: Callable[[str], None]) -> None:
+def simulate(*, raw: Sequence[str], truth: str, name: str, seed: int, say: Callable[[str], None]) -> None:
     """Write the raw files, and the truth apart from them.
 
     Raises:

@@ -1,6 +1,6 @@
 """Calibrate a compass apart from any mooring: raw readings -> results/calibrations/NAME/calibration.json and tables."""
 
 from compasslib.pipeline.job import job
-from compasslib.stages import calibrate
+from compasslib.stages.calibrate import calibrate
 
-job(snakemake, calibrate.run)
+job(snakemake, calibrate)

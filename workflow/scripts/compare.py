@@ -1,6 +1,6 @@
 """Compare forms of the curve on pairs held out from each: pairs, deviation -> results/MOORING/forms.json."""
 
 from compasslib.pipeline.job import job
-from compasslib.stages import compare
+from compasslib.stages.correct import compare
 
-job(snakemake, compare.run)
+job(snakemake, compare)

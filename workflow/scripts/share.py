@@ -1,6 +1,6 @@
 """Judge a record with what the others tell: compass.json, pairs -> results/MOORING/{diagnosis,deviation}.json."""
 
 from compasslib.pipeline.job import job
-from compasslib.stages import share
+from compasslib.stages.diagnose import share
 
-job(snakemake, share.run)
+job(snakemake, share)

@@ -1,6 +1,6 @@
 """Simulate one demonstration mooring: seed -> raw/MOORING/ as its instruments left it, and truth/MOORING.csv."""
 
 from compasslib.pipeline.job import job
-from compasslib.stages import simulate
+from compasslib.stages.simulate import simulate
 
-job(snakemake, simulate.run)
+job(snakemake, simulate)

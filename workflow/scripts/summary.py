@@ -1,6 +1,6 @@
 """Write one row a mooring: all results -> results/summary.csv."""
 
 from compasslib.pipeline.job import job
-from compasslib.stages import summary
+from compasslib.stages.cruise import summary
 
-job(snakemake, summary.run)
+job(snakemake, summary)

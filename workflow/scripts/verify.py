@@ -1,6 +1,6 @@
 """Verify the archive: the files of the cruise -> what differs from its manifest, a line each."""
 
 from compasslib.pipeline.job import job
-from compasslib.stages import verify
+from compasslib.stages.cruise import verify
 
-job(snakemake, verify.run)
+job(snakemake, verify)

@@ -35,11 +35,12 @@ FILES = {
     "forms": "forms.json",
     "corrected": "corrected.nc",
 }  # of a mooring's folder, by the names that the workflow's rules give them
+MODULES = {"carry": "fit", "share": "diagnose", "join": "diagnose", "compare": "correct"}  # of stages that share one
 TEMPORARY, MARK = ".compass-correct.", "compass-correct.lock"  # of a folder of results until it is whole
 
 
 @dataclass(frozen=True)
-class Job:
+class Wildcards:
     """The wildcards of a job, as the workflow's rules know them."""
 
     mooring: str = ""
@@ -48,7 +49,7 @@ class Job:
     compass: str = ""
 
 
-def process(
+def process_mooring(
     cruise: str | Path, mooring: str, folder: str | Path, say: Callable[[str], None] = lambda line: None
 ) -> Path:
     """Correct one mooring of a cruise and return the folder of its results, which appears whole or not at all.
@@ -68,11 +69,11 @@ def process(
         raise InputError(mooring, expected=expected, found="another name", advice="write one of these names")
     _refuse_taken(there, loaded.root.absolute() / "results")
     with _whole(there) as inside, chdir(loaded.root):
-        run(loaded, mooring, inside, say)
+        run_stages(loaded, mooring, inside, say)
     return there
 
 
-def run(cruise: Cruise, mooring: str, folder: Path, say: Callable[[str], None] = lambda line: None) -> None:
+def run_stages(cruise: Cruise, mooring: str, folder: Path, say: Callable[[str], None] = lambda line: None) -> None:
     """Run the stages of one mooring into a folder, over what stands there; the cruise is the working folder.
 
     Args:
@@ -82,20 +83,20 @@ def run(cruise: Cruise, mooring: str, folder: Path, say: Callable[[str], None] =
     given = _alone(planned, mooring, folder, say)
     compass = planned.compasses.moorings.get(mooring)
     if compass is None:
-        _do("diagnose", Job(mooring), given)
+        _do("diagnose", Wildcards(mooring), given)
     else:
         made = _judged_alone(given, mooring, folder)
         joined = _joined(planned, compass, mooring, folder, made)
         alone = [made[name] for name in ("diagnosis", "deviation", "assessment")]
-        _do("share", Job(mooring), given | {"joined": joined, "alone": alone})
+        _do("share", Wildcards(mooring), given | {"joined": joined, "alone": alone})
     for rule in ("compare", "correct"):
-        _do(rule, Job(mooring), given)
+        _do(rule, Wildcards(mooring), given)
 
 
 def _alone(planned: plan.Plan, mooring: str, folder: Path, say: Callable[[str], None]) -> dict[str, Any]:
     """Read one mooring, pair and fit it; return what all of its rules may name."""
-    rules, job = planned.moorings, Job(mooring)
-    used = [Job(mooring, role) for role in rules.roles([mooring])[mooring]]
+    rules, job = planned.moorings, Wildcards(mooring)
+    used = [Wildcards(mooring, role) for role in rules.roles([mooring])[mooring]]
     records = [str(folder / f"work/{each.role}.nc") for each in used]
     given = {name: str(folder / file) for name, file in FILES.items()} | {
         "record": records[0],
@@ -114,7 +115,7 @@ def _alone(planned: plan.Plan, mooring: str, folder: Path, say: Callable[[str], 
     for file in (*FILES.values(), "work/record"):
         (folder / file).parent.mkdir(parents=True, exist_ok=True)
     for each, record in zip(used, records, strict=True):
-        _do("read", each, given | reading(rules, each) | {"record": record})
+        _do("read", each, given | read_settings(rules, each) | {"record": record})
     _do("overlap", job, given | {"upper": records[0], "lower": records[1:]})
     if given["method"] == at_mooring.METHOD:
         name = str(planned.cruise.moorings[mooring].fit.name)
@@ -127,7 +128,7 @@ def _judged_alone(given: Mapping[str, Any], mooring: str, folder: Path) -> dict[
     """Judge a record of a shared compass by itself; return what it shows and what others may learn from it."""
     made = {name: str(folder / f"work/alone/{name}.json") for name in compasses.ALONE}
     (folder / "work/alone").mkdir(parents=True, exist_ok=True)
-    _do("diagnose", Job(mooring), {**given, **made})
+    _do("diagnose", Wildcards(mooring), {**given, **made})
     return made
 
 
@@ -149,7 +150,7 @@ def _joined(planned: plan.Plan, compass: str, mooring: str, folder: Path, own: M
         with suppress(InputError):
             calibrations.append(_calibrated(planned.calibrations, name, folder / "work/calibrations", say))
     files = {"joined": str(there / "compass.json"), "diagnosis": str(there / "diagnosis.json")}
-    job = Job(compass=compass)
+    job = Wildcards(compass=compass)
     rules = {
         "summaries": summaries,
         "calibrations": calibrations,
@@ -161,15 +162,15 @@ def _joined(planned: plan.Plan, compass: str, mooring: str, folder: Path, own: M
     return files["joined"]
 
 
-def _do(rule: str, job: Job, given: Mapping[str, Any]) -> None:
+def _do(rule: str, job: Wildcards, given: Mapping[str, Any]) -> None:
     """Run the stage of a rule with what it takes by name, as the workflow does; only then is it imported."""
-    stage = import_module(f"compasslib.stages.{rule}").run
+    stage = getattr(import_module(f"compasslib.stages.{MODULES.get(rule, rule)}"), rule)
     wildcards = [name for name in vars(job).values() if name]
     with single_threaded():
         stage(*wildcards, **{name: given[name] for name in signature(stage).parameters if name in given})
 
 
-def reading(rules: plan.Moorings, job: Job) -> dict[str, Any]:
+def read_settings(rules: plan.Moorings, job: Wildcards) -> dict[str, Any]:
     """Return the arguments of ``read.record_of`` for one instrument."""
     return {
         "raw": rules.raw_files(job),
@@ -182,7 +183,7 @@ def reading(rules: plan.Moorings, job: Job) -> dict[str, Any]:
 
 def _calibrated(rules: plan.Calibrations, name: str, folder: Path, say: Callable[[str], None]) -> str:
     """Calibrate here and now, after those that it is compared with, and return its calibration.json."""
-    job, other = Job(calibration=name), rules.cruise.calibrations[name].compare_with
+    job, other = Wildcards(calibration=name), rules.cruise.calibrations[name].compare_with
     files = {file.split(".")[0]: str(folder / name / file) for file in ("calibration.json", "table.csv", "points.csv")}
     (folder / name).mkdir(parents=True, exist_ok=True)
     given = {"raw": rules.raw_files(job), "kind": rules.kind(job), "settings": rules.settings(job), "say": say}
