@@ -26,9 +26,8 @@ from compasslib.deviation import correction
 from compasslib.deviation import model as fits
 from compasslib.deviation.model import Fit
 from compasslib.effects import CATALOGUE, SIDES
-from compasslib.inference import baseline, grammar, model, product
-from compasslib.inference.case import mooring_case
-from compasslib.inference.comparison import Options
+from compasslib.inference import design, diagnosis, grammar, product
+from compasslib.inference.comparison import Options, compare_pairs
 from compasslib.inference.kinds.mooring import diagnose
 from compasslib.records import EarthField, Pairs
 from tests.world import pairs as sea
@@ -138,10 +137,10 @@ def measure(kind: str, index: int, seed: int, *, red: bool = False) -> dict:
 
 def against_oracle(drawn, fit, field, found) -> dict:
     """Return heading errors, held-out gains and parameter errors beside those of the true model fitted."""
-    case = mooring_case(drawn.pairs, drawn.covariates, fit, field)
-    empty = baseline.examine(case, case.simulation, np.zeros(case.nuisance.shape[1]))
+    case = compare_pairs(drawn.pairs, drawn.covariates, fit, field)
+    empty = design.evaluate_model(case, case.simulation, np.zeros(case.nuisance.shape[1]))
     terms = [true_term(name, values) for name, values in drawn.truth.items()]
-    oracle = model.refit(empty, terms)
+    oracle = design.refit(empty, terms)
     level = compass.inverse(fit.coefficients, drawn.pairs.heading_deg)
     result = {
         "error_before": error(fits.nearest_root(level, drawn.heading), drawn),
@@ -171,7 +170,7 @@ def corrected(drawn, fit, field, found) -> tuple:
     )  # fmt: skip
     speed, _ = fits.speeds(pairs)
     series = {**drawn.covariates, "depth": pairs.upper_depth_m, "speed": speed}
-    at = product.along(product.of(fit, found), record, field, series)
+    at = product.compass_along_record(diagnosis.product_of_diagnosis(fit, found), record, field, series)
     made = correction.headings(readings, fit if found.fit is None else found.fit, pairs, at)
     return made, correction.headings(readings, fit, pairs)
 

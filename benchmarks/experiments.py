@@ -23,12 +23,12 @@ import targets
 from compasslib import angles
 from compasslib.deviation.model import nearest_root
 from compasslib.effects import Scene, composition
-from compasslib.inference import experiments, model
+from compasslib.inference import design, experiments
 from compasslib.inference.comparison import Options
+from compasslib.inference.diagnosis import Diagnosis
 from compasslib.inference.inference import Inference
 from compasslib.inference.kinds.mooring import diagnose
 from compasslib.inference.posterior import SURE
-from compasslib.inference.verdict import Diagnosis
 from compasslib.preparation import several
 from compasslib.records import Pairs, take
 from tests.world import pairs as sea
@@ -85,7 +85,7 @@ def swung(found: Inference, drawn: sea.Drawn, rng: np.random.Generator) -> np.nd
 
     mark, noise = rng.normal(0.0, 3.0), rng.normal(0.0, experiments.SWUNG_DEG, len(heading))
     recorded = sea.compass(deck, extra=extra, offset=offset)
-    bare = model.refit(found.state, []).simulation  # what the hypotheses' terms are counted beside
+    bare = design.refit(found.state, []).simulation  # what the hypotheses' terms are counted beside
     h, z = (np.full(len(heading), nT) for nT in (drawn.horizontal, drawn.vertical))
     scene = Scene(0.0 * heading, h, z, *none, 0.0)
     foretold = nearest_root(composition.headings(bare, scene, recorded), heading)
@@ -107,7 +107,7 @@ def strength(found: Inference, drawn: sea.Drawn, rng: np.random.Generator) -> np
     logged = np.linalg.norm(sea.in_body(drawn.world, extra), axis=0)[:HALF] + noise
     scene, north = found.state.case.scene, composition.north(found.state.simulation, found.state.case.scene)
     earth = composition.earth_in_body(scene, experiments.known_heading(found.state) - north)
-    bare = np.linalg.norm(composition.sensed_field(model.refit(found.state, []).simulation, scene, earth), axis=1)
+    bare = np.linalg.norm(composition.sensed_field(design.refit(found.state, []).simulation, scene, earth), axis=1)
     return (logged - bare) * experiments.strength_unit(scene.time_s)
 
 

@@ -98,7 +98,7 @@ def whole(record: str, depth: int, gap: int) -> Seen:
     field = EarthField(own.time_s[[0, -1]], *np.zeros((4, 2)))
     rules = [overlap.Rules(max_metres=1000.0, predict=predict) for predict in (True, False)]
     predicted, published = (overlap.find(top, [trusted], field, one) for one in rules)
-    return Seen(predicted, covariates.logged(top, (), predicted), published)
+    return Seen(predicted, covariates.logged_series(top, (), predicted), published)
 
 
 def stood_in() -> Seen:
@@ -164,8 +164,8 @@ def world(own: Seen, seed: int) -> sea.World:
         rng=rng, time_s=pairs.time_s, heading=pairs.heading_deg, flow=upper, difference=lower - upper, tilt=tilt,
         sensed=tilt + rng.normal(0, 0.02, tilt.shape), depth=pairs.upper_depth_m,
         separation=pairs.lower_depth_m - pairs.upper_depth_m,
-        temperature=covariates.filled(own.logged.get("temperature", none)),
-        voltage=covariates.filled(own.logged.get("supply_voltage", none)), earth=EARTH_NT, **sea.iron(rng),
+        temperature=covariates.fill_gaps(own.logged.get("temperature", none)),
+        voltage=covariates.fill_gaps(own.logged.get("supply_voltage", none)), earth=EARTH_NT, **sea.iron(rng),
     )  # fmt: skip
 
 

@@ -101,7 +101,7 @@ def measure(kind, days, step_s, size, count, seed):
         if observatory.refusal(series):
             continue
         begin = time.perf_counter()
-        found = declination.judge(series, field, Options())
+        found = declination.diagnose_series(series, field, Options())
         spent.append(time.perf_counter() - begin)
         names = [one.effect for one in found.findings]
         sets = {n for one in found.findings for n in (one.effect, *one.alternatives)}

@@ -29,8 +29,8 @@ from compasslib.calibrations.heads import motion as motions
 from compasslib.calibrations.magnetometer.log import Log
 from compasslib.inference import kinds as diagnoses
 from compasslib.inference.comparison import Options
+from compasslib.inference.diagnosis import Diagnosis
 from compasslib.inference.kinds import magnetometer, platform, two_heads
-from compasslib.inference.verdict import Diagnosis
 from tests.world import package, swing
 from tests.world import recordings as drawn
 from tests.world.package import Head, Sea
@@ -43,7 +43,7 @@ Made = tuple[Diagnosis, Truth]
 def bench(rng: np.random.Generator, effect: str) -> Made:
     """Return the diagnosis of a bench."""
     made = drawn.bench(rng, effect)
-    return platform.judge(made.correct_deg, made.recorded_deg, field=None, options=OPTIONS), made.truth
+    return platform.diagnose_readings(made.correct_deg, made.recorded_deg, field=None, options=OPTIONS), made.truth
 
 
 def log(rng: np.random.Generator, effect: str) -> Made:
@@ -53,7 +53,7 @@ def log(rng: np.random.Generator, effect: str) -> Made:
         made.field_nt, True, made.pitch_deg, made.roll_deg, made.heading_deg, made.time_s, 0, (), made.temperature_c
     )
     field = {"horizontal_nT": drawn.H_NT, "vertical_nT": drawn.Z_NT}
-    return magnetometer.judge(axes, field=field, options=OPTIONS), made.truth
+    return magnetometer.diagnose_log(axes, field=field, options=OPTIONS), made.truth
 
 
 def swung(rng: np.random.Generator, effect: str) -> Made:
@@ -91,7 +91,7 @@ def heads(rng: np.random.Generator, effect: str) -> Made:
         truth = {"sine_deg": rng.uniform(1.5, 3.0), "cosine_deg": 0.0}
         curve = truth["sine_deg"] * angles.sin_cos(3.0 * moved[1].heading_deg)[0]
         moved[1] = replace(moved[1], heading_deg=moved[1].heading_deg + curve)
-    return two_heads.judge(*moved, farthest_s=600.0, field=None, options=OPTIONS), truth
+    return two_heads.diagnose_motion(*moved, farthest_s=600.0, field=None, options=OPTIONS), truth
 
 
 NULLS_EACH = 10  # nulls for each recording with an effect

@@ -9,9 +9,9 @@ from runs import DATA
 
 from compasslib.inference import kinds
 from compasslib.inference.comparison import Options
+from compasslib.inference.diagnosis import Diagnosis
 from compasslib.inference.finding import Finding
 from compasslib.inference.kinds import platform
-from compasslib.inference.verdict import Diagnosis
 
 ACM, SIGNATURE = "acm/mmp_global_A0000001.TXT", "magnetometer/signature500.csv"
 MMP, NMEA = {"format": "mmp_acm"}, {"format": "nmea0183"}
@@ -49,7 +49,7 @@ def real() -> str:
         else:
             lines.append(f"| {Path(name).stem} | {concealed} | no such file beside the repository | | |")
     true = np.arange(0.0, 360.0, 45.0)
-    eight = platform.judge(true, true - EIGHT, field=None, options=Options())
+    eight = platform.diagnose_readings(true, true - EIGHT, field=None, options=Options())
     return "\n".join([*lines, _line("MM's eight headings", "third and fourth harmonics", eight)])
 
 

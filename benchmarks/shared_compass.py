@@ -25,11 +25,10 @@ from scipy.stats import chi2, ncx2
 from compasslib import angles, deviation
 from compasslib.deviation import correction, exact
 from compasslib.deviation import model as fits
+from compasslib.inference import joint, joint_compass
 from compasslib.inference.comparison import Options
+from compasslib.inference.joint_compass import SHARED_COEFFICIENTS, Member
 from compasslib.inference.kinds.mooring import diagnose
-from compasslib.joint import coefficients, content
-from compasslib.joint.coefficients import OWN
-from compasslib.joint.members import Member
 from compasslib.records import take
 from tests.world import redeployed
 from tests.world.pairs import Drawn
@@ -71,7 +70,7 @@ def of_shared(index: int, seed: int, kind: str, every: int) -> dict:
     keys = {"shared": {"shared": (name, SIZE_DEG)}, "season": {"season_deg": SEASON_DEG}, "null": {}}[kind]
     drawn = redeployed.deployments(own(seed, kind, index), **keys)
     each = [searched(f"M{k}", thinned(one, every)) for k, one in enumerate(drawn)]
-    _, found = content.joined("compass", [one for one, _ in each], 0.5)
+    _, found = joint.join_compass("compass", [one for one, _ in each], 0.5)
     sizes = [one.visible_deg.get(name, 0.0) for one in drawn]
     return {
         "kind": kind,
@@ -103,20 +102,20 @@ def of_siblings(index: int, seed: int, every: int) -> dict:
     rng = np.random.default_rng(own(seed, "siblings", index))
     drawn = redeployed.deployments(own(seed, "siblings", index), between_nT=BETWEEN_NT[index % len(BETWEEN_NT)])
     members = [fitted_only(f"M{k}", thinned(one, every)) for k, one in enumerate(drawn)]
-    joined = coefficients.join(members)
+    joined = joint_compass.join_records(members)
     inside = []
     for one, member in zip(drawn, members, strict=True):
-        law = coefficients.expected(member, [other for other in members if other is not member])
+        law = joint_compass.predict_compass(member, [other for other in members if other is not member])
         off = np.abs(truth(one) - law.mean) / np.sqrt(np.diag(law.covariance))
         inside.append(float(np.mean(off < 1.96)))
     swapped = {}
     for far in FAR:
-        law = coefficients.expected(members[0], members[1:])
-        spread = law.covariance + members[0].covariance[np.ix_(OWN, OWN)]
+        law = joint_compass.predict_compass(members[0], members[1:])
+        spread = law.covariance + members[0].covariance[np.ix_(SHARED_COEFFICIENTS, SHARED_COEFFICIENTS)]
         toward = rng.normal(size=4)
         moved = members[0].coefficients.copy()
-        moved[OWN] += np.linalg.cholesky(spread) @ (far * toward / np.linalg.norm(toward))
-        odd = coefficients.join([replace(members[0], coefficients=moved), *members[1:]]).rejected
+        moved[SHARED_COEFFICIENTS] += np.linalg.cholesky(spread) @ (far * toward / np.linalg.norm(toward))
+        odd = joint_compass.join_records([replace(members[0], coefficients=moved), *members[1:]]).rejected
         swapped[far] = [one.name for one in odd] == ["M0"]
     return {"kind": "siblings", "rejected": len(joined.rejected), "inside": inside, "swapped": swapped}
 
@@ -130,7 +129,7 @@ def of_short(index: int, seed: int, every: int) -> dict:
     kept = np.abs(angles.difference(whole.heading[:SHORT_H], middle)) < COVERED_DEG / 2.0
     pairs = take(pairs, np.flatnonzero(kept))
     bare = Member("M0", "mooring", None, whole.horizontal, whole.vertical, np.zeros(0), np.zeros(0))
-    prior = coefficients.join([bare, *siblings]).prior("M0")
+    prior = joint_compass.join_records([bare, *siblings]).prior("M0")
     if prior is None:
         return {"kind": "short"}
     alone = deviation.fit("exact", pairs)

@@ -22,7 +22,6 @@ ROOMS = [
         "deviation",
         "calibrations",
         "inference",
-        "joint",
     ),
     *("config", "archive", "pipeline", "plots", "report", "stages", "cli"),
 ]

@@ -15,8 +15,8 @@ from compasslib.archive import netcdf
 from compasslib.calibrations import at_mooring
 from compasslib.deviation import constant, correction, doubts, exact, windows
 from compasslib.deviation.model import Fit
-from compasslib.inference import conclusion
-from compasslib.inference.verdict import Diagnosis
+from compasslib.inference import diagnosis as diagnoses
+from compasslib.inference.diagnosis import Diagnosis
 from compasslib.pipeline.process import process_mooring
 from compasslib.records import GOOD, PROBABLY_BAD, Pairs
 
@@ -195,8 +195,8 @@ def test_a_calibration_of_another_compass_is_contradicted_and_its_own_is_not():
 def test_directions_that_agree_with_no_heading_doubt_the_record():
     seen, _ = pairs(MILD, n=2000, seed=8)
     wrong = with_others(seen, 12)
-    assert conclusion._outliers(exact.fit(seen)) == ()
-    (doubt,) = conclusion._outliers(exact.fit(wrong))
+    assert diagnoses._doubt_outliers(exact.fit(seen)) == ()
+    (doubt,) = diagnoses._doubt_outliers(exact.fit(wrong))
     assert "disagree with the fitted compass altogether" in doubt.why and doubt.sigma_deg > 15.0
 
 
@@ -204,7 +204,7 @@ def test_directions_that_agree_with_no_heading_doubt_the_record():
 def concluded(seen: Pairs, *, fit: Fit | None = None, fixed: constant.Constant | None = None, calibration: str = ""):
     fit = exact.fit(seen) if fit is None else fit
     found = Diagnosis("consistent")
-    return conclusion.conclude(
+    return diagnoses.conclude(
         lambda _: found, seen, record_of(seen), field_of(seen), {}, fit=fit, constant=fixed, calibration=calibration
     )
 

@@ -13,7 +13,7 @@ from compasslib.effects.composed import BeamGain, PivotFriction, composed, of_na
 from compasslib.effects.composition import Simulation
 from compasslib.effects.iron import Heeling, TemperatureOfField
 from compasslib.effects.reading import CompassLag, Octantal, Sextantal, TiltUncompensated
-from compasslib.inference import case, wording
+from compasslib.inference import comparison, wording
 
 NAMES = [
     "hard_iron",
@@ -253,7 +253,7 @@ def test_a_harmonic_with_three_angles_for_a_reading_gives_none(kind):
 
 
 def test_every_form_that_says_mooring_is_tried_in_one():
-    tried, _ = case.testable(SCENE, reference_magnetic=False)
+    tried, _ = comparison.testable_effects(SCENE, reference_magnetic=False)
     found_apart = {kind for kind in CATALOGUE if kind.found_by}
     assert set(tried) - found_apart == {kind for kind in CATALOGUE if "mooring" in kind.recordings} - found_apart
 

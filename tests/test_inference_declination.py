@@ -25,7 +25,7 @@ PLACE = {"latitude": 55.3, "longitude": 356.8}
 
 def judged(made, number=None):
     field = earthfield.along_time(LATITUDE, LONGITUDE, made.time_s[0], made.time_s[-1], number)
-    found = declination.judge(made, field, Options())
+    found = declination.diagnose_series(made, field, Options())
     json.dumps(found.to_json())
     return found
 

@@ -7,7 +7,8 @@ from sea import pairs
 from compasslib import angles
 from compasslib.deviation import model as fits
 from compasslib.effects.term import YEAR_S
-from compasslib.inference import case, clocks, columns, covariates, omnibus, show, wording
+from compasslib.inference import comparison, covariates, finding, omnibus, wording
+from compasslib.inference.kinds import mooring
 from compasslib.records import take
 from compasslib.statistics import whitening
 
@@ -25,7 +26,7 @@ def test_the_normal_score_is_that_of_the_table(freedom, statistic, expected):
 def test_the_threshold_is_that_of_many_normals():
     highest = np.random.default_rng(5).normal(size=(300, 100)).max(axis=1)
     none = np.zeros(0)
-    threshold = omnibus.Tested([], none, none, none, highest).threshold(0.01)
+    threshold = omnibus.ScoreTests([], none, none, none, highest).threshold(0.01)
     # The highest of 100 normals exceeds 3.72 once in a hundred; 300 draws tell how many there are within 6 %.
     assert threshold == pytest.approx(3.72, abs=0.05)
 
@@ -33,19 +34,19 @@ def test_the_threshold_is_that_of_many_normals():
 @pytest.mark.parametrize("ahead_h", [-0.8, 0.5, 2.3])
 def test_a_clock_offset_is_found_with_its_sign_and_repaired(ahead_h):
     seen, _ = pairs(n=4000, seed=5)
-    wrong = clocks.repaired(seen, clocks.ClockError(-ahead_h, 0.0, 0.01, 0.01, True, False))
-    found = clocks.compare(wrong)
+    wrong = mooring.repair_pairs(seen, mooring.ClockError(-ahead_h, 0.0, 0.01, 0.01, True, False))
+    found = mooring.estimate_clock_error(wrong)
     assert found.offset_named and not found.drift_named
     assert found.offset_h == pytest.approx(ahead_h, abs=4 * found.offset_sigma_h + 0.05)
-    again = clocks.repaired(wrong, found)
+    again = mooring.repair_pairs(wrong, found)
     own, off = (angles.rms(fits.observed_deviation(x) - 0.0) for x in (again, wrong))
     assert own < off
 
 
 def test_a_clock_drift_is_told_from_an_offset():
     seen, _ = pairs(n=6000, seed=6)
-    wrong = clocks.repaired(seen, clocks.ClockError(0.0, -2.0, 0.01, 0.01, False, True))
-    found = clocks.compare(wrong)
+    wrong = mooring.repair_pairs(seen, mooring.ClockError(0.0, -2.0, 0.01, 0.01, False, True))
+    found = mooring.estimate_clock_error(wrong)
     assert found.drift_named and not found.offset_named
     assert found.drift_h_year == pytest.approx(2.0, abs=4 * found.drift_sigma_h_year)
     assert found.ahead_s(wrong.time_s)[-1] == pytest.approx(7200.0 * np.ptp(wrong.time_s) / YEAR_S, rel=0.2)
@@ -53,21 +54,21 @@ def test_a_clock_drift_is_told_from_an_offset():
 
 def test_good_clocks_and_sparse_pairs_are_not_named():
     seen, _ = pairs(n=4000, seed=7)
-    assert not clocks.compare(seen).named
-    assert not clocks.compare(take(seen, np.arange(0, 4000, 12))).named
+    assert not mooring.estimate_clock_error(seen).named
+    assert not mooring.estimate_clock_error(take(seen, np.arange(0, 4000, 12))).named
 
 
 def test_harmonics_of_a_narrow_sector_leave_no_combination_that_a_few_samples_tell():
     heading = np.random.default_rng(0).normal(120.0, 34.0, 8000)
-    harmonics = omnibus.periodic(heading, range(7, columns.TEETH + 1))
-    kept = columns._well_seen(harmonics)
+    harmonics = omnibus.fourier_columns(heading, range(7, omnibus.HEADING_HARMONICS + 1))
+    kept = omnibus._well_determined(harmonics)
     bare, seen = (np.sum(whitening.directions(x) ** 2, axis=1).max() for x in (harmonics, kept))  # leverage of a sample
     assert seen < 0.1 < 0.9 < bare and kept.shape[1] >= 10
 
 
 def test_tides_of_a_profiler_that_passes_twice_a_day_leave_the_constant_known():
     twice_a_day = 1.2e9 + np.arange(700) * 12 * 3600.0 + np.random.default_rng(4).normal(0.0, 600.0, 700)
-    waves = case._standing_tides(twice_a_day)
+    waves = comparison._aliased_tides(twice_a_day)
     assert waves.shape[1] >= 8  # but for the sun's, which stand still
     constant = np.ones(700)
     told = waves @ np.linalg.lstsq(waves, constant, rcond=None)[0]
@@ -78,28 +79,28 @@ def test_constant_covariates_are_left_out_and_gaps_filled():
     seen, _ = pairs(n=500, seed=8)
     warm = np.linspace(2.0, 5.0, 500)
     warm[::7] = np.nan
-    found = covariates.of_pairs(seen, {"temperature": warm, "supply_voltage": np.full(500, 40.0)})
+    found = covariates.pair_covariates(seen, {"temperature": warm, "supply_voltage": np.full(500, 40.0)})
     assert "supply_voltage" not in found and "pitch" not in found and "depth" not in found
     assert np.isfinite(found["temperature"]).all() and np.ptp(found["hour_of_day"]) > 20.0
 
 
 def test_a_new_battery_is_counted_and_a_discharge_is_not():
     falling = 43.0 - np.linspace(0.0, 6.0, 3000) + np.random.default_rng(9).normal(0.0, 0.05, 3000)
-    assert covariates.battery_number(falling).max() == 0.0
+    assert covariates.battery_count(falling).max() == 0.0
     changed = falling + 5.0 * (np.arange(3000) > 1800)
-    number = covariates.battery_number(changed)
+    number = covariates.battery_count(changed)
     assert number[-1] == 1.0 and abs(int(np.argmax(number)) - 1800) < 30
 
 
 def test_the_p_value_of_a_clear_gain_is_small_and_of_none_is_not():
     block = np.repeat(np.arange(40), 100)
     rng = np.random.default_rng(10)
-    clear = show.judged(rng.normal(0.2, 1.0, 4000), block, (12.0, 11.9))
-    none = show.judged(rng.normal(0.0, 1.0, 4000), block, (12.0, 12.0))
+    clear = finding.bootstrap_gain(rng.normal(0.2, 1.0, 4000), block, (12.0, 11.9))
+    none = finding.bootstrap_gain(rng.normal(0.0, 1.0, 4000), block, (12.0, 12.0))
     assert clear.p_value < 0.01 < 0.05 < none.p_value and clear.gain_interval[0] > 0.0
 
 
 def test_what_would_tell_pairs_apart_is_said():
-    told = wording.separated_by("supply_voltage", ("compass_drift",))
+    told = wording.separating_observations("supply_voltage", ("compass_drift",))
     assert "supply_voltage or compass_drift" in told and "battery change" in told
-    assert "is in the water" in wording.separated_by("current_veer", ("sextantal",))
+    assert "is in the water" in wording.separating_observations("current_veer", ("sextantal",))

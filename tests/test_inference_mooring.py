@@ -15,10 +15,10 @@ from compasslib import angles, compass, deviation
 from compasslib.archive.files import read_json, write_json
 from compasslib.demo import demonstration
 from compasslib.deviation import model as fits
-from compasslib.inference import baseline, clocks, covariates, long_record, show, stuck, verdict
+from compasslib.inference import covariates, design, diagnosis, long_record
+from compasslib.inference import finding as findings
 from compasslib.inference import product as products
-from compasslib.inference.case import mooring_case
-from compasslib.inference.comparison import Options
+from compasslib.inference.comparison import Options, compare_pairs
 from compasslib.inference.kinds import mooring
 from compasslib.inference.kinds.mooring import diagnose
 from compasslib.pipeline.process import process_mooring
@@ -58,7 +58,7 @@ def test_no_effect_is_both_tested_and_not_testable(two):
     every = tuple((name, "no series") for name in [*tested, "field_disturbance"])
     again = replace(found, not_testable=every)
     assert again.not_testable == (("field_disturbance", "no series"),)
-    limited = replace(verdict.insufficient("", every), detectable_deg={"field_disturbance": 1.0})
+    limited = replace(diagnosis.insufficient("", every), detectable_deg={"field_disturbance": 1.0})
     assert limited.not_testable == every[:-1]
     assert [one["effect"] for one in again.to_json()["not_testable"]] == ["field_disturbance"]
 
@@ -78,9 +78,11 @@ def test_bins_of_nothing_lie_as_far_off_as_their_errors_say():
     far = []
     for seed in range(4):
         drawn = world.planted(world.make(seed, wide=True, n=HOURS), {})
-        case = mooring_case(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
-        state = baseline.examine(case, case.simulation, np.zeros(case.nuisance.shape[1]))
-        curves = [long_record.curve(state, state, name) for name in ("time", "heading", "speed", "supply_voltage")]
+        case = compare_pairs(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
+        state = design.evaluate_model(case, case.simulation, np.zeros(case.nuisance.shape[1]))
+        curves = [
+            long_record.residual_curve(state, state, name) for name in ("time", "heading", "speed", "supply_voltage")
+        ]
         far += [curve.after_deg / curve.sigma_deg for curve in curves]
     far = np.abs(np.concatenate(far))
     # Some 250 bins, which share their days: 5 % are expected beyond 1.96, one in a thousand beyond 3.3.
@@ -89,12 +91,12 @@ def test_bins_of_nothing_lie_as_far_off_as_their_errors_say():
 
 def test_headings_without_a_true_one_have_no_bin():
     drawn = world.planted(world.make(0, wide=True, n=HOURS), {})
-    case = mooring_case(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
-    state = baseline.examine(case, case.simulation, np.zeros(case.nuisance.shape[1]))
+    case = compare_pairs(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
+    state = design.evaluate_model(case, case.simulation, np.zeros(case.nuisance.shape[1]))
     lost = (drawn.pairs.heading_deg >= 60.0) & (drawn.pairs.heading_deg < 80.0)
     width = np.where(lost, np.inf, state.whitener.width_deg)
     folded = replace(state, whitener=replace(state.whitener, width_deg=width))
-    all_round, without = (long_record.curve(state, x, "heading") for x in (state, folded))
+    all_round, without = (long_record.residual_curve(state, x, "heading") for x in (state, folded))
     assert set(all_round.centre) - set(without.centre) == {65.0, 75.0} and without.sigma_deg.max() < 30.0
 
 
@@ -162,7 +164,7 @@ def test_a_compass_that_does_not_level_is_told_from_iron_that_heels():
 def test_a_series_fitted_to_iron_stronger_than_the_field_is_too_small_a_model():
     sample, _ = pairs(FOLDED, n=1200, seed=3)
     exact, series = deviation.fit("exact", sample), deviation.fit("von_appen", sample)
-    (finding,) = mooring.of_exact_compass(sample, exact, series, 0.5)
+    (finding,) = mooring.exact_compass_findings(sample, exact, series, 0.5)
     assert (finding.effect, finding.side, finding.applied) == ("large_deviation", "compass", True)
     assert finding.held_out.p_value < 0.01 and finding.rms_effect_deg > 5.0
     ones = np.ones(2)
@@ -179,7 +181,7 @@ def test_what_nobody_listed_is_composed_and_corrects_the_record():
     assert "the third harmonic of the compass's reading changes in proportion to the temp" in first.text
     assert first.where.covariate == "temperature" and first.parameters["sine"].unit == "degrees/K"
     assert first.probability + sum(first.alternatives_probability.values()) > 0.95
-    product = products.of(fitted(drawn), found)
+    product = diagnosis.product_of_diagnosis(fitted(drawn), found)
     again = products.from_json({"applied": json.loads(json.dumps(product.to_json()))})
     assert again.applied[0].compass.simulation.terms == product.applied[0].compass.simulation.terms
 
@@ -207,7 +209,7 @@ def test_water_that_veers_frees_the_fit_and_turns_no_heading():
     drawn, found = seen({"current_veer": 4.0}, seed=14)
     assert [finding.side for finding in found.findings] == ["water"]
     assert not found.findings[0].applied and not found.applied[0].compass.simulation.terms
-    product = products.of(fitted(drawn), found)
+    product = diagnosis.product_of_diagnosis(fitted(drawn), found)
     assert product.effects == () and product.accounted == ("current_veer",) and product.left_deg == 0.0
     again = products.from_json({"applied": json.loads(json.dumps(product.to_json()))})
     assert again.accounted == product.accounted and again.left_deg == 0.0
@@ -338,7 +340,9 @@ def test_directions_read_between_samples_are_no_veer_of_the_water():
 @pytest.mark.parametrize("hours", [-9.0, 5.0])
 def test_a_clock_that_held_out_directions_deny_is_told_and_not_applied(monkeypatch, hours):
     drawn = world.planted(world.make(5, wide=True, n=HOURS), {})
-    monkeypatch.setattr(clocks, "compare", lambda pairs: clocks.ClockError(hours, 0.0, 0.1, 0.1, True, False))
+    monkeypatch.setattr(
+        mooring, "estimate_clock_error", lambda pairs: mooring.ClockError(hours, 0.0, 0.1, 0.1, True, False)
+    )
     found = diagnose(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn), Options())
     assert not [one for one in found.findings if one.side == "clock"]
     assert "held-out directions then agree less" in found.warnings[0] and found.to_json()["warnings"]
@@ -346,24 +350,24 @@ def test_a_clock_that_held_out_directions_deny_is_told_and_not_applied(monkeypat
 
 def test_a_finding_that_held_out_days_deny_is_none():
     denied, weak, sure = (
-        show.HeldOut(7.7, 13.2, 0.3, (-9.0, 9.0), 0.52),
-        show.HeldOut(7.7, 7.8, 2.0, (-1.0, 5.0), 0.1),
-        show.HeldOut(7.7, 7.1, 30.0, (20.0, 40.0), 0.001),
+        findings.HeldOut(7.7, 13.2, 0.3, (-9.0, 9.0), 0.52),
+        findings.HeldOut(7.7, 7.8, 2.0, (-1.0, 5.0), 0.1),
+        findings.HeldOut(7.7, 7.1, 30.0, (20.0, 40.0), 0.001),
     )
     assert denied.refuted and not weak.refuted and not sure.refuted
-    assert show.HeldOut(7.7, 7.6, -1.0, (-9.0, 3.0), 0.6).refuted
+    assert findings.HeldOut(7.7, 7.6, -1.0, (-9.0, 3.0), 0.6).refuted
 
 
 def test_the_rms_of_a_large_deviation_is_that_of_pairs_the_fits_have_not_seen():
     seen, _ = pairs(FOLDED, n=2000, seed=3)
     exact, series = (deviation.fit(method, seen) for method in ("exact", "von_appen"))
-    (finding,) = mooring.of_exact_compass(seen, exact, series, 0.5)
+    (finding,) = mooring.exact_compass_findings(seen, exact, series, 0.5)
     some = take(seen, np.arange(0, len(seen), 2))
-    assert finding.held_out.rms_after_deg == angles.rms(mooring.left_out(some, exact))
+    assert finding.held_out.rms_after_deg == angles.rms(mooring.held_out_residual(some, exact))
     # A stretch by itself: the other half knows nothing of it.
     first = np.arange(len(seen)) < 240
     turned = replace(seen, heading_deg=angles.wrap360(seen.heading_deg + 60.0 * first))
-    left = mooring.left_out(turned, deviation.fit("exact", take(seen, ~first)))
+    left = mooring.held_out_residual(turned, deviation.fit("exact", take(seen, ~first)))
     assert angles.rms(left[first]) > 2.5 * angles.rms(left[~first])
 
 
@@ -372,7 +376,7 @@ def test_clocks_are_compared_by_pairs_further_apart_where_these_are_given():
     ahead = drawn.truth["clock_offset"]["hours"]
     upper, lower = fits.speeds(drawn.pairs)
     few = take(drawn.pairs, np.flatnonzero(np.abs(upper - lower) < np.quantile(np.abs(upper - lower), 0.6)))
-    near, every = clocks.compare(few), clocks.compare(drawn.pairs)
+    near, every = mooring.estimate_clock_error(few), mooring.estimate_clock_error(drawn.pairs)
     assert abs(every.offset_h - ahead) < 0.15 < abs(near.offset_h - ahead)
     found = diagnose(few, {}, fitted(drawn), field_of(drawn), wide=drawn.pairs)
     assert found.findings[0].parameters["hours"].value == pytest.approx(every.offset_h)
@@ -400,12 +404,14 @@ def leaning(stuck_from=None):
 
 def test_tilts_that_stick_are_seen_and_the_flow_tells_the_lean():
     record, true = leaning(stuck_from=HOURS // 2)
-    found = stuck.leans(record)
-    for name, recorded, tilt in zip(stuck.LEANS, (record.pitch_deg, record.roll_deg), true, strict=True):
+    found = covariates.tilt_corrections(record)
+    for name, recorded, tilt in zip(
+        covariates.TILT_CORRECTIONS, (record.pitch_deg, record.roll_deg), true, strict=True
+    ):
         assert not found[name][: HOURS // 2 - 1].any()
         off = (recorded + found[name] - tilt)[HOURS // 2 :]
         assert np.std(off) < 0.8 * np.std(tilt[HOURS // 2 :])  # one degree of it follows no flow
-    assert stuck.leans(leaning()[0]) == {}
+    assert covariates.tilt_corrections(leaning()[0]) == {}
 
 
 def test_a_larger_least_effect_makes_it_negligible_and_apply_false_leaves_the_product():
@@ -432,7 +438,7 @@ def test_without_tilt_and_logs_it_says_what_cannot_be_tested():
     found = diagnose(flat, {}, fitted(drawn), field_of(drawn))
     told = dict(found.not_testable)
     assert {"heeling", "tilt_uncompensated", "temperature", "supply_voltage", "battery_change"} <= set(told)
-    assert verdict.insufficient("x").to_json()["findings"] == []
+    assert diagnosis.insufficient("x").to_json()["findings"] == []
 
 
 def test_a_storm_is_named_where_an_observatory_saw_it_and_the_trusted_instrument_has_no_compass():
@@ -463,7 +469,7 @@ def test_columns_that_were_exchanged_leave_too_few_pairs_and_no_traceback():
 
 def test_a_battery_whose_counts_rise_alike_is_one_battery():
     counts = np.r_[np.linspace(150.0, 120.0, 400), np.linspace(170.0, 140.0, 400)].round()
-    number = covariates.battery_number(counts)
+    number = covariates.battery_count(counts)
     assert number.max() == 1.0 and number[360] == 0.0 and number[440] == 1.0
 
 

@@ -12,16 +12,16 @@ from compasslib import angles
 from compasslib.deviation import along
 from compasslib.deviation.along import Along
 from compasslib.effects import SIDES, SLOW_WATER
-from compasslib.inference import baseline, folds, inference, model, noise
-from compasslib.inference.case import mooring_case
+from compasslib.inference import design, inference, long_record, noise
+from compasslib.inference.comparison import compare_pairs
 from compasslib.types import Floats
 from tests.world import pairs as world
 
 
 def inferred(wanted, seed, n=6000, alarm=0.006):
     drawn = world.planted(world.make(seed, wide=True, n=n), wanted)
-    case = mooring_case(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
-    empty = model.refit(baseline.examine(case, case.simulation, np.zeros(case.nuisance.shape[1])), [])
+    case = compare_pairs(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
+    empty = design.refit(design.evaluate_model(case, case.simulation, np.zeros(case.nuisance.shape[1])), [])
     return drawn, inference.infer(empty, alarm)
 
 
@@ -82,8 +82,8 @@ def test_slow_water_is_the_rival_of_a_change_that_hardly_shows():
 
 def test_columns_of_slow_water_have_the_variance_of_its_size(lobes):
     _, found = lobes
-    slow = noise.of(found.state.case)
-    water = noise.Water(noise.Process(3.0, 20.0), noise.Process(0.0, 5.0))
+    slow = noise.slow_noise_basis(found.state.case)
+    water = noise.SlowNoiseParams(noise.Process(3.0, 20.0), noise.Process(0.0, 5.0))
     count = len(slow.frequency)
     square = slow.columns[:, :count] ** 2 @ slow.variances(water)[:count]
     # What is faster than eight days is missing; both ends of the recording have more than their share.
@@ -92,7 +92,7 @@ def test_columns_of_slow_water_have_the_variance_of_its_size(lobes):
 
 def test_tides_that_differ_between_the_depths_turn_directions_as_their_waves_do(lobes):
     drawn, found = lobes
-    slow, pairs = noise.of(found.state.case), drawn.pairs
+    slow, pairs = noise.slow_noise_basis(found.state.case), drawn.pairs
     waves = slow.columns[:, 3 * len(slow.frequency) :]
     moon = np.sin(2.0 * np.pi * (pairs.time_s - pairs.time_s[0]) / 3600.0 / 12.4206)
     still = angles.direction(pairs.lower_east, pairs.lower_north)
@@ -104,7 +104,7 @@ def test_tides_that_differ_between_the_depths_turn_directions_as_their_waves_do(
 
 def test_days_that_were_left_out_confirm_what_is_there(lobes):
     _, found = lobes
-    proof = folds.proof(found, 0)
+    proof = long_record.cross_validate(found, 0)
     assert proof.method == "fifths" and proof.gain > 10.0 and proof.p_value < 0.01
     assert proof.rms_after_deg < proof.rms_before_deg
 
@@ -116,11 +116,11 @@ def test_what_lives_in_one_fifth_is_held_out_within_it(lobes):
     k = next(k for k, group in enumerate(found.posterior.candidates.groups) if type(group.term) is kind)
     late = replace(
         found,
-        state=model.refit(found.state, [kind(offset_deg=1.0, date_s=float(last))]),
+        state=design.refit(found.state, [kind(offset_deg=1.0, date_s=float(last))]),
         chosen=(k,),
         slots=(replace(found.slots[0], effect="heading_slip"),),
     )
-    assert folds.proof(late, 0).method == "within_event"
+    assert long_record.cross_validate(late, 0).method == "within_event"
 
 
 def compass_off_by(deg: float, sigma_deg: float, weight: float, others: tuple[Along, ...] = ()) -> Along:

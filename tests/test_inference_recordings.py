@@ -17,13 +17,12 @@ from compasslib.archive.files import write_json
 from compasslib.calibrations.magnetometer import log
 from compasslib.effects import CATALOGUE
 from compasslib.errors import InputError
-from compasslib.inference import kinds
+from compasslib.inference import kinds, short_search
 from compasslib.inference.comparison import Options
-from compasslib.inference.kinds import magnetometer as magnetometers
+from compasslib.inference.diagnosis import VERDICTS, Diagnosis
+from compasslib.inference.kinds import magnetometer as magnetometer_kind
 from compasslib.inference.kinds import platform
-from compasslib.inference.short_record import search
-from compasslib.inference.short_record.channel import Channel
-from compasslib.inference.verdict import VERDICTS, Diagnosis
+from compasslib.inference.short_fit import ShortComparison
 from tests.world import recordings as drawn
 from tests.world import swing
 
@@ -44,7 +43,9 @@ def bench(turned, n: int = 24, rounds: int = 1, *, iron=MILD, seed: int = 1) -> 
     correct = np.tile(ring(n), rounds)
     recorded = compass.recorded_heading(iron, correct)
     noise = np.random.default_rng(seed).normal(0.0, 0.3, len(correct))
-    return platform.judge(correct, angles.wrap360(recorded + turned(recorded) + noise), field=None, options=OPTIONS)
+    return platform.diagnose_readings(
+        correct, angles.wrap360(recorded + turned(recorded) + noise), field=None, options=OPTIONS
+    )
 
 
 @pytest.mark.parametrize(("effect", "cycles"), [("sextantal", 3), ("octantal", 4)])
@@ -81,7 +82,7 @@ def test_strong_iron_is_too_large_for_the_series(strength):
 
 def test_eight_headings_prove_nothing_and_say_what_to_swing():
     true = ring(8)
-    found = platform.judge(true, true - MM, field=None, options=OPTIONS)
+    found = platform.diagnose_readings(true, true - MM, field=None, options=OPTIONS)
     assert found.verdict == "insufficient" and not found.findings
     for part in ("8 headings carry at most 8 coefficients", "third (3.", "fourth harmonics (3.", "swing 16 to 24"):
         assert part in found.why
@@ -237,13 +238,13 @@ def test_every_form_of_the_catalogue_is_tried_where_it_says(monkeypatch, tmp_pat
     tried: dict[type, set[str]] = {}
     kind = ""
 
-    def noted(channel: Channel, options: Options) -> search.NamedEffects:
+    def noted(channel: ShortComparison, options: Options) -> short_search.SearchResult:
         for term in channel.terms:
             tried.setdefault(term, set()).add(kind)
         return searched(channel, options)
 
-    searched = search.search
-    monkeypatch.setattr(search, "search", noted)
+    searched = short_search.search_effects
+    monkeypatch.setattr(short_search, "search_effects", noted)
     kind = "platform"
     bench(lambda g: 0.0 * g, 24)
     kind = "two_heads"
@@ -251,7 +252,7 @@ def test_every_form_of_the_catalogue_is_tried_where_it_says(monkeypatch, tmp_pat
     kind = "magnetometer"
     field = {"horizontal_nT": drawn.H_NT, "vertical_nT": drawn.Z_NT}
     for one in (axes_of(""), axes_of("tilt_uncompensated"), over_the_sphere()):
-        magnetometers.judge(one, field=field, options=OPTIONS)
+        magnetometer_kind.diagnose_log(one, field=field, options=OPTIONS)
     kind = "swing"
     made = swing.sail(np.random.default_rng(1), swing.Boat(log_scale=1.02), 5.0)
     kinds.diagnose("swing", [drawn.written(made, tmp_path / "swing.csv")], {"declination": 5.0}, OPTIONS)
@@ -267,7 +268,7 @@ def test_a_log_of_strong_iron_or_a_late_heading_is_off_by_no_more_than_it_says(e
     """Logs that were off by five, six, five and three standard errors, where the scale and the delay were pulled."""
     truth = drawn.log(np.random.default_rng(seed), effect).truth
     field = {"horizontal_nT": drawn.H_NT, "vertical_nT": drawn.Z_NT}
-    found = magnetometers.judge(axes_of(effect, seed), field=field, options=OPTIONS)
+    found = magnetometer_kind.diagnose_log(axes_of(effect, seed), field=field, options=OPTIONS)
     (own,) = (one for one in found.findings if one.effect == effect)
     off = [(own.parameters[name].value - value) / own.parameters[name].sigma for name, value in truth.items()]
     assert max(np.abs(off)) < 2.6

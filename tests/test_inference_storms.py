@@ -13,8 +13,8 @@ from compasslib.effects.composed import IronMovedByPitch, IronMovedByRoll
 from compasslib.effects.composition import Simulation
 from compasslib.effects.earth import VectorDisturbance
 from compasslib.effects.reading import TemperatureOfTilt
-from compasslib.inference import baseline, covariates, model, storms
-from compasslib.inference.case import mooring_case
+from compasslib.inference import covariates, design, noise
+from compasslib.inference.comparison import compare_pairs
 from tests.world import pairs as world
 
 HOURS, WEAK_NT = 5000, (5000.0, 55000.0)  # the earth's field near the magnetic pole
@@ -23,8 +23,8 @@ HOURS, WEAK_NT = 5000, (5000.0, 55000.0)  # the earth's field near the magnetic 
 def state_of(drawn, more=None, *, magnetic=False):
     """Return what the fitted compass leaves, without terms."""
     logged = drawn.covariates | (more or {})
-    case = mooring_case(drawn.pairs, logged, fitted(drawn), field_of(drawn), reference_magnetic=magnetic)
-    return baseline.examine(case, case.simulation, np.zeros(case.nuisance.shape[1]))
+    case = compare_pairs(drawn.pairs, logged, fitted(drawn), field_of(drawn), reference_magnetic=magnetic)
+    return design.evaluate_model(case, case.simulation, np.zeros(case.nuisance.shape[1]))
 
 
 def swung(drawn, north_deg):
@@ -69,7 +69,7 @@ def test_iron_that_moves_with_the_lean_is_found_with_its_size():
     drawn = world.planted(world.make(4, wide=True, n=HOURS), {"moving_iron": 3.0})
     (truth,) = drawn.truth.values()
     kind = IronMovedByRoll if any("roll" in name for name in truth) else IronMovedByPitch
-    term = model.refit(state_of(drawn), [kind()]).simulation.terms[0]
+    term = design.refit(state_of(drawn), [kind()]).simulation.terms[0]
     expected = np.array(list(truth.values())) / 5.0  # nT per 5 degrees
     assert np.hypot(*(term.values - expected)) < 0.25 * np.hypot(*expected)
 
@@ -93,7 +93,7 @@ def test_both_components_of_an_observatory_tell_a_storm_that_came_turned(polar):
     state = state_of(
         swung(polar, 0.5 * across - 0.8 * along), dict(zip(covariates.OBSERVATORY, (across, along), strict=True))
     )
-    term = model.refit(state, [VectorDisturbance()]).simulation.terms[0]
+    term = design.refit(state, [VectorDisturbance()]).simulation.terms[0]
     assert term.values == pytest.approx([0.5, -0.8], abs=0.2)
 
 
@@ -102,14 +102,14 @@ def test_an_index_names_storms_whose_course_nobody_saw_and_corrects_nothing(pola
     index = storm_index(rng, polar.pairs.time_s)
     size_deg = np.rad2deg(8.0 / WEAK_NT[0])
     stormy = swung(polar, unseen_disturbance(rng, index, size_deg))
-    found = storms.of(state_of(stormy, {"ap": index}), 0.006)
+    found = noise.storm_finding(state_of(stormy, {"ap": index}), 0.006)
     size = found.parameters["nT_ap"]
     assert (found.effect, found.side, found.applied) == ("field_disturbance", "compass", False)
     assert abs(size.value - 8.0) < 3.0 * size.sigma < 12.0 and "Nothing is corrected" in found.text
     assert found.held_out.p_value <= 0.006 and found.where.low > np.median(index)
-    assert storms.of(state_of(stormy, {"ap": np.roll(index, 24 * 70)}), 0.006) is None
-    assert storms.of(state_of(stormy, {"ap": index}, magnetic=True), 0.006) is None
-    assert storms.of(state_of(stormy), 0.006) is None
+    assert noise.storm_finding(state_of(stormy, {"ap": np.roll(index, 24 * 70)}), 0.006) is None
+    assert noise.storm_finding(state_of(stormy, {"ap": index}, magnetic=True), 0.006) is None
+    assert noise.storm_finding(state_of(stormy), 0.006) is None
 
 
 def test_kp_is_read_as_ap_and_tenths_of_it_are_known():

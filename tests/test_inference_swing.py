@@ -11,8 +11,8 @@ import pytest
 from compasslib.demo.compass import Iron
 from compasslib.inference import kinds
 from compasslib.inference.comparison import Options
-from compasslib.inference.kinds import swing_forward
-from compasslib.inference.verdict import Diagnosis
+from compasslib.inference.diagnosis import Diagnosis
+from compasslib.inference.kinds import swing as swing_kind
 from tests.world import recordings, swing
 from tests.world.swing import CIRCLES, LEGS, ONE_CIRCLE, Boat
 
@@ -139,7 +139,7 @@ def test_stretches_leave_outliers_and_gaps_out():
     time_s = np.concatenate([np.arange(600.0), 90000.0 + np.arange(600.0)])
     off = np.random.default_rng(4).normal(5.0, 1.0, len(time_s))
     off[100] = 80.0
-    over = swing_forward.without_outliers(time_s, off)
+    over = swing_kind.without_outliers(time_s, off)
     assert len(over) == 60 and over.number[100] == -1 and over.mean(off) == pytest.approx(np.full(60, 5.0), abs=1.2)
 
 

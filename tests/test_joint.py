@@ -10,11 +10,9 @@ import pytest
 from compasslib import deviation
 from compasslib.deviation import exact
 from compasslib.deviation.prior import Prior
-from compasslib.inference import sharing
-from compasslib.inference.evidence import Products
-from compasslib.inference.sharing import Effects
-from compasslib.joint import coefficients, content, effects
-from compasslib.joint.members import Member
+from compasslib.inference import joint, joint_compass, joint_effects
+from compasslib.inference.design import Products
+from compasslib.inference.joint_compass import EffectInformation, Member
 from compasslib.records import take
 from tests.world import pairs as sea
 
@@ -27,12 +25,12 @@ def member(
     name: str, field: tuple[float, float], *, sigma: float = 0.004, off: float = 0.0, rng=None, **keys
 ) -> Member:
     bare = Member(name, "mooring", None, *field, np.zeros(5), np.eye(5) * sigma**2)
-    there = coefficients._design(bare) @ IRON + (0.0 if rng is None else rng.normal(0.0, sigma, 4)) + off * sigma
+    there = joint_compass._design(bare) @ IRON + (0.0 if rng is None else rng.normal(0.0, sigma, 4)) + off * sigma
     return replace(bare, coefficients=np.append(0.01, there), **keys)
 
 
 def test_iron_scales_with_the_field_and_what_is_induced_with_the_dip():
-    joined = coefficients.join([member(f"M{k}", field, sigma=1e-4) for k, field in enumerate(FIELDS)])
+    joined = joint_compass.join_records([member(f"M{k}", field, sigma=1e-4) for k, field in enumerate(FIELDS)])
     sigma = np.sqrt(np.diag(joined.shared.covariance))
     assert joined.kept == ("M0", "M1", "M2") and not joined.rejected
     assert (np.abs(joined.shared.mean - IRON) < 2.0 * sigma).all()
@@ -41,7 +39,7 @@ def test_iron_scales_with_the_field_and_what_is_induced_with_the_dip():
 def test_what_others_tell_is_theirs_alone():
     three = [member(f"M{k}", field) for k, field in enumerate(FIELDS)]
     moved = [replace(three[0], coefficients=three[0].coefficients + 0.002), *three[1:]]
-    first, second = (coefficients.join(some) for some in (three, moved))
+    first, second = (joint_compass.join_records(some) for some in (three, moved))
     assert np.array_equal(first.prior("M0").mean, second.prior("M0").mean)
     assert not np.array_equal(first.prior("M1").mean, second.prior("M1").mean)
     assert first.prior("M0").precision[0].tolist() == [0.0] * 5  # A is never shared
@@ -49,7 +47,7 @@ def test_what_others_tell_is_theirs_alone():
 
 def test_a_record_without_pairs_takes_a_too_with_the_clamp_s_spread():
     dumb = replace(member("M9", FIELDS[0]), coefficients=np.zeros(0), covariance=np.zeros(0))
-    prior = coefficients.join([member("M0", FIELDS[0]), member("M1", FIELDS[1]), dumb]).prior("M9")
+    prior = joint_compass.join_records([member("M0", FIELDS[0]), member("M1", FIELDS[1]), dumb]).prior("M9")
     sigma_deg = np.degrees(prior.precision[0, 0] ** -0.5)
     assert prior.mean[0] == pytest.approx(0.01) and 2.0 < sigma_deg < 3.0
 
@@ -58,17 +56,17 @@ def test_siblings_stay_and_strangers_are_told():
     rng, odd, lost = np.random.default_rng(3), 0, 0
     for _ in range(12):
         three = [member(f"M{k}", field, rng=rng) for k, field in enumerate(FIELDS)]
-        lost += len(coefficients.join(three).rejected)
+        lost += len(joint_compass.join_records(three).rejected)
         another = replace(three[0], coefficients=three[0].coefficients + ELSE)
-        odd += [one.name for one in coefficients.join([another, *three[1:]]).rejected] == ["M0"]
+        odd += [one.name for one in joint_compass.join_records([another, *three[1:]]).rejected] == ["M0"]
     assert (odd, lost) == (12, 0)
 
 
 def test_of_two_that_disagree_neither_is_averaged():
     two = [member("M0", FIELDS[0]), member("M1", FIELDS[1], off=60.0)]
-    joined = coefficients.join(two)
+    joined = joint_compass.join_records(two)
     assert {one.name for one in joined.rejected} == {"M0", "M1"} and joined.prior("M0") is None
-    page, diagnosis = content.joined("wh1", two, 0.5)
+    page, diagnosis = joint.join_compass("wh1", two, 0.5)
     assert page["coefficients"] is None and page["returned"] == {"M0": None, "M1": None}
     assert diagnosis.verdict == "insufficient"
 
@@ -76,18 +74,18 @@ def test_of_two_that_disagree_neither_is_averaged():
 def test_records_in_one_sphere_tell_more_of_each_other():
     alone = [member(f"M{k}", FIELDS[0]) for k in range(3)]
     together = [replace(one, sphere="s1") for one in alone]
-    widths = [np.linalg.det(coefficients.expected(some[0], some[1:]).covariance) for some in (alone, together)]
+    widths = [np.linalg.det(joint_compass.predict_compass(some[0], some[1:]).covariance) for some in (alone, together)]
     assert widths[1] < widths[0]
 
 
-def told(z: float, *, season: float = 0.0, forms: tuple[str, ...] = ("TemperatureOfReading",)) -> Effects:
+def told(z: float, *, season: float = 0.0, forms: tuple[str, ...] = ("TemperatureOfReading",)) -> EffectInformation:
     """Return one effect seen at z standard errors, its column correlated with that of a season."""
-    size = len(forms) + sharing.SEASONS
+    size = len(forms) + joint_effects.SEASON_COLUMNS
     information = np.eye(size) * 100.0
     information[0, len(forms)] = information[len(forms), 0] = 100.0 * season
     score = 10.0 * z * information[:, 0] / 100.0
     ones = np.ones(len(forms))
-    return Effects(
+    return EffectInformation(
         forms, tuple([1] * len(forms)), ones, ones, np.eye(len(forms)), (Products(information, score, 0.0),), 9.0, 900
     )
 
@@ -103,17 +101,17 @@ def told(z: float, *, season: float = 0.0, forms: tuple[str, ...] = ("Temperatur
 )
 def test_an_effect_is_shared_where_evidence_adds_and_neither_one_record_nor_a_season_explains_it(scores, season, named):
     members = [member(f"M{k}", FIELDS[k], effects=told(z, season=season)) for k, z in enumerate(scores)]
-    found = effects.infer(members, content.ALARM)
+    found = joint_effects.infer_shared(members, joint.ALARM)
     assert [one.kind.name for one in found.found] == ["temperature"] * named
     if named:
         assert found.found[0].values == pytest.approx([0.35], abs=0.01)
-        alone = effects.told_by(members[1:], found)["TemperatureOfReading"]
+        alone = joint_effects.information_from_others(members[1:], found)["TemperatureOfReading"]
         assert alone[1] / alone[0][0] == pytest.approx([0.35], abs=0.01)
 
 
 def test_a_summary_survives_its_file():
     first = told(2.0)
-    again = sharing.from_json(first.to_json())
+    again = joint_compass.effects_from_json(first.to_json())
     assert again.forms == first.forms and np.array_equal(again.beside[0].score, first.beside[0].score)
 
 
@@ -147,4 +145,4 @@ def test_a_long_record_keeps_its_own(few_headings):
 
 def test_an_amplitude_that_no_such_effect_has_names_nothing():
     members = [member(f"M{k}", FIELDS[k], effects=told(3.5, forms=("TiltUncompensated",))) for k in range(3)]
-    assert effects.infer(members, content.ALARM).found == ()  # a share of 0.35; least plausible is 0.65
+    assert joint_effects.infer_shared(members, joint.ALARM).found == ()  # a share of 0.35; least plausible is 0.65

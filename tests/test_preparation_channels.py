@@ -65,7 +65,7 @@ def test_the_instruments_magnetometer_tells_when_the_field_changed_and_not_where
     assert f"saw the field's strength change by {np.std(seen):.2f} % rms" in step.warnings[-1]
     still = channels.witnessed(with_magnetometer()).channels["field_strength"]
     assert np.std(still) < 0.3
-    drivers = covariates.logged(step, [])
+    drivers = covariates.logged_series(step, [])
     assert "field_strength" in drivers and not set(MAGNETOMETER) & set(drivers)
 
 

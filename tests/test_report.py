@@ -31,10 +31,9 @@ from compasslib.archive.files import write_json
 from compasslib.calibrations import content
 from compasslib.calibrations import heads as two_heads
 from compasslib.errors import InputError
+from compasslib.inference.diagnosis import Diagnosis
+from compasslib.inference.finding import CovariateRange, HeldOut, Parameter, Unexplained
 from compasslib.inference.finding import Finding as Found
-from compasslib.inference.finding import Parameter, Unexplained, Where
-from compasslib.inference.show import HeldOut
-from compasslib.inference.verdict import Diagnosis
 from compasslib.plots import heads
 from compasslib.report import answer, chart, figures, found, mooring, words
 from compasslib.report.section import Figure, Overview, ReportedFinding, ReportSection, ReportTable, stopped
@@ -239,7 +238,7 @@ def diagnosis(verdict: str, *findings: Found, **more) -> dict:
 
 
 def heeling(*alternatives: str) -> Found:
-    where = Where("pitch", 4.0, 11.0, "along pitch from 4 to 11 degrees")
+    where = CovariateRange("pitch", 4.0, 11.0, "along pitch from 4 to 11 degrees")
     proof = HeldOut(11.9, 11.3, 40.0, (20.0, 60.0), 0.000999)
     parameters = {"b_z_nT": Parameter(2100.4, 140.0, "nT")}
     when_s = (1188864000.0, 1223078400.0)
@@ -261,7 +260,7 @@ def test_what_was_found_is_said_with_its_alternatives_parameters_and_proof():
 
 
 def test_what_stays_unexplained_is_said_and_what_would_decide():
-    where = Where("speed", 0.1, 0.4, "along speed from 0.1 to 0.4 m/s")
+    where = CovariateRange("speed", 0.1, 0.4, "along speed from 0.1 to 0.4 m/s")
     left = Unexplained(("speed",), where, (1188864000.0, 1223078400.0), 2.0, (), "Nothing fits.")
     told = diagnosis("unexplained", heeling(), unexplained=left, separated_by="a swing; wider headings")
     *_, last = found.findings(told, product=True)

@@ -1,26 +1,71 @@
-"""What every search begins with and ends with: a recording held against its simulation, and what that tells.
+"""A recording compared with its simulation: what every search starts from, and the findings made of its terms.
 
-Hypotheses of a long record are weighed by the slopes of their columns, beside slow water (``long_record``); those of a
-short one, whose effects may be a thousand times its noise, are each refitted in the forward model (``short_record``).
-Prior odds, posterior, places, findings, omnibus threshold and verdict are the same.
+Hypotheses of a long record are weighed by the slopes of their columns, beside slow noise (``long_record``); those of a
+short one, whose effects may be a thousand times its noise, are each refitted in the forward model (``short_fit``).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from compasslib.effects import Term
-from compasslib.effects.composed import Composed
-from compasslib.inference import show, wording
-from compasslib.inference.finding import Finding, Ranked, Unexplained, Where
-from compasslib.inference.posterior import Posterior, Slot
-from compasslib.inference.show import BinnedResidual
+from compasslib import angles, compass
+from compasslib.deviation import likelihood, model
+from compasslib.deviation.model import Fit
+from compasslib.deviation.prior import Prior
+from compasslib.effects import COMPOSED, Scene, Term, all_terms, composition
+from compasslib.effects.composed import TIDE_S, Composed
+from compasslib.effects.composition import Simulation
+from compasslib.effects.iron import Heeling
+from compasslib.effects.term import HOUR_S
+from compasslib.inference import covariates as covariate_series
+from compasslib.inference import finding as findings
+from compasslib.inference import wording
+from compasslib.inference.finding import BinnedResidual, CovariateRange, Finding, HeldOut, Parameter, Unexplained
+from compasslib.records import EarthField, Pairs
+from compasslib.statistics.whitening import Louder
 from compasslib.types import Floats
 
-OUTSIDE = 2.5  # standard errors by which a bin leaves the band
+BAND_SIGMAS = 2.5  # standard errors by which a bin leaves the band
+
+TILT_HIGHPASS_HOURS = 6.0  # tilts faster than this are mostly the sensor's and the waves'
+TIDE_PERIODS_H = (TIDE_S / HOUR_S, 12.0, 12.6583, 23.9345, 25.8193)  # periods of M2, S2, N2, K1, O1
+LEAST_SPREAD = 1e-9  # of a column, rounding aside: sampled exactly twice a day the tide of the sun is a constant
+TIDE_RESOLVING_STEP_S = 3 * 3600.0  # sampling that still follows them
+LEAST_WAVE_SPREAD = (
+    0.1  # standard deviation of a wave of the tide: one that stands nearly still is a mean shear, and A's
+)
+CANCELS = "it acts on both compasses alike and cancels in the difference of their directions"
+IN_FITTED_IRON = "constant errors of the tilts turn the heading as iron does: B and C of the fitted curve contain them"
+CONSTANT_IN_A = "a constant declination error cannot be separated from A, a mean directional shear or a mounting offset"
+CONSTANT_REFERENCE = "the reference's file has no heading that varies"
+MISSING_SERIES = {
+    "temperature": "no temperature that varies was logged",
+    "supply_voltage": "no supply voltage that varies was logged",
+    "battery_number": "the supply voltage shows no battery change",
+    "declination_observatory": "no observatory series given",
+    "horizontal_observatory": "no observatory series given",
+    "storm_index": "no observatory series given",
+    "separation": "the distance between the two layers does not vary",
+    "depth": "the depth does not vary",
+    "lean_pitch": "the tilts are never stuck for ten days, or nothing shows how the instrument leaned then",
+    **dict.fromkeys(
+        ("flow_east", "body_flow_sine", "body_flow_sine2"),
+        "the pairs are too far apart in time to predict the flow's direction from the hours before",
+    ),
+    "reference_sine": CONSTANT_REFERENCE,
+    "reference_flow_sine": f"{CONSTANT_REFERENCE}, or the pairs are too far apart in time",
+    "reference_flow_sine2": f"{CONSTANT_REFERENCE}, or the pairs are too far apart in time",
+    "exact_minus_series": "the fit is the exact compass already",
+}
+
+
+# Information (k, k) and score (k,) of each term's parameters by other records of the same compass, in their units.
+SharedInformation = Mapping[type[Term], tuple[Floats, Floats]]
+
+FEWEST_PAIRS, SHORTEST_DAYS = 200, 20.0  # below which an effect is not told from the water
 
 
 @dataclass(frozen=True)
@@ -70,15 +115,15 @@ class Comparison:
                 unit = unit.replace(driver, f"({own})" if "/" in own or " " in own else own)
         return unit
 
-    def where(self, name: str, span: tuple[float, float] | None = None) -> Where:
+    def where(self, name: str, span: tuple[float, float] | None = None) -> CovariateRange:
         """Return a range of a covariate, by default the one that it covers."""
-        low, high = span or tuple(np.quantile(self.covariates[name], show.RANGE).tolist())
-        text = wording.place(name, low, high, on_land=bool(self.what), clocked=self.clocked)
-        return Where(name, low, high, text)
+        low, high = span or tuple(np.quantile(self.covariates[name], findings.SHOWN_QUANTILES).tolist())
+        text = wording.range_text(name, low, high, on_land=bool(self.what), clocked=self.clocked)
+        return CovariateRange(name, low, high, text)
 
-    def outside(self, curve: BinnedResidual) -> Where:
+    def outside(self, curve: BinnedResidual) -> CovariateRange:
         """Return the range in which a binned residual leaves its band; all of the covariate where no bin does alone."""
-        far = np.abs(curve.before_deg) > OUTSIDE * curve.sigma_deg
+        far = np.abs(curve.before_deg) > BAND_SIGMAS * curve.sigma_deg
         if not far.any() or len(curve.centre) < 2:
             return self.where(curve.covariate)
         column, inside = self.covariates[curve.covariate], curve.centre[far]
@@ -86,24 +131,28 @@ class Comparison:
         low, high = max(inside.min() - half, column.min()), min(inside.max() + half, column.max())
         return self.where(curve.covariate, (float(low), float(high)))
 
-    def since(self, date_s: float) -> Where:
+    def since(self, date_s: float) -> CovariateRange:
         """Return the time from a date on."""
         last = self.span_s[1]
         if self.clocked:
-            return Where("time", date_s, last, f"from {wording.moment(date_s, last - self.span_s[0])} on")
+            return CovariateRange("time", date_s, last, f"from {wording.date_text(date_s, last - self.span_s[0])} on")
         first = float(self.time_s[np.searchsorted(self.time_s, date_s)])
-        return Where("reading", first, last, f"from reading {first:.0f} on")
+        return CovariateRange("reading", first, last, f"from reading {first:.0f} on")
 
     def lives(self, term: Term) -> str:
         """Return the covariate along which an effect lives: of those known to go with it the one that varies most."""
-        listed = term.needs if isinstance(term, Composed) else wording.WHERE.get(term.name, ("time",))
+        listed = term.needs if isinstance(term, Composed) else wording.SHOWN_ALONG.get(term.name, ("time",))
         known = [name for name in listed if name in self.covariates]
         known = [name for name in known if name in term.needs] or known
         known = known or [name for name in ("time", "reading") if name in self.covariates] or list(self.covariates)
         return max(known, key=lambda name: float(np.std(self.covariates[name])))
 
     def unexplained(
-        self, curves: Sequence[BinnedResidual], size_deg: float, named: Sequence[str], place: Where | None = None
+        self,
+        curves: Sequence[BinnedResidual],
+        size_deg: float,
+        named: Sequence[str],
+        place: CovariateRange | None = None,
     ) -> Unexplained:
         """Return what is left after the named terms: where it lives, how large, its empirical curve.
 
@@ -115,23 +164,242 @@ class Comparison:
         """
         places = [place] if place else [self.outside(curve) for curve in curves]
         dates = next(((one.low, one.high) for one in places if one.covariate == "time"), self.span_s)
-        text = wording.unexplained(" and ".join(one.text for one in places), size_deg, named)
+        text = wording.unexplained_text(" and ".join(one.text for one in places), size_deg, named)
         covariates = tuple(curve.covariate for curve in curves)
         return Unexplained(covariates, places[0], dates if self.clocked else None, size_deg, tuple(curves), text)
 
 
-@dataclass(frozen=True)
-class Outcome:
-    """What the search of one comparison tells, however its hypotheses were weighed."""
+@dataclass(frozen=True, kw_only=True)
+class LongComparison(Comparison):
+    """A recording of weeks or years held against its simulation; n samples in the order of time."""
 
-    comparison: Comparison
-    posterior: Posterior
-    findings: tuple[Finding, ...]  # of the likeliest hypothesis, in the order of its terms
-    slots: tuple[Slot, ...]  # places of the findings
-    left: Unexplained | None
-    small: tuple[tuple[str, float], ...]  # what is left and does not matter, visible degrees
-    curves: Callable[[Sequence[Finding], Unexplained | None], list[BinnedResidual]]  # of what was found and is left
-    noise: Mapping[str, tuple[float, float]]  # each with its standard error
-    taken_back: frozenset[str] = frozenset()  # names that the search gave, and that only stood for something else
-    tried: tuple[Ranked, ...] = ()  # each effect alone
-    deniable: bool = False  # whether held-out readings that agree worse take a name back
+    simulation: Simulation  # what the recording is held against
+    scene: Scene  # in what it was made, with the departures that terms need
+    recorded_deg: Floats  # (n,) heading that the affected compass gave
+    observed_deg: Floats  # (n,) heading that the reference's side shows
+    slowness: Floats  # (n,) what widens the scatter, 1/speed; 0 where nothing does
+    expected_deg: (
+        Floats  # (n,) width of the scatter as the fit has it; two headings nearer than a few are not told apart
+    )
+    precision_deg: float  # noise of the recorded heading itself
+    nuisance: Floats  # (n, k) columns that are fitted and never named
+    in_water: bool = True  # whether slow water of two depths may stand between both sides
+    louder: Louder | None = None  # slow water, once it was learnt
+    usual: Mapping[type[Term], Floats] = field(default_factory=dict)  # standard deviation expected of each parameter
+    prior: Prior | None = None  # what other records of the compass tell of A..E
+    shared: SharedInformation = field(default_factory=dict)  # and of its effects
+
+
+def compare_pairs(
+    pairs: Pairs,
+    logged: Mapping[str, Floats],
+    fit: Fit,
+    earth: EarthField,
+    *,
+    reference_magnetic: bool = True,
+    units: Mapping[str, str] | None = None,
+) -> LongComparison:
+    """Return the overlap of a mooring held against its fitted exact compass.
+
+    Args:
+        logged: other series at their times, (n,) each.
+        reference_magnetic: whether the reference has a compass too.
+        units: of series that have no name of their own here; 1 where absent.
+    """
+    columns = covariate_series.pair_covariates(pairs, logged)
+    references = covariate_series.reference_values(columns)
+    observed = model.observed_heading(pairs)
+    heading = model.nearest_root(compass.inverse(fit.coefficients, pairs.heading_deg), observed)
+    scene = scene_of_pairs(pairs, columns, references, field=earth, heading_deg=heading)
+    simulation = Simulation(fit.coefficients, float(np.mean(scene.horizontal_nT)))
+    terms, missing = testable_effects(scene, reference_magnetic)
+    upper, lower = model.speeds(pairs)
+    return LongComparison(
+        time_s=pairs.time_s,
+        simulation=simulation,
+        scene=scene,
+        recorded_deg=pairs.heading_deg,
+        observed_deg=observed,
+        slowness=np.hypot(1.0 / np.maximum(upper, 1e-3), 1.0 / np.maximum(lower, 1e-3)),
+        expected_deg=likelihood.widths(fit.noise, upper, lower),
+        precision_deg=fit.noise.compass_deg,
+        covariates=columns,
+        nuisance=_nuisance_columns(pairs, scene, simulation),
+        terms=terms,
+        not_testable=missing,
+        prior=fit.prior,
+        units={
+            name: (units or {}).get(name, "1")
+            for name in logged
+            if name in columns and name not in covariate_series.NAMED_SERIES
+        },
+    )
+
+
+def scene_of_pairs(
+    pairs: Pairs,
+    columns: Mapping[str, Floats],
+    references: Mapping[str, float],
+    *,
+    field: EarthField,
+    heading_deg: Floats,
+) -> Scene:
+    """Return in what the pairs were measured.
+
+    Args:
+        columns: covariates, (n,) each.
+        references: what the terms' departures count from.
+        heading_deg: headings as the fit corrects them, (n,), degrees.
+    """
+    h, z = (np.interp(pairs.time_s, field.time_s, x) for x in (field.horizontal_nT, field.vertical_nT))
+    return Scene(
+        time_s=pairs.time_s,
+        horizontal_nT=h,
+        vertical_nT=z,
+        pitch_deg=np.nan_to_num(pairs.pitch_deg),
+        roll_deg=np.nan_to_num(pairs.roll_deg),
+        begin_s=references["time"],
+        departures=covariate_series.departures(pairs, columns, references, heading_deg),
+    )
+
+
+def testable_effects(
+    scene: Scene, reference_magnetic: bool
+) -> tuple[tuple[type[Term], ...], tuple[tuple[str, str], ...]]:
+    """Return the terms that a mooring's record can be tested for, and which not with the reason.
+
+    Args:
+        reference_magnetic: whether the reference has a compass too.
+    """
+    terms, missing = [], []
+    for term in all_terms():
+        if "mooring" not in term.recordings or term.acts_on == "time":
+            continue
+        absent = [name for name in term.needs if name not in scene.departures]
+        if term.name == "declination_error":
+            missing.append((term.name, CONSTANT_IN_A))
+        elif term.name == "tilt_offset":
+            missing.append((term.name, IN_FITTED_IRON))
+        elif term.acts_on == "north" and reference_magnetic:
+            missing.append((term.name, CANCELS))
+        elif absent:
+            missing.append((term.name, MISSING_SERIES.get(absent[0], f"no {absent[0].replace('_', ' ')} was logged")))
+        elif term.name in ("heeling", "tilt_uncompensated") and np.ptp(scene.pitch_deg) + np.ptp(scene.roll_deg) == 0.0:
+            missing.append((term.name, "no tilt that varies was logged"))
+        elif not term.found_by:
+            terms.append(term)
+    return tuple(terms), tuple(dict.fromkeys(missing))
+
+
+def _nuisance_columns(pairs: Pairs, scene: Scene, simulation: Simulation) -> Floats:
+    """Return columns that every overlap has: noise of the tilt sensor through Z, and a rate of turn of the flow.
+
+    The noise of a recorded tilt stands in the heading and in the tilt alike; on the fast part of the tilt it looks
+    like heeling. A clock, or water that arrives at one depth later, shows as the rate of turn of the flow, and a clock
+    that drifts as the same growing.
+    """
+    span = max(int(TILT_HIGHPASS_HOURS * 3600.0 / np.median(np.diff(pairs.time_s))), 1)
+    fast = [x - _moving_average(x, span) for x in (scene.pitch_deg, scene.roll_deg)]
+    wobble = Scene(scene.time_s, scene.horizontal_nT, scene.vertical_nT, fast[0], fast[1], scene.begin_s)
+    vertical = Simulation(simulation.coefficients, simulation.horizontal_nT, (Heeling(),))
+    heading = composition.headings(simulation, scene, pairs.heading_deg)[:, 0]
+    noise = composition.derivative(vertical, wobble, heading, first=5) * scene.vertical_nT[:, None]
+    turning = scene.departures["flow_turn"]
+    columns = np.column_stack([np.nan_to_num(noise), turning, turning * scene.years, _aliased_tides(scene.time_s)])
+    return columns[:, columns.std(axis=0) > LEAST_SPREAD]
+
+
+def _aliased_tides(time_s: Floats) -> Floats:
+    """Return waves of the tides where they are sampled too rarely to be followed, else none, (n, k).
+
+    A profiler that passes twice a day sees the tides' directional shear as waves of weeks to a year, and that of the
+    sun's tide as very nearly a constant. The mean of each wave is A's, as any mean shear is, and what hardly varies
+    beside it is left out: else nothing would be known of A.
+    """
+    if np.median(np.diff(time_s)) < TIDE_RESOLVING_STEP_S:
+        return np.zeros((len(time_s), 0))
+    waves = tide_waves(time_s)
+    return np.asarray((waves - waves.mean(axis=0))[:, waves.std(axis=0) > LEAST_WAVE_SPREAD])
+
+
+def tide_waves(time_s: Floats) -> Floats:
+    """Return sine and cosine of the five largest tides, (n, 10)."""
+    return np.column_stack(angles.sin_cos(360.0 * (time_s - time_s[0])[:, None] / 3600.0 / np.array(TIDE_PERIODS_H)))
+
+
+def _moving_average(x: Floats, reach: int) -> Floats:
+    summed = np.concatenate([[0.0], np.cumsum(x)])
+    first, last = np.maximum(np.arange(len(x)) - reach, 0), np.minimum(np.arange(len(x)) + reach + 1, len(x))
+    return (summed[last] - summed[first]) / (last - first)
+
+
+def build_finding(
+    comparison: Comparison,
+    term: Term,
+    chances: Mapping[str, float],
+    parameters: Mapping[str, Parameter],
+    *,
+    size_deg: float,
+    proof: HeldOut,
+    place: CovariateRange,
+    span_s: tuple[float, float] | None = None,
+) -> Finding:
+    """Return the finding of one term of the likeliest hypothesis.
+
+    Args:
+        chances: probability of the effect, which is first, and of what else may stand in its place.
+        parameters: by name, for people.
+        size_deg: visible size, rms.
+        place: where it shows; of a term with a date, since then.
+        span_s: when it acts, where that is not always.
+    """
+    probability, others = next(iter(chances.values())), dict(list(chances.items())[1:])
+    effect, composition = _name_and_composition(term)
+    begin, end = span_s or comparison.span_s
+    if term.dated():
+        begin, place = term.date, comparison.since(term.date)
+    physics = " changes ".join(wording.describe_composition(*composition.values())) if composition else term.words
+    text = wording.finding_text(
+        term.name,
+        tuple(others),
+        where=place.text,
+        parameters={name: (one.value, one.sigma, one.unit) for name, one in parameters.items()},
+        size_deg=size_deg,
+        proof=(proof.rms_before_deg, proof.rms_after_deg, proof.p_value),
+        physics=f"{physics}, which no listed effect does" if composition else physics,
+        what=comparison.what,
+    )
+    return Finding(
+        effect=effect,
+        side=term.side,
+        alternatives=tuple(others),
+        where=place,
+        when_s=(begin, end) if comparison.clocked else None,
+        parameters=parameters,
+        rms_effect_deg=size_deg,
+        held_out=proof,
+        text=text,
+        probability=probability,
+        alternatives_probability=others,
+        composition=composition,
+    )
+
+
+def large_deviation_finding(size_deg: float, proof: HeldOut, *, what: str = "") -> Finding:
+    """Return the finding that the five-term series is too small a model: the exact compass fits where it does not.
+
+    Args:
+        size_deg: difference of the two, rms.
+        what: is compared, in words, where a recording may hold several comparisons.
+    """
+    effect, place = "large_deviation", CovariateRange("heading", 0.0, 360.0, "along the recorded heading")
+    shown = (proof.rms_before_deg, proof.rms_after_deg, proof.p_value)
+    text = wording.finding_text(effect, (), where=place.text, parameters={}, size_deg=size_deg, proof=shown, what=what)
+    return Finding(effect, "compass", (), place, None, {"share": Parameter(1.0, 0.0, "1")}, size_deg, proof, text)
+
+
+def _name_and_composition(term: Term) -> tuple[str, dict[str, str] | None]:
+    """Return the name of an effect, and what it is composed of where nobody listed it."""
+    if not isinstance(term, Composed) or not term.name.startswith(COMPOSED):
+        return term.name, None
+    return "composed", dict(zip(("acts_on", "driver", "form"), term.said(), strict=True))

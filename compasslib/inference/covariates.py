@@ -1,4 +1,4 @@
-"""What was logged beside the headings, as the search may use it; never anything derived from the lower direction alone.
+"""Series logged beside the headings, as the search may use them; never anything derived from the lower direction alone.
 
 A regressor built from the lower direction shares its noise with the residual and alarms in every record.
 """
@@ -13,24 +13,36 @@ from numpy.typing import NDArray
 from compasslib import angles
 from compasslib.deviation import model
 from compasslib.effects.term import DAY_S, HOUR_S
-from compasslib.inference import stuck
 from compasslib.preparation import overlap
 from compasslib.records import MAGNETOMETER, Pairs, Record
 from compasslib.types import Floats
 
+TILT_CORRECTIONS = ("lean_pitch", "lean_roll")  # names of the series, degrees
+NEAR_CELLS = 2  # whose mean is the water at the instrument
+SHORTEST_STUCK_S, FEWEST_MOVING = 10 * 86400.0, 100  # of a stretch without any change, and of moving tilts beside it
+LEAST_EXPLAINED = 0.25  # share of the moving tilts' variance that the flow must explain
+
 FEWEST_VALUES = 5  # different values below which a covariate says nothing
 OBSERVATORY = ("declination_observatory", "horizontal_observatory")
 INDICES = ("ap", "kp")  # of storms: how far magnetic north swings, and never whereto, so that they drive nothing
-LISTED = ("temperature", "supply_voltage", "depth", "speed", *OBSERVATORY, *INDICES, *stuck.LEANS)  # else: a channel
-QUIET = (*OBSERVATORY, *stuck.LEANS)  # departures: what is missing counts as none
-FROM_ZERO = stuck.LEANS  # departures whose zero means something
+NAMED_SERIES = (
+    "temperature",
+    "supply_voltage",
+    "depth",
+    "speed",
+    *OBSERVATORY,
+    *INDICES,
+    *TILT_CORRECTIONS,
+)  # else: a channel
+ZERO_WHERE_MISSING = (*OBSERVATORY, *TILT_CORRECTIONS)  # departures: what is missing counts as none
+WITHOUT_REFERENCE = TILT_CORRECTIONS  # departures whose zero means something
 BATTERY_JUMP = 0.3  # of its whole range: a supply voltage that rises by more within a day was given a new battery
-FEWEST_AROUND = 100  # samples that tell the weights
-SHEARING = 6  # samples to either side over which water shears and instruments' own noise averages out
-AROUND = (2, 3, 4, 5, 6, 7)  # samples before and after; the nearest may share the residual's noise
+FEWEST_PREDICTED = 100  # samples that tell the weights
+SHEAR_REACH = 6  # samples to either side over which water shears and instruments' own noise averages out
+NEIGHBOURS = (2, 3, 4, 5, 6, 7)  # samples before and after; the nearest may share the residual's noise
 FAINTEST = 0.03  # of the harmonics' largest combination: what an arc of flow hardly tells apart is not scaled up
 CLIPPED_RAD = 0.6  # of the angle between two directions, for its memory: slow water may point anywhere
-FLOW = ("flow_east", "flow_north", "flow_sine2", "flow_cosine2")
+FLOW_NAMES = ("flow_east", "flow_north", "flow_sine2", "flow_cosine2")
 # ap of every third of Kp, from 0 to 9 (Bartels 1957)
 AP_OF_KP = np.array([
     0, 2, 3, 4, 5, 6, 7, 9, 12, 15, 18, 22, 27, 32, 39, 48, 56, 67, 80, 94, 111, 132, 154, 179, 207, 236, 300, 400.0
@@ -40,7 +52,60 @@ SPEED_SPAN_S, SLOWEST_M_S = 6 * 3600.0, 0.03  # of the speed by which a constant
 NEIGHBOUR_S = 1.5 * HOUR_S  # neighbours farther apart say nothing of a rate
 
 
-def logged(record: Record, observatory_files: Sequence[str], at: Pairs | None = None) -> dict[str, Floats]:
+def tilt_corrections(record: Record) -> dict[str, Floats]:
+    """Return true minus recorded pitch and roll while the tilts stick, (n,) each, 0 elsewhere; nothing if they do not.
+
+    A moored instrument leans with the drag of the water. The flow in its own frame needs no compass, so that what the
+    healthy part of the record shows of lean against flow tells the tilt when the sensor no longer does.
+
+    Args:
+        record: the affected instrument.
+    """
+    if not np.isfinite(record.pitch_deg + record.roll_deg).any():
+        return {}
+    stretch = longest_constant_tilt(record)
+    moving = np.isfinite(record.pitch_deg + record.roll_deg)
+    moving[stretch] = False
+    if stretch.stop == stretch.start or moving.sum() < FEWEST_MOVING:
+        return {}
+    columns, known = _drag_regressors(record)
+    if (moving & known).sum() < FEWEST_MOVING:
+        return {}
+    tilts = np.column_stack([record.pitch_deg, record.roll_deg])
+    learnt, *_ = np.linalg.lstsq(columns[moving & known], tilts[moving & known], rcond=None)
+    left = tilts[moving & known] - columns[moving & known] @ learnt
+    if np.sum(left.var(axis=0)) > (1.0 - LEAST_EXPLAINED) * np.sum(tilts[moving & known].var(axis=0)):
+        return {}
+    lean = np.zeros_like(tilts)
+    lean[stretch] = np.where(known[stretch, None], columns[stretch] @ learnt - tilts[stretch], 0.0)
+    return dict(zip(TILT_CORRECTIONS, lean.T, strict=True))
+
+
+def longest_constant_tilt(record: Record) -> slice:
+    """Return the longest stretch in which neither tilt changes by anything, empty where none is long enough."""
+    still = (np.diff(record.pitch_deg) == 0.0) & (np.diff(record.roll_deg) == 0.0)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(int), [0]])))
+    if not len(edges):
+        return slice(0, 0)
+    begins, ends = edges[::2], edges[1::2]
+    k = int(np.argmax(ends - begins))
+    first, last = int(begins[k]), int(ends[k])
+    long = record.time_s[last] - record.time_s[first] >= SHORTEST_STUCK_S and last - first >= FEWEST_MOVING
+    return slice(first, last + 1) if long else slice(0, 0)
+
+
+def _drag_regressors(record: Record) -> tuple[Floats, NDArray[np.bool_]]:
+    """Return powers of the flow along and across the instrument, (n, 5), and where it is known, (n,)."""
+    velocity, _ = overlap.near_bins(record, np.zeros(len(record.time_s)), NEAR_CELLS)
+    sine, cosine = angles.sin_cos(record.heading_deg)
+    along, across = velocity.imag * cosine + velocity.real * sine, velocity.real * cosine - velocity.imag * sine
+    speed = np.abs(velocity)
+    columns = np.column_stack([np.ones(len(speed)), speed * along, speed * across, along, across])
+    known = np.asarray(np.isfinite(columns).all(axis=1))
+    return np.where(known[:, None], columns, 0.0), known
+
+
+def logged_series(record: Record, observatory_files: Sequence[str], at: Pairs | None = None) -> dict[str, Floats]:
     """Return the series beside heading and tilt, those that hold anything, (n,) each.
 
     Args:
@@ -51,14 +116,14 @@ def logged(record: Record, observatory_files: Sequence[str], at: Pairs | None = 
     Raises:
         InputError: an observatory's file cannot be read.
     """
-    velocity, _ = overlap.near_bins(record, np.zeros(len(record.time_s)), stuck.NEAR_CELLS)
+    velocity, _ = overlap.near_bins(record, np.zeros(len(record.time_s)), NEAR_CELLS)
     series = {
         "temperature": record.temperature_c,
         "supply_voltage": record.supply_voltage,
         "depth": record.depth_m,
         "speed": np.abs(velocity),
         **{name: channel for name, channel in record.channels.items() if name not in MAGNETOMETER},
-    } | stuck.leans(record)
+    } | tilt_corrections(record)
     if observatory_files:
         from compasslib import observatory  # only where one is named
 
@@ -67,7 +132,7 @@ def logged(record: Record, observatory_files: Sequence[str], at: Pairs | None = 
     return {name: column[where] for name, column in series.items() if np.isfinite(column).any()}
 
 
-def of_pairs(pairs: Pairs, logged: Mapping[str, Floats]) -> dict[str, Floats]:
+def pair_covariates(pairs: Pairs, logged: Mapping[str, Floats]) -> dict[str, Floats]:
     """Return the covariates along which the residual is looked at, (n,) each; constants are left out.
 
     Args:
@@ -84,26 +149,26 @@ def of_pairs(pairs: Pairs, logged: Mapping[str, Floats]) -> dict[str, Floats]:
         "speed": upper,
         "hour_of_day": angles.wrap360(360.0 * (pairs.time_s / DAY_S)) / 15.0,
     } | {
-        name: np.nan_to_num(column) if name in QUIET else as_used(name, column, pairs.time_s)
+        name: np.nan_to_num(column) if name in ZERO_WHERE_MISSING else smooth_supply(name, column, pairs.time_s)
         for name, column in logged.items()
     }
     if pairs.lower_heading_deg is not None:
         every["reference_heading"] = pairs.lower_heading_deg
-    return {name: filled(column) for name, column in every.items() if varies(column)}
+    return {name: fill_gaps(column) for name, column in every.items() if varies(column)}
 
 
-def references(columns: Mapping[str, Floats]) -> dict[str, float]:
+def reference_values(columns: Mapping[str, Floats]) -> dict[str, float]:
     """Return what the departures of covariates count from, by name: their means, but for what is a departure itself.
 
     Args:
         columns: covariates, (n,) each.
     """
-    means = {name: 0.0 if name in FROM_ZERO else float(np.mean(column)) for name, column in columns.items()}
+    means = {name: 0.0 if name in WITHOUT_REFERENCE else float(np.mean(column)) for name, column in columns.items()}
     leans = [columns[name] for name in ("pitch", "roll") if name in columns]
     return means | ({"tilt": float(np.mean(np.hypot.reduce(leans)))} if leans else {})
 
 
-def as_used(name: str, column: Floats, time_s: Floats) -> Floats:
+def smooth_supply(name: str, column: Floats, time_s: Floats) -> Floats:
     """Return a logged series as the search uses it: a supply voltage as its mean of a day, (n,).
 
     Batteries change within days; what is faster is mostly the converter's count, and would hide that a voltage falls as
@@ -112,10 +177,10 @@ def as_used(name: str, column: Floats, time_s: Floats) -> Floats:
     Args:
         column: (n,), NaN where missing.
     """
-    return running(column, time_s, DAY_S) if name == "supply_voltage" and len(column) else column
+    return running_mean(column, time_s, DAY_S) if name == "supply_voltage" and len(column) else column
 
 
-def running(column: Floats, time_s: Floats, span_s: float) -> Floats:
+def running_mean(column: Floats, time_s: Floats, span_s: float) -> Floats:
     """Return the mean of a series over a span around each sample, (n,).
 
     Args:
@@ -140,7 +205,7 @@ def varies(column: Floats) -> bool:
     return 2 * len(known) > len(column) and len(np.unique(known)) >= FEWEST_VALUES
 
 
-def filled(column: Floats) -> Floats:
+def fill_gaps(column: Floats) -> Floats:
     """Return a covariate with what is missing set to its middle value, which says nothing.
 
     Args:
@@ -160,14 +225,16 @@ def departures(
         heading_deg: headings as the fit corrects them, (n,), degrees; NaN where it cannot.
     """
     result = {name: column - references.get(name, 0.0) for name, column in covariates.items()}
-    result["turn_rate"] = rate(pairs.heading_deg, pairs.time_s)
-    result |= _of_flow(pairs, np.nan_to_num(angles.difference(heading_deg, pairs.heading_deg)))
+    result["turn_rate"] = turn_rate(pairs.heading_deg, pairs.time_s)
+    result |= _flow_departures(pairs, np.nan_to_num(angles.difference(heading_deg, pairs.heading_deg)))
     if "flow_east" in result:
-        upper, lower = (running(speed, pairs.time_s, SPEED_SPAN_S) for speed in model.speeds(pairs))
+        upper, lower = (running_mean(speed, pairs.time_s, SPEED_SPAN_S) for speed in model.speeds(pairs))
         own = np.where(np.isfinite(heading_deg), heading_deg, pairs.heading_deg) + pairs.declination_deg
-        result |= _in_body(own, upper, result, "body")
+        result |= _body_frame_flow(own, upper, result, "body")
         if "reference_heading" in covariates:
-            result |= _in_body(covariates["reference_heading"] + pairs.declination_deg, lower, result, "reference")
+            result |= _body_frame_flow(
+                covariates["reference_heading"] + pairs.declination_deg, lower, result, "reference"
+            )
     if "reference_heading" in covariates:
         for name, wave in zip(("sine", "cosine"), angles.sin_cos(covariates["reference_heading"]), strict=True):
             result[f"reference_{name}"] = wave - wave.mean()
@@ -177,7 +244,7 @@ def departures(
         result["tilt"] = np.hypot.reduce([covariates[x] for x in ("pitch", "roll") if x in covariates])
         result["tilt"] = result["tilt"] - references["tilt"]
     if "supply_voltage" in covariates:
-        number = battery_number(covariates["supply_voltage"])
+        number = battery_count(covariates["supply_voltage"])
         if number[-1] > 0:
             result["battery_number"] = number
     return result
@@ -197,7 +264,7 @@ def storm_index(covariates: Mapping[str, Floats]) -> Floats | None:
     return np.interp(3.0 * kp, np.arange(len(AP_OF_KP)), AP_OF_KP)
 
 
-def rate(angle_deg: Floats, time_s: Floats) -> Floats:
+def turn_rate(angle_deg: Floats, time_s: Floats) -> Floats:
     """Return the rate of turn between the neighbours of each sample, (n,) degrees/s, 0 where they are too far.
 
     Args:
@@ -209,7 +276,7 @@ def rate(angle_deg: Floats, time_s: Floats) -> Floats:
     return result
 
 
-def battery_number(voltage: Floats) -> Floats:
+def battery_count(voltage: Floats) -> Floats:
     """Return how many batteries were put in since the first, (n,): each makes the voltage rise and stay.
 
     Args:
@@ -222,19 +289,19 @@ def battery_number(voltage: Floats) -> Floats:
     rise = smooth[window:] - smooth[:-window]
     least = BATTERY_JUMP * np.ptp(voltage)
     number, last = np.zeros(len(voltage)), -len(voltage)
-    for at in np.flatnonzero((rise > least) & (rise >= _largest_near(rise, window))):
+    for at in np.flatnonzero((rise > least) & (rise >= _sliding_maximum(rise, window))):
         if at - last > window:  # whole counts rise alike from several neighbours: one battery all the same
             number[at + window :] += 1.0
         last = int(at)
     return number
 
 
-def _largest_near(x: Floats, reach: int) -> Floats:
+def _sliding_maximum(x: Floats, reach: int) -> Floats:
     padded = np.pad(x, reach, constant_values=-np.inf)
     return np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1).max(axis=1)
 
 
-def _of_flow(pairs: Pairs, deviation_deg: Floats) -> dict[str, Floats]:
+def _flow_departures(pairs: Pairs, deviation_deg: Floats) -> dict[str, Floats]:
     """Return the flow's direction as the hours around tell it, and the turn of the mooring's excursion.
 
     The noise of either instrument's direction is in the residual too. In the middle between them what shears over hours
@@ -248,21 +315,23 @@ def _of_flow(pairs: Pairs, deviation_deg: Floats) -> dict[str, Floats]:
     share = _share_of_upper(upper, lower)
     apart = upper - lower
     both = (upper + lower) / 2.0 + (share - 0.5) * (apart - _smooth(apart))
-    around = _as_around(both, pairs.time_s)
-    memory = _memory(upper * np.conj(lower))
-    predicted = _predicted(_harmonics(both), _harmonics(around), memory)
+    around = _predict_from_neighbours(both, pairs.time_s)
+    memory = _lag_one_correlation(upper * np.conj(lower))
+    predicted = _scale_prediction(_harmonics(both), _harmonics(around), memory)
     lean = np.abs(upper) * upper
     moved = np.zeros(len(pairs), dtype=complex)
     span_s = pairs.time_s[2:] - pairs.time_s[:-2]
     moved[1:-1] = np.where(span_s <= 2.0 * NEIGHBOUR_S, (lean[2:] - lean[:-2]) / span_s, 0.0)
     across = -np.imag(moved * np.conj(upper)) / np.maximum(np.abs(upper), 0.02) ** 2 / angles.DEGREE
-    result = {"excursion_turn": across, "flow_turn": _turning(both, pairs.time_s)}
+    result = {"excursion_turn": across, "flow_turn": _flow_turn_rate(both, pairs.time_s)}
     if np.any(predicted):
-        result |= dict(zip(FLOW, predicted.T, strict=True))
+        result |= dict(zip(FLOW_NAMES, predicted.T, strict=True))
     return result
 
 
-def _in_body(heading_deg: Floats, speed: Floats, of_flow: Mapping[str, Floats], whose: str) -> dict[str, Floats]:
+def _body_frame_flow(
+    heading_deg: Floats, speed: Floats, of_flow: Mapping[str, Floats], whose: str
+) -> dict[str, Floats]:
     """Return sine and cosine of the flow's angle in an instrument's body over its speed, and the sine of twice it.
 
     Args:
@@ -272,7 +341,7 @@ def _in_body(heading_deg: Floats, speed: Floats, of_flow: Mapping[str, Floats], 
         whose: what the names begin with.
     """
     (sine, cosine), (sine2, cosine2) = (angles.sin_cos(k * heading_deg) for k in (1.0, 2.0))
-    east, north, flow_sine2, flow_cosine2 = (of_flow[name] for name in FLOW)
+    east, north, flow_sine2, flow_cosine2 = (of_flow[name] for name in FLOW_NAMES)
     slow = np.maximum(speed, SLOWEST_M_S)
     return {
         f"{whose}_flow_sine": (east * cosine - north * sine) / slow,
@@ -283,7 +352,7 @@ def _in_body(heading_deg: Floats, speed: Floats, of_flow: Mapping[str, Floats], 
 
 def _smooth(flow: NDArray[np.complex128]) -> NDArray[np.complex128]:
     """Return the mean of the samples around each, fewer at the ends."""
-    reach = min(len(flow), 2 * SHEARING + 1)
+    reach = min(len(flow), 2 * SHEAR_REACH + 1)
     return np.convolve(flow, np.ones(reach), "same") / np.convolve(np.ones(len(flow)), np.ones(reach), "same")
 
 
@@ -294,7 +363,7 @@ def _harmonics(flow: NDArray[np.complex128]) -> Floats:
     return np.column_stack([unit.real, unit.imag, (unit**2).imag, -(unit**2).real])
 
 
-def _predicted(seen: Floats, around: Floats, memory: float) -> Floats:
+def _scale_prediction(seen: Floats, around: Floats, memory: float) -> Floats:
     """Return what the hours around tell of each harmonic that is seen, the residual's memory filtered out, (n, k)."""
     x, z = (series[1:] - memory * series[:-1] for series in (seen, around))
     known = np.any(around[1:], axis=1) & np.any(around[:-1], axis=1)
@@ -306,7 +375,7 @@ def _predicted(seen: Floats, around: Floats, memory: float) -> Floats:
     return np.asarray(told + (np.mean(seen, axis=0) - np.mean(told, axis=0)))
 
 
-def _memory(product: NDArray[np.complex128]) -> float:
+def _lag_one_correlation(product: NDArray[np.complex128]) -> float:
     """Return the correlation of neighbours of the angle between the two directions."""
     angle = np.clip(np.angle(product), -CLIPPED_RAD, CLIPPED_RAD)
     angle = angle - angle.mean()
@@ -324,7 +393,7 @@ def _share_of_upper(upper: NDArray[np.complex128], lower: NDArray[np.complex128]
     return own[1] / max(sum(own), 1e-12)
 
 
-def _turning(flow: NDArray[np.complex128], time_s: Floats) -> Floats:
+def _flow_turn_rate(flow: NDArray[np.complex128], time_s: Floats) -> Floats:
     """Return the rate at which the flow turns, from a straight line through five samples, degrees/h, 0 at gaps."""
     result = np.zeros(len(flow))
     five = np.lib.stride_tricks.sliding_window_view(flow, 5)
@@ -336,13 +405,13 @@ def _turning(flow: NDArray[np.complex128], time_s: Floats) -> Floats:
     return result
 
 
-def _as_around(flow: NDArray[np.complex128], time_s: Floats) -> NDArray[np.complex128]:
+def _predict_from_neighbours(flow: NDArray[np.complex128], time_s: Floats) -> NDArray[np.complex128]:
     """Return what samples some hours before and after tell of the flow, by least squares; 0 where they are missing."""
-    result, most = np.zeros(len(flow), dtype=complex), AROUND[-1]
+    result, most = np.zeros(len(flow), dtype=complex), NEIGHBOURS[-1]
     inside = np.arange(most, len(flow) - most)
     inside = inside[time_s[inside + most] - time_s[inside - most] <= (2 * most + 0.5) * HOUR_S]
-    if len(inside) > FEWEST_AROUND:
-        others = [flow[inside + side * apart] for apart in AROUND for side in (-1, 1)]
+    if len(inside) > FEWEST_PREDICTED:
+        others = [flow[inside + side * apart] for apart in NEIGHBOURS for side in (-1, 1)]
         columns = np.column_stack([*others, np.ones(len(inside))])
         weights, *_ = np.linalg.lstsq(columns, flow[inside], rcond=None)
         result[inside] = columns @ weights

@@ -1,20 +1,157 @@
-"""The verdict on a recording: what all its comparisons show together."""
+"""The diagnosis of a recording: findings of all comparisons, the verdict, and whether a mooring is sound as a whole.
+
+A search names what bends the compass where the record as a whole is sound. Whether it is sound is judged here, so that
+verdict, flags and uncertainty agree: a constant that a mistake in the configuration explains, stretches that disagree
+with the other pairs, and a correction that held-out pairs deny.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+import textwrap
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
 
-from compasslib.inference import verdict, wording
-from compasslib.inference.comparison import Options, Outcome
-from compasslib.inference.finding import Finding, Ranked, Unexplained
-from compasslib.inference.posterior import Slot
-from compasslib.inference.verdict import Diagnosis
+import numpy as np
 
-WORTH_SAYING = 0.1  # of the size that matters: less is not even listed
+from compasslib import deviation
+from compasslib.calibrations import at_mooring
+from compasslib.deviation import assessment, windows
+from compasslib.deviation.constant import Constant
+from compasslib.deviation.doubts import KNOWS_NOTHING_DEG, Doubt, along_time, whole_record
+from compasslib.deviation.model import Fit
+from compasslib.inference import product as products
+from compasslib.inference import wording
+from compasslib.inference.comparison import Comparison, Options
+from compasslib.inference.finding import (
+    UNTESTED,
+    BinnedResidual,
+    CovariateRange,
+    Finding,
+    Parameter,
+    RankedEffect,
+    Unexplained,
+    curve_json,
+)
+from compasslib.inference.joint_compass import RecordInformation
+from compasslib.inference.posterior import Posterior, Slot
+from compasslib.inference.product import Product, Series, WeightedCompass
+from compasslib.records import EarthField, Pairs, Record
+from compasslib.types import Floats
+
+VERDICTS = ("consistent", "explained", "ambiguous", "unexplained", "insufficient")
+
+LISTED_SHARE = 0.1  # of the size that matters: less is not even listed
+
+UNSETTLED = (
+    "headings are flagged doubtful and the angle is included in their uncertainty until the configuration is "
+    "corrected, or confirmed: {constant: true} states that the constant is real"
+)
+SURE_CONSTANT = 0.95  # probability above which no other name is listed
+MOST_OUTLIERS = 0.03  # share of directions that say nothing; of 19 sound moorings up to 0.006, of a refuted one 0.02
+SIDES = ("none", "compass", "clock", "reference", "water")
 
 
-def of(
+@dataclass(frozen=True)
+class Diagnosis:
+    """The result of holding one recording against its simulation."""
+
+    verdict: str
+    findings: tuple[Finding, ...] = ()
+    unexplained: Unexplained | None = None
+    separated_by: str | None = None
+    not_testable: tuple[tuple[str, str], ...] = ()
+    negligible: tuple[tuple[str, float], ...] = ()  # effect or covariate, visible degrees
+    why: str = ""  # what the verdict rests on, or why there is none
+    curves: tuple[BinnedResidual, ...] = ()  # residual before and after along the covariates of what was found
+    applied: tuple[WeightedCompass, ...] = ()  # compasses whose average corrects the record, the chosen one first
+    fit: Fit | None = None  # the exact compass that the search stood on, where it may correct the record
+    covariance: Floats | None = None  # (5, 5) of A..E without terms, slow water in the noise
+    sides: Mapping[str, float] = field(default_factory=dict)  # probability of each; empty where nothing was judged
+    noise: Mapping[str, tuple[float, float]] = field(default_factory=dict)  # each with its standard error
+    detectable_deg: Mapping[str, float] = field(default_factory=dict)  # visible size that each effect needs to be named
+    hypotheses: tuple[RankedEffect, ...] = ()  # the best first
+    threshold: Mapping[str, float] = field(default_factory=dict)  # scores that noise alone hardly exceeds
+    warnings: tuple[str, ...] = ()  # sentences for the summary
+    told: RecordInformation | None = None  # what other records of the same compass may learn from this one
+    experiments: tuple[tuple[str, float], ...] = ()  # what to observe, and the chance that one name is left then
+
+    def __post_init__(self) -> None:
+        """Keep an effect that was judged in any of its forms from standing among those that could not be tested."""
+        judged = {*self.detectable_deg, *(finding.effect for finding in self.findings)}
+        kept = tuple(one for one in self.not_testable if one[0] not in judged)
+        object.__setattr__(self, "not_testable", kept)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return diagnosis.json."""
+        return {
+            "verdict": self.verdict,
+            "findings": [finding.to_json() for finding in self.findings],
+            "unexplained": None if self.unexplained is None else self.unexplained.to_json(),
+            "separated_by": self.separated_by,
+            "not_testable": [{"effect": effect, "why": why} for effect, why in self.not_testable],
+            "negligible": [{"effect": effect, "rms_effect_deg": size} for effect, size in self.negligible],
+            "why": self.why,
+            "curves": [curve_json(curve) for curve in self.curves],
+            **({"sides": dict(self.sides)} if self.sides else {}),
+            "noise": {name: {"value": value, "sigma": sigma} for name, (value, sigma) in self.noise.items()},
+            "experiments": [{"what": what, "probability": chance} for what, chance in self.experiments],
+            "fit": None if self.fit is None else self.fit.to_json(),
+            "detectable_deg": dict(self.detectable_deg),
+            "hypotheses": [vars(one) for one in self.hypotheses],
+            "threshold": dict(self.threshold),
+            "warnings": list(self.warnings),
+        }
+
+    def log_line(self, name: str) -> str:
+        """Return what the job says of its result, findings and warnings on lines of their own."""
+        texts = [finding.text for finding in self.findings]
+        texts += [self.unexplained.text] if self.unexplained else []
+        texts += [self.why] if self.why else []
+        texts += [f"warning: {warning}" for warning in self.warnings]
+        return "\n".join([f"{name}: {self.verdict}", *(textwrap.indent(text, "  ") for text in texts)])
+
+
+def insufficient(why: str, not_testable: tuple[tuple[str, str], ...] = ()) -> Diagnosis:
+    """Return the diagnosis that there was too little to judge.
+
+    Args:
+        why: in a sentence.
+    """
+    return Diagnosis("insufficient", why=why, not_testable=not_testable)
+
+
+def overall_verdict(found: Sequence[Finding], unexplained: Unexplained | None) -> str:
+    """Return the verdict that findings and an unexplained rest amount to.
+
+    Args:
+        unexplained: what nothing explains, or None.
+    """
+    if unexplained is not None:
+        return "unexplained"
+    if not found:
+        return "consistent"
+    return "ambiguous" if any(finding.alternatives for finding in found) else "explained"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What the search of one comparison tells, however its hypotheses were weighed."""
+
+    comparison: Comparison
+    posterior: Posterior
+    findings: tuple[Finding, ...]  # of the likeliest hypothesis, in the order of its terms
+    slots: tuple[Slot, ...]  # places of the findings
+    left: Unexplained | None
+    small: tuple[tuple[str, float], ...]  # what is left and does not matter, visible degrees
+    curves: Callable[[Sequence[Finding], Unexplained | None], list[BinnedResidual]]  # of what was found and is left
+    noise: Mapping[str, tuple[float, float]]  # each with its standard error
+    taken_back: frozenset[str] = frozenset()  # names that the search gave, and that only stood for something else
+    tried: tuple[RankedEffect, ...] = ()  # each effect alone
+    deniable: bool = False  # whether held-out readings that agree worse take a name back
+
+
+def combine_outcomes(
     parts: Sequence[Outcome],
     options: Options,
     *,
@@ -32,35 +169,37 @@ def of(
     denied = {id(one) for part in parts if part.deniable for one in part.findings if one.held_out.refuted}
     matter = [one for one in every if one.rms_effect_deg >= options.min_effect_deg]
     stands = [one for one in matter if id(one) not in denied]
-    found = _once([[one for one in group if one in stands] for group in (beside, *(part.findings for part in parts))])
+    found = _merge_findings(
+        [[one for one in group if one in stands] for group in (beside, *(part.findings for part in parts))]
+    )
     unnamed = [part.left for part in parts if part.left is not None]
     unnamed += [_unconfirmed(one) for one in matter if id(one) in denied]
     left = max(unnamed, key=lambda one: one.rms_effect_deg, default=None)
     small = [(one.effect, one.rms_effect_deg) for one in every if one.rms_effect_deg < options.min_effect_deg]
     small += [one for part in parts for one in part.small]
-    sides = min((_sides(part, stands) for part in parts), key=lambda one: one["none"], default={})
+    sides = min((_side_probabilities(part, stands) for part in parts), key=lambda one: one["none"], default={})
     for one in beside:
-        sides = surely(one.side, sides) if one in found else sides
-    phrases = [wording.separated_by(f.named, f.alternatives) for f in found if f.alternatives]
+        sides = exclude_nothing(one.side, sides) if one in found else sides
+    phrases = [wording.separating_observations(f.named, f.alternatives) for f in found if f.alternatives]
     if separated_by and any(one.side == "compass" for one in found):
         phrases.append(separated_by)
     compared = [part.comparison.what for part in parts]
     return Diagnosis(
-        verdict=verdict.of(found, left),
+        verdict=overall_verdict(found, left),
         findings=found,
         unexplained=left,
         separated_by="; ".join(dict.fromkeys(phrases)) or None,
         not_testable=tuple(not_testable),
-        negligible=tuple({name: size for name, size in small if size > WORTH_SAYING * options.min_effect_deg}.items()),
-        why=wording.why([one.effect for one in found], left.text if left else "", compared),
+        negligible=tuple({name: size for name, size in small if size > LISTED_SHARE * options.min_effect_deg}.items()),
+        why=wording.verdict_reason([one.effect for one in found], left.text if left else "", compared),
         curves=tuple(curve for part in parts for curve in part.curves(found, left)),
-        hypotheses=_ranked(parts),
+        hypotheses=_rank_effects(parts),
         sides=sides,
         noise=parts[0].noise if parts else {},
     )
 
 
-def surely(side: str, sides: Mapping[str, float]) -> dict[str, float]:
+def exclude_nothing(side: str, sides: Mapping[str, float]) -> dict[str, float]:
     """Return the probabilities of sides where something surely acts on one: what is left out is not nothing."""
     if not sides:
         return {}
@@ -71,43 +210,43 @@ def surely(side: str, sides: Mapping[str, float]) -> dict[str, float]:
     }
 
 
-def joined(first: Sequence[Finding], rest: Diagnosis) -> Diagnosis:
+def prepend_findings(first: Sequence[Finding], rest: Diagnosis) -> Diagnosis:
     """Return the diagnosis with findings that were made before the search, strongest first."""
     if not first:
         return rest
     found = tuple(sorted((*first, *rest.findings), key=lambda one: -one.rms_effect_deg))
-    sides = surely(first[0].side, rest.sides)
-    return replace(rest, findings=found, verdict=verdict.of(found, rest.unexplained), sides=sides)
+    sides = exclude_nothing(first[0].side, rest.sides)
+    return replace(rest, findings=found, verdict=overall_verdict(found, rest.unexplained), sides=sides)
 
 
-def _sides(part: Outcome, stands: Sequence[Finding]) -> dict[str, float]:
+def _side_probabilities(part: Outcome, stands: Sequence[Finding]) -> dict[str, float]:
     """Return the probability of each side: what is too small to matter or was taken back counts as nothing."""
     kept, fallen = set[str](), set(part.taken_back)
     for finding, slot in zip(part.findings, part.slots, strict=True):
-        (kept if finding in stands else fallen).update(_names(slot))
+        (kept if finding in stands else fallen).update(_slot_effects(slot))
     return part.posterior.sides(fallen - kept)
 
 
-def _names(slot: Slot) -> tuple[str, ...]:
+def _slot_effects(slot: Slot) -> tuple[str, ...]:
     return (slot.effect, *slot.alternatives)
 
 
 def _unconfirmed(one: Finding) -> Unexplained:
     """Return a mismatch that is proven where it was fitted, and whose name held-out readings deny."""
-    text = wording.unexplained(one.where.text, one.rms_effect_deg, [])
+    text = wording.unexplained_text(one.where.text, one.rms_effect_deg, [])
     return Unexplained((one.where.covariate,), one.where, one.when_s, one.rms_effect_deg, (), text)
 
 
-def _ranked(parts: Sequence[Outcome]) -> tuple[Ranked, ...]:
+def _rank_effects(parts: Sequence[Outcome]) -> tuple[RankedEffect, ...]:
     """Return every effect that was tried alone, the best first, each once."""
-    best: dict[str, Ranked] = {}
+    best: dict[str, RankedEffect] = {}
     for one in (one for part in parts for one in part.tried):
         if one.effect not in best or best[one.effect].score < one.score:
             best[one.effect] = one
     return tuple(sorted(best.values(), key=lambda one: -one.score))
 
 
-def _once(groups: Sequence[Sequence[Finding]]) -> tuple[Finding, ...]:
+def _merge_findings(groups: Sequence[Sequence[Finding]]) -> tuple[Finding, ...]:
     """Return findings, strongest first: what two comparisons show is one effect."""
     kept: list[Finding] = []
     for group in groups:
@@ -121,3 +260,138 @@ def _once(groups: Sequence[Sequence[Finding]]) -> tuple[Finding, ...]:
         known = {one.effect for one in kept}
         kept += [one for one in group if one.effect not in known]
     return tuple(sorted(kept, key=lambda one: -one.rms_effect_deg))
+
+
+def product_of_diagnosis(fit: Fit, diagnosis: Diagnosis) -> Product:
+    """Return what is to correct the record after the search for unmodelled effects."""
+    left_deg = _uncorrected_deg(diagnosis)
+    if diagnosis.fit is None:
+        return Product(fit, left_deg=left_deg)
+    effects = tuple(one.effect for one in diagnosis.findings if one.applied)
+    accounted = tuple(one.effect for one in diagnosis.findings if one.beside_compass)
+    return Product(diagnosis.fit, effects, diagnosis.applied, accounted, left_deg)
+
+
+def _uncorrected_deg(diagnosis: Diagnosis) -> float:
+    """Return the visible size of what bends the compass, or may, and does not enter the product, rms degrees."""
+    kept_out = [one for one in diagnosis.findings if not one.applied and one.held_out is not UNTESTED]
+    if diagnosis.applied:  # an average holds what may not be as well, but for storms whose course nobody knows
+        kept_out = [one for one in kept_out if one.side == "compass"]
+    sizes = [one.rms_effect_deg for one in kept_out if one.of_compass]
+    sizes += [] if diagnosis.unexplained is None else [diagnosis.unexplained.rms_effect_deg]
+    return float(np.hypot.reduce(sizes)) if sizes else 0.0
+
+
+@dataclass(frozen=True)
+class Conclusion:
+    """What is said of a mooring, and what corrects it."""
+
+    diagnosis: Diagnosis
+    product: Product
+    assessment: dict[str, Any]
+
+
+def diagnose_constant(constant: Constant, pairs: Pairs) -> Diagnosis:
+    """Return the diagnosis of a mooring whose constant a mistake in the configuration explains.
+
+    Nothing else is attributed until the constant is settled.
+    """
+    span = (float(pairs.time_s[0]), float(pairs.time_s[-1]))
+    p = constant.probability
+    others = {"mounting_offset": 1.0 - p} if p < SURE_CONSTANT else {}
+    finding = Finding(
+        effect=constant.effect,
+        side="compass",
+        alternatives=tuple(others),
+        where=CovariateRange("time", *span, "throughout the record"),
+        when_s=span,
+        parameters={"constant_deg": Parameter(constant.angle_deg, constant.sigma_deg, "°")},
+        rms_effect_deg=abs(constant.angle_deg),
+        held_out=UNTESTED,
+        text=f"{constant.text[0].upper()}{constant.text[1:]}. {UNSETTLED[0].upper()}{UNSETTLED[1:]}.",
+        probability=p,
+        alternatives_probability=others,
+    )
+    return Diagnosis(
+        "ambiguous",
+        findings=(finding,),
+        separated_by="the configuration checked against the deployment's log, or the mount's angle measured",
+        why=constant.text,
+        sides=dict.fromkeys(SIDES, 0.0) | {"compass": p, "none": 1.0 - p},
+        warnings=(f"{constant.text}; {UNSETTLED}",),
+    )
+
+
+def conclude(
+    search: Callable[[Pairs], Diagnosis],
+    pairs: Pairs,
+    record: Record,
+    field: EarthField,
+    series: Series,
+    *,
+    fit: Fit,
+    constant: Constant | None,
+    calibration: str = "",
+    with_effects: Callable[[Product, bool], Product] = lambda made, searched: made,
+) -> Conclusion:
+    """Judge a mooring as a whole.
+
+    Args:
+        search: the search for unmodelled effects, of pairs.
+        series: what was logged besides at the record's samples.
+        fit: the configured fit.
+        constant: between the instruments, where it is not confirmed.
+        calibration: name of the calibration that corrects the mooring, if one does.
+        with_effects: puts effects that other records of the compass know into a product, given whether it comes from
+            a search.
+    """
+    questioned = constant is not None and bool(constant.effect)
+    found = diagnose_constant(constant, pairs) if constant is not None and questioned else search(pairs)
+    made = with_effects(product_of_diagnosis(fit, found), found.fit is not None)
+    plain = products.equivalent_pairs(made, pairs, record, field, series)
+    doubts = windows.doubtful(plain, made.fit)
+    agreement = assessment.assess(pairs, made.fit, plain)
+    denied = agreement["refuted"] or deviation.implausible(made.fit, record)
+    if why := denied or (at_mooring.contradicted(fit, pairs) if calibration else ""):
+        why = f"calibration {calibration}: {why}" if calibration else why
+        found = replace(insufficient(why, found.not_testable), warnings=found.warnings)
+        made = replace(made, doubts=(whole_record(KNOWS_NOTHING_DEG, why),))
+    elif constant is not None and questioned:
+        made = replace(made, doubts=(whole_record(abs(constant.angle_deg), constant.text), *doubts))
+    elif doubts := (
+        *(() if made.effects else _doubt_outliers(fit)),
+        *doubts,
+    ):  # effects that are corrected explain outliers
+        found = _with_doubts(found, doubts, pairs)
+        made = replace(made, doubts=doubts)
+    if constant is not None and not questioned and constant.text:
+        found = replace(found, warnings=(*found.warnings, constant.text))
+    return Conclusion(found, made, agreement)
+
+
+def _doubt_outliers(fit: Fit) -> tuple[Doubt, ...]:
+    """Doubt a record of which more directions than usual agree with no heading of the fitted compass."""
+    share = fit.noise.outliers
+    if fit.method != "exact" or share < MOST_OUTLIERS:
+        return ()
+    why = (
+        f"{share:.0%} of the directions disagree with the fitted compass altogether (usually under 1 %): part of the "
+        "headings, or of the reference, is of something else"
+    )
+    return (whole_record(KNOWS_NOTHING_DEG * float(np.sqrt(share)), why),)
+
+
+def _with_doubts(found: Diagnosis, doubts: tuple[Doubt, ...], pairs: Pairs) -> Diagnosis:
+    """Return the diagnosis with the stretches that disagree with the rest as what it does not explain."""
+    worst = max(doubts, key=lambda doubt: doubt.sigma_deg)
+    first, last = float(pairs.time_s[0]), float(pairs.time_s[-1])
+    span = (max(worst.from_s, first), min(worst.to_s, last))
+    inside, _ = along_time(doubts, pairs.time_s)
+    size = float(np.sqrt(np.mean(np.where(inside, worst.sigma_deg**2, 0.0))))
+    text = f"{worst.why[0].upper()}{worst.why[1:]}. The headings there are flagged doubtful."
+    place = "throughout the record" if np.isinf([worst.from_s, worst.to_s]).all() else worst.why.partition(" direc")[0]
+    left = Unexplained(("time",), CovariateRange("time", *span, place), span, size, (), text)
+    warnings = tuple(doubt.why for doubt in doubts)
+    if found.verdict == "insufficient":
+        return replace(found, warnings=(*warnings, *found.warnings))
+    return replace(found, verdict="unexplained", unexplained=left, why=text, warnings=(*warnings, *found.warnings))

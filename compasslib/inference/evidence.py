@@ -19,11 +19,10 @@ from scipy.linalg import solve_triangular
 
 from compasslib.effects import Term, composition
 from compasslib.effects.term import USUAL_DEG
-from compasslib.inference import columns
-from compasslib.inference.baseline import State
+from compasslib.inference import design
+from compasslib.inference.design import ColumnGroup, FittedModel, Products
 from compasslib.inference.grammar import Found
-from compasslib.inference.noise import Slow, Water
-from compasslib.inference.omnibus import Group
+from compasslib.inference.noise import SlowNoiseBasis, SlowNoiseParams
 from compasslib.inference.posterior import Hypothesis
 from compasslib.statistics import blocks
 from compasslib.statistics.whitening import directions
@@ -34,15 +33,6 @@ BLOCK_S = 3 * 86400.0  # longer than the memory that the filter leaves
 ANYTHING = 1e6  # variance of what is free, in units of one sample's
 ROUNDING = 1e-6  # share of what is known of a column that single precision may lose where the base is fitted anew
 FAINT = 1e-3  # of a wave of slow water: variance over that of white noise below which it is left out
-
-
-@dataclass(frozen=True)
-class Products:
-    """Products of the candidates' columns beside slow water."""
-
-    information: Floats  # (p, p)
-    score: Floats  # (p,) products with the residual
-    log_likelihood: float  # of the water alone, over that of white noise
 
 
 @dataclass(frozen=True)
@@ -57,7 +47,7 @@ class Tried:
 class Candidates:
     """Every effect in every form and at every date, and slow water, on one scale."""
 
-    groups: list[Group]
+    groups: list[ColumnGroup]
     parts: list[NDArray[np.intp]]  # columns of each group
     usual: Floats  # (p,) standard deviation that is expected of each parameter
     information: Floats  # (p + q, p + q) products of the whitened columns, those of slow water last
@@ -65,7 +55,7 @@ class Candidates:
     visible: Floats  # (p, p) mean products of the visible columns, square degrees
     uneven: Floats  # (g,) variance of each group's score over what the fitted noise makes of it, at least 1
     scatter: float  # variance of blocks of days over that of even noise, of the middle group; it is in the products
-    slow: Slow | None
+    slow: SlowNoiseBasis | None
     white: Floats  # (n, p + q) the whitened columns
     innovation: Floats  # (n,) the whitened residual, over its standard deviation
     base: Floats  # (n, b) what was projected out of both, orthonormal
@@ -77,7 +67,7 @@ class Candidates:
         """The class of each candidate."""
         return [type(group.term) for group in self.groups if group.term is not None]
 
-    def beside(self, water: Water | None) -> Products:
+    def beside(self, water: SlowNoiseParams | None) -> Products:
         """Return the products beside slow water of one kind, none where absent."""
         return beside(self.information, self.score, len(self.usual), self.slow, water, free=self.free)
 
@@ -166,7 +156,13 @@ class Candidates:
 
 
 def beside(
-    information: Floats, score: Floats, own: int, slow: Slow | None, water: Water | None, *, free: int = 0
+    information: Floats,
+    score: Floats,
+    own: int,
+    slow: SlowNoiseBasis | None,
+    water: SlowNoiseParams | None,
+    *,
+    free: int = 0,
 ) -> Products:
     """Return products of columns with what slow water of one kind may do to them integrated over.
 
@@ -193,7 +189,7 @@ def beside(
     return Products(information[:own, :own] - cross.T @ cross, score[:own] - cross.T @ left, gain)
 
 
-def gathered(view: State, slow: Slow | None, drawn: Groups, uneven: Floats) -> Candidates:
+def gathered(view: FittedModel, slow: SlowNoiseBasis | None, drawn: Groups, uneven: Floats) -> Candidates:
     """Return all candidates on one scale.
 
     Args:
@@ -233,7 +229,7 @@ def gathered(view: State, slow: Slow | None, drawn: Groups, uneven: Floats) -> C
     )
 
 
-def unevenness(state: State, groups: Sequence[Group]) -> Floats:
+def unevenness(state: FittedModel, groups: Sequence[ColumnGroup]) -> Floats:
     """Return what blocks of days make of each group's score, over what even noise would (a sandwich by clusters), (g,).
 
     Real water scatters more in some weeks and at some headings than speeds tell (Liang and Zeger, Biometrika 73, 13,
@@ -272,7 +268,7 @@ def _as_neighbours(bases: Sequence[Floats], each: Floats) -> Floats:
 class Groups:
     """Columns of every effect in every form and at every place, what is expected of them, and their shares."""
 
-    groups: list[Group]
+    groups: list[ColumnGroup]
     usual: Floats  # (p,) standard deviation that is expected of each parameter
     shares: list[float]  # (g,) log share of each in the odds of its effect
 
@@ -284,7 +280,7 @@ class Groups:
         return {type(group.term): part for group, part in parts if group.term is not None}
 
 
-def drawn(view: State, composed: Sequence[Found]) -> Groups:
+def drawn(view: FittedModel, composed: Sequence[Found]) -> Groups:
     """Return every effect of the catalogue that can be tested, and compositions.
 
     Where physics sets no size, an effect turns headings by some degrees, whatever its cause does in this recording.
@@ -293,20 +289,20 @@ def drawn(view: State, composed: Sequence[Found]) -> Groups:
     groups, usual, shares = [], [], []
     standing, forms = _standing(view), Counter(kind.name for kind in view.case.terms)
     for kind in view.case.terms:
-        always = columns.of_term(view, kind())
-        some = columns.of_dates(view, kind, columns.dates(view.case.scene.time_s)) if kind.dated() else [always]
+        always = design.term_columns(view, kind())
+        some = design.step_columns(view, kind, design.step_dates(view.case.scene.time_s)) if kind.dated() else [always]
         groups += [standing.get(group.term, group) for group in some]
         usual += [_expected(view, always)] * len(some)
         shares += [-float(np.log(forms[kind.name] * len(some)))] * len(some)
     for one in composed:
-        group = columns.of_term(view, one.term)
+        group = design.term_columns(view, one.term)
         groups.append(standing.get(one.term, group))
         usual.append(one.usual)
         shares.append(one.log_share)
     return Groups(groups, np.concatenate([np.zeros(0), *usual]), shares)
 
 
-def _expected(view: State, group: Group) -> Floats:
+def _expected(view: FittedModel, group: ColumnGroup) -> Floats:
     """Return the standard deviation that is expected of each parameter of a term, (k,)."""
     assert group.term is not None
     if (known := view.case.usual.get(type(group.term))) is not None:
@@ -318,7 +314,7 @@ def _expected(view: State, group: Group) -> Floats:
     return np.where(turn > 0.0, expected, 0.0)
 
 
-def _standing(view: State) -> dict[Term | None, Group]:
+def _standing(view: FittedModel) -> dict[Term | None, ColumnGroup]:
     """Return the groups of the terms that stand in a simulation, with the slopes of what stands there.
 
     A second harmonic laid over a first of many degrees begins at a reading that is bent already: it is not the first
@@ -330,4 +326,4 @@ def _standing(view: State) -> dict[Term | None, Group]:
     derivative = np.nan_to_num(composition.derivative(view.simulation, view.case.scene, view.heading_deg, first=5))
     parts = np.split(derivative, np.cumsum([len(term.fitted()) for term in terms])[:-1], axis=1)
     bare = [term.at(0.0 * term.values) for term in terms]
-    return {term: Group(term.name, part, term) for term, part in zip(bare, parts, strict=True)}
+    return {term: ColumnGroup(term.name, part, term) for term, part in zip(bare, parts, strict=True)}

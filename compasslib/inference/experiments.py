@@ -18,7 +18,7 @@ from scipy.linalg import cho_solve, cholesky, solve_triangular
 from compasslib.effects import Scene, Term, composition
 from compasslib.effects.term import DAY_S
 from compasslib.inference import inference
-from compasslib.inference.baseline import State
+from compasslib.inference.design import FittedModel
 from compasslib.inference.evidence import ANYTHING
 from compasslib.inference.inference import Inference
 from compasslib.inference.posterior import MOST_TERMS, SURE, Hypothesis
@@ -53,8 +53,8 @@ class Rows:
 class Model:
     """The linear model of a recording: candidates of the likely hypotheses, slow water, compass and nuisances."""
 
-    state: State  # for slopes
-    view: State  # for whitening
+    state: FittedModel  # for slopes
+    view: FittedModel  # for whitening
     scale: float  # that makes whitened columns those of noise of unit variance
     terms: list[Term]
     ends: NDArray[np.intp]  # of each term's columns
@@ -263,7 +263,7 @@ def _strength(model: Model) -> Rows:
     return Rows(known, free, np.full(free.shape[1], 1.0 / ANYTHING))
 
 
-def known_heading(state: State) -> Floats:
+def known_heading(state: FittedModel) -> Floats:
     """Return the headings of a simulation, the recorded one where it has none, (n,) degrees."""
     return np.where(np.isfinite(state.heading_deg), state.heading_deg, state.case.recorded_deg)
 

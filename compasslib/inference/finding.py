@@ -1,4 +1,7 @@
-"""What a search writes of one effect and of what has no name: where, when, how large, how sure."""
+"""Findings of a diagnosis, and the gain on held-out data that supports each of them.
+
+The interval of a gain comes from blocks of days: neighbouring hours repeat each other.
+"""
 
 from __future__ import annotations
 
@@ -6,8 +9,102 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from compasslib.inference.show import UNTESTED, BinnedResidual, HeldOut
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib import angles
 from compasslib.records import stamp
+from compasslib.statistics import blocks
+from compasslib.types import Floats
+
+HELD_OUT_BLOCK_S = 10 * 86400.0  # longer than any memory of the water that a filter leaves
+FOLDS = 5  # parts of a recording that are left out in turn
+SHOWN_QUANTILES = (0.05, 0.95)  # quantiles of a covariate that tell where an effect lives
+MOST_WIDTHS = 3.0  # robust widths beyond which a residual counts no more
+BOOTSTRAP_DRAWS = 1000  # draws of blocks, which set the smallest p-value
+REFUTED_P = 0.05  # p-value on held-out days above which a finding is refuted where they agree worse
+REFUTED_GROWTH = 1.1  # growth of the rms that is no chance of weights: the score, which is judged, clips outliers
+CURVE_BINS = 18  # of a figure's curve
+NO_ROOT_DEG = 90.0  # residual of a heading that a fit cannot give
+RESIDUAL_MEMORY_S = 2 * 86400.0  # the residual's own memory, for the error of a bin
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """What terms add on days that were not fitted."""
+
+    rms_before_deg: float
+    rms_after_deg: float
+    gain: float  # log score, all held-out samples together
+    gain_interval: tuple[float, float]  # 95 %, from the blocks
+    p_value: float  # share of drawn blocks whose gain is not positive
+    method: str | None = None  # how days were held out: fifths | within_event
+    anew: float | None = None  # gain where every hypothesis is weighed anew without the days, not sizes only
+
+    @property
+    def refuted(self) -> bool:
+        """Whether held-out data deny what was found rather than confirm it: they agree worse with it."""
+        return self.gain < 0.0 or (
+            self.p_value >= REFUTED_P and self.rms_after_deg > REFUTED_GROWTH * self.rms_before_deg
+        )
+
+    def to_json(self) -> dict[str, object]:
+        """Return it for diagnosis.json."""
+        return {
+            "rms_before_deg": self.rms_before_deg,
+            "rms_after_deg": self.rms_after_deg,
+            "log_score_gain": self.gain,
+            "log_score_gain_interval": list(self.gain_interval),
+            "p_value": self.p_value,
+            "method": self.method,
+            "log_score_gain_anew": self.anew,
+        }
+
+
+UNTESTED = HeldOut(np.nan, np.nan, np.nan, (np.nan, np.nan), np.nan)
+
+
+@dataclass(frozen=True)
+class BinnedResidual:
+    """The residual along one covariate, before and after; what the fitted compass can take of it is taken."""
+
+    covariate: str
+    centre: Floats  # (b,) middle of each bin
+    before_deg: Floats  # (b,)
+    after_deg: Floats
+    sigma_deg: Floats
+    compared: str = ""  # what was, where a recording holds more than one comparison
+
+
+def compare_residuals(
+    before_deg: Floats, after_deg: Floats, width_deg: Floats | float, block: NDArray[np.intp]
+) -> HeldOut:
+    """Return by how much a residual became smaller, what is far off counting no more than near.
+
+    Args:
+        before_deg: (n,).
+        after_deg: (n,).
+        width_deg: width of the residual, (n,) or one.
+        block: number of the block of each, (n,).
+    """
+    sizes = [np.abs(angles.wrap180(np.nan_to_num(left))) / width_deg for left in (before_deg, after_deg)]
+    squares = [np.minimum(size, MOST_WIDTHS) ** 2 for size in sizes]
+    return bootstrap_gain((squares[0] - squares[1]) / 2.0, block, (angles.rms(before_deg), angles.rms(after_deg)))
+
+
+def bootstrap_gain(each: Floats, block: NDArray[np.intp], rms_deg: tuple[float, float]) -> HeldOut:
+    """Return a gain with its interval and p-value from blocks drawn again.
+
+    Args:
+        each: gain of each sample's log score, (n,).
+        block: number of the block of each, (n,).
+        rms_deg: of the residual, before and after.
+    """
+    sums = blocks.sums(each, block)
+    drawn = np.random.default_rng(0).choice(sums, (BOOTSTRAP_DRAWS, len(sums))).sum(axis=1)
+    low, high = np.quantile(drawn, [0.025, 0.975])
+    share = float((np.sum(drawn <= 0.0) + 1) / (BOOTSTRAP_DRAWS + 1))
+    return HeldOut(*rms_deg, float(sums.sum()), (float(low), float(high)), share)
 
 
 @dataclass(frozen=True)
@@ -20,7 +117,7 @@ class Parameter:
 
 
 @dataclass(frozen=True)
-class Where:
+class CovariateRange:
     """The range of a covariate in which an effect shows."""
 
     covariate: str
@@ -40,11 +137,11 @@ class Finding:
     effect: str
     side: str
     alternatives: tuple[str, ...]
-    where: Where
+    where: CovariateRange
     when_s: tuple[float, float] | None  # None where the recording has no clock
     parameters: Mapping[str, Parameter]
     rms_effect_deg: float
-    held_out: HeldOut  # ``show.UNTESTED`` where the finding rests on the configuration, not on a search
+    held_out: HeldOut  # ``finding.UNTESTED`` where the finding rests on the configuration, not on a search
     text: str
     applied: bool = False  # whether it enters the corrected headings
     probability: float = 1.0  # that this effect is what is there
@@ -77,7 +174,7 @@ class Finding:
             "probability": self.probability,
             "alternatives_probability": dict(self.alternatives_probability),
             "where": self.where.to_json(),
-            "when": when(self.when_s),
+            "when": span_json(self.when_s),
             "parameters": {name: vars(one) for name, one in self.parameters.items()},
             "rms_effect_deg": self.rms_effect_deg,
             "heldout": None if self.held_out is UNTESTED else self.held_out.to_json(),
@@ -92,7 +189,7 @@ class Unexplained:
     """A mismatch that is established and that nothing in the catalogue fits."""
 
     covariates: tuple[str, ...]
-    where: Where
+    where: CovariateRange
     when_s: tuple[float, float] | None
     rms_effect_deg: float
     curves: tuple[BinnedResidual, ...]
@@ -103,7 +200,7 @@ class Unexplained:
         return {
             "covariates": list(self.covariates),
             "where": self.where.to_json(),
-            "when": when(self.when_s),
+            "when": span_json(self.when_s),
             "rms_effect_deg": self.rms_effect_deg,
             "curves": [curve_json(curve) for curve in self.curves],
             "text": self.text,
@@ -111,7 +208,7 @@ class Unexplained:
 
 
 @dataclass(frozen=True)
-class Ranked:
+class RankedEffect:
     """One effect of the catalogue, tried alone: how well it does, whatever was chosen in the end."""
 
     effect: str
@@ -120,7 +217,7 @@ class Ranked:
     probability: float  # that it acts, alone or with others
 
 
-def when(span_s: tuple[float, float] | None) -> dict[str, str] | None:
+def span_json(span_s: tuple[float, float] | None) -> dict[str, str] | None:
     """Return a span of time as the JSON writes it, null for a recording without a clock.
 
     Args:

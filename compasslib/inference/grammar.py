@@ -26,8 +26,8 @@ from compasslib.effects.composed import (
     placed,
 )
 from compasslib.effects.term import DAY_S, USUAL_DEG, Scene
-from compasslib.inference import columns, covariates
-from compasslib.inference.baseline import State
+from compasslib.inference import covariates, design
+from compasslib.inference.design import FittedModel
 from compasslib.types import Floats
 
 VALUES = ("temperature", "depth", "speed", "pitch", "roll", "tilt", "voltage")
@@ -62,12 +62,12 @@ class Found:
     moved: bool = False  # whether it is at a place between those that are tried of all
 
 
-def screen(state: State) -> list[Found]:
+def screen(state: FittedModel) -> list[Found]:
     """Return the compositions that would make what a simulation leaves likeliest, each with its share of the odds."""
     if not state.case.in_water:
         return []
     acted = {
-        name: columns.of_term(state, composed(name, "time", "always")()).columns
+        name: design.term_columns(state, composed(name, "time", "always")()).columns
         for name in ACTED_ON
         if _acts(name, state)
     }
@@ -151,7 +151,7 @@ def _best(tried: list[tuple[float, Found]]) -> list[Found]:
     return kept
 
 
-def _acts(name: str, state: State) -> bool:
+def _acts(name: str, state: FittedModel) -> bool:
     """Tell whether the recording has what must be known to act on something."""
     return all(one in state.case.scene.departures for one in ACTED_ON[name].needs)
 
@@ -171,7 +171,7 @@ class Batch:
         return Batch([self.places[k] for k in some], self.series[:, some], self.square[:, some])
 
 
-def _batches(state: State, places: Mapping[tuple[str, str], Sequence[tuple[float, ...]]]) -> Iterator[Batch]:
+def _batches(state: FittedModel, places: Mapping[tuple[str, str], Sequence[tuple[float, ...]]]) -> Iterator[Batch]:
     """Return every driver in every form at every place, together those that have as many columns each."""
     scene, most = state.case.scene, max(MOST_NUMBERS // len(state.case), 1)
     for _, alike in itertools.groupby(places, key=lambda one: len(FORMS[one[1]].suffixes)):
@@ -183,7 +183,7 @@ def _batches(state: State, places: Mapping[tuple[str, str], Sequence[tuple[float
             yield Batch(own, series.astype(np.float32), series**2)
 
 
-def _gains(state: State, bare: Floats, batch: Batch) -> tuple[list[float], Floats]:
+def _gains(state: FittedModel, bare: Floats, batch: Batch) -> tuple[list[float], Floats]:
     """Return the log evidence of each composition alone, its sizes integrated over, and what they usually are, (m, k).
 
     Args:

@@ -1,4 +1,9 @@
-"""Records of weeks and years: hypotheses weighed by their slopes beside slow water, and the best refitted."""
+"""Whether days that were left out confirm a finding: everything is chosen anew without them.
+
+Fifths of the recording are left out in turn. What the rest foretells of one is the probability of all over that of the
+rest, every hypothesis, size, date and slow water weighed again; the gain is that of all hypotheses over those without
+the effect. What lives inside one fifth cannot be learnt from the others: blocks between its own are left out.
+"""
 
 from __future__ import annotations
 
@@ -9,105 +14,89 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib import observatory
+from compasslib import angles, observatory
 from compasslib.deviation.model import Fit
 from compasslib.effects import Term, composition
 from compasslib.effects.composed import Composed
 from compasslib.effects.term import DAY_S, slices
-from compasslib.inference import (
-    baseline,
-    columns,
-    covariates,
-    diagnosis,
-    experiments,
-    findings,
-    folds,
-    grammar,
-    inference,
-    model,
-    omnibus,
-    scan,
-    sectors,
-    sharing,
-    show,
-    storms,
-    stuck,
-    verdict,
-    weighing,
-)
-from compasslib.inference.applied import Applied, Member
-from compasslib.inference.baseline import State
-from compasslib.inference.case import Case
-from compasslib.inference.comparison import Options, Outcome
-from compasslib.inference.finding import Finding, Parameter, Unexplained
+from compasslib.inference import comparison as comparisons
+from compasslib.inference import covariates as covariate_series
+from compasslib.inference import design, diagnosis, experiments, finding, grammar, inference, joint_effects, omnibus
+from compasslib.inference import noise as noise_models
+from compasslib.inference.comparison import FEWEST_PAIRS, LongComparison, Options
+from compasslib.inference.design import ColumnGroup, FittedModel
+from compasslib.inference.diagnosis import Diagnosis, Outcome
+from compasslib.inference.finding import BinnedResidual, Finding, HeldOut, Parameter, Unexplained
 from compasslib.inference.inference import Inference
-from compasslib.inference.omnibus import Group, Rest
-from compasslib.inference.sectors import Heap
-from compasslib.inference.show import BinnedResidual
-from compasslib.inference.verdict import Diagnosis
-from compasslib.inference.wording import TURN
-from compasslib.statistics import whitening
+from compasslib.inference.omnibus import HeadingCluster, OmnibusResult
+from compasslib.inference.product import AppliedCompass, WeightedCompass
+from compasslib.inference.wording import TURN_PREFIX
+from compasslib.statistics import blocks, whitening
 from compasslib.types import Floats
 
-FEWEST, SHORTEST_DAYS = 200, 20.0  # below which an effect is not told from the water
-OMNIBUS = 1.0 / 3.0  # of the alarm: splines and products feign more than the draws of the noise show
+OMNIBUS_SHARE = 1.0 / 3.0  # of the alarm: splines and products feign more than the draws of the noise show
 FEWEST_IN_BIN = 10  # of a figure's curve
-NOTHING = 1e-6  # standard error of a parameter that nothing depends on, in any unit
+NO_SIGMA = 1e-6  # standard error of a parameter that nothing depends on, in any unit
+
+LEAST_REWEIGHED = 1e-4  # probability below which a hypothesis is not weighed again
+MOST_REWEIGHED, MOST_NOISE_REWEIGHED = 200, 12  # hypotheses and kinds of water that are weighed again: seconds only
 
 
-def judge(case: Case, options: Options, fit: Fit | None = None) -> Diagnosis:
+def diagnose(case: LongComparison, options: Options, fit: Fit | None = None) -> Diagnosis:
     """Return the diagnosis of a long record that is held against its simulation.
 
     Args:
         fit: of the exact compass, where what the recording tells is asked for.
     """
     none = np.zeros(case.nuisance.shape[1])
-    if (usable := baseline.usable(case, case.simulation, none)) < FEWEST:
-        why = f"the branch of the compass is known for {usable} of {len(case)} pairs; {FEWEST} are needed"
-        return verdict.insufficient(why, case.not_testable)
+    if (usable := design.count_usable(case, case.simulation, none)) < FEWEST_PAIRS:
+        why = f"the branch of the compass is known for {usable} of {len(case)} pairs; {FEWEST_PAIRS} are needed"
+        return diagnosis.insufficient(why, case.not_testable)
     try:
-        return _judged(case, options, fit)
-    except baseline.Lost as lost:  # from the beginning, or once refitted
-        return verdict.insufficient(f"{lost}; there is nothing to compare the compass with", case.not_testable)
+        return _diagnose(case, options, fit)
+    except design.TooFewSamples as lost:  # from the beginning, or once refitted
+        return diagnosis.insufficient(f"{lost}; there is nothing to compare the compass with", case.not_testable)
 
 
-def _judged(case: Case, options: Options, fit: Fit | None) -> Diagnosis:
+def _diagnose(case: LongComparison, options: Options, fit: Fit | None) -> Diagnosis:
     none = np.zeros(case.nuisance.shape[1])
-    empty = baseline.examine(case, case.simulation, none)
-    heap = sectors.heap(empty)
-    outside = case if heap is None else replace(case, observed_deg=sectors.outside(case, heap))
-    if heap is not None and baseline.usable(outside, case.simulation, none) >= FEWEST:
-        empty = baseline.examine(outside, case.simulation, none)  # what hangs tells nothing of terms, and feigns some
-    empty = model.refit(empty, [])  # where the record, its memory counted, has compass and nuisances
+    empty = design.evaluate_model(case, case.simulation, none)
+    heap = omnibus.sticking_sector(empty)
+    outside = case if heap is None else replace(case, observed_deg=omnibus.observed_outside(case, heap))
+    if heap is not None and design.count_usable(outside, case.simulation, none) >= FEWEST_PAIRS:
+        empty = design.evaluate_model(
+            outside, case.simulation, none
+        )  # what hangs tells nothing of terms, and feigns some
+    empty = design.refit(empty, [])  # where the record, its memory counted, has compass and nuisances
     found = inference.infer(empty, options.alarm)
-    rest, told = _left(found.state, options), found.slots
+    rest, told = _omnibus_remainder(found.state, options), found.slots
     if rest.worth and found.chosen:
-        found = _without_stand_ins(empty, found, rest.curve, options)
-        rest = _left(found.state, options)
+        found = _drop_absorbed_effects(empty, found, rest.curve, options)
+        rest = _omnibus_remainder(found.state, options)
     back = {name for slot in told if slot not in found.slots for name in (slot.effect, *slot.alternatives)}
-    stormy = storms.of(found.state, options.alarm)
-    bare = model.refit(found.state, []) if found.state.simulation.terms else found.state
+    stormy = noise_models.storm_finding(found.state, options.alarm)
+    bare = design.refit(found.state, []) if found.state.simulation.terms else found.state
     outcome = _outcome(found, bare, rest, heap)
-    seen = diagnosis.of(
+    seen = diagnosis.combine_outcomes(
         [replace(outcome, taken_back=frozenset(back))],
         options,
         beside=[] if stormy is None else [stormy],
         not_testable=case.not_testable,
     )
-    detectable = weighing.detectable(found.posterior)
+    detectable = inference.detectable(found.posterior)
     return replace(
         seen,
-        applied=_applied(found) if options.apply else (),
+        applied=_weighted_compasses(found) if options.apply else (),
         covariance=found.estimate(bare).covariance[:5, :5],
-        why=_why(detectable, options.min_effect_deg),
+        why=_detection_limits(detectable, options.min_effect_deg),
         detectable_deg=detectable,
         threshold={"omnibus": rest.threshold},
         experiments=experiments.of(found) if seen.verdict == "ambiguous" else (),
-        told=sharing.of(found, fit) if options.tell and fit is not None else None,
+        told=joint_effects.record_information(found, fit) if options.tell and fit is not None else None,
     )
 
 
-def _outcome(found: Inference, bare: State, rest: Rest, heap: Heap | None) -> Outcome:
+def _outcome(found: Inference, bare: FittedModel, rest: OmnibusResult, heap: HeadingCluster | None) -> Outcome:
     """Return what the search tells.
 
     Args:
@@ -123,12 +112,12 @@ def _outcome(found: Inference, bare: State, rest: Rest, heap: Heap | None) -> Ou
 
     def curves(some: Sequence[Finding], left: Unexplained | None) -> list[BinnedResidual]:
         turns = [
-            turn(state, one.effect, model.visible(state, k) @ term.values)
+            partial_residual(state, one.effect, design.visible_columns(state, k) @ term.values)
             for k, (term, one) in enumerate(zip(state.simulation.terms, every, strict=True))
             if one in some
         ]
         names = dict.fromkeys(["heading", "time", *(one.where.covariate for one in some)])
-        return [*turns, *(curve(bare, state, name) for name in names if name in case.covariates)]
+        return [*turns, *(residual_curve(bare, state, name) for name in names if name in case.covariates)]
 
     return Outcome(
         comparison=case,
@@ -142,7 +131,7 @@ def _outcome(found: Inference, bare: State, rest: Rest, heap: Heap | None) -> Ou
     )
 
 
-def _without_stand_ins(empty: State, found: Inference, curve: Group, options: Options) -> Inference:
+def _drop_absorbed_effects(empty: FittedModel, found: Inference, curve: ColumnGroup, options: Options) -> Inference:
     """Return what the recording tells without names that only stand for what nothing explains.
 
     Args:
@@ -150,18 +139,22 @@ def _without_stand_ins(empty: State, found: Inference, curve: Group, options: Op
     """
     free = replace(empty.case, nuisance=np.column_stack([empty.case.nuisance, whitening.orthonormal(curve.columns)]))
     zero = np.zeros(free.nuisance.shape[1])
-    beside = inference.infer(model.refit(baseline.examine(free, empty.simulation, zero), []), options.alarm)
+    beside = inference.infer(design.refit(design.evaluate_model(free, empty.simulation, zero), []), options.alarm)
     kept = {type(term) for term in beside.state.simulation.terms}
     return found.only([type(term) in kept or term.evident for term in found.state.simulation.terms])
 
 
-def _left(state: State, options: Options) -> Rest:
+def _omnibus_remainder(state: FittedModel, options: Options) -> OmnibusResult:
     """Return what the omnibus tests find beside the terms of a simulation."""
-    tested = scan.test(state, columns.omnibus(state), seed=99)
-    return omnibus.rest(tested, options.alarm * OMNIBUS, partial(scan.size_of, state), options.min_effect_deg)
+    tested = omnibus.score_tests(state, omnibus.omnibus_groups(state), seed=99)
+    return omnibus.omnibus_test(
+        tested, options.alarm * OMNIBUS_SHARE, partial(omnibus.group_size_deg, state), options.min_effect_deg
+    )
 
 
-def _unexplained(state: State, rest: Rest, heap: Heap | None, named: Sequence[str]) -> Unexplained | None:
+def _unexplained(
+    state: FittedModel, rest: OmnibusResult, heap: HeadingCluster | None, named: Sequence[str]
+) -> Unexplained | None:
     """Return what nothing explains: what the mean residual shows, or a sector in which the compass hangs.
 
     Args:
@@ -173,10 +166,10 @@ def _unexplained(state: State, rest: Rest, heap: Heap | None, named: Sequence[st
         place = state.case.where("heading", (low, high))
         sticks = f", where the compass sticks: its readings accumulate at {heap.recorded_deg:.0f}°"
         place = replace(place, text=place.text + sticks)
-        return state.case.unexplained([curve(state, state, "heading")], heap.rms_deg, named, place)
+        return state.case.unexplained([residual_curve(state, state, "heading")], heap.rms_deg, named, place)
     if group is None:
         return None
-    return state.case.unexplained([curve(state, state, name) for name in group.covariates], size, named)
+    return state.case.unexplained([residual_curve(state, state, name) for name in group.covariates], size, named)
 
 
 def _finding(found: Inference, k: int, covariance: Floats) -> Finding:
@@ -186,31 +179,31 @@ def _finding(found: Inference, k: int, covariance: Floats) -> Finding:
     parameters = {
         name: Parameter(float(value), float(s), case.unit(term, j)[1])
         for j, (name, value, s) in enumerate(zip(term.fitted(), term.values, sigma, strict=True))
-        if value or s > NOTHING  # a third battery that never came has neither
+        if value or s > NO_SIGMA  # a third battery that never came has neither
     }
     if isinstance(term, Composed):
-        parameters |= _places(found, term)
-    span = _span(state, term)
-    one = findings.of_term(
+        parameters |= _place_parameters(found, term)
+    span = _active_span(state, term)
+    one = comparisons.build_finding(
         case,
         term,
         {slot.effect: slot.probability} | {found.said(name): p for name, p in slot.alternatives.items()},
         parameters,
-        size_deg=model.effect_deg(state, k, covariance),
-        proof=folds.proof(found, k),
+        size_deg=design.visible_size_deg(state, k, covariance),
+        proof=cross_validate(found, k),
         place=case.where(case.lives(term)) if span == case.span_s else case.where("time", span),
         span_s=span,
     )
     return replace(one, applied=term.side == "compass")
 
 
-def _places(found: Inference, term: Composed) -> dict[str, Parameter]:
+def _place_parameters(found: Inference, term: Composed) -> dict[str, Parameter]:
     """Return where along its driver a composition acts: dates are told apart, what is counted from a mean is not.
 
     How sure a place is tell the probabilities of the other places that were tried, and the spacing between them.
     """
     case = found.state.case
-    groups, means = found.posterior.candidates.groups, covariates.references(case.covariates)
+    groups, means = found.posterior.candidates.groups, covariate_series.reference_values(case.covariates)
     each = list(zip(found.posterior.hypotheses, found.posterior.probability.tolist(), strict=True))
     alike = [(k, group.term) for k, group in enumerate(groups) if type(group.term) is type(term)]
     tried = [(other, sum(p for one, p in each if k in one)) for k, other in alike]
@@ -230,21 +223,21 @@ def _places(found: Inference, term: Composed) -> dict[str, Parameter]:
     return result
 
 
-def _span(state: State, term: Term) -> tuple[float, float]:
+def _active_span(state: FittedModel, term: Term) -> tuple[float, float]:
     """Return when an effect acts: a storm has dates, everything else lasts."""
     scene, always = state.case.scene, state.case.span_s
-    if set(covariates.OBSERVATORY) & set(term.needs):
+    if set(covariate_series.OBSERVATORY) & set(term.needs):
         moved = composition.north(replace(state.simulation, terms=(term,)), scene)
         return observatory.strongest_disturbance(scene.time_s, np.broadcast_to(moved, scene.time_s.shape))
     if isinstance(term, Composed):
         return term.span(*always)
-    if set(stuck.LEANS) <= set(term.needs):
-        leaning = np.flatnonzero(scene.departures[stuck.LEANS[0]])
+    if set(covariate_series.TILT_CORRECTIONS) <= set(term.needs):
+        leaning = np.flatnonzero(scene.departures[covariate_series.TILT_CORRECTIONS[0]])
         return float(scene.time_s[leaning[0]]), float(scene.time_s[leaning[-1]])
     return always
 
 
-def _why(detectable: Mapping[str, float], min_effect_deg: float) -> str:
+def _detection_limits(detectable: Mapping[str, float], min_effect_deg: float) -> str:
     """Return the detection limits in a sentence."""
     sizes = sorted((max(size, min_effect_deg), name) for name, size in detectable.items())
     if not sizes:
@@ -257,15 +250,17 @@ def _why(detectable: Mapping[str, float], min_effect_deg: float) -> str:
     return f"Detection limits (90 % power): {best} ({first}) to {worst} ({last})."
 
 
-def _applied(found: Inference) -> tuple[Member, ...]:
+def _weighted_compasses(found: Inference) -> tuple[WeightedCompass, ...]:
     """Return the compasses that correct the record: each hypothesis with what stands on the compass side of it."""
     return tuple(
-        Member(weight, "+".join(term.name for term in state.simulation.terms) or "none", _compass(found, state))
+        WeightedCompass(
+            weight, "+".join(term.name for term in state.simulation.terms) or "none", _compass_of_model(found, state)
+        )
         for weight, state in found.weighted
     )
 
 
-def _compass(found: Inference, state: State) -> Applied | None:
+def _compass_of_model(found: Inference, state: FittedModel) -> AppliedCompass | None:
     """Return the compass of a state with the terms on its side; None where none stands: the fit by itself is that."""
     terms = state.simulation.terms
     if not terms:
@@ -274,9 +269,9 @@ def _compass(found: Inference, state: State) -> Applied | None:
     places = zip(terms, slices(terms, 5), strict=True)
     index = np.r_[:5, *(own for term, own in places if term.side == "compass")]
     simulation = replace(state.simulation, terms=tuple(term for term in terms if term.side == "compass"))
-    means = covariates.references(state.case.covariates)
+    means = covariate_series.reference_values(state.case.covariates)
     needed = {name for term in simulation.terms for name in term.needs}
-    return Applied(
+    return AppliedCompass(
         simulation=simulation,
         covariance=estimate.covariance[np.ix_(index, index)],
         references={name: means[name] for name in {*needed & means.keys(), "time"}},
@@ -284,12 +279,12 @@ def _compass(found: Inference, state: State) -> Applied | None:
     )
 
 
-def curve(before: State, after: State, covariate: str) -> BinnedResidual:
+def residual_curve(before: FittedModel, after: FittedModel, covariate: str) -> BinnedResidual:
     """Return the residual in bins of a covariate, with and without the terms; what tells nothing is in no bin."""
     x = before.case.covariates[covariate]
-    edges = np.unique(np.quantile(x, np.linspace(0.0, 1.0, show.BINS + 1)))
+    edges = np.unique(np.quantile(x, np.linspace(0.0, 1.0, finding.CURVE_BINS + 1)))
     if covariate == "heading":
-        edges = np.arange(0.0, 361.0, 360.0 / (2 * show.BINS))
+        edges = np.arange(0.0, 361.0, 360.0 / (2 * finding.CURVE_BINS))
     bins = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, len(edges) - 2)
     finite = np.isfinite(before.whitener.width_deg) & np.isfinite(after.whitener.width_deg)
     filled = np.flatnonzero(np.bincount(bins[finite], minlength=len(edges) - 1) >= FEWEST_IN_BIN)
@@ -299,7 +294,7 @@ def curve(before: State, after: State, covariate: str) -> BinnedResidual:
     )
 
 
-def turn(state: State, effect: str, turned_deg: Floats) -> BinnedResidual:
+def partial_residual(state: FittedModel, effect: str, turned_deg: Floats) -> BinnedResidual:
     """Return the residual in bins of the turn that a fitted effect foretells, without the effect and with it.
 
     Where the effect is there, what it leaves out follows the line on which both are equal, however small it is.
@@ -308,16 +303,16 @@ def turn(state: State, effect: str, turned_deg: Floats) -> BinnedResidual:
         turned_deg: by the effect, as far as the fitted compass cannot take it, (n,).
     """
     finite = np.isfinite(state.whitener.width_deg)
-    edges = np.unique(np.quantile(turned_deg[finite], np.linspace(0.0, 1.0, show.BINS // 2 + 1)))
+    edges = np.unique(np.quantile(turned_deg[finite], np.linspace(0.0, 1.0, finding.CURVE_BINS // 2 + 1)))
     bins = np.clip(np.searchsorted(edges, turned_deg, side="right") - 1, 0, len(edges) - 2)
     count = len(edges) - 1
     left, sigma = _binned(state, bins, count)
     weight = np.where(finite, state.whitener.width_deg, np.inf) ** -2.0
     middle = np.bincount(bins, weight * turned_deg, count) / np.maximum(np.bincount(bins, weight, count), 1e-300)
-    return BinnedResidual(f"{TURN}{effect}", middle, left + middle, left, sigma)
+    return BinnedResidual(f"{TURN_PREFIX}{effect}", middle, left + middle, left, sigma)
 
 
-def _binned(state: State, bins: NDArray[np.intp], count: int) -> tuple[Floats, Floats]:
+def _binned(state: FittedModel, bins: NDArray[np.intp], count: int) -> tuple[Floats, Floats]:
     """Return mean residual and its standard error in each bin, by width; blocks of days count as one each.
 
     The error is never under what the blocks of all bins together make likely: the few of one bin may agree by chance,
@@ -328,7 +323,72 @@ def _binned(state: State, bins: NDArray[np.intp], count: int) -> tuple[Floats, F
     total = np.maximum(np.bincount(bins, weight, count), 1e-12)
     mean = np.bincount(bins, weight * left, count) / total
     time_s = state.case.scene.time_s
-    block = np.floor((time_s - time_s[0]) / show.MEMORY_S).astype(int)
+    block = np.floor((time_s - time_s[0]) / finding.RESIDUAL_MEMORY_S).astype(int)
     sums = np.bincount(block * count + bins, weight * (left - mean[bins]), (block[-1] + 1) * count)
     own = np.sum(sums.reshape(-1, count) ** 2, axis=0)
     return mean, np.sqrt(np.maximum(own, total * own.sum() / total.sum())) / total
+
+
+def cross_validate(found: Inference, k: int) -> HeldOut:
+    """Return what a term adds on days that were left out.
+
+    Args:
+        k: its place among the terms.
+    """
+    state, term = found.state, found.state.simulation.terms[k]
+    time_s = state.case.scene.time_s
+    share = (term.date - time_s[0]) / np.ptp(time_s) if term.dated() else 0.5
+    lasting = 1.0 / finding.FOLDS < share < 1.0 - 1.0 / finding.FOLDS
+    block = blocks.of_span(time_s, finding.HELD_OUT_BLOCK_S)
+    fold = blocks.in_time(time_s, finding.FOLDS) if lasting else block % finding.FOLDS
+    each, rms_deg = _fold_gains(state, k, fold)
+    anew = _refit_gain(found, {term.name, *found.slots[k].alternatives}, fold)
+    method = "fifths" if lasting else "within_event"
+    return replace(finding.bootstrap_gain(each, block, rms_deg), anew=anew, method=method)
+
+
+def _refit_gain(found: Inference, names: set[str], fold: NDArray[np.intp]) -> float:
+    """Return by how much all hypotheses foretell what was left out better than those without some effects."""
+    whole = found.posterior
+    some = [i for i, p in enumerate(whole.probability) if p > LEAST_REWEIGHED or not names & set(whole.names[i])]
+    some = sorted({0, *sorted(some, key=lambda i: -float(whole.probability[i]))[:MOST_REWEIGHED]})
+    without = np.array([not names & set(whole.names[i]) for i in some])
+    hypotheses, prior = [whole.hypotheses[i] for i in some], whole.prior[some]
+    waters = [whole.waters[i] for i in np.argsort(-whole.water_probability)[:MOST_NOISE_REWEIGHED]]
+
+    def logs(kept: NDArray[np.bool_]) -> Floats:
+        joint = inference.log_joint(whole.candidates.on(kept), hypotheses, waters) + prior
+        return np.array([np.logaddexp.reduce(joint.ravel()), np.logaddexp.reduce(joint[:, without].ravel())])
+
+    everything = logs(np.ones(len(fold), dtype=bool))
+    gains = [everything - logs(fold != f) for f in np.unique(fold)]
+    return float(np.sum([gain[0] - gain[1] for gain in gains]))
+
+
+def _fold_gains(state: FittedModel, k: int, fold: NDArray[np.intp]) -> tuple[Floats, tuple[float, float]]:
+    """Return what a term adds to the log score of each sample, sizes fitted without its fold, and the rms around it."""
+    values = np.zeros(state.base.shape[1])
+    parameters = state.simulation.parameters
+    values[5 : len(parameters)] = parameters[5:]
+    own = np.zeros(len(values), dtype=bool)
+    own[slices(state.simulation.terms, 5)[k]] = True
+    white = state.whitener(state.base)
+    target = state.whitener.filtered(state.standard[:, None])[:, 0] / state.response + white @ values
+    total = state.residual_deg + state.base @ values
+    left, rms_deg = [], []
+    for kept in (~own, own | True):
+        fitted = _fold_values(white[:, kept], target, state.base_ridge[kept], fold)
+        left.append(target - np.sum(white[:, kept] * fitted, axis=1))
+        rms_deg.append(angles.rms(total - np.sum(state.base[:, kept] * fitted, axis=1)))
+    each = (left[0] ** 2 - left[1] ** 2) * state.response**2 / (2.0 * state.sigma**2)
+    return each, (rms_deg[0], rms_deg[1])
+
+
+def _fold_values(white: Floats, target: Floats, ridge: Floats, fold: NDArray[np.intp]) -> Floats:
+    """Return for each sample the values of the columns fitted without its fold, (n, k)."""
+    values = np.empty(white.shape)
+    for f in np.unique(fold):
+        out = fold == f
+        some = white[~out]
+        values[out] = whitening.inverse(some.T @ some + np.diag(ridge)) @ (some.T @ target[~out])
+    return values

@@ -1,8 +1,11 @@
-"""Slow water and its tides: veer and additive shear as Gaussian processes of unknown size and memory.
+"""Noise that is slow or follows magnetic storms: veer, shear and tides of the water, and scatter with a storm index.
 
-Directions of two depths differ by weeks of other water. A term of the compass that changes as slowly must be weighed
-against it in the same currency: both processes stand beside every hypothesis, and what may be their sizes and memories
-is summed over. The ellipses of the tides differ between the depths too, and their waves stand beside both.
+Veer and shear are Gaussian processes of unknown size and memory. Directions of two depths differ by weeks of other
+water; a term of the compass that changes as slowly is weighed against it in the same currency: both processes stand
+beside every hypothesis, and their sizes and memories are summed over. Tidal ellipses differ between the depths too.
+
+An index of storms shows that magnetic north moved, not whereto: the cause is named, nothing is corrected. Chance is
+judged by the index shifted to other dates, which keeps its storms and their memory.
 """
 
 from __future__ import annotations
@@ -12,11 +15,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from compasslib import angles
+from compasslib import angles, observatory
+from compasslib.effects.earth import IndexedDisturbance
 from compasslib.effects.term import DAY_S
-from compasslib.inference import covariates
-from compasslib.inference.baseline import State
-from compasslib.inference.case import Case, tides
+from compasslib.inference import covariates, finding
+from compasslib.inference.comparison import CANCELS, LongComparison, tide_waves
+from compasslib.inference.design import FittedModel
+from compasslib.inference.finding import CovariateRange, Finding, HeldOut, Parameter
+from compasslib.records import stamp
 from compasslib.statistics.whitening import Louder
 from compasslib.types import Floats
 
@@ -25,9 +31,17 @@ MOST_WAVES = 120  # of a process: those of sixteen months; of longer records onl
 SPEED_SPAN_S = 12 * 3600.0  # of the speed by which shear turns a direction
 VEER_DEG, VEER_DAYS = (0.7, 1.4, 2.8, 5.6, 11.0), (5.0, 15.0, 45.0, 135.0)  # sizes and memories that are summed over
 SHEAR_M_S, SHEAR_DAYS = (0.003, 0.007, 0.017, 0.04, 0.1), (3.0, 15.0, 75.0)  # the same
-QUIET = 0.05  # variance over white below which a direction is as it is
+LEAST_LOUD_VARIANCE = 0.05  # variance over white below which a direction is as it is
 USUAL_VEER_DEG, USUAL_SHEAR_M_S = 3.0, 0.02  # of half a Cauchy law, beforehand: two depths of real water
 TIDE_SPAN_S = 3600.0  # of the speed by which a tide's shear, of USUAL_SHEAR_M_S a wave, turns a direction
+
+STORM_SIZES_NT = np.geomspace(0.3, 100.0, 24)  # across magnetic north for one unit of ap
+STORM_SHIFTS, NEAREST_SHIFT_S = 400, 5 * 86400.0  # dates at which the index is tried; storms last for days
+STORM_BLOCKS = 12  # parts of a record by which the excess is proven
+STORMY_QUANTILE = 0.9  # quantile of the index from which it is stormy
+STORM_PHYSICS = (
+    "magnetic north is unsteady where the index of storms is high; its course only an observatory could tell"
+)
 
 
 @dataclass(frozen=True)
@@ -49,7 +63,7 @@ class Process:
 
 
 @dataclass(frozen=True)
-class Water:
+class SlowNoiseParams:
     """What slow water may do: veer, and shear of either component."""
 
     veer: Process
@@ -63,29 +77,29 @@ class Water:
 
 
 @dataclass(frozen=True)
-class Slow:
+class SlowNoiseBasis:
     """Columns that slow water is made of, and what each kind of it makes of their coefficients."""
 
     columns: Floats  # (n, q) degrees a unit: cosines of the veer, of eastward and northward shear; waves of their tides
     frequency: Floats  # (k,) cycles a day, evenly spaced from 0
     kinds: int  # processes: 1, or 3 with the shear
 
-    def variances(self, water: Water) -> Floats:
+    def variances(self, water: SlowNoiseParams) -> Floats:
         """Return the variance of each column's coefficient, (q,)."""
         step = float(self.frequency[1])
         each = [process.variances(self.frequency, step) for process in (water.veer, water.shear, water.shear)]
         slow = np.concatenate(each[: self.kinds])
         return np.concatenate([slow, np.full(self.columns.shape[1] - len(slow), USUAL_SHEAR_M_S**2)])
 
-    def waters(self) -> list[Water]:
+    def waters(self) -> list[SlowNoiseParams]:
         """Return the kinds of water that are summed over."""
         none = Process(0.0, VEER_DAYS[0])
         veers = [none, *(Process(*one) for one in itertools.product(VEER_DEG, VEER_DAYS))]
         shears = [none, *(Process(*one) for one in itertools.product(SHEAR_M_S, SHEAR_DAYS))]
-        return [Water(*both) for both in itertools.product(veers, shears if self.kinds > 1 else [none])]
+        return [SlowNoiseParams(*both) for both in itertools.product(veers, shears if self.kinds > 1 else [none])]
 
 
-def of(case: Case) -> Slow | None:
+def slow_noise_basis(case: LongComparison) -> SlowNoiseBasis | None:
     """Return what slow water a recording may show, None where it is no mooring or too short."""
     time_s = case.scene.time_s
     days = float(np.ptp(time_s)) / DAY_S
@@ -96,25 +110,25 @@ def of(case: Case) -> Slow | None:
     waves = np.cos(np.pi * (time_s - time_s[0])[:, None] / (days * DAY_S) * np.arange(count))
     departures = case.scene.departures
     if "flow_east" not in departures or "speed" not in case.covariates:
-        return Slow(waves, frequency, 1)
-    each = [sheared(case, *one) for one in ((waves, SPEED_SPAN_S), (tides(time_s), TIDE_SPAN_S))]
-    return Slow(np.concatenate([waves, *each], axis=1), frequency, 3)
+        return SlowNoiseBasis(waves, frequency, 1)
+    each = [shear_columns(case, *one) for one in ((waves, SPEED_SPAN_S), (tide_waves(time_s), TIDE_SPAN_S))]
+    return SlowNoiseBasis(np.concatenate([waves, *each], axis=1), frequency, 3)
 
 
-def sheared(case: Case, waves: Floats, span_s: float) -> Floats:
+def shear_columns(case: LongComparison, waves: Floats, span_s: float) -> Floats:
     """Return by how many degrees eastward and northward shear of 1 m/s that goes as some waves turns directions.
 
     Args:
         waves: (n, k).
         span_s: of the running mean of the speed.
     """
-    speed = covariates.running(case.covariates["speed"], case.scene.time_s, span_s)
+    speed = covariates.running_mean(case.covariates["speed"], case.scene.time_s, span_s)
     slowness = 1.0 / np.maximum(speed, covariates.SLOWEST_M_S) / angles.DEGREE
     north, east = (case.scene.departures[name] * slowness for name in ("flow_north", "flow_east"))
     return np.concatenate([waves * north[:, None], -waves * east[:, None]], axis=1)
 
 
-def louder(view: State, slow: Slow, water: Water) -> Louder | None:
+def low_rank_noise(view: FittedModel, slow: SlowNoiseBasis, water: SlowNoiseParams) -> Louder | None:
     """Return slow water as directions in which the whitened noise of a recording is louder; None where it is none.
 
     Args:
@@ -127,6 +141,94 @@ def louder(view: State, slow: Slow, water: Water) -> Louder | None:
     if not white.shape[1]:
         return None
     values, vectors = np.linalg.eigh(white.T @ white)
-    loud = values > QUIET
+    loud = values > LEAST_LOUD_VARIANCE
     basis = white @ vectors[:, loud] / np.sqrt(values[loud])
     return Louder(basis.astype(np.float32), 1.0 / np.sqrt(1.0 + values[loud]))
+
+
+@dataclass(frozen=True)
+class _StormScatter:
+    """What a simulation leaves of the directions, and what the index lets expect; n samples that count."""
+
+    squares: Floats  # (n,) of the residual over its width, clipped
+    share: Floats  # (n,) variance for 1 nT a unit of ap, over the noise's
+
+    def gains(self, sizes_nT: Floats, share: Floats) -> Floats:
+        """Return the log likelihood gained over even noise by each size, the noise's own width being free, (k,)."""
+        return np.sum(self._each(sizes_nT, share), axis=1)
+
+    def _each(self, sizes_nT: Floats, share: Floats) -> Floats:
+        variance = 1.0 + np.square(sizes_nT)[:, None] * share
+        own, even = (self.squares / variance).mean(axis=1, keepdims=True), self.squares.mean()
+        return (self.squares / even - self.squares / variance / own - np.log(variance * own / even)) / 2.0
+
+    def best(self, kept: Floats | slice = slice(None)) -> float:
+        """Return the likeliest size by some of the samples, nT a unit of ap."""
+        from scipy.optimize import minimize_scalar
+
+        some = _StormScatter(self.squares[kept], self.share[kept])
+        first = float(np.log(STORM_SIZES_NT[int(np.argmax(some.gains(STORM_SIZES_NT, some.share)))]))
+        step = float(np.log(STORM_SIZES_NT[1] / STORM_SIZES_NT[0]))
+        found = minimize_scalar(
+            lambda log: -some.gains(np.exp([log]), some.share)[0], bounds=(first - step, first + step), method="bounded"
+        )
+        return float(np.exp(found.x))
+
+    def chance(self, time_s: Floats) -> float:
+        """Return how often the index at other dates does as well."""
+        step = max(float(np.median(np.diff(time_s))), 1.0)
+        nearest = int(NEAREST_SHIFT_S / step) + 1
+        count = min(STORM_SHIFTS, max(len(time_s) - 2 * nearest, 1))
+        shifts = np.linspace(nearest, len(time_s) - nearest, count).astype(int)
+        sizes = STORM_SIZES_NT[::3]
+        seen = self.gains(sizes, self.share).max()
+        others = [self.gains(sizes, np.roll(self.share, shift)).max() for shift in shifts]
+        return (1 + int(np.sum(np.array(others) >= seen))) / (1 + count)
+
+    def left_out(self, block: Floats) -> tuple[float, float, Floats]:
+        """Return the size, its standard error by the jackknife, and the gain of each block by the others' size."""
+        sizes = np.array([self.best(np.asarray(block != k)) for k in range(STORM_BLOCKS)])
+        whole, off = self.best(), sizes - sizes.mean()
+        gains = [self._each(sizes[k : k + 1], self.share)[0, block == k].sum() for k in range(STORM_BLOCKS)]
+        return whole, float(np.sqrt((STORM_BLOCKS - 1) / STORM_BLOCKS * off @ off)), np.array(gains)
+
+
+def storm_finding(state: FittedModel, alarm: float) -> Finding | None:
+    """Return the finding that directions scatter with the index of storms, None where they do not or there is none.
+
+    Args:
+        state: with all that was found in its simulation.
+        alarm: probability that noise alone is allowed to give a name.
+    """
+    scene, width = state.case.scene, state.whitener.width_deg
+    if (IndexedDisturbance.name, CANCELS) in state.case.not_testable or "storm_index" not in scene.departures:
+        return None
+    known = np.isfinite(width) & np.isfinite(state.residual_deg)
+    index = scene.departures["storm_index"] / scene.horizontal_nT / angles.DEGREE
+    time_s, unit = scene.time_s[known], index[known]
+    standard = np.clip(state.residual_deg[known] / width[known], -finding.MOST_WIDTHS, finding.MOST_WIDTHS)
+    scatter = _StormScatter(standard**2, (unit / width[known]) ** 2)
+    if not unit.any() or (chance := scatter.chance(time_s)) > alarm:
+        return None
+    block = np.floor(np.arange(len(unit)) * STORM_BLOCKS / len(unit))
+    size, sigma, gains = scatter.left_out(block)
+    rms = angles.rms(np.clip(state.residual_deg[known], -90.0, 90.0))
+    spread = 1.96 * float(np.std(gains)) * np.sqrt(STORM_BLOCKS)
+    total = float(gains.sum())
+    proof = HeldOut(rms, rms, total, (total - spread, total + spread), chance)
+    return _storm_text_finding(state, Parameter(size, sigma, "nT"), size * angles.rms(index), proof)
+
+
+def _storm_text_finding(state: FittedModel, size: Parameter, rms_deg: float, proof: HeldOut) -> Finding:
+    index, time_s = state.case.scene.departures["storm_index"], state.case.scene.time_s
+    low, high = np.quantile(index, [STORMY_QUANTILE, 1.0]).tolist()
+    span = observatory.strongest_disturbance(time_s, index)
+    place = CovariateRange("storm_index", low, high, f"where ap is {low:.0f} to {high:.0f}")
+    first, last = (stamp(one)[:10] for one in span)
+    text = (
+        f"W{place.text[1:]}, most of all from {first} to {last}: {STORM_PHYSICS}. Directions scatter with it by "
+        f"{rms_deg:.1f}° rms, {size.value:.2g} ± {1.96 * size.sigma:.1g} nT (95 %) for one unit of ap; "
+        f"the index at other dates does as well {proof.p_value:.1%} of the time. Nothing is corrected by it."
+    )
+    name, side = IndexedDisturbance.name, IndexedDisturbance.side
+    return Finding(name, side, (), place, span, {"nT_ap": size}, rms_deg, proof, text)

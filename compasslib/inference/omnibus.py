@@ -1,34 +1,64 @@
-"""Columns that are tested together, and how far noise alone lets their scores go: what has no name shows in them."""
+"""Omnibus tests for a mismatch that no listed effect explains, and for sectors in which a compass sticks.
+
+Scores of many groups of columns are tested at once, against resamples of the record's own noise. Where a compass
+sticks, its readings pile up at one heading and are missing on both sides of it: the mean residual hardly shows it, the
+histogram does. Counts are of corrected headings, since a folded compass piles up its readings where it turns back.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import itertools
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from compasslib import angles
-from compasslib.effects import Term
+from compasslib.effects.reading import HeadingSlip
+from compasslib.inference import covariates as covariate_series
+from compasslib.inference import design as designs
+from compasslib.inference import finding
+from compasslib.inference.comparison import TIDE_PERIODS_H, LongComparison
+from compasslib.inference.design import ColumnGroup, FittedModel, step_columns
+from compasslib.statistics import blocks
+from compasslib.statistics.whitening import directions, inverse
 from compasslib.types import Floats
 
-KNOTS = 8  # of a covariate's splines: what the omnibus sees
+COVARIATE_KNOTS = 8  # of a covariate's splines: what the omnibus sees
+ONSET_QUANTILES = (0.07, 0.13, 0.2, 0.35, 0.5, 0.65, 0.8, 0.87, 0.93)  # quantiles beyond which an effect may set in
+HEADING_HAT_DEG, FEWEST_IN_HAT = 6.0, 30  # sectors that the omnibus sees, and readings in one
+HEADING_HARMONICS = 24  # highest harmonic of the recorded heading
+TIME_KNOTS, SHORTEST_WAVE_S = (12, 36), 20 * 86400.0  # changes that the omnibus sees
+SPELL, SPELL_STEP_S, SPELLS = "spell", 5 * 86400.0, (4, 6, 8, 12, 18)  # weeks in which the reading is off, in steps
+FAINTEST_DIRECTION = 1e-2  # of the power of the best seen combination of splines or harmonics
+COVARIATE_PERIODS = {"hour_of_day": 24.0, "reference_heading": 360.0}  # of what goes round
+PRODUCT_COVARIATES = ("time", "temperature", "depth", "pitch", "roll", "speed", "supply_voltage")  # of the products
+
+NOISE_DRAWS = 300  # draws of noise, which set how well the alarm of the omnibus is known
+SLOW_PERIODS_DAYS, WEEKLY_PERIODS_DAYS = (400.0, 14.0), (14.0, 5.0)  # longest and shortest periods, days
+FEWEST_WAVES = 8  # below which their mean power is not known within a half
+TRIMMED_SHARE, TRIMMED_MEAN = 0.95, 0.759  # share of the smallest of chi-squared values that are kept, and their mean
+SPELL_HANDICAP = 0.4  # score taken off each of many spells, so that they do not raise the bar for the other groups
+
+CELL_DEG = 2.0  # width of the cells in which readings heap up
+NEAREST_CELL, FARTHEST_CELL = 2, 8  # bins on either side that foretell the one between
+SECTOR_BLOCK_S = 5 * 86400.0  # a sphere stays where it is for days
+CLUSTER_SIGMAS = 5.0  # by the scatter from block to block
+CLUSTER_RATIO = 2.5  # what a heap holds over what its neighbours foretell
+FEWEST_IN_CLUSTER = 30  # readings in a heap
+WIDEST_SECTOR, RIM_CELLS, EMPTIED_SHARE = (
+    30,
+    4,
+    0.4,
+)  # bins on either side that a sector may reach; bins and share of the density beside
 
 
 @dataclass(frozen=True)
-class Group:
-    """Columns that are tested together, (n, k) degrees a unit."""
-
-    name: str  # effect, or covariates joined by x
-    columns: Floats
-    term: Term | None = None  # at zero size, its date set
-    covariates: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class Tested:
+class ScoreTests:
     """Groups of columns with their statistics under the data and under the record's own noise."""
 
-    groups: list[Group]
+    groups: list[ColumnGroup]
     freedom: Floats  # (g,) directions of each group
     inflation: Floats  # (g,) mean statistic of the noise over the freedom
     score: Floats  # (g,) normal score of each group's statistic
@@ -46,22 +76,22 @@ class Tested:
 
 
 @dataclass(frozen=True)
-class Rest:
+class OmnibusResult:
     """What the omnibus tests find: groups that are significant with their visible sizes, the strongest first."""
 
     threshold: float  # score that noise alone hardly exceeds
-    strong: tuple[tuple[Group, float], ...]
+    strong: tuple[tuple[ColumnGroup, float], ...]
     min_effect_deg: float
 
     @property
-    def curve(self) -> Group:
+    def curve(self) -> ColumnGroup:
         """All that is significant along the covariates of the strongest."""
         first = self.strong[0][0]
         alike = [group.columns for group, _ in self.strong if group.covariates == first.covariates]
         return replace(first, columns=np.concatenate(alike, axis=1))
 
     @property
-    def worth(self) -> list[tuple[Group, float]]:
+    def worth(self) -> list[tuple[ColumnGroup, float]]:
         """Those that matter."""
         return [one for one in self.strong if one[1] >= self.min_effect_deg]
 
@@ -71,7 +101,9 @@ class Rest:
         return tuple({group.name: size for group, size in self.strong if size < self.min_effect_deg}.items())
 
 
-def rest(tested: Tested, alarm: float, size_deg: Callable[[Group, float], float], min_effect_deg: float) -> Rest:
+def omnibus_test(
+    tested: ScoreTests, alarm: float, size_deg: Callable[[ColumnGroup, float], float], min_effect_deg: float
+) -> OmnibusResult:
     """Return what is significant.
 
     Args:
@@ -79,11 +111,11 @@ def rest(tested: Tested, alarm: float, size_deg: Callable[[Group, float], float]
         size_deg: visible size of a group, rms, given its inflation.
     """
     if not tested.groups:
-        return Rest(float("inf"), (), min_effect_deg)
+        return OmnibusResult(float("inf"), (), min_effect_deg)
     threshold = tested.threshold(alarm)
     strong = [int(k) for k in np.argsort(-tested.score) if tested.score[k] > threshold]
     sized = [(tested.groups[k], size_deg(tested.groups[k], float(tested.inflation[k]))) for k in strong]
-    return Rest(threshold, tuple(sized), min_effect_deg)
+    return OmnibusResult(threshold, tuple(sized), min_effect_deg)
 
 
 def normal_score(statistic: Floats, freedom: Floats) -> Floats:
@@ -110,12 +142,12 @@ def heading_hats(heading_deg: Floats, width_deg: float, fewest: float) -> Floats
     return hats[:, hats.sum(axis=0) >= fewest]
 
 
-def periodic(angle_deg: Floats, harmonics: range) -> Floats:
+def fourier_columns(angle_deg: Floats, harmonics: range) -> Floats:
     """Return sine and cosine of some multiples of an angle, (n, 2 k)."""
     return np.column_stack([x for k in harmonics for x in angles.sin_cos(k * angle_deg)])
 
 
-def hats(x: Floats, count: int) -> Floats:
+def hat_columns(x: Floats, count: int) -> Floats:
     """Return hat functions on knots at even quantiles, (n, k)."""
     knots = np.unique(np.quantile(x, np.linspace(0.0, 1.0, count)))
     if len(knots) < 2:
@@ -124,6 +156,246 @@ def hats(x: Floats, count: int) -> Floats:
     return np.column_stack([np.interp(x, knots, row) for row in eye])
 
 
-def standard(x: Floats) -> Floats:
+def standardize(x: Floats) -> Floats:
     """Return a series over its standard deviation, without far outliers, (n,)."""
     return np.clip((x - np.mean(x)) / np.std(x), -4.0, 4.0)
+
+
+def omnibus_groups(state: FittedModel) -> list[ColumnGroup]:
+    """Return splines and thresholds of each covariate, harmonics and hats of the heading, and products."""
+    found, groups = state.case.covariates, []
+    heading = state.case.recorded_deg
+    each = [
+        fourier_columns(heading, range(3, 7)),
+        heading_hats(heading, HEADING_HAT_DEG, FEWEST_IN_HAT),
+        fourier_columns(heading, range(7, HEADING_HARMONICS + 1)),
+    ]
+    groups += [ColumnGroup("heading", hats, covariates=("heading",)) for hats in each]
+    for name, column in found.items():
+        if name in COVARIATE_PERIODS:
+            groups.append(
+                ColumnGroup(
+                    name, fourier_columns(360.0 / COVARIATE_PERIODS[name] * column, range(1, 4)), covariates=(name,)
+                )
+            )
+        elif name == "time":
+            groups += [ColumnGroup(name, hat_columns(column, k), covariates=(name,)) for k in TIME_KNOTS]
+            groups += [*time_waves(column), *spell_groups(state)]
+            tides = [fourier_columns(360.0 * column / (3600.0 * hours), range(1, 2)) for hours in TIDE_PERIODS_H]
+            groups += [ColumnGroup(name, tide, covariates=(name,)) for tide in tides]
+        elif name != "heading" and name not in covariate_series.TILT_CORRECTIONS:
+            groups.append(ColumnGroup(name, hat_columns(column, COVARIATE_KNOTS), covariates=(name,)))
+            groups += [ColumnGroup(name, step, covariates=(name,)) for step in _onset_columns(column)]
+    linear = {name: standardize(found[name]) for name in PRODUCT_COVARIATES if name in found}
+    turning = np.column_stack([np.ones(len(heading)), fourier_columns(heading, range(1, 4))])
+    for name, column in linear.items():
+        groups.append(ColumnGroup(f"heading x {name}", turning * column[:, None], covariates=("heading", name)))
+    for (a, x), (b, y) in itertools.combinations(linear.items(), 2):
+        both = [u * v for u in _linear_and_square(x) for v in _linear_and_square(y)]
+        groups.append(ColumnGroup(f"{a} x {b}", np.column_stack(both), covariates=(a, b)))
+    return [replace(group, columns=_well_determined(group.columns)) for group in groups]
+
+
+def time_waves(time_s: Floats) -> list[ColumnGroup]:
+    """Return one wave a group: what swings with one period is faint among all knots."""
+    turns = 360.0 * (time_s - time_s[0]) / np.ptp(time_s)
+    each = [fourier_columns(turns, range(k, k + 1)) for k in range(1, int(np.ptp(time_s) / SHORTEST_WAVE_S) + 1)]
+    return [ColumnGroup("time", wave, covariates=("time",)) for wave in each]
+
+
+def spell_groups(state: FittedModel) -> list[ColumnGroup]:
+    """Return offsets of the reading with a begin and an end, each a group: among all knots they are faint."""
+    time_s = state.case.scene.time_s
+    begins = np.arange(time_s[0], time_s[-1], max(SPELL_STEP_S, float(np.ptp(time_s)) / 120.0))[1:]
+    tried = [group.columns for group in step_columns(state, HeadingSlip, begins)]
+    both = [(first, last) for length in SPELLS for first, last in zip(tried, tried[length:], strict=False)]
+    return [ColumnGroup(SPELL, first - last, covariates=("time",)) for first, last in both]
+
+
+def _well_determined(columns_deg: Floats) -> Floats:
+    """Return combinations of columns without those that only a few samples at the edge of what occurs would tell.
+
+    Of 36 harmonics over headings that spread by 34 degrees 22 are left; among the others single samples decide.
+    """
+    if columns_deg.shape[1] < 2:
+        return columns_deg
+    unit = columns_deg / np.maximum(np.linalg.norm(columns_deg, axis=0), 1e-300)
+    values, vectors = np.linalg.eigh(unit.T @ unit)
+    return np.asarray(unit @ vectors[:, values > FAINTEST_DIRECTION * values[-1]] * np.sqrt(len(unit)))
+
+
+def _onset_columns(x: Floats) -> list[Floats]:
+    """Return what sets in beyond a threshold, each alone: where a covariate has a long tail, hats do not turn there."""
+    return [(x > threshold)[:, None].astype(float) for threshold in np.unique(np.quantile(x, ONSET_QUANTILES))]
+
+
+def _linear_and_square(x: Floats) -> tuple[Floats, Floats]:
+    """Return a standardised series and its square's departure."""
+    return x, x**2 - np.mean(x**2)
+
+
+def score_tests(state: FittedModel, groups: Sequence[ColumnGroup], seed: int = 0) -> ScoreTests:
+    """Return the score tests of all groups."""
+    groups = [group for group in groups if group.columns.shape[1]]
+    ends = np.cumsum([group.columns.shape[1] for group in groups])
+    white = state.projected(np.concatenate([group.columns for group in groups], axis=1, dtype=np.float32))
+    parts = np.split(white, ends[:-1], axis=1)
+    bases = [directions(part) for part in parts]
+    kept = [k for k, basis in enumerate(bases) if basis.shape[1]]
+    groups, bases = [groups[k] for k in kept], [bases[k] for k in kept]
+    freedom = np.array([basis.shape[1] for basis in bases], dtype=float)
+    begins = np.concatenate([[0], np.cumsum(freedom)[:-1]]).astype(int)
+    every = np.concatenate(bases, axis=1)
+    seen = np.add.reduceat((every.T @ state.innovation) ** 2, begins) / state.sigma**2
+    noise = np.add.reduceat((_resample_noise(state, seed) @ every) ** 2, begins, axis=1) / state.sigma**2
+    inflation = noise.mean(axis=0) / freedom
+    handicap = np.array([SPELL_HANDICAP * (group.name == SPELL) for group in groups])
+    highest = (normal_score(noise / inflation, freedom) - handicap).max(axis=1)
+    uneven = np.array([_cluster_inflation(state, basis) for basis in bases])
+    inflation = np.maximum(np.maximum(inflation, uneven), 1.0) * _slow_inflation(state, every, begins, freedom)
+    return ScoreTests(groups, freedom, inflation, normal_score(seen / inflation, freedom) - handicap, highest)
+
+
+def group_size_deg(state: FittedModel, group: ColumnGroup, inflation: float) -> float:
+    """Return the visible size of a group's best fit, rms degrees, freed of what noise adds to it."""
+    values, covariance = solve_group(state, group)
+    seen = state.visible(group.columns)
+    product = seen.T @ seen / len(seen)
+    return float(np.sqrt(max(float(values @ product @ values) - inflation * float(np.sum(product * covariance)), 0.0)))
+
+
+def solve_group(state: FittedModel, group: ColumnGroup) -> tuple[Floats, Floats]:
+    """Return the values of columns fitted to the residual, and their covariance."""
+    white = state.projected(group.columns)
+    inverted = inverse(white.T @ white)
+    return inverted @ (white.T @ state.innovation) / state.response, inverted * (state.sigma / state.response) ** 2
+
+
+def _resample_noise(state: FittedModel, seed: int, repeats: int = NOISE_DRAWS) -> Floats:
+    """Return draws of the record's own noise: blocks of days of its innovations at other dates, turned at random.
+
+    What changes over weeks is taken out first: a real drift must not raise the bar for itself.
+    """
+    counts = np.isfinite(state.whitener.width_deg)
+    trend = directions(state.projected(designs.slow_hats(state.case.scene.time_s).astype(np.float32)))
+    innovation = (state.innovation - trend @ (trend.T @ state.innovation))[counts].astype(np.float32)
+    step = float(np.median(np.diff(state.case.scene.time_s)))
+    length = int(np.clip(finding.HELD_OUT_BLOCK_S / step, 5, max(len(innovation) // 10, 5)))
+    result = np.zeros((repeats, len(counts)), dtype=np.float32)
+    result[:, counts] = blocks.drawn(innovation, length, repeats, seed)
+    return result
+
+
+def _cluster_inflation(state: FittedModel, basis: Floats) -> float:
+    """Return what the noise makes of a group's statistic where the group weighs most, 1 where noise is even.
+
+    Real water scatters more in some weeks and at some headings than speeds tell. The group's own fit is taken out, and
+    the scores of blocks of days are squared as they are (a sandwich by clusters; Liang and Zeger, Biometrika 73, 1986).
+
+    Args:
+        basis: the group's whitened columns, orthonormal, (n, k).
+    """
+    block = blocks.of_span(state.case.scene.time_s, finding.RESIDUAL_MEMORY_S)
+    scores = blocks.scores(basis, state.innovation, block)
+    return float(np.sum(scores**2)) / basis.shape[1] / state.sigma**2 * len(scores) / max(len(scores) - 1, 1)
+
+
+def _slow_inflation(state: FittedModel, every: Floats, begins: NDArray[np.intp], freedom: Floats) -> Floats:
+    """Return by how much each group's statistic is inflated by slow changes that the filter and the blocks do not hold.
+
+    Water veers for weeks. What the record holds at periods of about a week, beyond white noise, is taken for the noise
+    of every group as far as the group is slow itself; drifts, steps and seasons hardly reach to such short periods.
+
+    Args:
+        every: orthonormal whitened columns of all groups, (n, k).
+        begins: first column of each group, (g,).
+        freedom: number of columns of each group, (g,).
+    """
+    days = float(np.ptp(state.case.scene.time_s)) / 86400.0
+    monthly, weekly = (
+        np.arange(int(days / longest), int(days / shortest) + 1)
+        for longest, shortest in (SLOW_PERIODS_DAYS, WEEKLY_PERIODS_DAYS)
+    )
+    if len(weekly) < FEWEST_WAVES:
+        return np.ones(len(freedom))
+    heard = _wave_basis(state, weekly)
+    power = np.sort((heard.T @ state.innovation) ** 2)[: round(TRIMMED_SHARE * heard.shape[1])] / state.sigma**2
+    excess = float(power.mean()) / TRIMMED_MEAN
+    share = np.add.reduceat(np.sum((every.T @ _wave_basis(state, monthly)) ** 2, axis=1), begins) / freedom
+    return 1.0 + max(excess - 1.0, 0.0) * share
+
+
+def _wave_basis(state: FittedModel, number: NDArray[np.intp]) -> Floats:
+    """Return an orthonormal basis of waves over the record, projected."""
+    time_s = state.case.scene.time_s
+    phase = 360.0 * (time_s - time_s[0])[:, None] / np.ptp(time_s) * np.maximum(number, 1)
+    return directions(state.projected(np.column_stack(angles.sin_cos(phase)).astype(np.float32)))
+
+
+@dataclass(frozen=True)
+class HeadingCluster:
+    """Readings that heap up."""
+
+    recorded_deg: float  # where they do
+    width_deg: float  # of the sector that they came from
+    rms_deg: float  # what it does to the headings of the whole record
+
+
+def sticking_sector(state: FittedModel) -> HeadingCluster | None:
+    """Return the largest heap of readings, None where there is none."""
+    known = np.isfinite(state.heading_deg)
+    recorded = state.case.recorded_deg[known]
+    if _resolution_deg(recorded) > CELL_DEG / 4.0:
+        return None
+    time_s = state.case.scene.time_s[known]
+    block = np.floor((time_s - time_s[0]) / SECTOR_BLOCK_S).astype(np.intp)
+    cells = int(360.0 / CELL_DEG)
+    cell = (angles.wrap360(state.heading_deg[known]) / CELL_DEG).astype(np.intp) % cells
+    counts = np.bincount(block * cells + cell, minlength=(block[-1] + 1) * cells).reshape(-1, cells).astype(float)
+    foretold = _expected_counts(counts)
+    excess = counts - foretold
+    score = excess.sum(axis=0) / np.maximum(np.linalg.norm(excess, axis=0), 1.0)
+    held, expected = counts.sum(axis=0), np.maximum(foretold.sum(axis=0), 1.0)
+    heaped = (score > CLUSTER_SIGMAS) & (held > CLUSTER_RATIO * expected) & (held >= FEWEST_IN_CLUSTER)
+    if not heaped.any():
+        return None
+    k = int(np.argmax(np.where(heaped, held, 0.0)))
+    reach, inside = _emptied_sector(np.roll(held, cells // 2 - k))
+    width = CELL_DEG * (2 * reach + 1)
+    share = inside / len(state.case)
+    return HeadingCluster(float(angles.mean(recorded[cell == k])), width, width / float(np.sqrt(12.0 / share)))
+
+
+def observed_outside(case: LongComparison, heap: HeadingCluster) -> Floats:
+    """Return the headings that the reference's side shows, NaN where the reading hangs, (n,) degrees.
+
+    Args:
+        heap: where its readings heap up.
+    """
+    away = np.abs(angles.difference(case.recorded_deg, heap.recorded_deg))
+    return np.where(away > heap.width_deg / 2.0, case.observed_deg, np.nan)
+
+
+def _emptied_sector(held: Floats) -> tuple[int, float]:
+    """Return how many cells on either side of the middle one are emptied, and the readings in all of them."""
+    middle = len(held) // 2
+    beside = np.array([held[middle - k] + held[middle + k] for k in range(1, WIDEST_SECTOR + 1)])
+    dense = np.convolve(beside, np.full(RIM_CELLS, 1.0 / RIM_CELLS), "valid").max()
+    reach = int(np.argmax(beside >= EMPTIED_SHARE * dense))
+    return reach, float(held[middle - reach : middle + reach + 1].sum())
+
+
+def _expected_counts(counts: Floats) -> Floats:
+    """Return what each cell's neighbours foretell for it, by a parabola through them, (blocks, cells)."""
+    away = np.arange(NEAREST_CELL, FARTHEST_CELL + 1.0)
+    design = np.column_stack([np.ones(len(away)), away**2])
+    weights = np.linalg.pinv(design)[0] / 2.0
+    return sum(
+        w * (np.roll(counts, int(k), axis=1) + np.roll(counts, -int(k), axis=1))
+        for w, k in zip(weights, away, strict=True)
+    )
+
+
+def _resolution_deg(recorded_deg: Floats) -> float:
+    values = np.unique(recorded_deg)
+    return float(np.median(np.diff(values))) if len(values) > 1 else np.inf

@@ -1,32 +1,143 @@
-"""The compass that corrects a record: the configured fit, or the exact compass with what was found on its side.
+"""The compass that corrects a record: the configured fit, or the exact compass with the terms found on its side.
 
-It stands in deviation.json, so that the correction needs nothing else and an archive tells what it was made by.
+It stands in deviation.json, so that the correction needs nothing else and an archive shows what it was made by.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from compasslib import angles, compass
-from compasslib.deviation import doubts, model
+from compasslib.deviation import doubts, model, spread
 from compasslib.deviation.along import Along
 from compasslib.deviation.along import of_fit as along_of_fit
 from compasslib.deviation.doubts import Doubt
 from compasslib.deviation.model import Fit
-from compasslib.inference.show import UNTESTED
+from compasslib.effects import Scene, composition
+from compasslib.effects.composition import Simulation
+from compasslib.inference import covariates
 from compasslib.records import BAD, EarthField, Pairs, Readings, Record, take
 from compasslib.types import Floats
 
-if TYPE_CHECKING:  # the jobs that correct need no search
-    from compasslib.inference.applied import Applied, Member
-    from compasslib.inference.verdict import Diagnosis
+TILT_SERIES = ("pitch", "roll", "tilt")
+RECORD_SERIES = (*TILT_SERIES, "turn_rate")  # what every record has
 
 
 Series = Mapping[str, Floats]
+
+
+@dataclass(frozen=True)
+class AppliedCompass:
+    """A compass with terms, fitted to a record."""
+
+    simulation: Simulation
+    covariance: Floats  # (p, p) of A..E and the terms' parameters
+    references: Mapping[str, float]  # what the terms' departures count from, by covariate
+    logged: tuple[str, ...]  # series beside heading and tilt without which the terms cannot be applied
+
+    def scene(
+        self,
+        time_s: Floats,
+        recorded_deg: Floats,
+        tilt_deg: tuple[Floats, Floats],
+        series: Mapping[str, Floats],
+        *,
+        field: EarthField,
+    ) -> Scene:
+        """Return in what samples of the affected instrument were made; what is missing counts as the reference.
+
+        Args:
+            time_s: (n,) increasing, UTC seconds.
+            recorded_deg: recorded headings, (n,), degrees.
+            tilt_deg: pitch and roll, (n,) each, degrees.
+            series: the logged covariates, (n,) each.
+        """
+        used = {name: covariates.smooth_supply(name, column, time_s) for name, column in series.items()}
+        found = {name: np.nan_to_num(used[name] - self.references[name]) for name in self.logged if name in used}
+        found |= {name: np.zeros(len(time_s)) for name in self.logged if name not in (*series, *TILT_SERIES)}
+        if "supply_voltage" in used:
+            filled = covariates.fill_gaps(used["supply_voltage"])
+            found["battery_number"] = covariates.battery_count(filled)
+        leans = dict(zip(("pitch", "roll"), (np.nan_to_num(x) for x in tilt_deg), strict=True))
+        leans["tilt"] = np.hypot(leans["pitch"], leans["roll"])
+        found |= {name: lean - self.references[name] for name, lean in leans.items() if name in self.references}
+        found["turn_rate"] = np.nan_to_num(covariates.turn_rate(recorded_deg, time_s))
+        h, z = (np.interp(time_s, field.time_s, x) for x in (field.horizontal_nT, field.vertical_nT))
+        pitch, roll = (np.nan_to_num(x) for x in tilt_deg)
+        return Scene(time_s, h, z, pitch, roll, self.references["time"], found)
+
+    def along(self, scene: Scene, recorded_deg: Floats) -> Along:
+        """Return the compass at every sample.
+
+        Args:
+            recorded_deg: recorded headings, (n,), degrees, NaN where there is none.
+        """
+        return Along(
+            reading_deg=composition.undone_readout(self.simulation, scene, recorded_deg),
+            coefficients=composition.coefficients_at(self.simulation, scene),
+            covariance=self.covariance,
+            sensitivity=lambda heading_deg: composition.derivative(self.simulation, scene, heading_deg),
+            north_deg=composition.north(self.simulation, scene),
+            tilted=any(term.name == "heeling" for term in self.simulation.terms),
+        )
+
+    def to_json(self) -> dict[str, Any]:
+        """Return it for diagnosis.json."""
+        return {
+            "coefficients": dict(zip(model.LETTERS, self.simulation.coefficients.tolist(), strict=True)),
+            "horizontal_nT": self.simulation.horizontal_nT,
+            "terms": [
+                {"effect": term.name, "form": type(term).__name__} | vars(term) for term in self.simulation.terms
+            ],
+            "covariance": self.covariance.tolist(),
+            "references": dict(self.references),
+            "logged": list(self.logged),
+        }
+
+
+@dataclass(frozen=True)
+class WeightedCompass:
+    """One hypothesis of those whose average corrects a record."""
+
+    weight: float  # probability
+    effect: str  # names joined by +, or none
+    compass: AppliedCompass | None  # None where the fit by itself is it
+
+    def to_json(self) -> dict[str, Any]:
+        """Return it for deviation.json."""
+        compass = None if self.compass is None else self.compass.to_json()
+        return {"effect": self.effect, "weight": self.weight, "compass": compass}
+
+
+def inflate_covariance(fit: Fit, covariance: Floats) -> Fit:
+    """Return the fit with coefficients no surer than what the search makes of them, slow water being in its noise.
+
+    Args:
+        covariance: of A..E, (5, 5).
+    """
+    own = fit.covariance.copy()
+    own[:5, :5] += spread.positive_part(covariance - own[:5, :5])
+    return replace(fit, covariance=own)
+
+
+def limit_precision(member: WeightedCompass, fit: Fit) -> WeightedCompass:
+    """Return a compass with coefficients that are no surer than the fit by itself has them.
+
+    The search judges by blocks of days. These do not show water that veers for months by its direction, nor veer in
+    step with the heading, and the fit counts both (``deviation.spread``).
+
+    Args:
+        fit: the exact compass without terms.
+    """
+    if member.compass is None:
+        return member
+    covariance = member.compass.covariance.copy()
+    covariance[:5, :5] += spread.positive_part(fit.covariance[:5, :5] - covariance[:5, :5])
+    return replace(member, compass=replace(member.compass, covariance=covariance))
 
 
 @dataclass(frozen=True)
@@ -35,7 +146,9 @@ class Product:
 
     fit: Fit  # the compass; the configured one where nothing was found on its side
     effects: tuple[str, ...] = ()  # what the search found on the compass side and put into it
-    applied: tuple[Member, ...] = ()  # compasses whose average it is, the chosen one first; none: the fit by itself
+    applied: tuple[
+        WeightedCompass, ...
+    ] = ()  # compasses whose average it is, the chosen one first; none: the fit by itself
     accounted: tuple[str, ...] = ()  # of clocks and water: the fit is freed of them, headings are not touched
     left_deg: float = 0.0  # visible size of what was seen and is not corrected, rms
     doubts: tuple[Doubt, ...] = ()  # stretches whose headings are flagged doubtful
@@ -62,43 +175,24 @@ class Product:
         }
 
 
-def of(fit: Fit, diagnosis: Diagnosis) -> Product:
-    """Return what is to correct the record after the search for unmodelled effects."""
-    left_deg = _left(diagnosis)
-    if diagnosis.fit is None:
-        return Product(fit, left_deg=left_deg)
-    effects = tuple(one.effect for one in diagnosis.findings if one.applied)
-    accounted = tuple(one.effect for one in diagnosis.findings if one.beside_compass)
-    return Product(diagnosis.fit, effects, diagnosis.applied, accounted, left_deg)
-
-
-def _left(diagnosis: Diagnosis) -> float:
-    """Return the visible size of what bends the compass, or may, and does not enter the product, rms degrees."""
-    kept_out = [one for one in diagnosis.findings if not one.applied and one.held_out is not UNTESTED]
-    if diagnosis.applied:  # an average holds what may not be as well, but for storms whose course nobody knows
-        kept_out = [one for one in kept_out if one.side == "compass"]
-    sizes = [one.rms_effect_deg for one in kept_out if one.of_compass]
-    sizes += [] if diagnosis.unexplained is None else [diagnosis.unexplained.rms_effect_deg]
-    return float(np.hypot.reduce(sizes)) if sizes else 0.0
-
-
 def from_json(content: Mapping[str, Any]) -> Product:
     """Return what a deviation.json says the record is to be corrected by."""
-    from compasslib.inference.applied import Member
 
     block = content["applied"]
     left_deg, stretches = block["uncorrected_deg"], doubts.from_json(block.get("doubts", ()))
     if block["fit"] is None:
         return Product(model.from_json(content), left_deg=left_deg, doubts=stretches)
     applied = tuple(
-        Member(one["weight"], one["effect"], None if one["compass"] is None else _applied(one["compass"]))
+        WeightedCompass(
+            one["weight"], one["effect"], None if one["compass"] is None else _compass_from_json(one["compass"])
+        )
         for one in block["compasses"]
     )
     fit, effects, accounted = model.from_json(block["fit"]), tuple(block["effects"]), tuple(block["accounted_for"])
     return Product(fit, effects, applied, accounted, left_deg, stretches)
 
 
-def plain(product: Product, pairs: Pairs, record: Record, field: EarthField, series: Series) -> Pairs:
+def equivalent_pairs(product: Product, pairs: Pairs, record: Record, field: EarthField, series: Series) -> Pairs:
     """Return the pairs as the compass by itself would have recorded them, without what was found beside it.
 
     A method that knows five coefficients and no effects can go on from there.
@@ -109,7 +203,9 @@ def plain(product: Product, pairs: Pairs, record: Record, field: EarthField, ser
         series: what was logged besides at the record's samples.
     """
     when = np.searchsorted(record.time_s, pairs.time_s)
-    at = along(product, take(record, when), field, {name: column[when] for name, column in series.items()})
+    at = compass_along_record(
+        product, take(record, when), field, {name: column[when] for name, column in series.items()}
+    )
     if at is None or product.applied[0].compass is None:
         return pairs
     heading = model.nearest_root(at.roots(), model.observed_heading(pairs))
@@ -119,12 +215,12 @@ def plain(product: Product, pairs: Pairs, record: Record, field: EarthField, ser
     return replace(pairs, heading_deg=angles.wrap360(pairs.heading_deg + shift), upper_east=east, upper_north=north)
 
 
-def along(product: Product, record: Record, field: EarthField, series: Series) -> Along | None:
+def compass_along_record(product: Product, record: Record, field: EarthField, series: Series) -> Along | None:
     """Return the compass at every sample of the record, None where the fit by itself says it.
 
     Args:
         record: the affected instrument.
-        series: what was logged besides, (n,) each, see ``covariates.logged``.
+        series: what was logged besides, (n,) each, see ``covariates.logged_series``.
     """
     if not product.applied:
         return None
@@ -141,12 +237,11 @@ def along(product: Product, record: Record, field: EarthField, series: Series) -
     return replace(every[0], others=tuple(every[1:]))
 
 
-def _applied(content: Mapping[str, Any]) -> Applied:
+def _compass_from_json(content: Mapping[str, Any]) -> AppliedCompass:
     # Here, because most of a correcting job's imports are the catalogue, and not every product has effects.
     from compasslib import effects as physics
     from compasslib.effects import composed
     from compasslib.effects.composition import Simulation
-    from compasslib.inference.applied import Applied
 
     forms, terms = {term.__name__: term for term in physics.all_terms()}, []
     for entry in content["terms"]:
@@ -154,7 +249,7 @@ def _applied(content: Mapping[str, Any]) -> Applied:
         form = forms[entry["form"]] if entry["form"] in forms else composed.of_name(entry["effect"])
         terms.append(form(**values))
     coefficients = np.array([content["coefficients"][letter] for letter in model.LETTERS])
-    return Applied(
+    return AppliedCompass(
         simulation=Simulation(coefficients, content["horizontal_nT"], tuple(terms)),
         covariance=np.array(content["covariance"]),
         references=content["references"],

@@ -22,7 +22,7 @@ UNITS = {
     "declination_observatory": "degrees", "horizontal_observatory": "degrees", "reference_heading": "degrees",
     "transmit_current": "counts", "heading_spread": "degrees", "echo": "counts", "field_strength": "percent",
 }  # fmt: skip
-TURN = "turn_by_"  # what the name of the turn by an effect begins with, degrees
+TURN_PREFIX = "turn_by_"  # what the name of the turn by an effect begins with, degrees
 UNITS_OF_CALIBRATIONS = UNITS | {
     "turn_rate": "degrees/s",
     "speed": "kn",
@@ -33,30 +33,30 @@ UNITS_OF_CALIBRATIONS = UNITS | {
 PHYSICS = {term.name: term.words for term in reversed(all_terms()) if term.words} | {
     SLOW_WATER: "slowly changing shear of the water between the two depths; no instrument is at fault"
 }
-WHERE = {term.name: term.needs for term in all_terms() if term not in CATALOGUE and term.needs} | {
+SHOWN_ALONG = {term.name: term.needs for term in all_terms() if term not in CATALOGUE and term.needs} | {
     term.name: term.shows_along for term in all_terms() if term.shows_along
 }  # every other effect lives along time
 SEPARATED_BY = {frozenset((term.name, other)): how for term in all_terms() for other, how in term.told_from.items()}
-OF_DAYS_S = 10 * 86400.0  # length of a record above which its dates are days
-LEAST_P = 0.001  # the smallest that the drawn blocks can show
+LONG_RECORD_S = 10 * 86400.0  # length of a record above which its dates are days
+SMALLEST_P = 0.001  # the smallest that the drawn blocks can show
 WATER_OR_COMPASS = "a second reference, or a swing of the compass on land: {} is in the water, {} is not"
 TRUSTED_OR_NOT = "a second reference (reference as a list), or a swing of either compass on land"
 OTHERWISE = "a record in which {} and {} vary independently"
 
 
-def separated_by(effect: str, alternatives: Sequence[str]) -> str:
+def separating_observations(effect: str, alternatives: Sequence[str]) -> str:
     """Return what observation would separate effects, one sentence a pair.
 
     Args:
         effect: the effect that fits best.
     """
     pairs = [(effect, other) for other in alternatives]
-    phrases = dict.fromkeys(_pair(*pair) for pair in pairs)
+    phrases = dict.fromkeys(_separating_observation(*pair) for pair in pairs)
     return "; ".join(phrases)
 
 
-def _pair(a: str, b: str) -> str:
-    first, second = (plain(name) if name.startswith(COMPOSED) else name for name in (a, b))
+def _separating_observation(a: str, b: str) -> str:
+    first, second = (display_name(name) if name.startswith(COMPOSED) else name for name in (a, b))
     both = f"{first} or {second}: "
     if how := SEPARATED_BY.get(frozenset((a, b))):
         return both + how
@@ -67,7 +67,7 @@ def _pair(a: str, b: str) -> str:
     return both + OTHERWISE.format(first, second)
 
 
-def finding(
+def finding_text(
     effect: str,
     alternatives: Sequence[str],
     *,
@@ -87,16 +87,16 @@ def finding(
         physics: in words; that of the effect where empty.
         what: is compared, where a recording holds more than one comparison.
     """
-    begin = _begun(effect, f"{what}, {where}" if what else where, parameters, size_deg, physics)
+    begin = _effect_text(effect, f"{what}, {where}" if what else where, parameters, size_deg, physics)
     before, after, p = proof
-    chance = f"p = {p:.2g}" if p > LEAST_P else f"p < {LEAST_P:g}"
+    chance = f"p = {p:.2g}" if p > SMALLEST_P else f"p < {SMALLEST_P:g}"
     stretches = "stretches" if what else "days"
     shown = f" On held-out {stretches} the residual goes from {before:.2f}° to {after:.2f}° rms ({chance})."
-    others = f" This record cannot separate it from {listed(alternatives)}." if alternatives else ""
+    others = f" This record cannot separate it from {join_names(alternatives)}." if alternatives else ""
     return begin + shown + others
 
 
-def shared(
+def shared_finding_text(
     effect: str,
     alternatives: Sequence[str],
     *,
@@ -112,19 +112,19 @@ def shared(
         size_deg: visible size, rms degrees.
         gain: log score of each record predicted by the others, over that of nothing predicted.
     """
-    begin = _begun(effect, where, parameters, size_deg)
+    begin = _effect_text(effect, where, parameters, size_deg)
     shown = f" Each record predicted by the others gains {gain:.1f} in log score, all together."
-    others = f" These records cannot separate it from {listed(alternatives)}." if alternatives else ""
+    others = f" These records cannot separate it from {join_names(alternatives)}." if alternatives else ""
     return begin + shown + others
 
 
-def _begun(
+def _effect_text(
     effect: str, where: str, parameters: Mapping[str, tuple[float, float, str]], size_deg: float, physics: str = ""
 ) -> str:
     """Return where an effect is, what it is, how large, and its numbers with their intervals."""
     fitted = {name: one for name, one in parameters.items() if one[1] > 0.0}
     known = meanings(effect)
-    numbers = "".join(f"; {known.get(name, name)} {_interval(*one)}" for name, one in fitted.items())
+    numbers = "".join(f"; {known.get(name, name)} {_interval_text(*one)}" for name, one in fitted.items())
     physics = physics or PHYSICS.get(effect, effect)
     size = f"{size_deg:.1f}" if size_deg >= 1.0 else f"{size_deg:.2g}"
     return f"{where[0].upper()}{where[1:]}: {physics}. Size {size}° rms{numbers}."
@@ -143,7 +143,7 @@ ACTED_ON = {
 }
 
 
-def of_composed(acts_on: str, driver: str, form: str) -> tuple[str, str]:
+def describe_composition(acts_on: str, driver: str, form: str) -> tuple[str, str]:
     """Return in words what changes, and with what and how, for an effect that nobody listed."""
     named = {
         "voltage": "supply voltage",
@@ -156,49 +156,49 @@ def of_composed(acts_on: str, driver: str, form: str) -> tuple[str, str]:
     return ACTED_ON[acts_on], FORMS[form].words.format(f"the {drives}" if driver not in ("heading", "time") else drives)
 
 
-def _interval(value: float, sigma: float, unit: str) -> str:
+def _interval_text(value: float, sigma: float, unit: str) -> str:
     """Return a number with its 95 % interval and its unit, without an exponent."""
     text = f"{float(f'{value:.3g}'):g} ± {float(f'{1.96 * sigma:.2g}'):g}"
     return f"{text} (95 %)" if unit == "1" else f"{text} {unit} (95 %)"
 
 
-def unexplained(where: str, size_deg: float, named: Sequence[str]) -> str:
+def unexplained_text(where: str, size_deg: float, named: Sequence[str]) -> str:
     """Return what is said of a mismatch that nothing in the catalogue fits.
 
     Args:
         size_deg: visible size, rms degrees.
         named: effects that stand beside it.
     """
-    beside = f" beyond {listed(named)}" if named else ""
+    beside = f" beyond {join_names(named)}" if named else ""
     return (
         f"Recording and simulation differ{beside} {where}, by {size_deg:.1f}° rms. "
         "No effect of the catalogue fits; the curve shows how the heading is turned."
     )
 
 
-def place(covariate: str, low: float, high: float, *, on_land: bool = False, clocked: bool = True) -> str:
+def range_text(covariate: str, low: float, high: float, *, on_land: bool = False, clocked: bool = True) -> str:
     """Return the range of a covariate in words.
 
     Args:
         clocked: whether time is UTC.
     """
     if covariate == "time" and clocked:
-        return f"from {moment(low, high - low)} to {moment(high, high - low)}"
+        return f"from {date_text(low, high - low)} to {date_text(high, high - low)}"
     units = UNITS_OF_CALIBRATIONS if on_land else UNITS
     return f"along {covariate.replace('_', ' ')} from {low:.3g} to {high:.3g} {units.get(covariate, '')}".rstrip()
 
 
-def moment(time_s: float, span_s: float) -> str:
+def date_text(time_s: float, span_s: float) -> str:
     """Return an instant in words: its day where a record lasts for weeks, else its second.
 
     Args:
         time_s: UTC seconds since 1970.
         span_s: of the record.
     """
-    return stamp(time_s)[:10] if span_s > OF_DAYS_S else stamp(time_s)
+    return stamp(time_s)[:10] if span_s > LONG_RECORD_S else stamp(time_s)
 
 
-def why(effects: Iterable[str], left: str, compared: Sequence[str]) -> str:
+def verdict_reason(effects: Iterable[str], left: str, compared: Sequence[str]) -> str:
     """Return what the verdict rests on, one sentence.
 
     Args:
@@ -208,12 +208,12 @@ def why(effects: Iterable[str], left: str, compared: Sequence[str]) -> str:
     """
     if left:
         return left
-    if causes := [PHYSICS.get(effect, plain(effect)) for effect in effects]:
+    if causes := [PHYSICS.get(effect, display_name(effect)) for effect in effects]:
         return f"Found in the residual: {'; '.join(causes)}."
-    return f"The residual of {listed(compared, ' and ')} is noise."
+    return f"The residual of {join_names(compared, ' and ')} is noise."
 
 
-def residuals(diagnosis: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+def displayed_residuals(diagnosis: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     """Return the binned residuals to look at: of what stays unexplained first, which stands for its covariate alone.
 
     Args:
@@ -225,14 +225,14 @@ def residuals(diagnosis: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     return [one for one in [*left, *others] if len(one["centre"]) > 1]
 
 
-def plain(effect: str) -> str:
+def display_name(effect: str) -> str:
     """Return the name of an effect to read; a composed one, written composed:ACTS_ON/DRIVER/FORM, in words."""
     if effect.startswith(COMPOSED):
-        return " changing ".join(of_composed(*effect.removeprefix(COMPOSED).split("/")))
+        return " changing ".join(describe_composition(*effect.removeprefix(COMPOSED).split("/")))
     return effect.replace("_", " ")
 
 
-def listed(names: Sequence[str], last: str = " or ") -> str:
+def join_names(names: Sequence[str], last: str = " or ") -> str:
     """Return names to read, one after the other."""
-    words = [plain(name) for name in names]
+    words = [display_name(name) for name in names]
     return last.join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)

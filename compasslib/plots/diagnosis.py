@@ -17,7 +17,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator
 
-from compasslib.inference.wording import TURN, UNITS, UNITS_OF_CALIBRATIONS, plain, residuals
+from compasslib.inference.wording import TURN_PREFIX, UNITS, UNITS_OF_CALIBRATIONS, display_name, displayed_residuals
 from compasslib.plots.page import BLACK, CORRECTED, GREY, RECORDED, VERMILION, Rows, dates, degrees, empty, legend, page
 from compasslib.types import Floats
 
@@ -47,7 +47,7 @@ def of_mooring(path: str | Path, found: Mapping[str, Any]) -> None:
     Args:
         found: content of diagnosis.json.
     """
-    curves = residuals(found)[:MOST_PANELS]
+    curves = displayed_residuals(found)[:MOST_PANELS]
     _draw(path, found, curves, (NAMES, UNITS), _simultaneous(sum(len(curve["centre"]) for curve in curves)))
 
 
@@ -57,7 +57,7 @@ def of_calibration(path: str | Path, found: Mapping[str, Any]) -> None:
     Args:
         found: content of diagnosis.json.
     """
-    curves = [_since_the_begin(curve) for curve in residuals(found)[:MOST_PANELS]]
+    curves = [_since_the_begin(curve) for curve in displayed_residuals(found)[:MOST_PANELS]]
     _draw(path, found, curves, (NAMES_OF_CALIBRATIONS, UNITS_OF_CALIBRATIONS), None)
 
 
@@ -76,7 +76,7 @@ def _draw(
     """
     proven = [one for one in found["findings"] if one.get("heldout")]
     ranked = [one for one in found.get("hypotheses", []) if one["score"] > 0.0][:MOST_BARS] if reach is None else []
-    short, full = Rows([_short(one) for one in proven]), Rows([plain(one["effect"]) for one in ranked])
+    short, full = Rows([_short(one) for one in proven]), Rows([display_name(one["effect"]) for one in ranked])
     heights = [PANEL_IN] * len(curves) + [AXIS_IN + rows.height_in for rows in (short, full) if rows.names]
     with page(path, sum(heights or [1.0]) + 0.4) as figure:
         panels = list(figure.subplots(max(len(heights), 1), 1, height_ratios=heights or None, squeeze=False)[:, 0])
@@ -113,7 +113,7 @@ def _residual(axes: Axes, curve: Mapping[str, Any], label: str, reach: float | N
     axes.axhline(0.0, color=GREY, linewidth=0.6)
     if np.any(before != after):
         apart = np.flatnonzero(np.diff(x) > GAP * np.median(np.diff(x))) + 1
-        if covariate.startswith(TURN):  # the line of equality, which needs no data
+        if covariate.startswith(TURN_PREFIX):  # the line of equality, which needs no data
             axes.plot(x, x, **EFFECT)
         else:
             axes.plot(np.insert(x, apart, np.nan), np.insert(before - after, apart, np.nan), **EFFECT)
@@ -144,8 +144,8 @@ def _columns(curve: Mapping[str, Any]) -> tuple[Floats, ...]:
 
 def _label(covariate: str, names: Mapping[str, str], units: Mapping[str, str]) -> str:
     """Return what an axis is called: the covariate's name, and the unit that the sentences have, abbreviated."""
-    if covariate.startswith(TURN):
-        return f"Turn by {plain(covariate.removeprefix(TURN))} (°)"
+    if covariate.startswith(TURN_PREFIX):
+        return f"Turn by {display_name(covariate.removeprefix(TURN_PREFIX))} (°)"
     name = names.get(covariate, covariate.replace("_", " ").capitalize())
     unit = units.get(covariate, "").replace("degrees C", "°C").replace("degrees", "°")
     return f"{name} ({unit})" if unit else name
@@ -172,7 +172,7 @@ def _short(finding: Mapping[str, Any]) -> str:
     """Return a finding's name, short."""
     if composed := finding.get("composition"):
         return f"composed, by {composed['driver'].replace('_', ' ')}"
-    return plain(finding["effect"])
+    return display_name(finding["effect"])
 
 
 def _ranking(axes: Axes, ranked: Sequence[Mapping[str, Any]], rows: Rows, named: Sequence[str]) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 
 from compasslib.archive import currents
 from compasslib.effects.composed import formula
-from compasslib.inference.wording import residuals
+from compasslib.inference.wording import displayed_residuals
 from compasslib.report import words
 from compasslib.report.results import MooringResults
 
@@ -105,7 +105,7 @@ def of_diagnosis(diagnosis: Mapping[str, Any]) -> str:
     Args:
         diagnosis: content of diagnosis.json.
     """
-    shown = residuals(diagnosis)
+    shown = displayed_residuals(diagnosis)
     if not shown:
         return "There is no residual to show."
     texts = ["Residual of the fit, in bins; grey: 95 % range of noise."]

@@ -154,7 +154,7 @@ def plain(name: str) -> str:
     if name.startswith("composed:"):
         from compasslib.inference import wording  # only where nobody listed what was found
 
-        return wording.plain(name)
+        return wording.display_name(name)
     return name.replace("_", " ")
 
 

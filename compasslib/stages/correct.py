@@ -39,7 +39,7 @@ def correct(
     own, along = netcdf.read_record(record), earthfield.from_json(netcdf.read_json(field))
     whole = replace(own, profiles=netcdf.read_profiles(record))
     made_by = product.from_json(netcdf.read_json(deviation))
-    at = product.along(made_by, own, along, covariates.logged(own, observatory))
+    at = product.compass_along_record(made_by, own, along, covariates.logged_series(own, observatory))
     made = correction.in_pieces(
         whole,
         made_by.fit,

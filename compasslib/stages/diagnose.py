@@ -15,17 +15,17 @@ from compasslib.calibrations import at_mooring
 from compasslib.deviation import assessment as assessments
 from compasslib.deviation import constant, exact
 from compasslib.deviation.model import FEWEST_PAIRS, Fit
-from compasslib.inference import conclusion, covariates, verdict
-from compasslib.inference.conclusion import Conclusion
+from compasslib.inference import covariates, joint, joint_compass
+from compasslib.inference import diagnosis as diagnoses
+from compasslib.inference.diagnosis import Conclusion
+from compasslib.inference.joint import SiblingInformation
 from compasslib.inference.product import Product
-from compasslib.joint import content, members
-from compasslib.joint.content import Returned
 from compasslib.preparation import several
 from compasslib.records import EarthField, Pairs, Record
 
 if TYPE_CHECKING:  # only where it searches: half of what its job imports
-    from compasslib.inference.case import Shared
-    from compasslib.inference.verdict import Diagnosis
+    from compasslib.inference.comparison import SharedInformation
+    from compasslib.inference.diagnosis import Diagnosis
 
 
 DISABLED = "the search was switched off (diagnose: {enabled: false})"
@@ -87,7 +87,7 @@ def judged(
     observatory: Sequence[str],
     wide: str,
     options: Mapping[str, Any],
-    shared: Shared | None = None,
+    shared: SharedInformation | None = None,
     with_effects: Callable[[Product, bool], Product] = lambda made, searched: made,
 ) -> Conclusion:
     """Search the pairs of a mooring and judge it as a whole; other arguments as of ``diagnose`` and ``conclude``.
@@ -96,7 +96,7 @@ def judged(
         configured: content of the fit's file.
         shared: what other records of the same compass tell of its effects.
     """
-    series = covariates.logged(netcdf.read_record(record), observatory)
+    series = covariates.logged_series(netcdf.read_record(record), observatory)
     own = netcdf.read_record(record, velocities=False)  # they are a third of the memory
     fixed = None
     if not options["constant_confirmed"]:
@@ -105,7 +105,7 @@ def judged(
 
     def search(some: Pairs) -> Diagnosis:
         if not options["enabled"]:
-            return verdict.insufficient(DISABLED)
+            return diagnoses.insufficient(DISABLED)
         from compasslib.inference.comparison import Options
         from compasslib.inference.kinds.mooring import diagnose
 
@@ -116,7 +116,7 @@ def judged(
         far = several.together(netcdf.read_pairs(wide))
         return diagnose(some, logged, fitted, along, chosen, wide=far, units=dict(own.channel_units), shared=shared)
 
-    return conclusion.conclude(
+    return diagnoses.conclude(
         search,
         near,
         own,
@@ -130,11 +130,11 @@ def judged(
 
 
 def _summary(mooring: str, near: Pairs, fitted: Fit, along: EarthField, found: Diagnosis) -> dict[str, Any]:
-    from compasslib.inference import sharing
+    from compasslib.inference import joint_compass, joint_effects
 
-    told = found.told or sharing.of_fit(fitted)
+    told = found.told or joint_effects.fit_information(fitted)
     place = float(np.mean(along.horizontal_nT)), float(np.mean(along.vertical_nT))
-    return members.summary(
+    return joint_compass.summarize_record(
         mooring, place, told, span_s=near.time_s[[0, -1]].tolist() if len(near) else [], why=fitted.why
     )
 
@@ -169,7 +169,7 @@ def share(
     Raises:
         InputError: an observatory's file cannot be read.
     """
-    told, configured = content.returned(netcdf.read_json(joined), mooring), netcdf.read_json(fit)
+    told, configured = joint.read_returned(netcdf.read_json(joined), mooring), netcdf.read_json(fit)
     if told is None:
         netcdf.write_json(diagnosis, netcdf.read_json(alone[0]))
         netcdf.write_json(deviation, netcdf.read_json(alone[1]))
@@ -186,7 +186,9 @@ def share(
     def with_effects(made: Product, searched: bool) -> Product:
         if searched or not (told.effects and options["enabled"] and options["apply"]):
             return made
-        return content.with_effects(made, told, along, covariates.logged(netcdf.read_record(record), observatory))
+        return joint.apply_shared_effects(
+            made, told, along, covariates.logged_series(netcdf.read_record(record), observatory)
+        )
 
     made = judged(
         near,
@@ -209,7 +211,7 @@ def share(
     say("\n".join([f"{mooring}: {lines[0]}", *lines[1:]]))
 
 
-def beside_others(told: Returned, pairs: Pairs, field: EarthField, record: Record, *, tilt: bool) -> Fit:
+def beside_others(told: SiblingInformation, pairs: Pairs, field: EarthField, record: Record, *, tilt: bool) -> Fit:
     """Return the compass fitted to a record's pairs with what others tell; by theirs alone where there are too few."""
     if len(pairs) >= FEWEST_PAIRS and not told.prior.precision[0, 0]:
         dip_ratio = tilt * earthfield.dip_ratio(field)
@@ -222,7 +224,7 @@ def beside_others(told: Returned, pairs: Pairs, field: EarthField, record: Recor
     return replace(at_mooring.held_against(known, record, pairs), prior=told.prior)
 
 
-def carried_by(told: Returned, alone: Fit, fitted: Fit) -> str:
+def carried_by(told: SiblingInformation, alone: Fit, fitted: Fit) -> str:
     """Return in a sentence whose data carry the compass of a record."""
     others = ", ".join(told.others)
     if not alone.fitted:
@@ -248,16 +250,16 @@ def join(
     """Write compass.json and the diagnosis of the compass.
 
     Args:
-        summaries: what each mooring's record tells, ``members.summary``.
+        summaries: what each mooring's record tells, ``joint_compass.summarize_record``.
         calibrations: calibration.json of its calibrations.
         spheres: by the names of moorings and calibrations.
         min_effect_deg: visible size of a shared effect below which it does not matter.
     """
     moored = [netcdf.read_json(path) for path in summaries]
     calibrated = [netcdf.read_json(path) for path in calibrations]
-    records = [members.of_mooring(one, spheres[one["name"]]) for one in moored]
-    records += [members.of_calibration(one, spheres[one["name"]]) for one in calibrated]
-    page, found = content.joined(name, records, min_effect_deg)
+    records = [joint_compass.mooring_member(one, spheres[one["name"]]) for one in moored]
+    records += [joint_compass.calibration_member(one, spheres[one["name"]]) for one in calibrated]
+    page, found = joint.join_compass(name, records, min_effect_deg)
     netcdf.write_json(joined, page)
     netcdf.write_json(diagnosis, found.to_json())
-    say(content.log_line(page, found))
+    say(joint.log_line(page, found))

@@ -11,7 +11,7 @@ from compasslib.threads import single_threaded
 
 if TYPE_CHECKING:  # the Snakefile needs the table only
     from compasslib.inference.comparison import Options
-    from compasslib.inference.verdict import Diagnosis
+    from compasslib.inference.diagnosis import Diagnosis
 
 # Each module's diagnose(files, settings, options) returns the Diagnosis; a kind is imported only by its own job.
 KINDS: dict[str, str] = {
@@ -39,10 +39,10 @@ def diagnose(
         InputError: a file that cannot be read.
     """
     from compasslib import calibrations
-    from compasslib.inference import verdict
+    from compasslib.inference import diagnosis
 
     if options is None:
-        return verdict.insufficient(DISABLED)
+        return diagnosis.insufficient(DISABLED)
     made: Diagnosis = import_module(KINDS[kind]).diagnose(files, calibrations.settled(settings), options)
     return made
 

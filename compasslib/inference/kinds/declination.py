@@ -16,20 +16,149 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles, observatory
-from compasslib.inference import show, verdict
+from compasslib.inference import diagnosis, long_record
+from compasslib.inference import finding as findings
 from compasslib.inference.comparison import Options
-from compasslib.inference.finding import Finding, Parameter, Unexplained, Where
-from compasslib.inference.kinds import declination_slow, declination_wording
-from compasslib.inference.show import HeldOut
-from compasslib.inference.verdict import Diagnosis
+from compasslib.inference.diagnosis import Diagnosis
+from compasslib.inference.finding import CovariateRange, Finding, HeldOut, Parameter, Unexplained
+from compasslib.inference.kinds import declination_slow
+from compasslib.inference.kinds.declination_slow import (
+    DRIFTS,
+    LEAST_COVERED,
+    SlowFindings,
+    compare_series,
+    covered_share,
+    date_jump,
+    large_jumps,
+    remove_jumps,
+    reword_finding,
+    short_jump,
+    trend_of_pieces,
+    why_too_short,
+)
 from compasslib.observatory import FieldComparison, Storm
 from compasslib.readers import iaga2002
 from compasslib.records import EarthField, FieldSeries, stamp
 from compasslib.types import Floats
 
+SEPARATED_BY = {
+    "compass_drift": "absolute measurements of the declination at the station, or its definitive data",
+    "field_disturbance": "a day more of the series: a storm's level does not stay",
+    "hard_iron": "a survey of the field around the station",
+    "mounting_offset": "the azimuth mark measured again",
+    "heading_slip": "more of the series around the date, or the observatory's log",
+    "secular_variation": "more years, or a second observatory near by",
+}
+
 MOST_STORMS = 5  # findings; smaller ones are counted in the text of the last
 LEFT_OUT_S = 600.0  # stretches of a storm that are left out in turn
 FEWEST_DAYS = 5  # that a quiet-day curve must come from to be held against days left out
+
+
+def separating_text(findings: Sequence[Finding]) -> str | None:
+    """Return what would tell the alternatives apart, or None where nothing is open."""
+    pairs = [(one.effect, other) for one in findings for other in one.alternatives]
+    texts = [f"{a} or {b}: {SEPARATED_BY.get(b, 'a second observatory near by')}" for a, b in pairs]
+    return "; ".join(dict.fromkeys(texts)) or None
+
+
+def reason_text(compared: FieldComparison, source: str, findings: Sequence[Finding]) -> str:
+    """Return what the verdict rests on."""
+    model = "IGRF" if source == "IGRF" else "the given declination"
+    begin = (
+        f"{len(compared.time_s)} means over {compared.days} days against {model} plus "
+        f"{compared.constant_deg:+.3f} ± {1.96 * compared.constant_sigma_deg:.3f} degrees (95 %)"
+    )
+    quiet = f", quiet day from {compared.quiet_days} days" if compared.quiet_days else ", no quiet day known"
+    agree = "" if findings else "; the residual is negligible"
+    return begin + quiet + agree
+
+
+def storm_text(found: Storm, compared: FieldComparison, proof: HeldOut, more: int) -> str:
+    """Return the sentences on one storm.
+
+    Args:
+        more: smaller storms that have no finding of their own.
+    """
+    quiet = "" if compared.quiet_days else " No quiet day is known: daily variation is part of it."
+    others = f" {more} smaller storms are not listed." if more else ""
+    return (
+        f"From {stamp(found.begin_s)} to {stamp(found.end_s)} a disturbance of the earth's field moves "
+        f"magnetic north by {found.rms_deg:.2f}° rms in its disturbed hours, {found.worst_deg:.2f}° in its worst "
+        f"three; highest minus lowest declination is {found.range_deg:.1f}°.{quiet} The model of it is the "
+        f"recorded course itself: on held-out stretches the residual goes from {proof.rms_before_deg:.2f}° to "
+        f"{proof.rms_after_deg:.2f}° rms (p = {proof.p_value:.3g}); it predicts no other day or place.{others}"
+    )
+
+
+def daily_text(amplitude_deg: float, size_deg: float, days: int) -> str:
+    """Return the sentences on a daily variation that matters.
+
+    Args:
+        amplitude_deg: half of its range.
+        days: quiet days that it comes from.
+    """
+    return (
+        f"Every day magnetic north swings by {amplitude_deg:.2f}° to either side, {size_deg:.2f}° rms: "
+        f"the daily variation, by the median of {days} quiet days."
+    )
+
+
+def constant_text(compared: FieldComparison, most_deg: float, source: str, alternatives: Sequence[str]) -> str:
+    """Return the sentences on a constant that rocks do not make.
+
+    Args:
+        most_deg: largest plausible constant of rocks.
+    """
+    model = "IGRF" if source == "IGRF" else "the given declination"
+    begin = (
+        f"The declination differs from {model} by {compared.constant_deg:+.2f} ± "
+        f"{1.96 * compared.constant_sigma_deg:.2f} degrees (95 %) at all times; "
+        f"rocks make up to {most_deg:.1f}."
+    )
+    if not alternatives:
+        return f"{begin} IGRF agrees with the recording: the given number is wrong."
+    return f"{begin} A wrong declination or place, strong rocks and a turned azimuth mark look the same here."
+
+
+def restless_text(size_deg: float) -> str:
+    """Return the sentence on a series that is disturbed at all times.
+
+    Args:
+        size_deg: its middle rms over three hours.
+    """
+    return (
+        f"The declination is restless at all times, by {size_deg:.2f}° rms over three hours in the middle of "
+        "the record: the ordinary weather of a station in the auroral zone, or noise of the recording. No storm stands "
+        "out."
+    )
+
+
+def slow_findings(compared: FieldComparison, series: FieldSeries, model: EarthField, options: Options) -> SlowFindings:
+    """Return trend and jumps of a series."""
+    if why := why_too_short(compared):
+        jump = short_jump(compared, options.min_effect_deg) if compared.storms else None
+        missing = [("secular_variation", why)] + ([] if jump else [("heading_slip", why)])
+        return SlowFindings((jump[0],) if jump else (), (jump[1],) if jump else (), not_testable=tuple(missing))
+    if covered_share(compared) < LEAST_COVERED:
+        return trend_of_pieces(compared, series, model, options.min_effect_deg)
+    limit = options.min_effect_deg
+    large = large_jumps(compared, limit)
+    level = observatory.compare(remove_jumps(series, tuple(one[1] for one in large)), model, limit_deg=limit)
+    found = long_record.diagnose(compare_series(level, model), options)
+    dates = {id(one): date_jump(level, one) for one in found.findings if one.effect == "heading_slip"}
+    drifts = any(one.effect == "secular_variation" for one in found.findings)
+    matter = [one[0] for one in large if one[0].rms_effect_deg >= limit]
+    small = [(one[0].effect, one[0].rms_effect_deg) for one in large if one[0].rms_effect_deg < limit]
+    return SlowFindings(
+        findings=(*matter, *(reword_finding(one, series, model, dates.get(id(one))) for one in found.findings)),
+        jumps=(*(one[1] for one in large), *dates.values()),
+        unexplained=found.unexplained,
+        negligible=(*found.negligible, *small),
+        not_testable=(("declination_error", DRIFTS),) if drifts else (),
+        curves=found.curves,
+        threshold=found.threshold,
+    )
 
 
 def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: Options | None = None) -> Diagnosis:
@@ -45,13 +174,13 @@ def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: 
     """
     series = iaga2002.read(files)
     if why := observatory.refusal(series):
-        return verdict.insufficient(why)
+        return diagnosis.insufficient(why)
     field = observatory.field_of(series, settings, str(files[0]))
     observatory.check(series, observatory.place_of(series, settings))
-    return judge(series, field, options or Options())
+    return diagnose_series(series, field, options or Options())
 
 
-def judge(series: FieldSeries, field: EarthField, options: Options) -> Diagnosis:
+def diagnose_series(series: FieldSeries, field: EarthField, options: Options) -> Diagnosis:
     """Return the diagnosis of a series that is held against a declination along time plus a constant.
 
     Args:
@@ -60,26 +189,26 @@ def judge(series: FieldSeries, field: EarthField, options: Options) -> Diagnosis
     """
     limit = options.min_effect_deg
     first = observatory.compare(series, field, limit_deg=limit)
-    slow = declination_slow.judge(first, series, field, options)
-    compared = observatory.compare(declination_slow.without(series, slow.jumps), field, limit_deg=limit)
+    slow = slow_findings(first, series, field, options)
+    compared = observatory.compare(declination_slow.remove_jumps(series, slow.jumps), field, limit_deg=limit)
     found, small = list(slow.findings), dict(slow.negligible)
     open_constant = "declination_error" not in dict(slow.not_testable)
-    constant = [_constant(compared, series, field)] if open_constant else []
-    for finding, name, size in (*constant, _daily(compared, limit), *_storms(compared, series)):
+    constant = [_constant_finding(compared, series, field)] if open_constant else []
+    for finding, name, size in (*constant, _daily_finding(compared, limit), *_storm_findings(compared, series)):
         if finding is not None:
             found.append(finding)
         elif size > 0.0:
             small[name] = max(size, small.get(name, 0.0))
-    rest = _always_disturbed(compared, limit) or slow.unexplained
+    rest = _restless(compared, limit) or slow.unexplained
     ordered = tuple(sorted(found, key=lambda one: -one.rms_effect_deg))
     return Diagnosis(
-        verdict=verdict.of(ordered, rest),
+        verdict=diagnosis.overall_verdict(ordered, rest),
         findings=ordered,
         unexplained=rest,
-        separated_by=declination_wording.separated_by(ordered),
+        separated_by=separating_text(ordered),
         not_testable=slow.not_testable,
         negligible=tuple(small.items()),
-        why=declination_wording.why(compared, field.source, ordered),
+        why=reason_text(compared, field.source, ordered),
         curves=slow.curves,
         threshold=slow.threshold,
     )
@@ -91,7 +220,9 @@ def plausible_deg(series: FieldSeries, field: EarthField) -> float:
     return float(np.arctan2(observatory.CRUST_NT, strength)) / angles.DEGREE
 
 
-def _constant(compared: FieldComparison, series: FieldSeries, field: EarthField) -> tuple[Finding | None, str, float]:
+def _constant_finding(
+    compared: FieldComparison, series: FieldSeries, field: EarthField
+) -> tuple[Finding | None, str, float]:
     size, most = abs(compared.constant_deg), plausible_deg(series, field)
     if size - 1.96 * compared.constant_sigma_deg <= most:
         return None, "declination_error", size
@@ -100,14 +231,14 @@ def _constant(compared: FieldComparison, series: FieldSeries, field: EarthField)
     wrong_number = field.source != "IGRF" and off <= most
     alternatives = () if wrong_number else ("hard_iron", "mounting_offset")
     off_deg = compared.residual_deg
-    text = declination_wording.constant(compared, most, field.source, alternatives)
+    text = constant_text(compared, most, field.source, alternatives)
     return (
         _finding(
             "declination_error",
             alternatives,
             span=_span(compared),
             parameters={"error_deg": Parameter(compared.constant_deg, compared.constant_sigma_deg, "degrees")},
-            size=(size, _by_folds(off_deg, compared.time_s)),
+            size=(size, _fold_gain(off_deg, compared.time_s)),
             text=text,
         ),
         "declination_error",
@@ -115,7 +246,7 @@ def _constant(compared: FieldComparison, series: FieldSeries, field: EarthField)
     )
 
 
-def _daily(compared: FieldComparison, limit_deg: float) -> tuple[Finding | None, str, float]:
+def _daily_finding(compared: FieldComparison, limit_deg: float) -> tuple[Finding | None, str, float]:
     size = float(np.std(np.nan_to_num(compared.curve_deg)))
     if size < limit_deg or compared.quiet_days < FEWEST_DAYS:
         return None, "field_disturbance", size
@@ -127,17 +258,17 @@ def _daily(compared: FieldComparison, limit_deg: float) -> tuple[Finding | None,
         (),
         span=_span(compared),
         parameters={"amplitude_deg": Parameter(amplitude, sigma, "degrees")},
-        size=(size, _by_folds(off, compared.time_s, daily=True)),
-        text=declination_wording.daily(amplitude, size, compared.quiet_days),
+        size=(size, _fold_gain(off, compared.time_s, daily=True)),
+        text=daily_text(amplitude, size, compared.quiet_days),
     )
     return (
-        replace(finding, where=Where("hour_of_day", 0.0, 24.0, "daily variation, at every hour of the day")),
+        replace(finding, where=CovariateRange("hour_of_day", 0.0, 24.0, "daily variation, at every hour of the day")),
         "",
         size,
     )
 
 
-def _storms(compared: FieldComparison, series: FieldSeries) -> list[tuple[Finding | None, str, float]]:
+def _storm_findings(compared: FieldComparison, series: FieldSeries) -> list[tuple[Finding | None, str, float]]:
     ordered = sorted(compared.storms, key=lambda storm: -storm.rms_deg)
     calm = compared.disturbed_deg[~compared.stormy]
     noise = angles.rms(calm) if calm.size else float("nan")
@@ -146,7 +277,7 @@ def _storms(compared: FieldComparison, series: FieldSeries) -> list[tuple[Findin
         return [(None, "field_disturbance", largest)]
     return [
         (
-            _storm(compared, series, storm, noise, more=max(len(ordered) - MOST_STORMS, 0)),
+            _storm_finding(compared, series, storm, noise, more=max(len(ordered) - MOST_STORMS, 0)),
             "field_disturbance",
             storm.rms_deg,
         )
@@ -154,13 +285,15 @@ def _storms(compared: FieldComparison, series: FieldSeries) -> list[tuple[Findin
     ]
 
 
-def _storm(compared: FieldComparison, series: FieldSeries, storm: Storm, noise_deg: float, *, more: int) -> Finding:
-    proof = _interpolated(compared, series, storm)
+def _storm_finding(
+    compared: FieldComparison, series: FieldSeries, storm: Storm, noise_deg: float, *, more: int
+) -> Finding:
+    proof = _interpolation_gain(compared, series, storm)
     numbers = {
         "range_deg": Parameter(storm.range_deg, np.sqrt(2.0) * noise_deg, "degrees"),
         "worst_three_hours_deg": Parameter(storm.worst_deg, noise_deg, "degrees"),
     }
-    text = declination_wording.storm(storm, compared, proof, more)
+    text = storm_text(storm, compared, proof, more)
     return _finding(
         "field_disturbance",
         (),
@@ -180,7 +313,7 @@ def _finding(
     size: tuple[float, HeldOut],
     text: str,
 ) -> Finding:
-    place = Where("time", *span, f"from {stamp(span[0])} to {stamp(span[1])}")
+    place = CovariateRange("time", *span, f"from {stamp(span[0])} to {stamp(span[1])}")
     return Finding(effect, "compass", alternatives, place, span, parameters, size[0], size[1], text)
 
 
@@ -188,7 +321,7 @@ def _span(compared: FieldComparison) -> tuple[float, float]:
     return float(compared.time_s[0]), float(compared.time_s[-1])
 
 
-def _interpolated(compared: FieldComparison, series: FieldSeries, storm: Storm) -> HeldOut:
+def _interpolation_gain(compared: FieldComparison, series: FieldSeries, storm: Storm) -> HeldOut:
     """Return what the storm's own curve adds on stretches left out of it, between its neighbours.
 
     It foretells no other day and no other place; it shows that the disturbance is a course in time and not noise.
@@ -204,36 +337,36 @@ def _interpolated(compared: FieldComparison, series: FieldSeries, storm: Storm) 
         if out.any() and not out.all():
             left[out] = before[out] - np.interp(time_s[out], time_s[~out], before[~out])
     block = np.floor((time_s - storm.begin_s) / observatory.WINDOW_S).astype(int)
-    return _proof(before, left, block)
+    return _residual_gain(before, left, block)
 
 
-def _by_folds(off_deg: Floats, time_s: Floats, *, daily: bool = False) -> HeldOut:
+def _fold_gain(off_deg: Floats, time_s: Floats, *, daily: bool = False) -> HeldOut:
     """Return what a constant, or a daily curve, adds on days that it was not made from."""
     day = np.floor(time_s / observatory.DAY_S).astype(int)
     unit = day if day[-1] > day[0] else np.floor(time_s / observatory.HOUR_S).astype(int)
     left = np.array(off_deg)
-    for fold in range(show.FOLDS):
-        out = unit % show.FOLDS == fold
+    for fold in range(findings.FOLDS):
+        out = unit % findings.FOLDS == fold
         if not out.any() or out.all():
             continue
         simulated = np.full(int(out.sum()), float(np.median(off_deg[~out])))
         if daily:
             simulated = observatory.daily_curve_at(observatory.hourly_median(time_s, off_deg, ~out), time_s[out])
         left[out] = off_deg[out] - simulated
-    return _proof(off_deg, left, unit - unit[0])
+    return _residual_gain(off_deg, left, unit - unit[0])
 
 
-def _proof(before: Floats, after: Floats, block: NDArray[np.intp]) -> HeldOut:
+def _residual_gain(before: Floats, after: Floats, block: NDArray[np.intp]) -> HeldOut:
     width = max(angles.rms(after), 1e-6)
     each = (before**2 - after**2) / (2.0 * width**2)
-    return show.judged(each, block, (angles.rms(before), angles.rms(after)))
+    return findings.bootstrap_gain(each, block, (angles.rms(before), angles.rms(after)))
 
 
-def _always_disturbed(compared: FieldComparison, limit_deg: float) -> Unexplained | None:
+def _restless(compared: FieldComparison, limit_deg: float) -> Unexplained | None:
     """Return that the series is restless at all times, if it is: then no storm stands out."""
     if compared.ordinary_deg < limit_deg:
         return None
     span = _span(compared)
-    place = Where("time", *span, f"from {stamp(span[0])} to {stamp(span[1])}")
-    text = declination_wording.restless(compared.ordinary_deg)
+    place = CovariateRange("time", *span, f"from {stamp(span[0])} to {stamp(span[1])}")
+    text = restless_text(compared.ordinary_deg)
     return Unexplained(("time",), place, span, compared.ordinary_deg, (), text)

@@ -6,7 +6,7 @@ them is a change from one level to another that leaves nothing that a storm is m
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -17,12 +17,10 @@ from compasslib.effects.composition import Simulation
 from compasslib.effects.earth import SecularVariation
 from compasslib.effects.reading import HeadingSlip
 from compasslib.effects.term import YEAR_S
-from compasslib.inference import long_record, show
-from compasslib.inference.case import Case
-from compasslib.inference.comparison import Options
-from compasslib.inference.finding import Finding, Parameter, Unexplained, Where
-from compasslib.inference.kinds import declination_wording
-from compasslib.inference.show import BinnedResidual
+from compasslib.inference import comparison, wording
+from compasslib.inference import finding as findings
+from compasslib.inference.comparison import LongComparison
+from compasslib.inference.finding import BinnedResidual, CovariateRange, Finding, HeldOut, Parameter, Unexplained
 from compasslib.observatory import FieldComparison
 from compasslib.records import EarthField, FieldSeries, stamp
 from compasslib.statistics import blocks, robust
@@ -36,18 +34,50 @@ PRECISION_DEG = 0.01  # least width of what is left: of a published declination
 NEAR_S = 3 * observatory.DAY_S  # reach of the finer search of a jump's date
 LEAST_SIDE_S = 3 * observatory.HOUR_S  # of either level of a jump in a short record
 LEAST_AFTER_S = observatory.DAY_S  # of a level that no storm keeps
-LIKE_THE_MODEL = 0.25  # share by which a trend may miss the model's own and still be it
+MODEL_TREND_SHARE = 0.25  # share by which a trend may miss the model's own and still be it
 FEWEST_PIECES = 6  # of 27 days
 LEAST_COVERED = 0.5  # share of the days below which the general search does not know the noise of what is slow
 LEVELS = 5  # days on either side that show a large jump
-FAR = 8.0  # times its usual size that a change of the levels must have
+LARGE_JUMP_RATIO = 8.0  # times its usual size that a change of the levels must have
 DRIFTS = "the declination drifts beyond the simulation, and so its constant depends on the date"
-SURE = 5.0  # standard errors of a trend through pieces
-STEADY = 0.5  # of the limit: what a jump may leave
+TREND_SIGMAS = 5.0  # standard errors of a trend through pieces
+LEAST_STEADY = 0.5  # of the limit: what a jump may leave
+
+
+def jump_text(found: tuple[float, float], sigma_deg: float, proof: HeldOut, alternatives: Sequence[str]) -> str:
+    """Return the sentences on a jump of the baseline.
+
+    Args:
+        found: date, and degrees that the declination rises by.
+        proof: on days left out.
+    """
+    others = f" This record cannot separate it from {wording.join_names(alternatives)}." if alternatives else ""
+    return (
+        f"From {stamp(found[0])} on the declination is {found[1]:+.2f} ± {1.96 * sigma_deg:.2f} degrees (95 %) "
+        f"off what it was: the baseline jumped, as where a sensor turned. The residual goes from "
+        f"{proof.rms_before_deg:.2f}° to {proof.rms_after_deg:.2f}° rms (p = {proof.p_value:.3g}).{others}"
+    )
+
+
+def trend_text(slope: Parameter, one: Finding, model_slope: float | None, alternatives: Sequence[str]) -> str:
+    """Return the sentences on a trend.
+
+    Args:
+        slope: degrees a year.
+        model_slope: IGRF's own where the trend is that, degrees a year.
+    """
+    as_model = "" if model_slope is None else f" IGRF has {model_slope:+.3f} there: the given declination is constant."
+    others = f" This record cannot separate it from {wording.join_names(alternatives)}." if alternatives else ""
+    return (
+        f"The declination moves by {slope.value:+.3f} ± {1.96 * slope.sigma:.3f} degrees a year (95 %) beyond the "
+        f"simulation, {one.rms_effect_deg:.2f}° rms over the record.{as_model} On held-out days the "
+        f"residual goes from {one.held_out.rms_before_deg:.2f}° to {one.held_out.rms_after_deg:.2f}° rms "
+        f"(p = {one.held_out.p_value:.3g}).{others}"
+    )
 
 
 @dataclass(frozen=True)
-class Slow:
+class SlowFindings:
     """What was found, and what could not be looked for."""
 
     findings: tuple[Finding, ...] = ()
@@ -59,34 +89,7 @@ class Slow:
     threshold: Mapping[str, float] = field(default_factory=dict)
 
 
-def judge(compared: FieldComparison, series: FieldSeries, model: EarthField, options: Options) -> Slow:
-    """Return trend and jumps of a series."""
-    if why := _too_short(compared):
-        jump = _short_jump(compared, options.min_effect_deg) if compared.storms else None
-        missing = [("secular_variation", why)] + ([] if jump else [("heading_slip", why)])
-        return Slow((jump[0],) if jump else (), (jump[1],) if jump else (), not_testable=tuple(missing))
-    if _covered(compared) < LEAST_COVERED:
-        return _of_pieces(compared, series, model, options.min_effect_deg)
-    limit = options.min_effect_deg
-    large = _large_jumps(compared, limit)
-    level = observatory.compare(without(series, tuple(one[1] for one in large)), model, limit_deg=limit)
-    found = long_record.judge(case(level, model), options)
-    dates = {id(one): _dated(level, one) for one in found.findings if one.effect == "heading_slip"}
-    drifts = any(one.effect == "secular_variation" for one in found.findings)
-    matter = [one[0] for one in large if one[0].rms_effect_deg >= limit]
-    small = [(one[0].effect, one[0].rms_effect_deg) for one in large if one[0].rms_effect_deg < limit]
-    return Slow(
-        findings=(*matter, *(_worded(one, series, model, dates.get(id(one))) for one in found.findings)),
-        jumps=(*(one[1] for one in large), *dates.values()),
-        unexplained=found.unexplained,
-        negligible=(*found.negligible, *small),
-        not_testable=(("declination_error", DRIFTS),) if drifts else (),
-        curves=found.curves,
-        threshold=found.threshold,
-    )
-
-
-def without(series: FieldSeries, jumps: Jumps) -> FieldSeries:
+def remove_jumps(series: FieldSeries, jumps: Jumps) -> FieldSeries:
     """Return a series with its jumps taken out.
 
     Args:
@@ -96,7 +99,7 @@ def without(series: FieldSeries, jumps: Jumps) -> FieldSeries:
     return replace(series, declination_deg=angles.wrap180(series.declination_deg - risen))
 
 
-def case(compared: FieldComparison, model: EarthField) -> Case:
+def compare_series(compared: FieldComparison, model: EarthField) -> LongComparison:
     """Return the series as a case of the general search: a compass that stays where it is while north moves."""
     years = float(np.ptp(compared.time_s)) / YEAR_S
     step = observatory.HOUR_S if years < HOURS_OF_YEARS else observatory.DAY_S
@@ -107,7 +110,7 @@ def case(compared: FieldComparison, model: EarthField) -> Case:
     h, z = (np.full(n, np.mean(x)) for x in (model.horizontal_nT, model.vertical_nT))
     hour = 15.0 * (time_s / observatory.HOUR_S % 24.0)
     waves = [x for k in DAILY_HARMONICS for x in angles.sin_cos(k * hour)] if step < observatory.DAY_S else []
-    return Case(
+    return LongComparison(
         time_s=time_s,
         simulation=Simulation(np.zeros(5), float(h[0])),
         scene=Scene(time_s, h, z, still, still, float(time_s[0])),
@@ -123,22 +126,24 @@ def case(compared: FieldComparison, model: EarthField) -> Case:
     )
 
 
-def _too_short(compared: FieldComparison) -> str:
+def why_too_short(compared: FieldComparison) -> str:
     days = float(np.ptp(compared.time_s)) / observatory.DAY_S
     hours = len(np.unique(np.floor(compared.time_s / observatory.HOUR_S)))
-    if days >= long_record.SHORTEST_DAYS and hours >= long_record.FEWEST:
+    if days >= comparison.SHORTEST_DAYS and hours >= comparison.FEWEST_PAIRS:
         return ""
     return (
-        f"the series has {hours} hours over {days:.0f} days; {long_record.FEWEST} hours over "
-        f"{long_record.SHORTEST_DAYS:.0f} days are needed for what is slow"
+        f"the series has {hours} hours over {days:.0f} days; {comparison.FEWEST_PAIRS} hours over "
+        f"{comparison.SHORTEST_DAYS:.0f} days are needed for what is slow"
     )
 
 
-def _covered(compared: FieldComparison) -> float:
+def covered_share(compared: FieldComparison) -> float:
     return compared.days / (float(np.ptp(compared.time_s)) / observatory.DAY_S + 1.0)
 
 
-def _of_pieces(compared: FieldComparison, series: FieldSeries, model: EarthField, limit_deg: float) -> Slow:
+def trend_of_pieces(
+    compared: FieldComparison, series: FieldSeries, model: EarthField, limit_deg: float
+) -> SlowFindings:
     """Return the trend through the medians of 27 days of a record that is mostly gaps; a jump may hide in a gap."""
     missing = (("heading_slip", "most of the record is gaps: a jump in one looks like a trend or like nothing"),)
     number = np.unique(np.floor(compared.time_s / observatory.DAY_S / observatory.BLOCK_DAYS), return_inverse=True)[1]
@@ -147,23 +152,27 @@ def _of_pieces(compared: FieldComparison, series: FieldSeries, model: EarthField
     middle = np.array([(np.median(years[number == k]), np.median(off[number == k])) for k in range(number[-1] + 1)])
     if len(middle) < FEWEST_PIECES:
         why = f"the series has {len(middle)} stretches of 27 days; {FEWEST_PIECES} are needed for a trend"
-        return Slow(not_testable=(("secular_variation", why), *missing))
+        return SlowFindings(not_testable=(("secular_variation", why), *missing))
     about = middle[:, 0] - middle[:, 0].mean()
     slope = float(about @ middle[:, 1] / (about @ about))
     rest = middle[:, 1] - middle[:, 1].mean() - slope * about
     sigma = float(np.sqrt(rest @ rest / (len(rest) - 2) / (about @ about)))
     size = float(abs(slope) * np.std(years))
-    if abs(slope) <= SURE * sigma:
-        return Slow(not_testable=missing)
+    if abs(slope) <= TREND_SIGMAS * sigma:
+        return SlowFindings(not_testable=missing)
     if size < limit_deg:
-        return Slow(not_testable=missing, negligible=(("secular_variation", size),))
+        return SlowFindings(not_testable=missing, negligible=(("secular_variation", size),))
     bare, left = (x - np.median(x) for x in (off, off - slope * years))
-    proof = show.improved(bare, left, angles.rms(left), blocks.of_span(compared.time_s, show.BLOCK_S))
+    proof = findings.compare_residuals(
+        bare, left, angles.rms(left), blocks.of_span(compared.time_s, findings.HELD_OUT_BLOCK_S)
+    )
     span = (float(compared.time_s[0]), float(compared.time_s[-1]))
-    place = Where("time", *span, f"from {stamp(span[0])} to {stamp(span[1])}")
+    place = CovariateRange("time", *span, f"from {stamp(span[0])} to {stamp(span[1])}")
     parameters = {"deg_year": Parameter(slope, sigma, "degrees/year")}
     made = Finding("secular_variation", "compass", ("heading_slip",), place, span, parameters, size, proof, "")
-    return Slow((_worded(made, series, model, None),), not_testable=(*missing, ("declination_error", DRIFTS)))
+    return SlowFindings(
+        (reword_finding(made, series, model, None),), not_testable=(*missing, ("declination_error", DRIFTS))
+    )
 
 
 def _averaged(time_s: Floats, off: Floats, step_s: float) -> tuple[Floats, Floats]:
@@ -171,26 +180,26 @@ def _averaged(time_s: Floats, off: Floats, step_s: float) -> tuple[Floats, Float
     return (number + 0.5) * step_s, np.bincount(which, off) / np.bincount(which)
 
 
-def _worded(one: Finding, series: FieldSeries, model: EarthField, jump: tuple[float, float] | None) -> Finding:
+def reword_finding(one: Finding, series: FieldSeries, model: EarthField, jump: tuple[float, float] | None) -> Finding:
     """Return a finding of the search in the words of an observatory, with what it could also be."""
     assert one.when_s is not None  # an observatory has a clock
     if jump is not None:
         sigma = next(iter(one.parameters.values())).sigma
         size = {"offset_deg": Parameter(-jump[1], sigma, "degrees")}
-        text = declination_wording.jump(jump, sigma, one.held_out, one.alternatives)
+        text = jump_text(jump, sigma, one.held_out, one.alternatives)
         span = (jump[0], one.when_s[1])
         return replace(one, parameters=size, when_s=span, text=text, applied=False)
     trend = one.parameters["deg_year"]
     by_model = float(np.ptp(model.model_declination_deg)) / max(float(np.ptp(model.time_s)) / YEAR_S, 1e-9)
     slope = float(np.copysign(by_model, model.model_declination_deg[-1] - model.model_declination_deg[0]))
-    as_model = model.source != "IGRF" and abs(trend.value - slope) <= LIKE_THE_MODEL * abs(slope)
+    as_model = model.source != "IGRF" and abs(trend.value - slope) <= MODEL_TREND_SHARE * abs(slope)
     known = as_model or series.definitive
     others = () if as_model else one.alternatives if known else (*dict.fromkeys((*one.alternatives, "compass_drift")),)
-    text = declination_wording.trend(trend, one, slope if as_model else None, others)
+    text = trend_text(trend, one, slope if as_model else None, others)
     return replace(one, alternatives=others, text=text, applied=False)
 
 
-def _dated(compared: FieldComparison, one: Finding) -> tuple[float, float]:
+def date_jump(compared: FieldComparison, one: Finding) -> tuple[float, float]:
     """Return the date of a jump among the means around where the search has it, and by how much the series rises."""
     assert one.when_s is not None  # an observatory has a clock
     near = np.abs(compared.time_s - one.when_s[0]) <= NEAR_S
@@ -211,7 +220,7 @@ def _best_split(off: Floats, least: int) -> tuple[int, float, Floats]:
     return at, float(high - low), np.concatenate([off[:at] - low, off[at:] - high])
 
 
-def _short_jump(compared: FieldComparison, limit_deg: float) -> tuple[Finding, tuple[float, float]] | None:
+def short_jump(compared: FieldComparison, limit_deg: float) -> tuple[Finding, tuple[float, float]] | None:
     """Return the jump of a short record, if two levels leave nothing of what else would be a storm."""
     off = compared.residual_deg - compared.quiet_deg
     least = int(LEAST_SIDE_S / compared.step_s)
@@ -221,7 +230,7 @@ def _short_jump(compared: FieldComparison, limit_deg: float) -> tuple[Finding, t
     rest = float(
         observatory.three_hour_rms(compared.time_s, left)[1].max()
     )  # without the mean that the jump itself falls into
-    if abs(size) < limit_deg or rest >= STEADY * limit_deg:
+    if abs(size) < limit_deg or rest >= LEAST_STEADY * limit_deg:
         return None
     date, last = float(compared.time_s[at]) - compared.step_s / 2.0, float(compared.time_s[-1])
     others = ("field_disturbance",) if min(last - date, date - compared.time_s[0]) < LEAST_AFTER_S else ()
@@ -229,7 +238,7 @@ def _short_jump(compared: FieldComparison, limit_deg: float) -> tuple[Finding, t
     return _jump(compared, (date, size), sigma, others), (date, size)
 
 
-def _large_jumps(compared: FieldComparison, limit_deg: float) -> list[tuple[Finding, tuple[float, float]]]:
+def large_jumps(compared: FieldComparison, limit_deg: float) -> list[tuple[Finding, tuple[float, float]]]:
     """Return jumps far beyond what the levels of days do otherwise, which the search would clip as outliers.
 
     The change from five days to the next five is held against its own median, so that a trend makes no jump.
@@ -244,7 +253,7 @@ def _large_jumps(compared: FieldComparison, limit_deg: float) -> list[tuple[Find
     change = change - np.median(change)
     usual = robust.width(change)
     found = []
-    while len(change) and np.max(np.abs(change)) > max(limit_deg, FAR * usual):
+    while len(change) and np.max(np.abs(change)) > max(limit_deg, LARGE_JUMP_RATIO * usual):
         at = int(np.argmax(np.abs(change)))
         around = slice(begins[at], begins[at + 2 * LEVELS] if at + 2 * LEVELS < len(begins) else len(off))
         split, size, left = _best_split(off[around], 2)
@@ -269,9 +278,9 @@ def _jump(compared: FieldComparison, jump: tuple[float, float], sigma_deg: float
             if out.any() and kept.any():
                 left[out] = off[out] - np.median(off[kept])
     width = max(angles.rms(left), PRECISION_DEG)
-    proof = show.judged((bare**2 - left**2) / (2.0 * width**2), block, (angles.rms(bare), angles.rms(left)))
+    proof = findings.bootstrap_gain((bare**2 - left**2) / (2.0 * width**2), block, (angles.rms(bare), angles.rms(left)))
     share = float(np.mean(after))
-    place = Where("time", date, last, f"from {stamp(date)} on")
+    place = CovariateRange("time", date, last, f"from {stamp(date)} on")
     return Finding(
         effect="heading_slip",
         side="compass",
@@ -281,5 +290,5 @@ def _jump(compared: FieldComparison, jump: tuple[float, float], sigma_deg: float
         parameters={"offset_deg": Parameter(-jump[1], sigma_deg, "degrees")},
         rms_effect_deg=float(abs(jump[1]) * np.sqrt(share * (1.0 - share))),
         held_out=proof,
-        text=declination_wording.jump(jump, sigma_deg, proof, others),
+        text=jump_text(jump, sigma_deg, proof, others),
     )

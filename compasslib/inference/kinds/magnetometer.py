@@ -36,12 +36,11 @@ from compasslib.effects.short import (
     moving,
 )
 from compasslib.effects.term import Scene, Term
-from compasslib.inference import covariates as covariates_of
-from compasslib.inference import diagnosis, verdict
+from compasslib.inference import covariates as covariate_series
+from compasslib.inference import diagnosis, short_fit, short_search
 from compasslib.inference.comparison import Options
-from compasslib.inference.short_record import curve, outcome, search
-from compasslib.inference.short_record.channel import Channel, thinned
-from compasslib.inference.verdict import Diagnosis
+from compasslib.inference.diagnosis import Diagnosis
+from compasslib.inference.short_fit import ShortComparison, thin_indices
 from compasslib.types import Floats
 
 LEVEL_TILT_DEG = 15.0  # of a log without tilts that still counts as level
@@ -60,17 +59,17 @@ def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: 
         settings: settled keys of the calibration's file.
     """
     log = counts.sound(magnetometer_log.read(files, settings))
-    return judge(log, field=settings.get("field"), options=options)
+    return diagnose_log(log, field=settings.get("field"), options=options)
 
 
-def judge(log: Log, *, field: Mapping[str, float] | None, options: Options) -> Diagnosis:
+def diagnose_log(log: Log, *, field: Mapping[str, float] | None, options: Options) -> Diagnosis:
     """Return the diagnosis of a log.
 
     Args:
         field: the earth's field there, None where the place is unknown.
     """
     if len(log.raw) < magnetometer_log.FEWEST:
-        return verdict.insufficient(magnetometer_log.refusal(log))
+        return diagnosis.insufficient(magnetometer_log.refusal(log))
     choice, why_not = _choice(log)
     axes, no_heading = _axes(log, choice)
     missing = [("hard_iron", why_not)] if why_not else []
@@ -78,13 +77,17 @@ def judge(log: Log, *, field: Mapping[str, float] | None, options: Options) -> D
     missing += [("temperature", "no temperature that varies was logged")] if not warmed(log) else []
     missing += [("compass_lag", no_heading)] if no_heading else []
     if why_not and no_heading:
-        return verdict.insufficient(f"{why_not.rstrip('.')}, and {no_heading}", tuple(missing))
+        return diagnosis.insufficient(f"{why_not.rstrip('.')}, and {no_heading}", tuple(missing))
     parts = []
     if not why_not:
         parts.append(_of_modulus(log, axes, choice, field))
     if not no_heading:
         parts.append(_of_heading(log, axes, field))
-    return diagnosis.of([outcome.of(search.search(part, options)) for part in parts], options, not_testable=missing)
+    return diagnosis.combine_outcomes(
+        [short_search.build_outcome(short_search.search_effects(part, options)) for part in parts],
+        options,
+        not_testable=missing,
+    )
 
 
 def _choice(log: Log) -> tuple[Choice, str]:
@@ -116,7 +119,7 @@ def _axes(log: Log, choice: Choice) -> tuple[Floats, str]:
     return matrix, ""
 
 
-def _of_heading(log: Log, axes: Floats, field: Mapping[str, float] | None) -> Channel:
+def _of_heading(log: Log, axes: Floats, field: Mapping[str, float] | None) -> ShortComparison:
     body = log.raw @ axes.T
     working, unit = _working(body, float(np.median(np.hypot(body[:, 0], body[:, 1]))), log, field)
     simulated = angles.argument(body[:, 0] - 1j * body[:, 1])
@@ -130,7 +133,7 @@ def _of_heading(log: Log, axes: Floats, field: Mapping[str, float] | None) -> Ch
     terms += (TemperatureOfReading,) if warmed(log) else ()
     unseen = {} if log.tilted else {term.name: ("tilt_uncompensated",) for term in terms if term is not Delay}
     assert log.heading_deg is not None
-    return Channel(
+    return ShortComparison(
         what="the logged heading against that of the axes",
         residual=OfHeading(working[some], log.heading_deg[some], scene),
         start=np.zeros(0),
@@ -145,7 +148,7 @@ def _of_heading(log: Log, axes: Floats, field: Mapping[str, float] | None) -> Ch
     )
 
 
-def _of_modulus(log: Log, axes: Floats, choice: Choice, field: Mapping[str, float] | None) -> Channel:
+def _of_modulus(log: Log, axes: Floats, choice: Choice, field: Mapping[str, float] | None) -> ShortComparison:
     assert choice.readings is not None and choice.fitted is not None
     body = log.raw @ axes.T
     far = magnetometer_choice.far_off(choice)
@@ -162,7 +165,7 @@ def _of_modulus(log: Log, axes: Floats, choice: Choice, field: Mapping[str, floa
     every = log.levelling()[:, 2, :] if level else np.zeros((len(working), 3))
     down, strength = every[some], _strength(field, level)
     wobble = tilt_wobble(log, working, every, strength)[some] if level and log.tilted else np.zeros((len(some), 0))
-    return Channel(
+    return ShortComparison(
         what="the modulus of the horizontal axes against a constant"
         if level
         else "the modulus of the axes against a constant",
@@ -197,7 +200,7 @@ def _tilted_instead(log: Log, choice: Choice, body: Floats, field: Mapping[str, 
 
 def _strength(field: Mapping[str, float] | None, level: bool) -> float:
     if field is None:
-        return curve.PLACELESS_NT
+        return short_fit.PLACELESS_NT
     return field["horizontal_nT"] if level else float(np.hypot(field["horizontal_nT"], field["vertical_nT"]))
 
 
@@ -303,7 +306,7 @@ def _fast(x: Floats) -> Floats:
 def scene_of(log: Log, simulated_deg: Floats, body: Floats) -> tuple[Scene, dict[str, Floats], NDArray[np.intp], bool]:
     """Return in what the log was made and its covariates, thinned, which samples stay, and whether it has a clock."""
     n = len(log.raw)
-    some = thinned(n, MOST_SAMPLES)
+    some = thin_indices(n, MOST_SAMPLES)
     clocked = log.time_s is not None and bool(np.isfinite(log.time_s).all() and np.all(np.diff(log.time_s) > 0.0))
     time_s = log.time_s if clocked and log.time_s is not None else np.arange(1.0, n + 1.0)
     zero = np.zeros(n)
@@ -315,7 +318,7 @@ def scene_of(log: Log, simulated_deg: Floats, body: Floats) -> tuple[Scene, dict
     columns |= {"turn_rate": rate} if clocked else {}
     columns |= {"vertical_field": body[:, 2] / abs(body[:, 2].mean())} if log.has_z and body[:, 2].mean() else {}
     if log.temperature_c is not None and warmed(log):
-        columns["temperature"] = covariates_of.filled(log.temperature_c)
+        columns["temperature"] = covariate_series.fill_gaps(log.temperature_c)
     columns = {name: column[some] for name, column in columns.items()}
     departures = {name: column - column.mean() for name, column in columns.items() if name == "temperature"}
     departures["turn_rate"] = rate[some]

@@ -1,7 +1,8 @@
-"""A mooring's overlap against its fitted compass: what is mended before the search, and what is found beside it.
+"""Diagnose a mooring's overlap: clocks are compared and repaired first, then the search runs.
 
-Clocks that differ are found by the speeds, which have no compass in them, and pairs are made anew; and where the
-small-angle series was asked for, the exact compass is held against it.
+The clocks are compared by the speeds that both instruments measured, which have no compass in them, in some sixteen
+windows, so that the record itself shows the uncertainty. Water that arrives at one depth later looks the same, by 0.2 h
+where no clock was wrong. Where the small-angle series was asked for, the exact compass is compared with it.
 """
 
 from __future__ import annotations
@@ -10,30 +11,187 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from compasslib import angles, compass, deviation
-from compasslib.deviation import exact, von_appen
+from compasslib.deviation import exact, model, von_appen
 from compasslib.deviation.forms import EXACT, SeriesInCorrect
 from compasslib.deviation.model import Fit, nearest_root, observed_heading
-from compasslib.effects.term import HOUR_S
+from compasslib.effects.term import HOUR_S, YEAR_S
 from compasslib.effects.water import VeerWithDirection
-from compasslib.inference import applied, clocks, diagnosis, findings, long_record, show, verdict, wording
-from compasslib.inference.case import Case, Shared, mooring_case
-from compasslib.inference.clocks import ClockError, kept
-from compasslib.inference.comparison import Options
-from compasslib.inference.finding import Finding, Parameter, Where
-from compasslib.inference.long_record import FEWEST, SHORTEST_DAYS
-from compasslib.inference.show import HeldOut
-from compasslib.inference.verdict import Diagnosis
+from compasslib.inference import comparison, diagnosis, finding, long_record, wording
+from compasslib.inference import product as products
+from compasslib.inference.comparison import (
+    FEWEST_PAIRS,
+    SHORTEST_DAYS,
+    LongComparison,
+    Options,
+    SharedInformation,
+    compare_pairs,
+)
+from compasslib.inference.diagnosis import Diagnosis
+from compasslib.inference.finding import CovariateRange, Finding, HeldOut, Parameter
 from compasslib.records import EarthField, Pairs, take
 from compasslib.statistics import blocks, robust, whitening
 from compasslib.threads import single_threaded
 from compasslib.types import Floats
 
+LEAST_CLOCK_H = 0.3  # real water delays by less
+WINDOWS, FEWEST_IN_WINDOW = 16, 100  # in which the clocks are compared
+LONGEST_HOURS = 12.0  # time zones; beyond, tides repeat
+SLOW_HOURS = 12.0  # half of the running mean that is taken off
+CLOCK_SIGMAS = 4.0  # normal score of what is named
+NEARLY_AS_GOOD = 10.0
+# Delay between the instruments that is no clock: water that arrives at one depth later (0.21 h in a real record of one
+# instrument with one clock), stamps at the begin, middle or end of an average. Assumed.
+DELAY_SIGMA_H = 0.1  # delay of real water itself, over a whole record
+CLEAREST = 0.2  # correlation of the speeds below which a window says nothing
+
 MOST_PAIRS = 20_000  # hourly pairs of two years; of more, every second, third, ... is searched, to hold memory
-PAIRS = 1000  # of the exact compass against the series: as many, evenly taken, tell the curves apart
-SURE = 0.01  # p-value
-MOST_LOST = 0.02  # share of headings that the series may leave without a root and still be large enough a model
+COMPARED_PAIRS = 1000  # of the exact compass against the series: as many, evenly taken, tell the curves apart
+LARGE_DEVIATION_P = 0.01  # p-value
+MOST_ROOTLESS = 0.02  # share of headings that the series may leave without a root and still be large enough a model
+
+
+@dataclass(frozen=True)
+class ClockError:
+    """By how much the affected clock is ahead of the reference, hours: offset at the beginning, and drift."""
+
+    offset_h: float = 0.0
+    drift_h_year: float = 0.0
+    offset_sigma_h: float = np.inf
+    drift_sigma_h_year: float = np.inf
+    offset_named: bool = False
+    drift_named: bool = False
+    ambiguous: bool = False  # whether the other of offset and drift fits nearly as well
+
+    @property
+    def named(self) -> bool:
+        """Whether a clock error is proven and larger than water can feign."""
+        return self.offset_named or self.drift_named
+
+    def ahead_s(self, time_s: Floats) -> Floats:
+        """Return the named error along time, seconds, (n,).
+
+        Args:
+            time_s: UTC seconds, the first sample first, (n,).
+        """
+        years = (time_s - time_s[0]) / YEAR_S
+        hours = self.offset_named * self.offset_h + self.drift_named * self.drift_h_year * years
+        return np.asarray(HOUR_S * hours)
+
+
+def estimate_clock_error(pairs: Pairs) -> ClockError:
+    """Return the clock error that the speeds show; nothing named where they cannot tell."""
+    step = float(np.median(np.diff(pairs.time_s)))
+    if step > 2.0 * HOUR_S:
+        return ClockError()
+    slot = whitening.slots(pairs.time_s)
+    upper, lower = (_highpass_speed(slot, speed, step) for speed in model.speeds(pairs))
+    width = max(len(upper) // WINDOWS, FEWEST_IN_WINDOW)
+    windows = [slice(begin, begin + width) for begin in range(0, len(upper) - width + 1, width)]
+    later = np.interp(np.arange(len(upper)), slot, pairs.separation_minutes / 60.0)
+    found = [
+        (
+            (window.start + width / 2.0) * step / YEAR_S,
+            _ahead_h(upper[window], lower[window], step) - later[window].mean(),
+        )
+        for window in windows
+    ]
+    known = np.array([one for one in found if np.isfinite(one[1])]).reshape(-1, 2)
+    return _select_clock(known[:, 0], known[:, 1], len(upper) * step / YEAR_S) if len(known) >= 5 else ClockError()
+
+
+def _select_clock(years: Floats, ahead_h: Floats, span_years: float) -> ClockError:
+    """Return the simplest clock that fits the windows: an offset, a drift from zero, or both."""
+    ones = np.ones(len(years))
+    (mean, mean_sigma, _), (rate, rate_sigma, _) = (_fit(x[:, None], ahead_h) for x in (ones, years))
+    square = [_fit(x, ahead_h)[2] for x in (ones[:, None], years[:, None], np.column_stack([ones, years]))]
+    line, line_sigma, _ = _fit(np.column_stack([ones, years]), ahead_h)
+    large = abs(line[0]) >= LEAST_CLOCK_H and abs(line[1]) * span_years >= LEAST_CLOCK_H
+    both = min(square[:2]) / square[2] - 1.0 > CLOCK_SIGMAS**2 / (len(years) - 2)
+    if both and large and all(_is_significant(*one, len(years) - 2) for one in zip(line, line_sigma, strict=True)):
+        return ClockError(line[0], line[1], np.hypot(line_sigma[0], DELAY_SIGMA_H), line_sigma[1], True, True)
+    if square[1] < square[0]:
+        named = _is_significant(rate[0], rate_sigma[0], len(years) - 1) and abs(rate[0]) * span_years >= LEAST_CLOCK_H
+        # A drift that begins at zero takes a constant delay for 1.5 of it over the whole span.
+        sigma = np.hypot(rate_sigma[0], 1.5 * DELAY_SIGMA_H / span_years)
+        return ClockError(
+            0.0, rate[0], line_sigma[0], sigma, False, named, _nearly_as_good(square[0], square[1], len(years))
+        )
+    named = _is_significant(mean[0], mean_sigma[0], len(years) - 1) and abs(mean[0]) >= LEAST_CLOCK_H
+    sigma = np.hypot(mean_sigma[0], DELAY_SIGMA_H)
+    return ClockError(
+        mean[0], 0.0, sigma, line_sigma[1], named, False, _nearly_as_good(square[1], square[0], len(years))
+    )
+
+
+def _fit(design: Floats, ahead_h: Floats) -> tuple[list[float], list[float], float]:
+    """Return values, standard errors and the sum of squares of a least-squares fit."""
+    values, *_ = np.linalg.lstsq(design, ahead_h, rcond=None)
+    square = float(np.sum((ahead_h - design @ values) ** 2))
+    variance = square / (len(ahead_h) - design.shape[1])
+    return values.tolist(), np.sqrt(np.diag(np.linalg.inv(design.T @ design)) * variance).tolist(), square
+
+
+def _nearly_as_good(other: float, best: float, windows: int) -> bool:
+    """Tell whether another clock fits nearly as well: twice the log-likelihood by less than ten."""
+    return windows * np.log(other / best) < NEARLY_AS_GOOD
+
+
+def _is_significant(value: float, sigma: float, freedom: int) -> bool:
+    """Tell whether a value is proven: few windows give Student's law (its normal score by Wallace 1959)."""
+    t = value / max(sigma, 1e-6)
+    score = (8.0 * freedom + 1.0) / (8.0 * freedom + 3.0) * np.sqrt(freedom * np.log1p(t**2 / freedom))
+    return bool(score > CLOCK_SIGMAS)
+
+
+def repair_pairs(pairs: Pairs, clock: ClockError) -> Pairs:
+    """Return the pairs with the reference read at the affected one's true times.
+
+    A affected clock that is ahead stamps too late: its sample belongs to an earlier one of the reference.
+    """
+    wanted = pairs.time_s - clock.ahead_s(pairs.time_s)
+    stamped, one = np.unique(pairs.time_s + 60.0 * pairs.separation_minutes, return_index=True)
+    after = np.clip(np.searchsorted(stamped, wanted, side="right"), 1, len(stamped) - 1)
+    step = float(np.median(np.diff(pairs.time_s)))
+    inside = (wanted >= stamped[0]) & (wanted <= stamped[-1]) & (stamped[after] - stamped[after - 1] <= 1.5 * step)
+    moved = {
+        name: np.interp(wanted, stamped, getattr(pairs, name)[one])
+        for name in ("lower_east", "lower_north", "lower_depth_m")
+    }
+    moved["separation_minutes"] = np.zeros(len(pairs))
+    return take(replace(pairs, **moved), inside)
+
+
+def pairs_remaining(pairs: Pairs, again: Pairs) -> NDArray[np.bool_]:
+    """Return which pairs a repair kept, (n,)."""
+    return np.isin(pairs.time_s, again.time_s)
+
+
+def _highpass_speed(slot: NDArray[np.intp], speed: Floats, step_s: float) -> Floats:
+    """Return the speed on an even grid without what changes slowly, 0 where missing."""
+    grid, present = np.zeros(slot[-1] + 1), np.zeros(slot[-1] + 1)
+    grid[slot], present[slot] = np.where(np.isfinite(speed), speed, 0.0), np.isfinite(speed)
+    reach = max(int(SLOW_HOURS * HOUR_S / step_s), 1)
+    window = np.ones(2 * reach + 1)
+    mean = np.convolve(grid, window, "same") / np.maximum(np.convolve(present, window, "same"), 1.0)
+    return (grid - mean) * present
+
+
+def _ahead_h(upper: Floats, lower: Floats, step_s: float) -> float:
+    """Return by how much the upper clock is ahead where the correlation of the speeds is highest, hours."""
+    reach = int(LONGEST_HOURS * HOUR_S / step_s)
+    size = 1 << (2 * len(upper)).bit_length()
+    product = np.fft.irfft(np.conj(np.fft.rfft(upper, size)) * np.fft.rfft(lower, size), size)
+    lags = np.arange(-reach, reach + 1)
+    cross = product[lags] / max(float(np.linalg.norm(upper) * np.linalg.norm(lower)), 1e-12)
+    k = int(np.argmax(cross))
+    if cross[k] < CLEAREST or k in (0, len(cross) - 1):
+        return float("nan")
+    before, at, after = (float(cross[j]) for j in (k - 1, k, k + 1))
+    top = 0.5 * (before - after) / (before - 2.0 * at + after)
+    return -(float(lags[k]) + top) * step_s / HOUR_S
 
 
 @dataclass(frozen=True)
@@ -55,7 +213,7 @@ def diagnose(
     *,
     wide: Pairs | None = None,
     units: Mapping[str, str] | None = None,
-    shared: Shared | None = None,
+    shared: SharedInformation | None = None,
 ) -> Diagnosis:
     """Return what a mooring's overlap shows that its fitted compass does not hold.
 
@@ -70,54 +228,54 @@ def diagnose(
     wide = pairs if wide is None else wide
     some = slice(None, None, 1 + len(pairs) // MOST_PAIRS)
     pairs, logged = take(pairs, some), {name: series[some] for name, series in logged.items()}
-    if why := _too_little(pairs, fit):
-        return verdict.insufficient(why)
+    if why := _why_too_few(pairs, fit):
+        return diagnosis.insufficient(why)
     is_series = fit.method == "von_appen"
     exact = deviation.fit("exact", pairs) if is_series else fit
-    first = [] if not is_series else of_exact_compass(pairs, exact, fit, options.min_effect_deg)
-    clock = clocks.compare(wide)
-    repair, doubted = _repaired(pairs, exact, clock)
+    first = [] if not is_series else exact_compass_findings(pairs, exact, fit, options.min_effect_deg)
+    clock = estimate_clock_error(wide)
+    repair, doubted = _repair_clock(pairs, exact, clock)
     if repair is not None:
-        held = kept(pairs, repair.pairs)
+        held = pairs_remaining(pairs, repair.pairs)
         logged = {name: column[held] for name, column in logged.items()}
         first += repair.findings
         pairs, exact = repair.pairs, repair.fit
-    case = mooring_case(pairs, logged, exact, field, reference_magnetic=options.reference_magnetic, units=units)
+    case = compare_pairs(pairs, logged, exact, field, reference_magnetic=options.reference_magnetic, units=units)
     case = replace(case, shared=shared or {})
     if repair is not None:
-        case = _without_direction(case)
+        case = _without_veer_by_direction(case)
     if is_series:  # it was looked for already
         case = replace(case, not_testable=tuple(one for one in case.not_testable if one[0] != "large_deviation"))
-    found = replace(diagnosis.joined(first, long_record.judge(case, options, exact)), warnings=doubted)
+    found = replace(diagnosis.prepend_findings(first, long_record.diagnose(case, options, exact)), warnings=doubted)
     if not options.apply:
         return replace(found, applied=(), findings=tuple(replace(one, applied=False) for one in found.findings))
     if is_series and not any(one.applied for one in found.findings):
         return replace(found, applied=())
     if found.covariance is not None and exact.method != "calibration":  # what slow water may do to the constants
-        exact = applied.as_unsure(exact, found.covariance)
-    return replace(found, fit=exact, applied=tuple(applied.no_surer(one, exact) for one in found.applied))
+        exact = products.inflate_covariance(exact, found.covariance)
+    return replace(found, fit=exact, applied=tuple(products.limit_precision(one, exact) for one in found.applied))
 
 
-def _too_little(pairs: Pairs, fit: Fit) -> str:
+def _why_too_few(pairs: Pairs, fit: Fit) -> str:
     if not fit.fitted:
         return f"no compass was fitted: {fit.why}"
     days = float(np.ptp(pairs.time_s)) / 86400.0 if len(pairs) else 0.0
-    if len(pairs) < FEWEST or days < SHORTEST_DAYS:
+    if len(pairs) < FEWEST_PAIRS or days < SHORTEST_DAYS:
         return (
-            f"{len(pairs)} overlapping pairs over {days:.0f} days; at least {FEWEST} over {SHORTEST_DAYS:.0f} days are "
-            "needed to separate unmodelled effects from the water"
+            f"{len(pairs)} overlapping pairs over {days:.0f} days; at least {FEWEST_PAIRS} over {SHORTEST_DAYS:.0f} "
+            "days are needed to separate unmodelled effects from the water"
         )
     return ""
 
 
-def _repaired(pairs: Pairs, fit: Fit, clock: ClockError) -> tuple[Repair | None, tuple[str, ...]]:
+def _repair_clock(pairs: Pairs, fit: Fit, clock: ClockError) -> tuple[Repair | None, tuple[str, ...]]:
     """Return the pairs freed of a clock error, and what is to be said where held-out directions deny it."""
     if not clock.named:
         return None, ()
-    again = clocks.repaired(pairs, clock)
-    if not (short := len(again) < FEWEST):
-        freed = deviation.fit(fit.method, again, _near(fit), dip_ratio=fit.dip_ratio)
-        found = of_clock(pairs, again, (fit, freed), clock)
+    again = repair_pairs(pairs, clock)
+    if not (short := len(again) < FEWEST_PAIRS):
+        freed = deviation.fit(fit.method, again, _start_fit(fit), dip_ratio=fit.dip_ratio)
+        found = clock_findings(pairs, again, (fit, freed), clock)
         if freed.fitted and not any(one.held_out.refuted for one in found):
             return Repair(again, freed, found), ()
     why = "too few pairs are left once corrected" if short else "held-out directions then agree less"
@@ -129,12 +287,12 @@ def _repaired(pairs: Pairs, fit: Fit, clock: ClockError) -> tuple[Repair | None,
     return None, (warning,)
 
 
-def _near(fit: Fit) -> Fit | None:
+def _start_fit(fit: Fit) -> Fit | None:
     """Return what a fit without the clock's error starts from: anew, or a calibration that no pair changes."""
     return fit if fit.method == "calibration" or fit.prior is not None else None
 
 
-def _without_direction(case: Case) -> Case:
+def _without_veer_by_direction(case: LongComparison) -> LongComparison:
     """Return the case without the veer by direction, whose flow knows nothing of noise that was interpolated."""
     why = "directions read between two samples, after the clocks, share their noise with the direction of the flow"
     return replace(
@@ -144,31 +302,31 @@ def _without_direction(case: Case) -> Case:
     )
 
 
-def of_clock(before: Pairs, after: Pairs, fits: tuple[Fit, Fit], clock: ClockError) -> list[Finding]:
+def clock_findings(before: Pairs, after: Pairs, fits: tuple[Fit, Fit], clock: ClockError) -> list[Finding]:
     """Return the findings on the clocks, with what re-pairing does to the residual of fits that have not seen it.
 
     Args:
         after: pairs with the reference read at the true times.
     """
-    same = kept(before, after)
+    same = pairs_remaining(before, after)
     moved = angles.difference(observed_heading(after), observed_heading(before)[same])
-    left = [left_out(pairs, fit) for pairs, fit in zip((before, after), fits, strict=True)]
+    left = [held_out_residual(pairs, fit) for pairs, fit in zip((before, after), fits, strict=True)]
     left[0] = left[0][same]
     width = whitening.widths(left[1], np.zeros(len(after)))
-    proof = show.improved(left[0], left[1], width, blocks.of_span(after.time_s, show.BLOCK_S))
+    proof = finding.compare_residuals(left[0], left[1], width, blocks.of_span(after.time_s, finding.HELD_OUT_BLOCK_S))
     size = robust.width(moved)  # robust: slow water may point anywhere
     numbers = {
         "clock_offset": (clock.offset_named, "hours", clock.offset_h, clock.offset_sigma_h, "h"),
         "clock_drift": (clock.drift_named, "hours_year", clock.drift_h_year, clock.drift_sigma_h_year, "h/year"),
     }
     span = (float(after.time_s[0]), float(after.time_s[-1]))
-    place = Where("time", *span, wording.place("time", *span))
+    place = CovariateRange("time", *span, wording.range_text("time", *span))
     result = []
     for effect, (is_named, name, value, sigma, unit) in numbers.items():
         if not is_named:
             continue
         others = tuple(name for name in numbers if name != effect) if clock.ambiguous else ()
-        text = wording.finding(
+        text = wording.finding_text(
             effect,
             others,
             where=place.text,
@@ -181,7 +339,7 @@ def of_clock(before: Pairs, after: Pairs, fits: tuple[Fit, Fit], clock: ClockErr
     return result
 
 
-def of_exact_compass(pairs: Pairs, fit: Fit, series: Fit, min_effect_deg: float) -> list[Finding]:
+def exact_compass_findings(pairs: Pairs, fit: Fit, series: Fit, min_effect_deg: float) -> list[Finding]:
     """Return the finding that the exact compass fits where the small-angle series does not, or none.
 
     Both have five parameters, so the comparison on held-out days needs no charge for complexity.
@@ -193,27 +351,27 @@ def of_exact_compass(pairs: Pairs, fit: Fit, series: Fit, min_effect_deg: float)
     by_exact = nearest_root(compass.inverse(fit.coefficients, pairs.heading_deg), observed)
     by_series = von_appen.invert(series.coefficients, pairs.heading_deg)
     size, lost = angles.rms(angles.difference(by_exact, by_series)), float(np.mean(~np.isfinite(by_series)))
-    if not (size >= min_effect_deg or lost > MOST_LOST):
+    if not (size >= min_effect_deg or lost > MOST_ROOTLESS):
         return []
-    proof = _by_blocks(pairs, fit, series)
-    if proof.p_value > SURE or proof.refuted:
+    proof = _block_gain(pairs, fit, series)
+    if proof.p_value > LARGE_DEVIATION_P or proof.refuted:
         return []
     span = (float(pairs.time_s[0]), float(pairs.time_s[-1]))
-    return [replace(findings.large_deviation(size, proof), when_s=span, applied=True)]
+    return [replace(comparison.large_deviation_finding(size, proof), when_s=span, applied=True)]
 
 
-def _by_blocks(pairs: Pairs, fit: Fit, series: Fit) -> HeldOut:
+def _block_gain(pairs: Pairs, fit: Fit, series: Fit) -> HeldOut:
     """Return the gain of the exact compass over the best series on blocks that neither was fitted to."""
-    some = take(pairs, np.arange(0, len(pairs), max(1, len(pairs) // PAIRS)))
-    block = blocks.of_span(some.time_s, show.BLOCK_S)
+    some = take(pairs, np.arange(0, len(pairs), max(1, len(pairs) // COMPARED_PAIRS)))
+    block = blocks.of_span(some.time_s, finding.HELD_OUT_BLOCK_S)
     scores = [
         exact.held_out_scores(form, some, block % 2, near) for form, near in ((SeriesInCorrect(), None), (EXACT, fit))
     ]
-    left = [left_out(some, near) for near in (series, fit)]
-    return show.judged(scores[1] - scores[0], block, (angles.rms(left[0]), angles.rms(left[1])))
+    left = [held_out_residual(some, near) for near in (series, fit)]
+    return finding.bootstrap_gain(scores[1] - scores[0], block, (angles.rms(left[0]), angles.rms(left[1])))
 
 
-def left_out(pairs: Pairs, fit: Fit) -> Floats:
+def held_out_residual(pairs: Pairs, fit: Fit) -> Floats:
     """Return the observed heading minus that of a fit of the same method to the other half of the blocks, (n,) degrees.
 
     What no heading explains is as far off as chance takes it.
@@ -221,16 +379,16 @@ def left_out(pairs: Pairs, fit: Fit) -> Floats:
     Args:
         fit: to all of them.
     """
-    block = blocks.of_span(pairs.time_s, show.BLOCK_S)
-    observed, left = observed_heading(pairs), np.full(len(pairs), show.LOST_DEG)
+    block = blocks.of_span(pairs.time_s, finding.HELD_OUT_BLOCK_S)
+    observed, left = observed_heading(pairs), np.full(len(pairs), finding.NO_ROOT_DEG)
     for out in (block % 2 == 0, block % 2 == 1):
         again = deviation.fit(fit.method, take(pairs, ~out), fit)
         if again.fitted:
-            left[out] = angles.difference(observed, _corrected(again, pairs, observed))[out]
-    return np.where(np.isfinite(left), left, show.LOST_DEG)
+            left[out] = angles.difference(observed, _corrected_heading(again, pairs, observed))[out]
+    return np.where(np.isfinite(left), left, finding.NO_ROOT_DEG)
 
 
-def _corrected(fit: Fit, pairs: Pairs, observed_deg: Floats) -> Floats:
+def _corrected_heading(fit: Fit, pairs: Pairs, observed_deg: Floats) -> Floats:
     if fit.method == "von_appen":
         return von_appen.invert(fit.coefficients, pairs.heading_deg)
     return nearest_root(compass.inverse(fit.coefficients, pairs.heading_deg), observed_deg)

@@ -23,13 +23,11 @@ from compasslib.effects.iron import HardIronStep
 from compasslib.effects.reading import HeadingSlip, Octantal, Sextantal
 from compasslib.effects.short import Drift, IronDrift
 from compasslib.effects.term import Term
-from compasslib.inference import diagnosis, findings, show, verdict
+from compasslib.inference import comparison, diagnosis, finding, short_fit, short_search
 from compasslib.inference.comparison import Options
-from compasslib.inference.finding import Finding
-from compasslib.inference.short_record import curve, outcome, scan, search
-from compasslib.inference.short_record.channel import Channel
-from compasslib.inference.show import HeldOut
-from compasslib.inference.verdict import Diagnosis
+from compasslib.inference.diagnosis import Diagnosis
+from compasslib.inference.finding import Finding, HeldOut
+from compasslib.inference.short_fit import ShortComparison
 from compasslib.types import Floats
 
 FEWEST_HEADINGS = 12  # nine coefficients up to the fourth harmonic, and three degrees of freedom
@@ -48,12 +46,12 @@ def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: 
     """
     made = platform.calibrate(files, settings)
     if not len(made.points["recorded_deg"]):
-        return verdict.insufficient(made.why)
+        return diagnosis.insufficient(made.why)
     correct, recorded = made.points["reference_deg"], made.points["recorded_deg"]
-    return judge(correct, recorded, field=settings.get("field"), options=options, why=made.why)
+    return diagnose_readings(correct, recorded, field=settings.get("field"), options=options, why=made.why)
 
 
-def judge(
+def diagnose_readings(
     correct_deg: Floats, recorded_deg: Floats, *, field: Mapping[str, float] | None, options: Options, why: str = ""
 ) -> Diagnosis:
     """Return the diagnosis of readings in the order in which they were taken.
@@ -67,35 +65,35 @@ def judge(
     headings = len(np.unique(np.round(angles.wrap360(correct_deg) / curves.SAME_HEADING_DEG)))
     seen = series.points(recorded_deg, correct_deg)
     if headings < FEWEST_HEADINGS:
-        return verdict.insufficient(too_few(headings, seen, why), _untested())
+        return diagnosis.insufficient(too_few(headings, seen, why), _untested())
     smith, exact = (series.fit(form, seen) for form in (SMITH, EXACT))
     folds = isinstance(exact, FittedSeries) and isinstance(smith, str)
     if not isinstance(exact, FittedSeries) and not isinstance(smith, FittedSeries):
-        return verdict.insufficient(why or f"no curve passes near the readings ({smith})", _untested())
+        return diagnosis.insufficient(why or f"no curve passes near the readings ({smith})", _untested())
     first = too_large(seen, options.min_effect_deg, options.alarm) if isinstance(exact, FittedSeries) else []
     by_series = not folds and not first and series_fits_better(seen)
     channel = _channel(correct_deg, recorded_deg, field, exact if not by_series else None)
-    told = outcome.of(search.search(channel, options))
-    return diagnosis.of([told], options, beside=first, not_testable=_untested())
+    told = short_search.build_outcome(short_search.search_effects(channel, options))
+    return diagnosis.combine_outcomes([told], options, beside=first, not_testable=_untested())
 
 
 def _channel(
     correct_deg: Floats, recorded_deg: Floats, field: Mapping[str, float] | None, exact: FittedSeries | str | None
-) -> Channel:
+) -> ShortComparison:
     number = np.arange(1.0, len(correct_deg) + 1.0)
-    scene, unit = curve.scene(number, field)
-    form: curve.Compass | curve.SmithSeries
+    scene, unit = short_fit.recording_scene(number, field)
+    form: short_fit.CompassResidual | short_fit.SeriesResidual
     if isinstance(exact, FittedSeries):
         form, start, steps, terms = (
-            curve.Compass(correct_deg, recorded_deg, scene),
+            short_fit.CompassResidual(correct_deg, recorded_deg, scene),
             exact.coefficients,
             COMPASS_STEPS,
             TERMS,
         )
     else:
-        form, start, steps = curve.SmithSeries(correct_deg, recorded_deg, scene), np.zeros(5), np.ones(5)
+        form, start, steps = short_fit.SeriesResidual(correct_deg, recorded_deg, scene), np.zeros(5), np.ones(5)
         terms = READOUT
-    return Channel(
+    return ShortComparison(
         what="the fitted curve against the bench",
         residual=form,
         start=start,
@@ -168,13 +166,13 @@ def too_large(seen: Points, min_effect_deg: float, alarm: float) -> list[Finding
     if size < min_effect_deg or _probability(seen, _ratio(seen, left)) > alarm:
         return []
     proof = _held_out(seen, max(angles.rms(left[1]), 1e-3))
-    return [] if proof.refuted else [findings.large_deviation(size, proof, what="the five-term series")]
+    return [] if proof.refuted else [comparison.large_deviation_finding(size, proof, what="the five-term series")]
 
 
 def _held_out(seen: Points, scale_deg: float) -> HeldOut:
     """Return the gain of the exact compass over the series on readings that neither was fitted to."""
-    fold, left = np.arange(len(seen)) % show.FOLDS, np.full((2, len(seen)), np.nan)
-    for k in range(show.FOLDS):
+    fold, left = np.arange(len(seen)) % finding.FOLDS, np.full((2, len(seen)), np.nan)
+    for k in range(finding.FOLDS):
         both = _residuals(seen, fold != k)
         if both is not None:
             left[:, fold == k] = np.stack(both)[:, fold == k]
@@ -182,7 +180,7 @@ def _held_out(seen: Points, scale_deg: float) -> HeldOut:
     left = left[:, known]
     squares = np.minimum(left**2, (10.0 * scale_deg) ** 2)
     gains = (squares[0] - squares[1]) / (2.0 * scale_deg**2)
-    return show.judged(gains, np.flatnonzero(known), (angles.rms(left[0]), angles.rms(left[1])))
+    return finding.bootstrap_gain(gains, np.flatnonzero(known), (angles.rms(left[0]), angles.rms(left[1])))
 
 
 def series_fits_better(seen: Points) -> bool:
@@ -205,7 +203,7 @@ def _residuals(seen: Points, fitted: NDArray[np.bool_] | None = None) -> tuple[F
     nearest = np.argmin(np.where(np.isfinite(off), np.abs(off), np.inf), axis=1)
     by_exact = off[np.arange(len(off)), nearest]
     slope = -1.0 / exact_curve.steepness(solved.coefficients, seen)
-    lost = slope * solved.residual_deg if fitted is None else np.full(len(seen), show.LOST_DEG)
+    lost = slope * solved.residual_deg if fitted is None else np.full(len(seen), finding.NO_ROOT_DEG)
     return by_series, np.where(np.isfinite(by_exact), by_exact, lost)
 
 
@@ -221,9 +219,9 @@ def _probability(seen: Points, ratio: float) -> float:
         return 1.0
     scatter = float(np.sqrt(np.sum(solution.residual_deg**2) / (len(seen) - 5)))
     drawn = 0
-    for _ in range(scan.REPEATS):
+    for _ in range(short_search.NOISE_DRAWS):
         deviation = von_appen.design(seen.recorded_deg) @ solution.coefficients
         again = series.Points(seen.recorded_deg, deviation + rng.normal(0.0, scatter, len(seen)), seen.weight)
         left = _residuals(again)
         drawn += left is not None and _ratio(again, left) >= ratio
-    return (drawn + 1) / (scan.REPEATS + 1)
+    return (drawn + 1) / (short_search.NOISE_DRAWS + 1)

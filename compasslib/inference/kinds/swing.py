@@ -1,19 +1,29 @@
-"""A swing against the fitted curve: readings at headings as a bench's, a log along time by its own search."""
+"""A swing against the fitted curve: readings at headings like a bench's, a log along time by its own search.
+
+The heading by course over ground is compared with that by the compass, in means over 20 s: neighbouring samples are
+alike, and what is alike for longer is the law of the noise that the thresholds are drawn from. Where the ship logs
+her speed through the water that is a second comparison: it shows set and drift, and has no compass in it.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from compasslib import angles, compass
 from compasslib.calibrations import swing
 from compasslib.calibrations.result import Calibration
+from compasslib.calibrations.swing import data
+from compasslib.calibrations.swing.data import Observations
 from compasslib.deviation import von_appen
-from compasslib.effects.composition import COMPASS_STEPS
+from compasslib.effects import composition
+from compasslib.effects.composition import COMPASS_STEPS, Simulation
 from compasslib.effects.iron import HardIronStep
 from compasslib.effects.short import IronDrift
 from compasslib.effects.swing import (
@@ -24,47 +34,219 @@ from compasslib.effects.swing import (
     SetAndDrift,
     TidalSetAndDrift,
 )
-from compasslib.effects.term import Term
-from compasslib.inference import diagnosis, findings, show, verdict
+from compasslib.effects.term import Scene, Term
+from compasslib.inference import comparison, diagnosis, finding, short_fit, short_search
 from compasslib.inference.comparison import Options
+from compasslib.inference.design import ColumnGroup
+from compasslib.inference.diagnosis import Diagnosis
 from compasslib.inference.finding import Finding, Parameter
 from compasslib.inference.kinds import platform
-from compasslib.inference.kinds import swing_forward as forward
-from compasslib.inference.kinds.swing_forward import KNOT_M_S, ByCourse, BySpeed, Stretches, Track, read
-from compasslib.inference.omnibus import Group
-from compasslib.inference.short_record import curve, fitting, outcome, scan, search
-from compasslib.inference.short_record.channel import Channel, Forward
-from compasslib.inference.short_record.fitting import FittedTerms
-from compasslib.inference.short_record.search import NamedEffects
-from compasslib.inference.verdict import Diagnosis
+from compasslib.inference.short_fit import FittedHypothesis, ForwardModel, ShortComparison
+from compasslib.inference.short_search import SearchResult
+from compasslib.statistics import robust
 from compasslib.types import Floats
+
+Filter = Callable[[Floats], Floats]
+
+STRETCH_S, MOST_STRETCHES = 20.0, 150  # a helmsman's swing about the course is over in that time
+FULL = 0.25  # of the usual number of samples that a stretch needs
+WIDE = 4.0  # robust widths from its stretch's median beyond which a sample is an outlier
 
 CONFOUNDED = "set and drift of the water cannot be separated from B and C where speeds do not vary"
 
 
-def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: Options) -> Diagnosis:
-    """Return what a swing shows that its fitted curve does not hold.
+@dataclass(frozen=True)
+class Stretches:
+    """Samples gathered in stretches of time, k of them, those without a stretch left out."""
+
+    number: NDArray[np.intp]  # (n,) of each sample's stretch, -1 for none
+    count: NDArray[np.intp]  # (k,) samples
+
+    def __len__(self) -> int:
+        return len(self.count)
+
+    def without(self, lost: NDArray[np.bool_]) -> Stretches:
+        """Remove samples, and the stretches that keep none."""
+        number = np.where(lost, -1, self.number)
+        count = np.bincount(number[number >= 0], minlength=len(self))
+        new = np.where(count > 0, np.cumsum(count > 0) - 1, -1)
+        return Stretches(np.where(number >= 0, new[number], -1), count[count > 0])
+
+    def mean(self, x: Floats) -> Floats:
+        """Average a series, (n,), over each stretch, (k,)."""
+        used = self.number >= 0
+        return np.asarray(np.bincount(self.number[used], x[used], len(self.count)) / self.count)
+
+    def heading(self, x_deg: Floats) -> Floats:
+        """Average directions, (n,) degrees, over each stretch, (k,) degrees."""
+        sine, cosine = angles.sin_cos(x_deg)
+        return angles.direction(self.mean(sine), self.mean(cosine))
+
+
+def stretches(time_s: Floats, good: NDArray[np.bool_]) -> Stretches:
+    """Divide a log into stretches of 20 s, longer ones where it lasts hours; thin ones are left out."""
+    count = len(np.unique(np.floor((time_s - time_s[0]) / STRETCH_S)))
+    length = STRETCH_S * max(1.0, count / MOST_STRETCHES)
+    number = np.floor((time_s - time_s[0]) / length).astype(np.intp)
+    there = np.bincount(number[good])
+    full = there >= FULL * np.median(there[there > 0])
+    new = np.where(full, np.cumsum(full) - 1, -1)
+    kept = np.where(good, new[np.minimum(number, len(new) - 1)], -1)
+    return Stretches(kept, there[full])
+
+
+def without_outliers(time_s: Floats, off_deg: Floats) -> Stretches:
+    """Divide a log into stretches without the samples whose course minus reading is far from its neighbours'."""
+    first = stretches(time_s, np.ones(len(time_s), dtype=bool))
+    inside = first.number >= 0
+    middle = np.full(len(first), np.nan)
+    for k in range(len(first)):
+        own = off_deg[first.number == k]
+        middle[k] = own[0] + np.median(angles.difference(own, own[0]))
+    away = np.where(inside, np.abs(angles.difference(off_deg, middle[first.number])), np.inf)
+    return stretches(time_s, away <= WIDE * max(robust.width(away[inside]), 0.5))
+
+
+@dataclass(frozen=True)
+class ByCourse:
+    """Heading by the courses, freed of the water, minus that by the compass: means over stretches."""
+
+    ground_m_s: Floats | None  # (n, 2) velocity over ground, true east and north; None without speeds
+    course_deg: Floats  # (n,) true north
+    declination_deg: float
+    reading: Callable[[Floats, Sequence[Filter]], Floats]  # seconds later, (n,), filters of the series -> (n,) degrees
+    scene: Scene
+    exact: bool  # the exact compass instead of the series in the recorded heading
+    over: Stretches
+
+    def __call__(self, base: Floats, terms: tuple[Term, ...]) -> Floats:
+        """Return observed minus simulated heading, (k,) degrees; base is A to E, degrees or dimensionless."""
+        correct = self.by_course(terms)
+        later: Floats = np.zeros(len(self.scene))
+        for term in (term for term in terms if term.acts_on == "time"):
+            later = term.act(later, self.scene)
+        recorded = self.reading(later, [partial(term.act, scene=self.scene) for term in terms if _of_course(term)])
+        rest = tuple(term for term in terms if term.acts_on in ("field", "reading") and not _of_course(term))
+        if self.exact:
+            simulation = Simulation(base, float(np.mean(self.scene.horizontal_nT)), rest)
+            shown = composition.recorded_heading(simulation, self.scene, correct)
+            return self.over.mean(angles.difference(shown, recorded))
+        bare = Simulation(np.zeros(5), float(np.mean(self.scene.horizontal_nT)), rest)
+        undone = composition.undone_readout(bare, self.scene, recorded)
+        return self.over.mean(angles.difference(correct, undone + von_appen.design(undone) @ base))
+
+    def by_course(self, terms: tuple[Term, ...]) -> Floats:
+        """Compute magnetic headings, (n,) degrees, from the courses, the velocity of the water taken off."""
+        if self.ground_m_s is None:
+            return self.course_deg - self.declination_deg
+        through = self.ground_m_s - water(terms, self.scene)
+        return angles.direction(through[:, 0], through[:, 1]) - self.declination_deg
+
+
+@dataclass(frozen=True)
+class BySpeed:
+    """Speed through the water by the velocity over ground minus that of the ship's log, as degrees of the speed."""
+
+    ground_m_s: Floats  # (n, 2) true east and north
+    logged_m_s: Floats  # (n,)
+    scene: Scene
+    over: Stretches
+
+    def __call__(self, base: Floats, terms: tuple[Term, ...]) -> Floats:
+        """Return observed minus simulated speed over the mean speed, (k,) degrees; base is the log's scale and zero."""
+        through = self.ground_m_s - water(terms, self.scene)
+        off = np.hypot(through[:, 0], through[:, 1]) - base[0] * self.logged_m_s - base[1]
+        return self.over.mean(off / angles.DEGREE / float(np.mean(np.hypot(*self.ground_m_s.T))))
+
+
+def _of_course(term: Term) -> bool:
+    """Tell whether a term acts on the heading that the course follows."""
+    return term.acts_on == "reading" and term.side == "reference"
+
+
+def water(terms: tuple[Term, ...], scene: Scene) -> Floats:
+    """Return the velocity of the water, (n, 2) m/s true east and north."""
+    moving: Floats = np.zeros((len(scene), 2))
+    for term in (term for term in terms if term.acts_on == "velocity"):
+        moving = term.act(moving, scene)
+    return moving
+
+
+KNOT_M_S = 1852.0 / 3600.0
+LEAST_WATER_KN = 0.5  # of a ship's log that turns
+SECOND = 1.0  # s: spacing of the grid on which courses are filtered
+SMOOTHED_S = 30.0  # of a ship's log, whose ticks are coarse: longer than a swell, shorter than a turn
+MOSTLY = 0.5  # share of the samples that a ship's log must have
+
+
+@dataclass(frozen=True)
+class Track:
+    """Courses with the readings about them."""
+
+    seen: Observations  # (n,)
+    declination_deg: float
+    time_s: Floats  # (m,) every second of the log
+    turned_deg: Floats  # (m,) readings, not wrapped
+
+    def reading(self, later_s: Floats | float = 0.0, filters: Sequence[Filter] = ()) -> Floats:
+        """Return the reading some time after each course, (n,) degrees.
+
+        Args:
+            later_s: (n,).
+            filters: of the series of readings, a sample a second.
+        """
+        series = self.turned_deg
+        for filtered in filters:
+            series = filtered(series)
+        return np.interp(self.seen.time_s + later_s, self.time_s, series)
+
+    @property
+    def has_speed(self) -> bool:
+        """Tell whether the courses are over ground and have speeds."""
+        return self.seen.over_ground and bool(np.isfinite(self.seen.speed_kn).all())
+
+    @property
+    def ground_m_s(self) -> Floats | None:
+        """Return the velocity over ground, speeds smoothed, (n, 2) true east and north; None without speeds."""
+        if not self.has_speed:
+            return None
+        speed = KNOT_M_S * data.smoothed(self.seen.speed_kn, self.seen.time_s, SMOOTHED_S)
+        return np.stack(angles.components(speed, self.seen.course_deg), axis=-1)
+
+    @property
+    def logged_m_s(self) -> Floats | None:
+        """Return the speed through the water, (n,), NaN where there is none; None where that is mostly so."""
+        turns = np.nan_to_num(self.seen.water_speed_kn) > LEAST_WATER_KN
+        return np.where(turns, KNOT_M_S * self.seen.water_speed_kn, np.nan) if turns.mean() > MOSTLY else None
+
+
+def read(files: Sequence[str | Path], settings: Mapping[str, Any], declination_deg: float) -> Track:
+    """Read the track of a log: slow fixes are left out, turns are not, which show delays; readings are kept throughout.
 
     Args:
-        files: a table of readings, or logs.
-        settings: settled keys of the calibration's file.
+        files: tables or NMEA 0183 logs.
+        declination_deg: east positive.
     """
+    turning = {**settings, "max_turn_deg_s": np.inf}
+    every = data.read(files, {**turning, "min_speed_kn": -1.0})
+    time_s, first = np.unique(every.time_s, return_index=True)
+    heading = every.recorded_deg[first]
+    turned = np.cumsum(np.append(heading[:1], angles.difference(heading[1:], heading[:-1])))
+    seconds = np.arange(time_s[0], time_s[-1] + SECOND, SECOND)
+    return Track(data.read(files, turning), declination_deg, seconds, np.interp(seconds, time_s, turned))
+
+
+def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: Options) -> Diagnosis:
+    """Diagnose a swing: a table of readings, or logs, with the settled keys of the calibration's file."""
     made = swing.calibrate(files, settings)
     if made.why or not len(made.points.get("recorded_deg", ())):
-        return verdict.insufficient(made.why or "no reading is left")
+        return diagnosis.insufficient(made.why or "no reading is left")
     if along_time(made.points["time_s"]):
         return diagnose_log(files, settings, options, made)
     recorded = made.points["recorded_deg"]
     correct = angles.wrap360(recorded + made.points["deviation_deg"])
-    found = platform.judge(correct, recorded, field=settings.get("field"), options=options)
+    found = platform.diagnose_readings(correct, recorded, field=settings.get("field"), options=options)
     return replace(found, not_testable=(*found.not_testable, ("water_drift", CONFOUNDED)))
-
-
-# A swing logged along time, held against the deviation curve alone: five terms, no water, no delay.
-#
-# The heading by course over ground is compared with that by the compass, in means over 20 s: neighbouring samples are
-# alike, and what is alike for longer is the law of the noise that the thresholds are drawn from. Where the ship logs
-# her speed through the water that is a second comparison: it shows set and drift, and has no compass in it.
 
 
 FIELD: tuple[type[Term], ...] = (HardIronStep, IronDrift)
@@ -80,28 +262,19 @@ SPEED = "the speed over ground against that through the water"
 
 
 def along_time(time_s: Floats) -> bool:
-    """Tell whether observations are a log, not readings at headings.
-
-    Args:
-        time_s: (n,) increasing, NaN without a clock.
-    """
+    """Tell whether observations are a log, not readings at headings; times are NaN without a clock."""
     return bool(len(time_s) > 1 and np.isfinite(time_s).all() and np.median(np.diff(time_s)) <= OFTEN_S)
 
 
 def diagnose_log(
     files: Sequence[str | Path], settings: Mapping[str, Any], options: Options, made: Calibration
 ) -> Diagnosis:
-    """Return what a log shows that the deviation curve alone does not hold.
-
-    Args:
-        files: tables or NMEA 0183 logs.
-        settings: settled keys of the calibration's file.
-    """
+    """Diagnose a log along time against the deviation curve: five terms, no water, no delay."""
     track = read(files, settings, float(made.details["declination_deg"]))
-    over = forward.without_outliers(track.seen.time_s, angles.difference(track.seen.course_deg, track.reading()))
+    over = without_outliers(track.seen.time_s, angles.difference(track.seen.course_deg, track.reading()))
     one_clock = settings.get("format") == "nmea0183"
     if len(over) < FEWEST_STRETCHES:
-        return verdict.insufficient(too_short(len(over), FEWEST_STRETCHES))
+        return diagnosis.insufficient(too_short(len(over), FEWEST_STRETCHES))
     by_speed = _by_speed(track, over, settings, options)
     known = (
         replace(by_speed, rest=replace(by_speed.rest, strong=()))
@@ -114,18 +287,18 @@ def diagnose_log(
     terms += () if one_clock else (ClocksApart,)
     terms += WATER if track.has_speed and known is None else ()
     channel = replace(before.channel, terms=terms)
-    named = search.search(channel, options)
+    named = short_search.search_effects(channel, options)
     beside = too_large(fits[0], named.fitted, options) if before is fits[1] else []
-    found = diagnosis.of(
-        [outcome.of(one) for one in ((named,) if known is None else (named, known))],
+    found = diagnosis.combine_outcomes(
+        [short_search.build_outcome(one) for one in ((named,) if known is None else (named, known))],
         options,
         beside=beside,
         not_testable=untested(made, named.fitted, one_clock=one_clock),
     )
-    return settled(found, made, named.fitted)
+    return add_water_statement(found, made, named.fitted)
 
 
-def _by_speed(track: Track, over: Stretches, settings: Mapping[str, Any], options: Options) -> NamedEffects | None:
+def _by_speed(track: Track, over: Stretches, settings: Mapping[str, Any], options: Options) -> SearchResult | None:
     """Return what the two speeds show of the water, None without a log of the speed through it."""
     ground, logged = track.ground_m_s, track.logged_m_s
     if ground is None or logged is None:
@@ -133,36 +306,36 @@ def _by_speed(track: Track, over: Stretches, settings: Mapping[str, Any], option
     own = over.without(~np.isfinite(logged))
     if len(own) < FEWEST_STRETCHES:
         return None
-    scene, unit = curve.scene(track.seen.time_s, settings.get("field"))
+    scene, unit = short_fit.recording_scene(track.seen.time_s, settings.get("field"))
     by_speed = BySpeed(ground, np.nan_to_num(logged), scene, own)
     means = own.mean(np.nan_to_num(logged))
     zero = LOG_STEP if np.std(means) > VARIED * np.mean(means) else 0.0  # a step of 0 holds a parameter
     channel = _channel(track, own, by_speed, start=np.array([1.0, 0.0]), steps=np.array([LOG_STEP, zero]))
     channel = replace(channel, what=SPEED, terms=WATER, reads=False, field_unit=unit)
-    return search.search(channel, options)
+    return short_search.search_effects(channel, options)
 
 
 def _bases(
-    track: Track, over: Stretches, settings: Mapping[str, Any], made: Calibration, known: NamedEffects | None
-) -> tuple[FittedTerms, FittedTerms]:
+    track: Track, over: Stretches, settings: Mapping[str, Any], made: Calibration, known: SearchResult | None
+) -> tuple[FittedHypothesis, FittedHypothesis]:
     """Return the deviation curve fitted as the series and as the exact compass."""
-    scene, unit = curve.scene(track.seen.time_s, settings.get("field"))
+    scene, unit = short_fit.recording_scene(track.seen.time_s, settings.get("field"))
     seen, ground = track.seen, track.ground_m_s
-    carried = forward.water(known.fitted.terms, scene) if known is not None else np.zeros((len(seen), 2))
+    carried = water(known.fitted.terms, scene) if known is not None else np.zeros((len(seen), 2))
     free = None if ground is None else ground - carried
     by_course = ByCourse(free, seen.course_deg, track.declination_deg, track.reading, scene, False, over)
     by_exact = replace(by_course, exact=True)
     series = _channel(track, over, by_course, start=made.coefficients, steps=np.ones(len(made.coefficients)))
     exact = _channel(track, over, by_exact, start=made.exact, steps=COMPASS_STEPS)
-    return tuple(fitting.fit(replace(one, field_unit=unit), ()) for one in (series, exact))  # type: ignore[return-value]
+    return tuple(short_fit.fit_hypothesis(replace(one, field_unit=unit), ()) for one in (series, exact))  # type: ignore[return-value]
 
 
-def _channel(track: Track, over: Stretches, residual: Forward, *, start: Floats, steps: Floats) -> Channel:
+def _channel(track: Track, over: Stretches, residual: ForwardModel, *, start: Floats, steps: Floats) -> ShortComparison:
     seen = track.seen
     covariates = {"heading": over.heading(seen.recorded_deg), "time": over.mean(seen.time_s)}
     covariates |= {"speed": over.mean(seen.speed_kn)} if np.isfinite(seen.speed_kn).all() else {}
     covariates |= {"turn_rate": over.mean(seen.turn_deg_s)}
-    return Channel(
+    return ShortComparison(
         what=f"{COURSE if seen.over_ground else TRUE} against the fitted curve",
         residual=residual,
         start=start,
@@ -176,13 +349,11 @@ def _channel(track: Track, over: Stretches, residual: Forward, *, start: Floats,
     )
 
 
-def _chosen(series: FittedTerms, exact: FittedTerms) -> FittedTerms:
+def _chosen(series: FittedHypothesis, exact: FittedHypothesis) -> FittedHypothesis:
     """Return the exact compass, and the series where that is clearly nearer."""
-    gained = fitting.effective(series) * np.log(exact.square / series.square)
+    gained = short_fit.effective_samples(series) * np.log(exact.square / series.square)
     return series if gained > platform.CLEARLY else exact
 
-
-# What the search of a swing's log says of water and delays, found or not, and what it cannot test.
 
 WATER_DRIFT = "water_drift"
 SEEN = 0.3  # share of a delay's column that the curve must leave, or it is listed as what cannot be tested
@@ -194,23 +365,14 @@ NO_SENSOR = "the log carries no temperature, voltage or tilt"
 
 
 def too_short(count: int, fewest: int) -> str:
-    """Return why a log is too short.
-
-    Args:
-        fewest: that are needed.
-    """
     return (
         f"the log holds {count} stretches of 20 s that count, at least {fewest} are needed: residuals are alike for "
         "minutes, and so few do not tell an effect from them; swing for a quarter of an hour or longer"
     )
 
 
-def untested(made: Calibration, fitted: FittedTerms, *, one_clock: bool) -> tuple[tuple[str, str], ...]:
-    """Return what a log cannot show, with the reasons.
-
-    Args:
-        one_clock: whether headings and courses were logged by one.
-    """
+def untested(made: Calibration, fitted: FittedHypothesis, *, one_clock: bool) -> tuple[tuple[str, str], ...]:
+    """List the effects that a log cannot show, with the reasons; one_clock: for headings and courses."""
     absent = [("declination_error", CONSTANT)]
     absent += [(effect, NO_SENSOR) for effect in ("temperature", "supply_voltage", "heeling")]
     absent += [("clock_offset", ONE_CLOCK)] if one_clock else []
@@ -221,11 +383,11 @@ def untested(made: Calibration, fitted: FittedTerms, *, one_clock: bool) -> tupl
     return tuple(absent)
 
 
-def _one_way(fitted: FittedTerms) -> bool:
+def _one_way(fitted: FittedHypothesis) -> bool:
     """Tell whether the turns show a delay beside the curve, or one was found."""
     if any(term.acts_on == "time" for term in fitted.terms):
         return True
-    column = fitting.columns(fitted, LateCourse())
+    column = short_fit.term_derivative(fitted, LateCourse())
     return float(np.linalg.norm(fitted.projected(column))) > SEEN * float(np.linalg.norm(column))
 
 
@@ -237,27 +399,27 @@ def _water_unseparated(made: Calibration) -> str:
     return NO_SPEED if drift["drift_kn"] is None else str(drift["text"])
 
 
-def too_large(bare: FittedTerms, exact: FittedTerms, options: Options) -> list[Finding]:
-    """Return the finding that the exact compass fits where the series does not, or none.
-
-    Args:
-        exact: the exact compass with what was found beside it; the series gets the same.
-    """
+def too_large(bare: FittedHypothesis, exact: FittedHypothesis, options: Options) -> list[Finding]:
+    """Find that the exact compass fits where the series with the same terms does not."""
     needs_it = any(term.acts_on == "field" for term in exact.terms)
     if needs_it or _beyond_series(exact.base) < options.min_effect_deg:
         return []
-    series = fitting.fit(bare.channel, exact.terms, near=bare)
+    series = short_fit.fit_hypothesis(bare.channel, exact.terms, near=bare)
     apart = series.residual_deg - exact.residual_deg
     if angles.rms(apart) < options.min_effect_deg or exact.square >= series.square:
         return []
-    tested = scan.test(series, exact, [Group("large_deviation", apart[:, None])])
+    tested = short_search.score_tests(series, exact, [ColumnGroup("large_deviation", apart[:, None])])
     if not tested.groups or tested.score[0] <= tested.threshold(options.alarm):
         return []
-    block = fitting.stretches(exact)
-    folds = min(show.FOLDS, block.max() + 1)
-    left = [outcome.left_out(one, exact.terms, block, folds) for one in (series, exact)]
-    proof = show.improved(left[0], left[1], exact.scale_deg, block)
-    return [] if proof.refuted else [findings.large_deviation(angles.rms(apart), proof, what=series.channel.what)]
+    block = short_fit.memory_blocks(exact)
+    folds = min(finding.FOLDS, block.max() + 1)
+    left = [short_search.held_out_residual(one, exact.terms, block, folds) for one in (series, exact)]
+    proof = finding.compare_residuals(left[0], left[1], exact.scale_deg, block)
+    return (
+        []
+        if proof.refuted
+        else [comparison.large_deviation_finding(angles.rms(apart), proof, what=series.channel.what)]
+    )
 
 
 def _beyond_series(coefficients: Floats) -> float:
@@ -268,12 +430,8 @@ def _beyond_series(coefficients: Floats) -> float:
     return angles.rms(deviation - columns @ np.linalg.lstsq(columns, deviation, rcond=None)[0])
 
 
-def settled(found: Diagnosis, made: Calibration, fitted: FittedTerms) -> Diagnosis:
-    """Return the diagnosis with what it says of the water: set and drift, a bound, or why they cannot be separated.
-
-    Args:
-        found: by the search.
-    """
+def add_water_statement(found: Diagnosis, made: Calibration, fitted: FittedHypothesis) -> Diagnosis:
+    """Add what is known of the water: set and drift, a bound, or why they cannot be separated."""
     found = replace(found, findings=tuple(_with_set(one) for one in found.findings))
     drift = made.details["drift"]
     if drift is None or any(WATER_DRIFT in (one.effect, *one.alternatives) for one in found.findings):
@@ -292,12 +450,12 @@ SEPARATED = (
 )
 
 
-def _bound(fitted: FittedTerms) -> str:
+def _bound(fitted: FittedHypothesis) -> str:
     """Return how large a drift the courses still allow."""
     if fitted.channel.covariates.get("speed") is None:
         return ""
-    with_water = fitting.fit(fitted.channel, (*fitted.terms, SetAndDrift()), near=fitted)
-    drift, spread = with_water.terms[-1].values, fitting.covariance(with_water)[-2:, -2:]
+    with_water = short_fit.fit_hypothesis(fitted.channel, (*fitted.terms, SetAndDrift()), near=fitted)
+    drift, spread = with_water.terms[-1].values, short_fit.parameter_covariance(with_water)[-2:, -2:]
     most = float(np.hypot(*drift) + 1.96 * np.sqrt(np.linalg.eigvalsh(spread)[-1]))
     return f"Set and drift of the water do not show in the courses: less than {most / KNOT_M_S:.2g} kn (95 %)."
 

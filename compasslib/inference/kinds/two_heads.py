@@ -27,14 +27,12 @@ from compasslib.effects.reading import HeadingSlip, Octantal, Sextantal
 from compasslib.effects.short import Delay, Drift, IronDrift, moving
 from compasslib.effects.term import Term
 from compasslib.errors import InputError
-from compasslib.inference import diagnosis, show, verdict, wording
+from compasslib.inference import diagnosis, finding, short_fit, short_search, wording
 from compasslib.inference.comparison import Options
-from compasslib.inference.finding import Finding, Parameter, Where
-from compasslib.inference.short_record import curve, fitting, outcome, search
-from compasslib.inference.short_record.channel import Channel, thinned
-from compasslib.inference.short_record.search import NamedEffects
-from compasslib.inference.show import HeldOut
-from compasslib.inference.verdict import Diagnosis
+from compasslib.inference.diagnosis import Diagnosis
+from compasslib.inference.finding import CovariateRange, Finding, HeldOut, Parameter
+from compasslib.inference.short_fit import ShortComparison, thin_indices
+from compasslib.inference.short_search import SearchResult
 from compasslib.statistics import blocks, robust, whitening
 from compasslib.types import Floats
 
@@ -56,7 +54,7 @@ UNTESTED = (
 
 
 @dataclass(frozen=True)
-class Aligned:
+class AlignedHeads:
     """Both heads, read at the same instants by the clocks as given, and as found."""
 
     given: Compared
@@ -87,11 +85,13 @@ def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: 
     second = replace(second, time_s=second.time_s - known)
     if min(len(first.time_s), len(second.time_s)) < heads.FEWEST:
         n = min(len(first.time_s), len(second.time_s))
-        return verdict.insufficient(f"a head has {n} usable samples, at least {heads.FEWEST} are needed", UNTESTED)
-    return judge(first, second, farthest_s=farthest, field=settings.get("field"), options=options)
+        return diagnosis.insufficient(f"a head has {n} usable samples, at least {heads.FEWEST} are needed", UNTESTED)
+    return diagnose_motion(first, second, farthest_s=farthest, field=settings.get("field"), options=options)
 
 
-def judge(a: Motion, b: Motion, *, farthest_s: float, field: Mapping[str, float] | None, options: Options) -> Diagnosis:
+def diagnose_motion(
+    a: Motion, b: Motion, *, farthest_s: float, field: Mapping[str, float] | None, options: Options
+) -> Diagnosis:
     """Return the diagnosis of two heads.
 
     Args:
@@ -100,24 +100,24 @@ def judge(a: Motion, b: Motion, *, farthest_s: float, field: Mapping[str, float]
         farthest_s: greatest difference of the clocks that is looked for first.
         field: the earth's field there, None where the place is unknown.
     """
-    aligned = _aligned(a, b, farthest_s)
+    aligned = _align(a, b, farthest_s)
     if len(aligned.found) < heads.FEWEST:
         why = f"{len(aligned.found)} samples of both heads at the same time, at least {heads.FEWEST} are needed"
-        return verdict.insufficient(why, UNTESTED)
+        return diagnosis.insufficient(why, UNTESTED)
     if (off := _scatter(aligned.found)) > heads.UNRELATED_DEG:
         why = (
             f"b's headings do not follow a's ({off:.0f}° rms about any turn), and no difference of the clocks "
             "up to a day makes them: the heads do not stand on one frame, or did not measure together"
         )
-        return verdict.insufficient(why, UNTESTED)
+        return diagnosis.insufficient(why, UNTESTED)
     channel = _channel(aligned, a, field)
-    named = search.search(channel, options)
+    named = short_search.search_effects(channel, options)
     rigid = replace(channel, steps=channel.steps * (np.arange(5) == 0))
-    named = replace(named, before=fitting.fit(rigid, ()))
-    beside = [*_of_clock(aligned, options.min_effect_deg), *_of_iron(named, options.min_effect_deg)]
+    named = replace(named, before=short_fit.fit_hypothesis(rigid, ()))
+    beside = [*_clock_findings(aligned, options.min_effect_deg), *_iron_findings(named, options.min_effect_deg)]
     clock = () if aligned.clock.found else (("clock_offset", "headings and tilts hardly change together"),)
-    return diagnosis.of(
-        [outcome.of(named)],
+    return diagnosis.combine_outcomes(
+        [short_search.build_outcome(named)],
         options,
         beside=beside,
         not_testable=(*UNTESTED, *clock),
@@ -125,17 +125,17 @@ def judge(a: Motion, b: Motion, *, farthest_s: float, field: Mapping[str, float]
     )
 
 
-def _aligned(a: Motion, b: Motion, farthest_s: float) -> Aligned:
+def _align(a: Motion, b: Motion, farthest_s: float) -> AlignedHeads:
     """Return both heads by the clocks; farther apart where the nearest agreement is none."""
     given = heads.together(a, b, heads.given_clock(b, 0.0))
     clock = heads_clock.find(a, b, farthest_s) if heads.overlap(a, b, farthest_s) else ClockDifference()
     found = heads.together(a, b, clock)
     if len(found) >= heads.FEWEST and _scatter(found) <= heads.UNRELATED_DEG:
-        return Aligned(given, found, clock)
+        return AlignedHeads(given, found, clock)
     farther = heads_clock.find(a, b, FARTHER_S)
     again = heads.together(a, b, farther)
     better = len(again) >= heads.FEWEST and _scatter(again) <= heads.UNRELATED_DEG
-    return Aligned(given, again, farther) if better else Aligned(given, found, clock)
+    return AlignedHeads(given, again, farther) if better else AlignedHeads(given, found, clock)
 
 
 def _scatter(pairs: Compared) -> float:
@@ -151,22 +151,22 @@ def _turned(pairs: Compared) -> tuple[Floats, Frame]:
     return heads.turned(pairs, offset, frame), frame
 
 
-def _channel(aligned: Aligned, a: Motion, field: Mapping[str, float] | None) -> Channel:
+def _channel(aligned: AlignedHeads, a: Motion, field: Mapping[str, float] | None) -> ShortComparison:
     pairs = aligned.found
     correct, _ = _turned(pairs)
-    some = thinned(len(pairs), MOST_SAMPLES)
+    some = thin_indices(len(pairs), MOST_SAMPLES)
     pitch, roll = (tilt[some] for tilt in motion.tilts(pairs.lean_b))
     time_s, rate, recorded = pairs.time_s[some], pairs.rate_deg_s[some], pairs.recorded_b[some]
-    scene, unit = curve.scene(time_s, field, tilt_deg=(pitch, roll), departures={"turn_rate": rate})
+    scene, unit = short_fit.recording_scene(time_s, field, tilt_deg=(pitch, roll), departures={"turn_rate": rate})
     at = aligned.clock.by_a(time_s)
 
     def turned(ahead_s: float) -> Floats:
         return np.nan_to_num(a.heading.at(at + ahead_s) - a.heading.at(at))
 
     scene = moving(scene, turned)
-    return Channel(
+    return ShortComparison(
         what="the heading of b against that of a, rigidly turned",
-        residual=curve.Compass(correct[some], recorded, scene),
+        residual=short_fit.CompassResidual(correct[some], recorded, scene),
         start=np.zeros(5),
         steps=COMPASS_STEPS,
         time_s=time_s,
@@ -178,7 +178,7 @@ def _channel(aligned: Aligned, a: Motion, field: Mapping[str, float] | None) -> 
     )
 
 
-def _of_clock(aligned: Aligned, min_effect_deg: float) -> list[Finding]:
+def _clock_findings(aligned: AlignedHeads, min_effect_deg: float) -> list[Finding]:
     """Return the findings on the clocks: what is sure and turns the simulated heading by enough to matter."""
     clock, pairs = aligned.clock, aligned.found
     if not clock.found:
@@ -188,7 +188,7 @@ def _of_clock(aligned: Aligned, min_effect_deg: float) -> list[Finding]:
         "clock_offset": ("offset_s", clock.offset_s, clock.sigma_s, "s", np.full(len(pairs), clock.offset_s)),
         "clock_drift": ("drift_s_day", clock.drift_s_per_day, clock.drift_sigma_s_per_day, "s/day", grown),
     }
-    proof = _proof(aligned)
+    proof = _clock_gain(aligned)
     alone = () if np.isfinite(clock.from_tilts_s[0]) else ("compass_lag",)
     found = []
     for effect, (name, value, sigma, unit, error_s) in numbers.items():
@@ -196,9 +196,9 @@ def _of_clock(aligned: Aligned, min_effect_deg: float) -> list[Finding]:
         size = min(angles.rms(pairs.rate_deg_s * error_s), max(proof.rms_before_deg, min_effect_deg))
         if abs(value) <= SURE_SIGMAS * sigma or size < min_effect_deg:
             continue
-        low, high = (float(x) for x in np.quantile(pairs.rate_deg_s, show.RANGE))
-        place = Where("turn_rate", low, high, wording.place("turn_rate", low, high, on_land=True))
-        text = wording.finding(
+        low, high = (float(x) for x in np.quantile(pairs.rate_deg_s, finding.SHOWN_QUANTILES))
+        place = CovariateRange("turn_rate", low, high, wording.range_text("turn_rate", low, high, on_land=True))
+        text = wording.finding_text(
             effect, alone, where=place.text, parameters={name: (value, sigma, unit)}, size_deg=size,
             proof=(proof.rms_before_deg, proof.rms_after_deg, proof.p_value),
             what="the clock of b against that of a",
@@ -209,7 +209,7 @@ def _of_clock(aligned: Aligned, min_effect_deg: float) -> list[Finding]:
     return found
 
 
-def _proof(aligned: Aligned) -> HeldOut:
+def _clock_gain(aligned: AlignedHeads) -> HeldOut:
     """Return what the found clock does to the difference of the headings; the clock comes from rates, not from it."""
     left, rms_deg = {}, {}
     for name, pairs in (("before", aligned.given), ("after", aligned.found)):
@@ -220,24 +220,24 @@ def _proof(aligned: Aligned) -> HeldOut:
     if len(same) < heads.FEWEST:
         return HeldOut(rms_deg["before"], rms_deg["after"], 0.0, (0.0, 0.0), 1.0)
     before, after = (np.array([left[name][t] for t in same]) for name in ("before", "after"))
-    width = max(robust.width(before), fitting.FINEST_DEG)
-    block = blocks.in_time(np.array(same), fitting.MOST_BLOCKS)
-    return show.improved(before, after, width, block)
+    width = max(robust.width(before), short_fit.FINEST_DEG)
+    block = blocks.in_time(np.array(same), short_fit.MOST_BLOCKS)
+    return finding.compare_residuals(before, after, width, block)
 
 
 def _about_others(off_deg: Floats, time_s: Floats) -> Floats:
     """Return differences about the mean of the other half of the stretches, (n,) degrees."""
     if not len(off_deg):
         return off_deg
-    left, odd = np.array(off_deg), blocks.in_time(time_s, fitting.MOST_BLOCKS) % 2 == 1
+    left, odd = np.array(off_deg), blocks.in_time(time_s, short_fit.MOST_BLOCKS) % 2 == 1
     for out in (odd, ~odd):
         left[out] = angles.difference(off_deg[out], float(angles.mean(off_deg[~out] if (~out).any() else off_deg)))
     return left
 
 
-def _of_iron(named: NamedEffects, min_effect_deg: float) -> list[Finding]:
+def _iron_findings(named: SearchResult, min_effect_deg: float) -> list[Finding]:
     """Return iron that only one head feels: one and two cycles of the heading, which a rigid turn does not have."""
-    covariance, fitted, found = fitting.covariance(named.fitted), named.fitted, []
+    covariance, fitted, found = short_fit.parameter_covariance(named.fitted), named.fitted, []
     for effect, (part, letters) in IRON.items():
         values, own = fitted.base[part], covariance[part, part]
         seen = np.delete(fitted.columns, np.arange(part.start, part.stop), axis=1)
@@ -252,10 +252,10 @@ def _of_iron(named: NamedEffects, min_effect_deg: float) -> list[Finding]:
             f"{letter}_deg": Parameter(float(unit * v), float(s), "degrees")
             for letter, v, s in zip(letters, values, sigma, strict=True)
         }
-        place = fitted.channel.outside(outcome.curve(fitted, fitted, "heading"))
-        proof, size = outcome.held_out_base(fitted, part), float(np.sqrt(square))
+        place = fitted.channel.outside(short_search.residual_curve(fitted, fitted, "heading"))
+        proof, size = short_search.held_out_base(fitted, part), float(np.sqrt(square))
         printed = {name: (p.value, p.sigma, p.unit) for name, p in parameters.items()}
-        text = wording.finding(
+        text = wording.finding_text(
             effect,
             (),
             where=place.text,

@@ -10,27 +10,128 @@ from __future__ import annotations
 import itertools
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib.effects import SLOW_WATER, Term
-from compasslib.effects.term import slices
-from compasslib.inference import posterior, sharing
+from compasslib import angles
+from compasslib.deviation import spread
+from compasslib.deviation.model import Fit
+from compasslib.effects import SLOW_WATER, Term, composition
+from compasslib.effects.term import YEAR_S, slices
+from compasslib.inference import evidence as evidences
+from compasslib.inference import inference, joint_compass, posterior
+from compasslib.inference import noise as noise_models
+from compasslib.inference.comparison import LongComparison
+from compasslib.inference.design import Products
+from compasslib.inference.inference import Inference
+from compasslib.inference.joint_compass import EffectInformation, Member, RecordInformation
 from compasslib.inference.posterior import Hypothesis, Posterior
-from compasslib.joint.members import Member
+from compasslib.statistics import robust
 from compasslib.types import Floats
 
+MOST_SHARED_NOISE, LEAST_NOISE_PROBABILITY = 8, 1e-3  # kinds of slow water that are told, and their least probability
+SEASON_HARMONICS = (1, 2, 3, 4)  # of a season of the water; of its shear half as many
+SHEAR_M_S_DEG = 0.007  # shear beside a degree of veer
+SEASON_COLUMNS = 2 * len(SEASON_HARMONICS) * 2
+
 SEASONS_DEG = np.array([0.1, 0.5, 1.0, 2.0, 4.0, 8.0])  # sizes of a season of the water, rms
-USUAL_DEG = 2.0  # of half a Cauchy law, beforehand
-MOST_TERMS = 2
-STEPS = 5  # to the likeliest amplitudes beside every kind of water
+SEASON_PRIOR_DEG = 2.0  # of half a Cauchy law, beforehand
+MOST_SHARED = 2
+NEWTON_STEPS = 5  # to the likeliest amplitudes beside every kind of water
 MOST_LOG = 700.0
 
 
+def record_information(found: Inference, fit: Fit) -> RecordInformation:
+    """Return what was inferred of a record.
+
+    Args:
+        fit: the exact compass; what days do not show of its uncertainty is in its covariance.
+    """
+    each = [(weight, *_coefficients(found, state)) for weight, state in found.weighted]
+    weights = np.array([weight for weight, _, _ in each])
+    weights /= weights.sum()
+    centres = np.array([centre for _, centre, _ in each])
+    mean = weights @ centres
+    inner = np.einsum("h,hij->ij", weights, np.array([covariance for _, _, covariance in each]))
+    covariance = inner + (weights[:, None] * (centres - mean)).T @ (centres - mean)
+    covariance += spread.positive_part(fit.covariance[:5, :5] - covariance)
+    return RecordInformation(mean, covariance, _effect_information(found))
+
+
+def fit_information(fit: Fit) -> RecordInformation | None:
+    """Return what a fit tells where nothing was searched, None where nothing was fitted."""
+    known = fit.fitted and fit.method == "exact"
+    return RecordInformation(fit.coefficients, fit.covariance[:5, :5], None) if known else None
+
+
+def _coefficients(found: Inference, state: Any) -> tuple[Floats, Floats]:
+    return state.simulation.coefficients, found.estimate(state).covariance[:5, :5]
+
+
+def _effect_information(found: Inference) -> EffectInformation:
+    state, candidates = found.state, found.posterior.candidates
+    view, half = inference.viewed(state)
+    kinds = tuple(kind for kind in state.case.terms if kind.instrument)
+    drawn = evidences.drawn(replace(half, case=replace(half.case, terms=kinds)), [])
+    listed = [group.columns for group in drawn.groups]
+    shared = np.concatenate([np.zeros((len(state.case), 0)), *listed], axis=1)
+    season, own, slow = season_columns(view.case), _record_only_columns(half), candidates.slow
+    waves = np.zeros((len(state.case), 0)) if slow is None else slow.columns
+    sigma = view.sigma * np.sqrt(candidates.scatter)
+    every = np.concatenate([shared * drawn.usual, season, waves, own], axis=1, dtype=np.float32)
+    white = view.projected(every) * np.float32(view.response / sigma)
+    information = (white.T @ white).astype(float)
+    score = (white.T @ (view.innovation / sigma).astype(np.float32)).astype(float)
+    kept = shared.shape[1] + season.shape[1]
+    weight = found.posterior.water_probability
+    likely = [int(i) for i in np.argsort(-weight)[:MOST_SHARED_NOISE] if weight[i] >= LEAST_NOISE_PROBABILITY]
+    beside = []
+    unit = np.append(1.0 / np.maximum(drawn.usual, 1e-12), np.ones(season.shape[1]))
+    for water in (found.posterior.waters[i] for i in likely):
+        one = evidences.beside(information, score, kept, slow, water, free=own.shape[1])
+        beforehand = one.log_likelihood + (0.0 if water is None else water.log_prior)
+        beside.append(Products(one.information * np.outer(unit, unit), one.score * unit, beforehand))
+    seen = view.visible(shared)
+    uneven = {type(group.term): value for group, value in zip(candidates.groups, candidates.uneven, strict=True)}
+    each = [np.full(columns.shape[1], uneven[kind]) for kind, columns in zip(kinds, listed, strict=True)]
+    return EffectInformation(
+        forms=tuple(kind.__name__ for kind in kinds),
+        parts=tuple(columns.shape[1] for columns in listed),
+        usual=drawn.usual,
+        uneven=np.concatenate([np.zeros(0), *each]),
+        visible=seen.T @ seen / max(len(seen), 1),
+        beside=tuple(beside),
+        residual_deg=robust.width(state.residual_deg[np.isfinite(state.residual_deg)]),
+        n=len(state.case),
+    )
+
+
+def _record_only_columns(half: Any) -> Floats:
+    """Return the columns of the terms that stand in the record and are its own."""
+    slopes = np.nan_to_num(composition.derivative(half.simulation, half.case.scene, half.heading_deg, first=5))
+    own = [np.full(len(term.fitted()), not term.instrument) for term in half.simulation.terms]
+    return np.asarray(slopes[:, np.concatenate([np.zeros(0, dtype=bool), *own])])
+
+
+def season_columns(case: LongComparison) -> Floats:
+    """Return what a season of the water that recurs every year does, degrees for one degree of its size, (n, SEASONS).
+
+    Harmonics of the year of a veer, and of an eastward and a northward shear; higher ones are as much smaller.
+    """
+    phase = 360.0 * case.scene.time_s / YEAR_S
+    waves = np.column_stack([x / k for k in SEASON_HARMONICS for x in angles.sin_cos(k * phase)])
+    departures = case.scene.departures
+    if "flow_east" not in departures or "speed" not in case.covariates:
+        return np.concatenate([waves, np.zeros_like(waves)], axis=1)
+    shear = noise_models.shear_columns(case, waves[:, : len(SEASON_HARMONICS)], noise_models.SPEED_SPAN_S)
+    return np.concatenate([waves, SHEAR_M_S_DEG * shear], axis=1)
+
+
 @dataclass(frozen=True)
-class Beside:
+class ConditionalInformation:
     """One record's products in the columns of all effects and of the season, beside each kind of slow water."""
 
     information: Floats  # (w, p + s, p + s)
@@ -50,7 +151,7 @@ class Mode:
 
 
 @dataclass(frozen=True)
-class Amplitude:
+class SharedAmplitude:
     """An effect that the records share."""
 
     kind: type[Term]
@@ -69,19 +170,19 @@ class SharedEffects:
 
     kinds: tuple[type[Term], ...]
     records: tuple[str, ...]
-    found: tuple[Amplitude, ...]
+    found: tuple[SharedAmplitude, ...]
     acting: dict[str, float]  # probability that all records share it, of every effect
     sides: dict[str, float]
     season_deg: tuple[float, float]  # size of the season of the water, with its standard error
 
 
-class Evidence:
+class JointEvidence:
     """The records of one compass on one scale, and how likely they are under a hypothesis."""
 
     def __init__(self, members: Sequence[Member]):
         self.members = [member for member in members if member.effects is not None]
         forms = dict.fromkeys(form for member in self.members if member.effects for form in member.effects.forms)
-        self.kinds = tuple(sharing.kind_of(form) for form in forms)
+        self.kinds = tuple(joint_compass.effect_class(form) for form in forms)
         self.parts = [np.r_[own] for own in slices(self.kinds)]
         self.count = sum(len(part) for part in self.parts)
         self.usual = self._usual(list(forms))
@@ -91,29 +192,31 @@ class Evidence:
         found: list[list[Floats]] = [[] for _ in forms]
         for member in self.members:
             assert member.effects is not None
-            for form, part in _parts(member):
+            for form, part in _form_parts(member):
                 found[forms.index(form)].append(member.effects.usual[part])
         return np.concatenate([np.zeros(0), *(np.median(each, axis=0) for each in found)])
 
-    def _record(self, member: Member, forms: list[str]) -> Beside:
+    def _record(self, member: Member, forms: list[str]) -> ConditionalInformation:
         effects = member.effects
         assert effects is not None
         own = np.concatenate([np.zeros(0, dtype=np.intp), *(self.parts[forms.index(f)] for f in effects.forms)])
-        at = np.append(own, self.count + np.arange(sharing.SEASONS))
-        unit = np.append(self.usual[own], np.ones(sharing.SEASONS))
-        size = self.count + sharing.SEASONS
+        at = np.append(own, self.count + np.arange(SEASON_COLUMNS))
+        unit = np.append(self.usual[own], np.ones(SEASON_COLUMNS))
+        size = self.count + SEASON_COLUMNS
         information, score = np.zeros((len(effects.beside), size, size)), np.zeros((len(effects.beside), size))
         for k, one in enumerate(effects.beside):
             information[k][np.ix_(at, at)] = one.information * np.outer(unit, unit)
             score[k, at] = one.score * unit
         uneven = np.ones(self.count)
         uneven[own] = effects.uneven
-        return Beside(information, score, np.array([one.log_likelihood for one in effects.beside]), uneven)
+        return ConditionalInformation(
+            information, score, np.array([one.log_likelihood for one in effects.beside]), uneven
+        )
 
     def columns(self, hypothesis: Hypothesis) -> NDArray[np.intp]:
         """Return the columns of a hypothesis, those of the season after them."""
         own = [self.parts[k] for k in hypothesis]
-        return np.concatenate([*own, self.count + np.arange(sharing.SEASONS)]).astype(np.intp)
+        return np.concatenate([*own, self.count + np.arange(SEASON_COLUMNS)]).astype(np.intp)
 
     def mode(self, hypothesis: Hypothesis, season_deg: float, some: Sequence[int]) -> Mode:
         """Return the likeliest amplitudes by some of the records, and the evidence.
@@ -132,7 +235,7 @@ class Evidence:
             uneven = float(record.uneven[at[:own]].max(initial=1.0))
             each.append((record.information[:, at[:, None], at] / uneven, record.score[:, at] / uneven, record))
         values: Floats = np.zeros(len(at))
-        for _ in range(STEPS):
+        for _ in range(NEWTON_STEPS):
             information, score, logs = np.zeros((len(at),) * 2), np.zeros(len(at)), 0.0
             for products, scores, record in each:
                 likely = record.log_weight + scores @ values - 0.5 * np.einsum("wij,i,j->w", products, values, values)
@@ -158,28 +261,28 @@ class Evidence:
         return True
 
 
-def infer(members: Sequence[Member], alarm: float) -> SharedEffects | None:
+def infer_shared(members: Sequence[Member], alarm: float) -> SharedEffects | None:
     """Return the effects that records share, None where fewer than two were searched.
 
     Args:
         alarm: probability that noise alone is allowed to give a name, as of a single record.
     """
-    seen = Evidence(members)
+    seen = JointEvidence(members)
     if len(seen.members) < 2 or not seen.kinds:
         return None
     forms = Counter(kind.name for kind in seen.kinds)
     odds = [o - np.log(forms[k.name]) for o, k in zip(posterior.whole_odds(seen.kinds, alarm), seen.kinds, strict=True)]
     every = range(len(seen.members))
-    hypotheses = [one for n in range(MOST_TERMS + 1) for one in itertools.combinations(range(len(seen.kinds)), n)]
+    hypotheses = [one for n in range(MOST_SHARED + 1) for one in itertools.combinations(range(len(seen.kinds)), n)]
     hypotheses = [one for one in hypotheses if len({seen.kinds[k].name for k in one}) == len(one)]
-    season = -np.log1p((SEASONS_DEG / USUAL_DEG) ** 2) + np.log(SEASONS_DEG)
+    season = -np.log1p((SEASONS_DEG / SEASON_PRIOR_DEG) ** 2) + np.log(SEASONS_DEG)
     modes = [[seen.mode(one, float(size), every) for size in SEASONS_DEG] for one in hypotheses]
     table = np.array([[mode.log_evidence for mode in row] for row in modes]) + season
     prior = np.array([posterior.joint_odds([odds[k] for k in one]) for one in hypotheses])
     likeliest = [row[int(np.argmax(logs))] for row, logs in zip(modes, table, strict=True)]
     table[[not seen.plausible(one, mode) for one, mode in zip(hypotheses, likeliest, strict=True)]] = -MOST_LOG
     shared = np.array([_log_sum(row) for row in table]) + prior
-    apart = np.array([_apart(seen, k, odds[k]) for k in range(len(seen.kinds))]) + shared[0]
+    apart = np.array([_log_odds_apart(seen, k, odds[k]) for k in range(len(seen.kinds))]) + shared[0]
     logs = np.concatenate([shared, apart])
     probability = np.exp(logs - _log_sum(logs))
     found = Posterior([kind.name for kind in seen.kinds], hypotheses, probability[: len(hypotheses)], prior)
@@ -205,20 +308,20 @@ def infer(members: Sequence[Member], alarm: float) -> SharedEffects | None:
     )
 
 
-def told_by(members: Sequence[Member], found: SharedEffects) -> dict[str, tuple[Floats, Floats]]:
+def information_from_others(members: Sequence[Member], found: SharedEffects) -> dict[str, tuple[Floats, Floats]]:
     """Return information and score of the effects that were found, by some records, in the parameters' units.
 
     Args:
         members: the others of the record that is to know it.
     """
-    seen = Evidence(members)
+    seen = JointEvidence(members)
     result: dict[str, tuple[Floats, Floats]] = {}
     for one in found.found:
         if one.kind in seen.kinds:
             own = seen.kinds.index(one.kind)
             mode = seen.mode((own,), max(found.season_deg[0], float(SEASONS_DEG[0])), range(len(seen.members)))
             k, usual = len(one.values), seen.usual[seen.parts[own]]
-            season = mode.information[k:, k:] + np.eye(sharing.SEASONS) * max(found.season_deg[0], 0.1) ** -2.0
+            season = mode.information[k:, k:] + np.eye(SEASON_COLUMNS) * max(found.season_deg[0], 0.1) ** -2.0
             gain = np.linalg.solve(season, mode.information[k:, :k]).T
             information = mode.information[:k, :k] - gain @ mode.information[k:, :k]
             score = mode.score[:k] - gain @ mode.score[k:]
@@ -226,7 +329,7 @@ def told_by(members: Sequence[Member], found: SharedEffects) -> dict[str, tuple[
     return result
 
 
-def _apart(seen: Evidence, k: int, odds: float) -> float:
+def _log_odds_apart(seen: JointEvidence, k: int, odds: float) -> float:
     """Return the log odds that records have an effect each by itself, at least one, against none."""
     each = [
         odds + seen.mode((k,), float(SEASONS_DEG[0]), [j]).log_evidence - seen.mode((), 0.1, [j]).log_evidence
@@ -237,8 +340,8 @@ def _apart(seen: Evidence, k: int, odds: float) -> float:
 
 
 def _amplitude(
-    seen: Evidence, best: Hypothesis, place: int, mode: Mode, slot: posterior.Slot, season_deg: float
-) -> Amplitude:
+    seen: JointEvidence, best: Hypothesis, place: int, mode: Mode, slot: posterior.Slot, season_deg: float
+) -> SharedAmplitude:
     k = best[place]
     begin = sum(len(seen.parts[j]) for j in best[:place])
     own = np.arange(begin, begin + len(seen.parts[k]))
@@ -254,23 +357,23 @@ def _amplitude(
             alone.values[: len(usual)] * usual,
             np.sqrt(np.diag(spread)[: len(usual)]) * usual,
         )
-    return Amplitude(
+    return SharedAmplitude(
         kind=seen.kinds[k],
         values=values,
         covariance=covariance[np.ix_(own, own)] * np.outer(usual, usual),
-        rms_effect_deg=float(np.sqrt(values @ _visible(seen, k) @ values)),
+        rms_effect_deg=float(np.sqrt(values @ _visible_products(seen, k) @ values)),
         probability=slot.probability,
         alternatives=dict(slot.alternatives),
         each=each,
-        gain=_predicted(seen, k, season_deg),
+        gain=_predictive_gain(seen, k, season_deg),
     )
 
 
 def _precision(own: int, season_deg: float) -> Floats:
-    return np.append(np.ones(own), np.full(sharing.SEASONS, season_deg**-2.0))
+    return np.append(np.ones(own), np.full(SEASON_COLUMNS, season_deg**-2.0))
 
 
-def _predicted(seen: Evidence, k: int, season_deg: float) -> float:
+def _predictive_gain(seen: JointEvidence, k: int, season_deg: float) -> float:
     """Return the log score of each record with the amplitude that the others tell, over without, summed."""
     every, total = range(len(seen.members)), 0.0
     for j in every:
@@ -281,20 +384,20 @@ def _predicted(seen: Evidence, k: int, season_deg: float) -> float:
     return total
 
 
-def _visible(seen: Evidence, k: int) -> Floats:
+def _visible_products(seen: JointEvidence, k: int) -> Floats:
     """Return the mean products of an effect's visible columns over the records, square degrees."""
     each = []
     for member in seen.members:
         assert member.effects is not None
         each += [
             member.effects.visible[np.ix_(part, part)]
-            for form, part in _parts(member)
+            for form, part in _form_parts(member)
             if form == seen.kinds[k].__name__
         ]
     return np.asarray(np.mean(each, axis=0))
 
 
-def _parts(member: Member) -> list[tuple[str, NDArray[np.intp]]]:
+def _form_parts(member: Member) -> list[tuple[str, NDArray[np.intp]]]:
     assert member.effects is not None
     ends = np.cumsum([0, *member.effects.parts])
     return [

@@ -9,31 +9,173 @@ McCulloch, Variance Components, 1992). A is each record's own: its mount, its cl
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from compasslib import angles
+from compasslib.deviation.model import LETTERS
 from compasslib.deviation.prior import Prior
-from compasslib.joint.members import Member
+from compasslib.effects import Term, all_terms
+from compasslib.inference.design import Products
 from compasslib.types import Floats
 
-NAMES = ("P_nT", "Q_nT", "c", "f", "D", "E")
-OWN = np.arange(1, 5)  # B, C, D, E of A..E
-USUAL = np.array([6000.0, 6000.0, 0.05, 0.05, 0.1, 0.1])  # of NAMES, standard deviations beforehand
+IRON_NAMES = ("P_nT", "Q_nT", "c", "f", "D", "E")
+SHARED_COEFFICIENTS = np.arange(1, 5)  # B, C, D, E of A..E
+PRIOR_SIGMA = np.array([6000.0, 6000.0, 0.05, 0.05, 0.1, 0.1])  # of NAMES, standard deviations beforehand
 SIZES_NT = np.array([10.0, 30.0, 60.0, 120.0, 240.0, 480.0, 960.0, 2000.0])  # of p and q between deployments
-USUAL_NT = 150.0  # of half a Cauchy law, beforehand: of a battery, and of a sphere
-SOFT = 0.002  # of D and E between deployments: batteries and spheres induce as well
+BETWEEN_PRIOR_NT = 150.0  # of half a Cauchy law, beforehand: of a battery, and of a sphere
+SOFT_SIGMA = 0.002  # of D and E between deployments: batteries and spheres induce as well
 CLAMP_DEG = 2.0  # least spread of A between records, for one that has no reference
-SAME = 0.5  # probability beforehand that what is declared to be one compass is one
-APART = (2.0, 4.0, 8.0)  # standard deviations that another compass may be away, each as likely
-FITS = 0.5  # probability of the same compass below which a record is not averaged
+PRIOR_SAME = 0.5  # probability beforehand that what is declared to be one compass is one
+STRANGER_SIGMAS = (2.0, 4.0, 8.0)  # standard deviations that another compass may be away, each as likely
+LEAST_SAME = 0.5  # probability of the same compass below which a record is not averaged
+
+
+def _unknown() -> Floats:
+    return np.zeros(0)
 
 
 @dataclass(frozen=True)
-class Rejected:
+class Member:
+    """One deployment or calibration; without coefficients where its own pairs determine none."""
+
+    name: str
+    kind: str  # mooring, or the kind of a calibration
+    sphere: str | None
+    horizontal_nT: float
+    vertical_nT: float
+    coefficients: Floats  # (5,) A..E of the exact compass there
+    covariance: Floats  # (5, 5)
+    effects: EffectInformation | None = None
+    why: str = ""  # why it tells nothing, where it does not
+
+    @property
+    def tells(self) -> bool:
+        """Whether its own recording determines the compass."""
+        return bool(self.coefficients.size)
+
+
+def mooring_member(content: Mapping[str, Any], sphere: str | None) -> Member:
+    """Return a mooring's record by its summary."""
+    told, place = content["told"], (content["horizontal_nT"], content["vertical_nT"])
+    if told is None:
+        return Member(content["name"], "mooring", sphere, *place, _unknown(), _unknown(), why=content["why"])
+    effects = None if told["effects"] is None else effects_from_json(told["effects"])
+    found = np.array(told["coefficients"]), np.array(told["covariance"])
+    return Member(content["name"], "mooring", sphere, *place, *found, effects)
+
+
+def calibration_member(content: Mapping[str, Any], sphere: str | None) -> Member:
+    """Return a calibration by its calibration.json; without coefficients where its headings do not determine them."""
+    field, exact = content["place"]["field"] or {}, content["exact"]
+    bare = Member(
+        content["name"],
+        content["kind"],
+        sphere,
+        field.get("horizontal_nT", np.nan),
+        field.get("vertical_nT", np.nan),
+        _unknown(),
+        _unknown(),
+        why=content["why"] or "its headings, or its place, do not determine the exact compass",
+    )
+    covariance = np.array([[np.nan]]) if exact is None else np.array(exact["covariance"], dtype=float)
+    if not field or not np.isfinite(covariance).all():
+        return bare
+    found = np.array([exact["coefficients"][k] for k in LETTERS])
+    return replace(bare, coefficients=found, covariance=covariance, why="")
+
+
+def summarize_record(
+    name: str, field: tuple[float, float], told: Any, *, span_s: Sequence[float], why: str
+) -> dict[str, Any]:
+    """Return what a mooring's record tells of its compass, as ``of_mooring`` takes it.
+
+    Args:
+        field: horizontal and vertical, nT, the mean of the deployment.
+        told: ``joint_compass.RecordInformation``, None where it tells nothing.
+        span_s: first and last pair, UTC seconds; empty without any.
+        why: why it tells nothing.
+    """
+    return {
+        "name": name,
+        "horizontal_nT": field[0],
+        "vertical_nT": field[1],
+        "span_s": list(span_s),
+        "told": None if told is None else told.to_json(),
+        "why": why,
+    }
+
+
+@dataclass(frozen=True)
+class EffectInformation:
+    """The effects of the instrument in one record; p columns in physical units, then those of the season."""
+
+    forms: tuple[str, ...]  # class of each
+    parts: tuple[int, ...]  # columns of each
+    usual: Floats  # (p,) what is expected of each parameter beforehand
+    uneven: Floats  # (p,) by how much the noise of each is uneven, at least 1
+    visible: Floats  # (p, p) mean products of the visible columns, square degrees
+    beside: tuple[Products, ...]  # (p + s) beside each kind of slow water
+    residual_deg: float
+    n: int
+
+    def to_json(self) -> dict[str, Any]:
+        """Return it for the record's summary."""
+        products = [
+            {"information": one.information.tolist(), "score": one.score.tolist(), "log_likelihood": one.log_likelihood}
+            for one in self.beside
+        ]
+        arrays = {name: getattr(self, name).tolist() for name in ("usual", "uneven", "visible")}
+        plain = {"forms": self.forms, "parts": self.parts, "residual_deg": self.residual_deg, "n": self.n}
+        return {**plain, **arrays, "beside": products}
+
+
+def effects_from_json(content: Mapping[str, Any]) -> EffectInformation:
+    """Return the effects that a summary holds."""
+    products = tuple(
+        Products(np.array(one["information"]), np.array(one["score"]), one["log_likelihood"])
+        for one in content["beside"]
+    )
+    return EffectInformation(
+        forms=tuple(content["forms"]),
+        parts=tuple(content["parts"]),
+        usual=np.array(content["usual"]),
+        uneven=np.array(content["uneven"]),
+        visible=np.array(content["visible"]),
+        beside=products,
+        residual_deg=content["residual_deg"],
+        n=content["n"],
+    )
+
+
+@dataclass(frozen=True)
+class RecordInformation:
+    """What a record tells of its compass."""
+
+    coefficients: Floats  # (5,) A..E of the exact compass
+    covariance: Floats  # (5, 5)
+    effects: EffectInformation | None  # None where nothing was searched
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the record's summary."""
+        return {
+            "coefficients": self.coefficients.tolist(),
+            "covariance": self.covariance.tolist(),
+            "effects": None if self.effects is None else self.effects.to_json(),
+        }
+
+
+def effect_class(form: str) -> type[Term]:
+    """Return the class of an effect by its name."""
+    return next(kind for kind in all_terms() if kind.__name__ == form)
+
+
+@dataclass(frozen=True)
+class RejectedRecord:
     """A record that does not fit the others."""
 
     name: str
@@ -64,18 +206,18 @@ class Mixture:
 
 
 @dataclass(frozen=True)
-class Joined:
+class JointCompass:
     """What the records of one compass tell together."""
 
     members: tuple[Member, ...]
     kept: tuple[str, ...]  # that fit each other, in their order
-    rejected: tuple[Rejected, ...]
+    rejected: tuple[RejectedRecord, ...]
     same: dict[str, float]  # probability that each record is of the same compass, where another is there
 
     @cached_property
     def shared(self) -> Mixture:
         """What the compass is, by NAMES."""
-        return _compass(self._those(self.kept))
+        return _infer_iron(self._those(self.kept))
 
     @cached_property
     def between_nT(self) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -104,9 +246,12 @@ class Joined:
         others = self._those(self.others(name))
         if not others:
             return None
-        law = expected(own, others)
+        law = predict_compass(own, others)
         mean, precision = np.zeros(5), np.zeros((5, 5))
-        mean[OWN], precision[np.ix_(OWN, OWN)] = law.mean, np.linalg.inv(law.covariance)
+        mean[SHARED_COEFFICIENTS], precision[np.ix_(SHARED_COEFFICIENTS, SHARED_COEFFICIENTS)] = (
+            law.mean,
+            np.linalg.inv(law.covariance),
+        )
         if not own.tells:
             mean[0], precision[0, 0] = _mounting(others)
         return Prior(mean, precision)
@@ -115,54 +260,54 @@ class Joined:
         return [member for member in self.members if member.name in names]
 
 
-def join(members: Sequence[Member]) -> Joined:
+def join_records(members: Sequence[Member]) -> JointCompass:
     """Return what records tell together, those that do not fit the others left out one by one, the worst first."""
-    kept, rejected = [member for member in members if member.tells], list[Rejected]()
+    kept, rejected = [member for member in members if member.tells], list[RejectedRecord]()
     same: dict[str, float] = {}
     while len(kept) > 1:
-        tried = {one.name: is_same(one, [other for other in kept if other is not one]) for one in kept}
+        tried = {one.name: probability_same(one, [other for other in kept if other is not one]) for one in kept}
         same.update({name: probability for name, (probability, _) in tried.items()})
         worst = min(tried, key=lambda name: tried[name][0])
-        if tried[worst][0] >= FITS:
+        if tried[worst][0] >= LEAST_SAME:
             break
         wrong = [worst] if len(kept) > 2 else list(tried)  # of two nobody can say which one is odd
         rejected += [_rejected(name, *tried[name], [one for one in kept if one.name != name]) for name in wrong]
         kept = [one for one in kept if one.name not in wrong]
-    return Joined(tuple(members), tuple(one.name for one in kept), tuple(rejected), same)
+    return JointCompass(tuple(members), tuple(one.name for one in kept), tuple(rejected), same)
 
 
-def is_same(own: Member, others: Sequence[Member]) -> tuple[float, float]:
+def probability_same(own: Member, others: Sequence[Member]) -> tuple[float, float]:
     """Return the probability that a record is of the same compass as others, and by how many sigmas it is off.
 
     Another compass is some standard deviations away in any direction: of records that are known well enough to be told
     apart at all, that says more than what compasses there are.
     """
-    law = expected(own, others)
-    spread = law.covariances + own.covariance[np.ix_(OWN, OWN)]
-    off = own.coefficients[OWN] - law.means
+    law = predict_compass(own, others)
+    spread = law.covariances + own.covariance[np.ix_(SHARED_COEFFICIENTS, SHARED_COEFFICIENTS)]
+    off = own.coefficients[SHARED_COEFFICIENTS] - law.means
     same = _log_sum(np.log(law.weight) + np.array([_log_normal(*one) for one in zip(off, spread, strict=True)]))
     other = _log_sum(
         np.array(
             [
-                np.log(weight / len(APART)) + _log_normal(x, s * (1.0 + far**2))
+                np.log(weight / len(STRANGER_SIGMAS)) + _log_normal(x, s * (1.0 + far**2))
                 for weight, x, s in zip(law.weight, off, spread, strict=True)
-                for far in APART
+                for far in STRANGER_SIGMAS
             ]
         )
     )
-    odds = np.log(SAME / (1.0 - SAME)) + same - other
-    middle = law.covariance + own.covariance[np.ix_(OWN, OWN)]
-    away = own.coefficients[OWN] - law.mean
+    odds = np.log(PRIOR_SAME / (1.0 - PRIOR_SAME)) + same - other
+    middle = law.covariance + own.covariance[np.ix_(SHARED_COEFFICIENTS, SHARED_COEFFICIENTS)]
+    away = own.coefficients[SHARED_COEFFICIENTS] - law.mean
     return float(1.0 / (1.0 + np.exp(-np.clip(odds, -700.0, 700.0)))), float(
         np.sqrt(away @ np.linalg.solve(middle, away))
     )
 
 
-def expected(own: Member, others: Sequence[Member]) -> Mixture:
+def predict_compass(own: Member, others: Sequence[Member]) -> Mixture:
     """Return what others tell of B..E of one record, what varies between deployments included."""
     seen, noise = _stacked(others)
     design, here = np.concatenate([_design(other) for other in others]), _design(own)
-    told = np.diag(USUAL**2)
+    told = np.diag(PRIOR_SIGMA**2)
     means, covariances, logs = [], [], []
     for sizes in _sizes():
         between = _between([*others, own], sizes)
@@ -176,16 +321,16 @@ def expected(own: Member, others: Sequence[Member]) -> Mixture:
     return Mixture(_normed(np.array(logs)), np.array(means), np.array(covariances))
 
 
-def _compass(members: Sequence[Member]) -> Mixture:
+def _infer_iron(members: Sequence[Member]) -> Mixture:
     """Return the posterior of NAMES by some records."""
     seen, noise = _stacked(members)
-    design = np.concatenate([np.zeros((0, len(NAMES))), *(_design(member) for member in members)])
+    design = np.concatenate([np.zeros((0, len(IRON_NAMES))), *(_design(member) for member in members)])
     means, covariances, logs = [], [], []
     for sizes in _sizes():
         inner = noise + _between(members, sizes)
-        whole = inner + design @ np.diag(USUAL**2) @ design.T
+        whole = inner + design @ np.diag(PRIOR_SIGMA**2) @ design.T
         weighted = np.linalg.solve(inner, design).T
-        covariance = np.linalg.inv(weighted @ design + np.diag(USUAL**-2.0))
+        covariance = np.linalg.inv(weighted @ design + np.diag(PRIOR_SIGMA**-2.0))
         covariances.append(covariance)
         means.append(covariance @ weighted @ seen)
         logs.append(_log_normal(seen, whole) + _log_prior(sizes))
@@ -193,7 +338,7 @@ def _compass(members: Sequence[Member]) -> Mixture:
 
 
 def _weights(members: Sequence[Member]) -> Floats:
-    return _compass(members).weight
+    return _infer_iron(members).weight
 
 
 def _design(member: Member) -> Floats:
@@ -214,15 +359,17 @@ def _between(members: Sequence[Member], sizes: tuple[float, float]) -> Floats:
     )
     iron = (of_sphere**2 * alike + of_battery**2 * np.eye(len(members))) * np.outer(level, level)
     return np.kron(iron, np.diag([1.0, 1.0, 0.0, 0.0])) + np.kron(
-        np.eye(len(members)), np.diag([0.0, 0.0, SOFT**2, SOFT**2])
+        np.eye(len(members)), np.diag([0.0, 0.0, SOFT_SIGMA**2, SOFT_SIGMA**2])
     )
 
 
 def _stacked(members: Sequence[Member]) -> tuple[Floats, Floats]:
-    seen = np.concatenate([np.zeros(0), *(member.coefficients[OWN] for member in members)])
+    seen = np.concatenate([np.zeros(0), *(member.coefficients[SHARED_COEFFICIENTS] for member in members)])
     noise = np.zeros((len(seen), len(seen)))
     for k, member in enumerate(members):
-        noise[4 * k : 4 * k + 4, 4 * k : 4 * k + 4] = member.covariance[np.ix_(OWN, OWN)]
+        noise[4 * k : 4 * k + 4, 4 * k : 4 * k + 4] = member.covariance[
+            np.ix_(SHARED_COEFFICIENTS, SHARED_COEFFICIENTS)
+        ]
     return seen, noise
 
 
@@ -232,7 +379,7 @@ def _sizes() -> list[tuple[float, float]]:
 
 def _log_prior(sizes: tuple[float, float]) -> float:
     """Return the log weight of two sizes, on a grid even in their logarithms."""
-    return float(sum(np.log(size / USUAL_NT) - np.log1p((size / USUAL_NT) ** 2) for size in sizes))
+    return float(sum(np.log(size / BETWEEN_PRIOR_NT) - np.log1p((size / BETWEEN_PRIOR_NT) ** 2) for size in sizes))
 
 
 def _mounting(members: Sequence[Member]) -> tuple[float, float]:
@@ -245,13 +392,13 @@ def _mounting(members: Sequence[Member]) -> tuple[float, float]:
     return float(weight @ values / weight.sum()), float(1.0 / (spread + 1.0 / weight.sum()))
 
 
-def _rejected(name: str, probability: float, sigmas: float, others: Sequence[Member]) -> Rejected:
+def _rejected(name: str, probability: float, sigmas: float, others: Sequence[Member]) -> RejectedRecord:
     against = ", ".join(other.name for other in others)
     why = (
         f"B to E are {sigmas:.1f} standard deviations from what {against} tell of this compass, iron that varies "
         "between deployments counted: another compass, or iron that changed; it is not averaged"
     )
-    return Rejected(name, probability, sigmas, why)
+    return RejectedRecord(name, probability, sigmas, why)
 
 
 def _log_normal(off: Floats, covariance: Floats) -> float:

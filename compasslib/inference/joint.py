@@ -13,17 +13,13 @@ from compasslib.deviation import prior as priors
 from compasslib.deviation.model import LETTERS
 from compasslib.deviation.prior import Prior
 from compasslib.effects.composition import Simulation
-from compasslib.inference import applied, sharing, wording
-from compasslib.inference.applied import Applied
-from compasslib.inference.case import Shared
-from compasslib.inference.finding import Finding, Parameter, Where
-from compasslib.inference.product import Product
-from compasslib.inference.show import HeldOut
-from compasslib.inference.verdict import Diagnosis, insufficient
-from compasslib.joint import coefficients, effects
-from compasslib.joint.coefficients import NAMES, Joined
-from compasslib.joint.effects import Amplitude, SharedEffects
-from compasslib.joint.members import Member
+from compasslib.inference import joint_compass, joint_effects, product, wording
+from compasslib.inference.comparison import SharedInformation
+from compasslib.inference.diagnosis import Diagnosis, insufficient
+from compasslib.inference.finding import CovariateRange, Finding, HeldOut, Parameter
+from compasslib.inference.joint_compass import IRON_NAMES, JointCompass, Member
+from compasslib.inference.joint_effects import SharedAmplitude, SharedEffects
+from compasslib.inference.product import AppliedCompass, Product
 from compasslib.records import EarthField
 from compasslib.types import Floats
 
@@ -31,14 +27,14 @@ ALARM = 0.006  # as of a single record
 
 
 @dataclass(frozen=True)
-class Returned:
+class SiblingInformation:
     """What one record takes from the others of its compass."""
 
     compass: str
     others: tuple[str, ...]
     sigma_between_nT: float
     prior: Prior
-    effects: Shared  # in the parameters' own units
+    effects: SharedInformation  # in the parameters' own units
 
     def block(self, text: str) -> dict[str, Any]:
         """Return the block ``shared`` of deviation.json.
@@ -54,21 +50,23 @@ class Returned:
         }
 
 
-def returned(content: Mapping[str, Any], mooring: str) -> Returned | None:
+def read_returned(content: Mapping[str, Any], mooring: str) -> SiblingInformation | None:
     """Return what a compass.json gives back to a mooring, None where nothing of others belongs to it."""
     block = content["returned"].get(mooring)
     if block is None:
         return None
     told = {
-        sharing.kind_of(form): (np.array(one["information"]), np.array(one["score"]))
+        joint_compass.effect_class(form): (np.array(one["information"]), np.array(one["score"]))
         for form, one in block["effects"].items()
     }
     prior = priors.from_json(block["prior"])
     assert prior is not None
-    return Returned(content["compass"], tuple(block["from"]), content["sigma_between"], prior, told)
+    return SiblingInformation(content["compass"], tuple(block["from"]), content["sigma_between"], prior, told)
 
 
-def with_effects(made: Product, told: Returned, field: EarthField, logged: Mapping[str, Floats]) -> Product:
+def apply_shared_effects(
+    made: Product, told: SiblingInformation, field: EarthField, logged: Mapping[str, Floats]
+) -> Product:
     """Return what corrects a record that cannot be searched, with the effects that the others tell.
 
     Args:
@@ -77,7 +75,7 @@ def with_effects(made: Product, told: Returned, field: EarthField, logged: Mappi
     """
     terms, covariances = [], [made.fit.covariance[:5, :5]]
     for kind, (information, score) in told.effects.items():
-        if all(name in logged or name in applied.FROM_RECORD for name in kind.needs):
+        if all(name in logged or name in product.RECORD_SERIES for name in kind.needs):
             covariance = np.linalg.inv(information)
             terms.append(kind().at(covariance @ score))
             covariances.append(covariance)
@@ -85,35 +83,35 @@ def with_effects(made: Product, told: Returned, field: EarthField, logged: Mappi
         return made
     needed = sorted({name for term in terms for name in term.needs})
     references = {name: float(np.nanmean(logged[name])) for name in needed if name in logged}
-    known = Applied(
+    known = AppliedCompass(
         simulation=Simulation(made.fit.coefficients, float(np.mean(field.horizontal_nT)), tuple(terms)),
         covariance=block_diag(*covariances),
         references=references | {"time": float(field.time_s[0])},
         logged=tuple(references),
     )
     names = tuple(term.name for term in terms)
-    return replace(made, effects=names, applied=(applied.Member(1.0, "+".join(names), known),))
+    return replace(made, effects=names, applied=(product.WeightedCompass(1.0, "+".join(names), known),))
 
 
-def joined(name: str, members: Sequence[Member], min_effect_deg: float) -> tuple[dict[str, Any], Diagnosis]:
+def join_compass(name: str, members: Sequence[Member], min_effect_deg: float) -> tuple[dict[str, Any], Diagnosis]:
     """Return compass.json and the diagnosis of a compass.
 
     Args:
         min_effect_deg: visible size below which a shared effect does not matter.
     """
-    found = coefficients.join(members)
+    found = joint_compass.join_records(members)
     fitting = [member for member in members if member.name in found.kept]
-    shared = effects.infer(fitting, ALARM)
+    shared = joint_effects.infer_shared(fitting, ALARM)
     diagnosis = _diagnosis(found, shared, min_effect_deg)
     named = {finding.effect for finding in diagnosis.findings}
     content = {
         "compass": name,
-        "deployments": [_deployment(member, found) for member in members],
-        **_iron(found),
+        "deployments": [_deployment_json(member, found) for member in members],
+        **_iron_json(found),
         "rejected": [vars(one) for one in found.rejected],
-        "effects": [_effect(one) for one in (shared.found if shared else ()) if one.kind.name in named],
+        "effects": [_effect_json(one) for one in (shared.found if shared else ()) if one.kind.name in named],
         "returned": {
-            member.name: _returned(member, found, shared, named) for member in members if member.kind == "mooring"
+            member.name: _returned_json(member, found, shared, named) for member in members if member.kind == "mooring"
         },
     }
     return content, diagnosis
@@ -127,7 +125,7 @@ def log_line(content: Mapping[str, Any], diagnosis: Diagnosis) -> str:
     return "\n".join([*lines, diagnosis.log_line(name)])
 
 
-def _deployment(member: Member, found: Joined) -> dict[str, Any]:
+def _deployment_json(member: Member, found: JointCompass) -> dict[str, Any]:
     known = member.tells
     sigma = np.sqrt(np.diag(member.covariance)) if known else np.zeros(0)
     return {
@@ -144,20 +142,20 @@ def _deployment(member: Member, found: Joined) -> dict[str, Any]:
     }
 
 
-def _iron(found: Joined) -> dict[str, Any]:
+def _iron_json(found: JointCompass) -> dict[str, Any]:
     if not found.kept:
         return dict.fromkeys(("coefficients", "covariance", "sigma_between", "sigma_between_nT"))
     law, (sphere, battery) = found.shared, found.between_nT
     sizes = {"sphere": sphere, "battery": battery}
     return {
-        "coefficients": dict(zip(NAMES, law.mean.tolist(), strict=True)),
+        "coefficients": dict(zip(IRON_NAMES, law.mean.tolist(), strict=True)),
         "covariance": law.covariance.tolist(),
         "sigma_between": found.sigma_between_nT,
         "sigma_between_nT": {name: {"value": value, "sigma": sigma} for name, (value, sigma) in sizes.items()},
     }
 
 
-def _effect(one: Amplitude) -> dict[str, Any]:
+def _effect_json(one: SharedAmplitude) -> dict[str, Any]:
     each = {name: {"values": values.tolist(), "sigma": sigma.tolist()} for name, (values, sigma) in one.each.items()}
     sigma = np.sqrt(np.diag(one.covariance))
     return {
@@ -171,7 +169,9 @@ def _effect(one: Amplitude) -> dict[str, Any]:
     }
 
 
-def _returned(member: Member, found: Joined, shared: SharedEffects | None, named: set[str]) -> dict[str, Any] | None:
+def _returned_json(
+    member: Member, found: JointCompass, shared: SharedEffects | None, named: set[str]
+) -> dict[str, Any] | None:
     """Return what the other records tell one: never what it told itself."""
     prior, others = found.prior(member.name), found.others(member.name)
     if prior is None:
@@ -179,31 +179,34 @@ def _returned(member: Member, found: Joined, shared: SharedEffects | None, named
     told: dict[str, tuple[Floats, Floats]] = {}
     searched = [one for one in found.members if one.name in others and one.effects is not None]
     if shared is not None and searched:
-        told = effects.told_by(searched, shared)
+        told = joint_effects.information_from_others(searched, shared)
     return {
         "from": list(others),
         "prior": prior.to_json(),
         "effects": {
             form: {"information": information.tolist(), "score": score.tolist()}
             for form, (information, score) in told.items()
-            if sharing.kind_of(form).name in named
+            if joint_compass.effect_class(form).name in named
         },
     }
 
 
-def _diagnosis(found: Joined, shared: SharedEffects | None, min_effect_deg: float) -> Diagnosis:
+def _diagnosis(found: JointCompass, shared: SharedEffects | None, min_effect_deg: float) -> Diagnosis:
     if shared is None:
         count = sum(member.effects is not None for member in found.members if member.name in found.kept)
         return insufficient(f"{count} of its records fit each other and were searched; 2 are needed to share an effect")
     every = [_finding(one, shared, found) for one in shared.found]
-    stands = tuple(sorted((one for one in every if one.rms_effect_deg >= min_effect_deg), key=_size))
+    stands = tuple(sorted((one for one in every if one.rms_effect_deg >= min_effect_deg), key=_negative_size))
     small = tuple((one.effect, one.rms_effect_deg) for one in every if one.rms_effect_deg < min_effect_deg)
     verdict = "consistent" if not stands else "ambiguous" if any(one.alternatives for one in stands) else "explained"
     doubted = tuple(f"{one.name}: {one.why}" for one in found.rejected)
     return Diagnosis(
         verdict=verdict,
         findings=stands,
-        separated_by="; ".join(wording.separated_by(f.named, f.alternatives) for f in stands if f.alternatives) or None,
+        separated_by="; ".join(
+            wording.separating_observations(f.named, f.alternatives) for f in stands if f.alternatives
+        )
+        or None,
         negligible=small,
         why=f"The records {', '.join(shared.records)} were judged together, one amplitude of each effect for all.",
         sides=shared.sides,
@@ -212,11 +215,11 @@ def _diagnosis(found: Joined, shared: SharedEffects | None, min_effect_deg: floa
     )
 
 
-def _size(one: Finding) -> float:
+def _negative_size(one: Finding) -> float:
     return -one.rms_effect_deg
 
 
-def _finding(one: Amplitude, shared: SharedEffects, found: Joined) -> Finding:
+def _finding(one: SharedAmplitude, shared: SharedEffects, found: JointCompass) -> Finding:
     sigma = np.sqrt(np.diag(one.covariance))
     names = zip(one.kind.fitted(), one.values.tolist(), sigma.tolist(), one.kind.units(), strict=True)
     parameters = {name: Parameter(value, s, unit) for name, value, s, unit in names}
@@ -224,8 +227,8 @@ def _finding(one: Amplitude, shared: SharedEffects, found: Joined) -> Finding:
     before = float(np.sqrt(np.mean([each.residual_deg**2 for each in searched])))
     samples = sum(each.n for each in searched)
     after = before * float(np.sqrt(max(1.0 - 2.0 * one.gain / samples, 0.0)))
-    known = wording.WHERE.get(one.kind.name, ("heading",))
-    place = Where(known[0], 0.0, 0.0, f"in all of {', '.join(shared.records)}")
+    known = wording.SHOWN_ALONG.get(one.kind.name, ("heading",))
+    place = CovariateRange(known[0], 0.0, 0.0, f"in all of {', '.join(shared.records)}")
     return Finding(
         effect=one.kind.name,
         side=one.kind.side,
@@ -235,7 +238,7 @@ def _finding(one: Amplitude, shared: SharedEffects, found: Joined) -> Finding:
         parameters=parameters,
         rms_effect_deg=one.rms_effect_deg,
         held_out=HeldOut(before, after, one.gain, (np.nan, np.nan), np.nan, method="records"),
-        text=wording.shared(
+        text=wording.shared_finding_text(
             one.kind.name,
             tuple(one.alternatives),
             where=f"In all of {', '.join(shared.records)}",

@@ -1,0 +1,316 @@
+"""Evidence of refitted hypotheses of a short recording, and the places and dates at which terms are tried.
+
+The memory is a law with one autoregressive and one moving-average coefficient: white noise beside a slow wander. The
+residual is filtered by each law, the base is free, and the parameters of terms have a wide-tailed law of usual size
+(Laplace's approximation; Bishop, Pattern Recognition and Machine Learning, 2006, section 4.4).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from compasslib.effects.composed import hat
+from compasslib.effects.term import USUAL_DEG, Scene, Term, parameter, place
+from compasslib.inference import finding, short_fit
+from compasslib.inference.short_fit import FittedHypothesis, ShortComparison
+from compasslib.statistics import arma, blocks, whitening
+from compasslib.types import Floats
+
+Law = tuple[float, float]  # autoregressive and moving-average coefficient
+
+LAWS: tuple[Law, ...] = tuple((float(p), float(t)) for p in arma.PHI for t in arma.THETA if t >= -p)
+WHITE: tuple[Law, ...] = ((0.0, 0.0),)
+STEADY, TINY = 1e-6, 1e-20  # what keeps an inverse steady; square below which a column is none
+
+STEP_DATES, STEP_MARGIN = 150, 0.06  # of steps that are tried, and how near to the ends
+FINER_DATES = 24  # dates around the best of those that were tried
+SPELL_EDGES, FINER_EDGES = (40, 120), 9  # begins and ends of a while, in a long recording and a short; around the best
+SHORT_RECORDING = 250  # samples
+
+SECTORS, REACHES_DEG = 36, (15.0, 25.0, 40.0)  # where an error at a few headings is tried, and how far it reaches
+FINER_SECTORS_DEG = (-8.0, -4.0, 0.0, 4.0, 8.0)  # about the best sector
+FEWEST_AFFECTED = 3  # samples in either
+
+
+@dataclass(frozen=True)
+class ShortEvidence:
+    """What one hypothesis leaves, by each law of memory, and what is known of its parameters."""
+
+    squares: Floats  # (laws,) of the filtered residual
+    information: Floats  # (p, p) of the terms' parameters in units of their usual sizes, by the likeliest law
+    size: float  # mean square of their values in those units
+
+
+def laws(channel: ShortComparison) -> tuple[Law, ...]:
+    """Return the laws of memory that are integrated over."""
+    return WHITE if channel.independent else LAWS
+
+
+def log_evidence(channel: ShortComparison, every: Sequence[ShortEvidence], uneven: float) -> Floats:
+    """Return the log evidence of hypotheses, up to a constant of the recording, (h,).
+
+    Args:
+        uneven: variance of the scores of slow or local columns over what even noise makes of it: what a hypothesis
+            leaves more than the best is taken over it.
+    """
+    squares = np.array([one.squares for one in every])
+    least = squares.min(axis=0)
+    first = np.array([arma.first_variance(law) for law in laws(channel)])
+    fit = -0.5 * _degrees_of_freedom(channel) * (
+        np.log(least) + np.log1p((squares / least - 1.0) / uneven)
+    ) - 0.5 * np.log(first)
+    return np.logaddexp.reduce(fit, axis=1) - np.array([_occam_factor(one, uneven) for one in every])
+
+
+def _occam_factor(one: ShortEvidence, uneven: float) -> float:
+    """Return what a hypothesis pays for sizes that it could have had: a wide-tailed law of them beforehand."""
+    p = len(one.information)
+    if not p:
+        return 0.0
+    determinant = np.linalg.slogdet(np.eye(p) + one.information / uneven)[1]
+    return 0.5 * float(determinant) + 0.5 * (p + 1) * float(np.log1p(one.size))
+
+
+def short_evidence(fitted: FittedHypothesis) -> ShortEvidence:
+    """Return the evidence of a hypothesis where it was refitted."""
+    tried = [_filtered_fit(fitted, law) for law in laws(fitted.channel)]
+    squares = np.array([one[0] for one in tried])
+    usual = prior_sizes(fitted)
+    values = np.concatenate([np.zeros(0), *(term.values for term in fitted.terms)]) / usual
+    information = tried[int(np.argmin(squares))][1] * np.outer(usual, usual)
+    return ShortEvidence(squares, information, float(np.mean(values**2)) if len(values) else 0.0)
+
+
+def likeliest_law(channel: ShortComparison, one: ShortEvidence) -> Law:
+    """Return the law of memory that makes what a hypothesis leaves likeliest."""
+    first = np.array([arma.first_variance(law) for law in laws(channel)])
+    return laws(channel)[int(np.argmin(_degrees_of_freedom(channel) * np.log(one.squares) + np.log(first)))]
+
+
+def prior_sizes(fitted: FittedHypothesis) -> Floats:
+    """Return what is expected of each parameter of the terms, (p,): by physics, or that it turns by some degrees."""
+    own = fitted.columns[:, len(fitted.base) :]
+    turn = np.maximum(np.sqrt(np.mean(own**2, axis=0)), 1e-12)
+    with np.errstate(divide="ignore"):
+        physical = np.concatenate([np.zeros(0), *(term.expected() for term in fitted.terms)]) ** -0.5
+    return np.where(np.isfinite(physical), physical, USUAL_DEG / turn)
+
+
+def likelihood_gains(fitted: FittedHypothesis, law: Law, columns: Floats) -> Floats:
+    """Return the log likelihood that a term would add to a hypothesis at each of its places, (g,).
+
+    Args:
+        columns: of the term's parameters at each place, (n, g, p) degrees a unit.
+    """
+    n, places, count = columns.shape
+    base = whitening.orthonormal(arma.filtered(fitted.columns, law))
+    left = whitening.without(arma.filtered(fitted.clipped[:, None], law)[:, 0], base)
+    white = whitening.without(arma.filtered(columns.reshape(n, -1), law), base).reshape(n, places, count)
+    total = max(float(left @ left) + _huber_excess(fitted) / arma.first_variance(law), _least_square(fitted.channel))
+    length = np.sqrt(np.maximum(np.einsum("ngp,ngp->gp", white, white), TINY))
+    pull = np.einsum("ngp,n->gp", white, left) / length
+    alike = np.einsum("ngp,ngq->gpq", white, white) / (length[:, :, None] * length[:, None, :])
+    solved = np.linalg.solve(alike + STEADY * np.eye(count), pull[:, :, None])[:, :, 0]
+    taken = np.minimum(np.sum(pull * solved, axis=1) / total, 1.0 - 1e-9)
+    return np.asarray(-0.5 * _degrees_of_freedom(fitted.channel) * np.log1p(-taken))
+
+
+def cluster_inflation(fitted: FittedHypothesis, law: Law, groups: list[Floats]) -> float:
+    """Return what blocks make of the scores of columns over what even noise would, in the middle, at least 1.
+
+    A rule that is known to some hundredths of a degree only counts as noise that no number of samples averages out.
+
+    Args:
+        groups: columns, (n, p) each.
+    """
+    channel = fitted.channel
+    if channel.independent or not groups:
+        return 1.0
+    base = whitening.orthonormal(arma.filtered(fitted.columns, law))
+    left = whitening.without(arma.filtered(fitted.clipped[:, None], law)[:, 0], base)
+    variance = max(float(left @ left), _least_square(channel)) / _degrees_of_freedom(channel)
+    block, ratios = short_fit.memory_blocks(fitted), []
+    for group in groups:
+        white = whitening.orthonormal(whitening.without(arma.filtered(group, law), base))
+        if white.shape[1]:
+            ratio, count = blocks.unevenness(white, left, block, variance)
+            ratios.append((count * ratio + blocks.TRUST) / (count + blocks.TRUST))
+    constant = arma.filtered(np.ones((len(channel), 1)), law)
+    middle = float(np.quantile(ratios, 0.5)) if ratios else 1.0
+    return max(middle, 1.0) + channel.rule_deg**2 * float(np.sum(constant**2)) / variance
+
+
+def _filtered_fit(fitted: FittedHypothesis, law: Law) -> tuple[float, Floats]:
+    """Return the sum of squares by one law, and what is known of the terms' parameters beside a free base."""
+    count = len(fitted.base)
+    white = arma.filtered(np.column_stack([fitted.columns, fitted.clipped]), law)
+    free = whitening.orthonormal(white[:, :count])
+    left, own = (whitening.without(part, free) for part in (white[:, -1], white[:, count:-1]))
+    square = max(float(left @ left) + _huber_excess(fitted) / arma.first_variance(law), _least_square(fitted.channel))
+    return square, own.T @ own / (square / _degrees_of_freedom(fitted.channel))
+
+
+def _huber_excess(fitted: FittedHypothesis) -> float:
+    """Return what clipped samples add to the squares by Huber's law: what is left out for a while is not free."""
+    clip = finding.MOST_WIDTHS * fitted.scale_deg
+    beyond = np.maximum(np.abs(fitted.residual_deg) - clip, 0.0) * (not fitted.channel.independent)
+    return float(2.0 * clip * np.sum(beyond))
+
+
+def _degrees_of_freedom(channel: ShortComparison) -> float:
+    return float(max(len(channel) - int(np.count_nonzero(channel.steps)), 1))
+
+
+def _least_square(channel: ShortComparison) -> float:
+    return len(channel) * short_fit.FINEST_DEG**2
+
+
+@dataclass(frozen=True)
+class LocalOffset(Term):
+    """The reading is off by a constant somewhere; no physics."""
+
+    stage: ClassVar = "readout"
+    acts_on: ClassVar = "reading"
+    literature: ClassVar[str] = "none: what no term of the catalogue is and some of them imitate"
+    along: ClassVar[tuple[str, ...]]  # covariates of which one is needed
+
+    offset_deg: float = parameter("degrees", "recorded minus what the compass would have recorded", 1.0)
+
+    @classmethod
+    def fits(cls, channel: ShortComparison) -> bool:
+        """Tell whether a comparison shows a reading along one of the covariates."""
+        return channel.reads and any(name in channel.covariates for name in cls.along)
+
+    def undone(self, reading_deg: Floats, scene: Scene) -> Floats:
+        """Return the reading without the error, which is counted along the reading itself."""
+        return 2.0 * reading_deg - self.act(reading_deg, scene)
+
+
+@dataclass(frozen=True)
+class SectorOffset(LocalOffset):
+    """The reading is off at some headings only: a card that is pulled or hangs."""
+
+    name: ClassVar[str] = "composed:reading/heading/bump"
+    along: ClassVar[tuple[str, ...]] = ("heading",)
+
+    centre_deg: float = place("degrees")
+    reach_deg: float = place("degrees")
+
+    def act(self, x: Floats, scene: Scene) -> Floats:
+        """Return the reading with the error."""
+        return x + self.offset_deg * self.share(x)
+
+    def share(self, x: Floats) -> Floats:
+        """Return how much of the error acts at some readings, (n,) 0 to 1.
+
+        Args:
+            x: readings, (n,) degrees.
+        """
+        return hat(x, self.centre_deg, self.reach_deg)
+
+
+@dataclass(frozen=True)
+class SpellOffset(LocalOffset):
+    """The reading is off for a while: nothing goes astray and comes back by as much of itself."""
+
+    name: ClassVar[str] = "composed:reading/time/box"
+    along: ClassVar[tuple[str, ...]] = ("time", "reading")
+
+    begin_s: float = place("s")
+    end_s: float = place("s")
+
+    def act(self, x: Floats, scene: Scene) -> Floats:
+        """Return the reading with the error."""
+        return x + self.offset_deg * self.share(scene.time_s)
+
+    def share(self, x: Floats) -> Floats:
+        """Return 1 while the error acts, (n,).
+
+        Args:
+            x: time, or number of the reading, (n,).
+        """
+        return ((x >= self.begin_s) & (x < self.end_s)).astype(float)
+
+
+LOCAL_OFFSETS = (SectorOffset, SpellOffset)
+
+
+def candidate_places(fitted: FittedHypothesis, kind: type[Term], near: Term | None = None) -> list[Term]:
+    """Return a kind of term at zero size at every place and date that is tried, one that has none once.
+
+    Args:
+        fitted: the hypothesis beside which it is tried.
+        near: the term where it did best; places between those tried before.
+    """
+    channel = fitted.channel
+    if kind is SectorOffset:
+        made = [kind(0.0, centre, reach) for centre, reach in _sector_places(near)]
+        return [one for one in made if np.count_nonzero(one.share(channel.covariates["heading"])) >= FEWEST_AFFECTED]
+    if kind is SpellOffset:
+        return [kind(0.0, begin, end) for begin, end in _spell_places(channel, near)]
+    if kind.dated():
+        return [_at_place(near or kind(), date_s=date) for date in _date_places(channel, near)]
+    return [kind()] if near is None else []
+
+
+def place_columns(fitted: FittedHypothesis, terms: Sequence[Term]) -> Floats:
+    """Return the derivative of the simulated heading by the parameters of a term at each of its places, (n, g, p).
+
+    Args:
+        terms: of one kind.
+    """
+    channel, first = fitted.channel, terms[0]
+    if isinstance(first, LOCAL_OFFSETS):
+        always = short_fit.term_derivative(fitted, SpellOffset(0.0, -np.inf, np.inf))
+        x = channel.time_s if isinstance(first, SpellOffset) else channel.covariates["heading"]
+        acting = np.stack([one.share(x) for one in terms if isinstance(one, LOCAL_OFFSETS)], axis=1)
+    elif first.dated():
+        always = short_fit.term_derivative(fitted, _at_place(first, date_s=-np.inf))
+        acting = (channel.time_s[:, None] >= np.array([one.date for one in terms])).astype(float)
+    else:
+        always, acting = short_fit.term_derivative(fitted, first), np.ones((len(channel), 1))
+    return always[:, None, :] * acting[:, :, None]
+
+
+def _at_place(term: Term, **places_: Any) -> Term:
+    return replace(term, **places_)
+
+
+def _sector_places(near: Term | None) -> list[tuple[float, float]]:
+    if isinstance(near, SectorOffset):
+        return [(near.centre_deg + away, near.reach_deg) for away in FINER_SECTORS_DEG]
+    return [(360.0 / SECTORS * k, reach) for k in range(SECTORS) for reach in REACHES_DEG]
+
+
+def _spell_places(channel: ShortComparison, near: Term | None) -> list[tuple[float, float]]:
+    n = len(channel)
+    most = SPELL_EDGES[n < SHORT_RECORDING]
+    if isinstance(near, SpellOffset):
+        reach = -(-n // most)
+        middle = [int(np.searchsorted(channel.time_s, edge)) for edge in (near.begin_s, near.end_s)]
+        edges = [np.unique(np.linspace(m - reach, m + reach, FINER_EDGES).astype(int).clip(1, n - 1)) for m in middle]
+    else:
+        edges = [np.unique(np.linspace(1, n - 1, min(n - 1, most)).astype(int))] * 2
+    both = [(int(a), int(b)) for a in edges[0] for b in edges[1] if b - a >= FEWEST_AFFECTED]
+    return [(_time_between(channel, a), _time_between(channel, b)) for a, b in both]
+
+
+def _date_places(channel: ShortComparison, near: Term | None) -> list[float]:
+    """Return the dates that are tried, between samples."""
+    n = len(channel)
+    if near is None:
+        first = max(2, int(STEP_MARGIN * n))
+        at = np.unique(np.linspace(first, n - first, min(STEP_DATES, n - 2 * first + 1)).astype(int))
+    else:
+        inside = np.flatnonzero(np.abs(channel.time_s - near.date) <= float(np.ptp(channel.time_s)) / STEP_DATES)
+        inside = inside[(inside > 0) & (inside < n - 1)]
+        at = inside[np.unique(np.linspace(0, len(inside) - 1, FINER_DATES).astype(int))] if len(inside) else inside
+    return [_time_between(channel, int(k)) for k in at]
+
+
+def _time_between(channel: ShortComparison, k: int) -> float:
+    return float((channel.time_s[k - 1] + channel.time_s[k]) / 2.0)

@@ -1,1 +1,0 @@
-"""The search of short recordings: benches, logs, swings, two heads."""

@@ -1,0 +1,485 @@
+"""The search of short recordings: hypotheses of up to three terms, each refitted, and the findings of the likeliest.
+
+Errors without physics, at a few headings or for a while only, stand among the hypotheses: a card that is pulled in
+one sector looks like lobes, a spell of offset like a slip.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib import angles
+from compasslib.effects.term import Term, slices
+from compasslib.inference import comparison, finding, omnibus, short_evidence, short_fit
+from compasslib.inference import posterior as posteriors
+from compasslib.inference.comparison import Options
+from compasslib.inference.design import ColumnGroup
+from compasslib.inference.diagnosis import Outcome
+from compasslib.inference.finding import (
+    BinnedResidual,
+    CovariateRange,
+    Finding,
+    HeldOut,
+    Parameter,
+    RankedEffect,
+    Unexplained,
+)
+from compasslib.inference.omnibus import OmnibusResult, ScoreTests, normal_score
+from compasslib.inference.posterior import FAR, MOST_TERMS, SURE, Hypothesis, Posterior, Slot
+from compasslib.inference.short_evidence import LOCAL_OFFSETS, ShortEvidence
+from compasslib.inference.short_fit import FittedHypothesis, ShortComparison
+from compasslib.statistics import arma, blocks, robust, whitening
+from compasslib.types import Floats
+
+NOISE_DRAWS = 400  # draws of noise, which set how well a p-value of 1 % is known
+HEADING_HAT_DEG, FEWEST_IN_HAT = 15.0, 5  # sectors that the omnibus sees, and readings in one
+FAINTEST_DIRECTION = 0.2  # of the largest direction of a group of splines
+SHARE_OF_FREEDOM = 3  # an omnibus group has no more columns than this part of the independent samples
+
+PRIOR_FACTOR = (
+    5.0  # odds of an effect over those of a mooring's: what is swung is suspect, and a name must be surer here
+)
+MOST_PARENTS = 6  # hypotheses that are extended by one more effect
+MOST_PLACES = 3  # at which a term is refitted
+PARAMETER_COST = 1.0  # what a parameter costs at least, in log evidence: what is not tried could not pay for more
+
+FEWEST_IN_BIN = 5  # of a figure's curve
+
+
+def omnibus_groups(now: FittedHypothesis) -> list[ColumnGroup]:
+    """Return harmonics and hats of the heading, hats of every other covariate, and products with the heading."""
+    found = now.channel.covariates
+    worth = (
+        len(now.channel) if now.channel.remembered else short_fit.effective_samples(now)
+    )  # the law's draws know the memory
+    most = int(worth) // SHARE_OF_FREEDOM
+    heading, made = found.get("heading"), []
+    if heading is not None:
+        made = [
+            omnibus.fourier_columns(heading, range(3, 7)),
+            omnibus.heading_hats(heading, HEADING_HAT_DEG, FEWEST_IN_HAT),
+        ]
+    every = [ColumnGroup("heading", columns, covariates=("heading",)) for columns in made]
+    for name, column in found.items():
+        if name == "heading" or np.ptp(column) == 0.0:
+            continue
+        hats = omnibus.hat_columns(column, min(omnibus.COVARIATE_KNOTS, max(3, most // 2)))
+        every.append(ColumnGroup(name, hats, covariates=(name,)))
+        if heading is not None:
+            both = omnibus.fourier_columns(heading, range(1, 3)) * omnibus.standardize(column)[:, None]
+            every.append(ColumnGroup(f"heading x {name}", both, covariates=("heading", name)))
+    return [group for group in every if 0 < group.columns.shape[1] <= most]
+
+
+def score_tests(
+    now: FittedHypothesis, noise: FittedHypothesis, groups: Sequence[ColumnGroup], seed: int = 0
+) -> ScoreTests:
+    """Return the score tests of all groups.
+
+    Args:
+        noise: the hypothesis whose residual is taken for noise: an effect must not raise the bar for itself.
+    """
+    white = arma.whitening_matrix(noise.clipped, noise.columns) if now.channel.remembered else None
+    seen_as = [group.columns if white is None else white @ group.columns for group in groups]
+    base = whitening.orthonormal(now.columns if white is None else white @ now.columns)
+    bases = [directions(columns, base) for columns in seen_as]
+    kept = [k for k, basis in enumerate(bases) if basis.shape[1] and _is_determined(seen_as[k], bases[k], base)]
+    if not kept:
+        none = np.zeros(0)
+        return ScoreTests([], none, none, none, none)
+    some, bases = [groups[k] for k in kept], [bases[k] for k in kept]
+    freedom = np.array([basis.shape[1] for basis in bases], dtype=float)
+    begins = np.concatenate([[0], np.cumsum(freedom)[:-1]]).astype(int)
+    every = np.concatenate(bases, axis=1)
+    rows = np.vstack([now.clipped[None, :], noise_draws(noise, seed)])
+    gains = _gains(rows if white is None else rows @ white.T, every, begins, base)
+    inflation = np.maximum(gains[1:].mean(axis=0) / freedom, np.finfo(float).tiny)  # a residual that is 0 has no noise
+    score = normal_score(gains / inflation, freedom)
+    return ScoreTests(some, freedom, np.maximum(inflation, 1.0), score[0], score[1:].max(axis=1))
+
+
+def directions(columns: Floats, base: Floats) -> Floats:
+    """Return an orthonormal basis of what the base leaves of some columns, (n, k).
+
+    What the base nearly is leaves faint directions that are no splines any more: they are left out.
+
+    Args:
+        base: orthonormal, (n, b).
+    """
+    return whitening.orthonormal(whitening.without(columns, base), FAINTEST_DIRECTION)
+
+
+def noise_draws(noise: FittedHypothesis, seed: int, repeats: int = NOISE_DRAWS) -> Floats:
+    """Return draws of the record's own noise: blocks of it at other places with random signs, (repeats, n).
+
+    Readings without memory are drawn from a normal distribution, and stretches of a short log by the law of their
+    memory: a dozen of them hold no distribution of their own.
+    """
+    if noise.channel.independent:
+        return np.random.default_rng(seed).normal(size=(repeats, len(noise.channel)))
+    if noise.channel.remembered:
+        return arma.draws(noise.clipped, noise.columns, seed, repeats)
+    length = int(np.max(np.bincount(short_fit.memory_blocks(noise))))
+    return blocks.drawn(noise.clipped - noise.clipped.mean(), length, repeats, seed)
+
+
+def group_size_deg(now: FittedHypothesis, group: ColumnGroup, inflation: float) -> float:
+    """Return the visible size of a group's best fit, rms degrees, freed of what noise adds to it."""
+    seen = directions(group.columns, whitening.orthonormal(now.columns))
+    pull, n = seen.T @ now.clipped, len(now.channel)
+    noise = inflation * seen.shape[1] * now.square / n
+    return float(np.sqrt(max(float(pull @ pull) - noise, 0.0) / n))
+
+
+def _gains(rows: Floats, every: Floats, begins: NDArray[np.intp], base: Floats) -> Floats:
+    """Return twice the log likelihood that each group adds to each row, (rows, groups)."""
+    bare = rows - (rows @ base) @ base.T
+    total = np.sum(bare**2, axis=1)[:, None]
+    taken = np.add.reduceat((bare @ every) ** 2, begins, axis=1)
+    return -rows.shape[1] * np.log(np.maximum(1.0 - taken / np.maximum(total, 1e-300), 1e-12))
+
+
+def _is_determined(columns: Floats, basis: Floats, base: Floats) -> bool:
+    """Tell whether the base leaves more than rounding of a group."""
+    return float(np.linalg.norm(whitening.without(columns, base))) > 1e-6 * max(float(np.linalg.norm(columns)), 1e-300)
+
+
+@dataclass(frozen=True)
+class RefittedHypothesis:
+    """One hypothesis, refitted."""
+
+    fitted: FittedHypothesis
+    evidence: ShortEvidence
+    share: float  # log of the share of the places that do about as well as the best, of all its terms together
+
+
+@dataclass(frozen=True)
+class SearchResult:
+    """The hypothesis that was chosen, and what else may stand in the place of each of its terms."""
+
+    before: FittedHypothesis  # the base alone
+    fitted: FittedHypothesis
+    found: Posterior
+    slots: tuple[Slot, ...]
+    alone: dict[str, tuple[float, float]]  # log evidence and visible size of each effect, alone
+    rest: OmnibusResult  # what it leaves
+
+
+@dataclass
+class HypothesisSearch:
+    """Hypotheses of one comparison, tried one after the other."""
+
+    channel: ShortComparison
+    alarm: float
+    tried: dict[Hypothesis, RefittedHypothesis] = field(default_factory=dict)
+
+    @cached_property
+    def kinds(self) -> list[type[Term]]:
+        """What can be tested, and what has no name."""
+        return [*self.channel.terms, *(kind for kind in LOCAL_OFFSETS if kind.fits(self.channel))]
+
+    @cached_property
+    def odds(self) -> list[float]:
+        """Log odds beforehand of each kind."""
+        forms = Counter(kind.name for kind in self.kinds)
+        whole = posteriors.whole_odds(self.kinds, PRIOR_FACTOR * self.alarm)
+        return [odds - float(np.log(forms[kind.name])) for odds, kind in zip(whole, self.kinds, strict=True)]
+
+    def logs(self, uneven: float = 1.0) -> dict[Hypothesis, float]:
+        """Return the log of how likely each hypothesis is, up to a constant, odds beforehand counted."""
+        evidence = short_evidence.log_evidence(self.channel, [one.evidence for one in self.tried.values()], uneven)
+        each = zip(self.tried.items(), evidence.tolist(), strict=True)
+        return {key: log + one.share + self.prior(key) for (key, one), log in each}
+
+    def prior(self, one: Hypothesis) -> float:
+        """Return the log odds beforehand of a hypothesis."""
+        return posteriors.joint_odds([self.odds[k] for k in one])
+
+    def run(self) -> None:
+        """Try single effects, then pairs and triples of what is likely."""
+        bare = short_fit.fit_hypothesis(self.channel, ())
+        self.tried[()] = RefittedHypothesis(bare, short_evidence.short_evidence(bare), 0.0)
+        for size in range(MOST_TERMS):
+            logs = self.logs()
+            parents = sorted((one for one in self.tried if len(one) == size), key=logs.__getitem__)[-MOST_PARENTS:]
+            for parent in reversed(parents):
+                self._extended(parent)
+
+    def _extended(self, parent: Hypothesis) -> None:
+        """Try every other effect beside those of a hypothesis, refitted where it promises enough."""
+        base, logs = self.tried[parent].fitted, self.logs()
+        law = short_evidence.likeliest_law(self.channel, self.tried[parent].evidence)
+        taken = {self.kinds[k].name for k in parent}
+        for k, kind in enumerate(self.kinds):
+            hypothesis = tuple(sorted((*parent, k)))
+            terms = short_evidence.candidate_places(base, kind)
+            if kind.name in taken or hypothesis in self.tried or not terms:
+                continue
+            columns = short_evidence.place_columns(base, terms)
+            gains, plain = (
+                short_evidence.likelihood_gains(base, one, columns) for one in (law, short_evidence.WHITE[0])
+            )
+            promised = logs[parent] + float(gains.max()) - PARAMETER_COST * len(kind.fitted()) + self.odds[k]
+            if parent and promised < max(logs.values()) - FAR:
+                continue
+            tried = self._placed(base, terms, columns, plain)
+            fitted = tried.fitted.reordered(np.argsort((*parent, k)).tolist())
+            self.tried[hypothesis] = RefittedHypothesis(fitted, tried.evidence, self.tried[parent].share + tried.share)
+
+    def _placed(self, base: FittedHypothesis, terms: list[Term], columns: Floats, gains: Floats) -> RefittedHypothesis:
+        """Return a hypothesis with one more term at its best place: by the memory that is left once it is there.
+
+        Args:
+            gains: of each place as if there were no memory: what is left out looks like a long one.
+        """
+        best: int | None = None
+        for _ in range(MOST_PLACES):
+            if best == int(np.argmax(gains)):
+                break
+            best = int(np.argmax(gains))
+            fitted = self._refitted(base, terms[best])
+            evidence = short_evidence.short_evidence(fitted)
+            gains = short_evidence.likelihood_gains(base, short_evidence.likeliest_law(self.channel, evidence), columns)
+        return RefittedHypothesis(fitted, evidence, float(np.log(np.mean(np.exp(gains - gains.max())))))
+
+    def _refitted(self, base: FittedHypothesis, term: Term) -> FittedHypothesis:
+        """Return a hypothesis with one more term, from each value where its fit may begin."""
+        starts = [np.append(first, term.values[1:]) for first in self.channel.starts.get(term.name, ())]
+        some = [
+            short_fit.fit_hypothesis(self.channel, (*base.terms, term.at(v)), near=base) for v in (term.values, *starts)
+        ]
+        return _refine_places(min(some, key=lambda one: one.square))
+
+    def posterior(self) -> Posterior:
+        """Return how probable each hypothesis is, by noise as uneven as blocks of the likeliest one's residual."""
+        logs = self.logs()
+        plausible = [key for key, one in self.tried.items() if all(t.plausible for t in one.fitted.terms)]
+        best = self.tried[max(plausible, key=logs.__getitem__)]
+        law = short_evidence.likeliest_law(self.channel, best.evidence)
+        alone = [self.tried[(k,)].fitted.terms[0] for k in range(len(self.kinds)) if (k,) in self.tried]
+        slow = [short_evidence.place_columns(best.fitted, [term.at(0.0 * term.values)])[:, 0] for term in alone]
+        logs = self.logs(short_evidence.cluster_inflation(best.fitted, law, slow))
+        some = np.array([logs[key] for key in plausible])
+        probability = np.exp(some - some.max())
+        prior = np.array([self.prior(key) for key in plausible])
+        return Posterior([kind.name for kind in self.kinds], plausible, probability / probability.sum(), prior)
+
+    def alone(self) -> dict[str, tuple[float, float]]:
+        """Return log evidence and visible size of each effect beside the base alone, the best first."""
+        sizes: dict[str, tuple[float, float]] = {}
+        logs = self.logs()
+        for one in sorted((one for one in self.tried if len(one) == 1), key=logs.__getitem__, reverse=True):
+            score = logs[one] - self.prior(one) - logs[()]
+            sizes.setdefault(self.kinds[one[0]].name, (score, short_fit.visible_size_deg(self.tried[one].fitted, 0)))
+        return sizes
+
+
+def search_effects(channel: ShortComparison, options: Options) -> SearchResult:
+    """Return the terms that the comparison calls for, each with all that may stand in its place."""
+    made = HypothesisSearch(channel, options.alarm)
+    made.run()
+    found = made.posterior()
+    chosen = found.of_at_least(SURE)
+    fitted = made.tried[chosen].fitted
+    slots = tuple(found.slots(chosen, instead=None))
+    tested = score_tests(fitted, fitted, omnibus_groups(fitted), seed=99)
+    rest = omnibus.omnibus_test(tested, options.alarm, partial(group_size_deg, fitted), options.min_effect_deg)
+    return SearchResult(made.tried[()].fitted, fitted, found, slots, made.alone(), rest)
+
+
+def _refine_places(fitted: FittedHypothesis) -> FittedHypothesis:
+    """Return a hypothesis with the places of its last term looked for among the samples between those tried."""
+    term = fitted.terms[-1]
+    near = [one.at(term.values) for one in short_evidence.candidate_places(fitted, type(term), near=term)]
+    squares = [_clipped_square(fitted, one) for one in near]
+    if not squares or min(squares) >= fitted.square:
+        return fitted
+    better = near[int(np.argmin(squares))]
+    return short_fit.fit_hypothesis(fitted.channel, (*fitted.terms[:-1], better), near=fitted)
+
+
+def _clipped_square(fitted: FittedHypothesis, last: Term) -> float:
+    residual = fitted.channel.residual(fitted.base, (*fitted.terms[:-1], last))
+    return float(np.sum(np.minimum(np.abs(residual), finding.MOST_WIDTHS * fitted.scale_deg) ** 2))
+
+
+def build_outcome(named: SearchResult) -> Outcome:
+    """Return what the search of one comparison tells."""
+    fitted, channel = named.fitted, named.fitted.channel
+    own = [k for k, term in enumerate(fitted.terms) if not isinstance(term, LOCAL_OFFSETS)]
+    covariance = short_fit.parameter_covariance(fitted) if own else np.zeros((0, 0))
+    every = tuple(_finding(named, k, covariance) for k in own)
+
+    def curves(found: Sequence[Finding], left: Unexplained | None) -> list[BinnedResidual]:
+        wanted = {"heading", *(left.covariates if left else ())}
+        wanted |= {one.where.covariate for one in found if one.effect in {term.name for term in fitted.terms}}
+        return [residual_curve(named.before, fitted, name) for name in channel.covariates if name in wanted]
+
+    scatter = fitted.scale_deg, fitted.scale_deg / float(np.sqrt(2.0 * max(short_fit.effective_samples(fitted), 1.0)))
+    acts = named.found.acting
+    return Outcome(
+        comparison=channel,
+        posterior=named.found,
+        findings=every,
+        slots=tuple(named.slots[k] for k in own),
+        left=_unexplained_mismatch(named, [one.effect for one in every]),
+        small=named.rest.small,
+        curves=curves,
+        noise={"white_deg": scatter},
+        tried=tuple(RankedEffect(effect, *one, acts[effect]) for effect, one in named.alone.items()),
+        deniable=True,
+    )
+
+
+def _finding(named: SearchResult, k: int, covariance: Floats) -> Finding:
+    fitted, channel = named.fitted, named.fitted.channel
+    term = fitted.terms[k]
+    return comparison.build_finding(
+        channel,
+        term,
+        _slot_probabilities(named.slots[k], channel),
+        _parameters(fitted, k, covariance),
+        size_deg=short_fit.visible_size_deg(fitted, k),
+        proof=held_out(fitted, k),
+        place=channel.outside(residual_curve(named.before, named.before, channel.lives(term))),
+    )
+
+
+def _slot_probabilities(slot: Slot, channel: ShortComparison) -> dict[str, float]:
+    """Return the probability of an effect and of what else it could be; what looks the same here has equal shares."""
+    shared: dict[str, float] = {}
+    for effect, p in {slot.effect: slot.probability, **slot.alternatives}.items():
+        alike = (effect, *channel.confused.get(effect, ()))
+        for name in alike:
+            shared[name] = shared.get(name, 0.0) + p / len(alike)
+    return shared
+
+
+def _parameters(fitted: FittedHypothesis, k: int, covariance: Floats) -> dict[str, Parameter]:
+    own = slices(fitted.terms, len(fitted.base))[k]
+    sigma, term = np.sqrt(np.maximum(np.diag(covariance), 0.0))[own], fitted.terms[k]
+    found = {}
+    for j, name in enumerate(term.fitted()):
+        factor, unit = fitted.channel.unit(term, j)
+        plain = name if factor == 1.0 and unit == term.units()[j] else name.replace("_nT", "")
+        found[plain] = Parameter(factor * float(term.values[j]), factor * float(sigma[j]), unit)
+    return found
+
+
+def held_out(fitted: FittedHypothesis, k: int) -> HeldOut:
+    """Return what a term adds on stretches that were not fitted, the others refitted with and without it."""
+    rest = [term for j, term in enumerate(fitted.terms) if j != k]
+    return _held_out_gain(fitted, fitted, rest)
+
+
+def held_out_base(fitted: FittedHypothesis, part: slice) -> HeldOut:
+    """Return what some of the base parameters add on stretches that were not fitted, all others refitted."""
+    steps = fitted.channel.steps.copy()
+    steps[part] = 0.0
+    without = replace(fitted, channel=replace(fitted.channel, steps=steps), base=fitted.base * (steps > 0.0))
+    return _held_out_gain(without, fitted, list(fitted.terms))
+
+
+def _held_out_gain(less: FittedHypothesis, fitted: FittedHypothesis, terms: Sequence[Term]) -> HeldOut:
+    """Return the gain of a fit over one with fewer parameters on held-out stretches."""
+    block = short_fit.memory_blocks(fitted)
+    folds = min(finding.FOLDS, block.max() + 1) if not fitted.channel.independent else block.max() + 1
+    before, after = held_out_residual(less, terms, block, folds), held_out_residual(fitted, fitted.terms, block, folds)
+    return finding.compare_residuals(before, after, max(robust.width(before), short_fit.FINEST_DEG), block)
+
+
+def held_out_residual(fitted: FittedHypothesis, terms: Sequence[Term], block: NDArray[np.intp], folds: int) -> Floats:
+    """Return the residual of each stretch by a fit to the others, (n,) degrees.
+
+    Args:
+        fitted: to start from.
+        terms: what is fitted beside the base.
+        block: number of the stretch, (n,).
+        folds: so many stretches after another are in different folds.
+    """
+    left = np.empty(len(fitted.channel))
+    for fold in range(folds):
+        out = block % folds == fold
+        left[out] = short_fit.fit_hypothesis(fitted.channel, terms, near=fitted, use=~out).residual_deg[out]
+    return left
+
+
+def _unexplained_mismatch(named: SearchResult, listed: Sequence[str]) -> Unexplained | None:
+    """Return what stays proven and without a name: an error at a few headings or for a while, or a mean residual.
+
+    Args:
+        listed: effects that stand beside it.
+    """
+    fitted, channel, rest = named.fitted, named.fitted.channel, named.rest
+    local = [
+        (short_fit.visible_size_deg(fitted, k), k)
+        for k, term in enumerate(fitted.terms)
+        if isinstance(term, LOCAL_OFFSETS)
+    ]
+    size, k = max(local, default=(0.0, 0))
+    if local and size >= rest.min_effect_deg:
+        bare = short_fit.fit_hypothesis(channel, [other for j, other in enumerate(fitted.terms) if j != k], near=fitted)
+        place = _covered_range(channel, fitted.terms[k])
+        return channel.unexplained([residual_curve(bare, bare, place.covariate)], size, listed, place)
+    if not rest.worth:
+        return None
+    group, size = rest.worth[0]
+    return channel.unexplained([residual_curve(fitted, fitted, name) for name in group.covariates], size, listed)
+
+
+def _covered_range(channel: ShortComparison, term: Term) -> CovariateRange:
+    """Return the range of a covariate that a local error covers; one of headings may go through north."""
+    assert isinstance(term, LOCAL_OFFSETS)
+    name = next(name for name in term.along if name in channel.covariates)
+    share = term.share(channel.covariates[name])
+    inside = channel.covariates[name][share > np.max(share) / 2.0]
+    low, high = float(inside.min()), float(inside.max())
+    if name == "heading":
+        away = angles.difference(inside, angles.mean(inside))
+        low, high = (float(angles.wrap360(angles.mean(inside) + end)) for end in (away.min(), away.max()))
+    return channel.where(name, (low, high))
+
+
+def residual_curve(before: FittedHypothesis, after: FittedHypothesis, name: str) -> BinnedResidual:
+    """Return the residual in bins of a covariate, with and without terms, and the standard error of each bin."""
+    column = before.channel.covariates[name]
+    count = int(np.clip(len(column) // 4, 4, finding.CURVE_BINS))
+    edges = np.unique(np.quantile(column, np.linspace(0.0, 1.0, count + 1)))
+    if name == "heading":
+        edges = np.linspace(0.0, 360.0, min(2 * finding.CURVE_BINS, 2 * count) + 1)
+    bins = np.clip(np.searchsorted(edges, column, side="right") - 1, 0, len(edges) - 2)
+    there = np.bincount(bins, minlength=len(edges) - 1)
+    least = 1 if before.channel.independent or before.channel.remembered else FEWEST_IN_BIN
+    held = np.flatnonzero(there >= least)
+    centre = np.bincount(bins, column, len(edges) - 1)[held] / there[held]
+    left = (before.clipped if before is after else before.residual_deg, after.clipped)
+    means = [np.bincount(bins, one, len(edges) - 1)[held] / there[held] for one in left]
+    return BinnedResidual(name, centre, means[0], means[1], _bin_sigma(after, bins, held, there), after.channel.what)
+
+
+def _bin_sigma(
+    after: FittedHypothesis, bins: NDArray[np.intp], held: NDArray[np.intp], there: NDArray[np.intp]
+) -> Floats:
+    """Return the standard error of a bin's mean: samples of one stretch of time in it count once."""
+    scatter = float(np.std(after.clipped))
+    if after.channel.independent:
+        return scatter / np.sqrt(there[held])
+    if after.channel.remembered:
+        weights = (bins[:, None] == held) / there[held]
+        return arma.standard_errors(after.clipped, after.columns, weights)
+    block = short_fit.memory_blocks(after)
+    apart = np.array([len(np.unique(block[bins == b])) for b in held])
+    within = [_block_variance(after.clipped[bins == b], block[bins == b]) for b in held]
+    return np.maximum(np.array(within), scatter / np.sqrt(there[held])) / np.where(apart < 2, 0.5, 1.0)
+
+
+def _block_variance(x: Floats, block: NDArray[np.intp]) -> float:
+    """Return the standard error of a mean from the sums of the stretches."""
+    sums = np.bincount(block, x - x.mean())
+    return float(np.sqrt(np.sum(sums**2))) / len(x)
