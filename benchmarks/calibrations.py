@@ -18,8 +18,8 @@ import targets
 from targets import Measured
 
 from compasslib import angles, compass
-from compasslib.calibrations import curves
-from compasslib.calibrations.curves import BenchReadings
+from compasslib.calibrations import platform
+from compasslib.calibrations.platform import BenchReadings
 from compasslib.calibrations.result import Calibration
 from compasslib.deviation import von_appen
 
@@ -110,7 +110,7 @@ def run(design: Design, benches: int, seed: int) -> list[Measured]:
     models = Counter[str]()
     for _ in range(benches):
         true, readings = bench(design, rng)
-        made = curves.calibration("platform", readings)
+        made = platform.calibrate_readings("platform", readings)
         for shares, z in zip(found.values(), misses(design, true, made), strict=True):
             known = np.abs(z[np.isfinite(z)])
             shares += [float(np.mean(known <= 1.96))] if known.size else []  # of one bench they belong together

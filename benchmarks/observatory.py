@@ -15,7 +15,8 @@ import targets
 from runs import DATA
 from scipy.signal import lfilter
 
-from compasslib import earthfield, observatory
+from compasslib import earthfield
+from compasslib.calibrations import observatory
 from compasslib.inference.comparison import Options
 from compasslib.inference.kinds import declination
 from compasslib.records import FieldSeries

@@ -24,9 +24,9 @@ import targets
 from recordings_real import real
 
 from compasslib import angles
-from compasslib.calibrations import heads as heads_of
-from compasslib.calibrations.heads import motion as motions
+from compasslib.calibrations import two_heads as heads_of
 from compasslib.calibrations.magnetometer.log import Log
+from compasslib.calibrations.two_heads import motion as motions
 from compasslib.inference import kinds as diagnoses
 from compasslib.inference.comparison import Options
 from compasslib.inference.diagnosis import Diagnosis
@@ -78,8 +78,8 @@ def heads(rng: np.random.Generator, effect: str) -> Made:
         paths = [Path(folder) / "a.000", Path(folder) / "b.000"]
         for path, head in zip(paths, (a, b), strict=True):
             path.write_bytes(package.encoded(package.stand(rng, motion, head), looks_up=head.looks_up))
-        first, second = (heads_of.record(path, {}, k) for k, path in enumerate(paths))
-    moved = [motions.motion(one) for one in (first, second)]
+        first, second = (heads_of.read_head(path, {}, k) for k, path in enumerate(paths))
+    moved = [motions.extract_motion(one) for one in (first, second)]
     if effect == "heading_slip":
         late = np.arange(len(moved[1].time_s)) >= rng.uniform(0.3, 0.7) * len(moved[1].time_s)
         truth = {"offset_deg": rng.uniform(2.0, 6.0)}

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 import targets
 
-from compasslib.calibrations import heads
+from compasslib.calibrations import two_heads as heads
 from tests.world import package
 from tests.world.package import Head, Sea
 

@@ -8,7 +8,7 @@ import numpy as np
 import yaml
 
 from compasslib import angles, compass
-from compasslib.calibrations.curves import BenchReadings
+from compasslib.calibrations.platform import BenchReadings
 
 MILD = (0.02, 0.15, 0.1, 0.03, -0.02)
 FOLDED = (0.0, -1.1, 0.7, 0.02, -0.01)

@@ -17,7 +17,6 @@ ROOMS = [
         "statistics",
         "readers",
         "preparation",
-        "observatory",
         "effects",
         "deviation",
         "calibrations",

@@ -7,10 +7,9 @@ import pytest
 from bench import FOLDED, MILD, readings, ring
 
 from compasslib import angles, compass
-from compasslib.calibrations import budget, curves, series
-from compasslib.calibrations.curves import BenchReadings
-from compasslib.calibrations.exact_curve import EXACT
-from compasslib.calibrations.series import ONE_CYCLE, POLYNOMIAL, SMITH, FittedSeries
+from compasslib.calibrations import budget, curves, platform
+from compasslib.calibrations.curves import EXACT, ONE_CYCLE, POLYNOMIAL, SMITH, FittedCurve
+from compasslib.calibrations.platform import BenchReadings
 from compasslib.deviation import von_appen
 
 SERIES = np.array([0.6, 5.0, -3.0, 1.2, -0.7])  # degrees
@@ -25,7 +24,7 @@ def smith_bench(n: int = 36, noise_deg: float = 0.3, seed: int = 1) -> BenchRead
 
 
 def calibrated(read: BenchReadings, **keys):
-    return curves.calibration("platform", read, **keys)
+    return platform.calibrate_readings("platform", read, **keys)
 
 
 # --- the forms ------------------------------------------------------------------------------------------------------
@@ -47,12 +46,14 @@ def test_every_form_has_the_derivative_that_it_says(form):
 
 @pytest.mark.parametrize("form", [SMITH, EXACT, POLYNOMIAL], ids=lambda form: form.name)
 def test_a_left_out_residual_is_that_of_a_fit_without_the_point(form):
-    seen = series.points(smith_bench().recorded_deg, smith_bench().reference_deg)
-    whole = series.fit(form, seen)
+    seen = curves.deviation_points(smith_bench().recorded_deg, smith_bench().reference_deg)
+    whole = curves.fit_curve(form, seen)
     k = 7
     kept = np.arange(len(seen)) != k
-    without = series.fit(form, series.Points(seen.recorded_deg[kept], seen.deviation_deg[kept], seen.weight[kept]))
-    assert isinstance(whole, FittedSeries) and isinstance(without, FittedSeries)
+    without = curves.fit_curve(
+        form, curves.Points(seen.recorded_deg[kept], seen.deviation_deg[kept], seen.weight[kept])
+    )
+    assert isinstance(whole, FittedCurve) and isinstance(without, FittedCurve)
     alone = seen.deviation_deg[k] - without.deviation(seen.recorded_deg[[k]])[0]
     # The hat matrix of the exact compass is that of its linearisation, whose slope differs by a few per cent.
     assert whole.left_out_deg[k] == pytest.approx(alone, abs=1e-9 if form is not EXACT else 0.05)
@@ -89,9 +90,9 @@ def test_le_menn_5_exchanges_the_letters_d_and_e():
 def test_the_polynomial_is_that_of_le_menn_7_and_jumps_at_north():
     heading = np.arange(0.0, 360.0, 10.0)
     deviation = -2.0 + 0.03 * heading + 1e-4 * heading**2
-    curve = series.fit(POLYNOMIAL, series.points(heading, heading + deviation))
-    assert isinstance(curve, FittedSeries)
-    assert np.allclose(series.published_polynomial(curve)[:3], [-2.0, 0.03, 1e-4], rtol=1e-6)
+    curve = curves.fit_curve(POLYNOMIAL, curves.deviation_points(heading, heading + deviation))
+    assert isinstance(curve, FittedCurve)
+    assert np.allclose(curves.published_polynomial(curve)[:3], [-2.0, 0.03, 1e-4], rtol=1e-6)
     made = calibrated(BenchReadings(angles.wrap360(heading + deviation), heading))
     assert made.model == "polynomial" and any("not periodic: it jumps by -23.8" in text for text in made.warnings)
 
@@ -116,7 +117,10 @@ def test_series_against_polynomial_as_on_le_menns_bench():
     for _ in range(20):
         recorded = rng.uniform(0.0, 10.0) + ring()
         deviation = von_appen.predict([0.5, 10.0, 8.0, 2.5, 1.0], recorded) + rng.normal(0.0, 0.35, 36)
-        fits = [series.fit(form, series.points(recorded, recorded + deviation)) for form in (SMITH, POLYNOMIAL)]
+        fits = [
+            curves.fit_curve(form, curves.deviation_points(recorded, recorded + deviation))
+            for form in (SMITH, POLYNOMIAL)
+        ]
         expanded.append([2.0 * np.hypot(budget.combined(rows), fit.scatter_deg) for fit in fits])
     smith, polynomial = np.mean(expanded, axis=0)
     assert smith == pytest.approx(1.14, abs=0.08)  # 0.95 for 0.90, and 31 degrees of freedom instead of many
@@ -127,9 +131,9 @@ def test_series_against_polynomial_as_on_le_menns_bench():
 
 
 def test_two_widened_standard_deviations_are_students_interval():
-    assert series.widening(3) == pytest.approx(3.307 / 2.0, abs=1e-3)  # GUM, table G.2, p = 95.45 %
-    assert series.widening(1) == pytest.approx(13.97 / 2.0, abs=1e-2)
-    assert series.widening(10**6) == pytest.approx(1.0, abs=1e-4)
+    assert curves.student_widening(3) == pytest.approx(3.307 / 2.0, abs=1e-3)  # GUM, table G.2, p = 95.45 %
+    assert curves.student_widening(1) == pytest.approx(13.97 / 2.0, abs=1e-2)
+    assert curves.student_widening(10**6) == pytest.approx(1.0, abs=1e-4)
 
 
 @pytest.mark.parametrize("n", [36, 8])
@@ -251,4 +255,5 @@ def test_an_offset_of_half_a_turn_does_not_tear_the_deviations_apart():
 
 
 def test_coverage_counts_occupied_sectors():
-    assert series.coverage([]) == 0 and series.coverage([359.9, 0.0, 5.0, 9.9]) == 2 and series.coverage(ring()) == 36
+    assert curves.count_sectors([]) == 0 and curves.count_sectors(ring()) == 36
+    assert curves.count_sectors([359.9, 0.0, 5.0, 9.9]) == 2

@@ -10,9 +10,9 @@ import pytest
 from iaga_files import DAY_S, HOUR_S, LATITUDE, LONGITUDE, ROCKS_DEG, START_S, series, write
 from sea import SHARED
 
-from compasslib import earthfield, observatory
+from compasslib import earthfield
 from compasslib.archive.files import read_json, write_json
-from compasslib.calibrations import content, declination
+from compasslib.calibrations import declination, observatory, result
 from compasslib.errors import InputError
 from compasslib.plots import declination as figures
 
@@ -93,12 +93,12 @@ def test_a_place_far_from_the_header_is_said(tmp_path):
 
 def test_the_page_goes_through_its_file_and_the_figures_draw_it(tmp_path):
     made = declination.calibrate([write(tmp_path / "a.hor", series(40))], {})
-    page = content.described("quiet", made, PLACE, {})
+    page = result.to_json("quiet", made, PLACE, {})
     write_json(tmp_path / "calibration.json", page)
     again = read_json(tmp_path / "calibration.json")
     assert again["coefficients"]["A"] == pytest.approx(made.coefficients[0]) and again["coefficients"]["B"] is None
-    assert "A +0.2" in content.log_line(again) and "nan" not in content.log_line(page)
-    shown = replace(content.calibration(again), points=made.points, table=made.table)
+    assert "A +0.2" in result.log_line(again) and "nan" not in result.log_line(page)
+    shown = replace(result.from_json(again), points=made.points, table=made.table)
     for draw in (figures.series, figures.disturbance):
         draw(tmp_path / "a.png", shown, "quiet")
         assert (tmp_path / "a.png").stat().st_size > 20_000

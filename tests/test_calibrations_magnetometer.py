@@ -9,7 +9,8 @@ import pytest
 from sea import real
 
 from compasslib.calibrations import magnetometer
-from compasslib.calibrations.magnetometer import ellipsoid, heading
+from compasslib.calibrations.magnetometer import ellipsoid
+from compasslib.calibrations.magnetometer import iron as magnetometer_iron
 from compasslib.calibrations.magnetometer.ellipsoid import ELLIPSE, ELLIPSOID, ScaledReadings
 from compasslib.errors import InputError
 from compasslib.plots.magnetometer import magnetometer as draw
@@ -237,10 +238,12 @@ def test_exact_coefficients_and_series_agree_with_the_known_compass():
     true = iron.Iron(np.diag([1.02, 0.98, 1.0]), np.array([12.0, -8.0, 0.0]), 60.0)
     matrix = np.linalg.inv(true.soft)
     parts = np.concatenate([true.hard / iron.FIELD, matrix.ravel()])
-    exact = heading.exact(parts, np.tan(np.deg2rad(60.0)))
+    exact = magnetometer_iron.exact_coefficients(parts, np.tan(np.deg2rad(60.0)))
     recorded = np.arange(0.0, 360.0, 7.0)
-    assert off(heading.deviation(exact, recorded), true.deviation(recorded)) == pytest.approx(0.0, abs=1e-3)
-    a, b, c, d, e = heading.series(exact)
+    assert off(magnetometer_iron.exact_deviation(exact, recorded), true.deviation(recorded)) == pytest.approx(
+        0.0, abs=1e-3
+    )
+    a, b, c, d, e = magnetometer_iron.series_coefficients(exact)
     # First order of von Appen's eq. (1): B = 57.3 P/H, C = 57.3 Q/H, D = 57.3 (a - e)/2; second order is p^2/2.
     assert [b, c, d] == pytest.approx(np.rad2deg([0.048, -0.032, 0.02]), abs=0.15)
     assert abs(a) < 0.1 and abs(e) < 0.15

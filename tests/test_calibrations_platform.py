@@ -15,9 +15,8 @@ from test_plots import record
 from compasslib import angles, calibrations, compass, deviation
 from compasslib.archive import calibrations as calibration_files
 from compasslib.archive import netcdf
-from compasslib.calibrations import at_mooring, budget, content, platform
-from compasslib.calibrations import content as comparison
-from compasslib.calibrations.curves import BenchReadings
+from compasslib.calibrations import at_mooring, budget, platform, result
+from compasslib.calibrations.platform import BenchReadings
 from compasslib.deviation import transfer
 from compasslib.errors import InputError
 from compasslib.inference import kinds
@@ -30,7 +29,7 @@ SEA = EarthField(*(np.array([x, x]) for x in (1.2e9, -23.5, 11980.0, 52078.0, -2
 
 def page(made, name="aqd", settings=None, earlier=None):
     """Return calibration.json as a later job reads it."""
-    said = content.described(name, made, settings or {"field": HOME}, earlier or {})
+    said = result.to_json(name, made, settings or {"field": HOME}, earlier or {})
     path = Path(mkdtemp()) / "calibration.json"
     netcdf.write_json(path, said)
     return netcdf.read_json(path)
@@ -139,7 +138,7 @@ def test_what_cannot_be_told_from_the_compass_s_own_is_a_doubt_that_goes_to_the_
     made = calibrated(tmp_path, read, declination_deg=declination)
     assert said in " ".join(made.warnings)
     seen, _ = pairs()
-    told = at_mooring.carried(page(made), SEA, record(seen), seen).warnings
+    told = at_mooring.carry_to_mooring(page(made), SEA, record(seen), seen).warnings
     assert any(said in text and text.startswith("calibration aqd: ") for text in told)
     assert calibrated(tmp_path, declination_deg=declination).details["doubts"] == []
 
@@ -200,7 +199,7 @@ def test_a_refused_calibration_is_written_too(tmp_path):
     back = calibration_files.read(**paths)
     assert back.content["coefficients"] is None and back.content["uncertainty"]["expanded_deg"] is None
     assert back.content["why"].startswith("one heading only") and not back.table.heading_deg.size
-    assert "no calibration: one heading only" in content.log_line(back.content)
+    assert "no calibration: one heading only" in result.log_line(back.content)
 
 
 def test_a_damaged_table_is_one_line(tmp_path):
@@ -218,11 +217,11 @@ def test_details_of_a_kind_cannot_hide_what_every_kind_has(tmp_path):
 def test_the_field_and_the_declination_come_from_place_and_date():
     """H and Z of the physics page, section 3, at 65.3 N 33 W on 1 December 2007."""
     place = {"latitude": 65.3, "longitude": -33.0, "date_s": 1196467200.0}
-    settled = calibrations.settled(place | {"declination": "auto"})
+    settled = calibrations.resolve_settings(place | {"declination": "auto"})
     assert settled["field"]["horizontal_nT"] == pytest.approx(11980.0, abs=15.0)
     assert settled["declination_deg"] == pytest.approx(-23.50, abs=0.05)
-    assert calibrations.settled(place | {"declination": 3.0})["declination_deg"] == 3.0
-    nowhere = calibrations.settled({"declination": "auto", "latitude": 65.3, "longitude": -33.0})
+    assert calibrations.resolve_settings(place | {"declination": 3.0})["declination_deg"] == 3.0
+    nowhere = calibrations.resolve_settings({"declination": "auto", "latitude": 65.3, "longitude": -33.0})
     assert nowhere["field"] is None and nowhere["declination_deg"] is None
 
 
@@ -257,23 +256,23 @@ def test_the_same_compass_twice_is_told_from_itself_as_often_as_chance_has_it(tm
     for seed in range(100):
         before = page(calibrated(tmp_path, readings(ring(12), seed=2 * seed)), "before")
         after = calibrated(tmp_path, readings(ring(12), seed=2 * seed + 1))
-        differ.append(comparison.compare(after, before, "before")["differ"])
+        differ.append(result.compare(after, before, "before")["differ"])
     assert np.mean(differ) <= 0.12  # 5 % in 100 draws: three standard errors above
 
 
 def test_a_demagnetised_compass_has_no_phase_and_a_refused_one_is_not_compared(tmp_path):
     before = page(calibrated(tmp_path), "before")
     clean = calibrated(tmp_path, readings(coefficients=(0.0,) * 5, seed=4))
-    found = comparison.compare(clean, before, "before")
+    found = result.compare(clean, before, "before")
     assert found["one_cycle"]["phase_deg"] is None and "too small on one side" in found["text"] and found["differ"]
     refused = calibrated(tmp_path, readings([10.0]))
-    assert comparison.compare(refused, before, "before")["why"] == "this calibration has no coefficients"
-    assert comparison.compare(clean, page(refused), "bad")["why"] == "bad has no coefficients"
+    assert result.compare(refused, before, "before")["why"] == "this calibration has no coefficients"
+    assert result.compare(clean, page(refused), "bad")["why"] == "bad has no coefficients"
 
 
 def test_a_reduced_calibration_is_compared_by_what_both_have(tmp_path):
     four = calibrated(tmp_path, readings(ring(4)))
-    assert set(comparison.compare(four, page(calibrated(tmp_path)), "whole")["difference"]) == set("ABC")
+    assert set(result.compare(four, page(calibrated(tmp_path)), "whole")["difference"]) == set("ABC")
 
 
 # --- at a mooring ---------------------------------------------------------------------------------------------------
@@ -292,7 +291,7 @@ def at_home(coefficients, share: float = 1.0) -> np.ndarray:
 def test_headings_of_a_mooring_lie_within_what_the_carried_calibration_states(tmp_path, at_sea, share):
     made = calibrated(tmp_path, readings(coefficients=at_home(at_sea, share)), budget="le_menn")
     seen, heading = pairs(at_sea, n=700)
-    fit = at_mooring.carried(page(made), SEA, record(seen), seen)
+    fit = at_mooring.carry_to_mooring(page(made), SEA, record(seen), seen)
     assert fit.method == "calibration" and fit.folded == (not compass.turns_full_circle(at_sea))
     off = (fit.coefficients - at_sea) / np.sqrt(np.diag(fit.covariance))
     assert np.all(np.abs(off) < 2.5) and np.abs(off).max() > 0.01
@@ -312,7 +311,7 @@ def test_a_folded_calibration_reaches_the_mooring_without_any_pair(tmp_path):
     made = calibrated(tmp_path, readings(ring(24), FOLDED))
     seen, _ = pairs((0.0, -1.1 * 1.78, 0.7 * 1.78, 0.02, -0.01), n=300)
     none = replace(seen, **{k: v[:0] for k, v in vars(seen).items() if isinstance(v, np.ndarray)})
-    fit = at_mooring.carried(page(made), SEA, record(seen, 300), none)
+    fit = at_mooring.carry_to_mooring(page(made), SEA, record(seen, 300), none)
     assert fit.folded and fit.n_pairs == 0 and np.isnan(fit.residual_rms_deg)
     assert "residual" not in deviation.log_line("M1", fit) and "warning: calibration aqd" in deviation.log_line(
         "M1", fit
@@ -330,7 +329,7 @@ def test_a_folded_calibration_reaches_the_mooring_without_any_pair(tmp_path):
 )
 def test_what_cannot_be_carried_leaves_no_coefficients_and_says_why(tmp_path, read, settings, why):
     seen, _ = pairs(MILD, n=50)
-    fit = at_mooring.carried(
+    fit = at_mooring.carry_to_mooring(
         page(calibrated(tmp_path, read), settings=settings or {"field": None}), SEA, record(seen), seen
     )
     assert not fit.fitted and fit.why.startswith(why) and fit.n_pairs == 50
@@ -339,7 +338,9 @@ def test_what_cannot_be_carried_leaves_no_coefficients_and_says_why(tmp_path, re
 def test_the_budget_of_a_calibration_stands_in_the_mooring_s_uncertainty(tmp_path):
     seen, _ = pairs(MILD, n=50)
     wide, narrow = (
-        at_mooring.carried(page(calibrated(tmp_path, uncertainty={"graduation_deg": x})), SEA, record(seen, 50), seen)
+        at_mooring.carry_to_mooring(
+            page(calibrated(tmp_path, uncertainty={"graduation_deg": x})), SEA, record(seen, 50), seen
+        )
         for x in (3.0, 0.1)
     )
     assert np.sqrt(wide.covariance[0, 0]) / angles.DEGREE == pytest.approx(3.0, abs=0.1)

@@ -9,17 +9,17 @@ from hypothesis import strategies as st
 
 from compasslib import angles
 from compasslib.calibrations import swing
-from compasslib.calibrations.swing import cardinal, nullify
+from compasslib.calibrations.swing import adjustment
 from compasslib.deviation import von_appen
 from compasslib.errors import InputError
 
-DEVIATIONS = dict(zip(cardinal.POINTS, (-1.177, 2.023, -8.377, -4.279, 3.620, 14.721, 5.624, 15.123), strict=True))
-PSEUDO = dict(zip(cardinal.POINTS, (-1.312, 2.888, -7.512, -3.414, 2.485, 15.586, 4.489, 14.988), strict=True))
+DEVIATIONS = dict(zip(adjustment.POINTS, (-1.177, 2.023, -8.377, -4.279, 3.620, 14.721, 5.624, 15.123), strict=True))
+PSEUDO = dict(zip(adjustment.POINTS, (-1.312, 2.888, -7.512, -3.414, 2.485, 15.586, 4.489, 14.988), strict=True))
 DECLINATION = -0.135
 
 
 def test_coefficients_from_deviations():  # MM section 5.3 and Table 4
-    found = cardinal.coefficients(DEVIATIONS, 0.0)
+    found = adjustment.principal_coefficients(DEVIATIONS, 0.0)
     printed = {"A": -0.0775, "B_bar": -7.0005, "C_bar": -2.3985, "E": 1.299, "D": 1.475}
     assert {k: round(found[k], 4) for k in printed} == printed
     assert round(found["D_from"]["NE"], 4) == 8.7456
@@ -28,7 +28,7 @@ def test_coefficients_from_deviations():  # MM section 5.3 and Table 4
 
 
 def test_coefficients_from_pseudo_deviations():  # MM section 5.4 and Table 4
-    found = cardinal.coefficients(PSEUDO, DECLINATION)
+    found = adjustment.principal_coefficients(PSEUDO, DECLINATION)
     printed = {"A_bar": -0.4625, "A": -0.3275, "B_bar": -6.0005, "C_bar": -1.8985, "E": 1.049, "D": 1.725}
     assert {k: round(found[k], 4) for k in printed} == printed
     assert round(found["D_from"]["NE"], 4) == 8.9351
@@ -38,13 +38,13 @@ def test_coefficients_from_pseudo_deviations():  # MM section 5.4 and Table 4
 def test_pseudo_deviations_of_table_2():
     true = 45.0 * np.arange(8)
     recorded = angles.wrap360(true - DECLINATION - np.array(list(DEVIATIONS.values())))
-    found = cardinal.pseudo_deviations([0, 46, 91, 136, 179, 226, 269, 315], recorded)
+    found = adjustment.pseudo_deviations([0, 46, 91, 136, 179, 226, 269, 315], recorded)
     assert {k: round(x, 3) for k, x in found.items()} == PSEUDO
 
 
 def test_error_bound():  # MM Table 1 and section 7.3
-    assert round(float(cardinal.error_bound_deg(1 / 7)), 3) == 0.585
-    assert float(cardinal.error_bound_deg(1 / 8)) < 0.5 < float(cardinal.error_bound_deg(1 / 7.5))
+    assert round(float(adjustment.error_bound_deg(1 / 7)), 3) == 0.585
+    assert float(adjustment.error_bound_deg(1 / 8)) < 0.5 < float(adjustment.error_bound_deg(1 / 7.5))
 
 
 @given(st.floats(0.0, 1 / 7), st.floats(0.0, 360.0))
@@ -53,17 +53,17 @@ def test_set_and_drift_by_the_triangle_of_speeds(ratio, set_deg):
     heading = np.arange(0.0, 360.0, 15.0)
     (east, north), (de, dn) = angles.components(1.0, heading), angles.components(ratio, set_deg)
     beta = angles.difference(angles.direction(east + de, north + dn), heading)
-    terms = cardinal.set_and_drift_terms(ratio, set_deg)
+    terms = adjustment.set_and_drift_terms(ratio, set_deg)
     by_terms = von_appen.design(heading) @ [0.0, -terms["x"], terms["y"], terms["D"], -terms["E"]]
     assert np.max(np.abs(beta - by_terms)) <= 57.3 * ratio**3 / 3.0 * (1.0 + ratio) + 1e-9
-    assert max(abs(terms["D"]), abs(terms["E"])) <= cardinal.error_bound_deg(ratio) + 1e-12
+    assert max(abs(terms["D"]), abs(terms["E"])) <= adjustment.error_bound_deg(ratio) + 1e-12
 
 
 def test_a_missing_course_leaves_its_numbers_out():
-    found = cardinal.coefficients({**PSEUDO, "NW": np.nan}, DECLINATION)
+    found = adjustment.principal_coefficients({**PSEUDO, "NW": np.nan}, DECLINATION)
     assert np.isnan(found["D_from"]["NW"])
     assert found["D"] == pytest.approx(np.mean([8.9351, 0.0514, 10.4639]), abs=1e-3)
-    none = cardinal.coefficients({**PSEUDO, "N": np.nan}, DECLINATION)
+    none = adjustment.principal_coefficients({**PSEUDO, "N": np.nan}, DECLINATION)
     assert np.isnan([none["A"], none["C_bar"], none["E"], none["D"]]).all()
     assert round(none["B_bar"], 4) == -6.0005
 
@@ -78,13 +78,13 @@ def deviation(b: float, c: float, heading: float) -> float:
 @given(st.floats(-9.0, 9.0), st.floats(-9.0, 9.0), st.floats(0.0, 360.0), st.floats(60.001, 119.999))
 def test_two_headings_give_b_and_c(b, c, first, apart):
     headings = (first, first + apart)
-    found = cardinal.from_two_headings(KNOWN, *((h, deviation(b, c, h)) for h in headings))
+    found = adjustment.from_two_headings(KNOWN, *((h, deviation(b, c, h)) for h in headings))
     assert found == pytest.approx((b, c), abs=1e-9)
 
 
 def test_two_headings_too_near_are_refused():
     with pytest.raises(InputError, match="expected two headings 60 to 120 degrees apart, found 30 degrees"):
-        cardinal.from_two_headings(KNOWN, (350.0, 1.0), (20.0, 1.0))
+        adjustment.from_two_headings(KNOWN, (350.0, 1.0), (20.0, 1.0))
 
 
 def test_one_heading_corrects_what_lies_across_it():
@@ -92,7 +92,7 @@ def test_one_heading_corrects_what_lies_across_it():
     b, c, x, y = 3.0, -2.0, 4.0, -1.5
     for true_heading in (10.0, 80.0, 200.0, 300.0):
         compass = true_heading - deviation(b, c, true_heading)
-        found = cardinal.from_one_heading(KNOWN, (b - x, c + y), compass, true_heading - compass)
+        found = adjustment.from_one_heading(KNOWN, (b - x, c + y), compass, true_heading - compass)
         sine, cosine = angles.sin_cos(true_heading)
         assert found["B"] * sine + found["C"] * cosine == pytest.approx(b * sine + c * cosine, abs=1e-9)
         assert found["theta_2"] == pytest.approx((b - x) * cosine - (c + y) * sine, abs=1e-9)
@@ -106,13 +106,13 @@ def test_sun_by_the_almanac_of_the_solar_position_algorithm():
 
 
 def test_nullifying():  # MM section 7.2, point 7
-    b = nullify.magnets("B", 6.0)
+    b = adjustment.magnets_for("B", 6.0)
     assert (b.lie, b.courses_deg, b.settle_deg) == ("longitudinal", (84.0, 276.0), (90.0, 270.0))
     assert b.red_towards == "forward"
-    c = nullify.magnets("C", -3.0)
+    c = adjustment.magnets_for("C", -3.0)
     assert (c.lie, c.courses_deg, c.settle_deg) == ("transversal", (3.0, 177.0), (0.0, 180.0))
     assert c.red_towards == "to port"
-    found = nullify.plan(np.array([0.2, 6.0, -3.0, 0.5, 0.1]), 15.0)
+    found = adjustment.plan(np.array([0.2, 6.0, -3.0, 0.5, 0.1]), 15.0)
     assert found["largest_deg"]["none"] > 4.0 > found["largest_deg"]["B"]
     assert found["text"].startswith("Nullify B:")
     without = von_appen.design(np.arange(0.0, 360.0, 15.0)) @ [0.2, 0.0, -3.0, 0.5, 0.1]
@@ -139,8 +139,8 @@ def test_red_ends_forward_take_a_positive_b_away():
     ],
 )
 def test_verdict(b, sigma, length, word):
-    table = nullify.table(np.array([0.0, b, 0.0, 0.0, 0.0]), np.eye(5) * sigma**2 / 3.0, 10.0)
-    found = nullify.verdict(table, length, 6.0)
+    table = adjustment.deviation_table(np.array([0.0, b, 0.0, 0.0, 0.0]), np.eye(5) * sigma**2 / 3.0, 10.0)
+    found = adjustment.verdict(table, length, 6.0)
     assert found["verdict"] == word
     assert "the method asks for at least 7 kn" in " ".join(found["conditions"])
-    assert nullify.verdict(table, 20.0, 8.0)["conditions"] == []
+    assert adjustment.verdict(table, 20.0, 8.0)["conditions"] == []

@@ -15,11 +15,11 @@ from two_heads_files import PLAIN, START_S, TURNED, cast, rewritten
 from compasslib import calibrations
 from compasslib.archive import calibrations as calibration_files
 from compasslib.archive.files import read_json, write_json
-from compasslib.calibrations import content, heads
-from compasslib.calibrations.heads import frame as heads_frame
-from compasslib.calibrations.heads import motion as heads_motion
-from compasslib.calibrations.heads import series as heads_series
+from compasslib.calibrations import result
+from compasslib.calibrations import two_heads as heads
 from compasslib.calibrations.result import Calibration
+from compasslib.calibrations.two_heads import frame as heads_frame
+from compasslib.calibrations.two_heads import motion as heads_motion
 from compasslib.errors import InputError
 from compasslib.inference import kinds
 from compasslib.inference.comparison import Options
@@ -96,10 +96,10 @@ def test_narrow_headings_carry_an_offset_only(narrow):
 
 def test_87_degrees_do_not_carry_five_coefficients_nor_three():
     heading = np.linspace(272.0, 359.0, 2000)
-    covered = heads_series.covered_sectors(heading)
-    assert heads_series.inflations(covered, 3).max() > 50.0
-    assert heads_series.inflations(covered, 5).max() > 10_000.0
-    assert heads_series.stretches_deg(covered) == "270° to 360°"
+    covered = heads_frame.covered_sectors(heading)
+    assert heads_frame.inflations(covered, 3).max() > 50.0
+    assert heads_frame.inflations(covered, 5).max() > 10_000.0
+    assert heads_frame.stretches_deg(covered) == "270° to 360°"
 
 
 @pytest.mark.parametrize(("width", "terms"), [(87, 1), (140, 1), (175, 3), (210, 3), (245, 5), (360, 5)])
@@ -107,13 +107,13 @@ def test_how_many_terms_an_arc_carries(width, terms):
     rng = np.random.default_rng(3)
     n = 4000
     heading = 20.0 + width * rng.random(n)
-    fitted = heads_series.fit(np.arange(float(n)), np.mod(heading, 360.0), rng.normal(0.0, 1.0, n), np.zeros(n))
+    fitted = heads_frame.fit_frame(np.arange(float(n)), np.mod(heading, 360.0), rng.normal(0.0, 1.0, n), np.zeros(n))
     assert fitted.terms == terms
     assert ("D and E are refused" in fitted.refused) == (terms < 5)
 
 
 def test_full_coverage_inflates_nothing():
-    assert heads_series.inflations(np.full(36, True), 5) == pytest.approx(np.ones(5))
+    assert heads_frame.inflations(np.full(36, True), 5) == pytest.approx(np.ones(5))
 
 
 def test_the_band_of_a_short_series_widens_away_from_the_headings(tmp_path):
@@ -239,7 +239,7 @@ def test_the_turned_heading_is_that_of_the_tilted_body():
     heading, pitch, roll = rng.uniform(0, 360, 50), rng.uniform(-12, 12, 50), rng.uniform(-12, 12, 50)
     wanted, pitch_b, roll_b = package.mounted(heading, (pitch, roll), (65.0, 4.0, -6.0))
     lean_a, lean_b = heads_motion.lean(pitch, roll), heads_motion.lean(pitch_b, roll_b)
-    frame = heads_frame.fit(np.arange(50.0), lean_a, lean_b)
+    frame = heads_frame.fit_frame(np.arange(50.0), lean_a, lean_b)
     assert frame.offset_deg == pytest.approx(65.0, abs=1e-9) and frame.rms_deg < 1e-5
     for rotation in (frame.rotation, heads_frame.upright(65.0, lean_a, lean_b)):
         turned = heads_frame.turned_heading(heading, lean_a, rotation)
@@ -311,6 +311,6 @@ def test_heads_that_turn_evenly_or_never_or_are_one_file_are_no_traceback(tmp_pa
         assert (made.model == "none") == (n == 1)
         assert n == 1 or any("leaves nothing of the readings" in said for said in made.warnings)
         files = {file: tmp_path / f"{file}.x" for file in ("calibration", "table", "points")}
-        calibration_files.write(page=content.described("h", made, {}, {}), made=made, **files)
-        for figure in calibrations.figures("two_heads"):
+        calibration_files.write(page=result.to_json("h", made, {}, {}), made=made, **files)
+        for figure in calibrations.figure_names("two_heads"):
             plots_calibrations.draw(figure, tmp_path / f"{figure}.png", calibration_files.read(**files))

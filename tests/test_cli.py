@@ -24,8 +24,8 @@ from compasslib import calibrations
 from compasslib.archive import calibrations as calibration_files
 from compasslib.archive import summary
 from compasslib.archive.files import write_json
-from compasslib.calibrations import content
-from compasslib.calibrations.curves import BenchReadings
+from compasslib.calibrations import result
+from compasslib.calibrations.platform import BenchReadings
 from compasslib.cli import _parser, folders, main, versions
 from compasslib.pipeline import reasons
 from compasslib.pipeline.process import process_mooring
@@ -551,10 +551,10 @@ def calibrated(tmp_path_factory) -> Path:
 def _calibrate(folder: Path, run: str, name: str, seen: BenchReadings) -> None:
     there = folder / run / "calibrations" / name
     there.mkdir(parents=True)
-    settings = calibrations.settled({"uncertainty": {}, "budget": None, "table_step_deg": 10.0})
+    settings = calibrations.resolve_settings({"uncertainty": {}, "budget": None, "table_step_deg": 10.0})
     made = calibrations.calibrate("platform", [write_table(folder / "raw.csv", seen)], settings)
     files = {"calibration": there / "calibration.json", "table": there / "table.csv", "points": there / "points.csv"}
-    calibration_files.write(page=content.described(name, made, settings, {}), made=made, **files)
+    calibration_files.write(page=result.to_json(name, made, settings, {}), made=made, **files)
 
 
 def test_diff_compares_calibrations(calibrated, capsys):

@@ -189,7 +189,7 @@ def test_a_calibration_of_another_compass_is_contradicted_and_its_own_is_not():
     own = replace(exact.fit(pairs(MILD, n=1500, seed=7)[0]), method="calibration")
     other = replace(own, coefficients=own.coefficients + np.array([0.0, -1.0, 0.6, 0.0, 0.0]))
     moved = replace(own, coefficients=own.coefficients + np.array([0.2, 0.0, 0.0, 0.0, 0.0]))
-    assert [bool(at_mooring.contradicted(fit, seen)) for fit in (own, moved, other)] == [False, False, True]
+    assert [bool(at_mooring.contradiction(fit, seen)) for fit in (own, moved, other)] == [False, False, True]
 
 
 def test_directions_that_agree_with_no_heading_doubt_the_record():

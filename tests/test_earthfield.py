@@ -81,6 +81,6 @@ def test_the_advice_for_dates_after_the_model_works():
     assert any("IGRF ends with 2029" in said for said in field.warnings)
     assert not any("IGRF ends" in said for said in earthfield.along_time(*EG4, 1.6e9, 1.7e9, -20.0).warnings)
     place = {"latitude": EG4[0], "longitude": EG4[1], "date_s": end_s}
-    assert calibrations.settled({**place, "declination": -18.0})["field"]["horizontal_nT"] > 1e4
+    assert calibrations.resolve_settings({**place, "declination": -18.0})["field"]["horizontal_nT"] > 1e4
     with pytest.raises(InputError, match="found 2031-06-01"):
-        calibrations.settled({**place, "declination": "auto"})
+        calibrations.resolve_settings({**place, "declination": "auto"})

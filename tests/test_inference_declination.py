@@ -10,7 +10,9 @@ import pytest
 from iaga_files import DAY_S, HOUR_S, LATITUDE, LONGITUDE, START_S, series, write
 from sea import SHARED
 
-from compasslib import deviation, earthfield, observatory
+from compasslib import deviation, earthfield
+from compasslib.calibrations import declination as calibrated_declination
+from compasslib.calibrations import observatory
 from compasslib.errors import InputError
 from compasslib.inference.comparison import Options
 from compasslib.inference.kinds import declination
@@ -157,21 +159,23 @@ def test_a_series_becomes_a_moorings_covariate(tmp_path):
 def test_a_moorings_observatory_is_held_against_its_own_place_and_the_moorings(tmp_path):
     path, here = write(tmp_path / "a.hor", series(40)), {"latitude": 56.0, "longitude": -5.0}
     field = earthfield.along_time(56.0, -5.0, START_S, START_S + 40 * DAY_S)
-    assert observatory.with_observatory(field, [], here) is field
-    assert observatory.with_observatory(field, [path], here).warnings == ()
-    far = observatory.with_observatory(field, [path], {"latitude": 30.0, "longitude": 5.0}).warnings
+    assert calibrated_declination.with_observatory_warnings(field, [], here) is field
+    assert calibrated_declination.with_observatory_warnings(field, [path], here).warnings == ()
+    far = calibrated_declination.with_observatory_warnings(field, [path], {"latitude": 30.0, "longitude": 5.0}).warnings
     assert len(far) == 1 and far[0].startswith("the observatory Made is 28")
     later = earthfield.along_time(56.0, -5.0, START_S + 30 * DAY_S, START_S + 90 * DAY_S)
     assert (
         "a declination on 16 % of the deployment's days"
-        in observatory.with_observatory(later, [path], here).warnings[0]
+        in calibrated_declination.with_observatory_warnings(later, [path], here).warnings[0]
     )
     empty = replace(series(40), declination_deg=np.full(960, np.nan))
-    nothing = observatory.with_observatory(field, [write(tmp_path / "b.hor", empty, "DHZF")], here).warnings
+    nothing = calibrated_declination.with_observatory_warnings(
+        field, [write(tmp_path / "b.hor", empty, "DHZF")], here
+    ).warnings
     assert "a declination on 0 % of the deployment's days" in nothing[0]
     wrong = replace(series(40), declination_deg=-series(40).declination_deg)
     with pytest.raises(InputError, match="the sign of D"):
-        observatory.with_observatory(field, [write(tmp_path / "c.hor", wrong)], here)
+        calibrated_declination.with_observatory_warnings(field, [write(tmp_path / "c.hor", wrong)], here)
 
 
 def moored(share: float, *, magnetic: bool):

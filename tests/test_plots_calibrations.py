@@ -11,8 +11,8 @@ from matplotlib.image import imread
 from matplotlib.text import Annotation
 
 from compasslib.archive.calibrations import Page
-from compasslib.calibrations import FIGURES, budget, content, curves
-from compasslib.calibrations.curves import BenchReadings
+from compasslib.calibrations import FIGURES, budget, platform, result
+from compasslib.calibrations.platform import BenchReadings
 from compasslib.calibrations.result import Calibration, DeviationTable
 from compasslib.plots import calibrations, compass
 from compasslib.plots import calibrations as plots_certificate
@@ -36,13 +36,13 @@ CASES = {
 
 def shown(made: Calibration) -> Page:
     """Return a calibration as its files give it back."""
-    said = content.described("aqd $2", made, PLACE, {})
+    said = result.to_json("aqd $2", made, PLACE, {})
     return Page(said, made.table or DeviationTable(*np.zeros((3, 0))), made.points)
 
 
 def page(case: str) -> Page:
     rows = budget.sources({"maker_accuracy_deg": 2.0}, "le_menn")
-    return shown(curves.calibration("platform", CASES[case], rows))
+    return shown(platform.calibrate_readings("platform", CASES[case], rows))
 
 
 @pytest.mark.parametrize("case", CASES)

@@ -9,7 +9,7 @@ import pytest
 from iaga_files import header, rows, series, write
 from sea import SHARED, real
 
-from compasslib import observatory
+from compasslib.calibrations import declination
 from compasslib.errors import InputError
 from compasslib.readers import iaga2002
 
@@ -157,7 +157,7 @@ def test_a_variation_without_baseline_gets_the_same_sentence_with_f_and_without(
         found = iaga2002.read([edited(tmp_path, series(3), columns, varying)])
         assert np.isfinite(found.declination_deg).all()
         with pytest.raises(InputError) as error:
-            observatory.check(found, (found.latitude, found.longitude))
+            declination.check_field(found, (found.latitude, found.longitude))
         said.append(str(error.value))
     assert said[0] == said[1] and "a variation about zero: the baseline is missing" in said[0]
 
@@ -165,7 +165,7 @@ def test_a_variation_without_baseline_gets_the_same_sentence_with_f_and_without(
 def test_a_genuine_variation_without_baseline_is_called_one():
     found = iaga2002.read([real("wild/iaga_variation_hdzf.min")])
     with pytest.raises(InputError, match="a variation about zero: the baseline is missing"):
-        observatory.check(found, (found.latitude, found.longitude))
+        declination.check_field(found, (found.latitude, found.longitude))
 
 
 def test_what_a_file_says_against_itself_is_said(tmp_path):

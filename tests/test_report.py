@@ -28,8 +28,7 @@ from two_heads_files import cast
 from compasslib import effects, report
 from compasslib.archive import calibrations, pictures
 from compasslib.archive.files import write_json
-from compasslib.calibrations import content
-from compasslib.calibrations import heads as two_heads
+from compasslib.calibrations import result, two_heads
 from compasslib.errors import InputError
 from compasslib.inference.diagnosis import Diagnosis
 from compasslib.inference.finding import CovariateRange, HeldOut, Parameter, Unexplained
@@ -325,7 +324,7 @@ def test_two_heads_and_a_diagnosis_have_their_section(tmp_path):
     made = two_heads.calibrate(cast(tmp_path, sea=Sea(turns=0.0, wander_deg=14.0)), {})
     there = tmp_path / "calibrations/heads"
     files = {"calibration": there / "calibration.json", "table": there / "table.csv", "points": there / "points.csv"}
-    calibrations.write(page=content.described("heads", made, {}, {}), made=made, **files)
+    calibrations.write(page=result.to_json("heads", made, {}, {}), made=made, **files)
     write_json(there / "diagnosis.json", diagnosis("explained", heeling()))
     for figure in ("difference", "tilt_check", "along_time"):
         getattr(heads, figure)(there / f"figures/{figure}.png", made, "heads")

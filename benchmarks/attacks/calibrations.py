@@ -14,7 +14,7 @@ import yaml
 from cruises import MARGIN_DEG, Outcome
 
 from compasslib import calibrations, earthfield
-from compasslib.calibrations import content
+from compasslib.calibrations import result
 from compasslib.config import calibrations as configured
 from compasslib.config import cruise
 from compasslib.demo.compass import Iron
@@ -56,12 +56,12 @@ def run(made: Recording, folder: Path) -> Outcome:
     made.write(folder)
     try:
         given = cruise.load(folder).calibrations["K"]
-        settings = calibrations.settled(configured.settings(given))
+        settings = calibrations.resolve_settings(configured.settings(given))
         files = [folder / file for file in given.files]
         got = calibrations.calibrate(str(given.kind), files, settings)
     except InputError as error:
         return Outcome(refused=str(error))
-    page = content.described("K", got, settings, {})
+    page = result.to_json("K", got, settings, {})
     warnings = (*page["warnings"], *([f"no calibration: {page['why']}"] if page["why"] else []))
     if isinstance(made.truth, float):
         if not got.coefficients.size:

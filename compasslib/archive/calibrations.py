@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from compasslib.archive.files import MAKE_ANEW, read_json, replacing, write_json
-from compasslib.calibrations import content
+from compasslib.calibrations import result
 from compasslib.calibrations.result import Calibration, DeviationTable
 from compasslib.errors import InputError
 from compasslib.types import Floats
@@ -32,7 +32,7 @@ class Page:
     def calibration(self) -> Calibration:
         """Return the calibration itself."""
         return replace(
-            content.calibration(self.content),
+            result.from_json(self.content),
             table=self.table if self.table.heading_deg.size else None,
             points=self.points,
         )

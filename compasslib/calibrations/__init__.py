@@ -36,17 +36,20 @@ class Kind:
     """Where a kind of calibration is made and drawn."""
 
     module: str  # of this room; its calibrate(files, settings) returns the Calibration
-    figures: tuple[str, ...] = ()  # its own: functions (path, calibration, name) of plots/<module>.py
+    plots: str = ""  # module of compasslib/plots that draws the kind's own figures
+    figures: tuple[str, ...] = ()  # its own: functions (path, calibration, name) of that module
     by_heading: bool = True  # whether it has a curve along the heading, and so the figures of one
     formats: tuple[str, ...] = ("table",)  # of its files, the usual one first
 
 
 KINDS: dict[str, Kind] = {
     "platform": Kind("platform"),
-    "magnetometer": Kind("magnetometer", figures=("magnetometer",), formats=("table", "mmp_acm")),
-    "swing": Kind("swing", figures=("swing",), formats=("table", "nmea0183")),
-    "declination": Kind("declination", figures=("series", "disturbance"), by_heading=False, formats=("iaga2002",)),
-    "two_heads": Kind("heads", figures=("difference", "tilt_check", "along_time"), formats=("pd0",)),
+    "magnetometer": Kind("magnetometer", "magnetometer", ("magnetometer",), formats=("table", "mmp_acm")),
+    "swing": Kind("swing", "swing", ("swing",), formats=("table", "nmea0183")),
+    "declination": Kind(
+        "declination", "declination", ("series", "disturbance"), by_heading=False, formats=("iaga2002",)
+    ),
+    "two_heads": Kind("two_heads", "heads", ("difference", "tilt_check", "along_time"), formats=("pd0",)),
 }
 FIGURES = ("deviation", "residuals", "certificate")  # every kind with a curve along the heading has these
 
@@ -58,7 +61,7 @@ MODELS = {  # words for the curves along the heading
 }
 
 
-def figures(kind: str) -> list[str]:
+def figure_names(kind: str) -> list[str]:
     """Return the names of a kind's figures."""
     return [*(FIGURES if KINDS[kind].by_heading else ()), *KINDS[kind].figures]
 
@@ -74,16 +77,16 @@ def calibrate(kind: str, files: Sequence[str | Path], settings: Mapping[str, Any
     Raises:
         InputError: a file that cannot be read.
     """
-    from compasslib.calibrations.result import too_exact
+    from compasslib.calibrations.budget import too_exact
 
     offered, module = KINDS[kind].formats, import_module(f"compasslib.calibrations.{KINDS[kind].module}")
     form = settings.get("format") or offered[0]
     with detect.format_hints(form, files, offered=offered, advice="correct file or kind in the calibration's file"):
-        made: Calibration = module.calibrate(files, settled(settings))
+        made: Calibration = module.calibrate(files, resolve_settings(settings))
     return replace(made, warnings=(*made.warnings, *too_exact(made.residual_rms_deg)))
 
 
-def settled(settings: Mapping[str, Any]) -> dict[str, Any]:
+def resolve_settings(settings: Mapping[str, Any]) -> dict[str, Any]:
     """Return settings with ``field`` and ``declination_deg``, as every kind takes them.
 
     The field is a mapping of horizontal_nT, vertical_nT and declination_deg where latitude, longitude and date are

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from compasslib import angles, compass
-from compasslib.calibrations.result import LETTERS, too_exact
+from compasslib.calibrations.budget import too_exact
+from compasslib.calibrations.result import LETTERS
 from compasslib.deviation import exact, likelihood, model, transfer
 from compasslib.deviation.model import Fit, Noise
 from compasslib.deviation.transfer import Place, Transferred
@@ -24,7 +25,7 @@ LEAST_CONTRADICTION_DEG = 5.0
 LEAST_NOISE_DEG, MOST_NOISE_DEG = 0.8, 8.0  # of a compass, as the decision between branches resolves it
 
 
-def carried(content: Mapping[str, Any], field: EarthField, record: Record, pairs: Pairs) -> Fit:
+def carry_to_mooring(content: Mapping[str, Any], field: EarthField, record: Record, pairs: Pairs) -> Fit:
     """Return the exact compass of a calibration as it is at a mooring; without coefficients where that is unknown.
 
     Args:
@@ -38,10 +39,10 @@ def carried(content: Mapping[str, Any], field: EarthField, record: Record, pairs
     there = _carry(content, field)
     noise = Noise(compass_deg=float(np.clip(content["residual_rms_deg"] or 0.0, LEAST_NOISE_DEG, MOST_NOISE_DEG)))
     fit = Fit(METHOD, len(pairs), there.coefficients, there.covariance, noise=noise, warnings=_warnings(content, there))
-    return held_against(fit, record, pairs)
+    return evaluate_on_record(fit, record, pairs)
 
 
-def held_against(fit: Fit, record: Record, pairs: Pairs) -> Fit:
+def evaluate_on_record(fit: Fit, record: Record, pairs: Pairs) -> Fit:
     """Return a compass known beforehand with what the record shows of it; nothing is fitted.
 
     Args:
@@ -61,7 +62,7 @@ def held_against(fit: Fit, record: Record, pairs: Pairs) -> Fit:
     )
 
 
-def contradicted(fit: Fit, pairs: Pairs) -> str:
+def contradiction(fit: Fit, pairs: Pairs) -> str:
     """Return why a calibration cannot be that of the compass that the pairs show; nothing where it can.
 
     A constant between the two is no reason: mounts and mean veers make one.

@@ -12,10 +12,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from compasslib.calibrations.result import COVERAGE_FACTOR, Source
-
 FIT_RESIDUAL, MAKER_ACCURACY = "fit_residual", "maker_accuracy_deg"
 LE_MENN = "le_menn"
+TOO_EXACT_DEG = 1e-4  # rms that no reading of an instrument leaves
+COVERAGE_FACTOR = 2.0  # k of an expanded uncertainty (Le Menn et al. 2023, section 2)
+
+
+@dataclass(frozen=True)
+class Source:
+    """One line of an uncertainty budget."""
+
+    name: str
+    standard_deg: float  # standard uncertainty, degrees
+    how: str  # where it comes from: the distribution assumed or the statistics made
 
 
 @dataclass(frozen=True)
@@ -109,3 +118,17 @@ def _source(name: str, value_deg: float, printed: bool) -> Source:
     row = ROWS[name]
     origin = "Le Menn et al. 2023, section 2" if printed else "given"
     return Source(name, value_deg / row.divisor, f"{row.what}: {value_deg:g} degrees, {row.how} ({origin})")
+
+
+def too_exact(residual_rms_deg: float | None) -> tuple[str, ...]:
+    """Return a warning where a curve leaves nothing of the readings, as where one column was computed from the other.
+
+    Args:
+        residual_rms_deg: what it leaves, None or NaN where there is no curve.
+    """
+    if residual_rms_deg is None or not residual_rms_deg < TOO_EXACT_DEG:
+        return ()
+    return (
+        "the curve leaves nothing of the readings, which no instrument does: one column may have been computed from "
+        "the other; the stated uncertainty holds no error of a reading",
+    )

@@ -1,227 +1,371 @@
-"""From reference and recorded headings to a calibration: which curve they carry, how sure it is, what they cannot tell.
+"""Deviation curves through reference and recorded headings: one weighted least-squares solver, four forms.
 
-One heading carries nothing but its own deviation, six neighbouring sectors no curve, eight headings five coefficients
-but no proof of a third harmonic. Each such case has its sentence.
+Three forms are series in the recorded heading: one cycle (Le Menn et al. 2023, eq. 3), Smith's five terms (their eq. 5
+with von Appen's letters: D goes with sin 2, E with cos 2) and a polynomial of degree six (eq. 7). The fourth is the
+exact compass of Evans and Smith, in ``exact_curve``. Each form is judged on headings that it has not seen.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from compasslib import angles, compass
-from compasslib.calibrations import budget, series
-from compasslib.calibrations.exact_curve import EXACT
-from compasslib.calibrations.result import Calibration, DeviationTable, Source
-from compasslib.calibrations.series import ONE_CYCLE, POLYNOMIAL, SMITH, FittedSeries, Points
+from compasslib.deviation import von_appen
 from compasslib.types import Floats
 
-FORMS = (SMITH, EXACT, POLYNOMIAL, ONE_CYCLE)
-SAME_HEADING_DEG = 1.0  # readings at a reference as near as this repeat one setting of the bench
-ENOUGH_HEADINGS = 16  # fewer leave the third and fourth harmonics too little room
-WIDE_GAP_DEG = 90.0
-MOST_HIDDEN = 0.5  # of a quadrantal deviation, in A, B or C where it is left out
-OUTLYING, OUTLYING_DEG = 6.0, 1.0  # medians of the left-out residuals, and at least so far
-SWING = "swing 16 to 24 headings all round the circle"
+SECTOR_DEG = 10.0
+CIRCLE_DEG = np.arange(0.0, 360.0, 5.0)
+# A curve that is vaguer than this anywhere on the circle, in scatters of one reading, is not determined.
+LOOSEST = 3.0
+POLYNOMIAL_DEGREE = 6
+FARTHEST_DEG = 10.0  # rms residual beyond which a curve is not one of these readings
+FEWEST_TO_CHOOSE = 3  # degrees of freedom; fewer choose by chance
+EXPANDED_SHARE = 0.9545  # what two standard deviations of a normal distribution hold
+BETTER_BY = 2.0  # standard errors
 
 
 @dataclass(frozen=True)
-class BenchReadings:
-    """What was read, (n,) each, magnetic."""
+class Points:
+    """Headings at which the deviation was observed, (n,) each."""
 
-    reference_deg: Floats
-    recorded_deg: Floats
+    recorded_deg: Floats  # in [0, 360)
+    deviation_deg: Floats  # reference minus recorded, continuous about its mean
+    weight: Floats  # inverse variance in any unit
 
     def __len__(self) -> int:
-        return len(self.reference_deg)
+        return len(self.recorded_deg)
 
 
-def calibration(
-    kind: str, readings: BenchReadings, sources: Sequence[Source] = (), *, table_step_deg: float = 10.0
-) -> Calibration:
-    """Return the calibration that readings carry, perhaps none.
+@dataclass(frozen=True)
+class LeastSquares:
+    """Least squares through points."""
+
+    coefficients: Floats  # (k,)
+    weight: Floats  # (n,) that were used
+    cofactor: Floats  # (k, k) covariance over the variance of a reading with weight 1
+    leverage: Floats  # (n,) diagonal of the hat matrix
+    residual_deg: Floats  # (n,) observed minus the form's, in what the form is fitted to
+
+
+@dataclass(frozen=True)
+class CurveForm:
+    """A family of curves."""
+
+    name: str
+    letters: str  # of its coefficients
+    source: str
+    solve: Callable[[Points], LeastSquares | None]  # None where no curve of this form passes near the points
+    deviation: Callable[[Floats, Floats], Floats]  # coefficients (k,), recorded heading (n,) -> degrees (n,)
+    gradient: Callable[[Floats, Floats], Floats]  # the same -> derivative of the deviation by each coefficient (n, k)
+    around: Callable[[Floats], Floats]  # coefficients -> derivative of what is fitted, all round the circle (m, k)
+    steepness: Callable[[Floats, Points], Floats] | None = None  # d recorded / d correct, where that is fitted
+
+
+@dataclass(frozen=True)
+class FittedCurve:
+    """A form fitted to points."""
+
+    form: CurveForm
+    coefficients: Floats  # (k,)
+    covariance: Floats  # (k, k), wide enough that two standard deviations hold 95.45 % for few readings too
+    residual_deg: Floats  # (n,) of the correct heading
+    left_out_deg: Floats  # (n,) the same by the curve through the other points
+    dof: int
+    scatter_deg: float  # standard deviation of a reading's correct heading about the curve, widened for few readings
+
+    @property
+    def score_deg(self) -> float:
+        """Return the rms error on points that were left out."""
+        return angles.rms(self.left_out_deg)
+
+    def deviation(self, recorded_deg: ArrayLike) -> Floats:
+        """Return the deviation at recorded headings, degrees; NaN where it is not a single one.
+
+        Args:
+            recorded_deg: recorded headings, (n,), degrees.
+        """
+        return self.form.deviation(self.coefficients, np.asarray(recorded_deg, dtype=float))
+
+    def sigma(self, recorded_deg: ArrayLike) -> Floats:
+        """Return the standard uncertainty of the deviation that the coefficients make, degrees.
+
+        Args:
+            recorded_deg: recorded headings, (n,), degrees.
+        """
+        by = self.form.gradient(self.coefficients, np.asarray(recorded_deg, dtype=float))
+        return np.sqrt(np.einsum("ni,ij,nj->n", by, self.covariance, by))
+
+
+def deviation_points(recorded_deg: ArrayLike, reference_deg: ArrayLike, weight: ArrayLike | None = None) -> Points:
+    """Return observed deviations, none of which jumps by 360 degrees beside the others.
 
     Args:
-        sources: rows of the uncertainty budget that may turn all headings alike.
+        recorded_deg: recorded headings, (n,), degrees.
+        reference_deg: correct magnetic headings, (n,), degrees.
+        weight: inverse variances, (n,); equal where absent.
     """
-    settings = _settings(readings)
-    seen = series.points(settings.recorded_deg, settings.reference_deg)
-    fits = _fits(seen)
-    curves = [curve for curve in fits.values() if isinstance(curve, FittedSeries)]
-    found = Calibration(
-        kind=kind,
-        model="none",
-        n=len(readings),
-        coverage=series.coverage(readings.recorded_deg),
-        sources=tuple(sources),
-        points=_points(readings, None),
-        details={"headings": len(settings)},
-    )
-    if not curves:
-        return replace(found, why=_too_little(settings, fits))
-    chosen = series.choose(curves)
-    rows = (*sources, budget.residual(chosen.scatter_deg, chosen.dof))
-    points = _points(readings, chosen)
-    return replace(
-        found,
-        model=chosen.form.name,
-        **_coefficients(fits, chosen),
-        residual_rms_deg=angles.rms(points["residual_deg"]),
-        sources=rows,
-        table=_table(chosen, table_step_deg, budget.common(rows)),
-        points=points,
-        details={**found.details, **_details(fits, chosen, budget.common(rows))},
-        warnings=_warnings(readings, settings, fits, chosen),
-    )
+    recorded, off = angles.wrap360(recorded_deg), angles.difference(reference_deg, recorded_deg)
+    middle = angles.wrap180(angles.mean(off)) if off.size else 0.0
+    equal = np.ones(recorded.shape) if weight is None else np.asarray(weight, dtype=float)
+    return Points(recorded, middle + angles.difference(off, middle), equal)
 
 
-def _fits(seen: Points) -> dict[str, FittedSeries | str]:
-    """Return every form through the points, or why there is none."""
-    fits = {form.name: series.fit(form, seen) for form in FORMS}
-    reduced = isinstance(fits[SMITH.name], str) and isinstance(fits[ONE_CYCLE.name], FittedSeries)
-    if reduced and series.hidden(seen) > MOST_HIDDEN:
-        fits[ONE_CYCLE.name] = "a quadrantal deviation, which cannot be seen, would look like one cycle"
-    return fits
+def count_sectors(recorded_deg: ArrayLike) -> int:
+    """Return how many sectors of ten degrees, of 36, hold a recorded heading.
+
+    Args:
+        recorded_deg: recorded headings, (n,), degrees.
+    """
+    return len(np.unique(np.floor(angles.wrap360(recorded_deg) / SECTOR_DEG)))
 
 
-def _settings(readings: BenchReadings) -> BenchReadings:
-    """Return one reading a setting of the bench: repeats share the setting's own error and count once."""
-    slots = np.round(angles.wrap360(readings.reference_deg) / SAME_HEADING_DEG)
-    _, which = np.unique(slots, return_inverse=True)
-    groups = [np.flatnonzero(which == k) for k in range(which.max(initial=-1) + 1)]
-    means = [
-        [float(angles.mean(x[group])) for group in groups] for x in (readings.reference_deg, readings.recorded_deg)
-    ]
-    return BenchReadings(*np.array(means, dtype=float).reshape(2, -1))
+def least_squares(columns: Floats, observed: Floats, weight: Floats) -> LeastSquares:
+    """Return the weighted least-squares coefficients.
+
+    Args:
+        columns: of the design, (n, k).
+        observed: what they are to make, (n,).
+        weight: inverse variances, (n,).
+    """
+    root = np.sqrt(weight)[:, None]
+    inverse = np.linalg.pinv(root * columns)
+    coefficients = inverse @ (root[:, 0] * observed)
+    leverage = np.einsum("ni,in->n", root * columns, inverse)
+    return LeastSquares(coefficients, weight, inverse @ inverse.T, leverage, observed - columns @ coefficients)
 
 
-def _coefficients(fits: Mapping[str, FittedSeries | str], chosen: FittedSeries) -> dict[str, Any]:
-    """Return the series in the recorded heading and the exact compass, as far as the headings determine them."""
-    smith, exact = fits[SMITH.name], fits[EXACT.name]
-    found: dict[str, Any] = {}
-    if isinstance(smith, FittedSeries):
-        found |= {"coefficients": smith.coefficients, "covariance": smith.covariance}
-    elif chosen.form is ONE_CYCLE:
-        unknown = np.full((5, 5), np.nan)
-        unknown[:3, :3] = chosen.covariance
-        found |= {"coefficients": np.append(chosen.coefficients, [np.nan, np.nan]), "covariance": unknown}
-    if isinstance(exact, FittedSeries):
-        found |= {"exact": exact.coefficients, "exact_covariance": exact.covariance}
-    return found
+def max_leakage(seen: Points) -> float:
+    """Return how much of a quadrantal deviation that is left out would appear in A, B or C, at most."""
+    columns = von_appen.design(seen.recorded_deg)
+    return float(np.max(np.abs(np.linalg.pinv(columns[:, :3]) @ columns[:, 3:])))
 
 
-def _table(chosen: FittedSeries, step_deg: float, common_deg: float) -> DeviationTable:
-    heading = np.arange(0.0, 360.0, step_deg)
-    deviation = chosen.deviation(heading)
-    sigma = np.hypot(chosen.sigma(heading), common_deg)
-    return DeviationTable(heading, deviation, np.where(np.isfinite(deviation), sigma, np.nan))
+def student_widening(dof: int) -> float:
+    """Return by how much a standard deviation estimated from few readings is to be widened.
+
+    Two widened standard deviations are Student's interval of 95.45 %, so that k = 2 holds what it says (GUM, annex G).
+
+    Args:
+        dof: degrees of freedom.
+    """
+    from scipy.special import stdtrit  # only where something is fitted
+
+    return float(stdtrit(dof, (1.0 + EXPANDED_SHARE) / 2.0)) / 2.0
 
 
-def _points(readings: BenchReadings, chosen: FittedSeries | None) -> dict[str, Floats]:
-    seen = series.points(readings.recorded_deg, readings.reference_deg)
-    columns = {"reference_deg": angles.wrap360(readings.reference_deg), "recorded_deg": seen.recorded_deg}
-    columns |= {"deviation_deg": seen.deviation_deg}
-    if chosen is None:
-        return columns
-    fitted = chosen.deviation(seen.recorded_deg)
-    if chosen.form is EXACT:  # of two headings that read the same the nearer one
-        roots = compass.inverse(chosen.coefficients, seen.recorded_deg)
-        off = angles.difference(roots, (seen.recorded_deg + seen.deviation_deg)[:, None])
-        nearer = np.argmin(np.where(np.isfinite(off), np.abs(off), np.inf), axis=1)
-        fitted = seen.deviation_deg + off[np.arange(len(off)), nearer]
-    return columns | {"fitted_deg": fitted, "residual_deg": angles.wrap180(seen.deviation_deg - fitted)}
+def fit_curve(form: CurveForm, seen: Points) -> FittedCurve | str:
+    """Return the curve of a form through points, or the reason why there is none.
+
+    Args:
+        seen: the points, each at a heading of its own.
+    """
+    needed = len(form.letters)
+    if len(seen) <= needed:
+        return f"{len(form.letters)} coefficients need at least {needed + 1} headings, there are {len(seen)}"
+    solution = form.solve(seen)
+    if solution is None:
+        return "no curve of this form passes near the points"
+    if _vagueness(form, seen, solution) > LOOSEST or np.max(solution.leverage) > 1.0 - 1e-6:
+        return "the headings do not determine it: they leave too wide a gap in the circle"
+    curve = _curve(form, seen, solution)
+    off = angles.rms(curve.residual_deg)
+    return curve if off <= FARTHEST_DEG else f"it misses the readings by {off:.0f} degrees rms"
 
 
-def _details(fits: Mapping[str, FittedSeries | str], chosen: FittedSeries, common_deg: float) -> dict[str, Any]:
-    models = {name: {"why": fit} if isinstance(fit, str) else series.described(fit) for name, fit in fits.items()}
-    scores = [f"{name} {fit.score_deg:.2f}" for name, fit in fits.items() if isinstance(fit, FittedSeries)]
-    chosen_by = f"{chosen.form.name}; degrees rms on headings left out one by one: {', '.join(scores)}"
-    shift = {} if chosen.form is POLYNOMIAL else {"constant_shift": _shift(fits, chosen, common_deg)}
-    return {"models": models, "chosen_by": chosen_by, **shift}
+def select_curve(curves: Sequence[FittedCurve]) -> FittedCurve:
+    """Return the curve to use: the first, unless another one predicts left-out points better.
+
+    A form with more coefficients must be better by twice the standard error of the difference, one with as many just
+    better. One with fewer is not taken: it is contained in the first, and its uncertainty would forget what it leaves
+    out. Where hardly a degree of freedom is left nothing is chosen.
+
+    Args:
+        curves: fitted to the same points, the preferred one first.
+    """
+    best = curves[0]
+    for other in (curve for curve in curves[1:] if curve.dof <= best.dof and best.dof >= FEWEST_TO_CHOOSE):
+        gain = best.left_out_deg**2 - other.left_out_deg**2
+        same = len(other.form.letters) == len(best.form.letters)
+        needed = 0.0 if same else BETTER_BY * float(np.std(gain, ddof=1)) / np.sqrt(len(gain))
+        best = other if float(np.mean(gain)) > needed else best
+    return best
 
 
-def _shift(fits: Mapping[str, FittedSeries | str], chosen: FittedSeries, common_deg: float) -> dict[str, Any]:
-    """Return what the same turn of all headings would leave, as a compass's own calibration may (Le Menn, Fig. 18)."""
-    series_fit = fits[SMITH.name] if isinstance(fits[SMITH.name], FittedSeries) else chosen
-    assert isinstance(series_fit, FittedSeries)
-    unit = 1.0 if series_fit.form is not EXACT else 1.0 / angles.DEGREE
-    value = unit * float(series_fit.coefficients[0])
-    sigma = float(np.hypot(unit * np.sqrt(series_fit.covariance[0, 0]), common_deg))
-    proven = abs(value) > 2.0 * sigma
-    judged = "is significant" if proven else "is not significant"
-    text = (
-        f"A constant shift of {value:+.2f} ± {2.0 * sigma:.2f} degrees (k = 2) {judged}; "
-        "it may be of the compass, its mounting or the reference direction."
-    )
-    return {"value_deg": value, "sigma_deg": sigma, "differs_from_none": proven, "text": text}
-
-
-def _too_little(settings: BenchReadings, fits: Mapping[str, FittedSeries | str]) -> str:
-    if not len(settings):
-        return f"no reading with both headings; {SWING}"
-    if len(settings) == 1:
-        off = float(angles.difference(settings.reference_deg[0], settings.recorded_deg[0]))
-        return f"one heading only: the deviation there is {off:+.1f} degrees, elsewhere it is unknown; {SWING}"
-    sectors = series.coverage(settings.recorded_deg)
-    return (
-        f"{len(settings)} headings in {sectors} of 36 sectors determine no curve (five terms: {fits[SMITH.name]}; "
-        f"one cycle: {fits[ONE_CYCLE.name]}); {SWING}"
+def _curve(form: CurveForm, seen: Points, solution: LeastSquares) -> FittedCurve:
+    dof = len(seen) - len(form.letters)
+    variance = student_widening(dof) ** 2 * float(np.sum(solution.weight * solution.residual_deg**2)) / dof
+    # A residual of the recorded heading is one of the correct heading over the steepness, with the other sign.
+    slope = -1.0 / form.steepness(solution.coefficients, seen) if form.steepness else np.ones(len(seen))
+    residual = slope * solution.residual_deg
+    return FittedCurve(
+        form=form,
+        coefficients=solution.coefficients,
+        covariance=variance * solution.cofactor,
+        residual_deg=residual,
+        left_out_deg=residual / (1.0 - solution.leverage),
+        dof=dof,
+        scatter_deg=student_widening(dof) * float(np.sqrt(_mean_square(residual, seen.weight) * len(seen) / dof)),
     )
 
 
-def _warnings(
-    readings: BenchReadings, settings: BenchReadings, fits: Mapping[str, FittedSeries | str], chosen: FittedSeries
-) -> tuple[str, ...]:
-    warnings = [*_few(readings, settings, chosen), *_gap(settings, chosen), *_outlying(settings, chosen)]
-    if chosen.form is ONE_CYCLE and isinstance(fits[SMITH.name], str):
-        warnings.append(f"reduced to one cycle, A, B and C: five terms: {fits[SMITH.name]}; D and E stay unknown")
-    if chosen.form is POLYNOMIAL:
-        low, high = (float(chosen.deviation(np.array([end]))[0]) for end in (0.0, 359.999))
-        warnings.append(f"the polynomial is not periodic: it jumps by {low - high:+.1f} degrees where 360 meets 0")
-    if not _turns(chosen):
-        low, high = (float(angles.wrap360(x)) for x in compass.recorded_range(chosen.coefficients))
-        warnings.append(
-            f"the compass cannot turn full circle: it shows {low:.0f} to {high:.0f} degrees, each for two correct "
-            "headings; no series represents it and the table is empty"
-        )
-    return tuple(warnings)
+def _mean_square(residual_deg: Floats, weight: Floats) -> float:
+    return float(np.sum(weight * residual_deg**2) / np.sum(weight))
 
 
-def _turns(chosen: FittedSeries) -> bool:
-    return chosen.form is not EXACT or compass.turns_full_circle(chosen.coefficients)
+def _vagueness(form: CurveForm, seen: Points, solution: LeastSquares) -> float:
+    """Return the curve's largest standard error on the circle over the scatter of one reading."""
+    by = form.around(solution.coefficients)
+    variance = np.einsum("ni,ij,nj->n", by, solution.cofactor, by) * np.mean(seen.weight)
+    return float(np.sqrt(np.max(variance)))
 
 
-def _few(readings: BenchReadings, settings: BenchReadings, chosen: FittedSeries) -> list[str]:
-    warnings = []
-    if len(settings) < len(readings):
-        warnings.append(f"{len(readings)} readings at {len(settings)} headings: repeats are averaged and count once")
-    if len(settings) < ENOUGH_HEADINGS:
-        warnings.append(
-            f"{len(settings)} headings leave {chosen.dof} degrees of freedom: the uncertainty is widened by Student's "
-            f"t, and third and fourth harmonics cannot be tested; {SWING}"
-        )
-    return warnings
-
-
-def _gap(settings: BenchReadings, chosen: FittedSeries) -> list[str]:
-    recorded = np.sort(angles.wrap360(settings.recorded_deg))
-    ahead = angles.wrap360(np.roll(recorded, -1) - recorded)
-    widest = int(np.argmax(ahead))
-    if ahead[widest] <= WIDE_GAP_DEG or not _turns(chosen):
-        return []
-    ends = f"{recorded[widest]:.0f} and {recorded[(widest + 1) % len(recorded)]:.0f}"
-    return [f"no reading between recorded {ends} degrees: there the curve is only as good as its form"]
-
-
-def _outlying(settings: BenchReadings, chosen: FittedSeries) -> list[str]:
-    off = np.abs(chosen.left_out_deg)
-    far = off > max(OUTLYING * float(np.median(off)), OUTLYING_DEG)
-    places = ", ".join(
-        f"{x:.0f} ({y:+.1f})" for x, y in zip(settings.recorded_deg[far], chosen.left_out_deg[far], strict=True)
+def _series(name: str, letters: str, source: str, design: Callable[[Floats], Floats]) -> CurveForm:
+    return CurveForm(
+        name=name,
+        letters=letters,
+        source=source,
+        solve=lambda seen: least_squares(design(seen.recorded_deg), seen.deviation_deg, seen.weight),
+        deviation=lambda coefficients, recorded: design(recorded) @ coefficients,
+        gradient=lambda coefficients, recorded: design(recorded),
+        around=lambda coefficients: design(CIRCLE_DEG),
     )
-    return (
-        [f"readings far from the curve through the others, at recorded degrees (off by): {places}"] if far.any() else []
-    )
+
+
+def _powers(recorded_deg: Floats) -> Floats:
+    """Return powers of the recorded heading over 180 degrees, about south; eq. (7) as it stands cannot be solved."""
+    return np.vander(angles.wrap360(recorded_deg) / 180.0 - 1.0, POLYNOMIAL_DEGREE + 1, increasing=True)
+
+
+def published_polynomial(curve: FittedCurve) -> list[float]:
+    """Return A to G of eq. (7), degrees over powers of degrees.
+
+    Args:
+        curve: of the form ``POLYNOMIAL``.
+    """
+    powers = np.polynomial.Polynomial(curve.coefficients, [0.0, 360.0], [-1.0, 1.0]).convert().coef
+    return [*powers.tolist(), *[0.0] * (POLYNOMIAL_DEGREE + 1 - len(powers))]  # numpy drops the last ones that are 0
+
+
+ONE_CYCLE = _series("one_cycle", "ABC", "Le Menn et al. 2023, eq. (3)", lambda x: von_appen.design(x)[:, :3])
+SMITH = _series("smith", "ABCDE", "Le Menn et al. 2023, eq. (5)", von_appen.design)
+POLYNOMIAL = _series("polynomial", "ABCDEFG", "Le Menn et al. 2023, eq. (7)", _powers)
+
+
+def curve_to_json(curve: FittedCurve) -> dict[str, Any]:
+    """Return one fitted form for calibration.json."""
+    coefficients = published_polynomial(curve) if curve.form is POLYNOMIAL else curve.coefficients.tolist()
+    return {
+        "coefficients": dict(zip(curve.form.letters, coefficients, strict=True)),
+        "left_out_rms_deg": curve.score_deg,
+        "residual_rms_deg": angles.rms(curve.residual_deg),
+        "dof": curve.dof,
+        "source": curve.form.source,
+    }
+
+
+EXACT_STEPS = 20  # two are enough where the points are a compass's
+EXACT_TOLERANCE = 1e-9
+MIN_SLOPE = 0.3  # a smaller slope, near a fold, says nothing of the correct heading's error
+
+
+def fit_exact_compass(seen: Points) -> LeastSquares | None:
+    """Return A to E of the exact compass by least squares of the recorded heading; None where none comes near.
+
+    Args:
+        seen: observed deviations, at least five.
+    """
+    correct = seen.recorded_deg + seen.deviation_deg
+    coefficients = _exact_start(seen, correct)
+    for _ in range(EXACT_STEPS):
+        step = _exact_step(coefficients, seen, correct)
+        coefficients = coefficients + step.coefficients
+        if np.max(np.abs(step.coefficients)) < EXACT_TOLERANCE:
+            return replace(step, coefficients=coefficients)
+        if not np.all(np.abs(coefficients) < 10.0):
+            return None
+    return None
+
+
+def exact_deviation(coefficients: Floats, recorded_deg: Floats) -> Floats:
+    """Return the deviation at recorded headings, degrees; NaN for a compass that cannot turn full circle.
+
+    Args:
+        coefficients: A to E, dimensionless, (5,).
+        recorded_deg: recorded headings, (n,), degrees.
+    """
+    return angles.difference(_only_root(coefficients, recorded_deg), recorded_deg)
+
+
+def exact_gradient(coefficients: Floats, recorded_deg: Floats) -> Floats:
+    """Return the derivative of the deviation by A to E, (n, 5) degrees per unit.
+
+    Args:
+        coefficients: A to E, dimensionless, (5,).
+        recorded_deg: recorded headings, (n,), degrees.
+    """
+    root = _only_root(coefficients, recorded_deg)
+    # The correct heading that keeps the reading: d beta = -d gamma / (d gamma / d beta).
+    return -(compass.gradient(coefficients, root) / compass.slope(coefficients, root)).T
+
+
+def recorded_slope(coefficients: Floats, seen: Points) -> Floats:
+    """Return d recorded / d correct heading at each point, not nearer to 0 than it can be used, (n,).
+
+    Args:
+        coefficients: A to E, dimensionless, (5,).
+    """
+    slope = compass.slope(coefficients, seen.recorded_deg + seen.deviation_deg)
+    return np.where(slope < 0, -1.0, 1.0) * np.maximum(np.abs(slope), MIN_SLOPE)
+
+
+def exact_circle_design(coefficients: Floats) -> Floats:
+    """Return the weighted derivative of the recorded heading by A to E all round, (m, 5) degrees per unit.
+
+    Args:
+        coefficients: A to E, dimensionless, (5,).
+    """
+    return compass.gradient(coefficients, CIRCLE_DEG).T * np.sqrt(_exact_weight(coefficients, CIRCLE_DEG))[:, None]
+
+
+def _exact_weight(coefficients: Floats, correct_deg: Floats) -> Floats:
+    """Return the weight of a recorded heading, (n,): bench and compass err alike, the bench's times the slope."""
+    return 2.0 / (1.0 + compass.slope(coefficients, correct_deg) ** 2)
+
+
+def _only_root(coefficients: Floats, recorded_deg: Floats) -> Floats:
+    if not compass.turns_full_circle(coefficients):
+        return np.full(recorded_deg.shape, np.nan)
+    return compass.inverse(coefficients, recorded_deg)[:, 0]
+
+
+def _exact_start(seen: Points, correct: Floats) -> Floats:
+    """Solve sin D = A cos D + B sin g + C cos g + D sin(b + g) + E cos(b + g), which is Im(e^{-ig} q) = 0."""
+    sine, cosine = angles.sin_cos(seen.recorded_deg)
+    sine_sum, cosine_sum = angles.sin_cos(seen.recorded_deg + correct)
+    sine_off, cosine_off = angles.sin_cos(seen.deviation_deg)
+    columns = np.stack([cosine_off, sine, cosine, sine_sum, cosine_sum], axis=-1)
+    return least_squares(columns, sine_off, seen.weight).coefficients
+
+
+def _exact_step(coefficients: Floats, seen: Points, correct: Floats) -> LeastSquares:
+    """Return the Gauss-Newton step, with the residual of the recorded heading before it."""
+    off = angles.difference(seen.recorded_deg, compass.recorded_heading(coefficients, correct))
+    columns = compass.gradient(coefficients, correct).T
+    return replace(least_squares(columns, off, seen.weight * _exact_weight(coefficients, correct)), residual_deg=off)
+
+
+EXACT = CurveForm(
+    "exact",
+    "ABCDE",
+    "Le Menn et al. 2023, eq. (4)",
+    fit_exact_compass,
+    exact_deviation,
+    exact_gradient,
+    exact_circle_design,
+    recorded_slope,
+)

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from compasslib import angles
-from compasslib.calibrations import budget, curves, readings, series
-from compasslib.calibrations.curves import BenchReadings
-from compasslib.calibrations.result import Calibration, Source
+from compasslib import angles, compass
+from compasslib.calibrations import budget, curves
+from compasslib.calibrations.budget import Source
+from compasslib.calibrations.curves import EXACT, ONE_CYCLE, POLYNOMIAL, SMITH, FittedCurve, Points
+from compasslib.calibrations.result import Calibration, DeviationTable
 from compasslib.errors import InputError
+from compasslib.readers import delimited
 from compasslib.types import Floats
 
 ROLES = ("reference_deg", "recorded_deg")
@@ -39,20 +41,20 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
         InputError: a file cannot be read, a column is absent or is not in degrees, headings run against each other, or
             a constant of a quarter turn and more is not settled by ``mounting_deg``.
     """
-    columns, notes = readings.read(files, settings, required=ROLES)
-    readings.check_degrees(columns, files)
+    columns, notes = _read_columns(files, settings, required=ROLES)
+    _check_degrees(columns, files)
     known = np.isfinite(columns["reference_deg"] + columns["recorded_deg"])
     mounting = settings.get("mounting_deg")
     reference = angles.wrap360(columns["reference_deg"][known] + (mounting or 0.0))
     read = BenchReadings(reference, columns["recorded_deg"][known])
     rows = budget.sources(settings.get("uncertainty") or {}, settings.get("budget"))
     step = float(settings.get("table_step_deg", 10.0))
-    found = curves.calibration("platform", read, rows, table_step_deg=step)
+    found = calibrate_readings("platform", read, rows, table_step_deg=step)
     where = ", ".join(str(file) for file in files)
     _refuse_mistaken(found, BenchReadings(*(columns[role][known] for role in ROLES)), where)
     if mounting is None:
         _refuse_turned(found, where)
-    constant = [] if mounting is not None else _constant(found, read, settings.get("declination_deg"))
+    constant = [] if mounting is not None else _constant_reasons(found, read, settings.get("declination_deg"))
     misfits = [*constant, *_exchanged(read)]
     return replace(
         found,
@@ -95,8 +97,8 @@ def _mistakes(read: BenchReadings) -> list[tuple[str, BenchReadings]]:
 
 def _missed(read: BenchReadings) -> float:
     """Return the rms of the five terms through readings; infinite where they determine none."""
-    seen = series.points(read.recorded_deg, read.reference_deg)
-    curve = series.fit(series.SMITH, seen)
+    seen = curves.deviation_points(read.recorded_deg, read.reference_deg)
+    curve = curves.fit_curve(curves.SMITH, seen)
     return float("inf") if isinstance(curve, str) else angles.rms(curve.residual_deg)
 
 
@@ -114,7 +116,7 @@ def _refuse_turned(found: Calibration, where: str) -> None:
     )
 
 
-def _constant(found: Calibration, read: BenchReadings, declination_deg: float | None) -> list[str]:
+def _constant_reasons(found: Calibration, read: BenchReadings, declination_deg: float | None) -> list[str]:
     """Return what a constant that is large, or the declination's, is likelier to be than the compass's."""
     shift = found.details.get("constant_shift")
     if shift is None or abs(shift["value_deg"]) <= 2.0 * shift["sigma_deg"]:
@@ -159,3 +161,279 @@ def _missing(rows: tuple[Source, ...]) -> list[str]:
         return []
     holds = "only the scatter about the curve" if not rows else "the other rows only"
     return [f"the budget has no row {', '.join(names)}: the expanded uncertainty holds {holds}"]
+
+
+FORMS = (SMITH, EXACT, POLYNOMIAL, ONE_CYCLE)
+SAME_HEADING_DEG = 1.0  # readings at a reference as near as this repeat one setting of the bench
+ENOUGH_HEADINGS = 16  # fewer leave the third and fourth harmonics too little room
+WIDE_GAP_DEG = 90.0
+MOST_HIDDEN = 0.5  # of a quadrantal deviation, in A, B or C where it is left out
+OUTLYING, OUTLYING_DEG = 6.0, 1.0  # medians of the left-out residuals, and at least so far
+SWING = "swing 16 to 24 headings all round the circle"
+
+
+@dataclass(frozen=True)
+class BenchReadings:
+    """What was read, (n,) each, magnetic."""
+
+    reference_deg: Floats
+    recorded_deg: Floats
+
+    def __len__(self) -> int:
+        return len(self.reference_deg)
+
+
+def calibrate_readings(
+    kind: str, readings: BenchReadings, sources: Sequence[Source] = (), *, table_step_deg: float = 10.0
+) -> Calibration:
+    """Return the calibration that readings carry, perhaps none.
+
+    Args:
+        sources: rows of the uncertainty budget that may turn all headings alike.
+    """
+    settings = _average_repeats(readings)
+    seen = curves.deviation_points(settings.recorded_deg, settings.reference_deg)
+    fits = _fits(seen)
+    fitted = [curve for curve in fits.values() if isinstance(curve, FittedCurve)]
+    found = Calibration(
+        kind=kind,
+        model="none",
+        n=len(readings),
+        coverage=curves.count_sectors(readings.recorded_deg),
+        sources=tuple(sources),
+        points=_points(readings, None),
+        details={"headings": len(settings)},
+    )
+    if not fitted:
+        return replace(found, why=_too_little(settings, fits))
+    chosen = curves.select_curve(fitted)
+    rows = (*sources, budget.residual(chosen.scatter_deg, chosen.dof))
+    points = _points(readings, chosen)
+    return replace(
+        found,
+        model=chosen.form.name,
+        **_coefficients(fits, chosen),
+        residual_rms_deg=angles.rms(points["residual_deg"]),
+        sources=rows,
+        table=_table(chosen, table_step_deg, budget.common(rows)),
+        points=points,
+        details={**found.details, **_details(fits, chosen, budget.common(rows))},
+        warnings=_warnings(readings, settings, fits, chosen),
+    )
+
+
+def _fits(seen: Points) -> dict[str, FittedCurve | str]:
+    """Return every form through the points, or why there is none."""
+    fits = {form.name: curves.fit_curve(form, seen) for form in FORMS}
+    reduced = isinstance(fits[SMITH.name], str) and isinstance(fits[ONE_CYCLE.name], FittedCurve)
+    if reduced and curves.max_leakage(seen) > MOST_HIDDEN:
+        fits[ONE_CYCLE.name] = "a quadrantal deviation, which cannot be seen, would look like one cycle"
+    return fits
+
+
+def _average_repeats(readings: BenchReadings) -> BenchReadings:
+    """Return one reading a setting of the bench: repeats share the setting's own error and count once."""
+    slots = np.round(angles.wrap360(readings.reference_deg) / SAME_HEADING_DEG)
+    _, which = np.unique(slots, return_inverse=True)
+    groups = [np.flatnonzero(which == k) for k in range(which.max(initial=-1) + 1)]
+    means = [
+        [float(angles.mean(x[group])) for group in groups] for x in (readings.reference_deg, readings.recorded_deg)
+    ]
+    return BenchReadings(*np.array(means, dtype=float).reshape(2, -1))
+
+
+def _coefficients(fits: Mapping[str, FittedCurve | str], chosen: FittedCurve) -> dict[str, Any]:
+    """Return the series in the recorded heading and the exact compass, as far as the headings determine them."""
+    smith, exact = fits[SMITH.name], fits[EXACT.name]
+    found: dict[str, Any] = {}
+    if isinstance(smith, FittedCurve):
+        found |= {"coefficients": smith.coefficients, "covariance": smith.covariance}
+    elif chosen.form is ONE_CYCLE:
+        unknown = np.full((5, 5), np.nan)
+        unknown[:3, :3] = chosen.covariance
+        found |= {"coefficients": np.append(chosen.coefficients, [np.nan, np.nan]), "covariance": unknown}
+    if isinstance(exact, FittedCurve):
+        found |= {"exact": exact.coefficients, "exact_covariance": exact.covariance}
+    return found
+
+
+def _table(chosen: FittedCurve, step_deg: float, common_deg: float) -> DeviationTable:
+    heading = np.arange(0.0, 360.0, step_deg)
+    deviation = chosen.deviation(heading)
+    sigma = np.hypot(chosen.sigma(heading), common_deg)
+    return DeviationTable(heading, deviation, np.where(np.isfinite(deviation), sigma, np.nan))
+
+
+def _points(readings: BenchReadings, chosen: FittedCurve | None) -> dict[str, Floats]:
+    seen = curves.deviation_points(readings.recorded_deg, readings.reference_deg)
+    columns = {"reference_deg": angles.wrap360(readings.reference_deg), "recorded_deg": seen.recorded_deg}
+    columns |= {"deviation_deg": seen.deviation_deg}
+    if chosen is None:
+        return columns
+    fitted = chosen.deviation(seen.recorded_deg)
+    if chosen.form is EXACT:  # of two headings that read the same the nearer one
+        roots = compass.inverse(chosen.coefficients, seen.recorded_deg)
+        off = angles.difference(roots, (seen.recorded_deg + seen.deviation_deg)[:, None])
+        nearer = np.argmin(np.where(np.isfinite(off), np.abs(off), np.inf), axis=1)
+        fitted = seen.deviation_deg + off[np.arange(len(off)), nearer]
+    return columns | {"fitted_deg": fitted, "residual_deg": angles.wrap180(seen.deviation_deg - fitted)}
+
+
+def _details(fits: Mapping[str, FittedCurve | str], chosen: FittedCurve, common_deg: float) -> dict[str, Any]:
+    models = {name: {"why": fit} if isinstance(fit, str) else curves.curve_to_json(fit) for name, fit in fits.items()}
+    scores = [f"{name} {fit.score_deg:.2f}" for name, fit in fits.items() if isinstance(fit, FittedCurve)]
+    chosen_by = f"{chosen.form.name}; degrees rms on headings left out one by one: {', '.join(scores)}"
+    shift = {} if chosen.form is POLYNOMIAL else {"constant_shift": _shift(fits, chosen, common_deg)}
+    return {"models": models, "chosen_by": chosen_by, **shift}
+
+
+def _shift(fits: Mapping[str, FittedCurve | str], chosen: FittedCurve, common_deg: float) -> dict[str, Any]:
+    """Return what the same turn of all headings would leave, as a compass's own calibration may (Le Menn, Fig. 18)."""
+    series_fit = fits[SMITH.name] if isinstance(fits[SMITH.name], FittedCurve) else chosen
+    assert isinstance(series_fit, FittedCurve)
+    unit = 1.0 if series_fit.form is not EXACT else 1.0 / angles.DEGREE
+    value = unit * float(series_fit.coefficients[0])
+    sigma = float(np.hypot(unit * np.sqrt(series_fit.covariance[0, 0]), common_deg))
+    proven = abs(value) > 2.0 * sigma
+    judged = "is significant" if proven else "is not significant"
+    text = (
+        f"A constant shift of {value:+.2f} ± {2.0 * sigma:.2f} degrees (k = 2) {judged}; "
+        "it may be of the compass, its mounting or the reference direction."
+    )
+    return {"value_deg": value, "sigma_deg": sigma, "differs_from_none": proven, "text": text}
+
+
+def _too_little(settings: BenchReadings, fits: Mapping[str, FittedCurve | str]) -> str:
+    if not len(settings):
+        return f"no reading with both headings; {SWING}"
+    if len(settings) == 1:
+        off = float(angles.difference(settings.reference_deg[0], settings.recorded_deg[0]))
+        return f"one heading only: the deviation there is {off:+.1f} degrees, elsewhere it is unknown; {SWING}"
+    sectors = curves.count_sectors(settings.recorded_deg)
+    return (
+        f"{len(settings)} headings in {sectors} of 36 sectors determine no curve (five terms: {fits[SMITH.name]}; "
+        f"one cycle: {fits[ONE_CYCLE.name]}); {SWING}"
+    )
+
+
+def _warnings(
+    readings: BenchReadings, settings: BenchReadings, fits: Mapping[str, FittedCurve | str], chosen: FittedCurve
+) -> tuple[str, ...]:
+    warnings = [*_few(readings, settings, chosen), *_gap(settings, chosen), *_outlying(settings, chosen)]
+    if chosen.form is ONE_CYCLE and isinstance(fits[SMITH.name], str):
+        warnings.append(f"reduced to one cycle, A, B and C: five terms: {fits[SMITH.name]}; D and E stay unknown")
+    if chosen.form is POLYNOMIAL:
+        low, high = (float(chosen.deviation(np.array([end]))[0]) for end in (0.0, 359.999))
+        warnings.append(f"the polynomial is not periodic: it jumps by {low - high:+.1f} degrees where 360 meets 0")
+    if not _turns(chosen):
+        low, high = (float(angles.wrap360(x)) for x in compass.recorded_range(chosen.coefficients))
+        warnings.append(
+            f"the compass cannot turn full circle: it shows {low:.0f} to {high:.0f} degrees, each for two correct "
+            "headings; no series represents it and the table is empty"
+        )
+    return tuple(warnings)
+
+
+def _turns(chosen: FittedCurve) -> bool:
+    return chosen.form is not EXACT or compass.turns_full_circle(chosen.coefficients)
+
+
+def _few(readings: BenchReadings, settings: BenchReadings, chosen: FittedCurve) -> list[str]:
+    warnings = []
+    if len(settings) < len(readings):
+        warnings.append(f"{len(readings)} readings at {len(settings)} headings: repeats are averaged and count once")
+    if len(settings) < ENOUGH_HEADINGS:
+        warnings.append(
+            f"{len(settings)} headings leave {chosen.dof} degrees of freedom: the uncertainty is widened by Student's "
+            f"t, and third and fourth harmonics cannot be tested; {SWING}"
+        )
+    return warnings
+
+
+def _gap(settings: BenchReadings, chosen: FittedCurve) -> list[str]:
+    recorded = np.sort(angles.wrap360(settings.recorded_deg))
+    ahead = angles.wrap360(np.roll(recorded, -1) - recorded)
+    widest = int(np.argmax(ahead))
+    if ahead[widest] <= WIDE_GAP_DEG or not _turns(chosen):
+        return []
+    ends = f"{recorded[widest]:.0f} and {recorded[(widest + 1) % len(recorded)]:.0f}"
+    return [f"no reading between recorded {ends} degrees: there the curve is only as good as its form"]
+
+
+def _outlying(settings: BenchReadings, chosen: FittedCurve) -> list[str]:
+    off = np.abs(chosen.left_out_deg)
+    far = off > max(OUTLYING * float(np.median(off)), OUTLYING_DEG)
+    places = ", ".join(
+        f"{x:.0f} ({y:+.1f})" for x, y in zip(settings.recorded_deg[far], chosen.left_out_deg[far], strict=True)
+    )
+    return (
+        [f"readings far from the curve through the others, at recorded degrees (off by): {places}"] if far.any() else []
+    )
+
+
+LARGEST_DEG = 720.0  # an angle beyond two turns is in another unit
+ADVICE = "correct columns in the calibration's file"
+
+
+def _read_columns(
+    files: Sequence[str | Path], settings: Mapping[str, Any], *, required: Sequence[str], optional: Sequence[str] = ()
+) -> tuple[dict[str, Floats], tuple[str, ...]]:
+    """Return columns by role, files one after the other, an optional one only where every file has it; and notes.
+
+    Args:
+        files: tables with a header line.
+        settings: ``columns`` gives headers that differ from the roles, ``withhold`` roles or headers to leave out, and
+            the keys of ``delimited.Layout`` how they are written.
+        required: roles that must be there.
+        optional: roles that may be.
+
+    Raises:
+        InputError: a file or column is absent, a required one is withheld, or a value cannot be read.
+    """
+    paths, withheld = [Path(file) for file in files], set(settings.get("withhold") or ())
+    header = {role: (settings.get("columns") or {}).get(role, role) for role in (*required, *optional)}
+    layout = delimited.Layout.from_settings(settings)
+    names = [set(delimited.read_header(path, [header[role] for role in required], layout)) for path in paths]
+    _refuse_unknown(withheld, set(header), set.union(*names), paths)
+    _refuse_withheld(required, header, withheld)
+    wanted = {
+        role: name
+        for role, name in header.items()
+        if role in required or (not {role, name} & withheld and all(name in there for there in names))
+    }
+    tables = [delimited.read_table(path, wanted, ADVICE, layout) for path in paths]
+    return {role: np.concatenate([one.columns[role] for one in tables]) for role in wanted}, delimited.table_notes(
+        tables
+    )
+
+
+def _check_degrees(columns: Mapping[str, Floats], files: Sequence[str | Path]) -> None:
+    """Refuse angles that cannot be degrees.
+
+    Args:
+        columns: by role; those whose role ends in ``_deg`` are looked at.
+
+    Raises:
+        InputError: an angle lies beyond two turns.
+    """
+    for role, values in columns.items():
+        worst = np.nanmax(np.abs(values), initial=0.0) if role.endswith("_deg") else 0.0
+        if worst > LARGEST_DEG:
+            where = f"{', '.join(str(file) for file in files)}: {role}"
+            found = f"{worst:g}"
+            raise InputError(where, expected="degrees", found=found, advice="turn the column to degrees")
+
+
+def _refuse_unknown(withheld: set[str], roles: set[str], names: set[str], paths: Sequence[Path]) -> None:
+    unknown = sorted(withheld - roles - names)
+    if unknown:
+        where = f"{', '.join(str(path) for path in paths)}: withhold"
+        there = ", ".join(sorted(names)) or "an empty file"
+        raise InputError(where, expected=f"columns of it ({there})", found=unknown[0], advice="correct withhold")
+
+
+def _refuse_withheld(required: Sequence[str], header: Mapping[str, str], withheld: set[str]) -> None:
+    for role in required:
+        if {role, header[role]} & withheld:
+            expected, found = "columns that the calibration can do without", f"{role}, which it needs"
+            raise InputError("withhold", expected=expected, found=found, advice="take it out of withhold")

@@ -1,31 +1,25 @@
-"""What a calibration leaves, of whatever kind: coefficients, table, budget of uncertainty, what it could not tell."""
+"""What a calibration leaves, of whatever kind; its page calibration.json, and the comparison of two."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
 
+from compasslib import angles
+from compasslib.calibrations import budget, resolve_settings
+from compasslib.calibrations.budget import COVERAGE_FACTOR, Source
+from compasslib.deviation.transfer import WEAKEST_NT
 from compasslib.types import Floats
 
 LETTERS = "ABCDE"
-TOO_EXACT_DEG = 1e-4  # rms that no reading of an instrument leaves
-COVERAGE_FACTOR = 2.0  # k of an expanded uncertainty (Le Menn et al. 2023, section 2)
 
 
 def _nothing() -> Floats:
     return np.zeros(0)
-
-
-@dataclass(frozen=True)
-class Source:
-    """One line of an uncertainty budget."""
-
-    name: str
-    standard_deg: float  # standard uncertainty, degrees
-    how: str  # where it comes from: the distribution assumed or the statistics made
 
 
 @dataclass(frozen=True)
@@ -58,15 +52,212 @@ class Calibration:
     warnings: tuple[str, ...] = ()
 
 
-def too_exact(residual_rms_deg: float | None) -> tuple[str, ...]:
-    """Return a warning where a curve leaves nothing of the readings, as where one column was computed from the other.
+POSITION = ("latitude", "longitude")
+SURE = 0.05  # of a comparison: a difference as large as this would come about by chance once in twenty
+LEAST_CHANCE = 0.001  # smaller ones are not printed
+SEEN = 3.0  # standard deviations of an amplitude under which it has no phase
+
+
+def to_json(
+    name: str, made: Calibration, settings: Mapping[str, Any], earlier: Mapping[str, Mapping[str, Any]]
+) -> dict[str, Any]:
+    """Return calibration.json: what every kind has, then what only this one has.
 
     Args:
-        residual_rms_deg: what it leaves, None or NaN where there is no curve.
+        settings: as the kind got them, settled.
+        earlier: calibration.json of those that it is to be compared with, by name; at most one.
     """
-    if residual_rms_deg is None or not residual_rms_deg < TOO_EXACT_DEG:
-        return ()
-    return (
-        "the curve leaves nothing of the readings, which no instrument does: one column may have been computed from "
-        "the other; the stated uncertainty holds no error of a reading",
+    common = {
+        "name": name,
+        "kind": made.kind,
+        "model": made.model,
+        "coefficients": _named(made.coefficients),
+        "covariance": made.covariance if made.coefficients.size else None,
+        "residual_rms_deg": made.residual_rms_deg,
+        "n": made.n,
+        "coverage": made.coverage,
+        "uncertainty": _uncertainty(made),
+        "exact": {"coefficients": _named(made.exact), "covariance": made.exact_covariance} if made.exact.size else None,
+        "place": _place(settings, made.details),
+        "comparison": next((compare(made, page, name) for name, page in earlier.items()), None),
+        "why": made.why,
+        "warnings": [*made.warnings, *_weak(settings.get("field"))],
+    }
+    taken = [key for key in made.details if key in common and made.details[key] != common[key]]
+    if taken:
+        raise ValueError(f"details of kind {made.kind} use the names {taken}, which every calibration has")
+    return {**common, **made.details}
+
+
+def from_json(content: Mapping[str, Any]) -> Calibration:
+    """Return the calibration that a calibration.json describes, without its table and points."""
+    exact, rms = content["exact"] or {}, content["residual_rms_deg"]
+    rows = content["uncertainty"]["rows"].items()
+    return Calibration(
+        kind=content["kind"],
+        model=content["model"],
+        n=content["n"],
+        coverage=content["coverage"],
+        coefficients=_numbers(content["coefficients"]),
+        covariance=np.array(content["covariance"] or [], dtype=float),
+        exact=_numbers(exact.get("coefficients")),
+        exact_covariance=np.array(exact.get("covariance") or [], dtype=float),
+        residual_rms_deg=float("nan") if rms is None else rms,
+        sources=tuple(Source(name, row["standard_deg"], row["how"]) for name, row in rows),
+        details=content,
+        why=content["why"],
+        warnings=tuple(content["warnings"]),
     )
+
+
+def _numbers(letters: Mapping[str, float | None] | None) -> Floats:
+    return np.array([letters[k] for k in LETTERS] if letters else [], dtype=float)
+
+
+def log_line(content: Mapping[str, Any]) -> str:
+    """Return what the job says of its result."""
+    name, warnings = content["name"], [f"{content['name']}: warning: {text}" for text in content["warnings"]]
+    if content["why"]:
+        return "\n".join([f"{name}: no calibration: {content['why']}", *warnings])
+    known = {k: x for k, x in (content["coefficients"] or {}).items() if x is not None and np.isfinite(x)}
+    letters = ", ".join(f"{k} {x:+.2f}" for k, x in known.items())
+    expanded = content["uncertainty"]["expanded_deg"]
+    sure = "" if expanded is None else f", expanded uncertainty {expanded:.2f} degrees (k = 2)"
+    first = f"{name}: {content['kind']}, {content['n']} readings, model {content['model']}"
+    return "\n".join([f"{first}{f', {letters} degrees' if letters else ''}{sure}", *warnings])
+
+
+def _named(values: Floats) -> dict[str, float] | None:
+    return dict(zip(LETTERS, values.tolist(), strict=True)) if values.size else None
+
+
+def _place(settings: Mapping[str, Any], details: Mapping[str, Any]) -> dict[str, Any]:
+    """Return place and date with the earth's field there: as given, else as a log that holds them has them."""
+    date = settings.get("date_s")
+    day = details.get("date") if date is None else datetime.fromtimestamp(date, UTC).strftime("%Y-%m-%d")
+    at = {key: settings.get(key) for key in POSITION}
+    at = {key: details.get(key) for key in POSITION} if None in at.values() else at
+    date_s = None if day is None else datetime.fromisoformat(day).replace(tzinfo=UTC).timestamp()
+    field = settings.get("field") or resolve_settings({**at, "date_s": date_s})["field"]
+    declination = settings.get("declination_deg", field and field["declination_deg"])
+    return {**at, "date": day, "declination_deg": declination, "field": field}
+
+
+def _uncertainty(made: Calibration) -> dict[str, Any]:
+    found = made.sources and (made.coefficients.size or made.exact.size)
+    standard = budget.combined(made.sources) if found else None
+    return {
+        "rows": {row.name: {"standard_deg": row.standard_deg, "how": row.how} for row in made.sources},
+        "standard_deg": standard,
+        "coverage_factor": COVERAGE_FACTOR,
+        "expanded_deg": None if standard is None else COVERAGE_FACTOR * standard,
+    }
+
+
+def _weak(field: Mapping[str, float] | None) -> list[str]:
+    if field is None or field["horizontal_nT"] >= WEAKEST_NT:
+        return []
+    return [f"the horizontal field is {field['horizontal_nT']:.0f} nT; below {WEAKEST_NT:.0f} nT no correction holds"]
+
+
+# Two calibrations of one compass: before and after its batteries were demagnetised, or an accessory fixed beside it.
+#
+# Le Menn et al. 2023, sections 3 and 4, compare curves by eye and by their phase shift. Here each coefficient's
+# difference stands beside its uncertainty. Rows of the budget that both share are left out: they cancel.
+
+
+def compare(after: Calibration, before: Mapping[str, Any], name: str) -> dict[str, Any]:
+    """Return how a calibration differs from an earlier one."""
+    earlier = _known(before["coefficients"], before["covariance"])
+    if not after.coefficients.size or earlier is None:
+        return {"with": name, "why": f"{'this calibration' if earlier else name} has no coefficients", "differ": None}
+    now, past = (after.coefficients, after.covariance), earlier
+    both = np.isfinite(now[0]) & np.isfinite(past[0])
+    off, covariance = now[0] - past[0], now[1] + past[1]
+    p_value = _chance(off[both], covariance[np.ix_(both, both)])
+    cycle = {"amplitude_deg": _amplitude(now, past), "phase_deg": _phase(now, past)}
+    return {
+        "with": name,
+        "one_cycle": cycle,
+        "difference": {LETTERS[k]: _difference(off[k], covariance[k, k]) for k in np.flatnonzero(both)},
+        "p_value": p_value,
+        "differ": p_value < SURE,
+        "text": _sentence(name, cycle, p_value),
+    }
+
+
+def _known(coefficients: Mapping[str, float | None] | None, covariance: Any) -> tuple[Floats, Floats] | None:
+    if coefficients is None:
+        return None
+    return np.array([coefficients[k] for k in LETTERS], dtype=float), np.array(covariance, dtype=float)
+
+
+def _difference(off: float, variance: float) -> dict[str, float]:
+    sigma = float(np.sqrt(variance))
+    return {"value_deg": float(off), "sigma_deg": sigma, "z": float(off) / sigma if sigma > 0 else float("nan")}
+
+
+def _chance(off: Floats, covariance: Floats) -> float:
+    """Return the probability of so large a difference where there is none (chi square)."""
+    from scipy.special import chdtrc  # only where two calibrations are compared
+
+    return float(chdtrc(len(off), off @ np.linalg.pinv(covariance) @ off))
+
+
+def _amplitude(now: tuple[Floats, Floats], past: tuple[Floats, Floats]) -> dict[str, float]:
+    (here, here_sigma), (there, there_sigma) = _polar(*now)[:2], _polar(*past)[:2]
+    sigma = float(np.hypot(here_sigma, there_sigma))
+    return {"after": here, "before": there, "difference": here - there, "sigma": sigma}
+
+
+def _phase(now: tuple[Floats, Floats], past: tuple[Floats, Floats]) -> dict[str, float] | None:
+    """Return the recorded headings at which B sin + C cos is largest, and by how much that moved; None without one."""
+    here, there = _polar(*now), _polar(*past)
+    if min(here[0] / here[1], there[0] / there[1]) < SEEN:
+        return None
+    shift = float(angles.difference(here[2], there[2]))
+    return {"after": here[2], "before": there[2], "shift": shift, "sigma": float(np.hypot(here[3], there[3]))}
+
+
+def _polar(coefficients: Floats, covariance: Floats) -> tuple[float, float, float, float]:
+    """Return amplitude, its sigma, phase and its sigma of the one-cycle part, degrees."""
+    pair, spread = coefficients[1:3], covariance[1:3, 1:3]
+    amplitude = max(float(np.hypot(*pair)), 1e-12)
+    along = pair / amplitude
+    across = np.array([along[1], -along[0]])
+    sigmas = [max(float(np.sqrt(x @ spread @ x)), 1e-12) for x in (along, across)]
+    return amplitude, sigmas[0], float(angles.direction(*pair)), sigmas[1] / amplitude / angles.DEGREE
+
+
+def _sentence(name: str, cycle: Mapping[str, Any], p_value: float) -> str:
+    size, phase = cycle["amplitude_deg"], cycle["phase_deg"]
+    moved = (
+        f"its phase moves by {phase['shift']:+.0f} ± {2 * phase['sigma']:.0f} degrees"
+        if phase
+        else "it is too small on one side to have a phase"
+    )
+    chance = f"p = {p_value:.2g}" if p_value >= LEAST_CHANCE else f"p < {LEAST_CHANCE}"
+    difference = "differ" if p_value < SURE else "do not differ significantly"
+    return (
+        f"This calibration and {name} {difference} ({chance}). The one-cycle part goes from {size['before']:.2f} to "
+        f"{size['after']:.2f} degrees, by {size['difference']:+.2f} ± {2 * size['sigma']:.2f} (k = 2); {moved}."
+    )
+
+
+FARTHEST_S = 180 * 86400.0  # of a calibration's date from its file: the field changes by less than a fifth of a degree
+
+
+def check_date(time_s: Floats | None, date_s: float | None) -> list[str]:
+    """Return a warning where the date of a calibration is not that of its file, or nothing.
+
+    Args:
+        time_s: of the file, None where it has no clock.
+        date_s: of the YAML file, None where it has none.
+    """
+    if date_s is None or time_s is None or not np.isfinite(time_s).any():
+        return []
+    first, last = float(np.nanmin(time_s)), float(np.nanmax(time_s))
+    if first - FARTHEST_S <= date_s <= last + FARTHEST_S:
+        return []
+    day, given = (str(np.datetime64(int(t), "s"))[:10] for t in (first, date_s))
+    return [f"the file begins on {day} and IGRF is taken at the date in the YAML file, {given}: correct one of the two"]

@@ -178,7 +178,8 @@ def _covariates(
 def _calibration(name: str, planned: plan.Plan) -> Inspection:
     rules, job = planned.calibrations, Wildcards(calibration=name)
     try:
-        made = calibrations.calibrate(rules.kind(job), rules.raw_files(job), calibrations.settled(rules.settings(job)))
+        settings = calibrations.resolve_settings(rules.settings(job))
+        made = calibrations.calibrate(rules.kind(job), rules.raw_files(job), settings)
     except InputError as error:
         return Inspection((), (f"{CALIBRATIONS}/{name}.yaml: {error}",), usable=False)
     unusable = [f"{CALIBRATIONS}/{name}.yaml: no coefficients: {made.why}"] if made.why else []

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from compasslib import readers
-from compasslib.calibrations.swing import words
+from compasslib.calibrations.swing import observations
 from compasslib.cli import gathered
 from compasslib.config import draft
 from compasslib.config.draft import Drafted, Mooring, Place, Roles
@@ -202,8 +202,8 @@ def _add_log(path: Path, file: str, name: str, contents: Contents) -> None:
         contents.left.append(f"{path}: an NMEA 0183 log with {why}: no swing")
         return
     columns, log = found
-    gap = words.widest_gap(log.heading_deg)
-    if gap > words.REFUSED_GAP_DEG:
+    gap = observations.widest_gap(log.heading_deg)
+    if gap > observations.REFUSED_GAP_DEG:
         contents.left.append(f"{path}: an NMEA 0183 log whose headings leave {gap:.0f}° of the circle empty: no swing")
         return
     keys = {"file": file, "format": "nmea0183", **({"columns": columns} if columns else {})}

@@ -125,7 +125,7 @@ def logged_series(record: Record, observatory_files: Sequence[str], at: Pairs | 
         **{name: channel for name, channel in record.channels.items() if name not in MAGNETOMETER},
     } | tilt_corrections(record)
     if observatory_files:
-        from compasslib import observatory  # only where one is named
+        from compasslib.calibrations import observatory  # only where one is named
 
         series |= zip(OBSERVATORY, observatory.covariates(observatory_files, record.time_s), strict=True)
     where = slice(None) if at is None else np.searchsorted(record.time_s, at.time_s)

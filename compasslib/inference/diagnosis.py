@@ -352,7 +352,7 @@ def conclude(
     doubts = windows.doubtful(plain, made.fit)
     agreement = assessment.assess(pairs, made.fit, plain)
     denied = agreement["refuted"] or deviation.implausible(made.fit, record)
-    if why := denied or (at_mooring.contradicted(fit, pairs) if calibration else ""):
+    if why := denied or (at_mooring.contradiction(fit, pairs) if calibration else ""):
         why = f"calibration {calibration}: {why}" if calibration else why
         found = replace(insufficient(why, found.not_testable), warnings=found.warnings)
         made = replace(made, doubts=(whole_record(KNOWS_NOTHING_DEG, why),))

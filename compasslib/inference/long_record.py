@@ -14,7 +14,8 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib import angles, observatory
+from compasslib import angles
+from compasslib.calibrations import observatory
 from compasslib.deviation.model import Fit
 from compasslib.effects import Term, composition
 from compasslib.effects.composed import Composed

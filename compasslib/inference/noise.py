@@ -15,7 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from compasslib import angles, observatory
+from compasslib import angles
+from compasslib.calibrations import observatory
 from compasslib.effects.earth import IndexedDisturbance
 from compasslib.effects.term import DAY_S
 from compasslib.inference import covariates, finding

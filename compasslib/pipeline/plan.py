@@ -282,12 +282,12 @@ class Calibrations:
 
     def figures(self, kind: str) -> list[str]:
         """Return the figures of one kind."""
-        return calibrations.figures(kind)
+        return calibrations.figure_names(kind)
 
     def figure_modules(self, wildcards: Any) -> tuple[str, ...]:
         """Return the library files behind the figures of one calibration, its own kind's only."""
         kind = self.kind(wildcards)
-        own = [f"compasslib.plots.{KINDS[kind].module}"] if KINDS[kind].figures else []
+        own = [f"compasslib.plots.{KINDS[kind].plots}"] if KINDS[kind].figures else []
         return provenance.sources(self.scripts / "calibration_figures.py", *own)
 
     def of_kind(self, kind: str) -> list[str]:

@@ -45,7 +45,7 @@ def draw(figure: str, path: str | Path, shown: Page) -> None:
     if figure in common:
         common[figure](path, shown)
         return
-    own = import_module(f"compasslib.plots.{KINDS[shown.content['kind']].module}")
+    own = import_module(f"compasslib.plots.{KINDS[shown.content['kind']].plots}")
     getattr(own, figure)(path, shown.calibration, shown.content["name"])
 
 

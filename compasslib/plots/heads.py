@@ -11,8 +11,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from compasslib import angles
-from compasslib.calibrations.heads.motion import down, lean, tilts
 from compasslib.calibrations.result import Calibration
+from compasslib.calibrations.two_heads.motion import down, lean, tilt_angles
 from compasslib.deviation import von_appen
 from compasslib.plots.page import (
     BLACK,
@@ -165,7 +165,7 @@ def _limits(axes: Axes, points: Floats, line: Any = ()) -> None:
 def _turned_tilts(found: Calibration) -> tuple[Floats, Floats]:
     there = down(lean(found.points["pitch_a_deg"], found.points["roll_a_deg"]))
     turned = there @ np.array(found.details["frame"]["rotation"]).T
-    return tilts(turned[:, 0] + 1j * turned[:, 1])
+    return tilt_angles(turned[:, 0] + 1j * turned[:, 1])
 
 
 def _against(axes: Axes, key: str, turned: Floats, found: Calibration) -> None:

@@ -11,12 +11,12 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from compasslib.calibrations.result import Calibration
-from compasslib.calibrations.swing import nullify
+from compasslib.calibrations.swing import adjustment
 from compasslib.deviation import von_appen
 from compasslib.plots.page import BLUE, GREY, VERMILION, degrees, empty, legend, page
 from compasslib.types import Floats
 
-TWO_SIGMA = nullify.TWO_SIGMA
+TWO_SIGMA = adjustment.TWO_SIGMA
 STEP_DEG = 1.0
 FULL = (0.0, 360.0)
 MOST_POINTS = 2000
@@ -47,13 +47,13 @@ def _curve(axes: Axes, result: Calibration) -> None:
     axes.fill_between(heading, curve - half, curve + half, color=BLUE, alpha=0.2, linewidth=0)
     axes.plot(result.points["recorded_deg"][few], shown[few], "o", color="#333333", markersize=size, markeredgewidth=0)
     axes.plot(heading, curve, color=BLUE)
-    for limit in (-nullify.LIMIT_DEG, nullify.LIMIT_DEG):
+    for limit in (-adjustment.LIMIT_DEG, adjustment.LIMIT_DEG):
         axes.axhline(limit, color=VERMILION, linewidth=0.8, linestyle="--")
     _level(axes, np.concatenate([curve - half, curve + half, *np.percentile(shown, [[1.0], [99.0]])]))
 
 
 def _level(axes: Axes, values: Floats) -> None:
-    low, high = min(float(values.min()), -nullify.LIMIT_DEG), max(float(values.max()), nullify.LIMIT_DEG)
+    low, high = min(float(values.min()), -adjustment.LIMIT_DEG), max(float(values.max()), adjustment.LIMIT_DEG)
     margin = 0.06 * (high - low)
     axes.set_ylim(low - margin, high + margin)
     axes.yaxis.set_major_formatter(lambda x, _: f"{x:g}".replace("-", MINUS))

@@ -9,7 +9,7 @@ from compasslib import calibrations as calibrations
 from compasslib.archive import calibrations as archive
 from compasslib.archive import provenance
 from compasslib.archive.files import write_json
-from compasslib.calibrations import content
+from compasslib.calibrations import result
 from compasslib.inference import kinds
 
 
@@ -36,11 +36,11 @@ def calibrate(
     Raises:
         InputError: a raw file cannot be read.
     """
-    settled = calibrations.settled(settings)
+    settled = calibrations.resolve_settings(settings)
     made = calibrations.calibrate(kind, raw, settled)
-    page = content.described(name, made, settled, archive.named(earlier)) | provenance.stamp(raw)
+    page = result.to_json(name, made, settled, archive.named(earlier)) | provenance.stamp(raw)
     archive.write(page=page, made=made, calibration=calibration, table=table, points=points)
-    say(content.log_line(page))
+    say(result.log_line(page))
 
 
 def diagnose_calibration(

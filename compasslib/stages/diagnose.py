@@ -221,7 +221,7 @@ def beside_others(told: SiblingInformation, pairs: Pairs, field: EarthField, rec
         f"corrected by the compass of {', '.join(told.others)}; iron that changed in between is in the uncertainty"
     )
     known = Fit(at_mooring.METHOD, len(pairs), told.prior.mean, covariance, warnings=(warning,))
-    return replace(at_mooring.held_against(known, record, pairs), prior=told.prior)
+    return replace(at_mooring.evaluate_on_record(known, record, pairs), prior=told.prior)
 
 
 def carried_by(told: SiblingInformation, alone: Fit, fitted: Fit) -> str:

@@ -34,6 +34,6 @@ def carry(
     """
     own, there = netcdf.read_record(record), earthfield.from_json(netcdf.read_json(field))
     elsewhere = netcdf.read_json(calibration)
-    carried = at_mooring.carried(elsewhere, there, own, several.together(netcdf.read_pairs(pairs)))
+    carried = at_mooring.carry_to_mooring(elsewhere, there, own, several.together(netcdf.read_pairs(pairs)))
     netcdf.write_json(fit, deviation.described(carried, own) | at_mooring.origin(elsewhere, there))
     say(deviation.log_line(mooring, carried))

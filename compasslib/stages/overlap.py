@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from compasslib import earthfield
-from compasslib import observatory as observatories
 from compasslib.archive import netcdf, provenance
+from compasslib.calibrations import declination
 from compasslib.preparation import overlap as rules_of_pairs
 from compasslib.preparation import several
 
@@ -37,7 +37,7 @@ def overlap(
     Raises:
         InputError: an observatory's file cannot be read, or a date lies outside the model of the field.
     """
-    along = observatories.with_observatory(earthfield.along_time(**place), observatory, place)
+    along = declination.with_observatory_warnings(earthfield.along_time(**place), observatory, place)
     netcdf.write_json(field, vars(along))
     along = earthfield.from_json(netcdf.read_json(field))  # what every later stage reads
     say(earthfield.log_line(mooring, along))

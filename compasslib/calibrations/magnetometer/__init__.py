@@ -7,20 +7,21 @@ and heading show. What the orientations do not determine is named and not fitted
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Collection, Mapping, Sequence
+from math import log10
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from compasslib import angles, compass
-from compasslib.calibrations import readings
-from compasslib.calibrations.magnetometer import counts, ellipsoid, heading, report
+from compasslib.calibrations.budget import Source
+from compasslib.calibrations.magnetometer import ellipsoid, iron
 from compasslib.calibrations.magnetometer import log as magnetometer_log
-from compasslib.calibrations.magnetometer.choice import choose, far_off
+from compasslib.calibrations.magnetometer.iron import Solved
 from compasslib.calibrations.magnetometer.log import Log
-from compasslib.calibrations.magnetometer.solve import Solved, solve
-from compasslib.calibrations.result import Calibration
+from compasslib.calibrations.result import Calibration, DeviationTable, check_date
 from compasslib.deviation import von_appen
 from compasslib.types import Floats
 
@@ -46,21 +47,21 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
     Raises:
         InputError: a column is absent or a cell is not a number.
     """
-    log = counts.sound(magnetometer_log.read(files, settings))
+    log = magnetometer_log.repair_counts(magnetometer_log.read(files, settings))
     why = magnetometer_log.refusal(log)
     if why:
         return _refused(log, why)
     field = settings.get("field")
     axes, warnings = magnetometer_log.axes(log)
-    choice = choose(log, log.raw @ axes.matrix.T)
-    far = far_off(choice)
+    choice = ellipsoid.choose_model(log, log.raw @ axes.matrix.T)
+    far = ellipsoid.find_outliers(choice)
     if far.any():
         log = log.take(~far, f"{far.sum()} of {far.size} readings lie far off the fitted modulus and are left out.")
-        choice = choose(log, log.raw @ axes.matrix.T)
-    solved = solve(log, axes, choice, field)
+        choice = ellipsoid.choose_model(log, log.raw @ axes.matrix.T)
+    solved = iron.solve_iron(log, axes, choice, field)
     if solved is None:
         return _refused(log, choice.why)
-    warnings = [*log.warnings, *warnings, *readings.dated(log.time_s, settings.get("date_s"))]
+    warnings = [*log.warnings, *warnings, *check_date(log.time_s, settings.get("date_s"))]
     return _described(solved, field, settings.get("columns") or {}, warnings)
 
 
@@ -72,20 +73,20 @@ def _refused(log: Log, why: str) -> Calibration:
 def _described(
     solved: Solved, field: Mapping[str, float] | None, columns: Mapping[str, str], warnings: Sequence[str]
 ) -> Calibration:
-    exact = heading.exact(solved.iron, solved.dip_ratio)
+    exact = iron.exact_coefficients(solved.iron, solved.dip_ratio)
     known = bool(np.isfinite(exact).all())
     folded = known and not compass.turns_full_circle(exact)
     recorded, _ = solved.headings()
-    misfits = report.misfits(solved)
+    misfits = _misfits(solved)
     return Calibration(
         kind=KIND,
         model=solved.fitted.model.name,
         n=len(solved.log.raw),
         coverage=len(np.unique(recorded // SECTOR_DEG)),
-        points=report.points(solved),
-        details={**report.details(solved, field), "doubts": misfits},
+        points=_points(solved),
+        details={**_details(solved, field), "doubts": misfits},
         why=FOLDED if folded else "" if known else NO_DIP,
-        warnings=(*warnings, *report.warnings(solved, field, columns), *misfits),
+        warnings=(*warnings, *_warnings(solved, field, columns), *misfits),
         **(_correction(solved, exact, folded=folded) if known else {}),
     )
 
@@ -93,18 +94,18 @@ def _described(
 def _correction(solved: Solved, exact: Floats, *, folded: bool) -> dict[str, Any]:
     """Return what the iron does to the heading; the exact coefficients alone where it folds."""
     each = zip(solved.replicates, solved.dip_replicates, strict=True)
-    replicates = np.array([heading.exact(iron, float(dip)) for iron, dip in each])
-    moved = heading.exact(solved.moved, solved.dip_ratio)
+    replicates = np.array([iron.exact_coefficients(one, float(dip)) for one, dip in each])
+    moved = iron.exact_coefficients(solved.moved, solved.dip_ratio)
     found: dict[str, Any] = {"exact": exact, "exact_covariance": ellipsoid.covariance(replicates, moved - exact)}
     if folded:
         return found
-    series, table = heading.series(exact), heading.table(exact, replicates, moved)
-    each_series = np.array([heading.series(one) for one in replicates])
+    series, table = iron.series_coefficients(exact), iron.deviation_table(exact, replicates, moved)
+    each_series = np.array([iron.series_coefficients(one) for one in replicates])
     return found | {
         "coefficients": series,
-        "covariance": ellipsoid.covariance(each_series, heading.series(moved) - series),
+        "covariance": ellipsoid.covariance(each_series, iron.series_coefficients(moved) - series),
         "residual_rms_deg": _residual(solved, series, exact),
-        "sources": report.sources(solved, table, series),
+        "sources": _sources(solved, table, series),
         "table": table,
     }
 
@@ -115,6 +116,251 @@ def _residual(solved: Solved, series: Floats, exact: Floats) -> float:
         recorded, corrected = solved.headings()
         deviation = angles.difference(corrected, recorded)
     else:
-        recorded = heading.GRID_DEG
-        deviation = heading.deviation(exact, recorded)
+        recorded = iron.GRID_DEG
+        deviation = iron.exact_deviation(exact, recorded)
     return angles.rms(deviation - von_appen.predict(series, recorded))
+
+
+Field = Mapping[str, float] | None
+
+TILT_SENSOR_DEG = 0.20  # standard: Le Menn et al. 2023, section 2, gives 0.40 degrees expanded
+WEAK_FIELD_NT = 5000.0  # Le Menn et al. 2023, section 7
+RESTLESS_PERCENT = 5.0  # of the modulus, that a compass with iron fixed to it leaves at most
+UNLIKE = 1.4  # of the field along the best and the worst axis; sensors differ by a quarter, iron by less
+TURNS = ("forward", "starboard", "vertical")
+OPEN_TURN = "an ellipsoid is the same however the sensor is turned; only tilts and a logged heading show it"
+OFF = 0.12  # sensor's scale, crust and day are within; of arbitrary scales one in nine agrees by chance
+NANOTESLA = {"nT": 1.0, "uT": 1e3, "µT": 1e3, "mT": 1e6, "mG": 100.0, "G": 1e5, "Gauss": 1e5}
+_SUFFIX = re.compile(rf"[_ .\[(]({'|'.join(NANOTESLA)})[\])]?$")
+
+
+def _points(solved: Solved) -> dict[str, Floats]:
+    """Return the columns of what was read and what it becomes, (n,) each, in the file's unit and axes."""
+    scale, field, log = solved.choice.scale, solved.corrected(), solved.log
+    size, down = scale * solved.gain(solved.iron), solved.readings.down
+    seen = "xyz" if log.has_z else "xy"
+    columns = {name: log.raw[:, k] for k, name in enumerate(seen)}
+    columns |= {f"{name}_corrected": size * (field @ solved.axes.matrix)[:, k] for k, name in enumerate(seen)}
+    columns["modulus"] = scale * ellipsoid.modulus(solved.readings.field, down)
+    columns["modulus_corrected"] = size * ellipsoid.modulus(field, down)
+    if solved.headed:
+        recorded, corrected = solved.headings()
+        columns |= {"recorded_deg": recorded, "corrected_deg": corrected}
+        columns["deviation_deg"] = angles.difference(corrected, recorded)
+    extra = {"pitch_deg": log.pitch_deg, "roll_deg": log.roll_deg, "logged_deg": log.heading_deg, "time_s": log.time_s}
+    return columns | {name: values for name, values in extra.items() if values is not None}
+
+
+def _details(solved: Solved, field: Field) -> dict[str, Any]:
+    """Return what only a magnetometer has, ready for JSON; null where nothing is determined.
+
+    Args:
+        field: the earth's field {horizontal_nT, vertical_nT}, or None.
+    """
+    choice, size = solved.choice, solved.choice.scale * solved.gain(solved.iron)
+    undetermined = _undetermined(solved)
+    found: dict[str, Any] = {
+        "model": solved.fitted.model.name,
+        "axes": solved.axes.text,
+        **_iron(solved),
+        "undetermined": list(undetermined),
+        "undetermined_why": undetermined,
+        "standard_error_of_field": choice.weakest,
+        "scores": choice.scores,
+        "noise": size * solved.fitted.noise,
+        "field_in_file_unit": size,
+        "field_is": "horizontal" if choice.level else "total",
+        "modulus_residual_percent": _residuals(solved),
+        "harmonics_percent": _harmonics(solved) if solved.headed else None,
+        "misalignment_deg": _misalignment(solved),
+        "left_out": solved.log.left_out,
+    }
+    if field is not None:
+        found["counts_per_nT"] = size / _strength(solved, field)
+    return found
+
+
+def _strength(solved: Solved, field: Mapping[str, float]) -> float:
+    """Return what the modulus should be, nT."""
+    level = field["horizontal_nT"]
+    return float(level if solved.choice.level else np.hypot(level, field["vertical_nT"]))
+
+
+def _iron(solved: Solved) -> dict[str, Any]:
+    """Return hard and soft iron in the file's axes with one standard deviation.
+
+    A model without soft iron says that it is under what can be seen, so the larger model tells how much that is.
+    """
+    choice, to_body = solved.choice, solved.axes.matrix
+    largest = choice.full.iron()[1] if choice.full and choice.full is not choice.fitted else solved.replicates
+    shift = choice.scale * to_body.T @ (solved.moved - solved.iron)[:3]
+    soft = np.array([to_body.T @ solved.soft(one) @ to_body for one in largest])
+    arrays = {
+        "hard_iron": choice.scale * to_body.T @ solved.iron[:3],
+        "hard_iron_sigma": ellipsoid.sigma(choice.scale * solved.replicates[:, :3] @ to_body, shift),
+        "soft_iron": to_body.T @ solved.soft(solved.iron) @ to_body,
+        "soft_iron_sigma": ellipsoid.sigma(soft),
+    }
+    return {name: _shown(values, choice.undetermined) for name, values in arrays.items()}
+
+
+def _shown(values: Floats, undetermined: Collection[str]) -> list[Any]:
+    """Return a vector or matrix for JSON, null where the readings do not determine it."""
+    shown = values.astype(object)
+    for name in undetermined:
+        if name in ellipsoid.CENTRE and shown.ndim == 1:
+            shown[ellipsoid.CENTRE.index(name)] = None
+        elif name in ellipsoid.PLACES and shown.ndim == 2:
+            i, j = ellipsoid.PLACES[name]
+            shown[i, j] = shown[j, i] = None
+    return shown.tolist()
+
+
+def _residuals(solved: Solved) -> dict[str, float]:
+    """Return the scatter of the modulus about its mean before and after, percent."""
+    down = solved.readings.down
+    moduli = {"before": ellipsoid.modulus(solved.readings.field, down)}
+    moduli["after"] = ellipsoid.modulus(solved.corrected(), down)
+    return {when: float(100.0 * modulus.std() / modulus.mean()) for when, modulus in moduli.items()}
+
+
+def _harmonics(solved: Solved) -> dict[str, dict[str, float]]:
+    """Return the harmonics of the horizontal modulus against the heading before and after, percent."""
+    recorded, corrected = solved.headings()
+    fields = {"before": (solved.readings.field, recorded), "after": (solved.corrected(), corrected)}
+    found = {}
+    for when, (field, heading) in fields.items():
+        first, second = iron.modulus_harmonics(ellipsoid.modulus(field, solved.down), heading)
+        found[when] = {"first": first, "second": second}
+    return found
+
+
+def _misalignment(solved: Solved) -> dict[str, dict[str, float] | None]:
+    """Return the angles from the magnetometer to the instrument with their sigma, None where open."""
+    return {
+        name: {"value": float(angle), "sigma": float(sigma)} if np.isfinite(angle) else None
+        for name, angle, sigma in zip(TURNS, solved.turn_deg, solved.turn_sigma_deg, strict=True)
+    }
+
+
+def _undetermined(solved: Solved) -> dict[str, str]:
+    """Return all that stays open with its reason, the turns of the magnetometer too."""
+    turns = [name for name, angle in _misalignment(solved).items() if angle is None]
+    return {**solved.choice.undetermined, **{f"turn about {name}": OPEN_TURN for name in turns}}
+
+
+def _warnings(solved: Solved, field: Field, columns: Mapping[str, str]) -> list[str]:
+    """Return what a reader of the correction must know, in sentences.
+
+    Args:
+        field: the earth's field {horizontal_nT, vertical_nT}, or None.
+    """
+    level, tilted = solved.choice.level, solved.log.tilted
+    weak = field is not None and field["horizontal_nT"] < WEAK_FIELD_NT
+    too_weak = f"The horizontal field is under {WEAK_FIELD_NT:.0f} nT: no correction can be relied on"
+    sentences_where = {
+        "The logged heading follows the corrected axes: it counts as correct and shows the mounting, A.": (
+            solved.logged_is_correct
+        ),
+        "A is zero by convention: a magnetometer does not see how it is mounted about the vertical.": (
+            not solved.logged_is_correct
+        ),
+        "No tilts: the readings count as level, and the correction holds for a level instrument.": level and not tilted,
+        "Hard iron in x and y holds what the vertical field induces there; it changes with the dip.": level,
+        "Soft iron is not determined: hard iron and headings assume that there is none.": (
+            "S11" in solved.choice.undetermined
+        ),
+        "No tilts are logged: a magnetometer that stands askew in its instrument is not seen.": not (level or tilted),
+        f"{too_weak} (Le Menn et al. 2023, section 7).": weak,
+    }
+    texts = [sentence for sentence, holds in sentences_where.items() if holds]
+    if field is None:
+        return texts
+    size, what = solved.choice.scale * solved.gain(solved.iron), "horizontal" if level else "total"
+    return texts + _sentences(size, _strength(solved, field), what, columns)
+
+
+def _misfits(solved: Solved) -> list[str]:
+    """Return what iron that is fixed to a compass does not make: its coefficients are suspect."""
+    left, seen = _residuals(solved)["after"], 2 if solved.choice.level else 3
+    strengths = np.linalg.svd(solved.soft(solved.iron)[:seen, :seen], compute_uv=False)
+    texts = []
+    if left > RESTLESS_PERCENT:
+        texts.append(
+            f"the modulus still varies by {left:.0f} % when hard and soft iron are taken off: iron that moved, axes "
+            "exchanged or of another sign than the tilts', an axis that failed, or readings beyond the scale"
+        )
+    if strengths[0] > UNLIKE * strengths[-1]:
+        texts.append(
+            f"one axis shows {strengths[0] / strengths[-1]:.1f} times the field of another: axes in different units, "
+            "or one that is failing; the heading that the instrument logs may not have this error"
+        )
+    return texts
+
+
+def _sources(solved: Solved, table: DeviationTable, series: Floats) -> tuple[Source, ...]:
+    """Return the budget of a corrected heading.
+
+    Args:
+        table: exact deviation by recorded heading.
+        series: A..E, degrees, (5,).
+    """
+    horizontal = 1.0 / float(np.hypot(1.0, solved.dip_ratio))
+    off = table.deviation_deg - von_appen.predict(series, table.heading_deg)
+    how = "block jackknife, with what a mean tilt hides of vertical iron, rms over the table"
+    one = solved.fitted.noise / horizontal / angles.DEGREE
+    return (
+        Source("fit", float(np.sqrt(np.mean(table.sigma_deg**2))), how),
+        Source("series", angles.rms(off), "rms of the five terms about the exact deviation"),
+        Source("one reading", one, "scatter of the modulus, one axis"),
+        *(_tilt_sources(solved) if solved.log.tilted else ()),
+    )
+
+
+def _tilt_sources(solved: Solved) -> tuple[Source, ...]:
+    how = "0.40° expanded (Le Menn et al. 2023, section 2) times vertical over horizontal field"
+    if not solved.choice.level:
+        return (Source("tilt sensor", TILT_SENSOR_DEG * abs(solved.dip_ratio), how),)
+    along = np.sum(solved.corrected() * solved.down, axis=1)
+    sensor = Source("tilt sensor", TILT_SENSOR_DEG * float(np.mean(np.abs(along))), how)
+    tilt, hard = float(np.sqrt(np.mean(np.var(solved.down[:, :2], axis=0)))), float(np.hypot(*solved.iron[:2]))
+    how = "tilt about its mean times a vertical iron as strong as the horizontal one; the tilts do not determine it"
+    return sensor, Source("vertical iron", hard * tilt / angles.DEGREE, how)
+
+
+# The modulus of a magnetometer's corrected axes, held against the earth's field of place and date.
+#
+# A file need not say its unit, and the units of a magnetic field differ by powers of ten: without iron the modulus must
+# be IGRF's in one of them. Headers such as ``mag_x_nT`` say which.
+
+
+def _sentences(modulus: float, strength_nT: float, what: str, columns: Mapping[str, str]) -> list[str]:
+    """Return what to say where no unit makes the modulus that of the earth's field, or the one that is named does not.
+
+    Args:
+        modulus: of the corrected axes, in the file's unit.
+        what: which strength, total or horizontal.
+    """
+    unit = _unit(columns)
+    if unit is None and _near(10.0 ** round(log10(modulus / strength_nT)), modulus / strength_nT):
+        return []
+    if unit is not None and _near(1.0, modulus * NANOTESLA[unit] / strength_nT):
+        return []
+    found = f"The {what} field is {modulus:.4g} {unit or 'in the unit of the file'} without the iron that was found"
+    expected = f"IGRF has {strength_nT:.0f} nT at place and date"
+    none = "No unit of a magnetic field (nT, µT, mG, G) makes"
+    by = "The unit in the header does not make" if unit else none
+    return [
+        f"{found}; {expected}. {by} the two agree: a wrong scale, unit, place or date, counts of the sensor's "
+        "own, or not the earth's field. Headings depend on ratios only and stand; hard_iron is in the file's unit."
+    ]
+
+
+def _unit(columns: Mapping[str, str]) -> str | None:
+    """Return the unit that the headers of x and y end in, where they agree."""
+    ends = {match[1] if (match := _SUFFIX.search(columns.get(role) or "")) else None for role in ("x", "y")}
+    return ends.pop() if len(ends) == 1 else None
+
+
+def _near(a: float, b: float) -> bool:
+    return abs(a / b - 1.0) < OFF

@@ -15,11 +15,12 @@ from typing import Any
 import numpy as np
 
 from compasslib import angles, earthfield
-from compasslib.calibrations.result import Calibration, Source
-from compasslib.calibrations.swing import cardinal, data, model, nullify, words
-from compasslib.calibrations.swing.data import Observations, SwingOptions
-from compasslib.calibrations.swing.fit import SwingFit
-from compasslib.calibrations.swing.model import COURSE, SERIES, Swing
+from compasslib.calibrations.budget import Source
+from compasslib.calibrations.platform import ALIKE_DEG, DECLINATION_DEG
+from compasslib.calibrations.result import Calibration
+from compasslib.calibrations.swing import adjustment, model, observations
+from compasslib.calibrations.swing.model import COURSE, LAG, SERIES, Swing, SwingFit, drift_of
+from compasslib.calibrations.swing.observations import Observations, SwingOptions
 from compasslib.deviation import von_appen
 from compasslib.errors import InputError
 from compasslib.types import Floats
@@ -60,18 +61,18 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
     Raises:
         InputError: a file or column cannot be used, or the declination is not known.
     """
-    seen = data.read(files, settings)
+    seen = observations.read(files, settings)
     swing = _swing(seen, settings)
     details = _details(swing, settings)
     shell = Calibration(
-        KIND, MODEL, len(seen), words.coverage(seen.recorded_deg), details=details, warnings=seen.warnings
+        KIND, MODEL, len(seen), observations.count_sectors(seen.recorded_deg), details=details, warnings=seen.warnings
     )
-    why = words.refusal(swing)
+    why = _refusal(swing)
     if why:
         lost = tuple(f"left out: {n} {what}" for what, n in seen.left_out.items())
         return replace(shell, why=why, points=_points(swing, None), warnings=lost + seen.warnings)
-    series = model.fit(swing)
-    exact = model.fit(swing, exact=True, start=series.parameters)
+    series = model.fit_swing(swing)
+    exact = model.fit_swing(swing, exact=True, start=series.parameters)
     return _fitted(shell, swing, series, exact)
 
 
@@ -151,14 +152,14 @@ def _seconds(time: float | str) -> float:
 def _details(swing: Swing, settings: Mapping[str, Any]) -> dict[str, Any]:
     """Return what does not need the five-term fit: the eight courses, place, date, what was left out."""
     seen, place, date_s = swing.seen, _place(swing.seen, settings), _date(swing.seen, settings)
-    psi = cardinal.pseudo_deviations(seen.course_deg, seen.recorded_deg)
-    principal = cardinal.coefficients(psi, swing.declination_deg)
+    psi = adjustment.pseudo_deviations(seen.course_deg, seen.recorded_deg)
+    principal = adjustment.principal_coefficients(psi, swing.declination_deg)
     speed = float(np.median(seen.speed_kn)) if swing.has_speed and len(seen) else None
     ratio = (swing.widest_drift / speed if speed else swing.widest_drift) if seen.over_ground else 0.0
     return {
         "cardinal": _plain(principal),
         "pseudo_deviation_deg": _plain(psi),
-        "cardinal_bound_deg": float(cardinal.error_bound_deg(ratio)),
+        "cardinal_bound_deg": float(adjustment.error_bound_deg(ratio)),
         "drift_ratio": ratio,
         "residual_b_c": _residual(principal, swing),
         "declination_deg": swing.declination_deg,
@@ -178,11 +179,11 @@ def _residual(principal: Mapping[str, Any], swing: Swing) -> dict[str, Any] | No
     if not (swing.marks and np.isfinite([*known.values(), *bars]).all()):
         return None
     shown = [(c, float(angles.difference(t - swing.declination_deg, c))) for c, t in swing.marks]
-    one = cardinal.from_one_heading(known, bars, *shown[0])
+    one = adjustment.from_one_heading(known, bars, *shown[0])
     found: dict[str, Any] = {"one_heading": {**one, "compass_deg": shown[0][0], "deviation_deg": shown[0][1]}}
     if len(shown) > 1:
         try:
-            b, c = cardinal.from_two_headings(known, shown[0], shown[1])
+            b, c = adjustment.from_two_headings(known, shown[0], shown[1])
             found["two_headings"] = {"B": b, "C": c}
         except InputError as error:
             found["two_headings"] = {"why": str(error)}
@@ -191,17 +192,17 @@ def _residual(principal: Mapping[str, Any], swing: Swing) -> dict[str, Any] | No
 
 def _fitted(shell: Calibration, swing: Swing, series: SwingFit, exact: SwingFit) -> Calibration:
     coefficients, covariance = series.parameters[SERIES], series.covariance[SERIES, SERIES]
-    found = nullify.table(coefficients, covariance, swing.options.table_step_deg)
+    found = adjustment.deviation_table(coefficients, covariance, swing.options.table_step_deg)
     lag = model.LAG
-    drift = words.separation(swing, series) if swing.seen.over_ground else None
+    drift = model.separate_drift(swing, series) if swing.seen.over_ground else None
     more = {
         "drift": drift,
         "cardinal_without_water": _without_water(shell.details["cardinal"], drift, swing.declination_deg),
         "lag_s": [float(series.parameters[lag]), float(np.sqrt(series.covariance[lag, lag]))]
         if swing.seen.timed
         else None,
-        "iso_25862": nullify.verdict(found, swing.options.vessel_length_m, shell.details["speed_kn"]),
-        "nullify": nullify.plan(coefficients, swing.options.table_step_deg),
+        "iso_25862": adjustment.verdict(found, swing.options.vessel_length_m, shell.details["speed_kn"]),
+        "nullify": adjustment.plan(coefficients, swing.options.table_step_deg),
         "n_effective": series.noises[COURSE].n_effective,
         "exact_residual_rms_deg": angles.rms(exact.residuals[COURSE]),
     }
@@ -216,7 +217,7 @@ def _fitted(shell: Calibration, swing: Swing, series: SwingFit, exact: SwingFit)
         table=found,
         points=_points(swing, series),
         details={**shell.details, **more},
-        warnings=words.warnings(swing, series, exact),
+        warnings=_warnings(swing, series, exact),
     )
 
 
@@ -226,7 +227,7 @@ def _without_water(
     """Return B, C, D and E with the water taken out, MM (36), (40) to (42), where the swing tells it."""
     if not drift or not drift["separable"] or None in (principal[k] for k in ("B_bar", "C_bar", "D", "E")):
         return None
-    water = cardinal.set_and_drift_terms(drift["drift_ratio"], drift["set_deg"] - declination_deg)
+    water = adjustment.set_and_drift_terms(drift["drift_ratio"], drift["set_deg"] - declination_deg)
     return {
         "B": principal["B_bar"] + water["x"],
         "C": principal["C_bar"] - water["y"],
@@ -279,3 +280,162 @@ def azimuth(latitude: float, longitude: float, time_s: float) -> float:
     here.lat, here.lon, here.pressure = str(latitude), str(float(angles.wrap180(longitude))), 0.0
     here.date = time_s / 86400.0 + UNIX_EPOCH_IN_EPHEM_DAYS
     return float(angles.wrap360(ephem.Sun(here).az / angles.DEGREE))
+
+
+TERMS = 5
+WIDE_GAP_DEG = 100.0
+FEW_HEADINGS = 16
+STRUCTURE_DEG = 2.0  # residuals of a steady swing beyond it are not reading errors
+SERIES_LIMIT_DEG = 20.0  # Smith's series (Le Menn et al. 2023)
+REMEDY = "swing 16 to 24 headings round the full circle"
+
+
+def _refusal(swing: Swing) -> str:
+    """Return why the five-term series cannot be fitted, or nothing."""
+    seen = swing.seen
+    if not len(seen):
+        lost = "; ".join(f"{n} {why}" for why, n in seen.left_out.items())
+        return f"no usable observations{f': {lost}' if lost else ''}"
+    distinct = observations.distinct_headings(seen.recorded_deg)
+    if distinct < TERMS:
+        count = "one heading" if distinct == 1 else f"{distinct} headings"
+        return f"{count} cannot carry the five coefficients: {REMEDY}"
+    if len(seen) + len(swing.marks) <= TERMS:
+        return f"{len(seen)} observations leave nothing to tell the uncertainty from: {REMEDY}"
+    gap = observations.widest_gap(seen.recorded_deg)
+    if gap > observations.REFUSED_GAP_DEG:
+        sectors = observations.count_sectors(seen.recorded_deg)
+        return (
+            f"the headings cover {sectors} of 36 sectors and leave {gap:.0f}° without any: a circle's five "
+            f"coefficients cannot be told from so narrow an arc; {REMEDY}"
+        )
+    return ""
+
+
+def _warnings(swing: Swing, series: SwingFit, exact: SwingFit) -> tuple[str, ...]:
+    """Return what must be said of a fitted swing."""
+    seen = swing.seen
+    left_out = [f"left out: {n} {why}" for why, n in seen.left_out.items()]
+    warnings = [
+        *_of_constant(swing, series),
+        *left_out,
+        *seen.warnings,
+        *_of_headings(swing, series),
+        *_of_water(swing, series),
+        *_of_time(swing, series),
+    ]
+    warnings += _of_declination(swing) + _of_size(series, exact)
+    return tuple(warnings)
+
+
+def _of_headings(swing: Swing, series: SwingFit) -> list[str]:
+    recorded, warnings = swing.seen.recorded_deg, []
+    distinct, gap = observations.distinct_headings(recorded), observations.widest_gap(recorded)
+    rms = angles.rms(series.residuals[COURSE])
+    if distinct < FEW_HEADINGS:
+        warnings.append(
+            f"{distinct} headings carry at most {distinct} coefficients, {TERMS} of which are taken"
+            f"{': sin 4 of the heading is not seen at all' if distinct == 8 else ''}; "
+            f"third and fourth harmonics cannot be tested. To test them, {REMEDY}"
+        )
+    if distinct < len(recorded) < 100:
+        warnings.append(
+            f"{len(recorded) - distinct} of {len(recorded)} observations repeat a heading: they tell no more of it"
+        )
+    if rms > STRUCTURE_DEG and not swing.seen.timed:
+        warnings.append(_harmonics(swing, series, rms))
+    if gap > WIDE_GAP_DEG:
+        warnings.append(f"{gap:.0f}° of the circle hold no heading: the table is extrapolated there")
+    return warnings
+
+
+def _harmonics(swing: Swing, series: SwingFit, rms: float) -> str:
+    recorded, residual = swing.seen.recorded_deg, series.residuals[COURSE]
+    size = {}
+    for order, name in ((3, "third"), (4, "fourth")):
+        columns = np.stack(angles.sin_cos(order * recorded), axis=-1)
+        columns = (
+            columns[:, 1:] if order == 4 and observations.distinct_headings(recorded) == 8 else columns
+        )  # sin 4 is not seen
+        both = np.column_stack([von_appen.design(recorded), columns])
+        taken = residual - both @ np.linalg.lstsq(both, residual, rcond=1e-6)[0]
+        size[name] = angles.rms(taken)
+    return (
+        f"the series leaves {rms:.2f}° rms; with the third harmonic of the heading {size['third']:.2f}° would be left, "
+        f"with the fourth {size['fourth']:.2f}°: there may be structure (sextantal, octantal deviation) beside it"
+    )
+
+
+def _of_water(swing: Swing, series: SwingFit) -> list[str]:
+    if not swing.seen.over_ground:
+        return []
+    warnings = []
+    if not swing.has_speed:
+        warnings.append(
+            f"no speeds were logged: a drift of up to {swing.widest_drift:.2f} of the ship's speed is assumed "
+            "(drift_ratio)"
+        )
+    found = model.separate_drift(swing, series)
+    if not found["separable"]:
+        warnings.append(str(found["text"]))
+    if swing.has_speed and drift_of(series.parameters)[1] > swing.widest_drift:
+        warnings.append(
+            f"the drift found is more than the {swing.widest_drift:g} kn that were allowed: "
+            "raise max_drift_kn if it may be"
+        )
+    return warnings
+
+
+def _of_time(swing: Swing, series: SwingFit) -> list[str]:
+    seen, sigma = swing.seen, np.sqrt(np.diag(series.covariance))
+    if not seen.timed:
+        return []
+    warnings = []
+    noise = series.noises[COURSE]
+    if noise.n_effective < len(seen) / 2.0:
+        warnings.append(
+            f"residuals of neighbouring samples are alike: {len(seen)} samples say as much as {noise.n_effective:.0f}"
+        )
+    correlation = abs(series.covariance[0, LAG]) / (sigma[0] * sigma[LAG])
+    if correlation > 0.7:
+        warnings.append("the ship turned one way only, so that the course's delay looks like A: swing to both sides")
+    return warnings
+
+
+def _of_declination(swing: Swing) -> list[str]:
+    stated = swing.seen.variation_deg
+    off = abs(float(angles.difference(stated, swing.declination_deg))) if np.isfinite(stated) else 0.0
+    if off < 0.5:
+        return []
+    return [f"the log states a declination of {stated:+.1f}°, {swing.declination_deg:+.1f}° is used"]
+
+
+def _of_constant(swing: Swing, series: SwingFit) -> list[str]:
+    """Say where A is minus the declination, once or twice: which of the two norths is then likely confused."""
+    constant, declination = float(series.parameters[0]), swing.declination_deg
+    near = max(2.0 * float(np.sqrt(series.covariance[0, 0])), ALIKE_DEG)
+    if min(abs(constant), abs(declination)) <= max(DECLINATION_DEG, near):
+        return []
+    confused = {
+        1.0: "the recorded headings are probably true already (HDG of some logs is), or the courses magnetic; if so, "
+        "write declination: 0",
+        2.0: "the declination probably has the wrong sign; if so, correct declination, or latitude and longitude",
+    }
+    begin = f"A is {constant:+.1f}°, which is"
+    return [
+        f"{begin} {'twice ' * (times == 2.0)}minus the declination of {declination:+.1f}°: {what}"
+        for times, what in confused.items()
+        if abs(float(angles.difference(constant, -times * declination))) < near
+    ]
+
+
+def _of_size(series: SwingFit, exact: SwingFit) -> list[str]:
+    columns = von_appen.design(np.arange(0.0, 360.0, observations.SECTOR_DEG))
+    largest = float(np.max(np.abs(columns @ series.parameters[SERIES])))
+    if largest < SERIES_LIMIT_DEG:
+        return []
+    left, by_exact = angles.rms(series.residuals[COURSE]), angles.rms(exact.residuals[COURSE])
+    return [
+        f"deviations up to {largest:.0f}° are beyond what the five-term series is good for (about 20°): it leaves "
+        f"{left:.1f}° rms, the exact compass {by_exact:.1f}°"
+    ]

@@ -43,7 +43,7 @@ def diagnose(
 
     if options is None:
         return diagnosis.insufficient(DISABLED)
-    made: Diagnosis = import_module(KINDS[kind]).diagnose(files, calibrations.settled(settings), options)
+    made: Diagnosis = import_module(KINDS[kind]).diagnose(files, calibrations.resolve_settings(settings), options)
     return made
 
 

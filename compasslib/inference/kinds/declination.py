@@ -15,7 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib import angles, observatory
+from compasslib import angles
+from compasslib.calibrations import declination as field_check
+from compasslib.calibrations import observatory
+from compasslib.calibrations.observatory import FieldComparison, Storm
 from compasslib.inference import diagnosis, long_record
 from compasslib.inference import finding as findings
 from compasslib.inference.comparison import Options
@@ -36,7 +39,6 @@ from compasslib.inference.kinds.declination_slow import (
     trend_of_pieces,
     why_too_short,
 )
-from compasslib.observatory import FieldComparison, Storm
 from compasslib.readers import iaga2002
 from compasslib.records import EarthField, FieldSeries, stamp
 from compasslib.types import Floats
@@ -176,7 +178,7 @@ def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: 
     if why := observatory.refusal(series):
         return diagnosis.insufficient(why)
     field = observatory.field_of(series, settings, str(files[0]))
-    observatory.check(series, observatory.place_of(series, settings))
+    field_check.check_field(series, observatory.place_of(series, settings))
     return diagnose_series(series, field, options or Options())
 
 
@@ -217,7 +219,7 @@ def diagnose_series(series: FieldSeries, field: EarthField, options: Options) ->
 def plausible_deg(series: FieldSeries, field: EarthField) -> float:
     """Return the largest plausible constant of the rocks of a place, degrees."""
     strength = np.nanmedian(np.append(series.horizontal_nT, field.horizontal_nT))
-    return float(np.arctan2(observatory.CRUST_NT, strength)) / angles.DEGREE
+    return float(np.arctan2(field_check.CRUST_NT, strength)) / angles.DEGREE
 
 
 def _constant_finding(

@@ -11,7 +11,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from compasslib import angles, observatory
+from compasslib import angles
+from compasslib.calibrations import observatory
+from compasslib.calibrations.observatory import FieldComparison
 from compasslib.effects import Scene
 from compasslib.effects.composition import Simulation
 from compasslib.effects.earth import SecularVariation
@@ -21,7 +23,6 @@ from compasslib.inference import comparison, wording
 from compasslib.inference import finding as findings
 from compasslib.inference.comparison import LongComparison
 from compasslib.inference.finding import BinnedResidual, CovariateRange, Finding, HeldOut, Parameter, Unexplained
-from compasslib.observatory import FieldComparison
 from compasslib.records import EarthField, FieldSeries, stamp
 from compasslib.statistics import blocks, robust
 from compasslib.types import Floats

@@ -17,10 +17,9 @@ from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
 from compasslib import angles, compass
-from compasslib.calibrations.magnetometer import choice as magnetometer_choice
-from compasslib.calibrations.magnetometer import counts, ellipsoid
+from compasslib.calibrations.magnetometer import ellipsoid
 from compasslib.calibrations.magnetometer import log as magnetometer_log
-from compasslib.calibrations.magnetometer.choice import Choice
+from compasslib.calibrations.magnetometer.ellipsoid import ModelChoice
 from compasslib.calibrations.magnetometer.log import Log
 from compasslib.effects.iron import HardIron, HardIronStep, Heeling, TemperatureOfField, TemperatureOfReading
 from compasslib.effects.reading import HeadingSlip, Octantal, Sextantal
@@ -58,7 +57,7 @@ def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: 
         files: CSV files, or A files of a 3D-ACM.
         settings: settled keys of the calibration's file.
     """
-    log = counts.sound(magnetometer_log.read(files, settings))
+    log = magnetometer_log.repair_counts(magnetometer_log.read(files, settings))
     return diagnose_log(log, field=settings.get("field"), options=options)
 
 
@@ -90,17 +89,17 @@ def diagnose_log(log: Log, *, field: Mapping[str, float] | None, options: Option
     )
 
 
-def _choice(log: Log) -> tuple[Choice, str]:
+def _choice(log: Log) -> tuple[ModelChoice, str]:
     """Return the ellipsoid that the readings carry, or why their modulus says nothing of iron."""
     if magnetometer_log.cosines(log):
-        return Choice(), magnetometer_log.COSINES
+        return ModelChoice(), magnetometer_log.COSINES
     if why := magnetometer_log.refusal(log):
-        return Choice(why=why), why
-    choice = magnetometer_choice.choose(log, log.raw)
+        return ModelChoice(why=why), why
+    choice = ellipsoid.choose_model(log, log.raw)
     return choice, "" if choice.fitted is not None else choice.why
 
 
-def _axes(log: Log, choice: Choice) -> tuple[Floats, str]:
+def _axes(log: Log, choice: ModelChoice) -> tuple[Floats, str]:
     """Return how the axes stand, by the logged heading, and why it says nothing where it does not follow them.
 
     A heading may have been freed of strong iron: the axes without it are tried too.
@@ -148,10 +147,10 @@ def _of_heading(log: Log, axes: Floats, field: Mapping[str, float] | None) -> Sh
     )
 
 
-def _of_modulus(log: Log, axes: Floats, choice: Choice, field: Mapping[str, float] | None) -> ShortComparison:
+def _of_modulus(log: Log, axes: Floats, choice: ModelChoice, field: Mapping[str, float] | None) -> ShortComparison:
     assert choice.readings is not None and choice.fitted is not None
     body = log.raw @ axes.T
-    far = magnetometer_choice.far_off(choice)
+    far = ellipsoid.find_outliers(choice)
     if far.any():
         log, body = log.take(~far), body[~far]
     working, unit = _working(body, choice.scale, log, field, level=choice.level)
@@ -182,7 +181,7 @@ def _of_modulus(log: Log, axes: Floats, choice: Choice, field: Mapping[str, floa
     )
 
 
-def _tilted_instead(log: Log, choice: Choice, body: Floats, field: Mapping[str, float] | None) -> tuple[str, ...]:
+def _tilted_instead(log: Log, choice: ModelChoice, body: Floats, field: Mapping[str, float] | None) -> tuple[str, ...]:
     """Return tilt as what iron could also be where none was logged: a mean tilt in the vertical field, not too large.
 
     A vertical field that is not known may be of any strength.

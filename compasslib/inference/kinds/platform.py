@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles, compass
-from compasslib.calibrations import curves, exact_curve, platform, series
-from compasslib.calibrations.exact_curve import EXACT
-from compasslib.calibrations.series import SMITH, FittedSeries, Points
+from compasslib.calibrations import curves, platform
+from compasslib.calibrations.curves import EXACT, SMITH, FittedCurve, Points
 from compasslib.deviation import von_appen
 from compasslib.effects.composition import COMPASS_STEPS
 from compasslib.effects.iron import HardIronStep
@@ -62,15 +61,15 @@ def diagnose_readings(
         field: the earth's field there, None where the place is unknown.
         why: why no curve could be fitted, empty where one could.
     """
-    headings = len(np.unique(np.round(angles.wrap360(correct_deg) / curves.SAME_HEADING_DEG)))
-    seen = series.points(recorded_deg, correct_deg)
+    headings = len(np.unique(np.round(angles.wrap360(correct_deg) / platform.SAME_HEADING_DEG)))
+    seen = curves.deviation_points(recorded_deg, correct_deg)
     if headings < FEWEST_HEADINGS:
         return diagnosis.insufficient(too_few(headings, seen, why), _untested())
-    smith, exact = (series.fit(form, seen) for form in (SMITH, EXACT))
-    folds = isinstance(exact, FittedSeries) and isinstance(smith, str)
-    if not isinstance(exact, FittedSeries) and not isinstance(smith, FittedSeries):
+    smith, exact = (curves.fit_curve(form, seen) for form in (SMITH, EXACT))
+    folds = isinstance(exact, FittedCurve) and isinstance(smith, str)
+    if not isinstance(exact, FittedCurve) and not isinstance(smith, FittedCurve):
         return diagnosis.insufficient(why or f"no curve passes near the readings ({smith})", _untested())
-    first = too_large(seen, options.min_effect_deg, options.alarm) if isinstance(exact, FittedSeries) else []
+    first = too_large(seen, options.min_effect_deg, options.alarm) if isinstance(exact, FittedCurve) else []
     by_series = not folds and not first and series_fits_better(seen)
     channel = _channel(correct_deg, recorded_deg, field, exact if not by_series else None)
     told = short_search.build_outcome(short_search.search_effects(channel, options))
@@ -78,12 +77,12 @@ def diagnose_readings(
 
 
 def _channel(
-    correct_deg: Floats, recorded_deg: Floats, field: Mapping[str, float] | None, exact: FittedSeries | str | None
+    correct_deg: Floats, recorded_deg: Floats, field: Mapping[str, float] | None, exact: FittedCurve | str | None
 ) -> ShortComparison:
     number = np.arange(1.0, len(correct_deg) + 1.0)
     scene, unit = short_fit.recording_scene(number, field)
     form: short_fit.CompassResidual | short_fit.SeriesResidual
-    if isinstance(exact, FittedSeries):
+    if isinstance(exact, FittedCurve):
         form, start, steps, terms = (
             short_fit.CompassResidual(correct_deg, recorded_deg, scene),
             exact.coefficients,
@@ -194,7 +193,7 @@ def _residuals(seen: Points, fitted: NDArray[np.bool_] | None = None) -> tuple[F
     some = (
         seen if fitted is None else Points(seen.recorded_deg[fitted], seen.deviation_deg[fitted], seen.weight[fitted])
     )
-    solved, five = exact_curve.solve(some), SMITH.solve(some)
+    solved, five = curves.fit_exact_compass(some), SMITH.solve(some)
     if solved is None or five is None:
         return None
     by_series = angles.wrap180(seen.deviation_deg - von_appen.design(seen.recorded_deg) @ five.coefficients)
@@ -202,7 +201,7 @@ def _residuals(seen: Points, fitted: NDArray[np.bool_] | None = None) -> tuple[F
     off = angles.difference((seen.recorded_deg + seen.deviation_deg)[:, None], roots)
     nearest = np.argmin(np.where(np.isfinite(off), np.abs(off), np.inf), axis=1)
     by_exact = off[np.arange(len(off)), nearest]
-    slope = -1.0 / exact_curve.steepness(solved.coefficients, seen)
+    slope = -1.0 / curves.recorded_slope(solved.coefficients, seen)
     lost = slope * solved.residual_deg if fitted is None else np.full(len(seen), finding.NO_ROOT_DEG)
     return by_series, np.where(np.isfinite(by_exact), by_exact, lost)
 
@@ -221,7 +220,7 @@ def _probability(seen: Points, ratio: float) -> float:
     drawn = 0
     for _ in range(short_search.NOISE_DRAWS):
         deviation = von_appen.design(seen.recorded_deg) @ solution.coefficients
-        again = series.Points(seen.recorded_deg, deviation + rng.normal(0.0, scatter, len(seen)), seen.weight)
+        again = Points(seen.recorded_deg, deviation + rng.normal(0.0, scatter, len(seen)), seen.weight)
         left = _residuals(again)
         drawn += left is not None and _ratio(again, left) >= ratio
     return (drawn + 1) / (short_search.NOISE_DRAWS + 1)

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from compasslib import angles, compass
 from compasslib.calibrations import swing
 from compasslib.calibrations.result import Calibration
-from compasslib.calibrations.swing import data
-from compasslib.calibrations.swing.data import Observations
+from compasslib.calibrations.swing import observations
+from compasslib.calibrations.swing.observations import Observations
 from compasslib.deviation import von_appen
 from compasslib.effects import composition
 from compasslib.effects.composition import COMPASS_STEPS, Simulation
@@ -210,7 +210,7 @@ class Track:
         """Return the velocity over ground, speeds smoothed, (n, 2) true east and north; None without speeds."""
         if not self.has_speed:
             return None
-        speed = KNOT_M_S * data.smoothed(self.seen.speed_kn, self.seen.time_s, SMOOTHED_S)
+        speed = KNOT_M_S * observations.smoothed(self.seen.speed_kn, self.seen.time_s, SMOOTHED_S)
         return np.stack(angles.components(speed, self.seen.course_deg), axis=-1)
 
     @property
@@ -228,12 +228,12 @@ def read(files: Sequence[str | Path], settings: Mapping[str, Any], declination_d
         declination_deg: east positive.
     """
     turning = {**settings, "max_turn_deg_s": np.inf}
-    every = data.read(files, {**turning, "min_speed_kn": -1.0})
+    every = observations.read(files, {**turning, "min_speed_kn": -1.0})
     time_s, first = np.unique(every.time_s, return_index=True)
     heading = every.recorded_deg[first]
     turned = np.cumsum(np.append(heading[:1], angles.difference(heading[1:], heading[:-1])))
     seconds = np.arange(time_s[0], time_s[-1] + SECOND, SECOND)
-    return Track(data.read(files, turning), declination_deg, seconds, np.interp(seconds, time_s, turned))
+    return Track(observations.read(files, turning), declination_deg, seconds, np.interp(seconds, time_s, turned))
 
 
 def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: Options) -> Diagnosis:

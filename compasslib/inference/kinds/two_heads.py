@@ -14,13 +14,11 @@ from typing import Any
 import numpy as np
 
 from compasslib import angles
-from compasslib.calibrations import heads
-from compasslib.calibrations.heads import clock as heads_clock
-from compasslib.calibrations.heads import frame as heads_frame
-from compasslib.calibrations.heads import motion
-from compasslib.calibrations.heads.clock import ClockDifference
-from compasslib.calibrations.heads.frame import Frame
-from compasslib.calibrations.heads.motion import Compared, Motion
+from compasslib.calibrations import two_heads
+from compasslib.calibrations.two_heads import frame as frames
+from compasslib.calibrations.two_heads import motion
+from compasslib.calibrations.two_heads.frame import Frame
+from compasslib.calibrations.two_heads.motion import ClockDifference, Compared, Motion
 from compasslib.effects.composition import COMPASS_STEPS
 from compasslib.effects.iron import HardIronStep, Heeling
 from compasslib.effects.reading import HeadingSlip, Octantal, Sextantal
@@ -72,20 +70,22 @@ def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: 
     Raises:
         InputError: not two files, or one that cannot be read.
     """
-    if len(files) != heads.PAIR:
+    if len(files) != two_heads.PAIR:
         raise InputError("file", expected="two files", found=f"{len(files)}", advice="write file: [a.000, b.000]")
-    a, b = (heads.record(path, settings, k) for k, path in enumerate(files))
-    farthest = float(heads.given(settings, "max_clock_seconds", heads.FARTHEST_CLOCK_S))
+    a, b = (two_heads.read_head(path, settings, k) for k, path in enumerate(files))
+    farthest = float(two_heads.setting(settings, "max_clock_seconds", two_heads.MAX_CLOCK_OFFSET_S))
     start, end = settings.get("start_s"), settings.get("end_s")
-    known = float(heads.given(settings, "clock_offset_seconds", 0.0))
-    first = motion.motion(a, start, end)
+    known = float(two_heads.setting(settings, "clock_offset_seconds", 0.0))
+    first = motion.extract_motion(a, start, end)
     reach = max(farthest, FARTHER_S)
     window = [None if edge is None else edge + known + way * reach for edge, way in ((start, -1.0), (end, 1.0))]
-    second = motion.motion(b, *window)
+    second = motion.extract_motion(b, *window)
     second = replace(second, time_s=second.time_s - known)
-    if min(len(first.time_s), len(second.time_s)) < heads.FEWEST:
+    if min(len(first.time_s), len(second.time_s)) < two_heads.MIN_SAMPLES:
         n = min(len(first.time_s), len(second.time_s))
-        return diagnosis.insufficient(f"a head has {n} usable samples, at least {heads.FEWEST} are needed", UNTESTED)
+        return diagnosis.insufficient(
+            f"a head has {n} usable samples, at least {two_heads.MIN_SAMPLES} are needed", UNTESTED
+        )
     return diagnose_motion(first, second, farthest_s=farthest, field=settings.get("field"), options=options)
 
 
@@ -101,10 +101,12 @@ def diagnose_motion(
         field: the earth's field there, None where the place is unknown.
     """
     aligned = _align(a, b, farthest_s)
-    if len(aligned.found) < heads.FEWEST:
-        why = f"{len(aligned.found)} samples of both heads at the same time, at least {heads.FEWEST} are needed"
+    if len(aligned.found) < two_heads.MIN_SAMPLES:
+        why = (
+            f"{len(aligned.found)} samples of both heads at the same time, at least {two_heads.MIN_SAMPLES} are needed"
+        )
         return diagnosis.insufficient(why, UNTESTED)
-    if (off := _scatter(aligned.found)) > heads.UNRELATED_DEG:
+    if (off := _scatter(aligned.found)) > two_heads.UNRELATED_DEG:
         why = (
             f"b's headings do not follow a's ({off:.0f}° rms about any turn), and no difference of the clocks "
             "up to a day makes them: the heads do not stand on one frame, or did not measure together"
@@ -127,14 +129,18 @@ def diagnose_motion(
 
 def _align(a: Motion, b: Motion, farthest_s: float) -> AlignedHeads:
     """Return both heads by the clocks; farther apart where the nearest agreement is none."""
-    given = heads.together(a, b, heads.given_clock(b, 0.0))
-    clock = heads_clock.find(a, b, farthest_s) if heads.overlap(a, b, farthest_s) else ClockDifference()
-    found = heads.together(a, b, clock)
-    if len(found) >= heads.FEWEST and _scatter(found) <= heads.UNRELATED_DEG:
+    given = two_heads.pair_samples(a, b, two_heads.known_clock_offset(b, 0.0))
+    clock = (
+        motion.estimate_clock_offset(a, b, farthest_s)
+        if two_heads.overlap_in_time(a, b, farthest_s)
+        else ClockDifference()
+    )
+    found = two_heads.pair_samples(a, b, clock)
+    if len(found) >= two_heads.MIN_SAMPLES and _scatter(found) <= two_heads.UNRELATED_DEG:
         return AlignedHeads(given, found, clock)
-    farther = heads_clock.find(a, b, FARTHER_S)
-    again = heads.together(a, b, farther)
-    better = len(again) >= heads.FEWEST and _scatter(again) <= heads.UNRELATED_DEG
+    farther = motion.estimate_clock_offset(a, b, FARTHER_S)
+    again = two_heads.pair_samples(a, b, farther)
+    better = len(again) >= two_heads.MIN_SAMPLES and _scatter(again) <= two_heads.UNRELATED_DEG
     return AlignedHeads(given, again, farther) if better else AlignedHeads(given, found, clock)
 
 
@@ -146,16 +152,16 @@ def _scatter(pairs: Compared) -> float:
 
 def _turned(pairs: Compared) -> tuple[Floats, Frame]:
     """Return the heading of b by a, turned by the middle difference."""
-    frame = heads_frame.fit(pairs.time_s, pairs.lean_a, pairs.lean_b)
+    frame = frames.fit_frame(pairs.time_s, pairs.lean_a, pairs.lean_b)
     offset = float(angles.mean(angles.difference(pairs.recorded_b, pairs.recorded_a)))
-    return heads.turned(pairs, offset, frame), frame
+    return two_heads.simulated_heading(pairs, offset, frame), frame
 
 
 def _channel(aligned: AlignedHeads, a: Motion, field: Mapping[str, float] | None) -> ShortComparison:
     pairs = aligned.found
     correct, _ = _turned(pairs)
     some = thin_indices(len(pairs), MOST_SAMPLES)
-    pitch, roll = (tilt[some] for tilt in motion.tilts(pairs.lean_b))
+    pitch, roll = (tilt[some] for tilt in motion.tilt_angles(pairs.lean_b))
     time_s, rate, recorded = pairs.time_s[some], pairs.rate_deg_s[some], pairs.recorded_b[some]
     scene, unit = short_fit.recording_scene(time_s, field, tilt_deg=(pitch, roll), departures={"turn_rate": rate})
     at = aligned.clock.by_a(time_s)
@@ -183,7 +189,7 @@ def _clock_findings(aligned: AlignedHeads, min_effect_deg: float) -> list[Findin
     clock, pairs = aligned.clock, aligned.found
     if not clock.found:
         return []
-    grown = (pairs.time_s - clock.middle_s) / heads_clock.DAY_S * clock.drift_s_per_day * clock.drift_applied
+    grown = (pairs.time_s - clock.middle_s) / motion.DAY_S * clock.drift_s_per_day * clock.drift_applied
     numbers = {
         "clock_offset": ("offset_s", clock.offset_s, clock.sigma_s, "s", np.full(len(pairs), clock.offset_s)),
         "clock_drift": ("drift_s_day", clock.drift_s_per_day, clock.drift_sigma_s_per_day, "s/day", grown),
@@ -214,10 +220,10 @@ def _clock_gain(aligned: AlignedHeads) -> HeldOut:
     left, rms_deg = {}, {}
     for name, pairs in (("before", aligned.given), ("after", aligned.found)):
         off = _about_others(angles.difference(pairs.recorded_b, pairs.recorded_a), pairs.time_s)
-        rms_deg[name] = angles.rms(off) if len(off) >= heads.FEWEST else float("nan")
+        rms_deg[name] = angles.rms(off) if len(off) >= two_heads.MIN_SAMPLES else float("nan")
         left[name] = dict(zip(pairs.time_s.tolist(), off, strict=True))
     same = sorted(set(left["before"]) & set(left["after"]))
-    if len(same) < heads.FEWEST:
+    if len(same) < two_heads.MIN_SAMPLES:
         return HeldOut(rms_deg["before"], rms_deg["after"], 0.0, (0.0, 0.0), 1.0)
     before, after = (np.array([left[name][t] for t in same]) for name in ("before", "after"))
     width = max(robust.width(before), short_fit.FINEST_DEG)

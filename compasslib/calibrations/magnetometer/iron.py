@@ -6,13 +6,131 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from compasslib import angles
-from compasslib.calibrations.magnetometer import ellipsoid, heading
-from compasslib.calibrations.magnetometer.choice import Choice
-from compasslib.calibrations.magnetometer.ellipsoid import FittedEllipsoid, ScaledReadings
-from compasslib.calibrations.magnetometer.log import Axes, Log, about_down
+from compasslib import angles, compass
+from compasslib.calibrations.magnetometer import ellipsoid
+from compasslib.calibrations.magnetometer.ellipsoid import FittedEllipsoid, ModelChoice, ScaledReadings
+from compasslib.calibrations.magnetometer.log import Axes, Log, about_down, level_heading
+from compasslib.calibrations.result import DeviationTable
+from compasslib.deviation import von_appen
 from compasslib.types import Floats
+
+TABLE_DEG = np.arange(0.0, 360.0, 10.0)
+GRID_DEG = np.arange(0.0, 360.0, 5.0)
+ROUNDS = 3  # of the tilt angles' linear step
+MOST_DILUTED = 10.0  # tilt angles, radians for an error of the whole field: 0.3 % then makes 1.7 degrees
+
+
+def exact_coefficients(iron: Floats, dip_ratio: float) -> Floats:
+    """Return A..E of the exact compass of an instrument that stands level, (5,).
+
+    Args:
+        iron: centre and G, (12,), with the field's modulus 1.
+        dip_ratio: downward over horizontal field; 0 where the modulus is that of the horizontal field alone.
+    """
+    horizontal = 1.0 / np.hypot(1.0, dip_ratio)
+    soft = np.linalg.inv(iron[3:].reshape(3, 3))
+    return compass.level_coefficients(soft, iron[:3], horizontal_nT=horizontal, vertical_nT=dip_ratio * horizontal)
+
+
+def exact_deviation(coefficients: Floats, recorded_deg: Floats) -> Floats:
+    """Return beta - gamma at recorded headings, the steadier root, (n,) degrees.
+
+    Args:
+        coefficients: A..E of the exact compass, (5,).
+        recorded_deg: recorded headings, (n,).
+    """
+    return angles.difference(compass.inverse(coefficients, recorded_deg)[:, 0], recorded_deg)
+
+
+def series_coefficients(coefficients: Floats) -> Floats:
+    """Return A..E in degrees, the least-squares series in the recorded heading over the whole circle, (5,).
+
+    Args:
+        coefficients: A..E of an exact compass that turns full circle, (5,).
+    """
+    return np.linalg.lstsq(von_appen.design(GRID_DEG), exact_deviation(coefficients, GRID_DEG), rcond=None)[0]
+
+
+def deviation_table(coefficients: Floats, replicates: Floats, moved: Floats) -> DeviationTable:
+    """Return the exact deviation every 10 degrees of the recorded heading.
+
+    Args:
+        coefficients: A..E of the exact compass, (5,).
+        replicates: the same without each block, (blocks, 5).
+        moved: the same with one standard deviation of what no reading shows, (5,).
+    """
+    value = exact_deviation(coefficients, TABLE_DEG)
+    off = np.array([angles.difference(exact_deviation(one, TABLE_DEG), value) for one in (moved, *replicates)])
+    return DeviationTable(TABLE_DEG, value, ellipsoid.sigma(off[1:], off[0]))
+
+
+def compute_headings(iron: Floats, readings: ScaledReadings, levelling: Floats) -> tuple[Floats, Floats]:
+    """Return recorded and corrected heading of each reading, (n,) degrees each.
+
+    Args:
+        iron: centre and G, (12,).
+        levelling: matrices that turn the body frame level, (n, 3, 3).
+    """
+    field = ellipsoid.corrected(iron, readings)
+    return level_heading(readings.field, levelling), level_heading(field, levelling)
+
+
+def modulus_harmonics(modulus: Floats, heading_deg: Floats) -> tuple[float, float]:
+    """Return the first and second harmonic of a modulus against the heading, percent of its mean.
+
+    Args:
+        modulus: (n,).
+        heading_deg: (n,).
+    """
+    k = np.linalg.lstsq(von_appen.design(heading_deg), modulus, rcond=None)[0]
+    return float(100.0 * np.hypot(k[1], k[2]) / k[0]), float(100.0 * np.hypot(k[3], k[4]) / k[0])
+
+
+def estimate_tilt_misalignment(iron: Floats, readings: ScaledReadings, down: Floats) -> tuple[Floats, float, Floats]:
+    """Return the small turn from the magnetometer to the tilt sensor that keeps the vertical field constant.
+
+    With the downward direction t the vertical field t . (h + e x h) is one number c wherever the instrument points, so
+    t . h = c - e . (h x t) is linear in the turn e about forward, starboard and down.
+
+    Args:
+        iron: centre and G, (12,).
+        down: t of the tilt sensor, (n, 3).
+
+    Returns:
+        The turn (3,) in degrees, NaN about an axis that the tilts do not determine; c, the sine of the dip; and the
+        iron with the turn in its G.
+    """
+    field = ellipsoid.corrected(iron, readings)
+    turn, wide = np.eye(3), np.zeros(3, dtype=bool)
+    for _ in range(ROUNDS):
+        turned = field @ turn.T
+        columns = np.column_stack([np.ones(len(field)), -np.cross(turned, down)])
+        if not wide.any():
+            wide = _diluted(columns)
+        columns[:, 1:] *= ~wide
+        solved = np.linalg.lstsq(columns, np.sum(turned * down, axis=1), rcond=None)[0]
+        turn = _rotation(solved[1:]) @ turn
+    vector = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]) / 2.0
+    matrix = turn @ iron[3:].reshape(3, 3)
+    return np.where(wide, np.nan, vector / angles.DEGREE), float(solved[0]), np.append(iron[:3], matrix.ravel())
+
+
+def _diluted(columns: Floats) -> NDArray[np.bool_]:
+    values, vectors = np.linalg.eigh(columns.T @ columns / len(columns))
+    inverse = (vectors / np.maximum(values, 1e-14)) @ vectors.T
+    return np.sqrt(np.diag(inverse))[1:] > MOST_DILUTED
+
+
+def _rotation(vector: Floats) -> Floats:
+    """Return the matrix that turns about a vector by its length, radians (Rodrigues)."""
+    length = float(np.linalg.norm(vector))
+    x, y, z = vector / max(length, 1e-300)
+    across = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    sine, cosine = (float(v) for v in angles.sin_cos(length / angles.DEGREE))
+    return np.eye(3) + sine * across + (1.0 - cosine) * across @ across
+
 
 FOLLOWS = 0.5  # scatter of a logged heading about the corrected one over that about the raw one
 
@@ -23,7 +141,7 @@ class Solved:
 
     log: Log
     axes: Axes
-    choice: Choice
+    choice: ModelChoice
     fitted: FittedEllipsoid
     readings: ScaledReadings
     iron: Floats  # (12,) centre and G over the readings' scale
@@ -59,11 +177,11 @@ class Solved:
 
     def corrected(self) -> Floats:
         """Return the field without iron over its modulus, (n, 3)."""
-        return ellipsoid.corrected(self.iron[:3], self.iron[3:].reshape(3, 3), self.readings)
+        return ellipsoid.corrected(self.iron, self.readings)
 
     def headings(self) -> tuple[Floats, Floats]:
         """Return recorded and corrected heading of each reading, (n,) degrees each."""
-        return heading.headings(self.iron, self.readings, self.levelling)
+        return compute_headings(self.iron, self.readings, self.levelling)
 
     def gain(self, iron: Floats) -> float:
         """Return the field's modulus over the readings' scale: the mean of the axes that are seen."""
@@ -75,7 +193,7 @@ class Solved:
         return np.linalg.inv(iron[3:].reshape(3, 3)) / self.gain(iron)
 
 
-def solve(log: Log, axes: Axes, choice: Choice, field: Mapping[str, float] | None) -> Solved | None:
+def solve_iron(log: Log, axes: Axes, choice: ModelChoice, field: Mapping[str, float] | None) -> Solved | None:
     """Return the iron in the frame of the instrument; None where the choice holds no fit.
 
     Args:
@@ -97,9 +215,10 @@ def solve(log: Log, axes: Axes, choice: Choice, field: Mapping[str, float] | Non
 def _on_tilts(solved: Solved) -> Solved:
     """Turn the iron into the frame of the tilt sensor, in which the vertical field is constant; that is the dip."""
     readings, down, block = solved.readings, solved.down, ellipsoid.blocks(len(solved.readings))
-    turn, sine, turned = heading.tilt_angles(solved.iron, readings, down)
+    turn, sine, turned = estimate_tilt_misalignment(solved.iron, readings, down)
     each = [
-        heading.tilt_angles(one, readings.take(block != k), down[block != k]) for k, one in enumerate(solved.replicates)
+        estimate_tilt_misalignment(one, readings.take(block != k), down[block != k])
+        for k, one in enumerate(solved.replicates)
     ]
     turns = np.array([one[0] for one in each])
     sigma = ellipsoid.sigma(turns)
@@ -154,7 +273,7 @@ def _turn_without(solved: Solved, k: int, logged_deg: Floats) -> float:
     """Return the mean angle from the corrected to the logged heading by a replicate, on the readings it was made of."""
     kept = ellipsoid.blocks(len(logged_deg)) != k
     parts = solved.replicates[k], solved.readings.take(kept), solved.levelling[kept]
-    return _about_mean(angles.difference(logged_deg[kept], heading.headings(*parts)[1]))[0]
+    return _about_mean(angles.difference(logged_deg[kept], compute_headings(*parts)[1]))[0]
 
 
 def _about_down(iron: Floats, angle_deg: float) -> Floats:

@@ -22,6 +22,8 @@ TURN_WINDOW_S = 20.0  # a receiver's filter and a compass card settle in this ti
 BLOCK_S = 20.0  # over which residuals are averaged to find how alike they are
 STEADY_S = 60.0  # a helmsman's wandering about the course is over in that time
 APART_S = 30.0  # samples further apart do not hang together
+SECTOR_DEG = 10.0
+REFUSED_GAP_DEG = 180.0
 HEADING_GAP_DEG = 2.0  # headings less apart are one heading, repeated
 
 
@@ -311,3 +313,31 @@ def headings_of(recorded_deg: Floats) -> NDArray[np.int_]:
     if len(order) and recorded_deg[order[0]] + 360.0 - recorded_deg[order[-1]] <= HEADING_GAP_DEG:
         groups[groups == groups.max()] = 0
     return groups
+
+
+def count_sectors(recorded_deg: Floats) -> int:
+    """Return the number of occupied sectors of 10 degrees.
+
+    Args:
+        recorded_deg: recorded headings, (n,).
+    """
+    return len(np.unique(np.floor(recorded_deg / SECTOR_DEG)))
+
+
+def distinct_headings(recorded_deg: Floats) -> int:
+    """Return how many headings were steered, repeated ones counted once.
+
+    Args:
+        recorded_deg: recorded headings, (n,).
+    """
+    return len(np.unique(headings_of(recorded_deg))) if len(recorded_deg) < 100 else count_sectors(recorded_deg)
+
+
+def widest_gap(recorded_deg: Floats) -> float:
+    """Return the widest arc without a heading, degrees.
+
+    Args:
+        recorded_deg: recorded headings, (n,).
+    """
+    ordered = np.sort(recorded_deg)
+    return float(np.max(np.append(np.diff(ordered), ordered[0] + 360.0 - ordered[-1])))

@@ -1,0 +1,448 @@
+"""An observatory's declination against a model of the field: slow level, quiet day, storms, the constant of its rocks.
+
+``compare`` is the entry for calibration and diagnosis, ``covariates`` that for a mooring. Ten quiet days 0.3 degrees
+off the model, with a storm on the fifth:
+
+>>> import numpy as np
+>>> from compasslib.calibrations import observatory
+>>> from compasslib.records import EarthField, FieldSeries
+>>> time_s = np.arange(0.0, 10 * observatory.DAY_S, 60.0)
+>>> storm = np.where(np.abs(time_s - 4.5 * observatory.DAY_S) < 7200.0, 0.5 * np.sin(time_s / 600.0), 0.0)
+>>> declination, unknown = -4.7 + storm, np.full(time_s.shape, np.nan)
+>>> series = FieldSeries(time_s, declination, unknown, unknown, "XYZ", 66.5, 0.4, 0.0)
+>>> ends, constant = time_s[[0, -1]], np.ones(2)
+>>> model = EarthField(ends, -5.0 * constant, 12000.0 * constant, 50000.0 * constant, -5.0 * constant)
+>>> found = observatory.compare(series, model, limit_deg=0.2)
+>>> round(found.constant_deg, 3), len(found.storms), round(found.storms[0].range_deg, 2)
+(0.3, 1, 1.0)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib import angles, earthfield
+from compasslib.errors import InputError
+from compasslib.readers import iaga2002
+from compasslib.records import EarthField, FieldSeries
+from compasslib.types import Floats
+
+Flags = NDArray[np.bool_]
+DAY_S, HOUR_S = 86400.0, 3600.0
+FULL = 0.5  # share of the samples that a mean needs
+MONTH_DAYS = 27  # a rotation of the sun
+Measures = tuple[float, float, float, float]  # of a storm: begin, end, rms and rms of its worst three hours
+WINDOW_S = 3 * HOUR_S
+APART_S = 24 * HOUR_S  # windows that are farther apart are storms of their own
+BESIDES = 0.5  # of the limit: what a window must hold besides its largest value, else that one is a spike
+HALF, QUARTER, MOST_STRETCHES = 0.5, 0.25, 12  # of the largest; more stretches than these are no storm but a habit
+ORDINARY, FEWEST_DAYS = 3.0, 5  # times the record's own middle disturbance that a storm must exceed, if it has days
+
+
+@dataclass(frozen=True)
+class Storm:
+    """A stretch of disturbance."""
+
+    begin_s: float
+    end_s: float
+    range_deg: float  # of the declination, highest minus lowest sample
+    rms_deg: float  # over its disturbed hours
+    worst_deg: float  # rms of its worst three hours
+
+
+def means(series: FieldSeries, step_s: float) -> tuple[Floats, Floats]:
+    """Return times and declinations averaged over steps, those with too few samples left out; coarser ones as they are.
+
+    Args:
+        step_s: seconds.
+    """
+    known = np.isfinite(series.declination_deg)
+    time_s, declination = series.time_s[known], series.declination_deg[known]
+    own = float(np.median(np.diff(series.time_s))) if len(series) > 1 else step_s
+    if own > FULL * step_s or not len(time_s):
+        return time_s, declination
+    number = np.floor(time_s / step_s)
+    slots, which, count = np.unique(number, return_inverse=True, return_counts=True)
+    middle = declination[0]
+    mean = middle + np.bincount(which, angles.difference(declination, middle)) / count
+    full = count * own >= FULL * step_s
+    return (slots[full] + 0.5) * step_s, angles.wrap180(mean[full])
+
+
+def departure(series: FieldSeries, time_s: Floats) -> Floats:
+    """Return how far magnetic north stood from its slow course at given instants, (n,) degrees, NaN where unknown.
+
+    Hourly means of the declination minus the median of the 27 days around: storms and daily variation remain, the
+    secular variation and the rocks' constant go. That is the covariate of ``field_disturbance``.
+
+    Args:
+        time_s: (n,), UTC seconds.
+    """
+    known = np.flatnonzero(np.isfinite(series.declination_deg))
+    first = series.declination_deg[known[0]] if len(known) else 0.0
+    return _from_slow_course(series.time_s, angles.difference(series.declination_deg, first), time_s)
+
+
+def lengthening(series: FieldSeries, time_s: Floats) -> Floats:
+    """Return the same of the horizontal field along magnetic north, over its own strength, (n,) degrees.
+
+    Elsewhere, where magnetic north points otherwise, it is across the needle.
+
+    Args:
+        time_s: (n,), UTC seconds.
+    """
+    off = _from_slow_course(series.time_s, series.horizontal_nT, time_s)
+    return np.asarray(off / (np.nanmedian(series.horizontal_nT) if np.isfinite(off).any() else 1.0) / angles.DEGREE)
+
+
+def _from_slow_course(every_s: Floats, every: Floats, time_s: Floats) -> Floats:
+    """Return hourly means of a series minus the median of the 27 days around, (n,), NaN where unknown."""
+    known = np.isfinite(every)
+    own, off = every_s[known], every[known]
+    if not len(own):
+        return np.full(len(time_s), np.nan)
+    first, last = (np.searchsorted(own, time_s + side) for side in (-HOUR_S / 2.0, HOUR_S / 2.0))
+    total = np.concatenate([[0.0], np.cumsum(off)])
+    step = float(np.median(np.diff(own))) if len(own) > 1 else HOUR_S
+    enough = (last - first) >= max(FULL * HOUR_S / step, 1.0)
+    mean = np.where(enough, (total[last] - total[first]) / np.maximum(last - first, 1), np.nan)
+    return np.asarray(mean - _slow_course(own, off, time_s))
+
+
+def covariates(files: Sequence[str | Path], time_s: Floats) -> tuple[Floats, Floats]:
+    """Return what the files of an observatory give a mooring's search: across and along its magnetic north, degrees.
+
+    Args:
+        files: IAGA-2002 files of one observatory.
+        time_s: (n,) of the mooring, UTC seconds.
+
+    Raises:
+        InputError: a file cannot be read.
+    """
+    series = iaga2002.read(files)
+    return departure(series, time_s), lengthening(series, time_s)
+
+
+def daily_curve_at(curve_deg: Floats, time_s: Floats) -> Floats:
+    """Return a daily curve at given instants, (n,) degrees, 0 where it is not known.
+
+    Args:
+        curve_deg: (24,) at the half hours of UTC.
+        time_s: (n,), UTC seconds.
+    """
+    if not np.isfinite(curve_deg).all():
+        return np.zeros(len(time_s))
+    hour = (time_s / HOUR_S) % 24.0
+    return np.interp(hour, np.arange(24) + 0.5, curve_deg, period=24.0)
+
+
+def hourly_median(time_s: Floats, off: Floats, chosen: Flags) -> Floats:
+    """Return the median of the hourly means by hour of the day, (24,), about its median; NaN where an hour is missing.
+
+    Args:
+        off: (n,), degrees.
+        chosen: which count, (n,).
+    """
+    hours, which = np.unique(np.floor(time_s[chosen] / HOUR_S), return_inverse=True)
+    if not len(hours):
+        return np.full(24, np.nan)
+    mean = np.bincount(which, off[chosen]) / np.bincount(which)
+    clock = (hours % 24).astype(int)
+    if len(np.unique(clock)) < 24:
+        return np.full(24, np.nan)
+    curve = np.array([np.median(mean[clock == k]) for k in range(24)])
+    return curve - np.median(curve)
+
+
+def strongest_disturbance(time_s: Floats, off_deg: Floats) -> tuple[float, float]:
+    """Return first and last instant of the strongest disturbance; of the record where it is disturbed throughout.
+
+    Args:
+        off_deg: (n,), degrees.
+    """
+    size, _ = three_hour_rms(time_s, off_deg)
+    at = np.flatnonzero(size >= HALF * size.max())
+    groups = np.split(at, np.flatnonzero(np.diff(time_s[at]) > APART_S) + 1)
+    one = next(group for group in groups if np.argmax(size) in group)
+    if len(groups) > MOST_STRETCHES or not size.max():
+        return float(time_s[0]), float(time_s[-1])
+    clear = one[np.abs(off_deg[one]) >= QUARTER * np.abs(off_deg[one]).max()]
+    return float(time_s[clear[0]]), float(time_s[clear[-1]])
+
+
+def three_hour_rms(time_s: Floats, off_deg: Floats) -> tuple[Floats, Floats]:
+    """Return the rms of the three hours around each mean, and the same without its largest value, (n,) each.
+
+    Args:
+        off_deg: (n,), degrees.
+    """
+    step = float(np.median(np.diff(time_s))) if len(time_s) > 1 else HOUR_S
+    slot = np.rint((time_s - time_s[0]) / step).astype(np.intp)
+    half = max(int(WINDOW_S / step) // 2, 1)
+    gaps = np.concatenate([[0], np.cumsum(np.minimum(np.diff(slot), 4 * half))])  # years of nothing cost nothing
+    grid = np.full(gaps[-1] + 1 + 2 * half, np.nan)
+    grid[half + gaps] = off_deg**2
+    windows = np.lib.stride_tricks.sliding_window_view(grid, 2 * half + 1)[gaps]
+    count = np.sum(np.isfinite(windows), axis=1)
+    total, most = np.nansum(windows, axis=1), np.nanmax(windows, axis=1)
+    full = count >= FULL * (2 * half + 1)
+    return (
+        np.where(full, np.sqrt(total / count), 0.0),
+        np.where(full, np.sqrt(np.maximum(total - most, 0.0) / np.maximum(count - 1, 1)), 0.0),
+    )
+
+
+def storms(
+    time_s: Floats, off: Floats, limit_deg: float
+) -> tuple[Flags, list[tuple[float, float, float, float]], float, int]:
+    """Return the disturbed means, each storm's measures, the ordinary disturbance, and the number of spikes.
+
+    Args:
+        off: what level and quiet day leave, (n,), degrees.
+        limit_deg: rms over three hours from which a disturbance is a storm.
+    """
+    size, besides = three_hour_rms(time_s, off)
+    ordinary = float(np.median(size)) if np.ptp(time_s) >= FEWEST_DAYS * DAY_S else 0.0
+    limit = max(limit_deg, ORDINARY * ordinary)
+    core = (size >= limit) & (besides >= BESIDES * limit)
+    spikes = int(np.sum((size >= limit) & ~core & (np.abs(off) >= limit)))
+    stormy = _grown(time_s, core, WINDOW_S / 2.0)
+    at = np.flatnonzero(stormy & (np.abs(off) >= BESIDES * limit))
+    groups = np.split(at, np.flatnonzero(np.diff(time_s[at]) > APART_S) + 1) if len(at) else []
+    half = float(np.median(np.diff(time_s))) / 2.0
+    storms = [
+        (
+            time_s[g[0]] - half,
+            time_s[g[-1]] + half,
+            angles.rms(off[g[0] : g[-1] + 1][stormy[g[0] : g[-1] + 1]]),
+            float(size[g].max()),
+        )
+        for g in groups
+    ]
+    return stormy, storms, ordinary, spikes
+
+
+def measured(series: FieldSeries, model: EarthField, measures: Measures) -> Storm:
+    """Return a storm with the range of the samples in it."""
+    begin_s, end_s, rms_deg, worst_deg = measures
+    inside = (series.time_s >= begin_s) & (series.time_s <= end_s)
+    off = angles.difference(series.declination_deg, earthfield.declination_at(model, series.time_s))[inside]
+    return Storm(begin_s, end_s, float(np.nanmax(off) - np.nanmin(off)), rms_deg, worst_deg)
+
+
+def _slow_course(own_s: Floats, off: Floats, time_s: Floats) -> Floats:
+    """Return the running median of daily medians over 27 days at given instants."""
+    days, begins = np.unique(np.floor(own_s / DAY_S), return_index=True)
+    levels = np.array([np.median(part) for part in np.split(off, begins[1:])])
+    reach = MONTH_DAYS // 2
+    ends = zip(np.searchsorted(days, days - reach), np.searchsorted(days, days + reach, side="right"), strict=True)
+    course = np.array([np.median(levels[a:b]) for a, b in ends])
+    return np.interp(time_s, (days + 0.5) * DAY_S, course)
+
+
+def _grown(time_s: Floats, core: Flags, reach_s: float) -> Flags:
+    """Return the means within a reach of those of the core."""
+    at = time_s[core]
+    if not len(at):
+        return core
+    near = np.clip(np.searchsorted(at, time_s), 1, len(at)) if len(at) > 1 else np.ones(len(time_s), dtype=int)
+    before, after = at[near - 1], at[np.minimum(near, len(at) - 1)]
+    return np.minimum(np.abs(time_s - before), np.abs(after - time_s)) <= reach_s
+
+
+BIN_S = 600.0  # means of samples that are closer; noise of single minutes averages out
+LEAST_HOURS = 12
+NEAR_DAYS, FEWEST_NEAR = 4, 5  # the slow level of a day: median of so many days around, if so many are there
+FEWEST_DAYS = 5  # for a median day
+QUIETEST = 0.2  # share of the days that make the quiet-day curve
+WHOLE_DAY = 0.9  # share of a day that a quiet one needs
+BLOCK_DAYS, FEWEST_BLOCKS = 27, 5  # a rotation of the sun
+WHOLE_YEAR_DAYS = 330
+# Standard deviation of one day's mean about the year's, its part by disturbance, and that of a season's. Set by the
+# years 1980 and 2003 of Eskdalemuir, on which the benchmark measures the coverage too: that is no independent check.
+DAY_LEVEL_DEG, OF_DISTURBANCE, SEASON_DEG = 0.016, 0.4, 0.006
+
+
+@dataclass(frozen=True)
+class FieldComparison:
+    """A series compared with the model; n means, d days."""
+
+    time_s: Floats  # (n,) middle of each mean
+    observed_deg: Floats  # (n,) declination
+    model_deg: Floats  # (n,) of the field's model
+    level_deg: Floats  # (n,) slow level of observed minus model
+    curve_deg: Floats  # (24,) quiet day by hour of UTC, about its median; NaN where no quiet day is known
+    quiet_days: int
+    disturbed_deg: Floats  # (n,) what level and quiet day leave
+    stormy: Flags  # (n,) in the disturbed hours of a storm
+    storms: tuple[Storm, ...]  # in the order of time
+    ordinary_deg: float  # middle three-hourly disturbance
+    spikes: int  # lone values that no storm explains
+    constant_deg: float  # of observed minus model: middle of the means of days without their storms
+    constant_sigma_deg: float
+    days: int
+
+    @property
+    def residual_deg(self) -> Floats:
+        """Observed minus model, (n,) degrees."""
+        return angles.difference(self.observed_deg, self.model_deg)
+
+    @property
+    def quiet_deg(self) -> Floats:
+        """The quiet-day curve at each mean, (n,) degrees, 0 where it is not known."""
+        return daily_curve_at(self.curve_deg, self.time_s)
+
+    @property
+    def step_s(self) -> float:
+        """Distance of the means, seconds."""
+        return float(np.median(np.diff(self.time_s)))
+
+
+def field_of(series: FieldSeries, settings: Mapping[str, Any], where: str) -> EarthField:
+    """Return the model's declination along a series, or the number that stands in its place.
+
+    Args:
+        settings: ``latitude`` and ``longitude`` where the header lacks them, ``declination`` (auto or degrees east).
+        where: file, for the message.
+
+    Raises:
+        InputError: neither header nor settings tell the place, or a date lies outside the model.
+    """
+    latitude, longitude = place_of(series, settings)
+    if not np.isfinite(latitude + longitude):
+        raise InputError(
+            where,
+            expected="geodetic latitude and longitude in the header",
+            found="none",
+            advice="add latitude and longitude to the calibration's YAML file",
+        )
+    given = settings.get("declination")
+    number = None if given in (None, "auto") else float(given)
+    return earthfield.along_time(
+        latitude, float(angles.wrap180(longitude)), float(series.time_s[0]), float(series.time_s[-1]), number
+    )
+
+
+def place_of(series: FieldSeries, settings: Mapping[str, Any]) -> tuple[float, float]:
+    """Return latitude and longitude, degrees: as the settings have them, else as the header has them.
+
+    Args:
+        settings: ``latitude`` and ``longitude``, or None.
+    """
+    latitude, longitude = settings.get("latitude"), settings.get("longitude")
+    return (series.latitude, series.longitude) if latitude is None or longitude is None else (latitude, longitude)
+
+
+def refusal(series: FieldSeries) -> str:
+    """Return why a series is too short to be compared with a model, or nothing."""
+    hours = len(np.unique(np.floor(series.time_s[np.isfinite(series.declination_deg)] / HOUR_S)))
+    if hours >= LEAST_HOURS:
+        return ""
+    return f"the series has a declination in {hours} hours; {LEAST_HOURS} are needed"
+
+
+def compare(series: FieldSeries, model: EarthField, *, limit_deg: float) -> FieldComparison:
+    """Return the comparison of a series with the field's model.
+
+    Args:
+        series: of an observatory, with some declinations.
+        limit_deg: rms over three hours from which a disturbance is a storm.
+    """
+    time_s, observed = means(series, BIN_S)
+    by_model = earthfield.declination_at(model, time_s)
+    off = angles.difference(observed, by_model)
+    first = _rough_curve(time_s, off)
+    levels, days = _levels(time_s, off - daily_curve_at(first, time_s))
+    level = _slow(levels, days)[np.searchsorted(days, np.floor(time_s / DAY_S))]
+    rough = off - level - daily_curve_at(first, time_s)
+    quiet = _quiet_days(time_s, rough, storms(time_s, rough, limit_deg)[0])
+    curve = hourly_median(time_s, off - level, quiet) if quiet.any() else first
+    disturbed = off - level - daily_curve_at(curve, time_s)
+    stormy, found, ordinary, spikes = storms(time_s, disturbed, limit_deg)
+    each = _daily_means(time_s, off - daily_curve_at(curve - np.mean(curve), time_s), stormy)
+    return FieldComparison(
+        time_s=time_s,
+        observed_deg=observed,
+        model_deg=by_model,
+        level_deg=level,
+        curve_deg=curve,
+        quiet_days=len(np.unique(np.floor(time_s[quiet] / DAY_S))),
+        disturbed_deg=disturbed,
+        stormy=stormy,
+        storms=tuple(measured(series, model, one) for one in found),
+        ordinary_deg=ordinary,
+        spikes=spikes,
+        constant_deg=float(np.median(each)),
+        constant_sigma_deg=_sigma(each, days, disturbed, limit_deg),
+        days=len(days),
+    )
+
+
+def _rough_curve(time_s: Floats, off: Floats) -> Floats:
+    """Return the median day of all days about their medians, (24,); NaN where they are few."""
+    days, which = np.unique(np.floor(time_s / DAY_S), return_inverse=True)
+    if len(days) < FEWEST_DAYS:
+        return np.full(24, np.nan)
+    begins = np.searchsorted(which, np.arange(len(days)))
+    middle = np.array([np.median(part) for part in np.split(off, begins[1:])])
+    return hourly_median(time_s, off - middle[which], np.ones(len(off), dtype=bool))
+
+
+def _levels(time_s: Floats, off: Floats) -> tuple[Floats, Floats]:
+    """Return the level of each day, the median of its calm half, and the days' numbers."""
+    number = np.floor(time_s / DAY_S)
+    change = np.abs(np.diff(off, prepend=off[0], append=off[-1]))
+    hour = np.unique(np.floor(time_s / HOUR_S), return_inverse=True)[1]
+    rough = np.zeros(hour[-1] + 1)
+    np.maximum.at(rough, hour, np.maximum(change[:-1], change[1:]))
+    days, begins = np.unique(number, return_index=True)
+    parts = zip(np.split(off, begins[1:]), np.split(rough[hour], begins[1:]), strict=True)
+    return np.array([np.median(x[r <= np.median(r)]) for x, r in parts]), days
+
+
+def _daily_means(time_s: Floats, off: Floats, stormy: Flags) -> Floats:
+    """Return the mean of each day, storms left out where a day is more than one, (d,)."""
+    which = np.unique(np.floor(time_s / DAY_S), return_inverse=True)[1]
+    calm = ~stormy | (np.bincount(which, ~stormy) == 0)[which]
+    return np.bincount(which[calm], off[calm]) / np.bincount(which[calm])
+
+
+def _slow(levels: Floats, days: Floats) -> Floats:
+    """Return the median of the days around each day; of all days where too few are around."""
+    result = np.full(len(days), np.median(levels))
+    ends = np.searchsorted(days, days + NEAR_DAYS, side="right")
+    for k, (a, b) in enumerate(zip(np.searchsorted(days, days - NEAR_DAYS), ends, strict=True)):
+        if b - a >= FEWEST_NEAR:
+            result[k] = np.median(levels[a:b])
+    return result
+
+
+def _quiet_days(time_s: Floats, rough: Floats, stormy: Flags) -> Flags:
+    """Return which means lie on the quietest days: whole ones without a storm."""
+    number = np.floor(time_s / DAY_S)
+    days, which, count = np.unique(number, return_inverse=True, return_counts=True)
+    step = float(np.median(np.diff(time_s))) if len(time_s) > 1 else HOUR_S
+    whole = (count * step >= WHOLE_DAY * DAY_S) & (np.bincount(which, stormy) == 0)
+    if not whole.any():
+        return np.zeros(len(time_s), dtype=bool)
+    about = rough - (np.bincount(which, rough) / count)[which]
+    size = np.where(whole, np.bincount(which, about**2) / count, np.inf)
+    quietest = np.argsort(size)[: max(int(QUIETEST * len(days)), 1)]
+    return np.isin(which, quietest[np.isfinite(size[quietest])])
+
+
+def _sigma(each_day: Floats, days: Floats, disturbed: Floats, limit_deg: float) -> float:
+    """Return the standard error of the constant: from blocks of days, or by an assumed spread where there are few."""
+    spread = np.hypot(DAY_LEVEL_DEG, OF_DISTURBANCE * min(angles.rms(disturbed), limit_deg))
+    blocks = np.unique(np.floor(days / BLOCK_DAYS), return_inverse=True)[1]
+    if blocks[-1] + 1 < FEWEST_BLOCKS:
+        return float(np.hypot(spread / np.sqrt(len(days)), SEASON_DEG))
+    each = np.array([np.median(each_day[blocks == k]) for k in range(blocks[-1] + 1)])
+    season = SEASON_DEG if np.ptp(days) < WHOLE_YEAR_DAYS else 0.0
+    return float(np.hypot(np.std(each, ddof=1) / np.sqrt(len(each)), season))

@@ -1,0 +1,297 @@
+"""Coefficients from the eight principal courses: Moncunill Marimon et al. 2023 (MM), J. Navigation.
+
+A pseudo-deviation is the course over ground minus the compass course. A, D and E from it are free of the water's set
+and drift but for second-order terms; B and C hold them in full, and a single visual reference takes them out again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from compasslib import angles
+from compasslib.calibrations.result import LETTERS, DeviationTable
+from compasslib.deviation import von_appen
+from compasslib.errors import InputError
+from compasslib.types import Floats
+
+POINTS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
+STEP_DEG = 45.0
+HALF_ROOT = 0.707  # as MM print sin 45, so that their numbers come out to the last digit
+NARROWEST_DEG, WIDEST_DEG = 60.0, 120.0  # between two headings that tell B and C (MM section 6)
+NAN = float("nan")
+
+
+def pseudo_deviations(course_deg: ArrayLike, recorded_deg: ArrayLike) -> dict[str, float]:
+    """Return the mean of course minus compass on each of the eight points, degrees, NaN where none was steered.
+
+    Each observation belongs to the nearest point, by the courses or by the compass: whichever was steered on points.
+
+    Args:
+        course_deg: courses over ground or headings, true, (n,).
+        recorded_deg: compass courses, (n,).
+    """
+    steered = min((np.asarray(course_deg), np.asarray(recorded_deg)), key=_away_from_points)
+    nearest = np.rint(steered / STEP_DEG).astype(int) % len(POINTS)
+    psi = angles.difference(course_deg, recorded_deg)
+    found = {}
+    for k, point in enumerate(POINTS):
+        mean = angles.wrap180(angles.mean(psi[nearest == k])) if (nearest == k).any() else NAN
+        found[point] = float(mean)
+    return found
+
+
+def principal_coefficients(psi: Mapping[str, float], declination_deg: float) -> dict[str, float | dict[str, float]]:
+    """Return A, B bar, C bar, D and E from pseudo-deviations, MM (39), (44) to (50); NaN where a course is missing.
+
+    D is the mean over the quadrants that were steered; over all four it is (47).
+
+    Args:
+        psi: degrees by point; deviations where the declination is 0.
+        declination_deg: degrees east.
+    """
+    n, ne, e, se, s, sw, w, nw = (psi[point] for point in POINTS)
+    a_bar, b_bar, c_bar = (n + e + s + w) / 4.0, (e - w) / 2.0, (n - s) / 2.0
+    along, across = HALF_ROOT * (b_bar + c_bar), HALF_ROOT * (b_bar - c_bar)
+    quadrants = {
+        "NE": ne - a_bar - along,
+        "SE": a_bar + across - se,
+        "SW": sw - a_bar + along,
+        "NW": a_bar - across - nw,
+    }
+    steered = [d for d in quadrants.values() if np.isfinite(d)]
+    return {
+        "A_bar": a_bar,
+        "A": a_bar - declination_deg,
+        "B_bar": b_bar,
+        "C_bar": c_bar,
+        "D": float(np.mean(steered)) if steered else NAN,
+        "E": (n + s - e - w) / 4.0,
+        "D_from": quadrants,
+    }
+
+
+def error_bound_deg(ratio: ArrayLike) -> Floats:
+    """Return the largest error of D and of E that set and drift leave, MM (37), (43) and Table 1, degrees.
+
+    Args:
+        ratio: drift over the ship's speed, d/S.
+    """
+    return 0.5 / angles.DEGREE * np.asarray(ratio, dtype=float) ** 2
+
+
+def set_and_drift_terms(ratio: float, set_deg: float) -> dict[str, float]:
+    """Return what set and drift add to the deviations' coefficients, MM (22), (37) and (43), degrees.
+
+    B = B bar + x, C = C bar - y, E = E bar + xy (its second-order term), D = D bar - (x2 - y2)/2.
+
+    Args:
+        ratio: drift over the ship's speed, d/S.
+        set_deg: towards which the water flows, magnetic, degrees.
+    """
+    sine, cosine = angles.sin_cos(set_deg)
+    sine2, cosine2 = angles.sin_cos(2.0 * set_deg)
+    first, second = ratio / angles.DEGREE, float(error_bound_deg(ratio))
+    return {
+        "x": first * float(cosine),
+        "y": first * float(sine),
+        "E": second * float(sine2),
+        "D": second * float(cosine2),
+    }
+
+
+def from_two_headings(
+    known: Mapping[str, float], first: tuple[float, float], second: tuple[float, float]
+) -> tuple[float, float]:
+    """Return residual B and C from the deviations on two headings (MM section 6), degrees.
+
+    Args:
+        known: A, D and E, degrees.
+        first: compass course and deviation on it, degrees.
+
+    Raises:
+        InputError: the headings are not 60 to 120 degrees apart.
+    """
+    apart = abs(float(angles.difference(first[0], second[0])))
+    if not NARROWEST_DEG <= apart <= WIDEST_DEG:
+        raise InputError(
+            "visual",
+            expected="two headings 60 to 120 degrees apart",
+            found=f"{apart:.0f} degrees",
+            advice="steer for another mark",
+        )
+    (eta1, eta2), (sine1, sine2), (cosine1, cosine2) = (
+        [_beyond(known, *each) for each in (first, second)],
+        *np.transpose([angles.sin_cos(each[0]) for each in (first, second)]),
+    )
+    across = float(angles.sin_cos(first[0] - second[0])[0])
+    return (eta1 * cosine2 - eta2 * cosine1) / across, (eta2 * sine1 - eta1 * sine2) / across
+
+
+def from_one_heading(
+    known: Mapping[str, float], bars: tuple[float, float], compass_deg: float, deviation_deg: float
+) -> dict[str, float]:
+    """Return residual B and C from one visual reference by Lushnikov's method, MM (54) to (60), degrees.
+
+    Args:
+        known: A, D and E, degrees.
+        bars: B bar and C bar, degrees.
+    """
+    sine, cosine = (float(x) for x in angles.sin_cos(compass_deg + deviation_deg))
+    across = _beyond(known, compass_deg + deviation_deg, deviation_deg)
+    along = bars[0] * cosine - bars[1] * sine
+    return {
+        "B": across * sine + along * cosine,
+        "C": across * cosine - along * sine,
+        "theta_1": across,
+        "theta_2": along,
+    }
+
+
+def _beyond(known: Mapping[str, float], course_deg: float, deviation_deg: float) -> float:
+    """Return the deviation less its constant and quadrantal parts."""
+    sine2, cosine2 = angles.sin_cos(2.0 * course_deg)
+    return deviation_deg - known["A"] - known["D"] * float(sine2) - known["E"] * float(cosine2)
+
+
+def _away_from_points(course_deg: Floats) -> float:
+    return angles.rms(course_deg - STEP_DEG * np.rint(course_deg / STEP_DEG))
+
+
+LIMIT_DEG, SHORT_M, LEAST_SPEED_KN = 4.0, 82.5, 7.0  # ISO 25862:2019, Annex G.1; MM section 7.3
+TWO_SIGMA = 1.959964
+LEFT_OUT = {"none": "", "B": "B", "C": "C", "both": "BC"}
+
+
+@dataclass(frozen=True)
+class Magnets:
+    """What nullifies one coefficient."""
+
+    letter: str
+    lie: str  # longitudinal | transversal
+    courses_deg: tuple[float, float]  # compass courses, either of which does
+    settle_deg: tuple[float, float]  # what the compass must show then
+    red_towards: str  # where the red (north-seeking) ends of magnets below or beside the compass point
+    text: str
+
+
+def deviation_table(coefficients: Floats, covariance: Floats, step_deg: float) -> DeviationTable:
+    """Return the deviation table by recorded heading, north first.
+
+    Args:
+        coefficients: A..E, degrees, (5,).
+        covariance: (5, 5).
+        step_deg: between headings, commonly 10 or 15.
+    """
+    heading = np.arange(0.0, 360.0 - 1e-9, step_deg)
+    columns = von_appen.design(heading)
+    sigma = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", columns, covariance, columns), 0.0))
+    return DeviationTable(heading, columns @ coefficients, sigma)
+
+
+def magnets_for(letter: str, value_deg: float) -> Magnets:
+    """Return how to nullify B or C (MM section 7.2, point 7).
+
+    A positive B is a field towards the bow. Above or beside its middle a magnet's field runs against its red end, so
+    red ends forward take it away; for C the same with starboard (Handbook of Magnetic Compass Adjustment).
+
+    Args:
+        letter: ``B`` or ``C``.
+        value_deg: the coefficient, degrees.
+    """
+    b = letter == "B"
+    courses = (90.0 - value_deg, 270.0 + value_deg) if b else (-value_deg, 180.0 + value_deg)
+    first, second = (float(x) for x in angles.wrap360(courses))
+    settle = (90.0, 270.0) if b else (0.0, 180.0)
+    lie = "longitudinal" if b else "transversal"
+    red = ("forward" if value_deg > 0 else "aft") if b else ("to starboard" if value_deg > 0 else "to port")
+    text = (
+        f"To nullify {letter} ({value_deg:+.1f}°): steer {first:05.1f}° (or {second:05.1f}°) by compass, read the "
+        f"course over ground, keep it by the receiver, and turn the {lie} magnets, red ends {red}, until the compass "
+        f"shows {settle[0]:03.0f}° (or {settle[1]:03.0f}°)."
+    )
+    return Magnets(letter, lie, (first, second), settle, red, text)
+
+
+def plan(coefficients: Floats, step_deg: float) -> dict[str, Any]:
+    """Return magnets for B and C and the table that each choice leaves (MM section 7.2, points 8 and 9).
+
+    Args:
+        coefficients: A..E, degrees, (5,).
+    """
+    remains, largest = {}, {}
+    for choice, letters in LEFT_OUT.items():
+        kept = coefficients * [letter not in letters for letter in LETTERS]
+        remains[choice] = deviation_table(kept, np.zeros((5, 5)), step_deg).deviation_deg.tolist()
+        largest[choice] = float(np.max(np.abs(remains[choice])))
+    found = {letter: vars(magnets_for(letter, float(coefficients[LETTERS.index(letter)]))) for letter in "BC"}
+    return {
+        "magnets": found,
+        "residual_table_deg": remains,
+        "largest_deg": largest,
+        "text": _advice(coefficients, largest),
+    }
+
+
+def verdict(found: DeviationTable, length_m: float | None, speed_kn: float | None) -> dict[str, Any]:
+    """Return whether the deviations stay within 4 degrees (ISO 25862:2019, Annex G.1), with the conditions said.
+
+    Args:
+        length_m: of the vessel, where known.
+        speed_kn: the median speed of the swing, where known.
+    """
+    size = np.abs(found.deviation_deg)
+    surely, perhaps = size - TWO_SIGMA * found.sigma_deg > LIMIT_DEG, size + TWO_SIGMA * found.sigma_deg > LIMIT_DEG
+    word = "exceeds" if surely.any() else "undecided" if perhaps.any() else "within"
+    if length_m is not None and length_m >= SHORT_M:
+        word = "not judged"
+    worst = int(np.argmax(size))
+    largest = f"largest {found.deviation_deg[worst]:+.1f}° ± {TWO_SIGMA * found.sigma_deg[worst]:.1f}° (95 %)"
+    text = {
+        "exceeds": f"A deviation exceeds 4°: {largest} on {found.heading_deg[worst]:03.0f}°.",
+        "undecided": f"Whether every deviation is within 4° is not decided: {largest}.",
+        "within": f"Every deviation is within 4°: {largest}.",
+        "not judged": f"The limit of 4° is for ships under {SHORT_M} m; this one has {length_m} m. {largest}.",
+    }[word]
+    conditions = [_length(length_m), _speed(speed_kn)]
+    return {
+        "verdict": word,
+        "largest_deg": float(found.deviation_deg[worst]),
+        "on_deg": float(found.heading_deg[worst]),
+        "conditions": [line for line in conditions if line],
+        "text": text,
+    }
+
+
+def _advice(coefficients: Floats, largest: dict[str, float]) -> str:
+    if largest["none"] <= LIMIT_DEG:
+        return f"No deviation exceeds 4° (largest {largest['none']:.1f}°); nothing need be nullified."
+    first = max("BC", key=lambda letter: abs(coefficients[LETTERS.index(letter)]))
+    if largest[first] <= LIMIT_DEG:
+        return f"Nullify {first}: the largest deviation falls from {largest['none']:.1f}° to {largest[first]:.1f}°."
+    if largest["both"] <= LIMIT_DEG:
+        return f"Nullify B and C: the largest deviation falls from {largest['none']:.1f}° to {largest['both']:.1f}°."
+    return (
+        f"With B and C nullified {largest['both']:.1f}° remain, more than 4°: soft iron beside the compass; "
+        "only another place for the compass, or soft-iron correctors, take it away."
+    )
+
+
+def _length(length_m: float | None) -> str:
+    return (
+        f"The length of the ship is not given; the limit of 4° is for ships under {SHORT_M} m."
+        if length_m is None
+        else ""
+    )
+
+
+def _speed(speed_kn: float | None) -> str:
+    if speed_kn is None:
+        return "The speed is not known; the method asks for at least 7 kn."
+    if speed_kn < LEAST_SPEED_KN:
+        return f"The swing was made at {speed_kn:.1f} kn; the method asks for at least 7 kn."
+    return ""

@@ -1,0 +1,369 @@
+"""Whether two heads stand on one rigid frame, by their tilts alone, and how one is turned in the other's body.
+
+What points down, seen in b's body, is a constant rotation of what points down in a's: v_b = R v_a. The rotation is
+found by Procrustes' method (Kabsch, Acta Cryst. A32, 922, 1976), with noise in both heads alike. Its turn about the
+vertical is the mounting angle, with no compass in it. Both orientations use the same body axes forward, starboard,
+down (physics page, section 8), so that a head which looks up fits like any other; a mirrored fit betrays a roll that
+was counted the other way.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib import angles, compass
+from compasslib.calibrations.result import DeviationTable
+from compasslib.calibrations.two_heads.motion import down, independent, tilt_angles
+from compasslib.deviation import von_appen
+from compasslib.statistics import autocorrelation, blocks, robust
+from compasslib.types import Complexes, Floats
+
+STRETCHES = 30  # in which the residual is looked at
+RIGID_DEG = 0.5  # rms of the difference of two inclinometers by their makers' word
+LOOSE_DEG = 1.5  # no two inclinometers of one frame differ so much
+STILL_DEG = 0.3  # tilts that vary less than this tell nothing of a rotation
+TWISTS = 3  # a lean turns the forward axis in the second order, taken back by iteration
+FOLLOWS = 0.5  # correlation of the tilts below which b does not follow a
+
+
+@dataclass(frozen=True)
+class Frame:
+    """How b is mounted against a."""
+
+    rotation: Floats  # (3, 3) from a's body to b's
+    residual_deg: Floats  # (n,) angle between what points down by b and by a, turned
+    offset_deg: float  # of b's forward axis clockwise from a's, by the tilts
+    offset_sigma_deg: float  # NaN where the tilts do not tell
+    rms_deg: float
+    variation_deg: float  # rms of a's tilt about its mean
+    correlation: float  # of the tilts, mirrored or not
+    mirrored: bool
+    verdict: str  # rigid | doubtful | not rigid | mirrored | not testable
+    text: str
+
+
+def fit_frame(time_s: Floats, lean_a: Complexes, lean_b: Complexes) -> Frame:
+    """Return the constant rotation that best takes a's tilts to b's, and what is left.
+
+    Args:
+        time_s: of the samples, increasing, (n,).
+        lean_a: forward + i starboard of what points down in a's body, (n,).
+        lean_b: the same in b's, (n,).
+    """
+    rotation = _rotation(down(lean_b).T @ down(lean_a))
+    residual = _angle(down(lean_a) @ rotation.T, down(lean_b))
+    offset, sigma = twist(rotation), _twist_sigma(time_s, lean_a, lean_b, rotation)
+    proper, mirrored, variation = _correlations(lean_a, lean_b)
+    rms = float(np.sqrt(np.mean(residual**2)))
+    verdict, text = _verdict(rms, variation, proper, mirrored, residual, blocks.in_time(time_s, STRETCHES))
+    determined = variation >= STILL_DEG and verdict in ("rigid", "doubtful")
+    return Frame(
+        rotation=rotation,
+        residual_deg=residual,
+        offset_deg=offset,
+        offset_sigma_deg=sigma if determined else float("nan"),
+        rms_deg=rms,
+        variation_deg=variation,
+        correlation=max(proper, mirrored),
+        mirrored=verdict == "mirrored",
+        verdict=verdict,
+        text=text,
+    )
+
+
+def twist(rotation: Floats) -> float:
+    """Return by how much b's forward axis points clockwise of a's on an upright frame, degrees.
+
+    Args:
+        rotation: from a's body to b's, (3, 3).
+    """
+    return float(angles.wrap180(angles.direction(rotation[0, 1], rotation[0, 0])))
+
+
+def upright(offset_deg: float, lean_a: Complexes, lean_b: Complexes) -> Floats:
+    """Return the rotation from a's body to b's with a given turn about the vertical, the least lean added, (3, 3).
+
+    Args:
+        offset_deg: of b's forward axis clockwise from a's.
+        lean_a: forward + i starboard of what points down in a's body, (n,).
+        lean_b: the same in b's, (n,).
+    """
+    turn = offset_deg
+    for _ in range(TWISTS):
+        rotation = _leaned(turn, down(lean_a).mean(axis=0), down(lean_b).mean(axis=0))
+        turn += float(angles.difference(offset_deg, twist(rotation)))
+    return rotation
+
+
+def turned_heading(heading_a_deg: Floats, lean_a: Complexes, rotation: Floats) -> Floats:
+    """Return the heading that b must have, from a's heading and tilts and the rotation between them, [0, 360).
+
+    The forward axis of b, seen in a's body, is turned level by a's tilts and north by a's heading. Under tilt this
+    differs from a constant offset in the second order: up to half a degree at ten.
+
+    Args:
+        heading_a_deg: (n,).
+        lean_a: forward + i starboard of what points down in a's body, (n,).
+        rotation: from a's body to b's, (3, 3).
+    """
+    level = compass.levelling(*tilt_angles(lean_a)) @ rotation[0]
+    return angles.wrap360(heading_a_deg + angles.direction(level[:, 1], level[:, 0]))
+
+
+def _leaned(turn_deg: float, down_a: Floats, down_b: Floats) -> Floats:
+    """Return a turn about the vertical followed by the least rotation that takes one mean tilt to the other."""
+    sine, cosine = (float(x) for x in angles.sin_cos(turn_deg))
+    turned = np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+    one, other = (x / np.linalg.norm(x) for x in (turned @ down_a, down_b))
+    return _swing(one, other) @ turned
+
+
+def _twist_sigma(time_s: Floats, lean_a: Complexes, lean_b: Complexes, rotation: Floats) -> float:
+    """Return the standard deviation of the turn about the vertical, by leaving out stretches of the record."""
+    a, b = down(lean_a), down(lean_b)
+    back = (b @ rotation)[:, :2] @ np.array([1.0, 1.0j])
+    aside = np.imag(np.conj(lean_a - lean_a.mean()) * (back - lean_a))
+    count, widened = independent(autocorrelation.effective_number(aside - aside.mean(), time_s))
+    stretch = blocks.in_time(time_s, count)
+    parts = [b[stretch == k].T @ a[stretch == k] for k in np.unique(stretch)]
+    whole = np.sum(parts, axis=0)
+    away = angles.difference([twist(_rotation(whole - part)) for part in parts], twist(rotation))
+    return float(np.sqrt(np.sum((away - away.mean()) ** 2) * (len(parts) - 1) / len(parts) * widened))
+
+
+def _rotation(moment: Floats) -> Floats:
+    left, _, right = np.linalg.svd(moment)
+    sign = np.sign(np.linalg.det(left @ right))
+    return np.asarray(left * [1.0, 1.0, sign] @ right)
+
+
+def _swing(one: Floats, other: Floats) -> Floats:
+    """Return the least rotation that takes one unit vector to another (Rodrigues)."""
+    x, y, z = np.cross(one, other)
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.asarray(np.eye(3) + cross + cross @ cross / (1.0 + one @ other))
+
+
+def _angle(one: Floats, other: Floats) -> Floats:
+    return 2.0 * np.arcsin(np.minimum(np.linalg.norm(one - other, axis=1) / 2.0, 1.0)) / angles.DEGREE
+
+
+def _correlations(lean_a: Complexes, lean_b: Complexes) -> tuple[float, float, float]:
+    """Return how well b's tilts follow a's turned, how well a's mirrored, and how much a's vary, degrees rms."""
+    a, b = lean_a - lean_a.mean(), lean_b - lean_b.mean()
+    scale = max(float(np.sqrt(np.sum(np.abs(a) ** 2) * np.sum(np.abs(b) ** 2))), 1e-300)
+    variation = float(np.sqrt(np.mean(np.abs(a) ** 2))) / angles.DEGREE
+    return float(abs(np.sum(np.conj(a) * b))) / scale, float(abs(np.sum(a * b))) / scale, variation
+
+
+def _verdict(
+    rms: float, variation: float, proper: float, mirrored: float, residual: Floats, stretch: NDArray[np.intp]
+) -> tuple[str, str]:
+    if variation < STILL_DEG:
+        return (
+            "not testable",
+            f"The tilts vary by {variation:.2f}° rms only: they cannot tell whether the frame is rigid.",
+        )
+    if mirrored >= FOLLOWS and mirrored > proper + 0.2:
+        return "mirrored", (
+            "The tilts of b follow those of a mirrored: one head counts its roll the other way, or its orientation "
+            "(up or down) was mistaken. No mounting angle is taken from them."
+        )
+    if proper < FOLLOWS or rms > LOOSE_DEG:
+        return "not rigid", (
+            f"The tilts of b do not follow those of a by one rotation ({rms:.2f}° rms is left of {variation:.2f}°, "
+            f"correlation {proper:.2f}): the heads do not stand on one rigid frame, or a tilt sensor is broken."
+        )
+    worst = max(float(np.sqrt(np.mean(residual[stretch == k] ** 2))) for k in np.unique(stretch))
+    rotation = (
+        f"One rotation takes a's tilts to b's; {rms:.2f}° rms is left of {variation:.2f}° (worst stretch {worst:.2f}°)"
+    )
+    if rms <= RIGID_DEG and worst <= LOOSE_DEG:
+        return "rigid", rotation + ": the frame is rigid as far as inclinometers tell."
+    return "doubtful", rotation + ": more than two good inclinometers differ by."
+
+
+SETS = {5: "A, B, C, D, E", 3: "A, B, C", 1: "A"}  # terms of the series by their number
+# A coefficient's variance over what full coverage would give it. With 10, three terms need about 160 degrees and five
+# about 230.
+MOST_INFLATION = 10.0
+SECTOR_DEG, SECTORS = 10.0, 36
+LEAST_IN_SECTOR = 5
+CLIP_SIGMAS = 5.0  # beyond which a difference is a spike
+# Assumed standard deviations of B, C, D, E where they are refused: what a difference of two compasses without strong
+# iron may hold. A refused term is not zero: it leaks into those that are fitted.
+ALLOWANCE_DEG = np.array([5.0, 5.0, 2.0, 2.0])
+REACH_DEG = 10.0  # a table of fewer than five terms goes this far beyond the headings that were covered
+
+
+@dataclass(frozen=True)
+class HeadingDifference:
+    """A fitted difference: what is to be added to b's recorded heading to get a's, turned."""
+
+    terms: int  # 5, 3 or 1
+    coefficients: Floats  # (terms,) degrees
+    covariance: Floats  # (terms, terms), what refused terms may leak included
+    sampling: Floats  # (terms, terms), without that
+    leak: Floats  # (terms, 5 - terms) of each refused term into the fitted ones
+    residual_deg: Floats  # (n,) of all differences
+    kept: NDArray[np.bool_]  # (n,) not spikes
+    structure_deg: float  # rms by sector of what the series leaves, beyond noise
+    n_effective: float
+    stretches: int
+    covered: NDArray[np.bool_]  # (36,) sectors of b's recorded heading
+    inflation: dict[int, Floats]  # terms -> variance of each over what the full circle would give
+    refused: str  # which terms were refused and why; empty where none
+
+
+def fit_difference(
+    time_s: Floats, recorded_deg: Floats, difference_deg: Floats, rate_sigma_deg: Floats
+) -> HeadingDifference:
+    """Return the largest series that the covered headings carry, with its covariance.
+
+    Args:
+        time_s: increasing, (n,).
+        recorded_deg: b's recorded heading, (n,).
+        difference_deg: a's heading, turned, minus b's, in [-180, 180) about a small mean, (n,).
+        rate_sigma_deg: what one standard deviation of the clocks does to each difference, (n,).
+    """
+    covered = covered_sectors(recorded_deg)
+    inflation = {k: variance_inflation(covered, k) for k in SETS}
+    terms = next((k for k in SETS if inflation[k].max() <= MOST_INFLATION), 1)
+    columns, others = np.split(von_appen.design(recorded_deg), [terms], axis=1)
+    coefficients, kept = _robust(columns, difference_deg)
+    residual = difference_deg - columns @ coefficients
+    effective = autocorrelation.effective_number(residual[kept], time_s[kept])
+    count, widened = independent(effective)
+    rows, pulls = columns[kept], columns[kept] * residual[kept][:, None]
+    covariance = blocks.jackknife(rows, pulls, blocks.in_time(time_s, count)[kept], rows.T @ rows) * widened
+    solver = np.linalg.pinv(columns[kept])
+    by_clock, leak = solver @ rate_sigma_deg[kept], solver @ others[kept]
+    sampling = covariance + np.outer(by_clock, by_clock)
+    return HeadingDifference(
+        terms=terms,
+        coefficients=coefficients,
+        covariance=sampling + leak @ np.diag(ALLOWANCE_DEG[terms - 1 :] ** 2) @ leak.T,
+        sampling=sampling,
+        leak=leak,
+        residual_deg=residual,
+        kept=kept,
+        structure_deg=_structure(recorded_deg[kept], residual[kept], effective),
+        n_effective=effective,
+        stretches=count,
+        covered=covered,
+        inflation=inflation,
+        refused=_refused(terms, covered, inflation),
+    )
+
+
+def covered_sectors(recorded_deg: Floats) -> NDArray[np.bool_]:
+    """Return which sectors of 10 degrees hold enough samples, (36,).
+
+    Args:
+        recorded_deg: recorded headings, (n,).
+    """
+    count = np.bincount((angles.wrap360(recorded_deg) / SECTOR_DEG).astype(int), minlength=SECTORS)[:SECTORS]
+    return np.asarray(count >= max(LEAST_IN_SECTOR, 0.001 * len(recorded_deg)))
+
+
+def variance_inflation(covered: NDArray[np.bool_], terms: int) -> Floats:
+    """Return the variance of each coefficient over what a coefficient alone would have, from the information matrix.
+
+    Each covered sector counts alike: that a frame lingered at one heading does not help.
+
+    Args:
+        covered: sectors, (36,).
+    """
+    if covered.sum() < terms:
+        return np.full(terms, np.inf)
+    columns = von_appen.design(SECTOR_DEG * (np.flatnonzero(covered) + 0.5))[:, :terms]
+    information = columns.T @ columns
+    return np.asarray(np.diag(information) * np.diag(np.linalg.pinv(information, rcond=1e-12)))
+
+
+def deviation_table(series: HeadingDifference) -> DeviationTable:
+    """Return the deviation every 10 degrees without its constant; NaN far from what was covered by a short series."""
+    return difference_curve(series, np.arange(0.0, 360.0, 10.0))
+
+
+def difference_curve(series: HeadingDifference, heading_deg: Floats) -> DeviationTable:
+    """Return the deviation at some headings, as ``table`` does.
+
+    Args:
+        heading_deg: recorded, (m,).
+    """
+    columns, others = np.split(von_appen.design(heading_deg), [series.terms], axis=1)
+    # Where headings were covered the fitted terms have taken up the refused ones; beyond, these go their own way.
+    unseen = (others - columns @ series.leak) * ALLOWANCE_DEG[series.terms - 1 :]
+    # What the series leaves by sectors is the refused terms' own trace: the larger of the two, not both.
+    left = np.maximum(np.sum(unseen**2, axis=1), series.structure_deg**2)
+    sigma = np.sqrt(np.einsum("ni,ij,nj->n", columns, series.sampling, columns) + left)
+    deviation = columns[:, 1:] @ series.coefficients[1:]
+    known = near_covered(series, heading_deg)
+    return DeviationTable(heading_deg, np.where(known, deviation, np.nan), np.where(known, sigma, np.nan))
+
+
+def near_covered(series: HeadingDifference, heading_deg: Floats) -> NDArray[np.bool_]:
+    """Tell at which headings the series may be used: everywhere if it has all terms, else beside covered sectors.
+
+    Args:
+        heading_deg: recorded, (m,).
+    """
+    if series.terms == max(SETS):
+        return np.full(heading_deg.shape, True)
+    centres = SECTOR_DEG * (np.flatnonzero(series.covered) + 0.5)
+    away = np.abs(angles.difference(heading_deg[:, None], centres))
+    return np.asarray((away <= SECTOR_DEG / 2.0 + REACH_DEG).any(axis=1))
+
+
+def stretches_deg(covered: NDArray[np.bool_]) -> str:
+    """Return the covered headings in words, such as ``270° to 360°``.
+
+    Args:
+        covered: sectors, (36,).
+    """
+    if covered.all():
+        return "the full circle"
+    begins = np.flatnonzero(covered & ~np.roll(covered, 1))
+    ends = [next(k for k in range(b, b + SECTORS + 1) if not covered[k - SECTORS * (k >= SECTORS)]) for b in begins]
+    return ", ".join(f"{10 * b}° to {10 * (e - SECTORS * (e > SECTORS))}°" for b, e in zip(begins, ends, strict=True))
+
+
+def _robust(columns: Floats, difference: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+    """Return least squares without spikes, and what is not a spike."""
+    kept = np.ones(len(difference), dtype=bool)
+    for _ in range(5):
+        coefficients = np.linalg.lstsq(columns[kept], difference[kept], rcond=None)[0]
+        residual = np.abs(difference - columns @ coefficients)
+        now = residual <= CLIP_SIGMAS * max(robust.width(residual), 0.01)
+        if (now == kept).all():
+            break
+        kept = now
+    return coefficients, kept
+
+
+def _structure(recorded: Floats, residual: Floats, effective: float) -> float:
+    """Return the rms over sectors of the mean residual, less what noise alone would leave."""
+    sector = (angles.wrap360(recorded) / SECTOR_DEG).astype(int)
+    count = np.bincount(sector, minlength=SECTORS)
+    there = count >= LEAST_IN_SECTOR
+    mean = np.bincount(sector, residual, SECTORS)[there] / count[there]
+    noise = float(np.var(residual)) * len(residual) / max(effective, 1.0) * float(np.mean(1.0 / count[there]))
+    return float(np.sqrt(max(float(np.mean(mean**2)) - noise, 0.0)))
+
+
+def _refused(terms: int, covered: NDArray[np.bool_], inflation: dict[int, Floats]) -> str:
+    if terms == max(SETS):
+        return ""
+    worst = {k: float(inflation[k].max()) for k in SETS}
+    times = {k: f"{w:.0f} times" if w < 1e4 else "more than 10,000 times" for k, w in worst.items()}
+    where = f"the headings cover {int(covered.sum())} of {SECTORS} sectors ({stretches_deg(covered)})"
+    five = f"a fit of {SETS[5]} would make a coefficient's variance {times[5]} that of the full circle"
+    limit = f"{MOST_INFLATION:.0f} times is allowed"
+    if terms == 3:
+        return f"D and E are refused: {where}; {five}, {limit}"
+    three = f"one of {SETS[3]} {times[3]}"
+    return f"B, C, D and E are refused: {where}; {five} and {three}, {limit}"
